@@ -1,0 +1,107 @@
+"""What a simulation is judged by: energies, stress resultants and the effort it took."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+
+@dataclass(frozen=True)
+class Energy:
+    """Energies over time, each (n,) [J].
+
+    Parameters
+    ----------
+    kinetic : (n,) float
+        1/2 v.M v (eq. 8).
+    strain : (n,) float
+        Stored energy of the beams (eq. 10).
+    potential : (n,) float
+        Of the weight, zero in the reference configuration.
+    work : (n,) float
+        Done since the start by loads, prescribed motion and added virtual works.
+    """
+
+    kinetic: np.ndarray
+    strain: np.ndarray
+    potential: np.ndarray
+    work: np.ndarray
+
+    @property
+    def total(self) -> np.ndarray:
+        """Kinetic, strain and potential energy (n,) [J]."""
+        return self.kinetic + self.strain + self.potential
+
+    @property
+    def balance_error(self) -> np.ndarray:
+        """Energy gained since the start without work, (n,) [J]."""
+        return self.total - self.total[0] - self.work
+
+
+@dataclass
+class Stats:
+    """What a simulation took.
+
+    Parameters
+    ----------
+    scheme : str
+        Name of the time scheme.
+    solver : str
+        Which linear solver ran.
+    unknowns : int
+        Free degrees of freedom.
+    steps : int
+        Steps of the time grid that were completed.
+    newton_iterations : int
+        Corrections in all, those of failed attempts not counted.
+    halvings : int
+        Times a step was split in two.
+    ended_by : dict
+        Number of solves that ended by a small increment and at round-off.
+    seconds : float
+        Time spent stepping [s].
+    setup_seconds : float
+        Time spent on mesh, compilation and constant matrices [s].
+    compiled : list of str
+        Forms that were compiled.
+    assembled : list of str
+        Matrices and loads the scene has.
+    """
+
+    scheme: str
+    solver: str
+    unknowns: int
+    steps: int = 0
+    newton_iterations: int = 0
+    halvings: int = 0
+    ended_by: dict[str, int] = field(default_factory=dict)
+    seconds: float = 0.0
+    setup_seconds: float = 0.0
+    compiled: list[str] = field(default_factory=list)
+    assembled: list[str] = field(default_factory=list)
+
+
+@dataclass(frozen=True)
+class BeamResultants:
+    """Stress resultants along a beam, at the Gauss points of its elements.
+
+    Row k holds those of the step that ends at t[k], as the scheme takes them (for the mid-point
+    schemes a mean over the step); row 0 those of the start configuration.
+
+    Parameters
+    ----------
+    s : (elements * degree,) float
+        Arc length of the points [m].
+    N : (n, elements * degree) float
+        Axial force, positive in tension [N].
+    Q : (n, elements * degree) float
+        Shear force along the turned section [N].
+    M : (n, elements * degree) float
+        Bending moment [N m].
+    """
+
+    s: np.ndarray
+    N: np.ndarray
+    Q: np.ndarray
+    M: np.ndarray

@@ -1,0 +1,95 @@
+"""The external dead loads of a scene as one vector in time."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+
+from .errors import StepError
+from .mesh import Mesh
+from .scene import Scene
+
+
+class Loads:
+    """Nodal vector of all dead loads, F(t) = sum of constant columns times f(t).
+
+    Parameters
+    ----------
+    scene : Scene
+        Its loads.
+    mesh : Mesh
+        Numbering of the degrees of freedom.
+    line_load : callable
+        ``line_load(beam)``, the columns (size, 2) of a unit line load.
+    """
+
+    def __init__(self, scene: Scene, mesh: Mesh, line_load: Callable[..., np.ndarray]):
+        self._loads = scene.loads
+        self._zero = np.zeros(mesh.dofs.size)
+        columns = []
+        for load in scene.loads:
+            if load.kind == "line load":
+                columns.append(line_load(load.target))
+                continue
+            dofs = mesh.dofs[load.target.number]
+            dofs = dofs[:2] if load.kind == "force" else dofs[2:]
+            unit = np.zeros((mesh.dofs.size, len(dofs)))
+            unit[dofs, range(len(dofs))] = 1.0
+            columns.append(unit)
+        self._columns = np.hstack(columns) if columns else None
+
+    def at(self, t: float) -> np.ndarray:
+        """Nodal forces and moments at a time.
+
+        Parameters
+        ----------
+        t : float
+            Time [s].
+
+        Returns
+        -------
+        (size,) float
+            Forces [N] and moments [N m].
+
+        Raises
+        ------
+        StepError
+            If a function of time raises or gives a value that is not finite.
+        """
+        if self._columns is None:
+            return self._zero
+        return self._columns @ np.concatenate(
+            [evaluate(load.value, t, str(load)) for load in self._loads]
+        )
+
+
+def evaluate(function: Callable[[float], np.ndarray], t: float, what: str) -> np.ndarray:
+    """Value of a user's function of time, or a clear error.
+
+    Parameters
+    ----------
+    function : callable
+        ``function(t)``.
+    t : float
+        Time [s].
+    what : str
+        Name of the function in messages.
+
+    Returns
+    -------
+    float array
+        Its finite value.
+
+    Raises
+    ------
+    StepError
+        If it raises or gives a value that is not finite.
+    """
+    try:
+        value = function(t)
+    except Exception as error:
+        raise StepError(f"{what}: evaluating it at t = {t:.6g} raised {error!r}", t) from error
+    if not np.isfinite(value).all():
+        raise StepError(f"{what}: its value at t = {t:.6g} is {value}, not finite", t)
+    return value

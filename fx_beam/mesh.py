@@ -1,0 +1,111 @@
+"""From a scene to a dolfinx mesh and the table of degrees of freedom."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from . import compat
+from .beam import Beam
+from .errors import SceneError
+from .scene import Scene
+
+
+@dataclass(frozen=True)
+class Mesh:
+    """The mesh of a scene.
+
+    Parameters
+    ----------
+    mesh : dolfinx.mesh.Mesh
+        Straight intervals in the plane.
+    space : dolfinx.fem.FunctionSpace
+        Displacement and rotation.
+    X : (n, 2) float
+        Reference positions of the nodes [m]: the scene's nodes by their number, then the nodes
+        inside elements of degree 2 and 3.
+    dofs : (n, 3) int
+        Degrees of freedom of x, y and rotation of each node.
+    beam_of_cell : (cells,) int
+        Place of each cell's beam in the scene.
+    cells : list of (elements,) int arrays
+        Cells of each beam, in order along it.
+    nodes : list of (elements * degree + 1,) int arrays
+        Nodes of each beam, in order along it.
+    """
+
+    mesh: Any
+    space: Any
+    X: np.ndarray
+    dofs: np.ndarray
+    beam_of_cell: np.ndarray
+    cells: list[np.ndarray]
+    nodes: list[np.ndarray]
+
+    @property
+    def size(self) -> float:
+        """Largest extent of the scene [m]."""
+        return float(np.hypot(*np.ptp(self.X, axis=0)))
+
+    def nodes_of(self, scene: Scene, target) -> np.ndarray:
+        """Nodes of a beam, those inside its elements included, or the one node itself."""
+        if isinstance(target, Beam):
+            return self.nodes[scene.beams.index(target)]
+        return np.array([target.number])
+
+
+def build_mesh(scene: Scene) -> Mesh:
+    """Mesh of a scene.
+
+    Parameters
+    ----------
+    scene : Scene
+        At least one beam.
+
+    Returns
+    -------
+    Mesh
+        Mesh, function space and numbering.
+
+    Raises
+    ------
+    SceneError
+        For a scene without beams.
+    """
+    if not scene.beams:
+        raise SceneError("the scene has no beams; add one with scene.add_beam")
+    degree = scene.beams[0].degree
+    points = np.array([(node.x, node.y) for node in scene.nodes])
+    ends = [
+        (a.number, b.number)
+        for beam in scene.beams
+        for a, b in zip(beam.nodes[:-1], beam.nodes[1:], strict=True)
+    ]
+    mesh, order = compat.interval_mesh(points, np.array(ends))
+    space = compat.beam_space(mesh, degree)
+
+    # Nodes inside elements are numbered after the scene's own, element by element.
+    fractions = np.arange(1, degree) / degree
+    inner = [points[a] + f * (points[b] - points[a]) for a, b in ends for f in fractions]
+    X = np.vstack([points, *inner]) if inner else points
+    dofs = np.full((len(X), 3), -1)
+    for cell, element in enumerate(order):
+        first_inner = len(points) + element * (degree - 1)
+        nodes = [*ends[element], *range(first_inner, first_inner + degree - 1)]
+        u, psi = compat.cell_dofs(space, cell)
+        dofs[nodes, :2], dofs[nodes, 2] = u, psi
+
+    cell_of_element = np.argsort(order)
+    beam_of_element = np.repeat(np.arange(len(scene.beams)), [b.elements for b in scene.beams])
+    cells, nodes_of_beam = [], []
+    for number in range(len(scene.beams)):
+        elements = np.flatnonzero(beam_of_element == number)
+        cells.append(cell_of_element[elements])
+        chain = [ends[elements[0]][0]]
+        for e in elements:
+            first_inner = len(points) + e * (degree - 1)
+            chain += [*range(first_inner, first_inner + degree - 1), ends[e][1]]
+        nodes_of_beam.append(np.array(chain))
+    return Mesh(mesh, space, X, dofs, beam_of_element[order], cells, nodes_of_beam)

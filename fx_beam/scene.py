@@ -1,0 +1,409 @@
+"""A scene: beams, supports, masses and loads as plain data, checked as they are given."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from .beam import COMPONENTS, Beam, Node, polyline
+from .errors import SceneError
+from .section import Section
+
+TimeFunction = Callable[[float], np.ndarray]
+
+
+@dataclass(frozen=True)
+class Load:
+    """A dead load on a node or along a beam.
+
+    Parameters
+    ----------
+    kind : str
+        "force", "moment" or "line load".
+    target : Node or Beam
+        What it acts on.
+    value : callable
+        ``value(t)``: [fx, fy] in N, [moment] in N m, or [qx, qy] in N per metre of
+        reference length.
+    """
+
+    kind: str
+    target: Node | Beam
+    value: TimeFunction
+
+    def __str__(self):
+        return f"{self.kind} on {_label(self.target)}"
+
+
+@dataclass(frozen=True)
+class Velocity:
+    """Initial velocity (2,) [m/s] and spin [rad/s] of a node or of all nodes of a beam."""
+
+    target: Node | Beam
+    value: Callable[[float, float], np.ndarray]
+    spin: Callable[[float, float], np.ndarray]
+
+
+@dataclass(frozen=True)
+class VirtualWork:
+    """Virtual work per length of a user's own force, on one beam or on all."""
+
+    term: Callable[[Any], Any]
+    beam: Beam | None
+
+
+class Scene:
+    """Beams, supports, masses, loads and initial rates of a planar system.
+
+    Lengths in metres, masses in kilograms, times in seconds and angles in radians, or any other
+    consistent units. Angles and moments count anticlockwise.
+
+    Parameters
+    ----------
+    gravity : (gx, gy), optional
+        Acceleration [m/s^2] of every mass, lumped ones as well; none by default.
+    """
+
+    def __init__(self, gravity: Sequence[float] | None = None):
+        self.gravity = None if gravity is None else _vector(gravity, 2, "gravity")
+        self.beams: list[Beam] = []
+        self.nodes: list[Node] = []
+        #: Fixed components: (node number, component number).
+        self.fixed: set[tuple[int, int]] = set()
+        #: Displacements or rotations given as functions of time.
+        self.prescribed: dict[tuple[int, int], TimeFunction] = {}
+        #: Lumped masses: node number, mass [kg], inertia [kg m^2].
+        self.masses: list[tuple[int, float, float]] = []
+        self.loads: list[Load] = []
+        self.velocities: list[Velocity] = []
+        self.virtual_works: list[VirtualWork] = []
+
+    # -- Geometry -----------------------------------------------------------------------------
+
+    def add_beam(
+        self,
+        points: Sequence,
+        section: Section,
+        elements: int | Sequence[int] = 1,
+        degree: int = 1,
+        name: str | None = None,
+    ) -> Beam:
+        """Add a beam along a polyline.
+
+        Parameters
+        ----------
+        points : sequence of (x, y) or Node
+            Corners [m]. A node of another beam is shared rigidly: displacement and rotation are
+            the same. Points at the same place are not joined.
+        section : Section
+            Cross-section.
+        elements : int or sequence of int
+            Number of elements in all, or of each straight piece.
+        degree : int
+            Polynomial degree 1, 2 or 3, the same for all beams of a scene.
+        name : str, optional
+            Name in messages and pictures.
+
+        Returns
+        -------
+        Beam
+            The beam, whose `start`, `end` and `node(fraction)` are its nodes.
+
+        Raises
+        ------
+        SceneError
+            For points, elements, degree, section or name that make no beam.
+        """
+        name = f"beam {len(self.beams) + 1}" if name is None else name
+        if name in (beam.name for beam in self.beams):
+            raise SceneError(f"two beams are called {name!r}; give them different names")
+        if not isinstance(section, Section):
+            raise SceneError(f"beam {name!r}: section must be an fx_beam.Section, not {section!r}")
+        if degree not in (1, 2, 3):
+            raise SceneError(f"beam {name!r}: degree = {degree!r} must be 1, 2 or 3")
+        if self.beams and degree != self.beams[0].degree:
+            raise SceneError(
+                f"beam {name!r}: degree {degree} differs from degree {self.beams[0].degree} of "
+                f"{self.beams[0].name!r}; all beams of a scene share one degree"
+            )
+        corners = [self._corner(point, name) for point in points]
+        pieces = polyline([xy for xy, _ in corners], elements, name)
+
+        def node_at(xy, shared: Node | None = None) -> Node:
+            if shared is None:
+                shared = Node(len(self.nodes), float(xy[0]), float(xy[1]), self)
+                self.nodes.append(shared)
+            return shared
+
+        nodes = [node_at(*corners[0])]
+        for piece, corner in zip(pieces, corners[1:], strict=True):
+            nodes += [node_at(xy) for xy in piece[1:-1]]
+            nodes.append(node_at(*corner))
+        beam = Beam(name, tuple(nodes), degree, section)
+        self.beams.append(beam)
+        return beam
+
+    # -- Supports -----------------------------------------------------------------------------
+
+    def fix(self, node: Node, *components: str) -> None:
+        """Hold components of a node at their start value.
+
+        Parameters
+        ----------
+        node : Node
+            A node of this scene.
+        *components : {"x", "y", "rotation"}
+            What is held.
+
+        Raises
+        ------
+        SceneError
+            For an unknown component or one that is already supported.
+        """
+        self._check_node(node, "support")
+        if not components:
+            raise SceneError(f"support of {node}: name what is fixed, of {COMPONENTS}")
+        for component in components:
+            self.fixed.add(self._free_component(node, component))
+
+    def pin(self, node: Node) -> None:
+        """Hold the displacement of a node; it may turn.
+
+        Parameters
+        ----------
+        node : Node
+            A node of this scene.
+        """
+        self.fix(node, "x", "y")
+
+    def clamp(self, node: Node) -> None:
+        """Hold displacement and rotation of a node.
+
+        Parameters
+        ----------
+        node : Node
+            A node of this scene.
+        """
+        self.fix(node, *COMPONENTS)
+
+    def prescribe(self, node: Node, x=None, y=None, rotation=None) -> None:
+        """Move components of a node as functions of time.
+
+        Parameters
+        ----------
+        node : Node
+            A node of this scene.
+        x, y : callable, optional
+            Displacement from the reference position at time t [m]; zero at t = 0.
+        rotation : callable, optional
+            Rotation from the reference configuration at time t [rad]; zero at t = 0.
+
+        Raises
+        ------
+        SceneError
+            For a component that is already supported, or a function without a number.
+        """
+        self._check_node(node, "prescribed motion")
+        given = {
+            name: value
+            for name, value in zip(COMPONENTS, (x, y, rotation), strict=True)
+            if value is not None
+        }
+        if not given:
+            raise SceneError(f"prescribed motion of {node}: give x, y or rotation")
+        for name, value in given.items():
+            function = _time_function(value, 1, f"prescribed {name} of {node}")
+            self.prescribed[self._free_component(node, name)] = function
+
+    # -- Masses and loads -----------------------------------------------------------------------
+
+    def add_mass(self, node: Node, mass: float, inertia: float = 0.0) -> None:
+        """Add a lumped mass.
+
+        Parameters
+        ----------
+        node : Node
+            A node of this scene.
+        mass : float
+            Mass [kg].
+        inertia : float
+            Moment of inertia [kg m^2].
+
+        Raises
+        ------
+        SceneError
+            For a negative or non-finite value.
+        """
+        self._check_node(node, "mass")
+        for name, value in (("mass", mass), ("inertia", inertia)):
+            if not (_vector(value, 1, f"{name} of {node}")[0] >= 0):
+                raise SceneError(f"{name} = {value!r} of {node} must not be negative")
+        self.masses.append((node.number, float(mass), float(inertia)))
+
+    def add_force(self, node: Node, force) -> None:
+        """Add a dead force.
+
+        Parameters
+        ----------
+        node : Node
+            A node of this scene.
+        force : (fx, fy) or callable
+            Force, or ``force(t)`` [N].
+        """
+        self._check_node(node, "force")
+        self.loads.append(Load("force", node, _time_function(force, 2, f"force on {node}")))
+
+    def add_moment(self, node: Node, moment) -> None:
+        """Add a moment.
+
+        Parameters
+        ----------
+        node : Node
+            A node of this scene.
+        moment : float or callable
+            Moment, or ``moment(t)`` [N m].
+        """
+        self._check_node(node, "moment")
+        self.loads.append(Load("moment", node, _time_function(moment, 1, f"moment on {node}")))
+
+    def add_line_load(self, beam: Beam, load) -> None:
+        """Add a dead load along a beam.
+
+        Parameters
+        ----------
+        beam : Beam
+            A beam of this scene.
+        load : (qx, qy) or callable
+            Force per reference length, or ``load(t)`` [N/m].
+        """
+        self._check_beam(beam, "line load")
+        function = _time_function(load, 2, f"line load on {_label(beam)}")
+        self.loads.append(Load("line load", beam, function))
+
+    def add_virtual_work(self, term: Callable[[Any], Any], beam: Beam | None = None) -> None:
+        """Add the virtual work of a force of your own, in UFL.
+
+        Parameters
+        ----------
+        term : callable
+            ``term(step)`` gives the virtual work per reference length that the force does, a
+            scalar UFL expression linear in ``step.virtual_u`` and ``step.virtual_psi``; for a
+            viscous force ``lambda step: -c * ufl.dot(step.v, step.virtual_u)``. `step` is an
+            `fx_beam.Step`. It is integrated with the element's reduced Gauss rule.
+        beam : Beam, optional
+            Where it acts; on all beams by default.
+
+        Raises
+        ------
+        SceneError
+            If `term` cannot be called.
+        """
+        if not callable(term):
+            raise SceneError(f"add_virtual_work needs a function of the step, not {term!r}")
+        if beam is not None:
+            self._check_beam(beam, "virtual work")
+        self.virtual_works.append(VirtualWork(term, beam))
+
+    def set_velocity(self, target: Beam | Node, velocity=(0.0, 0.0), spin=0.0) -> None:
+        """Set the velocity and spin at t = 0.
+
+        Parameters
+        ----------
+        target : Beam or Node
+            A node, or a beam for all its nodes.
+        velocity : (vx, vy) or callable
+            Velocity, or ``velocity(x, y)`` at a reference position [m/s].
+        spin : float or callable
+            Rate of the section rotation, or ``spin(x, y)`` [rad/s].
+        """
+        if isinstance(target, Beam):
+            self._check_beam(target, "velocity")
+            x, y = target.start.x, target.start.y
+        else:
+            self._check_node(target, "velocity")
+            x, y = target.x, target.y
+        what = f"of {_label(target)}"
+        self.velocities.append(
+            Velocity(
+                target,
+                _function(velocity, 2, f"velocity {what}", x, y),
+                _function(spin, 1, f"spin {what}", x, y),
+            )
+        )
+
+    # -- Checks -------------------------------------------------------------------------------
+
+    def _corner(self, point, name: str) -> tuple[Any, Node | None]:
+        if isinstance(point, Node):
+            self._check_node(point, f"beam {name!r}")
+            return (point.x, point.y), point
+        return point, None
+
+    def _check_node(self, node, what: str) -> None:
+        if not isinstance(node, Node):
+            raise SceneError(
+                f"{what}: {node!r} is no node; take one from a beam: beam.start, beam.end or "
+                "beam.node(fraction)"
+            )
+        if node.scene is not self:
+            raise SceneError(f"{what}: {node} belongs to another scene")
+
+    def _check_beam(self, beam, what: str) -> None:
+        if not isinstance(beam, Beam):
+            raise SceneError(f"{what}: {beam!r} is no beam; take what add_beam returned")
+        if not any(beam is own for own in self.beams):
+            raise SceneError(f"{what}: {_label(beam)} belongs to another scene")
+
+    def _free_component(self, node: Node, component: str) -> tuple[int, int]:
+        if component not in COMPONENTS:
+            raise SceneError(f"support of {node}: {component!r} is none of {COMPONENTS}")
+        key = (node.number, COMPONENTS.index(component))
+        if key in self.fixed or key in self.prescribed:
+            raise SceneError(f"{component} of {node} is supported twice")
+        return key
+
+
+def _label(target: Node | Beam) -> str:
+    return f"beam {target.name!r}" if isinstance(target, Beam) else str(target)
+
+
+def _vector(value, size: int, what: str) -> np.ndarray:
+    """Finite array of `size` numbers."""
+    array = _shaped(value, size, what)
+    if not np.isfinite(array).all():
+        raise SceneError(f"{what}: {value!r} is not finite")
+    return array
+
+
+def _shaped(value, size: int, what: str) -> np.ndarray:
+    try:
+        array = np.atleast_1d(np.asarray(value, dtype=float))
+    except (TypeError, ValueError):
+        array = np.empty(0)
+    if array.shape != (size,):
+        wanted = "a number" if size == 1 else f"{size} numbers"
+        raise SceneError(f"{what}: {value!r} has the wrong shape; it must be {wanted}")
+    return array
+
+
+def _time_function(value, size: int, what: str) -> TimeFunction:
+    return _function(value, size, what, 0.0)
+
+
+def _function(value, size: int, what: str, *sample: float) -> Callable:
+    """A constant or a user's function as a function with values of shape (size,).
+
+    The function is called once at `sample`, so that a wrong one is found before anything runs.
+    """
+    if not callable(value):
+        constant = _vector(value, size, what)
+        return lambda *_: constant
+    try:
+        first = value(*sample)
+    except Exception as error:
+        raise SceneError(f"{what}: calling it at {sample} raised {error!r}") from error
+    _shaped(first, size, what)
+    return lambda *arguments: _shaped(value(*arguments), size, what)

@@ -1,0 +1,330 @@
+"""The result of a simulation: motion, resultants, energies and momenta over time."""
+
+from __future__ import annotations
+
+import csv
+import json
+from collections.abc import Callable
+from dataclasses import asdict
+
+import numpy as np
+
+from .audit import BeamResultants, Energy, Stats
+from .beam import COMPONENTS, Beam, Node
+
+
+class Solution:
+    """Motion of a scene over time.
+
+    Parameters
+    ----------
+    t : (n,) float
+        Times [s].
+    X : (n_node, 2) float
+        Reference positions [m].
+    q, v, a : (n, n_node, 3) float
+        Displacements and rotation, their rates and accelerations [m, rad, s].
+    reactions : (n, n_node, 3) float
+        Forces and moments of the supports on the nodes [N, N m].
+    energy : Energy
+        Energies and work.
+    linear_momentum : (n, 2) float
+        Linear momentum [kg m/s].
+    angular_momentum : (n,) float
+        Angular momentum about the origin [kg m^2/s].
+    stats : Stats
+        What the simulation took.
+    beams : dict
+        The beams by name.
+    nodes_of_beam : dict
+        All nodes of each beam in order, those inside elements included.
+    resultants_of_beam : callable
+        ``resultants_of_beam(name)`` gives the `BeamResultants`.
+    """
+
+    def __init__(
+        self,
+        t: np.ndarray,
+        X: np.ndarray,
+        q: np.ndarray,
+        v: np.ndarray,
+        a: np.ndarray,
+        reactions: np.ndarray,
+        energy: Energy,
+        linear_momentum: np.ndarray,
+        angular_momentum: np.ndarray,
+        stats: Stats,
+        beams: dict[str, Beam],
+        nodes_of_beam: dict[str, np.ndarray],
+        resultants_of_beam: Callable[[str], BeamResultants],
+    ):
+        self.t = t
+        self.X = X
+        self.q, self.v, self.a = q, v, a
+        self.reactions = reactions
+        self.energy = energy
+        self.linear_momentum = linear_momentum
+        self.angular_momentum = angular_momentum
+        self.stats = stats
+        self.beams = beams
+        self.nodes_of_beam = nodes_of_beam
+        self._resultants_of_beam = resultants_of_beam
+
+    def __repr__(self):
+        return (
+            f"<Solution: {self.stats.scheme}, {len(self.t) - 1} steps to t = {self.t[-1]:g}, "
+            f"energy error {abs(self.energy.balance_error).max():.2g} J>"
+        )
+
+    # -- Motion of a node -----------------------------------------------------------------------
+
+    def position(self, node: Node) -> np.ndarray:
+        """Position of a node over time.
+
+        Parameters
+        ----------
+        node : Node
+            A node of the scene.
+
+        Returns
+        -------
+        (n, 2) float
+            Position [m].
+        """
+        return self.X[self._number(node)] + self.displacement(node)
+
+    def displacement(self, node: Node) -> np.ndarray:
+        """Displacement of a node over time.
+
+        Parameters
+        ----------
+        node : Node
+            A node of the scene.
+
+        Returns
+        -------
+        (n, 2) float
+            Displacement from the reference position [m].
+        """
+        return self.q[:, self._number(node), :2]
+
+    def rotation(self, node: Node) -> np.ndarray:
+        """Rotation of a node over time.
+
+        Parameters
+        ----------
+        node : Node
+            A node of the scene.
+
+        Returns
+        -------
+        (n,) float
+            Section rotation from the reference configuration, not wrapped [rad].
+        """
+        return self.q[:, self._number(node), 2]
+
+    def velocity(self, node: Node) -> np.ndarray:
+        """Velocity of a node over time.
+
+        Parameters
+        ----------
+        node : Node
+            A node of the scene.
+
+        Returns
+        -------
+        (n, 2) float
+            Velocity [m/s]; at a node without mass the mean velocity over the step.
+        """
+        return self.v[:, self._number(node), :2]
+
+    def spin(self, node: Node) -> np.ndarray:
+        """Spin of a node over time.
+
+        Parameters
+        ----------
+        node : Node
+            A node of the scene.
+
+        Returns
+        -------
+        (n,) float
+            Rate of the section rotation [rad/s]; without rotary inertia its mean over the step.
+        """
+        return self.v[:, self._number(node), 2]
+
+    def acceleration(self, node: Node) -> np.ndarray:
+        """Acceleration of a node over time.
+
+        Parameters
+        ----------
+        node : Node
+            A node of the scene.
+
+        Returns
+        -------
+        (n, 2) float
+            Acceleration [m/s^2]. For the mid-point schemes row k is the mean over the step that
+            ends at t[k], thus that of its middle; for Newmark's family it is that at t[k].
+            Row 0 is that at the start.
+        """
+        return self.a[:, self._number(node), :2]
+
+    def reaction(self, node: Node) -> np.ndarray:
+        """Force and moment of the supports on a node over time.
+
+        Parameters
+        ----------
+        node : Node
+            A node of the scene.
+
+        Returns
+        -------
+        (n, 3) float
+            Force [N] and moment [N m] at the scheme's level in the step that ends at t[k]; zero
+            for components without support. Row 0 is zero.
+        """
+        return self.reactions[:, self._number(node)]
+
+    # -- Beams ----------------------------------------------------------------------------------
+
+    def shape(self, beam: Beam | str) -> np.ndarray:
+        """Deformed axis of a beam over time.
+
+        Parameters
+        ----------
+        beam : Beam or str
+            A beam or its name.
+
+        Returns
+        -------
+        (n, elements * degree + 1, 2) float
+            Positions of its nodes, those inside elements included [m].
+        """
+        nodes = self.nodes_of_beam[self._beam_name(beam)]
+        return self.X[nodes] + self.q[:, nodes, :2]
+
+    def resultants(self, beam: Beam | str) -> BeamResultants:
+        """Stress resultants along a beam over time.
+
+        Parameters
+        ----------
+        beam : Beam or str
+            A beam or its name.
+
+        Returns
+        -------
+        BeamResultants
+            Axial force N, shear force Q and bending moment M, with their places s.
+        """
+        return self._resultants_of_beam(self._beam_name(beam))
+
+    # -- Files ----------------------------------------------------------------------------------
+
+    def save(self, path) -> None:
+        """Write the solution to a file that `fx_beam.load` reads.
+
+        Parameters
+        ----------
+        path : str or path
+            File to write, in NumPy's npz format: arrays and a JSON text, no pickled objects.
+        """
+        arrays = {name: getattr(self, name) for name in _HISTORIES}
+        arrays |= {f"energy_{name}": value for name, value in vars(self.energy).items()}
+        beams = []
+        for name, beam in self.beams.items():
+            r = self.resultants(name)
+            key = f"beam{len(beams)}"
+            arrays |= {f"{key}_{part}": value for part, value in vars(r).items()}
+            arrays[f"{key}_nodes"] = self.nodes_of_beam[name]
+            beams.append({"name": name, "degree": beam.degree})
+        meta = {"format": _FORMAT, "stats": asdict(self.stats), "beams": beams}
+        with open(path, "wb") as file:
+            np.savez_compressed(file, meta=np.array(json.dumps(meta)), **arrays)
+
+    def to_csv(self, path, nodes: dict[str, Node] | None = None) -> None:
+        """Write energies, momenta and the motion of some nodes as comma-separated columns.
+
+        Parameters
+        ----------
+        path : str or path
+            File to write; its first row names the columns.
+        nodes : dict, optional
+            Nodes by the names that their columns shall have.
+        """
+        columns = {"t": self.t}
+        columns |= {f"energy {name}": value for name, value in vars(self.energy).items()}
+        columns["energy total"] = self.energy.total
+        columns["energy balance error"] = self.energy.balance_error
+        columns["linear momentum x"], columns["linear momentum y"] = self.linear_momentum.T
+        columns["angular momentum"] = self.angular_momentum
+        for label, node in (nodes or {}).items():
+            number = self._number(node)
+            for i, component in enumerate(COMPONENTS):
+                start = self.X[number, i] if i < 2 else 0.0
+                columns[f"{label} {component}"] = start + self.q[:, number, i]
+                columns[f"{label} {component} rate"] = self.v[:, number, i]
+        with open(path, "w", newline="", encoding="utf-8") as file:
+            writer = csv.writer(file)
+            writer.writerow(columns)
+            writer.writerows(zip(*(column.tolist() for column in columns.values()), strict=True))
+
+    def _number(self, node: Node) -> int:
+        if not isinstance(node, Node):
+            raise ValueError(f"{node!r} is no node; take one from a beam: beam.start, beam.end, ...")
+        if node.number >= len(self.X) or (self.X[node.number] != (node.x, node.y)).any():
+            raise ValueError(f"{node} is no node of this solution")
+        return node.number
+
+    def _beam_name(self, beam: Beam | str) -> str:
+        name = beam.name if isinstance(beam, Beam) else beam
+        if name not in self.beams or (isinstance(beam, Beam) and beam.nodes != self.beams[name].nodes):
+            raise ValueError(f"{name!r} is no beam of this solution; it has {list(self.beams)}")
+        return name
+
+
+_FORMAT = "fx_beam solution 1"
+_HISTORIES = ("t", "X", "q", "v", "a", "reactions", "linear_momentum", "angular_momentum")
+
+
+def load(path) -> Solution:
+    """Read a solution that `Solution.save` wrote; no code in the file is run.
+
+    Parameters
+    ----------
+    path : str or path
+        The file.
+
+    Returns
+    -------
+    Solution
+        The solution. Its beams are in `Solution.beams`, by name.
+
+    Raises
+    ------
+    ValueError
+        If the file is no saved solution.
+    """
+    try:
+        with np.load(path, allow_pickle=False) as file:
+            data = dict(file)
+        meta = json.loads(str(data["meta"]))
+        if meta["format"] != _FORMAT:
+            raise KeyError("format")
+    except (KeyError, ValueError, TypeError) as error:
+        raise ValueError(f"{path} is no solution saved by fx_beam") from error
+    beams, nodes_of_beam, resultants = {}, {}, {}
+    for i, item in enumerate(meta["beams"]):
+        name, numbers = item["name"], data[f"beam{i}_nodes"]
+        ends = tuple(Node(int(n), *map(float, data["X"][n])) for n in numbers[:: item["degree"]])
+        beams[name] = Beam(name, ends, item["degree"])
+        nodes_of_beam[name] = numbers
+        resultants[name] = BeamResultants(*(data[f"beam{i}_{part}"] for part in "sNQM"))
+    return Solution(
+        **{name: data[name] for name in _HISTORIES},
+        energy=Energy(*(data[f"energy_{n}"] for n in ("kinetic", "strain", "potential", "work"))),
+        stats=Stats(**meta["stats"]),
+        beams=beams,
+        nodes_of_beam=nodes_of_beam,
+        resultants_of_beam=resultants.__getitem__,
+    )
