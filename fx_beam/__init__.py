@@ -6,16 +6,15 @@ from .dynamics import simulate
 from .errors import SceneError, StepError
 from .kinematics import Step
 from .newton import NewtonOptions
+from .rates import MidPointRates, NewmarkRates, Rates
 from .scene import Scene
 from .schemes import (
     HHT,
     EnergyMomentum,
     GeneralizedAlpha,
     MidPoint,
-    MidPointRates,
     ModifiedMidPoint,
     Newmark,
-    NewmarkRates,
     Resultants,
     Scheme,
 )
@@ -37,6 +36,7 @@ __all__ = [
     "Newmark",
     "NewtonOptions",
     "Node",
+    "Rates",
     "Resultants",
     "Scene",
     "SceneError",

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 
 from .errors import SceneError
-from .section import Section
 
 #: Components of a node's motion, in the order of all arrays.
 COMPONENTS = ("x", "y", "rotation")
@@ -49,14 +49,14 @@ class Beam:
         The ends of its elements, in order.
     degree : int
         Polynomial degree of displacement and rotation, 1 to 3.
-    section : Section, optional
-        Cross-section; none in a solution that was read from a file.
+    section : Section
+        Cross-section; None in a solution that was read from a file.
     """
 
     name: str
     nodes: tuple[Node, ...]
     degree: int
-    section: Section | None = field(repr=False, default=None)
+    section: Any = field(repr=False, default=None)
 
     @property
     def start(self) -> Node:

@@ -1,14 +1,16 @@
-"""Every call whose name or meaning differs between dolfinx versions; written for 0.5.2 (Debian 12)."""
+"""Every call that differs between dolfinx versions; written for 0.5.2 (Debian 12)."""
 
 from __future__ import annotations
 
+from mpi4py import MPI
+
 import basix
 import dolfinx
-import numpy as np
 import ufl
 from dolfinx import fem
 from dolfinx.fem import assemble
-from mpi4py import MPI
+
+import numpy as np
 
 
 def interval_mesh(points: np.ndarray, cells: np.ndarray):

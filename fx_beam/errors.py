@@ -6,7 +6,7 @@ from typing import Any
 
 
 class SceneError(ValueError):
-    """A scene, section, scheme or time grid that cannot be computed; raised before anything runs."""
+    """A scene, section, scheme or time grid that cannot be computed, found before it runs."""
 
 
 class StepError(RuntimeError):

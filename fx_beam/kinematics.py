@@ -57,6 +57,9 @@ class Step:
         Displacement (2,) [m] and rotation [rad] at the start of the step.
     Du, Dpsi : ufl expression
         Their increments over the step, the unknowns.
+    Dtheta : ufl expression
+        Increment on which moments do the step's work; for the mid-point schemes the nodal values
+        of 2 tan(Dpsi/2), interpolated (eq. 33).
     u, psi : ufl expression
         Displacement and rotation at the level at which the scheme takes the forces (the middle
         of the step for the mid-point schemes).
@@ -80,6 +83,7 @@ class Step:
     psi0: Any
     Du: Any
     Dpsi: Any
+    Dtheta: Any
     u: Any
     psi: Any
     v: Any
@@ -94,7 +98,18 @@ class Step:
     dt: Any
 
     def prime(self, field):
-        """Derivative of a field along the reference arc length [1/m]."""
+        """Derivative of a field along the reference arc length.
+
+        Parameters
+        ----------
+        field : ufl expression
+            Scalar or vector.
+
+        Returns
+        -------
+        ufl expression
+            Its derivative, of the same shape [1/m].
+        """
         return arc_derivative(field, self.t0)
 
     @property

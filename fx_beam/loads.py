@@ -6,9 +6,10 @@ from collections.abc import Callable
 
 import numpy as np
 
-from .errors import StepError
+from .beam import Beam
 from .mesh import Mesh
 from .scene import Scene
+from .values import evaluate
 
 
 class Loads:
@@ -29,7 +30,7 @@ class Loads:
         self._zero = np.zeros(mesh.dofs.size)
         columns = []
         for load in scene.loads:
-            if load.kind == "line load":
+            if isinstance(load.target, Beam):
                 columns.append(line_load(load.target))
                 continue
             dofs = mesh.dofs[load.target.number]
@@ -62,34 +63,3 @@ class Loads:
         return self._columns @ np.concatenate(
             [evaluate(load.value, t, str(load)) for load in self._loads]
         )
-
-
-def evaluate(function: Callable[[float], np.ndarray], t: float, what: str) -> np.ndarray:
-    """Value of a user's function of time, or a clear error.
-
-    Parameters
-    ----------
-    function : callable
-        ``function(t)``.
-    t : float
-        Time [s].
-    what : str
-        Name of the function in messages.
-
-    Returns
-    -------
-    float array
-        Its finite value.
-
-    Raises
-    ------
-    StepError
-        If it raises or gives a value that is not finite.
-    """
-    try:
-        value = function(t)
-    except Exception as error:
-        raise StepError(f"{what}: evaluating it at t = {t:.6g} raised {error!r}", t) from error
-    if not np.isfinite(value).all():
-        raise StepError(f"{what}: its value at t = {t:.6g} is {value}, not finite", t)
-    return value

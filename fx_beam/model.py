@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
-import numpy as np
-import scipy.sparse
+from typing import Any
+
 import ufl
 from dolfinx import fem
+
+import numpy as np
+import scipy.sparse
 
 from . import compat
 from .errors import SceneError
@@ -63,6 +66,8 @@ class Model:
     def _build_fields(self) -> None:
         mesh, space = self.mesh.mesh, self.mesh.space
         self.start, self.increment = fem.Function(space), fem.Function(space)
+        #: Increment on which the forces do work, a nodal function of `increment`.
+        self.path = fem.Function(space)
         #: Velocity and acceleration at the start of the step.
         self.start_rates = fem.Function(space), fem.Function(space)
         self.time, self.dt = compat.constant(mesh, 0.0), compat.constant(mesh, 1.0)
@@ -82,6 +87,7 @@ class Model:
             psi0=psi0,
             Du=Du,
             Dpsi=Dpsi,
+            Dtheta=ufl.split(self.path)[1],
             u=u0 + level * Du,
             psi=psi0 + level * Dpsi,
             v=v,
@@ -105,7 +111,8 @@ class Model:
         dphi = step.t0 + step.prime(step.u0)
         start_strains = strains(dphi, step.psi0, step.prime(step.psi0), step.t0)
 
-        residual, energy = 0, 0
+        residual: Any = 0
+        energy: Any = 0
         for tag, law in enumerate(self._laws):
             dx_law = dx if tags is None else dx(tag)
             r = self.scheme.resultants(step, law)
@@ -120,6 +127,11 @@ class Model:
         self.residual = self._compile("internal forces", residual)
         tangent = ufl.derivative(residual, self.increment, self._trial)
         self.tangent = self._compile("tangent", tangent)
+        self.path_tangent = None
+        if self.path in residual.coefficients():
+            tangent = ufl.derivative(residual, self.path, self._trial)
+            self.path_tangent = self._compile("tangent of the path", tangent)
+            self._path_matrix = compat.create_matrix(self.path_tangent)
         self.energy = self._compile("strain energy", energy)
         self.needs_rates = any(rate in residual.coefficients() for rate in self.start_rates)
 
@@ -173,9 +185,11 @@ class Model:
     def _build_mass(self) -> None:
         """The constant mass matrix (eqs 18 to 21), lumped entries included."""
         sections = [beam.section for beam in self.scene.beams]
-        rhoA, rhoI = (np.array([getattr(s, name) for s in sections]) for name in ("rhoA", "rhoI"))
+        rhoA, rhoI = (
+            np.array([getattr(s, name) for s in sections], dtype=float) for name in ("rhoA", "rhoI")
+        )
         (u, psi), (virtual_u, virtual_psi) = ufl.split(self._trial), ufl.split(self._test)
-        density = 0
+        density: Any = 0
         if rhoA.any():
             density += self._cell_data(rhoA) * ufl.dot(virtual_u, u)
             self.assembled.append("distributed mass")
@@ -271,13 +285,22 @@ class Model:
         (size,) float
             Nodal forces and couples [N, N m] (eq. 53).
         """
-        self.increment.x.array[:] = D
+        self._set_increment(D)
         compat.assemble_vector(self._force, self.residual)
         return self._force
 
     def assemble_stiffness(self) -> None:
         """Assemble `stiffness` at the increment of the last `internal_force` (eq. 54)."""
         compat.assemble_matrix(self._matrix, self.tangent)
+        if self.path_tangent is not None:
+            compat.assemble_matrix(self._path_matrix, self.path_tangent)
+            _, slope = self.scheme.rates.work_increment(self.increment.x.array, self.turns)
+            self.stiffness.data += self._path_matrix.data * slope[self.stiffness.indices]
+
+    def _set_increment(self, D: np.ndarray) -> None:
+        self.increment.x.array[:] = D
+        if self.path_tangent is not None:
+            self.path.x.array[:], _ = self.scheme.rates.work_increment(D, self.turns)
 
     def added_force(self) -> np.ndarray:
         """Nodal forces (size,) of the added virtual works at the last increment [N, N m]."""
@@ -326,7 +349,7 @@ class Model:
             for k in range(len(t)):
                 previous = max(k - 1, 0)
                 self.start.x.array[:] = q[previous]
-                self.increment.x.array[:] = q[k] - q[previous]
+                self._set_increment(q[k] - q[previous])
                 if k:
                     self.dt.value = t[k] - t[previous]
                 out[k, cells] = expression.eval(cells).reshape(len(cells), len(points), 3)

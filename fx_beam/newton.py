@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 
-import numpy as np
 from petsc4py import PETSc
 
-from .model import Model
+import numpy as np
 
+from .model import Model
 
 # A correction that turns a node further [rad] is shortened to this. From the previous
 # configuration the first one overshoots where axial force has nearly emptied the tangent;

@@ -11,8 +11,7 @@ import numpy as np
 from .beam import COMPONENTS, Beam, Node, polyline
 from .errors import SceneError
 from .section import Section
-
-TimeFunction = Callable[[float], np.ndarray]
+from .values import TimeFunction, checked_function, time_function, vector
 
 
 @dataclass(frozen=True)
@@ -68,7 +67,7 @@ class Scene:
     """
 
     def __init__(self, gravity: Sequence[float] | None = None):
-        self.gravity = None if gravity is None else _vector(gravity, 2, "gravity")
+        self.gravity = None if gravity is None else vector(gravity, 2, "gravity")
         self.beams: list[Beam] = []
         self.nodes: list[Node] = []
         #: Fixed components: (node number, component number).
@@ -215,7 +214,7 @@ class Scene:
         if not given:
             raise SceneError(f"prescribed motion of {node}: give x, y or rotation")
         for name, value in given.items():
-            function = _time_function(value, 1, f"prescribed {name} of {node}")
+            function = time_function(value, 1, f"prescribed {name} of {node}")
             self.prescribed[self._free_component(node, name)] = function
 
     # -- Masses and loads -----------------------------------------------------------------------
@@ -239,7 +238,7 @@ class Scene:
         """
         self._check_node(node, "mass")
         for name, value in (("mass", mass), ("inertia", inertia)):
-            if not (_vector(value, 1, f"{name} of {node}")[0] >= 0):
+            if not (vector(value, 1, f"{name} of {node}")[0] >= 0):
                 raise SceneError(f"{name} = {value!r} of {node} must not be negative")
         self.masses.append((node.number, float(mass), float(inertia)))
 
@@ -254,7 +253,7 @@ class Scene:
             Force, or ``force(t)`` [N].
         """
         self._check_node(node, "force")
-        self.loads.append(Load("force", node, _time_function(force, 2, f"force on {node}")))
+        self.loads.append(Load("force", node, time_function(force, 2, f"force on {node}")))
 
     def add_moment(self, node: Node, moment) -> None:
         """Add a moment.
@@ -267,7 +266,7 @@ class Scene:
             Moment, or ``moment(t)`` [N m].
         """
         self._check_node(node, "moment")
-        self.loads.append(Load("moment", node, _time_function(moment, 1, f"moment on {node}")))
+        self.loads.append(Load("moment", node, time_function(moment, 1, f"moment on {node}")))
 
     def add_line_load(self, beam: Beam, load) -> None:
         """Add a dead load along a beam.
@@ -280,7 +279,7 @@ class Scene:
             Force per reference length, or ``load(t)`` [N/m].
         """
         self._check_beam(beam, "line load")
-        function = _time_function(load, 2, f"line load on {_label(beam)}")
+        function = time_function(load, 2, f"line load on {_label(beam)}")
         self.loads.append(Load("line load", beam, function))
 
     def add_virtual_work(self, term: Callable[[Any], Any], beam: Beam | None = None) -> None:
@@ -329,8 +328,8 @@ class Scene:
         self.velocities.append(
             Velocity(
                 target,
-                _function(velocity, 2, f"velocity {what}", x, y),
-                _function(spin, 1, f"spin {what}", x, y),
+                checked_function(velocity, 2, f"velocity {what}", x, y),
+                checked_function(spin, 1, f"spin {what}", x, y),
             )
         )
 
@@ -368,42 +367,3 @@ class Scene:
 
 def _label(target: Node | Beam) -> str:
     return f"beam {target.name!r}" if isinstance(target, Beam) else str(target)
-
-
-def _vector(value, size: int, what: str) -> np.ndarray:
-    """Finite array of `size` numbers."""
-    array = _shaped(value, size, what)
-    if not np.isfinite(array).all():
-        raise SceneError(f"{what}: {value!r} is not finite")
-    return array
-
-
-def _shaped(value, size: int, what: str) -> np.ndarray:
-    try:
-        array = np.atleast_1d(np.asarray(value, dtype=float))
-    except (TypeError, ValueError):
-        array = np.empty(0)
-    if array.shape != (size,):
-        wanted = "a number" if size == 1 else f"{size} numbers"
-        raise SceneError(f"{what}: {value!r} has the wrong shape; it must be {wanted}")
-    return array
-
-
-def _time_function(value, size: int, what: str) -> TimeFunction:
-    return _function(value, size, what, 0.0)
-
-
-def _function(value, size: int, what: str, *sample: float) -> Callable:
-    """A constant or a user's function as a function with values of shape (size,).
-
-    The function is called once at `sample`, so that a wrong one is found before anything runs.
-    """
-    if not callable(value):
-        constant = _vector(value, size, what)
-        return lambda *_: constant
-    try:
-        first = value(*sample)
-    except Exception as error:
-        raise SceneError(f"{what}: calling it at {sample} raised {error!r}") from error
-    _shaped(first, size, what)
-    return lambda *arguments: _shaped(value(*arguments), size, what)

@@ -198,7 +198,18 @@ class Law:
     quadratic: bool
 
     def resultants(self, eps, gamma, kappa):
-        """Material stress resultants N, Q and M: the derivatives of the stored energy (eq. 11)."""
+        """Material stress resultants: the derivatives of the stored energy (eq. 11).
+
+        Parameters
+        ----------
+        eps, gamma, kappa : ufl scalar
+            Axial strain, shear strain and curvature [1/m].
+
+        Returns
+        -------
+        tuple of ufl scalars
+            N [N], Q [N] and M [N m].
+        """
         e = [ufl.variable(x) for x in (eps, gamma, kappa)]
         W = self.energy(*e)
         return tuple(ufl.diff(W, x) for x in e)

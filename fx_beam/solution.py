@@ -231,7 +231,7 @@ class Solution:
         """
         arrays = {name: getattr(self, name) for name in _HISTORIES}
         arrays |= {f"energy_{name}": value for name, value in vars(self.energy).items()}
-        beams = []
+        beams: list[dict] = []
         for name, beam in self.beams.items():
             r = self.resultants(name)
             key = f"beam{len(beams)}"
@@ -271,14 +271,18 @@ class Solution:
 
     def _number(self, node: Node) -> int:
         if not isinstance(node, Node):
-            raise ValueError(f"{node!r} is no node; take one from a beam: beam.start, beam.end, ...")
+            raise ValueError(
+                f"{node!r} is no node; take one from a beam: beam.start, beam.end, ..."
+            )
         if node.number >= len(self.X) or (self.X[node.number] != (node.x, node.y)).any():
             raise ValueError(f"{node} is no node of this solution")
         return node.number
 
     def _beam_name(self, beam: Beam | str) -> str:
         name = beam.name if isinstance(beam, Beam) else beam
-        if name not in self.beams or (isinstance(beam, Beam) and beam.nodes != self.beams[name].nodes):
+        if name not in self.beams or (
+            isinstance(beam, Beam) and beam.nodes != self.beams[name].nodes
+        ):
             raise ValueError(f"{name!r} is no beam of this solution; it has {list(self.beams)}")
         return name
 
@@ -313,7 +317,8 @@ def load(path) -> Solution:
             raise KeyError("format")
     except (KeyError, ValueError, TypeError) as error:
         raise ValueError(f"{path} is no solution saved by fx_beam") from error
-    beams, nodes_of_beam, resultants = {}, {}, {}
+    beams: dict[str, Beam] = {}
+    nodes_of_beam, resultants = {}, {}
     for i, item in enumerate(meta["beams"]):
         name, numbers = item["name"], data[f"beam{i}_nodes"]
         ends = tuple(Node(int(n), *map(float, data["X"][n])) for n in numbers[:: item["degree"]])

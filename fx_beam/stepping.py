@@ -10,9 +10,9 @@ import scipy.sparse.linalg
 from .audit import Energy, Stats
 from .beam import COMPONENTS
 from .errors import SceneError, StepError
-from .loads import evaluate
 from .model import Model
 from .newton import Newton, StepFailed, StepSolution
+from .values import evaluate
 
 
 @dataclass
@@ -191,14 +191,14 @@ class Stepper:
         # Rates without mass appear in no equation, and the mid-point rule would let them swing
         # about their mean; the mean is what they are.
         free = model.massless
-        v[free] = rates.work_increment(step.D, model.turns)[free] / dt
+        v[free] = rates.work_increment(step.D, model.turns)[0][free] / dt
         a[free] = (v - state.v)[free] / dt
         return self._with_work(state, step, State(t1, state.q + step.D, v, a, force))
 
     def _with_work(self, old: State, step: StepSolution, new: State) -> State:
         """The new state with the work of dead loads, prescribed motion and added forces."""
         model, rates = self.model, self.model.scheme.rates
-        path = rates.work_increment(step.D, model.turns)
+        path, _ = rates.work_increment(step.D, model.turns)
         dead = new.force + old.force
         if model.weight is not None:
             dead = dead - 2 * model.weight
@@ -275,7 +275,11 @@ class Recorder:
         model, k = self.model, self.count
         momentum = model.mass @ state.v
         q, p = model.to_nodes(state.q), model.to_nodes(momentum)
-        for name, value in (("q", q), ("v", model.to_nodes(state.v)), ("a", model.to_nodes(state.a))):
+        for name, value in (
+            ("q", q),
+            ("v", model.to_nodes(state.v)),
+            ("a", model.to_nodes(state.a)),
+        ):
             self._motion[name][k] = value
         if state.reaction is not None and len(model.constrained):
             self._motion["reactions"][k] = model.to_nodes(state.reaction)
@@ -300,5 +304,3 @@ class Recorder:
             "linear_momentum": self._linear[:n],
             "angular_momentum": self._angular[:n],
         }
-
-

@@ -1,0 +1,55 @@
+"""Validate the docstrings of all that fx_beam exports with numpydoc, as pyproject.toml says.
+
+`numpydoc lint` only reads the sources: it knows neither the parameters of a dataclass nor that a
+property needs no Returns section. So the package is imported and its objects are validated.
+"""
+
+import inspect
+import sys
+import tomllib
+from collections.abc import Iterator
+from functools import cached_property
+from pathlib import Path
+from typing import Protocol
+
+from numpydoc.validate import get_validation_checks, validate
+
+import fx_beam
+
+DESCRIPTORS = (property, cached_property, classmethod, staticmethod)
+
+
+def public() -> Iterator[str]:
+    """Names of the exported functions and classes, these with their methods and properties."""
+    for name in fx_beam.__all__:
+        thing = getattr(fx_beam, name)
+        if Protocol not in getattr(thing, "__bases__", ()):  # its call's parameters are Python's
+            yield f"fx_beam.{name}"
+        if not inspect.isclass(thing):
+            continue
+        for attribute, member in vars(thing).items():
+            own = inspect.isfunction(member) or isinstance(member, DESCRIPTORS)
+            # What a base class documents need not be said again.
+            known = any(hasattr(base, attribute) for base in thing.__mro__[1:])
+            if own and not known and not attribute.startswith("_"):
+                yield f"fx_beam.{name}.{attribute}"
+
+
+def main() -> int:
+    root = Path(__file__).resolve().parents[1]
+    settings = tomllib.loads((root / "pyproject.toml").read_text())["tool"]["numpydoc_validation"]
+    checks = get_validation_checks(set(settings["checks"]))
+    objects = errors = 0
+    for name in public():
+        objects += 1
+        result = validate(name)
+        for code, message in result["errors"]:
+            if code in checks:
+                errors += 1
+                print(f"{result['file']}:{result['file_line']}: {name}: {code} {message}")
+    print(f"{objects} public objects, {errors} errors")
+    return 1 if errors else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,82 @@
+"""What users give as numbers, vectors or functions, checked."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+
+from .errors import SceneError, StepError
+
+TimeFunction = Callable[[float], np.ndarray]
+
+
+def vector(value, size: int, what: str) -> np.ndarray:
+    """Finite array of `size` numbers."""
+    array = _shaped(value, size, what)
+    if not np.isfinite(array).all():
+        raise SceneError(f"{what}: {value!r} is not finite")
+    return array
+
+
+def _shaped(value, size: int, what: str) -> np.ndarray:
+    try:
+        array = np.atleast_1d(np.asarray(value, dtype=float))
+    except (TypeError, ValueError):
+        array = np.empty(0)
+    if array.shape != (size,):
+        wanted = "a number" if size == 1 else f"{size} numbers"
+        raise SceneError(f"{what}: {value!r} has the wrong shape; it must be {wanted}")
+    return array
+
+
+def time_function(value, size: int, what: str) -> TimeFunction:
+    """A constant or a function of time as a function with values of shape (size,)."""
+    return checked_function(value, size, what, 0.0)
+
+
+def checked_function(value, size: int, what: str, *sample: float) -> Callable:
+    """A constant or a user's function as a function with values of shape (size,).
+
+    The function is called once at `sample`, so that a wrong one is found before anything runs.
+    """
+    if not callable(value):
+        constant = vector(value, size, what)
+        return lambda *_: constant
+    try:
+        first = value(*sample)
+    except Exception as error:
+        raise SceneError(f"{what}: calling it at {sample} raised {error!r}") from error
+    _shaped(first, size, what)
+    return lambda *arguments: _shaped(value(*arguments), size, what)
+
+
+def evaluate(function: Callable[[float], np.ndarray], t: float, what: str) -> np.ndarray:
+    """Value of a user's function of time, or a clear error.
+
+    Parameters
+    ----------
+    function : callable
+        ``function(t)``.
+    t : float
+        Time [s].
+    what : str
+        Name of the function in messages.
+
+    Returns
+    -------
+    float array
+        Its finite value.
+
+    Raises
+    ------
+    StepError
+        If it raises or gives a value that is not finite.
+    """
+    try:
+        value = function(t)
+    except Exception as error:
+        raise StepError(f"{what}: evaluating it at t = {t:.6g} raised {error!r}", t) from error
+    if not np.isfinite(value).all():
+        raise StepError(f"{what}: its value at t = {t:.6g} is {value}, not finite", t)
+    return value
