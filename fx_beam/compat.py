@@ -46,6 +46,11 @@ def beam_space(mesh, degree: int):
     return fem.FunctionSpace(mesh, ufl.MixedElement([displacement, rotation]))
 
 
+def function(space):
+    """Zero function of a space."""
+    return fem.Function(space)
+
+
 def cell_dofs(space, cell: int) -> tuple[np.ndarray, np.ndarray]:
     """Degrees of freedom of one cell: displacement (nodes, 2) and rotation (nodes,)."""
     u = space.sub(0).dofmap.cell_dofs(cell).reshape(-1, 2)

@@ -132,7 +132,7 @@ def _solution(model: Model, recorder: Recorder, stats: Stats) -> Solution:
     def resultants_of_beam(name: str) -> BeamResultants:
         if not cache:
             q = np.stack([model.from_nodes(nodes) for nodes in histories["q"]])
-            cache.append(model.resultants(histories["t"], q))
+            cache.append(model.forms.resultants(histories["t"], q))
         number = [beam.name for beam in scene.beams].index(name)
         beam, values = scene.beams[number], cache[0][:, mesh.cells[number]]
         s = beam.s[:-1, None] + np.diff(beam.s)[:, None] * gauss_points(beam.degree).T

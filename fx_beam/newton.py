@@ -95,7 +95,7 @@ class Newton:
     def __init__(self, model: Model, options: NewtonOptions):
         self.model = model
         self.options = options
-        self._linear = _LinearSolver(model.stiffness, model.free)
+        self._linear = _LinearSolver(model.forms.stiffness, model.free)
         #: Size of a unit correction: the size of the scene for displacements, 1 for rotations.
         self._unit = np.full(model.size, model.mesh.size)
         self._unit[model.turns] = 1.0
@@ -103,7 +103,7 @@ class Newton:
     def solve(
         self, v0: np.ndarray, a0: np.ndarray, dt: float, force: np.ndarray, motion: np.ndarray
     ) -> StepSolution:
-        """Increment over the step that `Model.set_step` has set.
+        """Increment over the step that `Forms.set_step` has set.
 
         Parameters
         ----------
@@ -127,15 +127,15 @@ class Newton:
             If there is no convergence.
         """
         model, options, rates = self.model, self.options, self.model.scheme.rates
-        free, K = model.free, model.stiffness
+        free, K = model.free, model.forms.stiffness
         # The previous configuration is the start: predictors diverge on stiff scenes.
         D = np.zeros(model.size)
         residuals: list[float] = []
         previous = np.inf
         for iteration in range(1, options.max_iterations + 1):
             a, slope = rates.acceleration(D, v0, a0, dt, model.turns)
-            r = model.internal_force(D) + model.mass @ a - force
-            model.assemble_stiffness()
+            r = model.forms.internal_force(D) + model.mass @ a - force
+            model.forms.assemble_stiffness()
             K.data += model.mass.data * slope[K.indices]
             residuals.append(abs(r[free]).max(initial=0.0))
 
@@ -185,8 +185,8 @@ class Newton:
         the unknowns bounds what the rounding of these makes of entry i.
         """
         model = self.model
-        magnitude = self._unit + abs(model.start.x.array)
-        bound = abs(model.stiffness) @ magnitude
+        magnitude = self._unit + abs(model.forms.start.x.array)
+        bound = abs(model.forms.stiffness) @ magnitude
         return bool((abs(r) <= 20 * np.finfo(float).eps * bound)[model.free].all())
 
 

@@ -134,9 +134,9 @@ class Stepper:
         """Accelerations of what has mass and is free, from M a = F - f."""
         model = self.model
         # An increment over a very short step gives added forces the initial velocity.
-        D = 1e-6 * h * v if model.added is not None else np.zeros(model.size)
-        model.set_step(0.0, 1e-6 * h, q, v, a)
-        r = force - model.internal_force(D) - model.mass @ a
+        D = 1e-6 * h * v if model.forms.has_added else np.zeros(model.size)
+        model.forms.set_step(0.0, 1e-6 * h, q, v, a)
+        r = force - model.forms.internal_force(D) - model.mass @ a
         moving = np.setdiff1d(model.free, np.flatnonzero(model.massless))
         if len(moving):
             M = model.mass[moving][:, moving].tocsc()
@@ -181,7 +181,7 @@ class Stepper:
         force = self._force(t1)
         motion = np.zeros(model.size)
         motion[model.prescribed] = self._prescribed(t1) - state.q[model.prescribed]
-        model.set_step(state.t, dt, state.q, state.v, state.a)
+        model.forms.set_step(state.t, dt, state.q, state.v, state.a)
         level_force = rates.level * force + (1 - rates.level) * state.force
         step = self.newton.solve(state.v, state.a, dt, level_force, motion)
         self.stats.newton_iterations += step.iterations
@@ -207,9 +207,9 @@ class Stepper:
         if len(model.prescribed):
             moved = model.prescribed
             work += self._mid(new.reaction, old.reaction)[moved] @ path[moved]
-        if model.added is not None:
-            model.internal_force(step.D)
-            new.added = model.added_force()
+        if model.forms.has_added:
+            model.forms.internal_force(step.D)
+            new.added = model.forms.added_force()
             work += self._mid(new.added, old.added) @ path
         new.work = float(work)
         return new
@@ -285,7 +285,7 @@ class Recorder:
             self._motion["reactions"][k] = model.to_nodes(state.reaction)
         energy = self._energy
         energy.kinetic[k] = state.v @ momentum / 2
-        energy.strain[k] = model.strain_energy(state.q)
+        energy.strain[k] = model.forms.strain_energy(state.q)
         if model.weight is not None:
             energy.potential[k] = -(model.weight @ state.q)
         energy.work[k] = state.work

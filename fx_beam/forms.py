@@ -1,0 +1,301 @@
+"""The weak form of one step, compiled: internal forces, their tangent, the stored energy."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import ufl
+
+import numpy as np
+import scipy.sparse
+
+from . import compat
+from .errors import SceneError
+from .kinematics import Step, strains, virtual_work
+from .mesh import Mesh
+from .scene import Scene
+from .schemes import Scheme
+from .section import Law, quadratic_law
+
+
+class Forms:
+    """What a scheme needs of the beams in every iteration, in UFL and compiled.
+
+    Vectors run over all degrees of freedom in the order of dolfinx; `Mesh.dofs` finds those of a
+    node.
+
+    Parameters
+    ----------
+    scene : Scene
+        Sections and added virtual works.
+    scheme : Scheme
+        Its resultants and rates.
+    mesh : Mesh
+        The mesh of the scene.
+
+    Raises
+    ------
+    SceneError
+        For an added virtual work that is none.
+    """
+
+    def __init__(self, scene: Scene, scheme: Scheme, mesh: Mesh):
+        self._scene, self._scheme, self._mesh = scene, scheme, mesh
+        self.size = mesh.dofs.size
+        #: Degrees of freedom that are rotations.
+        self.turns = np.sort(mesh.dofs[:, 2])
+        #: Names of the compiled forms.
+        self.compiled: list[str] = []
+        self._build_fields()
+        self._build_forms()
+
+    # -- Construction ---------------------------------------------------------------------------
+
+    def _build_fields(self) -> None:
+        mesh, space = self._mesh.mesh, self._mesh.space
+        self.start, self.increment = compat.function(space), compat.function(space)
+        #: Increment on which the forces do work, a nodal function of `increment`.
+        self.path = compat.function(space)
+        #: Velocity and acceleration at the start of the step.
+        self.start_rates = compat.function(space), compat.function(space)
+        self.time, self.dt = compat.constant(mesh, 0.0), compat.constant(mesh, 1.0)
+        self._test, self._trial = ufl.TestFunction(space), ufl.TrialFunction(space)
+
+        # The tangent from the Jacobian: one rule a form, so mixing rules cannot arise.
+        J = ufl.Jacobian(mesh)
+        h = ufl.sqrt(J[0, 0] ** 2 + J[1, 0] ** 2)
+        t0 = ufl.as_vector((J[0, 0] / h, J[1, 0] / h))
+        (u0, psi0), (Du, Dpsi) = ufl.split(self.start), ufl.split(self.increment)
+        v0, a0 = (ufl.split(rate) for rate in self.start_rates)
+        level = self._scheme.rates.level
+        v, omega = self._scheme.rates.fields(Du, Dpsi, v0, a0, self.dt)
+        virtual_u, virtual_psi = ufl.split(self._test)
+        self.step = Step(
+            u0=u0,
+            psi0=psi0,
+            Du=Du,
+            Dpsi=Dpsi,
+            Dtheta=ufl.split(self.path)[1],
+            u=u0 + level * Du,
+            psi=psi0 + level * Dpsi,
+            v=v,
+            omega=omega,
+            virtual_u=virtual_u,
+            virtual_psi=virtual_psi,
+            X=ufl.SpatialCoordinate(mesh),
+            t0=t0,
+            h=h,
+            degree=self._scene.beams[0].degree,
+            t=self.time,
+            dt=self.dt,
+        )
+
+    def _build_forms(self) -> None:
+        step = self.step
+        self._laws, law_of_cell = self._group_laws()
+        tags = law_of_cell if len(self._laws) > 1 else None
+        self._law_of_cell = law_of_cell
+        dx = compat.measure(self._mesh.mesh, step.degree, tags)
+        dphi = step.t0 + step.prime(step.u0)
+        start_strains = strains(dphi, step.psi0, step.prime(step.psi0), step.t0)
+
+        residual: Any = 0
+        energy: Any = 0
+        for tag, law in enumerate(self._laws):
+            dx_law = dx if tags is None else dx(tag)
+            r = self._scheme.resultants(step, law)
+            residual += virtual_work(step, r.dphi, r.n, r.m) * dx_law
+            energy += law.energy(*start_strains) * dx_law
+        added = self._added_virtual_work()
+        self.has_added = added is not None
+        if self.has_added:
+            try:
+                self._added = self._compile("added virtual work", added * dx)
+            except Exception as error:
+                raise SceneError(f"the added virtual work does not compile: {error}") from error
+            residual -= added * dx
+
+        self._residual = self._compile("internal forces", residual)
+        tangent = ufl.derivative(residual, self.increment, self._trial)
+        self._tangent = self._compile("tangent", tangent)
+        self._path_tangent = None
+        if self.path in residual.coefficients():
+            tangent = ufl.derivative(residual, self.path, self._trial)
+            self._path_tangent = self._compile("tangent of the path", tangent)
+            self._path_matrix = compat.create_matrix(self._path_tangent)
+        self._energy = self._compile("strain energy", energy)
+        self._needs_rates = any(rate in residual.coefficients() for rate in self.start_rates)
+
+        self._matrix = compat.create_matrix(self._tangent)
+        shape = (self.size, self.size)
+        pattern = self._matrix.indices, self._matrix.indptr
+        #: Tangent of the internal forces, a view on the assembled values.
+        self.stiffness = scipy.sparse.csr_matrix((self._matrix.data, *pattern), shape, copy=False)
+        self._force = np.zeros(self.size)
+
+    def _group_laws(self) -> tuple[list[Law], np.ndarray]:
+        """The different stored energies of the scene, and which of them each cell has."""
+        sections = [beam.section for beam in self._scene.beams]
+        kinds = list(dict.fromkeys(section.strain_energy for section in sections))
+        uniform = len(kinds) == 1
+        laws = []
+        for kind in kinds:
+            if kind is not None:
+                laws.append(Law(kind, quadratic=False))
+                continue
+            rows = [(s.EA, s.GA, s.EI) if s.strain_energy is None else (0,) * 3 for s in sections]
+            laws.append(quadratic_law(cell_data(self._mesh, np.array(rows, dtype=float), uniform)))
+        kind_of_beam = np.array([kinds.index(section.strain_energy) for section in sections])
+        return laws, kind_of_beam[self._mesh.beam_of_cell]
+
+    def _added_virtual_work(self):
+        total = None
+        for number, work in enumerate(self._scene.virtual_works, start=1):
+            what = f"virtual work {number}"
+            try:
+                term = ufl.as_ufl(work.term(self.step))
+            except Exception as error:
+                raise SceneError(f"{what}: calling it with the step raised {error!r}") from error
+            arguments = ufl.algorithms.extract_arguments(term)
+            if term.ufl_shape != () or arguments != [self._test]:
+                raise SceneError(
+                    f"{what}: it must be a scalar UFL expression linear in step.virtual_u and "
+                    f"step.virtual_psi, not {term}"
+                )
+            if work.beam is not None:
+                inside = self._mesh.beam_of_cell == self._scene.beams.index(work.beam)
+                term = term * compat.cellwise(self._mesh.mesh, inside.astype(float))
+            total = term if total is None else total + term
+        return total
+
+    def trial_and_test(self):
+        """Trial and test functions: displacement, rotation, and the virtual ones."""
+        return *ufl.split(self._trial), self.step.virtual_u, self.step.virtual_psi
+
+    def _compile(self, name: str, form):
+        self.compiled.append(name)
+        return compat.compile_form(form)
+
+    # -- Evaluation -----------------------------------------------------------------------------
+
+    def set_step(self, t: float, dt: float, q: np.ndarray, v: np.ndarray, a: np.ndarray) -> None:
+        """Set the start of a step.
+
+        Parameters
+        ----------
+        t, dt : float
+            Start and length of the step [s].
+        q, v, a : (size,) float
+            Displacements and rotations, rates and accelerations at its start.
+        """
+        self.time.value = t + self._scheme.rates.level * dt
+        self.dt.value = dt
+        self.start.x.array[:] = q
+        if self._needs_rates:
+            for function, rate in zip(self.start_rates, (v, a), strict=True):
+                function.x.array[:] = rate
+
+    def internal_force(self, D: np.ndarray) -> np.ndarray:
+        """Internal forces less the added ones, for the increment D; overwritten by the next call.
+
+        Parameters
+        ----------
+        D : (size,) float
+            Increment over the step.
+
+        Returns
+        -------
+        (size,) float
+            Nodal forces and couples [N, N m] (eq. 53).
+        """
+        self._set_increment(D)
+        compat.assemble_vector(self._force, self._residual)
+        return self._force
+
+    def assemble_stiffness(self) -> None:
+        """Assemble `stiffness` at the increment of the last `internal_force` (eq. 54)."""
+        compat.assemble_matrix(self._matrix, self._tangent)
+        if self._path_tangent is not None:
+            compat.assemble_matrix(self._path_matrix, self._path_tangent)
+            _, slope = self._scheme.rates.work_increment(self.increment.x.array, self.turns)
+            self.stiffness.data += self._path_matrix.data * slope[self.stiffness.indices]
+
+    def _set_increment(self, D: np.ndarray) -> None:
+        self.increment.x.array[:] = D
+        if self._path_tangent is not None:
+            self.path.x.array[:], _ = self._scheme.rates.work_increment(D, self.turns)
+
+    def added_force(self) -> np.ndarray:
+        """Nodal forces (size,) of the added virtual works at the last increment [N, N m]."""
+        force = np.zeros(self.size)
+        compat.assemble_vector(force, self._added)
+        return force
+
+    def strain_energy(self, q: np.ndarray) -> float:
+        """Stored energy of a configuration [J].
+
+        Parameters
+        ----------
+        q : (size,) float
+            Displacements and rotations.
+
+        Returns
+        -------
+        float
+            Integral of the stored energy, by the reduced rule.
+        """
+        self.start.x.array[:] = q
+        return compat.assemble_scalar(self._energy)
+
+    def resultants(self, t: np.ndarray, q: np.ndarray) -> np.ndarray:
+        """Stress resultants N, Q, M of the scheme at the Gauss points, step by step.
+
+        Parameters
+        ----------
+        t : (n,) float
+            Times [s].
+        q : (n, size) float
+            Displacements and rotations at these times.
+
+        Returns
+        -------
+        (n, cells, degree, 3) float
+            Row k is that of the step from k-1 to k; row 0 that of the start configuration.
+        """
+        points = compat.gauss_points(self.step.degree)
+        out = np.empty((len(t), len(self._law_of_cell), len(points), 3))
+        for tag, law in enumerate(self._laws):
+            r = self._scheme.resultants(self.step, law)
+            expression = compat.compile_expression(ufl.as_vector((r.N, r.Q, r.M)), points)
+            cells = np.flatnonzero(self._law_of_cell == tag).astype(np.int32)
+            self.dt.value = 1.0
+            for k in range(len(t)):
+                previous = max(k - 1, 0)
+                self.start.x.array[:] = q[previous]
+                self._set_increment(q[k] - q[previous])
+                if k:
+                    self.dt.value = t[k] - t[previous]
+                out[k, cells] = expression.eval(cells).reshape(len(cells), len(points), 3)
+        return out
+
+
+def cell_data(mesh: Mesh, rows: np.ndarray, uniform: bool = True):
+    """Data of the beams in UFL: one constant where all have the same, else cell by cell.
+
+    Parameters
+    ----------
+    mesh : Mesh
+        The mesh.
+    rows : (beams, ...) float
+        Data of each beam.
+    uniform : bool
+        Whether a constant may be used.
+
+    Returns
+    -------
+    ufl expression
+        Scalar or vector.
+    """
+    if uniform and (rows == rows[0]).all():
+        return compat.constant(mesh.mesh, rows[0])
+    return compat.cellwise(mesh.mesh, rows[mesh.beam_of_cell])
