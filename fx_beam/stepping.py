@@ -25,8 +25,6 @@ class State:
         Time [s].
     q, v, a : (size,) float
         Displacements and rotations, rates and accelerations.
-    force : (size,) float
-        Dead loads at this time [N, N m].
     reaction, added : (size,) float or None
         Forces of the supports and of the added virtual works in the step that ended here.
     work : float
@@ -37,7 +35,6 @@ class State:
     q: np.ndarray
     v: np.ndarray
     a: np.ndarray
-    force: np.ndarray
     reaction: np.ndarray | None = None
     added: np.ndarray | None = None
     work: float = 0.0
@@ -103,9 +100,8 @@ class Stepper:
         f1, f2, f3 = (self._prescribed(k * h) for k in (1, 2, 3))
         v[model.prescribed] = (4 * f1 - f2) / (2 * h)
         a[model.prescribed] = (-5 * f1 + 4 * f2 - f3) / h**2
-        force = self._force(0.0)
-        self._solve_acceleration(q, v, a, force, h)
-        return State(0.0, q, v, a, force)
+        self._solve_acceleration(q, v, a, self._end_forces(0.0, dt)[0], h)
+        return State(0.0, q, v, a)
 
     def _initial_velocity(self) -> np.ndarray:
         model, mesh = self.model, self.model.mesh
@@ -178,12 +174,12 @@ class Stepper:
     def _step(self, state: State, t1: float) -> State:
         model, rates = self.model, self.model.scheme.rates
         dt = t1 - state.t
-        force = self._force(t1)
+        forces = self._end_forces(state.t, t1)
         motion = np.zeros(model.size)
         motion[model.prescribed] = self._prescribed(t1) - state.q[model.prescribed]
         model.forms.set_step(state.t, dt, state.q, state.v, state.a)
-        level_force = rates.level * force + (1 - rates.level) * state.force
-        step = self.newton.solve(state.v, state.a, dt, level_force, motion)
+        force = (1 - rates.level) * forces[0] + rates.level * forces[1]
+        step = self.newton.solve(state.v, state.a, dt, force, motion)
         self.stats.newton_iterations += step.iterations
         self.stats.ended_by[step.ended_by] = self.stats.ended_by.get(step.ended_by, 0) + 1
 
@@ -193,16 +189,16 @@ class Stepper:
         free = model.massless
         v[free] = rates.work_increment(step.D, model.turns)[0][free] / dt
         a[free] = (v - state.v)[free] / dt
-        return self._with_work(state, step, State(t1, state.q + step.D, v, a, force))
+        new = State(t1, state.q + step.D, v, a)
+        return self._with_work(state, step, (forces[0] + forces[1]) / 2, new)
 
-    def _with_work(self, old: State, step: StepSolution, new: State) -> State:
+    def _with_work(self, old: State, step: StepSolution, dead: np.ndarray, new: State) -> State:
         """The new state with the work of dead loads, prescribed motion and added forces."""
         model, rates = self.model, self.model.scheme.rates
         path, _ = rates.work_increment(step.D, model.turns)
-        dead = new.force + old.force
         if model.weight is not None:
-            dead = dead - 2 * model.weight
-        work = old.work + dead @ path / 2
+            dead = dead - model.weight
+        work = old.work + dead @ path
         new.reaction = step.reaction
         if len(model.prescribed):
             moved = model.prescribed
@@ -221,9 +217,17 @@ class Stepper:
             return force
         return force + (0.5 - level) * (force - previous)
 
-    def _force(self, t: float) -> np.ndarray:
-        force = self.model.loads.at(t)
-        return force if self.model.weight is None else force + self.model.weight
+    def _end_forces(self, t0: float, t1: float) -> tuple[np.ndarray, np.ndarray]:
+        """Dead forces at the start and at the end of a step, weight included.
+
+        Both are taken just inside the step: a load that jumps from one step to the next belongs
+        to the one in which it acts, whichever way its function rounds.
+        """
+        inset = max(1e-9 * (t1 - t0), 4 * np.spacing(t1))
+        forces = [self.model.loads.at(t) for t in (t0 + inset, t1 - inset)]
+        if self.model.weight is not None:
+            forces = [force + self.model.weight for force in forces]
+        return forces[0], forces[1]
 
     def _prescribed(self, t: float) -> np.ndarray:
         return np.array([evaluate(function, t, what)[0] for function, what in self._motions])

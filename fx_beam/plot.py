@@ -1,0 +1,303 @@
+"""Pictures of solutions: superposed shapes, animations, and schemes compared in curves."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from pathlib import Path
+
+import matplotlib.pyplot as plt
+import numpy as np
+import pyvista as pv
+from matplotlib.animation import FuncAnimation, PillowWriter
+from matplotlib.cm import ScalarMappable
+from matplotlib.colors import LinearSegmentedColormap, Normalize
+
+from .beam import Node
+from .solution import Solution
+
+# The colours of Okabe and Ito, which all eyes tell apart; the line styles do so in grey.
+_STYLES: dict[str, dict] = {
+    "EnergyMomentum": {"color": "#0072B2", "linestyle": "-", "linewidth": 2.0, "marker": "o"},
+    "ModifiedMidPoint": {"color": "#56B4E9", "linestyle": (0, (5, 2)), "marker": "D"},
+    "MidPoint": {"color": "#CC79A7", "linestyle": (0, (1, 1)), "marker": "v"},
+    "Newmark": {"color": "#D55E00", "linestyle": (0, (6, 1.5, 1, 1.5)), "marker": "s"},
+    "HHT": {"color": "#009E73", "linestyle": (0, (3, 1.2)), "marker": "^"},
+    "GeneralizedAlpha": {"color": "#E69F00", "linestyle": (0, (6, 1, 1, 1, 1, 1)), "marker": "P"},
+}
+_OTHER = {"color": "black", "linestyle": (0, (2, 2)), "marker": "*"}
+_VIRIDIS = LinearSegmentedColormap.from_list(
+    "viridis", plt.get_cmap("viridis")(np.linspace(0, 0.92, 256))
+)
+_MID_STEP = ("EnergyMomentum", "ModifiedMidPoint", "MidPoint")
+
+
+def style(scheme: str, marker: bool = False) -> dict:
+    """Line style of a time scheme, the same in all figures.
+
+    Parameters
+    ----------
+    scheme : str
+        Name of the scheme, as in `Stats.scheme`.
+    marker : bool
+        Whether to mark points.
+
+    Returns
+    -------
+    dict
+        Arguments for matplotlib's `plot`.
+    """
+    chosen = {"linewidth": 1.4, "markersize": 5, **_STYLES.get(scheme, _OTHER)}
+    if not marker:
+        del chosen["marker"]
+    return chosen
+
+
+def figure(rows: int, columns: int, width: float = 7.2, height: float = 2.4):
+    """Figure with a grid of panels in the common style.
+
+    Parameters
+    ----------
+    rows, columns : int
+        Number of panels.
+    width : float
+        Width of the figure [inch].
+    height : float
+        Height of a row [inch].
+
+    Returns
+    -------
+    figure : matplotlib.figure.Figure
+        The figure, for `save`.
+    axes : (rows, columns) array of matplotlib.axes.Axes
+        Its panels.
+    """
+    fig, axes = plt.subplots(
+        rows,
+        columns,
+        figsize=(width, rows * height + 0.4),
+        layout="constrained",
+        squeeze=False,
+    )
+    for ax in axes.flat:
+        ax.spines[["top", "right"]].set_visible(False)
+        ax.grid(color="0.9", linewidth=0.6)
+        ax.set_axisbelow(True)
+    return fig, axes
+
+
+def curves(
+    axes,
+    solutions: dict[str, Solution],
+    value: Callable[[Solution], np.ndarray],
+    t_end: float,
+    mid_step: bool = False,
+) -> None:
+    """Draw one quantity over time for several solutions.
+
+    A solution that ends before `t_end` failed there: a cross marks the place, and the legend says
+    so. Set the limits of the axes first, so that the cross of a curve that left them stays
+    visible on their edge.
+
+    Parameters
+    ----------
+    axes : matplotlib.axes.Axes
+        Where to draw.
+    solutions : dict
+        Solutions by the label that each shall have in the legend.
+    value : callable
+        ``value(solution)`` gives the quantity (n,).
+    t_end : float
+        Time that was to be reached [s].
+    mid_step : bool
+        For accelerations and stress resultants, which mid-point schemes know at mid-step only:
+        draw them there.
+    """
+    for label, solution in solutions.items():
+        scheme = solution.stats.scheme
+        t, y = solution.t, value(solution)
+        if mid_step and scheme in _MID_STEP:
+            t = np.concatenate((t[:1], (t[1:] + t[:-1]) / 2))
+        failed = solution.t[-1] < t_end - 1e-9 * t_end
+        if failed:
+            label += f", failed at t = {solution.t[-1]:.3g} s"
+        axes.plot(t, y, label=label, **style(scheme))
+        low, high = axes.get_xlim()
+        if failed and low <= t[-1] <= high:
+            axes.plot(
+                t[-1],
+                np.clip(y[-1], *axes.get_ylim()),
+                linestyle="none",
+                marker="X",
+                markersize=8,
+                markerfacecolor=style(scheme)["color"],
+                markeredgecolor="white",
+                clip_on=False,
+                zorder=5,
+            )
+
+
+def save(figure, path: Path | str) -> None:
+    """Write a figure with one legend for all its panels, and close it.
+
+    Parameters
+    ----------
+    figure : matplotlib.figure.Figure
+        A figure with labelled curves.
+    path : str or path
+        File to write; its ending says in which format.
+    """
+    handles: dict = {}
+    for ax in figure.axes:
+        for handle, label in zip(*ax.get_legend_handles_labels(), strict=True):
+            handles.setdefault(label, handle)
+    if handles:
+        columns = min(len(handles), 3)
+        figure.legend(
+            handles.values(),
+            handles.keys(),
+            loc="outside upper center",
+            ncols=columns,
+            frameon=False,
+            handlelength=3.2,
+        )
+    figure.savefig(path, dpi=200)
+    plt.close(figure)
+
+
+def shapes(
+    solution: Solution, steps: Sequence[int], path: Path | str, length_unit: str = "m"
+) -> None:
+    """Picture of deformed shapes, superposed and coloured by time.
+
+    Parameters
+    ----------
+    solution : Solution
+        The motion.
+    steps : sequence of int
+        Rows of `Solution.t` to draw.
+    path : str or path
+        Picture to write; its ending says in which format.
+    length_unit : str
+        Unit of length, for the axes.
+    """
+    low, high = _window(solution, steps)
+    centre, size = (low + high) / 2, high - low
+    times = solution.t[list(steps)]
+    # Without the palest end of the map, which is hard to see on white.
+    colours = ScalarMappable(Normalize(times[0], times[-1]), _VIRIDIS)
+
+    plotter = pv.Plotter(off_screen=True, window_size=[int(p) for p in 1600 * size / max(size)])
+    plotter.set_background("white")
+    radius = 0.0025 * max(size)
+    for order, (k, t) in enumerate(zip(steps, times, strict=True)):
+        for name in solution.beams:
+            # Later shapes lie a little nearer to the eye, so that they cover earlier ones.
+            points = np.insert(solution.shape(name)[k], 2, order * radius, axis=1)
+            tube = pv.MultipleLines(points).tube(radius=radius)
+            plotter.add_mesh(tube, color=colours.to_rgba(t)[:3], ambient=0.3, smooth_shading=True)
+    plotter.view_xy()
+    plotter.enable_parallel_projection()
+    plotter.camera.focal_point = (*centre, 0.0)
+    plotter.camera.position = (*centre, 10 * max(size))
+    plotter.camera.parallel_scale = size[1] / 2
+    plotter.reset_camera_clipping_range()
+    plotter.enable_anti_aliasing("ssaa")
+    picture = plotter.screenshot(return_img=True)
+    plotter.close()
+
+    # The projection is parallel, so matplotlib's axes fit the picture exactly.
+    fig, ax = _plane(low, high, length_unit)
+    ax.imshow(picture, extent=(low[0], high[0], low[1], high[1]), interpolation="antialiased")
+    _draw_supports(ax, solution)
+    fig.colorbar(colours, cax=ax.inset_axes((1.03, 0, 0.03, 1)), label="time $t$ [s]")
+    fig.savefig(path, dpi=200)
+    plt.close(fig)
+
+
+def animate(
+    solution: Solution,
+    steps: Sequence[int],
+    path: Path | str,
+    fps: int = 20,
+    trace: Node | None = None,
+    length_unit: str = "m",
+) -> None:
+    """Animation of the motion as a GIF.
+
+    Parameters
+    ----------
+    solution : Solution
+        The motion.
+    steps : sequence of int
+        Rows of `Solution.t`, one for each picture.
+    path : str or path
+        GIF file to write.
+    fps : int
+        Pictures per second [1/s].
+    trace : Node, optional
+        Node whose path is drawn.
+    length_unit : str
+        Unit of length, for the axes.
+    """
+    low, high = _window(solution, steps)
+    fig, ax = _plane(low, high, length_unit, width=5.0)
+    _draw_supports(ax, solution)
+    (path_line,) = ax.plot([], [], color="0.65", linewidth=1.0, zorder=1)
+    lines = {name: ax.plot([], [], color="#0072B2", linewidth=2.5)[0] for name in solution.beams}
+    (masses,) = ax.plot([], [], "o", color="#D55E00", markersize=9, zorder=4)
+    clock = ax.set_title(" ", loc="left", family="monospace")
+    scene = _scene(solution)
+    heavy = sorted({node for node, mass, _ in scene.masses if mass}) if scene else []
+
+    def draw(k):
+        clock.set_text(f"t = {solution.t[k]:6.3f} s")
+        for name, line in lines.items():
+            line.set_data(*solution.shape(name)[k].T)
+        masses.set_data(*(solution.X[heavy] + solution.q[k, heavy, :2]).T)
+        if trace is not None:
+            path_line.set_data(*solution.position(trace)[steps[0] : k + 1].T)
+
+    # The layout of the first picture is that of all.
+    draw(steps[0])
+    fig.draw_without_rendering()
+    fig.set_layout_engine("none")
+    FuncAnimation(fig, draw, frames=list(steps)).save(path, writer=PillowWriter(fps), dpi=100)
+    plt.close(fig)
+
+
+def _scene(solution: Solution):
+    """The scene of a solution; None for one that was read from a file."""
+    return next(iter(solution.beams.values())).start.scene
+
+
+def _window(solution: Solution, steps: Sequence[int]) -> tuple[np.ndarray, np.ndarray]:
+    """Lower left and upper right corner of all that moves, with a margin."""
+    points = np.concatenate([solution.shape(name)[list(steps)] for name in solution.beams], axis=1)
+    low, high = points.min(axis=(0, 1)), points.max(axis=(0, 1))
+    margin = 0.04 * max(high - low)
+    return low - margin, high + margin
+
+
+def _plane(low: np.ndarray, high: np.ndarray, length_unit: str, width: float = 6.4):
+    """Figure with equal axes over a window of the plane."""
+    size = high - low
+    # Room for labels, and for a colour bar on the right.
+    fig, ax = plt.subplots(figsize=(width, 0.86 * width * size[1] / size[0] + 0.5))
+    fig.set_layout_engine("constrained")
+    ax.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]), aspect="equal")
+    ax.set(xlabel=f"$x$ [{length_unit}]", ylabel=f"$y$ [{length_unit}]")
+    return fig, ax
+
+
+def _draw_supports(ax, solution: Solution) -> None:
+    """A ring at a pin, a square at a clamp, a triangle where one component is free."""
+    scene = _scene(solution)
+    if scene is None:
+        return
+    held: dict[int, set[int]] = {}
+    for node, component in scene.fixed:
+        held.setdefault(node, set()).add(component)
+    for node, components in held.items():
+        marker = {frozenset((0, 1)): "o", frozenset((0, 1, 2)): "s"}.get(frozenset(components), "^")
+        x, y = solution.X[node]
+        ax.plot(x, y, marker, color="white", markeredgecolor="black", markersize=7, zorder=5)
