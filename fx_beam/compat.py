@@ -2,6 +2,11 @@
 
 from __future__ import annotations
 
+import functools
+import logging
+from collections.abc import Callable
+from typing import TypeVar
+
 from mpi4py import MPI
 
 import basix
@@ -12,7 +17,32 @@ from dolfinx.fem import assemble
 
 import numpy as np
 
+F = TypeVar("F", bound=Callable)
 
+
+def quietly(compiling: F) -> F:
+    """Keep the compiler's lines out of the user's log.
+
+    The JIT logs its command lines at INFO on the root logger, and leaves that logger with another
+    level and a handler of its own.
+    """
+
+    @functools.wraps(compiling)
+    def wrapper(*args, **kwargs):
+        root = logging.getLogger()
+        level, handlers, disabled = root.level, root.handlers[:], root.manager.disable
+        logging.disable(max(disabled, logging.INFO))
+        try:
+            return compiling(*args, **kwargs)
+        finally:
+            root.setLevel(level)
+            root.handlers[:] = handlers
+            logging.disable(disabled)
+
+    return wrapper  # type: ignore[return-value]
+
+
+@quietly
 def interval_mesh(points: np.ndarray, cells: np.ndarray):
     """Mesh of straight intervals in the plane.
 
@@ -38,6 +68,7 @@ def interval_mesh(points: np.ndarray, cells: np.ndarray):
     return mesh, np.asarray(mesh.topology.original_cell_index)
 
 
+@quietly
 def beam_space(mesh, degree: int):
     """Mixed Lagrange space of displacement (2) and rotation (1) with equispaced nodes."""
     cell = mesh.ufl_cell()
@@ -57,6 +88,7 @@ def cell_dofs(space, cell: int) -> tuple[np.ndarray, np.ndarray]:
     return u, space.sub(1).dofmap.cell_dofs(cell)
 
 
+@quietly
 def cellwise(mesh, values: np.ndarray):
     """Function that is constant on each cell, with values (cells, components) or (cells,)."""
     shape = values.shape[1:]
@@ -89,6 +121,7 @@ def measure(mesh, points: int, tags: np.ndarray | None = None):
     )
 
 
+@quietly
 def compile_form(form):
     """Compile a UFL form through FFCx."""
     return fem.form(form)
@@ -99,6 +132,7 @@ def gauss_points(points: int) -> np.ndarray:
     return basix.make_quadrature(basix.CellType.interval, 2 * points - 1)[0]
 
 
+@quietly
 def compile_expression(expression, points: np.ndarray):
     """Compile a UFL expression for evaluation at reference points of every cell."""
     return fem.Expression(expression, points)

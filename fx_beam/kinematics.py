@@ -39,12 +39,13 @@ def strains(dphi, psi, dpsi, t0):
     Returns
     -------
     tuple of ufl scalars
-        eps = phi'.t - 1, gamma = phi'.(W t) and kappa = psi': the components of the spatial
-        strain phi' - t in the turned frame, which equal those of the material strain
+        eps = E.t, gamma = E.(W t) and kappa = psi': the components of the spatial strain
+        E = phi' - t in the turned frame, which equal those of the material strain
         R^T phi' - t0 in the reference frame.
     """
     t = director(psi, t0)
-    return ufl.dot(dphi, t) - 1, ufl.dot(dphi, perp(t)), dpsi
+    E = dphi - t
+    return ufl.dot(E, t), ufl.dot(E, perp(t)), dpsi
 
 
 @dataclass(frozen=True)

@@ -5,19 +5,20 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
-import matplotlib.pyplot as plt
+import matplotlib
 import numpy as np
 import pyvista as pv
-from matplotlib.animation import FuncAnimation, PillowWriter
+from matplotlib.animation import PillowWriter
 from matplotlib.cm import ScalarMappable
 from matplotlib.colors import LinearSegmentedColormap, Normalize
+from matplotlib.figure import Figure
 
 from .beam import Node
 from .solution import Solution
 
 # The colours of Okabe and Ito, which all eyes tell apart; the line styles do so in grey.
 _STYLES: dict[str, dict] = {
-    "EnergyMomentum": {"color": "#0072B2", "linestyle": "-", "linewidth": 2.0, "marker": "o"},
+    "EnergyMomentum": {"color": "#0072B2", "linestyle": "-", "marker": "o", "linewidth": 2.4},
     "ModifiedMidPoint": {"color": "#56B4E9", "linestyle": (0, (5, 2)), "marker": "D"},
     "MidPoint": {"color": "#CC79A7", "linestyle": (0, (1, 1)), "marker": "v"},
     "Newmark": {"color": "#D55E00", "linestyle": (0, (6, 1.5, 1, 1.5)), "marker": "s"},
@@ -25,10 +26,14 @@ _STYLES: dict[str, dict] = {
     "GeneralizedAlpha": {"color": "#E69F00", "linestyle": (0, (6, 1, 1, 1, 1, 1)), "marker": "P"},
 }
 _OTHER = {"color": "black", "linestyle": (0, (2, 2)), "marker": "*"}
-_VIRIDIS = LinearSegmentedColormap.from_list(
-    "viridis", plt.get_cmap("viridis")(np.linspace(0, 0.92, 256))
-)
 _MID_STEP = ("EnergyMomentum", "ModifiedMidPoint", "MidPoint")
+# Without its palest end, which is hard to see on white.
+_TIME_COLOURS = LinearSegmentedColormap.from_list(
+    "time", matplotlib.colormaps["viridis"](np.linspace(0, 0.92, 256))
+)
+
+
+# -- Curves ------------------------------------------------------------------------------------
 
 
 def style(scheme: str, marker: bool = False) -> dict:
@@ -39,20 +44,20 @@ def style(scheme: str, marker: bool = False) -> dict:
     scheme : str
         Name of the scheme, as in `Stats.scheme`.
     marker : bool
-        Whether to mark points.
+        Whether to mark the points.
 
     Returns
     -------
     dict
         Arguments for matplotlib's `plot`.
     """
-    chosen = {"linewidth": 1.4, "markersize": 5, **_STYLES.get(scheme, _OTHER)}
+    chosen = {"linewidth": 1.2, "markersize": 5, **_STYLES.get(scheme, _OTHER)}
     if not marker:
         del chosen["marker"]
     return chosen
 
 
-def figure(rows: int, columns: int, width: float = 7.2, height: float = 2.4):
+def figure(rows: int, columns: int, width: float = 7.5, height: float = 2.5):
     """Figure with a grid of panels in the common style.
 
     Parameters
@@ -71,17 +76,13 @@ def figure(rows: int, columns: int, width: float = 7.2, height: float = 2.4):
     axes : (rows, columns) array of matplotlib.axes.Axes
         Its panels.
     """
-    fig, axes = plt.subplots(
-        rows,
-        columns,
-        figsize=(width, rows * height + 0.4),
-        layout="constrained",
-        squeeze=False,
-    )
+    fig = Figure(figsize=(width, rows * height + 0.5), layout="constrained")
+    axes = fig.subplots(rows, columns, squeeze=False)
     for ax in axes.flat:
         ax.spines[["top", "right"]].set_visible(False)
         ax.grid(color="0.9", linewidth=0.6)
         ax.set_axisbelow(True)
+        ax.title.set_size("medium")
     return fig, axes
 
 
@@ -95,8 +96,7 @@ def curves(
     """Draw one quantity over time for several solutions.
 
     A solution that ends before `t_end` failed there: a cross marks the place, and the legend says
-    so. Set the limits of the axes first, so that the cross of a curve that left them stays
-    visible on their edge.
+    so. Set the limits of the axes first: the cross of a curve that left them is put on their edge.
 
     Parameters
     ----------
@@ -113,31 +113,22 @@ def curves(
         draw them there.
     """
     for label, solution in solutions.items():
-        scheme = solution.stats.scheme
+        look = style(solution.stats.scheme)
         t, y = solution.t, value(solution)
-        if mid_step and scheme in _MID_STEP:
-            t = np.concatenate((t[:1], (t[1:] + t[:-1]) / 2))
-        failed = solution.t[-1] < t_end - 1e-9 * t_end
+        failed = t[-1] < t_end * (1 - 1e-9)
         if failed:
-            label += f", failed at t = {solution.t[-1]:.3g} s"
-        axes.plot(t, y, label=label, **style(scheme))
-        low, high = axes.get_xlim()
-        if failed and low <= t[-1] <= high:
-            axes.plot(
-                t[-1],
-                np.clip(y[-1], *axes.get_ylim()),
-                linestyle="none",
-                marker="X",
-                markersize=8,
-                markerfacecolor=style(scheme)["color"],
-                markeredgecolor="white",
-                clip_on=False,
-                zorder=5,
-            )
+            label += f", failed at t = {t[-1]:.3g} s"
+        if mid_step and solution.stats.scheme in _MID_STEP:
+            t = np.append(t[:1], (t[1:] + t[:-1]) / 2)
+        axes.plot(t, y, label=label, **look)
+        if failed and t[-1] <= axes.get_xlim()[1]:
+            edge = np.clip(y[-1], *axes.get_ylim())
+            cross = {"marker": "X", "markersize": 9, "markeredgecolor": "white"}
+            axes.plot(t[-1], edge, color=look["color"], **cross, clip_on=False, zorder=5)
 
 
-def save(figure, path: Path | str) -> None:
-    """Write a figure with one legend for all its panels, and close it.
+def save(figure: Figure, path: Path | str) -> None:
+    """Write a figure, with one legend for all its panels.
 
     Parameters
     ----------
@@ -151,17 +142,18 @@ def save(figure, path: Path | str) -> None:
         for handle, label in zip(*ax.get_legend_handles_labels(), strict=True):
             handles.setdefault(label, handle)
     if handles:
-        columns = min(len(handles), 3)
         figure.legend(
             handles.values(),
             handles.keys(),
             loc="outside upper center",
-            ncols=columns,
+            ncols=len(handles) if len(handles) < 4 else 2,
             frameon=False,
             handlelength=3.2,
         )
     figure.savefig(path, dpi=200)
-    plt.close(figure)
+
+
+# -- Shapes ------------------------------------------------------------------------------------
 
 
 def shapes(
@@ -183,8 +175,7 @@ def shapes(
     low, high = _window(solution, steps)
     centre, size = (low + high) / 2, high - low
     times = solution.t[list(steps)]
-    # Without the palest end of the map, which is hard to see on white.
-    colours = ScalarMappable(Normalize(times[0], times[-1]), _VIRIDIS)
+    colours = ScalarMappable(Normalize(times[0], times[-1]), _TIME_COLOURS)
 
     plotter = pv.Plotter(off_screen=True, window_size=[int(p) for p in 1600 * size / max(size)])
     plotter.set_background("white")
@@ -205,13 +196,12 @@ def shapes(
     picture = plotter.screenshot(return_img=True)
     plotter.close()
 
-    # The projection is parallel, so matplotlib's axes fit the picture exactly.
-    fig, ax = _plane(low, high, length_unit)
+    # The projection is parallel, so that matplotlib's axes fit the picture exactly.
+    fig, ax = _plane(low, high, length_unit, width=6.4)
     ax.imshow(picture, extent=(low[0], high[0], low[1], high[1]), interpolation="antialiased")
     _draw_supports(ax, solution)
     fig.colorbar(colours, cax=ax.inset_axes((1.03, 0, 0.03, 1)), label="time $t$ [s]")
-    fig.savefig(path, dpi=200)
-    plt.close(fig)
+    fig.savefig(path, dpi=200, bbox_inches="tight")
 
 
 def animate(
@@ -242,27 +232,25 @@ def animate(
     low, high = _window(solution, steps)
     fig, ax = _plane(low, high, length_unit, width=5.0)
     _draw_supports(ax, solution)
-    (path_line,) = ax.plot([], [], color="0.65", linewidth=1.0, zorder=1)
+    clock = ax.set_title(" ", loc="left", family="monospace", fontsize="medium")
+    (past,) = ax.plot([], [], color="0.65", linewidth=1.0, zorder=1)
     lines = {name: ax.plot([], [], color="#0072B2", linewidth=2.5)[0] for name in solution.beams}
-    (masses,) = ax.plot([], [], "o", color="#D55E00", markersize=9, zorder=4)
-    clock = ax.set_title(" ", loc="left", family="monospace")
     scene = _scene(solution)
     heavy = sorted({node for node, mass, _ in scene.masses if mass}) if scene else []
+    (masses,) = ax.plot([], [], "o", color="#D55E00", markersize=9, zorder=4)
 
-    def draw(k):
-        clock.set_text(f"t = {solution.t[k]:6.3f} s")
-        for name, line in lines.items():
-            line.set_data(*solution.shape(name)[k].T)
-        masses.set_data(*(solution.X[heavy] + solution.q[k, heavy, :2]).T)
-        if trace is not None:
-            path_line.set_data(*solution.position(trace)[steps[0] : k + 1].T)
-
-    # The layout of the first picture is that of all.
-    draw(steps[0])
-    fig.draw_without_rendering()
-    fig.set_layout_engine("none")
-    FuncAnimation(fig, draw, frames=list(steps)).save(path, writer=PillowWriter(fps), dpi=100)
-    plt.close(fig)
+    writer = PillowWriter(fps)
+    with writer.saving(fig, str(path), dpi=100):
+        for k in steps:
+            clock.set_text(f"t = {solution.t[k]:.3f} s")
+            for name, line in lines.items():
+                line.set_data(*solution.shape(name)[k].T)
+            masses.set_data(*(solution.X[heavy] + solution.q[k, heavy, :2]).T)
+            if trace is not None:
+                past.set_data(*solution.position(trace)[steps[0] : k + 1].T)
+            writer.grab_frame()
+            # The layout of the first picture is that of all.
+            fig.set_layout_engine("none")
 
 
 def _scene(solution: Solution):
@@ -271,26 +259,26 @@ def _scene(solution: Solution):
 
 
 def _window(solution: Solution, steps: Sequence[int]) -> tuple[np.ndarray, np.ndarray]:
-    """Lower left and upper right corner of all that moves, with a margin."""
+    """Lower left and upper right corner of all that is drawn, with a margin."""
     points = np.concatenate([solution.shape(name)[list(steps)] for name in solution.beams], axis=1)
     low, high = points.min(axis=(0, 1)), points.max(axis=(0, 1))
-    margin = 0.04 * max(high - low)
+    margin = 0.05 * max(high - low)
     return low - margin, high + margin
 
 
-def _plane(low: np.ndarray, high: np.ndarray, length_unit: str, width: float = 6.4):
+def _plane(low: np.ndarray, high: np.ndarray, length_unit: str, width: float):
     """Figure with equal axes over a window of the plane."""
     size = high - low
-    # Room for labels, and for a colour bar on the right.
-    fig, ax = plt.subplots(figsize=(width, 0.86 * width * size[1] / size[0] + 0.5))
-    fig.set_layout_engine("constrained")
+    # Labels and a colour bar take about a seventh of the width.
+    fig = Figure((width, 0.86 * width * size[1] / size[0] + 0.5), layout="constrained")
+    ax = fig.add_subplot()
     ax.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]), aspect="equal")
     ax.set(xlabel=f"$x$ [{length_unit}]", ylabel=f"$y$ [{length_unit}]")
     return fig, ax
 
 
 def _draw_supports(ax, solution: Solution) -> None:
-    """A ring at a pin, a square at a clamp, a triangle where one component is free."""
+    """A ring at a pin, a square at a clamp, a triangle at any other support."""
     scene = _scene(solution)
     if scene is None:
         return
@@ -298,6 +286,6 @@ def _draw_supports(ax, solution: Solution) -> None:
     for node, component in scene.fixed:
         held.setdefault(node, set()).add(component)
     for node, components in held.items():
-        marker = {frozenset((0, 1)): "o", frozenset((0, 1, 2)): "s"}.get(frozenset(components), "^")
-        x, y = solution.X[node]
-        ax.plot(x, y, marker, color="white", markeredgecolor="black", markersize=7, zorder=5)
+        marker = "s" if len(components) == 3 else "o" if components == {0, 1} else "^"
+        look = {"color": "white", "markeredgecolor": "black", "markersize": 7}
+        ax.plot(*solution.X[node], marker, **look, zorder=5)

@@ -1,0 +1,105 @@
+"""Newton's method: the guard, halving, round-off, and failures that explain themselves."""
+
+import pytest
+from scenes import pendulum, pinned_beam, relative_drift
+
+import fx_beam as fb
+
+
+def spinner(spin):
+    """A free stout beam that spins about its middle."""
+    scene = fb.Scene()
+    section = fb.Section(EA=1e6, GA=1e6, EI=1e4, rhoA=1.0, rhoI=0.1)
+    beam = scene.add_beam([(-1, 0), (1, 0)], section, elements=2)
+    scene.set_velocity(beam, lambda x, y: (-spin * y, spin * x), spin=spin)
+    return scene, beam
+
+
+def test_a_step_that_turns_a_node_too_far_is_halved():
+    # The mid-point rule turns by 2 arctan(spin dt / 2) = 2.2 rad a step, beyond the bound of 2.
+    scene, beam = spinner(40.0)
+    solution = fb.simulate(scene, dt=0.1, t_end=1.0)
+    assert solution.stats.halvings >= 10
+    assert solution.stats.steps == 10
+    fine = fb.simulate(scene, dt=0.05, t_end=1.0)
+    assert abs(solution.q - fine.q[::2]).max() < 1e-9
+    assert relative_drift(solution.energy.total) < 1e-10
+
+
+def test_without_halving_it_is_an_error_that_says_what_happened():
+    scene, _ = spinner(40.0)
+    with pytest.raises(fb.StepError, match="turns by .* rad in one step") as error:
+        fb.simulate(scene, dt=0.1, t_end=1.0, max_halvings=0)
+    message = str(error.value)
+    for part in ("from t = 0 to 0.1", "rotation of node", "out-of-balance", "smaller dt"):
+        assert part in message
+    assert error.value.time == 0.0
+    assert len(error.value.solution.t) == 1
+
+
+def test_a_turn_just_below_the_bound_is_not_halved():
+    scene, _ = spinner(18.0)
+    solution = fb.simulate(scene, dt=0.1, t_end=1.0)
+    assert solution.stats.halvings == 0
+    assert relative_drift(solution.energy.total) < 1e-10
+
+
+def test_a_failure_keeps_the_steps_before_it():
+    scene, beam = spinner(5.0)
+    scene.add_moment(beam.node(0.5), lambda t: 5e5 if t > 0.3 else 0.0)
+    with pytest.raises(fb.StepError) as error:
+        fb.simulate(scene, dt=0.01, t_end=1.0, max_halvings=1)
+    kept = error.value.solution
+    assert kept.t[-1] == pytest.approx(error.value.time, abs=0.01)
+    free, _ = spinner(5.0)
+    undisturbed = fb.simulate(free, dt=0.01, t_end=0.3)
+    assert len(kept.t) >= 31
+    assert abs(kept.q[:31] - undisturbed.q).max() < 1e-12
+    assert len(kept.energy.total) == len(kept.t) == kept.stats.steps + 1
+
+
+def test_too_few_iterations_are_named_with_the_residuals():
+    scene, _ = pinned_beam()
+    options = fb.NewtonOptions(max_iterations=2)
+    with pytest.raises(fb.StepError, match="no convergence in 2 iterations"):
+        fb.simulate(scene, dt=0.01, t_end=0.1, newton=options, max_halvings=0)
+
+
+@pytest.mark.parametrize(("EA", "drift"), [(1e4, 1e-12), (1e8, 1e-12), (1e12, 1e-9), (1e16, 1e-5)])
+@pytest.mark.parametrize("dt", [0.1, 0.05, 0.01])
+def test_a_stiff_step_converges_to_its_rounding(EA, drift, dt):
+    # The rounding of a strain, 1e-16, is a force of 1e-16 EA: no residual can be smaller.
+    scene, _ = pendulum(EA=EA)
+    solution = fb.simulate(scene, dt=dt, t_end=60 * dt)
+    assert solution.stats.steps == 60
+    assert relative_drift(solution.energy.total) < drift
+
+
+def test_a_tolerance_below_the_rounding_ends_at_round_off():
+    scene, _ = pinned_beam()
+    strict = fb.NewtonOptions(tolerance=1e-30)
+    solution = fb.simulate(scene, dt=0.01, t_end=1.0, newton=strict)
+    assert solution.stats.ended_by == {"round-off": 100}
+    assert solution.stats.halvings == 0
+    assert relative_drift(solution.energy.total) < 1e-12
+    usual = fb.simulate(scene, dt=0.01, t_end=1.0)
+    assert usual.stats.ended_by == {"increment": 100}
+    assert abs(usual.q - solution.q).max() < 1e-9 * 100
+
+
+def test_convergence_is_quadratic():
+    scene, _ = pinned_beam()
+    iterations = [
+        fb.simulate(
+            scene, dt=0.001, t_end=0.05, newton=fb.NewtonOptions(tolerance=tolerance)
+        ).stats.newton_iterations
+        for tolerance in (1e-4, 1e-8)
+    ]
+    # Twice the digits for one more iteration a step, hardly ever two.
+    assert iterations[1] - iterations[0] <= 55
+
+
+def test_large_steps_of_the_pinned_beam_converge_without_halving():
+    scene, _ = pinned_beam()
+    for dt in (0.015, 0.02, 0.025, 0.03, 0.04):
+        assert fb.simulate(scene, dt=dt, t_end=10.0).stats.halvings == 0

@@ -1,0 +1,106 @@
+"""What must not change when a scene is turned, moved, mirrored or divided."""
+
+import ufl
+
+import numpy as np
+import pytest
+from scenes import FLYING, PINNED, free_flight, pinned_beam
+
+import fx_beam as fb
+from fx_beam.model import Model
+
+SCHEMES = [fb.EnergyMomentum(), fb.ModifiedMidPoint(), fb.MidPoint(), fb.HHT()]
+
+
+def rotation(angle):
+    return np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
+
+
+def quartic(eps, gamma, kappa):
+    """A stored energy that is not quadratic, about as stiff as the flying beam's."""
+    return 5e3 * (eps**2 + gamma**2) + 50 * kappa**2 * ufl.sqrt(1 + kappa**2)
+
+
+@pytest.mark.parametrize("degree", [1, 2])
+@pytest.mark.parametrize("scheme", SCHEMES, ids=lambda s: s.name)
+def test_turning_and_moving_the_scene_turns_and_moves_the_motion(scheme, degree):
+    turn, shift = 2.1, np.array([3.0, -5.0])
+    motions = []
+    for angle, offset in ((0.0, (0.0, 0.0)), (turn, shift)):
+        scene, beam = free_flight(degree=degree, turn=angle, shift=offset)
+        solution = fb.simulate(scene, scheme, dt=0.05, t_end=4.0)
+        motions.append((solution.shape(beam), solution.q[..., 2], solution.energy.total))
+    (x, psi, energy), (turned_x, turned_psi, turned_energy) = motions
+    assert abs(turned_x - (x @ rotation(turn).T + shift)).max() < 1e-9 * 10
+    assert abs(turned_psi - psi).max() < 1e-9
+    assert turned_energy == pytest.approx(energy, rel=1e-9)
+
+
+def test_a_mirrored_scene_has_the_mirrored_motion():
+    motions = []
+    for sign in (1, -1):
+        scene = fb.Scene(gravity=(0, -9.81 * sign))
+        beam = scene.add_beam([(0, 0), (1, 0), (2, 1 * sign)], FLYING, elements=4)
+        scene.pin(beam.start)
+        scene.add_moment(beam.end, lambda t, sign=sign: 20 * sign * np.sin(t))
+        solution = fb.simulate(scene, dt=0.02, t_end=2.0)
+        motions.append(solution.q * [1, sign, sign])
+    assert abs(motions[1] - motions[0]).max() < 1e-9
+
+
+def test_a_beam_in_several_members_moves_as_the_whole():
+    whole, beam = pinned_beam(8)
+    parts = fb.Scene()
+    first = parts.add_beam([(0, 0), (25, 0)], PINNED, elements=2)
+    # The middle is given backwards and last, so that neither order nor direction can matter.
+    last = parts.add_beam([(75, 0), (100, 0)], PINNED, elements=2)
+    middle = parts.add_beam([last.start, first.end], PINNED, elements=4)
+    parts.pin(first.start)
+    for member in (first, middle, last):
+        parts.set_velocity(
+            member, lambda x, y: (0, 12 * min(x, 100 - x)), spin=lambda x, y: 12 * np.sign(50 - x)
+        )
+    one = fb.simulate(whole, dt=0.01, t_end=1.0)
+    several = fb.simulate(parts, dt=0.01, t_end=1.0)
+    assert abs(several.position(last.end) - one.position(beam.end)).max() < 1e-9 * 100
+    assert abs(several.position(middle.node(0.5)) - one.position(beam.node(0.5))).max() < 1e-7
+    assert several.energy.strain == pytest.approx(one.energy.strain, rel=1e-9, abs=1e-6)
+    # The reversed member's forces are those of the whole, in its own order.
+    N = one.resultants(beam).N[:, 2:6]
+    assert several.resultants(middle).N[:, ::-1] == pytest.approx(N, rel=1e-8, abs=1e-5)
+
+
+@pytest.mark.parametrize("section", [FLYING, fb.Section(strain_energy=quartic, rhoA=1.0)])
+@pytest.mark.parametrize("degree", [1, 2, 3])
+def test_a_rigid_motion_strains_nothing(degree, section):
+    scene = fb.Scene()
+    scene.add_beam([(0, 0), (1, 2), (3, 1)], section, elements=3, degree=degree)
+    scene.add_mass(scene.nodes[0], 1.0, inertia=1.0)
+    model = Model(scene, fb.EnergyMomentum())
+    X, R = model.mesh.X, rotation(0.9)
+    moved = np.column_stack([X @ R.T + (5, -2) - X, np.full(len(X), 0.9)])
+    EA, length = 1e4, 2 * 5**0.5
+    # Strains of no more than some units in the last place of the displacement, 5.
+    assert model.forms.strain_energy(model.from_nodes(moved)) < EA * length * (1e-14) ** 2
+    assert model.forms.strain_energy(np.zeros(model.size)) == 0.0
+
+
+def test_units_do_not_matter():
+    # The same beam in metres and seconds, and in micrometres and hours.
+    def run(metre, second):
+        force = metre / second**2
+        section = fb.Section(
+            EA=1e4 * force,
+            GA=1e4 * force,
+            EI=100 * force * metre**2,
+            rhoA=1.0 / metre,
+            rhoI=10.0 * metre,
+        )
+        scene = fb.Scene()
+        beam = scene.add_beam([(0, 0), (6 * metre, 8 * metre)], section, elements=4)
+        scene.add_force(beam.start, lambda t: (8 * force * (t < 2.5 * second), 0))
+        scene.add_moment(beam.start, lambda t: -80 * force * metre * (t < 2.5 * second))
+        solution = fb.simulate(scene, dt=0.05 * second, t_end=4 * second)
+        return solution.position(beam.end) / metre
+
+    assert abs(run(1e6, 1 / 3600) - run(1.0, 1.0)).max() < 1e-8

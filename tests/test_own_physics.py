@@ -1,0 +1,181 @@
+"""A researcher's own stored energy, virtual work and scheme."""
+
+import ufl
+
+import numpy as np
+import pytest
+from scenes import FLYING, free_flight, pinned_beam, relative_drift
+
+import fx_beam as fb
+from fx_beam import schemes
+
+
+def stiffening(eps, gamma, kappa):
+    """Stiffens with the strain, softer than FLYING at rest."""
+    return 5e3 * (eps**2 + gamma**2) + 2e7 * eps**4 + 30 * kappa**2 + 200 * kappa**4
+
+
+def same_as_flying(eps, gamma, kappa):
+    """The quadratic energy of FLYING, given as a user would."""
+    return 0.5 * (1e4 * eps**2 + 1e4 * gamma**2 + 100.0 * kappa**2)
+
+
+@pytest.mark.parametrize("degree", [1, 2, 3])
+@pytest.mark.parametrize("dt", [0.1, 0.02])
+def test_energy_is_kept_for_an_energy_that_is_not_quadratic(degree, dt):
+    section = fb.Section(strain_energy=stiffening, rhoA=1.0, rhoI=10.0)
+    scene, _ = free_flight(degree=degree, section=section)
+    solution = fb.simulate(scene, dt=dt, t_end=6.0)
+    after = solution.t > 2.5 - 1e-6
+    assert solution.energy.strain.max() > 1.0
+    assert relative_drift(solution.energy.total[after]) < 1e-10
+    assert relative_drift(solution.angular_momentum[after]) < 1e-10
+    assert abs(solution.linear_momentum[after] - (20.0, 0.0)).max() < 20 * 1e-10
+
+
+def test_without_the_discrete_gradient_that_energy_would_drift():
+    section = fb.Section(strain_energy=stiffening, rhoA=1.0, rhoI=10.0)
+    scene, _ = free_flight(section=section)
+    solution = fb.simulate(scene, fb.MidPoint(), dt=0.1, t_end=6.0)
+    after = solution.t > 2.5 - 1e-6
+    assert relative_drift(solution.energy.total[after]) > 1e-5
+
+
+@pytest.mark.parametrize("degree", [1, 2])
+def test_a_quadratic_energy_given_in_ufl_moves_as_the_built_in_one(degree):
+    motions = []
+    for section in (FLYING, fb.Section(strain_energy=same_as_flying, rhoA=1.0, rhoI=10.0)):
+        scene, beam = free_flight(degree=degree, section=section)
+        motions.append(fb.simulate(scene, dt=0.05, t_end=4.0).position(beam.end))
+    assert abs(motions[1] - motions[0]).max() < 1e-9
+
+
+def test_beams_of_different_laws_live_in_one_scene():
+    def run(first, second):
+        scene = fb.Scene(gravity=(0, -9.81))
+        a = scene.add_beam([(0, 0), (1, 0)], first, elements=2)
+        b = scene.add_beam([a.end, (2, 0)], second, elements=2)
+        scene.clamp(a.start)
+        solution = fb.simulate(scene, dt=0.02, t_end=1.0)
+        r = solution.resultants(b)
+        return np.column_stack([solution.position(b.end), r.N[:, -1], r.M[:, 0]])
+
+    soft = fb.Section(EA=5e3, GA=2e3, EI=30.0, rhoA=1.0, rhoI=0.1)
+    own = fb.Section(strain_energy=same_as_flying, rhoA=1.0, rhoI=10.0)
+    assert run(soft, own) == pytest.approx(run(soft, FLYING), rel=1e-7, abs=1e-7)
+    assert run(own, soft) == pytest.approx(run(FLYING, soft), rel=1e-7, abs=1e-7)
+
+
+def test_resultants_of_a_given_energy_are_its_derivatives():
+    # A massless bar pulled by F: 1e4 eps + 8e7 eps^3 = F, 180 for eps = 0.01.
+    scene = fb.Scene()
+    beam = scene.add_beam([(0, 0), (1, 0)], fb.Section(strain_energy=stiffening), elements=2)
+    scene.clamp(beam.start)
+    scene.add_force(beam.end, lambda t: (180.0 * min(1.0, t), 0.0))
+    # Newmark's rule is in equilibrium at the end of a step, whatever came before.
+    solution = fb.simulate(scene, fb.Newmark(), dt=0.25, t_end=2.0)
+    assert solution.displacement(beam.end)[-1, 0] == pytest.approx(0.01, rel=1e-9)
+    assert solution.resultants(beam).N[-1] == pytest.approx(180.0, rel=1e-9)
+
+
+# -- Added virtual work -------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("scheme", [fb.EnergyMomentum(), fb.MidPoint(), fb.HHT(-0.1)])
+def test_a_viscous_force_slows_a_sliding_beam_exponentially(scheme):
+    # rhoA dv/dt = -c v; the mid-point rule has v1/v0 = (1 - z)/(1 + z), z = c dt/(2 rhoA).
+    scene = fb.Scene()
+    beam = scene.add_beam([(0, 0), (2, 1)], FLYING, elements=3)
+    scene.set_velocity(beam, (3.0, -1.0))
+    scene.add_virtual_work(lambda step: -0.7 * ufl.dot(step.v, step.virtual_u))
+    solution = fb.simulate(scene, scheme, dt=0.05, t_end=2.0)
+    decay = solution.velocity(beam.end)[:, 0] / 3.0
+    if scheme.rates.level == 0.5:
+        z = 0.7 * 0.05 / 2
+        assert decay == pytest.approx(((1 - z) / (1 + z)) ** np.arange(41), rel=1e-10)
+        assert abs(solution.energy.balance_error).max() < 1e-10 * solution.energy.total[0]
+    assert decay == pytest.approx(np.exp(-0.7 * solution.t), abs=3e-4)
+
+
+def test_viscous_drag_takes_energy_and_the_balance_closes():
+    scene, beam = pinned_beam()
+    scene.add_virtual_work(lambda step: -0.02 * ufl.dot(step.v, step.virtual_u))
+    scene.add_virtual_work(lambda step: -0.1 * step.omega * step.virtual_psi, beam)
+    energy = fb.simulate(scene, dt=0.01, t_end=5.0).energy
+    assert (np.diff(energy.total) < 0).all()
+    assert energy.total[-1] < 0.5 * energy.total[0]
+    assert abs(energy.balance_error).max() < 1e-10 * energy.total[0]
+
+
+def test_an_elastic_foundation_stores_what_the_beam_loses():
+    k = 50.0
+    scene = fb.Scene()
+    beam = scene.add_beam([(0, 0), (4, 0)], FLYING, elements=4)
+    scene.set_velocity(beam, lambda x, y: (0.0, 1.0 + 0.2 * x), spin=0.2)
+    scene.add_virtual_work(lambda step: -k * ufl.dot(step.u, step.virtual_u))
+    solution = fb.simulate(scene, dt=0.01, t_end=3.0)
+    u = solution.q[:, :, :2]
+    middle = (u[:, :-1] + u[:, 1:]) / 2  # the reduced rule has one point an element
+    stored = k / 2 * (middle**2).sum(axis=(1, 2))
+    total = solution.energy.total + stored
+    assert abs(total - total[0]).max() < 1e-10 * total[0]
+    assert stored.max() > 0.2 * total[0]
+
+
+def test_a_foundation_supports_a_massless_beam():
+    scene = fb.Scene()
+    beam = scene.add_beam([(0, 0), (4, 0)], fb.Section(EA=1e3, GA=1e3, EI=1e2), elements=4)
+    scene.add_virtual_work(lambda step: -10.0 * ufl.dot(step.u, step.virtual_u))
+    scene.add_virtual_work(lambda step: -10.0 * step.psi * step.virtual_psi)
+    scene.add_line_load(beam, lambda t: (0.0, -2.0 * min(1.0, t)))
+    solution = fb.simulate(scene, dt=0.5, t_end=2.0)
+    assert solution.displacement(beam.node(0.5))[-1] == pytest.approx((0.0, -0.2), abs=1e-9)
+
+
+def test_a_follower_load_turns_with_the_beam():
+    # A stiff rotor, pinned in the middle, pushed by forces that stay normal to it: torque
+    # q L^2/4 about the pin, constant while it turns, so that the spin grows linearly.
+    scene = fb.Scene()
+    section = fb.Section(EA=1e7, GA=1e7, EI=1e6, rhoA=1.0, rhoI=1.0)
+    rotor = scene.add_beam([(-1, 0), (1, 0)], section, elements=8)
+    scene.pin(rotor.node(0.5))
+
+    def normal_load(step):
+        t = step.director
+        side = ufl.conditional(ufl.gt(step.X[0], 0), 1.0, -1.0)
+        return 3.0 * side * (t[0] * step.virtual_u[1] - t[1] * step.virtual_u[0])
+
+    scene.add_virtual_work(normal_load)
+    solution = fb.simulate(scene, dt=0.02, t_end=3.0)
+    inertia = 2 * 1.0 + 1.0 * 2**3 / 12
+    # The lever at mid-step is shorter than the rotor by cos(Dpsi/2).
+    assert solution.angular_momentum == pytest.approx(3.0 * solution.t, rel=1e-3, abs=1e-9)
+    assert solution.rotation(rotor.start)[-1] == pytest.approx(3.0 / inertia * 4.5, rel=1e-3)
+    assert abs(solution.energy.balance_error).max() < 1e-10 * solution.energy.total[-1]
+
+
+# -- A scheme of one's own ----------------------------------------------------------------------
+
+
+def damped(eta):
+    """Averaged resultants with a part of the strain rate, as a user would write it."""
+
+    def resultants(step, law):
+        r = schemes.averaged(step, law)
+        rate = step.prime(step.Du) - 2 * ufl.tan(step.Dpsi / 2) * schemes.perp(r.dphi)
+        N = r.N + eta * ufl.dot(rate, r.t) / step.dt
+        return r._replace(N=N)
+
+    return fb.Scheme("Damped", resultants, fb.MidPointRates())
+
+
+def test_a_scheme_of_ones_own_damps_stretching_and_keeps_momentum():
+    scene = fb.Scene()
+    beam = scene.add_beam([(0, 0), (1, 0)], FLYING, elements=4)
+    scene.set_velocity(beam, lambda x, y: (10 * (x - 0.5), 2.0 * (x - 0.5)), spin=2.0)
+    kept = fb.simulate(scene, damped(0.0), dt=0.002, t_end=1.0)
+    lost = fb.simulate(scene, damped(50.0), dt=0.002, t_end=1.0)
+    assert kept.energy.total[-1] == pytest.approx(kept.energy.total[0], rel=1e-3)
+    assert lost.energy.total[-1] < 0.9 * lost.energy.total[0]
+    assert lost.angular_momentum == pytest.approx(lost.angular_momentum[0], rel=1e-10)
+    assert lost.stats.scheme == "Damped"

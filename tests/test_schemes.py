@@ -1,0 +1,123 @@
+"""Orders of convergence, and relations between the schemes."""
+
+import functools
+
+import numpy as np
+import pytest
+
+import fx_beam as fb
+
+SCHEMES = [
+    fb.EnergyMomentum(),
+    fb.ModifiedMidPoint(),
+    fb.MidPoint(),
+    fb.Newmark(),
+    fb.HHT(-0.1),
+    fb.GeneralizedAlpha(0.8),
+]
+
+
+def arm(elements=4, degree=1):
+    """A pinned arm, swung from rest by a moment that grows smoothly: no front is to resolve."""
+    scene = fb.Scene()
+    section = fb.Section(EA=2e3, GA=1e3, EI=200.0, rhoA=1.0, rhoI=0.1)
+    beam = scene.add_beam([(0, 0), (4, 0)], section, elements=elements, degree=degree)
+    scene.pin(beam.start)
+    scene.add_moment(beam.end, lambda t: 300 * np.sin(4 * t) ** 4)
+    return scene, beam
+
+
+def end_state(scheme, dt, t_end=0.5, **options):
+    scene, beam = arm(**options)
+    solution = fb.simulate(scene, scheme, dt=dt, t_end=t_end)
+    return np.append(solution.position(beam.end)[-1], solution.rotation(beam.end)[-1])
+
+
+def order(steps, errors):
+    """Slope of the logarithms by least squares."""
+    return np.polyfit(np.log(steps), np.log(errors), 1)[0]
+
+
+@functools.cache
+def fine_state(degree):
+    """Limit of all schemes for small steps: on a mesh they discretise the same equations."""
+    return end_state(fb.EnergyMomentum(), 1 / 12800, degree=degree)
+
+
+@pytest.mark.parametrize("scheme", SCHEMES, ids=lambda s: s.name)
+@pytest.mark.parametrize("degree", [1, 2])
+def test_every_scheme_is_of_second_order_in_time(scheme, degree):
+    steps = np.array([1 / 200, 1 / 400, 1 / 800])
+    errors = [
+        np.linalg.norm(end_state(scheme, dt, degree=degree) - fine_state(degree)) for dt in steps
+    ]
+    assert order(steps, errors) > 1.9
+
+
+def test_convergence_in_the_element_size_rises_with_the_degree():
+    # At the nodes the error falls with the power 2p of the element size.
+    dt, orders = 1 / 400, {}
+    fine = end_state(None, dt, elements=32, degree=3)
+    for degree, meshes in ((1, (8, 16, 32)), (2, (4, 8, 16)), (3, (2, 4, 8))):
+        errors = [
+            np.linalg.norm(end_state(None, dt, elements=n, degree=degree) - fine) for n in meshes
+        ]
+        orders[degree] = order([1 / n for n in meshes], errors)
+    assert orders[1] > 1.9
+    assert orders[2] > 3.8
+    assert orders[3] > 5.5
+
+
+def test_hht_without_damping_is_the_trapezoidal_rule():
+    assert end_state(fb.HHT(0.0), 0.005) == pytest.approx(end_state(fb.Newmark(), 0.005), abs=1e-12)
+
+
+def test_newmark_conserves_energy_in_the_linear_limit():
+    scene = fb.Scene()
+    section = fb.Section(EA=2e3, GA=1e3, EI=200.0, rhoA=1.0, rhoI=0.1)
+    beam = scene.add_beam([(0, 0), (4, 0)], section, elements=4)
+    scene.clamp(beam.start)
+    scene.set_velocity(beam, lambda x, y: (1e-6 * x, 1e-6 * x**2), spin=lambda x, y: 2e-6 * x)
+    energy = fb.simulate(scene, fb.Newmark(), dt=0.05, t_end=5.0).energy.total
+    # What is left is the next order of the amplitude.
+    assert abs(energy / energy[0] - 1).max() < 1e-5
+
+
+def test_hht_damps_a_high_frequency_and_newmark_does_not():
+    scene = fb.Scene()
+    section = fb.Section(EA=1e6, GA=1e6, EI=1e3, rhoA=1.0, rhoI=0.1)
+    beam = scene.add_beam([(0, 0), (1, 0)], section, elements=1)
+    scene.clamp(beam.start)
+    scene.fix(beam.end, "y", "rotation")
+    scene.set_velocity(beam.end, (1.0, 0.0))
+    energies = {
+        scheme.name: fb.simulate(scene, scheme, dt=0.01, t_end=1.0).energy.total
+        for scheme in (fb.Newmark(), fb.HHT(-0.3), fb.GeneralizedAlpha(0.5))
+    }
+    assert energies["Newmark"][-1] == pytest.approx(energies["Newmark"][0], rel=1e-6)
+    assert energies["HHT"][-1] < 1e-2 * energies["HHT"][0]
+    assert energies["GeneralizedAlpha"][-1] < 1e-6 * energies["GeneralizedAlpha"][0]
+
+
+def test_frequency_of_axial_vibration_is_exact_for_one_degree_of_freedom():
+    # Massless bar with a mass at its end: omega = sqrt(EA / (L m)); the mid-point rule has
+    # tan(omega_h dt / 2) = omega dt / 2.
+    scene = fb.Scene()
+    beam = scene.add_beam([(0, 0), (2, 0)], fb.Section(EA=200.0, GA=1e3, EI=1.0))
+    scene.clamp(beam.start)
+    scene.fix(beam.end, "y", "rotation")
+    scene.add_mass(beam.end, 4.0)
+    scene.set_velocity(beam.end, (0.1, 0.0))
+    dt, omega = 0.05, np.sqrt(200.0 / (2 * 4.0))
+    omega_h = 2 / dt * np.arctan(omega * dt / 2)
+    for scheme in SCHEMES[:3]:
+        solution = fb.simulate(scene, scheme, dt=dt, t_end=5.0)
+        exact = 0.1 / omega * np.sin(omega_h * solution.t)
+        assert solution.displacement(beam.end)[:, 0] == pytest.approx(exact, abs=1e-12)
+
+
+def test_schemes_agree_on_the_equations_that_they_discretise():
+    ends = [end_state(scheme, 1 / 3200) for scheme in SCHEMES]
+    for end in ends[1:]:
+        # The energy-momentum couple differs by the square of the step only.
+        assert np.linalg.norm(end - ends[0]) < 2e-4
