@@ -11,7 +11,7 @@ import scipy.sparse
 
 from . import compat
 from .errors import SceneError
-from .kinematics import Step, strains, virtual_work
+from .kinematics import Step, virtual_work
 from .mesh import Mesh
 from .scene import Scene
 from .schemes import Scheme
@@ -96,16 +96,13 @@ class Forms:
         tags = law_of_cell if len(self._laws) > 1 else None
         self._law_of_cell = law_of_cell
         dx = compat.measure(self._mesh.mesh, step.degree, tags)
-        dphi = step.t0 + step.prime(step.u0)
-        start_strains = strains(dphi, step.psi0, step.prime(step.psi0), step.t0)
-
         residual: Any = 0
         energy: Any = 0
         for tag, law in enumerate(self._laws):
             dx_law = dx if tags is None else dx(tag)
             r = self._scheme.resultants(step, law)
             residual += virtual_work(step, r.dphi, r.n, r.m) * dx_law
-            energy += law.energy(*start_strains) * dx_law
+            energy += law.energy(*step.strains0) * dx_law
         added = self._added_virtual_work()
         self.has_added = added is not None
         if self.has_added:

@@ -114,6 +114,24 @@ class Step:
         return arc_derivative(field, self.t0)
 
     @property
+    def strains0(self):
+        """Strains (eps, gamma, kappa) at the start of the step."""
+        return self._strains(self.u0, self.psi0)
+
+    @property
+    def strains1(self):
+        """Strains (eps, gamma, kappa) at the end of the step."""
+        return self._strains(self.u0 + self.Du, self.psi0 + self.Dpsi)
+
+    @property
+    def strains(self):
+        """Strains (eps, gamma, kappa) at the scheme's level."""
+        return self._strains(self.u, self.psi)
+
+    def _strains(self, u, psi):
+        return strains(self.t0 + self.prime(u), psi, self.prime(psi), self.t0)
+
+    @property
     def tangent(self):
         """Derivative phi' = t0 + u' of the position at the scheme's level."""
         return self.t0 + self.prime(self.u)

@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 import ufl
 
 from .errors import SceneError
-from .kinematics import Step, director, perp, strains
+from .kinematics import Step, director, perp
 from .rates import MidPointRates, NewmarkRates, Rates
 from .section import Law
 
@@ -66,64 +66,65 @@ class Scheme:
 
 def at_level(step: Step, law: Law) -> Resultants:
     """Resultants of the configuration at the scheme's level (eq. 31 at mid-step)."""
-    dphi = step.tangent
-    N, Q, M = law.resultants(*strains(dphi, step.psi, step.prime(step.psi), step.t0))
-    return Resultants(dphi, step.director, N, Q, M, m=M)
+    N, Q, M = law.resultants(*step.strains)
+    return Resultants(step.tangent, step.director, N, Q, M, m=M)
 
 
 def averaged(step: Step, law: Law) -> Resultants:
     """Resultants of the averaged strains on the averaged directors (eqs 36 to 41 and 47)."""
-    e0, e1 = _end_strains(step)
-    N, Q, M = discrete_gradient(law, e0, e1, _metric(step))
+    N, Q, M = discrete_gradient(law, step.strains0, step.strains1, _metric(step))
     dphi = step.t0 + step.prime(step.u0 + step.Du / 2)
     t = (director(step.psi0, step.t0) + director(step.psi0 + step.Dpsi, step.t0)) / 2
     m = M / (1 + ufl.tan(step.Dpsi / 2) ** 2)
     return Resultants(dphi, t, N, Q, M, m)
 
 
-def _end_strains(step: Step):
-    """Strains at the start and at the end of the step."""
-
-    def at(u, psi):
-        return strains(step.t0 + step.prime(u), psi, step.prime(psi), step.t0)
-
-    return at(step.u0, step.psi0), at(step.u0 + step.Du, step.psi0 + step.Dpsi)
-
-
 def energy_momentum(step: Step, law: Law) -> Resultants:
-    r"""Averaged resultants with the couple that conserves energy in the two-node element.
+    """Averaged resultants, changed to do exactly the work that the strains store."""
+    return with_exact_work(step, averaged(step, law))
 
-    The step's energy balance tests with the nodal Dtheta, interpolated linearly, which at the
-    quadrature point is not 2 tan(Dpsi/2) of the interpolated Dpsi. With h = Dpsi/2 and
-    d = l Dpsi'/4, both at the mid-point, the nodal half increments are h - d and h + d, and
+
+def with_exact_work(step: Step, r: Resultants) -> Resultants:
+    r"""Averaged resultants, changed to work on the step's motion as N, Q and M on its strains.
+
+    The step's energy balance tests with the nodal Dtheta, interpolated, which at a quadrature
+    point is not 2 tan(Dpsi/2) of the interpolated Dpsi; so eq. 47 balances energy only up to the
+    element size. For the two-node element, with h = Dpsi/2 and d = l Dpsi'/4 at its mid-point,
+    the nodal half increments are h - d and h + d, and
 
     .. math:: m = M \frac{2d}{\sin 2d} \cos(h-d) \cos(h+d)
                   + (n \cdot W\varphi'_m) \frac l2 \tan h \tan d
 
     makes Du'.n - Dtheta (W phi'_m).n + Dtheta' m equal to N.(E1 - E0) + M (K1 - K0)
-    identically. For degree 2 and 3, where such an m is singular wherever Dtheta' vanishes, all
-    resultants of eq. 47 are changed, as little as the same identity asks for (`closest`).
+    identically. For degree 2 and 3, where such an m is singular wherever Dtheta' vanishes, N, Q
+    and m are changed together, as little as the same identity asks for (`closest`). Momenta allow
+    any change, since a rigid motion does no work on any resultants.
+
+    Parameters
+    ----------
+    step : Step
+        Fields of the step.
+    r : Resultants
+        N, Q and M of any kind on the averaged director, as `averaged` gives them.
+
+    Returns
+    -------
+    Resultants
+        With another couple m, and for degree 2 and 3 other forces.
     """
-    r = averaged(step, law)
     if step.degree > 1:
-        return _conserving(step, law, r)
+        work = sum(
+            f * (b - a)
+            for f, a, b in zip((r.N, r.Q, r.M), step.strains0, step.strains1, strict=True)
+        )
+        virtual = step.prime(step.Du) - step.Dtheta * perp(r.dphi)
+        path = ufl.dot(virtual, r.t), ufl.dot(virtual, perp(r.t)), step.prime(step.Dtheta)
+        N, Q, m = closest((r.N, r.Q, r.m), path, work, _metric(step))
+        return r._replace(N=N, Q=Q, m=m)
     h, d = step.Dpsi / 2, step.h * step.prime(step.Dpsi) / 4
     couple = r.M * _x_over_sin(2 * d) * ufl.cos(h - d) * ufl.cos(h + d)
     lever = ufl.dot(r.n, perp(r.dphi)) * (step.h / 2) * ufl.tan(h) * ufl.tan(d)
     return r._replace(m=couple + lever)
-
-
-def _conserving(step: Step, law: Law, r: Resultants) -> Resultants:
-    """Resultants changed so that their work on (Du, Dtheta) is the increment of stored energy.
-
-    Angular momentum allows any change, since a rotation does no work on any resultants.
-    """
-    virtual = step.prime(step.Du) - step.Dtheta * perp(r.dphi)
-    path = ufl.dot(virtual, r.t), ufl.dot(virtual, perp(r.t)), step.prime(step.Dtheta)
-    e0, e1 = _end_strains(step)
-    gained = law.energy(*e1) - law.energy(*e0)
-    N, Q, m = closest((r.N, r.Q, r.m), path, gained, _metric(step))
-    return r._replace(N=N, Q=Q, m=m)
 
 
 def _metric(step: Step):
