@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 from petsc4py import PETSc
 
@@ -61,7 +61,6 @@ class StepSolution:
     ended_by: str
 
 
-@dataclass
 class StepFailed(Exception):
     """A step that did not converge: why, and the history that shows how.
 
@@ -69,15 +68,17 @@ class StepFailed(Exception):
     ----------
     reason : str
         What happened.
-    residuals : list of float
-        Largest out-of-balance force or couple at each iteration.
     D : (size,) float
         Last increment.
+    residuals : list of float
+        Largest out-of-balance force or couple at each iteration.
     """
 
-    reason: str
-    D: np.ndarray
-    residuals: list[float] = field(default_factory=list)
+    def __init__(self, reason: str, D: np.ndarray, residuals: list[float]):
+        super().__init__(reason)
+        self.reason = reason
+        self.D = D
+        self.residuals = residuals
 
 
 class Newton:

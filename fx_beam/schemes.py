@@ -119,7 +119,7 @@ def with_exact_work(step: Step, r: Resultants) -> Resultants:
         )
         virtual = step.prime(step.Du) - step.Dtheta * perp(r.dphi)
         path = ufl.dot(virtual, r.t), ufl.dot(virtual, perp(r.t)), step.prime(step.Dtheta)
-        N, Q, m = closest((r.N, r.Q, r.m), path, work, _metric(step))
+        N, Q, m = closest((r.N, r.Q, r.m), path, work, _metric(step), smallest=1e-8)
         return r._replace(N=N, Q=Q, m=m)
     h, d = step.Dpsi / 2, step.h * step.prime(step.Dpsi) / 4
     couple = r.M * _x_over_sin(2 * d) * ufl.cos(h - d) * ufl.cos(h + d)
@@ -165,10 +165,13 @@ def discrete_gradient(law: Law, e0, e1, length):
     if law.quadratic:
         return mean
     increments = tuple(b - a for a, b in zip(e0, e1, strict=True))
-    return closest(mean, increments, law.energy(*e1) - law.energy(*e0), length)
+    # The change is of the order of EA De^2, and the rounding of W makes eps EA / De of it: below
+    # eps^(1/3) there is nothing to gain.
+    gained = law.energy(*e1) - law.energy(*e0)
+    return closest(mean, increments, gained, length, smallest=6e-6)
 
 
-def closest(resultants, path, work, length):
+def closest(resultants, path, work, length, smallest):
     """Resultants closest to given ones that do given work on a path.
 
     Parameters
@@ -181,6 +184,8 @@ def closest(resultants, path, work, length):
         What the resultants shall do on it [J/m].
     length : ufl scalar
         Length that makes the curvature comparable with the strains [m].
+    smallest : float
+        Size of the path below which the resultants stay as they are.
 
     Returns
     -------
@@ -190,9 +195,8 @@ def closest(resultants, path, work, length):
     weighted = (path[0], path[1], length**2 * path[2])
     norm2 = ufl.dot(ufl.as_vector(weighted), ufl.as_vector(path))
     missing = work - ufl.dot(ufl.as_vector(resultants), ufl.as_vector(path))
-    # The change is of second order in the path; below this bound its rounding is larger.
-    tiny = 1e-20
-    factor = ufl.conditional(ufl.gt(norm2, tiny), missing / ufl.max_value(norm2, tiny), 0)
+    bound = smallest**2
+    factor = ufl.conditional(ufl.gt(norm2, bound), missing / ufl.max_value(norm2, bound), 0)
     return tuple(r + factor * w for r, w in zip(resultants, weighted, strict=True))
 
 

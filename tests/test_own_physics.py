@@ -33,6 +33,22 @@ def test_energy_is_kept_for_an_energy_that_is_not_quadratic(degree, dt):
     assert abs(solution.linear_momentum[after] - (20.0, 0.0)).max() < 20 * 1e-10
 
 
+def test_a_discrete_gradient_of_tiny_strains_is_not_lost_in_rounding():
+    # Of EA (1 + eps)^2 and its like the rounding, 1e-16 EA, is all that a small increment changes.
+    def rubber(eps, gamma, kappa):
+        return 100 * ((1 + eps) ** 2 - 1 - 2 * ufl.ln(1 + eps)) + 75 * gamma**2 + kappa**2 / 40
+
+    scene = fb.Scene(gravity=(0, -9.81))
+    section = fb.Section(strain_energy=rubber, rhoA=0.1, rhoI=1e-5)
+    beam = scene.add_beam([(0, 0), (1, 0)], section, elements=20)
+    scene.pin(beam.start)
+    for dt in (4e-3, 1e-4):
+        solution = fb.simulate(scene, dt=dt, t_end=50 * dt)
+        assert solution.stats.halvings == 0
+        error = abs(solution.energy.balance_error).max()
+        assert error < 1e-12 * max(solution.energy.kinetic.max(), 1e-2)
+
+
 def test_without_the_discrete_gradient_that_energy_would_drift():
     section = fb.Section(strain_energy=stiffening, rhoA=1.0, rhoI=10.0)
     scene, _ = free_flight(section=section)
