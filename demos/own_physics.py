@@ -107,7 +107,7 @@ def dissipating(chi):
     return fb.Scheme("Dissipating", resultants, fb.MidPointRates())
 
 
-# -- The three, one after the other ------------------------------------------------------------------
+# -- The three, one after the other ----------------------------------------------------------------
 
 
 def main(results=None):

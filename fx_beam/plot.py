@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from pathlib import Path
+from typing import Any
 
 import matplotlib
 import numpy as np
@@ -18,14 +19,13 @@ from .solution import Solution
 
 # The colours of Okabe and Ito, which all eyes tell apart; the line styles do so in grey.
 _STYLES: dict[str, dict] = {
-    "EnergyMomentum": {"color": "#0072B2", "linestyle": "-", "marker": "o", "linewidth": 2.4},
-    "ModifiedMidPoint": {"color": "#56B4E9", "linestyle": (0, (5, 2)), "marker": "D"},
-    "MidPoint": {"color": "#CC79A7", "linestyle": (0, (1, 1)), "marker": "v"},
-    "Newmark": {"color": "#D55E00", "linestyle": (0, (6, 1.5, 1, 1.5)), "marker": "s"},
-    "HHT": {"color": "#009E73", "linestyle": (0, (3, 1.2)), "marker": "^"},
-    "GeneralizedAlpha": {"color": "#E69F00", "linestyle": (0, (6, 1, 1, 1, 1, 1)), "marker": "P"},
+    "EnergyMomentum": {"color": "#0072B2", "linestyle": "-", "linewidth": 2.4},
+    "ModifiedMidPoint": {"color": "#56B4E9", "linestyle": (0, (5, 2))},
+    "MidPoint": {"color": "#CC79A7", "linestyle": (0, (1, 1))},
+    "Newmark": {"color": "#D55E00", "linestyle": (0, (6, 1.5, 1, 1.5))},
+    "HHT": {"color": "#009E73", "linestyle": (0, (3, 1.2))},
+    "GeneralizedAlpha": {"color": "#E69F00", "linestyle": (0, (6, 1, 1, 1, 1, 1))},
 }
-_OTHER = {"color": "black", "linestyle": (0, (2, 2)), "marker": "*"}
 _MID_STEP = ("EnergyMomentum", "ModifiedMidPoint", "MidPoint")
 # Without its palest end, which is hard to see on white.
 _TIME_COLOURS = LinearSegmentedColormap.from_list(
@@ -36,36 +36,29 @@ _TIME_COLOURS = LinearSegmentedColormap.from_list(
 # -- Curves ------------------------------------------------------------------------------------
 
 
-def style(scheme: str, marker: bool = False) -> dict:
+def style(scheme: str) -> dict:
     """Line style of a time scheme, the same in all figures.
 
     Parameters
     ----------
     scheme : str
         Name of the scheme, as in `Stats.scheme`.
-    marker : bool
-        Whether to mark the points.
 
     Returns
     -------
     dict
         Arguments for matplotlib's `plot`.
     """
-    chosen = {"linewidth": 1.2, "markersize": 5, **_STYLES.get(scheme, _OTHER)}
-    if not marker:
-        del chosen["marker"]
-    return chosen
+    return {"linewidth": 1.2} | _STYLES.get(scheme, {"color": "black", "linestyle": (0, (2, 2))})
 
 
-def figure(rows: int, columns: int, width: float = 7.5, height: float = 2.5):
+def figure(rows: int, columns: int, height: float = 2.5):
     """Figure with a grid of panels in the common style.
 
     Parameters
     ----------
     rows, columns : int
         Number of panels.
-    width : float
-        Width of the figure [inch].
     height : float
         Height of a row [inch].
 
@@ -76,13 +69,12 @@ def figure(rows: int, columns: int, width: float = 7.5, height: float = 2.5):
     axes : (rows, columns) array of matplotlib.axes.Axes
         Its panels.
     """
-    fig = Figure(figsize=(width, rows * height + 0.5), layout="constrained")
+    fig = Figure(figsize=(7.5, rows * height + 0.5), layout="constrained")
     axes = fig.subplots(rows, columns, squeeze=False)
     for ax in axes.flat:
         ax.spines[["top", "right"]].set_visible(False)
         ax.grid(color="0.9", linewidth=0.6)
         ax.set_axisbelow(True)
-        ax.title.set_size("medium")
     return fig, axes
 
 
@@ -115,8 +107,7 @@ def curves(
     for label, solution in solutions.items():
         look = style(solution.stats.scheme)
         t, y = solution.t, value(solution)
-        failed = t[-1] < t_end * (1 - 1e-9)
-        if failed:
+        if failed := t[-1] < t_end * (1 - 1e-9):
             label += f", failed at t = {t[-1]:.3g} s"
         if mid_step and solution.stats.scheme in _MID_STEP:
             t = np.append(t[:1], (t[1:] + t[:-1]) / 2)
@@ -141,15 +132,9 @@ def save(figure: Figure, path: Path | str) -> None:
     for ax in figure.axes:
         for handle, label in zip(*ax.get_legend_handles_labels(), strict=True):
             handles.setdefault(label, handle)
-    if handles:
-        figure.legend(
-            handles.values(),
-            handles.keys(),
-            loc="outside upper center",
-            ncols=len(handles) if len(handles) < 4 else 2,
-            frameon=False,
-            handlelength=3.2,
-        )
+    columns = len(handles) if len(handles) < 4 else 2
+    look = {"loc": "outside upper center", "frameon": False, "handlelength": 3.2}
+    figure.legend(handles.values(), handles.keys(), ncols=columns, **look)
     figure.savefig(path, dpi=200)
 
 
@@ -177,7 +162,8 @@ def shapes(
     times = solution.t[list(steps)]
     colours = ScalarMappable(Normalize(times[0], times[-1]), _TIME_COLOURS)
 
-    plotter = pv.Plotter(off_screen=True, window_size=[int(p) for p in 1600 * size / max(size)])
+    window = [int(pixels) for pixels in 1600 * size / max(size)]
+    plotter: Any = pv.Plotter(off_screen=True, window_size=window)
     plotter.set_background("white")
     radius = 0.0025 * max(size)
     for order, (k, t) in enumerate(zip(steps, times, strict=True)):
