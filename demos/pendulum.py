@@ -1,0 +1,277 @@
+"""Simple pendulum on a nearly rigid rod.
+
+A mass at the end of a massless beam, pinned at the top, swings by 45 degrees to either side. The
+beam is one element, and so stiff that its axial vibration is some hundred thousand times faster
+than the swing; no step that is fit for the swing resolves it. Objective: the swing with steps as
+large as 0.1 s, a fifteenth of the period, and what becomes of the energy, the axial force and the
+acceleration.
+
+Reference: A. Ibrahimbegovic, S. Mamouri, Nonlinear dynamics of flexible beams in planar motion:
+formulation and time-stepping scheme for stiff problems, Computers & Structures 70 (1999) 1-22,
+section 4.1, doi 10.1016/S0045-7949(98)00150-3.
+
+On a rigid rod the angle theta from the vertical, which starts from 0 with the speed v0, obeys
+
+    L theta'' = -g sin(theta),   sin(theta/2) = k sn(w t, k),   w = sqrt(g/L),   k = v0/(2 w L),
+
+with Jacobi's elliptic function sn. The period is 4 K(k)/w with the complete elliptic integral K,
+and the axial force N = m (g cos(theta) + L theta'^2).
+
+The beam starts unstressed, where a rigid rod carries m (g + v0^2/L). In an elastic one the force
+then vibrates about the rigid rod's with that amplitude. The energy of this vibration,
+N^2 L/(2 EA), is 6e-9 J; what a scheme makes of it decides whether the run is of use.
+"""
+
+import json
+import sys
+from pathlib import Path
+
+import numpy as np
+from scipy.interpolate import CubicHermiteSpline
+from scipy.special import ellipj, ellipk
+
+import fx_beam as fb
+
+LENGTH = 0.5  # L [m], deduced
+MASS = 1.0  # m [kg], deduced
+GRAVITY = 9.81  # g [m/s^2]
+SPEED = 1.695  # v0 [m/s], deduced: it makes the swing 45 degrees
+SECTION = fb.Section(
+    EA=1e10,  # [N]
+    GA=1e10,  # [N]
+    EI=1e3,  # [N m^2], deduced; without effect, as the beam is not bent
+    rhoA=0.0,  # [kg/m]
+    rhoI=0.0,  # [kg m]
+)
+T_END = 5.0  # [s]
+LARGE, SMALL = 0.1, 0.01  # steps of the figures over time [s]
+STEPS = (LARGE, 0.05, 0.02, SMALL, 0.005, 0.002, 0.001)  # [s]
+
+# Energies are those at the ends of the steps. MidPoint and HHT take the rod's force inside the
+# step, on the chord between two positions. It is a point of the chord that they keep on the circle;
+# the ends are off it by O(dt^2) and more, and EA makes this a lot of energy.
+SCHEMES = {
+    "EnergyMomentum": fb.EnergyMomentum(),
+    "MidPoint": fb.MidPoint(),
+    "Newmark (trapezoidal)": fb.Newmark(),
+    "HHT, alpha = -0.1": fb.HHT(-0.1),
+}
+# A failing step is halved at most twice: more would only draw out a motion that is lost.
+MAX_HALVINGS = 2
+
+
+def scene():
+    """The scene and its beam."""
+    pendulum = fb.Scene(gravity=(0.0, -GRAVITY))
+    rod = pendulum.add_beam([(0, 0), (0, -LENGTH)], SECTION, elements=1, name="rod")
+    pendulum.pin(rod.start)
+    pendulum.add_mass(rod.end, MASS)
+    pendulum.set_velocity(rod.end, (SPEED, 0.0))
+    return pendulum, rod
+
+
+def rigid(t):
+    """Displacement, acceleration and axial force over time on a rigid rod, and the period."""
+    w = np.sqrt(GRAVITY / LENGTH)
+    k = SPEED / (2 * w * LENGTH)
+    sn, cn, dn, _ = ellipj(w * t, k**2)
+    theta, rate = 2 * np.arcsin(k * sn), 2 * w * k * cn
+    tangent = np.array([np.cos(theta), np.sin(theta)])
+    inward = np.array([-np.sin(theta), np.cos(theta)])
+    displacement = LENGTH * (np.array([[0.0], [1.0]]) - inward)
+    acceleration = -GRAVITY * np.sin(theta) * tangent + LENGTH * rate**2 * inward
+    force = MASS * (GRAVITY * np.cos(theta) + LENGTH * rate**2)
+    return displacement.T, acceleration.T, force, 4 * ellipk(k**2) / w
+
+
+def simulate(scheme, dt):
+    """The solution as far as the scheme goes, and the reason if it fails."""
+    pendulum, _ = scene()
+    try:
+        solution = fb.simulate(pendulum, scheme, dt=dt, t_end=T_END, max_halvings=MAX_HALVINGS)
+    except fb.StepError as error:
+        return error.solution, str(error)
+    return solution, None
+
+
+def displacement(solution):
+    return solution.displacement(solution.beams["rod"].end)
+
+
+def horizontal_acceleration(solution):
+    return solution.acceleration(solution.beams["rod"].end)[:, 0]
+
+
+def energy_ratio(solution):
+    return solution.energy.total / solution.energy.total[0]
+
+
+def axial_force(solution):
+    return solution.resultants("rod").N[:, 0]
+
+
+def period(solution):
+    """Time [s] at which the mass comes through the bottom for the second time."""
+    x, y = solution.position(solution.beams["rod"].end).T
+    vx, vy = solution.velocity(solution.beams["rod"].end).T
+    angle, rate = np.unwrap(np.arctan2(x, -y)), (x * vy - y * vx) / (x**2 + y**2)
+    bottom = CubicHermiteSpline(solution.t, angle, rate).roots(extrapolate=False)
+    bottom = bottom[bottom > 0.01]
+    return float(bottom[1]) if len(bottom) > 1 else None
+
+
+def audit(solution, failure):
+    """What a run is judged by."""
+    # Row 0 is the unstressed start.
+    force = axial_force(solution)[1:]
+    return {
+        "steps": solution.stats.steps,
+        "period": period(solution),
+        "energy drift": abs(energy_ratio(solution) - 1).max(),
+        "lowest axial force": force.min(),
+        "highest axial force": force.max(),
+        "largest horizontal acceleration": abs(horizontal_acceleration(solution)).max(),
+        "Newton iterations": solution.stats.newton_iterations,
+        "halvings": solution.stats.halvings,
+        "failed at": None if failure is None else solution.t[-1],
+        "failure": failure,
+    }
+
+
+def main(results=None, steps=STEPS):
+    """The numbers; with a directory for results the pictures as well."""
+    runs = {(name, dt): simulate(SCHEMES[name], dt) for name in SCHEMES for dt in steps}
+    _, acceleration, force, exact = rigid(np.linspace(0, T_END, 10001))
+    numbers = {
+        "energy": runs["EnergyMomentum", LARGE][0].energy.total[0],
+        "rigid rod": {
+            "period": exact,
+            "lowest axial force": force.min(),
+            "highest axial force": force.max(),
+            "largest horizontal acceleration": abs(acceleration[:, 0]).max(),
+        },
+        "schemes": {
+            name: {f"dt {dt:g}": audit(*runs[name, dt]) for dt in steps} for name in SCHEMES
+        },
+    }
+    report(numbers)
+    if results is not None:
+        results.mkdir(parents=True, exist_ok=True)
+        (results / "summary.json").write_text(json.dumps(numbers, indent=2) + "\n")
+        draw(results, {key: solution for key, (solution, _) in runs.items()}, numbers)
+    return numbers
+
+
+def report(numbers):
+    rod = numbers["rigid rod"]
+    print(
+        f"Energy of the swing {numbers['energy']:.6g} J. On a rigid rod: period "
+        f"{rod['period']:.5f} s,\naxial force {rod['lowest axial force']:.4g} to "
+        f"{rod['highest axial force']:.5g} N, horizontal acceleration up to "
+        f"{rod['largest horizontal acceleration']:.4g} m/s^2\n"
+        f"\n{T_END:g} s, a failing step halved at most {MAX_HALVINGS} times:"
+    )
+    row = "{:21} {:>6} {:>5} {:>8} {:>8} {:>10} {:>10} {:>9} {:>6} {:>5} {:>6}".format
+    names = "dt", "", "period", "largest", "lowest", "highest", "accel.", "Newton", "halv-", ""
+    print(row("", *names))
+    units = (
+        "[s]",
+        "steps",
+        "[s]",
+        "|E/E0-1|",
+        "N [N]",
+        "N [N]",
+        "m/s^2",
+        "it/step",
+        "ings",
+        "failed",
+    )
+    print(row("scheme", *units))
+    failures = []
+    for name, by_step in numbers["schemes"].items():
+        for dt, run in by_step.items():
+            failed = run["failure"] is not None
+            values = (
+                dt.removeprefix("dt "),
+                run["steps"],
+                "none" if run["period"] is None else f"{run['period']:.5f}",
+                f"{run['energy drift']:.1e}",
+                f"{run['lowest axial force']:.4g}",
+                f"{run['highest axial force']:.4g}",
+                f"{run['largest horizontal acceleration']:.4g}",
+                f"{run['Newton iterations'] / run['steps']:.1f}",
+                run["halvings"],
+                f"{run['failed at']:.2f} s" if failed else "never",
+            )
+            print(row(name, *values))
+            failures += [run["failure"].split(". ")[0]] if failed else []
+    print(*failures, sep="\n", end="")
+
+
+def draw(results, runs, numbers):
+    # Imported here, as the numbers can be had without matplotlib and pyvista.
+    from fx_beam import plot
+
+    # EnergyMomentum last, so that it lies on top of those that fill the frame.
+    compared = ("Newmark (trapezoidal)", "HHT, alpha = -0.1", "EnergyMomentum")
+    large, small = ({name: runs[name, dt] for name in compared} for dt in (LARGE, SMALL))
+    t = np.linspace(0, T_END, 2001)
+    on_rigid_rod, acceleration, force, exact = rigid(t)
+    grey = {"color": "0.55", "linewidth": 1.0, "label": "rigid rod, exact"}
+
+    solution = runs["EnergyMomentum", SMALL]
+    first = range(0, round(2 * exact / SMALL), 2)
+    tip = solution.beams["rod"].end
+    plot.animate(solution, first, results / "motion.gif", fps=25, trace=tip)
+
+    figure, axes = plot.figure(2, 1)
+    for i, ax in enumerate(axes.flat):
+        ax.set(xlim=(0, T_END), ylim=((-0.45, 0.45), (-0.02, 0.26))[i])
+        ax.set(xlabel="time $t$ [s]", ylabel=f"displacement $u_{'xy'[i]}$ [m]")
+        ax.plot(t, on_rigid_rod[:, i], **grey)
+        plot.curves(ax, large, lambda s, i=i: displacement(s)[:, i], T_END)
+    axes[0, 0].set_title(f"$\\Delta t$ = {LARGE:g} s")
+    plot.save(figure, results / "displacement.png")
+
+    # Small steps over half a period only, so that single ones can be seen.
+    windows = (large, LARGE, 3.0), (small, SMALL, 0.75)
+    figure, axes = plot.figure(1, 2, height=3.0)
+    for ax, (solutions, dt, until) in zip(axes[0], windows, strict=True):
+        ax.set(xlim=(0, until), ylim=(-20, 20), title=f"$\\Delta t$ = {dt:g} s")
+        ax.set(xlabel="time $t$ [s]", ylabel="acceleration $a_x$ [m/s$^2$]")
+        ax.plot(t, acceleration[:, 0], **grey)
+        plot.curves(ax, solutions, horizontal_acceleration, T_END, mid_step=True)
+    plot.save(figure, results / "acceleration.png")
+
+    figure, axes = plot.figure(2, 2)
+    for column, (solutions, dt, until) in zip(axes.T, windows, strict=True):
+        top, bottom = column
+        top.set(xlim=(0, T_END), ylim=(0.3, 1e5), yscale="log", title=f"$\\Delta t$ = {dt:g} s")
+        top.set(xlabel="time $t$ [s]", ylabel="total energy $E/E_0$ [-]")
+        plot.curves(top, solutions, energy_ratio, T_END)
+        bottom.set(xlim=(0, until), ylim=(-40, 70))
+        bottom.set(xlabel="time $t$ [s]", ylabel="axial force $N$ [N]")
+        bottom.plot(t, force, **grey)
+        plot.curves(bottom, solutions, axial_force, T_END, mid_step=True)
+    plot.save(figure, results / "energy_and_force.png")
+
+    steps = sorted({dt for _, dt in runs})
+    figure, (axes,) = plot.figure(1, 2, height=3.0)
+    for name, by_step in numbers["schemes"].items():
+        runs_of = [by_step[f"dt {dt:g}"] for dt in steps]
+        look = plot.style(SCHEMES[name].name) | {"marker": "o", "markersize": 5}
+        late = [abs(run["period"] / exact - 1) if run["period"] else np.nan for run in runs_of]
+        axes[0].plot(steps, late, label=name, **look)
+        axes[1].plot(steps, [run["energy drift"] for run in runs_of], label=name, **look)
+    guide = np.array([0.005, 0.05])
+    axes[0].plot(guide, 2e-1 * guide**2, color="0.55", linewidth=1.0, label="order 2")
+    axes[0].set(ylabel="error of the period $|T/T_{rigid} - 1|$ [-]")
+    axes[1].set(ylabel="largest $|E/E_0 - 1|$ [-]")
+    for ax in axes:
+        ax.set(xscale="log", yscale="log", xlabel="time step $\\Delta t$ [s]")
+    plot.save(figure, results / "steps.png")
+
+
+if __name__ == "__main__":
+    here = Path(__file__).resolve()
+    main(Path(sys.argv[1]) if sys.argv[1:] else here.parents[1] / "results" / here.stem)

@@ -1,0 +1,239 @@
+"""Pinned flexible beam in free rotation.
+
+A beam that is pinned at one end gets a transverse velocity and is left to itself. It turns about
+the pin and vibrates with large displacements; nothing acts on it but the pin, so that its total
+energy and its angular momentum about the pin stay what they were. Its axial waves are far too
+fast for the time step, which makes the problem stiff. Objective: ten seconds with 8 elements and
+steps of 0.01 s, and what each time scheme makes of the two invariants.
+
+Reference: A. Ibrahimbegovic, S. Mamouri, Nonlinear dynamics of flexible beams in planar motion:
+formulation and time-stepping scheme for stiff problems, Computers & Structures 70 (1999) 1-22,
+section 4.4, doi 10.1016/S0045-7949(98)00150-3.
+
+With the axis phi(s), the rotation psi(s) of the sections, the velocity v and the spin omega, and
+the strains E = R(psi)^T phi' - t0 and K = psi',
+
+    energy              1/2 int rho A |v|^2 + rho I omega^2 ds + 1/2 int E.C E + EI K^2 ds,
+    angular momentum    int phi x rho A v + rho I omega ds.
+
+Start: the straight beam phi = (x, 0) with v = (0, V (1 - |2 x/l - 1|)). A node spins with the
+mean slope of v on its two sides: omega = 2 V/l left of the middle, 0 in it, -2 V/l right of it.
+
+Units are the paper's: inch, pound and second, thus lb s^2/in for masses.
+"""
+
+import json
+import sys
+from pathlib import Path
+
+import numpy as np
+
+import fx_beam as fb
+
+LENGTH = 100.0  # l [in]
+SECTION = fb.Section(
+    EA=4e7,  # [lb]
+    GA=1e7,  # [lb], deduced
+    EI=1.3e7,  # [lb in^2]
+    rhoA=0.05,  # [lb s^2/in^2]
+    rhoI=1 / 60,  # [lb s^2], deduced: a square section, 2 in wide
+)
+VELOCITY = 600.0  # V, in the middle of the beam [in/s]
+ELEMENTS = 8
+T_END = 10.0  # [s]
+DT = 0.01  # [s]
+
+SCHEMES = {
+    "EnergyMomentum": fb.EnergyMomentum(),
+    "ModifiedMidPoint (as published)": fb.ModifiedMidPoint(),
+    "MidPoint": fb.MidPoint(),
+    "Newmark (trapezoidal)": fb.Newmark(),
+    "HHT, alpha = -0.1": fb.HHT(-0.1),
+}
+STEPS = (0.02, DT, 0.005)  # [s]
+# A failing step is halved at most twice: more would only draw out a motion that is lost.
+MAX_HALVINGS = 2
+
+# Position of the free end [in] at these times [s], by number of elements and time step, from an
+# independent program.
+T_TIP = (0.1, 0.2, 0.5, 1.0, 1.4)
+TIP = {
+    (8, 0.01): ((89.71, 33.87), (40.44, 83.24), (-77.46, 58.79), (19.78, -91.60), (91.40, 24.28)),
+    (8, 0.001): ((89.83, 34.35), (39.75, 83.30), (-77.06, 60.62), (19.40, -92.58), (92.43, 27.81)),
+    (64, 0.0005): (
+        (89.59, 33.22),
+        (39.91, 83.21),
+        (-77.93, 55.81),
+        (21.18, -90.09),
+        (89.85, 22.98),
+    ),
+}
+
+
+def scene(elements=ELEMENTS):
+    """The scene and its beam."""
+    pinned = fb.Scene()
+    beam = pinned.add_beam([(0, 0), (LENGTH, 0)], SECTION, elements=elements, name="beam")
+    pinned.pin(beam.start)
+    middle = LENGTH / 2
+    pinned.set_velocity(
+        beam,
+        lambda x, y: (0.0, VELOCITY * (1 - abs(x / middle - 1))),
+        spin=lambda x, y: VELOCITY / middle * np.sign(middle - x),
+    )
+    return pinned, beam
+
+
+def simulate(scheme, dt, t_end=T_END, elements=ELEMENTS):
+    """The solution as far as the scheme goes, and the reason if it fails."""
+    pinned, _ = scene(elements)
+    try:
+        solution = fb.simulate(pinned, scheme, dt=dt, t_end=t_end, max_halvings=MAX_HALVINGS)
+    except fb.StepError as error:
+        return error.solution, str(error)
+    return solution, None
+
+
+def energy_ratio(solution):
+    return solution.energy.total / solution.energy.total[0]
+
+
+def momentum_ratio(solution):
+    return solution.angular_momentum / solution.angular_momentum[0]
+
+
+def tip(solution):
+    return solution.position(solution.beams["beam"].end)
+
+
+def audit(solution, failure):
+    """What a run is judged by."""
+    energy = energy_ratio(solution)
+    return {
+        "steps": solution.stats.steps,
+        "lowest energy ratio": energy.min(),
+        "highest energy ratio": energy.max(),
+        "energy drift": abs(energy - 1).max(),
+        "angular momentum drift": abs(momentum_ratio(solution) - 1).max(),
+        "Newton iterations": solution.stats.newton_iterations,
+        "halvings": solution.stats.halvings,
+        "failed at": None if failure is None else solution.t[-1],
+        "failure": failure,
+    }
+
+
+def compare_tip(solution, dt, reference):
+    """Positions of the free end and their largest distance from the reference."""
+    found = tip(solution)[[round(t / dt) for t in T_TIP]]
+    distance = np.linalg.norm(found - reference, axis=1).max()
+    return {"position": found.tolist(), "reference": reference, "largest difference": distance}
+
+
+def main(results=None, steps=STEPS):
+    """The numbers; with a directory for results the pictures as well."""
+    runs = {(name, dt): simulate(SCHEMES[name], dt) for name in SCHEMES for dt in steps}
+    fine = {
+        (elements, dt): simulate(fb.EnergyMomentum(), dt, max(T_TIP), elements)[0]
+        for elements, dt in TIP
+    }
+    start = fine[ELEMENTS, DT]
+    numbers = {
+        "energy at the start": start.energy.total[0],
+        "angular momentum at the start": start.angular_momentum[0],
+        "schemes": {
+            name: {f"dt {dt:g}": audit(*runs[name, dt]) for dt in steps} for name in SCHEMES
+        },
+        "tip": {
+            f"{elements} elements, dt {dt:g}": compare_tip(solution, dt, TIP[elements, dt])
+            for (elements, dt), solution in fine.items()
+        },
+    }
+    report(numbers)
+    if results is not None:
+        results.mkdir(parents=True, exist_ok=True)
+        (results / "summary.json").write_text(json.dumps(numbers, indent=2) + "\n")
+        draw(results, {name: runs[name, DT][0] for name in SCHEMES}, fine)
+    return numbers
+
+
+def report(numbers):
+    print(
+        f"At the start: energy {numbers['energy at the start']:.6g} lb in, "
+        f"angular momentum {numbers['angular momentum at the start']:.6g} lb in s\n"
+        f"\n{T_END:g} s with {ELEMENTS} elements, "
+        f"a failing step halved at most {MAX_HALVINGS} times:"
+    )
+    row = "{:31} {:>6} {:>5} {:>7} {:>8} {:>8} {:>8} {:>7} {:>5} {:>6}".format
+    print(row("", "dt", "", "lowest", "highest", "largest", "largest", "Newton", "halv-", ""))
+    units = "[s]", "steps", "E/E0", "E/E0", "|E/E0-1|", "|L/L0-1|", "it/step", "ings", "failed"
+    print(row("scheme", *units))
+    failures = []
+    for name, by_step in numbers["schemes"].items():
+        for dt, run in by_step.items():
+            failed = run["failure"] is not None
+            values = (
+                dt.removeprefix("dt "),
+                run["steps"],
+                f"{run['lowest energy ratio']:.4f}",
+                f"{run['highest energy ratio']:.4f}",
+                f"{run['energy drift']:.1e}",
+                f"{run['angular momentum drift']:.1e}",
+                f"{run['Newton iterations'] / run['steps']:.1f}",
+                run["halvings"],
+                f"{run['failed at']:.2f} s" if failed else "never",
+            )
+            print(row(name, *values))
+            failures += [run["failure"].split(". ")[0]] if failed else []
+    print("", *failures, sep="\n")
+    print("\nFree end [in] by EnergyMomentum, and as in the reference:")
+    for name, run in numbers["tip"].items():
+        print(f"{name}: at most {run['largest difference']:.3f} in from the reference")
+        for t, found, reference in zip(T_TIP, run["position"], run["reference"], strict=True):
+            both = "{:7.2f} {:7.2f}    {:7.2f} {:7.2f}".format(*found, *reference)
+            print(f"    t = {t:.1f} s  {both}")
+
+
+def draw(results, solutions, fine):
+    # Imported here, as the numbers can be had without matplotlib and pyvista.
+    from fx_beam import plot
+
+    solution = solutions["EnergyMomentum"]
+    until = max(T_TIP)
+    first = range(round(until / DT) + 1)
+    plot.shapes(solution, first[::3], results / "shapes.png", length_unit="in")
+    node = solution.beams["beam"].end
+    plot.animate(solution, first, results / "motion.gif", trace=node, length_unit="in")
+
+    # Left: the first 1.4 s, where the curves that leave the frame can be told apart. Right: all.
+    figure, axes = plot.figure(2, 2)
+    rows = (energy_ratio, "E/E_0", "total energy"), (momentum_ratio, "L/L_0", "ang. momentum")
+    for (ratio, symbol, name), (left, right) in zip(rows, axes, strict=True):
+        left.set(xlim=(0, until), ylim=(0.7, 1.4), ylabel=f"{name} ${symbol}$ [-]")
+        plot.curves(left, solutions, ratio, T_END)
+        right.set(xlim=(DT, T_END), ylim=(1e-16, 1e4), xscale="log", yscale="log")
+        right.set(ylabel=f"largest $|{symbol} - 1|$ so far [-]")
+
+        def drift(solution, ratio=ratio):
+            return np.maximum.accumulate(abs(ratio(solution) - 1))
+
+        plot.curves(right, solutions, drift, T_END)
+    for ax in axes.flat:
+        ax.set(xlabel="time $t$ [s]")
+    plot.save(figure, results / "invariants.png")
+
+    figure, axes = plot.figure(2, 1)
+    for i, ax in enumerate(axes.flat):
+        ax.set(xlim=(0, until), xlabel="time $t$ [s]", ylabel=f"${'xy'[i]}$ of the free end [in]")
+        for ((elements, dt), run), line in zip(fine.items(), ("-", "--", ":"), strict=True):
+            name = f"{elements} elements, dt = {dt:g} s"
+            (curve,) = ax.plot(run.t, tip(run)[:, i], line, label=name)
+            reference = [position[i] for position in TIP[elements, dt]]
+            rings = {"markerfacecolor": "none", "markersize": 8, "clip_on": False}
+            ax.plot(T_TIP, reference, "o", color=curve.get_color(), **rings)
+        ax.plot([], [], "o", color="0.4", markerfacecolor="none", label="reference")
+    plot.save(figure, results / "tip.png")
+
+
+if __name__ == "__main__":
+    here = Path(__file__).resolve()
+    main(Path(sys.argv[1]) if sys.argv[1:] else here.parents[1] / "results" / here.stem)

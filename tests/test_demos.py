@@ -1,0 +1,156 @@
+"""Each demo runs, and its numbers are those it claims; one run of each draws its pictures."""
+
+import functools
+import importlib.util
+import json
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+DEMOS = {path.stem: path for path in (Path(__file__).parents[1] / "demos").glob("*.py")}
+# Fewer time steps than the script takes; what is checked below is among them.
+QUICK = {"pinned_beam": {"steps": (0.01,)}, "pendulum": {"steps": (0.1, 0.01)}}
+PICTURES = {
+    "pinned_beam": ("shapes.png", "invariants.png", "tip.png", "motion.gif"),
+    "pendulum": (
+        "displacement.png",
+        "acceleration.png",
+        "energy_and_force.png",
+        "steps.png",
+        "motion.gif",
+    ),
+}
+
+
+@functools.cache
+def numbers(name):
+    """What a demo's main returns, computed once."""
+    spec = importlib.util.spec_from_file_location(f"demo_{name}", DEMOS[name])
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    assert hasattr(module, "main"), f"demos/{name}.py has no main()"
+    return module.main(**QUICK.get(name, {}))
+
+
+@pytest.mark.parametrize("name", sorted(DEMOS))
+def test_demo_returns_finite_numbers(name):
+    found = numbers(name)
+    assert isinstance(found, dict) and found
+    json.dumps(found, allow_nan=False)
+
+
+# -- Pinned beam -------------------------------------------------------------------------------
+
+
+def pinned_beam(scheme):
+    return numbers("pinned_beam")["schemes"][scheme]["dt 0.01"]
+
+
+def test_pinned_beam_starts_with_the_papers_energy_and_momentum():
+    found = numbers("pinned_beam")
+    assert found["angular momentum at the start"] == pytest.approx(75_000, rel=1e-12)
+    # 300 000 of translation; the spins of the nodes add the rest.
+    assert found["energy at the start"] == pytest.approx(300_100, rel=1e-12)
+
+
+def test_pinned_beam_keeps_energy_and_angular_momentum_over_ten_seconds():
+    run = pinned_beam("EnergyMomentum")
+    assert run["steps"] == 1000 and run["failure"] is None and run["halvings"] == 0
+    assert run["energy drift"] < 1e-10
+    assert run["angular momentum drift"] < 1e-10
+
+
+def test_pinned_beam_published_scheme_keeps_angular_momentum_and_nearly_energy():
+    run = pinned_beam("ModifiedMidPoint (as published)")
+    assert run["angular momentum drift"] < 1e-10
+    assert 1e-6 < run["energy drift"] < 1e-3
+
+
+def test_pinned_beam_newmark_gains_energy_and_fails_and_hht_loses_energy():
+    newmark, hht = pinned_beam("Newmark (trapezoidal)"), pinned_beam("HHT, alpha = -0.1")
+    assert newmark["failed at"] < 1 and newmark["highest energy ratio"] > 2
+    assert hht["failure"] is None and hht["lowest energy ratio"] < 0.95
+
+
+@pytest.mark.parametrize(
+    "discretisation", ["8 elements, dt 0.01", "8 elements, dt 0.001", "64 elements, dt 0.0005"]
+)
+def test_pinned_beam_tip_is_where_the_reference_has_it(discretisation):
+    run = numbers("pinned_beam")["tip"][discretisation]
+    # The reference is rounded to 0.01 in; the beam is 100 in long.
+    assert run["largest difference"] < 0.01
+
+
+# -- Pendulum ----------------------------------------------------------------------------------
+
+
+def pendulum(dt):
+    return numbers("pendulum")["schemes"]["EnergyMomentum"][f"dt {dt:g}"]
+
+
+@pytest.mark.parametrize(("dt", "period"), [(0.01, 1.47547), (0.1, 1.50252)])
+def test_pendulum_has_the_period_of_an_energy_conserving_mid_point_rule(dt, period):
+    assert pendulum(dt)["period"] == pytest.approx(period, abs=1e-4)
+
+
+@pytest.mark.parametrize("dt", [0.01, 0.1])
+def test_pendulum_keeps_its_energy(dt):
+    assert numbers("pendulum")["energy"] == pytest.approx(1.43664, rel=1e-4)
+    assert pendulum(dt)["energy drift"] < 1e-11
+
+
+def test_pendulum_on_a_rigid_rod_is_the_exact_one():
+    rod = numbers("pendulum")["rigid rod"]
+    assert rod["period"] == pytest.approx(1.47521, abs=2e-5)
+    assert rod["highest axial force"] == pytest.approx(15.557, abs=2e-3)
+    assert rod["lowest axial force"] == pytest.approx(6.937, abs=2e-3)
+    assert rod["largest horizontal acceleration"] == pytest.approx(5.888, abs=2e-3)
+
+
+def test_pendulum_axial_force_and_acceleration_are_those_of_the_rigid_rod():
+    run = pendulum(0.01)
+    assert run["highest axial force"] == pytest.approx(15.557, rel=0.01)
+    assert run["lowest axial force"] == pytest.approx(6.937, rel=0.01)
+    assert run["largest horizontal acceleration"] == pytest.approx(5.888, rel=0.01)
+
+
+def test_pendulum_newmark_rings_and_gains_energy():
+    for run in numbers("pendulum")["schemes"]["Newmark (trapezoidal)"].values():
+        assert run["energy drift"] > 1
+        assert run["highest axial force"] > 1000
+
+
+# -- Pictures ----------------------------------------------------------------------------------
+
+
+@pytest.mark.slow
+@pytest.mark.plot
+@pytest.mark.parametrize("name", sorted(PICTURES))
+def test_script_draws_its_pictures(name, tmp_path):
+    from PIL import Image
+
+    headless = {"VTK_DEFAULT_OPENGL_WINDOW": "vtkEGLRenderWindow", "PYVISTA_OFF_SCREEN": "true"}
+    script = subprocess.run(
+        [sys.executable, DEMOS[name], tmp_path],
+        env=os.environ | headless,
+        capture_output=True,
+        text=True,
+        timeout=300,
+    )
+    assert script.returncode == 0, script.stderr
+    summary = json.loads((tmp_path / "summary.json").read_text())
+    assert summary.keys() == numbers(name).keys()
+    for file in PICTURES[name]:
+        with Image.open(tmp_path / file) as picture:
+            first = np.asarray(picture.convert("L"), dtype=float)
+            assert min(first.shape) > 300
+            assert first.std() > 10, f"{file} is blank"
+            if file.endswith(".gif"):
+                assert (tmp_path / file).stat().st_size < 2e6
+                assert picture.n_frames * picture.info["duration"] < 10_000  # [ms]
+                picture.seek(picture.n_frames // 2)
+                assert (np.asarray(picture.convert("L")) != first).any(), f"{file} stands still"
