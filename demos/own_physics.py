@@ -40,7 +40,7 @@ import ufl
 import numpy as np
 
 import fx_beam as fb
-from fx_beam import schemes
+from fx_beam.resultants import averaged, with_exact_work
 
 EA, GA, EI = 400.0, 150.0, 0.05  # [N], [N], [N m^2]
 K_BEND = 5.0  # curvature at which the bending stiffness has doubled, k [1/m]
@@ -96,13 +96,13 @@ def dissipating(chi):
     """Scheme that takes chi/2 of the work of the resultants' increments from the energy."""
 
     def resultants(step, law):
-        r = schemes.averaged(step, law)
+        r = averaged(step, law)
         before, after = law.resultants(*step.strains0), law.resultants(*step.strains1)
         N, Q, M = (
             mean + chi / 2 * (b - a)
             for mean, a, b in zip((r.N, r.Q, r.M), before, after, strict=True)
         )
-        return schemes.with_exact_work(step, r._replace(N=N, Q=Q, M=M))
+        return with_exact_work(step, r._replace(N=N, Q=Q, M=M))
 
     return fb.Scheme("Dissipating", resultants, fb.MidPointRates())
 

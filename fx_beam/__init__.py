@@ -7,6 +7,7 @@ from .errors import SceneError, StepError
 from .kinematics import Step
 from .newton import NewtonOptions
 from .rates import MidPointRates, NewmarkRates, Rates
+from .resultants import Resultants, WeightedResultants
 from .scene import Scene
 from .schemes import (
     HHT,
@@ -15,7 +16,6 @@ from .schemes import (
     MidPoint,
     ModifiedMidPoint,
     Newmark,
-    Resultants,
     Scheme,
 )
 from .section import Law, Section
@@ -46,6 +46,7 @@ __all__ = [
     "Stats",
     "Step",
     "StepError",
+    "WeightedResultants",
     "load",
     "simulate",
 ]

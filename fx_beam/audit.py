@@ -47,6 +47,8 @@ class Stats:
     ----------
     scheme : str
         Name of the time scheme.
+    level : float
+        Where in a step the scheme takes the forces: 0.5 in its middle, 1 at its end.
     solver : str
         Which linear solver ran.
     unknowns : int
@@ -67,9 +69,12 @@ class Stats:
         Forms that were compiled.
     assembled : list of str
         Matrices and loads the scene has.
+    failure : str
+        Why the simulation broke off; empty if it did not.
     """
 
     scheme: str
+    level: float
     solver: str
     unknowns: int
     steps: int = 0
@@ -80,6 +85,7 @@ class Stats:
     setup_seconds: float = 0.0
     compiled: list[str] = field(default_factory=list)
     assembled: list[str] = field(default_factory=list)
+    failure: str = ""
 
 
 @dataclass(frozen=True)

@@ -80,6 +80,7 @@ def simulate(
     model = Model(scene, scheme)
     stats = Stats(
         scheme=scheme.name,
+        level=scheme.rates.level,
         solver="petsc lu",
         unknowns=len(model.free),
         compiled=model.compiled,
@@ -101,6 +102,7 @@ def simulate(
             stats.steps += 1
     except (StepError, KeyboardInterrupt) as error:
         stats.seconds = time.perf_counter() - clock
+        stats.failure = str(error) or "interrupted"
         error.solution = _solution(model, recorder, stats)  # type: ignore[union-attr]
         raise
     stats.seconds = time.perf_counter() - clock

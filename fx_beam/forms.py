@@ -11,7 +11,7 @@ import scipy.sparse
 
 from . import compat
 from .errors import SceneError
-from .kinematics import Step, virtual_work
+from .kinematics import Step
 from .mesh import Mesh
 from .scene import Scene
 from .schemes import Scheme
@@ -101,7 +101,7 @@ class Forms:
         for tag, law in enumerate(self._laws):
             dx_law = dx if tags is None else dx(tag)
             r = self._scheme.resultants(step, law)
-            residual += virtual_work(step, r.dphi, r.n, r.m) * dx_law
+            residual += r.virtual_work(step) * dx_law
             energy += law.energy(*step.strains0) * dx_law
         added = self._added_virtual_work()
         self.has_added = added is not None

@@ -123,18 +123,8 @@ class Step:
         """Strains (eps, gamma, kappa) at the end of the step."""
         return self._strains(self.u0 + self.Du, self.psi0 + self.Dpsi)
 
-    @property
-    def strains(self):
-        """Strains (eps, gamma, kappa) at the scheme's level."""
-        return self._strains(self.u, self.psi)
-
     def _strains(self, u, psi):
         return strains(self.t0 + self.prime(u), psi, self.prime(psi), self.t0)
-
-    @property
-    def tangent(self):
-        """Derivative phi' = t0 + u' of the position at the scheme's level."""
-        return self.t0 + self.prime(self.u)
 
     @property
     def director(self):

@@ -26,7 +26,6 @@ _STYLES: dict[str, dict] = {
     "HHT": {"color": "#009E73", "linestyle": (0, (3, 1.2))},
     "GeneralizedAlpha": {"color": "#E69F00", "linestyle": (0, (6, 1, 1, 1, 1, 1))},
 }
-_MID_STEP = ("EnergyMomentum", "ModifiedMidPoint", "MidPoint")
 # Without its palest end, which is hard to see on white.
 _TIME_COLOURS = LinearSegmentedColormap.from_list(
     "time", matplotlib.colormaps["viridis"](np.linspace(0, 0.92, 256))
@@ -82,13 +81,12 @@ def curves(
     axes,
     solutions: dict[str, Solution],
     value: Callable[[Solution], np.ndarray],
-    t_end: float,
-    mid_step: bool = False,
+    times: Callable[[Solution], np.ndarray] = lambda solution: solution.t,
 ) -> None:
     """Draw one quantity over time for several solutions.
 
-    A solution that ends before `t_end` failed there: a cross marks the place, and the legend says
-    so. Set the limits of the axes first: the cross of a curve that left them is put on their edge.
+    A cross marks the end of a solution that failed, and the legend says so. Set the limits of the
+    axes first: the cross of a curve that left them is put on their edge.
 
     Parameters
     ----------
@@ -98,19 +96,15 @@ def curves(
         Solutions by the label that each shall have in the legend.
     value : callable
         ``value(solution)`` gives the quantity (n,).
-    t_end : float
-        Time that was to be reached [s].
-    mid_step : bool
-        For accelerations and stress resultants, which mid-point schemes know at mid-step only:
-        draw them there.
+    times : callable
+        ``times(solution)`` gives the times (n,) at which it holds [s], such as
+        `Solution.t_level` for stress resultants.
     """
     for label, solution in solutions.items():
         look = style(solution.stats.scheme)
-        t, y = solution.t, value(solution)
-        if failed := t[-1] < t_end * (1 - 1e-9):
-            label += f", failed at t = {t[-1]:.3g} s"
-        if mid_step and solution.stats.scheme in _MID_STEP:
-            t = np.append(t[:1], (t[1:] + t[:-1]) / 2)
+        t, y = times(solution), value(solution)
+        if failed := bool(solution.stats.failure):
+            label += f", failed at t = {solution.t[-1]:.3g} s"
         axes.plot(t, y, label=label, **look)
         if failed and t[-1] <= axes.get_xlim()[1]:
             edge = np.clip(y[-1], *axes.get_ylim())

@@ -76,6 +76,12 @@ class Solution:
             f"energy error {abs(self.energy.balance_error).max():.2g} J>"
         )
 
+    @property
+    def t_level(self) -> np.ndarray:
+        """Times (n,) at which the rows of `resultants` and `reaction` hold [s]."""
+        steps = np.diff(self.t, prepend=self.t[0])
+        return self.t - (1 - self.stats.level) * steps
+
     # -- Motion of a node -----------------------------------------------------------------------
 
     def position(self, node: Node) -> np.ndarray:

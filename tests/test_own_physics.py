@@ -7,7 +7,8 @@ import pytest
 from scenes import FLYING, free_flight, pinned_beam, relative_drift
 
 import fx_beam as fb
-from fx_beam import schemes
+from fx_beam.kinematics import perp
+from fx_beam.resultants import averaged
 
 
 def stiffening(eps, gamma, kappa):
@@ -177,8 +178,8 @@ def damped(eta):
     """Averaged resultants with a part of the strain rate, as a user would write it."""
 
     def resultants(step, law):
-        r = schemes.averaged(step, law)
-        rate = step.prime(step.Du) - 2 * ufl.tan(step.Dpsi / 2) * schemes.perp(r.dphi)
+        r = averaged(step, law)
+        rate = step.prime(step.Du) - 2 * ufl.tan(step.Dpsi / 2) * perp(r.dphi)
         N = r.N + eta * ufl.dot(rate, r.t) / step.dt
         return r._replace(N=N)
 
