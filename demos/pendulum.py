@@ -250,7 +250,7 @@ def draw(results, runs, numbers):
     figure, axes = plot.figure(2, 2)
     for column, (solutions, dt, until) in zip(axes.T, windows, strict=True):
         top, bottom = column
-        top.set(xlim=(0, T_END), ylim=(0.3, 1e5), yscale="log", title=f"$\\Delta t$ = {dt:g} s")
+        top.set(xlim=(0, T_END), ylim=(0.5, 30), yscale="log", title=f"$\\Delta t$ = {dt:g} s")
         top.set(xlabel="time $t$ [s]", ylabel="total energy $E/E_0$ [-]")
         plot.curves(top, solutions, energy_ratio)
         bottom.set(xlim=(0, until), ylim=(-40, 70))
