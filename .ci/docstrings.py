@@ -23,6 +23,8 @@ def public() -> Iterator[str]:
     """Names of the exported functions and classes, these with their methods and properties."""
     for name in fx_beam.__all__:
         thing = getattr(fx_beam, name)
+        if not callable(thing):
+            continue
         if Protocol not in getattr(thing, "__bases__", ()):  # its call's parameters are Python's
             yield f"fx_beam.{name}"
         if not inspect.isclass(thing):

@@ -4,6 +4,18 @@ from .audit import BeamResultants, Energy, Stats
 from .beam import Beam, Node
 from .dynamics import simulate
 from .errors import SceneError, StepError
+from .io import load
+from .joints import (
+    GROUND,
+    Coordinate,
+    Damper,
+    Joint,
+    PinInSlot,
+    Prismatic,
+    Revolute,
+    Rigid,
+    Spring,
+)
 from .kinematics import Step
 from .newton import NewtonOptions
 from .rates import MidPointRates, NewmarkRates, Rates
@@ -19,15 +31,19 @@ from .schemes import (
     Scheme,
 )
 from .section import Law, Section
-from .solution import Solution, load
+from .solution import Solution
 
 __all__ = [
+    "GROUND",
     "HHT",
     "Beam",
     "BeamResultants",
+    "Coordinate",
+    "Damper",
     "Energy",
     "EnergyMomentum",
     "GeneralizedAlpha",
+    "Joint",
     "Law",
     "MidPoint",
     "MidPointRates",
@@ -36,13 +52,18 @@ __all__ = [
     "Newmark",
     "NewtonOptions",
     "Node",
+    "PinInSlot",
+    "Prismatic",
     "Rates",
     "Resultants",
+    "Revolute",
+    "Rigid",
     "Scene",
     "SceneError",
     "Scheme",
     "Section",
     "Solution",
+    "Spring",
     "Stats",
     "Step",
     "StepError",

@@ -146,8 +146,8 @@ def polyline(points: Sequence, elements: int | Sequence[int], name: str) -> list
     if len(corners) < 2:
         raise SceneError(f"beam {name!r}: a beam needs at least two points")
     lengths = np.hypot(*np.diff(corners, axis=0).T)
-    size = max(np.ptp(corners, axis=0).max(), abs(corners).max() * 1e-9)
-    for i in np.flatnonzero(lengths <= 1e-12 * size):
+    shortest = max(1e-12 * np.ptp(corners, axis=0).max(), 1e-15 * abs(corners).max())
+    for i in np.flatnonzero(lengths <= shortest):
         raise SceneError(
             f"beam {name!r}: the points {i} and {i + 1} coincide at ({corners[i, 0]:g}, "
             f"{corners[i, 1]:g}); a beam needs a length"

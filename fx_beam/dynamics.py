@@ -82,7 +82,7 @@ def simulate(
         scheme=scheme.name,
         level=scheme.rates.level,
         solver="petsc lu",
-        unknowns=len(model.free),
+        unknowns=model.reduction.free,
         compiled=model.compiled,
         assembled=model.assembled,
     )
@@ -117,7 +117,7 @@ def _time_grid(dt: float, t_end: float) -> np.ndarray:
             raise SceneError(f"{name} = {value!r} must be a finite number")
     if dt <= 0:
         raise SceneError(f"dt = {dt!r} must be positive")
-    if t_end < dt:
+    if t_end < dt * (1 - 1e-6):
         raise SceneError(f"t_end = {t_end!r} is smaller than dt = {dt!r}")
     # A remainder below 1e-6 steps is rounding of t_end / dt, not a step.
     steps = math.ceil(t_end / dt - 1e-6)

@@ -17,7 +17,7 @@ class StepError(RuntimeError):
     message : str
         What happened, where, and what to try.
     time : float
-        Start of the step that failed [s].
+        Start of the step that failed, or the time at which a function of time failed [s].
     """
 
     def __init__(self, message: str, time: float):

@@ -5,6 +5,8 @@ from __future__ import annotations
 from typing import Any
 
 import ufl
+from ufl.algorithms.apply_algebra_lowering import apply_algebra_lowering
+from ufl.algorithms.check_arities import check_integrand_arity
 
 import numpy as np
 import scipy.sparse
@@ -159,6 +161,12 @@ class Forms:
                     f"{what}: it must be a scalar UFL expression linear in step.virtual_u and "
                     f"step.virtual_psi, not {term}"
                 )
+            try:
+                check_integrand_arity(apply_algebra_lowering(term), (self._test,))
+            except Exception as error:
+                raise SceneError(
+                    f"{what}: it must be linear in step.virtual_u and step.virtual_psi; {error}"
+                ) from error
             if work.beam is not None:
                 inside = self._mesh.beam_of_cell == self._scene.beams.index(work.beam)
                 term = term * compat.cellwise(self._mesh.mesh, inside.astype(float))

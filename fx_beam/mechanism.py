@@ -6,74 +6,96 @@ import numpy as np
 import scipy.sparse
 
 from .errors import SceneError
+from .joints import GROUND, Joint
 from .mesh import Mesh
+from .scene import Scene
 
 
-def check_no_massless_mechanism(
-    mesh: Mesh, mass: scipy.sparse.csr_matrix, constrained: np.ndarray
-) -> None:
-    """Refuse a scene of which a part can move as a rigid body without mass or support.
+def check_no_massless_mechanism(scene: Scene, mesh: Mesh, mass: scipy.sparse.csr_matrix) -> None:
+    """Refuse a scene that can move as a mechanism of rigid parts without mass or support.
+
+    The rigid motions of all parts that supports and joints allow must have mass.
 
     Parameters
     ----------
+    scene : Scene
+        Its supports and joints.
     mesh : Mesh
         The mesh.
     mass : (size, size) sparse matrix
         Mass matrix, with the sparsity of the stiffness.
-    constrained : int array
-        Supported degrees of freedom.
 
     Raises
     ------
     SceneError
-        If such a part exists; the message describes its motion.
+        If such a motion exists; the message describes it.
     """
-    supported = np.zeros(mesh.dofs.size, dtype=bool)
-    supported[constrained] = True
     # The sparsity joins what the elements join, whatever the values of the entries are.
     graph = scipy.sparse.csr_matrix((np.ones_like(mass.data), mass.indices, mass.indptr))
-    _, part_of_dof = scipy.sparse.csgraph.connected_components(graph, directed=False)
+    parts, part_of_dof = scipy.sparse.csgraph.connected_components(graph, directed=False)
     part_of_node = part_of_dof[mesh.dofs[:, 0]]
-    for part in np.unique(part_of_node):
+    modes = np.zeros((mesh.dofs.size, 3 * parts))
+    for part in range(parts):
         nodes = np.flatnonzero(part_of_node == part)
-        modes = _rigid_modes(mesh, nodes)
-        held = modes * supported[:, None]
-        inertia = modes.T @ (mass @ modes)
-        scale = _unit_diagonal(inertia)
-        resistance = inertia * np.outer(scale, scale) + held.T @ held
-        scale = _unit_diagonal(resistance)
-        values, vectors = np.linalg.eigh(resistance * np.outer(scale, scale))
-        if values[0] < 1e-10:
-            raise SceneError(_message(mesh.X[nodes], scale * vectors[:, 0]))
+        modes[:, 3 * part : 3 * part + 3] = _rigid_modes(mesh, nodes)
+    rows = [modes[mesh.dofs[key]] for key in (*scene.fixed, *scene.prescribed)]
+    for joint in scene.joints:
+        rows += _joint_rows(joint, mesh, modes)
+    constraints = np.array(rows).reshape(-1, 3 * parts)
+    _, values, vectors = np.linalg.svd(constraints)
+    rank = int((values > 1e-9 * values.max(initial=1.0)).sum())
+    allowed = vectors[rank:].T
+    inertia = modes.T @ (mass @ modes)
+    scale = np.sqrt(np.diag(inertia).max()) or 1.0
+    energies, motions = np.linalg.eigh(allowed.T @ inertia @ allowed / scale**2)
+    if len(energies) and energies[0] < 1e-14:
+        raise SceneError(_message(mesh, part_of_node, allowed @ motions[:, 0]))
+
+
+def _joint_rows(joint: Joint, mesh: Mesh, modes: np.ndarray) -> list[np.ndarray]:
+    """Rates that a joint makes zero, for each mode."""
+
+    def rate(node, component):
+        none = np.zeros(modes.shape[1])
+        return none if node is GROUND else modes[mesh.dofs[node.number, component]]
+
+    size, slide = mesh.size, joint.start()[0]
+    arm = joint.offset + (0.0 if joint.axis is None else slide * joint.axis)
+    turn = rate(joint.a, 2) / size
+    gap = [
+        rate(joint.b, 0) - rate(joint.a, 0) + turn * arm[1],
+        rate(joint.b, 1) - rate(joint.a, 1) - turn * arm[0],
+    ]
+    if joint.axis is not None and not (joint.slide and joint.slide.motor):
+        gap = [joint.axis[0] * gap[1] - joint.axis[1] * gap[0]]
+    return gap + ([rate(joint.b, 2) - rate(joint.a, 2)] if joint.turns_together else [])
 
 
 def _rigid_modes(mesh: Mesh, nodes: np.ndarray) -> np.ndarray:
-    """Unit translations and unit rotation about the middle, lengths divided by the size."""
+    """Translations by one size of the scene, and unit rotation about the middle of the part."""
     X = mesh.X[nodes]
-    x, y = ((X - X.mean(axis=0)) / np.ptp(X, axis=0).max()).T
+    x, y = (X - X.mean(axis=0)).T
     modes = np.zeros((mesh.dofs.size, 3))
     dofs = mesh.dofs[nodes]
-    modes[dofs[:, 0], 0] = modes[dofs[:, 1], 1] = modes[dofs[:, 2], 2] = 1.0
-    modes[dofs[:, 0], 2], modes[dofs[:, 1], 2] = -y, x
+    modes[dofs[:, 0], 0] = modes[dofs[:, 1], 1] = 1.0
+    modes[dofs[:, 0], 2], modes[dofs[:, 1], 2] = -y / mesh.size, x / mesh.size
+    modes[dofs[:, 2], 2] = 1.0
     return modes
 
 
-def _unit_diagonal(matrix: np.ndarray) -> np.ndarray:
-    """Factors of rows and columns that give a unit diagonal where it is not zero."""
-    d = np.sqrt(np.diag(matrix))
-    return np.divide(1.0, d, out=np.ones_like(d), where=d > 0)
-
-
-def _message(X: np.ndarray, mode: np.ndarray) -> str:
-    middle = X.mean(axis=0)
-    motion = "can move"
+def _message(mesh: Mesh, part_of_node: np.ndarray, motion: np.ndarray) -> str:
+    by_part = motion.reshape(-1, 3)
+    part = int(np.argmax(abs(by_part).max(axis=1)))
+    X = mesh.X[part_of_node == part]
+    mode, middle = by_part[part], X.mean(axis=0)
     if abs(mode[2]) > 1e-6:
         # Velocity (mode0 - w y, mode1 + w x) vanishes at the pole.
-        pole = middle + np.ptp(X, axis=0).max() * np.array([-mode[1], mode[0]]) / mode[2]
-        motion = f"can turn about ({pole[0]:.4g}, {pole[1]:.4g})"
+        pole = middle + mesh.size * np.array([-mode[1], mode[0]]) / mode[2]
+        how = f"can turn about ({pole[0]:.4g}, {pole[1]:.4g})"
     else:
-        motion = f"can move along ({mode[0]:.3g}, {mode[1]:.3g})"
+        along = np.round(mode[:2] / abs(mode[:2]).max(), 6) + 0.0  # no -0
+        how = f"can move along ({along[0]:.3g}, {along[1]:.3g})"
     return (
-        f"the part of the scene around ({middle[0]:.4g}, {middle[1]:.4g}) {motion} without mass or "
+        f"the part of the scene around ({middle[0]:.4g}, {middle[1]:.4g}) {how} without mass or "
         "support: give its section rhoA and rhoI, add a mass, or support it"
     )

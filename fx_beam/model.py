@@ -9,10 +9,13 @@ import ufl
 import numpy as np
 
 from . import compat
+from .actuators import Actuators
+from .couplings import couple, motors
 from .forms import Forms, cell_data
 from .loads import Loads
 from .mechanism import check_no_massless_mechanism
 from .mesh import build_mesh
+from .reduction import IndexReduction, JointReduction, Reduction
 from .scene import Scene
 from .schemes import Scheme
 
@@ -50,9 +53,9 @@ class Model:
         self.loads = Loads(scene, self.mesh, self._assemble_line_load)
         self.assembled += [str(load) for load in scene.loads]
         self._build_gravity()
-        self._build_supports()
+        self._build_reduction()
         if not scene.virtual_works:
-            check_no_massless_mechanism(self.mesh, self.mass, self.constrained)
+            check_no_massless_mechanism(scene, self.mesh, self.mass)
 
     def _build_mass(self) -> None:
         """The constant mass matrix (eqs 18 to 21), lumped entries included."""
@@ -96,13 +99,32 @@ class Model:
             self.weight = self.mass @ self.from_nodes(field)
             self.assembled.append("gravity")
 
-    def _build_supports(self) -> None:
-        dof = self.mesh.dofs
-        self.prescribed = np.array([dof[key] for key in self.scene.prescribed], dtype=int)
-        fixed = np.array([dof[key] for key in sorted(self.scene.fixed)], dtype=int)
-        #: Supported degrees of freedom, those that move as prescribed included.
-        self.constrained = np.concatenate([fixed, self.prescribed])
-        self.free = np.setdiff1d(np.arange(self.size), self.constrained)
+    def _build_reduction(self) -> None:
+        """Unknowns: what supports and joints leave."""
+        scene, dofs, matrix = self.scene, self.mesh.dofs, self.forms.stiffness
+        self.couplings = couple(scene, self.mesh)
+        #: Joints with a motor, and on which coordinate.
+        self.motors = motors(scene)
+        self.prescribed = np.array([dofs[key] for key in scene.prescribed], dtype=int)
+        counts = self.couplings.free, self.couplings.driven, self.couplings.columns
+        keys = [*scene.prescribed, *sorted(scene.fixed)]
+        motors_between = np.arange(len(keys)) >= len(scene.prescribed)
+        #: Supported nodes, components, and places among the driven and fixed columns.
+        self.supports = (
+            np.array([node for node, _ in keys], dtype=int),
+            np.array([component for _, component in keys], dtype=int),
+            np.arange(len(keys)) + motors_between * len(self.motors),
+        )
+        self.actuators = Actuators(scene.joints, self.couplings, self.scheme.rates, dofs)
+        self.reduction: Reduction
+        if self.couplings.is_index and not self.actuators:
+            column = np.array([own[0][0] for own in self.couplings.entries])
+            self.reduction = IndexReduction(column, *counts, matrix)
+        else:
+            self.reduction = JointReduction(
+                self.couplings, self.actuators, self.scheme.rates, dofs, matrix
+            )
+            self.assembled.append("joints")
 
     def _assemble_line_load(self, beam) -> np.ndarray:
         """Nodal forces (size, 2) of a unit line load along x and along y."""
@@ -133,3 +155,30 @@ class Model:
         vector = np.empty(self.size)
         vector[self.mesh.dofs] = values
         return vector
+
+
+def joint_forces(model: Model, r: np.ndarray) -> np.ndarray:
+    """Forces and moments of the joints on their nodes b.
+
+    Parameters
+    ----------
+    model : Model
+        The model, its reduction at the increment of the step.
+    r : (size,) float
+        Forces and couples of supports and joints on the nodes [N, N m].
+
+    Returns
+    -------
+    (joints, 3) float
+        Force [N] and moment [N m] of each joint.
+    """
+    dofs, couplings = model.mesh.dofs, model.couplings
+    moments = r[dofs[:, 2]] + model.reduction.guide_moments(r)
+    out = np.zeros((len(model.scene.joints), 3))
+    out[:, 2] = model.actuators.moments(len(out))
+    for joint in model.scene.joints:
+        j = joint.number
+        out[j, :2] = couplings.move_sign[j] * r[dofs[couplings.subtree[j], :2]].sum(axis=0)
+        if joint.turns_together:
+            out[j, 2] = couplings.turn_sign[j] * moments[couplings.turning[j]].sum()
+    return out

@@ -9,6 +9,7 @@ from petsc4py import PETSc
 import numpy as np
 
 from .model import Model
+from .reduction import Reduction
 
 # A correction that turns a node further [rad] is shortened to this. From the previous
 # configuration the first one overshoots where axial force has nearly emptied the tangent;
@@ -47,8 +48,10 @@ class StepSolution:
     ----------
     D : (size,) float
         Increment of displacements and rotations.
-    reaction : (size,) float
-        Forces and couples of the supports at the scheme's level, zero elsewhere [N, N m].
+    y : (free,) float
+        Increment of the unknowns.
+    r : (size,) float
+        Forces and couples of supports and joints on the nodes at the scheme's level [N, N m].
     iterations : int
         Corrections made.
     ended_by : str
@@ -56,7 +59,8 @@ class StepSolution:
     """
 
     D: np.ndarray
-    reaction: np.ndarray
+    y: np.ndarray
+    r: np.ndarray
     iterations: int
     ended_by: str
 
@@ -84,8 +88,8 @@ class StepFailed(Exception):
 class Newton:
     """Solver for the increment over a step.
 
-    The equation of motion at the scheme's level is
-    r(D) = M a(D) + f(D) - F = 0 at the free degrees of freedom (eqs 43 and 46).
+    The equation of motion at the scheme's level is That^T r = 0 with r = M a(D) + f(D) - F
+    (eqs 43 and 46), reduced to the unknowns y that supports and joints leave.
 
     Parameters
     ----------
@@ -98,13 +102,14 @@ class Newton:
     def __init__(self, model: Model, options: NewtonOptions):
         self.model = model
         self.options = options
-        self._linear = _LinearSolver(model.forms.stiffness, model.free)
+        self._reduction = model.reduction
+        self._linear = _LinearSolver(model.reduction.pattern)
         #: Size of a unit correction: the size of the scene for displacements, 1 for rotations.
         self._unit = np.full(model.size, model.mesh.size)
         self._unit[model.turns] = 1.0
 
     def solve(
-        self, v0: np.ndarray, a0: np.ndarray, dt: float, force: np.ndarray, motion: np.ndarray
+        self, v0: np.ndarray, a0: np.ndarray, dt: float, force: np.ndarray, driven: np.ndarray
     ) -> StepSolution:
         """Increment over the step that `Forms.set_step` has set.
 
@@ -116,8 +121,8 @@ class Newton:
             Length of the step [s].
         force : (size,) float
             External dead forces at the scheme's level [N, N m].
-        motion : (size,) float
-            Prescribed increments, zero elsewhere [m, rad].
+        driven : (driven,) float
+            Increments of prescribed motions and motors [m, rad].
 
         Returns
         -------
@@ -130,9 +135,11 @@ class Newton:
             If there is no convergence.
         """
         model, options, rates = self.model, self.options, self.model.scheme.rates
-        free, K = model.free, model.forms.stiffness
+        reduction, K = self._reduction, model.forms.stiffness
+        free = reduction.free
         # The previous configuration is the start: predictors diverge on stiff scenes.
-        D = np.zeros(model.size)
+        y = np.zeros(free)
+        D = reduction.expand(y, np.zeros(reduction.driven))
         residuals: list[float] = []
         previous = np.inf
         for iteration in range(1, options.max_iterations + 1):
@@ -141,38 +148,43 @@ class Newton:
             r = f + model.mass @ a - force
             model.forms.assemble_stiffness()
             K.data += model.mass.data * slope[K.indices]
-            residuals.append(abs(r[free]).max(initial=0.0))
+            residual = reduction.project(r)[:free]
+            residuals.append(abs(residual).max(initial=0.0))
 
-            correction = np.zeros(model.size)
-            if iteration == 1 and motion.any():
-                # Prescribed motion enters with the first, linearised solution, so that the
-                # neighbours of a moved support follow it at once.
-                correction -= motion
-                r = r + K @ motion
-            correction[free] = self._linear.solve(r[free])
+            step = np.zeros(reduction.columns)
+            if iteration == 1 and driven.any():
+                # Driven motion enters with the first, linearised solution, so that the neighbours
+                # of a moved support follow it at once.
+                step[free : free + reduction.driven] = -driven
+                residual = reduction.project(r - K @ reduction.spread(step))[:free]
+            step[:free] = self._linear.solve(reduction, K.data, r, residual)
+            correction = reduction.spread(step)
             turn = abs(correction[model.turns]).max()
-            if turn > _LONGEST_TURN:
-                correction *= _LONGEST_TURN / turn
-            D -= correction
+            if _LONGEST_TURN < turn < np.inf:
+                step[:free] *= _LONGEST_TURN / turn
+            y = y - step[:free]
             size = (abs(correction) / self._unit).max()
-            self._check(size, D, residuals)
+            self._check(size, y, residuals)
             ended_by = None
             if size <= options.tolerance:
                 ended_by = "increment"
-            elif size > 0.5 * previous and self._at_round_off(r, correction, f, D, v0):
+            elif size > 0.5 * previous and self._at_round_off(residual @ step[:free], f, D, v0):
                 ended_by = "round-off"
+            if ended_by:  # forces at the corrected state, while K is at hand
+                r = r - K @ correction
+            D = reduction.expand(y, driven)
+            self._check_turn(D, residuals)
             if ended_by:
-                reaction = np.zeros(model.size)
-                held = model.constrained
-                if len(held):
-                    reaction[held] = (r - K @ correction)[held]
-                return StepSolution(D, reaction, iteration, ended_by)
+                return StepSolution(D, y, r, iteration, ended_by)
             previous = size
         raise StepFailed(f"no convergence in {options.max_iterations} iterations", D, residuals)
 
-    def _check(self, size: float, D: np.ndarray, residuals: list[float]) -> None:
+    def _check(self, size: float, y: np.ndarray, residuals: list[float]) -> None:
         if not np.isfinite(size):
+            D = np.full(self.model.size, np.nan)
             raise StepFailed("the tangent is singular or a value is not finite", D, residuals)
+
+    def _check_turn(self, D: np.ndarray, residuals: list[float]) -> None:
         turn = abs(D[self.model.turns]).max()
         if turn > self.options.max_turn:
             raise StepFailed(
@@ -182,40 +194,29 @@ class Newton:
                 residuals,
             )
 
-    def _at_round_off(
-        self, r: np.ndarray, correction: np.ndarray, f: np.ndarray, D: np.ndarray, v0: np.ndarray
-    ) -> bool:
+    def _at_round_off(self, work: float, f: np.ndarray, D: np.ndarray, v0: np.ndarray) -> bool:
         """Whether a correction that does not shrink any more changes the energy by rounding only.
 
         The work of the residual on the correction is the energy that the step still lacks. A bound
         on the residual itself would not do: in a stiff scene its rounding, of the size of EA times
         that of a strain, hides what is missing in the soft directions.
         """
-        model = self.model
-        energy = v0 @ (model.mass @ v0) + abs(f) @ abs(D)
-        return bool(abs(r @ correction) <= _ENERGY_FLOOR * energy)
+        energy = v0 @ (self.model.mass @ v0) + abs(f) @ abs(D)
+        return bool(abs(work) <= _ENERGY_FLOOR * energy)
 
 
 class _LinearSolver:
-    """LU factorisation of the free rows and columns of a matrix whose values change."""
+    """LU factorisation of the reduced tangent, whose values change and whose sparsity does not."""
 
-    def __init__(self, matrix, free: np.ndarray):
-        self._values = matrix.data
-        renumber = np.full(matrix.shape[0], -1)
-        renumber[free] = np.arange(len(free))
-        rows = np.repeat(np.arange(matrix.shape[0]), np.diff(matrix.indptr))
-        keep = (renumber[rows] >= 0) & (renumber[matrix.indices] >= 0)
-        self._pick = np.flatnonzero(keep)
-        counts = np.bincount(renumber[rows[keep]], minlength=len(free))
-        indptr = np.concatenate(([0], np.cumsum(counts))).astype(PETSc.IntType)
-        indices = renumber[matrix.indices[keep]].astype(PETSc.IntType)
-        self._reduced = np.zeros(len(indices))
-        n = (len(free), len(free))
+    def __init__(self, pattern: tuple[np.ndarray, np.ndarray]):
+        indptr, indices = (part.astype(PETSc.IntType) for part in pattern)
+        n = len(indptr) - 1
+        self._values = np.zeros(len(indices))
         # PETSc works on our arrays; no value is copied in or out.
         self._matrix = PETSc.Mat().createAIJWithArrays(
-            n, (indptr, indices, self._reduced), comm=PETSc.COMM_SELF
+            (n, n), (indptr, indices, self._values), comm=PETSc.COMM_SELF
         )
-        self._b, self._x = np.zeros(len(free)), np.zeros(len(free))
+        self._b, self._x = np.zeros(n), np.zeros(n)
         self._vectors = tuple(
             PETSc.Vec().createWithArray(array, comm=PETSc.COMM_SELF) for array in (self._b, self._x)
         )
@@ -226,9 +227,11 @@ class _LinearSolver:
         pc.setFactorOrdering(PETSc.Mat.OrderingType.RCM)
         self._ksp.setOperators(self._matrix)
 
-    def solve(self, b: np.ndarray) -> np.ndarray:
-        """Solution for the present values of the matrix; not finite if it is singular."""
-        np.take(self._values, self._pick, out=self._reduced)
+    def solve(
+        self, reduction: Reduction, values: np.ndarray, r: np.ndarray, b: np.ndarray
+    ) -> np.ndarray:
+        """Solution for the reduced tangent of full values; not finite if it is singular."""
+        reduction.fill(values, r, self._values)
         self._matrix.stateIncrease()
         self._b[:] = b
         self._ksp.solve(*self._vectors)

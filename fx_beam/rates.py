@@ -36,6 +36,34 @@ class Rates(Protocol):
             The increment, entry by entry a function of `D`, and its derivative.
         """
 
+    def slope_derivative(self, Dpsi: np.ndarray) -> np.ndarray:
+        """Second derivative of the work increment of rotations, for the tangent of joints.
+
+        Parameters
+        ----------
+        Dpsi : (n,) float
+            Increments of rotations [rad].
+
+        Returns
+        -------
+        (n,) float
+            d2(work increment)/dDpsi2.
+        """
+
+    def turn_ratio(self, Da: float, Db: float) -> tuple[float, float, float]:
+        """Difference of two rotation increments over that of their work increments.
+
+        Parameters
+        ----------
+        Da, Db : float
+            Increments of two rotations [rad].
+
+        Returns
+        -------
+        tuple of float
+            The ratio, smooth where both are equal, and its derivatives by both.
+        """
+
     def acceleration(
         self, D: np.ndarray, v0: np.ndarray, a0: np.ndarray, dt: float, turns: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray]:
@@ -116,6 +144,19 @@ class MidPointRates(Rates):
         slope[turns] = 1 + tangent**2
         return work, slope
 
+    def slope_derivative(self, Dpsi):
+        """Of 2 tan(Dpsi/2): tan(Dpsi/2) (1 + tan^2(Dpsi/2))."""
+        tangent = np.tan(Dpsi / 2)
+        return tangent * (1 + tangent**2)
+
+    def turn_ratio(self, Da, Db):
+        """x/sin(x) cos(Da/2) cos(Db/2) with x = (Db - Da)/2."""
+        x = (Db - Da) / 2
+        ratio = np.cos(Da / 2) * np.cos(Db / 2) * (x / np.sin(x) if x else 1.0)
+        by_x = x / 3 if abs(x) < 1e-3 else 1 / x - 1 / np.tan(x)
+        by_a, by_b = (-by_x - np.tan(Da / 2)) / 2, (by_x - np.tan(Db / 2)) / 2
+        return ratio, ratio * by_a, ratio * by_b
+
     def acceleration(self, D, v0, a0, dt, turns):
         """a = (v1 - v0)/dt, alpha = (omega1 - omega0)/dt (eq. 30)."""
         work, slope = self.work_increment(D, turns)
@@ -158,6 +199,14 @@ class NewmarkRates(Rates):
     def work_increment(self, D, turns):
         """The increment itself."""
         return D, np.ones_like(D)
+
+    def slope_derivative(self, Dpsi):
+        """None."""
+        return np.zeros_like(Dpsi)
+
+    def turn_ratio(self, Da, Db):
+        """One."""
+        return 1.0, 0.0, 0.0
 
     def acceleration(self, D, v0, a0, dt, turns):
         """Acceleration at level 1 - alpha_m."""

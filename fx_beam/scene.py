@@ -3,55 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
+from .actions import Load, Velocity, VirtualWork, label
 from .beam import COMPONENTS, Beam, Node, polyline
 from .errors import SceneError
+from .joints import GROUND, Joint
 from .section import Section
 from .values import TimeFunction, checked_function, time_function, vector
-
-
-@dataclass(frozen=True)
-class Load:
-    """A dead load on a node or along a beam.
-
-    Parameters
-    ----------
-    kind : str
-        "force", "moment" or "line load".
-    target : Node or Beam
-        What it acts on.
-    value : callable
-        ``value(t)``: [fx, fy] in N, [moment] in N m, or [qx, qy] in N per metre of
-        reference length.
-    """
-
-    kind: str
-    target: Node | Beam
-    value: TimeFunction
-
-    def __str__(self):
-        return f"{self.kind} on {_label(self.target)}"
-
-
-@dataclass(frozen=True)
-class Velocity:
-    """Initial velocity (2,) [m/s] and spin [rad/s] of a node or of all nodes of a beam."""
-
-    target: Node | Beam
-    value: Callable[[float, float], np.ndarray]
-    spin: Callable[[float, float], np.ndarray]
-
-
-@dataclass(frozen=True)
-class VirtualWork:
-    """Virtual work per length of a user's own force, on one beam or on all."""
-
-    term: Callable[[Any], Any]
-    beam: Beam | None
 
 
 class Scene:
@@ -79,6 +41,9 @@ class Scene:
         self.loads: list[Load] = []
         self.velocities: list[Velocity] = []
         self.virtual_works: list[VirtualWork] = []
+        self.joints: list[Joint] = []
+        #: Whether initial velocities that violate a joint are projected instead of refused.
+        self.projects_velocities = False
 
     # -- Geometry -----------------------------------------------------------------------------
 
@@ -121,13 +86,17 @@ class Scene:
             raise SceneError(f"two beams are called {name!r}; give them different names")
         if not isinstance(section, Section):
             raise SceneError(f"beam {name!r}: section must be an fx_beam.Section, not {section!r}")
-        if degree not in (1, 2, 3):
+        if degree not in (1, 2, 3) or not isinstance(degree, int | np.integer):
             raise SceneError(f"beam {name!r}: degree = {degree!r} must be 1, 2 or 3")
         if self.beams and degree != self.beams[0].degree:
             raise SceneError(
                 f"beam {name!r}: degree {degree} differs from degree {self.beams[0].degree} of "
                 f"{self.beams[0].name!r}; all beams of a scene share one degree"
             )
+        try:
+            points = list(points)
+        except TypeError:
+            raise SceneError(f"beam {name!r}: points must be pairs (x, y) or nodes") from None
         corners = [self._corner(point, name) for point in points]
         pieces = polyline([xy for xy, _ in corners], elements, name)
 
@@ -217,6 +186,51 @@ class Scene:
             function = time_function(value, 1, f"prescribed {name} of {node}")
             self.prescribed[self._free_component(node, name)] = function
 
+    # -- Joints -------------------------------------------------------------------------------
+
+    def add_joint(self, joint: Joint) -> Joint:
+        """Add a joint.
+
+        Parameters
+        ----------
+        joint : Joint
+            Made by `Rigid`, `Revolute`, `Prismatic` or `PinInSlot`.
+
+        Returns
+        -------
+        Joint
+            The joint as the scene has it, for `Solution.slide` and `Solution.joint_force`.
+
+        Raises
+        ------
+        SceneError
+            For nodes of another scene, or nodes that are not where the joint has them.
+        """
+        if not isinstance(joint, Joint):
+            raise SceneError(
+                f"add_joint needs a joint such as fx_beam.Revolute(a, b), not {joint!r}"
+            )
+        for node in (joint.a, joint.b):
+            if node is not GROUND:
+                self._check_node(node, joint.kind)
+        _, gap = joint.start()
+        size = np.ptp([(node.x, node.y) for node in self.nodes], axis=0).max()
+        if gap > 1e-9 * size:
+            raise SceneError(
+                f"{joint}: at the start there is a gap of {gap:.4g} between b and its place on a; "
+                "move the nodes, or give the joint an offset"
+            )
+        joint = replace(joint, number=len(self.joints))
+        self.joints.append(joint)
+        return joint
+
+    def make_velocities_compatible(self) -> None:
+        """Let initial velocities that violate a joint or a support be projected.
+
+        The nearest velocities in the norm of the mass matrix are taken, instead of an error.
+        """
+        self.projects_velocities = True
+
     # -- Masses and loads -----------------------------------------------------------------------
 
     def add_mass(self, node: Node, mass: float, inertia: float = 0.0) -> None:
@@ -279,7 +293,7 @@ class Scene:
             Force per reference length, or ``load(t)`` [N/m].
         """
         self._check_beam(beam, "line load")
-        function = time_function(load, 2, f"line load on {_label(beam)}")
+        function = time_function(load, 2, f"line load on {label(beam)}")
         self.loads.append(Load("line load", beam, function))
 
     def add_virtual_work(self, term: Callable[[Any], Any], beam: Beam | None = None) -> None:
@@ -324,7 +338,7 @@ class Scene:
         else:
             self._check_node(target, "velocity")
             x, y = target.x, target.y
-        what = f"of {_label(target)}"
+        what = f"of {label(target)}"
         self.velocities.append(
             Velocity(
                 target,
@@ -354,7 +368,7 @@ class Scene:
         if not isinstance(beam, Beam):
             raise SceneError(f"{what}: {beam!r} is no beam; take what add_beam returned")
         if not any(beam is own for own in self.beams):
-            raise SceneError(f"{what}: {_label(beam)} belongs to another scene")
+            raise SceneError(f"{what}: {label(beam)} belongs to another scene")
 
     def _free_component(self, node: Node, component: str) -> tuple[int, int]:
         if component not in COMPONENTS:
@@ -363,7 +377,3 @@ class Scene:
         if key in self.fixed or key in self.prescribed:
             raise SceneError(f"{component} of {node} is supported twice")
         return key
-
-
-def _label(target: Node | Beam) -> str:
-    return f"beam {target.name!r}" if isinstance(target, Beam) else str(target)

@@ -17,6 +17,7 @@ from .resultants import (
     with_exact_work,
 )
 from .section import Law
+from .values import is_number
 
 
 @dataclass(frozen=True)
@@ -151,7 +152,8 @@ def _newmark_family(name: str, rates: NewmarkRates) -> Scheme:
 
 
 def _check_parameter(scheme, name, value, low, high, low_open=False):
-    if not (low < value <= high or (value == low and not low_open)):
+    inside = is_number(value) and (low < value <= high or (value == low and not low_open))
+    if not inside:
         raise SceneError(
             f"{scheme}: {name} = {value!r} must lie in {'(' if low_open else '['}{low:.4g}, {high}]"
         )

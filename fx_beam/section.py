@@ -8,8 +8,10 @@ from dataclasses import dataclass
 from typing import Any
 
 import ufl
+from ufl.corealg.traversal import unique_pre_traversal
 
 from .errors import SceneError
+from .values import is_number
 
 Energy = Callable[[Any, Any, Any], Any]
 
@@ -64,11 +66,11 @@ class Section:
                 continue
             if value is None:
                 raise SceneError(f"Section: {name} is missing; give it or a strain_energy")
-            if not (_is_number(value) and value > 0):
+            if not (is_number(value) and value > 0):
                 raise SceneError(f"Section: {name} = {value!r} must be positive and finite")
         for name in ("rhoA", "rhoI"):
             value = getattr(self, name)
-            if not (_is_number(value) and value >= 0):
+            if not (is_number(value) and value >= 0):
                 raise SceneError(f"Section: {name} = {value!r} must be zero or positive and finite")
         if self.strain_energy is not None:
             _check_energy(self.strain_energy)
@@ -170,7 +172,7 @@ class Section:
             EA, GA, EI, rhoA and rhoI.
         """
         _check_positive(area=area, second_moment=second_moment, E=E, shear_factor=shear_factor)
-        if not (_is_number(nu) and -1 < nu <= 0.5):
+        if not (is_number(nu) and -1 < nu <= 0.5):
             raise SceneError(f"Section: nu = {nu!r} must lie in (-1, 0.5]")
         G = E / (2 * (1 + nu))
         return cls(
@@ -227,21 +229,15 @@ def quadratic_law(stiffness) -> Law:
     return Law(energy, quadratic=True)
 
 
-def _is_number(value) -> bool:
-    try:
-        return math.isfinite(value)
-    except TypeError:
-        return False
-
-
 def _check_positive(**values) -> None:
     for name, value in values.items():
-        if not (_is_number(value) and value > 0):
+        if not (is_number(value) and value > 0):
             raise SceneError(f"Section: {name} = {value!r} must be positive and finite")
 
 
 def _check_energy(strain_energy: Energy) -> None:
-    e = [ufl.variable(ufl.Constant(ufl.interval)) for _ in range(3)]
+    # Numbers, which the functions of `math` can take: UFL tries without end to make one of symbols.
+    e = [ufl.variable(ufl.as_ufl(0.1)) for _ in range(3)]
     try:
         W = ufl.as_ufl(strain_energy(*e))
     except Exception as error:
@@ -249,5 +245,11 @@ def _check_energy(strain_energy: Energy) -> None:
             "Section: strain_energy(eps, gamma, kappa) must give a UFL expression, written with "
             f"ufl.sqrt, ufl.exp, ... where it needs functions; it raised {error!r}"
         ) from error
+    met = set(unique_pre_traversal(W))
+    missing = [n for n, x in zip(("eps", "gamma", "kappa"), e, strict=True) if x not in met]
+    if W.ufl_shape == () and missing:
+        raise SceneError(
+            f"Section: strain_energy does not depend on {missing}; take ufl.cos, ..., not math.cos"
+        )
     if W.ufl_shape != ():
         raise SceneError(f"Section: strain_energy must be a scalar, not of shape {W.ufl_shape}")

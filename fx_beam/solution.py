@@ -11,6 +11,22 @@ import numpy as np
 
 from .audit import BeamResultants, Energy, Stats
 from .beam import COMPONENTS, Beam, Node
+from .joints import GROUND, Joint
+
+#: Format of saved files, and the arrays in them that bear their own name.
+FORMAT = "fx_beam solution 1"
+HISTORIES = (
+    "t",
+    "X",
+    "q",
+    "v",
+    "a",
+    "reactions",
+    "slides",
+    "joint_forces",
+    "linear_momentum",
+    "angular_momentum",
+)
 
 
 class Solution:
@@ -26,6 +42,10 @@ class Solution:
         Displacements and rotation, their rates and accelerations [m, rad, s].
     reactions : (n, n_node, 3) float
         Forces and moments of the supports on the nodes [N, N m].
+    slides : (n, joints) float
+        Slides of the joints [m].
+    joint_forces : (n, joints, 3) float
+        Forces and moments of the joints on their nodes b [N, N m].
     energy : Energy
         Energies and work.
     linear_momentum : (n, 2) float
@@ -50,6 +70,8 @@ class Solution:
         v: np.ndarray,
         a: np.ndarray,
         reactions: np.ndarray,
+        slides: np.ndarray,
+        joint_forces: np.ndarray,
         energy: Energy,
         linear_momentum: np.ndarray,
         angular_momentum: np.ndarray,
@@ -62,6 +84,7 @@ class Solution:
         self.X = X
         self.q, self.v, self.a = q, v, a
         self.reactions = reactions
+        self.slides, self.joint_forces = slides, joint_forces
         self.energy = energy
         self.linear_momentum = linear_momentum
         self.angular_momentum = angular_momentum
@@ -192,6 +215,70 @@ class Solution:
         """
         return self.reactions[:, self._number(node)]
 
+    # -- Joints ---------------------------------------------------------------------------------
+
+    def slide(self, joint: Joint) -> np.ndarray:
+        """Slide of a prismatic joint or a pin in slot over time.
+
+        Parameters
+        ----------
+        joint : Joint
+            What `Scene.add_joint` returned.
+
+        Returns
+        -------
+        (n,) float
+            Distance along the axis from the joint's place on a to b [m].
+        """
+        if joint.axis is None:
+            raise ValueError(f"{joint} has no slide")
+        return self.slides[:, self._joint(joint)]
+
+    def joint_force(self, joint: Joint) -> np.ndarray:
+        """Force and moment of a joint on its node b over time.
+
+        Parameters
+        ----------
+        joint : Joint
+            What `Scene.add_joint` returned.
+
+        Returns
+        -------
+        (n, 3) float
+            Force [N] and moment [N m], springs, dampers and motors included, at the scheme's level
+            in the step that ends at t[k]; row 0 is zero.
+        """
+        return self.joint_forces[:, self._joint(joint)]
+
+    def gap(self, joint: Joint) -> np.ndarray:
+        """How far a joint's node b is from its place on a, over time.
+
+        Parameters
+        ----------
+        joint : Joint
+            What `Scene.add_joint` returned.
+
+        Returns
+        -------
+        (n,) float
+            Distance [m]; zero to rounding, as joints are no springs.
+        """
+        number = self._joint(joint)
+        X, q = self.X, self.q
+        arm = joint.offset + (
+            0.0 if joint.axis is None else self.slides[:, number, None] * joint.axis
+        )
+        arm = np.broadcast_to(arm, (len(self.t), 2))
+        psi = np.zeros(len(self.t)) if joint.a is GROUND else q[:, joint.a.number, 2]
+        c, s = np.cos(psi), np.sin(psi)
+        place = np.column_stack([c * arm[:, 0] - s * arm[:, 1], s * arm[:, 0] + c * arm[:, 1]])
+        for node, sign in ((joint.a, 1), (joint.b, -1)):
+            if node is not GROUND:
+                place += sign * (X[node.number] + q[:, node.number, :2])
+        if GROUND in (joint.a, joint.b):
+            place -= place[0]
+        return np.hypot(*place.T)
+
     # -- Beams ----------------------------------------------------------------------------------
 
     def shape(self, beam: Beam | str) -> np.ndarray:
@@ -235,7 +322,7 @@ class Solution:
         path : str or path
             File to write, in NumPy's npz format: arrays and a JSON text, no pickled objects.
         """
-        arrays = {name: getattr(self, name) for name in _HISTORIES}
+        arrays = {name: getattr(self, name) for name in HISTORIES}
         arrays |= {f"energy_{name}": value for name, value in vars(self.energy).items()}
         beams: list[dict] = []
         for name, beam in self.beams.items():
@@ -244,7 +331,7 @@ class Solution:
             arrays |= {f"{key}_{part}": value for part, value in vars(r).items()}
             arrays[f"{key}_nodes"] = self.nodes_of_beam[name]
             beams.append({"name": name, "degree": beam.degree})
-        meta = {"format": _FORMAT, "stats": asdict(self.stats), "beams": beams}
+        meta = {"format": FORMAT, "stats": asdict(self.stats), "beams": beams}
         with open(path, "wb") as file:
             np.savez_compressed(file, meta=np.array(json.dumps(meta)), **arrays)
 
@@ -284,6 +371,13 @@ class Solution:
             raise ValueError(f"{node} is no node of this solution")
         return node.number
 
+    def _joint(self, joint: Joint) -> int:
+        if not isinstance(joint, Joint) or not 0 <= joint.number < self.slides.shape[1]:
+            raise ValueError(
+                f"{joint!r} is no joint of this solution; take what add_joint returned"
+            )
+        return joint.number
+
     def _beam_name(self, beam: Beam | str) -> str:
         name = beam.name if isinstance(beam, Beam) else beam
         if name not in self.beams or (
@@ -291,51 +385,3 @@ class Solution:
         ):
             raise ValueError(f"{name!r} is no beam of this solution; it has {list(self.beams)}")
         return name
-
-
-_FORMAT = "fx_beam solution 1"
-_HISTORIES = ("t", "X", "q", "v", "a", "reactions", "linear_momentum", "angular_momentum")
-
-
-def load(path) -> Solution:
-    """Read a solution that `Solution.save` wrote; no code in the file is run.
-
-    Parameters
-    ----------
-    path : str or path
-        The file.
-
-    Returns
-    -------
-    Solution
-        The solution. Its beams are in `Solution.beams`, by name.
-
-    Raises
-    ------
-    ValueError
-        If the file is no saved solution.
-    """
-    try:
-        with np.load(path, allow_pickle=False) as file:
-            data = dict(file)
-        meta = json.loads(str(data["meta"]))
-        if meta["format"] != _FORMAT:
-            raise KeyError("format")
-    except (KeyError, ValueError, TypeError) as error:
-        raise ValueError(f"{path} is no solution saved by fx_beam") from error
-    beams: dict[str, Beam] = {}
-    nodes_of_beam, resultants = {}, {}
-    for i, item in enumerate(meta["beams"]):
-        name, numbers = item["name"], data[f"beam{i}_nodes"]
-        ends = tuple(Node(int(n), *map(float, data["X"][n])) for n in numbers[:: item["degree"]])
-        beams[name] = Beam(name, ends, item["degree"])
-        nodes_of_beam[name] = numbers
-        resultants[name] = BeamResultants(*(data[f"beam{i}_{part}"] for part in "sNQM"))
-    return Solution(
-        **{name: data[name] for name in _HISTORIES},
-        energy=Energy(*(data[f"energy_{n}"] for n in ("kinetic", "strain", "potential", "work"))),
-        stats=Stats(**meta["stats"]),
-        beams=beams,
-        nodes_of_beam=nodes_of_beam,
-        resultants_of_beam=resultants.__getitem__,
-    )

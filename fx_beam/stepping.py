@@ -10,7 +10,9 @@ import scipy.sparse.linalg
 from .audit import Energy, Stats
 from .beam import COMPONENTS
 from .errors import SceneError, StepError
-from .model import Model
+from .initial import initial_rates
+from .joints import GROUND
+from .model import Model, joint_forces
 from .newton import Newton, StepFailed, StepSolution
 from .values import evaluate
 
@@ -25,8 +27,15 @@ class State:
         Time [s].
     q, v, a : (size,) float
         Displacements and rotations, rates and accelerations.
-    reaction, added : (size,) float or None
-        Forces of the supports and of the added virtual works in the step that ended here.
+    slides : (joints,) float
+        Slides of the joints [m].
+    motors : (motors,) float
+        What the motors have moved since the start [m, rad].
+    held, added : float array or None
+        Generalised forces of driven and fixed columns, and forces (size,) of the added virtual
+        works, in the step that ended here.
+    joint_forces : (joints, 3) float
+        Forces and moments of the joints on their nodes b in that step [N, N m].
     work : float
         Work done since the start [J].
     """
@@ -35,8 +44,11 @@ class State:
     q: np.ndarray
     v: np.ndarray
     a: np.ndarray
-    reaction: np.ndarray | None = None
+    slides: np.ndarray
+    motors: np.ndarray
+    held: np.ndarray | None = None
     added: np.ndarray | None = None
+    joint_forces: np.ndarray | None = None
     work: float = 0.0
 
 
@@ -60,9 +72,13 @@ class Stepper:
         self.newton = newton
         self.stats = stats
         self.max_halvings = max_halvings
-        self._motions = [
-            (function, f"prescribed {COMPONENTS[component]} of {model.scene.nodes[node]}")
-            for (node, component), function in model.scene.prescribed.items()
+        scene = model.scene
+        self._driven = [
+            (function, f"prescribed {COMPONENTS[component]} of {scene.nodes[node]}")
+            for (node, component), function in scene.prescribed.items()
+        ]
+        self._driven += [
+            (getattr(joint, name).motor, f"motor of {joint}") for joint, name in model.motors
         ]
 
     # -- Start ----------------------------------------------------------------------------------
@@ -87,56 +103,53 @@ class Stepper:
             from zero.
         """
         model = self.model
-        q, v, a = (np.zeros(model.size) for _ in range(3))
-        values = self._prescribed(0.0)
-        for value, (_, what) in zip(values, self._motions, strict=True):
-            if value != 0:
+        values = self._driven_at(0.0)
+        for value, (_, what) in zip(values, self._driven, strict=True):
+            if abs(value) > 1e-12:
                 raise SceneError(
                     f"{what} is {value:g} at t = 0, and the scene starts from 0: let it start there"
                 )
-        v[:] = self._initial_velocity()
+        slides = np.array([joint.start()[0] for joint in model.scene.joints])
+        q, v, a = (np.zeros(model.size) for _ in range(3))
+        state = State(0.0, q, v, a, slides, np.zeros(len(model.motors)))
         # One-sided differences of second order: a motion need not be defined before t = 0.
         h = 1e-3 * dt
-        f1, f2, f3 = (self._prescribed(k * h) for k in (1, 2, 3))
-        v[model.prescribed] = (4 * f1 - f2) / (2 * h)
-        a[model.prescribed] = (-5 * f1 + 4 * f2 - f3) / h**2
-        self._solve_acceleration(q, v, a, self._end_forces(0.0, dt)[0], h)
-        return State(0.0, q, v, a)
+        f1, f2, f3 = (self._driven_at(k * h) for k in (1, 2, 3))
+        rates, accelerations = (4 * f1 - f2) / (2 * h), (-5 * f1 + 4 * f2 - f3) / h**2
 
-    def _initial_velocity(self) -> np.ndarray:
-        model, mesh = self.model, self.model.mesh
-        v = np.full((len(mesh.X), 3), np.nan)
-        for item in model.scene.velocities:
-            for node in mesh.nodes_of(model.scene, item.target):
-                x, y = map(float, mesh.X[node])
-                value = np.concatenate([item.value(x, y), item.spin(x, y)])
-                if not np.isfinite(value).all():
-                    raise SceneError(f"initial velocity at ({x:g}, {y:g}) is {value}, not finite")
-                if (abs(v[node] - value) > 1e-9 * abs(value).max()).any():
-                    raise SceneError(
-                        f"two initial velocities at ({x:g}, {y:g}): {v[node]} and {value}"
-                    )
-                v[node] = value
-        v = np.nan_to_num(v)
-        for node, component in model.scene.fixed:
-            if v[node, component] != 0:
-                raise SceneError(
-                    f"{model.scene.nodes[node]} is supported in {COMPONENTS[component]} and has "
-                    f"an initial rate of {v[node, component]:g} there; it must be 0"
-                )
-        return model.from_nodes(v)
+        model.reduction.begin(state.q, slides, h)
+        model.reduction.expand(np.zeros(model.reduction.free), np.zeros(len(rates)))
+        w = initial_rates(model, rates)
+        state.v = model.reduction.spread(w)
+        state.a = self._initial_acceleration(state, w, accelerations, dt)
+        return state
 
-    def _solve_acceleration(self, q, v, a, force, h) -> None:
-        """Accelerations of what has mass and is free, from M a = F - f."""
-        model = self.model
+    def _initial_acceleration(self, state: State, w: np.ndarray, driven: np.ndarray, dt: float):
+        """Accelerations of what has mass, from T^T M a = T^T (F - f)."""
+        model, reduction = self.model, self.model.reduction
+        h = 1e-9 * dt
         # An increment over a very short step gives added forces the initial velocity.
-        D = 1e-6 * h * v if model.forms.has_added else np.zeros(model.size)
-        model.forms.set_step(0.0, 1e-6 * h, q, v, a)
-        r = force - model.forms.internal_force(D) - model.mass @ a
-        moving = np.setdiff1d(model.free, np.flatnonzero(model.massless))
+        D = h * state.v if model.forms.has_added else np.zeros(model.size)
+        model.forms.set_step(0.0, h, state.q, state.v, state.a)
+        free, moved = reduction.free, slice(reduction.free, reduction.free + reduction.driven)
+        a = np.zeros(reduction.columns)
+        a[moved] = driven
+        curved = np.zeros(model.size)
+        if model.scene.joints and w.any():
+            # What joints accelerate at constant rates: the second difference of their motion.
+            k = 1e-4 / abs(w).max()
+            ahead, back = (reduction.expand(s * k * w[:free], s * k * w[moved]) for s in (1, -1))
+            curved = (ahead + back) / k**2
+            reduction.expand(np.zeros(free), np.zeros(reduction.driven))
+        T = reduction.coupling()
+        force = self._end_forces(0.0, dt)[0] - model.forms.internal_force(D)
+        force -= model.mass @ (T @ a + curved)
+        M = (T.T @ model.mass @ T).tocsr()
+        moving = np.flatnonzero(M.diagonal()[:free] > 0)
         if len(moving):
-            M = model.mass[moving][:, moving].tocsc()
-            a[moving] = scipy.sparse.linalg.spsolve(M, r[moving])
+            b = (T.T @ force)[moving]
+            a[moving] = scipy.sparse.linalg.spsolve(M[moving][:, moving].tocsc(), b)
+        return T @ a + curved
 
     # -- Steps ----------------------------------------------------------------------------------
 
@@ -175,11 +188,12 @@ class Stepper:
         model, rates = self.model, self.model.scheme.rates
         dt = t1 - state.t
         forces = self._end_forces(state.t, t1)
-        motion = np.zeros(model.size)
-        motion[model.prescribed] = self._prescribed(t1) - state.q[model.prescribed]
+        start = np.concatenate([state.q[model.prescribed], state.motors])
+        values = self._driven_at(t1)
         model.forms.set_step(state.t, dt, state.q, state.v, state.a)
+        model.reduction.begin(state.q, state.slides, dt)
         force = (1 - rates.level) * forces[0] + rates.level * forces[1]
-        step = self.newton.solve(state.v, state.a, dt, force, motion)
+        step = self.newton.solve(state.v, state.a, dt, force, values - start)
         self.stats.newton_iterations += step.iterations
         self.stats.ended_by[step.ended_by] = self.stats.ended_by.get(step.ended_by, 0) + 1
 
@@ -187,28 +201,56 @@ class Stepper:
         # Rates without mass appear in no equation, and the mid-point rule would let them swing
         # about their mean; the mean is what they are.
         free = model.massless
-        v[free] = rates.work_increment(step.D, model.turns)[0][free] / dt
-        a[free] = (v - state.v)[free] / dt
-        new = State(t1, state.q + step.D, v, a)
-        return self._with_work(state, step, (forces[0] + forces[1]) / 2, new)
-
-    def _with_work(self, old: State, step: StepSolution, dead: np.ndarray, new: State) -> State:
-        """The new state with the work of dead loads, prescribed motion and added forces."""
-        model, rates = self.model, self.model.scheme.rates
         path, _ = rates.work_increment(step.D, model.turns)
+        v[free] = path[free] / dt
+        a[free] = (v - state.v)[free] / dt
+        slides = state.slides + self._slide_increments(step, values - start)
+        motors = values[len(model.prescribed) :]
+        new = State(t1, state.q + step.D, v, a, slides, motors)
+        self._add_work(state, step, (forces[0] + forces[1]) / 2, path, new)
+        return new
+
+    def _slide_increments(self, step: StepSolution, driven: np.ndarray) -> np.ndarray:
+        z = np.concatenate([step.y, driven])
+        increments = np.zeros(len(self.model.scene.joints))
+        for number, column in self.model.couplings.slides.items():
+            increments[number] = z[column]
+        return increments
+
+    def _add_work(
+        self, old: State, step: StepSolution, dead: np.ndarray, path: np.ndarray, new: State
+    ) -> None:
+        """Add the work of dead loads, driven motion, dampers and added forces to a new state."""
+        model = self.model
         if model.weight is not None:
             dead = dead - model.weight
-        work = old.work + dead @ path
-        new.reaction = step.reaction
-        if len(model.prescribed):
-            moved = model.prescribed
-            work += self._mid(new.reaction, old.reaction)[moved] @ path[moved]
+        work = old.work + dead @ path - model.actuators.dissipated()
+        new.held = model.reduction.project(step.r)[model.reduction.free :]
+        if self._driven:
+            drive = np.concatenate([path[model.prescribed], self._motor_paths(path, new, old)])
+            work += self._mid(new.held, old.held)[: len(drive)] @ drive
         if model.forms.has_added:
             model.forms.internal_force(step.D)
             new.added = model.forms.added_force()
             work += self._mid(new.added, old.added) @ path
+        if model.scene.joints:
+            new.joint_forces = joint_forces(model, step.r)
         new.work = float(work)
-        return new
+
+    def _motor_paths(self, path: np.ndarray, new: State, old: State) -> np.ndarray:
+        """Increments on which the motors do work."""
+
+        def turn(node) -> float:
+            return path[self.model.mesh.dofs[node.number, 2]] if node is not GROUND else 0.0
+
+        return np.array(
+            [
+                turn(joint.b) - turn(joint.a)
+                if name == "rotation"
+                else new.slides[joint.number] - old.slides[joint.number]
+                for joint, name in self.model.motors
+            ]
+        )
 
     def _mid(self, force: np.ndarray, previous: np.ndarray | None) -> np.ndarray:
         """A force at mid-step from those at the scheme's level in this step and the last."""
@@ -223,14 +265,14 @@ class Stepper:
         Both are taken just inside the step: a load that jumps from one step to the next belongs
         to the one in which it acts, whichever way its function rounds.
         """
-        inset = max(1e-9 * (t1 - t0), 4 * np.spacing(t1))
+        inset = max(1e-12 * (t1 - t0), 4 * np.spacing(t1))
         forces = [self.model.loads.at(t) for t in (t0 + inset, t1 - inset)]
         if self.model.weight is not None:
             forces = [force + self.model.weight for force in forces]
         return forces[0], forces[1]
 
-    def _prescribed(self, t: float) -> np.ndarray:
-        return np.array([evaluate(function, t, what)[0] for function, what in self._motions])
+    def _driven_at(self, t: float) -> np.ndarray:
+        return np.array([evaluate(function, t, what)[0] for function, what in self._driven])
 
     def _message(self, state: State, t1: float, failure: StepFailed, halvings: int) -> str:
         model = self.model
@@ -265,6 +307,8 @@ class Recorder:
         n, shape = len(times), (len(times), *model.mesh.dofs.shape)
         self._t = times
         self._motion = {name: np.zeros(shape) for name in ("q", "v", "a", "reactions")}
+        joints = len(model.scene.joints)
+        self._joints = {"slides": np.zeros((n, joints)), "joint_forces": np.zeros((n, joints, 3))}
         self._energy = Energy(*(np.zeros(n) for _ in range(4)))
         self._linear, self._angular = np.zeros((n, 2)), np.zeros(n)
 
@@ -285,11 +329,16 @@ class Recorder:
             ("a", model.to_nodes(state.a)),
         ):
             self._motion[name][k] = value
-        if state.reaction is not None and len(model.constrained):
-            self._motion["reactions"][k] = model.to_nodes(state.reaction)
+        if state.held is not None:
+            nodes, components, places = model.supports
+            self._motion["reactions"][k, nodes, components] = state.held[places]
+        self._joints["slides"][k] = state.slides
+        if state.joint_forces is not None:
+            self._joints["joint_forces"][k] = state.joint_forces
         energy = self._energy
         energy.kinetic[k] = state.v @ momentum / 2
         energy.strain[k] = model.forms.strain_energy(state.q)
+        energy.strain[k] += model.actuators.energy(state.q, state.slides)
         if model.weight is not None:
             energy.potential[k] = -(model.weight @ state.q)
         energy.work[k] = state.work
@@ -303,7 +352,7 @@ class Recorder:
         n = self.count
         return {
             "t": self._t[:n],
-            **{name: values[:n] for name, values in self._motion.items()},
+            **{name: values[:n] for name, values in (self._motion | self._joints).items()},
             "energy": Energy(*(values[:n] for values in vars(self._energy).values())),
             "linear_momentum": self._linear[:n],
             "angular_momentum": self._angular[:n],

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 
 import numpy as np
@@ -9,6 +10,14 @@ import numpy as np
 from .errors import SceneError, StepError
 
 TimeFunction = Callable[[float], np.ndarray]
+
+
+def is_number(value) -> bool:
+    """Whether something is a finite number."""
+    try:
+        return math.isfinite(value)
+    except TypeError:
+        return False
 
 
 def vector(value, size: int, what: str) -> np.ndarray:
@@ -47,8 +56,17 @@ def checked_function(value, size: int, what: str, *sample: float) -> Callable:
         first = value(*sample)
     except Exception as error:
         raise SceneError(f"{what}: calling it at {sample} raised {error!r}") from error
-    _shaped(first, size, what)
-    return lambda *arguments: _shaped(value(*arguments), size, what)
+    vector(first, size, what)
+
+    def checked(*arguments):
+        try:
+            return _shaped(value(*arguments), size, what)
+        except SceneError:
+            raise
+        except Exception as error:
+            raise SceneError(f"{what}: calling it at {arguments} raised {error!r}") from error
+
+    return checked
 
 
 def evaluate(function: Callable[[float], np.ndarray], t: float, what: str) -> np.ndarray:

@@ -1,0 +1,283 @@
+"""Which degrees of freedom the joints leave: forests of coupled nodes, and columns of unknowns."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+import numpy as np
+
+from .errors import SceneError
+from .joints import GROUND, Joint
+from .mesh import Mesh
+from .scene import Scene
+
+#: An entry of a coupling: the column, the place of its value (0 is the constant 1), and its sign.
+Entry = tuple[int, int, float]
+
+
+@dataclass(frozen=True)
+class Branch:
+    """A node that a joint couples to its parent in a forest."""
+
+    node: int
+    parent: int
+    joint: Joint
+
+    @property
+    def sign(self) -> float:
+        """1 where b follows a, -1 where a follows b."""
+        return 1.0 if self.node == self.joint.b.number else -1.0
+
+
+@dataclass(frozen=True)
+class Couplings:
+    """The full degrees of freedom as functions of the columns that are left.
+
+    Columns are, in this order: free degrees of freedom and slides, those that are driven
+    (prescribed motions, then motors), and those that are fixed.
+
+    Parameters
+    ----------
+    free, driven, columns : int
+        Number of free columns, of driven ones, and of all.
+    entries : list of lists of Entry
+        For each degree of freedom its columns and values.
+    slides : dict
+        Column of the slide of each joint that has one, by the joint's number.
+    bending : list of Joint
+        Joints whose coupling changes with the motion; joint m has the values 1 + 4 m to 4 + 4 m,
+        the derivatives of x and y by the rotation and then by the slide.
+    sign : (len(bending),) float
+        1 where b follows a in a bending joint, -1 where a follows b.
+    move_sign, turn_sign : (joints,) float
+        The same for the displacements and for the rotations of all joints.
+    subtree : list of int arrays
+        For each joint of the scene the nodes whose displacement follows through it.
+    turning : list of int arrays
+        For each joint that couples rotations the nodes whose rotation follows through it.
+    """
+
+    free: int
+    driven: int
+    columns: int
+    entries: list[list[Entry]]
+    slides: dict[int, int]
+    bending: list[Joint]
+    sign: np.ndarray
+    move_sign: np.ndarray
+    turn_sign: np.ndarray
+    subtree: list[np.ndarray]
+    turning: list[np.ndarray]
+
+    @property
+    def is_index(self) -> bool:
+        """Whether every degree of freedom equals one column."""
+        return all(len(own) == 1 and own[0][1] == 0 for own in self.entries)
+
+    def entries_of_guide(self, joint: Joint, dofs: np.ndarray) -> list[Entry]:
+        """Entries of the rotation that turns a joint's offset and axis; none on the ground."""
+        return self.entries[dofs[joint.a.number, 2]] if joint.a is not GROUND else []
+
+
+def couple(scene: Scene, mesh: Mesh) -> Couplings:
+    """Couplings of a scene.
+
+    Parameters
+    ----------
+    scene : Scene
+        Its joints and supports.
+    mesh : Mesh
+        Numbering of the degrees of freedom.
+
+    Returns
+    -------
+    Couplings
+        Columns and entries.
+
+    Raises
+    ------
+    SceneError
+        For joints that over-constrain, naming them.
+    """
+    supported = scene.fixed | set(scene.prescribed)
+    displaced = {node for node, component in supported if component < 2}
+    turned = {node for node, component in supported if component == 2}
+    moves = _forest(scene, scene.joints, displaced, "displacement")
+    turns = _forest(scene, [j for j in scene.joints if j.turns_together], turned, "rotation")
+
+    columns = _Columns(scene, mesh, moves, turns)
+    bending = [b.joint for b in moves if not b.joint.is_index]
+    place = {joint.number: 1 + 4 * m for m, joint in enumerate(bending)}
+    entries: dict[tuple[int, int], list[Entry]] = {(-1, i): [] for i in range(3)}
+    for key in columns.roots:
+        entries[key] = [(columns.of[key], 0, 1.0)]
+    for branch in turns:
+        own = list(entries[branch.parent, 2])
+        if branch.joint.rotation is not None:
+            own.append((columns.of["motor", branch.joint.number], 0, branch.sign))
+        entries[branch.node, 2] = own
+    for branch in moves:
+        joint = branch.joint
+        for i in (0, 1):
+            own = list(entries[branch.parent, i])
+            if joint.number in place:
+                first = place[joint.number] + i
+                turn = entries[joint.a.number, 2]
+                own += [(column, first, sign * branch.sign) for column, _, sign in turn]
+                if joint.slide is not None:
+                    own.append((columns.slides[joint.number], first + 2, branch.sign))
+            entries[branch.node, i] = own
+
+    by_dof: list[list[Entry]] = [[] for _ in range(mesh.dofs.size)]
+    for (node, component), own in entries.items():
+        if node >= 0:
+            by_dof[mesh.dofs[node, component]] = own
+    return Couplings(
+        free=columns.free,
+        driven=columns.driven,
+        columns=columns.count,
+        entries=by_dof,
+        slides=columns.slides,
+        bending=bending,
+        sign=np.array([b.sign for b in moves if not b.joint.is_index]),
+        move_sign=_signs(moves, len(scene.joints)),
+        turn_sign=_signs(turns, len(scene.joints)),
+        subtree=_descendants(moves, len(scene.joints)),
+        turning=_descendants(turns, len(scene.joints)),
+    )
+
+
+class _Columns:
+    """Numbers of the columns: free, driven, fixed."""
+
+    def __init__(self, scene: Scene, mesh: Mesh, moves: list[Branch], turns: list[Branch]):
+        follows = {(b.node, i) for b in moves for i in (0, 1)} | {(b.node, 2) for b in turns}
+        nodes = range(len(mesh.X))
+        self.roots = [(n, i) for n in nodes for i in range(3) if (n, i) not in follows]
+        taken = scene.fixed | set(scene.prescribed)
+        moved = {joint.number for joint, name in motors(scene) if name == "slide"}
+        slides = [joint.number for joint in scene.joints if joint.slide is not None]
+        free: list[tuple] = [key for key in self.roots if key not in taken]
+        free += [("slide", number) for number in slides if number not in moved]
+        driven: list[tuple] = list(scene.prescribed)
+        driven += [("motor", joint.number) for joint, _ in motors(scene)]
+        keys = [*free, *driven, *sorted(scene.fixed)]
+        self.of: dict[tuple, int] = {key: column for column, key in enumerate(keys)}
+        self.free, self.driven, self.count = len(free), len(driven), len(keys)
+        self.slides = {n: self.of["motor" if n in moved else "slide", n] for n in slides}
+
+
+def motors(scene: Scene) -> list[tuple[Joint, str]]:
+    """Joints that have a motor, each with the name of the coordinate that it moves.
+
+    Parameters
+    ----------
+    scene : Scene
+        Its joints.
+
+    Returns
+    -------
+    list of (Joint, str)
+        In the order of the joints; "slide" or "rotation".
+
+    Raises
+    ------
+    SceneError
+        If a joint has two.
+    """
+    found = []
+    for joint in scene.joints:
+        names = [
+            name
+            for name, coordinate in (("slide", joint.slide), ("rotation", joint.rotation))
+            if coordinate is not None and coordinate.motor is not None
+        ]
+        if len(names) == 2:
+            raise SceneError(f"{joint}: it has two motors; give one of them to another joint")
+        found += [(joint, name) for name in names]
+    return found
+
+
+def _forest(scene: Scene, joints: Iterable[Joint], supported: set[int], what: str) -> list[Branch]:
+    """Joints as branches of trees, parents first; a supported node or the ground is a root."""
+    neighbours: dict[int, list[tuple[int, Joint]]] = {}
+    for joint in joints:
+        a, b = joint.a.number, joint.b.number
+        path = _path(neighbours, a, b)
+        if path is not None:
+            _refuse(scene, [*path, joint], f"they close a loop in which every {what} is coupled")
+        neighbours.setdefault(a, []).append((b, joint))
+        neighbours.setdefault(b, []).append((a, joint))
+
+    branches: list[Branch] = []
+    reached: set[int] = set()
+
+    def grow(root: int) -> None:
+        reached.add(root)
+        queue = [root]
+        for parent in queue:
+            for node, joint in neighbours.get(parent, []):
+                if node in reached:
+                    continue
+                if node in supported or node == GROUND.number:
+                    path = _path(neighbours, root, node)
+                    name = "the ground" if root == GROUND.number else scene.nodes[root]
+                    other = "the ground" if node == GROUND.number else scene.nodes[node]
+                    reason = f"the {what} of {name} and of {other} are both supported"
+                    _refuse(scene, path, reason)
+                reached.add(node)
+                branches.append(Branch(node, parent, joint))
+                queue.append(node)
+
+    roots = [n for n in sorted(neighbours) if n in supported or n == GROUND.number]
+    for root in [*roots, *sorted(neighbours)]:
+        if root not in reached:
+            grow(root)
+    return branches
+
+
+def _path(neighbours, start: int, end: int) -> list[Joint] | None:
+    """Joints between two nodes of a tree; none if they are in different ones."""
+    came: dict[int, tuple[int, Joint] | None] = {start: None}
+    queue = [start]
+    for node in queue:
+        for other, joint in neighbours.get(node, []):
+            if other not in came:
+                came[other] = (node, joint)
+                queue.append(other)
+    if end not in came:
+        return None
+    joints = []
+    step = came[end]
+    while step is not None:
+        joints.append(step[1])
+        step = came[step[0]]
+    return joints
+
+
+def _refuse(scene: Scene, joints, reason: str) -> None:
+    names = "; ".join(str(joint) for joint in joints)
+    raise SceneError(
+        f"over-constrained: {names}: {reason}. Remove one of them, or give it a freedom: a slide, "
+        "a free rotation, or a beam between"
+    )
+
+
+def _signs(branches: list[Branch], joints: int) -> np.ndarray:
+    signs = np.zeros(joints)
+    for branch in branches:
+        signs[branch.joint.number] = branch.sign
+    return signs
+
+
+def _descendants(branches: list[Branch], joints: int) -> list[np.ndarray]:
+    """Nodes that follow through each joint, the branch's own node included."""
+    below: dict[int, list[int]] = {b.node: [b.node] for b in branches}
+    for branch in reversed(branches):
+        if branch.parent in below:
+            below[branch.parent] += below[branch.node]
+    found = [np.empty(0, dtype=int)] * joints
+    for branch in branches:
+        found[branch.joint.number] = np.array(below[branch.node])
+    return found

@@ -1,0 +1,61 @@
+"""Reading of saved solutions."""
+
+from __future__ import annotations
+
+import json
+import zipfile
+
+import numpy as np
+
+from .audit import BeamResultants, Energy, Stats
+from .beam import Beam, Node
+from .solution import FORMAT, HISTORIES, Solution
+
+
+def load(path) -> Solution:
+    """Read a solution that `Solution.save` wrote; no code in the file is run.
+
+    Parameters
+    ----------
+    path : str or path
+        The file.
+
+    Returns
+    -------
+    Solution
+        The solution. Its beams are in `Solution.beams`, by name.
+
+    Raises
+    ------
+    ValueError
+        If the file is no saved solution.
+    """
+    try:
+        return _read(path)
+    except (KeyError, ValueError, TypeError, EOFError, zipfile.BadZipFile) as error:
+        raise ValueError(f"{path} is no solution saved by fx_beam") from error
+
+
+def _read(path) -> Solution:
+    # Opened here: NumPy leaves a damaged file open.
+    with open(path, "rb") as raw, np.load(raw, allow_pickle=False) as file:
+        data = dict(file)
+    meta = json.loads(str(data["meta"]))
+    if meta["format"] != FORMAT:
+        raise KeyError("format")
+    beams: dict[str, Beam] = {}
+    nodes_of_beam, resultants = {}, {}
+    for i, item in enumerate(meta["beams"]):
+        name, numbers = item["name"], data[f"beam{i}_nodes"]
+        ends = tuple(Node(int(n), *map(float, data["X"][n])) for n in numbers[:: item["degree"]])
+        beams[name] = Beam(name, ends, item["degree"])
+        nodes_of_beam[name] = numbers
+        resultants[name] = BeamResultants(*(data[f"beam{i}_{part}"] for part in "sNQM"))
+    return Solution(
+        **{name: data[name] for name in HISTORIES},
+        energy=Energy(*(data[f"energy_{n}"] for n in ("kinetic", "strain", "potential", "work"))),
+        stats=Stats(**meta["stats"]),
+        beams=beams,
+        nodes_of_beam=nodes_of_beam,
+        resultants_of_beam=resultants.__getitem__,
+    )

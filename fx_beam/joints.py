@@ -1,0 +1,294 @@
+"""Joints between two nodes, or a node and the ground, as plain data."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from .beam import Node
+from .errors import SceneError
+from .values import time_function, vector
+
+#: The fixed frame, in place of a joint's first or second node.
+GROUND = Node(-1, math.nan, math.nan)
+
+
+@dataclass(frozen=True)
+class Spring:
+    """Linear spring on a joint's free coordinate.
+
+    Parameters
+    ----------
+    stiffness : float
+        Force per slide [N/m], or moment per relative rotation [N m/rad].
+    rest : float
+        Slide [m] or relative rotation [rad] without force.
+    """
+
+    stiffness: float
+    rest: float = 0.0
+
+    def __post_init__(self):
+        _check("Spring", "stiffness", self.stiffness, self.stiffness >= 0)
+        _check("Spring", "rest", self.rest, True)
+
+
+@dataclass(frozen=True)
+class Damper:
+    """Linear damper on a joint's free coordinate.
+
+    Parameters
+    ----------
+    viscosity : float
+        Force per rate of the slide [N s/m], or moment per relative spin [N m s/rad].
+    """
+
+    viscosity: float
+
+    def __post_init__(self):
+        _check("Damper", "viscosity", self.viscosity, self.viscosity >= 0)
+
+
+@dataclass(frozen=True)
+class Coordinate:
+    """What acts on a free coordinate of a joint.
+
+    Parameters
+    ----------
+    spring : Spring, optional
+        Linear spring.
+    damper : Damper, optional
+        Linear damper.
+    motor : callable, optional
+        ``motor(t)``, the change of the coordinate since the start; it is then not free.
+    """
+
+    spring: Spring | None = None
+    damper: Damper | None = None
+    motor: Callable[[float], np.ndarray] | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class Joint:
+    """Coupling of two nodes; made by `Rigid`, `Revolute`, `Prismatic` and `PinInSlot`.
+
+    The position of b is phi_b = phi_a + R(psi_a) (offset + d axis), with the slide d; the
+    rotation psi_b is that of a, or free.
+
+    Parameters
+    ----------
+    kind : str
+        Name of the kind.
+    a, b : Node
+        The nodes; one may be `GROUND`. The offset and the axis turn with a.
+    offset : (2,) float
+        From a to the joint, in the reference configuration [m].
+    axis : (2,) float, optional
+        Unit vector of the slide in the reference configuration.
+    slide : Coordinate, optional
+        What acts on the slide; none where there is no slide.
+    rotation : Coordinate, optional
+        What acts on the relative rotation psi_b - psi_a; none where that is not free.
+    number : int
+        Place in the scene's joints.
+    """
+
+    kind: str
+    a: Node
+    b: Node
+    offset: np.ndarray
+    axis: np.ndarray | None = None
+    slide: Coordinate | None = None
+    rotation: Coordinate | None = None
+    number: int = field(default=-1)
+
+    def __str__(self):
+        ends = [("the ground" if node is GROUND else str(node)) for node in (self.a, self.b)]
+        number = "" if self.number < 0 else f"joint {self.number}, "
+        return f"{number}{self.kind} of {ends[0]} and {ends[1]}"
+
+    @property
+    def turns_together(self) -> bool:
+        """Whether the rotation of b is that of a, a motor's angle apart."""
+        return self.rotation is None or self.rotation.motor is not None
+
+    @property
+    def is_index(self) -> bool:
+        """Whether displacements are simply equal."""
+        return self.axis is None and not self.offset.any()
+
+    def start(self) -> tuple[float, float]:
+        """Slide and gap at the start.
+
+        Returns
+        -------
+        slide : float
+            Distance along the axis from the joint's place on a to b [m].
+        gap : float
+            What is left of the distance [m].
+        """
+        if self.a is GROUND or self.b is GROUND:
+            return 0.0, 0.0  # the ground's point is where the joint starts
+        distance = np.array([self.b.x - self.a.x, self.b.y - self.a.y]) - self.offset
+        slide = 0.0 if self.axis is None else float(distance @ self.axis)
+        along = 0.0 if self.axis is None else slide * self.axis
+        return slide, float(np.hypot(*(distance - along)))
+
+
+def Rigid(a: Node, b: Node, offset=(0.0, 0.0)) -> Joint:
+    """Rigid joint: b moves and turns with a.
+
+    Parameters
+    ----------
+    a, b : Node
+        The nodes; one may be `GROUND`.
+    offset : (x, y)
+        From a to b in the reference configuration [m].
+
+    Returns
+    -------
+    Joint
+        The joint, for `Scene.add_joint`.
+    """
+    return _joint("Rigid", a, b, offset)
+
+
+def Revolute(
+    a: Node,
+    b: Node,
+    offset=(0.0, 0.0),
+    spring: Spring | None = None,
+    damper: Damper | None = None,
+    motor=None,
+) -> Joint:
+    """Hinge: b stays where it is on a, and turns freely.
+
+    Parameters
+    ----------
+    a, b : Node
+        The nodes; one may be `GROUND`.
+    offset : (x, y)
+        From a to the hinge in the reference configuration [m]; it turns with a.
+    spring, damper : Spring, Damper, optional
+        On the relative rotation psi_b - psi_a.
+    motor : callable, optional
+        ``motor(t)``, the relative rotation since the start [rad]; zero at t = 0.
+
+    Returns
+    -------
+    Joint
+        The joint, for `Scene.add_joint`.
+    """
+    rotation = _coordinate("motor of a revolute joint", spring, damper, motor)
+    return _joint("Revolute", a, b, offset, rotation=rotation)
+
+
+def Prismatic(
+    a: Node,
+    b: Node,
+    axis,
+    offset=(0.0, 0.0),
+    spring: Spring | None = None,
+    damper: Damper | None = None,
+    motor=None,
+) -> Joint:
+    """Prismatic joint: b slides along an axis that a carries, and turns with a.
+
+    Parameters
+    ----------
+    a, b : Node
+        The nodes; a carries the guide. One may be `GROUND`.
+    axis : (x, y)
+        Direction of the guide in the reference configuration, of any length.
+    offset : (x, y)
+        From a to a point of the guide in the reference configuration [m].
+    spring, damper : Spring, Damper, optional
+        On the slide.
+    motor : callable, optional
+        ``motor(t)``, the slide since the start [m]; zero at t = 0.
+
+    Returns
+    -------
+    Joint
+        The joint, for `Scene.add_joint`.
+    """
+    slide = _coordinate("motor of a prismatic joint", spring, damper, motor)
+    return _joint("Prismatic", a, b, offset, axis, slide)
+
+
+def PinInSlot(
+    a: Node,
+    b: Node,
+    axis,
+    offset=(0.0, 0.0),
+    spring: Spring | None = None,
+    damper: Damper | None = None,
+    motor=None,
+    hinge: Coordinate | None = None,
+) -> Joint:
+    """Pin in a slot: b slides along an axis that a carries, and turns freely.
+
+    Parameters
+    ----------
+    a, b : Node
+        The nodes; a carries the slot. One may be `GROUND`.
+    axis : (x, y)
+        Direction of the slot in the reference configuration, of any length.
+    offset : (x, y)
+        From a to a point of the slot in the reference configuration [m].
+    spring, damper : Spring, Damper, optional
+        On the slide.
+    motor : callable, optional
+        ``motor(t)``, the slide since the start [m]; zero at t = 0.
+    hinge : Coordinate, optional
+        What acts on the relative rotation.
+
+    Returns
+    -------
+    Joint
+        The joint, for `Scene.add_joint`.
+    """
+    slide = _coordinate("motor of a pin in slot", spring, damper, motor)
+    hinge = hinge or Coordinate()
+    rotation = _coordinate("hinge of a pin in slot", hinge.spring, hinge.damper, hinge.motor)
+    return _joint("PinInSlot", a, b, offset, axis, slide, rotation)
+
+
+def _joint(kind, a, b, offset, axis=None, slide=None, rotation=None) -> Joint:
+    for node in (a, b):
+        if not isinstance(node, Node):
+            raise SceneError(f"{kind}: {node!r} is no node; take one from a beam, or GROUND")
+    if a is b:
+        what = "the ground" if a is GROUND else a
+        raise SceneError(f"{kind}: both of its nodes are {what}")
+    if axis is not None:
+        axis = vector(axis, 2, f"{kind}: axis")
+        length = np.hypot(*axis)
+        if length == 0:
+            raise SceneError(f"{kind}: axis = {axis} has no direction")
+        axis = axis / length
+    offset = vector(offset, 2, f"{kind}: offset")
+    if a is GROUND and offset.any():
+        raise SceneError(f"{kind}: the ground takes no offset; its point is where {b} starts")
+    return Joint(kind, a, b, offset, axis, slide, rotation)
+
+
+def _coordinate(what: str, spring, damper, motor) -> Coordinate:
+    for name, value, wanted in (("spring", spring, Spring), ("damper", damper, Damper)):
+        if value is not None and not isinstance(value, wanted):
+            raise SceneError(f"{name} = {value!r} must be an fx_beam.{wanted.__name__}")
+    if motor is not None:
+        motor = time_function(motor, 1, what)
+        start = motor(0.0)[0]
+        if start != 0:
+            raise SceneError(f"{what} is {start:g} at t = 0; it must start from 0")
+    return Coordinate(spring, damper, motor)
+
+
+def _check(what: str, name: str, value: Any, valid: bool) -> None:
+    if not (math.isfinite(value) and valid):
+        raise SceneError(f"{what}: {name} = {value!r} must be finite and not negative")
