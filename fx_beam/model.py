@@ -7,6 +7,7 @@ from typing import Any
 import ufl
 
 import numpy as np
+import scipy.sparse
 
 from . import compat
 from .actuators import Actuators
@@ -157,28 +158,51 @@ class Model:
         return vector
 
 
-def joint_forces(model: Model, r: np.ndarray) -> np.ndarray:
-    """Forces and moments of the joints on their nodes b.
+class JointForces:
+    """Forces and moments of the joints on their nodes b, as sums over what follows through them.
 
     Parameters
     ----------
     model : Model
-        The model, its reduction at the increment of the step.
-    r : (size,) float
-        Forces and couples of supports and joints on the nodes [N, N m].
-
-    Returns
-    -------
-    (joints, 3) float
-        Force [N] and moment [N m] of each joint.
+        The model.
     """
-    dofs, couplings = model.mesh.dofs, model.couplings
-    moments = r[dofs[:, 2]] + model.reduction.guide_moments(r)
-    out = np.zeros((len(model.scene.joints), 3))
-    out[:, 2] = model.actuators.moments(len(out))
-    for joint in model.scene.joints:
-        j = joint.number
-        out[j, :2] = couplings.move_sign[j] * r[dofs[couplings.subtree[j], :2]].sum(axis=0)
-        if joint.turns_together:
-            out[j, 2] = couplings.turn_sign[j] * moments[couplings.turning[j]].sum()
-    return out
+
+    def __init__(self, model: Model):
+        self._model = model
+        couplings, dofs = model.couplings, model.mesh.dofs
+        rows, columns, signs = [], [], []
+        turning = np.zeros((len(model.scene.joints), len(dofs)))
+        for j in range(len(turning)):
+            turning[j, couplings.turning[j]] = couplings.turn_sign[j]
+            sums = (
+                (dofs[couplings.subtree[j], 0], couplings.move_sign[j]),
+                (dofs[couplings.subtree[j], 1], couplings.move_sign[j]),
+                (dofs[couplings.turning[j], 2], couplings.turn_sign[j]),
+            )
+            for i, (followers, sign) in enumerate(sums):
+                rows += [3 * j + i] * len(followers)
+                columns += followers.tolist()
+                signs += [sign] * len(followers)
+        shape = (3 * len(turning), model.size)
+        self._sums = scipy.sparse.csr_matrix((signs, (rows, columns)), shape)
+        self._turning = scipy.sparse.csr_matrix(turning)
+
+    def of(self, r: np.ndarray) -> np.ndarray:
+        """Forces and moments in a step.
+
+        Parameters
+        ----------
+        r : (size,) float
+            Forces and couples of supports and joints on the nodes [N, N m].
+
+        Returns
+        -------
+        (joints, 3) float
+            Force [N] and moment [N m] of each joint.
+        """
+        out = (self._sums @ r).reshape(-1, 3)
+        # Offset and sliding joints turn what carries them, springs turn both ends.
+        carried = self._model.reduction.guide_moments(r)
+        if carried is not None:
+            out[:, 2] += self._turning @ carried + self._model.actuators.moments(len(out))
+        return out

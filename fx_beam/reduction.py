@@ -47,7 +47,7 @@ class Reduction(Protocol):
     def project(self, r: np.ndarray) -> np.ndarray:
         """Generalised forces at all columns: That^T r, with those of springs and dampers."""
 
-    def guide_moments(self, r: np.ndarray) -> np.ndarray | float:
+    def guide_moments(self, r: np.ndarray) -> np.ndarray | None:
         """Moments of offset and sliding joints on the nodes that carry them, for forces r."""
 
     def fill(self, values: np.ndarray, r: np.ndarray, out: np.ndarray) -> None:
@@ -71,14 +71,12 @@ class IndexReduction:
         self._column = column
         self.free, self.driven, self.columns = free, driven, columns
         self._z = np.zeros(columns)
-        self._single = len(np.unique(column)) == len(column)
-        self._dof = np.argsort(column)
+        self._dofs = _Sums(column)
         rows = np.repeat(np.arange(matrix.shape[0]), np.diff(matrix.indptr))
         row, col = column[rows], column[matrix.indices]
-        self._source = np.flatnonzero((row < free) & (col < free))
-        self.pattern, self._place = _sparsity(row[self._source], col[self._source], free)
-        if self._single:
-            self._source = self._source[np.argsort(self._place)]
+        kept = np.flatnonzero((row < free) & (col < free))
+        self.pattern, place = _sparsity(row[kept], col[kept], free)
+        self._entries = _Sums(place, kept)
 
     def begin(self, q, slides, dt) -> None:
         """Nothing depends on the step."""
@@ -102,20 +100,37 @@ class IndexReduction:
 
     def project(self, r):
         """Sums over equal degrees of freedom."""
-        if self._single:
-            return r[self._dof]
-        return np.bincount(self._column, r, self.columns)
+        out = np.empty(self.columns)
+        self._dofs.of(r, out)
+        return out
 
     def guide_moments(self, r):
-        """None."""
-        return 0.0
+        """None, as there are no levers."""
+        return None
 
     def fill(self, values, r, out) -> None:
         """Sums over equal degrees of freedom."""
-        if self._single:
-            np.take(values, self._source, out=out)
-        else:
-            out[:] = np.bincount(self._place, values[self._source], len(out))
+        self._entries.of(values, out)
+
+
+class _Sums:
+    """Sums of the entries of a vector that share a place: a pick, and the few that come on top."""
+
+    def __init__(self, place: np.ndarray, source: np.ndarray | None = None):
+        source = np.arange(len(place)) if source is None else source
+        _, first = np.unique(place, return_index=True)
+        self._first = source[first]
+        self._more: list[tuple[np.ndarray, np.ndarray]] = []
+        left = np.setdiff1d(np.arange(len(place)), first)
+        while len(left):  # once for every further node on a pin
+            _, i = np.unique(place[left], return_index=True)
+            self._more.append((place[left[i]], source[left[i]]))
+            left = np.delete(left, i)
+
+    def of(self, values: np.ndarray, out: np.ndarray) -> None:
+        np.take(values, self._first, out=out)
+        for place, source in self._more:
+            out[place] += values[source]
 
 
 class JointReduction:

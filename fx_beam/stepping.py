@@ -12,7 +12,7 @@ from .beam import COMPONENTS
 from .errors import SceneError, StepError
 from .initial import initial_rates
 from .joints import GROUND
-from .model import Model, joint_forces
+from .model import JointForces, Model
 from .newton import Newton, StepFailed, StepSolution
 from .values import evaluate
 
@@ -73,6 +73,7 @@ class Stepper:
         self.stats = stats
         self.max_halvings = max_halvings
         scene = model.scene
+        self._joint_forces = JointForces(model) if scene.joints else None
         self._driven = [
             (function, f"prescribed {COMPONENTS[component]} of {scene.nodes[node]}")
             for (node, component), function in scene.prescribed.items()
@@ -233,8 +234,8 @@ class Stepper:
             model.forms.internal_force(step.D)
             new.added = model.forms.added_force()
             work += self._mid(new.added, old.added) @ path
-        if model.scene.joints:
-            new.joint_forces = joint_forces(model, step.r)
+        if self._joint_forces is not None:
+            new.joint_forces = self._joint_forces.of(step.r)
         new.work = float(work)
 
     def _motor_paths(self, path: np.ndarray, new: State, old: State) -> np.ndarray:

@@ -1,0 +1,83 @@
+"""What joints cost: time of a Newton iteration with revolute joints and without.
+
+A chain of members on revolute joints is compared with one beam of as many unknowns. Both are
+pinned at one end and swing under gravity. What is timed is the solution of the steps, over their
+iterations; runs alternate, medians are printed.
+
+    .venv/bin/python benchmarks/joint_overhead.py [runs]
+"""
+
+import sys
+from statistics import median
+from time import perf_counter
+
+import fx_beam as fb
+from fx_beam.newton import Newton
+
+SECTION = fb.Section(EA=1e5, GA=5e4, EI=100.0, rhoA=1.0, rhoI=0.01)
+
+
+def chain(members, elements):
+    scene = fb.Scene(gravity=(0, -9.81))
+    beams = [
+        scene.add_beam([(i, 0), (i + 1, 0)], SECTION, elements=elements) for i in range(members)
+    ]
+    scene.pin(beams[0].start)
+    for left, right in zip(beams[:-1], beams[1:], strict=True):
+        scene.add_joint(fb.Revolute(left.end, right.start))
+    return scene
+
+
+def beam(unknowns, length):
+    """One beam; 3 unknowns a node, less the pin's two."""
+    scene = fb.Scene(gravity=(0, -9.81))
+    whole = scene.add_beam([(0, 0), (length, 0)], SECTION, elements=(unknowns + 2) // 3 - 1)
+    scene.pin(whole.start)
+    return scene
+
+
+class Clock:
+    """Seconds spent in Newton's method, and its iterations."""
+
+    def __init__(self):
+        self.seconds, self.iterations = 0.0, 0
+        solve = Newton.solve
+
+        def timed(newton, *arguments):
+            start = perf_counter()
+            step = solve(newton, *arguments)
+            self.seconds += perf_counter() - start
+            self.iterations += step.iterations
+            return step
+
+        Newton.solve = timed
+
+    def run(self, scene):
+        """Microseconds an iteration."""
+        self.seconds, self.iterations = 0.0, 0
+        stats = fb.simulate(scene, dt=0.002, t_end=0.4).stats
+        return 1e6 * self.seconds / self.iterations, stats.unknowns
+
+
+def main(runs=15):
+    clock = Clock()
+    for members, elements in ((4, 4), (7, 7), (10, 31)):
+        jointed = chain(members, elements)
+        unknowns = 3 * members * (elements + 1) - 2 * members
+        plain = beam(unknowns, members)
+        times = {"joints": [], "none": []}
+        for _ in range(runs):
+            for name, scene in (("joints", jointed), ("none", plain)):
+                time, found = clock.run(scene)
+                times[name].append(time)
+                assert abs(found - unknowns) <= 1
+        pairs = [a / b for a, b in zip(times["joints"], times["none"], strict=True)]
+        print(
+            f"{unknowns} unknowns: {median(times['joints']):.1f} us an iteration with "
+            f"{members - 1} revolute joints, {median(times['none']):.1f} us with none; "
+            f"ratio {median(pairs):.3f}"
+        )
+
+
+if __name__ == "__main__":
+    main(*map(int, sys.argv[1:]))
