@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
@@ -15,6 +16,7 @@ from matplotlib.colors import LinearSegmentedColormap, Normalize
 from matplotlib.figure import Figure
 
 from .beam import Node
+from .joints import GROUND, Joint
 from .solution import Solution
 
 # The colours of Okabe and Ito, which all eyes tell apart; the line styles do so in grey.
@@ -30,6 +32,11 @@ _STYLES: dict[str, dict] = {
 _TIME_COLOURS = LinearSegmentedColormap.from_list(
     "time", matplotlib.colormaps["viridis"](np.linspace(0, 0.92, 256))
 )
+_BEAM_COLOURS = "#0072B2", "#009E73", "#CC79A7", "#E69F00", "#56B4E9"
+# A ring where two members turn, a square where they slide; rigid joints are not marked.
+_JOINT_MARKERS = {"Revolute": "o", "Prismatic": "s", "PinInSlot": "s"}
+_JOINT: dict[str, Any] = {"color": "white", "markeredgecolor": "black", "zorder": 5}
+_GUIDE: dict[str, Any] = {"color": "0.5", "linestyle": ":", "linewidth": 1.2, "zorder": 1}
 
 
 # -- Curves ------------------------------------------------------------------------------------
@@ -140,6 +147,8 @@ def shapes(
 ) -> None:
     """Picture of deformed shapes, superposed and coloured by time.
 
+    Discs are lumped masses; joints are white rings, or squares on a dotted guide where they slide.
+
     Parameters
     ----------
     solution : Solution
@@ -179,6 +188,8 @@ def shapes(
     # The projection is parallel, so that matplotlib's axes fit the picture exactly.
     fig, ax = _plane(low, high, length_unit, width=6.4)
     ax.imshow(picture, extent=(low[0], high[0], low[1], high[1]), interpolation="antialiased")
+    for k, t in zip(steps, times, strict=True):
+        _draw_step(ax, solution, k, colours.to_rgba(t))
     _draw_supports(ax, solution)
     fig.colorbar(colours, cax=ax.inset_axes((1.03, 0, 0.03, 1)), label="time $t$ [s]")
     fig.savefig(path, dpi=200, bbox_inches="tight")
@@ -210,14 +221,22 @@ def animate(
         Unit of length, for the axes.
     """
     low, high = _window(solution, steps)
-    fig, ax = _plane(low, high, length_unit, width=5.0)
+    flat = high[0] - low[0] > 1.6 * (high[1] - low[1])
+    fig, ax = _plane(low, high, length_unit, width=7.0 if flat else 5.0)
     _draw_supports(ax, solution)
     clock = ax.set_title(" ", loc="left", family="monospace", fontsize="medium")
     (past,) = ax.plot([], [], color="0.65", linewidth=1.0, zorder=1)
-    lines = {name: ax.plot([], [], color="#0072B2", linewidth=2.5)[0] for name in solution.beams}
-    scene = _scene(solution)
-    heavy = sorted({node for node, mass, _ in scene.masses if mass}) if scene else []
+    colours = itertools.cycle(_BEAM_COLOURS)
+    lines = {
+        name: ax.plot([], [], color=colour, linewidth=2.5)[0]
+        for name, colour in zip(solution.beams, colours, strict=False)
+    }
     (masses,) = ax.plot([], [], "o", color="#D55E00", markersize=9, zorder=4)
+    guides = [(joint, ax.plot([], [], **_GUIDE)[0]) for joint in _guided(solution)]
+    joints = {
+        marker: ax.plot([], [], marker, **_JOINT, markersize=5)[0]
+        for marker in _JOINT_MARKERS.values()
+    }
 
     writer = PillowWriter(fps)
     with writer.saving(fig, str(path), dpi=100):
@@ -225,7 +244,11 @@ def animate(
             clock.set_text(f"t = {solution.t[k]:.3f} s")
             for name, line in lines.items():
                 line.set_data(*solution.shape(name)[k].T)
-            masses.set_data(*(solution.X[heavy] + solution.q[k, heavy, :2]).T)
+            masses.set_data(*_masses(solution, k).T)
+            for joint, guide in guides:
+                guide.set_data(*_guide(solution, joint, k).T)
+            for marker, places in joints.items():
+                places.set_data(*_joints(solution, k, marker).T)
             if trace is not None:
                 past.set_data(*solution.position(trace)[steps[0] : k + 1].T)
             writer.grab_frame()
@@ -236,6 +259,55 @@ def animate(
 def _scene(solution: Solution):
     """The scene of a solution; None for one that was read from a file."""
     return next(iter(solution.beams.values())).start.scene
+
+
+def _masses(solution: Solution, k: int) -> np.ndarray:
+    """Places (masses, 2) of the lumped masses in row k."""
+    scene = _scene(solution)
+    heavy = sorted({node for node, mass, _ in scene.masses if mass}) if scene else []
+    return solution.X[heavy] + solution.q[k, heavy, :2]
+
+
+def _joints(solution: Solution, k: int, marker: str) -> np.ndarray:
+    """Places (joints, 2) in row k of the joints that bear a marker; hinges on the ground do not."""
+    nodes = []
+    for joint in _joints_of(solution):
+        grounded = GROUND in (joint.a, joint.b)
+        if _JOINT_MARKERS.get(joint.kind) == marker and not (grounded and joint.axis is None):
+            nodes.append((joint.a if joint.b is GROUND else joint.b).number)
+    return solution.X[nodes] + solution.q[k, nodes, :2]
+
+
+def _joints_of(solution: Solution) -> list[Joint]:
+    scene = _scene(solution)
+    return scene.joints if scene else []
+
+
+def _guided(solution: Solution) -> list[Joint]:
+    """The joints whose guide is carried by a node."""
+    return [
+        joint
+        for joint in _joints_of(solution)
+        if joint.axis is not None and GROUND not in (joint.a, joint.b)
+    ]
+
+
+def _guide(solution: Solution, joint: Joint, k: int) -> np.ndarray:
+    """Ends (2, 2) in row k of a guide from its node to what slides on it."""
+    psi = solution.rotation(joint.a)[k]
+    turn = np.array([[np.cos(psi), -np.sin(psi)], [np.sin(psi), np.cos(psi)]])
+    place = solution.position(joint.a)[k] + turn @ joint.offset
+    return np.array([place, solution.position(joint.b)[k]])
+
+
+def _draw_step(ax, solution: Solution, k: int, colour) -> None:
+    """Masses, guides and joints of one of several superposed shapes."""
+    for joint in _guided(solution):
+        ax.plot(*_guide(solution, joint, k).T, **_GUIDE | {"color": colour})
+    ax.plot(*_masses(solution, k).T, "o", color=colour, markersize=7, zorder=3)
+    look = _JOINT | {"markeredgecolor": colour, "markersize": 3.5, "zorder": 4}
+    for marker in set(_JOINT_MARKERS.values()):
+        ax.plot(*_joints(solution, k, marker).T, marker, **look)
 
 
 def _window(solution: Solution, steps: Sequence[int]) -> tuple[np.ndarray, np.ndarray]:
@@ -258,13 +330,22 @@ def _plane(low: np.ndarray, high: np.ndarray, length_unit: str, width: float):
 
 
 def _draw_supports(ax, solution: Solution) -> None:
-    """A ring at a pin, a square at a clamp, a triangle at any other support."""
+    """A ring at a pin, a square at a clamp, a triangle at any other support; guides dotted."""
     scene = _scene(solution)
     if scene is None:
         return
     held: dict[int, set[int]] = {}
     for node, component in scene.fixed:
         held.setdefault(node, set()).add(component)
+    for joint in scene.joints:
+        if GROUND in (joint.a, joint.b):
+            node = joint.a if joint.b is GROUND else joint.b
+            if joint.axis is None:
+                held[node.number] = {0, 1} if joint.kind == "Revolute" else {0, 1, 2}
+            else:
+                path = solution.position(node)
+                along = (path - path[0]) @ joint.axis
+                ax.plot(*path[[along.argmin(), along.argmax()]].T, **_GUIDE)
     for node, components in held.items():
         marker = "s" if len(components) == 3 else "o" if components == {0, 1} else "^"
         look = {"color": "white", "markeredgecolor": "black", "markersize": 7}

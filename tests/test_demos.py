@@ -13,7 +13,12 @@ import pytest
 
 DEMOS = {path.stem: path for path in (Path(__file__).parents[1] / "demos").glob("*.py")}
 # Fewer time steps than the script takes; what is checked below is among them.
-QUICK = {"pinned_beam": {"steps": (0.01,)}, "pendulum": {"steps": (0.1, 0.01)}}
+QUICK = {
+    "pinned_beam": {"steps": (0.01,)},
+    "pendulum": {"steps": (0.1, 0.01)},
+    "multibody": {"steps": (0.01, 0.005)},
+    "slider_crank": {"steps": (5e-4,)},
+}
 PICTURES = {
     "pinned_beam": ("shapes.png", "invariants.png", "tip.png", "motion.gif"),
     "pendulum": (
@@ -23,6 +28,9 @@ PICTURES = {
         "steps.png",
         "motion.gif",
     ),
+    "three_bar_swing": ("shapes.png", "displacement.png", "force_and_energy.png", "motion.gif"),
+    "multibody": ("shapes.png", "displacement.png", "energy_and_force.png", "motion.gif"),
+    "slider_crank": ("shapes.png", "slider.png", "rod_motor_energy.png", "motion.gif"),
 }
 
 
@@ -122,6 +130,109 @@ def test_pendulum_newmark_rings_and_gains_energy():
     for run in numbers("pendulum")["schemes"]["Newmark (trapezoidal)"].values():
         assert run["energy drift"] > 1
         assert run["highest axial force"] > 1000
+
+
+# -- Three-bar swing ---------------------------------------------------------------------------
+
+
+def swing(scheme, dt=5e-4):
+    return numbers("three_bar_swing")["schemes"][scheme][f"dt {dt:g}"]
+
+
+@pytest.mark.parametrize(("elements", "tolerance"), [(4, 2e-3), (16, 5e-4)])
+def test_swing_moves_as_the_reference_up_to_the_reversal(elements, tolerance):
+    found = numbers("three_bar_swing")["reference"][f"{elements} elements"]
+    assert found["largest difference"] < tolerance
+
+
+@pytest.mark.parametrize(("elements", "time"), [(4, 0.6390), (16, 0.6396)])
+def test_swing_right_link_turns_back_when_the_reference_has_it(elements, time):
+    found = numbers("three_bar_swing")["reversal"][f"{elements} elements"]
+    assert found == pytest.approx(time, abs=5e-4)
+
+
+@pytest.mark.parametrize("dt", [1e-3, 5e-4, 2.5e-4])
+def test_swing_keeps_its_energy_through_the_reversal(dt):
+    run = swing("EnergyMomentum", dt)
+    assert run["failure"] is None and run["halvings"] == 0
+    assert run["energy after the pulse"] == pytest.approx(0.06389, rel=1e-3)
+    assert run["energy drift"] < 1e-10
+    assert run["reversal"] == pytest.approx(0.639, abs=2e-3)
+
+
+def test_swing_largest_axial_force_is_that_of_the_reversal():
+    run = swing("EnergyMomentum")
+    assert run["largest axial force"] == pytest.approx(142, rel=0.03)
+    assert run["time of the largest axial force"] == pytest.approx(0.6406, abs=2e-3)
+
+
+def test_swing_other_schemes_lose_energy_in_the_reversal():
+    for scheme in ("Newmark (trapezoidal)", "HHT, alpha = -0.1"):
+        assert swing(scheme)["lowest energy ratio"] < 0.95
+    assert 1e-8 < swing("ModifiedMidPoint (as published)")["energy drift"] < 1e-4
+
+
+# -- Multi-body system -------------------------------------------------------------------------
+
+
+def multibody(scheme, dt=0.005):
+    return numbers("multibody")["schemes"][scheme][f"dt {dt:g}"]
+
+
+@pytest.mark.parametrize("dt", [0.01, 0.005])
+def test_multibody_keeps_its_energy_after_the_moment(dt):
+    run = multibody("EnergyMomentum", dt)
+    assert run["failure"] is None and run["steps"] == round(3.25 / dt)
+    assert run["energy drift"] < 1e-10
+    assert run["balance error"] < 1e-10 * run["energy after the pulse"]
+
+
+def test_multibody_joints_are_exact_over_a_long_slide():
+    run = multibody("EnergyMomentum")
+    assert run["halvings"] == 0
+    assert run["largest gap"] < 1e-11
+    shortest, longest = run["slide"]
+    assert longest - shortest > 1  # the members are 0.5 and 1 m long
+
+
+def test_multibody_has_no_unknowns_but_nodes_and_slides():
+    count = numbers("multibody")["unknowns"]
+    left = 3 * count["nodes"] - count["constrained by supports"] - count["constrained by joints"]
+    assert count["unknowns"] == left + count["slides"] == 62
+
+
+def test_multibody_newmark_gains_energy_and_hht_loses_it_on_the_large_step():
+    newmark, hht = multibody("Newmark (trapezoidal)", 0.01), multibody("HHT, alpha = -0.1", 0.01)
+    assert newmark["highest energy ratio"] > 1.5
+    assert newmark["largest axial force"] > 100 > hht["largest axial force"]
+    assert hht["lowest energy ratio"] < 0.995
+
+
+# -- Slider-crank mechanism --------------------------------------------------------------------
+
+
+def slider_crank():
+    return numbers("slider_crank")["steps"]["dt 0.0005"]
+
+
+def test_slider_crank_motor_does_the_work_that_is_gained():
+    run = slider_crank()
+    assert run["halvings"] == 0 and run["energy at the end"] > 1
+    assert run["relative balance error"] < 1e-9
+    assert run["relative error of motor work"] < 1e-9
+    assert run["largest gap"] < 1e-12
+
+
+def test_slider_crank_that_is_nearly_rigid_is_the_rigid_mechanism():
+    near = numbers("slider_crank")["nearly rigid"]
+    assert near["slider"] < 1e-6
+    assert near["motor moment"] < 1e-3
+
+
+def test_slider_crank_bends_and_its_slider_is_a_little_off():
+    run = slider_crank()
+    assert 0.004 < run["largest deflection of the rod"] < 0.007
+    assert 0.0005 < run["slider off the rigid mechanism"] < 0.0012
 
 
 # -- Pictures ----------------------------------------------------------------------------------

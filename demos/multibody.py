@@ -1,0 +1,251 @@
+"""Multi-body system of four flexible members with hinges and a slide.
+
+Two hinged members connect a support with a telescopic leg on another. A short moment at the
+right support sets them in motion, and from then on nothing acts. They first swing over to the
+other side, where the members come into line and the leg is at its longest; this excites axial
+vibrations, which no step fit for the motion resolves. Objective: the motion with joints that are
+exact, and the total energy as long as the motion lasts.
+
+Reference: A. Ibrahimbegovic, S. Mamouri, Nonlinear dynamics of flexible beams in planar motion:
+formulation and time-stepping scheme for stiff problems, Computers & Structures 70 (1999) 1-22,
+section 4.3, doi 10.1016/S0045-7949(98)00150-3.
+
+Known from there: four flexible members of 5 two-node elements, hinges and a prismatic joint, the
+start at rest, and the moment, which rises linearly to 5 N m at 0.25 s and falls to 0 at 0.5 s.
+Our own, as what is printed cannot be read: places, section and sense (clockwise).
+
+    B o---2---o A        supports (0, 0) and (1, 0), A = (1, 1), B = (0, 1) m;
+      3       |          member 1 from the right support to A, 2 from A to B,
+      #       1          3 from B halfway down, 4 from the left support halfway up;
+      4       |          the end of 4 carries a straight guide, as long as it takes,
+      o       o          along which the end of 3 slides
+
+A hinge makes displacements the same unknowns. With the rotation psi of the guide, its direction
+a0 in the reference configuration, and the slide d, an unknown of its own, the prismatic joint is
+
+    phi_3 = phi_4 + d R(psi_4) a0,     psi_3 = psi_4.
+
+There are no multipliers, and so 3 unknowns a node less those of supports and joints, and a slide.
+Units are metre, kilogram and second.
+"""
+
+import json
+import sys
+from pathlib import Path
+
+import numpy as np
+
+import fx_beam as fb
+
+RIGHT, LEFT = (1.0, 0.0), (0.0, 0.0)  # supports [m]
+A, B, MIDDLE = (1.0, 1.0), (0.0, 1.0), (0.0, 0.5)  # joints [m]
+SIZE = 1.0  # [m]
+# Steel strip; EA/EI = 12/height^2 = 3e6 1/m^2.
+SECTION = fb.Section.rectangle(height=2e-3, width=20e-3, E=210e9, nu=0.3, rho=7850.0)
+ELEMENTS = 5  # of each member
+PULSE = (0.0, 0.25, 0.5), (0.0, -5.0, 0.0)  # times [s] and moment at the right support [N m]
+PULSE_END = PULSE[0][-1]
+T_END = 3.25  # [s]
+LARGE, DT, SMALL = STEPS = (0.01, 0.005, 0.0025)  # [s]
+
+SCHEMES = {
+    "EnergyMomentum": fb.EnergyMomentum(),
+    "ModifiedMidPoint (as published)": fb.ModifiedMidPoint(),
+    "Newmark (trapezoidal)": fb.Newmark(),
+    "HHT, alpha = -0.1": fb.HHT(-0.1),
+}
+# A failing step is halved at most twice: more would only draw out a motion that is lost.
+MAX_HALVINGS = 2
+
+
+def scene():
+    """The scene and its joints by name."""
+    system = fb.Scene()
+    members = [
+        system.add_beam(ends, SECTION, elements=ELEMENTS, name=f"member {number}")
+        for number, ends in enumerate([(RIGHT, A), (A, B), (B, MIDDLE), (LEFT, MIDDLE)], 1)
+    ]
+    one, two, three, four = members
+    system.pin(one.start)
+    system.pin(four.start)
+    joints = {
+        "A": system.add_joint(fb.Revolute(one.end, two.start)),
+        "B": system.add_joint(fb.Revolute(two.end, three.start)),
+        "slide": system.add_joint(fb.Prismatic(four.end, three.end, axis=(0, 1))),
+    }
+    system.add_moment(one.start, lambda t: np.interp(t, *PULSE))
+    return system, joints
+
+
+def simulate(scheme, dt):
+    """The solution, as far as the scheme goes, and its joints."""
+    system, joints = scene()
+    try:
+        solution = fb.simulate(system, scheme, dt=dt, t_end=T_END, max_halvings=MAX_HALVINGS)
+    except fb.StepError as error:
+        solution = error.solution
+    return solution, joints
+
+
+def displacement(solution, joint):
+    """Vertical displacement of the hinge A or B."""
+    member = {"A": "member 1", "B": "member 2"}[joint]
+    return solution.displacement(solution.beams[member].end)[:, 1]
+
+
+def axial_force(solution):
+    """Axial force in member 1, in its element next to A."""
+    return solution.resultants("member 1").N[:, -1]
+
+
+def energy(solution):
+    return solution.energy.total
+
+
+def energy_ratio(solution):
+    """Energy from the end of the moment on over that at its end, with the times."""
+    after = solution.t > PULSE_END - 1e-9
+    return solution.t[after], solution.energy.total[after] / solution.energy.total[after][0]
+
+
+def audit(solution, joints):
+    """What a run is judged by."""
+    after, ratio = energy_ratio(solution)
+    slide = solution.slide(joints["slide"])
+    return {
+        "steps": solution.stats.steps,
+        "energy after the pulse": float(np.interp(after[0], solution.t, energy(solution))),
+        "lowest energy ratio": ratio.min(),
+        "highest energy ratio": ratio.max(),
+        "energy drift": abs(ratio - 1).max(),
+        "balance error": abs(solution.energy.balance_error).max(),
+        "largest gap": max(solution.gap(joint).max() for joint in joints.values()) / SIZE,
+        "slide": [slide.min(), slide.max()],
+        "largest axial force": abs(axial_force(solution)).max(),
+        "Newton iterations": solution.stats.newton_iterations,
+        "halvings": solution.stats.halvings,
+        "failed at": solution.t[-1] if solution.stats.failure else None,
+        "failure": solution.stats.failure or None,
+    }
+
+
+def count(solution, joints):
+    """Unknowns, and what they follow from."""
+    supports = len(solution.beams["member 1"].start.scene.fixed)
+    revolutes = sum(2 for joint in joints.values() if joint.kind == "Revolute")
+    slides = sum(1 for joint in joints.values() if joint.axis is not None)
+    return {
+        "nodes": len(solution.X),
+        "constrained by supports": supports,
+        "constrained by joints": revolutes + 3 * slides,
+        "slides": slides,
+        "unknowns": solution.stats.unknowns,
+    }
+
+
+def main(results=None, steps=STEPS):
+    """The numbers; with a directory for results the pictures as well."""
+    runs = {(name, dt): simulate(SCHEMES[name], dt) for name in SCHEMES for dt in steps}
+    solution, joints = runs["EnergyMomentum", DT]
+    bent = [abs(solution.resultants(name).M).max() for name in solution.beams]
+    numbers = {
+        "unknowns": count(solution, joints),
+        "largest bending moments": bent,
+        "schemes": {
+            name: {f"dt {dt:g}": audit(*runs[name, dt]) for dt in steps} for name in SCHEMES
+        },
+    }
+    report(numbers)
+    if results is not None:
+        results.mkdir(parents=True, exist_ok=True)
+        (results / "summary.json").write_text(json.dumps(numbers, indent=2) + "\n")
+        draw(results, runs)
+    return numbers
+
+
+def report(numbers):
+    unknowns = numbers["unknowns"]
+    moments = ", ".join(f"{moment:.2f}" for moment in numbers["largest bending moments"])
+    print(
+        "Unknowns: 3 x {nodes} - {constrained by supports} (supports) - {constrained by joints} "
+        "(joints) + {slides} (slide) = {unknowns}".format(**unknowns)
+        + f"\nEI = {SECTION.EI:.3g} N m^2, EA = {SECTION.EA:.3g} N, "
+        f"{SECTION.rhoA:.3g} kg/m; largest bending moments {moments} N m"
+        f"\n\n{T_END:g} s, a failing step halved at most {MAX_HALVINGS} times. "
+        f"E0 is the energy at {PULSE_END} s:"
+    )
+    row = "{:31} {:>6} {:>5} {:>7} {:>7} {:>7} {:>8} {:>7} {:>12} {:>6} {:>7} {:>5} {:>6}".format
+    names = "", "dt", "", "", "lowest", "highest", "largest", "largest", "slide", "max", "Newton"
+    print(row(*names, "halv-", ""))
+    units = "[s]", "steps", "E0 [J]", "E/E0", "E/E0", "|E/E0-1|", "gap [m]", "[m]", "|N| [N]"
+    print(row("scheme", *units, "it/step", "ings", "failed"))
+    failures = []
+    for name, by_step in numbers["schemes"].items():
+        for dt, run in by_step.items():
+            failed = run["failure"] is not None
+            values = (
+                dt.removeprefix("dt "),
+                run["steps"],
+                f"{run['energy after the pulse']:.5f}",
+                f"{run['lowest energy ratio']:.4f}",
+                f"{run['highest energy ratio']:.4f}",
+                f"{run['energy drift']:.1e}",
+                f"{run['largest gap']:.0e}",
+                "{:.2f} to {:.2f}".format(*run["slide"]),
+                f"{run['largest axial force']:.4g}",
+                f"{run['Newton iterations'] / run['steps']:.1f}",
+                run["halvings"],
+                f"{run['failed at']:.2f} s" if failed else "never",
+            )
+            print(row(name, *values))
+            failures += [run["failure"].split(". ")[0]] if failed else []
+    print(*failures, sep="\n", end="\n" if failures else "")
+
+
+def draw(results, runs):
+    # Imported here, as the numbers can be had without matplotlib and pyvista.
+    from fx_beam import plot
+
+    solution, joints = runs["EnergyMomentum", DT]
+    plot.shapes(solution, range(0, round(3.0 / DT) + 1, round(0.2 / DT)), results / "shapes.png")
+    frames = range(0, len(solution.t), 4)
+    node = solution.beams["member 2"].end
+    plot.animate(solution, frames, results / "motion.gif", fps=25, trace=node)
+
+    figure, axes = plot.figure(3, 1)
+    for ax in axes.flat:
+        ax.set(xlim=(0, T_END), xlabel="time $t$ [s]")
+    for dt, line in zip(STEPS, (":", "-", "--"), strict=True):
+        run, joints = runs["EnergyMomentum", dt]
+        look = {"linestyle": line, "label": f"dt = {dt:g} s"}
+        for ax, joint in zip(axes[:2, 0], "AB", strict=True):
+            ax.plot(run.t, displacement(run, joint), **look)
+            ax.set(ylabel=f"displacement $u_y$ of {joint} [m]")
+        axes[2, 0].plot(run.t, run.slide(joints["slide"]), **look)
+    axes[2, 0].set(ylabel="slide $d$ [m]")
+    plot.save(figure, results / "displacement.png")
+
+    figure, axes = plot.figure(3, 2)
+    for (total, drift, force), dt in zip(axes.T, (LARGE, DT), strict=True):
+        solutions = {name: runs[name, dt][0] for name in SCHEMES}
+        total.set(xlim=(0, T_END), ylim=(0, 3), title=f"$\\Delta t$ = {dt:g} s")
+        total.set(ylabel="total energy $E$ [J]")
+        plot.curves(total, solutions, energy)
+        drift.set(xlim=(0, T_END), ylim=(1e-16, 1e3), yscale="log")
+        drift.set(ylabel="largest $|E/E_0 - 1|$ so far [-]")
+        plot.curves(
+            drift,
+            solutions,
+            lambda solution: np.maximum.accumulate(abs(energy_ratio(solution)[1] - 1)),
+            lambda solution: energy_ratio(solution)[0],
+        )
+        force.set(xlim=(0, T_END), ylim=(-50, 50), ylabel="axial force $N$ next to A [N]")
+        plot.curves(force, solutions, axial_force, lambda solution: solution.t_level)
+    for ax in axes.flat:
+        ax.set(xlabel="time $t$ [s]")
+    plot.save(figure, results / "energy_and_force.png")
+
+
+if __name__ == "__main__":
+    here = Path(__file__).resolve()
+    main(Path(sys.argv[1]) if sys.argv[1:] else here.parents[1] / "results" / here.stem)

@@ -1,0 +1,265 @@
+"""Slider-crank mechanism with a flexible crank and rod, driven by a motor.
+
+A motor turns the crank, from rest in two turns' time up to a constant speed and then for ten
+turns. The rod drives a slider on a straight guide. Crank and rod are so slender that they bend
+under their own inertia. Objective: how far the slider is from that of a rigid mechanism, what the
+motor has to deliver, and whether its work is the energy that the mechanism gains.
+
+This example is our own. With the motor's angle theta, the crank's radius r, the rod's length l
+and its angle beta, the rigid mechanism has
+
+    r sin(theta) + l sin(beta) = 0,         beta' = -r cos(theta)/(l cos(beta)),
+    x = r cos(theta) + l cos(beta),         x' = -r sin(theta) - l sin(beta) beta',
+
+where ' is d/dtheta. Its kinetic energy is J theta_t^2/2 with, for uniform crank and rod,
+
+    J = rho A_c r^3/3 + rho I_c r + rho A l (r^2 - r sin(theta) x' + x'^2)/3 + rho I l beta'^2
+        + m x'^2,
+
+and the motor's moment is M = J theta_tt + J' theta_t^2/2.
+
+The motor is a function of time, theta = W T g(t/T) up to T and W (t - T/2) after it, with
+g(s) = s^6 - 3 s^5 + 5/2 s^4, so that speed and acceleration have no jumps. In a step it does the
+work M Dtheta with Dtheta = 2 tan(Dpsi/2), where M is the moment that the joint reports.
+Units are metre, kilogram and second; the mechanism lies flat, so that there is no weight.
+"""
+
+import json
+import sys
+from pathlib import Path
+
+import numpy as np
+
+import fx_beam as fb
+
+RADIUS, LENGTH = 0.15, 0.45  # r, l [m]
+STEEL = {"width": 10e-3, "E": 210e9, "nu": 0.3, "rho": 7850.0}
+CRANK = fb.Section.rectangle(height=8e-3, **STEEL)
+ROD = fb.Section.rectangle(height=4e-3, **STEEL)
+SLIDER = 0.1  # m [kg]
+PERIOD = 0.1  # of a turn at constant speed [s]
+SPEED = 2 * np.pi / PERIOD  # W [rad/s]
+RAMP, TURNS = 2 * PERIOD, 10  # T [s]; turns at constant speed
+T_END = RAMP + TURNS * PERIOD
+ELEMENTS = {"crank": 4, "rod": 8}
+DT = 5e-4  # [s]
+STEPS = (2 * DT, DT, DT / 2)
+STIFFENED = 1e4  # factor on the stiffness of a mechanism that is nearly rigid
+
+
+def angle(t):
+    """Motor's angle, speed and acceleration at times t."""
+    s = np.clip(t / RAMP, 0, 1)
+    theta = SPEED * (RAMP * (s**6 - 3 * s**5 + 2.5 * s**4) + np.maximum(t - RAMP, 0))
+    rate = SPEED * (6 * s**5 - 15 * s**4 + 10 * s**3)
+    return theta, rate, SPEED / RAMP * 30 * s**2 * (s - 1) ** 2
+
+
+def rigid(t):
+    """Position and velocity of the slider, and the motor's moment, of the rigid mechanism."""
+    theta, rate, acceleration = angle(t)
+    r, length, sin, cos = RADIUS, LENGTH, np.sin(theta), np.cos(theta)
+    beta = -np.arcsin(r * sin / length)
+    sin_b, cos_b = np.sin(beta), np.cos(beta)
+    beta1 = -r * cos / (length * cos_b)
+    beta2 = (r * sin + length * sin_b * beta1**2) / (length * cos_b)
+    x = r * cos + length * cos_b
+    x1 = -r * sin - length * sin_b * beta1
+    x2 = -r * cos - length * cos_b * beta1**2 - length * sin_b * beta2
+
+    rod = ROD.rhoA * length / 3
+    J = CRANK.rhoA * r**3 / 3 + CRANK.rhoI * r + rod * (r**2 - r * sin * x1 + x1**2)
+    J += ROD.rhoI * length * beta1**2 + SLIDER * x1**2
+    J1 = rod * (-r * cos * x1 - r * sin * x2 + 2 * x1 * x2)
+    J1 += 2 * ROD.rhoI * length * beta1 * beta2 + 2 * SLIDER * x1 * x2
+    return x, x1 * rate, J * acceleration + J1 * rate**2 / 2
+
+
+def stiffened(section, factor):
+    stiffness = {name: factor * getattr(section, name) for name in ("EA", "GA", "EI")}
+    return fb.Section(**stiffness, rhoA=section.rhoA, rhoI=section.rhoI)
+
+
+def simulate(dt, factor=1.0, t_end=T_END):
+    """The solution and its joints by name."""
+    mechanism = fb.Scene()
+    ends = {"crank": [(0, 0), (RADIUS, 0)], "rod": [(RADIUS, 0), (RADIUS + LENGTH, 0)]}
+    crank, rod = (
+        mechanism.add_beam(ends[name], stiffened(section, factor), ELEMENTS[name], name=name)
+        for name, section in (("crank", CRANK), ("rod", ROD))
+    )
+    joints = {
+        "motor": fb.Revolute(fb.GROUND, crank.start, motor=lambda t: angle(t)[0]),
+        "pin": fb.Revolute(crank.end, rod.start),
+        "guide": fb.PinInSlot(fb.GROUND, rod.end, axis=(1, 0)),
+    }
+    joints = {name: mechanism.add_joint(joint) for name, joint in joints.items()}
+    mechanism.add_mass(rod.end, SLIDER)
+    return fb.simulate(mechanism, dt=dt, t_end=t_end), joints
+
+
+def slider(solution):
+    """Position and velocity of the slider along the guide."""
+    node = solution.beams["rod"].end
+    return solution.position(node)[:, 0], solution.velocity(node)[:, 0]
+
+
+def deflection(solution):
+    """Distance of the rod's middle from the line between its ends."""
+    rod = solution.beams["rod"]
+    start, middle, end = (solution.position(n) for n in (rod.start, rod.node(0.5), rod.end))
+    (x, y), (x1, y1) = (middle - start).T, (end - start).T
+    return (x1 * y - y1 * x) / np.hypot(x1, y1)
+
+
+def motor_moment(solution, joints):
+    return solution.joint_force(joints["motor"])[:, 2]
+
+
+def motor_work(solution, joints):
+    """Work of the moment that the motor's joint reports, where no step was halved."""
+    turned = 2 * np.tan(np.diff(solution.rotation(solution.beams["crank"].start)) / 2)
+    return np.append(0, np.cumsum(motor_moment(solution, joints)[1:] * turned))
+
+
+def audit(solution, joints):
+    """What a run is judged by."""
+    energy = solution.energy
+    x, _ = slider(solution)
+    scale = energy.total.max()
+    return {
+        "steps": solution.stats.steps,
+        "largest energy": scale,
+        "energy at the end": energy.total[-1],
+        "work at the end": energy.work[-1],
+        "relative balance error": abs(energy.balance_error).max() / scale,
+        "relative error of motor work": abs(
+            motor_work(solution, joints) - energy.total + energy.total[0]
+        ).max()
+        / scale,
+        "largest gap": max(solution.gap(joint).max() for joint in joints.values()),
+        "slider off the rigid mechanism": abs(x - rigid(solution.t)[0]).max(),
+        "largest deflection of the rod": abs(deflection(solution)).max(),
+        "largest bending moment in the rod": abs(solution.resultants("rod").M).max(),
+        "largest motor moment": abs(motor_moment(solution, joints)).max(),
+        "Newton iterations": solution.stats.newton_iterations,
+        "halvings": solution.stats.halvings,
+    }
+
+
+def nearly_rigid():
+    """How a mechanism of high stiffness compares with a rigid one."""
+    solution, joints = simulate(DT, STIFFENED, RAMP + 2 * PERIOD)
+    x, _, _ = rigid(solution.t)
+    moment = rigid(solution.t_level)[2]
+    found = motor_moment(solution, joints)
+    return {
+        "slider": abs(slider(solution)[0] - x).max(),
+        "motor moment": (abs(found - moment)[1:].max() / abs(moment).max()),
+    }
+
+
+def main(results=None, steps=STEPS):
+    """The numbers; with a directory for results the pictures as well."""
+    runs = {dt: simulate(dt) for dt in steps}
+    numbers = {
+        "largest motor moment of the rigid mechanism": abs(rigid(np.arange(0, T_END, DT))[2]).max(),
+        "steps": {f"dt {dt:g}": audit(*run) for dt, run in runs.items()},
+        "nearly rigid": nearly_rigid(),
+    }
+    report(numbers)
+    if results is not None:
+        results.mkdir(parents=True, exist_ok=True)
+        (results / "summary.json").write_text(json.dumps(numbers, indent=2) + "\n")
+        draw(results, *runs[DT])
+    return numbers
+
+
+def report(numbers):
+    near = numbers["nearly rigid"]
+    print(
+        f"{STIFFENED:g} times as stiff: slider at most {near['slider']:.1e} m and motor moment "
+        f"{near['motor moment']:.1e} of its largest from the rigid mechanism's\n"
+        "Largest motor moment of the rigid mechanism "
+        f"{numbers['largest motor moment of the rigid mechanism']:.2f} N m\n"
+    )
+    row = "{:>7} {:>5} {:>7} {:>8} {:>8} {:>8} {:>8} {:>8} {:>7} {:>7} {:>7} {:>5}".format
+    names = "dt", "", "energy", "work", "balance", "motor's", "largest", "slider", "rod's"
+    print(row(*names, "motor", "Newton", "halv-"))
+    units = "[s]", "steps", "[J]", "[J]", "error", "work", "gap [m]", "off [mm]", "w [mm]"
+    print(row(*units, "[N m]", "it/step", "ings"))
+    for dt, run in numbers["steps"].items():
+        values = (
+            dt.removeprefix("dt "),
+            run["steps"],
+            f"{run['energy at the end']:.4f}",
+            f"{run['work at the end']:.4f}",
+            f"{run['relative balance error']:.0e}",
+            f"{run['relative error of motor work']:.0e}",
+            f"{run['largest gap']:.0e}",
+            f"{1e3 * run['slider off the rigid mechanism']:.2f}",
+            f"{1e3 * run['largest deflection of the rod']:.2f}",
+            f"{run['largest motor moment']:.2f}",
+            f"{run['Newton iterations'] / run['steps']:.1f}",
+            run["halvings"],
+        )
+        print(row(*values))
+
+
+def draw(results, solution, joints):
+    # Imported here, as the numbers can be had without matplotlib and pyvista.
+    from fx_beam import plot
+
+    t = solution.t
+    turn = round(PERIOD / DT)
+    last = range(len(t) - 1 - turn, len(t) - 1, turn // 8)
+    plot.shapes(solution, last, results / "shapes.png")
+    middle = solution.beams["rod"].node(0.5)
+    two = range(len(t) - 1 - 2 * turn, len(t))
+    plot.animate(solution, two[::4], results / "motion.gif", trace=middle)
+
+    x, velocity, moment = rigid(t)
+    grey = {"color": "0.6", "linewidth": 2.4, "label": "rigid mechanism, exact"}
+    blue = {"color": "#0072B2", "linewidth": 1.2}
+    window = (T_END - 3 * PERIOD, T_END)
+    found = slider(solution)
+
+    figure, axes = plot.figure(3, 1)
+    position, speed, off = axes.flat
+    for ax, exact, value in ((position, x, found[0]), (speed, velocity, found[1])):
+        ax.plot(t, exact, **grey)
+        ax.plot(t, value, **blue, label="flexible mechanism")
+        ax.set(xlim=window)
+    position.set(ylabel="slider $x$ [m]")
+    speed.set(ylabel="slider $\\dot x$ [m/s]")
+    off.plot(t, 1e3 * (found[0] - x), **blue)
+    off.set(xlim=(0, T_END), ylabel="$x - x_{rigid}$ [mm]")
+    for ax in axes.flat:
+        ax.set(xlabel="time $t$ [s]")
+    plot.save(figure, results / "slider.png")
+
+    figure, axes = plot.figure(3, 1)
+    bending, motor, energy = axes.flat
+    bending.plot(t, 1e3 * deflection(solution), **blue)
+    bending.set(xlim=(0, T_END), ylabel="deflection of the rod $w$ [mm]")
+    motor.plot(t, moment, **grey)
+    motor.plot(
+        solution.t_level[1:],
+        motor_moment(solution, joints)[1:],
+        **blue,
+        label="flexible mechanism",
+    )
+    motor.set(xlim=window, ylabel="motor moment $M$ [N m]")
+    energy.plot(t, solution.energy.total, **blue)
+    rings = {"markerfacecolor": "none", "markersize": 4}
+    work = motor_work(solution, joints)
+    energy.plot(t[::12], work[::12], "o", color="#D55E00", label="work of the motor", **rings)
+    energy.set(xlim=(0, T_END), ylabel="total energy $E$ [J]")
+    for ax in axes.flat:
+        ax.set(xlabel="time $t$ [s]")
+    plot.save(figure, results / "rod_motor_energy.png")
+
+
+if __name__ == "__main__":
+    here = Path(__file__).resolve()
+    main(Path(sys.argv[1]) if sys.argv[1:] else here.parents[1] / "results" / here.stem)

@@ -1,0 +1,264 @@
+"""Three-bar swing: a flexible beam between two rigid links.
+
+A slender beam with a mass in its middle hangs on two nearly rigid links. A short force sets the
+mass in motion to the right. At 0.64 s the left link and the left half of the beam are in line and
+stop it: the motion is reversed within a few milliseconds, by an axial force a thousand times that
+before, and the beam then vibrates along its axis. Objective: the motion up to there, and the
+total energy through the reversal.
+
+Reference: A. Ibrahimbegovic, S. Mamouri, Nonlinear dynamics of flexible beams in planar motion:
+formulation and time-stepping scheme for stiff problems, Computers & Structures 70 (1999) 1-22,
+section 4.2, doi 10.1016/S0045-7949(98)00150-3. Data as in other published models of this swing.
+
+A hinge makes the displacements of the two nodes that it joins the same unknowns, and leaves the
+rotation to each of them. With the masses m_i and the force F on the mass in the middle,
+
+    energy     1/2 sum m_i |v_i|^2 + 1/2 int rho A |v|^2 + rho I omega^2 + E.C E + EI K^2 ds,
+    balance    energy gained = int F . v dt,
+
+so that the energy stays what it is from 0.256 s on, when the force has ended. After the reversal
+the motion depends on mesh and step, but the energy does not.
+
+The links are ten times as stiff as the beam and have no mass, one element each. There is no
+gravity. Units are metre, kilogram and second.
+"""
+
+import json
+import sys
+from pathlib import Path
+
+import numpy as np
+
+import fx_beam as fb
+
+LEFT, RIGHT = (0.0, 0.0), (1.08, 0.0)  # hinges on the ground, O1 and O2 [m]
+A, C = (0.0, -0.36), (0.72, -0.36)  # ends of the beam [m]
+SECTION = fb.Section.rectangle(height=1e-3, width=5e-3, E=73e9, nu=0.3, rho=2700.0)
+LINK = fb.Section(EA=10 * SECTION.EA, GA=10 * SECTION.GA, EI=10 * SECTION.EI)
+MASS = 0.5  # [kg]
+PULSE = (0.0, 0.128, 0.256), (0.0, 2.0, 0.0)  # times [s] and force in x on the mass [N]
+PULSE_END = PULSE[0][-1]
+ELEMENTS = 4
+T_END = 1.0  # [s]
+DT = 5e-4  # [s]
+STEPS = (2 * DT, DT, DT / 2)
+
+SCHEMES = {
+    "EnergyMomentum": fb.EnergyMomentum(),
+    "ModifiedMidPoint (as published)": fb.ModifiedMidPoint(),
+    "Newmark (trapezoidal)": fb.Newmark(),
+    "HHT, alpha = -0.1": fb.HHT(-0.1),
+}
+# A failing step is halved at most twice: more would only draw out a motion that is lost.
+MAX_HALVINGS = 2
+
+# Displacements of B, a quarter of the span from A, and of the middle, and positions of A and C [m]
+# at some times [s], from an independent program with 16 elements.
+REFERENCE = {
+    0.128: ((0.01068, 0.0010), (0.01067, 0.0), (0.0107, -0.3598), (0.7305, -0.3702)),
+    0.256: ((0.06402, 0.0066), (0.06383, -0.0008), (0.0640, -0.3543), (0.7801, -0.4114)),
+    0.400: ((0.13629, 0.0163), (0.1350, -0.0048), (0.1366, -0.3331), (0.8443, -0.4512)),
+    0.500: ((0.1879, 0.0257), (0.1843, -0.0101), (0.1902, -0.3057), (0.8894, -0.4721)),
+    0.600: ((0.2440, 0.0433), (0.2337, -0.0169), (0.2554, -0.2537), (0.9360, -0.4883)),
+}
+
+
+def scene(elements=ELEMENTS):
+    """The swing; its beams are called beam, left and right."""
+    swing = fb.Scene()
+    beam = swing.add_beam([A, C], SECTION, elements=elements, name="beam")
+    left = swing.add_beam([LEFT, A], LINK, name="left")
+    right = swing.add_beam([RIGHT, C], LINK, name="right")
+    swing.pin(left.start)
+    swing.pin(right.start)
+    swing.add_joint(fb.Revolute(left.end, beam.start))
+    swing.add_joint(fb.Revolute(right.end, beam.end))
+    middle = beam.node(0.5)
+    swing.add_mass(middle, MASS)
+    swing.add_force(middle, lambda t: (np.interp(t, *PULSE), 0.0))
+    return swing
+
+
+def simulate(scheme, dt, elements=ELEMENTS):
+    """The solution, as far as the scheme goes."""
+    try:
+        return fb.simulate(scene(elements), scheme, dt=dt, t_end=T_END, max_halvings=MAX_HALVINGS)
+    except fb.StepError as error:
+        return error.solution
+
+
+def displacement(solution):
+    """That of B, a quarter of the span from A."""
+    return solution.displacement(solution.beams["beam"].node(0.25))
+
+
+def axial_force(solution):
+    """Axial force in the left link; that in the left half of the beam is nearly the same."""
+    return solution.resultants("left").N[:, 0]
+
+
+def energy(solution):
+    return solution.energy.total
+
+
+def energy_ratio(solution):
+    """Energy from the end of the pulse on over that at its end, with the times."""
+    after = solution.t > PULSE_END - 1e-9
+    return solution.t[after], solution.energy.total[after] / solution.energy.total[after][0]
+
+
+def reversal(solution):
+    """Time [s] at which the right link turns back, where its angle has a stationary parabola."""
+    x, y = (solution.position(solution.beams["right"].end) - RIGHT).T
+    rate = np.diff(np.unwrap(np.arctan2(y, x))) / np.diff(solution.t)
+    t = (solution.t[1:] + solution.t[:-1]) / 2
+    turns = (t[1:] > PULSE_END) & (rate[1:] * rate[:-1] <= 0)
+    if not turns.any():
+        return None
+    k = turns.argmax()
+    return float(t[k] - rate[k] * (t[k + 1] - t[k]) / (rate[k + 1] - rate[k]))
+
+
+def audit(solution):
+    """What a run is judged by."""
+    after, ratio = energy_ratio(solution)
+    force = axial_force(solution)
+    peak = force.argmax()
+    return {
+        "steps": solution.stats.steps,
+        "energy after the pulse": float(np.interp(after[0], solution.t, energy(solution))),
+        "lowest energy ratio": ratio.min(),
+        "highest energy ratio": ratio.max(),
+        "energy drift": abs(ratio - 1).max(),
+        "balance error": abs(solution.energy.balance_error).max(),
+        "largest axial force": force[peak],
+        "time of the largest axial force": solution.t_level[peak],
+        "reversal": reversal(solution),
+        "Newton iterations": solution.stats.newton_iterations,
+        "halvings": solution.stats.halvings,
+        "failed at": solution.t[-1] if solution.stats.failure else None,
+        "failure": solution.stats.failure or None,
+    }
+
+
+def compare(solution, dt):
+    """Displacements of B and of the middle, positions of A and C, against the reference."""
+    beam = solution.beams["beam"]
+    found = np.stack(
+        [
+            displacement(solution),
+            solution.displacement(beam.node(0.5)),
+            solution.position(beam.start),
+            solution.position(beam.end),
+        ],
+        axis=1,
+    )[[round(t / dt) for t in REFERENCE]]
+    difference = abs(found - np.array(list(REFERENCE.values())))
+    return {"found": found.tolist(), "largest difference": difference.max()}
+
+
+def main(results=None, steps=STEPS):
+    """The numbers; with a directory for results the pictures as well."""
+    runs = {(name, dt): simulate(SCHEMES[name], dt) for name in SCHEMES for dt in steps}
+    meshes = {ELEMENTS: runs["EnergyMomentum", DT], 16: simulate(fb.EnergyMomentum(), DT, 16)}
+    numbers = {
+        "reference": {f"{elements} elements": compare(s, DT) for elements, s in meshes.items()},
+        "reversal": {f"{elements} elements": reversal(s) for elements, s in meshes.items()},
+        "schemes": {
+            name: {f"dt {dt:g}": audit(runs[name, dt]) for dt in steps} for name in SCHEMES
+        },
+    }
+    report(numbers)
+    if results is not None:
+        results.mkdir(parents=True, exist_ok=True)
+        (results / "summary.json").write_text(json.dumps(numbers, indent=2) + "\n")
+        draw(results, runs, meshes)
+    return numbers
+
+
+def report(numbers):
+    print("Displacements of B and of the middle, positions of A and C [m] by EnergyMomentum:")
+    for (name, run), reversal_time in zip(
+        numbers["reference"].items(), numbers["reversal"].values(), strict=True
+    ):
+        print(
+            f"{name}: at most {run['largest difference']:.1e} m from the reference; the right "
+            f"link turns back at {reversal_time:.4f} s"
+        )
+        for t, places in zip(REFERENCE, run["found"], strict=True):
+            print(f"    t = {t:.3f} s ", *("{:9.5f} {:8.5f} ".format(*place) for place in places))
+
+    print(
+        f"\n{T_END:g} s with {ELEMENTS} elements, a failing step halved at most {MAX_HALVINGS} "
+        f"times. E0 is the energy at {PULSE_END} s:"
+    )
+    row = "{:31} {:>6} {:>5} {:>8} {:>7} {:>7} {:>8} {:>6} {:>7} {:>7} {:>5} {:>6}".format
+    print(row("", "dt", "", "", "lowest", "highest", "largest", "max", "at", "Newton", "halv-", ""))
+    units = "[s]", "steps", "E0 [J]", "E/E0", "E/E0", "|E/E0-1|", "N [N]", "[s]", "it/step"
+    print(row("scheme", *units, "ings", "failed"))
+    failures = []
+    for name, by_step in numbers["schemes"].items():
+        for dt, run in by_step.items():
+            failed = run["failure"] is not None
+            values = (
+                dt.removeprefix("dt "),
+                run["steps"],
+                f"{run['energy after the pulse']:.6f}",
+                f"{run['lowest energy ratio']:.4f}",
+                f"{run['highest energy ratio']:.4f}",
+                f"{run['energy drift']:.1e}",
+                f"{run['largest axial force']:.1f}",
+                f"{run['time of the largest axial force']:.4f}",
+                f"{run['Newton iterations'] / run['steps']:.1f}",
+                run["halvings"],
+                f"{run['failed at']:.2f} s" if failed else "never",
+            )
+            print(row(name, *values))
+            failures += [run["failure"].split(". ")[0]] if failed else []
+    print(*failures, sep="\n", end="")
+
+
+def draw(results, runs, meshes):
+    # Imported here, as the numbers can be had without matplotlib and pyvista.
+    from fx_beam import plot
+
+    solutions = {name: runs[name, DT] for name in SCHEMES}
+    solution = solutions["EnergyMomentum"]
+    tenth = round(0.1 / DT)
+    plot.shapes(solution, range(0, len(solution.t), tenth), results / "shapes.png")
+    frames = range(0, len(solution.t), tenth // 10)
+    plot.animate(solution, frames, results / "motion.gif", trace=solution.beams["beam"].node(0.25))
+
+    figure, axes = plot.figure(2, 1)
+    for i, ax in enumerate(axes.flat):
+        ax.set(xlim=(0, T_END), xlabel="time $t$ [s]", ylabel=f"displacement $u_{'xy'[i]}$ [m]")
+        for (elements, run), line in zip(meshes.items(), ("-", "--"), strict=True):
+            ax.plot(run.t, displacement(run)[:, i], line, label=f"B, {elements} elements")
+        known = [places[0][i] for places in REFERENCE.values()]
+        ax.plot(list(REFERENCE), known, "ko", markerfacecolor="none", label="reference")
+    plot.save(figure, results / "displacement.png")
+
+    figure, axes = plot.figure(2, 2)
+    (smooth, peak), (total, drift) = axes
+    for ax in axes.flat:
+        ax.set(xlim=(0, T_END), xlabel="time $t$ [s]")
+    # Left: up to the reversal. Right: the reversal.
+    for ax, xlim, ylim in ((smooth, (0, 0.62), (-0.1, 0.4)), (peak, (0.63, 0.65), (-80, 160))):
+        ax.set(xlim=xlim, ylim=ylim, ylabel="axial force $N$ [N]")
+        plot.curves(ax, solutions, axial_force, lambda solution: solution.t_level)
+    total.set(ylim=(0, 0.08), ylabel="total energy $E$ [J]")
+    plot.curves(total, solutions, energy)
+    drift.set(xlim=(PULSE_END, T_END), ylim=(1e-15, 1), yscale="log")
+    drift.set(ylabel="largest $|E/E_0 - 1|$ so far [-]")
+    plot.curves(
+        drift,
+        solutions,
+        lambda solution: np.maximum.accumulate(abs(energy_ratio(solution)[1] - 1)),
+        lambda solution: energy_ratio(solution)[0],
+    )
+    plot.save(figure, results / "force_and_energy.png")
+
+
+if __name__ == "__main__":
+    here = Path(__file__).resolve()
+    main(Path(sys.argv[1]) if sys.argv[1:] else here.parents[1] / "results" / here.stem)
