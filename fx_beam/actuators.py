@@ -6,8 +6,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from .beam import Node
 from .couplings import Couplings, Entry
-from .joints import Joint
+from .joints import GROUND, Joint
 from .rates import Rates
 
 
@@ -25,6 +26,7 @@ class _Actuator:
     #: Columns and signs of the coordinate; those of a, to be subtracted, and of b for a rotation.
     columns: tuple[list[Entry], list[Entry]]
     start: float = 0.0
+    rate: float = 0.0
     change: float = 0.0
     force: float = 0.0
     lost: float = 0.0
@@ -51,7 +53,7 @@ class Actuators:
     """
 
     def __init__(self, joints: list[Joint], couplings: Couplings, rates: Rates, dofs: np.ndarray):
-        self._rates = rates
+        self._rates, self._dofs = rates, dofs
         self._all: list[_Actuator] = []
         for joint in joints:
             for coordinate, name in ((joint.slide, "slide"), (joint.rotation, "rotation")):
@@ -96,6 +98,31 @@ class Actuators:
         for actuator in self._all:
             actuator.start = self._coordinate(actuator, q, slides)
 
+    def set_rates(self, q: np.ndarray, v: np.ndarray, slides: np.ndarray) -> None:
+        """Set the rates at the start of a step, from which dampers have that at their level.
+
+        Parameters
+        ----------
+        q, v : (size,) float
+            Displacements and rotations, and their rates.
+        slides : (joints,) float
+            Slides [m].
+        """
+        if self._rates.level == 0.5:
+            return  # where the rate is the mean one, whatever it was at the start
+        for actuator in self._all:
+            joint = actuator.joint
+            x, y, turn = (self._of(joint.b, v, i) - self._of(joint.a, v, i) for i in range(3))
+            if actuator.turns is not None:
+                actuator.rate = turn
+                continue
+            psi, spin = (self._of(joint.a, values, 2) for values in (q, v))
+            arm = joint.offset + slides[joint.number] * joint.axis
+            c, s = np.cos(psi), np.sin(psi)
+            # Along the axis: the velocity of b less that of its place on a, seen from a.
+            seen = np.array([c * x + s * y, c * y - s * x]) - spin * np.array([-arm[1], arm[0]])
+            actuator.rate = float(joint.axis @ seen)
+
     def set_increment(self, D: np.ndarray, z: np.ndarray) -> None:
         """Set the increment over the step.
 
@@ -119,11 +146,13 @@ class Actuators:
                 slope_a, slope_b = (float(s) for s in slopes)
                 ratio, by_a, by_b = self._rates.turn_ratio(Da, Db)
             elastic = a.k * (a.start + level * a.change - a.rest)
-            a.force = elastic * ratio + a.c * path / dt
+            # The rate at the scheme's level; in the middle of the step the mean.
+            rate = a.rate + 2 * level * (path / dt - a.rate)
+            a.force = elastic * ratio + a.c * rate
             a.lost = a.c * path**2 / dt
             a.slopes = (
-                -a.k * level * ratio + elastic * by_a - a.c * slope_a / dt,
-                a.k * level * ratio + elastic * by_b + a.c * slope_b / dt,
+                -a.k * level * ratio + elastic * by_a - 2 * level * a.c * slope_a / dt,
+                a.k * level * ratio + elastic * by_b + 2 * level * a.c * slope_b / dt,
             )
 
     def forces(self, columns: int) -> np.ndarray:
@@ -193,6 +222,20 @@ class Actuators:
             if actuator.turns is not None:
                 total[actuator.joint.number] -= actuator.force
         return total
+
+    def node_moments(self, nodes: int) -> np.ndarray:
+        """Moments (nodes,) of rotational springs and dampers on the nodes [N m]."""
+        total = np.zeros(nodes)
+        for actuator in self._all:
+            if actuator.turns is not None:
+                for node, sign in ((actuator.joint.a, 1.0), (actuator.joint.b, -1.0)):
+                    if node is not GROUND:
+                        total[node.number] += sign * actuator.force
+        return total
+
+    def _of(self, node: Node, values: np.ndarray, component: int) -> float:
+        """Value (size,) at a node; zero on the ground."""
+        return 0.0 if node is GROUND else float(values[self._dofs[node.number, component]])
 
     @staticmethod
     def _coordinate(actuator: _Actuator, q: np.ndarray, slides: np.ndarray) -> float:

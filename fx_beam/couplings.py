@@ -14,6 +14,8 @@ from .scene import Scene
 
 #: An entry of a coupling: the column, the place of its value (0 is the constant 1), and its sign.
 Entry = tuple[int, int, float]
+# Name of the ground's column, which stands still.
+_GROUND = ("ground",)
 
 
 @dataclass(frozen=True)
@@ -35,7 +37,7 @@ class Couplings:
     """The full degrees of freedom as functions of the columns that are left.
 
     Columns are, in this order: free degrees of freedom and slides, those that are driven
-    (prescribed motions, then motors), and those that are fixed.
+    (prescribed motions, then motors), and those that are fixed, with one for the ground.
 
     Parameters
     ----------
@@ -109,7 +111,8 @@ def couple(scene: Scene, mesh: Mesh) -> Couplings:
     columns = _Columns(scene, mesh, moves, turns)
     bending = [b.joint for b in moves if not b.joint.is_index]
     place = {joint.number: 1 + 4 * m for m, joint in enumerate(bending)}
-    entries: dict[tuple[int, int], list[Entry]] = {(-1, i): [] for i in range(3)}
+    ground = [(columns.of[_GROUND], 0, 1.0)] if _GROUND in columns.of else []
+    entries: dict[tuple[int, int], list[Entry]] = {(GROUND.number, i): ground for i in range(3)}
     for key in columns.roots:
         entries[key] = [(columns.of[key], 0, 1.0)]
     for branch in turns:
@@ -162,7 +165,8 @@ class _Columns:
         free += [("slide", number) for number in slides if number not in moved]
         driven: list[tuple] = list(scene.prescribed)
         driven += [("motor", joint.number) for joint, _ in motors(scene)]
-        keys = [*free, *driven, *sorted(scene.fixed)]
+        ground = [_GROUND] if any(b.parent == GROUND.number for b in (*moves, *turns)) else []
+        keys = [*free, *driven, *sorted(scene.fixed), *ground]
         self.of: dict[tuple, int] = {key: column for column, key in enumerate(keys)}
         self.free, self.driven, self.count = len(free), len(driven), len(keys)
         self.slides = {n: self.of["motor" if n in moved else "slide", n] for n in slides}

@@ -10,6 +10,8 @@ from .beam import COMPONENTS
 from .errors import SceneError
 from .model import Model
 
+_ADVICE = "Give compatible velocities to all members, or call scene.make_velocities_compatible()"
+
 
 def initial_rates(model: Model, driven: np.ndarray) -> np.ndarray:
     """Rates of all columns at t = 0.
@@ -37,7 +39,8 @@ def initial_rates(model: Model, driven: np.ndarray) -> np.ndarray:
     w = np.zeros(reduction.columns)
     w[free : free + reduction.driven] = driven
     T = reduction.coupling()
-    missing = v - T @ w
+    led = T @ w
+    missing = v - led
     weight = scipy.sparse.identity(model.size, format="csr")
     if scene.projects_velocities:
         weight = model.mass + _small_mass(model)
@@ -47,16 +50,58 @@ def initial_rates(model: Model, driven: np.ndarray) -> np.ndarray:
         w[:free] = scipy.sparse.linalg.spsolve(normal, free_T.T @ (weight @ missing))
     if scene.projects_velocities:
         return w
-    gap = model.to_nodes(abs(T @ w - v)) / [1.0, 1.0, 1 / model.mesh.size]
+    unit = [1.0, 1.0, 1 / model.mesh.size]
+    gap = model.to_nodes(abs(T @ w - v)) / unit
     # Prescribed motion overrides what was given at its own degree of freedom.
     for key in scene.prescribed:
         gap[key] = 0.0
         _check_prescribed(model, key, v, T @ w)
-    speed = (abs(model.to_nodes(v)) / [1.0, 1.0, 1 / model.mesh.size]).max()
-    if gap.max() > 1e-9 * speed:
+    v[model.prescribed] = (T @ w)[model.prescribed]
+    # The rates of driven motion are differences, and no more accurate than that.
+    speed, drive = (abs(model.to_nodes(rates) / unit).max() for rates in (v, led))
+    tolerance = 1e-9 * speed + 1e-5 * drive
+    if gap.max() > tolerance:
+        _check_joints(model, v, driven, tolerance)
         node, component = np.unravel_index(np.argmax(gap), gap.shape)
         raise SceneError(_message(model, int(node), int(component), v, T @ w))
     return w
+
+
+def acceleration_of(mass: scipy.sparse.spmatrix, force: np.ndarray) -> np.ndarray:
+    """Accelerations (n,) under generalised forces (n,), zero where there is no mass.
+
+    Where several unknowns move one mass, such as the displacement and the rotation of a massless
+    node that carries it at an offset, their accelerations are the smallest that fit.
+
+    Parameters
+    ----------
+    mass : (n, n) sparse matrix
+        Mass matrix of the unknowns.
+    force : (n,) float
+        Generalised forces.
+
+    Returns
+    -------
+    (n,) float
+        Accelerations.
+    """
+    a = np.zeros(len(force))
+    diagonal = mass.diagonal()
+    moving = np.flatnonzero(diagonal > 0)
+    if len(moving):
+        scale = scipy.sparse.diags(diagonal[moving] ** -0.5)
+        scaled = (scale @ mass.tocsr()[moving][:, moving] @ scale).tocsc()
+        b = scale @ force[moving]
+        try:
+            factors = scipy.sparse.linalg.splu(scaled)
+            singular = abs(factors.U.diagonal()).min() < 1e-10
+        except RuntimeError:
+            singular = True
+        if singular:
+            a[moving] = scale @ np.linalg.lstsq(scaled.toarray(), b, rcond=1e-10)[0]
+        else:
+            a[moving] = scale @ factors.solve(b)
+    return a
 
 
 def _given_velocity(model: Model) -> np.ndarray:
@@ -85,6 +130,32 @@ def _check_prescribed(model: Model, key: tuple[int, int], v: np.ndarray, kept: n
         )
 
 
+def _check_joints(model: Model, v: np.ndarray, driven: np.ndarray, tolerance: float) -> None:
+    """Refuse rates with which the nodes of a joint part, naming the joint that is worst."""
+    nodes, scene = np.vstack([model.to_nodes(v), np.zeros(3)]), model.scene  # the ground is last
+    rates = driven[len(model.prescribed) :]
+    motors = {(j.number, name): r for (j, name), r in zip(model.motors, rates, strict=True)}
+    worst, text = tolerance, ""
+    for joint in scene.joints:
+        a, b = nodes[joint.a.number], nodes[joint.b.number]
+        arm, gap = joint.offset, b[:2] - a[:2]
+        if joint.axis is not None:
+            arm = arm + joint.start()[0] * joint.axis
+        gap = gap - a[2] * np.array([-arm[1], arm[0]])
+        if joint.axis is not None:
+            slide = motors.get((joint.number, "slide"), gap @ joint.axis)
+            gap = gap - slide * joint.axis
+        turn = b[2] - a[2] - motors.get((joint.number, "rotation"), 0.0)
+        for size, what in (
+            (np.hypot(*gap), f"its nodes part at a rate of {np.hypot(*gap):.3g}"),
+            (abs(turn) * model.mesh.size * joint.turns_together, f"b turns at {turn:.3g} too much"),
+        ):
+            if size > worst:
+                worst, text = size, f"{joint}: {what}"
+    if text:
+        raise SceneError(f"the initial velocities violate {text}. {_ADVICE}")
+
+
 def _small_mass(model: Model) -> scipy.sparse.spmatrix:
     """A mass for what has none, so small that it changes no other rate."""
     diagonal = model.mass.diagonal()
@@ -104,10 +175,7 @@ def _message(model: Model, node: int, component: int, v: np.ndarray, kept: np.nd
             f"{where} is supported in {COMPONENTS[component]} and has an initial rate of {given:g} "
             "there; it must be 0"
         )
-    joints = [str(j) for j in scene.joints if node in (j.a.number, j.b.number)]
     return (
-        f"the initial velocities violate {' and '.join(joints) or 'a support'}: the rate of "
-        f"{COMPONENTS[component]} of {where} is {given:g}, and would have to be {found:g} "
-        f"(violation {abs(given - found):.3g}). Give compatible velocities to all members, or call "
-        "scene.make_velocities_compatible()"
+        f"the initial velocities violate a support: the rate of {COMPONENTS[component]} of {where} "
+        f"is {given:g}, and would have to be {found:g}. {_ADVICE}"
     )

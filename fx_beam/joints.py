@@ -11,7 +11,7 @@ import numpy as np
 
 from .beam import Node
 from .errors import SceneError
-from .values import time_function, vector
+from .values import is_number, time_function, vector
 
 #: The fixed frame, in place of a joint's first or second node.
 GROUND = Node(-1, math.nan, math.nan)
@@ -33,8 +33,8 @@ class Spring:
     rest: float = 0.0
 
     def __post_init__(self):
-        _check("Spring", "stiffness", self.stiffness, self.stiffness >= 0)
-        _check("Spring", "rest", self.rest, True)
+        _check("Spring", "stiffness", self.stiffness)
+        _check("Spring", "rest", self.rest, -math.inf)
 
 
 @dataclass(frozen=True)
@@ -50,7 +50,7 @@ class Damper:
     viscosity: float
 
     def __post_init__(self):
-        _check("Damper", "viscosity", self.viscosity, self.viscosity >= 0)
+        _check("Damper", "viscosity", self.viscosity)
 
 
 @dataclass(frozen=True)
@@ -289,6 +289,7 @@ def _coordinate(what: str, spring, damper, motor) -> Coordinate:
     return Coordinate(spring, damper, motor)
 
 
-def _check(what: str, name: str, value: Any, valid: bool) -> None:
-    if not (math.isfinite(value) and valid):
-        raise SceneError(f"{what}: {name} = {value!r} must be finite and not negative")
+def _check(what: str, name: str, value: Any, lowest: float = 0.0) -> None:
+    if not (is_number(value) and value >= lowest):
+        wanted = "finite" if lowest < 0 else "finite and not negative"
+        raise SceneError(f"{what}: {name} = {value!r} must be {wanted}")

@@ -6,7 +6,7 @@ import numpy as np
 import scipy.sparse
 
 from .errors import SceneError
-from .joints import GROUND, Joint
+from .joints import GROUND, Coordinate, Joint
 from .mesh import Mesh
 from .scene import Scene
 
@@ -14,7 +14,8 @@ from .scene import Scene
 def check_no_massless_mechanism(scene: Scene, mesh: Mesh, mass: scipy.sparse.csr_matrix) -> None:
     """Refuse a scene that can move as a mechanism of rigid parts without mass or support.
 
-    The rigid motions of all parts that supports and joints allow must have mass.
+    The rigid motions of all parts that supports and joints, with their motors, springs and
+    dampers, allow must have mass.
 
     Parameters
     ----------
@@ -66,9 +67,19 @@ def _joint_rows(joint: Joint, mesh: Mesh, modes: np.ndarray) -> list[np.ndarray]
         rate(joint.b, 0) - rate(joint.a, 0) + turn * arm[1],
         rate(joint.b, 1) - rate(joint.a, 1) - turn * arm[0],
     ]
-    if joint.axis is not None and not (joint.slide and joint.slide.motor):
+    if joint.axis is not None and not _is_held(joint.slide):
         gap = [joint.axis[0] * gap[1] - joint.axis[1] * gap[0]]
-    return gap + ([rate(joint.b, 2) - rate(joint.a, 2)] if joint.turns_together else [])
+    turns_together = joint.turns_together or _is_held(joint.rotation)
+    return gap + ([rate(joint.b, 2) - rate(joint.a, 2)] if turns_together else [])
+
+
+def _is_held(coordinate: Coordinate | None) -> bool:
+    """Whether a motor, a spring or a damper keeps a coordinate from moving freely."""
+    if coordinate is None:
+        return False
+    spring, damper = coordinate.spring, coordinate.damper
+    stiffness = spring.stiffness if spring else 0.0
+    return bool(coordinate.motor or stiffness or (damper and damper.viscosity))
 
 
 def _rigid_modes(mesh: Mesh, nodes: np.ndarray) -> np.ndarray:

@@ -201,8 +201,11 @@ class JointForces:
             Force [N] and moment [N m] of each joint.
         """
         out = (self._sums @ r).reshape(-1, 3)
-        # Offset and sliding joints turn what carries them, springs turn both ends.
+        # Offset and sliding joints turn what carries them, springs turn both of their ends: what
+        # that takes of the moments of the nodes is not this joint's, but for its own spring.
         carried = self._model.reduction.guide_moments(r)
         if carried is not None:
-            out[:, 2] += self._turning @ carried + self._model.actuators.moments(len(out))
+            actuators = self._model.actuators
+            carried = carried - actuators.node_moments(len(carried))
+            out[:, 2] += self._turning @ carried + actuators.moments(len(out))
         return out

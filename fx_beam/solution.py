@@ -376,6 +376,9 @@ class Solution:
             raise ValueError(
                 f"{joint!r} is no joint of this solution; take what add_joint returned"
             )
+        for node in (joint.a, joint.b):
+            if node is not GROUND:
+                self._number(node)  # a joint of another scene has other nodes
         return joint.number
 
     def _beam_name(self, beam: Beam | str) -> str:

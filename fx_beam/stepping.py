@@ -5,12 +5,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-import scipy.sparse.linalg
 
 from .audit import Energy, Stats
 from .beam import COMPONENTS
 from .errors import SceneError, StepError
-from .initial import initial_rates
+from .initial import acceleration_of, initial_rates
 from .joints import GROUND
 from .model import JointForces, Model
 from .newton import Newton, StepFailed, StepSolution
@@ -117,6 +116,8 @@ class Stepper:
         h = 1e-3 * dt
         f1, f2, f3 = (self._driven_at(k * h) for k in (1, 2, 3))
         rates, accelerations = (4 * f1 - f2) / (2 * h), (-5 * f1 + 4 * f2 - f3) / h**2
+        # A motion that starts at rest has a rate of no more than the error of these.
+        rates[abs(rates) < 1e-3 * abs(self._driven_at(100 * h)) / (100 * h)] = 0.0
 
         model.reduction.begin(state.q, slides, h)
         model.reduction.expand(np.zeros(model.reduction.free), np.zeros(len(rates)))
@@ -138,18 +139,18 @@ class Stepper:
         curved = np.zeros(model.size)
         if model.scene.joints and w.any():
             # What joints accelerate at constant rates: the second difference of their motion.
-            k = 1e-4 / abs(w).max()
+            k = 1e-4 / (abs(model.to_nodes(state.v)) / [*[model.mesh.size] * 2, 1.0]).max()
             ahead, back = (reduction.expand(s * k * w[:free], s * k * w[moved]) for s in (1, -1))
             curved = (ahead + back) / k**2
             reduction.expand(np.zeros(free), np.zeros(reduction.driven))
         T = reduction.coupling()
         force = self._end_forces(0.0, dt)[0] - model.forms.internal_force(D)
         force -= model.mass @ (T @ a + curved)
-        M = (T.T @ model.mass @ T).tocsr()
-        moving = np.flatnonzero(M.diagonal()[:free] > 0)
-        if len(moving):
-            b = (T.T @ force)[moving]
-            a[moving] = scipy.sparse.linalg.spsolve(M[moving][:, moving].tocsc(), b)
+        model.actuators.set_rates(state.q, state.v, state.slides)
+        model.actuators.begin(state.q, state.slides, h)
+        model.actuators.set_increment(h * state.v, h * w)
+        b = T.T @ force - model.actuators.forces(reduction.columns)
+        a[:free] = acceleration_of((T.T @ model.mass @ T)[:free, :free], b[:free])
         return T @ a + curved
 
     # -- Steps ----------------------------------------------------------------------------------
@@ -192,6 +193,7 @@ class Stepper:
         start = np.concatenate([state.q[model.prescribed], state.motors])
         values = self._driven_at(t1)
         model.forms.set_step(state.t, dt, state.q, state.v, state.a)
+        model.actuators.set_rates(state.q, state.v, state.slides)
         model.reduction.begin(state.q, state.slides, dt)
         force = (1 - rates.level) * forces[0] + rates.level * forces[1]
         step = self.newton.solve(state.v, state.a, dt, force, values - start)

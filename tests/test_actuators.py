@@ -1,0 +1,320 @@
+"""Springs, dampers and motors on the free coordinates of joints."""
+
+import numpy as np
+import pytest
+from jointed import KINDS, MEMBER, SLIDING, drift, pair, rotation, throw
+
+import fx_beam as fb
+from fx_beam.model import Model
+
+HINGED = [kind for kind in KINDS if "revolute" in kind]
+SPRUNG = SLIDING + HINGED
+STIFF = fb.Section(EA=1e9, GA=1e9, EI=1e9, rhoA=1.0, rhoI=0.1)
+NEWMARK_FAMILY = [fb.Newmark(), fb.HHT(-0.2), fb.GeneralizedAlpha(0.6)]
+
+
+def scale(solution):
+    return solution.energy.kinetic.max()
+
+
+def balance(solution):
+    return abs(solution.energy.balance_error).max() / scale(solution)
+
+
+def angle(solution, joint):
+    """Relative rotation of a joint."""
+    ends = (0.0 if n is fb.GROUND else solution.rotation(n) for n in (joint.a, joint.b))
+    a, b = ends
+    return b - a
+
+
+def coordinate(solution, joint):
+    return angle(solution, joint) if joint.axis is None else solution.slide(joint)
+
+
+def frequency(t, x):
+    """Angular frequency of a harmonic about zero, from its own three-term recurrence."""
+    c = x[1:-1] @ (x[2:] + x[:-2]) / (2 * x[1:-1] @ x[1:-1])
+    return np.arccos(c) / (t[1] - t[0])
+
+
+# -- One degree of freedom -----------------------------------------------------------------------
+
+
+def slider(rest=0.0, damper=None, velocity=0.0, gravity=None, stiffness=50.0):
+    """A block of mass 2 on a rail along (0.6, 0.8), and a spring to the ground."""
+    scene = fb.Scene(gravity=gravity)
+    block = scene.add_beam([(1, 1), (3, 1)], STIFF, elements=2)
+    spring = fb.Spring(stiffness, rest)
+    joint = scene.add_joint(
+        fb.Prismatic(fb.GROUND, block.start, axis=(3, 4), spring=spring, damper=damper)
+    )
+    scene.set_velocity(block, (0.6 * velocity, 0.8 * velocity))
+    return scene, joint
+
+
+@pytest.mark.parametrize("dt", [0.01, 0.1, 0.3])
+def test_a_sprung_slider_has_the_frequency_of_the_mid_point_rule(dt):
+    scene, joint = slider(velocity=2.0)
+    solution = fb.simulate(scene, dt=dt, t_end=100 * dt)
+    exact = 2 / dt * np.arctan(5.0 * dt / 2)  # sqrt(50 / 2) = 5
+    slide = solution.slide(joint)
+    assert frequency(solution.t, slide) == pytest.approx(exact, rel=1e-7)
+    amplitude = 2.0 / 5.0
+    assert slide == pytest.approx(amplitude * np.sin(exact * solution.t), abs=1e-6)
+    assert drift(solution.energy.total) < 1e-11
+
+
+def test_a_sprung_hinge_has_the_frequency_of_small_oscillations():
+    scene = fb.Scene()
+    bar = scene.add_beam([(0, 0), (1, 0)], STIFF, elements=4)
+    joint = scene.add_joint(fb.Revolute(fb.GROUND, bar.start, spring=fb.Spring(30.0)))
+    rate, dt = 1e-5, 0.02
+    scene.set_velocity(bar, lambda x, y: (-rate * y, rate * x), spin=rate)
+    solution = fb.simulate(scene, dt=dt, t_end=4.0)
+    omega = np.sqrt(30.0 / (1 / 3 + 0.1))
+    expected = 2 / dt * np.arctan(omega * dt / 2)
+    assert frequency(solution.t, angle(solution, joint)) == pytest.approx(expected, rel=1e-6)
+
+
+def test_a_spring_pulls_to_its_rest_length():
+    # Released at 0 it swings about the rest, and the damper brings it there.
+    scene, joint = slider(rest=0.7)
+    slide = fb.simulate(scene, dt=0.001, t_end=2 * np.pi / 5).slide(joint)
+    assert slide.max() == pytest.approx(1.4, rel=1e-4)
+    scene, joint = slider(rest=0.7, damper=fb.Damper(20.0))
+    solution = fb.simulate(scene, dt=0.02, t_end=10.0)
+    assert solution.slide(joint)[-1] == pytest.approx(0.7, rel=1e-6)
+    assert solution.energy.total[-1] == pytest.approx(0.0, abs=1e-6)
+    assert solution.energy.strain[0] == pytest.approx(50.0 / 2 * 0.7**2)
+
+
+def test_springs_and_dampers_accelerate_at_the_start():
+    scene, joint = slider(rest=0.7, damper=fb.Damper(3.0), velocity=2.0)
+    solution = fb.simulate(scene, fb.Newmark(), dt=0.01, t_end=0.01)
+    model = Model(scene, fb.Newmark())
+    force = model.to_nodes(model.mass @ model.from_nodes(solution.a[0]))[:, :2].sum(axis=0)
+    assert force @ joint.axis == pytest.approx(50.0 * 0.7 - 3.0 * 2.0, rel=1e-9)
+
+
+def test_a_critically_damped_slider_follows_its_closed_solution():
+    # c = 2 sqrt(k m): x = v t exp(-5 t).
+    for scheme in (fb.EnergyMomentum(), *NEWMARK_FAMILY):
+        scene, joint = slider(velocity=2.0, damper=fb.Damper(20.0))
+        solution = fb.simulate(scene, scheme, dt=0.002, t_end=1.0)
+        exact = 2.0 * solution.t * np.exp(-5 * solution.t)
+        assert abs(solution.slide(joint) - exact).max() < 1e-4 * exact.max()
+
+
+def test_a_slider_sags_by_its_weight_over_the_stiffness():
+    scene, joint = slider(gravity=(0, -9.81), damper=fb.Damper(20.0))
+    solution = fb.simulate(scene, fb.GeneralizedAlpha(0.0), dt=0.02, t_end=10.0)
+    assert solution.slide(joint)[-1] == pytest.approx(-0.8 * 2 * 9.81 / 50.0, rel=1e-6)
+    # At rest the joint carries the weight, spring included, and the moment about its node.
+    force = solution.joint_force(joint)[-1]
+    assert force == pytest.approx([0, 2 * 9.81, 2 * 9.81], rel=1e-6, abs=1e-6)
+
+
+# -- Large rotations -----------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("dt", [0.02, 0.005])
+@pytest.mark.parametrize("kind", SPRUNG)
+def test_springs_keep_energy_and_momenta_with_large_rotations(kind, dt):
+    spring = fb.Spring(8.0, rest=0.3)
+    hinge = {"hinge": fb.Coordinate(spring=spring)} if "slot" in kind else {}
+    scene, first, second, joint = pair(kind, spring=spring, **hinge)
+    throw(scene, first, second, joint, spin=6.0)
+    solution = fb.simulate(scene, dt=dt, t_end=2.0)
+    assert drift(solution.energy.total) < 1e-10
+    assert drift(solution.linear_momentum) < 1e-10
+    assert drift(solution.angular_momentum) < 1e-10
+    assert abs(solution.rotation(joint.a)).max() > 2.0
+    stored = 8.0 / 2 * (coordinate(solution, joint) - 0.3) ** 2
+    if hinge:
+        stored += 8.0 / 2 * (angle(solution, joint) - 0.3) ** 2
+    assert np.ptp(stored) > 1e-2 * scale(solution)
+    # The strain energy contains the spring's; what is left is the beams'.
+    left = solution.energy.strain - stored
+    assert left.min() > -1e-10 * scale(solution)
+    assert left[0] == pytest.approx(0.0, abs=1e-12)
+
+
+@pytest.mark.parametrize("kind", SPRUNG)
+def test_dampers_only_take_energy_and_leave_the_momenta(kind):
+    damper = fb.Damper(2.0)
+    hinge = {"hinge": fb.Coordinate(damper=damper)} if "slot" in kind else {}
+    scene, first, second, joint = pair(kind, damper=damper, **hinge)
+    throw(scene, first, second, joint, spin=3.0)
+    solution = fb.simulate(scene, dt=0.01, t_end=1.0)
+    energy = solution.energy.total
+    assert np.diff(energy).max() < 1e-12 * energy[0]
+    assert energy[-1] < 0.95 * energy[0]
+    assert balance(solution) < 1e-10
+    assert np.diff(solution.energy.work).max() <= 0.0
+    assert drift(solution.linear_momentum) < 1e-10
+    assert drift(solution.angular_momentum) < 1e-10
+
+
+@pytest.mark.parametrize("scheme", NEWMARK_FAMILY, ids=lambda s: s.name)
+def test_newmarks_family_is_of_second_order_with_springs_and_dampers(scheme):
+    stout = fb.Section(EA=200.0, GA=200.0, EI=20.0, rhoA=1.0, rhoI=0.1)
+
+    def end(dt):
+        scene = fb.Scene(gravity=(0, -9.81))
+        arm = scene.add_beam([(0, 0), (1, 0)], stout, elements=2)
+        sleeve = scene.add_beam([(1.1, 0), (1.3, 0.4)], stout, elements=2)
+        scene.add_joint(fb.Revolute(fb.GROUND, arm.start, damper=fb.Damper(3.0)))
+        spring, damper = fb.Spring(5.0, rest=0.3), fb.Damper(2.0)
+        scene.add_joint(
+            fb.Prismatic(arm.end, sleeve.start, axis=(1, 0), spring=spring, damper=damper)
+        )
+        solution = fb.simulate(scene, scheme, dt=dt, t_end=0.2)
+        return np.append(solution.q[-1].ravel(), solution.slides[-1])
+
+    fine = end(0.2 / 1280)
+    errors = [np.linalg.norm(end(dt) - fine) for dt in (0.0025, 0.00125)]
+    assert np.log2(errors[0] / errors[1]) > 1.8
+
+
+# -- Motors --------------------------------------------------------------------------------------
+
+
+def smooth(size):
+    """Motion from 0 to `size` in 0.8 s, without a jump of its rate."""
+    return lambda t: size * np.sin(np.pi * min(t, 0.8) / 1.6) ** 2
+
+
+@pytest.mark.parametrize("degree", [1, 2])
+@pytest.mark.parametrize("kind", [*SPRUNG, "motor in the hinge of a slot"])
+def test_a_motor_between_free_members_does_its_work_and_changes_no_momentum(kind, degree):
+    size = 1.7
+    options = {"motor": smooth(size)}
+    if "motor" in kind:
+        kind, options = "pin in slot", {"hinge": fb.Coordinate(**options)}
+    scene, first, second, joint = pair(kind, degree, **options)
+    throw(scene, first, second, joint, slide=0.0 if "hinge" not in options else 1.0, hinge=0.0)
+    solution = fb.simulate(scene, dt=0.01, t_end=1.0)
+    moved = angle(solution, joint) if "hinge" in options else coordinate(solution, joint)
+    given = [smooth(size)(t) for t in solution.t]
+    assert abs(moved - moved[0] - given).max() < 1e-12
+    assert balance(solution) < 1e-9
+    assert np.ptp(solution.energy.work) > 0.01 * scale(solution)
+    assert drift(solution.linear_momentum) < 1e-10
+    assert drift(solution.angular_momentum) < 1e-10
+
+
+@pytest.mark.parametrize("swapped", [False, True])
+@pytest.mark.parametrize("kind", ["revolute", "prismatic", "pin in slot"])
+def test_a_motor_against_the_ground_does_its_work(kind, swapped):
+    make, _, given = KINDS[kind]
+    scene = fb.Scene(gravity=(0, -9.81))
+    beam = scene.add_beam([(0, 0), (1, 0.2)], MEMBER, elements=3)
+    ends = (beam.start, fb.GROUND) if swapped else (fb.GROUND, beam.start)
+    joint = scene.add_joint(make(*ends, motor=smooth(1.3), **given))
+    solution = fb.simulate(scene, dt=0.01, t_end=1.0)
+    moved = coordinate(solution, joint)
+    assert moved - moved[0] == pytest.approx([smooth(1.3)(t) for t in solution.t], abs=1e-12)
+    assert balance(solution) < 1e-9
+    assert np.ptp(solution.energy.work) > 1.0
+
+
+def test_a_motor_against_a_spring_shows_the_spring_in_the_joint_force_and_in_its_work():
+    # Both act between the same members: what the motor does is stored in the spring.
+    scene = fb.Scene()
+    beam = scene.add_beam([(0, 0), (1, 0)], STIFF, elements=2)
+    other = scene.add_beam([(0, 0), (-1, 0)], STIFF, elements=2)
+    scene.clamp(beam.end)
+    scene.clamp(other.end)
+    joint = scene.add_joint(
+        fb.Prismatic(
+            beam.start, other.start, axis=(1, 0), spring=fb.Spring(10.0), motor=smooth(1e-6)
+        )
+    )
+    solution = fb.simulate(scene, dt=0.01, t_end=1.0)
+    stored = 10.0 / 2 * solution.slide(joint) ** 2
+    assert solution.energy.work[-1] >= stored[-1] > 0
+    assert abs(solution.energy.balance_error).max() < 1e-9 * solution.energy.total.max()
+
+
+def test_the_work_of_a_motor_is_that_of_its_force():
+    scene, first, second, joint = pair("revolute", motor=smooth(2.0))
+    solution = fb.simulate(scene, dt=0.01, t_end=1.0)
+    moment = solution.joint_force(joint)[1:, 2]
+    turns = [2 * np.tan(np.diff(solution.rotation(n)) / 2) for n in (joint.b, joint.a)]
+    work = np.cumsum(moment * (turns[0] - turns[1]))
+    assert solution.energy.work[1:] == pytest.approx(work, abs=1e-10 * scale(solution))
+
+
+def test_several_actuators_in_a_chain_balance():
+    scene = fb.Scene(gravity=(0, -9.81))
+    beams = [scene.add_beam([(i, 0), (i + 1, 0)], MEMBER, elements=2) for i in range(4)]
+    spring, damper = fb.Spring(20.0, rest=0.1), fb.Damper(0.5)
+    scene.add_joint(fb.Revolute(fb.GROUND, beams[0].start, motor=smooth(1.5), spring=spring))
+    scene.add_joint(fb.Revolute(beams[0].end, beams[1].start, motor=smooth(-2.0)))
+    scene.add_joint(
+        fb.Prismatic(beams[1].end, beams[2].start, axis=(1, 0), spring=spring, damper=damper)
+    )
+    scene.add_joint(fb.Revolute(beams[2].end, beams[3].start, spring=spring, damper=damper))
+    solution = fb.simulate(scene, dt=0.01, t_end=2.0)
+    assert balance(solution) < 1e-9
+    assert abs(solution.rotation(beams[3].end)).max() > 0.5
+
+
+@pytest.mark.parametrize("neighbour", [fb.Rigid, fb.Prismatic])
+def test_a_rigid_joint_does_not_count_the_spring_of_its_neighbour(neighbour):
+    # a = b = c, and a torsion spring from b to a bar that is held: a's moment is the spring's.
+    scene = fb.Scene()
+    a = scene.add_beam([(-1, 0), (0, 0)], MEMBER, elements=2)
+    b = scene.add_beam([(0, 0), (1, 0)], MEMBER, elements=2)
+    options = {} if neighbour is fb.Rigid else {"axis": (1, 0), "motor": lambda t: 0.0}
+    joint = scene.add_joint(neighbour(a.end, b.start, **options))
+    hinge = scene.add_joint(fb.Revolute(fb.GROUND, b.start, spring=fb.Spring(5.0, rest=1.0)))
+    solution = fb.simulate(scene, dt=0.01, t_end=0.1)
+    # Moments on b's own beam about its start: rate of its angular momentum about the origin.
+    model = Model(scene, fb.EnergyMomentum())
+    nodes = solution.nodes_of_beam[b.name]
+    p = np.array([model.to_nodes(model.mass @ model.from_nodes(v))[nodes] for v in solution.v])
+    x = solution.shape(b)
+    L = np.sum(x[..., 0] * p[..., 1] - x[..., 1] * p[..., 0] + p[..., 2], axis=1)
+    moments = solution.joint_force(joint)[1:, 2] + solution.joint_force(hinge)[1:, 2]
+    assert abs(np.diff(L) / 0.01 - moments).max() < 1e-9 * abs(moments).max()
+    assert abs(solution.joint_force(hinge)[1, 2] - 5.0) < 0.5
+
+
+def test_a_massless_arm_may_hang_on_a_spring():
+    scene = fb.Scene()
+    arm = scene.add_beam([(0, 0), (1, 0)], fb.Section(EA=1e4, GA=1e4, EI=100.0))
+    scene.add_joint(fb.Revolute(fb.GROUND, arm.start, spring=fb.Spring(4.0)))
+    scene.add_force(arm.end, lambda t: (0.0, 0.1 * t))
+    solution = fb.simulate(scene, dt=0.1, t_end=1.0)
+    # Moment of the force about the hinge over the spring's stiffness.
+    psi, x = solution.rotation(arm.start)[-1], solution.position(arm.end)[-1]
+    assert 4.0 * psi == pytest.approx(0.1 * x[0], rel=2e-2)
+
+
+@pytest.mark.parametrize("turn", [0.0, 2.1])
+def test_actuators_turn_with_the_scene(turn):
+    R = rotation(turn)
+    results = []
+    for Q in (np.eye(2), R):
+        scene = fb.Scene(gravity=Q @ (0, -9.81))
+        arm = scene.add_beam([Q @ (0, 0), Q @ (1, 0)], MEMBER, elements=2)
+        sleeve = scene.add_beam([Q @ (1.2, 0.1), Q @ (1.5, 1.0)], MEMBER, elements=2)
+        scene.add_joint(fb.Revolute(fb.GROUND, arm.start, motor=smooth(2.0)))
+        joint = scene.add_joint(
+            fb.PinInSlot(
+                arm.end,
+                sleeve.start,
+                axis=Q @ (1, 0),
+                offset=Q @ (0, 0.1),
+                spring=fb.Spring(40.0, rest=0.4),
+                damper=fb.Damper(0.3),
+                hinge=fb.Coordinate(spring=fb.Spring(3.0), damper=fb.Damper(0.2)),
+            )
+        )
+        solution = fb.simulate(scene, dt=0.01, t_end=1.0)
+        force = solution.joint_force(joint)
+        results.append((solution.position(sleeve.end) @ Q, solution.slide(joint), force[:, :2] @ Q))
+    for plain, turned in zip(*results, strict=True):
+        assert abs(turned - plain).max() < 1e-9 * max(1.0, abs(plain).max())

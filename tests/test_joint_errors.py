@@ -1,0 +1,307 @@
+"""Joints that cannot be right are refused by their names, before anything runs."""
+
+import math
+import re
+
+import numpy as np
+import pytest
+from jointed import KINDS, MEMBER, pair, throw
+
+import fx_beam as fb
+
+STIFF = fb.Section(EA=1e8, GA=1e8, EI=1e8, rhoA=1.0, rhoI=0.1)
+STIFF_MASSLESS = fb.Section(EA=1e8, GA=1e8, EI=1e8)
+MASSLESS = fb.Section(EA=1e4, GA=1e4, EI=100.0)
+
+
+def refused(match):
+    return pytest.raises(fb.SceneError, match=match)
+
+
+def beams(count=3, section=MEMBER):
+    """Beams that start at the same point."""
+    scene = fb.Scene()
+    return scene, [
+        scene.add_beam([(0, 0), (math.cos(i), math.sin(i))], section, elements=2)
+        for i in range(count)
+    ]
+
+
+def run(scene, scheme=None, dt=0.1, t_end=0.1, **options):
+    return fb.simulate(scene, scheme, dt=dt, t_end=t_end, **options)
+
+
+# -- A joint by itself ---------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("make", [fb.Rigid, fb.Revolute])
+def test_a_gap_at_the_start_is_refused_with_its_size(make):
+    scene, (a, b, _) = beams()
+    with refused(f"{make.__name__} of node 2 .* and node 3 at .*gap of 1 "):
+        scene.add_joint(make(a.end, b.start))
+    with refused("gap of 0.5 "):
+        scene.add_joint(make(a.start, b.start, offset=(0.3, 0.4)))
+
+
+@pytest.mark.parametrize("make", [fb.Prismatic, fb.PinInSlot])
+def test_only_the_distance_from_a_guide_is_a_gap(make):
+    scene, (a, b, _) = beams()
+    scene.add_joint(make(a.start, b.end, axis=(b.end.x, b.end.y)))
+    with refused(f"{make.__name__} of .*gap of 0.8415"):
+        scene.add_joint(make(a.end, b.end, axis=(1, 0)))
+
+
+@pytest.mark.parametrize(
+    ("build", "message"),
+    [
+        (lambda a, b: fb.Revolute(a, a), "Revolute: both of its nodes are node 0 at (0, 0)"),
+        (lambda a, b: fb.Rigid(fb.GROUND, fb.GROUND), "both of its nodes are the ground"),
+        (lambda a, b: fb.Revolute(a, (0, 0)), "Revolute: (0, 0) is no node"),
+        (lambda a, b: fb.Revolute(None, b), "Revolute: None is no node"),
+        (lambda a, b: fb.Prismatic(a, b, axis=(0, 0)), "Prismatic: axis = [0. 0.] has no direc"),
+        (lambda a, b: fb.PinInSlot(a, b, axis=(1, 0, 0)), "PinInSlot: axis: (1, 0, 0)"),
+        (lambda a, b: fb.PinInSlot(a, b, axis=(math.nan, 0)), "PinInSlot: axis: (nan, 0)"),
+        (lambda a, b: fb.Rigid(a, b, offset=1.0), "Rigid: offset: 1.0"),
+        (lambda a, b: fb.Rigid(fb.GROUND, b, offset=(1, 0)), "the ground takes no offset"),
+        (lambda a, b: fb.Revolute(a, b, spring=30.0), "spring = 30.0 must be an fx_beam.Spring"),
+        (lambda a, b: fb.Revolute(a, b, spring=fb.Damper(1.0)), "must be an fx_beam.Spring"),
+        (lambda a, b: fb.Revolute(a, b, damper=fb.Spring(1.0)), "must be an fx_beam.Damper"),
+        (
+            lambda a, b: fb.Prismatic(a, b, axis=(1, 0), motor=lambda t: t + 0.5),
+            "motor of a prismatic joint is 0.5 at t = 0; it must start from 0",
+        ),
+        (
+            lambda a, b: fb.PinInSlot(a, b, axis=(1, 0), hinge=fb.Coordinate(motor=math.cos)),
+            "hinge of a pin in slot is 1 at t = 0",
+        ),
+        (lambda a, b: fb.Revolute(a, b, motor=lambda t: 1 / t), "motor of a revolute joint: call"),
+        (lambda a, b: fb.Revolute(a, b, motor=lambda t: (t, t)), "motor of a revolute joint"),
+        (lambda a, b: fb.Spring(-1.0), "Spring: stiffness = -1.0 must be finite and not negative"),
+        (lambda a, b: fb.Spring(math.inf), "Spring: stiffness = inf must be finite"),
+        (lambda a, b: fb.Spring("soft"), "Spring: stiffness = 'soft' must be finite"),
+        (lambda a, b: fb.Spring(1.0, rest=math.nan), "Spring: rest = nan must be finite"),
+        (lambda a, b: fb.Damper(-1.0), "Damper: viscosity = -1.0 must be finite and not negative"),
+    ],
+)
+def test_a_joint_that_is_none_is_refused(build, message):
+    _, (a, b, _) = beams()
+    with refused(re.escape(message)):
+        build(a.start, b.start)
+
+
+def test_nodes_of_another_scene_are_refused():
+    scene, (a, b, _) = beams()
+    _, (other, _, _) = beams()
+    with refused("Revolute: node 0 at .* belongs to another scene"):
+        scene.add_joint(fb.Revolute(other.start, b.start))
+    with refused("Rigid: node 3 at .* belongs to another scene"):
+        beams()[0].add_joint(fb.Rigid(fb.GROUND, b.start))
+    with refused("add_joint needs a joint such as fx_beam.Revolute"):
+        scene.add_joint((a.start, b.start))
+
+
+# -- Joints together -----------------------------------------------------------------------------
+
+
+def test_a_loop_of_joints_around_one_point_is_refused_with_all_their_names():
+    scene, (a, b, c) = beams()
+    for ends in ((a, b), (b, c), (c, a)):
+        scene.add_joint(fb.Revolute(ends[0].start, ends[1].start))
+    with refused("over-constrained: .*joint 0, .*joint 1, .*joint 2, .*close a loop"):
+        run(scene)
+
+
+@pytest.mark.parametrize("second", [fb.Revolute, fb.Rigid])
+def test_a_second_joint_between_the_same_nodes_is_refused(second):
+    scene, (a, b, _) = beams()
+    scene.add_joint(fb.Revolute(a.start, b.start))
+    scene.add_joint(second(b.start, a.start))
+    with refused(f"joint 0, Revolute of node 0.*joint 1, {second.__name__} of node 3.*a loop"):
+        run(scene)
+
+
+def test_a_loop_through_the_ground_is_refused():
+    scene, (a, b, _) = beams()
+    scene.add_joint(fb.Revolute(fb.GROUND, a.start))
+    scene.add_joint(fb.Revolute(a.start, b.start))
+    scene.add_joint(fb.Revolute(b.start, fb.GROUND))
+    with refused("joint 0, Revolute of the ground .*a loop"):
+        run(scene)
+
+
+def test_two_supported_nodes_cannot_be_joined():
+    scene, (a, b, c) = beams()
+    scene.pin(a.start)
+    scene.fix(c.start, "x")
+    scene.add_joint(fb.Revolute(a.start, b.start))
+    scene.add_joint(fb.Revolute(b.start, c.start))
+    with refused("joint 1, .*joint 0, .*the displacement of node 0 .* and of node 6 .* both supp"):
+        run(scene)
+
+
+def test_a_supported_node_cannot_be_joined_to_the_ground():
+    scene, (a, _, _) = beams()
+    scene.prescribe(a.start, x=lambda t: t)
+    scene.add_joint(fb.Revolute(fb.GROUND, a.start))
+    with refused("the displacement of the ground and of node 0 .* are both supported"):
+        run(scene)
+
+
+@pytest.mark.parametrize("joint", [fb.Rigid, lambda a, b: fb.Prismatic(a, b, axis=(1, 0))])
+def test_a_rotation_fixed_at_both_ends_of_a_joint_is_refused(joint):
+    scene, (a, b, _) = beams()
+    scene.clamp(a.start)
+    scene.fix(b.start, "rotation")
+    scene.add_joint(joint(a.start, b.start))
+    with refused("the rotation of node 0 .* and of node 3 .* are both supported"):
+        run(scene)
+
+
+def test_rotations_fixed_at_both_ends_of_a_hinge_are_accepted():
+    scene, (a, b, _) = beams()
+    scene.clamp(a.start)
+    scene.fix(b.start, "rotation")
+    scene.add_joint(fb.Revolute(a.start, b.start))
+    assert run(scene).stats.unknowns == 3 * 9 - 3 - 1 - 2
+
+
+def test_a_joint_with_two_motors_is_refused():
+    scene, (a, b, _) = beams()
+    hinge = fb.Coordinate(motor=lambda t: t)
+    joint = fb.PinInSlot(a.start, b.start, axis=(1, 0), motor=lambda t: t, hinge=hinge)
+    scene.add_joint(joint)
+    with refused("joint 0, PinInSlot of .*it has two motors"):
+        run(scene)
+
+
+# -- Runs ----------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("fault", [math.nan, "error"])
+def test_a_motor_that_fails_later_keeps_the_steps_before(fault):
+    def motor(t):
+        if t > 0.35:
+            if fault == "error":
+                raise KeyError("no such table")
+            return fault
+        return t**2
+
+    scene, (a, b, _) = beams()
+    scene.pin(a.start)
+    scene.add_joint(fb.Revolute(a.start, b.start, motor=motor))
+    with pytest.raises(fb.StepError, match="motor of joint 0, Revolute of .*at t = 0.4") as error:
+        run(scene, t_end=1.0)
+    assert error.value.solution.t == pytest.approx([0, 0.1, 0.2, 0.3])
+
+
+def test_histories_of_joints_are_refused_for_what_is_no_joint_of_the_solution():
+    scene, (a, b, c) = beams()
+    given = fb.Revolute(a.start, b.start)
+    hinge = scene.add_joint(given)
+    scene.add_joint(fb.PinInSlot(b.start, c.start, axis=(1, 0)))
+    solution = run(scene)
+    with pytest.raises(ValueError, match="joint 0, Revolute of .* has no slide"):
+        solution.slide(hinge)
+    for history in (solution.joint_force, solution.gap):
+        with pytest.raises(ValueError, match="no joint of this solution; take what add_joint"):
+            history(given)
+        with pytest.raises(ValueError, match="no joint of this solution"):
+            history("hinge")
+    other = pair("prismatic with offset")[3]
+    assert other.number == hinge.number
+    with pytest.raises(ValueError, match="no node of this solution"):
+        solution.joint_force(other)
+    with pytest.raises(ValueError, match="no node of this solution"):
+        solution.slide(other)
+
+
+# -- Mechanisms without mass ---------------------------------------------------------------------
+
+
+def two_bars(mass=0.0):
+    """Massless bars from (0, 0) over (1, 1) to a slider on the x axis."""
+    scene = fb.Scene(gravity=(0, -9.81))
+    first = scene.add_beam([(0, 0), (1, 1)], MASSLESS)
+    second = scene.add_beam([(1, 1), (2, 0)], MASSLESS)
+    scene.pin(first.start)
+    scene.add_joint(fb.Revolute(first.end, second.start))
+    scene.add_joint(fb.PinInSlot(fb.GROUND, second.end, axis=(1, 0)))
+    if mass:
+        scene.add_mass(first.end, mass)
+    return scene
+
+
+def test_a_massless_mechanism_of_joints_is_refused():
+    with refused(r"the part of the scene around .* can turn about .*without mass or support"):
+        run(two_bars())
+
+
+def test_a_massless_mechanism_that_carries_a_mass_runs():
+    solution = run(two_bars(1.0), dt=0.01, t_end=0.3)
+    assert abs(solution.energy.balance_error).max() < 1e-10 * solution.energy.kinetic.max()
+
+
+@pytest.mark.parametrize("scheme", [fb.EnergyMomentum(), fb.Newmark(), fb.HHT(-0.1)])
+def test_massless_links_may_carry_a_member_with_mass(scheme):
+    # The three-bar swing: two massless links and a coupler.
+    scene = fb.Scene(gravity=(0, -9.81))
+    links = [scene.add_beam([(x, 0), (x - 0.5, -1)], STIFF_MASSLESS) for x in (0.0, 2.0)]
+    coupler = scene.add_beam([(-0.5, -1), (1.5, -1)], STIFF, elements=2)
+    for link, node in zip(links, (coupler.start, coupler.end), strict=True):
+        scene.add_joint(fb.Revolute(fb.GROUND, link.start))
+        scene.add_joint(fb.Revolute(link.end, node))
+    solution = run(scene, scheme, dt=0.01, t_end=0.5)
+    assert abs(solution.rotation(links[0].start)).max() > 0.4
+    # A parallelogram of links of length sqrt(5)/2, released from rest: v^2/2 = g (height lost).
+    fall = 1 + solution.position(coupler.node(0.5))[-1, 1]
+    speed = np.hypot(*solution.velocity(coupler.node(0.5))[-1])
+    assert speed == pytest.approx(np.sqrt(-2 * 9.81 * fall), rel=1e-3)
+
+
+def test_an_arm_without_mass_on_a_slide_is_refused_and_on_a_motor_accepted():
+    for motor in (None, lambda t: 0.1 * t**2):
+        scene = fb.Scene()
+        arm = scene.add_beam([(0, 0), (0, 1)], MASSLESS)
+        scene.add_joint(fb.Prismatic(fb.GROUND, arm.start, axis=(1, 0), motor=motor))
+        if motor is None:
+            with refused(r"can move along \(-?1, 0\) without mass"):
+                run(scene)
+        else:
+            assert run(scene).displacement(arm.end)[-1] == pytest.approx([1e-3, 0.0], abs=1e-12)
+
+
+# -- Initial velocities --------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_velocities_that_violate_a_joint_are_refused_with_the_violation(kind):
+    scene, first, second, joint = pair(kind)
+    throw(scene, first, second, joint)
+    run(scene, dt=0.01, t_end=0.01)
+    scene, first, second, joint = pair(kind)
+    scene.set_velocity(second, (-0.8, 0.6))  # across the guide
+    with refused(re.escape(str(joint)) + ": its nodes part at a rate of 1. .*make_velocities_comp"):
+        run(scene)
+
+
+@pytest.mark.parametrize("kind", ["rigid", "rigid with offset", "prismatic"])
+def test_spins_that_violate_a_joint_are_refused(kind):
+    scene, first, second, joint = pair(kind)
+    for beam, spin in ((first, 1.0), (second, 1.0 + 1e-6)):
+        scene.set_velocity(beam, lambda x, y: (-y, x), spin=spin)
+    with refused(re.escape(str(joint)) + ": b turns at 1e-06 too much"):
+        run(scene)
+
+
+def test_a_motor_that_starts_at_speed_needs_compatible_velocities():
+    for given in (False, True):
+        scene, (a, b, _) = beams()
+        scene.pin(a.start)
+        scene.add_joint(fb.Revolute(a.start, b.start, motor=lambda t: math.sin(2.0 * t)))
+        if given:
+            scene.set_velocity(b, lambda x, y: (-2 * y, 2 * x), spin=2.0)
+            solution = run(scene)
+            assert solution.spin(b.end)[0] == pytest.approx(2.0, rel=1e-5)
+        else:
+            with refused("violate joint 0, Revolute of .*: b turns at -2 too much"):
+                run(scene)
