@@ -80,8 +80,8 @@ def stiffened(section, factor):
     return fb.Section(**stiffness, rhoA=section.rhoA, rhoI=section.rhoI)
 
 
-def simulate(dt, factor=1.0, t_end=T_END):
-    """The solution and its joints by name."""
+def scene(factor=1.0):
+    """The scene, with its stiffness multiplied by a factor, and its joints by name."""
     mechanism = fb.Scene()
     ends = {"crank": [(0, 0), (RADIUS, 0)], "rod": [(RADIUS, 0), (RADIUS + LENGTH, 0)]}
     crank, rod = (
@@ -95,6 +95,12 @@ def simulate(dt, factor=1.0, t_end=T_END):
     }
     joints = {name: mechanism.add_joint(joint) for name, joint in joints.items()}
     mechanism.add_mass(rod.end, SLIDER)
+    return mechanism, joints
+
+
+def simulate(dt, factor=1.0, t_end=T_END):
+    """The solution and its joints by name."""
+    mechanism, joints = scene(factor)
     return fb.simulate(mechanism, dt=dt, t_end=t_end), joints
 
 

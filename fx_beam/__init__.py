@@ -19,6 +19,7 @@ from .joints import (
 from .kinematics import Step
 from .newton import NewtonOptions
 from .rates import MidPointRates, NewmarkRates, Rates
+from .recorder import Record
 from .resultants import Resultants, WeightedResultants
 from .scene import Scene
 from .schemes import (
@@ -55,6 +56,7 @@ __all__ = [
     "PinInSlot",
     "Prismatic",
     "Rates",
+    "Record",
     "Resultants",
     "Revolute",
     "Rigid",

@@ -15,8 +15,10 @@ import ufl
 from dolfinx import fem
 from dolfinx.fem import assemble
 
+import cffi
 import numpy as np
 
+_FFI = cffi.FFI()
 F = TypeVar("F", bound=Callable)
 
 
@@ -158,3 +160,56 @@ def assemble_vector(array: np.ndarray, form) -> None:
 def assemble_scalar(form) -> float:
     """Assemble a functional."""
     return float(fem.assemble_scalar(form))
+
+
+# -- What the compiled loop takes ------------------------------------------------------------------
+
+
+def element_dofs(space) -> np.ndarray:
+    """Degrees of freedom (cells, n) of all cells, in the order of the element tensors."""
+    cells = space.mesh.topology.index_map(1).size_local
+    return np.array([space.dofmap.cell_dofs(cell) for cell in range(cells)])
+
+
+def element_coordinates(mesh) -> np.ndarray:
+    """Coordinates (cells, 6) of the ends of all cells, as compiled forms take them."""
+    cells = mesh.topology.index_map(1).size_local
+    x, ends = mesh.geometry.x, mesh.geometry.dofmap
+    return np.array([x[ends.links(cell)].ravel() for cell in range(cells)])
+
+
+def kernels(form) -> list[tuple[int, int]]:
+    """Subdomain (-1: all) and address of the function of each integral of a compiled form."""
+    cell = 0  # the first of the types of integrals
+    ufcx = form.ufcx_form
+    functions = [
+        ufcx.integrals(cell)[i].tabulate_tensor_float64 for i in range(ufcx.num_integrals(cell))
+    ]
+    addresses = [int(_FFI.cast("uintptr_t", function)) for function in functions]
+    return [(ufcx.integral_ids(cell)[i], address) for i, address in enumerate(addresses)]
+
+
+def coefficient_offsets(form, functions) -> list[tuple[int, int]]:
+    """Which of some functions a compiled form has, and their offsets in its packed coefficients."""
+    objects = [function._cpp_object for function in functions]
+    found, offset = [], 0
+    for coefficient in form.coefficients:
+        if coefficient in objects:
+            found.append((objects.index(coefficient), offset))
+        offset += coefficient.function_space.element.space_dimension
+    return found
+
+
+def packed_coefficients(form) -> dict[int, np.ndarray]:
+    """Coefficients (cells, width) of a compiled form on each subdomain."""
+    packed = fem.assemble.pack_coefficients(form)
+    return {tag: np.array(values) for (_, tag), values in packed.items()}
+
+
+def packed_constants(form, ufl_form, sought) -> tuple[np.ndarray, list[int]]:
+    """Constants of a compiled form, and the places of some of them (-1: not there)."""
+    places, at = {}, 0
+    for constant in ufl_form.constants():
+        places[id(constant)] = at
+        at += int(np.prod(constant.ufl_shape, dtype=int))
+    return np.array(fem.assemble.pack_constants(form)), [places.get(id(x), -1) for x in sought]

@@ -12,14 +12,20 @@ from tqdm import tqdm
 from .audit import BeamResultants, Stats
 from .compat import gauss_points
 from .errors import SceneError, StepError
+from .library import LoopUnavailable
+from .loop import CompiledLoop
 from .model import Model
 from .newton import Newton, NewtonOptions
+from .recorder import Record, Recorder
 from .scene import Scene
 from .schemes import EnergyMomentum, Scheme
 from .solution import Solution
-from .stepping import Recorder, Stepper
+from .stepping import Stepper
 
 _log = logging.getLogger("fx_beam")
+
+#: Steps, times degrees of freedom, between two looks at the progress bar and at the keyboard.
+_BLOCK = 500_000
 
 
 def simulate(
@@ -30,6 +36,8 @@ def simulate(
     t_end: float,
     newton: NewtonOptions | None = None,
     max_halvings: int = 8,
+    record: Record | None = None,
+    solver: str = "auto",
     progress: bool | None = None,
 ) -> Solution:
     """Motion of a scene from t = 0 to `t_end`.
@@ -48,6 +56,11 @@ def simulate(
         When Newton's method stops.
     max_halvings : int
         How often a failing step is halved before the simulation is given up; 0 for never.
+    record : Record, optional
+        What is kept; everything of every step by default.
+    solver : {"auto", "compiled", "petsc"}
+        Who takes the steps: a compiled loop with a banded solver, or Python with PETSc, which is
+        slower and takes any scene. By default the loop where the scene allows it.
     progress : bool, optional
         Whether to show a progress bar; by default on a terminal when the run takes longer than
         two seconds.
@@ -86,20 +99,26 @@ def simulate(
         compiled=model.compiled,
         assembled=model.assembled,
     )
-    stepper = Stepper(model, Newton(model, newton or NewtonOptions()), stats, max_halvings)
-    recorder = Recorder(model, times)
+    options = newton or NewtonOptions()
+    stepper = Stepper(model, Newton(model, options), stats, max_halvings)
+    march = _march(solver, stepper, options)
+    recorder = Recorder(model, times, record or Record())
     state = stepper.initial_state(float(times[1]))
-    recorder.record(state)
+    recorder.record(state, state.q)
     stats.setup_seconds = time.perf_counter() - clock
 
     clock = time.perf_counter()
     show = None if progress is None else not progress
     try:
         # tqdm takes None as: only on a terminal.
-        for t in tqdm(times[1:], disable=show, delay=0 if progress else 2, leave=False):
-            state = stepper.advance(state, float(t))
-            recorder.record(state)
-            stats.steps += 1
+        with tqdm(
+            total=len(times) - 1, disable=show, delay=0 if progress else 2, leave=False
+        ) as bar:
+            steps = max(1, min(1000, _BLOCK // model.size))
+            for first in range(1, len(times), steps):
+                block = times[first : first + steps]
+                state = march(state, block, first, recorder)
+                bar.update(len(block))
     except (StepError, KeyboardInterrupt) as error:
         stats.seconds = time.perf_counter() - clock
         stats.failure = str(error) or "interrupted"
@@ -109,6 +128,21 @@ def simulate(
     if stats.halvings:
         _log.warning("%s: %d steps were halved on the way", scheme.name, stats.halvings)
     return _solution(model, recorder, stats)
+
+
+def _march(solver: str, stepper: Stepper, options: NewtonOptions):
+    """Who takes the steps: the compiled loop where it can, and is not refused."""
+    if solver not in ("auto", "compiled", "petsc"):
+        raise SceneError(f'solver = {solver!r} must be "auto", "compiled" or "petsc"')
+    if solver == "petsc":
+        return stepper.march
+    try:
+        return CompiledLoop(stepper, options).march
+    except LoopUnavailable as reason:
+        if solver == "compiled":
+            raise SceneError(f'solver = "compiled" is not to be had: {reason}') from reason
+        stepper.stats.solver += f" ({reason})"
+        return stepper.march
 
 
 def _time_grid(dt: float, t_end: float) -> np.ndarray:
@@ -133,8 +167,10 @@ def _solution(model: Model, recorder: Recorder, stats: Stats) -> Solution:
 
     def resultants_of_beam(name: str) -> BeamResultants:
         if not cache:
-            q = np.stack([model.from_nodes(nodes) for nodes in histories["q"]])
-            cache.append(model.forms.resultants(histories["t"], q))
+            if "q" not in recorder.arrays:
+                raise ValueError("stress resultants need the motion, which was not recorded")
+            q = recorder.arrays["q"][: recorder.rows]
+            cache.append(model.forms.resultants(histories["t"], q, *recorder.steps_before()))
         number = [beam.name for beam in scene.beams].index(name)
         beam, values = scene.beams[number], cache[0][:, mesh.cells[number]]
         s = beam.s[:-1, None] + np.diff(beam.s)[:, None] * gauss_points(beam.degree).T

@@ -46,8 +46,8 @@ class Forms:
         self.size = mesh.dofs.size
         #: Degrees of freedom that are rotations.
         self.turns = np.sort(mesh.dofs[:, 2])
-        #: Names of the compiled forms.
-        self.compiled: list[str] = []
+        #: Compiled forms by name, each with its UFL.
+        self.compiled: dict[str, tuple[Any, Any]] = {}
         self._build_fields()
         self._build_forms()
 
@@ -109,7 +109,7 @@ class Forms:
         self.has_added = added is not None
         if self.has_added:
             try:
-                self._added = self._compile("added virtual work", added * dx)
+                self._compile("added virtual work", added * dx)
             except Exception as error:
                 raise SceneError(f"the added virtual work does not compile: {error}") from error
             residual -= added * dx
@@ -178,8 +178,19 @@ class Forms:
         return *ufl.split(self._trial), self.step.virtual_u, self.step.virtual_psi
 
     def _compile(self, name: str, form):
-        self.compiled.append(name)
-        return compat.compile_form(form)
+        compiled = compat.compile_form(form)
+        self.compiled[name] = compiled, form
+        return compiled
+
+    @property
+    def moving(self) -> tuple:
+        """Functions of the space that change from step to step."""
+        return self.start, self.increment, self.path, *self.start_rates
+
+    def cells_of(self, tag: int) -> np.ndarray:
+        """Cells of a subdomain of the forms; -1 for all."""
+        every = np.arange(len(self._law_of_cell))
+        return every if tag < 0 else np.flatnonzero(self._law_of_cell == tag)
 
     # -- Evaluation -----------------------------------------------------------------------------
 
@@ -233,7 +244,7 @@ class Forms:
     def added_force(self) -> np.ndarray:
         """Nodal forces (size,) of the added virtual works at the last increment [N, N m]."""
         force = np.zeros(self.size)
-        compat.assemble_vector(force, self._added)
+        compat.assemble_vector(force, self.compiled["added virtual work"][0])
         return force
 
     def strain_energy(self, q: np.ndarray) -> float:
@@ -252,20 +263,22 @@ class Forms:
         self.start.x.array[:] = q
         return compat.assemble_scalar(self._energy)
 
-    def resultants(self, t: np.ndarray, q: np.ndarray) -> np.ndarray:
+    def resultants(
+        self, t: np.ndarray, q: np.ndarray, t_before: np.ndarray, q_before: np.ndarray
+    ) -> np.ndarray:
         """Stress resultants N, Q, M of the scheme at the Gauss points, step by step.
 
         Parameters
         ----------
-        t : (n,) float
-            Times [s].
-        q : (n, size) float
+        t, t_before : (n,) float
+            Ends and starts of the steps [s].
+        q, q_before : (n, size) float
             Displacements and rotations at these times.
 
         Returns
         -------
         (n, cells, degree, 3) float
-            Row k is that of the step from k-1 to k; row 0 that of the start configuration.
+            Those of each step.
         """
         points = compat.gauss_points(self.step.degree)
         out = np.empty((len(t), len(self._law_of_cell), len(points), 3))
@@ -273,13 +286,11 @@ class Forms:
             r = self._scheme.resultants(self.step, law)
             expression = compat.compile_expression(ufl.as_vector((r.N, r.Q, r.M)), points)
             cells = np.flatnonzero(self._law_of_cell == tag).astype(np.int32)
-            self.dt.value = 1.0
             for k in range(len(t)):
-                previous = max(k - 1, 0)
-                self.start.x.array[:] = q[previous]
-                self._set_increment(q[k] - q[previous])
-                if k:
-                    self.dt.value = t[k] - t[previous]
+                self.start.x.array[:] = q_before[k]
+                self._set_increment(q[k] - q_before[k])
+                # A step of no length, the start, has no rates.
+                self.dt.value = (t[k] - t_before[k]) or 1.0
                 out[k, cells] = expression.eval(cells).reshape(len(cells), len(points), 3)
         return out
 

@@ -9,7 +9,7 @@ import numpy as np
 from .beam import Beam
 from .mesh import Mesh
 from .scene import Scene
-from .values import evaluate
+from .values import Constant, evaluate
 
 
 class Loads:
@@ -39,6 +39,11 @@ class Loads:
             unit[dofs, range(len(dofs))] = 1.0
             columns.append(unit)
         self._columns = np.hstack(columns) if columns else None
+
+    @property
+    def constant(self) -> bool:
+        """Whether no load changes with time."""
+        return all(isinstance(load.value, Constant) for load in self._loads)
 
     def at(self, t: float) -> np.ndarray:
         """Nodal forces and moments at a time.

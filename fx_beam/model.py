@@ -13,10 +13,11 @@ from . import compat
 from .actuators import Actuators
 from .couplings import couple, motors
 from .forms import Forms, cell_data
+from .joint_reduction import JointReduction
 from .loads import Loads
 from .mechanism import check_no_massless_mechanism
 from .mesh import build_mesh
-from .reduction import IndexReduction, JointReduction, Reduction
+from .reduction import IndexReduction, Reduction
 from .scene import Scene
 from .schemes import Scheme
 
@@ -47,7 +48,7 @@ class Model:
         self.forms = Forms(scene, scheme, self.mesh)
         self.size, self.turns = self.forms.size, self.forms.turns
         #: Names of the compiled forms and of the assembled matrices and vectors.
-        self.compiled = self.forms.compiled
+        self.compiled = list(self.forms.compiled)
         self.assembled: list[str] = []
 
         self._build_mass()
@@ -186,6 +187,11 @@ class JointForces:
         shape = (3 * len(turning), model.size)
         self._sums = scipy.sparse.csr_matrix((signs, (rows, columns)), shape)
         self._turning = scipy.sparse.csr_matrix(turning)
+
+    @property
+    def tables(self) -> tuple[scipy.sparse.csr_matrix, scipy.sparse.csr_matrix]:
+        """Sums over nodal forces, three rows a joint, and over the moments of carrying nodes."""
+        return self._sums, self._turning
 
     def of(self, r: np.ndarray) -> np.ndarray:
         """Forces and moments in a step.

@@ -14,9 +14,9 @@ from .reduction import Reduction
 # A correction that turns a node further [rad] is shortened to this. From the previous
 # configuration the first one overshoots where axial force has nearly emptied the tangent;
 # on the pinned beam this replaces one step halved in ten at dt 0.02 and costs no iteration.
-_LONGEST_TURN = 0.5
+LONGEST_TURN = 0.5
 # Part of the step's energy that rounding leaves undetermined.
-_ENERGY_FLOOR = 4 * np.finfo(float).eps
+ENERGY_FLOOR = 4 * np.finfo(float).eps
 
 
 @dataclass(frozen=True)
@@ -160,8 +160,8 @@ class Newton:
             step[:free] = self._linear.solve(reduction, K.data, r, residual)
             correction = reduction.spread(step)
             turn = abs(correction[model.turns]).max()
-            if _LONGEST_TURN < turn < np.inf:
-                step[:free] *= _LONGEST_TURN / turn
+            if LONGEST_TURN < turn < np.inf:
+                step[:free] *= LONGEST_TURN / turn
             y = y - step[:free]
             size = (abs(correction) / self._unit).max()
             self._check(size, y, residuals)
@@ -202,7 +202,7 @@ class Newton:
         that of a strain, hides what is missing in the soft directions.
         """
         energy = v0 @ (self.model.mass @ v0) + abs(f) @ abs(D)
-        return bool(abs(work) <= _ENERGY_FLOOR * energy)
+        return bool(abs(work) <= ENERGY_FLOOR * energy)
 
 
 class _LinearSolver:

@@ -6,14 +6,38 @@ method solves That^T r(g(z)) = 0; the tangent is That^T K T + (dThat/dz)^T r wit
 
 from __future__ import annotations
 
-from typing import Protocol
+from typing import NamedTuple, Protocol
 
 import numpy as np
 import scipy.sparse
 
-from .actuators import Actuators
-from .couplings import Couplings
-from .rates import Rates
+
+class Tables(NamedTuple):
+    """Couplings as lists of numbers, each a dictionary of arrays of one length.
+
+    Parameters
+    ----------
+    entries : dict
+        row, column, value and sign of the entries of T and That; value 0 is the constant 1.
+    joints : dict
+        offset, axis, sign, guide (-1: ground), slide_column (-1: none) and number of the joints
+        that bend.
+    followers : dict
+        x, y and through: degrees of freedom that follow through a joint.
+    plain : dict
+        to and source: entries of the full tangent that are added to reduced ones.
+    mixed : dict
+        to, source, hat, value and sign: those that are multiplied by entries of That and T.
+    second : dict
+        to, joint, kind and sign of the derivatives of That.
+    """
+
+    entries: dict
+    joints: dict
+    followers: dict
+    plain: dict
+    mixed: dict
+    second: dict
 
 
 class Reduction(Protocol):
@@ -50,6 +74,9 @@ class Reduction(Protocol):
     def guide_moments(self, r: np.ndarray) -> np.ndarray | None:
         """Moments of offset and sliding joints on the nodes that carry them, for forces r."""
 
+    def tables(self) -> Tables:
+        """The lists that all of this is made of, for the compiled loop."""
+
     def fill(self, values: np.ndarray, r: np.ndarray, out: np.ndarray) -> None:
         """Values of the reduced tangent for those of the full one and the forces at the nodes."""
 
@@ -75,7 +102,7 @@ class IndexReduction:
         rows = np.repeat(np.arange(matrix.shape[0]), np.diff(matrix.indptr))
         row, col = column[rows], column[matrix.indices]
         kept = np.flatnonzero((row < free) & (col < free))
-        self.pattern, place = _sparsity(row[kept], col[kept], free)
+        self.pattern, place = sparsity(row[kept], col[kept], free)
         self._entries = _Sums(place, kept)
 
     def begin(self, q, slides, dt) -> None:
@@ -112,6 +139,32 @@ class IndexReduction:
         """Sums over equal degrees of freedom."""
         self._entries.of(values, out)
 
+    def tables(self):
+        """Columns, and sums of entries."""
+        none, pairs = np.empty(0, int), np.empty((0, 2))
+        size = len(self._column)
+        to, source = self._entries.pairs()
+        return Tables(
+            entries={
+                "row": np.arange(size),
+                "column": self._column,
+                "value": np.zeros(size, int),
+                "sign": np.ones(size),
+            },
+            joints={
+                "offset": pairs,
+                "axis": pairs,
+                "sign": none,
+                "guide": none,
+                "slide_column": none,
+                "number": none,
+            },
+            followers={"x": none, "y": none, "through": none},
+            plain={"to": to, "source": source},
+            mixed={"to": none, "source": none, "hat": none, "value": none, "sign": none},
+            second={"to": none, "joint": none, "kind": none, "sign": none},
+        )
+
 
 class _Sums:
     """Sums of the entries of a vector that share a place: a pick, and the few that come on top."""
@@ -127,208 +180,22 @@ class _Sums:
             self._more.append((place[left[i]], source[left[i]]))
             left = np.delete(left, i)
 
+    def pairs(self) -> tuple[np.ndarray, np.ndarray]:
+        """Places and sources of all entries."""
+        first = np.arange(len(self._first)), self._first
+        places, sources = zip(first, *self._more, strict=True)
+        return np.concatenate(places), np.concatenate(sources)
+
     def of(self, values: np.ndarray, out: np.ndarray) -> None:
+        """Write the sums to `out`."""
         np.take(values, self._first, out=out)
         for place, source in self._more:
             out[place] += values[source]
 
 
-class JointReduction:
-    """Joints whose coupling changes with the motion, motors, springs and dampers.
-
-    Parameters
-    ----------
-    couplings : Couplings
-        Columns and entries.
-    actuators : Actuators
-        Springs and dampers.
-    rates : Rates
-        Rule that says on which increments forces do work, and where in the step.
-    dofs : (n_node, 3) int
-        Degrees of freedom of the nodes.
-    matrix : (size, size) sparse matrix
-        Gives the sparsity of the full tangent.
-    """
-
-    def __init__(
-        self, couplings: Couplings, actuators: Actuators, rates: Rates, dofs: np.ndarray, matrix
-    ):
-        self.free, self.driven = couplings.free, couplings.driven
-        self.columns = couplings.columns
-        self._rates, self._actuators, self._dofs = rates, actuators, dofs
-        self._size = matrix.shape[0]
-        self._z = np.zeros(self.columns)
-        flat = [(row, *entry) for row, own in enumerate(couplings.entries) for entry in own]
-        rows, columns, places, signs = (np.array(part) for part in zip(*flat, strict=True))
-        self._row, self._col, self._place = rows, columns, places
-        self._sign = signs
-        constant = places == 0
-        self._linear = tuple(part[constant] for part in (rows, columns, signs))
-        self._build_joints(couplings)
-        self._build_products(couplings, matrix)
-
-    def _build_joints(self, couplings: Couplings) -> None:
-        bending = couplings.bending
-        self._bending = bending
-        self._offset = np.array([joint.offset for joint in bending]).reshape(-1, 2)
-        self._axis = np.array(
-            [(0.0, 0.0) if joint.axis is None else joint.axis for joint in bending]
-        ).reshape(-1, 2)
-        self._joint_sign = couplings.sign
-        #: Rotation that turns the guide; -1 for the ground.
-        self._guide = np.array(
-            [self._dofs[j.a.number, 2] if j.a.number >= 0 else -1 for j in bending], dtype=int
-        )
-        self._slide = np.array([couplings.slides.get(j.number, -1) for j in bending], dtype=int)
-        # All rows that follow through joint m: their dofs in x and y, and m.
-        below = [couplings.subtree[joint.number] for joint in bending]
-        self._below = np.concatenate([self._dofs[n, :2] for n in below] or [np.empty((0, 2), int)])
-        self._through = np.repeat(np.arange(len(bending)), [len(n) for n in below])
-        self._values, self._hat = (np.ones(1 + 4 * len(bending)) for _ in range(2))
-
-    def _build_products(self, couplings: Couplings, matrix) -> None:
-        """Positions of all products That[i, a] K[i, j] T[j, b] in the reduced tangent."""
-        free, entries = self.free, couplings.entries
-        products = []
-        for i in range(self._size):
-            left = [entry for entry in entries[i] if entry[0] < free]
-            for k in range(matrix.indptr[i], matrix.indptr[i + 1]):
-                for a, hat, sign in left:
-                    for b, value, other in entries[matrix.indices[k]]:
-                        if b < free:
-                            products.append((a, b, k, hat, value, sign * other))
-        second = []
-        for m, joint in enumerate(self._bending):
-            turn = [e for e in couplings.entries_of_guide(joint, self._dofs) if e[0] < free]
-            slide = [(self._slide[m], 0, 1.0)] if 0 <= self._slide[m] < free else []
-            for kind, left, right in ((0, turn, turn), (1, turn, slide), (2, slide, turn)):
-                second += [(a, b, m, kind, s * o) for a, _, s in left for b, _, o in right]
-        third = self._actuators.pairs(free)
-
-        pairs = np.array([p[:2] for p in (*products, *second, *third)], dtype=int).reshape(-1, 2)
-        self.pattern, place = _sparsity(pairs[:, 0], pairs[:, 1], free)
-        cuts = np.cumsum([len(products), len(second)])
-        place, self._second_place, self._actuator_place = np.split(place, cuts)
-        _, _, source, hats, values, signs = (np.array(p) for p in zip(*products, strict=True))
-        plain = (hats == 0) & (values == 0) & (signs == 1)
-        self._plain = place[plain], source[plain]
-        self._mixed = tuple(part[~plain] for part in (place, source, hats, values, signs))
-        table = np.array([(m, kind, sign) for _, _, m, kind, sign in second]).reshape(-1, 3)
-        self._second = table[:, 0].astype(int), table[:, 1].astype(int), table[:, 2]
-
-    # -- A step -----------------------------------------------------------------------------------
-
-    def begin(self, q, slides, dt) -> None:
-        """Set the start of a step."""
-        guide = self._guide
-        self._psi0 = np.where(guide >= 0, q[guide], 0.0) if len(guide) else np.empty(0)
-        self._d0 = slides[[joint.number for joint in self._bending]]
-        self._rho0 = _turn(self._psi0, self._offset + self._d0[:, None] * self._axis)
-        self._t0 = _turn(self._psi0, self._axis)
-        self._actuators.begin(q, slides, dt)
-
-    def expand(self, y, driven):
-        """Increment of all degrees of freedom; `spread`, `project` and `fill` refer to it."""
-        z = self._z
-        z[: self.free] = y
-        z[self.free : self.free + self.driven] = driven
-        row, col, sign = self._linear
-        D = np.bincount(row, z[col] * sign, self._size)
-        guide, level = self._guide, self._rates.level
-        if len(guide):
-            Dpsi = np.where(guide >= 0, D[guide], 0.0)
-            Dd = np.where(self._slide >= 0, z[self._slide], 0.0)
-            psi1, d1 = self._psi0 + Dpsi, self._d0 + Dd
-            self._rho1 = _turn(psi1, self._offset + d1[:, None] * self._axis)
-            self._t1 = _turn(psi1, self._axis)
-            step = self._joint_sign[:, None] * (self._rho1 - self._rho0)
-            np.add.at(D, self._below, step[self._through])
-
-            # Virtual displacements that reproduce the step's own increment and a rigid rotation:
-            # W (rho0 + rho1)/2, and (t0 + t1)/2 lengthened by 1 + Dtheta^2/4 = dDtheta/dDpsi.
-            _, self._slope = self._rates.work_increment(Dpsi, np.arange(len(Dpsi)))
-            self._bend = self._rates.slope_derivative(Dpsi)
-            self._mean_t = (1 - level) * self._t0 + level * self._t1
-            mean_rho = (1 - level) * self._rho0 + level * self._rho1
-            self._values[1:] = np.hstack([_perp(self._rho1), self._t1]).ravel()
-            hat_t = self._slope[:, None] * self._mean_t
-            self._hat[1:] = np.hstack([_perp(mean_rho), hat_t]).ravel()
-        self._actuators.set_increment(D, z)
-        return D
-
-    def spread(self, z):
-        """Small change of all degrees of freedom."""
-        weights = z[self._col] * self._values[self._place] * self._sign
-        return np.bincount(self._row, weights, self._size)
-
-    def coupling(self):
-        """The matrix of `spread`."""
-        values = self._values[self._place] * self._sign
-        shape = (self._size, self.columns)
-        return scipy.sparse.csr_matrix((values, (self._row, self._col)), shape)
-
-    def project(self, r):
-        """Generalised forces at all columns."""
-        weights = r[self._row] * self._hat[self._place] * self._sign
-        return np.bincount(self._col, weights, self.columns) + self._actuators.forces(self.columns)
-
-    def fill(self, values, r, out) -> None:
-        """Values of the reduced tangent."""
-        place, k = self._plain
-        out[:] = np.bincount(place, values[k], len(out))
-        at, source, hat, value, sign = self._mixed
-        products = values[source] * self._hat[hat] * self._values[value] * sign
-        out += np.bincount(at, products, len(out))
-        if len(self._second_place):
-            joint, kind, signs = self._second
-            terms = self._second_order(r)[kind, joint] * signs
-            out += np.bincount(self._second_place, terms, len(out))
-        if len(self._actuator_place):
-            out += np.bincount(self._actuator_place, self._actuators.stiffness(), len(out))
-
-    def _second_order(self, r):
-        """Derivatives of That^T r: (psi, psi), (psi, d) and (d, psi) of each joint."""
-        F = self.transmitted(r) * self._joint_sign[:, None]
-        level = self._rates.level
-        turned = np.einsum("ij,ij->i", F, _perp(self._t1))
-        direct = np.einsum("ij,ij->i", F, self._mean_t)
-        return np.array(
-            [
-                -level * np.einsum("ij,ij->i", F, self._rho1),
-                level * turned,
-                self._bend * direct + self._slope * level * turned,
-            ]
-        )
-
-    def transmitted(self, r):
-        """Sums of the forces on all that follows through each bending joint, (joints, 2) [N]."""
-        n = len(self._bending)
-        sums = [np.bincount(self._through, r[self._below[:, i]], n) for i in (0, 1)]
-        return np.column_stack(sums)
-
-    def guide_moments(self, r):
-        """Moments (n_node,) [N m] of the bending joints on the nodes that carry them."""
-        lever = self._hat[1:].reshape(-1, 4)[:, :2]
-        moments = np.einsum("ij,ij->i", lever, self.transmitted(r)) * self._joint_sign
-        carriers = np.array([joint.a.number for joint in self._bending], dtype=int)
-        total = np.zeros(len(self._dofs))
-        on_nodes = carriers >= 0
-        np.add.at(total, carriers[on_nodes], moments[on_nodes])
-        return total
-
-
-def _sparsity(rows: np.ndarray, columns: np.ndarray, n: int):
+def sparsity(rows: np.ndarray, columns: np.ndarray, n: int):
     """Compressed rows of the pairs given, and the place of each pair in them."""
     keys, place = np.unique(rows * n + columns, return_inverse=True)
     counts = np.bincount(keys // n, minlength=n)
     indptr = np.concatenate(([0], np.cumsum(counts)))
     return (indptr.astype(np.int32), (keys % n).astype(np.int32)), place
-
-
-def _turn(psi: np.ndarray, a: np.ndarray) -> np.ndarray:
-    c, s = np.cos(psi)[:, None], np.sin(psi)[:, None]
-    return c * a + s * _perp(a)
-
-
-def _perp(a: np.ndarray) -> np.ndarray:
-    return np.column_stack([-a[:, 1], a[:, 0]])

@@ -135,7 +135,7 @@ class Solution:
         (n, 2) float
             Displacement from the reference position [m].
         """
-        return self.q[:, self._number(node), :2]
+        return self._history("q", "motion")[:, self._number(node), :2]
 
     def rotation(self, node: Node) -> np.ndarray:
         """Rotation of a node over time.
@@ -150,7 +150,7 @@ class Solution:
         (n,) float
             Section rotation from the reference configuration, not wrapped [rad].
         """
-        return self.q[:, self._number(node), 2]
+        return self._history("q", "motion")[:, self._number(node), 2]
 
     def velocity(self, node: Node) -> np.ndarray:
         """Velocity of a node over time.
@@ -165,7 +165,7 @@ class Solution:
         (n, 2) float
             Velocity [m/s]; at a node without mass the mean velocity over the step.
         """
-        return self.v[:, self._number(node), :2]
+        return self._history("v", "rates")[:, self._number(node), :2]
 
     def spin(self, node: Node) -> np.ndarray:
         """Spin of a node over time.
@@ -180,7 +180,7 @@ class Solution:
         (n,) float
             Rate of the section rotation [rad/s]; without rotary inertia its mean over the step.
         """
-        return self.v[:, self._number(node), 2]
+        return self._history("v", "rates")[:, self._number(node), 2]
 
     def acceleration(self, node: Node) -> np.ndarray:
         """Acceleration of a node over time.
@@ -197,7 +197,7 @@ class Solution:
             ends at t[k], thus that of its middle; for Newmark's family it is that at t[k].
             Row 0 is that at the start.
         """
-        return self.a[:, self._number(node), :2]
+        return self._history("a", "rates")[:, self._number(node), :2]
 
     def reaction(self, node: Node) -> np.ndarray:
         """Force and moment of the supports on a node over time.
@@ -213,7 +213,7 @@ class Solution:
             Force [N] and moment [N m] at the scheme's level in the step that ends at t[k]; zero
             for components without support. Row 0 is zero.
         """
-        return self.reactions[:, self._number(node)]
+        return self._history("reactions", "forces")[:, self._number(node)]
 
     # -- Joints ---------------------------------------------------------------------------------
 
@@ -248,7 +248,7 @@ class Solution:
             Force [N] and moment [N m], springs, dampers and motors included, at the scheme's level
             in the step that ends at t[k]; row 0 is zero.
         """
-        return self.joint_forces[:, self._joint(joint)]
+        return self._history("joint_forces", "forces")[:, self._joint(joint)]
 
     def gap(self, joint: Joint) -> np.ndarray:
         """How far a joint's node b is from its place on a, over time.
@@ -264,7 +264,7 @@ class Solution:
             Distance [m]; zero to rounding, as joints are no springs.
         """
         number = self._joint(joint)
-        X, q = self.X, self.q
+        X, q = self.X, self._history("q", "motion")
         arm = joint.offset + (
             0.0 if joint.axis is None else self.slides[:, number, None] * joint.axis
         )
@@ -295,7 +295,7 @@ class Solution:
             Positions of its nodes, those inside elements included [m].
         """
         nodes = self.nodes_of_beam[self._beam_name(beam)]
-        return self.X[nodes] + self.q[:, nodes, :2]
+        return self.X[nodes] + self._history("q", "motion")[:, nodes, :2]
 
     def resultants(self, beam: Beam | str) -> BeamResultants:
         """Stress resultants along a beam over time.
@@ -361,6 +361,14 @@ class Solution:
             writer = csv.writer(file)
             writer.writerow(columns)
             writer.writerows(zip(*(column.tolist() for column in columns.values()), strict=True))
+
+    def _history(self, name: str, kind: str) -> np.ndarray:
+        rows = getattr(self, name)
+        if len(rows) != len(self.t):
+            raise ValueError(
+                f"the {kind} were not recorded; simulate with record=Record({kind}=True)"
+            )
+        return rows
 
     def _number(self, node: Node) -> int:
         if not isinstance(node, Node):

@@ -1,54 +1,19 @@
-"""The loop over time steps: halving where a step fails, and the record of what happened."""
+"""Steps in Python, on PETSc: the reference, and the way out where the compiled loop fails."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 
-from .audit import Energy, Stats
+from .audit import Stats
 from .beam import COMPONENTS
 from .errors import SceneError, StepError
 from .initial import acceleration_of, initial_rates
 from .joints import GROUND
 from .model import JointForces, Model
 from .newton import Newton, StepFailed, StepSolution
+from .recorder import Recorder
+from .state import State
 from .values import evaluate
-
-
-@dataclass
-class State:
-    """The system at one time, and what the next step needs of the last one.
-
-    Parameters
-    ----------
-    t : float
-        Time [s].
-    q, v, a : (size,) float
-        Displacements and rotations, rates and accelerations.
-    slides : (joints,) float
-        Slides of the joints [m].
-    motors : (motors,) float
-        What the motors have moved since the start [m, rad].
-    held, added : float array or None
-        Generalised forces of driven and fixed columns, and forces (size,) of the added virtual
-        works, in the step that ended here.
-    joint_forces : (joints, 3) float
-        Forces and moments of the joints on their nodes b in that step [N, N m].
-    work : float
-        Work done since the start [J].
-    """
-
-    t: float
-    q: np.ndarray
-    v: np.ndarray
-    a: np.ndarray
-    slides: np.ndarray
-    motors: np.ndarray
-    held: np.ndarray | None = None
-    added: np.ndarray | None = None
-    joint_forces: np.ndarray | None = None
-    work: float = 0.0
 
 
 class Stepper:
@@ -72,7 +37,7 @@ class Stepper:
         self.stats = stats
         self.max_halvings = max_halvings
         scene = model.scene
-        self._joint_forces = JointForces(model) if scene.joints else None
+        self.joint_forces = JointForces(model) if scene.joints else None
         self._driven = [
             (function, f"prescribed {COMPONENTS[component]} of {scene.nodes[node]}")
             for (node, component), function in scene.prescribed.items()
@@ -103,7 +68,7 @@ class Stepper:
             from zero.
         """
         model = self.model
-        values = self._driven_at(0.0)
+        values = self.driven_at(0.0)
         for value, (_, what) in zip(values, self._driven, strict=True):
             if abs(value) > 1e-12:
                 raise SceneError(
@@ -114,10 +79,10 @@ class Stepper:
         state = State(0.0, q, v, a, slides, np.zeros(len(model.motors)))
         # One-sided differences of second order: a motion need not be defined before t = 0.
         h = 1e-3 * dt
-        f1, f2, f3 = (self._driven_at(k * h) for k in (1, 2, 3))
+        f1, f2, f3 = (self.driven_at(k * h) for k in (1, 2, 3))
         rates, accelerations = (4 * f1 - f2) / (2 * h), (-5 * f1 + 4 * f2 - f3) / h**2
         # A motion that starts at rest has a rate of no more than the error of these.
-        rates[abs(rates) < 1e-3 * abs(self._driven_at(100 * h)) / (100 * h)] = 0.0
+        rates[abs(rates) < 1e-3 * abs(self.driven_at(100 * h)) / (100 * h)] = 0.0
 
         model.reduction.begin(state.q, slides, h)
         model.reduction.expand(np.zeros(model.reduction.free), np.zeros(len(rates)))
@@ -144,7 +109,7 @@ class Stepper:
             curved = (ahead + back) / k**2
             reduction.expand(np.zeros(free), np.zeros(reduction.driven))
         T = reduction.coupling()
-        force = self._end_forces(0.0, dt)[0] - model.forms.internal_force(D)
+        force = self.end_forces(0.0, dt)[0] - model.forms.internal_force(D)
         force -= model.mass @ (T @ a + curved)
         model.actuators.set_rates(state.q, state.v, state.slides)
         model.actuators.begin(state.q, state.slides, h)
@@ -154,6 +119,38 @@ class Stepper:
         return T @ a + curved
 
     # -- Steps ----------------------------------------------------------------------------------
+
+    def march(self, state: State, times: np.ndarray, first: int, recorder: Recorder) -> State:
+        """State after several steps of the grid.
+
+        Parameters
+        ----------
+        state : State
+            The present.
+        times : (steps,) float
+            Ends of the steps [s].
+        first : int
+            Number of the first of them, from 1.
+        recorder : Recorder
+            Keeps what it wants.
+
+        Returns
+        -------
+        State
+            The state at the last of the times.
+
+        Raises
+        ------
+        StepError
+            If a step fails after all halvings, or a function of time fails.
+        """
+        for number, t in enumerate(times, start=first):
+            before = state.q
+            state = self.advance(state, float(t))
+            self.stats.steps += 1
+            if recorder.wants(number):
+                recorder.record(state, before)
+        return state
 
     def advance(self, state: State, t1: float, halvings: int = 0) -> State:
         """State at a later time, in one step or, where that fails, in halves.
@@ -189,9 +186,9 @@ class Stepper:
     def _step(self, state: State, t1: float) -> State:
         model, rates = self.model, self.model.scheme.rates
         dt = t1 - state.t
-        forces = self._end_forces(state.t, t1)
+        forces = self.end_forces(state.t, t1)
         start = np.concatenate([state.q[model.prescribed], state.motors])
-        values = self._driven_at(t1)
+        values = self.driven_at(t1)
         model.forms.set_step(state.t, dt, state.q, state.v, state.a)
         model.actuators.set_rates(state.q, state.v, state.slides)
         model.reduction.begin(state.q, state.slides, dt)
@@ -236,8 +233,8 @@ class Stepper:
             model.forms.internal_force(step.D)
             new.added = model.forms.added_force()
             work += self._mid(new.added, old.added) @ path
-        if self._joint_forces is not None:
-            new.joint_forces = self._joint_forces.of(step.r)
+        if self.joint_forces is not None:
+            new.joint_forces = self.joint_forces.of(step.r)
         new.work = float(work)
 
     def _motor_paths(self, path: np.ndarray, new: State, old: State) -> np.ndarray:
@@ -262,7 +259,7 @@ class Stepper:
             return force
         return force + (0.5 - level) * (force - previous)
 
-    def _end_forces(self, t0: float, t1: float) -> tuple[np.ndarray, np.ndarray]:
+    def end_forces(self, t0: float, t1: float) -> tuple[np.ndarray, np.ndarray]:
         """Dead forces at the start and at the end of a step, weight included.
 
         Both are taken just inside the step: a load that jumps from one step to the next belongs
@@ -274,7 +271,8 @@ class Stepper:
             forces = [force + self.model.weight for force in forces]
         return forces[0], forces[1]
 
-    def _driven_at(self, t: float) -> np.ndarray:
+    def driven_at(self, t: float) -> np.ndarray:
+        """Prescribed motions and motors at a time, (driven,) [m, rad]."""
         return np.array([evaluate(function, t, what)[0] for function, what in self._driven])
 
     def _message(self, state: State, t1: float, failure: StepFailed, halvings: int) -> str:
@@ -291,72 +289,3 @@ class Stepper:
             f"{'' if halvings else ' or max_halvings > 0'}; if that does not help, look for a "
             "load, a velocity or a stiffness in the wrong unit, or another scheme"
         )
-
-
-class Recorder:
-    """Histories of motion, energies and momenta, kept also when the run breaks off.
-
-    Parameters
-    ----------
-    model : Model
-        The compiled scene.
-    times : (n,) float
-        Times of the grid [s].
-    """
-
-    def __init__(self, model: Model, times: np.ndarray):
-        self.model = model
-        self.count = 0
-        n, shape = len(times), (len(times), *model.mesh.dofs.shape)
-        self._t = times
-        self._motion = {name: np.zeros(shape) for name in ("q", "v", "a", "reactions")}
-        joints = len(model.scene.joints)
-        self._joints = {"slides": np.zeros((n, joints)), "joint_forces": np.zeros((n, joints, 3))}
-        self._energy = Energy(*(np.zeros(n) for _ in range(4)))
-        self._linear, self._angular = np.zeros((n, 2)), np.zeros(n)
-
-    def record(self, state: State) -> None:
-        """Add a state.
-
-        Parameters
-        ----------
-        state : State
-            The system at the next time of the grid.
-        """
-        model, k = self.model, self.count
-        momentum = model.mass @ state.v
-        q, p = model.to_nodes(state.q), model.to_nodes(momentum)
-        for name, value in (
-            ("q", q),
-            ("v", model.to_nodes(state.v)),
-            ("a", model.to_nodes(state.a)),
-        ):
-            self._motion[name][k] = value
-        if state.held is not None:
-            nodes, components, places = model.supports
-            self._motion["reactions"][k, nodes, components] = state.held[places]
-        self._joints["slides"][k] = state.slides
-        if state.joint_forces is not None:
-            self._joints["joint_forces"][k] = state.joint_forces
-        energy = self._energy
-        energy.kinetic[k] = state.v @ momentum / 2
-        energy.strain[k] = model.forms.strain_energy(state.q)
-        energy.strain[k] += model.actuators.energy(state.q, state.slides)
-        if model.weight is not None:
-            energy.potential[k] = -(model.weight @ state.q)
-        energy.work[k] = state.work
-        x = model.mesh.X + q[:, :2]
-        self._linear[k] = p[:, :2].sum(axis=0)
-        self._angular[k] = x[:, 0] @ p[:, 1] - x[:, 1] @ p[:, 0] + p[:, 2].sum()
-        self.count += 1
-
-    def histories(self) -> dict:
-        """The recorded part of all histories, by the names that `Solution` gives them."""
-        n = self.count
-        return {
-            "t": self._t[:n],
-            **{name: values[:n] for name, values in (self._motion | self._joints).items()},
-            "energy": Energy(*(values[:n] for values in vars(self._energy).values())),
-            "linear_momentum": self._linear[:n],
-            "angular_momentum": self._angular[:n],
-        }

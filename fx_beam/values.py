@@ -39,6 +39,23 @@ def _shaped(value, size: int, what: str) -> np.ndarray:
     return array
 
 
+class Constant:
+    """A constant as a function.
+
+    Parameters
+    ----------
+    value : (size,) float
+        What it returns.
+    """
+
+    def __init__(self, value: np.ndarray):
+        self._value = value
+
+    def __call__(self, *_) -> np.ndarray:
+        """The constant, whatever the arguments."""
+        return self._value
+
+
 def time_function(value, size: int, what: str) -> TimeFunction:
     """A constant or a function of time as a function with values of shape (size,)."""
     return checked_function(value, size, what, 0.0)
@@ -50,8 +67,7 @@ def checked_function(value, size: int, what: str, *sample: float) -> Callable:
     The function is called once at `sample`, so that a wrong one is found before anything runs.
     """
     if not callable(value):
-        constant = vector(value, size, what)
-        return lambda *_: constant
+        return Constant(vector(value, size, what))
     try:
         first = value(*sample)
     except Exception as error:

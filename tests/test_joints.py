@@ -7,8 +7,9 @@ from jointed import KINDS, MEMBER, SLIDING, W, drift, pair, rotation, throw, thr
 
 import fx_beam as fb
 from fx_beam.initial import acceleration_of
+from fx_beam.joint_reduction import JointReduction
 from fx_beam.model import Model
-from fx_beam.reduction import IndexReduction, JointReduction
+from fx_beam.reduction import IndexReduction
 
 NEWMARK_FAMILY = [fb.Newmark(), fb.HHT(-0.2), fb.GeneralizedAlpha(0.6)]
 

@@ -1,0 +1,462 @@
+/* The loop over time steps: Newton's method, factorisation, update, audit and record, on the
+   functions that FFCx generates from the weak form. It does what newton.py and stepping.py do,
+   name by name; nothing of the physics is written here. */
+
+#include <math.h>
+#include <stdint.h>
+#include <string.h>
+
+#include "loop.h"
+
+enum { OK, NO_CONVERGENCE, SINGULAR, TURNED_TOO_FAR };
+
+typedef struct {
+  double *D, *path, *slope, *acc, *accslope, *f, *r, *reduced, *step, *correction, *z;
+  double *stiffness, *band, *values, *hat, *psi0, *rho0, *t0, *rho1, *t1, *mean_t, *guide_slope;
+  double *guide_bend, *passing, *columns, *y, *start, *force, *left;
+} Work;
+
+static double *take(double **at, long n) {
+  double *p = *at;
+  *at += n;
+  return p;
+}
+
+static long lay_out(const Problem *p, Work *w, double *at) {
+  double *begin = at;
+  long n = p->dofs, c = p->columns, j = p->joints;
+  w->D = take(&at, n), w->path = take(&at, n), w->slope = take(&at, n);
+  w->acc = take(&at, n), w->accslope = take(&at, n), w->f = take(&at, n), w->r = take(&at, n);
+  w->correction = take(&at, n), w->force = take(&at, n), w->left = take(&at, n);
+  w->reduced = take(&at, c), w->step = take(&at, c), w->z = take(&at, c), w->columns = take(&at, c);
+  w->y = take(&at, c), w->start = take(&at, c);
+  w->stiffness = take(&at, p->nonzeros);
+  w->band = take(&at, (long)p->free * (2 * p->band + 1));
+  w->values = take(&at, 1 + 4 * j), w->hat = take(&at, 1 + 4 * j);
+  w->psi0 = take(&at, j), w->rho0 = take(&at, 2 * j), w->t0 = take(&at, 2 * j);
+  w->rho1 = take(&at, 2 * j), w->t1 = take(&at, 2 * j), w->mean_t = take(&at, 2 * j);
+  w->guide_slope = take(&at, j), w->guide_bend = take(&at, j), w->passing = take(&at, 2 * j);
+  return at - begin;
+}
+
+long fx_scratch(const Problem *p) {
+  Work w;
+  return lay_out(p, &w, 0);
+}
+
+/* -- Forms ----------------------------------------------------------------------------------- */
+
+/* Adds the element tensors of a form to a vector, to matrix entries, or to a number. */
+static void assemble(const Problem *p, const Form *form, const double *const *fields, int rank,
+                     double *out) {
+  int nd = p->cell_dofs, size = rank == 2 ? nd * nd : rank == 1 ? nd : 1, none = 0;
+  double A[12 * 12];
+  for (int i = 0; i < form->integrals; ++i)
+    for (int k = 0; k < form->cells_of[i]; ++k) {
+      int cell = form->cells[i][k];
+      const int *dofs = p->dofs_of_cell + (long)cell * nd;
+      double *w = form->packed[i] + (long)k * form->width;
+      for (int m = 0; m < form->moving; ++m) {
+        const double *field = fields[form->kind[m]];
+        double *to = w + form->offset[m];
+        for (int j = 0; j < nd; ++j) to[j] = field[dofs[j]];
+      }
+      memset(A, 0, size * sizeof *A);
+      form->kernels[i](A, w, form->constants, p->coordinates + (long)cell * 6, &none, 0);
+      if (rank == 2) {
+        const int *place = p->place + (long)cell * size;
+        for (int j = 0; j < size; ++j) out[place[j]] += A[j];
+      } else if (rank == 1)
+        for (int j = 0; j < nd; ++j) out[dofs[j]] += A[j];
+      else
+        out[0] += A[0];
+    }
+}
+
+static void set_time(Form *form, double t, double dt) {
+  if (!form->integrals) return;
+  if (form->time_at >= 0) form->constants[form->time_at] = t;
+  if (form->dt_at >= 0) form->constants[form->dt_at] = dt;
+}
+
+static void multiply(const Problem *p, const double *values, const double *x, double *out) {
+  for (int i = 0; i < p->dofs; ++i) {
+    double sum = 0;
+    for (int k = p->row_start[i]; k < p->row_start[i + 1]; ++k) sum += values[k] * x[p->column_of[k]];
+    out[i] = sum;
+  }
+}
+
+/* -- Rates (rates.py) -------------------------------------------------------------------------- */
+
+static void work_increment(const Problem *p, const double *D, double *path, double *slope) {
+  memcpy(path, D, p->dofs * sizeof *D);
+  for (int i = 0; i < p->dofs; ++i) slope[i] = 1;
+  if (p->rule == 0)
+    for (int i = 0; i < p->turning; ++i) {
+      int k = p->turns[i];
+      double tangent = tan(D[k] / 2);
+      path[k] = 2 * tangent, slope[k] = 1 + tangent * tangent;
+    }
+}
+
+static double newmark_end(const Problem *p, double D, double v0, double a0, double dt) {
+  return (D - dt * v0) / (p->beta * dt * dt) - (1 / (2 * p->beta) - 1) * a0;
+}
+
+static void acceleration(const Problem *p, const Work *w, double dt) {
+  for (int i = 0; i < p->dofs; ++i)
+    if (p->rule == 0) {
+      w->acc[i] = 2 / dt * (w->path[i] / dt - p->v[i]);
+      w->accslope[i] = 2 / (dt * dt) * w->slope[i];
+    } else {
+      double a1 = newmark_end(p, w->D[i], p->v[i], p->a[i], dt);
+      w->acc[i] = (1 - p->alpha_m) * a1 + p->alpha_m * p->a[i];
+      w->accslope[i] = (1 - p->alpha_m) / (p->beta * dt * dt);
+    }
+}
+
+static void advance_rates(Problem *p, const Work *w, double dt) {
+  for (int i = 0; i < p->dofs; ++i) {
+    double v0 = p->v[i];
+    if (p->rule == 0)
+      p->v[i] = 2 / dt * w->path[i] - v0, p->a[i] = (p->v[i] - v0) / dt;
+    else {
+      double a1 = newmark_end(p, w->D[i], v0, p->a[i], dt);
+      p->v[i] = v0 + dt * ((1 - p->gamma) * p->a[i] + p->gamma * a1), p->a[i] = a1;
+    }
+    w->left[i] = v0;
+  }
+  for (int k = 0; k < p->lacking; ++k) {
+    int i = p->massless[k];
+    p->v[i] = w->path[i] / dt, p->a[i] = (p->v[i] - w->left[i]) / dt;
+  }
+}
+
+/* -- Couplings (reduction.py) ------------------------------------------------------------------ */
+
+static void turn(double psi, double x, double y, double *out) {
+  double c = cos(psi), s = sin(psi);
+  out[0] = c * x - s * y, out[1] = s * x + c * y;
+}
+
+static void begin_couplings(const Problem *p, const Work *w) {
+  w->values[0] = w->hat[0] = 1;
+  for (int j = 0; j < p->joints; ++j) {
+    double d = p->slide_of[j] < 0 ? 0 : p->slide[p->slide_of[j]];
+    const double *o = p->offset + 2 * j, *e = p->axis + 2 * j;
+    w->psi0[j] = p->guide[j] < 0 ? 0 : p->q[p->guide[j]];
+    turn(w->psi0[j], o[0] + d * e[0], o[1] + d * e[1], w->rho0 + 2 * j);
+    turn(w->psi0[j], e[0], e[1], w->t0 + 2 * j);
+  }
+}
+
+/* Increment of all degrees of freedom for the columns z, and the values of T and That there. */
+static void expand(const Problem *p, const Work *w) {
+  double *D = w->D, level = p->level;
+  memset(D, 0, p->dofs * sizeof *D);
+  for (int k = 0; k < p->entries; ++k)
+    if (p->entry_value[k] == 0) D[p->entry_row[k]] += p->entry_sign[k] * w->z[p->entry_column[k]];
+  for (int j = 0; j < p->joints; ++j) {
+    const double *o = p->offset + 2 * j, *e = p->axis + 2 * j;
+    double Dpsi = p->guide[j] < 0 ? 0 : D[p->guide[j]];
+    double d = p->slide_of[j] < 0 ? 0 : p->slide[p->slide_of[j]];
+    if (p->slide_column[j] >= 0) d += w->z[p->slide_column[j]];
+    double *rho0 = w->rho0 + 2 * j, *rho1 = w->rho1 + 2 * j, *t0 = w->t0 + 2 * j, *t1 = w->t1 + 2 * j;
+    turn(w->psi0[j] + Dpsi, o[0] + d * e[0], o[1] + d * e[1], rho1);
+    turn(w->psi0[j] + Dpsi, e[0], e[1], t1);
+    double tangent = tan(Dpsi / 2), slope = p->rule == 0 ? 1 + tangent * tangent : 1;
+    w->guide_slope[j] = slope;
+    w->guide_bend[j] = p->rule == 0 ? tangent * slope : 0;
+    double mean_rho[2], *mean_t = w->mean_t + 2 * j;
+    for (int i = 0; i < 2; ++i) {
+      mean_rho[i] = (1 - level) * rho0[i] + level * rho1[i];
+      mean_t[i] = (1 - level) * t0[i] + level * t1[i];
+    }
+    double *value = w->values + 1 + 4 * j, *hat = w->hat + 1 + 4 * j;
+    value[0] = -rho1[1], value[1] = rho1[0], value[2] = t1[0], value[3] = t1[1];
+    hat[0] = -mean_rho[1], hat[1] = mean_rho[0], hat[2] = slope * mean_t[0], hat[3] = slope * mean_t[1];
+  }
+  for (int k = 0; k < p->followers; ++k) {
+    int j = p->through[k];
+    D[p->follower_x[k]] += p->joint_sign[j] * (w->rho1[2 * j] - w->rho0[2 * j]);
+    D[p->follower_y[k]] += p->joint_sign[j] * (w->rho1[2 * j + 1] - w->rho0[2 * j + 1]);
+  }
+}
+
+static void spread(const Problem *p, const Work *w, const double *z, double *out) {
+  memset(out, 0, p->dofs * sizeof *out);
+  for (int k = 0; k < p->entries; ++k)
+    out[p->entry_row[k]] += p->entry_sign[k] * w->values[p->entry_value[k]] * z[p->entry_column[k]];
+}
+
+static void project(const Problem *p, const Work *w, const double *r, double *out) {
+  memset(out, 0, p->columns * sizeof *out);
+  for (int k = 0; k < p->entries; ++k)
+    out[p->entry_column[k]] += p->entry_sign[k] * w->hat[p->entry_value[k]] * r[p->entry_row[k]];
+}
+
+static void transmitted(const Problem *p, const Work *w, const double *r) {
+  memset(w->passing, 0, 2 * p->joints * sizeof(double));
+  for (int k = 0; k < p->followers; ++k) {
+    w->passing[2 * p->through[k]] += r[p->follower_x[k]];
+    w->passing[2 * p->through[k] + 1] += r[p->follower_y[k]];
+  }
+}
+
+static void fill_band(const Problem *p, const Work *w, const double *r) {
+  memset(w->band, 0, (long)p->free * (2 * p->band + 1) * sizeof(double));
+  const double *K = w->stiffness;
+  for (int k = 0; k < p->plain; ++k) w->band[p->plain_to[k]] += K[p->plain_from[k]];
+  for (int k = 0; k < p->mixed; ++k)
+    w->band[p->mixed_to[k]] += K[p->mixed_from[k]] * w->hat[p->mixed_hat[k]] *
+                               w->values[p->mixed_value[k]] * p->mixed_sign[k];
+  if (p->second) transmitted(p, w, r);
+  for (int k = 0; k < p->second; ++k) {
+    int j = p->second_joint[k];
+    double s = p->joint_sign[j], F0 = s * w->passing[2 * j], F1 = s * w->passing[2 * j + 1];
+    double turned = p->level * (F1 * w->t1[2 * j] - F0 * w->t1[2 * j + 1]), term;
+    if (p->second_kind[k] == 0)
+      term = -p->level * (F0 * w->rho1[2 * j] + F1 * w->rho1[2 * j + 1]);
+    else if (p->second_kind[k] == 1)
+      term = turned;
+    else
+      term = w->guide_bend[j] * (F0 * w->mean_t[2 * j] + F1 * w->mean_t[2 * j + 1]) +
+             w->guide_slope[j] * turned;
+    w->band[p->second_to[k]] += p->second_sign[k] * term;
+  }
+}
+
+/* -- Newton's method (newton.py) --------------------------------------------------------------- */
+
+/* LU in place without pivoting, and the solution in place of b; 0 if a pivot vanishes. */
+static inline __attribute__((always_inline)) int solve(int n, int band, double *restrict A,
+                                                       double *restrict b) {
+  int width = 2 * band + 1;
+  for (int k = 0; k < n; ++k) {
+    double *restrict pivot = A + (long)k * width + band;
+    if (!(fabs(*pivot) > 1e-300)) return 0;
+    pivot[0] = 1 / pivot[0];
+    int length = k + band < n ? band : n - 1 - k;
+    for (int i = 1; i <= length; ++i) {
+      double *restrict row = A + (long)(k + i) * width + band - i;
+      if (row[0] == 0) continue;
+      double factor = row[0] * pivot[0];
+      for (int j = 1; j <= length; ++j) row[j] -= factor * pivot[j];
+      b[k + i] -= factor * b[k];
+    }
+  }
+  for (int i = n - 1; i >= 0; --i) {
+    const double *restrict row = A + (long)i * width + band;
+    int last = i + band < n ? band : n - 1 - i;
+    double sum = b[i];
+    for (int j = 1; j <= last; ++j) sum -= row[j] * b[i + j];
+    b[i] = sum * row[0];
+  }
+  return 1;
+}
+
+/* The band widths of beams, for which the compiler can unroll the loops. */
+static int solve_band(int n, int band, double *A, double *b) {
+  switch (band) {
+    case 5: return solve(n, 5, A, b); /* degree 1 */
+    case 8: return solve(n, 8, A, b); /* degree 2 */
+    case 11: return solve(n, 11, A, b); /* degree 3 */
+    default: return solve(n, band, A, b);
+  }
+}
+
+static void tangent(const Problem *p, const Work *w, const double *const *fields) {
+  double *K = w->stiffness;
+  if (p->has_path) {
+    memset(K, 0, p->nonzeros * sizeof(double));
+    assemble(p, &p->path_tangent, fields, 2, K);
+    for (int k = 0; k < p->nonzeros; ++k) {
+      int j = p->column_of[k];
+      K[k] = K[k] * w->slope[j] + p->mass[k] * w->accslope[j];
+    }
+  } else
+    for (int k = 0; k < p->nonzeros; ++k) K[k] = p->mass[k] * w->accslope[p->column_of[k]];
+  assemble(p, &p->tangent, fields, 2, K);
+}
+
+static int newton(Problem *p, const Work *w, double dt, const double *driven) {
+  int n = p->dofs, free = p->free;
+  const double *fields[5] = {p->q, w->D, w->path, p->v, p->a};
+  double previous = HUGE_VAL, kinetic = 0, drive = 0;
+  memset(w->z, 0, p->columns * sizeof(double));
+  p->residuals = 0;
+  for (int i = 0; i < p->driven; ++i) drive += fabs(driven[i]);
+  multiply(p, p->mass, p->v, w->f);
+  for (int i = 0; i < n; ++i) kinetic += p->v[i] * w->f[i];
+  begin_couplings(p, w);
+  expand(p, w);
+  for (int iteration = 1; iteration <= p->max_iterations; ++iteration) {
+    work_increment(p, w->D, w->path, w->slope);
+    acceleration(p, w, dt);
+    memset(w->f, 0, n * sizeof(double));
+    assemble(p, &p->residual, fields, 1, w->f);
+    multiply(p, p->mass, w->acc, w->r);
+    for (int i = 0; i < n; ++i) w->r[i] += w->f[i] - w->force[i];
+    project(p, w, w->r, w->reduced);
+    double largest = 0;
+    for (int i = 0; i < free; ++i) largest = fmax(largest, fabs(w->reduced[i]));
+    p->residual_history[p->residuals++] = largest;
+    memset(w->step, 0, p->columns * sizeof(double));
+    tangent(p, w, fields);
+    fill_band(p, w, w->r);
+    if (iteration == 1 && drive > 0) {
+      for (int i = 0; i < p->driven; ++i) w->step[free + i] = -driven[i];
+      spread(p, w, w->step, w->correction);
+      multiply(p, w->stiffness, w->correction, w->left);
+      for (int i = 0; i < n; ++i) w->left[i] = w->r[i] - w->left[i];
+      project(p, w, w->left, w->reduced);
+    }
+    for (int i = 0; i < free; ++i) w->y[p->order[i]] = w->reduced[i];
+    if (!solve_band(free, p->band, w->band, w->y)) return SINGULAR;
+    for (int i = 0; i < free; ++i) w->step[i] = w->y[p->order[i]];
+    spread(p, w, w->step, w->correction);
+    double size = 0, widest = 0, lack = 0;
+    for (int i = 0; i < p->turning; ++i) widest = fmax(widest, fabs(w->correction[p->turns[i]]));
+    if (widest > p->longest_turn && isfinite(widest))
+      for (int i = 0; i < free; ++i) w->step[i] *= p->longest_turn / widest;
+    for (int i = 0; i < n; ++i) {
+      double entry = fabs(w->correction[i]) / p->unit[i];
+      if (!isfinite(entry)) return SINGULAR;
+      size = fmax(size, entry);
+    }
+    double energy = kinetic;
+    for (int i = 0; i < n; ++i) energy += fabs(w->f[i]) * fabs(w->D[i]);
+    for (int i = 0; i < free; ++i) {
+      w->z[i] -= w->step[i];
+      lack += w->reduced[i] * w->step[i];
+    }
+    for (int i = 0; i < p->driven; ++i) w->z[free + i] = driven[i];
+    int small = size <= p->tolerance;
+    int floor = !small && size > 0.5 * previous && fabs(lack) <= p->energy_floor * energy;
+    if (small || floor) {
+      multiply(p, w->stiffness, w->correction, w->left);
+      for (int i = 0; i < n; ++i) w->r[i] -= w->left[i];
+    }
+    expand(p, w);
+    for (int i = 0; i < p->turning; ++i)
+      if (fabs(w->D[p->turns[i]]) > p->max_turn) return TURNED_TOO_FAR;
+    if (small || floor) {
+      p->iterations += iteration;
+      p->by_round_off += floor;
+      return OK;
+    }
+    previous = size;
+  }
+  return NO_CONVERGENCE;
+}
+
+/* -- Steps (stepping.py) ------------------------------------------------------------------------ */
+
+static double mid(const Problem *p, double force, double previous) {
+  if (p->level == 0.5 || p->steps_done == 0) return force;
+  return force + (0.5 - p->level) * (force - previous);
+}
+
+static void joint_forces(const Problem *p, const Work *w, double *out) {
+  for (int i = 0; i < 3 * p->scene_joints; ++i) {
+    out[i] = 0;
+    for (int k = p->sum_start[i]; k < p->sum_start[i + 1]; ++k)
+      out[i] += p->sum_sign[k] * w->r[p->sum_of[k]];
+  }
+  if (!p->joints) return;
+  transmitted(p, w, w->r);
+  for (int i = 0; i < p->scene_joints; ++i)
+    for (int k = p->lever_joint_start[i]; k < p->lever_joint_start[i + 1]; ++k) {
+      int j = p->lever_joint[k];
+      out[3 * i + 2] += p->lever_sign[k] * p->joint_sign[j] *
+                        (w->hat[1 + 4 * j] * w->passing[2 * j] + w->hat[2 + 4 * j] * w->passing[2 * j + 1]);
+    }
+}
+
+static void record(Problem *p, const Work *w, Record *to) {
+  long n = p->dofs, held = p->columns - p->free, k = to->rows++;
+  if (to->q) memcpy(to->q + k * n, p->q, n * sizeof(double));
+  if (to->v) memcpy(to->v + k * n, p->v, n * sizeof(double));
+  if (to->a) memcpy(to->a + k * n, p->a, n * sizeof(double));
+  if (to->held) memcpy(to->held + k * held, p->held, held * sizeof(double));
+  if (to->slides) memcpy(to->slides + k * p->slides, p->slide, p->slides * sizeof(double));
+  if (to->joint_forces) joint_forces(p, w, to->joint_forces + k * 3 * p->scene_joints);
+  double *momentum = w->left, *energy = to->energies + 4 * k, *sums = to->momenta + 3 * k;
+  multiply(p, p->mass, p->v, momentum);
+  memset(energy, 0, 4 * sizeof(double)), memset(sums, 0, 3 * sizeof(double));
+  for (int i = 0; i < n; ++i) energy[0] += p->v[i] * momentum[i] / 2;
+  const double *fields[5] = {p->q, w->D, w->path, p->v, p->a};
+  assemble(p, &p->energy, fields, 0, energy + 1);
+  if (p->weight)
+    for (int i = 0; i < n; ++i) energy[2] -= p->weight[i] * p->q[i];
+  energy[3] = p->work;
+  for (int i = 0; i < p->nodes; ++i) {
+    const int *dof = p->node_dofs + 3 * i;
+    double x = p->position[2 * i] + p->q[dof[0]], y = p->position[2 * i + 1] + p->q[dof[1]];
+    sums[0] += momentum[dof[0]], sums[1] += momentum[dof[1]];
+    sums[2] += x * momentum[dof[1]] - y * momentum[dof[0]] + momentum[dof[2]];
+  }
+}
+
+int fx_run(Problem *p, int steps, double dt, const double *forces, long force_stride,
+           const double *driven, Record *to) {
+  Work work, *w = &work;
+  lay_out(p, w, p->scratch);
+  int n = p->dofs, held = p->columns - p->free;
+  for (int k = 0; k < steps; ++k) {
+    const double *F0 = forces + k * force_stride, *F1 = F0 + n;
+    const double *target = driven + (long)k * p->driven;
+    double level = p->level, *change = w->start;
+    for (int i = 0; i < n; ++i) w->force[i] = (1 - level) * F0[i] + level * F1[i];
+    for (int i = 0; i < p->driven; ++i) {
+      int dof = p->driven_dof[i];
+      change[i] = target[i] - (dof >= 0 ? p->q[dof] : p->driven_now[i]);
+    }
+    double t = p->t + level * dt;
+    Form *forms[4] = {&p->residual, &p->tangent, &p->path_tangent, &p->added};
+    for (int i = 0; i < 4; ++i) set_time(forms[i], t, dt);
+    p->failure = newton(p, w, dt, change);
+    if (p->failure) {
+      memcpy(p->failed_increment, w->D, n * sizeof(double));
+      return k;
+    }
+
+    /* Work: dead loads, driven motion, added forces. */
+    work_increment(p, w->D, w->path, w->slope);
+    for (int i = 0; i < n; ++i)
+      p->work += ((F0[i] + F1[i]) / 2 - (p->weight ? p->weight[i] : 0)) * w->path[i];
+    project(p, w, w->r, w->columns);
+    for (int i = 0; i < p->driven; ++i) {
+      double along;
+      if (p->driven_dof[i] >= 0)
+        along = w->path[p->driven_dof[i]];
+      else if (p->motor_slide[i] >= 0)
+        along = change[i];
+      else
+        along = (p->motor_b[i] < 0 ? 0 : w->path[p->motor_b[i]]) -
+                (p->motor_a[i] < 0 ? 0 : w->path[p->motor_a[i]]);
+      p->work += mid(p, w->columns[p->free + i], p->held[i]) * along;
+    }
+    memcpy(p->held, w->columns + p->free, held * sizeof(double));
+    if (p->has_added) {
+      const double *fields[5] = {p->q, w->D, w->path, p->v, p->a};
+      memset(w->f, 0, n * sizeof(double));
+      assemble(p, &p->added, fields, 1, w->f);
+      for (int i = 0; i < n; ++i) p->work += mid(p, w->f[i], p->added_force[i]) * w->path[i];
+      memcpy(p->added_force, w->f, n * sizeof(double));
+    }
+
+    int step = to->first + k, wanted = step % to->every == 0 || step == to->last;
+    if (wanted && to->before) memcpy(to->before + (long)to->rows * n, p->q, n * sizeof(double));
+    advance_rates(p, w, dt);
+    for (int i = 0; i < n; ++i) p->q[i] += w->D[i];
+    for (int j = 0; j < p->joints; ++j)
+      if (p->slide_column[j] >= 0) p->slide[p->slide_of[j]] += w->z[p->slide_column[j]];
+    memcpy(p->driven_now, target, p->driven * sizeof(double));
+    p->t += dt;
+    p->steps_done += 1;
+    if (wanted) record(p, w, to);
+  }
+  return steps;
+}

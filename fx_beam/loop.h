@@ -1,0 +1,92 @@
+typedef void kernel(double *, const double *, const double *, const double *, const int *,
+                    const uint8_t *);
+
+/* A compiled form: one integral for each law, its coefficients packed cell by cell. */
+typedef struct {
+  int integrals;
+  kernel **kernels;
+  int *cells_of;       /* number of cells of each integral */
+  int **cells;         /* the cells */
+  double **packed;     /* (cells, width) coefficients; those that move are filled in */
+  int width;
+  int moving;          /* coefficients that move: 0 start, 1 increment, 2 path, 3 v, 4 a */
+  int *kind, *offset;
+  double *constants;
+  int time_at, dt_at;  /* their places among the constants, or -1 */
+} Form;
+
+typedef struct {
+  int dofs, cells, cell_dofs, columns, free, driven, nonzeros;
+  int *dofs_of_cell;    /* (cells, cell_dofs) */
+  double *coordinates;  /* (cells, 6) */
+  int *turns, turning;  /* rotations */
+  int *massless, lacking;
+  double *unit;         /* size of a unit correction of each degree of freedom */
+
+  Form residual, tangent, path_tangent, energy, added;
+  int has_path, has_added;
+  int *row_start, *column_of; /* sparsity of the full tangent */
+  int *place;           /* (cells, cell_dofs, cell_dofs) places of element entries */
+  double *mass, *weight; /* weight may be null */
+
+  /* Coupling: entries of T and That, sorted by rows; value 0 is the constant 1. */
+  int entries;
+  int *entry_row, *entry_column, *entry_value;
+  double *entry_sign;
+  int joints, slides;
+  double *offset, *axis, *joint_sign;
+  int *guide, *slide_column, *slide_of; /* rotation (-1: ground), column (-1: none), its slide */
+  int followers;
+  int *follower_x, *follower_y, *through;
+
+  /* Reduced tangent in a band, in an order that makes it narrow. */
+  int band;             /* subdiagonals and superdiagonals */
+  int *order;           /* place of each unknown in the band */
+  int plain, mixed, second;
+  int *plain_to, *plain_from;
+  int *mixed_to, *mixed_from, *mixed_hat, *mixed_value;
+  double *mixed_sign;
+  int *second_to, *second_joint, *second_kind;
+  double *second_sign;
+
+  /* Rates: 0 mid-point, 1 Newmark. */
+  int rule;
+  double level, beta, gamma, alpha_m;
+
+  /* Newton's method. */
+  double tolerance, max_turn, longest_turn, energy_floor;
+  int max_iterations;
+
+  /* Driven columns: prescribed degrees of freedom (-1: a motor), then motors. */
+  int *driven_dof, *motor_a, *motor_b, *motor_slide;
+
+  /* Joint forces: sums over the nodes that follow. */
+  int scene_joints;
+  int *sum_start, *sum_of;
+  double *sum_sign;
+  int *lever_joint_start, *lever_joint; /* bending joints whose carriers turn with joint j */
+  double *lever_sign;
+  double *position;     /* (nodes, 2) */
+  int nodes, *node_dofs;
+
+  /* State. */
+  double t, work;
+  double *q, *v, *a, *slide, *driven_now, *held, *added_force;
+  int steps_done;       /* since the start, 0 before the first */
+
+  /* Work space and report. */
+  double *scratch;
+  int iterations, failure, by_round_off;
+  int residuals;
+  double *residual_history, *failed_increment;
+} Problem;
+
+/* Histories, a row for every so many steps and for the last; a null pointer is not recorded. */
+typedef struct {
+  int every, first, last, rows; /* numbers of the first step of this call and of the last of all */
+  double *before, *q, *v, *a, *held, *slides, *joint_forces, *energies, *momenta;
+} Record;
+
+int fx_run(Problem *p, int steps, double dt, const double *forces, long force_stride,
+           const double *driven, Record *to);
+long fx_scratch(const Problem *p);

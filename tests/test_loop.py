@@ -1,0 +1,253 @@
+"""The compiled loop against the steps in Python, and what may be recorded."""
+
+import importlib.util
+import logging
+from pathlib import Path
+
+import ufl
+
+import numpy as np
+import pytest
+from scenes import FLYING, free_flight, pendulum, pinned_beam, relative_drift
+
+import fx_beam as fb
+from fx_beam import library
+from fx_beam.rates import MidPointRates
+
+SCHEMES = [
+    fb.EnergyMomentum(),
+    fb.ModifiedMidPoint(),
+    fb.MidPoint(),
+    fb.Newmark(),
+    fb.HHT(),
+    fb.GeneralizedAlpha(0.8),
+]
+DEMOS = Path(__file__).parents[1] / "demos"
+
+
+def demo(name):
+    spec = importlib.util.spec_from_file_location(name, DEMOS / f"{name}.py")
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    made = module.scene()
+    return made if isinstance(made, fb.Scene) else made[0]
+
+
+def frame_with_everything():
+    """Loads of all kinds, a driven support, gravity, lumped masses, two materials and drag."""
+
+    def stiffening(eps, gamma, kappa):
+        return 5e3 * (eps**2 + gamma**2) + 50 * kappa**2 + 20 * kappa**4
+
+    scene = fb.Scene(gravity=(0.3, -9.81))
+    post = scene.add_beam([(0, 0), (0, 1)], FLYING, elements=3)
+    own = fb.Section(strain_energy=stiffening, rhoA=1.0, rhoI=0.1)
+    arm = scene.add_beam([post.end, (0.7, 1.4), (1.5, 1)], own, elements=4)
+    scene.prescribe(post.start, x=lambda t: 0.05 * np.sin(6 * t), rotation=lambda t: 0.2 * t**2)
+    scene.fix(post.start, "y")
+    scene.add_mass(arm.end, 0.5, inertia=0.1)
+    scene.add_force(arm.end, lambda t: (3 * np.sin(t), 1.0))
+    scene.add_moment(post.end, 2.0)
+    scene.add_line_load(arm, lambda t: (0.0, -2 * t))
+    scene.add_virtual_work(lambda step: -0.3 * ufl.dot(step.v, step.virtual_u))
+    scene.add_virtual_work(lambda step: -step.t * step.psi * step.virtual_psi, arm)
+    return scene
+
+
+def linkage():
+    """Revolute, prismatic and pin in slot, an offset and a motor."""
+    scene = fb.Scene(gravity=(0, -9.81))
+    crank = scene.add_beam([(0, 0), (0.5, 0)], FLYING, elements=2)
+    rod = scene.add_beam([(0.6, 0), (1.6, 0.3)], FLYING, elements=3)
+    tail = scene.add_beam([(1.6, 0.3), (2.4, 0.3)], FLYING, elements=2)
+    scene.add_joint(fb.Revolute(fb.GROUND, crank.start, motor=lambda t: 1.5 * t**2))
+    scene.add_joint(fb.Revolute(crank.end, rod.start, offset=(0.1, 0)))
+    scene.add_joint(fb.Prismatic(rod.end, tail.start, axis=(1, 0.2)))
+    scene.add_joint(fb.PinInSlot(fb.GROUND, tail.end, axis=(1, 0)))
+    return scene
+
+
+SCENES = {
+    "pinned beam": (lambda: demo("pinned_beam"), 0.01),
+    "pendulum": (lambda: demo("pendulum"), 0.01),
+    "own physics": (lambda: demo("own_physics"), 0.004),
+    "three-bar swing": (lambda: demo("three_bar_swing"), 5e-4),
+    "multi-body system": (lambda: demo("multibody"), 0.005),
+    "slider crank": (lambda: demo("slider_crank"), 5e-4),
+    "pinned beam of degree 2": (lambda: pinned_beam(4, degree=2)[0], 0.005),
+    "flight of degree 3": (lambda: free_flight(4, degree=3)[0], 0.02),
+    "frame with everything": (frame_with_everything, 0.005),
+    "linkage": (linkage, 0.005),
+}
+
+
+@pytest.mark.parametrize("name", SCENES)
+@pytest.mark.parametrize("scheme", SCHEMES, ids=lambda s: s.name)
+def test_the_loop_computes_what_python_and_petsc_compute(name, scheme):
+    build, dt = SCENES[name]
+    scene = build()
+    # One iteration beyond the usual tolerance, lest the comparison be one of tolerances.
+    newton = fb.NewtonOptions(tolerance=1e-12)
+
+    def run(solver):
+        try:
+            return fb.simulate(scene, scheme, dt=dt, t_end=100 * dt, newton=newton, solver=solver)
+        except fb.StepError as error:
+            return error.solution
+
+    compiled, reference = run("compiled"), run("petsc")
+    assert compiled.stats.solver.startswith("compiled")
+    assert reference.stats.solver == "petsc lu"
+    # A scheme that blows up multiplies every rounding: compared until a third of its energy is
+    # of its own making.
+    made = abs(reference.energy.balance_error)
+    sound = made <= 0.3 * np.maximum.accumulate(reference.energy.kinetic) + 1e-9
+    n = len(sound) if sound.all() else int(np.argmin(sound))
+    assert n == 101 or scheme.name in ("MidPoint", "Newmark", "HHT", "GeneralizedAlpha")
+    # On the rod with EA = 1e10 the rounding of the strain, 1e-16, is a force of 1e-6 N, and moves
+    # the mass by 1e-6 dt^2/4 in a step: 3e-9 of its size in a hundred.
+    close = 1e-9 if name == "pendulum" else 1e-10
+    size = np.ptp(compiled.X, axis=0).max()
+    scales = {"q": size, "v": abs(reference.v[:n]).max()}
+    scales["reactions"] = abs(reference.reactions[:n]).max()
+    scales |= {"joint_forces": abs(reference.joint_forces[:n]).max(initial=0.0), "slides": size}
+    for history, scale in scales.items():
+        difference = getattr(compiled, history)[:n] - getattr(reference, history)[:n]
+        # Forces are strains, known to 1e-16, times stiffnesses.
+        bound = close if history in ("q", "slides") else 1e4 * close
+        assert abs(difference).max(initial=0.0) <= bound * scale
+    scale = abs(reference.energy.total[:n]).max() + abs(reference.energy.kinetic[:n]).max()
+    for part in ("kinetic", "strain", "potential", "work"):
+        difference = getattr(compiled.energy, part)[:n] - getattr(reference.energy, part)[:n]
+        assert abs(difference).max() < 100 * close * scale
+    if n == 101:
+        iterations = [s.stats.newton_iterations for s in (compiled, reference)]
+        assert iterations[0] == pytest.approx(iterations[1], rel=0.05)
+
+
+@pytest.mark.parametrize("dt", [0.02, 0.001])
+def test_steps_in_python_keep_energy_and_momentum_as_well(dt):
+    scene, _ = pinned_beam()
+    solution = fb.simulate(scene, dt=dt, t_end=1.0, solver="petsc")
+    assert relative_drift(solution.energy.total) < 1e-10
+    assert relative_drift(solution.angular_momentum) < 1e-10
+
+
+def test_a_step_that_fails_in_the_loop_is_halved_in_python():
+    def spinner():
+        scene = fb.Scene()
+        section = fb.Section(EA=1e6, GA=1e6, EI=1e4, rhoA=1.0, rhoI=0.1)
+        beam = scene.add_beam([(-1, 0), (1, 0)], section, elements=2)
+        scene.set_velocity(beam, lambda x, y: (-40 * y, 40 * x), spin=40)
+        return scene
+
+    compiled = fb.simulate(spinner(), dt=0.1, t_end=1.0)
+    reference = fb.simulate(spinner(), dt=0.1, t_end=1.0, solver="petsc")
+    assert compiled.stats.solver.startswith("compiled")
+    assert compiled.stats.halvings == reference.stats.halvings >= 10
+    assert abs(compiled.q - reference.q).max() < 1e-9
+
+
+def test_a_last_step_may_be_shorter():
+    scene, _ = pinned_beam()
+    compiled = fb.simulate(scene, dt=0.03, t_end=0.2)
+    reference = fb.simulate(scene, dt=0.03, t_end=0.2, solver="petsc")
+    assert compiled.t == pytest.approx([*(0.03 * np.arange(7)), 0.2])
+    assert abs(compiled.q - reference.q).max() < 1e-9 * 100
+
+
+# -- Which solver -------------------------------------------------------------------------------
+
+
+def test_a_rule_of_ones_own_runs_in_python_and_says_so():
+    class OwnRates(MidPointRates):
+        pass
+
+    ready = fb.EnergyMomentum()
+    scheme = fb.Scheme("Own", ready.resultants, OwnRates())
+    scene, beam = pinned_beam()
+    own = fb.simulate(scene, scheme, dt=0.01, t_end=0.1)
+    assert own.stats.solver == "petsc lu (OwnRates is a rule of its own)"
+    usual = fb.simulate(scene, ready, dt=0.01, t_end=0.1)
+    assert abs(own.q - usual.q).max() < 1e-9 * 100
+    with pytest.raises(fb.SceneError, match="OwnRates"):
+        fb.simulate(scene, scheme, dt=0.01, t_end=0.1, solver="compiled")
+
+
+def test_an_unknown_solver_is_refused():
+    scene, _ = pinned_beam()
+    with pytest.raises(fb.SceneError, match="solver = 'mumps'"):
+        fb.simulate(scene, dt=0.01, t_end=0.1, solver="mumps")
+
+
+def test_without_a_compiler_python_takes_over_with_one_warning(monkeypatch, tmp_path, caplog):
+    def no_compiler(*_, **__):
+        raise FileNotFoundError("cc")
+
+    library.built.cache_clear()
+    monkeypatch.setattr(library, "cache_directory", lambda: tmp_path)
+    monkeypatch.setattr(library.subprocess, "run", no_compiler)
+    scene, _ = pendulum()
+    with caplog.at_level(logging.WARNING, logger="fx_beam"):
+        solutions = [fb.simulate(scene, dt=0.01, t_end=0.1) for _ in range(2)]
+    library.built.cache_clear()
+    assert all(s.stats.solver == "petsc lu (it cannot be built)" for s in solutions)
+    assert [r.levelname for r in caplog.records] == ["WARNING"]
+    assert "cannot be built" in caplog.text
+
+
+def test_a_cache_that_cannot_be_written_is_no_obstacle(monkeypatch, tmp_path, caplog):
+    file = tmp_path / "file"
+    file.write_text("")
+    library.built.cache_clear()
+    monkeypatch.setattr(library, "cache_directory", lambda: file / "below")
+    scene, _ = pendulum()
+    solution = fb.simulate(scene, dt=0.01, t_end=0.1)
+    library.built.cache_clear()
+    assert solution.stats.solver.startswith("petsc")
+
+
+# -- What is recorded ---------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("solver", ["compiled", "petsc"])
+@pytest.mark.parametrize("every", [7, 1000])
+def test_every_so_many_steps_are_rows_of_the_full_record(solver, every):
+    scene, beam = pinned_beam()
+    full = fb.simulate(scene, dt=0.01, t_end=1.0, solver=solver)
+    thin = fb.simulate(scene, dt=0.01, t_end=1.0, solver=solver, record=fb.Record(every=every))
+    rows = np.union1d(np.arange(0, 101, every), [100])
+    assert (thin.t == full.t[rows]).all()
+    for history in ("q", "v", "a", "reactions", "linear_momentum", "angular_momentum"):
+        assert (getattr(thin, history) == getattr(full, history)[rows]).all()
+    assert (thin.energy.total == full.energy.total[rows]).all()
+    assert thin.stats.steps == 100
+    # Stress resultants are those of the step that ended there, not of the time since the last row.
+    assert thin.resultants(beam).N == pytest.approx(full.resultants(beam).N[rows], rel=1e-9)
+
+
+def test_what_is_not_recorded_is_said_so():
+    scene, beam = pinned_beam()
+    audit = fb.Record(motion=False, rates=False, forces=False)
+    solution = fb.simulate(scene, dt=0.01, t_end=0.5, record=audit)
+    assert len(solution.energy.total) == len(solution.t) == 51
+    assert solution.angular_momentum[-1] == pytest.approx(75_000)
+    for get in (
+        solution.position,
+        solution.rotation,
+        solution.velocity,
+        solution.spin,
+        solution.acceleration,
+        solution.reaction,
+    ):
+        with pytest.raises(ValueError, match="not recorded"):
+            get(beam.end)
+    for get in (solution.shape, solution.resultants):
+        with pytest.raises(ValueError, match="not recorded"):
+            get(beam)
+
+
+@pytest.mark.parametrize("every", [0, -1, 2.5])
+def test_a_record_needs_a_positive_number(every):
+    with pytest.raises(fb.SceneError, match="every"):
+        fb.Record(every=every)
