@@ -17,6 +17,11 @@ def perp(a):
     return ufl.as_vector((-a[1], a[0]))
 
 
+def tan(x):
+    """Tangent as sin/cos: of ufl.tan UFL derives one more cosine, which costs time in each step."""
+    return ufl.sin(x) / ufl.cos(x)
+
+
 def director(psi, t0):
     """Unit normal of the turned section, t = R(psi) t0 (eq. 2)."""
     return ufl.cos(psi) * t0 + ufl.sin(psi) * perp(t0)

@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 
 import ufl
 
-from .kinematics import Step, director, perp, strains, virtual_work
+from .kinematics import Step, director, perp, strains, tan, virtual_work
 from .section import Law
 
 
@@ -142,7 +142,7 @@ def averaged(step: Step, law: Law) -> Resultants:
     N, Q, M = discrete_gradient(law, step.strains0, step.strains1, _metric(step))
     dphi = step.t0 + step.prime(step.u0 + step.Du / 2)
     t = (director(step.psi0, step.t0) + director(step.psi0 + step.Dpsi, step.t0)) / 2
-    m = M / (1 + ufl.tan(step.Dpsi / 2) ** 2)
+    m = M / (1 + tan(step.Dpsi / 2) ** 2)
     return Resultants(dphi, t, N, Q, M, m)
 
 
@@ -155,6 +155,8 @@ def with_exact_work(step: Step, r: Resultants) -> Resultants:
     the nodal half increments are h - d and h + d, and
 
     .. math:: m = M \frac{2d}{\sin 2d} \cos(h-d) \cos(h+d)
+                  + (n \cdot W\varphi'_m) \frac l2 \tan h \tan d
+                = M \frac{d}{\tan d} \frac{1 - \tan^2 h \tan^2 d}{1 + \tan^2 h}
                   + (n \cdot W\varphi'_m) \frac l2 \tan h \tan d
 
     makes Du'.n - Dtheta (W phi'_m).n + Dtheta' m equal to N.(E1 - E0) + M (K1 - K0)
@@ -183,9 +185,10 @@ def with_exact_work(step: Step, r: Resultants) -> Resultants:
         path = ufl.dot(virtual, r.t), ufl.dot(virtual, perp(r.t)), step.prime(step.Dtheta)
         N, Q, m = closest((r.N, r.Q, r.m), path, work, _metric(step), smallest=1e-8)
         return r._replace(N=N, Q=Q, m=m)
-    h, d = step.Dpsi / 2, step.h * step.prime(step.Dpsi) / 4
-    couple = r.M * _x_over_sin(2 * d) * ufl.cos(h - d) * ufl.cos(h + d)
-    lever = ufl.dot(r.n, perp(r.dphi)) * (step.h / 2) * ufl.tan(h) * ufl.tan(d)
+    d = step.h * step.prime(step.Dpsi) / 4
+    tan_h, tan_d = tan(step.Dpsi / 2), tan(d)
+    couple = r.M * _x_over_tan(d, tan_d) * (1 - (tan_h * tan_d) ** 2) / (1 + tan_h**2)
+    lever = ufl.dot(r.n, perp(r.dphi)) * (step.h / 2) * tan_h * tan_d
     return r._replace(m=couple + lever)
 
 
@@ -262,8 +265,8 @@ def closest(resultants, path, work, length, smallest):
     return tuple(r + factor * w for r, w in zip(resultants, weighted, strict=True))
 
 
-def _x_over_sin(x):
-    """x / sin(x), smooth at 0: below 0.02 the series is exact to round-off."""
+def _x_over_tan(x, tan_x):
+    """x / tan(x), smooth at 0: below 0.02 the series is exact to round-off."""
     x2 = x**2
-    series = 1 + x2 / 6 * (1 + x2 * 7 / 60 * (1 + x2 * 31 / 294))
-    return ufl.conditional(ufl.lt(x2, 4e-4), series, x / ufl.sin(x))
+    series = 1 - x2 / 3 * (1 + x2 / 15 * (1 + x2 * 2 / 21))
+    return ufl.conditional(ufl.lt(x2, 4e-4), series, x / tan_x)
