@@ -79,6 +79,9 @@ static void set_time(Form *form, double t, double dt) {
   if (form->dt_at >= 0) form->constants[form->dt_at] = dt;
 }
 
+/* Also NaN, which a comparison would lose. */
+static inline double larger(double a, double b) { return b <= a ? a : b; }
+
 static void multiply(const Problem *p, const double *values, const double *x, double *out) {
   for (int i = 0; i < p->dofs; ++i) {
     double sum = 0;
@@ -240,7 +243,6 @@ static inline __attribute__((always_inline)) int solve(int n, int band, double *
     int length = k + band < n ? band : n - 1 - k;
     for (int i = 1; i <= length; ++i) {
       double *restrict row = A + (long)(k + i) * width + band - i;
-      if (row[0] == 0) continue;
       double factor = row[0] * pivot[0];
       for (int j = 1; j <= length; ++j) row[j] -= factor * pivot[j];
       b[k + i] -= factor * b[k];
@@ -266,6 +268,14 @@ static int solve_band(int n, int band, double *A, double *b) {
   }
 }
 
+/* Twice the kinetic energy at the start of the step. */
+static double kinetic(const Problem *p, const Work *w) {
+  double sum = 0;
+  multiply(p, p->mass, p->v, w->left);
+  for (int i = 0; i < p->dofs; ++i) sum += p->v[i] * w->left[i];
+  return sum;
+}
+
 static void tangent(const Problem *p, const Work *w, const double *const *fields) {
   double *K = w->stiffness;
   if (p->has_path) {
@@ -283,12 +293,10 @@ static void tangent(const Problem *p, const Work *w, const double *const *fields
 static int newton(Problem *p, const Work *w, double dt, const double *driven) {
   int n = p->dofs, free = p->free;
   const double *fields[5] = {p->q, w->D, w->path, p->v, p->a};
-  double previous = HUGE_VAL, kinetic = 0, drive = 0;
+  double previous = HUGE_VAL, drive = 0;
   memset(w->z, 0, p->columns * sizeof(double));
   p->residuals = 0;
   for (int i = 0; i < p->driven; ++i) drive += fabs(driven[i]);
-  multiply(p, p->mass, p->v, w->f);
-  for (int i = 0; i < n; ++i) kinetic += p->v[i] * w->f[i];
   begin_couplings(p, w);
   expand(p, w);
   for (int iteration = 1; iteration <= p->max_iterations; ++iteration) {
@@ -300,7 +308,7 @@ static int newton(Problem *p, const Work *w, double dt, const double *driven) {
     for (int i = 0; i < n; ++i) w->r[i] += w->f[i] - w->force[i];
     project(p, w, w->r, w->reduced);
     double largest = 0;
-    for (int i = 0; i < free; ++i) largest = fmax(largest, fabs(w->reduced[i]));
+    for (int i = 0; i < free; ++i) largest = larger(largest, fabs(w->reduced[i]));
     p->residual_history[p->residuals++] = largest;
     memset(w->step, 0, p->columns * sizeof(double));
     tangent(p, w, fields);
@@ -317,23 +325,23 @@ static int newton(Problem *p, const Work *w, double dt, const double *driven) {
     for (int i = 0; i < free; ++i) w->step[i] = w->y[p->order[i]];
     spread(p, w, w->step, w->correction);
     double size = 0, widest = 0, lack = 0;
-    for (int i = 0; i < p->turning; ++i) widest = fmax(widest, fabs(w->correction[p->turns[i]]));
+    for (int i = 0; i < p->turning; ++i) widest = larger(widest, fabs(w->correction[p->turns[i]]));
     if (widest > p->longest_turn && isfinite(widest))
       for (int i = 0; i < free; ++i) w->step[i] *= p->longest_turn / widest;
-    for (int i = 0; i < n; ++i) {
-      double entry = fabs(w->correction[i]) / p->unit[i];
-      if (!isfinite(entry)) return SINGULAR;
-      size = fmax(size, entry);
-    }
-    double energy = kinetic;
-    for (int i = 0; i < n; ++i) energy += fabs(w->f[i]) * fabs(w->D[i]);
+    for (int i = 0; i < n; ++i) size = larger(size, fabs(w->correction[i]) * p->per_unit[i]);
+    if (!isfinite(size)) return SINGULAR;
     for (int i = 0; i < free; ++i) {
       w->z[i] -= w->step[i];
       lack += w->reduced[i] * w->step[i];
     }
     for (int i = 0; i < p->driven; ++i) w->z[free + i] = driven[i];
     int small = size <= p->tolerance;
-    int floor = !small && size > 0.5 * previous && fabs(lack) <= p->energy_floor * energy;
+    int floor = 0;
+    if (!small && size > 0.5 * previous) {
+      double energy = kinetic(p, w);
+      for (int i = 0; i < n; ++i) energy += fabs(w->f[i]) * fabs(w->D[i]);
+      floor = fabs(lack) <= p->energy_floor * energy;
+    }
     if (small || floor) {
       multiply(p, w->stiffness, w->correction, w->left);
       for (int i = 0; i < n; ++i) w->r[i] -= w->left[i];

@@ -21,7 +21,7 @@ typedef struct {
   double *coordinates;  /* (cells, 6) */
   int *turns, turning;  /* rotations */
   int *massless, lacking;
-  double *unit;         /* size of a unit correction of each degree of freedom */
+  double *per_unit;     /* one over the size of a unit correction of each degree of freedom */
 
   Form residual, tangent, path_tangent, energy, added;
   int has_path, has_added;

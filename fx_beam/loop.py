@@ -88,8 +88,8 @@ class CompiledLoop:
         dofs = compat.element_dofs(mesh.space)
         p.dofs, p.cells, p.cell_dofs = model.size, *dofs.shape
         p.nonzeros, p.nodes = K.nnz, len(mesh.X)
-        unit = np.full(model.size, mesh.size)
-        unit[model.turns] = 1.0
+        per_unit = np.full(model.size, 1 / mesh.size)
+        per_unit[model.turns] = 1.0
         massless = np.flatnonzero(model.massless)
         p.turning, p.lacking = len(model.turns), len(massless)
         # Places of the entries of K, from 1 so that none is a zero.
@@ -107,7 +107,7 @@ class CompiledLoop:
         )
         self._doubles(
             coordinates=compat.element_coordinates(mesh.mesh),
-            unit=unit,
+            per_unit=per_unit,
             mass=model.mass.data,
             position=mesh.X,
         )
