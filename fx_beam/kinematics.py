@@ -23,7 +23,7 @@ def tan(x):
 
 
 def director(psi, t0):
-    """Unit normal of the turned section, t = R(psi) t0 (eq. 2)."""
+    """Unit normal of the turned section, t = R(psi) t0 (eq. 3)."""
     return ufl.cos(psi) * t0 + ufl.sin(psi) * perp(t0)
 
 

@@ -60,7 +60,7 @@ class Model:
             check_no_massless_mechanism(scene, self.mesh, self.mass)
 
     def _build_mass(self) -> None:
-        """The constant mass matrix (eqs 18 to 21), lumped entries included."""
+        """The constant mass matrix (eqs 19 to 21), lumped entries included."""
         sections = [beam.section for beam in self.scene.beams]
         rhoA, rhoI = (
             np.array([getattr(s, name) for s in sections], dtype=float) for name in ("rhoA", "rhoI")
