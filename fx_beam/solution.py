@@ -210,8 +210,9 @@ class Solution:
         Returns
         -------
         (n, 3) float
-            Force [N] and moment [N m] at the scheme's level in the step that ends at t[k]; zero
-            for components without support. Row 0 is zero.
+            Force [N] and moment [N m] at the scheme's level in the step that ends at t[k], or in
+            the last part of it where it was halved; zero for components without support. Row 0 is
+            zero.
         """
         return self._history("reactions", "forces")[:, self._number(node)]
 
@@ -246,7 +247,8 @@ class Solution:
         -------
         (n, 3) float
             Force [N] and moment [N m], springs, dampers and motors included, at the scheme's level
-            in the step that ends at t[k]; row 0 is zero.
+            in the step that ends at t[k], or in the last part of it where it was halved; row 0 is
+            zero.
         """
         return self._history("joint_forces", "forces")[:, self._joint(joint)]
 
