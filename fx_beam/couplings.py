@@ -159,12 +159,13 @@ class _Columns:
         nodes = range(len(mesh.X))
         self.roots = [(n, i) for n in nodes for i in range(3) if (n, i) not in follows]
         taken = scene.fixed | set(scene.prescribed)
-        moved = {joint.number for joint, name in motors(scene) if name == "slide"}
+        motored = motors(scene)
+        moved = {joint.number for joint, name in motored if name == "slide"}
         slides = [joint.number for joint in scene.joints if joint.slide is not None]
         free: list[tuple] = [key for key in self.roots if key not in taken]
         free += [("slide", number) for number in slides if number not in moved]
         driven: list[tuple] = list(scene.prescribed)
-        driven += [("motor", joint.number) for joint, _ in motors(scene)]
+        driven += [("motor", joint.number) for joint, _ in motored]
         ground = [_GROUND] if any(b.parent == GROUND.number for b in (*moves, *turns)) else []
         keys = [*free, *driven, *sorted(scene.fixed), *ground]
         self.of: dict[tuple, int] = {key: column for column, key in enumerate(keys)}

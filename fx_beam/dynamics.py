@@ -167,8 +167,6 @@ def _solution(model: Model, recorder: Recorder, stats: Stats) -> Solution:
 
     def resultants_of_beam(name: str) -> BeamResultants:
         if not cache:
-            if "q" not in recorder.arrays:
-                raise ValueError("stress resultants need the motion, which was not recorded")
             q = recorder.arrays["q"][: recorder.rows]
             cache.append(model.forms.resultants(histories["t"], q, *recorder.steps_before()))
         number = [beam.name for beam in scene.beams].index(name)

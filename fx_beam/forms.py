@@ -12,6 +12,7 @@ import numpy as np
 import scipy.sparse
 
 from . import compat
+from .beam import Beam
 from .errors import SceneError
 from .kinematics import Step
 from .mesh import Mesh
@@ -168,8 +169,7 @@ class Forms:
                     f"{what}: it must be linear in step.virtual_u and step.virtual_psi; {error}"
                 ) from error
             if work.beam is not None:
-                inside = self._mesh.beam_of_cell == self._scene.beams.index(work.beam)
-                term = term * compat.cellwise(self._mesh.mesh, inside.astype(float))
+                term = term * on_beam(self._mesh, self._scene, work.beam)
             total = term if total is None else total + term
         return total
 
@@ -285,7 +285,7 @@ class Forms:
         for tag, law in enumerate(self._laws):
             r = self._scheme.resultants(self.step, law)
             expression = compat.compile_expression(ufl.as_vector((r.N, r.Q, r.M)), points)
-            cells = np.flatnonzero(self._law_of_cell == tag).astype(np.int32)
+            cells = self.cells_of(tag).astype(np.int32)
             for k in range(len(t)):
                 self.start.x.array[:] = q_before[k]
                 self._set_increment(q[k] - q_before[k])
@@ -315,3 +315,24 @@ def cell_data(mesh: Mesh, rows: np.ndarray, uniform: bool = True):
     if uniform and (rows == rows[0]).all():
         return compat.constant(mesh.mesh, rows[0])
     return compat.cellwise(mesh.mesh, rows[mesh.beam_of_cell])
+
+
+def on_beam(mesh: Mesh, scene: Scene, beam: Beam):
+    """1 on a beam and 0 on the others, in UFL.
+
+    Parameters
+    ----------
+    mesh : Mesh
+        The mesh of the scene.
+    scene : Scene
+        The scene.
+    beam : Beam
+        One of its beams.
+
+    Returns
+    -------
+    ufl expression
+        Scalar.
+    """
+    inside = np.arange(len(scene.beams)) == scene.beams.index(beam)
+    return cell_data(mesh, inside.astype(float))

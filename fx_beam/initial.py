@@ -51,19 +51,20 @@ def initial_rates(model: Model, driven: np.ndarray) -> np.ndarray:
     if scene.projects_velocities:
         return w
     unit = [1.0, 1.0, 1 / model.mesh.size]
-    gap = model.to_nodes(abs(T @ w - v)) / unit
+    kept = T @ w
+    gap = model.to_nodes(abs(kept - v)) / unit
     # Prescribed motion overrides what was given at its own degree of freedom.
     for key in scene.prescribed:
         gap[key] = 0.0
-        _check_prescribed(model, key, v, T @ w)
-    v[model.prescribed] = (T @ w)[model.prescribed]
+        _check_prescribed(model, key, v, kept)
+    v[model.prescribed] = kept[model.prescribed]
     # The rates of driven motion are differences, and no more accurate than that.
     speed, drive = (abs(model.to_nodes(rates) / unit).max() for rates in (v, led))
     tolerance = 1e-9 * speed + 1e-5 * drive
     if gap.max() > tolerance:
         _check_joints(model, v, driven, tolerance)
         node, component = np.unravel_index(np.argmax(gap), gap.shape)
-        raise SceneError(_message(model, int(node), int(component), v, T @ w))
+        raise SceneError(_message(model, int(node), int(component), v, kept))
     return w
 
 

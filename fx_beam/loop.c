@@ -295,7 +295,6 @@ static int newton(Problem *p, const Work *w, double dt, const double *driven) {
   const double *fields[5] = {p->q, w->D, w->path, p->v, p->a};
   double previous = HUGE_VAL, drive = 0;
   memset(w->z, 0, p->columns * sizeof(double));
-  p->residuals = 0;
   for (int i = 0; i < p->driven; ++i) drive += fabs(driven[i]);
   begin_couplings(p, w);
   expand(p, w);
@@ -307,9 +306,6 @@ static int newton(Problem *p, const Work *w, double dt, const double *driven) {
     multiply(p, p->mass, w->acc, w->r);
     for (int i = 0; i < n; ++i) w->r[i] += w->f[i] - w->force[i];
     project(p, w, w->r, w->reduced);
-    double largest = 0;
-    for (int i = 0; i < free; ++i) largest = larger(largest, fabs(w->reduced[i]));
-    p->residual_history[p->residuals++] = largest;
     memset(w->step, 0, p->columns * sizeof(double));
     tangent(p, w, fields);
     fill_band(p, w, w->r);
@@ -425,10 +421,7 @@ int fx_run(Problem *p, int steps, double dt, const double *forces, long force_st
     Form *forms[4] = {&p->residual, &p->tangent, &p->path_tangent, &p->added};
     for (int i = 0; i < 4; ++i) set_time(forms[i], t, dt);
     p->failure = newton(p, w, dt, change);
-    if (p->failure) {
-      memcpy(p->failed_increment, w->D, n * sizeof(double));
-      return k;
-    }
+    if (p->failure) return k;
 
     /* Work: dead loads, driven motion, added forces. */
     work_increment(p, w->D, w->path, w->slope);

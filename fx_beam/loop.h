@@ -77,8 +77,6 @@ typedef struct {
   /* Work space and report. */
   double *scratch;
   int iterations, failure, by_round_off;
-  int residuals;
-  double *residual_history, *failed_increment;
 } Problem;
 
 /* Histories, a row for every so many steps and for the last; a null pointer is not recorded. */

@@ -18,6 +18,7 @@ from .library import LoopUnavailable, load_library
 from .newton import ENERGY_FLOOR, LONGEST_TURN, NewtonOptions
 from .rates import MidPointRates, NewmarkRates
 from .recorder import Recorder
+from .reduction import Tables
 from .state import State
 from .stepping import Stepper
 
@@ -61,10 +62,11 @@ class CompiledLoop:
         self._problem.has_path = "tangent of the path" in self.model.forms.compiled
         self._problem.has_added = self.model.forms.has_added
         self._hand_over_rates()
-        band = self._hand_over_couplings()
-        self._hand_over_motors_and_joints()
+        tables = self.model.reduction.tables()
+        band = self._hand_over_couplings(tables)
+        self._hand_over_motors_and_joints(tables.joints["number"])
         self._hand_over_newton(options)
-        self._make_room(options)
+        self._make_room()
         stepper.stats.solver = f"compiled, band {band}"
 
     # -- Handing over ---------------------------------------------------------------------------
@@ -88,8 +90,6 @@ class CompiledLoop:
         dofs = compat.element_dofs(mesh.space)
         p.dofs, p.cells, p.cell_dofs = model.size, *dofs.shape
         p.nonzeros, p.nodes = K.nnz, len(mesh.X)
-        per_unit = np.full(model.size, 1 / mesh.size)
-        per_unit[model.turns] = 1.0
         massless = np.flatnonzero(model.massless)
         p.turning, p.lacking = len(model.turns), len(massless)
         # Places of the entries of K, from 1 so that none is a zero.
@@ -107,7 +107,7 @@ class CompiledLoop:
         )
         self._doubles(
             coordinates=compat.element_coordinates(mesh.mesh),
-            per_unit=per_unit,
+            per_unit=1 / model.unit,
             mass=model.mass.data,
             position=mesh.X,
         )
@@ -145,9 +145,8 @@ class CompiledLoop:
         elif type(rates) is not MidPointRates:
             raise LoopUnavailable(f"{type(rates).__name__} is a rule of its own")
 
-    def _hand_over_couplings(self) -> int:
+    def _hand_over_couplings(self, t: Tables) -> int:
         p, reduction = self._problem, self.model.reduction
-        t = reduction.tables()
         p.columns, p.free, p.driven = reduction.columns, reduction.free, reduction.driven
         p.entries, p.joints = len(t.entries["row"]), len(t.joints["number"])
         p.followers = len(t.followers["through"])
@@ -179,7 +178,7 @@ class CompiledLoop:
                 hand_over(**{f"{name}_{'from' if key == 'source' else key}": values})
         return band
 
-    def _hand_over_motors_and_joints(self) -> None:
+    def _hand_over_motors_and_joints(self, bending: np.ndarray) -> None:
         p, model = self._problem, self.model
 
         def turn(node) -> int:
@@ -197,9 +196,7 @@ class CompiledLoop:
             return
         sums, turning = self._stepper.joint_forces.tables
         # Bending joints by the node that carries them.
-        carriers = [
-            model.scene.joints[n].a.number for n in model.reduction.tables().joints["number"]
-        ]
+        carriers = [model.scene.joints[n].a.number for n in bending]
         levers = [
             (j, m, turning[j, node])
             for j in range(p.scene_joints)
@@ -221,7 +218,7 @@ class CompiledLoop:
         p.longest_turn, p.energy_floor = LONGEST_TURN, ENERGY_FLOOR
         p.max_iterations = options.max_iterations
 
-    def _make_room(self, options: NewtonOptions) -> None:
+    def _make_room(self) -> None:
         model, reduction = self.model, self.model.reduction
         sizes = {
             "q": model.size,
@@ -231,8 +228,6 @@ class CompiledLoop:
             "driven_now": reduction.driven,
             "held": reduction.columns - reduction.free,
             "added_force": model.size,
-            "failed_increment": model.size,
-            "residual_history": options.max_iterations,
         }
         self._room = {name: np.zeros(size) for name, size in sizes.items()}
         self._doubles(**self._room)
@@ -268,7 +263,7 @@ class CompiledLoop:
         while done < len(times):
             steps = _equal_steps(state.t, times[done:])
             done += self._run(state, times[done : done + steps], first + done, recorder)
-            state = self._state(float(times[done - 1]) if done else state.t, state)
+            state = self._state(float(times[done - 1]) if done else state.t)
             if self._problem.failure:
                 # The step that failed, in Python, which knows how to halve it.
                 self._problem.failure = 0
@@ -335,7 +330,7 @@ class CompiledLoop:
             forces = forces or [(np.zeros(model.size),) * 2]
         return np.array(forces), driven, error
 
-    def _state(self, t: float, old: State) -> State:
+    def _state(self, t: float) -> State:
         p, room = self._problem, {name: values.copy() for name, values in self._room.items()}
         taken = p.steps_done > 0
         return State(

@@ -12,7 +12,7 @@ import scipy.sparse
 from . import compat
 from .actuators import Actuators
 from .couplings import couple, motors
-from .forms import Forms, cell_data
+from .forms import Forms, cell_data, on_beam
 from .joint_reduction import JointReduction
 from .loads import Loads
 from .mechanism import check_no_massless_mechanism
@@ -47,6 +47,9 @@ class Model:
         self.mesh = build_mesh(scene)
         self.forms = Forms(scene, scheme, self.mesh)
         self.size, self.turns = self.forms.size, self.forms.turns
+        #: Size of a unit increment: the size of the scene for displacements, 1 for rotations.
+        self.unit = np.full(self.size, self.mesh.size)
+        self.unit[self.turns] = 1.0
         #: Names of the compiled forms and of the assembled matrices and vectors.
         self.compiled = list(self.forms.compiled)
         self.assembled: list[str] = []
@@ -130,8 +133,7 @@ class Model:
 
     def _assemble_line_load(self, beam) -> np.ndarray:
         """Nodal forces (size, 2) of a unit line load along x and along y."""
-        inside = self.mesh.beam_of_cell == self.scene.beams.index(beam)
-        where = compat.cellwise(self.mesh.mesh, inside.astype(float))
+        where = on_beam(self.mesh, self.scene, beam)
         direction = compat.constant(self.mesh.mesh, np.zeros(2))
         dx = compat.measure(self.mesh.mesh, self.forms.step.degree + 1)
         work = where * ufl.dot(direction, self.forms.step.virtual_u) * dx

@@ -104,9 +104,6 @@ class Newton:
         self.options = options
         self._reduction = model.reduction
         self._linear = _LinearSolver(model.reduction.pattern)
-        #: Size of a unit correction: the size of the scene for displacements, 1 for rotations.
-        self._unit = np.full(model.size, model.mesh.size)
-        self._unit[model.turns] = 1.0
 
     def solve(
         self, v0: np.ndarray, a0: np.ndarray, dt: float, force: np.ndarray, driven: np.ndarray
@@ -163,8 +160,8 @@ class Newton:
             if LONGEST_TURN < turn < np.inf:
                 step[:free] *= LONGEST_TURN / turn
             y = y - step[:free]
-            size = (abs(correction) / self._unit).max()
-            self._check(size, y, residuals)
+            size = (abs(correction) / model.unit).max()
+            self._check(size, residuals)
             ended_by = None
             if size <= options.tolerance:
                 ended_by = "increment"
@@ -179,7 +176,7 @@ class Newton:
             previous = size
         raise StepFailed(f"no convergence in {options.max_iterations} iterations", D, residuals)
 
-    def _check(self, size: float, y: np.ndarray, residuals: list[float]) -> None:
+    def _check(self, size: float, residuals: list[float]) -> None:
         if not np.isfinite(size):
             D = np.full(self.model.size, np.nan)
             raise StepFailed("the tangent is singular or a value is not finite", D, residuals)

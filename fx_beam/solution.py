@@ -265,12 +265,11 @@ class Solution:
         (n,) float
             Distance [m]; zero to rounding, as joints are no springs.
         """
-        number = self._joint(joint)
+        self._joint(joint)  # refuses one of another scene
         X, q = self.X, self._history("q", "motion")
-        arm = joint.offset + (
-            0.0 if joint.axis is None else self.slides[:, number, None] * joint.axis
-        )
-        arm = np.broadcast_to(arm, (len(self.t), 2))
+        arm = np.broadcast_to(joint.offset, (len(self.t), 2))
+        if joint.axis is not None:
+            arm = arm + self.slide(joint)[:, None] * joint.axis
         psi = np.zeros(len(self.t)) if joint.a is GROUND else q[:, joint.a.number, 2]
         c, s = np.cos(psi), np.sin(psi)
         place = np.column_stack([c * arm[:, 0] - s * arm[:, 1], s * arm[:, 0] + c * arm[:, 1]])
@@ -312,6 +311,7 @@ class Solution:
         BeamResultants
             Axial force N, shear force Q and bending moment M, with their places s.
         """
+        self._history("q", "motion")  # which they are computed from
         return self._resultants_of_beam(self._beam_name(beam))
 
     # -- Files ----------------------------------------------------------------------------------
@@ -354,11 +354,11 @@ class Solution:
         columns["linear momentum x"], columns["linear momentum y"] = self.linear_momentum.T
         columns["angular momentum"] = self.angular_momentum
         for label, node in (nodes or {}).items():
-            number = self._number(node)
-            for i, component in enumerate(COMPONENTS):
-                start = self.X[number, i] if i < 2 else 0.0
-                columns[f"{label} {component}"] = start + self.q[:, number, i]
-                columns[f"{label} {component} rate"] = self.v[:, number, i]
+            motion = *self.position(node).T, self.rotation(node)
+            rates = *self.velocity(node).T, self.spin(node)
+            for component, values, their_rates in zip(COMPONENTS, motion, rates, strict=True):
+                columns[f"{label} {component}"] = values
+                columns[f"{label} {component} rate"] = their_rates
         with open(path, "w", newline="", encoding="utf-8") as file:
             writer = csv.writer(file)
             writer.writerow(columns)

@@ -104,7 +104,7 @@ class Stepper:
         curved = np.zeros(model.size)
         if model.scene.joints and w.any():
             # What joints accelerate at constant rates: the second difference of their motion.
-            k = 1e-4 / (abs(model.to_nodes(state.v)) / [*[model.mesh.size] * 2, 1.0]).max()
+            k = 1e-4 / abs(state.v / model.unit).max()
             ahead, back = (reduction.expand(s * k * w[:free], s * k * w[moved]) for s in (1, -1))
             curved = (ahead + back) / k**2
             reduction.expand(np.zeros(free), np.zeros(reduction.driven))
@@ -277,7 +277,7 @@ class Stepper:
 
     def _message(self, state: State, t1: float, failure: StepFailed, halvings: int) -> str:
         model = self.model
-        D = abs(model.to_nodes(failure.D)) / [model.mesh.size, model.mesh.size, 1.0]
+        D = model.to_nodes(abs(failure.D / model.unit))
         node, component = np.unravel_index(np.argmax(np.nan_to_num(D, nan=np.inf)), D.shape)
         x, y = model.mesh.X[node]
         history = ", ".join(f"{r:.1e}" for r in failure.residuals[-8:])

@@ -1,11 +1,24 @@
 """The scenes that several tests share, built small and without pictures."""
 
+import importlib.util
+from pathlib import Path
+
 import numpy as np
 
 import fx_beam as fb
 
+DEMOS = {path.stem: path for path in (Path(__file__).parents[1] / "demos").glob("*.py")}
+
 PINNED = fb.Section(EA=4e7, GA=1e7, EI=1.3e7, rhoA=0.05, rhoI=1 / 60)
 FLYING = fb.Section(EA=1e4, GA=1e4, EI=100.0, rhoA=1.0, rhoI=10.0)
+
+
+def demo(name):
+    """A demo as a module."""
+    spec = importlib.util.spec_from_file_location(f"demo_{name}", DEMOS[name])
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
 
 
 def pinned_beam(elements=8, degree=1, section=PINNED):

@@ -1,17 +1,15 @@
 """Each demo runs, and its numbers are those it claims; one run of each draws its pictures."""
 
 import functools
-import importlib.util
 import json
 import os
 import subprocess
 import sys
-from pathlib import Path
 
 import numpy as np
 import pytest
+from scenes import DEMOS, demo
 
-DEMOS = {path.stem: path for path in (Path(__file__).parents[1] / "demos").glob("*.py")}
 # Fewer time steps than the script takes; what is checked below is among them.
 QUICK = {
     "pinned_beam": {"steps": (0.01,)},
@@ -37,9 +35,7 @@ PICTURES = {
 @functools.cache
 def numbers(name):
     """What a demo's main returns, computed once."""
-    spec = importlib.util.spec_from_file_location(f"demo_{name}", DEMOS[name])
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
+    module = demo(name)
     assert hasattr(module, "main"), f"demos/{name}.py has no main()"
     return module.main(**QUICK.get(name, {}))
 

@@ -1,14 +1,12 @@
 """The compiled loop against the steps in Python, and what may be recorded."""
 
-import importlib.util
 import logging
-from pathlib import Path
 
 import ufl
 
 import numpy as np
 import pytest
-from scenes import FLYING, free_flight, pendulum, pinned_beam, relative_drift
+from scenes import FLYING, demo, free_flight, pendulum, pinned_beam, relative_drift
 
 import fx_beam as fb
 from fx_beam import library
@@ -22,14 +20,10 @@ SCHEMES = [
     fb.HHT(),
     fb.GeneralizedAlpha(0.8),
 ]
-DEMOS = Path(__file__).parents[1] / "demos"
 
 
-def demo(name):
-    spec = importlib.util.spec_from_file_location(name, DEMOS / f"{name}.py")
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    made = module.scene()
+def demo_scene(name):
+    made = demo(name).scene()
     return made if isinstance(made, fb.Scene) else made[0]
 
 
@@ -68,12 +62,12 @@ def linkage():
 
 
 SCENES = {
-    "pinned beam": (lambda: demo("pinned_beam"), 0.01),
-    "pendulum": (lambda: demo("pendulum"), 0.01),
-    "own physics": (lambda: demo("own_physics"), 0.004),
-    "three-bar swing": (lambda: demo("three_bar_swing"), 5e-4),
-    "multi-body system": (lambda: demo("multibody"), 0.005),
-    "slider crank": (lambda: demo("slider_crank"), 5e-4),
+    "pinned beam": (lambda: demo_scene("pinned_beam"), 0.01),
+    "pendulum": (lambda: demo_scene("pendulum"), 0.01),
+    "own physics": (lambda: demo_scene("own_physics"), 0.004),
+    "three-bar swing": (lambda: demo_scene("three_bar_swing"), 5e-4),
+    "multi-body system": (lambda: demo_scene("multibody"), 0.005),
+    "slider crank": (lambda: demo_scene("slider_crank"), 5e-4),
     "pinned beam of degree 2": (lambda: pinned_beam(4, degree=2)[0], 0.005),
     "flight of degree 3": (lambda: free_flight(4, degree=3)[0], 0.02),
     "frame with everything": (frame_with_everything, 0.005),
