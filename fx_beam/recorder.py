@@ -129,8 +129,10 @@ class Recorder:
             supported, components, places = model.supports
             reactions[:, supported, components] = kept["held"][:, places]
         forces = kept.get("joint_forces", np.empty((0 if "held" not in kept else n, 3 * joints)))
+        t = self._times[self._steps[:n]]
         return {
-            "t": self._times[self._steps[:n]],
+            "t": t,
+            "t_level": t - (1 - model.scheme.rates.level) * (t - self._times_before()),
             "q": at_nodes("q"),
             "v": at_nodes("v"),
             "a": at_nodes("a"),
@@ -142,6 +144,10 @@ class Recorder:
             "angular_momentum": kept["momenta"][:, 2],
         }
 
+    def _times_before(self) -> np.ndarray:
+        """Times (n,) one step of the grid before each row; the start for row 0."""
+        return self._times[np.maximum(self._steps[: self.rows] - 1, 0)]
+
     def steps_before(self) -> tuple[np.ndarray, np.ndarray]:
         """Times (n,) and displacements (n, size) one step before each row; the start for row 0."""
         n = self.rows
@@ -149,4 +155,4 @@ class Recorder:
         if before is None:
             q = self.arrays["q"][:n]
             before = np.vstack([q[:1], q[:-1]])
-        return self._times[np.maximum(self._steps[:n] - 1, 0)], before[:n]
+        return self._times_before(), before[:n]

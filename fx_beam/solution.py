@@ -17,6 +17,7 @@ from .joints import GROUND, Joint
 FORMAT = "fx_beam solution 1"
 HISTORIES = (
     "t",
+    "t_level",
     "X",
     "q",
     "v",
@@ -36,6 +37,8 @@ class Solution:
     ----------
     t : (n,) float
         Times [s].
+    t_level : (n,) float
+        Times at which the rows of `resultants`, `reaction` and `joint_force` hold [s].
     X : (n_node, 2) float
         Reference positions [m].
     q, v, a : (n, n_node, 3) float
@@ -65,6 +68,7 @@ class Solution:
     def __init__(
         self,
         t: np.ndarray,
+        t_level: np.ndarray,
         X: np.ndarray,
         q: np.ndarray,
         v: np.ndarray,
@@ -80,7 +84,7 @@ class Solution:
         nodes_of_beam: dict[str, np.ndarray],
         resultants_of_beam: Callable[[str], BeamResultants],
     ):
-        self.t = t
+        self.t, self.t_level = t, t_level
         self.X = X
         self.q, self.v, self.a = q, v, a
         self.reactions = reactions
@@ -98,12 +102,6 @@ class Solution:
             f"<Solution: {self.stats.scheme}, {len(self.t) - 1} steps to t = {self.t[-1]:g}, "
             f"energy error {abs(self.energy.balance_error).max():.2g} J>"
         )
-
-    @property
-    def t_level(self) -> np.ndarray:
-        """Times (n,) at which the rows of `resultants` and `reaction` hold [s]."""
-        steps = np.diff(self.t, prepend=self.t[0])
-        return self.t - (1 - self.stats.level) * steps
 
     # -- Motion of a node -----------------------------------------------------------------------
 
@@ -367,9 +365,7 @@ class Solution:
     def _history(self, name: str, kind: str) -> np.ndarray:
         rows = getattr(self, name)
         if len(rows) != len(self.t):
-            raise ValueError(
-                f"the {kind} were not recorded; simulate with record=Record({kind}=True)"
-            )
+            raise ValueError(f"{kind} not recorded; simulate with record=Record({kind}=True)")
         return rows
 
     def _number(self, node: Node) -> int:

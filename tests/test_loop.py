@@ -212,7 +212,7 @@ def test_every_so_many_steps_are_rows_of_the_full_record(solver, every):
     thin = fb.simulate(scene, dt=0.01, t_end=1.0, solver=solver, record=fb.Record(every=every))
     rows = np.union1d(np.arange(0, 101, every), [100])
     assert (thin.t == full.t[rows]).all()
-    for history in ("q", "v", "a", "reactions", "linear_momentum", "angular_momentum"):
+    for history in ("t_level", "q", "v", "a", "reactions", "linear_momentum", "angular_momentum"):
         assert (getattr(thin, history) == getattr(full, history)[rows]).all()
     assert (thin.energy.total == full.energy.total[rows]).all()
     assert thin.stats.steps == 100
