@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import functools
 import logging
+import re
 from collections.abc import Callable
 from typing import TypeVar
 
@@ -11,6 +12,9 @@ from mpi4py import MPI
 
 import basix
 import dolfinx
+import ffcx.codegeneration
+import ffcx.compiler
+import ffcx.parameters
 import ufl
 from dolfinx import fem
 from dolfinx.fem import assemble
@@ -178,15 +182,25 @@ def element_coordinates(mesh) -> np.ndarray:
     return np.array([x[ends.links(cell)].ravel() for cell in range(cells)])
 
 
-def kernels(form) -> list[tuple[int, int]]:
-    """Subdomain (-1: all) and address of the function of each integral of a compiled form."""
+def integrals(form) -> list[int]:
+    """Subdomain of each integral of a compiled form (-1: all cells)."""
     cell = 0  # the first of the types of integrals
     ufcx = form.ufcx_form
-    functions = [
-        ufcx.integrals(cell)[i].tabulate_tensor_float64 for i in range(ufcx.num_integrals(cell))
-    ]
-    addresses = [int(_FFI.cast("uintptr_t", function)) for function in functions]
-    return [(ufcx.integral_ids(cell)[i], address) for i, address in enumerate(addresses)]
+    return [ufcx.integral_ids(cell)[i] for i in range(ufcx.num_integrals(cell))]
+
+
+def signature(form) -> str:
+    """What tells a compiled form from others, the version of its compiler included."""
+    return _FFI.string(form.ufcx_form.signature).decode() + ffcx.codegeneration.get_signature()
+
+
+def element_functions(ufl_form) -> tuple[str, list[str]]:
+    """C of the functions that compute a form's element tensors, and their names by integral."""
+    parameters = ffcx.parameters.get_parameters()
+    _, source = ffcx.compiler.compile_ufl_objects([ufl_form], prefix="batch", parameters=parameters)
+    functions = re.findall(r"^void tabulate_tensor_\w+\(.*?^}$", source, re.M | re.S)
+    (listed,) = re.findall(r"integrals_cell_form_\w+\[\d+\] = {(.*?)}", source)
+    return "\n".join(functions), [f"tabulate_tensor_{name}" for name in re.findall(r"\w+", listed)]
 
 
 def coefficient_offsets(form, functions) -> list[tuple[int, int]]:

@@ -1,26 +1,36 @@
-"""The library of the compiled loop: built once, from loop.c, and kept in the user's cache."""
+"""C of our own, built once for each kind of processor and kept in the user's cache."""
 
 from __future__ import annotations
 
+import ctypes
 import functools
 import hashlib
 import logging
 import os
 import subprocess
 import tempfile
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import cffi
 
+from . import compat
+
 _log = logging.getLogger("fx_beam")
-_FLAGS = ("-O3", "-march=native", "-fno-math-errno", "-shared", "-fPIC")
+_HERE = Path(__file__).parent
+_FLAGS = [
+    *("-O3", "-march=native", "-fno-math-errno", "-fno-trapping-math", "-shared", "-fPIC"),
+    # GCC would join sin and cos of one angle in one complex number, of which it has no vectors.
+    *("-fno-builtin-sin", "-fno-builtin-cos"),
+]
 
 
 class LoopUnavailable(Exception):
     """Why a scene cannot run in the compiled loop."""
 
 
+@functools.cache
 def load_library() -> tuple[Any, Any]:
     """The loop's interface and library.
 
@@ -34,37 +44,75 @@ def load_library() -> tuple[Any, Any]:
     LoopUnavailable
         If it cannot be built.
     """
-    library = built()
-    if library is None:
-        raise LoopUnavailable("it cannot be built")
-    return library
+    ffi = cffi.FFI()
+    ffi.cdef((_HERE / "loop.h").read_text())
+    source = (_HERE / "loop.c").read_text()
+    return ffi, ffi.dlopen(str(_build("loop", source, lambda: source)))
 
 
-@functools.cache
-def built() -> tuple[Any, Any] | None:
-    """The library, compiled once for each kind of processor; none, with a warning, if it fails."""
-    here = Path(__file__).parent
-    header, source = ((here / name).read_text() for name in ("loop.h", "loop.c"))
-    key = hashlib.sha256("\n".join([header, source, *_FLAGS, _processor()]).encode()).hexdigest()
+def load_batches(form, ufl_form, size: int, width: int, places: int) -> list[int]:
+    """Functions of a form that compute the tensors of several elements at once.
+
+    Parameters
+    ----------
+    form : dolfinx form
+        The form as compiled.
+    ufl_form : ufl.Form
+        What it was compiled from.
+    size, width, places : int
+        Numbers of entries of an element tensor, of coefficients, and of coordinates.
+
+    Returns
+    -------
+    list of int
+        Address of a ``Batch`` of loop.h for each integral of the form.
+
+    Raises
+    ------
+    LoopUnavailable
+        If they cannot be built.
+    """
+    numbers = f"{size}, {max(width, 1)}, {places}"
+
+    def source() -> str:
+        text, names = compat.element_functions(ufl_form)
+        text = text.replace("void tabulate", "INLINED void tabulate")
+        text = text.replace("for (int", "UNROLLED for (int")
+        batches = [f"BATCH(batch_{i}, {name}, {numbers})" for i, name in enumerate(names)]
+        return "\n".join(['#include "batch.h"', text, *batches, ""])
+
+    path = _build("batch", compat.signature(form) + numbers, source)
+    library = ctypes.CDLL(str(path))
+    functions = [library[f"batch_{i}"] for i in range(len(compat.integrals(form)))]
+    return [ctypes.cast(function, ctypes.c_void_p).value or 0 for function in functions]
+
+
+def _build(kind: str, key: str, source: Callable[[], str]) -> Path:
+    """A shared object from a C source, which is asked for only where the cache does not have it."""
+    headers = [(_HERE / name).read_text() for name in ("loop.h", "batch.h", "vectors.h")]
+    digest = hashlib.sha256("\n".join([key, *headers, *_FLAGS, _processor()]).encode())
     cache = cache_directory()
-    library = cache / f"loop-{key[:16]}.so"
+    library = cache / f"{kind}-{digest.hexdigest()[:16]}.so"
     try:
         if not library.exists():
-            _log.info("compiling the loop over time steps, once")
+            _log.info("compiling a %s of the time steps, once", kind)
             cache.mkdir(parents=True, exist_ok=True)
             # Renamed when it is whole, as several processes may build it.
             with tempfile.TemporaryDirectory(dir=cache) as scratch:
                 out = Path(scratch) / "loop.so"
-                command = ["cc", *_FLAGS, str(here / "loop.c"), "-o", str(out), "-lm"]
-                subprocess.run(command, check=True, capture_output=True, text=True)
+                command = ["cc", *_FLAGS, f"-I{_HERE}", "-x", "c", "-", "-o", str(out), "-lm"]
+                subprocess.run(command, check=True, capture_output=True, text=True, input=source())
                 out.replace(library)
-        ffi = cffi.FFI()
-        ffi.cdef(header)
-        return ffi, ffi.dlopen(str(library))
     except (OSError, subprocess.CalledProcessError) as error:
-        reason = getattr(error, "stderr", None) or error
-        _log.warning("the compiled loop cannot be built, steps run in Python: %s", reason)
-        return None
+        _warn(str(getattr(error, "stderr", None) or error))
+        raise LoopUnavailable("it cannot be built") from error
+    return library
+
+
+@functools.cache
+def _warn(reason: str) -> None:
+    """Say once why."""
+    _log.warning("the compiled loop cannot be built, steps run in Python: %s", reason)
 
 
 def cache_directory() -> Path:

@@ -2,17 +2,16 @@
    functions that FFCx generates from the weak form. It does what newton.py and stepping.py do,
    name by name; nothing of the physics is written here. */
 
-#include <math.h>
-#include <stdint.h>
 #include <string.h>
 
 #include "loop.h"
+#include "vectors.h"
 
 enum { OK, NO_CONVERGENCE, SINGULAR, TURNED_TOO_FAR };
 
 typedef struct {
   double *D, *path, *slope, *acc, *accslope, *f, *r, *reduced, *step, *correction, *z;
-  double *stiffness, *band, *values, *hat, *psi0, *rho0, *t0, *rho1, *t1, *mean_t, *guide_slope;
+  double *tangent, *values, *hat, *psi0, *rho0, *t0, *rho1, *t1, *mean_t, *guide_slope;
   double *guide_bend, *passing, *columns, *y, *start, *force, *left;
 } Work;
 
@@ -30,8 +29,7 @@ static long lay_out(const Problem *p, Work *w, double *at) {
   w->correction = take(&at, n), w->force = take(&at, n), w->left = take(&at, n);
   w->reduced = take(&at, c), w->step = take(&at, c), w->z = take(&at, c), w->columns = take(&at, c);
   w->y = take(&at, c), w->start = take(&at, c);
-  w->stiffness = take(&at, p->nonzeros);
-  w->band = take(&at, (long)p->free * (2 * p->band + 1));
+  w->tangent = take(&at, p->places);
   w->values = take(&at, 1 + 4 * j), w->hat = take(&at, 1 + 4 * j);
   w->psi0 = take(&at, j), w->rho0 = take(&at, 2 * j), w->t0 = take(&at, 2 * j);
   w->rho1 = take(&at, 2 * j), w->t1 = take(&at, 2 * j), w->mean_t = take(&at, 2 * j);
@@ -46,31 +44,33 @@ long fx_scratch(const Problem *p) {
 
 /* -- Forms ----------------------------------------------------------------------------------- */
 
-/* Adds the element tensors of a form to a vector, to matrix entries, or to a number. */
+/* Adds the element tensors of a form to a vector, to matrix entries, of which the columns may have
+   factors, or to a number. */
 static void assemble(const Problem *p, const Form *form, const double *const *fields, int rank,
-                     double *out) {
-  int nd = p->cell_dofs, size = rank == 2 ? nd * nd : rank == 1 ? nd : 1, none = 0;
-  double A[12 * 12];
-  for (int i = 0; i < form->integrals; ++i)
-    for (int k = 0; k < form->cells_of[i]; ++k) {
-      int cell = form->cells[i][k];
-      const int *dofs = p->dofs_of_cell + (long)cell * nd;
-      double *w = form->packed[i] + (long)k * form->width;
+                     const double *factor, double *out) {
+  int nd = p->cell_dofs, size = rank == 2 ? nd * nd : rank == 1 ? nd : 1;
+  double A[12 * 12 * LANES];
+  for (int i = 0; i < form->integrals; ++i) {
+    const Integral *of = form->of + i;
+    for (long block = 0; block * LANES < of->cells; ++block) {
+      const int *dofs = of->dofs + block * nd * LANES;
+      double *w = of->packed + block * form->width * LANES;
       for (int m = 0; m < form->moving; ++m) {
         const double *field = fields[form->kind[m]];
-        double *to = w + form->offset[m];
-        for (int j = 0; j < nd; ++j) to[j] = field[dofs[j]];
+        double *to = w + form->offset[m] * LANES;
+        for (int j = 0; j < nd * LANES; ++j) to[j] = field[dofs[j]];
       }
-      memset(A, 0, size * sizeof *A);
-      form->kernels[i](A, w, form->constants, p->coordinates + (long)cell * 6, &none, 0);
-      if (rank == 2) {
-        const int *place = p->place + (long)cell * size;
-        for (int j = 0; j < size; ++j) out[place[j]] += A[j];
-      } else if (rank == 1)
-        for (int j = 0; j < nd; ++j) out[dofs[j]] += A[j];
-      else
-        out[0] += A[0];
+      of->batch(A, w, form->constants, of->coordinates + block * p->cell_coordinates * LANES);
+      if (factor)
+        for (int j = 0; j < size; ++j)
+          for (int l = 0; l < LANES; ++l) A[j * LANES + l] *= factor[dofs[j % nd * LANES + l]];
+      long left = of->cells - block * LANES;
+      int lanes = left < LANES ? left : LANES;
+      const int *to = rank == 2 ? of->place + block * size * LANES : dofs;
+      for (int j = 0; j < size; ++j)
+        for (int l = 0; l < lanes; ++l) out[rank ? to[j * LANES + l] : 0] += A[j * LANES + l];
     }
+  }
 }
 
 static void set_time(Form *form, double t, double dt) {
@@ -82,25 +82,37 @@ static void set_time(Form *form, double t, double dt) {
 /* Also NaN, which a comparison would lose. */
 static inline double larger(double a, double b) { return b <= a ? a : b; }
 
-static void multiply(const Problem *p, const double *values, const double *x, double *out) {
+static void times_mass(const Problem *p, const double *x, double *out) {
   for (int i = 0; i < p->dofs; ++i) {
     double sum = 0;
-    for (int k = p->row_start[i]; k < p->row_start[i + 1]; ++k) sum += values[k] * x[p->column_of[k]];
+    for (int k = p->mass_start[i]; k < p->mass_start[i + 1]; ++k)
+      sum += p->mass[k] * x[p->mass_column[k]];
     out[i] = sum;
   }
 }
 
+/* Row of the full tangent times a vector. */
+static double row_times(const Problem *p, const double *tangent, int row, const double *x) {
+  double sum = 0;
+  for (int k = p->row_start[row]; k < p->row_start[row + 1]; ++k)
+    sum += tangent[p->place[k]] * x[p->column_of[k]];
+  return sum;
+}
+
 /* -- Rates (rates.py) -------------------------------------------------------------------------- */
 
-static void work_increment(const Problem *p, const double *D, double *path, double *slope) {
+static void work_increment(const Problem *p, const Work *w) {
+  double *D = w->D, *path = w->path, *slope = w->slope, *tangent = w->left;
   memcpy(path, D, p->dofs * sizeof *D);
   for (int i = 0; i < p->dofs; ++i) slope[i] = 1;
-  if (p->rule == 0)
-    for (int i = 0; i < p->turning; ++i) {
-      int k = p->turns[i];
-      double tangent = tan(D[k] / 2);
-      path[k] = 2 * tangent, slope[k] = 1 + tangent * tangent;
-    }
+  if (p->rule != 0) return;
+  for (int i = 0; i < p->turning; ++i) tangent[i] = D[p->turns[i]] / 2;
+  /* Apart from the numbering, so that it becomes a loop over vectors. */
+  for (int i = 0; i < p->turning; ++i) tangent[i] = sin(tangent[i]) / cos(tangent[i]);
+  for (int i = 0; i < p->turning; ++i) {
+    int k = p->turns[i];
+    path[k] = 2 * tangent[i], slope[k] = 1 + tangent[i] * tangent[i];
+  }
 }
 
 static double newmark_end(const Problem *p, double D, double v0, double a0, double dt) {
@@ -207,13 +219,13 @@ static void transmitted(const Problem *p, const Work *w, const double *r) {
   }
 }
 
-static void fill_band(const Problem *p, const Work *w, const double *r) {
-  memset(w->band, 0, (long)p->free * (2 * p->band + 1) * sizeof(double));
-  const double *K = w->stiffness;
-  for (int k = 0; k < p->plain; ++k) w->band[p->plain_to[k]] += K[p->plain_from[k]];
+/* Completes the reduced tangent, in the band. */
+static void reduce_tangent(const Problem *p, const Work *w, const double *r) {
+  double *K = w->tangent;
+  for (int k = 0; k < p->plain; ++k) K[p->plain_to[k]] += K[p->plain_from[k]];
   for (int k = 0; k < p->mixed; ++k)
-    w->band[p->mixed_to[k]] += K[p->mixed_from[k]] * w->hat[p->mixed_hat[k]] *
-                               w->values[p->mixed_value[k]] * p->mixed_sign[k];
+    K[p->mixed_to[k]] += K[p->mixed_from[k]] * w->hat[p->mixed_hat[k]] *
+                         w->values[p->mixed_value[k]] * p->mixed_sign[k];
   if (p->second) transmitted(p, w, r);
   for (int k = 0; k < p->second; ++k) {
     int j = p->second_joint[k];
@@ -226,35 +238,47 @@ static void fill_band(const Problem *p, const Work *w, const double *r) {
     else
       term = w->guide_bend[j] * (F0 * w->mean_t[2 * j] + F1 * w->mean_t[2 * j + 1]) +
              w->guide_slope[j] * turned;
-    w->band[p->second_to[k]] += p->second_sign[k] * term;
+    K[p->second_to[k]] += p->second_sign[k] * term;
   }
 }
 
 /* -- Newton's method (newton.py) --------------------------------------------------------------- */
 
+/* Takes a column out of the rows below it; `reach` of them have it. */
+INLINED void eliminate(int band, int reach, double *restrict pivot, double *restrict b) {
+  double inverse = pivot[0] = 1 / pivot[0], above = b[0];
+  UNROLLED for (int i = 1; i <= reach; ++i) {
+    double *restrict row = pivot + i * 2 * band;
+    double factor = row[0] * inverse;
+    UNROLLED for (int j = 1; j <= reach; ++j) row[j] -= factor * pivot[j];
+    b[i] -= factor * above;
+  }
+}
+
+/* Unknown of a row whose `reach` followers are known; the nearest comes last, as it is the newest. */
+INLINED void substitute(int reach, const double *restrict row, double *restrict b) {
+  double sum = b[0];
+  UNROLLED for (int j = reach; j > 0; --j) sum -= row[j] * b[j];
+  b[0] = sum * row[0];
+}
+
 /* LU in place without pivoting, and the solution in place of b; 0 if a pivot vanishes. */
-static inline __attribute__((always_inline)) int solve(int n, int band, double *restrict A,
-                                                       double *restrict b) {
-  int width = 2 * band + 1;
+INLINED int solve(int n, int band, double *A, double *b) {
+  double *diagonal = A + band;
+  long row = 2 * band + 1;
   for (int k = 0; k < n; ++k) {
-    double *restrict pivot = A + (long)k * width + band;
-    if (!(fabs(*pivot) > 1e-300)) return 0;
-    pivot[0] = 1 / pivot[0];
-    int length = k + band < n ? band : n - 1 - k;
-    for (int i = 1; i <= length; ++i) {
-      double *restrict row = A + (long)(k + i) * width + band - i;
-      double factor = row[0] * pivot[0];
-      for (int j = 1; j <= length; ++j) row[j] -= factor * pivot[j];
-      b[k + i] -= factor * b[k];
-    }
+    if (!(fabs(diagonal[k * row]) > 1e-300)) return 0;
+    /* Apart, so that the loops have a constant length but at the end. */
+    if (k + band < n)
+      eliminate(band, band, diagonal + k * row, b + k);
+    else
+      eliminate(band, n - 1 - k, diagonal + k * row, b + k);
   }
-  for (int i = n - 1; i >= 0; --i) {
-    const double *restrict row = A + (long)i * width + band;
-    int last = i + band < n ? band : n - 1 - i;
-    double sum = b[i];
-    for (int j = 1; j <= last; ++j) sum -= row[j] * b[i + j];
-    b[i] = sum * row[0];
-  }
+  for (int k = n - 1; k >= 0; --k)
+    if (k + band < n)
+      substitute(band, diagonal + k * row, b + k);
+    else
+      substitute(n - 1 - k, diagonal + k * row, b + k);
   return 1;
 }
 
@@ -271,23 +295,29 @@ static int solve_band(int n, int band, double *A, double *b) {
 /* Twice the kinetic energy at the start of the step. */
 static double kinetic(const Problem *p, const Work *w) {
   double sum = 0;
-  multiply(p, p->mass, p->v, w->left);
+  times_mass(p, p->v, w->left);
   for (int i = 0; i < p->dofs; ++i) sum += p->v[i] * w->left[i];
   return sum;
 }
 
 static void tangent(const Problem *p, const Work *w, const double *const *fields) {
-  double *K = w->stiffness;
-  if (p->has_path) {
-    memset(K, 0, p->nonzeros * sizeof(double));
-    assemble(p, &p->path_tangent, fields, 2, K);
-    for (int k = 0; k < p->nonzeros; ++k) {
-      int j = p->column_of[k];
-      K[k] = K[k] * w->slope[j] + p->mass[k] * w->accslope[j];
-    }
-  } else
-    for (int k = 0; k < p->nonzeros; ++k) K[k] = p->mass[k] * w->accslope[p->column_of[k]];
-  assemble(p, &p->tangent, fields, 2, K);
+  double *K = w->tangent;
+  memset(K, 0, p->places * sizeof(double));
+  assemble(p, &p->tangent, fields, 2, 0, K);
+  assemble(p, &p->path_tangent, fields, 2, w->slope, K);
+  for (int i = 0; i < p->dofs; ++i)
+    for (int k = p->mass_start[i]; k < p->mass_start[i + 1]; ++k)
+      K[p->mass_place[k]] += p->mass[k] * w->accslope[p->mass_column[k]];
+}
+
+/* Forces of supports and joints after the correction, to first order; elsewhere none are left. */
+static void settle(const Problem *p, const Work *w) {
+  memset(w->left, 0, p->dofs * sizeof(double));
+  for (int k = 0; k < p->reacting; ++k) {
+    int i = p->reacts[k];
+    w->left[i] = w->r[i] - row_times(p, w->tangent, i, w->correction);
+  }
+  memcpy(w->r, w->left, p->dofs * sizeof(double));
 }
 
 static int newton(Problem *p, const Work *w, double dt, const double *driven) {
@@ -299,25 +329,25 @@ static int newton(Problem *p, const Work *w, double dt, const double *driven) {
   begin_couplings(p, w);
   expand(p, w);
   for (int iteration = 1; iteration <= p->max_iterations; ++iteration) {
-    work_increment(p, w->D, w->path, w->slope);
+    work_increment(p, w);
     acceleration(p, w, dt);
     memset(w->f, 0, n * sizeof(double));
-    assemble(p, &p->residual, fields, 1, w->f);
-    multiply(p, p->mass, w->acc, w->r);
+    assemble(p, &p->residual, fields, 1, 0, w->f);
+    times_mass(p, w->acc, w->r);
     for (int i = 0; i < n; ++i) w->r[i] += w->f[i] - w->force[i];
     project(p, w, w->r, w->reduced);
     memset(w->step, 0, p->columns * sizeof(double));
     tangent(p, w, fields);
-    fill_band(p, w, w->r);
+    reduce_tangent(p, w, w->r);
     if (iteration == 1 && drive > 0) {
       for (int i = 0; i < p->driven; ++i) w->step[free + i] = -driven[i];
       spread(p, w, w->step, w->correction);
-      multiply(p, w->stiffness, w->correction, w->left);
-      for (int i = 0; i < n; ++i) w->left[i] = w->r[i] - w->left[i];
+      for (int i = 0; i < n; ++i)
+        w->left[i] = w->r[i] - row_times(p, w->tangent, i, w->correction);
       project(p, w, w->left, w->reduced);
     }
     for (int i = 0; i < free; ++i) w->y[p->order[i]] = w->reduced[i];
-    if (!solve_band(free, p->band, w->band, w->y)) return SINGULAR;
+    if (!solve_band(free, p->band, w->tangent, w->y)) return SINGULAR;
     for (int i = 0; i < free; ++i) w->step[i] = w->y[p->order[i]];
     spread(p, w, w->step, w->correction);
     double size = 0, widest = 0, lack = 0;
@@ -338,10 +368,7 @@ static int newton(Problem *p, const Work *w, double dt, const double *driven) {
       for (int i = 0; i < n; ++i) energy += fabs(w->f[i]) * fabs(w->D[i]);
       floor = fabs(lack) <= p->energy_floor * energy;
     }
-    if (small || floor) {
-      multiply(p, w->stiffness, w->correction, w->left);
-      for (int i = 0; i < n; ++i) w->r[i] -= w->left[i];
-    }
+    if (small || floor) settle(p, w);
     expand(p, w);
     for (int i = 0; i < p->turning; ++i)
       if (fabs(w->D[p->turns[i]]) > p->max_turn) return TURNED_TOO_FAR;
@@ -387,11 +414,11 @@ static void record(Problem *p, const Work *w, Record *to) {
   if (to->slides) memcpy(to->slides + k * p->slides, p->slide, p->slides * sizeof(double));
   if (to->joint_forces) joint_forces(p, w, to->joint_forces + k * 3 * p->scene_joints);
   double *momentum = w->left, *energy = to->energies + 4 * k, *sums = to->momenta + 3 * k;
-  multiply(p, p->mass, p->v, momentum);
+  times_mass(p, p->v, momentum);
   memset(energy, 0, 4 * sizeof(double)), memset(sums, 0, 3 * sizeof(double));
   for (int i = 0; i < n; ++i) energy[0] += p->v[i] * momentum[i] / 2;
   const double *fields[5] = {p->q, w->D, w->path, p->v, p->a};
-  assemble(p, &p->energy, fields, 0, energy + 1);
+  assemble(p, &p->energy, fields, 0, 0, energy + 1);
   if (p->weight)
     for (int i = 0; i < n; ++i) energy[2] -= p->weight[i] * p->q[i];
   energy[3] = p->work;
@@ -424,7 +451,7 @@ int fx_run(Problem *p, int steps, double dt, const double *forces, long force_st
     if (p->failure) return k;
 
     /* Work: dead loads, driven motion, added forces. */
-    work_increment(p, w->D, w->path, w->slope);
+    work_increment(p, w);
     for (int i = 0; i < n; ++i)
       p->work += ((F0[i] + F1[i]) / 2 - (p->weight ? p->weight[i] : 0)) * w->path[i];
     project(p, w, w->r, w->columns);
@@ -443,7 +470,7 @@ int fx_run(Problem *p, int steps, double dt, const double *forces, long force_st
     if (p->has_added) {
       const double *fields[5] = {p->q, w->D, w->path, p->v, p->a};
       memset(w->f, 0, n * sizeof(double));
-      assemble(p, &p->added, fields, 1, w->f);
+      assemble(p, &p->added, fields, 1, 0, w->f);
       for (int i = 0; i < n; ++i) p->work += mid(p, w->f[i], p->added_force[i]) * w->path[i];
       memcpy(p->added_force, w->f, n * sizeof(double));
     }

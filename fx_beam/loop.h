@@ -1,14 +1,24 @@
-typedef void kernel(double *, const double *, const double *, const double *, const int *,
-                    const uint8_t *);
+/* Elements that one call computes. */
+enum { LANES = 8 };
 
-/* A compiled form: one integral for each law, its coefficients packed cell by cell. */
+/* Element tensors from coefficients, constants and coordinates; all but the constants for LANES
+   elements, entry k of lane l at [k][l]. */
+typedef void Batch(double *, const double *, const double *, const double *);
+
+/* The elements of one integral, in blocks of LANES; the last block repeats the last element. */
 typedef struct {
-  int integrals;
-  kernel **kernels;
-  int *cells_of;       /* number of cells of each integral */
-  int **cells;         /* the cells */
-  double **packed;     /* (cells, width) coefficients; those that move are filled in */
-  int width;
+  Batch *batch;
+  int cells;
+  int *dofs;           /* [block][cell dof][lane] */
+  int *place;          /* [block][cell dof, cell dof][lane]: places in the tangent */
+  double *coordinates; /* [block][coordinate][lane] */
+  double *packed;      /* [block][coefficient][lane]; those that move are filled in */
+} Integral;
+
+/* A compiled form: one integral for each law. */
+typedef struct {
+  int integrals, width;
+  Integral *of;
   int moving;          /* coefficients that move: 0 start, 1 increment, 2 path, 3 v, 4 a */
   int *kind, *offset;
   double *constants;
@@ -16,18 +26,23 @@ typedef struct {
 } Form;
 
 typedef struct {
-  int dofs, cells, cell_dofs, columns, free, driven, nonzeros;
-  int *dofs_of_cell;    /* (cells, cell_dofs) */
-  double *coordinates;  /* (cells, 6) */
+  int dofs, cell_dofs, cell_coordinates, columns, free, driven;
   int *turns, turning;  /* rotations */
   int *massless, lacking;
   double *per_unit;     /* one over the size of a unit correction of each degree of freedom */
 
   Form residual, tangent, path_tangent, energy, added;
-  int has_path, has_added;
-  int *row_start, *column_of; /* sparsity of the full tangent */
-  int *place;           /* (cells, cell_dofs, cell_dofs) places of element entries */
-  double *mass, *weight; /* weight may be null */
+  int has_added;
+  double *weight;       /* may be null */
+
+  /* The full tangent in compressed rows, of which `place` gives the values: entries of unknowns that
+     nothing else follows stand in the band of the reduced tangent, the others behind it. */
+  int places;
+  int *row_start, *column_of, *place;
+  int reacting, *reacts; /* rows of the others: supports and joints */
+  /* Entries of the mass matrix other than zero. */
+  int *mass_start, *mass_column, *mass_place;
+  double *mass;
 
   /* Coupling: entries of T and That, sorted by rows; value 0 is the constant 1. */
   int entries;

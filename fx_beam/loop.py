@@ -11,10 +11,10 @@ from typing import Any
 
 import numpy as np
 import scipy.sparse
-from scipy.sparse.csgraph import reverse_cuthill_mckee
 
 from . import compat
-from .library import LoopUnavailable, load_library
+from .band import alone_in_column, in_band, places_in_band
+from .library import LoopUnavailable, load_batches, load_library
 from .newton import ENERGY_FLOOR, LONGEST_TURN, NewtonOptions
 from .rates import MidPointRates, NewmarkRates
 from .recorder import Recorder
@@ -49,7 +49,9 @@ class CompiledLoop:
         self._ffi, self._library = load_library()
         self._keep: list[Any] = []
         self._problem = self._ffi.new("Problem *")
-        self._hand_over_mesh()
+        tables = self.model.reduction.tables()
+        band, place = self._hand_over_couplings(tables)
+        self._hand_over_mesh(place)
         for name, form in (
             ("residual", "internal forces"),
             ("tangent", "tangent"),
@@ -59,11 +61,8 @@ class CompiledLoop:
         ):
             if form in self.model.forms.compiled:
                 self._hand_over_form(getattr(self._problem, name), *self.model.forms.compiled[form])
-        self._problem.has_path = "tangent of the path" in self.model.forms.compiled
         self._problem.has_added = self.model.forms.has_added
         self._hand_over_rates()
-        tables = self.model.reduction.tables()
-        band = self._hand_over_couplings(tables)
         self._hand_over_motors_and_joints(tables.joints["number"])
         self._hand_over_newton(options)
         self._make_room()
@@ -73,69 +72,84 @@ class CompiledLoop:
 
     def _ints(self, **arrays) -> None:
         for name, values in arrays.items():
-            setattr(self._problem, name, self._pointer(values, np.int32, "int *"))
+            setattr(self._problem, name, self._pointer(values, np.int32))
 
     def _doubles(self, **arrays) -> None:
         for name, values in arrays.items():
-            setattr(self._problem, name, self._pointer(values, np.float64, "double *"))
+            setattr(self._problem, name, self._pointer(values, np.float64))
 
-    def _pointer(self, values, dtype, kind: str):
-        array = np.ascontiguousarray(values, dtype=dtype)
-        self._keep.append(array)  # C holds no reference
-        return self._ffi.cast(kind, array.ctypes.data)
+    def _pointer(self, values, dtype):
+        array = self._kept(np.ascontiguousarray(values, dtype=dtype))
+        return self._ffi.cast("int *" if dtype == np.int32 else "double *", array.ctypes.data)
 
-    def _hand_over_mesh(self) -> None:
+    def _kept(self, data):
+        """What C holds no reference to."""
+        self._keep.append(data)
+        return data
+
+    def _hand_over_mesh(self, place: np.ndarray) -> None:
         model, p = self.model, self._problem
-        mesh, K = model.mesh, model.forms.stiffness
-        dofs = compat.element_dofs(mesh.space)
-        p.dofs, p.cells, p.cell_dofs = model.size, *dofs.shape
-        p.nonzeros, p.nodes = K.nnz, len(mesh.X)
+        mesh, K, mass = model.mesh, model.forms.stiffness, model.mass
+        dofs, coordinates = compat.element_dofs(mesh.space), compat.element_coordinates(mesh.mesh)
+        p.dofs, p.nodes = model.size, len(mesh.X)
+        p.cell_dofs, p.cell_coordinates = dofs.shape[1], coordinates.shape[1]
         massless = np.flatnonzero(model.massless)
         p.turning, p.lacking = len(model.turns), len(massless)
-        # Places of the entries of K, from 1 so that none is a zero.
+        # Numbers of the entries of K, from 1 so that none is a zero.
         numbered = scipy.sparse.csr_matrix((np.arange(1, K.nnz + 1), K.indices, K.indptr), K.shape)
         n = dofs.shape[1]
-        places = numbered[np.repeat(dofs, n, axis=1).ravel(), np.tile(dofs, (1, n)).ravel()]
+        entries = numbered[np.repeat(dofs, n, axis=1).ravel(), np.tile(dofs, (1, n)).ravel()]
+        #: What element functions and their results refer to, cell by cell.
+        self._cell_data = {
+            "dofs": dofs,
+            "place": place[np.asarray(entries).reshape(len(dofs), n * n) - 1],
+            "coordinates": coordinates,
+        }
+        heavy = mass.data != 0
         self._ints(
-            dofs_of_cell=dofs,
             turns=model.turns,
             massless=massless,
             row_start=K.indptr,
             column_of=K.indices,
-            place=np.asarray(places).ravel() - 1,
+            place=place,
+            mass_start=np.concatenate([[0], np.cumsum(heavy)])[mass.indptr],
+            mass_column=mass.indices[heavy],
+            mass_place=place[heavy],
             node_dofs=mesh.dofs,
         )
-        self._doubles(
-            coordinates=compat.element_coordinates(mesh.mesh),
-            per_unit=1 / model.unit,
-            mass=model.mass.data,
-            position=mesh.X,
-        )
+        self._doubles(per_unit=1 / model.unit, mass=mass.data[heavy], position=mesh.X)
         if model.weight is not None:
             self._doubles(weight=model.weight)
 
     def _hand_over_form(self, out, form, ufl_form) -> None:
-        ffi, forms = self._ffi, self.model.forms
-        kernels, packed = compat.kernels(form), compat.packed_coefficients(form)
-        cells = [forms.cells_of(tag) for tag, _ in kernels]
-        data = [packed[tag] for tag, _ in kernels]
-        lists = (
-            ffi.new("kernel *[]", [ffi.cast("kernel *", address) for _, address in kernels]),
-            ffi.new("int *[]", [self._pointer(own, np.int32, "int *") for own in cells]),
-            ffi.new("double *[]", [self._pointer(own, np.float64, "double *") for own in data]),
-        )
-        self._keep += lists
-        out.integrals, out.width = len(kernels), data[0].shape[1]
-        out.kernels, out.cells, out.packed = lists
-        out.cells_of = self._pointer([len(own) for own in cells], np.int32, "int *")
+        ffi, p, forms = self._ffi, self._problem, self.model.forms
+        packed = compat.packed_coefficients(form)
+        tags = compat.integrals(form)
+        out.integrals, out.width = len(tags), packed[tags[0]].shape[1]
+        size = p.cell_dofs ** len(ufl_form.arguments())
+        batches = load_batches(form, ufl_form, size, out.width, p.cell_coordinates)
+        out.of = integrals = self._kept(ffi.new("Integral[]", len(tags)))
+        for of, tag, batch in zip(integrals, tags, batches, strict=True):
+            cells = forms.cells_of(tag)
+            of.batch, of.cells = ffi.cast("Batch *", batch), len(cells)
+            for name, rows in self._cell_data.items():
+                setattr(of, name, self._lanes(rows[cells]))
+            of.packed = self._lanes(packed[tag])
         moving = compat.coefficient_offsets(form, forms.moving)
         out.moving = len(moving)
-        out.kind = self._pointer([kind for kind, _ in moving], np.int32, "int *")
-        out.offset = self._pointer([offset for _, offset in moving], np.int32, "int *")
+        out.kind = self._pointer([kind for kind, _ in moving], np.int32)
+        out.offset = self._pointer([offset for _, offset in moving], np.int32)
         sought = forms.time, forms.dt
         constants, places = compat.packed_constants(form, ufl_form, sought)
-        out.constants = self._pointer(constants, np.float64, "double *")
+        out.constants = self._pointer(constants, np.float64)
         out.time_at, out.dt_at = places
+
+    def _lanes(self, rows: np.ndarray):
+        """Pointer to rows in blocks of LANES, column by column; the last row fills the last one."""
+        lanes = self._library.LANES
+        padded = np.pad(rows, ((0, -len(rows) % lanes), (0, 0)), mode="edge")
+        blocks = padded.reshape(len(padded) // lanes, lanes, rows.shape[1]).swapaxes(1, 2)
+        return self._pointer(blocks, np.float64 if rows.dtype == np.float64 else np.int32)
 
     def _hand_over_rates(self) -> None:
         p, rates = self._problem, self.model.scheme.rates
@@ -145,7 +159,8 @@ class CompiledLoop:
         elif type(rates) is not MidPointRates:
             raise LoopUnavailable(f"{type(rates).__name__} is a rule of its own")
 
-    def _hand_over_couplings(self, t: Tables) -> int:
+    def _hand_over_couplings(self, t: Tables) -> tuple[int, np.ndarray]:
+        """Half width of the band, and where each entry of the full tangent stands."""
         p, reduction = self._problem, self.model.reduction
         p.columns, p.free, p.driven = reduction.columns, reduction.free, reduction.driven
         p.entries, p.joints = len(t.entries["row"]), len(t.joints["number"])
@@ -166,17 +181,31 @@ class CompiledLoop:
             axis=t.joints["axis"],
             joint_sign=t.joints["sign"],
         )
-        band, order, at = _banded(*reduction.pattern)
-        p.band = band
-        self._ints(order=order)
-        for name in ("plain", "mixed", "second"):
-            table = getattr(t, name)
+        if not reduction.free:
+            raise LoopUnavailable("there are no unknowns")
+        band, order, at = in_band(*reduction.pattern)
+        if band > _WIDEST_BAND:
+            raise LoopUnavailable(f"a band of {band} is too wide")
+        alone = alone_in_column(t, self.model.size, reduction.free)
+        behind = reduction.free * (2 * band + 1)
+        place, places = places_in_band(t, self.model.forms.stiffness, alone, at, behind)
+        reacts = np.flatnonzero(~alone)
+        p.band, p.places, p.reacting = band, places, len(reacts)
+        self._ints(order=order, reacts=reacts)
+        added = place[t.plain["source"]] >= behind
+        plain = {key: values[added] for key, values in t.plain.items()}
+        for name, table in (("plain", plain), ("mixed", t.mixed), ("second", t.second)):
             setattr(p, name, len(table["to"]))
             for key, values in table.items():
-                values = at[values] if key == "to" else values
-                hand_over = self._doubles if key == "sign" else self._ints
-                hand_over(**{f"{name}_{'from' if key == 'source' else key}": values})
-        return band
+                if key == "sign":
+                    self._doubles(**{f"{name}_sign": values})
+                elif key == "to":
+                    self._ints(**{f"{name}_to": at[values]})
+                elif key == "source":
+                    self._ints(**{f"{name}_from": place[values]})
+                else:
+                    self._ints(**{f"{name}_{key}": values})
+        return band, place
 
     def _hand_over_motors_and_joints(self, bending: np.ndarray) -> None:
         p, model = self._problem, self.model
@@ -351,18 +380,3 @@ def _equal_steps(t: float, times: np.ndarray) -> int:
     steps = np.diff(times, prepend=t)
     different = abs(steps / steps[0] - 1) > 1e-6
     return int(np.argmax(different)) if different.any() else len(steps)
-
-
-def _banded(indptr: np.ndarray, indices: np.ndarray) -> tuple[int, np.ndarray, np.ndarray]:
-    """Half band width, place of each unknown in it, and place of each entry."""
-    n = len(indptr) - 1
-    if n == 0:
-        raise LoopUnavailable("there are no unknowns")
-    graph = scipy.sparse.csr_matrix((np.ones(len(indices)), indices, indptr), (n, n))
-    order = np.empty(n, dtype=int)
-    order[reverse_cuthill_mckee((graph + graph.T).tocsr(), symmetric_mode=True)] = np.arange(n)
-    rows, columns = order[np.repeat(np.arange(n), np.diff(indptr))], order[indices]
-    band = int(abs(rows - columns).max(initial=0))
-    if band > _WIDEST_BAND:
-        raise LoopUnavailable(f"a band of {band} is too wide")
-    return band, order, rows * (2 * band + 1) + band + columns - rows

@@ -47,6 +47,7 @@ LAYERS = [
     "newton",
     "stepping",
     "library",
+    "band",
     "loop",
     "dynamics",
     # the door, and pictures beside it

@@ -114,7 +114,8 @@ def test_the_loop_computes_what_python_and_petsc_compute(name, scheme):
     for part in ("kinetic", "strain", "potential", "work"):
         difference = getattr(compiled.energy, part)[:n] - getattr(reference.energy, part)[:n]
         assert abs(difference).max() < 100 * close * scale
-    if n == 101:
+    # How long an iteration hovers at round-off is chance: sums in another order, one rounding less.
+    if n == 101 and "round-off" not in compiled.stats.ended_by | reference.stats.ended_by:
         iterations = [s.stats.newton_iterations for s in (compiled, reference)]
         assert iterations[0] == pytest.approx(iterations[1], rel=0.05)
 
@@ -178,13 +179,13 @@ def test_without_a_compiler_python_takes_over_with_one_warning(monkeypatch, tmp_
     def no_compiler(*_, **__):
         raise FileNotFoundError("cc")
 
-    library.built.cache_clear()
+    library.load_library.cache_clear()
     monkeypatch.setattr(library, "cache_directory", lambda: tmp_path)
     monkeypatch.setattr(library.subprocess, "run", no_compiler)
     scene, _ = pendulum()
     with caplog.at_level(logging.WARNING, logger="fx_beam"):
         solutions = [fb.simulate(scene, dt=0.01, t_end=0.1) for _ in range(2)]
-    library.built.cache_clear()
+    library.load_library.cache_clear()
     assert all(s.stats.solver == "petsc lu (it cannot be built)" for s in solutions)
     assert [r.levelname for r in caplog.records] == ["WARNING"]
     assert "cannot be built" in caplog.text
@@ -193,11 +194,11 @@ def test_without_a_compiler_python_takes_over_with_one_warning(monkeypatch, tmp_
 def test_a_cache_that_cannot_be_written_is_no_obstacle(monkeypatch, tmp_path, caplog):
     file = tmp_path / "file"
     file.write_text("")
-    library.built.cache_clear()
+    library.load_library.cache_clear()
     monkeypatch.setattr(library, "cache_directory", lambda: file / "below")
     scene, _ = pendulum()
     solution = fb.simulate(scene, dt=0.01, t_end=0.1)
-    library.built.cache_clear()
+    library.load_library.cache_clear()
     assert solution.stats.solver.startswith("petsc")
 
 
