@@ -247,10 +247,12 @@ static void reduce_tangent(const Problem *p, const Work *w, const double *r) {
 /* Takes a column out of the rows below it; `reach` of them have it. */
 INLINED void eliminate(int band, int reach, double *restrict pivot, double *restrict b) {
   double inverse = pivot[0] = 1 / pivot[0], above = b[0];
-  UNROLLED for (int i = 1; i <= reach; ++i) {
+#pragma GCC unroll 12
+  for (int i = 1; i <= reach; ++i) {
     double *restrict row = pivot + i * 2 * band;
     double factor = row[0] * inverse;
-    UNROLLED for (int j = 1; j <= reach; ++j) row[j] -= factor * pivot[j];
+#pragma GCC unroll 12
+    for (int j = 1; j <= reach; ++j) row[j] -= factor * pivot[j];
     b[i] -= factor * above;
   }
 }
@@ -258,7 +260,8 @@ INLINED void eliminate(int band, int reach, double *restrict pivot, double *rest
 /* Unknown of a row whose `reach` followers are known; the nearest comes last, as it is the newest. */
 INLINED void substitute(int reach, const double *restrict row, double *restrict b) {
   double sum = b[0];
-  UNROLLED for (int j = reach; j > 0; --j) sum -= row[j] * b[j];
+#pragma GCC unroll 12
+  for (int j = reach; j > 0; --j) sum -= row[j] * b[j];
   b[0] = sum * row[0];
 }
 

@@ -260,8 +260,8 @@ def closest(resultants, path, work, length, smallest):
     weighted = (path[0], path[1], length**2 * path[2])
     norm2 = ufl.dot(ufl.as_vector(weighted), ufl.as_vector(path))
     missing = work - ufl.dot(ufl.as_vector(resultants), ufl.as_vector(path))
-    bound = smallest**2
-    factor = ufl.conditional(ufl.gt(norm2, bound), missing / ufl.max_value(norm2, bound), 0)
+    long_enough = ufl.gt(norm2, smallest**2)
+    factor = ufl.conditional(long_enough, missing / ufl.conditional(long_enough, norm2, 1), 0)
     return tuple(r + factor * w for r, w in zip(resultants, weighted, strict=True))
 
 

@@ -4,8 +4,6 @@
 #include <stdint.h>
 
 #define INLINED static inline __attribute__((always_inline))
-#define PRAGMA(text) _Pragma(#text)
-#define UNROLLED PRAGMA(GCC unroll 256)
 
 #if defined __x86_64__ && defined __GLIBC__ && defined __GNUC__ && !defined __clang__
 /* glibc has these for vectors as well, but says so only under -ffast-math. */

@@ -175,12 +175,18 @@ def test_an_unknown_solver_is_refused():
         fb.simulate(scene, dt=0.01, t_end=0.1, solver="mumps")
 
 
-def test_without_a_compiler_python_takes_over_with_one_warning(monkeypatch, tmp_path, caplog):
+@pytest.mark.parametrize("built", ["nothing", "the loop"])
+def test_without_a_compiler_python_takes_over_with_one_warning(
+    built, monkeypatch, tmp_path, caplog
+):
     def no_compiler(*_, **__):
         raise FileNotFoundError("cc")
 
     library.load_library.cache_clear()
+    library._warn.cache_clear()
     monkeypatch.setattr(library, "cache_directory", lambda: tmp_path)
+    if built == "the loop":
+        library.load_library()
     monkeypatch.setattr(library.subprocess, "run", no_compiler)
     scene, _ = pendulum()
     with caplog.at_level(logging.WARNING, logger="fx_beam"):
