@@ -23,6 +23,7 @@ import cffi
 import numpy as np
 
 _FFI = cffi.FFI()
+_log = logging.getLogger("fx_beam")
 F = TypeVar("F", bound=Callable)
 
 
@@ -127,10 +128,12 @@ def measure(mesh, points: int, tags: np.ndarray | None = None):
     )
 
 
-@quietly
-def compile_form(form):
-    """Compile a UFL form through FFCx."""
-    return fem.form(form)
+def compile_form(form, name: str):
+    """Compile a UFL form through FFCx; the log names it where the cache did not have it."""
+    compiled = quietly(fem.form)(form)
+    if any(compiled.code):
+        _log.info("compiled the form %r, once", name)
+    return compiled
 
 
 def gauss_points(points: int) -> np.ndarray:

@@ -178,7 +178,7 @@ class Forms:
         return *ufl.split(self._trial), self.step.virtual_u, self.step.virtual_psi
 
     def _compile(self, name: str, form):
-        compiled = compat.compile_form(form)
+        compiled = compat.compile_form(form, name)
         self.compiled[name] = compiled, form
         return compiled
 

@@ -47,14 +47,16 @@ def load_library() -> tuple[Any, Any]:
     ffi = cffi.FFI()
     ffi.cdef((_HERE / "loop.h").read_text())
     source = (_HERE / "loop.c").read_text()
-    return ffi, ffi.dlopen(str(_build("loop", source, lambda: source)))
+    return ffi, ffi.dlopen(str(_build("the loop over time steps", source, lambda: source)))
 
 
-def load_batches(form, ufl_form, size: int, width: int, places: int) -> list[int]:
+def load_batches(name: str, form, ufl_form, size: int, width: int, places: int) -> list[int]:
     """Functions of a form that compute the tensors of several elements at once.
 
     Parameters
     ----------
+    name : str
+        What the form is, for the log.
     form : dolfinx form
         The form as compiled.
     ufl_form : ufl.Form
@@ -81,25 +83,25 @@ def load_batches(form, ufl_form, size: int, width: int, places: int) -> list[int
         batches = [f"BATCH(batch_{i}, {name}, {numbers})" for i, name in enumerate(names)]
         return "\n".join(['#include "batch.h"', text, *batches, ""])
 
-    path = _build("batch", compat.signature(form) + numbers, source)
+    path = _build(f"{name!r} for several elements", compat.signature(form) + numbers, source)
     library = ctypes.CDLL(str(path))
     functions = [library[f"batch_{i}"] for i in range(len(compat.integrals(form)))]
     return [ctypes.cast(function, ctypes.c_void_p).value or 0 for function in functions]
 
 
-def _build(kind: str, key: str, source: Callable[[], str]) -> Path:
+def _build(what: str, key: str, source: Callable[[], str]) -> Path:
     """A shared object from a C source, which is asked for only where the cache does not have it."""
     headers = [(_HERE / name).read_text() for name in ("loop.h", "batch.h", "vectors.h")]
     digest = hashlib.sha256("\n".join([key, *headers, *_FLAGS, _processor()]).encode())
     cache = cache_directory()
-    library = cache / f"{kind}-{digest.hexdigest()[:16]}.so"
+    library = cache / f"{digest.hexdigest()[:32]}.so"
     try:
         if not library.exists():
-            _log.info("compiling a %s of the time steps, once", kind)
+            _log.info("compiling %s, once", what)
             cache.mkdir(parents=True, exist_ok=True)
             # Renamed when it is whole, as several processes may build it.
             with tempfile.TemporaryDirectory(dir=cache) as scratch:
-                out = Path(scratch) / "loop.so"
+                out = Path(scratch) / "built.so"
                 command = ["cc", *_FLAGS, f"-I{_HERE}", "-x", "c", "-", "-o", str(out), "-lm"]
                 subprocess.run(command, check=True, capture_output=True, text=True, input=source())
                 out.replace(library)

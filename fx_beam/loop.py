@@ -60,7 +60,7 @@ class CompiledLoop:
             ("added", "added virtual work"),
         ):
             if form in self.model.forms.compiled:
-                self._hand_over_form(getattr(self._problem, name), *self.model.forms.compiled[form])
+                self._hand_over_form(getattr(self._problem, name), form)
         self._problem.has_added = self.model.forms.has_added
         self._hand_over_rates()
         self._hand_over_motors_and_joints(tables.joints["number"])
@@ -121,19 +121,21 @@ class CompiledLoop:
         if model.weight is not None:
             self._doubles(weight=model.weight)
 
-    def _hand_over_form(self, out, form, ufl_form) -> None:
+    def _hand_over_form(self, out, name: str) -> None:
         ffi, p, forms = self._ffi, self._problem, self.model.forms
+        form, ufl_form = forms.compiled[name]
         packed = compat.packed_coefficients(form)
         tags = compat.integrals(form)
         out.integrals, out.width = len(tags), packed[tags[0]].shape[1]
         size = p.cell_dofs ** len(ufl_form.arguments())
-        batches = load_batches(form, ufl_form, size, out.width, p.cell_coordinates)
+        numbers = size, out.width, p.cell_coordinates
+        batches = load_batches(name, form, ufl_form, *numbers)
         out.of = integrals = self._kept(ffi.new("Integral[]", len(tags)))
         for of, tag, batch in zip(integrals, tags, batches, strict=True):
             cells = forms.cells_of(tag)
             of.batch, of.cells = ffi.cast("Batch *", batch), len(cells)
-            for name, rows in self._cell_data.items():
-                setattr(of, name, self._lanes(rows[cells]))
+            for key, rows in self._cell_data.items():
+                setattr(of, key, self._lanes(rows[cells]))
             of.packed = self._lanes(packed[tag])
         moving = compat.coefficient_offsets(form, forms.moving)
         out.moving = len(moving)

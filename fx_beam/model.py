@@ -81,7 +81,7 @@ class Model:
         self.mass.data[:] = 0.0
         if density != 0:
             dx = compat.measure(self.mesh.mesh, self.forms.step.degree + 1)
-            form = compat.compile_form(density * dx)
+            form = compat.compile_form(density * dx, "mass")
             self.compiled.append("mass")
             matrix = compat.create_matrix(form)
             compat.assemble_matrix(matrix, form)
@@ -137,7 +137,7 @@ class Model:
         direction = compat.constant(self.mesh.mesh, np.zeros(2))
         dx = compat.measure(self.mesh.mesh, self.forms.step.degree + 1)
         work = where * ufl.dot(direction, self.forms.step.virtual_u) * dx
-        form = compat.compile_form(work)
+        form = compat.compile_form(work, "line load")
         if "line load" not in self.compiled:
             self.compiled.append("line load")
         columns = np.zeros((self.size, 2))

@@ -1,6 +1,9 @@
 """The compiled loop against the steps in Python, and what may be recorded."""
 
 import logging
+import os
+import subprocess
+import sys
 
 import ufl
 
@@ -206,6 +209,29 @@ def test_a_cache_that_cannot_be_written_is_no_obstacle(monkeypatch, tmp_path, ca
     solution = fb.simulate(scene, dt=0.01, t_end=0.1)
     library.load_library.cache_clear()
     assert solution.stats.solver.startswith("petsc")
+
+
+def test_the_log_names_what_is_compiled_and_nothing_the_second_time(tmp_path):
+    script = """
+import logging, sys
+logging.basicConfig(level="INFO", stream=sys.stdout, format="%(message)s")
+import fx_beam as fb
+scene = fb.Scene()
+beam = scene.add_beam([(0, 0), (1, 0)], fb.Section(EA=1.0, GA=1.0, EI=1.0, rhoA=1.0))
+fb.simulate(scene, dt=0.1, t_end=0.2)
+"""
+
+    def run():
+        environment = os.environ | {"XDG_CACHE_HOME": str(tmp_path)}
+        command = [sys.executable, "-c", script]
+        return subprocess.run(command, env=environment, capture_output=True, text=True).stdout
+
+    first = run()
+    for what in ("internal forces", "tangent", "strain energy", "mass"):
+        assert f"compiled the form '{what}'" in first
+    for what in ("the loop over time steps", "'tangent' for several elements"):
+        assert f"compiling {what}" in first
+    assert "compil" not in run()
 
 
 # -- What is recorded ---------------------------------------------------------------------------
