@@ -172,10 +172,10 @@ def element_dofs(space) -> np.ndarray:
 
 
 def element_coordinates(mesh) -> np.ndarray:
-    """Coordinates (cells, 6) of the ends of all cells, as compiled forms take them."""
+    """Coordinates (cells, 3 nodes) of the geometry of all cells, as compiled forms take them."""
     cells = mesh.topology.index_map(1).size_local
-    x, ends = mesh.geometry.x, mesh.geometry.dofmap
-    return np.array([x[ends.links(cell)].ravel() for cell in range(cells)])
+    x, nodes = mesh.geometry.x, mesh.geometry.dofmap
+    return np.array([x[nodes.links(cell)].ravel() for cell in range(cells)])
 
 
 def kernels(form) -> list[tuple[int, int]]:

@@ -61,8 +61,9 @@ static void assemble(const Problem *p, const Form *form, const double *const *fi
         double *to = w + form->offset[m];
         for (int j = 0; j < nd; ++j) to[j] = field[dofs[j]];
       }
+      const double *at = p->coordinates + (long)cell * p->coordinates_per_cell;
       memset(A, 0, size * sizeof *A);
-      form->kernels[i](A, w, form->constants, p->coordinates + (long)cell * 6, &none, 0);
+      form->kernels[i](A, w, form->constants, at, &none, 0);
       if (rank == 2) {
         const int *place = p->place + (long)cell * size;
         for (int j = 0; j < size; ++j) out[place[j]] += A[j];

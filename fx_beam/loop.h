@@ -18,7 +18,8 @@ typedef struct {
 typedef struct {
   int dofs, cells, cell_dofs, columns, free, driven, nonzeros;
   int *dofs_of_cell;    /* (cells, cell_dofs) */
-  double *coordinates;  /* (cells, 6) */
+  double *coordinates;  /* (cells, coordinates_per_cell) */
+  int coordinates_per_cell;
   int *turns, turning;  /* rotations */
   int *massless, lacking;
   double *per_unit;     /* one over the size of a unit correction of each degree of freedom */

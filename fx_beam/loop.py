@@ -88,6 +88,8 @@ class CompiledLoop:
         model, p = self.model, self._problem
         mesh, K = model.mesh, model.forms.stiffness
         dofs = compat.element_dofs(mesh.space)
+        coordinates = compat.element_coordinates(mesh.mesh)
+        p.coordinates_per_cell = coordinates.shape[1]
         p.dofs, p.cells, p.cell_dofs = model.size, *dofs.shape
         p.nonzeros, p.nodes = K.nnz, len(mesh.X)
         massless = np.flatnonzero(model.massless)
@@ -106,7 +108,7 @@ class CompiledLoop:
             node_dofs=mesh.dofs,
         )
         self._doubles(
-            coordinates=compat.element_coordinates(mesh.mesh),
+            coordinates=coordinates,
             per_unit=1 / model.unit,
             mass=model.mass.data,
             position=mesh.X,
