@@ -2,6 +2,7 @@
 
 from .audit import BeamResultants, Energy, Stats
 from .beam import Beam, Node
+from .curve import Curve, arc, spline
 from .dynamics import simulate
 from .errors import SceneError, StepError
 from .io import load
@@ -40,6 +41,7 @@ __all__ = [
     "Beam",
     "BeamResultants",
     "Coordinate",
+    "Curve",
     "Damper",
     "Energy",
     "EnergyMomentum",
@@ -70,6 +72,8 @@ __all__ = [
     "Step",
     "StepError",
     "WeightedResultants",
+    "arc",
     "load",
     "simulate",
+    "spline",
 ]

@@ -45,15 +45,17 @@ def quietly(compiling: F) -> F:
 
 
 @quietly
-def interval_mesh(points: np.ndarray, cells: np.ndarray):
-    """Mesh of straight intervals in the plane.
+def interval_mesh(points: np.ndarray, cells: np.ndarray, degree: int = 1):
+    """Mesh of intervals in the plane, straight or curved.
 
     Parameters
     ----------
     points : (n, 2) float
-        Vertices [m].
-    cells : (m, 2) int
-        First and last vertex of each interval.
+        Nodes [m].
+    cells : (m, degree + 1) int
+        First and last node of each interval, then those inside it.
+    degree : int
+        Polynomial degree of the geometry.
 
     Returns
     -------
@@ -65,7 +67,7 @@ def interval_mesh(points: np.ndarray, cells: np.ndarray):
     # The explicit variant keeps the signatures of compiled forms, hence the cache, the same
     # from one process to the next. COMM_SELF: each process computes the whole scene.
     cell = ufl.Cell("interval", geometric_dimension=2)
-    domain = ufl.Mesh(ufl.VectorElement("Lagrange", cell, 1, dim=2, variant="equispaced"))
+    domain = ufl.Mesh(ufl.VectorElement("Lagrange", cell, degree, dim=2, variant="equispaced"))
     mesh = dolfinx.mesh.create_mesh(MPI.COMM_SELF, cells.astype(np.int64), points, domain)
     return mesh, np.asarray(mesh.topology.original_cell_index)
 

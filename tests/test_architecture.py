@@ -22,6 +22,7 @@ LAYERS = [
     "rates",
     "values",
     "beam",
+    "curve",
     "actions",
     "section",
     "resultants",
@@ -131,7 +132,9 @@ def test_each_library_is_called_from_one_place(packages, home):
 def test_physics_and_data_need_numpy_and_ufl_only():
     for module in LAYERS[LAYERS.index("audit") : LAYERS.index("mesh")]:
         if module in SOURCES:
-            assert foreign_imports(module) <= {"numpy", "ufl"}, module
+            # scipy: splines, and the root of an arc length
+            more = {"scipy"} if module == "curve" else set()
+            assert foreign_imports(module) <= {"numpy", "ufl"} | more, module
             assert "compat" not in own_imports(module), module
 
 
@@ -216,9 +219,19 @@ def test_the_public_names_cover_all_that_a_scene_and_a_solution_are_made_of():
         "load",
         "simulate",
     } <= set(fx_beam.__all__)
-    for module in ("section", "schemes", "scene", "solution", "errors", "audit", "beam", "rates"):
+    for module in (
+        "section",
+        "schemes",
+        "scene",
+        "solution",
+        "errors",
+        "audit",
+        "beam",
+        "curve",
+        "rates",
+    ):
         source = sys.modules[f"fx_beam.{module}"]
         defined = {name for name, value in vars(source).items() if inspect.isclass(value)}
         own = {name for name in defined if getattr(source, name).__module__ == source.__name__}
         public = {name for name in own if not name.startswith("_")}
-        assert public <= set(fx_beam.__all__) | {"Load", "Velocity", "VirtualWork"}
+        assert public <= set(fx_beam.__all__) | {"Layout", "Load", "Velocity", "VirtualWork"}
