@@ -19,13 +19,14 @@ from .joints import (
 )
 from .kinematics import Step
 from .newton import NewtonOptions
-from .rates import MidPointRates, NewmarkRates, Rates
+from .rates import AtRest, MidPointRates, NewmarkRates, Rates
 from .recorder import Record
 from .resultants import Resultants, WeightedResultants
 from .scene import Scene
 from .schemes import (
     HHT,
     EnergyMomentum,
+    Equilibrium,
     GeneralizedAlpha,
     MidPoint,
     ModifiedMidPoint,
@@ -38,6 +39,7 @@ from .solution import Solution
 __all__ = [
     "GROUND",
     "HHT",
+    "AtRest",
     "Beam",
     "BeamResultants",
     "Coordinate",
@@ -45,6 +47,7 @@ __all__ = [
     "Damper",
     "Energy",
     "EnergyMomentum",
+    "Equilibrium",
     "GeneralizedAlpha",
     "Joint",
     "Law",
