@@ -106,6 +106,27 @@ def cellwise(mesh, values: np.ndarray):
     return function
 
 
+@quietly
+def at_gauss_points(mesh, values: np.ndarray):
+    """Function with values (cells, points, components) or (cells, points) at the Gauss points.
+
+    It is the polynomial through them on each cell, discontinuous from cell to cell.
+    """
+    points, shape = values.shape[1], values.shape[2:]
+    element = ufl.FiniteElement("DG", mesh.ufl_cell(), points - 1, variant="equispaced")
+    if shape:
+        element = ufl.VectorElement(element, dim=shape[0])
+    space = fem.FunctionSpace(mesh, element)
+    powers = np.arange(points)
+    through = np.linalg.inv(gauss_points(points) ** powers)
+    at_nodes = space.element.interpolation_points()[:, :1] ** powers @ through
+    function = fem.Function(space)
+    nodal = function.x.array.reshape(-1, *shape)
+    for cell, own in enumerate(values):
+        nodal[space.dofmap.cell_dofs(cell)] = np.tensordot(at_nodes, own, 1)
+    return function
+
+
 def constant(mesh, value):
     """UFL constant whose value may change without a new compilation."""
     return fem.Constant(mesh, value)

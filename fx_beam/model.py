@@ -13,7 +13,7 @@ import scipy.sparse
 from . import compat
 from .actuators import Actuators
 from .couplings import couple, motors
-from .forms import Forms, cell_data, on_beam
+from .forms import Forms, on_beam, section_data
 from .joint_reduction import JointReduction
 from .loads import Loads
 from .mechanism import check_no_massless_mechanism
@@ -70,17 +70,13 @@ class Model:
         It has the sparsity of the stiffness, and is assembled when it is first asked for: statics
         does without.
         """
-        sections = [beam.section for beam in self.scene.beams]
-        rhoA, rhoI = (
-            np.array([getattr(s, name) for s in sections], dtype=float) for name in ("rhoA", "rhoI")
-        )
         u, psi, virtual_u, virtual_psi = self.forms.trial_and_test()
         density: Any = 0
-        if rhoA.any():
-            density += cell_data(self.mesh, rhoA) * ufl.dot(virtual_u, u)
+        if self._has("rhoA"):
+            density += self._density("rhoA") * ufl.dot(virtual_u, u)
             self.assembled.append("distributed mass")
-        if rhoI.any():
-            density += cell_data(self.mesh, rhoI) * virtual_psi * psi
+        if self._has("rhoI"):
+            density += self._density("rhoI") * virtual_psi * psi
             self.assembled.append("distributed rotary inertia")
         mass = self.forms.stiffness.copy()
         mass.data[:] = 0.0
@@ -95,6 +91,14 @@ class Model:
             mass.setdiag(mass.diagonal() + self.from_nodes(self._lumped()))
             self.assembled.append("lumped mass")
         return mass
+
+    def _has(self, name: str) -> bool:
+        """Whether any section has one of the data."""
+        return any(getattr(beam.section, name) for beam in self.scene.beams)
+
+    def _density(self, name: str):
+        """Distributed mass or inertia in UFL, for the rule by which it is integrated."""
+        return section_data(self.mesh, self.scene, (name,), self.forms.step.degree + 1)
 
     @functools.cached_property
     def massless(self) -> np.ndarray:
@@ -115,11 +119,10 @@ class Model:
         if gravity is None:
             return
         self.weight = self.from_nodes(self._lumped() * [*gravity, 0.0])
-        rhoA = np.array([beam.section.rhoA for beam in self.scene.beams], dtype=float)
-        if rhoA.any():
+        if self._has("rhoA"):
             pull = ufl.dot(compat.constant(self.mesh.mesh, gravity), self.forms.step.virtual_u)
             dx = compat.measure(self.mesh.mesh, self.forms.step.degree + 1)
-            form = compat.compile_form(cell_data(self.mesh, rhoA) * pull * dx)
+            form = compat.compile_form(self._density("rhoA") * pull * dx)
             self.compiled.append("weight")
             distributed = np.zeros(self.size)
             compat.assemble_vector(distributed, form)
