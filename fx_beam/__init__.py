@@ -18,6 +18,7 @@ from .joints import (
     Spring,
 )
 from .kinematics import Step
+from .modes import Modes, modes
 from .newton import NewtonOptions
 from .rates import AtRest, MidPointRates, NewmarkRates, Rates
 from .recorder import Record
@@ -55,6 +56,7 @@ __all__ = [
     "MidPointRates",
     "ModifiedMidPoint",
     "NewmarkRates",
+    "Modes",
     "Newmark",
     "NewtonOptions",
     "Node",
@@ -77,6 +79,7 @@ __all__ = [
     "WeightedResultants",
     "arc",
     "load",
+    "modes",
     "simulate",
     "spline",
 ]

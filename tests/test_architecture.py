@@ -50,6 +50,7 @@ LAYERS = [
     "library",
     "loop",
     "dynamics",
+    "modes",
     # the door, and pictures beside it
     "__init__",
     "plot",
@@ -119,11 +120,12 @@ def test_the_model_knows_nothing_of_solutions():
     ("packages", "home"),
     [
         ({"dolfinx", "basix", "ffcx", "mpi4py"}, {"compat"}),
-        ({"petsc4py"}, {"newton"}),
+        ({"petsc4py"}, {"newton", "modes"}),
+        ({"slepc4py"}, {"modes"}),
         ({"matplotlib", "pyvista", "imageio", "vtk", "vtkmodules"}, {"plot"}),
         ({"tqdm"}, {"dynamics"}),
     ],
-    ids=["dolfinx", "petsc4py", "matplotlib", "tqdm"],
+    ids=["dolfinx", "petsc4py", "slepc4py", "matplotlib", "tqdm"],
 )
 def test_each_library_is_called_from_one_place(packages, home):
     assert {module for module in SOURCES if foreign_imports(module) & packages} == home
