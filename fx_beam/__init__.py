@@ -2,6 +2,7 @@
 
 from .audit import BeamResultants, Energy, Stats
 from .beam import Beam, Node
+from .curve import Curve, arc, spline
 from .dynamics import simulate
 from .errors import SceneError, StepError
 from .io import load
@@ -17,14 +18,16 @@ from .joints import (
     Spring,
 )
 from .kinematics import Step
+from .modes import Modes, modes
 from .newton import NewtonOptions
-from .rates import MidPointRates, NewmarkRates, Rates
+from .rates import AtRest, MidPointRates, NewmarkRates, Rates
 from .recorder import Record
 from .resultants import Resultants, WeightedResultants
 from .scene import Scene
 from .schemes import (
     HHT,
     EnergyMomentum,
+    Equilibrium,
     GeneralizedAlpha,
     MidPoint,
     ModifiedMidPoint,
@@ -37,12 +40,15 @@ from .solution import Solution
 __all__ = [
     "GROUND",
     "HHT",
+    "AtRest",
     "Beam",
     "BeamResultants",
     "Coordinate",
+    "Curve",
     "Damper",
     "Energy",
     "EnergyMomentum",
+    "Equilibrium",
     "GeneralizedAlpha",
     "Joint",
     "Law",
@@ -50,6 +56,7 @@ __all__ = [
     "MidPointRates",
     "ModifiedMidPoint",
     "NewmarkRates",
+    "Modes",
     "Newmark",
     "NewtonOptions",
     "Node",
@@ -70,6 +77,9 @@ __all__ = [
     "Step",
     "StepError",
     "WeightedResultants",
+    "arc",
     "load",
+    "modes",
     "simulate",
+    "spline",
 ]

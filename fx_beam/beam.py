@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -39,7 +39,7 @@ class Node:
 
 @dataclass(frozen=True)
 class Beam:
-    """A beam along a polyline; corners are rigid.
+    """A beam along a polyline, whose corners are rigid, or along a curve.
 
     Parameters
     ----------
@@ -49,14 +49,20 @@ class Beam:
         The ends of its elements, in order.
     degree : int
         Polynomial degree of displacement and rotation, 1 to 3.
+    s : (elements + 1,) float
+        Arc length at the nodes, from the start [m].
     section : Section
         Cross-section; None in a solution that was read from a file.
+    inner : (elements, degree - 1, 2) float, optional
+        Places of the nodes inside the elements of a curve [m]; none where elements are straight.
     """
 
     name: str
     nodes: tuple[Node, ...]
     degree: int
+    s: np.ndarray = field(repr=False, compare=False)
     section: Any = field(repr=False, default=None)
+    inner: np.ndarray | None = field(repr=False, compare=False, default=None)
 
     @property
     def start(self) -> Node:
@@ -72,13 +78,6 @@ class Beam:
     def elements(self) -> int:
         """Number of elements."""
         return len(self.nodes) - 1
-
-    @property
-    def s(self) -> np.ndarray:
-        """Arc length at the nodes, from the start, (elements + 1,) [m]."""
-        points = np.array([(node.x, node.y) for node in self.nodes])
-        lengths = np.hypot(*np.diff(points, axis=0).T)
-        return np.concatenate(([0.0], np.cumsum(lengths)))
 
     @property
     def length(self) -> float:
@@ -114,12 +113,35 @@ class Beam:
         return self.nodes[nearest]
 
 
-def polyline(points: Sequence, elements: int | Sequence[int], name: str) -> list[np.ndarray]:
-    """Points at which the elements of a polyline end.
+class Layout(NamedTuple):
+    """Where the nodes of a beam lie.
 
     Parameters
     ----------
-    points : sequence of (x, y)
+    ends : list of (x, y) or Node
+        The ends of its elements, in order [m]; nodes that other beams have already as such.
+    s : (elements + 1,) float
+        Arc length there [m].
+    inner : (elements, degree - 1, 2) float, optional
+        Places of the nodes inside the elements of a curve [m].
+    """
+
+    ends: list
+    s: np.ndarray
+    inner: np.ndarray | None = None
+
+
+def place(point):
+    """Place (x, y) of a node; a point as it is."""
+    return (point.x, point.y) if isinstance(point, Node) else point
+
+
+def polyline(points: Sequence, elements: int | Sequence[int], name: str) -> Layout:
+    """Nodes along a polyline.
+
+    Parameters
+    ----------
+    points : sequence of (x, y) or Node
         Corners [m].
     elements : int or sequence of int
         Number of elements in all, spread over the straight pieces by their length, or one number
@@ -129,8 +151,8 @@ def polyline(points: Sequence, elements: int | Sequence[int], name: str) -> list
 
     Returns
     -------
-    list of (elements of a piece + 1, 2) float arrays
-        The points of each straight piece, its corners included.
+    Layout
+        Ends of the elements and their arc lengths.
 
     Raises
     ------
@@ -138,7 +160,11 @@ def polyline(points: Sequence, elements: int | Sequence[int], name: str) -> list
         For fewer than two points, a piece of length zero, or too few elements.
     """
     try:
-        corners = np.array(points, dtype=float)
+        points = list(points)
+    except TypeError:
+        raise SceneError(f"beam {name!r}: points must be pairs (x, y) or nodes") from None
+    try:
+        corners = np.array([place(point) for point in points], dtype=float)
     except (TypeError, ValueError):
         corners = np.empty(0)
     if corners.ndim != 2 or corners.shape[1] != 2 or not np.isfinite(corners).all():
@@ -153,10 +179,11 @@ def polyline(points: Sequence, elements: int | Sequence[int], name: str) -> list
             f"{corners[i, 1]:g}); a beam needs a length"
         )
     counts = _spread(elements, lengths, name)
-    return [
-        np.linspace(a, b, count + 1)
-        for a, b, count in zip(corners[:-1], corners[1:], counts, strict=True)
-    ]
+    ends = [points[0]]
+    for a, b, count, corner in zip(corners[:-1], corners[1:], counts, points[1:], strict=True):
+        ends += [*np.linspace(a, b, count + 1)[1:-1], corner]
+    steps = np.diff([place(end) for end in ends], axis=0)
+    return Layout(ends, np.concatenate(([0.0], np.cumsum(np.hypot(*steps.T)))))
 
 
 def _spread(elements, lengths: np.ndarray, name: str) -> list[int]:

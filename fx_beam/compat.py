@@ -50,15 +50,17 @@ def quietly(compiling: F) -> F:
 
 
 @quietly
-def interval_mesh(points: np.ndarray, cells: np.ndarray):
-    """Mesh of straight intervals in the plane.
+def interval_mesh(points: np.ndarray, cells: np.ndarray, degree: int = 1):
+    """Mesh of intervals in the plane, straight or curved.
 
     Parameters
     ----------
     points : (n, 2) float
-        Vertices [m].
-    cells : (m, 2) int
-        First and last vertex of each interval.
+        Nodes [m].
+    cells : (m, degree + 1) int
+        First and last node of each interval, then those inside it.
+    degree : int
+        Polynomial degree of the geometry.
 
     Returns
     -------
@@ -70,7 +72,7 @@ def interval_mesh(points: np.ndarray, cells: np.ndarray):
     # The explicit variant keeps the signatures of compiled forms, hence the cache, the same
     # from one process to the next. COMM_SELF: each process computes the whole scene.
     cell = ufl.Cell("interval", geometric_dimension=2)
-    domain = ufl.Mesh(ufl.VectorElement("Lagrange", cell, 1, dim=2, variant="equispaced"))
+    domain = ufl.Mesh(ufl.VectorElement("Lagrange", cell, degree, dim=2, variant="equispaced"))
     mesh = dolfinx.mesh.create_mesh(MPI.COMM_SELF, cells.astype(np.int64), points, domain)
     return mesh, np.asarray(mesh.topology.original_cell_index)
 
@@ -106,6 +108,27 @@ def cellwise(mesh, values: np.ndarray):
     )
     function = fem.Function(fem.FunctionSpace(mesh, element))
     function.x.array[:] = values.ravel()
+    return function
+
+
+@quietly
+def at_gauss_points(mesh, values: np.ndarray):
+    """Function with values (cells, points, components) or (cells, points) at the Gauss points.
+
+    It is the polynomial through them on each cell, discontinuous from cell to cell.
+    """
+    points, shape = values.shape[1], values.shape[2:]
+    element = ufl.FiniteElement("DG", mesh.ufl_cell(), points - 1, variant="equispaced")
+    if shape:
+        element = ufl.VectorElement(element, dim=shape[0])
+    space = fem.FunctionSpace(mesh, element)
+    powers = np.arange(points)
+    through = np.linalg.inv(gauss_points(points) ** powers)
+    at_nodes = space.element.interpolation_points()[:, :1] ** powers @ through
+    function = fem.Function(space)
+    nodal = function.x.array.reshape(-1, *shape)
+    for cell, own in enumerate(values):
+        nodal[space.dofmap.cell_dofs(cell)] = np.tensordot(at_nodes, own, 1)
     return function
 
 
@@ -179,10 +202,10 @@ def element_dofs(space) -> np.ndarray:
 
 
 def element_coordinates(mesh) -> np.ndarray:
-    """Coordinates (cells, 6) of the ends of all cells, as compiled forms take them."""
+    """Coordinates (cells, 3 nodes) of the geometry of all cells, as compiled forms take them."""
     cells = mesh.topology.index_map(1).size_local
-    x, ends = mesh.geometry.x, mesh.geometry.dofmap
-    return np.array([x[ends.links(cell)].ravel() for cell in range(cells)])
+    x, nodes = mesh.geometry.x, mesh.geometry.dofmap
+    return np.array([x[nodes.links(cell)].ravel() for cell in range(cells)])
 
 
 def integrals(form) -> list[int]:

@@ -137,14 +137,14 @@ class Forms:
         """The different stored energies of the scene, and which of them each cell has."""
         sections = [beam.section for beam in self._scene.beams]
         kinds = list(dict.fromkeys(section.strain_energy for section in sections))
-        uniform = len(kinds) == 1
         laws = []
         for kind in kinds:
             if kind is not None:
                 laws.append(Law(kind, quadratic=False))
                 continue
-            rows = [(s.EA, s.GA, s.EI) if s.strain_energy is None else (0,) * 3 for s in sections]
-            laws.append(quadratic_law(cell_data(self._mesh, np.array(rows, dtype=float), uniform)))
+            names = "EA", "GA", "EI"
+            stiffness = section_data(self._mesh, self._scene, names, self.step.degree)
+            laws.append(quadratic_law(stiffness))
         kind_of_beam = np.array([kinds.index(section.strain_energy) for section in sections])
         return laws, kind_of_beam[self._mesh.beam_of_cell]
 
@@ -295,7 +295,51 @@ class Forms:
         return out
 
 
-def cell_data(mesh: Mesh, rows: np.ndarray, uniform: bool = True):
+def section_data(mesh: Mesh, scene: Scene, names: tuple[str, ...], points: int):
+    """Data of the sections in UFL: a constant, cell by cell, or varying along the beams.
+
+    Parameters
+    ----------
+    mesh : Mesh
+        The mesh of the scene.
+    scene : Scene
+        Its beams have the sections.
+    names : tuple of str
+        The data.
+    points : int
+        Number of Gauss points at which those that vary are taken.
+
+    Returns
+    -------
+    ufl expression
+        Vector of the data, or a scalar for one.
+
+    Raises
+    ------
+    SceneError
+        For a value that is none for a section, with its beam and fraction.
+    """
+    varies = any(beam.section.varies(name) for beam in scene.beams for name in names)
+    gauss = compat.gauss_points(points if varies else 1).T
+    values = []
+    for beam in scene.beams:
+        # One value is enough for a beam whose data are constant.
+        s = beam.s[:-1, None] + np.diff(beam.s)[:, None] * gauss
+        fractions = s / beam.length if varies else np.array([[0.5]])
+        try:
+            own = [beam.section.values(name, fractions) for name in names]
+        except SceneError as error:
+            raise SceneError(f"beam {beam.name!r}: {error}") from None
+        values.append(own[0] if len(names) == 1 else np.stack(own, axis=-1))
+    if not varies:
+        return cell_data(mesh, np.concatenate(values)[:, 0])
+    of_cell = np.empty((len(mesh.beam_of_cell), *values[0].shape[1:]))
+    for cells, own in zip(mesh.cells, values, strict=True):
+        of_cell[cells] = own
+    return compat.at_gauss_points(mesh.mesh, of_cell)
+
+
+def cell_data(mesh: Mesh, rows: np.ndarray):
     """Data of the beams in UFL: one constant where all have the same, else cell by cell.
 
     Parameters
@@ -304,15 +348,13 @@ def cell_data(mesh: Mesh, rows: np.ndarray, uniform: bool = True):
         The mesh.
     rows : (beams, ...) float
         Data of each beam.
-    uniform : bool
-        Whether a constant may be used.
 
     Returns
     -------
     ufl expression
         Scalar or vector.
     """
-    if uniform and (rows == rows[0]).all():
+    if (rows == rows[0]).all():
         return compat.constant(mesh.mesh, rows[0])
     return compat.cellwise(mesh.mesh, rows[mesh.beam_of_cell])
 

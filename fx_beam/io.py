@@ -48,7 +48,7 @@ def _read(path) -> Solution:
     for i, item in enumerate(meta["beams"]):
         name, numbers = item["name"], data[f"beam{i}_nodes"]
         ends = tuple(Node(int(n), *map(float, data["X"][n])) for n in numbers[:: item["degree"]])
-        beams[name] = Beam(name, ends, item["degree"])
+        beams[name] = Beam(name, ends, item["degree"], np.array(item["s"]))
         nodes_of_beam[name] = numbers
         resultants[name] = BeamResultants(*(data[f"beam{i}_{part}"] for part in "sNQM"))
     return Solution(

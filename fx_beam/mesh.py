@@ -20,7 +20,7 @@ class Mesh:
     Parameters
     ----------
     mesh : dolfinx.mesh.Mesh
-        Straight intervals in the plane.
+        Intervals in the plane: straight, or of the beams' degree where one of them is curved.
     space : dolfinx.fem.FunctionSpace
         Displacement and rotation.
     X : (n, 2) float
@@ -83,17 +83,17 @@ def build_mesh(scene: Scene) -> Mesh:
         for beam in scene.beams
         for a, b in zip(beam.nodes[:-1], beam.nodes[1:], strict=True)
     ]
-    mesh, order = compat.interval_mesh(points, np.array(ends))
-    space = compat.beam_space(mesh, degree)
-
     # Nodes inside elements are numbered after the scene's own, element by element.
-    fractions = np.arange(1, degree) / degree
-    inner = [points[a] + f * (points[b] - points[a]) for a, b in ends for f in fractions]
-    X = np.vstack([points, *inner]) if inner else points
+    X = np.vstack([points, *(_inner(beam) for beam in scene.beams)])
+    inner = len(points) + np.arange(len(ends) * (degree - 1)).reshape(len(ends), degree - 1)
+    nodes_of_element = np.hstack([ends, inner])
+    if degree > 1 and any(beam.inner is not None for beam in scene.beams):
+        mesh, order = compat.interval_mesh(X, nodes_of_element, degree)
+    else:
+        mesh, order = compat.interval_mesh(points, np.array(ends))
+    space = compat.beam_space(mesh, degree)
     dofs = np.full((len(X), 3), -1)
-    for cell, element in enumerate(order):
-        first_inner = len(points) + element * (degree - 1)
-        nodes = [*ends[element], *range(first_inner, first_inner + degree - 1)]
+    for cell, nodes in enumerate(nodes_of_element[order]):
         u, psi = compat.cell_dofs(space, cell)
         dofs[nodes, :2], dofs[nodes, 2] = u, psi
 
@@ -105,7 +105,15 @@ def build_mesh(scene: Scene) -> Mesh:
         cells.append(cell_of_element[elements])
         chain = [ends[elements[0]][0]]
         for e in elements:
-            first_inner = len(points) + e * (degree - 1)
-            chain += [*range(first_inner, first_inner + degree - 1), ends[e][1]]
+            chain += [*inner[e], ends[e][1]]
         nodes_of_beam.append(np.array(chain))
     return Mesh(mesh, space, X, dofs, beam_of_element[order], cells, nodes_of_beam)
+
+
+def _inner(beam: Beam) -> np.ndarray:
+    """Places (elements * (degree - 1), 2) of the nodes inside the elements of a beam."""
+    if beam.inner is not None:
+        return beam.inner.reshape(-1, 2)
+    points = np.array([(node.x, node.y) for node in beam.nodes])
+    fractions = np.arange(1, beam.degree)[:, None] / beam.degree
+    return (points[:-1, None] + fractions * np.diff(points, axis=0)[:, None]).reshape(-1, 2)

@@ -10,6 +10,7 @@ import numpy as np
 
 from .actions import Load, Velocity, VirtualWork, label
 from .beam import COMPONENTS, Beam, Node, polyline
+from .curve import Curve, lay_along
 from .errors import SceneError
 from .joints import GROUND, Joint
 from .section import Section
@@ -49,19 +50,22 @@ class Scene:
 
     def add_beam(
         self,
-        points: Sequence,
+        points: Sequence | Curve | Callable,
         section: Section,
         elements: int | Sequence[int] = 1,
         degree: int = 1,
         name: str | None = None,
     ) -> Beam:
-        """Add a beam along a polyline.
+        """Add a beam along a polyline or a curve; it is free of stress in that shape.
 
         Parameters
         ----------
-        points : sequence of (x, y) or Node
-            Corners [m]. A node of another beam is shared rigidly: displacement and rotation are
-            the same. Points at the same place are not joined.
+        points : sequence of (x, y) or Node, Curve, or callable
+            Corners [m]; or a curve: an `arc`, a `spline`, or ``points(fraction)`` that gives
+            (x, y) for a fraction in [0, 1]. A node of another beam is shared rigidly:
+            displacement and rotation are the same. Points at the same place are not joined.
+            Nodes lie at equal distances of arc length on a curve, along which elements of
+            degree 2 and 3 are curved themselves; those of degree 1 are its chords.
         section : Section
             Cross-section.
         elements : int or sequence of int
@@ -93,26 +97,29 @@ class Scene:
                 f"beam {name!r}: degree {degree} differs from degree {self.beams[0].degree} of "
                 f"{self.beams[0].name!r}; all beams of a scene share one degree"
             )
-        try:
-            points = list(points)
-        except TypeError:
-            raise SceneError(f"beam {name!r}: points must be pairs (x, y) or nodes") from None
-        corners = [self._corner(point, name) for point in points]
-        pieces = polyline([xy for xy, _ in corners], elements, name)
-
-        def node_at(xy, shared: Node | None = None) -> Node:
-            if shared is None:
-                shared = Node(len(self.nodes), float(xy[0]), float(xy[1]), self)
-                self.nodes.append(shared)
-            return shared
-
-        nodes = [node_at(*corners[0])]
-        for piece, corner in zip(pieces, corners[1:], strict=True):
-            nodes += [node_at(xy) for xy in piece[1:-1]]
-            nodes.append(node_at(*corner))
-        beam = Beam(name, tuple(nodes), degree, section)
+        if callable(points):
+            points = Curve(points)
+        if isinstance(points, Curve):
+            layout = lay_along(points, elements, degree, name)
+        else:
+            layout = polyline(points, elements, name)
+        nodes = self._nodes_at(layout.ends, name)
+        beam = Beam(name, nodes, degree, layout.s, section, layout.inner)
         self.beams.append(beam)
         return beam
+
+    def _nodes_at(self, ends: list, name: str) -> tuple[Node, ...]:
+        """Nodes at the ends of elements; those that are given as such belong to other beams."""
+        for end in ends:
+            if isinstance(end, Node):
+                self._check_node(end, f"beam {name!r}")
+        nodes = []
+        for end in ends:
+            if not isinstance(end, Node):
+                end = Node(len(self.nodes), float(end[0]), float(end[1]), self)
+                self.nodes.append(end)
+            nodes.append(end)
+        return tuple(nodes)
 
     # -- Supports -----------------------------------------------------------------------------
 
@@ -348,12 +355,6 @@ class Scene:
         )
 
     # -- Checks -------------------------------------------------------------------------------
-
-    def _corner(self, point, name: str) -> tuple[Any, Node | None]:
-        if isinstance(point, Node):
-            self._check_node(point, f"beam {name!r}")
-            return (point.x, point.y), point
-        return point, None
 
     def _check_node(self, node, what: str) -> None:
         if not isinstance(node, Node):

@@ -10,10 +10,14 @@ from typing import Any
 import ufl
 from ufl.corealg.traversal import unique_pre_traversal
 
+import numpy as np
+
 from .errors import SceneError
-from .values import is_number
+from .values import is_number, shaped
 
 Energy = Callable[[Any, Any, Any], Any]
+#: A number, or a function of the fraction of the arc length.
+Datum = float | Callable[[float], Any]
 
 
 @dataclass(frozen=True)
@@ -24,17 +28,22 @@ class Section:
     :math:`W = \frac12 (EA\,\varepsilon^2 + GA\,\gamma^2 + EI\,\kappa^2)` (eq. 11), unless
     `strain_energy` gives another one.
 
+    Each of these data may be a function of the fraction of the arc length, from 0 at the start of
+    the beam to 1 at its end, for a tapered or stepped member. It is called with a number and gives
+    one, by Python's, NumPy's or UFL's functions, and taken at the Gauss points: a step where two
+    elements meet is exact.
+
     Parameters
     ----------
-    EA : float
+    EA : float or callable
         Axial stiffness [N].
-    GA : float
+    GA : float or callable
         Shear stiffness, shear factor included [N].
-    EI : float
+    EI : float or callable
         Bending stiffness [N m^2].
-    rhoA : float
+    rhoA : float or callable
         Mass per length [kg/m]; zero for a beam whose mass is lumped or neglected.
-    rhoI : float
+    rhoI : float or callable
         Rotary inertia per length [kg m].
     strain_energy : callable, optional
         ``strain_energy(eps, gamma, kappa)``, the stored energy per length [J/m] as a UFL
@@ -52,34 +61,81 @@ class Section:
     Ibrahimbegovic & Mamouri (1999), eqs 8 and 11.
     """
 
-    EA: float | None = None
-    GA: float | None = None
-    EI: float | None = None
-    rhoA: float = 0.0
-    rhoI: float = 0.0
+    EA: Datum | None = None
+    GA: Datum | None = None
+    EI: Datum | None = None
+    rhoA: Datum = 0.0
+    rhoI: Datum = 0.0
     strain_energy: Energy | None = None
 
     def __post_init__(self):
         for name in ("EA", "GA", "EI"):
-            value = getattr(self, name)
-            if value is None and self.strain_energy is not None:
-                continue
-            if value is None:
+            if getattr(self, name) is None and self.strain_energy is None:
                 raise SceneError(f"Section: {name} is missing; give it or a strain_energy")
-            if not (is_number(value) and value > 0):
-                raise SceneError(f"Section: {name} = {value!r} must be positive and finite")
-        for name in ("rhoA", "rhoI"):
-            value = getattr(self, name)
-            if not (is_number(value) and value >= 0):
-                raise SceneError(f"Section: {name} = {value!r} must be zero or positive and finite")
+        for name in ("EA", "GA", "EI", "rhoA", "rhoI"):
+            self.values(name, np.array([0.5]))
         if self.strain_energy is not None:
             _check_energy(self.strain_energy)
+
+    def values(self, name: str, fractions: np.ndarray) -> np.ndarray:
+        """Values of one of the data along a beam.
+
+        Parameters
+        ----------
+        name : {"EA", "GA", "EI", "rhoA", "rhoI"}
+            Which.
+        fractions : float array
+            Fractions of the arc length.
+
+        Returns
+        -------
+        float array
+            The values, of the same shape; zero for a stiffness that is left out.
+
+        Raises
+        ------
+        SceneError
+            For a stiffness that is not positive and finite, or a negative or non-finite inertia.
+        """
+        datum = getattr(self, name)
+        inertia = name in ("rhoA", "rhoI")
+        wanted = "zero or positive and finite" if inertia else "positive and finite"
+
+        def checked(value, where=""):
+            if not (is_number(value) and (value > 0 or (inertia and value == 0))):
+                raise SceneError(f"Section: {name} = {value!r}{where} must be {wanted}")
+            return float(value)
+
+        if datum is None and not inertia:
+            return np.zeros(fractions.shape)
+        if not callable(datum):
+            return np.full(fractions.shape, checked(datum))
+        found = [
+            checked(_evaluated(datum, f, name), f" at the fraction {f:.4g} of the length")
+            for f in map(float, fractions.flat)
+        ]
+        return np.array(found).reshape(fractions.shape)
+
+    def varies(self, name: str) -> bool:
+        """Whether one of the data is a function of the arc length.
+
+        Parameters
+        ----------
+        name : {"EA", "GA", "EI", "rhoA", "rhoI"}
+            Which.
+
+        Returns
+        -------
+        bool
+            True for a function, false for a number.
+        """
+        return callable(getattr(self, name))
 
     @classmethod
     def rectangle(
         cls,
-        height: float,
-        width: float,
+        height: Datum,
+        width: Datum,
         E: float,
         nu: float = 0.3,
         rho: float = 0.0,
@@ -89,9 +145,9 @@ class Section:
 
         Parameters
         ----------
-        height : float
+        height : float or callable
             Depth in the plane of motion [m].
-        width : float
+        width : float or callable
             Depth across the plane [m].
         E : float
             Young's modulus [Pa].
@@ -108,18 +164,19 @@ class Section:
             EA, GA, EI, rhoA and rhoI of the rectangle.
         """
         _check_positive(height=height, width=width)
-        area, inertia = height * width, width * height**3 / 12
+        area = _combined(lambda h, b: h * b, height, width)
+        inertia = _combined(lambda h, b: b * h**3 / 12, height, width)
         return cls.from_area(area, inertia, E, nu, rho, shear_factor)
 
     @classmethod
     def circle(
-        cls, diameter: float, E: float, nu: float = 0.3, rho: float = 0.0, shear_factor: float = 0.9
+        cls, diameter: Datum, E: float, nu: float = 0.3, rho: float = 0.0, shear_factor: float = 0.9
     ) -> Section:
         """Solid circular section.
 
         Parameters
         ----------
-        diameter : float
+        diameter : float or callable
             Diameter [m].
         E : float
             Young's modulus [Pa].
@@ -136,14 +193,15 @@ class Section:
             EA, GA, EI, rhoA and rhoI of the circle.
         """
         _check_positive(diameter=diameter)
-        area, inertia = math.pi * diameter**2 / 4, math.pi * diameter**4 / 64
+        area = _combined(lambda d: math.pi * d**2 / 4, diameter)
+        inertia = _combined(lambda d: math.pi * d**4 / 64, diameter)
         return cls.from_area(area, inertia, E, nu, rho, shear_factor)
 
     @classmethod
     def from_area(
         cls,
-        area: float,
-        second_moment: float,
+        area: Datum,
+        second_moment: Datum,
         E: float,
         nu: float = 0.3,
         rho: float = 0.0,
@@ -153,9 +211,9 @@ class Section:
 
         Parameters
         ----------
-        area : float
+        area : float or callable
             Area [m^2].
-        second_moment : float
+        second_moment : float or callable
             Second moment of area [m^4].
         E : float
             Young's modulus [Pa].
@@ -176,11 +234,11 @@ class Section:
             raise SceneError(f"Section: nu = {nu!r} must lie in (-1, 0.5]")
         G = E / (2 * (1 + nu))
         return cls(
-            EA=E * area,
-            GA=shear_factor * G * area,
-            EI=E * second_moment,
-            rhoA=rho * area,
-            rhoI=rho * second_moment,
+            EA=_combined(lambda A: E * A, area),
+            GA=_combined(lambda A: shear_factor * G * A, area),
+            EI=_combined(lambda J: E * J, second_moment),
+            rhoA=_combined(lambda A: rho * A, area),
+            rhoI=_combined(lambda J: rho * J, second_moment),
         )
 
 
@@ -229,9 +287,27 @@ def quadratic_law(stiffness) -> Law:
     return Law(energy, quadratic=True)
 
 
+def _combined(function: Callable[..., float], *data: Datum) -> Datum:
+    """A function of data; where one of them varies along the beam, so does it."""
+    if not any(map(callable, data)):
+        return function(*data)
+    return lambda fraction: function(*(x(fraction) if callable(x) else x for x in data))
+
+
+def _evaluated(datum: Callable, fraction: float, name: str) -> float:
+    what = f"Section: {name} at the fraction {fraction:.4g} of the length"
+    try:
+        value = datum(fraction)
+        # Of numbers, UFL's functions make numbers or expressions of numbers.
+        value = value(()) if isinstance(value, ufl.core.expr.Expr) else value
+    except Exception as error:
+        raise SceneError(f"{what}: calling it raised {error!r}") from error
+    return shaped(value, 1, what)[0]
+
+
 def _check_positive(**values) -> None:
     for name, value in values.items():
-        if not (is_number(value) and value > 0):
+        if not callable(value) and not (is_number(value) and value > 0):
             raise SceneError(f"Section: {name} = {value!r} must be positive and finite")
 
 

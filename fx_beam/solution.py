@@ -330,7 +330,7 @@ class Solution:
             key = f"beam{len(beams)}"
             arrays |= {f"{key}_{part}": value for part, value in vars(r).items()}
             arrays[f"{key}_nodes"] = self.nodes_of_beam[name]
-            beams.append({"name": name, "degree": beam.degree})
+            beams.append({"name": name, "degree": beam.degree, "s": beam.s.tolist()})
         meta = {"format": FORMAT, "stats": asdict(self.stats), "beams": beams}
         with open(path, "wb") as file:
             np.savez_compressed(file, meta=np.array(json.dumps(meta)), **arrays)

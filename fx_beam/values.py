@@ -22,13 +22,14 @@ def is_number(value) -> bool:
 
 def vector(value, size: int, what: str) -> np.ndarray:
     """Finite array of `size` numbers."""
-    array = _shaped(value, size, what)
+    array = shaped(value, size, what)
     if not np.isfinite(array).all():
         raise SceneError(f"{what}: {value!r} is not finite")
     return array
 
 
-def _shaped(value, size: int, what: str) -> np.ndarray:
+def shaped(value, size: int, what: str) -> np.ndarray:
+    """Array of `size` numbers, finite or not."""
     try:
         array = np.atleast_1d(np.asarray(value, dtype=float))
     except (TypeError, ValueError):
@@ -76,7 +77,7 @@ def checked_function(value, size: int, what: str, *sample: float) -> Callable:
 
     def checked(*arguments):
         try:
-            return _shaped(value(*arguments), size, what)
+            return shaped(value(*arguments), size, what)
         except SceneError:
             raise
         except Exception as error:

@@ -22,6 +22,7 @@ LAYERS = [
     "rates",
     "values",
     "beam",
+    "curve",
     "actions",
     "section",
     "resultants",
@@ -50,6 +51,7 @@ LAYERS = [
     "band",
     "loop",
     "dynamics",
+    "modes",
     # the door, and pictures beside it
     "__init__",
     "plot",
@@ -119,11 +121,12 @@ def test_the_model_knows_nothing_of_solutions():
     ("packages", "home"),
     [
         ({"dolfinx", "basix", "ffcx", "mpi4py"}, {"compat"}),
-        ({"petsc4py"}, {"newton"}),
+        ({"petsc4py"}, {"newton", "modes"}),
+        ({"slepc4py"}, {"modes"}),
         ({"matplotlib", "pyvista", "imageio", "vtk", "vtkmodules"}, {"plot"}),
         ({"tqdm"}, {"dynamics"}),
     ],
-    ids=["dolfinx", "petsc4py", "matplotlib", "tqdm"],
+    ids=["dolfinx", "petsc4py", "slepc4py", "matplotlib", "tqdm"],
 )
 def test_each_library_is_called_from_one_place(packages, home):
     assert {module for module in SOURCES if foreign_imports(module) & packages} == home
@@ -132,7 +135,9 @@ def test_each_library_is_called_from_one_place(packages, home):
 def test_physics_and_data_need_numpy_and_ufl_only():
     for module in LAYERS[LAYERS.index("audit") : LAYERS.index("mesh")]:
         if module in SOURCES:
-            assert foreign_imports(module) <= {"numpy", "ufl"}, module
+            # scipy: splines, and the root of an arc length
+            more = {"scipy"} if module == "curve" else set()
+            assert foreign_imports(module) <= {"numpy", "ufl"} | more, module
             assert "compat" not in own_imports(module), module
 
 
@@ -217,9 +222,19 @@ def test_the_public_names_cover_all_that_a_scene_and_a_solution_are_made_of():
         "load",
         "simulate",
     } <= set(fx_beam.__all__)
-    for module in ("section", "schemes", "scene", "solution", "errors", "audit", "beam", "rates"):
+    for module in (
+        "section",
+        "schemes",
+        "scene",
+        "solution",
+        "errors",
+        "audit",
+        "beam",
+        "curve",
+        "rates",
+    ):
         source = sys.modules[f"fx_beam.{module}"]
         defined = {name for name, value in vars(source).items() if inspect.isclass(value)}
         own = {name for name in defined if getattr(source, name).__module__ == source.__name__}
         public = {name for name in own if not name.startswith("_")}
-        assert public <= set(fx_beam.__all__) | {"Load", "Velocity", "VirtualWork"}
+        assert public <= set(fx_beam.__all__) | {"Layout", "Load", "Velocity", "VirtualWork"}

@@ -16,6 +16,7 @@ QUICK = {
     "pendulum": {"steps": (0.1, 0.01)},
     "multibody": {"steps": (0.01, 0.005)},
     "slider_crank": {"steps": (5e-4,)},
+    "ring": {"steps": (2e-3, 1e-3)},
 }
 PICTURES = {
     "pinned_beam": ("shapes.png", "invariants.png", "tip.png", "motion.gif"),
@@ -29,6 +30,7 @@ PICTURES = {
     "three_bar_swing": ("shapes.png", "displacement.png", "force_and_energy.png", "motion.gif"),
     "multibody": ("shapes.png", "displacement.png", "energy_and_force.png", "motion.gif"),
     "slider_crank": ("shapes.png", "slider.png", "rod_motor_energy.png", "motion.gif"),
+    "ring": ("modes.png", "shapes.png", "energy.png", "motion.gif"),
 }
 
 
@@ -229,6 +231,51 @@ def test_slider_crank_bends_and_its_slider_is_a_little_off():
     run = slider_crank()
     assert 0.004 < run["largest deflection of the rod"] < 0.007
     assert 0.0005 < run["slider off the rigid mechanism"] < 0.0012
+
+
+# -- Ring --------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("degree", "meshes", "tolerance", "order"), [(1, (32, 64), 0.03, 2), (2, (16, 32), 2e-3, 4)]
+)
+def test_ring_has_the_exact_frequencies_with_the_order_of_its_elements(
+    degree, meshes, tolerance, order
+):
+    coarse, fine = (numbers("ring")["meshes"][f"degree {degree}, {n} elements"] for n in meshes)
+    for found in (coarse, fine):
+        assert found["rigid modes"] == 3
+        assert found["largest split of a pair"] < 1e-6
+    errors = abs(np.array([found["relative errors"] for found in (coarse, fine)]))
+    assert errors[1].max() < tolerance
+    assert (np.log2(errors[0] / errors[1]) > order - 0.3).all()
+
+
+def test_ring_of_cubic_elements_has_the_frequencies_to_a_ten_thousandth():
+    errors = numbers("ring")["meshes"]["degree 3, 24 elements"]["relative errors"]
+    assert max(map(abs, errors)) < 1e-4
+
+
+def test_ring_that_is_thin_hardly_stretches():
+    found = numbers("ring")
+    assert found["exact"] == pytest.approx(found["inextensional"], rel=5e-4)
+
+
+@pytest.mark.parametrize("dt", [2e-3, 1e-3])
+def test_ring_keeps_energy_and_momenta_in_flight(dt):
+    run = numbers("ring")["schemes"]["EnergyMomentum"][f"dt {dt:g}"]
+    assert run["failure"] is None and run["steps"] == round(1 / dt)
+    assert run["energy drift"] < 1e-11
+    assert run["angular momentum drift"] < 1e-11
+    assert run["linear momentum drift"] < 1e-11
+
+
+def test_ring_is_squeezed_far_and_other_schemes_gain_or_lose_energy_by_it():
+    found = numbers("ring")
+    assert found["diameter"][0] < 0.6 and found["diameter"][1] > 1.2
+    newmark, hht = (found["schemes"][name]["dt 0.002"] for name in ("Newmark", "HHT"))
+    assert newmark["failed at"] < 1 and newmark["highest energy ratio"] > 10
+    assert hht["failure"] is None and hht["lowest energy ratio"] < 0.99
 
 
 # -- Pictures ----------------------------------------------------------------------------------

@@ -64,6 +64,21 @@ def linkage():
     return scene
 
 
+def tapered_arch():
+    """Curved elements of degree 2 with data of their own at every Gauss point."""
+    scene = fb.Scene(gravity=(0.3, -9.81))
+    section = fb.Section(
+        EA=lambda s: 2e4 * (2 - s),
+        GA=lambda s: 1e4 * (2 - s),
+        EI=lambda s: 50 * (2 - s) ** 3,
+        rhoA=lambda s: 2 - s,
+        rhoI=0.01,
+    )
+    arch = scene.add_beam(fb.arc((0, 0), (1, 0.6), (2, 0)), section, elements=4, degree=2)
+    scene.pin(arch.start)
+    return scene
+
+
 SCENES = {
     "pinned beam": (lambda: demo_scene("pinned_beam"), 0.01),
     "pendulum": (lambda: demo_scene("pendulum"), 0.01),
@@ -75,6 +90,7 @@ SCENES = {
     "flight of degree 3": (lambda: free_flight(4, degree=3)[0], 0.02),
     "frame with everything": (frame_with_everything, 0.005),
     "linkage": (linkage, 0.005),
+    "tapered arch of degree 2": (tapered_arch, 0.005),
 }
 
 

@@ -24,9 +24,11 @@ def stiffening(eps, gamma, kappa):
     return 5e3 * (eps**2 + gamma**2) + 1e5 * eps**4 + 50 * kappa**2 + 10 * ufl.sin(kappa) ** 4
 
 
-def model_of(scheme, degree, energy=None):
+def model_of(scheme, degree, energy=None, curved=False):
     section = FLYING if energy is None else fb.Section(strain_energy=energy, rhoA=1.0, rhoI=10.0)
     scene, _ = pinned_beam(3, degree, section)
+    if curved:
+        scene.add_beam(fb.arc((0, 0), (2, 1), (4, 0)), section, elements=2, degree=degree)
     model = Model(scene, scheme)
     random = np.random.default_rng(1)
     q, D, v, a = (random.uniform(-0.7, 0.7, model.size) for _ in range(4))
@@ -35,10 +37,12 @@ def model_of(scheme, degree, energy=None):
 
 
 @pytest.mark.parametrize("energy", [None, stiffening], ids=["quadratic", "stiffening"])
-@pytest.mark.parametrize("degree", [1, 2, 3])
+@pytest.mark.parametrize(
+    ("degree", "curved"), [(1, False), (2, False), (2, True), (3, False), (3, True)]
+)
 @pytest.mark.parametrize("scheme", SCHEMES, ids=lambda s: s.name)
-def test_tangent_is_the_derivative_of_the_forces(scheme, degree, energy):
-    model, D = model_of(scheme, degree, energy)
+def test_tangent_is_the_derivative_of_the_forces(scheme, degree, curved, energy):
+    model, D = model_of(scheme, degree, energy, curved)
     model.forms.internal_force(D)
     model.forms.assemble_stiffness()
     K = model.forms.stiffness.toarray()

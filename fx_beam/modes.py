@@ -1,0 +1,275 @@
+"""Natural frequencies and mode shapes about a configuration, through SLEPc."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from importlib.util import find_spec
+
+from petsc4py import PETSc
+
+import numpy as np
+import scipy.sparse
+from scipy.sparse.linalg import splu
+
+from .beam import Beam
+from .errors import SceneError
+from .model import Model
+from .scene import Scene
+from .schemes import Newmark
+from .solution import Solution
+
+# A step so long that its rates vanish, and with them what dampers and drag add to the tangent.
+_ENDLESS = 1e30
+
+
+@dataclass(frozen=True)
+class Modes:
+    r"""Free vibrations about a configuration, lowest first.
+
+    A vibration :math:`\hat x \sin(\omega t)` of small amplitude obeys
+    :math:`K \hat x = \omega^2 M \hat x`, in the unknowns that supports and joints leave. Where
+    :math:`\omega^2` is negative the configuration is unstable: the shape grows as
+    :math:`e^{|\omega| t}`, and the frequency is given as the negative number
+    :math:`-|\omega|`.
+
+    Parameters
+    ----------
+    angular_frequencies : (n,) float
+        Angular frequencies omega [rad/s]; zero for rigid modes, negative for unstable ones.
+    rigid : (n,) bool
+        Whether a mode moves the members as rigid bodies: its energy is zero to rounding.
+    shapes : (n, n_node, 3) float
+        Displacements and rotations of the nodes, of modal mass 1: shape.M.shape = 1 kg m^2.
+    positions : (n_node, 2) float
+        Positions of the nodes in the configuration [m].
+    nodes_of_beam : dict
+        All nodes of each beam in order, those inside elements included.
+    """
+
+    angular_frequencies: np.ndarray
+    rigid: np.ndarray
+    shapes: np.ndarray
+    positions: np.ndarray
+    nodes_of_beam: dict[str, np.ndarray]
+
+    @property
+    def frequencies(self) -> np.ndarray:
+        """Frequencies [Hz], (n,); negative for unstable modes."""
+        return self.angular_frequencies / (2 * np.pi)
+
+    @property
+    def unstable(self) -> np.ndarray:
+        """Whether a mode grows instead of vibrating, (n,)."""
+        return self.angular_frequencies < 0
+
+    def __len__(self):
+        return len(self.rigid)
+
+    def __str__(self):
+        names = np.select([self.rigid, self.unstable], ["rigid", "unstable"], "")
+        rows = zip(range(len(self)), self.frequencies, names, strict=True)
+        return "\n".join(f"mode {k}: {f:.6g} Hz {name}".rstrip() for k, f, name in rows)
+
+    def shape(self, beam: Beam | str, mode: int, size: float) -> np.ndarray:
+        """Axis of a beam, moved by a mode.
+
+        Parameters
+        ----------
+        beam : Beam or str
+            A beam or its name.
+        mode : int
+            Number of the mode, from 0.
+        size : float
+            Largest displacement of a node of the scene [m].
+
+        Returns
+        -------
+        (elements * degree + 1, 2) float
+            Positions of its nodes, those inside elements included [m].
+        """
+        moved = self.shapes[mode, :, :2]
+        nodes = self.nodes_of_beam[beam.name if isinstance(beam, Beam) else beam]
+        scale = size / np.hypot(*moved.T).max()
+        return self.positions[nodes] + scale * moved[nodes]
+
+
+def modes(scene: Scene, state: Solution | None = None, n: int = 6) -> Modes:
+    """Lowest natural frequencies and their shapes.
+
+    The stiffness is that of the equilibrium at the state, stress included, with springs, dead
+    loads, and added forces that have a potential; dampers and drag are left out. Prescribed
+    motions and motors are held.
+
+    Parameters
+    ----------
+    scene : Scene
+        What vibrates.
+    state : Solution, optional
+        A solution of the scene, whose last row is the configuration; by default the start. It may
+        be that of another scene with the same nodes, such as one in which a mechanism is held.
+    n : int
+        Number of modes; there may be fewer where mass is lumped.
+
+    Returns
+    -------
+    Modes
+        Frequencies and shapes.
+
+    Raises
+    ------
+    SceneError
+        For a scene that cannot vibrate: without mass or unknowns, or with forces that follow the
+        motion and have no potential.
+    """
+    if not isinstance(scene, Scene):
+        raise SceneError(f"modes needs an fx_beam.Scene, not {scene!r}")
+    if not isinstance(n, int | np.integer) or n < 1:
+        raise SceneError(f"modes: n = {n!r} must be a positive whole number")
+    # Newmark's rule takes the forces at the end of a step, which without increment are the state's.
+    model = Model(scene, Newmark())
+    K, M, T, q = _matrices(model, state)
+    values, rounding, vectors = _lowest(K, M, n)
+    rigid = abs(values) <= rounding
+    omega = np.where(rigid, 0.0, np.sign(values) * np.sqrt(abs(values)))
+    shapes = np.array([model.to_nodes(T @ vector) for vector in vectors.T])
+    positions = model.mesh.X + model.to_nodes(q)[:, :2]
+    names = [beam.name for beam in scene.beams]
+    return Modes(omega, rigid, shapes, positions, dict(zip(names, model.mesh.nodes, strict=True)))
+
+
+def _matrices(model: Model, state: Solution | None):
+    """Stiffness and mass of the unknowns, the coupling T to all of x, and the configuration q."""
+    scene, reduction = model.scene, model.reduction
+    t, q = 0.0, np.zeros(model.size)
+    slides = np.array([joint.start()[0] for joint in scene.joints])
+    if state is not None:
+        t, q, slides = _last(model, state)
+    if not reduction.free or not model.mass.data.any():
+        raise SceneError("modes: nothing can vibrate; the scene has no mass, or all of it is held")
+    none = np.zeros(model.size)
+    model.forms.set_step(t - _ENDLESS, _ENDLESS, q, none, none)
+    model.forms.time.value = t
+    reduction.begin(q, slides, _ENDLESS)
+    reduction.expand(np.zeros(reduction.free), np.zeros(reduction.driven))
+    r = model.forms.internal_force(none) - model.loads.at(t)
+    if model.weight is not None:
+        r = r - model.weight
+    model.forms.assemble_stiffness()
+    indptr, indices = reduction.pattern
+    values = np.zeros(len(indices))
+    reduction.fill(model.forms.stiffness.data, r, values)
+    K = scipy.sparse.csr_matrix((values, indices, indptr), (reduction.free,) * 2)
+    if abs(K - K.T).max() > 1e-12 * abs(K).max():
+        raise SceneError(
+            "modes: the stiffness is not symmetric, as a load or an added virtual work follows the "
+            "motion and has no potential; such a scene has no natural frequencies. Simulate it"
+        )
+    T = reduction.coupling()[:, : reduction.free]
+    return (K + K.T) / 2, (T.T @ model.mass @ T).tocsr(), T, q
+
+
+def _last(model: Model, state: Solution):
+    """Time, displacements and slides of the last row of a solution."""
+    if not isinstance(state, Solution):
+        raise SceneError(f"modes: state = {state!r} must be a solution of the scene")
+    if not np.array_equal(state.X, model.mesh.X) or not len(state.q):
+        raise SceneError("modes: the state is no solution of this scene with its motion recorded")
+    return float(state.t[-1]), model.from_nodes(state.q[-1]), state.slides[-1]
+
+
+def _lowest(K, M, n: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Lowest eigenvalues (n,) of K x = lambda M x, their rounding, and vectors (size, n).
+
+    The vectors have the modal mass 1.
+    """
+    massive = M.diagonal() > 0
+    # Scaled, so that stiffnesses are of size 1 and eigenvalues below it.
+    unit = (abs(K.diagonal()[massive]) / M.diagonal()[massive]).max()
+    scale = scipy.sparse.diags((abs(K.diagonal()) + unit * M.diagonal()) ** -0.5)
+    K, M = scale @ K @ scale, unit * scale @ M @ scale
+    n = min(n, _below(K, M, 1e4))  # the rest are infinite, for unknowns without mass
+    size = next(size for size in 10.0 ** np.arange(-25, 5) if _below(K, M, size) >= n)
+    shifts = -size * 10.0 ** np.arange(32)
+    shift = next((shift for shift in shifts if not _below(K, M, shift)), None)
+    if shift is None:
+        raise SceneError(
+            "modes: the state is unstable in a motion without mass, which would grow at once; give "
+            "that part a mass, or ask for a state of less load"
+        )
+    vectors = _nearest(K, M, n, shift)
+    # The shift is of the size of the highest mode, and what is far below it is rounded off: one
+    # inverse iteration each, with a shift of its own size, brings it back.
+    values, rounding = _quotients(K, M, vectors)
+    for k, own in enumerate(2 * np.maximum(abs(values), rounding)):
+        vectors[:, k] = splu((K + own * M).tocsc()).solve(M @ vectors[:, k])
+    values, rounding = _quotients(K, M, vectors)
+    order = np.argsort(values)
+    values, rounding, vectors = values[order], rounding[order], vectors[:, order]
+    if _below(K, M, values[-1] - 1e-6 * abs(values[-1]) - rounding[-1]) >= n:
+        raise RuntimeError(f"modes: a multiple frequency was missed; try n = {n + 1}")
+    vectors = np.sqrt(unit) * (scale @ vectors)
+    vectors *= np.sign(vectors[abs(vectors).argmax(axis=0), np.arange(n)])
+    return unit * values, unit * rounding, vectors
+
+
+def _quotients(K, M, vectors: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Rayleigh's quotients of vectors, which get the modal mass 1, and their rounding."""
+    vectors /= np.sqrt(np.einsum("ij,ij->j", vectors, M @ vectors))
+    values = np.einsum("ij,ij->j", vectors, K @ vectors)
+    sizes = np.einsum("ij,ij->j", abs(vectors), abs(K) @ abs(vectors))
+    return values, 10 * np.finfo(float).eps * sizes
+
+
+def _below(K, M, x: float) -> int:
+    """How many eigenvalues are below x: the negative pivots of K - x M, by Sylvester's law.
+
+    -1 where there is a zero among them: x is an eigenvalue itself.
+    """
+    try:
+        factors = splu(
+            (K - x * M).tocsc(),
+            permc_spec="MMD_AT_PLUS_A",
+            diag_pivot_thresh=0.0,
+            options={"SymmetricMode": True},
+        )
+    except RuntimeError:
+        return -1
+    return int((factors.U.diagonal() < 0).sum())
+
+
+def _nearest(K, M, n: int, shift: float) -> np.ndarray:
+    """Vectors (size, n) to the eigenvalues nearest to a shift that is below all."""
+    if find_spec("slepc4py") is None:
+        raise RuntimeError("modes need SLEPc: install Debian's python3-slepc4py")
+    from slepc4py import SLEPc
+
+    def petsc(matrix):
+        rows = matrix.indptr.astype(PETSc.IntType), matrix.indices.astype(PETSc.IntType)
+        return PETSc.Mat().createAIJ(matrix.shape, csr=(*rows, matrix.data), comm=PETSc.COMM_SELF)
+
+    A, B = petsc(K.tocsr()), petsc(M.tocsr())
+    solver = SLEPc.EPS().create(PETSc.COMM_SELF)
+    solver.setOperators(A, B)
+    # Massless unknowns make M semi-definite, for which SLEPc purifies the vectors.
+    solver.setProblemType(SLEPc.EPS.ProblemType.GHEP)
+    solver.setDimensions(n, min(K.shape[0], 2 * n + 20))
+    solver.setTolerances(1e-12, 1000)
+    solver.setTarget(shift)
+    solver.setWhichEigenpairs(SLEPc.EPS.Which.TARGET_MAGNITUDE)
+    transform = solver.getST()
+    transform.setType(SLEPc.ST.Type.SINVERT)
+    # The softest pivots of a slender beam are small against its axial stiffness, and no zeros.
+    factorisation = transform.getKSP().getPC()
+    factorisation.setType(PETSc.PC.Type.LU)
+    factorisation.setFactorPivot(zeropivot=1e-100)
+    solver.solve()
+    if solver.getConverged() < n:
+        raise RuntimeError(
+            f"modes: SLEPc found {solver.getConverged()} of {n} modes; ask for fewer, or look for "
+            "a stiffness or a mass in the wrong unit"
+        )
+    vectors, x = np.empty((K.shape[0], n)), A.createVecLeft()
+    for k in range(n):
+        solver.getEigenvector(k, x)
+        vectors[:, k] = x.array
+    return vectors

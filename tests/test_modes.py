@@ -1,0 +1,331 @@
+"""Natural frequencies against exact ones, against dense algebra and against the motion itself."""
+
+import math
+import sys
+
+import ufl
+
+import numpy as np
+import pytest
+import scipy.linalg
+from jointed import KINDS, pair
+from scenes import FLYING, demo
+
+import fx_beam as fb
+from fx_beam.model import Model
+
+DEGREES = pytest.mark.parametrize("degree", [1, 2, 3])
+GRAVITY = 9.81
+
+
+def square(height):
+    """Square section of unit modulus, so stiff along its axis that only bending is low."""
+    A, J = height**2, height**4 / 12
+    return fb.Section(EA=1e3 * A, GA=5 / 6 * A / 2.6, EI=J, rhoA=A, rhoI=J)
+
+
+def simply_supported(degree, elements, section):
+    scene = fb.Scene()
+    beam = scene.add_beam([(0, 0), (1, 0)], section, elements=elements, degree=degree)
+    scene.pin(beam.start)
+    scene.fix(beam.end, "y")
+    return scene
+
+
+def timoshenko(section, n):
+    """Lowest angular frequencies of a simply supported beam of length 1 with rotary inertia.
+
+    For w = W sin(k x), psi = P cos(k x) with k = m pi: the two roots of the quadratic in omega^2
+    for each m, and sqrt(GA/rhoI) for m = 0.
+    """
+    s, found = section, [math.sqrt(section.GA / section.rhoI)]
+    for k in math.pi * np.arange(1, n + 1):
+        linear = s.rhoA * (s.EI * k**2 + s.GA) + s.GA * k**2 * s.rhoI
+        found += list(np.sqrt(np.roots([s.rhoA * s.rhoI, -linear, s.GA * s.EI * k**4])))
+    return np.sort(found)[:n]
+
+
+def equilibrium(scene):
+    """The scene at rest under its loads."""
+    return fb.simulate(scene, fb.Equilibrium(), dt=1, t_end=1)
+
+
+# -- Straight beams ----------------------------------------------------------------------------
+
+
+@DEGREES
+@pytest.mark.parametrize("height", [0.2, 0.01], ids=["stout", "slender"])
+def test_five_frequencies_of_a_supported_beam_converge_to_the_exact_ones(height, degree):
+    section = square(height)
+    exact = timoshenko(section, 5)
+    slender = (math.pi * np.arange(1, 6)) ** 2 * math.sqrt(section.EI / section.rhoA)
+    shear = 1 - exact / slender
+    assert (shear > 0.25).any() if height == 0.2 else (shear < 5e-3).all()
+    counts = {1: (16, 32), 2: (8, 16), 3: (6, 12)}[degree]
+    errors = [fb.modes(simply_supported(degree, n, section), n=5) for n in counts]
+    errors = np.array([found.angular_frequencies / exact - 1 for found in errors])
+    order = np.log2(errors[0] / errors[1])
+    # Two for each degree; the first frequency stands for all once it is near its rounding.
+    assert order[0] == pytest.approx(2 * degree, abs=0.1)
+    assert (order > 2 * degree - 0.5).all()
+    assert (errors[1] < {1: 0.14, 2: 2e-3, 3: 2e-4}[degree]).all()
+
+
+@DEGREES
+def test_a_slender_supported_beam_has_the_frequencies_of_euler_and_bernoulli(degree):
+    section = square(1e-3)
+    exact = (math.pi * np.arange(1, 6)) ** 2 * math.sqrt(section.EI / section.rhoA)
+    counts = {1: 128, 2: 32, 3: 16}[degree]
+    found = fb.modes(simply_supported(degree, counts, section), n=5).angular_frequencies
+    assert found == pytest.approx(exact, rel={1: 1e-2, 2: 2e-4, 3: 6e-5}[degree])
+    assert found[0] == pytest.approx(exact[0], rel={1: 1e-4, 2: 3e-6, 3: 3e-6}[degree])
+
+
+@pytest.mark.parametrize("points", [[(0, 0), (0.6, 0.8)], fb.arc((0, 0), (1, 0.1), (1, 1))])
+@pytest.mark.parametrize("height", [0.1, 1e-3])
+@DEGREES
+def test_a_free_beam_has_three_rigid_modes(points, height, degree):
+    scene = fb.Scene(gravity=(0, -10))
+    scene.add_beam(points, square(height), elements=6, degree=degree)
+    found = fb.modes(scene, n=5)
+    assert found.rigid.tolist() == [True] * 3 + [False] * 2
+    assert (found.angular_frequencies[:3] == 0).all() and (found.frequencies[3:] > 0).all()
+    # Rounding mixes in some of the first bending mode, the more the softer that is.
+    close = 1e-7 if height > 0.01 else 1e-3
+    for shape in found.shapes[:3]:
+        # A turn about one point, or none.
+        spin = shape[:, 2]
+        assert spin == pytest.approx(spin[0], abs=close * abs(shape).max())
+        x, y = (found.positions - found.positions[0]).T
+        expected = shape[0, :2] + spin[0] * np.column_stack([-y, x])
+        assert abs(shape[:, :2] - expected).max() < close * abs(shape).max()
+    assert str(found).splitlines()[0] == "mode 0: 0 Hz rigid"
+
+
+def test_shapes_have_the_modal_mass_one_and_are_orthogonal():
+    scene = simply_supported(2, 4, square(0.1))
+    found = fb.modes(scene, n=8)
+    model = Model(scene, fb.Newmark())
+    vectors = np.array([model.from_nodes(shape) for shape in found.shapes])
+    assert vectors @ model.mass @ vectors.T == pytest.approx(np.eye(8), abs=1e-9)
+    moved = found.shape(scene.beams[0], 0, size=0.1)
+    assert abs(moved[:, 1]) == pytest.approx(0.1 * np.sin(np.pi * moved[:, 0]), abs=2e-4)
+
+
+def test_a_beam_vibrates_with_its_frequency():
+    scene = simply_supported(2, 4, square(0.05))
+    beam = scene.beams[0]
+    found = fb.modes(scene, n=2)
+    period, shape = 1 / found.frequencies[1], found.shapes[1]
+    places = {tuple(x): rates for x, rates in zip(found.positions, shape, strict=True)}
+    scene.set_velocity(
+        beam,
+        lambda x, y: 1e-6 * places[x, y][:2],
+        spin=lambda x, y: 1e-6 * places[x, y][2],
+    )
+    solution = fb.simulate(scene, dt=period / 200, t_end=period)
+    quarter = solution.displacement(beam.node(0.25))[:, 1]
+    exact = np.sin(2 * np.pi * solution.t / period)
+    assert quarter == pytest.approx(quarter[50] * exact, abs=2e-3 * abs(quarter).max())
+
+
+# -- Stress ------------------------------------------------------------------------------------
+
+
+@DEGREES
+@pytest.mark.parametrize("ratio", [-0.9, 0.5, 100.0])
+def test_a_force_along_a_beam_changes_its_frequencies_as_a_strings(degree, ratio):
+    section = fb.Section(EA=1e9, GA=1e9, EI=10.0, rhoA=1.0)
+    force = ratio * math.pi**2 * section.EI  # of the critical one
+    scene = simply_supported(degree, {1: 48, 2: 12, 3: 6}[degree], section)
+    scene.add_force(scene.beams[0].end, (force, 0))
+    k = math.pi * np.arange(1, 4)
+    exact = np.sqrt(k**4 * section.EI + k**2 * force)
+    found = fb.modes(scene, equilibrium(scene), n=3)
+    assert found.angular_frequencies == pytest.approx(
+        exact, rel={1: 2e-2, 2: 6e-3, 3: 3e-4}[degree]
+    )
+    assert not found.rigid.any()
+
+
+def test_a_beam_beyond_its_critical_load_is_reported_unstable():
+    section = fb.Section(EA=1e9, GA=1e9, EI=10.0, rhoA=1.0)
+    scene = simply_supported(3, 8, section)
+    force = -4.5 * math.pi**2 * section.EI
+    scene.add_force(scene.beams[0].end, (force, 0))
+    found = fb.modes(scene, equilibrium(scene), n=4)
+    k = math.pi * np.arange(1, 5)
+    squares = np.sort(k**4 * section.EI + k**2 * force)
+    exact = np.sign(squares) * np.sqrt(abs(squares))
+    assert found.angular_frequencies == pytest.approx(exact, rel=1e-3)
+    assert found.unstable.tolist() == [True, True, False, False]
+    assert "unstable" in str(found)
+
+
+def test_the_two_small_frequencies_of_a_stiff_double_pendulum_are_those_of_the_rigid_one():
+    def pendulum(EA, held=False):
+        section = fb.Section(EA=EA, GA=EA, EI=EA)
+        scene = fb.Scene(gravity=(0, -GRAVITY))
+        upper = scene.add_beam([(0, 0), (0, -1)], section, elements=2)
+        lower = scene.add_beam([(0, -1), (0, -2)], section, elements=2)
+        # Held by a clamp and a rigid joint it hangs as it does on hinges.
+        (scene.clamp if held else scene.pin)(upper.start)
+        scene.add_joint((fb.Rigid if held else fb.Revolute)(upper.end, lower.start))
+        scene.add_mass(upper.end, 3.0)
+        scene.add_mass(lower.end, 3.0)
+        return scene
+
+    exact = np.sqrt(GRAVITY * (2 + np.array([-1, 1]) * math.sqrt(2)))
+    errors = []
+    for EA in (1e5, 1e7):
+        found = fb.modes(pendulum(EA), equilibrium(pendulum(EA, held=True)), n=4)
+        assert not found.rigid.any() and found.angular_frequencies[2] > 100
+        errors.append(abs(found.angular_frequencies[:2] / exact - 1).max())
+    assert errors[0] < 1e-3
+    assert errors[1] == pytest.approx(errors[0] / 100, rel=0.05)  # the stretch of the rods
+    # Without the force of gravity in the rods nothing turns them back.
+    assert fb.modes(pendulum(1e7), n=4).rigid.tolist() == [True, True, False, False]
+
+
+# -- Joints, springs, lumped masses ------------------------------------------------------------
+
+
+def test_springs_on_joints_and_lumped_masses_give_the_oscillator_of_the_textbook():
+    section = fb.Section(EA=1e9, GA=1e9, EI=1e9)
+    scene = fb.Scene()
+    rod = scene.add_beam([(0, 0), (2, 0)], section)
+    scene.add_joint(
+        fb.Revolute(fb.GROUND, rod.start, spring=fb.Spring(50.0), damper=fb.Damper(3.0))
+    )
+    scene.add_mass(rod.end, 0.5)
+    slider = scene.add_beam([(0, 1), (1, 1)], section)
+    scene.add_joint(fb.Prismatic(fb.GROUND, slider.start, axis=(1, 0), spring=fb.Spring(72.0)))
+    scene.add_mass(slider.start, 2.0)
+    found = fb.modes(scene, n=2)
+    # sqrt(50/(0.5 2^2)) and sqrt(72/2); the damper has no part in it.
+    assert found.angular_frequencies == pytest.approx([5.0, 6.0], rel=1e-6)
+
+
+def test_a_prescribed_node_is_held():
+    section = square(0.1)
+    moved, held = fb.Scene(), fb.Scene()
+    for scene in (moved, held):
+        beam = scene.add_beam([(0, 0), (1, 0)], section, elements=4, degree=2)
+        if scene is held:
+            scene.clamp(beam.start)
+        else:
+            scene.fix(beam.start, "x", "rotation")
+            scene.prescribe(beam.start, y=lambda t: math.sin(t))
+    found = [fb.modes(scene, n=4).angular_frequencies for scene in (moved, held)]
+    assert found[0] == pytest.approx(found[1], rel=1e-9)
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_stiffness_is_the_derivative_of_the_forces_of_a_stressed_scene_with_joints(kind):
+    spring = {"spring": fb.Spring(30.0, 0.2)} if "rigid" not in kind else {}
+    scene, first, second, _ = pair(kind, degree=2, gravity=(0, -GRAVITY), **spring)
+    scene.pin(first.start)
+    scene.add_force(second.end, (30.0, 50.0))
+    state = fb.simulate(scene, dt=0.02, t_end=0.5)
+    assert abs(state.q[-1]).max() > 0.3
+    source = sys.modules["fx_beam.modes"]
+    model = Model(scene, fb.Newmark())
+    K, _, _, q = source._matrices(model, state)
+    force = model.loads.at(0.5) + model.weight
+
+    def gradient(y):
+        D = model.reduction.expand(y, np.empty(0))
+        r = model.forms.internal_force(D) - force
+        return model.reduction.project(r)[: model.reduction.free].copy()
+
+    h = 1e-5
+    columns = [
+        (gradient(-2 * e) - 8 * gradient(-e) + 8 * gradient(e) - gradient(2 * e)) / (12 * h)
+        for e in h * np.eye(model.reduction.free)
+    ]
+    assert abs(K - np.array(columns)).max() < 1e-7 * abs(K).max()
+
+
+def dense(scene, state=None):
+    """All finite angular frequencies squared by dense algebra, massless unknowns condensed."""
+    K, M = sys.modules["fx_beam.modes"]._matrices(Model(scene, fb.Newmark()), state)[:2]
+    K, M = K.toarray(), M.toarray()
+    has = M.diagonal() > 0
+    K = K[np.ix_(has, has)] - K[np.ix_(has, ~has)] @ np.linalg.solve(
+        K[np.ix_(~has, ~has)], K[np.ix_(~has, has)]
+    )
+    return scipy.linalg.eigvalsh(K, M[np.ix_(has, has)])
+
+
+@pytest.mark.parametrize("name", ["multibody", "three_bar_swing", "massless turns", "arch"])
+def test_frequencies_are_those_of_dense_algebra(name):
+    state = None
+    if name == "massless turns":
+        section = fb.Section(EA=1e4, GA=1e4, EI=10.0, rhoA=1.0)
+        scene = simply_supported(1, 6, section)
+    elif name == "arch":
+        scene = fb.Scene(gravity=(0, -20))
+        arch = scene.add_beam(fb.arc((0, 0), (1, 0.5), (2, 0)), FLYING, elements=6, degree=2)
+        scene.pin(arch.start)
+        scene.pin(arch.end)
+        state = equilibrium(scene)
+    else:
+        made = demo(name).scene()
+        scene = made if isinstance(made, fb.Scene) else made[0]
+    squares = dense(scene, state)
+    found = fb.modes(scene, state, n=len(squares) + 3)
+    assert len(found) == len(squares)  # there are no more
+    # The squares are as accurate as the rounding of the largest, in both.
+    rounding = 1e-15 * squares.max()
+    assert found.angular_frequencies**2 == pytest.approx(squares, rel=1e-9, abs=rounding)
+    few = fb.modes(scene, state, n=3).angular_frequencies ** 2
+    assert few == pytest.approx(squares[:3], rel=1e-9, abs=rounding)
+
+
+# -- Refusals ----------------------------------------------------------------------------------
+
+
+def test_modes_of_what_cannot_vibrate_are_refused():
+    scene = simply_supported(1, 2, FLYING)
+    with pytest.raises(fb.SceneError, match="fx_beam.Scene"):
+        fb.modes(scene.beams[0])
+    with pytest.raises(fb.SceneError, match="n = 0 must be"):
+        fb.modes(scene, n=0)
+    with pytest.raises(fb.SceneError, match="must be a solution"):
+        fb.modes(scene, state=3)
+    other = fb.simulate(simply_supported(1, 3, FLYING), dt=0.1, t_end=0.1)
+    with pytest.raises(fb.SceneError, match="no solution of this scene"):
+        fb.modes(scene, state=other)
+    unrecorded = fb.simulate(scene, dt=0.1, t_end=0.1, record=fb.Record(motion=False))
+    with pytest.raises(fb.SceneError, match="motion recorded"):
+        fb.modes(scene, state=unrecorded)
+    massless = simply_supported(1, 2, fb.Section(EA=1, GA=1, EI=1))
+    with pytest.raises(fb.SceneError, match="no mass"):
+        fb.modes(massless)
+
+
+def test_a_force_that_follows_the_motion_is_refused_and_a_bed_of_springs_is_not():
+    section = fb.Section(EA=1e3, GA=1e3, EI=1.0, rhoA=1.0)
+    free, bedded = (simply_supported(2, 4, section) for _ in range(2))
+    bedded.add_virtual_work(lambda step: -3.0 * ufl.dot(step.u, step.virtual_u))
+    squares = [fb.modes(scene, n=1).angular_frequencies[0] ** 2 for scene in (free, bedded)]
+    assert squares[1] - squares[0] == pytest.approx(3.0, rel=1e-2)
+    bedded.add_virtual_work(lambda step: ufl.dot(step.director, step.virtual_u))
+    with pytest.raises(fb.SceneError, match="not symmetric"):
+        fb.modes(bedded)
+
+
+def test_a_state_that_is_unstable_in_what_has_no_mass_is_refused():
+    section = fb.Section(EA=1e6, GA=1e6, EI=10.0)
+    scene = simply_supported(2, 8, section)
+    scene.add_mass(scene.beams[0].node(0.5), 1.0)  # stands still while the halves buckle
+    scene.add_force(scene.beams[0].end, (-4.5 * math.pi**2 * section.EI, 0))
+    with pytest.raises(fb.SceneError, match="unstable in a motion without mass"):
+        fb.modes(scene, equilibrium(scene))
+
+
+def test_drag_has_no_part_in_modes():
+    plain, dragged = (simply_supported(2, 4, square(0.1)) for _ in range(2))
+    dragged.add_virtual_work(lambda step: -50.0 * ufl.dot(step.v, step.virtual_u))
+    found = [fb.modes(scene, n=3).angular_frequencies for scene in (plain, dragged)]
+    assert found[1] == pytest.approx(found[0], rel=1e-9)

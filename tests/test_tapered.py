@@ -1,0 +1,207 @@
+"""Tapered and stepped members: against integrals, and that they keep what uniform ones keep."""
+
+import math
+
+import ufl
+
+import numpy as np
+import pytest
+from scenes import FLYING, relative_drift
+from scipy.integrate import quad
+
+import fx_beam as fb
+from fx_beam.model import Model
+
+DEGREES = pytest.mark.parametrize("degree", [1, 2, 3])
+TAPERED = fb.Section(
+    EA=lambda s: 1e4 * (1 - s / 2),
+    GA=lambda s: 1e4 * (1 - s / 2),
+    EI=lambda s: 100 * (1 - s / 2) ** 3,
+    rhoA=lambda s: 1 - s / 2,
+    rhoI=lambda s: 10 * (1 - s / 2) ** 3,
+)
+
+
+def end_of_cantilever(section, force, elements, degree):
+    """Displacement of the end of a cantilever of length 2 in equilibrium."""
+    scene = fb.Scene()
+    beam = scene.add_beam([(0, 0), (2, 0)], section, elements=elements, degree=degree)
+    scene.clamp(beam.start)
+    scene.add_force(beam.end, force)
+    solution = fb.simulate(scene, fb.Newmark(), dt=1, t_end=1)
+    return solution.displacement(beam.end)[-1]
+
+
+# -- Statics -----------------------------------------------------------------------------------
+
+
+@DEGREES
+def test_a_tapered_bar_lengthens_by_the_logarithm(degree):
+    root, tip, force = 2.0, 1.0, 1e-3
+    section = fb.Section(EA=lambda s: root + (tip - root) * s, GA=1.0, EI=1.0)
+    exact = force * 2 * math.log(root / tip) / (root - tip)
+    found = [end_of_cantilever(section, (force, 0), n, degree)[0] for n in (4, 8)]
+    errors = abs(np.array(found) / exact - 1)
+    assert np.log2(errors[0] / errors[1]) > 2 * degree - 0.2
+    assert errors[1] < {1: 2e-3, 2: 2e-6, 3: 2e-9}[degree]
+
+
+@DEGREES
+def test_a_tapered_cantilever_bends_by_the_integral_of_its_flexibility(degree):
+    force, section = (
+        1e-6,
+        fb.Section(EA=1.0, GA=lambda s: 30 * (2 - s), EI=lambda s: (1 - s / 3) ** 3),
+    )
+    exact, _ = quad(
+        lambda x: force * ((2 - x) ** 2 / section.EI(x / 2) + 1 / section.GA(x / 2)), 0, 2
+    )
+    found = [end_of_cantilever(section, (0, force), n, degree)[1] for n in (8, 16)]
+    errors = abs(np.array(found) / exact - 1)
+    assert np.log2(errors[0] / errors[1]) > 2 * degree - 0.4
+    assert errors[1] < {1: 1e-2, 2: 1e-4, 3: 1e-6}[degree]
+
+
+# -- Data --------------------------------------------------------------------------------------
+
+
+@DEGREES
+def test_mass_and_weight_are_the_integrals_of_the_density(degree):
+    scene = fb.Scene(gravity=(0, -10))
+    section = fb.Section(EA=1, GA=1, EI=1, rhoA=lambda s: 3 - 2 * s, rhoI=lambda s: s)
+    beam = scene.add_beam([(1, 0), (5, 3)], section, elements=3, degree=degree)
+    model = Model(scene, fb.EnergyMomentum())
+    across = model.from_nodes(np.tile([0.0, 1.0, 0.0], (len(model.mesh.X), 1)))
+    turned = model.from_nodes(np.tile([0.0, 0.0, 1.0], (len(model.mesh.X), 1)))
+    assert across @ model.mass @ across == pytest.approx(beam.length * 2, rel=1e-14)
+    assert turned @ model.mass @ turned == pytest.approx(beam.length / 2, rel=1e-14)
+    assert across @ model.weight == pytest.approx(-10 * beam.length * 2, rel=1e-14)
+    assert model.weight == pytest.approx(model.mass @ across * -10, abs=1e-13)
+
+
+def test_a_rectangle_of_varying_height_has_the_data_of_each_height():
+    def height(s):
+        return 0.1 * (1 - s / 2)
+
+    for make, size in (
+        (lambda h: fb.Section.rectangle(h, 0.02, E=2e11, rho=7800), "EI"),
+        (lambda h: fb.Section.circle(h, E=2e11, rho=7800), "rhoI"),
+        (lambda h: fb.Section.from_area(h, 1e-6, E=2e11, rho=7800), "EA"),
+    ):
+        varying = make(height)
+        for name in ("EA", "GA", "EI", "rhoA", "rhoI"):
+            values = varying.values(name, np.array([0.0, 0.3, 1.0]))
+            each = [getattr(make(height(s)), name) for s in (0.0, 0.3, 1.0)]
+            assert values == pytest.approx(each, rel=1e-14)
+        assert varying.varies(size)
+
+
+def test_functions_of_numpy_of_math_and_of_ufl_are_the_same():
+    def run(EI, rhoA):
+        section = fb.Section(EA=1e4, GA=1e4, EI=EI, rhoA=rhoA, rhoI=1.0)
+        scene = fb.Scene(gravity=(0, -9.81))
+        scene.pin(scene.add_beam([(0, 0), (1, 0)], section, elements=4, degree=2).start)
+        return fb.simulate(scene, dt=0.02, t_end=0.4).q
+
+    ways = [
+        run(lambda s: np.where(s < 0.5, 100, 50), lambda s: np.exp(-s)),
+        run(lambda s: 100 if s < 0.5 else 50, lambda s: math.exp(-s)),
+        run(lambda s: ufl.conditional(ufl.lt(s, 0.5), 100, 50), lambda s: ufl.exp(-s)),
+    ]
+    assert abs(ways[0] - ways[1]).max() < 1e-11 and abs(ways[0] - ways[2]).max() < 1e-11
+    assert abs(ways[0]).max() > 0.1
+
+
+def test_only_a_section_that_varies_brings_a_function_into_the_forms():
+    def coefficients(*sections):
+        scene = fb.Scene()
+        for section in sections:
+            scene.clamp(scene.add_beam([(0, 0), (1, 0)], section, degree=2).start)
+        forms = Model(scene, fb.EnergyMomentum()).forms
+        return len(forms.compiled["tangent"][1].coefficients())
+
+    assert coefficients(FLYING) == 3  # start, increment and path
+    assert coefficients(TAPERED) == 4
+    assert coefficients(FLYING, TAPERED) == 4
+
+
+@pytest.mark.parametrize(
+    ("datum", "message"),
+    [
+        (lambda s: 1 - 1.1 * s, r"beam 'rod': Section: EA = -0.031.* fraction 0.9375"),
+        (lambda s: math.nan if s > 0.9 else 1.0, r"beam 'rod': .*nan at the fraction 0.9375"),
+        (lambda s: 0.0, r"EA = 0.0 at the fraction 0.5 .* must be positive"),
+        (lambda s: [1.0, 2.0], r"fraction 0.5 .*wrong shape"),
+        (lambda s: "stiff", r"fraction 0.5 .*wrong shape"),
+        (lambda s: math.sqrt(s - 0.6), r"fraction 0.5 .*ValueError"),
+        (lambda: 1.0, r"TypeError"),
+    ],
+)
+def test_a_bad_value_is_named_with_its_place(datum, message):
+    def make(**data):
+        section = fb.Section(**{"EA": 1.0, "GA": 1.0, "EI": 1.0} | data)
+        scene = fb.Scene()
+        scene.clamp(scene.add_beam([(0, 0), (1, 0)], section, elements=8, name="rod").start)
+        return Model(scene, fb.EnergyMomentum())
+
+    with pytest.raises(fb.SceneError, match=message):
+        make(EA=datum)
+
+
+def test_a_bad_density_is_named_as_well():
+    section = fb.Section(EA=1, GA=1, EI=1, rhoA=lambda s: 0.7 - s)
+    scene = fb.Scene()
+    scene.add_beam([(0, 0), (1, 0)], section, name="rod")
+    with pytest.raises(fb.SceneError, match=r"beam 'rod': Section: rhoA = -0.*must be zero or"):
+        fb.simulate(scene, dt=1, t_end=1)
+
+
+# -- Motion ------------------------------------------------------------------------------------
+
+
+def flight(section, degree, curved=False, **options):
+    scene = fb.Scene()
+    points = fb.arc((6, 0), (1, 1), (0, 8)) if curved else [(6, 0), (0, 8)]
+    beam = scene.add_beam(points, section, elements=4, degree=degree)
+    scene.add_force(beam.start, lambda t: (8.0 * (t < 1), 0.0))
+    scene.add_moment(beam.start, lambda t: -40.0 * (t < 1))
+    return fb.simulate(scene, dt=0.05, t_end=4.0, **options)
+
+
+@DEGREES
+@pytest.mark.parametrize("curved", [False, True], ids=["straight", "curved"])
+@pytest.mark.parametrize("solver", ["compiled", "petsc"])
+def test_a_tapered_beam_in_flight_keeps_energy_and_momenta(degree, curved, solver):
+    solution = flight(TAPERED, degree, curved, solver=solver)
+    after = solution.t > 1 - 1e-6
+    assert relative_drift(solution.energy.total[after]) < 1e-11
+    assert abs(solution.linear_momentum[after] - (8.0, 0.0)).max() < 8 * 1e-10
+    assert relative_drift(solution.angular_momentum[after]) < 1e-10
+
+
+@DEGREES
+@pytest.mark.parametrize("curved", [False, True], ids=["straight", "curved"])
+def test_a_stepped_member_moves_as_the_two_it_is_made_of(degree, curved):
+    thick = fb.Section(EA=1e4, GA=1e4, EI=100, rhoA=1.0, rhoI=10.0)
+    thin = fb.Section(EA=5e3, GA=5e3, EI=20, rhoA=0.5, rhoI=3.0)
+
+    def stepped(name):
+        return lambda s: getattr(thick if s < 0.6 else thin, name)
+
+    data = {name: stepped(name) for name in ("EA", "GA", "EI", "rhoA", "rhoI")}
+    arc = fb.arc((0, 0), (5, 1), (10, 0))
+    middle = arc.function(0.6) if curved else (6, 0)
+    parts = fb.Scene(gravity=(0, -9.81))
+    whole = fb.Scene(gravity=(0, -9.81))
+    ends = (arc.function(0.3), arc.function(0.8)) if curved else ((3, 0), (8, 0))
+    line = arc if curved else [(0, 0), (10, 0)]
+    one = whole.add_beam(line, fb.Section(**data), elements=5, degree=degree)
+    first = fb.arc((0, 0), ends[0], middle) if curved else [(0, 0), middle]
+    a = parts.add_beam(first, thick, elements=3, degree=degree)
+    second = fb.arc(a.end, ends[1], (10, 0)) if curved else [a.end, (10, 0)]
+    b = parts.add_beam(second, thin, elements=2, degree=degree)
+    tips = []
+    for scene, start, end in ((whole, one.start, one.end), (parts, a.start, b.end)):
+        scene.pin(start)
+        tips.append(fb.simulate(scene, dt=0.02, t_end=1.0).position(end))
+    assert abs(tips[0] - tips[1]).max() < 1e-10
+    assert abs(tips[0] - tips[0][0]).max() > 1
