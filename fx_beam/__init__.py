@@ -18,13 +18,14 @@ from .joints import (
 )
 from .kinematics import Step
 from .newton import NewtonOptions
-from .rates import MidPointRates, NewmarkRates, Rates
+from .rates import AtRest, MidPointRates, NewmarkRates, Rates
 from .recorder import Record
 from .resultants import Resultants, WeightedResultants
 from .scene import Scene
 from .schemes import (
     HHT,
     EnergyMomentum,
+    Equilibrium,
     GeneralizedAlpha,
     MidPoint,
     ModifiedMidPoint,
@@ -37,12 +38,14 @@ from .solution import Solution
 __all__ = [
     "GROUND",
     "HHT",
+    "AtRest",
     "Beam",
     "BeamResultants",
     "Coordinate",
     "Damper",
     "Energy",
     "EnergyMomentum",
+    "Equilibrium",
     "GeneralizedAlpha",
     "Joint",
     "Law",

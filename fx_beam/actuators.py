@@ -73,7 +73,7 @@ class Actuators:
                         joint,
                         k=spring.stiffness if spring else 0.0,
                         rest=spring.rest if spring else 0.0,
-                        c=damper.viscosity if damper else 0.0,
+                        c=damper.viscosity if damper and not rates.at_rest else 0.0,
                         turns=turns,
                         columns=columns,
                     )

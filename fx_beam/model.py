@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 from typing import Any
 
 import ufl
@@ -54,16 +55,21 @@ class Model:
         self.compiled = list(self.forms.compiled)
         self.assembled: list[str] = []
 
-        self._build_mass()
         self.loads = Loads(scene, self.mesh, self._assemble_line_load)
         self.assembled += [str(load) for load in scene.loads]
-        self._build_gravity()
+        self._build_weight()
         self._build_reduction()
         if not scene.virtual_works:
-            check_no_massless_mechanism(scene, self.mesh, self.mass)
+            mass = None if scheme.rates.at_rest else self.mass
+            check_no_massless_mechanism(scene, self.mesh, self.forms.stiffness, mass)
 
-    def _build_mass(self) -> None:
-        """The constant mass matrix (eqs 19 to 21), lumped entries included."""
+    @functools.cached_property
+    def mass(self) -> scipy.sparse.csr_matrix:
+        """The constant mass matrix (eqs 19 to 21), lumped entries included.
+
+        It has the sparsity of the stiffness, and is assembled when it is first asked for: statics
+        does without.
+        """
         sections = [beam.section for beam in self.scene.beams]
         rhoA, rhoI = (
             np.array([getattr(s, name) for s in sections], dtype=float) for name in ("rhoA", "rhoI")
@@ -76,33 +82,49 @@ class Model:
         if rhoI.any():
             density += cell_data(self.mesh, rhoI) * virtual_psi * psi
             self.assembled.append("distributed rotary inertia")
-        #: Mass matrix with the sparsity of `stiffness`.
-        self.mass = self.forms.stiffness.copy()
-        self.mass.data[:] = 0.0
+        mass = self.forms.stiffness.copy()
+        mass.data[:] = 0.0
         if density != 0:
             dx = compat.measure(self.mesh.mesh, self.forms.step.degree + 1)
             form = compat.compile_form(density * dx)
             self.compiled.append("mass")
             matrix = compat.create_matrix(form)
             compat.assemble_matrix(matrix, form)
-            self.mass.data[:] = matrix.data
+            mass.data[:] = matrix.data
         if self.scene.masses:
-            lumped = np.zeros((len(self.mesh.X), 3))
-            for node, mass, inertia in self.scene.masses:
-                lumped[node] += mass, mass, inertia
-            self.mass.setdiag(self.mass.diagonal() + self.from_nodes(lumped))
+            mass.setdiag(mass.diagonal() + self.from_nodes(self._lumped()))
             self.assembled.append("lumped mass")
-        #: Degrees of freedom without mass.
-        self.massless = self.mass.diagonal() == 0
+        return mass
 
-    def _build_gravity(self) -> None:
-        """Weight of every mass: the mass matrix times a uniform acceleration."""
+    @functools.cached_property
+    def massless(self) -> np.ndarray:
+        """Whether each degree of freedom (size,) is without mass."""
+        return self.mass.diagonal() == 0
+
+    def _lumped(self) -> np.ndarray:
+        """Lumped masses and inertias (n_node, 3) by the components that they resist."""
+        lumped = np.zeros((len(self.mesh.X), 3))
+        for node, mass, inertia in self.scene.masses:
+            lumped[node] += mass, mass, inertia
+        return lumped
+
+    def _build_weight(self) -> None:
+        """Weight (size,) of every mass, or none."""
         self.weight = None
-        if self.scene.gravity is not None:
-            field = np.zeros((len(self.mesh.X), 3))
-            field[:, :2] = self.scene.gravity
-            self.weight = self.mass @ self.from_nodes(field)
-            self.assembled.append("gravity")
+        gravity = self.scene.gravity
+        if gravity is None:
+            return
+        self.weight = self.from_nodes(self._lumped() * [*gravity, 0.0])
+        rhoA = np.array([beam.section.rhoA for beam in self.scene.beams], dtype=float)
+        if rhoA.any():
+            pull = ufl.dot(compat.constant(self.mesh.mesh, gravity), self.forms.step.virtual_u)
+            dx = compat.measure(self.mesh.mesh, self.forms.step.degree + 1)
+            form = compat.compile_form(cell_data(self.mesh, rhoA) * pull * dx)
+            self.compiled.append("weight")
+            distributed = np.zeros(self.size)
+            compat.assemble_vector(distributed, form)
+            self.weight += distributed
+        self.assembled.append("gravity")
 
     def _build_reduction(self) -> None:
         """Unknowns: what supports and joints leave."""

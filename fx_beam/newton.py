@@ -140,11 +140,13 @@ class Newton:
         residuals: list[float] = []
         previous = np.inf
         for iteration in range(1, options.max_iterations + 1):
-            a, slope = rates.acceleration(D, v0, a0, dt, model.turns)
             f = model.forms.internal_force(D)
-            r = f + model.mass @ a - force
+            r = f - force
             model.forms.assemble_stiffness()
-            K.data += model.mass.data * slope[K.indices]
+            if not rates.at_rest:
+                a, slope = rates.acceleration(D, v0, a0, dt, model.turns)
+                r += model.mass @ a
+                K.data += model.mass.data * slope[K.indices]
             residual = reduction.project(r)[:free]
             residuals.append(abs(residual).max(initial=0.0))
 
@@ -198,7 +200,9 @@ class Newton:
         on the residual itself would not do: in a stiff scene its rounding, of the size of EA times
         that of a strain, hides what is missing in the soft directions.
         """
-        energy = v0 @ (self.model.mass @ v0) + abs(f) @ abs(D)
+        energy = abs(f) @ abs(D)
+        if not self.model.scheme.rates.at_rest:
+            energy += v0 @ (self.model.mass @ v0)
         return bool(abs(work) <= ENERGY_FLOOR * energy)
 
 

@@ -17,6 +17,11 @@ class Rates(Protocol):
     """
 
     @property
+    def at_rest(self) -> bool:
+        """Whether nothing moves in time, so that there is no inertia."""
+        return False
+
+    @property
     def level(self) -> float:
         """Where in the step the forces are taken: 0 is its start, 1 its end."""
 
@@ -227,3 +232,42 @@ class NewmarkRates(Rates):
 
     def _end_acceleration(self, D, v0, a0, dt):
         return (D - dt * v0) / (self.beta * dt**2) - (1 / (2 * self.beta) - 1) * a0
+
+
+@dataclass(frozen=True)
+class AtRest(Rates):
+    """No rates and no inertia: forces are in equilibrium at the end of each step."""
+
+    @property
+    def at_rest(self) -> bool:
+        """It is so."""
+        return True
+
+    @property
+    def level(self) -> float:
+        """The end of the step."""
+        return 1.0
+
+    def work_increment(self, D, turns):
+        """The increment itself."""
+        return D, np.ones_like(D)
+
+    def slope_derivative(self, Dpsi):
+        """None."""
+        return np.zeros_like(Dpsi)
+
+    def turn_ratio(self, Da, Db):
+        """One."""
+        return 1.0, 0.0, 0.0
+
+    def acceleration(self, D, v0, a0, dt, turns):
+        """None."""
+        return np.zeros_like(D), np.zeros_like(D)
+
+    def end(self, D, v0, a0, dt, turns):
+        """Those of the start, which are zero."""
+        return v0, a0
+
+    def fields(self, Du, Dpsi, v0, a0, dt):
+        """Those of the start, which are zero."""
+        return v0

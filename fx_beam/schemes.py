@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 from .errors import SceneError
 from .kinematics import Step
-from .rates import MidPointRates, NewmarkRates, Rates
+from .rates import AtRest, MidPointRates, NewmarkRates, Rates
 from .resultants import (
     Resultants,
     WeightedResultants,
@@ -145,6 +145,17 @@ def GeneralizedAlpha(rho_inf: float = 0.9) -> Scheme:
     alpha_m, alpha_f = (2 * rho_inf - 1) / (rho_inf + 1), rho_inf / (rho_inf + 1)
     beta, gamma = (1 - alpha_m + alpha_f) ** 2 / 4, 0.5 - alpha_m + alpha_f
     return _newmark_family("GeneralizedAlpha", NewmarkRates(beta, gamma, alpha_m, alpha_f))
+
+
+def Equilibrium() -> Scheme:
+    """Equilibrium at the end of each step, without inertia: what statics takes for a scheme.
+
+    Returns
+    -------
+    Scheme
+        The scheme, for `static` and not for `simulate`.
+    """
+    return Scheme("Equilibrium", at_ends(1.0), AtRest())
 
 
 def _newmark_family(name: str, rates: NewmarkRates) -> Scheme:
