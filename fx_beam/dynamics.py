@@ -11,7 +11,9 @@ from tqdm import tqdm
 
 from .audit import BeamResultants, Stats
 from .compat import gauss_points
+from .drive import Drive
 from .errors import SceneError, StepError
+from .initial import initial_state
 from .library import LoopUnavailable
 from .loop import CompiledLoop
 from .model import Model
@@ -100,10 +102,11 @@ def simulate(
         assembled=model.assembled,
     )
     options = newton or NewtonOptions()
-    stepper = Stepper(model, Newton(model, options), stats, max_halvings)
+    drive = Drive(model)
+    stepper = Stepper(model, Newton(model, options), drive, stats, max_halvings)
     march = _march(solver, stepper, options)
     recorder = Recorder(model, times, record or Record())
-    state = stepper.initial_state(float(times[1]))
+    state = initial_state(model, drive, float(times[1]))
     recorder.record(state, state.q)
     stats.setup_seconds = time.perf_counter() - clock
 

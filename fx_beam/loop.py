@@ -318,13 +318,13 @@ class CompiledLoop:
         starts = np.concatenate([[t], times[:-1]])
         forces, driven, error = [], np.zeros((len(times), model.reduction.driven)), None
         if model.loads.constant:
-            forces.append(stepper.end_forces(t, float(times[0])))
+            forces.append(stepper.drive.forces(t, float(times[0])))
         try:
             for k, (t0, t1) in enumerate(zip(starts, times, strict=True)):
                 if not model.loads.constant:
-                    forces.append(stepper.end_forces(float(t0), float(t1)))
+                    forces.append(stepper.drive.forces(float(t0), float(t1)))
                 if model.reduction.driven:
-                    driven[k] = stepper.driven_at(float(t1))
+                    driven[k] = stepper.drive.places(float(t1))
         except (Exception, KeyboardInterrupt) as raised:
             error, driven = raised, driven[:k]
             forces = forces or [(np.zeros(model.size),) * 2]

@@ -59,7 +59,9 @@ def check_no_massless_mechanism(
     energies, motions = np.linalg.eigh(allowed.T @ inertia @ allowed / scale**2)
     if len(energies) and energies[0] < 1e-14:
         motion = _description(mesh, part_of_node, allowed @ motions[:, 0])
-        advice = "without mass or support: give its section rhoA and rhoI, add a mass, or support it"
+        advice = (
+            "without mass or support: give its section rhoA and rhoI, add a mass, or support it"
+        )
         if mass is None:
             advice = "without support, which statics has no mass to make up for: support it"
         raise SceneError(f"{motion} {advice}")

@@ -85,8 +85,7 @@ class Model:
         mass = self.forms.stiffness.copy()
         mass.data[:] = 0.0
         if density != 0:
-            dx = compat.measure(self.mesh.mesh, self.forms.step.degree + 1)
-            form = compat.compile_form(density * dx)
+            form = compat.compile_form(density * compat.measure(self.mesh.mesh, self._full_rule))
             self.compiled.append("mass")
             matrix = compat.create_matrix(form)
             compat.assemble_matrix(matrix, form)
@@ -101,6 +100,11 @@ class Model:
         """Whether each degree of freedom (size,) is without mass."""
         return self.mass.diagonal() == 0
 
+    @property
+    def _full_rule(self) -> int:
+        """Points of the rule that integrates products of two fields exactly."""
+        return self.forms.step.degree + 1
+
     def _lumped(self) -> np.ndarray:
         """Lumped masses and inertias (n_node, 3) by the components that they resist."""
         lumped = np.zeros((len(self.mesh.X), 3))
@@ -111,20 +115,26 @@ class Model:
     def _build_weight(self) -> None:
         """Weight (size,) of every mass, or none."""
         self.weight = None
-        gravity = self.scene.gravity
-        if gravity is None:
+        if self.scene.gravity is None:
             return
-        self.weight = self.from_nodes(self._lumped() * [*gravity, 0.0])
+        gravity = np.array([*self.scene.gravity, 0.0])
+        if self.scheme.rates.at_rest:
+            self.weight = self.from_nodes(self._lumped() * gravity) + self._distributed_weight()
+        else:
+            self.weight = self.mass @ self.from_nodes(np.tile(gravity, (len(self.mesh.X), 1)))
+        self.assembled.append("gravity")
+
+    def _distributed_weight(self) -> np.ndarray:
+        """Weight (size,) of the beams, as a load."""
+        weight = np.zeros(self.size)
         rhoA = np.array([beam.section.rhoA for beam in self.scene.beams], dtype=float)
         if rhoA.any():
-            pull = ufl.dot(compat.constant(self.mesh.mesh, gravity), self.forms.step.virtual_u)
-            dx = compat.measure(self.mesh.mesh, self.forms.step.degree + 1)
-            form = compat.compile_form(cell_data(self.mesh, rhoA) * pull * dx)
+            gravity = compat.constant(self.mesh.mesh, self.scene.gravity)
+            pull = cell_data(self.mesh, rhoA) * ufl.dot(gravity, self.forms.step.virtual_u)
+            form = compat.compile_form(pull * compat.measure(self.mesh.mesh, self._full_rule))
             self.compiled.append("weight")
-            distributed = np.zeros(self.size)
-            compat.assemble_vector(distributed, form)
-            self.weight += distributed
-        self.assembled.append("gravity")
+            compat.assemble_vector(weight, form)
+        return weight
 
     def _build_reduction(self) -> None:
         """Unknowns: what supports and joints leave."""
@@ -157,7 +167,7 @@ class Model:
         """Nodal forces (size, 2) of a unit line load along x and along y."""
         where = on_beam(self.mesh, self.scene, beam)
         direction = compat.constant(self.mesh.mesh, np.zeros(2))
-        dx = compat.measure(self.mesh.mesh, self.forms.step.degree + 1)
+        dx = compat.measure(self.mesh.mesh, self._full_rule)
         work = where * ufl.dot(direction, self.forms.step.virtual_u) * dx
         form = compat.compile_form(work)
         if "line load" not in self.compiled:

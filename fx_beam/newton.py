@@ -141,11 +141,12 @@ class Newton:
         previous = np.inf
         for iteration in range(1, options.max_iterations + 1):
             f = model.forms.internal_force(D)
-            r = f - force
             model.forms.assemble_stiffness()
-            if not rates.at_rest:
+            if rates.at_rest:
+                r = f - force
+            else:
                 a, slope = rates.acceleration(D, v0, a0, dt, model.turns)
-                r += model.mass @ a
+                r = f + model.mass @ a - force
                 K.data += model.mass.data * slope[K.indices]
             residual = reduction.project(r)[:free]
             residuals.append(abs(residual).max(initial=0.0))

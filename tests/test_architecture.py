@@ -40,9 +40,10 @@ LAYERS = [
     "loads",
     "mechanism",
     "model",
-    "initial",
     # from matrices to a motion
     "state",
+    "drive",
+    "initial",
     "recorder",
     "newton",
     "stepping",
