@@ -34,6 +34,7 @@ from .schemes import (
 )
 from .section import Law, Section
 from .solution import Solution
+from .statics import static
 
 __all__ = [
     "GROUND",
@@ -75,4 +76,5 @@ __all__ = [
     "WeightedResultants",
     "load",
     "simulate",
+    "static",
 ]

@@ -6,6 +6,7 @@ import numpy as np
 
 from .beam import COMPONENTS
 from .errors import SceneError
+from .loads import just_inside
 from .model import Model
 from .state import State
 from .values import evaluate
@@ -32,13 +33,8 @@ class Drive:
         ]
 
     def forces(self, t0: float, t1: float) -> tuple[np.ndarray, np.ndarray]:
-        """Dead forces (size,) at the start and at the end of a step, weight included [N, N m].
-
-        Both are taken just inside the step: a load that jumps from one step to the next belongs
-        to the one in which it acts, whichever way its function rounds.
-        """
-        inset = max(1e-12 * (t1 - t0), 4 * np.spacing(t1))
-        before, after = (self._dead(t) for t in (t0 + inset, t1 - inset))
+        """Dead forces (size,) at the start and at the end of a step, weight included [N, N m]."""
+        before, after = (self._dead(t) for t in just_inside(t0, t1))
         return before, after
 
     def places(self, t: float) -> np.ndarray:
@@ -73,3 +69,29 @@ class Drive:
     def _dead(self, t: float) -> np.ndarray:
         force = self.model.loads.at(t)
         return force if self.model.weight is None else force + self.model.weight
+
+
+class LoadDrive(Drive):
+    """Loads and driven motions of one time, scaled by the load factor, which stands for time.
+
+    Parameters
+    ----------
+    model : Model
+        The compiled scene.
+    time : float
+        When functions of time are taken [s].
+    """
+
+    def __init__(self, model: Model, time: float):
+        super().__init__(model)
+        self.time = time
+        #: All dead loads (size,) [N, N m] and driven motions (driven,) [m, rad].
+        self.full, self.goal = self._dead(time), super().places(time)
+
+    def forces(self, t0: float, t1: float) -> tuple[np.ndarray, np.ndarray]:
+        """Dead forces (size,) at two load factors [N, N m]."""
+        return t0 * self.full, t1 * self.full
+
+    def places(self, t: float) -> np.ndarray:
+        """Where prescribed motions and motors are at a load factor, (driven,) [m, rad]."""
+        return t * self.goal

@@ -14,6 +14,7 @@ import scipy.sparse
 from . import compat
 from .beam import Beam
 from .errors import SceneError
+from .followers import Followers
 from .kinematics import Step
 from .mesh import Mesh
 from .scene import Scene
@@ -49,8 +50,13 @@ class Forms:
         self.turns = np.sort(mesh.dofs[:, 2])
         #: Compiled forms by name, each with its UFL.
         self.compiled: dict[str, tuple[Any, Any]] = {}
+        #: Part of the loads that acts; only in statics not 1.
+        self.load_factor: Any = compat.constant(mesh.mesh, 1.0) if scheme.rates.at_rest else None
         self._build_fields()
         self._build_forms()
+        self._followers = None
+        if any(load.follower for load in scene.loads):
+            self._followers = Followers(scene, mesh, self.stiffness, scheme.rates.level)
 
     # -- Construction ---------------------------------------------------------------------------
 
@@ -91,6 +97,7 @@ class Forms:
             degree=self._scene.beams[0].degree,
             t=self.time,
             dt=self.dt,
+            load_factor=1.0 if self.load_factor is None else self.load_factor,
         )
 
     def _build_forms(self) -> None:
@@ -107,8 +114,7 @@ class Forms:
             residual += r.virtual_work(step) * dx_law
             energy += law.energy(*step.strains0) * dx_law
         added = self._added_virtual_work()
-        self.has_added = added is not None
-        if self.has_added:
+        if added is not None:
             try:
                 self._compile("added virtual work", added * dx)
             except Exception as error:
@@ -183,6 +189,11 @@ class Forms:
         return compiled
 
     @property
+    def has_added(self) -> bool:
+        """Whether there are forces that follow the motion: added virtual works or followers."""
+        return "added virtual work" in self.compiled or self._followers is not None
+
+    @property
     def moving(self) -> tuple:
         """Functions of the space that change from step to step."""
         return self.start, self.increment, self.path, *self.start_rates
@@ -207,6 +218,8 @@ class Forms:
         self.time.value = t + self._scheme.rates.level * dt
         self.dt.value = dt
         self.start.x.array[:] = q
+        if self._followers is not None:
+            self._followers.set_step(t, dt)
         if self._needs_rates:
             for function, rate in zip(self.start_rates, (v, a), strict=True):
                 function.x.array[:] = rate
@@ -226,6 +239,8 @@ class Forms:
         """
         self._set_increment(D)
         compat.assemble_vector(self._force, self._residual)
+        if self._followers is not None:
+            self._followers.add_force(*self._motion, -self._factor, self._force)
         return self._force
 
     def assemble_stiffness(self) -> None:
@@ -235,6 +250,8 @@ class Forms:
             compat.assemble_matrix(self._path_matrix, self._path_tangent)
             _, slope = self._scheme.rates.work_increment(self.increment.x.array, self.turns)
             self.stiffness.data += self._path_matrix.data * slope[self.stiffness.indices]
+        if self._followers is not None:
+            self._followers.subtract_tangent(*self._motion, self._factor, self.stiffness.data)
 
     def _set_increment(self, D: np.ndarray) -> None:
         self.increment.x.array[:] = D
@@ -242,10 +259,29 @@ class Forms:
             self.path.x.array[:], _ = self._scheme.rates.work_increment(D, self.turns)
 
     def added_force(self) -> np.ndarray:
-        """Nodal forces (size,) of the added virtual works at the last increment [N, N m]."""
+        """Forces (size,) of added virtual works and followers at the last increment [N, N m]."""
         force = np.zeros(self.size)
-        compat.assemble_vector(force, self.compiled["added virtual work"][0])
+        if "added virtual work" in self.compiled:
+            compat.assemble_vector(force, self.compiled["added virtual work"][0])
+        if self._followers is not None:
+            self._followers.add_force(*self._motion, self._factor, force)
         return force
+
+    def added_per_load(self) -> np.ndarray:
+        """Derivative (size,) of `added_force` by the load factor, taken as linear in it."""
+        now = self.added_force()
+        self.load_factor.value += 1.0
+        more = self.added_force()
+        self.load_factor.value -= 1.0
+        return more - now
+
+    @property
+    def _motion(self) -> tuple[np.ndarray, np.ndarray]:
+        return self.start.x.array, self.increment.x.array
+
+    @property
+    def _factor(self) -> float:
+        return 1.0 if self.load_factor is None else float(self.load_factor.value)
 
     def strain_energy(self, q: np.ndarray) -> float:
         """Stored energy of a configuration [J].

@@ -39,13 +39,16 @@ class CompiledLoop:
     Raises
     ------
     LoopUnavailable
-        For springs, dampers, a scheme with rates of its own, a wide band, or no compiler.
+        For springs, dampers, follower forces, a scheme with rates of its own, a wide band, or no
+        compiler.
     """
 
     def __init__(self, stepper: Stepper, options: NewtonOptions):
         self._stepper, self.model = stepper, stepper.model
         if len(self.model.actuators):
             raise LoopUnavailable("springs and dampers")
+        if any(load.follower for load in self.model.scene.loads):
+            raise LoopUnavailable("follower forces")
         self._ffi, self._library = load_library()
         self._keep: list[Any] = []
         self._problem = self._ffi.new("Problem *")

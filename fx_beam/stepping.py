@@ -247,17 +247,23 @@ class Stepper:
             return force
         return force + (0.5 - level) * (force - previous)
 
-    def _message(self, state: State, t1: float, failure: StepFailed, halvings: int) -> str:
+    def largest(self, failure: StepFailed) -> str:
+        """The largest increment of a failed step, and how its residuals went."""
         model = self.model
         D = model.to_nodes(abs(failure.D / model.unit))
         node, component = np.unravel_index(np.argmax(np.nan_to_num(D, nan=np.inf)), D.shape)
         x, y = model.mesh.X[node]
         history = ", ".join(f"{r:.1e}" for r in failure.residuals[-8:])
         return (
-            f"{model.scheme.name}: the step from t = {state.t:.6g} to {t1:.6g} failed"
-            f"{f' after {halvings} halvings' if halvings else ''}: {failure.reason}. Largest "
-            f"increment: {COMPONENTS[component]} of node {node} at ({x:g}, {y:g}). Largest "
-            f"out-of-balance force, last iterations: {history or 'none'}. Try a smaller dt"
+            f"Largest increment: {COMPONENTS[component]} of node {node} at ({x:g}, {y:g}). Largest "
+            f"out-of-balance force, last iterations: {history or 'none'}"
+        )
+
+    def _message(self, state: State, t1: float, failure: StepFailed, halvings: int) -> str:
+        return (
+            f"{self.model.scheme.name}: the step from t = {state.t:.6g} to {t1:.6g} failed"
+            f"{f' after {halvings} halvings' if halvings else ''}: {failure.reason}. "
+            f"{self.largest(failure)}. Try a smaller dt"
             f"{'' if halvings else ' or max_halvings > 0'}; if that does not help, look for a "
             "load, a velocity or a stiffness in the wrong unit, or another scheme"
         )

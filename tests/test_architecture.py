@@ -38,8 +38,9 @@ LAYERS = [
     "actuators",
     "reduction",
     "joint_reduction",
-    "forms",
     "loads",
+    "followers",
+    "forms",
     "mechanism",
     "model",
     # from matrices to a motion
@@ -50,9 +51,12 @@ LAYERS = [
     "stepping",
     "library",
     "loop",
+    "loading",
+    "continuation",
     # analyses and their results
     "results",
     "dynamics",
+    "statics",
     # the door, and pictures beside it
     "__init__",
     "plot",
