@@ -47,7 +47,7 @@ def timoshenko(section, n):
 
 def equilibrium(scene):
     """The scene at rest under its loads."""
-    return fb.simulate(scene, fb.Equilibrium(), dt=1, t_end=1)
+    return fb.static(scene, steps=1)
 
 
 # -- Straight beams ----------------------------------------------------------------------------
