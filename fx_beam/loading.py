@@ -17,6 +17,10 @@ from .stepping import Stepper
 # load factor is a parabola of the displacements, and a step that ends on it deviates by just that;
 # what deviates more has left the path for another one.
 _FARTHEST = 1.0
+# The work of the loads, by the mean of both ends of a step, and the energy gained may differ by
+# this part of their sum. A response as the cube of the load's root, that of a slack cable, gives
+# 1/3; a jump from one path to another releases what the loads have done beyond the energy.
+_UNBALANCED = 0.35
 # Deviation and corrections below which a step may be followed by one twice as long.
 _EASY_DEVIATION, _EASY_ITERATIONS = 0.25, 10
 # Growth of the motion per load since the first step that tells of a limit point.
@@ -130,9 +134,29 @@ class LoadStepper(Stepper):
                 step.D,
                 [],
             )
+        new = super().finish(state, t1, step, forces, places)
+        self._check_balance(state, new, step.D)
         if t1 != state.t:
             self.response = [*self.response[:1], predicted / abs(t1 - state.t)]
-        return super().finish(state, t1, step, forces, places)
+        return new
+
+    def _check_balance(self, old: State, new: State, D: np.ndarray) -> None:
+        """Refuse a step in which work and energy differ, as they do between two paths."""
+        rounding = 1e-14 * abs(D) @ (abs(self.model.forms.stiffness) @ abs(D))
+        gained, work = self._energy(new) - self._energy(old), new.work - old.work
+        if abs(gained - work) > _UNBALANCED * (abs(gained) + abs(work)) + rounding:
+            raise StepFailed(
+                f"the loads do {work:.3g} J of work in it and {gained:.3g} J are gained, so that "
+                "it is too long, or ends on another path",
+                D,
+                [],
+            )
+
+    def _energy(self, state: State) -> float:
+        model = self.model
+        weight = 0.0 if model.weight is None else model.weight @ state.q
+        springs = model.actuators.energy(state.q, state.slides)
+        return model.forms.strain_energy(state.q) + springs - weight
 
     def size(self, D: np.ndarray) -> float:
         """Size of an increment (size,): a mean over the nodes, of displacements over the extent."""
