@@ -67,7 +67,6 @@ class LoadStepper(Stepper):
         """
         state = self.step(reference_state(self.model), 0.0)
         state.work = 0.0
-        self.response = []
         return state
 
     def begin(self, state: State, t1: float) -> float:
@@ -124,33 +123,34 @@ class LoadStepper(Stepper):
         StepFailed
             If the step has left the path.
         """
+        new = super().finish(state, t1, step, forces, places)
         predicted = self.size(step.predicted)
         self.iterations = step.iterations
         self.deviation = self.size(step.D - step.predicted) / (predicted or 1.0)
-        if self.deviation > _FARTHEST:
-            raise StepFailed(
-                f"it ends {self.deviation:.2g} times as far from where the tangent leads as that "
-                "is from its start, and so on another path",
-                step.D,
-                [],
-            )
-        new = super().finish(state, t1, step, forces, places)
-        self._check_balance(state, new, step.D)
-        if t1 != state.t:
+        if t1 != state.t:  # the first equilibrium, without loads, is on no path yet
+            self._check_path(state, new, step.D)
             self.response = [*self.response[:1], predicted / abs(t1 - state.t)]
         return new
 
-    def _check_balance(self, old: State, new: State, D: np.ndarray) -> None:
-        """Refuse a step in which work and energy differ, as they do between two paths."""
-        rounding = 1e-14 * abs(D) @ (abs(self.model.forms.stiffness) @ abs(D))
-        gained, work = self._energy(new) - self._energy(old), new.work - old.work
-        if abs(gained - work) > _UNBALANCED * (abs(gained) + abs(work)) + rounding:
-            raise StepFailed(
-                f"the loads do {work:.3g} J of work in it and {gained:.3g} J are gained, so that "
-                "it is too long, or ends on another path",
-                D,
-                [],
+    def _check_path(self, old: State, new: State, D: np.ndarray) -> None:
+        """Refuse a step that ends far from where the tangent leads, or whose work is not stored."""
+        reason = ""
+        if self.deviation > _FARTHEST:
+            reason = (
+                f"it ends {self.deviation:.2g} times as far from where the tangent leads as that "
+                "is from its start, and so on another path"
             )
+        energy, work = self._energy(new), new.work - old.work
+        gained = energy - self._energy(old)
+        rounding = 1e-14 * abs(D) @ (abs(self.model.forms.stiffness) @ abs(D))
+        rounding += 1e-12 * abs(energy)
+        if abs(gained - work) > _UNBALANCED * (abs(gained) + abs(work)) + rounding:
+            reason = reason or (
+                f"the loads do {work:.3g} J of work in it and {gained:.3g} J are gained, so that "
+                "it is too long, or ends on another path"
+            )
+        if reason:
+            raise StepFailed(reason, D, [])
 
     def _energy(self, state: State) -> float:
         model = self.model
