@@ -37,7 +37,7 @@ def rolled_up(turns=1.0, elements=16, degree=2, steps=10):
 
 
 def bent(section, elements, degree, load=5.0, steps=5):
-    """Tip displacement and rotation of a cantilever of length 1 under a dead force, and all else."""
+    """Tip displacement and rotation of a cantilever under a dead force, and the solution."""
     scene, beam = cantilever(section, elements, degree)
     scene.add_force(beam.end, (0.0, -load))
     solution = fb.static(scene, steps=steps)
