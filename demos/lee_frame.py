@@ -86,10 +86,10 @@ def _along(start, n, direction, length):
 
 def solved(gap, guess):
     """Root of a gap near a guess."""
-    root, _, success, message = scipy.optimize.fsolve(gap, guess, xtol=1e-11, full_output=True)
-    if success != 1:
-        raise RuntimeError(f"shooting: {message}")
-    return root
+    found = scipy.optimize.root(gap, guess, tol=1e-11)
+    if abs(found.fun).max() > 1e-7:  # the integration is no more accurate than 1e-9
+        raise RuntimeError(f"shooting: {found.message}")
+    return found.x
 
 
 def limit_by_shooting(path, row, hinge):
