@@ -36,6 +36,7 @@ from .schemes import (
 )
 from .section import Law, Section
 from .solution import Solution
+from .statics import static
 
 __all__ = [
     "GROUND",
@@ -82,4 +83,5 @@ __all__ = [
     "modes",
     "simulate",
     "spline",
+    "static",
 ]

@@ -14,7 +14,7 @@ from .values import TimeFunction
 
 @dataclass(frozen=True)
 class Load:
-    """A dead load on a node or along a beam.
+    """A load on a node or along a beam.
 
     Parameters
     ----------
@@ -25,14 +25,17 @@ class Load:
     value : callable
         ``value(t)``: [fx, fy] in N, [moment] in N m, or [qx, qy] in N per metre of
         reference length.
+    follower : bool
+        Whether a force turns with the section of its node.
     """
 
     kind: str
     target: Node | Beam
     value: TimeFunction
+    follower: bool = False
 
     def __str__(self):
-        return f"{self.kind} on {label(self.target)}"
+        return f"{'follower ' if self.follower else ''}{self.kind} on {label(self.target)}"
 
 
 @dataclass(frozen=True)

@@ -36,7 +36,7 @@ class Energy:
     @property
     def balance_error(self) -> np.ndarray:
         """Energy gained since the start without work, (n,) [J]."""
-        return self.total - self.total[0] - self.work
+        return self.total - self.total[0] - (self.work - self.work[0])
 
 
 @dataclass
@@ -71,6 +71,10 @@ class Stats:
         Matrices and loads the scene has.
     failure : str
         Why the simulation broke off; empty if it did not.
+    static : bool
+        Whether the load factor was stepped, and not time.
+    limit_points : list of float
+        Load factors of the limit points that were met.
     """
 
     scheme: str
@@ -86,6 +90,8 @@ class Stats:
     compiled: list[str] = field(default_factory=list)
     assembled: list[str] = field(default_factory=list)
     failure: str = ""
+    static: bool = False
+    limit_points: list[float] = field(default_factory=list)
 
 
 @dataclass(frozen=True)

@@ -5,21 +5,25 @@ from __future__ import annotations
 import logging
 import math
 import time
+from dataclasses import replace
 
 import numpy as np
 from tqdm import tqdm
 
-from .audit import BeamResultants, Stats
-from .compat import gauss_points
+from .audit import Stats
+from .drive import Drive
 from .errors import SceneError, StepError
+from .initial import initial_state, resumed_state
 from .library import LoopUnavailable
 from .loop import CompiledLoop
 from .model import Model
 from .newton import Newton, NewtonOptions
 from .recorder import Record, Recorder
+from .results import solution_of
 from .scene import Scene
 from .schemes import EnergyMomentum, Scheme
 from .solution import Solution
+from .state import State
 from .stepping import Stepper
 
 _log = logging.getLogger("fx_beam")
@@ -34,13 +38,14 @@ def simulate(
     *,
     dt: float,
     t_end: float,
+    start: Solution | None = None,
     newton: NewtonOptions | None = None,
     max_halvings: int = 8,
     record: Record | None = None,
     solver: str = "auto",
     progress: bool | None = None,
 ) -> Solution:
-    """Motion of a scene from t = 0 to `t_end`.
+    """Motion of a scene to `t_end`, from t = 0 or from where another solution ends.
 
     Parameters
     ----------
@@ -52,6 +57,11 @@ def simulate(
         Time step [s]. The last step is shorter where `t_end` is no multiple of it.
     t_end : float
         End of the simulation [s].
+    start : Solution, optional
+        Where to start from, by default the reference configuration. From a static solution a scene
+        starts deformed, with its initial velocities, at the time that `static` was given; from an
+        earlier motion it goes on as if that had not ended, with the work done so far. The scene
+        must have the same nodes, joints and motors; loads, masses and supports may be others.
     newton : NewtonOptions, optional
         When Newton's method stops.
     max_halvings : int
@@ -68,7 +78,8 @@ def simulate(
     Returns
     -------
     Solution
-        The motion at the times 0, dt, 2 dt, ..., t_end.
+        The motion at the times t0, t0 + dt, t0 + 2 dt, ..., t_end, from t0 = 0 or the end of
+        `start`.
 
     Raises
     ------
@@ -85,9 +96,11 @@ def simulate(
             f"unknown scheme {scheme!r}; give one such as fx_beam.EnergyMomentum() or "
             "fx_beam.Newmark(), with its brackets, or an fx_beam.Scheme of your own"
         )
+    if scheme.rates.at_rest:
+        raise SceneError(f"{scheme.name} does not move in time: take fx_beam.static(scene)")
     if max_halvings < 0:
         raise SceneError(f"max_halvings = {max_halvings!r} must not be negative")
-    times = _time_grid(dt, t_end)
+    times = _time_grid(dt, t_end, 0.0 if start is None else _end_of(start).t)
 
     clock = time.perf_counter()
     model = Model(scene, scheme)
@@ -100,10 +113,11 @@ def simulate(
         assembled=model.assembled,
     )
     options = newton or NewtonOptions()
-    stepper = Stepper(model, Newton(model, options), stats, max_halvings)
+    drive = Drive(model)
+    stepper = Stepper(model, Newton(model, options), drive, stats, max_halvings)
     march = _march(solver, stepper, options)
     recorder = Recorder(model, times, record or Record())
-    state = stepper.initial_state(float(times[1]))
+    state = _first_state(model, drive, float(times[1] - times[0]), start)
     recorder.record(state, state.q)
     stats.setup_seconds = time.perf_counter() - clock
 
@@ -122,12 +136,44 @@ def simulate(
     except (StepError, KeyboardInterrupt) as error:
         stats.seconds = time.perf_counter() - clock
         stats.failure = str(error) or "interrupted"
-        error.solution = _solution(model, recorder, stats)  # type: ignore[union-attr]
+        error.solution = solution_of(model, recorder, stats)  # type: ignore[union-attr]
         raise
     stats.seconds = time.perf_counter() - clock
     if stats.halvings:
         _log.warning("%s: %d steps were halved on the way", scheme.name, stats.halvings)
-    return _solution(model, recorder, stats)
+    return solution_of(model, recorder, stats, state)
+
+
+def _end_of(start: Solution) -> State:
+    """Last state of a solution, its vectors by nodes."""
+    if not isinstance(start, Solution):
+        raise SceneError(f"start must be a Solution, not {start!r}")
+    if start.end is None:
+        raise SceneError("start: the solution broke off, and its last state was not kept")
+    return start.end
+
+
+def _first_state(model: Model, drive: Drive, dt: float, start: Solution | None) -> State:
+    """State at the start of a motion, in the order of the model's degrees of freedom."""
+    if start is None:
+        return initial_state(model, drive, dt)
+    end, X = _end_of(start), model.mesh.X
+    if start.X.shape != X.shape or (start.X != X).any():
+        raise SceneError("start: the solution is one of other nodes than the scene has")
+    for what, ours, theirs in (
+        ("joints", len(model.scene.joints), len(end.slides)),
+        ("motors", len(model.motors), len(end.motors)),
+    ):
+        if ours != theirs:
+            raise SceneError(f"start: the solution has {theirs} {what}, and the scene {ours}")
+    state = end.renumbered(model.from_nodes)
+    if state.held is not None and len(state.held) != model.reduction.columns - model.reduction.free:
+        state = replace(state, held=None)  # other supports
+    if len(start.joint_forces):
+        state = replace(state, joint_forces=start.joint_forces[-1])
+    if start.stats.static:
+        return initial_state(model, drive, dt, state)
+    return resumed_state(model, drive, dt, state, start.stats.scheme == model.scheme.name)
 
 
 def _march(solver: str, stepper: Stepper, options: NewtonOptions):
@@ -145,41 +191,17 @@ def _march(solver: str, stepper: Stepper, options: NewtonOptions):
         return stepper.march
 
 
-def _time_grid(dt: float, t_end: float) -> np.ndarray:
+def _time_grid(dt: float, t_end: float, t0: float) -> np.ndarray:
     for name, value in (("dt", dt), ("t_end", t_end)):
         if not isinstance(value, int | float | np.number) or not math.isfinite(value):
             raise SceneError(f"{name} = {value!r} must be a finite number")
     if dt <= 0:
         raise SceneError(f"dt = {dt!r} must be positive")
-    if t_end < dt * (1 - 1e-6):
-        raise SceneError(f"t_end = {t_end!r} is smaller than dt = {dt!r}")
+    if t_end - t0 < dt * (1 - 1e-6):
+        since = f" after the start at t = {t0:g}" if t0 else ""
+        raise SceneError(f"t_end = {t_end!r} is smaller than dt = {dt!r}{since}")
     # A remainder below 1e-6 steps is rounding of t_end / dt, not a step.
-    steps = math.ceil(t_end / dt - 1e-6)
-    times = dt * np.arange(steps + 1)
+    steps = math.ceil((t_end - t0) / dt - 1e-6)
+    times = t0 + dt * np.arange(steps + 1)
     times[-1] = t_end
     return times
-
-
-def _solution(model: Model, recorder: Recorder, stats: Stats) -> Solution:
-    scene, mesh = model.scene, model.mesh
-    histories = recorder.histories()
-    cache: list[np.ndarray] = []
-
-    def resultants_of_beam(name: str) -> BeamResultants:
-        if not cache:
-            q = recorder.arrays["q"][: recorder.rows]
-            cache.append(model.forms.resultants(histories["t"], q, *recorder.steps_before()))
-        number = [beam.name for beam in scene.beams].index(name)
-        beam, values = scene.beams[number], cache[0][:, mesh.cells[number]]
-        s = beam.s[:-1, None] + np.diff(beam.s)[:, None] * gauss_points(beam.degree).T
-        N, Q, M = np.moveaxis(values.reshape(len(values), -1, 3), -1, 0)
-        return BeamResultants(s.ravel(), N, Q, M)
-
-    return Solution(
-        X=mesh.X,
-        **histories,
-        stats=stats,
-        beams={beam.name: beam for beam in scene.beams},
-        nodes_of_beam={b.name: n for b, n in zip(scene.beams, mesh.nodes, strict=True)},
-        resultants_of_beam=resultants_of_beam,
-    )

@@ -12,8 +12,9 @@ import numpy as np
 import scipy.sparse
 
 from . import compat
-from .beam import Beam
+from .beam_data import on_beam, section_data
 from .errors import SceneError
+from .followers import Followers
 from .kinematics import Step
 from .mesh import Mesh
 from .scene import Scene
@@ -49,8 +50,13 @@ class Forms:
         self.turns = np.sort(mesh.dofs[:, 2])
         #: Compiled forms by name, each with its UFL.
         self.compiled: dict[str, tuple[Any, Any]] = {}
+        #: Part of the loads that acts; only in statics not 1.
+        self.load_factor: Any = compat.constant(mesh.mesh, 1.0) if scheme.rates.at_rest else None
         self._build_fields()
         self._build_forms()
+        self._followers = None
+        if any(load.follower for load in scene.loads):
+            self._followers = Followers(scene, mesh, self.stiffness, scheme.rates.level)
 
     # -- Construction ---------------------------------------------------------------------------
 
@@ -91,6 +97,7 @@ class Forms:
             degree=self._scene.beams[0].degree,
             t=self.time,
             dt=self.dt,
+            load_factor=1.0 if self.load_factor is None else self.load_factor,
         )
 
     def _build_forms(self) -> None:
@@ -107,8 +114,7 @@ class Forms:
             residual += r.virtual_work(step) * dx_law
             energy += law.energy(*step.strains0) * dx_law
         added = self._added_virtual_work()
-        self.has_added = added is not None
-        if self.has_added:
+        if added is not None:
             try:
                 self._compile("added virtual work", added * dx)
             except Exception as error:
@@ -183,6 +189,11 @@ class Forms:
         return compiled
 
     @property
+    def has_added(self) -> bool:
+        """Whether there are forces that follow the motion: added virtual works or followers."""
+        return "added virtual work" in self.compiled or self._followers is not None
+
+    @property
     def moving(self) -> tuple:
         """Functions of the space that change from step to step."""
         return self.start, self.increment, self.path, *self.start_rates
@@ -207,6 +218,8 @@ class Forms:
         self.time.value = t + self._scheme.rates.level * dt
         self.dt.value = dt
         self.start.x.array[:] = q
+        if self._followers is not None:
+            self._followers.set_step(t, dt)
         if self._needs_rates:
             for function, rate in zip(self.start_rates, (v, a), strict=True):
                 function.x.array[:] = rate
@@ -226,6 +239,8 @@ class Forms:
         """
         self._set_increment(D)
         compat.assemble_vector(self._force, self._residual)
+        if self._followers is not None:
+            self._followers.add_force(*self._motion, -self._factor, self._force)
         return self._force
 
     def assemble_stiffness(self) -> None:
@@ -235,6 +250,8 @@ class Forms:
             compat.assemble_matrix(self._path_matrix, self._path_tangent)
             _, slope = self._scheme.rates.work_increment(self.increment.x.array, self.turns)
             self.stiffness.data += self._path_matrix.data * slope[self.stiffness.indices]
+        if self._followers is not None:
+            self._followers.subtract_tangent(*self._motion, self._factor, self.stiffness.data)
 
     def _set_increment(self, D: np.ndarray) -> None:
         self.increment.x.array[:] = D
@@ -242,10 +259,29 @@ class Forms:
             self.path.x.array[:], _ = self._scheme.rates.work_increment(D, self.turns)
 
     def added_force(self) -> np.ndarray:
-        """Nodal forces (size,) of the added virtual works at the last increment [N, N m]."""
+        """Forces (size,) of added virtual works and followers at the last increment [N, N m]."""
         force = np.zeros(self.size)
-        compat.assemble_vector(force, self.compiled["added virtual work"][0])
+        if "added virtual work" in self.compiled:
+            compat.assemble_vector(force, self.compiled["added virtual work"][0])
+        if self._followers is not None:
+            self._followers.add_force(*self._motion, self._factor, force)
         return force
+
+    def added_per_load(self) -> np.ndarray:
+        """Derivative (size,) of `added_force` by the load factor, taken as linear in it."""
+        now = self.added_force()
+        self.load_factor.value += 1.0
+        more = self.added_force()
+        self.load_factor.value -= 1.0
+        return more - now
+
+    @property
+    def _motion(self) -> tuple[np.ndarray, np.ndarray]:
+        return self.start.x.array, self.increment.x.array
+
+    @property
+    def _factor(self) -> float:
+        return 1.0 if self.load_factor is None else float(self.load_factor.value)
 
     def strain_energy(self, q: np.ndarray) -> float:
         """Stored energy of a configuration [J].
@@ -293,88 +329,3 @@ class Forms:
                 self.dt.value = (t[k] - t_before[k]) or 1.0
                 out[k, cells] = expression.eval(cells).reshape(len(cells), len(points), 3)
         return out
-
-
-def section_data(mesh: Mesh, scene: Scene, names: tuple[str, ...], points: int):
-    """Data of the sections in UFL: a constant, cell by cell, or varying along the beams.
-
-    Parameters
-    ----------
-    mesh : Mesh
-        The mesh of the scene.
-    scene : Scene
-        Its beams have the sections.
-    names : tuple of str
-        The data.
-    points : int
-        Number of Gauss points at which those that vary are taken.
-
-    Returns
-    -------
-    ufl expression
-        Vector of the data, or a scalar for one.
-
-    Raises
-    ------
-    SceneError
-        For a value that is none for a section, with its beam and fraction.
-    """
-    varies = any(beam.section.varies(name) for beam in scene.beams for name in names)
-    gauss = compat.gauss_points(points if varies else 1).T
-    values = []
-    for beam in scene.beams:
-        # One value is enough for a beam whose data are constant.
-        s = beam.s[:-1, None] + np.diff(beam.s)[:, None] * gauss
-        fractions = s / beam.length if varies else np.array([[0.5]])
-        try:
-            own = [beam.section.values(name, fractions) for name in names]
-        except SceneError as error:
-            raise SceneError(f"beam {beam.name!r}: {error}") from None
-        values.append(own[0] if len(names) == 1 else np.stack(own, axis=-1))
-    if not varies:
-        return cell_data(mesh, np.concatenate(values)[:, 0])
-    of_cell = np.empty((len(mesh.beam_of_cell), *values[0].shape[1:]))
-    for cells, own in zip(mesh.cells, values, strict=True):
-        of_cell[cells] = own
-    return compat.at_gauss_points(mesh.mesh, of_cell)
-
-
-def cell_data(mesh: Mesh, rows: np.ndarray):
-    """Data of the beams in UFL: one constant where all have the same, else cell by cell.
-
-    Parameters
-    ----------
-    mesh : Mesh
-        The mesh.
-    rows : (beams, ...) float
-        Data of each beam.
-
-    Returns
-    -------
-    ufl expression
-        Scalar or vector.
-    """
-    if (rows == rows[0]).all():
-        return compat.constant(mesh.mesh, rows[0])
-    return compat.cellwise(mesh.mesh, rows[mesh.beam_of_cell])
-
-
-def on_beam(mesh: Mesh, scene: Scene, beam: Beam):
-    """1 on a beam and 0 on the others, in UFL.
-
-    Parameters
-    ----------
-    mesh : Mesh
-        The mesh of the scene.
-    scene : Scene
-        The scene.
-    beam : Beam
-        One of its beams.
-
-    Returns
-    -------
-    ufl expression
-        Scalar.
-    """
-    inside = np.arange(len(scene.beams)) == scene.beams.index(beam)
-    return cell_data(mesh, inside.astype(float))

@@ -1,25 +1,150 @@
-"""The rates at which a scene starts: given, checked against supports and joints, or projected."""
+"""The state at which a motion starts: rates given, checked or projected, and accelerations."""
 
 from __future__ import annotations
+
+from dataclasses import replace
 
 import numpy as np
 import scipy.sparse
 import scipy.sparse.linalg
 
 from .beam import COMPONENTS
+from .drive import Drive
 from .errors import SceneError
 from .model import Model
+from .state import State
 
 _ADVICE = "Give compatible velocities to all members, or call scene.make_velocities_compatible()"
 
 
-def initial_rates(model: Model, driven: np.ndarray) -> np.ndarray:
-    """Rates of all columns at t = 0.
+def initial_state(model: Model, drive: Drive, dt: float, start: State | None = None) -> State:
+    """State with the rates that the scene gives, in equilibrium with its accelerations.
+
+    Parameters
+    ----------
+    model : Model
+        The compiled scene.
+    drive : Drive
+        Loads and driven motions.
+    dt : float
+        Time step [s], of which a small part serves to differentiate prescribed motions.
+    start : State, optional
+        Where and when, its rates left aside; the reference configuration at t = 0 by default.
+
+    Returns
+    -------
+    State
+        The start.
+
+    Raises
+    ------
+    SceneError
+        If the initial velocities violate a support, or a prescribed motion does not start from
+        where the scene is.
+    """
+    state = reference_state(model) if start is None else start
+    rates, accelerations = _begin(model, drive, state, dt)
+    w = initial_rates(model, state, rates)
+    state = replace(state, v=model.reduction.spread(w))
+    return replace(state, a=_acceleration(model, drive, state, w, accelerations, dt))
+
+
+def resumed_state(
+    model: Model, drive: Drive, dt: float, start: State, same_scheme: bool = True
+) -> State:
+    """State to go on from, with its own rates.
+
+    Parameters
+    ----------
+    model : Model
+        The compiled scene.
+    drive : Drive
+        Loads and driven motions.
+    dt : float
+        Time step [s], of which a small part serves to differentiate prescribed motions.
+    start : State
+        Last state of another run.
+    same_scheme : bool
+        Whether its accelerations are what the scheme takes for them; otherwise they are found
+        from equilibrium.
+
+    Returns
+    -------
+    State
+        The start.
+
+    Raises
+    ------
+    SceneError
+        If a prescribed motion does not go on from where the scene is.
+    """
+    rates, accelerations = _begin(model, drive, start, dt)
+    if same_scheme:
+        return start
+    w = nearest_rates(model, start.v, rates)
+    return replace(start, a=_acceleration(model, drive, start, w, accelerations, dt))
+
+
+def reference_state(model: Model) -> State:
+    """The reference configuration at t = 0."""
+    slides = np.array([joint.start()[0] for joint in model.scene.joints])
+    q, v, a = (np.zeros(model.size) for _ in range(3))
+    return State(0.0, q, v, a, slides, np.zeros(len(model.motors)))
+
+
+def _begin(model: Model, drive: Drive, state: State, dt: float) -> tuple[np.ndarray, np.ndarray]:
+    """Set the reduction at a start; rates and accelerations (driven,) of driven motion."""
+    drive.check_start(state)
+    # One-sided differences of second order: a motion need not be defined before the start.
+    h, t = 1e-3 * dt, state.t
+    f0, f1, f2, f3 = (drive.places(t + k * h) for k in range(4))
+    rates = (4 * f1 - f2 - 3 * f0) / (2 * h)
+    # A motion that starts at rest has a rate of no more than the error of these.
+    rates[abs(rates) < 1e-3 * abs(drive.places(t + 100 * h) - f0) / (100 * h)] = 0.0
+    model.reduction.begin(state.q, state.slides, h)
+    model.reduction.expand(np.zeros(model.reduction.free), np.zeros(len(rates)))
+    return rates, (2 * f0 - 5 * f1 + 4 * f2 - f3) / h**2
+
+
+def _acceleration(
+    model: Model, drive: Drive, state: State, w: np.ndarray, driven: np.ndarray, dt: float
+) -> np.ndarray:
+    """Accelerations of what has mass, from T^T M a = T^T (F - f)."""
+    reduction = model.reduction
+    h = 1e-9 * dt
+    # An increment over a very short step gives added forces the initial velocity.
+    D = h * state.v if model.forms.has_added else np.zeros(model.size)
+    model.forms.set_step(state.t, h, state.q, state.v, np.zeros(model.size))
+    free, moved = reduction.free, slice(reduction.free, reduction.free + reduction.driven)
+    a = np.zeros(reduction.columns)
+    a[moved] = driven
+    curved = np.zeros(model.size)
+    if model.scene.joints and w.any():
+        # What joints accelerate at constant rates: the second difference of their motion.
+        k = 1e-4 / abs(state.v / model.unit).max()
+        ahead, back = (reduction.expand(s * k * w[:free], s * k * w[moved]) for s in (1, -1))
+        curved = (ahead + back) / k**2
+        reduction.expand(np.zeros(free), np.zeros(reduction.driven))
+    T = reduction.coupling()
+    force = drive.forces(state.t, state.t + dt)[0] - model.forms.internal_force(D)
+    force -= model.mass @ (T @ a + curved)
+    model.actuators.set_rates(state.q, state.v, state.slides)
+    model.actuators.begin(state.q, state.slides, h)
+    model.actuators.set_increment(h * state.v, h * w)
+    b = T.T @ force - model.actuators.forces(reduction.columns)
+    a[:free] = acceleration_of((T.T @ model.mass @ T)[:free, :free], b[:free])
+    return T @ a + curved
+
+
+def initial_rates(model: Model, state: State, driven: np.ndarray) -> np.ndarray:
+    """Rates of all columns at the start, as the scene gives them.
 
     Parameters
     ----------
     model : Model
         The model, its reduction at the start.
+    state : State
+        The start; its rates are not asked for.
     driven : (driven,) float
         Rates of prescribed motions and motors [m/s, rad/s].
 
@@ -34,24 +159,12 @@ def initial_rates(model: Model, driven: np.ndarray) -> np.ndarray:
         If the given velocities violate a support or a joint and are not to be projected.
     """
     v = _given_velocity(model)
-    reduction, scene = model.reduction, model.scene
-    free = reduction.free
-    w = np.zeros(reduction.columns)
-    w[free : free + reduction.driven] = driven
-    T = reduction.coupling()
-    led = T @ w
-    missing = v - led
-    weight = scipy.sparse.identity(model.size, format="csr")
+    scene = model.scene
     if scene.projects_velocities:
-        weight = model.mass + _small_mass(model)
-    free_T = T[:, :free]
-    if free:
-        normal = (free_T.T @ weight @ free_T).tocsc()
-        w[:free] = scipy.sparse.linalg.spsolve(normal, free_T.T @ (weight @ missing))
-    if scene.projects_velocities:
-        return w
+        return nearest_rates(model, v, driven, model.mass + _small_mass(model))
+    w = nearest_rates(model, v, driven)
     unit = [1.0, 1.0, 1 / model.mesh.size]
-    kept = T @ w
+    kept = model.reduction.spread(w)
     gap = model.to_nodes(abs(kept - v)) / unit
     # Prescribed motion overrides what was given at its own degree of freedom.
     for key in scene.prescribed:
@@ -59,12 +172,50 @@ def initial_rates(model: Model, driven: np.ndarray) -> np.ndarray:
         _check_prescribed(model, key, v, kept)
     v[model.prescribed] = kept[model.prescribed]
     # The rates of driven motion are differences, and no more accurate than that.
+    led = model.reduction.spread(_led(model, driven))
     speed, drive = (abs(model.to_nodes(rates) / unit).max() for rates in (v, led))
     tolerance = 1e-9 * speed + 1e-5 * drive
     if gap.max() > tolerance:
-        _check_joints(model, v, driven, tolerance)
+        _check_joints(model, state, v, driven, tolerance)
         node, component = np.unravel_index(np.argmax(gap), gap.shape)
         raise SceneError(_message(model, int(node), int(component), v, kept))
+    return w
+
+
+def nearest_rates(model: Model, v: np.ndarray, driven: np.ndarray, weight=None) -> np.ndarray:
+    """Rates of all columns that are nearest to given ones of all degrees of freedom.
+
+    Parameters
+    ----------
+    model : Model
+        The model, its reduction at the start.
+    v : (size,) float
+        Given rates.
+    driven : (driven,) float
+        Rates of prescribed motions and motors [m/s, rad/s].
+    weight : (size, size) sparse matrix, optional
+        In whose norm they are nearest; the identity by default.
+
+    Returns
+    -------
+    (columns,) float
+        Rates of the unknowns, of the driven columns, and zero for the fixed ones.
+    """
+    reduction = model.reduction
+    free, w, T = reduction.free, _led(model, driven), reduction.coupling()
+    if free:
+        weight = scipy.sparse.identity(model.size, format="csr") if weight is None else weight
+        free_T = T[:, :free]
+        normal = (free_T.T @ weight @ free_T).tocsc()
+        w[:free] = scipy.sparse.linalg.spsolve(normal, free_T.T @ (weight @ (v - T @ w)))
+    return w
+
+
+def _led(model: Model, driven: np.ndarray) -> np.ndarray:
+    """Rates (columns,) with those of the driven motion alone."""
+    reduction = model.reduction
+    w = np.zeros(reduction.columns)
+    w[reduction.free : reduction.free + reduction.driven] = driven
     return w
 
 
@@ -131,21 +282,25 @@ def _check_prescribed(model: Model, key: tuple[int, int], v: np.ndarray, kept: n
         )
 
 
-def _check_joints(model: Model, v: np.ndarray, driven: np.ndarray, tolerance: float) -> None:
+def _check_joints(
+    model: Model, state: State, v: np.ndarray, driven: np.ndarray, tolerance: float
+) -> None:
     """Refuse rates with which the nodes of a joint part, naming the joint that is worst."""
-    nodes, scene = np.vstack([model.to_nodes(v), np.zeros(3)]), model.scene  # the ground is last
+    scene = model.scene
+    nodes, places = (np.vstack([model.to_nodes(x), np.zeros(3)]) for x in (v, state.q))  # ground
     rates = driven[len(model.prescribed) :]
     motors = {(j.number, name): r for (j, name), r in zip(model.motors, rates, strict=True)}
     worst, text = tolerance, ""
     for joint in scene.joints:
         a, b = nodes[joint.a.number], nodes[joint.b.number]
-        arm, gap = joint.offset, b[:2] - a[:2]
+        c, s = np.cos(places[joint.a.number, 2]), np.sin(places[joint.a.number, 2])
+        R = np.array([[c, -s], [s, c]])
+        arm, axis = R @ joint.offset, np.zeros(2)
         if joint.axis is not None:
-            arm = arm + joint.start()[0] * joint.axis
-        gap = gap - a[2] * np.array([-arm[1], arm[0]])
-        if joint.axis is not None:
-            slide = motors.get((joint.number, "slide"), gap @ joint.axis)
-            gap = gap - slide * joint.axis
+            axis = R @ joint.axis
+            arm = arm + state.slides[joint.number] * axis
+        gap = b[:2] - a[:2] - a[2] * np.array([-arm[1], arm[0]])
+        gap = gap - motors.get((joint.number, "slide"), gap @ axis) * axis
         turn = b[2] - a[2] - motors.get((joint.number, "rotation"), 0.0)
         for size, what in (
             (np.hypot(*gap), f"its nodes part at a rate of {np.hypot(*gap):.3g}"),

@@ -4,12 +4,16 @@ from __future__ import annotations
 
 import json
 import zipfile
+from dataclasses import fields
+from typing import Any
 
 import numpy as np
 
 from .audit import BeamResultants, Energy, Stats
 from .beam import Beam, Node
-from .solution import FORMAT, HISTORIES, Solution
+from .export import FORMAT, HISTORIES
+from .solution import Solution
+from .state import State
 
 
 def load(path) -> Solution:
@@ -51,6 +55,11 @@ def _read(path) -> Solution:
         beams[name] = Beam(name, ends, item["degree"], np.array(item["s"]))
         nodes_of_beam[name] = numbers
         resultants[name] = BeamResultants(*(data[f"beam{i}_{part}"] for part in "sNQM"))
+    end = None
+    if "end_t" in data:
+        parts: dict[str, Any] = {f.name: data.get(f"end_{f.name}") for f in fields(State)}
+        parts |= {name: float(data[f"end_{name}"]) for name in ("t", "work")}
+        end = State(**parts)
     return Solution(
         **{name: data[name] for name in HISTORIES},
         energy=Energy(*(data[f"energy_{n}"] for n in ("kinetic", "strain", "potential", "work"))),
@@ -58,4 +67,5 @@ def _read(path) -> Solution:
         beams=beams,
         nodes_of_beam=nodes_of_beam,
         resultants_of_beam=resultants.__getitem__,
+        end=end,
     )

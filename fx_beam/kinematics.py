@@ -82,7 +82,11 @@ class Step:
     degree : int
         Polynomial degree of the element.
     t, dt : ufl scalar
-        Time at that level and length of the step [s].
+        Time at that level and length of the step [s]; in statics the time at which functions of
+        time are taken, and zero.
+    load_factor : ufl scalar
+        Part of the loads that acts: 1, but in statics. A force of your own that is a load and not
+        a spring is to be multiplied by it.
     """
 
     u0: Any
@@ -102,6 +106,7 @@ class Step:
     degree: int
     t: Any
     dt: Any
+    load_factor: Any = 1.0
 
     def prime(self, field):
         """Derivative of a field along the reference arc length.

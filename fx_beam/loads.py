@@ -26,10 +26,10 @@ class Loads:
     """
 
     def __init__(self, scene: Scene, mesh: Mesh, line_load: Callable[..., np.ndarray]):
-        self._loads = scene.loads
+        self._loads = [load for load in scene.loads if not load.follower]
         self._zero = np.zeros(mesh.dofs.size)
         columns = []
-        for load in scene.loads:
+        for load in self._loads:
             if isinstance(load.target, Beam):
                 columns.append(line_load(load.target))
                 continue
@@ -68,3 +68,25 @@ class Loads:
         return self._columns @ np.concatenate(
             [evaluate(load.value, t, str(load)) for load in self._loads]
         )
+
+
+def just_inside(t0: float, t1: float) -> tuple[float, float]:
+    """Start and end of a step as loads see them.
+
+    A load that jumps from one step to the next belongs to the one in which it acts, whichever way
+    its function rounds.
+
+    Parameters
+    ----------
+    t0, t1 : float
+        Start and end of the step [s].
+
+    Returns
+    -------
+    tuple of float
+        Times a little later and a little earlier; a step of no length stays as it is.
+    """
+    if t0 == t1:
+        return t0, t1
+    inset = max(1e-12 * (t1 - t0), 4 * np.spacing(t1))
+    return t0 + inset, t1 - inset

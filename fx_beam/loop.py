@@ -39,13 +39,16 @@ class CompiledLoop:
     Raises
     ------
     LoopUnavailable
-        For springs, dampers, a scheme with rates of its own, a wide band, or no compiler.
+        For springs, dampers, follower forces, a scheme with rates of its own, a wide band, or no
+        compiler.
     """
 
     def __init__(self, stepper: Stepper, options: NewtonOptions):
         self._stepper, self.model = stepper, stepper.model
         if len(self.model.actuators):
             raise LoopUnavailable("springs and dampers")
+        if any(load.follower for load in self.model.scene.loads):
+            raise LoopUnavailable("follower forces")
         self._ffi, self._library = load_library()
         self._keep: list[Any] = []
         self._problem = self._ffi.new("Problem *")
@@ -320,13 +323,13 @@ class CompiledLoop:
         starts = np.concatenate([[t], times[:-1]])
         forces, driven, error = [], np.zeros((len(times), model.reduction.driven)), None
         if model.loads.constant:
-            forces.append(stepper.end_forces(t, float(times[0])))
+            forces.append(stepper.drive.forces(t, float(times[0])))
         try:
             for k, (t0, t1) in enumerate(zip(starts, times, strict=True)):
                 if not model.loads.constant:
-                    forces.append(stepper.end_forces(float(t0), float(t1)))
+                    forces.append(stepper.drive.forces(float(t0), float(t1)))
                 if model.reduction.driven:
-                    driven[k] = stepper.driven_at(float(t1))
+                    driven[k] = stepper.drive.places(float(t1))
         except (Exception, KeyboardInterrupt) as raised:
             error, driven = raised, driven[:k]
             forces = forces or [(np.zeros(model.size),) * 2]

@@ -12,8 +12,9 @@ import scipy.sparse
 
 from . import compat
 from .actuators import Actuators
+from .beam_data import on_beam, section_data
 from .couplings import couple, motors
-from .forms import Forms, on_beam, section_data
+from .forms import Forms
 from .joint_reduction import JointReduction
 from .loads import Loads
 from .mechanism import check_no_massless_mechanism
@@ -35,6 +36,8 @@ class Model:
         What is computed.
     scheme : Scheme
         How it is stepped in time.
+    mobile : bool
+        Whether parts that have mass may move freely at rest, as they may in time.
 
     Raises
     ------
@@ -42,7 +45,7 @@ class Model:
         For a scene that cannot move in time, or a virtual work that is none.
     """
 
-    def __init__(self, scene: Scene, scheme: Scheme):
+    def __init__(self, scene: Scene, scheme: Scheme, mobile: bool = False):
         self.scene = scene
         self.scheme = scheme
         self.mesh = build_mesh(scene)
@@ -60,7 +63,7 @@ class Model:
         self._build_weight()
         self._build_reduction()
         if not scene.virtual_works:
-            mass = None if scheme.rates.at_rest else self.mass
+            mass = None if scheme.rates.at_rest and not mobile else self.mass
             check_no_massless_mechanism(scene, self.mesh, self.forms.stiffness, mass)
 
     @functools.cached_property
@@ -81,8 +84,7 @@ class Model:
         mass = self.forms.stiffness.copy()
         mass.data[:] = 0.0
         if density != 0:
-            dx = compat.measure(self.mesh.mesh, self.forms.step.degree + 1)
-            form = compat.compile_form(density * dx)
+            form = compat.compile_form(density * compat.measure(self.mesh.mesh, self._full_rule))
             self.compiled.append("mass")
             matrix = compat.create_matrix(form)
             compat.assemble_matrix(matrix, form)
@@ -98,12 +100,17 @@ class Model:
 
     def _density(self, name: str):
         """Distributed mass or inertia in UFL, for the rule by which it is integrated."""
-        return section_data(self.mesh, self.scene, (name,), self.forms.step.degree + 1)
+        return section_data(self.mesh, self.scene, (name,), self._full_rule)
 
     @functools.cached_property
     def massless(self) -> np.ndarray:
         """Whether each degree of freedom (size,) is without mass."""
         return self.mass.diagonal() == 0
+
+    @property
+    def _full_rule(self) -> int:
+        """Points of the rule that integrates products of two fields exactly."""
+        return self.forms.step.degree + 1
 
     def _lumped(self) -> np.ndarray:
         """Lumped masses and inertias (n_node, 3) by the components that they resist."""
@@ -115,19 +122,25 @@ class Model:
     def _build_weight(self) -> None:
         """Weight (size,) of every mass, or none."""
         self.weight = None
-        gravity = self.scene.gravity
-        if gravity is None:
+        if self.scene.gravity is None:
             return
-        self.weight = self.from_nodes(self._lumped() * [*gravity, 0.0])
-        if self._has("rhoA"):
-            pull = ufl.dot(compat.constant(self.mesh.mesh, gravity), self.forms.step.virtual_u)
-            dx = compat.measure(self.mesh.mesh, self.forms.step.degree + 1)
-            form = compat.compile_form(self._density("rhoA") * pull * dx)
-            self.compiled.append("weight")
-            distributed = np.zeros(self.size)
-            compat.assemble_vector(distributed, form)
-            self.weight += distributed
+        gravity = np.array([*self.scene.gravity, 0.0])
+        if self.scheme.rates.at_rest:
+            self.weight = self.from_nodes(self._lumped() * gravity) + self._distributed_weight()
+        else:
+            self.weight = self.mass @ self.from_nodes(np.tile(gravity, (len(self.mesh.X), 1)))
         self.assembled.append("gravity")
+
+    def _distributed_weight(self) -> np.ndarray:
+        """Weight (size,) of the beams, as a load."""
+        weight = np.zeros(self.size)
+        if self._has("rhoA"):
+            gravity = compat.constant(self.mesh.mesh, self.scene.gravity)
+            pull = self._density("rhoA") * ufl.dot(gravity, self.forms.step.virtual_u)
+            form = compat.compile_form(pull * compat.measure(self.mesh.mesh, self._full_rule))
+            self.compiled.append("weight")
+            compat.assemble_vector(weight, form)
+        return weight
 
     def _build_reduction(self) -> None:
         """Unknowns: what supports and joints leave."""
@@ -160,7 +173,7 @@ class Model:
         """Nodal forces (size, 2) of a unit line load along x and along y."""
         where = on_beam(self.mesh, self.scene, beam)
         direction = compat.constant(self.mesh.mesh, np.zeros(2))
-        dx = compat.measure(self.mesh.mesh, self.forms.step.degree + 1)
+        dx = compat.measure(self.mesh.mesh, self._full_rule)
         work = where * ufl.dot(direction, self.forms.step.virtual_u) * dx
         form = compat.compile_form(work)
         if "line load" not in self.compiled:

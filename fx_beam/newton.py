@@ -56,6 +56,8 @@ class StepSolution:
         Corrections made.
     ended_by : str
         "increment" or "round-off".
+    predicted : (size,) float
+        What the tangent at the start gives for `D`.
     """
 
     D: np.ndarray
@@ -63,6 +65,7 @@ class StepSolution:
     r: np.ndarray
     iterations: int
     ended_by: str
+    predicted: np.ndarray
 
 
 class StepFailed(Exception):
@@ -138,14 +141,15 @@ class Newton:
         y = np.zeros(free)
         D = reduction.expand(y, np.zeros(reduction.driven))
         residuals: list[float] = []
-        previous = np.inf
+        previous, predicted = np.inf, D
         for iteration in range(1, options.max_iterations + 1):
             f = model.forms.internal_force(D)
-            r = f - force
             model.forms.assemble_stiffness()
-            if not rates.at_rest:
+            if rates.at_rest:
+                r = f - force
+            else:
                 a, slope = rates.acceleration(D, v0, a0, dt, model.turns)
-                r += model.mass @ a
+                r = f + model.mass @ a - force
                 K.data += model.mass.data * slope[K.indices]
             residual = reduction.project(r)[:free]
             residuals.append(abs(residual).max(initial=0.0))
@@ -158,12 +162,11 @@ class Newton:
                 residual = reduction.project(r - K @ reduction.spread(step))[:free]
             step[:free] = self._linear.solve(reduction, K.data, r, residual)
             correction = reduction.spread(step)
-            turn = abs(correction[model.turns]).max()
-            if LONGEST_TURN < turn < np.inf:
-                step[:free] *= LONGEST_TURN / turn
+            predicted = -correction if iteration == 1 else predicted
+            step[:free] *= self.shortening(correction)
             y = y - step[:free]
             size = (abs(correction) / model.unit).max()
-            self._check(size, residuals)
+            self.check_finite(size, residuals)
             ended_by = None
             if size <= options.tolerance:
                 ended_by = "increment"
@@ -172,18 +175,27 @@ class Newton:
             if ended_by:  # forces at the corrected state, while K is at hand
                 r = r - K @ correction
             D = reduction.expand(y, driven)
-            self._check_turn(D, residuals)
+            self.check_turn(D, residuals)
             if ended_by:
-                return StepSolution(D, y, r, iteration, ended_by)
+                return StepSolution(D, y, r, iteration, ended_by, predicted)
             previous = size
         raise StepFailed(f"no convergence in {options.max_iterations} iterations", D, residuals)
 
-    def _check(self, size: float, residuals: list[float]) -> None:
+    # -- What every solver for an increment asks --------------------------------------------------
+
+    def shortening(self, correction: np.ndarray) -> float:
+        """Factor of a correction (size,) that would turn a node too far."""
+        turn = abs(correction[self.model.turns]).max()
+        return LONGEST_TURN / turn if LONGEST_TURN < turn < np.inf else 1.0
+
+    def check_finite(self, size: float, residuals: list[float]) -> None:
+        """Refuse a correction whose size is no number."""
         if not np.isfinite(size):
             D = np.full(self.model.size, np.nan)
             raise StepFailed("the tangent is singular or a value is not finite", D, residuals)
 
-    def _check_turn(self, D: np.ndarray, residuals: list[float]) -> None:
+    def check_turn(self, D: np.ndarray, residuals: list[float]) -> None:
+        """Refuse an increment (size,) that turns a node beyond the bound."""
         turn = abs(D[self.model.turns]).max()
         if turn > self.options.max_turn:
             raise StepFailed(

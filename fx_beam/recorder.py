@@ -90,7 +90,7 @@ class Recorder:
             Displacements and rotations one step before.
         """
         model = self.model
-        momentum = model.mass @ state.v
+        momentum = state.v if model.scheme.rates.at_rest else model.mass @ state.v
         q, p = model.to_nodes(state.q), model.to_nodes(momentum)
         x = model.mesh.X + q[:, :2]
         potential = 0.0 if model.weight is None else -(model.weight @ state.q)

@@ -263,8 +263,8 @@ class Scene:
                 raise SceneError(f"{name} = {value!r} of {node} must not be negative")
         self.masses.append((node.number, float(mass), float(inertia)))
 
-    def add_force(self, node: Node, force) -> None:
-        """Add a dead force.
+    def add_force(self, node: Node, force, follower: bool = False) -> None:
+        """Add a force.
 
         Parameters
         ----------
@@ -272,12 +272,18 @@ class Scene:
             A node of this scene.
         force : (fx, fy) or callable
             Force, or ``force(t)`` [N].
+        follower : bool
+            Whether the force turns with the section of its node: then (fx, fy) is what it is in the
+            reference configuration. A dead force keeps its direction.
         """
         self._check_node(node, "force")
-        self.loads.append(Load("force", node, time_function(force, 2, f"force on {node}")))
+        function = time_function(force, 2, f"force on {node}")
+        self.loads.append(Load("force", node, function, bool(follower)))
 
     def add_moment(self, node: Node, moment) -> None:
         """Add a moment.
+
+        In the plane its axis does not turn: a dead moment and one that follows are the same.
 
         Parameters
         ----------

@@ -2,41 +2,24 @@
 
 from __future__ import annotations
 
-import csv
-import json
 from collections.abc import Callable
-from dataclasses import asdict
 
 import numpy as np
 
+from . import export
 from .audit import BeamResultants, Energy, Stats
-from .beam import COMPONENTS, Beam, Node
+from .beam import Beam, Node
 from .joints import GROUND, Joint
-
-#: Format of saved files, and the arrays in them that bear their own name.
-FORMAT = "fx_beam solution 1"
-HISTORIES = (
-    "t",
-    "t_level",
-    "X",
-    "q",
-    "v",
-    "a",
-    "reactions",
-    "slides",
-    "joint_forces",
-    "linear_momentum",
-    "angular_momentum",
-)
+from .state import State
 
 
 class Solution:
-    """Motion of a scene over time.
+    """Motion of a scene over time, or its equilibria over the load factor.
 
     Parameters
     ----------
     t : (n,) float
-        Times [s].
+        Times [s]; in a static solution load factors.
     t_level : (n,) float
         Times at which the rows of `resultants`, `reaction` and `joint_force` hold [s].
     X : (n_node, 2) float
@@ -63,6 +46,8 @@ class Solution:
         All nodes of each beam in order, those inside elements included.
     resultants_of_beam : callable
         ``resultants_of_beam(name)`` gives the `BeamResultants`.
+    end : State, optional
+        The last state, its vectors by nodes, for `simulate(start=...)`; none if the run broke off.
     """
 
     def __init__(
@@ -83,6 +68,7 @@ class Solution:
         beams: dict[str, Beam],
         nodes_of_beam: dict[str, np.ndarray],
         resultants_of_beam: Callable[[str], BeamResultants],
+        end: State | None = None,
     ):
         self.t, self.t_level = t, t_level
         self.X = X
@@ -96,12 +82,21 @@ class Solution:
         self.beams = beams
         self.nodes_of_beam = nodes_of_beam
         self._resultants_of_beam = resultants_of_beam
+        self.end = end
 
     def __repr__(self):
         return (
-            f"<Solution: {self.stats.scheme}, {len(self.t) - 1} steps to t = {self.t[-1]:g}, "
+            f"<Solution: {self.stats.scheme}, {len(self.t) - 1} steps to "
+            f"{'load factor' if self.stats.static else 't ='} {self.t[-1]:g}, "
             f"energy error {abs(self.energy.balance_error).max():.2g} J>"
         )
+
+    @property
+    def load_factor(self) -> np.ndarray:
+        """Part of the loads and driven motions (n,) that acts, in a static solution."""
+        if not self.stats.static:
+            raise ValueError("the solution is one over time, without load factors; it has t")
+        return self.t
 
     # -- Motion of a node -----------------------------------------------------------------------
 
@@ -322,18 +317,7 @@ class Solution:
         path : str or path
             File to write, in NumPy's npz format: arrays and a JSON text, no pickled objects.
         """
-        arrays = {name: getattr(self, name) for name in HISTORIES}
-        arrays |= {f"energy_{name}": value for name, value in vars(self.energy).items()}
-        beams: list[dict] = []
-        for name, beam in self.beams.items():
-            r = self.resultants(name)
-            key = f"beam{len(beams)}"
-            arrays |= {f"{key}_{part}": value for part, value in vars(r).items()}
-            arrays[f"{key}_nodes"] = self.nodes_of_beam[name]
-            beams.append({"name": name, "degree": beam.degree, "s": beam.s.tolist()})
-        meta = {"format": FORMAT, "stats": asdict(self.stats), "beams": beams}
-        with open(path, "wb") as file:
-            np.savez_compressed(file, meta=np.array(json.dumps(meta)), **arrays)
+        export.save(self, path)
 
     def to_csv(self, path, nodes: dict[str, Node] | None = None) -> None:
         """Write energies, momenta and the motion of some nodes as comma-separated columns.
@@ -345,22 +329,7 @@ class Solution:
         nodes : dict, optional
             Nodes by the names that their columns shall have.
         """
-        columns = {"t": self.t}
-        columns |= {f"energy {name}": value for name, value in vars(self.energy).items()}
-        columns["energy total"] = self.energy.total
-        columns["energy balance error"] = self.energy.balance_error
-        columns["linear momentum x"], columns["linear momentum y"] = self.linear_momentum.T
-        columns["angular momentum"] = self.angular_momentum
-        for label, node in (nodes or {}).items():
-            motion = *self.position(node).T, self.rotation(node)
-            rates = *self.velocity(node).T, self.spin(node)
-            for component, values, their_rates in zip(COMPONENTS, motion, rates, strict=True):
-                columns[f"{label} {component}"] = values
-                columns[f"{label} {component} rate"] = their_rates
-        with open(path, "w", newline="", encoding="utf-8") as file:
-            writer = csv.writer(file)
-            writer.writerow(columns)
-            writer.writerows(zip(*(column.tolist() for column in columns.values()), strict=True))
+        export.to_csv(self, path, nodes or {})
 
     def _history(self, name: str, kind: str) -> np.ndarray:
         rows = getattr(self, name)

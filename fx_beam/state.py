@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Callable
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -40,3 +41,19 @@ class State:
     added: np.ndarray | None = None
     joint_forces: np.ndarray | None = None
     work: float = 0.0
+
+    def renumbered(self, change: Callable[[np.ndarray], np.ndarray]) -> State:
+        """The same in another numbering.
+
+        Parameters
+        ----------
+        change : callable
+            Gives a vector over all degrees of freedom in that numbering.
+
+        Returns
+        -------
+        State
+            The state, with its vectors changed.
+        """
+        added = None if self.added is None else change(self.added)
+        return replace(self, q=change(self.q), v=change(self.v), a=change(self.a), added=added)

@@ -1,0 +1,97 @@
+"""What drives a model: dead loads, prescribed motions and motors as functions of time."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from .beam import COMPONENTS
+from .errors import SceneError
+from .loads import just_inside
+from .model import Model
+from .state import State
+from .values import evaluate
+
+
+class Drive:
+    """Dead loads and driven motions over time.
+
+    Parameters
+    ----------
+    model : Model
+        The compiled scene.
+    """
+
+    def __init__(self, model: Model):
+        self.model = model
+        scene = model.scene
+        self._driven = [
+            (function, f"prescribed {COMPONENTS[component]} of {scene.nodes[node]}")
+            for (node, component), function in scene.prescribed.items()
+        ]
+        self._driven += [
+            (getattr(joint, name).motor, f"motor of {joint}") for joint, name in model.motors
+        ]
+
+    def forces(self, t0: float, t1: float) -> tuple[np.ndarray, np.ndarray]:
+        """Dead forces (size,) at the start and at the end of a step, weight included [N, N m]."""
+        before, after = (self._dead(t) for t in just_inside(t0, t1))
+        return before, after
+
+    def places(self, t: float) -> np.ndarray:
+        """Where prescribed motions and motors are at a time, (driven,) [m, rad]."""
+        return np.array([evaluate(function, t, what)[0] for function, what in self._driven])
+
+    def moved(self, state: State) -> np.ndarray:
+        """Where they are in a state, (driven,) [m, rad]."""
+        return np.concatenate([state.q[self.model.prescribed], state.motors])
+
+    def check_start(self, state: State) -> None:
+        """Refuse driven motions that do not start from where the scene is.
+
+        Parameters
+        ----------
+        state : State
+            The start.
+
+        Raises
+        ------
+        SceneError
+            For a motion that would jump.
+        """
+        places = self.places(state.t)
+        for value, place, (_, what) in zip(places, self.moved(state), self._driven, strict=True):
+            if abs(value - place) > 1e-12 + 1e-9 * abs(value):
+                raise SceneError(
+                    f"{what} is {value:g} at t = {state.t:g}, and the scene starts from "
+                    f"{place:g}: let it start there"
+                )
+
+    def _dead(self, t: float) -> np.ndarray:
+        force = self.model.loads.at(t)
+        return force if self.model.weight is None else force + self.model.weight
+
+
+class LoadDrive(Drive):
+    """Loads and driven motions of one time, scaled by the load factor, which stands for time.
+
+    Parameters
+    ----------
+    model : Model
+        The compiled scene.
+    time : float
+        When functions of time are taken [s].
+    """
+
+    def __init__(self, model: Model, time: float):
+        super().__init__(model)
+        self.time = time
+        #: All dead loads (size,) [N, N m] and driven motions (driven,) [m, rad].
+        self.full, self.goal = self._dead(time), super().places(time)
+
+    def forces(self, t0: float, t1: float) -> tuple[np.ndarray, np.ndarray]:
+        """Dead forces (size,) at two load factors [N, N m]."""
+        return t0 * self.full, t1 * self.full
+
+    def places(self, t: float) -> np.ndarray:
+        """Where prescribed motions and motors are at a load factor, (driven,) [m, rad]."""
+        return t * self.goal

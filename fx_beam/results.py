@@ -1,0 +1,58 @@
+"""From what was recorded to a solution."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from .audit import BeamResultants, Stats
+from .compat import gauss_points
+from .model import Model
+from .recorder import Recorder
+from .solution import Solution
+from .state import State
+
+
+def solution_of(
+    model: Model, recorder: Recorder, stats: Stats, end: State | None = None
+) -> Solution:
+    """Solution of a run.
+
+    Parameters
+    ----------
+    model : Model
+        The compiled scene.
+    recorder : Recorder
+        What was kept.
+    stats : Stats
+        What it took.
+    end : State, optional
+        The last state; none if the run broke off.
+
+    Returns
+    -------
+    Solution
+        The solution.
+    """
+    scene, mesh = model.scene, model.mesh
+    histories = recorder.histories()
+    cache: list[np.ndarray] = []
+
+    def resultants_of_beam(name: str) -> BeamResultants:
+        if not cache:
+            q = recorder.arrays["q"][: recorder.rows]
+            cache.append(model.forms.resultants(histories["t"], q, *recorder.steps_before()))
+        number = [beam.name for beam in scene.beams].index(name)
+        beam, values = scene.beams[number], cache[0][:, mesh.cells[number]]
+        s = beam.s[:-1, None] + np.diff(beam.s)[:, None] * gauss_points(beam.degree).T
+        N, Q, M = np.moveaxis(values.reshape(len(values), -1, 3), -1, 0)
+        return BeamResultants(s.ravel(), N, Q, M)
+
+    return Solution(
+        X=mesh.X,
+        **histories,
+        stats=stats,
+        beams={beam.name: beam for beam in scene.beams},
+        nodes_of_beam={b.name: n for b, n in zip(scene.beams, mesh.nodes, strict=True)},
+        resultants_of_beam=resultants_of_beam,
+        end=end and end.renumbered(model.to_nodes),
+    )

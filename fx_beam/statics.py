@@ -1,0 +1,140 @@
+"""Equilibria of a scene under growing loads."""
+
+from __future__ import annotations
+
+import time
+from dataclasses import replace
+
+import numpy as np
+
+from .audit import Stats
+from .continuation import ArcLength
+from .drive import LoadDrive
+from .errors import SceneError, StepError
+from .loading import LoadStepper
+from .model import Model
+from .newton import Newton, NewtonOptions, StepFailed
+from .recorder import Record, Recorder
+from .results import solution_of
+from .scene import Scene
+from .schemes import Equilibrium
+from .solution import Solution
+from .state import State
+
+
+def static(
+    scene: Scene,
+    steps: int = 10,
+    *,
+    t: float = 0.0,
+    continuation: str | None = None,
+    newton: NewtonOptions | None = None,
+    max_cuts: int = 8,
+    max_steps: int = 1000,
+) -> Solution:
+    """Equilibria of a scene while its loads grow from nothing.
+
+    The load factor multiplies all loads, the weight and prescribed motions and motors included.
+    Those that are functions of time are taken at the time `t`. Masses, dampers and initial
+    velocities play no part. The work of the loads is counted with the mean of the forces at both
+    ends of each step, so that the balance of energy closes to second order in the steps; of the
+    weight, whose full potential energy counts, the part that does not yet act is a load upwards.
+
+    Parameters
+    ----------
+    scene : Scene
+        What is loaded.
+    steps : int
+        Load steps, if none is cut: a step that fails is halved, and steps grow again where they
+        are easy. Along an arc length, what the first step is long.
+    t : float
+        When functions of time are taken [s].
+    continuation : {"arc-length"}, optional
+        How limit points are passed: with the load factor as an unknown, that goes down behind a
+        limit point and up again behind the next. By default the load factor only grows.
+    newton : NewtonOptions, optional
+        When Newton's method stops.
+    max_cuts : int
+        How often a step may be halved.
+    max_steps : int
+        Steps after which a path along an arc length ends, if it has not come to load factor 1.
+
+    Returns
+    -------
+    Solution
+        The equilibria, with their load factors in `Solution.load_factor` in place of times. Load
+        factors of limit points, which are rows as well, are in ``stats.limit_points``.
+
+    Raises
+    ------
+    SceneError
+        Before anything is computed, for a scene that cannot be in equilibrium.
+    StepError
+        For a step that failed. Its attribute `solution` holds all steps before it, and `time` the
+        load factor.
+    """
+    _check(scene, steps, continuation, max_cuts, max_steps)
+    clock = time.perf_counter()
+    scheme = Equilibrium()
+    model = Model(scene, scheme)
+    stats = Stats(
+        scheme=scheme.name,
+        level=scheme.rates.level,
+        solver="petsc lu" if continuation is None else "superlu",
+        unknowns=model.reduction.free,
+        compiled=model.compiled,
+        assembled=model.assembled,
+        static=True,
+    )
+    options = newton or NewtonOptions()
+    stepper = LoadStepper(model, Newton(model, options), LoadDrive(model, float(t)), stats)
+    stats.setup_seconds = time.perf_counter() - clock
+    clock = time.perf_counter()
+    states: list[State] = []
+    try:
+        states.append(_first(stepper))
+        if continuation is None:
+            stepper.raise_load(states, steps, max_cuts)
+        else:
+            ArcLength(stepper).follow(states, steps, max_cuts, max_steps)
+    except (StepError, KeyboardInterrupt) as error:
+        stats.failure = str(error) or "interrupted"
+        if states:
+            error.solution = _solution(stepper, states, clock)  # type: ignore[union-attr]
+        raise
+    return _solution(stepper, states, clock)
+
+
+def _first(stepper: LoadStepper) -> State:
+    try:
+        return stepper.first_state()
+    except StepFailed as failure:
+        raise StepError(
+            f"static: there is no equilibrium without loads: {failure.reason}. Look for a part "
+            "without support, or a spring far from its rest",
+            0.0,
+        ) from failure
+
+
+def _solution(stepper: LoadStepper, states: list[State], clock: float) -> Solution:
+    model, stats = stepper.model, stepper.stats
+    stats.seconds = time.perf_counter() - clock
+    recorder = Recorder(model, np.array([state.t for state in states]), Record())
+    for before, state in zip([states[0], *states], states, strict=False):
+        recorder.record(state, before.q)
+    end = replace(states[-1], t=stepper.time)
+    return solution_of(model, recorder, stats, end)
+
+
+def _check(scene, steps, continuation, max_cuts, max_steps) -> None:
+    if not isinstance(scene, Scene):
+        raise SceneError(f"static needs an fx_beam.Scene, not {scene!r}")
+    for name, value, least in (
+        ("steps", steps, 1),
+        ("max_cuts", max_cuts, 0),
+        ("max_steps", max_steps, 1),
+    ):
+        if not isinstance(value, int | np.integer) or value < least:
+            raise SceneError(f"static: {name} = {value!r} must be a whole number from {least} on")
+    if continuation not in (None, "arc-length"):
+        raise SceneError(f'static: continuation = {continuation!r} must be "arc-length" or None')
