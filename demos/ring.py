@@ -42,7 +42,7 @@ WAVES = 2, 3, 4, 5
 MESHES = {1: (32, 64), 2: (16, 32), 3: (12, 24)}  # elements by degree, of the whole ring
 
 DEGREE, ELEMENTS = 2, 24
-VELOCITY = 3.0, 0.0  # [m/s]
+VELOCITY = 2.0, 0.0  # [m/s]
 SPIN = 10.0  # [rad/s]
 FORCE = 3 * SECTION.EI / RADIUS**2  # largest force on either side [N]
 PULSE = 0.06  # length of the blow [s]
@@ -248,7 +248,7 @@ def draw(results, runs):
     figure.savefig(results / "modes.png", dpi=200)
 
     flight = runs["EnergyMomentum", DT]
-    plot.shapes(flight, range(0, 601, 100), results / "shapes.png")
+    plot.shapes(flight, range(0, 901, 150), results / "shapes.png")
     plot.animate(flight, range(0, len(flight.t), 8), results / "motion.gif", fps=20)
 
     figure, axes = plot.figure(2, 2)

@@ -12,8 +12,8 @@ import numpy as np
 import scipy.sparse
 
 from . import compat
+from .beam_data import on_beam, section_data
 from .errors import SceneError
-from .fields import on_beam, section_data
 from .followers import Followers
 from .kinematics import Step
 from .mesh import Mesh

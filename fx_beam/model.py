@@ -12,8 +12,8 @@ import scipy.sparse
 
 from . import compat
 from .actuators import Actuators
+from .beam_data import on_beam, section_data
 from .couplings import couple, motors
-from .fields import on_beam, section_data
 from .forms import Forms
 from .joint_reduction import JointReduction
 from .loads import Loads
@@ -36,6 +36,8 @@ class Model:
         What is computed.
     scheme : Scheme
         How it is stepped in time.
+    mobile : bool
+        Whether parts that have mass may move freely at rest, as they may in time.
 
     Raises
     ------
@@ -43,7 +45,7 @@ class Model:
         For a scene that cannot move in time, or a virtual work that is none.
     """
 
-    def __init__(self, scene: Scene, scheme: Scheme):
+    def __init__(self, scene: Scene, scheme: Scheme, mobile: bool = False):
         self.scene = scene
         self.scheme = scheme
         self.mesh = build_mesh(scene)
@@ -61,7 +63,7 @@ class Model:
         self._build_weight()
         self._build_reduction()
         if not scene.virtual_works:
-            mass = None if scheme.rates.at_rest else self.mass
+            mass = None if scheme.rates.at_rest and not mobile else self.mass
             check_no_massless_mechanism(scene, self.mesh, self.forms.stiffness, mass)
 
     @functools.cached_property

@@ -15,11 +15,8 @@ from .beam import Beam
 from .errors import SceneError
 from .model import Model
 from .scene import Scene
-from .schemes import Newmark
+from .schemes import Equilibrium
 from .solution import Solution
-
-# A step so long that its rates vanish, and with them what dampers and drag add to the tangent.
-_ENDLESS = 1e30
 
 
 @dataclass(frozen=True)
@@ -125,8 +122,7 @@ def modes(scene: Scene, state: Solution | None = None, n: int = 6) -> Modes:
         raise SceneError(f"modes needs an fx_beam.Scene, not {scene!r}")
     if not isinstance(n, int | np.integer) or n < 1:
         raise SceneError(f"modes: n = {n!r} must be a positive whole number")
-    # Newmark's rule takes the forces at the end of a step, which without increment are the state's.
-    model = Model(scene, Newmark())
+    model = Model(scene, Equilibrium(), mobile=True)
     K, M, T, q = _matrices(model, state)
     values, rounding, vectors = _lowest(K, M, n)
     rigid = abs(values) <= rounding
@@ -139,25 +135,25 @@ def modes(scene: Scene, state: Solution | None = None, n: int = 6) -> Modes:
 
 def _matrices(model: Model, state: Solution | None):
     """Stiffness and mass of the unknowns, the coupling T to all of x, and the configuration q."""
-    scene, reduction = model.scene, model.reduction
-    t, q = 0.0, np.zeros(model.size)
-    slides = np.array([joint.start()[0] for joint in scene.joints])
+    forms, reduction = model.forms, model.reduction
+    none = np.zeros(model.size)
+    factor, t, q = 1.0, 0.0, none
+    slides = np.array([joint.start()[0] for joint in model.scene.joints])
     if state is not None:
-        t, q, slides = _last(model, state)
+        factor, t, q, slides = _last(model, state)
     if not reduction.free or not model.mass.data.any():
         raise SceneError("modes: nothing can vibrate; the scene has no mass, or all of it is held")
-    none = np.zeros(model.size)
-    model.forms.set_step(t - _ENDLESS, _ENDLESS, q, none, none)
-    model.forms.time.value = t
-    reduction.begin(q, slides, _ENDLESS)
+    forms.set_step(t, 0.0, q, none, none)
+    forms.load_factor.value = factor
+    reduction.begin(q, slides, 1.0)
     reduction.expand(np.zeros(reduction.free), np.zeros(reduction.driven))
-    r = model.forms.internal_force(none) - model.loads.at(t)
+    r = forms.internal_force(none) - factor * model.loads.at(t)
     if model.weight is not None:
-        r = r - model.weight
-    model.forms.assemble_stiffness()
+        r = r - factor * model.weight
+    forms.assemble_stiffness()
     indptr, indices = reduction.pattern
     values = np.zeros(len(indices))
-    reduction.fill(model.forms.stiffness.data, r, values)
+    reduction.fill(forms.stiffness.data, r, values)
     K = scipy.sparse.csr_matrix((values, indices, indptr), (reduction.free,) * 2)
     if abs(K - K.T).max() > 1e-12 * abs(K).max():
         raise SceneError(
@@ -169,12 +165,16 @@ def _matrices(model: Model, state: Solution | None):
 
 
 def _last(model: Model, state: Solution):
-    """Time, displacements and slides of the last row of a solution."""
+    """Load factor, time, displacements and slides of the last row of a solution."""
     if not isinstance(state, Solution):
         raise SceneError(f"modes: state = {state!r} must be a solution of the scene")
     if not np.array_equal(state.X, model.mesh.X) or not len(state.q):
         raise SceneError("modes: the state is no solution of this scene with its motion recorded")
-    return float(state.t[-1]), model.from_nodes(state.q[-1]), state.slides[-1]
+    factor, t = 1.0, float(state.t[-1])
+    if state.stats.static:
+        # Functions of time were taken at one time.
+        factor, t = t, state.end.t if state.end is not None else 0.0
+    return factor, t, model.from_nodes(state.q[-1]), state.slides[-1]
 
 
 def _lowest(K, M, n: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

@@ -41,7 +41,7 @@ LAYERS = [
     "joint_reduction",
     "loads",
     "followers",
-    "fields",
+    "beam_data",
     "forms",
     "mechanism",
     "model",
@@ -59,8 +59,8 @@ LAYERS = [
     # analyses and their results
     "results",
     "dynamics",
-    "modes",
     "statics",
+    "modes",
     # the door, and pictures beside it
     "__init__",
     "plot",

@@ -45,11 +45,6 @@ def timoshenko(section, n):
     return np.sort(found)[:n]
 
 
-def equilibrium(scene):
-    """The scene at rest under its loads."""
-    return fb.static(scene, steps=1)
-
-
 # -- Straight beams ----------------------------------------------------------------------------
 
 
@@ -141,7 +136,7 @@ def test_a_force_along_a_beam_changes_its_frequencies_as_a_strings(degree, ratio
     scene.add_force(scene.beams[0].end, (force, 0))
     k = math.pi * np.arange(1, 4)
     exact = np.sqrt(k**4 * section.EI + k**2 * force)
-    found = fb.modes(scene, equilibrium(scene), n=3)
+    found = fb.modes(scene, fb.static(scene), n=3)
     assert found.angular_frequencies == pytest.approx(
         exact, rel={1: 2e-2, 2: 6e-3, 3: 3e-4}[degree]
     )
@@ -153,7 +148,7 @@ def test_a_beam_beyond_its_critical_load_is_reported_unstable():
     scene = simply_supported(3, 8, section)
     force = -4.5 * math.pi**2 * section.EI
     scene.add_force(scene.beams[0].end, (force, 0))
-    found = fb.modes(scene, equilibrium(scene), n=4)
+    found = fb.modes(scene, fb.static(scene), n=4)
     k = math.pi * np.arange(1, 5)
     squares = np.sort(k**4 * section.EI + k**2 * force)
     exact = np.sign(squares) * np.sqrt(abs(squares))
@@ -178,7 +173,7 @@ def test_the_two_small_frequencies_of_a_stiff_double_pendulum_are_those_of_the_r
     exact = np.sqrt(GRAVITY * (2 + np.array([-1, 1]) * math.sqrt(2)))
     errors = []
     for EA in (1e5, 1e7):
-        found = fb.modes(pendulum(EA), equilibrium(pendulum(EA, held=True)), n=4)
+        found = fb.modes(pendulum(EA), fb.static(pendulum(EA, held=True)), n=4)
         assert not found.rigid.any() and found.angular_frequencies[2] > 100
         errors.append(abs(found.angular_frequencies[:2] / exact - 1).max())
     assert errors[0] < 1e-3
@@ -229,7 +224,7 @@ def test_stiffness_is_the_derivative_of_the_forces_of_a_stressed_scene_with_join
     state = fb.simulate(scene, dt=0.02, t_end=0.5)
     assert abs(state.q[-1]).max() > 0.3
     source = sys.modules["fx_beam.modes"]
-    model = Model(scene, fb.Newmark())
+    model = Model(scene, fb.Equilibrium(), mobile=True)
     K, _, _, q = source._matrices(model, state)
     force = model.loads.at(0.5) + model.weight
 
@@ -248,7 +243,9 @@ def test_stiffness_is_the_derivative_of_the_forces_of_a_stressed_scene_with_join
 
 def dense(scene, state=None):
     """All finite angular frequencies squared by dense algebra, massless unknowns condensed."""
-    K, M = sys.modules["fx_beam.modes"]._matrices(Model(scene, fb.Newmark()), state)[:2]
+    K, M = sys.modules["fx_beam.modes"]._matrices(
+        Model(scene, fb.Equilibrium(), mobile=True), state
+    )[:2]
     K, M = K.toarray(), M.toarray()
     has = M.diagonal() > 0
     K = K[np.ix_(has, has)] - K[np.ix_(has, ~has)] @ np.linalg.solve(
@@ -268,7 +265,7 @@ def test_frequencies_are_those_of_dense_algebra(name):
         arch = scene.add_beam(fb.arc((0, 0), (1, 0.5), (2, 0)), FLYING, elements=6, degree=2)
         scene.pin(arch.start)
         scene.pin(arch.end)
-        state = equilibrium(scene)
+        state = fb.static(scene)
     else:
         made = demo(name).scene()
         scene = made if isinstance(made, fb.Scene) else made[0]
@@ -321,7 +318,7 @@ def test_a_state_that_is_unstable_in_what_has_no_mass_is_refused():
     scene.add_mass(scene.beams[0].node(0.5), 1.0)  # stands still while the halves buckle
     scene.add_force(scene.beams[0].end, (-4.5 * math.pi**2 * section.EI, 0))
     with pytest.raises(fb.SceneError, match="unstable in a motion without mass"):
-        fb.modes(scene, equilibrium(scene))
+        fb.modes(scene, fb.static(scene))
 
 
 def test_drag_has_no_part_in_modes():

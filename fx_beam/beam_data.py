@@ -1,4 +1,4 @@
-"""Data of the beams as fields on the mesh, in UFL."""
+"""Data of the beams in UFL, as the forms take them."""
 
 from __future__ import annotations
 
