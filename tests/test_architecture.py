@@ -15,6 +15,7 @@ PACKAGE = Path(fx_beam.__file__).parent
 LAYERS = [
     # what is said, and every call into dolfinx
     "errors",
+    "report",
     "compat",
     # physics and data
     "audit",
