@@ -115,7 +115,8 @@ def markdown(found: Precision, name: str, machine: dict[str, Any]) -> str:
         "## Runs\n",
         _runs(found),
         "## Observed orders in the time step\n",
-        "Fit to the three finest errors against a fine step on the same mesh.\n",
+        "Fit to the three finest errors against a fine step on the same mesh. Where the steps do "
+        "not resolve a vibration, or an error changes its sign, it is no order.\n",
         _order_table(found),
     ]
     if found.mesh_errors:

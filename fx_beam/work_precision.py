@@ -17,7 +17,7 @@ from .scene import Scene
 from .schemes import EnergyMomentum, Scheme
 from .solution import Solution
 
-__all__ = ["sentence", "study", "write"]
+__all__ = ["Mesh", "Precision", "Run", "sentence", "study", "write"]
 
 _log = logging.getLogger("fx_beam")
 
