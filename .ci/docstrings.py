@@ -1,4 +1,4 @@
-"""Validate the docstrings of all that fx_beam and its studies export with numpydoc, as pyproject.toml says.
+"""Validate the docstrings of all that fx_beam exports with numpydoc, as pyproject.toml says.
 
 `numpydoc lint` only reads the sources: it knows neither the parameters of a dataclass nor that a
 property needs no Returns section. So the package is imported and its objects are validated.
@@ -23,7 +23,7 @@ DESCRIPTORS = (property, cached_property, classmethod, staticmethod)
 
 def public() -> Iterator[str]:
     """Names of the exported functions and classes, these with their methods and properties."""
-    for module, exported in [(module, name) for module in MODULES for name in module.__all__]:
+    for module, exported in [(m, name) for m in MODULES for name in m.__all__]:
         name, thing = f"{module.__name__}.{exported}", getattr(module, exported)
         if not callable(thing):
             continue

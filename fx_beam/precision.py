@@ -8,8 +8,6 @@ import numpy as np
 
 from .accuracy import MARGIN, ROUND_OFF, observed_order
 
-#: Run times closer than by this factor are a tie.
-TIE = 1.2
 #: Relative errors that runs are asked to come within.
 LEVELS = tuple(float(f"1e-{n}") for n in range(1, 13))
 
@@ -63,6 +61,8 @@ class Run:
         The part of it that is the time step's: the error against a fine step on this mesh.
     seconds, setup_seconds : float
         Medians of the time for the steps, and of that for the set-up [s]; NaN if the run failed.
+    quartiles : (float, float)
+        Between which the middle half of the times for the steps lies [s].
     """
 
     scheme: str
@@ -80,6 +80,7 @@ class Run:
     step_errors: dict[str, float] = field(default_factory=dict)
     seconds: float = np.nan
     setup_seconds: float = np.nan
+    quartiles: tuple[float, float] = (np.nan, np.nan)
 
 
 @dataclass(frozen=True)
@@ -91,8 +92,8 @@ class Winner:
     loosest, tightest : float
         First and last error level of the range.
     schemes : tuple of str
-        The cheapest scheme, and those that take as long at each of its levels; empty where no run
-        comes within the error.
+        The cheapest scheme, and those whose times at each of its levels cannot be told from the
+        shortest, as their quartiles overlap; empty where no run comes within the error.
     run : Run, optional
         The cheapest run at the tightest level.
     next : str
@@ -257,7 +258,8 @@ def _winner(fronts: dict[str, list[Run]], quantity: str, level: float) -> Winner
     runs = sorted((within[0] for within in reached.values() if within), key=lambda r: r.seconds)
     if not runs:
         return Winner(level, level)
-    best, others = runs[0], [run for run in runs if run.seconds > TIE * runs[0].seconds]
+    best = runs[0]
+    others = [run for run in runs if run.quartiles[0] > best.quartiles[1]]
     tied = tuple(run.scheme for run in runs if run not in others)
     if not others:
         return Winner(level, level, tied, best)

@@ -106,8 +106,9 @@ def markdown(found: Precision, name: str, machine: dict[str, Any]) -> str:
         f"{found.t_end:g} s of motion. An error is the largest distance from the reference over "
         "time, over the largest magnitude of the reference; absolute where that is 0. Run time is "
         f"that of the steps, the median of {found.repetitions} runs in turn; set-up and "
-        "compilation are apart. A scheme's line joins its runs that are more accurate than all "
-        "faster ones; the others are pale.\n",
+        "compilation are apart. Schemes are named together where the quartiles of their times "
+        "overlap. A scheme's line joins its runs that are more accurate than all faster ones; the "
+        "others are pale.\n",
         f"![Error against run time]({name}.png)\n",
         "".join(f"- {sentence(found, quantity)}\n" for quantity in found.references),
         "## References\n",

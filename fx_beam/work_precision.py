@@ -5,7 +5,8 @@ from __future__ import annotations
 import logging
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
-from statistics import median
+
+import numpy as np
 
 from . import accuracy
 from .accuracy import Exact, History, Quantity, Reference
@@ -224,5 +225,6 @@ def _time(runs: list[Run], scenes, schemes, t_end: float, repetitions: int) -> N
         for run, found in zip(runs, stats, strict=True):
             found.append(_solve(scenes[run.mesh], schemes[run.scheme], run.dt, t_end).stats)
     for run, found in zip(runs, stats, strict=True):
-        run.seconds = median(one.seconds for one in found)
-        run.setup_seconds = median(one.setup_seconds for one in found)
+        low, middle, high = np.quantile([one.seconds for one in found], [0.25, 0.5, 0.75])
+        run.seconds, run.quartiles = float(middle), (float(low), float(high))
+        run.setup_seconds = float(np.median([one.setup_seconds for one in found]))

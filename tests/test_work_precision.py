@@ -270,6 +270,7 @@ def made_up(runs, **references):
             step_errors={"q": error},
             seconds=seconds,
             setup_seconds=0.01,
+            quartiles=(0.95 * seconds, 1.05 * seconds),
         )
         for scheme, seconds, error in runs
     ]
@@ -302,9 +303,11 @@ def test_the_next_scheme_and_its_ratio_are_those_of_the_run_times():
     assert "C takes 2.0 times as long" in sentence(found, "q")
 
 
-def test_schemes_with_nearly_the_same_time_win_together():
-    found = made_up([("A", 1e-3, 5e-2), ("B", 1.05e-3, 5e-2), ("C", 9e-3, 1e-2)])
+def test_schemes_whose_times_cannot_be_told_apart_win_together():
+    found = made_up([("A", 1e-3, 5e-2), ("B", 1.08e-3, 5e-2), ("C", 9e-3, 1e-2)])
     assert "within 1e-1 A and B are the cheapest" in sentence(found, "q")
+    apart = made_up([("A", 1e-3, 5e-2), ("B", 1.2e-3, 5e-2)])
+    assert "within 1e-1 A is the cheapest" in sentence(apart, "q")
 
 
 def test_errors_that_the_reference_cannot_tell_decide_nothing():
@@ -374,6 +377,7 @@ def test_timed_runs_take_turns_and_the_median_counts(monkeypatch):
     assert order == ["EnergyMomentum", "Newmark"] * 6
     # The first round, which compiles, does not count.
     assert [run.seconds for run in found.runs] == [4, 40]
+    assert found.runs[0].quartiles == (3, 5)
 
 
 def test_the_reference_is_finer_than_every_run(monkeypatch):
