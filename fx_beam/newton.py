@@ -40,7 +40,7 @@ class NewtonOptions:
     """
 
     tolerance: float = 1e-10
-    max_iterations: int = 50
+    max_iterations: int = 40
     max_turn: float = 2.0
 
 
