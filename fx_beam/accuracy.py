@@ -63,13 +63,13 @@ class Reference:
         ``at(t)`` gives the values (n, k) at times (n,).
     size : float
         Largest magnitude over time, by which errors are divided; 1 where it is 0.
-    error : float
-        Estimate of its own relative error; 0 where it is exact.
+    error : float, optional
+        Estimate of its own relative error; None if it is exact.
     """
 
     at: Callable[[np.ndarray], np.ndarray]
     size: float
-    error: float = 0.0
+    error: float | None = None
 
 
 def measure(name: str, quantity: Quantity, solution: Solution) -> History:
@@ -91,9 +91,16 @@ def measure(name: str, quantity: Quantity, solution: Solution) -> History:
         Its values over time.
     """
     found = quantity(solution)
-    t, found = found if isinstance(found, tuple) else (solution.t, found)
-    t = solution.t[-1:] if np.ndim(found) == 0 else np.asarray(t, dtype=float)
-    return History(t, _rows(name, found, len(t)))
+    if isinstance(found, tuple):
+        t, found = found
+        if np.ndim(t) != 1 or (np.diff(t) <= 0).any():
+            raise SceneError(
+                f"quantity {name!r}: a tuple is read as times and values, but these times do not "
+                "increase; give vectors over time as an array (n, k)"
+            )
+    else:
+        t = solution.t if np.ndim(found) else solution.t[-1:]
+    return History(np.asarray(t), _rows(name, found, len(t)))
 
 
 def exact(name: str, value: Exact, t_end: float) -> Reference:
@@ -204,8 +211,8 @@ def _rows(name: str, found: Any, n: int) -> np.ndarray:
     values = np.atleast_1d(np.asarray(found, dtype=float))
     if len(values) != n:
         raise SceneError(
-            f"quantity {name!r} has {len(values)} rows for {n} times; give a row for each time of "
-            "the solution, or a pair of times and rows"
+            f"quantity {name!r} has {len(values)} rows for {n} times; give a number, an array with "
+            "a row for each time of the solution, or a pair of times and such an array"
         )
     return values.reshape(n, -1)
 

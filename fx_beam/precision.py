@@ -121,7 +121,7 @@ class Precision:
     repetitions : int
         Number of timed runs whose median is taken.
     references : dict
-        By quantity the relative error of its reference, 0 where that is exact.
+        By quantity the estimated relative error of its reference; None where that is exact.
     origin : str
         What the references that are not exact were computed with; empty if all are.
     runs : list of Run
@@ -132,7 +132,7 @@ class Precision:
 
     t_end: float
     repetitions: int
-    references: dict[str, float]
+    references: dict[str, float | None]
     origin: str
     runs: list[Run]
     mesh_errors: dict[Mesh, dict[str, float]]
@@ -160,7 +160,7 @@ class Precision:
         float
             Some times the error of the reference, where that is not exact.
         """
-        return MARGIN * self.references[quantity]
+        return MARGIN * (self.references[quantity] or 0.0)
 
     def step_order(self, quantity: str, scheme: str, mesh: Mesh) -> float | None:
         """Observed order in the time step.

@@ -179,7 +179,7 @@ def _mesh_orders(found: Precision, degree: int) -> dict[str, float | None]:
 
 def _references(found: Precision) -> str:
     rows = [
-        (name, found.origin if error else "exact", _error(error) if error else "0")
+        (name, "exact" if error is None else found.origin, _error(error))
         for name, error in found.references.items()
     ]
     return report.table(["quantity", "reference", "its error, estimated"], rows)

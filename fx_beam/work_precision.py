@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import logging
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
@@ -87,10 +88,10 @@ def study(
     StepError
         If the reference fails.
     """
-    labelled = schemes if isinstance(schemes, Mapping) else {s.name: s for s in schemes}
     exact = exact or {}
+    _check(scene, quantities, schemes, steps, meshes, exact, repetitions)
+    labelled = schemes if isinstance(schemes, Mapping) else {s.name: s for s in schemes}
     grid = [Mesh(*mesh) for mesh in meshes]
-    _check(scene, quantities, labelled, steps, grid, exact, repetitions)
     references = {name: accuracy.exact(name, value, t_end) for name, value in exact.items()}
     sought = {name: q for name, q in quantities.items() if name not in exact}
     by_mesh: dict[Mesh, dict[str, History]] = {}
@@ -101,21 +102,14 @@ def study(
 
     scenes = {mesh: scene(mesh.elements, mesh.degree) for mesh in grid}
     runs = []
-    for mesh in grid:
-        # What the scheme would come to on this mesh if its step were fine.
-        on_mesh = references | {
-            name: Reference(history.at, references[name].size)
-            for name, history in by_mesh.get(mesh, {}).items()
-        }
-        for label, scheme in labelled.items():
-            for dt in steps:
-                solution = _solve(scenes[mesh], scheme, dt, t_end)
-                run = _row(label, mesh, dt, solution)
-                runs.append(run)
-                if not run.failure:
-                    histories = _measure(quantities, solution)
-                    run.errors = _errors(histories, references)
-                    run.step_errors = _errors(histories, on_mesh)
+    for mesh, label, dt in itertools.product(grid, labelled, steps):
+        solution = _solve(scenes[mesh], labelled[label], dt, t_end)
+        run = _row(label, mesh, dt, solution)
+        runs.append(run)
+        if not run.failure:
+            histories = _measure(quantities, solution)
+            run.errors = _errors(histories, references)
+            run.step_errors = _errors(histories, _on_mesh(references, by_mesh.get(mesh, {})))
     _time(runs, scenes, labelled, t_end, repetitions)
     found = Precision(
         t_end=t_end,
@@ -144,6 +138,13 @@ def _check(scene, quantities, schemes, steps, meshes, exact, repetitions) -> Non
         raise SceneError(
             "a study needs a function scene(elements, degree) that makes the scene, not a scene"
         )
+    names = list(schemes) if isinstance(schemes, Mapping) else [s.name for s in schemes]
+    if twice := [name for name in names if names.count(name) > 1]:
+        raise SceneError(
+            f"several schemes are called {twice[0]}; give a dict of labels and schemes"
+        )
+    if wrong := [mesh for mesh in meshes if np.shape(mesh) != (2,)]:
+        raise SceneError(f"mesh {wrong[0]!r} must be a pair of elements and degree, as (8, 1)")
     if unknown := [name for name in exact if name not in quantities]:
         raise SceneError(f"exact value of {unknown[0]!r}, which is none of {list(quantities)}")
     if repetitions < 1:
@@ -164,6 +165,12 @@ def _computed(scene, quantities, t_end, step, meshes):
     by_mesh = {mesh: _fine(scene, mesh, quantities, dt, t_end) for mesh in meshes}
     origin = f"{EnergyMomentum().name}, {finest}, dt = {dt:.3g} s"
     return references, by_mesh, origin
+
+
+def _on_mesh(references, histories) -> dict[str, Reference]:
+    """What a scheme would come to on a mesh if its step were fine."""
+    fine = {name: Reference(h.at, references[name].size) for name, h in histories.items()}
+    return references | fine
 
 
 def _fine(scene, mesh, quantities, dt, t_end) -> dict[str, History]:
@@ -187,6 +194,8 @@ def _solve(scene: Scene, scheme: Scheme, dt: float, t_end: float) -> Solution:
             scene, scheme, dt=dt, t_end=t_end, max_halvings=MAX_HALVINGS, progress=False
         )
     except StepError as failed:
+        if failed.solution is None:  # not a step of the scheme, but what is given at the start
+            raise
         return failed.solution
 
 
