@@ -5,9 +5,15 @@ import json
 import subprocess
 import sys
 from pathlib import Path
+from types import SimpleNamespace
 
+import numpy as np
 import pytest
 from pytest import approx
+from scipy.optimize import brentq
+
+import fx_beam as fb
+from fx_beam import accuracy
 
 ROOT = Path(__file__).parents[1]
 EXAMPLES = "pendulum", "three_bar_swing", "multibody", "pinned_beam"
@@ -25,6 +31,77 @@ def benchmark(name):
     finally:
         sys.path.pop(0)
     return module
+
+
+# -- The quantities of interest of the reports, on made-up solutions ------------------------------
+
+
+def circle(t):
+    angle = t + 0.3 * np.sin(t)
+    return np.column_stack([np.cos(angle), np.sin(angle)])
+
+
+def made_up(dt, level=0.5):
+    """A known motion: N = 2 + cos 3t, the tip on a circle, 1 % of energy and momentum gained."""
+    t = np.arange(round(2 / dt) + 1) * dt
+    t_level = np.append(0, t[1:] - (1 - level) * dt)
+    force = np.append(0.0 if level == 0.5 else 3.0, 2 + np.cos(3 * t_level[1:]))
+    kinetic = 5 * np.cos(t) ** 2
+    return SimpleNamespace(
+        t=t,
+        t_level=t_level,
+        stats=SimpleNamespace(level=level),
+        resultants=lambda beam: SimpleNamespace(N=np.column_stack([force, 0 * force])),
+        beams={"beam": SimpleNamespace(end="end")},
+        position=lambda node: circle(t),
+        energy=fb.Energy(kinetic, 5 - kinetic + 0.05 * t / 2 + 0.7 * t, 0 * t, 0.7 * t),
+        angular_momentum=8 * (1 + 0.01 * t / 2),
+        slides=np.column_stack([0 * t, t**2]),
+    )
+
+
+def error(quantity, exact, solution):
+    found = accuracy.measure("q", quantity, solution)
+    return accuracy.error("q", found, accuracy.exact("q", exact, 2.0))
+
+
+@pytest.mark.parametrize("level", [0.5, 1.0])
+def test_impulse_of_a_known_force_is_its_integral_to_second_order(level):
+    impulse = benchmark("work_precision").impulse("beam", 0)
+    coarse, fine = (
+        error(impulse, lambda t: 2 * t + np.sin(3 * t) / 3, made_up(dt, level))
+        for dt in (0.02, 0.01)
+    )
+    assert coarse / fine == approx(4, rel=0.1) and fine < 1e-4
+
+
+def test_axial_force_is_taken_at_the_times_at_which_it_holds():
+    quantity = benchmark("work_precision").axial_force("beam", 0)
+    assert error(quantity, lambda t: 2 + np.cos(3 * t), made_up(0.01, 1.0)) < 1e-15
+    # Row 0 of the mid-point scheme here is that of an unstressed start.
+    assert error(quantity, lambda t: (2 + np.cos(3 * t)) * (t > 0), made_up(0.01)) < 1e-15
+
+
+def test_quarter_turn_of_a_known_rotation_is_found_between_the_steps():
+    quantity = benchmark("work_precision").quarter_turn
+    exact = brentq(lambda t: t + 0.3 * np.sin(t) - np.pi / 2, 0, 2)
+    assert error(quantity, exact, made_up(0.1)) < 1e-5
+    assert error(quantity, exact, made_up(0.01)) < 1e-9
+
+
+def test_a_hundredth_of_energy_or_momentum_gained_is_an_error_of_a_hundredth():
+    module, solution = benchmark("work_precision"), made_up(0.01)
+    assert error(module.energy_error, 0.0, solution) == approx(0.01)
+    assert error(module.momentum_error, 0.0, solution) == approx(0.01)
+
+
+def test_path_and_slide_are_those_of_the_solution():
+    module, solution = benchmark("work_precision"), made_up(0.01)
+    assert error(module.slide, np.square, solution) < 1e-15
+    assert error(lambda s: 1.02 * module.path("beam")(s), circle, solution) == approx(0.02)
+
+
+# -- The short form ----------------------------------------------------------------------------
 
 
 @pytest.fixture(scope="module")
