@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -243,10 +243,10 @@ class Precision:
             winner = _winner(fronts, quantity, level)
             if not winner.schemes:
                 return [*found, winner]
-            same = [s for s in winner.schemes if found and s in found[-1].schemes]
-            if same:
-                loosest = found.pop().loosest
-                winner = Winner(loosest, level, tuple(same), winner.run, winner.next, winner.ratio)
+            if found and winner.schemes[0] in found[-1].schemes:
+                before = found.pop()
+                both = tuple(s for s in winner.schemes if s in before.schemes)
+                winner = replace(winner, loosest=before.loosest, schemes=both)
             found.append(winner)
         return found
 

@@ -310,6 +310,14 @@ def test_schemes_whose_times_cannot_be_told_apart_win_together():
     assert "within 1e-1 A is the cheapest" in sentence(apart, "q")
 
 
+def test_levels_are_joined_only_while_the_fastest_of_the_last_was_among_the_first():
+    # B ties at 1e-1 and 1e-2, but is never the fastest; C is, at 1e-2.
+    runs = [("A", 1e-3, 5e-2), ("B", 1.05e-3, 5e-2), ("B", 2.05e-3, 5e-3), ("C", 2e-3, 5e-3)]
+    loose, tight, _ = made_up(runs).winners("q")
+    assert loose.schemes == ("A", "B") and loose.run.scheme == "A"
+    assert tight.schemes == ("C", "B") and tight.run.scheme == "C"
+
+
 def test_errors_that_the_reference_cannot_tell_decide_nothing():
     found = made_up(TWO, q=1e-3)
     assert [winner.tightest for winner in found.winners("q")] == [1e-2]
