@@ -15,18 +15,20 @@ from typing import Protocol
 from numpydoc.validate import get_validation_checks, validate
 
 import fx_beam
+from fx_beam import work_precision
 
+MODULES = (fx_beam, work_precision)
 DESCRIPTORS = (property, cached_property, classmethod, staticmethod)
 
 
 def public() -> Iterator[str]:
     """Names of the exported functions and classes, these with their methods and properties."""
-    for name in fx_beam.__all__:
-        thing = getattr(fx_beam, name)
+    for module, exported in [(m, name) for m in MODULES for name in m.__all__]:
+        name, thing = f"{module.__name__}.{exported}", getattr(module, exported)
         if not callable(thing):
             continue
         if Protocol not in getattr(thing, "__bases__", ()):  # its call's parameters are Python's
-            yield f"fx_beam.{name}"
+            yield name
         if not inspect.isclass(thing):
             continue
         for attribute, member in vars(thing).items():
@@ -34,7 +36,7 @@ def public() -> Iterator[str]:
             # What a base class documents need not be said again.
             known = any(hasattr(base, attribute) for base in thing.__mro__[1:])
             if own and not known and not attribute.startswith("_"):
-                yield f"fx_beam.{name}.{attribute}"
+                yield f"{name}.{attribute}"
 
 
 def main() -> int:

@@ -7,42 +7,27 @@ EnergyMomentum with everything recorded. Runs alternate; set-up is apart. Median
 and the versions, go to results/steps/steps.json, and a picture beside it.
 """
 
-import importlib.util
-import json
-import platform
 import sys
-from pathlib import Path
 from statistics import median
 
-import dolfinx
-
-import numpy as np
+from demo_scenes import ROOT, scene
 
 import fx_beam as fb
+from fx_beam import report
 
-ROOT = Path(__file__).resolve().parents[1]
 ELEMENTS = (1, 8, 32, 128, 512, 2048)
-
-
-def demo(name, *arguments):
-    """Scene of a demo."""
-    spec = importlib.util.spec_from_file_location(name, ROOT / "demos" / f"{name}.py")
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    made = module.scene(*arguments)
-    return made if isinstance(made, fb.Scene) else made[0]
 
 
 def cases():
     """Name, scene, step and number of steps by each solver."""
     for elements in ELEMENTS:
         steps = max(50, min(2000, 40000 // elements))
-        yield f"pinned beam, {elements}", demo("pinned_beam", elements), 0.001, steps
-    yield "pinned beam, 8, dt 0.01", demo("pinned_beam", 8), 0.01, 1000
-    yield "pendulum, dt 0.1", demo("pendulum"), 0.1, 500
-    yield "pendulum, dt 0.01", demo("pendulum"), 0.01, 1000
-    yield "three-bar swing", demo("three_bar_swing"), 5e-4, 1000
-    yield "multi-body", demo("multibody"), 1e-3, 1000
+        yield f"pinned beam, {elements}", scene("pinned_beam", elements), 0.001, steps
+    yield "pinned beam, 8, dt 0.01", scene("pinned_beam", 8), 0.01, 1000
+    yield "pendulum, dt 0.1", scene("pendulum"), 0.1, 500
+    yield "pendulum, dt 0.01", scene("pendulum"), 0.01, 1000
+    yield "three-bar swing", scene("three_bar_swing"), 5e-4, 1000
+    yield "multi-body", scene("multibody"), 1e-3, 1000
 
 
 def measure(scene, dt, steps, runs):
@@ -65,18 +50,13 @@ def measure(scene, dt, steps, runs):
 
 def main(runs=5):
     numbers = {
-        "machine": {
-            "processor": processor(),
-            "python": platform.python_version(),
-            "dolfinx": dolfinx.__version__,
-            "numpy": np.__version__,
-        },
+        "machine": report.machine(),
         "runs": runs,
         "cases": {},
     }
     print(f"{'':26} {'compiled':>12} {'PETSc':>12} {'ratio':>7}  iterations")
-    for name, scene, dt, steps in cases():
-        case = numbers["cases"][name] = measure(scene, dt, steps, runs)
+    for name, case_scene, dt, steps in cases():
+        case = numbers["cases"][name] = measure(case_scene, dt, steps, runs)
         loop, python = (case[solver]["us per step"] for solver in ("compiled", "petsc"))
         case["ratio"] = python / loop
         print(
@@ -84,8 +64,7 @@ def main(runs=5):
             f"{case['compiled']['iterations per step']:.1f}"
         )
     results = ROOT / "results" / "steps"
-    results.mkdir(parents=True, exist_ok=True)
-    (results / "steps.json").write_text(json.dumps(numbers, indent=2) + "\n")
+    report.write_json(results / "steps.json", numbers)
     draw(results / "steps.png", numbers["cases"])
 
 
@@ -103,13 +82,6 @@ def draw(path, found):
     ax.set_xticklabels([str(n) for n in ELEMENTS])
     ax.minorticks_off()
     plot.save(figure, path)
-
-
-def processor():
-    for line in Path("/proc/cpuinfo").read_text().splitlines():
-        if line.startswith("model name"):
-            return line.split(":")[1].strip()
-    return platform.processor()
 
 
 if __name__ == "__main__":

@@ -58,11 +58,12 @@ SCHEMES = {
 MAX_HALVINGS = 2
 
 
-def scene():
+def scene(elements=ELEMENTS, degree=1):
     """The scene and its joints by name."""
     system = fb.Scene()
+    mesh = {"elements": elements, "degree": degree}
     members = [
-        system.add_beam(ends, SECTION, elements=ELEMENTS, name=f"member {number}")
+        system.add_beam(ends, SECTION, **mesh, name=f"member {number}")
         for number, ends in enumerate([(RIGHT, A), (A, B), (B, MIDDLE), (LEFT, MIDDLE)], 1)
     ]
     one, two, three, four = members

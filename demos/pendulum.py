@@ -60,10 +60,11 @@ SCHEMES = {
 MAX_HALVINGS = 2
 
 
-def scene():
+def scene(elements=1, degree=1):
     """The scene and its beam."""
     pendulum = fb.Scene(gravity=(0.0, -GRAVITY))
-    rod = pendulum.add_beam([(0, 0), (0, -LENGTH)], SECTION, elements=1, name="rod")
+    ends = (0, 0), (0, -LENGTH)
+    rod = pendulum.add_beam(ends, SECTION, elements=elements, degree=degree, name="rod")
     pendulum.pin(rod.start)
     pendulum.add_mass(rod.end, MASS)
     pendulum.set_velocity(rod.end, (SPEED, 0.0))

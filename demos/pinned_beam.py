@@ -70,10 +70,11 @@ TIP = {
 }
 
 
-def scene(elements=ELEMENTS):
+def scene(elements=ELEMENTS, degree=1):
     """The scene and its beam."""
     pinned = fb.Scene()
-    beam = pinned.add_beam([(0, 0), (LENGTH, 0)], SECTION, elements=elements, name="beam")
+    ends = (0, 0), (LENGTH, 0)
+    beam = pinned.add_beam(ends, SECTION, elements=elements, degree=degree, name="beam")
     pinned.pin(beam.start)
     middle = LENGTH / 2
     pinned.set_velocity(

@@ -63,12 +63,12 @@ REFERENCE = {
 }
 
 
-def scene(elements=ELEMENTS):
+def scene(elements=ELEMENTS, degree=1):
     """The swing; its beams are called beam, left and right."""
     swing = fb.Scene()
-    beam = swing.add_beam([A, C], SECTION, elements=elements, name="beam")
-    left = swing.add_beam([LEFT, A], LINK, name="left")
-    right = swing.add_beam([RIGHT, C], LINK, name="right")
+    beam = swing.add_beam([A, C], SECTION, elements=elements, degree=degree, name="beam")
+    left = swing.add_beam([LEFT, A], LINK, degree=degree, name="left")
+    right = swing.add_beam([RIGHT, C], LINK, degree=degree, name="right")
     swing.pin(left.start)
     swing.pin(right.start)
     swing.add_joint(fb.Revolute(left.end, beam.start))

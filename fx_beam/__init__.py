@@ -1,5 +1,7 @@
 """Geometrically exact planar beams and energy-conserving time stepping on FEniCSx."""
 
+import importlib
+
 from .audit import BeamResultants, Energy, Stats
 from .beam import Beam, Node
 from .curve import Curve, arc, spline
@@ -85,3 +87,10 @@ __all__ = [
     "spline",
     "static",
 ]
+
+
+def __getattr__(name: str):
+    """Studies are imported by those who ask for them."""
+    if name in ("stability", "work_precision"):
+        return importlib.import_module(f"{__name__}.{name}")
+    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

@@ -327,6 +327,7 @@ static int newton(Problem *p, const Work *w, double dt, const double *driven) {
   int n = p->dofs, free = p->free;
   const double *fields[5] = {p->q, w->D, w->path, p->v, p->a};
   double previous = HUGE_VAL, drive = 0;
+  int smalls = 0;
   memset(w->z, 0, p->columns * sizeof(double));
   for (int i = 0; i < p->driven; ++i) drive += fabs(driven[i]);
   begin_couplings(p, w);
@@ -364,12 +365,14 @@ static int newton(Problem *p, const Work *w, double dt, const double *driven) {
       lack += w->reduced[i] * w->step[i];
     }
     for (int i = 0; i < p->driven; ++i) w->z[free + i] = driven[i];
-    int small = size <= p->tolerance;
-    int floor = 0;
-    if (!small && size > 0.5 * previous) {
+    int small = size <= p->tolerance, floor = 0;
+    if (small || size > 0.5 * previous) {
       double energy = kinetic(p, w);
       for (int i = 0; i < n; ++i) energy += fabs(w->f[i]) * fabs(w->D[i]);
-      floor = fabs(lack) <= p->energy_floor * energy;
+      if (small)
+        small = ++smalls > 2 || fabs(lack) <= p->energy_tolerance * energy;
+      else
+        floor = fabs(lack) <= p->energy_floor * energy;
     }
     if (small || floor) settle(p, w);
     expand(p, w);

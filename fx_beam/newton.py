@@ -17,6 +17,8 @@ from .reduction import Reduction
 LONGEST_TURN = 0.5
 # Part of the step's energy that rounding leaves undetermined.
 ENERGY_FLOOR = 4 * np.finfo(float).eps
+# Part of the step's energy, times the tolerance, that the last correction may still bring in.
+ENERGY_SHARE = 1e-4
 
 
 @dataclass(frozen=True)
@@ -27,7 +29,9 @@ class NewtonOptions:
     ----------
     tolerance : float
         Largest entry of the last correction: displacements over the size of the scene, and
-        rotations in radians. Convergence is quadratic, so that the error left is far smaller.
+        rotations in radians. Convergence is quadratic, so that the error left is far smaller. In
+        a stiff scene a small correction may still bring in much energy; of this the last one may
+        bring no more than a ten-thousandth of the tolerance, relative to what moves in the step.
     max_iterations : int
         Corrections before the step is given up.
     max_turn : float
@@ -36,7 +40,7 @@ class NewtonOptions:
     """
 
     tolerance: float = 1e-10
-    max_iterations: int = 25
+    max_iterations: int = 40
     max_turn: float = 2.0
 
 
@@ -141,7 +145,7 @@ class Newton:
         y = np.zeros(free)
         D = reduction.expand(y, np.zeros(reduction.driven))
         residuals: list[float] = []
-        previous, predicted = np.inf, D
+        previous, predicted, smalls = np.inf, D, 0
         for iteration in range(1, options.max_iterations + 1):
             f = model.forms.internal_force(D)
             model.forms.assemble_stiffness()
@@ -167,11 +171,15 @@ class Newton:
             y = y - step[:free]
             size = (abs(correction) / model.unit).max()
             self.check_finite(size, residuals)
-            ended_by = None
-            if size <= options.tolerance:
-                ended_by = "increment"
-            elif size > 0.5 * previous and self._at_round_off(residual @ step[:free], f, D, v0):
-                ended_by = "round-off"
+            small, ended_by = size <= options.tolerance, None
+            if small or size > 0.5 * previous:
+                lack = self._lacking(residual @ step[:free], f, D, v0)
+                smalls += small
+                # A third small one: less energy is not to be had in a motion as slight as this.
+                if small and (lack <= ENERGY_SHARE * options.tolerance or smalls > 2):
+                    ended_by = "increment"
+                elif not small and lack <= ENERGY_FLOOR:
+                    ended_by = "round-off"
             if ended_by:  # forces at the corrected state, while K is at hand
                 r = r - K @ correction
             D = reduction.expand(y, driven)
@@ -205,17 +213,19 @@ class Newton:
                 residuals,
             )
 
-    def _at_round_off(self, work: float, f: np.ndarray, D: np.ndarray, v0: np.ndarray) -> bool:
-        """Whether a correction that does not shrink any more changes the energy by rounding only.
+    def _lacking(self, work: float, f: np.ndarray, D: np.ndarray, v0: np.ndarray) -> float:
+        """Energy that the step still lacked before a correction, relative to what moves in it.
 
-        The work of the residual on the correction is the energy that the step still lacks. A bound
-        on the residual itself would not do: in a stiff scene its rounding, of the size of EA times
-        that of a strain, hides what is missing in the soft directions.
+        It is the work of the residual on the correction, and of the size of the energy error that
+        the correction leaves. A bound on the residual itself would not do: in a stiff scene its
+        rounding, of the size of EA times that of a strain, hides what is missing in the soft
+        directions. Nor does one on the correction alone: there a small one may be followed by
+        one a hundred times larger, as the forces along and across the beam are met in turn.
         """
         energy = abs(f) @ abs(D)
         if not self.model.scheme.rates.at_rest:
             energy += v0 @ (self.model.mass @ v0)
-        return bool(abs(work) <= ENERGY_FLOOR * energy)
+        return float(abs(work) / energy) if energy else 0.0
 
 
 class _LinearSolver:

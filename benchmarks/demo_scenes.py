@@ -1,0 +1,22 @@
+"""The demos as modules, as benchmarks take their scenes from there."""
+
+import functools
+import importlib.util
+from pathlib import Path
+
+ROOT = Path(__file__).resolve().parents[1]
+
+
+@functools.cache
+def demo(name):
+    """A demo as a module, such as demo("pendulum")."""
+    spec = importlib.util.spec_from_file_location(f"demo_{name}", ROOT / "demos" / f"{name}.py")
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+def scene(name, *arguments, **keywords):
+    """Scene of a demo, without the handles that come with it."""
+    made = demo(name).scene(*arguments, **keywords)
+    return made[0] if isinstance(made, tuple) else made

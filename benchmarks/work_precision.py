@@ -1,0 +1,198 @@
+"""Error against run time: time schemes, steps and meshes on the paper's four examples.
+
+    ./run report work-precision            some minutes
+    ./run report work-precision --quick    fewer schemes, steps and meshes
+
+The scenes are those of the demos. Each example has quantities of interest of its own, over a time
+for which errors have a meaning:
+
+- The pendulum is compared with the one on a rigid rod, which is known; its own rod is longer by
+  some 1e-9. All numbers of elements and degrees are the same model, as a massless rod stays
+  straight. It starts unstressed, so that its force vibrates about the rigid rod's by all of that;
+  a mid-point scheme's mean over a step keeps 2/(w dt) of it, with w^2 = EA/(m L), the trapezoidal
+  rule keeps it all, and schemes that damp do so in some steps.
+- The swing ends before its right link turns back, at 0.64 s: from then on a change in the last
+  digit is another motion. Steps meet the corners of the pulse.
+- The multi-body system ends before its members come into line, at 1.5 s. Its axial force vibrates
+  with a phase that depends on mesh and step; its integral over time, the impulse, does not.
+- The pinned beam starts with a jump of the spin in its middle, which no mesh resolves: its waves of
+  all lengths make errors fall more slowly than with the square of step and element.
+
+Energy and momentum are invariants: their errors are exact ones.
+"""
+
+import argparse
+import logging
+from pathlib import Path
+from time import perf_counter
+
+from demo_scenes import ROOT, demo, scene
+from scipy.integrate import cumulative_trapezoid
+from scipy.interpolate import CubicSpline
+
+import fx_beam as fb
+
+SCHEMES = {
+    "EnergyMomentum": fb.EnergyMomentum(),
+    "ModifiedMidPoint (as published)": fb.ModifiedMidPoint(),
+    "MidPoint": fb.MidPoint(),
+    "Newmark (trapezoidal)": fb.Newmark(),
+    "HHT, alpha = -0.1": fb.HHT(-0.1),
+    "Generalized alpha, 0.9": fb.GeneralizedAlpha(0.9),
+}
+QUICK_SCHEMES = "EnergyMomentum", "Newmark (trapezoidal)"
+
+
+# -- Quantities of interest ------------------------------------------------------------------------
+
+
+def energy_error(solution):
+    """Energy gained without work, over the largest kinetic energy."""
+    return solution.energy.balance_error / solution.energy.kinetic.max()
+
+
+def momentum_error(solution):
+    return solution.angular_momentum / solution.angular_momentum[0] - 1
+
+
+def axial_force(beam, place):
+    """Axial force of an element, at the times at which the scheme has it."""
+    return lambda solution: (solution.t_level, solution.resultants(beam).N[:, place])
+
+
+def impulse(beam, place):
+    """Integral of that over time."""
+
+    def integral(solution):
+        # A mid-point scheme has the mean of the first step, which counts from its start on.
+        first = 1 if solution.stats.level == 0.5 else 0
+        t, force = solution.t_level[first:], solution.resultants(beam).N[first:, place]
+        return t, force[0] * t[0] + cumulative_trapezoid(force, t, initial=0)
+
+    return integral
+
+
+def path(beam):
+    """Position of the end of a beam."""
+    return lambda solution: solution.position(solution.beams[beam].end)
+
+
+def slide(solution):
+    return solution.slides[:, -1]
+
+
+def quarter_turn(solution):
+    """Time at which the free end of the pinned beam is above the pin."""
+    above = CubicSpline(solution.t, path("beam")(solution)[:, 0]).roots(extrapolate=False)
+    return above[0] if len(above) else None
+
+
+# -- Examples --------------------------------------------------------------------------------------
+
+
+def halved(step, times):
+    return [step / 2**k for k in range(times)]
+
+
+def pendulum(quick):
+    module = demo("pendulum")
+    rigid = module.rigid
+    return {
+        "quantities": {
+            "tip path": module.displacement,
+            "period": module.period,
+            "axial force": lambda s: (s.t_level[1:], module.axial_force(s)[1:]),
+            "energy": lambda s: module.energy_ratio(s) - 1,
+        },
+        "exact": {
+            "tip path": lambda t: rigid(t)[0],
+            "period": rigid(0.0)[3],
+            "axial force": lambda t: rigid(t)[2],
+            "energy": 0.0,
+        },
+        "t_end": module.T_END,
+        "steps": halved(module.LARGE, 4 if quick else 8),
+        "meshes": [(1, 1)] if quick else [(1, 1), (4, 1), (1, 2)],
+    }
+
+
+def three_bar_swing(quick):
+    corner = demo("three_bar_swing").PULSE[0][1]
+    return {
+        "quantities": {
+            "path of B": lambda s: s.position(s.beams["beam"].node(0.25)),
+            "joint path": path("right"),
+            "axial force": axial_force("left", 0),
+            "energy": energy_error,
+        },
+        "exact": {"energy": 0.0},
+        "t_end": 0.6,
+        "steps": halved(corner / 8, 3 if quick else 6),
+        "meshes": [(4, 1), (8, 1)] if quick else [(4, 1), (8, 1), (16, 1), (4, 2), (8, 2), (4, 3)],
+    }
+
+
+def multibody(quick):
+    corner = demo("multibody").PULSE[0][1]
+    meshes = [(5, 1), (10, 1), (20, 1), (3, 2), (5, 2), (10, 2)]
+    return {
+        "quantities": {
+            "joint path": path("member 1"),
+            "slide": slide,
+            "impulse of the axial force": impulse("member 1", -1),
+            "energy": energy_error,
+        },
+        "exact": {"energy": 0.0},
+        "t_end": 1.0,
+        "steps": halved(corner / 10, 3 if quick else 5),
+        "meshes": [(5, 1)] if quick else meshes,
+    }
+
+
+def pinned_beam(quick):
+    meshes = [(8, 1), (16, 1), (32, 1), (4, 2), (8, 2), (16, 2), (4, 3), (8, 3), (16, 3)]
+    return {
+        "quantities": {
+            "tip path": path("beam"),
+            "quarter turn": quarter_turn,
+            "impulse of the axial force": impulse("beam", 0),
+            "energy": energy_error,
+            "angular momentum": momentum_error,
+        },
+        "exact": {"energy": 0.0, "angular momentum": 0.0},
+        "t_end": 0.5,
+        "steps": halved(demo("pinned_beam").DT, 3 if quick else 6),
+        "meshes": [(8, 1)] if quick else meshes,
+    }
+
+
+EXAMPLES = [pendulum, three_bar_swing, multibody, pinned_beam]
+
+
+def main(quick=False, results=ROOT / "results" / "work_precision", examples=EXAMPLES):
+    """What was found, by example; with JSON, pages and pictures in the directory for results."""
+    # A halved step is a column of the tables.
+    logging.getLogger("fx_beam").setLevel(logging.ERROR)
+    schemes = {name: SCHEMES[name] for name in (QUICK_SCHEMES if quick else SCHEMES)}
+    found = {}
+    for example in examples:
+        start = perf_counter()
+        name = example.__name__
+        found[name] = fb.work_precision.study(
+            lambda elements, degree, name=name: scene(name, elements, degree),
+            schemes=schemes,
+            results=results / name,
+            **example(quick),
+        )
+        print(f"== {name}, {perf_counter() - start:.0f} s: {results / name}.md")
+        for quantity in found[name].references:
+            print("  ", fb.work_precision.sentence(found[name], quantity))
+    return found
+
+
+if __name__ == "__main__":
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--quick", action="store_true", help="a short form, under a minute")
+    parser.add_argument("results", nargs="?", type=Path, help="directory to write to")
+    given = parser.parse_args()
+    main(given.quick, *([given.results] if given.results else []))

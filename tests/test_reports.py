@@ -1,0 +1,201 @@
+"""The reports run in their short form, and what they say holds."""
+
+import importlib.util
+import json
+import subprocess
+import sys
+from pathlib import Path
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from pytest import approx
+from scipy.optimize import brentq
+
+import fx_beam as fb
+from fx_beam import accuracy
+
+ROOT = Path(__file__).parents[1]
+EXAMPLES = "pendulum", "three_bar_swing", "multibody", "pinned_beam"
+OURS, NEWMARK = "EnergyMomentum", "Newmark (trapezoidal)"
+
+
+def benchmark(name):
+    """A script of benchmarks/ as a module."""
+    spec = importlib.util.spec_from_file_location(name, ROOT / "benchmarks" / f"{name}.py")
+    module = importlib.util.module_from_spec(spec)
+    # The scripts share a loader of the demos, which lies beside them.
+    sys.path.insert(0, str(ROOT / "benchmarks"))
+    try:
+        spec.loader.exec_module(module)
+    finally:
+        sys.path.pop(0)
+    return module
+
+
+# -- The quantities of interest of the reports, on made-up solutions ------------------------------
+
+
+def circle(t):
+    angle = t + 0.3 * np.sin(t)
+    return np.column_stack([np.cos(angle), np.sin(angle)])
+
+
+def made_up(dt, level=0.5):
+    """A known motion: N = 2 + cos 3t, the tip on a circle, 1 % of energy and momentum gained."""
+    t = np.arange(round(2 / dt) + 1) * dt
+    t_level = np.append(0, t[1:] - (1 - level) * dt)
+    force = np.append(0.0 if level == 0.5 else 3.0, 2 + np.cos(3 * t_level[1:]))
+    kinetic = 5 * np.cos(t) ** 2
+    return SimpleNamespace(
+        t=t,
+        t_level=t_level,
+        stats=SimpleNamespace(level=level),
+        resultants=lambda beam: SimpleNamespace(N=np.column_stack([force, 0 * force])),
+        beams={"beam": SimpleNamespace(end="end")},
+        position=lambda node: circle(t),
+        energy=fb.Energy(kinetic, 5 - kinetic + 0.05 * t / 2 + 0.7 * t, 0 * t, 0.7 * t),
+        angular_momentum=8 * (1 + 0.01 * t / 2),
+        slides=np.column_stack([0 * t, t**2]),
+    )
+
+
+def error(quantity, exact, solution):
+    found = accuracy.measure("q", quantity, solution)
+    return accuracy.error("q", found, accuracy.exact("q", exact, 2.0))
+
+
+@pytest.mark.parametrize("level", [0.5, 1.0])
+def test_impulse_of_a_known_force_is_its_integral_to_second_order(level):
+    impulse = benchmark("work_precision").impulse("beam", 0)
+    coarse, fine = (
+        error(impulse, lambda t: 2 * t + np.sin(3 * t) / 3, made_up(dt, level))
+        for dt in (0.02, 0.01)
+    )
+    assert coarse / fine == approx(4, rel=0.1) and fine < 1e-4
+
+
+def test_axial_force_is_taken_at_the_times_at_which_it_holds():
+    quantity = benchmark("work_precision").axial_force("beam", 0)
+    assert error(quantity, lambda t: 2 + np.cos(3 * t), made_up(0.01, 1.0)) < 1e-15
+    # Row 0 of the mid-point scheme here is that of an unstressed start.
+    assert error(quantity, lambda t: (2 + np.cos(3 * t)) * (t > 0), made_up(0.01)) < 1e-15
+
+
+def test_quarter_turn_of_a_known_rotation_is_found_between_the_steps():
+    quantity = benchmark("work_precision").quarter_turn
+    exact = brentq(lambda t: t + 0.3 * np.sin(t) - np.pi / 2, 0, 2)
+    assert error(quantity, exact, made_up(0.1)) < 1e-5
+    assert error(quantity, exact, made_up(0.01)) < 1e-9
+
+
+def test_a_hundredth_of_energy_or_momentum_gained_is_an_error_of_a_hundredth():
+    module, solution = benchmark("work_precision"), made_up(0.01)
+    assert error(module.energy_error, 0.0, solution) == approx(0.01)
+    assert error(module.momentum_error, 0.0, solution) == approx(0.01)
+
+
+def test_path_and_slide_are_those_of_the_solution():
+    module, solution = benchmark("work_precision"), made_up(0.01)
+    assert error(module.slide, np.square, solution) < 1e-15
+    assert error(lambda s: 1.02 * module.path("beam")(s), circle, solution) == approx(0.02)
+
+
+# -- The short form ----------------------------------------------------------------------------
+
+
+@pytest.fixture(scope="module")
+def results(tmp_path_factory):
+    """Directory with what the short form wrote."""
+    directory = tmp_path_factory.mktemp("work_precision")
+    benchmark("work_precision").main(quick=True, results=directory)
+    return directory
+
+
+def numbers(results, example):
+    """What the report has in its file."""
+
+    def refuse(constant):
+        raise AssertionError(f"{constant} is not JSON")
+
+    return json.loads((results / f"{example}.json").read_text(), parse_constant=refuse)
+
+
+def runs(results, example, scheme):
+    return [run for run in numbers(results, example)["runs"] if run["scheme"] == scheme]
+
+
+@pytest.mark.parametrize("example", EXAMPLES)
+def test_work_precision_has_every_run_and_says_on_what_it_ran(results, example):
+    found = numbers(results, example)
+    module = benchmark("work_precision")
+    settings = getattr(module, example)(quick=True)
+    candidates = len(module.QUICK_SCHEMES) * len(settings["steps"]) * len(settings["meshes"])
+    assert len(found["runs"]) == candidates
+    assert {"processor", "dolfinx", "fx_beam"} <= set(found["machine"])
+    for run in found["runs"]:
+        assert run["failure"] or (
+            run["seconds"] > 0 and set(run["errors"]) == set(settings["quantities"])
+        )
+
+
+@pytest.mark.parametrize("example", EXAMPLES)
+def test_work_precision_page_has_its_picture_its_sentences_and_its_rows(results, example):
+    found, page = numbers(results, example), (results / f"{example}.md").read_text()
+    assert f"]({example}.png)" in page and (results / f"{example}.png").stat().st_size > 20_000
+    for line in found["which scheme wins where"]:
+        assert f"- {line}\n" in page
+    rows = [line for line in page.splitlines() if line.startswith(f"| {OURS}")]
+    assert len(rows) >= len(runs(results, example, OURS))
+
+
+@pytest.mark.parametrize("example", EXAMPLES)
+def test_our_scheme_has_no_error_of_energy_at_any_step(results, example):
+    errors = [run["errors"]["energy"] for run in runs(results, example, OURS)]
+    assert max(errors) < 1e-11
+
+
+@pytest.mark.parametrize("example", EXAMPLES)
+def test_newmark_has_an_error_of_energy_that_our_scheme_has_not(results, example):
+    errors = [run["errors"].get("energy", 1) for run in runs(results, example, NEWMARK)]
+    assert min(errors) > 1e-6
+
+
+def test_references_are_exact_or_far_better_than_the_runs(results):
+    for example in EXAMPLES:
+        found = numbers(results, example)
+        for quantity, error in found["relative errors of the references"].items():
+            errors = [run["errors"][quantity] for run in found["runs"] if run["errors"]]
+            assert error is None or error < max(errors), (example, quantity)
+    exact = numbers(results, "pendulum")["relative errors of the references"]
+    assert set(exact.values()) == {None}
+
+
+@pytest.mark.parametrize("quantity", ["tip path", "period"])
+def test_pendulum_is_second_order_in_the_step(results, quantity):
+    (order,) = [
+        row["orders"][quantity]
+        for row in numbers(results, "pendulum")["orders in the time step"]
+        if row["scheme"] == OURS
+    ]
+    assert order == approx(2, abs=0.1)
+
+
+def test_newmark_loses_the_pendulums_path_at_every_step(results):
+    errors = [run["errors"]["tip path"] for run in runs(results, "pendulum", NEWMARK)]
+    assert min(errors) > 1
+    line = numbers(results, "pendulum")["which scheme wins where"][0]
+    assert line.startswith("tip path") and OURS in line and NEWMARK not in line
+
+
+def test_joint_of_the_swing_is_second_order_in_the_step_and_mesh_errors_fall(results):
+    found = numbers(results, "three_bar_swing")
+    orders = [row["orders"]["joint path"] for row in found["orders in the time step"]]
+    assert orders == approx([2] * 4, abs=0.1)
+    coarse, fine = (row["errors"]["joint path"] for row in found["errors with a fine time step"])
+    assert coarse / fine == approx(4, rel=0.2)
+
+
+def test_the_report_command_knows_its_reports_only():
+    done = subprocess.run([ROOT / "run", "report", "nothing"], capture_output=True, text=True)
+    assert done.returncode == 2 and "./run report work-precision" in done.stderr

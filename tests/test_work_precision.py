@@ -1,0 +1,463 @@
+"""Error against run time: the error measure is right, and the words follow from the numbers."""
+
+import json
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+import scenes
+from pytest import approx
+
+import fx_beam as fb
+from fx_beam import accuracy, work_precision
+from fx_beam.accuracy import History
+from fx_beam.precision import Mesh, Precision, Run
+from fx_beam.work_precision import sentence, study
+
+T = np.linspace(0, 2, 41)
+PENDULUM = scenes.demo("pendulum")
+MESH = Mesh(1, 1)
+
+
+def error_of(quantity, exact, solution):
+    """Relative error of a quantity of interest."""
+    found = accuracy.measure("q", quantity, solution)
+    return accuracy.error("q", found, accuracy.exact("q", exact, T[-1]))
+
+
+def pendulum(elements=1, degree=1):
+    return PENDULUM.scene(elements, degree)[0]
+
+
+# -- The error of a made-up solution is the one that was put in --------------------------------
+
+
+@pytest.mark.parametrize("size", [1e-9, 0.02, 3.0])
+def test_error_of_a_path_is_its_largest_distance_over_the_paths_size(size):
+    def circle(t):
+        return 5 * np.column_stack([np.cos(t), np.sin(t)])
+
+    bump = size * np.exp(-((T - 1.3) ** 2))[:, None] * [0.6, 0.8]
+    found = error_of(lambda s: circle(s.t) + bump, circle, SimpleNamespace(t=T))
+    assert found == approx(size * np.exp(-((T - 1.3) ** 2)).max() / 5, rel=1e-6)
+
+
+def test_error_of_a_number_is_relative():
+    solution = SimpleNamespace(t=T)
+    assert error_of(lambda s: 1.01 * 4.2, 4.2, solution) == approx(0.01)
+
+
+def test_error_of_an_invariant_that_should_be_zero_is_absolute():
+    solution = SimpleNamespace(t=T)
+    assert error_of(lambda s: 1e-3 * s.t, 0.0, solution) == approx(2e-3)
+
+
+def test_a_quantity_with_times_of_its_own_is_compared_at_those():
+    solution = SimpleNamespace(t=T, t_level=T - 0.025)
+    exact = np.cos
+    assert error_of(lambda s: (s.t_level, np.cos(s.t_level)), exact, solution) < 1e-15
+    assert error_of(lambda s: np.cos(s.t_level), exact, solution) > 0.02
+
+
+def test_a_quantity_that_is_not_there_has_no_error():
+    assert np.isnan(error_of(lambda s: None, 1.0, SimpleNamespace(t=T)))
+    assert np.isnan(error_of(lambda s: np.where(s.t > 1, np.nan, 0.0), 0.0, SimpleNamespace(t=T)))
+
+
+def test_a_computed_reference_is_itself_where_it_has_the_time():
+    fine = History(np.linspace(0, 2, 641), np.random.default_rng(1).normal(size=(641, 3)))
+    assert (fine.at(T) == fine.values[::16]).all()
+
+
+# -- Orders, and the error of the reference ------------------------------------------------------
+
+
+@pytest.mark.parametrize("order", [1, 2, 3.5])
+def test_fit_recovers_the_order_from_the_three_finest_steps(order):
+    steps = [0.05, 0.4, 0.1, 0.2, 0.8]
+    errors = [0.5 * h**order if h < 0.3 else 0.9 for h in steps]
+    assert accuracy.observed_order(steps, errors, 0.0) == approx(order)
+
+
+def test_fit_leaves_out_round_off_and_what_is_no_approximation():
+    steps, errors = [0.1, 0.2, 0.4, 0.8, 1.6], [3e-12, 1e-4, 4e-4, 1.6e-3, np.nan]
+    assert accuracy.observed_order(steps, errors, 1e-10) == approx(2)
+    assert accuracy.observed_order(steps, [1e-12, 1e-4, 4e-4, 5.0, np.inf], 1e-10) is None
+
+
+@pytest.mark.parametrize("order", [1, 2, 3, 4])
+def test_estimated_error_of_a_reference_bounds_the_true_one(order):
+    def solution(h):
+        return History(T, np.column_stack([np.sin(T), np.cos(T)]) * (1 + 3e-3 * h**order))
+
+    estimate = accuracy.computed("q", solution(0.1), solution(0.2)).error
+    true = 3e-3 * 0.1**order
+    assert true == approx(estimate / (2**order - 1), rel=1e-3)
+    assert true <= estimate * 1.001
+
+
+def test_estimated_error_of_a_computed_pendulum_bounds_its_distance_from_the_exact_one():
+    step, t_end = 0.1, 2.0
+    found = study(
+        pendulum,
+        {"tip path": PENDULUM.displacement},
+        schemes=[fb.EnergyMomentum()],
+        steps=[step],
+        meshes=[(1, 1)],
+        t_end=t_end,
+        repetitions=1,
+    )
+    dt = step / work_precision.FINER_STEP
+    reference = fb.simulate(pendulum(4), dt=dt, t_end=t_end)
+    true = error_of(PENDULUM.displacement, lambda t: PENDULUM.rigid(t)[0], reference)
+    assert true <= found.references["tip path"] <= 5 * true
+
+
+# -- Quantities of interest of real motions, against exact ones ----------------------------------
+
+
+def swing(steps, **quantities):
+    """Study of the pendulum, whose tip, period and force are known on a rigid rod."""
+    exact = {
+        "tip path": lambda t: PENDULUM.rigid(t)[0],
+        "period": PENDULUM.rigid(0.0)[3],
+        "axial force": lambda t: PENDULUM.rigid(t)[2],
+        "energy": 0.0,
+    }
+    return study(
+        pendulum,
+        {
+            "tip path": PENDULUM.displacement,
+            "period": PENDULUM.period,
+            "axial force": lambda s: (s.t_level[1:], PENDULUM.axial_force(s)[1:]),
+            "energy": lambda s: PENDULUM.energy_ratio(s) - 1,
+        },
+        exact=exact,
+        schemes=[fb.EnergyMomentum()],
+        steps=steps,
+        meshes=[(1, 1)],
+        t_end=2.0,
+        repetitions=1,
+    )
+
+
+def test_halving_the_step_divides_the_pendulums_errors_by_four():
+    found = swing([0.08, 0.04, 0.02])
+    coarse, middle, fine = (run.errors for run in found.runs)
+    for name in ("tip path", "period", "axial force"):
+        assert middle[name] / fine[name] == approx(4, rel=0.1), name
+        assert found.step_order(name, "EnergyMomentum", MESH) == approx(2, abs=0.1), name
+    assert max(coarse["energy"], middle["energy"], fine["energy"]) < 1e-12
+    assert found.step_order("energy", "EnergyMomentum", MESH) is None
+    assert found.references == dict.fromkeys(found.references)
+
+
+def test_error_of_the_pendulums_period_is_that_of_the_mid_point_rule():
+    # 1.50252 at dt 0.1, from an independent program.
+    assert swing([0.1]).runs[0].errors["period"] == approx(1.50252 / 1.47521 - 1, rel=1e-2)
+
+
+def guide(elements=1, degree=1, spin=2.0, start=0.5):
+    """A bead on a rigid guide that turns at a given rate: its slide is start cosh(spin t)."""
+    scene = fb.Scene()
+    section = fb.Section(EA=1e8, GA=1e8, EI=1e6)
+    mesh = {"elements": elements, "degree": degree}
+    rod = scene.add_beam([(0, 0), (1, 0)], section, **mesh, name="rod")
+    bead = scene.add_beam([(start, 0), (start + 0.1, 0)], section, **mesh, name="bead")
+    scene.fix(rod.start, "x", "y")
+    scene.prescribe(rod.start, rotation=lambda t: spin * t)
+    scene.add_mass(bead.start, 1.0)
+    scene.add_joint(fb.Prismatic(rod.start, bead.start, axis=(1, 0)))
+    for beam in (rod, bead):
+        scene.set_velocity(beam, lambda x, y: (-spin * y, spin * x), spin=spin)
+    return scene
+
+
+def test_slide_and_joint_path_of_a_bead_on_a_turning_guide_converge_to_the_exact_ones():
+    def slide(t):
+        return 0.5 * np.cosh(2 * t)
+
+    found = study(
+        guide,
+        {
+            "slide": lambda s: s.slides[:, 0],
+            "joint path": lambda s: s.position(s.beams["bead"].start),
+        },
+        exact={
+            "slide": slide,
+            "joint path": lambda t: (
+                slide(t)[:, None] * np.column_stack([np.cos(2 * t), np.sin(2 * t)])
+            ),
+        },
+        schemes=[fb.EnergyMomentum(), fb.Newmark()],
+        steps=[0.05, 0.025, 0.0125],
+        meshes=[(1, 1)],
+        t_end=1.0,
+        repetitions=1,
+    )
+    for scheme in found.schemes:
+        for quantity in ("slide", "joint path"):
+            assert found.step_order(quantity, scheme, MESH) == approx(2, abs=0.05)
+    # A mid-point rule makes the rate spin (1 + (spin dt)^2/12), to leading order.
+    expected = (2 * 0.05) ** 2 / 12 * 2 * np.tanh(2)
+    assert found.runs[0].errors["slide"] == approx(expected, rel=0.02)
+
+
+def test_error_of_the_momentum_of_free_flight_is_what_a_step_misses_of_the_force():
+    # The force of 8 ends at 2.5 s, at the end of a step of 0.1; one of 0.15 from 2.4 s on takes the
+    # mean of 8 and 0, which is 0.6 in place of 0.8 of 20.
+    found = study(
+        lambda elements, degree: scenes.free_flight(elements, degree)[0],
+        {"momentum": lambda s: s.linear_momentum},
+        exact={"momentum": lambda t: np.column_stack([8 * np.minimum(t, 2.5), 0 * t])},
+        schemes=[fb.EnergyMomentum()],
+        steps=[0.1, 0.15],
+        meshes=[(2, 1)],
+        t_end=3.0,
+        repetitions=1,
+    )
+    errors = [run.errors["momentum"] for run in found.runs]
+    assert errors == approx([0, 0.01], abs=1e-12)
+
+
+def soft_arm(elements, degree):
+    """A clamped arm with a tip force that rises smoothly; the steps below resolve its waves."""
+    scene = fb.Scene()
+    section = fb.Section(EA=200.0, GA=100.0, EI=2.0, rhoA=1.0, rhoI=0.1)
+    ends = (0, 0), (1, 0)
+    arm = scene.add_beam(ends, section, elements=elements, degree=degree, name="arm")
+    scene.clamp(arm.start)
+    scene.add_force(arm.end, lambda t: (0.0, 10 * np.sin(3 * t) ** 4))
+    return scene
+
+
+def test_errors_of_step_and_mesh_are_told_apart():
+    found = study(
+        soft_arm,
+        {"tip": lambda s: s.displacement(s.beams["arm"].end)},
+        schemes=[fb.EnergyMomentum()],
+        steps=[0.02, 0.01, 0.005],
+        meshes=[(3, 1), (6, 1), (12, 1)],
+        t_end=0.6,
+        repetitions=1,
+    )
+    assert found.mesh_order("tip", 1) == approx(2, abs=0.1)
+    coarse, finest = found.runs[0].mesh, found.runs[2]
+    assert finest.errors["tip"] == approx(found.mesh_errors[coarse]["tip"], rel=0.2)
+    assert finest.step_errors["tip"] < finest.errors["tip"] / 5
+    assert found.step_order("tip", "EnergyMomentum", coarse) == approx(2, abs=0.1)
+
+
+# -- Who wins where --------------------------------------------------------------------------------
+
+
+def made_up(runs, **references):
+    """A study with runs (scheme, seconds, error), as if it had been computed."""
+    rows = [
+        Run(
+            scheme=scheme,
+            name=scheme,
+            mesh=MESH,
+            dt=0.1,
+            unknowns=4,
+            steps=10,
+            newton_iterations=30,
+            halvings=0,
+            reached=1.0,
+            failure="",
+            first_setup_seconds=0.1,
+            errors={"q": error},
+            step_errors={"q": error},
+            seconds=seconds,
+            setup_seconds=0.01,
+            quartiles=(0.95 * seconds, 1.05 * seconds),
+        )
+        for scheme, seconds, error in runs
+    ]
+    return Precision(1.0, 5, {"q": None} | references, "", rows, {})
+
+
+TWO = [("A", 1e-3, 5e-2), ("A", 2e-3, 5e-3), ("B", 1.5e-3, 4e-2), ("B", 1e-2, 6e-4)]
+
+
+def test_the_cheapest_scheme_is_named_at_each_error():
+    loose, tight, none = made_up(TWO).winners("q")
+    assert (loose.schemes, loose.next, loose.tightest) == (("A",), "B", 1e-2)
+    assert loose.ratio == approx(5)
+    assert (tight.schemes, tight.run.seconds) == (("B",), 1e-2)
+    assert none.schemes == () and none.tightest == 1e-4
+
+
+def test_the_sentence_swaps_with_the_numbers():
+    swap = {"A": "B", "B": "A"}
+    there = sentence(made_up(TWO), "q")
+    back = sentence(made_up([(swap[scheme], *numbers) for scheme, *numbers in TWO]), "q")
+    assert "within 1e-1 to 1e-2 A is the cheapest (2 ms at 1e-2" in there
+    assert "within 1e-3 B is the cheapest (10 ms at 1e-3" in there
+    assert "no run comes within 1e-4" in there
+    assert there.translate(str.maketrans("AB", "BA")) == back != there
+
+
+def test_the_next_scheme_and_its_ratio_are_those_of_the_run_times():
+    found = made_up([("A", 1e-3, 5e-2), ("B", 3.5e-3, 5e-2), ("C", 2e-3, 5e-2)])
+    assert "C takes 2.0 times as long" in sentence(found, "q")
+
+
+def test_schemes_whose_times_cannot_be_told_apart_win_together():
+    found = made_up([("A", 1e-3, 5e-2), ("B", 1.08e-3, 5e-2), ("C", 9e-3, 1e-2)])
+    assert "within 1e-1 A and B are the cheapest" in sentence(found, "q")
+    apart = made_up([("A", 1e-3, 5e-2), ("B", 1.2e-3, 5e-2)])
+    assert "within 1e-1 A is the cheapest" in sentence(apart, "q")
+
+
+def test_levels_are_joined_only_while_the_fastest_of_the_last_was_among_the_first():
+    # B ties at 1e-1 and 1e-2, but is never the fastest; C is, at 1e-2.
+    runs = [("A", 1e-3, 5e-2), ("B", 1.05e-3, 5e-2), ("B", 2.05e-3, 5e-3), ("C", 2e-3, 5e-3)]
+    loose, tight, _ = made_up(runs).winners("q")
+    assert loose.schemes == ("A", "B") and loose.run.scheme == "A"
+    assert tight.schemes == ("C", "B") and tight.run.scheme == "C"
+
+
+def test_errors_that_the_reference_cannot_tell_decide_nothing():
+    found = made_up(TWO, q=1e-3)
+    assert [winner.tightest for winner in found.winners("q")] == [1e-2]
+    assert "no error below 3e-1 is told" in sentence(made_up(TWO, q=0.1), "q")
+
+
+def test_the_front_leaves_out_runs_that_a_faster_one_beats():
+    found = made_up([("A", 1e-3, 5e-2), ("A", 2e-3, 6e-2), ("A", 3e-3, 1e-2), ("A", 4e-3, 7.0)])
+    assert [run.seconds for run in found.front("q", "A")] == [1e-3, 3e-3]
+
+
+# -- Running -----------------------------------------------------------------------------------
+
+
+def test_a_run_that_fails_is_a_row_with_its_reason(tmp_path):
+    found = study(
+        lambda elements, degree: scenes.pinned_beam(elements, degree)[0],
+        {"energy": lambda s: s.energy.balance_error / s.energy.total[0]},
+        exact={"energy": 0.0},
+        schemes={"ours": fb.EnergyMomentum(), "trapezoidal": fb.Newmark()},
+        steps=[0.02],
+        meshes=[(8, 1)],
+        t_end=1.0,
+        repetitions=1,
+        results=tmp_path / "pinned",
+    )
+    ours, newmark = found.runs
+    assert ours.errors["energy"] < 1e-11 and ours.seconds > 0 and not ours.failure
+    assert newmark.errors == {} and np.isnan(newmark.seconds) and "t = " in newmark.failure
+    page = (tmp_path / "pinned.md").read_text()
+    assert newmark.failure in page and sentence(found, "energy") in page
+    assert "trapezoidal" not in sentence(found, "energy")
+    row = json.loads((tmp_path / "pinned.json").read_text())["runs"][1]
+    assert row["failure"] == newmark.failure and row["seconds"] is None
+    assert (tmp_path / "pinned.png").stat().st_size > 10_000
+
+
+def test_timed_runs_take_turns_and_the_median_counts(monkeypatch):
+    order, seconds = [], iter([0, 0, 9, 90, 2, 20, 3, 30, 4, 40, 5, 50])
+
+    def simulate(scene, scheme, **keywords):
+        order.append(scheme.name)
+        stats = SimpleNamespace(
+            scheme=scheme.name,
+            unknowns=1,
+            steps=1,
+            newton_iterations=1,
+            halvings=0,
+            failure="",
+            setup_seconds=0.1,
+            seconds=next(seconds),
+        )
+        return SimpleNamespace(t=T, stats=stats)
+
+    monkeypatch.setattr(work_precision, "simulate", simulate)
+    found = study(
+        pendulum,
+        {"q": lambda s: 1.0},
+        exact={"q": 1.0},
+        schemes=[fb.EnergyMomentum(), fb.Newmark()],
+        steps=[0.1],
+        meshes=[(1, 1)],
+        t_end=2.0,
+    )
+    assert order == ["EnergyMomentum", "Newmark"] * 6
+    # The first round, which compiles, does not count.
+    assert [run.seconds for run in found.runs] == [4, 40]
+    assert found.runs[0].quartiles == (3, 5)
+
+
+def test_the_reference_is_finer_than_every_run(monkeypatch):
+    made = []
+
+    def simulate(scene, scheme=None, **keywords):
+        made.append((scene.mesh, keywords["dt"]))
+        return fb.simulate(scene, scheme, **keywords)
+
+    def scene(elements, degree):
+        built = pendulum(elements, degree)
+        built.mesh = elements, degree
+        return built
+
+    monkeypatch.setattr(work_precision, "simulate", simulate)
+    study(
+        scene,
+        {"tip": PENDULUM.displacement},
+        schemes=[fb.EnergyMomentum()],
+        steps=[0.1, 0.05],
+        meshes=[(2, 1), (1, 2)],
+        t_end=0.2,
+        repetitions=1,
+    )
+    assert made[0] == ((8, 2), 0.05 / 16) and made[1] == ((4, 2), 0.05 / 8)
+    assert made[2:4] == [((2, 1), 0.05 / 16), ((1, 2), 0.05 / 16)]
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"quantities": {}}, "needs quantities"),
+        ({"steps": []}, "needs steps"),
+        ({"meshes": []}, "needs meshes"),
+        ({"schemes": []}, "needs schemes"),
+        ({"schemes": [fb.HHT(-0.1), fb.HHT(-0.3)]}, "several schemes are called HHT"),
+        ({"meshes": [4, 8]}, "mesh 4 must be a pair"),
+        ({"repetitions": 0}, "repetitions = 0"),
+        ({"exact": {"tap": 1.0}}, "'tap'"),
+        ({"scene": pendulum()}, "function scene"),
+        ({"quantities": {"tip": lambda s: (0.1, 0.2)}, "exact": {"tip": 0.0}}, "'tip': a tuple"),
+        ({"quantities": {"tip": lambda s: s.t[1:]}, "exact": {"tip": 0.0}}, "'tip' has 2 rows"),
+        ({"exact": {"tip": lambda t: t}}, "'tip' has 2 values"),
+        ({"exact": {"tip": lambda t: t[1:]}}, "'tip' has"),
+    ],
+)
+def test_a_study_that_makes_no_sense_is_refused_by_name(change, message):
+    sensible = {
+        "scene": pendulum,
+        "quantities": {"tip": PENDULUM.displacement},
+        "schemes": [fb.EnergyMomentum()],
+        "steps": [0.1],
+        "meshes": [(1, 1)],
+        "t_end": 0.2,
+        "repetitions": 1,
+    }
+    with pytest.raises(fb.SceneError, match=message):
+        study(**sensible | change)
+
+
+def test_a_reference_that_fails_says_so():
+    def fast(elements, degree):
+        scene = pendulum(elements, degree)
+        scene.add_force(next(iter(scene.beams)).end, lambda t: (1 / (0.05 - t), 0.0))
+        return scene
+
+    with pytest.raises((fb.StepError, fb.SceneError), match="reference"):
+        study(
+            fast,
+            {"tip": PENDULUM.displacement},
+            schemes=[fb.EnergyMomentum()],
+            steps=[0.1],
+            meshes=[(1, 1)],
+            t_end=0.1,
+        )
