@@ -13,6 +13,8 @@ typedef struct {
   double *D, *path, *slope, *acc, *accslope, *f, *r, *reduced, *step, *correction, *z;
   double *tangent, *values, *hat, *psi0, *rho0, *t0, *rho1, *t1, *mean_t, *guide_slope;
   double *guide_bend, *passing, *columns, *y, *start, *force, *left;
+  double *D1, *D2, *z1, *z2; /* increments of the last two steps */
+  int known, close;          /* how many of them there are; whether they foretold the last one */
 } Work;
 
 static double *take(double **at, long n) {
@@ -29,6 +31,7 @@ static long lay_out(const Problem *p, Work *w, double *at) {
   w->correction = take(&at, n), w->force = take(&at, n), w->left = take(&at, n);
   w->reduced = take(&at, c), w->step = take(&at, c), w->z = take(&at, c), w->columns = take(&at, c);
   w->y = take(&at, c), w->start = take(&at, c);
+  w->D1 = take(&at, n), w->D2 = take(&at, n), w->z1 = take(&at, c), w->z2 = take(&at, c);
   w->tangent = take(&at, p->places);
   w->values = take(&at, 1 + 4 * j), w->hat = take(&at, 1 + 4 * j);
   w->psi0 = take(&at, j), w->rho0 = take(&at, 2 * j), w->t0 = take(&at, 2 * j);
@@ -324,12 +327,15 @@ static void settle(const Problem *p, const Work *w) {
 }
 
 static int newton(Problem *p, const Work *w, double dt, const double *driven) {
-  int n = p->dofs, free = p->free;
+  int n = p->dofs, free = p->free, smalls = 0;
   const double *fields[5] = {p->q, w->D, w->path, p->v, p->a};
   double previous = HUGE_VAL, drive = 0;
-  int smalls = 0;
   memset(w->z, 0, p->columns * sizeof(double));
   for (int i = 0; i < p->driven; ++i) drive += fabs(driven[i]);
+  if (w->close) {
+    for (int i = 0; i < free; ++i) w->z[i] = 2 * w->z1[i] - w->z2[i];
+    for (int i = 0; i < p->driven; ++i) w->z[free + i] = driven[i];
+  }
   begin_couplings(p, w);
   expand(p, w);
   for (int iteration = 1; iteration <= p->max_iterations; ++iteration) {
@@ -343,7 +349,7 @@ static int newton(Problem *p, const Work *w, double dt, const double *driven) {
     memset(w->step, 0, p->columns * sizeof(double));
     tangent(p, w, fields);
     reduce_tangent(p, w, w->r);
-    if (iteration == 1 && drive > 0) {
+    if (iteration == 1 && drive > 0 && !w->close) {
       for (int i = 0; i < p->driven; ++i) w->step[free + i] = -driven[i];
       spread(p, w, w->step, w->correction);
       for (int i = 0; i < n; ++i)
@@ -386,6 +392,20 @@ static int newton(Problem *p, const Work *w, double dt, const double *driven) {
     previous = size;
   }
   return NO_CONVERGENCE;
+}
+
+/* Keeps the increment, and sees whether those before it foretold it. */
+static void learn(const Problem *p, Work *w) {
+  double error = 0, size = 0, *D2 = w->D2, *z2 = w->z2;
+  for (int i = 0; i < p->dofs; ++i) {
+    error = larger(error, fabs(w->D[i] - (2 * w->D1[i] - w->D2[i])) * p->per_unit[i]);
+    size = larger(size, fabs(w->D[i]) * p->per_unit[i]);
+  }
+  w->close = w->known >= 2 && error <= p->close * size;
+  w->D2 = w->D1, w->z2 = w->z1, w->D1 = D2, w->z1 = z2;
+  memcpy(w->D1, w->D, p->dofs * sizeof(double));
+  memcpy(w->z1, w->z, p->free * sizeof(double));
+  ++w->known;
 }
 
 /* -- Steps (stepping.py) ------------------------------------------------------------------------ */
@@ -440,6 +460,7 @@ int fx_run(Problem *p, int steps, double dt, const double *forces, long force_st
            const double *driven, Record *to) {
   Work work, *w = &work;
   lay_out(p, w, p->scratch);
+  w->known = w->close = 0;
   int n = p->dofs, held = p->columns - p->free;
   for (int k = 0; k < steps; ++k) {
     const double *F0 = forces + k * force_stride, *F1 = F0 + n;
@@ -455,6 +476,7 @@ int fx_run(Problem *p, int steps, double dt, const double *forces, long force_st
     for (int i = 0; i < 4; ++i) set_time(forms[i], t, dt);
     p->failure = newton(p, w, dt, change);
     if (p->failure) return k;
+    learn(p, w);
 
     /* Work: dead loads, driven motion, added forces. */
     work_increment(p, w);

@@ -69,7 +69,7 @@ typedef struct {
   double level, beta, gamma, alpha_m;
 
   /* Newton's method. */
-  double tolerance, max_turn, longest_turn, energy_floor, energy_tolerance;
+  double tolerance, max_turn, longest_turn, energy_floor, energy_tolerance, close;
   int max_iterations;
 
   /* Driven columns: prescribed degrees of freedom (-1: a motor), then motors. */

@@ -15,7 +15,7 @@ import scipy.sparse
 from . import compat
 from .band import alone_in_column, in_band, places_in_band
 from .library import LoopUnavailable, load_batches, load_library
-from .newton import ENERGY_FLOOR, ENERGY_SHARE, LONGEST_TURN, NewtonOptions
+from .newton import CLOSE, ENERGY_FLOOR, ENERGY_SHARE, LONGEST_TURN, NewtonOptions
 from .rates import MidPointRates, NewmarkRates
 from .recorder import Recorder
 from .reduction import Tables
@@ -250,7 +250,7 @@ class CompiledLoop:
         p = self._problem
         p.tolerance, p.max_turn = options.tolerance, options.max_turn
         p.longest_turn, p.energy_floor = LONGEST_TURN, ENERGY_FLOOR
-        p.energy_tolerance = ENERGY_SHARE * options.tolerance
+        p.energy_tolerance, p.close = ENERGY_SHARE * options.tolerance, CLOSE
         p.max_iterations = options.max_iterations
 
     def _make_room(self) -> None:

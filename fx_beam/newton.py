@@ -19,6 +19,8 @@ LONGEST_TURN = 0.5
 ENERGY_FLOOR = 4 * np.finfo(float).eps
 # Part of the step's energy, times the tolerance, that the last correction may still bring in.
 ENERGY_SHARE = 1e-4
+# Relative error up to which the last two increments are taken to foretell the next one.
+CLOSE = 0.1
 
 
 @dataclass(frozen=True)
@@ -111,6 +113,7 @@ class Newton:
         self.options = options
         self._reduction = model.reduction
         self._linear = _LinearSolver(model.reduction.pattern)
+        self._guess = _Guess(model.unit)
 
     def solve(
         self, v0: np.ndarray, a0: np.ndarray, dt: float, force: np.ndarray, driven: np.ndarray
@@ -138,12 +141,24 @@ class Newton:
         StepFailed
             If there is no convergence.
         """
+        start = None if self.model.scheme.rates.at_rest else self._guess.of(dt)
+        try:
+            step = self._solve(v0, a0, dt, force, driven, start)
+        except StepFailed:
+            if start is None:
+                raise
+            step = self._solve(v0, a0, dt, force, driven, None)
+        self._guess.learn(dt, step)
+        return step
+
+    def _solve(self, v0, a0, dt, force, driven, start: np.ndarray | None) -> StepSolution:
+        """The same from a start, or from the previous configuration."""
         model, options, rates = self.model, self.options, self.model.scheme.rates
         reduction, K = self._reduction, model.forms.stiffness
         free = reduction.free
-        # The previous configuration is the start: predictors diverge on stiff scenes.
-        y = np.zeros(free)
-        D = reduction.expand(y, np.zeros(reduction.driven))
+        guessed = start is not None
+        y = np.zeros(free) if start is None else start
+        D = reduction.expand(y, driven if guessed else np.zeros(reduction.driven))
         residuals: list[float] = []
         previous, predicted, smalls = np.inf, D, 0
         for iteration in range(1, options.max_iterations + 1):
@@ -159,7 +174,7 @@ class Newton:
             residuals.append(abs(residual).max(initial=0.0))
 
             step = np.zeros(reduction.columns)
-            if iteration == 1 and driven.any():
+            if iteration == 1 and driven.any() and not guessed:
                 # Driven motion enters with the first, linearised solution, so that the neighbours
                 # of a moved support follow it at once.
                 step[free : free + reduction.driven] = -driven
@@ -226,6 +241,41 @@ class Newton:
         if not self.model.scheme.rates.at_rest:
             energy += v0 @ (self.model.mass @ v0)
         return float(abs(work) / energy) if energy else 0.0
+
+
+class _Guess:
+    """Where an increment is sought first: the last two, carried on, where that is safe.
+
+    It is where they foretold the last increment. Rates foretell less: in stiff scenes they swing
+    from step to step, and an increment from them is one from which Newton's method diverges.
+    """
+
+    def __init__(self, unit: np.ndarray):
+        self._unit = unit
+        self._dt = 0.0
+        self._past: list[StepSolution] = []
+        self._close = False
+
+    def of(self, dt: float) -> np.ndarray | None:
+        """Unknowns (free,) of a step of length dt [s], or none."""
+        if not self._close or self._changed(dt):
+            return None
+        last, before = self._past
+        return 2 * last.y - before.y
+
+    def learn(self, dt: float, step: StepSolution) -> None:
+        """Keep the increment of a step of length dt [s]."""
+        if self._changed(dt):
+            self._past, self._dt = [], dt
+        self._close = False
+        if len(self._past) == 2:
+            error = step.D - (2 * self._past[0].D - self._past[1].D)
+            sizes = (abs(vector / self._unit).max() for vector in (error, step.D))
+            self._close = next(sizes) <= CLOSE * next(sizes)
+        self._past = [step, *self._past[:1]]
+
+    def _changed(self, dt: float) -> bool:
+        return abs(dt - self._dt) > 1e-6 * dt
 
 
 class _LinearSolver:

@@ -1,9 +1,13 @@
 """Newton's method: the guard, halving, round-off, and failures that explain themselves."""
 
+import numpy as np
 import pytest
-from scenes import pendulum, pinned_beam, relative_drift
+from scenes import demo, pendulum, pinned_beam, relative_drift
 
 import fx_beam as fb
+from fx_beam import loop, newton
+
+SOLVERS = pytest.mark.parametrize("solver", ["compiled", "petsc"])
 
 
 def spinner(spin):
@@ -116,3 +120,47 @@ def test_large_steps_of_the_pinned_beam_converge_without_halving():
     scene, _ = pinned_beam()
     for dt in (0.015, 0.02, 0.025, 0.03, 0.04):
         assert fb.simulate(scene, dt=dt, t_end=10.0).stats.halvings == 0
+
+
+# -- Where an increment is sought first ----------------------------------------------------------
+
+
+def bound_of_guesses(monkeypatch, bound):
+    """Let increments be carried on where they foretold the last one to this relative error."""
+    for module in (newton, loop):
+        monkeypatch.setattr(module, "CLOSE", bound)
+
+
+@SOLVERS
+def test_increments_carried_on_save_iterations_of_a_driven_mechanism_and_change_nothing(
+    solver, monkeypatch
+):
+    crank = demo("slider_crank")
+    scene, *_ = crank.scene()
+    carried = fb.simulate(scene, dt=crank.DT, t_end=60 * crank.DT, solver=solver)
+    bound_of_guesses(monkeypatch, 0.0)
+    plain = fb.simulate(scene, dt=crank.DT, t_end=60 * crank.DT, solver=solver)
+    assert abs(carried.q - plain.q).max() < 1e-12
+    assert abs(carried.energy.balance_error).max() < 1e-12 * plain.energy.total.max()
+    assert carried.stats.newton_iterations < 0.75 * plain.stats.newton_iterations
+
+
+@SOLVERS
+def test_a_start_that_leads_nowhere_is_given_up_for_the_previous_configuration(solver, monkeypatch):
+    # Increments of steps as long as these foretell nothing, and some starts lead nowhere.
+    bound_of_guesses(monkeypatch, np.inf)
+    scene, _ = pinned_beam(elements=4)
+    solution = fb.simulate(scene, dt=0.04, t_end=4.0, solver=solver, max_halvings=0)
+    assert solution.stats.steps == 100
+    assert relative_drift(solution.energy.total) < 1e-12
+
+
+@SOLVERS
+def test_a_step_of_another_length_starts_from_the_previous_configuration(solver):
+    scene, _ = pinned_beam()
+    solution = fb.simulate(scene, dt=0.001, t_end=0.0305, solver=solver)
+    alone = fb.simulate(scene, dt=0.001, t_end=0.03, solver=solver)
+    last = fb.simulate(scene, dt=0.0005, t_end=0.0305, start=alone, solver=solver)
+    assert abs(solution.q[-1] - last.q[-1]).max() < 1e-10
+    iterations = solution.stats.newton_iterations - alone.stats.newton_iterations
+    assert iterations == last.stats.newton_iterations
