@@ -17,6 +17,10 @@ from .stepping import Stepper
 # load factor is a parabola of the displacements, and a step that ends on it deviates by just that;
 # what deviates more has left the path for another one.
 _FARTHEST = 1.0
+# The work of the loads, by the mean of both ends of a step, and the energy gained may differ by
+# this part of their sum. A response as the cube of the load's root, that of a slack cable, gives
+# 1/3; a jump from one path to another releases what the loads have done beyond the energy.
+_UNBALANCED = 0.35
 # Deviation and corrections below which a step may be followed by one twice as long.
 _EASY_DEVIATION, _EASY_ITERATIONS = 0.25, 10
 # Growth of the motion per load since the first step that tells of a limit point.
@@ -63,7 +67,6 @@ class LoadStepper(Stepper):
         """
         state = self.step(reference_state(self.model), 0.0)
         state.work = 0.0
-        self.response = []
         return state
 
     def begin(self, state: State, t1: float) -> float:
@@ -120,19 +123,40 @@ class LoadStepper(Stepper):
         StepFailed
             If the step has left the path.
         """
+        new = super().finish(state, t1, step, forces, places)
         predicted = self.size(step.predicted)
         self.iterations = step.iterations
         self.deviation = self.size(step.D - step.predicted) / (predicted or 1.0)
-        if self.deviation > _FARTHEST:
-            raise StepFailed(
-                f"it ends {self.deviation:.2g} times as far from where the tangent leads as that "
-                "is from its start, and so on another path",
-                step.D,
-                [],
-            )
-        if t1 != state.t:
+        if t1 != state.t:  # the first equilibrium, without loads, is on no path yet
+            self._check_path(state, new, step.D)
             self.response = [*self.response[:1], predicted / abs(t1 - state.t)]
-        return super().finish(state, t1, step, forces, places)
+        return new
+
+    def _check_path(self, old: State, new: State, D: np.ndarray) -> None:
+        """Refuse a step that ends far from where the tangent leads, or whose work is not stored."""
+        reason = ""
+        if self.deviation > _FARTHEST:
+            reason = (
+                f"it ends {self.deviation:.2g} times as far from where the tangent leads as that "
+                "is from its start, and so on another path"
+            )
+        energy, work = self._energy(new), new.work - old.work
+        gained = energy - self._energy(old)
+        rounding = 1e-14 * abs(D) @ (abs(self.model.forms.stiffness) @ abs(D))
+        rounding += 1e-12 * abs(energy)
+        if abs(gained - work) > _UNBALANCED * (abs(gained) + abs(work)) + rounding:
+            reason = reason or (
+                f"the loads do {work:.3g} J of work in it and {gained:.3g} J are gained, so that "
+                "it is too long, or ends on another path"
+            )
+        if reason:
+            raise StepFailed(reason, D, [])
+
+    def _energy(self, state: State) -> float:
+        model = self.model
+        weight = 0.0 if model.weight is None else model.weight @ state.q
+        springs = model.actuators.energy(state.q, state.slides)
+        return model.forms.strain_energy(state.q) + springs - weight
 
     def size(self, D: np.ndarray) -> float:
         """Size of an increment (size,): a mean over the nodes, of displacements over the extent."""

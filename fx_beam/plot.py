@@ -145,7 +145,7 @@ def save(figure: Figure, path: Path | str) -> None:
 def shapes(
     solution: Solution, steps: Sequence[int], path: Path | str, length_unit: str = "m"
 ) -> None:
-    """Picture of deformed shapes, superposed and coloured by time.
+    """Picture of deformed shapes, superposed and coloured by time or load factor.
 
     Discs are lumped masses; joints are white rings, or squares on a dotted guide where they slide.
 
@@ -163,7 +163,7 @@ def shapes(
     low, high = _window(solution, steps)
     centre, size = (low + high) / 2, high - low
     times = solution.t[list(steps)]
-    colours = ScalarMappable(Normalize(times[0], times[-1]), _TIME_COLOURS)
+    colours = ScalarMappable(Normalize(times.min(), times.max()), _TIME_COLOURS)
 
     window = [int(pixels) for pixels in 1600 * size / max(size)]
     plotter: Any = pv.Plotter(off_screen=True, window_size=window)
@@ -191,7 +191,8 @@ def shapes(
     for k, t in zip(steps, times, strict=True):
         _draw_step(ax, solution, k, colours.to_rgba(t))
     _draw_supports(ax, solution)
-    fig.colorbar(colours, cax=ax.inset_axes((1.03, 0, 0.03, 1)), label="time $t$ [s]")
+    label = "load factor" if solution.stats.static else "time $t$ [s]"
+    fig.colorbar(colours, cax=ax.inset_axes((1.03, 0, 0.03, 1)), label=label)
     fig.savefig(path, dpi=200, bbox_inches="tight")
 
 
@@ -241,7 +242,8 @@ def animate(
     writer = PillowWriter(fps)
     with writer.saving(fig, str(path), dpi=100):
         for k in steps:
-            clock.set_text(f"t = {solution.t[k]:.3f} s")
+            now = f"{solution.t[k]:.3f}"
+            clock.set_text(f"load factor {now}" if solution.stats.static else f"t = {now} s")
             for name, line in lines.items():
                 line.set_data(*solution.shape(name)[k].T)
             masses.set_data(*_masses(solution, k).T)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import time
 from dataclasses import replace
 
@@ -20,6 +21,8 @@ from .scene import Scene
 from .schemes import Equilibrium
 from .solution import Solution
 from .state import State
+
+_log = logging.getLogger("fx_beam")
 
 
 def static(
@@ -102,6 +105,10 @@ def static(
         if states:
             error.solution = _solution(stepper, states, clock)  # type: ignore[union-attr]
         raise
+    if states[-1].t < 1:
+        _log.warning(
+            "static: %d steps, and no further than load factor %g", max_steps, states[-1].t
+        )
     return _solution(stepper, states, clock)
 
 

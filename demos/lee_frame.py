@@ -1,0 +1,215 @@
+"""Lee's frame: a load that snaps a frame through and back.
+
+Two legs of one length meet at a right angle, rigidly; both ends are hinged, and a dead load presses
+on the beam at a fifth of its length. At a first limit load the frame would snap through. The path
+goes on with the load falling, to less than nothing, where the loaded point moves back for a while,
+and rises again from a second limit load. Objective: the whole path, both limit loads, and what
+load steps without an arc length make of it.
+
+The frame is that of Lee, Manuel & Rossow (1968), J. Eng. Mech. Div. ASCE 94, 527-547, with the data
+in use since then: legs of 120, A = 6, I = 2 and E = 7.2e6; nu = 0.3 and a shear factor of 5/6 are
+ours. The literature gives the first limit load as 18.5e3 to 18.6e3, with differences that are those
+of beam theories and meshes. What is exact for the present theory is found here by shooting: with
+n the constant force in each of the three straight parts, t and W t the turned axes and ' = d/ds,
+
+    phi' = (1 + n.t/EA) t + (n.W t/GA) W t,    EI psi' = M,    M' = n.W phi'
+
+is integrated from one hinge to the other, and the two components of the reaction, and the load, are
+sought that bring it there without moment, for a given rotation psi at the start. The limit loads
+are the extrema over psi.
+
+`fx_beam.static(..., continuation="arc-length")` has the load factor for an unknown (Keller's pseudo
+arc length), and ends steps on limit points. Units are those of the data, any that are consistent.
+"""
+
+import json
+import sys
+from pathlib import Path
+
+import numpy as np
+import scipy.integrate
+import scipy.optimize
+
+import fx_beam as fb
+
+LEG, AT = 120.0, 24.0  # length of a leg; of the load from the corner
+SECTION = fb.Section.from_area(area=6.0, second_moment=2.0, E=7.2e6)
+LOAD = 20e3  # beyond the first limit load
+LITERATURE = (18.5e3, 18.6e3)
+MESHES = {1: (10, 20, 40), 2: (5, 10, 20), 3: (5, 10)}  # elements of a leg, by degree
+ELEMENTS, DEGREE = 10, 2  # of the pictures
+FORCE = SECTION.EI / LEG**2  # size of forces
+STEPS = 10
+
+
+def scene(elements=ELEMENTS, degree=DEGREE):
+    """The frame, its loaded node and the column's hinge."""
+    frame = fb.Scene()
+    column = frame.add_beam([(0, 0), (0, LEG)], SECTION, elements, degree, name="column")
+    pieces = [elements // 5, elements - elements // 5]
+    points = [column.end, (AT, LEG), (LEG, LEG)]
+    beam = frame.add_beam(points, SECTION, pieces, degree, name="beam")
+    frame.pin(column.start)
+    frame.pin(beam.end)
+    loaded = beam.node(AT / LEG)
+    frame.add_force(loaded, (0.0, -LOAD))
+    return frame, loaded, column.start
+
+
+# -- Shooting --------------------------------------------------------------------------------------
+
+
+def shoot(psi, reaction_x, reaction_y, load):
+    """Gap and moment at the far hinge, and the place of the load."""
+    n = -np.array([reaction_x, reaction_y])
+    y = np.array([0.0, 0.0, psi, 0.0])
+    parts = ((LEG, np.pi / 2, 0.0), (AT, 0.0, 0.0), (LEG - AT, 0.0, load))
+    for length, direction, pressed in parts:
+        n = n + (0.0, pressed)
+        y = _along(y, n, direction, length)
+        if not pressed:
+            place = y[:2]
+    return np.array([y[0] / LEG - 1, y[1] / LEG - 1, y[3] * LEG / SECTION.EI]), place
+
+
+def _along(start, n, direction, length):
+    def slope(_, y):
+        angle = direction + y[2]
+        t = np.array([np.cos(angle), np.sin(angle)])
+        normal = np.array([-t[1], t[0]])
+        dphi = (1 + n @ t / SECTION.EA) * t + (n @ normal / SECTION.GA) * normal
+        return *dphi, y[3] / SECTION.EI, dphi[1] * n[0] - dphi[0] * n[1]
+
+    options = {"method": "DOP853", "rtol": 1e-9, "atol": 1e-9}
+    return scipy.integrate.solve_ivp(slope, (0, length), start, **options).y[:, -1]
+
+
+def solved(gap, guess):
+    """Root of a gap near a guess."""
+    found = scipy.optimize.root(gap, guess, tol=1e-11)
+    if abs(found.fun).max() > 1e-7:  # the integration is no more accurate than 1e-9
+        raise RuntimeError(f"shooting: {found.message}")
+    return found.x
+
+
+def limit_by_shooting(path, row, hinge):
+    """Extremum of the load near a row of the path."""
+    psi, *force = start(path, row, hinge)
+
+    def load(psi):
+        return solved(lambda x: shoot(psi, *(FORCE * x))[0], np.array(force) / FORCE)[2] * FORCE
+
+    # Three points of a parabola whose top they straddle: its height is exact to h^4.
+    h = 1e-3
+    loads = [load(psi + k * h) for k in (-1, 0, 1)]
+    slope, bend = (loads[2] - loads[0]) / 2, loads[2] - 2 * loads[1] + loads[0]
+    return loads[1] - slope**2 / (2 * bend)
+
+
+def place_by_shooting(path, row, hinge):
+    """Place of the loaded point at the load of a row of the path, off the limit points."""
+    psi, *reaction, load = start(path, row, hinge)
+
+    def gap(x):
+        return shoot(x[0], *(FORCE * x[1:]), load)[0]
+
+    x = solved(gap, np.array([psi, *(np.array(reaction) / FORCE)]))
+    return shoot(x[0], *(FORCE * x[1:]), load)[1]
+
+
+def start(path, row, hinge):
+    """Rotation, reaction (2,) and load in a row of the path, near which shooting begins."""
+    return path.rotation(hinge)[row], *path.reaction(hinge)[row, :2], LOAD * path.load_factor[row]
+
+
+# -- The frame -------------------------------------------------------------------------------------
+
+
+def main(results=None):
+    """The numbers; with a directory for results the pictures as well."""
+    meshes = {}
+    for degree, counts in MESHES.items():
+        for elements in counts:
+            solution = fb.static(scene(elements, degree)[0], STEPS, continuation="arc-length")
+            name = f"degree {degree}, {elements} elements"
+            meshes[name] = [LOAD * factor for factor in solution.stats.limit_points]
+
+    frame, loaded, hinge = scene()
+    path = fb.static(frame, STEPS, continuation="arc-length")
+    rows = [int(np.flatnonzero(path.load_factor == p)[0]) for p in path.stats.limit_points]
+    down = -path.displacement(loaded)[:, 1]
+    numbers = {
+        "limit loads": meshes,
+        "limit loads by shooting": [limit_by_shooting(path, row, hinge) for row in rows],
+        "deflection at the limit loads": [down[row] for row in rows],
+        "steps": path.stats.steps,
+        "Newton iterations": path.stats.newton_iterations,
+        "cuts": path.stats.halvings,
+        "largest way back of the loaded point": float((np.maximum.accumulate(down) - down).max()),
+        "load at the end": LOAD * path.load_factor[-1],
+    }
+    try:
+        fb.static(frame, STEPS)
+    except fb.StepError as error:
+        numbers["load steps alone end at"] = LOAD * error.time
+    report(numbers)
+    if results is not None:
+        results.mkdir(parents=True, exist_ok=True)
+        (results / "summary.json").write_text(json.dumps(numbers, indent=2) + "\n")
+        draw(results, path, loaded, hinge, rows)
+    return numbers
+
+
+def report(numbers):
+    shot = numbers["limit loads by shooting"]
+    print(f"Limit loads by shooting: {shot[0]:.2f} and {shot[1]:.2f}")
+    for name, loads in numbers["limit loads"].items():
+        off = ", ".join(
+            f"{load:.2f} ({load - s:+.2f})" for load, s in zip(loads, shot, strict=True)
+        )
+        print(f"{name:>24}: {off}")
+    print(
+        f"{numbers['steps']} steps along the arc, {numbers['Newton iterations']} iterations, "
+        f"{numbers['cuts']} cuts, to a load of {numbers['load at the end']:g}; the loaded point "
+        f"moves back by {numbers['largest way back of the loaded point']:.2f} on the way\n"
+        f"Load steps alone end at {numbers['load steps alone end at']:.0f}"
+    )
+
+
+def draw(results, path, loaded, hinge, rows):
+    # Imported here, as the numbers can be had without matplotlib and pyvista.
+    from fx_beam import plot
+
+    load, moved = LOAD * path.load_factor / 1e3, path.displacement(loaded)
+    figure, axes = plot.figure(1, 2, height=3.6)
+    shot = [k for k in range(2, len(load), 4) if min(abs(k - row) for row in rows) > 1]
+    places = np.array([place_by_shooting(path, k, hinge) for k in shot]) - (AT, LEG)
+    looks = (-1, 1, "deflection $-u_y$"), (1, 0, "displacement $u_x$")
+    for ax, (sign, component, label) in zip(axes.flat, looks, strict=True):
+        ax.axhspan(*(x / 1e3 for x in LITERATURE), color="#E69F00", alpha=0.5, lw=0)
+        ax.plot(sign * moved[:, component], load, ".-", color="#0072B2", markersize=4)
+        rings = {"markerfacecolor": "none", "markersize": 6}
+        ax.plot(sign * places[:, component], load[shot], "o", color="k", **rings)
+        ax.plot(sign * moved[rows, component], load[rows], "D", color="#D55E00", zorder=4)
+        ax.set(xlabel=f"{label} at the load", ylabel="load $P$ [$10^3$]")
+    ax.plot([], [], ".-", color="#0072B2", label="arc length")
+    ax.plot([], [], "o", color="k", **rings, label="shooting")
+    ax.plot([], [], "D", color="#D55E00", label="limit points")
+    ax.fill_between([], [], color="#E69F00", alpha=0.5, label="first limit load, literature")
+    plot.save(figure, results / "load_and_displacement.png")
+
+    plot.shapes(path, _evenly(path, loaded, 9), results / "shapes.png", length_unit="-")
+    plot.animate(
+        path, range(len(load)), results / "motion.gif", fps=8, trace=loaded, length_unit="-"
+    )
+
+
+def _evenly(path, node, count):
+    """Rows at even distances along the path of a node."""
+    way = np.cumsum(np.hypot(*np.diff(path.position(node), axis=0, prepend=0 * path.X[:1]).T))
+    return [int(np.argmin(abs(way - w))) for w in np.linspace(way[0], way[-1], count)]
+
+
+if __name__ == "__main__":
+    here = Path(__file__).resolve()
+    main(Path(sys.argv[1]) if sys.argv[1:] else here.parents[1] / "results" / here.stem)

@@ -1,0 +1,194 @@
+"""Arc-length continuation: limit points in closed form, tangents, joints, and where paths end."""
+
+import numpy as np
+import pytest
+from scenes import demo
+
+import fx_beam as fb
+from fx_beam.audit import Stats
+from fx_beam.continuation import ArcLength, Tangent
+from fx_beam.drive import LoadDrive
+from fx_beam.initial import reference_state
+from fx_beam.loading import LoadStepper
+from fx_beam.model import Model
+from fx_beam.newton import Newton, NewtonOptions
+
+RISE, EA = 0.2, 1e4
+
+
+def truss(load):
+    """Half of a shallow truss of two bars under a load at its top, in units of the limit load.
+
+    With l the length of the bar and y its height the load is EA y (1/l - 1/l0); its extrema are
+    where l^3 = l0 (the half span is 1).
+    """
+    l0 = np.hypot(1, RISE)
+    top = np.sqrt(l0 ** (2 / 3) - 1)
+    limit = EA * top * (l0 ** (-1 / 3) - 1 / l0)
+    scene = fb.Scene()
+    bar = scene.add_beam([(0, 0), (1, RISE)], fb.Section(EA=EA, GA=EA, EI=1e3), elements=2)
+    scene.pin(bar.start)
+    scene.fix(bar.end, "x")
+    scene.add_force(bar.end, (0.0, -load * limit))
+
+    def exact(y):
+        return EA * y * (1 / np.hypot(1, y) - 1 / l0) / limit / load
+
+    return scene, bar, exact, top
+
+
+# -- Limit points --------------------------------------------------------------------------------
+
+
+def test_both_limit_points_of_a_truss_are_found_to_rounding():
+    scene, bar, exact, top = truss(2.0)
+    solution = fb.static(scene, continuation="arc-length")
+    assert solution.stats.limit_points == pytest.approx([0.5, -0.5], rel=1e-9)
+    rows = [list(solution.load_factor).index(p) for p in solution.stats.limit_points]
+    height = solution.position(bar.end)[:, 1]
+    assert height[rows] == pytest.approx([top, -top], rel=1e-4)
+    assert solution.load_factor == pytest.approx(exact(height), abs=1e-9)
+    assert solution.load_factor[-1] == 1
+    assert (np.diff(height) < 0).all()
+
+
+@pytest.mark.parametrize("steps", [1, 3, 40])
+def test_the_first_step_does_not_decide_what_is_found(steps):
+    scene, bar, exact, _ = truss(1.5)
+    solution = fb.static(scene, steps, continuation="arc-length")
+    assert solution.stats.limit_points == pytest.approx([1 / 1.5, -1 / 1.5], rel=1e-9)
+    assert solution.load_factor == pytest.approx(exact(solution.position(bar.end)[:, 1]), abs=1e-9)
+
+
+def test_a_load_below_the_limit_ends_before_it():
+    scene, bar, exact, top = truss(0.999)
+    solution = fb.static(scene, continuation="arc-length")
+    assert solution.stats.limit_points == []
+    assert solution.load_factor[-1] == 1
+    assert solution.position(bar.end)[-1, 1] > top
+
+
+def test_lees_frame_meets_both_limit_loads_of_shooting():
+    lee = demo("lee_frame")
+    frame, loaded, hinge = lee.scene(elements=5, degree=3)
+    path = fb.static(frame, continuation="arc-length")
+    rows = [list(path.load_factor).index(p) for p in path.stats.limit_points]
+    assert len(rows) == 2
+    for row in rows:
+        exact = lee.limit_by_shooting(path, row, hinge)
+        assert lee.LOAD * path.load_factor[row] == pytest.approx(exact, rel=1e-4)
+    for row in (2, 18, 27, -1):
+        exact = lee.place_by_shooting(path, row, hinge)
+        assert path.position(loaded)[row] == pytest.approx(exact, abs=1e-3 * lee.LEG)
+
+
+def test_every_row_of_the_path_is_in_equilibrium():
+    lee = demo("lee_frame")
+    frame, loaded, hinge = lee.scene(elements=5, degree=2)
+    path = fb.static(frame, continuation="arc-length")
+    far = path.beams["beam"].end
+    load = np.column_stack([0 * path.load_factor, -lee.LOAD * path.load_factor])
+    forces = [(path.reaction(n)[:, :2], path.position(n)) for n in (hinge, far)]
+    forces.append((load, path.position(loaded)))
+    assert abs(sum(force for force, _ in forces)).max() < 1e-9 * lee.LOAD
+    moments = sum(x[:, 0] * f[:, 1] - x[:, 1] * f[:, 0] for f, x in forces)
+    assert abs(moments).max() < 1e-8 * lee.LOAD * lee.LEG
+
+
+def test_the_path_is_that_of_load_steps_where_both_go():
+    section = fb.Section(EA=1e4, GA=1e4, EI=5.0)
+    scene = fb.Scene()
+    beam = scene.add_beam([(0, 0), (1, 0.3), (2, 0)], section, elements=6)
+    scene.pin(beam.start)
+    scene.clamp(beam.end)
+    scene.add_force(beam.node(0.5), (4.0, 10.0))
+    one, other = fb.static(scene, 10), fb.static(scene, 10, continuation="arc-length")
+    assert one.load_factor[-1] == other.load_factor[-1] == 1
+    assert abs(one.q[-1] - other.q[-1]).max() < 1e-10
+    assert abs(one.reactions[-1] - other.reactions[-1]).max() < 1e-7
+
+
+# -- Joints and driven motion --------------------------------------------------------------------
+
+
+def linkage():
+    """Sliding and turning joints, a spring, a motor, a prescribed support, loads of all kinds."""
+    section = fb.Section(EA=1e3, GA=1e3, EI=5.0, rhoA=0.1)
+    scene = fb.Scene(gravity=(0.0, -3.0))
+    rail = scene.add_beam([(0, 0), (1, 0)], section, elements=2)
+    rod = scene.add_beam([(1.2, 0.1), (2.2, 0.1)], section, elements=2)
+    arm = scene.add_beam([(2.4, 0.1), (3.0, 0.4)], section, elements=2)
+    scene.fix(rail.start, "x", "y")
+    scene.prescribe(rail.start, rotation=lambda t: 0.4 * t)
+    scene.add_joint(
+        fb.Prismatic(rail.end, rod.start, axis=(1, 0), offset=(0, 0.1), spring=fb.Spring(30.0))
+    )
+    scene.add_joint(fb.Revolute(rod.end, arm.start, offset=(0.2, 0), motor=lambda t: -0.5 * t))
+    scene.add_force(arm.end, (0.3, 0.2), follower=True)
+    scene.add_moment(rod.end, 0.5)
+    scene.add_virtual_work(lambda step: step.load_factor * step.psi * step.virtual_u[0], rod)
+    return scene, arm
+
+
+def test_a_linkage_with_motors_is_driven_to_the_same_place_on_both_ways():
+    scene, arm = linkage()
+    one = fb.static(scene, 8, t=1.0)
+    other = fb.static(scene, 8, t=1.0, continuation="arc-length")
+    assert abs(one.q[-1] - other.q[-1]).max() < 1e-9
+    assert abs(one.slides[-1] - other.slides[-1]).max() < 1e-9
+    assert abs(one.joint_forces[-1] - other.joint_forces[-1]).max() < 1e-7
+    turned = one.rotation(arm.start) - one.rotation(scene.beams[1].end)
+    assert turned == pytest.approx(-0.5 * one.load_factor)
+
+
+def test_the_bordered_system_is_the_derivative_of_the_equations():
+    scene, _ = linkage()
+    model = Model(scene, fb.Equilibrium())
+    stats = Stats("", 1.0, "", model.reduction.free)
+    stepper = LoadStepper(model, Newton(model, NewtonOptions()), LoadDrive(model, 1.0), stats)
+    arc = ArcLength(stepper)
+    state = reference_state(model)
+    random = np.random.default_rng(4)
+    free = model.reduction.free
+    z = random.uniform(-0.3, 0.3, free + 1)
+    normal = Tangent(z[:free], random.uniform(-1, 1, model.size), 0.7)
+
+    def equations(z):
+        stepper.begin(state, 0.0)
+        D = arc._expand(state, z[:free], z[free])
+        _, r, _, column = arc._balance(state, z[:free], z[free], D)
+        plane = normal.D @ (arc._weight * D) + normal.load * z[free]
+        return np.append(model.reduction.project(r)[:free], plane), r, column
+
+    def derivative(direction, h=1e-4):
+        values = [equations(z + k * h * direction)[0] for k in (-2, -1, 1, 2)]
+        return (values[0] - 8 * values[1] + 8 * values[2] - values[3]) / (12 * h)
+
+    differences = np.array([derivative(e) for e in np.eye(free + 1)]).T
+    _, r, column = equations(z)
+    b = random.uniform(-1, 1, free + 1)
+    dy, dload = arc._solve(r, column, normal, b)
+    assert differences @ np.append(dy, dload) == pytest.approx(b, abs=1e-6 * abs(b).max())
+
+
+# -- Where a path ends ---------------------------------------------------------------------------
+
+
+def test_a_path_ends_after_the_steps_that_it_may_take(caplog):
+    scene, bar, exact, _ = truss(2.0)
+    solution = fb.static(scene, continuation="arc-length", max_steps=12)
+    assert solution.stats.steps == 12 == len(solution.t) - 1
+    assert solution.load_factor[-1] < 1
+    assert f"12 steps, and no further than load factor {solution.load_factor[-1]:g}" in caplog.text
+
+
+def test_a_path_that_cannot_go_on_ends_in_an_error_with_what_was_found():
+    scene, *_ = truss(2.0)
+    newton = fb.NewtonOptions(max_iterations=2)
+    with pytest.raises(
+        fb.StepError, match="along the arc length from load factor 0 failed"
+    ) as error:
+        fb.static(scene, continuation="arc-length", newton=newton, max_cuts=2)
+    assert "after 2 cuts: no convergence in 2 iterations" in str(error.value)
+    assert len(error.value.solution.t) == 1
+    assert error.value.solution.stats.failure

@@ -1,0 +1,392 @@
+"""Load steps: closed forms, orders, energy, the control of steps, and what statics leaves out."""
+
+import ufl
+
+import numpy as np
+import pytest
+
+import fx_beam as fb
+
+ROLLED = fb.Section(EA=1e4, GA=1e4, EI=500.0)
+LENGTH = 10.0
+# Tip of the elastica under a dead force P: P L^2/EI, then v/L, u/L and slope, from the elliptic
+# integrals of the inextensible beam that is rigid in shear.
+ELASTICA = [
+    (1.0, (0.301721, 0.056433, 0.461352)),
+    (2.0, (0.493457, 0.160642, 0.781750)),
+    (5.0, (0.713792, 0.387628, 1.215368)),
+    (10.0, (0.810609, 0.554996, 1.430286)),
+]
+
+
+def cantilever(section, elements=8, degree=2, length=1.0, **options):
+    scene = fb.Scene(**options)
+    beam = scene.add_beam([(0, 0), (length, 0)], section, elements=elements, degree=degree)
+    scene.clamp(beam.start)
+    return scene, beam
+
+
+def rolled_up(turns=1.0, elements=16, degree=2, steps=10):
+    """Cantilever under an end moment of so many turns, and its tip's distance from the exact."""
+    scene, beam = cantilever(ROLLED, elements, degree, LENGTH)
+    scene.add_moment(beam.end, turns * 2 * np.pi * ROLLED.EI / LENGTH)
+    solution = fb.static(scene, steps=steps)
+    angle = np.maximum(solution.load_factor * turns * 2 * np.pi, 1e-300)
+    exact = LENGTH / angle[:, None] * np.column_stack([np.sin(angle), 1 - np.cos(angle)])
+    return solution, beam, np.hypot(*(solution.position(beam.end) - exact).T)
+
+
+def bent(section, elements, degree, load=5.0, steps=5):
+    """Tip displacement and rotation of a cantilever under a dead force, and the solution."""
+    scene, beam = cantilever(section, elements, degree)
+    scene.add_force(beam.end, (0.0, -load))
+    solution = fb.static(scene, steps=steps)
+    tip = *solution.displacement(beam.end)[-1], solution.rotation(beam.end)[-1]
+    return np.array(tip), solution
+
+
+# -- Closed forms ------------------------------------------------------------------------------
+
+
+def test_the_tip_of_a_beam_rolled_to_a_circle_is_exact_to_1e_6():
+    solution, beam, error = rolled_up()
+    assert solution.load_factor == pytest.approx(np.arange(11) / 10)
+    assert error.max() < 1e-6 * LENGTH  # at all ten moments on the way
+    assert np.hypot(*solution.position(beam.end)[-1]) < 1e-12 * LENGTH
+    assert solution.resultants(beam).M[-1] == pytest.approx(2 * np.pi * ROLLED.EI / LENGTH)
+    assert (solution.stats.steps, solution.stats.halvings) == (10, 0)
+
+
+def test_a_beam_rolls_up_twice():
+    solution, beam, error = rolled_up(turns=2.0, steps=20)
+    assert solution.rotation(beam.end)[-1] == pytest.approx(4 * np.pi, rel=1e-12)
+    assert error[-1] < 1e-12 * LENGTH
+    assert error.max() < 1e-5 * LENGTH
+
+
+@pytest.mark.parametrize("degree", [1, 2, 3])
+def test_the_tip_of_the_roll_up_converges_with_twice_the_degree(degree):
+    errors = [rolled_up(0.4, n, degree, steps=4)[2][-1] for n in (2, 4, 8)]
+    orders = np.log2(np.array(errors[:-1]) / errors[1:])
+    assert orders[-1] == pytest.approx(2 * degree, abs=0.15)
+
+
+@pytest.mark.parametrize(("load", "exact"), ELASTICA)
+def test_the_elastica_is_met_to_1e_4(load, exact):
+    (u, v, turn), _ = bent(fb.Section(EA=1e8, GA=1e8, EI=1.0), 32, 2, load)
+    assert (-v, -u, -turn) == pytest.approx(exact, abs=1e-4)
+    assert (-v, -u, -turn) == pytest.approx(exact, abs=2e-6)  # of which 1e-6 is the table's
+
+
+@pytest.mark.parametrize(("degree", "elements"), [(1, 8), (2, 4), (3, 3)])
+def test_slenderness_does_not_lock(degree, elements):
+    errors = []
+    for slenderness in (1e-1, 1e-3, 1e-5):
+        EA = 12 / slenderness**2  # of a rectangle with EI = 1
+        section = fb.Section(EA=EA, GA=EA * 5 / 6 / 2.6, EI=1.0)
+        fine, _ = bent(section, 24, 3)
+        errors.append(abs(bent(section, elements, degree)[0] - fine).max())
+    assert max(errors) < 2 * min(errors)
+
+
+def test_a_stored_energy_of_ones_own_bends_by_its_derivative():
+    def stiffening(eps, gamma, kappa):
+        return 5e3 * (eps**2 + gamma**2) + kappa**2 / 2 + kappa**4 / 4
+
+    scene, beam = cantilever(fb.Section(strain_energy=stiffening), elements=2)
+    scene.add_moment(beam.end, 10.0)
+    solution = fb.static(scene)
+    kappa = 2.0  # kappa + kappa^3 = 10
+    assert solution.rotation(beam.end)[-1] == pytest.approx(kappa, rel=1e-12)
+
+
+# -- Energy ------------------------------------------------------------------------------------
+
+
+def test_the_work_of_the_loads_is_the_strain_energy_to_second_order_in_the_steps():
+    section = fb.Section(EA=1e4, GA=1e4, EI=1.0)
+    gaps = []
+    for steps in (10, 20, 40):
+        energy = bent(section, 4, 2, steps=steps)[1].energy
+        gaps.append(abs(energy.balance_error[-1]) / energy.strain[-1])
+    assert gaps[0] < 0.01
+    assert np.log2(gaps[1] / gaps[2]) == pytest.approx(2, abs=0.05)
+
+
+def test_the_work_of_a_moment_in_proportion_to_its_rotation_is_exact():
+    solution, _, _ = rolled_up(steps=4)
+    assert abs(solution.energy.balance_error).max() < 1e-13 * solution.energy.strain[-1]
+    assert not solution.energy.kinetic.any()
+
+
+def test_weight_is_lowered_in_and_its_potential_counts_in_full():
+    section = fb.Section(EA=1e6, GA=1e6, EI=1.0, rhoA=0.02)
+    scene, beam = cantilever(section, 4, gravity=(0.0, -10.0))
+    scene.add_mass(beam.end, 0.01)
+    solution = fb.static(scene, steps=20)
+    q, P = 0.2, 0.1
+    assert -solution.displacement(beam.end)[-1, 1] == pytest.approx(q / 8 + P / 3, rel=1e-2)
+    assert solution.reaction(beam.start)[-1, 1] == pytest.approx(q + P)
+    energy = solution.energy
+    assert energy.potential[-1] < -0.9 * energy.strain[-1]
+    assert abs(energy.balance_error).max() < 1e-3 * energy.strain[-1]
+
+
+# -- The same scene ------------------------------------------------------------------------------
+
+
+def test_prescribed_motion_is_scaled_and_does_the_work():
+    scene, beam = cantilever(ROLLED, 4, 2, LENGTH)
+    scene.prescribe(beam.end, rotation=lambda t: 2 * np.pi * t)
+    scene.add_force(beam.node(0.5), lambda t: (0.0, 1.0 - t))
+    solution = fb.static(scene, t=1.0)  # when the force is gone
+    assert solution.rotation(beam.end) == pytest.approx(2 * np.pi * solution.load_factor)
+    moment = 2 * np.pi * ROLLED.EI / LENGTH
+    assert solution.reaction(beam.end)[-1] == pytest.approx([0, 0, moment], abs=1e-8)
+    assert solution.energy.work[-1] == pytest.approx(np.pi * moment)
+    assert abs(solution.energy.balance_error).max() < 1e-12 * solution.energy.strain[-1]
+
+
+def supported(kind):
+    """Cantilever with a second support, either fixed or made with joints to the ground."""
+    by_joints = kind.endswith("joint")
+    scene = fb.Scene()
+    beam = scene.add_beam([(0, 0), (1, 0)], fb.Section(EA=1e4, GA=1e4, EI=1.0), 6)
+    scene.add_line_load(beam, (3.0, -20.0))
+    scene.add_moment(beam.node(0.5), 2.0)
+    ends = {
+        "pin": (lambda n: scene.pin(n), lambda n: fb.Revolute(fb.GROUND, n)),
+        "roller": (
+            lambda n: scene.fix(n, "y"),
+            lambda n: fb.PinInSlot(fb.GROUND, n, axis=(1, 0)),
+        ),
+        "guide": (
+            lambda n: scene.fix(n, "y", "rotation"),
+            lambda n: fb.Prismatic(fb.GROUND, n, axis=(1, 0)),
+        ),
+    }
+    fix, join = ends[kind.split()[0]]
+    if by_joints:
+        scene.add_joint(fb.Rigid(fb.GROUND, beam.start))
+        scene.add_joint(join(beam.end))
+    else:
+        scene.clamp(beam.start)
+        fix(beam.end)
+    return fb.static(scene, steps=4)
+
+
+@pytest.mark.parametrize("kind", ["pin", "roller", "guide"])
+def test_joints_to_the_ground_are_supports(kind):
+    one, other = supported(kind), supported(f"{kind} joint")
+    assert abs(one.q - other.q).max() < 1e-12
+    assert abs(one.energy.work - other.energy.work).max() < 1e-12 * one.energy.work[-1]
+    force = other.joint_forces[-1].sum(axis=0)[:2]
+    assert force == pytest.approx([-3.0, 20.0])  # the loads' resultant, turned round
+
+
+def test_a_slide_on_a_bent_beam_stays_on_it_and_does_no_work():
+    section = fb.Section(EA=1e4, GA=1e4, EI=5.0)
+    scene, rail = cantilever(section, 4, 1)
+    rod = scene.add_beam([(1.3, 0), (2.3, 0)], section, elements=2)
+    joint = scene.add_joint(fb.Prismatic(rail.end, rod.start, axis=(1, 0), spring=fb.Spring(40.0)))
+    scene.add_force(rod.end, (3.0, -2.0))
+    solution = fb.static(scene, steps=40)
+    assert solution.gap(joint).max() < 1e-14
+    along = np.array([np.cos(solution.rotation(rail.end)), np.sin(solution.rotation(rail.end))])
+    pull = solution.load_factor * (np.array([3.0, -2.0]) @ along)
+    assert 40.0 * solution.slide(joint) == pytest.approx(pull, rel=1e-9)
+    assert abs(solution.energy.balance_error[-1]) < 1e-3 * solution.energy.work[-1]
+
+
+def test_a_motor_turns_a_crank_against_a_load():
+    scene = fb.Scene()
+    crank = scene.add_beam([(0, 0), (1, 0)], fb.Section(EA=1e6, GA=1e6, EI=1e6))
+    joint = scene.add_joint(fb.Revolute(fb.GROUND, crank.start, motor=lambda t: t))
+    scene.add_force(crank.end, (0.0, -3.0))
+    solution = fb.static(scene, steps=20, t=np.pi / 2)
+    assert solution.position(crank.end)[-1] == pytest.approx([0, 1], abs=1e-5)
+    factor, angle = solution.load_factor, solution.rotation(crank.end)
+    assert solution.joint_force(joint)[:, 2] == pytest.approx(3 * factor * np.cos(angle), abs=1e-4)
+    # What the motor does, the load takes up.
+    assert solution.energy.work[-1] == pytest.approx(solution.energy.strain[-1], abs=1e-2)
+
+
+def test_a_spring_under_tension_acts_before_the_loads():
+    scene, beam = cantilever(fb.Section(EA=1e6, GA=1e6, EI=1.0), 4)
+    scene.add_joint(
+        fb.Prismatic(fb.GROUND, beam.end, axis=(1, 0), spring=fb.Spring(1e5, rest=0.01))
+    )
+    solution = fb.static(scene, steps=2)
+    stretch = 0.01 * 1e5 / (1e5 + 1e6)
+    assert solution.displacement(beam.end)[:, 0] == pytest.approx([stretch] * 3)
+    assert abs(solution.energy.balance_error).max() < 1e-12
+
+
+def test_a_force_of_ones_own_is_a_load_by_the_load_factor_and_else_a_spring():
+    section = fb.Section(EA=1e6, GA=1e6, EI=1e6)
+    scene = fb.Scene()
+    beam = scene.add_beam([(0, 0), (1, 0)], section)
+    scene.fix(beam.start, "x", "rotation")
+    scene.fix(beam.end, "rotation")
+    scene.add_virtual_work(lambda step: -50.0 * step.u[1] * step.virtual_u[1])
+    scene.add_virtual_work(lambda step: -2.0 * step.load_factor * step.virtual_u[1])
+    scene.add_virtual_work(lambda step: -7.0 * ufl.dot(step.v, step.virtual_u))  # at rest nothing
+    solution = fb.static(scene, steps=4)
+    assert solution.displacement(beam.end)[:, 1] == pytest.approx(-0.04 * solution.load_factor)
+    assert abs(solution.energy.balance_error).max() < 1e-12
+
+
+# -- What statics leaves out, and what it gives --------------------------------------------------
+
+
+def test_nothing_of_inertia_is_compiled_or_assembled():
+    section = fb.Section(EA=1e4, GA=1e4, EI=1.0, rhoA=1.0, rhoI=0.1)
+    scene, beam = cantilever(section, 2, gravity=(0.0, -0.1))
+    scene.add_mass(beam.end, 0.1, inertia=2.0)
+    scene.set_velocity(beam.end, (3.0, 0.0))  # which plays no part
+    stats = fb.static(scene, steps=1).stats
+    assert set(stats.compiled) == {"internal forces", "tangent", "strain energy", "weight"}
+    assert set(stats.assembled) == {"gravity"}
+    bare, beam = cantilever(section, 2)
+    bare.add_moment(beam.end, 1.0)
+    stats = fb.static(bare, steps=1).stats
+    assert set(stats.compiled) == {"internal forces", "tangent", "strain energy"}
+    assert stats.assembled == [str(bare.loads[0])]
+
+
+def test_dampers_hold_nothing():
+    def hinged(**acting):
+        scene, beam = cantilever(ROLLED, 1)
+        arm = scene.add_beam([(1, 0), (2, 0)], ROLLED, degree=2)
+        scene.add_joint(fb.Revolute(beam.end, arm.start, **acting))
+        scene.add_moment(arm.end, 1.0)
+        return fb.static(scene, steps=1).rotation(arm.end)[-1]
+
+    spring = fb.Spring(20.0)
+    assert hinged(spring=spring, damper=fb.Damper(1e3)) == hinged(spring=spring)
+    with pytest.raises(fb.SceneError, match="can turn about .* without support, which statics"):
+        hinged(damper=fb.Damper(1e3))
+
+
+def test_a_static_solution_has_load_factors_and_rests(tmp_path):
+    solution, beam, _ = rolled_up(0.3, 2, steps=3)
+    assert solution.t is solution.load_factor
+    assert "load factor 1" in repr(solution)
+    assert not solution.velocity(beam.end).any()
+    assert not solution.acceleration(beam.end).any()
+    solution.save(tmp_path / "static.npz")
+    again = fb.load(tmp_path / "static.npz")
+    assert (again.load_factor == solution.load_factor).all()
+    assert (again.position(beam.end) == solution.position(beam.end)).all()
+    solution.to_csv(tmp_path / "static.csv")
+    assert (tmp_path / "static.csv").read_text(encoding="utf-8").startswith("load factor,")
+    moving = fb.simulate(_massive(), dt=0.1, t_end=0.1)
+    with pytest.raises(ValueError, match="over time, without load factors"):
+        moving.load_factor  # noqa: B018
+
+
+def _massive():
+    section = fb.Section(EA=1e4, GA=1e4, EI=1.0, rhoA=1.0, rhoI=0.1)
+    return cantilever(section, 1)[0]
+
+
+# -- Control of the steps ------------------------------------------------------------------------
+
+
+def test_steps_are_cut_where_they_fail_and_grow_where_they_are_easy():
+    section = fb.Section(EA=12e8, GA=4e8, EI=1.0)
+    tip, solution = bent(section, 8, 2, load=50.0, steps=1)
+    sizes = np.diff(solution.load_factor)
+    assert solution.load_factor[-1] == 1
+    assert solution.stats.halvings >= 3
+    assert sizes[0] <= 1 / 8
+    assert sizes[-1] >= 8 * sizes[0]
+    assert solution.stats.steps == len(sizes)
+    even, _ = bent(section, 8, 2, load=50.0, steps=40)
+    assert tip == pytest.approx(even, abs=1e-9)
+
+
+def test_a_step_that_may_be_cut_no_more_ends_in_an_error_with_what_was_found():
+    scene, beam = cantilever(ROLLED, 4, 1, LENGTH)
+    scene.add_moment(beam.end, lambda t: 4 * np.pi * ROLLED.EI / LENGTH)
+    with pytest.raises(fb.StepError, match="turns by .* more than the bound 2") as caught:
+        fb.static(scene, steps=4, max_cuts=0)
+    assert caught.value.time == 0
+    assert len(caught.value.solution.t) == 1
+    with pytest.raises(fb.StepError, match="after 1 cuts"):
+        fb.static(scene, steps=2, max_cuts=1)
+
+
+@pytest.mark.parametrize("steps", [1, 4, 25])
+def test_loads_over_a_limit_point_end_in_an_error_that_names_the_continuation(steps):
+    # Two bars in a flat triangle, half of it: the limit load of the shallow truss in closed form.
+    EA, rise = 1e4, 0.2
+    scene = fb.Scene()
+    bar = scene.add_beam([(0, 0), (1, rise)], fb.Section(EA=EA, GA=EA, EI=1e3), elements=2)
+    scene.pin(bar.start)
+    scene.fix(bar.end, "x")
+    length = np.hypot(1, rise)
+    at_limit = length ** (1 / 3)
+    limit = EA * np.sqrt(at_limit**2 - 1) * (1 / at_limit - 1 / length)
+    scene.add_force(bar.end, (0.0, -3 * limit))
+    with pytest.raises(fb.StepError, match="limit point.*continuation") as caught:
+        fb.static(scene, steps=steps)
+    error = caught.value
+    assert f"from load factor {error.time:.6g}" in str(error)
+    assert "times that of the first step, as towards a limit point" in str(error)
+    assert error.time == error.solution.load_factor[-1]
+    assert 0.98 < 3 * error.time < 1
+    assert (error.solution.position(bar.end)[:, 1] > np.sqrt(at_limit**2 - 1)).all()
+
+
+@pytest.mark.parametrize("overload", [2, 30, 300])
+def test_a_toggle_frame_does_not_jump_through_unseen(overload):
+    limit = 5.602763  # found along the arc length, below
+    scene = fb.Scene()
+    section = fb.Section(EA=1e5, GA=1e5, EI=100.0)
+    frame = scene.add_beam([(0, 0), (10, 0.6), (20, 0)], section, elements=16)
+    scene.clamp(frame.start)
+    scene.clamp(frame.end)
+    scene.add_force(frame.node(0.5), (0.0, -overload * limit))
+    with pytest.raises(fb.StepError, match="continuation") as caught:
+        fb.static(scene, steps=2)
+    assert caught.value.time * overload < 1
+    path = fb.static(scene, continuation="arc-length")
+    assert path.stats.limit_points[0] * overload == pytest.approx(1, rel=1e-6)
+    assert path.load_factor[-1] == 1
+
+
+# -- Wrong input ---------------------------------------------------------------------------------
+
+
+def test_wrong_input_is_refused_by_name():
+    scene = _massive()
+    with pytest.raises(fb.SceneError, match="static needs an fx_beam.Scene"):
+        fb.static("scene")
+    for option in ("steps", "max_cuts", "max_steps"):
+        with pytest.raises(fb.SceneError, match=f"{option} = -1 must be a whole number"):
+            fb.static(scene, **{option: -1})
+    with pytest.raises(fb.SceneError, match="continuation = 'riks' must be"):
+        fb.static(scene, continuation="riks")
+    free = fb.Scene()
+    free.add_beam([(0, 0), (1, 0)], ROLLED)
+    with pytest.raises(fb.SceneError, match="can move along .* without support, which statics"):
+        fb.static(free)
+    with pytest.raises(fb.SceneError, match=r"Equilibrium does not move in time.*fx_beam.static"):
+        fb.simulate(scene, fb.Equilibrium(), dt=0.1, t_end=1.0)
+
+
+def test_a_load_that_fails_at_its_time_is_named():
+    scene, beam = cantilever(ROLLED, 1)
+    scene.add_force(beam.end, lambda t: (0.0, 1.0 / (1.0 - t)))
+    with pytest.raises(fb.StepError, match="force on node 1 .* at t = 1 raised .*ZeroDivision"):
+        fb.static(scene, t=1.0)
+
+
+def test_without_equilibrium_at_the_start_the_error_says_so():
+    scene = fb.Scene()
+    beam = scene.add_beam([(0, 0), (1, 0)], ROLLED)
+    scene.add_virtual_work(lambda step: step.load_factor * step.virtual_u[1])
+    scene.fix(beam.start, "x")
+    with pytest.raises(fb.StepError, match="no equilibrium without loads: .*singular"):
+        fb.static(scene)
