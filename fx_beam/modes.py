@@ -102,8 +102,9 @@ def modes(scene: Scene, state: Solution | None = None, n: int = 6) -> Modes:
     scene : Scene
         What vibrates.
     state : Solution, optional
-        A solution of the scene, whose last row is the configuration; by default the start. It may
-        be that of another scene with the same nodes, such as one in which a mechanism is held.
+        A solution of the scene, whose last row is the configuration and should be an equilibrium;
+        by default the start, without loads. It may be that of another scene with the same nodes,
+        such as one in which a mechanism is held.
     n : int
         Number of modes; there may be fewer where mass is lumped.
 
@@ -137,7 +138,7 @@ def _matrices(model: Model, state: Solution | None):
     """Stiffness and mass of the unknowns, the coupling T to all of x, and the configuration q."""
     forms, reduction = model.forms, model.reduction
     none = np.zeros(model.size)
-    factor, t, q = 1.0, 0.0, none
+    factor, t, q = 0.0, 0.0, none  # without loads the start is an equilibrium
     slides = np.array([joint.start()[0] for joint in model.scene.joints])
     if state is not None:
         factor, t, q, slides = _last(model, state)
@@ -184,10 +185,13 @@ def _lowest(K, M, n: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """
     massive = M.diagonal() > 0
     # Scaled, so that stiffnesses are of size 1 and eigenvalues below it.
-    unit = (abs(K.diagonal()[massive]) / M.diagonal()[massive]).max()
+    unit = (abs(K.diagonal()[massive]) / M.diagonal()[massive]).max() or 1.0
     scale = scipy.sparse.diags((abs(K.diagonal()) + unit * M.diagonal()) ** -0.5)
     K, M = scale @ K @ scale, unit * scale @ M @ scale
-    n = min(n, _below(K, M, 1e4))  # the rest are infinite, for unknowns without mass
+    count = _below(K, M, 1e4)  # the rest are infinite, for unknowns without mass
+    if count < 1:
+        raise SceneError("modes: a part of the scene moves freely and has no mass")
+    n = min(n, count)
     size = next(size for size in 10.0 ** np.arange(-25, 5) if _below(K, M, size) >= n)
     shifts = -size * 10.0 ** np.arange(32)
     shift = next((shift for shift in shifts if not _below(K, M, shift)), None)

@@ -312,6 +312,26 @@ def test_a_force_that_follows_the_motion_is_refused_and_a_bed_of_springs_is_not(
         fb.modes(bedded)
 
 
+def test_a_free_part_without_mass_is_refused():
+    scene = simply_supported(1, 2, FLYING)
+    beam = scene.add_beam([(0, 1), (1, 1)], fb.Section(EA=1, GA=1, EI=1))
+    with pytest.raises(fb.SceneError, match="without mass"):
+        fb.modes(scene)
+    # Added virtual works might hold it, which only the numbers tell.
+    scene.add_virtual_work(lambda step: -3.0 * step.virtual_u[0] * step.u[0], beam)
+    with pytest.raises(fb.SceneError, match="moves freely and has no mass"):
+        fb.modes(scene)
+
+
+def test_gravity_has_no_part_in_the_modes_of_an_unloaded_start():
+    found = []
+    for gravity in (None, (0, -GRAVITY)):
+        scene, *_ = pair("pin in slot with offset", degree=2, gravity=gravity)
+        found.append(fb.modes(scene, n=8))
+    assert (found[0].angular_frequencies == found[1].angular_frequencies).all()
+    assert found[0].rigid.tolist() == [True] * 5 + [False] * 3
+
+
 def test_a_state_that_is_unstable_in_what_has_no_mass_is_refused():
     section = fb.Section(EA=1e6, GA=1e6, EI=10.0)
     scene = simply_supported(2, 8, section)
