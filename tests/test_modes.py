@@ -97,13 +97,29 @@ def test_a_free_beam_has_three_rigid_modes(points, height, degree):
     assert str(found).splitlines()[0] == "mode 0: 0 Hz rigid"
 
 
-def test_shapes_have_the_modal_mass_one_and_are_orthogonal():
+@pytest.mark.parametrize("free", [False, True], ids=["supported", "free ring"])
+def test_shapes_have_the_modal_mass_one_and_are_orthogonal(free):
     scene = simply_supported(2, 4, square(0.1))
+    if free:  # three rigid modes and double ones
+        scene = fb.Scene()
+        half = scene.add_beam(fb.arc((1, 0), (0, 1), (-1, 0)), square(0.02), elements=6, degree=2)
+        scene.add_beam(fb.arc(half.end, (0, -1), half.start), square(0.02), elements=6, degree=2)
     found = fb.modes(scene, n=8)
     model = Model(scene, fb.Newmark())
     vectors = np.array([model.from_nodes(shape) for shape in found.shapes])
     assert vectors @ model.mass @ vectors.T == pytest.approx(np.eye(8), abs=1e-9)
-    moved = found.shape(scene.beams[0], 0, size=0.1)
+    stiffness = found.angular_frequencies**2
+    forms = model.forms
+    forms.set_step(0.0, 1.0, *(np.zeros(model.size) for _ in range(3)))
+    forms.internal_force(np.zeros(model.size))
+    forms.assemble_stiffness()
+    energies = vectors @ forms.stiffness @ vectors.T
+    assert energies == pytest.approx(np.diag(stiffness), abs=1e-6 * stiffness.max())
+
+
+def test_a_shape_moves_the_axis_of_its_beam():
+    scene = simply_supported(2, 4, square(0.1))
+    moved = fb.modes(scene, n=1).shape(scene.beams[0], 0, size=0.1)
     assert abs(moved[:, 1]) == pytest.approx(0.1 * np.sin(np.pi * moved[:, 0]), abs=2e-4)
 
 
