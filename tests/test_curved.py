@@ -136,9 +136,13 @@ def test_a_curve_that_is_none_is_refused_and_leaves_the_scene_as_it_was(make, me
     assert len(scene.beams) == 1 and len(scene.nodes) == 2
 
 
-def test_a_curve_takes_one_number_of_elements():
+def test_a_curve_takes_one_number_of_elements_and_enough_of_them():
     with pytest.raises(fb.SceneError, match="one positive whole number"):
         fb.Scene().add_beam(fb.arc(*QUARTER), FLYING, elements=[2, 2])
+    circle = fb.spline([(1, 0), (0, 1), (-1, 0), (0, -1), (1, 0)])
+    with pytest.raises(fb.SceneError, match="1 elements are too few for its curve"):
+        fb.Scene().add_beam(circle, FLYING, elements=1, degree=2)
+    assert fb.Scene().add_beam(circle, FLYING, elements=2, degree=2).elements == 2
 
 
 # -- What is compiled --------------------------------------------------------------------------

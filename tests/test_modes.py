@@ -217,6 +217,20 @@ def test_springs_on_joints_and_lumped_masses_give_the_oscillator_of_the_textbook
     assert found.angular_frequencies == pytest.approx([5.0, 6.0], rel=1e-6)
 
 
+def test_a_ring_in_one_piece_with_a_rigid_joint_is_the_ring_of_two_arcs():
+    section = square(0.05)
+    closed, halves = fb.Scene(), fb.Scene()
+    whole = closed.add_beam(
+        lambda f: (math.cos(2 * math.pi * f), math.sin(2 * math.pi * f)), section, 12, degree=2
+    )
+    closed.add_joint(fb.Rigid(whole.start, whole.end))
+    upper = halves.add_beam(fb.arc((1, 0), (0, 1), (-1, 0)), section, 6, degree=2)
+    halves.add_beam(fb.arc(upper.end, (0, -1), upper.start), section, 6, degree=2)
+    one, two = (fb.modes(scene, n=9) for scene in (closed, halves))
+    assert one.rigid.sum() == two.rigid.sum() == 3
+    assert one.angular_frequencies == pytest.approx(two.angular_frequencies, rel=1e-8)
+
+
 def test_a_prescribed_node_is_held():
     section = square(0.1)
     moved, held = fb.Scene(), fb.Scene()
