@@ -168,6 +168,7 @@ def lay_along(curve: Curve, elements: Any, degree: int, name: str) -> Layout:
     length, fraction_at = _measure(position, curve.breaks, name)
     s = length * np.linspace(0, 1, elements * degree + 1)
     points = np.array([position(fraction_at(distance)) for distance in s])
+    _check_followed(points[::degree], s[::degree], name)
     ends: list = list(points[::degree])
     for i, node, where in ((0, curve.start, "starts"), (-1, curve.end, "ends")):
         if node is None:
@@ -181,6 +182,17 @@ def lay_along(curve: Curve, elements: Any, degree: int, name: str) -> Layout:
         ends[i] = node
     inner = points[:-1].reshape(elements, degree, 2)[:, 1:]
     return Layout(ends, s[::degree], inner)
+
+
+def _check_followed(ends: np.ndarray, s: np.ndarray, name: str) -> None:
+    """Refuse elements that are too long for the curve, such as a whole circle in one."""
+    chords, lengths = np.hypot(*np.diff(ends, axis=0).T), np.diff(s)
+    k = int(np.argmin(chords / lengths))
+    if chords[k] < 0.5 * lengths[k]:
+        raise SceneError(
+            f"beam {name!r}: {len(chords)} elements are too few for its curve; element {k} is "
+            f"{lengths[k]:.3g} long, and its ends are {chords[k]:.3g} apart"
+        )
 
 
 def _measure(position, breaks, name: str) -> tuple[float, Callable[[float], float]]:

@@ -102,8 +102,9 @@ def modes(scene: Scene, state: Solution | None = None, n: int = 6) -> Modes:
     scene : Scene
         What vibrates.
     state : Solution, optional
-        A solution of the scene, whose last row is the configuration; by default the start. It may
-        be that of another scene with the same nodes, such as one in which a mechanism is held.
+        A solution of the scene, whose last row is the configuration and should be an equilibrium;
+        by default the start, without loads. It may be that of another scene with the same nodes,
+        such as one in which a mechanism is held.
     n : int
         Number of modes; there may be fewer where mass is lumped.
 
@@ -137,7 +138,7 @@ def _matrices(model: Model, state: Solution | None):
     """Stiffness and mass of the unknowns, the coupling T to all of x, and the configuration q."""
     forms, reduction = model.forms, model.reduction
     none = np.zeros(model.size)
-    factor, t, q = 1.0, 0.0, none
+    factor, t, q = 0.0, 0.0, none  # without loads the start is an equilibrium
     slides = np.array([joint.start()[0] for joint in model.scene.joints])
     if state is not None:
         factor, t, q, slides = _last(model, state)
@@ -184,18 +185,10 @@ def _lowest(K, M, n: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """
     massive = M.diagonal() > 0
     # Scaled, so that stiffnesses are of size 1 and eigenvalues below it.
-    unit = (abs(K.diagonal()[massive]) / M.diagonal()[massive]).max()
+    unit = (abs(K.diagonal()[massive]) / M.diagonal()[massive]).max() or 1.0
     scale = scipy.sparse.diags((abs(K.diagonal()) + unit * M.diagonal()) ** -0.5)
     K, M = scale @ K @ scale, unit * scale @ M @ scale
-    n = min(n, _below(K, M, 1e4))  # the rest are infinite, for unknowns without mass
-    size = next(size for size in 10.0 ** np.arange(-25, 5) if _below(K, M, size) >= n)
-    shifts = -size * 10.0 ** np.arange(32)
-    shift = next((shift for shift in shifts if not _below(K, M, shift)), None)
-    if shift is None:
-        raise SceneError(
-            "modes: the state is unstable in a motion without mass, which would grow at once; give "
-            "that part a mass, or ask for a state of less load"
-        )
+    shift, n = _shift(K, M, n)
     vectors = _nearest(K, M, n, shift)
     # The shift is of the size of the highest mode, and what is far below it is rounded off: one
     # inverse iteration each, with a shift of its own size, brings it back.
@@ -207,9 +200,27 @@ def _lowest(K, M, n: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     values, rounding, vectors = values[order], rounding[order], vectors[:, order]
     if _below(K, M, values[-1] - 1e-6 * abs(values[-1]) - rounding[-1]) >= n:
         raise RuntimeError(f"modes: a multiple frequency was missed; try n = {n + 1}")
-    vectors = np.sqrt(unit) * (scale @ vectors)
+    # Orthogonal, each to those below it, which multiple ones need not be by themselves.
+    triangle = np.linalg.cholesky(vectors.T @ (M @ vectors))
+    vectors = np.sqrt(unit) * (scale @ np.linalg.solve(triangle, vectors.T).T)
     vectors *= np.sign(vectors[abs(vectors).argmax(axis=0), np.arange(n)])
     return unit * values, unit * rounding, vectors
+
+
+def _shift(K, M, n: int) -> tuple[float, int]:
+    """A shift below all eigenvalues, of the size of the n-th; and n, unless there are fewer."""
+    count = _below(K, M, 1e4)  # the rest are infinite, for unknowns without mass
+    if count < 1:
+        raise SceneError("modes: a part of the scene moves freely and has no mass")
+    n = min(n, count)
+    size = next(size for size in 10.0 ** np.arange(-25, 5) if _below(K, M, size) >= n)
+    for shift in -size * 10.0 ** np.arange(32):
+        if _below(K, M, shift) == 0:
+            return shift, n
+    raise SceneError(
+        "modes: the state is unstable in a motion without mass, which would grow at once; give "
+        "that part a mass, or ask for a state of less load"
+    )
 
 
 def _quotients(K, M, vectors: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

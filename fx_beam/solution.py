@@ -25,7 +25,8 @@ class Solution:
     X : (n_node, 2) float
         Reference positions [m].
     q, v, a : (n, n_node, 3) float
-        Displacements and rotation, their rates and accelerations [m, rad, s].
+        Displacements and rotation, their rates and accelerations [m, rad, s]; in a static solution
+        the latter are zero.
     reactions : (n, n_node, 3) float
         Forces and moments of the supports on the nodes [N, N m].
     slides : (n, joints) float
@@ -205,7 +206,7 @@ class Solution:
         (n, 3) float
             Force [N] and moment [N m] at the scheme's level in the step that ends at t[k], or in
             the last part of it where it was halved; zero for components without support. Row 0 is
-            zero.
+            zero or, after `simulate(start=...)`, that of the last step before.
         """
         return self._history("reactions", "forces")[:, self._number(node)]
 
@@ -240,8 +241,8 @@ class Solution:
         -------
         (n, 3) float
             Force [N] and moment [N m], springs, dampers and motors included, at the scheme's level
-            in the step that ends at t[k], or in the last part of it where it was halved; row 0 is
-            zero.
+            in the step that ends at t[k], or in the last part of it where it was halved. Row 0 is
+            zero or, after `simulate(start=...)`, that of the last step before.
         """
         return self._history("joint_forces", "forces")[:, self._joint(joint)]
 

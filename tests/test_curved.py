@@ -5,6 +5,7 @@ import math
 import numpy as np
 import pytest
 from scenes import FLYING, free_flight, relative_drift
+from scipy.integrate import quad, simpson
 
 import fx_beam as fb
 from fx_beam.model import Model
@@ -135,9 +136,13 @@ def test_a_curve_that_is_none_is_refused_and_leaves_the_scene_as_it_was(make, me
     assert len(scene.beams) == 1 and len(scene.nodes) == 2
 
 
-def test_a_curve_takes_one_number_of_elements():
+def test_a_curve_takes_one_number_of_elements_and_enough_of_them():
     with pytest.raises(fb.SceneError, match="one positive whole number"):
         fb.Scene().add_beam(fb.arc(*QUARTER), FLYING, elements=[2, 2])
+    circle = fb.spline([(1, 0), (0, 1), (-1, 0), (0, -1), (1, 0)])
+    with pytest.raises(fb.SceneError, match="1 elements are too few for its curve"):
+        fb.Scene().add_beam(circle, FLYING, elements=1, degree=2)
+    assert fb.Scene().add_beam(circle, FLYING, elements=2, degree=2).elements == 2
 
 
 # -- What is compiled --------------------------------------------------------------------------
@@ -175,6 +180,53 @@ def test_an_arc_is_bent_straight_by_its_own_curvature(degree, order):
     errors = np.array([straightened(degree, elements) for elements in (4, 8, 16)])
     assert (np.log2(errors[:-1] / errors[1:]) > order - 0.1).all()
     assert straightened(degree, 8, GA=1e8) == pytest.approx(errors[1], rel=1e-3)  # no locking
+
+
+def tip_per_force(degree, elements, thickness):
+    """Relative error of the tip of a quarter of a circle under a small force across it."""
+    section = fb.Section(EA=12 / thickness**2, GA=4 / thickness**2, EI=1.0)
+
+    def work(angle):  # of the resultants M, N and Q of a unit force on themselves
+        c, s = math.cos(angle), math.sin(angle)
+        return (1 - s) ** 2 / section.EI + s**2 / section.EA + c**2 / section.GA
+
+    found = []
+    for force in (1e-4, -1e-4):  # whose mean is linear to third order
+        scene, beam = quarter(degree, elements, section)
+        scene.clamp(beam.start)
+        scene.add_force(beam.end, (0, force))
+        found.append(fb.static(scene, steps=1).displacement(beam.end)[-1, 1] / force)
+    return np.mean(found) / quad(work, 0, math.pi / 2)[0] - 1
+
+
+@pytest.mark.parametrize(("degree", "elements"), [(1, 8), (2, 4), (3, 3)])
+def test_a_curved_cantilever_does_not_lock(degree, elements):
+    errors = [abs(tip_per_force(degree, elements, t)) for t in (1e-1, 1e-2, 1e-3, 1e-4, 1e-5)]
+    assert max(errors) < {1: 5e-3, 2: 3e-4, 3: 2e-5}[degree]
+    assert max(errors) < 2 * min(errors)
+
+
+def test_a_line_load_on_a_curve_is_per_arc_length():
+    scene, beam = quarter(2, 8)
+    scene.clamp(beam.start)
+    scene.add_line_load(beam, (0.5, -2.0))
+    solution = fb.static(scene)
+    force, moment = solution.reaction(beam.start)[-1, :2], solution.reaction(beam.start)[-1, 2]
+    assert force == pytest.approx([-0.5 * math.pi / 2, 2.0 * math.pi / 2], rel=1e-5)
+    # About the clamp, of the load where it has moved to.
+    x, y = solution.shape(beam)[-1].T
+    assert moment == pytest.approx(simpson(2.0 * x + 0.5 * y, dx=math.pi / 32), rel=1e-4)
+
+
+def test_resultants_of_a_curve_stand_at_its_arc_length():
+    scene, beam = quarter(2, 4, fb.Section(EA=1e6, GA=1e6, EI=1e3))
+    scene.clamp(beam.start)
+    scene.add_force(beam.end, (0, 1e-3))
+    r = fb.static(scene, steps=1).resultants(beam)
+    angle = r.s  # on a radius of 1
+    assert r.M[-1] == pytest.approx(1e-3 * (1 - np.sin(angle)), abs=2e-5)
+    assert r.N[-1] == pytest.approx(1e-3 * np.sin(angle), abs=2e-5)
+    assert r.Q[-1] == pytest.approx(1e-3 * np.cos(angle), abs=2e-5)
 
 
 # -- Motion ------------------------------------------------------------------------------------

@@ -31,6 +31,8 @@ PICTURES = {
     "multibody": ("shapes.png", "displacement.png", "energy_and_force.png", "motion.gif"),
     "slider_crank": ("shapes.png", "slider.png", "rod_motor_energy.png", "motion.gif"),
     "ring": ("modes.png", "shapes.png", "energy.png", "motion.gif"),
+    "roll_up": ("shapes.png", "convergence_and_energy.png", "motion.gif"),
+    "lee_frame": ("load_and_displacement.png", "shapes.png", "motion.gif"),
 }
 
 
@@ -276,6 +278,57 @@ def test_ring_is_squeezed_far_and_other_schemes_gain_or_lose_energy_by_it():
     newmark, hht = (found["schemes"][name]["dt 0.002"] for name in ("Newmark", "HHT"))
     assert newmark["failed at"] < 1 and newmark["highest energy ratio"] > 10
     assert hht["failure"] is None and hht["lowest energy ratio"] < 0.99
+
+
+# -- Roll-up -----------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("name", "turns", "steps", "close"), [("once", 1, 10, 1e-6), ("twice", 2, 20, 1e-5)]
+)
+def test_roll_up_is_the_circle(name, turns, steps, close):
+    run = numbers("roll_up")[name]
+    assert (run["load steps"], run["cuts"]) == (steps, 0)
+    assert run["turns of the tip"] == pytest.approx(turns, rel=1e-12)
+    assert run["tip off at the end / L"] < 1e-12
+    assert run["tip off on the way / L"] < close
+    assert run["strain energy / exact"] == pytest.approx(1, rel=1e-12)
+    assert run["relative balance error"] < 1e-12
+
+
+@pytest.mark.parametrize("degree", [1, 2, 3])
+def test_roll_up_converges_with_twice_the_degree(degree):
+    assert numbers("roll_up")["orders"][f"degree {degree}"] == pytest.approx(2 * degree, abs=0.1)
+
+
+def test_roll_up_let_go_keeps_its_energy():
+    free = numbers("roll_up")["let go"]
+    assert free["energy at the start"] == pytest.approx(2 * np.pi**2 * 500 / 10, rel=1e-12)
+    assert free["relative energy error"] < 1e-11
+    assert free["largest kinetic energy"] > 0.5 * free["energy at the start"]
+
+
+# -- Lee's frame -------------------------------------------------------------------------------
+
+
+def test_lee_frame_has_the_limit_loads_of_the_literature_and_of_shooting():
+    found = numbers("lee_frame")
+    shot = found["limit loads by shooting"]
+    assert 18.5e3 < shot[0] < 18.6e3 and -9.5e3 < shot[1] < -9.3e3
+    for name, loads in found["limit loads"].items():
+        assert len(loads) == 2, name
+        if name != "degree 1, 10 elements":
+            assert loads == pytest.approx(shot, rel=0.015), name
+    assert found["limit loads"]["degree 2, 20 elements"] == pytest.approx(shot, rel=2e-5)
+    assert found["limit loads"]["degree 3, 10 elements"] == pytest.approx(shot, rel=1e-6)
+
+
+def test_lee_frame_snaps_back_and_is_followed_to_its_full_load():
+    found = numbers("lee_frame")
+    assert found["load at the end"] == 20e3
+    assert found["largest way back of the loaded point"] > 5
+    assert found["steps"] < 60
+    assert 0.99 < found["load steps alone end at"] / found["limit loads by shooting"][0] < 1
 
 
 # -- Pictures ----------------------------------------------------------------------------------

@@ -97,13 +97,29 @@ def test_a_free_beam_has_three_rigid_modes(points, height, degree):
     assert str(found).splitlines()[0] == "mode 0: 0 Hz rigid"
 
 
-def test_shapes_have_the_modal_mass_one_and_are_orthogonal():
+@pytest.mark.parametrize("free", [False, True], ids=["supported", "free ring"])
+def test_shapes_have_the_modal_mass_one_and_are_orthogonal(free):
     scene = simply_supported(2, 4, square(0.1))
+    if free:  # three rigid modes and double ones
+        scene = fb.Scene()
+        half = scene.add_beam(fb.arc((1, 0), (0, 1), (-1, 0)), square(0.02), elements=6, degree=2)
+        scene.add_beam(fb.arc(half.end, (0, -1), half.start), square(0.02), elements=6, degree=2)
     found = fb.modes(scene, n=8)
     model = Model(scene, fb.Newmark())
     vectors = np.array([model.from_nodes(shape) for shape in found.shapes])
     assert vectors @ model.mass @ vectors.T == pytest.approx(np.eye(8), abs=1e-9)
-    moved = found.shape(scene.beams[0], 0, size=0.1)
+    stiffness = found.angular_frequencies**2
+    forms = model.forms
+    forms.set_step(0.0, 1.0, *(np.zeros(model.size) for _ in range(3)))
+    forms.internal_force(np.zeros(model.size))
+    forms.assemble_stiffness()
+    energies = vectors @ forms.stiffness @ vectors.T
+    assert energies == pytest.approx(np.diag(stiffness), abs=1e-6 * stiffness.max())
+
+
+def test_a_shape_moves_the_axis_of_its_beam():
+    scene = simply_supported(2, 4, square(0.1))
+    moved = fb.modes(scene, n=1).shape(scene.beams[0], 0, size=0.1)
     assert abs(moved[:, 1]) == pytest.approx(0.1 * np.sin(np.pi * moved[:, 0]), abs=2e-4)
 
 
@@ -182,6 +198,29 @@ def test_the_two_small_frequencies_of_a_stiff_double_pendulum_are_those_of_the_r
     assert fb.modes(pendulum(1e7), n=4).rigid.tolist() == [True, True, False, False]
 
 
+def test_an_arch_is_unstable_in_one_more_mode_behind_a_limit_point():
+    section = fb.Section(EA=2e5, GA=1e5, EI=lambda s: 10 + 40 * (s - 0.5) ** 2, rhoA=1.0, rhoI=1e-3)
+    scene = fb.Scene()
+    arch = scene.add_beam(fb.arc((-1, 0), (0, 0.1), (1, 0)), section, elements=12, degree=2)
+    scene.pin(arch.start)
+    scene.pin(arch.end)
+    scene.add_force(arch.node(0.5), (0, -600.0))
+
+    def after(steps):
+        return fb.static(scene, continuation="arc-length", max_steps=steps)
+
+    limit = after(9).stats.limit_points[0]
+    stable, near, behind = after(2), after(5), after(9)
+    assert 0.95 * limit < near.load_factor[-1] < limit > behind.load_factor[-1]
+    found = [fb.modes(scene, state, n=3) for state in (stable, near, behind)]
+    # Sideways it buckles first, off the symmetric path that is followed here.
+    assert [int(modes.unstable.sum()) for modes in found] == [0, 1, 2]
+    start = fb.modes(scene, n=3).angular_frequencies
+    assert (found[0].angular_frequencies[:2] < start[:2]).all()
+    # The mode that vanishes at the limit point is nearly gone before it.
+    assert found[1].angular_frequencies[1] < 0.2 * start[1]
+
+
 # -- Joints, springs, lumped masses ------------------------------------------------------------
 
 
@@ -199,6 +238,20 @@ def test_springs_on_joints_and_lumped_masses_give_the_oscillator_of_the_textbook
     found = fb.modes(scene, n=2)
     # sqrt(50/(0.5 2^2)) and sqrt(72/2); the damper has no part in it.
     assert found.angular_frequencies == pytest.approx([5.0, 6.0], rel=1e-6)
+
+
+def test_a_ring_in_one_piece_with_a_rigid_joint_is_the_ring_of_two_arcs():
+    section = square(0.05)
+    closed, halves = fb.Scene(), fb.Scene()
+    whole = closed.add_beam(
+        lambda f: (math.cos(2 * math.pi * f), math.sin(2 * math.pi * f)), section, 12, degree=2
+    )
+    closed.add_joint(fb.Rigid(whole.start, whole.end))
+    upper = halves.add_beam(fb.arc((1, 0), (0, 1), (-1, 0)), section, 6, degree=2)
+    halves.add_beam(fb.arc(upper.end, (0, -1), upper.start), section, 6, degree=2)
+    one, two = (fb.modes(scene, n=9) for scene in (closed, halves))
+    assert one.rigid.sum() == two.rigid.sum() == 3
+    assert one.angular_frequencies == pytest.approx(two.angular_frequencies, rel=1e-8)
 
 
 def test_a_prescribed_node_is_held():
@@ -310,6 +363,26 @@ def test_a_force_that_follows_the_motion_is_refused_and_a_bed_of_springs_is_not(
     bedded.add_virtual_work(lambda step: ufl.dot(step.director, step.virtual_u))
     with pytest.raises(fb.SceneError, match="not symmetric"):
         fb.modes(bedded)
+
+
+def test_a_free_part_without_mass_is_refused():
+    scene = simply_supported(1, 2, FLYING)
+    beam = scene.add_beam([(0, 1), (1, 1)], fb.Section(EA=1, GA=1, EI=1))
+    with pytest.raises(fb.SceneError, match="without mass"):
+        fb.modes(scene)
+    # Added virtual works might hold it, which only the numbers tell.
+    scene.add_virtual_work(lambda step: -3.0 * step.virtual_u[0] * step.u[0], beam)
+    with pytest.raises(fb.SceneError, match="moves freely and has no mass"):
+        fb.modes(scene)
+
+
+def test_gravity_has_no_part_in_the_modes_of_an_unloaded_start():
+    found = []
+    for gravity in (None, (0, -GRAVITY)):
+        scene, *_ = pair("pin in slot with offset", degree=2, gravity=gravity)
+        found.append(fb.modes(scene, n=8))
+    assert (found[0].angular_frequencies == found[1].angular_frequencies).all()
+    assert found[0].rigid.tolist() == [True] * 5 + [False] * 3
 
 
 def test_a_state_that_is_unstable_in_what_has_no_mass_is_refused():

@@ -205,3 +205,20 @@ def test_a_stepped_member_moves_as_the_two_it_is_made_of(degree, curved):
         tips.append(fb.simulate(scene, dt=0.02, t_end=1.0).position(end))
     assert abs(tips[0] - tips[1]).max() < 1e-10
     assert abs(tips[0] - tips[0][0]).max() > 1
+
+
+@DEGREES
+def test_a_frame_of_all_kinds_keeps_energy_and_angular_momentum(degree):
+    def quartic(eps, gamma, kappa):
+        return 5e3 * (eps**2 + gamma**2) + 50 * kappa**2 * ufl.sqrt(1 + kappa**2)
+
+    own = fb.Section(strain_energy=quartic, rhoA=lambda s: 1 - s / 2, rhoI=0.1)
+    scene = fb.Scene()
+    arch = scene.add_beam(fb.arc((0, 0), (1, 0.8), (2, 0)), own, elements=5, degree=degree)
+    arm = scene.add_beam([arch.end, (3, 1)], TAPERED, elements=3, degree=degree)
+    for beam in (arch, arm):
+        scene.set_velocity(beam, lambda x, y: (-5 * y + x**2, 5 * x), spin=5)
+    solution = fb.simulate(scene, dt=0.02, t_end=2.0)
+    assert relative_drift(solution.energy.total) < 1e-11
+    assert relative_drift(solution.angular_momentum) < 1e-11
+    assert solution.energy.strain.max() > 0.05 * solution.energy.total[0]

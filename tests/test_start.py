@@ -1,0 +1,232 @@
+"""Motions that start from another solution: continued runs, and states of static equilibrium."""
+
+import numpy as np
+import pytest
+from jointed import MEMBER, pair
+from scenes import FLYING, free_flight, pinned_beam
+
+import fx_beam as fb
+
+SCHEMES = [
+    fb.EnergyMomentum(),
+    fb.ModifiedMidPoint(),
+    fb.MidPoint(),
+    fb.Newmark(),
+    fb.HHT(-0.2),
+    fb.GeneralizedAlpha(0.6),
+]
+HISTORIES = ("t", "t_level", "q", "v", "a", "reactions", "slides", "joint_forces")
+MOMENTA = ("linear_momentum", "angular_momentum")
+ENERGIES = ("kinetic", "strain", "potential", "work")
+
+
+def driven_frame():
+    """Loads, supports and forces of one's own that are functions of time."""
+    scene = fb.Scene(gravity=(0.3, -9.81))
+    post = scene.add_beam([(0, 0), (0, 1)], FLYING, elements=2)
+    arm = scene.add_beam([post.end, (0.7, 1.4)], FLYING, elements=2)
+    scene.prescribe(post.start, x=lambda t: 0.05 * np.sin(6 * t), rotation=lambda t: 0.2 * t**2)
+    scene.fix(post.start, "y")
+    scene.add_force(arm.end, lambda t: (3 * np.sin(t), 1.0))
+    scene.add_line_load(arm, lambda t: (0.0, -2 * t))
+    scene.add_virtual_work(lambda step: -step.t * step.v[0] * step.virtual_u[0])
+    return scene
+
+
+def linkage():
+    """A motor, an offset, a slide, and joints to the ground."""
+    scene = fb.Scene(gravity=(0, -9.81))
+    crank = scene.add_beam([(0, 0), (0.5, 0)], FLYING)
+    rod = scene.add_beam([(0.6, 0), (1.6, 0.3)], FLYING, elements=2)
+    tail = scene.add_beam([(1.6, 0.3), (2.4, 0.3)], FLYING)
+    scene.add_joint(fb.Revolute(fb.GROUND, crank.start, motor=lambda t: 1.5 * t**2))
+    scene.add_joint(fb.Revolute(crank.end, rod.start, offset=(0.1, 0)))
+    scene.add_joint(fb.Prismatic(rod.end, tail.start, axis=(1, 0.2)))
+    scene.add_joint(fb.PinInSlot(fb.GROUND, tail.end, axis=(1, 0)))
+    return scene
+
+
+def sprung():
+    """Springs and dampers on a slide and on a hinge, and a follower force."""
+    acting = {"spring": fb.Spring(50.0, 0.1), "damper": fb.Damper(3.0)}
+    scene, first, second, _ = pair("prismatic with offset", gravity=(0, -5.0), **acting)
+    scene.pin(first.start)
+    scene.add_force(second.end, lambda t: (0.0, 20.0 * np.sin(5 * t)), follower=True)
+    return scene
+
+
+SCENES = {
+    "pinned beam": (lambda: pinned_beam(4)[0], 0.01),
+    "pinned beam of degree 2": (lambda: pinned_beam(2, degree=2)[0], 0.01),
+    "driven frame": (driven_frame, 0.01),
+    "linkage": (linkage, 0.01),
+    "springs, dampers and a follower": (sprung, 0.01),
+}
+
+
+@pytest.mark.parametrize("solver", ["auto", "petsc"])
+@pytest.mark.parametrize("scheme", SCHEMES, ids=lambda s: s.name)
+@pytest.mark.parametrize("name", SCENES)
+def test_a_continued_run_equals_the_uninterrupted_one(name, scheme, solver, tmp_path):
+    build, dt = SCENES[name]
+    scene, half, steps = build(), 5, 12
+    # One iteration beyond the usual tolerance, lest the comparison be one of tolerances.
+    options = {"dt": dt, "newton": fb.NewtonOptions(tolerance=1e-13), "solver": solver}
+    whole = fb.simulate(scene, scheme, t_end=steps * dt, **options)
+    fb.simulate(scene, scheme, t_end=half * dt, **options).save(tmp_path / "half.npz")
+    # Through a file, and in a scene made anew: nothing but what was saved can carry over.
+    first = fb.load(tmp_path / "half.npz")
+    second = fb.simulate(build(), scheme, t_end=steps * dt, start=first, **options)
+    assert len(second.t) == steps - half + 1
+    rounding = {"v": 1e2, "a": 1e4, "reactions": 1e4, "joint_forces": 1e4}
+    for history in (*HISTORIES, *MOMENTA):
+        expected, found = getattr(whole, history)[half + 1 :], getattr(second, history)[1:]
+        scale = abs(getattr(whole, history)).max(initial=1e-300)
+        bound = 1e-12 * rounding.get(history, 1e2 if history in MOMENTA else 1.0)
+        assert abs(found - expected).max(initial=0.0) <= bound * scale, history
+    scale = abs(whole.energy.total).max() + whole.energy.kinetic.max()
+    for part in ENERGIES:
+        gap = getattr(second.energy, part) - getattr(whole.energy, part)[half:]
+        assert abs(gap).max() <= 1e-11 * scale, part
+    for beam in whole.beams:
+        one, other = whole.resultants(beam), second.resultants(beam)
+        assert other.M[1:] == pytest.approx(one.M[half + 1 :], abs=1e-9 * abs(one.M).max())
+
+
+def test_the_first_row_of_a_continued_run_is_the_last_of_the_one_before():
+    scene = linkage()
+    first = fb.simulate(scene, fb.Newmark(), dt=0.01, t_end=0.1)
+    second = fb.simulate(scene, fb.Newmark(), dt=0.01, t_end=0.2, start=first)
+    for history in (*HISTORIES, *MOMENTA):
+        assert np.array_equal(getattr(second, history)[0], getattr(first, history)[-1]), history
+    assert second.energy.work[0] == first.energy.work[-1]
+    assert abs(second.energy.balance_error[0]) == 0
+
+
+def test_a_thinned_record_keeps_all_that_a_continuation_needs():
+    scene, _ = pinned_beam(4)
+    whole = fb.simulate(scene, dt=0.01, t_end=0.2)
+    nothing = fb.Record(every=10, motion=False, rates=False, forces=False)
+    first = fb.simulate(scene, dt=0.01, t_end=0.1, record=nothing)
+    second = fb.simulate(scene, dt=0.01, t_end=0.2, start=first)
+    assert abs(second.q[-1] - whole.q[-1]).max() < 1e-10
+
+
+# -- Other steps, schemes, loads -------------------------------------------------------------------
+
+
+def test_another_scheme_finds_its_accelerations_anew():
+    scene, beam = pinned_beam(4)
+    options = {"dt": 0.0005, "newton": fb.NewtonOptions(tolerance=1e-12)}
+    first = fb.simulate(scene, dt=0.0005, t_end=0.05)
+    second = fb.simulate(scene, fb.Newmark(), t_end=0.1, start=first, **options)
+    whole = fb.simulate(scene, fb.Newmark(), t_end=0.1, **options)
+    assert second.position(beam.end)[-1] == pytest.approx(whole.position(beam.end)[-1], abs=0.1)
+    # Not the mean over the last step of the mid-point scheme, but what balances the forces.
+    close = whole.acceleration(beam.end)[100]
+    assert np.hypot(*(second.acceleration(beam.end)[0] - close)) < 0.02 * np.hypot(*close)
+
+
+def test_loads_go_on_in_time_and_may_be_others():
+    scene, beam = free_flight(3)
+    pushed = fb.simulate(scene, dt=0.1, t_end=2.5)
+    flown = fb.simulate(scene, dt=0.1, t_end=5.0, start=pushed)
+    assert flown.t[0] == 2.5
+    assert flown.linear_momentum[:, 0] == pytest.approx(np.full(26, 20.0))
+    assert not np.diff(flown.energy.work).any()
+    other, _ = free_flight(3)
+    other.add_force(other.beams[0].end, (0.0, 1.0))
+    assert fb.simulate(other, dt=0.1, t_end=3.5, start=pushed).linear_momentum[-1] == pytest.approx(
+        [20.0, 1.0]
+    )
+
+
+# -- From equilibrium ------------------------------------------------------------------------------
+
+
+def arch():
+    """Linkage of bent members under gravity, springs and a force; at rest it is deformed."""
+    scene = fb.Scene(gravity=(0.0, -9.81))
+    left = scene.add_beam([(0, 0), (0.5, 0.6), (1, 0.8)], MEMBER, elements=3)
+    right = scene.add_beam([(1.1, 0.8), (2, 0)], MEMBER, elements=2)
+    scene.pin(left.start)
+    scene.add_joint(fb.Revolute(left.end, right.start, offset=(0.1, 0), spring=fb.Spring(200.0)))
+    scene.add_joint(fb.PinInSlot(fb.GROUND, right.end, axis=(1, 0), spring=fb.Spring(300.0)))
+    scene.add_force(left.end, lambda t: (2.0, -8.0))
+    scene.add_force(right.end, (1.0, 3.0), follower=True)
+    scene.add_virtual_work(lambda step: -2.0 * step.load_factor * step.virtual_u[1], left)
+    return scene
+
+
+@pytest.mark.parametrize("scheme", SCHEMES, ids=lambda s: s.name)
+def test_a_scene_in_equilibrium_stays_at_rest(scheme):
+    scene = arch()
+    rest = fb.static(scene, steps=4)
+    bent = abs(rest.q[-1]).max()
+    assert bent > 0.03
+    motion = fb.simulate(scene, scheme, dt=0.01, t_end=0.2, start=rest)
+    assert abs(motion.q - rest.q[-1]).max() < 1e-9 * bent
+    assert motion.energy.kinetic.max() < 1e-16 * motion.energy.strain.max()
+    assert motion.energy.work[0] == rest.energy.work[-1]
+
+
+def test_a_beam_let_go_keeps_the_energy_that_bent_it():
+    scene = fb.Scene()
+    beam = scene.add_beam([(0, 0), (1, 0)], FLYING, elements=4)
+    scene.clamp(beam.start)
+    scene.add_force(beam.end, lambda t: (0.0, 60.0 if t <= 0 else 0.0))
+    bent = fb.static(scene, steps=10)
+    motion = fb.simulate(scene, dt=0.01, t_end=1.0, start=bent)
+    energy = motion.energy
+    assert energy.total[0] == bent.energy.strain[-1]
+    assert abs(energy.total - energy.total[0]).max() < 1e-11 * energy.total[0]
+    assert energy.kinetic.max() > 0.5 * energy.total[0]
+    thrown = fb.Scene()
+    arm = thrown.add_beam([(0, 0), (1, 0)], FLYING, elements=4)
+    thrown.set_velocity(arm, (0.0, 2.0))
+    flight = fb.simulate(thrown, dt=0.01, t_end=0.1, start=bent)  # neither clamp nor force
+    assert flight.linear_momentum == pytest.approx(np.tile([0.0, 2.0], (11, 1)), abs=1e-9)
+
+
+def test_a_static_state_is_one_of_its_time():
+    scene = fb.Scene()
+    beam = scene.add_beam([(0, 0), (1, 0)], FLYING, elements=2)
+    scene.clamp(beam.start)
+    scene.prescribe(beam.end, y=lambda t: 0.1 * t)
+    moved = fb.static(scene, t=2.0)
+    motion = fb.simulate(scene, dt=0.05, t_end=2.2, start=moved)
+    assert motion.t == pytest.approx([2.0, 2.05, 2.1, 2.15, 2.2])
+    assert motion.displacement(beam.end)[:, 1] == pytest.approx(0.1 * motion.t)
+    assert motion.velocity(beam.end)[0, 1] == pytest.approx(0.1)
+    with pytest.raises(fb.SceneError, match=r"y of node 2 .* is 0.1 at t = 1, and .* from 0.2"):
+        other = fb.static(scene, t=1.0)
+        other.end.q[:] = moved.end.q
+        fb.simulate(scene, dt=0.05, t_end=2.0, start=other)
+
+
+# -- Wrong starts ----------------------------------------------------------------------------------
+
+
+def test_wrong_starts_are_refused_by_name():
+    scene, _ = pinned_beam(4)
+    first = fb.simulate(scene, dt=0.01, t_end=0.1)
+    with pytest.raises(fb.SceneError, match="start must be a Solution, not 3"):
+        fb.simulate(scene, dt=0.01, t_end=0.2, start=3)
+    with pytest.raises(fb.SceneError, match="t_end = 0.1 .* after the start at t = 0.1"):
+        fb.simulate(scene, dt=0.01, t_end=0.1, start=first)
+    other, _ = pinned_beam(5)
+    with pytest.raises(fb.SceneError, match="of other nodes than the scene has"):
+        fb.simulate(other, dt=0.01, t_end=0.2, start=first)
+    jointed, beam = pinned_beam(4)
+    jointed.add_joint(fb.PinInSlot(fb.GROUND, beam.end, axis=(1, 0)))
+    with pytest.raises(fb.SceneError, match="the solution has 0 joints, and the scene 1"):
+        fb.simulate(jointed, dt=0.01, t_end=0.2, start=first)
+
+
+def test_a_run_that_broke_off_is_no_start():
+    scene, _ = pinned_beam(4)
+    scene.add_force(scene.beams[0].end, lambda t: (1 / (0.05 - t), 0.0) if t < 0.05 else 1 / 0)
+    with pytest.raises(fb.StepError) as caught:
+        fb.simulate(scene, dt=0.01, t_end=0.1)
+    with pytest.raises(fb.SceneError, match="broke off, and its last state was not kept"):
+        fb.simulate(scene, dt=0.01, t_end=0.1, start=caught.value.solution)
