@@ -198,16 +198,13 @@ def draw(results, path, loaded, hinge, rows):
     ax.fill_between([], [], color="#E69F00", alpha=0.5, label="first limit load, literature")
     plot.save(figure, results / "load_and_displacement.png")
 
-    plot.shapes(path, _evenly(path, loaded, 9), results / "shapes.png", length_unit="-")
+    # At no load, which is met three times, at both limit points, and at the end.
+    unloaded = [int(np.argmin(abs(part))) for part in np.split(load, rows)]
+    shown = sorted([*np.add(unloaded, [0, *rows]), *rows, len(load) - 1])
+    plot.shapes(path, shown, results / "shapes.png", length_unit="-")
     plot.animate(
         path, range(len(load)), results / "motion.gif", fps=8, trace=loaded, length_unit="-"
     )
-
-
-def _evenly(path, node, count):
-    """Rows at even distances along the path of a node."""
-    way = np.cumsum(np.hypot(*np.diff(path.position(node), axis=0, prepend=0 * path.X[:1]).T))
-    return [int(np.argmin(abs(way - w))) for w in np.linspace(way[0], way[-1], count)]
 
 
 if __name__ == "__main__":

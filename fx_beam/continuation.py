@@ -27,6 +27,8 @@ from .state import State
 # Deviation of a step from its tangent, relative to its length, that the length aims at, and at
 # which it is taken again. On a circle it is half the angle that the step covers.
 _AIM, _TOO_FAR = 0.1, 0.4
+# Corrections that a step's length aims at as well.
+_CORRECTIONS = 10
 # Part of a step to which the place of a limit point is found. Its load factor is far more exact,
 # as that has its extremum there.
 _PLACE = 1e-5
@@ -96,7 +98,7 @@ class ArcLength:
         while states[-1].t < 1 and stats.steps < max_steps:
             try:
                 state, ahead = self._step(states[-1], tangent, ds)
-                off = self.stepper.deviation
+                off, corrections = self.stepper.deviation, self.stepper.iterations
                 if off > _TOO_FAR:
                     D = state.q - states[-1].q
                     raise StepFailed("the path turns too far from its tangent in it", D, [])
@@ -117,7 +119,8 @@ class ArcLength:
             states.append(state)
             stats.steps += 1
             tangent, cuts = ahead, 0
-            ds *= min(2.0, max(0.5, _AIM / max(off, 1e-3)))
+            easy = min(_AIM / max(off, 1e-3), _CORRECTIONS / corrections)
+            ds *= min(2.0, max(0.5, easy))
 
     # -- Steps ----------------------------------------------------------------------------------
 

@@ -18,7 +18,7 @@ from .stepping import Stepper
 # what deviates more has left the path for another one.
 _FARTHEST = 1.0
 # The work of the loads, by the mean of both ends of a step, and the energy gained may differ by
-# this part of their sum. A response as the cube of the load's root, that of a slack cable, gives
+# this part of their sum. A response as the cube root of the load, that of a slack cable, gives
 # 1/3; a jump from one path to another releases what the loads have done beyond the energy.
 _UNBALANCED = 0.35
 # Deviation and corrections below which a step may be followed by one twice as long.

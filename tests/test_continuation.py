@@ -82,6 +82,28 @@ def test_lees_frame_meets_both_limit_loads_of_shooting():
         assert path.position(loaded)[row] == pytest.approx(exact, abs=1e-3 * lee.LEG)
 
 
+def test_a_deep_arch_meets_the_limit_load_of_the_literature():
+    # DaDeppo & Schmidt (1975), J. Appl. Mech. 42: 8.97 EI/R^2 for a circular arch of 215 degrees,
+    # hinged at one end and clamped at the other, inextensible, under a load at its top.
+    half = np.radians(215 / 2)
+
+    def limit(elements):
+        at = np.linspace(-half, half, elements + 1)
+        scene = fb.Scene()
+        section = fb.Section(EA=1e8, GA=1e8, EI=1.0)
+        around = np.column_stack([np.sin(at), np.cos(at)])
+        arch = scene.add_beam(around, section, elements)
+        scene.clamp(arch.start)
+        scene.pin(arch.end)
+        scene.add_force(arch.node(0.5), (0.0, -10.0))
+        path = fb.static(scene, 20, continuation="arc-length", max_steps=40)
+        return 10 * path.stats.limit_points[0]
+
+    coarse, fine = limit(40), limit(80)
+    assert coarse == pytest.approx(8.97, rel=0.01)
+    assert fine + (fine - coarse) / 3 == pytest.approx(8.97, rel=1e-3)
+
+
 def test_every_row_of_the_path_is_in_equilibrium():
     lee = demo("lee_frame")
     frame, loaded, hinge = lee.scene(elements=5, degree=2)
