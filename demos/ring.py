@@ -120,8 +120,8 @@ def blow(t):
     return FORCE * math.sin(math.pi * t / PULSE) if t < PULSE else 0.0
 
 
-def fly(scheme, dt):
-    """The solution, as far as the scheme goes."""
+def thrown():
+    """The ring with its velocities and the blow."""
     ring, upper, lower = scene()
     ring.add_force(upper.start, lambda t: (-blow(t), 0))
     ring.add_force(upper.end, lambda t: (blow(t), 0))
@@ -129,6 +129,12 @@ def fly(scheme, dt):
         ring.set_velocity(
             half, lambda x, y: (VELOCITY[0] - SPIN * y, VELOCITY[1] + SPIN * x), spin=SPIN
         )
+    return ring
+
+
+def fly(scheme, dt):
+    """The solution, as far as the scheme goes."""
+    ring = thrown()
     try:
         return fb.simulate(ring, scheme, dt=dt, t_end=T_END, max_halvings=MAX_HALVINGS)
     except fb.StepError as error:

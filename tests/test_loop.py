@@ -86,6 +86,7 @@ SCENES = {
     "three-bar swing": (lambda: demo_scene("three_bar_swing"), 5e-4),
     "multi-body system": (lambda: demo_scene("multibody"), 0.005),
     "slider crank": (lambda: demo_scene("slider_crank"), 5e-4),
+    "ring": (demo("ring").thrown, 1e-3),
     "pinned beam of degree 2": (lambda: pinned_beam(4, degree=2)[0], 0.005),
     "flight of degree 3": (lambda: free_flight(4, degree=3)[0], 0.02),
     "frame with everything": (frame_with_everything, 0.005),
