@@ -215,6 +215,52 @@ class Actuators:
         """Energy that the dampers take in the present step [J]."""
         return sum(actuator.lost for actuator in self._all)
 
+    # -- For the compiled loop ------------------------------------------------------------------
+
+    @property
+    def damped(self) -> bool:
+        """Whether there are dampers."""
+        return any(actuator.c for actuator in self._all)
+
+    def turns(self) -> list[int]:
+        """Rotations on which springs and dampers act."""
+        return [t for actuator in self._all for t in actuator.turns or () if t >= 0]
+
+    def tables(self) -> tuple[list[dict], dict[str, list]]:
+        """Springs and dampers as ``Actuator`` of loop.h, and where their forces go."""
+        rows, pushes = [], []
+        for number, actuator in enumerate(self._all):
+            a, b = actuator.turns or (-1, -1)
+            slides = actuator.turns is None
+            column = actuator.columns[1][0][0] if slides else -1
+            slide = actuator.joint.number if slides else -1
+            row = {"slide": slide, "column": column, "turn_a": a, "turn_b": b}
+            rows.append(row | {"k": actuator.k, "rest": actuator.rest, "c": actuator.c})
+            for side, own in zip((-1.0, 1.0), actuator.columns, strict=True):
+                pushes += [(column, number, side * sign) for column, _, sign in own]
+        return rows, _table(("column", "of", "sign"), pushes)
+
+    def terms(self) -> dict[str, list]:
+        """What `stiffness` consists of: actuator, side and sign of each entry."""
+        numbers = {id(actuator): number for number, actuator in enumerate(self._all)}
+        terms = [(numbers[id(a)], side, row * column) for a, side, row, column in self._terms]
+        return _table(("of", "side", "sign"), terms)
+
+    def twists(self, turning) -> dict[str, list]:
+        """Their parts in the moments of joints, `turning` the moments of nodes in those."""
+        twists = []
+        for number, actuator in enumerate(self._all):
+            if actuator.turns is not None:
+                part = np.zeros(turning.shape[0])
+                part[actuator.joint.number] -= 1.0
+                for node, sign in ((actuator.joint.a, -1.0), (actuator.joint.b, 1.0)):
+                    if node is not GROUND:
+                        part += sign * turning[:, [node.number]].toarray()[:, 0]
+                twists += [(joint, number, part[joint]) for joint in np.flatnonzero(part)]
+        return _table(("joint", "of", "sign"), twists)
+
+    # -- Moments --------------------------------------------------------------------------------
+
     def moments(self, joints: int) -> np.ndarray:
         """Moments (joints,) of rotational springs and dampers on the nodes b [N m]."""
         total = np.zeros(joints)
@@ -247,3 +293,7 @@ class Actuators:
 
 def _entries(couplings: Couplings, dof: int) -> list[Entry]:
     return couplings.entries[dof] if dof >= 0 else []
+
+
+def _table(names: tuple[str, ...], rows: list[tuple]) -> dict[str, list]:
+    return {name: [row[i] for row in rows] for i, name in enumerate(names)}

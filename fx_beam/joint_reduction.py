@@ -117,6 +117,7 @@ class JointReduction:
             plain={"to": self._plain[0], "source": self._plain[1]},
             mixed={"to": to, "source": source, "hat": hat, "value": value, "sign": sign},
             second={"to": self._second_place, "joint": joint, "kind": kind, "sign": second_sign},
+            third={"to": self._actuator_place, **self._actuators.terms()},
         )
 
     # -- A step -----------------------------------------------------------------------------------

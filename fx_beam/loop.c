@@ -14,6 +14,7 @@ typedef struct {
   double *tangent, *values, *hat, *psi0, *rho0, *t0, *rho1, *t1, *mean_t, *guide_slope;
   double *guide_bend, *passing, *columns, *y, *start, *force, *left;
   double *D1, *D2, *z1, *z2; /* increments of the last two steps */
+  double dt;
   int known, close;          /* how many of them there are; whether they foretold the last one */
 } Work;
 
@@ -151,6 +152,48 @@ static void advance_rates(Problem *p, const Work *w, double dt) {
   }
 }
 
+/* -- Springs and dampers (actuators.py) ------------------------------------------------------- */
+
+static double coordinate(const Problem *p, const Actuator *a) {
+  if (a->slide >= 0) return p->slide[a->slide];
+  return (a->turn_b < 0 ? 0 : p->q[a->turn_b]) - (a->turn_a < 0 ? 0 : p->q[a->turn_a]);
+}
+
+static double stored(const Problem *p) {
+  double sum = 0;
+  for (int i = 0; i < p->actuators; ++i) {
+    const Actuator *a = p->actuator + i;
+    double stretch = coordinate(p, a) - a->rest;
+    sum += a->k / 2 * stretch * stretch;
+  }
+  return sum;
+}
+
+static void actuate(const Problem *p, const Work *w) {
+  for (int i = 0; i < p->actuators; ++i) {
+    Actuator *a = p->actuator + i;
+    double change, path, ratio = 1, by_a = 0, by_b = 0, slope_a = 0, slope_b = 1;
+    if (a->slide >= 0)
+      change = path = w->z[a->column];
+    else {
+      double Da = a->turn_a < 0 ? 0 : w->D[a->turn_a], Db = a->turn_b < 0 ? 0 : w->D[a->turn_b];
+      change = path = Db - Da, slope_a = 1;
+      if (p->rule == 0) {
+        double tan_a = tan(Da / 2), tan_b = tan(Db / 2), x = change / 2;
+        path = 2 * (tan_b - tan_a), slope_a = 1 + tan_a * tan_a, slope_b = 1 + tan_b * tan_b;
+        ratio = cos(Da / 2) * cos(Db / 2) * (x != 0 ? x / sin(x) : 1);
+        double by_x = fabs(x) < 1e-3 ? x / 3 : 1 / x - 1 / tan(x);
+        by_a = ratio * (-by_x - tan_a) / 2, by_b = ratio * (by_x - tan_b) / 2;
+      }
+    }
+    double level = p->level, elastic = a->k * (a->start + level * change - a->rest);
+    a->force = elastic * ratio + a->c * path / w->dt;
+    a->lost = a->c * path * path / w->dt;
+    a->slope_a = -a->k * level * ratio + elastic * by_a - a->c * slope_a / w->dt;
+    a->slope_b = a->k * level * ratio + elastic * by_b + a->c * slope_b / w->dt;
+  }
+}
+
 /* -- Couplings (reduction.py) ------------------------------------------------------------------ */
 
 static void turn(double psi, double x, double y, double *out) {
@@ -160,6 +203,7 @@ static void turn(double psi, double x, double y, double *out) {
 
 static void begin_couplings(const Problem *p, const Work *w) {
   w->values[0] = w->hat[0] = 1;
+  for (int i = 0; i < p->actuators; ++i) p->actuator[i].start = coordinate(p, p->actuator + i);
   for (int j = 0; j < p->joints; ++j) {
     double d = p->slide_of[j] < 0 ? 0 : p->slide[p->slide_of[j]];
     const double *o = p->offset + 2 * j, *e = p->axis + 2 * j;
@@ -200,6 +244,7 @@ static void expand(const Problem *p, const Work *w) {
     D[p->follower_x[k]] += p->joint_sign[j] * (w->rho1[2 * j] - w->rho0[2 * j]);
     D[p->follower_y[k]] += p->joint_sign[j] * (w->rho1[2 * j + 1] - w->rho0[2 * j + 1]);
   }
+  actuate(p, w);
 }
 
 static void spread(const Problem *p, const Work *w, const double *z, double *out) {
@@ -212,6 +257,8 @@ static void project(const Problem *p, const Work *w, const double *r, double *ou
   memset(out, 0, p->columns * sizeof *out);
   for (int k = 0; k < p->entries; ++k)
     out[p->entry_column[k]] += p->entry_sign[k] * w->hat[p->entry_value[k]] * r[p->entry_row[k]];
+  for (int k = 0; k < p->pushes; ++k)
+    out[p->push_column[k]] += p->push_sign[k] * p->actuator[p->push_of[k]].force;
 }
 
 static void transmitted(const Problem *p, const Work *w, const double *r) {
@@ -242,6 +289,10 @@ static void reduce_tangent(const Problem *p, const Work *w, const double *r) {
       term = w->guide_bend[j] * (F0 * w->mean_t[2 * j] + F1 * w->mean_t[2 * j + 1]) +
              w->guide_slope[j] * turned;
     K[p->second_to[k]] += p->second_sign[k] * term;
+  }
+  for (int k = 0; k < p->third; ++k) {
+    const Actuator *a = p->actuator + p->third_of[k];
+    K[p->third_to[k]] += p->third_sign[k] * (p->third_side[k] ? a->slope_b : a->slope_a);
   }
 }
 
@@ -421,6 +472,8 @@ static void joint_forces(const Problem *p, const Work *w, double *out) {
     for (int k = p->sum_start[i]; k < p->sum_start[i + 1]; ++k)
       out[i] += p->sum_sign[k] * w->r[p->sum_of[k]];
   }
+  for (int k = 0; k < p->twists; ++k)
+    out[3 * p->twist_joint[k] + 2] += p->twist_sign[k] * p->actuator[p->twist_of[k]].force;
   if (!p->joints) return;
   transmitted(p, w, w->r);
   for (int i = 0; i < p->scene_joints; ++i)
@@ -445,6 +498,7 @@ static void record(Problem *p, const Work *w, Record *to) {
   for (int i = 0; i < n; ++i) energy[0] += p->v[i] * momentum[i] / 2;
   const double *fields[5] = {p->q, w->D, w->path, p->v, p->a};
   assemble(p, &p->energy, fields, 0, 0, energy + 1);
+  energy[1] += stored(p);
   if (p->weight)
     for (int i = 0; i < n; ++i) energy[2] -= p->weight[i] * p->q[i];
   energy[3] = p->work;
@@ -460,7 +514,7 @@ int fx_run(Problem *p, int steps, double dt, const double *forces, long force_st
            const double *driven, Record *to) {
   Work work, *w = &work;
   lay_out(p, w, p->scratch);
-  w->known = w->close = 0;
+  w->known = w->close = 0, w->dt = dt;
   int n = p->dofs, held = p->columns - p->free;
   for (int k = 0; k < steps; ++k) {
     const double *F0 = forces + k * force_stride, *F1 = F0 + n;
@@ -482,6 +536,7 @@ int fx_run(Problem *p, int steps, double dt, const double *forces, long force_st
     work_increment(p, w);
     for (int i = 0; i < n; ++i)
       p->work += ((F0[i] + F1[i]) / 2 - (p->weight ? p->weight[i] : 0)) * w->path[i];
+    for (int i = 0; i < p->actuators; ++i) p->work -= p->actuator[i].lost;
     project(p, w, w->r, w->columns);
     for (int i = 0; i < p->driven; ++i) {
       double along;

@@ -25,6 +25,14 @@ typedef struct {
   int time_at, dt_at;  /* their places among the constants, or -1 */
 } Form;
 
+/* A spring and damper on the slide of a joint, or on the angle between two rotations. */
+typedef struct {
+  int slide, column;   /* number of the joint and column, or -1 */
+  int turn_a, turn_b;  /* rotations; -1 for the ground */
+  double k, rest, c;
+  double start, force, lost, slope_a, slope_b; /* in the present step */
+} Actuator;
+
 typedef struct {
   int dofs, cell_dofs, cell_coordinates, columns, free, driven;
   int *turns, turning;  /* rotations */
@@ -63,6 +71,17 @@ typedef struct {
   double *mixed_sign;
   int *second_to, *second_joint, *second_kind;
   double *second_sign;
+
+  /* Springs and dampers: columns on which they act, their part in the reduced tangent, and in the
+     moments of the joints. */
+  int actuators, pushes, third, twists;
+  Actuator *actuator;
+  int *push_column, *push_of;
+  double *push_sign;
+  int *third_to, *third_of, *third_side;
+  double *third_sign;
+  int *twist_joint, *twist_of;
+  double *twist_sign;
 
   /* Rates: 0 mid-point, 1 Newmark. */
   int rule;

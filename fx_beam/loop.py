@@ -1,29 +1,17 @@
-"""The compiled loop over time steps: a scene's forms, matrices and couplings handed to loop.c.
+"""The compiled loop over time steps, run a block of steps at a time.
 
-Everything physical comes from the functions that FFCx generates from the UFL; loop.c knows
-Newton's method, the couplings and the nodal rates. Forces and driven motions are evaluated here,
-a block of steps ahead.
+Forces and driven motions are evaluated here, ahead of the block.
 """
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
-import scipy.sparse
 
-from . import compat
-from .band import alone_in_column, in_band, places_in_band
-from .library import LoopUnavailable, load_batches, load_library
-from .newton import CLOSE, ENERGY_FLOOR, ENERGY_SHARE, LONGEST_TURN, NewtonOptions
-from .rates import MidPointRates, NewmarkRates
+from .newton import NewtonOptions
+from .problem import Problem
 from .recorder import Recorder
-from .reduction import Tables
 from .state import State
 from .stepping import Stepper
-
-# A wider band costs more than a sparse factorisation.
-_WIDEST_BAND = 60
 
 
 class CompiledLoop:
@@ -39,236 +27,16 @@ class CompiledLoop:
     Raises
     ------
     LoopUnavailable
-        For springs, dampers, follower forces, a scheme with rates of its own, a wide band, or no
-        compiler.
+        For a scene that the loop does not take, or if it cannot be built.
     """
 
     def __init__(self, stepper: Stepper, options: NewtonOptions):
         self._stepper, self.model = stepper, stepper.model
-        if len(self.model.actuators):
-            raise LoopUnavailable("springs and dampers")
-        if any(load.follower for load in self.model.scene.loads):
-            raise LoopUnavailable("follower forces")
-        self._ffi, self._library = load_library()
-        self._keep: list[Any] = []
-        self._problem = self._ffi.new("Problem *")
-        tables = self.model.reduction.tables()
-        band, place = self._hand_over_couplings(tables)
-        self._hand_over_mesh(place)
-        for name, form in (
-            ("residual", "internal forces"),
-            ("tangent", "tangent"),
-            ("path_tangent", "tangent of the path"),
-            ("energy", "strain energy"),
-            ("added", "added virtual work"),
-        ):
-            if form in self.model.forms.compiled:
-                self._hand_over_form(getattr(self._problem, name), form)
-        self._problem.has_added = self.model.forms.has_added
-        self._hand_over_rates()
-        self._hand_over_motors_and_joints(tables.joints["number"])
-        self._hand_over_newton(options)
-        self._make_room()
-        stepper.stats.solver = f"compiled, band {band}"
-
-    # -- Handing over ---------------------------------------------------------------------------
-
-    def _ints(self, **arrays) -> None:
-        for name, values in arrays.items():
-            setattr(self._problem, name, self._pointer(values, np.int32))
-
-    def _doubles(self, **arrays) -> None:
-        for name, values in arrays.items():
-            setattr(self._problem, name, self._pointer(values, np.float64))
-
-    def _pointer(self, values, dtype):
-        array = self._kept(np.ascontiguousarray(values, dtype=dtype))
-        return self._ffi.cast("int *" if dtype == np.int32 else "double *", array.ctypes.data)
-
-    def _kept(self, data):
-        """What C holds no reference to."""
-        self._keep.append(data)
-        return data
-
-    def _hand_over_mesh(self, place: np.ndarray) -> None:
-        model, p = self.model, self._problem
-        mesh, K, mass = model.mesh, model.forms.stiffness, model.mass
-        dofs, coordinates = compat.element_dofs(mesh.space), compat.element_coordinates(mesh.mesh)
-        p.dofs, p.nodes = model.size, len(mesh.X)
-        p.cell_dofs, p.cell_coordinates = dofs.shape[1], coordinates.shape[1]
-        massless = np.flatnonzero(model.massless)
-        p.turning, p.lacking = len(model.turns), len(massless)
-        # Numbers of the entries of K, from 1 so that none is a zero.
-        numbered = scipy.sparse.csr_matrix((np.arange(1, K.nnz + 1), K.indices, K.indptr), K.shape)
-        n = dofs.shape[1]
-        entries = numbered[np.repeat(dofs, n, axis=1).ravel(), np.tile(dofs, (1, n)).ravel()]
-        #: What element functions and their results refer to, cell by cell.
-        self._cell_data = {
-            "dofs": dofs,
-            "place": place[np.asarray(entries).reshape(len(dofs), n * n) - 1],
-            "coordinates": coordinates,
-        }
-        heavy = mass.data != 0
-        self._ints(
-            turns=model.turns,
-            massless=massless,
-            row_start=K.indptr,
-            column_of=K.indices,
-            place=place,
-            mass_start=np.concatenate([[0], np.cumsum(heavy)])[mass.indptr],
-            mass_column=mass.indices[heavy],
-            mass_place=place[heavy],
-            node_dofs=mesh.dofs,
-        )
-        self._doubles(per_unit=1 / model.unit, mass=mass.data[heavy], position=mesh.X)
-        if model.weight is not None:
-            self._doubles(weight=model.weight)
-
-    def _hand_over_form(self, out, name: str) -> None:
-        ffi, p, forms = self._ffi, self._problem, self.model.forms
-        form, ufl_form = forms.compiled[name]
-        packed = compat.packed_coefficients(form)
-        tags = compat.integrals(form)
-        out.integrals, out.width = len(tags), packed[tags[0]].shape[1]
-        size = p.cell_dofs ** len(ufl_form.arguments())
-        numbers = size, out.width, p.cell_coordinates
-        batches = load_batches(name, form, ufl_form, *numbers)
-        out.of = integrals = self._kept(ffi.new("Integral[]", len(tags)))
-        for of, tag, batch in zip(integrals, tags, batches, strict=True):
-            cells = forms.cells_of(tag)
-            of.batch, of.cells = ffi.cast("Batch *", batch), len(cells)
-            for key, rows in self._cell_data.items():
-                setattr(of, key, self._lanes(rows[cells]))
-            of.packed = self._lanes(packed[tag])
-        moving = compat.coefficient_offsets(form, forms.moving)
-        out.moving = len(moving)
-        out.kind = self._pointer([kind for kind, _ in moving], np.int32)
-        out.offset = self._pointer([offset for _, offset in moving], np.int32)
-        sought = forms.time, forms.dt
-        constants, places = compat.packed_constants(form, ufl_form, sought)
-        out.constants = self._pointer(constants, np.float64)
-        out.time_at, out.dt_at = places
-
-    def _lanes(self, rows: np.ndarray):
-        """Pointer to rows in blocks of LANES, column by column; the last row fills the last one."""
-        lanes = self._library.LANES
-        padded = np.pad(rows, ((0, -len(rows) % lanes), (0, 0)), mode="edge")
-        blocks = padded.reshape(len(padded) // lanes, lanes, rows.shape[1]).swapaxes(1, 2)
-        return self._pointer(blocks, np.float64 if rows.dtype == np.float64 else np.int32)
-
-    def _hand_over_rates(self) -> None:
-        p, rates = self._problem, self.model.scheme.rates
-        p.level = rates.level
-        if type(rates) is NewmarkRates:
-            p.rule, p.beta, p.gamma, p.alpha_m = 1, rates.beta, rates.gamma, rates.alpha_m
-        elif type(rates) is not MidPointRates:
-            raise LoopUnavailable(f"{type(rates).__name__} is a rule of its own")
-
-    def _hand_over_couplings(self, t: Tables) -> tuple[int, np.ndarray]:
-        """Half width of the band, and where each entry of the full tangent stands."""
-        p, reduction = self._problem, self.model.reduction
-        p.columns, p.free, p.driven = reduction.columns, reduction.free, reduction.driven
-        p.entries, p.joints = len(t.entries["row"]), len(t.joints["number"])
-        p.followers = len(t.followers["through"])
-        names = {"row": "entry_row", "column": "entry_column", "value": "entry_value"}
-        self._ints(**{names[key]: t.entries[key] for key in names})
-        self._ints(
-            guide=t.joints["guide"],
-            slide_column=t.joints["slide_column"],
-            slide_of=t.joints["number"],
-            follower_x=t.followers["x"],
-            follower_y=t.followers["y"],
-            through=t.followers["through"],
-        )
-        self._doubles(
-            entry_sign=t.entries["sign"],
-            offset=t.joints["offset"],
-            axis=t.joints["axis"],
-            joint_sign=t.joints["sign"],
-        )
-        if not reduction.free:
-            raise LoopUnavailable("there are no unknowns")
-        band, order, at = in_band(*reduction.pattern)
-        if band > _WIDEST_BAND:
-            raise LoopUnavailable(f"a band of {band} is too wide")
-        alone = alone_in_column(t, self.model.size, reduction.free)
-        behind = reduction.free * (2 * band + 1)
-        place, places = places_in_band(t, self.model.forms.stiffness, alone, at, behind)
-        reacts = np.flatnonzero(~alone)
-        p.band, p.places, p.reacting = band, places, len(reacts)
-        self._ints(order=order, reacts=reacts)
-        added = place[t.plain["source"]] >= behind
-        plain = {key: values[added] for key, values in t.plain.items()}
-        for name, table in (("plain", plain), ("mixed", t.mixed), ("second", t.second)):
-            setattr(p, name, len(table["to"]))
-            for key, values in table.items():
-                if key == "sign":
-                    self._doubles(**{f"{name}_sign": values})
-                elif key == "to":
-                    self._ints(**{f"{name}_to": at[values]})
-                elif key == "source":
-                    self._ints(**{f"{name}_from": place[values]})
-                else:
-                    self._ints(**{f"{name}_{key}": values})
-        return band, place
-
-    def _hand_over_motors_and_joints(self, bending: np.ndarray) -> None:
-        p, model = self._problem, self.model
-
-        def turn(node) -> int:
-            return -1 if node.number < 0 else model.mesh.dofs[node.number, 2]
-
-        none = [-1] * len(model.prescribed)
-        self._ints(
-            driven_dof=[*model.prescribed, *[-1] * len(model.motors)],
-            motor_a=none + [turn(joint.a) for joint, _ in model.motors],
-            motor_b=none + [turn(joint.b) for joint, _ in model.motors],
-            motor_slide=none + [j.number if on == "slide" else -1 for j, on in model.motors],
-        )
-        p.slides = p.scene_joints = len(model.scene.joints)
-        if self._stepper.joint_forces is None:
-            return
-        sums, turning = self._stepper.joint_forces.tables
-        # Bending joints by the node that carries them.
-        carriers = [model.scene.joints[n].a.number for n in bending]
-        levers = [
-            (j, m, turning[j, node])
-            for j in range(p.scene_joints)
-            for m, node in enumerate(carriers)
-            if node >= 0 and turning[j, node]
-        ]
-        starts = np.searchsorted([j for j, _, _ in levers], np.arange(p.scene_joints + 1))
-        self._ints(
-            sum_start=sums.indptr,
-            sum_of=sums.indices,
-            lever_joint_start=starts,
-            lever_joint=[m for _, m, _ in levers],
-        )
-        self._doubles(sum_sign=sums.data, lever_sign=[sign for _, _, sign in levers])
-
-    def _hand_over_newton(self, options: NewtonOptions) -> None:
-        p = self._problem
-        p.tolerance, p.max_turn = options.tolerance, options.max_turn
-        p.longest_turn, p.energy_floor = LONGEST_TURN, ENERGY_FLOOR
-        p.energy_tolerance, p.close = ENERGY_SHARE * options.tolerance, CLOSE
-        p.max_iterations = options.max_iterations
-
-    def _make_room(self) -> None:
-        model, reduction = self.model, self.model.reduction
-        sizes = {
-            "q": model.size,
-            "v": model.size,
-            "a": model.size,
-            "slide": len(model.scene.joints),
-            "driven_now": reduction.driven,
-            "held": reduction.columns - reduction.free,
-            "added_force": model.size,
-        }
-        self._room = {name: np.zeros(size) for name, size in sizes.items()}
-        self._doubles(**self._room)
-        self._doubles(scratch=np.zeros(self._library.fx_scratch(self._problem)))
-
-    # -- Running --------------------------------------------------------------------------------
+        problem = Problem(self.model, stepper.joint_forces, options)
+        self._all = problem  # owns what the rest points to
+        self._ffi, self._library = problem.ffi, problem.library
+        self._problem, self._room = problem.c, problem.room
+        stepper.stats.solver = f"compiled, band {problem.band}"
 
     def march(self, state: State, times: np.ndarray, first: int, recorder: Recorder) -> State:
         """State after several steps of the grid.

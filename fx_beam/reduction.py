@@ -30,6 +30,8 @@ class Tables(NamedTuple):
         to, source, hat, value and sign: those that are multiplied by entries of That and T.
     second : dict
         to, joint, kind and sign of the derivatives of That.
+    third : dict
+        to, of, side and sign of the derivatives of the forces of springs and dampers.
     """
 
     entries: dict
@@ -38,6 +40,7 @@ class Tables(NamedTuple):
     plain: dict
     mixed: dict
     second: dict
+    third: dict
 
 
 class Reduction(Protocol):
@@ -163,6 +166,7 @@ class IndexReduction:
             plain={"to": to, "source": source},
             mixed={"to": none, "source": none, "hat": none, "value": none, "sign": none},
             second={"to": none, "joint": none, "kind": none, "sign": none},
+            third={"to": none, "of": none, "side": none, "sign": none},
         )
 
 

@@ -54,6 +54,7 @@ LAYERS = [
     "stepping",
     "library",
     "band",
+    "problem",
     "loop",
     "loading",
     "continuation",

@@ -64,6 +64,21 @@ def linkage():
     return scene
 
 
+def sprung(viscosity=0.0):
+    """Springs and dampers on angles and slides, between nodes and to the ground."""
+    scene = fb.Scene(gravity=(0, -9.81))
+    crank = scene.add_beam([(0, 0), (0.5, 0)], FLYING, elements=2)
+    rod = scene.add_beam([(0.6, 0), (1.6, 0.3)], FLYING, elements=3)
+    tail = scene.add_beam([(1.6, 0.3), (2.4, 0.3)], FLYING, elements=2)
+    hinge, spring = fb.Spring(stiffness=300.0, rest=0.2), fb.Spring(stiffness=800.0)
+    damper = fb.Damper(viscosity) if viscosity else None
+    scene.add_joint(fb.Revolute(fb.GROUND, crank.start, spring=hinge, damper=damper))
+    scene.add_joint(fb.Revolute(crank.end, rod.start, offset=(0.1, 0), spring=hinge))
+    slide = fb.Prismatic(rod.end, tail.start, axis=(1, 0.2), spring=spring, damper=damper)
+    scene.add_joint(slide)
+    return scene
+
+
 def tapered_arch():
     """Curved elements of degree 2 with data of their own at every Gauss point."""
     scene = fb.Scene(gravity=(0.3, -9.81))
@@ -91,6 +106,7 @@ SCENES = {
     "flight of degree 3": (lambda: free_flight(4, degree=3)[0], 0.02),
     "frame with everything": (frame_with_everything, 0.005),
     "linkage": (linkage, 0.005),
+    "springs": (sprung, 0.005),
     "tapered arch of degree 2": (tapered_arch, 0.005),
 }
 
@@ -169,6 +185,19 @@ def test_a_last_step_may_be_shorter():
     reference = fb.simulate(scene, dt=0.03, t_end=0.2, solver="petsc")
     assert compiled.t == pytest.approx([*(0.03 * np.arange(7)), 0.2])
     assert abs(compiled.q - reference.q).max() < 1e-9 * 100
+
+
+def test_dampers_run_in_the_loop_where_their_rate_is_the_mean_one():
+    scene = sprung(viscosity=5.0)
+    compiled, reference = (
+        fb.simulate(scene, dt=0.005, t_end=0.5, solver=solver) for solver in ("compiled", "petsc")
+    )
+    assert abs(compiled.q - reference.q).max() < 1e-10
+    assert abs(compiled.joint_forces - reference.joint_forces).max() < 1e-6
+    assert abs(compiled.energy.work - reference.energy.work).max() < 1e-9
+    assert compiled.energy.work[-1] < -1.0
+    newmark = fb.simulate(scene, fb.Newmark(), dt=0.005, t_end=0.05)
+    assert newmark.stats.solver == "petsc lu (dampers with rates other than the mean ones)"
 
 
 # -- Which solver -------------------------------------------------------------------------------

@@ -1,0 +1,305 @@
+"""A scene as loop.c takes it: forms, matrices and couplings as lists of numbers.
+
+Everything physical comes from the functions that FFCx generates from the UFL; loop.c knows
+Newton's method, the couplings and the nodal rates.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import scipy.sparse
+
+from . import compat
+from .band import alone_in_column, in_band, places_in_band
+from .library import LoopUnavailable, load_batches, load_library
+from .model import JointForces, Model
+from .newton import CLOSE, ENERGY_FLOOR, ENERGY_SHARE, LONGEST_TURN, NewtonOptions
+from .rates import MidPointRates, NewmarkRates
+from .reduction import Tables
+
+# A wider band costs more than a sparse factorisation.
+_WIDEST_BAND = 60
+_FORMS = {
+    "residual": "internal forces",
+    "tangent": "tangent",
+    "path_tangent": "tangent of the path",
+    "energy": "strain energy",
+    "added": "added virtual work",
+}
+
+
+class Problem:
+    """The structure `Problem` of loop.h for a scene, and the memory that it points to.
+
+    Parameters
+    ----------
+    model : Model
+        The compiled scene.
+    joint_forces : JointForces, optional
+        The sums that joint forces are, if there are joints.
+    options : NewtonOptions
+        When Newton's method stops.
+
+    Attributes
+    ----------
+    ffi, library : cffi.FFI and library
+        The interface of loop.h.
+    c : cffi pointer
+        The structure.
+    room : dict
+        Arrays of the state, by their names in it.
+    band : int
+        Half width of the band.
+
+    Raises
+    ------
+    LoopUnavailable
+        For follower forces, dampers with rates other than the mean ones, a scheme with rates of
+        its own, a wide band, or no compiler.
+    """
+
+    def __init__(self, model: Model, joint_forces: JointForces | None, options: NewtonOptions):
+        self.model = model
+        if any(load.follower for load in model.scene.loads):
+            raise LoopUnavailable("follower forces")
+        self.ffi, self.library = load_library()
+        self._keep: list[Any] = []
+        self.c = self.ffi.new("Problem *")
+        tables = model.reduction.tables()
+        place = self._hand_over_couplings(tables)
+        self._hand_over_mesh(place)
+        for name, form in _FORMS.items():
+            if form in model.forms.compiled:
+                self._hand_over_form(getattr(self.c, name), form)
+        self.c.has_added = model.forms.has_added
+        self._hand_over_rates()
+        self._hand_over_motors()
+        self._hand_over_actuators()
+        if joint_forces is not None:
+            self._hand_over_joint_forces(tables, joint_forces)
+        self._hand_over_newton(options)
+        self._make_room()
+
+    def _ints(self, **arrays) -> None:
+        for name, values in arrays.items():
+            setattr(self.c, name, self._pointer(values, np.int32))
+
+    def _doubles(self, **arrays) -> None:
+        for name, values in arrays.items():
+            setattr(self.c, name, self._pointer(values, np.float64))
+
+    def _pointer(self, values, dtype):
+        array = self._kept(np.ascontiguousarray(values, dtype=dtype))
+        return self.ffi.cast("int *" if dtype == np.int32 else "double *", array.ctypes.data)
+
+    def _kept(self, data):
+        """What C holds no reference to."""
+        self._keep.append(data)
+        return data
+
+    def _hand_over_mesh(self, place: np.ndarray) -> None:
+        model, p = self.model, self.c
+        mesh, K, mass = model.mesh, model.forms.stiffness, model.mass
+        dofs, coordinates = compat.element_dofs(mesh.space), compat.element_coordinates(mesh.mesh)
+        p.dofs, p.nodes = model.size, len(mesh.X)
+        p.cell_dofs, p.cell_coordinates = dofs.shape[1], coordinates.shape[1]
+        massless = np.flatnonzero(model.massless)
+        p.turning, p.lacking = len(model.turns), len(massless)
+        # Numbers of the entries of K, from 1 so that none is a zero.
+        numbered = scipy.sparse.csr_matrix((np.arange(1, K.nnz + 1), K.indices, K.indptr), K.shape)
+        n = dofs.shape[1]
+        entries = numbered[np.repeat(dofs, n, axis=1).ravel(), np.tile(dofs, (1, n)).ravel()]
+        #: What element functions and their results refer to, cell by cell.
+        self._cell_data = {
+            "dofs": dofs,
+            "place": place[np.asarray(entries).reshape(len(dofs), n * n) - 1],
+            "coordinates": coordinates,
+        }
+        heavy = mass.data != 0
+        self._ints(
+            turns=model.turns,
+            massless=massless,
+            row_start=K.indptr,
+            column_of=K.indices,
+            place=place,
+            mass_start=np.concatenate([[0], np.cumsum(heavy)])[mass.indptr],
+            mass_column=mass.indices[heavy],
+            mass_place=place[heavy],
+            node_dofs=mesh.dofs,
+        )
+        self._doubles(per_unit=1 / model.unit, mass=mass.data[heavy], position=mesh.X)
+        if model.weight is not None:
+            self._doubles(weight=model.weight)
+
+    def _hand_over_form(self, out, name: str) -> None:
+        ffi, p, forms = self.ffi, self.c, self.model.forms
+        form, ufl_form = forms.compiled[name]
+        packed = compat.packed_coefficients(form)
+        tags = compat.integrals(form)
+        out.integrals, out.width = len(tags), packed[tags[0]].shape[1]
+        size = p.cell_dofs ** len(ufl_form.arguments())
+        numbers = size, out.width, p.cell_coordinates
+        batches = load_batches(name, form, ufl_form, *numbers)
+        out.of = integrals = self._kept(ffi.new("Integral[]", len(tags)))
+        for of, tag, batch in zip(integrals, tags, batches, strict=True):
+            cells = forms.cells_of(tag)
+            of.batch, of.cells = ffi.cast("Batch *", batch), len(cells)
+            for key, rows in self._cell_data.items():
+                setattr(of, key, self._lanes(rows[cells]))
+            of.packed = self._lanes(packed[tag])
+        moving = compat.coefficient_offsets(form, forms.moving)
+        out.moving = len(moving)
+        out.kind = self._pointer([kind for kind, _ in moving], np.int32)
+        out.offset = self._pointer([offset for _, offset in moving], np.int32)
+        sought = forms.time, forms.dt
+        constants, places = compat.packed_constants(form, ufl_form, sought)
+        out.constants = self._pointer(constants, np.float64)
+        out.time_at, out.dt_at = places
+
+    def _lanes(self, rows: np.ndarray):
+        """Pointer to rows in blocks of LANES, column by column; the last row fills the last one."""
+        lanes = self.library.LANES
+        padded = np.pad(rows, ((0, -len(rows) % lanes), (0, 0)), mode="edge")
+        blocks = padded.reshape(len(padded) // lanes, lanes, rows.shape[1]).swapaxes(1, 2)
+        return self._pointer(blocks, np.float64 if rows.dtype == np.float64 else np.int32)
+
+    def _hand_over_rates(self) -> None:
+        p, rates = self.c, self.model.scheme.rates
+        p.level = rates.level
+        if type(rates) is NewmarkRates:
+            p.rule, p.beta, p.gamma, p.alpha_m = 1, rates.beta, rates.gamma, rates.alpha_m
+        elif type(rates) is not MidPointRates:
+            raise LoopUnavailable(f"{type(rates).__name__} is a rule of its own")
+
+    def _hand_over_couplings(self, t: Tables) -> np.ndarray:
+        """Where each entry of the full tangent stands."""
+        p, reduction = self.c, self.model.reduction
+        p.columns, p.free, p.driven = reduction.columns, reduction.free, reduction.driven
+        p.entries, p.joints = len(t.entries["row"]), len(t.joints["number"])
+        p.followers = len(t.followers["through"])
+        names = {"row": "entry_row", "column": "entry_column", "value": "entry_value"}
+        self._ints(**{names[key]: t.entries[key] for key in names})
+        self._ints(
+            guide=t.joints["guide"],
+            slide_column=t.joints["slide_column"],
+            slide_of=t.joints["number"],
+            follower_x=t.followers["x"],
+            follower_y=t.followers["y"],
+            through=t.followers["through"],
+        )
+        self._doubles(
+            entry_sign=t.entries["sign"],
+            offset=t.joints["offset"],
+            axis=t.joints["axis"],
+            joint_sign=t.joints["sign"],
+        )
+        if not reduction.free:
+            raise LoopUnavailable("there are no unknowns")
+        band, order, at = in_band(*reduction.pattern)
+        if band > _WIDEST_BAND:
+            raise LoopUnavailable(f"a band of {band} is too wide")
+        alone = alone_in_column(t, self.model.size, reduction.free)
+        alone[self.model.actuators.turns()] = False  # what they bear is no force of a beam
+        behind = reduction.free * (2 * band + 1)
+        place, places = places_in_band(t, self.model.forms.stiffness, alone, at, behind)
+        reacts = np.flatnonzero(~alone)
+        p.band, p.places, p.reacting = band, places, len(reacts)
+        self._ints(order=order, reacts=reacts)
+        added = place[t.plain["source"]] >= behind
+        plain = {key: values[added] for key, values in t.plain.items()}
+        for name, table in (
+            ("plain", plain),
+            ("mixed", t.mixed),
+            ("second", t.second),
+            ("third", t.third),
+        ):
+            setattr(p, name, len(table["to"]))
+            for key, values in table.items():
+                if key == "sign":
+                    self._doubles(**{f"{name}_sign": values})
+                elif key == "to":
+                    self._ints(**{f"{name}_to": at[values]})
+                elif key == "source":
+                    self._ints(**{f"{name}_from": place[values]})
+                else:
+                    self._ints(**{f"{name}_{key}": values})
+        self.band = band
+        return place
+
+    def _hand_over_motors(self) -> None:
+        model = self.model
+
+        def turn(node) -> int:
+            return -1 if node.number < 0 else model.mesh.dofs[node.number, 2]
+
+        none = [-1] * len(model.prescribed)
+        self._ints(
+            driven_dof=[*model.prescribed, *[-1] * len(model.motors)],
+            motor_a=none + [turn(joint.a) for joint, _ in model.motors],
+            motor_b=none + [turn(joint.b) for joint, _ in model.motors],
+            motor_slide=none + [j.number if on == "slide" else -1 for j, on in model.motors],
+        )
+        self.c.slides = len(model.scene.joints)
+
+    def _hand_over_actuators(self) -> None:
+        actuators = self.model.actuators
+        if actuators.damped and self.model.scheme.rates.level != 0.5:
+            raise LoopUnavailable("dampers with rates other than the mean ones")
+        rows, pushes = actuators.tables()
+        self.c.actuators, self.c.pushes = len(rows), len(pushes["of"])
+        self.c.actuator = self._kept(self.ffi.new("Actuator[]", rows))
+        self._ints(push_column=pushes["column"], push_of=pushes["of"])
+        self._doubles(push_sign=pushes["sign"])
+
+    def _hand_over_joint_forces(self, t: Tables, joint_forces: JointForces) -> None:
+        joints = self.model.scene.joints
+        self.c.scene_joints = len(joints)
+        sums, turning = joint_forces.tables
+        # Bending joints by the node that carries them.
+        carriers = [joints[n].a.number for n in t.joints["number"]]
+        levers = [
+            (j, m, turning[j, node])
+            for j in range(len(joints))
+            for m, node in enumerate(carriers)
+            if node >= 0 and turning[j, node]
+        ]
+        starts = np.searchsorted([j for j, _, _ in levers], np.arange(len(joints) + 1))
+        twists = self.model.actuators.twists(turning)
+        self.c.twists = len(twists["of"])
+        self._ints(
+            sum_start=sums.indptr,
+            sum_of=sums.indices,
+            lever_joint_start=starts,
+            lever_joint=[m for _, m, _ in levers],
+            twist_joint=twists["joint"],
+            twist_of=twists["of"],
+        )
+        self._doubles(
+            sum_sign=sums.data,
+            lever_sign=[sign for _, _, sign in levers],
+            twist_sign=twists["sign"],
+        )
+
+    def _hand_over_newton(self, options: NewtonOptions) -> None:
+        p = self.c
+        p.tolerance, p.max_turn = options.tolerance, options.max_turn
+        p.longest_turn, p.energy_floor = LONGEST_TURN, ENERGY_FLOOR
+        p.energy_tolerance, p.close = ENERGY_SHARE * options.tolerance, CLOSE
+        p.max_iterations = options.max_iterations
+
+    def _make_room(self) -> None:
+        model, reduction = self.model, self.model.reduction
+        sizes = {
+            "q": model.size,
+            "v": model.size,
+            "a": model.size,
+            "slide": len(model.scene.joints),
+            "driven_now": reduction.driven,
+            "held": reduction.columns - reduction.free,
+            "added_force": model.size,
+        }
+        self.room = {name: np.zeros(size) for name, size in sizes.items()}
+        self._doubles(**self.room)
+        self._doubles(scratch=np.zeros(self.library.fx_scratch(self.c)))
