@@ -8,7 +8,7 @@ import scipy.sparse
 from .loads import just_inside
 from .mesh import Mesh
 from .scene import Scene
-from .values import evaluate
+from .values import Constant, evaluate
 
 
 class Followers:
@@ -27,27 +27,52 @@ class Followers:
         Has the entries that the tangent takes.
     level : float
         Where in a step forces are taken.
+
+    Attributes
+    ----------
+    dofs : (n, 3) int
+        Degrees of freedom of their nodes.
+    places : (n, 2) int
+        Entries of the stiffness that they change.
     """
 
     def __init__(self, scene: Scene, mesh: Mesh, stiffness: scipy.sparse.csr_matrix, level: float):
         self._loads = [load for load in scene.loads if load.follower]
         self._level = level
         dofs = np.array([mesh.dofs[mesh.nodes_of(scene, load.target)[0]] for load in self._loads])
+        self.dofs = dofs
         self._u, self._psi = dofs[:, :2], dofs[:, 2]
         entry = stiffness.copy()
         entry.data = np.arange(len(entry.data)) + 1.0
-        #: Places of the derivatives of both components by the rotation.
-        self._places = np.array(
-            [[int(entry[row, psi]) - 1 for row in (x, y)] for x, y, psi in dofs]
-        )
+        self.places = np.array([[int(entry[row, psi]) - 1 for row in (x, y)] for x, y, psi in dofs])
+
+    @property
+    def constant(self) -> bool:
+        """Whether no force changes with time."""
+        return all(isinstance(load.value, Constant) for load in self._loads)
 
     def set_step(self, t: float, dt: float) -> None:
         """Set start and length of a step [s]."""
+        self._F = self.at(t, t + dt)
+
+    def at(self, t0: float, t1: float) -> np.ndarray:
+        """Forces (n, 2) at the scheme's level in a step, before they are turned [N].
+
+        Parameters
+        ----------
+        t0, t1 : float
+            Start and end of the step [s].
+
+        Returns
+        -------
+        (n, 2) float
+            Components in the frame of the section.
+        """
         start, end = (
             np.array([evaluate(load.value, time, str(load)) for load in self._loads])
-            for time in just_inside(t, t + dt)
+            for time in just_inside(t0, t1)
         )
-        self._F = (1 - self._level) * start + self._level * end
+        return (1 - self._level) * start + self._level * end
 
     def add_force(self, q0: np.ndarray, D: np.ndarray, factor: float, out: np.ndarray) -> None:
         """Add the forces to a vector.
@@ -79,7 +104,7 @@ class Followers:
         """
         x, y = self._turned(q0, D).T
         turned = np.column_stack([-y, x])
-        np.subtract.at(data, self._places, factor * self._level * turned)
+        np.subtract.at(data, self.places, factor * self._level * turned)
 
     def _turned(self, q0: np.ndarray, D: np.ndarray) -> np.ndarray:
         psi = q0[self._psi] + self._level * D[self._psi]

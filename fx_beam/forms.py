@@ -54,9 +54,9 @@ class Forms:
         self.load_factor: Any = compat.constant(mesh.mesh, 1.0) if scheme.rates.at_rest else None
         self._build_fields()
         self._build_forms()
-        self._followers = None
+        self.followers = None
         if any(load.follower for load in scene.loads):
-            self._followers = Followers(scene, mesh, self.stiffness, scheme.rates.level)
+            self.followers = Followers(scene, mesh, self.stiffness, scheme.rates.level)
 
     # -- Construction ---------------------------------------------------------------------------
 
@@ -191,7 +191,7 @@ class Forms:
     @property
     def has_added(self) -> bool:
         """Whether there are forces that follow the motion: added virtual works or followers."""
-        return "added virtual work" in self.compiled or self._followers is not None
+        return "added virtual work" in self.compiled or self.followers is not None
 
     @property
     def moving(self) -> tuple:
@@ -218,8 +218,8 @@ class Forms:
         self.time.value = t + self._scheme.rates.level * dt
         self.dt.value = dt
         self.start.x.array[:] = q
-        if self._followers is not None:
-            self._followers.set_step(t, dt)
+        if self.followers is not None:
+            self.followers.set_step(t, dt)
         if self._needs_rates:
             for function, rate in zip(self.start_rates, (v, a), strict=True):
                 function.x.array[:] = rate
@@ -239,8 +239,8 @@ class Forms:
         """
         self._set_increment(D)
         compat.assemble_vector(self._force, self._residual)
-        if self._followers is not None:
-            self._followers.add_force(*self._motion, -self._factor, self._force)
+        if self.followers is not None:
+            self.followers.add_force(*self._motion, -self._factor, self._force)
         return self._force
 
     def assemble_stiffness(self) -> None:
@@ -250,8 +250,8 @@ class Forms:
             compat.assemble_matrix(self._path_matrix, self._path_tangent)
             _, slope = self._scheme.rates.work_increment(self.increment.x.array, self.turns)
             self.stiffness.data += self._path_matrix.data * slope[self.stiffness.indices]
-        if self._followers is not None:
-            self._followers.subtract_tangent(*self._motion, self._factor, self.stiffness.data)
+        if self.followers is not None:
+            self.followers.subtract_tangent(*self._motion, self._factor, self.stiffness.data)
 
     def _set_increment(self, D: np.ndarray) -> None:
         self.increment.x.array[:] = D
@@ -263,8 +263,8 @@ class Forms:
         force = np.zeros(self.size)
         if "added virtual work" in self.compiled:
             compat.assemble_vector(force, self.compiled["added virtual work"][0])
-        if self._followers is not None:
-            self._followers.add_force(*self._motion, self._factor, force)
+        if self.followers is not None:
+            self.followers.add_force(*self._motion, self._factor, force)
         return force
 
     def added_per_load(self) -> np.ndarray:

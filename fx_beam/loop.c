@@ -15,6 +15,7 @@ typedef struct {
   double *guide_bend, *passing, *columns, *y, *start, *force, *left;
   double *D1, *D2, *z1, *z2; /* increments of the last two steps */
   double dt;
+  const double *thrust;
   int known, close;          /* how many of them there are; whether they foretold the last one */
 } Work;
 
@@ -296,6 +297,30 @@ static void reduce_tangent(const Problem *p, const Work *w, const double *r) {
   }
 }
 
+/* -- Follower forces (followers.py) ------------------------------------------------------------ */
+
+static void turned_thrust(const Problem *p, const Work *w, int i, double *out) {
+  int psi = p->thrust_dofs[3 * i + 2];
+  turn(p->q[psi] + p->level * w->D[psi], w->thrust[2 * i], w->thrust[2 * i + 1], out);
+}
+
+static void add_thrusts(const Problem *p, const Work *w, double factor, double *out) {
+  for (int i = 0; i < p->thrusts; ++i) {
+    double F[2];
+    turned_thrust(p, w, i, F);
+    for (int k = 0; k < 2; ++k) out[p->thrust_dofs[3 * i + k]] += factor * F[k];
+  }
+}
+
+static void add_thrust_tangent(const Problem *p, const Work *w, double *K) {
+  for (int i = 0; i < p->thrusts; ++i) {
+    double F[2];
+    turned_thrust(p, w, i, F);
+    K[p->thrust_places[2 * i]] += p->level * F[1];
+    K[p->thrust_places[2 * i + 1]] -= p->level * F[0];
+  }
+}
+
 /* -- Newton's method (newton.py) --------------------------------------------------------------- */
 
 /* Takes a column out of the rows below it; `reach` of them have it. */
@@ -362,6 +387,7 @@ static void tangent(const Problem *p, const Work *w, const double *const *fields
   memset(K, 0, p->places * sizeof(double));
   assemble(p, &p->tangent, fields, 2, 0, K);
   assemble(p, &p->path_tangent, fields, 2, w->slope, K);
+  add_thrust_tangent(p, w, K);
   for (int i = 0; i < p->dofs; ++i)
     for (int k = p->mass_start[i]; k < p->mass_start[i + 1]; ++k)
       K[p->mass_place[k]] += p->mass[k] * w->accslope[p->mass_column[k]];
@@ -394,6 +420,7 @@ static int newton(Problem *p, const Work *w, double dt, const double *driven) {
     acceleration(p, w, dt);
     memset(w->f, 0, n * sizeof(double));
     assemble(p, &p->residual, fields, 1, 0, w->f);
+    add_thrusts(p, w, -1, w->f);
     times_mass(p, w->acc, w->r);
     for (int i = 0; i < n; ++i) w->r[i] += w->f[i] - w->force[i];
     project(p, w, w->r, w->reduced);
@@ -510,15 +537,15 @@ static void record(Problem *p, const Work *w, Record *to) {
   }
 }
 
-int fx_run(Problem *p, int steps, double dt, const double *forces, long force_stride,
-           const double *driven, Record *to) {
+int fx_run(Problem *p, int steps, double dt, const Ahead *ahead, Record *to) {
   Work work, *w = &work;
   lay_out(p, w, p->scratch);
   w->known = w->close = 0, w->dt = dt;
   int n = p->dofs, held = p->columns - p->free;
   for (int k = 0; k < steps; ++k) {
-    const double *F0 = forces + k * force_stride, *F1 = F0 + n;
-    const double *target = driven + (long)k * p->driven;
+    const double *F0 = ahead->forces + k * ahead->force_stride, *F1 = F0 + n;
+    const double *target = ahead->driven + (long)k * p->driven;
+    w->thrust = ahead->thrust + k * ahead->thrust_stride;
     double level = p->level, *change = w->start;
     for (int i = 0; i < n; ++i) w->force[i] = (1 - level) * F0[i] + level * F1[i];
     for (int i = 0; i < p->driven; ++i) {
@@ -554,6 +581,7 @@ int fx_run(Problem *p, int steps, double dt, const double *forces, long force_st
       const double *fields[5] = {p->q, w->D, w->path, p->v, p->a};
       memset(w->f, 0, n * sizeof(double));
       assemble(p, &p->added, fields, 1, 0, w->f);
+      add_thrusts(p, w, 1, w->f);
       for (int i = 0; i < n; ++i) p->work += mid(p, w->f[i], p->added_force[i]) * w->path[i];
       memcpy(p->added_force, w->f, n * sizeof(double));
     }

@@ -83,6 +83,9 @@ typedef struct {
   int *twist_joint, *twist_of;
   double *twist_sign;
 
+  /* Follower forces: x, y and rotation of their nodes, and places of what they add to the tangent. */
+  int thrusts, *thrust_dofs, *thrust_places;
+
   /* Rates: 0 mid-point, 1 Newmark. */
   int rule;
   double level, beta, gamma, alpha_m;
@@ -119,6 +122,13 @@ typedef struct {
   double *before, *q, *v, *a, *held, *slides, *joint_forces, *energies, *momenta;
 } Record;
 
-int fx_run(Problem *p, int steps, double dt, const double *forces, long force_stride,
-           const double *driven, Record *to);
+/* What is known ahead of each step; a stride of 0 repeats the first. */
+typedef struct {
+  double *forces; /* [step][start, end][dof] */
+  double *driven; /* [step][driven column], at the end */
+  double *thrust; /* [step][thrust][x, y], at the scheme's level */
+  long force_stride, thrust_stride;
+} Ahead;
+
+int fx_run(Problem *p, int steps, double dt, const Ahead *ahead, Record *to);
 long fx_scratch(const Problem *p);

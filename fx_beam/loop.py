@@ -77,7 +77,7 @@ class CompiledLoop:
     def _run(self, state: State, times: np.ndarray, first: int, recorder: Recorder) -> int:
         """Take steps of one length, and give how many succeeded."""
         p, stats, model = self._problem, self._stepper.stats, self.model
-        forces, driven, error = self._ahead(state.t, times)
+        forces, driven, thrust, error = self._ahead(state.t, times)
         room = self._room
         room["q"][:], room["v"][:], room["a"][:] = state.q, state.v, state.a
         room["slide"][:] = state.slides
@@ -88,50 +88,51 @@ class CompiledLoop:
         if state.added is not None:
             room["added_force"][:] = state.added
         p.t, p.work, p.iterations, p.by_round_off = state.t, state.work, 0, 0
+        ahead = self._ffi.new("Ahead *")
+        for name, known in (("forces", forces), ("driven", driven), ("thrust", thrust)):
+            setattr(ahead, name, self._ffi.cast("double *", known.ctypes.data))
+        ahead.force_stride = forces[0].size if len(forces) > 1 else 0
+        ahead.thrust_stride = thrust[0].size if len(thrust) > 1 else 0
         to = self._ffi.new("Record *")
         to.every, to.first, to.last = recorder.every, first, recorder.last
         for name, rows in recorder.arrays.items():
             at = rows[recorder.rows :]
             setattr(to, name, self._ffi.cast("double *", at.ctypes.data))
-        stride = 2 * model.size if len(forces) > 1 else 0
-        steps = len(driven)
         dt = (times[-1] - state.t) / len(times)
-        done = self._library.fx_run(
-            p,
-            steps,
-            dt,
-            self._ffi.cast("double *", forces.ctypes.data),
-            stride,
-            self._ffi.cast("double *", driven.ctypes.data),
-            to,
-        )
+        done = self._library.fx_run(p, len(driven), dt, ahead, to)
         recorder.rows += to.rows
         stats.steps += done
         stats.newton_iterations += p.iterations
         for name, count in (("increment", done - p.by_round_off), ("round-off", p.by_round_off)):
             if count:
                 stats.ended_by[name] = stats.ended_by.get(name, 0) + count
-        if error is not None and done == steps:
+        if error is not None and done == len(driven):
             raise error
         return done
 
     def _ahead(self, t: float, times: np.ndarray):
-        """Forces and driven motions of all steps, or of those before the first that fails."""
+        """Forces, driven motions and follower forces of all steps, or of those before one fails."""
         stepper, model = self._stepper, self.model
         starts = np.concatenate([[t], times[:-1]])
-        forces, driven, error = [], np.zeros((len(times), model.reduction.driven)), None
-        if model.loads.constant:
-            forces.append(stepper.drive.forces(t, float(times[0])))
+        follow, driven, error = model.forms.followers, [], None
+        forces: list = []
+        thrust: list = []
         try:
-            for k, (t0, t1) in enumerate(zip(starts, times, strict=True)):
-                if not model.loads.constant:
-                    forces.append(stepper.drive.forces(float(t0), float(t1)))
-                if model.reduction.driven:
-                    driven[k] = stepper.drive.places(float(t1))
+            for t0, t1 in zip(map(float, starts), map(float, times), strict=True):
+                if not forces or not model.loads.constant:
+                    forces.append(stepper.drive.forces(t0, t1))
+                if follow is not None and not (thrust and follow.constant):
+                    thrust.append(follow.at(t0, t1))
+                driven.append(stepper.drive.places(t1) if model.reduction.driven else ())
         except (Exception, KeyboardInterrupt) as raised:
-            error, driven = raised, driven[:k]
-            forces = forces or [(np.zeros(model.size),) * 2]
-        return np.array(forces), driven, error
+            error = raised
+        done = len(driven)
+        return (
+            np.array(forces or [np.zeros((2, model.size))]),
+            np.array(driven, dtype=float).reshape(done, model.reduction.driven),
+            np.array(thrust or [np.zeros(2)]),
+            error,
+        )
 
     def _state(self, t: float) -> State:
         p, room = self._problem, {name: values.copy() for name, values in self._room.items()}

@@ -56,14 +56,12 @@ class Problem:
     Raises
     ------
     LoopUnavailable
-        For follower forces, dampers with rates other than the mean ones, a scheme with rates of
+        For dampers with rates other than the mean ones, a scheme with rates of
         its own, a wide band, or no compiler.
     """
 
     def __init__(self, model: Model, joint_forces: JointForces | None, options: NewtonOptions):
         self.model = model
-        if any(load.follower for load in model.scene.loads):
-            raise LoopUnavailable("follower forces")
         self.ffi, self.library = load_library()
         self._keep: list[Any] = []
         self.c = self.ffi.new("Problem *")
@@ -75,6 +73,12 @@ class Problem:
                 self._hand_over_form(getattr(self.c, name), form)
         self.c.has_added = model.forms.has_added
         self._hand_over_rates()
+        if model.forms.followers is not None:
+            self.c.thrusts = len(model.forms.followers.dofs)
+            self._ints(
+                thrust_dofs=model.forms.followers.dofs,
+                thrust_places=place[model.forms.followers.places],
+            )
         self._hand_over_motors()
         self._hand_over_actuators()
         if joint_forces is not None:

@@ -124,18 +124,15 @@ def test_the_work_counted_is_the_force_along_the_mean_section_times_the_path(sch
         assert abs(solution.energy.balance_error).max() < 1e-11 * abs(work).max()
 
 
-def test_momentum_grows_by_the_force_and_steps_run_in_python():
+def test_momentum_grows_by_the_force_of_the_steps():
     scene = fb.Scene()
     beam = scene.add_beam([(0, 0), (1, 0)], fb.Section(1e4, 1e4, 1e3, rhoA=1.0, rhoI=0.1))
     scene.add_force(beam.start, (1.0, 0.0), follower=True)
     scene.add_force(beam.end, (1.0, 0.0), follower=True)
     solution = fb.simulate(scene, dt=0.01, t_end=0.5)
     assert solution.linear_momentum[-1] == pytest.approx([1.0, 0.0], abs=1e-9)
-    assert "follower forces" in solution.stats.solver
     assert str(scene.loads[0]) == "follower force on node 0 at (0, 0)"
     assert str(scene.loads[0]) in solution.stats.assembled
-    with pytest.raises(fb.SceneError, match="not to be had: follower forces"):
-        fb.simulate(scene, dt=0.01, t_end=0.5, solver="compiled")
 
 
 def test_a_follower_force_that_jumps_belongs_to_the_step_in_which_it_acts():

@@ -45,6 +45,8 @@ def frame_with_everything():
     scene.add_mass(arm.end, 0.5, inertia=0.1)
     scene.add_force(arm.end, lambda t: (3 * np.sin(t), 1.0))
     scene.add_moment(post.end, 2.0)
+    scene.add_force(arm.end, lambda t: (0.0, 5 * t), follower=True)
+    scene.add_force(post.end, (-1.0, 0.5), follower=True)
     scene.add_line_load(arm, lambda t: (0.0, -2 * t))
     scene.add_virtual_work(lambda step: -0.3 * ufl.dot(step.v, step.virtual_u))
     scene.add_virtual_work(lambda step: -step.t * step.psi * step.virtual_psi, arm)
