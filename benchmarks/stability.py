@@ -184,8 +184,8 @@ def masses(quick):
     yield on_pinned_beam(group, "every 2nd", scene=lumped, every=2)
 
 
-def meshed(**mesh):
-    return PINNED.scene(**mesh)[0]
+def meshed(section=PINNED.SECTION, **mesh):
+    return changed("pinned_beam", SECTION=section).scene(**mesh)[0]
 
 
 def meshes(quick):
@@ -199,6 +199,12 @@ def meshes(quick):
     for elements in (1, 64) if quick else (1, 2, 64, 2000):
         mesh = {"scene": meshed, "elements": elements, "steps": 200}
         yield on_pinned_beam("Pinned beam: elements", str(elements), **mesh)
+    for degree, elements in ((2, 4), (3, 3)):
+        for label, factor in powers(*(6,) if quick else (0, 2, 4, 6)):
+            section = replace(own, **stiff(own, factor))
+            mesh = {"scene": meshed, "section": section, "elements": elements, "degree": degree}
+            group = f"Pinned beam, degree {degree}: EA and GA times"
+            yield on_pinned_beam(group, label, dt=0.001 if quick else PINNED.DT, **mesh)
     for label, part in powers(*(-8,) if quick else (-2, -4, -6, -8)):
         mesh = {"elements": (3, 1, 4), "corners": (0, 0.375, 0.375 + part / 8, 1)}
         group = "Pinned beam: shortest element over others"
