@@ -146,7 +146,7 @@ def test_physics_and_data_need_numpy_and_ufl_only():
             assert "compat" not in own_imports(module), module
 
 
-def test_importing_the_package_imports_no_library_for_pictures():
+def test_importing_the_package_imports_no_library_for_pictures_and_no_study():
     code = "import sys, fx_beam; print(*sys.modules)"
     done = subprocess.run(
         [sys.executable, "-c", code],
@@ -158,6 +158,13 @@ def test_importing_the_package_imports_no_library_for_pictures():
     loaded = set(done.stdout.split())
     assert "fx_beam.dynamics" in loaded
     assert not loaded & {"matplotlib", "pyvista", "vtkmodules", "imageio", "fx_beam.plot"}
+    assert not loaded & {"fx_beam.work_precision", "fx_beam.stability"}
+
+
+def test_studies_are_had_from_the_package_and_nothing_else_is():
+    assert fx_beam.work_precision.study and fx_beam.stability
+    with pytest.raises(AttributeError, match="workprecision"):
+        fx_beam.workprecision  # noqa: B018
 
 
 @every_module
