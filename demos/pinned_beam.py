@@ -70,11 +70,11 @@ TIP = {
 }
 
 
-def scene(elements=ELEMENTS, degree=1):
-    """The scene and its beam."""
+def scene(elements=ELEMENTS, degree=1, corners=(0, 1)):
+    """The scene and its beam, meshed piece by piece between corners where elements differ."""
     pinned = fb.Scene()
-    ends = (0, 0), (LENGTH, 0)
-    beam = pinned.add_beam(ends, SECTION, elements=elements, degree=degree, name="beam")
+    places = [(LENGTH * corner, 0) for corner in corners]
+    beam = pinned.add_beam(places, SECTION, elements=elements, degree=degree, name="beam")
     pinned.pin(beam.start)
     middle = LENGTH / 2
     pinned.set_velocity(

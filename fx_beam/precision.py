@@ -8,6 +8,8 @@ import numpy as np
 
 from .accuracy import MARGIN, ROUND_OFF, observed_order
 
+#: Run times closer than by this factor are a tie, as another machine may turn them round.
+TIE = 1.05
 #: Relative errors that runs are asked to come within.
 LEVELS = tuple(float(f"1e-{n}") for n in range(1, 13))
 
@@ -93,7 +95,7 @@ class Winner:
         First and last error level of the range.
     schemes : tuple of str
         The cheapest scheme, and those whose times at each of its levels cannot be told from the
-        shortest, as their quartiles overlap; empty where no run comes within the error.
+        shortest, by 5 % or as their quartiles overlap; empty where no run comes within the error.
     run : Run, optional
         The cheapest run at the tightest level.
     next : str
@@ -141,6 +143,11 @@ class Precision:
     def schemes(self) -> list[str]:
         """Labels of the schemes."""
         return list(dict.fromkeys(run.scheme for run in self.runs))
+
+    @property
+    def degrees(self) -> list[int]:
+        """Degrees of the elements."""
+        return sorted({run.mesh.degree for run in self.runs})
 
     @property
     def meshes(self) -> list[Mesh]:
@@ -201,6 +208,27 @@ class Precision:
         floor = max(self.floor(quantity), ROUND_OFF)
         return observed_order(sizes, list(found.values()), floor)
 
+    def cost(self, scheme: str, degree: int) -> float | None:
+        """Run time over that of the first scheme with the same step on the same mesh.
+
+        Parameters
+        ----------
+        scheme : str
+            Label of the scheme.
+        degree : int
+            Degree of the elements.
+
+        Returns
+        -------
+        float or None
+            Median over all steps and meshes of the degree; None where no two runs compare.
+        """
+        runs = [run for run in self.runs if run.mesh.degree == degree and not run.failure]
+        first = {(r.mesh, r.dt): r.seconds for r in runs if r.scheme == self.schemes[0]}
+        here = {(r.mesh, r.dt): r.seconds for r in runs if r.scheme == scheme}
+        both = [here[key] / first[key] for key in here if key in first]
+        return float(np.median(both)) if both else None
+
     def front(self, quantity: str, scheme: str) -> list[Run]:
         """Runs of a scheme that are more accurate than all faster ones of it.
 
@@ -259,7 +287,8 @@ def _winner(fronts: dict[str, list[Run]], quantity: str, level: float) -> Winner
     if not runs:
         return Winner(level, level)
     best = runs[0]
-    others = [run for run in runs if run.quartiles[0] > best.quartiles[1]]
+    tie = max(best.quartiles[1], TIE * best.seconds)
+    others = [run for run in runs if run.quartiles[0] > tie]
     tied = tuple(run.scheme for run in runs if run not in others)
     if not others:
         return Winner(level, level, tied, best)

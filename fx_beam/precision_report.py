@@ -79,7 +79,14 @@ def numbers(found: Precision) -> dict[str, Any]:
             {"mesh": asdict(mesh), "errors": errors} for mesh, errors in found.mesh_errors.items()
         ],
         "orders in the element": [
-            {"degree": degree, "orders": _mesh_orders(found, degree)} for degree in _degrees(found)
+            {"degree": degree, "orders": _mesh_orders(found, degree)}
+            for degree in found.degrees
+            if found.mesh_errors
+        ],
+        "run times over the first scheme's": [
+            {"scheme": scheme, "degree": degree, "median": found.cost(scheme, degree)}
+            for scheme in found.schemes
+            for degree in found.degrees
         ],
     }
 
@@ -106,15 +113,18 @@ def markdown(found: Precision, name: str, machine: dict[str, Any]) -> str:
         f"{found.t_end:g} s of motion. An error is the largest distance from the reference over "
         "time, over the largest magnitude of the reference; absolute where that is 0. Run time is "
         f"that of the steps, the median of {found.repetitions} runs in turn; set-up and "
-        "compilation are apart. Schemes are named together where the quartiles of their times "
-        "overlap. A scheme's line joins its runs that are more accurate than all faster ones; the "
-        "others are pale.\n",
+        "compilation are apart. Schemes are named together where their times differ by less than "
+        "5 % or their quartiles overlap. A scheme's line joins its runs that are more accurate "
+        "than all faster ones; the others are pale.\n",
         f"![Error against run time]({name}.png)\n",
         "".join(f"- {sentence(found, quantity)}\n" for quantity in found.references),
         "## References\n",
         _references(found),
         "## Runs\n",
         _runs(found),
+        f"## Run times over those of {found.schemes[0]}\n",
+        "Medians over all steps and meshes, each with its own.\n",
+        _cost_table(found),
         "## Observed orders in the time step\n",
         "Fit to the three finest errors against a fine step on the same mesh. Where the steps do "
         "not resolve a vibration, or an error changes its sign, it is no order.\n",
@@ -141,7 +151,7 @@ def _clause(winner: Winner) -> str:
         f"{winner.run.mesh}, dt = {winner.run.dt:.3g} s)"
     )
     return first + (
-        f", {winner.next} takes {winner.ratio:.1f} times as long" if winner.next else ""
+        f", {winner.next} takes {winner.ratio:.3g} times as long" if winner.next else ""
     )
 
 
@@ -157,15 +167,11 @@ def _error(value: float | None) -> str | None:
     return None if value is None or np.isnan(value) else f"{value:.1e}"
 
 
-def _order(value: float | None) -> str | None:
+def _hundredths(value: float | None) -> str | None:
     return None if value is None else f"{value:.2f}"
 
 
 # -- Tables --------------------------------------------------------------------------------------
-
-
-def _degrees(found: Precision) -> list[int]:
-    return sorted({mesh.degree for mesh in found.mesh_errors})
 
 
 def _step_orders(found: Precision, scheme: str, mesh) -> dict[str, float | None]:
@@ -202,10 +208,19 @@ def _runs(found: Precision) -> str:
     return "\n".join([report.table(header, map(row, found.runs)), *reasons])
 
 
+def _cost_table(found: Precision) -> str:
+    header = ["scheme", *(f"degree {degree}" for degree in found.degrees)]
+    rows = [
+        (scheme, *(_hundredths(found.cost(scheme, degree)) for degree in found.degrees))
+        for scheme in found.schemes
+    ]
+    return report.table(header, rows)
+
+
 def _order_table(found: Precision) -> str:
     rows = [
         (scheme, mesh.elements, mesh.degree)
-        + tuple(map(_order, _step_orders(found, scheme, mesh).values()))
+        + tuple(map(_hundredths, _step_orders(found, scheme, mesh).values()))
         for scheme in found.schemes
         for mesh in found.meshes
     ]
@@ -214,13 +229,13 @@ def _order_table(found: Precision) -> str:
 
 def _mesh_table(found: Precision) -> str:
     rows: list[tuple] = []
-    for degree in _degrees(found):
+    for degree in found.degrees:
         rows += [
             (mesh.elements, mesh.degree, *map(_error, errors.values()))
             for mesh, errors in found.mesh_errors.items()
             if mesh.degree == degree
         ]
-        rows += [("order", degree, *map(_order, _mesh_orders(found, degree).values()))]
+        rows += [("order", degree, *map(_hundredths, _mesh_orders(found, degree).values()))]
     computed = next(iter(found.mesh_errors.values()))
     return report.table(["elements", "degree", *computed], rows)
 
@@ -253,7 +268,7 @@ def draw(path: Path | str, found: Precision) -> None:
         for scheme, look in looks.items():
             _draw_runs(ax, found, name, scheme, look)
         _draw_limits(ax, found, name)
-    for degree in sorted({mesh.degree for mesh in found.meshes}):
+    for degree in found.degrees:
         axes[0, 0].plot([], [], **_dots(degree, "0.3"), label=f"elements of degree {degree}")
     plot.save(figure, path)
 

@@ -70,6 +70,11 @@ LAYERS = [
     "precision",
     "precision_report",
     "work_precision",
+    "verdict",
+    "drift",
+    "cell",
+    "stability_report",
+    "stability",
 ]
 SOURCES = {path.stem: path for path in sorted(PACKAGE.glob("*.py"))}
 TREES = {name: ast.parse(path.read_text(encoding="utf-8")) for name, path in SOURCES.items()}
@@ -121,7 +126,8 @@ def test_imports_point_downwards(module):
 
 
 def test_pictures_are_imported_by_what_writes_reports_only():
-    assert {module for module in SOURCES if "plot" in own_imports(module)} <= {"precision_report"}
+    drawing = {module for module in SOURCES if "plot" in own_imports(module)}
+    assert drawing <= {"precision_report", "stability_report"}
 
 
 def test_the_model_knows_nothing_of_solutions():
@@ -156,7 +162,7 @@ def test_physics_and_data_need_numpy_and_ufl_only():
             assert "compat" not in own_imports(module), module
 
 
-def test_importing_the_package_imports_no_library_for_pictures():
+def test_importing_the_package_imports_no_library_for_pictures_and_no_study():
     code = "import sys, fx_beam; print(*sys.modules)"
     done = subprocess.run(
         [sys.executable, "-c", code],
@@ -168,6 +174,13 @@ def test_importing_the_package_imports_no_library_for_pictures():
     loaded = set(done.stdout.split())
     assert "fx_beam.dynamics" in loaded
     assert not loaded & {"matplotlib", "pyvista", "vtkmodules", "imageio", "fx_beam.plot"}
+    assert not loaded & {"fx_beam.work_precision", "fx_beam.stability"}
+
+
+def test_studies_are_had_from_the_package_and_nothing_else_is():
+    assert fx_beam.work_precision.study and fx_beam.stability
+    with pytest.raises(AttributeError, match="workprecision"):
+        fx_beam.workprecision  # noqa: B018
 
 
 @every_module

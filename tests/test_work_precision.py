@@ -300,13 +300,19 @@ def test_the_sentence_swaps_with_the_numbers():
 
 def test_the_next_scheme_and_its_ratio_are_those_of_the_run_times():
     found = made_up([("A", 1e-3, 5e-2), ("B", 3.5e-3, 5e-2), ("C", 2e-3, 5e-2)])
-    assert "C takes 2.0 times as long" in sentence(found, "q")
+    assert "C takes 2 times as long" in sentence(found, "q")
+
+
+def test_cost_of_a_scheme_is_its_time_over_that_of_the_first_in_the_same_runs():
+    found = made_up([("A", 2e-3, 5e-2), ("B", 3e-3, 1e-2)])
+    assert (found.cost("A", 1), found.cost("B", 1)) == (1, approx(1.5))
+    assert found.cost("B", 2) is None
 
 
 def test_schemes_whose_times_cannot_be_told_apart_win_together():
     found = made_up([("A", 1e-3, 5e-2), ("B", 1.08e-3, 5e-2), ("C", 9e-3, 1e-2)])
     assert "within 1e-1 A and B are the cheapest" in sentence(found, "q")
-    apart = made_up([("A", 1e-3, 5e-2), ("B", 1.2e-3, 5e-2)])
+    apart = made_up([("A", 1e-3, 5e-2), ("B", 1.2e-3, 5e-2)])  # quartiles are 5 % off
     assert "within 1e-1 A is the cheapest" in sentence(apart, "q")
 
 

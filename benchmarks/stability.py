@@ -1,0 +1,429 @@
+"""Stability on stiff and extreme cases: what time schemes make of the energy.
+
+    ./run report stability            some minutes
+    ./run report stability --quick    a few cases of each kind
+
+The scenes are the demos', with other constants. Where loads act, the energy is judged from their
+end on. A failing step is halved at most 8 times, as `simulate` has it by default, and twice in the
+short form.
+"""
+
+import argparse
+import logging
+from dataclasses import replace
+from functools import partial
+from pathlib import Path
+from time import perf_counter
+
+import numpy as np
+import scipy.linalg
+from demo_scenes import ROOT, demo
+from scipy.integrate import trapezoid
+
+import fx_beam as fb
+from fx_beam import report
+from fx_beam.model import Model
+from fx_beam.stability import Case
+
+SCHEMES = {
+    "EnergyMomentum": fb.EnergyMomentum(),
+    "ModifiedMidPoint": fb.ModifiedMidPoint(),
+    "MidPoint": fb.MidPoint(),
+    "Newmark (trapezoidal)": fb.Newmark(),
+    "HHT, alpha = -0.1": fb.HHT(-0.1),
+    "Generalized alpha, 0.9": fb.GeneralizedAlpha(0.9),
+}
+PENDULUM, PINNED, SWING, MULTIBODY = map(
+    demo, ("pendulum", "pinned_beam", "three_bar_swing", "multibody")
+)
+STEPS = 500  # of most runs
+
+
+# -- Scenes of the demos with other constants ------------------------------------------------------
+
+
+def changed(name, **constants):
+    """A demo as a module of its own, with other constants."""
+    module = demo.__wrapped__(name)
+    unknown = constants.keys() - vars(module).keys()
+    assert not unknown, f"demos/{name}.py has no {unknown}"
+    vars(module).update(constants)
+    return module
+
+
+def scene_of(name, **constants):
+    """Its scene; with SECTION as a dictionary of what is other in it."""
+    if isinstance(constants.get("SECTION"), dict):
+        constants["SECTION"] = replace(demo(name).SECTION, **constants["SECTION"])
+    return only(changed(name, **constants).scene())
+
+
+def only(made):
+    """A scene without the handles that come with it."""
+    return made if isinstance(made, fb.Scene) else made[0]
+
+
+pendulum, pinned_beam, swing, multibody = (
+    partial(scene_of, name) for name in ("pendulum", "pinned_beam", "three_bar_swing", "multibody")
+)
+
+
+def stiff(section, factor):
+    """EA and GA times a factor."""
+    return {"EA": section.EA * factor, "GA": section.GA * factor}
+
+
+def soft(section, factor):
+    return {"EI": section.EI * factor}
+
+
+def powers(*exponents):
+    """Labels and values of powers of ten."""
+    return [(f"1e{k}", 10.0**k) for k in exponents]
+
+
+# -- Cases -----------------------------------------------------------------------------------------
+
+
+def on_pinned_beam(
+    group, label, dt=PINNED.DT, scene=pinned_beam, steps=STEPS, start=0.0, **constants
+):
+    return Case(group, label, partial(scene, **constants), dt, steps * dt, start)
+
+
+def on_pendulum(group, label, dt, **constants):
+    return Case(group, label, partial(pendulum, **constants), dt, STEPS * dt)
+
+
+def on_swing(group, label, scene=swing, dt=SWING.DT, start=SWING.PULSE_END, **constants):
+    return Case(group, label, partial(scene, **constants), dt, SWING.T_END, start)
+
+
+def on_multibody(
+    group, label, scene=multibody, dt=MULTIBODY.DT, start=MULTIBODY.PULSE_END, **constants
+):
+    return Case(group, label, partial(scene, **constants), dt, MULTIBODY.T_END, start)
+
+
+def stiffness(quick):
+    """The ladders of the axial stiffness, at the paper's steps and ten times larger and smaller."""
+    for dt in (0.1,) if quick else (1.0, 0.1, 0.01):
+        group = f"Pendulum, dt = {dt:g} s: EA [N]"
+        for label, EA in powers(*(4, 10, 16) if quick else (4, 6, 8, 10, 12, 14, 16)):
+            yield on_pendulum(group, label, dt, SECTION={"EA": EA, "GA": EA})
+    for dt in (0.01,) if quick else (0.1, 0.01, 0.001):
+        group = f"Pinned beam, dt = {dt:g} s: EA and GA times"
+        for label, factor in powers(*(0, 6) if quick else range(7)):
+            yield on_pinned_beam(group, label, dt, SECTION=stiff(PINNED.SECTION, factor))
+
+
+def highest_frequency(scene):
+    """Highest natural frequency [rad/s] of a scene without massless unknowns at its start."""
+    model = Model(scene, fb.Newmark())
+    rest = np.zeros(model.size)
+    model.forms.set_step(0.0, 1.0, rest, rest, rest)
+    model.forms.internal_force(rest)
+    model.forms.assemble_stiffness()
+    T = model.reduction.coupling()[:, : model.reduction.free].toarray()
+    K, M = T.T @ model.forms.stiffness @ T, T.T @ model.mass @ T
+    return float(np.sqrt(scipy.linalg.eigh(K, M, eigvals_only=True)[-1]))
+
+
+def frequency(quick):
+    """Smaller steps, and from the demo's on stiffer beams."""
+    own = highest_frequency(pinned_beam())
+    for label, product in powers(*(0, 5) if quick else range(-1, 7)):
+        dt = min(product / own, PINNED.DT)
+        factor = (product / (own * dt)) ** 2
+        for _ in range(3):  # nearly proportional to the root of the stiffness
+            section = stiff(PINNED.SECTION, factor)
+            factor *= (product / dt / highest_frequency(pinned_beam(SECTION=section))) ** 2
+        section = stiff(PINNED.SECTION, factor)
+        yield on_pinned_beam("Pinned beam: dt times highest frequency", label, dt, SECTION=section)
+
+
+def heavy_tip(factor):
+    """The pinned beam with a mass at its end."""
+    scene, beam = PINNED.scene()
+    scene.add_mass(beam.end, factor * PINNED.SECTION.rhoA * PINNED.LENGTH)
+    return scene
+
+
+def shared_mass(ratio):
+    """The swing, its mass in the middle a multiple of its beam's, their sum the demo's."""
+    section, length = SWING.SECTION, SWING.C[0] - SWING.A[0]
+    total = SWING.MASS + section.rhoA * length
+    rhoA = total / (1 + ratio) / length
+    own = {"rhoA": rhoA, "rhoI": section.rhoI * rhoA / section.rhoA}
+    return swing(SECTION=own, MASS=total * ratio / (1 + ratio))
+
+
+def lumped(every):
+    """The pinned beam with its mass in some of its nodes."""
+    section = replace(PINNED.SECTION, rhoA=0.0, rhoI=0.0)
+    scene, beam = changed("pinned_beam", SECTION=section).scene()
+    nodes = beam.nodes[every::every]
+    for node in nodes:
+        scene.add_mass(node, PINNED.SECTION.rhoA * PINNED.LENGTH / len(nodes))
+    return scene
+
+
+def masses(quick):
+    ratios = powers(*(-8, 8) if quick else (-8, -4, 0, 4, 8))
+    group = "Swing: mass in the middle over the beam's"
+    yield from (on_swing(group, label, shared_mass, ratio=ratio) for label, ratio in ratios)
+    group = "Pinned beam: mass at its end over its own"
+    for label, ratio in ratios:
+        yield on_pinned_beam(group, label, scene=heavy_tip, factor=ratio)
+    group = "No inertia"
+    if not quick:
+        yield on_swing(group, "swing's beam", SECTION={"rhoA": 0.0, "rhoI": 0.0})
+        yield on_swing(group, "swing's rotation", SECTION={"rhoI": 0.0})
+        yield on_pinned_beam(group, "pinned lumped", scene=lumped, every=1)
+    yield on_pinned_beam(group, "pinned rotation", SECTION={"rhoI": 0.0})
+    yield on_pinned_beam(group, "every 2nd", scene=lumped, every=2)
+
+
+def meshed(section=PINNED.SECTION, **mesh):
+    return changed("pinned_beam", SECTION=section).scene(**mesh)[0]
+
+
+def meshes(quick):
+    own = PINNED.SECTION
+    for dt in (0.001,) if quick else (0.01, 0.001):
+        group = f"Pinned beam, dt = {dt:g} s: slenderness"
+        for label, slenderness in powers(*(1, 6) if quick else range(1, 7)):
+            radius = PINNED.LENGTH / slenderness  # of gyration; axial stiffness and mass stay
+            section = {"EI": own.EA * radius**2, "rhoI": own.rhoA * radius**2}
+            yield on_pinned_beam(group, label, dt, SECTION=section)
+    for elements in (1, 64) if quick else (1, 2, 64, 2000):
+        mesh = {"scene": meshed, "elements": elements, "steps": 200}
+        yield on_pinned_beam("Pinned beam: elements", str(elements), **mesh)
+    for degree, elements in ((2, 4), (3, 3)):
+        for label, factor in powers(*(6,) if quick else (0, 2, 4, 6)):
+            section = replace(own, **stiff(own, factor))
+            mesh = {"scene": meshed, "section": section, "elements": elements, "degree": degree}
+            group = f"Pinned beam, degree {degree}: EA and GA times"
+            yield on_pinned_beam(group, label, dt=0.001 if quick else PINNED.DT, **mesh)
+    for label, part in powers(*(-8,) if quick else (-2, -4, -6, -8)):
+        mesh = {"elements": (3, 1, 4), "corners": (0, 0.375, 0.375 + part / 8, 1)}
+        group = "Pinned beam: shortest element over others"
+        yield on_pinned_beam(group, label, scene=meshed, **mesh)
+
+
+def spins(quick):
+    """Increments of the rotation up to the bound and beyond it."""
+    dt = PENDULUM.SMALL
+    for turn in (1.9, 2.1) if quick else (0.5, 1.0, 1.5, 1.9, 1.99, 2.1, 3.0):
+        # The mid-point rule turns by 2 arctan(v dt/(2 L)) in a step.
+        speed = 2 * PENDULUM.LENGTH / dt * np.tan(turn / 2)
+        yield on_pendulum("Pendulum: turn in a step [rad]", f"{turn:g}", dt, SPEED=speed)
+    for name, factor in (("Pinned beam", 1), ("1e4 times as stiff", 1e4))[: 1 if quick else 2]:
+        section = stiff(PINNED.SECTION, factor) | soft(PINNED.SECTION, factor)
+        for times in (4,) if quick else (2, 4, 8, 16, 32, 64):
+            group, velocity = f"{name}: initial velocity times", times * PINNED.VELOCITY
+            yield on_pinned_beam(group, str(times), SECTION=section, VELOCITY=velocity)
+
+
+def blow(dt, impulse):
+    """A constant force over the first step, as times and values."""
+    return (0.0, dt, dt, 2 * dt), (impulse / dt, impulse / dt, 0.0, 0.0)
+
+
+def struck(impulse):
+    """The pinned beam, struck at its end during the first step."""
+    scene, beam = PINNED.scene()
+    scene.add_force(beam.end, lambda t: (0.0, np.interp(t, *blow(PINNED.DT, impulse))))
+    return scene
+
+
+def square(t, period=0.2, until=1.0):
+    return 0.0 if t >= until else 1.0 if t % period < period / 2 else -1.0
+
+
+def jumping_moment():
+    system, _ = MULTIBODY.scene()
+    node, peak = system.beams[0].start, min(MULTIBODY.PULSE[1])
+    system.loads.clear()
+    system.add_moment(node, lambda t: peak / 2 * square(t))
+    return system
+
+
+def jumping_force():
+    scene, beam = PINNED.scene()
+    scene.add_force(beam.end, lambda t: (0.0, 1e4 * square(t)))
+    return scene
+
+
+def loads(quick):
+    group = "One step takes the whole impulse"
+    for factor in (8,) if quick else (8, 1):
+        dt = factor * SWING.DT
+        pulse = blow(dt, trapezoid(SWING.PULSE[1], SWING.PULSE[0]))
+        yield on_swing(group, f"swing {1e3 * dt:g}ms", dt=dt, start=dt, PULSE=pulse)
+    own = 75000 / PINNED.LENGTH  # gives the beam as much angular momentum as it has
+    for part in (1.0,) if quick else (0.1, 1.0, 10.0):
+        blown = {"scene": struck, "impulse": part * own, "start": PINNED.DT}
+        yield on_pinned_beam(group, f"pinned {part:g}", **blown)
+    for part in () if quick else (0.1, 1.0):
+        dt = MULTIBODY.DT
+        pulse = blow(dt, part * trapezoid(MULTIBODY.PULSE[1], MULTIBODY.PULSE[0]))
+        yield on_multibody(group, f"multi-body {part:g}", start=dt, PULSE=pulse)
+    yield on_pinned_beam("Loads that jump", "pinned", scene=jumping_force, start=1.0)
+    if not quick:
+        yield on_multibody("Loads that jump", "multi-body", jumping_moment, start=1.0)
+
+
+def steps(quick):
+    factors = (1, 8) if quick else (1 / 8, 1 / 4, 1 / 2, 1, 2, 4, 8)
+    labels = [f"{factor:g}" if factor >= 1 else f"1/{1 / factor:g}" for factor in factors]
+    for label, factor in zip(labels, factors, strict=True):
+        yield on_swing("Swing: step times", label, dt=factor * SWING.DT)
+    for label, factor in zip(labels, factors, strict=True):
+        yield on_multibody("Multi-body system: step times", label, dt=factor * MULTIBODY.DT)
+
+
+def softness(quick):
+    factors = powers(*(-8,) if quick else (-2, -4, -6, -8))
+    for label, factor in factors:
+        section = soft(PINNED.SECTION, factor)
+        yield on_pinned_beam("Pinned beam: EI times", label, SECTION=section)
+    for label, factor in factors:
+        yield on_swing("Swing: EI times", label, SECTION=soft(SWING.SECTION, factor))
+    for label, factor in () if quick else factors:
+        section = soft(MULTIBODY.SECTION, factor)
+        yield on_multibody("Multi-body system: EI times", label, SECTION=section)
+    for dt in (0.001,) if quick else (0.01, 0.001):
+        group = f"String, EI times 1e-8, dt = {dt:g} s: EA times"
+        for label, factor in powers(*(6,) if quick else (0, 2, 4, 6)):
+            section = soft(PINNED.SECTION, 1e-8) | stiff(PINNED.SECTION, factor)
+            yield on_pinned_beam(group, label, dt, SECTION=section)
+
+
+def long_runs(quick):
+    for label, scene, many in (("pendulum", pendulum, 10**6), ("pinned", pinned_beam, 10**5)):
+        many //= 100 if quick else 1
+        label = f"{label} 1e{len(str(many)) - 1}"
+        yield Case("Many steps", label, scene, 0.01, 0.01 * many, every=many // 500)
+
+
+GROUPS = stiffness, frequency, masses, meshes, spins, loads, steps, softness, long_runs
+
+
+def tolerances(quick):
+    """What the schemes owe to Newton's tolerance, on the paper's examples."""
+    examples = (
+        ("Pendulum, dt = 0.1 s", PENDULUM, 0.1, 0.0),
+        ("Pendulum, dt = 0.01 s", PENDULUM, 0.01, 0.0),
+        ("Swing", SWING, SWING.DT, SWING.PULSE_END),
+        ("Multi-body system, dt = 0.01 s", MULTIBODY, 0.01, MULTIBODY.PULSE_END),
+        ("Pinned beam", PINNED, PINNED.DT, 0.0),
+    )
+    for name, module, dt, start in examples[:: 4 if quick else 1]:
+        group = f"{name}: Newton's tolerance"
+        for label, tolerance in powers(*(-4, -10) if quick else (-2, -4, -6, -8, -10, -12)):
+            scene, newton = lambda own=module: only(own.scene()), fb.NewtonOptions(tolerance)
+            yield Case(group, label, scene, dt, module.T_END, start, newton)
+
+
+# -- Units -----------------------------------------------------------------------------------------
+
+# Powers of length and time in the units of the demos' constants; their masses stay in kilograms.
+SECTION = {"EA": (1, -2), "GA": (1, -2), "EI": (3, -2), "rhoA": (-1, 0), "rhoI": (1, 0)}
+POWERS = {
+    "pendulum": {"LENGTH": (1, 0), "GRAVITY": (1, -2), "SPEED": (1, -1)},
+    "pinned_beam": {"LENGTH": (1, 0), "VELOCITY": (1, -1)},
+    "three_bar_swing": dict.fromkeys(("LEFT", "RIGHT", "A", "C"), (1, 0)) | {"PULSE": (1, -2)},
+    "multibody": dict.fromkeys(("LEFT", "RIGHT", "A", "B", "MIDDLE"), (1, 0)) | {"PULSE": (2, -2)},
+}
+# New units in an old one: length, time.
+UNITS = {
+    "micrometres": (1e6, 1.0),
+    "hours": (1.0, 1 / 3600),
+    "micrometres and hours": (1e6, 1 / 3600),
+}
+# Until when motions are compared [s]: later a change in the last digit is another motion.
+COMPARED = {"pendulum": 5.0, "pinned_beam": 1.0, "three_bar_swing": 0.6, "multibody": 1.0}
+
+
+def in_units(name, length, time):
+    """A demo as a module whose constants are in other units."""
+    module = demo.__wrapped__(name)
+    for constant, (a, b) in POWERS[name].items():
+        factor = length**a * time**b
+        value = getattr(module, constant)
+        if constant == "PULSE":
+            value = tuple(np.multiply(value, ((time,), (factor,))))
+        else:
+            value = tuple(np.multiply(value, factor)) if np.ndim(value) else value * factor
+        setattr(module, constant, value)
+    for constant in {"SECTION", "LINK"} & vars(module).keys():
+        section = getattr(module, constant)
+        own = {key: getattr(section, key) * length**a * time**b for key, (a, b) in SECTION.items()}
+        setattr(module, constant, replace(section, **own))
+    return module
+
+
+def compare_units():
+    """Largest difference of motion and energy between units, by demo and units."""
+    found = {}
+    for name, t_end in COMPARED.items():
+        dt = demo(name).DT if name != "pendulum" else PENDULUM.SMALL
+
+        def motion(length, time, name=name, dt=dt, t_end=t_end):
+            scene = only(in_units(name, length, time).scene())
+            solution = fb.simulate(scene, dt=dt * time, t_end=t_end * time)
+            size = np.hypot(*np.ptp(solution.X, axis=0))
+            places = solution.q / (size, size, 1.0)
+            return places, solution.energy.total * (time / length) ** 2
+
+        places, energy = motion(1.0, 1.0)
+        for units, factors in UNITS.items():
+            others, other_energy = motion(*factors)
+            found[f"{name}, {units}"] = {
+                "until": t_end,
+                "largest difference of motion": abs(others - places).max(),
+                "of energy": abs(other_energy - energy).max() / abs(energy).max(),
+            }
+    return found
+
+
+def units_page(found):
+    rows = [
+        [case, f"{row['until']:g}", *(f"{row[key]:.0e}" for key in list(row)[1:])]
+        for case, row in found.items()
+    ]
+    header = ["demo, units", "until [s]", "motion", "energy"]
+    return (
+        "## Other units\n\nLargest difference from the motion in the demo's units, by "
+        "EnergyMomentum: displacements over the size of the scene, rotations, and energy over the "
+        "largest.\n\n" + report.table(header, rows)
+    )
+
+
+def main(quick=False, results=ROOT / "results" / "stability"):
+    """Cells of the cases, cells of Newton's tolerance, and units; also as files in a directory."""
+    # A halved step is a number in the tables.
+    logging.getLogger("fx_beam").setLevel(logging.ERROR)
+    clock = perf_counter()
+    halvings = 2 if quick else 8
+    cases = [case for group in GROUPS for case in group(quick)]
+    cells = fb.stability.study(SCHEMES, cases, max_halvings=halvings)
+    by_tolerance = fb.stability.study(SCHEMES, tolerances(quick), max_halvings=halvings)
+    units = compare_units()
+    fb.stability.write(results / "cases", cells, "stiff and extreme cases", units_page(units))
+    title = "what the schemes owe to Newton's tolerance"
+    fb.stability.write(results / "tolerances", by_tolerance, title)
+    report.write_json(results / "units.json", units)
+    for scheme, row in fb.stability.counts(cells).items():
+        print(f"{scheme:24}", ", ".join(f"{kind} {number:.3g}" for kind, number in row.items()))
+    print(f"{len(cells) + len(by_tolerance)} runs, {perf_counter() - clock:.0f} s: {results}")
+    return cells, by_tolerance, units
+
+
+if __name__ == "__main__":
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--quick", action="store_true", help="a short form, under half a minute")
+    parser.add_argument("results", nargs="?", type=Path, help="directory to write to")
+    given = parser.parse_args()
+    main(given.quick, *([given.results] if given.results else []))

@@ -1,0 +1,93 @@
+"""A case on which time schemes are tried, and what became of one of them there."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from .drift import Drift
+from .errors import SceneError
+from .newton import NewtonOptions
+from .scene import Scene
+from .verdict import Verdict
+
+
+@dataclass(frozen=True)
+class Case:
+    """A scene with a time step, on which schemes are tried.
+
+    Parameters
+    ----------
+    group : str
+        What is varied.
+    label : str
+        Its value here, a few characters.
+    scene : callable
+        ``scene()`` gives the `Scene`.
+    dt : float
+        Time step [s].
+    t_end : float
+        End of the run [s].
+    start : float
+        Time from which the energy is judged [s]: the end of loads, whose work some schemes have
+        to second order only.
+    newton : NewtonOptions, optional
+        When Newton's method stops.
+    every : int
+        Steps between two looks at the energy; for several, the law of its drift is found as well.
+    """
+
+    group: str
+    label: str
+    scene: Callable[[], Scene]
+    dt: float
+    t_end: float
+    start: float = 0.0
+    newton: NewtonOptions | None = None
+    every: int = 1
+
+    def __post_init__(self):
+        if not self.start < self.t_end:
+            raise SceneError(
+                f"{self.name}: the energy is judged from {self.start:g} on, but the run ends at "
+                f"{self.t_end:g}"
+            )
+
+    @property
+    def name(self) -> str:
+        """Group and label."""
+        return f"{self.group}: {self.label}"
+
+
+@dataclass(frozen=True)
+class Cell:
+    """A scheme on a case.
+
+    Parameters
+    ----------
+    case : Case
+        The case.
+    scheme : str
+        Name of the scheme.
+    family : str
+        The name it has itself, by which it is drawn.
+    verdict : Verdict
+        What became of the energy.
+    t, ratio : (n,) float
+        Energy over what it should be, thinned out to some hundred points, extremes kept.
+    seconds : float
+        Time spent stepping [s].
+    drift : Drift, optional
+        How the error grows with the number of steps, for cases that look only every so many steps.
+    """
+
+    case: Case
+    scheme: str
+    family: str
+    verdict: Verdict
+    t: np.ndarray
+    ratio: np.ndarray
+    seconds: float
+    drift: Drift | None = None

@@ -1,0 +1,349 @@
+"""Verdicts on energies, laws of drift, and the report on stability in its short form."""
+
+import json
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from pytest import approx
+from scenes import pendulum
+from test_reports import benchmark
+
+import fx_beam as fb
+from fx_beam import stability
+from fx_beam.stability_report import numbers, symbol, telling
+
+OURS, PUBLISHED = "EnergyMomentum", "ModifiedMidPoint"
+NEWMARK, HHT = "Newmark (trapezoidal)", "HHT, alpha = -0.1"
+
+
+# -- Verdicts ----------------------------------------------------------------------------------
+
+
+def history(ratio, failure="", t_end=1.0, kinetic=2.0, work=0.0, potential=0.0):
+    """A run whose energy is this many times what it should be."""
+    ratio = np.asarray(ratio, dtype=float)
+    zero = np.zeros_like(ratio)
+    work, potential = zero + work, zero + potential
+    energy = fb.Energy(kinetic * ratio + work - potential, zero, potential, work)
+    stats = fb.Stats("made up", 0.5, "none", 1, steps=len(ratio) - 1, failure=failure)
+    reached = t_end / 2 if failure else t_end
+    return SimpleNamespace(t=np.linspace(0, reached, len(ratio)), energy=energy, stats=stats)
+
+
+@pytest.mark.parametrize(
+    ("ratio", "kind"),
+    [
+        ([1, 1 + 9e-9, 1 - 9e-9], "kept"),
+        ([1, 1 - 2e-8, 1], "lost"),
+        ([1, 1 + 2e-8, 1], "gained"),
+        ([1, 1.01, 0.98], "lost"),
+        ([1, 1.02, 0.99], "gained"),
+        ([1, 9.9, 1], "gained"),
+        ([1, 10.1, 1], "blew up"),
+        ([1, np.inf, 1], "blew up"),
+        ([1, np.nan, 1], "blew up"),
+        ([1, -0.5, 1], "lost"),
+    ],
+)
+def test_verdict_on_a_run_that_ends(ratio, kind):
+    verdict = stability.classify(history(ratio), 1.0)
+    assert verdict.kind == kind
+    assert (verdict.time, verdict.reached, verdict.reason) == (1.0, 1.0, "")
+    assert verdict.steps == 2
+
+
+@pytest.mark.parametrize(
+    ("ratio", "kind"), [([1, 1], "failed"), ([1, 3], "failed"), ([1, 30], "blew up")]
+)
+def test_verdict_on_a_run_that_breaks_off(ratio, kind):
+    error = fb.StepError("no convergence", 0.5)
+    error.solution = history(ratio, "no convergence")
+    verdict = stability.classify(error, 1.0)
+    assert (verdict.kind, verdict.reason) == (kind, "no convergence")
+    assert (verdict.time, verdict.reached) == (0.5, 0.5)
+
+
+def test_numbers_of_a_verdict_are_those_of_the_ratio():
+    verdict = stability.classify(history([1, 1.25, 0.5]), 1.0)
+    assert (verdict.highest, verdict.lowest) == approx((1.25, 0.5), rel=1e-14)
+    assert (verdict.worst, verdict.gain) == approx((0.5, 0.25), rel=1e-14)
+    assert stability.classify(history([1, 0.5]), 1.0).gain == 0
+
+
+def test_a_run_that_ends_before_its_loads_has_failed_without_a_ratio():
+    verdict = stability.classify(history([1, 1], "no convergence"), 1.0, start=0.6)
+    assert verdict.kind == "failed" and np.isnan(verdict.highest)
+
+
+def test_work_and_weight_are_no_error_of_the_energy():
+    work, fall = np.linspace(0, 5, 11), np.linspace(0, -3, 11)
+    _, ratio = stability.energy_ratio(history(np.ones(11), work=work, potential=fall))
+    assert abs(ratio - 1).max() < 1e-15
+
+
+def test_ratio_is_to_the_largest_energy_that_moves():
+    error = np.array([1, 1, 1.5])  # 1 J too much in the end
+    assert stability.energy_ratio(history(error))[1][-1] == approx(1.5)
+    loaded = history(error, work=np.array([0, 2, 4.0]))
+    assert stability.energy_ratio(loaded)[1][-1] == approx(1.25)
+    falling = history(error, potential=np.array([0, -5, -10.0]))
+    assert stability.energy_ratio(falling)[1][-1] == approx(1.1)
+
+
+def test_energy_is_judged_from_the_start_given():
+    run = history([1, 2, 2, 2, 3])
+    t, ratio = stability.energy_ratio(run, start=0.25)
+    assert t[0] == 0.25 and ratio == approx([1, 1, 1, 1.25 * 1.2])
+    assert stability.classify(run, 1.0, 0.25).gain == approx(0.5)
+
+
+def test_a_scene_at_rest_has_no_energy_to_judge():
+    with pytest.raises(fb.SceneError, match="no energy moves"):
+        stability.classify(history([1, 1], kinetic=0.0), 1.0)
+
+
+def test_a_case_is_not_judged_from_a_time_that_it_does_not_reach():
+    with pytest.raises(fb.SceneError, match="swing: fast: .* from 2 on, but .* at 1"):
+        stability.Case("swing", "fast", fb.Scene, dt=0.1, t_end=1.0, start=2.0)
+
+
+# -- Drift -------------------------------------------------------------------------------------
+
+
+def steps(size):
+    return np.random.default_rng(7).standard_normal(size)
+
+
+@pytest.mark.parametrize(
+    ("errors", "exponent", "law"),
+    [
+        (steps((50, 2000)), 0.0, "stays within bounds"),
+        (np.cumsum(steps((50, 2000)), axis=1), 0.5, "random walk"),
+        (np.arange(2000.0) + 10 * steps((50, 2000)), 1.0, "drifts to one side"),
+        (np.zeros((1, 2000)), 0.0, "stays within bounds"),
+    ],
+    ids=["noise", "walk", "line", "none"],
+)
+def test_drift_finds_the_law_of_made_up_errors(errors, exponent, law):
+    drifts = [stability.drift_of(1e-15 * error) for error in errors]
+    assert np.mean([drift.exponent for drift in drifts]) == approx(exponent, abs=0.05)
+    # The exponent of a single walk scatters by 0.1.
+    assert sum(drift.law == law for drift in drifts) > 0.9 * len(drifts)
+
+
+def test_drift_counts_steps_and_not_rows():
+    drift = stability.drift_of(np.arange(1001.0), every=100)
+    assert drift.steps == {100: 1, 1000: 10, 10_000: 100, 100_000: 1000}
+
+
+def test_drift_needs_enough_errors():
+    with pytest.raises(fb.SceneError, match="100 finite errors"):
+        stability.drift_of(np.zeros(99))
+    with pytest.raises(fb.SceneError, match="100 finite errors"):
+        stability.drift_of(np.full(200, np.nan))
+
+
+# -- A study of one's own ----------------------------------------------------------------------
+
+
+def own_study():
+    schemes = {"ours": fb.EnergyMomentum(), "theirs": fb.Newmark()}
+    return stability.study(
+        schemes,
+        [
+            stability.Case("EA", f"{EA:g}", lambda EA=EA: pendulum(EA)[0], dt=0.1, t_end=5.0)
+            for EA in (1e4, 1e10)
+        ],
+    )
+
+
+def test_a_study_has_a_cell_for_every_scheme_in_every_case(tmp_path):
+    cells = own_study()
+    assert [(cell.case.label, cell.scheme) for cell in cells] == [
+        (EA, scheme) for EA in ("10000", "1e+10") for scheme in ("ours", "theirs")
+    ]
+    assert [cell.verdict.kind for cell in cells[::2]] == ["kept", "kept"]
+    assert {cell.verdict.kind for cell in cells[1::2]} & {"gained", "blew up"}
+    for cell in cells:
+        assert cell.ratio.max() == cell.verdict.highest and len(cell.t) == len(cell.ratio) <= 401
+    stability.write(tmp_path / "new" / "arm", cells, "an arm", "## More\n")
+    page = (tmp_path / "new" / "arm.md").read_text()
+    assert page.startswith("# Stability: an arm\n") and "## More\n" in page
+    assert {path.name for path in (tmp_path / "new").iterdir()} == {
+        "arm.json",
+        "arm.md",
+        "arm.png",
+        "arm_curves.png",
+    }
+
+
+def test_two_cases_of_one_name_are_refused():
+    case = stability.Case("EA", "1", lambda: pendulum()[0], dt=0.1, t_end=1.0)
+    with pytest.raises(fb.SceneError, match="same group and label"):
+        stability.study({"ours": fb.EnergyMomentum()}, [case, case])
+
+
+def test_an_error_in_a_scene_names_its_case():
+    case = stability.Case("No beams", "1", fb.Scene, dt=0.1, t_end=1.0)
+    with pytest.raises(fb.SceneError, match="No beams: 1, ours: the scene has no beams"):
+        stability.study({"ours": fb.EnergyMomentum()}, [case])
+
+
+def made_up(group, label, ratios):
+    """A cell for each of the ratios."""
+    case = stability.Case(group, label, fb.Scene, dt=0.1, t_end=1.0)
+    verdicts = [stability.classify(history([1, ratio]), 1.0) for ratio in ratios]
+    return [
+        stability.Cell(case, str(k), "Newmark", verdict, np.zeros(0), np.zeros(0), 0.0)
+        for k, verdict in enumerate(verdicts)
+    ]
+
+
+def test_the_most_telling_cases_are_those_on_which_schemes_differ():
+    alike = made_up("a", "1", [1, 1, 1])
+    wide = made_up("a", "2", [1, 1.1, 1.5])
+    wider = made_up("b", "1", [1, 1.1, 5.0])
+    all_kinds = made_up("c", "1", [1, 0.9, 11.0])
+    shown = telling(alike + wide + wider + all_kinds)
+    assert shown == [all_kinds, wider, wide]
+
+
+@pytest.mark.parametrize(
+    ("ratio", "expected"),
+    [(1 + 4e-13, "4e-13"), (0.83, "-17%"), (1.04, "+4%"), (1 + 2e-5, "+2e-5"), (3e9, "\u00d73e9")],
+)
+def test_symbol_of_a_verdict_is_short(ratio, expected):
+    assert symbol(stability.classify(history([1, ratio]), 1.0)) == expected
+
+
+def test_symbol_of_a_failure_is_the_part_of_the_time_that_it_reached():
+    assert symbol(stability.classify(history([1, 1], "why"), 1.0)) == "\u271750%"
+
+
+# -- The report --------------------------------------------------------------------------------
+
+
+@pytest.fixture(scope="module")
+def report(tmp_path_factory):
+    """What the short form returns, and the directory with what it wrote."""
+    directory = tmp_path_factory.mktemp("stability")
+    return *benchmark("stability").main(quick=True, results=directory), directory
+
+
+def of_scheme(cells, scheme):
+    return {cell.case.name: cell.verdict for cell in cells if cell.scheme == scheme}
+
+
+def test_our_scheme_gains_no_energy_in_any_case(report):
+    cells, *_ = report
+    verdicts = of_scheme(cells, OURS)
+    assert len(verdicts) > 30
+    assert {verdict.kind for verdict in verdicts.values()} <= {"kept", "failed"}
+    assert max(verdict.gain for verdict in verdicts.values()) < 1e-8
+
+
+def test_every_failure_says_what_when_and_where(report):
+    failures = [cell.verdict for cell in report[0] if cell.verdict.kind == "failed"]
+    assert failures
+    for verdict in failures:
+        assert "the step from t = " in verdict.reason and "of node " in verdict.reason
+        assert 0 <= verdict.reached < 1
+
+
+def test_the_cases_cover_what_is_stiff_and_extreme(report):
+    groups = {cell.case.group for cell in report[0]}
+    for kind in (
+        "EA [N]",
+        "highest frequency",
+        "mass",
+        "inertia",
+        "slenderness",
+        "elements",
+        "shortest element",
+        "turn in a step",
+        "impulse",
+        "jump",
+        "step times",
+        "EI times",
+        "String",
+        "Many steps",
+    ):
+        assert any(kind in group for group in groups), kind
+
+
+def test_the_published_scheme_drifts_where_ours_does_not(report):
+    published = of_scheme(report[0], PUBLISHED)
+    drifting = [name for name, verdict in published.items() if verdict.kind != "kept"]
+    assert len(drifting) > len(published) / 2
+    assert "blew up" not in {verdict.kind for verdict in published.values()}
+
+
+def test_newmark_blows_up_and_hht_loses_energy_on_the_pinned_beam(report):
+    name = "Pinned beam, dt = 0.01 s: EA and GA times: 1e0"
+    assert of_scheme(report[0], NEWMARK)[name].kind == "blew up"
+    assert of_scheme(report[0], HHT)[name].kind == "lost"
+
+
+def test_newmarks_blow_up_is_not_newtons_tolerance(report):
+    by_tolerance = report[1]
+    for tolerance in ("1e-4", "1e-10"):
+        name = f"Pinned beam: Newton's tolerance: {tolerance}"
+        assert of_scheme(by_tolerance, NEWMARK)[name].kind == "blew up"
+    # Ours owes its energy to it: what Newton's method leaves is gained or lost.
+    loose, tight = (
+        of_scheme(by_tolerance, OURS)[f"Pinned beam: Newton's tolerance: {tolerance}"].worst
+        for tolerance in ("1e-4", "1e-10")
+    )
+    assert tight < 1e-12 < 1e-9 < loose < 1e-6
+
+
+def test_our_scheme_drifts_with_rounding_only(report):
+    drifts = [cell.drift for cell in report[0] if cell.drift and cell.scheme == OURS]
+    assert len(drifts) == 2
+    for drift in drifts:
+        assert max(drift.steps.values()) < 1e-12
+
+
+def test_units_do_not_matter(report):
+    units = report[2]
+    assert len(units) == 12
+    for case, row in units.items():
+        assert row["largest difference of motion"] < 1e-11, case
+        assert row["of energy"] < 1e-11, case
+
+
+def test_the_report_is_written_in_full(report):
+    cells, _, _, directory = report
+
+    def refuse(constant):
+        raise AssertionError(f"{constant} is not JSON")
+
+    found = json.loads((directory / "cases.json").read_text(), parse_constant=refuse)
+    assert (
+        len(found["cells"])
+        == len(cells)
+        == sum(row[kind] for row in found["verdicts"].values() for kind in stability.KINDS)
+    )
+    assert {"processor", "dolfinx"} <= set(found["machine"])
+    page = (directory / "cases.md").read_text()
+    for picture in ("cases.png", "cases_curves.png"):
+        assert f"]({picture})" in page and (directory / picture).stat().st_size > 20_000
+    for group in {cell.case.group for cell in cells}:
+        assert f"## {group}\n" in page
+    assert "## Other units" in page and "## Why runs broke off" in page
+    assert {"tolerances.md", "units.json"} <= {path.name for path in directory.iterdir()}
+
+
+def test_numbers_hold_every_criterion():
+    assert numbers(made_up("a", "1", [1]))["criteria"] == {"kept": 1e-8, "blew up": 10}
+
+
+def test_highest_frequency_of_a_mass_on_a_stiff_bar():
+    scene = fb.Scene()
+    section = fb.Section(EA=1e6, GA=1.0, EI=1.0)
+    bar = scene.add_beam([(0, 0), (2, 0)], section)
+    scene.clamp(bar.start)
+    scene.add_mass(bar.end, 3.0, inertia=1.0)
+    frequency = benchmark("stability").highest_frequency(scene)
+    assert frequency == approx(np.sqrt(1e6 / 2 / 3), rel=1e-12)
