@@ -5,7 +5,7 @@ import pytest
 from scenes import demo, pendulum, pinned_beam, relative_drift
 
 import fx_beam as fb
-from fx_beam import loop, newton
+from fx_beam import newton, problem
 
 SOLVERS = pytest.mark.parametrize("solver", ["compiled", "petsc"])
 
@@ -127,7 +127,7 @@ def test_large_steps_of_the_pinned_beam_converge_without_halving():
 
 def bound_of_guesses(monkeypatch, bound):
     """Let increments be carried on where they foretold the last one to this relative error."""
-    for module in (newton, loop):
+    for module in (newton, problem):
         monkeypatch.setattr(module, "CLOSE", bound)
 
 
