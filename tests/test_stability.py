@@ -76,19 +76,31 @@ def test_a_run_that_ends_before_its_loads_has_failed_without_a_ratio():
     assert verdict.kind == "failed" and np.isnan(verdict.highest)
 
 
+def test_a_run_that_breaks_off_before_anything_moved_has_failed_as_well():
+    verdict = stability.classify(history([1], "no convergence", kinetic=0.0), 1.0)
+    assert verdict.kind == "failed" and np.isnan(verdict.highest)
+
+
 def test_work_and_weight_are_no_error_of_the_energy():
     work, fall = np.linspace(0, 5, 11), np.linspace(0, -3, 11)
     _, ratio = stability.energy_ratio(history(np.ones(11), work=work, potential=fall))
     assert abs(ratio - 1).max() < 1e-15
 
 
-def test_ratio_is_to_the_largest_energy_that_moves():
+def test_ratio_is_to_the_energy_at_the_start_and_the_work():
     error = np.array([1, 1, 1.5])  # 1 J too much in the end
     assert stability.energy_ratio(history(error))[1][-1] == approx(1.5)
-    loaded = history(error, work=np.array([0, 2, 4.0]))
+    loaded = history(error, work=np.array([0, 2, 0.0]))
     assert stability.energy_ratio(loaded)[1][-1] == approx(1.25)
-    falling = history(error, potential=np.array([0, -5, -10.0]))
-    assert stability.energy_ratio(falling)[1][-1] == approx(1.1)
+    # Weight counts in a fall from rest only: what a lost motion makes of it is no measure.
+    swinging = history(error, potential=np.array([0, -5, -10.0]))
+    assert stability.energy_ratio(swinging)[1][-1] == approx(1.5)
+
+
+def test_a_fall_from_rest_is_judged_by_the_weight():
+    fall = history([1, 1, 1], kinetic=0.0, potential=np.array([0, -5, -10.0]))
+    fall.energy.kinetic[-1] += 1.0
+    assert stability.energy_ratio(fall)[1] == approx([1, 1, 1.1])
 
 
 def test_energy_is_judged_from_the_start_given():
