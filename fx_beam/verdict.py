@@ -147,7 +147,7 @@ def classify(run: Solution | StepError, t_end: float, start: float = 0.0) -> Ver
         kind = "kept"
     else:
         kind = "gained" if highest - 1 > 1 - lowest else "lost"
-    time = float(solution.t[-1])
+    time = run.time if isinstance(run, StepError) else float(solution.t[-1])
     return Verdict(
         kind=kind,
         time=time,
