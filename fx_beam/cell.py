@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from .drift import Drift
+from .drift import FEWEST, Drift
 from .errors import SceneError
 from .newton import NewtonOptions
 from .scene import Scene
@@ -35,8 +35,8 @@ class Case:
         to second order only.
     newton : NewtonOptions, optional
         When Newton's method stops.
-    every : int
-        Steps between two looks at the energy; for several, the law of its drift is found as well.
+    drifts : bool
+        Whether the law is sought by which the error grows with the number of steps.
     """
 
     group: str
@@ -46,13 +46,18 @@ class Case:
     t_end: float
     start: float = 0.0
     newton: NewtonOptions | None = None
-    every: int = 1
+    drifts: bool = False
 
     def __post_init__(self):
         if not self.start < self.t_end:
             raise SceneError(
                 f"{self.name}: the energy is judged from {self.start:g} on, but the run ends at "
                 f"{self.t_end:g}"
+            )
+        if self.drifts and self.t_end < FEWEST * self.dt:
+            raise SceneError(
+                f"{self.name}: the law of a drift needs {FEWEST} steps and more, not "
+                f"{self.t_end / self.dt:.3g}"
             )
 
     @property
@@ -80,7 +85,7 @@ class Cell:
     seconds : float
         Time spent stepping [s].
     drift : Drift, optional
-        How the error grows with the number of steps, for cases that look only every so many steps.
+        How the error grows with the number of steps, if that is sought and the run did not break off.
     """
 
     case: Case

@@ -38,15 +38,13 @@ class Drift:
         return laws[min(laws, key=lambda p: abs(p - self.exponent))]
 
 
-def drift_of(error: np.ndarray, every: int = 1) -> Drift:
+def drift_of(error: np.ndarray) -> Drift:
     """Drift of an invariant.
 
     Parameters
     ----------
     error : (n,) float
-        Error of the invariant, from the start on.
-    every : int
-        Steps between two of them.
+        Error of the invariant after each step, from the start on.
 
     Returns
     -------
@@ -66,7 +64,5 @@ def drift_of(error: np.ndarray, every: int = 1) -> Drift:
     moved = rms > 0
     exponent = np.polyfit(np.log(lags[moved]), np.log(rms[moved]), 1)[0] if moved.any() else 0.0
     largest = np.maximum.accumulate(abs(error - error[0]))
-    total = (n - 1) * every
-    decades = [10**k for k in range(1, 10) if every <= 10**k <= total]
-    counts = sorted({*decades, total})
-    return Drift(float(exponent), {k: float(largest[k // every]) for k in counts})
+    decades = [10**k for k in range(1, 10) if 10**k < n]
+    return Drift(float(exponent), {k: float(largest[k]) for k in sorted({*decades, n - 1})})

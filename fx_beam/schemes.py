@@ -70,7 +70,8 @@ def EnergyMomentum() -> Scheme:
     Second order; conserves energy and both momenta to solver accuracy. For degree 1 in closed
     form. For degree 2 and 3 the resultants have a pole where all strains of a Gauss point stand
     still while its element turns and bends: on coarse meshes a step in a hundred may have to be
-    halved for it.
+    halved for it. No node may turn by more than 2 rad in a step, after all halvings, which is
+    where light strings that whip and very fast spins end it.
 
     Returns
     -------

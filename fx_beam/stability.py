@@ -8,7 +8,7 @@ from collections.abc import Iterable, Mapping
 import numpy as np
 
 from .cell import Case, Cell
-from .drift import FEWEST, Drift, drift_of
+from .drift import Drift, drift_of
 from .dynamics import simulate
 from .errors import SceneError, StepError
 from .recorder import Record
@@ -64,7 +64,7 @@ def study(
     Raises
     ------
     SceneError
-        If a scene cannot be computed, whatever the scheme, or two cases have one name.
+        If a scene cannot be computed, or two cases have one name.
 
     Examples
     --------
@@ -97,9 +97,8 @@ def _cell(case: Case, name: str, scheme: Scheme, max_halvings: int) -> Cell:
     solution: Solution = run.solution if isinstance(run, StepError) else run
     t, ratio = energy_ratio(solution, case.start)
     drift = None
-    long = case.every > 1 and len(ratio) >= FEWEST
-    if long and verdict.kind in ("kept", "lost", "gained"):
-        drift = drift_of(ratio - 1, case.every)
+    if case.drifts and verdict.kind in ("kept", "lost", "gained"):
+        drift = drift_of(ratio - 1)
     _log.info("%s, %s: %s", case.name, name, verdict.kind)
     kept = _thinned(ratio)
     seconds = solution.stats.seconds
@@ -115,7 +114,7 @@ def _run(case: Case, scheme: Scheme, max_halvings: int) -> Solution | StepError:
             t_end=case.t_end,
             newton=case.newton,
             max_halvings=max_halvings,
-            record=Record(every=case.every, motion=False, rates=False, forces=False),
+            record=Record(motion=False, rates=False, forces=False),
             progress=False,
         )
     except StepError as error:

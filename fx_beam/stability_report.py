@@ -23,7 +23,7 @@ COLOURS = {
 }
 _ON_DARK = "blew up", "failed"
 # Cases, and gaps between their groups, side by side in the heat map; letters over each.
-_SLOTS, _LETTERS = 19, 7
+_SLOTS, _LETTERS = 27, 7
 #: Cases whose curves are drawn.
 TELLING = 6
 
@@ -290,8 +290,8 @@ def _draw_map(path: Path, cells: list[Cell]) -> None:
     groups = _groups(cells)
     bands = _bands(groups)
     schemes = list(dict.fromkeys(cell.scheme for cell in cells))
-    figure, axes = plot.figure(len(bands), 1, height=0.75 + 0.19 * len(schemes))
-    figure.set_figwidth(10.0)
+    figure, axes = plot.figure(len(bands), 1, height=0.65 + 0.18 * len(schemes))
+    figure.set_figwidth(13.0)
     for ax, band in zip(axes.flat, bands, strict=True):
         _draw_band(ax, [(group, groups[group]) for group in band], schemes)
     squares = [

@@ -29,8 +29,8 @@ class Verdict:
     reached : float
         Part of the time that was asked for.
     highest, lowest : float
-        Extremes of the ratio of the energy to what it should be; NaN if no load had ended before
-        the run did.
+        Extremes of the ratio of the energy to what it should be; NaN if the run broke off before
+        loads had ended or anything moved.
     steps, iterations, halvings : int
         Steps, Newton's corrections in all, and steps split in two.
     reason : str
@@ -63,8 +63,9 @@ def energy_ratio(solution: Solution, start: float = 0.0) -> tuple[np.ndarray, np
 
     .. math:: r = 1 + \frac{e(t) - e(t_0)}{E_0}, \qquad e = E - E(0) - W,
 
-    with the work W of all loads, so that r = 1 holds under loads as well, and E_0 the largest of
-    three: kinetic and strain energy at `start`, work since then, change of the potential energy.
+    with the work W of all loads, so that r = 1 holds under loads as well, and E_0 the kinetic and
+    strain energy at `start` and the largest work since then; in a fall from rest, where both are
+    zero, the largest change of the potential energy.
 
     Parameters
     ----------
@@ -95,9 +96,10 @@ def energy_ratio(solution: Solution, start: float = 0.0) -> tuple[np.ndarray, np
         for values in (energy.balance_error, energy.work, energy.potential)
     )
     moving = (energy.kinetic + energy.strain)[after][0]
-    changes = [abs(values - values[0]) for values in (work, potential)]
-    scale = max(moving, *(change[np.isfinite(change)].max() for change in changes))
+    scale = moving + _largest_change(work) or _largest_change(potential)
     if not scale > 0:
+        if solution.stats.failure:  # before anything moved
+            return t[:0], np.empty(0)
         raise SceneError(
             f"no energy moves from t = {start:g} to {t[-1]:g}: give a later start, or a scene with "
             "loads or velocities"
@@ -105,6 +107,11 @@ def energy_ratio(solution: Solution, start: float = 0.0) -> tuple[np.ndarray, np
     with np.errstate(invalid="ignore", over="ignore"):
         ratio = 1 + (error - error[0]) / scale
     return t, np.where(np.isfinite(ratio), ratio, np.inf)
+
+
+def _largest_change(values: np.ndarray) -> float:
+    changes = abs(values - values[0])
+    return float(changes[np.isfinite(changes)].max())
 
 
 def classify(run: Solution | StepError, t_end: float, start: float = 0.0) -> Verdict:
@@ -140,7 +147,7 @@ def classify(run: Solution | StepError, t_end: float, start: float = 0.0) -> Ver
         kind = "kept"
     else:
         kind = "gained" if highest - 1 > 1 - lowest else "lost"
-    time = float(solution.t[-1])
+    time = run.time if isinstance(run, StepError) else float(solution.t[-1])
     return Verdict(
         kind=kind,
         time=time,
