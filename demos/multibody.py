@@ -45,7 +45,7 @@ SECTION = fb.Section.rectangle(height=2e-3, width=20e-3, E=210e9, nu=0.3, rho=78
 ELEMENTS = 5  # of each member
 PULSE = (0.0, 0.25, 0.5), (0.0, -5.0, 0.0)  # times [s] and moment at the right support [N m]
 PULSE_END = PULSE[0][-1]
-T_END = 3.25  # [s]
+T_END = 4.0  # [s]
 LARGE, DT, SMALL = STEPS = (0.01, 0.005, 0.0025)  # [s]
 
 SCHEMES = {

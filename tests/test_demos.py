@@ -182,7 +182,7 @@ def multibody(scheme, dt=0.005):
 @pytest.mark.parametrize("dt", [0.01, 0.005])
 def test_multibody_keeps_its_energy_after_the_moment(dt):
     run = multibody("EnergyMomentum", dt)
-    assert run["failure"] is None and run["steps"] == round(3.25 / dt)
+    assert run["failure"] is None and run["steps"] == round(4.0 / dt)
     assert run["energy drift"] < 1e-10
     assert run["balance error"] < 1e-10 * run["energy after the pulse"]
 
