@@ -85,7 +85,7 @@ class Cell:
     seconds : float
         Time spent stepping [s].
     drift : Drift, optional
-        How the error grows with the number of steps, if that is sought and the run did not break off.
+        How the error grows with the number of steps, if sought and the run did not break off.
     """
 
     case: Case

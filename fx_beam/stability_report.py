@@ -299,7 +299,7 @@ def _draw_map(path: Path, cells: list[Cell]) -> None:
         for kind, colour in COLOURS.items()
     ]
     figure.legend(handles=squares, ncols=5, loc="outside upper center", frameon=False)
-    figure.savefig(path, dpi=200)
+    figure.savefig(path, dpi=150)
 
 
 def _bands(groups: dict[str, list]) -> list[list[str]]:
