@@ -5,6 +5,8 @@ Forces and driven motions are evaluated here, ahead of the block.
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 
 from .newton import NewtonOptions
@@ -64,20 +66,25 @@ class CompiledLoop:
         """
         done = 0
         while done < len(times):
-            steps = _equal_steps(state.t, times[done:])
-            done += self._run(state, times[done : done + steps], first + done, recorder)
-            state = self._state(float(times[done - 1]) if done else state.t)
-            if self._problem.failure:
-                # The step that failed, in Python, which knows how to halve it.
-                self._problem.failure = 0
-                state = self._stepper.march(state, times[done : done + 1], first + done, recorder)
-                done += 1
+            end = done + _equal_steps(state.t, times[done:])
+            known = self._ahead(state.t, times[done:end])
+            while done < end:
+                steps = self._run(state, times[done:end], first + done, recorder, known)
+                done, known = done + steps, known.after(steps)
+                state = self._state(float(times[done - 1]) if done else state.t)
+                if self._problem.failure:
+                    # The step that failed, in Python, which knows how to halve it.
+                    self._problem.failure = 0
+                    now = times[done : done + 1]
+                    state = self._stepper.march(state, now, first + done, recorder)
+                    done, known = done + 1, known.after(1)
         return state
 
-    def _run(self, state: State, times: np.ndarray, first: int, recorder: Recorder) -> int:
+    def _run(
+        self, state: State, times: np.ndarray, first: int, recorder: Recorder, known: _Known
+    ) -> int:
         """Take steps of one length, and give how many succeeded."""
         p, stats, model = self._problem, self._stepper.stats, self.model
-        forces, driven, thrust, error = self._ahead(state.t, times)
         room = self._room
         room["q"][:], room["v"][:], room["a"][:] = state.q, state.v, state.a
         room["slide"][:] = state.slides
@@ -89,29 +96,29 @@ class CompiledLoop:
             room["added_force"][:] = state.added
         p.t, p.work, p.iterations, p.by_round_off = state.t, state.work, 0, 0
         ahead = self._ffi.new("Ahead *")
-        for name, known in (("forces", forces), ("driven", driven), ("thrust", thrust)):
-            setattr(ahead, name, self._ffi.cast("double *", known.ctypes.data))
-        ahead.force_stride = forces[0].size if len(forces) > 1 else 0
-        ahead.thrust_stride = thrust[0].size if len(thrust) > 1 else 0
+        for name in ("forces", "driven", "thrust"):
+            setattr(ahead, name, self._ffi.cast("double *", getattr(known, name).ctypes.data))
+        ahead.force_stride = known.forces.strides[0] // known.forces.itemsize
+        ahead.thrust_stride = known.thrust.strides[0] // known.thrust.itemsize
         to = self._ffi.new("Record *")
         to.every, to.first, to.last = recorder.every, first, recorder.last
         for name, rows in recorder.arrays.items():
             at = rows[recorder.rows :]
             setattr(to, name, self._ffi.cast("double *", at.ctypes.data))
         dt = (times[-1] - state.t) / len(times)
-        done = self._library.fx_run(p, len(driven), dt, ahead, to)
+        done = self._library.fx_run(p, len(known.driven), dt, ahead, to)
         recorder.rows += to.rows
         stats.steps += done
         stats.newton_iterations += p.iterations
         for name, count in (("increment", done - p.by_round_off), ("round-off", p.by_round_off)):
             if count:
                 stats.ended_by[name] = stats.ended_by.get(name, 0) + count
-        if error is not None and done == len(driven):
-            raise error
+        if known.error is not None and done == len(known.driven):
+            raise known.error
         return done
 
-    def _ahead(self, t: float, times: np.ndarray):
-        """Forces, driven motions and follower forces of all steps, or of those before one fails."""
+    def _ahead(self, t: float, times: np.ndarray) -> _Known:
+        """What is known of all steps, or of those before the first that fails."""
         stepper, model = self._stepper, self.model
         starts = np.concatenate([[t], times[:-1]])
         follow, driven, error = model.forms.followers, [], None
@@ -126,11 +133,11 @@ class CompiledLoop:
                 driven.append(stepper.drive.places(t1) if model.reduction.driven else ())
         except (Exception, KeyboardInterrupt) as raised:
             error = raised
-        done = len(driven)
-        return (
-            np.array(forces or [np.zeros((2, model.size))]),
-            np.array(driven, dtype=float).reshape(done, model.reduction.driven),
-            np.array(thrust or [np.zeros(2)]),
+        steps = len(driven)
+        return _Known(
+            _of_each_step(forces or [np.zeros((2, model.size))], steps),
+            np.array(driven, dtype=float).reshape(steps, model.reduction.driven),
+            _of_each_step(thrust or [np.zeros(2)], steps),
             error,
         )
 
@@ -148,6 +155,26 @@ class CompiledLoop:
             added=room["added_force"] if taken and p.has_added else None,
             work=p.work,
         )
+
+
+class _Known(NamedTuple):
+    """Forces, driven motions and follower forces ahead of steps, and why there are no more."""
+
+    forces: np.ndarray
+    driven: np.ndarray
+    thrust: np.ndarray
+    error: BaseException | None
+
+    def after(self, steps: int) -> _Known:
+        """The same without the first steps."""
+        forces, driven, thrust = (part[steps:] for part in self[:3])
+        return _Known(forces, driven, thrust, self.error)
+
+
+def _of_each_step(rows: list, steps: int) -> np.ndarray:
+    """Rows of all steps; a single one is that of each, and takes no memory for it."""
+    array = np.array(rows)
+    return np.broadcast_to(array[0], (steps, *array.shape[1:])) if len(rows) == 1 else array
 
 
 def _equal_steps(t: float, times: np.ndarray) -> int:
