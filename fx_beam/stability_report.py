@@ -219,7 +219,7 @@ def _drifts(cells: list[Cell]) -> list[str]:
             cell.case.label,
             cell.scheme,
             f"{drift.exponent:.2f}",
-            drift.law,
+            drift.law if cell.verdict.kind == "kept" else None,
             ", ".join(f"{steps:.0e}: {error:.0e}" for steps, error in drift.steps.items()),
         ]
         for cell, drift in drifting
