@@ -25,6 +25,7 @@ from .schemes import EnergyMomentum, Scheme
 from .solution import Solution
 from .state import State
 from .stepping import Stepper
+from .windings import Windings
 
 _log = logging.getLogger("fx_beam")
 
@@ -118,6 +119,7 @@ def simulate(
     march = _march(solver, stepper, options)
     recorder = Recorder(model, times, record or Record())
     state = _first_state(model, drive, float(times[1] - times[0]), start)
+    windings = Windings(model)
     recorder.record(state, state.q)
     stats.setup_seconds = time.perf_counter() - clock
 
@@ -130,8 +132,11 @@ def simulate(
         ) as bar:
             steps = max(1, min(1000, _BLOCK // model.size))
             for first in range(1, len(times), steps):
-                block = times[first : first + steps]
-                state = march(state, block, first, recorder)
+                block, rows = times[first : first + steps], recorder.rows
+                try:
+                    state = march(windings.take_off(state), block, first, recorder)
+                finally:
+                    recorder.wind(rows, windings.taken)
                 bar.update(len(block))
     except (StepError, KeyboardInterrupt) as error:
         stats.seconds = time.perf_counter() - clock
@@ -141,7 +146,7 @@ def simulate(
     stats.seconds = time.perf_counter() - clock
     if stats.halvings:
         _log.warning("%s: %d steps were halved on the way", scheme.name, stats.halvings)
-    return solution_of(model, recorder, stats, state)
+    return solution_of(model, recorder, stats, replace(state, q=state.q + windings.taken))
 
 
 def _end_of(start: Solution) -> State:

@@ -113,6 +113,20 @@ class Recorder:
                 rows[self.rows] = np.ravel(values[name])
         self.rows += 1
 
+    def wind(self, first: int, taken: np.ndarray) -> None:
+        """Add to the rows from one on the turns (size,) that were taken off while they were made.
+
+        Parameters
+        ----------
+        first : int
+            Number of that row.
+        taken : (size,) float
+            Rotations [rad].
+        """
+        for name in ("q", "before"):
+            if name in self.arrays:
+                self.arrays[name][first : self.rows] += taken
+
     def histories(self) -> dict:
         """What was recorded, by the names that `Solution` gives it; empty where it was not."""
         model, n = self.model, self.rows

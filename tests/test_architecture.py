@@ -60,6 +60,7 @@ LAYERS = [
     "continuation",
     # analyses and their results
     "results",
+    "windings",
     "dynamics",
     "statics",
     "modes",
