@@ -71,9 +71,7 @@ def EnergyMomentum() -> Scheme:
     form. For degree 2 and 3 the resultants have a pole where all strains of a Gauss point stand
     still while its element turns and bends: on coarse meshes a step in a hundred may have to be
     halved for it. No node may turn by more than 2 rad in a step, after all halvings, which is
-    where light strings that whip and very fast spins end it. Rotations are not wrapped, and what
-    rounding makes of the energy in a step grows with the turns made: 5e-16 of it for each in the
-    pinned beam.
+    where light strings that whip and very fast spins end it.
 
     Returns
     -------
