@@ -217,11 +217,6 @@ class Actuators:
 
     # -- For the compiled loop ------------------------------------------------------------------
 
-    @property
-    def damped(self) -> bool:
-        """Whether there are dampers."""
-        return any(actuator.c for actuator in self._all)
-
     def turns(self) -> list[int]:
         """Rotations on which springs and dampers act."""
         return [t for actuator in self._all for t in actuator.turns or () if t >= 0]
@@ -230,12 +225,20 @@ class Actuators:
         """Springs and dampers as ``Actuator`` of loop.h, and where their forces go."""
         rows, pushes = [], []
         for number, actuator in enumerate(self._all):
-            a, b = actuator.turns or (-1, -1)
-            slides = actuator.turns is None
-            column = actuator.columns[1][0][0] if slides else -1
-            slide = actuator.joint.number if slides else -1
-            row = {"slide": slide, "column": column, "turn_a": a, "turn_b": b}
-            rows.append(row | {"k": actuator.k, "rest": actuator.rest, "c": actuator.c})
+            joint, slides = actuator.joint, actuator.turns is None
+            rows.append(
+                {
+                    "slide": joint.number if slides else -1,
+                    "column": actuator.columns[1][0][0] if slides else -1,
+                    "a": self._dofs_of(joint.a),
+                    "b": self._dofs_of(joint.b),
+                    "axis": [float(x) for x in joint.axis] if slides else [0.0, 0.0],
+                    "offset": [float(x) for x in joint.offset],
+                    "k": actuator.k,
+                    "rest": actuator.rest,
+                    "c": actuator.c,
+                }
+            )
             for side, own in zip((-1.0, 1.0), actuator.columns, strict=True):
                 pushes += [(column, number, side * sign) for column, _, sign in own]
         return rows, _table(("column", "of", "sign"), pushes)
@@ -278,6 +281,10 @@ class Actuators:
                     if node is not GROUND:
                         total[node.number] += sign * actuator.force
         return total
+
+    def _dofs_of(self, node: Node) -> list[int]:
+        """Degrees of freedom of a node; -1 for the ground."""
+        return [-1] * 3 if node is GROUND else self._dofs[node.number].tolist()
 
     def _of(self, node: Node, values: np.ndarray, component: int) -> float:
         """Value (size,) at a node; zero on the ground."""

@@ -70,8 +70,8 @@ def simulate(
     record : Record, optional
         What is kept; everything of every step by default.
     solver : {"auto", "compiled", "petsc"}
-        Who takes the steps: a compiled loop with a banded solver, or Python with PETSc, which is
-        slower and takes any scene. By default the loop where the scene allows it.
+        Who takes the steps: a compiled loop, with a banded solver or a sparse one, or Python with
+        PETSc, which is slower and takes any scheme. By default the loop where it can be had.
     progress : bool, optional
         Whether to show a progress bar; by default on a terminal when the run takes longer than
         two seconds.

@@ -12,7 +12,7 @@ enum { OK, NO_CONVERGENCE, SINGULAR, TURNED_TOO_FAR };
 typedef struct {
   double *D, *path, *slope, *acc, *accslope, *f, *r, *reduced, *step, *correction, *z;
   double *tangent, *values, *hat, *psi0, *rho0, *t0, *rho1, *t1, *mean_t, *guide_slope;
-  double *guide_bend, *passing, *columns, *y, *start, *force, *left;
+  double *guide_bend, *passing, *columns, *y, *row, *start, *force, *left;
   double *D1, *D2, *z1, *z2; /* increments of the last two steps */
   double dt;
   const double *thrust;
@@ -32,7 +32,7 @@ static long lay_out(const Problem *p, Work *w, double *at) {
   w->acc = take(&at, n), w->accslope = take(&at, n), w->f = take(&at, n), w->r = take(&at, n);
   w->correction = take(&at, n), w->force = take(&at, n), w->left = take(&at, n);
   w->reduced = take(&at, c), w->step = take(&at, c), w->z = take(&at, c), w->columns = take(&at, c);
-  w->y = take(&at, c), w->start = take(&at, c);
+  w->y = take(&at, c), w->row = take(&at, c), w->start = take(&at, c);
   w->D1 = take(&at, n), w->D2 = take(&at, n), w->z1 = take(&at, c), w->z2 = take(&at, c);
   w->tangent = take(&at, p->places);
   w->values = take(&at, 1 + 4 * j), w->hat = take(&at, 1 + 4 * j);
@@ -155,9 +155,37 @@ static void advance_rates(Problem *p, const Work *w, double dt) {
 
 /* -- Springs and dampers (actuators.py) ------------------------------------------------------- */
 
+/* Value at a degree of freedom; zero where there is none. */
+static inline double at(const double *x, int dof) { return dof < 0 ? 0 : x[dof]; }
+
+static void turn(double psi, double x, double y, double *out) {
+  double c = cos(psi), s = sin(psi);
+  out[0] = c * x - s * y, out[1] = s * x + c * y;
+}
+
 static double coordinate(const Problem *p, const Actuator *a) {
-  if (a->slide >= 0) return p->slide[a->slide];
-  return (a->turn_b < 0 ? 0 : p->q[a->turn_b]) - (a->turn_a < 0 ? 0 : p->q[a->turn_a]);
+  return a->slide >= 0 ? p->slide[a->slide] : at(p->q, a->b[2]) - at(p->q, a->a[2]);
+}
+
+/* Of the coordinate, at the start of the step. */
+static double rate(const Problem *p, const Actuator *a) {
+  double v[3], seen[2];
+  for (int i = 0; i < 3; ++i) v[i] = at(p->v, a->b[i]) - at(p->v, a->a[i]);
+  if (a->slide < 0) return v[2];
+  double d = p->slide[a->slide], spin = at(p->v, a->a[2]);
+  turn(-at(p->q, a->a[2]), v[0], v[1], seen);
+  seen[0] += spin * (a->offset[1] + d * a->axis[1]);
+  seen[1] -= spin * (a->offset[0] + d * a->axis[0]);
+  return a->axis[0] * seen[0] + a->axis[1] * seen[1];
+}
+
+static void begin_actuators(const Problem *p) {
+  for (int i = 0; i < p->actuators; ++i) {
+    Actuator *a = p->actuator + i;
+    a->start = coordinate(p, a);
+    /* In the middle of the step it is the mean one, whatever it was at the start. */
+    a->rate = p->level == 0.5 ? 0 : rate(p, a);
+  }
 }
 
 static double stored(const Problem *p) {
@@ -177,7 +205,7 @@ static void actuate(const Problem *p, const Work *w) {
     if (a->slide >= 0)
       change = path = w->z[a->column];
     else {
-      double Da = a->turn_a < 0 ? 0 : w->D[a->turn_a], Db = a->turn_b < 0 ? 0 : w->D[a->turn_b];
+      double Da = at(w->D, a->a[2]), Db = at(w->D, a->b[2]);
       change = path = Db - Da, slope_a = 1;
       if (p->rule == 0) {
         double tan_a = tan(Da / 2), tan_b = tan(Db / 2), x = change / 2;
@@ -188,27 +216,23 @@ static void actuate(const Problem *p, const Work *w) {
       }
     }
     double level = p->level, elastic = a->k * (a->start + level * change - a->rest);
-    a->force = elastic * ratio + a->c * path / w->dt;
+    double steep = 2 * level * a->c / w->dt;
+    a->force = elastic * ratio + a->c * (a->rate + 2 * level * (path / w->dt - a->rate));
     a->lost = a->c * path * path / w->dt;
-    a->slope_a = -a->k * level * ratio + elastic * by_a - a->c * slope_a / w->dt;
-    a->slope_b = a->k * level * ratio + elastic * by_b + a->c * slope_b / w->dt;
+    a->slope_a = -a->k * level * ratio + elastic * by_a - steep * slope_a;
+    a->slope_b = a->k * level * ratio + elastic * by_b + steep * slope_b;
   }
 }
 
 /* -- Couplings (reduction.py) ------------------------------------------------------------------ */
 
-static void turn(double psi, double x, double y, double *out) {
-  double c = cos(psi), s = sin(psi);
-  out[0] = c * x - s * y, out[1] = s * x + c * y;
-}
-
 static void begin_couplings(const Problem *p, const Work *w) {
   w->values[0] = w->hat[0] = 1;
-  for (int i = 0; i < p->actuators; ++i) p->actuator[i].start = coordinate(p, p->actuator + i);
+  begin_actuators(p);
   for (int j = 0; j < p->joints; ++j) {
-    double d = p->slide_of[j] < 0 ? 0 : p->slide[p->slide_of[j]];
+    double d = at(p->slide, p->slide_of[j]);
     const double *o = p->offset + 2 * j, *e = p->axis + 2 * j;
-    w->psi0[j] = p->guide[j] < 0 ? 0 : p->q[p->guide[j]];
+    w->psi0[j] = at(p->q, p->guide[j]);
     turn(w->psi0[j], o[0] + d * e[0], o[1] + d * e[1], w->rho0 + 2 * j);
     turn(w->psi0[j], e[0], e[1], w->t0 + 2 * j);
   }
@@ -222,8 +246,8 @@ static void expand(const Problem *p, const Work *w) {
     if (p->entry_value[k] == 0) D[p->entry_row[k]] += p->entry_sign[k] * w->z[p->entry_column[k]];
   for (int j = 0; j < p->joints; ++j) {
     const double *o = p->offset + 2 * j, *e = p->axis + 2 * j;
-    double Dpsi = p->guide[j] < 0 ? 0 : D[p->guide[j]];
-    double d = p->slide_of[j] < 0 ? 0 : p->slide[p->slide_of[j]];
+    double Dpsi = at(D, p->guide[j]);
+    double d = at(p->slide, p->slide_of[j]);
     if (p->slide_column[j] >= 0) d += w->z[p->slide_column[j]];
     double *rho0 = w->rho0 + 2 * j, *rho1 = w->rho1 + 2 * j, *t0 = w->t0 + 2 * j, *t1 = w->t1 + 2 * j;
     turn(w->psi0[j] + Dpsi, o[0] + d * e[0], o[1] + d * e[1], rho1);
@@ -270,7 +294,7 @@ static void transmitted(const Problem *p, const Work *w, const double *r) {
   }
 }
 
-/* Completes the reduced tangent, in the band. */
+/* Completes the reduced tangent, where its factors will stand. */
 static void reduce_tangent(const Problem *p, const Work *w, const double *r) {
   double *K = w->tangent;
   for (int k = 0; k < p->plain; ++k) K[p->plain_to[k]] += K[p->plain_from[k]];
@@ -364,13 +388,37 @@ INLINED int solve(int n, int band, double *A, double *b) {
   return 1;
 }
 
+/* The same for sparse rows, one of which `row` holds while those above are taken out of it. */
+static int solve_sparse(const Problem *p, double *A, double *b, double *row) {
+  const int *start = p->factor_start, *column = p->factor_column, *diagonal = p->factor_diagonal;
+  for (int i = 0; i < p->free; ++i) {
+    for (int k = start[i]; k < start[i + 1]; ++k) row[column[k]] = A[k];
+    for (int k = start[i]; k < diagonal[i]; ++k) {
+      int above = column[k];
+      double factor = row[above] * A[diagonal[above]];
+      for (int m = diagonal[above] + 1; m < start[above + 1]; ++m)
+        row[column[m]] -= factor * A[m];
+      b[i] -= factor * b[above];
+    }
+    if (!(fabs(row[i]) > 1e-300)) return 0;
+    A[diagonal[i]] = 1 / row[i];
+    for (int k = diagonal[i] + 1; k < start[i + 1]; ++k) A[k] = row[column[k]];
+  }
+  for (int i = p->free - 1; i >= 0; --i) {
+    for (int k = diagonal[i] + 1; k < start[i + 1]; ++k) b[i] -= A[k] * b[column[k]];
+    b[i] *= A[diagonal[i]];
+  }
+  return 1;
+}
+
 /* The band widths of beams, for which the compiler can unroll the loops. */
-static int solve_band(int n, int band, double *A, double *b) {
-  switch (band) {
-    case 5: return solve(n, 5, A, b); /* degree 1 */
-    case 8: return solve(n, 8, A, b); /* degree 2 */
-    case 11: return solve(n, 11, A, b); /* degree 3 */
-    default: return solve(n, band, A, b);
+static int solve_reduced(const Problem *p, const Work *w) {
+  switch (p->band) {
+    case 0: return solve_sparse(p, w->tangent, w->y, w->row);
+    case 5: return solve(p->free, 5, w->tangent, w->y); /* degree 1 */
+    case 8: return solve(p->free, 8, w->tangent, w->y); /* degree 2 */
+    case 11: return solve(p->free, 11, w->tangent, w->y); /* degree 3 */
+    default: return solve(p->free, p->band, w->tangent, w->y);
   }
 }
 
@@ -435,7 +483,7 @@ static int newton(Problem *p, const Work *w, double dt, const double *driven) {
       project(p, w, w->left, w->reduced);
     }
     for (int i = 0; i < free; ++i) w->y[p->order[i]] = w->reduced[i];
-    if (!solve_band(free, p->band, w->tangent, w->y)) return SINGULAR;
+    if (!solve_reduced(p, w)) return SINGULAR;
     for (int i = 0; i < free; ++i) w->step[i] = w->y[p->order[i]];
     spread(p, w, w->step, w->correction);
     double size = 0, widest = 0, lack = 0;
@@ -572,8 +620,7 @@ int fx_run(Problem *p, int steps, double dt, const Ahead *ahead, Record *to) {
       else if (p->motor_slide[i] >= 0)
         along = change[i];
       else
-        along = (p->motor_b[i] < 0 ? 0 : w->path[p->motor_b[i]]) -
-                (p->motor_a[i] < 0 ? 0 : w->path[p->motor_a[i]]);
+        along = at(w->path, p->motor_b[i]) - at(w->path, p->motor_a[i]);
       p->work += mid(p, w->columns[p->free + i], p->held[i]) * along;
     }
     memcpy(p->held, w->columns + p->free, held * sizeof(double));

@@ -25,12 +25,13 @@ typedef struct {
   int time_at, dt_at;  /* their places among the constants, or -1 */
 } Form;
 
-/* A spring and damper on the slide of a joint, or on the angle between two rotations. */
+/* A spring and damper on the slide of a joint, or on the angle between its nodes. */
 typedef struct {
   int slide, column;   /* number of the joint and column, or -1 */
-  int turn_a, turn_b;  /* rotations; -1 for the ground */
+  int a[3], b[3];      /* degrees of freedom of the nodes; -1 for the ground */
+  double axis[2], offset[2];
   double k, rest, c;
-  double start, force, lost, slope_a, slope_b; /* in the present step */
+  double start, rate, force, lost, slope_a, slope_b; /* in the present step */
 } Actuator;
 
 typedef struct {
@@ -44,7 +45,7 @@ typedef struct {
   double *weight;       /* may be null */
 
   /* The full tangent in compressed rows, of which `place` gives the values: entries of unknowns that
-     nothing else follows stand in the band of the reduced tangent, the others behind it. */
+     nothing else follows stand among those of the reduced tangent, the others behind them. */
   int places;
   int *row_start, *column_of, *place;
   int reacting, *reacts; /* rows of the others: supports and joints */
@@ -62,9 +63,10 @@ typedef struct {
   int followers;
   int *follower_x, *follower_y, *through;
 
-  /* Reduced tangent in a band, in an order that makes it narrow. */
-  int band;             /* subdiagonals and superdiagonals */
-  int *order;           /* place of each unknown in the band */
+  /* Reduced tangent, in an order that leaves its factors small: in a band, or in sparse rows. */
+  int *order;           /* place of each unknown */
+  int band;             /* subdiagonals and superdiagonals; 0 for sparse rows */
+  int *factor_start, *factor_column, *factor_diagonal;
   int plain, mixed, second;
   int *plain_to, *plain_from;
   int *mixed_to, *mixed_from, *mixed_hat, *mixed_value;

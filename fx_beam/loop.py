@@ -38,7 +38,7 @@ class CompiledLoop:
         self._all = problem  # owns what the rest points to
         self._ffi, self._library = problem.ffi, problem.library
         self._problem, self._room = problem.c, problem.room
-        stepper.stats.solver = f"compiled, band {problem.band}"
+        stepper.stats.solver = f"compiled, {problem.factors}"
 
     def march(self, state: State, times: np.ndarray, first: int, recorder: Recorder) -> State:
         """State after several steps of the grid.

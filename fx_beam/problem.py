@@ -12,15 +12,13 @@ import numpy as np
 import scipy.sparse
 
 from . import compat
-from .band import alone_in_column, in_band, places_in_band
+from .factors import alone_in_column, factors_of, places_of_entries
 from .library import LoopUnavailable, load_batches, load_library
 from .model import JointForces, Model
 from .newton import CLOSE, ENERGY_FLOOR, ENERGY_SHARE, LONGEST_TURN, NewtonOptions
 from .rates import MidPointRates, NewmarkRates
 from .reduction import Tables
 
-# A wider band costs more than a sparse factorisation.
-_WIDEST_BAND = 60
 _FORMS = {
     "residual": "internal forces",
     "tangent": "tangent",
@@ -50,14 +48,13 @@ class Problem:
         The structure.
     room : dict
         Arrays of the state, by their names in it.
-    band : int
-        Half width of the band.
+    factors : Factors
+        How the reduced tangent is stored.
 
     Raises
     ------
     LoopUnavailable
-        For dampers with rates other than the mean ones, a scheme with rates of
-        its own, a wide band, or no compiler.
+        For a scheme with rates of its own, a scene without unknowns, or no compiler.
     """
 
     def __init__(self, model: Model, joint_forces: JointForces | None, options: NewtonOptions):
@@ -201,17 +198,22 @@ class Problem:
         )
         if not reduction.free:
             raise LoopUnavailable("there are no unknowns")
-        band, order, at = in_band(*reduction.pattern)
-        if band > _WIDEST_BAND:
-            raise LoopUnavailable(f"a band of {band} is too wide")
+        self.factors = factors = factors_of(*reduction.pattern)
+        at = factors.at
         alone = alone_in_column(t, self.model.size, reduction.free)
         alone[self.model.actuators.turns()] = False  # what they bear is no force of a beam
-        behind = reduction.free * (2 * band + 1)
-        place, places = places_in_band(t, self.model.forms.stiffness, alone, at, behind)
+        stiffness = self.model.forms.stiffness
+        place, p.places = places_of_entries(t, stiffness, alone, at, factors.size)
         reacts = np.flatnonzero(~alone)
-        p.band, p.places, p.reacting = band, places, len(reacts)
-        self._ints(order=order, reacts=reacts)
-        added = place[t.plain["source"]] >= behind
+        p.band, p.reacting = factors.band, len(reacts)
+        self._ints(
+            order=factors.order,
+            factor_start=factors.starts,
+            factor_column=factors.columns,
+            factor_diagonal=factors.diagonals,
+            reacts=reacts,
+        )
+        added = place[t.plain["source"]] >= factors.size
         plain = {key: values[added] for key, values in t.plain.items()}
         for name, table in (
             ("plain", plain),
@@ -229,7 +231,6 @@ class Problem:
                     self._ints(**{f"{name}_from": place[values]})
                 else:
                     self._ints(**{f"{name}_{key}": values})
-        self.band = band
         return place
 
     def _hand_over_motors(self) -> None:
@@ -249,8 +250,6 @@ class Problem:
 
     def _hand_over_actuators(self) -> None:
         actuators = self.model.actuators
-        if actuators.damped and self.model.scheme.rates.level != 0.5:
-            raise LoopUnavailable("dampers with rates other than the mean ones")
         rows, pushes = actuators.tables()
         self.c.actuators, self.c.pushes = len(rows), len(pushes["of"])
         self.c.actuator = self._kept(self.ffi.new("Actuator[]", rows))

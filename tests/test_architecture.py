@@ -53,7 +53,7 @@ LAYERS = [
     "newton",
     "stepping",
     "library",
-    "band",
+    "factors",
     "problem",
     "loop",
     "loading",
