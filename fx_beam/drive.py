@@ -9,7 +9,7 @@ from .errors import SceneError
 from .loads import just_inside
 from .model import Model
 from .state import State
-from .values import evaluate
+from .values import evaluate, series
 
 
 class Drive:
@@ -40,6 +40,16 @@ class Drive:
     def places(self, t: float) -> np.ndarray:
         """Where prescribed motions and motors are at a time, (driven,) [m, rad]."""
         return np.array([evaluate(function, t, what)[0] for function, what in self._driven])
+
+    def loads(self, t0: np.ndarray, t1: np.ndarray) -> np.ndarray:
+        """Factors of the loads' columns at starts and ends of steps, (steps, 2, loads)."""
+        ends = [self.model.loads.series(times) for times in just_inside(t0, t1)]
+        return np.stack(ends, axis=1)
+
+    def series(self, times: np.ndarray) -> np.ndarray:
+        """Where prescribed motions and motors are at several times, (n, driven) [m, rad]."""
+        places = [series(function, times, what) for function, what in self._driven]
+        return np.hstack([np.empty((len(times), 0)), *places])
 
     def moved(self, state: State) -> np.ndarray:
         """Where they are in a state, (driven,) [m, rad]."""

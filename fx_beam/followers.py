@@ -8,7 +8,7 @@ import scipy.sparse
 from .loads import just_inside
 from .mesh import Mesh
 from .scene import Scene
-from .values import Constant, evaluate
+from .values import Constant, series
 
 
 class Followers:
@@ -56,21 +56,25 @@ class Followers:
         self._F = self.at(t, t + dt)
 
     def at(self, t0: float, t1: float) -> np.ndarray:
-        """Forces (n, 2) at the scheme's level in a step, before they are turned [N].
+        """Forces (n, 2) at the scheme's level in a step, before they are turned [N]."""
+        return self.series(np.array([t0]), np.array([t1]))[0]
+
+    def series(self, t0: np.ndarray, t1: np.ndarray) -> np.ndarray:
+        """Forces at the scheme's level in several steps, before they are turned.
 
         Parameters
         ----------
-        t0, t1 : float
-            Start and end of the step [s].
+        t0, t1 : (steps,) float
+            Starts and ends of the steps [s].
 
         Returns
         -------
-        (n, 2) float
+        (steps, n, 2) float
             Components in the frame of the section.
         """
         start, end = (
-            np.array([evaluate(load.value, time, str(load)) for load in self._loads])
-            for time in just_inside(t0, t1)
+            np.stack([series(load.value, times, str(load)) for load in self._loads], axis=1)
+            for times in just_inside(t0, t1)
         )
         return (1 - self._level) * start + self._level * end
 

@@ -195,8 +195,8 @@ class Forms:
 
     @property
     def moving(self) -> tuple:
-        """Functions of the space that change from step to step."""
-        return self.start, self.increment, self.path, *self.start_rates
+        """Functions of the space that change: two in every iteration, the others with the step."""
+        return self.increment, self.path, self.start, *self.start_rates
 
     def cells_of(self, tag: int) -> np.ndarray:
         """Cells of a subdomain of the forms; -1 for all."""

@@ -5,15 +5,16 @@ from __future__ import annotations
 from collections.abc import Callable
 
 import numpy as np
+import scipy.sparse
 
 from .beam import Beam
 from .mesh import Mesh
 from .scene import Scene
-from .values import Constant, evaluate
+from .values import Constant, evaluate, series
 
 
 class Loads:
-    """Nodal vector of all dead loads, F(t) = sum of constant columns times f(t).
+    """Nodal vector of all dead loads, F(t) = sum of constant columns times functions of time.
 
     Parameters
     ----------
@@ -23,12 +24,16 @@ class Loads:
         Numbering of the degrees of freedom.
     line_load : callable
         ``line_load(beam)``, the columns (size, 2) of a unit line load.
+
+    Attributes
+    ----------
+    columns : (size, n) scipy.sparse.csc_matrix
+        Nodal forces of a unit of each component of each load.
     """
 
     def __init__(self, scene: Scene, mesh: Mesh, line_load: Callable[..., np.ndarray]):
         self._loads = [load for load in scene.loads if not load.follower]
-        self._zero = np.zeros(mesh.dofs.size)
-        columns = []
+        columns = [np.zeros((mesh.dofs.size, 0))]
         for load in self._loads:
             if isinstance(load.target, Beam):
                 columns.append(line_load(load.target))
@@ -38,7 +43,7 @@ class Loads:
             unit = np.zeros((mesh.dofs.size, len(dofs)))
             unit[dofs, range(len(dofs))] = 1.0
             columns.append(unit)
-        self._columns = np.hstack(columns) if columns else None
+        self.columns = scipy.sparse.csc_matrix(np.hstack(columns))
 
     @property
     def constant(self) -> bool:
@@ -63,30 +68,47 @@ class Loads:
         StepError
             If a function of time raises or gives a value that is not finite.
         """
-        if self._columns is None:
-            return self._zero
-        return self._columns @ np.concatenate(
-            [evaluate(load.value, t, str(load)) for load in self._loads]
+        return self.columns @ np.concatenate(
+            [np.empty(0), *(evaluate(load.value, t, str(load)) for load in self._loads)]
         )
 
+    def series(self, times: np.ndarray) -> np.ndarray:
+        """Components of the loads at several times.
 
-def just_inside(t0: float, t1: float) -> tuple[float, float]:
-    """Start and end of a step as loads see them.
+        Parameters
+        ----------
+        times : (m,) float
+            Times [s].
+
+        Returns
+        -------
+        (m, n) float
+            Factors of the columns [N, N m, N/m].
+
+        Raises
+        ------
+        StepError
+            If a function of time raises or gives a value that is not finite.
+        """
+        values = [series(load.value, times, str(load)) for load in self._loads]
+        return np.hstack([np.empty((len(times), 0)), *values])
+
+
+def just_inside(t0, t1):
+    """Starts and ends of steps as loads see them.
 
     A load that jumps from one step to the next belongs to the one in which it acts, whichever way
     its function rounds.
 
     Parameters
     ----------
-    t0, t1 : float
-        Start and end of the step [s].
+    t0, t1 : float or (n,) float
+        Starts and ends of the steps [s].
 
     Returns
     -------
-    tuple of float
+    tuple of two of the same
         Times a little later and a little earlier; a step of no length stays as it is.
     """
-    if t0 == t1:
-        return t0, t1
-    inset = max(1e-12 * (t1 - t0), 4 * np.spacing(t1))
+    inset = np.maximum(1e-12 * (t1 - t0), 4 * np.spacing(t1)) * (t1 != t0)
     return t0 + inset, t1 - inset

@@ -8,15 +8,16 @@
 #include "vectors.h"
 
 enum { OK, NO_CONVERGENCE, SINGULAR, TURNED_TOO_FAR };
+enum { PAST = 4 };
 
 typedef struct {
-  double *D, *path, *slope, *acc, *accslope, *f, *r, *reduced, *step, *correction, *z;
-  double *tangent, *values, *hat, *psi0, *rho0, *t0, *rho1, *t1, *mean_t, *guide_slope;
-  double *guide_bend, *passing, *columns, *y, *row, *start, *force, *left;
-  double *D1, *D2, *z1, *z2; /* increments of the last two steps */
+  double *D, *path, *slope, *acc, *f, *r, *reduced, *step, *correction, *z;
+  double *tangent, *inertia, *values, *hat, *psi0, *rho0, *t0, *rho1, *t1, *mean_t, *guide_slope;
+  double *guide_bend, *passing, *columns, *y, *row, *start, *force, *dead, *left;
+  double *past[PAST], *past_z[PAST]; /* backward differences of the increments, from the 0th on */
+  int known, foretelling;            /* steps taken, and how many differences foretold the last */
   double dt;
   const double *thrust;
-  int known, close;          /* how many of them there are; whether they foretold the last one */
 } Work;
 
 static double *take(double **at, long n) {
@@ -29,12 +30,12 @@ static long lay_out(const Problem *p, Work *w, double *at) {
   double *begin = at;
   long n = p->dofs, c = p->columns, j = p->joints;
   w->D = take(&at, n), w->path = take(&at, n), w->slope = take(&at, n);
-  w->acc = take(&at, n), w->accslope = take(&at, n), w->f = take(&at, n), w->r = take(&at, n);
-  w->correction = take(&at, n), w->force = take(&at, n), w->left = take(&at, n);
+  w->acc = take(&at, n), w->f = take(&at, n + LANES), w->r = take(&at, n);
+  w->correction = take(&at, n), w->force = take(&at, n), w->dead = take(&at, n), w->left = take(&at, n);
   w->reduced = take(&at, c), w->step = take(&at, c), w->z = take(&at, c), w->columns = take(&at, c);
   w->y = take(&at, c), w->row = take(&at, c), w->start = take(&at, c);
-  w->D1 = take(&at, n), w->D2 = take(&at, n), w->z1 = take(&at, c), w->z2 = take(&at, c);
-  w->tangent = take(&at, p->places);
+  for (int k = 0; k < PAST; ++k) w->past[k] = take(&at, n), w->past_z[k] = take(&at, c);
+  w->tangent = take(&at, p->places + LANES), w->inertia = take(&at, p->places);
   w->values = take(&at, 1 + 4 * j), w->hat = take(&at, 1 + 4 * j);
   w->psi0 = take(&at, j), w->rho0 = take(&at, 2 * j), w->t0 = take(&at, 2 * j);
   w->rho1 = take(&at, 2 * j), w->t1 = take(&at, 2 * j), w->mean_t = take(&at, 2 * j);
@@ -49,43 +50,85 @@ long fx_scratch(const Problem *p) {
 
 /* -- Forms ----------------------------------------------------------------------------------- */
 
+static void pack(const Problem *p, const Integral *of, const Form *form, long block,
+                 const double *const *fields, int first, int end) {
+  int entries = p->cell_dofs * LANES;
+  const int *dofs = of->dofs + block * entries;
+  for (int m = first; m < end; ++m) {
+    const double *field = fields[form->kind[m]];
+    double *to = of->packed + (block * form->width + form->offset[m]) * LANES;
+    for (int j = 0; j < entries; ++j) to[j] = field[dofs[j]];
+  }
+}
+
+/* Takes over what moves from step to step only. */
+static void begin_form(const Problem *p, Form *form, const double *const *fields, double t, double dt) {
+  for (int i = 0; i < form->integrals; ++i)
+    for (long block = 0; block * LANES < form->of[i].cells; ++block)
+      pack(p, form->of + i, form, block, fields, form->changing, form->moving);
+  if (form->integrals && form->time_at >= 0) form->constants[form->time_at] = t;
+  if (form->integrals && form->dt_at >= 0) form->constants[form->dt_at] = dt;
+}
+
 /* Adds the element tensors of a form to a vector, to matrix entries, of which the columns may have
    factors, or to a number. */
-static void assemble(const Problem *p, const Form *form, const double *const *fields, int rank,
-                     const double *factor, double *out) {
+INLINED void assemble(const Problem *p, const Form *form, const double *const *fields, int rank,
+                      const double *factor, double *out) {
   int nd = p->cell_dofs, size = rank == 2 ? nd * nd : rank == 1 ? nd : 1;
   double A[12 * 12 * LANES];
   for (int i = 0; i < form->integrals; ++i) {
     const Integral *of = form->of + i;
     for (long block = 0; block * LANES < of->cells; ++block) {
+      pack(p, of, form, block, fields, 0, form->changing);
+      of->batch(A, of->packed + block * form->width * LANES, form->constants,
+                of->coordinates + block * p->cell_coordinates * LANES);
       const int *dofs = of->dofs + block * nd * LANES;
-      double *w = of->packed + block * form->width * LANES;
-      for (int m = 0; m < form->moving; ++m) {
-        const double *field = fields[form->kind[m]];
-        double *to = w + form->offset[m] * LANES;
-        for (int j = 0; j < nd * LANES; ++j) to[j] = field[dofs[j]];
-      }
-      of->batch(A, w, form->constants, of->coordinates + block * p->cell_coordinates * LANES);
       if (factor)
-        for (int j = 0; j < size; ++j)
-          for (int l = 0; l < LANES; ++l) A[j * LANES + l] *= factor[dofs[j % nd * LANES + l]];
-      long left = of->cells - block * LANES;
-      int lanes = left < LANES ? left : LANES;
-      const int *to = rank == 2 ? of->place + block * size * LANES : dofs;
+        for (int j = 0; j < size * LANES; ++j) A[j] *= factor[dofs[j % (nd * LANES)]];
+      if (rank == 0) {
+        for (int l = 0; l < LANES && block * LANES + l < of->cells; ++l) *out += A[l];
+        continue;
+      }
+      const int *to = (rank == 2 ? of->place : of->to) + block * size * LANES;
       for (int j = 0; j < size; ++j)
-        for (int l = 0; l < lanes; ++l) out[rank ? to[j * LANES + l] : 0] += A[j * LANES + l];
+#pragma GCC unroll 8
+        for (int l = 0; l < LANES; ++l) out[to[j * LANES + l]] += A[j * LANES + l];
     }
   }
 }
 
-static void set_time(Form *form, double t, double dt) {
-  if (!form->integrals) return;
-  if (form->time_at >= 0) form->constants[form->time_at] = t;
-  if (form->dt_at >= 0) form->constants[form->dt_at] = dt;
+static void assemble_matrix(const Problem *p, const Form *form, const double *const *fields,
+                            const double *factor, double *out) {
+  assemble(p, form, fields, 2, factor, out);
 }
 
-/* Also NaN, which a comparison would lose. */
-static inline double larger(double a, double b) { return b <= a ? a : b; }
+static void assemble_vector(const Problem *p, const Form *form, const double *const *fields,
+                            double *out) {
+  assemble(p, form, fields, 1, 0, out);
+}
+
+static double assemble_scalar(const Problem *p, const Form *form, const double *const *fields) {
+  double sum = 0;
+  assemble(p, form, fields, 0, 0, &sum);
+  return sum;
+}
+
+/* Largest of |x| / unit; NaN if there is one. Side by side, so that it becomes a loop over vectors. */
+static double largest(int n, const double *x, const double *per_unit) {
+  double top[LANES] = {0}, all[LANES] = {0};
+  for (int i = 0; i < n; i += LANES)
+    for (int l = 0; l < LANES && i + l < n; ++l) {
+      double size = fabs(x[i + l]) * per_unit[i + l];
+      top[l] = top[l] < size ? size : top[l];
+      all[l] += size;
+    }
+  double found = 0, sum = 0;
+  for (int l = 0; l < LANES; ++l) {
+    found = found < top[l] ? top[l] : found;
+    sum += all[l];
+  }
+  return isnan(sum) ? sum : found;
+}
 
 static void times_mass(const Problem *p, const double *x, double *out) {
   for (int i = 0; i < p->dofs; ++i) {
@@ -126,14 +169,17 @@ static double newmark_end(const Problem *p, double D, double v0, double a0, doub
 
 static void acceleration(const Problem *p, const Work *w, double dt) {
   for (int i = 0; i < p->dofs; ++i)
-    if (p->rule == 0) {
+    if (p->rule == 0)
       w->acc[i] = 2 / dt * (w->path[i] / dt - p->v[i]);
-      w->accslope[i] = 2 / (dt * dt) * w->slope[i];
-    } else {
+    else {
       double a1 = newmark_end(p, w->D[i], p->v[i], p->a[i], dt);
       w->acc[i] = (1 - p->alpha_m) * a1 + p->alpha_m * p->a[i];
-      w->accslope[i] = (1 - p->alpha_m) / (p->beta * dt * dt);
     }
+}
+
+/* Derivative of the acceleration by the increment on which forces do work. */
+static double steepness(const Problem *p, double dt) {
+  return (p->rule == 0 ? 2 : (1 - p->alpha_m) / p->beta) / (dt * dt);
 }
 
 static void advance_rates(Problem *p, const Work *w, double dt) {
@@ -242,7 +288,8 @@ static void begin_couplings(const Problem *p, const Work *w) {
 static void expand(const Problem *p, const Work *w) {
   double *D = w->D, level = p->level;
   memset(D, 0, p->dofs * sizeof *D);
-  for (int k = 0; k < p->entries; ++k)
+  for (int k = 0; k < p->equal; ++k) D[p->entry_row[k]] += w->z[p->entry_column[k]];
+  for (int k = p->equal; k < p->entries; ++k)
     if (p->entry_value[k] == 0) D[p->entry_row[k]] += p->entry_sign[k] * w->z[p->entry_column[k]];
   for (int j = 0; j < p->joints; ++j) {
     const double *o = p->offset + 2 * j, *e = p->axis + 2 * j;
@@ -274,13 +321,15 @@ static void expand(const Problem *p, const Work *w) {
 
 static void spread(const Problem *p, const Work *w, const double *z, double *out) {
   memset(out, 0, p->dofs * sizeof *out);
-  for (int k = 0; k < p->entries; ++k)
+  for (int k = 0; k < p->equal; ++k) out[p->entry_row[k]] += z[p->entry_column[k]];
+  for (int k = p->equal; k < p->entries; ++k)
     out[p->entry_row[k]] += p->entry_sign[k] * w->values[p->entry_value[k]] * z[p->entry_column[k]];
 }
 
 static void project(const Problem *p, const Work *w, const double *r, double *out) {
   memset(out, 0, p->columns * sizeof *out);
-  for (int k = 0; k < p->entries; ++k)
+  for (int k = 0; k < p->equal; ++k) out[p->entry_column[k]] += r[p->entry_row[k]];
+  for (int k = p->equal; k < p->entries; ++k)
     out[p->entry_column[k]] += p->entry_sign[k] * w->hat[p->entry_value[k]] * r[p->entry_row[k]];
   for (int k = 0; k < p->pushes; ++k)
     out[p->push_column[k]] += p->push_sign[k] * p->actuator[p->push_of[k]].force;
@@ -347,44 +396,57 @@ static void add_thrust_tangent(const Problem *p, const Work *w, double *K) {
 
 /* -- Newton's method (newton.py) --------------------------------------------------------------- */
 
-/* Takes a column out of the rows below it; `reach` of them have it. */
-INLINED void eliminate(int band, int reach, double *restrict pivot, double *restrict b) {
+/* Takes a column out of the rows that follow it, downwards or upwards; `reach` of them have it. */
+INLINED void eliminate(int band, int reach, int way, double *restrict pivot, double *restrict b) {
   double inverse = pivot[0] = 1 / pivot[0], above = b[0];
 #pragma GCC unroll 12
   for (int i = 1; i <= reach; ++i) {
-    double *restrict row = pivot + i * 2 * band;
+    double *restrict row = pivot + way * i * 2 * band;
     double factor = row[0] * inverse;
 #pragma GCC unroll 12
-    for (int j = 1; j <= reach; ++j) row[j] -= factor * pivot[j];
-    b[i] -= factor * above;
+    for (int j = 1; j <= reach; ++j) row[way * j] -= factor * pivot[way * j];
+    b[way * i] -= factor * above;
   }
 }
 
 /* Unknown of a row whose `reach` followers are known; the nearest comes last, as it is the newest. */
-INLINED void substitute(int reach, const double *restrict row, double *restrict b) {
+INLINED void substitute(int reach, int way, const double *restrict row, double *restrict b) {
   double sum = b[0];
 #pragma GCC unroll 12
-  for (int j = reach; j > 0; --j) sum -= row[j] * b[j];
+  for (int j = reach; j > 0; --j) sum -= row[way * j] * b[way * j];
   b[0] = sum * row[0];
 }
 
-/* LU in place without pivoting, and the solution in place of b; 0 if a pivot vanishes. */
+static inline int is_pivot(double x) { return fabs(x) > 1e-300; }
+
+/* LU in place without pivoting, and the solution in place of b; 0 if a pivot vanishes. From both ends
+   towards the middle, so that the processor has two pivots to divide by at a time. */
 INLINED int solve(int n, int band, double *A, double *b) {
-  double *diagonal = A + band;
+  int half = n > 4 * band ? n / 2 - band : 0, last = n - 1 - half;
   long row = 2 * band + 1;
-  for (int k = 0; k < n; ++k) {
-    if (!(fabs(diagonal[k * row]) > 1e-300)) return 0;
-    /* Apart, so that the loops have a constant length but at the end. */
-    if (k + band < n)
-      eliminate(band, band, diagonal + k * row, b + k);
-    else
-      eliminate(band, n - 1 - k, diagonal + k * row, b + k);
+  double *top = A + band, *bottom = A + band + (n - 1) * row, *end = b + n - 1;
+  for (int k = 0; k < half; ++k) {
+    if (!is_pivot(top[k * row]) || !is_pivot(bottom[-k * row])) return 0;
+    eliminate(band, band, 1, top + k * row, b + k);
+    eliminate(band, band, -1, bottom - k * row, end - k);
   }
-  for (int k = n - 1; k >= 0; --k)
-    if (k + band < n)
-      substitute(band, diagonal + k * row, b + k);
+  for (int k = half; k <= last; ++k) {
+    if (!is_pivot(top[k * row])) return 0;
+    /* Apart, so that the loops have a constant length but at the end. */
+    if (k + band <= last)
+      eliminate(band, band, 1, top + k * row, b + k);
     else
-      substitute(n - 1 - k, diagonal + k * row, b + k);
+      eliminate(band, last - k, 1, top + k * row, b + k);
+  }
+  for (int k = last; k >= half; --k)
+    if (k + band <= last)
+      substitute(band, 1, top + k * row, b + k);
+    else
+      substitute(last - k, 1, top + k * row, b + k);
+  for (int k = half - 1; k >= 0; --k) {
+    substitute(band, 1, top + k * row, b + k);
+    substitute(band, -1, bottom - k * row, end - k);
+  }
   return 1;
 }
 
@@ -432,13 +494,21 @@ static double kinetic(const Problem *p, const Work *w) {
 
 static void tangent(const Problem *p, const Work *w, const double *const *fields) {
   double *K = w->tangent;
-  memset(K, 0, p->places * sizeof(double));
-  assemble(p, &p->tangent, fields, 2, 0, K);
-  assemble(p, &p->path_tangent, fields, 2, w->slope, K);
+  memcpy(K, w->inertia, p->places * sizeof(double));
+  assemble_matrix(p, &p->tangent, fields, 0, K);
+  assemble_matrix(p, &p->path_tangent, fields, w->slope, K);
   add_thrust_tangent(p, w, K);
-  for (int i = 0; i < p->dofs; ++i)
-    for (int k = p->mass_start[i]; k < p->mass_start[i + 1]; ++k)
-      K[p->mass_place[k]] += p->mass[k] * w->accslope[p->mass_column[k]];
+  if (p->rule != 0) return;
+  double steep = steepness(p, w->dt);
+  for (int k = 0; k < p->turning_masses; ++k)
+    K[p->turning_place[k]] += p->turning_mass[k] * steep * (w->slope[p->turning_column[k]] - 1);
+}
+
+/* The inertia's part of the tangent, but for what changes with the slope of rotations. */
+static void begin_inertia(const Problem *p, const Work *w) {
+  memset(w->inertia, 0, p->places * sizeof(double));
+  for (int k = 0; k < p->mass_start[p->dofs]; ++k)
+    w->inertia[p->mass_place[k]] = p->mass[k] * steepness(p, w->dt);
 }
 
 /* Forces of supports and joints after the correction, to first order; elsewhere none are left. */
@@ -451,14 +521,38 @@ static void settle(const Problem *p, const Work *w) {
   memcpy(w->r, w->left, p->dofs * sizeof(double));
 }
 
+/* Takes the old from the new, and keeps the new in its place. */
+static void difference(int n, double *restrict x, double *restrict old) {
+  for (int i = 0; i < n; ++i) {
+    double now = x[i];
+    x[i] = now - old[i], old[i] = now;
+  }
+}
+
+/* Keeps the increment and its backward differences, and sees how many of them foretold it best. */
+static void learn(const Problem *p, Work *w) {
+  double best = p->close * largest(p->dofs, w->D, p->per_unit), *left = w->left;
+  w->foretelling = 0;
+  memcpy(left, w->D, p->dofs * sizeof(double));
+  for (int k = 0; k < PAST; ++k) {
+    difference(p->dofs, left, w->past[k]);
+    double error = k < w->known ? largest(p->dofs, left, p->per_unit) : HUGE_VAL;
+    if (error <= best) best = error, w->foretelling = k + 1;
+  }
+  memcpy(left, w->z, p->free * sizeof(double));
+  for (int k = 0; k < PAST; ++k) difference(p->free, left, w->past_z[k]);
+  ++w->known;
+}
+
 static int newton(Problem *p, const Work *w, double dt, const double *driven) {
   int n = p->dofs, free = p->free, smalls = 0;
-  const double *fields[5] = {p->q, w->D, w->path, p->v, p->a};
+  const double *fields[5] = {w->D, w->path, p->q, p->v, p->a};
   double previous = HUGE_VAL, drive = 0;
   memset(w->z, 0, p->columns * sizeof(double));
   for (int i = 0; i < p->driven; ++i) drive += fabs(driven[i]);
-  if (w->close) {
-    for (int i = 0; i < free; ++i) w->z[i] = 2 * w->z1[i] - w->z2[i];
+  if (w->foretelling) {
+    for (int k = 0; k < w->foretelling; ++k)
+      for (int i = 0; i < free; ++i) w->z[i] += w->past_z[k][i];
     for (int i = 0; i < p->driven; ++i) w->z[free + i] = driven[i];
   }
   begin_couplings(p, w);
@@ -467,7 +561,7 @@ static int newton(Problem *p, const Work *w, double dt, const double *driven) {
     work_increment(p, w);
     acceleration(p, w, dt);
     memset(w->f, 0, n * sizeof(double));
-    assemble(p, &p->residual, fields, 1, 0, w->f);
+    assemble_vector(p, &p->residual, fields, w->f);
     add_thrusts(p, w, -1, w->f);
     times_mass(p, w->acc, w->r);
     for (int i = 0; i < n; ++i) w->r[i] += w->f[i] - w->force[i];
@@ -475,7 +569,7 @@ static int newton(Problem *p, const Work *w, double dt, const double *driven) {
     memset(w->step, 0, p->columns * sizeof(double));
     tangent(p, w, fields);
     reduce_tangent(p, w, w->r);
-    if (iteration == 1 && drive > 0 && !w->close) {
+    if (iteration == 1 && drive > 0 && !w->foretelling) {
       for (int i = 0; i < p->driven; ++i) w->step[free + i] = -driven[i];
       spread(p, w, w->step, w->correction);
       for (int i = 0; i < n; ++i)
@@ -486,12 +580,12 @@ static int newton(Problem *p, const Work *w, double dt, const double *driven) {
     if (!solve_reduced(p, w)) return SINGULAR;
     for (int i = 0; i < free; ++i) w->step[i] = w->y[p->order[i]];
     spread(p, w, w->step, w->correction);
-    double size = 0, widest = 0, lack = 0;
-    for (int i = 0; i < p->turning; ++i) widest = larger(widest, fabs(w->correction[p->turns[i]]));
-    if (widest > p->longest_turn && isfinite(widest))
-      for (int i = 0; i < free; ++i) w->step[i] *= p->longest_turn / widest;
-    for (int i = 0; i < n; ++i) size = larger(size, fabs(w->correction[i]) * p->per_unit[i]);
+    double size = largest(n, w->correction, p->per_unit), widest = 0, lack = 0;
     if (!isfinite(size)) return SINGULAR;
+    if (size > p->longest_turn)
+      for (int i = 0; i < p->turning; ++i) widest = fmax(widest, fabs(w->correction[p->turns[i]]));
+    if (widest > p->longest_turn)
+      for (int i = 0; i < free; ++i) w->step[i] *= p->longest_turn / widest;
     for (int i = 0; i < free; ++i) {
       w->z[i] -= w->step[i];
       lack += w->reduced[i] * w->step[i];
@@ -518,20 +612,6 @@ static int newton(Problem *p, const Work *w, double dt, const double *driven) {
     previous = size;
   }
   return NO_CONVERGENCE;
-}
-
-/* Keeps the increment, and sees whether those before it foretold it. */
-static void learn(const Problem *p, Work *w) {
-  double error = 0, size = 0, *D2 = w->D2, *z2 = w->z2;
-  for (int i = 0; i < p->dofs; ++i) {
-    error = larger(error, fabs(w->D[i] - (2 * w->D1[i] - w->D2[i])) * p->per_unit[i]);
-    size = larger(size, fabs(w->D[i]) * p->per_unit[i]);
-  }
-  w->close = w->known >= 2 && error <= p->close * size;
-  w->D2 = w->D1, w->z2 = w->z1, w->D1 = D2, w->z1 = z2;
-  memcpy(w->D1, w->D, p->dofs * sizeof(double));
-  memcpy(w->z1, w->z, p->free * sizeof(double));
-  ++w->known;
 }
 
 /* -- Steps (stepping.py) ------------------------------------------------------------------------ */
@@ -571,9 +651,9 @@ static void record(Problem *p, const Work *w, Record *to) {
   times_mass(p, p->v, momentum);
   memset(energy, 0, 4 * sizeof(double)), memset(sums, 0, 3 * sizeof(double));
   for (int i = 0; i < n; ++i) energy[0] += p->v[i] * momentum[i] / 2;
-  const double *fields[5] = {p->q, w->D, w->path, p->v, p->a};
-  assemble(p, &p->energy, fields, 0, 0, energy + 1);
-  energy[1] += stored(p);
+  const double *fields[5] = {w->D, w->path, p->q, p->v, p->a};
+  begin_form(p, &p->energy, fields, p->t, 0);
+  energy[1] = assemble_scalar(p, &p->energy, fields) + stored(p);
   if (p->weight)
     for (int i = 0; i < n; ++i) energy[2] -= p->weight[i] * p->q[i];
   energy[3] = p->work;
@@ -585,32 +665,46 @@ static void record(Problem *p, const Work *w, Record *to) {
   }
 }
 
+/* Dead forces at the scheme's level, with the weight, and in the mean, by which they do work. */
+static void begin_loads(const Problem *p, const Work *w, const double *loads) {
+  const double *start = loads, *end = loads + p->loads;
+  memset(w->dead, 0, p->dofs * sizeof(double));
+  memset(w->force, 0, p->dofs * sizeof(double));
+  if (p->weight) memcpy(w->force, p->weight, p->dofs * sizeof(double));
+  for (int k = 0; k < p->loads; ++k) {
+    double at_level = (1 - p->level) * start[k] + p->level * end[k];
+    for (int i = p->load_start[k]; i < p->load_start[k + 1]; ++i) {
+      w->force[p->load_dof[i]] += p->load_force[i] * at_level;
+      w->dead[p->load_dof[i]] += p->load_force[i] * (start[k] + end[k]) / 2;
+    }
+  }
+}
+
 int fx_run(Problem *p, int steps, double dt, const Ahead *ahead, Record *to) {
   Work work, *w = &work;
   lay_out(p, w, p->scratch);
-  w->known = w->close = 0, w->dt = dt;
+  w->known = w->foretelling = 0, w->dt = dt;
+  begin_inertia(p, w);
   int n = p->dofs, held = p->columns - p->free;
+  const double *fields[5] = {w->D, w->path, p->q, p->v, p->a};
   for (int k = 0; k < steps; ++k) {
-    const double *F0 = ahead->forces + k * ahead->force_stride, *F1 = F0 + n;
+    if (k == 0 || ahead->load_stride) begin_loads(p, w, ahead->loads + k * ahead->load_stride);
     const double *target = ahead->driven + (long)k * p->driven;
     w->thrust = ahead->thrust + k * ahead->thrust_stride;
     double level = p->level, *change = w->start;
-    for (int i = 0; i < n; ++i) w->force[i] = (1 - level) * F0[i] + level * F1[i];
     for (int i = 0; i < p->driven; ++i) {
       int dof = p->driven_dof[i];
       change[i] = target[i] - (dof >= 0 ? p->q[dof] : p->driven_now[i]);
     }
-    double t = p->t + level * dt;
     Form *forms[4] = {&p->residual, &p->tangent, &p->path_tangent, &p->added};
-    for (int i = 0; i < 4; ++i) set_time(forms[i], t, dt);
+    for (int i = 0; i < 4; ++i) begin_form(p, forms[i], fields, p->t + level * dt, dt);
     p->failure = newton(p, w, dt, change);
     if (p->failure) return k;
     learn(p, w);
 
     /* Work: dead loads, driven motion, added forces. */
     work_increment(p, w);
-    for (int i = 0; i < n; ++i)
-      p->work += ((F0[i] + F1[i]) / 2 - (p->weight ? p->weight[i] : 0)) * w->path[i];
+    for (int i = 0; i < n; ++i) p->work += w->dead[i] * w->path[i];
     for (int i = 0; i < p->actuators; ++i) p->work -= p->actuator[i].lost;
     project(p, w, w->r, w->columns);
     for (int i = 0; i < p->driven; ++i) {
@@ -625,9 +719,8 @@ int fx_run(Problem *p, int steps, double dt, const Ahead *ahead, Record *to) {
     }
     memcpy(p->held, w->columns + p->free, held * sizeof(double));
     if (p->has_added) {
-      const double *fields[5] = {p->q, w->D, w->path, p->v, p->a};
       memset(w->f, 0, n * sizeof(double));
-      assemble(p, &p->added, fields, 1, 0, w->f);
+      assemble_vector(p, &p->added, fields, w->f);
       add_thrusts(p, w, 1, w->f);
       for (int i = 0; i < n; ++i) p->work += mid(p, w->f[i], p->added_force[i]) * w->path[i];
       memcpy(p->added_force, w->f, n * sizeof(double));

@@ -5,11 +5,14 @@ enum { LANES = 8 };
    elements, entry k of lane l at [k][l]. */
 typedef void Batch(double *, const double *, const double *, const double *);
 
-/* The elements of one integral, in blocks of LANES; the last block repeats the last element. */
+/* The elements of one integral, in blocks of LANES. The last block repeats the last element, and has
+   the results of what is repeated added where nothing reads them: behind the last place, to one place
+   a lane, lest one addition wait for the other. */
 typedef struct {
   Batch *batch;
   int cells;
   int *dofs;           /* [block][cell dof][lane] */
+  int *to;             /* the same, as places of a vector */
   int *place;          /* [block][cell dof, cell dof][lane]: places in the tangent */
   double *coordinates; /* [block][coordinate][lane] */
   double *packed;      /* [block][coefficient][lane]; those that move are filled in */
@@ -19,7 +22,8 @@ typedef struct {
 typedef struct {
   int integrals, width;
   Integral *of;
-  int moving;          /* coefficients that move: 0 start, 1 increment, 2 path, 3 v, 4 a */
+  int moving;          /* coefficients that move: 0 increment, 1 path, 2 start, 3 v, 4 a */
+  int changing;        /* those that change from iteration to iteration come first */
   int *kind, *offset;
   double *constants;
   int time_at, dt_at;  /* their places among the constants, or -1 */
@@ -43,6 +47,8 @@ typedef struct {
   Form residual, tangent, path_tangent, energy, added;
   int has_added;
   double *weight;       /* may be null */
+  int loads, *load_start, *load_dof; /* forces of a unit of each load */
+  double *load_force;
 
   /* The full tangent in compressed rows, of which `place` gives the values: entries of unknowns that
      nothing else follows stand among those of the reduced tangent, the others behind them. */
@@ -52,9 +58,11 @@ typedef struct {
   /* Entries of the mass matrix other than zero. */
   int *mass_start, *mass_column, *mass_place;
   double *mass;
+  int turning_masses, *turning_column, *turning_place; /* those in columns of rotations */
+  double *turning_mass;
 
-  /* Coupling: entries of T and That, sorted by rows; value 0 is the constant 1. */
-  int entries;
+  /* Coupling: entries of T and That, the first of which are ones; value 0 is the constant 1. */
+  int entries, equal;
   int *entry_row, *entry_column, *entry_value;
   double *entry_sign;
   int joints, slides;
@@ -126,10 +134,10 @@ typedef struct {
 
 /* What is known ahead of each step; a stride of 0 repeats the first. */
 typedef struct {
-  double *forces; /* [step][start, end][dof] */
+  double *loads;  /* [step][start, end][load] */
   double *driven; /* [step][driven column], at the end */
   double *thrust; /* [step][thrust][x, y], at the scheme's level */
-  long force_stride, thrust_stride;
+  long load_stride, thrust_stride;
 } Ahead;
 
 int fx_run(Problem *p, int steps, double dt, const Ahead *ahead, Record *to);

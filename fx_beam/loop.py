@@ -9,6 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from .errors import StepError
 from .newton import NewtonOptions
 from .problem import Problem
 from .recorder import Recorder
@@ -96,9 +97,9 @@ class CompiledLoop:
             room["added_force"][:] = state.added
         p.t, p.work, p.iterations, p.by_round_off = state.t, state.work, 0, 0
         ahead = self._ffi.new("Ahead *")
-        for name in ("forces", "driven", "thrust"):
+        for name in ("loads", "driven", "thrust"):
             setattr(ahead, name, self._ffi.cast("double *", getattr(known, name).ctypes.data))
-        ahead.force_stride = known.forces.strides[0] // known.forces.itemsize
+        ahead.load_stride = known.loads.strides[0] // known.loads.itemsize
         ahead.thrust_stride = known.thrust.strides[0] // known.thrust.itemsize
         to = self._ffi.new("Record *")
         to.every, to.first, to.last = recorder.every, first, recorder.last
@@ -119,27 +120,20 @@ class CompiledLoop:
 
     def _ahead(self, t: float, times: np.ndarray) -> _Known:
         """What is known of all steps, or of those before the first that fails."""
-        stepper, model = self._stepper, self.model
         starts = np.concatenate([[t], times[:-1]])
-        follow, driven, error = model.forms.followers, [], None
-        forces: list = []
-        thrust: list = []
+        drive, follow = self._stepper.drive, self.model.forms.followers
         try:
-            for t0, t1 in zip(map(float, starts), map(float, times), strict=True):
-                if not forces or not model.loads.constant:
-                    forces.append(stepper.drive.forces(t0, t1))
-                if follow is not None and not (thrust and follow.constant):
-                    thrust.append(follow.at(t0, t1))
-                driven.append(stepper.drive.places(t1) if model.reduction.driven else ())
-        except (Exception, KeyboardInterrupt) as raised:
-            error = raised
-        steps = len(driven)
-        return _Known(
-            _of_each_step(forces or [np.zeros((2, model.size))], steps),
-            np.array(driven, dtype=float).reshape(steps, model.reduction.driven),
-            _of_each_step(thrust or [np.zeros(2)], steps),
-            error,
-        )
+            first = slice(1 if self.model.loads.constant else None)
+            loads = _of_each_step(drive.loads(starts[first], times[first]), len(times))
+            thrust = np.empty((len(times), 0))
+            if follow is not None:
+                first = slice(1 if follow.constant else None)
+                thrust = _of_each_step(follow.series(starts[first], times[first]), len(times))
+            return _Known(loads, drive.series(times), thrust)
+        except (StepError, KeyboardInterrupt) as raised:
+            before = int(np.searchsorted(times, getattr(raised, "time", t)))
+            known = self._ahead(t, times[:before]) if before else _Known(*np.empty((3, 0, 2)))
+            return known._replace(error=known.error or raised)
 
     def _state(self, t: float) -> State:
         p, room = self._problem, {name: values.copy() for name, values in self._room.items()}
@@ -158,23 +152,22 @@ class CompiledLoop:
 
 
 class _Known(NamedTuple):
-    """Forces, driven motions and follower forces ahead of steps, and why there are no more."""
+    """Loads, driven motions and follower forces ahead of steps, and why there are no more."""
 
-    forces: np.ndarray
+    loads: np.ndarray
     driven: np.ndarray
     thrust: np.ndarray
-    error: BaseException | None
+    error: BaseException | None = None
 
     def after(self, steps: int) -> _Known:
         """The same without the first steps."""
-        forces, driven, thrust = (part[steps:] for part in self[:3])
-        return _Known(forces, driven, thrust, self.error)
+        loads, driven, thrust = (part[steps:] for part in self[:3])
+        return _Known(loads, driven, thrust, self.error)
 
 
-def _of_each_step(rows: list, steps: int) -> np.ndarray:
+def _of_each_step(rows: np.ndarray, steps: int) -> np.ndarray:
     """Rows of all steps; a single one is that of each, and takes no memory for it."""
-    array = np.array(rows)
-    return np.broadcast_to(array[0], (steps, *array.shape[1:])) if len(rows) == 1 else array
+    return np.broadcast_to(rows[0], (steps, *rows.shape[1:])) if len(rows) == 1 else rows
 
 
 def _equal_steps(t: float, times: np.ndarray) -> int:

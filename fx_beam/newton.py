@@ -19,8 +19,10 @@ LONGEST_TURN = 0.5
 ENERGY_FLOOR = 4 * np.finfo(float).eps
 # Part of the step's energy, times the tolerance, that the last correction may still bring in.
 ENERGY_SHARE = 1e-4
-# Relative error up to which the last two increments are taken to foretell the next one.
-CLOSE = 0.1
+# Relative error up to which the last increments are taken to foretell the next one.
+CLOSE = 0.4
+# Increments that are remembered for this.
+_PAST = 4
 
 
 @dataclass(frozen=True)
@@ -244,35 +246,44 @@ class Newton:
 
 
 class _Guess:
-    """Where an increment is sought first: the last two, carried on, where that is safe.
+    """Where an increment is sought first: the last ones, carried on, where that is safe.
 
-    It is where they foretold the last increment. Rates foretell less: in stiff scenes they swing
-    from step to step, and an increment from them is one from which Newton's method diverges.
+    A polynomial in time through the last m increments gives the sum of their backward differences
+    of orders 0 to m - 1, and misses the next increment by its difference of order m. That m is
+    taken which would have missed the last increment by least. Rates foretell less: in stiff scenes
+    they swing from step to step, and an increment from them is one from which Newton's method
+    diverges.
     """
 
     def __init__(self, unit: np.ndarray):
         self._unit = unit
         self._dt = 0.0
-        self._past: list[StepSolution] = []
-        self._close = False
+        #: Backward differences of the increments of all degrees of freedom, and of the unknowns.
+        self._past: list[np.ndarray] = []
+        self._past_y: list[np.ndarray] = []
+        self._foretelling = 0
 
     def of(self, dt: float) -> np.ndarray | None:
         """Unknowns (free,) of a step of length dt [s], or none."""
-        if not self._close or self._changed(dt):
+        if not self._foretelling or self._changed(dt):
             return None
-        last, before = self._past
-        return 2 * last.y - before.y
+        return np.sum(self._past_y[: self._foretelling], axis=0)
 
     def learn(self, dt: float, step: StepSolution) -> None:
         """Keep the increment of a step of length dt [s]."""
         if self._changed(dt):
-            self._past, self._dt = [], dt
-        self._close = False
-        if len(self._past) == 2:
-            error = step.D - (2 * self._past[0].D - self._past[1].D)
-            sizes = (abs(vector / self._unit).max() for vector in (error, step.D))
-            self._close = next(sizes) <= CLOSE * next(sizes)
-        self._past = [step, *self._past[:1]]
+            self._past, self._past_y, self._dt = [], [], dt
+        now, now_y = [step.D], [step.y]
+        best, self._foretelling = CLOSE * self._size(step.D), 0
+        for order, (old, old_y) in enumerate(zip(self._past, self._past_y, strict=True), start=1):
+            now.append(now[-1] - old)
+            now_y.append(now_y[-1] - old_y)
+            if (error := self._size(now[-1])) <= best:
+                best, self._foretelling = error, order
+        self._past, self._past_y = now[:_PAST], now_y[:_PAST]
+
+    def _size(self, D: np.ndarray) -> float:
+        return abs(D / self._unit).max()
 
     def _changed(self, dt: float) -> bool:
         return abs(dt - self._dt) > 1e-6 * dt

@@ -113,12 +113,11 @@ class Problem:
         n = dofs.shape[1]
         entries = numbered[np.repeat(dofs, n, axis=1).ravel(), np.tile(dofs, (1, n)).ravel()]
         #: What element functions and their results refer to, cell by cell.
-        self._cell_data = {
-            "dofs": dofs,
-            "place": place[np.asarray(entries).reshape(len(dofs), n * n) - 1],
-            "coordinates": coordinates,
-        }
+        self._dofs, self._coordinates = dofs, coordinates
+        self._places = place[np.asarray(entries).reshape(len(dofs), n * n) - 1]
         heavy = mass.data != 0
+        turning = heavy & np.isin(mass.indices, model.turns)
+        p.turning_masses = np.count_nonzero(turning)
         self._ints(
             turns=model.turns,
             massless=massless,
@@ -128,11 +127,22 @@ class Problem:
             mass_start=np.concatenate([[0], np.cumsum(heavy)])[mass.indptr],
             mass_column=mass.indices[heavy],
             mass_place=place[heavy],
+            turning_column=mass.indices[turning],
+            turning_place=place[turning],
             node_dofs=mesh.dofs,
         )
-        self._doubles(per_unit=1 / model.unit, mass=mass.data[heavy], position=mesh.X)
+        self._doubles(
+            per_unit=1 / model.unit,
+            mass=mass.data[heavy],
+            turning_mass=mass.data[turning],
+            position=mesh.X,
+        )
         if model.weight is not None:
             self._doubles(weight=model.weight)
+        columns = model.loads.columns
+        p.loads = columns.shape[1]
+        self._ints(load_start=columns.indptr, load_dof=columns.indices)
+        self._doubles(load_force=columns.data)
 
     def _hand_over_form(self, out, name: str) -> None:
         ffi, p, forms = self.ffi, self.c, self.model.forms
@@ -147,11 +157,12 @@ class Problem:
         for of, tag, batch in zip(integrals, tags, batches, strict=True):
             cells = forms.cells_of(tag)
             of.batch, of.cells = ffi.cast("Batch *", batch), len(cells)
-            for key, rows in self._cell_data.items():
-                setattr(of, key, self._lanes(rows[cells]))
+            of.dofs, of.to = self._lanes(self._dofs[cells]), self._lanes(self._dofs[cells], p.dofs)
+            of.place = self._lanes(self._places[cells], p.places)
+            of.coordinates = self._lanes(self._coordinates[cells])
             of.packed = self._lanes(packed[tag])
-        moving = compat.coefficient_offsets(form, forms.moving)
-        out.moving = len(moving)
+        moving = sorted(compat.coefficient_offsets(form, forms.moving))
+        out.moving, out.changing = len(moving), sum(kind < 2 for kind, _ in moving)
         out.kind = self._pointer([kind for kind, _ in moving], np.int32)
         out.offset = self._pointer([offset for _, offset in moving], np.int32)
         sought = forms.time, forms.dt
@@ -159,10 +170,15 @@ class Problem:
         out.constants = self._pointer(constants, np.float64)
         out.time_at, out.dt_at = places
 
-    def _lanes(self, rows: np.ndarray):
-        """Pointer to rows in blocks of LANES, column by column; the last row fills the last one."""
+    def _lanes(self, rows: np.ndarray, behind: int | None = None):
+        """Pointer to rows in blocks of LANES, column by column.
+
+        The last block is filled up with the last row, or with places behind all others.
+        """
         lanes = self.library.LANES
         padded = np.pad(rows, ((0, -len(rows) % lanes), (0, 0)), mode="edge")
+        if behind is not None:
+            padded[len(rows) :] = behind + np.arange(len(padded) - len(rows))[:, None]
         blocks = padded.reshape(len(padded) // lanes, lanes, rows.shape[1]).swapaxes(1, 2)
         return self._pointer(blocks, np.float64 if rows.dtype == np.float64 else np.int32)
 
@@ -178,11 +194,15 @@ class Problem:
         """Where each entry of the full tangent stands."""
         p, reduction = self.c, self.model.reduction
         p.columns, p.free, p.driven = reduction.columns, reduction.free, reduction.driven
-        p.entries, p.joints = len(t.entries["row"]), len(t.joints["number"])
-        p.followers = len(t.followers["through"])
-        names = {"row": "entry_row", "column": "entry_column", "value": "entry_value"}
-        self._ints(**{names[key]: t.entries[key] for key in names})
+        equal = (t.entries["value"] == 0) & (t.entries["sign"] == 1)
+        first = np.argsort(~equal, kind="stable")
+        entries = {key: values[first] for key, values in t.entries.items()}
+        p.entries, p.equal = len(equal), np.count_nonzero(equal)
+        p.joints, p.followers = len(t.joints["number"]), len(t.followers["through"])
         self._ints(
+            entry_row=entries["row"],
+            entry_column=entries["column"],
+            entry_value=entries["value"],
             guide=t.joints["guide"],
             slide_column=t.joints["slide_column"],
             slide_of=t.joints["number"],
@@ -191,7 +211,7 @@ class Problem:
             through=t.followers["through"],
         )
         self._doubles(
-            entry_sign=t.entries["sign"],
+            entry_sign=entries["sign"],
             offset=t.joints["offset"],
             axis=t.joints["axis"],
             joint_sign=t.joints["sign"],

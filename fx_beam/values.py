@@ -75,18 +75,65 @@ def checked_function(value, size: int, what: str, *sample: float) -> Callable:
         raise SceneError(f"{what}: calling it at {sample} raised {error!r}") from error
     vector(first, size, what)
 
-    def checked(*arguments):
+    return _Checked(value, size, what)
+
+
+class _Checked:
+    """A user's function, whose values are given their shape or refused."""
+
+    def __init__(self, function: Callable, size: int, what: str):
+        self.function, self.size, self._what = function, size, what
+
+    def __call__(self, *arguments) -> np.ndarray:
         try:
-            return shaped(value(*arguments), size, what)
+            return shaped(self.function(*arguments), self.size, self._what)
         except SceneError:
             raise
         except Exception as error:
-            raise SceneError(f"{what}: calling it at {arguments} raised {error!r}") from error
-
-    return checked
+            raise SceneError(f"{self._what}: calling it at {arguments} raised {error!r}") from error
 
 
-def evaluate(function: Callable[[float], np.ndarray], t: float, what: str) -> np.ndarray:
+def series(function: TimeFunction, times: np.ndarray, what: str) -> np.ndarray:
+    """Values of a user's function at several times, or a clear error.
+
+    Parameters
+    ----------
+    function : callable
+        What `time_function` gave.
+    times : (n,) float
+        Times [s].
+    what : str
+        Name of the function in messages.
+
+    Returns
+    -------
+    (n, size) float
+        Its finite values.
+
+    Raises
+    ------
+    StepError
+        If it raises or gives a value that is not finite. Its attribute `time` says when, as that of
+        an interrupt does.
+    """
+    if isinstance(function, _Checked):
+        # Checked all at once, as checks one by one take longer than most functions do.
+        found: list = []
+        try:
+            for t in times.tolist():
+                found.append(function.function(t))
+            values = np.array(found, dtype=float)
+            if values.size == len(times) * function.size and np.isfinite(values).all():
+                return values.reshape(len(times), function.size)
+        except KeyboardInterrupt as interrupt:
+            interrupt.time = times[len(found)]  # type: ignore[attr-defined]
+            raise
+        except Exception:
+            pass  # which one it was is found out below
+    return np.array([evaluate(function, t, what) for t in times.tolist()])
+
+
+def evaluate(function: TimeFunction, t: float, what: str) -> np.ndarray:
     """Value of a user's function of time, or a clear error.
 
     Parameters
