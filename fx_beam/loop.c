@@ -478,6 +478,7 @@ static int solve_reduced(const Problem *p, const Work *w) {
   switch (p->band) {
     case 0: return solve_sparse(p, w->tangent, w->y, w->row);
     case 5: return solve(p->free, 5, w->tangent, w->y); /* degree 1 */
+    case 6: return solve(p->free, 6, w->tangent, w->y); /* the same with joints */
     case 8: return solve(p->free, 8, w->tangent, w->y); /* degree 2 */
     case 11: return solve(p->free, 11, w->tangent, w->y); /* degree 3 */
     default: return solve(p->free, p->band, w->tangent, w->y);
