@@ -26,6 +26,8 @@ _FORMS = {
     "energy": "strain energy",
     "added": "added virtual work",
 }
+# Those that an iteration assembles, in their order above.
+_OF_ITERATION = "internal forces", "tangent", "tangent of the path"
 
 
 class Problem:
@@ -61,6 +63,8 @@ class Problem:
         self.model = model
         self.ffi, self.library = load_library()
         self._keep: list[Any] = []
+        #: Pointers by what they point to, as forms share much.
+        self._shared: dict[Any, Any] = {}
         self.c = self.ffi.new("Problem *")
         tables = model.reduction.tables()
         place = self._hand_over_couplings(tables)
@@ -154,15 +158,19 @@ class Problem:
         numbers = size, out.width, p.cell_coordinates
         batches = load_batches(name, form, ufl_form, *numbers)
         out.of = integrals = self._kept(ffi.new("Integral[]", len(tags)))
-        for of, tag, batch in zip(integrals, tags, batches, strict=True):
+        moving = sorted(compat.coefficient_offsets(form, forms.moving))
+        # The forms of an iteration share what is packed, if they take the same: the first packs it.
+        owner = tuple(moving) if name in _OF_ITERATION else name
+        before = len(self._shared)
+        packs = [self._lanes(packed[tag], owner=(owner, tag)) for tag in tags]
+        if len(self._shared) > before:
+            out.moving, out.changing = len(moving), sum(kind < 2 for kind, _ in moving)
+        for of, tag, batch, pack in zip(integrals, tags, batches, packs, strict=True):
             cells = forms.cells_of(tag)
-            of.batch, of.cells = ffi.cast("Batch *", batch), len(cells)
+            of.batch, of.cells, of.packed = ffi.cast("Batch *", batch), len(cells), pack
             of.dofs, of.to = self._lanes(self._dofs[cells]), self._lanes(self._dofs[cells], p.dofs)
             of.place = self._lanes(self._places[cells], p.places)
             of.coordinates = self._lanes(self._coordinates[cells])
-            of.packed = self._lanes(packed[tag])
-        moving = sorted(compat.coefficient_offsets(form, forms.moving))
-        out.moving, out.changing = len(moving), sum(kind < 2 for kind, _ in moving)
         out.kind = self._pointer([kind for kind, _ in moving], np.int32)
         out.offset = self._pointer([offset for _, offset in moving], np.int32)
         sought = forms.time, forms.dt
@@ -170,8 +178,8 @@ class Problem:
         out.constants = self._pointer(constants, np.float64)
         out.time_at, out.dt_at = places
 
-    def _lanes(self, rows: np.ndarray, behind: int | None = None):
-        """Pointer to rows in blocks of LANES, column by column.
+    def _lanes(self, rows: np.ndarray, behind: int | None = None, owner: Any = None):
+        """Pointer to rows in blocks of LANES, column by column; to the same ones for one owner.
 
         The last block is filled up with the last row, or with places behind all others.
         """
@@ -180,7 +188,11 @@ class Problem:
         if behind is not None:
             padded[len(rows) :] = behind + np.arange(len(padded) - len(rows))[:, None]
         blocks = padded.reshape(len(padded) // lanes, lanes, rows.shape[1]).swapaxes(1, 2)
-        return self._pointer(blocks, np.float64 if rows.dtype == np.float64 else np.int32)
+        key = owner, blocks.shape, blocks.tobytes()
+        if key not in self._shared:
+            kind = np.float64 if rows.dtype == np.float64 else np.int32
+            self._shared[key] = self._pointer(blocks, kind)
+        return self._shared[key]
 
     def _hand_over_rates(self) -> None:
         p, rates = self.c, self.model.scheme.rates
