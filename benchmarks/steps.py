@@ -3,26 +3,43 @@
     .venv/bin/python benchmarks/steps.py [runs]
 
 The pinned beam with 1 to 2048 elements, the pendulum, and the mechanisms of the demos, by
-EnergyMomentum with everything recorded. Runs alternate; set-up is apart. Medians, with the machine
-and the versions, go to results/steps/steps.json, and a picture beside it.
+EnergyMomentum with everything recorded. Runs alternate; set-up is apart. Then where the time of the
+compiled loop goes, and how long the first step takes with all to compile and with nothing. Medians,
+with the machine and the versions, go to results/steps/steps.json, and a picture beside it.
 """
 
+import functools
+import os
+import subprocess
 import sys
+import tempfile
+from pathlib import Path
 from statistics import median
+from time import perf_counter
 
 from demo_scenes import ROOT, scene
 
 import fx_beam as fb
-from fx_beam import report
+from fx_beam import library, problem, report
 
 ELEMENTS = (1, 8, 32, 128, 512, 2048)
+# Those of fx_beam/phases.h, in its order.
+PHASES = (
+    "internal forces",
+    "tangent",
+    "factorisation and solution",
+    "supports and joints",
+    "rates and inertia",
+    "convergence",
+    "next guess",
+    "audit and record",
+)
 
 
 def cases():
     """Name, scene, step and number of steps by each solver."""
     for elements in ELEMENTS:
-        steps = max(50, min(2000, 40000 // elements))
-        yield f"pinned beam, {elements}", scene("pinned_beam", elements), 0.001, steps
+        yield f"pinned beam, {elements}", scene("pinned_beam", elements), 0.001, steps_for(elements)
     yield "pinned beam, 8, dt 0.01", scene("pinned_beam", 8), 0.01, 1000
     yield "pendulum, dt 0.1", scene("pendulum"), 0.1, 500
     yield "pendulum, dt 0.01", scene("pendulum"), 0.01, 1000
@@ -37,15 +54,57 @@ def measure(scene, dt, steps, runs):
             # Python takes a tenth of the steps, enough for its average.
             n = steps if solver == "compiled" else max(steps // 10, 20)
             stats = fb.simulate(scene, dt=dt, t_end=n * dt, solver=solver).stats
-            times.append((1e6 * stats.seconds / n, stats.newton_iterations / n, stats.solver))
+            seconds = 1e6 * stats.seconds / n, stats.setup_seconds
+            times.append((*seconds, stats.newton_iterations / n, stats.solver))
     return {
         solver: {
-            "us per step": median(time for time, _, _ in runs),
-            "iterations per step": median(count for _, count, _ in runs),
-            "solver": runs[0][2],
+            "us per step": median(run[0] for run in runs),
+            "set-up seconds": median(run[1] for run in runs),
+            "iterations per step": median(run[2] for run in runs),
+            "solver": runs[0][3],
         }
         for solver, runs in found.items()
     }
+
+
+def steps_for(elements):
+    return max(50, min(2000, 40000 // elements))
+
+
+def phases(elements, runs):
+    """Time of the compiled loop by phase, in ns per element and step of the pinned beam."""
+    steps, beam = steps_for(elements), scene("pinned_beam", elements)
+    load = problem.load_library
+    problem.load_library = functools.partial(library.load_library, "PHASES")
+    try:
+        ffi, built = problem.load_library()
+        seconds = ffi.unpack(built.fx_phases(), len(PHASES))
+        found = []
+        for _ in range(runs):
+            before = seconds
+            fb.simulate(beam, dt=0.001, t_end=steps * 0.001)
+            seconds = ffi.unpack(built.fx_phases(), len(PHASES))
+            found.append([b - a for a, b in zip(before, seconds, strict=True)])
+    finally:
+        problem.load_library = load
+    medians = (1e9 * median(times) / steps / elements for times in zip(*found, strict=True))
+    return dict(zip(PHASES, medians, strict=True))
+
+
+def first_step(runs):
+    """Seconds from start to the end of the first step, all to be compiled and all in caches."""
+    script = (
+        "import sys; sys.path.insert(0, sys.argv[1]); from demo_scenes import scene\n"
+        "import fx_beam; fx_beam.simulate(scene('pinned_beam', 8), dt=0.01, t_end=0.01)"
+    )
+    command = [sys.executable, "-c", script, str(Path(__file__).parent)]
+    with tempfile.TemporaryDirectory() as cache:
+        environment, seconds = os.environ | {"XDG_CACHE_HOME": cache}, []
+        for _ in range(runs + 1):
+            clock = perf_counter()
+            subprocess.run(command, env=environment, check=True)
+            seconds.append(perf_counter() - clock)
+    return {"compiling": seconds[0], "from caches": median(seconds[1:])}
 
 
 def main(runs=5):
@@ -63,6 +122,13 @@ def main(runs=5):
             f"{name:26} {loop:9.2f} us {python:9.1f} us {python / loop:7.1f}  "
             f"{case['compiled']['iterations per step']:.1f}"
         )
+    shares = {elements: phases(elements, runs) for elements in (8, 2048)}
+    print("\nns per element and step, with", " and ".join(map(str, shares)), "elements:")
+    for phase in PHASES:
+        print(f"{phase:26}", *(f"{times[phase]:9.0f}" for times in shares.values()))
+    numbers["ns per element and step"] = shares
+    numbers["first step"] = first_step(runs)
+    print("\nfirst step:", *(f"{s:.2f} s {how}," for how, s in numbers["first step"].items()))
     results = ROOT / "results" / "steps"
     report.write_json(results / "steps.json", numbers)
     draw(results / "steps.png", numbers["cases"])

@@ -34,8 +34,13 @@ class LoopUnavailable(Exception):
 
 
 @functools.cache
-def load_library() -> tuple[Any, Any]:
+def load_library(*definitions: str) -> tuple[Any, Any]:
     """The loop's interface and library.
+
+    Parameters
+    ----------
+    *definitions : str
+        Macros to define, such as PHASES for a library that measures where its time goes.
 
     Returns
     -------
@@ -50,6 +55,7 @@ def load_library() -> tuple[Any, Any]:
     ffi = cffi.FFI()
     ffi.cdef((_HERE / "loop.h").read_text())
     source = (_HERE / "loop.c").read_text()
+    source = "".join(f"#define {name}\n" for name in definitions) + source
     return ffi, ffi.dlopen(str(_build("the loop over time steps", source, lambda: source)))
 
 
@@ -94,7 +100,9 @@ def load_batches(name: str, form, ufl_form, size: int, width: int, places: int) 
 
 def _build(what: str, key: str, source: Callable[[], str]) -> Path:
     """A shared object from a C source, which is asked for only where the cache does not have it."""
-    headers = [(_HERE / name).read_text() for name in ("loop.h", "batch.h", "vectors.h")]
+    headers = [
+        (_HERE / name).read_text() for name in ("loop.h", "batch.h", "phases.h", "vectors.h")
+    ]
     digest = hashlib.sha256("\n".join([key, *headers, *_FLAGS, _processor()]).encode())
     cache = cache_directory()
     library = cache / f"{digest.hexdigest()[:32]}.so"

@@ -5,6 +5,7 @@
 #include <string.h>
 
 #include "loop.h"
+#include "phases.h"
 #include "vectors.h"
 
 enum { OK, NO_CONVERGENCE, SINGULAR, TURNED_TOO_FAR };
@@ -558,17 +559,22 @@ static int newton(Problem *p, const Work *w, double dt, const double *driven) {
   }
   begin_couplings(p, w);
   expand(p, w);
+  LAP(COUPLINGS);
   for (int iteration = 1; iteration <= p->max_iterations; ++iteration) {
     work_increment(p, w);
     acceleration(p, w, dt);
+    times_mass(p, w->acc, w->r);
+    LAP(INERTIA);
     memset(w->f, 0, n * sizeof(double));
     assemble_vector(p, &p->residual, fields, w->f);
     add_thrusts(p, w, -1, w->f);
-    times_mass(p, w->acc, w->r);
+    LAP(FORCES);
     for (int i = 0; i < n; ++i) w->r[i] += w->f[i] - w->force[i];
     project(p, w, w->r, w->reduced);
     memset(w->step, 0, p->columns * sizeof(double));
+    LAP(COUPLINGS);
     tangent(p, w, fields);
+    LAP(TANGENT);
     reduce_tangent(p, w, w->r);
     if (iteration == 1 && drive > 0 && !w->foretelling) {
       for (int i = 0; i < p->driven; ++i) w->step[free + i] = -driven[i];
@@ -577,10 +583,13 @@ static int newton(Problem *p, const Work *w, double dt, const double *driven) {
         w->left[i] = w->r[i] - row_times(p, w->tangent, i, w->correction);
       project(p, w, w->left, w->reduced);
     }
+    LAP(COUPLINGS);
     for (int i = 0; i < free; ++i) w->y[p->order[i]] = w->reduced[i];
     if (!solve_reduced(p, w)) return SINGULAR;
     for (int i = 0; i < free; ++i) w->step[i] = w->y[p->order[i]];
+    LAP(SOLUTION);
     spread(p, w, w->step, w->correction);
+    LAP(COUPLINGS);
     double size = largest(n, w->correction, p->per_unit), widest = 0, lack = 0;
     if (!isfinite(size)) return SINGULAR;
     if (size > p->longest_turn)
@@ -602,7 +611,9 @@ static int newton(Problem *p, const Work *w, double dt, const double *driven) {
         floor = fabs(lack) <= p->energy_floor * energy;
     }
     if (small || floor) settle(p, w);
+    LAP(CHECKS);
     expand(p, w);
+    LAP(COUPLINGS);
     for (int i = 0; i < p->turning; ++i)
       if (fabs(w->D[p->turns[i]]) > p->max_turn) return TURNED_TOO_FAR;
     if (small || floor) {
@@ -686,6 +697,7 @@ int fx_run(Problem *p, int steps, double dt, const Ahead *ahead, Record *to) {
   lay_out(p, w, p->scratch);
   w->known = w->foretelling = 0, w->dt = dt;
   begin_inertia(p, w);
+  LAP(PHASES_IN_ALL);
   int n = p->dofs, held = p->columns - p->free;
   const double *fields[5] = {w->D, w->path, p->q, p->v, p->a};
   for (int k = 0; k < steps; ++k) {
@@ -699,9 +711,12 @@ int fx_run(Problem *p, int steps, double dt, const Ahead *ahead, Record *to) {
     }
     Form *forms[4] = {&p->residual, &p->tangent, &p->path_tangent, &p->added};
     for (int i = 0; i < 4; ++i) begin_form(p, forms[i], fields, p->t + level * dt, dt);
+    LAP(AUDIT);
     p->failure = newton(p, w, dt, change);
     if (p->failure) return k;
+    LAP(CHECKS);
     learn(p, w);
+    LAP(GUESS);
 
     /* Work: dead loads, driven motion, added forces. */
     work_increment(p, w);
@@ -737,6 +752,7 @@ int fx_run(Problem *p, int steps, double dt, const Ahead *ahead, Record *to) {
     p->t += dt;
     p->steps_done += 1;
     if (wanted) record(p, w, to);
+    LAP(AUDIT);
   }
   return steps;
 }

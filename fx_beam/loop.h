@@ -142,3 +142,4 @@ typedef struct {
 
 int fx_run(Problem *p, int steps, double dt, const Ahead *ahead, Record *to);
 long fx_scratch(const Problem *p);
+double *fx_phases(void); /* seconds in all phases of phases.h, if they are measured */
