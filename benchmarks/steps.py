@@ -23,7 +23,7 @@ import fx_beam as fb
 from fx_beam import library, problem, report
 
 ELEMENTS = (1, 8, 32, 128, 512, 2048)
-# Those of fx_beam/phases.h, in its order.
+# Those of fx_beam/c/phases.h, in its order.
 PHASES = (
     "internal forces",
     "tangent",

@@ -222,7 +222,7 @@ class Actuators:
         return [t for actuator in self._all for t in actuator.turns or () if t >= 0]
 
     def tables(self) -> tuple[list[dict], dict[str, list]]:
-        """Springs and dampers as ``Actuator`` of loop.h, and where their forces go."""
+        """Springs and dampers as ``Actuator`` of c/problem.h, and where their forces go."""
         rows, pushes = [], []
         for number, actuator in enumerate(self._all):
             joint, slides = actuator.joint, actuator.turns is None

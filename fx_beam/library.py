@@ -19,7 +19,7 @@ import cffi
 from . import compat
 
 _log = logging.getLogger("fx_beam")
-_HERE = Path(__file__).parent
+_SOURCES = Path(__file__).parent / "c"
 _FLAGS = [
     *("-O3", "-march=native", "-fno-math-errno", "-fno-trapping-math", "-shared", "-fPIC"),
     # The whole width of vectors, which compilers of some processors leave half empty.
@@ -45,7 +45,7 @@ def load_library(*definitions: str) -> tuple[Any, Any]:
     Returns
     -------
     tuple of cffi.FFI and library
-        For the functions and structures of loop.h.
+        For the functions and structures of problem.h.
 
     Raises
     ------
@@ -53,8 +53,8 @@ def load_library(*definitions: str) -> tuple[Any, Any]:
         If it cannot be built.
     """
     ffi = cffi.FFI()
-    ffi.cdef((_HERE / "loop.h").read_text())
-    source = (_HERE / "loop.c").read_text()
+    ffi.cdef((_SOURCES / "problem.h").read_text().replace("#pragma once", ""))
+    source = (_SOURCES / "loop.c").read_text()
     source = "".join(f"#define {name}\n" for name in definitions) + source
     return ffi, ffi.dlopen(str(_build("the loop over time steps", source, lambda: source)))
 
@@ -76,7 +76,7 @@ def load_batches(name: str, form, ufl_form, size: int, width: int, places: int) 
     Returns
     -------
     list of int
-        Address of a ``Batch`` of loop.h for each integral of the form.
+        Address of a ``Batch`` of problem.h for each integral of the form.
 
     Raises
     ------
@@ -100,9 +100,7 @@ def load_batches(name: str, form, ufl_form, size: int, width: int, places: int) 
 
 def _build(what: str, key: str, source: Callable[[], str]) -> Path:
     """A shared object from a C source, which is asked for only where the cache does not have it."""
-    headers = [
-        (_HERE / name).read_text() for name in ("loop.h", "batch.h", "phases.h", "vectors.h")
-    ]
+    headers = [path.read_text() for path in sorted(_SOURCES.glob("*.h"))]
     digest = hashlib.sha256("\n".join([key, *headers, *_FLAGS, _processor()]).encode())
     cache = cache_directory()
     library = cache / f"{digest.hexdigest()[:32]}.so"
@@ -113,11 +111,12 @@ def _build(what: str, key: str, source: Callable[[], str]) -> Path:
             # Renamed when it is whole, as several processes may build it.
             with tempfile.TemporaryDirectory(dir=cache) as scratch:
                 out = Path(scratch) / "built.so"
-                command = ["cc", *_FLAGS, f"-I{_HERE}", "-x", "c", "-", "-o", str(out), "-lm"]
+                command = ["cc", *_FLAGS, f"-I{_SOURCES}", "-x", "c", "-", "-o", str(out), "-lm"]
                 subprocess.run(command, check=True, capture_output=True, text=True, input=source())
                 out.replace(library)
     except (OSError, subprocess.CalledProcessError) as error:
-        _warn(str(getattr(error, "stderr", None) or error))
+        said = str(getattr(error, "stderr", None) or error)
+        _warn(next((line for line in said.splitlines() if "error" in line), said))
         raise LoopUnavailable("it cannot be built") from error
     return library
 

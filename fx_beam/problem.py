@@ -1,7 +1,7 @@
-"""A scene as loop.c takes it: forms, matrices and couplings as lists of numbers.
+"""A scene as the compiled loop takes it: forms, matrices and couplings as lists of numbers.
 
-Everything physical comes from the functions that FFCx generates from the UFL; loop.c knows
-Newton's method, the couplings and the nodal rates.
+Everything physical comes from the functions that FFCx generates from the UFL; the loop, in c/,
+knows Newton's method, the couplings and the nodal rates.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ _OF_ITERATION = "internal forces", "tangent", "tangent of the path"
 
 
 class Problem:
-    """The structure `Problem` of loop.h for a scene, and the memory that it points to.
+    """The structure `Problem` of c/problem.h for a scene, and the memory that it points to.
 
     Parameters
     ----------
@@ -45,7 +45,7 @@ class Problem:
     Attributes
     ----------
     ffi, library : cffi.FFI and library
-        The interface of loop.h.
+        The interface of c/problem.h.
     c : cffi pointer
         The structure.
     room : dict

@@ -155,9 +155,9 @@ def test_the_loop_computes_what_python_and_petsc_compute(name, scheme):
     sound = made <= 0.3 * np.maximum.accumulate(reference.energy.kinetic) + 1e-9
     n = len(sound) if sound.all() else int(np.argmin(sound))
     assert n == 101 or scheme.name in ("MidPoint", "Newmark", "HHT", "GeneralizedAlpha")
-    # On the rod with EA = 1e10 the rounding of the strain, 1e-16, is a force of 1e-6 N. Schemes that
-    # weight the forces of both ends of a step take that of its start as given: it moves the mass by
-    # 1e-6 dt^2/4 in a step, and by 3e-10 of the rod's length after a hundred.
+    # On the rod with EA = 1e10 the rounding of the strain, 1e-16, is a force of 1e-6 N. Schemes
+    # that weight the forces of both ends of a step take that of its start as given: it moves the
+    # mass by 1e-6 dt^2/4 in a step, and by 3e-10 of the rod's length after a hundred.
     weighted = scheme.name in ("HHT", "GeneralizedAlpha")
     close = 1e-9 if name == "pendulum" and weighted else 1e-10
     size = np.ptp(compiled.X, axis=0).max()

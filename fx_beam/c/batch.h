@@ -2,7 +2,7 @@
    of lane l stands at [k][l], so that the compiler turns the loop over lanes into vector
    instructions. It does so only for straight code: hence the unrolled loops, and no sincos. */
 
-#include "loop.h"
+#include "problem.h"
 #include "vectors.h"
 
 #define UNROLLED _Pragma("GCC unroll 256")

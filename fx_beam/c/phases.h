@@ -1,6 +1,8 @@
 /* Where the time of steps goes. Compiled with -DPHASES, each LAP adds the time since the one before to
    a phase; otherwise there is nothing left of it. */
 
+#pragma once
+
 enum { FORCES, TANGENT, SOLUTION, COUPLINGS, INERTIA, CHECKS, GUESS, AUDIT, PHASES_IN_ALL };
 
 #ifdef PHASES

@@ -1,3 +1,7 @@
+/* A scene as the loop takes it, and what the loop is asked to do. Read by problem.py as well. */
+
+#pragma once
+
 /* Elements that one call computes. */
 enum { LANES = 8 };
 

@@ -1,5 +1,7 @@
 /* What makes compilers write vector instructions, and others ignore. */
 
+#pragma once
+
 #include <math.h>
 #include <stdint.h>
 

@@ -1,0 +1,66 @@
+/* Springs and dampers (actuators.py). */
+
+#pragma once
+
+#include "algebra.h"
+
+static double coordinate(const Problem *p, const Actuator *a) {
+  return a->slide >= 0 ? p->slide[a->slide] : at(p->q, a->b[2]) - at(p->q, a->a[2]);
+}
+
+/* Of the coordinate, at the start of the step. */
+static double rate(const Problem *p, const Actuator *a) {
+  double v[3], seen[2];
+  for (int i = 0; i < 3; ++i) v[i] = at(p->v, a->b[i]) - at(p->v, a->a[i]);
+  if (a->slide < 0) return v[2];
+  double d = p->slide[a->slide], spin = at(p->v, a->a[2]);
+  turn(-at(p->q, a->a[2]), v[0], v[1], seen);
+  seen[0] += spin * (a->offset[1] + d * a->axis[1]);
+  seen[1] -= spin * (a->offset[0] + d * a->axis[0]);
+  return a->axis[0] * seen[0] + a->axis[1] * seen[1];
+}
+
+static void begin_actuators(const Problem *p) {
+  for (int i = 0; i < p->actuators; ++i) {
+    Actuator *a = p->actuator + i;
+    a->start = coordinate(p, a);
+    /* In the middle of the step it is the mean one, whatever it was at the start. */
+    a->rate = p->level == 0.5 ? 0 : rate(p, a);
+  }
+}
+
+static double stored(const Problem *p) {
+  double sum = 0;
+  for (int i = 0; i < p->actuators; ++i) {
+    const Actuator *a = p->actuator + i;
+    double stretch = coordinate(p, a) - a->rest;
+    sum += a->k / 2 * stretch * stretch;
+  }
+  return sum;
+}
+
+static void actuate(const Problem *p, const Work *w) {
+  for (int i = 0; i < p->actuators; ++i) {
+    Actuator *a = p->actuator + i;
+    double change, path, ratio = 1, by_a = 0, by_b = 0, slope_a = 0, slope_b = 1;
+    if (a->slide >= 0)
+      change = path = w->z[a->column];
+    else {
+      double Da = at(w->D, a->a[2]), Db = at(w->D, a->b[2]);
+      change = path = Db - Da, slope_a = 1;
+      if (p->rule == 0) {
+        double tan_a = tan(Da / 2), tan_b = tan(Db / 2), x = change / 2;
+        path = 2 * (tan_b - tan_a), slope_a = 1 + tan_a * tan_a, slope_b = 1 + tan_b * tan_b;
+        ratio = cos(Da / 2) * cos(Db / 2) * (x != 0 ? x / sin(x) : 1);
+        double by_x = fabs(x) < 1e-3 ? x / 3 : 1 / x - 1 / tan(x);
+        by_a = ratio * (-by_x - tan_a) / 2, by_b = ratio * (by_x - tan_b) / 2;
+      }
+    }
+    double level = p->level, elastic = a->k * (a->start + level * change - a->rest);
+    double steep = 2 * level * a->c / w->dt;
+    a->force = elastic * ratio + a->c * (a->rate + 2 * level * (path / w->dt - a->rate));
+    a->lost = a->c * path * path / w->dt;
+    a->slope_a = -a->k * level * ratio + elastic * by_a - steep * slope_a;
+    a->slope_b = a->k * level * ratio + elastic * by_b + steep * slope_b;
+  }
+}

@@ -1,0 +1,103 @@
+/* Supports and joints (reduction.py, joint_reduction.py). */
+
+#pragma once
+
+#include "actuators.h"
+
+static void begin_couplings(const Problem *p, const Work *w) {
+  w->values[0] = w->hat[0] = 1;
+  begin_actuators(p);
+  for (int j = 0; j < p->joints; ++j) {
+    double d = at(p->slide, p->slide_of[j]);
+    const double *o = p->offset + 2 * j, *e = p->axis + 2 * j;
+    w->psi0[j] = at(p->q, p->guide[j]);
+    turn(w->psi0[j], o[0] + d * e[0], o[1] + d * e[1], w->rho0 + 2 * j);
+    turn(w->psi0[j], e[0], e[1], w->t0 + 2 * j);
+  }
+}
+
+/* Increment of all degrees of freedom for the columns z, and the values of T and That there. */
+static void expand(const Problem *p, const Work *w) {
+  double *D = w->D, level = p->level;
+  memset(D, 0, p->dofs * sizeof *D);
+  for (int k = 0; k < p->equal; ++k) D[p->entry_row[k]] += w->z[p->entry_column[k]];
+  for (int k = p->equal; k < p->entries; ++k)
+    if (p->entry_value[k] == 0) D[p->entry_row[k]] += p->entry_sign[k] * w->z[p->entry_column[k]];
+  for (int j = 0; j < p->joints; ++j) {
+    const double *o = p->offset + 2 * j, *e = p->axis + 2 * j;
+    double Dpsi = at(D, p->guide[j]);
+    double d = at(p->slide, p->slide_of[j]);
+    if (p->slide_column[j] >= 0) d += w->z[p->slide_column[j]];
+    double *rho0 = w->rho0 + 2 * j, *rho1 = w->rho1 + 2 * j, *t0 = w->t0 + 2 * j, *t1 = w->t1 + 2 * j;
+    turn(w->psi0[j] + Dpsi, o[0] + d * e[0], o[1] + d * e[1], rho1);
+    turn(w->psi0[j] + Dpsi, e[0], e[1], t1);
+    double tangent = tan(Dpsi / 2), slope = p->rule == 0 ? 1 + tangent * tangent : 1;
+    w->guide_slope[j] = slope;
+    w->guide_bend[j] = p->rule == 0 ? tangent * slope : 0;
+    double mean_rho[2], *mean_t = w->mean_t + 2 * j;
+    for (int i = 0; i < 2; ++i) {
+      mean_rho[i] = (1 - level) * rho0[i] + level * rho1[i];
+      mean_t[i] = (1 - level) * t0[i] + level * t1[i];
+    }
+    double *value = w->values + 1 + 4 * j, *hat = w->hat + 1 + 4 * j;
+    value[0] = -rho1[1], value[1] = rho1[0], value[2] = t1[0], value[3] = t1[1];
+    hat[0] = -mean_rho[1], hat[1] = mean_rho[0], hat[2] = slope * mean_t[0], hat[3] = slope * mean_t[1];
+  }
+  for (int k = 0; k < p->followers; ++k) {
+    int j = p->through[k];
+    D[p->follower_x[k]] += p->joint_sign[j] * (w->rho1[2 * j] - w->rho0[2 * j]);
+    D[p->follower_y[k]] += p->joint_sign[j] * (w->rho1[2 * j + 1] - w->rho0[2 * j + 1]);
+  }
+  actuate(p, w);
+}
+
+static void spread(const Problem *p, const Work *w, const double *z, double *out) {
+  memset(out, 0, p->dofs * sizeof *out);
+  for (int k = 0; k < p->equal; ++k) out[p->entry_row[k]] += z[p->entry_column[k]];
+  for (int k = p->equal; k < p->entries; ++k)
+    out[p->entry_row[k]] += p->entry_sign[k] * w->values[p->entry_value[k]] * z[p->entry_column[k]];
+}
+
+static void project(const Problem *p, const Work *w, const double *r, double *out) {
+  memset(out, 0, p->columns * sizeof *out);
+  for (int k = 0; k < p->equal; ++k) out[p->entry_column[k]] += r[p->entry_row[k]];
+  for (int k = p->equal; k < p->entries; ++k)
+    out[p->entry_column[k]] += p->entry_sign[k] * w->hat[p->entry_value[k]] * r[p->entry_row[k]];
+  for (int k = 0; k < p->pushes; ++k)
+    out[p->push_column[k]] += p->push_sign[k] * p->actuator[p->push_of[k]].force;
+}
+
+static void transmitted(const Problem *p, const Work *w, const double *r) {
+  memset(w->passing, 0, 2 * p->joints * sizeof(double));
+  for (int k = 0; k < p->followers; ++k) {
+    w->passing[2 * p->through[k]] += r[p->follower_x[k]];
+    w->passing[2 * p->through[k] + 1] += r[p->follower_y[k]];
+  }
+}
+
+/* Completes the reduced tangent, where its factors will stand. */
+static void reduce_tangent(const Problem *p, const Work *w, const double *r) {
+  double *K = w->tangent;
+  for (int k = 0; k < p->plain; ++k) K[p->plain_to[k]] += K[p->plain_from[k]];
+  for (int k = 0; k < p->mixed; ++k)
+    K[p->mixed_to[k]] += K[p->mixed_from[k]] * w->hat[p->mixed_hat[k]] *
+                         w->values[p->mixed_value[k]] * p->mixed_sign[k];
+  if (p->second) transmitted(p, w, r);
+  for (int k = 0; k < p->second; ++k) {
+    int j = p->second_joint[k];
+    double s = p->joint_sign[j], F0 = s * w->passing[2 * j], F1 = s * w->passing[2 * j + 1];
+    double turned = p->level * (F1 * w->t1[2 * j] - F0 * w->t1[2 * j + 1]), term;
+    if (p->second_kind[k] == 0)
+      term = -p->level * (F0 * w->rho1[2 * j] + F1 * w->rho1[2 * j + 1]);
+    else if (p->second_kind[k] == 1)
+      term = turned;
+    else
+      term = w->guide_bend[j] * (F0 * w->mean_t[2 * j] + F1 * w->mean_t[2 * j + 1]) +
+             w->guide_slope[j] * turned;
+    K[p->second_to[k]] += p->second_sign[k] * term;
+  }
+  for (int k = 0; k < p->third; ++k) {
+    const Actuator *a = p->actuator + p->third_of[k];
+    K[p->third_to[k]] += p->third_sign[k] * (p->third_side[k] ? a->slope_b : a->slope_a);
+  }
+}

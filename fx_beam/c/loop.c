@@ -1,0 +1,90 @@
+/* The loop over time steps: what stepping.py does, a block of steps at a time, on the functions that
+   FFCx generates from the weak form; nothing of the physics is written here. */
+
+#include "newton.h"
+#include "recorder.h"
+
+static double mid(const Problem *p, double force, double previous) {
+  if (p->level == 0.5 || p->steps_done == 0) return force;
+  return force + (0.5 - p->level) * (force - previous);
+}
+
+/* Dead forces at the scheme's level, with the weight, and in the mean, by which they do work. */
+static void begin_loads(const Problem *p, const Work *w, const double *loads) {
+  const double *start = loads, *end = loads + p->loads;
+  memset(w->dead, 0, p->dofs * sizeof(double));
+  memset(w->force, 0, p->dofs * sizeof(double));
+  if (p->weight) memcpy(w->force, p->weight, p->dofs * sizeof(double));
+  for (int k = 0; k < p->loads; ++k) {
+    double at_level = (1 - p->level) * start[k] + p->level * end[k];
+    for (int i = p->load_start[k]; i < p->load_start[k + 1]; ++i) {
+      w->force[p->load_dof[i]] += p->load_force[i] * at_level;
+      w->dead[p->load_dof[i]] += p->load_force[i] * (start[k] + end[k]) / 2;
+    }
+  }
+}
+
+int fx_run(Problem *p, int steps, double dt, const Ahead *ahead, Record *to) {
+  Work work, *w = &work;
+  lay_out(p, w, p->scratch);
+  w->known = w->foretelling = 0, w->dt = dt;
+  begin_inertia(p, w);
+  LAP(PHASES_IN_ALL);
+  int n = p->dofs, held = p->columns - p->free;
+  const double *fields[5] = {w->D, w->path, p->q, p->v, p->a};
+  for (int k = 0; k < steps; ++k) {
+    if (k == 0 || ahead->load_stride) begin_loads(p, w, ahead->loads + k * ahead->load_stride);
+    const double *target = ahead->driven + (long)k * p->driven;
+    w->thrust = ahead->thrust + k * ahead->thrust_stride;
+    double level = p->level, *change = w->start;
+    for (int i = 0; i < p->driven; ++i) {
+      int dof = p->driven_dof[i];
+      change[i] = target[i] - (dof >= 0 ? p->q[dof] : p->driven_now[i]);
+    }
+    Form *forms[4] = {&p->residual, &p->tangent, &p->path_tangent, &p->added};
+    for (int i = 0; i < 4; ++i) begin_form(p, forms[i], fields, p->t + level * dt, dt);
+    LAP(AUDIT);
+    p->failure = newton(p, w, dt, change);
+    if (p->failure) return k;
+    LAP(CHECKS);
+    learn(p, w);
+    LAP(GUESS);
+
+    /* Work: dead loads, driven motion, added forces. */
+    work_increment(p, w);
+    for (int i = 0; i < n; ++i) p->work += w->dead[i] * w->path[i];
+    for (int i = 0; i < p->actuators; ++i) p->work -= p->actuator[i].lost;
+    project(p, w, w->r, w->columns);
+    for (int i = 0; i < p->driven; ++i) {
+      double along;
+      if (p->driven_dof[i] >= 0)
+        along = w->path[p->driven_dof[i]];
+      else if (p->motor_slide[i] >= 0)
+        along = change[i];
+      else
+        along = at(w->path, p->motor_b[i]) - at(w->path, p->motor_a[i]);
+      p->work += mid(p, w->columns[p->free + i], p->held[i]) * along;
+    }
+    memcpy(p->held, w->columns + p->free, held * sizeof(double));
+    if (p->has_added) {
+      memset(w->f, 0, n * sizeof(double));
+      assemble_vector(p, &p->added, fields, w->f);
+      add_thrusts(p, w, 1, w->f);
+      for (int i = 0; i < n; ++i) p->work += mid(p, w->f[i], p->added_force[i]) * w->path[i];
+      memcpy(p->added_force, w->f, n * sizeof(double));
+    }
+
+    int step = to->first + k, wanted = step % to->every == 0 || step == to->last;
+    if (wanted && to->before) memcpy(to->before + (long)to->rows * n, p->q, n * sizeof(double));
+    advance_rates(p, w, dt);
+    for (int i = 0; i < n; ++i) p->q[i] += w->D[i];
+    for (int j = 0; j < p->joints; ++j)
+      if (p->slide_column[j] >= 0) p->slide[p->slide_of[j]] += w->z[p->slide_column[j]];
+    memcpy(p->driven_now, target, p->driven * sizeof(double));
+    p->t += dt;
+    p->steps_done += 1;
+    if (wanted) record(p, w, to);
+    LAP(AUDIT);
+  }
+  return steps;
+}

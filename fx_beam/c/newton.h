@@ -1,0 +1,152 @@
+/* Newton's method for the increment over a step (newton.py). */
+
+#pragma once
+
+#include "assembly.h"
+#include "couplings.h"
+#include "factors.h"
+#include "followers.h"
+#include "phases.h"
+#include "rates.h"
+
+enum { OK, NO_CONVERGENCE, SINGULAR, TURNED_TOO_FAR };
+
+/* Twice the kinetic energy at the start of the step. */
+static double kinetic(const Problem *p, const Work *w) {
+  double sum = 0;
+  times_mass(p, p->v, w->left);
+  for (int i = 0; i < p->dofs; ++i) sum += p->v[i] * w->left[i];
+  return sum;
+}
+
+static void tangent(const Problem *p, const Work *w, const double *const *fields) {
+  double *K = w->tangent;
+  memcpy(K, w->inertia, p->places * sizeof(double));
+  assemble_matrix(p, &p->tangent, fields, 0, K);
+  assemble_matrix(p, &p->path_tangent, fields, w->slope, K);
+  add_thrust_tangent(p, w, K);
+  if (p->rule != 0) return;
+  double steep = steepness(p, w->dt);
+  for (int k = 0; k < p->turning_masses; ++k)
+    K[p->turning_place[k]] += p->turning_mass[k] * steep * (w->slope[p->turning_column[k]] - 1);
+}
+
+/* The inertia's part of the tangent, but for what changes with the slope of rotations. */
+static void begin_inertia(const Problem *p, const Work *w) {
+  memset(w->inertia, 0, p->places * sizeof(double));
+  for (int k = 0; k < p->mass_start[p->dofs]; ++k)
+    w->inertia[p->mass_place[k]] = p->mass[k] * steepness(p, w->dt);
+}
+
+/* Forces of supports and joints after the correction, to first order; elsewhere none are left. */
+static void settle(const Problem *p, const Work *w) {
+  memset(w->left, 0, p->dofs * sizeof(double));
+  for (int k = 0; k < p->reacting; ++k) {
+    int i = p->reacts[k];
+    w->left[i] = w->r[i] - row_times(p, w->tangent, i, w->correction);
+  }
+  memcpy(w->r, w->left, p->dofs * sizeof(double));
+}
+
+/* Takes the old from the new, and keeps the new in its place. */
+static void difference(int n, double *restrict x, double *restrict old) {
+  for (int i = 0; i < n; ++i) {
+    double now = x[i];
+    x[i] = now - old[i], old[i] = now;
+  }
+}
+
+/* Keeps the increment and its backward differences, and sees how many of them foretold it best. */
+static void learn(const Problem *p, Work *w) {
+  double best = p->close * largest(p->dofs, w->D, p->per_unit), *left = w->left;
+  w->foretelling = 0;
+  memcpy(left, w->D, p->dofs * sizeof(double));
+  for (int k = 0; k < PAST; ++k) {
+    difference(p->dofs, left, w->past[k]);
+    double error = k < w->known ? largest(p->dofs, left, p->per_unit) : HUGE_VAL;
+    if (error <= best) best = error, w->foretelling = k + 1;
+  }
+  memcpy(left, w->z, p->free * sizeof(double));
+  for (int k = 0; k < PAST; ++k) difference(p->free, left, w->past_z[k]);
+  ++w->known;
+}
+
+static int newton(Problem *p, const Work *w, double dt, const double *driven) {
+  int n = p->dofs, free = p->free, smalls = 0;
+  const double *fields[5] = {w->D, w->path, p->q, p->v, p->a};
+  double previous = HUGE_VAL, drive = 0;
+  memset(w->z, 0, p->columns * sizeof(double));
+  for (int i = 0; i < p->driven; ++i) drive += fabs(driven[i]);
+  if (w->foretelling) {
+    for (int k = 0; k < w->foretelling; ++k)
+      for (int i = 0; i < free; ++i) w->z[i] += w->past_z[k][i];
+    for (int i = 0; i < p->driven; ++i) w->z[free + i] = driven[i];
+  }
+  begin_couplings(p, w);
+  expand(p, w);
+  LAP(COUPLINGS);
+  for (int iteration = 1; iteration <= p->max_iterations; ++iteration) {
+    work_increment(p, w);
+    acceleration(p, w, dt);
+    times_mass(p, w->acc, w->r);
+    LAP(INERTIA);
+    memset(w->f, 0, n * sizeof(double));
+    assemble_vector(p, &p->residual, fields, w->f);
+    add_thrusts(p, w, -1, w->f);
+    LAP(FORCES);
+    for (int i = 0; i < n; ++i) w->r[i] += w->f[i] - w->force[i];
+    project(p, w, w->r, w->reduced);
+    memset(w->step, 0, p->columns * sizeof(double));
+    LAP(COUPLINGS);
+    tangent(p, w, fields);
+    LAP(TANGENT);
+    reduce_tangent(p, w, w->r);
+    if (iteration == 1 && drive > 0 && !w->foretelling) {
+      for (int i = 0; i < p->driven; ++i) w->step[free + i] = -driven[i];
+      spread(p, w, w->step, w->correction);
+      for (int i = 0; i < n; ++i)
+        w->left[i] = w->r[i] - row_times(p, w->tangent, i, w->correction);
+      project(p, w, w->left, w->reduced);
+    }
+    LAP(COUPLINGS);
+    for (int i = 0; i < free; ++i) w->y[p->order[i]] = w->reduced[i];
+    if (!solve_reduced(p, w)) return SINGULAR;
+    for (int i = 0; i < free; ++i) w->step[i] = w->y[p->order[i]];
+    LAP(SOLUTION);
+    spread(p, w, w->step, w->correction);
+    LAP(COUPLINGS);
+    double size = largest(n, w->correction, p->per_unit), widest = 0, lack = 0;
+    if (!isfinite(size)) return SINGULAR;
+    if (size > p->longest_turn)
+      for (int i = 0; i < p->turning; ++i) widest = fmax(widest, fabs(w->correction[p->turns[i]]));
+    if (widest > p->longest_turn)
+      for (int i = 0; i < free; ++i) w->step[i] *= p->longest_turn / widest;
+    for (int i = 0; i < free; ++i) {
+      w->z[i] -= w->step[i];
+      lack += w->reduced[i] * w->step[i];
+    }
+    for (int i = 0; i < p->driven; ++i) w->z[free + i] = driven[i];
+    int small = size <= p->tolerance, floor = 0;
+    if (small || size > 0.5 * previous) {
+      double energy = kinetic(p, w);
+      for (int i = 0; i < n; ++i) energy += fabs(w->f[i]) * fabs(w->D[i]);
+      if (small)
+        small = ++smalls > 2 || fabs(lack) <= p->energy_tolerance * energy;
+      else
+        floor = fabs(lack) <= p->energy_floor * energy;
+    }
+    if (small || floor) settle(p, w);
+    LAP(CHECKS);
+    expand(p, w);
+    LAP(COUPLINGS);
+    for (int i = 0; i < p->turning; ++i)
+      if (fabs(w->D[p->turns[i]]) > p->max_turn) return TURNED_TOO_FAR;
+    if (small || floor) {
+      p->iterations += iteration;
+      p->by_round_off += floor;
+      return OK;
+    }
+    previous = size;
+  }
+  return NO_CONVERGENCE;
+}

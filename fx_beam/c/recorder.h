@@ -1,0 +1,50 @@
+/* Histories and the audit of energy and momenta (recorder.py, audit.py). */
+
+#pragma once
+
+#include "assembly.h"
+#include "couplings.h"
+
+static void joint_forces(const Problem *p, const Work *w, double *out) {
+  for (int i = 0; i < 3 * p->scene_joints; ++i) {
+    out[i] = 0;
+    for (int k = p->sum_start[i]; k < p->sum_start[i + 1]; ++k)
+      out[i] += p->sum_sign[k] * w->r[p->sum_of[k]];
+  }
+  for (int k = 0; k < p->twists; ++k)
+    out[3 * p->twist_joint[k] + 2] += p->twist_sign[k] * p->actuator[p->twist_of[k]].force;
+  if (!p->joints) return;
+  transmitted(p, w, w->r);
+  for (int i = 0; i < p->scene_joints; ++i)
+    for (int k = p->lever_joint_start[i]; k < p->lever_joint_start[i + 1]; ++k) {
+      int j = p->lever_joint[k];
+      out[3 * i + 2] += p->lever_sign[k] * p->joint_sign[j] *
+                        (w->hat[1 + 4 * j] * w->passing[2 * j] + w->hat[2 + 4 * j] * w->passing[2 * j + 1]);
+    }
+}
+
+static void record(Problem *p, const Work *w, Record *to) {
+  long n = p->dofs, held = p->columns - p->free, k = to->rows++;
+  if (to->q) memcpy(to->q + k * n, p->q, n * sizeof(double));
+  if (to->v) memcpy(to->v + k * n, p->v, n * sizeof(double));
+  if (to->a) memcpy(to->a + k * n, p->a, n * sizeof(double));
+  if (to->held) memcpy(to->held + k * held, p->held, held * sizeof(double));
+  if (to->slides) memcpy(to->slides + k * p->slides, p->slide, p->slides * sizeof(double));
+  if (to->joint_forces) joint_forces(p, w, to->joint_forces + k * 3 * p->scene_joints);
+  double *momentum = w->left, *energy = to->energies + 4 * k, *sums = to->momenta + 3 * k;
+  times_mass(p, p->v, momentum);
+  memset(energy, 0, 4 * sizeof(double)), memset(sums, 0, 3 * sizeof(double));
+  for (int i = 0; i < n; ++i) energy[0] += p->v[i] * momentum[i] / 2;
+  const double *fields[5] = {w->D, w->path, p->q, p->v, p->a};
+  begin_form(p, &p->energy, fields, p->t, 0);
+  energy[1] = assemble_scalar(p, &p->energy, fields) + stored(p);
+  if (p->weight)
+    for (int i = 0; i < n; ++i) energy[2] -= p->weight[i] * p->q[i];
+  energy[3] = p->work;
+  for (int i = 0; i < p->nodes; ++i) {
+    const int *dof = p->node_dofs + 3 * i;
+    double x = p->position[2 * i] + p->q[dof[0]], y = p->position[2 * i + 1] + p->q[dof[1]];
+    sums[0] += momentum[dof[0]], sums[1] += momentum[dof[1]];
+    sums[2] += x * momentum[dof[1]] - y * momentum[dof[0]] + momentum[dof[2]];
+  }
+}

@@ -1,0 +1,45 @@
+/* Work space of a run, laid out in the memory that Problem points to. */
+
+#pragma once
+
+#include "problem.h"
+
+enum { PAST = 4 };
+
+typedef struct {
+  double *D, *path, *slope, *acc, *f, *r, *reduced, *step, *correction, *z;
+  double *tangent, *inertia, *values, *hat, *psi0, *rho0, *t0, *rho1, *t1, *mean_t, *guide_slope;
+  double *guide_bend, *passing, *columns, *y, *row, *start, *force, *dead, *left;
+  double *past[PAST], *past_z[PAST]; /* backward differences of the increments, from the 0th on */
+  int known, foretelling;            /* steps taken, and how many differences foretold the last */
+  double dt;
+  const double *thrust;
+} Work;
+
+static double *take(double **at, long n) {
+  double *p = *at;
+  *at += n;
+  return p;
+}
+
+static long lay_out(const Problem *p, Work *w, double *at) {
+  double *begin = at;
+  long n = p->dofs, c = p->columns, j = p->joints;
+  w->D = take(&at, n), w->path = take(&at, n), w->slope = take(&at, n);
+  w->acc = take(&at, n), w->f = take(&at, n + LANES), w->r = take(&at, n);
+  w->correction = take(&at, n), w->force = take(&at, n), w->dead = take(&at, n), w->left = take(&at, n);
+  w->reduced = take(&at, c), w->step = take(&at, c), w->z = take(&at, c), w->columns = take(&at, c);
+  w->y = take(&at, c), w->row = take(&at, c), w->start = take(&at, c);
+  for (int k = 0; k < PAST; ++k) w->past[k] = take(&at, n), w->past_z[k] = take(&at, c);
+  w->tangent = take(&at, p->places + LANES), w->inertia = take(&at, p->places);
+  w->values = take(&at, 1 + 4 * j), w->hat = take(&at, 1 + 4 * j);
+  w->psi0 = take(&at, j), w->rho0 = take(&at, 2 * j), w->t0 = take(&at, 2 * j);
+  w->rho1 = take(&at, 2 * j), w->t1 = take(&at, 2 * j), w->mean_t = take(&at, 2 * j);
+  w->guide_slope = take(&at, j), w->guide_bend = take(&at, j), w->passing = take(&at, 2 * j);
+  return at - begin;
+}
+
+long fx_scratch(const Problem *p) {
+  Work w;
+  return lay_out(p, &w, 0);
+}
