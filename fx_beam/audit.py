@@ -58,7 +58,9 @@ class Stats:
     newton_iterations : int
         Corrections in all, those of failed attempts not counted.
     halvings : int
-        Times a step was split in two.
+        Times a step failed and was halved.
+    substeps : int
+        Steps that were taken, each part of a halved one counted.
     ended_by : dict
         Number of solves that ended by a small increment and at round-off.
     seconds : float
@@ -84,6 +86,7 @@ class Stats:
     steps: int = 0
     newton_iterations: int = 0
     halvings: int = 0
+    substeps: int = 0
     ended_by: dict[str, int] = field(default_factory=dict)
     seconds: float = 0.0
     setup_seconds: float = 0.0

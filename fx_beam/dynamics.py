@@ -41,7 +41,7 @@ def simulate(
     t_end: float,
     start: Solution | None = None,
     newton: NewtonOptions | None = None,
-    max_halvings: int = 8,
+    max_halvings: int = 12,
     record: Record | None = None,
     solver: str = "auto",
     progress: bool | None = None,
@@ -66,7 +66,8 @@ def simulate(
     newton : NewtonOptions, optional
         When Newton's method stops.
     max_halvings : int
-        How often a failing step is halved before the simulation is given up; 0 for never.
+        How often a failing step is halved before the simulation is given up; 0 for never. Parts
+        that succeed are doubled again.
     record : Record, optional
         What is kept; everything of every step by default.
     solver : {"auto", "compiled", "petsc"}
@@ -120,7 +121,8 @@ def simulate(
     recorder = Recorder(model, times, record or Record())
     state = _first_state(model, drive, float(times[1] - times[0]), start)
     windings = Windings(model)
-    recorder.record(state, state.q)
+    recorder.begin(0, state.q)
+    recorder.record(0, state)
     stats.setup_seconds = time.perf_counter() - clock
 
     clock = time.perf_counter()
@@ -145,7 +147,12 @@ def simulate(
         raise
     stats.seconds = time.perf_counter() - clock
     if stats.halvings:
-        _log.warning("%s: %d steps were halved on the way", scheme.name, stats.halvings)
+        _log.warning(
+            "%s: %d steps took %d, as some failed and were halved",
+            scheme.name,
+            stats.steps,
+            stats.substeps,
+        )
     return solution_of(model, recorder, stats, replace(state, q=state.q + windings.taken))
 
 

@@ -67,26 +67,47 @@ class CompiledLoop:
         """
         done = 0
         while done < len(times):
-            end = done + _equal_steps(state.t, times[done:])
-            known = self._ahead(state.t, times[done:end])
-            while done < end:
-                steps = self._run(state, times[done:end], first + done, recorder, known)
-                done, known = done + steps, known.after(steps)
-                state = self._state(float(times[done - 1]) if done else state.t)
-                if self._problem.failure:
-                    # The step that failed, in Python, which knows how to halve it.
-                    self._problem.failure = 0
-                    now = times[done : done + 1]
-                    state = self._stepper.march(state, now, first + done, recorder)
-                    done, known = done + 1, known.after(1)
+            grid = times[done : done + _equal_steps(state.t, times[done:])]
+            state = self._equal(state, grid, first + done, recorder)
+            done += len(grid)
+        return state
+
+    def _equal(self, state: State, times: np.ndarray, first: int, recorder: Recorder) -> State:
+        """State after steps of one length, in parts where they fail as a whole."""
+        stats, halving = self._stepper.stats, self._stepper.halving
+        known = self._ahead(state.t, times)
+        done, grid = 0, np.concatenate([[state.t], times])
+        while done < len(times):
+            ends, ahead = times[done:], known
+            if halving.times:
+                ends = halving.ends(grid[done:])
+                ahead = self._ahead(state.t, ends)
+            taken = self._run(state, ends, first + done, recorder, ahead)
+            if taken:
+                state = self._state(float(ends[taken - 1]))
+            steps = halving.take(taken)
+            done, known = done + steps, known.after(steps)
+            stats.steps += steps
+            if self._problem.failure:
+                if halving.fail():
+                    stats.halvings += 1
+                else:  # in Python, which can say why, or else goes on
+                    start, end = grid[done : done + 2]
+                    state = self._stepper.part(state, start, end, first + done, recorder)
+                    self._problem.known = self._problem.foretelling = 0
+                    if state.t == end:
+                        done, known = done + 1, known.after(1)
+                        stats.steps += 1
+            elif ahead.error is not None:
+                raise ahead.error
         return state
 
     def _run(
-        self, state: State, times: np.ndarray, first: int, recorder: Recorder, known: _Known
+        self, state: State, ends: np.ndarray, first: int, recorder: Recorder, known: _Known
     ) -> int:
-        """Take steps of one length, and give how many succeeded."""
+        """Take steps or parts of one length, and give how many succeeded."""
         p, stats, model = self._problem, self._stepper.stats, self.model
-        room = self._room
+        room, halving = self._room, self._stepper.halving
         room["q"][:], room["v"][:], room["a"][:] = state.q, state.v, state.a
         room["slide"][:] = state.slides
         room["driven_now"][len(model.prescribed) :] = state.motors
@@ -103,20 +124,19 @@ class CompiledLoop:
         ahead.thrust_stride = known.thrust.strides[0] // known.thrust.itemsize
         to = self._ffi.new("Record *")
         to.every, to.first, to.last = recorder.every, first, recorder.last
+        to.parts, to.part = halving.parts, halving.done
         for name, rows in recorder.arrays.items():
             at = rows[recorder.rows :]
             setattr(to, name, self._ffi.cast("double *", at.ctypes.data))
-        dt = (times[-1] - state.t) / len(times)
-        done = self._library.fx_run(p, len(known.driven), dt, ahead, to)
+        dt = (ends[-1] - state.t) / len(ends)
+        taken = self._library.fx_run(p, len(known.driven), dt, ahead, to)
         recorder.rows += to.rows
-        stats.steps += done
+        stats.substeps += taken
         stats.newton_iterations += p.iterations
-        for name, count in (("increment", done - p.by_round_off), ("round-off", p.by_round_off)):
+        for name, count in (("increment", taken - p.by_round_off), ("round-off", p.by_round_off)):
             if count:
                 stats.ended_by[name] = stats.ended_by.get(name, 0) + count
-        if known.error is not None and done == len(known.driven):
-            raise known.error
-        return done
+        return taken
 
     def _ahead(self, t: float, times: np.ndarray) -> _Known:
         """What is known of all steps, or of those before the first that fails."""

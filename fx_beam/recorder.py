@@ -75,20 +75,34 @@ class Recorder:
             if joints:
                 self.arrays["joint_forces"] = np.zeros((n, 3 * joints))
 
-    def wants(self, step: int) -> bool:
-        """Whether a step of the grid is kept."""
+    def _wants(self, step: int) -> bool:
         return step % self.every == 0 or step == self.last
 
-    def record(self, state: State, before: np.ndarray) -> None:
-        """Add a state that was computed here and not in the compiled loop.
+    def begin(self, step: int, q: np.ndarray) -> None:
+        """Keep the start of a step, if it is wanted.
 
         Parameters
         ----------
+        step : int
+            Its number.
+        q : (size,) float
+            Displacements and rotations.
+        """
+        if "before" in self.arrays and self._wants(step):
+            self.arrays["before"][self.rows] = q
+
+    def record(self, step: int, state: State) -> None:
+        """Add a state that was computed here and not in the compiled loop, if it is wanted.
+
+        Parameters
+        ----------
+        step : int
+            Number of the step that ends with it; 0 for the start.
         state : State
             The system at a time of the grid.
-        before : (size,) float
-            Displacements and rotations one step before.
         """
+        if not self._wants(step):
+            return
         model = self.model
         momentum = state.v if model.scheme.rates.at_rest else model.mass @ state.v
         q, p = model.to_nodes(state.q), model.to_nodes(momentum)
@@ -99,7 +113,6 @@ class Recorder:
         angular = x[:, 0] @ p[:, 1] - x[:, 1] @ p[:, 0] + p[:, 2].sum()
         values: dict[str, Any] = {
             "q": state.q,
-            "before": before,
             "v": state.v,
             "a": state.a,
             "held": state.held,
@@ -109,7 +122,7 @@ class Recorder:
             "momenta": (*p[:, :2].sum(axis=0), angular),
         }
         for name, rows in self.arrays.items():
-            if values[name] is not None:
+            if values.get(name) is not None:
                 rows[self.rows] = np.ravel(values[name])
         self.rows += 1
 

@@ -127,8 +127,8 @@ def _solution(stepper: LoadStepper, states: list[State], clock: float) -> Soluti
     model, stats = stepper.model, stepper.stats
     stats.seconds = time.perf_counter() - clock
     recorder = Recorder(model, np.array([state.t for state in states]), Record())
-    for before, state in zip([states[0], *states], states, strict=False):
-        recorder.record(state, before.q)
+    for step, state in enumerate(states):
+        recorder.record(step, state)
     end = replace(states[-1], t=stepper.time)
     return solution_of(model, recorder, stats, end)
 

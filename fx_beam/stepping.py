@@ -8,6 +8,7 @@ from .audit import Stats
 from .beam import COMPONENTS
 from .drive import Drive
 from .errors import StepError
+from .halving import Halving
 from .joints import GROUND
 from .model import JointForces, Model
 from .newton import Newton, StepFailed, StepSolution
@@ -36,7 +37,7 @@ class Stepper:
         self.model = model
         self.newton = newton
         self.stats = stats
-        self.max_halvings = max_halvings
+        self.halving = Halving(max_halvings)
         self.drive = drive
         self.joint_forces = JointForces(model) if model.scene.joints else None
 
@@ -66,44 +67,55 @@ class Stepper:
         StepError
             If a step fails after all halvings, or a function of time fails.
         """
-        for number, t in enumerate(times, start=first):
-            before = state.q
-            state = self.advance(state, float(t))
+        for number, t in enumerate(map(float, times), start=first):
+            start = state.t
+            while state.t < t:
+                state = self.part(state, start, t, number, recorder)
             self.stats.steps += 1
-            if recorder.wants(number):
-                recorder.record(state, before)
         return state
 
-    def advance(self, state: State, t1: float, halvings: int = 0) -> State:
-        """State at a later time, in one step or, where that fails, in halves.
+    def part(
+        self, state: State, start: float, end: float, number: int, recorder: Recorder
+    ) -> State:
+        """State after the next part of a step that succeeds.
 
         Parameters
         ----------
         state : State
             The present.
-        t1 : float
-            Time to reach [s].
-        halvings : int
-            How often the step has been halved already.
+        start, end : float
+            Those of the step of the grid [s].
+        number : int
+            Number of that, from 1.
+        recorder : Recorder
+            Keeps what it wants of the step.
 
         Returns
         -------
         State
-            The state at `t1`.
+            The state at the end of the part.
 
         Raises
         ------
         StepError
-            If the step fails after all halvings, or a function of time fails.
+            If it may be halved no more, or a function of time fails.
         """
-        try:
-            return self.step(state, t1)
-        except StepFailed as failure:
-            if halvings >= self.max_halvings:
-                raise StepError(self._message(state, t1, failure, halvings), state.t) from failure
-        self.stats.halvings += 1
-        middle = self.advance(state, (state.t + t1) / 2, halvings + 1)
-        return self.advance(middle, t1, halvings + 1)
+        if state.t == start:
+            recorder.begin(number, state.q)
+        while True:
+            t1 = float(self.halving.ends(np.array([start, end]))[0])
+            try:
+                state = self.step(state, t1)
+            except StepFailed as failure:
+                if not self.halving.fail():
+                    message = self._message(state, t1, failure, self.halving.most)
+                    raise StepError(message, state.t) from failure
+                self.stats.halvings += 1
+                continue
+            self.stats.substeps += 1
+            if self.halving.take(1):
+                recorder.record(number, state)
+            return state
 
     def step(self, state: State, t1: float) -> State:
         """State at a later time, in one step.

@@ -51,6 +51,7 @@ LAYERS = [
     "initial",
     "recorder",
     "newton",
+    "halving",
     "stepping",
     "library",
     "factors",

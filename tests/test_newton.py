@@ -23,8 +23,9 @@ def test_a_step_that_turns_a_node_too_far_is_halved():
     # The mid-point rule turns by 2 arctan(spin dt / 2) = 2.2 rad a step, beyond the bound of 2.
     scene, beam = spinner(40.0)
     solution = fb.simulate(scene, dt=0.1, t_end=1.0)
-    assert solution.stats.halvings >= 10
-    assert solution.stats.steps == 10
+    # Every step needs it, and no longer fails first once that is known.
+    assert 1 <= solution.stats.halvings < 10
+    assert (solution.stats.steps, solution.stats.substeps) == (10, 20)
     fine = fb.simulate(scene, dt=0.05, t_end=1.0)
     assert abs(solution.q - fine.q[::2]).max() < 1e-9
     assert relative_drift(solution.energy.total) < 1e-10

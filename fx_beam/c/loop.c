@@ -27,7 +27,8 @@ static void begin_loads(const Problem *p, const Work *w, const double *loads) {
 int fx_run(Problem *p, int steps, double dt, const Ahead *ahead, Record *to) {
   Work work, *w = &work;
   lay_out(p, w, p->scratch);
-  w->known = w->foretelling = 0, w->dt = dt;
+  w->dt = dt;
+  if (fabs(dt - p->past_dt) > 1e-6 * dt) p->known = p->foretelling = 0, p->past_dt = dt;
   begin_inertia(p, w);
   LAP(PHASES_IN_ALL);
   int n = p->dofs, held = p->columns - p->free;
@@ -45,6 +46,10 @@ int fx_run(Problem *p, int steps, double dt, const Ahead *ahead, Record *to) {
     for (int i = 0; i < 4; ++i) begin_form(p, forms[i], fields, p->t + level * dt, dt);
     LAP(AUDIT);
     p->failure = newton(p, w, dt, change);
+    if (p->failure && p->foretelling) {
+      p->foretelling = 0;
+      p->failure = newton(p, w, dt, change);
+    }
     if (p->failure) return k;
     LAP(CHECKS);
     learn(p, w);
@@ -74,8 +79,10 @@ int fx_run(Problem *p, int steps, double dt, const Ahead *ahead, Record *to) {
       memcpy(p->added_force, w->f, n * sizeof(double));
     }
 
-    int step = to->first + k, wanted = step % to->every == 0 || step == to->last;
-    if (wanted && to->before) memcpy(to->before + (long)to->rows * n, p->q, n * sizeof(double));
+    int part = to->part + k, step = to->first + part / to->parts;
+    int wanted = step % to->every == 0 || step == to->last;
+    if (wanted && part % to->parts == 0 && to->before)
+      memcpy(to->before + (long)to->rows * n, p->q, n * sizeof(double));
     advance_rates(p, w, dt);
     for (int i = 0; i < n; ++i) p->q[i] += w->D[i];
     for (int j = 0; j < p->joints; ++j)
@@ -83,7 +90,7 @@ int fx_run(Problem *p, int steps, double dt, const Ahead *ahead, Record *to) {
     memcpy(p->driven_now, target, p->driven * sizeof(double));
     p->t += dt;
     p->steps_done += 1;
-    if (wanted) record(p, w, to);
+    if (wanted && (part + 1) % to->parts == 0) record(p, w, to);
     LAP(AUDIT);
   }
   return steps;

@@ -57,18 +57,18 @@ static void difference(int n, double *restrict x, double *restrict old) {
 }
 
 /* Keeps the increment and its backward differences, and sees how many of them foretold it best. */
-static void learn(const Problem *p, Work *w) {
+static void learn(Problem *p, const Work *w) {
   double best = p->close * largest(p->dofs, w->D, p->per_unit), *left = w->left;
-  w->foretelling = 0;
+  p->foretelling = 0;
   memcpy(left, w->D, p->dofs * sizeof(double));
   for (int k = 0; k < PAST; ++k) {
     difference(p->dofs, left, w->past[k]);
-    double error = k < w->known ? largest(p->dofs, left, p->per_unit) : HUGE_VAL;
-    if (error <= best) best = error, w->foretelling = k + 1;
+    double error = k < p->known ? largest(p->dofs, left, p->per_unit) : HUGE_VAL;
+    if (error <= best) best = error, p->foretelling = k + 1;
   }
   memcpy(left, w->z, p->free * sizeof(double));
   for (int k = 0; k < PAST; ++k) difference(p->free, left, w->past_z[k]);
-  ++w->known;
+  ++p->known;
 }
 
 static int newton(Problem *p, const Work *w, double dt, const double *driven) {
@@ -77,8 +77,8 @@ static int newton(Problem *p, const Work *w, double dt, const double *driven) {
   double previous = HUGE_VAL, drive = 0;
   memset(w->z, 0, p->columns * sizeof(double));
   for (int i = 0; i < p->driven; ++i) drive += fabs(driven[i]);
-  if (w->foretelling) {
-    for (int k = 0; k < w->foretelling; ++k)
+  if (p->foretelling) {
+    for (int k = 0; k < p->foretelling; ++k)
       for (int i = 0; i < free; ++i) w->z[i] += w->past_z[k][i];
     for (int i = 0; i < p->driven; ++i) w->z[free + i] = driven[i];
   }
@@ -101,7 +101,7 @@ static int newton(Problem *p, const Work *w, double dt, const double *driven) {
     tangent(p, w, fields);
     LAP(TANGENT);
     reduce_tangent(p, w, w->r);
-    if (iteration == 1 && drive > 0 && !w->foretelling) {
+    if (iteration == 1 && drive > 0 && !p->foretelling) {
       for (int i = 0; i < p->driven; ++i) w->step[free + i] = -driven[i];
       spread(p, w, w->step, w->correction);
       for (int i = 0; i < n; ++i)

@@ -124,6 +124,8 @@ typedef struct {
   double t, work;
   double *q, *v, *a, *slide, *driven_now, *held, *added_force;
   int steps_done;       /* since the start, 0 before the first */
+  double past_dt;       /* length of the steps that are remembered for the next guess */
+  int known, foretelling; /* how many they are, and how many differences foretold the last one */
 
   /* Work space and report. */
   double *scratch;
@@ -133,6 +135,7 @@ typedef struct {
 /* Histories, a row for every so many steps and for the last; a null pointer is not recorded. */
 typedef struct {
   int every, first, last, rows; /* numbers of the first step of this call and of the last of all */
+  int parts, part;              /* in which a step is taken, and how many of the first are done */
   double *before, *q, *v, *a, *held, *slides, *joint_forces, *energies, *momenta;
 } Record;
 

@@ -11,7 +11,6 @@ typedef struct {
   double *tangent, *inertia, *values, *hat, *psi0, *rho0, *t0, *rho1, *t1, *mean_t, *guide_slope;
   double *guide_bend, *passing, *columns, *y, *row, *start, *force, *dead, *left;
   double *past[PAST], *past_z[PAST]; /* backward differences of the increments, from the 0th on */
-  int known, foretelling;            /* steps taken, and how many differences foretold the last */
   double dt;
   const double *thrust;
 } Work;

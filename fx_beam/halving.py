@@ -1,0 +1,100 @@
+"""The parts in which steps of a time grid are taken where they fail as a whole."""
+
+from __future__ import annotations
+
+import numpy as np
+
+# Parts that succeed before they are doubled again, and at most, where doubling them was in vain.
+_PATIENCE, _MOST_PATIENCE = 2, 64
+
+
+class Halving:
+    """Steps of a time grid in parts, halved where one fails and doubled where enough succeed.
+
+    What size works is remembered from step to step, lest each step fail anew at all larger ones.
+
+    Parameters
+    ----------
+    most : int
+        How often a step may be halved.
+
+    Attributes
+    ----------
+    times : int
+        How often steps are halved at present.
+    done : int
+        Parts of the present step that are done.
+    """
+
+    def __init__(self, most: int):
+        self.most = most
+        self.times = self.done = 0
+        self._patience, self._succeeded, self._doubled = _PATIENCE, 0, False
+
+    @property
+    def parts(self) -> int:
+        """Number of parts of a step."""
+        return 2**self.times
+
+    def ends(self, grid: np.ndarray) -> np.ndarray:
+        """Times at which the next parts end, until they may be doubled.
+
+        Parameters
+        ----------
+        grid : (n,) float
+            Start of the present step, and ends of it and of those that follow [s].
+
+        Returns
+        -------
+        (m,) float
+            The times [s].
+        """
+        number = max(1, self._needed - self._succeeded)
+        number += (self.done + number) % 2
+        parts = self.done + np.arange(1, number + 1)
+        step, part = np.divmod(parts[parts <= (len(grid) - 1) * self.parts], self.parts)
+        lengths = np.append(np.diff(grid), 0.0)
+        return grid[step] + lengths[step] * part / self.parts
+
+    def take(self, number: int) -> int:
+        """Count parts that succeeded.
+
+        Parameters
+        ----------
+        number : int
+            How many in a row.
+
+        Returns
+        -------
+        int
+            Steps that are complete with them.
+        """
+        steps, self.done = divmod(self.done + number, self.parts)
+        if number:
+            self._patience, self._doubled = self._needed, False
+        self._succeeded += number
+        if self.times and self._succeeded >= self._patience and self.done % 2 == 0:
+            self.times, self.done = self.times - 1, self.done // 2
+            self._succeeded, self._doubled = 0, True
+        return steps
+
+    @property
+    def _needed(self) -> int:
+        """Parts that must succeed: fewer once parts that were doubled do."""
+        return max(_PATIENCE, self._patience // 2) if self._doubled else self._patience
+
+    def fail(self) -> bool:
+        """Halve what is left of a step, unless it may be halved no more.
+
+        Returns
+        -------
+        bool
+            Whether it may.
+        """
+        if self.times == self.most:
+            return False
+        if self._doubled:
+            self._patience, self._doubled = min(2 * self._patience, _MOST_PATIENCE), False
+        self.times, self.done = self.times + 1, 2 * self.done
+        self._succeeded = 0
+        return True
