@@ -46,6 +46,16 @@ def test_nodes_of_an_arc_divide_its_circle_into_equal_parts(degree, sweep, side)
     assert arc.node(0.4) is arc.nodes[2]
 
 
+@pytest.mark.parametrize("rise", [1e-3, 1e-6, 3e-9])
+def test_an_arc_goes_through_its_points_however_flat_it_is(rise):
+    scene = fb.Scene()
+    post = scene.add_beam([(5, -1), (5, 0)], FLYING)
+    arc = scene.add_beam(fb.arc((0, 0), (2.5, 5 * rise), post.end), FLYING, elements=4)
+    middle = arc.node(0.5)
+    assert (middle.x, middle.y) == pytest.approx((2.5, 5 * rise), rel=1e-14)
+    assert arc.length == pytest.approx(5 * (1 + 8 / 3 * rise**2), rel=1e-10)
+
+
 def test_nodes_of_a_function_lie_at_equal_arc_lengths_whatever_its_speed():
     def length_to(x):  # of the parabola y = x^2/2
         return (x * np.sqrt(1 + x**2) + np.arcsinh(x)) / 2
@@ -62,10 +72,40 @@ def test_nodes_of_a_function_lie_at_equal_arc_lengths_whatever_its_speed():
         assert beam.s == pytest.approx(length_to(x), abs=1e-11)
 
 
-def test_a_function_with_a_corner_is_measured_all_the_same():
-    scene = fb.Scene()
-    beam = scene.add_beam(lambda f: (f, abs(f - 1 / 3)), FLYING, elements=6)
-    assert beam.length == pytest.approx(math.sqrt(2), rel=1e-4)
+@pytest.mark.parametrize(
+    ("function", "length"),
+    [
+        (lambda f: (f, abs(f - 1 / 3)), math.sqrt(2)),
+        (lambda f: (f, abs(f - 0.7)), math.sqrt(2)),
+        (lambda f: (f, max(0.0, 10 * f - 9.1)), 0.91 + 0.09 * math.sqrt(101)),
+        (lambda f: (f, np.interp(f, [0, 0.1, 0.55, 1], [0, 1, 0, 0])), None),
+        (lambda f: (f, math.sqrt(1 - f * f)), math.pi / 2),  # at infinite speed in the end
+        (lambda f: (math.sqrt(f), 2.0), 1.0),
+        (lambda f: (f**20, f**40), math.sqrt(5) / 2 + math.asinh(2) / 4),
+        (lambda f: (1e6 + math.cos(f), 1e6 + math.sin(f)), 1.0),
+    ],
+)
+def test_a_function_with_corners_or_of_uneven_speed_is_measured_all_the_same(function, length):
+    if length is None:
+        length = math.hypot(0.1, 1) + math.hypot(0.45, 1) + 0.45
+    beam = fb.Scene().add_beam(function, FLYING, elements=20, degree=2)
+    assert beam.length == pytest.approx(length, rel=1e-9)
+
+
+def test_breaks_help_to_measure_and_change_nothing():
+    def function(f):
+        nonlocal calls
+        calls += 1
+        return f, abs(f - 1 / 3)
+
+    found = []
+    for breaks in ((), (1 / 3,), [0.0, 1 / 3, 1.0]):
+        calls = 0
+        curve = fb.Curve(function, breaks=breaks)
+        beam = fb.Scene().add_beam(curve, FLYING, elements=6)
+        found.append((calls, beam.length))
+    assert found[0][1] == pytest.approx(found[1][1], rel=1e-11)
+    assert found[1] == found[2] and found[1][0] < 0.1 * found[0][0]
 
 
 def splined(count):
@@ -90,6 +130,14 @@ def test_a_spline_goes_through_its_points_and_follows_a_smooth_curve_with_order_
 def test_a_closed_spline_has_no_kink():
     corners = [(1, 0), (0, 2), (-1, 0), (0, -2), (1, 0)]
     function = fb.spline(corners).function
+    assert function(0.0, 1) == pytest.approx(function(1.0, 1), abs=1e-12)
+
+
+def test_a_spline_whose_ends_differ_by_rounding_is_closed():
+    angles = np.linspace(0, 2 * np.pi, 9)
+    points = np.column_stack([np.cos(angles), np.sin(angles)])
+    assert points[0, 1] != points[-1, 1]
+    function = fb.spline(points).function
     assert function(0.0, 1) == pytest.approx(function(1.0, 1), abs=1e-12)
 
 
@@ -125,7 +173,20 @@ def test_a_curve_shares_the_nodes_it_is_given(kind):
         (lambda b: lambda f: (1.0, 2.0), "no length"),
         (lambda b: lambda f: (f, np.nan if f > 0.5 else 0.0), "not finite"),
         (lambda b: lambda f: (f, 1 / 0), "ZeroDivisionError"),
+        (lambda b: lambda f: (math.cos(f) ** 2 + math.sin(f) ** 2, 2.0), "no length"),
+        (lambda b: lambda f: (f, 0.0 if f < 0.5 else 1.0), "jumps at the fraction 0.5;"),
+        (lambda b: lambda f: (f, 0.0 if f <= 0.5 else 1.0), "jumps at the fraction 0.5;"),
+        (lambda b: lambda f: (f, 0.0 if f < 1 / 3 else 1e-4), "jumps at the fraction 0.333333;"),
+        (lambda b: lambda f: (f, float(f > 0)), "jumps at the fraction 0;"),
+        (lambda b: lambda f: (f, float(f == 1)), "jumps at the fraction 1;"),
+        (lambda b: fb.Curve(lambda f: (f, float(f > 0.3)), breaks=[0.3]), "jumps at the fract"),
+        (lambda b: lambda f: (f, f * math.sin(1 / f) if f else 0.0), "more corners than"),
         (lambda b: fb.Curve(lambda f: (f, f), start=b.end), "away from node 1"),
+        (lambda b: fb.Curve(lambda f: (f, f), start=(0, 0)), r"\(0, 0\) is no node"),
+        (lambda b: fb.Curve(lambda f: (f, f), breaks="ab"), "breaks = 'ab' must be"),
+        (lambda b: fb.Curve(lambda f: (f, f), breaks=[0.5, np.nan]), "must be fractions"),
+        (lambda b: fb.Curve(lambda f: (f, f), breaks=[0.5, 2.0]), "must be fractions"),
+        (lambda b: fb.arc((0, 0), b.end, (6, 4)), "arc: only its ends"),
     ],
 )
 def test_a_curve_that_is_none_is_refused_and_leaves_the_scene_as_it_was(make, message):
