@@ -1,4 +1,14 @@
-"""Curves along which a beam may run: arcs, splines and functions, measured by their arc length."""
+"""Curves along which a beam may run: arcs, splines and functions, measured by their arc length.
+
+A curved element has the shape of a polynomial of its degree, whose nodes dolfinx wants at equal
+distances of its parameter. Between ends on the curve it is the polynomial through the curve's
+Gauss-Lobatto points in arc length: at the Gauss points its tangent is then that of the curve to a
+higher order, and lengths, chords and strain energy come out with order 2p as on straight elements.
+With the nodes of degree 3 on the curve, at thirds of the length, that is order 4 and not 6; for
+degree 2 these are the same, and 4 is the order of the element itself. The tip of a quarter of a
+circle of 16 elements of degree 3 that is bent straight is off by 3e-12 of its radius, and not 3e-8.
+The inner nodes of degree 3 are off the curve by order 4 themselves.
+"""
 
 from __future__ import annotations
 
@@ -20,7 +30,7 @@ from numpy.polynomial.chebyshev import (
 from scipy.interpolate import CubicSpline
 from scipy.optimize import brentq
 
-from .beam import Layout, Node, place
+from .beam import Layout, Node, lagrange, place
 from .errors import SceneError
 from .values import checked_function, vector
 
@@ -37,6 +47,12 @@ _INTEGRAL = chebint(np.linalg.inv(chebvander(_SPEED_POINTS, _SPEED_DEGREE)), lbn
 # A smooth curve is measured to rounding with a few pieces; each corner takes 40 more.
 _MOST_PIECES = 10_000
 _ROUNDING = float(np.finfo(float).eps)
+# Where on an element, by its degree, its polynomial meets the curve.
+_LOBATTO = {
+    1: np.array([0.0, 1.0]),
+    2: np.array([0.0, 0.5, 1.0]),
+    3: np.array([0.0, 0.5 - 0.1 * math.sqrt(5), 0.5 + 0.1 * math.sqrt(5), 1.0]),
+}
 
 
 @dataclass(frozen=True)
@@ -131,6 +147,8 @@ def arc(start, through, end) -> Curve:
 def spline(points: Sequence) -> Curve:
     """Smooth curve through points: a cubic spline over the length of their polygon.
 
+    Its curvature has corners at the points, past which elements converge with order 4 at most.
+
     Parameters
     ----------
     points : sequence of (x, y) or Node
@@ -176,7 +194,7 @@ def _nodes(start, end) -> tuple[Node | None, Node | None]:
 
 
 def lay_along(curve: Curve, elements: Any, degree: int, name: str) -> Layout:
-    """Nodes along a curve, at equal distances of its arc length.
+    """Elements along a curve, which end at equal distances of its arc length.
 
     Parameters
     ----------
@@ -210,9 +228,11 @@ def lay_along(curve: Curve, elements: Any, degree: int, name: str) -> Layout:
         return vector(function(fraction), 2, f"beam {name!r}: curve at the fraction {fraction:.6g}")
 
     length, fraction_at = _measure(position, curve.breaks, name)
-    s = length * np.linspace(0, 1, elements * degree + 1)
-    points = np.array([position(fraction_at(distance)) for distance in s])
-    _check_followed(points[::degree], s[::degree], name)
+    met = _LOBATTO[degree]
+    places = (np.arange(elements)[:, None] + met[:-1]).ravel() / elements
+    points = np.array([position(fraction_at(length * x)) for x in (*places, 1.0)])
+    s = length * np.linspace(0, 1, elements + 1)
+    _check_followed(points[::degree], s, name)
     ends: list = list(points[::degree])
     for i, node, where in ((0, curve.start, "starts"), (-1, curve.end, "ends")):
         if node is None:
@@ -224,8 +244,9 @@ def lay_along(curve: Curve, elements: Any, degree: int, name: str) -> Layout:
                 f"{gap:.3g} away from {node}, which it shall share"
             )
         ends[i] = node
-    inner = points[:-1].reshape(elements, degree, 2)[:, 1:]
-    return Layout(ends, s[::degree], inner)
+    of_element = points[degree * np.arange(elements)[:, None] + np.arange(degree + 1)]
+    inner = lagrange(met, np.arange(1, degree) / degree) @ of_element
+    return Layout(ends, s, inner)
 
 
 def _check_followed(ends: np.ndarray, s: np.ndarray, name: str) -> None:
