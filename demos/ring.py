@@ -245,8 +245,9 @@ def draw(results, runs):
     figure, axes = plot.figure(1, len(WAVES), height=2.0)
     for k, (ax, n) in enumerate(zip(axes.flat, WAVES, strict=True)):
         for half in halves:
-            ax.plot(*modes.shape(half, 3 + 2 * k, size=0.0).T, "0.7", linewidth=1)
-            ax.plot(*modes.shape(half, 3 + 2 * k, size=0.25 * RADIUS).T, "C0", linewidth=2)
+            for size, colour, width in ((0.0, "0.7", 1), (0.25 * RADIUS, "C0", 2)):
+                nodes = modes.shape(half, 3 + 2 * k, size=size)
+                ax.plot(*plot.axis(nodes, half.degree).T, colour, linewidth=width)
         window = -1.3 * RADIUS, 1.3 * RADIUS
         ax.set(xlim=window, ylim=window, aspect="equal")
         ax.set_title(f"{n} waves, {modes.frequencies[3 + 2 * k]:.1f} Hz", fontsize="medium")

@@ -54,7 +54,8 @@ class Beam:
     section : Section
         Cross-section; None in a solution that was read from a file.
     inner : (elements, degree - 1, 2) float, optional
-        Places of the nodes inside the elements of a curve [m]; none where elements are straight.
+        Places of the nodes inside the elements of a curve [m], those of degree 3 near it and not
+        on it; none where elements are straight.
     """
 
     name: str
@@ -134,6 +135,16 @@ class Layout(NamedTuple):
 def place(point):
     """Place (x, y) of a node; a point as it is."""
     return (point.x, point.y) if isinstance(point, Node) else point
+
+
+def lagrange(nodes: np.ndarray, places: np.ndarray) -> np.ndarray:
+    """Values (places, nodes) of the Lagrange polynomials of some nodes at other places."""
+    nodes, places = np.asarray(nodes, dtype=float), np.asarray(places, dtype=float)
+    values = np.ones((len(places), len(nodes)))
+    for i, own in enumerate(nodes):
+        for other in np.delete(nodes, i):
+            values[:, i] *= (places - other) / (own - other)
+    return values
 
 
 def polyline(points: Sequence, elements: int | Sequence[int], name: str) -> Layout:

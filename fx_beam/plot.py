@@ -15,7 +15,7 @@ from matplotlib.cm import ScalarMappable
 from matplotlib.colors import LinearSegmentedColormap, Normalize
 from matplotlib.figure import Figure
 
-from .beam import Node
+from .beam import Node, lagrange
 from .joints import GROUND, Joint
 from .solution import Solution
 
@@ -36,6 +36,8 @@ _BEAM_COLOURS = "#0072B2", "#009E73", "#CC79A7", "#E69F00", "#56B4E9"
 # A ring where two members turn, a square where they slide; rigid joints are not marked.
 _JOINT_MARKERS = {"Revolute": "o", "Prismatic": "s", "PinInSlot": "s"}
 _JOINT: dict[str, Any] = {"color": "white", "markeredgecolor": "black", "zorder": 5}
+# Straight lines an element is drawn in: with 60 degrees in it, off by a thousandth of its radius.
+_LINES = 12
 _GUIDE: dict[str, Any] = {"color": "0.5", "linestyle": ":", "linewidth": 1.2, "zorder": 1}
 
 
@@ -142,6 +144,31 @@ def save(figure: Figure, path: Path | str) -> None:
 # -- Shapes ------------------------------------------------------------------------------------
 
 
+def axis(nodes: np.ndarray, degree: int) -> np.ndarray:
+    """Points of a beam's axis for drawing: on the curves that elements of degree 2 and 3 are.
+
+    Parameters
+    ----------
+    nodes : (..., elements * degree + 1, 2) float
+        Positions of a beam's nodes, such as `Solution.shape` and `Modes.shape` give [m].
+    degree : int
+        Degree of its elements.
+
+    Returns
+    -------
+    (..., points, 2) float
+        Positions along the beam, the nodes among them [m].
+    """
+    if degree == 1:
+        return nodes
+    values = lagrange(np.linspace(0, 1, degree + 1), np.arange(_LINES) / _LINES)
+    elements = (nodes.shape[-2] - 1) // degree
+    of_element = degree * np.arange(elements)[:, None] + np.arange(degree + 1)
+    points = values @ nodes[..., of_element, :]
+    points = points.reshape(*nodes.shape[:-2], elements * _LINES, 2)
+    return np.concatenate([points, nodes[..., -1:, :]], axis=-2)
+
+
 def shapes(
     solution: Solution, steps: Sequence[int], path: Path | str, length_unit: str = "m"
 ) -> None:
@@ -172,7 +199,7 @@ def shapes(
     for order, (k, t) in enumerate(zip(steps, times, strict=True)):
         for name in solution.beams:
             # Later shapes lie a little nearer to the eye, so that they cover earlier ones.
-            points = np.insert(solution.shape(name)[k], 2, order * radius, axis=1)
+            points = np.insert(_axis(solution, name, k), 2, order * radius, axis=1)
             tube = pv.MultipleLines(points).tube(radius=radius)
             plotter.add_mesh(tube, color=colours.to_rgba(t)[:3], ambient=0.3, smooth_shading=True)
     plotter.view_xy()
@@ -245,7 +272,7 @@ def animate(
             now = f"{solution.t[k]:.3f}"
             clock.set_text(f"load factor {now}" if solution.stats.static else f"t = {now} s")
             for name, line in lines.items():
-                line.set_data(*solution.shape(name)[k].T)
+                line.set_data(*_axis(solution, name, k).T)
             masses.set_data(*_masses(solution, k).T)
             for joint, guide in guides:
                 guide.set_data(*_guide(solution, joint, k).T)
@@ -256,6 +283,11 @@ def animate(
             writer.grab_frame()
             # The layout of the first picture is that of all.
             fig.set_layout_engine("none")
+
+
+def _axis(solution: Solution, name: str, rows) -> np.ndarray:
+    """Points (..., points, 2) of a beam's axis in some rows."""
+    return axis(solution.shape(name)[rows], solution.beams[name].degree)
 
 
 def _scene(solution: Solution):
@@ -314,7 +346,8 @@ def _draw_step(ax, solution: Solution, k: int, colour) -> None:
 
 def _window(solution: Solution, steps: Sequence[int]) -> tuple[np.ndarray, np.ndarray]:
     """Lower left and upper right corner of all that is drawn, with a margin."""
-    points = np.concatenate([solution.shape(name)[list(steps)] for name in solution.beams], axis=1)
+    rows = list(steps)
+    points = np.concatenate([_axis(solution, name, rows) for name in solution.beams], axis=1)
     low, high = points.min(axis=(0, 1)), points.max(axis=(0, 1))
     margin = 0.05 * max(high - low)
     return low - margin, high + margin

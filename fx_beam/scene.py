@@ -64,7 +64,7 @@ class Scene:
             Corners [m]; or a curve: an `arc`, a `spline`, or ``points(fraction)`` that gives
             (x, y) for a fraction in [0, 1]. A node of another beam is shared rigidly:
             displacement and rotation are the same. Points at the same place are not joined.
-            Nodes lie at equal distances of arc length on a curve, along which elements of
+            Elements end at equal distances of arc length on a curve, along which those of
             degree 2 and 3 are curved themselves; those of degree 1 are its chords.
         section : Section
             Cross-section.

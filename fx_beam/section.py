@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import operator
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
@@ -18,6 +19,8 @@ from .values import is_number, shaped
 Energy = Callable[[Any, Any, Any], Any]
 #: A number, or a function of the fraction of the arc length.
 Datum = float | Callable[[float], Any]
+
+_MAY_BE_ZERO = "rhoA", "rhoI", "rho"
 
 
 @dataclass(frozen=True)
@@ -98,22 +101,11 @@ class Section:
             For a stiffness that is not positive and finite, or a negative or non-finite inertia.
         """
         datum = getattr(self, name)
-        inertia = name in ("rhoA", "rhoI")
-        wanted = "zero or positive and finite" if inertia else "positive and finite"
-
-        def checked(value, where=""):
-            if not (is_number(value) and (value > 0 or (inertia and value == 0))):
-                raise SceneError(f"Section: {name} = {value!r}{where} must be {wanted}")
-            return float(value)
-
-        if datum is None and not inertia:
+        if datum is None and name not in _MAY_BE_ZERO:
             return np.zeros(fractions.shape)
         if not callable(datum):
-            return np.full(fractions.shape, checked(datum))
-        found = [
-            checked(_evaluated(datum, f, name), f" at the fraction {f:.4g} of the length")
-            for f in map(float, fractions.flat)
-        ]
+            return np.full(fractions.shape, _value(name, datum))
+        found = [_value(name, datum, f) for f in map(float, fractions.flat)]
         return np.array(found).reshape(fractions.shape)
 
     def varies(self, name: str) -> bool:
@@ -136,9 +128,9 @@ class Section:
         cls,
         height: Datum,
         width: Datum,
-        E: float,
+        E: Datum,
         nu: float = 0.3,
-        rho: float = 0.0,
+        rho: Datum = 0.0,
         shear_factor: float = 5 / 6,
     ) -> Section:
         """Rectangular section.
@@ -149,11 +141,11 @@ class Section:
             Depth in the plane of motion [m].
         width : float or callable
             Depth across the plane [m].
-        E : float
+        E : float or callable
             Young's modulus [Pa].
         nu : float
             Poisson's ratio.
-        rho : float
+        rho : float or callable
             Mass density [kg/m^3].
         shear_factor : float
             Part of the area that carries shear.
@@ -163,14 +155,18 @@ class Section:
         Section
             EA, GA, EI, rhoA and rhoI of the rectangle.
         """
-        _check_positive(height=height, width=width)
-        area = _combined(lambda h, b: h * b, height, width)
-        inertia = _combined(lambda h, b: b * h**3 / 12, height, width)
+        area = _combined(lambda h, b: h * b, height=height, width=width)
+        inertia = _combined(lambda h, b: b * h**3 / 12, height=height, width=width)
         return cls.from_area(area, inertia, E, nu, rho, shear_factor)
 
     @classmethod
     def circle(
-        cls, diameter: Datum, E: float, nu: float = 0.3, rho: float = 0.0, shear_factor: float = 0.9
+        cls,
+        diameter: Datum,
+        E: Datum,
+        nu: float = 0.3,
+        rho: Datum = 0.0,
+        shear_factor: float = 0.9,
     ) -> Section:
         """Solid circular section.
 
@@ -178,11 +174,11 @@ class Section:
         ----------
         diameter : float or callable
             Diameter [m].
-        E : float
+        E : float or callable
             Young's modulus [Pa].
         nu : float
             Poisson's ratio.
-        rho : float
+        rho : float or callable
             Mass density [kg/m^3].
         shear_factor : float
             Part of the area that carries shear.
@@ -192,9 +188,8 @@ class Section:
         Section
             EA, GA, EI, rhoA and rhoI of the circle.
         """
-        _check_positive(diameter=diameter)
-        area = _combined(lambda d: math.pi * d**2 / 4, diameter)
-        inertia = _combined(lambda d: math.pi * d**4 / 64, diameter)
+        area = _combined(lambda d: math.pi * d**2 / 4, diameter=diameter)
+        inertia = _combined(lambda d: math.pi * d**4 / 64, diameter=diameter)
         return cls.from_area(area, inertia, E, nu, rho, shear_factor)
 
     @classmethod
@@ -202,9 +197,9 @@ class Section:
         cls,
         area: Datum,
         second_moment: Datum,
-        E: float,
+        E: Datum,
         nu: float = 0.3,
-        rho: float = 0.0,
+        rho: Datum = 0.0,
         shear_factor: float = 5 / 6,
     ) -> Section:
         """Section of given area and second moment of area.
@@ -215,11 +210,11 @@ class Section:
             Area [m^2].
         second_moment : float or callable
             Second moment of area [m^4].
-        E : float
+        E : float or callable
             Young's modulus [Pa].
         nu : float
             Poisson's ratio.
-        rho : float
+        rho : float or callable
             Mass density [kg/m^3].
         shear_factor : float
             Part of the area that carries shear.
@@ -229,16 +224,19 @@ class Section:
         Section
             EA, GA, EI, rhoA and rhoI.
         """
-        _check_positive(area=area, second_moment=second_moment, E=E, shear_factor=shear_factor)
         if not (is_number(nu) and -1 < nu <= 0.5):
-            raise SceneError(f"Section: nu = {nu!r} must lie in (-1, 0.5]")
-        G = E / (2 * (1 + nu))
+            raise SceneError(f"Section: nu = {nu!r} must be a number in (-1, 0.5]")
+        A, J = {"area": area}, {"second_moment": second_moment}
+
+        def shear_stiffness(shear_factor, E, A):
+            return shear_factor * (E / (2 * (1 + nu))) * A
+
         return cls(
-            EA=_combined(lambda A: E * A, area),
-            GA=_combined(lambda A: shear_factor * G * A, area),
-            EI=_combined(lambda J: E * J, second_moment),
-            rhoA=_combined(lambda A: rho * A, area),
-            rhoI=_combined(lambda J: rho * J, second_moment),
+            EA=_combined(operator.mul, E=E, **A),
+            GA=_combined(shear_stiffness, shear_factor=shear_factor, E=E, **A),
+            EI=_combined(operator.mul, E=E, **J),
+            rhoA=_combined(operator.mul, rho=rho, **A),
+            rhoI=_combined(operator.mul, rho=rho, **J),
         )
 
 
@@ -287,28 +285,38 @@ def quadratic_law(stiffness) -> Law:
     return Law(energy, quadratic=True)
 
 
-def _combined(function: Callable[..., float], *data: Datum) -> Datum:
-    """A function of data; where one of them varies along the beam, so does it."""
-    if not any(map(callable, data)):
-        return function(*data)
-    return lambda fraction: function(*(x(fraction) if callable(x) else x for x in data))
+def _combined(function: Callable[..., float], **data: Datum) -> Datum:
+    """A function of checked data; where one of them varies along the beam, so does it."""
+
+    def value(fraction: float) -> float:
+        return function(*(_value(name, datum, fraction) for name, datum in data.items()))
+
+    return value if any(map(callable, data.values())) else value(0.0)
 
 
-def _evaluated(datum: Callable, fraction: float, name: str) -> float:
-    what = f"Section: {name} at the fraction {fraction:.4g} of the length"
+def _value(name: str, datum: Datum, fraction: float = 0.0) -> float:
+    """Value of a datum, finite and positive or, where there may be no inertia, zero."""
+    where = ""
+    if callable(datum):
+        where = f" at the fraction {fraction:.4g} of the length"
+        datum = _evaluated(datum, fraction, f"Section: {name}{where}")
+    may_be_zero = name in _MAY_BE_ZERO
+    if not (is_number(datum) and (datum > 0 or (may_be_zero and datum == 0))):
+        wanted = "zero or positive and finite" if may_be_zero else "positive and finite"
+        raise SceneError(f"Section: {name} = {datum!r}{where} must be {wanted}")
+    return float(datum)
+
+
+def _evaluated(datum: Callable, fraction: float, what: str) -> float:
     try:
         value = datum(fraction)
         # Of numbers, UFL's functions make numbers or expressions of numbers.
         value = value(()) if isinstance(value, ufl.core.expr.Expr) else value
+    except SceneError:
+        raise  # of a datum that this one is made of
     except Exception as error:
         raise SceneError(f"{what}: calling it raised {error!r}") from error
     return shaped(value, 1, what)[0]
-
-
-def _check_positive(**values) -> None:
-    for name, value in values.items():
-        if not callable(value) and not (is_number(value) and value > 0):
-            raise SceneError(f"Section: {name} = {value!r} must be positive and finite")
 
 
 def _check_energy(strain_energy: Energy) -> None:

@@ -16,7 +16,7 @@ def is_number(value) -> bool:
     """Whether something is a finite number."""
     try:
         return math.isfinite(value)
-    except TypeError:
+    except (TypeError, OverflowError):
         return False
 
 

@@ -4,6 +4,7 @@ import math
 
 import numpy as np
 import pytest
+from numpy.polynomial import Legendre
 from scenes import FLYING, free_flight, relative_drift
 from scipy.integrate import quad, simpson
 
@@ -29,21 +30,49 @@ def all_places(beam):
 # -- Places ------------------------------------------------------------------------------------
 
 
+def at_lobatto_points(beam):
+    """Places (elements, degree + 1, 2) of the elements' polynomials at their Lobatto points."""
+    p, nodes = beam.degree, all_places(beam)
+    places = np.array([-1, *np.sort(Legendre.basis(p).deriv().roots()), 1])
+    through = np.vander(places, p + 1) @ np.linalg.inv(np.vander(np.linspace(-1, 1, p + 1)))
+    return np.array([through @ nodes[k * p : k * p + p + 1] for k in range(beam.elements)]), places
+
+
 @DEGREES
 @pytest.mark.parametrize("sweep", [0.02, 1.0, math.pi, 6.2])
 @pytest.mark.parametrize("side", [1, -1])
-def test_nodes_of_an_arc_divide_its_circle_into_equal_parts(degree, sweep, side):
+def test_elements_of_an_arc_divide_its_circle_and_meet_it_at_their_lobatto_points(
+    degree, sweep, side
+):
     def point(angle):
         return 3 - 2 * math.cos(side * angle), 5 - 2 * math.sin(side * angle)
 
     scene = fb.Scene()
     given = fb.arc(point(0), point(0.3 * sweep), point(sweep))
     arc = scene.add_beam(given, FLYING, elements=5, degree=degree)
-    exact = [point(sweep * k / (5 * degree)) for k in range(5 * degree + 1)]
-    assert abs(all_places(arc) - exact).max() < 1e-12
+    found, places = at_lobatto_points(arc)
+    exact = [[point(sweep * (k + (1 + x) / 2) / 5) for x in places] for k in range(5)]
+    assert abs(found - exact).max() < 1e-12
+    ends = [(node.x, node.y) for node in arc.nodes]
+    assert abs(ends - np.array([point(sweep * k / 5) for k in range(6)])).max() < 1e-12
     assert arc.s == pytest.approx(2 * sweep * np.arange(6) / 5, rel=1e-12)
     assert arc.length == pytest.approx(2 * sweep, rel=1e-12)
     assert arc.node(0.4) is arc.nodes[2]
+
+
+@pytest.mark.parametrize("rise", [1e-3, 1e-6, 3e-9])
+def test_an_arc_goes_through_its_points_however_flat_it_is(rise):
+    scene = fb.Scene()
+    post = scene.add_beam([(5, -1), (5, 0)], FLYING)
+    arc = scene.add_beam(fb.arc((0, 0), (2.5, 5 * rise), post.end), FLYING, elements=4)
+    middle = arc.node(0.5)
+    assert (middle.x, middle.y) == pytest.approx((2.5, 5 * rise), rel=1e-14)
+    assert arc.length == pytest.approx(5 * (1 + 8 / 3 * rise**2), rel=1e-10)
+
+
+def test_straight_elements_along_a_function_have_their_nodes_at_equal_distances():
+    beam = fb.Scene().add_beam(lambda f: (3 * f, 4 * f), FLYING, elements=2, degree=3)
+    assert all_places(beam)[:, 1] == pytest.approx(4 * np.arange(7) / 6, abs=1e-14)
 
 
 def test_nodes_of_a_function_lie_at_equal_arc_lengths_whatever_its_speed():
@@ -62,10 +91,40 @@ def test_nodes_of_a_function_lie_at_equal_arc_lengths_whatever_its_speed():
         assert beam.s == pytest.approx(length_to(x), abs=1e-11)
 
 
-def test_a_function_with_a_corner_is_measured_all_the_same():
-    scene = fb.Scene()
-    beam = scene.add_beam(lambda f: (f, abs(f - 1 / 3)), FLYING, elements=6)
-    assert beam.length == pytest.approx(math.sqrt(2), rel=1e-4)
+@pytest.mark.parametrize(
+    ("function", "length"),
+    [
+        (lambda f: (f, abs(f - 1 / 3)), math.sqrt(2)),
+        (lambda f: (f, abs(f - 0.7)), math.sqrt(2)),
+        (lambda f: (f, max(0.0, 10 * f - 9.1)), 0.91 + 0.09 * math.sqrt(101)),
+        (lambda f: (f, np.interp(f, [0, 0.1, 0.55, 1], [0, 1, 0, 0])), None),
+        (lambda f: (f, math.sqrt(1 - f * f)), math.pi / 2),  # at infinite speed in the end
+        (lambda f: (math.sqrt(f), 2.0), 1.0),
+        (lambda f: (f**20, f**40), math.sqrt(5) / 2 + math.asinh(2) / 4),
+        (lambda f: (1e6 + math.cos(f), 1e6 + math.sin(f)), 1.0),
+    ],
+)
+def test_a_function_with_corners_or_of_uneven_speed_is_measured_all_the_same(function, length):
+    if length is None:
+        length = math.hypot(0.1, 1) + math.hypot(0.45, 1) + 0.45
+    beam = fb.Scene().add_beam(function, FLYING, elements=20, degree=2)
+    assert beam.length == pytest.approx(length, rel=1e-9)
+
+
+def test_breaks_help_to_measure_and_change_nothing():
+    def function(f):
+        nonlocal calls
+        calls += 1
+        return f, abs(f - 1 / 3)
+
+    found = []
+    for breaks in ((), (1 / 3,), [0.0, 1 / 3, 1.0]):
+        calls = 0
+        curve = fb.Curve(function, breaks=breaks)
+        beam = fb.Scene().add_beam(curve, FLYING, elements=6)
+        found.append((calls, beam.length))
+    assert found[0][1] == pytest.approx(found[1][1], rel=1e-11)
+    assert found[1] == found[2] and found[1][0] < 0.1 * found[0][0]
 
 
 def splined(count):
@@ -90,6 +149,14 @@ def test_a_spline_goes_through_its_points_and_follows_a_smooth_curve_with_order_
 def test_a_closed_spline_has_no_kink():
     corners = [(1, 0), (0, 2), (-1, 0), (0, -2), (1, 0)]
     function = fb.spline(corners).function
+    assert function(0.0, 1) == pytest.approx(function(1.0, 1), abs=1e-12)
+
+
+def test_a_spline_whose_ends_differ_by_rounding_is_closed():
+    angles = np.linspace(0, 2 * np.pi, 9)
+    points = np.column_stack([np.cos(angles), np.sin(angles)])
+    assert points[0, 1] != points[-1, 1]
+    function = fb.spline(points).function
     assert function(0.0, 1) == pytest.approx(function(1.0, 1), abs=1e-12)
 
 
@@ -125,7 +192,20 @@ def test_a_curve_shares_the_nodes_it_is_given(kind):
         (lambda b: lambda f: (1.0, 2.0), "no length"),
         (lambda b: lambda f: (f, np.nan if f > 0.5 else 0.0), "not finite"),
         (lambda b: lambda f: (f, 1 / 0), "ZeroDivisionError"),
+        (lambda b: lambda f: (math.cos(f) ** 2 + math.sin(f) ** 2, 2.0), "no length"),
+        (lambda b: lambda f: (f, 0.0 if f < 0.5 else 1.0), "jumps at the fraction 0.5;"),
+        (lambda b: lambda f: (f, 0.0 if f <= 0.5 else 1.0), "jumps at the fraction 0.5;"),
+        (lambda b: lambda f: (f, 0.0 if f < 1 / 3 else 1e-4), "jumps at the fraction 0.333333;"),
+        (lambda b: lambda f: (f, float(f > 0)), "jumps at the fraction 0;"),
+        (lambda b: lambda f: (f, float(f == 1)), "jumps at the fraction 1;"),
+        (lambda b: fb.Curve(lambda f: (f, float(f > 0.3)), breaks=[0.3]), "jumps at the fract"),
+        (lambda b: lambda f: (f, f * math.sin(1 / f) if f else 0.0), "more corners than"),
         (lambda b: fb.Curve(lambda f: (f, f), start=b.end), "away from node 1"),
+        (lambda b: fb.Curve(lambda f: (f, f), start=(0, 0)), r"\(0, 0\) is no node"),
+        (lambda b: fb.Curve(lambda f: (f, f), breaks="ab"), "breaks = 'ab' must be"),
+        (lambda b: fb.Curve(lambda f: (f, f), breaks=[0.5, np.nan]), "must be fractions"),
+        (lambda b: fb.Curve(lambda f: (f, f), breaks=[0.5, 2.0]), "must be fractions"),
+        (lambda b: fb.arc((0, 0), b.end, (6, 4)), "arc: only its ends"),
     ],
 )
 def test_a_curve_that_is_none_is_refused_and_leaves_the_scene_as_it_was(make, message):
@@ -174,29 +254,78 @@ def straightened(degree, elements, GA=1e4):
     return math.dist(solution.position(beam.end)[-1], (math.pi / 2, 0))
 
 
-@pytest.mark.parametrize(("degree", "order"), [(1, 2), (2, 4), (3, 4)])
-def test_an_arc_is_bent_straight_by_its_own_curvature(degree, order):
-    # Degree 3 is held back by the length of its curved elements, which is off by h^4.
-    errors = np.array([straightened(degree, elements) for elements in (4, 8, 16)])
-    assert (np.log2(errors[:-1] / errors[1:]) > order - 0.1).all()
-    assert straightened(degree, 8, GA=1e8) == pytest.approx(errors[1], rel=1e-3)  # no locking
+@DEGREES
+def test_an_arc_is_bent_straight_by_its_own_curvature(degree):
+    meshes = (2, 4, 8) if degree == 3 else (4, 8, 16)
+    errors = np.array([straightened(degree, elements) for elements in meshes])
+    assert (np.log2(errors[:-1] / errors[1:]) > 2 * degree - 0.1).all()
+    assert straightened(degree, meshes[1], GA=1e8) == pytest.approx(errors[1], rel=1e-3)
 
 
-def tip_per_force(degree, elements, thickness):
-    """Relative error of the tip of a quarter of a circle under a small force across it."""
+# Curves from (0, 0) to x = 1, and their derivatives.
+CURVES = {
+    "arc": (
+        lambda f: (math.sin(math.pi / 2 * f), 1 - math.cos(math.pi / 2 * f)),
+        lambda f: (
+            math.pi / 2 * math.cos(math.pi / 2 * f),
+            math.pi / 2 * math.sin(math.pi / 2 * f),
+        ),
+    ),
+    "parabola": (lambda f: (f, f**2), lambda f: (1.0, 2 * f)),
+}
+
+
+def tip_per_moment(curve, degree, elements, moment):
+    """Error of the tip of a curve under a moment."""
+    function, rate = CURVES[curve]
+    scene = fb.Scene()
+    section = fb.Section(EA=200.0, GA=100.0, EI=1.0)
+    beam = scene.add_beam(function, section, elements=elements, degree=degree)
+    scene.clamp(beam.start)
+    scene.add_moment(beam.end, moment)
+
+    def advance(f, of):  # along the tangent, which turns in proportion to the arc length before it
+        length, _ = quad(lambda g: math.hypot(*rate(g)), 0, f)
+        return of(moment * length + math.atan2(*rate(f)[::-1])) * math.hypot(*rate(f))
+
+    exact = [quad(advance, 0, 1, of, epsabs=1e-13)[0] for of in (math.cos, math.sin)]
+    return math.dist(fb.static(scene, steps=2).position(beam.end)[-1], exact)
+
+
+@DEGREES
+def test_a_parabola_is_bent_by_a_moment_with_order_twice_the_degree(degree):
+    errors = np.array([tip_per_moment("parabola", degree, n, 0.7) for n in (4, 8, 16)])
+    assert (np.log2(errors[:-1] / errors[1:]) > 2 * degree - 0.1).all()
+
+
+def tip_per_force(degree, elements, thickness, curve="arc", force=1e-4):
+    """Relative error of the tip of a curve under a small force across it."""
     section = fb.Section(EA=12 / thickness**2, GA=4 / thickness**2, EI=1.0)
+    function, rate = CURVES[curve]
 
-    def work(angle):  # of the resultants M, N and Q of a unit force on themselves
-        c, s = math.cos(angle), math.sin(angle)
-        return (1 - s) ** 2 / section.EI + s**2 / section.EA + c**2 / section.GA
+    def work(f):  # of the resultants M, N and Q of a unit force on themselves
+        (x, _), (dx, dy) = function(f), rate(f)
+        bent = (1 - x) ** 2 / section.EI * (dx**2 + dy**2)
+        return (bent + dy**2 / section.EA + dx**2 / section.GA) / math.hypot(dx, dy)
 
-    found = []
-    for force in (1e-4, -1e-4):  # whose mean is linear to third order
-        scene, beam = quarter(degree, elements, section)
+    found = 0.0
+    # Their sum is linear to fifth order.
+    for factor, weight in ((1, 2 / 3), (-1, 2 / 3), (2, -1 / 6), (-2, -1 / 6)):
+        scene = fb.Scene()
+        beam = scene.add_beam(function, section, elements=elements, degree=degree)
         scene.clamp(beam.start)
-        scene.add_force(beam.end, (0, force))
-        found.append(fb.static(scene, steps=1).displacement(beam.end)[-1, 1] / force)
-    return np.mean(found) / quad(work, 0, math.pi / 2)[0] - 1
+        scene.add_force(beam.end, (0, factor * force))
+        tip = fb.static(scene, steps=1).displacement(beam.end)[-1, 1]
+        found += weight * tip / (factor * force)
+    return found / quad(work, 0, 1, epsabs=1e-13)[0] - 1
+
+
+@DEGREES
+@pytest.mark.parametrize("curve", CURVES)
+def test_a_curved_cantilever_bends_under_a_force_with_order_twice_the_degree(degree, curve):
+    meshes = (4, 8) if degree == 3 else (4, 8, 16)  # with 16 it is off by rounding
+    errors = np.abs([tip_per_force(degree, n, 1.0, curve, force=1e-3) for n in meshes])
+    assert (np.log2(errors[:-1] / errors[1:]) > 2 * degree - 0.2).all()
 
 
 @pytest.mark.parametrize(("degree", "elements"), [(1, 8), (2, 4), (3, 3)])

@@ -95,6 +95,58 @@ def test_a_rectangle_of_varying_height_has_the_data_of_each_height():
         assert varying.varies(size)
 
 
+def test_a_graded_material_has_the_data_of_each_modulus_and_density():
+    def E(s):
+        return 2e11 * (1 + s)
+
+    def rho(s):
+        return ufl.exp(-s) * 7800
+
+    def make(E, rho):
+        return fb.Section.rectangle(lambda s: 0.1 + s, 0.02, E, nu=0.2, rho=rho, shear_factor=0.8)
+
+    for name in ("EA", "GA", "EI", "rhoA", "rhoI"):
+        values = make(E, rho).values(name, np.array([0.2, 0.9]))
+        each = [make(E(s), 7800 * math.exp(-s)).values(name, np.array([s]))[0] for s in (0.2, 0.9)]
+        assert values == pytest.approx(each, rel=1e-14)
+    section = fb.Section.circle(0.1, E=E, rho=7800)
+    assert section.varies("EI") and not section.varies("rhoA")
+
+
+@pytest.mark.parametrize(
+    ("make", "message"),
+    [
+        (
+            lambda: fb.Section.circle(lambda s: 0.3 - s, E=1.0),
+            "diameter = -0.2 at the fraction 0.5",
+        ),
+        (lambda: fb.Section.rectangle(*2 * [lambda s: 0.3 - s], E=1.0), "height = -0.2 at the fr"),
+        (lambda: fb.Section.circle(0.1, E=lambda s: 0.0), "E = 0.0 at the fraction 0.5"),
+        (lambda: fb.Section.circle(0.1, E=1.0, rho=lambda s: -s), "rho = -0.5 at the fraction 0.5"),
+        (lambda: fb.Section.circle(0.1, E=lambda s: 1 / 0), "E at the fraction 0.5 .*ZeroDivision"),
+        (lambda: fb.Section.circle(0.1, E=lambda: 1.0), "E at the fraction 0.5 .*TypeError"),
+        (lambda: fb.Section.circle(0.1, E=10**400), "E = 10* must be positive and finite"),
+        (lambda: fb.Section.circle(0.1, E="steel"), "E = 'steel' must be"),
+        (lambda: fb.Section.circle(0.1, E=1.0, rho="steel"), "rho = 'steel' must be zero or"),
+        (lambda: fb.Section.circle(0.1, E=1.0, rho=math.nan), "rho = nan must be zero or"),
+        (lambda: fb.Section.circle(0.1, E=1.0, nu=lambda s: 0.3), "nu = .* must be a number in"),
+        (lambda: fb.Section.circle([0.1, 0.2], E=1.0), "diameter = .* must be positive"),
+    ],
+)
+def test_a_bad_size_or_material_is_named_as_it_was_given(make, message):
+    with pytest.raises(fb.SceneError, match=f"Section: {message}"):
+        make()
+
+
+def test_a_diameter_that_is_negative_only_at_the_tip_is_named_with_its_beam():
+    section = fb.Section.circle(lambda s: 0.9 - s, E=1.0)
+    scene = fb.Scene()
+    scene.clamp(scene.add_beam([(0, 0), (1, 0)], section, elements=8, name="rod").start)
+    message = "beam 'rod': Section: diameter = -0.037.* at the fraction 0.9375"
+    with pytest.raises(fb.SceneError, match=message):
+        Model(scene, fb.EnergyMomentum())
+
+
 def test_functions_of_numpy_of_math_and_of_ufl_are_the_same():
     def run(EI, rhoA):
         section = fb.Section(EA=1e4, GA=1e4, EI=EI, rhoA=rhoA, rhoI=1.0)
