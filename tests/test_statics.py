@@ -333,6 +333,27 @@ def _massive():
     return cantilever(section, 1)[0]
 
 
+def test_what_hangs_by_its_weight_is_held_in_a_copy_as_the_error_says():
+    def pendulum(held):
+        scene = fb.Scene(gravity=(0.0, -9.81))
+        section = fb.Section(EA=1e3, GA=1e3, EI=10.0, rhoA=2.0)
+        rod = scene.add_beam([(0, 0), (0, -1)], section, elements=4)
+        scene.pin(rod.start)
+        if held:
+            scene.fix(rod.end, "x")
+        return scene, rod
+
+    scene, rod = pendulum(held=False)
+    with pytest.raises(fb.SceneError, match=r"can turn about \(0, 0\).*in a copy of the scene"):
+        fb.static(scene)
+    hanging = fb.static(pendulum(held=True)[0])
+    assert -hanging.displacement(rod.end)[-1, 1] == pytest.approx(2 * 9.81 / 2 / 1e3)
+    still = fb.simulate(scene, dt=0.01, t_end=0.5, start=hanging)
+    assert abs(still.q - hanging.q[-1]).max() < 1e-12
+    lowest = fb.modes(scene, state=hanging, n=1).frequencies[0]
+    assert lowest == pytest.approx(np.sqrt(3 * 9.81 / 2) / (2 * np.pi), rel=0.02)
+
+
 # -- Control of the steps ------------------------------------------------------------------------
 
 
