@@ -57,7 +57,7 @@ def static(
         When functions of time are taken [s].
     continuation : {"arc-length"}, optional
         How limit points are passed: with the load factor as an unknown, that goes down behind a
-        limit point and up again behind the next; a path that comes to -1 is given up. By default
+        limit point and up again behind the next; a path that comes to -10 is given up. By default
         the load factor only grows.
     newton : NewtonOptions, optional
         When Newton's method stops.

@@ -157,6 +157,22 @@ def test_the_balance_closes_to_second_order_through_limit_points_too():
     assert np.log2(gaps[0] / gaps[2]) / 2 == pytest.approx(2, abs=0.3)
 
 
+def test_a_path_may_go_below_the_loads_reversed_and_come_back():
+    # An arch hinged at both ends and loaded at a quarter: each loop reaches further than the last.
+    scene = fb.Scene()
+    section = fb.Section(EA=113618.0, GA=56809.0, EI=1.0)
+    arch = scene.add_beam(lambda f: (f, 0.193 * np.sin(np.pi * f)), section, 8, 2)
+    scene.pin(arch.start)
+    scene.pin(arch.end)
+    scene.add_force(arch.node(0.75), (0.0, -168.0))
+    path = fb.static(scene, continuation="arc-length")
+    assert path.load_factor[-1] == 1
+    assert min(path.stats.limit_points) < -1
+    fine = fb.static(scene, 40, continuation="arc-length")
+    assert path.stats.limit_points == pytest.approx(fine.stats.limit_points, rel=1e-6)
+    assert path.q[-1] == pytest.approx(fine.q[-1], abs=1e-8)
+
+
 # -- Joints and driven motion --------------------------------------------------------------------
 
 
@@ -245,7 +261,7 @@ def test_a_path_that_cannot_go_on_ends_in_an_error_with_what_was_found():
     assert error.value.solution.stats.failure
 
 
-def test_a_path_that_runs_off_is_given_up_at_the_loads_reversed():
+def test_a_path_that_runs_off_is_given_up_and_its_limit_points_are_named():
     section = fb.Section(EA=1e5, GA=1e5, EI=10.0, rhoA=1.0)
     scene = fb.Scene(gravity=(0, -9.81))
     left = scene.add_beam([(0, 0), (1, 0)], section, elements=4)
@@ -262,4 +278,5 @@ def test_a_path_that_runs_off_is_given_up_at_the_loads_reversed():
         caught.value
     )
     assert path.load_factor.max() == limit
-    assert -1.1 < path.load_factor[-1] < -1 < path.load_factor[-2]
+    assert -10.2 < path.load_factor[-1] < -10 < path.load_factor[-2]
+    assert path.stats.steps < 150
