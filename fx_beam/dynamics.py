@@ -13,7 +13,7 @@ from tqdm import tqdm
 from .audit import Stats
 from .drive import Drive
 from .errors import SceneError, StepError
-from .initial import initial_state, resumed_state
+from .initial import check_joints, initial_state, resumed_state
 from .library import LoopUnavailable
 from .loop import CompiledLoop
 from .model import Model
@@ -62,7 +62,8 @@ def simulate(
         Where to start from, by default the reference configuration. From a static solution a scene
         starts deformed, with its initial velocities, at the time that `static` was given; from an
         earlier motion it goes on as if that had not ended, with the work done so far. The scene
-        must have the same nodes, joints and motors; loads, masses and supports may be others.
+        must have the same nodes, as many joints and motors, and joints that can be in that state;
+        loads, masses and supports may be others.
     newton : NewtonOptions, optional
         When Newton's method stops.
     max_halvings : int
@@ -179,6 +180,7 @@ def _first_state(model: Model, drive: Drive, dt: float, start: Solution | None) 
         if ours != theirs:
             raise SceneError(f"start: the solution has {theirs} {what}, and the scene {ours}")
     state = end.renumbered(model.from_nodes)
+    check_joints(model, state)
     if state.held is not None and len(state.held) != model.reduction.columns - model.reduction.free:
         state = replace(state, held=None)  # other supports
     if len(start.joint_forces):

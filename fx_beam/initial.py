@@ -11,6 +11,7 @@ import scipy.sparse.linalg
 from .beam import COMPONENTS
 from .drive import Drive
 from .errors import SceneError
+from .joints import Joint
 from .model import Model
 from .state import State
 
@@ -92,18 +93,68 @@ def reference_state(model: Model) -> State:
     return State(0.0, q, v, a, slides, np.zeros(len(model.motors)))
 
 
+def check_joints(model: Model, state: State) -> None:
+    """Refuse a state in which the nodes of a joint are not where it keeps them.
+
+    Parameters
+    ----------
+    model : Model
+        The compiled scene.
+    state : State
+        A state of a scene with the same nodes, and as many joints and motors.
+
+    Raises
+    ------
+    SceneError
+        For a joint that cannot be in that state; the message names it.
+    """
+    zero = np.zeros((1, 3))
+    q = np.vstack([model.to_nodes(state.q), zero])  # the ground's last
+    X = np.vstack([model.mesh.X, zero[:, :2]])
+    moved = {(j.number, name): m for (j, name), m in zip(model.motors, state.motors, strict=True)}
+
+    def parted(joint: Joint, q: np.ndarray, slide: float) -> np.ndarray:
+        a, b = joint.a.number, joint.b.number
+        arm = joint.offset + (0.0 if joint.axis is None else slide * joint.axis)
+        c, s = np.cos(q[a, 2]), np.sin(q[a, 2])
+        arm = np.array([c * arm[0] - s * arm[1], s * arm[0] + c * arm[1]])
+        return X[a] + q[a, :2] + arm - X[b] - q[b, :2]
+
+    for joint in model.scene.joints:
+        number, start = joint.number, joint.start()[0]
+        slide = float(state.slides[number])
+        gap = np.hypot(*(parted(joint, q, slide) - parted(joint, 0 * q, start)))
+        if joint.slide is not None and joint.slide.motor is not None:
+            gap += abs(slide - start - moved[number, "slide"])
+        turn = q[joint.b.number, 2] - q[joint.a.number, 2] - moved.get((number, "rotation"), 0.0)
+        for size, what in (
+            (gap / model.mesh.size, f"its nodes are {gap:.3g} from where it keeps them"),
+            (abs(turn) * joint.turns_together, f"b is turned by {turn:.3g} too much"),
+        ):
+            if size > 1e-8:
+                raise SceneError(f"start: in the solution {joint} cannot be: {what}")
+
+
 def _begin(model: Model, drive: Drive, state: State, dt: float) -> tuple[np.ndarray, np.ndarray]:
     """Set the reduction at a start; rates and accelerations (driven,) of driven motion."""
     drive.check_start(state)
-    # One-sided differences of second order: a motion need not be defined before the start.
+    # One-sided differences of second order: a motion need not be defined before the start. Those
+    # from the start are without rounding where it stands still.
     h, t = 1e-3 * dt, state.t
-    f0, f1, f2, f3 = (drive.places(t + k * h) for k in range(4))
-    rates = (4 * f1 - f2 - 3 * f0) / (2 * h)
+    f0 = drive.places(t)
+    d1, d2 = (drive.places(t + k * h) - f0 for k in (1, 2))
+    rates = (4 * d1 - d2) / (2 * h)
     # A motion that starts at rest has a rate of no more than the error of these.
     rates[abs(rates) < 1e-3 * abs(drive.places(t + 100 * h) - f0) / (100 * h)] = 0.0
+    # Second differences over longer steps, as rounding is divided by h^2; what is no more than that
+    # is none.
+    h *= 10
+    d1, d2, d3 = (drive.places(t + k * h) - f0 for k in (1, 2, 3))
+    bend = 4 * d2 - 5 * d1 - d3
+    bend[abs(bend) <= 10 * np.finfo(float).eps * (abs(f0) + abs(d3))] = 0.0
     model.reduction.begin(state.q, state.slides, h)
     model.reduction.expand(np.zeros(model.reduction.free), np.zeros(len(rates)))
-    return rates, (2 * f0 - 5 * f1 + 4 * f2 - f3) / h**2
+    return rates, bend / h**2
 
 
 def _acceleration(

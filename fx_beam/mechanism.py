@@ -63,7 +63,11 @@ def check_no_massless_mechanism(
             "without mass or support: give its section rhoA and rhoI, add a mass, or support it"
         )
         if mass is None:
-            advice = "without support, which statics has no mass to make up for: support it"
+            advice = (
+                "without support, which statics has no mass to make up for: support it. If loads "
+                "hold it, as weight does a pendulum that hangs, hold it in a copy of the scene, "
+                "and go on from that with modes(scene, state=...) or simulate(scene, start=...)"
+            )
         raise SceneError(f"{motion} {advice}")
 
 

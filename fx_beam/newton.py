@@ -116,6 +116,8 @@ class Newton:
         self._reduction = model.reduction
         self._linear = _LinearSolver(model.reduction.pattern)
         self._guess = _Guess(model.unit)
+        #: Generalised forces (free,) that act on the unknowns besides those of the model.
+        self.hold = np.zeros(model.reduction.free)
 
     def solve(
         self, v0: np.ndarray, a0: np.ndarray, dt: float, force: np.ndarray, driven: np.ndarray
@@ -172,7 +174,7 @@ class Newton:
                 a, slope = rates.acceleration(D, v0, a0, dt, model.turns)
                 r = f + model.mass @ a - force
                 K.data += model.mass.data * slope[K.indices]
-            residual = reduction.project(r)[:free]
+            residual = reduction.project(r)[:free] - self.hold
             residuals.append(abs(residual).max(initial=0.0))
 
             step = np.zeros(reduction.columns)
@@ -180,7 +182,7 @@ class Newton:
                 # Driven motion enters with the first, linearised solution, so that the neighbours
                 # of a moved support follow it at once.
                 step[free : free + reduction.driven] = -driven
-                residual = reduction.project(r - K @ reduction.spread(step))[:free]
+                residual = reduction.project(r - K @ reduction.spread(step))[:free] - self.hold
             step[:free] = self._linear.solve(reduction, K.data, r, residual)
             correction = reduction.spread(step)
             predicted = -correction if iteration == 1 else predicted
@@ -190,7 +192,7 @@ class Newton:
             self.check_finite(size, residuals)
             small, ended_by = size <= options.tolerance, None
             if small or size > 0.5 * previous:
-                lack = self._lacking(residual @ step[:free], f, D, v0)
+                lack = self._lacking(float(residual @ step[:free]), f, D, v0)
                 smalls += small
                 # A third small one: less energy is not to be had in a motion as slight as this.
                 if small and (lack <= ENERGY_SHARE * options.tolerance or smalls > 2):

@@ -14,13 +14,14 @@ from .drive import LoadDrive
 from .errors import SceneError, StepError
 from .loading import LoadStepper
 from .model import Model
-from .newton import Newton, NewtonOptions, StepFailed
+from .newton import Newton, NewtonOptions
 from .recorder import Record, Recorder
 from .results import solution_of
 from .scene import Scene
 from .schemes import Equilibrium
 from .solution import Solution
 from .state import State
+from .values import is_number
 
 _log = logging.getLogger("fx_beam")
 
@@ -48,19 +49,23 @@ def static(
     scene : Scene
         What is loaded.
     steps : int
-        Load steps, if none is cut: a step that fails is halved, and steps grow again where they
-        are easy. Along an arc length, what the first step is long.
+        Load steps, if none is cut: a step that fails, or is too long for its work, is halved, and
+        steps grow again where they are easy. Springs under tension are let go in as many, before.
+        Along an arc length none changes the load factor by more than 1/`steps`, and none turns by
+        more than in proportion to that.
     t : float
         When functions of time are taken [s].
     continuation : {"arc-length"}, optional
         How limit points are passed: with the load factor as an unknown, that goes down behind a
-        limit point and up again behind the next. By default the load factor only grows.
+        limit point and up again behind the next; a path that comes to -10 is given up. By default
+        the load factor only grows.
     newton : NewtonOptions, optional
         When Newton's method stops.
     max_cuts : int
         How often a step may be halved.
     max_steps : int
-        Steps after which a path along an arc length ends, if it has not come to load factor 1.
+        Steps after which a path along an arc length ends, if it has not come to load factor 1;
+        ``stats.failure`` says so.
 
     Returns
     -------
@@ -76,7 +81,7 @@ def static(
         For a step that failed. Its attribute `solution` holds all steps before it, and `time` the
         load factor.
     """
-    _check(scene, steps, continuation, max_cuts, max_steps)
+    _check(scene, steps, t, continuation, newton, max_cuts, max_steps)
     clock = time.perf_counter()
     scheme = Equilibrium()
     model = Model(scene, scheme)
@@ -95,7 +100,7 @@ def static(
     clock = time.perf_counter()
     states: list[State] = []
     try:
-        states.append(_first(stepper))
+        states.append(stepper.first_state(steps, max_cuts))
         if continuation is None:
             stepper.raise_load(states, steps, max_cuts)
         else:
@@ -106,21 +111,11 @@ def static(
             error.solution = _solution(stepper, states, clock)  # type: ignore[union-attr]
         raise
     if states[-1].t < 1:
-        _log.warning(
-            "static: %d steps, and no further than load factor %g", max_steps, states[-1].t
+        stats.failure = (
+            f"static: {max_steps} steps, and no further than load factor {states[-1].t:g}"
         )
+        _log.warning(stats.failure)
     return _solution(stepper, states, clock)
-
-
-def _first(stepper: LoadStepper) -> State:
-    try:
-        return stepper.first_state()
-    except StepFailed as failure:
-        raise StepError(
-            f"static: there is no equilibrium without loads: {failure.reason}. Look for a part "
-            "without support, or a spring far from its rest",
-            0.0,
-        ) from failure
 
 
 def _solution(stepper: LoadStepper, states: list[State], clock: float) -> Solution:
@@ -133,7 +128,7 @@ def _solution(stepper: LoadStepper, states: list[State], clock: float) -> Soluti
     return solution_of(model, recorder, stats, end)
 
 
-def _check(scene, steps, continuation, max_cuts, max_steps) -> None:
+def _check(scene, steps, t, continuation, newton, max_cuts, max_steps) -> None:
     if not isinstance(scene, Scene):
         raise SceneError(f"static needs an fx_beam.Scene, not {scene!r}")
     for name, value, least in (
@@ -143,5 +138,9 @@ def _check(scene, steps, continuation, max_cuts, max_steps) -> None:
     ):
         if not isinstance(value, int | np.integer) or value < least:
             raise SceneError(f"static: {name} = {value!r} must be a whole number from {least} on")
+    if not is_number(t):
+        raise SceneError(f"static: t = {t!r} must be a finite number")
     if continuation not in (None, "arc-length"):
         raise SceneError(f'static: continuation = {continuation!r} must be "arc-length" or None')
+    if not isinstance(newton, NewtonOptions | None):
+        raise SceneError(f"static: newton = {newton!r} must be an fx_beam.NewtonOptions")

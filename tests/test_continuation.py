@@ -130,6 +130,49 @@ def test_the_path_is_that_of_load_steps_where_both_go():
     assert abs(one.reactions[-1] - other.reactions[-1]).max() < 1e-7
 
 
+def test_the_balance_of_energy_closes_to_second_order_in_the_steps():
+    gaps, taken = [], []
+    for steps in (10, 20, 40, 80):
+        scene = fb.Scene()
+        beam = scene.add_beam([(0, 0), (1, 0)], fb.Section(EA=1e5, GA=1e5, EI=10.0), 6, 2)
+        scene.clamp(beam.start)
+        scene.add_force(beam.end, (0.0, -50.0))
+        solution = fb.static(scene, steps, continuation="arc-length")
+        gaps.append(abs(solution.energy.balance_error[-1]) / solution.energy.strain[-1])
+        taken.append(solution.stats.steps)
+        assert np.diff(solution.load_factor).max() < 1.2 / steps
+    assert gaps[0] < 0.01
+    assert np.log2(np.array(gaps[:-1]) / gaps[1:]) == pytest.approx([2, 2, 2], abs=0.2)
+    assert taken == pytest.approx([10, 20, 40, 80], rel=0.2)
+
+
+def test_the_balance_closes_to_second_order_through_limit_points_too():
+    lee = demo("lee_frame")
+    gaps = []
+    for steps in (10, 20, 40):
+        frame, *_ = lee.scene(elements=5, degree=2)
+        energy = fb.static(frame, steps, continuation="arc-length").energy
+        gaps.append(abs(energy.balance_error[-1]) / energy.strain.max())
+    assert gaps[0] < 2e-3
+    assert np.log2(gaps[0] / gaps[2]) / 2 == pytest.approx(2, abs=0.3)
+
+
+def test_a_path_may_go_below_the_loads_reversed_and_come_back():
+    # An arch hinged at both ends and loaded at a quarter: each loop reaches further than the last.
+    scene = fb.Scene()
+    section = fb.Section(EA=113618.0, GA=56809.0, EI=1.0)
+    arch = scene.add_beam(lambda f: (f, 0.193 * np.sin(np.pi * f)), section, 8, 2)
+    scene.pin(arch.start)
+    scene.pin(arch.end)
+    scene.add_force(arch.node(0.75), (0.0, -168.0))
+    path = fb.static(scene, continuation="arc-length")
+    assert path.load_factor[-1] == 1
+    assert min(path.stats.limit_points) < -1
+    fine = fb.static(scene, 40, continuation="arc-length")
+    assert path.stats.limit_points == pytest.approx(fine.stats.limit_points, rel=1e-6)
+    assert path.q[-1] == pytest.approx(fine.q[-1], abs=1e-8)
+
+
 # -- Joints and driven motion --------------------------------------------------------------------
 
 
@@ -202,6 +245,8 @@ def test_a_path_ends_after_the_steps_that_it_may_take(caplog):
     assert solution.stats.steps == 12 == len(solution.t) - 1
     assert solution.load_factor[-1] < 1
     assert f"12 steps, and no further than load factor {solution.load_factor[-1]:g}" in caplog.text
+    assert solution.stats.failure in caplog.text
+    assert not fb.static(truss(0.9)[0], continuation="arc-length").stats.failure
 
 
 def test_a_path_that_cannot_go_on_ends_in_an_error_with_what_was_found():
@@ -214,3 +259,24 @@ def test_a_path_that_cannot_go_on_ends_in_an_error_with_what_was_found():
     assert "after 2 cuts: no convergence in 2 iterations" in str(error.value)
     assert len(error.value.solution.t) == 1
     assert error.value.solution.stats.failure
+
+
+def test_a_path_that_runs_off_is_given_up_and_its_limit_points_are_named():
+    section = fb.Section(EA=1e5, GA=1e5, EI=10.0, rhoA=1.0)
+    scene = fb.Scene(gravity=(0, -9.81))
+    left = scene.add_beam([(0, 0), (1, 0)], section, elements=4)
+    right = scene.add_beam([(1, 0), (1.8, 0.5)], section, elements=4)
+    scene.clamp(left.start)
+    scene.pin(right.end)
+    scene.add_joint(fb.PinInSlot(left.end, right.start, axis=(0.9, 0.4)))
+    scene.add_force(left.node(0.5), (3, -30))
+    with pytest.raises(fb.StepError, match="does not come back to load factor 1") as caught:
+        fb.static(scene, continuation="arc-length")
+    path = caught.value.solution
+    (limit,) = path.stats.limit_points
+    assert f"limit points at {limit:.6g} it has come to {path.load_factor[-1]:.6g}" in str(
+        caught.value
+    )
+    assert path.load_factor.max() == limit
+    assert -10.2 < path.load_factor[-1] < -10 < path.load_factor[-2]
+    assert path.stats.steps < 150

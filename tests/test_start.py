@@ -208,6 +208,30 @@ def test_a_static_state_is_one_of_its_time():
         fb.simulate(scene, dt=0.05, t_end=2.0, start=other)
 
 
+@pytest.mark.parametrize("scheme", [fb.EnergyMomentum(), fb.Newmark()], ids=lambda s: s.name)
+@pytest.mark.parametrize("dt", [1e-3, 1e-6])
+def test_nodes_held_where_they_were_moved_to_do_not_accelerate(dt, scheme):
+    scene = fb.Scene()
+    beam = scene.add_beam([(0, 0), (1, 0)], MEMBER, elements=4)
+    scene.clamp(beam.start)
+    scene.prescribe(beam.end, x=lambda t: -0.05, y=lambda t: 0.07)
+    motion = fb.simulate(scene, scheme, dt=dt, t_end=4 * dt, start=fb.static(scene))
+    assert not motion.acceleration(beam.end).any()
+    assert not motion.velocity(beam.end).any()
+    assert abs(motion.a).max() < 1e-7
+
+
+@pytest.mark.parametrize("dt", [1e-2, 1e-3, 1e-4])
+def test_nodes_that_are_moved_on_have_their_acceleration(dt):
+    scene = fb.Scene()
+    beam = scene.add_beam([(0, 0), (1, 0)], MEMBER, elements=4)
+    scene.clamp(beam.start)
+    scene.prescribe(beam.end, y=lambda t: 0.07 + 0.01 * t**2 - 0.02 * np.sin(2 * t))
+    motion = fb.simulate(scene, dt=dt, t_end=2 * dt, start=fb.static(scene))
+    assert motion.velocity(beam.end)[0] == pytest.approx([0, -0.04], abs=1e-8)
+    assert motion.acceleration(beam.end)[0] == pytest.approx([0, 0.02], rel=0.01)
+
+
 # -- Wrong starts ----------------------------------------------------------------------------------
 
 
@@ -225,6 +249,36 @@ def test_wrong_starts_are_refused_by_name():
     jointed.add_joint(fb.PinInSlot(fb.GROUND, beam.end, axis=(1, 0)))
     with pytest.raises(fb.SceneError, match="the solution has 0 joints, and the scene 1"):
         fb.simulate(jointed, dt=0.01, t_end=0.2, start=first)
+
+
+def bent_pair(kind, **axis):
+    scene = fb.Scene(gravity=(0, -9.81))
+    left = scene.add_beam([(0, 0), (1, 0)], MEMBER, elements=4)
+    right = scene.add_beam([(1, 0), (1.8, 0.5)], MEMBER, elements=4)
+    scene.clamp(left.start)
+    scene.pin(right.end)
+    scene.add_joint(kind(left.end, right.start, **axis))
+    return scene
+
+
+def test_a_state_that_a_joint_cannot_be_in_is_refused_and_the_joint_named():
+    guide = {"axis": (0.9, 0.4)}
+    slid, hinged = (
+        fb.static(bent_pair(kind, **axis))
+        for kind, axis in ((fb.Prismatic, guide), (fb.Revolute, {}))
+    )
+    gap = abs(slid.slides[-1, 0])
+    options = {"dt": 1e-3, "t_end": 2e-3}
+    with pytest.raises(fb.SceneError, match=f"joint 0, Revolute .* nodes are {gap:.3g} from"):
+        fb.simulate(bent_pair(fb.Revolute), start=slid, **options)
+    with pytest.raises(fb.SceneError, match="joint 0, Prismatic .* b is turned by .* too much"):
+        fb.simulate(bent_pair(fb.Prismatic, **guide), start=hinged, **options)
+    with pytest.raises(fb.SceneError, match="joint 0, Rigid .* cannot be"):
+        fb.simulate(bent_pair(fb.Rigid), start=hinged, **options)
+    # A pin in a slot can be where either of the others is.
+    for state in (slid, hinged):
+        motion = fb.simulate(bent_pair(fb.PinInSlot, **guide), start=state, **options)
+        assert (motion.q[0] == state.q[-1]).all()
 
 
 def test_a_run_that_broke_off_is_no_start():

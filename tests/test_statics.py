@@ -222,6 +222,49 @@ def test_a_spring_under_tension_acts_before_the_loads():
     assert abs(solution.energy.balance_error).max() < 1e-12
 
 
+WAYS = pytest.mark.parametrize("way", [None, "arc-length"])
+
+
+def sprung(joint, spring, held=False, **axis):
+    """Two cantilevers, or one and an arm, end to end with a spring between them and no load."""
+    scene, left = cantilever(fb.Section(EA=1e5, GA=1e5, EI=10.0), 4, 1)
+    right = scene.add_beam([(1, 0), (2, 0)], left.section, elements=4)
+    if held:
+        scene.clamp(right.end)
+    made = scene.add_joint(joint(left.end, right.start, **axis, spring=spring))
+    return scene, left, right, made
+
+
+@WAYS
+@pytest.mark.parametrize("rest", [0.5, 2.5])
+def test_a_spring_without_load_turns_an_arm_to_its_rest_and_keeps_it_there(way, rest):
+    scene, _, arm, _ = sprung(fb.Revolute, fb.Spring(5.0, rest))
+    scene.add_force(arm.end, lambda t: (0.0, 3.0 * t))  # none at the time 0
+    solution = fb.static(scene, continuation=way)
+    assert solution.load_factor[-1] == 1
+    assert solution.rotation(arm.end) == pytest.approx(np.full(len(solution.t), rest))
+    assert solution.energy.total == pytest.approx(np.zeros(len(solution.t)), abs=1e-12)
+
+
+@WAYS
+def test_a_stiff_spring_is_let_go_in_steps_and_balances_the_beams(way):
+    scene, left, right, joint = sprung(fb.Prismatic, fb.Spring(100.0, 0.2), True, axis=(0, 1))
+    solution = fb.static(scene, continuation=way)
+    slide = solution.slide(joint)
+    push = 100.0 * (0.2 - slide)
+    turned = solution.rotation(left.end)
+    across = np.column_stack([-np.sin(turned), np.cos(turned)])
+    for beam_end, sign in ((left.start, 1), (right.end, -1)):
+        force = solution.reaction(beam_end)[:, :2]
+        assert sign * np.sum(force * across, axis=1) == pytest.approx(push, rel=1e-9)
+    # What the spring gives way, the beams take up: by hand, 24 EI/L^3 for small displacements,
+    # and more where these stretch the beams as much as here.
+    assert (0.1 < slide).all() and (slide < 0.2 * 100 / (100 + 24 * 10 / 2**3)).all()
+    assert fb.static(scene, steps=40).slide(joint)[-1] == pytest.approx(slide[-1], rel=1e-9)
+    assert np.ptp(slide) < 1e-12
+    assert not solution.energy.work.any()
+
+
 def test_a_force_of_ones_own_is_a_load_by_the_load_factor_and_else_a_spring():
     section = fb.Section(EA=1e6, GA=1e6, EI=1e6)
     scene = fb.Scene()
@@ -290,6 +333,27 @@ def _massive():
     return cantilever(section, 1)[0]
 
 
+def test_what_hangs_by_its_weight_is_held_in_a_copy_as_the_error_says():
+    def pendulum(held):
+        scene = fb.Scene(gravity=(0.0, -9.81))
+        section = fb.Section(EA=1e3, GA=1e3, EI=10.0, rhoA=2.0)
+        rod = scene.add_beam([(0, 0), (0, -1)], section, elements=4)
+        scene.pin(rod.start)
+        if held:
+            scene.fix(rod.end, "x")
+        return scene, rod
+
+    scene, rod = pendulum(held=False)
+    with pytest.raises(fb.SceneError, match=r"can turn about \(0, 0\).*in a copy of the scene"):
+        fb.static(scene)
+    hanging = fb.static(pendulum(held=True)[0])
+    assert -hanging.displacement(rod.end)[-1, 1] == pytest.approx(2 * 9.81 / 2 / 1e3)
+    still = fb.simulate(scene, dt=0.01, t_end=0.5, start=hanging)
+    assert abs(still.q - hanging.q[-1]).max() < 1e-12
+    lowest = fb.modes(scene, state=hanging, n=1).frequencies[0]
+    assert lowest == pytest.approx(np.sqrt(3 * 9.81 / 2) / (2 * np.pi), rel=0.02)
+
+
 # -- Control of the steps ------------------------------------------------------------------------
 
 
@@ -356,6 +420,40 @@ def test_a_toggle_frame_does_not_jump_through_unseen(overload):
     assert path.load_factor[-1] == 1
 
 
+@pytest.mark.parametrize("steps", [1, 5, 10, 20, 50])
+def test_a_snap_much_shorter_than_a_step_does_not_pass_unseen(steps):
+    # A shallow arch, pushed off its middle: at 50 steps it snaps within the second one.
+    scene = fb.Scene()
+    section = fb.Section(EA=1e4, GA=5e3, EI=1.0)
+    arch = scene.add_beam(lambda f: (f, 0.023 * np.sin(np.pi * f)), section, 8, 2)
+    scene.pin(arch.start)
+    scene.pin(arch.end)
+    scene.add_force(arch.node(0.625), (0.0, -58.64))
+    snaps, back = fb.static(scene, continuation="arc-length").stats.limit_points
+    assert 0 < snaps - back < 0.1 * snaps + 1e-3
+    with pytest.raises(fb.StepError, match="continuation") as caught:
+        fb.static(scene, steps=steps)
+    assert caught.value.time < snaps
+
+
+@pytest.mark.parametrize("stiffness", [1e3, 1e6, 1e9])
+def test_a_beam_that_stiffens_as_a_cable_needs_no_short_steps(stiffness):
+    # For large loads a string: its two halves of length 1/2 pull with EA (1/cos - 1) sin each.
+    scene = fb.Scene()
+    section = fb.Section(EA=stiffness, GA=stiffness, EI=1e-6 * stiffness)
+    string = scene.add_beam([(0, 0), (1, 0)], section, elements=16)
+    scene.pin(string.start)
+    scene.pin(string.end)
+    load = 0.01 * stiffness
+    scene.add_force(string.node(0.5), (0.0, -load))
+    solution = fb.static(scene, steps=1)
+    assert solution.stats.steps < 20
+    angle = np.arctan(-2 * solution.displacement(string.node(0.5))[-1, 1])
+    assert 2 * stiffness * (1 / np.cos(angle) - 1) * np.sin(angle) == pytest.approx(load, rel=0.05)
+    energy = solution.energy
+    assert abs(energy.balance_error[-1]) < 0.1 * energy.strain[-1]
+
+
 # -- Wrong input ---------------------------------------------------------------------------------
 
 
@@ -368,6 +466,11 @@ def test_wrong_input_is_refused_by_name():
             fb.static(scene, **{option: -1})
     with pytest.raises(fb.SceneError, match="continuation = 'riks' must be"):
         fb.static(scene, continuation="riks")
+    for t in (None, np.nan, np.inf, "0"):
+        with pytest.raises(fb.SceneError, match=f"t = {t!r} must be a finite number"):
+            fb.static(scene, t=t)
+    with pytest.raises(fb.SceneError, match="newton = 3 must be an fx_beam.NewtonOptions"):
+        fb.static(scene, newton=3)
     free = fb.Scene()
     free.add_beam([(0, 0), (1, 0)], ROLLED)
     with pytest.raises(fb.SceneError, match="can move along .* without support, which statics"):
@@ -388,5 +491,5 @@ def test_without_equilibrium_at_the_start_the_error_says_so():
     beam = scene.add_beam([(0, 0), (1, 0)], ROLLED)
     scene.add_virtual_work(lambda step: step.load_factor * step.virtual_u[1])
     scene.fix(beam.start, "x")
-    with pytest.raises(fb.StepError, match="no equilibrium without loads: .*singular"):
+    with pytest.raises(fb.StepError, match="no equilibrium without loads was found.*singular"):
         fb.static(scene)
