@@ -120,7 +120,7 @@ def static(
 
 def _solution(stepper: LoadStepper, states: list[State], clock: float) -> Solution:
     model, stats = stepper.model, stepper.stats
-    stats.seconds = time.perf_counter() - clock
+    stats.seconds, stats.substeps = time.perf_counter() - clock, stats.steps
     recorder = Recorder(model, np.array([state.t for state in states]), Record())
     for step, state in enumerate(states):
         recorder.record(step, state)
