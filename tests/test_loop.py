@@ -113,6 +113,12 @@ def tapered_arch():
     return scene
 
 
+def rolled_up():
+    """The rolled-up beam, and the static solution from which it is let go."""
+    module = demo("roll_up")
+    return module.scene()[0], module.rolled_up(1.0, steps=10)[0]
+
+
 SCENES = {
     "pinned beam": (lambda: demo_scene("pinned_beam"), 0.01),
     "pendulum": (lambda: demo_scene("pendulum"), 0.01),
@@ -121,6 +127,7 @@ SCENES = {
     "multi-body system": (lambda: demo_scene("multibody"), 0.005),
     "slider crank": (lambda: demo_scene("slider_crank"), 5e-4),
     "ring": (demo("ring").thrown, 1e-3),
+    "roll-up": (rolled_up, demo("roll_up").DT),
     "pinned beam of degree 2": (lambda: pinned_beam(4, degree=2)[0], 0.005),
     "flight of degree 3": (lambda: free_flight(4, degree=3)[0], 0.02),
     "frame with everything": (frame_with_everything, 0.005),
@@ -136,13 +143,15 @@ SCENES = {
 @pytest.mark.parametrize("scheme", SCHEMES, ids=lambda s: s.name)
 def test_the_loop_computes_what_python_and_petsc_compute(name, scheme):
     build, dt = SCENES[name]
-    scene = build()
+    made = build()
+    scene, start = made if isinstance(made, tuple) else (made, None)
+    options = {"dt": dt, "t_end": 100 * dt, "start": start}
     # One iteration beyond the usual tolerance, lest the comparison be one of tolerances.
     newton = fb.NewtonOptions(tolerance=1e-12)
 
     def run(solver):
         try:
-            return fb.simulate(scene, scheme, dt=dt, t_end=100 * dt, newton=newton, solver=solver)
+            return fb.simulate(scene, scheme, newton=newton, solver=solver, **options)
         except fb.StepError as error:
             return error.solution
 
