@@ -2,6 +2,7 @@
 
 import importlib.util
 import json
+import re
 import subprocess
 import sys
 from pathlib import Path
@@ -142,9 +143,11 @@ def test_work_precision_has_every_run_and_says_on_what_it_ran(results, example):
 @pytest.mark.parametrize("example", EXAMPLES)
 def test_work_precision_page_has_its_picture_its_sentences_and_its_rows(results, example):
     found, page = numbers(results, example), (results / f"{example}.md").read_text()
-    assert f"]({example}.png)" in page and (results / f"{example}.png").stat().st_size > 20_000
-    for line in found["which scheme wins where"]:
-        assert f"- {line}\n" in page
+    pictures = re.findall(r"!\[(.*)\]\((.*)\)\n\n(.*)\n", page)
+    assert [name for name, _, _ in pictures] == list(found["relative errors of the references"])
+    assert [line for _, _, line in pictures] == found["which scheme wins where"]
+    for _, picture, _ in pictures:
+        assert (results / picture).stat().st_size > 20_000
     rows = [line for line in page.splitlines() if line.startswith(f"| {OURS}")]
     assert len(rows) >= len(runs(results, example, OURS))
 
