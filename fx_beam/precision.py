@@ -33,6 +33,9 @@ class Precision:
         All runs, those that failed included.
     mesh_errors : dict
         By mesh the relative errors that a fine time step leaves, by quantity.
+    start : str
+        Name of the function that gave what the motions start from; empty for the reference
+        configuration.
     missing : dict
         Why there is no reference, by quantity, and no solution with a fine step, by mesh.
     """
@@ -43,6 +46,7 @@ class Precision:
     origin: str
     runs: list[Run]
     mesh_errors: dict[Mesh, dict[str, float]] = field(default_factory=dict)
+    start: str = ""
     missing: dict[str, str] = field(default_factory=dict)
 
     @property

@@ -107,6 +107,7 @@ def numbers(found: Precision) -> dict[str, Any]:
     """
     return {
         "t_end": found.t_end,
+        "start": found.start,
         "timed runs of each": found.repetitions,
         "computed references": found.origin,
         "relative errors of the references": found.references,
@@ -196,10 +197,11 @@ def markdown(found: Precision, name: str, machine: dict[str, Any]) -> str:
 def _rules(found: Precision) -> str:
     """How to read the page."""
     percent = f"{100 * (SAME - 1):.0f} %"
+    start = f", from the solutions that `{found.start}` gives" if found.start else ""
     return (
-        f"{found.t_end:g} s of motion. An error is the largest distance from the reference over "
-        "time, over the largest magnitude of the reference; absolute where that is 0. Run time is "
-        f"that of the steps, the median of {found.repetitions} runs in turn.\n\n"
+        f"{found.t_end:g} s of motion{start}. An error is the largest distance from the reference "
+        "over time, over the largest magnitude of the reference; absolute where that is 0. Run "
+        f"time is that of the steps, the median of {found.repetitions} runs in turn.\n\n"
         "So that no scheme wins by chance,\n\n"
         "- a run counts with the largest error of itself, of its scheme's smaller steps on its "
         "mesh, and of a fine step on its mesh and on those of more elements, and with no less "

@@ -113,6 +113,7 @@ def study(
         references={name: np.nan if name in sought else None for name in quantities},
         origin=f"{EnergyMomentum().name}, {finest}, dt = {dt:.3g} s" if sought else "",
         runs=[],
+        start=getattr(start, "__name__", repr(start)) if start else "",
     )
     try:
         measured = _first_round(motion, quantities, references, labelled, steps, found)

@@ -444,7 +444,7 @@ def test_pictures_of_quantities_with_like_names_do_not_overwrite_each_other(tmp_
     assert len(list(tmp_path.glob("new/*.png"))) == 2
 
 
-def test_a_motion_starts_from_the_static_solution_that_is_given():
+def test_a_motion_starts_from_the_static_solution_that_is_given(tmp_path):
     def pulled(elements, degree):
         scene = pendulum(elements, degree)
         tip = scene.beams[0].end
@@ -454,8 +454,10 @@ def test_a_motion_starts_from_the_static_solution_that_is_given():
 
     force = {"force": lambda s: s.resultants("rod").N[0, 0]}
     start = 20.0 + PENDULUM.MASS * PENDULUM.GRAVITY
-    found = sensible(quantities=force, exact={"force": start}, start=pulled, meshes=[(2, 2)])
+    more = {"start": pulled, "meshes": [(2, 2)], "results": tmp_path / "pulled"}
+    found = sensible(quantities=force, exact={"force": start}, **more)
     assert found.runs[0].errors["force"] < 1e-6
+    assert "from the solutions that `pulled` gives" in (tmp_path / "pulled.md").read_text()
     assert sensible(quantities=force, exact={"force": start}).runs[0].errors["force"] == approx(1)
 
 
