@@ -20,6 +20,8 @@ Exact = float | Callable[[np.ndarray], np.ndarray]
 ROUND_OFF = 1e-10
 #: An error is told from that of the reference when it is this many times larger.
 MARGIN = 3.0
+#: Two slopes are one order when they differ by no more than this.
+STEADY = 0.5
 
 
 @dataclass(frozen=True)
@@ -52,6 +54,23 @@ class History:
         """
         return np.column_stack([np.interp(t, self.t, column) for column in self.values.T])
 
+    def reference(self, size: float, error: float | None = None) -> Reference:
+        """Reference that is this history, as far as it goes.
+
+        Parameters
+        ----------
+        size : float
+            By what errors are divided.
+        error : float, optional
+            Estimate of its own relative error.
+
+        Returns
+        -------
+        Reference
+            The reference.
+        """
+        return Reference(self.at, size, error, (self.t[0], self.t[-1]))
+
 
 @dataclass(frozen=True)
 class Reference:
@@ -65,11 +84,14 @@ class Reference:
         Largest magnitude over time, by which errors are divided; 1 where it is 0.
     error : float, optional
         Estimate of its own relative error; None if it is exact.
+    span : (float, float)
+        First and last time at which it is known [s]: a mid-point scheme has no force at the end.
     """
 
     at: Callable[[np.ndarray], np.ndarray]
     size: float
     error: float | None = None
+    span: tuple[float, float] = (-np.inf, np.inf)
 
 
 def measure(name: str, quantity: Quantity, solution: Solution) -> History:
@@ -90,17 +112,23 @@ def measure(name: str, quantity: Quantity, solution: Solution) -> History:
     History
         Its values over time.
     """
-    found = quantity(solution)
+    what = f"quantity {name!r}"
+    try:
+        found = quantity(solution)
+    except Exception as wrong:
+        raise SceneError(
+            f"{what} failed, {type(wrong).__name__}: {wrong}. Let it give None where there is none"
+        ) from wrong
     if isinstance(found, tuple):
-        t, found = found
-        if np.ndim(t) != 1 or (np.diff(t) <= 0).any():
+        if len(found) != 2 or np.ndim(found[0]) != 1 or (np.diff(found[0]) <= 0).any():
             raise SceneError(
-                f"quantity {name!r}: a tuple is read as times and values, but these times do not "
+                f"{what}: a tuple is read as times and values, but these times do not "
                 "increase; give vectors over time as an array (n, k)"
             )
+        t, found = found
     else:
         t = solution.t if np.ndim(found) else solution.t[-1:]
-    return History(np.asarray(t), _rows(name, found, len(t)))
+    return History(np.asarray(t), _rows(what, found, len(t)))
 
 
 def exact(name: str, value: Exact, t_end: float) -> Reference:
@@ -120,11 +148,20 @@ def exact(name: str, value: Exact, t_end: float) -> Reference:
     Reference
         The reference, without error.
     """
+    what = f"exact value of {name!r}"
 
     def at(t):
-        return _rows(name, value(t) if callable(value) else np.full(len(t), value), len(t))
+        return _rows(what, value(t) if callable(value) else [value] * len(t), len(t))
 
-    return Reference(at, _size(at(np.linspace(0, t_end, 1001))))
+    t = np.linspace(0, t_end, 1001)
+    try:
+        values = at(t)
+    except SceneError:
+        raise
+    except Exception as wrong:
+        raise SceneError(f"{what} failed, {type(wrong).__name__}: {wrong}") from wrong
+    _refuse_gaps(what, t, values)
+    return Reference(at, _size(values))
 
 
 def computed(name: str, fine: History, coarse: History) -> Reference:
@@ -151,8 +188,10 @@ def computed(name: str, fine: History, coarse: History) -> Reference:
     ----------
     Roache (1994), doi 10.1115/1.2910291.
     """
-    reference = Reference(fine.at, _size(fine.values))
-    return Reference(fine.at, reference.size, error(name, coarse, reference))
+    for history in (fine, coarse):
+        _refuse_gaps(f"the reference of {name!r}", history.t, history.values)
+    size = _size(fine.values)
+    return fine.reference(size, error(name, coarse, fine.reference(size)))
 
 
 def error(name: str, found: History, reference: Reference) -> float:
@@ -163,7 +202,7 @@ def error(name: str, found: History, reference: Reference) -> float:
     name : str
         Name of the quantity.
     found : History
-        What was computed; it is compared at all of its own times.
+        What was computed; it is compared at all of its own times at which the reference is known.
     reference : Reference
         What it should be.
 
@@ -172,17 +211,27 @@ def error(name: str, found: History, reference: Reference) -> float:
     float
         Relative error; absolute where the reference is 0, NaN where a value is none.
     """
-    expected = reference.at(found.t)
-    if expected.shape != found.values.shape:
+    first, last = reference.span
+    inside = (found.t >= first) & (found.t <= last)
+    if not inside.any():
         raise SceneError(
-            f"quantity {name!r} has {found.values.shape[1]} values at a time, but its reference "
+            f"quantity {name!r} has no time between {first:g} and {last:g} s, those "
+            "of its reference"
+        )
+    expected, values = reference.at(found.t[inside]), found.values[inside]
+    if expected.shape != values.shape:
+        raise SceneError(
+            f"quantity {name!r} has {values.shape[1]} values at a time, but its reference "
             f"{expected.shape[1]}"
         )
-    return _size(found.values - expected, zero=0.0) / reference.size
+    return _size(values - expected, zero=0.0) / reference.size
 
 
 def observed_order(steps: Sequence[float], errors: Sequence[float], floor: float) -> float | None:
     """Slope of log(error) over log(step), by least squares on the three finest steps.
+
+    It is an order only where the errors fall with the step, and the slopes between neighbours
+    differ by no more than 0.5; else the steps are too large for one, or an error changes its sign.
 
     Parameters
     ----------
@@ -197,24 +246,40 @@ def observed_order(steps: Sequence[float], errors: Sequence[float], floor: float
     Returns
     -------
     float or None
-        The order; None with fewer than three errors.
+        The order; None where there is none, and with fewer than three errors.
     """
     points = sorted((h, e) for h, e in zip(steps, errors, strict=True) if floor < e <= 1)[:3]
     if len(points) < 3:
         return None
     log_h, log_e = np.log(points).T
+    slopes = np.diff(log_e) / np.diff(log_h)
+    if slopes.min() <= 0 or np.ptp(slopes) > STEADY:
+        return None
     return float(np.polyfit(log_h, log_e, 1)[0])
 
 
-def _rows(name: str, found: Any, n: int) -> np.ndarray:
+def _rows(what: str, found: Any, n: int) -> np.ndarray:
     """Values (n, k) of a number, for n = 1, or a history (n,) or (n, k)."""
-    values = np.atleast_1d(np.asarray(found, dtype=float))
+    if np.iscomplexobj(found):
+        raise SceneError(f"{what} is complex; give real and imaginary part as two columns")
+    try:
+        values = np.atleast_1d(np.asarray(found, dtype=float))
+    except (TypeError, ValueError) as wrong:
+        raise SceneError(f"{what} is {found!r:.40}, not a number or an array of them") from wrong
+    if values.ndim > 2 or values.shape[-1] == 0:
+        raise SceneError(f"{what} has the shape {values.shape}, but must have (n,) or (n, k)")
     if len(values) != n:
         raise SceneError(
-            f"quantity {name!r} has {len(values)} rows for {n} times; give a number, an array with "
+            f"{what} has {len(values)} rows for {n} times; give a number, an array with "
             "a row for each time of the solution, or a pair of times and such an array"
         )
     return values.reshape(n, -1)
+
+
+def _refuse_gaps(what: str, t: np.ndarray, values: np.ndarray) -> None:
+    """Refuse a reference that is not a finite number at all times."""
+    if (gaps := ~np.isfinite(values).all(axis=1)).any():
+        raise SceneError(f"{what} is not a finite number at t = {t[gaps][0]:.4g} s")
 
 
 def _size(values: np.ndarray, zero: float = 1.0) -> float:

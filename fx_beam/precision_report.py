@@ -1,7 +1,10 @@
-"""A study of work and precision in words, tables and a picture."""
+"""A study of work and precision in words, tables and pictures."""
 
 from __future__ import annotations
 
+import os
+import re
+from collections.abc import Sequence
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
@@ -9,7 +12,12 @@ from typing import Any
 import numpy as np
 
 from . import report
-from .precision import Precision, Run, Winner
+from .accuracy import MARGIN, STEADY
+from .errors import SceneError
+from .front import SAME, TIE, Winner
+from .precision import Precision
+from .precision_picture import draw, short
+from .run import LOST, Run
 
 
 def sentence(found: Precision, quantity: str) -> str:
@@ -27,13 +35,39 @@ def sentence(found: Precision, quantity: str) -> str:
     str
         The sentence.
     """
-    clauses = [_clause(winner) for winner in found.winners(quantity)]
-    none = f"no error below {_level(found.floor(quantity))} is told from that of the reference"
+    if quantity in found.missing:
+        return f"{quantity}: there is no reference, as {found.missing[quantity]}"
+    clauses = [_clause(winner, found) for winner in found.winners(quantity)]
+    none = f"no error below {short(found.floor(quantity))} is told from that of the reference"
     return f"{quantity}: {'; '.join(clauses) or none}."
 
 
+def prepare(path: Path | str) -> None:
+    """Refuse before a study what would end it: a place that cannot be written, or no pictures.
+
+    Parameters
+    ----------
+    path : str or path
+        Where to write, without ending; its directory is made.
+
+    Raises
+    ------
+    SceneError
+        If that cannot be.
+    """
+    from . import plot  # noqa: F401  the same that `draw` imports, if it can be had
+
+    try:
+        directory = Path(path).parent
+        directory.mkdir(parents=True, exist_ok=True)
+    except (OSError, TypeError) as wrong:
+        raise SceneError(f"results = {path!r} cannot be written: {wrong}") from wrong
+    if not os.access(directory, os.W_OK):
+        raise SceneError(f"results = {path!r} cannot be written: no permission in {directory}")
+
+
 def write(path: Path | str, found: Precision) -> None:
-    """Write a study as JSON, as a Markdown page and as the picture in it.
+    """Write a study as JSON, as a Markdown page and as the pictures in it, one a quantity.
 
     Parameters
     ----------
@@ -43,11 +77,19 @@ def write(path: Path | str, found: Precision) -> None:
         A study.
     """
     path = Path(path)
+    # Endings are added, as the name may have a point in it.
+    beside = {ending: path.with_name(path.name + ending) for ending in (".json", ".md")}
     machine = report.machine()
-    report.write_json(path.with_suffix(".json"), {"machine": machine, **numbers(found)})
-    draw(path.with_suffix(".png"), found)
-    page = markdown(found, path.stem, machine)
-    path.with_suffix(".md").write_text(page, encoding="utf-8")
+    report.write_json(beside[".json"], {"machine": machine, **numbers(found)})
+    for name, picture in _pictures(found, path.name).items():
+        draw(path.with_name(picture), found, name)
+    beside[".md"].write_text(markdown(found, path.name, machine), encoding="utf-8")
+
+
+def _pictures(found: Precision, name: str) -> dict[str, str]:
+    """Names of the pictures by quantity, in their order."""
+    words = {quantity: re.sub(r"\W+", "_", quantity) for quantity in found.references}
+    return {q: f"{name}_{number}_{word}.png" for number, (q, word) in enumerate(words.items(), 1)}
 
 
 def numbers(found: Precision) -> dict[str, Any]:
@@ -65,11 +107,21 @@ def numbers(found: Precision) -> dict[str, Any]:
     """
     return {
         "t_end": found.t_end,
+        "start": found.start,
         "timed runs of each": found.repetitions,
         "computed references": found.origin,
         "relative errors of the references": found.references,
+        "why there is no reference": found.missing,
+        "import [s]": report.import_seconds(),
         "which scheme wins where": [sentence(found, name) for name in found.references],
-        "runs": [asdict(run) for run in found.runs],
+        "runs": [
+            asdict(run)
+            | {
+                "lost": run.lost,
+                "counts with": {q: found.counted(q, run) for q in found.references},
+            }
+            for run in found.runs
+        ],
         "orders in the time step": [
             {"scheme": scheme, "mesh": asdict(mesh), "orders": _step_orders(found, scheme, mesh)}
             for scheme in found.schemes
@@ -99,7 +151,7 @@ def markdown(found: Precision, name: str, machine: dict[str, Any]) -> str:
     found : Precision
         A study.
     name : str
-        What was studied, also the name of the picture.
+        What was studied, also the first part of the names of the pictures.
     machine : dict
         What `report.machine` gives.
 
@@ -108,16 +160,14 @@ def markdown(found: Precision, name: str, machine: dict[str, Any]) -> str:
     str
         The page, in Markdown.
     """
-    pages = [
-        f"# Error against run time: {name.replace('_', ' ')}\n",
-        f"{found.t_end:g} s of motion. An error is the largest distance from the reference over "
-        "time, over the largest magnitude of the reference; absolute where that is 0. Run time is "
-        f"that of the steps, the median of {found.repetitions} runs in turn; set-up and "
-        "compilation are apart. Schemes are named together where their times differ by less than "
-        "5 % or their quartiles overlap. A scheme's line joins its runs that are more accurate "
-        "than all faster ones; the others are pale.\n",
-        f"![Error against run time]({name}.png)\n",
-        "".join(f"- {sentence(found, quantity)}\n" for quantity in found.references),
+    pages = [f"# Error against run time: {name.replace('_', ' ')}\n", _rules(found), _apart(found)]
+    for quantity, picture in _pictures(found, name).items():
+        pages += [
+            f"## {quantity}\n",
+            f"![{quantity}]({picture})\n",
+            sentence(found, quantity) + "\n",
+        ]
+    pages += [
         "## References\n",
         _references(found),
         "## Runs\n",
@@ -126,12 +176,17 @@ def markdown(found: Precision, name: str, machine: dict[str, Any]) -> str:
         "Medians over all steps and meshes, each with its own.\n",
         _cost_table(found),
         "## Observed orders in the time step\n",
-        "Fit to the three finest errors against a fine step on the same mesh. Where the steps do "
-        "not resolve a vibration, or an error changes its sign, it is no order.\n",
+        "Fit to the three finest errors against a fine step on the same mesh, where they fall with "
+        f"the step and their two slopes differ by at most {STEADY:g}. Elsewhere the steps are too "
+        "large for an order, or an error changes its sign.\n",
         _order_table(found),
     ]
     if found.mesh_errors:
-        pages += ["## Errors with a fine time step\n", _mesh_table(found)]
+        pages += [
+            "## Errors with a fine time step\n",
+            "Orders are fits as above, of errors that can be told from that of the reference.\n",
+            _mesh_table(found),
+        ]
     stated = ", ".join(f"{key} {value}" for key, value in machine.items())
     return "\n".join([*pages, f"Computed on: {stated}.\n"])
 
@@ -139,28 +194,74 @@ def markdown(found: Precision, name: str, machine: dict[str, Any]) -> str:
 # -- Words ---------------------------------------------------------------------------------------
 
 
-def _clause(winner: Winner) -> str:
-    loosest, tightest = _level(winner.loosest), _level(winner.tightest)
+def _rules(found: Precision) -> str:
+    """How to read the page."""
+    percent = f"{100 * (SAME - 1):.0f} %"
+    start = f", from the solutions that `{found.start}` gives" if found.start else ""
+    return (
+        f"{found.t_end:g} s of motion{start}. An error is the largest distance from the reference "
+        "over time, over the largest magnitude of the reference; absolute where that is 0. Run "
+        f"time is that of the steps, the median of {found.repetitions} runs in turn.\n\n"
+        "So that no scheme wins by chance,\n\n"
+        "- a run counts with the largest error of itself, of its scheme's smaller steps on its "
+        "mesh, and of a fine step on its mesh and on those of more elements, and with no less "
+        f"than {MARGIN:g} times the reference's own error;\n"
+        "- it does not count where it, or one of those smaller steps, broke off, or gained or lost "
+        f"more than {LOST:g} of its largest kinetic and strain energy;\n"
+        "- a scheme's line joins the runs that are more accurate than all faster ones, by "
+        f"{percent} at least; pale points are all runs, at their own errors;\n"
+        "- times at an error lie on these lines, and schemes are named together where their times "
+        f"differ by less than {100 * (TIE - 1):.0f} %, or overlap by quartiles and by {percent} "
+        "in the error.\n"
+    )
+
+
+def _apart(found: Precision) -> str:
+    """Import and set-up, which no run time has in it."""
+    first = [run.first_setup_seconds for run in found.runs if run.unknowns]
+    later = [run.setup_seconds for run in found.runs if not run.failure]
+    if not later:
+        return "No run came to the end.\n"
+    return (
+        f"Apart from that: import {_time(report.import_seconds())}; set-up {_span(later)} a run; "
+        f"the first set-up of each, with compilation where forms were not in the cache, "
+        f"{_span(first)}, {_time(sum(first))} in all.\n"
+    )
+
+
+def _clause(winner: Winner, found: Precision) -> str:
+    loosest, tightest = short(winner.loosest), short(winner.tightest)
     if winner.run is None:
         return f"no run comes within {tightest}"
     levels = tightest if loosest == tightest else f"{loosest} to {tightest}"
-    *others, last = winner.schemes
-    names, verb = (f"{', '.join(others)} and {last}", "are") if others else (last, "is")
-    first = (
-        f"within {levels} {names} {verb} the cheapest ({_time(winner.run.seconds)} at {tightest}, "
-        f"{winner.run.mesh}, dt = {winner.run.dt:.3g} s)"
-    )
-    return first + (
-        f", {winner.next} takes {winner.ratio:.3g} times as long" if winner.next else ""
-    )
+    there = "" if loosest == tightest else f" for {tightest}"
+    spent = f"{_span(winner.seconds)}; {winner.run.mesh}, dt = {winner.run.dt:.3g} s{there}"
+    clause = f"within {levels} {_who(winner.schemes, found.schemes)} ({spent})"
+    if winner.next:
+        return f"{clause}, {winner.next} takes {winner.ratio:.3g} times as long"
+    everyone = len(winner.schemes) == len(found.schemes)
+    return clause if everyone else f"{clause}, the rest never comes within {tightest}"
 
 
-def _level(error: float) -> str:
-    return f"{error:.0e}".replace("e-0", "e-")
+def _who(schemes: Sequence[str], all_schemes: Sequence[str]) -> str:
+    """Who is the cheapest; by the others, where those are fewer."""
+    left = [scheme for scheme in all_schemes if scheme not in schemes]
+    if len(schemes) == 1:
+        return f"{schemes[0]} is the cheapest"
+    if not left:
+        return "all schemes cost the same"
+    if len(left) < len(schemes):
+        return f"all but {' and '.join(left)} cost the same"
+    return f"{', '.join(schemes[:-1])} and {schemes[-1]} are the cheapest"
+
+
+def _span(seconds: Sequence[float]) -> str:
+    low, high = _time(min(seconds)), _time(max(seconds))
+    return low if low == high else f"{low} to {high}"
 
 
 def _time(seconds: float) -> str:
-    return f"{seconds:.2g} s" if seconds >= 1 else f"{1e3 * seconds:.2g} ms"
+    return f"{seconds:.2g} s" if seconds > 0.099 else f"{1e3 * seconds:.2g} ms"
 
 
 def _error(value: float | None) -> str | None:
@@ -179,32 +280,41 @@ def _step_orders(found: Precision, scheme: str, mesh) -> dict[str, float | None]
 
 
 def _mesh_orders(found: Precision, degree: int) -> dict[str, float | None]:
-    computed = next(iter(found.mesh_errors.values()))
-    return {name: found.mesh_order(name, degree) for name in computed}
+    return {name: found.mesh_order(name, degree) for name in _computed(found)}
+
+
+def _computed(found: Precision) -> list[str]:
+    """Quantities with a computed reference."""
+    return [name for name, error in found.references.items() if error is not None]
 
 
 def _references(found: Precision) -> str:
+    origins = dict.fromkeys(found.missing, "none")
     rows = [
-        (name, "exact" if error is None else found.origin, _error(error))
+        (name, "exact" if error is None else origins.get(name, found.origin), _error(error))
         for name, error in found.references.items()
     ]
-    return report.table(["quantity", "reference", "its error, estimated"], rows)
+    reasons = [f"- {name}: {reason}\n" for name, reason in found.missing.items()]
+    table = report.table(["quantity", "reference", "its error, estimated"], rows)
+    return "\n".join([table, *reasons])
 
 
 def _runs(found: Precision) -> str:
     header = ["scheme", "elements", "degree", "dt [s]", "unknowns", "Newton it/step", "halvings"]
-    header += ["run time [ms]", "set-up [ms]", *found.references, "failed"]
+    header += ["run time [ms]", "us/step", "set-up [ms]", *found.references, "lost"]
 
     def row(run: Run):
         failed = bool(run.failure)
         iterations = f"{run.newton_iterations / run.steps:.1f}" if run.steps else None
-        times = [None if failed else f"{1e3 * t:.3g}" for t in (run.seconds, run.setup_seconds)]
+        spent = 1e3 * run.seconds, 1e6 * run.seconds / max(1, run.steps), 1e3 * run.setup_seconds
+        times = [None if failed else f"{t:.3g}" for t in spent]
         errors = [_error(run.errors.get(name)) for name in found.references]
         size = run.mesh.elements, run.mesh.degree, f"{run.dt:.4g}", run.unknowns
-        end = f"at {run.reached:.3g} s" if failed else None
+        end = f"at {run.reached:.3g} s" if failed else "energy" if run.lost else None
         return (run.scheme, *size, iterations, run.halvings, *times, *errors, end)
 
-    reasons = dict.fromkeys(f"- {r.scheme}: {r.failure}\n" for r in found.runs if r.failure)
+    noted = [(run.scheme, why) for run in found.runs for why in (run.failure, *run.notes.values())]
+    reasons = dict.fromkeys(f"- {scheme}: {why}\n" for scheme, why in noted if why)
     return "\n".join([report.table(header, map(row, found.runs)), *reasons])
 
 
@@ -231,86 +341,9 @@ def _mesh_table(found: Precision) -> str:
     rows: list[tuple] = []
     for degree in found.degrees:
         rows += [
-            (mesh.elements, mesh.degree, *map(_error, errors.values()))
+            (mesh.elements, mesh.degree, *(_error(errors.get(name)) for name in _computed(found)))
             for mesh, errors in found.mesh_errors.items()
             if mesh.degree == degree
         ]
         rows += [("order", degree, *map(_hundredths, _mesh_orders(found, degree).values()))]
-    computed = next(iter(found.mesh_errors.values()))
-    return report.table(["elements", "degree", *computed], rows)
-
-
-# -- Picture -------------------------------------------------------------------------------------
-
-
-def draw(path: Path | str, found: Precision) -> None:
-    """Draw errors against run time: all runs as points, the best of each scheme as a line.
-
-    Parameters
-    ----------
-    path : str or path
-        File to write.
-    found : Precision
-        A study.
-    """
-    # Imported here, as a study can be had without matplotlib and pyvista.
-    from . import plot
-
-    names = list(found.references)
-    columns = min(2, len(names))
-    figure, axes = plot.figure(-(-len(names) // columns), columns, height=3.2)
-    looks = _looks(found, plot.style)
-    for ax in axes.flat[len(names) :]:
-        ax.set_visible(False)
-    for ax, name in zip(axes.flat, names, strict=False):
-        ax.set(xscale="log", yscale="log", title=name)
-        ax.set(xlabel="run time [s]", ylabel="largest relative error [-]")
-        for scheme, look in looks.items():
-            _draw_runs(ax, found, name, scheme, look)
-        _draw_limits(ax, found, name)
-    for degree in found.degrees:
-        axes[0, 0].plot([], [], **_dots(degree, "0.3"), label=f"elements of degree {degree}")
-    plot.save(figure, path)
-
-
-def _looks(found: Precision, style) -> dict[str, dict]:
-    """Line of each scheme; those that differ in a parameter only have dots of other spacing."""
-    names = {run.scheme: run.name for run in found.runs}
-    looks: dict[str, dict] = {}
-    for scheme, name in names.items():
-        before = sum(names[other] == name for other in looks)
-        looks[scheme] = style(name) | ({"linestyle": (0, (1, 1 + before))} if before else {})
-    return looks
-
-
-def _dots(degree: int, colour: str) -> dict[str, Any]:
-    marker = {1: "o", 2: "s", 3: "^"}[degree]
-    return {"linestyle": "", "color": colour, "marker": marker, "markersize": 4}
-
-
-def _draw_runs(ax, found: Precision, name: str, scheme: str, look: dict) -> None:
-    """All runs of a scheme as pale points, and its front as a line through some of them."""
-    front = found.front(name, scheme)
-
-    def places(runs):
-        # Errors of exactly 0 have no place on a logarithmic axis.
-        return [run.seconds for run in runs], [max(run.errors[name], 1e-17) for run in runs]
-
-    ax.plot(*places(front), label=scheme, **look)
-    for run in found.runs:
-        if run.scheme == scheme and run.errors.get(name, np.nan) <= 1:
-            pale = {} if run in front else {"alpha": 0.25, "markeredgewidth": 0}
-            ax.plot(*places([run]), **_dots(run.mesh.degree, look["color"]), **pale)
-
-
-def _draw_limits(ax, found: Precision, name: str) -> None:
-    """What the reference cannot tell, a decade at least, and schemes without an error below 1."""
-    floor = found.floor(name)
-    shown = [run.errors[name] for run in found.runs if run.errors.get(name, np.nan) <= 1]
-    low = max(1e-17, min([*shown, floor or 1.0]))
-    if floor:
-        ax.axhspan(low / 10, floor, color="0.92", label="not told from the reference")
-    ax.set(ylim=(low / 3, 3 * max([*shown, 10 * low])))
-    if lost := [scheme for scheme in found.schemes if not found.front(name, scheme)]:
-        text = "\n".join(["No error below 1:", *lost])
-        ax.text(0.03, 0.04, text, transform=ax.transAxes, fontsize=7, color="0.3")
+    return report.table(["elements", "degree", *_computed(found)], rows)

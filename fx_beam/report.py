@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import functools
 import json
 import math
 import os
 import platform
+import subprocess
+import sys
 from collections.abc import Iterable, Sequence
 from importlib import metadata
 from pathlib import Path
@@ -20,6 +23,14 @@ VERSIONS = {
     "numpy": "numpy",
     "fx_beam": "fx-beam",
 }
+
+_IMPORT = """
+import sys, time
+sys.path.insert(0, sys.argv[1])
+start = time.perf_counter()
+import fx_beam
+print(time.perf_counter() - start)
+"""
 
 
 def machine() -> dict[str, Any]:
@@ -37,6 +48,27 @@ def machine() -> dict[str, Any]:
         "python": platform.python_version(),
         **{name: _version(distribution) for name, distribution in VERSIONS.items()},
     }
+
+
+@functools.cache
+def import_seconds() -> float:
+    """Time that a fresh interpreter takes to import fx_beam.
+
+    Returns
+    -------
+    float
+        That time, with files that the system has read before; NaN where there is no such
+        interpreter [s].
+    """
+    done = subprocess.run(
+        [sys.executable, "-c", _IMPORT, str(Path(__file__).parents[1])],
+        # As Python found it: what MPI has added to it since is for this process alone.
+        env=dict(os.environ),
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    return math.nan if done.returncode else float(done.stdout)
 
 
 def write_json(path: Path | str, numbers: Any) -> None:

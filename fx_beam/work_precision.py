@@ -9,12 +9,13 @@ from pathlib import Path
 
 import numpy as np
 
-from . import accuracy
+from . import accuracy, candidates
 from .accuracy import Exact, History, Quantity, Reference
 from .dynamics import simulate
 from .errors import SceneError, StepError
-from .precision import Mesh, Precision, Run
-from .precision_report import sentence, write
+from .precision import Precision
+from .precision_report import prepare, sentence, write
+from .run import Mesh, Run
 from .scene import Scene
 from .schemes import EnergyMomentum, Scheme
 from .solution import Solution
@@ -38,6 +39,7 @@ def study(
     meshes: Sequence[tuple[int, int]],
     schemes: Mapping[str, Scheme] | Sequence[Scheme],
     exact: Mapping[str, Exact] | None = None,
+    start: Callable[[int, int], Solution] | None = None,
     repetitions: int = 5,
     results: Path | str | None = None,
 ) -> Precision:
@@ -51,7 +53,9 @@ def study(
     of the step from that of the mesh.
 
     A first round of runs compiles and gives the errors. Those that follow, in turn over all
-    candidates, are timed. A run that fails is a row with its reason.
+    candidates, are timed. The cheapest run is the very first, and what is wrong with a quantity
+    there is refused. From then on nothing ends the study: a run that fails is a row with its
+    reason, and so is a quantity that has no value there; a reference that fails is noted.
 
     Parameters
     ----------
@@ -59,7 +63,7 @@ def study(
         ``scene(elements, degree)`` gives the `Scene`.
     quantities : dict
         Quantities of interest by name. ``quantity(solution)`` gives a number; a history (n,) or
-        (n, k) at `Solution.t`; or a pair of times and such a history.
+        (n, k) at `Solution.t`; or a pair of times and such a history; None where there is none.
     t_end : float
         End of the simulations [s].
     steps : sequence of float
@@ -71,10 +75,13 @@ def study(
     exact : dict, optional
         References that are known, by name of their quantity: a number, or a function of times
         (n,) that gives (n,) or (n, k).
+    start : callable, optional
+        ``start(elements, degree)`` gives the `Solution` to start from, as `simulate` takes it; by
+        default the motions start from the reference configuration.
     repetitions : int
         Timed runs of each candidate, of which the median is taken.
     results : path, optional
-        Where to write, without ending: JSON, a Markdown page, and the picture in it.
+        Where to write, without ending: JSON, a Markdown page, and the pictures in it.
 
     Returns
     -------
@@ -84,115 +91,118 @@ def study(
     Raises
     ------
     SceneError
-        If the scene cannot be computed, or something named is not there.
-    StepError
-        If the reference fails.
+        Before the first long run, for what is given wrongly. An error or an interruption after it
+        has what was found so far as its attribute `precision`.
     """
     exact = exact or {}
-    _check(scene, quantities, schemes, steps, meshes, exact, repetitions)
-    labelled = schemes if isinstance(schemes, Mapping) else {s.name: s for s in schemes}
-    grid = [Mesh(*mesh) for mesh in meshes]
-    references = {name: accuracy.exact(name, value, t_end) for name, value in exact.items()}
-    sought = {name: q for name, q in quantities.items() if name not in exact}
-    by_mesh: dict[Mesh, dict[str, History]] = {}
-    origin = ""
+    candidates.check(quantities, exact, t_end, steps, repetitions)
+    labelled, grid = candidates.labelled(schemes), candidates.grid(meshes)
+    sought = {name: quantity for name, quantity in quantities.items() if name not in exact}
+    finest = _finer(grid, FINER_MESH)
+    motion = _Motion(scene, start, t_end, grid)
     if sought:
-        computed, by_mesh, origin = _computed(scene, sought, t_end, min(steps), grid)
-        references |= computed
+        motion.at(finest)
+    references = {name: accuracy.exact(name, value, t_end) for name, value in exact.items()}
+    if results is not None:
+        prepare(results)
 
-    scenes = {mesh: scene(mesh.elements, mesh.degree) for mesh in grid}
-    runs = []
-    for mesh, label, dt in itertools.product(grid, labelled, steps):
-        solution = _solve(scenes[mesh], labelled[label], dt, t_end)
-        run = _row(label, mesh, dt, solution)
-        runs.append(run)
-        if not run.failure:
-            histories = _measure(quantities, solution)
-            run.errors = _errors(histories, references)
-            run.step_errors = _errors(histories, _on_mesh(references, by_mesh.get(mesh, {})))
-    _time(runs, scenes, labelled, t_end, repetitions)
+    dt = min(steps) / FINER_STEP
     found = Precision(
         t_end=t_end,
         repetitions=repetitions,
-        references={name: references[name].error for name in quantities},
-        origin=origin,
-        runs=runs,
-        mesh_errors={mesh: _errors(histories, references) for mesh, histories in by_mesh.items()},
+        references={name: np.nan if name in sought else None for name in quantities},
+        origin=f"{EnergyMomentum().name}, {finest}, dt = {dt:.3g} s" if sought else "",
+        runs=[],
+        start=getattr(start, "__name__", repr(start)) if start else "",
     )
-    if results is not None:
-        write(results, found)
+    try:
+        measured = _first_round(motion, quantities, references, labelled, steps, found)
+        if sought and measured:
+            _against_fine(motion, sought, dt, found, measured)
+        _time(found.runs, motion, labelled, repetitions)
+        if results is not None:
+            write(results, found)
+    except BaseException as stopped:
+        stopped.precision = found  # type: ignore[attr-defined]
+        raise
     return found
 
 
-def _check(scene, quantities, schemes, steps, meshes, exact, repetitions) -> None:
-    """Refuse what could not be computed, before anything is."""
-    for name, given in (
-        ("quantities", quantities),
-        ("schemes", schemes),
-        ("steps", steps),
-        ("meshes", meshes),
-    ):
-        if not len(given):
-            raise SceneError(f"a study needs {name}; none are given")
-    if isinstance(scene, Scene):
-        raise SceneError(
-            "a study needs a function scene(elements, degree) that makes the scene, not a scene"
-        )
-    names = list(schemes) if isinstance(schemes, Mapping) else [s.name for s in schemes]
-    if twice := [name for name in names if names.count(name) > 1]:
-        raise SceneError(
-            f"several schemes are called {twice[0]}; give a dict of labels and schemes"
-        )
-    if wrong := [mesh for mesh in meshes if np.shape(mesh) != (2,)]:
-        raise SceneError(f"mesh {wrong[0]!r} must be a pair of elements and degree, as (8, 1)")
-    if unknown := [name for name in exact if name not in quantities]:
-        raise SceneError(f"exact value of {unknown[0]!r}, which is none of {list(quantities)}")
-    if repetitions < 1:
-        raise SceneError(f"repetitions = {repetitions!r} must be at least 1")
+class _Motion:
+    """What is simulated: the scene on its meshes, and what each starts from."""
+
+    def __init__(self, scene, start, t_end: float, grid: Sequence[Mesh]):
+        if not callable(scene):
+            raise SceneError(
+                "a study needs a function scene(elements, degree) that makes the scene, "
+                f"not {scene!r:.40}"
+            )
+        self._functions, self._t_end, self.grid = {"scene": scene, "start": start}, t_end, grid
+        self._made: dict[Mesh, tuple[Scene, Solution | None]] = {}
+        for mesh in grid:
+            self.at(mesh)
+
+    def at(self, mesh: Mesh) -> tuple[Scene, Solution | None]:
+        """The scene, made once, and its start."""
+        if mesh not in self._made:
+            scene, start = (_called(f, name, mesh) for name, f in self._functions.items())
+            if not isinstance(scene, Scene):
+                raise SceneError(f"scene{mesh.elements, mesh.degree} gives {scene!r:.40}, no Scene")
+            self._made[mesh] = scene, start
+        return self._made[mesh]
+
+    def solve(self, mesh: Mesh, scheme: Scheme, dt: float, **keywords) -> Solution:
+        """The solution."""
+        scene, start = self.at(mesh)
+        return simulate(scene, scheme, dt=dt, t_end=self._t_end, start=start, **keywords)
 
 
-# -- References ----------------------------------------------------------------------------------
-
-
-def _computed(scene, quantities, t_end, step, meshes):
-    """References by quantity; histories with a fine step by mesh; and where both come from."""
-    dt = step / FINER_STEP
-    elements, degree = max(m.elements for m in meshes), max(m.degree for m in meshes)
-    finest, coarser = (Mesh(n * elements, degree) for n in (FINER_MESH, FINER_MESH // 2))
-    fine = _fine(scene, finest, quantities, dt, t_end)
-    coarse = _fine(scene, coarser, quantities, 2 * dt, t_end)
-    references = {name: accuracy.computed(name, fine[name], coarse[name]) for name in quantities}
-    by_mesh = {mesh: _fine(scene, mesh, quantities, dt, t_end) for mesh in meshes}
-    origin = f"{EnergyMomentum().name}, {finest}, dt = {dt:.3g} s"
-    return references, by_mesh, origin
-
-
-def _on_mesh(references, histories) -> dict[str, Reference]:
-    """What a scheme would come to on a mesh if its step were fine."""
-    fine = {name: Reference(h.at, references[name].size) for name, h in histories.items()}
-    return references | fine
-
-
-def _fine(scene, mesh, quantities, dt, t_end) -> dict[str, History]:
-    """Quantities of interest by the scheme of the references."""
-    _log.info("reference: %s, dt = %.3g s", mesh, dt)
+def _called(function, name: str, mesh: Mesh):
+    """What a function of the mesh gives; none where there is no function."""
     try:
-        solution = simulate(scene(mesh.elements, mesh.degree), EnergyMomentum(), dt=dt, t_end=t_end)
-    except StepError as failed:
-        failed.args = (f"the reference, {mesh} with dt = {dt:.3g} s: {failed}",)
-        raise
-    return _measure(quantities, solution)
+        return function and function(mesh.elements, mesh.degree)
+    except Exception as wrong:
+        call = f"{name}({mesh.elements}, {mesh.degree})"
+        raise SceneError(f"{call} failed, {type(wrong).__name__}: {wrong}") from wrong
 
 
 # -- Runs ----------------------------------------------------------------------------------------
 
 
-def _solve(scene: Scene, scheme: Scheme, dt: float, t_end: float) -> Solution:
+def _first_round(
+    motion: _Motion, quantities, exact, schemes, steps, found: Precision
+) -> list[tuple[Run, dict[str, History]]]:
+    """All runs, the cheapest one first, and what was measured in those that came to the end."""
+    order = list(itertools.product(motion.grid, schemes, steps))
+    cheapest = min(order, key=lambda run: run[0].elements * run[0].degree / run[2])
+    measured: list[tuple[Run, dict[str, History]]] = []
+    for mesh, label, dt in [cheapest, *(other for other in order if other != cheapest)]:
+        try:
+            solution = _solve(motion, mesh, schemes[label], dt)
+        except (SceneError, StepError) as refused:
+            if not found.runs:
+                raise
+            run = Run(label, schemes[label].name, mesh, dt, failure=str(refused))
+        else:
+            run = _row(label, mesh, dt, solution)
+        found.runs.append(run)
+        if run.failure:
+            continue
+        histories = _measure(quantities, solution, run.notes)
+        run.errors = dict.fromkeys(quantities, np.nan) | _errors(histories, exact, run.notes)
+        run.step_errors = dict(run.errors)
+        if run.notes and not measured:
+            note = next(iter(run.notes.values()))
+            raise SceneError(f"{note} ({label}, {mesh}, dt = {dt:.4g} s)")
+        measured.append((run, histories))
+    found.runs.sort(key=lambda run: order.index((run.mesh, run.scheme, run.dt)))
+    return measured
+
+
+def _solve(motion: _Motion, mesh: Mesh, scheme: Scheme, dt: float) -> Solution:
     """The solution, as far as the scheme goes."""
     try:
-        return simulate(
-            scene, scheme, dt=dt, t_end=t_end, max_halvings=MAX_HALVINGS, progress=False
-        )
+        return motion.solve(mesh, scheme, dt, max_halvings=MAX_HALVINGS, progress=False)
     except StepError as failed:
         if failed.solution is None:  # not a step of the scheme, but what is given at the start
             raise
@@ -200,7 +210,8 @@ def _solve(scene: Scene, scheme: Scheme, dt: float, t_end: float) -> Solution:
 
 
 def _row(label: str, mesh: Mesh, dt: float, solution: Solution) -> Run:
-    stats = solution.stats
+    stats, energy = solution.stats, solution.energy
+    size = (energy.kinetic + energy.strain).max()
     return Run(
         scheme=label,
         name=stats.scheme,
@@ -213,27 +224,104 @@ def _row(label: str, mesh: Mesh, dt: float, solution: Solution) -> Run:
         reached=float(solution.t[-1]),
         failure=stats.failure.split(". ")[0],
         first_setup_seconds=stats.setup_seconds,
+        # Nothing moves where there is no energy, and nothing is lost.
+        energy_error=float(abs(energy.balance_error).max() / size) if size else 0.0,
     )
 
 
-def _measure(quantities, solution: Solution) -> dict[str, History]:
-    return {name: accuracy.measure(name, q, solution) for name, q in quantities.items()}
-
-
-def _errors(
-    histories: Mapping[str, History], references: Mapping[str, Reference]
-) -> dict[str, float]:
-    return {name: accuracy.error(name, h, references[name]) for name, h in histories.items()}
-
-
-def _time(runs: list[Run], scenes, schemes, t_end: float, repetitions: int) -> None:
+def _time(runs: list[Run], motion: _Motion, schemes, repetitions: int) -> None:
     """Median run times, all runs in turn so that a slow moment of the machine hits them alike."""
     runs = [run for run in runs if not run.failure]
     stats: list[list] = [[] for _ in runs]
     for _ in range(repetitions):
         for run, found in zip(runs, stats, strict=True):
-            found.append(_solve(scenes[run.mesh], schemes[run.scheme], run.dt, t_end).stats)
+            found.append(_solve(motion, run.mesh, schemes[run.scheme], run.dt).stats)
     for run, found in zip(runs, stats, strict=True):
         low, middle, high = np.quantile([one.seconds for one in found], [0.25, 0.5, 0.75])
         run.seconds, run.quartiles = float(middle), (float(low), float(high))
         run.setup_seconds = float(np.median([one.setup_seconds for one in found]))
+
+
+# -- References ----------------------------------------------------------------------------------
+
+
+def _against_fine(motion: _Motion, quantities, dt: float, found: Precision, measured) -> None:
+    """Errors against fine solutions, and those of the step against one on the same mesh."""
+    references = _references(motion, quantities, dt, found)
+    quantities = {name: quantities[name] for name in references}
+    for run, histories in measured:
+        run.errors |= _errors(histories, references, run.notes)
+    for mesh in motion.grid if references else ():
+        missing: dict[str, str] = {}
+        fine = _fine(motion, mesh, quantities, dt, missing)
+        if missing:
+            found.missing[str(mesh)] = next(iter(missing.values()))
+        found.mesh_errors[mesh] = _errors(fine, references, {})
+        on_mesh = {name: h.reference(references[name].size) for name, h in fine.items()}
+        for run, histories in measured:
+            if run.mesh == mesh:
+                run.step_errors |= _errors(histories, on_mesh, {})
+
+
+def _references(motion: _Motion, quantities, dt: float, found: Precision) -> dict[str, Reference]:
+    """References that are fine solutions, of the quantities for which they can be had."""
+    fine, coarse = (
+        _fine(motion, _finer(motion.grid, times), quantities, step, found.missing)
+        for times, step in ((FINER_MESH, dt), (FINER_MESH // 2, 2 * dt))
+    )
+    references = {}
+    for name in fine.keys() & coarse.keys():
+        try:
+            references[name] = accuracy.computed(name, fine[name], coarse[name])
+        except SceneError as wrong:
+            found.missing[name] = str(wrong)
+        else:
+            found.references[name] = references[name].error
+    return references
+
+
+def _fine(motion: _Motion, mesh: Mesh, quantities, dt: float, missing) -> dict[str, History]:
+    """Quantities of interest by the scheme of the references; why some are missing."""
+    _log.info("reference: %s, dt = %.3g s", mesh, dt)
+    try:
+        solution = motion.solve(mesh, EnergyMomentum(), dt)
+    except (SceneError, StepError) as failed:
+        reason = f"the reference, {mesh} with dt = {dt:.3g} s: {failed}"
+        _log.warning(reason)
+        missing |= dict.fromkeys(quantities, reason) | missing
+        return {}
+    return _measure(quantities, solution, missing)
+
+
+def _finer(grid: Sequence[Mesh], times: int) -> Mesh:
+    """Mesh with some times as many elements as any other, of the highest degree."""
+    return Mesh(times * max(m.elements for m in grid), max(m.degree for m in grid))
+
+
+# -- Quantities of interest ------------------------------------------------------------------------
+
+
+def _measure(quantities, solution: Solution, notes: dict[str, str]) -> dict[str, History]:
+    """Those of a solution that can be had; a note on why the others cannot."""
+    histories = {}
+    for name, quantity in quantities.items():
+        try:
+            histories[name] = accuracy.measure(name, quantity, solution)
+        except SceneError as wrong:
+            notes[name] = str(wrong)
+    return histories
+
+
+def _errors(
+    histories: Mapping[str, History],
+    references: Mapping[str, Reference],
+    notes: dict[str, str],
+) -> dict[str, float]:
+    """Errors where there is a reference; a note on why one cannot be had."""
+    errors = {}
+    for name in histories.keys() & references.keys():
+        try:
+            errors[name] = accuracy.error(name, histories[name], references[name])
+        except SceneError as wrong:
+            notes[name] = str(wrong)
+    return errors

@@ -69,8 +69,12 @@ LAYERS = [
     "__init__",
     "plot",
     "accuracy",
+    "run",
+    "front",
     "precision",
+    "precision_picture",
     "precision_report",
+    "candidates",
     "work_precision",
     "verdict",
     "drift",
@@ -129,7 +133,7 @@ def test_imports_point_downwards(module):
 
 def test_pictures_are_imported_by_what_writes_reports_only():
     drawing = {module for module in SOURCES if "plot" in own_imports(module)}
-    assert drawing <= {"precision_report", "stability_report"}
+    assert drawing <= {"precision_picture", "precision_report", "stability_report"}
 
 
 def test_the_model_knows_nothing_of_solutions():
