@@ -228,8 +228,6 @@ def test_newmark_loses_the_pendulum_at_steps_at_which_ours_is_accurate(results):
     assert ours[2]["errors"]["tip path"] < 0.03
     # Its period at the second of these steps is by chance within 1 %, which counts for nothing.
     assert newmark[1]["errors"]["period"] < 0.01 and newmark[1]["counts with"]["period"] == "inf"
-    line = numbers(results, "pendulum")["which scheme wins where"][0]
-    assert line.startswith(f"tip path: within 1e-1 {OURS} is the cheapest")
 
 
 def test_joint_of_the_swing_is_second_order_in_the_step_and_mesh_errors_fall(results):
