@@ -87,9 +87,20 @@ class Modes:
         -------
         (elements * degree + 1, 2) float
             Positions of its nodes, those inside elements included [m].
+
+        Raises
+        ------
+        SceneError
+            For a beam or a mode that is not there.
         """
-        moved = self.shapes[mode, :, :2]
-        nodes = self.nodes_of_beam[beam.name if isinstance(beam, Beam) else beam]
+        name = beam.name if isinstance(beam, Beam) else beam
+        if name not in self.nodes_of_beam:
+            raise SceneError(
+                f"{name!r} is no beam of these modes; they have {list(self.nodes_of_beam)}"
+            )
+        if mode not in range(-len(self), len(self)):
+            raise SceneError(f"mode {mode!r}: there are {len(self)} modes, numbered from 0")
+        moved, nodes = self.shapes[mode, :, :2], self.nodes_of_beam[name]
         scale = size / np.hypot(*moved.T).max()
         return self.positions[nodes] + scale * moved[nodes]
 
@@ -127,7 +138,7 @@ def modes(scene: Scene, state: Solution | None = None, n: int = 6) -> Modes:
     """
     if not isinstance(scene, Scene):
         raise SceneError(f"modes needs an fx_beam.Scene, not {scene!r}")
-    if not isinstance(n, int | np.integer) or n < 1:
+    if isinstance(n, bool) or not isinstance(n, int | np.integer) or n < 1:
         raise SceneError(f"modes: n = {n!r} must be a positive whole number")
     model = Model(scene, Equilibrium(), mobile=True)
     K, M, T, q = _matrices(model, state)

@@ -446,6 +446,8 @@ def test_modes_of_what_cannot_vibrate_are_refused():
         fb.modes(scene.beams[0])
     with pytest.raises(fb.SceneError, match="n = 0 must be"):
         fb.modes(scene, n=0)
+    with pytest.raises(fb.SceneError, match="n = True must be"):
+        fb.modes(scene, n=True)
     with pytest.raises(fb.SceneError, match="must be a solution"):
         fb.modes(scene, state=3)
     other = fb.simulate(simply_supported(1, 3, FLYING), dt=0.1, t_end=0.1)
@@ -457,6 +459,14 @@ def test_modes_of_what_cannot_vibrate_are_refused():
     massless = simply_supported(1, 2, fb.Section(EA=1, GA=1, EI=1))
     with pytest.raises(fb.SceneError, match="no mass"):
         fb.modes(massless)
+
+
+def test_a_shape_of_a_beam_or_a_mode_that_is_not_there_is_refused():
+    found = fb.modes(simply_supported(1, 4, SPARSE), n=2)
+    with pytest.raises(fb.SceneError, match="'nope' is no beam of these modes; they have"):
+        found.shape("nope", 0, size=1.0)
+    with pytest.raises(fb.SceneError, match="mode 2: there are 2 modes, numbered from 0"):
+        found.shape("beam 1", 2, size=1.0)
 
 
 def test_a_failure_of_slepc_says_what_to_try(monkeypatch):
