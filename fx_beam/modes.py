@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+import bisect
+import functools
+from collections.abc import Callable
 from dataclasses import dataclass
 from importlib.util import find_spec
 
 from petsc4py import PETSc
 
 import numpy as np
+import scipy.linalg
 import scipy.sparse
 from scipy.sparse.linalg import splu
 
@@ -83,9 +87,20 @@ class Modes:
         -------
         (elements * degree + 1, 2) float
             Positions of its nodes, those inside elements included [m].
+
+        Raises
+        ------
+        SceneError
+            For a beam or a mode that is not there.
         """
-        moved = self.shapes[mode, :, :2]
-        nodes = self.nodes_of_beam[beam.name if isinstance(beam, Beam) else beam]
+        name = beam.name if isinstance(beam, Beam) else beam
+        if name not in self.nodes_of_beam:
+            raise SceneError(
+                f"{name!r} is no beam of these modes; they have {list(self.nodes_of_beam)}"
+            )
+        if mode not in range(-len(self), len(self)):
+            raise SceneError(f"mode {mode!r}: there are {len(self)} modes, numbered from 0")
+        moved, nodes = self.shapes[mode, :, :2], self.nodes_of_beam[name]
         scale = size / np.hypot(*moved.T).max()
         return self.positions[nodes] + scale * moved[nodes]
 
@@ -118,10 +133,12 @@ def modes(scene: Scene, state: Solution | None = None, n: int = 6) -> Modes:
     SceneError
         For a scene that cannot vibrate: without mass or unknowns, or with forces that follow the
         motion and have no potential.
+    RuntimeError
+        Where SLEPc is missing, or fails.
     """
     if not isinstance(scene, Scene):
         raise SceneError(f"modes needs an fx_beam.Scene, not {scene!r}")
-    if not isinstance(n, int | np.integer) or n < 1:
+    if isinstance(n, bool) or not isinstance(n, int | np.integer) or n < 1:
         raise SceneError(f"modes: n = {n!r} must be a positive whole number")
     model = Model(scene, Equilibrium(), mobile=True)
     K, M, T, q = _matrices(model, state)
@@ -184,43 +201,65 @@ def _lowest(K, M, n: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     The vectors have the modal mass 1.
     """
     massive = M.diagonal() > 0
+    ratios = abs(K.diagonal()[massive]) / M.diagonal()[massive]
     # Scaled, so that stiffnesses are of size 1 and eigenvalues below it.
-    unit = (abs(K.diagonal()[massive]) / M.diagonal()[massive]).max() or 1.0
+    unit = ratios.max() or 1.0
     scale = scipy.sparse.diags((abs(K.diagonal()) + unit * M.diagonal()) ** -0.5)
     K, M = scale @ K @ scale, unit * scale @ M @ scale
-    shift, n = _shift(K, M, n)
-    vectors = _nearest(K, M, n, shift)
-    # The shift is of the size of the highest mode, and what is far below it is rounded off: one
-    # inverse iteration each, with a shift of its own size, brings it back.
-    values, rounding = _quotients(K, M, vectors)
-    for k, own in enumerate(2 * np.maximum(abs(values), rounding)):
-        vectors[:, k] = splu((K + own * M).tocsc()).solve(M @ vectors[:, k])
-    values, rounding = _quotients(K, M, vectors)
-    order = np.argsort(values)
-    values, rounding, vectors = values[order], rounding[order], vectors[:, order]
-    if _below(K, M, values[-1] - 1e-6 * abs(values[-1]) - rounding[-1]) >= n:
-        raise RuntimeError(f"modes: a multiple frequency was missed; try n = {n + 1}")
-    # Orthogonal, each to those below it, which multiple ones need not be by themselves.
-    triangle = np.linalg.cholesky(vectors.T @ (M @ vectors))
-    vectors = np.sqrt(unit) * (scale @ np.linalg.solve(triangle, vectors.T).T)
-    vectors *= np.sign(vectors[abs(vectors).argmax(axis=0), np.arange(n)])
+    # What is smaller than the least is rounding, in the softest direction.
+    least = 1e4 * np.finfo(float).eps * ratios.min(where=ratios > 1e-20 * unit, initial=unit) / unit
+    values, rounding, vectors = _in_slices(K, M, n, 10.0 ** np.arange(np.log10(least), 4, 0.25))
+    vectors = np.sqrt(unit) * (scale @ vectors)
+    vectors *= np.sign(vectors[abs(vectors).argmax(axis=0), np.arange(vectors.shape[1])])
     return unit * values, unit * rounding, vectors
 
 
-def _shift(K, M, n: int) -> tuple[float, int]:
-    """A shift below all eigenvalues, of the size of the n-th; and n, unless there are fewer."""
-    count = _below(K, M, 1e4)  # the rest are infinite, for unknowns without mass
-    if count < 1:
+def _in_slices(K, M, n: int, sizes: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """The same where eigenvalues have some of these sizes, from below in slices of four decades.
+
+    What is far below a shift is rounded off, so that each slice has its own. A slice is done when
+    it has all that Sylvester's law counts: a Krylov space may lack copies of multiple eigenvalues,
+    or all that are close to one another as seen from the shift, and they come out once the others
+    are deflated.
+    """
+    below = functools.cache(functools.partial(_below, K, M))
+    levels = _levels(below, sizes)
+
+    def reach(k):
+        return levels[bisect.bisect_left(levels, k, hi=len(levels) - 1, key=below)]
+
+    n = min(n, below(levels[-1]))  # the rest are infinite, for unknowns without mass
+    last = reach(n)
+    values, rounding, vectors = np.empty(0), np.empty(0), np.empty((K.shape[0], 0))
+    while (found := len(values)) < max(n, below(last)):
+        bottom, noise = reach(found + 1), rounding.max(initial=levels[levels > 0][0])
+        top = min(last, max(1e4 * bottom, 1e-4 * bottom, noise))
+        shift = -max(top, -10 * bottom, 10 * noise)  # below the slice, and no eigenvalue itself
+        new = _nearest(K, M, max(below(top) - found, 1), shift, vectors)
+        # Rayleigh and Ritz, in what is orthogonal to the slices below.
+        new -= vectors @ (vectors.T @ (M @ new))
+        new = new @ scipy.linalg.eigh(new.T @ (K @ new), new.T @ (M @ new))[1]
+        squares, errors = _quotients(K, M, new)
+        # Above the slice are those that stand in for copies still to come.
+        inside = squares <= max(top + 1e-8 * abs(top), squares[0])
+        values, rounding = np.append(values, squares[inside]), np.append(rounding, errors[inside])
+        vectors = np.column_stack([vectors, new[:, inside]])
+    order = np.argsort(values)[:n]
+    return values[order], rounding[order], vectors[:, order]
+
+
+def _levels(below: Callable[[float], int], sizes: np.ndarray) -> np.ndarray:
+    """Numbers of both signs and these sizes, without those that are rounding."""
+    if below(sizes[-1]) < 1:
         raise SceneError("modes: a part of the scene moves freely and has no mass")
-    n = min(n, count)
-    size = next(size for size in 10.0 ** np.arange(-25, 5) if _below(K, M, size) >= n)
-    for shift in -size * 10.0 ** np.arange(32):
-        if _below(K, M, shift) == 0:
-            return shift, n
-    raise SceneError(
-        "modes: the state is unstable in a motion without mass, which would grow at once; give "
-        "that part a mass, or ask for a state of less load"
-    )
+    if below(-sizes[-1]) != 0:
+        raise SceneError(
+            "modes: the state is unstable in a motion without mass, which would grow at once; give "
+            "that part a mass, or ask for a state of less load"
+        )
+    # A rigid mode may be zero to all digits of a stiff part, which is much for a soft one.
+    least = next(k for k, x in enumerate(sizes) if min(below(x), below(-x)) >= 0)
+    return np.concatenate([-sizes[least:][::-1], sizes[least:]])
 
 
 def _quotients(K, M, vectors: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -228,7 +267,7 @@ def _quotients(K, M, vectors: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     vectors /= np.sqrt(np.einsum("ij,ij->j", vectors, M @ vectors))
     values = np.einsum("ij,ij->j", vectors, K @ vectors)
     sizes = np.einsum("ij,ij->j", abs(vectors), abs(K) @ abs(vectors))
-    return values, 10 * np.finfo(float).eps * sizes
+    return values, 2 * np.finfo(float).eps * sizes
 
 
 def _below(K, M, x: float) -> int:
@@ -248,8 +287,8 @@ def _below(K, M, x: float) -> int:
     return int((factors.U.diagonal() < 0).sum())
 
 
-def _nearest(K, M, n: int, shift: float) -> np.ndarray:
-    """Vectors (size, n) to the eigenvalues nearest to a shift that is below all."""
+def _nearest(K, M, n: int, shift: float, deflated: np.ndarray) -> np.ndarray:
+    """Vectors (size, n or fewer) to the eigenvalues nearest to a shift, but for those deflated."""
     if find_spec("slepc4py") is None:
         raise RuntimeError("modes need SLEPc: install Debian's python3-slepc4py")
     from slepc4py import SLEPc
@@ -258,29 +297,42 @@ def _nearest(K, M, n: int, shift: float) -> np.ndarray:
         rows = matrix.indptr.astype(PETSc.IntType), matrix.indices.astype(PETSc.IntType)
         return PETSc.Mat().createAIJ(matrix.shape, csr=(*rows, matrix.data), comm=PETSc.COMM_SELF)
 
-    A, B = petsc(K.tocsr()), petsc(M.tocsr())
+    # With a trace of mass where there is none, no vector has the norm zero.
+    trace = scipy.sparse.diags(1e-20 * (M.diagonal() == 0))
+    A, B = petsc(K.tocsr()), petsc((M + trace).tocsr())
     solver = SLEPc.EPS().create(PETSc.COMM_SELF)
     solver.setOperators(A, B)
-    # Massless unknowns make M semi-definite, for which SLEPc purifies the vectors.
     solver.setProblemType(SLEPc.EPS.ProblemType.GHEP)
     solver.setDimensions(n, min(K.shape[0], 2 * n + 20))
     solver.setTolerances(1e-12, 1000)
     solver.setTarget(shift)
     solver.setWhichEigenpairs(SLEPc.EPS.Which.TARGET_MAGNITUDE)
+    solver.setDeflationSpace(
+        [PETSc.Vec().createWithArray(x, comm=PETSc.COMM_SELF) for x in deflated.T.copy()]
+    )
     transform = solver.getST()
     transform.setType(SLEPc.ST.Type.SINVERT)
     # The softest pivots of a slender beam are small against its axial stiffness, and no zeros.
+    transform.getKSP().setType(PETSc.KSP.Type.PREONLY)
     factorisation = transform.getKSP().getPC()
     factorisation.setType(PETSc.PC.Type.LU)
     factorisation.setFactorPivot(zeropivot=1e-100)
-    solver.solve()
-    if solver.getConverged() < n:
-        raise RuntimeError(
-            f"modes: SLEPc found {solver.getConverged()} of {n} modes; ask for fewer, or look for "
-            "a stiffness or a mass in the wrong unit"
-        )
-    vectors, x = np.empty((K.shape[0], n)), A.createVecLeft()
-    for k in range(n):
+    try:
+        solver.solve()
+        found = min(solver.getConverged(), n)
+    except PETSc.Error as error:
+        raise _failure(f"failed ({error})") from error
+    if found == 0:
+        raise _failure("found no mode")
+    vectors, x = np.empty((K.shape[0], found)), A.createVecLeft()
+    for k in range(found):
         solver.getEigenvector(k, x)
         vectors[:, k] = x.array
     return vectors
+
+
+def _failure(what: str) -> RuntimeError:
+    return RuntimeError(
+        f"modes: SLEPc {what}; ask for fewer modes, or look for stiffnesses or masses that are of "
+        "very different size, as those in a wrong unit are"
+    )

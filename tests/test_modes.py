@@ -97,6 +97,111 @@ def test_a_free_beam_has_three_rigid_modes(points, height, degree):
     assert str(found).splitlines()[0] == "mode 0: 0 Hz rigid"
 
 
+# -- Rigid modes, copies and slender members -----------------------------------------------------
+
+SLENDERNESS = pytest.mark.parametrize("height", [0.1, 1e-3, 1e-5])
+SPARSE = fb.Section(EA=1e5, GA=1e5, EI=1.0, rhoA=1.0)  # rotations without mass
+
+
+def steel(height):
+    return fb.Section.rectangle(height=height, width=0.1, E=2.1e11, rho=7850.0)
+
+
+def chain(links, height, elements, degree):
+    """Free links in a row with revolute joints between them."""
+    scene, last = fb.Scene(), None
+    for i in range(links):
+        ends = [(0.8 * k, 0.6 * k) for k in (i, i + 1)]
+        link = scene.add_beam(ends, steel(height), elements=elements, degree=degree)
+        if last is not None:
+            scene.add_joint(fb.Revolute(last.end, link.start))
+        last = link
+    return scene
+
+
+def side_by_side(count, section, elements, degree=1, clamped=True):
+    scene = fb.Scene()
+    for y in range(count):
+        beam = scene.add_beam([(0, y), (1, y)], section, elements=elements, degree=degree)
+        if clamped:
+            scene.clamp(beam.start)
+    return scene
+
+
+@SLENDERNESS
+@DEGREES
+@pytest.mark.parametrize(
+    ("links", "elements"), [(1, 1), (1, 2), (1, 8), (1, 32), (1, 128), (3, 1), (3, 8)]
+)
+def test_free_links_have_as_many_rigid_modes_as_they_can_move(links, elements, degree, height):
+    scene = chain(links, height, elements, degree)
+    mobility = 2 + links
+    for n in (1, mobility, 6, 13):
+        found = fb.modes(scene, n=n)
+        assert found.rigid.sum() == min(n, mobility)
+        assert found.rigid[: min(n, mobility)].all() and not found.unstable.any()
+
+
+@SLENDERNESS
+@pytest.mark.parametrize("count", [2, 15])
+def test_free_bodies_have_three_rigid_modes_each(count, height):
+    scene = side_by_side(count, steel(height), 1, clamped=False)
+    for n in (3 * count - 1, 3 * count, 3 * count + 1):
+        assert fb.modes(scene, n=n).rigid.sum() == min(n, 3 * count)
+
+
+@pytest.mark.parametrize("count", [6, 12, 25])
+def test_no_copy_of_a_multiple_frequency_is_missed(count):
+    one = fb.modes(side_by_side(1, SPARSE, 6, degree=2), n=3).angular_frequencies
+    scene = side_by_side(count, SPARSE, 6, degree=2)
+    for n in (1, count - 1, count, count + 2, 2 * count + 1):
+        exact = np.repeat(one, count)[:n]
+        assert fb.modes(scene, n=n).angular_frequencies == pytest.approx(exact, rel=1e-8)
+
+
+@pytest.mark.parametrize("count", [5, 30])
+@pytest.mark.parametrize("elements", [1, 2, 4])
+def test_all_modes_of_many_equal_beams_with_massless_turns_are_found(elements, count):
+    one = fb.modes(side_by_side(1, SPARSE, elements), n=100).angular_frequencies
+    assert len(one) == 2 * elements
+    scene = side_by_side(count, SPARSE, elements)
+    found = fb.modes(scene, n=len(one) * count + 1).angular_frequencies
+    assert found == pytest.approx(np.repeat(one, count), rel=1e-8)
+
+
+@pytest.mark.parametrize(("elements", "degree"), [(1, 3), (2, 1), (2, 2), (8, 1), (8, 2), (8, 3)])
+@pytest.mark.parametrize("n", [5, 9, 14])
+def test_bending_frequencies_of_a_free_beam_are_as_its_height_however_small(elements, degree, n):
+    # Shear takes a share of height^2; axial frequencies, among the n or not, are 1e5 higher.
+    stout, slender = (
+        fb.modes(chain(1, height, elements, degree), n=n).angular_frequencies[3:] / height
+        for height in (1e-4, 1e-5)
+    )
+    bending = stout * 1e-4 < 1e3
+    assert bending.any()
+    assert slender[bending] == pytest.approx(stout[bending], rel=2e-5)
+
+
+def test_parts_of_very_different_stiffness_have_the_modes_that_each_has_alone():
+    stiff = fb.Section(EA=1e9, GA=1e9, EI=10.0, rhoA=1.0)
+    soft = fb.Section(EA=1.0, GA=1.0, EI=1e-8, rhoA=1.0)
+
+    def squeezed(*sections):
+        scene = fb.Scene()
+        for y, section in enumerate(sections):
+            beam = scene.add_beam([(0, y), (1, y)], section, elements=8, degree=2)
+            scene.pin(beam.start)
+            scene.fix(beam.end, "y")
+            # Between the second and the third critical load.
+            scene.add_force(beam.end, (-4.5 * math.pi**2 * section.EI, 0))
+        return fb.modes(scene, fb.static(scene), n=6).angular_frequencies
+
+    alone = squeezed(stiff)[:2], squeezed(soft)
+    assert (alone[0] < 0).all() and (alone[1] < 0).tolist() == [True] * 2 + [False] * 4
+    exact = np.concatenate(alone)[:6]
+    assert squeezed(stiff, soft) == pytest.approx(exact, rel=1e-5)
+
+
 @pytest.mark.parametrize("free", [False, True], ids=["supported", "free ring"])
 def test_shapes_have_the_modal_mass_one_and_are_orthogonal(free):
     scene = simply_supported(2, 4, square(0.1))
@@ -341,6 +446,8 @@ def test_modes_of_what_cannot_vibrate_are_refused():
         fb.modes(scene.beams[0])
     with pytest.raises(fb.SceneError, match="n = 0 must be"):
         fb.modes(scene, n=0)
+    with pytest.raises(fb.SceneError, match="n = True must be"):
+        fb.modes(scene, n=True)
     with pytest.raises(fb.SceneError, match="must be a solution"):
         fb.modes(scene, state=3)
     other = fb.simulate(simply_supported(1, 3, FLYING), dt=0.1, t_end=0.1)
@@ -352,6 +459,26 @@ def test_modes_of_what_cannot_vibrate_are_refused():
     massless = simply_supported(1, 2, fb.Section(EA=1, GA=1, EI=1))
     with pytest.raises(fb.SceneError, match="no mass"):
         fb.modes(massless)
+
+
+def test_a_shape_of_a_beam_or_a_mode_that_is_not_there_is_refused():
+    found = fb.modes(simply_supported(1, 4, SPARSE), n=2)
+    with pytest.raises(fb.SceneError, match="'nope' is no beam of these modes; they have"):
+        found.shape("nope", 0, size=1.0)
+    with pytest.raises(fb.SceneError, match="mode 2: there are 2 modes, numbered from 0"):
+        found.shape("beam 1", 2, size=1.0)
+
+
+def test_a_failure_of_slepc_says_what_to_try(monkeypatch):
+    from slepc4py import SLEPc
+
+    class Stuck(SLEPc.EPS):
+        def getConverged(self):
+            return 0
+
+    monkeypatch.setattr(SLEPc, "EPS", Stuck)
+    with pytest.raises(RuntimeError, match="SLEPc found no mode; ask for fewer modes"):
+        fb.modes(simply_supported(1, 4, SPARSE), n=1)
 
 
 def test_a_force_that_follows_the_motion_is_refused_and_a_bed_of_springs_is_not():
