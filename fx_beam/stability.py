@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
@@ -11,11 +13,12 @@ from .cell import Case, Cell
 from .drift import Drift, drift_of
 from .dynamics import simulate
 from .errors import SceneError, StepError
+from .findings import counts
 from .recorder import Record
 from .schemes import Scheme
 from .solution import Solution
-from .stability_report import counts, write
-from .verdict import BLOWN_UP, KEPT, KINDS, Verdict, classify, energy_ratio
+from .stability_report import write
+from .verdict import BLOWN_UP, KEPT, KINDS, Verdict, classify, energy_ratio, no_verdict
 
 __all__ = [
     "BLOWN_UP",
@@ -37,24 +40,33 @@ _log = logging.getLogger("fx_beam")
 
 # Points of a curve that are kept.
 _POINTS = 400
+#: Parts of the time step by which it is made another for doubtful runs, which turns the last digits
+#: of all that is computed. No more, as a load that jumps between two steps shall still do so.
+PERTURBATIONS = 1e-15, -1e-15
 
 
 def study(
-    schemes: Mapping[str, Scheme],
+    schemes: Mapping[str, Scheme] | Sequence[Scheme],
     cases: Iterable[Case],
     *,
-    max_halvings: int = 8,
+    max_halvings: int = 12,
 ) -> list[Cell]:
     """Verdicts on all schemes in all cases.
 
+    A run that does not keep the energy, or halves its steps often, is repeated with steps that are
+    longer and shorter by 1e-15 of them: where its verdict or its number then is another, it is one
+    of rounding, which another machine may do otherwise, and is marked as such.
+
     Parameters
     ----------
-    schemes : dict
-        Time schemes by name.
+    schemes : dict or sequence of Scheme
+        Time schemes, by label or by their names.
     cases : iterable of Case
-        What they are tried on.
+        What they are tried on. One that cannot be computed, or in which nothing moves, gives cells
+        without a verdict that say why.
     max_halvings : int
-        How often a failing step is halved before the run is given up, for all schemes alike.
+        How often a failing step is halved before the run is given up, for all schemes alike. A
+        motion whose energy has blown up by then is given up earlier.
 
     Returns
     -------
@@ -64,7 +76,9 @@ def study(
     Raises
     ------
     SceneError
-        If a scene cannot be computed, or two cases have one name.
+        Before anything runs, if there are no cases or schemes, or two have one name.
+    KeyboardInterrupt
+        If interrupted. Its attribute `cells` holds all that were found.
 
     Examples
     --------
@@ -74,46 +88,106 @@ def study(
     ...     fb.stability.Case("Arm: EA [N]", f"{EA:g}", lambda EA=EA: arm(EA), dt=0.01, t_end=5.0)
     ...     for EA in (1e6, 1e10)
     ... ]
-    >>> schemes = {"EnergyMomentum": fb.EnergyMomentum(), "Newmark": fb.Newmark()}
+    >>> schemes = [fb.EnergyMomentum(), fb.Newmark()]
     >>> cells = fb.stability.study(schemes, cases)
     >>> fb.stability.write("results/arm", cells, "an arm")  # .json, .md and pictures
     """
-    cases = list(cases)
+    labelled, cases = _labelled(schemes), list(cases)
+    _check(labelled, cases)
+    cells: list[Cell] = []
+    try:
+        for case in cases:
+            for name, scheme in labelled.items():
+                cells.append(_cell(case, name, scheme, max_halvings))
+    except KeyboardInterrupt as stop:
+        stop.cells = cells  # type: ignore[attr-defined]
+        raise
+    return cells
+
+
+def _labelled(schemes: Mapping[str, Scheme] | Sequence[Scheme]) -> Mapping[str, Scheme]:
+    listed = list(schemes.values() if isinstance(schemes, Mapping) else schemes)
+    if wrong := [scheme for scheme in listed if not isinstance(scheme, Scheme)]:
+        raise SceneError(
+            f"unknown scheme {wrong[0]!r}; give one such as fx_beam.EnergyMomentum(), with its "
+            "brackets"
+        )
+    if isinstance(schemes, Mapping):
+        return schemes
+    names = [scheme.name for scheme in listed]
+    if twice := [name for name in names if names.count(name) > 1]:
+        raise SceneError(
+            f"several schemes are called {twice[0]}; give a dict of labels and schemes"
+        )
+    return dict(zip(names, listed, strict=True))
+
+
+def _check(schemes: Mapping[str, Scheme], cases: list[Case]) -> None:
+    for name, given in (("schemes", schemes), ("cases", cases)):
+        if not given:
+            raise SceneError(f"a study needs {name}; none are given")
+    if wrong := [case for case in cases if not isinstance(case, Case)]:
+        raise SceneError(f"{wrong[0]!r} is no fx_beam.stability.Case")
     if len({case.name for case in cases}) < len(cases):
         raise SceneError("two cases have the same group and label; give them different ones")
-    return [
-        _cell(case, name, scheme, max_halvings)
-        for case in cases
-        for name, scheme in schemes.items()
-    ]
 
 
 def _cell(case: Case, name: str, scheme: Scheme, max_halvings: int) -> Cell:
     try:
-        run = _run(case, scheme, max_halvings)
-        verdict = classify(run, case.t_end, case.start)
-    except SceneError as error:
-        raise SceneError(f"{case.name}, {name}: {error}") from error
-    solution: Solution = run.solution if isinstance(run, StepError) else run
-    t, ratio = energy_ratio(solution, case.start)
-    drift = None
-    if case.drifts and verdict.kind in ("kept", "lost", "gained"):
-        drift = drift_of(ratio - 1)
-    _log.info("%s, %s: %s", case.name, name, verdict.kind)
+        cell = _judged(case, name, scheme, max_halvings)
+    except Exception as error:  # in a scene of the caller's: no reason to lose the other cells
+        reason = str(error) if isinstance(error, SceneError) else repr(error)
+        cell = Cell(case, name, scheme.name, no_verdict(reason), max_halvings=max_halvings)
+    _log.info("%s, %s: %s", case.name, name, cell.verdict.kind)
+    return cell
+
+
+def _judged(case: Case, name: str, scheme: Scheme, max_halvings: int) -> Cell:
+    run, verdict = _run(case, scheme, max_halvings)
+    cell = Cell(case, name, scheme.name, verdict, max_halvings=max_halvings)
+    if verdict.kind != "kept" or cell.halved_often:
+        others = tuple(_run(case, scheme, max_halvings, 1 + part)[1] for part in PERTURBATIONS)
+        cell = replace(cell, others=others)
+    solution: Solution | None = run.solution if isinstance(run, StepError) else run
+    return cell if solution is None else replace(cell, **_curve(case, verdict, solution))
+
+
+def _curve(case: Case, verdict: Verdict, solution: Solution) -> dict[str, Any]:
+    """What else a cell holds of a run."""
+    ratio = energy_ratio(solution)
     kept = _thinned(ratio)
-    seconds = solution.stats.seconds
-    return Cell(case, name, scheme.name, verdict, t[kept], ratio[kept], seconds, drift)
+    found = {"t": solution.t[kept], "ratio": ratio[kept], "seconds": solution.stats.seconds}
+    if case.drifts and solution.end is not None and verdict.kind in ("kept", "lost", "gained"):
+        turns = abs(solution.end.q[:, 2]).max() / (2 * np.pi)
+        found |= {"drift": drift_of(ratio - 1), "turns": float(turns)}
+    return found
 
 
-def _run(case: Case, scheme: Scheme, max_halvings: int) -> Solution | StepError:
+def _run(
+    case: Case, scheme: Scheme, max_halvings: int, stretch: float = 1.0
+) -> tuple[Solution | StepError, Verdict]:
+    """A run, and the verdict on it.
+
+    Steps are halved where they fail, so that a run is the same whatever the limit until it is met:
+    one that has blown up by then needs no higher one, which would only draw out a lost motion.
+    """
+    for limit in (*range(2, max_halvings, 2), max_halvings):
+        run = _simulated(case, scheme, limit, stretch)
+        verdict = classify(run, case.t_end * stretch)
+        if verdict.kind != "failed":
+            break
+    return run, verdict
+
+
+def _simulated(case: Case, scheme: Scheme, limit: int, stretch: float) -> Solution | StepError:
     try:
         return simulate(
             case.scene(),
             scheme,
-            dt=case.dt,
-            t_end=case.t_end,
+            dt=case.dt * stretch,
+            t_end=case.t_end * stretch,
             newton=case.newton,
-            max_halvings=max_halvings,
+            max_halvings=limit,
             record=Record(motion=False, rates=False, forces=False),
             progress=False,
         )

@@ -9,11 +9,12 @@ import numpy as np
 from .errors import SceneError, StepError
 from .solution import Solution
 
-#: Kept: the energy is off by no more than this part of what moves.
+#: Kept: the energy is off by no more than this part of what should move.
 KEPT = 1e-8
 #: Blown up: the energy was more than this many times what it should be.
 BLOWN_UP = 10.0
-KINDS = "kept", "lost", "gained", "blew up", "failed"
+#: The last is for a case that cannot be computed, or in which nothing moves.
+KINDS = "kept", "lost", "gained", "blew up", "failed", "no verdict"
 
 
 @dataclass(frozen=True)
@@ -29,12 +30,13 @@ class Verdict:
     reached : float
         Part of the time that was asked for.
     highest, lowest : float
-        Extremes of the ratio of the energy to what it should be; NaN if the run broke off before
-        loads had ended or anything moved.
-    steps, iterations, halvings : int
-        Steps, Newton's corrections in all, and steps split in two.
+        Extremes of `energy_ratio`; NaN where there is no verdict.
+    steps, substeps : int
+        Steps of the time grid, and steps taken, each part of a halved one counted.
+    iterations, halvings : int
+        Newton's corrections in all, and how often a step was halved.
     reason : str
-        Why the run broke off; empty if it did not.
+        Why the run broke off, or why there is no verdict; empty if it ended.
     """
 
     kind: str
@@ -43,6 +45,7 @@ class Verdict:
     highest: float
     lowest: float
     steps: int
+    substeps: int
     iterations: int
     halvings: int
     reason: str
@@ -57,64 +60,69 @@ class Verdict:
         """Largest energy gained, as a part of what should be there; 0 for none."""
         return max(self.highest - 1, 0.0)
 
+    @property
+    def amount(self) -> float:
+        """The number that goes with the kind.
 
-def energy_ratio(solution: Solution, start: float = 0.0) -> tuple[np.ndarray, np.ndarray]:
+        The largest error where the energy was kept; the part that was lost or gained; how many
+        times the energy where it blew up; the part of the time reached where the run failed.
+        """
+        if self.kind == "lost":
+            return 1 - self.lowest
+        if self.kind == "gained":
+            return self.gain
+        if self.kind == "blew up":
+            return self.highest
+        return self.reached if self.kind == "failed" else self.worst
+
+    @property
+    def parts(self) -> float:
+        """Steps taken for each of the time grid; 1 where none was halved."""
+        return self.substeps / self.steps if self.steps else 1.0
+
+
+def energy_ratio(solution: Solution) -> np.ndarray:
     r"""Energy over what it should be.
 
-    .. math:: r = 1 + \frac{e(t) - e(t_0)}{E_0}, \qquad e = E - E(0) - W,
+    .. math:: r = 1 + \frac{e(t)}{E_0}, \qquad e = E - E(0) - W,
+        \qquad E_0 = \max_t \left(T(0) + U(0) + W(t) - V(t) + V(0)\right),
 
-    with the work W of all loads, so that r = 1 holds under loads as well, and E_0 the kinetic and
-    strain energy at `start` and the largest work since then; in a fall from rest, where both are
-    zero, the largest change of the potential energy.
+    with the work W of all loads, so that r = 1 holds under loads as well. E_0 is the largest
+    kinetic and strain energy T + U that should have been there, given what loads and the weight
+    with its potential V have done: where there are none that at the start, and in a fall from rest
+    what the fall sets free. As T and U are not negative, nor is r.
 
     Parameters
     ----------
     solution : Solution
         A run, as far as it went.
-    start : float
-        Time t_0 from which the energy is judged [s]; the end of loads whose work a scheme has but
-        to second order.
 
     Returns
     -------
-    t : (n,) float
-        Times from `start` on [s].
-    ratio : (n,) float
-        The ratio at these; infinite where the energy is not finite.
+    (n,) float
+        The ratio at the times of the solution; infinite where the energy is not finite.
 
     Raises
     ------
     SceneError
         If nothing moves, so that there is no energy to compare with.
     """
-    after = solution.t >= start * (1 - 1e-9)
-    energy, t = solution.energy, solution.t[after]
-    if not len(t):
-        return t, np.empty(0)
-    error, work, potential = (
-        np.asarray(values)[after]
-        for values in (energy.balance_error, energy.work, energy.potential)
-    )
-    moving = (energy.kinetic + energy.strain)[after][0]
-    scale = moving + _largest_change(work) or _largest_change(potential)
-    if not scale > 0:
-        if solution.stats.failure:  # before anything moved
-            return t[:0], np.empty(0)
-        raise SceneError(
-            f"no energy moves from t = {start:g} to {t[-1]:g}: give a later start, or a scene with "
-            "loads or velocities"
-        )
+    energy = solution.energy
     with np.errstate(invalid="ignore", over="ignore"):
-        ratio = 1 + (error - error[0]) / scale
-    return t, np.where(np.isfinite(ratio), ratio, np.inf)
+        moving = energy.kinetic[0] + energy.strain[0] + energy.work - energy.work[0]
+        moving = moving - energy.potential + energy.potential[0]
+        scale = moving[np.isfinite(moving)].max()
+        if scale > 0:
+            ratio = 1 + np.asarray(energy.balance_error) / scale
+            return np.where(np.isfinite(ratio), ratio, np.inf)
+    if solution.stats.failure:  # before anything moved
+        return np.ones(len(solution.t))
+    raise SceneError(
+        f"no energy moves from t = 0 to {solution.t[-1]:g}: give a scene with loads or velocities"
+    )
 
 
-def _largest_change(values: np.ndarray) -> float:
-    changes = abs(values - values[0])
-    return float(changes[np.isfinite(changes)].max())
-
-
-def classify(run: Solution | StepError, t_end: float, start: float = 0.0) -> Verdict:
+def classify(run: Solution | StepError, t_end: float) -> Verdict:
     """Verdict on a run.
 
     In this order: `blew up` if the ratio of the energy exceeded `BLOWN_UP` or was not finite, with
@@ -127,17 +135,22 @@ def classify(run: Solution | StepError, t_end: float, start: float = 0.0) -> Ver
         What `simulate` gave or raised.
     t_end : float
         Time that was asked for [s].
-    start : float
-        Time from which the energy is judged [s].
 
     Returns
     -------
     Verdict
         The verdict.
+
+    Raises
+    ------
+    SceneError
+        If nothing moves.
     """
     solution = run.solution if isinstance(run, StepError) else run
-    _, ratio = energy_ratio(solution, start)
-    highest, lowest = (ratio.max(), ratio.min()) if len(ratio) else (np.nan, np.nan)
+    if isinstance(run, StepError) and solution is None:  # no step was tried
+        return Verdict("failed", run.time, run.time / t_end, 1.0, 1.0, 0, 0, 0, 0, str(run))
+    ratio = energy_ratio(solution)
+    highest, lowest = float(ratio.max()), float(ratio.min())
     stats, reason = solution.stats, solution.stats.failure
     if highest > BLOWN_UP:
         kind = "blew up"
@@ -152,10 +165,27 @@ def classify(run: Solution | StepError, t_end: float, start: float = 0.0) -> Ver
         kind=kind,
         time=time,
         reached=time / t_end,
-        highest=float(highest),
-        lowest=float(lowest),
+        highest=highest,
+        lowest=lowest,
         steps=stats.steps,
+        substeps=stats.substeps,
         iterations=stats.newton_iterations,
         halvings=stats.halvings,
         reason=reason,
     )
+
+
+def no_verdict(reason: str) -> Verdict:
+    """Verdict on a case that cannot be computed, or in which nothing moves.
+
+    Parameters
+    ----------
+    reason : str
+        Why.
+
+    Returns
+    -------
+    Verdict
+        The verdict.
+    """
+    return Verdict("no verdict", 0.0, 0.0, np.nan, np.nan, 0, 0, 0, 0, reason)

@@ -79,6 +79,8 @@ LAYERS = [
     "verdict",
     "drift",
     "cell",
+    "findings",
+    "stability_picture",
     "stability_report",
     "stability",
 ]
@@ -133,7 +135,7 @@ def test_imports_point_downwards(module):
 
 def test_pictures_are_imported_by_what_writes_reports_only():
     drawing = {module for module in SOURCES if "plot" in own_imports(module)}
-    assert drawing <= {"precision_picture", "precision_report", "stability_report"}
+    assert drawing <= {"precision_picture", "precision_report", "stability_picture"}
 
 
 def test_the_model_knows_nothing_of_solutions():
