@@ -4,7 +4,7 @@
     ./run report stability --quick    a few cases of each kind
 
 The scenes are the demos', with other constants. A failing step is halved at most 12 times, as
-`simulate` has it by default.
+`simulate` has it by default. The short form repeats doubtful runs once.
 """
 
 import argparse
@@ -443,16 +443,16 @@ def main(quick=False, results=ROOT / "results" / "stability"):
     """Cells of the cases, cells of Newton's tolerance, and units; also as files in a directory."""
     # A halved step is a number in the tables.
     logging.getLogger("fx_beam").setLevel(logging.ERROR)
-    clock = perf_counter()
+    clock, repeats = perf_counter(), 1 if quick else 4
     units = compare_units()
     report.write_json(results / "units.json", units)
 
-    by_tolerance = fb.stability.study(SCHEMES, tolerances(quick))
+    by_tolerance = fb.stability.study(SCHEMES, tolerances(quick), repeats=repeats)
     title, owed = "what the schemes owe to Newton's tolerance", owed_to_tolerance(by_tolerance)
     fb.stability.write(results / "tolerances", by_tolerance, title, findings=owed)
 
     cases = [case for group in GROUPS for case in group(quick)]
-    cells = fb.stability.study(SCHEMES, cases)
+    cells = fb.stability.study(SCHEMES, cases, repeats=repeats)
     title = "stiff and extreme cases"
     fb.stability.write(results / "cases", cells, title, remarks=units_page(units))
     print(*owed, *findings.sentences(cells), sep="\n")

@@ -40,9 +40,9 @@ _log = logging.getLogger("fx_beam")
 
 # Points of a curve that are kept.
 _POINTS = 400
-#: Parts of the time step by which it is made another for doubtful runs, which turns the last digits
-#: of all that is computed. No more, as a load that jumps between two steps shall still do so.
-PERTURBATIONS = 1e-15, -1e-15
+# Smallest part of the time step by which it is made another, which turns the last digits of all
+# that is computed. No larger, as a load that jumps between two steps shall still do so.
+_DIGIT = 2.0**-51
 
 
 def study(
@@ -50,12 +50,13 @@ def study(
     cases: Iterable[Case],
     *,
     max_halvings: int = 12,
+    repeats: int = 4,
 ) -> list[Cell]:
     """Verdicts on all schemes in all cases.
 
-    A run that does not keep the energy, or halves its steps often, is repeated with steps that are
-    longer and shorter by 1e-15 of them: where its verdict or its number then is another, it is one
-    of rounding, which another machine may do otherwise, and is marked as such.
+    A run that does not keep the energy, or halves its steps often, is repeated with time steps that
+    differ in their last digit: where its verdict or its number then is another, it is one of
+    rounding, which another machine may do otherwise, and is marked as such.
 
     Parameters
     ----------
@@ -67,6 +68,8 @@ def study(
     max_halvings : int
         How often a failing step is halved before the run is given up, for all schemes alike. A
         motion whose energy has blown up by then is given up earlier.
+    repeats : int
+        How often a doubtful run is repeated.
 
     Returns
     -------
@@ -98,7 +101,7 @@ def study(
     try:
         for case in cases:
             for name, scheme in labelled.items():
-                cells.append(_cell(case, name, scheme, max_halvings))
+                cells.append(_cell(case, name, scheme, max_halvings, repeats))
     except KeyboardInterrupt as stop:
         stop.cells = cells  # type: ignore[attr-defined]
         raise
@@ -132,9 +135,9 @@ def _check(schemes: Mapping[str, Scheme], cases: list[Case]) -> None:
         raise SceneError("two cases have the same group and label; give them different ones")
 
 
-def _cell(case: Case, name: str, scheme: Scheme, max_halvings: int) -> Cell:
+def _cell(case: Case, name: str, scheme: Scheme, max_halvings: int, repeats: int) -> Cell:
     try:
-        cell = _judged(case, name, scheme, max_halvings)
+        cell = _judged(case, name, scheme, max_halvings, repeats)
     except Exception as error:  # in a scene of the caller's: no reason to lose the other cells
         reason = str(error) if isinstance(error, SceneError) else repr(error)
         cell = Cell(case, name, scheme.name, no_verdict(reason), max_halvings=max_halvings)
@@ -142,11 +145,12 @@ def _cell(case: Case, name: str, scheme: Scheme, max_halvings: int) -> Cell:
     return cell
 
 
-def _judged(case: Case, name: str, scheme: Scheme, max_halvings: int) -> Cell:
+def _judged(case: Case, name: str, scheme: Scheme, max_halvings: int, repeats: int) -> Cell:
     run, verdict = _run(case, scheme, max_halvings)
     cell = Cell(case, name, scheme.name, verdict, max_halvings=max_halvings)
     if verdict.kind != "kept" or cell.halved_often:
-        others = tuple(_run(case, scheme, max_halvings, 1 + part)[1] for part in PERTURBATIONS)
+        digits = [_DIGIT * (number // 2 + 1) * (-1) ** number for number in range(repeats)]
+        others = tuple(_run(case, scheme, max_halvings, 1 + digit)[1] for digit in digits)
         cell = replace(cell, others=others)
     solution: Solution | None = run.solution if isinstance(run, StepError) else run
     return cell if solution is None else replace(cell, **_curve(case, verdict, solution))

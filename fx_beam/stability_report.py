@@ -87,7 +87,10 @@ def numbers(cells: list[Cell]) -> dict[str, Any]:
                 "t_end": cell.case.t_end,
                 "scheme": cell.scheme,
                 **asdict(cell.verdict),
-                "with other rounding": [asdict(verdict) for verdict in cell.others],
+                "with other rounding": [
+                    {key: getattr(other, key) for key in ("kind", "time", "highest", "lowest")}
+                    for other in cell.others
+                ],
                 "seconds": cell.seconds,
                 "drift": cell.drift and asdict(cell.drift),
                 "turns": cell.turns,
@@ -184,8 +187,9 @@ def _criteria(cells: list[Cell]) -> str:
         "A run reached the end of its row, or what its cell says. Where steps were halved, the "
         "cell says how many were taken for each, such as *steps x1.2*. After a ~ stands what the "
         "same run comes to with a step that is another in its last digit: another verdict, or a "
-        f"number that differs by more than {SAME:.0%}. Runs are repeated so, twice, but for those "
-        f"that kept the energy with less than {OFTEN:g} steps for each.\n"
+        f"number that differs by more than {100 * SAME:g} %. All runs are repeated so, "
+        f"{max(len(cell.others) for cell in cells)} times, but for those that kept the energy with "
+        f"less than {OFTEN:g} steps for each.\n"
     )
 
 

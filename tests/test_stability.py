@@ -337,6 +337,14 @@ def test_lost_motions_depend_on_rounding():
     assert any(cell.other is not None for cell in cells)
 
 
+@pytest.mark.parametrize("scheme", [fb.Newmark(), fb.HHT(-0.1)], ids=["Newmark", "HHT"])
+def test_another_last_digit_of_the_step_does_not_move_a_jump_of_the_load(scheme):
+    bench = benchmark("stability")
+    case = bench.on_swing("pulse", "0.5", PULSE=bench.blow(bench.SWING.DT, 0.256))
+    (cell,) = stability.study([scheme], [case])
+    assert len(cell.others) == 4 and cell.other is None
+
+
 def test_halved_steps_are_counted_and_marked(tmp_path):
     bench = benchmark("stability")
     case = bench.on_pendulum("turn", "2.1", 0.01, SPEED=100 * np.tan(2.1 / 2))
