@@ -114,10 +114,10 @@ def _sentence(scheme: str, cells: list[Cell]) -> str:
         )
     if unsure := [(cell.verdict, cell.other) for cell in cells if cell.other]:
         turned = [one for one, other in unsure if one.kind != other.kind]
-        lines.append(
-            f"Other rounding turns {_number(len(unsure), 'number')}"
-            + (f", and with them {_number(len(turned), 'verdict')}" if turned else "")
-        )
+        lines.append(f"Other rounding turns {_number(len(unsure), 'number')}")
+        if turned:
+            them = "them" if len(unsure) > 1 else "it"
+            lines[-1] += f", and {_number(len(turned), 'verdict')} with {them}"
     return ". ".join(lines) + "."
 
 
