@@ -1,4 +1,4 @@
-"""What a study is asked for: quantities, schemes, time steps and meshes that make sense."""
+"""What studies are asked for: quantities, schemes, time steps and meshes that make sense."""
 
 from __future__ import annotations
 

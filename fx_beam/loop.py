@@ -18,12 +18,12 @@ from .stepping import Stepper
 
 
 class CompiledLoop:
-    """Steps of a scene in compiled code; a step that fails goes to the stepper, which may halve it.
+    """Steps of a scene in compiled code, in parts where they fail as a whole.
 
     Parameters
     ----------
     stepper : Stepper
-        The model, its statistics, and the way out.
+        The model, its statistics, and what says why a step fails at last.
     options : NewtonOptions
         When Newton's method stops.
 

@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from . import candidates
 from .cell import Case, Cell
 from .drift import Drift, drift_of
 from .dynamics import simulate
@@ -95,8 +96,8 @@ def study(
     >>> cells = fb.stability.study(schemes, cases)
     >>> fb.stability.write("results/arm", cells, "an arm")  # .json, .md and pictures
     """
-    labelled, cases = _labelled(schemes), list(cases)
-    _check(labelled, cases)
+    labelled, cases = candidates.labelled(schemes), list(cases)
+    _check(cases)
     cells: list[Cell] = []
     try:
         for case in cases:
@@ -108,27 +109,9 @@ def study(
     return cells
 
 
-def _labelled(schemes: Mapping[str, Scheme] | Sequence[Scheme]) -> Mapping[str, Scheme]:
-    listed = list(schemes.values() if isinstance(schemes, Mapping) else schemes)
-    if wrong := [scheme for scheme in listed if not isinstance(scheme, Scheme)]:
-        raise SceneError(
-            f"unknown scheme {wrong[0]!r}; give one such as fx_beam.EnergyMomentum(), with its "
-            "brackets"
-        )
-    if isinstance(schemes, Mapping):
-        return schemes
-    names = [scheme.name for scheme in listed]
-    if twice := [name for name in names if names.count(name) > 1]:
-        raise SceneError(
-            f"several schemes are called {twice[0]}; give a dict of labels and schemes"
-        )
-    return dict(zip(names, listed, strict=True))
-
-
-def _check(schemes: Mapping[str, Scheme], cases: list[Case]) -> None:
-    for name, given in (("schemes", schemes), ("cases", cases)):
-        if not given:
-            raise SceneError(f"a study needs {name}; none are given")
+def _check(cases: list[Case]) -> None:
+    if not cases:
+        raise SceneError("a study needs cases; none are given")
     if wrong := [case for case in cases if not isinstance(case, Case)]:
         raise SceneError(f"{wrong[0]!r} is no fx_beam.stability.Case")
     if len({case.name for case in cases}) < len(cases):
