@@ -9,7 +9,8 @@ from typing import Any
 import numpy as np
 
 from .beam import Beam, Node
-from .values import TimeFunction
+from .errors import SceneError
+from .values import Constant, TimeFunction, check_takes_time, checked_function, time_function
 
 
 @dataclass(frozen=True)
@@ -27,15 +28,31 @@ class Load:
         reference length.
     follower : bool
         Whether a force turns with the section of its node.
+    along : callable, optional
+        ``along(s)``, a line load [qx, qy] at the arc length s, of which ``value(t)`` is then the
+        factor.
     """
 
     kind: str
     target: Node | Beam
     value: TimeFunction
     follower: bool = False
+    along: Callable[[float], np.ndarray] | None = None
 
     def __str__(self):
         return f"{'follower ' if self.follower else ''}{self.kind} on {label(self.target)}"
+
+
+def line_load(beam: Beam, load, of: str) -> Load:
+    """Line load on a beam from a constant, or a function of the time or of the arc length."""
+    what = f"line load on {label(beam)}"
+    if of == "time":
+        check_takes_time(load, what)
+        return Load("line load", beam, time_function(load, 2, what))
+    if of == "arc length":
+        along = checked_function(load, 2, what, 0.0)
+        return Load("line load", beam, Constant(np.ones(1)), along=along)
+    raise SceneError(f"{what}: of = {of!r} must be 'time' or 'arc length'")
 
 
 @dataclass(frozen=True)

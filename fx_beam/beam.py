@@ -37,7 +37,7 @@ class Node:
         return f"node {self.number} at ({self.x:g}, {self.y:g})"
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Beam:
     """A beam along a polyline, whose corners are rigid, or along a curve.
 
@@ -61,9 +61,12 @@ class Beam:
     name: str
     nodes: tuple[Node, ...]
     degree: int
-    s: np.ndarray = field(repr=False, compare=False)
-    section: Any = field(repr=False, default=None)
-    inner: np.ndarray | None = field(repr=False, compare=False, default=None)
+    s: np.ndarray = field(compare=False)
+    section: Any = None
+    inner: np.ndarray | None = field(compare=False, default=None)
+
+    def __repr__(self):
+        return f"<Beam {self.name!r}: {self.elements} elements from {self.start} to {self.end}>"
 
     @property
     def start(self) -> Node:

@@ -9,6 +9,7 @@ from dataclasses import asdict
 import numpy as np
 
 from .beam import COMPONENTS, Node
+from .files import writable
 
 #: Format of saved files, and the arrays in them that bear their own name.
 FORMAT = "fx_beam solution 1"
@@ -37,6 +38,7 @@ def save(solution, path) -> None:
     path : str or path
         File to write.
     """
+    path = writable(path)
     arrays = {name: getattr(solution, name) for name in HISTORIES}
     arrays |= {f"energy_{name}": value for name, value in vars(solution.energy).items()}
     if solution.end is not None:
@@ -66,6 +68,12 @@ def to_csv(solution, path, nodes: dict[str, Node]) -> None:
     nodes : dict
         Nodes by the names that their columns shall have.
     """
+    path = writable(path)
+    if not isinstance(nodes, dict):
+        raise ValueError(
+            f"nodes = {nodes!r} must be a dict of nodes by the names of their columns, such as "
+            "{'tip': beam.end}"
+        )
     columns = {"load factor" if solution.stats.static else "t": solution.t}
     columns |= {f"energy {name}": value for name, value in vars(solution.energy).items()}
     columns["energy total"] = solution.energy.total

@@ -23,7 +23,8 @@ class Loads:
     mesh : Mesh
         Numbering of the degrees of freedom.
     line_load : callable
-        ``line_load(beam)``, the columns (size, 2) of a unit line load.
+        ``line_load(load)``, the columns (size, 2) of a unit line load, or (size, 1) of one that
+        varies along its beam.
 
     Attributes
     ----------
@@ -36,7 +37,7 @@ class Loads:
         columns = [np.zeros((mesh.dofs.size, 0))]
         for load in self._loads:
             if isinstance(load.target, Beam):
-                columns.append(line_load(load.target))
+                columns.append(line_load(load))
                 continue
             dofs = mesh.dofs[load.target.number]
             dofs = dofs[:2] if load.kind == "force" else dofs[2:]

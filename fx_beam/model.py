@@ -11,6 +11,7 @@ import numpy as np
 import scipy.sparse
 
 from . import compat
+from .actions import Load
 from .actuators import Actuators
 from .beam_data import on_beam, section_data
 from .couplings import couple, motors
@@ -22,6 +23,7 @@ from .mesh import build_mesh
 from .reduction import IndexReduction, Reduction
 from .scene import Scene
 from .schemes import Scheme
+from .values import vector
 
 
 class Model:
@@ -171,22 +173,38 @@ class Model:
             )
             self.assembled.append("joints")
 
-    def _assemble_line_load(self, beam) -> np.ndarray:
-        """Nodal forces (size, 2) of a unit line load along x and along y."""
-        where = on_beam(self.mesh, self.scene, beam)
-        direction = compat.constant(self.mesh.mesh, np.zeros(2))
-        dx = compat.measure(self.mesh.mesh, self._full_rule)
-        work = where * ufl.dot(direction, self.forms.step.virtual_u) * dx
-        form = compat.compile_form(work, "line load")
+    def _assemble_line_load(self, load: Load) -> np.ndarray:
+        """Nodal forces (size, 2) of a unit line load along x and y, or (size, 1) of one along s."""
+        mesh = self.mesh.mesh
+        if load.along is not None:
+            force = compat.at_gauss_points(mesh, self._at_gauss_points(load))
+            columns, directions = np.zeros((self.size, 1)), np.ones((1, 1))
+        else:
+            direction = compat.constant(mesh, np.zeros(2))
+            force = on_beam(self.mesh, self.scene, load.target) * direction
+            columns, directions = np.zeros((self.size, 2)), np.eye(2)
+        dx = compat.measure(mesh, self._full_rule)
+        form = compat.compile_form(ufl.dot(force, self.forms.step.virtual_u) * dx, "line load")
         if "line load" not in self.compiled:
             self.compiled.append("line load")
-        columns = np.zeros((self.size, 2))
-        for i in (0, 1):
-            direction.value = np.eye(2)[i]
-            column = np.zeros(self.size)
-            compat.assemble_vector(column, form)
-            columns[:, i] = column
+        for column, value in zip(columns.T, directions, strict=True):
+            if load.along is None:
+                direction.value = value
+            nodal = np.zeros(self.size)
+            compat.assemble_vector(nodal, form)
+            column[:] = nodal
         return columns
+
+    def _at_gauss_points(self, load: Load) -> np.ndarray:
+        """A line load (cells, points, 2) where it is integrated [N/m]."""
+        beam, points = load.target, compat.gauss_points(self._full_rule).T
+        force = np.zeros((len(self.mesh.beam_of_cell), points.size, 2))
+        s = beam.s[:-1, None] + np.diff(beam.s)[:, None] * points
+        cells = self.mesh.cells[self.scene.beams.index(beam)]
+        force[cells] = [
+            [vector(load.along(at), 2, f"{load} at s = {at:g}") for at in row] for row in s
+        ]
+        return force
 
     # -- Numbering ------------------------------------------------------------------------------
 

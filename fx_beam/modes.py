@@ -45,6 +45,8 @@ class Modes:
         Positions of the nodes in the configuration [m].
     nodes_of_beam : dict
         All nodes of each beam in order, those inside elements included.
+    degree : int
+        Degree of the elements.
     """
 
     angular_frequencies: np.ndarray
@@ -52,6 +54,7 @@ class Modes:
     shapes: np.ndarray
     positions: np.ndarray
     nodes_of_beam: dict[str, np.ndarray]
+    degree: int
 
     @property
     def frequencies(self) -> np.ndarray:
@@ -148,7 +151,8 @@ def modes(scene: Scene, state: Solution | None = None, n: int = 6) -> Modes:
     shapes = np.array([model.to_nodes(T @ vector) for vector in vectors.T])
     positions = model.mesh.X + model.to_nodes(q)[:, :2]
     names = [beam.name for beam in scene.beams]
-    return Modes(omega, rigid, shapes, positions, dict(zip(names, model.mesh.nodes, strict=True)))
+    nodes = dict(zip(names, model.mesh.nodes, strict=True))
+    return Modes(omega, rigid, shapes, positions, nodes, scene.beams[0].degree)
 
 
 def _matrices(model: Model, state: Solution | None):

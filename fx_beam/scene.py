@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from .actions import Load, Velocity, VirtualWork, label
+from .actions import Load, Velocity, VirtualWork, label, line_load
 from .beam import COMPONENTS, Beam, Node, polyline
 from .curve import Curve, lay_along
 from .errors import SceneError
@@ -295,7 +295,7 @@ class Scene:
         self._check_node(node, "moment")
         self.loads.append(Load("moment", node, time_function(moment, 1, f"moment on {node}")))
 
-    def add_line_load(self, beam: Beam, load) -> None:
+    def add_line_load(self, beam: Beam, load, of: str = "time") -> None:
         """Add a dead load along a beam.
 
         Parameters
@@ -303,11 +303,18 @@ class Scene:
         beam : Beam
             A beam of this scene.
         load : (qx, qy) or callable
-            Force per reference length, or ``load(t)`` [N/m].
+            Force per reference length [N/m]: the same everywhere and always, or a function of the
+            time ``load(t)``, or of the arc length ``load(s)`` from the beam's start [m].
+        of : {"time", "arc length"}
+            What a function is one of.
+
+        Raises
+        ------
+        SceneError
+            For a function that does not take what `of` says.
         """
         self._check_beam(beam, "line load")
-        function = time_function(load, 2, f"line load on {label(beam)}")
-        self.loads.append(Load("line load", beam, function))
+        self.loads.append(line_load(beam, load, of))
 
     def add_virtual_work(self, term: Callable[[Any], Any], beam: Beam | None = None) -> None:
         """Add the virtual work of a force of your own, in UFL.

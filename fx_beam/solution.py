@@ -225,9 +225,10 @@ class Solution:
         (n,) float
             Distance along the axis from the joint's place on a to b [m].
         """
+        number = self._joint(joint)
         if joint.axis is None:
             raise ValueError(f"{joint} has no slide")
-        return self.slides[:, self._joint(joint)]
+        return self.slides[:, number]
 
     def joint_force(self, joint: Joint) -> np.ndarray:
         """Force and moment of a joint on its node b over time.

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import inspect
 import math
 from collections.abc import Callable
 
@@ -10,6 +11,8 @@ import numpy as np
 from .errors import SceneError, StepError
 
 TimeFunction = Callable[[float], np.ndarray]
+# Names that parameters bear which are places, in lower case.
+_PLACES = {"s", "x", "y", "xi", "place", "position", "point", "fraction", "arc_length"}
 
 
 def is_number(value) -> bool:
@@ -55,6 +58,22 @@ class Constant:
     def __call__(self, *_) -> np.ndarray:
         """The constant, whatever the arguments."""
         return self._value
+
+
+def check_takes_time(function, what: str) -> None:
+    """Refuse a function whose parameters show that it is one of the place, and not of the time."""
+    try:
+        parameters = list(inspect.signature(function).parameters.values())
+    except (TypeError, ValueError):  # a constant, or a function that does not tell
+        return
+    kinds = inspect.Parameter.POSITIONAL_ONLY, inspect.Parameter.POSITIONAL_OR_KEYWORD
+    names = [p.name for p in parameters if p.kind in kinds and p.default is p.empty]
+    if len(names) > 1 or names and names[0].lower() in _PLACES:
+        raise SceneError(
+            f"{what}: its function of ({', '.join(names)}) would be called with the time t alone. "
+            "For a load that varies along the beam give a function of the arc length s [m], and "
+            "of='arc length'"
+        )
 
 
 def time_function(value, size: int, what: str) -> TimeFunction:

@@ -7,6 +7,8 @@ from scenes import FLYING
 import fx_beam as fb
 
 plot = pytest.importorskip("fx_beam.plot")
+Drawing = pytest.importorskip("fx_beam.symbols").Drawing
+shape_pictures = pytest.importorskip("fx_beam.shape_pictures")
 pytestmark = pytest.mark.plot
 
 
@@ -45,4 +47,112 @@ def test_the_window_of_a_picture_holds_what_curves_between_nodes():
     nodes = solution.shape(beam)
     top = plot.axis(nodes, beam.degree)[..., 1].max()
     assert top > 1.1 * nodes[..., 1].max()
-    assert plot._window(solution, [0, 1])[1][1] > top
+    assert Drawing(solution, [0, 1]).window[1][1] > top
+
+
+# -- Curves ----------------------------------------------------------------------------------------
+
+
+def looks(axes):
+    """What tells the curves of a panel apart."""
+    return [(line.get_color(), line.get_linestyle(), line.get_marker()) for line in axes.lines]
+
+
+def test_curves_of_one_scheme_and_of_several_all_look_different():
+    scene, _ = swinging()
+    run = {dt: fb.simulate(scene, dt=dt, t_end=0.1) for dt in (0.05, 0.025, 0.0125)}
+    newmark = fb.simulate(scene, fb.Newmark(), dt=0.05, t_end=0.1)
+    _, [[axes]] = plot.figure(1, 1)
+    solutions = {f"dt = {dt} s": solution for dt, solution in run.items()} | {"Newmark": newmark}
+    plot.curves(axes, solutions, lambda solution: solution.energy.total)
+    assert len(set(looks(axes))) == len(solutions)
+
+
+def test_quantities_have_looks_of_their_own():
+    _, [[axes]] = plot.figure(1, 1)
+    plot.quantities(axes, np.arange(3), {name: np.arange(3) for name in "abcdef"})
+    assert len(set(looks(axes))) == 6
+    assert [line.get_label() for line in axes.lines] == list("abcdef")
+
+
+# -- Shapes ----------------------------------------------------------------------------------------
+
+
+def swinging():
+    """A bar on a pin, a mass on a spring that slides along it, and a follower force."""
+    scene = fb.Scene(gravity=(0.0, -9.81))
+    bar = scene.add_beam([(0, 0), (1, 0)], FLYING, elements=4, name="bar")
+    bead = scene.add_beam([(0.5, 0), (0.6, 0)], FLYING, name="bead")
+    scene.pin(bar.start)
+    spring = fb.Spring(50.0, rest=0.0)
+    scene.add_joint(fb.Prismatic(bar.node(0.5), bead.start, axis=(1, 0), spring=spring))
+    scene.add_force(bar.end, (0.0, 5.0), follower=True)
+    scene.add_mass(bead.end, 0.1)
+    return scene, bar
+
+
+def test_magnified_shapes_move_the_nodes_by_that_factor():
+    scene, bar = swinging()
+    solution = fb.simulate(scene, dt=0.01, t_end=0.1)
+    plain, large = (Drawing(solution, [10], factor) for factor in (1.0, 5.0))
+    moved = plain.axis("bar", 10) - solution.shape(bar)[0]
+    np.testing.assert_allclose(large.axis("bar", 10), solution.shape(bar)[0] + 5 * moved)
+    assert "x 5" in shape_pictures._title(large) and "x" not in shape_pictures._title(plain)
+
+
+def test_pictures_of_shapes_modes_and_motion_are_written(tmp_path):
+    scene, bar = swinging()
+    solution = fb.simulate(scene, dt=0.01, t_end=0.1)
+    marks = {"tip": bar.end}
+    plot.shapes(solution, range(0, 11, 5), tmp_path / "shapes.png", magnify=0.5, marks=marks)
+    drawn = []
+
+    def scenery(axes, k):
+        drawn.append(k)
+        return axes.plot([0, 1], [-1, -1])
+
+    plot.animate(solution, [0, 5, 10], tmp_path / "motion.gif", marks=marks, scenery=scenery)
+    assert drawn == [0, 5, 10]
+    plot.modes(fb.modes(scene, n=4), tmp_path / "modes.png", count=3)
+    for name, least in (("shapes.png", 20e3), ("motion.gif", 5e3), ("modes.png", 10e3)):
+        assert (tmp_path / name).stat().st_size > least
+
+
+def test_a_force_is_drawn_with_the_section_that_it_follows():
+    scene, bar = swinging()
+    solution = fb.simulate(scene, dt=0.01, t_end=0.1)
+    drawing = Drawing(solution, [0, 10])
+    (load,) = drawing.forces
+    psi = solution.rotation(bar.end)[10]
+    wanted = 5 * np.array([-np.sin(psi), np.cos(psi)])
+    assert drawing.force(load, 10) == pytest.approx(wanted)
+    assert drawing.largest_force == pytest.approx(5)
+
+
+@pytest.mark.parametrize("steps", [5, [], [0, 11], "all"], ids=str)
+@pytest.mark.parametrize("picture", ["shapes", "animate"])
+def test_steps_that_are_no_rows_are_refused(picture, steps, tmp_path):
+    solution = fb.simulate(swinging()[0], dt=0.01, t_end=0.1)
+    path = tmp_path / ("a.png" if picture == "shapes" else "a.gif")
+    with pytest.raises(
+        ValueError, match=r"must be rows of the solution, such as range\(0, 11, 1\)"
+    ):
+        getattr(plot, picture)(solution, steps, path)
+
+
+def test_a_file_that_cannot_be_written_is_refused_before_anything_is_drawn(tmp_path):
+    solution = fb.simulate(swinging()[0], dt=0.01, t_end=0.1)
+    with pytest.raises(ValueError, match=r"motion.mp4: its name must end with .gif"):
+        plot.animate(solution, [0], tmp_path / "motion.mp4")
+    with pytest.raises(ValueError, match="make the folder .*nowhere first"):
+        plot.shapes(solution, [0], tmp_path / "nowhere" / "shapes.png")
+    with pytest.raises(ValueError, match="make the folder .*nowhere first"):
+        plot.save(plot.figure(1, 1)[0], tmp_path / "nowhere" / "curves.png")
+    with pytest.raises(ValueError, match="magnify = 0 must be a positive number"):
+        plot.shapes(solution, [0], tmp_path / "a.png", magnify=0)
+
+
+def test_names_are_written_at_nodes_of_the_solution_only(tmp_path):
+    solution = fb.simulate(swinging()[0], dt=0.01, t_end=0.1)
+    with pytest.raises(ValueError, match="is no node of this solution"):
+        plot.shapes(solution, [0], tmp_path / "a.png", marks={"B": fb.Node(99, 0.0, 0.0)})

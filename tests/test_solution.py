@@ -586,3 +586,30 @@ def test_a_solution_says_what_it_is(framed):
     text = repr(framed[0])
     assert "EnergyMomentum" in text
     assert "10 steps to t = 0.5" in text
+
+
+# -- Refusals that name the thing --------------------------------------------------------------
+
+
+@pytest.mark.parametrize("method", ["slide", "joint_force", "gap"])
+def test_what_is_no_joint_is_refused(method, framed):
+    with pytest.raises(ValueError, match="1 is no joint of this solution; take what add_joint"):
+        getattr(framed[0], method)(1)
+
+
+def test_a_beam_in_place_of_a_node_is_named_in_one_line(framed):
+    solution, arm = framed[0], framed[0].beams["arm"]
+    with pytest.raises(ValueError, match="^<Beam 'arm': .* is no node; take one") as refused:
+        solution.position(arm)
+    assert len(str(refused.value)) < 200
+
+
+def test_a_file_in_a_folder_that_does_not_exist_is_refused(framed, tmp_path):
+    for write in (framed[0].save, framed[0].to_csv):
+        with pytest.raises(ValueError, match="make the folder .*nowhere first"):
+            write(tmp_path / "nowhere" / "run")
+
+
+def test_nodes_of_a_table_need_names(framed, tmp_path):
+    with pytest.raises(ValueError, match="must be a dict of nodes by the names"):
+        framed[0].to_csv(tmp_path / "run.csv", [framed[0].beams["arm"].end])

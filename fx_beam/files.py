@@ -1,0 +1,34 @@
+"""Files that users ask to be written."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+
+def writable(path: Path | str, endings: Sequence[str] = ()) -> Path:
+    """The path of a file to be written, if its folder exists and its ending is known.
+
+    Parameters
+    ----------
+    path : str or path
+        File to write.
+    endings : sequence of str
+        What its name may end with, such as "png"; anything where none is given.
+
+    Returns
+    -------
+    Path
+        The same.
+
+    Raises
+    ------
+    ValueError
+        For a folder that does not exist, or an ending that is not known.
+    """
+    file = Path(path)
+    if not file.parent.is_dir():
+        raise ValueError(f"cannot write {file}: make the folder {file.parent} first")
+    if endings and file.suffix.lower().lstrip(".") not in endings:
+        raise ValueError(f"cannot write {file}: its name must end with .{', .'.join(endings)}")
+    return file
