@@ -23,8 +23,8 @@ class Loads:
     mesh : Mesh
         Numbering of the degrees of freedom.
     line_load : callable
-        ``line_load(load)``, the columns (size, 2) of a unit line load, or (size, 1) of one that
-        varies along its beam.
+        ``line_load(beam, along)``, the columns (size, 2) of a unit line load, or (size, 1) of one
+        that varies along its beam.
 
     Attributes
     ----------
@@ -37,7 +37,7 @@ class Loads:
         columns = [np.zeros((mesh.dofs.size, 0))]
         for load in self._loads:
             if isinstance(load.target, Beam):
-                columns.append(line_load(load))
+                columns.append(line_load(load.target, load.along))
                 continue
             dofs = mesh.dofs[load.target.number]
             dofs = dofs[:2] if load.kind == "force" else dofs[2:]

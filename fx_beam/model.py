@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import functools
+from collections.abc import Callable
 from typing import Any
 
 import ufl
@@ -11,8 +12,9 @@ import numpy as np
 import scipy.sparse
 
 from . import compat
-from .actions import Load
+from .actions import label
 from .actuators import Actuators
+from .beam import Beam
 from .beam_data import on_beam, section_data
 from .couplings import couple, motors
 from .forms import Forms
@@ -173,36 +175,33 @@ class Model:
             )
             self.assembled.append("joints")
 
-    def _assemble_line_load(self, load: Load) -> np.ndarray:
+    def _assemble_line_load(self, beam: Beam, along: Callable | None) -> np.ndarray:
         """Nodal forces (size, 2) of a unit line load along x and y, or (size, 1) of one along s."""
         mesh = self.mesh.mesh
-        if load.along is not None:
-            force = compat.at_gauss_points(mesh, self._at_gauss_points(load))
-            columns, directions = np.zeros((self.size, 1)), np.ones((1, 1))
+        unit = compat.constant(mesh, np.zeros(2))
+        if along is None:
+            force, directions = on_beam(self.mesh, self.scene, beam) * unit, np.eye(2)
         else:
-            direction = compat.constant(mesh, np.zeros(2))
-            force = on_beam(self.mesh, self.scene, load.target) * direction
-            columns, directions = np.zeros((self.size, 2)), np.eye(2)
+            values = self._at_gauss_points(beam, along)
+            force, directions = compat.at_gauss_points(mesh, values), np.ones((1, 2))
         dx = compat.measure(mesh, self._full_rule)
         form = compat.compile_form(ufl.dot(force, self.forms.step.virtual_u) * dx, "line load")
         if "line load" not in self.compiled:
             self.compiled.append("line load")
-        for column, value in zip(columns.T, directions, strict=True):
-            if load.along is None:
-                direction.value = value
-            nodal = np.zeros(self.size)
-            compat.assemble_vector(nodal, form)
-            column[:] = nodal
-        return columns
+        columns = np.zeros((len(directions), self.size))
+        for column, direction in zip(columns, directions, strict=True):
+            unit.value = direction
+            compat.assemble_vector(column, form)
+        return columns.T
 
-    def _at_gauss_points(self, load: Load) -> np.ndarray:
+    def _at_gauss_points(self, beam: Beam, along: Callable) -> np.ndarray:
         """A line load (cells, points, 2) where it is integrated [N/m]."""
-        beam, points = load.target, compat.gauss_points(self._full_rule).T
+        points = compat.gauss_points(self._full_rule).T
         force = np.zeros((len(self.mesh.beam_of_cell), points.size, 2))
         s = beam.s[:-1, None] + np.diff(beam.s)[:, None] * points
-        cells = self.mesh.cells[self.scene.beams.index(beam)]
-        force[cells] = [
-            [vector(load.along(at), 2, f"{load} at s = {at:g}") for at in row] for row in s
+        what = f"line load on {label(beam)}"
+        force[self.mesh.cells[self.scene.beams.index(beam)]] = [
+            [vector(along(at), 2, f"{what} at s = {at:g}") for at in row] for row in s
         ]
         return force
 

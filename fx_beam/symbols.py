@@ -98,21 +98,22 @@ class Drawing:
         c, s = np.cos(psi), np.sin(psi)
         return np.array([c * arrow[0] - s * arrow[1], s * arrow[0] + c * arrow[1]])
 
-    def force(self, load: Load, k: int) -> np.ndarray:
-        """A force (2,) in row k [N]."""
+    def force(self, load: Load, node: Node, k: int) -> np.ndarray:
+        """A force (2,) on a node in row k [N]."""
         t = self.solution.t[k]
         force = np.asarray(load.value(0.0) * t if self.solution.stats.static else load.value(t))
-        return self.turned(load.target, k, force) if load.follower else force
+        return self.turned(node, k, force) if load.follower else force
 
     @cached_property
-    def forces(self) -> list[Load]:
-        """The forces on nodes."""
-        return [load for load in self.scene.loads if load.kind == "force"]
+    def forces(self) -> list[tuple[Load, Node]]:
+        """The forces on nodes, and these."""
+        loads = self.scene.loads
+        return [(load, load.target) for load in loads if load.kind == "force"]
 
     @cached_property
     def largest_force(self) -> float:
         """The largest of them in the rows that are drawn [N]."""
-        sizes = [np.hypot(*self.force(load, k)) for load in self.forces for k in self.rows]
+        sizes = [np.hypot(*self.force(*load, k)) for load in self.forces for k in self.rows]
         return max(sizes, default=0.0)
 
     def title(self) -> str:
@@ -255,10 +256,10 @@ def _zigzag(a: np.ndarray, b: np.ndarray, size: float) -> np.ndarray:
 def _draw_forces(ax, drawing: Drawing, k: int, colour) -> list:
     """Arrows of the forces on nodes, which end at the node; the largest is the longest."""
     drawn = []
-    for load in drawing.forces:
-        force = drawing.force(load, k)
+    for load, node in drawing.forces:
+        force = drawing.force(load, node, k)
         if np.hypot(*force) > 0.02 * drawing.largest_force:
-            tip = drawing.places(load.target.number, k)
+            tip = drawing.places(node.number, k)
             tail = tip - _LONGEST_FORCE * drawing.size * force / drawing.largest_force
             look = {"arrowprops": _ARROW | {"color": colour}, "annotation_clip": False}
             drawn.append(ax.annotate("", tip, tail, **look, zorder=4))

@@ -122,10 +122,10 @@ def test_a_force_is_drawn_with_the_section_that_it_follows():
     scene, bar = swinging()
     solution = fb.simulate(scene, dt=0.01, t_end=0.1)
     drawing = Drawing(solution, [0, 10])
-    (load,) = drawing.forces
+    ((load, node),) = drawing.forces
     psi = solution.rotation(bar.end)[10]
     wanted = 5 * np.array([-np.sin(psi), np.cos(psi)])
-    assert drawing.force(load, 10) == pytest.approx(wanted)
+    assert drawing.force(load, node, 10) == pytest.approx(wanted)
     assert drawing.largest_force == pytest.approx(5)
 
 
