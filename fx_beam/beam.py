@@ -36,6 +36,13 @@ class Node:
     def __str__(self):
         return f"node {self.number} at ({self.x:g}, {self.y:g})"
 
+    def __copy__(self):
+        return self
+
+    def __getstate__(self):
+        # A scene that is copied or unpickled gives itself to its nodes.
+        return {**self.__dict__, "scene": None}
+
 
 @dataclass(frozen=True)
 class Beam:

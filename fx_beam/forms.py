@@ -142,7 +142,10 @@ class Forms:
     def _group_laws(self) -> tuple[list[Law], np.ndarray]:
         """The different stored energies of the scene, and which of them each cell has."""
         sections = [beam.section for beam in self._scene.beams]
-        kinds = list(dict.fromkeys(section.strain_energy for section in sections))
+        kinds: list[Any] = []
+        for section in sections:
+            if section.strain_energy not in kinds:
+                kinds.append(section.strain_energy)
         laws = []
         for kind in kinds:
             if kind is not None:

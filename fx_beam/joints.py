@@ -13,8 +13,19 @@ from .beam import Node
 from .errors import SceneError
 from .values import is_number, time_function, vector
 
+
+class _Ground(Node):
+    """The fixed frame. It is told by identity, so that copies and pickles of it are itself."""
+
+    def __reduce__(self):
+        return "GROUND"
+
+    def __str__(self):
+        return "the ground"
+
+
 #: The fixed frame, in place of a joint's first or second node.
-GROUND = Node(-1, math.nan, math.nan)
+GROUND = _Ground(-1, math.nan, math.nan)
 
 
 @dataclass(frozen=True)
@@ -107,9 +118,8 @@ class Joint:
     number: int = field(default=-1)
 
     def __str__(self):
-        ends = [("the ground" if node is GROUND else str(node)) for node in (self.a, self.b)]
         number = "" if self.number < 0 else f"joint {self.number}, "
-        return f"{number}{self.kind} of {ends[0]} and {ends[1]}"
+        return f"{number}{self.kind} of {self.a} and {self.b}"
 
     @property
     def turns_together(self) -> bool:
@@ -263,8 +273,7 @@ def _joint(kind, a, b, offset, axis=None, slide=None, rotation=None) -> Joint:
         if not isinstance(node, Node):
             raise SceneError(f"{kind}: {node!r} is no node; take one from a beam, or GROUND")
     if a is b:
-        what = "the ground" if a is GROUND else a
-        raise SceneError(f"{kind}: both of its nodes are {what}")
+        raise SceneError(f"{kind}: both of its nodes are {a}")
     if axis is not None:
         axis = vector(axis, 2, f"{kind}: axis")
         length = np.hypot(*axis)

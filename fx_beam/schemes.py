@@ -78,11 +78,7 @@ def EnergyMomentum() -> Scheme:
     Scheme
         The scheme.
     """
-
-    def resultants(step: Step, law: Law) -> Resultants:
-        return with_exact_work(step, averaged(step, law))
-
-    return Scheme("EnergyMomentum", resultants, MidPointRates())
+    return Scheme("EnergyMomentum", _exact, MidPointRates())
 
 
 def Newmark(beta: float = 0.25, gamma: float = 0.5) -> Scheme:
@@ -157,6 +153,10 @@ def Equilibrium() -> Scheme:
         The scheme, for `static` and not for `simulate`.
     """
     return Scheme("Equilibrium", at_ends(1.0), AtRest())
+
+
+def _exact(step: Step, law: Law) -> Resultants:
+    return with_exact_work(step, averaged(step, law))
 
 
 def _newmark_family(name: str, rates: NewmarkRates) -> Scheme:

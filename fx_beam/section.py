@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import math
 import operator
 from collections.abc import Callable
@@ -155,8 +156,8 @@ class Section:
         Section
             EA, GA, EI, rhoA and rhoI of the rectangle.
         """
-        area = _combined(lambda h, b: h * b, height=height, width=width)
-        inertia = _combined(lambda h, b: b * h**3 / 12, height=height, width=width)
+        area = _combined(operator.mul, height=height, width=width)
+        inertia = _combined(_second_moment_of_rectangle, height=height, width=width)
         return cls.from_area(area, inertia, E, nu, rho, shear_factor)
 
     @classmethod
@@ -188,8 +189,8 @@ class Section:
         Section
             EA, GA, EI, rhoA and rhoI of the circle.
         """
-        area = _combined(lambda d: math.pi * d**2 / 4, diameter=diameter)
-        inertia = _combined(lambda d: math.pi * d**4 / 64, diameter=diameter)
+        area = _combined(_area_of_circle, diameter=diameter)
+        inertia = _combined(_second_moment_of_circle, diameter=diameter)
         return cls.from_area(area, inertia, E, nu, rho, shear_factor)
 
     @classmethod
@@ -227,13 +228,10 @@ class Section:
         if not (is_number(nu) and -1 < nu <= 0.5):
             raise SceneError(f"Section: nu = {nu!r} must be a number in (-1, 0.5]")
         A, J = {"area": area}, {"second_moment": second_moment}
-
-        def shear_stiffness(shear_factor, E, A):
-            return shear_factor * (E / (2 * (1 + nu))) * A
-
+        shear = functools.partial(_shear_stiffness, nu)
         return cls(
             EA=_combined(operator.mul, E=E, **A),
-            GA=_combined(shear_stiffness, shear_factor=shear_factor, E=E, **A),
+            GA=_combined(shear, shear_factor=shear_factor, E=E, **A),
             EI=_combined(operator.mul, E=E, **J),
             rhoA=_combined(operator.mul, rho=rho, **A),
             rhoI=_combined(operator.mul, rho=rho, **J),
@@ -287,11 +285,28 @@ def quadratic_law(stiffness) -> Law:
 
 def _combined(function: Callable[..., float], **data: Datum) -> Datum:
     """A function of checked data; where one of them varies along the beam, so does it."""
-
-    def value(fraction: float) -> float:
-        return function(*(_value(name, datum, fraction) for name, datum in data.items()))
-
+    value = functools.partial(_of_data, function, data)
     return value if any(map(callable, data.values())) else value(0.0)
+
+
+def _of_data(function: Callable[..., float], data: dict[str, Datum], fraction: float) -> float:
+    return function(*(_value(name, datum, fraction) for name, datum in data.items()))
+
+
+def _second_moment_of_rectangle(height: float, width: float) -> float:
+    return width * height**3 / 12
+
+
+def _area_of_circle(diameter: float) -> float:
+    return math.pi * diameter**2 / 4
+
+
+def _second_moment_of_circle(diameter: float) -> float:
+    return math.pi * diameter**4 / 64
+
+
+def _shear_stiffness(nu: float, shear_factor: float, E: float, area: float) -> float:
+    return shear_factor * (E / (2 * (1 + nu))) * area
 
 
 def _value(name: str, datum: Datum, fraction: float = 0.0) -> float:

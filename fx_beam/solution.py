@@ -85,6 +85,13 @@ class Solution:
         self._resultants_of_beam = resultants_of_beam
         self.end = end
 
+    def __getstate__(self):
+        # What computes the resultants holds the compiled model: a copy has them computed.
+        known = {}
+        if len(self.q) == len(self.t):
+            known = {name: self._resultants_of_beam(name) for name in self.beams}
+        return {**self.__dict__, "_resultants_of_beam": known.__getitem__}
+
     def __repr__(self):
         return (
             f"<Solution: {self.stats.scheme}, {len(self.t) - 1} steps to "
