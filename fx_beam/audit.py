@@ -7,6 +7,13 @@ from dataclasses import dataclass, field
 import numpy as np
 
 
+def read_only(values: np.ndarray) -> np.ndarray:
+    """A view of an array through which it cannot be changed."""
+    view = np.asarray(values).view()
+    view.setflags(write=False)
+    return view
+
+
 @dataclass(frozen=True)
 class Energy:
     """Energies over time, each (n,) [J].
@@ -27,6 +34,9 @@ class Energy:
     strain: np.ndarray
     potential: np.ndarray
     work: np.ndarray
+
+    def __post_init__(self):
+        _lock(self)
 
     @property
     def total(self) -> np.ndarray:
@@ -120,3 +130,11 @@ class BeamResultants:
     N: np.ndarray
     Q: np.ndarray
     M: np.ndarray
+
+    def __post_init__(self):
+        _lock(self)
+
+
+def _lock(histories: Energy | BeamResultants) -> None:
+    for name, values in vars(histories).items():
+        object.__setattr__(histories, name, read_only(values))

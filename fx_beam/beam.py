@@ -72,6 +72,11 @@ class Beam:
     section: Any = field(repr=False, default=None)
     inner: np.ndarray | None = field(repr=False, compare=False, default=None)
 
+    def __post_init__(self):
+        for values in (self.s, self.inner):
+            if values is not None:
+                values.setflags(write=False)
+
     @property
     def start(self) -> Node:
         """First node."""

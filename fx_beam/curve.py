@@ -94,6 +94,7 @@ class Curve:
             breaks = np.array(math.nan)
         if breaks.ndim != 1 or not ((breaks >= 0) & (breaks <= 1)).all():
             raise SceneError(f"Curve: breaks = {self.breaks!r} must be fractions between 0 and 1")
+        object.__setattr__(self, "breaks", tuple(breaks.tolist()))
 
 
 def arc(start, through, end) -> Curve:

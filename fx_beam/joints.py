@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from typing import Any
 
 import numpy as np
 
@@ -44,8 +43,8 @@ class Spring:
     rest: float = 0.0
 
     def __post_init__(self):
-        _check("Spring", "stiffness", self.stiffness)
-        _check("Spring", "rest", self.rest, -math.inf)
+        _check(self, "stiffness")
+        _check(self, "rest", -math.inf)
 
 
 @dataclass(frozen=True)
@@ -61,7 +60,7 @@ class Damper:
     viscosity: float
 
     def __post_init__(self):
-        _check("Damper", "viscosity", self.viscosity)
+        _check(self, "viscosity")
 
 
 @dataclass(frozen=True)
@@ -280,6 +279,7 @@ def _joint(kind, a, b, offset, axis=None, slide=None, rotation=None) -> Joint:
         if length == 0:
             raise SceneError(f"{kind}: axis = {axis} has no direction")
         axis = axis / length
+        axis.setflags(write=False)
     offset = vector(offset, 2, f"{kind}: offset")
     if a is GROUND and offset.any():
         raise SceneError(f"{kind}: the ground takes no offset; its point is where {b} starts")
@@ -298,7 +298,10 @@ def _coordinate(what: str, spring, damper, motor) -> Coordinate:
     return Coordinate(spring, damper, motor)
 
 
-def _check(what: str, name: str, value: Any, lowest: float = 0.0) -> None:
+def _check(part: Spring | Damper, name: str, lowest: float = 0.0) -> None:
+    """Refuse a number that is none, and keep it as a float: an array could be changed later."""
+    value = getattr(part, name)
     if not (is_number(value) and value >= lowest):
         wanted = "finite" if lowest < 0 else "finite and not negative"
-        raise SceneError(f"{what}: {name} = {value!r} must be {wanted}")
+        raise SceneError(f"{type(part).__name__}: {name} = {value!r} must be {wanted}")
+    object.__setattr__(part, name, float(value))

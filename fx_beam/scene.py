@@ -330,7 +330,8 @@ class Scene:
             ``term(step)`` gives the virtual work per reference length that the force does, a
             scalar UFL expression linear in ``step.virtual_u`` and ``step.virtual_psi``; for a
             viscous force ``lambda step: -c * ufl.dot(step.v, step.virtual_u)``. `step` is an
-            `fx_beam.Step`. It is integrated with the element's reduced Gauss rule.
+            `fx_beam.Step`. It is integrated with the element's reduced Gauss rule. Functions and
+            constants of dolfinx are refused, as they would be read once.
         beam : Beam, optional
             Where it acts; on all beams by default.
 

@@ -96,7 +96,7 @@ def Newmark(beta: float = 0.25, gamma: float = 0.5) -> Scheme:
     """
     _check_parameter("Newmark", "beta", beta, 0, 1, low_open=True)
     _check_parameter("Newmark", "gamma", gamma, 0, 1)
-    return _newmark_family("Newmark", NewmarkRates(beta, gamma))
+    return _newmark_family("Newmark", NewmarkRates(float(beta), float(gamma)))
 
 
 def HHT(alpha: float = -0.1) -> Scheme:

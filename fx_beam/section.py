@@ -10,12 +10,13 @@ from dataclasses import dataclass
 from typing import Any
 
 import ufl
+from ufl.algorithms.analysis import extract_coefficients, extract_constants
 from ufl.corealg.traversal import unique_pre_traversal
 
 import numpy as np
 
 from .errors import SceneError
-from .values import is_number, shaped
+from .values import is_number, refuse_fields, shaped
 
 Energy = Callable[[Any, Any, Any], Any]
 #: A number, or a function of the fraction of the arc length.
@@ -77,7 +78,11 @@ class Section:
             if getattr(self, name) is None and self.strain_energy is None:
                 raise SceneError(f"Section: {name} is missing; give it or a strain_energy")
         for name in ("EA", "GA", "EI", "rhoA", "rhoI"):
-            self.values(name, np.array([0.5]))
+            (value,) = self.values(name, np.array([0.5]))
+            datum = getattr(self, name)
+            if datum is not None and not callable(datum):
+                # As a number, since an array could be changed later.
+                object.__setattr__(self, name, float(value))
         if self.strain_energy is not None:
             _check_energy(self.strain_energy)
 
@@ -248,10 +253,13 @@ class Law:
         ``energy(eps, gamma, kappa)``, the stored energy per length [J/m].
     quadratic : bool
         Whether the resultants at the mean strain are the exact discrete gradient.
+    data : tuple
+        Functions and constants of dolfinx in it: the sections' data.
     """
 
     energy: Energy
     quadratic: bool
+    data: tuple = ()
 
     def resultants(self, eps, gamma, kappa):
         """Material stress resultants: the derivatives of the stored energy (eq. 11).
@@ -280,7 +288,8 @@ def quadratic_law(stiffness) -> Law:
         bending = stiffness[2] * kappa**2 / 2
         return membrane + shear + bending
 
-    return Law(energy, quadratic=True)
+    data = *extract_coefficients(stiffness), *extract_constants(stiffness)
+    return Law(energy, quadratic=True, data=data)
 
 
 def _combined(function: Callable[..., float], **data: Datum) -> Datum:
@@ -324,9 +333,11 @@ def _value(name: str, datum: Datum, fraction: float = 0.0) -> float:
 
 def _evaluated(datum: Callable, fraction: float, what: str) -> float:
     try:
-        value = datum(fraction)
+        value = datum if isinstance(datum, ufl.core.expr.Expr) else datum(fraction)
         # Of numbers, UFL's functions make numbers or expressions of numbers.
-        value = value(()) if isinstance(value, ufl.core.expr.Expr) else value
+        if isinstance(value, ufl.core.expr.Expr):
+            refuse_fields(value, what)
+            value = value(())
     except SceneError:
         raise  # of a datum that this one is made of
     except Exception as error:
@@ -344,6 +355,7 @@ def _check_energy(strain_energy: Energy) -> None:
             "Section: strain_energy(eps, gamma, kappa) must give a UFL expression, written with "
             f"ufl.sqrt, ufl.exp, ... where it needs functions; it raised {error!r}"
         ) from error
+    refuse_fields(W, "Section: strain_energy")
     met = set(unique_pre_traversal(W))
     missing = [n for n, x in zip(("eps", "gamma", "kappa"), e, strict=True) if x not in met]
     if W.ufl_shape == () and missing:
