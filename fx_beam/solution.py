@@ -90,7 +90,7 @@ class Solution:
     def __getstate__(self):
         # What computes the resultants holds the compiled model: a copy has them computed.
         known = {}
-        if len(self.q) == len(self.t):
+        if self.has_motion:
             known = {name: self._resultants_of_beam(name) for name in self.beams}
         return {**self.__dict__, "_resultants_of_beam": known.__getitem__}
 
@@ -107,6 +107,16 @@ class Solution:
         if not self.stats.static:
             raise ValueError("the solution is one over time, without load factors; it has t")
         return self.t
+
+    @property
+    def has_motion(self) -> bool:
+        """Whether displacements and rotations were recorded."""
+        return len(self.q) == len(self.t)
+
+    @property
+    def has_rates(self) -> bool:
+        """Whether velocities and accelerations were recorded."""
+        return len(self.v) == len(self.t)
 
     # -- Motion of a node -----------------------------------------------------------------------
 
