@@ -20,7 +20,7 @@ from .joints import (
     Spring,
 )
 from .kinematics import Step
-from .modes import Modes, modes
+from .modal import Modes, modes
 from .newton import NewtonOptions
 from .rates import AtRest, MidPointRates, NewmarkRates, Rates
 from .recorder import Record
@@ -89,8 +89,15 @@ __all__ = [
 ]
 
 
+#: What is imported by those who ask for it: pictures, and studies.
+_ON_DEMAND = "plot", "stability", "work_precision"
+
+
 def __getattr__(name: str):
-    """Studies are imported by those who ask for them."""
-    if name in ("stability", "work_precision"):
+    if name in _ON_DEMAND:
         return importlib.import_module(f"{__name__}.{name}")
     raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+
+
+def __dir__():
+    return sorted({*globals(), *_ON_DEMAND})

@@ -3,8 +3,16 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
+
+
+def read_only(values: np.ndarray) -> np.ndarray:
+    """A view of an array through which it cannot be changed."""
+    view = np.asarray(values).view()
+    view.setflags(write=False)
+    return view
 
 
 @dataclass(frozen=True)
@@ -20,18 +28,31 @@ class Energy:
     potential : (n,) float
         Of the weight, zero in the reference configuration.
     work : (n,) float
-        Done since the start by loads, prescribed motion and added virtual works.
+        Done since the start by loads, prescribed motion, dampers and added virtual works.
+    springs : (n,) float, optional
+        Stored energy of the springs of joints; zero by default.
     """
 
     kinetic: np.ndarray
     strain: np.ndarray
     potential: np.ndarray
     work: np.ndarray
+    springs: Any = None
+
+    def __post_init__(self):
+        if self.springs is None:
+            object.__setattr__(self, "springs", np.zeros_like(self.kinetic))
+        _lock(self)
+
+    @property
+    def stored(self) -> np.ndarray:
+        """Energy in beams and springs (n,) [J]."""
+        return self.strain + self.springs
 
     @property
     def total(self) -> np.ndarray:
-        """Kinetic, strain and potential energy (n,) [J]."""
-        return self.kinetic + self.strain + self.potential
+        """Kinetic, strain and potential energy, and that of springs (n,) [J]."""
+        return self.kinetic + self.stored + self.potential
 
     @property
     def balance_error(self) -> np.ndarray:
@@ -120,3 +141,11 @@ class BeamResultants:
     N: np.ndarray
     Q: np.ndarray
     M: np.ndarray
+
+    def __post_init__(self):
+        _lock(self)
+
+
+def _lock(histories: Energy | BeamResultants) -> None:
+    for name, values in vars(histories).items():
+        object.__setattr__(histories, name, read_only(values))

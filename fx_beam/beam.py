@@ -36,6 +36,13 @@ class Node:
     def __str__(self):
         return f"node {self.number} at ({self.x:g}, {self.y:g})"
 
+    def __copy__(self):
+        return self
+
+    def __getstate__(self):
+        # A scene that is copied or unpickled gives itself to its nodes.
+        return {**self.__dict__, "scene": None}
+
 
 @dataclass(frozen=True, repr=False)
 class Beam:
@@ -67,6 +74,11 @@ class Beam:
 
     def __repr__(self):
         return f"<Beam {self.name!r}: {self.elements} elements from {self.start} to {self.end}>"
+
+    def __post_init__(self):
+        for values in (self.s, self.inner):
+            if values is not None:
+                values.setflags(write=False)
 
     @property
     def start(self) -> Node:

@@ -12,6 +12,7 @@ The inner nodes of degree 3 are off the curve by order 4 themselves.
 
 from __future__ import annotations
 
+import functools
 import itertools
 import math
 from collections.abc import Callable, Sequence
@@ -93,6 +94,7 @@ class Curve:
             breaks = np.array(math.nan)
         if breaks.ndim != 1 or not ((breaks >= 0) & (breaks <= 1)).all():
             raise SceneError(f"Curve: breaks = {self.breaks!r} must be fractions between 0 and 1")
+        object.__setattr__(self, "breaks", tuple(breaks.tolist()))
 
 
 def arc(start, through, end) -> Curve:
@@ -135,13 +137,14 @@ def arc(start, through, end) -> Curve:
     # Twice the angle at the circumference is that at the centre.
     sweep = math.copysign(2 * math.atan2(abs(area), to_b @ across), area)
 
-    def on_arc(fraction: float) -> np.ndarray:
-        # By the chord from a, in which a large radius does not cancel.
-        c, s = math.cos(sweep * fraction / 2), math.sin(sweep * fraction / 2)
-        x, y = to_centre
-        return a + 2 * s * np.array([s * x + c * y, s * y - c * x])
+    return Curve(functools.partial(_on_arc, a, to_centre, sweep), *_nodes(start, end))
 
-    return Curve(on_arc, *_nodes(start, end))
+
+def _on_arc(a: np.ndarray, to_centre: np.ndarray, sweep: float, fraction: float) -> np.ndarray:
+    # By the chord from a, in which a large radius does not cancel.
+    c, s = math.cos(sweep * fraction / 2), math.sin(sweep * fraction / 2)
+    x, y = to_centre
+    return a + 2 * s * np.array([s * x + c * y, s * y - c * x])
 
 
 def spline(points: Sequence) -> Curve:

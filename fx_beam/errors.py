@@ -25,3 +25,6 @@ class StepError(RuntimeError):
         self.time = time
         #: The `Solution` up to the last step that succeeded.
         self.solution: Any = None
+
+    def __reduce__(self):
+        return type(self), (str(self), self.time), self.__dict__

@@ -46,9 +46,10 @@ def save(solution, path) -> None:
         arrays |= {f"end_{name}": value for name, value in known.items()}
     beams: list[dict] = []
     for name, beam in solution.beams.items():
-        r = solution.resultants(name)
         key = f"beam{len(beams)}"
-        arrays |= {f"{key}_{part}": value for part, value in vars(r).items()}
+        if solution.has_motion:
+            found = vars(solution.resultants(name))
+            arrays |= {f"{key}_{part}": value for part, value in found.items()}
         arrays[f"{key}_nodes"] = solution.nodes_of_beam[name]
         beams.append({"name": name, "degree": beam.degree, "s": beam.s.tolist()})
     meta = {"format": FORMAT, "stats": asdict(solution.stats), "beams": beams}
@@ -58,6 +59,8 @@ def save(solution, path) -> None:
 
 def to_csv(solution, path, nodes: dict[str, Node]) -> None:
     """Write energies, momenta and the motion of some nodes as comma-separated columns.
+
+    What was not recorded is left out.
 
     Parameters
     ----------
@@ -81,11 +84,14 @@ def to_csv(solution, path, nodes: dict[str, Node]) -> None:
     columns["linear momentum x"], columns["linear momentum y"] = solution.linear_momentum.T
     columns["angular momentum"] = solution.angular_momentum
     for label, node in nodes.items():
-        motion = *solution.position(node).T, solution.rotation(node)
-        rates = *solution.velocity(node).T, solution.spin(node)
-        for component, values, their_rates in zip(COMPONENTS, motion, rates, strict=True):
-            columns[f"{label} {component}"] = values
-            columns[f"{label} {component} rate"] = their_rates
+        parts: dict = {}
+        if solution.has_motion:
+            parts[""] = *solution.position(node).T, solution.rotation(node)
+        if solution.has_rates:
+            parts[" rate"] = *solution.velocity(node).T, solution.spin(node)
+        for i, component in enumerate(COMPONENTS):
+            for kind, values in parts.items():
+                columns[f"{label} {component}{kind}"] = values[i]
     with open(path, "w", newline="", encoding="utf-8") as file:
         writer = csv.writer(file)
         writer.writerow(columns)

@@ -20,6 +20,7 @@ from .mesh import Mesh
 from .scene import Scene
 from .schemes import Scheme
 from .section import Law, quadratic_law
+from .values import refuse_fields
 
 
 class Forms:
@@ -68,6 +69,9 @@ class Forms:
         #: Velocity and acceleration at the start of the step.
         self.start_rates = compat.function(space), compat.function(space)
         self.time, self.dt = compat.constant(mesh, 0.0), compat.constant(mesh, 1.0)
+        #: What is kept up to date from step to step.
+        self._ours = [self.start, self.increment, self.path, *self.start_rates, self.time, self.dt]
+        self._ours += [] if self.load_factor is None else [self.load_factor]
         self._test, self._trial = ufl.TestFunction(space), ufl.TrialFunction(space)
 
         # The tangent from the Jacobian: one rule a form, so mixing rules cannot arise.
@@ -78,6 +82,7 @@ class Forms:
         v0, a0 = (ufl.split(rate) for rate in self.start_rates)
         level = self._scheme.rates.level
         v, omega = self._scheme.rates.fields(Du, Dpsi, v0, a0, self.dt)
+        refuse_fields(ufl.as_vector((*v, omega)), f"rates of {self._scheme.name}", self._ours)
         virtual_u, virtual_psi = ufl.split(self._test)
         self.step = Step(
             u0=u0,
@@ -111,7 +116,10 @@ class Forms:
         for tag, law in enumerate(self._laws):
             dx_law = dx if tags is None else dx(tag)
             r = self._scheme.resultants(step, law)
-            residual += r.virtual_work(step) * dx_law
+            work = r.virtual_work(step)
+            for part in (work, r.M):
+                refuse_fields(part, f"resultants of {self._scheme.name}", [*self._ours, *law.data])
+            residual += work * dx_law
             energy += law.energy(*step.strains0) * dx_law
         added = self._added_virtual_work()
         if added is not None:
@@ -142,7 +150,10 @@ class Forms:
     def _group_laws(self) -> tuple[list[Law], np.ndarray]:
         """The different stored energies of the scene, and which of them each cell has."""
         sections = [beam.section for beam in self._scene.beams]
-        kinds = list(dict.fromkeys(section.strain_energy for section in sections))
+        kinds: list[Any] = []
+        for section in sections:
+            if section.strain_energy not in kinds:
+                kinds.append(section.strain_energy)
         laws = []
         for kind in kinds:
             if kind is not None:
@@ -162,6 +173,7 @@ class Forms:
                 term = ufl.as_ufl(work.term(self.step))
             except Exception as error:
                 raise SceneError(f"{what}: calling it with the step raised {error!r}") from error
+            refuse_fields(term, what, self._ours)
             arguments = ufl.algorithms.extract_arguments(term)
             if term.ufl_shape != () or arguments != [self._test]:
                 raise SceneError(

@@ -54,15 +54,18 @@ def _read(path) -> Solution:
         ends = tuple(Node(int(n), *map(float, data["X"][n])) for n in numbers[:: item["degree"]])
         beams[name] = Beam(name, ends, item["degree"], np.array(item["s"]))
         nodes_of_beam[name] = numbers
-        resultants[name] = BeamResultants(*(data[f"beam{i}_{part}"] for part in "sNQM"))
+        if f"beam{i}_N" in data:
+            resultants[name] = BeamResultants(*(data[f"beam{i}_{part}"] for part in "sNQM"))
     end = None
     if "end_t" in data:
         parts: dict[str, Any] = {f.name: data.get(f"end_{f.name}") for f in fields(State)}
         parts |= {name: float(data[f"end_{name}"]) for name in ("t", "work")}
         end = State(**parts)
+    # Files of earlier versions have the energy of springs in that of strain.
+    known = [f.name for f in fields(Energy) if f"energy_{f.name}" in data or f.name != "springs"]
     return Solution(
         **{name: data[name] for name in HISTORIES},
-        energy=Energy(*(data[f"energy_{n}"] for n in ("kinetic", "strain", "potential", "work"))),
+        energy=Energy(*(data[f"energy_{name}"] for name in known)),
         stats=Stats(**meta["stats"]),
         beams=beams,
         nodes_of_beam=nodes_of_beam,

@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from typing import Any
 
 import numpy as np
 
@@ -13,8 +12,19 @@ from .beam import Node
 from .errors import SceneError
 from .values import is_number, time_function, vector
 
+
+class _Ground(Node):
+    """The fixed frame. It is told by identity, so that copies and pickles of it are itself."""
+
+    def __reduce__(self):
+        return "GROUND"
+
+    def __str__(self):
+        return "the ground"
+
+
 #: The fixed frame, in place of a joint's first or second node.
-GROUND = Node(-1, math.nan, math.nan)
+GROUND = _Ground(-1, math.nan, math.nan)
 
 
 @dataclass(frozen=True)
@@ -33,8 +43,8 @@ class Spring:
     rest: float = 0.0
 
     def __post_init__(self):
-        _check("Spring", "stiffness", self.stiffness)
-        _check("Spring", "rest", self.rest, -math.inf)
+        _check(self, "stiffness")
+        _check(self, "rest", -math.inf)
 
 
 @dataclass(frozen=True)
@@ -50,7 +60,7 @@ class Damper:
     viscosity: float
 
     def __post_init__(self):
-        _check("Damper", "viscosity", self.viscosity)
+        _check(self, "viscosity")
 
 
 @dataclass(frozen=True)
@@ -107,9 +117,8 @@ class Joint:
     number: int = field(default=-1)
 
     def __str__(self):
-        ends = [("the ground" if node is GROUND else str(node)) for node in (self.a, self.b)]
         number = "" if self.number < 0 else f"joint {self.number}, "
-        return f"{number}{self.kind} of {ends[0]} and {ends[1]}"
+        return f"{number}{self.kind} of {self.a} and {self.b}"
 
     @property
     def turns_together(self) -> bool:
@@ -263,14 +272,14 @@ def _joint(kind, a, b, offset, axis=None, slide=None, rotation=None) -> Joint:
         if not isinstance(node, Node):
             raise SceneError(f"{kind}: {node!r} is no node; take one from a beam, or GROUND")
     if a is b:
-        what = "the ground" if a is GROUND else a
-        raise SceneError(f"{kind}: both of its nodes are {what}")
+        raise SceneError(f"{kind}: both of its nodes are {a}")
     if axis is not None:
         axis = vector(axis, 2, f"{kind}: axis")
         length = np.hypot(*axis)
         if length == 0:
             raise SceneError(f"{kind}: axis = {axis} has no direction")
         axis = axis / length
+        axis.setflags(write=False)
     offset = vector(offset, 2, f"{kind}: offset")
     if a is GROUND and offset.any():
         raise SceneError(f"{kind}: the ground takes no offset; its point is where {b} starts")
@@ -289,7 +298,10 @@ def _coordinate(what: str, spring, damper, motor) -> Coordinate:
     return Coordinate(spring, damper, motor)
 
 
-def _check(what: str, name: str, value: Any, lowest: float = 0.0) -> None:
+def _check(part: Spring | Damper, name: str, lowest: float = 0.0) -> None:
+    """Refuse a number that is none, and keep it as a float: an array could be changed later."""
+    value = getattr(part, name)
     if not (is_number(value) and value >= lowest):
         wanted = "finite" if lowest < 0 else "finite and not negative"
-        raise SceneError(f"{what}: {name} = {value!r} must be {wanted}")
+        raise SceneError(f"{type(part).__name__}: {name} = {value!r} must be {wanted}")
+    object.__setattr__(part, name, float(value))

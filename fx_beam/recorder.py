@@ -35,8 +35,12 @@ class Record:
     forces: bool = True
 
     def __post_init__(self):
-        if not isinstance(self.every, int | np.integer) or self.every < 1:
+        whole = isinstance(self.every, int | np.integer) and not isinstance(self.every, bool)
+        if not whole or self.every < 1:
             raise SceneError(f"Record: every = {self.every!r} must be a positive whole number")
+        for name in ("motion", "rates", "forces"):
+            if not isinstance(getattr(self, name), bool | np.bool_):
+                raise SceneError(f"Record: {name} = {getattr(self, name)!r} must be True or False")
 
 
 class Recorder:
@@ -61,7 +65,7 @@ class Recorder:
         n, size, joints = len(steps), model.size, len(model.scene.joints)
         held = model.reduction.columns - model.reduction.free
         #: Rows (n, ...) by name, vectors in the order of the degrees of freedom.
-        self.arrays = {"energies": np.zeros((n, 4)), "momenta": np.zeros((n, 3))}
+        self.arrays = {"energies": np.zeros((n, 5)), "momenta": np.zeros((n, 3))}
         if joints:
             self.arrays["slides"] = np.zeros((n, joints))
         if record.motion:
@@ -109,7 +113,7 @@ class Recorder:
         x = model.mesh.X + q[:, :2]
         potential = 0.0 if model.weight is None else -(model.weight @ state.q)
         strain = model.forms.strain_energy(state.q)
-        strain += model.actuators.energy(state.q, state.slides)
+        springs = model.actuators.energy(state.q, state.slides)
         angular = x[:, 0] @ p[:, 1] - x[:, 1] @ p[:, 0] + p[:, 2].sum()
         values: dict[str, Any] = {
             "q": state.q,
@@ -118,7 +122,7 @@ class Recorder:
             "held": state.held,
             "slides": state.slides,
             "joint_forces": state.joint_forces,
-            "energies": (state.v @ momentum / 2, strain, potential, state.work),
+            "energies": (state.v @ momentum / 2, strain, potential, state.work, springs),
             "momenta": (*p[:, :2].sum(axis=0), angular),
         }
         for name, rows in self.arrays.items():

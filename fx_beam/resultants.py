@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Callable
 from typing import Any, NamedTuple
 
@@ -121,13 +122,13 @@ def at_ends(level: float) -> Callable[[Step, Law], WeightedResultants]:
     callable
         ``resultants(step, law)`` for a `Scheme`.
     """
+    return functools.partial(_weighted, level)
 
-    def resultants(step: Step, law: Law) -> WeightedResultants:
-        start = _at(step, law, step.u0, step.psi0)
-        end = _at(step, law, step.u0 + step.Du, step.psi0 + step.Dpsi)
-        return WeightedResultants(start, end, level)
 
-    return resultants
+def _weighted(level: float, step: Step, law: Law) -> WeightedResultants:
+    start = _at(step, law, step.u0, step.psi0)
+    end = _at(step, law, step.u0 + step.Du, step.psi0 + step.Dpsi)
+    return WeightedResultants(start, end, level)
 
 
 def _at(step: Step, law: Law, u, psi) -> Resultants:

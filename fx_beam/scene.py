@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from typing import Any
@@ -22,6 +23,9 @@ class Scene:
 
     Lengths in metres, masses in kilograms, times in seconds and angles in radians, or any other
     consistent units. Angles and moments count anticlockwise.
+
+    A copy of a scene, or one that was pickled, has nodes, beams and joints of its own: take them
+    from its `beams` and `joints`.
 
     Parameters
     ----------
@@ -45,6 +49,14 @@ class Scene:
         self.joints: list[Joint] = []
         #: Whether initial velocities that violate a joint are projected instead of refused.
         self.projects_velocities = False
+
+    def __copy__(self):
+        return copy.deepcopy(self)
+
+    def __setstate__(self, state):
+        self.__dict__.update(state)
+        for node in self.nodes:
+            object.__setattr__(node, "scene", self)
 
     # -- Geometry -----------------------------------------------------------------------------
 
@@ -325,7 +337,8 @@ class Scene:
             ``term(step)`` gives the virtual work per reference length that the force does, a
             scalar UFL expression linear in ``step.virtual_u`` and ``step.virtual_psi``; for a
             viscous force ``lambda step: -c * ufl.dot(step.v, step.virtual_u)``. `step` is an
-            `fx_beam.Step`. It is integrated with the element's reduced Gauss rule.
+            `fx_beam.Step`. It is integrated with the element's reduced Gauss rule. Functions and
+            constants of dolfinx are refused, as they would be read once.
         beam : Beam, optional
             Where it acts; on all beams by default.
 
@@ -381,7 +394,7 @@ class Scene:
     def _check_beam(self, beam, what: str) -> None:
         if not isinstance(beam, Beam):
             raise SceneError(f"{what}: {beam!r} is no beam; take what add_beam returned")
-        if not any(beam is own for own in self.beams):
+        if beam.start.scene is not self or beam not in self.beams:
             raise SceneError(f"{what}: {label(beam)} belongs to another scene")
 
     def _free_component(self, node: Node, component: str) -> tuple[int, int]:

@@ -78,11 +78,7 @@ def EnergyMomentum() -> Scheme:
     Scheme
         The scheme.
     """
-
-    def resultants(step: Step, law: Law) -> Resultants:
-        return with_exact_work(step, averaged(step, law))
-
-    return Scheme("EnergyMomentum", resultants, MidPointRates())
+    return Scheme("EnergyMomentum", _exact, MidPointRates())
 
 
 def Newmark(beta: float = 0.25, gamma: float = 0.5) -> Scheme:
@@ -100,7 +96,7 @@ def Newmark(beta: float = 0.25, gamma: float = 0.5) -> Scheme:
     """
     _check_parameter("Newmark", "beta", beta, 0, 1, low_open=True)
     _check_parameter("Newmark", "gamma", gamma, 0, 1)
-    return _newmark_family("Newmark", NewmarkRates(beta, gamma))
+    return _newmark_family("Newmark", NewmarkRates(float(beta), float(gamma)))
 
 
 def HHT(alpha: float = -0.1) -> Scheme:
@@ -157,6 +153,10 @@ def Equilibrium() -> Scheme:
         The scheme, for `static` and not for `simulate`.
     """
     return Scheme("Equilibrium", at_ends(1.0), AtRest())
+
+
+def _exact(step: Step, law: Law) -> Resultants:
+    return with_exact_work(step, averaged(step, law))
 
 
 def _newmark_family(name: str, rates: NewmarkRates) -> Scheme:

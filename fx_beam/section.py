@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import math
 import operator
 from collections.abc import Callable
@@ -9,12 +10,13 @@ from dataclasses import dataclass
 from typing import Any
 
 import ufl
+from ufl.algorithms.analysis import extract_coefficients, extract_constants
 from ufl.corealg.traversal import unique_pre_traversal
 
 import numpy as np
 
 from .errors import SceneError
-from .values import is_number, shaped
+from .values import is_number, refuse_fields, shaped
 
 Energy = Callable[[Any, Any, Any], Any]
 #: A number, or a function of the fraction of the arc length.
@@ -76,7 +78,11 @@ class Section:
             if getattr(self, name) is None and self.strain_energy is None:
                 raise SceneError(f"Section: {name} is missing; give it or a strain_energy")
         for name in ("EA", "GA", "EI", "rhoA", "rhoI"):
-            self.values(name, np.array([0.5]))
+            (value,) = self.values(name, np.array([0.5]))
+            datum = getattr(self, name)
+            if datum is not None and not callable(datum):
+                # As a number, since an array could be changed later.
+                object.__setattr__(self, name, float(value))
         if self.strain_energy is not None:
             _check_energy(self.strain_energy)
 
@@ -155,8 +161,8 @@ class Section:
         Section
             EA, GA, EI, rhoA and rhoI of the rectangle.
         """
-        area = _combined(lambda h, b: h * b, height=height, width=width)
-        inertia = _combined(lambda h, b: b * h**3 / 12, height=height, width=width)
+        area = _combined(operator.mul, height=height, width=width)
+        inertia = _combined(_second_moment_of_rectangle, height=height, width=width)
         return cls.from_area(area, inertia, E, nu, rho, shear_factor)
 
     @classmethod
@@ -188,8 +194,8 @@ class Section:
         Section
             EA, GA, EI, rhoA and rhoI of the circle.
         """
-        area = _combined(lambda d: math.pi * d**2 / 4, diameter=diameter)
-        inertia = _combined(lambda d: math.pi * d**4 / 64, diameter=diameter)
+        area = _combined(_area_of_circle, diameter=diameter)
+        inertia = _combined(_second_moment_of_circle, diameter=diameter)
         return cls.from_area(area, inertia, E, nu, rho, shear_factor)
 
     @classmethod
@@ -227,13 +233,10 @@ class Section:
         if not (is_number(nu) and -1 < nu <= 0.5):
             raise SceneError(f"Section: nu = {nu!r} must be a number in (-1, 0.5]")
         A, J = {"area": area}, {"second_moment": second_moment}
-
-        def shear_stiffness(shear_factor, E, A):
-            return shear_factor * (E / (2 * (1 + nu))) * A
-
+        shear = functools.partial(_shear_stiffness, nu)
         return cls(
             EA=_combined(operator.mul, E=E, **A),
-            GA=_combined(shear_stiffness, shear_factor=shear_factor, E=E, **A),
+            GA=_combined(shear, shear_factor=shear_factor, E=E, **A),
             EI=_combined(operator.mul, E=E, **J),
             rhoA=_combined(operator.mul, rho=rho, **A),
             rhoI=_combined(operator.mul, rho=rho, **J),
@@ -250,10 +253,13 @@ class Law:
         ``energy(eps, gamma, kappa)``, the stored energy per length [J/m].
     quadratic : bool
         Whether the resultants at the mean strain are the exact discrete gradient.
+    data : tuple
+        Functions and constants of dolfinx in it: the sections' data.
     """
 
     energy: Energy
     quadratic: bool
+    data: tuple = ()
 
     def resultants(self, eps, gamma, kappa):
         """Material stress resultants: the derivatives of the stored energy (eq. 11).
@@ -282,16 +288,34 @@ def quadratic_law(stiffness) -> Law:
         bending = stiffness[2] * kappa**2 / 2
         return membrane + shear + bending
 
-    return Law(energy, quadratic=True)
+    data = *extract_coefficients(stiffness), *extract_constants(stiffness)
+    return Law(energy, quadratic=True, data=data)
 
 
 def _combined(function: Callable[..., float], **data: Datum) -> Datum:
     """A function of checked data; where one of them varies along the beam, so does it."""
-
-    def value(fraction: float) -> float:
-        return function(*(_value(name, datum, fraction) for name, datum in data.items()))
-
+    value = functools.partial(_of_data, function, data)
     return value if any(map(callable, data.values())) else value(0.0)
+
+
+def _of_data(function: Callable[..., float], data: dict[str, Datum], fraction: float) -> float:
+    return function(*(_value(name, datum, fraction) for name, datum in data.items()))
+
+
+def _second_moment_of_rectangle(height: float, width: float) -> float:
+    return width * height**3 / 12
+
+
+def _area_of_circle(diameter: float) -> float:
+    return math.pi * diameter**2 / 4
+
+
+def _second_moment_of_circle(diameter: float) -> float:
+    return math.pi * diameter**4 / 64
+
+
+def _shear_stiffness(nu: float, shear_factor: float, E: float, area: float) -> float:
+    return shear_factor * (E / (2 * (1 + nu))) * area
 
 
 def _value(name: str, datum: Datum, fraction: float = 0.0) -> float:
@@ -309,9 +333,11 @@ def _value(name: str, datum: Datum, fraction: float = 0.0) -> float:
 
 def _evaluated(datum: Callable, fraction: float, what: str) -> float:
     try:
-        value = datum(fraction)
+        value = datum if isinstance(datum, ufl.core.expr.Expr) else datum(fraction)
         # Of numbers, UFL's functions make numbers or expressions of numbers.
-        value = value(()) if isinstance(value, ufl.core.expr.Expr) else value
+        if isinstance(value, ufl.core.expr.Expr):
+            refuse_fields(value, what)
+            value = value(())
     except SceneError:
         raise  # of a datum that this one is made of
     except Exception as error:
@@ -329,6 +355,7 @@ def _check_energy(strain_energy: Energy) -> None:
             "Section: strain_energy(eps, gamma, kappa) must give a UFL expression, written with "
             f"ufl.sqrt, ufl.exp, ... where it needs functions; it raised {error!r}"
         ) from error
+    refuse_fields(W, "Section: strain_energy")
     met = set(unique_pre_traversal(W))
     missing = [n for n, x in zip(("eps", "gamma", "kappa"), e, strict=True) if x not in met]
     if W.ufl_shape == () and missing:

@@ -17,7 +17,7 @@ from matplotlib.figure import Figure
 
 from .beam import Node
 from .files import writable
-from .modes import Modes
+from .modal import Modes
 from .solution import Solution
 from .symbols import Drawing, axis, draw_marks, draw_supports, draw_symbols
 

@@ -7,7 +7,7 @@ from collections.abc import Callable
 import numpy as np
 
 from . import export
-from .audit import BeamResultants, Energy, Stats
+from .audit import BeamResultants, Energy, Stats, read_only
 from .beam import Beam, Node
 from .joints import GROUND, Joint
 from .state import State
@@ -15,6 +15,8 @@ from .state import State
 
 class Solution:
     """Motion of a scene over time, or its equilibria over the load factor.
+
+    Its arrays can be read and not be changed; a copy of them can.
 
     Parameters
     ----------
@@ -71,19 +73,26 @@ class Solution:
         resultants_of_beam: Callable[[str], BeamResultants],
         end: State | None = None,
     ):
-        self.t, self.t_level = t, t_level
-        self.X = X
-        self.q, self.v, self.a = q, v, a
-        self.reactions = reactions
-        self.slides, self.joint_forces = slides, joint_forces
+        self.t, self.t_level = read_only(t), read_only(t_level)
+        self.X = read_only(X)
+        self.q, self.v, self.a = (read_only(values) for values in (q, v, a))
+        self.reactions = read_only(reactions)
+        self.slides, self.joint_forces = read_only(slides), read_only(joint_forces)
         self.energy = energy
-        self.linear_momentum = linear_momentum
-        self.angular_momentum = angular_momentum
+        self.linear_momentum = read_only(linear_momentum)
+        self.angular_momentum = read_only(angular_momentum)
         self.stats = stats
         self.beams = beams
-        self.nodes_of_beam = nodes_of_beam
+        self.nodes_of_beam = {name: read_only(nodes) for name, nodes in nodes_of_beam.items()}
         self._resultants_of_beam = resultants_of_beam
         self.end = end
+
+    def __getstate__(self):
+        # What computes the resultants holds the compiled model: a copy has them computed.
+        known = {}
+        if self.has_motion:
+            known = {name: self._resultants_of_beam(name) for name in self.beams}
+        return {**self.__dict__, "_resultants_of_beam": known.__getitem__}
 
     def __repr__(self):
         return (
@@ -98,6 +107,16 @@ class Solution:
         if not self.stats.static:
             raise ValueError("the solution is one over time, without load factors; it has t")
         return self.t
+
+    @property
+    def has_motion(self) -> bool:
+        """Whether displacements and rotations were recorded."""
+        return len(self.q) == len(self.t)
+
+    @property
+    def has_rates(self) -> bool:
+        """Whether velocities and accelerations were recorded."""
+        return len(self.v) == len(self.t)
 
     # -- Motion of a node -----------------------------------------------------------------------
 

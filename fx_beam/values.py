@@ -4,7 +4,11 @@ from __future__ import annotations
 
 import inspect
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
+from typing import Any
+
+from ufl.algorithms.analysis import extract_coefficients, extract_constants
+from ufl.core.expr import Expr
 
 import numpy as np
 
@@ -13,34 +17,72 @@ from .errors import SceneError, StepError
 TimeFunction = Callable[[float], np.ndarray]
 # Names that parameters bear which are places, in lower case.
 _PLACES = {"s", "x", "y", "xi", "place", "position", "point", "fraction", "arc_length"}
+#: Kinds of values that cannot be changed.
+_FIXED = float, tuple, int
 
 
 def is_number(value) -> bool:
     """Whether something is a finite number."""
     try:
-        return math.isfinite(value)
+        # UFL tries without end to make a number of a symbol.
+        return not isinstance(value, Expr) and math.isfinite(value)
     except (TypeError, OverflowError):
         return False
 
 
 def vector(value, size: int, what: str) -> np.ndarray:
-    """Finite array of `size` numbers."""
+    """Finite array of `size` numbers, which cannot be changed."""
     array = shaped(value, size, what)
     if not np.isfinite(array).all():
         raise SceneError(f"{what}: {value!r} is not finite")
+    array.setflags(write=False)
     return array
 
 
 def shaped(value, size: int, what: str) -> np.ndarray:
-    """Array of `size` numbers, finite or not."""
+    """New array of `size` numbers, finite or not."""
     try:
-        array = np.atleast_1d(np.asarray(value, dtype=float))
+        parts = value if isinstance(value, list | tuple) else [value]
+        if any(isinstance(part, Expr) for part in parts):
+            raise TypeError("a symbol, of which UFL tries without end to make a number")
+        array = np.array(value, dtype=float, ndmin=1)
     except (TypeError, ValueError):
         array = np.empty(0)
     if array.shape != (size,):
         wanted = "a number" if size == 1 else f"{size} numbers"
         raise SceneError(f"{what}: {value!r} has the wrong shape; it must be {wanted}")
     return array
+
+
+def refuse_fields(expression: Any, what: str, known: Iterable = ()) -> None:
+    """Refuse a UFL expression with functions or constants of a user's own.
+
+    They would be read once, before the run, and what they are changed to would be left out.
+
+    Parameters
+    ----------
+    expression : ufl expression
+        What a user's function gave.
+    what : str
+        Name of the function in messages.
+    known : iterable
+        Functions and constants that the package keeps up to date.
+
+    Raises
+    ------
+    SceneError
+        If there are others.
+    """
+    found = [*extract_coefficients(expression), *extract_constants(expression)]
+    ours = {id(field) for field in known}
+    for field in found:
+        if id(field) not in ours:
+            raise SceneError(
+                f"{what}: it contains {field}, a {type(field).__name__} of your own. That would be "
+                "read once, and not when it changes. Take numbers and UFL expressions of what the "
+                "function is given: of the strains in a law, and of step.t (time) and step.X "
+                "(place) elsewhere, such as ufl.sin(3 * step.t)"
+            )
 
 
 class Constant:
@@ -140,7 +182,11 @@ def series(function: TimeFunction, times: np.ndarray, what: str) -> np.ndarray:
         found: list = []
         try:
             for t in times.tolist():
-                found.append(function.function(t))
+                value = function.function(t)
+                if not isinstance(value, _FIXED):
+                    # It may fill and return one array or list of its own again and again.
+                    value = (value if isinstance(value, np.ndarray) else np.array(value)).tolist()
+                found.append(value)
             values = np.array(found, dtype=float)
             if values.size == len(times) * function.size and np.isfinite(values).all():
                 return values.reshape(len(times), function.size)

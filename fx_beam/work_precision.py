@@ -211,7 +211,7 @@ def _solve(motion: _Motion, mesh: Mesh, scheme: Scheme, dt: float) -> Solution:
 
 def _row(label: str, mesh: Mesh, dt: float, solution: Solution) -> Run:
     stats, energy = solution.stats, solution.energy
-    size = (energy.kinetic + energy.strain).max()
+    size = (energy.kinetic + energy.stored).max()
     return Run(
         scheme=label,
         name=stats.scheme,

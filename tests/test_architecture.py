@@ -65,7 +65,7 @@ LAYERS = [
     "windings",
     "dynamics",
     "statics",
-    "modes",
+    "modal",
     # the door, pictures beside it, and studies behind it
     "__init__",
     "symbols",
@@ -154,8 +154,8 @@ def test_the_model_knows_nothing_of_solutions():
     ("packages", "home"),
     [
         ({"dolfinx", "basix", "ffcx", "mpi4py"}, {"compat"}),
-        ({"petsc4py"}, {"newton", "modes"}),
-        ({"slepc4py"}, {"modes"}),
+        ({"petsc4py"}, {"newton", "modal"}),
+        ({"slepc4py"}, {"modal"}),
         ({"matplotlib"}, {"curve_pictures", "shape_pictures"}),
         ({"pyvista", "vtk", "vtkmodules"}, {"shape_pictures"}),
         ({"tqdm"}, {"dynamics"}),
@@ -190,8 +190,9 @@ def test_importing_the_package_imports_no_library_for_pictures_and_no_study():
     assert not loaded & {"fx_beam.work_precision", "fx_beam.stability"}
 
 
-def test_studies_are_had_from_the_package_and_nothing_else_is():
-    assert fx_beam.work_precision.study and fx_beam.stability
+def test_pictures_and_studies_are_had_from_the_package_and_nothing_else_is():
+    assert fx_beam.work_precision.study and fx_beam.stability and fx_beam.plot.curves
+    assert {"plot", "stability", "work_precision", "Scene", "modes"} <= set(dir(fx_beam))
     with pytest.raises(AttributeError, match="workprecision"):
         fx_beam.workprecision  # noqa: B018
 
@@ -210,6 +211,10 @@ def test_no_import_is_optional(module):
     handlers = [node for node in ast.walk(TREES[module]) if isinstance(node, ast.ExceptHandler)]
     caught = {ast.unparse(handler.type) for handler in handlers if handler.type is not None}
     assert not [name for name in caught if "ImportError" in name or "ModuleNotFound" in name]
+
+
+def test_no_public_name_hides_a_module():
+    assert not set(fx_beam.__all__) & set(SOURCES)
 
 
 # -- Size and manners ------------------------------------------------------------------------

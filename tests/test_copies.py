@@ -1,0 +1,293 @@
+"""What is copied or pickled gives the same results as the original, and shares nothing with it."""
+
+import copy
+import functools
+import pickle
+from dataclasses import dataclass
+
+import ufl
+
+import numpy as np
+import pytest
+from jointed import KINDS, MEMBER, pair
+
+import fx_beam as fb
+
+
+def pickled(thing):
+    return pickle.loads(pickle.dumps(thing))
+
+
+every_way = pytest.mark.parametrize("copied", [copy.copy, copy.deepcopy, pickled])
+
+
+# Functions of a module can be pickled, those inside a test cannot.
+def push(t):
+    return 3.0 * np.cos(4 * t), 1.0
+
+
+def swing(t):
+    return 0.3 * (1 - np.cos(3 * t))
+
+
+def taper(fraction):
+    return 0.12 - 0.05 * fraction
+
+
+def wave(fraction):
+    return fraction, 0.2 * np.sin(2 * fraction)
+
+
+def stiffening(eps, gamma, kappa):
+    return 1e4 * (eps**2 / 2 + eps**4 / 4) + 5e3 * gamma**2 + 50 * kappa**2
+
+
+@dataclass
+class Softening:
+    """A law with data, which makes it unhashable."""
+
+    EI: float
+
+    def __call__(self, eps, gamma, kappa):
+        return 5e3 * (eps**2 + gamma**2) + self.EI * (kappa**2 / 2 - kappa**4 / 24)
+
+
+def drag(step):
+    return -0.5 * ufl.dot(step.v, step.virtual_u)
+
+
+def whirl(x, y):
+    return -0.5 * y, 0.5 * x
+
+
+def jointed(kind):
+    """Two jointed beams under gravity, one of them pinned, with a force that varies."""
+    scene, first, second, joint = pair(kind, gravity=(0.0, -9.81))
+    scene.pin(first.start)
+    scene.add_force(second.end, push)
+    return scene, joint
+
+
+def grounded(kind, ground_first):
+    """A beam that a joint holds to the ground."""
+    make, place, given = KINDS[kind]
+    scene = fb.Scene(gravity=(0.0, -9.81))
+    beam = scene.add_beam([place, (1.0, 0.3)], MEMBER, elements=2)
+    if ground_first:
+        given = {name: value for name, value in given.items() if name != "offset"}
+        return scene, scene.add_joint(make(fb.GROUND, beam.start, **given))
+    return scene, scene.add_joint(make(beam.start, fb.GROUND, **given))
+
+
+def driven():
+    """A motor, a prescribed motion, springs and dampers."""
+    scene = fb.Scene()
+    bar = scene.add_beam([(0, 0), (1, 0)], MEMBER, elements=2, name="bar")
+    arm = scene.add_beam([(1, 0), (1, 1)], MEMBER, elements=2)
+    scene.add_joint(fb.Revolute(fb.GROUND, bar.start, motor=swing))
+    spring, damper = fb.Spring(20.0, rest=0.1), fb.Damper(0.5)
+    joint = scene.add_joint(fb.Revolute(bar.end, arm.start, spring=spring, damper=damper))
+    scene.prescribe(arm.end, x=swing)
+    return scene, joint
+
+
+def of_all_kinds():
+    """Curved and tapered beams, own laws and loads, masses, velocities."""
+    scene = fb.Scene()
+    tapered = fb.Section.rectangle(height=taper, width=0.1, E=1e6, rho=100.0)
+    lawful = fb.Section(rhoA=1.0, rhoI=0.1, strain_energy=stiffening)
+    soft = fb.Section(rhoA=1.0, rhoI=0.1, strain_energy=Softening(EI=80.0))
+    first = scene.add_beam(fb.arc((0, 0), (0.6, 0.2), (1, 0)), tapered, elements=2, degree=2)
+    second = scene.add_beam(wave, lawful, elements=2, degree=2)
+    third = scene.add_beam(fb.spline([first.end, (1.5, 0.2), (2, 0)]), soft, elements=2, degree=2)
+    joint = scene.add_joint(fb.Revolute(first.start, second.start))
+    scene.add_joint(fb.PinInSlot(third.end, fb.GROUND, axis=(1, 0)))
+    scene.add_mass(second.end, 0.5, inertia=0.1)
+    scene.add_line_load(third, (0.0, -2.0))
+    scene.add_force(second.end, (1.0, 2.0), follower=True)
+    scene.add_virtual_work(drag, second)
+    scene.set_velocity(second, whirl, spin=0.5)
+    scene.make_velocities_compatible()
+    return scene, joint
+
+
+SCENES = {kind: functools.partial(jointed, kind) for kind in KINDS}
+SCENES |= {f"ground, {kind}": functools.partial(grounded, kind, True) for kind in KINDS}
+SCENES |= {f"{kind}, ground": functools.partial(grounded, kind, False) for kind in KINDS}
+SCENES |= {"driven": driven, "all kinds": of_all_kinds}
+
+
+def assert_same(solution, other):
+    """The same motion, forces and energy to far below their size, over more than one swing."""
+    for name in ("t", "q", "v", "a", "reactions", "slides", "joint_forces"):
+        values = getattr(solution, name)
+        size = 1e-9 * abs(values).max(initial=1e-3)
+        assert getattr(other, name) == pytest.approx(values, rel=0, abs=size), name
+    assert other.energy.total == pytest.approx(solution.energy.total, rel=1e-9, abs=1e-9)
+
+
+@pytest.mark.parametrize("name", SCENES)
+def test_a_copied_scene_moves_as_the_original(name):
+    scene, joint = SCENES[name]()
+    run = functools.partial(fb.simulate, dt=0.02, t_end=0.2)
+    solution = run(scene)
+    assert abs(solution.q).max() > 1e-2
+    for copied in (copy.copy, copy.deepcopy, pickled):
+        other = copied(scene)
+        moved = run(other)
+        assert_same(solution, moved)
+        own = other.joints[joint.number]
+        assert moved.gap(own) == pytest.approx(0 * moved.t, abs=1e-12)
+        assert moved.joint_force(own) == pytest.approx(solution.joint_force(joint), rel=1e-6)
+
+
+@every_way
+def test_the_ground_stays_the_ground(copied):
+    assert copied(fb.GROUND) is fb.GROUND
+    scene, _ = driven()
+    for joint in (copied(scene).joints[0], copied(scene.joints[0])):
+        assert joint.a is fb.GROUND
+        assert str(joint) == str(scene.joints[0])
+
+
+@every_way
+def test_a_copied_scene_is_one_of_its_own(copied):
+    scene, _ = driven()
+    other = copied(scene)
+    bar = other.beams[0]
+    other.fix(bar.end, "rotation")
+    other.add_force(bar.end, (1.0, 0.0))
+    other.add_line_load(bar, (0.0, 1.0))
+    other.add_beam([bar.end, (2, 2)], MEMBER)
+    other.add_joint(fb.Revolute(bar.end, other.beams[-1].end, offset=(1, 2)))
+    assert (len(scene.beams), len(scene.nodes), len(scene.joints)) == (2, 6, 2)
+    assert not scene.fixed and not scene.loads
+    with pytest.raises(fb.SceneError, match="belongs to another scene"):
+        other.pin(scene.beams[0].end)
+    with pytest.raises(fb.SceneError, match="belongs to another scene"):
+        scene.add_line_load(bar, (0.0, 1.0))
+
+
+def test_nodes_copied_with_their_scene_belong_to_it():
+    scene, _ = driven()
+    node = scene.beams[0].end
+    for pair_ in ((scene, node), (node, scene)):
+        for copied in (copy.deepcopy, pickled):
+            (other, its) = sorted(copied(pair_), key=lambda thing: isinstance(thing, fb.Node))
+            other.add_force(its, (1.0, 0.0))
+            assert len(other.loads) == 1
+    assert not scene.loads
+
+
+@every_way
+def test_a_copied_solution_gives_all_that_the_original_gives(copied):
+    scene, joint = of_all_kinds()
+    scene.add_force(scene.beams[1].end, lambda t: (np.sin(9 * t), 0.0))  # none of a solution's data
+    solution = fb.simulate(scene, dt=0.02, t_end=0.2)
+    other = copied(solution)
+    assert_same(solution, other)
+    for beam in scene.beams:
+        for part in ("s", "N", "Q", "M"):
+            found = getattr(other.resultants(beam), part)
+            assert (found == getattr(solution.resultants(beam), part)).all()
+        assert (other.shape(beam) == solution.shape(beam)).all()
+        # By the beams and nodes that the copy has itself, too.
+        own = other.beams[beam.name]
+        assert (other.position(own.end) == solution.position(beam.end)).all()
+        assert (other.resultants(own).M == solution.resultants(beam).M).all()
+    assert (other.joint_force(joint) == solution.joint_force(joint)).all()
+    assert (other.joint_force(pickled(joint)) == solution.joint_force(joint)).all()
+    assert str(other) == str(solution)
+    assert other.stats == solution.stats
+
+
+@every_way
+def test_a_motion_goes_on_from_a_copied_solution(copied):
+    scene, _ = driven()
+    first = fb.simulate(scene, dt=0.02, t_end=0.1)
+    assert_same(
+        fb.simulate(scene, dt=0.02, t_end=0.2, start=first),
+        fb.simulate(copied(scene), dt=0.02, t_end=0.2, start=copied(first)),
+    )
+
+
+@every_way
+def test_a_solution_without_motion_and_one_of_statics_can_be_copied(copied):
+    scene, joint = driven()
+    record = fb.Record(motion=False)
+    other = copied(fb.simulate(scene, dt=0.02, t_end=0.1, record=record))
+    assert len(other.joint_force(joint)) == 6
+    with pytest.raises(ValueError, match="motion not recorded"):
+        other.resultants(scene.beams[0])
+    scene = fb.Scene()
+    beam = scene.add_beam([(0, 0), (1, 0)], MEMBER)
+    scene.clamp(beam.start)
+    scene.add_force(beam.end, (0.0, 1.0))
+    solution = fb.static(scene, steps=2)
+    assert (copied(solution).resultants(beam).M == solution.resultants(beam).M).all()
+    assert (copied(solution).load_factor == solution.load_factor).all()
+
+
+@every_way
+def test_sections_curves_schemes_and_options_can_be_copied(copied):
+    fractions = np.linspace(0, 1, 5)
+    for section in (
+        MEMBER,
+        fb.Section.rectangle(height=taper, width=taper, E=1e6, rho=100.0),
+        fb.Section.circle(diameter=taper, E=1e6, rho=100.0),
+        fb.Section(strain_energy=stiffening),
+    ):
+        for name in ("EA", "GA", "EI", "rhoA", "rhoI"):
+            expected = section.values(name, fractions)
+            assert (copied(section).values(name, fractions) == expected).all()
+    for curve in (fb.arc((0, 0), (1, 1), (2, 0)), fb.spline([(0, 0), (1, 1), (2, 0)])):
+        for fraction in fractions:
+            assert (copied(curve).function(fraction) == curve.function(fraction)).all()
+    for plain in (fb.Record(every=3), fb.NewtonOptions(tolerance=1e-9), fb.Spring(2.0, 0.1)):
+        assert copied(plain) == plain
+
+
+@every_way
+@pytest.mark.parametrize(
+    "make",
+    [
+        fb.MidPoint,
+        fb.ModifiedMidPoint,
+        fb.EnergyMomentum,
+        fb.Newmark,
+        fb.HHT,
+        fb.GeneralizedAlpha,
+    ],
+)
+def test_a_copied_scheme_takes_the_same_steps(make, copied):
+    scene, _ = jointed("revolute")
+    run = functools.partial(fb.simulate, scene, dt=0.02, t_end=0.1)
+    assert_same(run(make()), run(copied(make())))
+
+
+def test_modes_can_be_copied():
+    scene, _ = jointed("revolute")
+    found = fb.modes(scene, n=3)
+    assert (pickled(found).shapes == found.shapes).all()
+
+
+@every_way
+def test_an_error_keeps_its_time_and_its_solution(copied):
+    def fails(t):
+        return 1 / (t < 0.05)
+
+    scene, _ = jointed("revolute")
+    scene.add_moment(scene.beams[0].end, fails)
+    with pytest.raises(fb.StepError) as raised:
+        fb.simulate(scene, dt=0.02, t_end=0.2)
+    other = copied(raised.value)
+    assert str(other) == str(raised.value) and other.time == raised.value.time
+    assert len(other.solution.t) == len(raised.value.solution.t) > 1
+
+
+def test_a_function_inside_another_is_refused_by_pickle_with_its_name():
+    scene, _ = driven()
+    scene.add_force(scene.beams[0].end, lambda t: (t, 0.0))
+    with pytest.raises((pickle.PicklingError, AttributeError), match="lambda"):
+        pickle.dumps(scene)
+    assert len(copy.deepcopy(scene).loads) == 1
