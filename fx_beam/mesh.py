@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 from dataclasses import dataclass
 from typing import Any
 
@@ -44,7 +45,7 @@ class Mesh:
     cells: list[np.ndarray]
     nodes: list[np.ndarray]
 
-    @property
+    @functools.cached_property
     def size(self) -> float:
         """Largest extent of the scene [m]."""
         return float(np.hypot(*np.ptp(self.X, axis=0)))
