@@ -9,7 +9,7 @@ import scipy.sparse
 from scipy.sparse.linalg import splu
 
 from .errors import SceneError
-from .joints import GROUND, Coordinate, Joint
+from .joints import Coordinate
 from .mesh import Mesh
 from .scene import Scene
 
@@ -177,9 +177,7 @@ def _motion(rows: scipy.sparse.csr_matrix) -> np.ndarray | None:
     largest = normal.diagonal().max() or 1.0
     shifted = normal + _SHIFT * largest * scipy.sparse.identity(n, format="csc")
     options = {"SymmetricMode": True}
-    solve = splu(
-        shifted, permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options=options
-    ).solve
+    solve = splu(shifted, permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options=options).solve
 
     def settled(motions: np.ndarray) -> np.ndarray:
         for _ in range(_CORRECTIONS):
@@ -205,11 +203,13 @@ def _description(mesh: Mesh, parts: _Parts, rates: np.ndarray) -> str:
     middle, turn = parts.middle, rates[:, 2]
     x, y = ((middle - parts.point) / mesh.size).T
     at_middle = rates + np.column_stack([-turn * y, turn * x, 0 * turn])
-    part = int(np.argmax(abs(at_middle).max(axis=1)))
+    sizes = abs(at_middle).max(axis=1)
+    part = int(np.argmax(sizes > (1 - 1e-6) * sizes.max()))  # the first of equal ones
     mode, (x, y) = at_middle[part], middle[part]
     if abs(mode[2]) > 1e-6 * abs(mode[:2]).max():
         # Velocity (mode0 - w y, mode1 + w x) vanishes at the pole.
         pole = middle[part] + mesh.size * np.array([-mode[1], mode[0]]) / mode[2]
+        pole = np.round(pole / mesh.size, 9) * mesh.size + 0.0  # no rounding in place of a zero
         how = f"can turn about ({pole[0]:.4g}, {pole[1]:.4g})"
     else:
         along = np.round(mode[:2] / abs(mode[:2]).max(), 6) + 0.0  # no -0
