@@ -37,9 +37,12 @@ def section_data(mesh: Mesh, scene: Scene, names: tuple[str, ...], points: int):
     """
     varies = any(beam.section.varies(name) for beam in scene.beams for name in names)
     gauss = compat.gauss_points(points if varies else 1).T
-    values = []
+    values, known = [], {}
     for beam in scene.beams:
-        # One value is enough for a beam whose data are constant.
+        # One value is enough for a beam whose data are constant, and for others of its section.
+        if not varies and id(beam.section) in known:
+            values.append(known[id(beam.section)])
+            continue
         s = beam.s[:-1, None] + np.diff(beam.s)[:, None] * gauss
         fractions = s / beam.length if varies else np.array([[0.5]])
         try:
@@ -47,6 +50,7 @@ def section_data(mesh: Mesh, scene: Scene, names: tuple[str, ...], points: int):
         except SceneError as error:
             raise SceneError(f"beam {beam.name!r}: {error}") from None
         values.append(own[0] if len(names) == 1 else np.stack(own, axis=-1))
+        known[id(beam.section)] = values[-1]
     if not varies:
         return cell_data(mesh, np.concatenate(values)[:, 0])
     of_cell = np.empty((len(mesh.beam_of_cell), *values[0].shape[1:]))

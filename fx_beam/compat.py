@@ -91,10 +91,12 @@ def function(space):
     return fem.Function(space)
 
 
-def cell_dofs(space, cell: int) -> tuple[np.ndarray, np.ndarray]:
-    """Degrees of freedom of one cell: displacement (nodes, 2) and rotation (nodes,)."""
-    u = space.sub(0).dofmap.cell_dofs(cell).reshape(-1, 2)
-    return u, space.sub(1).dofmap.cell_dofs(cell)
+def dofs_of_cells(space) -> np.ndarray:
+    """Degrees of freedom (cells, nodes, 3) of displacement and rotation at the nodes of cells."""
+    cells = range(space.mesh.topology.index_map(1).size_local)
+    u, psi = (space.sub(part).dofmap for part in (0, 1))
+    parts = [(u.cell_dofs(cell).reshape(-1, 2), psi.cell_dofs(cell)) for cell in cells]
+    return np.array([np.column_stack(part) for part in parts])
 
 
 @quietly

@@ -207,11 +207,20 @@ def motors(scene: Scene) -> list[tuple[Joint, str]]:
 def _forest(scene: Scene, joints: Iterable[Joint], supported: set[int], what: str) -> list[Branch]:
     """Joints as branches of trees, parents first; a supported node or the ground is a root."""
     neighbours: dict[int, list[tuple[int, Joint]]] = {}
+    trees: dict[int, int] = {}
+
+    def tree(node: int) -> int:
+        while (above := trees.setdefault(node, node)) != node:
+            trees[node] = trees[above]  # so that the next way is half as long
+            node = above
+        return node
+
     for joint in joints:
         a, b = joint.a.number, joint.b.number
-        path = _path(neighbours, a, b)
-        if path is not None:
+        if tree(a) == tree(b):
+            path = _path(neighbours, a, b)
             _refuse(scene, [*path, joint], f"they close a loop in which every {what} is coupled")
+        trees[tree(a)] = tree(b)
         neighbours.setdefault(a, []).append((b, joint))
         neighbours.setdefault(b, []).append((a, joint))
 
@@ -242,8 +251,8 @@ def _forest(scene: Scene, joints: Iterable[Joint], supported: set[int], what: st
     return branches
 
 
-def _path(neighbours, start: int, end: int) -> list[Joint] | None:
-    """Joints between two nodes of a tree; none if they are in different ones."""
+def _path(neighbours, start: int, end: int) -> list[Joint]:
+    """Joints between two nodes of a tree."""
     came: dict[int, tuple[int, Joint] | None] = {start: None}
     queue = [start]
     for node in queue:
@@ -251,8 +260,6 @@ def _path(neighbours, start: int, end: int) -> list[Joint] | None:
             if other not in came:
                 came[other] = (node, joint)
                 queue.append(other)
-    if end not in came:
-        return None
     joints = []
     step = came[end]
     while step is not None:

@@ -66,33 +66,41 @@ class JointReduction:
 
     def _build_products(self, couplings: Couplings, matrix) -> None:
         """Positions of all products That[i, a] K[i, j] T[j, b] in the reduced tangent."""
-        free, entries = self.free, couplings.entries
-        products = []
-        for i in range(self._size):
-            left = [entry for entry in entries[i] if entry[0] < free]
-            for k in range(matrix.indptr[i], matrix.indptr[i + 1]):
-                for a, hat, sign in left:
-                    for b, value, other in entries[matrix.indices[k]]:
-                        if b < free:
-                            products.append((a, b, k, hat, value, sign * other))
+        free = self.free
         second = []
         for m, joint in enumerate(self._bending):
             turn = [e for e in couplings.entries_of_guide(joint, self._dofs) if e[0] < free]
             slide = [(self._slide[m], 0, 1.0)] if 0 <= self._slide[m] < free else []
-            for kind, left, right in ((0, turn, turn), (1, turn, slide), (2, slide, turn)):
-                second += [(a, b, m, kind, s * o) for a, _, s in left for b, _, o in right]
+            for kind, hats, values in ((0, turn, turn), (1, turn, slide), (2, slide, turn)):
+                second += [(a, b, m, kind, s * o) for a, _, s in hats for b, _, o in values]
         third = self._actuators.pairs(free)
 
-        pairs = np.array([p[:2] for p in (*products, *second, *third)], dtype=int).reshape(-1, 2)
+        source, left, right = self._products(matrix)
+        others = np.array([p[:2] for p in (*second, *third)], dtype=int).reshape(-1, 2)
+        pairs = np.vstack([np.column_stack([self._col[left], self._col[right]]), others])
         self.pattern, place = sparsity(pairs[:, 0], pairs[:, 1], free)
-        cuts = np.cumsum([len(products), len(second)])
+        cuts = np.cumsum([len(source), len(second)])
         place, self._second_place, self._actuator_place = np.split(place, cuts)
-        _, _, source, hats, values, signs = (np.array(p) for p in zip(*products, strict=True))
+        hats, values = self._place[left], self._place[right]
+        signs = self._sign[left] * self._sign[right]
         plain = (hats == 0) & (values == 0) & (signs == 1)
         self._plain = place[plain], source[plain]
         self._mixed = tuple(part[~plain] for part in (place, source, hats, values, signs))
         table = np.array([(m, kind, sign) for _, _, m, kind, sign in second]).reshape(-1, 3)
         self._second = table[:, 0].astype(int), table[:, 1].astype(int), table[:, 2]
+
+    def _products(self, matrix) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Entries of K, and of That and T by which each is multiplied."""
+        moves = np.flatnonzero(self._col < self.free)
+        count = np.bincount(self._row[moves], minlength=self._size)
+        first = np.cumsum(count) - count
+        i, j = np.repeat(np.arange(self._size), np.diff(matrix.indptr)), matrix.indices
+        products = count[i] * count[j]
+        source = np.repeat(np.arange(len(j)), products)
+        number = np.arange(len(source)) - np.repeat(np.cumsum(products) - products, products)
+        i, j = i[source], j[source]
+        left, right = first[i] + number // count[j], first[j] + number % count[j]
+        return source, moves[left], moves[right]
 
     def tables(self):
         """Entries, joints and products."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 from dataclasses import dataclass
 from typing import Any
 
@@ -44,7 +45,7 @@ class Mesh:
     cells: list[np.ndarray]
     nodes: list[np.ndarray]
 
-    @property
+    @functools.cached_property
     def size(self) -> float:
         """Largest extent of the scene [m]."""
         return float(np.hypot(*np.ptp(self.X, axis=0)))
@@ -93,15 +94,14 @@ def build_mesh(scene: Scene) -> Mesh:
         mesh, order = compat.interval_mesh(points, np.array(ends))
     space = compat.beam_space(mesh, degree)
     dofs = np.full((len(X), 3), -1)
-    for cell, nodes in enumerate(nodes_of_element[order]):
-        u, psi = compat.cell_dofs(space, cell)
-        dofs[nodes, :2], dofs[nodes, 2] = u, psi
+    dofs[nodes_of_element[order]] = compat.dofs_of_cells(space)
 
     cell_of_element = np.argsort(order)
-    beam_of_element = np.repeat(np.arange(len(scene.beams)), [b.elements for b in scene.beams])
+    counts = [beam.elements for beam in scene.beams]
+    first, beam_of_element = np.cumsum([0, *counts]), np.repeat(np.arange(len(counts)), counts)
     cells, nodes_of_beam = [], []
     for number in range(len(scene.beams)):
-        elements = np.flatnonzero(beam_of_element == number)
+        elements = np.arange(*first[number : number + 2])
         cells.append(cell_of_element[elements])
         chain = [ends[elements[0]][0]]
         for e in elements:
@@ -114,6 +114,8 @@ def _inner(beam: Beam) -> np.ndarray:
     """Places (elements * (degree - 1), 2) of the nodes inside the elements of a beam."""
     if beam.inner is not None:
         return beam.inner.reshape(-1, 2)
+    if beam.degree == 1:
+        return np.empty((0, 2))
     points = np.array([(node.x, node.y) for node in beam.nodes])
     fractions = np.arange(1, beam.degree)[:, None] / beam.degree
     return (points[:-1, None] + fractions * np.diff(points, axis=0)[:, None]).reshape(-1, 2)

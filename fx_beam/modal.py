@@ -163,8 +163,13 @@ def _matrices(model: Model, state: Solution | None):
     slides = np.array([joint.start()[0] for joint in model.scene.joints])
     if state is not None:
         factor, t, q, slides = _last(model, state)
-    if not reduction.free or not model.mass.data.any():
-        raise SceneError("modes: nothing can vibrate; the scene has no mass, or all of it is held")
+    if not reduction.free:
+        raise SceneError(
+            "modes: nothing is free to vibrate: supports, joints and motors hold all degrees of "
+            "freedom"
+        )
+    if not model.mass.data.any():
+        raise SceneError("modes: nothing can vibrate: the scene has no mass; give it some")
     forms.set_step(t, 0.0, q, none, none)
     forms.load_factor.value = factor
     reduction.begin(q, slides, 1.0)

@@ -231,9 +231,8 @@ class JointForces:
         self._model = model
         couplings, dofs = model.couplings, model.mesh.dofs
         rows, columns, signs = [], [], []
-        turning = np.zeros((len(model.scene.joints), len(dofs)))
-        for j in range(len(turning)):
-            turning[j, couplings.turning[j]] = couplings.turn_sign[j]
+        joints = range(len(model.scene.joints))
+        for j in joints:
             sums = (
                 (dofs[couplings.subtree[j], 0], couplings.move_sign[j]),
                 (dofs[couplings.subtree[j], 1], couplings.move_sign[j]),
@@ -243,9 +242,13 @@ class JointForces:
                 rows += [3 * j + i] * len(followers)
                 columns += followers.tolist()
                 signs += [sign] * len(followers)
-        shape = (3 * len(turning), model.size)
+        shape = (3 * len(joints), model.size)
         self._sums = scipy.sparse.csr_matrix((signs, (rows, columns)), shape)
-        self._turning = scipy.sparse.csr_matrix(turning)
+        counts = [len(nodes) for nodes in couplings.turning]
+        nodes = np.concatenate([np.empty(0, int), *couplings.turning])
+        signs, starts = np.repeat(couplings.turn_sign, counts), np.cumsum([0, *counts])
+        shape = (len(joints), len(dofs))
+        self._turning = scipy.sparse.csr_matrix((signs, nodes, starts), shape)
 
     @property
     def tables(self) -> tuple[scipy.sparse.csr_matrix, scipy.sparse.csr_matrix]:

@@ -37,6 +37,8 @@ class Scene:
         self.gravity = None if gravity is None else vector(gravity, 2, "gravity")
         self.beams: list[Beam] = []
         self.nodes: list[Node] = []
+        #: Smallest and largest coordinates of the nodes.
+        self._corners = np.full(2, np.nan), np.full(2, np.nan)
         #: Fixed components: (node number, component number).
         self.fixed: set[tuple[int, int]] = set()
         #: Displacements or rotations given as functions of time.
@@ -130,6 +132,8 @@ class Scene:
             if not isinstance(end, Node):
                 end = Node(len(self.nodes), float(end[0]), float(end[1]), self)
                 self.nodes.append(end)
+                place = np.array([end.x, end.y])
+                self._corners = np.fmin(self._corners[0], place), np.fmax(self._corners[1], place)
             nodes.append(end)
         return tuple(nodes)
 
@@ -233,8 +237,7 @@ class Scene:
             if node is not GROUND:
                 self._check_node(node, joint.kind)
         _, gap = joint.start()
-        size = np.ptp([(node.x, node.y) for node in self.nodes], axis=0).max()
-        if gap > 1e-9 * size:
+        if gap > 1e-9 * np.subtract(*self._corners[::-1]).max():
             raise SceneError(
                 f"{joint}: at the start there is a gap of {gap:.4g} between b and its place on a; "
                 "move the nodes, or give the joint an offset"

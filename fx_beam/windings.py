@@ -77,4 +77,6 @@ def _members(model: Model) -> list[np.ndarray]:
     graph = scipy.sparse.coo_matrix((np.ones(len(pairs)), (i, j)), (n, n))
     number, of_node = connected_components(graph, directed=False)
     held = set(of_node[sorted(counted)])
-    return [mesh.dofs[of_node == m, _ROTATION] for m in range(number) if m not in held]
+    order = np.argsort(of_node, kind="stable")
+    members = np.split(order, np.cumsum(np.bincount(of_node, minlength=number))[:-1])
+    return [mesh.dofs[nodes, _ROTATION] for m, nodes in enumerate(members) if m not in held]

@@ -1,0 +1,257 @@
+"""Mechanisms without mass or support: chains, loops, trusses, singular positions, in all units."""
+
+import itertools
+
+import numpy as np
+import pytest
+import scipy.sparse
+
+import fx_beam as fb
+from fx_beam.mechanism import check_no_massless_mechanism
+from fx_beam.mesh import build_mesh
+from fx_beam.model import Model
+from fx_beam.schemes import Equilibrium
+
+STIFF = {"EA": 1e6, "GA": 1e6, "EI": 1e3}
+LIGHT, HEAVY = fb.Section(**STIFF), fb.Section(**STIFF, rhoA=1.0, rhoI=0.01)
+
+
+def check_static(scene):
+    """What `static` checks before it computes."""
+    Model(scene, Equilibrium())
+
+
+def check_moving(scene):
+    """What `simulate` checks before it computes."""
+    Model(scene, fb.EnergyMomentum())
+
+
+def chain(places, section=LIGHT, ends=(True, True), **joint):
+    """Links from place to place, hinged to one another and, at held ends, to the ground."""
+    scene = fb.Scene()
+    links = [scene.add_beam([a, b], section) for a, b in zip(places[:-1], places[1:], strict=True)]
+    for first, second in zip(links[:-1], links[1:], strict=True):
+        scene.add_joint(fb.Revolute(first.end, second.start, **joint))
+    if ends[0]:
+        scene.pin(links[0].start)
+    if ends[1]:
+        scene.pin(links[-1].end)
+    return scene, links
+
+
+# -- Chains and singular positions -------------------------------------------------------------
+
+
+def test_a_three_hinged_arch_holds_and_in_line_it_does_not():
+    for size in (1e-9, 1.0, 1e9):
+        arch, _ = chain([(0, 0), (size, size), (2 * size, 0)])
+        check_static(arch)
+        check_moving(arch)
+        flat, _ = chain([(0, 0), (size, 0), (2 * size, 0)])
+        for check in (check_static, check_moving):
+            with pytest.raises(fb.SceneError, match=r"can turn about \((0|2e?[-+0-9]*), 0\)"):
+                check(flat)
+
+
+@pytest.mark.parametrize("links", [3, 40, 400])
+def test_a_chain_without_mass_between_two_pins_is_refused_and_with_it_accepted(links):
+    angles = np.linspace(0, np.pi, links + 1)
+    places = np.column_stack([-np.cos(angles), np.sin(angles)])
+    for check in (check_static, check_moving):
+        with pytest.raises(fb.SceneError, match="can turn about"):
+            check(chain(places)[0])
+    check_moving(chain(places, HEAVY)[0])
+    with pytest.raises(fb.SceneError, match="without support"):
+        check_static(chain(places, HEAVY)[0])
+
+
+@pytest.mark.parametrize("free", [0, 150, 298])
+def test_in_a_long_cantilever_of_springs_the_one_free_hinge_is_found(free):
+    # All rates but one are held, over 300 joints in a row.
+    places = np.column_stack([np.arange(300.0), np.zeros(300)])
+    spring = fb.Spring(stiffness=1.0)
+    held, _ = chain(places, ends=(True, False), spring=spring)
+    held.fix(held.beams[0].start, "rotation")
+    check_static(held)
+    scene, links = chain(places[: free + 1], ends=(False, False), spring=spring)
+    last = links[-1].end if links else None
+    more, start = [], free
+    for a, b in zip(places[start:-1], places[start + 1 :], strict=True):
+        more.append(scene.add_beam([a, b], LIGHT))
+    for first, second in zip(more[:-1], more[1:], strict=True):
+        scene.add_joint(fb.Revolute(first.end, second.start, spring=spring))
+    if last is None:
+        scene.pin(more[0].start)
+    else:
+        scene.clamp(links[0].start)
+        scene.add_joint(fb.Revolute(last, more[0].start))
+    with pytest.raises(fb.SceneError, match=rf"can turn about \({free}, 0\) without support"):
+        check_static(scene)
+
+
+@pytest.mark.parametrize("angle", [1.0, 1e-3, 0.0])
+def test_a_parallelogram_in_line_has_one_motion_more(angle):
+    # Two cranks and a coupler, all without mass, the coupler held by a spring on the first crank.
+    # In line the second crank may turn the other way.
+    crank = np.array([np.cos(angle), np.sin(angle)])
+    scene = fb.Scene()
+    first = scene.add_beam([(0, 0), crank], LIGHT)
+    coupler = scene.add_beam([crank, crank + (3, 0)], LIGHT)
+    second = scene.add_beam([(3, 0), crank + (3, 0)], LIGHT)
+    scene.add_joint(fb.Revolute(fb.GROUND, first.start, spring=fb.Spring(stiffness=1.0)))
+    scene.add_joint(fb.Revolute(fb.GROUND, second.start))
+    scene.add_joint(fb.Revolute(first.end, coupler.start))
+    scene.add_joint(fb.Revolute(coupler.end, second.end))
+    if angle:
+        check_static(scene)
+    else:
+        with pytest.raises(fb.SceneError, match="can turn about"):
+            check_static(scene)
+
+
+# -- Trusses -----------------------------------------------------------------------------------
+
+
+def truss(bays, left_out=None):
+    """Hinged truss with one diagonal a bay, on a pin and a roller: statically determinate."""
+    scene = fb.Scene()
+    places = [(x, y) for x in range(bays + 1) for y in (0, 1)]
+    bars = []
+    for x in range(bays):
+        low, high, next_low, next_high = places[2 * x : 2 * x + 4]
+        bars += [(low, high), (low, next_low), (high, next_high), (low, next_high)]
+    bars += [tuple(places[-2:])]
+    hubs = {}
+    for number, ends in enumerate(bars):
+        if number == left_out:
+            continue
+        bar = scene.add_beam(ends, LIGHT)
+        for place, node in zip(ends, (bar.start, bar.end), strict=True):
+            if place in hubs:
+                scene.add_joint(fb.Revolute(hubs[place], node))
+            hubs.setdefault(place, node)
+    scene.pin(hubs[0, 0])
+    scene.fix(hubs[bays, 0], "y")
+    return scene
+
+
+@pytest.mark.parametrize("bays", [1, 4, 40])
+def test_a_truss_holds_and_without_any_of_its_bars_does_not(bays):
+    check_static(truss(bays))
+    check_moving(truss(bays))
+    for left_out in {0, 3, 4 * bays, 4 * (bays // 2) + 2}:
+        with pytest.raises(fb.SceneError, match="can (turn|move)"):
+            check_static(truss(bays, left_out))
+
+
+# -- What mass holds ---------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("mass", [1e-30, 1.0, 1e30])
+@pytest.mark.parametrize("size", [1e-9, 1.0, 1e9])
+def test_a_mass_counts_whatever_its_unit(mass, size):
+    # One that is light beside another one, and inertia on an arm that turns about its pin.
+    scene = fb.Scene()
+    arm = scene.add_beam([(0, 0), (size, 0)], LIGHT)
+    scene.pin(arm.start)
+    other = scene.add_beam([(0, size), (size, size)], LIGHT)
+    scene.add_mass(other.start, 1.0, size**2)
+    with pytest.raises(fb.SceneError, match=r"can turn about \(0, 0\) without mass"):
+        check_moving(scene)
+    scene.add_mass(arm.end, 0.0, mass * size**2)
+    check_moving(scene)
+
+
+def test_masses_in_one_place_let_a_part_turn_about_it_and_in_two_do_not():
+    scene = fb.Scene()
+    beam = scene.add_beam([(0, 0), (3, 4)], LIGHT, elements=2)
+    scene.add_mass(beam.end, 1.0)
+    scene.add_mass(beam.end, 2.0)
+    with pytest.raises(fb.SceneError, match=r"around \(1.5, 2\) can turn about \(3, 4\)"):
+        check_moving(scene)
+    scene.add_mass(beam.start, 1e-20)
+    check_moving(scene)
+
+
+# -- Against another algorithm -----------------------------------------------------------------
+
+
+def random_mechanism(rng):
+    """Links on a grid, many of them in line or in loops, with or without mass, joined at random."""
+    scene, at = fb.Scene(), {}
+    grid = [(x, y) for x in range(3) for y in range(3)]
+    for _ in range(rng.integers(2, 7)):
+        ends = [grid[k] for k in rng.choice(9, 2, replace=False)]
+        beam = scene.add_beam(ends, LIGHT if rng.random() < 0.7 else HEAVY)
+        for place, node in zip(ends, (beam.start, beam.end), strict=True):
+            if place in at and rng.random() < 0.9:
+                kind = rng.integers(4)
+                if kind < 3:
+                    scene.add_joint(fb.Revolute(at[place], node))
+                else:
+                    scene.add_joint(fb.PinInSlot(at[place], node, axis=(1, rng.integers(2))))
+            at.setdefault(place, node)
+    for node in at.values():
+        for component, often in (("x", 0.7), ("y", 0.7), ("rotation", 0.2)):
+            if rng.random() < often:
+                scene.fix(node, component)
+    return scene
+
+
+def can_move(scene, at_rest):
+    """Whether links can move, by dense algebra: velocities of both ends of each as unknowns."""
+    links = scene.beams
+    rows, columns = [], 4 * len(links)
+
+    def end(node):
+        """Velocity of a node (2, columns) and rotation of its link (columns)."""
+        number = next(k for k, link in enumerate(links) if node in (link.start, link.end))
+        link, own = links[number], np.eye(columns)[4 * number : 4 * number + 4]
+        along = np.array([link.end.x - link.start.x, link.end.y - link.start.y])
+        across = np.array([-along[1], along[0]]) / (along @ along)
+        return own[:2] if node is link.start else own[2:], across @ (own[2:] - own[:2])
+
+    for link in links:
+        (start, _), (stop, _) = end(link.start), end(link.end)
+        rows.append(
+            np.array([link.end.x - link.start.x, link.end.y - link.start.y]) @ (stop - start)
+        )
+        if not at_rest and link.section is HEAVY:
+            rows += [*start, *stop]
+    for number, component in scene.fixed:
+        velocity, turn = end(scene.nodes[number])
+        rows.append(turn if component == 2 else velocity[component])
+    for joint in scene.joints:
+        gap = end(joint.b)[0] - end(joint.a)[0]
+        rows += (
+            list(gap) if joint.axis is None else [np.array([-joint.axis[1], joint.axis[0]]) @ gap]
+        )
+    return np.linalg.matrix_rank(np.array(rows), tol=1e-8) < columns
+
+
+def is_refused(scene, at_rest):
+    """Whether the check refuses a scene, without the forms that a model compiles."""
+    mesh = build_mesh(scene)
+    mass, pairs = np.zeros(mesh.dofs.size), []
+    for beam, nodes in zip(scene.beams, mesh.nodes, strict=True):
+        pairs += list(itertools.product(mesh.dofs[nodes].ravel(), repeat=2))
+        mass[mesh.dofs[nodes]] = beam.section.rhoA
+    ones = np.ones(len(pairs)), np.array(pairs).T
+    joined, mass = scipy.sparse.csr_matrix(ones), scipy.sparse.diags(mass, format="csr")
+    try:
+        check_no_massless_mechanism(scene, mesh, joined, None if at_rest else mass)
+    except fb.SceneError:
+        return True
+    return False
+
+
+@pytest.mark.parametrize("at_rest", [True, False])
+def test_random_mechanisms_are_refused_where_dense_algebra_finds_a_motion(at_rest):
+    rng = np.random.default_rng(10)
+    moving = 0
+    for _ in range(50):
+        scene = random_mechanism(rng)
+        expected = can_move(scene, at_rest)
+        assert is_refused(scene, at_rest) == expected
+        moving += expected
+    assert 5 < moving < 45

@@ -1,0 +1,124 @@
+"""Scenes in which supports, joints and motors leave nothing free."""
+
+import numpy as np
+import pytest
+
+import fx_beam as fb
+
+MEMBER = fb.Section(EA=1e6, GA=1e6, EI=1e3, rhoA=2.0, rhoI=0.01)
+#: Mass of a member of length 1, half of it at each end where these move alike.
+MASS = 2.0
+
+
+def push(t):
+    """A motion with the acceleration 0.2, in m or rad."""
+    return 0.1 * t**2
+
+
+def member():
+    """A member from (0, 0) to (1, 0) whose end is held by its start."""
+    scene = fb.Scene()
+    beam = scene.add_beam([(0, 0), (1, 0)], MEMBER)
+    joint = scene.add_joint(fb.Rigid(beam.start, beam.end, offset=(1, 0)))
+    return scene, beam, joint
+
+
+def held():
+    scene, beam, _ = member()
+    scene.clamp(beam.start)
+    return scene
+
+
+def clamped_at_both_ends():
+    scene = fb.Scene()
+    beam = scene.add_beam([(0, 0), (1, 0)], MEMBER)
+    scene.clamp(beam.start)
+    scene.clamp(beam.end)
+    return scene
+
+
+def prescribed():
+    scene = fb.Scene()
+    beam = scene.add_beam([(0, 0), (1, 0)], MEMBER)
+    for node in (beam.start, beam.end):
+        scene.prescribe(node, x=push, y=lambda t: 0.0, rotation=lambda t: 0.0)
+    return scene
+
+
+def turned():
+    scene, beam, _ = member()
+    scene.pin(beam.start)
+    scene.prescribe(beam.start, rotation=push)
+    return scene
+
+
+def on_a_motor(make, **options):
+    def scene_of():
+        scene, beam, _ = member()
+        scene.add_joint(make(fb.GROUND, beam.start, motor=push, **options))
+        if make is fb.PinInSlot:
+            scene.fix(beam.start, "rotation")
+        return scene
+
+    return scene_of
+
+
+def with_a_spring_and_a_damper():
+    scene, beam, _ = member()
+    given = {"spring": fb.Spring(3.0), "damper": fb.Damper(2.0)}
+    scene.add_joint(fb.Prismatic(fb.GROUND, beam.start, axis=(1, 0), motor=push, **given))
+    return scene
+
+
+def motor_between_held_members():
+    scene = clamped_at_both_ends()
+    other = scene.add_beam([(1, 0), (2, 0)], MEMBER)
+    scene.add_joint(fb.Revolute(scene.beams[0].end, other.start, motor=push))
+    scene.clamp(other.end)
+    return scene
+
+
+SCENES = {
+    "held": held,
+    "clamped": clamped_at_both_ends,
+    "prescribed": prescribed,
+    "turned": turned,
+    "prismatic motor": on_a_motor(fb.Prismatic, axis=(1, 0)),
+    "slot motor": on_a_motor(fb.PinInSlot, axis=(1, 0)),
+    "spring, damper and motor": with_a_spring_and_a_damper,
+    "motor between held members": motor_between_held_members,
+}
+ALL = pytest.mark.parametrize("name", SCENES)
+
+
+@ALL
+@pytest.mark.parametrize("solver", ["auto", "petsc"])
+def test_it_moves_as_it_is_driven_and_balances_its_energy(name, solver):
+    solution = fb.simulate(SCENES[name](), dt=0.05, t_end=0.5, solver=solver)
+    assert solution.stats.unknowns == 0
+    assert abs(solution.energy.balance_error).max() < 1e-14
+    assert abs(solution.q).max() == pytest.approx(0.0 if name in ("held", "clamped") else push(0.5))
+
+
+@ALL
+def test_its_equilibria_are_where_it_is_driven_to(name):
+    for continuation in (None, "arc-length"):
+        solution = fb.static(SCENES[name](), steps=4, t=0.5, continuation=continuation)
+        assert solution.load_factor[-1] == 1
+        still = name in ("held", "clamped")
+        assert abs(solution.q[-1]).max() == pytest.approx(0.0 if still else push(0.5))
+
+
+@ALL
+def test_modes_say_that_nothing_is_free(name):
+    with pytest.raises(fb.SceneError, match="modes: nothing is free to vibrate: supports, joints"):
+        fb.modes(SCENES[name]())
+
+
+def test_a_motor_drives_the_mass_that_it_moves():
+    scene = SCENES["spring, damper and motor"]()
+    solution = fb.simulate(scene, dt=0.05, t_end=0.5)
+    # F = m a + k x + c v, of whose work the damper's part is taken from the balance.
+    work = np.diff(solution.energy.work)
+    spring = 3.0 / 2 * np.diff(push(solution.t) ** 2)
+    assert work == pytest.approx(MASS * 0.2 * np.diff(push(solution.t)) + spring, rel=1e-9)
