@@ -48,7 +48,8 @@ _PARAMETERS = find_spec("ffcx.parameters") is not None  # later called options
 _PREFIX = "prefix" if _takes(ffcx.compiler.compile_ufl_objects, "prefix") else "namespace"
 
 # Several processes may want one form: they wait for the first, which may have a slow machine.
-_JIT: dict[str, Any] = {_OPTIONS_OF_JIT: {"timeout": 60}}
+_JIT: dict[str, Any] = {"timeout": 30}
+_WITH_JIT: dict[str, Any] = {_OPTIONS_OF_JIT: _JIT}
 _REAL: Any = np.float64  # also where PETSc is built for complex numbers
 
 
@@ -109,7 +110,7 @@ def beam_space(mesh, degree: int):
 
 
 def _space(mesh, element):
-    return _FUNCTION_SPACE(mesh, element, **(_JIT if _OF_UFL else {}))
+    return _FUNCTION_SPACE(mesh, element, **(_WITH_JIT if _OF_UFL else {}))
 
 
 def _lagrange(degree: int, size: int | None = None, *, broken: bool = False):
@@ -187,7 +188,7 @@ def measure(mesh, points: int, tags: np.ndarray | None = None):
 
 def compile_form(form, name: str):
     """Compile a UFL form through FFCx; the log names it where the cache did not have it."""
-    compiled = quietly(fem.form)(form, dtype=_REAL, **_JIT)
+    compiled = quietly(fem.form)(form, dtype=_REAL, **_WITH_JIT)
     if any(compiled.code):
         _log.info("compiled the form %r, once", name)
     return compiled
@@ -201,7 +202,7 @@ def gauss_points(points: int) -> np.ndarray:
 @quietly
 def compile_expression(expression, points: np.ndarray):
     """Compile a UFL expression for evaluation at reference points of every cell."""
-    return fem.Expression(expression, points, dtype=_REAL, **_JIT)
+    return fem.Expression(expression, points, dtype=_REAL, **_WITH_JIT)
 
 
 def evaluate(expression, mesh, cells: np.ndarray) -> np.ndarray:
