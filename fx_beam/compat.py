@@ -345,7 +345,7 @@ def coefficient_offsets(form, functions) -> list[tuple[int, int]]:
 
 
 def packed_coefficients(form) -> dict[int, np.ndarray]:
-    """Coefficients (cells, width) of a compiled form on each subdomain."""
+    """Coefficients (its cells, width) of a compiled form on each subdomain."""
     packed = dolfinx.cpp.fem.pack_coefficients(_cpp(form))
     # Keys end in the subdomain, or in its place among them: in one order both ways.
     values = [np.array(packed[key]) for key in sorted(packed, key=lambda key: key[1])]

@@ -8,8 +8,6 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from importlib.util import find_spec
 
-from petsc4py import PETSc
-
 import numpy as np
 import scipy.linalg
 import scipy.sparse
@@ -18,6 +16,7 @@ from scipy.sparse.linalg import splu
 from .beam import Beam
 from .errors import SceneError
 from .model import Model
+from .newton import petsc
 from .scene import Scene
 from .schemes import Equilibrium
 from .solution import Solution
@@ -134,7 +133,7 @@ def modes(scene: Scene, state: Solution | None = None, n: int = 6) -> Modes:
         For a scene that cannot vibrate: without mass or unknowns, or with forces that follow the
         motion and have no potential.
     RuntimeError
-        Where SLEPc is missing, or fails.
+        Where PETSc or SLEPc is missing, or SLEPc fails.
     """
     if not isinstance(scene, Scene):
         raise SceneError(f"modes needs an fx_beam.Scene, not {scene!r}")
@@ -289,17 +288,18 @@ def _below(K, M, x: float) -> int:
 
 def _nearest(K, M, n: int, shift: float, deflated: np.ndarray) -> np.ndarray:
     """Vectors (size, n or fewer) to the eigenvalues nearest to a shift, but for those deflated."""
+    PETSc = petsc("fx_beam.modes")
     if find_spec("slepc4py") is None:
-        raise RuntimeError("modes need SLEPc: install Debian's python3-slepc4py")
+        raise RuntimeError("fx_beam.modes needs SLEPc: install Debian's python3-slepc4py")
     from slepc4py import SLEPc
 
-    def petsc(matrix):
+    def handed_over(matrix):
         rows = matrix.indptr.astype(PETSc.IntType), matrix.indices.astype(PETSc.IntType)
         return PETSc.Mat().createAIJ(matrix.shape, csr=(*rows, matrix.data), comm=PETSc.COMM_SELF)
 
     # With a trace of mass where there is none, no vector has the norm zero.
     trace = scipy.sparse.diags(1e-20 * (M.diagonal() == 0))
-    A, B = petsc(K.tocsr()), petsc((M + trace).tocsr())
+    A, B = handed_over(K.tocsr()), handed_over((M + trace).tocsr())
     solver = SLEPc.EPS().create(PETSc.COMM_SELF)
     solver.setOperators(A, B)
     solver.setProblemType(SLEPc.EPS.ProblemType.GHEP)

@@ -150,7 +150,7 @@ def test_the_model_knows_nothing_of_solutions():
     ("packages", "home"),
     [
         ({"dolfinx", "basix", "ffcx", "mpi4py"}, {"compat"}),
-        ({"petsc4py"}, {"newton", "modes"}),
+        ({"petsc4py"}, {"newton"}),
         ({"slepc4py"}, {"modes"}),
         ({"matplotlib", "pyvista", "imageio", "vtk", "vtkmodules"}, {"plot"}),
         ({"tqdm"}, {"dynamics"}),
