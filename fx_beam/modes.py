@@ -229,7 +229,8 @@ def _in_slices(K, M, n: int, sizes: np.ndarray) -> tuple[np.ndarray, np.ndarray,
 
     n = min(n, below(levels[-1]))  # the rest are infinite, for unknowns without mass
     last = reach(n)
-    values, rounding, vectors = np.empty(0), np.empty(0), np.empty((K.shape[0], 0))
+    values: np.ndarray = np.empty(0)
+    rounding, vectors = values, np.empty((K.shape[0], 0))
     while (found := len(values)) < max(n, below(last)):
         bottom, noise = reach(found + 1), rounding.max(initial=levels[levels > 0][0])
         top = min(last, max(1e4 * bottom, 1e-4 * bottom, noise))

@@ -129,7 +129,7 @@ class Newton:
         self._reduction = model.reduction
         self._guess = _Guess(model.unit)
         #: Generalised forces (free,) that act on the unknowns besides those of the model.
-        self.hold = np.zeros(model.reduction.free)
+        self.hold: np.ndarray = np.zeros(model.reduction.free)
 
     @functools.cached_property
     def _linear(self) -> _LinearSolver:

@@ -136,7 +136,7 @@ def save(figure: Figure, path: Path | str) -> None:
         for handle, label in zip(*ax.get_legend_handles_labels(), strict=True):
             handles.setdefault(label, handle)
     columns = len(handles) if len(handles) < 4 else 2
-    look = {"loc": "outside upper center", "frameon": False, "handlelength": 3.2}
+    look: dict[str, Any] = {"loc": "outside upper center", "frameon": False, "handlelength": 3.2}
     figure.legend(handles.values(), handles.keys(), ncols=columns, **look)
     figure.savefig(path, dpi=200)
 
