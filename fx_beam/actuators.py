@@ -116,6 +116,7 @@ class Actuators:
             if actuator.turns is not None:
                 actuator.rate = turn
                 continue
+            assert joint.axis is not None  # as joints have that slide
             psi, spin = (self._of(joint.a, values, 2) for values in (q, v))
             arm = joint.offset + slides[joint.number] * joint.axis
             c, s = np.cos(psi), np.sin(psi)

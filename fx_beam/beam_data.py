@@ -54,8 +54,8 @@ def section_data(mesh: Mesh, scene: Scene, names: tuple[str, ...], points: int):
     if not varies:
         return cell_data(mesh, np.concatenate(values)[:, 0])
     of_cell = np.empty((len(mesh.beam_of_cell), *values[0].shape[1:]))
-    for cells, own in zip(mesh.cells, values, strict=True):
-        of_cell[cells] = own
+    for cells, of_beam in zip(mesh.cells, values, strict=True):
+        of_cell[cells] = of_beam
     return compat.at_gauss_points(mesh.mesh, of_cell)
 
 

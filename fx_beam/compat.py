@@ -1,12 +1,19 @@
-"""Every call that differs between dolfinx versions; written for 0.5.2 (Debian 12)."""
+"""Every call that differs between dolfinx versions: 0.5.2 (Debian 12), 0.9 (13) and 0.11 (sid).
+
+What a version can do is asked for, not its number. The constants below are all that is asked.
+"""
 
 from __future__ import annotations
 
+import ctypes
 import functools
+import inspect
 import logging
-import re
 from collections.abc import Callable
-from typing import TypeVar
+from importlib import import_module
+from importlib.util import find_spec
+from pathlib import Path
+from typing import Any, TypeVar
 
 from mpi4py import MPI
 
@@ -14,7 +21,6 @@ import basix
 import dolfinx
 import ffcx.codegeneration
 import ffcx.compiler
-import ffcx.parameters
 import ufl
 from dolfinx import fem
 from dolfinx.fem import assemble
@@ -25,6 +31,26 @@ import numpy as np
 _FFI = cffi.FFI()
 _log = logging.getLogger("fx_beam")
 F = TypeVar("F", bound=Callable)
+
+
+def _takes(function: Callable, name: str) -> bool:
+    """Whether a function has a parameter of this name."""
+    return name in inspect.signature(function).parameters
+
+
+# Elements are UFL's own, or basix's.
+_OF_UFL = hasattr(ufl, "FiniteElement")
+_BASIX: Any = None if _OF_UFL else import_module("basix.ufl")
+_FUNCTION_SPACE: Any = getattr(fem, "FunctionSpace" if _OF_UFL else "functionspace")
+_OPTIONS_OF_JIT = "jit_options" if _takes(fem.form, "jit_options") else "jit_params"
+_EXPRESSION_TAKES_MESH = _takes(fem.Expression.eval, "mesh")
+_PARAMETERS = find_spec("ffcx.parameters") is not None  # later called options
+_PREFIX = "prefix" if _takes(ffcx.compiler.compile_ufl_objects, "prefix") else "namespace"
+
+# Several processes may want one form: they wait for the first, which may have a slow machine.
+_JIT: dict[str, Any] = {"timeout": 30}
+_WITH_JIT: dict[str, Any] = {_OPTIONS_OF_JIT: _JIT}
+_REAL: Any = np.float64  # also where PETSc is built for complex numbers
 
 
 def quietly(compiling: F) -> F:
@@ -69,26 +95,42 @@ def interval_mesh(points: np.ndarray, cells: np.ndarray, degree: int = 1):
     cell_order : (m,) int
         Row of `cells` that became each cell of the mesh.
     """
-    # The explicit variant keeps the signatures of compiled forms, hence the cache, the same
-    # from one process to the next. COMM_SELF: each process computes the whole scene.
-    cell = ufl.Cell("interval", geometric_dimension=2)
-    domain = ufl.Mesh(ufl.VectorElement("Lagrange", cell, degree, dim=2, variant="equispaced"))
-    mesh = dolfinx.mesh.create_mesh(MPI.COMM_SELF, cells.astype(np.int64), points, domain)
+    create, domain = dolfinx.mesh.create_mesh, ufl.Mesh(_lagrange(degree, 2))
+    named: dict[str, Any] = {"e" if _takes(create, "e") else "domain": domain}
+    # COMM_SELF: each process computes the whole scene.
+    mesh = create(MPI.COMM_SELF, cells=cells.astype(np.int64), x=points, **named)
     return mesh, np.asarray(mesh.topology.original_cell_index)
 
 
 @quietly
 def beam_space(mesh, degree: int):
     """Mixed Lagrange space of displacement (2) and rotation (1) with equispaced nodes."""
-    cell = mesh.ufl_cell()
-    displacement = ufl.VectorElement("Lagrange", cell, degree, dim=2, variant="equispaced")
-    rotation = ufl.FiniteElement("Lagrange", cell, degree, variant="equispaced")
-    return fem.FunctionSpace(mesh, ufl.MixedElement([displacement, rotation]))
+    fields = [_lagrange(degree, 2), _lagrange(degree)]
+    return _space(mesh, ufl.MixedElement(fields) if _OF_UFL else _BASIX.mixed_element(fields))
+
+
+def _space(mesh, element):
+    return _FUNCTION_SPACE(mesh, element, **(_WITH_JIT if _OF_UFL else {}))
+
+
+def _lagrange(degree: int, size: int | None = None, *, broken: bool = False):
+    """Element with equispaced nodes, for scalars or vectors; broken ones jump between cells.
+
+    The explicit variant keeps the signatures of compiled forms, hence the cache, the same from one
+    process to the next.
+    """
+    family = "DG" if broken else "Lagrange"
+    if _OF_UFL:
+        cell = ufl.Cell("interval", geometric_dimension=2)
+        element = ufl.FiniteElement(family, cell, degree, variant="equispaced")
+        return element if size is None else ufl.VectorElement(element, dim=size)
+    variant, shape = basix.LagrangeVariant.equispaced, None if size is None else (size,)
+    return _BASIX.element(family, "interval", degree, lagrange_variant=variant, shape=shape)
 
 
 def function(space):
     """Zero function of a space."""
-    return fem.Function(space)
+    return fem.Function(space, dtype=_REAL)
 
 
 def dofs_of_cells(space) -> np.ndarray:
@@ -102,15 +144,9 @@ def dofs_of_cells(space) -> np.ndarray:
 @quietly
 def cellwise(mesh, values: np.ndarray):
     """Function that is constant on each cell, with values (cells, components) or (cells,)."""
-    shape = values.shape[1:]
-    element = (
-        ufl.VectorElement("DG", mesh.ufl_cell(), 0, dim=shape[0])
-        if shape
-        else ufl.FiniteElement("DG", mesh.ufl_cell(), 0)
-    )
-    function = fem.Function(fem.FunctionSpace(mesh, element))
-    function.x.array[:] = values.ravel()
-    return function
+    constant = function(_space(mesh, _lagrange(0, *values.shape[1:], broken=True)))
+    constant.x.array[:] = values.ravel()
+    return constant
 
 
 @quietly
@@ -120,18 +156,17 @@ def at_gauss_points(mesh, values: np.ndarray):
     It is the polynomial through them on each cell, discontinuous from cell to cell.
     """
     points, shape = values.shape[1], values.shape[2:]
-    element = ufl.FiniteElement("DG", mesh.ufl_cell(), points - 1, variant="equispaced")
-    if shape:
-        element = ufl.VectorElement(element, dim=shape[0])
-    space = fem.FunctionSpace(mesh, element)
+    space = _space(mesh, _lagrange(points - 1, *shape, broken=True))
+    nodes = space.element.interpolation_points
+    nodes = nodes() if callable(nodes) else nodes
     powers = np.arange(points)
     through = np.linalg.inv(gauss_points(points) ** powers)
-    at_nodes = space.element.interpolation_points()[:, :1] ** powers @ through
-    function = fem.Function(space)
-    nodal = function.x.array.reshape(-1, *shape)
+    at_nodes = nodes[:, :1] ** powers @ through
+    polynomial = function(space)
+    nodal = polynomial.x.array.reshape(-1, *shape)
     for cell, own in enumerate(values):
         nodal[space.dofmap.cell_dofs(cell)] = np.tensordot(at_nodes, own, 1)
-    return function
+    return polynomial
 
 
 def constant(mesh, value):
@@ -149,27 +184,33 @@ def measure(mesh, points: int, tags: np.ndarray | None = None):
         "dx",
         domain=mesh,
         subdomain_data=data,
-        metadata={"quadrature_degree": 2 * points - 1, "quadrature_rule": "default"},
+        metadata={"quadrature_degree": 2 * points - 1, "quadrature_rule": "Gauss-Jacobi"},
     )
 
 
 def compile_form(form, name: str):
     """Compile a UFL form through FFCx; the log names it where the cache did not have it."""
-    compiled = quietly(fem.form)(form)
+    compiled = quietly(fem.form)(form, dtype=_REAL, **_WITH_JIT)
     if any(compiled.code):
         _log.info("compiled the form %r, once", name)
     return compiled
 
 
 def gauss_points(points: int) -> np.ndarray:
-    """Reference coordinates in [0, 1] of the Gauss rule that `measure` uses."""
-    return basix.make_quadrature(basix.CellType.interval, 2 * points - 1)[0]
+    """Reference coordinates (points, 1) in [0, 1] of the Gauss rule that `measure` uses."""
+    return (np.polynomial.legendre.leggauss(points)[0][:, None] + 1) / 2
 
 
 @quietly
 def compile_expression(expression, points: np.ndarray):
     """Compile a UFL expression for evaluation at reference points of every cell."""
-    return fem.Expression(expression, points)
+    return fem.Expression(expression, points, dtype=_REAL, **_WITH_JIT)
+
+
+def evaluate(expression, mesh, cells: np.ndarray) -> np.ndarray:
+    """Values (cells, points * components) of a compiled expression."""
+    values = expression.eval(*([mesh] if _EXPRESSION_TAKES_MESH else []), cells.astype(np.int32))
+    return values.reshape(len(cells), -1)
 
 
 def create_matrix(form):
@@ -179,7 +220,7 @@ def create_matrix(form):
 
 def assemble_matrix(matrix, form) -> None:
     """Assemble a bilinear form over the old values of `matrix`."""
-    matrix.set(0.0)
+    matrix.data[:] = 0.0
     fem.assemble_matrix(matrix, form)
 
 
@@ -205,16 +246,25 @@ def element_dofs(space) -> np.ndarray:
 
 def element_coordinates(mesh) -> np.ndarray:
     """Coordinates (cells, 3 nodes) of the geometry of all cells, as compiled forms take them."""
-    cells = mesh.topology.index_map(1).size_local
-    x, nodes = mesh.geometry.x, mesh.geometry.dofmap
-    return np.array([x[nodes.links(cell)].ravel() for cell in range(cells)])
+    cells, geometry = mesh.topology.index_map(1).size_local, mesh.geometry
+    nodes = geometry.dofmaps[0] if hasattr(geometry, "dofmaps") else geometry.dofmap
+    nodes = getattr(nodes, "array", nodes)  # an adjacency list, or an array already
+    return geometry.x[np.reshape(nodes, (cells, -1))].reshape(cells, -1)
+
+
+def _integrals(form) -> list[tuple[int, Any]]:
+    """Integrals of a compiled form over cells, in the order of their subdomains (-1: all cells)."""
+    cell, ufcx = 0, form.ufcx_form  # cells are the first of the types of integrals
+    if hasattr(ufcx, "num_integrals"):
+        count, ids, of = ufcx.num_integrals(cell), ufcx.integral_ids(cell), ufcx.integrals(cell)
+        return [(ids[i], of[i]) for i in range(count)]
+    places = range(*ufcx.form_integral_offsets[cell : cell + 2])
+    return [(ufcx.form_integral_ids[i], ufcx.form_integrals[i]) for i in places]
 
 
 def integrals(form) -> list[int]:
     """Subdomain of each integral of a compiled form (-1: all cells)."""
-    cell = 0  # the first of the types of integrals
-    ufcx = form.ufcx_form
-    return [ufcx.integral_ids(cell)[i] for i in range(ufcx.num_integrals(cell))]
+    return [subdomain for subdomain, _ in _integrals(form)]
 
 
 def signature(form) -> str:
@@ -222,20 +272,74 @@ def signature(form) -> str:
     return _FFI.string(form.ufcx_form.signature).decode() + ffcx.codegeneration.get_signature()
 
 
-def element_functions(ufl_form) -> tuple[str, list[str]]:
-    """C of the functions that compute a form's element tensors, and their names by integral."""
-    parameters = ffcx.parameters.get_parameters()
-    _, source = ffcx.compiler.compile_ufl_objects([ufl_form], prefix="batch", parameters=parameters)
-    functions = re.findall(r"^void tabulate_tensor_\w+\(.*?^}$", source, re.M | re.S)
-    (listed,) = re.findall(r"integrals_cell_form_\w+\[\d+\] = {(.*?)}", source)
-    return "\n".join(functions), [f"tabulate_tensor_{name}" for name in re.findall(r"\w+", listed)]
+def ufcx_folder() -> str:
+    """Where the header is to which generated C is written."""
+    return ffcx.codegeneration.get_include_path()
+
+
+def element_functions(form, ufl_form) -> tuple[str, list[str], int]:
+    """C that computes a form's element tensors.
+
+    Parameters
+    ----------
+    form, ufl_form : dolfinx form and ufl.Form
+        The form as compiled, and what it was compiled from.
+
+    Returns
+    -------
+    source : str
+        All that FFCx generates for the form.
+    names : list of str
+        The function in it of each integral.
+    parameters : int
+        How many parameters these have.
+    """
+    functions = [integral.tabulate_tensor_float64 for _, integral in _integrals(form)]
+    module, names = "", []
+    for function in functions:
+        module, name = _symbol(int(_FFI.cast("uintptr_t", function)))
+        names.append(name)
+    _, source = form.code  # there where it has just been compiled
+    if not source:
+        # Names are made of the module's, and so are the same again.
+        source = _generated(ufl_form, Path(module).name.partition(".")[0])
+    return source, names, len(_FFI.typeof(functions[0]).args)
+
+
+class _Symbol(ctypes.Structure):
+    _fields_ = [
+        ("file", ctypes.c_char_p),
+        ("base", ctypes.c_void_p),
+        ("name", ctypes.c_char_p),
+        ("address", ctypes.c_void_p),
+    ]
+
+
+def _symbol(address: int) -> tuple[str, str]:
+    """File and name of a function, as the linker knows them."""
+    found = _Symbol()
+    ctypes.CDLL(None).dladdr(ctypes.c_void_p(address), ctypes.byref(found))
+    if found.address != address:  # but that of one before it
+        raise LookupError("FFCx keeps the names of its functions to itself")
+    return found.file.decode(), found.name.decode()
+
+
+def _generated(ufl_form, prefix: str) -> str:
+    """C that FFCx generates for a form."""
+    if _PARAMETERS:
+        options = {"parameters": import_module("ffcx.parameters").get_parameters()}
+    else:
+        options = {"options": import_module("ffcx.options").get_options()}
+    # A header and the code, or a list of these with the ends of their files' names.
+    made: Any = ffcx.compiler.compile_ufl_objects([ufl_form], **{_PREFIX: prefix}, **options)
+    return made[1] if isinstance(made[1], str) else made[0][1]
 
 
 def coefficient_offsets(form, functions) -> list[tuple[int, int]]:
     """Which of some functions a compiled form has, and their offsets in its packed coefficients."""
     objects = [function._cpp_object for function in functions]
     found, offset = [], 0
-    for coefficient in form.coefficients:
+    for coefficient in _cpp(form).coefficients:
         if coefficient in objects:
             found.append((objects.index(coefficient), offset))
         offset += coefficient.function_space.element.space_dimension
@@ -243,9 +347,11 @@ def coefficient_offsets(form, functions) -> list[tuple[int, int]]:
 
 
 def packed_coefficients(form) -> dict[int, np.ndarray]:
-    """Coefficients (cells, width) of a compiled form on each subdomain."""
-    packed = fem.assemble.pack_coefficients(form)
-    return {tag: np.array(values) for (_, tag), values in packed.items()}
+    """Coefficients (its cells, width) of a compiled form on each subdomain."""
+    packed = dolfinx.cpp.fem.pack_coefficients(_cpp(form))
+    # Keys end in the subdomain, or in its place among them: in one order both ways.
+    values = [np.array(packed[key]) for key in sorted(packed, key=lambda key: key[1])]
+    return dict(zip(sorted(integrals(form)), values, strict=True))
 
 
 def packed_constants(form, ufl_form, sought) -> tuple[np.ndarray, list[int]]:
@@ -254,4 +360,10 @@ def packed_constants(form, ufl_form, sought) -> tuple[np.ndarray, list[int]]:
     for constant in ufl_form.constants():
         places[id(constant)] = at
         at += int(np.prod(constant.ufl_shape, dtype=int))
-    return np.array(fem.assemble.pack_constants(form)), [places.get(id(x), -1) for x in sought]
+    packed = np.array(dolfinx.cpp.fem.pack_constants(_cpp(form)))
+    return packed, [places.get(id(x), -1) for x in sought]
+
+
+def _cpp(form):
+    """The form of the C++ library, which Python's form is or has."""
+    return getattr(form, "_cpp_object", form)

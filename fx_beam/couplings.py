@@ -289,7 +289,7 @@ def _descendants(branches: list[Branch], joints: int) -> list[np.ndarray]:
     for branch in reversed(branches):
         if branch.parent in below:
             below[branch.parent] += below[branch.node]
-    found = [np.empty(0, dtype=int)] * joints
+    found: list[np.ndarray] = [np.empty(0, dtype=int)] * joints
     for branch in branches:
         found[branch.joint.number] = np.array(below[branch.node])
     return found

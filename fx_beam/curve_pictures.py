@@ -5,6 +5,7 @@ from __future__ import annotations
 import itertools
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from matplotlib.figure import Figure
@@ -154,6 +155,6 @@ def save(figure: Figure, path: Path | str) -> None:
         for handle, label in zip(*ax.get_legend_handles_labels(), strict=True):
             handles.setdefault(label, handle)
     columns = len(handles) if len(handles) < 4 else 2
-    look = {"loc": "outside upper center", "frameon": False, "handlelength": 3.2}
+    look: dict[str, Any] = {"loc": "outside upper center", "frameon": False, "handlelength": 3.2}
     figure.legend(handles.values(), handles.keys(), ncols=columns, **look)
     figure.savefig(writable(path, sorted(figure.canvas.get_supported_filetypes())), dpi=200)

@@ -17,7 +17,7 @@ from .initial import check_joints, initial_state, resumed_state
 from .library import LoopUnavailable
 from .loop import CompiledLoop
 from .model import Model
-from .newton import Newton, NewtonOptions
+from .newton import Newton, NewtonOptions, petsc
 from .recorder import Record, Recorder
 from .results import solution_of
 from .scene import Scene
@@ -88,6 +88,8 @@ def simulate(
     ------
     SceneError
         Before anything runs, for a scene, scheme or time grid that cannot be computed.
+    RuntimeError
+        Where steps in Python are asked for or needed, and PETSc is missing.
     StepError
         For a step that failed. Its attribute `solution` holds all steps before it.
     """
@@ -195,12 +197,14 @@ def _march(solver: str, stepper: Stepper, options: NewtonOptions):
     if solver not in ("auto", "compiled", "petsc"):
         raise SceneError(f'solver = {solver!r} must be "auto", "compiled" or "petsc"')
     if solver == "petsc":
+        petsc('solver = "petsc"')
         return stepper.march
     try:
         return CompiledLoop(stepper, options).march
     except LoopUnavailable as reason:
         if solver == "compiled":
             raise SceneError(f'solver = "compiled" is not to be had: {reason}') from reason
+        petsc(f"a scene that the compiled loop cannot take ({reason})")
         stepper.stats.solver += f" ({reason})"
         return stepper.march
 

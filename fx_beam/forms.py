@@ -333,11 +333,12 @@ class Forms:
         for tag, law in enumerate(self._laws):
             r = self._scheme.resultants(self.step, law)
             expression = compat.compile_expression(ufl.as_vector((r.N, r.Q, r.M)), points)
-            cells = self.cells_of(tag).astype(np.int32)
+            cells = self.cells_of(tag)
             for k in range(len(t)):
                 self.start.x.array[:] = q_before[k]
                 self._set_increment(q[k] - q_before[k])
                 # A step of no length, the start, has no rates.
                 self.dt.value = (t[k] - t_before[k]) or 1.0
-                out[k, cells] = expression.eval(cells).reshape(len(cells), len(points), 3)
+                values = compat.evaluate(expression, self._mesh.mesh, cells)
+                out[k, cells] = values.reshape(len(cells), len(points), 3)
         return out

@@ -10,7 +10,7 @@ import os
 import platform
 import subprocess
 import tempfile
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -86,22 +86,33 @@ def load_batches(name: str, form, ufl_form, size: int, width: int, places: int) 
     numbers = f"{size}, {max(width, 1)}, {places}"
 
     def source() -> str:
-        text, names = compat.element_functions(ufl_form)
-        text = text.replace("void tabulate", "INLINED void tabulate")
-        text = text.replace("for (int", "UNROLLED for (int")
-        batches = [f"BATCH(batch_{i}, {name}, {numbers})" for i, name in enumerate(names)]
-        return "\n".join(['#include "batch.h"', text, *batches, ""])
+        text, functions, parameters = compat.element_functions(form, ufl_form)
+        unused = ", 0" * (parameters - 4)
+        return "\n".join(
+            [
+                '#include "batch.h"',
+                *(f"INLINED ufcx_tabulate_tensor_float64 {name};" for name in functions),
+                "#define for UNROLLED for",
+                text,
+                "#undef for",
+                *(f"BATCH(batch_{i}, {f}, {numbers}{unused})" for i, f in enumerate(functions)),
+                "",
+            ]
+        )
 
-    path = _build(f"{name!r} for several elements", compat.signature(form) + numbers, source)
+    # What FFCx generates besides is dropped, as nothing outside can ask for it.
+    flags = ["-fwhole-program", f"-I{compat.ufcx_folder()}"]
+    key = compat.signature(form) + numbers
+    path = _build(f"{name!r} for several elements", key, source, flags)
     library = ctypes.CDLL(str(path))
     functions = [library[f"batch_{i}"] for i in range(len(compat.integrals(form)))]
     return [ctypes.cast(function, ctypes.c_void_p).value or 0 for function in functions]
 
 
-def _build(what: str, key: str, source: Callable[[], str]) -> Path:
+def _build(what: str, key: str, source: Callable[[], str], more: Sequence[str] = ()) -> Path:
     """A shared object from a C source, which is asked for only where the cache does not have it."""
     headers = [path.read_text() for path in sorted(_SOURCES.glob("*.h"))]
-    digest = hashlib.sha256("\n".join([key, *headers, *_FLAGS, _processor()]).encode())
+    digest = hashlib.sha256("\n".join([key, *headers, *_FLAGS, *more, _processor()]).encode())
     cache = cache_directory()
     library = cache / f"{digest.hexdigest()[:32]}.so"
     try:
@@ -111,7 +122,8 @@ def _build(what: str, key: str, source: Callable[[], str]) -> Path:
             # Renamed when it is whole, as several processes may build it.
             with tempfile.TemporaryDirectory(dir=cache) as scratch:
                 out = Path(scratch) / "built.so"
-                command = ["cc", *_FLAGS, f"-I{_SOURCES}", "-x", "c", "-", "-o", str(out), "-lm"]
+                flags = *_FLAGS, *more, f"-I{_SOURCES}"
+                command = ["cc", *flags, "-x", "c", "-", "-o", str(out), "-lm"]
                 subprocess.run(command, check=True, capture_output=True, text=True, input=source())
                 out.replace(library)
     except (OSError, subprocess.CalledProcessError) as error:

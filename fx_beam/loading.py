@@ -62,7 +62,7 @@ class LoadStepper(Stepper):
         #: Part of the loads, or of the tension of springs, at the end of the last step tried.
         self._goal = 0.0
         #: Generalised forces (free,) besides the loads, at the start and at the end of a step.
-        self._hold = np.zeros(model.reduction.free), np.zeros(model.reduction.free)
+        self._hold: tuple[np.ndarray, np.ndarray] = (np.zeros(model.reduction.free),) * 2
         #: Motion per load factor of the first and of the last step.
         self.response: list[float] = []
 

@@ -8,8 +8,6 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from importlib.util import find_spec
 
-from petsc4py import PETSc
-
 import numpy as np
 import scipy.linalg
 import scipy.sparse
@@ -18,6 +16,7 @@ from scipy.sparse.linalg import splu
 from .beam import Beam
 from .errors import SceneError
 from .model import Model
+from .newton import petsc
 from .scene import Scene
 from .schemes import Equilibrium
 from .solution import Solution
@@ -137,7 +136,7 @@ def modes(scene: Scene, state: Solution | None = None, n: int = 6) -> Modes:
         For a scene that cannot vibrate: without mass or unknowns, or with forces that follow the
         motion and have no potential.
     RuntimeError
-        Where SLEPc is missing, or fails.
+        Where PETSc or SLEPc is missing, or SLEPc fails.
     """
     if not isinstance(scene, Scene):
         raise SceneError(f"modes needs an fx_beam.Scene, not {scene!r}")
@@ -239,7 +238,8 @@ def _in_slices(K, M, n: int, sizes: np.ndarray) -> tuple[np.ndarray, np.ndarray,
 
     n = min(n, below(levels[-1]))  # the rest are infinite, for unknowns without mass
     last = reach(n)
-    values, rounding, vectors = np.empty(0), np.empty(0), np.empty((K.shape[0], 0))
+    values: np.ndarray = np.empty(0)
+    rounding, vectors = values, np.empty((K.shape[0], 0))
     while (found := len(values)) < max(n, below(last)):
         bottom, noise = reach(found + 1), rounding.max(initial=levels[levels > 0][0])
         top = min(last, max(1e4 * bottom, 1e-4 * bottom, noise))
@@ -298,17 +298,18 @@ def _below(K, M, x: float) -> int:
 
 def _nearest(K, M, n: int, shift: float, deflated: np.ndarray) -> np.ndarray:
     """Vectors (size, n or fewer) to the eigenvalues nearest to a shift, but for those deflated."""
+    PETSc = petsc("fx_beam.modes")
     if find_spec("slepc4py") is None:
-        raise RuntimeError("modes need SLEPc: install Debian's python3-slepc4py")
+        raise RuntimeError("fx_beam.modes needs SLEPc: install Debian's python3-slepc4py")
     from slepc4py import SLEPc
 
-    def petsc(matrix):
+    def handed_over(matrix):
         rows = matrix.indptr.astype(PETSc.IntType), matrix.indices.astype(PETSc.IntType)
         return PETSc.Mat().createAIJ(matrix.shape, csr=(*rows, matrix.data), comm=PETSc.COMM_SELF)
 
     # With a trace of mass where there is none, no vector has the norm zero.
     trace = scipy.sparse.diags(1e-20 * (M.diagonal() == 0))
-    A, B = petsc(K.tocsr()), petsc((M + trace).tocsr())
+    A, B = handed_over(K.tocsr()), handed_over((M + trace).tocsr())
     solver = SLEPc.EPS().create(PETSc.COMM_SELF)
     solver.setOperators(A, B)
     solver.setProblemType(SLEPc.EPS.ProblemType.GHEP)

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import functools
 from dataclasses import dataclass
-
-from petsc4py import PETSc
+from importlib.util import find_spec
+from typing import Any
 
 import numpy as np
 
@@ -96,6 +97,18 @@ class StepFailed(Exception):
         self.residuals = residuals
 
 
+def petsc(what: str) -> Any:
+    """PETSc's interface; an error where that is missing, which names what needs it."""
+    if find_spec("petsc4py") is None:
+        raise RuntimeError(
+            f"{what} needs PETSc, which is missing here: install petsc4py (Debian's "
+            "python3-petsc4py), or take what runs without it, fx_beam.simulate in the compiled loop"
+        )
+    from petsc4py import PETSc
+
+    return PETSc
+
+
 class Newton:
     """Solver for the increment over a step.
 
@@ -114,10 +127,16 @@ class Newton:
         self.model = model
         self.options = options
         self._reduction = model.reduction
-        self._linear = _LinearSolver(model.reduction.pattern)
         self._guess = _Guess(model.unit)
         #: Generalised forces (free,) that act on the unknowns besides those of the model.
-        self.hold = np.zeros(model.reduction.free)
+        self.hold: np.ndarray = np.zeros(model.reduction.free)
+
+    @functools.cached_property
+    def _linear(self) -> _LinearSolver:
+        if find_spec("petsc4py") is None:  # a step on which the compiled loop gave up
+            D = np.full(self.model.size, np.nan)
+            raise StepFailed("no convergence; with petsc4py installed this would say more", D, [])
+        return _LinearSolver(self._reduction.pattern)
 
     def solve(
         self, v0: np.ndarray, a0: np.ndarray, dt: float, force: np.ndarray, driven: np.ndarray
@@ -295,6 +314,7 @@ class _LinearSolver:
     """LU factorisation of the reduced tangent, whose values change and whose sparsity does not."""
 
     def __init__(self, pattern: tuple[np.ndarray, np.ndarray]):
+        PETSc = petsc("a step in Python")
         indptr, indices = (part.astype(PETSc.IntType) for part in pattern)
         n = len(indptr) - 1
         self._values = np.zeros(len(indices))

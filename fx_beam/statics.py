@@ -14,7 +14,7 @@ from .drive import LoadDrive
 from .errors import SceneError, StepError
 from .loading import LoadStepper
 from .model import Model
-from .newton import Newton, NewtonOptions
+from .newton import Newton, NewtonOptions, petsc
 from .recorder import Record, Recorder
 from .results import solution_of
 from .scene import Scene
@@ -77,11 +77,14 @@ def static(
     ------
     SceneError
         Before anything is computed, for a scene that cannot be in equilibrium.
+    RuntimeError
+        Where PETSc is missing.
     StepError
         For a step that failed. Its attribute `solution` holds all steps before it, and `time` the
         load factor.
     """
     _check(scene, steps, t, continuation, newton, max_cuts, max_steps)
+    petsc("fx_beam.static")
     clock = time.perf_counter()
     scheme = Equilibrium()
     model = Model(scene, scheme)

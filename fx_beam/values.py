@@ -195,7 +195,7 @@ def series(function: TimeFunction, times: np.ndarray, what: str) -> np.ndarray:
             raise
         except Exception:
             pass  # which one it was is found out below
-    return np.array([evaluate(function, t, what) for t in times.tolist()])
+    return np.array([evaluate(function, float(t), what) for t in times])
 
 
 def evaluate(function: TimeFunction, t: float, what: str) -> np.ndarray:

@@ -154,7 +154,7 @@ def test_the_model_knows_nothing_of_solutions():
     ("packages", "home"),
     [
         ({"dolfinx", "basix", "ffcx", "mpi4py"}, {"compat"}),
-        ({"petsc4py"}, {"newton", "modal"}),
+        ({"petsc4py"}, {"newton"}),
         ({"slepc4py"}, {"modal"}),
         ({"matplotlib"}, {"curve_pictures", "shape_pictures"}),
         ({"pyvista", "vtk", "vtkmodules"}, {"shape_pictures"}),

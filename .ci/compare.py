@@ -1,0 +1,118 @@
+"""The table of .ci/systems, and where the numbers of the demos differ most between systems."""
+
+import json
+import re
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+
+#: Differences that are listed.
+LARGEST = 5
+
+
+def leaves(value, path: str = "") -> Iterator[tuple[str, object]]:
+    """Numbers and texts of a JSON object by their paths, times of computing left out."""
+    if isinstance(value, dict | list):
+        items = value.items() if isinstance(value, dict) else enumerate(value)
+        for key, below in items:
+            if "seconds" not in str(key):
+                yield from leaves(below, f"{path}/{key}")
+    else:
+        yield path, value
+
+
+def numbers(found: Path) -> dict[str, object]:
+    """All numbers of the demos of a system."""
+    of = {}
+    for summary in sorted((found / "results").glob("*/summary.json")):
+        of |= dict(leaves(json.loads(summary.read_text()), summary.parent.name))
+    return of
+
+
+def differences(ours: dict, theirs: dict) -> list[tuple[float, str]]:
+    """Differences relative to the numbers, absolute for those below 1, largest first.
+
+    Texts, which may hold numbers of their own, are left out.
+    """
+    out = []
+    for path in ours.keys() | theirs.keys():
+        a, b = ours.get(path), theirs.get(path)
+        if isinstance(a, str) and isinstance(b, str):
+            continue
+        if not isinstance(a, int | float) or not isinstance(b, int | float):
+            out.append((0.0 if a == b else float("inf"), path))
+        else:
+            out.append((abs(a - b) / max(abs(a), abs(b), 1.0), path))
+    return sorted(out, reverse=True)
+
+
+def seconds(file: Path) -> float:
+    """Time from the start of a call to what the file notes."""
+    start, end = map(float, file.read_text().split())
+    return end - start
+
+
+def row(found: Path) -> dict[str, str]:
+    """What is known of a system; a question mark stands for what is not."""
+
+    def known(value) -> str:
+        try:
+            return str(value())
+        except (OSError, KeyError, ValueError, IndexError):
+            return "?"
+
+    def step() -> dict:
+        return json.loads((found / "step").read_text())
+
+    def status(command: str) -> str:
+        return "passed" if (found / f"{command}.status").read_text().strip() == "0" else "failed"
+
+    install = known(lambda: f"{seconds(found / 'demos'):.0f}")
+    return {
+        "dolfinx": known(lambda: step()["dolfinx"]),
+        "Python": known(lambda: step()["python"]),
+        "NumPy": known(lambda: step()["numpy"]),
+        "install [s]": install,
+        "disk [MB]": known(lambda: (found / "megabytes").read_text().strip()),
+        "demos [s]": known(
+            lambda: f"{seconds(found / 'demos.end') - seconds(found / 'demos'):.0f}"
+        ),
+        "demos": "failed" if (found / "demos.failed").exists() else "passed",
+        "second call [s]": known(lambda: f"{seconds(found / 'second'):.1f}"),
+        "lint": known(lambda: status("lint")),
+        "tests": known(
+            lambda: re.findall(r"^=* ?(\d.*\d+.*)", (found / "test").read_text(), re.M)[-1].strip(
+                "= "
+            )
+        ),
+        "solver": known(lambda: step()["solver"]),
+        "a step [us]": known(lambda: f"{step()['microseconds']:.2f}"),
+    }
+
+
+def main() -> int:
+    folder, suites = Path(sys.argv[1]), sys.argv[2:]
+    rows = {suite: row(folder / suite) for suite in suites}
+    first = numbers(folder / suites[0])
+    print("| |", " | ".join(suites), "|")
+    print("|---|" + "---|" * len(suites))
+    apart = {suite: differences(first, numbers(folder / suite)) for suite in suites}
+    for suite in suites:
+        rows[suite]["largest difference"] = f"{apart[suite][0][0]:.1e}" if apart[suite] else "?"
+    for name in rows[suites[0]]:
+        print(f"| {name} |", " | ".join(rows[suite][name] for suite in suites), "|")
+    for suite in suites[1:]:
+        print(f"\nNumbers of the demos that differ most from those of {suites[0]}, in {suite}:")
+        for size, path in apart[suite][:LARGEST]:
+            print(f"  {size:.1e}  {path}")
+    good = all(
+        found["demos"] == "passed"
+        and found["solver"].startswith("compiled")
+        and "failed" not in found["lint"] + found["tests"]
+        for found in rows.values()
+    )
+    return 0 if good else 1
+
+
+if __name__ == "__main__":
+    sys.exit(main())

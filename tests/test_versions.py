@@ -1,0 +1,182 @@
+"""What differs between versions of FEniCSx, or may be missing, and would go wrong silently."""
+
+import subprocess
+import sys
+
+import ufl
+
+import numpy as np
+import pytest
+from scenes import pinned_beam
+
+import fx_beam as fb
+from fx_beam import compat
+
+# -- Quadrature ----------------------------------------------------------------------------------
+
+
+def interval(length=1.0):
+    mesh, _ = compat.interval_mesh(np.array([[0.0, 0.0], [length, 0.0]]), np.array([[0, 1]]))
+    return mesh
+
+
+@pytest.mark.parametrize("points", range(1, 6))
+def test_the_rule_of_a_form_is_that_of_gauss(points):
+    mesh = interval()
+    dx, x = compat.measure(mesh, points), ufl.SpatialCoordinate(mesh)[0]
+    found = [
+        compat.assemble_scalar(compat.compile_form(x**power * dx, "a power"))
+        for power in range(2 * points + 1)
+    ]
+    exact = 1 / (1 + np.arange(2 * points + 1))
+    assert found[:-1] == pytest.approx(exact[:-1], rel=1e-14)
+    # n points leave of x^2n, on the unit interval, the square of the monic Legendre polynomial.
+    left = 1.0
+    for n in range(1, points + 1):
+        left *= n / (2 * (2 * n - 1))
+    assert exact[-1] - found[-1] == pytest.approx(left**2 / (2 * points + 1), rel=1e-6)
+
+
+@pytest.mark.parametrize("points", range(1, 6))
+def test_values_at_gauss_points_are_those_that_the_rule_of_a_form_takes(points):
+    mesh = interval(3.0)
+    given = np.exp(np.arange(points))[None]
+    function = compat.at_gauss_points(mesh, given)
+    squares = compat.compile_form(function**2 * compat.measure(mesh, points), "squares")
+    weights = np.polynomial.legendre.leggauss(points)[1] * 3.0 / 2
+    assert compat.assemble_scalar(squares) == pytest.approx(weights @ given[0] ** 2, rel=1e-13)
+    expression = compat.compile_expression(function, compat.gauss_points(points))
+    found = compat.evaluate(expression, mesh, np.array([0]))
+    assert found == pytest.approx(given, rel=1e-12)
+
+
+# -- What the compiled loop takes ------------------------------------------------------------------
+
+
+def softening(stiffness):
+    def energy(eps, gamma, kappa):
+        stretch = stiffness * (ufl.sqrt(1 + eps**2) - 1)
+        return stretch + 0.5 * (4e3 * gamma**2 + 20.0 * kappa**2)
+
+    return energy
+
+
+def beams_of_many_laws(laws=4):
+    """A chain of beams with stored energies of their own, in a wind that follows the motion."""
+    scene = fb.Scene(gravity=(0.0, -9.81))
+    first = end = scene.add_beam([(0, 0), (1, 0)], fb.Section(EA=5e3, GA=5e3, EI=20.0, rhoA=1.0))
+    for number in range(1, laws):
+        section = fb.Section(strain_energy=softening(3e3 * number), rhoA=0.5 * number, rhoI=0.01)
+        # Not in the order of their cells, and of several sizes.
+        points = [end.end, (1 + number, 0.1 * number)]
+        end = scene.add_beam(points, section, elements=1 + number % 3)
+    scene.pin(first.start)
+    wind = ufl.as_vector((3.0, 1.0))
+    scene.add_virtual_work(
+        lambda step: (1 + step.u[0]) * ufl.dot(wind, step.virtual_u) + step.t * step.virtual_psi
+    )
+    return scene
+
+
+@pytest.mark.parametrize("laws", [2, 4])
+def test_each_law_has_its_own_coefficients_in_the_loop(laws):
+    compiled, reference = (
+        fb.simulate(beams_of_many_laws(laws), dt=0.005, t_end=0.2, solver=solver)
+        for solver in ("compiled", "petsc")
+    )
+    assert compiled.stats.solver.startswith("compiled")
+    assert abs(reference.q).max() > 0.1
+    assert compiled.q == pytest.approx(reference.q, abs=1e-9)
+    assert abs(compiled.energy.balance_error).max() < 1e-7 * compiled.energy.kinetic.max()
+
+
+def test_coefficients_of_a_subdomain_are_those_of_its_cells():
+    points = np.column_stack([np.arange(4.0), np.zeros(4)])
+    mesh, _ = compat.interval_mesh(points, np.array([[0, 1], [1, 2], [2, 3]]))
+    tags = np.array([2, 0, 1])
+    of_cell = compat.cellwise(mesh, 10.0 + np.arange(3))
+    dx = compat.measure(mesh, 1, tags)
+    form = compat.compile_form(
+        sum((tag + 1) * of_cell * dx(tag) for tag in range(3)) + of_cell**2 * dx, "all tags"
+    )
+    packed = compat.packed_coefficients(form)
+    assert sorted(packed) == sorted(compat.integrals(form)) == [-1, 0, 1, 2]
+    assert packed[-1][:, 0] == pytest.approx([10.0, 11.0, 12.0])
+    assert [packed[tag][:, 0] for tag in range(3)] == [[11.0], [12.0], [10.0]]
+    expected = sum((tags[k] + 1) * (10 + k) + (10 + k) ** 2 for k in range(3))
+    assert compat.assemble_scalar(form) == pytest.approx(expected)
+
+
+def test_the_loop_runs_here():
+    solution = fb.simulate(pinned_beam()[0], dt=0.01, t_end=0.1)
+    assert solution.stats.solver == "compiled, band 5"
+
+
+def test_functions_have_the_names_that_the_linker_knows():
+    mesh = interval()
+    x = ufl.SpatialCoordinate(mesh)[0]
+    form = ufl.sin(x) * compat.measure(mesh, 1)
+    source, names, parameters = compat.element_functions(compat.compile_form(form, "a sine"), form)
+    assert [source.count(f"void {name}(") for name in names] == [1]
+    assert parameters >= 6
+
+
+# -- Without PETSc ---------------------------------------------------------------------------------
+
+WITHOUT_PETSC = """
+import importlib.machinery, sys
+import numpy as np
+import dolfinx, dolfinx.fem  # those of Debian import PETSc themselves
+for name in [name for name in sys.modules if name.split(".")[0] in ("petsc4py", "slepc4py")]:
+    del sys.modules[name]
+real = importlib.machinery.PathFinder.find_spec
+class Finder:
+    @staticmethod
+    def find_spec(name, path=None, target=None):
+        if name.split(".")[0] in ("petsc4py", "slepc4py"):
+            return None
+        return real(name, path, target)
+sys.meta_path[sys.meta_path.index(importlib.machinery.PathFinder)] = Finder
+
+import fx_beam as fb
+from scenes import pinned_beam
+
+def said(call):
+    try:
+        call()
+    except RuntimeError as error:
+        return str(error)
+
+solution = fb.simulate(pinned_beam()[0], dt=0.01, t_end=0.1)
+np.save(sys.argv[1], solution.q)
+print(solution.stats.solver)
+print(said(lambda: fb.simulate(pinned_beam()[0], dt=0.01, t_end=0.1, solver="petsc")))
+print(said(lambda: fb.static(pinned_beam()[0])))
+print(said(lambda: fb.modes(pinned_beam()[0])))
+newton = fb.NewtonOptions(max_iterations=1)
+run = lambda: fb.simulate(pinned_beam()[0], dt=0.01, t_end=0.1, newton=newton, max_halvings=1)
+print(said(run))
+"""
+
+
+def test_a_motion_needs_no_petsc_and_what_needs_it_says_so(tmp_path):
+    file = tmp_path / "q.npy"
+    done = subprocess.run(
+        [sys.executable, "-c", f"import sys; sys.path[:0] = {sys.path!r}\n{WITHOUT_PETSC}", file],
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert not done.returncode, done.stderr
+    solver, petsc, static, modes, failed = done.stdout.splitlines()
+    assert solver == "compiled, band 5"
+    assert np.load(file) == pytest.approx(
+        fb.simulate(pinned_beam()[0], dt=0.01, t_end=0.1).q, abs=1e-12
+    )
+    for message, what in (
+        (petsc, 'solver = "petsc"'),
+        (static, "fx_beam.static"),
+        (modes, "fx_beam.modes"),
+    ):
+        assert message.startswith(f"{what} needs PETSc, which is missing here: install petsc4py")
+    assert "the step from t = 0 to" in failed and "petsc4py" in failed
