@@ -23,6 +23,8 @@ import cffi
 import numpy as np
 
 _FFI = cffi.FFI()
+# Several processes may want one form: they wait for the first, which may have a slow machine.
+_JIT = {"timeout": 30}
 _log = logging.getLogger("fx_beam")
 F = TypeVar("F", bound=Callable)
 
@@ -77,13 +79,17 @@ def interval_mesh(points: np.ndarray, cells: np.ndarray, degree: int = 1):
     return mesh, np.asarray(mesh.topology.original_cell_index)
 
 
+def _space(mesh, element):
+    return fem.FunctionSpace(mesh, element, jit_params=_JIT)
+
+
 @quietly
 def beam_space(mesh, degree: int):
     """Mixed Lagrange space of displacement (2) and rotation (1) with equispaced nodes."""
     cell = mesh.ufl_cell()
     displacement = ufl.VectorElement("Lagrange", cell, degree, dim=2, variant="equispaced")
     rotation = ufl.FiniteElement("Lagrange", cell, degree, variant="equispaced")
-    return fem.FunctionSpace(mesh, ufl.MixedElement([displacement, rotation]))
+    return _space(mesh, ufl.MixedElement([displacement, rotation]))
 
 
 def function(space):
@@ -106,7 +112,7 @@ def cellwise(mesh, values: np.ndarray):
         if shape
         else ufl.FiniteElement("DG", mesh.ufl_cell(), 0)
     )
-    function = fem.Function(fem.FunctionSpace(mesh, element))
+    function = fem.Function(_space(mesh, element))
     function.x.array[:] = values.ravel()
     return function
 
@@ -121,7 +127,7 @@ def at_gauss_points(mesh, values: np.ndarray):
     element = ufl.FiniteElement("DG", mesh.ufl_cell(), points - 1, variant="equispaced")
     if shape:
         element = ufl.VectorElement(element, dim=shape[0])
-    space = fem.FunctionSpace(mesh, element)
+    space = _space(mesh, element)
     powers = np.arange(points)
     through = np.linalg.inv(gauss_points(points) ** powers)
     at_nodes = space.element.interpolation_points()[:, :1] ** powers @ through
@@ -153,7 +159,7 @@ def measure(mesh, points: int, tags: np.ndarray | None = None):
 
 def compile_form(form, name: str):
     """Compile a UFL form through FFCx; the log names it where the cache did not have it."""
-    compiled = quietly(fem.form)(form)
+    compiled = quietly(fem.form)(form, jit_params=_JIT)
     if any(compiled.code):
         _log.info("compiled the form %r, once", name)
     return compiled
@@ -167,7 +173,7 @@ def gauss_points(points: int) -> np.ndarray:
 @quietly
 def compile_expression(expression, points: np.ndarray):
     """Compile a UFL expression for evaluation at reference points of every cell."""
-    return fem.Expression(expression, points)
+    return fem.Expression(expression, points, jit_params=_JIT)
 
 
 def create_matrix(form):
@@ -220,10 +226,14 @@ def signature(form) -> str:
     return _FFI.string(form.ufcx_form.signature).decode() + ffcx.codegeneration.get_signature()
 
 
-def element_functions(ufl_form) -> tuple[str, list[str]]:
+def element_functions(form, ufl_form) -> tuple[str, list[str]]:
     """C of the functions that compute a form's element tensors, and their names by integral."""
-    parameters = ffcx.parameters.get_parameters()
-    _, source = ffcx.compiler.compile_ufl_objects([ufl_form], prefix="batch", parameters=parameters)
+    _, source = form.code  # there where it has just been compiled
+    if not source:
+        parameters = ffcx.parameters.get_parameters()
+        _, source = ffcx.compiler.compile_ufl_objects(
+            [ufl_form], prefix="batch", parameters=parameters
+        )
     functions = re.findall(r"^void tabulate_tensor_\w+\(.*?^}$", source, re.M | re.S)
     (listed,) = re.findall(r"integrals_cell_form_\w+\[\d+\] = {(.*?)}", source)
     return "\n".join(functions), [f"tabulate_tensor_{name}" for name in re.findall(r"\w+", listed)]
