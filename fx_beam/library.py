@@ -8,6 +8,7 @@ import hashlib
 import logging
 import os
 import platform
+import shutil
 import subprocess
 import tempfile
 from collections.abc import Callable, Sequence
@@ -17,16 +18,19 @@ from typing import Any
 import cffi
 
 from . import compat
+from .errors import SceneError
 
 _log = logging.getLogger("fx_beam")
 _SOURCES = Path(__file__).parent / "c"
 _FLAGS = [
-    *("-O3", "-march=native", "-fno-math-errno", "-fno-trapping-math", "-shared", "-fPIC"),
+    *("-O3", "-fno-math-errno", "-fno-trapping-math", "-shared", "-fPIC"),
     # The whole width of vectors, which compilers of some processors leave half empty.
     *(["-mprefer-vector-width=512"] if platform.machine() == "x86_64" else []),
     # GCC would join sin and cos of one angle in one complex number, of which it has no vectors.
     *("-fno-builtin-sin", "-fno-builtin-cos"),
 ]
+# The compiler's option that chooses a processor, where it knows "native".
+_OPTION = {"x86_64": "-march", "aarch64": "-mcpu"}.get(platform.machine())
 
 
 class LoopUnavailable(Exception):
@@ -112,7 +116,10 @@ def load_batches(name: str, form, ufl_form, size: int, width: int, places: int) 
 def _build(what: str, key: str, source: Callable[[], str], more: Sequence[str] = ()) -> Path:
     """A shared object from a C source, which is asked for only where the cache does not have it."""
     headers = [path.read_text() for path in sorted(_SOURCES.glob("*.h"))]
-    digest = hashlib.sha256("\n".join([key, *headers, *_FLAGS, *more, _processor()]).encode())
+    target, flags = _target()
+    flags = [*flags, *more]
+    digest = hashlib.sha256("
+".join([key, *headers, *flags, *_processor(target)]).encode())
     cache = cache_directory()
     library = cache / f"{digest.hexdigest()[:32]}.so"
     try:
@@ -122,11 +129,11 @@ def _build(what: str, key: str, source: Callable[[], str], more: Sequence[str] =
             # Renamed when it is whole, as several processes may build it.
             with tempfile.TemporaryDirectory(dir=cache) as scratch:
                 out = Path(scratch) / "built.so"
-                flags = *_FLAGS, *more, f"-I{_SOURCES}"
-                command = ["cc", *flags, "-x", "c", "-", "-o", str(out), "-lm"]
+                command = ["cc", *flags, f"-I{_SOURCES}", "-x", "c", "-", "-o", str(out), "-lm"]
                 subprocess.run(command, check=True, capture_output=True, text=True, input=source())
                 out.replace(library)
     except (OSError, subprocess.CalledProcessError) as error:
+        _check_target(target, flags)
         said = str(getattr(error, "stderr", None) or error)
         _warn(next((line for line in said.splitlines() if "error" in line), said))
         raise LoopUnavailable("it cannot be built") from error
@@ -144,10 +151,30 @@ def cache_directory() -> Path:
     return Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "fx_beam"
 
 
-def _processor() -> str:
-    """What -march=native looks at."""
+def _target() -> tuple[str, list[str]]:
+    """Processor to compile for, and all flags; empty where the compiler has no word for this one."""
+    target = os.environ.get("FX_BEAM_MARCH") or ("native" if _OPTION else "")
+    return target, [*_FLAGS, f"{_OPTION or '-march'}={target}"] if target else _FLAGS
+
+
+def _check_target(target: str, flags: list[str]) -> None:
+    """Refuse a processor that was asked for and that the compiler does not know."""
+    if not os.environ.get("FX_BEAM_MARCH") or not shutil.which("cc"):
+        return
+    command = ["cc", *flags, "-x", "c", "-", "-o", os.devnull]
+    if subprocess.run(command, capture_output=True, text=True, input="").returncode:
+        raise SceneError(
+            f"FX_BEAM_MARCH = {target!r} is no processor that the compiler cc knows; give a name "
+            f"that its option {_OPTION or '-march'} takes, such as 'native' or 'x86-64-v3'"
+        )
+
+
+def _processor(target: str) -> list[str]:
+    """What a library is for: all processors of a name, or, for "native", those with these flags."""
+    if target != "native":
+        return []
     try:
         lines = Path("/proc/cpuinfo").read_text().splitlines()
     except OSError:
-        return ""
-    return next((line for line in lines if line.startswith(("flags", "Features"))), "")
+        return []
+    return [line for line in lines if line.startswith(("flags", "Features"))][:1]
