@@ -32,6 +32,8 @@ _STYLES: dict[str, dict] = {
 _TIME_COLOURS = LinearSegmentedColormap.from_list(
     "time", matplotlib.colormaps["viridis"](np.linspace(0, 0.92, 256))
 )
+# What tells apart several curves of one scheme in one panel; the first is the plain line.
+_MARKERS = None, "o", "s", "^", "D", "v"
 _BEAM_COLOURS = "#0072B2", "#009E73", "#CC79A7", "#E69F00", "#56B4E9"
 # A ring where two members turn, a square where they slide; rigid joints are not marked.
 _JOINT_MARKERS = {"Revolute": "o", "Prismatic": "s", "PinInSlot": "s"}
@@ -94,8 +96,9 @@ def curves(
 ) -> None:
     """Draw one quantity over time for several solutions.
 
-    A cross marks the end of a solution that failed, and the legend says so. Set the limits of the
-    axes first: the cross of a curve that left them is put on their edge.
+    Each scheme has its own line style; further solutions by the same scheme have markers as well.
+    A cross marks the end of a solution that failed. Set the limits of the axes first: the cross of
+    a curve that left them is put on their edge.
 
     Parameters
     ----------
@@ -109,16 +112,28 @@ def curves(
         ``times(solution)`` gives the times (n,) at which it holds [s], such as
         `Solution.t_level` for stress resultants.
     """
+    drawn: dict[str, int] = {}
+    cross = {"marker": "X", "markersize": 9, "markeredgecolor": "white", "linestyle": ""}
     for label, solution in solutions.items():
-        look = style(solution.stats.scheme)
+        scheme = solution.stats.scheme
+        look = style(scheme) | _marked(drawn.get(scheme, 0))
+        drawn[scheme] = drawn.get(scheme, 0) + 1
         t, y = times(solution), value(solution)
-        if failed := bool(solution.stats.failure):
-            label += f", failed at t = {solution.t[-1]:.3g} s"
         axes.plot(t, y, label=label, **look)
-        if failed and t[-1] <= axes.get_xlim()[1]:
+        if solution.stats.failure and t[-1] <= axes.get_xlim()[1]:
             edge = np.clip(y[-1], *axes.get_ylim())
-            cross = {"marker": "X", "markersize": 9, "markeredgecolor": "white"}
-            axes.plot(t[-1], edge, color=look["color"], **cross, clip_on=False, zorder=5)
+            axes.plot(t[-1], edge, **cross | {"color": look["color"]}, clip_on=False, zorder=5)
+            # One entry for all: the same scheme may fail in one panel and not in another.
+            axes.plot([], [], **cross | {"color": "0.4"}, label="a step fails, the run ends")
+
+
+def _marked(number: int) -> dict:
+    """Markers of the curve with this number among those of one scheme."""
+    if not number:
+        return {}
+    marker = _MARKERS[1 + (number - 1) % (len(_MARKERS) - 1)]
+    places = (0.03 * number, 0.12)
+    return {"marker": marker, "markevery": places, "fillstyle": "none", "markersize": 5}
 
 
 def save(figure: Figure, path: Path | str) -> None:
