@@ -85,8 +85,8 @@ def curves(
     """Draw one quantity over time for several solutions.
 
     Each scheme has its own line style; further solutions by the same scheme have markers as well.
-    A cross marks the end of a solution that failed, and the legend says so. Set the limits of the
-    axes first: the cross of a curve that left them is put on their edge.
+    A cross marks the end of a solution that failed. Set the limits of the axes first: the cross of
+    a curve that left them is put on their edge.
 
     Parameters
     ----------
@@ -101,18 +101,18 @@ def curves(
         `Solution.t_level` for stress resultants.
     """
     drawn: dict[str, int] = {}
+    cross = {"marker": "X", "markersize": 9, "markeredgecolor": "white", "linestyle": ""}
     for label, solution in solutions.items():
         scheme = solution.stats.scheme
         look = style(scheme) | _marked(drawn.get(scheme, 0))
         drawn[scheme] = drawn.get(scheme, 0) + 1
         t, y = times(solution), value(solution)
-        if failed := bool(solution.stats.failure):
-            label += f", failed at t = {solution.t[-1]:.3g} s"
         axes.plot(t, y, label=label, **look)
-        if failed and t[-1] <= axes.get_xlim()[1]:
+        if solution.stats.failure and t[-1] <= axes.get_xlim()[1]:
             edge = np.clip(y[-1], *axes.get_ylim())
-            cross = {"marker": "X", "markersize": 9, "markeredgecolor": "white"}
-            axes.plot(t[-1], edge, color=look["color"], **cross, clip_on=False, zorder=5)
+            axes.plot(t[-1], edge, **cross | {"color": look["color"]}, clip_on=False, zorder=5)
+            # One entry for all: the same scheme may fail in one panel and not in another.
+            axes.plot([], [], **cross | {"color": "0.4"}, label="a step fails, the run ends")
 
 
 def _marked(number: int) -> dict:

@@ -118,8 +118,7 @@ def _build(what: str, key: str, source: Callable[[], str], more: Sequence[str] =
     headers = [path.read_text() for path in sorted(_SOURCES.glob("*.h"))]
     target, flags = _target()
     flags = [*flags, *more]
-    digest = hashlib.sha256("
-".join([key, *headers, *flags, *_processor(target)]).encode())
+    digest = hashlib.sha256("\n".join([key, *headers, *flags, *_processor(target)]).encode())
     cache = cache_directory()
     library = cache / f"{digest.hexdigest()[:32]}.so"
     try:
@@ -152,7 +151,7 @@ def cache_directory() -> Path:
 
 
 def _target() -> tuple[str, list[str]]:
-    """Processor to compile for, and all flags; empty where the compiler has no word for this one."""
+    """Processor to compile for, and all flags; empty where cc has no word for this one."""
     target = os.environ.get("FX_BEAM_MARCH") or ("native" if _OPTION else "")
     return target, [*_FLAGS, f"{_OPTION or '-march'}={target}"] if target else _FLAGS
 
