@@ -64,6 +64,17 @@ class Velocity:
     spin: Callable[[float, float], np.ndarray]
 
 
+def initial_velocity(target: Node | Beam, velocity, spin) -> Velocity:
+    """Initial velocity and spin from constants or functions of the reference position."""
+    node = target.start if isinstance(target, Beam) else target
+    what = f"of {label(target)}"
+    return Velocity(
+        target,
+        checked_function(velocity, 2, f"velocity {what}", node.x, node.y),
+        checked_function(spin, 1, f"spin {what}", node.x, node.y),
+    )
+
+
 @dataclass(frozen=True)
 class VirtualWork:
     """Virtual work per length of a user's own force, on one beam or on all."""

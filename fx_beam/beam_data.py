@@ -37,7 +37,8 @@ def section_data(mesh: Mesh, scene: Scene, names: tuple[str, ...], points: int):
     """
     varies = any(beam.section.varies(name) for beam in scene.beams for name in names)
     gauss = compat.gauss_points(points if varies else 1).T
-    values, known = [], {}
+    values: list[np.ndarray] = []
+    known: dict[int, np.ndarray] = {}
     for beam in scene.beams:
         # One value is enough for a beam whose data are constant, and for others of its section.
         if not varies and id(beam.section) in known:

@@ -246,9 +246,9 @@ class JointForces:
         self._sums = scipy.sparse.csr_matrix((signs, (rows, columns)), shape)
         counts = [len(nodes) for nodes in couplings.turning]
         nodes = np.concatenate([np.empty(0, int), *couplings.turning])
-        signs, starts = np.repeat(couplings.turn_sign, counts), np.cumsum([0, *counts])
+        turn_signs, starts = np.repeat(couplings.turn_sign, counts), np.cumsum([0, *counts])
         shape = (len(joints), len(dofs))
-        self._turning = scipy.sparse.csr_matrix((signs, nodes, starts), shape)
+        self._turning = scipy.sparse.csr_matrix((turn_signs, nodes, starts), shape)
 
     @property
     def tables(self) -> tuple[scipy.sparse.csr_matrix, scipy.sparse.csr_matrix]:

@@ -9,13 +9,13 @@ from typing import Any
 
 import numpy as np
 
-from .actions import Load, Velocity, VirtualWork, label, line_load
+from .actions import Load, Velocity, VirtualWork, initial_velocity, label, line_load
 from .beam import COMPONENTS, Beam, Node, polyline
 from .curve import Curve, lay_along
 from .errors import SceneError
 from .joints import GROUND, Joint
 from .section import Section
-from .values import TimeFunction, checked_function, time_function, vector
+from .values import TimeFunction, time_function, vector
 
 
 class Scene:
@@ -368,20 +368,9 @@ class Scene:
         spin : float or callable
             Rate of the section rotation, or ``spin(x, y)`` [rad/s].
         """
-        if isinstance(target, Beam):
-            self._check_beam(target, "velocity")
-            x, y = target.start.x, target.start.y
-        else:
-            self._check_node(target, "velocity")
-            x, y = target.x, target.y
-        what = f"of {label(target)}"
-        self.velocities.append(
-            Velocity(
-                target,
-                checked_function(velocity, 2, f"velocity {what}", x, y),
-                checked_function(spin, 1, f"spin {what}", x, y),
-            )
-        )
+        check = self._check_beam if isinstance(target, Beam) else self._check_node
+        check(target, "velocity")
+        self.velocities.append(initial_velocity(target, velocity, spin))
 
     # -- Checks -------------------------------------------------------------------------------
 
