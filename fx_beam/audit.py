@@ -101,8 +101,13 @@ class Stats:
 class BeamResultants:
     """Stress resultants along a beam, at the Gauss points of its elements.
 
-    Row k holds those of the step that ends at t[k], as the scheme takes them (for the mid-point
-    schemes a mean over the step); row 0 those of the start configuration.
+    Row k holds those that the scheme takes in the step that ends at t[k], or in the last part of
+    it where it was taken in parts: for the mid-point schemes a mean over that part, for the others
+    those at `Solution.t_level`. They belong to row k of `Solution.reaction` and
+    `Solution.joint_force`. Row 0 holds those of the start configuration.
+
+    Forces of `Scene.add_virtual_work` that act inside a member are not in them: they are no part
+    of the stored energy or of the scheme.
 
     Parameters
     ----------

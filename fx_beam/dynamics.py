@@ -122,7 +122,6 @@ def simulate(
     recorder = Recorder(model, times, record or Record())
     state = _first_state(model, drive, float(times[1] - times[0]), start)
     windings = Windings(model)
-    recorder.begin(0, state.q)
     recorder.record(0, state)
     stats.setup_seconds = time.perf_counter() - clock
 

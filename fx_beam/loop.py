@@ -125,12 +125,11 @@ class CompiledLoop:
         to = self._ffi.new("Record *")
         to.every, to.first, to.last = recorder.every, first, recorder.last
         to.parts, to.part = halving.parts, halving.done
-        for name, rows in recorder.arrays.items():
-            at = rows[recorder.rows :]
-            setattr(to, name, self._ffi.cast("double *", at.ctypes.data))
+        for name, rows in recorder.places(to.parts).items():
+            setattr(to, name, self._ffi.cast("double *", rows.ctypes.data))
         dt = (ends[-1] - state.t) / len(ends)
         taken = self._library.fx_run(p, len(known.driven), dt, ahead, to)
-        recorder.rows += to.rows
+        recorder.add(to.rows, to.parts)
         stats.substeps += taken
         stats.newton_iterations += p.iterations
         for name, count in (("increment", taken - p.by_round_off), ("round-off", p.by_round_off)):

@@ -100,8 +100,7 @@ class Stepper:
         StepError
             If it may be halved no more, or a function of time fails.
         """
-        if state.t == start:
-            recorder.begin(number, state.q)
+        before = state
         while True:
             t1 = float(self.halving.ends(np.array([start, end]))[0])
             try:
@@ -113,8 +112,9 @@ class Stepper:
                 self.stats.halvings += 1
                 continue
             self.stats.substeps += 1
+            parts = self.halving.parts
             if self.halving.take(1):
-                recorder.record(number, state)
+                recorder.record(number, state, before, parts)
             return state
 
     def step(self, state: State, t1: float) -> State:

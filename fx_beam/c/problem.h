@@ -136,7 +136,8 @@ typedef struct {
 typedef struct {
   int every, first, last, rows; /* numbers of the first step of this call and of the last of all */
   int parts, part;              /* in which a step is taken, and how many of the first are done */
-  double *before, *q, *v, *a, *held, *slides, *joint_forces, *energies, *momenta;
+  double *before_q, *before_v, *before_a; /* where the last part of a step starts */
+  double *q, *v, *a, *held, *slides, *joint_forces, *energies, *momenta;
 } Record;
 
 /* What is known ahead of each step; a stride of 0 repeats the first. */
