@@ -61,6 +61,9 @@ class Stats:
         Times a step failed and was halved.
     substeps : int
         Steps that were taken, each part of a halved one counted.
+    too_large : int
+        Parts of halved steps in which a node turned by more than half a radian per step of the
+        grid: there `dt` is too large for the motion, and where that goes may depend on rounding.
     ended_by : dict
         Number of solves that ended by a small increment and at round-off.
     seconds : float
@@ -87,6 +90,7 @@ class Stats:
     newton_iterations: int = 0
     halvings: int = 0
     substeps: int = 0
+    too_large: int = 0
     ended_by: dict[str, int] = field(default_factory=dict)
     seconds: float = 0.0
     setup_seconds: float = 0.0

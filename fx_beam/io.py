@@ -13,7 +13,7 @@ from .audit import BeamResultants, Energy, Stats
 from .beam import Beam, Node
 from .export import FORMAT, HISTORIES
 from .solution import Solution
-from .state import State
+from .state import Past, State
 
 
 def load(path) -> Solution:
@@ -59,6 +59,9 @@ def _read(path) -> Solution:
     if "end_t" in data:
         parts: dict[str, Any] = {f.name: data.get(f"end_{f.name}") for f in fields(State)}
         parts |= {name: float(data[f"end_{name}"]) for name in ("t", "work")}
+        if "past_length" in data:
+            length, foretelling = float(data["past_length"]), int(data["past_foretelling"])
+            parts["past"] = Past(length, foretelling, data["past_increments"], data["past_slides"])
         end = State(**parts)
     return Solution(
         **{name: data[name] for name in HISTORIES},

@@ -82,6 +82,7 @@ int fx_run(Problem *p, int steps, double dt, const Ahead *ahead, Record *to) {
     int part = to->part + k, step = to->first + part / to->parts;
     int wanted = (part + 1) % to->parts == 0 && (step % to->every == 0 || step == to->last);
     if (wanted) record_start(p, to);
+    if (to->parts > 1) p->too_large += widest_turn(p, w->D) * to->parts > p->large_turn;
     advance_rates(p, w, dt);
     for (int i = 0; i < n; ++i) p->q[i] += w->D[i];
     for (int j = 0; j < p->joints; ++j)
