@@ -82,6 +82,9 @@ class Stats:
         Times a step failed and was halved.
     substeps : int
         Steps that were taken, each part of a halved one counted.
+    too_large : int
+        Parts of halved steps in which a node turned by more than half a radian per step of the
+        grid: there `dt` is too large for the motion, and where that goes may depend on rounding.
     ended_by : dict
         Number of solves that ended by a small increment and at round-off.
     seconds : float
@@ -108,6 +111,7 @@ class Stats:
     newton_iterations: int = 0
     halvings: int = 0
     substeps: int = 0
+    too_large: int = 0
     ended_by: dict[str, int] = field(default_factory=dict)
     seconds: float = 0.0
     setup_seconds: float = 0.0
@@ -122,8 +126,13 @@ class Stats:
 class BeamResultants:
     """Stress resultants along a beam, at the Gauss points of its elements.
 
-    Row k holds those of the step that ends at t[k], as the scheme takes them (for the mid-point
-    schemes a mean over the step); row 0 those of the start configuration.
+    Row k holds those that the scheme takes in the step that ends at t[k], or in the last part of
+    it where it was taken in parts: for the mid-point schemes a mean over that part, for the others
+    those at `Solution.t_level`. They belong to row k of `Solution.reaction` and
+    `Solution.joint_force`. Row 0 holds those of the start configuration.
+
+    Forces of `Scene.add_virtual_work` that act inside a member are not in them: they are no part
+    of the stored energy or of the scheme.
 
     Parameters
     ----------

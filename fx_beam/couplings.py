@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -76,6 +77,32 @@ class Couplings:
     def is_index(self) -> bool:
         """Whether every degree of freedom equals one column."""
         return all(len(own) == 1 and own[0][1] == 0 for own in self.entries)
+
+    @cached_property
+    def places(self) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+        """Free columns that are degrees of freedom, which these are, those of slides, whose."""
+        alone = [
+            own[0] if len(own) == 1 and own[0][1:] == (0, 1.0) else (-1,) for own in self.entries
+        ]
+        column = np.array([own[0] for own in alone])
+        dofs = np.flatnonzero((column >= 0) & (column < self.free))
+        slides = np.array([pair for pair in self.slides.items() if pair[1] < self.free], int)
+        number, of_slide = slides.reshape(-1, 2).T
+        return column[dofs], dofs, of_slide, number
+
+    def unknowns(self, D: np.ndarray, slides: np.ndarray) -> np.ndarray:
+        """Unknowns (..., free) of increments (..., size) and of slides (..., joints)."""
+        y = np.zeros((*D.shape[:-1], self.free))
+        columns, dofs, of_slides, numbers = self.places
+        y[..., columns], y[..., of_slides] = D[..., dofs], slides[..., numbers]
+        return y
+
+    def free_slides(self, y: np.ndarray, joints: int) -> np.ndarray:
+        """Increments of the slides (..., joints) that are among the unknowns (..., free)."""
+        slides = np.zeros((*y.shape[:-1], joints))
+        _, _, columns, numbers = self.places
+        slides[..., numbers] = y[..., columns]
+        return slides
 
     def entries_of_guide(self, joint: Joint, dofs: np.ndarray) -> list[Entry]:
         """Entries of the rotation that turns a joint's offset and axis; none on the ground."""

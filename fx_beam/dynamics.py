@@ -13,6 +13,7 @@ from tqdm import tqdm
 from .audit import Stats
 from .drive import Drive
 from .errors import SceneError, StepError
+from .halving import LARGE_TURN
 from .initial import check_joints, initial_state, resumed_state
 from .library import LoopUnavailable
 from .loop import CompiledLoop
@@ -61,7 +62,8 @@ def simulate(
     start : Solution, optional
         Where to start from, by default the reference configuration. From a static solution a scene
         starts deformed, with its initial velocities, at the time that `static` was given; from an
-        earlier motion it goes on as if that had not ended, with the work done so far. The scene
+        earlier motion it goes on as if that had not ended, with the work done so far, and with the
+        same scheme and `dt` with the size of the parts that its last steps took. The scene
         must have the same nodes, as many joints and motors, and joints that can be in that state;
         loads, masses and supports may be others.
     newton : NewtonOptions, optional
@@ -120,11 +122,12 @@ def simulate(
     options = newton or NewtonOptions()
     drive = Drive(model)
     stepper = Stepper(model, Newton(model, options), drive, stats, max_halvings)
-    march = _march(solver, stepper, options)
+    taker = _taker(solver, stepper, options)
     recorder = Recorder(model, times, record or Record())
     state = _first_state(model, drive, float(times[1] - times[0]), start)
+    stepper.halving.resume(state.parts, dt)
+    taker.past = state.past
     windings = Windings(model)
-    recorder.begin(0, state.q)
     recorder.record(0, state)
     stats.setup_seconds = time.perf_counter() - clock
 
@@ -139,7 +142,7 @@ def simulate(
             for first in range(1, len(times), steps):
                 block, rows = times[first : first + steps], recorder.rows
                 try:
-                    state = march(windings.take_off(state), block, first, recorder)
+                    state = taker.march(windings.take_off(state), block, first, recorder)
                 finally:
                     recorder.wind(rows, windings.taken)
                 bar.update(len(block))
@@ -149,14 +152,25 @@ def simulate(
         error.solution = solution_of(model, recorder, stats)  # type: ignore[union-attr]
         raise
     stats.seconds = time.perf_counter() - clock
-    if stats.halvings:
-        _log.warning(
-            "%s: %d steps took %d, as some failed and were halved",
-            scheme.name,
-            stats.steps,
-            stats.substeps,
+    _warn_of_parts(stats, dt)
+    end = replace(
+        state, q=state.q + windings.taken, parts=stepper.halving.memory(dt), past=taker.past
+    )
+    return solution_of(model, recorder, stats, end)
+
+
+def _warn_of_parts(stats: Stats, dt: float) -> None:
+    """Say that steps were taken in parts, and where they are too large for the motion."""
+    if not stats.halvings:
+        return
+    text = f"{stats.steps} steps took {stats.substeps}, as some failed and were halved"
+    if stats.too_large:
+        text += (
+            f". dt = {dt:g} is too large for this motion: in {stats.too_large} of the parts a node "
+            f"turned at more than {LARGE_TURN:g} rad per step, and where it goes may depend on "
+            "rounding. Try a smaller dt"
         )
-    return solution_of(model, recorder, stats, replace(state, q=state.q + windings.taken))
+    _log.warning("%s: %s", stats.scheme, text)
 
 
 def _end_of(start: Solution) -> State:
@@ -192,21 +206,21 @@ def _first_state(model: Model, drive: Drive, dt: float, start: Solution | None) 
     return resumed_state(model, drive, dt, state, start.stats.scheme == model.scheme.name)
 
 
-def _march(solver: str, stepper: Stepper, options: NewtonOptions):
+def _taker(solver: str, stepper: Stepper, options: NewtonOptions) -> Stepper | CompiledLoop:
     """Who takes the steps: the compiled loop where it can, and is not refused."""
     if solver not in ("auto", "compiled", "petsc"):
         raise SceneError(f'solver = {solver!r} must be "auto", "compiled" or "petsc"')
     if solver == "petsc":
         petsc('solver = "petsc"')
-        return stepper.march
+        return stepper
     try:
-        return CompiledLoop(stepper, options).march
+        return CompiledLoop(stepper, options)
     except LoopUnavailable as reason:
         if solver == "compiled":
             raise SceneError(f'solver = "compiled" is not to be had: {reason}') from reason
         petsc(f"a scene that the compiled loop cannot take ({reason})")
         stepper.stats.solver += f" ({reason})"
-        return stepper.march
+        return stepper
 
 
 def _time_grid(dt: float, t_end: float, t0: float) -> np.ndarray:

@@ -43,7 +43,9 @@ def save(solution, path) -> None:
     arrays |= {f"energy_{name}": value for name, value in vars(solution.energy).items()}
     if solution.end is not None:
         known = {name: value for name, value in vars(solution.end).items() if value is not None}
+        past = known.pop("past", None)
         arrays |= {f"end_{name}": value for name, value in known.items()}
+        arrays |= {f"past_{name}": value for name, value in vars(past).items()} if past else {}
     beams: list[dict] = []
     for name, beam in solution.beams.items():
         key = f"beam{len(beams)}"

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
-from typing import Any
+from collections.abc import Iterable
+from typing import Any, NamedTuple
 
 import ufl
+from ufl.algorithms.analysis import extract_coefficients, extract_constants
 from ufl.algorithms.apply_algebra_lowering import apply_algebra_lowering
 from ufl.algorithms.check_arities import check_integrand_arity
 
@@ -21,6 +23,28 @@ from .scene import Scene
 from .schemes import Scheme
 from .section import Law, quadratic_law
 from .values import refuse_fields
+
+
+class Part(NamedTuple):
+    """A step, or the part of one, that was taken.
+
+    Parameters
+    ----------
+    t, dt : float
+        Start and length [s].
+    D : (size,) float
+        Increment of displacements and rotations.
+    q : (size,) float
+        Displacements and rotations at the start.
+    rates : pair of (size,) float, optional
+        Rates and accelerations there.
+    """
+
+    t: float
+    dt: float
+    D: np.ndarray
+    q: np.ndarray
+    rates: tuple[np.ndarray, ...] = ()
 
 
 class Forms:
@@ -110,6 +134,8 @@ class Forms:
         self._laws, law_of_cell = self._group_laws()
         tags = law_of_cell if len(self._laws) > 1 else None
         self._law_of_cell = law_of_cell
+        #: N, Q and M of each law.
+        self._resultants: list[Any] = []
         dx = compat.measure(self._mesh.mesh, step.degree, tags)
         residual: Any = 0
         energy: Any = 0
@@ -119,6 +145,7 @@ class Forms:
             work = r.virtual_work(step)
             for part in (work, r.M):
                 refuse_fields(part, f"resultants of {self._scheme.name}", [*self._ours, *law.data])
+            self._resultants.append(ufl.as_vector((r.N, r.Q, r.M)))
             residual += work * dx_law
             energy += law.energy(*step.strains0) * dx_law
         added = self._added_virtual_work()
@@ -139,6 +166,11 @@ class Forms:
             self._path_matrix = compat.create_matrix(self._path_tangent)
         self._energy = self._compile("strain energy", energy)
         self._needs_rates = any(rate in residual.coefficients() for rate in self.start_rates)
+        moves = self._needs_rates or self.dt in residual.constants()
+        found = [part for r in self._resultants for part in _data_of(r)] if moves else []
+        #: Whether the resultants depend on rates at the start of a step, and on any.
+        self.resultants_need_rates = any(rate in found for rate in self.start_rates)
+        self.resultants_move = self.resultants_need_rates or self.dt in found
 
         self._matrix = compat.create_matrix(self._tangent)
         shape = (self.size, self.size)
@@ -227,14 +259,20 @@ class Forms:
         q, v, a : (size,) float
             Displacements and rotations, rates and accelerations at its start.
         """
-        self.time.value = t + self._scheme.rates.level * dt
-        self.dt.value = dt
-        self.start.x.array[:] = q
+        self._set_start(t, dt, q)
         if self.followers is not None:
             self.followers.set_step(t, dt)
         if self._needs_rates:
-            for function, rate in zip(self.start_rates, (v, a), strict=True):
-                function.x.array[:] = rate
+            self._set_rates(v, a)
+
+    def _set_start(self, t: float, dt: float, q: np.ndarray) -> None:
+        self.time.value = t + self._scheme.rates.level * dt
+        self.dt.value = dt
+        self.start.x.array[:] = q
+
+    def _set_rates(self, *rates: np.ndarray) -> None:
+        for function, rate in zip(self.start_rates, rates, strict=True):
+            function.x.array[:] = rate
 
     def internal_force(self, D: np.ndarray) -> np.ndarray:
         """Internal forces less the added ones, for the increment D; overwritten by the next call.
@@ -311,34 +349,38 @@ class Forms:
         self.start.x.array[:] = q
         return compat.assemble_scalar(self._energy)
 
-    def resultants(
-        self, t: np.ndarray, q: np.ndarray, t_before: np.ndarray, q_before: np.ndarray
-    ) -> np.ndarray:
-        """Stress resultants N, Q, M of the scheme at the Gauss points, step by step.
+    def resultants(self, parts: Iterable[Part]) -> np.ndarray:
+        """Stress resultants N, Q, M of the scheme at the Gauss points, part by part.
 
         Parameters
         ----------
-        t, t_before : (n,) float
-            Ends and starts of the steps [s].
-        q, q_before : (n, size) float
-            Displacements and rotations at these times.
+        parts : iterable of Part
+            Steps, or parts of them.
 
         Returns
         -------
         (n, cells, degree, 3) float
-            Those of each step.
+            Those of each part.
         """
         points = compat.gauss_points(self.step.degree)
-        out = np.empty((len(t), len(self._law_of_cell), len(points), 3))
-        for tag, law in enumerate(self._laws):
-            r = self._scheme.resultants(self.step, law)
-            expression = compat.compile_expression(ufl.as_vector((r.N, r.Q, r.M)), points)
-            cells = self.cells_of(tag)
-            for k in range(len(t)):
-                self.start.x.array[:] = q_before[k]
-                self._set_increment(q[k] - q_before[k])
-                # A step of no length, the start, has no rates.
-                self.dt.value = (t[k] - t_before[k]) or 1.0
+        expressions = [
+            (compat.compile_expression(r, points), self.cells_of(tag))
+            for tag, r in enumerate(self._resultants)
+        ]
+        rows = []
+        for part in parts:
+            self._set_start(part.t, part.dt, part.q)
+            self._set_increment(part.D)
+            if self.resultants_need_rates:
+                self._set_rates(*part.rates)
+            out = np.empty((len(self._law_of_cell), len(points), 3))
+            for expression, cells in expressions:
                 values = compat.evaluate(expression, self._mesh.mesh, cells)
-                out[k, cells] = values.reshape(len(cells), len(points), 3)
-        return out
+                out[cells] = values.reshape(len(cells), len(points), 3)
+            rows.append(out)
+        return np.array(rows)
+
+
+def _data_of(expression) -> list:
+    """Coefficients and constants of a UFL expression."""
+    return [*extract_coefficients(expression), *extract_constants(expression)]

@@ -83,7 +83,8 @@ def resumed_state(
     if same_scheme:
         return start
     w = nearest_rates(model, start.v, rates)
-    return replace(start, a=_acceleration(model, drive, start, w, accelerations, dt))
+    a = _acceleration(model, drive, start, w, accelerations, dt)
+    return replace(start, a=a, parts=None, past=None)
 
 
 def reference_state(model: Model) -> State:

@@ -13,7 +13,7 @@ from .audit import BeamResultants, Energy, Stats
 from .beam import Beam, Node
 from .export import FORMAT, HISTORIES
 from .solution import Solution
-from .state import State
+from .state import Past, State
 
 
 def load(path) -> Solution:
@@ -60,6 +60,9 @@ def _read(path) -> Solution:
     if "end_t" in data:
         parts: dict[str, Any] = {f.name: data.get(f"end_{f.name}") for f in fields(State)}
         parts |= {name: float(data[f"end_{name}"]) for name in ("t", "work")}
+        if "past_length" in data:
+            length, foretelling = float(data["past_length"]), int(data["past_foretelling"])
+            parts["past"] = Past(length, foretelling, data["past_increments"], data["past_slides"])
         end = State(**parts)
     # Files of earlier versions have the energy of springs in that of strain.
     known = [f.name for f in fields(Energy) if f"energy_{f.name}" in data or f.name != "springs"]

@@ -13,7 +13,7 @@ from .errors import StepError
 from .newton import NewtonOptions
 from .problem import Problem
 from .recorder import Recorder
-from .state import State
+from .state import Past, State
 from .stepping import Stepper
 
 
@@ -38,8 +38,26 @@ class CompiledLoop:
         problem = Problem(self.model, stepper.joint_forces, options)
         self._all = problem  # owns what the rest points to
         self._ffi, self._library = problem.ffi, problem.library
-        self._problem, self._room = problem.c, problem.room
+        self._problem, self._room, self._past = problem.c, problem.room, problem.past
         stepper.stats.solver = f"compiled, {problem.factors}"
+
+    @property
+    def past(self) -> Past:
+        """What the next increment is foretold from."""
+        p, model = self._problem, self.model
+        known = min(p.known, self._library.PAST)
+        D, y = (values[:known].copy() for values in self._past)
+        slides = model.couplings.free_slides(y, len(model.scene.joints))
+        return Past(p.past_dt, p.foretelling, D, slides)
+
+    @past.setter
+    def past(self, past: Past | None) -> None:
+        if past is not None:
+            p, known = self._problem, len(past.increments)
+            p.past_dt, p.known, p.foretelling = past.length, known, past.foretelling
+            y = self.model.couplings.unknowns(past.increments, past.slides)
+            for values, found in zip(self._past, (past.increments, y), strict=True):
+                values[:known] = found
 
     def march(self, state: State, times: np.ndarray, first: int, recorder: Recorder) -> State:
         """State after several steps of the grid.
@@ -93,8 +111,9 @@ class CompiledLoop:
                     stats.halvings += 1
                 else:  # in Python, which can say why, or else goes on
                     start, end = grid[done : done + 2]
+                    self._stepper.past = self.past
                     state = self._stepper.part(state, start, end, first + done, recorder)
-                    self._problem.known = self._problem.foretelling = 0
+                    self.past = self._stepper.past
                     if state.t == end:
                         done, known = done + 1, known.after(1)
                         stats.steps += 1
@@ -116,7 +135,7 @@ class CompiledLoop:
             room["held"][:] = state.held
         if state.added is not None:
             room["added_force"][:] = state.added
-        p.t, p.work, p.iterations, p.by_round_off = state.t, state.work, 0, 0
+        p.t, p.work, p.iterations, p.by_round_off, p.too_large = state.t, state.work, 0, 0, 0
         ahead = self._ffi.new("Ahead *")
         for name in ("loads", "driven", "thrust"):
             setattr(ahead, name, self._ffi.cast("double *", getattr(known, name).ctypes.data))
@@ -125,14 +144,14 @@ class CompiledLoop:
         to = self._ffi.new("Record *")
         to.every, to.first, to.last = recorder.every, first, recorder.last
         to.parts, to.part = halving.parts, halving.done
-        for name, rows in recorder.arrays.items():
-            at = rows[recorder.rows :]
-            setattr(to, name, self._ffi.cast("double *", at.ctypes.data))
+        for name, rows in recorder.places(to.parts).items():
+            setattr(to, name, self._ffi.cast("double *", rows.ctypes.data))
         dt = (ends[-1] - state.t) / len(ends)
         taken = self._library.fx_run(p, len(known.driven), dt, ahead, to)
-        recorder.rows += to.rows
+        recorder.add(to.rows, to.parts)
         stats.substeps += taken
         stats.newton_iterations += p.iterations
+        stats.too_large += p.too_large
         for name, count in (("increment", taken - p.by_round_off), ("round-off", p.by_round_off)):
             if count:
                 stats.ended_by[name] = stats.ended_by.get(name, 0) + count

@@ -11,6 +11,7 @@ import numpy as np
 
 from .model import Model
 from .reduction import Reduction
+from .state import Past
 
 # A correction that turns a node further [rad] is shortened to this. From the previous
 # configuration the first one overshoots where axial force has nearly emptied the tangent;
@@ -127,7 +128,7 @@ class Newton:
         self.model = model
         self.options = options
         self._reduction = model.reduction
-        self._guess = _Guess(model.unit)
+        self.guess = Guess(model)
         #: Generalised forces (free,) that act on the unknowns besides those of the model.
         self.hold: np.ndarray = np.zeros(model.reduction.free)
 
@@ -164,14 +165,14 @@ class Newton:
         StepFailed
             If there is no convergence.
         """
-        start = None if self.model.scheme.rates.at_rest else self._guess.of(dt)
+        start = None if self.model.scheme.rates.at_rest else self.guess.of(dt)
         try:
             step = self._solve(v0, a0, dt, force, driven, start)
         except StepFailed:
             if start is None:
                 raise
             step = self._solve(v0, a0, dt, force, driven, None)
-        self._guess.learn(dt, step)
+        self.guess.learn(dt, step)
         return step
 
     def _solve(self, v0, a0, dt, force, driven, start: np.ndarray | None) -> StepSolution:
@@ -266,7 +267,7 @@ class Newton:
         return float(abs(work) / energy) if energy else 0.0
 
 
-class _Guess:
+class Guess:
     """Where an increment is sought first: the last ones, carried on, where that is safe.
 
     A polynomial in time through the last m increments gives the sum of their backward differences
@@ -274,15 +275,36 @@ class _Guess:
     taken which would have missed the last increment by least. Rates foretell less: in stiff scenes
     they swing from step to step, and an increment from them is one from which Newton's method
     diverges.
+
+    Parameters
+    ----------
+    model : Model
+        The compiled scene.
     """
 
-    def __init__(self, unit: np.ndarray):
-        self._unit = unit
+    def __init__(self, model: Model):
+        self._model, self._unit = model, model.unit
         self._dt = 0.0
         #: Backward differences of the increments of all degrees of freedom, and of the unknowns.
         self._past: list[np.ndarray] = []
         self._past_y: list[np.ndarray] = []
         self._foretelling = 0
+
+    @property
+    def past(self) -> Past:
+        """What it knows, by degrees of freedom and slides, which other scenes have as well."""
+        model, size = self._model, self._model.size
+        known = len(self._past)
+        y = np.reshape(self._past_y, (known, model.reduction.free))
+        slides = model.couplings.free_slides(y, len(model.scene.joints))
+        return Past(self._dt, self._foretelling, np.reshape(self._past, (known, size)), slides)
+
+    @past.setter
+    def past(self, past: Past | None) -> None:
+        if past is not None:
+            self._dt, self._foretelling = past.length, past.foretelling
+            self._past = list(past.increments)
+            self._past_y = list(self._model.couplings.unknowns(past.increments, past.slides))
 
     def of(self, dt: float) -> np.ndarray | None:
         """Unknowns (free,) of a step of length dt [s], or none."""

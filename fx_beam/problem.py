@@ -13,6 +13,7 @@ import scipy.sparse
 
 from . import compat
 from .factors import alone_in_column, factors_of, places_of_entries
+from .halving import LARGE_TURN
 from .library import LoopUnavailable, load_batches, load_library
 from .model import JointForces, Model
 from .newton import CLOSE, ENERGY_FLOOR, ENERGY_SHARE, LONGEST_TURN, NewtonOptions
@@ -50,6 +51,8 @@ class Problem:
         The structure.
     room : dict
         Arrays of the state, by their names in it.
+    past : pair of (PAST, size) and (PAST, free) float arrays
+        What the next increment is foretold from.
     factors : Factors
         How the reduced tangent is stored.
 
@@ -320,7 +323,7 @@ class Problem:
     def _hand_over_newton(self, options: NewtonOptions) -> None:
         p = self.c
         p.tolerance, p.max_turn = options.tolerance, options.max_turn
-        p.longest_turn, p.energy_floor = LONGEST_TURN, ENERGY_FLOOR
+        p.longest_turn, p.large_turn, p.energy_floor = LONGEST_TURN, LARGE_TURN, ENERGY_FLOOR
         p.energy_tolerance, p.close = ENERGY_SHARE * options.tolerance, CLOSE
         p.max_iterations = options.max_iterations
 
@@ -337,4 +340,7 @@ class Problem:
         }
         self.room = {name: np.zeros(size) for name, size in sizes.items()}
         self._doubles(**self.room)
+        #: Backward differences of the increments of all degrees of freedom, and of the unknowns.
+        self.past = tuple(np.zeros((self.library.PAST, n)) for n in (model.size, reduction.free))
+        self._doubles(past=self.past[0], past_y=self.past[1])
         self._doubles(scratch=np.zeros(self.library.fx_scratch(self.c)))

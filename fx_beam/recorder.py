@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any
 
@@ -9,8 +10,12 @@ import numpy as np
 
 from .audit import Energy
 from .errors import SceneError
+from .forms import Part
 from .model import Model
 from .state import State
+
+# Part of the first step over which the rates at the start are seen, and no motion.
+_SHORT = 1e-9
 
 
 @dataclass(frozen=True)
@@ -62,6 +67,9 @@ class Recorder:
         self._times = times
         self._steps = steps
         self.rows = 0
+        self._first: State
+        #: Parts (n,) of the steps that end with the rows, each as long as the last one of its step.
+        self._parts = np.ones(len(steps), dtype=int)
         n, size, joints = len(steps), model.size, len(model.scene.joints)
         held = model.reduction.columns - model.reduction.free
         #: Rows (n, ...) by name, vectors in the order of the degrees of freedom.
@@ -69,9 +77,11 @@ class Recorder:
         if joints:
             self.arrays["slides"] = np.zeros((n, joints))
         if record.motion:
-            self.arrays["q"] = np.zeros((n, size))
-            if record.every > 1:
-                self.arrays["before"] = np.zeros((n, size))
+            # Of what is never touched an array of zeros takes no memory: the starts of last parts
+            # are written only where they are in no other row.
+            self.arrays |= {"q": np.zeros((n, size)), "before_q": np.zeros((n, size))}
+            if record.rates and model.forms.resultants_need_rates:
+                self.arrays |= {"before_v": np.zeros((n, size)), "before_a": np.zeros((n, size))}
         if record.rates:
             self.arrays |= {"v": np.zeros((n, size)), "a": np.zeros((n, size))}
         if record.forces:
@@ -82,20 +92,36 @@ class Recorder:
     def _wants(self, step: int) -> bool:
         return step % self.every == 0 or step == self.last
 
-    def begin(self, step: int, q: np.ndarray) -> None:
-        """Keep the start of a step, if it is wanted.
+    def places(self, parts: int) -> dict[str, np.ndarray]:
+        """Where the compiled loop is to write its next rows, by the names of the histories.
 
         Parameters
         ----------
-        step : int
-            Its number.
-        q : (size,) float
-            Displacements and rotations.
-        """
-        if "before" in self.arrays and self._wants(step):
-            self.arrays["before"][self.rows] = q
+        parts : int
+            In how many parts it takes a step.
 
-    def record(self, step: int, state: State) -> None:
+        Returns
+        -------
+        dict
+            Arrays (n, ...) from the next row on.
+        """
+        kept = self._starts_kept(parts)
+        return {
+            name: rows[self.rows :]
+            for name, rows in self.arrays.items()
+            if kept or not name.startswith("before")
+        }
+
+    def add(self, rows: int, parts: int) -> None:
+        """Count rows that were written, of steps in a number of parts."""
+        self._parts[self.rows : self.rows + rows] = parts
+        self.rows += rows
+
+    def _starts_kept(self, parts):
+        """Whether the last part of a step starts elsewhere than in the row before."""
+        return self.every > 1 or parts > 1
+
+    def record(self, step: int, state: State, before: State | None = None, parts: int = 1) -> None:
         """Add a state that was computed here and not in the compiled loop, if it is wanted.
 
         Parameters
@@ -104,9 +130,15 @@ class Recorder:
             Number of the step that ends with it; 0 for the start.
         state : State
             The system at a time of the grid.
+        before : State, optional
+            The system where the last part of the step starts.
+        parts : int
+            In how many parts the step was taken, each as long as the last one.
         """
         if not self._wants(step):
             return
+        if step == 0:
+            self._first = state
         model = self.model
         momentum = state.v if model.scheme.rates.at_rest else model.mass @ state.v
         q, p = model.to_nodes(state.q), model.to_nodes(momentum)
@@ -125,10 +157,12 @@ class Recorder:
             "energies": (state.v @ momentum / 2, strain, potential, state.work, springs),
             "momenta": (*p[:, :2].sum(axis=0), angular),
         }
+        if before is not None and self._starts_kept(parts):
+            values |= {"before_q": before.q, "before_v": before.v, "before_a": before.a}
         for name, rows in self.arrays.items():
             if values.get(name) is not None:
                 rows[self.rows] = np.ravel(values[name])
-        self.rows += 1
+        self.add(1, parts)
 
     def wind(self, first: int, taken: np.ndarray) -> None:
         """Add to the rows from one on the turns (size,) that were taken off while they were made.
@@ -140,9 +174,10 @@ class Recorder:
         taken : (size,) float
             Rotations [rad].
         """
-        for name in ("q", "before"):
-            if name in self.arrays:
-                self.arrays[name][first : self.rows] += taken
+        if "q" in self.arrays and taken.any():
+            rows = np.arange(first, self.rows)
+            self.arrays["q"][first : self.rows] += taken
+            self.arrays["before_q"][rows[self._starts_kept(self._parts[rows])]] += taken
 
     def histories(self) -> dict:
         """What was recorded, by the names that `Solution` gives it; empty where it was not."""
@@ -163,7 +198,7 @@ class Recorder:
         t = self._times[self._steps[:n]]
         return {
             "t": t,
-            "t_level": t - (1 - model.scheme.rates.level) * (t - self._times_before()),
+            "t_level": t - (1 - model.scheme.rates.level) * self._lengths(),
             "q": at_nodes("q"),
             "v": at_nodes("v"),
             "a": at_nodes("a"),
@@ -175,15 +210,26 @@ class Recorder:
             "angular_momentum": kept["momenta"][:, 2],
         }
 
-    def _times_before(self) -> np.ndarray:
-        """Times (n,) one step of the grid before each row; the start for row 0."""
-        return self._times[np.maximum(self._steps[: self.rows] - 1, 0)]
+    def _lengths(self) -> np.ndarray:
+        """Lengths (n,) of the last parts of the steps that end with the rows; 0 for row 0."""
+        steps = self._steps[: self.rows]
+        grid = self._times[steps] - self._times[np.maximum(steps - 1, 0)]
+        return grid / self._parts[: self.rows]
 
-    def steps_before(self) -> tuple[np.ndarray, np.ndarray]:
-        """Times (n,) and displacements (n, size) one step before each row; the start for row 0."""
-        n = self.rows
-        before: np.ndarray | None = self.arrays.get("before")
-        if before is None:
-            q = self.arrays["q"][:n]
-            before = np.vstack([q[:1], q[:-1]])
-        return self._times_before(), before[:n]
+    def last_parts(self) -> Iterator[Part]:
+        """The last part of the step that ends with each row, over which its forces are taken.
+
+        Row 0 has one that is so short that nothing but the rates is seen of it.
+        """
+        arrays, forms, first = self.arrays, self.model.forms, self._first
+        dt = _SHORT * np.diff(self._times[:2]).sum() or 1.0
+        D = dt * first.v if forms.resultants_move else np.zeros(self.model.size)
+        yield Part(first.t, dt, D, arrays["q"][0], (first.v, first.a))
+        times, lengths = self._times[self._steps], self._lengths()
+        for k in range(1, self.rows):
+            kept = self._starts_kept(self._parts[k])
+            q, *rates = (
+                arrays[f"before_{name}"][k] if kept else arrays[name][k - 1]
+                for name in ("qva" if forms.resultants_need_rates else "q")
+            )
+            yield Part(times[k] - lengths[k], lengths[k], arrays["q"][k] - q, q, tuple(rates))

@@ -38,9 +38,13 @@ def solution_of(
     cache: list[np.ndarray] = []
 
     def resultants_of_beam(name: str) -> BeamResultants:
+        if model.forms.resultants_need_rates and "v" not in recorder.arrays:
+            raise ValueError(
+                f"the stress resultants of {model.scheme.name} depend on rates: rates not "
+                "recorded; simulate with record=Record(rates=True)"
+            )
         if not cache:
-            q = recorder.arrays["q"][: recorder.rows]
-            cache.append(model.forms.resultants(histories["t"], q, *recorder.steps_before()))
+            cache.append(model.forms.resultants(recorder.last_parts()))
         number = [beam.name for beam in scene.beams].index(name)
         beam, values = scene.beams[number], cache[0][:, mesh.cells[number]]
         s = beam.s[:-1, None] + np.diff(beam.s)[:, None] * gauss_points(beam.degree).T

@@ -23,7 +23,9 @@ class Solution:
     t : (n,) float
         Times [s]; in a static solution load factors.
     t_level : (n,) float
-        Times at which the rows of `resultants`, `reaction` and `joint_force` hold [s].
+        Times at which the rows of `resultants`, `reaction` and `joint_force` hold [s]: the scheme's
+        level in the step that ends at t[k], or in the last part of it where it was taken in parts.
+        Row 0 is the start.
     X : (n_node, 2) float
         Reference positions [m].
     q, v, a : (n, n_node, 3) float
@@ -176,7 +178,8 @@ class Solution:
         Returns
         -------
         (n, 2) float
-            Velocity [m/s]; at a node without mass the mean velocity over the step.
+            Velocity at t[k] [m/s]; at a node without mass the mean over the step that ends there,
+            or over the last part of it where it was taken in parts.
         """
         return self._history("v", "rates")[:, self._number(node), :2]
 
@@ -191,7 +194,8 @@ class Solution:
         Returns
         -------
         (n,) float
-            Rate of the section rotation [rad/s]; without rotary inertia its mean over the step.
+            Rate of the section rotation at t[k] [rad/s]; without rotary inertia its mean over the
+            step that ends there, or over the last part of it where it was taken in parts.
         """
         return self._history("v", "rates")[:, self._number(node), 2]
 
@@ -207,8 +211,8 @@ class Solution:
         -------
         (n, 2) float
             Acceleration [m/s^2]. For the mid-point schemes row k is the mean over the step that
-            ends at t[k], thus that of its middle; for Newmark's family it is that at t[k].
-            Row 0 is that at the start.
+            ends at t[k], or over the last part of it where it was taken in parts, thus that at
+            `t_level[k]`; for Newmark's family it is that at t[k]. Row 0 is that at the start.
         """
         return self._history("a", "rates")[:, self._number(node), :2]
 
@@ -223,9 +227,9 @@ class Solution:
         Returns
         -------
         (n, 3) float
-            Force [N] and moment [N m] at the scheme's level in the step that ends at t[k], or in
-            the last part of it where it was halved; zero for components without support. Row 0 is
-            zero or, after `simulate(start=...)`, that of the last step before.
+            Force [N] and moment [N m] at `t_level[k]`, thus in the step that ends at t[k], or in
+            the last part of it where it was taken in parts; zero for components without support.
+            Row 0 is zero or, after `simulate(start=...)`, that of the last step before.
         """
         return self._history("reactions", "forces")[:, self._number(node)]
 
@@ -260,9 +264,9 @@ class Solution:
         Returns
         -------
         (n, 3) float
-            Force [N] and moment [N m], springs, dampers and motors included, at the scheme's level
-            in the step that ends at t[k], or in the last part of it where it was halved. Row 0 is
-            zero or, after `simulate(start=...)`, that of the last step before.
+            Force [N] and moment [N m], springs, dampers and motors included, at `t_level[k]`,
+            thus in the step that ends at t[k], or in the last part of it where it was taken in
+            parts. Row 0 is zero or, after `simulate(start=...)`, that of the last step before.
         """
         return self._history("joint_forces", "forces")[:, self._joint(joint)]
 
@@ -323,7 +327,16 @@ class Solution:
         Returns
         -------
         BeamResultants
-            Axial force N, shear force Q and bending moment M, with their places s.
+            Axial force N, shear force Q and bending moment M, with their places s, at the times
+            `t_level`: those of the step that ends at t[k], or of the last part of it where it was
+            taken in parts, as in `reaction` and `joint_force`; in row 0 those of the start
+            configuration. Forces of `Scene.add_virtual_work` that act inside a member are not in
+            them.
+
+        Raises
+        ------
+        ValueError
+            If the motion was not recorded, or not the rates that the scheme's resultants need.
         """
         self._history("q", "motion")  # which they are computed from
         return self._resultants_of_beam(self._beam_name(beam))

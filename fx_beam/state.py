@@ -9,6 +9,28 @@ import numpy as np
 
 
 @dataclass
+class Past:
+    """The last increments, from which the next one is foretold.
+
+    Parameters
+    ----------
+    length : float
+        Length of the steps, or parts of steps, that they were taken in [s].
+    foretelling : int
+        How many of the differences would have foretold the last increment best.
+    increments : (m, size) float
+        Backward differences of the increments, from order 0 on.
+    slides : (m, joints) float
+        The same of the slides of the joints [m].
+    """
+
+    length: float
+    foretelling: int
+    increments: np.ndarray
+    slides: np.ndarray
+
+
+@dataclass
 class State:
     """The system at one time, and what the next step needs of the last one.
 
@@ -29,6 +51,11 @@ class State:
         Forces and moments of the joints on their nodes b in that step [N, N m].
     work : float
         Work done since the start [J].
+    parts : (5,) float, optional
+        What decides in how many parts the next steps are taken, as `Halving` has it; known at the
+        end of a run.
+    past : Past, optional
+        What the next increment is foretold from; known at the end of a run.
     """
 
     t: float
@@ -41,6 +68,8 @@ class State:
     added: np.ndarray | None = None
     joint_forces: np.ndarray | None = None
     work: float = 0.0
+    parts: np.ndarray | None = None
+    past: Past | None = None
 
     def renumbered(self, change: Callable[[np.ndarray], np.ndarray]) -> State:
         """The same in another numbering.
@@ -56,4 +85,8 @@ class State:
             The state, with its vectors changed.
         """
         added = None if self.added is None else change(self.added)
-        return replace(self, q=change(self.q), v=change(self.v), a=change(self.a), added=added)
+        past = self.past
+        if past is not None and len(past.increments):
+            past = replace(past, increments=np.array([change(D) for D in past.increments]))
+        q, v, a = (change(vector) for vector in (self.q, self.v, self.a))
+        return replace(self, q=q, v=v, a=a, added=added, past=past)

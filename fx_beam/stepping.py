@@ -8,12 +8,12 @@ from .audit import Stats
 from .beam import COMPONENTS
 from .drive import Drive
 from .errors import StepError
-from .halving import Halving
+from .halving import LARGE_TURN, Halving
 from .joints import GROUND
 from .model import JointForces, Model
 from .newton import Newton, StepFailed, StepSolution
 from .recorder import Recorder
-from .state import State
+from .state import Past, State
 
 
 class Stepper:
@@ -40,6 +40,15 @@ class Stepper:
         self.halving = Halving(max_halvings)
         self.drive = drive
         self.joint_forces = JointForces(model) if model.scene.joints else None
+
+    @property
+    def past(self) -> Past:
+        """What the next increment is foretold from."""
+        return self.newton.guess.past
+
+    @past.setter
+    def past(self, past: Past | None) -> None:
+        self.newton.guess.past = past
 
     # -- Steps ----------------------------------------------------------------------------------
 
@@ -100,8 +109,7 @@ class Stepper:
         StepError
             If it may be halved no more, or a function of time fails.
         """
-        if state.t == start:
-            recorder.begin(number, state.q)
+        before = state
         while True:
             t1 = float(self.halving.ends(np.array([start, end]))[0])
             try:
@@ -113,8 +121,12 @@ class Stepper:
                 self.stats.halvings += 1
                 continue
             self.stats.substeps += 1
+            parts = self.halving.parts
+            if parts > 1:
+                turn = abs(state.q - before.q)[self.model.turns].max()
+                self.stats.too_large += int(turn * parts > LARGE_TURN)
             if self.halving.take(1):
-                recorder.record(number, state)
+                recorder.record(number, state, before, parts)
             return state
 
     def step(self, state: State, t1: float) -> State:

@@ -116,6 +116,77 @@ def test_a_thinned_record_keeps_all_that_a_continuation_needs():
     assert abs(second.q[-1] - whole.q[-1]).max() < 1e-10
 
 
+# -- Steps taken in parts --------------------------------------------------------------------------
+
+
+def whirling(degree):
+    """Two links thrown so fast that steps of 1/4 s fail every now and then.
+
+    Springs on their hinges count turns, so that none are taken off the rotations on the way.
+    """
+    scene = fb.Scene(gravity=(0, -9.81))
+    first = scene.add_beam([(0, 0), (1, 0)], MEMBER, elements=2, degree=degree)
+    second = scene.add_beam([(1, 0), (1.8, 0.3)], MEMBER, elements=2, degree=degree)
+    for a, b in ((fb.GROUND, first.start), (first.end, second.start)):
+        scene.add_joint(fb.Revolute(a, b, spring=fb.Spring(1.0)))
+    scene.make_velocities_compatible()
+    scene.set_velocity(second, lambda x, y: (-60 * y, 60 * (x - 1)), spin=60)
+    return scene
+
+
+@pytest.mark.parametrize("scheme", [fb.EnergyMomentum(), fb.HHT(-0.1)], ids=lambda s: s.name)
+@pytest.mark.parametrize("degree", [1, 2])
+@pytest.mark.parametrize("solver", ["compiled", "petsc"])
+def test_parts_of_steps_go_on_as_if_the_motion_had_not_ended(solver, degree, scheme, tmp_path):
+    # Times are without rounding, so that the two runs are the same to the last digit, however
+    # chaotic the motion is.
+    dt, steps = 1 / 4, 24
+    whole = fb.simulate(whirling(degree), scheme, dt=dt, t_end=steps * dt, solver=solver)
+    assert 0 < whole.stats.halvings < whole.stats.substeps
+    for cut in range(3, steps, 4):
+        first = fb.simulate(whirling(degree), scheme, dt=dt, t_end=cut * dt, solver=solver)
+        first.save(tmp_path / "first.npz")
+        options = {"start": fb.load(tmp_path / "first.npz"), "solver": solver}
+        rest = fb.simulate(whirling(degree), scheme, dt=dt, t_end=steps * dt, **options)
+        assert rest.stats.substeps + first.stats.substeps == whole.stats.substeps
+        assert (rest.q[1:] == whole.q[cut + 1 :]).all()
+        assert (rest.t_level[1:] == whole.t_level[cut + 1 :]).all()
+
+
+def test_parts_are_not_taken_over_to_steps_of_another_length():
+    first = fb.simulate(whirling(1), dt=1 / 4, t_end=1.0)
+    assert first.stats.halvings
+    finer = fb.simulate(whirling(1), dt=1 / 1024, t_end=1.0 + 1 / 64, start=first)
+    assert finer.stats.substeps == finer.stats.steps == 16
+    # Nor by a run that may not halve steps as often.
+    with pytest.raises(fb.StepError):
+        fb.simulate(whirling(1), dt=1 / 4, t_end=6.0, start=first, max_halvings=0)
+
+
+def test_a_start_without_what_decides_parts_is_one_from_an_older_file(tmp_path):
+    first = fb.simulate(whirling(1), dt=1 / 4, t_end=1.0)
+    first.save(tmp_path / "new.npz")
+    with np.load(tmp_path / "new.npz") as file:
+        old = {name: file[name] for name in file if not name.startswith(("past_", "end_parts"))}
+    np.savez(tmp_path / "old.npz", **old)
+    rest = fb.simulate(whirling(1), dt=1 / 4, t_end=2.0, start=fb.load(tmp_path / "old.npz"))
+    assert len(rest.t) == 5
+
+
+@pytest.mark.parametrize("solver", ["compiled", "petsc"])
+@pytest.mark.parametrize(("dt", "max_turn", "large"), [(1 / 4, 2.0, True), (1 / 512, 0.05, False)])
+def test_the_log_says_when_steps_in_parts_are_too_large_for_the_motion(
+    solver, dt, max_turn, large, caplog
+):
+    newton = fb.NewtonOptions(max_turn=max_turn)
+    run = fb.simulate(whirling(1), dt=dt, t_end=16 * dt, solver=solver, newton=newton)
+    assert run.stats.halvings
+    assert (run.stats.too_large > 0) == large
+    assert run.stats.too_large <= run.stats.substeps
+    (message,) = [record.message for record in caplog.records]
+    assert ("is too large for this motion" in message) == large
+
+
 # -- Other steps, schemes, loads -------------------------------------------------------------------
 
 

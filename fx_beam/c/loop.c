@@ -80,9 +80,9 @@ int fx_run(Problem *p, int steps, double dt, const Ahead *ahead, Record *to) {
     }
 
     int part = to->part + k, step = to->first + part / to->parts;
-    int wanted = step % to->every == 0 || step == to->last;
-    if (wanted && part % to->parts == 0 && to->before)
-      memcpy(to->before + (long)to->rows * n, p->q, n * sizeof(double));
+    int wanted = (part + 1) % to->parts == 0 && (step % to->every == 0 || step == to->last);
+    if (wanted) record_start(p, to);
+    if (to->parts > 1) p->too_large += widest_turn(p, w->D) * to->parts > p->large_turn;
     advance_rates(p, w, dt);
     for (int i = 0; i < n; ++i) p->q[i] += w->D[i];
     for (int j = 0; j < p->joints; ++j)
@@ -90,7 +90,7 @@ int fx_run(Problem *p, int steps, double dt, const Ahead *ahead, Record *to) {
     memcpy(p->driven_now, target, p->driven * sizeof(double));
     p->t += dt;
     p->steps_done += 1;
-    if (wanted && (part + 1) % to->parts == 0) record(p, w, to);
+    if (wanted) record(p, w, to);
     LAP(AUDIT);
   }
   return steps;

@@ -62,13 +62,19 @@ static void learn(Problem *p, const Work *w) {
   p->foretelling = 0;
   memcpy(left, w->D, p->dofs * sizeof(double));
   for (int k = 0; k < PAST; ++k) {
-    difference(p->dofs, left, w->past[k]);
+    difference(p->dofs, left, p->past + k * p->dofs);
     double error = k < p->known ? largest(p->dofs, left, p->per_unit) : HUGE_VAL;
     if (error <= best) best = error, p->foretelling = k + 1;
   }
   memcpy(left, w->z, p->free * sizeof(double));
-  for (int k = 0; k < PAST; ++k) difference(p->free, left, w->past_z[k]);
+  for (int k = 0; k < PAST; ++k) difference(p->free, left, p->past_y + k * p->free);
   ++p->known;
+}
+
+static double widest_turn(const Problem *p, const double *D) {
+  double widest = 0;
+  for (int i = 0; i < p->turning; ++i) widest = fmax(widest, fabs(D[p->turns[i]]));
+  return widest;
 }
 
 static int newton(Problem *p, const Work *w, double dt, const double *driven) {
@@ -79,7 +85,7 @@ static int newton(Problem *p, const Work *w, double dt, const double *driven) {
   for (int i = 0; i < p->driven; ++i) drive += fabs(driven[i]);
   if (p->foretelling) {
     for (int k = 0; k < p->foretelling; ++k)
-      for (int i = 0; i < free; ++i) w->z[i] += w->past_z[k][i];
+      for (int i = 0; i < free; ++i) w->z[i] += p->past_y[k * free + i];
     for (int i = 0; i < p->driven; ++i) w->z[free + i] = driven[i];
   }
   begin_couplings(p, w);
@@ -115,10 +121,9 @@ static int newton(Problem *p, const Work *w, double dt, const double *driven) {
     LAP(SOLUTION);
     spread(p, w, w->step, w->correction);
     LAP(COUPLINGS);
-    double size = largest(n, w->correction, p->per_unit), widest = 0, lack = 0;
+    double size = largest(n, w->correction, p->per_unit), lack = 0;
     if (!isfinite(size)) return SINGULAR;
-    if (size > p->longest_turn)
-      for (int i = 0; i < p->turning; ++i) widest = fmax(widest, fabs(w->correction[p->turns[i]]));
+    double widest = size > p->longest_turn ? widest_turn(p, w->correction) : 0;
     if (widest > p->longest_turn)
       for (int i = 0; i < free; ++i) w->step[i] *= p->longest_turn / widest;
     for (int i = 0; i < free; ++i) {

@@ -2,8 +2,8 @@
 
 #pragma once
 
-/* Elements that one call computes. */
-enum { LANES = 8 };
+/* Elements that one call computes, and increments that are remembered. */
+enum { LANES = 8, PAST = 4 };
 
 /* Element tensors from coefficients, constants and coordinates; all but the constants for LANES
    elements, entry k of lane l at [k][l]. */
@@ -105,7 +105,7 @@ typedef struct {
   double level, beta, gamma, alpha_m;
 
   /* Newton's method. */
-  double tolerance, max_turn, longest_turn, energy_floor, energy_tolerance, close;
+  double tolerance, max_turn, longest_turn, large_turn, energy_floor, energy_tolerance, close;
   int max_iterations;
 
   /* Driven columns: prescribed degrees of freedom (-1: a motor), then motors. */
@@ -126,17 +126,20 @@ typedef struct {
   int steps_done;       /* since the start, 0 before the first */
   double past_dt;       /* length of the steps that are remembered for the next guess */
   int known, foretelling; /* how many they are, and how many differences foretold the last one */
+  double *past, *past_y;  /* [PAST] backward differences of increments and unknowns, from the 0th on */
 
   /* Work space and report. */
   double *scratch;
   int iterations, failure, by_round_off;
+  int too_large;        /* parts that turn by more than large_turn per step */
 } Problem;
 
 /* Histories, a row for every so many steps and for the last; a null pointer is not recorded. */
 typedef struct {
   int every, first, last, rows; /* numbers of the first step of this call and of the last of all */
   int parts, part;              /* in which a step is taken, and how many of the first are done */
-  double *before, *q, *v, *a, *held, *slides, *joint_forces, *energies, *momenta;
+  double *before_q, *before_v, *before_a; /* where the last part of a step starts */
+  double *q, *v, *a, *held, *slides, *joint_forces, *energies, *momenta;
 } Record;
 
 /* What is known ahead of each step; a stride of 0 repeats the first. */

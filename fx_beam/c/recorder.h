@@ -23,6 +23,14 @@ static void joint_forces(const Problem *p, const Work *w, double *out) {
     }
 }
 
+/* The start of the last part of a step, over which its forces are taken. */
+static void record_start(const Problem *p, Record *to) {
+  long n = p->dofs, at = to->rows * n;
+  if (to->before_q) memcpy(to->before_q + at, p->q, n * sizeof(double));
+  if (to->before_v) memcpy(to->before_v + at, p->v, n * sizeof(double));
+  if (to->before_a) memcpy(to->before_a + at, p->a, n * sizeof(double));
+}
+
 static void record(Problem *p, const Work *w, Record *to) {
   long n = p->dofs, held = p->columns - p->free, k = to->rows++;
   if (to->q) memcpy(to->q + k * n, p->q, n * sizeof(double));

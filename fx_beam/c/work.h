@@ -4,13 +4,10 @@
 
 #include "problem.h"
 
-enum { PAST = 4 };
-
 typedef struct {
   double *D, *path, *slope, *acc, *f, *r, *reduced, *step, *correction, *z;
   double *tangent, *inertia, *values, *hat, *psi0, *rho0, *t0, *rho1, *t1, *mean_t, *guide_slope;
   double *guide_bend, *passing, *columns, *y, *row, *start, *force, *dead, *left;
-  double *past[PAST], *past_z[PAST]; /* backward differences of the increments, from the 0th on */
   double dt;
   const double *thrust;
 } Work;
@@ -29,7 +26,6 @@ static long lay_out(const Problem *p, Work *w, double *at) {
   w->correction = take(&at, n), w->force = take(&at, n), w->dead = take(&at, n), w->left = take(&at, n);
   w->reduced = take(&at, c), w->step = take(&at, c), w->z = take(&at, c), w->columns = take(&at, c);
   w->y = take(&at, c), w->row = take(&at, c), w->start = take(&at, c);
-  for (int k = 0; k < PAST; ++k) w->past[k] = take(&at, n), w->past_z[k] = take(&at, c);
   w->tangent = take(&at, p->places + LANES), w->inertia = take(&at, p->places);
   w->values = take(&at, 1 + 4 * j), w->hat = take(&at, 1 + 4 * j);
   w->psi0 = take(&at, j), w->rho0 = take(&at, 2 * j), w->t0 = take(&at, 2 * j);

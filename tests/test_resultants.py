@@ -1,0 +1,133 @@
+"""Stress resultants belong to the time and to the part of a step that the reactions belong to."""
+
+import ufl
+
+import numpy as np
+import pytest
+from scenes import pinned_beam
+
+import fx_beam as fb
+from fx_beam.resultants import at_ends
+
+MASS, LENGTH, SPIN = 1.0, 1.0, 40.0
+CENTRIPETAL = MASS * SPIN**2 * LENGTH
+LIGHT = fb.Section(EA=1e6, GA=1e6, EI=1e4)
+ETA = 50.0
+
+solvers = pytest.mark.parametrize("solver", ["compiled", "petsc"])
+records = pytest.mark.parametrize("every", [1, 4])
+
+
+def rotor(outwards=0.0):
+    """Massless arm on a pin with a mass at its end, which turns too fast for whole steps of 0.1."""
+    scene = fb.Scene()
+    arm = scene.add_beam([(0, 0), (LENGTH, 0)], LIGHT, elements=1)
+    scene.pin(arm.start)
+    scene.add_mass(arm.end, MASS)
+    scene.set_velocity(arm, lambda x, y: (outwards * x, SPIN * x), spin=SPIN)
+    return scene, arm
+
+
+def reaction(solution, node):
+    return np.hypot(*solution.reaction(node)[:, :2].T)
+
+
+# -- Steps taken in parts --------------------------------------------------------------------------
+
+
+@records
+@solvers
+def test_resultants_of_a_step_in_parts_are_those_of_its_last_part(solver, every, tmp_path):
+    scene, arm = rotor()
+    record = fb.Record(every=every)
+    run = fb.simulate(scene, dt=0.1, t_end=1.0, solver=solver, record=record)
+    assert run.stats.substeps >= 2 * run.stats.steps
+    run.save(tmp_path / "run.npz")
+    for solution in (run, fb.load(tmp_path / "run.npz")):
+        N = solution.resultants("beam 1").N[1:, 0]
+        assert pytest.approx(CENTRIPETAL, rel=0.01) == N
+        # N acts on the mean of both directors, which is shorter than 1 by the cosine of half the
+        # turn; tan(turn/2) is half of spin times length, of which t_level is the middle.
+        length = 2 * (solution.t - solution.t_level)[1:]
+        assert length == pytest.approx(np.full(len(N), 0.05))
+        mean = np.cos(np.arctan(SPIN * length / 2))
+        assert reaction(solution, arm.start)[1:] == pytest.approx(N * mean, rel=2e-3)
+
+
+@records
+@solvers
+def test_a_joint_bears_the_resultants_of_its_row(solver, every):
+    scene, arm = rotor()
+    tip = scene.add_beam([(LENGTH, 0), (1.5 * LENGTH, 0)], LIGHT, elements=1)
+    joint = scene.add_joint(fb.Revolute(arm.end, tip.start))
+    scene.add_mass(tip.end, MASS)
+    scene.set_velocity(tip, lambda x, y: (0.0, SPIN * x), spin=SPIN)
+    record = fb.Record(every=every)
+    run = fb.simulate(scene, dt=0.1, t_end=0.8, solver=solver, record=record)
+    assert run.stats.halvings
+    # No bending moment at either end of the massless tip: its force is along its mean director.
+    r, psi = run.resultants(tip), run.rotation(tip.start)
+    force = np.hypot(*run.joint_force(joint)[1:, :2].T)
+    assert abs(r.M[1:]).max() < 1e-6 * force.max()
+    spin = run.spin(tip.start)[1:]  # without inertia the mean over the last part
+    mean = np.cos(np.arctan(spin * (run.t - run.t_level)[1:]))
+    assert force == pytest.approx(np.hypot(r.N[1:, 0], r.Q[1:, 0]) * mean, rel=1e-6)
+    assert abs(np.diff(psi)).max() > 2.0  # more than a whole step may turn
+
+
+def test_full_turns_that_are_counted_apart_are_in_the_starts_of_parts_as_well():
+    scene, arm = rotor()
+    run = fb.simulate(scene, dt=0.1, t_end=110.0, record=fb.Record(every=50))  # 700 turns
+    assert abs(run.rotation(arm.start)[-1]) > 1000.0
+    assert run.resultants(arm).N[1:] == pytest.approx(CENTRIPETAL, rel=0.02)
+
+
+def test_the_level_of_whole_steps_is_their_middle():
+    scene, _ = pinned_beam()
+    solution = fb.simulate(scene, dt=0.01, t_end=0.2)
+    assert solution.stats.substeps == solution.stats.steps
+    assert solution.t_level[1:] == pytest.approx(solution.t[1:] - 0.005)
+
+
+# -- Resultants that depend on rates ---------------------------------------------------------------
+
+
+def viscous():
+    """Newmark's rule, and a viscosity of the axis that grows with time."""
+
+    def resultants(step, law):
+        r = at_ends(1.0)(step, law).end
+        rate = ufl.dot(step.prime(step.v), step.director)
+        return r._replace(N=r.N + ETA * (1 + step.t) * rate)
+
+    return fb.Scheme("Viscous", resultants, fb.Newmark().rates)
+
+
+@records
+@solvers
+@pytest.mark.parametrize("max_turn", [2.0, 0.1])
+def test_resultants_of_a_scheme_with_rates_have_rates_and_time(solver, every, max_turn):
+    scene, arm = rotor(outwards=3.0)
+    options = {"record": fb.Record(every=every), "solver": solver}
+    # A step turns by 0.16 rad.
+    options["newton"] = fb.NewtonOptions(max_turn=max_turn)
+    run = fb.simulate(scene, viscous(), dt=0.004, t_end=0.064, **options)
+    assert (run.stats.substeps > run.stats.steps) == (max_turn == 0.1)
+    r = run.resultants(arm)
+    # The scheme is in equilibrium at the ends of steps: the pin bears what the arm bears.
+    assert np.hypot(r.N[1:, 0], r.Q[1:, 0]) == pytest.approx(
+        reaction(run, arm.start)[1:], rel=1e-6, abs=1e-6 * abs(r.N).max()
+    )
+    # At the start nothing is strained, and the arm grows at 3 m/s.
+    assert r.N[0, 0] == pytest.approx(ETA * 3.0 / LENGTH, rel=1e-4)
+
+
+def test_rates_that_resultants_need_and_that_are_not_recorded_are_asked_for():
+    scene, arm = rotor(outwards=3.0)
+    options = {"dt": 0.004, "t_end": 0.02, "record": fb.Record(rates=False)}
+    run = fb.simulate(scene, viscous(), **options)
+    assert len(run.position(arm.end)) == 6
+    with pytest.raises(ValueError, match=r"Viscous depend on rates: .*rates=True"):
+        run.resultants(arm)
+    elastic = fb.simulate(scene, fb.Newmark(), **options)
+    assert elastic.resultants(arm).N.shape == (6, 1)
