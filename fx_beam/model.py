@@ -216,16 +216,12 @@ class JointForces:
         rows, columns, signs = [], [], []
         turning = np.zeros((len(model.scene.joints), len(dofs)))
         for j in range(len(turning)):
-            turning[j, couplings.turning[j]] = couplings.turn_sign[j]
-            sums = (
-                (dofs[couplings.subtree[j], 0], couplings.move_sign[j]),
-                (dofs[couplings.subtree[j], 1], couplings.move_sign[j]),
-                (dofs[couplings.turning[j], 2], couplings.turn_sign[j]),
-            )
-            for i, (followers, sign) in enumerate(sums):
+            for i in range(3):
+                followers, sign = couplings.subtree[i][j], couplings.sign[i, j]
                 rows += [3 * j + i] * len(followers)
-                columns += followers.tolist()
+                columns += dofs[followers, i].tolist()
                 signs += [sign] * len(followers)
+            turning[j, followers] = sign  # of the rotations, the last
         shape = (3 * len(turning), model.size)
         self._sums = scipy.sparse.csr_matrix((signs, (rows, columns)), shape)
         self._turning = scipy.sparse.csr_matrix(turning)
