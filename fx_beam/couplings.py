@@ -51,14 +51,10 @@ class Couplings:
     bending : list of Joint
         Joints whose coupling changes with the motion; joint m has the values 1 + 4 m to 4 + 4 m,
         the derivatives of x and y by the rotation and then by the slide.
-    sign : (len(bending),) float
-        1 where b follows a in a bending joint, -1 where a follows b.
-    move_sign, turn_sign : (joints,) float
-        The same for the displacements and for the rotations of all joints.
-    subtree : list of int arrays
-        For each joint of the scene the nodes whose displacement follows through it.
-    turning : list of int arrays
-        For each joint that couples rotations the nodes whose rotation follows through it.
+    sign : (3, joints) float
+        For x, y and the rotation: 1 where b follows a, -1 where a follows b, 0 where neither does.
+    subtree : 3 lists of int arrays
+        For x, y and the rotation, and for each joint: the nodes that follow through it.
     """
 
     free: int
@@ -68,10 +64,7 @@ class Couplings:
     slides: dict[int, int]
     bending: list[Joint]
     sign: np.ndarray
-    move_sign: np.ndarray
-    turn_sign: np.ndarray
-    subtree: list[np.ndarray]
-    turning: list[np.ndarray]
+    subtree: list[list[np.ndarray]]
 
     @property
     def is_index(self) -> bool:
@@ -129,27 +122,22 @@ def couple(scene: Scene, mesh: Mesh) -> Couplings:
     SceneError
         For joints that over-constrain, naming them.
     """
-    supported = scene.fixed | set(scene.prescribed)
-    displaced = {node for node, component in supported if component < 2}
-    turned = {node for node, component in supported if component == 2}
-    moves = _forest(scene, scene.joints, displaced, "displacement")
-    turns = _forest(scene, [j for j in scene.joints if j.turns_together], turned, "rotation")
-
-    columns = _Columns(scene, mesh, moves, turns)
-    bending = [b.joint for b in moves if not b.joint.is_index]
+    forests = _forests(scene)
+    columns = _Columns(scene, mesh, forests)
+    bending = [b.joint for b in forests[0] if not b.joint.is_index]
     place = {joint.number: 1 + 4 * m for m, joint in enumerate(bending)}
     ground = [(columns.of[_GROUND], 0, 1.0)] if _GROUND in columns.of else []
     entries: dict[tuple[int, int], list[Entry]] = {(GROUND.number, i): ground for i in range(3)}
     for key in columns.roots:
         entries[key] = [(columns.of[key], 0, 1.0)]
-    for branch in turns:
+    for branch in forests[2]:
         own = list(entries[branch.parent, 2])
         if branch.joint.rotation is not None:
             own.append((columns.of["motor", branch.joint.number], 0, branch.sign))
         entries[branch.node, 2] = own
-    for branch in moves:
-        joint = branch.joint
-        for i in (0, 1):
+    for i in (0, 1):
+        for branch in forests[i]:
+            joint = branch.joint
             own = list(entries[branch.parent, i])
             if joint.number in place:
                 first = place[joint.number] + i
@@ -170,19 +158,16 @@ def couple(scene: Scene, mesh: Mesh) -> Couplings:
         entries=by_dof,
         slides=columns.slides,
         bending=bending,
-        sign=np.array([b.sign for b in moves if not b.joint.is_index]),
-        move_sign=_signs(moves, len(scene.joints)),
-        turn_sign=_signs(turns, len(scene.joints)),
-        subtree=_descendants(moves, len(scene.joints)),
-        turning=_descendants(turns, len(scene.joints)),
+        sign=np.array([_signs(forest, len(scene.joints)) for forest in forests]),
+        subtree=[_descendants(forest, len(scene.joints)) for forest in forests],
     )
 
 
 class _Columns:
     """Numbers of the columns: free, driven, fixed."""
 
-    def __init__(self, scene: Scene, mesh: Mesh, moves: list[Branch], turns: list[Branch]):
-        follows = {(b.node, i) for b in moves for i in (0, 1)} | {(b.node, 2) for b in turns}
+    def __init__(self, scene: Scene, mesh: Mesh, forests: list[list[Branch]]):
+        follows = {(branch.node, i) for i, forest in enumerate(forests) for branch in forest}
         nodes = range(len(mesh.X))
         self.roots = [(n, i) for n in nodes for i in range(3) if (n, i) not in follows]
         taken = scene.fixed | set(scene.prescribed)
@@ -193,7 +178,8 @@ class _Columns:
         free += [("slide", number) for number in slides if number not in moved]
         driven: list[tuple] = list(scene.prescribed)
         driven += [("motor", joint.number) for joint, _ in motored]
-        ground = [_GROUND] if any(b.parent == GROUND.number for b in (*moves, *turns)) else []
+        branches = [branch for forest in forests for branch in forest]
+        ground = [_GROUND] if any(b.parent == GROUND.number for b in branches) else []
         keys = [*free, *driven, *sorted(scene.fixed), *ground]
         self.of: dict[tuple, int] = {key: column for column, key in enumerate(keys)}
         self.free, self.driven, self.count = len(free), len(driven), len(keys)
@@ -231,8 +217,28 @@ def motors(scene: Scene) -> list[tuple[Joint, str]]:
     return found
 
 
-def _forest(scene: Scene, joints: Iterable[Joint], supported: set[int], what: str) -> list[Branch]:
-    """Joints as branches of trees, parents first; a supported node or the ground is a root."""
+def _forests(scene: Scene) -> list[list[Branch]]:
+    """Forests of x, y and the rotation.
+
+    Of two nodes that are joined one may be held in x and the other in y. Where only one component
+    of a tree is held, the other has the same root.
+    """
+    held = [{n for n, part in {*scene.fixed, *scene.prescribed} if part == i} for i in range(3)]
+    turning = [joint for joint in scene.joints if joint.turns_together]
+    return [
+        _forest(scene, scene.joints, held[0], held[1], "displacement in x"),
+        _forest(scene, scene.joints, held[1], held[0], "displacement in y"),
+        _forest(scene, turning, held[2], set(), "rotation"),
+    ]
+
+
+def _forest(
+    scene: Scene, joints: Iterable[Joint], supported: set[int], preferred: set[int], what: str
+) -> list[Branch]:
+    """Joints as branches of trees, parents first; a supported node or the ground is a root.
+
+    Where there is none it is a preferred node, or the one with the smallest number.
+    """
     neighbours: dict[int, list[tuple[int, Joint]]] = {}
     trees: dict[int, int] = {}
 
@@ -263,16 +269,21 @@ def _forest(scene: Scene, joints: Iterable[Joint], supported: set[int], what: st
                     continue
                 if node in supported or node == GROUND.number:
                     path = _path(neighbours, root, node)
-                    name = "the ground" if root == GROUND.number else scene.nodes[root]
-                    other = "the ground" if node == GROUND.number else scene.nodes[node]
-                    reason = f"the {what} of {name} and of {other} are both supported"
+                    first, second = (
+                        GROUND if n == GROUND.number else scene.nodes[n] for n in (root, node)
+                    )
+                    reason = (
+                        f"the {what} of {first} and of {second} are both supported; support one of "
+                        "them only"
+                    )
                     _refuse(scene, path, reason)
                 reached.add(node)
                 branches.append(Branch(node, parent, joint))
                 queue.append(node)
 
-    roots = [n for n in sorted(neighbours) if n in supported or n == GROUND.number]
-    for root in [*roots, *sorted(neighbours)]:
+    found = sorted(neighbours)
+    roots = [n for n in found if n in supported or n == GROUND.number]
+    for root in [*roots, *(n for n in found if n in preferred), *found]:
         if root not in reached:
             grow(root)
     return branches

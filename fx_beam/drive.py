@@ -24,6 +24,10 @@ class Drive:
     def __init__(self, model: Model):
         self.model = model
         scene = model.scene
+        #: Size of a unit motion (driven,): the size of the scene, or a radian.
+        turns = [component == 2 for _, component in scene.prescribed]
+        turns += [name == "rotation" for _, name in model.motors]
+        self._unit = np.where(turns, 1.0, model.mesh.size)
         self._driven = [
             (function, f"prescribed {COMPONENTS[component]} of {scene.nodes[node]}")
             for (node, component), function in scene.prescribed.items()
@@ -69,8 +73,11 @@ class Drive:
             For a motion that would jump.
         """
         places = self.places(state.t)
-        for value, place, (_, what) in zip(places, self.moved(state), self._driven, strict=True):
-            if abs(value - place) > 1e-12 + 1e-9 * abs(value):
+        allowed = 1e-9 * (self._unit + abs(places))
+        for value, place, most, (_, what) in zip(
+            places, self.moved(state), allowed, self._driven, strict=True
+        ):
+            if abs(value - place) > most:
                 raise SceneError(
                     f"{what} is {value:g} at t = {state.t:g}, and the scene starts from "
                     f"{place:g}: let it start there"

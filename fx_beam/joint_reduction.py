@@ -52,16 +52,19 @@ class JointReduction:
         self._axis = np.array(
             [(0.0, 0.0) if joint.axis is None else joint.axis for joint in bending]
         ).reshape(-1, 2)
-        self._joint_sign = couplings.sign
+        #: Signs in x and in y.
+        self._joint_sign = couplings.sign[:2, [joint.number for joint in bending]].T
         #: Rotation that turns the guide; -1 for the ground.
         self._guide = np.array(
             [self._dofs[j.a.number, 2] if j.a.number >= 0 else -1 for j in bending], dtype=int
         )
         self._slide = np.array([couplings.slides.get(j.number, -1) for j in bending], dtype=int)
-        # All rows that follow through joint m: their dofs in x and y, and m.
-        below = [couplings.subtree[joint.number] for joint in bending]
-        self._below = np.concatenate([self._dofs[n, :2] for n in below] or [np.empty((0, 2), int)])
-        self._through = np.repeat(np.arange(len(bending)), [len(n) for n in below])
+        # All rows that follow through joint m: those in x through 2 m, those in y through 2 m + 1.
+        below = [
+            self._dofs[couplings.subtree[i][joint.number], i] for joint in bending for i in (0, 1)
+        ]
+        self._below = np.concatenate([np.empty(0, int), *below])
+        self._through = np.repeat(np.arange(len(below)), [len(rows) for rows in below])
         self._values, self._hat = (np.ones(1 + 4 * len(bending)) for _ in range(2))
 
     def _build_products(self, couplings: Couplings, matrix) -> None:
@@ -121,7 +124,7 @@ class JointReduction:
                 "slide_column": self._slide,
                 "number": np.array([joint.number for joint in self._bending], dtype=int),
             },
-            followers={"x": self._below[:, 0], "y": self._below[:, 1], "through": self._through},
+            followers={"dof": self._below, "through": self._through},
             plain={"to": self._plain[0], "source": self._plain[1]},
             mixed={"to": to, "source": source, "hat": hat, "value": value, "sign": sign},
             second={"to": self._second_place, "joint": joint, "kind": kind, "sign": second_sign},
@@ -153,8 +156,8 @@ class JointReduction:
             psi1, d1 = self._psi0 + Dpsi, self._d0 + Dd
             self._rho1 = _turn(psi1, self._offset + d1[:, None] * self._axis)
             self._t1 = _turn(psi1, self._axis)
-            step = self._joint_sign[:, None] * (self._rho1 - self._rho0)
-            np.add.at(D, self._below, step[self._through])
+            step = self._joint_sign * (self._rho1 - self._rho0)
+            np.add.at(D, self._below, step.ravel()[self._through])
 
             # Virtual displacements that reproduce the step's own increment and a rigid rotation:
             # W (rho0 + rho1)/2, and (t0 + t1)/2 lengthened by 1 + Dtheta^2/4 = dDtheta/dDpsi.
@@ -200,7 +203,7 @@ class JointReduction:
 
     def _second_order(self, r):
         """Derivatives of That^T r: (psi, psi), (psi, d) and (d, psi) of each joint."""
-        F = self.transmitted(r) * self._joint_sign[:, None]
+        F = self.transmitted(r) * self._joint_sign
         level = self._rates.level
         turned = np.einsum("ij,ij->i", F, _perp(self._t1))
         direct = np.einsum("ij,ij->i", F, self._mean_t)
@@ -215,13 +218,12 @@ class JointReduction:
     def transmitted(self, r):
         """Sums of the forces on all that follows through each bending joint, (joints, 2) [N]."""
         n = len(self._bending)
-        sums = [np.bincount(self._through, r[self._below[:, i]], n) for i in (0, 1)]
-        return np.column_stack(sums)
+        return np.bincount(self._through, r[self._below], 2 * n).reshape(n, 2)
 
     def guide_moments(self, r):
         """Moments (n_node,) [N m] of the bending joints on the nodes that carry them."""
         lever = self._hat[1:].reshape(-1, 4)[:, :2]
-        moments = np.einsum("ij,ij->i", lever, self.transmitted(r)) * self._joint_sign
+        moments = np.einsum("ij,ij->i", lever, self.transmitted(r) * self._joint_sign)
         carriers = np.array([joint.a.number for joint in self._bending], dtype=int)
         total = np.zeros(len(self._dofs))
         on_nodes = carriers >= 0

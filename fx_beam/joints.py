@@ -147,6 +147,34 @@ class Joint:
         along = 0.0 if self.axis is None else slide * self.axis
         return slide, float(np.hypot(*(distance - along)))
 
+    def check_start(self, size: float) -> None:
+        """Refuse nodes that are not where the joint has them, and motors that do not start from 0.
+
+        Parameters
+        ----------
+        size : float
+            Size of the scene, to which rounding is compared [m].
+
+        Raises
+        ------
+        SceneError
+            With the gap, or where the motor starts.
+        """
+        _, gap = self.start()
+        if gap > 1e-9 * size:
+            raise SceneError(
+                f"{self}: at the start there is a gap of {gap:.4g} between b and its place on a; "
+                "move the nodes, or give the joint an offset"
+            )
+        for name, coordinate, unit in (("slide", self.slide, size), ("rotation", self.rotation, 1)):
+            if coordinate is not None and coordinate.motor is not None:
+                place = coordinate.motor(0.0)[0]
+                if not abs(place) <= 1e-9 * unit:
+                    raise SceneError(
+                        f"{self}: the motor of its {name} is {place:g} at t = 0; it must start "
+                        "from 0"
+                    )
+
 
 def Rigid(a: Node, b: Node, offset=(0.0, 0.0)) -> Joint:
     """Rigid joint: b moves and turns with a.
@@ -292,9 +320,6 @@ def _coordinate(what: str, spring, damper, motor) -> Coordinate:
             raise SceneError(f"{name} = {value!r} must be an fx_beam.{wanted.__name__}")
     if motor is not None:
         motor = time_function(motor, 1, what)
-        start = motor(0.0)[0]
-        if start != 0:
-            raise SceneError(f"{what} is {start:g} at t = 0; it must start from 0")
     return Coordinate(spring, damper, motor)
 
 

@@ -230,23 +230,20 @@ class JointForces:
     def __init__(self, model: Model):
         self._model = model
         couplings, dofs = model.couplings, model.mesh.dofs
-        rows, columns, signs = [], [], []
         joints = range(len(model.scene.joints))
+        rows, columns, signs = [], [], []
         for j in joints:
-            sums = (
-                (dofs[couplings.subtree[j], 0], couplings.move_sign[j]),
-                (dofs[couplings.subtree[j], 1], couplings.move_sign[j]),
-                (dofs[couplings.turning[j], 2], couplings.turn_sign[j]),
-            )
-            for i, (followers, sign) in enumerate(sums):
+            for i in range(3):
+                followers, sign = couplings.subtree[i][j], couplings.sign[i, j]
                 rows += [3 * j + i] * len(followers)
-                columns += followers.tolist()
+                columns += dofs[followers, i].tolist()
                 signs += [sign] * len(followers)
         shape = (3 * len(joints), model.size)
         self._sums = scipy.sparse.csr_matrix((signs, (rows, columns)), shape)
-        counts = [len(nodes) for nodes in couplings.turning]
-        nodes = np.concatenate([np.empty(0, int), *couplings.turning])
-        turn_signs, starts = np.repeat(couplings.turn_sign, counts), np.cumsum([0, *counts])
+        turning = couplings.subtree[2]
+        counts = [len(nodes) for nodes in turning]
+        nodes = np.concatenate([np.empty(0, int), *turning])
+        turn_signs, starts = np.repeat(couplings.sign[2], counts), np.cumsum([0, *counts])
         shape = (len(joints), len(dofs))
         self._turning = scipy.sparse.csr_matrix((turn_signs, nodes, starts), shape)
 

@@ -221,8 +221,7 @@ class Problem:
             guide=t.joints["guide"],
             slide_column=t.joints["slide_column"],
             slide_of=t.joints["number"],
-            follower_x=t.followers["x"],
-            follower_y=t.followers["y"],
+            follower=t.followers["dof"],
             through=t.followers["through"],
         )
         self._doubles(

@@ -20,10 +20,11 @@ class Tables(NamedTuple):
     entries : dict
         row, column, value and sign of the entries of T and That; value 0 is the constant 1.
     joints : dict
-        offset, axis, sign, guide (-1: ground), slide_column (-1: none) and number of the joints
-        that bend.
+        offset, axis, sign (in x and y), guide (-1: ground), slide_column (-1: none) and number of
+        the joints that bend.
     followers : dict
-        x, y and through: degrees of freedom that follow through a joint.
+        dof and through: degrees of freedom that follow through a joint, x through 2 j of joint j
+        and y through 2 j + 1.
     plain : dict
         to and source: entries of the full tangent that are added to reduced ones.
     mixed : dict
@@ -157,12 +158,12 @@ class IndexReduction:
             joints={
                 "offset": pairs,
                 "axis": pairs,
-                "sign": none,
+                "sign": pairs,
                 "guide": none,
                 "slide_column": none,
                 "number": none,
             },
-            followers={"x": none, "y": none, "through": none},
+            followers={"dof": none, "through": none},
             plain={"to": to, "source": source},
             mixed={"to": none, "source": none, "hat": none, "value": none, "sign": none},
             second={"to": none, "joint": none, "kind": none, "sign": none},

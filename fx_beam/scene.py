@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import copy
+import itertools
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from typing import Any
@@ -99,8 +100,11 @@ class Scene:
         SceneError
             For points, elements, degree, section or name that make no beam.
         """
-        name = f"beam {len(self.beams) + 1}" if name is None else name
-        if name in (beam.name for beam in self.beams):
+        taken = {beam.name for beam in self.beams}
+        if name is None:
+            numbers = itertools.count(len(taken) + 1)
+            name = next(free for n in numbers if (free := f"beam {n}") not in taken)
+        if name in taken:
             raise SceneError(f"two beams are called {name!r}; give them different names")
         if not isinstance(section, Section):
             raise SceneError(f"beam {name!r}: section must be an fx_beam.Section, not {section!r}")
@@ -227,7 +231,8 @@ class Scene:
         Raises
         ------
         SceneError
-            For nodes of another scene, or nodes that are not where the joint has them.
+            For nodes of another scene, nodes that are not where the joint has them, or a motor that
+            does not start from zero.
         """
         if not isinstance(joint, Joint):
             raise SceneError(
@@ -236,12 +241,7 @@ class Scene:
         for node in (joint.a, joint.b):
             if node is not GROUND:
                 self._check_node(node, joint.kind)
-        _, gap = joint.start()
-        if gap > 1e-9 * np.subtract(*self._corners[::-1]).max():
-            raise SceneError(
-                f"{joint}: at the start there is a gap of {gap:.4g} between b and its place on a; "
-                "move the nodes, or give the joint an offset"
-            )
+        joint.check_start(np.subtract(*self._corners[::-1]).max())
         joint = replace(joint, number=len(self.joints))
         self.joints.append(joint)
         return joint

@@ -35,6 +35,13 @@ def with_a_clamped(kind):
     return scene
 
 
+def with_x_and_y_held_apart(kind):
+    scene, first, second, _ = pair(kind)
+    scene.fix(first.end, "x")
+    scene.fix(second.start, "y")
+    return scene
+
+
 def on_the_ground(kind):
     make, _, given = KINDS[kind]
     scene = fb.Scene()
@@ -73,6 +80,14 @@ def backward_chain():
     return scene
 
 
+def chain_held_apart():
+    """A chain held in y at one end and in x at the other."""
+    scene = chain(("rigid with offset", "revolute", "pin in slot"))
+    scene.fix(scene.beams[0].start, "y")
+    scene.fix(scene.beams[-1].start, "x")
+    return scene
+
+
 def motors():
     """A turning motor that carries a guide with a driven slide, and a free slot on that."""
     scene = fb.Scene()
@@ -90,12 +105,14 @@ SCENES = {
     **{f"{k}, b retained": (with_b_retained, k) for k in BENDING},
     **{f"{k}, b clamped": (with_b_clamped, k) for k in BENDING},
     **{f"{k}, a clamped": (with_a_clamped, k) for k in BENDING},
+    **{f"{k}, x of a and y of b held": (with_x_and_y_held_apart, k) for k in BENDING},
     **{f"{k}, on the ground": (on_the_ground, k) for k in ("prismatic", "pin in slot")},
     **{f"{k}, the ground as b": (with_the_ground_as_b, k) for k in BENDING},
     "chain": (chain,),
     "chain of slots": (chain, ("pin in slot", "pin in slot with offset", "prismatic")),
     "chain on the ground": (chain, ("prismatic", "revolute with offset"), True),
     "chain, the last one supported": (backward_chain,),
+    "chain, held in y at one end and in x at the other": (chain_held_apart,),
     "motors": (motors,),
 }
 

@@ -262,3 +262,17 @@ def test_a_polyline_moves_as_beams_that_share_its_corner(degree):
         turns = solution.rotation(beams[-1].end)
     assert motions[0] == pytest.approx(motions[1], abs=1e-12)
     assert abs(turns).max() > 0.1
+
+
+def test_beams_without_a_name_get_one_that_is_free():
+    scene = fb.Scene()
+    section = fb.Section(EA=1.0, GA=1.0, EI=1.0)
+
+    def name(given=None):
+        return scene.add_beam([(0, 0), (1, 0)], section, name=given).name
+
+    names = [name(given) for given in ("beam 2", None, "beam 5", None, None)]
+    assert len(set(names)) == len(names)
+    assert all(free.startswith("beam ") for free in names)
+    with pytest.raises(fb.SceneError, match=f"two beams are called {names[1]!r}"):
+        name(names[1])

@@ -44,9 +44,8 @@ static void expand(const Problem *p, const Work *w) {
     hat[0] = -mean_rho[1], hat[1] = mean_rho[0], hat[2] = slope * mean_t[0], hat[3] = slope * mean_t[1];
   }
   for (int k = 0; k < p->followers; ++k) {
-    int j = p->through[k];
-    D[p->follower_x[k]] += p->joint_sign[j] * (w->rho1[2 * j] - w->rho0[2 * j]);
-    D[p->follower_y[k]] += p->joint_sign[j] * (w->rho1[2 * j + 1] - w->rho0[2 * j + 1]);
+    int i = p->through[k];
+    D[p->follower[k]] += p->joint_sign[i] * (w->rho1[i] - w->rho0[i]);
   }
   actuate(p, w);
 }
@@ -69,10 +68,7 @@ static void project(const Problem *p, const Work *w, const double *r, double *ou
 
 static void transmitted(const Problem *p, const Work *w, const double *r) {
   memset(w->passing, 0, 2 * p->joints * sizeof(double));
-  for (int k = 0; k < p->followers; ++k) {
-    w->passing[2 * p->through[k]] += r[p->follower_x[k]];
-    w->passing[2 * p->through[k] + 1] += r[p->follower_y[k]];
-  }
+  for (int k = 0; k < p->followers; ++k) w->passing[p->through[k]] += r[p->follower[k]];
 }
 
 /* Completes the reduced tangent, where its factors will stand. */
@@ -85,7 +81,8 @@ static void reduce_tangent(const Problem *p, const Work *w, const double *r) {
   if (p->second) transmitted(p, w, r);
   for (int k = 0; k < p->second; ++k) {
     int j = p->second_joint[k];
-    double s = p->joint_sign[j], F0 = s * w->passing[2 * j], F1 = s * w->passing[2 * j + 1];
+    const double *s = p->joint_sign + 2 * j;
+    double F0 = s[0] * w->passing[2 * j], F1 = s[1] * w->passing[2 * j + 1];
     double turned = p->level * (F1 * w->t1[2 * j] - F0 * w->t1[2 * j + 1]), term;
     if (p->second_kind[k] == 0)
       term = -p->level * (F0 * w->rho1[2 * j] + F1 * w->rho1[2 * j + 1]);

@@ -73,7 +73,7 @@ typedef struct {
   double *offset, *axis, *joint_sign;
   int *guide, *slide_column, *slide_of; /* rotation (-1: ground), column (-1: none), its slide */
   int followers;
-  int *follower_x, *follower_y, *through;
+  int *follower, *through;
 
   /* Reduced tangent, in an order that leaves its factors small: in a band, or in sparse rows. */
   int *order;           /* place of each unknown */

@@ -18,8 +18,8 @@ static void joint_forces(const Problem *p, const Work *w, double *out) {
   for (int i = 0; i < p->scene_joints; ++i)
     for (int k = p->lever_joint_start[i]; k < p->lever_joint_start[i + 1]; ++k) {
       int j = p->lever_joint[k];
-      out[3 * i + 2] += p->lever_sign[k] * p->joint_sign[j] *
-                        (w->hat[1 + 4 * j] * w->passing[2 * j] + w->hat[2 + 4 * j] * w->passing[2 * j + 1]);
+      const double *s = p->joint_sign + 2 * j, *lever = w->hat + 1 + 4 * j, *F = w->passing + 2 * j;
+      out[3 * i + 2] += p->lever_sign[k] * (s[0] * lever[0] * F[0] + s[1] * lever[1] * F[1]);
     }
 }
 

@@ -1,0 +1,112 @@
+"""Joined nodes of which one is held in x and the other in y: each component is held once."""
+
+import numpy as np
+import pytest
+from jointed import KINDS, MEMBER, W, pair
+
+import fx_beam as fb
+from fx_beam.model import Model
+
+every_kind = pytest.mark.parametrize("kind", KINDS)
+every_solver = pytest.mark.parametrize("solver", ["compiled", "petsc"])
+RUN = {"dt": 0.01, "t_end": 0.3}
+
+
+def pinned(*held):
+    """Three bars on one pin under gravity, with what is held of which."""
+    scene = fb.Scene(gravity=(0.0, -9.81))
+    ends = ((1, 0), (0.5, -1), (-1, -0.5))
+    bars = [scene.add_beam([(0, 0), end], MEMBER, elements=2) for end in ends]
+    joints = [
+        scene.add_joint(fb.Revolute(bars[0].start, bars[1].start)),
+        scene.add_joint(fb.Rigid(bars[2].start, bars[1].start)),
+    ]
+    for bar, component in held:
+        scene.fix(bars[bar].start, component)
+    return scene, bars, joints
+
+
+@every_solver
+@pytest.mark.parametrize(("x", "y"), [(0, 1), (1, 0), (0, 2), (2, 0), (1, 2)])
+def test_a_pin_may_be_held_at_any_of_its_nodes(x, y, solver):
+    together, bars, _ = pinned((0, "x"), (0, "y"))
+    expected = fb.simulate(together, **RUN, solver=solver)
+    apart, own, _ = pinned((x, "x"), (y, "y"))
+    found = fb.simulate(apart, **RUN, solver=solver)
+    assert abs(expected.q).max() > 0.3
+    assert found.q == pytest.approx(expected.q, rel=0, abs=1e-8)
+    scale = 1e-7 * abs(expected.reactions).max()
+    for i, bar in ((0, x), (1, y)):
+        held, reference = found.reaction(own[bar].start), expected.reaction(bars[0].start)
+        assert held[:, i] == pytest.approx(reference[:, i], rel=0, abs=scale)
+        assert not held[:, 1 - i].any()
+
+
+@every_solver
+@every_kind
+def test_forces_balance_where_x_of_a_and_y_of_b_are_held(kind, solver):
+    scene, first, second, joint = pair(kind, gravity=(0.0, -9.81))
+    scene.fix(first.end, "x")
+    scene.fix(second.start, "y")
+    scene.add_force(second.end, (3.0, 2.0))
+    solution = fb.simulate(scene, **RUN, solver=solver)
+    assert abs(solution.q).max() > 0.1
+    assert abs(solution.gap(joint)).max() < 1e-12
+    assert abs(solution.displacement(first.end)[:, 0]).max() == 0
+    assert abs(solution.displacement(second.start)[:, 1]).max() == 0
+    assert abs(solution.energy.balance_error).max() < 1e-10 * solution.energy.kinetic.max()
+
+    # What the joint and the support do to the second beam moves it, along x and y and about b.
+    model = Model(scene, fb.EnergyMomentum())
+    nodes = solution.nodes_of_beam["beam 2"]
+    x = solution.X + solution.q[:, :, :2]
+    middle = (x[1:] + x[:-1]) / 2
+    b, tip = second.start.number, second.end.number
+    on_b = solution.joint_force(joint) + solution.reaction(second.start)
+    scale = 1e-8 * abs(on_b).max()
+    for k, a in enumerate(solution.a[1:]):
+        inertia = model.to_nodes(model.mass @ model.from_nodes(a))
+        weight = model.to_nodes(model.weight)
+        wanted = (inertia - weight)[nodes]
+        wanted[nodes == tip, :2] -= (3.0, 2.0)
+        assert on_b[k + 1, :2] == pytest.approx(wanted[:, :2].sum(axis=0), rel=0, abs=scale)
+        levers = (middle[k, nodes] - middle[k, b]) @ W.T
+        moment = np.sum(levers * wanted[:, :2]) + wanted[:, 2].sum()
+        assert on_b[k + 1, 2] == pytest.approx(moment, rel=0, abs=scale)
+
+
+@every_kind
+def test_both_may_be_moved(kind):
+    def run(solver):
+        scene, first, second, joint = pair(kind)
+        scene.prescribe(first.end, x=lambda t: t**2)
+        scene.prescribe(second.start, y=lambda t: -0.5 * t**2)
+        return fb.simulate(scene, **RUN, solver=solver), first.end, second.start, joint
+
+    solution, a, b, joint = run("compiled")
+    assert solution.displacement(a)[:, 0] == pytest.approx(solution.t**2)
+    assert solution.displacement(b)[:, 1] == pytest.approx(-0.5 * solution.t**2)
+    assert abs(solution.gap(joint)).max() < 1e-12
+    assert abs(solution.energy.balance_error).max() < 1e-10 * solution.energy.total.max()
+    assert run("petsc")[0].q == pytest.approx(solution.q, rel=0, abs=1e-8)
+
+
+def test_the_equilibrium_is_that_of_one_support():
+    held = []
+    for x, y in ((0, 0), (1, 2)):
+        scene, bars, _ = pinned((x, "x"), (y, "y"))
+        for bar in bars[:2]:
+            scene.fix(bar.start, "rotation")
+        held.append(fb.static(scene))
+    assert abs(held[0].q).max() > 1e-3
+    assert held[1].q == pytest.approx(held[0].q, rel=0, abs=1e-12)
+
+
+@pytest.mark.parametrize("component", ["x", "y"])
+def test_one_component_held_at_two_joined_nodes_is_refused_with_both_names(component):
+    scene, *_ = pinned((0, component), (2, component))
+    with pytest.raises(
+        fb.SceneError,
+        match=f"in {component} of node 0 at .* and of node 6 at .*supported; support one of them",
+    ):
+        fb.simulate(scene, **RUN)
