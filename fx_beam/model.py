@@ -108,6 +108,14 @@ class Model:
         """Whether each degree of freedom (size,) is without mass."""
         return self.mass.diagonal() == 0
 
+    @functools.cached_property
+    def unit_of_unknowns(self) -> np.ndarray:
+        """Size of a unit increment of each unknown (free,), as `unit` is for the nodes."""
+        unit = np.full(self.couplings.columns, self.mesh.size)
+        turning = [entry[0] for dof in self.turns for entry in self.couplings.entries[dof]]
+        unit[turning] = 1.0
+        return unit[: self.couplings.free]
+
     @property
     def _full_rule(self) -> int:
         """Points of the rule that integrates products of two fields exactly."""

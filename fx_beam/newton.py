@@ -311,6 +311,8 @@ class _LinearSolver:
         pc = self._ksp.getPC()
         pc.setType(PETSc.PC.Type.LU)
         pc.setFactorOrdering(PETSc.Mat.OrderingType.RCM)
+        # By default what is below 2e-14 is no pivot, whatever the units of the scene are.
+        pc.setFactorPivot(zeropivot=0.0)
         self._ksp.setOperators(self._matrix)
 
     def solve(
