@@ -21,6 +21,7 @@ from .model import Model
 from .scene import Scene
 from .schemes import Equilibrium
 from .solution import Solution
+from .values import is_whole, require
 
 
 @dataclass(frozen=True)
@@ -138,8 +139,7 @@ def modes(scene: Scene, state: Solution | None = None, n: int = 6) -> Modes:
     """
     if not isinstance(scene, Scene):
         raise SceneError(f"modes needs an fx_beam.Scene, not {scene!r}")
-    if isinstance(n, bool) or not isinstance(n, int | np.integer) or n < 1:
-        raise SceneError(f"modes: n = {n!r} must be a positive whole number")
+    require(is_whole(n, 1), "modes: n", n, "a whole number from 1 on")
     model = Model(scene, Equilibrium(), mobile=True)
     K, M, T, q = _matrices(model, state)
     values, rounding, vectors = _lowest(K, M, n)

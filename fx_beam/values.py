@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from numbers import Integral, Real
 
 import numpy as np
 
@@ -13,11 +14,23 @@ TimeFunction = Callable[[float], np.ndarray]
 
 
 def is_number(value) -> bool:
-    """Whether something is a finite number."""
+    """Whether something is a finite number; a truth value and an array are none."""
     try:
-        return math.isfinite(value)
-    except (TypeError, OverflowError):
+        return isinstance(value, Real) and not isinstance(value, bool) and math.isfinite(value)
+    except OverflowError:  # an integer too large for a float
         return False
+
+
+def is_whole(value, least: int, most: float = math.inf) -> bool:
+    """Whether something is a whole number in a range; a truth value is none."""
+    whole = isinstance(value, Integral) and not isinstance(value, bool)
+    return whole and least <= value <= most
+
+
+def require(fits: bool, what: str, value, wanted: str) -> None:
+    """Refuse a value that does not fit, saying what it must be."""
+    if not fits:
+        raise SceneError(f"{what} = {value!r} must be {wanted}")
 
 
 def vector(value, size: int, what: str) -> np.ndarray:

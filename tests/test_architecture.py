@@ -20,8 +20,8 @@ LAYERS = [
     # physics and data
     "audit",
     "kinematics",
-    "rates",
     "values",
+    "rates",
     "beam",
     "curve",
     "actions",
