@@ -37,7 +37,8 @@ def section_data(mesh: Mesh, scene: Scene, names: tuple[str, ...], points: int):
     """
     varies = any(beam.section.varies(name) for beam in scene.beams for name in names)
     gauss = compat.gauss_points(points if varies else 1).T
-    values, known = [], {}
+    values: list[np.ndarray] = []
+    known: dict[int, np.ndarray] = {}
     for beam in scene.beams:
         # One value is enough for a beam whose data are constant, and for others of its section.
         if not varies and id(beam.section) in known:
@@ -49,13 +50,13 @@ def section_data(mesh: Mesh, scene: Scene, names: tuple[str, ...], points: int):
             own = [beam.section.values(name, fractions) for name in names]
         except SceneError as error:
             raise SceneError(f"beam {beam.name!r}: {error}") from None
-        values.append(own[0] if len(names) == 1 else np.stack(own, axis=-1))
+        values.append(np.stack(own, axis=-1) if len(names) > 1 else own[0])
         known[id(beam.section)] = values[-1]
     if not varies:
         return cell_data(mesh, np.concatenate(values)[:, 0])
     of_cell = np.empty((len(mesh.beam_of_cell), *values[0].shape[1:]))
-    for cells, own in zip(mesh.cells, values, strict=True):
-        of_cell[cells] = own
+    for cells, of_beam in zip(mesh.cells, values, strict=True):
+        of_cell[cells] = of_beam
     return compat.at_gauss_points(mesh.mesh, of_cell)
 
 

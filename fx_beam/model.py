@@ -237,9 +237,8 @@ class JointForces:
         self._sums = scipy.sparse.csr_matrix((signs, (rows, columns)), shape)
         counts = [len(nodes) for nodes in couplings.turning]
         nodes = np.concatenate([np.empty(0, int), *couplings.turning])
-        signs, starts = np.repeat(couplings.turn_sign, counts), np.cumsum([0, *counts])
-        shape = (len(joints), len(dofs))
-        self._turning = scipy.sparse.csr_matrix((signs, nodes, starts), shape)
+        turned = np.repeat(couplings.turn_sign, counts), nodes, np.cumsum([0, *counts])
+        self._turning = scipy.sparse.csr_matrix(turned, (len(joints), len(dofs)))
 
     @property
     def tables(self) -> tuple[scipy.sparse.csr_matrix, scipy.sparse.csr_matrix]:
