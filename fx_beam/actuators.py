@@ -252,15 +252,17 @@ class Actuators:
 
     def twists(self, turning) -> dict[str, list]:
         """Their parts in the moments of joints, `turning` the moments of nodes in those."""
-        twists = []
+        twists, columns = [], turning.tocsc()
         for number, actuator in enumerate(self._all):
-            if actuator.turns is not None:
-                part = np.zeros(turning.shape[0])
-                part[actuator.joint.number] -= 1.0
-                for node, sign in ((actuator.joint.a, -1.0), (actuator.joint.b, 1.0)):
-                    if node is not GROUND:
-                        part += sign * turning[:, [node.number]].toarray()[:, 0]
-                twists += [(joint, number, part[joint]) for joint in np.flatnonzero(part)]
+            if actuator.turns is None:
+                continue
+            part = {actuator.joint.number: -1.0}
+            for node, sign in ((actuator.joint.a, -1.0), (actuator.joint.b, 1.0)):
+                if node is not GROUND:
+                    own = slice(*columns.indptr[node.number : node.number + 2])
+                    for joint, turns in zip(columns.indices[own], columns.data[own], strict=True):
+                        part[joint] = part.get(joint, 0.0) + sign * turns
+            twists += [(joint, number, part[joint]) for joint in sorted(part) if part[joint]]
         return _table(("joint", "of", "sign"), twists)
 
     # -- Moments --------------------------------------------------------------------------------

@@ -9,6 +9,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from .errors import SceneError
+from .values import is_whole
 
 #: Components of a node's motion, in the order of all arrays.
 COMPONENTS = ("x", "y", "rotation")
@@ -216,7 +217,7 @@ def _spread(elements, lengths: np.ndarray, name: str) -> list[int]:
     """Numbers of elements of each piece: as given, or in proportion to its length."""
     pieces = len(lengths)
     counts = [elements] if np.ndim(elements) == 0 else list(elements)
-    if not all(isinstance(n, int | np.integer) and n >= 1 for n in counts):
+    if not all(is_whole(n, 1) for n in counts):
         raise SceneError(f"beam {name!r}: elements = {elements!r} must be positive whole numbers")
     if np.ndim(elements) != 0:
         if len(counts) != pieces:

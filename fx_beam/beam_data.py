@@ -50,7 +50,7 @@ def section_data(mesh: Mesh, scene: Scene, names: tuple[str, ...], points: int):
             own = [beam.section.values(name, fractions) for name in names]
         except SceneError as error:
             raise SceneError(f"beam {beam.name!r}: {error}") from None
-        values.append(own[0] if len(names) == 1 else np.stack(own, axis=-1))
+        values.append(np.stack(own, axis=-1) if len(names) > 1 else own[0])
         known[id(beam.section)] = values[-1]
     if not varies:
         return cell_data(mesh, np.concatenate(values)[:, 0])

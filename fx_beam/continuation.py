@@ -290,12 +290,19 @@ class ArcLength:
         tangent = scipy.sparse.csr_matrix((values, indices, indptr), (free, free))
         rows = reduction.coupling().T @ (self._weight * normal.D)
         corner = normal.load + rows[free : free + reduction.driven] @ self._drive.goal
-        blocks = [[tangent, column[:, None]], [rows[None, :free], [[corner]]]]
+        # In units of the scene, so that its pivots are the same in any.
+        unit = self.model.unit_of_unknowns
+        scale = scipy.sparse.diags(unit)
+        tangent = scale @ tangent @ scale
+        size = abs(tangent.data).max(initial=0.0) or 1.0
+        b = np.append(unit * b[:free] / size, b[free])
+        row = (rows[:free] * unit)[None, :]
+        blocks = [[tangent / size, (unit * column / size)[:, None]], [row, [[corner]]]]
         try:
             x = scipy.sparse.linalg.splu(scipy.sparse.bmat(blocks, format="csc")).solve(b)
         except RuntimeError:  # exactly singular
             x = np.full(free + 1, np.nan)
-        return x[:free], float(x[free])
+        return unit * x[:free], float(x[free])
 
     def _error(self, state: State, failure: StepFailed, cuts: int) -> StepError:
         return StepError(

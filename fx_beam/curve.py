@@ -33,7 +33,7 @@ from scipy.optimize import brentq
 
 from .beam import Layout, Node, lagrange, place
 from .errors import SceneError
-from .values import checked_function, vector
+from .values import checked_function, is_whole, vector
 
 # Degrees of the polynomials in which a piece of a curve and its speed are interpolated.
 _CURVE_DEGREE, _SPEED_DEGREE = 14, 20
@@ -221,7 +221,7 @@ def lay_along(curve: Curve, elements: Any, degree: int, name: str) -> Layout:
         For a function that gives no points, a curve of no length or with a jump, or nodes that it
         misses.
     """
-    if not isinstance(elements, int | np.integer) or elements < 1:
+    if not is_whole(elements, 1):
         raise SceneError(
             f"beam {name!r}: elements = {elements!r} must be one positive whole number for a curve"
         )

@@ -13,7 +13,7 @@ from tqdm import tqdm
 from .audit import Stats
 from .drive import Drive
 from .errors import SceneError, StepError
-from .halving import LARGE_TURN
+from .halving import LARGE_TURN, MOST_HALVINGS
 from .initial import check_joints, initial_state, resumed_state
 from .library import LoopUnavailable
 from .loop import CompiledLoop
@@ -26,12 +26,15 @@ from .schemes import EnergyMomentum, Scheme
 from .solution import Solution
 from .state import State
 from .stepping import Stepper
+from .values import is_number, is_whole, require
 from .windings import Windings
 
 _log = logging.getLogger("fx_beam")
 
 #: Steps, times degrees of freedom, between two looks at the progress bar and at the keyboard.
 _BLOCK = 500_000
+# Steps of a time grid; their times alone take 8 GB.
+_MOST_STEPS = 1e9
 
 
 def simulate(
@@ -105,8 +108,7 @@ def simulate(
         )
     if scheme.rates.at_rest:
         raise SceneError(f"{scheme.name} does not move in time: take fx_beam.static(scene)")
-    if max_halvings < 0:
-        raise SceneError(f"max_halvings = {max_halvings!r} must not be negative")
+    _check_options(newton, max_halvings, record, solver, progress)
     times = _time_grid(dt, t_end, 0.0 if start is None else _end_of(start).t)
 
     clock = time.perf_counter()
@@ -208,8 +210,6 @@ def _first_state(model: Model, drive: Drive, dt: float, start: Solution | None) 
 
 def _taker(solver: str, stepper: Stepper, options: NewtonOptions) -> Stepper | CompiledLoop:
     """Who takes the steps: the compiled loop where it can, and is not refused."""
-    if solver not in ("auto", "compiled", "petsc"):
-        raise SceneError(f'solver = {solver!r} must be "auto", "compiled" or "petsc"')
     if solver == "petsc":
         petsc('solver = "petsc"')
         return stepper
@@ -223,17 +223,42 @@ def _taker(solver: str, stepper: Stepper, options: NewtonOptions) -> Stepper | C
         return stepper
 
 
+def _check_options(newton, max_halvings, record, solver, progress) -> None:
+    for name, value, fits, wanted in (
+        ("newton", newton, isinstance(newton, NewtonOptions | None), "an fx_beam.NewtonOptions"),
+        (
+            "max_halvings",
+            max_halvings,
+            is_whole(max_halvings, 0, MOST_HALVINGS),
+            f"a whole number from 0 to {MOST_HALVINGS}",
+        ),
+        ("record", record, isinstance(record, Record | None), "an fx_beam.Record"),
+        (
+            "solver",
+            solver,
+            isinstance(solver, str) and solver in ("auto", "compiled", "petsc"),
+            '"auto", "compiled" or "petsc"',
+        ),
+        ("progress", progress, isinstance(progress, bool | None), "True, False or None"),
+    ):
+        require(fits, f"simulate: {name}", value, wanted)
+
+
 def _time_grid(dt: float, t_end: float, t0: float) -> np.ndarray:
     for name, value in (("dt", dt), ("t_end", t_end)):
-        if not isinstance(value, int | float | np.number) or not math.isfinite(value):
-            raise SceneError(f"{name} = {value!r} must be a finite number")
+        require(is_number(value), name, value, "a finite number")
     if dt <= 0:
         raise SceneError(f"dt = {dt!r} must be positive")
     if t_end - t0 < dt * (1 - 1e-6):
         since = f" after the start at t = {t0:g}" if t0 else ""
         raise SceneError(f"t_end = {t_end!r} is smaller than dt = {dt!r}{since}")
+    if (t_end - t0) / dt > _MOST_STEPS:
+        raise SceneError(
+            f"dt = {dt!r}: {(t_end - t0) / dt:.3g} steps to t_end = {t_end!r} are more than the "
+            f"{_MOST_STEPS:.0e} that can be taken"
+        )
     # A remainder below 1e-6 steps is rounding of t_end / dt, not a step.
     steps = math.ceil((t_end - t0) / dt - 1e-6)
-    times = t0 + dt * np.arange(steps + 1)
+    times = t0 + float(dt) * np.arange(steps + 1)
     times[-1] = t_end
     return times

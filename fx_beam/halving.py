@@ -13,6 +13,10 @@ _PATIENCE, _MOST_PATIENCE = 2, 64
 LARGE_TURN = 0.5
 
 
+#: Halvings after which parts of a step vanish beside the time.
+MOST_HALVINGS = 50
+
+
 class Halving:
     """Steps of a time grid in parts, halved where one fails and doubled where enough succeed.
 

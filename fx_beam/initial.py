@@ -246,7 +246,7 @@ def nearest_rates(model: Model, v: np.ndarray, driven: np.ndarray, weight=None) 
     driven : (driven,) float
         Rates of prescribed motions and motors [m/s, rad/s].
     weight : (size, size) sparse matrix, optional
-        In whose norm they are nearest; the identity by default.
+        In whose norm they are nearest; by default a rotation counts as the size of the scene.
 
     Returns
     -------
@@ -256,7 +256,7 @@ def nearest_rates(model: Model, v: np.ndarray, driven: np.ndarray, weight=None) 
     reduction = model.reduction
     free, w, T = reduction.free, _led(model, driven), reduction.coupling()
     if free:
-        weight = scipy.sparse.identity(model.size, format="csr") if weight is None else weight
+        weight = scipy.sparse.diags(model.unit**-2.0) if weight is None else weight
         free_T = T[:, :free]
         normal = (free_T.T @ weight @ free_T).tocsc()
         w[:free] = scipy.sparse.linalg.spsolve(normal, free_T.T @ (weight @ (v - T @ w)))
@@ -311,14 +311,14 @@ def acceleration_of(mass: scipy.sparse.spmatrix, force: np.ndarray) -> np.ndarra
 def _given_velocity(model: Model) -> np.ndarray:
     """Vector of initial rates as given, zero elsewhere."""
     mesh, scene = model.mesh, model.scene
-    v = np.full((len(mesh.X), 3), np.nan)
+    v, unit = np.full((len(mesh.X), 3), np.nan), np.array([1.0, 1.0, mesh.size])
     for item in scene.velocities:
         for node in mesh.nodes_of(scene, item.target):
             x, y = map(float, mesh.X[node])
             value = np.concatenate([item.value(x, y), item.spin(x, y)])
             if not np.isfinite(value).all():
                 raise SceneError(f"initial velocity at ({x:g}, {y:g}) is {value}, not finite")
-            if (abs(v[node] - value) > 1e-9 * abs(value).max()).any():
+            if (abs(v[node] - value) * unit > 1e-9 * (abs(value) * unit).max()).any():
                 raise SceneError(f"two initial velocities at ({x:g}, {y:g}): {v[node]} and {value}")
             v[node] = value
     return model.from_nodes(np.nan_to_num(v))

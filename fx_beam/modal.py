@@ -20,6 +20,7 @@ from .newton import petsc
 from .scene import Scene
 from .schemes import Equilibrium
 from .solution import Solution
+from .values import is_whole, require
 
 
 @dataclass(frozen=True)
@@ -140,8 +141,7 @@ def modes(scene: Scene, state: Solution | None = None, n: int = 6) -> Modes:
     """
     if not isinstance(scene, Scene):
         raise SceneError(f"modes needs an fx_beam.Scene, not {scene!r}")
-    if isinstance(n, bool) or not isinstance(n, int | np.integer) or n < 1:
-        raise SceneError(f"modes: n = {n!r} must be a positive whole number")
+    require(is_whole(n, 1), "modes: n", n, "a whole number from 1 on")
     model = Model(scene, Equilibrium(), mobile=True)
     K, M, T, q = _matrices(model, state)
     values, rounding, vectors = _lowest(K, M, n)
@@ -181,13 +181,23 @@ def _matrices(model: Model, state: Solution | None):
     values = np.zeros(len(indices))
     reduction.fill(forms.stiffness.data, r, values)
     K = scipy.sparse.csr_matrix((values, indices, indptr), (reduction.free,) * 2)
-    if abs(K - K.T).max() > 1e-12 * abs(K).max():
+    if _asymmetry(K, model.unit_of_unknowns) > 1e-12:
         raise SceneError(
             "modes: the stiffness is not symmetric, as a load or an added virtual work follows the "
             "motion and has no potential; such a scene has no natural frequencies. Simulate it"
         )
     T = reduction.coupling()[:, : reduction.free]
     return (K + K.T) / 2, (T.T @ model.mass @ T).tocsr(), T, q
+
+
+def _asymmetry(K, unit: np.ndarray) -> float:
+    """Largest asymmetry of a stiffness, relative to what is in the same rows, in any units."""
+    scale = scipy.sparse.diags(unit)
+    work = abs(scale @ K @ scale)
+    largest = work.max(axis=1).toarray()[:, 0]
+    gap = (scale @ abs(K - K.T) @ scale).tocoo()
+    sizes = np.sqrt(largest[gap.row] * largest[gap.col])
+    return float((gap.data[sizes > 0] / sizes[sizes > 0]).max(initial=0.0))
 
 
 def _last(model: Model, state: Solution):

@@ -112,6 +112,14 @@ class Model:
         """Whether each degree of freedom (size,) is without mass."""
         return self.mass.diagonal() == 0
 
+    @functools.cached_property
+    def unit_of_unknowns(self) -> np.ndarray:
+        """Size of a unit increment of each unknown (free,), as `unit` is for the nodes."""
+        unit = np.full(self.couplings.columns, self.mesh.size)
+        turning = [entry[0] for dof in self.turns for entry in self.couplings.entries[dof]]
+        unit[turning] = 1.0
+        return unit[: self.couplings.free]
+
     @property
     def _full_rule(self) -> int:
         """Points of the rule that integrates products of two fields exactly."""
@@ -243,9 +251,8 @@ class JointForces:
         turning = couplings.subtree[2]
         counts = [len(nodes) for nodes in turning]
         nodes = np.concatenate([np.empty(0, int), *turning])
-        turn_signs, starts = np.repeat(couplings.sign[2], counts), np.cumsum([0, *counts])
-        shape = (len(joints), len(dofs))
-        self._turning = scipy.sparse.csr_matrix((turn_signs, nodes, starts), shape)
+        turned = np.repeat(couplings.sign[2], counts), nodes, np.cumsum([0, *counts])
+        self._turning = scipy.sparse.csr_matrix(turned, (len(joints), len(dofs)))
 
     @property
     def tables(self) -> tuple[scipy.sparse.csr_matrix, scipy.sparse.csr_matrix]:

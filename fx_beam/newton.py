@@ -12,6 +12,7 @@ import numpy as np
 from .model import Model
 from .reduction import Reduction
 from .state import Past
+from .values import is_number, is_whole, require
 
 # A correction that turns a node further [rad] is shortened to this. From the previous
 # configuration the first one overshoots where axial force has nearly emptied the tangent;
@@ -41,13 +42,31 @@ class NewtonOptions:
     max_iterations : int
         Corrections before the step is given up.
     max_turn : float
-        Largest increment of a nodal rotation in a step [rad]. The mid-point rule takes the tangent
-        of half of it, which has no meaning beyond a half turn.
+        Largest increment of a nodal rotation in a step [rad], below pi: the mid-point rule takes
+        the tangent of half of it, which has no meaning beyond a half turn.
+
+    Raises
+    ------
+    SceneError
+        For a value out of range, naming it.
     """
 
     tolerance: float = 1e-10
     max_iterations: int = 40
     max_turn: float = 2.0
+
+    def __post_init__(self):
+        tolerance, most, turn = self.tolerance, self.max_iterations, self.max_turn
+        for name, fits, wanted in (
+            ("tolerance", is_number(tolerance) and 0 < tolerance < 1, "a number between 0 and 1"),
+            ("max_iterations", is_whole(most, 1), "a whole number from 1 on"),
+            (
+                "max_turn",
+                is_number(turn) and 0 < turn < np.pi,
+                "a number between 0 and pi, a half turn [rad]",
+            ),
+        ):
+            require(fits, f"NewtonOptions: {name}", getattr(self, name), wanted)
 
 
 @dataclass
@@ -353,6 +372,8 @@ class _LinearSolver:
         pc = self._ksp.getPC()
         pc.setType(PETSc.PC.Type.LU)
         pc.setFactorOrdering(PETSc.Mat.OrderingType.RCM)
+        # By default what is below 2e-14 is no pivot, whatever the units of the scene are.
+        pc.setFactorPivot(zeropivot=0.0)
         self._ksp.setOperators(self._matrix)
 
     def solve(

@@ -295,27 +295,23 @@ class Problem:
         self.c.scene_joints = len(joints)
         sums, turning = joint_forces.tables
         # Bending joints by the node that carries them.
-        carriers = [joints[n].a.number for n in t.joints["number"]]
-        levers = [
-            (j, m, turning[j, node])
-            for j in range(len(joints))
-            for m, node in enumerate(carriers)
-            if node >= 0 and turning[j, node]
-        ]
-        starts = np.searchsorted([j for j, _, _ in levers], np.arange(len(joints) + 1))
+        carriers = np.array([joints[n].a.number for n in t.joints["number"]], dtype=int)
+        on_nodes = np.flatnonzero(carriers >= 0)
+        levers = turning[:, carriers[on_nodes]].tocsr()
+        levers.sort_indices()
         twists = self.model.actuators.twists(turning)
         self.c.twists = len(twists["of"])
         self._ints(
             sum_start=sums.indptr,
             sum_of=sums.indices,
-            lever_joint_start=starts,
-            lever_joint=[m for _, m, _ in levers],
+            lever_joint_start=levers.indptr,
+            lever_joint=on_nodes[levers.indices],
             twist_joint=twists["joint"],
             twist_of=twists["of"],
         )
         self._doubles(
             sum_sign=sums.data,
-            lever_sign=[sign for _, _, sign in levers],
+            lever_sign=levers.data,
             twist_sign=twists["sign"],
         )
 

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import Any, Protocol
 
 import ufl
 
 import numpy as np
+
+from .values import is_number, require
 
 
 class Rates(Protocol):
@@ -195,6 +198,17 @@ class NewmarkRates(Rates):
     gamma: float
     alpha_m: float = 0.0
     alpha_f: float = 0.0
+
+    def __post_init__(self):
+        for name, low, high in (
+            ("beta", 0, math.inf),
+            ("gamma", -math.inf, math.inf),
+            ("alpha_m", -math.inf, 1),
+            ("alpha_f", -math.inf, 1),
+        ):
+            value = getattr(self, name)
+            wanted = f"a number between {low} and {high}"
+            require(is_number(value) and low < value < high, f"NewmarkRates: {name}", value, wanted)
 
     @property
     def level(self) -> float:

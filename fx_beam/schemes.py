@@ -17,7 +17,7 @@ from .resultants import (
     with_exact_work,
 )
 from .section import Law
-from .values import is_number
+from .values import is_number, require
 
 
 @dataclass(frozen=True)
@@ -38,6 +38,18 @@ class Scheme:
     name: str
     resultants: Callable[[Step, Law], Resultants | WeightedResultants]
     rates: Rates
+
+    def __post_init__(self):
+        for name, fits, wanted in (
+            ("name", isinstance(self.name, str), "a string"),
+            ("resultants", callable(self.resultants), "a function of step and law"),
+            ("rates", _are_rates(self.rates), "fx_beam.Rates such as MidPointRates()"),
+        ):
+            require(fits, f"Scheme: {name}", getattr(self, name), wanted)
+
+
+def _are_rates(rates) -> bool:
+    return not isinstance(rates, type) and hasattr(rates, "level") and hasattr(rates, "end")
 
 
 def MidPoint() -> Scheme:

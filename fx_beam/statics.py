@@ -12,6 +12,7 @@ from .audit import Stats
 from .continuation import ArcLength
 from .drive import LoadDrive
 from .errors import SceneError, StepError
+from .halving import MOST_HALVINGS
 from .loading import LoadStepper
 from .model import Model
 from .newton import Newton, NewtonOptions, petsc
@@ -21,7 +22,7 @@ from .scene import Scene
 from .schemes import Equilibrium
 from .solution import Solution
 from .state import State
-from .values import is_number
+from .values import is_number, is_whole, require
 
 _log = logging.getLogger("fx_beam")
 
@@ -134,16 +135,14 @@ def _solution(stepper: LoadStepper, states: list[State], clock: float) -> Soluti
 def _check(scene, steps, t, continuation, newton, max_cuts, max_steps) -> None:
     if not isinstance(scene, Scene):
         raise SceneError(f"static needs an fx_beam.Scene, not {scene!r}")
-    for name, value, least in (
-        ("steps", steps, 1),
-        ("max_cuts", max_cuts, 0),
-        ("max_steps", max_steps, 1),
-    ):
-        if not isinstance(value, int | np.integer) or value < least:
-            raise SceneError(f"static: {name} = {value!r} must be a whole number from {least} on")
-    if not is_number(t):
-        raise SceneError(f"static: t = {t!r} must be a finite number")
-    if continuation not in (None, "arc-length"):
-        raise SceneError(f'static: continuation = {continuation!r} must be "arc-length" or None')
-    if not isinstance(newton, NewtonOptions | None):
-        raise SceneError(f"static: newton = {newton!r} must be an fx_beam.NewtonOptions")
+    for name, value, least in (("steps", steps, 1), ("max_steps", max_steps, 1)):
+        wanted = f"a whole number from {least} on"
+        require(is_whole(value, least), f"static: {name}", value, wanted)
+    fits = is_whole(max_cuts, 0, MOST_HALVINGS)
+    wanted = f"a whole number from 0 to {MOST_HALVINGS}"
+    require(fits, "static: max_cuts", max_cuts, wanted)
+    require(is_number(t), "static: t", t, "a finite number")
+    fits = continuation is None or (isinstance(continuation, str) and continuation == "arc-length")
+    require(fits, "static: continuation", continuation, '"arc-length" or None')
+    fits = isinstance(newton, NewtonOptions | None)
+    require(fits, "static: newton", newton, "an fx_beam.NewtonOptions")

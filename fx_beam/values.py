@@ -5,6 +5,7 @@ from __future__ import annotations
 import inspect
 import math
 from collections.abc import Callable, Iterable
+from numbers import Integral, Real
 from typing import Any
 
 from ufl.algorithms.analysis import extract_coefficients, extract_constants
@@ -22,12 +23,23 @@ _FIXED = float, tuple, int
 
 
 def is_number(value) -> bool:
-    """Whether something is a finite number."""
+    """Whether something is a finite number; a truth value and an array are none."""
     try:
-        # UFL tries without end to make a number of a symbol.
-        return not isinstance(value, Expr) and math.isfinite(value)
-    except (TypeError, OverflowError):
+        return isinstance(value, Real) and not isinstance(value, bool) and math.isfinite(value)
+    except OverflowError:  # an integer too large for a float
         return False
+
+
+def is_whole(value, least: int, most: float = math.inf) -> bool:
+    """Whether something is a whole number in a range; a truth value is none."""
+    whole = isinstance(value, Integral) and not isinstance(value, bool)
+    return whole and least <= value <= most
+
+
+def require(fits: bool, what: str, value, wanted: str) -> None:
+    """Refuse a value that does not fit, saying what it must be."""
+    if not fits:
+        raise SceneError(f"{what} = {value!r} must be {wanted}")
 
 
 def vector(value, size: int, what: str) -> np.ndarray:

@@ -21,8 +21,8 @@ LAYERS = [
     # physics and data
     "audit",
     "kinematics",
-    "rates",
     "values",
+    "rates",
     "beam",
     "curve",
     "actions",

@@ -566,7 +566,7 @@ def test_an_end_below_one_step_by_rounding_is_one_step():
 
 def test_negative_halvings_are_refused():
     scene, _ = small_scene()
-    with refused("max_halvings = -1 must not be negative"):
+    with refused("max_halvings = -1 must be a whole number from 0 to 50"):
         run(scene, max_halvings=-1)
 
 

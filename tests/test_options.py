@@ -1,0 +1,203 @@
+"""Options of the analyses and parameters of schemes that are refused where they are given."""
+
+import math
+from fractions import Fraction
+
+import numpy as np
+import pytest
+
+import fx_beam as fb
+
+SECTION = fb.Section(EA=1e4, GA=1e4, EI=100.0, rhoA=1.0, rhoI=0.1)
+NO_NUMBERS = [math.nan, math.inf, -math.inf, "1", None, True, (0.5,), np.array([0.5]), 10**400]
+NO_COUNTS = [-1, 2.5, 2.0, math.nan, "2", None, True, np.array([2])]
+
+
+def cantilever():
+    scene = fb.Scene()
+    beam = scene.add_beam([(0, 0), (1, 0)], SECTION)
+    scene.clamp(beam.start)
+    scene.add_force(beam.end, (0.0, 1.0))
+    return scene
+
+
+def refuses(call, what, wanted):
+    """Whether a call is refused with a sentence on one argument and what it may be."""
+    with pytest.raises(fb.SceneError) as error:
+        call()
+    message = str(error.value)
+    assert message.startswith(what)
+    assert f"must {wanted}" in message
+
+
+@pytest.mark.parametrize("value", [0.0, -1e-10, 1.0, *NO_NUMBERS], ids=repr)
+def test_a_tolerance_is_a_number_between_0_and_1(value):
+    refuses(lambda: fb.NewtonOptions(tolerance=value), "NewtonOptions: tolerance = ", "be a number")
+
+
+@pytest.mark.parametrize("value", [0, *NO_COUNTS], ids=repr)
+def test_iterations_are_counted_from_1(value):
+    refuses(
+        lambda: fb.NewtonOptions(max_iterations=value),
+        "NewtonOptions: max_iterations = ",
+        "be a whole number from 1 on",
+    )
+
+
+@pytest.mark.parametrize("value", [0.0, -1.0, 7, math.pi, *NO_NUMBERS], ids=repr)
+def test_a_turn_is_less_than_a_half_turn(value):
+    refuses(
+        lambda: fb.NewtonOptions(max_turn=value),
+        "NewtonOptions: max_turn = ",
+        "be a number between",
+    )
+
+
+@pytest.mark.parametrize(
+    "options",
+    [
+        fb.NewtonOptions(tolerance=np.float32(1e-6), max_iterations=np.int64(9), max_turn=3),
+        fb.NewtonOptions(1e-30, 1, np.float64(0.01)),
+    ],
+    ids=str,
+)
+def test_numbers_of_numpy_are_numbers(options):
+    scene = cantilever()
+    scene.loads.clear()
+    for solver in ("compiled", "petsc"):
+        fb.simulate(scene, dt=np.float32(0.5), t_end=np.int32(1), newton=options, solver=solver)
+
+
+# -- simulate ------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("name", ["dt", "t_end"])
+@pytest.mark.parametrize("value", NO_NUMBERS, ids=repr)
+def test_times_are_finite_numbers(name, value):
+    given = {"dt": 0.1, "t_end": 1.0} | {name: value}
+    refuses(lambda: fb.simulate(cantilever(), **given), f"{name} = ", "be a finite number")
+
+
+def test_a_fraction_is_a_number():
+    solution = fb.simulate(cantilever(), dt=Fraction(1, 4), t_end=Fraction(1, 2))
+    assert solution.t.tolist() == [0.0, 0.25, 0.5]
+
+
+def test_more_steps_than_can_be_taken_are_refused():
+    for dt in (1e-300, 5e-324, 1e-12):
+        with pytest.raises(fb.SceneError, match=r"dt = .* steps to t_end = 1.0 are more than"):
+            fb.simulate(cantilever(), dt=dt, t_end=1.0)
+
+
+WRONG = {
+    "newton": ["x", 1e-8, True, fb.NewtonOptions, {}],
+    "max_halvings": [*NO_COUNTS, 51],
+    "record": [True, "motion", fb.Record, 3],
+    "solver": [None, "PETSc", 1, np.array(["auto", "petsc"])],
+    "progress": ["yes", 1, 0.5],
+}
+
+
+@pytest.mark.parametrize(
+    ("name", "value"),
+    [(name, value) for name, values in WRONG.items() for value in values],
+    ids=repr,
+)
+def test_options_of_simulate_are_what_they_should_be(name, value):
+    refuses(
+        lambda: fb.simulate(cantilever(), dt=0.1, t_end=0.1, **{name: value}),
+        f"simulate: {name} = ",
+        "be ",
+    )
+
+
+@pytest.mark.parametrize("value", [3, "run.npz", fb.Solution, True], ids=repr)
+def test_a_start_is_a_solution(value):
+    refuses(
+        lambda: fb.simulate(cantilever(), dt=0.1, t_end=0.1, start=value), "start", "be a Solution"
+    )
+
+
+def test_a_start_of_another_scene_is_refused():
+    other = fb.Scene()
+    other.clamp(other.add_beam([(0, 0), (2, 0)], SECTION).start)
+    finer = fb.Scene()
+    finer.clamp(finer.add_beam([(0, 0), (1, 0)], SECTION, elements=2).start)
+    for scene in (other, finer):
+        start = fb.simulate(scene, dt=0.1, t_end=0.1)
+        with pytest.raises(fb.SceneError, match="start: the solution is one of other nodes"):
+            fb.simulate(cantilever(), dt=0.1, t_end=0.2, start=start)
+
+
+# -- static and modes ----------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("name", "value"),
+    [
+        *((name, value) for name in ("steps", "max_steps") for value in (0, *NO_COUNTS)),
+        *(("max_cuts", value) for value in (51, *NO_COUNTS)),
+        *(("t", value) for value in NO_NUMBERS),
+        *(("newton", value) for value in ("x", 3, fb.NewtonOptions)),
+        *(("continuation", value) for value in (True, "arc", "", np.array(["arc-length"]))),
+    ],
+    ids=repr,
+)
+def test_options_of_static_are_what_they_should_be(name, value):
+    refuses(lambda: fb.static(cantilever(), **{name: value}), f"static: {name} = ", "be ")
+
+
+@pytest.mark.parametrize("value", [0, *NO_COUNTS], ids=repr)
+def test_modes_are_counted_from_1(value):
+    refuses(lambda: fb.modes(cantilever(), n=value), "modes: n = ", "be a whole number from 1 on")
+
+
+# -- Schemes -------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("make", "name"),
+    [
+        (lambda x: fb.HHT(alpha=x), "HHT: alpha"),
+        (lambda x: fb.GeneralizedAlpha(rho_inf=x), "GeneralizedAlpha: rho_inf"),
+        (lambda x: fb.Newmark(beta=x), "Newmark: beta"),
+        (lambda x: fb.Newmark(gamma=x), "Newmark: gamma"),
+    ],
+    ids=["alpha", "rho_inf", "beta", "gamma"],
+)
+@pytest.mark.parametrize("value", [*NO_NUMBERS, False, np.array(0.0), 1j], ids=repr)
+def test_parameters_of_schemes_are_numbers(make, name, value):
+    refuses(lambda: make(value), f"{name} = ", "lie in")
+
+
+@pytest.mark.parametrize("name", ["beta", "gamma", "alpha_m", "alpha_f"])
+@pytest.mark.parametrize("value", NO_NUMBERS, ids=repr)
+def test_parameters_of_newmark_rates_are_numbers(name, value):
+    given = {"beta": 0.25, "gamma": 0.5} | {name: value}
+    refuses(lambda: fb.NewmarkRates(**given), f"NewmarkRates: {name} = ", "be a number")
+
+
+@pytest.mark.parametrize(("name", "value"), [("beta", 0.0), ("alpha_m", 1), ("alpha_f", 1.0)])
+def test_newmark_rates_without_a_meaning_are_refused(name, value):
+    given = {"beta": 0.25, "gamma": 0.5} | {name: value}
+    refuses(lambda: fb.NewmarkRates(**given), f"NewmarkRates: {name} = ", "be a number between")
+
+
+@pytest.mark.parametrize(
+    ("name", "given"),
+    [
+        ("name", (3, lambda step, law: None, fb.MidPointRates())),
+        ("resultants", ("own", None, fb.MidPointRates())),
+        ("rates", ("own", lambda step, law: None, fb.MidPointRates)),
+        ("rates", ("own", lambda step, law: None, 0.5)),
+    ],
+    ids=repr,
+)
+def test_a_scheme_of_ones_own_needs_its_parts(name, given):
+    refuses(lambda: fb.Scheme(*given), f"Scheme: {name} = ", "be ")
+
+
+@pytest.mark.parametrize("elements", [True, 2.0, "2", 0, [True]], ids=repr)
+def test_elements_are_counted(elements):
+    with pytest.raises(fb.SceneError, match=r"elements = .* must be positive whole numbers"):
+        fb.Scene().add_beam([(0, 0), (1, 0)], SECTION, elements=elements)
