@@ -9,6 +9,8 @@ from scenes import FLYING, pinned_beam
 import fx_beam as fb
 from fx_beam.model import Model
 
+pytestmark = pytest.mark.usefixtures("unoptimised")
+
 SCHEMES = [
     fb.EnergyMomentum(),
     fb.ModifiedMidPoint(),
