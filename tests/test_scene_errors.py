@@ -570,7 +570,11 @@ def test_negative_halvings_are_refused():
         run(scene, max_halvings=-1)
 
 
-@pytest.mark.parametrize("scheme", ["Newmark", fb.EnergyMomentum, fb.Newmark, 0], ids=str)
+@pytest.mark.parametrize(
+    "scheme",
+    ["Newmark", fb.EnergyMomentum, fb.Newmark, 0],
+    ids=["a name", "EnergyMomentum", "Newmark", "a number"],
+)
 def test_an_unknown_scheme_is_refused_with_the_way_to_get_one(scheme):
     scene, _ = small_scene()
     with refused(r"unknown scheme .*fx_beam.EnergyMomentum\(\)"):
