@@ -8,7 +8,6 @@ import hashlib
 import logging
 import os
 import platform
-import shutil
 import subprocess
 import tempfile
 from collections.abc import Callable, Sequence
@@ -118,7 +117,9 @@ def _build(what: str, key: str, source: Callable[[], str], more: Sequence[str] =
     headers = [path.read_text() for path in sorted(_SOURCES.glob("*.h"))]
     target, flags = _target()
     flags = [*flags, *more]
-    digest = hashlib.sha256("\n".join([key, *headers, *flags, *_processor(target)]).encode())
+    # What is built for a name serves all machines, what is "native" those with this one's flags.
+    machine = _processor() if target == "native" else []
+    digest = hashlib.sha256("\n".join([key, *headers, *flags, *machine]).encode())
     cache = cache_directory()
     library = cache / f"{digest.hexdigest()[:32]}.so"
     try:
@@ -132,7 +133,8 @@ def _build(what: str, key: str, source: Callable[[], str], more: Sequence[str] =
                 subprocess.run(command, check=True, capture_output=True, text=True, input=source())
                 out.replace(library)
     except (OSError, subprocess.CalledProcessError) as error:
-        _check_target(target, flags)
+        if isinstance(error, subprocess.CalledProcessError):
+            _check_target(target, flags)
         said = str(getattr(error, "stderr", None) or error)
         _warn(next((line for line in said.splitlines() if "error" in line), said))
         raise LoopUnavailable("it cannot be built") from error
@@ -151,27 +153,26 @@ def cache_directory() -> Path:
 
 
 def _target() -> tuple[str, list[str]]:
-    """Processor to compile for, and all flags; empty where cc has no word for this one."""
+    """Processor to compile for (none where the compiler has no word for it), and all flags."""
     target = os.environ.get("FX_BEAM_MARCH") or ("native" if _OPTION else "")
     return target, [*_FLAGS, f"{_OPTION or '-march'}={target}"] if target else _FLAGS
 
 
 def _check_target(target: str, flags: list[str]) -> None:
     """Refuse a processor that was asked for and that the compiler does not know."""
-    if not os.environ.get("FX_BEAM_MARCH") or not shutil.which("cc"):
-        return
     command = ["cc", *flags, "-x", "c", "-", "-o", os.devnull]
-    if subprocess.run(command, capture_output=True, text=True, input="").returncode:
+    if (
+        os.environ.get("FX_BEAM_MARCH")
+        and subprocess.run(command, capture_output=True, text=True, input="").returncode
+    ):
         raise SceneError(
             f"FX_BEAM_MARCH = {target!r} is no processor that the compiler cc knows; give a name "
             f"that its option {_OPTION or '-march'} takes, such as 'native' or 'x86-64-v3'"
         )
 
 
-def _processor(target: str) -> list[str]:
-    """What a library is for: all processors of a name, or, for "native", those with these flags."""
-    if target != "native":
-        return []
+def _processor() -> list[str]:
+    """What the compiler looks at for "native"."""
     try:
         lines = Path("/proc/cpuinfo").read_text().splitlines()
     except OSError:

@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 from scenes import DEMOS, demo
 
+pytestmark = pytest.mark.slow
 PICTURES = {
     "pinned_beam": ("shapes.png", "invariants.png", "tip.png", "motion.gif"),
     "pendulum": (

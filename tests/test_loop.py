@@ -2,6 +2,7 @@
 
 import logging
 import os
+import platform
 import subprocess
 import sys
 
@@ -288,6 +289,31 @@ def test_a_cache_that_cannot_be_written_is_no_obstacle(monkeypatch, tmp_path, ca
     solution = fb.simulate(scene, dt=0.01, t_end=0.1)
     library.load_library.cache_clear()
     assert solution.stats.solver.startswith("petsc")
+
+
+@pytest.mark.skipif(platform.machine() != "x86_64", reason="names of processors are those of x86")
+def test_a_loop_is_built_for_the_processor_that_is_asked_for(monkeypatch, tmp_path):
+    monkeypatch.setattr(library, "cache_directory", lambda: tmp_path)
+    built = []
+    for target in ("", "x86-64", "x86-64-v2", "x86-64"):
+        monkeypatch.setenv("FX_BEAM_MARCH", target)
+        built.append(library._build("a test", "", lambda: "double one(void) { return 1; }"))
+    assert len(set(built)) == 3 and built[1] == built[3]
+    # One that was built for a name serves all machines; a native one its own kind.
+    monkeypatch.setattr(library, "_processor", lambda: ["another"])
+    monkeypatch.setenv("FX_BEAM_MARCH", "x86-64")
+    assert library._build("a test", "", lambda: "none") == built[1]
+    monkeypatch.delenv("FX_BEAM_MARCH")
+    assert library._build("a test", "", lambda: "double one(void) { return 1; }") not in built
+
+
+def test_a_processor_that_the_compiler_does_not_know_is_refused(monkeypatch, tmp_path):
+    library.load_library.cache_clear()
+    monkeypatch.setattr(library, "cache_directory", lambda: tmp_path)
+    monkeypatch.setenv("FX_BEAM_MARCH", "abacus")
+    scene, _ = pendulum()
+    with pytest.raises(fb.SceneError, match="FX_BEAM_MARCH = 'abacus' is no processor that"):
+        fb.simulate(scene, dt=0.01, t_end=0.1)
 
 
 def test_the_log_names_what_is_compiled_and_nothing_the_second_time(tmp_path):
