@@ -1,5 +1,6 @@
 """What differs between versions of FEniCSx, or may be missing, and would go wrong silently."""
 
+import shutil
 import subprocess
 import sys
 
@@ -10,7 +11,7 @@ import pytest
 from scenes import pinned_beam
 
 import fx_beam as fb
-from fx_beam import compat
+from fx_beam import compat, library
 
 # -- Quadrature ----------------------------------------------------------------------------------
 
@@ -119,6 +120,28 @@ def test_functions_have_the_names_that_the_linker_knows():
     source, names, parameters = compat.element_functions(compat.compile_form(form, "a sine"), form)
     assert [source.count(f"void {name}(") for name in names] == [1]
     assert parameters >= 6
+
+
+@pytest.mark.skipif(not shutil.which("aarch64-linux-gnu-gcc"), reason="no compiler for aarch64")
+def test_all_c_compiles_for_aarch64_as_well(monkeypatch, tmp_path):
+    commands, run = [], subprocess.run
+
+    def noted(command, **options):
+        if options.get("input"):
+            commands.append((command, options["input"]))
+        return run(command, **options)
+
+    monkeypatch.setattr(library.subprocess, "run", noted)
+    monkeypatch.setattr(library, "cache_directory", lambda: tmp_path)
+    library.load_library.cache_clear()
+    assert fb.simulate(pinned_beam()[0], dt=0.01, t_end=0.1).stats.solver == "compiled, band 5"
+    library.load_library.cache_clear()
+    assert len(commands) == 4  # the loop; forces, tangents and energies of several elements
+    for command, source in commands:
+        # Options that name a processor are those of this one.
+        general = [option for option in command[1:] if not option.startswith("-m")]
+        general[general.index("-o") + 1] = str(tmp_path / "other.so")
+        run(["aarch64-linux-gnu-gcc", "-Werror", *general], check=True, input=source, text=True)
 
 
 # -- Without PETSc ---------------------------------------------------------------------------------
