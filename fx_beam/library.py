@@ -126,7 +126,7 @@ def _build(what: str, key: str, source: Callable[[], str], more: Sequence[str] =
                 command = ["cc", *flags, "-x", "c", "-", "-o", str(out), "-lm"]
                 subprocess.run(command, check=True, capture_output=True, text=True, input=source())
                 out.replace(library)
-    except (OSError, subprocess.CalledProcessError) as error:
+    except (OSError, LookupError, subprocess.CalledProcessError) as error:
         said = str(getattr(error, "stderr", None) or error)
         _warn(next((line for line in said.splitlines() if "error" in line), said))
         raise LoopUnavailable("it cannot be built") from error

@@ -122,6 +122,18 @@ def test_functions_have_the_names_that_the_linker_knows():
     assert parameters >= 6
 
 
+def test_functions_without_names_leave_the_steps_to_python(monkeypatch, tmp_path, caplog):
+    def nameless(_):
+        raise LookupError("no names")
+
+    monkeypatch.setattr(compat, "_symbol", nameless)
+    monkeypatch.setattr(library, "cache_directory", lambda: tmp_path)
+    library._warn.cache_clear()
+    solution = fb.simulate(pinned_beam()[0], dt=0.01, t_end=0.1)
+    assert solution.stats.solver == "petsc lu (it cannot be built)"
+    assert "no names" in caplog.text
+
+
 @pytest.mark.skipif(not shutil.which("aarch64-linux-gnu-gcc"), reason="no compiler for aarch64")
 def test_all_c_compiles_for_aarch64_as_well(monkeypatch, tmp_path):
     commands, run = [], subprocess.run
@@ -153,9 +165,9 @@ import dolfinx, dolfinx.fem  # those of Debian import PETSc themselves
 for name in [name for name in sys.modules if name.split(".")[0] in ("petsc4py", "slepc4py")]:
     del sys.modules[name]
 real = importlib.machinery.PathFinder.find_spec
-class Finder:
-    @staticmethod
-    def find_spec(name, path=None, target=None):
+class Finder(importlib.machinery.PathFinder):
+    @classmethod
+    def find_spec(cls, name, path=None, target=None):
         if name.split(".")[0] in ("petsc4py", "slepc4py"):
             return None
         return real(name, path, target)
