@@ -293,6 +293,11 @@ def element_functions(form, ufl_form) -> tuple[str, list[str], int]:
         The function in it of each integral.
     parameters : int
         How many parameters these have.
+
+    Raises
+    ------
+    LookupError
+        If the compiled form does not tell these names.
     """
     functions = [integral.tabulate_tensor_float64 for _, integral in _integrals(form)]
     module, names = "", []
@@ -320,7 +325,7 @@ def _symbol(address: int) -> tuple[str, str]:
     found = _Symbol()
     ctypes.CDLL(None).dladdr(ctypes.c_void_p(address), ctypes.byref(found))
     if found.address != address:  # but that of one before it
-        raise LookupError("FFCx keeps the names of its functions to itself")
+        raise LookupError("the functions that FFCx generates have no names for the linker")
     return found.file.decode(), found.name.decode()
 
 

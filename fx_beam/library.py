@@ -132,7 +132,7 @@ def _build(what: str, key: str, source: Callable[[], str], more: Sequence[str] =
                 command = ["cc", *flags, f"-I{_SOURCES}", "-x", "c", "-", "-o", str(out), "-lm"]
                 subprocess.run(command, check=True, capture_output=True, text=True, input=source())
                 out.replace(library)
-    except (OSError, subprocess.CalledProcessError) as error:
+    except (OSError, LookupError, subprocess.CalledProcessError) as error:
         if isinstance(error, subprocess.CalledProcessError):
             _check_target(target, flags)
         said = str(getattr(error, "stderr", None) or error)

@@ -1,5 +1,6 @@
 """What differs between versions of FEniCSx, or may be missing, and would go wrong silently."""
 
+import shutil
 import subprocess
 import sys
 
@@ -10,7 +11,7 @@ import pytest
 from scenes import pinned_beam
 
 import fx_beam as fb
-from fx_beam import compat
+from fx_beam import compat, library
 
 # -- Quadrature ----------------------------------------------------------------------------------
 
@@ -121,6 +122,40 @@ def test_functions_have_the_names_that_the_linker_knows():
     assert parameters >= 6
 
 
+def test_functions_without_names_leave_the_steps_to_python(monkeypatch, tmp_path, caplog):
+    def nameless(_):
+        raise LookupError("no names")
+
+    monkeypatch.setattr(compat, "_symbol", nameless)
+    monkeypatch.setattr(library, "cache_directory", lambda: tmp_path)
+    library._warn.cache_clear()
+    solution = fb.simulate(pinned_beam()[0], dt=0.01, t_end=0.1)
+    assert solution.stats.solver == "petsc lu (it cannot be built)"
+    assert "no names" in caplog.text
+
+
+@pytest.mark.skipif(not shutil.which("aarch64-linux-gnu-gcc"), reason="no compiler for aarch64")
+def test_all_c_compiles_for_aarch64_as_well(monkeypatch, tmp_path):
+    commands, run = [], subprocess.run
+
+    def noted(command, **options):
+        if options.get("input"):
+            commands.append((command, options["input"]))
+        return run(command, **options)
+
+    monkeypatch.setattr(library.subprocess, "run", noted)
+    monkeypatch.setattr(library, "cache_directory", lambda: tmp_path)
+    library.load_library.cache_clear()
+    assert fb.simulate(pinned_beam()[0], dt=0.01, t_end=0.1).stats.solver == "compiled, band 5"
+    library.load_library.cache_clear()
+    assert len(commands) == 4  # the loop; forces, tangents and energies of several elements
+    for command, source in commands:
+        # Options that name a processor are those of this one.
+        general = [option for option in command[1:] if not option.startswith("-m")]
+        general[general.index("-o") + 1] = str(tmp_path / "other.so")
+        run(["aarch64-linux-gnu-gcc", "-Werror", *general], check=True, input=source, text=True)
+
+
 # -- Without PETSc ---------------------------------------------------------------------------------
 
 WITHOUT_PETSC = """
@@ -130,9 +165,9 @@ import dolfinx, dolfinx.fem  # those of Debian import PETSc themselves
 for name in [name for name in sys.modules if name.split(".")[0] in ("petsc4py", "slepc4py")]:
     del sys.modules[name]
 real = importlib.machinery.PathFinder.find_spec
-class Finder:
-    @staticmethod
-    def find_spec(name, path=None, target=None):
+class Finder(importlib.machinery.PathFinder):
+    @classmethod
+    def find_spec(cls, name, path=None, target=None):
         if name.split(".")[0] in ("petsc4py", "slepc4py"):
             return None
         return real(name, path, target)
