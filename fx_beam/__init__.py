@@ -8,6 +8,7 @@ from .curve import Curve, arc, spline
 from .dynamics import simulate
 from .errors import SceneError, StepError
 from .io import load
+from .joint_motion import JointMotion
 from .joints import (
     GROUND,
     Coordinate,
@@ -54,6 +55,7 @@ __all__ = [
     "Equilibrium",
     "GeneralizedAlpha",
     "Joint",
+    "JointMotion",
     "Law",
     "MidPoint",
     "MidPointRates",

@@ -23,6 +23,7 @@ HISTORIES = (
     "reactions",
     "slides",
     "joint_forces",
+    "motor_forces",
     "linear_momentum",
     "angular_momentum",
 )

@@ -64,8 +64,9 @@ def _read(path) -> Solution:
             length, foretelling = float(data["past_length"]), int(data["past_foretelling"])
             parts["past"] = Past(length, foretelling, data["past_increments"], data["past_slides"])
         end = State(**parts)
-    # Files of earlier versions have the energy of springs in that of strain.
+    # Files of earlier versions lack the forces of motors; their strain energy has that of springs.
     known = [f.name for f in fields(Energy) if f"energy_{f.name}" in data or f.name != "springs"]
+    data.setdefault("motor_forces", np.empty((0, data["slides"].shape[1])))
     return Solution(
         **{name: data[name] for name in HISTORIES},
         energy=Energy(*(data[f"energy_{name}"] for name in known)),

@@ -194,6 +194,10 @@ class Recorder:
             reactions = np.zeros((n, nodes, 3))
             supported, components, places = model.supports
             reactions[:, supported, components] = kept["held"][:, places]
+        motors = np.zeros((n if "held" in kept else 0, joints))
+        if "held" in kept:
+            first, numbers = len(model.prescribed), [joint.number for joint, _ in model.motors]
+            motors[:, numbers] = kept["held"][:, first : first + len(numbers)]
         forces = kept.get("joint_forces", np.empty((0 if "held" not in kept else n, 3 * joints)))
         t = self._times[self._steps[:n]]
         return {
@@ -205,6 +209,7 @@ class Recorder:
             "reactions": reactions,
             "slides": kept.get("slides", np.empty((n, 0))),
             "joint_forces": forces.reshape(len(forces), joints, 3),
+            "motor_forces": motors,
             "energy": Energy(*kept["energies"].T),
             "linear_momentum": kept["momenta"][:, :2],
             "angular_momentum": kept["momenta"][:, 2],

@@ -9,8 +9,14 @@ import numpy as np
 from . import export
 from .audit import BeamResultants, Energy, Stats, read_only
 from .beam import Beam, Node
-from .joints import GROUND, Joint
+from .joint_motion import JointMotion
+from .joints import Joint
+from .lookup import beam_name, joint_number, node_number
 from .state import State
+
+# What a `Record` may leave out, by its word for it.
+_KINDS = {"q": "motion", "v": "rates", "a": "rates"}
+_KINDS |= dict.fromkeys(("reactions", "joint_forces", "motor_forces"), "forces")
 
 
 class Solution:
@@ -37,6 +43,8 @@ class Solution:
         Slides of the joints [m].
     joint_forces : (n, joints, 3) float
         Forces and moments of the joints on their nodes b [N, N m].
+    motor_forces : (n, joints) float
+        Forces and moments of the joints' motors [N, N m].
     energy : Energy
         Energies and work.
     linear_momentum : (n, 2) float
@@ -66,6 +74,7 @@ class Solution:
         reactions: np.ndarray,
         slides: np.ndarray,
         joint_forces: np.ndarray,
+        motor_forces: np.ndarray,
         energy: Energy,
         linear_momentum: np.ndarray,
         angular_momentum: np.ndarray,
@@ -80,6 +89,7 @@ class Solution:
         self.q, self.v, self.a = (read_only(values) for values in (q, v, a))
         self.reactions = read_only(reactions)
         self.slides, self.joint_forces = read_only(slides), read_only(joint_forces)
+        self.motor_forces = read_only(motor_forces)
         self.energy = energy
         self.linear_momentum = read_only(linear_momentum)
         self.angular_momentum = read_only(angular_momentum)
@@ -135,7 +145,7 @@ class Solution:
         (n, 2) float
             Position [m].
         """
-        return self.X[self._number(node)] + self.displacement(node)
+        return self.X[node_number(self, node)] + self.displacement(node)
 
     def displacement(self, node: Node) -> np.ndarray:
         """Displacement of a node over time.
@@ -150,7 +160,7 @@ class Solution:
         (n, 2) float
             Displacement from the reference position [m].
         """
-        return self._history("q", "motion")[:, self._number(node), :2]
+        return self.recorded("q")[:, node_number(self, node), :2]
 
     def rotation(self, node: Node) -> np.ndarray:
         """Rotation of a node over time.
@@ -165,7 +175,7 @@ class Solution:
         (n,) float
             Section rotation from the reference configuration, not wrapped [rad].
         """
-        return self._history("q", "motion")[:, self._number(node), 2]
+        return self.recorded("q")[:, node_number(self, node), 2]
 
     def velocity(self, node: Node) -> np.ndarray:
         """Velocity of a node over time.
@@ -181,7 +191,7 @@ class Solution:
             Velocity at t[k] [m/s]; at a node without mass the mean over the step that ends there,
             or over the last part of it where it was taken in parts.
         """
-        return self._history("v", "rates")[:, self._number(node), :2]
+        return self.recorded("v")[:, node_number(self, node), :2]
 
     def spin(self, node: Node) -> np.ndarray:
         """Spin of a node over time.
@@ -197,7 +207,7 @@ class Solution:
             Rate of the section rotation at t[k] [rad/s]; without rotary inertia its mean over the
             step that ends there, or over the last part of it where it was taken in parts.
         """
-        return self._history("v", "rates")[:, self._number(node), 2]
+        return self.recorded("v")[:, node_number(self, node), 2]
 
     def acceleration(self, node: Node) -> np.ndarray:
         """Acceleration of a node over time.
@@ -214,7 +224,7 @@ class Solution:
             ends at t[k], or over the last part of it where it was taken in parts, thus that at
             `t_level[k]`; for Newmark's family it is that at t[k]. Row 0 is that at the start.
         """
-        return self._history("a", "rates")[:, self._number(node), :2]
+        return self.recorded("a")[:, node_number(self, node), :2]
 
     def reaction(self, node: Node) -> np.ndarray:
         """Force and moment of the supports on a node over time.
@@ -231,9 +241,25 @@ class Solution:
             the last part of it where it was taken in parts; zero for components without support.
             Row 0 is zero or, after `simulate(start=...)`, that of the last step before.
         """
-        return self._history("reactions", "forces")[:, self._number(node)]
+        return self.recorded("reactions")[:, node_number(self, node)]
 
     # -- Joints ---------------------------------------------------------------------------------
+
+    def joint(self, joint: Joint) -> JointMotion:
+        """Angle, slide, their rates, force and motor of a joint over time.
+
+        Parameters
+        ----------
+        joint : Joint
+            What `Scene.add_joint` returned.
+
+        Returns
+        -------
+        JointMotion
+            With `angle`, `slide`, `spin`, `rate`, `force`, `motor_force`, `motor_power`, `gap`.
+        """
+        joint_number(self, joint)  # refuses one of another scene
+        return JointMotion(self, joint)
 
     def slide(self, joint: Joint) -> np.ndarray:
         """Slide of a prismatic joint or a pin in slot over time.
@@ -248,10 +274,7 @@ class Solution:
         (n,) float
             Distance along the axis from the joint's place on a to b [m].
         """
-        number = self._joint(joint)
-        if joint.axis is None:
-            raise ValueError(f"{joint} has no slide")
-        return self.slides[:, number]
+        return self.joint(joint).slide
 
     def joint_force(self, joint: Joint) -> np.ndarray:
         """Force and moment of a joint on its node b over time.
@@ -268,7 +291,7 @@ class Solution:
             thus in the step that ends at t[k], or in the last part of it where it was taken in
             parts. Row 0 is zero or, after `simulate(start=...)`, that of the last step before.
         """
-        return self._history("joint_forces", "forces")[:, self._joint(joint)]
+        return self.recorded("joint_forces")[:, joint_number(self, joint)]
 
     def gap(self, joint: Joint) -> np.ndarray:
         """How far a joint's node b is from its place on a, over time.
@@ -283,20 +306,7 @@ class Solution:
         (n,) float
             Distance [m]; zero to rounding, as joints are no springs.
         """
-        self._joint(joint)  # refuses one of another scene
-        X, q = self.X, self._history("q", "motion")
-        arm = np.broadcast_to(joint.offset, (len(self.t), 2))
-        if joint.axis is not None:
-            arm = arm + self.slide(joint)[:, None] * joint.axis
-        psi = np.zeros(len(self.t)) if joint.a is GROUND else q[:, joint.a.number, 2]
-        c, s = np.cos(psi), np.sin(psi)
-        place = np.column_stack([c * arm[:, 0] - s * arm[:, 1], s * arm[:, 0] + c * arm[:, 1]])
-        for node, sign in ((joint.a, 1), (joint.b, -1)):
-            if node is not GROUND:
-                place += sign * (X[node.number] + q[:, node.number, :2])
-        if GROUND in (joint.a, joint.b):
-            place -= place[0]
-        return np.hypot(*place.T)
+        return self.joint(joint).gap
 
     # -- Beams ----------------------------------------------------------------------------------
 
@@ -313,8 +323,8 @@ class Solution:
         (n, elements * degree + 1, 2) float
             Positions of its nodes, those inside elements included [m].
         """
-        nodes = self.nodes_of_beam[self._beam_name(beam)]
-        return self.X[nodes] + self._history("q", "motion")[:, nodes, :2]
+        nodes = self.nodes_of_beam[beam_name(self, beam)]
+        return self.X[nodes] + self.recorded("q")[:, nodes, :2]
 
     def resultants(self, beam: Beam | str) -> BeamResultants:
         """Stress resultants along a beam over time.
@@ -338,8 +348,8 @@ class Solution:
         ValueError
             If the motion was not recorded, or not the rates that the scheme's resultants need.
         """
-        self._history("q", "motion")  # which they are computed from
-        return self._resultants_of_beam(self._beam_name(beam))
+        self.recorded("q")  # which they are computed from
+        return self._resultants_of_beam(beam_name(self, beam))
 
     # -- Files ----------------------------------------------------------------------------------
 
@@ -365,35 +375,20 @@ class Solution:
         """
         export.to_csv(self, path, nodes or {})
 
-    def _history(self, name: str, kind: str) -> np.ndarray:
-        rows = getattr(self, name)
+    def recorded(self, name: str) -> np.ndarray:
+        """Rows of what may not have been recorded.
+
+        Parameters
+        ----------
+        name : str
+            Name of one of the solution's histories, such as "q".
+
+        Returns
+        -------
+        (n, ...) float
+            The history.
+        """
+        rows, kind = getattr(self, name), _KINDS[name]
         if len(rows) != len(self.t):
             raise ValueError(f"{kind} not recorded; simulate with record=Record({kind}=True)")
         return rows
-
-    def _number(self, node: Node) -> int:
-        if not isinstance(node, Node):
-            raise ValueError(
-                f"{node!r} is no node; take one from a beam: beam.start, beam.end, ..."
-            )
-        if node.number >= len(self.X) or (self.X[node.number] != (node.x, node.y)).any():
-            raise ValueError(f"{node} is no node of this solution")
-        return node.number
-
-    def _joint(self, joint: Joint) -> int:
-        if not isinstance(joint, Joint) or not 0 <= joint.number < self.slides.shape[1]:
-            raise ValueError(
-                f"{joint!r} is no joint of this solution; take what add_joint returned"
-            )
-        for node in (joint.a, joint.b):
-            if node is not GROUND:
-                self._number(node)  # a joint of another scene has other nodes
-        return joint.number
-
-    def _beam_name(self, beam: Beam | str) -> str:
-        name = beam.name if isinstance(beam, Beam) else beam
-        if name not in self.beams or (
-            isinstance(beam, Beam) and beam.nodes != self.beams[name].nodes
-        ):
-            raise ValueError(f"{name!r} is no beam of this solution; it has {list(self.beams)}")
-        return name

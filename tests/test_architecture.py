@@ -33,6 +33,8 @@ LAYERS = [
     "scene",
     "state",
     "export",
+    "lookup",
+    "joint_motion",
     "solution",
     "io",
     # from a scene to matrices
