@@ -378,26 +378,32 @@ def dampings(quick):
 
 
 def owed_to_damping(cells):
-    """With how much damping motions are still lost, by example."""
+    """With how much damping motions are still lost, by example, and what more of it costs."""
+    lost = [cell for cell in cells if cell.verdict.kind in findings.LOST_MOTION]
     lines = []
-    for group, cases in by_group(cells).items():
+    for group in by_group(cells):
         words = []
         for family in ("HHT, alpha = ", "Generalized alpha, "):
-            most = {}
-            for case in cases:
-                lost = [
-                    cell.scheme.removeprefix(family)
-                    for cell in case
-                    if cell.scheme.startswith(family) and cell.verdict.kind in findings.LOST_MOTION
-                ]
-                if lost:  # from the least damping to the most
-                    most[case[0].case.label] = lost[-1]
+            # From the least damping to the most, so that the last is the most damped.
+            most = {
+                cell.case.label: cell.scheme.removeprefix(family)
+                for cell in lost
+                if cell.case.group == group and cell.scheme.startswith(family)
+            }
             steps = ", ".join(f"{last} at {dt} s" for dt, last in most.items())
-            words.append(f"{family.split(',')[0]} {f'with {steps}' if steps else 'nowhere'}")
+            words.append(f"{family.split(',')[0]} {f'up to {steps}' if steps else 'nowhere'}")
         example = group.removesuffix(": dt [s]")
         lines.append(
-            f"{example}: the largest damping with which energy is gained, or the run blows up or "
-            f"fails, is {'; '.join(words)}."
+            f"{example}: energy is gained, or the run blows up or fails, with {words[0]}; "
+            f"{words[1]}."
+        )
+    calm = [cell for cell in cells if cell.scheme not in {one.scheme for one in lost}]
+    damped = by_scheme(cell for cell in calm if cell.scheme.startswith(("HHT", "Generalized")))
+    for scheme, own in damped.items():
+        losses = [cell.verdict.amount for cell in own]
+        lines.append(
+            f"{scheme} loses no motion, but {findings.percent(min(losses))} to "
+            f"{findings.percent(max(losses))} of the energy."
         )
     return lines
 

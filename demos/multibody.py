@@ -258,7 +258,7 @@ def draw(results, runs):
     from fx_beam import plot
 
     solution, joints = runs["EnergyMomentum", DT]
-    rows = range(0, round(1.2 / DT) + 1, round(0.1 / DT))
+    rows = range(0, round(0.9 / DT) + 1, round(0.1 / DT))
     plot.shapes(solution, rows, results / "shapes.png")
     node = solution.beams["member 2"].end
     plot.animate(solution, range(0, round(SHOWN / DT) + 1, 2), results / "motion.gif", trace=node)

@@ -8,7 +8,7 @@ steps of 0.01 s, and what each time scheme makes of the two invariants.
 
 Reference: A. Ibrahimbegovic, S. Mamouri, Nonlinear dynamics of flexible beams in planar motion:
 formulation and time-stepping scheme for stiff problems, Computers & Structures 70 (1999) 1-22,
-section 4.4, doi 10.1016/S0045-7949(98)00150-3.
+section 4.4, doi 10.1016/S0045-7949(98)00150-3; its figures 19 and 20.
 
 With the axis phi(s), the rotation psi(s) of the sections, the velocity v and the spin omega, and
 the strains E = R(psi)^T phi' - t0 and K = psi',
@@ -30,6 +30,16 @@ import numpy as np
 
 import fx_beam as fb
 
+# What is not in the paper, or has lost digits in the text of it that we have.
+OURS = {
+    "EA, GA, EI": "4e7, 1e7 and 1.3e7 lb, lb, lb in2: the text has '4 0 7', '0 7' and '.3 0 7'",
+    "rotary inertia": "1/60 lb s2, deduced: a square section 2 in wide; the text has none",
+    "spin at the start": "the slope of the velocity, our own",
+    "units": "inch, pound and second, from the velocity in in/s",
+    "end of the run": "10 s, deduced: the text has 'T = 0 s'",
+    "time steps": "0.01 s deduced: the text has '0.0'; the others are our own",
+    "alpha of HHT": "our own",
+}
 LENGTH = 100.0  # l [in]
 SECTION = fb.Section(
     EA=4e7,  # [lb]
@@ -138,6 +148,7 @@ def main(results=None, steps=STEPS):
     }
     start = fine[ELEMENTS, DT]
     numbers = {
+        "not in the paper": OURS,
         "energy at the start": start.energy.total[0],
         "angular momentum at the start": start.angular_momentum[0],
         "schemes": {
@@ -157,6 +168,8 @@ def main(results=None, steps=STEPS):
 
 
 def report(numbers):
+    print("Not in the paper, or not legible in our text of it:")
+    print(*(f"    {name}: {why}" for name, why in OURS.items()), sep="\n")
     print(
         f"At the start: energy {numbers['energy at the start']:.6g} lb in, "
         f"angular momentum {numbers['angular momentum at the start']:.6g} lb in s\n"

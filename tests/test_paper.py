@@ -1,0 +1,61 @@
+"""The table of what the paper says: its numbers are the demos', and what it names is there."""
+
+import re
+from pathlib import Path
+
+import pytest
+from test_demos import PICTURES, numbers
+
+ROOT = Path(__file__).parents[1]
+PAGE = (ROOT / "docs" / "paper.md").read_text(encoding="utf-8")
+# A number, perhaps with "below" or "above" before it, and the comment that says whose it is.
+NUMBER = re.compile(r"(below |above )?(-?\d[\d.]*(?:e-?\d+)?)<!--(\w+): (.+?)-->")
+CLAIMS = NUMBER.findall(PAGE)
+ROWS = [line for line in PAGE.splitlines() if line.startswith("| ") and "|---" not in line]
+
+
+def looked_up(demo, path):
+    """A number of a demo by the keys that lead to it."""
+    found = numbers(demo)
+    for key in path.split(" > "):
+        found = found[int(key)] if isinstance(found, list) else found[key]
+    return found
+
+
+def last_digit(printed):
+    """What one unit of the last digit of a printed number is worth."""
+    mantissa, _, exponent = printed.partition("e")
+    _, _, decimals = mantissa.partition(".")
+    return 10.0 ** (int(exponent or 0) - len(decimals))
+
+
+@pytest.mark.parametrize("demo", sorted({demo for _, _, demo, _ in CLAIMS}))
+def test_numbers_of_the_page_are_those_that_the_demos_compute(demo):
+    for bound, printed, of, path in CLAIMS:
+        if of != demo:
+            continue
+        found = looked_up(demo, path)
+        if bound == "below ":
+            assert abs(found) < float(printed), path
+        elif bound == "above ":
+            assert abs(found) > float(printed), path
+        else:
+            assert found == pytest.approx(float(printed), abs=1.01 * last_digit(printed)), path
+
+
+def test_each_comment_of_the_page_is_one_that_is_checked():
+    assert len(CLAIMS) == PAGE.count("<!--") > 50
+
+
+@pytest.mark.parametrize("figure", range(1, 21))
+def test_each_figure_of_the_paper_has_a_row(figure):
+    assert sum(bool(re.match(rf"\| Fig\. {figure}\b", row)) for row in ROWS) == 1
+
+
+def test_files_and_pictures_of_the_page_are_there():
+    for file in re.findall(r"`((?:demos|tests|benchmarks|fx_beam)/[\w.]+)`", PAGE):
+        assert (ROOT / file).is_file(), file
+    for row in ROWS:
+        shown = row.split("|")[2]
+        for demo, pictures in re.findall(r"`demos/(\w+)\.py`((?:, \w+\.(?:png|gif))*)", shown):
+            assert set(pictures.split(", ")[1:]) <= set(PICTURES[demo]), row
