@@ -52,6 +52,7 @@ LAYERS = [
     "recorder",
     "newton",
     "halving",
+    "facing",
     "stepping",
     "library",
     "factors",
