@@ -85,6 +85,9 @@ class Stats:
     too_large : int
         Parts of halved steps in which a node turned by more than half a radian per step of the
         grid: there `dt` is too large for the motion, and where that goes may depend on rounding.
+    inside_out : int
+        Steps, each part of a halved one counted, that end with a Gauss point at which a section
+        faces backwards: t . phi' > 0 (eq. 4) is violated.
     ended_by : dict
         Number of solves that ended by a small increment and at round-off.
     seconds : float
@@ -112,6 +115,7 @@ class Stats:
     halvings: int = 0
     substeps: int = 0
     too_large: int = 0
+    inside_out: int = 0
     ended_by: dict[str, int] = field(default_factory=dict)
     seconds: float = 0.0
     setup_seconds: float = 0.0

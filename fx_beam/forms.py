@@ -17,7 +17,7 @@ from . import compat
 from .beam_data import on_beam, section_data
 from .errors import SceneError
 from .followers import Followers
-from .kinematics import Step
+from .kinematics import Step, arc_derivative, director
 from .mesh import Mesh
 from .scene import Scene
 from .schemes import Scheme
@@ -348,6 +348,32 @@ class Forms:
         """
         self.start.x.array[:] = q
         return compat.assemble_scalar(self._energy)
+
+    def compile_facing(self) -> str:
+        """Compile what `faces_backwards` takes, and give its name."""
+        name = "sections facing backwards"
+        #: t . phi' of eq. 4 at the start of the step: 1 and the axial strain.
+        self._facing = 1 + self.step.strains0[0]
+        # Its sign is that of the same along the element's own coordinate, which is cheaper.
+        J = ufl.Jacobian(self._mesh.mesh)
+        X = ufl.as_vector((J[0, 0], J[1, 0]))
+        along = ufl.dot(director(self.step.psi0, X), X + arc_derivative(self.step.u0, X))
+        backwards = abs(along) - along
+        dx = compat.measure(self._mesh.mesh, self.step.degree)
+        self._backwards = self._compile(name, backwards * dx)
+        return name
+
+    def faces_backwards(self, q: np.ndarray) -> bool:
+        """Whether t . phi' > 0 (eq. 4) is violated at any Gauss point, for q (size,)."""
+        self.start.x.array[:] = q
+        return compat.assemble_scalar(self._backwards) > 0
+
+    def facing(self, q: np.ndarray) -> np.ndarray:
+        """t . phi' (cells, degree) of eq. 4 at the Gauss points, for q (size,)."""
+        points = compat.gauss_points(self.step.degree)
+        self.start.x.array[:] = q
+        cells = np.arange(len(self._law_of_cell), dtype=np.int32)
+        return compat.compile_expression(self._facing, points).eval(cells)
 
     def resultants(self, parts: Iterable[Part]) -> np.ndarray:
         """Stress resultants N, Q, M of the scheme at the Gauss points, part by part.

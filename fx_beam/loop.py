@@ -39,6 +39,7 @@ class CompiledLoop:
         self._all = problem  # owns what the rest points to
         self._ffi, self._library = problem.ffi, problem.library
         self._problem, self._room, self._past = problem.c, problem.room, problem.past
+        problem.c.least_energy = stepper.facing.least_energy
         stepper.stats.solver = f"compiled, {problem.factors}"
 
     @property
@@ -135,7 +136,8 @@ class CompiledLoop:
             room["held"][:] = state.held
         if state.added is not None:
             room["added_force"][:] = state.added
-        p.t, p.work, p.iterations, p.by_round_off, p.too_large = state.t, state.work, 0, 0, 0
+        p.t, p.work, p.iterations, p.by_round_off = state.t, state.work, 0, 0
+        p.too_large = p.inside_out = 0
         ahead = self._ffi.new("Ahead *")
         for name in ("loads", "driven", "thrust"):
             setattr(ahead, name, self._ffi.cast("double *", getattr(known, name).ctypes.data))
@@ -152,6 +154,8 @@ class CompiledLoop:
         stats.substeps += taken
         stats.newton_iterations += p.iterations
         stats.too_large += p.too_large
+        if p.inside_out:
+            self._stepper.facing.found(p.inside_out, p.out_t, self._all.out_q)
         for name, count in (("increment", taken - p.by_round_off), ("round-off", p.by_round_off)):
             if count:
                 stats.ended_by[name] = stats.ended_by.get(name, 0) + count

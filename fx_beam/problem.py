@@ -25,6 +25,7 @@ _FORMS = {
     "tangent": "tangent",
     "path_tangent": "tangent of the path",
     "energy": "strain energy",
+    "backwards": "sections facing backwards",
     "added": "added virtual work",
 }
 # Those that an iteration assembles, in their order above.
@@ -337,5 +338,8 @@ class Problem:
         self._doubles(**self.room)
         #: Backward differences of the increments of all degrees of freedom, and of the unknowns.
         self.past = tuple(np.zeros((self.library.PAST, n)) for n in (model.size, reduction.free))
+        #: Where sections faced backwards first.
+        self.out_q = np.zeros(model.size)
+        self._doubles(out_q=self.out_q)
         self._doubles(past=self.past[0], past_y=self.past[1])
         self._doubles(scratch=np.zeros(self.library.fx_scratch(self.c)))

@@ -128,6 +128,7 @@ def _solution(stepper: LoadStepper, states: list[State], clock: float) -> Soluti
     recorder = Recorder(model, np.array([state.t for state in states]), Record())
     for step, state in enumerate(states):
         recorder.record(step, state)
+        stepper.facing.look(state.t, state.q)
     end = replace(states[-1], t=stepper.time)
     return solution_of(model, recorder, stats, end)
 

@@ -8,6 +8,7 @@ from .audit import Stats
 from .beam import COMPONENTS
 from .drive import Drive
 from .errors import StepError
+from .facing import Facing
 from .halving import LARGE_TURN, Halving
 from .joints import GROUND
 from .model import JointForces, Model
@@ -39,6 +40,7 @@ class Stepper:
         self.stats = stats
         self.halving = Halving(max_halvings)
         self.drive = drive
+        self.facing = Facing(model, stats)
         self.joint_forces = JointForces(model) if model.scene.joints else None
 
     @property
@@ -121,6 +123,7 @@ class Stepper:
                 self.stats.halvings += 1
                 continue
             self.stats.substeps += 1
+            self.facing.look(state.t, state.q)
             parts = self.halving.parts
             if parts > 1:
                 turn = abs(state.q - before.q)[self.model.turns].max()

@@ -55,6 +55,7 @@ LAYERS = [
     "recorder",
     "newton",
     "halving",
+    "facing",
     "stepping",
     "library",
     "factors",

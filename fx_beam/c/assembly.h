@@ -61,6 +61,23 @@ static void assemble_vector(const Problem *p, const Form *form, const double *co
   assemble(p, form, fields, 1, 0, out);
 }
 
+/* Whether a functional that is nowhere negative is positive on any element; those that fill up the
+   last block are others' doubles and do no harm. */
+static int anywhere(const Problem *p, const Form *form, const double *const *fields) {
+  double sums[LANES] = {0}, A[LANES], sum = 0;
+  for (int i = 0; i < form->integrals; ++i) {
+    const Integral *of = form->of + i;
+    for (long block = 0; block * LANES < of->cells; ++block) {
+      pack(p, of, form, block, fields, 0, form->moving);
+      of->batch(A, of->packed + block * form->width * LANES, form->constants,
+                of->coordinates + block * p->cell_coordinates * LANES);
+      for (int l = 0; l < LANES; ++l) sums[l] += A[l];
+    }
+  }
+  for (int l = 0; l < LANES; ++l) sum += sums[l];
+  return sum > 0;
+}
+
 static double assemble_scalar(const Problem *p, const Form *form, const double *const *fields) {
   double sum = 0;
   assemble(p, form, fields, 0, 0, &sum);

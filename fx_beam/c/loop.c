@@ -24,6 +24,14 @@ static void begin_loads(const Problem *p, const Work *w, const double *loads) {
   }
 }
 
+/* Counts what ends with sections that face backwards, and keeps the first of them. */
+static void look_at_sections(Problem *p, const double *const *fields) {
+  if (anywhere(p, &p->backwards, fields) && p->inside_out++ == 0) {
+    p->out_t = p->t;
+    memcpy(p->out_q, p->q, p->dofs * sizeof(double));
+  }
+}
+
 int fx_run(Problem *p, int steps, double dt, const Ahead *ahead, Record *to) {
   Work work, *w = &work;
   lay_out(p, w, p->scratch);
@@ -91,6 +99,7 @@ int fx_run(Problem *p, int steps, double dt, const Ahead *ahead, Record *to) {
     p->t += dt;
     p->steps_done += 1;
     if (wanted) record(p, w, to);
+    if (!wanted || to->energies[4 * to->rows - 3] >= p->least_energy) look_at_sections(p, fields);
     LAP(AUDIT);
   }
   return steps;

@@ -48,7 +48,7 @@ typedef struct {
   int *massless, lacking;
   double *per_unit;     /* one over the size of a unit correction of each degree of freedom */
 
-  Form residual, tangent, path_tangent, energy, added;
+  Form residual, tangent, path_tangent, energy, backwards, added;
   int has_added;
   double *weight;       /* may be null */
   int loads, *load_start, *load_dof; /* forces of a unit of each load */
@@ -132,6 +132,9 @@ typedef struct {
   double *scratch;
   int iterations, failure, by_round_off;
   int too_large;        /* parts that turn by more than large_turn per step */
+  int inside_out;       /* parts that end with sections that face backwards */
+  double out_t, *out_q; /* time and configuration of the first */
+  double least_energy;  /* below this strain energy there can be none */
 } Problem;
 
 /* Histories, a row for every so many steps and for the last; a null pointer is not recorded. */

@@ -1,0 +1,123 @@
+"""Sections that face backwards, t . phi' <= 0 at a Gauss point (eq. 4), are reported."""
+
+import logging
+
+import numpy as np
+import pytest
+
+import fx_beam as fb
+
+EA = 100.0
+SOFT = fb.Section(EA=EA, GA=EA, EI=10.0, rhoA=0.1, rhoI=0.1)
+GAUSS = {1: [0.0], 2: [-(3**-0.5), 3**-0.5], 3: [-(0.6**0.5), 0.0, 0.6**0.5]}
+
+degrees = pytest.mark.parametrize("degree", [1, 2, 3])
+solvers = pytest.mark.parametrize("solver", ["compiled", "petsc"])
+
+
+def facing(solution, beam, degree):
+    """t . phi' times squares of lengths, (n, elements * degree), from nodal values in numpy."""
+    at_nodes = np.vander(np.linspace(-1, 1, degree + 1), increasing=True)
+    xi = np.array(GAUSS[degree])
+    powers = np.arange(degree + 1)
+    N = xi[:, None] ** powers @ np.linalg.inv(at_nodes)
+    dN = powers * xi[:, None] ** np.maximum(powers - 1, 0) @ np.linalg.inv(at_nodes)
+    nodes = solution.nodes_of_beam[beam.name]
+    X, q = solution.X[nodes], solution.q[:, nodes]
+    found = []
+    for first in range(0, len(nodes) - 1, degree):
+        own = slice(first, first + degree + 1)
+        tx, ty = (dN @ X[own]).T
+        psi = q[:, own, 2] @ N.T
+        along = np.einsum("gi,nij->ngj", dN, X[own] + q[:, own, :2])
+        c, s = np.cos(psi), np.sin(psi)
+        found.append((c * tx - s * ty) * along[..., 0] + (s * tx + c * ty) * along[..., 1])
+    return np.concatenate(found, axis=1)
+
+
+def bar(degree, elements=1, points=((0, 0), (1, 0)), speed=0.0):
+    """A bar along x on a clamp, with a mass at its guided end that runs into it."""
+    scene = fb.Scene()
+    beam = scene.add_beam(points, SOFT, elements=elements, degree=degree, name="bar")
+    scene.clamp(beam.start)
+    scene.fix(beam.end, "y", "rotation")
+    if speed:
+        scene.add_mass(beam.end, 1.0)
+        scene.set_velocity(beam.end, (-speed, 0.0))
+    return scene, beam
+
+
+@degrees
+@pytest.mark.parametrize("way", [None, "arc-length"])
+def test_a_bar_pushed_through_its_clamp_is_reported(degree, way, caplog):
+    scene, beam = bar(degree)
+    scene.add_force(beam.end, (-1.5 * EA, 0.0))
+    solution = fb.static(scene, steps=10, continuation=way)
+    assert solution.resultants(beam).N[-1] == pytest.approx(np.full(degree, -1.5 * EA))
+    # The strain is -1.5 of the load factor, and -1 at two thirds.
+    assert solution.stats.inside_out == np.count_nonzero(solution.load_factor > 2 / 3) > 2
+    (message,) = [r.getMessage() for r in caplog.records if "inside out" in r.getMessage()]
+    first = solution.load_factor[solution.load_factor > 2 / 3][0]
+    assert "beam 'bar' is turned inside out at its arc length" in message
+    assert f"load factor = {first:.6g}: there t . phi' is {1 - 1.5 * first:.3g}" in message
+
+
+@solvers
+@degrees
+def test_every_step_that_ends_inside_out_is_counted_recorded_or_not(degree, solver, caplog):
+    scene, beam = bar(degree, speed=14.0)
+    options = {"dt": 0.005, "t_end": 0.2, "solver": solver}
+    full = fb.simulate(scene, **options)
+    assert full.stats.halvings == 0
+    backwards = (facing(full, beam, degree) <= 0).any(axis=1)
+    assert 5 < np.count_nonzero(backwards) < 35
+    assert full.stats.inside_out == np.count_nonzero(backwards)
+    (message,) = [r.getMessage() for r in caplog.records]
+    assert f" t = {full.t[backwards][0]:.6g}:" in message
+    thin = fb.simulate(scene, record=fb.Record(every=30, motion=False), **options)
+    assert thin.stats.inside_out == full.stats.inside_out
+
+
+@solvers
+@degrees
+def test_the_place_is_named_on_curved_elements_as_well(degree, solver, caplog):
+    points = fb.arc((0, 0), (0.7, 0.2), (1.4, 0))
+    scene, beam = bar(degree, elements=4, points=points, speed=25.0)
+    full = fb.simulate(scene, dt=0.002, t_end=0.12, solver=solver)
+    values = facing(full, beam, degree)
+    backwards = (values <= 0).any(axis=1)
+    assert full.stats.inside_out == np.count_nonzero(backwards) > 3
+    # Near the end that is hit.
+    message = next(r.getMessage() for r in caplog.records if "inside out" in r.getMessage())
+    s = full.resultants(beam).s
+    out = s[values[backwards][0] <= 0]
+    named = float(message.split("arc length ")[1].split(" m")[0])
+    assert abs(out - named).min() < 1e-3
+
+
+@solvers
+def test_parts_of_steps_are_looked_at_as_well(solver):
+    # A beam beside it turns by half a radian in a step, and so in eight parts.
+    scene, _ = bar(1, speed=14.0)
+    rotor = scene.add_beam([(0, 5), (1, 5)], SOFT, elements=1)
+    scene.pin(rotor.start)
+    scene.set_velocity(rotor, lambda x, y: (0.0, 10.0 * x), spin=10.0)
+    options = {"t_end": 0.2, "solver": solver}
+    run = fb.simulate(scene, dt=0.05, newton=fb.NewtonOptions(max_turn=0.1), **options)
+    assert run.stats.substeps == 32
+    whole = fb.simulate(scene, dt=0.05 / 8, **options)
+    assert run.stats.inside_out == whole.stats.inside_out > run.stats.steps == 4
+
+
+def test_beams_that_bend_and_turn_are_not_reported(caplog):
+    section = fb.Section(EA=1e4, GA=1e4, EI=100.0, rhoA=1.0, rhoI=0.1)
+    scene = fb.Scene()
+    beam = scene.add_beam([(0, 0), (2, 0)], section, elements=6)
+    scene.pin(beam.start)
+    scene.set_velocity(beam, lambda x, y: (-9 * y, 9 * x), spin=9.0)
+    scene.add_moment(beam.end, lambda t: 100.0 * np.sin(5 * t))
+    with caplog.at_level(logging.WARNING, logger="fx_beam"):
+        solution = fb.simulate(scene, dt=0.01, t_end=2.0)
+    assert abs(solution.rotation(beam.end)).max() > 10.0
+    assert solution.stats.inside_out == 0
+    assert not caplog.records
