@@ -20,7 +20,7 @@ from .mesh import Mesh
 from .scene import Scene
 from .schemes import Scheme
 from .section import Law, quadratic_law
-from .values import refuse_fields
+from .values import fields_in, refuse_fields
 
 
 class Forms:
@@ -82,7 +82,8 @@ class Forms:
         v0, a0 = (ufl.split(rate) for rate in self.start_rates)
         level = self._scheme.rates.level
         v, omega = self._scheme.rates.fields(Du, Dpsi, v0, a0, self.dt)
-        refuse_fields(ufl.as_vector((*v, omega)), f"rates of {self._scheme.name}", self._ours)
+        of_rates = fields_in(ufl.as_vector((*v, omega)))
+        refuse_fields(of_rates, f"rates of {self._scheme.name}", self._ours)
         virtual_u, virtual_psi = ufl.split(self._test)
         self.step = Step(
             u0=u0,
@@ -113,14 +114,14 @@ class Forms:
         dx = compat.measure(self._mesh.mesh, step.degree, tags)
         residual: Any = 0
         energy: Any = 0
+        moments: list[Any] = []
         for tag, law in enumerate(self._laws):
             dx_law = dx if tags is None else dx(tag)
             r = self._scheme.resultants(step, law)
-            work = r.virtual_work(step)
-            for part in (work, r.M):
-                refuse_fields(part, f"resultants of {self._scheme.name}", [*self._ours, *law.data])
-            residual += work * dx_law
+            moments.append(r.M)
+            residual += r.virtual_work(step) * dx_law
             energy += law.energy(*step.strains0) * dx_law
+        self._refuse_fields_of_scheme(residual, moments)
         added = self._added_virtual_work()
         if added is not None:
             try:
@@ -146,6 +147,13 @@ class Forms:
         #: Tangent of the internal forces, a view on the assembled values.
         self.stiffness = scipy.sparse.csr_matrix((self._matrix.data, *pattern), shape, copy=False)
         self._force = np.zeros(self.size)
+
+    def _refuse_fields_of_scheme(self, residual, moments) -> None:
+        # UFL looks for those of the form anyway, and keeps them.
+        found = [*residual.coefficients(), *residual.constants()]
+        found += [field for M in moments for field in fields_in(M)]
+        known = [*self._ours, *(field for law in self._laws for field in law.data)]
+        refuse_fields(found, f"resultants of {self._scheme.name}", known)
 
     def _group_laws(self) -> tuple[list[Law], np.ndarray]:
         """The different stored energies of the scene, and which of them each cell has."""
@@ -173,7 +181,7 @@ class Forms:
                 term = ufl.as_ufl(work.term(self.step))
             except Exception as error:
                 raise SceneError(f"{what}: calling it with the step raised {error!r}") from error
-            refuse_fields(term, what, self._ours)
+            refuse_fields(fields_in(term), what, self._ours)
             arguments = ufl.algorithms.extract_arguments(term)
             if term.ufl_shape != () or arguments != [self._test]:
                 raise SceneError(
