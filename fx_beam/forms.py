@@ -6,15 +6,12 @@ from collections.abc import Iterable
 from typing import Any, NamedTuple
 
 import ufl
-from ufl.algorithms.analysis import extract_coefficients, extract_constants
-from ufl.algorithms.apply_algebra_lowering import apply_algebra_lowering
-from ufl.algorithms.check_arities import check_integrand_arity
 
 import numpy as np
 import scipy.sparse
 
 from . import compat
-from .beam_data import on_beam, section_data
+from .beam_data import section_data
 from .errors import SceneError
 from .followers import Followers
 from .kinematics import Step, arc_derivative, director
@@ -22,7 +19,8 @@ from .mesh import Mesh
 from .scene import Scene
 from .schemes import Scheme
 from .section import Law, quadratic_law
-from .values import refuse_fields
+from .values import fields_in, refuse_fields
+from .virtual_works import added_virtual_work
 
 
 class Part(NamedTuple):
@@ -106,7 +104,8 @@ class Forms:
         v0, a0 = (ufl.split(rate) for rate in self.start_rates)
         level = self._scheme.rates.level
         v, omega = self._scheme.rates.fields(Du, Dpsi, v0, a0, self.dt)
-        refuse_fields(ufl.as_vector((*v, omega)), f"rates of {self._scheme.name}", self._ours)
+        of_rates = fields_in(ufl.as_vector((*v, omega)))
+        refuse_fields(of_rates, f"rates of {self._scheme.name}", self._ours)
         virtual_u, virtual_psi = ufl.split(self._test)
         self.step = Step(
             u0=u0,
@@ -139,16 +138,16 @@ class Forms:
         dx = compat.measure(self._mesh.mesh, step.degree, tags)
         residual: Any = 0
         energy: Any = 0
+        moments: list[Any] = []
         for tag, law in enumerate(self._laws):
             dx_law = dx if tags is None else dx(tag)
             r = self._scheme.resultants(step, law)
-            work = r.virtual_work(step)
-            for part in (work, r.M):
-                refuse_fields(part, f"resultants of {self._scheme.name}", [*self._ours, *law.data])
+            moments.append(r.M)
             self._resultants.append(ufl.as_vector((r.N, r.Q, r.M)))
-            residual += work * dx_law
+            residual += r.virtual_work(step) * dx_law
             energy += law.energy(*step.strains0) * dx_law
-        added = self._added_virtual_work()
+        self._refuse_fields_of_scheme(residual, moments)
+        added = added_virtual_work(self._scene, self._mesh, step, self._test, self._ours)
         if added is not None:
             try:
                 self._compile("added virtual work", added * dx)
@@ -167,7 +166,7 @@ class Forms:
         self._energy = self._compile("strain energy", energy)
         self._needs_rates = any(rate in residual.coefficients() for rate in self.start_rates)
         moves = self._needs_rates or self.dt in residual.constants()
-        found = [part for r in self._resultants for part in _data_of(r)] if moves else []
+        found = [part for r in self._resultants for part in fields_in(r)] if moves else []
         #: Whether the resultants depend on rates at the start of a step, and on any.
         self.resultants_need_rates = any(rate in found for rate in self.start_rates)
         self.resultants_move = self.resultants_need_rates or self.dt in found
@@ -178,6 +177,13 @@ class Forms:
         #: Tangent of the internal forces, a view on the assembled values.
         self.stiffness = scipy.sparse.csr_matrix((self._matrix.data, *pattern), shape, copy=False)
         self._force = np.zeros(self.size)
+
+    def _refuse_fields_of_scheme(self, residual, moments) -> None:
+        # UFL looks for those of the form anyway, and keeps them.
+        found = [*residual.coefficients(), *residual.constants()]
+        found += [field for M in moments for field in fields_in(M)]
+        known = [*self._ours, *(field for law in self._laws for field in law.data)]
+        refuse_fields(found, f"resultants of {self._scheme.name}", known)
 
     def _group_laws(self) -> tuple[list[Law], np.ndarray]:
         """The different stored energies of the scene, and which of them each cell has."""
@@ -196,32 +202,6 @@ class Forms:
             laws.append(quadratic_law(stiffness))
         kind_of_beam = np.array([kinds.index(section.strain_energy) for section in sections])
         return laws, kind_of_beam[self._mesh.beam_of_cell]
-
-    def _added_virtual_work(self):
-        total = None
-        for number, work in enumerate(self._scene.virtual_works, start=1):
-            what = f"virtual work {number}"
-            try:
-                term = ufl.as_ufl(work.term(self.step))
-            except Exception as error:
-                raise SceneError(f"{what}: calling it with the step raised {error!r}") from error
-            refuse_fields(term, what, self._ours)
-            arguments = ufl.algorithms.extract_arguments(term)
-            if term.ufl_shape != () or arguments != [self._test]:
-                raise SceneError(
-                    f"{what}: it must be a scalar UFL expression linear in step.virtual_u and "
-                    f"step.virtual_psi, not {term}"
-                )
-            try:
-                check_integrand_arity(apply_algebra_lowering(term), (self._test,))
-            except Exception as error:
-                raise SceneError(
-                    f"{what}: it must be linear in step.virtual_u and step.virtual_psi; {error}"
-                ) from error
-            if work.beam is not None:
-                term = term * on_beam(self._mesh, self._scene, work.beam)
-            total = term if total is None else total + term
-        return total
 
     def trial_and_test(self):
         """Trial and test functions: displacement, rotation, and the virtual ones."""
@@ -405,8 +385,3 @@ class Forms:
                 out[cells] = values.reshape(len(cells), len(points), 3)
             rows.append(out)
         return np.array(rows)
-
-
-def _data_of(expression) -> list:
-    """Coefficients and constants of a UFL expression."""
-    return [*extract_coefficients(expression), *extract_constants(expression)]

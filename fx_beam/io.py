@@ -54,7 +54,7 @@ def _read(path) -> Solution:
         ends = tuple(Node(int(n), *map(float, data["X"][n])) for n in numbers[:: item["degree"]])
         beams[name] = Beam(name, ends, item["degree"], np.array(item["s"]))
         nodes_of_beam[name] = numbers
-        if f"beam{i}_N" in data:
+        if len(data["q"]) == len(data["t"]):  # else there was no motion recorded to compute them of
             resultants[name] = BeamResultants(*(data[f"beam{i}_{part}"] for part in "sNQM"))
     end = None
     if "end_t" in data:

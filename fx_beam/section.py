@@ -10,13 +10,12 @@ from dataclasses import dataclass
 from typing import Any
 
 import ufl
-from ufl.algorithms.analysis import extract_coefficients, extract_constants
 from ufl.corealg.traversal import unique_pre_traversal
 
 import numpy as np
 
 from .errors import SceneError
-from .values import is_number, refuse_fields, shaped
+from .values import fields_in, is_number, refuse_fields, shaped
 
 Energy = Callable[[Any, Any, Any], Any]
 #: A number, or a function of the fraction of the arc length.
@@ -288,8 +287,7 @@ def quadratic_law(stiffness) -> Law:
         bending = stiffness[2] * kappa**2 / 2
         return membrane + shear + bending
 
-    data = *extract_coefficients(stiffness), *extract_constants(stiffness)
-    return Law(energy, quadratic=True, data=data)
+    return Law(energy, quadratic=True, data=tuple(fields_in(stiffness)))
 
 
 def _combined(function: Callable[..., float], **data: Datum) -> Datum:
@@ -336,7 +334,7 @@ def _evaluated(datum: Callable, fraction: float, what: str) -> float:
         value = datum if isinstance(datum, ufl.core.expr.Expr) else datum(fraction)
         # Of numbers, UFL's functions make numbers or expressions of numbers.
         if isinstance(value, ufl.core.expr.Expr):
-            refuse_fields(value, what)
+            refuse_fields(fields_in(value), what)
             value = value(())
     except SceneError:
         raise  # of a datum that this one is made of
@@ -355,7 +353,7 @@ def _check_energy(strain_energy: Energy) -> None:
             "Section: strain_energy(eps, gamma, kappa) must give a UFL expression, written with "
             f"ufl.sqrt, ufl.exp, ... where it needs functions; it raised {error!r}"
         ) from error
-    refuse_fields(W, "Section: strain_energy")
+    refuse_fields(fields_in(W), "Section: strain_energy")
     met = set(unique_pre_traversal(W))
     missing = [n for n, x in zip(("eps", "gamma", "kappa"), e, strict=True) if x not in met]
     if W.ufl_shape == () and missing:

@@ -6,7 +6,6 @@ import inspect
 import math
 from collections.abc import Callable, Iterable
 from numbers import Integral, Real
-from typing import Any
 
 from ufl.algorithms.analysis import extract_coefficients, extract_constants
 from ufl.core.expr import Expr
@@ -66,15 +65,20 @@ def shaped(value, size: int, what: str) -> np.ndarray:
     return array
 
 
-def refuse_fields(expression: Any, what: str, known: Iterable = ()) -> None:
-    """Refuse a UFL expression with functions or constants of a user's own.
+def fields_in(expression) -> list:
+    """Functions and constants of dolfinx in a UFL expression."""
+    return [*extract_coefficients(expression), *extract_constants(expression)]
+
+
+def refuse_fields(found: Iterable, what: str, known: Iterable = ()) -> None:
+    """Refuse functions and constants of a user's own in a UFL expression.
 
     They would be read once, before the run, and what they are changed to would be left out.
 
     Parameters
     ----------
-    expression : ufl expression
-        What a user's function gave.
+    found : iterable
+        What is in an expression that a user's function gave.
     what : str
         Name of the function in messages.
     known : iterable
@@ -85,7 +89,6 @@ def refuse_fields(expression: Any, what: str, known: Iterable = ()) -> None:
     SceneError
         If there are others.
     """
-    found = [*extract_coefficients(expression), *extract_constants(expression)]
     ours = {id(field) for field in known}
     for field in found:
         if id(field) not in ours:

@@ -46,6 +46,7 @@ LAYERS = [
     "loads",
     "followers",
     "beam_data",
+    "virtual_works",
     "forms",
     "mechanism",
     "model",

@@ -17,7 +17,7 @@ SCHEMES = [
 ]
 HISTORIES = ("t", "t_level", "q", "v", "a", "reactions", "slides", "joint_forces")
 MOMENTA = ("linear_momentum", "angular_momentum")
-ENERGIES = ("kinetic", "strain", "potential", "work")
+ENERGIES = ("kinetic", "strain", "potential", "work", "springs")
 
 
 def driven_frame():
