@@ -515,7 +515,7 @@ def main(quick=False, results=ROOT / "results" / "stability"):
 
 if __name__ == "__main__":
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--quick", action="store_true", help="a short form, under half a minute")
+    parser.add_argument("--quick", action="store_true", help="a short form, about a minute")
     parser.add_argument("results", nargs="?", type=Path, help="directory to write to")
     given = parser.parse_args()
     main(given.quick, *([given.results] if given.results else []))

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import ufl
 from ufl.algorithms.apply_algebra_lowering import apply_algebra_lowering
-from ufl.algorithms.check_arities import check_integrand_arity
+from ufl.algorithms.check_arities import ArityMismatch, check_integrand_arity
 
 from .beam_data import on_beam
 from .errors import SceneError
@@ -36,7 +36,7 @@ def added_virtual_work(scene: Scene, mesh: Mesh, step: Step, test, known: Sequen
             )
         try:
             check_integrand_arity(apply_algebra_lowering(term), (test,))
-        except Exception as error:
+        except (Exception, ArityMismatch) as error:  # which is no Exception in later UFL
             raise SceneError(
                 f"{what}: it must be linear in step.virtual_u and step.virtual_psi; {error}"
             ) from error

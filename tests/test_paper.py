@@ -8,8 +8,10 @@ from test_demos import PICTURES, numbers
 
 ROOT = Path(__file__).parents[1]
 PAGE = (ROOT / "docs" / "paper.md").read_text(encoding="utf-8")
-# A number, perhaps with "below" or "above" before it, and the comment that says whose it is.
-NUMBER = re.compile(r"(below |above )?(-?\d[\d.]*(?:e-?\d+)?)<!--(\w+): (.+?)-->")
+# A number, perhaps with a bound before it, and the comment that says whose it is.
+NUMBER = re.compile(
+    r"(below |above |less than |more than )?(-?\d[\d.]*(?:e-?\d+)?)<!--(\w+): (.+?)-->"
+)
 CLAIMS = NUMBER.findall(PAGE)
 ROWS = [line for line in PAGE.splitlines() if line.startswith("| ") and "|---" not in line]
 
@@ -35,9 +37,9 @@ def test_numbers_of_the_page_are_those_that_the_demos_compute(demo):
         if of != demo:
             continue
         found = looked_up(demo, path)
-        if bound == "below ":
+        if bound in ("below ", "less than "):
             assert abs(found) < float(printed), path
-        elif bound == "above ":
+        elif bound in ("above ", "more than "):
             assert abs(found) > float(printed), path
         else:
             assert found == pytest.approx(float(printed), abs=1.01 * last_digit(printed)), path
