@@ -259,9 +259,10 @@ def draw(results, runs):
 
     solution, joints = runs["EnergyMomentum", DT]
     rows = range(0, round(0.9 / DT) + 1, round(0.1 / DT))
-    plot.shapes(solution, rows, results / "shapes.png")
-    node = solution.beams["member 2"].end
-    plot.animate(solution, range(0, round(SHOWN / DT) + 1, 2), results / "motion.gif", trace=node)
+    marks = {"A": solution.beams["member 1"].end, "B": solution.beams["member 2"].end}
+    plot.shapes(solution, rows, results / "shapes.png", marks=marks)
+    frames, path = range(0, round(SHOWN / DT) + 1, 2), results / "motion.gif"
+    plot.animate(solution, frames, path, trace=marks["B"], marks=marks)
 
     figure, axes = plot.figure(3, 1)
     for ax in axes.flat:

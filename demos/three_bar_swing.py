@@ -274,9 +274,12 @@ def draw(results, runs, meshes, heavy):
     solutions = {name: runs[name, DT] for name in SCHEMES}
     solution = solutions["EnergyMomentum"]
     tenth = round(0.1 / DT)
-    plot.shapes(solution, range(0, len(solution.t), tenth), results / "shapes.png")
+    beam = solution.beams["beam"]
+    marks = {"A": beam.start, "B": beam.node(0.25), "C": beam.end}
+    rows = range(0, len(solution.t), tenth)
+    plot.shapes(solution, rows, results / "shapes.png", marks=marks)
     frames = range(0, len(solution.t), tenth // 10)
-    plot.animate(solution, frames, results / "motion.gif", trace=solution.beams["beam"].node(0.25))
+    plot.animate(solution, frames, results / "motion.gif", trace=marks["B"], marks=marks)
 
     figure, axes = plot.figure(2, 1)
     for i, ax in enumerate(axes.flat):
