@@ -117,7 +117,7 @@ class Forms:
         if added is not None:
             try:
                 self._compile("added virtual work", added * dx)
-            except Exception as error:
+            except compat.REFUSALS as error:
                 raise SceneError(f"the added virtual work does not compile: {error}") from error
             residual -= added * dx
 
@@ -170,7 +170,7 @@ class Forms:
                 )
             try:
                 check_integrand_arity(apply_algebra_lowering(term), (self._test,))
-            except Exception as error:
+            except compat.REFUSALS as error:
                 raise SceneError(
                     f"{what}: it must be linear in step.virtual_u and step.virtual_psi; {error}"
                 ) from error
