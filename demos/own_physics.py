@@ -179,25 +179,23 @@ def draw(results, free, forced, damped):
         force.plot(solution.t[1:] - DT / 2, solution.resultants("arm").N[1:, 0], line)
     force.set(xlabel="time $t$ [s]", ylabel="axial force at the pin $N$ [N]", xlim=(0, T_END))
     plot.save(figure, results / "energy.png")
-    frames = range(0, len(forced.t), 6)
-    plot.animate(
-        forced, frames, results / "motion.gif", scenery=lambda ax, k: scenery(ax, forced, k)
-    )
+
+    def around(ax, k):
+        return scenery(ax, forced.shape("nozzle")[k])
+
+    plot.animate(forced, range(0, len(forced.t), 6), results / "motion.gif", scenery=around)
 
 
-def scenery(ax, solution, k):
-    """The oil, the bed of springs and the jet, which are forces that the scene does not know."""
+def scenery(ax, nozzle):
+    """The oil, the bed of springs and the force of the jet, which the scene does not know."""
     left, right = ax.get_xlim()
     low, _ = ax.get_ylim()
     oil = ax.axhspan(low, 0, color="#E69F00", alpha=0.15, linewidth=0, zorder=0)
     x = np.linspace(left, right, 121)
     springs = -BED_DEPTH - 0.02 * (1 + np.arange(len(x)) % 2)
-    nozzle = solution.shape("nozzle")[k]
-    along = nozzle[-1] - nozzle[0]
-    # Out of the nozzle, against the force on it.
-    end = nozzle[-1] - 1.5 * along
-    look = {"arrowstyle": "-|>", "color": "#56B4E9", "linewidth": 3, "alpha": 0.8}
-    jet = ax.annotate("", end, nozzle[0], arrowprops=look, annotation_clip=False)
+    tip, along = nozzle[-1], nozzle[-1] - nozzle[0]
+    look = {"arrowstyle": "-|>", "color": "#D55E00", "linewidth": 2, "shrinkA": 0, "shrinkB": 0}
+    jet = ax.annotate("", tip + 1.2 * along, tip, arrowprops=look, annotation_clip=False)
     return [oil, *ax.plot(x, springs, color="0.6", linewidth=0.8, zorder=0), jet]
 
 

@@ -24,6 +24,7 @@ import ffcx.compiler
 import ufl
 from dolfinx import fem
 from dolfinx.fem import assemble
+from ufl.algorithms.check_arities import ArityMismatch
 
 import cffi
 import numpy as np
@@ -46,6 +47,8 @@ _OPTIONS_OF_JIT = "jit_options" if _takes(fem.form, "jit_options") else "jit_par
 _EXPRESSION_TAKES_MESH = _takes(fem.Expression.eval, "mesh")
 _PARAMETERS = find_spec("ffcx.parameters") is not None  # later called options
 _PREFIX = "prefix" if _takes(ffcx.compiler.compile_ufl_objects, "prefix") else "namespace"
+#: What UFL and FFCx raise for a form that they refuse; the second is no Exception everywhere.
+REFUSALS: tuple[type[BaseException], ...] = (Exception, ArityMismatch)
 
 # Several processes may want one form: they wait for the first, which may have a slow machine.
 _JIT: dict[str, Any] = {"timeout": 30}

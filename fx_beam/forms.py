@@ -151,7 +151,7 @@ class Forms:
         if added is not None:
             try:
                 self._compile("added virtual work", added * dx)
-            except Exception as error:
+            except compat.REFUSALS as error:
                 raise SceneError(f"the added virtual work does not compile: {error}") from error
             residual -= added * dx
 

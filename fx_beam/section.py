@@ -340,7 +340,7 @@ def _evaluated(datum: Callable, fraction: float, what: str) -> float:
         raise  # of a datum that this one is made of
     except Exception as error:
         raise SceneError(f"{what}: calling it raised {error!r}") from error
-    return shaped(value, 1, what)[0]
+    return float(shaped(value, 1, what)[0])
 
 
 def _check_energy(strain_energy: Energy) -> None:
