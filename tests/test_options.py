@@ -191,7 +191,7 @@ def test_newmark_rates_without_a_meaning_are_refused(name, value):
         ("rates", ("own", lambda step, law: None, fb.MidPointRates)),
         ("rates", ("own", lambda step, law: None, 0.5)),
     ],
-    ids=repr,
+    ids=["name", "resultants", "rates as a class", "rates as a number"],
 )
 def test_a_scheme_of_ones_own_needs_its_parts(name, given):
     refuses(lambda: fb.Scheme(*given), f"Scheme: {name} = ", "be ")
