@@ -8,6 +8,7 @@ import hashlib
 import logging
 import os
 import platform
+import shlex
 import subprocess
 import tempfile
 from collections.abc import Callable, Sequence
@@ -123,7 +124,9 @@ def _build(what: str, key: str, source: Callable[[], str], more: Sequence[str] =
             with tempfile.TemporaryDirectory(dir=cache) as scratch:
                 out = Path(scratch) / "built.so"
                 flags = *_FLAGS, *more, f"-I{_SOURCES}"
-                command = ["cc", *flags, "-x", "c", "-", "-o", str(out), "-lm"]
+                # The compiler of FFCx's own functions, which is not named cc everywhere.
+                compiler = shlex.split(os.environ.get("CC") or "cc")
+                command = [*compiler, *flags, "-x", "c", "-", "-o", str(out), "-lm"]
                 subprocess.run(command, check=True, capture_output=True, text=True, input=source())
                 out.replace(library)
     except (OSError, LookupError, subprocess.CalledProcessError) as error:
