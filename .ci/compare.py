@@ -67,6 +67,10 @@ def row(found: Path) -> dict[str, str]:
     def status(command: str) -> str:
         return "passed" if (found / f"{command}.status").read_text().strip() == "0" else "failed"
 
+    def tests() -> str:
+        said = (found / "test").read_text()
+        return re.findall(r"(\d+ (?:passed|failed|errors?)\b.*?) in \d", said)[-1]
+
     install = known(lambda: f"{seconds(found / 'demos'):.0f}")
     return {
         "dolfinx": known(lambda: step()["dolfinx"]),
@@ -80,11 +84,7 @@ def row(found: Path) -> dict[str, str]:
         "demos": "failed" if (found / "demos.failed").exists() else "passed",
         "second call [s]": known(lambda: f"{seconds(found / 'second'):.1f}"),
         "lint": known(lambda: status("lint")),
-        "tests": known(
-            lambda: re.findall(r"^=* ?(\d.*\d+.*)", (found / "test").read_text(), re.M)[-1].strip(
-                "= "
-            )
-        ),
+        "tests": known(tests),
         "solver": known(lambda: step()["solver"]),
         "a step [us]": known(lambda: f"{step()['microseconds']:.2f}"),
     }
