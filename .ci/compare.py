@@ -8,14 +8,16 @@ from pathlib import Path
 
 #: Differences that are listed.
 LARGEST = 5
+#: What is chance in the last digits, or the machine's: left out.
+CHANCE = "seconds", "iterations"
 
 
 def leaves(value, path: str = "") -> Iterator[tuple[str, object]]:
-    """Numbers and texts of a JSON object by their paths, times of computing left out."""
+    """Numbers and texts of a JSON object by their paths."""
     if isinstance(value, dict | list):
         items = value.items() if isinstance(value, dict) else enumerate(value)
         for key, below in items:
-            if "seconds" not in str(key):
+            if not any(word in str(key) for word in CHANCE):
                 yield from leaves(below, f"{path}/{key}")
     else:
         yield path, value
