@@ -178,7 +178,7 @@ class Recorder:
     def steps_before(self) -> tuple[np.ndarray, np.ndarray]:
         """Times (n,) and displacements (n, size) one step before each row; the start for row 0."""
         n = self.rows
-        before: np.ndarray | None = self.arrays.get("before")
+        before = self.arrays.get("before")
         if before is None:
             q = self.arrays["q"][:n]
             before = np.vstack([q[:1], q[:-1]])
