@@ -8,6 +8,7 @@ import hashlib
 import logging
 import os
 import platform
+import shlex
 import subprocess
 import tempfile
 from collections.abc import Callable, Sequence
@@ -129,7 +130,8 @@ def _build(what: str, key: str, source: Callable[[], str], more: Sequence[str] =
             # Renamed when it is whole, as several processes may build it.
             with tempfile.TemporaryDirectory(dir=cache) as scratch:
                 out = Path(scratch) / "built.so"
-                command = ["cc", *flags, f"-I{_SOURCES}", "-x", "c", "-", "-o", str(out), "-lm"]
+                command = [*_compiler(), *flags, f"-I{_SOURCES}", "-x", "c", "-"]
+                command += ["-o", str(out), "-lm"]
                 subprocess.run(command, check=True, capture_output=True, text=True, input=source())
                 out.replace(library)
     except (OSError, LookupError, subprocess.CalledProcessError) as error:
@@ -152,6 +154,11 @@ def cache_directory() -> Path:
     return Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "fx_beam"
 
 
+def _compiler() -> list[str]:
+    """The compiler of FFCx's own functions, which is not named cc everywhere."""
+    return shlex.split(os.environ.get("CC") or "cc")
+
+
 def _target() -> tuple[str, list[str]]:
     """Processor to compile for (none where the compiler has no word for it), and all flags."""
     target = os.environ.get("FX_BEAM_MARCH") or ("native" if _OPTION else "")
@@ -160,13 +167,13 @@ def _target() -> tuple[str, list[str]]:
 
 def _check_target(target: str, flags: list[str]) -> None:
     """Refuse a processor that was asked for and that the compiler does not know."""
-    command = ["cc", *flags, "-x", "c", "-", "-o", os.devnull]
+    command = [*_compiler(), *flags, "-x", "c", "-", "-o", os.devnull]
     if (
         os.environ.get("FX_BEAM_MARCH")
         and subprocess.run(command, capture_output=True, text=True, input="").returncode
     ):
         raise SceneError(
-            f"FX_BEAM_MARCH = {target!r} is no processor that the compiler cc knows; give a name "
+            f"FX_BEAM_MARCH = {target!r} is no processor that the compiler knows; give a name "
             f"that its option {_OPTION or '-march'} takes, such as 'native' or 'x86-64-v3'"
         )
 

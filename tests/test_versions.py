@@ -134,6 +134,19 @@ def test_functions_without_names_leave_the_steps_to_python(monkeypatch, tmp_path
     assert "no names" in caplog.text
 
 
+def test_the_compiler_is_that_of_the_environment(monkeypatch, tmp_path):
+    said = tmp_path / "said"
+    compiler = tmp_path / "other-cc"
+    compiler.write_text(f'#!/bin/sh\necho "$1" >>{said}\nshift\nexec cc "$@"\n')
+    compiler.chmod(0o755)
+    monkeypatch.setenv("CC", f"{compiler} first")
+    monkeypatch.setattr(library, "cache_directory", lambda: tmp_path)
+    library.load_library.cache_clear()
+    library.load_library()
+    library.load_library.cache_clear()
+    assert said.read_text() == "first\n"
+
+
 @pytest.mark.skipif(not shutil.which("aarch64-linux-gnu-gcc"), reason="no compiler for aarch64")
 def test_all_c_compiles_for_aarch64_as_well(monkeypatch, tmp_path):
     commands, run = [], subprocess.run
