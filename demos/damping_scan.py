@@ -162,4 +162,5 @@ def kind(run):
 
 
 if __name__ == "__main__":
-    main(Path(sys.argv[1]) if sys.argv[1:] else HERE.parents[1] / "results" / HERE.stem)
+    here = Path(__file__).resolve()
+    main(Path(sys.argv[1]) if sys.argv[1:] else here.parents[1] / "results" / here.stem)

@@ -262,7 +262,7 @@ def draw(results, runs):
     marks = {"A": solution.beams["member 1"].end, "B": solution.beams["member 2"].end}
     plot.shapes(solution, rows, results / "shapes.png", marks=marks)
     frames, path = range(0, round(SHOWN / DT) + 1, 2), results / "motion.gif"
-    plot.animate(solution, frames, path, trace=marks["B"], marks=marks)
+    plot.animate(solution, frames, path, fps=25, trace=marks["B"], marks=marks)
 
     figure, axes = plot.figure(3, 1)
     for ax in axes.flat:

@@ -352,8 +352,8 @@ class Forms:
         """t . phi' (cells, degree) of eq. 4 at the Gauss points, for q (size,)."""
         points = compat.gauss_points(self.step.degree)
         self.start.x.array[:] = q
-        cells = np.arange(len(self._law_of_cell), dtype=np.int32)
-        return compat.compile_expression(self._facing, points).eval(cells)
+        expression = compat.compile_expression(self._facing, points)
+        return compat.evaluate(expression, self._mesh.mesh, self.cells_of(-1))
 
     def resultants(self, parts: Iterable[Part]) -> np.ndarray:
         """Stress resultants N, Q, M of the scheme at the Gauss points, part by part.

@@ -115,8 +115,8 @@ def _parts(mesh: Mesh, stiffness, mass) -> _Parts:
 
 def _rows(scene: Scene, mesh: Mesh, parts: _Parts, at_rest: bool) -> scipy.sparse.csr_matrix:
     """Rates that supports and joints make zero, (rows, 3 parts)."""
-    arms = ((mesh.X - parts.point[parts.of_node]) / mesh.size).tolist()
-    part_of_node = parts.of_node.tolist()
+    arms: list[list[float]] = ((mesh.X - parts.point[parts.of_node]) / mesh.size).tolist()
+    part_of_node: list[int] = parts.of_node.tolist()
     entries: list[tuple[int, int, float]] = []
     row = -1
 

@@ -99,7 +99,7 @@ int fx_run(Problem *p, int steps, double dt, const Ahead *ahead, Record *to) {
     p->t += dt;
     p->steps_done += 1;
     if (wanted) record(p, w, to);
-    if (!wanted || to->energies[4 * to->rows - 3] >= p->least_energy) look_at_sections(p, fields);
+    if (!wanted || to->energies[5 * to->rows - 4] >= p->least_energy) look_at_sections(p, fields);
     LAP(AUDIT);
   }
   return steps;
