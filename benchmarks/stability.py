@@ -496,8 +496,6 @@ def main(quick=False, results=ROOT / "results" / "stability"):
 
     They are written to files in a directory as well.
     """
-    # A halved step is a number in the tables.
-    logging.getLogger("fx_beam").setLevel(logging.ERROR)
     clock, repeats = perf_counter(), 1 if quick else 4
     units = compare_units()
     report.write_json(results / "units.json", units)
@@ -522,6 +520,8 @@ def main(quick=False, results=ROOT / "results" / "stability"):
 
 
 if __name__ == "__main__":
+    # A halved step is a number in the tables.
+    logging.getLogger("fx_beam").setLevel(logging.ERROR)
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--quick", action="store_true", help="a short form, about a minute")
     parser.add_argument("results", nargs="?", type=Path, help="directory to write to")

@@ -191,8 +191,6 @@ EXAMPLES = [pendulum, three_bar_swing, multibody, pinned_beam]
 
 def main(quick=False, results=ROOT / "results" / "work_precision", examples=EXAMPLES):
     """What was found, by example; with JSON, pages and pictures in the directory for results."""
-    # A halved step is a column of the tables.
-    logging.getLogger("fx_beam").setLevel(logging.ERROR)
     schemes = {name: SCHEMES[name] for name in (QUICK_SCHEMES if quick else SCHEMES)}
     found = {}
     for example in examples:
@@ -211,6 +209,8 @@ def main(quick=False, results=ROOT / "results" / "work_precision", examples=EXAM
 
 
 if __name__ == "__main__":
+    # A halved step is a column of the tables.
+    logging.getLogger("fx_beam").setLevel(logging.ERROR)
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--quick", action="store_true", help="a short form, under a minute")
     parser.add_argument("results", nargs="?", type=Path, help="directory to write to")

@@ -10,10 +10,11 @@ from typing import Any
 import matplotlib
 import numpy as np
 import pyvista as pv
-from matplotlib.animation import PillowWriter
+from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.cm import ScalarMappable
 from matplotlib.colors import LinearSegmentedColormap, Normalize
 from matplotlib.figure import Figure
+from PIL import Image
 
 from .beam import Node
 from .files import writable
@@ -119,32 +120,38 @@ def animate(
     low, high = drawing.window
     flat = high[0] - low[0] > 1.6 * (high[1] - low[1])
     fig, ax = _plane(low, high, length_unit, width=7.0 if flat else 5.0)
-    draw_supports(ax, drawing)
-    clock = ax.set_title(" ", loc="left", family="monospace", fontsize="small")
     ax.set_title(_title(drawing), loc="right", fontsize="small")
+    clock = ax.set_title(" ", loc="left", family="monospace", fontsize="small")
     (past,) = ax.plot([], [], color="0.65", linewidth=1.0, zorder=1)
     colours = itertools.cycle(_BEAM_COLOURS)
     lines = {
         name: ax.plot([], [], color=colour, linewidth=2.5)[0]
         for name, colour in zip(solution.beams, colours, strict=False)
     }
-    writer = PillowWriter(fps)
-    with writer.saving(fig, str(path), dpi=100):
-        for k in steps:
-            now = f"{solution.t[k]:.3f}"
-            clock.set_text(f"load factor {now}" if solution.stats.static else f"t = {now} s")
-            for name, line in lines.items():
-                line.set_data(*drawing.axis(name, k).T)
-            if trace is not None:
-                solution.position(trace)  # refuses what is no node of the solution
-                past.set_data(*drawing.places(trace.number, slice(steps[0], k + 1)).T)
-            drawn = draw_symbols(ax, drawing, k) + draw_marks(ax, drawing, k, marks or {})
-            drawn += scenery(ax, k) if scenery else []
-            writer.grab_frame()
-            for artist in drawn:
-                artist.remove()
-            # The layout of the first picture is that of all.
-            fig.set_layout_engine("none")
+    moving = [clock, past, *lines.values(), *draw_supports(ax, drawing)]
+    for artist in moving:
+        artist.set_animated(True)  # left out of what is drawn once
+    canvas = FigureCanvasAgg(fig)
+    canvas.draw()
+    still = canvas.copy_from_bbox(fig.bbox)
+    frames = []
+    for k in steps:
+        now = f"{solution.t[k]:.3f}"
+        clock.set_text(f"load factor {now}" if solution.stats.static else f"t = {now} s")
+        for name, line in lines.items():
+            line.set_data(*drawing.axis(name, k).T)
+        if trace is not None:
+            solution.position(trace)  # refuses what is no node of the solution
+            past.set_data(*drawing.places(trace.number, slice(steps[0], k + 1)).T)
+        drawn = draw_symbols(ax, drawing, k) + draw_marks(ax, drawing, k, marks or {})
+        drawn += scenery(ax, k) if scenery else []
+        canvas.restore_region(still)
+        for artist in sorted([*moving, *drawn], key=lambda artist: artist.get_zorder()):
+            ax.draw_artist(artist)
+        frames.append(Image.fromarray(np.array(canvas.buffer_rgba())).convert("RGB"))
+        for artist in drawn:
+            artist.remove()
+    frames[0].save(path, save_all=True, append_images=frames[1:], duration=1000 // fps, loop=0)
 
 
 def modes(found: Modes, path: Path | str, count: int | None = None) -> None:

@@ -178,11 +178,12 @@ def draw_marks(ax, drawing: Drawing, k: int, marks: dict[str, Node]) -> list:
     return drawn
 
 
-def draw_supports(ax, drawing: Drawing) -> None:
+def draw_supports(ax, drawing: Drawing) -> list:
     """A ring at a pin, a square at a clamp, a triangle at any other support; guides dotted."""
     scene = drawing.scene
     if scene is None:
-        return
+        return []
+    drawn: list = []
     held: dict[int, set[int]] = {}
     for node, component in scene.fixed:
         held.setdefault(node, set()).add(component)
@@ -193,10 +194,12 @@ def draw_supports(ax, drawing: Drawing) -> None:
         else:
             path = drawing.places(node.number, slice(None))
             along = (path - path[0]) @ joint.axis
-            ax.plot(*path[[along.argmin(), along.argmax()]].T, color="0.5", **_GUIDE)
+            drawn += ax.plot(*path[[along.argmin(), along.argmax()]].T, color="0.5", **_GUIDE)
     for number, components in held.items():
         marker = "s" if len(components) == 3 else "o" if components == {0, 1} else "^"
-        ax.plot(*drawing.solution.X[number], marker, **_JOINT, markersize=7, zorder=5)
+        look = _JOINT | {"markersize": 7, "zorder": 5}
+        drawn += ax.plot(*drawing.solution.X[number], marker, **look)
+    return drawn
 
 
 def _is_grounded(joint: Joint) -> bool:
