@@ -116,7 +116,7 @@ def _parts(mesh: Mesh, stiffness, mass) -> _Parts:
 def _rows(scene: Scene, mesh: Mesh, parts: _Parts, at_rest: bool) -> scipy.sparse.csr_matrix:
     """Rates that supports and joints make zero, (rows, 3 parts)."""
     arms: list[list[float]] = ((mesh.X - parts.point[parts.of_node]) / mesh.size).tolist()
-    part_of_node: list[int] = parts.of_node.tolist()
+    part_of_node = [int(part) for part in parts.of_node]
     entries: list[tuple[int, int, float]] = []
     row = -1
 
