@@ -232,6 +232,7 @@ def draw(results, solutions, fine):
         plot.curves(right, solutions, drift)
     for ax in axes.flat:
         ax.set(xlabel="time $t$ [s]")
+    axes[0, 0].set_title(f"$\\Delta t$ = {DT:g} s")
     plot.save(figure, results / "invariants.png")
 
     figure, axes = plot.figure(2, 1)

@@ -242,6 +242,7 @@ def draw(results, solution, joints):
     off.set(xlim=(0, T_END), ylabel="$x - x_{rigid}$ [mm]")
     for ax in axes.flat:
         ax.set(xlabel="time $t$ [s]")
+    position.set_title(f"$\\Delta t$ = {DT:g} s")
     plot.save(figure, results / "slider.png")
 
     figure, axes = plot.figure(3, 1)
@@ -263,6 +264,7 @@ def draw(results, solution, joints):
     energy.set(xlim=(0, T_END), ylabel="total energy $E$ [J]")
     for ax in axes.flat:
         ax.set(xlabel="time $t$ [s]")
+    bending.set_title(f"$\\Delta t$ = {DT:g} s")
     plot.save(figure, results / "rod_motor_energy.png")
 
 

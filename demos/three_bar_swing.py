@@ -294,6 +294,7 @@ def draw(results, runs, meshes, heavy):
     (smooth, peak), (whole, links), (total, drift) = axes
     for ax in axes.flat:
         ax.set(xlim=(0, T_END), xlabel="time $t$ [s]")
+    smooth.set_title(f"$\\Delta t$ = {DT:g} s")
     # Up to the reversal, the reversal, and all; those that keep the energy on top.
     solutions = dict(sorted(solutions.items(), key=lambda item: item[0] in CONSERVING))
     windows = (smooth, (0, 0.62), (-0.1, 0.4)), (peak, (0.635, 0.65), (-80, 160))
