@@ -28,9 +28,11 @@ class Energy:
     potential : (n,) float
         Of the weight, zero in the reference configuration.
     work : (n,) float
-        Done since the start by loads, prescribed motion, dampers and added virtual works.
+        Done since the start by loads, prescribed motion, motors and added virtual works.
     springs : (n,) float, optional
         Stored energy of the springs of joints; zero by default.
+    dissipated : (n,) float, optional
+        What the dampers of joints took since the start, which never falls; zero by default.
     """
 
     kinetic: np.ndarray
@@ -38,10 +40,12 @@ class Energy:
     potential: np.ndarray
     work: np.ndarray
     springs: Any = None
+    dissipated: Any = None
 
     def __post_init__(self):
-        if self.springs is None:
-            object.__setattr__(self, "springs", np.zeros_like(self.kinetic))
+        for name in ("springs", "dissipated"):
+            if getattr(self, name) is None:
+                object.__setattr__(self, name, np.zeros_like(self.kinetic))
         _lock(self)
 
     @property
@@ -55,9 +59,15 @@ class Energy:
         return self.kinetic + self.stored + self.potential
 
     @property
+    def supplied(self) -> np.ndarray:
+        """Work less what was dissipated, both since the start, (n,) [J]."""
+        supplied = self.work - self.dissipated
+        return supplied - supplied[0]
+
+    @property
     def balance_error(self) -> np.ndarray:
-        """Energy gained since the start without work, (n,) [J]."""
-        return self.total - self.total[0] - (self.work - self.work[0])
+        """Energy gained since the start that was not supplied, (n,) [J]."""
+        return self.total - self.total[0] - self.supplied
 
 
 @dataclass

@@ -60,16 +60,19 @@ def _read(path) -> Solution:
     if "end_t" in data:
         parts: dict[str, Any] = {f.name: data.get(f"end_{f.name}") for f in fields(State)}
         parts |= {name: float(data[f"end_{name}"]) for name in ("t", "work")}
+        parts["dissipated"] = float(data.get("end_dissipated", 0.0))
         if "past_length" in data:
             length, foretelling = float(data["past_length"]), int(data["past_foretelling"])
             parts["past"] = Past(length, foretelling, data["past_increments"], data["past_slides"])
         end = State(**parts)
-    # Files of earlier versions lack the forces of motors; their strain energy has that of springs.
-    known = [f.name for f in fields(Energy) if f"energy_{f.name}" in data or f.name != "springs"]
+    # Files of earlier versions lack the forces of motors; their strain energy has that of springs,
+    # and their work what dampers took.
+    later = ("springs", "dissipated")
+    known = [f.name for f in fields(Energy) if f"energy_{f.name}" in data or f.name not in later]
     data.setdefault("motor_forces", np.empty((0, data["slides"].shape[1])))
     return Solution(
         **{name: data[name] for name in HISTORIES},
-        energy=Energy(*(data[f"energy_{name}"] for name in known)),
+        energy=Energy(**{name: data[f"energy_{name}"] for name in known}),
         stats=Stats(**meta["stats"]),
         beams=beams,
         nodes_of_beam=nodes_of_beam,

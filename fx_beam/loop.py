@@ -136,7 +136,8 @@ class CompiledLoop:
             room["held"][:] = state.held
         if state.added is not None:
             room["added_force"][:] = state.added
-        p.t, p.work, p.iterations, p.by_round_off = state.t, state.work, 0, 0
+        p.t, p.work, p.dissipated = state.t, state.work, state.dissipated
+        p.iterations = p.by_round_off = 0
         p.too_large = p.inside_out = 0
         ahead = self._ffi.new("Ahead *")
         for name in ("loads", "driven", "thrust"):
@@ -191,6 +192,7 @@ class CompiledLoop:
             held=room["held"] if taken else None,
             added=room["added_force"] if taken and p.has_added else None,
             work=p.work,
+            dissipated=p.dissipated,
         )
 
 

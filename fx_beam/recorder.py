@@ -73,7 +73,7 @@ class Recorder:
         n, size, joints = len(steps), model.size, len(model.scene.joints)
         held = model.reduction.columns - model.reduction.free
         #: Rows (n, ...) by name, vectors in the order of the degrees of freedom.
-        self.arrays = {"energies": np.zeros((n, 5)), "momenta": np.zeros((n, 3))}
+        self.arrays = {"energies": np.zeros((n, 6)), "momenta": np.zeros((n, 3))}
         if joints:
             self.arrays["slides"] = np.zeros((n, joints))
         if record.motion:
@@ -154,7 +154,14 @@ class Recorder:
             "held": state.held,
             "slides": state.slides,
             "joint_forces": state.joint_forces,
-            "energies": (state.v @ momentum / 2, strain, potential, state.work, springs),
+            "energies": (
+                state.v @ momentum / 2,
+                strain,
+                potential,
+                state.work,
+                springs,
+                state.dissipated,
+            ),
             "momenta": (*p[:, :2].sum(axis=0), angular),
         }
         if before is not None and self._starts_kept(parts):

@@ -49,7 +49,7 @@ class State:
         works, in the step that ended here.
     joint_forces : (joints, 3) float
         Forces and moments of the joints on their nodes b in that step [N, N m].
-    work : float
+    work, dissipated : float
         Work done since the start [J].
     parts : (5,) float, optional
         What decides in how many parts the next steps are taken, as `Halving` has it; known at the
@@ -68,6 +68,7 @@ class State:
     added: np.ndarray | None = None
     joint_forces: np.ndarray | None = None
     work: float = 0.0
+    dissipated: float = 0.0
     parts: np.ndarray | None = None
     past: Past | None = None
 

@@ -235,11 +235,12 @@ class Stepper:
     def _add_work(
         self, old: State, step: StepSolution, dead: np.ndarray, path: np.ndarray, new: State
     ) -> None:
-        """Add the work of dead loads, driven motion, dampers and added forces to a new state."""
+        """Add the work of dead loads, driven motion and added forces, and the dampers' loss."""
         model = self.model
         if model.weight is not None:
             dead = dead - model.weight
-        work = old.work + dead @ path - model.actuators.dissipated()
+        work = old.work + dead @ path
+        new.dissipated = old.dissipated + model.actuators.dissipated()
         new.held = model.reduction.project(step.r)[model.reduction.free :]
         if self.model.reduction.driven:
             drive = np.concatenate([path[model.prescribed], self._motor_paths(path, new, old)])

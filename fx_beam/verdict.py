@@ -109,7 +109,7 @@ def energy_ratio(solution: Solution) -> np.ndarray:
     """
     energy = solution.energy
     with np.errstate(invalid="ignore", over="ignore"):
-        moving = energy.kinetic[0] + energy.stored[0] + energy.work - energy.work[0]
+        moving = energy.kinetic[0] + energy.stored[0] + energy.supplied
         moving = moving - energy.potential + energy.potential[0]
         scale = moving[np.isfinite(moving)].max()
         if scale > 0:

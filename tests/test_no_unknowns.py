@@ -118,7 +118,9 @@ def test_modes_say_that_nothing_is_free(name):
 def test_a_motor_drives_the_mass_that_it_moves():
     scene = SCENES["spring, damper and motor"]()
     solution = fb.simulate(scene, dt=0.05, t_end=0.5)
-    # F = m a + k x + c v, of whose work the damper's part is taken from the balance.
+    # F = m a + k x + c v, with the mean rate of each step.
+    slide = np.diff(push(solution.t))
+    spring, damper = 3.0 / 2 * np.diff(push(solution.t) ** 2), 2.0 * slide**2 / 0.05
     work = np.diff(solution.energy.work)
-    spring = 3.0 / 2 * np.diff(push(solution.t) ** 2)
-    assert work == pytest.approx(MASS * 0.2 * np.diff(push(solution.t)) + spring, rel=1e-9)
+    assert work == pytest.approx(MASS * 0.2 * slide + spring + damper, rel=1e-9)
+    assert np.diff(solution.energy.dissipated) == pytest.approx(damper, rel=1e-9)

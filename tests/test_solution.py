@@ -16,7 +16,10 @@ STIFFNESS = {"EA": 1e4, "GA": 1e4, "EI": 100.0}
 MASSLESS = fb.Section(**STIFFNESS)
 SECTION = fb.Section(**STIFFNESS, rhoA=1.0, rhoI=0.1)
 HISTORIES = ("t", "X", "q", "v", "a", "reactions", "linear_momentum", "angular_momentum")
-ENERGIES = ("kinetic", "strain", "potential", "work", "springs", "total", "balance_error")
+ENERGIES = (
+    *("kinetic", "strain", "potential", "work", "springs", "dissipated"),
+    *("total", "balance_error"),
+)
 
 
 def frame(degree=2):
@@ -387,7 +390,7 @@ def test_a_table_without_nodes_holds_the_audit(framed, tmp_path):
     framed[0].to_csv(tmp_path / "run.csv")
     header = (tmp_path / "run.csv").read_text(encoding="utf-8").splitlines()[0].split(",")
     assert header[0] == "t"
-    assert len(header) == 1 + 7 + 3
+    assert len(header) == 1 + len(ENERGIES) + 3
 
 
 # -- Nodes and beams of others ---------------------------------------------------------------

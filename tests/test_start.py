@@ -19,7 +19,7 @@ SCHEMES = [
 ]
 HISTORIES = ("t", "t_level", "q", "v", "a", "reactions", "slides", "joint_forces")
 MOMENTA = ("linear_momentum", "angular_momentum")
-ENERGIES = ("kinetic", "strain", "potential", "work", "springs")
+ENERGIES = ("kinetic", "strain", "potential", "work", "springs", "dissipated")
 
 
 def driven_frame():

@@ -66,7 +66,7 @@ int fx_run(Problem *p, int steps, double dt, const Ahead *ahead, Record *to) {
     /* Work: dead loads, driven motion, added forces. */
     work_increment(p, w);
     for (int i = 0; i < n; ++i) p->work += w->dead[i] * w->path[i];
-    for (int i = 0; i < p->actuators; ++i) p->work -= p->actuator[i].lost;
+    for (int i = 0; i < p->actuators; ++i) p->dissipated += p->actuator[i].lost;
     project(p, w, w->r, w->columns);
     for (int i = 0; i < p->driven; ++i) {
       double along;
@@ -99,7 +99,7 @@ int fx_run(Problem *p, int steps, double dt, const Ahead *ahead, Record *to) {
     p->t += dt;
     p->steps_done += 1;
     if (wanted) record(p, w, to);
-    if (!wanted || to->energies[5 * to->rows - 4] >= p->least_energy) look_at_sections(p, fields);
+    if (!wanted || to->energies[6 * to->rows - 5] >= p->least_energy) look_at_sections(p, fields);
     LAP(AUDIT);
   }
   return steps;

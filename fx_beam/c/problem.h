@@ -121,7 +121,7 @@ typedef struct {
   int nodes, *node_dofs;
 
   /* State. */
-  double t, work;
+  double t, work, dissipated;
   double *q, *v, *a, *slide, *driven_now, *held, *added_force;
   int steps_done;       /* since the start, 0 before the first */
   double past_dt;       /* length of the steps that are remembered for the next guess */

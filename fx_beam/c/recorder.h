@@ -39,7 +39,7 @@ static void record(Problem *p, const Work *w, Record *to) {
   if (to->held) memcpy(to->held + k * held, p->held, held * sizeof(double));
   if (to->slides) memcpy(to->slides + k * p->slides, p->slide, p->slides * sizeof(double));
   if (to->joint_forces) joint_forces(p, w, to->joint_forces + k * 3 * p->scene_joints);
-  double *momentum = w->left, *energy = to->energies + 5 * k, *sums = to->momenta + 3 * k;
+  double *momentum = w->left, *energy = to->energies + 6 * k, *sums = to->momenta + 3 * k;
   times_mass(p, p->v, momentum);
   memset(energy, 0, 5 * sizeof(double)), memset(sums, 0, 3 * sizeof(double));
   for (int i = 0; i < n; ++i) energy[0] += p->v[i] * momentum[i] / 2;
@@ -48,7 +48,7 @@ static void record(Problem *p, const Work *w, Record *to) {
   energy[1] = assemble_scalar(p, &p->energy, fields);
   if (p->weight)
     for (int i = 0; i < n; ++i) energy[2] -= p->weight[i] * p->q[i];
-  energy[3] = p->work, energy[4] = stored(p);
+  energy[3] = p->work, energy[4] = stored(p), energy[5] = p->dissipated;
   for (int i = 0; i < p->nodes; ++i) {
     const int *dof = p->node_dofs + 3 * i;
     double x = p->position[2 * i] + p->q[dof[0]], y = p->position[2 * i + 1] + p->q[dof[1]];
