@@ -324,7 +324,7 @@ def _coordinate(what: str, spring, damper, motor) -> Coordinate:
 
 
 def _check(part: Spring | Damper, name: str, lowest: float = 0.0) -> None:
-    """Refuse a number that is none, and keep it as a float: an array could be changed later."""
+    """Refuse what is no number in range, and keep it as a float."""
     value = getattr(part, name)
     if not (is_number(value) and value >= lowest):
         wanted = "finite" if lowest < 0 else "finite and not negative"

@@ -80,7 +80,7 @@ class Section:
             (value,) = self.values(name, np.array([0.5]))
             datum = getattr(self, name)
             if datum is not None and not callable(datum):
-                # As a number, since an array could be changed later.
+                # Numbers of any kind as one kind.
                 object.__setattr__(self, name, float(value))
         if self.strain_energy is not None:
             _check_energy(self.strain_energy)
