@@ -6,7 +6,7 @@ import time
 import numpy as np
 
 import fx_beam as fb
-from fx_beam.report import machine
+from fx_beam.studies.reporting import machine
 
 #: Steps of a short run and of a long one, of which the difference holds no set-up.
 STEPS = 1000, 5000

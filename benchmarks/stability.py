@@ -20,10 +20,11 @@ from demo_scenes import ROOT, demo
 from scipy.integrate import trapezoid
 
 import fx_beam as fb
-from fx_beam import findings, report
-from fx_beam.cell import by_group, by_scheme
 from fx_beam.model import Model
-from fx_beam.stability import Case
+from fx_beam.studies import reporting
+from fx_beam.studies.stability import findings
+from fx_beam.studies.stability.case import by_group, by_scheme
+from fx_beam.studies.stability.study import Case
 
 SCHEMES = {
     "EnergyMomentum": fb.EnergyMomentum(),
@@ -487,7 +488,7 @@ def units_page(found):
     return (
         "## Other units\n\nLargest difference from the motion in the demo's units, by "
         "EnergyMomentum: displacements over the size of the scene, rotations, and energy over the "
-        "largest.\n\n" + report.table(header, rows)
+        "largest.\n\n" + reporting.table(header, rows)
     )
 
 
@@ -498,7 +499,7 @@ def main(quick=False, results=ROOT / "results" / "stability"):
     """
     clock, repeats = perf_counter(), 1 if quick else 4
     units = compare_units()
-    report.write_json(results / "units.json", units)
+    reporting.write_json(results / "units.json", units)
 
     by_tolerance = fb.stability.study(SCHEMES, tolerances(quick), repeats=repeats)
     title, owed = "what the schemes owe to Newton's tolerance", owed_to_tolerance(by_tolerance)

@@ -20,10 +20,11 @@ from time import perf_counter
 from demo_scenes import ROOT, scene
 
 import fx_beam as fb
-from fx_beam import library, problem, report
+from fx_beam.compiled import build, handover
+from fx_beam.studies import reporting
 
 ELEMENTS = (1, 8, 32, 128, 512, 2048)
-# Those of fx_beam/c/phases.h, in its order.
+# Those of fx_beam/compiled/c/phases.h, in its order.
 PHASES = (
     "internal forces",
     "tangent",
@@ -74,10 +75,10 @@ def steps_for(elements):
 def phases(elements, runs):
     """Time of the compiled loop by phase, in ns per element and step of the pinned beam."""
     steps, beam = steps_for(elements), scene("pinned_beam", elements)
-    load = problem.load_library
-    problem.load_library = functools.partial(library.load_library, "PHASES")
+    load = handover.load_library
+    handover.load_library = functools.partial(build.load_library, "PHASES")
     try:
-        ffi, built = problem.load_library()
+        ffi, built = handover.load_library()
         seconds = ffi.unpack(built.fx_phases(), len(PHASES))
         found = []
         for _ in range(runs):
@@ -86,7 +87,7 @@ def phases(elements, runs):
             seconds = ffi.unpack(built.fx_phases(), len(PHASES))
             found.append([b - a for a, b in zip(before, seconds, strict=True)])
     finally:
-        problem.load_library = load
+        handover.load_library = load
     medians = (1e9 * median(times) / steps / elements for times in zip(*found, strict=True))
     return dict(zip(PHASES, medians, strict=True))
 
@@ -109,7 +110,7 @@ def first_step(runs):
 
 def main(runs=5):
     numbers = {
-        "machine": report.machine(),
+        "machine": reporting.machine(),
         "runs": runs,
         "cases": {},
     }
@@ -130,7 +131,7 @@ def main(runs=5):
     numbers["first step"] = first_step(runs)
     print("\nfirst step:", *(f"{s:.2f} s {how}," for how, s in numbers["first step"].items()))
     results = ROOT / "results" / "steps"
-    report.write_json(results / "steps.json", numbers)
+    reporting.write_json(results / "steps.json", numbers)
     draw(results / "steps.png", numbers["cases"])
 
 

@@ -40,7 +40,7 @@ import ufl
 import numpy as np
 
 import fx_beam as fb
-from fx_beam.resultants import averaged, with_exact_work
+from fx_beam.mechanics.resultants import averaged, with_exact_work
 
 EA, GA, EI = 400.0, 150.0, 0.05  # [N], [N], [N m^2]
 K_BEND = 5.0  # curvature at which the bending stiffness has doubled, k [1/m]

@@ -2,14 +2,30 @@
 
 import importlib
 
-from .audit import BeamResultants, Energy, Stats
-from .beam import Beam, Node
-from .curve import Curve, arc, spline
-from .dynamics import simulate
+from .analyses.dynamics import simulate
+from .analyses.modal import Modes, modes
+from .analyses.statics import static
 from .errors import SceneError, StepError
-from .io import load
-from .joint_motion import JointMotion
-from .joints import (
+from .mechanics.kinematics import Step
+from .mechanics.rates import AtRest, MidPointRates, NewmarkRates, Rates
+from .mechanics.resultants import Resultants, WeightedResultants
+from .mechanics.schemes import (
+    HHT,
+    EnergyMomentum,
+    Equilibrium,
+    GeneralizedAlpha,
+    MidPoint,
+    ModifiedMidPoint,
+    Newmark,
+    Scheme,
+)
+from .results.audit import BeamResultants, Energy, Stats
+from .results.joint_motion import JointMotion
+from .results.saved import load
+from .results.solution import Solution
+from .scene.beam import Beam, Node
+from .scene.curve import Curve, arc, spline
+from .scene.joints import (
     GROUND,
     Coordinate,
     Damper,
@@ -20,26 +36,10 @@ from .joints import (
     Rigid,
     Spring,
 )
-from .kinematics import Step
-from .modal import Modes, modes
-from .newton import NewtonOptions
-from .rates import AtRest, MidPointRates, NewmarkRates, Rates
-from .recorder import Record
-from .resultants import Resultants, WeightedResultants
-from .scene import Scene
-from .schemes import (
-    HHT,
-    EnergyMomentum,
-    Equilibrium,
-    GeneralizedAlpha,
-    MidPoint,
-    ModifiedMidPoint,
-    Newmark,
-    Scheme,
-)
-from .section import Law, Section
-from .solution import Solution
-from .statics import static
+from .scene.scene import Scene
+from .scene.section import Law, Section
+from .stepping.newton import NewtonOptions
+from .stepping.recorder import Record
 
 __all__ = [
     "GROUND",
@@ -92,12 +92,16 @@ __all__ = [
 
 
 #: What is imported by those who ask for it: pictures, and studies.
-_ON_DEMAND = "plot", "stability", "work_precision"
+_ON_DEMAND = {
+    "plot": "fx_beam.plot",
+    "stability": "fx_beam.studies.stability",
+    "work_precision": "fx_beam.studies.work_precision",
+}
 
 
 def __getattr__(name: str):
     if name in _ON_DEMAND:
-        return importlib.import_module(f"{__name__}.{name}")
+        return importlib.import_module(_ON_DEMAND[name])
     raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
 
 

@@ -11,21 +11,22 @@ import ufl
 import numpy as np
 import scipy.sparse
 
-from . import compat
-from .actions import label
-from .actuators import Actuators
-from .beam import Beam
-from .beam_data import on_beam, section_data
-from .couplings import couple, motors
-from .forms import Forms
-from .joint_reduction import JointReduction
-from .loads import Loads
-from .mechanism import check_no_massless_mechanism
-from .mesh import build_mesh
-from .reduction import IndexReduction, Reduction
-from .scene import Scene
-from .schemes import Scheme
-from .values import vector
+from fx_beam.coupling.graph import couple, motors
+from fx_beam.coupling.index_reduction import IndexReduction, Reduction
+from fx_beam.coupling.joint_reduction import JointReduction
+from fx_beam.coupling.mechanism_check import check_no_massless_mechanism
+from fx_beam.coupling.spring_dampers import Actuators
+from fx_beam.fem.dead_loads import Loads
+from fx_beam.fem.forms import Forms
+from fx_beam.fem.mesh import build_mesh
+from fx_beam.fem.section_fields import on_beam, section_data
+from fx_beam.mechanics.schemes import Scheme
+from fx_beam.scene.beam import Beam
+from fx_beam.scene.loads import label
+from fx_beam.scene.scene import Scene
+
+from .fem import dolfinx_api
+from .validation import vector
 
 
 class Model:
@@ -88,11 +89,11 @@ class Model:
         mass = self.forms.stiffness.copy()
         mass.data[:] = 0.0
         if density != 0:
-            dx = compat.measure(self.mesh.mesh, self._full_rule)
-            form = compat.compile_form(density * dx, "mass")
+            dx = dolfinx_api.measure(self.mesh.mesh, self._full_rule)
+            form = dolfinx_api.compile_form(density * dx, "mass")
             self.compiled.append("mass")
-            matrix = compat.create_matrix(form)
-            compat.assemble_matrix(matrix, form)
+            matrix = dolfinx_api.create_matrix(form)
+            dolfinx_api.assemble_matrix(matrix, form)
             mass.data[:] = matrix.data
         if self.scene.masses:
             mass.setdiag(mass.diagonal() + self.from_nodes(self._lumped()))
@@ -148,12 +149,12 @@ class Model:
         """Weight (size,) of the beams, as a load."""
         weight = np.zeros(self.size)
         if self._has("rhoA"):
-            gravity = compat.constant(self.mesh.mesh, self.scene.gravity)
+            gravity = dolfinx_api.constant(self.mesh.mesh, self.scene.gravity)
             pull = self._density("rhoA") * ufl.dot(gravity, self.forms.step.virtual_u)
-            dx = compat.measure(self.mesh.mesh, self._full_rule)
-            form = compat.compile_form(pull * dx, "weight")
+            dx = dolfinx_api.measure(self.mesh.mesh, self._full_rule)
+            form = dolfinx_api.compile_form(pull * dx, "weight")
             self.compiled.append("weight")
-            compat.assemble_vector(weight, form)
+            dolfinx_api.assemble_vector(weight, form)
         return weight
 
     def _build_reduction(self) -> None:
@@ -186,25 +187,25 @@ class Model:
     def _assemble_line_load(self, beam: Beam, along: Callable | None) -> np.ndarray:
         """Nodal forces (size, 2) of a unit line load along x and y, or (size, 1) of one along s."""
         mesh = self.mesh.mesh
-        unit = compat.constant(mesh, np.zeros(2))
+        unit = dolfinx_api.constant(mesh, np.zeros(2))
         if along is None:
             force, directions = on_beam(self.mesh, self.scene, beam) * unit, np.eye(2)
         else:
             values = self._at_gauss_points(beam, along)
-            force, directions = compat.at_gauss_points(mesh, values), np.ones((1, 2))
-        dx = compat.measure(mesh, self._full_rule)
-        form = compat.compile_form(ufl.dot(force, self.forms.step.virtual_u) * dx, "line load")
+            force, directions = dolfinx_api.at_gauss_points(mesh, values), np.ones((1, 2))
+        dx = dolfinx_api.measure(mesh, self._full_rule)
+        form = dolfinx_api.compile_form(ufl.dot(force, self.forms.step.virtual_u) * dx, "line load")
         if "line load" not in self.compiled:
             self.compiled.append("line load")
         columns = np.zeros((len(directions), self.size))
         for column, direction in zip(columns, directions, strict=True):
             unit.value = direction
-            compat.assemble_vector(column, form)
+            dolfinx_api.assemble_vector(column, form)
         return columns.T
 
     def _at_gauss_points(self, beam: Beam, along: Callable) -> np.ndarray:
         """A line load (cells, points, 2) where it is integrated [N/m]."""
-        points = compat.gauss_points(self._full_rule).T
+        points = dolfinx_api.gauss_points(self._full_rule).T
         force = np.zeros((len(self.mesh.beam_of_cell), points.size, 2))
         s = beam.s[:-1, None] + np.diff(beam.s)[:, None] * points
         what = f"line load on {label(beam)}"

@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 from hypothesis import settings
 
-from fx_beam import compat
+from fx_beam.fem import dolfinx_api
 
 sys.path.insert(0, str(Path(__file__).parent))
 
@@ -23,4 +23,4 @@ settings.load_profile("fx_beam")
 @pytest.fixture
 def unoptimised(monkeypatch):
     """Forms compiled in half the time, where they are evaluated a few times only."""
-    monkeypatch.setitem(compat._JIT, "cffi_extra_compile_args", ["-O0", "-g0"])
+    monkeypatch.setitem(dolfinx_api._JIT, "cffi_extra_compile_args", ["-O0", "-g0"])

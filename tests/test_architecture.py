@@ -1,6 +1,7 @@
 """Imports point one way, versions and drawing stay at the edge, files stay short."""
 
 import ast
+import importlib
 import inspect
 import subprocess
 import sys
@@ -11,112 +12,112 @@ import pytest
 import fx_beam
 
 PACKAGE = Path(fx_beam.__file__).parent
-# From the floor up: a module imports from those before it only.
-LAYERS = [
-    # what is said, and every call into dolfinx
-    "errors",
-    "files",
-    "report",
-    "compat",
-    # physics and data
-    "audit",
-    "kinematics",
-    "values",
-    "rates",
-    "beam",
-    "curve",
-    "actions",
-    "section",
-    "resultants",
-    "schemes",
-    "joints",
-    "scene",
-    "state",
-    "export",
-    "lookup",
-    "joint_motion",
-    "solution",
-    "io",
-    # from a scene to matrices
-    "mesh",
-    "couplings",
-    "actuators",
-    "reduction",
-    "joint_reduction",
-    "loads",
-    "followers",
-    "beam_data",
-    "virtual_works",
-    "forms",
-    "mechanism",
-    "model",
-    # from matrices to a motion
-    "drive",
-    "initial",
-    "recorder",
-    "newton",
-    "halving",
-    "facing",
-    "stepping",
-    "library",
-    "factors",
-    "problem",
-    "loop",
-    "loading",
-    "continuation",
-    # analyses and their results
-    "results",
-    "windings",
-    "dynamics",
-    "statics",
-    "modal",
-    # the door, pictures beside it, and studies behind it
-    "__init__",
-    "symbols",
-    "curve_pictures",
-    "shape_pictures",
-    "plot",
-    "accuracy",
-    "run",
-    "front",
-    "precision",
-    "precision_picture",
-    "precision_report",
-    "candidates",
-    "work_precision",
-    "verdict",
-    "drift",
-    "cell",
-    "findings",
-    "stability_picture",
-    "stability_report",
-    "stability",
-]
-SOURCES = {path.stem: path for path in sorted(PACKAGE.glob("*.py"))}
+# From the ground up. A room imports from the rooms before it only, and within a room a file imports
+# from the files before it only.
+HOUSE = {
+    "": ["errors", "validation"],
+    "scene": ["beam", "curve", "loads", "section", "joints", "scene"],
+    "mechanics": ["kinematics", "rates", "resultants", "schemes"],
+    "results": ["files", "audit", "state", "export", "lookup", "joint_motion", "solution", "saved"],
+    "fem": [
+        "dolfinx_api",
+        "mesh",
+        "section_fields",
+        "dead_loads",
+        "follower_loads",
+        "virtual_works",
+        "forms",
+    ],
+    "coupling": [
+        "graph",
+        "spring_dampers",
+        "index_reduction",
+        "joint_reduction",
+        "mechanism_check",
+    ],
+    "model": [""],
+    "stepping": [
+        "forcing",
+        "initial_state",
+        "recorder",
+        "newton",
+        "substeps",
+        "section_facing",
+        "stepper",
+        "load_steps",
+        "arc_length",
+        "full_turns",
+    ],
+    "compiled": ["build", "lu_layout", "handover", "loop"],
+    "analyses": ["evaluation", "dynamics", "statics", "modal"],
+    "plot": ["symbols", "time_curves", "deformed_shapes", ""],
+    "studies": ["reporting", "candidates"],
+    "studies.work_precision": [
+        "run",
+        "checks",
+        "accuracy",
+        "fronts",
+        "precision",
+        "picture",
+        "report",
+        "runner",
+        "",
+    ],
+    "studies.stability": [
+        "verdict",
+        "drift",
+        "case",
+        "findings",
+        "picture",
+        "report",
+        "runner",
+        "",
+    ],
+}
+# The room itself, "", is its __init__.py or, for the model, its only file.
+ORDER = [".".join(filter(None, (room, file))) for room, files in HOUSE.items() for file in files]
+
+
+def _name(path):
+    """Dotted name of a file in the package; of an __init__.py that of its folder."""
+    return (
+        ".".join(path.relative_to(PACKAGE).with_suffix("").parts)
+        .removesuffix("__init__")
+        .strip(".")
+    )
+
+
+SOURCES = {_name(path): path for path in sorted(PACKAGE.rglob("*.py"))}
 TREES = {name: ast.parse(path.read_text(encoding="utf-8")) for name, path in SOURCES.items()}
+#: The face of the package and of rooms which only say what is in them.
+FACES = {"", *(room for room, files in HOUSE.items() if room and "" not in files)}
 
 every_module = pytest.mark.parametrize("module", SOURCES)
 
 
 def imports(module):
     """Dotted names of all modules that a module imports, inside functions as well."""
-    names = set()
+    path, names = SOURCES[module], set()
+    room = ["fx_beam", *path.relative_to(PACKAGE).parts[:-1]]
     for node in ast.walk(TREES[module]):
         if isinstance(node, ast.Import):
             names |= {alias.name for alias in node.names}
-        elif isinstance(node, ast.ImportFrom) and node.level:
-            base = ".".join(filter(None, ["fx_beam", node.module]))
-            own = [f"{base}.{alias.name}" for alias in node.names]
-            names |= set(own) if node.module is None else {base}
         elif isinstance(node, ast.ImportFrom):
-            names.add(node.module)
+            assert node.level < 2, "a file outside the room is named in full"
+            home = ".".join(filter(None, (room if node.level else []) + [node.module]))
+            for alias in node.names:
+                below = f"{home}.{alias.name}".removeprefix("fx_beam.")
+                names.add(f"{home}.{alias.name}" if below in SOURCES else home)
     return names
 
 
 def own_imports(module):
     """Names of the package's modules that a module imports."""
-    dotted = {name for name in imports(module) if name.split(".")[0] == "fx_beam"}
-    return {(name.split(".") + ["__init__"])[1] for name in dotted}
+    return {
+        name.removeprefix("fx_beam").strip(".")
+        for name in imports(module)
+        if name.split(".")[0] == "fx_beam"
+    }
 
 
 def foreign_imports(module):
@@ -125,30 +126,45 @@ def foreign_imports(module):
     return packages - set(sys.stdlib_module_names) - {"fx_beam"}
 
 
+def room_of(module):
+    """The room of a file."""
+    return max((room for room in HOUSE if f"{module}.".startswith(f"{room}.") and room), default="")
+
+
 # -- The direction of imports ----------------------------------------------------------------
 
 
 def test_every_module_has_its_place():
-    assert set(SOURCES) <= set(LAYERS), "name the new module in LAYERS, above all that it imports"
-    assert len(LAYERS) == len(set(LAYERS))
-    assert not [path for path in PACKAGE.rglob("*.py") if path.parent != PACKAGE]
+    assert set(SOURCES) == set(ORDER) | FACES, "name it in HOUSE, above all that it imports"
+    assert len(ORDER) == len(set(ORDER))
 
 
 @every_module
 def test_imports_point_downwards(module):
-    assert module in LAYERS
-    below = LAYERS[: LAYERS.index(module)]
-    assert own_imports(module) <= set(below)
+    if module in FACES:
+        return
+    assert own_imports(module) <= set(ORDER[: ORDER.index(module)])
+
+
+@every_module
+def test_rooms_say_what_they_hold_and_nothing_else(module):
+    if module in FACES - {""}:
+        assert [type(node) for node in TREES[module].body] == [ast.Expr]
 
 
 def test_pictures_are_imported_by_what_writes_reports_only():
     drawing = {module for module in SOURCES if "plot" in own_imports(module)}
-    assert drawing <= {"precision_picture", "precision_report", "stability_picture"}
+    assert {module.rpartition(".")[2] for module in drawing} <= {"picture", "report"}
 
 
 def test_the_model_knows_nothing_of_solutions():
-    between = LAYERS[LAYERS.index("mesh") : LAYERS.index("results")]
-    assert [m for m in between if m in SOURCES and "solution" in own_imports(m)] == []
+    between = [
+        m
+        for room in ("fem", "coupling", "model", "stepping")
+        for m in SOURCES
+        if room_of(m) == room
+    ]
+    assert [m for m in between if "results.solution" in own_imports(m)] == []
 
 
 # -- The edges -------------------------------------------------------------------------------
@@ -157,12 +173,12 @@ def test_the_model_knows_nothing_of_solutions():
 @pytest.mark.parametrize(
     ("packages", "home"),
     [
-        ({"dolfinx", "basix", "ffcx", "mpi4py"}, {"compat"}),
-        ({"petsc4py"}, {"newton"}),
-        ({"slepc4py"}, {"modal"}),
-        ({"matplotlib"}, {"curve_pictures", "shape_pictures"}),
-        ({"pyvista", "vtk", "vtkmodules"}, {"shape_pictures"}),
-        ({"tqdm"}, {"dynamics"}),
+        ({"dolfinx", "basix", "ffcx", "mpi4py"}, {"fem.dolfinx_api"}),
+        ({"petsc4py"}, {"stepping.newton"}),
+        ({"slepc4py"}, {"analyses.modal"}),
+        ({"matplotlib"}, {"plot.time_curves", "plot.deformed_shapes"}),
+        ({"pyvista", "vtk", "vtkmodules"}, {"plot.deformed_shapes"}),
+        ({"tqdm"}, {"analyses.dynamics"}),
     ],
     ids=["dolfinx", "petsc4py", "slepc4py", "matplotlib", "pyvista", "tqdm"],
 )
@@ -170,13 +186,12 @@ def test_each_library_is_called_from_one_place(packages, home):
     assert {module for module in SOURCES if foreign_imports(module) & packages} == home
 
 
-def test_physics_and_data_need_numpy_and_ufl_only():
-    for module in LAYERS[LAYERS.index("audit") : LAYERS.index("mesh")]:
-        if module in SOURCES:
-            # scipy: splines, and the root of an arc length
-            more = {"scipy"} if module == "curve" else set()
-            assert foreign_imports(module) <= {"numpy", "ufl"} | more, module
-            assert "compat" not in own_imports(module), module
+@every_module
+def test_physics_and_data_need_numpy_and_ufl_only(module):
+    if room_of(module) in ("scene", "mechanics", "results"):
+        # scipy: splines, and the root of an arc length
+        more = {"scipy"} if module == "scene.curve" else set()
+        assert foreign_imports(module) <= {"numpy", "ufl"} | more
 
 
 def test_importing_the_package_imports_no_library_for_pictures_and_no_study():
@@ -189,9 +204,9 @@ def test_importing_the_package_imports_no_library_for_pictures_and_no_study():
         check=True,
     )
     loaded = set(done.stdout.split())
-    assert "fx_beam.dynamics" in loaded
+    assert "fx_beam.analyses.dynamics" in loaded
     assert not loaded & {"matplotlib", "pyvista", "vtkmodules", "imageio", "fx_beam.plot"}
-    assert not loaded & {"fx_beam.work_precision", "fx_beam.stability"}
+    assert not loaded & {"fx_beam.studies.work_precision", "fx_beam.studies.stability"}
 
 
 def test_pictures_and_studies_are_had_from_the_package_and_nothing_else_is():
@@ -202,8 +217,8 @@ def test_pictures_and_studies_are_had_from_the_package_and_nothing_else_is():
 
 
 @every_module
-def test_versions_are_asked_for_in_compat_only(module):
-    if module == "compat":
+def test_versions_are_asked_for_in_one_place_only(module):
+    if module == "fem.dolfinx_api":
         return
     asked = {node.attr for node in ast.walk(TREES[module]) if isinstance(node, ast.Attribute)}
     assert not asked & {"__version__", "version_info", "hexversion"}
@@ -218,7 +233,10 @@ def test_no_import_is_optional(module):
 
 
 def test_no_public_name_hides_a_module():
-    assert not set(fx_beam.__all__) & set(SOURCES)
+    for room in ("", "plot", "studies.work_precision", "studies.stability"):
+        public = set(importlib.import_module(f"fx_beam.{room}".rstrip(".")).__all__)
+        files = {name.rpartition(".")[2] for name in SOURCES if name.rpartition(".")[0] == room}
+        assert not public & files
 
 
 # -- Size and manners ------------------------------------------------------------------------
@@ -246,7 +264,7 @@ def test_source_is_ascii(module):
 def test_the_public_names_are_all_that_the_package_imports():
     imported = {
         alias.asname or alias.name
-        for node in TREES["__init__"].body
+        for node in TREES[""].body
         if isinstance(node, ast.ImportFrom)
         for alias in node.names
     }
@@ -273,15 +291,15 @@ def test_the_public_names_cover_all_that_a_scene_and_a_solution_are_made_of():
         "simulate",
     } <= set(fx_beam.__all__)
     for module in (
-        "section",
-        "schemes",
-        "scene",
-        "solution",
+        "scene.section",
+        "mechanics.schemes",
+        "scene.scene",
+        "results.solution",
         "errors",
-        "audit",
-        "beam",
-        "curve",
-        "rates",
+        "results.audit",
+        "scene.beam",
+        "scene.curve",
+        "mechanics.rates",
     ):
         source = sys.modules[f"fx_beam.{module}"]
         defined = {name for name, value in vars(source).items() if inspect.isclass(value)}

@@ -5,13 +5,13 @@ import pytest
 from scenes import demo
 
 import fx_beam as fb
-from fx_beam.audit import Stats
-from fx_beam.continuation import ArcLength, Tangent
-from fx_beam.drive import LoadDrive
-from fx_beam.initial import reference_state
-from fx_beam.loading import LoadStepper
 from fx_beam.model import Model
-from fx_beam.newton import Newton, NewtonOptions
+from fx_beam.results.audit import Stats
+from fx_beam.stepping.arc_length import ArcLength, Tangent
+from fx_beam.stepping.forcing import LoadDrive
+from fx_beam.stepping.initial_state import reference_state
+from fx_beam.stepping.load_steps import LoadStepper
+from fx_beam.stepping.newton import Newton, NewtonOptions
 
 RISE, EA = 0.2, 1e4
 

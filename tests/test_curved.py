@@ -9,7 +9,7 @@ from scenes import FLYING, free_flight, relative_drift
 from scipy.integrate import quad, simpson
 
 import fx_beam as fb
-from fx_beam import compat
+from fx_beam.fem import dolfinx_api
 from fx_beam.model import Model
 
 DEGREES = pytest.mark.parametrize("degree", [1, 2, 3])
@@ -233,7 +233,7 @@ def test_a_curve_takes_one_number_of_elements_and_enough_of_them():
 def test_geometry_is_of_the_elements_degree_where_a_beam_is_curved_and_only_there(degree):
     def geometry(scene):
         mesh = Model(scene, fb.EnergyMomentum()).mesh.mesh
-        return compat.element_coordinates(mesh).shape[1] // 3 - 1
+        return dolfinx_api.element_coordinates(mesh).shape[1] // 3 - 1
 
     straight, _ = free_flight(3, degree)
     assert geometry(straight) == 1

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from fx_beam.halving import Halving
+from fx_beam.stepping.substeps import Halving
 
 
 def march(grid, longest, most=12):

@@ -13,8 +13,8 @@ import pytest
 from scenes import FLYING, demo, free_flight, pendulum, pinned_beam, relative_drift
 
 import fx_beam as fb
-from fx_beam import library
-from fx_beam.rates import MidPointRates
+from fx_beam.compiled import build
+from fx_beam.mechanics.rates import MidPointRates
 
 SCHEMES = [
     fb.EnergyMomentum(),
@@ -265,16 +265,16 @@ def test_without_a_compiler_python_takes_over_with_one_warning(
     def no_compiler(*_, **__):
         raise FileNotFoundError("cc")
 
-    library.load_library.cache_clear()
-    library._warn.cache_clear()
-    monkeypatch.setattr(library, "cache_directory", lambda: tmp_path)
+    build.load_library.cache_clear()
+    build._warn.cache_clear()
+    monkeypatch.setattr(build, "cache_directory", lambda: tmp_path)
     if built == "the loop":
-        library.load_library()
-    monkeypatch.setattr(library.subprocess, "run", no_compiler)
+        build.load_library()
+    monkeypatch.setattr(build.subprocess, "run", no_compiler)
     scene, _ = pendulum()
     with caplog.at_level(logging.WARNING, logger="fx_beam"):
         solutions = [fb.simulate(scene, dt=0.01, t_end=0.1) for _ in range(2)]
-    library.load_library.cache_clear()
+    build.load_library.cache_clear()
     assert all(s.stats.solver == "petsc lu (it cannot be built)" for s in solutions)
     assert [r.levelname for r in caplog.records] == ["WARNING"]
     assert "cannot be built" in caplog.text
@@ -283,33 +283,33 @@ def test_without_a_compiler_python_takes_over_with_one_warning(
 def test_a_cache_that_cannot_be_written_is_no_obstacle(monkeypatch, tmp_path, caplog):
     file = tmp_path / "file"
     file.write_text("")
-    library.load_library.cache_clear()
-    monkeypatch.setattr(library, "cache_directory", lambda: file / "below")
+    build.load_library.cache_clear()
+    monkeypatch.setattr(build, "cache_directory", lambda: file / "below")
     scene, _ = pendulum()
     solution = fb.simulate(scene, dt=0.01, t_end=0.1)
-    library.load_library.cache_clear()
+    build.load_library.cache_clear()
     assert solution.stats.solver.startswith("petsc")
 
 
 @pytest.mark.skipif(platform.machine() != "x86_64", reason="names of processors are those of x86")
 def test_a_loop_is_built_for_the_processor_that_is_asked_for(monkeypatch, tmp_path):
-    monkeypatch.setattr(library, "cache_directory", lambda: tmp_path)
+    monkeypatch.setattr(build, "cache_directory", lambda: tmp_path)
     built = []
     for target in ("", "x86-64", "x86-64-v2", "x86-64"):
         monkeypatch.setenv("FX_BEAM_MARCH", target)
-        built.append(library._build("a test", "", lambda: "double one(void) { return 1; }"))
+        built.append(build._build("a test", "", lambda: "double one(void) { return 1; }"))
     assert len(set(built)) == 3 and built[1] == built[3]
     # One that was built for a name serves all machines; a native one its own kind.
-    monkeypatch.setattr(library, "_processor", lambda: ["another"])
+    monkeypatch.setattr(build, "_processor", lambda: ["another"])
     monkeypatch.setenv("FX_BEAM_MARCH", "x86-64")
-    assert library._build("a test", "", lambda: "none") == built[1]
+    assert build._build("a test", "", lambda: "none") == built[1]
     monkeypatch.delenv("FX_BEAM_MARCH")
-    assert library._build("a test", "", lambda: "double one(void) { return 1; }") not in built
+    assert build._build("a test", "", lambda: "double one(void) { return 1; }") not in built
 
 
 def test_a_processor_that_the_compiler_does_not_know_is_refused(monkeypatch, tmp_path):
-    library.load_library.cache_clear()
-    monkeypatch.setattr(library, "cache_directory", lambda: tmp_path)
+    build.load_library.cache_clear()
+    monkeypatch.setattr(build, "cache_directory", lambda: tmp_path)
     monkeypatch.setenv("FX_BEAM_MARCH", "abacus")
     scene, _ = pendulum()
     with pytest.raises(fb.SceneError, match="FX_BEAM_MARCH = 'abacus' is no processor that"):

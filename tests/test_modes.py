@@ -381,7 +381,7 @@ def test_stiffness_is_the_derivative_of_the_forces_of_a_stressed_scene_with_join
     scene.add_force(second.end, (30.0, 50.0))
     state = fb.simulate(scene, dt=0.02, t_end=0.5)
     assert abs(state.q[-1]).max() > 0.3
-    source = sys.modules["fx_beam.modal"]
+    source = sys.modules["fx_beam.analyses.modal"]
     model = Model(scene, fb.Equilibrium(), mobile=True)
     K, _, _, q = source._matrices(model, state)
     force = model.loads.at(0.5) + model.weight
@@ -401,7 +401,7 @@ def test_stiffness_is_the_derivative_of_the_forces_of_a_stressed_scene_with_join
 
 def dense(scene, state=None):
     """All finite angular frequencies squared by dense algebra, massless unknowns condensed."""
-    K, M = sys.modules["fx_beam.modal"]._matrices(
+    K, M = sys.modules["fx_beam.analyses.modal"]._matrices(
         Model(scene, fb.Equilibrium(), mobile=True), state
     )[:2]
     K, M = K.toarray(), M.toarray()

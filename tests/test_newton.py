@@ -5,7 +5,8 @@ import pytest
 from scenes import demo, pendulum, pinned_beam, relative_drift
 
 import fx_beam as fb
-from fx_beam import newton, problem
+from fx_beam.compiled import handover
+from fx_beam.stepping import newton
 
 SOLVERS = pytest.mark.parametrize("solver", ["compiled", "petsc"])
 
@@ -128,7 +129,7 @@ def test_large_steps_of_the_pinned_beam_converge_without_halving():
 
 def bound_of_guesses(monkeypatch, bound):
     """Let increments be carried on where they foretold the last one to this relative error."""
-    for module in (newton, problem):
+    for module in (newton, handover):
         monkeypatch.setattr(module, "CLOSE", bound)
 
 

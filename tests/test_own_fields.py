@@ -9,10 +9,13 @@ import pytest
 from jointed import MEMBER
 
 import fx_beam as fb
-from fx_beam import compat
+from fx_beam.fem import dolfinx_api
 
-LINE, _ = compat.interval_mesh(np.array([(0.0, 0.0), (1.0, 0.0)]), np.array([(0, 1)]))
-FIELDS = {"Constant": compat.constant(LINE, 2.0), "Function": compat.cellwise(LINE, np.ones(1))}
+LINE, _ = dolfinx_api.interval_mesh(np.array([(0.0, 0.0), (1.0, 0.0)]), np.array([(0, 1)]))
+FIELDS = {
+    "Constant": dolfinx_api.constant(LINE, 2.0),
+    "Function": dolfinx_api.cellwise(LINE, np.ones(1)),
+}
 every_field = pytest.mark.parametrize("kind", FIELDS)
 
 

@@ -7,8 +7,8 @@ import pytest
 from scenes import FLYING, free_flight, pinned_beam, relative_drift
 
 import fx_beam as fb
-from fx_beam.kinematics import perp
-from fx_beam.resultants import averaged
+from fx_beam.mechanics.kinematics import perp
+from fx_beam.mechanics.resultants import averaged
 
 
 def stiffening(eps, gamma, kappa):

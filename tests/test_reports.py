@@ -14,7 +14,7 @@ from pytest import approx
 from scipy.interpolate import CubicSpline
 
 import fx_beam as fb
-from fx_beam import accuracy
+from fx_beam.studies.work_precision import accuracy
 
 ROOT = Path(__file__).parents[1]
 EXAMPLES = "pendulum", "three_bar_swing", "multibody", "pinned_beam"

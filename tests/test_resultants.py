@@ -7,7 +7,7 @@ import pytest
 from scenes import pinned_beam
 
 import fx_beam as fb
-from fx_beam.resultants import at_ends
+from fx_beam.mechanics.resultants import at_ends
 
 MASS, LENGTH, SPIN = 1.0, 1.0, 40.0
 CENTRIPETAL = MASS * SPIN**2 * LENGTH

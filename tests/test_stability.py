@@ -11,9 +11,10 @@ from scenes import pendulum
 from test_reports import benchmark
 
 import fx_beam as fb
-from fx_beam import findings, stability
-from fx_beam.stability_picture import symbol, telling
-from fx_beam.stability_report import numbers
+from fx_beam import stability
+from fx_beam.studies.stability import findings
+from fx_beam.studies.stability.picture import symbol, telling
+from fx_beam.studies.stability.report import numbers
 
 OURS, PUBLISHED = "EnergyMomentum", "ModifiedMidPoint"
 NEWMARK, HHT = "Newmark (trapezoidal)", "HHT, alpha = -0.1"

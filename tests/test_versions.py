@@ -11,22 +11,23 @@ import pytest
 from scenes import pinned_beam
 
 import fx_beam as fb
-from fx_beam import compat, library
+from fx_beam.compiled import build
+from fx_beam.fem import dolfinx_api
 
 # -- Quadrature ----------------------------------------------------------------------------------
 
 
 def interval(length=1.0):
-    mesh, _ = compat.interval_mesh(np.array([[0.0, 0.0], [length, 0.0]]), np.array([[0, 1]]))
+    mesh, _ = dolfinx_api.interval_mesh(np.array([[0.0, 0.0], [length, 0.0]]), np.array([[0, 1]]))
     return mesh
 
 
 @pytest.mark.parametrize("points", range(1, 6))
 def test_the_rule_of_a_form_is_that_of_gauss(points):
     mesh = interval()
-    dx, x = compat.measure(mesh, points), ufl.SpatialCoordinate(mesh)[0]
+    dx, x = dolfinx_api.measure(mesh, points), ufl.SpatialCoordinate(mesh)[0]
     found = [
-        compat.assemble_scalar(compat.compile_form(x**power * dx, "a power"))
+        dolfinx_api.assemble_scalar(dolfinx_api.compile_form(x**power * dx, "a power"))
         for power in range(2 * points + 1)
     ]
     exact = 1 / (1 + np.arange(2 * points + 1))
@@ -42,12 +43,12 @@ def test_the_rule_of_a_form_is_that_of_gauss(points):
 def test_values_at_gauss_points_are_those_that_the_rule_of_a_form_takes(points):
     mesh = interval(3.0)
     given = np.exp(np.arange(points))[None]
-    function = compat.at_gauss_points(mesh, given)
-    squares = compat.compile_form(function**2 * compat.measure(mesh, points), "squares")
+    function = dolfinx_api.at_gauss_points(mesh, given)
+    squares = dolfinx_api.compile_form(function**2 * dolfinx_api.measure(mesh, points), "squares")
     weights = np.polynomial.legendre.leggauss(points)[1] * 3.0 / 2
-    assert compat.assemble_scalar(squares) == pytest.approx(weights @ given[0] ** 2, rel=1e-13)
-    expression = compat.compile_expression(function, compat.gauss_points(points))
-    found = compat.evaluate(expression, mesh, np.array([0]))
+    assert dolfinx_api.assemble_scalar(squares) == pytest.approx(weights @ given[0] ** 2, rel=1e-13)
+    expression = dolfinx_api.compile_expression(function, dolfinx_api.gauss_points(points))
+    found = dolfinx_api.evaluate(expression, mesh, np.array([0]))
     assert found == pytest.approx(given, rel=1e-12)
 
 
@@ -93,19 +94,19 @@ def test_each_law_has_its_own_coefficients_in_the_loop(laws):
 
 def test_coefficients_of_a_subdomain_are_those_of_its_cells():
     points = np.column_stack([np.arange(4.0), np.zeros(4)])
-    mesh, _ = compat.interval_mesh(points, np.array([[0, 1], [1, 2], [2, 3]]))
+    mesh, _ = dolfinx_api.interval_mesh(points, np.array([[0, 1], [1, 2], [2, 3]]))
     tags = np.array([2, 0, 1])
-    of_cell = compat.cellwise(mesh, 10.0 + np.arange(3))
-    dx = compat.measure(mesh, 1, tags)
-    form = compat.compile_form(
+    of_cell = dolfinx_api.cellwise(mesh, 10.0 + np.arange(3))
+    dx = dolfinx_api.measure(mesh, 1, tags)
+    form = dolfinx_api.compile_form(
         sum((tag + 1) * of_cell * dx(tag) for tag in range(3)) + of_cell**2 * dx, "all tags"
     )
-    packed = compat.packed_coefficients(form)
-    assert sorted(packed) == sorted(compat.integrals(form)) == [-1, 0, 1, 2]
+    packed = dolfinx_api.packed_coefficients(form)
+    assert sorted(packed) == sorted(dolfinx_api.integrals(form)) == [-1, 0, 1, 2]
     assert packed[-1][:, 0] == pytest.approx([10.0, 11.0, 12.0])
     assert [packed[tag][:, 0] for tag in range(3)] == [[11.0], [12.0], [10.0]]
     expected = sum((tags[k] + 1) * (10 + k) + (10 + k) ** 2 for k in range(3))
-    assert compat.assemble_scalar(form) == pytest.approx(expected)
+    assert dolfinx_api.assemble_scalar(form) == pytest.approx(expected)
 
 
 def test_the_loop_runs_here():
@@ -116,8 +117,10 @@ def test_the_loop_runs_here():
 def test_functions_have_the_names_that_the_linker_knows():
     mesh = interval()
     x = ufl.SpatialCoordinate(mesh)[0]
-    form = ufl.sin(x) * compat.measure(mesh, 1)
-    source, names, parameters = compat.element_functions(compat.compile_form(form, "a sine"), form)
+    form = ufl.sin(x) * dolfinx_api.measure(mesh, 1)
+    source, names, parameters = dolfinx_api.element_functions(
+        dolfinx_api.compile_form(form, "a sine"), form
+    )
     assert [source.count(f"void {name}(") for name in names] == [1]
     assert parameters >= 6
 
@@ -126,9 +129,9 @@ def test_functions_without_names_leave_the_steps_to_python(monkeypatch, tmp_path
     def nameless(_):
         raise LookupError("no names")
 
-    monkeypatch.setattr(compat, "_symbol", nameless)
-    monkeypatch.setattr(library, "cache_directory", lambda: tmp_path)
-    library._warn.cache_clear()
+    monkeypatch.setattr(dolfinx_api, "_symbol", nameless)
+    monkeypatch.setattr(build, "cache_directory", lambda: tmp_path)
+    build._warn.cache_clear()
     solution = fb.simulate(pinned_beam()[0], dt=0.01, t_end=0.1)
     assert solution.stats.solver == "petsc lu (it cannot be built)"
     assert "no names" in caplog.text
@@ -140,10 +143,10 @@ def test_the_compiler_is_that_of_the_environment(monkeypatch, tmp_path):
     compiler.write_text(f'#!/bin/sh\necho "$1" >>{said}\nshift\nexec cc "$@"\n')
     compiler.chmod(0o755)
     monkeypatch.setenv("CC", f"{compiler} first")
-    monkeypatch.setattr(library, "cache_directory", lambda: tmp_path)
-    library.load_library.cache_clear()
-    library.load_library()
-    library.load_library.cache_clear()
+    monkeypatch.setattr(build, "cache_directory", lambda: tmp_path)
+    build.load_library.cache_clear()
+    build.load_library()
+    build.load_library.cache_clear()
     assert said.read_text() == "first\n"
 
 
@@ -156,11 +159,11 @@ def test_all_c_compiles_for_aarch64_as_well(monkeypatch, tmp_path):
             commands.append((command, options["input"]))
         return run(command, **options)
 
-    monkeypatch.setattr(library.subprocess, "run", noted)
-    monkeypatch.setattr(library, "cache_directory", lambda: tmp_path)
-    library.load_library.cache_clear()
+    monkeypatch.setattr(build.subprocess, "run", noted)
+    monkeypatch.setattr(build, "cache_directory", lambda: tmp_path)
+    build.load_library.cache_clear()
     assert fb.simulate(pinned_beam()[0], dt=0.01, t_end=0.1).stats.solver == "compiled, band 5"
-    library.load_library.cache_clear()
+    build.load_library.cache_clear()
     # The loop; forces, tangents, energies and eq. 4 of several elements.
     assert len(commands) == 5
     for command, source in commands:

@@ -11,9 +11,9 @@ import scenes
 from pytest import approx
 
 import fx_beam as fb
-from fx_beam import accuracy, work_precision
-from fx_beam.accuracy import History
-from fx_beam.work_precision import Mesh, Precision, Run, sentence, study
+from fx_beam import work_precision
+from fx_beam.studies.work_precision import Mesh, Precision, Run, accuracy, runner, sentence, study
+from fx_beam.studies.work_precision.accuracy import History
 
 T = np.linspace(0, 2, 41)
 PENDULUM = scenes.demo("pendulum")
@@ -124,7 +124,7 @@ def test_estimated_error_of_a_computed_pendulum_bounds_its_distance_from_the_exa
         t_end=t_end,
         repetitions=1,
     )
-    dt = step / work_precision.FINER_STEP
+    dt = step / runner.FINER_STEP
     reference = fb.simulate(pendulum(4), dt=dt, t_end=t_end)
     true = error_of(PENDULUM.displacement, lambda t: PENDULUM.rigid(t)[0], reference)
     assert true <= found.references["tip path"] <= 5 * true
@@ -517,7 +517,7 @@ def test_an_interrupted_study_keeps_what_it_has(monkeypatch):
             raise KeyboardInterrupt
         return fb.simulate(*arguments, **keywords)
 
-    monkeypatch.setattr(work_precision, "simulate", simulate)
+    monkeypatch.setattr(runner, "simulate", simulate)
     with pytest.raises(KeyboardInterrupt) as stopped:
         sensible(steps=[0.1, 0.05])
     (run,) = stopped.value.precision.runs
@@ -541,7 +541,7 @@ def test_timed_runs_take_turns_and_the_median_counts(monkeypatch):
         )
         return SimpleNamespace(t=T, stats=stats, energy=fb.Energy(*np.ones((4, len(T)))))
 
-    monkeypatch.setattr(work_precision, "simulate", simulate)
+    monkeypatch.setattr(runner, "simulate", simulate)
     found = study(
         pendulum,
         {"q": lambda s: 1.0},
@@ -569,7 +569,7 @@ def test_the_reference_is_finer_than_every_run(monkeypatch):
         built.mesh = elements, degree
         return built
 
-    monkeypatch.setattr(work_precision, "simulate", simulate)
+    monkeypatch.setattr(runner, "simulate", simulate)
     study(
         scene,
         {"tip": PENDULUM.displacement},
@@ -627,7 +627,7 @@ def test_what_makes_no_sense_is_refused_by_name_before_anything_runs(monkeypatch
     def simulate(*arguments, **keywords):
         raise AssertionError("a simulation ran")
 
-    monkeypatch.setattr(work_precision, "simulate", simulate)
+    monkeypatch.setattr(runner, "simulate", simulate)
     with pytest.raises(fb.SceneError, match=message):
         sensible(**change)
 
@@ -652,7 +652,7 @@ def test_a_wrong_quantity_is_refused_by_name_after_the_cheapest_run(monkeypatch,
         runs.append(dt)
         return fb.simulate(*arguments, dt=dt, **keywords)
 
-    monkeypatch.setattr(work_precision, "simulate", simulate)
+    monkeypatch.setattr(runner, "simulate", simulate)
     with pytest.raises(fb.SceneError, match=message) as refused:
         sensible(quantities={"tip": quantity}, steps=[0.05, 0.1])
     assert runs == [0.1] and "EnergyMomentum, 1 element of degree 1, dt = 0.1 s" in str(

@@ -1,0 +1,4 @@
+"""What users call: `simulate`, `static` and `modes`.
+
+Each builds a model, runs it and returns a solution.
+"""

@@ -1,0 +1,265 @@
+"""Simulation of a scene over time."""
+
+from __future__ import annotations
+
+import logging
+import math
+import time
+from dataclasses import replace
+
+import numpy as np
+from tqdm import tqdm
+
+from fx_beam.compiled.build import LoopUnavailable
+from fx_beam.compiled.loop import CompiledLoop
+from fx_beam.errors import SceneError, StepError
+from fx_beam.mechanics.schemes import EnergyMomentum, Scheme
+from fx_beam.model import Model
+from fx_beam.results.audit import Stats
+from fx_beam.results.solution import Solution
+from fx_beam.results.state import State
+from fx_beam.scene.scene import Scene
+from fx_beam.stepping.forcing import Drive
+from fx_beam.stepping.full_turns import Windings
+from fx_beam.stepping.initial_state import check_joints, initial_state, resumed_state
+from fx_beam.stepping.newton import Newton, NewtonOptions, petsc
+from fx_beam.stepping.recorder import Record, Recorder
+from fx_beam.stepping.stepper import Stepper
+from fx_beam.stepping.substeps import LARGE_TURN, MOST_HALVINGS
+from fx_beam.validation import is_number, is_whole, require
+
+from .evaluation import solution_of
+
+_log = logging.getLogger("fx_beam")
+
+#: Steps, times degrees of freedom, between two looks at the progress bar and at the keyboard.
+_BLOCK = 500_000
+# Steps of a time grid; their times alone take 8 GB.
+_MOST_STEPS = 1e9
+
+
+def simulate(
+    scene: Scene,
+    scheme: Scheme | None = None,
+    *,
+    dt: float,
+    t_end: float,
+    start: Solution | None = None,
+    newton: NewtonOptions | None = None,
+    max_halvings: int = 12,
+    record: Record | None = None,
+    solver: str = "auto",
+    progress: bool | None = None,
+) -> Solution:
+    """Motion of a scene to `t_end`, from t = 0 or from where another solution ends.
+
+    Parameters
+    ----------
+    scene : Scene
+        What moves.
+    scheme : Scheme, optional
+        Time scheme; `EnergyMomentum()` by default.
+    dt : float
+        Time step [s]. The last step is shorter where `t_end` is no multiple of it.
+    t_end : float
+        End of the simulation [s].
+    start : Solution, optional
+        Where to start from, by default the reference configuration. From a static solution a scene
+        starts deformed, with its initial velocities, at the time that `static` was given; from an
+        earlier motion it goes on as if that had not ended, with the work done so far, and with the
+        same scheme and `dt` with the size of the parts that its last steps took. The scene
+        must have the same nodes, as many joints and motors, and joints that can be in that state;
+        loads, masses and supports may be others.
+    newton : NewtonOptions, optional
+        When Newton's method stops.
+    max_halvings : int
+        How often a failing step is halved before the simulation is given up; 0 for never. Parts
+        that succeed are doubled again.
+    record : Record, optional
+        What is kept; everything of every step by default.
+    solver : {"auto", "compiled", "petsc"}
+        Who takes the steps: a compiled loop, with a banded solver or a sparse one, or Python with
+        PETSc, which is slower and takes any scheme. By default the loop where it can be had.
+    progress : bool, optional
+        Whether to show a progress bar; by default on a terminal when the run takes longer than
+        two seconds.
+
+    Returns
+    -------
+    Solution
+        The motion at the times t0, t0 + dt, t0 + 2 dt, ..., t_end, from t0 = 0 or the end of
+        `start`.
+
+    Raises
+    ------
+    SceneError
+        Before anything runs, for a scene, scheme or time grid that cannot be computed.
+    RuntimeError
+        Where steps in Python are asked for or needed, and PETSc is missing.
+    StepError
+        For a step that failed. Its attribute `solution` holds all steps before it.
+    """
+    scheme = EnergyMomentum() if scheme is None else scheme
+    if not isinstance(scene, Scene):
+        raise SceneError(f"simulate needs an fx_beam.Scene, not {scene!r}")
+    if not isinstance(scheme, Scheme):
+        raise SceneError(
+            f"unknown scheme {scheme!r}; give one such as fx_beam.EnergyMomentum() or "
+            "fx_beam.Newmark(), with its brackets, or an fx_beam.Scheme of your own"
+        )
+    if scheme.rates.at_rest:
+        raise SceneError(f"{scheme.name} does not move in time: take fx_beam.static(scene)")
+    _check_options(newton, max_halvings, record, solver, progress)
+    times = _time_grid(dt, t_end, 0.0 if start is None else _end_of(start).t)
+
+    clock = time.perf_counter()
+    model = Model(scene, scheme)
+    stats = Stats(
+        scheme=scheme.name,
+        level=scheme.rates.level,
+        solver="petsc lu",
+        unknowns=model.reduction.free,
+        compiled=model.compiled,
+        assembled=model.assembled,
+    )
+    options = newton or NewtonOptions()
+    drive = Drive(model)
+    stepper = Stepper(model, Newton(model, options), drive, stats, max_halvings)
+    taker = _taker(solver, stepper, options)
+    recorder = Recorder(model, times, record or Record())
+    state = _first_state(model, drive, float(times[1] - times[0]), start)
+    stepper.halving.resume(state.parts, dt)
+    taker.past = state.past
+    windings = Windings(model)
+    recorder.record(0, state)
+    stats.setup_seconds = time.perf_counter() - clock
+
+    clock = time.perf_counter()
+    show = None if progress is None else not progress
+    try:
+        # tqdm takes None as: only on a terminal.
+        with tqdm(
+            total=len(times) - 1, disable=show, delay=0 if progress else 2, leave=False
+        ) as bar:
+            steps = max(1, min(1000, _BLOCK // model.size))
+            for first in range(1, len(times), steps):
+                block, rows = times[first : first + steps], recorder.rows
+                try:
+                    state = taker.march(windings.take_off(state), block, first, recorder)
+                finally:
+                    recorder.wind(rows, windings.taken)
+                bar.update(len(block))
+    except (StepError, KeyboardInterrupt) as error:
+        stats.seconds = time.perf_counter() - clock
+        stats.failure = str(error) or "interrupted"
+        error.solution = solution_of(model, recorder, stats)  # type: ignore[union-attr]
+        raise
+    stats.seconds = time.perf_counter() - clock
+    _warn_of_parts(stats, dt)
+    end = replace(
+        state, q=state.q + windings.taken, parts=stepper.halving.memory(dt), past=taker.past
+    )
+    return solution_of(model, recorder, stats, end)
+
+
+def _warn_of_parts(stats: Stats, dt: float) -> None:
+    """Say that steps were taken in parts, and where they are too large for the motion."""
+    if not stats.halvings:
+        return
+    text = f"{stats.steps} steps took {stats.substeps}, as some failed and were halved"
+    if stats.too_large:
+        text += (
+            f". dt = {dt:g} is too large for this motion: in {stats.too_large} of the parts a node "
+            f"turned at more than {LARGE_TURN:g} rad per step, and where it goes may depend on "
+            "rounding. Try a smaller dt"
+        )
+    _log.warning("%s: %s", stats.scheme, text)
+
+
+def _end_of(start: Solution) -> State:
+    """Last state of a solution, its vectors by nodes."""
+    if not isinstance(start, Solution):
+        raise SceneError(f"start must be a Solution, not {start!r}")
+    if start.end is None:
+        raise SceneError("start: the solution broke off, and its last state was not kept")
+    return start.end
+
+
+def _first_state(model: Model, drive: Drive, dt: float, start: Solution | None) -> State:
+    """State at the start of a motion, in the order of the model's degrees of freedom."""
+    if start is None:
+        return initial_state(model, drive, dt)
+    end, X = _end_of(start), model.mesh.X
+    if start.X.shape != X.shape or (start.X != X).any():
+        raise SceneError("start: the solution is one of other nodes than the scene has")
+    for what, ours, theirs in (
+        ("joints", len(model.scene.joints), len(end.slides)),
+        ("motors", len(model.motors), len(end.motors)),
+    ):
+        if ours != theirs:
+            raise SceneError(f"start: the solution has {theirs} {what}, and the scene {ours}")
+    state = end.renumbered(model.from_nodes)
+    check_joints(model, state)
+    if state.held is not None and len(state.held) != model.reduction.columns - model.reduction.free:
+        state = replace(state, held=None)  # other supports
+    if len(start.joint_forces):
+        state = replace(state, joint_forces=start.joint_forces[-1])
+    if start.stats.static:
+        return initial_state(model, drive, dt, state)
+    return resumed_state(model, drive, dt, state, start.stats.scheme == model.scheme.name)
+
+
+def _taker(solver: str, stepper: Stepper, options: NewtonOptions) -> Stepper | CompiledLoop:
+    """Who takes the steps: the compiled loop where it can, and is not refused."""
+    if solver == "petsc":
+        petsc('solver = "petsc"')
+        return stepper
+    try:
+        return CompiledLoop(stepper, options)
+    except LoopUnavailable as reason:
+        if solver == "compiled":
+            raise SceneError(f'solver = "compiled" is not to be had: {reason}') from reason
+        petsc(f"a scene that the compiled loop cannot take ({reason})")
+        stepper.stats.solver += f" ({reason})"
+        return stepper
+
+
+def _check_options(newton, max_halvings, record, solver, progress) -> None:
+    for name, value, fits, wanted in (
+        ("newton", newton, isinstance(newton, NewtonOptions | None), "an fx_beam.NewtonOptions"),
+        (
+            "max_halvings",
+            max_halvings,
+            is_whole(max_halvings, 0, MOST_HALVINGS),
+            f"a whole number from 0 to {MOST_HALVINGS}",
+        ),
+        ("record", record, isinstance(record, Record | None), "an fx_beam.Record"),
+        (
+            "solver",
+            solver,
+            isinstance(solver, str) and solver in ("auto", "compiled", "petsc"),
+            '"auto", "compiled" or "petsc"',
+        ),
+        ("progress", progress, isinstance(progress, bool | None), "True, False or None"),
+    ):
+        require(fits, f"simulate: {name}", value, wanted)
+
+
+def _time_grid(dt: float, t_end: float, t0: float) -> np.ndarray:
+    for name, value in (("dt", dt), ("t_end", t_end)):
+        require(is_number(value), name, value, "a finite number")
+    if dt <= 0:
+        raise SceneError(f"dt = {dt!r} must be positive")
+    if t_end - t0 < dt * (1 - 1e-6):
+        since = f" after the start at t = {t0:g}" if t0 else ""
+        raise SceneError(f"t_end = {t_end!r} is smaller than dt = {dt!r}{since}")
+    if (t_end - t0) / dt > _MOST_STEPS:
+        raise SceneError(
+            f"dt = {dt!r}: {(t_end - t0) / dt:.3g} steps to t_end = {t_end!r} are more than the "
+            f"{_MOST_STEPS:.0e} that can be taken"
+        )
+    # A remainder below 1e-6 steps is rounding of t_end / dt, not a step.
+    steps = math.ceil((t_end - t0) / dt - 1e-6)
+    times = t0 + float(dt) * np.arange(steps + 1)
+    times[-1] = t_end
+    return times

@@ -1,0 +1,62 @@
+"""From what was recorded to a solution."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from fx_beam.fem.dolfinx_api import gauss_points
+from fx_beam.model import Model
+from fx_beam.results.audit import BeamResultants, Stats
+from fx_beam.results.solution import Solution
+from fx_beam.results.state import State
+from fx_beam.stepping.recorder import Recorder
+
+
+def solution_of(
+    model: Model, recorder: Recorder, stats: Stats, end: State | None = None
+) -> Solution:
+    """Solution of a run.
+
+    Parameters
+    ----------
+    model : Model
+        The compiled scene.
+    recorder : Recorder
+        What was kept.
+    stats : Stats
+        What it took.
+    end : State, optional
+        The last state; none if the run broke off.
+
+    Returns
+    -------
+    Solution
+        The solution.
+    """
+    scene, mesh = model.scene, model.mesh
+    histories = recorder.histories()
+    cache: list[np.ndarray] = []
+
+    def resultants_of_beam(name: str) -> BeamResultants:
+        if model.forms.resultants_need_rates and "v" not in recorder.arrays:
+            raise ValueError(
+                f"the stress resultants of {model.scheme.name} depend on rates: rates not "
+                "recorded; simulate with record=Record(rates=True)"
+            )
+        if not cache:
+            cache.append(model.forms.resultants(recorder.last_parts()))
+        number = [beam.name for beam in scene.beams].index(name)
+        beam, values = scene.beams[number], cache[0][:, mesh.cells[number]]
+        s = beam.s[:-1, None] + np.diff(beam.s)[:, None] * gauss_points(beam.degree).T
+        N, Q, M = np.moveaxis(values.reshape(len(values), -1, 3), -1, 0)
+        return BeamResultants(s.ravel(), N, Q, M)
+
+    return Solution(
+        X=mesh.X,
+        **histories,
+        stats=stats,
+        beams={beam.name: beam for beam in scene.beams},
+        nodes_of_beam={b.name: n for b, n in zip(scene.beams, mesh.nodes, strict=True)},
+        resultants_of_beam=resultants_of_beam,
+        end=end and end.renumbered(model.to_nodes),
+    )

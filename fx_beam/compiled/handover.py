@@ -1,0 +1,349 @@
+"""A scene as the compiled loop takes it: forms, matrices and couplings as lists of numbers.
+
+Everything physical comes from the functions that FFCx generates from the UFL; the loop, in c/,
+knows Newton's method, the couplings and the nodal rates.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import scipy.sparse
+
+from fx_beam.coupling.index_reduction import Tables
+from fx_beam.fem import dolfinx_api
+from fx_beam.mechanics.rates import MidPointRates, NewmarkRates
+from fx_beam.model import JointForces, Model
+from fx_beam.stepping.newton import CLOSE, ENERGY_FLOOR, ENERGY_SHARE, LONGEST_TURN, NewtonOptions
+from fx_beam.stepping.substeps import LARGE_TURN
+
+from .build import LoopUnavailable, load_batches, load_library
+from .lu_layout import alone_in_column, factors_of, places_of_entries
+
+_FORMS = {
+    "residual": "internal forces",
+    "tangent": "tangent",
+    "path_tangent": "tangent of the path",
+    "energy": "strain energy",
+    "backwards": "sections facing backwards",
+    "added": "added virtual work",
+}
+# Those that an iteration assembles, in their order above.
+_OF_ITERATION = "internal forces", "tangent", "tangent of the path"
+
+
+class Problem:
+    """The structure `Problem` of c/problem.h for a scene, and the memory that it points to.
+
+    Parameters
+    ----------
+    model : Model
+        The compiled scene.
+    joint_forces : JointForces, optional
+        The sums that joint forces are, if there are joints.
+    options : NewtonOptions
+        When Newton's method stops.
+
+    Attributes
+    ----------
+    ffi, library : cffi.FFI and library
+        The interface of c/problem.h.
+    c : cffi pointer
+        The structure.
+    room : dict
+        Arrays of the state, by their names in it.
+    past : pair of (PAST, size) and (PAST, free) float arrays
+        What the next increment is foretold from.
+    factors : Factors
+        How the reduced tangent is stored.
+
+    Raises
+    ------
+    LoopUnavailable
+        For a scheme with rates of its own, a scene without unknowns, or no compiler.
+    """
+
+    def __init__(self, model: Model, joint_forces: JointForces | None, options: NewtonOptions):
+        self.model = model
+        self.ffi, self.library = load_library()
+        self._keep: list[Any] = []
+        #: Pointers by what they point to, as forms share much.
+        self._shared: dict[Any, Any] = {}
+        self.c = self.ffi.new("Problem *")
+        tables = model.reduction.tables()
+        place = self._hand_over_couplings(tables)
+        self._hand_over_mesh(place)
+        for name, form in _FORMS.items():
+            if form in model.forms.compiled:
+                self._hand_over_form(getattr(self.c, name), form)
+        self.c.has_added = model.forms.has_added
+        self._hand_over_rates()
+        if model.forms.followers is not None:
+            self.c.thrusts = len(model.forms.followers.dofs)
+            self._ints(
+                thrust_dofs=model.forms.followers.dofs,
+                thrust_places=place[model.forms.followers.places],
+            )
+        self._hand_over_motors()
+        self._hand_over_actuators()
+        if joint_forces is not None:
+            self._hand_over_joint_forces(tables, joint_forces)
+        self._hand_over_newton(options)
+        self._make_room()
+
+    def _ints(self, **arrays) -> None:
+        for name, values in arrays.items():
+            setattr(self.c, name, self._pointer(values, np.int32))
+
+    def _doubles(self, **arrays) -> None:
+        for name, values in arrays.items():
+            setattr(self.c, name, self._pointer(values, np.float64))
+
+    def _pointer(self, values, dtype):
+        array = self._kept(np.ascontiguousarray(values, dtype=dtype))
+        return self.ffi.cast("int *" if dtype == np.int32 else "double *", array.ctypes.data)
+
+    def _kept(self, data):
+        """What C holds no reference to."""
+        self._keep.append(data)
+        return data
+
+    def _hand_over_mesh(self, place: np.ndarray) -> None:
+        model, p = self.model, self.c
+        mesh, K, mass = model.mesh, model.forms.stiffness, model.mass
+        dofs, coordinates = (
+            dolfinx_api.element_dofs(mesh.space),
+            dolfinx_api.element_coordinates(mesh.mesh),
+        )
+        p.dofs, p.nodes = model.size, len(mesh.X)
+        p.cell_dofs, p.cell_coordinates = dofs.shape[1], coordinates.shape[1]
+        massless = np.flatnonzero(model.massless)
+        p.turning, p.lacking = len(model.turns), len(massless)
+        # Numbers of the entries of K, from 1 so that none is a zero.
+        numbered = scipy.sparse.csr_matrix((np.arange(1, K.nnz + 1), K.indices, K.indptr), K.shape)
+        n = dofs.shape[1]
+        entries = numbered[np.repeat(dofs, n, axis=1).ravel(), np.tile(dofs, (1, n)).ravel()]
+        #: What element functions and their results refer to, cell by cell.
+        self._dofs, self._coordinates = dofs, coordinates
+        self._places = place[np.asarray(entries).reshape(len(dofs), n * n) - 1]
+        heavy = mass.data != 0
+        turning = heavy & np.isin(mass.indices, model.turns)
+        p.turning_masses = np.count_nonzero(turning)
+        self._ints(
+            turns=model.turns,
+            massless=massless,
+            row_start=K.indptr,
+            column_of=K.indices,
+            place=place,
+            mass_start=np.concatenate([[0], np.cumsum(heavy)])[mass.indptr],
+            mass_column=mass.indices[heavy],
+            mass_place=place[heavy],
+            turning_column=mass.indices[turning],
+            turning_place=place[turning],
+            node_dofs=mesh.dofs,
+        )
+        self._doubles(
+            per_unit=1 / model.unit,
+            mass=mass.data[heavy],
+            turning_mass=mass.data[turning],
+            position=mesh.X,
+        )
+        if model.weight is not None:
+            self._doubles(weight=model.weight)
+        columns = model.loads.columns
+        p.loads = columns.shape[1]
+        self._ints(load_start=columns.indptr, load_dof=columns.indices)
+        self._doubles(load_force=columns.data)
+
+    def _hand_over_form(self, out, name: str) -> None:
+        ffi, p, forms = self.ffi, self.c, self.model.forms
+        form, ufl_form = forms.compiled[name]
+        packed = dolfinx_api.packed_coefficients(form)
+        tags = dolfinx_api.integrals(form)
+        out.integrals, out.width = len(tags), packed[tags[0]].shape[1]
+        size = p.cell_dofs ** len(ufl_form.arguments())
+        numbers = size, out.width, p.cell_coordinates
+        batches = load_batches(name, form, ufl_form, *numbers)
+        out.of = integrals = self._kept(ffi.new("Integral[]", len(tags)))
+        moving = sorted(dolfinx_api.coefficient_offsets(form, forms.moving))
+        # The forms of an iteration share what is packed, if they take the same: the first packs it.
+        owner = tuple(moving) if name in _OF_ITERATION else name
+        before = len(self._shared)
+        packs = [self._lanes(packed[tag], owner=(owner, tag)) for tag in tags]
+        if len(self._shared) > before:
+            out.moving, out.changing = len(moving), sum(kind < 2 for kind, _ in moving)
+        for of, tag, batch, pack in zip(integrals, tags, batches, packs, strict=True):
+            cells = forms.cells_of(tag)
+            of.batch, of.cells, of.packed = ffi.cast("Batch *", batch), len(cells), pack
+            of.dofs, of.to = self._lanes(self._dofs[cells]), self._lanes(self._dofs[cells], p.dofs)
+            of.place = self._lanes(self._places[cells], p.places)
+            of.coordinates = self._lanes(self._coordinates[cells])
+        out.kind = self._pointer([kind for kind, _ in moving], np.int32)
+        out.offset = self._pointer([offset for _, offset in moving], np.int32)
+        sought = forms.time, forms.dt
+        constants, places = dolfinx_api.packed_constants(form, ufl_form, sought)
+        out.constants = self._pointer(constants, np.float64)
+        out.time_at, out.dt_at = places
+
+    def _lanes(self, rows: np.ndarray, behind: int | None = None, owner: Any = None):
+        """Pointer to rows in blocks of LANES, column by column; to the same ones for one owner.
+
+        The last block is filled up with the last row, or with places behind all others.
+        """
+        lanes = self.library.LANES
+        padded = np.pad(rows, ((0, -len(rows) % lanes), (0, 0)), mode="edge")
+        if behind is not None:
+            padded[len(rows) :] = behind + np.arange(len(padded) - len(rows))[:, None]
+        blocks = padded.reshape(len(padded) // lanes, lanes, rows.shape[1]).swapaxes(1, 2)
+        key = owner, blocks.shape, blocks.tobytes()
+        if key not in self._shared:
+            kind = np.float64 if rows.dtype == np.float64 else np.int32
+            self._shared[key] = self._pointer(blocks, kind)
+        return self._shared[key]
+
+    def _hand_over_rates(self) -> None:
+        p, rates = self.c, self.model.scheme.rates
+        p.level = rates.level
+        if type(rates) is NewmarkRates:
+            p.rule, p.beta, p.gamma, p.alpha_m = 1, rates.beta, rates.gamma, rates.alpha_m
+        elif type(rates) is not MidPointRates:
+            raise LoopUnavailable(f"{type(rates).__name__} is a rule of its own")
+
+    def _hand_over_couplings(self, t: Tables) -> np.ndarray:
+        """Where each entry of the full tangent stands."""
+        p, reduction = self.c, self.model.reduction
+        p.columns, p.free, p.driven = reduction.columns, reduction.free, reduction.driven
+        equal = (t.entries["value"] == 0) & (t.entries["sign"] == 1)
+        first = np.argsort(~equal, kind="stable")
+        entries = {key: values[first] for key, values in t.entries.items()}
+        p.entries, p.equal = len(equal), np.count_nonzero(equal)
+        p.joints, p.followers = len(t.joints["number"]), len(t.followers["through"])
+        self._ints(
+            entry_row=entries["row"],
+            entry_column=entries["column"],
+            entry_value=entries["value"],
+            guide=t.joints["guide"],
+            slide_column=t.joints["slide_column"],
+            slide_of=t.joints["number"],
+            follower=t.followers["dof"],
+            through=t.followers["through"],
+        )
+        self._doubles(
+            entry_sign=entries["sign"],
+            offset=t.joints["offset"],
+            axis=t.joints["axis"],
+            joint_sign=t.joints["sign"],
+        )
+        if not reduction.free:
+            raise LoopUnavailable("there are no unknowns")
+        self.factors = factors = factors_of(*reduction.pattern)
+        at = factors.at
+        alone = alone_in_column(t, self.model.size, reduction.free)
+        alone[self.model.actuators.turns()] = False  # what they bear is no force of a beam
+        stiffness = self.model.forms.stiffness
+        place, p.places = places_of_entries(t, stiffness, alone, at, factors.size)
+        reacts = np.flatnonzero(~alone)
+        p.band, p.reacting = factors.band, len(reacts)
+        self._ints(
+            order=factors.order,
+            factor_start=factors.starts,
+            factor_column=factors.columns,
+            factor_diagonal=factors.diagonals,
+            reacts=reacts,
+        )
+        added = place[t.plain["source"]] >= factors.size
+        plain = {key: values[added] for key, values in t.plain.items()}
+        for name, table in (
+            ("plain", plain),
+            ("mixed", t.mixed),
+            ("second", t.second),
+            ("third", t.third),
+        ):
+            setattr(p, name, len(table["to"]))
+            for key, values in table.items():
+                if key == "sign":
+                    self._doubles(**{f"{name}_sign": values})
+                elif key == "to":
+                    self._ints(**{f"{name}_to": at[values]})
+                elif key == "source":
+                    self._ints(**{f"{name}_from": place[values]})
+                else:
+                    self._ints(**{f"{name}_{key}": values})
+        return place
+
+    def _hand_over_motors(self) -> None:
+        model = self.model
+
+        def turn(node) -> int:
+            return -1 if node.number < 0 else model.mesh.dofs[node.number, 2]
+
+        none = [-1] * len(model.prescribed)
+        self._ints(
+            driven_dof=[*model.prescribed, *[-1] * len(model.motors)],
+            motor_a=none + [turn(joint.a) for joint, _ in model.motors],
+            motor_b=none + [turn(joint.b) for joint, _ in model.motors],
+            motor_slide=none + [j.number if on == "slide" else -1 for j, on in model.motors],
+        )
+        self.c.slides = len(model.scene.joints)
+
+    def _hand_over_actuators(self) -> None:
+        actuators = self.model.actuators
+        rows, pushes = actuators.tables()
+        self.c.actuators, self.c.pushes = len(rows), len(pushes["of"])
+        self.c.actuator = self._kept(self.ffi.new("Actuator[]", rows))
+        self._ints(push_column=pushes["column"], push_of=pushes["of"])
+        self._doubles(push_sign=pushes["sign"])
+
+    def _hand_over_joint_forces(self, t: Tables, joint_forces: JointForces) -> None:
+        joints = self.model.scene.joints
+        self.c.scene_joints = len(joints)
+        sums, turning = joint_forces.tables
+        # Bending joints by the node that carries them.
+        carriers = np.array([joints[n].a.number for n in t.joints["number"]], dtype=int)
+        on_nodes = np.flatnonzero(carriers >= 0)
+        levers = turning[:, carriers[on_nodes]].tocsr()
+        levers.sort_indices()
+        twists = self.model.actuators.twists(turning)
+        self.c.twists = len(twists["of"])
+        self._ints(
+            sum_start=sums.indptr,
+            sum_of=sums.indices,
+            lever_joint_start=levers.indptr,
+            lever_joint=on_nodes[levers.indices],
+            twist_joint=twists["joint"],
+            twist_of=twists["of"],
+        )
+        self._doubles(
+            sum_sign=sums.data,
+            lever_sign=levers.data,
+            twist_sign=twists["sign"],
+        )
+
+    def _hand_over_newton(self, options: NewtonOptions) -> None:
+        p = self.c
+        p.tolerance, p.max_turn = options.tolerance, options.max_turn
+        p.longest_turn, p.large_turn, p.energy_floor = LONGEST_TURN, LARGE_TURN, ENERGY_FLOOR
+        p.energy_tolerance, p.close = ENERGY_SHARE * options.tolerance, CLOSE
+        p.max_iterations = options.max_iterations
+
+    def _make_room(self) -> None:
+        model, reduction = self.model, self.model.reduction
+        sizes = {
+            "q": model.size,
+            "v": model.size,
+            "a": model.size,
+            "slide": len(model.scene.joints),
+            "driven_now": reduction.driven,
+            "held": reduction.columns - reduction.free,
+            "added_force": model.size,
+        }
+        self.room = {name: np.zeros(size) for name, size in sizes.items()}
+        self._doubles(**self.room)
+        #: Backward differences of the increments of all degrees of freedom, and of the unknowns.
+        self.past = tuple(np.zeros((self.library.PAST, n)) for n in (model.size, reduction.free))
+        #: Where sections faced backwards first.
+        self.out_q = np.zeros(model.size)
+        self._doubles(out_q=self.out_q)
+        self._doubles(past=self.past[0], past_y=self.past[1])
+        self._doubles(scratch=np.zeros(self.library.fx_scratch(self.c)))

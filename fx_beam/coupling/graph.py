@@ -1,0 +1,333 @@
+"""Which degrees of freedom the joints leave: forests of coupled nodes, and columns of unknowns."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from fx_beam.errors import SceneError
+from fx_beam.fem.mesh import Mesh
+from fx_beam.scene.joints import GROUND, Joint
+from fx_beam.scene.scene import Scene
+
+#: An entry of a coupling: the column, the place of its value (0 is the constant 1), and its sign.
+Entry = tuple[int, int, float]
+# Name of the ground's column, which stands still.
+_GROUND = ("ground",)
+
+
+@dataclass(frozen=True)
+class Branch:
+    """A node that a joint couples to its parent in a forest."""
+
+    node: int
+    parent: int
+    joint: Joint
+
+    @property
+    def sign(self) -> float:
+        """1 where b follows a, -1 where a follows b."""
+        return 1.0 if self.node == self.joint.b.number else -1.0
+
+
+@dataclass(frozen=True)
+class Couplings:
+    """The full degrees of freedom as functions of the columns that are left.
+
+    Columns are, in this order: free degrees of freedom and slides, those that are driven
+    (prescribed motions, then motors), and those that are fixed, with one for the ground.
+
+    Parameters
+    ----------
+    free, driven, columns : int
+        Number of free columns, of driven ones, and of all.
+    entries : list of lists of Entry
+        For each degree of freedom its columns and values.
+    slides : dict
+        Column of the slide of each joint that has one, by the joint's number.
+    bending : list of Joint
+        Joints whose coupling changes with the motion; joint m has the values 1 + 4 m to 4 + 4 m,
+        the derivatives of x and y by the rotation and then by the slide.
+    sign : (3, joints) float
+        For x, y and the rotation: 1 where b follows a, -1 where a follows b, 0 where neither does.
+    subtree : 3 lists of int arrays
+        For x, y and the rotation, and for each joint: the nodes that follow through it.
+    """
+
+    free: int
+    driven: int
+    columns: int
+    entries: list[list[Entry]]
+    slides: dict[int, int]
+    bending: list[Joint]
+    sign: np.ndarray
+    subtree: list[list[np.ndarray]]
+
+    @property
+    def is_index(self) -> bool:
+        """Whether every degree of freedom equals one column."""
+        return all(len(own) == 1 and own[0][1] == 0 for own in self.entries)
+
+    @cached_property
+    def places(self) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+        """Free columns that are degrees of freedom, which these are, those of slides, whose."""
+        alone = [
+            own[0] if len(own) == 1 and own[0][1:] == (0, 1.0) else (-1,) for own in self.entries
+        ]
+        column = np.array([own[0] for own in alone])
+        dofs = np.flatnonzero((column >= 0) & (column < self.free))
+        slides = np.array([pair for pair in self.slides.items() if pair[1] < self.free], int)
+        number, of_slide = slides.reshape(-1, 2).T
+        return column[dofs], dofs, of_slide, number
+
+    def unknowns(self, D: np.ndarray, slides: np.ndarray) -> np.ndarray:
+        """Unknowns (..., free) of increments (..., size) and of slides (..., joints)."""
+        y = np.zeros((*D.shape[:-1], self.free))
+        columns, dofs, of_slides, numbers = self.places
+        y[..., columns], y[..., of_slides] = D[..., dofs], slides[..., numbers]
+        return y
+
+    def free_slides(self, y: np.ndarray, joints: int) -> np.ndarray:
+        """Increments of the slides (..., joints) that are among the unknowns (..., free)."""
+        slides = np.zeros((*y.shape[:-1], joints))
+        _, _, columns, numbers = self.places
+        slides[..., numbers] = y[..., columns]
+        return slides
+
+    def entries_of_guide(self, joint: Joint, dofs: np.ndarray) -> list[Entry]:
+        """Entries of the rotation that turns a joint's offset and axis; none on the ground."""
+        return self.entries[dofs[joint.a.number, 2]] if joint.a is not GROUND else []
+
+
+def couple(scene: Scene, mesh: Mesh) -> Couplings:
+    """Couplings of a scene.
+
+    Parameters
+    ----------
+    scene : Scene
+        Its joints and supports.
+    mesh : Mesh
+        Numbering of the degrees of freedom.
+
+    Returns
+    -------
+    Couplings
+        Columns and entries.
+
+    Raises
+    ------
+    SceneError
+        For joints that over-constrain, naming them.
+    """
+    forests = _forests(scene)
+    columns = _Columns(scene, mesh, forests)
+    bending = [b.joint for b in forests[0] if not b.joint.is_index]
+    place = {joint.number: 1 + 4 * m for m, joint in enumerate(bending)}
+    ground = [(columns.of[_GROUND], 0, 1.0)] if _GROUND in columns.of else []
+    entries: dict[tuple[int, int], list[Entry]] = {(GROUND.number, i): ground for i in range(3)}
+    for key in columns.roots:
+        entries[key] = [(columns.of[key], 0, 1.0)]
+    for branch in forests[2]:
+        own = list(entries[branch.parent, 2])
+        if branch.joint.rotation is not None:
+            own.append((columns.of["motor", branch.joint.number], 0, branch.sign))
+        entries[branch.node, 2] = own
+    for i in (0, 1):
+        for branch in forests[i]:
+            joint = branch.joint
+            own = list(entries[branch.parent, i])
+            if joint.number in place:
+                first = place[joint.number] + i
+                turn = entries[joint.a.number, 2]
+                own += [(column, first, sign * branch.sign) for column, _, sign in turn]
+                if joint.slide is not None:
+                    own.append((columns.slides[joint.number], first + 2, branch.sign))
+            entries[branch.node, i] = own
+
+    by_dof: list[list[Entry]] = [[] for _ in range(mesh.dofs.size)]
+    for (node, component), own in entries.items():
+        if node >= 0:
+            by_dof[mesh.dofs[node, component]] = own
+    return Couplings(
+        free=columns.free,
+        driven=columns.driven,
+        columns=columns.count,
+        entries=by_dof,
+        slides=columns.slides,
+        bending=bending,
+        sign=np.array([_signs(forest, len(scene.joints)) for forest in forests]),
+        subtree=[_descendants(forest, len(scene.joints)) for forest in forests],
+    )
+
+
+class _Columns:
+    """Numbers of the columns: free, driven, fixed."""
+
+    def __init__(self, scene: Scene, mesh: Mesh, forests: list[list[Branch]]):
+        follows = {(branch.node, i) for i, forest in enumerate(forests) for branch in forest}
+        nodes = range(len(mesh.X))
+        self.roots = [(n, i) for n in nodes for i in range(3) if (n, i) not in follows]
+        taken = scene.fixed | set(scene.prescribed)
+        motored = motors(scene)
+        moved = {joint.number for joint, name in motored if name == "slide"}
+        slides = [joint.number for joint in scene.joints if joint.slide is not None]
+        free: list[tuple] = [key for key in self.roots if key not in taken]
+        free += [("slide", number) for number in slides if number not in moved]
+        driven: list[tuple] = list(scene.prescribed)
+        driven += [("motor", joint.number) for joint, _ in motored]
+        branches = [branch for forest in forests for branch in forest]
+        ground = [_GROUND] if any(b.parent == GROUND.number for b in branches) else []
+        keys = [*free, *driven, *sorted(scene.fixed), *ground]
+        self.of: dict[tuple, int] = {key: column for column, key in enumerate(keys)}
+        self.free, self.driven, self.count = len(free), len(driven), len(keys)
+        self.slides = {n: self.of["motor" if n in moved else "slide", n] for n in slides}
+
+
+def motors(scene: Scene) -> list[tuple[Joint, str]]:
+    """Joints that have a motor, each with the name of the coordinate that it moves.
+
+    Parameters
+    ----------
+    scene : Scene
+        Its joints.
+
+    Returns
+    -------
+    list of (Joint, str)
+        In the order of the joints; "slide" or "rotation".
+
+    Raises
+    ------
+    SceneError
+        If a joint has two.
+    """
+    found = []
+    for joint in scene.joints:
+        names = [
+            name
+            for name, coordinate in (("slide", joint.slide), ("rotation", joint.rotation))
+            if coordinate is not None and coordinate.motor is not None
+        ]
+        if len(names) == 2:
+            raise SceneError(f"{joint}: it has two motors; give one of them to another joint")
+        found += [(joint, name) for name in names]
+    return found
+
+
+def _forests(scene: Scene) -> list[list[Branch]]:
+    """Forests of x, y and the rotation.
+
+    Of two nodes that are joined one may be held in x and the other in y. Where only one component
+    of a tree is held, the other has the same root.
+    """
+    held = [{n for n, part in {*scene.fixed, *scene.prescribed} if part == i} for i in range(3)]
+    turning = [joint for joint in scene.joints if joint.turns_together]
+    return [
+        _forest(scene, scene.joints, held[0], held[1], "displacement in x"),
+        _forest(scene, scene.joints, held[1], held[0], "displacement in y"),
+        _forest(scene, turning, held[2], set(), "rotation"),
+    ]
+
+
+def _forest(
+    scene: Scene, joints: Iterable[Joint], supported: set[int], preferred: set[int], what: str
+) -> list[Branch]:
+    """Joints as branches of trees, parents first; a supported node or the ground is a root.
+
+    Where there is none it is a preferred node, or the one with the smallest number.
+    """
+    neighbours: dict[int, list[tuple[int, Joint]]] = {}
+    trees: dict[int, int] = {}
+
+    def tree(node: int) -> int:
+        while (above := trees.setdefault(node, node)) != node:
+            trees[node] = trees[above]  # so that the next way is half as long
+            node = above
+        return node
+
+    for joint in joints:
+        a, b = joint.a.number, joint.b.number
+        if tree(a) == tree(b):
+            path = _path(neighbours, a, b)
+            _refuse(scene, [*path, joint], f"they close a loop in which every {what} is coupled")
+        trees[tree(a)] = tree(b)
+        neighbours.setdefault(a, []).append((b, joint))
+        neighbours.setdefault(b, []).append((a, joint))
+
+    branches: list[Branch] = []
+    reached: set[int] = set()
+
+    def grow(root: int) -> None:
+        reached.add(root)
+        queue = [root]
+        for parent in queue:
+            for node, joint in neighbours.get(parent, []):
+                if node in reached:
+                    continue
+                if node in supported or node == GROUND.number:
+                    path = _path(neighbours, root, node)
+                    first, second = (
+                        GROUND if n == GROUND.number else scene.nodes[n] for n in (root, node)
+                    )
+                    reason = (
+                        f"the {what} of {first} and of {second} are both supported; support one of "
+                        "them only"
+                    )
+                    _refuse(scene, path, reason)
+                reached.add(node)
+                branches.append(Branch(node, parent, joint))
+                queue.append(node)
+
+    found = sorted(neighbours)
+    roots = [n for n in found if n in supported or n == GROUND.number]
+    for root in [*roots, *(n for n in found if n in preferred), *found]:
+        if root not in reached:
+            grow(root)
+    return branches
+
+
+def _path(neighbours, start: int, end: int) -> list[Joint]:
+    """Joints between two nodes of a tree."""
+    came: dict[int, tuple[int, Joint] | None] = {start: None}
+    queue = [start]
+    for node in queue:
+        for other, joint in neighbours.get(node, []):
+            if other not in came:
+                came[other] = (node, joint)
+                queue.append(other)
+    joints = []
+    step = came[end]
+    while step is not None:
+        joints.append(step[1])
+        step = came[step[0]]
+    return joints
+
+
+def _refuse(scene: Scene, joints, reason: str) -> None:
+    names = "; ".join(str(joint) for joint in joints)
+    raise SceneError(
+        f"over-constrained: {names}: {reason}. Remove one of them, or give it a freedom: a slide, "
+        "a free rotation, or a beam between"
+    )
+
+
+def _signs(branches: list[Branch], joints: int) -> np.ndarray:
+    signs = np.zeros(joints)
+    for branch in branches:
+        signs[branch.joint.number] = branch.sign
+    return signs
+
+
+def _descendants(branches: list[Branch], joints: int) -> list[np.ndarray]:
+    """Nodes that follow through each joint, the branch's own node included."""
+    below: dict[int, list[int]] = {b.node: [b.node] for b in branches}
+    for branch in reversed(branches):
+        if branch.parent in below:
+            below[branch.parent] += below[branch.node]
+    found: list[np.ndarray] = [np.empty(0, dtype=int)] * joints
+    for branch in branches:
+        found[branch.joint.number] = np.array(below[branch.node])
+    return found

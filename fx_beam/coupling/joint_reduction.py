@@ -1,0 +1,241 @@
+"""Joints whose coupling changes with the motion, in the reduction to the unknowns."""
+
+from __future__ import annotations
+
+import numpy as np
+import scipy.sparse
+
+from fx_beam.mechanics.rates import Rates
+
+from .graph import Couplings
+from .index_reduction import Tables, sparsity
+from .spring_dampers import Actuators
+
+
+class JointReduction:
+    """Joints whose coupling changes with the motion, motors, springs and dampers.
+
+    Parameters
+    ----------
+    couplings : Couplings
+        Columns and entries.
+    actuators : Actuators
+        Springs and dampers.
+    rates : Rates
+        Rule that says on which increments forces do work, and where in the step.
+    dofs : (n_node, 3) int
+        Degrees of freedom of the nodes.
+    matrix : (size, size) sparse matrix
+        Gives the sparsity of the full tangent.
+    """
+
+    def __init__(
+        self, couplings: Couplings, actuators: Actuators, rates: Rates, dofs: np.ndarray, matrix
+    ):
+        self.free, self.driven = couplings.free, couplings.driven
+        self.columns = couplings.columns
+        self._rates, self._actuators, self._dofs = rates, actuators, dofs
+        self._size = matrix.shape[0]
+        self._z = np.zeros(self.columns)
+        flat = [(row, *entry) for row, own in enumerate(couplings.entries) for entry in own]
+        rows, columns, places, signs = (np.array(part) for part in zip(*flat, strict=True))
+        self._row, self._col, self._place = rows, columns, places
+        self._sign = signs
+        constant = places == 0
+        self._linear = tuple(part[constant] for part in (rows, columns, signs))
+        self._build_joints(couplings)
+        self._build_products(couplings, matrix)
+
+    def _build_joints(self, couplings: Couplings) -> None:
+        bending = couplings.bending
+        self._bending = bending
+        self._offset = np.array([joint.offset for joint in bending]).reshape(-1, 2)
+        self._axis = np.array(
+            [(0.0, 0.0) if joint.axis is None else joint.axis for joint in bending]
+        ).reshape(-1, 2)
+        #: Signs in x and in y.
+        self._joint_sign = couplings.sign[:2, [joint.number for joint in bending]].T
+        #: Rotation that turns the guide; -1 for the ground.
+        self._guide = np.array(
+            [self._dofs[j.a.number, 2] if j.a.number >= 0 else -1 for j in bending], dtype=int
+        )
+        self._slide = np.array([couplings.slides.get(j.number, -1) for j in bending], dtype=int)
+        # All rows that follow through joint m: those in x through 2 m, those in y through 2 m + 1.
+        below = [
+            self._dofs[couplings.subtree[i][joint.number], i] for joint in bending for i in (0, 1)
+        ]
+        self._below = np.concatenate([np.empty(0, int), *below])
+        self._through = np.repeat(np.arange(len(below)), [len(rows) for rows in below])
+        self._values, self._hat = (np.ones(1 + 4 * len(bending)) for _ in range(2))
+
+    def _build_products(self, couplings: Couplings, matrix) -> None:
+        """Positions of all products That[i, a] K[i, j] T[j, b] in the reduced tangent."""
+        free = self.free
+        second = []
+        for m, joint in enumerate(self._bending):
+            turn = [e for e in couplings.entries_of_guide(joint, self._dofs) if e[0] < free]
+            slide = [(self._slide[m], 0, 1.0)] if 0 <= self._slide[m] < free else []
+            for kind, hats, values in ((0, turn, turn), (1, turn, slide), (2, slide, turn)):
+                second += [(a, b, m, kind, s * o) for a, _, s in hats for b, _, o in values]
+        third = self._actuators.pairs(free)
+
+        source, left, right = self._products(matrix)
+        others = np.array([p[:2] for p in (*second, *third)], dtype=int).reshape(-1, 2)
+        pairs = np.vstack([np.column_stack([self._col[left], self._col[right]]), others])
+        self.pattern, place = sparsity(pairs[:, 0], pairs[:, 1], free)
+        cuts = np.cumsum([len(source), len(second)])
+        place, self._second_place, self._actuator_place = np.split(place, cuts)
+        hats, values = self._place[left], self._place[right]
+        signs = self._sign[left] * self._sign[right]
+        plain = (hats == 0) & (values == 0) & (signs == 1)
+        self._plain = place[plain], source[plain]
+        self._mixed = tuple(part[~plain] for part in (place, source, hats, values, signs))
+        table = np.array([(m, kind, sign) for _, _, m, kind, sign in second]).reshape(-1, 3)
+        self._second = table[:, 0].astype(int), table[:, 1].astype(int), table[:, 2]
+
+    def _products(self, matrix) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Entries of K, and of That and T by which each is multiplied."""
+        moves = np.flatnonzero(self._col < self.free)
+        count = np.bincount(self._row[moves], minlength=self._size)
+        first = np.cumsum(count) - count
+        i, j = np.repeat(np.arange(self._size), np.diff(matrix.indptr)), matrix.indices
+        products = count[i] * count[j]
+        source = np.repeat(np.arange(len(j)), products)
+        number = np.arange(len(source)) - np.repeat(np.cumsum(products) - products, products)
+        i, j = i[source], j[source]
+        left, right = first[i] + number // count[j], first[j] + number % count[j]
+        return source, moves[left], moves[right]
+
+    def tables(self):
+        """Entries, joints and products."""
+        to, source, hat, value, sign = self._mixed
+        joint, kind, second_sign = self._second
+        return Tables(
+            entries={
+                "row": self._row,
+                "column": self._col,
+                "value": self._place,
+                "sign": self._sign,
+            },
+            joints={
+                "offset": self._offset,
+                "axis": self._axis,
+                "sign": self._joint_sign,
+                "guide": self._guide,
+                "slide_column": self._slide,
+                "number": np.array([joint.number for joint in self._bending], dtype=int),
+            },
+            followers={"dof": self._below, "through": self._through},
+            plain={"to": self._plain[0], "source": self._plain[1]},
+            mixed={"to": to, "source": source, "hat": hat, "value": value, "sign": sign},
+            second={"to": self._second_place, "joint": joint, "kind": kind, "sign": second_sign},
+            third={"to": self._actuator_place, **self._actuators.terms()},
+        )
+
+    # -- A step -----------------------------------------------------------------------------------
+
+    def begin(self, q, slides, dt) -> None:
+        """Set the start of a step."""
+        guide = self._guide
+        self._psi0 = np.where(guide >= 0, q[guide], 0.0) if len(guide) else np.empty(0)
+        self._d0 = slides[[joint.number for joint in self._bending]]
+        self._rho0 = _turn(self._psi0, self._offset + self._d0[:, None] * self._axis)
+        self._t0 = _turn(self._psi0, self._axis)
+        self._actuators.begin(q, slides, dt)
+
+    def expand(self, y, driven):
+        """Increment of all degrees of freedom; `spread`, `project` and `fill` refer to it."""
+        z = self._z
+        z[: self.free] = y
+        z[self.free : self.free + self.driven] = driven
+        row, col, sign = self._linear
+        D = np.bincount(row, z[col] * sign, self._size)
+        guide, level = self._guide, self._rates.level
+        if len(guide):
+            Dpsi = np.where(guide >= 0, D[guide], 0.0)
+            Dd = np.where(self._slide >= 0, z[self._slide], 0.0)
+            psi1, d1 = self._psi0 + Dpsi, self._d0 + Dd
+            self._rho1 = _turn(psi1, self._offset + d1[:, None] * self._axis)
+            self._t1 = _turn(psi1, self._axis)
+            step = self._joint_sign * (self._rho1 - self._rho0)
+            np.add.at(D, self._below, step.ravel()[self._through])
+
+            # Virtual displacements that reproduce the step's own increment and a rigid rotation:
+            # W (rho0 + rho1)/2, and (t0 + t1)/2 lengthened by 1 + Dtheta^2/4 = dDtheta/dDpsi.
+            _, self._slope = self._rates.work_increment(Dpsi, np.arange(len(Dpsi)))
+            self._bend = self._rates.slope_derivative(Dpsi)
+            self._mean_t = (1 - level) * self._t0 + level * self._t1
+            mean_rho = (1 - level) * self._rho0 + level * self._rho1
+            self._values[1:] = np.hstack([_perp(self._rho1), self._t1]).ravel()
+            hat_t = self._slope[:, None] * self._mean_t
+            self._hat[1:] = np.hstack([_perp(mean_rho), hat_t]).ravel()
+        self._actuators.set_increment(D, z)
+        return D
+
+    def spread(self, z):
+        """Small change of all degrees of freedom."""
+        weights = z[self._col] * self._values[self._place] * self._sign
+        return np.bincount(self._row, weights, self._size)
+
+    def coupling(self):
+        """The matrix of `spread`."""
+        values = self._values[self._place] * self._sign
+        shape = (self._size, self.columns)
+        return scipy.sparse.csr_matrix((values, (self._row, self._col)), shape)
+
+    def project(self, r):
+        """Generalised forces at all columns."""
+        weights = r[self._row] * self._hat[self._place] * self._sign
+        return np.bincount(self._col, weights, self.columns) + self._actuators.forces(self.columns)
+
+    def fill(self, values, r, out) -> None:
+        """Values of the reduced tangent."""
+        place, k = self._plain
+        out[:] = np.bincount(place, values[k], len(out))
+        at, source, hat, value, sign = self._mixed
+        products = values[source] * self._hat[hat] * self._values[value] * sign
+        out += np.bincount(at, products, len(out))
+        if len(self._second_place):
+            joint, kind, signs = self._second
+            terms = self._second_order(r)[kind, joint] * signs
+            out += np.bincount(self._second_place, terms, len(out))
+        if len(self._actuator_place):
+            out += np.bincount(self._actuator_place, self._actuators.stiffness(), len(out))
+
+    def _second_order(self, r):
+        """Derivatives of That^T r: (psi, psi), (psi, d) and (d, psi) of each joint."""
+        F = self.transmitted(r) * self._joint_sign
+        level = self._rates.level
+        turned = np.einsum("ij,ij->i", F, _perp(self._t1))
+        direct = np.einsum("ij,ij->i", F, self._mean_t)
+        return np.array(
+            [
+                -level * np.einsum("ij,ij->i", F, self._rho1),
+                level * turned,
+                self._bend * direct + self._slope * level * turned,
+            ]
+        )
+
+    def transmitted(self, r):
+        """Sums of the forces on all that follows through each bending joint, (joints, 2) [N]."""
+        n = len(self._bending)
+        return np.bincount(self._through, r[self._below], 2 * n).reshape(n, 2)
+
+    def guide_moments(self, r):
+        """Moments (n_node,) [N m] of the bending joints on the nodes that carry them."""
+        lever = self._hat[1:].reshape(-1, 4)[:, :2]
+        moments = np.einsum("ij,ij->i", lever, self.transmitted(r) * self._joint_sign)
+        carriers = np.array([joint.a.number for joint in self._bending], dtype=int)
+        total = np.zeros(len(self._dofs))
+        on_nodes = carriers >= 0
+        np.add.at(total, carriers[on_nodes], moments[on_nodes])
+        return total
+
+
+def _turn(psi: np.ndarray, a: np.ndarray) -> np.ndarray:
+    c, s = np.cos(psi)[:, None], np.sin(psi)[:, None]
+    return c * a + s * _perp(a)
+
+
+def _perp(a: np.ndarray) -> np.ndarray:
+    return np.column_stack([-a[:, 1], a[:, 0]])

@@ -1,0 +1,310 @@
+"""Springs and dampers on the free coordinates of joints."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from fx_beam.mechanics.rates import Rates
+from fx_beam.scene.beam import Node
+from fx_beam.scene.joints import GROUND, Joint
+
+from .graph import Couplings, Entry
+
+
+@dataclass
+class _Actuator:
+    """Spring and damper on one coordinate, and what they do in the present step."""
+
+    joint: Joint
+    #: Stiffness, rest and viscosity.
+    k: float
+    rest: float
+    c: float
+    #: Rotations of a and b (-1 for the ground), or none for a slide.
+    turns: tuple[int, int] | None
+    #: Columns and signs of the coordinate; those of a, to be subtracted, and of b for a rotation.
+    columns: tuple[list[Entry], list[Entry]]
+    start: float = 0.0
+    rate: float = 0.0
+    change: float = 0.0
+    force: float = 0.0
+    lost: float = 0.0
+    slopes: tuple[float, float] = (0.0, 0.0)
+
+
+class Actuators:
+    """All springs and dampers of a scene.
+
+    A spring on a slide does its work with the force at the scheme's level. One on a rotation has
+    the moment k (mean angle - rest) (Dpsi_b - Dpsi_a) / (Dtheta_b - Dtheta_a), whose work on
+    Dtheta is the increment of k/2 (angle - rest)^2.
+
+    Parameters
+    ----------
+    joints : list of Joint
+        The scene's joints.
+    couplings : Couplings
+        Columns and entries.
+    rates : Rates
+        Rule that says on which increments forces do work, and where in the step.
+    dofs : (n_node, 3) int
+        Degrees of freedom of the nodes.
+    """
+
+    def __init__(self, joints: list[Joint], couplings: Couplings, rates: Rates, dofs: np.ndarray):
+        self._rates, self._dofs = rates, dofs
+        self._all: list[_Actuator] = []
+        for joint in joints:
+            for coordinate, name in ((joint.slide, "slide"), (joint.rotation, "rotation")):
+                if coordinate is None or not (coordinate.spring or coordinate.damper):
+                    continue
+                spring, damper = coordinate.spring, coordinate.damper
+                turns: tuple[int, int] | None = None
+                columns: tuple[list[Entry], list[Entry]]
+                if name == "slide":
+                    columns = [], [(couplings.slides[joint.number], 0, 1.0)]
+                else:
+                    a, b = (dofs[n.number, 2] if n.number >= 0 else -1 for n in (joint.a, joint.b))
+                    turns = int(a), int(b)
+                    columns = _entries(couplings, turns[0]), _entries(couplings, turns[1])
+                self._all.append(
+                    _Actuator(
+                        joint,
+                        k=spring.stiffness if spring else 0.0,
+                        rest=spring.rest if spring else 0.0,
+                        c=damper.viscosity if damper and not rates.at_rest else 0.0,
+                        turns=turns,
+                        columns=columns,
+                    )
+                )
+
+    def __len__(self):
+        return len(self._all)
+
+    def begin(self, q: np.ndarray, slides: np.ndarray, dt: float) -> None:
+        """Set the start of a step.
+
+        Parameters
+        ----------
+        q : (size,) float
+            Displacements and rotations.
+        slides : (joints,) float
+            Slides [m].
+        dt : float
+            Length of the step [s].
+        """
+        self._dt = dt
+        for actuator in self._all:
+            actuator.start = self._coordinate(actuator, q, slides)
+
+    def set_rates(self, q: np.ndarray, v: np.ndarray, slides: np.ndarray) -> None:
+        """Set the rates at the start of a step, from which dampers have that at their level.
+
+        Parameters
+        ----------
+        q, v : (size,) float
+            Displacements and rotations, and their rates.
+        slides : (joints,) float
+            Slides [m].
+        """
+        if self._rates.level == 0.5:
+            return  # where the rate is the mean one, whatever it was at the start
+        for actuator in self._all:
+            joint = actuator.joint
+            x, y, turn = (self._of(joint.b, v, i) - self._of(joint.a, v, i) for i in range(3))
+            if actuator.turns is not None:
+                actuator.rate = turn
+                continue
+            assert joint.axis is not None  # as joints have that slide
+            psi, spin = (self._of(joint.a, values, 2) for values in (q, v))
+            arm = joint.offset + slides[joint.number] * joint.axis
+            c, s = np.cos(psi), np.sin(psi)
+            # Along the axis: the velocity of b less that of its place on a, seen from a.
+            seen = np.array([c * x + s * y, c * y - s * x]) - spin * np.array([-arm[1], arm[0]])
+            actuator.rate = float(joint.axis @ seen)
+
+    def set_increment(self, D: np.ndarray, z: np.ndarray) -> None:
+        """Set the increment over the step.
+
+        Parameters
+        ----------
+        D : (size,) float
+            Increment of displacements and rotations.
+        z : (columns,) float
+            Increment of the columns.
+        """
+        level, dt = self._rates.level, self._dt
+        for a in self._all:
+            if a.turns is None:
+                a.change = path = float(z[a.columns[1][0][0]])
+                ratio, by_a, by_b, slope_a, slope_b = 1.0, 0.0, 0.0, 0.0, 1.0
+            else:
+                Da, Db = (float(D[t]) if t >= 0 else 0.0 for t in a.turns)
+                a.change = Db - Da
+                ends, slopes = self._rates.work_increment(np.array([Da, Db]), np.arange(2))
+                path = float(ends[1] - ends[0])
+                slope_a, slope_b = (float(s) for s in slopes)
+                ratio, by_a, by_b = self._rates.turn_ratio(Da, Db)
+            elastic = a.k * (a.start + level * a.change - a.rest)
+            # The rate at the scheme's level; in the middle of the step the mean.
+            rate = a.rate + 2 * level * (path / dt - a.rate)
+            a.force = elastic * ratio + a.c * rate
+            a.lost = a.c * path**2 / dt
+            a.slopes = (
+                -a.k * level * ratio + elastic * by_a - 2 * level * a.c * slope_a / dt,
+                a.k * level * ratio + elastic * by_b + 2 * level * a.c * slope_b / dt,
+            )
+
+    def forces(self, columns: int) -> np.ndarray:
+        """Generalised forces (columns,) [N, N m]."""
+        total = np.zeros(columns)
+        for actuator in self._all:
+            for side, own in zip((-1.0, 1.0), actuator.columns, strict=True):
+                for column, _, sign in own:
+                    total[column] += side * sign * actuator.force
+        return total
+
+    def pairs(self, free: int) -> list[tuple[int, int]]:
+        """Rows and columns of the entries that `stiffness` gives."""
+        return [pair[:2] for pair in self._pairs(free)]
+
+    def stiffness(self) -> np.ndarray:
+        """Derivatives of the generalised forces, in the order of `pairs`."""
+        return np.array(
+            [
+                row_sign * column_sign * actuator.slopes[side]
+                for actuator, side, row_sign, column_sign in self._terms
+            ]
+        )
+
+    def _pairs(self, free: int):
+        found, self._terms = [], []
+        for actuator in self._all:
+            rows = [
+                (c, side * s)
+                for side, own in zip((-1.0, 1.0), actuator.columns, strict=True)
+                for c, _, s in own
+                if c < free
+            ]
+            for row, row_sign in rows:
+                for side, own in enumerate(actuator.columns):
+                    for column, _, sign in own:
+                        if column < free:
+                            found.append((row, column))
+                            self._terms.append((actuator, side, row_sign, sign))
+        return found
+
+    def energy(self, q: np.ndarray, slides: np.ndarray) -> float:
+        """Energy stored in the springs.
+
+        Parameters
+        ----------
+        q : (size,) float
+            Displacements and rotations.
+        slides : (joints,) float
+            Slides [m].
+
+        Returns
+        -------
+        float
+            Energy [J].
+        """
+        return sum(a.k / 2 * (self._coordinate(a, q, slides) - a.rest) ** 2 for a in self._all)
+
+    def dissipated(self) -> float:
+        """Energy that the dampers take in the present step [J]."""
+        return sum(actuator.lost for actuator in self._all)
+
+    # -- For the compiled loop ------------------------------------------------------------------
+
+    def turns(self) -> list[int]:
+        """Rotations on which springs and dampers act."""
+        return [t for actuator in self._all for t in actuator.turns or () if t >= 0]
+
+    def tables(self) -> tuple[list[dict], dict[str, list]]:
+        """Springs and dampers as ``Actuator`` of c/problem.h, and where their forces go."""
+        rows, pushes = [], []
+        for number, actuator in enumerate(self._all):
+            joint, slides = actuator.joint, actuator.turns is None
+            rows.append(
+                {
+                    "slide": joint.number if slides else -1,
+                    "column": actuator.columns[1][0][0] if slides else -1,
+                    "a": self._dofs_of(joint.a),
+                    "b": self._dofs_of(joint.b),
+                    "axis": [0.0, 0.0] if joint.axis is None else joint.axis.tolist(),
+                    "offset": joint.offset.tolist(),
+                    "k": actuator.k,
+                    "rest": actuator.rest,
+                    "c": actuator.c,
+                }
+            )
+            for side, own in zip((-1.0, 1.0), actuator.columns, strict=True):
+                pushes += [(column, number, side * sign) for column, _, sign in own]
+        return rows, _table(("column", "of", "sign"), pushes)
+
+    def terms(self) -> dict[str, list]:
+        """What `stiffness` consists of: actuator, side and sign of each entry."""
+        numbers = {id(actuator): number for number, actuator in enumerate(self._all)}
+        terms = [(numbers[id(a)], side, row * column) for a, side, row, column in self._terms]
+        return _table(("of", "side", "sign"), terms)
+
+    def twists(self, turning) -> dict[str, list]:
+        """Their parts in the moments of joints, `turning` the moments of nodes in those."""
+        twists, columns = [], turning.tocsc()
+        for number, actuator in enumerate(self._all):
+            if actuator.turns is None:
+                continue
+            part = {actuator.joint.number: -1.0}
+            for node, sign in ((actuator.joint.a, -1.0), (actuator.joint.b, 1.0)):
+                if node is not GROUND:
+                    own = slice(*columns.indptr[node.number : node.number + 2])
+                    for joint, turns in zip(columns.indices[own], columns.data[own], strict=True):
+                        part[joint] = part.get(joint, 0.0) + sign * turns
+            twists += [(joint, number, part[joint]) for joint in sorted(part) if part[joint]]
+        return _table(("joint", "of", "sign"), twists)
+
+    # -- Moments --------------------------------------------------------------------------------
+
+    def moments(self, joints: int) -> np.ndarray:
+        """Moments (joints,) of rotational springs and dampers on the nodes b [N m]."""
+        total = np.zeros(joints)
+        for actuator in self._all:
+            if actuator.turns is not None:
+                total[actuator.joint.number] -= actuator.force
+        return total
+
+    def node_moments(self, nodes: int) -> np.ndarray:
+        """Moments (nodes,) of rotational springs and dampers on the nodes [N m]."""
+        total = np.zeros(nodes)
+        for actuator in self._all:
+            if actuator.turns is not None:
+                for node, sign in ((actuator.joint.a, 1.0), (actuator.joint.b, -1.0)):
+                    if node is not GROUND:
+                        total[node.number] += sign * actuator.force
+        return total
+
+    def _dofs_of(self, node: Node) -> list[int]:
+        """Degrees of freedom of a node; -1 for the ground."""
+        return [-1] * 3 if node is GROUND else self._dofs[node.number].tolist()
+
+    def _of(self, node: Node, values: np.ndarray, component: int) -> float:
+        """Value (size,) at a node; zero on the ground."""
+        return 0.0 if node is GROUND else float(values[self._dofs[node.number, component]])
+
+    @staticmethod
+    def _coordinate(actuator: _Actuator, q: np.ndarray, slides: np.ndarray) -> float:
+        if actuator.turns is None:
+            return float(slides[actuator.joint.number])
+        a, b = (float(q[t]) if t >= 0 else 0.0 for t in actuator.turns)
+        return b - a
+
+
+def _entries(couplings: Couplings, dof: int) -> list[Entry]:
+    return couplings.entries[dof] if dof >= 0 else []
+
+
+def _table(names: tuple[str, ...], rows: list[tuple]) -> dict[str, list]:
+    return {name: [row[i] for row in rows] for i, name in enumerate(names)}

@@ -1,0 +1,118 @@
+"""Forces that turn with the section of their node."""
+
+from __future__ import annotations
+
+import numpy as np
+import scipy.sparse
+
+from fx_beam.scene.scene import Scene
+from fx_beam.validation import Constant, series
+
+from .dead_loads import just_inside
+from .mesh import Mesh
+
+
+class Followers:
+    """Follower forces R(psi) F, with psi and F at the scheme's level in a step.
+
+    What a force does in a step of a mid-point scheme is then R(psi_m) F . Du, which the audit
+    counts. The force is no gradient of an energy, and its tangent W R F is not symmetric.
+
+    Parameters
+    ----------
+    scene : Scene
+        Its follower forces.
+    mesh : Mesh
+        Numbering of the degrees of freedom.
+    stiffness : (size, size) sparse matrix
+        Has the entries that the tangent takes.
+    level : float
+        Where in a step forces are taken.
+
+    Attributes
+    ----------
+    dofs : (n, 3) int
+        Degrees of freedom of their nodes.
+    places : (n, 2) int
+        Entries of the stiffness that they change.
+    """
+
+    def __init__(self, scene: Scene, mesh: Mesh, stiffness: scipy.sparse.csr_matrix, level: float):
+        self._loads = [load for load in scene.loads if load.follower]
+        self._level = level
+        dofs = np.array([mesh.dofs[mesh.nodes_of(scene, load.target)[0]] for load in self._loads])
+        self.dofs = dofs
+        self._u, self._psi = dofs[:, :2], dofs[:, 2]
+        entry = stiffness.copy()
+        entry.data = np.arange(len(entry.data)) + 1.0
+        self.places = np.array([[int(entry[row, psi]) - 1 for row in (x, y)] for x, y, psi in dofs])
+
+    @property
+    def constant(self) -> bool:
+        """Whether no force changes with time."""
+        return all(isinstance(load.value, Constant) for load in self._loads)
+
+    def set_step(self, t: float, dt: float) -> None:
+        """Set start and length of a step [s]."""
+        self._F = self.at(t, t + dt)
+
+    def at(self, t0: float, t1: float) -> np.ndarray:
+        """Forces (n, 2) at the scheme's level in a step, before they are turned [N]."""
+        return self.series(np.array([t0]), np.array([t1]))[0]
+
+    def series(self, t0: np.ndarray, t1: np.ndarray) -> np.ndarray:
+        """Forces at the scheme's level in several steps, before they are turned.
+
+        Parameters
+        ----------
+        t0, t1 : (steps,) float
+            Starts and ends of the steps [s].
+
+        Returns
+        -------
+        (steps, n, 2) float
+            Components in the frame of the section.
+        """
+        start, end = (
+            np.stack([series(load.value, times, str(load)) for load in self._loads], axis=1)
+            for times in just_inside(t0, t1)
+        )
+        return (1 - self._level) * start + self._level * end
+
+    def add_force(self, q0: np.ndarray, D: np.ndarray, factor: float, out: np.ndarray) -> None:
+        """Add the forces to a vector.
+
+        Parameters
+        ----------
+        q0, D : (size,) float
+            Displacements and rotations at the start of the step, and their increment.
+        factor : float
+            Factor of the forces.
+        out : (size,) float
+            What they are added to.
+        """
+        np.add.at(out, self._u, factor * self._turned(q0, D))
+
+    def subtract_tangent(
+        self, q0: np.ndarray, D: np.ndarray, factor: float, data: np.ndarray
+    ) -> None:
+        """Subtract the derivative of `add_force` by D from the entries of the stiffness.
+
+        Parameters
+        ----------
+        q0, D : (size,) float
+            Displacements and rotations at the start of the step, and their increment.
+        factor : float
+            Factor of the forces.
+        data : (entries,) float
+            Entries of the stiffness.
+        """
+        x, y = self._turned(q0, D).T
+        turned = np.column_stack([-y, x])
+        np.subtract.at(data, self.places, factor * self._level * turned)
+
+    def _turned(self, q0: np.ndarray, D: np.ndarray) -> np.ndarray:
+        psi = q0[self._psi] + self._level * D[self._psi]
+        c, s = np.cos(psi), np.sin(psi)
+        x, y = self._F.T
+        return np.column_stack([c * x - s * y, s * x + c * y])

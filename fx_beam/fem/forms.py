@@ -1,0 +1,390 @@
+"""The weak form of one step, compiled: internal forces, their tangent, the stored energy."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from typing import Any, NamedTuple
+
+import ufl
+
+import numpy as np
+import scipy.sparse
+
+from fx_beam.errors import SceneError
+from fx_beam.mechanics.kinematics import Step, arc_derivative, director
+from fx_beam.mechanics.schemes import Scheme
+from fx_beam.scene.scene import Scene
+from fx_beam.scene.section import Law, quadratic_law
+from fx_beam.validation import fields_in, refuse_fields
+
+from . import dolfinx_api
+from .follower_loads import Followers
+from .mesh import Mesh
+from .section_fields import section_data
+from .virtual_works import added_virtual_work
+
+
+class Part(NamedTuple):
+    """A step, or the part of one, that was taken.
+
+    Parameters
+    ----------
+    t, dt : float
+        Start and length [s].
+    D : (size,) float
+        Increment of displacements and rotations.
+    q : (size,) float
+        Displacements and rotations at the start.
+    rates : pair of (size,) float, optional
+        Rates and accelerations there.
+    """
+
+    t: float
+    dt: float
+    D: np.ndarray
+    q: np.ndarray
+    rates: tuple[np.ndarray, ...] = ()
+
+
+class Forms:
+    """What a scheme needs of the beams in every iteration, in UFL and compiled.
+
+    Vectors run over all degrees of freedom in the order of dolfinx; `Mesh.dofs` finds those of a
+    node.
+
+    Parameters
+    ----------
+    scene : Scene
+        Sections and added virtual works.
+    scheme : Scheme
+        Its resultants and rates.
+    mesh : Mesh
+        The mesh of the scene.
+
+    Raises
+    ------
+    SceneError
+        For an added virtual work that is none.
+    """
+
+    def __init__(self, scene: Scene, scheme: Scheme, mesh: Mesh):
+        self._scene, self._scheme, self._mesh = scene, scheme, mesh
+        self.size = mesh.dofs.size
+        #: Degrees of freedom that are rotations.
+        self.turns = np.sort(mesh.dofs[:, 2])
+        #: Compiled forms by name, each with its UFL.
+        self.compiled: dict[str, tuple[Any, Any]] = {}
+        #: Part of the loads that acts; only in statics not 1.
+        self.load_factor: Any = (
+            dolfinx_api.constant(mesh.mesh, 1.0) if scheme.rates.at_rest else None
+        )
+        self._build_fields()
+        self._build_forms()
+        self.followers = None
+        if any(load.follower for load in scene.loads):
+            self.followers = Followers(scene, mesh, self.stiffness, scheme.rates.level)
+
+    # -- Construction ---------------------------------------------------------------------------
+
+    def _build_fields(self) -> None:
+        mesh, space = self._mesh.mesh, self._mesh.space
+        self.start, self.increment = dolfinx_api.function(space), dolfinx_api.function(space)
+        #: Increment on which the forces do work, a nodal function of `increment`.
+        self.path = dolfinx_api.function(space)
+        #: Velocity and acceleration at the start of the step.
+        self.start_rates = dolfinx_api.function(space), dolfinx_api.function(space)
+        self.time, self.dt = dolfinx_api.constant(mesh, 0.0), dolfinx_api.constant(mesh, 1.0)
+        #: What is kept up to date from step to step.
+        self._ours = [self.start, self.increment, self.path, *self.start_rates, self.time, self.dt]
+        self._ours += [] if self.load_factor is None else [self.load_factor]
+        self._test, self._trial = ufl.TestFunction(space), ufl.TrialFunction(space)
+
+        # The tangent from the Jacobian: one rule a form, so mixing rules cannot arise.
+        J = ufl.Jacobian(mesh)
+        h = ufl.sqrt(J[0, 0] ** 2 + J[1, 0] ** 2)
+        t0 = ufl.as_vector((J[0, 0] / h, J[1, 0] / h))
+        (u0, psi0), (Du, Dpsi) = ufl.split(self.start), ufl.split(self.increment)
+        v0, a0 = (ufl.split(rate) for rate in self.start_rates)
+        level = self._scheme.rates.level
+        v, omega = self._scheme.rates.fields(Du, Dpsi, v0, a0, self.dt)
+        of_rates = fields_in(ufl.as_vector((*v, omega)))
+        refuse_fields(of_rates, f"rates of {self._scheme.name}", self._ours)
+        virtual_u, virtual_psi = ufl.split(self._test)
+        self.step = Step(
+            u0=u0,
+            psi0=psi0,
+            Du=Du,
+            Dpsi=Dpsi,
+            Dtheta=ufl.split(self.path)[1],
+            u=u0 + level * Du,
+            psi=psi0 + level * Dpsi,
+            v=v,
+            omega=omega,
+            virtual_u=virtual_u,
+            virtual_psi=virtual_psi,
+            X=ufl.SpatialCoordinate(mesh),
+            t0=t0,
+            h=h,
+            degree=self._scene.beams[0].degree,
+            t=self.time,
+            dt=self.dt,
+            load_factor=1.0 if self.load_factor is None else self.load_factor,
+        )
+
+    def _build_forms(self) -> None:
+        step = self.step
+        self._laws, law_of_cell = self._group_laws()
+        tags = law_of_cell if len(self._laws) > 1 else None
+        self._law_of_cell = law_of_cell
+        #: N, Q and M of each law.
+        self._resultants: list[Any] = []
+        dx = dolfinx_api.measure(self._mesh.mesh, step.degree, tags)
+        residual: Any = 0
+        energy: Any = 0
+        moments: list[Any] = []
+        for tag, law in enumerate(self._laws):
+            dx_law = dx if tags is None else dx(tag)
+            r = self._scheme.resultants(step, law)
+            moments.append(r.M)
+            self._resultants.append(ufl.as_vector((r.N, r.Q, r.M)))
+            residual += r.virtual_work(step) * dx_law
+            energy += law.energy(*step.strains0) * dx_law
+        self._refuse_fields_of_scheme(residual, moments)
+        added = added_virtual_work(self._scene, self._mesh, step, self._test, self._ours)
+        if added is not None:
+            try:
+                self._compile("added virtual work", added * dx)
+            except dolfinx_api.REFUSALS as error:
+                raise SceneError(f"the added virtual work does not compile: {error}") from error
+            residual -= added * dx
+
+        self._residual = self._compile("internal forces", residual)
+        tangent = ufl.derivative(residual, self.increment, self._trial)
+        self._tangent = self._compile("tangent", tangent)
+        self._path_tangent = None
+        if self.path in residual.coefficients():
+            tangent = ufl.derivative(residual, self.path, self._trial)
+            self._path_tangent = self._compile("tangent of the path", tangent)
+            self._path_matrix = dolfinx_api.create_matrix(self._path_tangent)
+        self._energy = self._compile("strain energy", energy)
+        self._needs_rates = any(rate in residual.coefficients() for rate in self.start_rates)
+        moves = self._needs_rates or self.dt in residual.constants()
+        found = [part for r in self._resultants for part in fields_in(r)] if moves else []
+        #: Whether the resultants depend on rates at the start of a step, and on any.
+        self.resultants_need_rates = any(rate in found for rate in self.start_rates)
+        self.resultants_move = self.resultants_need_rates or self.dt in found
+
+        self._matrix = dolfinx_api.create_matrix(self._tangent)
+        shape = (self.size, self.size)
+        pattern = self._matrix.indices, self._matrix.indptr
+        #: Tangent of the internal forces, a view on the assembled values.
+        self.stiffness = scipy.sparse.csr_matrix((self._matrix.data, *pattern), shape, copy=False)
+        self._force = np.zeros(self.size)
+
+    def _refuse_fields_of_scheme(self, residual, moments) -> None:
+        # UFL looks for those of the form anyway, and keeps them.
+        found = [*residual.coefficients(), *residual.constants()]
+        found += [field for M in moments for field in fields_in(M)]
+        known = [*self._ours, *(field for law in self._laws for field in law.data)]
+        refuse_fields(found, f"resultants of {self._scheme.name}", known)
+
+    def _group_laws(self) -> tuple[list[Law], np.ndarray]:
+        """The different stored energies of the scene, and which of them each cell has."""
+        sections = [beam.section for beam in self._scene.beams]
+        kinds: list[Any] = []
+        for section in sections:
+            if section.strain_energy not in kinds:
+                kinds.append(section.strain_energy)
+        laws = []
+        for kind in kinds:
+            if kind is not None:
+                laws.append(Law(kind, quadratic=False))
+                continue
+            names = "EA", "GA", "EI"
+            stiffness = section_data(self._mesh, self._scene, names, self.step.degree)
+            laws.append(quadratic_law(stiffness))
+        kind_of_beam = np.array([kinds.index(section.strain_energy) for section in sections])
+        return laws, kind_of_beam[self._mesh.beam_of_cell]
+
+    def trial_and_test(self):
+        """Trial and test functions: displacement, rotation, and the virtual ones."""
+        return *ufl.split(self._trial), self.step.virtual_u, self.step.virtual_psi
+
+    def _compile(self, name: str, form):
+        compiled = dolfinx_api.compile_form(form, name)
+        self.compiled[name] = compiled, form
+        return compiled
+
+    @property
+    def has_added(self) -> bool:
+        """Whether there are forces that follow the motion: added virtual works or followers."""
+        return "added virtual work" in self.compiled or self.followers is not None
+
+    @property
+    def moving(self) -> tuple:
+        """Functions of the space that change: two in every iteration, the others with the step."""
+        return self.increment, self.path, self.start, *self.start_rates
+
+    def cells_of(self, tag: int) -> np.ndarray:
+        """Cells of a subdomain of the forms; -1 for all."""
+        every = np.arange(len(self._law_of_cell))
+        return every if tag < 0 else np.flatnonzero(self._law_of_cell == tag)
+
+    # -- Evaluation -----------------------------------------------------------------------------
+
+    def set_step(self, t: float, dt: float, q: np.ndarray, v: np.ndarray, a: np.ndarray) -> None:
+        """Set the start of a step.
+
+        Parameters
+        ----------
+        t, dt : float
+            Start and length of the step [s].
+        q, v, a : (size,) float
+            Displacements and rotations, rates and accelerations at its start.
+        """
+        self._set_start(t, dt, q)
+        if self.followers is not None:
+            self.followers.set_step(t, dt)
+        if self._needs_rates:
+            self._set_rates(v, a)
+
+    def _set_start(self, t: float, dt: float, q: np.ndarray) -> None:
+        self.time.value = t + self._scheme.rates.level * dt
+        self.dt.value = dt
+        self.start.x.array[:] = q
+
+    def _set_rates(self, *rates: np.ndarray) -> None:
+        for function, rate in zip(self.start_rates, rates, strict=True):
+            function.x.array[:] = rate
+
+    def internal_force(self, D: np.ndarray) -> np.ndarray:
+        """Internal forces less the added ones, for the increment D; overwritten by the next call.
+
+        Parameters
+        ----------
+        D : (size,) float
+            Increment over the step.
+
+        Returns
+        -------
+        (size,) float
+            Nodal forces and couples [N, N m] (eq. 53).
+        """
+        self._set_increment(D)
+        dolfinx_api.assemble_vector(self._force, self._residual)
+        if self.followers is not None:
+            self.followers.add_force(*self._motion, -self._factor, self._force)
+        return self._force
+
+    def assemble_stiffness(self) -> None:
+        """Assemble `stiffness` at the increment of the last `internal_force` (eq. 54)."""
+        dolfinx_api.assemble_matrix(self._matrix, self._tangent)
+        if self._path_tangent is not None:
+            dolfinx_api.assemble_matrix(self._path_matrix, self._path_tangent)
+            _, slope = self._scheme.rates.work_increment(self.increment.x.array, self.turns)
+            self.stiffness.data += self._path_matrix.data * slope[self.stiffness.indices]
+        if self.followers is not None:
+            self.followers.subtract_tangent(*self._motion, self._factor, self.stiffness.data)
+
+    def _set_increment(self, D: np.ndarray) -> None:
+        self.increment.x.array[:] = D
+        if self._path_tangent is not None:
+            self.path.x.array[:], _ = self._scheme.rates.work_increment(D, self.turns)
+
+    def added_force(self) -> np.ndarray:
+        """Forces (size,) of added virtual works and followers at the last increment [N, N m]."""
+        force = np.zeros(self.size)
+        if "added virtual work" in self.compiled:
+            dolfinx_api.assemble_vector(force, self.compiled["added virtual work"][0])
+        if self.followers is not None:
+            self.followers.add_force(*self._motion, self._factor, force)
+        return force
+
+    def added_per_load(self) -> np.ndarray:
+        """Derivative (size,) of `added_force` by the load factor, taken as linear in it."""
+        now = self.added_force()
+        self.load_factor.value += 1.0
+        more = self.added_force()
+        self.load_factor.value -= 1.0
+        return more - now
+
+    @property
+    def _motion(self) -> tuple[np.ndarray, np.ndarray]:
+        return self.start.x.array, self.increment.x.array
+
+    @property
+    def _factor(self) -> float:
+        return 1.0 if self.load_factor is None else float(self.load_factor.value)
+
+    def strain_energy(self, q: np.ndarray) -> float:
+        """Stored energy of a configuration [J].
+
+        Parameters
+        ----------
+        q : (size,) float
+            Displacements and rotations.
+
+        Returns
+        -------
+        float
+            Integral of the stored energy, by the reduced rule.
+        """
+        self.start.x.array[:] = q
+        return dolfinx_api.assemble_scalar(self._energy)
+
+    def compile_facing(self) -> str:
+        """Compile what `faces_backwards` takes, and give its name."""
+        name = "sections facing backwards"
+        #: t . phi' of eq. 4 at the start of the step: 1 and the axial strain.
+        self._facing = 1 + self.step.strains0[0]
+        # Its sign is that of the same along the element's own coordinate, which is cheaper.
+        J = ufl.Jacobian(self._mesh.mesh)
+        X = ufl.as_vector((J[0, 0], J[1, 0]))
+        along = ufl.dot(director(self.step.psi0, X), X + arc_derivative(self.step.u0, X))
+        backwards = abs(along) - along
+        dx = dolfinx_api.measure(self._mesh.mesh, self.step.degree)
+        self._backwards = self._compile(name, backwards * dx)
+        return name
+
+    def faces_backwards(self, q: np.ndarray) -> bool:
+        """Whether t . phi' > 0 (eq. 4) is violated at any Gauss point, for q (size,)."""
+        self.start.x.array[:] = q
+        return dolfinx_api.assemble_scalar(self._backwards) > 0
+
+    def facing(self, q: np.ndarray) -> np.ndarray:
+        """t . phi' (cells, degree) of eq. 4 at the Gauss points, for q (size,)."""
+        points = dolfinx_api.gauss_points(self.step.degree)
+        self.start.x.array[:] = q
+        expression = dolfinx_api.compile_expression(self._facing, points)
+        return dolfinx_api.evaluate(expression, self._mesh.mesh, self.cells_of(-1))
+
+    def resultants(self, parts: Iterable[Part]) -> np.ndarray:
+        """Stress resultants N, Q, M of the scheme at the Gauss points, part by part.
+
+        Parameters
+        ----------
+        parts : iterable of Part
+            Steps, or parts of them.
+
+        Returns
+        -------
+        (n, cells, degree, 3) float
+            Those of each part.
+        """
+        points = dolfinx_api.gauss_points(self.step.degree)
+        expressions = [
+            (dolfinx_api.compile_expression(r, points), self.cells_of(tag))
+            for tag, r in enumerate(self._resultants)
+        ]
+        rows = []
+        for part in parts:
+            self._set_start(part.t, part.dt, part.q)
+            self._set_increment(part.D)
+            if self.resultants_need_rates:
+                self._set_rates(*part.rates)
+            out = np.empty((len(self._law_of_cell), len(points), 3))
+            for expression, cells in expressions:
+                values = dolfinx_api.evaluate(expression, self._mesh.mesh, cells)
+                out[cells] = values.reshape(len(cells), len(points), 3)
+            rows.append(out)
+        return np.array(rows)

@@ -1,0 +1,102 @@
+"""Data of the beams in UFL, as the forms take them."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from fx_beam.errors import SceneError
+from fx_beam.scene.beam import Beam
+from fx_beam.scene.scene import Scene
+
+from . import dolfinx_api
+from .mesh import Mesh
+
+
+def section_data(mesh: Mesh, scene: Scene, names: tuple[str, ...], points: int):
+    """Data of the sections in UFL: a constant, cell by cell, or varying along the beams.
+
+    Parameters
+    ----------
+    mesh : Mesh
+        The mesh of the scene.
+    scene : Scene
+        Its beams have the sections.
+    names : tuple of str
+        The data.
+    points : int
+        Number of Gauss points at which those that vary are taken.
+
+    Returns
+    -------
+    ufl expression
+        Vector of the data, or a scalar for one.
+
+    Raises
+    ------
+    SceneError
+        For a value that is none for a section, with its beam and fraction.
+    """
+    varies = any(beam.section.varies(name) for beam in scene.beams for name in names)
+    gauss = dolfinx_api.gauss_points(points if varies else 1).T
+    values: list[np.ndarray] = []
+    known: dict[int, np.ndarray] = {}
+    for beam in scene.beams:
+        # One value is enough for a beam whose data are constant, and for others of its section.
+        if not varies and id(beam.section) in known:
+            values.append(known[id(beam.section)])
+            continue
+        s = beam.s[:-1, None] + np.diff(beam.s)[:, None] * gauss
+        fractions = s / beam.length if varies else np.array([[0.5]])
+        try:
+            own = [beam.section.values(name, fractions) for name in names]
+        except SceneError as error:
+            raise SceneError(f"beam {beam.name!r}: {error}") from None
+        values.append(np.stack(own, axis=-1) if len(names) > 1 else own[0])
+        known[id(beam.section)] = values[-1]
+    if not varies:
+        return cell_data(mesh, np.concatenate(values)[:, 0])
+    of_cell = np.empty((len(mesh.beam_of_cell), *values[0].shape[1:]))
+    for cells, of_beam in zip(mesh.cells, values, strict=True):
+        of_cell[cells] = of_beam
+    return dolfinx_api.at_gauss_points(mesh.mesh, of_cell)
+
+
+def cell_data(mesh: Mesh, rows: np.ndarray):
+    """Data of the beams in UFL: one constant where all have the same, else cell by cell.
+
+    Parameters
+    ----------
+    mesh : Mesh
+        The mesh.
+    rows : (beams, ...) float
+        Data of each beam.
+
+    Returns
+    -------
+    ufl expression
+        Scalar or vector.
+    """
+    if (rows == rows[0]).all():
+        return dolfinx_api.constant(mesh.mesh, rows[0])
+    return dolfinx_api.cellwise(mesh.mesh, rows[mesh.beam_of_cell])
+
+
+def on_beam(mesh: Mesh, scene: Scene, beam: Beam):
+    """1 on a beam and 0 on the others, in UFL.
+
+    Parameters
+    ----------
+    mesh : Mesh
+        The mesh of the scene.
+    scene : Scene
+        The scene.
+    beam : Beam
+        One of its beams.
+
+    Returns
+    -------
+    ufl expression
+        Scalar.
+    """
+    inside = np.arange(len(scene.beams)) == scene.beams.index(beam)
+    return cell_data(mesh, inside.astype(float))

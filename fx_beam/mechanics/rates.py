@@ -1,0 +1,287 @@
+"""Nodal rules that give velocities and accelerations from the increment over a step."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Any, Protocol
+
+import ufl
+
+import numpy as np
+
+from fx_beam.validation import is_number, require
+
+
+class Rates(Protocol):
+    """Rule that gives the nodal rates from the increment over the step.
+
+    Arrays run over all degrees of freedom, (size,); `turns` lists those that are rotations.
+    """
+
+    @property
+    def at_rest(self) -> bool:
+        """Whether nothing moves in time, so that there is no inertia."""
+        return False
+
+    @property
+    def level(self) -> float:
+        """Where in the step the forces are taken: 0 is its start, 1 its end."""
+
+    def work_increment(self, D: np.ndarray, turns: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Increment on which the forces do the step's work.
+
+        Parameters
+        ----------
+        D : (size,) float
+            Increment of displacements [m] and rotations [rad].
+        turns : int array
+            Degrees of freedom that are rotations.
+
+        Returns
+        -------
+        tuple of (size,) float arrays
+            The increment, entry by entry a function of `D`, and its derivative.
+        """
+
+    def slope_derivative(self, Dpsi: np.ndarray) -> np.ndarray:
+        """Second derivative of the work increment of rotations, for the tangent of joints.
+
+        Parameters
+        ----------
+        Dpsi : (n,) float
+            Increments of rotations [rad].
+
+        Returns
+        -------
+        (n,) float
+            d2(work increment)/dDpsi2.
+        """
+
+    def turn_ratio(self, Da: float, Db: float) -> tuple[float, float, float]:
+        """Difference of two rotation increments over that of their work increments.
+
+        Parameters
+        ----------
+        Da, Db : float
+            Increments of two rotations [rad].
+
+        Returns
+        -------
+        tuple of float
+            The ratio, smooth where both are equal, and its derivatives by both.
+        """
+
+    def acceleration(
+        self, D: np.ndarray, v0: np.ndarray, a0: np.ndarray, dt: float, turns: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Acceleration in the equation of motion.
+
+        Parameters
+        ----------
+        D : (size,) float
+            Increment of displacements [m] and rotations [rad].
+        v0, a0 : (size,) float
+            Rates and accelerations at the start of the step.
+        dt : float
+            Length of the step [s].
+        turns : int array
+            Degrees of freedom that are rotations.
+
+        Returns
+        -------
+        tuple of (size,) float arrays
+            The acceleration, entry by entry a function of `D`, and its derivative.
+        """
+
+    def end(
+        self, D: np.ndarray, v0: np.ndarray, a0: np.ndarray, dt: float, turns: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Rates and accelerations at the end of the step.
+
+        Parameters
+        ----------
+        D : (size,) float
+            Increment of displacements [m] and rotations [rad].
+        v0, a0 : (size,) float
+            Rates and accelerations at the start of the step.
+        dt : float
+            Length of the step [s].
+        turns : int array
+            Degrees of freedom that are rotations.
+
+        Returns
+        -------
+        tuple of (size,) float arrays
+            Rates and accelerations.
+        """
+
+    def fields(self, Du, Dpsi, v0, a0, dt) -> tuple[Any, Any]:
+        """Velocity and spin at the level of the forces, in UFL.
+
+        Parameters
+        ----------
+        Du, Dpsi : ufl expression
+            Increments of displacement (2,) and rotation.
+        v0, a0 : pair of ufl expressions
+            Rates and accelerations of displacement and rotation at the start of the step.
+        dt : ufl scalar
+            Length of the step [s].
+
+        Returns
+        -------
+        tuple of ufl expressions
+            Velocity (2,) [m/s] and spin [rad/s].
+        """
+
+
+@dataclass(frozen=True)
+class MidPointRates(Rates):
+    """Mid-point rule for displacements and for the rotation matrix (eqs 27 to 30)."""
+
+    @property
+    def level(self) -> float:
+        """The middle of the step."""
+        return 0.5
+
+    def work_increment(self, D, turns):
+        """Displacement increment and Dtheta = 2 tan(Dpsi/2) (eqs 32 and 33)."""
+        work, slope = D.copy(), np.ones_like(D)
+        tangent = np.tan(D[turns] / 2)
+        work[turns] = 2 * tangent
+        slope[turns] = 1 + tangent**2
+        return work, slope
+
+    def slope_derivative(self, Dpsi):
+        """Of 2 tan(Dpsi/2): tan(Dpsi/2) (1 + tan^2(Dpsi/2))."""
+        tangent = np.tan(Dpsi / 2)
+        return tangent * (1 + tangent**2)
+
+    def turn_ratio(self, Da, Db):
+        """x/sin(x) cos(Da/2) cos(Db/2) with x = (Db - Da)/2."""
+        x = (Db - Da) / 2
+        ratio = np.cos(Da / 2) * np.cos(Db / 2) * (x / np.sin(x) if x else 1.0)
+        by_x = x / 3 if abs(x) < 1e-3 else 1 / x - 1 / np.tan(x)
+        by_a, by_b = (-by_x - np.tan(Da / 2)) / 2, (by_x - np.tan(Db / 2)) / 2
+        return ratio, ratio * by_a, ratio * by_b
+
+    def acceleration(self, D, v0, a0, dt, turns):
+        """a = (v1 - v0)/dt, alpha = (omega1 - omega0)/dt (eq. 30)."""
+        work, slope = self.work_increment(D, turns)
+        return (2 / dt) * (work / dt - v0), (2 / dt**2) * slope
+
+    def end(self, D, v0, a0, dt, turns):
+        """v1 = 2 Du/dt - v0, omega1 = 4 tan(Dpsi/2)/dt - omega0 (eqs 27 and 28)."""
+        v1 = (2 / dt) * self.work_increment(D, turns)[0] - v0
+        return v1, (v1 - v0) / dt
+
+    def fields(self, Du, Dpsi, v0, a0, dt):
+        """Mean velocity Du/dt and mean spin 2 tan(Dpsi/2)/dt."""
+        return Du / dt, 2 * ufl.tan(Dpsi / 2) / dt
+
+
+@dataclass(frozen=True)
+class NewmarkRates(Rates):
+    """Newmark's formulas with the weights of the generalized-alpha method.
+
+    The inertia is taken at level 1 - alpha_m and the forces at level 1 - alpha_f of the step.
+
+    Parameters
+    ----------
+    beta, gamma : float
+        Newmark's parameters.
+    alpha_m, alpha_f : float
+        Weights of the start of the step, for the inertia and for the forces.
+    """
+
+    beta: float
+    gamma: float
+    alpha_m: float = 0.0
+    alpha_f: float = 0.0
+
+    def __post_init__(self):
+        for name, low, high in (
+            ("beta", 0, math.inf),
+            ("gamma", -math.inf, math.inf),
+            ("alpha_m", -math.inf, 1),
+            ("alpha_f", -math.inf, 1),
+        ):
+            value = getattr(self, name)
+            wanted = f"a number between {low} and {high}"
+            require(is_number(value) and low < value < high, f"NewmarkRates: {name}", value, wanted)
+
+    @property
+    def level(self) -> float:
+        """Level of the forces, 1 - alpha_f."""
+        return 1 - self.alpha_f
+
+    def work_increment(self, D, turns):
+        """The increment itself."""
+        return D, np.ones_like(D)
+
+    def slope_derivative(self, Dpsi):
+        """None."""
+        return np.zeros_like(Dpsi)
+
+    def turn_ratio(self, Da, Db):
+        """One."""
+        return 1.0, 0.0, 0.0
+
+    def acceleration(self, D, v0, a0, dt, turns):
+        """Acceleration at level 1 - alpha_m."""
+        a1 = self._end_acceleration(D, v0, a0, dt)
+        slope = np.full_like(D, (1 - self.alpha_m) / (self.beta * dt**2))
+        return (1 - self.alpha_m) * a1 + self.alpha_m * a0, slope
+
+    def end(self, D, v0, a0, dt, turns):
+        """Newmark's velocity and acceleration."""
+        a1 = self._end_acceleration(D, v0, a0, dt)
+        return v0 + dt * ((1 - self.gamma) * a0 + self.gamma * a1), a1
+
+    def fields(self, Du, Dpsi, v0, a0, dt):
+        """Velocity and spin at level 1 - alpha_f."""
+        D = (Du, Dpsi)
+        ends = [self.end(D[i], v0[i], a0[i], dt, None)[0] for i in (0, 1)]
+        return tuple(self.level * v1 + (1 - self.level) * v for v1, v in zip(ends, v0, strict=True))
+
+    def _end_acceleration(self, D, v0, a0, dt):
+        return (D - dt * v0) / (self.beta * dt**2) - (1 / (2 * self.beta) - 1) * a0
+
+
+@dataclass(frozen=True)
+class AtRest(Rates):
+    """No rates and no inertia: forces are in equilibrium at the end of each step."""
+
+    @property
+    def at_rest(self) -> bool:
+        """It is so."""
+        return True
+
+    @property
+    def level(self) -> float:
+        """The end of the step."""
+        return 1.0
+
+    def work_increment(self, D, turns):
+        """The increment itself."""
+        return D, np.ones_like(D)
+
+    def slope_derivative(self, Dpsi):
+        """None."""
+        return np.zeros_like(Dpsi)
+
+    def turn_ratio(self, Da, Db):
+        """One."""
+        return 1.0, 0.0, 0.0
+
+    def acceleration(self, D, v0, a0, dt, turns):
+        """None."""
+        return np.zeros_like(D), np.zeros_like(D)
+
+    def end(self, D, v0, a0, dt, turns):
+        """Those of the start, which are zero."""
+        return v0, a0
+
+    def fields(self, Du, Dpsi, v0, a0, dt):
+        """Those of the start, which are zero."""
+        return v0

@@ -1,0 +1,25 @@
+"""Pictures of solutions: superposed shapes, animations, modes, and curves over time."""
+
+from __future__ import annotations
+
+import os
+
+# Without a display VTK would look for one first, and say so; it takes this where it is asked to.
+if not (os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")):
+    os.environ.setdefault("VTK_DEFAULT_OPENGL_WINDOW", "vtkEGLRenderWindow")
+
+from .deformed_shapes import animate, modes, shapes
+from .symbols import axis
+from .time_curves import curves, figure, quantities, save, style
+
+__all__ = [
+    "animate",
+    "axis",
+    "curves",
+    "figure",
+    "modes",
+    "quantities",
+    "save",
+    "shapes",
+    "style",
+]

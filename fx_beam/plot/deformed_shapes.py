@@ -1,0 +1,251 @@
+"""Deformed shapes: superposed, as an animation, and of modes."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any
+
+import matplotlib
+import numpy as np
+import pyvista as pv
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.cm import ScalarMappable
+from matplotlib.colors import LinearSegmentedColormap, Normalize
+from matplotlib.figure import Figure
+from PIL import Image
+
+from fx_beam.analyses.modal import Modes
+from fx_beam.results.files import writable
+from fx_beam.results.solution import Solution
+from fx_beam.scene.beam import Node
+
+from .symbols import Drawing, axis, draw_marks, draw_supports, draw_symbols
+
+# Without its palest end, which is hard to see on white.
+_TIME_COLOURS = LinearSegmentedColormap.from_list(
+    "time", matplotlib.colormaps["viridis"](np.linspace(0, 0.92, 256))
+)
+_BEAM_COLOURS = "#0072B2", "#009E73", "#CC79A7", "#E69F00", "#56B4E9"
+_PICTURES = "png", "pdf", "svg", "jpg"
+
+
+def shapes(
+    solution: Solution,
+    steps: Sequence[int],
+    path: Path | str,
+    length_unit: str = "m",
+    magnify: float = 1.0,
+    marks: dict[str, Node] | None = None,
+) -> None:
+    """Picture of deformed shapes, superposed and coloured by time or in order of load steps.
+
+    Discs are lumped masses; joints are white rings, or squares on a dotted guide where they slide;
+    arrows are forces on nodes; a zigzag or a spiral is the spring of a joint.
+
+    Parameters
+    ----------
+    solution : Solution
+        The motion.
+    steps : sequence of int
+        Rows of `Solution.t` to draw.
+    path : str or path
+        Picture to write; its ending says in which format.
+    length_unit : str
+        Unit of length, for the axes.
+    magnify : float
+        Factor on displacements; the title names one other than 1.
+    marks : dict, optional
+        Nodes by the names to be written beside them in the first of the shapes.
+    """
+    path = writable(path, _PICTURES)
+    drawing = _drawing(solution, steps, magnify)
+    low, high = drawing.window
+    colours, shades = _colours(drawing)
+    # The projection is parallel, so that matplotlib's axes fit the picture exactly.
+    fig, ax = _plane(low, high, length_unit, width=6.4)
+    ax.set_title(_title(drawing), fontsize="medium")
+    extent = (low[0], high[0], low[1], high[1])
+    ax.imshow(_tubes(drawing, shades), extent=extent, interpolation="antialiased")
+    for k, shade in zip(steps, shades, strict=True):
+        draw_symbols(ax, drawing, k, shade, small=True)
+    draw_supports(ax, drawing)
+    draw_marks(ax, drawing, steps[0], marks or {})
+    bar = fig.colorbar(colours, cax=ax.inset_axes((1.03, 0, 0.03, 1)))
+    bar.set_label("load factor, in order" if solution.stats.static else "time $t$ [s]")
+    if solution.stats.static:
+        # On a path through limit points a load factor comes more than once.
+        shown = np.unique(np.linspace(0, len(steps) - 1, 12).round().astype(int))
+        bar.set_ticks(shown, labels=[f"{solution.t[steps[i]]:.3g}" for i in shown])
+    fig.savefig(path, dpi=200, bbox_inches="tight")
+
+
+def animate(
+    solution: Solution,
+    steps: Sequence[int],
+    path: Path | str,
+    fps: int = 20,
+    trace: Node | None = None,
+    length_unit: str = "m",
+    magnify: float = 1.0,
+    marks: dict[str, Node] | None = None,
+    scenery: Callable[[Any, int], list] | None = None,
+) -> None:
+    """Animation of the motion as a GIF, with the symbols of `shapes`.
+
+    Parameters
+    ----------
+    solution : Solution
+        The motion.
+    steps : sequence of int
+        Rows of `Solution.t`, one for each picture.
+    path : str or path
+        GIF file to write.
+    fps : int
+        Pictures per second [1/s].
+    trace : Node, optional
+        Node whose path is drawn.
+    length_unit : str
+        Unit of length, for the axes.
+    magnify : float
+        Factor on displacements; the title names one other than 1.
+    marks : dict, optional
+        Nodes by the names to be written beside them.
+    scenery : callable, optional
+        ``scenery(axes, k)`` draws what the scene does not know, such as a force of your own, in
+        row k, and gives a list of what it drew, which is removed after the picture.
+    """
+    path = writable(path, ("gif",))
+    drawing = _drawing(solution, steps, magnify)
+    low, high = drawing.window
+    flat = high[0] - low[0] > 1.6 * (high[1] - low[1])
+    fig, ax = _plane(low, high, length_unit, width=7.0 if flat else 5.0)
+    ax.set_title(_title(drawing), loc="right", fontsize="small")
+    clock = ax.set_title(" ", loc="left", family="monospace", fontsize="small")
+    (past,) = ax.plot([], [], color="0.65", linewidth=1.0, zorder=1)
+    colours = itertools.cycle(_BEAM_COLOURS)
+    lines = {
+        name: ax.plot([], [], color=colour, linewidth=2.5)[0]
+        for name, colour in zip(solution.beams, colours, strict=False)
+    }
+    moving = [clock, past, *lines.values(), *draw_supports(ax, drawing)]
+    for artist in moving:
+        artist.set_animated(True)  # left out of what is drawn once
+    canvas = FigureCanvasAgg(fig)
+    canvas.draw()
+    still = canvas.copy_from_bbox(fig.bbox)
+    frames = []
+    for k in steps:
+        now = f"{solution.t[k]:.3f}"
+        clock.set_text(f"load factor {now}" if solution.stats.static else f"t = {now} s")
+        for name, line in lines.items():
+            line.set_data(*drawing.axis(name, k).T)
+        if trace is not None:
+            solution.position(trace)  # refuses what is no node of the solution
+            past.set_data(*drawing.places(trace.number, slice(steps[0], k + 1)).T)
+        drawn = draw_symbols(ax, drawing, k) + draw_marks(ax, drawing, k, marks or {})
+        drawn += scenery(ax, k) if scenery else []
+        canvas.restore_region(still)
+        for artist in sorted([*moving, *drawn], key=lambda artist: artist.get_zorder()):
+            ax.draw_artist(artist)
+        frames.append(Image.fromarray(np.array(canvas.buffer_rgba())).convert("RGB"))
+        for artist in drawn:
+            artist.remove()
+    frames[0].save(path, save_all=True, append_images=frames[1:], duration=1000 // fps, loop=0)
+
+
+def modes(found: Modes, path: Path | str, count: int | None = None) -> None:
+    """Picture of mode shapes, one beside the other, over the configuration they belong to.
+
+    Parameters
+    ----------
+    found : Modes
+        What `fx_beam.modes` gave.
+    path : str or path
+        Picture to write; its ending says in which format.
+    count : int, optional
+        How many to draw, from the lowest; all by default.
+    """
+    path = writable(path, _PICTURES)
+    count = len(found) if count is None else count
+    if count not in range(1, len(found) + 1):
+        raise ValueError(f"count = {count!r} must be from 1 to {len(found)}, the modes there are")
+    low, high = found.positions.min(axis=0), found.positions.max(axis=0)
+    size = 0.15 * max(high - low)
+    columns = min(count, 3)
+    rows = -(-count // columns)
+    width, height = high - low + 2.4 * size
+    fig = Figure((2.6 * columns, (2.6 * height / width + 0.4) * rows), layout="constrained")
+    panels = list(fig.subplots(rows, columns, squeeze=False).flat)
+    for ax in panels:
+        ax.axis("off")
+    for mode, ax in zip(range(count), panels, strict=False):
+        for name, nodes in found.nodes_of_beam.items():
+            rest, moved = found.positions[nodes], found.shape(name, mode, size)
+            ax.plot(*axis(rest, found.degree).T, color="0.7", linewidth=1.0)
+            ax.plot(*axis(moved, found.degree).T, color=_BEAM_COLOURS[0], linewidth=2.0)
+        kind = "rigid" if found.rigid[mode] else f"{abs(found.frequencies[mode]):.4g} Hz"
+        if found.unstable[mode]:
+            kind = f"unstable, grows with {abs(found.angular_frequencies[mode]):.4g} 1/s"
+        ax.set_title(f"mode {mode}: {kind}", fontsize="small")
+        (left, bottom), (right, top) = low - 1.2 * size, high + 1.2 * size
+        ax.set(xlim=(left, right), ylim=(bottom, top), aspect="equal")
+    fig.savefig(path, dpi=200)
+
+
+def _drawing(solution: Solution, steps: Sequence[int], magnify: float) -> Drawing:
+    drawing = Drawing(solution, steps, magnify)
+    drawing.check()
+    return drawing
+
+
+def _title(drawing: Drawing) -> str:
+    factor = drawing.magnify
+    return drawing.title() + (f", displacements x {factor:g}" if factor != 1 else "")
+
+
+def _colours(drawing: Drawing) -> tuple[ScalarMappable, np.ndarray]:
+    """The scale of colours, and the colour of each row: by time, or by order in statics."""
+    values = drawing.solution.t[list(drawing.rows)]
+    if drawing.solution.stats.static:
+        values = np.arange(len(values))
+    scale = ScalarMappable(Normalize(values.min(), values.max()), _TIME_COLOURS)
+    return scale, scale.to_rgba(values)
+
+
+def _tubes(drawing: Drawing, shades: np.ndarray) -> np.ndarray:
+    """Picture of the members in all rows, seen along z; later ones cover earlier ones."""
+    low, high = drawing.window
+    centre, size = (low + high) / 2, high - low
+    window = [int(pixels) for pixels in 1600 * size / max(size)]
+    plotter: Any = pv.Plotter(off_screen=True, window_size=window)
+    plotter.set_background("white")
+    radius = 0.0025 * max(size)
+    for order, (k, shade) in enumerate(zip(drawing.rows, shades, strict=True)):
+        for name in drawing.solution.beams:
+            # Later shapes lie a little nearer to the eye, so that they cover earlier ones.
+            points = np.insert(drawing.axis(name, k), 2, order * radius, axis=1)
+            tube = pv.MultipleLines(points).tube(radius=radius)
+            plotter.add_mesh(tube, color=shade[:3], ambient=0.3, smooth_shading=True)
+    plotter.view_xy()
+    plotter.enable_parallel_projection()
+    plotter.camera.focal_point = (*centre, 0.0)
+    plotter.camera.position = (*centre, 10 * max(size))
+    plotter.camera.parallel_scale = size[1] / 2
+    plotter.reset_camera_clipping_range()
+    plotter.enable_anti_aliasing("ssaa")
+    picture = plotter.screenshot(return_img=True)
+    plotter.close()
+    return picture
+
+
+def _plane(low: np.ndarray, high: np.ndarray, length_unit: str, width: float):
+    """Figure with equal axes over a window of the plane."""
+    size = high - low
+    # Labels and a colour bar take about a seventh of the width.
+    fig = Figure((width, 0.86 * width * size[1] / size[0] + 0.5), layout="constrained")
+    ax = fig.add_subplot()
+    ax.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]), aspect="equal")
+    ax.set(xlabel=f"$x$ [{length_unit}]", ylabel=f"$y$ [{length_unit}]")
+    return fig, ax

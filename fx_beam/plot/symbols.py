@@ -1,0 +1,269 @@
+"""What pictures of shapes show besides the members: supports, joints, masses, springs, forces."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+
+from fx_beam.results.solution import Solution
+from fx_beam.scene.beam import Node, lagrange
+from fx_beam.scene.joints import GROUND, Joint
+from fx_beam.scene.loads import Load
+
+# A ring where two members turn, a square where they slide; rigid joints are not marked.
+_JOINT_MARKERS = {"Revolute": "o", "Prismatic": "s", "PinInSlot": "s"}
+_JOINT: dict[str, Any] = {"color": "white", "markeredgecolor": "black"}
+_GUIDE: dict[str, Any] = {"linestyle": ":", "linewidth": 1.2, "zorder": 1}
+_ARROW: dict[str, Any] = {"arrowstyle": "-|>", "shrinkA": 0, "shrinkB": 0, "linewidth": 1.2}
+# Straight lines an element is drawn in: with 60 degrees in it, off by a thousandth of its radius.
+_LINES = 12
+# Parts of the picture's size: the longest arrow, a spring's width, its far end on the ground.
+_LONGEST_FORCE, _SPRING_WIDTH, _SPRING_END = 0.12, 0.02, 0.15
+
+
+def axis(nodes: np.ndarray, degree: int) -> np.ndarray:
+    """Points of a beam's axis for drawing: on the curves that elements of degree 2 and 3 are.
+
+    Parameters
+    ----------
+    nodes : (..., elements * degree + 1, 2) float
+        Positions of a beam's nodes, such as `Solution.shape` and `Modes.shape` give [m].
+    degree : int
+        Degree of its elements.
+
+    Returns
+    -------
+    (..., points, 2) float
+        Positions along the beam, the nodes among them [m].
+    """
+    if degree == 1:
+        return nodes
+    values = lagrange(np.linspace(0, 1, degree + 1), np.arange(_LINES) / _LINES)
+    elements = (nodes.shape[-2] - 1) // degree
+    of_element = degree * np.arange(elements)[:, None] + np.arange(degree + 1)
+    points = values @ nodes[..., of_element, :]
+    points = points.reshape(*nodes.shape[:-2], elements * _LINES, 2)
+    return np.concatenate([points, nodes[..., -1:, :]], axis=-2)
+
+
+@dataclass(frozen=True)
+class Drawing:
+    """A solution with magnified displacements, in the rows that a picture shows."""
+
+    solution: Solution
+    rows: Sequence[int]
+    magnify: float = 1.0
+
+    @property
+    def scene(self):
+        """The scene; None for a solution that was read from a file."""
+        return next(iter(self.solution.beams.values())).start.scene
+
+    @cached_property
+    def window(self) -> tuple[np.ndarray, np.ndarray]:
+        """Lower left and upper right corner of all that is drawn, with a margin."""
+        rows = list(self.rows)
+        points = np.concatenate([self.axis(name, rows) for name in self.solution.beams], axis=1)
+        low, high = points.min(axis=(0, 1)), points.max(axis=(0, 1))
+        size = max(high - low)
+        # Room for symbols, the more so beside a straight member.
+        margin = np.maximum(0.05 * size, (0.3 * size - (high - low)) / 2)
+        return low - margin, high + margin
+
+    @cached_property
+    def size(self) -> float:
+        """Larger side of the window [m]."""
+        low, high = self.window
+        return float(max(high - low))
+
+    def axis(self, beam: str, rows) -> np.ndarray:
+        """Points (..., points, 2) of a beam's axis in some rows."""
+        places = self.places(self.solution.nodes_of_beam[beam], rows)
+        return axis(places, self.solution.beams[beam].degree)
+
+    def places(self, nodes, rows) -> np.ndarray:
+        """Places (..., 2) of nodes, by their numbers, in some rows."""
+        moved = self.solution.q[rows][..., nodes, :2]
+        return self.solution.X[nodes] + self.magnify * moved
+
+    def turned(self, node: Node, k: int, arrow) -> np.ndarray:
+        """An arrow (2,) that turns with a node, in row k."""
+        if node is GROUND:
+            return np.asarray(arrow)
+        psi = self.magnify * self.solution.rotation(node)[k]
+        c, s = np.cos(psi), np.sin(psi)
+        return np.array([c * arrow[0] - s * arrow[1], s * arrow[0] + c * arrow[1]])
+
+    def force(self, load: Load, node: Node, k: int) -> np.ndarray:
+        """A force (2,) on a node in row k [N]."""
+        t = self.solution.t[k]
+        force = np.asarray(load.value(0.0) * t if self.solution.stats.static else load.value(t))
+        return self.turned(node, k, force) if load.follower else force
+
+    @cached_property
+    def forces(self) -> list[tuple[Load, Node]]:
+        """The forces on nodes, and these."""
+        loads = self.scene.loads
+        return [(load, load.target) for load in loads if load.kind == "force"]
+
+    @cached_property
+    def largest_force(self) -> float:
+        """The largest of them in the rows that are drawn [N]."""
+        sizes = [np.hypot(*self.force(*load, k)) for load in self.forces for k in self.rows]
+        return max(sizes, default=0.0)
+
+    def title(self) -> str:
+        """What was computed, and in which steps."""
+        t, stats = self.solution.t, self.solution.stats
+        if stats.static:
+            return "equilibria"
+        steps = f"{stats.steps} steps to {t[-1]:g} s"
+        even = len(t) == stats.steps + 1 and np.ptp(np.diff(t)) <= 1e-6 * t[-1]
+        return f"{stats.scheme}, " + (rf"$\Delta t$ = {t[1] - t[0]:g} s" if even else steps)
+
+    def check(self) -> None:
+        """Refuse rows that the solution does not have."""
+        rows = len(self.solution.t)
+        try:
+            known = [k for k in self.rows if k in range(rows)]
+            wrong = len(known) != len(self.rows) or not known
+        except TypeError:
+            wrong = True
+        if wrong:
+            raise ValueError(
+                f"steps = {self.rows!r} must be rows of the solution, such as "
+                f"range(0, {rows}, {max(1, rows // 10)})"
+            )
+        if not (np.ndim(self.magnify) == 0 and 0 < self.magnify < np.inf):
+            raise ValueError(f"magnify = {self.magnify!r} must be a positive number")
+
+
+# -- Symbols of one row ----------------------------------------------------------------------------
+
+
+def draw_symbols(ax, drawing: Drawing, k: int, colour: Any = "black", small: bool = False) -> list:
+    """Draw masses, joints, guides, springs and forces of row k, and give what was drawn."""
+    scene = drawing.scene
+    if scene is None:
+        return []
+    drawn = [*_draw_guides(ax, drawing, k, colour), *_draw_springs(ax, drawing, k, colour)]
+    heavy = sorted({node for node, mass, _ in scene.masses if mass})
+    look = {"color": colour if small else "#D55E00", "markersize": 7 if small else 9, "zorder": 3}
+    drawn += ax.plot(*drawing.places(heavy, k).T, "o", **look)
+    look = _JOINT | {"markeredgecolor": colour, "markersize": 3.5 if small else 5, "zorder": 5}
+    for kind, marker in _JOINT_MARKERS.items():
+        nodes = [
+            (joint.a if joint.b is GROUND else joint.b).number
+            for joint in scene.joints
+            # A hinge on the ground is drawn as a support.
+            if joint.kind == kind and not (_is_grounded(joint) and joint.axis is None)
+        ]
+        drawn += ax.plot(*drawing.places(nodes, k).T, marker, **look)
+    return drawn + _draw_forces(ax, drawing, k, colour)
+
+
+def draw_marks(ax, drawing: Drawing, k: int, marks: dict[str, Node]) -> list:
+    """Write names beside nodes in row k, and give what was drawn."""
+    drawn: list = []
+    for name, node in marks.items():
+        drawing.solution.position(node)  # refuses what is no node of the solution
+        place = drawing.places(node.number, k)
+        drawn += ax.plot(*place, ".", color="black", markersize=5, zorder=6)
+        offset = {"xytext": (5, 5), "textcoords": "offset points"}
+        drawn.append(ax.annotate(name, place, **offset, fontsize="small", zorder=7))
+    return drawn
+
+
+def draw_supports(ax, drawing: Drawing) -> list:
+    """A ring at a pin, a square at a clamp, a triangle at any other support; guides dotted."""
+    scene = drawing.scene
+    if scene is None:
+        return []
+    drawn: list = []
+    held: dict[int, set[int]] = {}
+    for node, component in scene.fixed:
+        held.setdefault(node, set()).add(component)
+    for joint in filter(_is_grounded, scene.joints):
+        node = joint.a if joint.b is GROUND else joint.b
+        if joint.axis is None:
+            held[node.number] = {0, 1} if joint.kind == "Revolute" else {0, 1, 2}
+        else:
+            path = drawing.places(node.number, slice(None))
+            along = (path - path[0]) @ joint.axis
+            drawn += ax.plot(*path[[along.argmin(), along.argmax()]].T, color="0.5", **_GUIDE)
+    for number, components in held.items():
+        marker = "s" if len(components) == 3 else "o" if components == {0, 1} else "^"
+        look = _JOINT | {"markersize": 7, "zorder": 5}
+        drawn += ax.plot(*drawing.solution.X[number], marker, **look)
+    return drawn
+
+
+def _is_grounded(joint: Joint) -> bool:
+    return GROUND in (joint.a, joint.b)
+
+
+def _draw_guides(ax, drawing: Drawing, k: int, colour) -> list:
+    """Guides that nodes carry, from their place on the node to what slides on them."""
+    drawn: list = []
+    for joint in drawing.scene.joints:
+        if joint.axis is not None and not _is_grounded(joint):
+            ends = _place_on_a(drawing, joint, k), drawing.places(joint.b.number, k)
+            drawn += ax.plot(*np.array(ends).T, color=colour, **_GUIDE)
+    return drawn
+
+
+def _place_on_a(drawing: Drawing, joint: Joint, k: int) -> np.ndarray:
+    """Place of a joint on its node a, in row k."""
+    return drawing.places(joint.a.number, k) + drawing.turned(joint.a, k, joint.offset)
+
+
+def _draw_springs(ax, drawing: Drawing, k: int, colour) -> list:
+    """Springs of joints: a zigzag along a slide, a spiral round a hinge."""
+    drawn: list = []
+    look = {"color": colour, "linewidth": 0.9, "zorder": 2}
+    for joint in drawing.scene.joints:
+        if joint.slide is not None and joint.slide.spring is not None:
+            drawn += ax.plot(*_zigzag(*_spring_ends(drawing, joint, k), drawing.size).T, **look)
+        if joint.rotation is not None and joint.rotation.spring is not None:
+            node = joint.a if joint.b is GROUND else joint.b
+            angle = np.linspace(0, 5 * np.pi, 60)
+            spiral = angle * np.array([np.cos(angle), np.sin(angle)]) / angle[-1]
+            place = drawing.places(node.number, k)
+            drawn += ax.plot(*(place[:, None] + _SPRING_WIDTH * drawing.size * spiral), **look)
+    return drawn
+
+
+def _spring_ends(drawing: Drawing, joint: Joint, k: int) -> tuple[np.ndarray, np.ndarray]:
+    """Ends of the spring on a slide: its node, and its place on a or a point of the ground."""
+    assert joint.axis is not None
+    if not _is_grounded(joint):
+        return _place_on_a(drawing, joint, k), drawing.places(joint.b.number, k)
+    node = joint.a if joint.b is GROUND else joint.b
+    far = -_SPRING_END * drawing.size * joint.axis
+    return drawing.solution.X[node.number] + far, drawing.places(node.number, k)
+
+
+def _zigzag(a: np.ndarray, b: np.ndarray, size: float) -> np.ndarray:
+    """Points (11, 2) of a spring from a to b."""
+    along = (b - a) / max(np.hypot(*(b - a)), 1e-9 * size)
+    across = _SPRING_WIDTH * size * np.array([-along[1], along[0]])
+    fractions = np.array([0, 0.15, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.85, 1])
+    sides = np.array([0, 0, 1, -1, 1, -1, 1, -1, 1, 0, 0])
+    return a + fractions[:, None] * (b - a) + sides[:, None] * across
+
+
+def _draw_forces(ax, drawing: Drawing, k: int, colour) -> list:
+    """Arrows of the forces on nodes, which end at the node; the largest is the longest."""
+    drawn = []
+    for load, node in drawing.forces:
+        force = drawing.force(load, node, k)
+        if np.hypot(*force) > 0.02 * drawing.largest_force:
+            tip = drawing.places(node.number, k)
+            tail = tip - _LONGEST_FORCE * drawing.size * force / drawing.largest_force
+            look = {"arrowprops": _ARROW | {"color": colour}, "annotation_clip": False}
+            drawn.append(ax.annotate("", tip, tail, **look, zorder=4))
+    return drawn

@@ -1,0 +1,160 @@
+"""Curves over time: schemes compared, and quantities beside each other."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from matplotlib.figure import Figure
+
+from fx_beam.results.files import writable
+from fx_beam.results.solution import Solution
+
+# The colours of Okabe and Ito, which all eyes tell apart; the line styles do so in grey.
+_STYLES: dict[str, dict] = {
+    "EnergyMomentum": {"color": "#0072B2", "linestyle": "-", "linewidth": 2.4},
+    "ModifiedMidPoint": {"color": "#56B4E9", "linestyle": (0, (5, 2))},
+    "MidPoint": {"color": "#CC79A7", "linestyle": (0, (1, 1))},
+    "Newmark": {"color": "#D55E00", "linestyle": (0, (6, 1.5, 1, 1.5))},
+    "HHT": {"color": "#009E73", "linestyle": (0, (3, 1.2))},
+    "GeneralizedAlpha": {"color": "#E69F00", "linestyle": (0, (6, 1, 1, 1, 1, 1))},
+}
+# What tells apart several curves of one scheme in one panel; the first is the plain line.
+_MARKERS = None, "o", "s", "^", "D", "v"
+_QUANTITY_STYLES = [
+    {"color": color, "linestyle": line}
+    for color, line in zip(
+        ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "black"),
+        ("-", (0, (5, 1.5)), (0, (1, 1)), (0, (6, 1.5, 1, 1.5)), (0, (3, 1)), (0, (8, 3))),
+        strict=True,
+    )
+]
+
+
+def style(scheme: str) -> dict:
+    """Line style of a time scheme, the same in all figures.
+
+    Parameters
+    ----------
+    scheme : str
+        Name of the scheme, as in `Stats.scheme`.
+
+    Returns
+    -------
+    dict
+        Arguments for matplotlib's `plot`.
+    """
+    return {"linewidth": 1.2} | _STYLES.get(scheme, {"color": "black", "linestyle": (0, (2, 2))})
+
+
+def figure(rows: int, columns: int, height: float = 2.5):
+    """Figure with a grid of panels in the common style.
+
+    Parameters
+    ----------
+    rows, columns : int
+        Number of panels.
+    height : float
+        Height of a row [inch].
+
+    Returns
+    -------
+    figure : matplotlib.figure.Figure
+        The figure, for `save`.
+    axes : (rows, columns) array of matplotlib.axes.Axes
+        Its panels.
+    """
+    fig = Figure(figsize=(7.5, rows * height + 0.5), layout="constrained")
+    axes = fig.subplots(rows, columns, squeeze=False)
+    for ax in axes.flat:
+        ax.spines[["top", "right"]].set_visible(False)
+        ax.grid(color="0.9", linewidth=0.6)
+        ax.set_axisbelow(True)
+    return fig, axes
+
+
+def curves(
+    axes,
+    solutions: dict[str, Solution],
+    value: Callable[[Solution], np.ndarray],
+    times: Callable[[Solution], np.ndarray] = lambda solution: solution.t,
+) -> None:
+    """Draw one quantity over time for several solutions.
+
+    Each scheme has its own line style; further solutions by the same scheme have markers as well.
+    A cross marks the end of a solution that failed. Set the limits of the axes first: the cross of
+    a curve that left them is put on their edge.
+
+    Parameters
+    ----------
+    axes : matplotlib.axes.Axes
+        Where to draw.
+    solutions : dict
+        Solutions by the label that each shall have in the legend.
+    value : callable
+        ``value(solution)`` gives the quantity (n,).
+    times : callable
+        ``times(solution)`` gives the times (n,) at which it holds [s], such as
+        `Solution.t_level` for stress resultants.
+    """
+    drawn: dict[str, int] = {}
+    cross = {"marker": "X", "markersize": 9, "markeredgecolor": "white", "linestyle": ""}
+    for label, solution in solutions.items():
+        scheme = solution.stats.scheme
+        look = style(scheme) | _marked(drawn.get(scheme, 0))
+        drawn[scheme] = drawn.get(scheme, 0) + 1
+        t, y = times(solution), value(solution)
+        axes.plot(t, y, label=label, **look)
+        if solution.stats.failure and t[-1] <= axes.get_xlim()[1]:
+            edge = np.clip(y[-1], *axes.get_ylim())
+            axes.plot(t[-1], edge, **cross | {"color": look["color"]}, clip_on=False, zorder=5)
+            # One entry for all: the same scheme may fail in one panel and not in another.
+            axes.plot([], [], **cross | {"color": "0.4"}, label="a step fails, the run ends")
+
+
+def _marked(number: int) -> dict:
+    """Markers of the curve with this number among those of one scheme."""
+    if not number:
+        return {}
+    marker = _MARKERS[1 + (number - 1) % (len(_MARKERS) - 1)]
+    places = (0.03 * number, 0.12)
+    return {"marker": marker, "markevery": places, "fillstyle": "none", "markersize": 5}
+
+
+def quantities(axes, t: np.ndarray, values: dict[str, np.ndarray]) -> None:
+    """Draw several quantities over time, each with a style of its own.
+
+    Parameters
+    ----------
+    axes : matplotlib.axes.Axes
+        Where to draw.
+    t : (n,) float
+        Times, or whatever they are drawn over.
+    values : dict
+        Quantities (n,) by the label that each shall have in the legend.
+    """
+    for (label, y), look in zip(values.items(), itertools.cycle(_QUANTITY_STYLES), strict=False):
+        axes.plot(t, y, label=label, linewidth=1.5, **look)
+
+
+def save(figure: Figure, path: Path | str) -> None:
+    """Write a figure, with one legend for all its panels.
+
+    Parameters
+    ----------
+    figure : matplotlib.figure.Figure
+        A figure with labelled curves.
+    path : str or path
+        File to write; its ending says in which format.
+    """
+    handles: dict = {}
+    for ax in figure.axes:
+        for handle, label in zip(*ax.get_legend_handles_labels(), strict=True):
+            handles.setdefault(label, handle)
+    columns = len(handles) if len(handles) < 4 else 2
+    look: dict[str, Any] = {"loc": "outside upper center", "frameon": False, "handlelength": 3.2}
+    figure.legend(handles.values(), handles.keys(), ncols=columns, **look)
+    figure.savefig(writable(path, sorted(figure.canvas.get_supported_filetypes())), dpi=200)

@@ -1,0 +1,82 @@
+"""Reading of saved solutions."""
+
+from __future__ import annotations
+
+import json
+import zipfile
+from dataclasses import fields
+from typing import Any
+
+import numpy as np
+
+from fx_beam.scene.beam import Beam, Node
+
+from .audit import BeamResultants, Energy, Stats
+from .export import FORMAT, HISTORIES
+from .solution import Solution
+from .state import Past, State
+
+
+def load(path) -> Solution:
+    """Read a solution that `Solution.save` wrote; no code in the file is run.
+
+    Parameters
+    ----------
+    path : str or path
+        The file.
+
+    Returns
+    -------
+    Solution
+        The solution. Its beams are in `Solution.beams`, by name.
+
+    Raises
+    ------
+    ValueError
+        If the file is no saved solution.
+    """
+    try:
+        return _read(path)
+    except (KeyError, ValueError, TypeError, EOFError, zipfile.BadZipFile) as error:
+        raise ValueError(f"{path} is no solution saved by fx_beam") from error
+
+
+def _read(path) -> Solution:
+    # Opened here: NumPy leaves a damaged file open.
+    with open(path, "rb") as raw, np.load(raw, allow_pickle=False) as file:
+        data = dict(file)
+    meta = json.loads(str(data["meta"]))
+    if meta["format"] != FORMAT:
+        raise KeyError("format")
+    beams: dict[str, Beam] = {}
+    nodes_of_beam, resultants = {}, {}
+    for i, item in enumerate(meta["beams"]):
+        name, numbers = item["name"], data[f"beam{i}_nodes"]
+        ends = tuple(Node(int(n), *map(float, data["X"][n])) for n in numbers[:: item["degree"]])
+        beams[name] = Beam(name, ends, item["degree"], np.array(item["s"]))
+        nodes_of_beam[name] = numbers
+        if len(data["q"]) == len(data["t"]):  # else there was no motion recorded to compute them of
+            resultants[name] = BeamResultants(*(data[f"beam{i}_{part}"] for part in "sNQM"))
+    end = None
+    if "end_t" in data:
+        parts: dict[str, Any] = {f.name: data.get(f"end_{f.name}") for f in fields(State)}
+        parts |= {name: float(data[f"end_{name}"]) for name in ("t", "work")}
+        parts["dissipated"] = float(data.get("end_dissipated", 0.0))
+        if "past_length" in data:
+            length, foretelling = float(data["past_length"]), int(data["past_foretelling"])
+            parts["past"] = Past(length, foretelling, data["past_increments"], data["past_slides"])
+        end = State(**parts)
+    # Files of earlier versions lack the forces of motors; their strain energy has that of springs,
+    # and their work what dampers took.
+    later = ("springs", "dissipated")
+    known = [f.name for f in fields(Energy) if f"energy_{f.name}" in data or f.name not in later]
+    data.setdefault("motor_forces", np.empty((0, data["slides"].shape[1])))
+    return Solution(
+        **{name: data[name] for name in HISTORIES},
+        energy=Energy(**{name: data[f"energy_{name}"] for name in known}),
+        stats=Stats(**meta["stats"]),
+        beams=beams,
+        nodes_of_beam=nodes_of_beam,
+        resultants_of_beam=resultants.__getitem__,
+        end=end,
+    )

@@ -1,0 +1,395 @@
+"""The result of a simulation: motion, resultants, energies and momenta over time."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+
+from fx_beam.scene.beam import Beam, Node
+from fx_beam.scene.joints import Joint
+
+from . import export
+from .audit import BeamResultants, Energy, Stats, read_only
+from .joint_motion import JointMotion
+from .lookup import beam_name, joint_number, node_number
+from .state import State
+
+# What a `Record` may leave out, by its word for it.
+_KINDS = {"q": "motion", "v": "rates", "a": "rates"}
+_KINDS |= dict.fromkeys(("reactions", "joint_forces", "motor_forces"), "forces")
+
+
+class Solution:
+    """Motion of a scene over time, or its equilibria over the load factor.
+
+    Its arrays can be read and not be changed; a copy of them can.
+
+    Parameters
+    ----------
+    t : (n,) float
+        Times [s]; in a static solution load factors.
+    t_level : (n,) float
+        Times at which the rows of `resultants`, `reaction` and `joint_force` hold [s]: the scheme's
+        level in the step that ends at t[k], or in the last part of it where it was taken in parts.
+        Row 0 is the start.
+    X : (n_node, 2) float
+        Reference positions [m].
+    q, v, a : (n, n_node, 3) float
+        Displacements and rotation, their rates and accelerations [m, rad, s]; in a static solution
+        the latter are zero.
+    reactions : (n, n_node, 3) float
+        Forces and moments of the supports on the nodes [N, N m].
+    slides : (n, joints) float
+        Slides of the joints [m].
+    joint_forces : (n, joints, 3) float
+        Forces and moments of the joints on their nodes b [N, N m].
+    motor_forces : (n, joints) float
+        Forces and moments of the joints' motors [N, N m].
+    energy : Energy
+        Energies and work.
+    linear_momentum : (n, 2) float
+        Linear momentum [kg m/s].
+    angular_momentum : (n,) float
+        Angular momentum about the origin [kg m^2/s].
+    stats : Stats
+        What the simulation took.
+    beams : dict
+        The beams by name.
+    nodes_of_beam : dict
+        All nodes of each beam in order, those inside elements included.
+    resultants_of_beam : callable
+        ``resultants_of_beam(name)`` gives the `BeamResultants`.
+    end : State, optional
+        The last state, its vectors by nodes, for `simulate(start=...)`; none if the run broke off.
+    """
+
+    def __init__(
+        self,
+        t: np.ndarray,
+        t_level: np.ndarray,
+        X: np.ndarray,
+        q: np.ndarray,
+        v: np.ndarray,
+        a: np.ndarray,
+        reactions: np.ndarray,
+        slides: np.ndarray,
+        joint_forces: np.ndarray,
+        motor_forces: np.ndarray,
+        energy: Energy,
+        linear_momentum: np.ndarray,
+        angular_momentum: np.ndarray,
+        stats: Stats,
+        beams: dict[str, Beam],
+        nodes_of_beam: dict[str, np.ndarray],
+        resultants_of_beam: Callable[[str], BeamResultants],
+        end: State | None = None,
+    ):
+        self.t, self.t_level = read_only(t), read_only(t_level)
+        self.X = read_only(X)
+        self.q, self.v, self.a = (read_only(values) for values in (q, v, a))
+        self.reactions = read_only(reactions)
+        self.slides, self.joint_forces = read_only(slides), read_only(joint_forces)
+        self.motor_forces = read_only(motor_forces)
+        self.energy = energy
+        self.linear_momentum = read_only(linear_momentum)
+        self.angular_momentum = read_only(angular_momentum)
+        self.stats = stats
+        self.beams = beams
+        self.nodes_of_beam = {name: read_only(nodes) for name, nodes in nodes_of_beam.items()}
+        self._resultants_of_beam = resultants_of_beam
+        self.end = end
+
+    def __getstate__(self):
+        # What computes the resultants holds the compiled model: a copy has them computed.
+        known = {}
+        if self.has_motion:
+            known = {name: self._resultants_of_beam(name) for name in self.beams}
+        return {**self.__dict__, "_resultants_of_beam": known.__getitem__}
+
+    def __repr__(self):
+        return (
+            f"<Solution: {self.stats.scheme}, {len(self.t) - 1} steps to "
+            f"{'load factor' if self.stats.static else 't ='} {self.t[-1]:g}, "
+            f"energy error {abs(self.energy.balance_error).max():.2g} J>"
+        )
+
+    @property
+    def load_factor(self) -> np.ndarray:
+        """Part of the loads and driven motions (n,) that acts, in a static solution."""
+        if not self.stats.static:
+            raise ValueError("the solution is one over time, without load factors; it has t")
+        return self.t
+
+    @property
+    def has_motion(self) -> bool:
+        """Whether displacements and rotations were recorded."""
+        return len(self.q) == len(self.t)
+
+    @property
+    def has_rates(self) -> bool:
+        """Whether velocities and accelerations were recorded."""
+        return len(self.v) == len(self.t)
+
+    # -- Motion of a node -----------------------------------------------------------------------
+
+    def position(self, node: Node) -> np.ndarray:
+        """Position of a node over time.
+
+        Parameters
+        ----------
+        node : Node
+            A node of the scene.
+
+        Returns
+        -------
+        (n, 2) float
+            Position [m].
+        """
+        return self.X[node_number(self, node)] + self.displacement(node)
+
+    def displacement(self, node: Node) -> np.ndarray:
+        """Displacement of a node over time.
+
+        Parameters
+        ----------
+        node : Node
+            A node of the scene.
+
+        Returns
+        -------
+        (n, 2) float
+            Displacement from the reference position [m].
+        """
+        return self.recorded("q")[:, node_number(self, node), :2]
+
+    def rotation(self, node: Node) -> np.ndarray:
+        """Rotation of a node over time.
+
+        Parameters
+        ----------
+        node : Node
+            A node of the scene.
+
+        Returns
+        -------
+        (n,) float
+            Section rotation from the reference configuration, not wrapped [rad].
+        """
+        return self.recorded("q")[:, node_number(self, node), 2]
+
+    def velocity(self, node: Node) -> np.ndarray:
+        """Velocity of a node over time.
+
+        Parameters
+        ----------
+        node : Node
+            A node of the scene.
+
+        Returns
+        -------
+        (n, 2) float
+            Velocity at t[k] [m/s]; at a node without mass the mean over the step that ends there,
+            or over the last part of it where it was taken in parts.
+        """
+        return self.recorded("v")[:, node_number(self, node), :2]
+
+    def spin(self, node: Node) -> np.ndarray:
+        """Spin of a node over time.
+
+        Parameters
+        ----------
+        node : Node
+            A node of the scene.
+
+        Returns
+        -------
+        (n,) float
+            Rate of the section rotation at t[k] [rad/s]; without rotary inertia its mean over the
+            step that ends there, or over the last part of it where it was taken in parts.
+        """
+        return self.recorded("v")[:, node_number(self, node), 2]
+
+    def acceleration(self, node: Node) -> np.ndarray:
+        """Acceleration of a node over time.
+
+        Parameters
+        ----------
+        node : Node
+            A node of the scene.
+
+        Returns
+        -------
+        (n, 2) float
+            Acceleration [m/s^2]. For the mid-point schemes row k is the mean over the step that
+            ends at t[k], or over the last part of it where it was taken in parts, thus that at
+            `t_level[k]`; for Newmark's family it is that at t[k]. Row 0 is that at the start.
+        """
+        return self.recorded("a")[:, node_number(self, node), :2]
+
+    def reaction(self, node: Node) -> np.ndarray:
+        """Force and moment of the supports on a node over time.
+
+        Parameters
+        ----------
+        node : Node
+            A node of the scene.
+
+        Returns
+        -------
+        (n, 3) float
+            Force [N] and moment [N m] at `t_level[k]`, thus in the step that ends at t[k], or in
+            the last part of it where it was taken in parts; zero for components without support.
+            Row 0 is zero or, after `simulate(start=...)`, that of the last step before.
+        """
+        return self.recorded("reactions")[:, node_number(self, node)]
+
+    # -- Joints ---------------------------------------------------------------------------------
+
+    def joint(self, joint: Joint) -> JointMotion:
+        """Angle, slide, their rates, force and motor of a joint over time.
+
+        Parameters
+        ----------
+        joint : Joint
+            What `Scene.add_joint` returned.
+
+        Returns
+        -------
+        JointMotion
+            With `angle`, `slide`, `spin`, `rate`, `force`, `motor_force`, `motor_power`, `gap`.
+        """
+        joint_number(self, joint)  # refuses one of another scene
+        return JointMotion(self, joint)
+
+    def slide(self, joint: Joint) -> np.ndarray:
+        """Slide of a prismatic joint or a pin in slot over time.
+
+        Parameters
+        ----------
+        joint : Joint
+            What `Scene.add_joint` returned.
+
+        Returns
+        -------
+        (n,) float
+            Distance along the axis from the joint's place on a to b [m].
+        """
+        return self.joint(joint).slide
+
+    def joint_force(self, joint: Joint) -> np.ndarray:
+        """Force and moment of a joint on its node b over time.
+
+        Parameters
+        ----------
+        joint : Joint
+            What `Scene.add_joint` returned.
+
+        Returns
+        -------
+        (n, 3) float
+            Force [N] and moment [N m], springs, dampers and motors included, at `t_level[k]`,
+            thus in the step that ends at t[k], or in the last part of it where it was taken in
+            parts. Row 0 is zero or, after `simulate(start=...)`, that of the last step before.
+        """
+        return self.recorded("joint_forces")[:, joint_number(self, joint)]
+
+    def gap(self, joint: Joint) -> np.ndarray:
+        """How far a joint's node b is from its place on a, over time.
+
+        Parameters
+        ----------
+        joint : Joint
+            What `Scene.add_joint` returned.
+
+        Returns
+        -------
+        (n,) float
+            Distance [m]; zero to rounding, as joints are no springs.
+        """
+        return self.joint(joint).gap
+
+    # -- Beams ----------------------------------------------------------------------------------
+
+    def shape(self, beam: Beam | str) -> np.ndarray:
+        """Deformed axis of a beam over time.
+
+        Parameters
+        ----------
+        beam : Beam or str
+            A beam or its name.
+
+        Returns
+        -------
+        (n, elements * degree + 1, 2) float
+            Positions of its nodes, those inside elements included [m].
+        """
+        nodes = self.nodes_of_beam[beam_name(self, beam)]
+        return self.X[nodes] + self.recorded("q")[:, nodes, :2]
+
+    def resultants(self, beam: Beam | str) -> BeamResultants:
+        """Stress resultants along a beam over time.
+
+        Parameters
+        ----------
+        beam : Beam or str
+            A beam or its name.
+
+        Returns
+        -------
+        BeamResultants
+            Axial force N, shear force Q and bending moment M, with their places s, at the times
+            `t_level`: those of the step that ends at t[k], or of the last part of it where it was
+            taken in parts, as in `reaction` and `joint_force`; in row 0 those of the start
+            configuration. Forces of `Scene.add_virtual_work` that act inside a member are not in
+            them.
+
+        Raises
+        ------
+        ValueError
+            If the motion was not recorded, or not the rates that the scheme's resultants need.
+        """
+        self.recorded("q")  # which they are computed from
+        return self._resultants_of_beam(beam_name(self, beam))
+
+    # -- Files ----------------------------------------------------------------------------------
+
+    def save(self, path) -> None:
+        """Write the solution to a file that `fx_beam.load` reads.
+
+        Parameters
+        ----------
+        path : str or path
+            File to write, in NumPy's npz format: arrays and a JSON text, no pickled objects.
+        """
+        export.save(self, path)
+
+    def to_csv(self, path, nodes: dict[str, Node] | None = None) -> None:
+        """Write energies, momenta and the motion of some nodes as comma-separated columns.
+
+        Parameters
+        ----------
+        path : str or path
+            File to write; its first row names the columns.
+        nodes : dict, optional
+            Nodes by the names that their columns shall have.
+        """
+        export.to_csv(self, path, nodes or {})
+
+    def recorded(self, name: str) -> np.ndarray:
+        """Rows of what may not have been recorded.
+
+        Parameters
+        ----------
+        name : str
+            Name of one of the solution's histories, such as "q".
+
+        Returns
+        -------
+        (n, ...) float
+            The history.
+        """
+        rows, kind = getattr(self, name), _KINDS[name]
+        if len(rows) != len(self.t):
+            raise ValueError(f"{kind} not recorded; simulate with record=Record({kind}=True)")
+        return rows

@@ -1,0 +1,335 @@
+"""Curves along which a beam may run: arcs, splines and functions, measured by their arc length.
+
+A curved element has the shape of a polynomial of its degree, whose nodes dolfinx wants at equal
+distances of its parameter. Between ends on the curve it is the polynomial through the curve's
+Gauss-Lobatto points in arc length: at the Gauss points its tangent is then that of the curve to a
+higher order, and lengths, chords and strain energy come out with order 2p as on straight elements.
+With the nodes of degree 3 on the curve, at thirds of the length, that is order 4 and not 6; for
+degree 2 these are the same, and 4 is the order of the element itself. The tip of a quarter of a
+circle of 16 elements of degree 3 that is bent straight is off by 3e-12 of its radius, and not 3e-8.
+The inner nodes of degree 3 are off the curve by order 4 themselves.
+"""
+
+from __future__ import annotations
+
+import functools
+import itertools
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.polynomial.chebyshev import (
+    Chebyshev,
+    chebder,
+    chebint,
+    chebpts1,
+    chebpts2,
+    chebvander,
+)
+from scipy.interpolate import CubicSpline
+from scipy.optimize import brentq
+
+from fx_beam.errors import SceneError
+from fx_beam.validation import checked_function, is_whole, vector
+
+from .beam import Layout, Node, lagrange, place
+
+# Degrees of the polynomials in which a piece of a curve and its speed are interpolated.
+_CURVE_DEGREE, _SPEED_DEGREE = 14, 20
+# The points include the ends of a piece, lest a jump pass between two pieces.
+_POINTS = chebpts2(_CURVE_DEGREE + 1)
+_SPEED_POINTS = chebpts1(_SPEED_DEGREE + 1)
+# Matrices to the derivatives there, and on to the coefficients of the length.
+_DERIVATIVE = chebvander(_SPEED_POINTS, _CURVE_DEGREE - 1) @ chebder(
+    np.linalg.inv(chebvander(_POINTS, _CURVE_DEGREE))
+)
+_INTEGRAL = chebint(np.linalg.inv(chebvander(_SPEED_POINTS, _SPEED_DEGREE)), lbnd=-1)
+# A smooth curve is measured to rounding with a few pieces; each corner takes 40 more.
+_MOST_PIECES = 10_000
+_ROUNDING = float(np.finfo(float).eps)
+# Where on an element, by its degree, its polynomial meets the curve.
+_LOBATTO = {
+    1: np.array([0.0, 1.0]),
+    2: np.array([0.0, 0.5, 1.0]),
+    3: np.array([0.0, 0.5 - 0.1 * math.sqrt(5), 0.5 + 0.1 * math.sqrt(5), 1.0]),
+}
+
+
+@dataclass(frozen=True)
+class Curve:
+    """A curve in the plane, for `Scene.add_beam`.
+
+    Parameters
+    ----------
+    function : callable
+        ``function(fraction)`` gives (x, y) [m] for a fraction in [0, 1], at any speed.
+    start, end : Node, optional
+        Nodes of other beams at which it starts and ends, shared rigidly: displacement and
+        rotation are the same. They must lie where the function starts and ends.
+    breaks : sequence of float, optional
+        Fractions at which the function is less smooth than between them, such as corners. They
+        are found without, but then it takes longer.
+
+    Raises
+    ------
+    SceneError
+        For an end that is no node, or breaks that are no fractions.
+    """
+
+    function: Callable[[float], Any]
+    start: Node | None = None
+    end: Node | None = None
+    breaks: Sequence[float] = ()
+
+    def __post_init__(self):
+        for end in (self.start, self.end):
+            if not (end is None or isinstance(end, Node)):
+                raise SceneError(
+                    f"Curve: {end!r} is no node; start and end are nodes of other beams or None"
+                )
+        try:
+            breaks = np.array(self.breaks, dtype=float)
+        except (TypeError, ValueError):
+            breaks = np.array(math.nan)
+        if breaks.ndim != 1 or not ((breaks >= 0) & (breaks <= 1)).all():
+            raise SceneError(f"Curve: breaks = {self.breaks!r} must be fractions between 0 and 1")
+        object.__setattr__(self, "breaks", tuple(breaks.tolist()))
+
+
+def arc(start, through, end) -> Curve:
+    """Arc of a circle through three points.
+
+    Parameters
+    ----------
+    start : (x, y) or Node
+        Its first point [m]. A node of another beam is shared rigidly.
+    through : (x, y)
+        Any point between the ends [m].
+    end : (x, y) or Node
+        Its last point [m], or the node of another beam.
+
+    Returns
+    -------
+    Curve
+        The arc, for `Scene.add_beam`.
+
+    Raises
+    ------
+    SceneError
+        If the three points lie on a line.
+    """
+    if isinstance(through, Node):
+        raise SceneError(
+            "arc: only its ends can be nodes of other beams; make two arcs that end there"
+        )
+    a, b, c = (vector(place(point), 2, "arc") for point in (start, through, end))
+    to_b, to_c, across = b - a, c - a, c - b
+    area = to_b[0] * to_c[1] - to_b[1] * to_c[0]
+    longest = max(to_b @ to_b, to_c @ to_c, across @ across)
+    if not abs(area) > 1e-9 * longest:
+        raise SceneError(
+            f"arc: the points {a}, {b} and {c} lie on a line or coincide; for a straight beam give "
+            "its ends, for a full circle two arcs"
+        )
+    rise = (to_b @ to_b) * to_c - (to_c @ to_c) * to_b
+    to_centre = np.array([rise[1], -rise[0]]) / (2 * area)
+    # Twice the angle at the circumference is that at the centre.
+    sweep = math.copysign(2 * math.atan2(abs(area), to_b @ across), area)
+
+    return Curve(functools.partial(_on_arc, a, to_centre, sweep), *_nodes(start, end))
+
+
+def _on_arc(a: np.ndarray, to_centre: np.ndarray, sweep: float, fraction: float) -> np.ndarray:
+    # By the chord from a, in which a large radius does not cancel.
+    c, s = math.cos(sweep * fraction / 2), math.sin(sweep * fraction / 2)
+    x, y = to_centre
+    return a + 2 * s * np.array([s * x + c * y, s * y - c * x])
+
+
+def spline(points: Sequence) -> Curve:
+    """Smooth curve through points: a cubic spline over the length of their polygon.
+
+    Its curvature has corners at the points, past which elements converge with order 4 at most.
+
+    Parameters
+    ----------
+    points : sequence of (x, y) or Node
+        Two or more points [m]; the first and the last may be nodes of other beams, which are
+        shared rigidly. Where these two coincide the curve closes smoothly.
+
+    Returns
+    -------
+    Curve
+        The spline, for `Scene.add_beam`.
+
+    Raises
+    ------
+    SceneError
+        For fewer than two points, or points in a row that coincide.
+    """
+    try:
+        points = list(points)
+    except TypeError:
+        raise SceneError(f"spline: {points!r} must be points (x, y) or nodes") from None
+    if any(isinstance(point, Node) for point in points[1:-1]):
+        raise SceneError("spline: only its ends can be nodes of other beams; end one there instead")
+    if len(points) < 2:
+        raise SceneError("spline: it needs at least two points")
+    xy = np.array([vector(place(point), 2, f"spline, point {i}") for i, point in enumerate(points)])
+    chords = np.hypot(*np.diff(xy, axis=0).T)
+    for i in np.flatnonzero(chords <= 1e-12 * abs(xy).max()):
+        raise SceneError(f"spline: the points {i} and {i + 1} coincide at {xy[i]}")
+    breaks = np.concatenate([[0.0], np.cumsum(chords)])
+    breaks /= breaks[-1]
+    closed = len(xy) > 2 and math.dist(xy[0], xy[-1]) <= 1e-12 * abs(xy).max()
+    if closed:
+        xy[-1] = xy[0]
+    function = CubicSpline(breaks, xy, bc_type="periodic" if closed else "not-a-knot")
+    return Curve(function, *_nodes(points[0], points[-1]), tuple(breaks))
+
+
+def _nodes(start, end) -> tuple[Node | None, Node | None]:
+    return (
+        start if isinstance(start, Node) else None,
+        end if isinstance(end, Node) else None,
+    )
+
+
+def lay_along(curve: Curve, elements: Any, degree: int, name: str) -> Layout:
+    """Elements along a curve, which end at equal distances of its arc length.
+
+    Parameters
+    ----------
+    curve : Curve
+        The curve.
+    elements : int
+        Number of elements.
+    degree : int
+        Polynomial degree of the elements, which says how many nodes lie inside each.
+    name : str
+        Name of the beam, for messages.
+
+    Returns
+    -------
+    Layout
+        Ends of the elements, arc lengths and nodes inside.
+
+    Raises
+    ------
+    SceneError
+        For a function that gives no points, a curve of no length or with a jump, or nodes that it
+        misses.
+    """
+    if not is_whole(elements, 1):
+        raise SceneError(
+            f"beam {name!r}: elements = {elements!r} must be one positive whole number for a curve"
+        )
+    function = checked_function(curve.function, 2, f"beam {name!r}: curve", 0.0)
+
+    def position(fraction: float) -> np.ndarray:
+        return vector(function(fraction), 2, f"beam {name!r}: curve at the fraction {fraction:.6g}")
+
+    length, fraction_at = _measure(position, curve.breaks, name)
+    met = _LOBATTO[degree]
+    places = (np.arange(elements)[:, None] + met[:-1]).ravel() / elements
+    points = np.array([position(fraction_at(length * x)) for x in (*places, 1.0)])
+    s = length * np.linspace(0, 1, elements + 1)
+    _check_followed(points[::degree], s, name)
+    ends: list = list(points[::degree])
+    for i, node, where in ((0, curve.start, "starts"), (-1, curve.end, "ends")):
+        if node is None:
+            continue
+        gap = math.dist((node.x, node.y), points[i])
+        if gap > 1e-9 * length:
+            raise SceneError(
+                f"beam {name!r}: its curve {where} at ({points[i, 0]:g}, {points[i, 1]:g}), "
+                f"{gap:.3g} away from {node}, which it shall share"
+            )
+        ends[i] = node
+    of_element = points[degree * np.arange(elements)[:, None] + np.arange(degree + 1)]
+    inner = lagrange(met, np.arange(1, degree) / degree) @ of_element
+    return Layout(ends, s, inner)
+
+
+def _check_followed(ends: np.ndarray, s: np.ndarray, name: str) -> None:
+    """Refuse elements that are too long for the curve, such as a whole circle in one."""
+    chords, lengths = np.hypot(*np.diff(ends, axis=0).T), np.diff(s)
+    k = int(np.argmin(chords / lengths))
+    if chords[k] < 0.5 * lengths[k]:
+        raise SceneError(
+            f"beam {name!r}: {len(chords)} elements are too few for its curve; element {k} is "
+            f"{lengths[k]:.3g} long, and its ends are {chords[k]:.3g} apart"
+        )
+
+
+def _measure(position, breaks, name: str) -> tuple[float, Callable[[float], float]]:
+    """Length of a curve, and its fraction at a distance from the start."""
+    cuts = np.unique([0.0, *breaks, 1.0])
+    size = max(abs(position(cut)).max() for cut in cuts.tolist())
+    pieces = _pieces(position, cuts.tolist(), size, name)
+    ends = np.cumsum([0.0, *(piece.length for piece in pieces)])
+    length = float(ends[-1])
+
+    def fraction_at(distance: float) -> float:
+        i = min(int(np.searchsorted(ends, distance, side="right")) - 1, len(pieces) - 1)
+        piece, left = pieces[i], distance - ends[i]
+        if left <= 1e-13 * length:
+            return piece.start
+        if left >= piece.length - 1e-13 * length:
+            return piece.end
+        along = piece.length_to
+        return brentq(lambda x: along(x) - left, piece.start, piece.end, xtol=1e-15, rtol=1e-15)
+
+    return length, fraction_at
+
+
+class _Piece(NamedTuple):
+    """A piece of a curve: fractions at its ends, its length, and the arc length from its start."""
+
+    start: float
+    end: float
+    length: float
+    length_to: Chebyshev
+
+
+def _pieces(position, cuts: list[float], size: float, name: str) -> list[_Piece]:
+    """Pieces of a curve in order, each so short that halves of it would not change its length."""
+    left = [_piece(position, a, b) for a, b in itertools.pairwise(cuts)][::-1]
+    length = sum(piece.length for piece in left)
+    if not length > 1e-9 * size:  # less is rounding
+        raise SceneError(f"beam {name!r}: its curve has no length")
+    negligible = 1e-12 * length + 16 * _ROUNDING * size
+    found: list[_Piece] = []
+    while left:
+        whole = left.pop()
+        middle = (whole.start + whole.end) / 2
+        halves = [_piece(position, whole.start, middle), _piece(position, middle, whole.end)]
+        # Of each half: where one of them holds a jump, their sum stays as it is.
+        first = whole.length_to(middle)
+        change = abs(halves[0].length - first) + abs(halves[1].length - (whole.length - first))
+        if change <= negligible:
+            found += halves
+        elif whole.end - whole.start > 4 * _ROUNDING * (whole.end + _ROUNDING):
+            left += halves[::-1]
+        elif whole.length <= 1e-6 * length:  # a corner, or a start at infinite speed
+            found.append(whole)
+        else:
+            raise SceneError(
+                f"beam {name!r}: its curve jumps at the fraction {round(middle, 9):g}; a curve "
+                "must be continuous. For two members make two beams"
+            )
+        if len(found) + len(left) > _MOST_PIECES:
+            raise SceneError(
+                f"beam {name!r}: its curve has more corners than can be measured; give their "
+                "fractions as breaks of an fx_beam.Curve, or take a spline or a polyline"
+            )
+    return found
+
+
+def _piece(position, a: float, b: float) -> _Piece:
+    points = np.array([position((a * (1 - x) + b * (1 + x)) / 2) for x in _POINTS.tolist()])
+    speed = np.hypot(*(_DERIVATIVE @ (points - points[0])).T)
+    length_to = Chebyshev(_INTEGRAL @ speed, domain=[a, b])
+    return _Piece(a, b, float(length_to(b)), length_to)

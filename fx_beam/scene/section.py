@@ -1,0 +1,364 @@
+"""Cross-sections of a beam: stiffness, inertia and stored energy."""
+
+from __future__ import annotations
+
+import functools
+import math
+import operator
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import ufl
+from ufl.corealg.traversal import unique_pre_traversal
+
+import numpy as np
+
+from fx_beam.errors import SceneError
+from fx_beam.validation import fields_in, is_number, refuse_fields, shaped
+
+Energy = Callable[[Any, Any, Any], Any]
+#: A number, or a function of the fraction of the arc length.
+Datum = float | Callable[[float], Any]
+
+_MAY_BE_ZERO = "rhoA", "rhoI", "rho"
+
+
+@dataclass(frozen=True)
+class Section:
+    r"""Stiffness and inertia of a cross-section, per reference length.
+
+    The stored energy per length is quadratic in axial strain, shear strain and curvature,
+    :math:`W = \frac12 (EA\,\varepsilon^2 + GA\,\gamma^2 + EI\,\kappa^2)` (eq. 11), unless
+    `strain_energy` gives another one.
+
+    Each of these data may be a function of the fraction of the arc length, from 0 at the start of
+    the beam to 1 at its end, for a tapered or stepped member. It is called with a number and gives
+    one, by Python's, NumPy's or UFL's functions, and taken at the Gauss points: a step where two
+    elements meet is exact.
+
+    Parameters
+    ----------
+    EA : float or callable
+        Axial stiffness [N].
+    GA : float or callable
+        Shear stiffness, shear factor included [N].
+    EI : float or callable
+        Bending stiffness [N m^2].
+    rhoA : float or callable
+        Mass per length [kg/m]; zero for a beam whose mass is lumped or neglected.
+    rhoI : float or callable
+        Rotary inertia per length [kg m].
+    strain_energy : callable, optional
+        ``strain_energy(eps, gamma, kappa)``, the stored energy per length [J/m] as a UFL
+        expression in axial strain, shear strain and curvature [1/m]. It replaces the quadratic
+        energy; EA, GA and EI may then be left out.
+
+    Raises
+    ------
+    SceneError
+        For a stiffness that is not positive and finite, a negative or non-finite inertia, or a
+        `strain_energy` that gives no scalar UFL expression.
+
+    References
+    ----------
+    Ibrahimbegovic & Mamouri (1999), eqs 8 and 11.
+    """
+
+    EA: Datum | None = None
+    GA: Datum | None = None
+    EI: Datum | None = None
+    rhoA: Datum = 0.0
+    rhoI: Datum = 0.0
+    strain_energy: Energy | None = None
+
+    def __post_init__(self):
+        for name in ("EA", "GA", "EI"):
+            if getattr(self, name) is None and self.strain_energy is None:
+                raise SceneError(f"Section: {name} is missing; give it or a strain_energy")
+        for name in ("EA", "GA", "EI", "rhoA", "rhoI"):
+            (value,) = self.values(name, np.array([0.5]))
+            datum = getattr(self, name)
+            if datum is not None and not callable(datum):
+                # Numbers of any kind as one kind.
+                object.__setattr__(self, name, float(value))
+        if self.strain_energy is not None:
+            _check_energy(self.strain_energy)
+
+    def values(self, name: str, fractions: np.ndarray) -> np.ndarray:
+        """Values of one of the data along a beam.
+
+        Parameters
+        ----------
+        name : {"EA", "GA", "EI", "rhoA", "rhoI"}
+            Which.
+        fractions : float array
+            Fractions of the arc length.
+
+        Returns
+        -------
+        float array
+            The values, of the same shape; zero for a stiffness that is left out.
+
+        Raises
+        ------
+        SceneError
+            For a stiffness that is not positive and finite, or a negative or non-finite inertia.
+        """
+        datum = getattr(self, name)
+        if datum is None and name not in _MAY_BE_ZERO:
+            return np.zeros(fractions.shape)
+        if not callable(datum):
+            return np.full(fractions.shape, _value(name, datum))
+        found = [_value(name, datum, f) for f in map(float, fractions.flat)]
+        return np.array(found).reshape(fractions.shape)
+
+    def varies(self, name: str) -> bool:
+        """Whether one of the data is a function of the arc length.
+
+        Parameters
+        ----------
+        name : {"EA", "GA", "EI", "rhoA", "rhoI"}
+            Which.
+
+        Returns
+        -------
+        bool
+            True for a function, false for a number.
+        """
+        return callable(getattr(self, name))
+
+    @classmethod
+    def rectangle(
+        cls,
+        height: Datum,
+        width: Datum,
+        E: Datum,
+        nu: float = 0.3,
+        rho: Datum = 0.0,
+        shear_factor: float = 5 / 6,
+    ) -> Section:
+        """Rectangular section.
+
+        Parameters
+        ----------
+        height : float or callable
+            Depth in the plane of motion [m].
+        width : float or callable
+            Depth across the plane [m].
+        E : float or callable
+            Young's modulus [Pa].
+        nu : float
+            Poisson's ratio.
+        rho : float or callable
+            Mass density [kg/m^3].
+        shear_factor : float
+            Part of the area that carries shear.
+
+        Returns
+        -------
+        Section
+            EA, GA, EI, rhoA and rhoI of the rectangle.
+        """
+        area = _combined(operator.mul, height=height, width=width)
+        inertia = _combined(_second_moment_of_rectangle, height=height, width=width)
+        return cls.from_area(area, inertia, E, nu, rho, shear_factor)
+
+    @classmethod
+    def circle(
+        cls,
+        diameter: Datum,
+        E: Datum,
+        nu: float = 0.3,
+        rho: Datum = 0.0,
+        shear_factor: float = 0.9,
+    ) -> Section:
+        """Solid circular section.
+
+        Parameters
+        ----------
+        diameter : float or callable
+            Diameter [m].
+        E : float or callable
+            Young's modulus [Pa].
+        nu : float
+            Poisson's ratio.
+        rho : float or callable
+            Mass density [kg/m^3].
+        shear_factor : float
+            Part of the area that carries shear.
+
+        Returns
+        -------
+        Section
+            EA, GA, EI, rhoA and rhoI of the circle.
+        """
+        area = _combined(_area_of_circle, diameter=diameter)
+        inertia = _combined(_second_moment_of_circle, diameter=diameter)
+        return cls.from_area(area, inertia, E, nu, rho, shear_factor)
+
+    @classmethod
+    def from_area(
+        cls,
+        area: Datum,
+        second_moment: Datum,
+        E: Datum,
+        nu: float = 0.3,
+        rho: Datum = 0.0,
+        shear_factor: float = 5 / 6,
+    ) -> Section:
+        """Section of given area and second moment of area.
+
+        Parameters
+        ----------
+        area : float or callable
+            Area [m^2].
+        second_moment : float or callable
+            Second moment of area [m^4].
+        E : float or callable
+            Young's modulus [Pa].
+        nu : float
+            Poisson's ratio.
+        rho : float or callable
+            Mass density [kg/m^3].
+        shear_factor : float
+            Part of the area that carries shear.
+
+        Returns
+        -------
+        Section
+            EA, GA, EI, rhoA and rhoI.
+        """
+        if not (is_number(nu) and -1 < nu <= 0.5):
+            raise SceneError(f"Section: nu = {nu!r} must be a number in (-1, 0.5]")
+        A, J = {"area": area}, {"second_moment": second_moment}
+        shear = functools.partial(_shear_stiffness, nu)
+        return cls(
+            EA=_combined(operator.mul, E=E, **A),
+            GA=_combined(shear, shear_factor=shear_factor, E=E, **A),
+            EI=_combined(operator.mul, E=E, **J),
+            rhoA=_combined(operator.mul, rho=rho, **A),
+            rhoI=_combined(operator.mul, rho=rho, **J),
+        )
+
+
+@dataclass(frozen=True)
+class Law:
+    """Stored energy per length as a UFL function of (eps, gamma, kappa).
+
+    Parameters
+    ----------
+    energy : callable
+        ``energy(eps, gamma, kappa)``, the stored energy per length [J/m].
+    quadratic : bool
+        Whether the resultants at the mean strain are the exact discrete gradient.
+    data : tuple
+        Functions and constants of dolfinx in it: the sections' data.
+    """
+
+    energy: Energy
+    quadratic: bool
+    data: tuple = ()
+
+    def resultants(self, eps, gamma, kappa):
+        """Material stress resultants: the derivatives of the stored energy (eq. 11).
+
+        Parameters
+        ----------
+        eps, gamma, kappa : ufl scalar
+            Axial strain, shear strain and curvature [1/m].
+
+        Returns
+        -------
+        tuple of ufl scalars
+            N [N], Q [N] and M [N m].
+        """
+        e = [ufl.variable(x) for x in (eps, gamma, kappa)]
+        W = self.energy(*e)
+        return tuple(ufl.diff(W, x) for x in e)
+
+
+def quadratic_law(stiffness) -> Law:
+    """Law of linear elasticity (eq. 11), `stiffness` the UFL vector (EA, GA, EI)."""
+
+    def energy(eps, gamma, kappa):
+        membrane = stiffness[0] * eps**2 / 2
+        shear = stiffness[1] * gamma**2 / 2
+        bending = stiffness[2] * kappa**2 / 2
+        return membrane + shear + bending
+
+    return Law(energy, quadratic=True, data=tuple(fields_in(stiffness)))
+
+
+def _combined(function: Callable[..., float], **data: Datum) -> Datum:
+    """A function of checked data; where one of them varies along the beam, so does it."""
+    value = functools.partial(_of_data, function, data)
+    return value if any(map(callable, data.values())) else value(0.0)
+
+
+def _of_data(function: Callable[..., float], data: dict[str, Datum], fraction: float) -> float:
+    return function(*(_value(name, datum, fraction) for name, datum in data.items()))
+
+
+def _second_moment_of_rectangle(height: float, width: float) -> float:
+    return width * height**3 / 12
+
+
+def _area_of_circle(diameter: float) -> float:
+    return math.pi * diameter**2 / 4
+
+
+def _second_moment_of_circle(diameter: float) -> float:
+    return math.pi * diameter**4 / 64
+
+
+def _shear_stiffness(nu: float, shear_factor: float, E: float, area: float) -> float:
+    return shear_factor * (E / (2 * (1 + nu))) * area
+
+
+def _value(name: str, datum: Datum, fraction: float = 0.0) -> float:
+    """Value of a datum, finite and positive or, where there may be no inertia, zero."""
+    where = ""
+    if callable(datum):
+        where = f" at the fraction {fraction:.4g} of the length"
+        datum = _evaluated(datum, fraction, f"Section: {name}{where}")
+    may_be_zero = name in _MAY_BE_ZERO
+    if not (is_number(datum) and (datum > 0 or (may_be_zero and datum == 0))):
+        wanted = "zero or positive and finite" if may_be_zero else "positive and finite"
+        raise SceneError(f"Section: {name} = {datum!r}{where} must be {wanted}")
+    return float(datum)
+
+
+def _evaluated(datum: Callable, fraction: float, what: str) -> float:
+    try:
+        value = datum if isinstance(datum, ufl.core.expr.Expr) else datum(fraction)
+        # Of numbers, UFL's functions make numbers or expressions of numbers.
+        if isinstance(value, ufl.core.expr.Expr):
+            refuse_fields(fields_in(value), what)
+            value = value(())
+    except SceneError:
+        raise  # of a datum that this one is made of
+    except Exception as error:
+        raise SceneError(f"{what}: calling it raised {error!r}") from error
+    return float(shaped(value, 1, what)[0])
+
+
+def _check_energy(strain_energy: Energy) -> None:
+    # Numbers, which the functions of `math` can take: UFL tries without end to make one of symbols.
+    e = [ufl.variable(ufl.as_ufl(0.1)) for _ in range(3)]
+    try:
+        W = ufl.as_ufl(strain_energy(*e))
+    except Exception as error:
+        raise SceneError(
+            "Section: strain_energy(eps, gamma, kappa) must give a UFL expression, written with "
+            f"ufl.sqrt, ufl.exp, ... where it needs functions; it raised {error!r}"
+        ) from error
+    refuse_fields(fields_in(W), "Section: strain_energy")
+    met = set(unique_pre_traversal(W))
+    missing = [n for n, x in zip(("eps", "gamma", "kappa"), e, strict=True) if x not in met]
+    if W.ufl_shape == () and missing:
+        raise SceneError(
+            f"Section: strain_energy does not depend on {missing}; take ufl.cos, ..., not math.cos"
+        )
+    if W.ufl_shape != ():
+        raise SceneError(f"Section: strain_energy must be a scalar, not of shape {W.ufl_shape}")

@@ -1,0 +1,325 @@
+"""Equilibrium paths through limit points: the load factor as an unknown along an arc length.
+
+Keller's pseudo-arclength method: a step of length ds along the unit tangent (D', l') of the path
+is corrected in the plane across it,
+
+    R(y, l) = 0,    <D', D> + l' (l - l0) = ds,    <A, B> = mean over the nodes of A.B in units,
+
+with the system bordered by that plane, which is regular at limit points. Along a path that goes
+on, tangents turn by no more than an acute angle from one step to the next, which keeps the
+direction.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import scipy.optimize
+import scipy.sparse
+import scipy.sparse.linalg
+
+from fx_beam.errors import StepError
+from fx_beam.results.state import State
+
+from .load_steps import LoadStepper
+from .newton import ENERGY_FLOOR, StepFailed, StepSolution
+
+# Deviation of a step from its tangent, relative to its length, that the length aims at where there
+# are few load steps; on a circle it is half the angle that the step covers. And the multiple of it
+# at which a step is taken again.
+_AIM, _TOO_FAR = 0.1, 4.0
+# Corrections that a step's length aims at as well.
+_CORRECTIONS = 10
+# Load factor below which a path is given up. Of 43 arches that snap three came to between -1 and
+# -1.5 before their full load.
+_LOWEST = -10.0
+# Part of a step to which the place of a limit point is found. Its load factor is far more exact,
+# as that has its extremum there.
+_PLACE = 1e-5
+
+
+@dataclass
+class Tangent:
+    """Unit tangent of the path.
+
+    Parameters
+    ----------
+    y : (free,) float
+        Of the unknowns.
+    D : (size,) float
+        Of all degrees of freedom.
+    load : float
+        Of the load factor.
+    """
+
+    y: np.ndarray
+    D: np.ndarray
+    load: float
+
+
+class ArcLength:
+    """Follows the equilibrium path of a scene.
+
+    Parameters
+    ----------
+    stepper : LoadStepper
+        The model, its loads and its statistics.
+
+    References
+    ----------
+    Keller (1977), Numerical solution of bifurcation and nonlinear eigenvalue problems.
+    """
+
+    def __init__(self, stepper: LoadStepper):
+        self.stepper, self.model = stepper, stepper.model
+        self._newton, self._drive = stepper.newton, stepper.drive
+        self._reduction = self.model.reduction
+        #: Weights of the degrees of freedom in the inner product.
+        self._weight = 1 / (self.model.unit**2 * len(self.model.turns))
+
+    def follow(self, states: list[State], steps: int, max_cuts: int, max_steps: int) -> None:
+        """Follow the path to load factor 1.
+
+        Parameters
+        ----------
+        states : list of State
+            The first state, to which the others are added.
+        steps : int
+            Inverse of the longest step's load factor, and of how far a step may turn.
+        max_cuts : int
+            How often a step may be halved.
+        max_steps : int
+            Steps after which the path ends in any case.
+
+        Raises
+        ------
+        StepError
+            If a step fails that may be halved no more, or the path runs off.
+        """
+        stats = self.stepper.stats
+        aim = min(_AIM, 1 / steps)  # so that the error of the work is of second order in the steps
+        tangent = self._tangent(states[-1], None)
+        ds, rising, cuts = 1 / (steps * tangent.load), 1.0, 0
+        while states[-1].t < 1 and stats.steps < max_steps:
+            try:
+                state, ahead = self._step(states[-1], tangent, ds)
+                corrections = self.stepper.iterations
+                off = self._turn(states[-1], state, tangent, ahead, ds)
+                if off > _TOO_FAR * aim:
+                    D = state.q - states[-1].q
+                    raise StepFailed("the path turns too far from its tangents in it", D, [])
+                turns = ahead.load * rising < 0
+                if turns:
+                    state, ahead = self._limit_point(states[-1], tangent, ds, ahead)
+                if state.t >= 1:
+                    state = self._last_step(states[-1], tangent)
+                elif turns:
+                    rising = -rising
+                    stats.limit_points.append(state.t)
+            except StepFailed as failure:
+                if cuts == max_cuts:
+                    raise self._error(states[-1], failure, cuts) from failure
+                ds, cuts = ds / 2, cuts + 1
+                stats.halvings += 1
+                continue
+            states.append(state)
+            stats.steps += 1
+            if state.t < _LOWEST:
+                raise self._lost(state)
+            tangent, cuts = ahead, 0
+            easy = min(aim / max(off, 1e-6), _CORRECTIONS / corrections)
+            ds *= min(2.0, max(0.5, easy))
+            # The load factor changes by no more than in a load step.
+            ds = min(ds, 1 / (steps * max(abs(tangent.load), 1e-6)))
+
+    # -- Steps ----------------------------------------------------------------------------------
+
+    def _step(self, state: State, tangent: Tangent, ds: float) -> tuple[State, Tangent]:
+        """State a length ds along a tangent, and the tangent there."""
+        step, load = self._meet(state, tangent, ds, tangent, ds)
+        new = self._finish(state, state.t + load, step)
+        return new, self._tangent(new, tangent)
+
+    def _turn(self, old: State, new: State, tangent: Tangent, ahead: Tangent, ds: float) -> float:
+        """How far a step turns, by its deviation from one tangent and from the mean of both."""
+        if self.stepper.is_still(D := new.q - old.q):
+            return 0.0
+        gap = self.stepper.size(D - ds / 2 * (tangent.D + ahead.D)) / self.stepper.size(D)
+        return max(self.stepper.deviation, 2 * gap)
+
+    def _limit_point(
+        self, state: State, tangent: Tangent, ds: float, ahead: Tangent
+    ) -> tuple[State, Tangent]:
+        """Where in a step the load factor turns, and the tangent there."""
+        if tangent.load * ahead.load > 0:
+            raise StepFailed("the load factor turns twice in it", ds * tangent.D, [])
+        slopes = {0.0: tangent.load, ds: ahead.load}
+        found: dict[float, tuple[State, Tangent]] = {}
+
+        def slope(length: float) -> float:
+            if length not in slopes:
+                found[length] = self._step(state, tangent, length)
+                slopes[length] = found[length][1].load
+            return slopes[length]
+
+        root = scipy.optimize.brentq(slope, 0.0, ds, xtol=_PLACE * ds)
+        return found.get(root) or self._step(state, tangent, root)
+
+    def _last_step(self, state: State, tangent: Tangent) -> State:
+        """State at load factor 1, from one just below it."""
+        missing = 1 - state.t
+        level = Tangent(np.zeros_like(tangent.y), np.zeros_like(tangent.D), 1.0)
+        step, _ = self._meet(state, tangent, missing / tangent.load, level, missing)
+        return self._finish(state, 1.0, step)
+
+    def _finish(self, state: State, t1: float, step: StepSolution) -> State:
+        drive = self._drive
+        return self.stepper.finish(state, t1, step, drive.forces(state.t, t1), drive.places(t1))
+
+    def _meet(
+        self, state: State, tangent: Tangent, along: float, normal: Tangent, distance: float
+    ) -> tuple[StepSolution, float]:
+        """Increments over a step to where the path meets a plane.
+
+        Parameters
+        ----------
+        state : State
+            Start of the step.
+        tangent, along : Tangent, float
+            Tangent there, and how far along it the search begins.
+        normal, distance : Tangent, float
+            The plane <normal, increment> = distance.
+
+        Returns
+        -------
+        tuple of StepSolution and float
+            Increments of the motion and of the load factor.
+
+        Raises
+        ------
+        StepFailed
+            If there is no convergence.
+        """
+        newton, reduction, free = self._newton, self._reduction, self._reduction.free
+        self.stepper.begin(state, state.t)
+        y, load, predicted = along * tangent.y, along * tangent.load, along * tangent.D
+        residuals: list[float] = []
+        previous = np.inf
+        D = self._expand(state, y, load)
+        for iteration in range(1, newton.options.max_iterations + 1):
+            f, r, per_load, column = self._balance(state, y, load, D)
+            residual = reduction.project(r)[:free]
+            residuals.append(abs(residual).max(initial=0.0))
+            missing = normal.D @ (self._weight * D) + normal.load * load - distance
+            dy, dload = self._solve(r, column, normal, -np.append(residual, missing))
+            correction = self._spread(dy, dload)
+            factor = newton.shortening(correction)
+            y, load = y + factor * dy, load + factor * dload
+            size = max((abs(correction) / self.model.unit).max(), abs(dload))
+            newton.check_finite(size, residuals)
+            D = self._expand(state, y, load)
+            newton.check_turn(D, residuals)
+            work, energy = residual @ dy, abs(f) @ abs(D)
+            stuck = size > 0.5 * previous and abs(work) <= ENERGY_FLOOR * energy
+            if size <= newton.options.tolerance or stuck:
+                r = r + self.model.forms.stiffness @ self._spread(dy, 0.0) + dload * per_load
+                ended_by = "round-off" if stuck else "increment"
+                return StepSolution(D, y, r, iteration, ended_by, predicted), load
+            previous = size
+        reason = f"no convergence in {newton.options.max_iterations} iterations"
+        raise StepFailed(reason, D, residuals)
+
+    def _tangent(self, state: State, previous: Tangent | None) -> Tangent:
+        """Unit tangent at a state, in the direction of a previous one or of growing loads."""
+        zero = np.zeros(self._reduction.free)
+        normal = previous or Tangent(zero, np.zeros(self.model.size), 1.0)
+        self.stepper.begin(state, state.t)
+        _, r, _, column = self._balance(state, zero, 0.0, self._expand(state, zero, 0.0))
+        dy, dload = self._solve(r, column, normal, np.append(zero, 1.0))
+        D = self._spread(dy, dload)
+        length = np.sqrt(D @ (self._weight * D) + dload**2)
+        if not np.isfinite(length):
+            raise StepFailed("the tangent is singular there", D, [])
+        return Tangent(dy / length, D / length, dload / length)
+
+    # -- Equations ------------------------------------------------------------------------------
+
+    def _expand(self, state: State, y: np.ndarray, load: float) -> np.ndarray:
+        """Increment of all degrees of freedom."""
+        return self._reduction.expand(y, self._driven(state, load))
+
+    def _driven(self, state: State, load: float) -> np.ndarray:
+        return self._drive.places(state.t + load) - self._drive.moved(state)
+
+    def _spread(self, dy: np.ndarray, dload: float) -> np.ndarray:
+        """Small change of all degrees of freedom."""
+        fixed = np.zeros(self._reduction.columns - self._reduction.free - self._reduction.driven)
+        return self._reduction.spread(np.concatenate([dy, dload * self._drive.goal, fixed]))
+
+    def _balance(self, state: State, y: np.ndarray, load: float, D: np.ndarray):
+        """Internal forces and residual (size,), and its derivative by the load factor.
+
+        The derivative is that at the nodes, and the one of the generalised forces.
+        """
+        forms, drive, reduction = self.model.forms, self._drive, self._reduction
+        forms.load_factor.value = state.t + load
+        f = forms.internal_force(D)
+        r = f - (state.t + load) * drive.full
+        forms.assemble_stiffness()
+        per_load = forms.stiffness @ self._spread(np.zeros_like(y), 1.0) - drive.full
+        if forms.has_added:
+            per_load -= forms.added_per_load()
+        column = reduction.project(per_load) - reduction.project(np.zeros_like(r))
+        if self.model.scene.joints and drive.goal.any():
+            # Driven motion turns the joints, hence the directions in which they pass forces on.
+            h = 1e-6
+            for sign in (1, -1):
+                self._expand(state, y, load + sign * h)
+                column += sign / (2 * h) * reduction.project(r)
+            self._expand(state, y, load)
+        return f, r, per_load, column[: reduction.free]
+
+    def _solve(
+        self, r: np.ndarray, column: np.ndarray, normal: Tangent, b: np.ndarray
+    ) -> tuple[np.ndarray, float]:
+        """Solution of the tangent system bordered by the load and by a plane."""
+        reduction, free = self._reduction, self._reduction.free
+        indptr, indices = reduction.pattern
+        values = np.empty(len(indices))
+        reduction.fill(self.model.forms.stiffness.data, r, values)
+        tangent = scipy.sparse.csr_matrix((values, indices, indptr), (free, free))
+        rows = reduction.coupling().T @ (self._weight * normal.D)
+        corner = normal.load + rows[free : free + reduction.driven] @ self._drive.goal
+        # In units of the scene, so that its pivots are the same in any.
+        unit = self.model.unit_of_unknowns
+        scale = scipy.sparse.diags(unit)
+        tangent = scale @ tangent @ scale
+        size = abs(tangent.data).max(initial=0.0) or 1.0
+        b = np.append(unit * b[:free] / size, b[free])
+        row = (rows[:free] * unit)[None, :]
+        blocks = [[tangent / size, (unit * column / size)[:, None]], [row, [[corner]]]]
+        try:
+            x = scipy.sparse.linalg.splu(scipy.sparse.bmat(blocks, format="csc")).solve(b)
+        except RuntimeError:  # exactly singular
+            x = np.full(free + 1, np.nan)
+        return unit * x[:free], float(x[free])
+
+    def _error(self, state: State, failure: StepFailed, cuts: int) -> StepError:
+        return StepError(
+            f"static: the step along the arc length from load factor {state.t:.6g} failed"
+            f"{f' after {cuts} cuts' if cuts else ''}: {failure.reason}. "
+            f"{self.stepper.largest(failure)}. Try more steps or cuts; if that does not help, look "
+            "for a load or a stiffness in the wrong unit",
+            state.t,
+        )
+
+    def _lost(self, state: State) -> StepError:
+        turned = ", ".join(f"{point:.6g}" for point in self.stepper.stats.limit_points)
+        return StepError(
+            f"static: the path does not come back to load factor 1: with limit points at {turned} "
+            f"it has come to {state.t:.6g}. Its rows are in the error's `solution`. At load factor "
+            "1 there may be equilibria on other paths: try a motion with dampers, or the loads in "
+            "other proportions",
+            state.t,
+        )

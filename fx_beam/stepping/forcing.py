@@ -1,0 +1,114 @@
+"""What drives a model: dead loads, prescribed motions and motors as functions of time."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from fx_beam.errors import SceneError
+from fx_beam.fem.dead_loads import just_inside
+from fx_beam.model import Model
+from fx_beam.results.state import State
+from fx_beam.scene.beam import COMPONENTS
+from fx_beam.validation import evaluate, series
+
+
+class Drive:
+    """Dead loads and driven motions over time.
+
+    Parameters
+    ----------
+    model : Model
+        The compiled scene.
+    """
+
+    def __init__(self, model: Model):
+        self.model = model
+        scene = model.scene
+        #: Size of a unit motion (driven,): the size of the scene, or a radian.
+        turns = [component == 2 for _, component in scene.prescribed]
+        turns += [name == "rotation" for _, name in model.motors]
+        self._unit = np.where(turns, 1.0, model.mesh.size)
+        self._driven = [
+            (function, f"prescribed {COMPONENTS[component]} of {scene.nodes[node]}")
+            for (node, component), function in scene.prescribed.items()
+        ]
+        self._driven += [
+            (getattr(joint, name).motor, f"motor of {joint}") for joint, name in model.motors
+        ]
+
+    def forces(self, t0: float, t1: float) -> tuple[np.ndarray, np.ndarray]:
+        """Dead forces (size,) at the start and at the end of a step, weight included [N, N m]."""
+        before, after = (self._dead(t) for t in just_inside(t0, t1))
+        return before, after
+
+    def places(self, t: float) -> np.ndarray:
+        """Where prescribed motions and motors are at a time, (driven,) [m, rad]."""
+        return np.array([evaluate(function, t, what)[0] for function, what in self._driven])
+
+    def loads(self, t0: np.ndarray, t1: np.ndarray) -> np.ndarray:
+        """Factors of the loads' columns at starts and ends of steps, (steps, 2, loads)."""
+        ends = [self.model.loads.series(times) for times in just_inside(t0, t1)]
+        return np.stack(ends, axis=1)
+
+    def series(self, times: np.ndarray) -> np.ndarray:
+        """Where prescribed motions and motors are at several times, (n, driven) [m, rad]."""
+        places = [series(function, times, what) for function, what in self._driven]
+        return np.hstack([np.empty((len(times), 0)), *places])
+
+    def moved(self, state: State) -> np.ndarray:
+        """Where they are in a state, (driven,) [m, rad]."""
+        return np.concatenate([state.q[self.model.prescribed], state.motors])
+
+    def check_start(self, state: State) -> None:
+        """Refuse driven motions that do not start from where the scene is.
+
+        Parameters
+        ----------
+        state : State
+            The start.
+
+        Raises
+        ------
+        SceneError
+            For a motion that would jump.
+        """
+        places = self.places(state.t)
+        allowed = 1e-9 * (self._unit + abs(places))
+        for value, place, most, (_, what) in zip(
+            places, self.moved(state), allowed, self._driven, strict=True
+        ):
+            if abs(value - place) > most:
+                raise SceneError(
+                    f"{what} is {value:g} at t = {state.t:g}, and the scene starts from "
+                    f"{place:g}: let it start there"
+                )
+
+    def _dead(self, t: float) -> np.ndarray:
+        force = self.model.loads.at(t)
+        return force if self.model.weight is None else force + self.model.weight
+
+
+class LoadDrive(Drive):
+    """Loads and driven motions of one time, scaled by the load factor, which stands for time.
+
+    Parameters
+    ----------
+    model : Model
+        The compiled scene.
+    time : float
+        When functions of time are taken [s].
+    """
+
+    def __init__(self, model: Model, time: float):
+        super().__init__(model)
+        self.time = time
+        #: All dead loads (size,) [N, N m] and driven motions (driven,) [m, rad].
+        self.full, self.goal = self._dead(time), super().places(time)
+
+    def forces(self, t0: float, t1: float) -> tuple[np.ndarray, np.ndarray]:
+        """Dead forces (size,) at two load factors [N, N m]."""
+        return t0 * self.full, t1 * self.full
+
+    def places(self, t: float) -> np.ndarray:
+        """Where prescribed motions and motors are at a load factor, (driven,) [m, rad]."""
+        return t * self.goal

@@ -1,0 +1,82 @@
+"""Full turns of members, counted apart lest the rounding of rotations grow with them."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import scipy.sparse
+from scipy.sparse.csgraph import connected_components
+
+from fx_beam.model import Model
+from fx_beam.results.state import State
+from fx_beam.scene.joints import GROUND
+
+_ROTATION = 2  # among the components of a node
+
+
+class Windings:
+    """Full turns that have been taken off the rotations of a state.
+
+    A rotation of 5000 rad is known to 1e-12, and so would be the direction of its section. But
+    for the springs and motors between members, supports and added virtual works, a member that has
+    turned fully is as it was: its rotations start from zero again.
+
+    Parameters
+    ----------
+    model : Model
+        The compiled scene.
+    """
+
+    def __init__(self, model: Model):
+        self._members = _members(model)
+        #: Rotations (size,) that have been taken off [rad].
+        self.taken = np.zeros(model.size)
+
+    def take_off(self, state: State) -> State:
+        """Take off full turns.
+
+        Parameters
+        ----------
+        state : State
+            The system at one time.
+
+        Returns
+        -------
+        State
+            The same, its rotations within half a turn of zero where that makes no difference.
+        """
+        q = state.q
+        for member in self._members:
+            turns = 2 * np.pi * np.round(q[member].mean() / (2 * np.pi))
+            if turns:
+                q = q.copy() if q is state.q else q
+                q[member] -= turns
+                self.taken[member] += turns
+        return replace(state, q=q)
+
+
+def _members(model: Model) -> list[np.ndarray]:
+    """Rotations of the nodes that turn together and for which full turns make no difference."""
+    scene, mesh = model.scene, model.mesh
+    if scene.virtual_works:
+        return []  # which may count turns
+    pairs = [pair for nodes in mesh.nodes for pair in zip(nodes[:-1], nodes[1:], strict=True)]
+    counted = {node for node, part in {*scene.fixed, *scene.prescribed} if part == _ROTATION}
+    for joint in scene.joints:
+        ends = [node.number for node in (joint.a, joint.b) if node is not GROUND]
+        rotation = joint.rotation
+        if joint.turns_together and len(ends) == 2:
+            pairs.append((ends[0], ends[1]))
+        elif joint.turns_together:
+            counted |= {*ends}
+        if rotation is not None and (rotation.spring or rotation.damper or rotation.motor):
+            counted |= {*ends}
+    n = len(mesh.X)
+    i, j = np.array(pairs).T
+    graph = scipy.sparse.coo_matrix((np.ones(len(pairs)), (i, j)), (n, n))
+    number, of_node = connected_components(graph, directed=False)
+    held = set(of_node[sorted(counted)])
+    order = np.argsort(of_node, kind="stable")
+    members = np.split(order, np.cumsum(np.bincount(of_node, minlength=number))[:-1])
+    return [mesh.dofs[nodes, _ROTATION] for m, nodes in enumerate(members) if m not in held]

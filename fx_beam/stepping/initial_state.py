@@ -1,0 +1,390 @@
+"""The state at which a motion starts: rates given, checked or projected, and accelerations."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import scipy.sparse
+import scipy.sparse.linalg
+
+from fx_beam.errors import SceneError
+from fx_beam.model import Model
+from fx_beam.results.state import State
+from fx_beam.scene.beam import COMPONENTS
+from fx_beam.scene.joints import Joint
+
+from .forcing import Drive
+
+_ADVICE = "Give compatible velocities to all members, or call scene.make_velocities_compatible()"
+
+
+def initial_state(model: Model, drive: Drive, dt: float, start: State | None = None) -> State:
+    """State with the rates that the scene gives, in equilibrium with its accelerations.
+
+    Parameters
+    ----------
+    model : Model
+        The compiled scene.
+    drive : Drive
+        Loads and driven motions.
+    dt : float
+        Time step [s], of which a small part serves to differentiate prescribed motions.
+    start : State, optional
+        Where and when, its rates left aside; the reference configuration at t = 0 by default.
+
+    Returns
+    -------
+    State
+        The start.
+
+    Raises
+    ------
+    SceneError
+        If the initial velocities violate a support, or a prescribed motion does not start from
+        where the scene is.
+    """
+    state = reference_state(model) if start is None else start
+    rates, accelerations = _begin(model, drive, state, dt)
+    w = initial_rates(model, state, rates)
+    state = replace(state, v=model.reduction.spread(w))
+    return replace(state, a=_acceleration(model, drive, state, w, accelerations, dt))
+
+
+def resumed_state(
+    model: Model, drive: Drive, dt: float, start: State, same_scheme: bool = True
+) -> State:
+    """State to go on from, with its own rates.
+
+    Parameters
+    ----------
+    model : Model
+        The compiled scene.
+    drive : Drive
+        Loads and driven motions.
+    dt : float
+        Time step [s], of which a small part serves to differentiate prescribed motions.
+    start : State
+        Last state of another run.
+    same_scheme : bool
+        Whether its accelerations are what the scheme takes for them; otherwise they are found
+        from equilibrium.
+
+    Returns
+    -------
+    State
+        The start.
+
+    Raises
+    ------
+    SceneError
+        If a prescribed motion does not go on from where the scene is.
+    """
+    rates, accelerations = _begin(model, drive, start, dt)
+    if same_scheme:
+        return start
+    w = nearest_rates(model, start.v, rates)
+    a = _acceleration(model, drive, start, w, accelerations, dt)
+    return replace(start, a=a, parts=None, past=None)
+
+
+def reference_state(model: Model) -> State:
+    """The reference configuration at t = 0."""
+    slides = np.array([joint.start()[0] for joint in model.scene.joints])
+    q, v, a = (np.zeros(model.size) for _ in range(3))
+    return State(0.0, q, v, a, slides, np.zeros(len(model.motors)))
+
+
+def check_joints(model: Model, state: State) -> None:
+    """Refuse a state in which the nodes of a joint are not where it keeps them.
+
+    Parameters
+    ----------
+    model : Model
+        The compiled scene.
+    state : State
+        A state of a scene with the same nodes, and as many joints and motors.
+
+    Raises
+    ------
+    SceneError
+        For a joint that cannot be in that state; the message names it.
+    """
+    zero = np.zeros((1, 3))
+    q = np.vstack([model.to_nodes(state.q), zero])  # the ground's last
+    X = np.vstack([model.mesh.X, zero[:, :2]])
+    moved = {(j.number, name): m for (j, name), m in zip(model.motors, state.motors, strict=True)}
+
+    def parted(joint: Joint, q: np.ndarray, slide: float) -> np.ndarray:
+        a, b = joint.a.number, joint.b.number
+        arm = joint.offset + (0.0 if joint.axis is None else slide * joint.axis)
+        c, s = np.cos(q[a, 2]), np.sin(q[a, 2])
+        arm = np.array([c * arm[0] - s * arm[1], s * arm[0] + c * arm[1]])
+        return X[a] + q[a, :2] + arm - X[b] - q[b, :2]
+
+    for joint in model.scene.joints:
+        number, start = joint.number, joint.start()[0]
+        slide = float(state.slides[number])
+        gap = np.hypot(*(parted(joint, q, slide) - parted(joint, 0 * q, start)))
+        if joint.slide is not None and joint.slide.motor is not None:
+            gap += abs(slide - start - moved[number, "slide"])
+        turn = q[joint.b.number, 2] - q[joint.a.number, 2] - moved.get((number, "rotation"), 0.0)
+        for size, what in (
+            (gap / model.mesh.size, f"its nodes are {gap:.3g} from where it keeps them"),
+            (abs(turn) * joint.turns_together, f"b is turned by {turn:.3g} too much"),
+        ):
+            if size > 1e-8:
+                raise SceneError(f"start: in the solution {joint} cannot be: {what}")
+
+
+def _begin(model: Model, drive: Drive, state: State, dt: float) -> tuple[np.ndarray, np.ndarray]:
+    """Set the reduction at a start; rates and accelerations (driven,) of driven motion."""
+    drive.check_start(state)
+    # One-sided differences of second order: a motion need not be defined before the start. Those
+    # from the start are without rounding where it stands still.
+    h, t = 1e-3 * dt, state.t
+    f0 = drive.places(t)
+    d1, d2 = (drive.places(t + k * h) - f0 for k in (1, 2))
+    rates = (4 * d1 - d2) / (2 * h)
+    # A motion that starts at rest has a rate of no more than the error of these.
+    rates[abs(rates) < 1e-3 * abs(drive.places(t + 100 * h) - f0) / (100 * h)] = 0.0
+    # Second differences over longer steps, as rounding is divided by h^2; what is no more than that
+    # is none.
+    h *= 10
+    d1, d2, d3 = (drive.places(t + k * h) - f0 for k in (1, 2, 3))
+    bend = 4 * d2 - 5 * d1 - d3
+    bend[abs(bend) <= 10 * np.finfo(float).eps * (abs(f0) + abs(d3))] = 0.0
+    model.reduction.begin(state.q, state.slides, h)
+    model.reduction.expand(np.zeros(model.reduction.free), np.zeros(len(rates)))
+    return rates, bend / h**2
+
+
+def _acceleration(
+    model: Model, drive: Drive, state: State, w: np.ndarray, driven: np.ndarray, dt: float
+) -> np.ndarray:
+    """Accelerations of what has mass, from T^T M a = T^T (F - f)."""
+    reduction = model.reduction
+    h = 1e-9 * dt
+    # An increment over a very short step gives added forces the initial velocity.
+    D = h * state.v if model.forms.has_added else np.zeros(model.size)
+    model.forms.set_step(state.t, h, state.q, state.v, np.zeros(model.size))
+    free, moved = reduction.free, slice(reduction.free, reduction.free + reduction.driven)
+    a = np.zeros(reduction.columns)
+    a[moved] = driven
+    curved = np.zeros(model.size)
+    if model.scene.joints and w.any():
+        # What joints accelerate at constant rates: the second difference of their motion.
+        k = 1e-4 / abs(state.v / model.unit).max()
+        ahead, back = (reduction.expand(s * k * w[:free], s * k * w[moved]) for s in (1, -1))
+        curved = (ahead + back) / k**2
+        reduction.expand(np.zeros(free), np.zeros(reduction.driven))
+    T = reduction.coupling()
+    force = drive.forces(state.t, state.t + dt)[0] - model.forms.internal_force(D)
+    force -= model.mass @ (T @ a + curved)
+    model.actuators.set_rates(state.q, state.v, state.slides)
+    model.actuators.begin(state.q, state.slides, h)
+    model.actuators.set_increment(h * state.v, h * w)
+    b = T.T @ force - model.actuators.forces(reduction.columns)
+    a[:free] = acceleration_of((T.T @ model.mass @ T)[:free, :free], b[:free])
+    return T @ a + curved
+
+
+def initial_rates(model: Model, state: State, driven: np.ndarray) -> np.ndarray:
+    """Rates of all columns at the start, as the scene gives them.
+
+    Parameters
+    ----------
+    model : Model
+        The model, its reduction at the start.
+    state : State
+        The start; its rates are not asked for.
+    driven : (driven,) float
+        Rates of prescribed motions and motors [m/s, rad/s].
+
+    Returns
+    -------
+    (columns,) float
+        Rates of the unknowns, of the driven columns, and zero for the fixed ones.
+
+    Raises
+    ------
+    SceneError
+        If the given velocities violate a support or a joint and are not to be projected.
+    """
+    v = _given_velocity(model)
+    scene = model.scene
+    if scene.projects_velocities:
+        return nearest_rates(model, v, driven, model.mass + _small_mass(model))
+    w = nearest_rates(model, v, driven)
+    unit = [1.0, 1.0, 1 / model.mesh.size]
+    kept = model.reduction.spread(w)
+    gap = model.to_nodes(abs(kept - v)) / unit
+    # Prescribed motion overrides what was given at its own degree of freedom.
+    for key in scene.prescribed:
+        gap[key] = 0.0
+        _check_prescribed(model, key, v, kept)
+    v[model.prescribed] = kept[model.prescribed]
+    # The rates of driven motion are differences, and no more accurate than that.
+    led = model.reduction.spread(_led(model, driven))
+    speed, drive = (abs(model.to_nodes(rates) / unit).max() for rates in (v, led))
+    tolerance = 1e-9 * speed + 1e-5 * drive
+    if gap.max() > tolerance:
+        _check_joints(model, state, v, driven, tolerance)
+        node, component = np.unravel_index(np.argmax(gap), gap.shape)
+        raise SceneError(_message(model, int(node), int(component), v, kept))
+    return w
+
+
+def nearest_rates(model: Model, v: np.ndarray, driven: np.ndarray, weight=None) -> np.ndarray:
+    """Rates of all columns that are nearest to given ones of all degrees of freedom.
+
+    Parameters
+    ----------
+    model : Model
+        The model, its reduction at the start.
+    v : (size,) float
+        Given rates.
+    driven : (driven,) float
+        Rates of prescribed motions and motors [m/s, rad/s].
+    weight : (size, size) sparse matrix, optional
+        In whose norm they are nearest; by default a rotation counts as the size of the scene.
+
+    Returns
+    -------
+    (columns,) float
+        Rates of the unknowns, of the driven columns, and zero for the fixed ones.
+    """
+    reduction = model.reduction
+    free, w, T = reduction.free, _led(model, driven), reduction.coupling()
+    if free:
+        weight = scipy.sparse.diags(model.unit**-2.0) if weight is None else weight
+        free_T = T[:, :free]
+        normal = (free_T.T @ weight @ free_T).tocsc()
+        w[:free] = scipy.sparse.linalg.spsolve(normal, free_T.T @ (weight @ (v - T @ w)))
+    return w
+
+
+def _led(model: Model, driven: np.ndarray) -> np.ndarray:
+    """Rates (columns,) with those of the driven motion alone."""
+    reduction = model.reduction
+    w = np.zeros(reduction.columns)
+    w[reduction.free : reduction.free + reduction.driven] = driven
+    return w
+
+
+def acceleration_of(mass: scipy.sparse.spmatrix, force: np.ndarray) -> np.ndarray:
+    """Accelerations (n,) under generalised forces (n,), zero where there is no mass.
+
+    Where several unknowns move one mass, such as the displacement and the rotation of a massless
+    node that carries it at an offset, their accelerations are the smallest that fit.
+
+    Parameters
+    ----------
+    mass : (n, n) sparse matrix
+        Mass matrix of the unknowns.
+    force : (n,) float
+        Generalised forces.
+
+    Returns
+    -------
+    (n,) float
+        Accelerations.
+    """
+    a = np.zeros(len(force))
+    diagonal = mass.diagonal()
+    moving = np.flatnonzero(diagonal > 0)
+    if len(moving):
+        scale = scipy.sparse.diags(diagonal[moving] ** -0.5)
+        scaled = (scale @ mass.tocsr()[moving][:, moving] @ scale).tocsc()
+        b = scale @ force[moving]
+        try:
+            factors = scipy.sparse.linalg.splu(scaled)
+            singular = abs(factors.U.diagonal()).min() < 1e-10
+        except RuntimeError:
+            singular = True
+        if singular:
+            a[moving] = scale @ np.linalg.lstsq(scaled.toarray(), b, rcond=1e-10)[0]
+        else:
+            a[moving] = scale @ factors.solve(b)
+    return a
+
+
+def _given_velocity(model: Model) -> np.ndarray:
+    """Vector of initial rates as given, zero elsewhere."""
+    mesh, scene = model.mesh, model.scene
+    v, unit = np.full((len(mesh.X), 3), np.nan), np.array([1.0, 1.0, mesh.size])
+    for item in scene.velocities:
+        for node in mesh.nodes_of(scene, item.target):
+            x, y = map(float, mesh.X[node])
+            value = np.concatenate([item.value(x, y), item.spin(x, y)])
+            if not np.isfinite(value).all():
+                raise SceneError(f"initial velocity at ({x:g}, {y:g}) is {value}, not finite")
+            if (abs(v[node] - value) * unit > 1e-9 * (abs(value) * unit).max()).any():
+                raise SceneError(f"two initial velocities at ({x:g}, {y:g}): {v[node]} and {value}")
+            v[node] = value
+    return model.from_nodes(np.nan_to_num(v))
+
+
+def _check_prescribed(model: Model, key: tuple[int, int], v: np.ndarray, kept: np.ndarray) -> None:
+    given, moved = model.to_nodes(v)[key], model.to_nodes(kept)[key]
+    if given != 0 and abs(given - moved) > 1e-3 * max(abs(given), abs(moved)):
+        node, component = key
+        raise SceneError(
+            f"{model.scene.nodes[node]} moves as prescribed in {COMPONENTS[component]} at the rate "
+            f"{moved:g} and has another initial rate, {given:g}"
+        )
+
+
+def _check_joints(
+    model: Model, state: State, v: np.ndarray, driven: np.ndarray, tolerance: float
+) -> None:
+    """Refuse rates with which the nodes of a joint part, naming the joint that is worst."""
+    scene = model.scene
+    nodes, places = (np.vstack([model.to_nodes(x), np.zeros(3)]) for x in (v, state.q))  # ground
+    rates = driven[len(model.prescribed) :]
+    motors = {(j.number, name): r for (j, name), r in zip(model.motors, rates, strict=True)}
+    worst, text = tolerance, ""
+    for joint in scene.joints:
+        a, b = nodes[joint.a.number], nodes[joint.b.number]
+        c, s = np.cos(places[joint.a.number, 2]), np.sin(places[joint.a.number, 2])
+        R = np.array([[c, -s], [s, c]])
+        arm, axis = R @ joint.offset, np.zeros(2)
+        if joint.axis is not None:
+            axis = R @ joint.axis
+            arm = arm + state.slides[joint.number] * axis
+        gap = b[:2] - a[:2] - a[2] * np.array([-arm[1], arm[0]])
+        gap = gap - motors.get((joint.number, "slide"), gap @ axis) * axis
+        turn = b[2] - a[2] - motors.get((joint.number, "rotation"), 0.0)
+        for size, what in (
+            (np.hypot(*gap), f"its nodes part at a rate of {np.hypot(*gap):.3g}"),
+            (abs(turn) * model.mesh.size * joint.turns_together, f"b turns at {turn:.3g} too much"),
+        ):
+            if size > worst:
+                worst, text = size, f"{joint}: {what}"
+    if text:
+        raise SceneError(f"the initial velocities violate {text}. {_ADVICE}")
+
+
+def _small_mass(model: Model) -> scipy.sparse.spmatrix:
+    """A mass for what has none, so small that it changes no other rate."""
+    diagonal = model.mass.diagonal()
+    size = np.full(model.size, 1.0)
+    size[model.turns] = model.mesh.size**2
+    scale = (diagonal / size).max()
+    return scipy.sparse.diags(np.where(model.massless, 1e-10 * (scale or 1.0) * size, 0.0))
+
+
+def _message(model: Model, node: int, component: int, v: np.ndarray, kept: np.ndarray) -> str:
+    scene = model.scene
+    given, found = model.to_nodes(v)[node, component], model.to_nodes(kept)[node, component]
+    x, y = model.mesh.X[node]
+    where = f"node {node} at ({x:g}, {y:g})"
+    if (node, component) in scene.fixed:
+        return (
+            f"{where} is supported in {COMPONENTS[component]} and has an initial rate of {given:g} "
+            "there; it must be 0"
+        )
+    return (
+        f"the initial velocities violate a support: the rate of {COMPONENTS[component]} of {where} "
+        f"is {given:g}, and would have to be {found:g}. {_ADVICE}"
+    )

@@ -1,0 +1,338 @@
+"""Load steps: equilibria at growing load factors, and the control of their size."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+
+import numpy as np
+
+from fx_beam.errors import StepError
+from fx_beam.model import Model
+from fx_beam.results.audit import Stats
+from fx_beam.results.state import State
+
+from .forcing import LoadDrive
+from .initial_state import reference_state
+from .newton import Newton, StepFailed, StepSolution
+from .stepper import Stepper
+
+# A step may deviate from its prediction by the prediction's own size. Towards a limit point the
+# load factor is a parabola of the displacements, and a step that ends on it deviates by just that;
+# what deviates more has left the path for another one.
+_FARTHEST = 1.0
+# On a stable path displacements along the loads grow with these: what is gained in a step lies
+# between what the dead loads at its start and those at its end would do. The part of that range,
+# from its middle, within which a step is short enough, and within which it may be on the path.
+# A response as the cube root of the load, that of a slack cable, gives 1/2, however short the
+# first step; a step to a limit point 1/3; one over a snap more than 1, if it is as short as that.
+_SHORT, _ON_PATH = 0.2, 1.0
+# The same for driven motion and for forces that follow, as parts of their work.
+_SHORT_OTHER, _ON_PATH_OTHER = 0.1, 0.7
+# Deviation and corrections below which a step may be followed by one twice as long.
+_EASY_DEVIATION, _EASY_ITERATIONS = 0.25, 10
+# Growth of the motion per load since the first step that tells of a limit point.
+_GIVING_WAY = 4.0
+
+
+class LoadStepper(Stepper):
+    """Takes a model from load factor to load factor, which stand in its states for times.
+
+    Parameters
+    ----------
+    model : Model
+        The compiled scene.
+    newton : Newton
+        Solver for one step.
+    drive : LoadDrive
+        Loads and driven motions.
+    stats : Stats
+        Counts what is done.
+    """
+
+    drive: LoadDrive
+
+    def __init__(self, model: Model, newton: Newton, drive: LoadDrive, stats: Stats):
+        super().__init__(model, newton, drive, stats, max_halvings=0)
+        self.time = drive.time
+        #: Deviation of the last step from its prediction, relative to that, and its corrections.
+        self.deviation, self.iterations = 0.0, 0
+        #: Whether a step that is too long for its work may be cut.
+        self._may_be_cut = False
+        #: The last increment, and the dead forces (size,) at its ends.
+        self._taken: tuple[StepSolution, tuple[np.ndarray, np.ndarray]]
+        #: Part of the loads, or of the tension of springs, at the end of the last step tried.
+        self._goal = 0.0
+        #: Generalised forces (free,) besides the loads, at the start and at the end of a step.
+        self._hold: tuple[np.ndarray, np.ndarray] = (np.zeros(model.reduction.free),) * 2
+        #: Motion per load factor of the first and of the last step.
+        self.response: list[float] = []
+
+    def first_state(self, steps: int, max_cuts: int) -> State:
+        """Equilibrium without loads: the reference configuration, but for springs under tension.
+
+        What is out of balance in the reference configuration is held there by as much, which is
+        let go in steps: so springs are strained to their rests by and by.
+
+        Parameters
+        ----------
+        steps : int
+            Steps where none is cut.
+        max_cuts : int
+            How often a step may be halved.
+
+        Returns
+        -------
+        State
+            The state at load factor 0.
+
+        Raises
+        ------
+        StepError
+            If none is found.
+        """
+        start = reference_state(self.model)
+        reduction = self.model.reduction
+        self.begin(start, 0.0)
+        D = reduction.expand(np.zeros(reduction.free), np.zeros(reduction.driven))
+        tension = reduction.project(self.model.forms.internal_force(D))[: reduction.free]
+        if self.model.forms.has_added:
+            start.added = self.model.forms.added_force()
+
+        def let_go(state: State, before: float, after: float) -> State:
+            self._hold = (1 - before) * tension, (1 - after) * tension
+            self.newton.hold = self._hold[1]
+            return self.step(state, 0.0)
+
+        try:
+            # All at once is enough where there is no tension, and else less safe than in steps.
+            state = let_go(start, 0.0, 1.0)
+            done = self.is_still(state.q)
+        except StepFailed:
+            done = False
+        if not done:
+            try:
+                *_, state = self._in_steps(start, let_go, steps, max_cuts)
+            except StepFailed as failure:
+                raise self._error_of_first(failure, max_cuts) from failure
+        self._hold = np.zeros_like(tension), np.zeros_like(tension)
+        state.work = 0.0
+        return state
+
+    def begin(self, state: State, t1: float) -> float:
+        """Set a load step.
+
+        Parameters
+        ----------
+        state : State
+            Its start.
+        t1 : float
+            Load factor at its end.
+
+        Returns
+        -------
+        float
+            Length of the step in time: any.
+        """
+        forms = self.model.forms
+        forms.set_step(self.time, 0.0, state.q, state.v, state.a)
+        forms.load_factor.value = t1
+        self.model.reduction.begin(state.q, state.slides, 1.0)
+        return 1.0
+
+    def finish(
+        self,
+        state: State,
+        t1: float,
+        step: StepSolution,
+        forces: tuple[np.ndarray, np.ndarray],
+        places: np.ndarray,
+    ) -> State:
+        """State at the end of a load step, if that is on the path.
+
+        Parameters
+        ----------
+        state : State
+            Its start.
+        t1 : float
+            Load factor at its end.
+        step : StepSolution
+            The increment.
+        forces : pair of (size,) float
+            Dead forces at the start and at the end.
+        places : (driven,) float
+            Where driven motions are at the end.
+
+        Returns
+        -------
+        State
+            The end.
+
+        Raises
+        ------
+        StepFailed
+            If the step has left the path.
+        """
+        new = super().finish(state, t1, step, forces, places)
+        new.work += float((self._hold[0] + self._hold[1]) @ step.y / 2)
+        predicted = self.size(step.predicted)
+        self.iterations = step.iterations
+        self.deviation = self.size(step.D - step.predicted) / (predicted or 1.0)
+        self._taken = step, forces
+        return new
+
+    def step(self, state: State, t1: float) -> State:
+        """State at a higher load factor, in one step.
+
+        Parameters
+        ----------
+        state : State
+            The present.
+        t1 : float
+            Load factor to reach.
+
+        Returns
+        -------
+        State
+            The state at `t1`.
+
+        Raises
+        ------
+        StepFailed
+            If there is no convergence, or the step has left the path.
+        """
+        new = super().step(state, t1)
+        response = self.response
+        if t1 != state.t:
+            per_load = self.size(self._taken[0].predicted) / (t1 - state.t)
+            response = [*self.response[:1], per_load]
+        self._check_path(state, new, len(response) == 2 and response[1] > response[0])
+        self.response = response
+        return new
+
+    def is_still(self, D: np.ndarray) -> bool:
+        """Whether an increment (size,) is none, to the tolerance of Newton's method."""
+        return self.size(D) <= self.newton.options.tolerance
+
+    def _check_path(self, old: State, new: State, softer: bool) -> None:
+        """Refuse a step that ends far from where the tangent leads, or whose work is not stored."""
+        step, forces = self._taken
+        D = step.D
+        if self.is_still(D):
+            return  # what it would be judged by is rounding
+        if self.deviation > _FARTHEST:
+            reason = (
+                f"it ends {self.deviation:.2g} times as far from where the tangent leads as that "
+                "is from its start, and so on another path"
+            )
+            raise StepFailed(reason, D, [])
+        at_start, at_end = (
+            F @ D + hold @ step.y for F, hold in zip(forces, self._hold, strict=True)
+        )
+        weight = 0.0 if self.model.weight is None else self.model.weight @ D
+        work, energy = new.work - old.work + weight, self._energy(new)
+        other = work - (at_start + at_end) / 2
+        gained = energy - self._energy(old)
+        snapped = softer and work > gained
+        short = self._may_be_cut or snapped
+        moved = abs(old.q) + abs(D)
+        rounding = 1e-14 * abs(D) @ (abs(self.model.forms.stiffness) @ moved) + 1e-12 * abs(energy)
+        allowed = (_SHORT if short else _ON_PATH) * abs(at_end - at_start) / 2
+        allowed += (_SHORT_OTHER if short else _ON_PATH_OTHER) * abs(other)
+        if abs(gained - work) > allowed + rounding:
+            reason = (
+                f"the loads do {work:.3g} J of work in it and {gained:.3g} J are gained, so that "
+                "it is too long, or ends on another path"
+            )
+            raise StepFailed(reason, D, [])
+
+    def _energy(self, state: State) -> float:
+        model = self.model
+        springs = model.actuators.energy(state.q, state.slides)
+        return model.forms.strain_energy(state.q) + springs
+
+    def size(self, D: np.ndarray) -> float:
+        """Size of an increment (size,): a mean over the nodes, of displacements over the extent."""
+        return float(np.sqrt(np.sum((D / self.model.unit) ** 2) / len(self.model.turns)))
+
+    # -- Control of the load --------------------------------------------------------------------
+
+    def raise_load(self, states: list[State], steps: int, max_cuts: int) -> None:
+        """Raise the load factor to 1 in steps.
+
+        Parameters
+        ----------
+        states : list of State
+            The first state, to which the others are added.
+        steps : int
+            Steps where none is cut.
+        max_cuts : int
+            How often a step may be halved.
+
+        Raises
+        ------
+        StepError
+            If a step fails that may be halved no more.
+        """
+
+        def raised(state: State, _: float, goal: float) -> State:
+            return self.step(state, goal)
+
+        try:
+            for state in self._in_steps(states[-1], raised, steps, max_cuts):
+                states.append(state)
+                self.stats.steps += 1
+        except StepFailed as failure:
+            raise self.error(states[-1], self._goal, failure, max_cuts) from failure
+
+    def _in_steps(
+        self,
+        state: State,
+        take: Callable[[State, float, float], State],
+        steps: int,
+        max_cuts: int,
+    ) -> Iterator[State]:
+        """States on the way from 0 to 1, in steps halved where they fail and doubled where easy."""
+        longest = 2**max_cuts
+        last, at, stride = steps * longest, 0, longest
+        while at < last:
+            self._goal, self._may_be_cut = (at + stride) / last, stride > 1
+            try:
+                state = take(state, at / last, self._goal)
+            except StepFailed:
+                if stride == 1:
+                    raise
+                stride //= 2
+                self.stats.halvings += 1
+                continue
+            yield state
+            at += stride
+            easy = self.deviation <= _EASY_DEVIATION and self.iterations <= _EASY_ITERATIONS
+            if easy and 2 * stride <= longest and at % (2 * stride) == 0:
+                stride *= 2
+
+    def _error_of_first(self, failure: StepFailed, cuts: int) -> StepError:
+        return StepError(
+            f"static: no equilibrium without loads was found{f' after {cuts} cuts' if cuts else ''}"
+            f": {failure.reason}. {self.largest(failure)}. Look for a part without support, or a "
+            f"spring far from its rest; up to {self._goal:.3g} of their strain were tried",
+            0.0,
+        )
+
+    def error(self, state: State, goal: float, failure: StepFailed, cuts: int) -> StepError:
+        """What to raise when a load step has failed."""
+        advice = (
+            'If the path has a limit point there, continuation="arc-length" passes it; otherwise '
+            "try more steps, and look for a load or a stiffness in the wrong unit"
+        )
+        if len(self.response) == 2 and self.response[1] > _GIVING_WAY * self.response[0]:
+            advice = (
+                f"The motion per load has grown to {self.response[1] / self.response[0]:.3g} times "
+                'that of the first step, as towards a limit point: continuation="arc-length" '
+                "passes it"
+            )
+        return StepError(
+            f"static: the step from load factor {state.t:.6g} to {goal:.6g} failed"
+            f"{f' after {cuts} cuts' if cuts else ''}: {failure.reason}. "
+            f"{self.largest(failure)}. {advice}",
+            state.t,
+        )

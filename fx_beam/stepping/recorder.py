@@ -1,0 +1,247 @@
+"""The record of a simulation, kept also when the run breaks off."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from fx_beam.errors import SceneError
+from fx_beam.fem.forms import Part
+from fx_beam.model import Model
+from fx_beam.results.audit import Energy
+from fx_beam.results.state import State
+
+# Part of the first step over which the rates at the start are seen, and no motion.
+_SHORT = 1e-9
+
+
+@dataclass(frozen=True)
+class Record:
+    """What is kept of a simulation; energies, momenta and slides always are.
+
+    Parameters
+    ----------
+    every : int
+        Steps between two rows; the start and the last step are always kept.
+    motion : bool
+        Whether to keep displacements and rotations, which stress resultants need as well.
+    rates : bool
+        Whether to keep velocities and accelerations.
+    forces : bool
+        Whether to keep the forces of supports and joints.
+    """
+
+    every: int = 1
+    motion: bool = True
+    rates: bool = True
+    forces: bool = True
+
+    def __post_init__(self):
+        whole = isinstance(self.every, int | np.integer) and not isinstance(self.every, bool)
+        if not whole or self.every < 1:
+            raise SceneError(f"Record: every = {self.every!r} must be a positive whole number")
+        for name in ("motion", "rates", "forces"):
+            if not isinstance(getattr(self, name), bool | np.bool_):
+                raise SceneError(f"Record: {name} = {getattr(self, name)!r} must be True or False")
+
+
+class Recorder:
+    """Histories of motion, forces, energies and momenta.
+
+    Parameters
+    ----------
+    model : Model
+        The compiled scene.
+    times : (n,) float
+        Times of the grid [s].
+    record : Record
+        What is kept.
+    """
+
+    def __init__(self, model: Model, times: np.ndarray, record: Record):
+        self.model, self.every, self.last = model, record.every, len(times) - 1
+        steps = np.union1d(np.arange(0, len(times), record.every), [self.last])
+        self._times = times
+        self._steps = steps
+        self.rows = 0
+        self._first: State
+        #: Parts (n,) of the steps that end with the rows, each as long as the last one of its step.
+        self._parts = np.ones(len(steps), dtype=int)
+        n, size, joints = len(steps), model.size, len(model.scene.joints)
+        held = model.reduction.columns - model.reduction.free
+        #: Rows (n, ...) by name, vectors in the order of the degrees of freedom.
+        self.arrays = {"energies": np.zeros((n, 6)), "momenta": np.zeros((n, 3))}
+        if joints:
+            self.arrays["slides"] = np.zeros((n, joints))
+        if record.motion:
+            # Of what is never touched an array of zeros takes no memory: the starts of last parts
+            # are written only where they are in no other row.
+            self.arrays |= {"q": np.zeros((n, size)), "before_q": np.zeros((n, size))}
+            if record.rates and model.forms.resultants_need_rates:
+                self.arrays |= {"before_v": np.zeros((n, size)), "before_a": np.zeros((n, size))}
+        if record.rates:
+            self.arrays |= {"v": np.zeros((n, size)), "a": np.zeros((n, size))}
+        if record.forces:
+            self.arrays["held"] = np.zeros((n, held))
+            if joints:
+                self.arrays["joint_forces"] = np.zeros((n, 3 * joints))
+
+    def _wants(self, step: int) -> bool:
+        return step % self.every == 0 or step == self.last
+
+    def places(self, parts: int) -> dict[str, np.ndarray]:
+        """Where the compiled loop is to write its next rows, by the names of the histories.
+
+        Parameters
+        ----------
+        parts : int
+            In how many parts it takes a step.
+
+        Returns
+        -------
+        dict
+            Arrays (n, ...) from the next row on.
+        """
+        kept = self._starts_kept(parts)
+        return {
+            name: rows[self.rows :]
+            for name, rows in self.arrays.items()
+            if kept or not name.startswith("before")
+        }
+
+    def add(self, rows: int, parts: int) -> None:
+        """Count rows that were written, of steps in a number of parts."""
+        self._parts[self.rows : self.rows + rows] = parts
+        self.rows += rows
+
+    def _starts_kept(self, parts):
+        """Whether the last part of a step starts elsewhere than in the row before."""
+        return self.every > 1 or parts > 1
+
+    def record(self, step: int, state: State, before: State | None = None, parts: int = 1) -> None:
+        """Add a state that was computed here and not in the compiled loop, if it is wanted.
+
+        Parameters
+        ----------
+        step : int
+            Number of the step that ends with it; 0 for the start.
+        state : State
+            The system at a time of the grid.
+        before : State, optional
+            The system where the last part of the step starts.
+        parts : int
+            In how many parts the step was taken, each as long as the last one.
+        """
+        if not self._wants(step):
+            return
+        if step == 0:
+            self._first = state
+        model = self.model
+        momentum = state.v if model.scheme.rates.at_rest else model.mass @ state.v
+        q, p = model.to_nodes(state.q), model.to_nodes(momentum)
+        x = model.mesh.X + q[:, :2]
+        potential = 0.0 if model.weight is None else -(model.weight @ state.q)
+        strain = model.forms.strain_energy(state.q)
+        springs = model.actuators.energy(state.q, state.slides)
+        angular = x[:, 0] @ p[:, 1] - x[:, 1] @ p[:, 0] + p[:, 2].sum()
+        values: dict[str, Any] = {
+            "q": state.q,
+            "v": state.v,
+            "a": state.a,
+            "held": state.held,
+            "slides": state.slides,
+            "joint_forces": state.joint_forces,
+            "energies": (
+                state.v @ momentum / 2,
+                strain,
+                potential,
+                state.work,
+                springs,
+                state.dissipated,
+            ),
+            "momenta": (*p[:, :2].sum(axis=0), angular),
+        }
+        if before is not None and self._starts_kept(parts):
+            values |= {"before_q": before.q, "before_v": before.v, "before_a": before.a}
+        for name, rows in self.arrays.items():
+            if values.get(name) is not None:
+                rows[self.rows] = np.ravel(values[name])
+        self.add(1, parts)
+
+    def wind(self, first: int, taken: np.ndarray) -> None:
+        """Add to the rows from one on the turns (size,) that were taken off while they were made.
+
+        Parameters
+        ----------
+        first : int
+            Number of that row.
+        taken : (size,) float
+            Rotations [rad].
+        """
+        if "q" in self.arrays and taken.any():
+            rows = np.arange(first, self.rows)
+            self.arrays["q"][first : self.rows] += taken
+            self.arrays["before_q"][rows[self._starts_kept(self._parts[rows])]] += taken
+
+    def histories(self) -> dict:
+        """What was recorded, by the names that `Solution` gives it; empty where it was not."""
+        model, n = self.model, self.rows
+        kept = {name: rows[:n] for name, rows in self.arrays.items()}
+        joints, nodes = len(model.scene.joints), len(model.mesh.X)
+        none = np.empty((0, nodes, 3))
+
+        def at_nodes(name):
+            return kept[name][:, model.mesh.dofs] if name in kept else none
+
+        reactions = none
+        if "held" in kept:
+            reactions = np.zeros((n, nodes, 3))
+            supported, components, places = model.supports
+            reactions[:, supported, components] = kept["held"][:, places]
+        motors = np.zeros((n if "held" in kept else 0, joints))
+        if "held" in kept:
+            first, numbers = len(model.prescribed), [joint.number for joint, _ in model.motors]
+            motors[:, numbers] = kept["held"][:, first : first + len(numbers)]
+        forces = kept.get("joint_forces", np.empty((0 if "held" not in kept else n, 3 * joints)))
+        t = self._times[self._steps[:n]]
+        return {
+            "t": t,
+            "t_level": t - (1 - model.scheme.rates.level) * self._lengths(),
+            "q": at_nodes("q"),
+            "v": at_nodes("v"),
+            "a": at_nodes("a"),
+            "reactions": reactions,
+            "slides": kept.get("slides", np.empty((n, 0))),
+            "joint_forces": forces.reshape(len(forces), joints, 3),
+            "motor_forces": motors,
+            "energy": Energy(*kept["energies"].T),
+            "linear_momentum": kept["momenta"][:, :2],
+            "angular_momentum": kept["momenta"][:, 2],
+        }
+
+    def _lengths(self) -> np.ndarray:
+        """Lengths (n,) of the last parts of the steps that end with the rows; 0 for row 0."""
+        steps = self._steps[: self.rows]
+        grid = self._times[steps] - self._times[np.maximum(steps - 1, 0)]
+        return grid / self._parts[: self.rows]
+
+    def last_parts(self) -> Iterator[Part]:
+        """The last part of the step that ends with each row, over which its forces are taken.
+
+        Row 0 has one that is so short that nothing but the rates is seen of it.
+        """
+        arrays, forms, first = self.arrays, self.model.forms, self._first
+        dt = _SHORT * np.diff(self._times[:2]).sum() or 1.0
+        D = dt * first.v if forms.resultants_move else np.zeros(self.model.size)
+        yield Part(first.t, dt, D, arrays["q"][0], (first.v, first.a))
+        times, lengths = self._times[self._steps], self._lengths()
+        for k in range(1, self.rows):
+            kept = self._starts_kept(self._parts[k])
+            q, *rates = (
+                arrays[f"before_{name}"][k] if kept else arrays[name][k - 1]
+                for name in ("qva" if forms.resultants_need_rates else "q")
+            )
+            yield Part(times[k] - lengths[k], lengths[k], arrays["q"][k] - q, q, tuple(rates))

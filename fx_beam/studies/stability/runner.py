@@ -1,0 +1,174 @@
+"""Stability of time schemes: a matrix of schemes and cases, each run judged by its energy."""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from fx_beam.analyses.dynamics import simulate
+from fx_beam.errors import SceneError, StepError
+from fx_beam.mechanics.schemes import Scheme
+from fx_beam.results.solution import Solution
+from fx_beam.stepping.recorder import Record
+from fx_beam.studies import candidates
+
+from .case import Case, Cell
+from .drift import drift_of
+from .verdict import Verdict, classify, energy_ratio, no_verdict
+
+_log = logging.getLogger("fx_beam")
+
+# Points of a curve that are kept.
+_POINTS = 400
+# Smallest part of the time step by which it is made another, which turns the last digits of all
+# that is computed. No larger, as a load that jumps between two steps shall still do so.
+_DIGIT = 2.0**-51
+
+
+def study(
+    schemes: Mapping[str, Scheme] | Sequence[Scheme],
+    cases: Iterable[Case],
+    *,
+    max_halvings: int = 12,
+    repeats: int = 4,
+) -> list[Cell]:
+    """Verdicts on all schemes in all cases.
+
+    A run that does not keep the energy, or halves its steps often, is repeated with time steps that
+    differ in their last digit: where its verdict or its number then is another, it is one of
+    rounding, which another machine may do otherwise, and is marked as such.
+
+    Parameters
+    ----------
+    schemes : dict or sequence of Scheme
+        Time schemes, by label or by their names.
+    cases : iterable of Case
+        What they are tried on. One that cannot be computed, or in which nothing moves, gives cells
+        without a verdict that say why.
+    max_halvings : int
+        How often a failing step is halved before the run is given up, for all schemes alike. A
+        motion whose energy has blown up by then is given up earlier.
+    repeats : int
+        How often a doubtful run is repeated.
+
+    Returns
+    -------
+    list of Cell
+        Case by case, in each the schemes in their order; for `write`.
+
+    Raises
+    ------
+    SceneError
+        Before anything runs, if there are no cases or schemes, or two have one name.
+    KeyboardInterrupt
+        If interrupted. Its attribute `cells` holds all that were found.
+
+    Examples
+    --------
+    Two stiffnesses of a scene of your own, which ``arm(EA)`` gives:
+
+    >>> cases = [
+    ...     fb.stability.Case("Arm: EA [N]", f"{EA:g}", lambda EA=EA: arm(EA), dt=0.01, t_end=5.0)
+    ...     for EA in (1e6, 1e10)
+    ... ]
+    >>> schemes = [fb.EnergyMomentum(), fb.Newmark()]
+    >>> cells = fb.stability.study(schemes, cases)
+    >>> fb.stability.write("results/arm", cells, "an arm")  # .json, .md and pictures
+    """
+    labelled, cases = candidates.labelled(schemes), list(cases)
+    _check(cases)
+    cells: list[Cell] = []
+    try:
+        for case in cases:
+            for name, scheme in labelled.items():
+                cells.append(_cell(case, name, scheme, max_halvings, repeats))
+    except KeyboardInterrupt as stop:
+        stop.cells = cells  # type: ignore[attr-defined]
+        raise
+    return cells
+
+
+def _check(cases: list[Case]) -> None:
+    if not cases:
+        raise SceneError("a study needs cases; none are given")
+    if wrong := [case for case in cases if not isinstance(case, Case)]:
+        raise SceneError(f"{wrong[0]!r} is no fx_beam.stability.Case")
+    if len({case.name for case in cases}) < len(cases):
+        raise SceneError("two cases have the same group and label; give them different ones")
+
+
+def _cell(case: Case, name: str, scheme: Scheme, max_halvings: int, repeats: int) -> Cell:
+    try:
+        cell = _judged(case, name, scheme, max_halvings, repeats)
+    except Exception as error:  # in a scene of the caller's: no reason to lose the other cells
+        reason = str(error) if isinstance(error, SceneError) else repr(error)
+        cell = Cell(case, name, scheme.name, no_verdict(reason), max_halvings=max_halvings)
+    _log.info("%s, %s: %s", case.name, name, cell.verdict.kind)
+    return cell
+
+
+def _judged(case: Case, name: str, scheme: Scheme, max_halvings: int, repeats: int) -> Cell:
+    run, verdict = _run(case, scheme, max_halvings)
+    cell = Cell(case, name, scheme.name, verdict, max_halvings=max_halvings)
+    if verdict.kind != "kept" or cell.halved_often:
+        digits = [_DIGIT * (number // 2 + 1) * (-1) ** number for number in range(repeats)]
+        others = tuple(_run(case, scheme, max_halvings, 1 + digit)[1] for digit in digits)
+        cell = replace(cell, others=others)
+    solution: Solution | None = run.solution if isinstance(run, StepError) else run
+    return cell if solution is None else replace(cell, **_curve(case, verdict, solution))
+
+
+def _curve(case: Case, verdict: Verdict, solution: Solution) -> dict[str, Any]:
+    """What else a cell holds of a run."""
+    ratio = energy_ratio(solution)
+    kept = _thinned(ratio)
+    found = {"t": solution.t[kept], "ratio": ratio[kept], "seconds": solution.stats.seconds}
+    if case.drifts and solution.end is not None and verdict.kind in ("kept", "lost", "gained"):
+        turns = abs(solution.end.q[:, 2]).max() / (2 * np.pi)
+        found |= {"drift": drift_of(ratio - 1), "turns": float(turns)}
+    return found
+
+
+def _run(
+    case: Case, scheme: Scheme, max_halvings: int, stretch: float = 1.0
+) -> tuple[Solution | StepError, Verdict]:
+    """A run, and the verdict on it.
+
+    Steps are halved where they fail, so that a run is the same whatever the limit until it is met:
+    one that has blown up by then needs no higher one, which would only draw out a lost motion.
+    """
+    for limit in (*range(2, max_halvings, 2), max_halvings):
+        run = _simulated(case, scheme, limit, stretch)
+        verdict = classify(run, case.t_end * stretch)
+        if verdict.kind != "failed":
+            break
+    return run, verdict
+
+
+def _simulated(case: Case, scheme: Scheme, limit: int, stretch: float) -> Solution | StepError:
+    try:
+        return simulate(
+            case.scene(),
+            scheme,
+            dt=case.dt * stretch,
+            t_end=case.t_end * stretch,
+            newton=case.newton,
+            max_halvings=limit,
+            record=Record(motion=False, rates=False, forces=False),
+            progress=False,
+        )
+    except StepError as error:
+        return error
+
+
+def _thinned(values: np.ndarray) -> np.ndarray:
+    """Places of the lowest and the highest value in each of some hundred stretches."""
+    if len(values) <= _POINTS:
+        return np.arange(len(values))
+    stretches = np.array_split(np.arange(len(values)), _POINTS // 2)
+    extremes = [(s[values[s].argmin()], s[values[s].argmax()]) for s in stretches]
+    return np.unique([0, *np.ravel(extremes), len(values) - 1])

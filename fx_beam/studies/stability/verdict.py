@@ -1,0 +1,191 @@
+"""What became of a run's energy: kept, lost, gained, blown up, or never finished."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from fx_beam.errors import SceneError, StepError
+from fx_beam.results.solution import Solution
+
+#: Kept: the energy is off by no more than this part of what should move.
+KEPT = 1e-8
+#: Blown up: the energy was more than this many times what it should be.
+BLOWN_UP = 10.0
+#: The last is for a case that cannot be computed, or in which nothing moves.
+KINDS = "kept", "lost", "gained", "blew up", "failed", "no verdict"
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """What became of the energy of a run.
+
+    Parameters
+    ----------
+    kind : str
+        One of `KINDS`.
+    time : float
+        Time reached [s].
+    reached : float
+        Part of the time that was asked for.
+    highest, lowest : float
+        Extremes of `energy_ratio`; NaN where there is no verdict.
+    steps, substeps : int
+        Steps of the time grid, and steps taken, each part of a halved one counted.
+    iterations, halvings : int
+        Newton's corrections in all, and how often a step was halved.
+    reason : str
+        Why the run broke off, or why there is no verdict; empty if it ended.
+    """
+
+    kind: str
+    time: float
+    reached: float
+    highest: float
+    lowest: float
+    steps: int
+    substeps: int
+    iterations: int
+    halvings: int
+    reason: str
+
+    @property
+    def worst(self) -> float:
+        """Largest distance of the ratio from one; infinite where the energy is not finite."""
+        return max(self.highest - 1, 1 - self.lowest)
+
+    @property
+    def gain(self) -> float:
+        """Largest energy gained, as a part of what should be there; 0 for none."""
+        return max(self.highest - 1, 0.0)
+
+    @property
+    def amount(self) -> float:
+        """The number that goes with the kind.
+
+        The largest error where the energy was kept; the part that was lost or gained; how many
+        times the energy where it blew up; the part of the time reached where the run failed.
+        """
+        if self.kind == "lost":
+            return 1 - self.lowest
+        if self.kind == "gained":
+            return self.gain
+        if self.kind == "blew up":
+            return self.highest
+        return self.reached if self.kind == "failed" else self.worst
+
+    @property
+    def parts(self) -> float:
+        """Steps taken for each of the time grid; 1 where none was halved."""
+        return self.substeps / self.steps if self.steps else 1.0
+
+
+def energy_ratio(solution: Solution) -> np.ndarray:
+    r"""Energy over what it should be.
+
+    .. math:: r = 1 + \frac{e(t)}{E_0}, \qquad e = E - E(0) - W,
+        \qquad E_0 = \max_t \left(T(0) + U(0) + W(t) - V(t) + V(0)\right),
+
+    with the work W of all loads, so that r = 1 holds under loads as well. E_0 is the largest
+    kinetic and strain energy T + U that should have been there, given what loads and the weight
+    with its potential V have done: where there are none that at the start, and in a fall from rest
+    what the fall sets free. As T and U are not negative, nor is r.
+
+    Parameters
+    ----------
+    solution : Solution
+        A run, as far as it went.
+
+    Returns
+    -------
+    (n,) float
+        The ratio at the times of the solution; infinite where the energy is not finite.
+
+    Raises
+    ------
+    SceneError
+        If nothing moves, so that there is no energy to compare with.
+    """
+    energy = solution.energy
+    with np.errstate(invalid="ignore", over="ignore"):
+        moving = energy.kinetic[0] + energy.stored[0] + energy.supplied
+        moving = moving - energy.potential + energy.potential[0]
+        scale = moving[np.isfinite(moving)].max()
+        if scale > 0:
+            ratio = 1 + np.asarray(energy.balance_error) / scale
+            return np.where(np.isfinite(ratio), ratio, np.inf)
+    if solution.stats.failure:  # before anything moved
+        return np.ones(len(solution.t))
+    raise SceneError(
+        f"no energy moves from t = 0 to {solution.t[-1]:g}: give a scene with loads or velocities"
+    )
+
+
+def classify(run: Solution | StepError, t_end: float) -> Verdict:
+    """Verdict on a run.
+
+    In this order: `blew up` if the ratio of the energy exceeded `BLOWN_UP` or was not finite, with
+    or without a failure after it; `failed` if the run broke off otherwise; `kept` if the ratio was
+    never further from one than `KEPT`; else `gained` or `lost`, whichever was more.
+
+    Parameters
+    ----------
+    run : Solution or StepError
+        What `simulate` gave or raised.
+    t_end : float
+        Time that was asked for [s].
+
+    Returns
+    -------
+    Verdict
+        The verdict.
+
+    Raises
+    ------
+    SceneError
+        If nothing moves.
+    """
+    solution = run.solution if isinstance(run, StepError) else run
+    if isinstance(run, StepError) and solution is None:  # no step was tried
+        return Verdict("failed", run.time, run.time / t_end, 1.0, 1.0, 0, 0, 0, 0, str(run))
+    ratio = energy_ratio(solution)
+    highest, lowest = float(ratio.max()), float(ratio.min())
+    stats, reason = solution.stats, solution.stats.failure
+    if highest > BLOWN_UP:
+        kind = "blew up"
+    elif reason:
+        kind = "failed"
+    elif max(highest - 1, 1 - lowest) <= KEPT:
+        kind = "kept"
+    else:
+        kind = "gained" if highest - 1 > 1 - lowest else "lost"
+    time = run.time if isinstance(run, StepError) else float(solution.t[-1])
+    return Verdict(
+        kind=kind,
+        time=time,
+        reached=time / t_end,
+        highest=highest,
+        lowest=lowest,
+        steps=stats.steps,
+        substeps=stats.substeps,
+        iterations=stats.newton_iterations,
+        halvings=stats.halvings,
+        reason=reason,
+    )
+
+
+def no_verdict(reason: str) -> Verdict:
+    """Verdict on a case that cannot be computed, or in which nothing moves.
+
+    Parameters
+    ----------
+    reason : str
+        Why.
+
+    Returns
+    -------
+    Verdict
+        The verdict.
+    """
+    return Verdict("no verdict", 0.0, 0.0, np.nan, np.nan, 0, 0, 0, 0, reason)

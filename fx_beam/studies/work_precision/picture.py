@@ -1,0 +1,124 @@
+"""Picture of a study of work and precision: error over run time, a line a scheme."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from .accuracy import MARGIN
+from .precision import Precision
+from .run import Run
+
+#: Errors of exactly 0 have no place on a logarithmic axis.
+_LEAST = 1e-17
+_MARKERS = {1: "o", 2: "s", 3: "^"}
+
+
+def draw(path: Path | str, found: Precision, quantity: str) -> None:
+    """Draw errors against run time: all runs as pale points, and a line for each scheme.
+
+    A run of the line stands at the error with which it counts, and pale at its own.
+
+    Parameters
+    ----------
+    path : str or path
+        File to write.
+    found : Precision
+        A study.
+    quantity : str
+        Whose errors.
+    """
+    # Imported here, as a study can be had without matplotlib and pyvista.
+    from fx_beam import plot
+
+    figure, ((ax,),) = plot.figure(1, 1, height=4.6)
+    ax.set(xscale="log", yscale="log", title=quantity)
+    ax.set(xlabel="run time [ms]", ylabel="largest relative error [-]")
+    looks = _looks(found, plot.style)
+    for scheme, look in looks.items():
+        front = found.front(quantity, scheme)
+        ax.plot(*_places(front.runs, front.errors), label=scheme, **look)
+        for run, error in zip(front.runs, front.errors, strict=True):
+            ax.plot(*_places([run], [error]), **_point(run, look["color"]) | {"alpha": 1.0})
+    drawn = [run for run in found.runs if run.errors.get(quantity, np.nan) <= 1]
+    for run in drawn:
+        ax.plot(*_places([run], [run.errors[quantity]]), **_point(run, looks[run.scheme]["color"]))
+    for degree in found.degrees:
+        dot = {"linestyle": "", "color": "0.5", "marker": _MARKERS[degree], "markersize": 4}
+        ax.plot([], [], **dot, label=f"elements of degree {degree}")
+    if any(run.lost for run in drawn):
+        ax.plot([], [], **_LOST, color="0.5", label="lost: energy off by more than half")
+    _limit(ax, found, quantity, drawn)
+    plot.save(figure, path)
+
+
+def short(number: float) -> str:
+    """Number with a single digit, as levels of error and ticks are written.
+
+    Parameters
+    ----------
+    number : float
+        A positive number.
+
+    Returns
+    -------
+    str
+        Such as 2e-5.
+    """
+    return f"{number:.0e}".replace("e-0", "e-").replace("e+0", "e")
+
+
+def _looks(found: Precision, style) -> dict[str, dict]:
+    """Line of each scheme; those that differ in a parameter only have dots of other spacing."""
+    names = {run.scheme: run.name for run in found.runs}
+    looks: dict[str, dict] = {}
+    for scheme, name in names.items():
+        before = sum(names[other] == name for other in looks)
+        looks[scheme] = style(name) | ({"linestyle": (0, (1, 1 + before))} if before else {})
+    return looks
+
+
+_LOST: dict[str, Any] = {"linestyle": "", "marker": "x", "markersize": 4}
+
+
+def _point(run: Run, colour: str) -> dict[str, Any]:
+    if run.lost:
+        return _LOST | {"color": colour, "alpha": 0.5}
+    marker = {"marker": _MARKERS[run.mesh.degree], "markersize": 4, "markeredgewidth": 0}
+    return {"linestyle": "", "color": colour, "alpha": 0.45} | marker
+
+
+def _places(runs: list[Run], errors: list[float]) -> tuple[list[float], list[float]]:
+    return [1e3 * run.seconds for run in runs], [max(error, _LEAST) for error in errors]
+
+
+def _limit(ax, found: Precision, quantity: str, drawn: list[Run]) -> None:
+    """Limits and ticks, what the reference cannot tell, and schemes without a line."""
+    errors = [max(run.errors[quantity], _LEAST) for run in drawn]
+    floor, computed = found.floor(quantity), found.references[quantity] is not None
+    low = min([*errors, floor if computed else 1.0])
+    if computed:
+        label = f"below {MARGIN:g} times the error of the reference"
+        ax.axhspan(low / 10, floor, color="0.92", label=label)
+    ax.set(ylim=(low / 3, 3 * max([*errors, 10 * low])))
+    for axis, limits in (("x", ax.get_xlim()), ("y", ax.get_ylim())):
+        ticks = _ticks(*limits)
+        labels = [f"{tick:g}" if axis == "x" else short(tick) for tick in ticks]
+        getattr(ax, f"set_{axis}ticks")(ticks, labels)
+    ax.minorticks_off()
+    if none := [scheme for scheme in found.schemes if not found.front(quantity, scheme).runs]:
+        text = "\n".join(["No line, as no run counts:", *none])
+        ax.text(0.02, 0.03, text, transform=ax.transAxes, fontsize=7, color="0.3")
+
+
+def _ticks(low: float, high: float) -> list[float]:
+    """Some ticks of a logarithmic axis: 1, 2 and 5, decades, or every second or third of these."""
+    first, last = math.floor(math.log10(low)), math.ceil(math.log10(high))
+    decades = math.log10(high / low)
+    factors = (1, 2, 5) if decades < 2.5 else (1,)
+    every = math.ceil(decades / 9)
+    ticks = [k * 10.0**n for n in range(first, last + 1) if n % every == 0 for k in factors]
+    return [tick for tick in ticks if low <= tick <= high]

@@ -1,0 +1,327 @@
+"""Error against run time: schemes, time steps and meshes compared on any scene and quantity."""
+
+from __future__ import annotations
+
+import itertools
+import logging
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+
+import numpy as np
+
+from fx_beam.analyses.dynamics import simulate
+from fx_beam.errors import SceneError, StepError
+from fx_beam.mechanics.schemes import EnergyMomentum, Scheme
+from fx_beam.results.solution import Solution
+from fx_beam.scene.scene import Scene
+from fx_beam.studies import candidates
+
+from . import accuracy, checks
+from .accuracy import Exact, History, Quantity, Reference
+from .precision import Precision
+from .report import prepare, write
+from .run import Mesh, Run
+
+_log = logging.getLogger("fx_beam")
+
+#: How much finer than all runs a computed reference is, in the time step and in the element.
+FINER_STEP, FINER_MESH = 16, 4
+#: A failing step of a run is halved at most so often: more would only draw out a lost motion.
+MAX_HALVINGS = 2
+
+
+def study(
+    scene: Callable[[int, int], Scene],
+    quantities: Mapping[str, Quantity],
+    *,
+    t_end: float,
+    steps: Sequence[float],
+    meshes: Sequence[tuple[int, int]],
+    schemes: Mapping[str, Scheme] | Sequence[Scheme],
+    exact: Mapping[str, Exact] | None = None,
+    start: Callable[[int, int], Solution] | None = None,
+    repetitions: int = 5,
+    results: Path | str | None = None,
+) -> Precision:
+    """Errors of quantities of interest against run time.
+
+    Every scheme runs with every time step on every mesh. An error is the largest distance from the
+    reference at all times of the run, over the largest magnitude of the reference. References that
+    are not exact are solutions by `EnergyMomentum` with a step 16 times as fine as the finest and
+    elements 4 times as many as the most, of the highest degree; their own error is estimated from a
+    second one with twice the step and half the elements. A fine step on each mesh tells the error
+    of the step from that of the mesh.
+
+    A first round of runs compiles and gives the errors. Those that follow, in turn over all
+    candidates, are timed. The cheapest run is the very first, and what is wrong with a quantity
+    there is refused. From then on nothing ends the study: a run that fails is a row with its
+    reason, and so is a quantity that has no value there; a reference that fails is noted.
+
+    Parameters
+    ----------
+    scene : callable
+        ``scene(elements, degree)`` gives the `Scene`.
+    quantities : dict
+        Quantities of interest by name. ``quantity(solution)`` gives a number; a history (n,) or
+        (n, k) at `Solution.t`; or a pair of times and such a history; None where there is none.
+    t_end : float
+        End of the simulations [s].
+    steps : sequence of float
+        Time steps [s].
+    meshes : sequence of (int, int)
+        Pairs of elements and degree.
+    schemes : dict or sequence of Scheme
+        Time schemes, by label or by their names.
+    exact : dict, optional
+        References that are known, by name of their quantity: a number, or a function of times
+        (n,) that gives (n,) or (n, k).
+    start : callable, optional
+        ``start(elements, degree)`` gives the `Solution` to start from, as `simulate` takes it; by
+        default the motions start from the reference configuration.
+    repetitions : int
+        Timed runs of each candidate, of which the median is taken.
+    results : path, optional
+        Where to write, without ending: JSON, a Markdown page, and the pictures in it.
+
+    Returns
+    -------
+    Precision
+        What was found.
+
+    Raises
+    ------
+    SceneError
+        Before the first long run, for what is given wrongly. An error or an interruption after it
+        has what was found so far as its attribute `precision`.
+    """
+    exact = exact or {}
+    checks.check(quantities, exact, t_end, steps, repetitions)
+    labelled, grid = candidates.labelled(schemes), checks.grid(meshes)
+    sought = {name: quantity for name, quantity in quantities.items() if name not in exact}
+    finest = _finer(grid, FINER_MESH)
+    motion = _Motion(scene, start, t_end, grid)
+    if sought:
+        motion.at(finest)
+    references = {name: accuracy.exact(name, value, t_end) for name, value in exact.items()}
+    if results is not None:
+        prepare(results)
+
+    dt = min(steps) / FINER_STEP
+    found = Precision(
+        t_end=t_end,
+        repetitions=repetitions,
+        references={name: np.nan if name in sought else None for name in quantities},
+        origin=f"{EnergyMomentum().name}, {finest}, dt = {dt:.3g} s" if sought else "",
+        runs=[],
+        start=getattr(start, "__name__", repr(start)) if start else "",
+    )
+    try:
+        measured = _first_round(motion, quantities, references, labelled, steps, found)
+        if sought and measured:
+            _against_fine(motion, sought, dt, found, measured)
+        _time(found.runs, motion, labelled, repetitions)
+        if results is not None:
+            write(results, found)
+    except BaseException as stopped:
+        stopped.precision = found  # type: ignore[attr-defined]
+        raise
+    return found
+
+
+class _Motion:
+    """What is simulated: the scene on its meshes, and what each starts from."""
+
+    def __init__(self, scene, start, t_end: float, grid: Sequence[Mesh]):
+        if not callable(scene):
+            raise SceneError(
+                "a study needs a function scene(elements, degree) that makes the scene, "
+                f"not {scene!r:.40}"
+            )
+        self._functions, self._t_end, self.grid = {"scene": scene, "start": start}, t_end, grid
+        self._made: dict[Mesh, tuple[Scene, Solution | None]] = {}
+        for mesh in grid:
+            self.at(mesh)
+
+    def at(self, mesh: Mesh) -> tuple[Scene, Solution | None]:
+        """The scene, made once, and its start."""
+        if mesh not in self._made:
+            scene, start = (_called(f, name, mesh) for name, f in self._functions.items())
+            if not isinstance(scene, Scene):
+                raise SceneError(f"scene{mesh.elements, mesh.degree} gives {scene!r:.40}, no Scene")
+            self._made[mesh] = scene, start
+        return self._made[mesh]
+
+    def solve(self, mesh: Mesh, scheme: Scheme, dt: float, **keywords) -> Solution:
+        """The solution."""
+        scene, start = self.at(mesh)
+        return simulate(scene, scheme, dt=dt, t_end=self._t_end, start=start, **keywords)
+
+
+def _called(function, name: str, mesh: Mesh):
+    """What a function of the mesh gives; none where there is no function."""
+    try:
+        return function and function(mesh.elements, mesh.degree)
+    except Exception as wrong:
+        call = f"{name}({mesh.elements}, {mesh.degree})"
+        raise SceneError(f"{call} failed, {type(wrong).__name__}: {wrong}") from wrong
+
+
+# -- Runs ----------------------------------------------------------------------------------------
+
+
+def _first_round(
+    motion: _Motion, quantities, exact, schemes, steps, found: Precision
+) -> list[tuple[Run, dict[str, History]]]:
+    """All runs, the cheapest one first, and what was measured in those that came to the end."""
+    order = list(itertools.product(motion.grid, schemes, steps))
+    cheapest = min(order, key=lambda run: run[0].elements * run[0].degree / run[2])
+    measured: list[tuple[Run, dict[str, History]]] = []
+    for mesh, label, dt in [cheapest, *(other for other in order if other != cheapest)]:
+        try:
+            solution = _solve(motion, mesh, schemes[label], dt)
+        except (SceneError, StepError) as refused:
+            if not found.runs:
+                raise
+            run = Run(label, schemes[label].name, mesh, dt, failure=str(refused))
+        else:
+            run = _row(label, mesh, dt, solution)
+        found.runs.append(run)
+        if run.failure:
+            continue
+        histories = _measure(quantities, solution, run.notes)
+        run.errors = dict.fromkeys(quantities, np.nan) | _errors(histories, exact, run.notes)
+        run.step_errors = dict(run.errors)
+        if run.notes and not measured:
+            note = next(iter(run.notes.values()))
+            raise SceneError(f"{note} ({label}, {mesh}, dt = {dt:.4g} s)")
+        measured.append((run, histories))
+    found.runs.sort(key=lambda run: order.index((run.mesh, run.scheme, run.dt)))
+    return measured
+
+
+def _solve(motion: _Motion, mesh: Mesh, scheme: Scheme, dt: float) -> Solution:
+    """The solution, as far as the scheme goes."""
+    try:
+        return motion.solve(mesh, scheme, dt, max_halvings=MAX_HALVINGS, progress=False)
+    except StepError as failed:
+        if failed.solution is None:  # not a step of the scheme, but what is given at the start
+            raise
+        return failed.solution
+
+
+def _row(label: str, mesh: Mesh, dt: float, solution: Solution) -> Run:
+    stats, energy = solution.stats, solution.energy
+    size = (energy.kinetic + energy.stored).max()
+    return Run(
+        scheme=label,
+        name=stats.scheme,
+        mesh=mesh,
+        dt=dt,
+        unknowns=stats.unknowns,
+        steps=stats.steps,
+        newton_iterations=stats.newton_iterations,
+        halvings=stats.halvings,
+        reached=float(solution.t[-1]),
+        failure=stats.failure.split(". ")[0],
+        first_setup_seconds=stats.setup_seconds,
+        # Nothing moves where there is no energy, and nothing is lost.
+        energy_error=float(abs(energy.balance_error).max() / size) if size else 0.0,
+    )
+
+
+def _time(runs: list[Run], motion: _Motion, schemes, repetitions: int) -> None:
+    """Median run times, all runs in turn so that a slow moment of the machine hits them alike."""
+    runs = [run for run in runs if not run.failure]
+    stats: list[list] = [[] for _ in runs]
+    for _ in range(repetitions):
+        for run, found in zip(runs, stats, strict=True):
+            found.append(_solve(motion, run.mesh, schemes[run.scheme], run.dt).stats)
+    for run, found in zip(runs, stats, strict=True):
+        low, middle, high = np.quantile([one.seconds for one in found], [0.25, 0.5, 0.75])
+        run.seconds, run.quartiles = float(middle), (float(low), float(high))
+        run.setup_seconds = float(np.median([one.setup_seconds for one in found]))
+
+
+# -- References ----------------------------------------------------------------------------------
+
+
+def _against_fine(motion: _Motion, quantities, dt: float, found: Precision, measured) -> None:
+    """Errors against fine solutions, and those of the step against one on the same mesh."""
+    references = _references(motion, quantities, dt, found)
+    quantities = {name: quantities[name] for name in references}
+    for run, histories in measured:
+        run.errors |= _errors(histories, references, run.notes)
+    for mesh in motion.grid if references else ():
+        missing: dict[str, str] = {}
+        fine = _fine(motion, mesh, quantities, dt, missing)
+        if missing:
+            found.missing[str(mesh)] = next(iter(missing.values()))
+        found.mesh_errors[mesh] = _errors(fine, references, {})
+        on_mesh = {name: h.reference(references[name].size) for name, h in fine.items()}
+        for run, histories in measured:
+            if run.mesh == mesh:
+                run.step_errors |= _errors(histories, on_mesh, {})
+
+
+def _references(motion: _Motion, quantities, dt: float, found: Precision) -> dict[str, Reference]:
+    """References that are fine solutions, of the quantities for which they can be had."""
+    fine, coarse = (
+        _fine(motion, _finer(motion.grid, times), quantities, step, found.missing)
+        for times, step in ((FINER_MESH, dt), (FINER_MESH // 2, 2 * dt))
+    )
+    references = {}
+    for name in fine.keys() & coarse.keys():
+        try:
+            references[name] = accuracy.computed(name, fine[name], coarse[name])
+        except SceneError as wrong:
+            found.missing[name] = str(wrong)
+        else:
+            found.references[name] = references[name].error
+    return references
+
+
+def _fine(motion: _Motion, mesh: Mesh, quantities, dt: float, missing) -> dict[str, History]:
+    """Quantities of interest by the scheme of the references; why some are missing."""
+    _log.info("reference: %s, dt = %.3g s", mesh, dt)
+    try:
+        solution = motion.solve(mesh, EnergyMomentum(), dt)
+    except (SceneError, StepError) as failed:
+        reason = f"the reference, {mesh} with dt = {dt:.3g} s: {failed}"
+        _log.warning(reason)
+        missing |= dict.fromkeys(quantities, reason) | missing
+        return {}
+    return _measure(quantities, solution, missing)
+
+
+def _finer(grid: Sequence[Mesh], times: int) -> Mesh:
+    """Mesh with some times as many elements as any other, of the highest degree."""
+    return Mesh(times * max(m.elements for m in grid), max(m.degree for m in grid))
+
+
+# -- Quantities of interest ------------------------------------------------------------------------
+
+
+def _measure(quantities, solution: Solution, notes: dict[str, str]) -> dict[str, History]:
+    """Those of a solution that can be had; a note on why the others cannot."""
+    histories = {}
+    for name, quantity in quantities.items():
+        try:
+            histories[name] = accuracy.measure(name, quantity, solution)
+        except SceneError as wrong:
+            notes[name] = str(wrong)
+    return histories
+
+
+def _errors(
+    histories: Mapping[str, History],
+    references: Mapping[str, Reference],
+    notes: dict[str, str],
+) -> dict[str, float]:
+    """Errors where there is a reference; a note on why one cannot be had."""
+    errors = {}
+    for name in histories.keys() & references.keys():
+        try:
+            errors[name] = accuracy.error(name, histories[name], references[name])
+        except SceneError as wrong:
+            notes[name] = str(wrong)
+    return errors
