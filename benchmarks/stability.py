@@ -20,7 +20,7 @@ from demo_scenes import ROOT, demo
 from scipy.integrate import trapezoid
 
 import fx_beam as fb
-from fx_beam.model import Model
+from fx_beam.model.model import Model
 from fx_beam.studies import reporting
 from fx_beam.studies.stability import findings
 from fx_beam.studies.stability.case import by_group, by_scheme

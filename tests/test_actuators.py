@@ -5,7 +5,7 @@ import pytest
 from jointed import KINDS, MEMBER, SLIDING, drift, pair, rotation, throw
 
 import fx_beam as fb
-from fx_beam.model import Model
+from fx_beam.model.model import Model
 
 HINGED = [kind for kind in KINDS if "revolute" in kind]
 SPRUNG = SLIDING + HINGED

@@ -17,16 +17,17 @@ PACKAGE = Path(fx_beam.__file__).parent
 HOUSE = {
     "": ["errors", "validation"],
     "scene": ["beam", "curve", "loads", "section", "joints", "scene"],
-    "mechanics": ["kinematics", "rates", "resultants", "schemes"],
+    "mechanics": ["interval", "kinematics", "rates", "resultants", "schemes"],
     "results": ["files", "audit", "state", "export", "lookup", "joint_motion", "solution", "saved"],
     "fem": [
         "dolfinx_api",
         "mesh",
         "section_fields",
-        "dead_loads",
         "follower_loads",
         "virtual_works",
         "forms",
+        "mass",
+        "dead_loads",
     ],
     "coupling": [
         "graph",
@@ -35,12 +36,13 @@ HOUSE = {
         "joint_reduction",
         "mechanism_check",
     ],
-    "model": [""],
+    "model": ["model", "joint_forces", "equations"],
     "stepping": [
         "forcing",
         "initial_state",
         "recorder",
         "newton",
+        "single_step",
         "substeps",
         "section_facing",
         "stepper",
@@ -74,7 +76,7 @@ HOUSE = {
         "",
     ],
 }
-# The room itself, "", is its __init__.py or, for the model, its only file.
+# The room itself, "", is its __init__.py.
 ORDER = [".".join(filter(None, (room, file))) for room, files in HOUSE.items() for file in files]
 
 

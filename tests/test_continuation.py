@@ -5,13 +5,14 @@ import pytest
 from scenes import demo
 
 import fx_beam as fb
-from fx_beam.model import Model
+from fx_beam.mechanics.interval import Interval
+from fx_beam.model.model import Model
 from fx_beam.results.audit import Stats
 from fx_beam.stepping.arc_length import ArcLength, Tangent
 from fx_beam.stepping.forcing import LoadDrive
 from fx_beam.stepping.initial_state import reference_state
 from fx_beam.stepping.load_steps import LoadStepper
-from fx_beam.stepping.newton import Newton, NewtonOptions
+from fx_beam.stepping.newton import NewtonOptions
 
 RISE, EA = 0.2, 1e4
 
@@ -210,7 +211,7 @@ def test_the_bordered_system_is_the_derivative_of_the_equations():
     scene, _ = linkage()
     model = Model(scene, fb.Equilibrium())
     stats = Stats("", 1.0, "", model.reduction.free)
-    stepper = LoadStepper(model, Newton(model, NewtonOptions()), LoadDrive(model, 1.0), stats)
+    stepper = LoadStepper(model, LoadDrive(model, 1.0), NewtonOptions(), stats)
     arc = ArcLength(stepper)
     state = reference_state(model)
     random = np.random.default_rng(4)
@@ -219,11 +220,10 @@ def test_the_bordered_system_is_the_derivative_of_the_equations():
     normal = Tangent(z[:free], random.uniform(-1, 1, model.size), 0.7)
 
     def equations(z):
-        stepper.begin(state, 0.0)
-        D = arc._expand(state, z[:free], z[free])
-        _, r, _, column = arc._balance(state, z[:free], z[free], D)
-        plane = normal.D @ (arc._weight * D) + normal.load * z[free]
-        return np.append(model.reduction.project(r)[:free], plane), r, column
+        stepper.single.equations.begin(Interval(0.0, 0.0), state)
+        balance, _, column = arc._balance(state, z[:free], z[free])
+        plane = normal.D @ (arc._weight * balance.D) + normal.load * z[free]
+        return np.append(balance.residual[:free], plane), balance.r, column
 
     def derivative(direction, h=1e-4):
         values = [equations(z + k * h * direction)[0] for k in (-2, -1, 1, 2)]

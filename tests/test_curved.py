@@ -10,7 +10,7 @@ from scipy.integrate import quad, simpson
 
 import fx_beam as fb
 from fx_beam.fem import dolfinx_api
-from fx_beam.model import Model
+from fx_beam.model.model import Model
 
 DEGREES = pytest.mark.parametrize("degree", [1, 2, 3])
 QUARTER = (0.0, 0.0), (math.sqrt(0.5), 1 - math.sqrt(0.5)), (1.0, 1.0)  # about (0, 1)

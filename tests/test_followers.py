@@ -6,7 +6,7 @@ import scipy.integrate
 from scenes import FLYING
 
 import fx_beam as fb
-from fx_beam.model import Model
+from fx_beam.model.model import Model
 
 SCHEMES = [fb.EnergyMomentum(), fb.MidPoint(), fb.Newmark(), fb.HHT(-0.2), fb.Equilibrium()]
 

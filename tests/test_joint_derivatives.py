@@ -7,7 +7,7 @@ from jointed import AXIS, BENDING, KINDS, MEMBER, OFFSET, W, pair, rotation
 import fx_beam as fb
 from fx_beam.coupling.index_reduction import IndexReduction
 from fx_beam.coupling.joint_reduction import JointReduction
-from fx_beam.model import Model
+from fx_beam.model.model import Model
 
 SCHEMES = [fb.EnergyMomentum(), fb.Newmark(), fb.HHT(-0.2), fb.GeneralizedAlpha(0.6)]
 DT = 0.1

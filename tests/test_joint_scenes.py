@@ -5,7 +5,7 @@ import pytest
 from jointed import KINDS, MEMBER, SLIDING, W, drift, pair, rotation, throw, thrown
 
 import fx_beam as fb
-from fx_beam.model import Model
+from fx_beam.model.model import Model
 
 
 def balance(solution):

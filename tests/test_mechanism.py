@@ -10,7 +10,7 @@ import fx_beam as fb
 from fx_beam.coupling.mechanism_check import check_no_massless_mechanism
 from fx_beam.fem.mesh import build_mesh
 from fx_beam.mechanics.schemes import Equilibrium
-from fx_beam.model import Model
+from fx_beam.model.model import Model
 
 STIFF = {"EA": 1e6, "GA": 1e6, "EI": 1e3}
 LIGHT, HEAVY = fb.Section(**STIFF), fb.Section(**STIFF, rhoA=1.0, rhoI=0.01)

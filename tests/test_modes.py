@@ -12,7 +12,7 @@ from jointed import KINDS, pair
 from scenes import FLYING, demo
 
 import fx_beam as fb
-from fx_beam.model import Model
+from fx_beam.model.model import Model
 
 DEGREES = pytest.mark.parametrize("degree", [1, 2, 3])
 GRAVITY = 9.81

@@ -7,7 +7,7 @@ import pytest
 from scenes import FLYING, PINNED, free_flight, pinned_beam
 
 import fx_beam as fb
-from fx_beam.model import Model
+from fx_beam.model.model import Model
 
 SCHEMES = [fb.EnergyMomentum(), fb.ModifiedMidPoint(), fb.MidPoint(), fb.HHT()]
 

@@ -5,7 +5,7 @@ import pytest
 from jointed import KINDS, MEMBER, W, pair
 
 import fx_beam as fb
-from fx_beam.model import Model
+from fx_beam.model.model import Model
 
 every_kind = pytest.mark.parametrize("kind", KINDS)
 every_solver = pytest.mark.parametrize("solver", ["compiled", "petsc"])

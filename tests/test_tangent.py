@@ -7,7 +7,7 @@ import pytest
 from scenes import FLYING, pinned_beam
 
 import fx_beam as fb
-from fx_beam.model import Model
+from fx_beam.model.model import Model
 
 pytestmark = pytest.mark.usefixtures("unoptimised")
 

@@ -10,7 +10,7 @@ from scenes import FLYING, relative_drift
 from scipy.integrate import quad
 
 import fx_beam as fb
-from fx_beam.model import Model
+from fx_beam.model.model import Model
 
 DEGREES = pytest.mark.parametrize("degree", [1, 2, 3])
 TAPERED = fb.Section(

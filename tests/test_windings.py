@@ -5,7 +5,7 @@ import pytest
 from scenes import pinned_beam, relative_drift
 
 import fx_beam as fb
-from fx_beam.model import Model
+from fx_beam.model.model import Model
 from fx_beam.stepping.full_turns import Windings
 
 STIFF = fb.Section(EA=1e6, GA=1e6, EI=1e4, rhoA=1.0, rhoI=0.1)

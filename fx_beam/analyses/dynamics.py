@@ -14,7 +14,7 @@ from fx_beam.compiled.build import LoopUnavailable
 from fx_beam.compiled.loop import CompiledLoop
 from fx_beam.errors import SceneError, StepError
 from fx_beam.mechanics.schemes import EnergyMomentum, Scheme
-from fx_beam.model import Model
+from fx_beam.model.model import Model
 from fx_beam.results.audit import Stats
 from fx_beam.results.solution import Solution
 from fx_beam.results.state import State
@@ -22,7 +22,7 @@ from fx_beam.scene.scene import Scene
 from fx_beam.stepping.forcing import Drive
 from fx_beam.stepping.full_turns import Windings
 from fx_beam.stepping.initial_state import check_joints, initial_state, resumed_state
-from fx_beam.stepping.newton import Newton, NewtonOptions, petsc
+from fx_beam.stepping.newton import NewtonOptions, petsc
 from fx_beam.stepping.recorder import Record, Recorder
 from fx_beam.stepping.stepper import Stepper
 from fx_beam.stepping.substeps import LARGE_TURN, MOST_HALVINGS
@@ -124,7 +124,7 @@ def simulate(
     )
     options = newton or NewtonOptions()
     drive = Drive(model)
-    stepper = Stepper(model, Newton(model, options), drive, stats, max_halvings)
+    stepper = Stepper(model, drive, options, stats, max_halvings)
     taker = _taker(solver, stepper, options)
     recorder = Recorder(model, times, record or Record())
     state = _first_state(model, drive, float(times[1] - times[0]), start)

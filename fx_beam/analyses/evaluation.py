@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from fx_beam.fem.dolfinx_api import gauss_points
-from fx_beam.model import Model
+from fx_beam.model.model import Model
 from fx_beam.results.audit import BeamResultants, Stats
 from fx_beam.results.solution import Solution
 from fx_beam.results.state import State

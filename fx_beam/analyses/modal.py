@@ -14,11 +14,14 @@ import scipy.sparse
 from scipy.sparse.linalg import splu
 
 from fx_beam.errors import SceneError
+from fx_beam.mechanics.interval import Interval
 from fx_beam.mechanics.schemes import Equilibrium
-from fx_beam.model import Model
+from fx_beam.model.equations import Equations
+from fx_beam.model.model import Model
 from fx_beam.results.solution import Solution
 from fx_beam.scene.beam import Beam
 from fx_beam.scene.scene import Scene
+from fx_beam.stepping.initial_state import reference_state
 from fx_beam.stepping.newton import petsc
 from fx_beam.validation import is_whole, require
 
@@ -156,12 +159,11 @@ def modes(scene: Scene, state: Solution | None = None, n: int = 6) -> Modes:
 
 def _matrices(model: Model, state: Solution | None):
     """Stiffness and mass of the unknowns, the coupling T to all of x, and the configuration q."""
-    forms, reduction = model.forms, model.reduction
-    none = np.zeros(model.size)
-    factor, t, q = 0.0, 0.0, none  # without loads the start is an equilibrium
-    slides = np.array([joint.start()[0] for joint in model.scene.joints])
+    reduction = model.reduction
+    factor, t = 0.0, 0.0  # without loads the start is an equilibrium
+    start = reference_state(model)
     if state is not None:
-        factor, t, q, slides = _last(model, state)
+        factor, t, start.q, start.slides = _last(model, state)
     if not reduction.free:
         raise SceneError(
             "modes: nothing is free to vibrate: supports, joints and motors hold all degrees of "
@@ -169,25 +171,18 @@ def _matrices(model: Model, state: Solution | None):
         )
     if not model.mass.data.any():
         raise SceneError("modes: nothing can vibrate: the scene has no mass; give it some")
-    forms.set_step(t, 0.0, q, none, none)
-    forms.load_factor.value = factor
-    reduction.begin(q, slides, 1.0)
-    reduction.expand(np.zeros(reduction.free), np.zeros(reduction.driven))
-    r = forms.internal_force(none) - factor * model.loads.at(t)
+    equations, force = Equations(model, t), factor * model.loads.at(t)
     if model.weight is not None:
-        r = r - factor * model.weight
-    forms.assemble_stiffness()
-    indptr, indices = reduction.pattern
-    values = np.zeros(len(indices))
-    reduction.fill(forms.stiffness.data, r, values)
-    K = scipy.sparse.csr_matrix((values, indices, indptr), (reduction.free,) * 2)
+        force += factor * model.weight
+    equations.begin(Interval(factor, factor), start)
+    K = equations.tangent(equations.at_start(force).r)
     if _asymmetry(K, model.unit_of_unknowns) > 1e-12:
         raise SceneError(
             "modes: the stiffness is not symmetric, as a load or an added virtual work follows the "
             "motion and has no potential; such a scene has no natural frequencies. Simulate it"
         )
     T = reduction.coupling()[:, : reduction.free]
-    return (K + K.T) / 2, (T.T @ model.mass @ T).tocsr(), T, q
+    return (K + K.T) / 2, (T.T @ model.mass @ T).tocsr(), T, start.q
 
 
 def _asymmetry(K, unit: np.ndarray) -> float:

@@ -10,7 +10,7 @@ import numpy as np
 
 from fx_beam.errors import SceneError, StepError
 from fx_beam.mechanics.schemes import Equilibrium
-from fx_beam.model import Model
+from fx_beam.model.model import Model
 from fx_beam.results.audit import Stats
 from fx_beam.results.solution import Solution
 from fx_beam.results.state import State
@@ -18,8 +18,9 @@ from fx_beam.scene.scene import Scene
 from fx_beam.stepping.arc_length import ArcLength
 from fx_beam.stepping.forcing import LoadDrive
 from fx_beam.stepping.load_steps import LoadStepper
-from fx_beam.stepping.newton import Newton, NewtonOptions, petsc
+from fx_beam.stepping.newton import NewtonOptions, petsc
 from fx_beam.stepping.recorder import Record, Recorder
+from fx_beam.stepping.section_facing import Facing
 from fx_beam.stepping.substeps import MOST_HALVINGS
 from fx_beam.validation import is_number, is_whole, require
 
@@ -99,8 +100,9 @@ def static(
         assembled=model.assembled,
         static=True,
     )
-    options = newton or NewtonOptions()
-    stepper = LoadStepper(model, Newton(model, options), LoadDrive(model, float(t)), stats)
+    drive = LoadDrive(model, float(t))
+    stepper = LoadStepper(model, drive, newton or NewtonOptions(), stats)
+    facing = Facing(model, stats)
     stats.setup_seconds = time.perf_counter() - clock
     clock = time.perf_counter()
     states: list[State] = []
@@ -113,24 +115,24 @@ def static(
     except (StepError, KeyboardInterrupt) as error:
         stats.failure = str(error) or "interrupted"
         if states:
-            error.solution = _solution(stepper, states, clock)  # type: ignore[union-attr]
+            error.solution = _solution(stepper, facing, states, clock)  # type: ignore[union-attr]
         raise
     if states[-1].t < 1:
         stats.failure = (
             f"static: {max_steps} steps, and no further than load factor {states[-1].t:g}"
         )
         _log.warning(stats.failure)
-    return _solution(stepper, states, clock)
+    return _solution(stepper, facing, states, clock)
 
 
-def _solution(stepper: LoadStepper, states: list[State], clock: float) -> Solution:
+def _solution(stepper: LoadStepper, facing: Facing, states: list[State], clock: float) -> Solution:
     model, stats = stepper.model, stepper.stats
     stats.seconds, stats.substeps = time.perf_counter() - clock, stats.steps
     recorder = Recorder(model, np.array([state.t for state in states]), Record())
     for step, state in enumerate(states):
         recorder.record(step, state)
-        stepper.facing.look(state.t, state.q)
-    end = replace(states[-1], t=stepper.time)
+        facing.look(state.t, state.q)
+    end = replace(states[-1], t=stepper.drive.time)
     return solution_of(model, recorder, stats, end)
 
 

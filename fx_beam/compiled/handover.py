@@ -14,7 +14,8 @@ import scipy.sparse
 from fx_beam.coupling.index_reduction import Tables
 from fx_beam.fem import dolfinx_api
 from fx_beam.mechanics.rates import MidPointRates, NewmarkRates
-from fx_beam.model import JointForces, Model
+from fx_beam.model.joint_forces import JointForces
+from fx_beam.model.model import Model
 from fx_beam.stepping.newton import CLOSE, ENERGY_FLOOR, ENERGY_SHARE, LONGEST_TURN, NewtonOptions
 from fx_beam.stepping.substeps import LARGE_TURN
 

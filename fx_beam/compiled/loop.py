@@ -36,7 +36,7 @@ class CompiledLoop:
 
     def __init__(self, stepper: Stepper, options: NewtonOptions):
         self._stepper, self.model = stepper, stepper.model
-        problem = Problem(self.model, stepper.joint_forces, options)
+        problem = Problem(self.model, stepper.single.joint_forces, options)
         self._all = problem  # owns what the rest points to
         self._ffi, self._library = problem.ffi, problem.library
         self._problem, self._room, self._past = problem.c, problem.room, problem.past

@@ -4,48 +4,68 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
+import ufl
+
 import numpy as np
 import scipy.sparse
 
 from fx_beam.scene.beam import Beam
+from fx_beam.scene.loads import label
 from fx_beam.scene.scene import Scene
-from fx_beam.validation import Constant, evaluate, series
+from fx_beam.validation import Constant, evaluate, series, vector
 
+from . import dolfinx_api
+from .forms import Forms
 from .mesh import Mesh
+from .section_fields import on_beam
 
 
 class Loads:
-    """Nodal vector of all dead loads, F(t) = sum of constant columns times functions of time.
+    """Nodal vector of all dead loads, F(t) = sum of constant columns times functions of time."""
 
-    Parameters
-    ----------
-    scene : Scene
-        Its loads.
-    mesh : Mesh
-        Numbering of the degrees of freedom.
-    line_load : callable
-        ``line_load(beam, along)``, the columns (size, 2) of a unit line load, or (size, 1) of one
-        that varies along its beam.
-
-    Attributes
-    ----------
-    columns : (size, n) scipy.sparse.csc_matrix
-        Nodal forces of a unit of each component of each load.
-    """
-
-    def __init__(self, scene: Scene, mesh: Mesh, line_load: Callable[..., np.ndarray]):
+    def __init__(self, scene: Scene, mesh: Mesh, forms: Forms):
+        self._scene, self._mesh, self._forms = scene, mesh, forms
         self._loads = [load for load in scene.loads if not load.follower]
         columns = [np.zeros((mesh.dofs.size, 0))]
         for load in self._loads:
             if isinstance(load.target, Beam):
-                columns.append(line_load(load.target, load.along))
+                columns.append(self._line_load(load.target, load.along))
                 continue
             dofs = mesh.dofs[load.target.number]
             dofs = dofs[:2] if load.kind == "force" else dofs[2:]
             unit = np.zeros((mesh.dofs.size, len(dofs)))
             unit[dofs, range(len(dofs))] = 1.0
             columns.append(unit)
+        #: Nodal forces (size, n) of a unit of each component of each load.
         self.columns = scipy.sparse.csc_matrix(np.hstack(columns))
+
+    def _line_load(self, beam: Beam, along: Callable | None) -> np.ndarray:
+        """Nodal forces (size, 2) of a unit line load along x and y, or (size, 1) of one along s."""
+        mesh = self._mesh.mesh
+        unit = dolfinx_api.constant(mesh, np.zeros(2))
+        if along is None:
+            force, directions = on_beam(self._mesh, self._scene, beam) * unit, np.eye(2)
+        else:
+            values = self._at_gauss_points(beam, along)
+            force, directions = dolfinx_api.at_gauss_points(mesh, values), np.ones((1, 2))
+        work = ufl.dot(force, self._forms.step.virtual_u)
+        form = self._forms.compile("line load", work * self._forms.full_measure())
+        columns = np.zeros((len(directions), self._forms.size))
+        for column, direction in zip(columns, directions, strict=True):
+            unit.value = direction
+            dolfinx_api.assemble_vector(column, form)
+        return columns.T
+
+    def _at_gauss_points(self, beam: Beam, along: Callable) -> np.ndarray:
+        """A line load (cells, points, 2) where it is integrated [N/m]."""
+        points = dolfinx_api.gauss_points(self._forms.full_rule).T
+        force = np.zeros((len(self._mesh.beam_of_cell), points.size, 2))
+        s = beam.s[:-1, None] + np.diff(beam.s)[:, None] * points
+        what = f"line load on {label(beam)}"
+        force[self._mesh.cells[self._scene.beams.index(beam)]] = [
+            [vector(along(at), 2, f"{what} at s = {at:g}") for at in row] for row in s
+        ]
+        return force
 
     @property
     def constant(self) -> bool:
@@ -94,23 +114,3 @@ class Loads:
         """
         values = [series(load.value, times, str(load)) for load in self._loads]
         return np.hstack([np.empty((len(times), 0)), *values])
-
-
-def just_inside(t0, t1):
-    """Starts and ends of steps as loads see them.
-
-    A load that jumps from one step to the next belongs to the one in which it acts, whichever way
-    its function rounds.
-
-    Parameters
-    ----------
-    t0, t1 : float or (n,) float
-        Starts and ends of the steps [s].
-
-    Returns
-    -------
-    tuple of two of the same
-        Times a little later and a little earlier; a step of no length stays as it is.
-    """
-    inset = np.maximum(1e-12 * (t1 - t0), 4 * np.spacing(t1)) * (t1 != t0)
-    return t0 + inset, t1 - inset

@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 import scipy.sparse
 
+from fx_beam.mechanics.interval import just_inside
 from fx_beam.scene.scene import Scene
 from fx_beam.validation import Constant, series
 
-from .dead_loads import just_inside
 from .mesh import Mesh
 
 

@@ -74,6 +74,8 @@ class Forms:
         self.turns = np.sort(mesh.dofs[:, 2])
         #: Compiled forms by name, each with its UFL.
         self.compiled: dict[str, tuple[Any, Any]] = {}
+        #: Their names, in the order of compilation.
+        self.names: list[str] = []
         #: Part of the loads that acts; only in statics not 1.
         self.load_factor: Any = (
             dolfinx_api.constant(mesh.mesh, 1.0) if scheme.rates.at_rest else None
@@ -153,20 +155,20 @@ class Forms:
         added = added_virtual_work(self._scene, self._mesh, step, self._test, self._ours)
         if added is not None:
             try:
-                self._compile("added virtual work", added * dx)
+                self.compile("added virtual work", added * dx)
             except dolfinx_api.REFUSALS as error:
                 raise SceneError(f"the added virtual work does not compile: {error}") from error
             residual -= added * dx
 
-        self._residual = self._compile("internal forces", residual)
+        self._residual = self.compile("internal forces", residual)
         tangent = ufl.derivative(residual, self.increment, self._trial)
-        self._tangent = self._compile("tangent", tangent)
+        self._tangent = self.compile("tangent", tangent)
         self._path_tangent = None
         if self.path in residual.coefficients():
             tangent = ufl.derivative(residual, self.path, self._trial)
-            self._path_tangent = self._compile("tangent of the path", tangent)
+            self._path_tangent = self.compile("tangent of the path", tangent)
             self._path_matrix = dolfinx_api.create_matrix(self._path_tangent)
-        self._energy = self._compile("strain energy", energy)
+        self._energy = self.compile("strain energy", energy)
         self._needs_rates = any(rate in residual.coefficients() for rate in self.start_rates)
         moves = self._needs_rates or self.dt in residual.constants()
         found = [part for r in self._resultants for part in fields_in(r)] if moves else []
@@ -210,10 +212,22 @@ class Forms:
         """Trial and test functions: displacement, rotation, and the virtual ones."""
         return *ufl.split(self._trial), self.step.virtual_u, self.step.virtual_psi
 
-    def _compile(self, name: str, form):
+    def compile(self, name: str, form):
+        """Compile a form, and keep it by its name."""
         compiled = dolfinx_api.compile_form(form, name)
+        if name not in self.compiled:
+            self.names.append(name)
         self.compiled[name] = compiled, form
         return compiled
+
+    @property
+    def full_rule(self) -> int:
+        """Points of the rule that integrates products of two fields exactly."""
+        return self.step.degree + 1
+
+    def full_measure(self):
+        """Measure of the members by that rule."""
+        return dolfinx_api.measure(self._mesh.mesh, self.full_rule)
 
     @property
     def has_added(self) -> bool:
@@ -233,15 +247,7 @@ class Forms:
     # -- Evaluation -----------------------------------------------------------------------------
 
     def set_step(self, t: float, dt: float, q: np.ndarray, v: np.ndarray, a: np.ndarray) -> None:
-        """Set the start of a step.
-
-        Parameters
-        ----------
-        t, dt : float
-            Start and length of the step [s].
-        q, v, a : (size,) float
-            Displacements and rotations, rates and accelerations at its start.
-        """
+        """Set start and length of a step [s], and the state (size,) at its start."""
         self._set_start(t, dt, q)
         if self.followers is not None:
             self.followers.set_step(t, dt)
@@ -258,17 +264,9 @@ class Forms:
             function.x.array[:] = rate
 
     def internal_force(self, D: np.ndarray) -> np.ndarray:
-        """Internal forces less the added ones, for the increment D; overwritten by the next call.
+        """Nodal forces and couples (size,) for an increment D, the added ones subtracted (eq. 53).
 
-        Parameters
-        ----------
-        D : (size,) float
-            Increment over the step.
-
-        Returns
-        -------
-        (size,) float
-            Nodal forces and couples [N, N m] (eq. 53).
+        They are overwritten by the next call.
         """
         self._set_increment(D)
         dolfinx_api.assemble_vector(self._force, self._residual)
@@ -317,24 +315,12 @@ class Forms:
         return 1.0 if self.load_factor is None else float(self.load_factor.value)
 
     def strain_energy(self, q: np.ndarray) -> float:
-        """Stored energy of a configuration [J].
-
-        Parameters
-        ----------
-        q : (size,) float
-            Displacements and rotations.
-
-        Returns
-        -------
-        float
-            Integral of the stored energy, by the reduced rule.
-        """
+        """Stored energy [J] of a configuration q (size,), integrated by the reduced rule."""
         self.start.x.array[:] = q
         return dolfinx_api.assemble_scalar(self._energy)
 
-    def compile_facing(self) -> str:
-        """Compile what `faces_backwards` takes, and give its name."""
-        name = "sections facing backwards"
+    def compile_facing(self) -> None:
+        """Compile what `faces_backwards` takes."""
         #: t . phi' of eq. 4 at the start of the step: 1 and the axial strain.
         self._facing = 1 + self.step.strains0[0]
         # Its sign is that of the same along the element's own coordinate, which is cheaper.
@@ -343,8 +329,7 @@ class Forms:
         along = ufl.dot(director(self.step.psi0, X), X + arc_derivative(self.step.u0, X))
         backwards = abs(along) - along
         dx = dolfinx_api.measure(self._mesh.mesh, self.step.degree)
-        self._backwards = self._compile(name, backwards * dx)
-        return name
+        self._backwards = self.compile("sections facing backwards", backwards * dx)
 
     def faces_backwards(self, q: np.ndarray) -> bool:
         """Whether t . phi' > 0 (eq. 4) is violated at any Gauss point, for q (size,)."""

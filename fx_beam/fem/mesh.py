@@ -51,6 +51,16 @@ class Mesh:
         """Largest extent of the scene [m]."""
         return float(np.hypot(*np.ptp(self.X, axis=0)))
 
+    def to_nodes(self, vector: np.ndarray) -> np.ndarray:
+        """Values (n_node, 3) at the nodes of a vector (size,) over all degrees of freedom."""
+        return vector[self.dofs]
+
+    def from_nodes(self, values: np.ndarray) -> np.ndarray:
+        """Vector (size,) over all degrees of freedom of values (n_node, 3) at the nodes."""
+        vector = np.empty(self.dofs.size)
+        vector[self.dofs] = values
+        return vector
+
     def nodes_of(self, scene: Scene, target) -> np.ndarray:
         """Nodes of a beam, those inside its elements included, or the one node itself."""
         if isinstance(target, Beam):

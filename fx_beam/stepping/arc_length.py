@@ -20,6 +20,8 @@ import scipy.sparse
 import scipy.sparse.linalg
 
 from fx_beam.errors import StepError
+from fx_beam.mechanics.interval import Interval
+from fx_beam.model.equations import Balance
 from fx_beam.results.state import State
 
 from .load_steps import LoadStepper
@@ -73,29 +75,18 @@ class ArcLength:
 
     def __init__(self, stepper: LoadStepper):
         self.stepper, self.model = stepper, stepper.model
-        self._newton, self._drive = stepper.newton, stepper.drive
+        self._newton, self._drive = stepper.single.newton, stepper.drive
+        self._equations = stepper.single.equations
         self._reduction = self.model.reduction
         #: Weights of the degrees of freedom in the inner product.
         self._weight = 1 / (self.model.unit**2 * len(self.model.turns))
 
     def follow(self, states: list[State], steps: int, max_cuts: int, max_steps: int) -> None:
-        """Follow the path to load factor 1.
+        """Follow the path from the first state to load factor 1, and add the states on the way.
 
-        Parameters
-        ----------
-        states : list of State
-            The first state, to which the others are added.
-        steps : int
-            Inverse of the longest step's load factor, and of how far a step may turn.
-        max_cuts : int
-            How often a step may be halved.
-        max_steps : int
-            Steps after which the path ends in any case.
-
-        Raises
-        ------
-        StepError
-            If a step fails that may be halved no more, or the path runs off.
+        1 / `steps` is the longest step's load factor, and `steps` decide how far one may turn. One
+        may be halved `max_cuts` times; the path ends after `max_steps` in any case. A StepError if
+        a step fails that may be halved no more, or the path runs off.
         """
         stats = self.stepper.stats
         aim = min(_AIM, 1 / steps)  # so that the error of the work is of second order in the steps
@@ -174,42 +165,25 @@ class ArcLength:
         return self._finish(state, 1.0, step)
 
     def _finish(self, state: State, t1: float, step: StepSolution) -> State:
-        drive = self._drive
-        return self.stepper.finish(state, t1, step, drive.forces(state.t, t1), drive.places(t1))
+        self.stepper.note(step)
+        return self.stepper.single.finish(state, Interval(state.t, t1), step)
 
     def _meet(
         self, state: State, tangent: Tangent, along: float, normal: Tangent, distance: float
     ) -> tuple[StepSolution, float]:
-        """Increments over a step to where the path meets a plane.
+        """Increments of the motion and of the load factor to where the path meets a plane.
 
-        Parameters
-        ----------
-        state : State
-            Start of the step.
-        tangent, along : Tangent, float
-            Tangent there, and how far along it the search begins.
-        normal, distance : Tangent, float
-            The plane <normal, increment> = distance.
-
-        Returns
-        -------
-        tuple of StepSolution and float
-            Increments of the motion and of the load factor.
-
-        Raises
-        ------
-        StepFailed
-            If there is no convergence.
+        The search begins a length `along` the tangent at the start; the plane is
+        <normal, increment> = distance. StepFailed if there is no convergence.
         """
-        newton, reduction, free = self._newton, self._reduction, self._reduction.free
-        self.stepper.begin(state, state.t)
+        newton, free = self._newton, self._reduction.free
+        self._equations.begin(Interval(state.t, state.t), state)
         y, load, predicted = along * tangent.y, along * tangent.load, along * tangent.D
         residuals: list[float] = []
         previous = np.inf
-        D = self._expand(state, y, load)
         for iteration in range(1, newton.options.max_iterations + 1):
-            f, r, per_load, column = self._balance(state, y, load, D)
-            residual = reduction.project(r)[:free]
+            (D, f, r, residual), per_load, column = self._balance(state, y, load)
+            residual = residual[:free]
             residuals.append(abs(residual).max(initial=0.0))
             missing = normal.D @ (self._weight * D) + normal.load * load - distance
             dy, dload = self._solve(r, column, normal, -np.append(residual, missing))
@@ -234,9 +208,9 @@ class ArcLength:
         """Unit tangent at a state, in the direction of a previous one or of growing loads."""
         zero = np.zeros(self._reduction.free)
         normal = previous or Tangent(zero, np.zeros(self.model.size), 1.0)
-        self.stepper.begin(state, state.t)
-        _, r, _, column = self._balance(state, zero, 0.0, self._expand(state, zero, 0.0))
-        dy, dload = self._solve(r, column, normal, np.append(zero, 1.0))
+        self._equations.begin(Interval(state.t, state.t), state)
+        balance, _, column = self._balance(state, zero, 0.0)
+        dy, dload = self._solve(balance.r, column, normal, np.append(zero, 1.0))
         D = self._spread(dy, dload)
         length = np.sqrt(D @ (self._weight * D) + dload**2)
         if not np.isfinite(length):
@@ -257,38 +231,33 @@ class ArcLength:
         fixed = np.zeros(self._reduction.columns - self._reduction.free - self._reduction.driven)
         return self._reduction.spread(np.concatenate([dy, dload * self._drive.goal, fixed]))
 
-    def _balance(self, state: State, y: np.ndarray, load: float, D: np.ndarray):
-        """Internal forces and residual (size,), and its derivative by the load factor.
-
-        The derivative is that at the nodes, and the one of the generalised forces.
-        """
+    def _balance(
+        self, state: State, y: np.ndarray, load: float
+    ) -> tuple[Balance, np.ndarray, np.ndarray]:
+        """The equations, and their derivative by the load factor: at the nodes, and reduced."""
         forms, drive, reduction = self.model.forms, self._drive, self._reduction
         forms.load_factor.value = state.t + load
-        f = forms.internal_force(D)
-        r = f - (state.t + load) * drive.full
-        forms.assemble_stiffness()
+        force = (state.t + load) * drive.full
+        balance = self._equations.at(y, self._driven(state, load), force)
         per_load = forms.stiffness @ self._spread(np.zeros_like(y), 1.0) - drive.full
         if forms.has_added:
             per_load -= forms.added_per_load()
-        column = reduction.project(per_load) - reduction.project(np.zeros_like(r))
+        column = reduction.project(per_load) - reduction.project(np.zeros_like(per_load))
         if self.model.scene.joints and drive.goal.any():
             # Driven motion turns the joints, hence the directions in which they pass forces on.
             h = 1e-6
             for sign in (1, -1):
                 self._expand(state, y, load + sign * h)
-                column += sign / (2 * h) * reduction.project(r)
+                column += sign / (2 * h) * reduction.project(balance.r)
             self._expand(state, y, load)
-        return f, r, per_load, column[: reduction.free]
+        return balance, per_load, column[: reduction.free]
 
     def _solve(
         self, r: np.ndarray, column: np.ndarray, normal: Tangent, b: np.ndarray
     ) -> tuple[np.ndarray, float]:
         """Solution of the tangent system bordered by the load and by a plane."""
         reduction, free = self._reduction, self._reduction.free
-        indptr, indices = reduction.pattern
-        values = np.empty(len(indices))
-        reduction.fill(self.model.forms.stiffness.data, r, values)
-        tangent = scipy.sparse.csr_matrix((values, indices, indptr), (free, free))
+        tangent = self._equations.tangent(r)
         rows = reduction.coupling().T @ (self._weight * normal.D)
         corner = normal.load + rows[free : free + reduction.driven] @ self._drive.goal
         # In units of the scene, so that its pivots are the same in any.
@@ -309,8 +278,8 @@ class ArcLength:
         return StepError(
             f"static: the step along the arc length from load factor {state.t:.6g} failed"
             f"{f' after {cuts} cuts' if cuts else ''}: {failure.reason}. "
-            f"{self.stepper.largest(failure)}. Try more steps or cuts; if that does not help, look "
-            "for a load or a stiffness in the wrong unit",
+            f"{self.stepper.single.largest(failure)}. Try more steps or cuts; if that "
+            "does not help, look for a load or a stiffness in the wrong unit",
             state.t,
         )
 

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from fx_beam.errors import SceneError
-from fx_beam.fem.dead_loads import just_inside
-from fx_beam.model import Model
+from fx_beam.mechanics.interval import Interval, just_inside
+from fx_beam.model.model import Model
 from fx_beam.results.state import State
 from fx_beam.scene.beam import COMPONENTS
 from fx_beam.validation import evaluate, series
@@ -20,6 +20,9 @@ class Drive:
     model : Model
         The compiled scene.
     """
+
+    #: In statics the time at which functions of time are taken [s].
+    time = 0.0
 
     def __init__(self, model: Model):
         self.model = model
@@ -36,9 +39,9 @@ class Drive:
             (getattr(joint, name).motor, f"motor of {joint}") for joint, name in model.motors
         ]
 
-    def forces(self, t0: float, t1: float) -> tuple[np.ndarray, np.ndarray]:
+    def forces(self, step: Interval) -> tuple[np.ndarray, np.ndarray]:
         """Dead forces (size,) at the start and at the end of a step, weight included [N, N m]."""
-        before, after = (self._dead(t) for t in just_inside(t0, t1))
+        before, after = (self._dead(t) for t in just_inside(*step))
         return before, after
 
     def places(self, t: float) -> np.ndarray:
@@ -105,9 +108,9 @@ class LoadDrive(Drive):
         #: All dead loads (size,) [N, N m] and driven motions (driven,) [m, rad].
         self.full, self.goal = self._dead(time), super().places(time)
 
-    def forces(self, t0: float, t1: float) -> tuple[np.ndarray, np.ndarray]:
+    def forces(self, step: Interval) -> tuple[np.ndarray, np.ndarray]:
         """Dead forces (size,) at two load factors [N, N m]."""
-        return t0 * self.full, t1 * self.full
+        return step.start * self.full, step.end * self.full
 
     def places(self, t: float) -> np.ndarray:
         """Where prescribed motions and motors are at a load factor, (driven,) [m, rad]."""

@@ -8,7 +8,7 @@ import numpy as np
 import scipy.sparse
 from scipy.sparse.csgraph import connected_components
 
-from fx_beam.model import Model
+from fx_beam.model.model import Model
 from fx_beam.results.state import State
 from fx_beam.scene.joints import GROUND
 

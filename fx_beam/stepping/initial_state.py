@@ -9,7 +9,8 @@ import scipy.sparse
 import scipy.sparse.linalg
 
 from fx_beam.errors import SceneError
-from fx_beam.model import Model
+from fx_beam.mechanics.interval import Interval
+from fx_beam.model.model import Model
 from fx_beam.results.state import State
 from fx_beam.scene.beam import COMPONENTS
 from fx_beam.scene.joints import Joint
@@ -179,7 +180,7 @@ def _acceleration(
         curved = (ahead + back) / k**2
         reduction.expand(np.zeros(free), np.zeros(reduction.driven))
     T = reduction.coupling()
-    force = drive.forces(state.t, state.t + dt)[0] - model.forms.internal_force(D)
+    force = drive.forces(Interval(state.t, state.t + dt))[0] - model.forms.internal_force(D)
     force -= model.mass @ (T @ a + curved)
     model.actuators.set_rates(state.q, state.v, state.slides)
     model.actuators.begin(state.q, state.slides, h)

@@ -7,14 +7,15 @@ from collections.abc import Callable, Iterator
 import numpy as np
 
 from fx_beam.errors import StepError
-from fx_beam.model import Model
+from fx_beam.mechanics.interval import Interval
+from fx_beam.model.model import Model
 from fx_beam.results.audit import Stats
 from fx_beam.results.state import State
 
 from .forcing import LoadDrive
 from .initial_state import reference_state
-from .newton import Newton, StepFailed, StepSolution
-from .stepper import Stepper
+from .newton import NewtonOptions, StepFailed, StepSolution
+from .single_step import SingleStep
 
 # A step may deviate from its prediction by the prediction's own size. Towards a limit point the
 # load factor is a parabola of the displacements, and a step that ends on it deviates by just that;
@@ -34,36 +35,20 @@ _EASY_DEVIATION, _EASY_ITERATIONS = 0.25, 10
 _GIVING_WAY = 4.0
 
 
-class LoadStepper(Stepper):
-    """Takes a model from load factor to load factor, which stand in its states for times.
+class LoadStepper:
+    """Takes a model from load factor to load factor, which stand in its states for times."""
 
-    Parameters
-    ----------
-    model : Model
-        The compiled scene.
-    newton : Newton
-        Solver for one step.
-    drive : LoadDrive
-        Loads and driven motions.
-    stats : Stats
-        Counts what is done.
-    """
-
-    drive: LoadDrive
-
-    def __init__(self, model: Model, newton: Newton, drive: LoadDrive, stats: Stats):
-        super().__init__(model, newton, drive, stats, max_halvings=0)
-        self.time = drive.time
+    def __init__(self, model: Model, drive: LoadDrive, options: NewtonOptions, stats: Stats):
+        self.model, self.drive, self.stats = model, drive, stats
+        self.single = SingleStep(model, drive, options, stats)
         #: Deviation of the last step from its prediction, relative to that, and its corrections.
         self.deviation, self.iterations = 0.0, 0
         #: Whether a step that is too long for its work may be cut.
         self._may_be_cut = False
-        #: The last increment, and the dead forces (size,) at its ends.
-        self._taken: tuple[StepSolution, tuple[np.ndarray, np.ndarray]]
         #: Part of the loads, or of the tension of springs, at the end of the last step tried.
         self._goal = 0.0
         #: Generalised forces (free,) besides the loads, at the start and at the end of a step.
-        self._hold: tuple[np.ndarray, np.ndarray] = (np.zeros(model.reduction.free),) * 2
+        self._hold: tuple[np.ndarray, np.ndarray] = (np.zeros(self.model.reduction.free),) * 2
         #: Motion per load factor of the first and of the last step.
         self.response: list[float] = []
 
@@ -71,36 +56,20 @@ class LoadStepper(Stepper):
         """Equilibrium without loads: the reference configuration, but for springs under tension.
 
         What is out of balance in the reference configuration is held there by as much, which is
-        let go in steps: so springs are strained to their rests by and by.
-
-        Parameters
-        ----------
-        steps : int
-            Steps where none is cut.
-        max_cuts : int
-            How often a step may be halved.
-
-        Returns
-        -------
-        State
-            The state at load factor 0.
-
-        Raises
-        ------
-        StepError
-            If none is found.
+        let go in steps: so springs are strained to their rests by and by. `steps` are those where
+        none is cut, and one may be halved `max_cuts` times; a StepError if there is none.
         """
         start = reference_state(self.model)
-        reduction = self.model.reduction
-        self.begin(start, 0.0)
-        D = reduction.expand(np.zeros(reduction.free), np.zeros(reduction.driven))
-        tension = reduction.project(self.model.forms.internal_force(D))[: reduction.free]
+        equations = self.single.equations
+        equations.begin(Interval(0.0, 0.0), start)
+        balance = equations.at_start(np.zeros(self.model.size))
+        tension = balance.residual[: self.model.reduction.free]
         if self.model.forms.has_added:
             start.added = self.model.forms.added_force()
 
         def let_go(state: State, before: float, after: float) -> State:
             self._hold = (1 - before) * tension, (1 - after) * tension
-            self.newton.hold = self._hold[1]
+            self.single.newton.hold = self._hold[1]
             return self.step(state, 0.0)
 
         try:
@@ -118,105 +87,31 @@ class LoadStepper(Stepper):
         state.work = 0.0
         return state
 
-    def begin(self, state: State, t1: float) -> float:
-        """Set a load step.
-
-        Parameters
-        ----------
-        state : State
-            Its start.
-        t1 : float
-            Load factor at its end.
-
-        Returns
-        -------
-        float
-            Length of the step in time: any.
-        """
-        forms = self.model.forms
-        forms.set_step(self.time, 0.0, state.q, state.v, state.a)
-        forms.load_factor.value = t1
-        self.model.reduction.begin(state.q, state.slides, 1.0)
-        return 1.0
-
-    def finish(
-        self,
-        state: State,
-        t1: float,
-        step: StepSolution,
-        forces: tuple[np.ndarray, np.ndarray],
-        places: np.ndarray,
-    ) -> State:
-        """State at the end of a load step, if that is on the path.
-
-        Parameters
-        ----------
-        state : State
-            Its start.
-        t1 : float
-            Load factor at its end.
-        step : StepSolution
-            The increment.
-        forces : pair of (size,) float
-            Dead forces at the start and at the end.
-        places : (driven,) float
-            Where driven motions are at the end.
-
-        Returns
-        -------
-        State
-            The end.
-
-        Raises
-        ------
-        StepFailed
-            If the step has left the path.
-        """
-        new = super().finish(state, t1, step, forces, places)
+    def step(self, state: State, goal: float) -> State:
+        """State at a higher load factor, in one step; StepFailed if it leaves the path."""
+        interval = Interval(state.t, goal)
+        new, step = self.single.take(state, interval)
         new.work += float((self._hold[0] + self._hold[1]) @ step.y / 2)
-        predicted = self.size(step.predicted)
-        self.iterations = step.iterations
-        self.deviation = self.size(step.D - step.predicted) / (predicted or 1.0)
-        self._taken = step, forces
-        return new
-
-    def step(self, state: State, t1: float) -> State:
-        """State at a higher load factor, in one step.
-
-        Parameters
-        ----------
-        state : State
-            The present.
-        t1 : float
-            Load factor to reach.
-
-        Returns
-        -------
-        State
-            The state at `t1`.
-
-        Raises
-        ------
-        StepFailed
-            If there is no convergence, or the step has left the path.
-        """
-        new = super().step(state, t1)
+        self.note(step)
         response = self.response
-        if t1 != state.t:
-            per_load = self.size(self._taken[0].predicted) / (t1 - state.t)
-            response = [*self.response[:1], per_load]
-        self._check_path(state, new, len(response) == 2 and response[1] > response[0])
+        if interval.length:
+            response = [*response[:1], self.size(step.predicted) / interval.length]
+        self._check_path(state, new, step, len(response) == 2 and response[1] > response[0])
         self.response = response
         return new
 
+    def note(self, step: StepSolution) -> None:
+        """Note how far a step is from its prediction, and what it took."""
+        self.iterations = step.iterations
+        self.deviation = self.size(step.D - step.predicted) / (self.size(step.predicted) or 1.0)
+
     def is_still(self, D: np.ndarray) -> bool:
         """Whether an increment (size,) is none, to the tolerance of Newton's method."""
-        return self.size(D) <= self.newton.options.tolerance
+        return self.size(D) <= self.single.newton.options.tolerance
 
-    def _check_path(self, old: State, new: State, softer: bool) -> None:
+    def _check_path(self, old: State, new: State, step: StepSolution, softer: bool) -> None:
         """Refuse a step that ends far from where the tangent leads, or whose work is not stored."""
-        step, forces = self._taken
-        D = step.D
+        D, forces = step.D, self.drive.forces(Interval(old.t, new.t))
         if self.is_still(D):
             return  # what it would be judged by is rounding
         if self.deviation > _FARTHEST:
@@ -257,21 +152,10 @@ class LoadStepper(Stepper):
     # -- Control of the load --------------------------------------------------------------------
 
     def raise_load(self, states: list[State], steps: int, max_cuts: int) -> None:
-        """Raise the load factor to 1 in steps.
+        """Raise the load factor from the last state to 1, and add the states on the way.
 
-        Parameters
-        ----------
-        states : list of State
-            The first state, to which the others are added.
-        steps : int
-            Steps where none is cut.
-        max_cuts : int
-            How often a step may be halved.
-
-        Raises
-        ------
-        StepError
-            If a step fails that may be halved no more.
+        `steps` are those where none is cut, and one may be halved `max_cuts` times; a StepError if
+        one fails that may be halved no more.
         """
 
         def raised(state: State, _: float, goal: float) -> State:
@@ -313,8 +197,9 @@ class LoadStepper(Stepper):
     def _error_of_first(self, failure: StepFailed, cuts: int) -> StepError:
         return StepError(
             f"static: no equilibrium without loads was found{f' after {cuts} cuts' if cuts else ''}"
-            f": {failure.reason}. {self.largest(failure)}. Look for a part without support, or a "
-            f"spring far from its rest; up to {self._goal:.3g} of their strain were tried",
+            f": {failure.reason}. {self.single.largest(failure)}. Look for a part "
+            f"without support, or a spring far from its rest; up to {self._goal:.3g} of their "
+            "strain were tried",
             0.0,
         )
 
@@ -333,6 +218,6 @@ class LoadStepper(Stepper):
         return StepError(
             f"static: the step from load factor {state.t:.6g} to {goal:.6g} failed"
             f"{f' after {cuts} cuts' if cuts else ''}: {failure.reason}. "
-            f"{self.largest(failure)}. {advice}",
+            f"{self.single.largest(failure)}. {advice}",
             state.t,
         )

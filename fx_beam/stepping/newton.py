@@ -9,9 +9,10 @@ from typing import Any
 
 import numpy as np
 
-from fx_beam.coupling.index_reduction import Reduction
-from fx_beam.model import Model
-from fx_beam.results.state import Past
+from fx_beam.mechanics.interval import Interval
+from fx_beam.model.equations import Equations
+from fx_beam.model.model import Model
+from fx_beam.results.state import Past, State
 from fx_beam.validation import is_number, is_whole, require
 
 # A correction that turns a node further [rad] is shortened to this. From the previous
@@ -130,108 +131,82 @@ def petsc(what: str) -> Any:
 
 
 class Newton:
-    """Solver for the increment over a step.
+    """Solver for the increment over a step, of the equations that are set for it."""
 
-    The equation of motion at the scheme's level is That^T r = 0 with r = M a(D) + f(D) - F
-    (eqs 43 and 46), reduced to the unknowns y that supports and joints leave.
-
-    Parameters
-    ----------
-    model : Model
-        Forms and matrices.
-    options : NewtonOptions
-        When to stop.
-    """
-
-    def __init__(self, model: Model, options: NewtonOptions):
-        self.model = model
-        self.options = options
-        self._reduction = model.reduction
-        self.guess = Guess(model)
+    def __init__(self, equations: Equations, options: NewtonOptions):
+        self.equations, self.model, self.options = equations, equations.model, options
+        self.guess = Guess(self.model)
         #: Generalised forces (free,) that act on the unknowns besides those of the model.
-        self.hold: np.ndarray = np.zeros(model.reduction.free)
+        self.hold: np.ndarray = np.zeros(self.model.reduction.free)
 
     @functools.cached_property
     def _linear(self) -> _LinearSolver:
         if find_spec("petsc4py") is None:  # a step on which the compiled loop gave up
             D = np.full(self.model.size, np.nan)
             raise StepFailed("no convergence; with petsc4py installed this would say more", D, [])
-        return _LinearSolver(self._reduction.pattern)
+        return _LinearSolver(self.model.reduction.pattern)
 
     def solve(
-        self, v0: np.ndarray, a0: np.ndarray, dt: float, force: np.ndarray, driven: np.ndarray
+        self, interval: Interval, start: State, force: np.ndarray, driven: np.ndarray
     ) -> StepSolution:
-        """Increment over the step that `Forms.set_step` has set.
+        """Increment over a step.
 
         Parameters
         ----------
-        v0, a0 : (size,) float
-            Rates and accelerations at the start.
-        dt : float
-            Length of the step [s].
+        interval, start : Interval, State
+            The step and the state at its start.
         force : (size,) float
             External dead forces at the scheme's level [N, N m].
         driven : (driven,) float
             Increments of prescribed motions and motors [m, rad].
-
-        Returns
-        -------
-        StepSolution
-            The increment and the forces of the supports.
 
         Raises
         ------
         StepFailed
             If there is no convergence.
         """
-        start = None if self.model.scheme.rates.at_rest else self.guess.of(dt)
+        self.equations.begin(interval, start)
+        at_rest = self.model.scheme.rates.at_rest
+        guess = None if at_rest else self.guess.of(interval.length)
+        moving = 0.0 if at_rest else float(start.v @ (self.model.mass @ start.v))
         try:
-            step = self._solve(v0, a0, dt, force, driven, start)
+            step = self._solve(force, driven, moving, guess)
         except StepFailed:
-            if start is None:
+            if guess is None:
                 raise
-            step = self._solve(v0, a0, dt, force, driven, None)
-        self.guess.learn(dt, step)
+            step = self._solve(force, driven, moving, None)
+        self.guess.learn(interval.length, step)
         return step
 
-    def _solve(self, v0, a0, dt, force, driven, start: np.ndarray | None) -> StepSolution:
-        """The same from a start, or from the previous configuration."""
-        model, options, rates = self.model, self.options, self.model.scheme.rates
-        reduction, K = self._reduction, model.forms.stiffness
-        free = reduction.free
-        guessed = start is not None
-        y = np.zeros(free) if start is None else start
-        D = reduction.expand(y, driven if guessed else np.zeros(reduction.driven))
+    def _solve(self, force, driven, moving: float, guess: np.ndarray | None) -> StepSolution:
+        """The same from a guess of the unknowns, or from the previous configuration."""
+        model, options, reduction = self.model, self.options, self.model.reduction
+        K, free = model.forms.stiffness, reduction.free
+        y = np.zeros(free) if guess is None else guess
+        led = np.zeros(reduction.driven) if guess is None else driven
         residuals: list[float] = []
-        previous, predicted, smalls = np.inf, D, 0
+        previous, smalls = np.inf, 0
         for iteration in range(1, options.max_iterations + 1):
-            f = model.forms.internal_force(D)
-            model.forms.assemble_stiffness()
-            if rates.at_rest:
-                r = f - force
-            else:
-                a, slope = rates.acceleration(D, v0, a0, dt, model.turns)
-                r = f + model.mass @ a - force
-                K.data += model.mass.data * slope[K.indices]
-            residual = reduction.project(r)[:free] - self.hold
+            D, f, r, residual = self.equations.at(y, led, force)
+            residual = residual[:free] - self.hold
             residuals.append(abs(residual).max(initial=0.0))
-
             step = np.zeros(reduction.columns)
-            if iteration == 1 and driven.any() and not guessed:
+            if led is not driven:
                 # Driven motion enters with the first, linearised solution, so that the neighbours
                 # of a moved support follow it at once.
-                step[free : free + reduction.driven] = -driven
+                step[free : free + reduction.driven], led = -driven, driven
                 residual = reduction.project(r - K @ reduction.spread(step))[:free] - self.hold
-            step[:free] = self._linear.solve(reduction, K.data, r, residual)
+            step[:free] = self._linear.solve(self.equations, r, residual)
             correction = reduction.spread(step)
-            predicted = -correction if iteration == 1 else predicted
+            if iteration == 1:
+                predicted = -correction
             step[:free] *= self.shortening(correction)
             y = y - step[:free]
             size = (abs(correction) / model.unit).max()
             self.check_finite(size, residuals)
             small, ended_by = size <= options.tolerance, None
             if small or size > 0.5 * previous:
-                lack = self._lacking(float(residual @ step[:free]), f, D, v0)
+                lack = _lacking(float(residual @ step[:free]), float(abs(f) @ abs(D)) + moving)
                 smalls += small
                 # A third small one: less energy is not to be had in a motion as slight as this.
                 if small and (lack <= ENERGY_SHARE * options.tolerance or smalls > 2):
@@ -271,19 +246,17 @@ class Newton:
                 residuals,
             )
 
-    def _lacking(self, work: float, f: np.ndarray, D: np.ndarray, v0: np.ndarray) -> float:
-        """Energy that the step still lacked before a correction, relative to what moves in it.
 
-        It is the work of the residual on the correction, and of the size of the energy error that
-        the correction leaves. A bound on the residual itself would not do: in a stiff scene its
-        rounding, of the size of EA times that of a strain, hides what is missing in the soft
-        directions. Nor does one on the correction alone: there a small one may be followed by
-        one a hundred times larger, as the forces along and across the beam are met in turn.
-        """
-        energy = abs(f) @ abs(D)
-        if not self.model.scheme.rates.at_rest:
-            energy += v0 @ (self.model.mass @ v0)
-        return float(abs(work) / energy) if energy else 0.0
+def _lacking(work: float, energy: float) -> float:
+    """Energy that a step still lacked before a correction, relative to what moves in it.
+
+    It is the work of the residual on the correction, and of the size of the energy error that the
+    correction leaves. A bound on the residual itself would not do: in a stiff scene its rounding,
+    of the size of EA times that of a strain, hides what is missing in the soft directions. Nor
+    does one on the correction alone: there a small one may be followed by one a hundred times
+    larger, as the forces along and across the beam are met in turn.
+    """
+    return float(abs(work) / energy) if energy else 0.0
 
 
 class Guess:
@@ -376,11 +349,9 @@ class _LinearSolver:
         pc.setFactorPivot(zeropivot=0.0)
         self._ksp.setOperators(self._matrix)
 
-    def solve(
-        self, reduction: Reduction, values: np.ndarray, r: np.ndarray, b: np.ndarray
-    ) -> np.ndarray:
-        """Solution for the reduced tangent of full values; not finite if it is singular."""
-        reduction.fill(values, r, self._values)
+    def solve(self, equations: Equations, r: np.ndarray, b: np.ndarray) -> np.ndarray:
+        """Solution for the reduced tangent; not finite if it is singular."""
+        equations.fill_tangent(r, self._values)
         self._matrix.stateIncrease()
         self._b[:] = b
         self._ksp.solve(*self._vectors)

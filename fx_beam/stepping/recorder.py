@@ -10,7 +10,7 @@ import numpy as np
 
 from fx_beam.errors import SceneError
 from fx_beam.fem.forms import Part
-from fx_beam.model import Model
+from fx_beam.model.model import Model
 from fx_beam.results.audit import Energy
 from fx_beam.results.state import State
 

@@ -7,7 +7,7 @@ import logging
 import numpy as np
 
 from fx_beam.fem import dolfinx_api
-from fx_beam.model import Model
+from fx_beam.model.model import Model
 from fx_beam.results.audit import Stats
 
 _log = logging.getLogger("fx_beam")
@@ -31,7 +31,7 @@ class Facing:
 
     def __init__(self, model: Model, stats: Stats):
         self._model, self._stats = model, stats
-        model.compiled.append(model.forms.compile_facing())
+        model.forms.compile_facing()
         self.least_energy = _least_energy(model)
 
     def look(self, t: float, q: np.ndarray) -> None:

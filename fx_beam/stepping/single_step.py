@@ -1,0 +1,130 @@
+"""One step in Python: the increment, the state at its end, and the work done in it."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from fx_beam.mechanics.interval import Interval
+from fx_beam.model.equations import Equations
+from fx_beam.model.joint_forces import JointForces
+from fx_beam.model.model import Model
+from fx_beam.results.audit import Stats
+from fx_beam.results.state import State
+from fx_beam.scene.beam import COMPONENTS
+from fx_beam.scene.joints import GROUND
+
+from .forcing import Drive
+from .newton import Newton, NewtonOptions, StepFailed, StepSolution
+
+
+class SingleStep:
+    """Takes a model over one step of time, or of the load factor in statics.
+
+    Parameters
+    ----------
+    model : Model
+        The compiled scene.
+    drive : Drive
+        Loads and driven motions.
+    options : NewtonOptions
+        When Newton's method stops.
+    stats : Stats
+        Counts what is done.
+    """
+
+    def __init__(self, model: Model, drive: Drive, options: NewtonOptions, stats: Stats):
+        self.model, self.drive, self.stats = model, drive, stats
+        self.equations = Equations(model, drive.time)
+        self.newton = Newton(self.equations, options)
+        self.joint_forces = JointForces(model) if model.scene.joints else None
+
+    def take(self, state: State, interval: Interval) -> tuple[State, StepSolution]:
+        """State at the end of a step, and the increment; StepFailed without convergence."""
+        level = self.model.scheme.rates.level
+        start, end = self.drive.forces(interval)
+        driven = self.drive.places(interval.end) - self.drive.moved(state)
+        step = self.newton.solve(interval, state, (1 - level) * start + level * end, driven)
+        return self.finish(state, interval, step), step
+
+    def finish(self, state: State, interval: Interval, step: StepSolution) -> State:
+        """State at the end of a step whose increment was found, with the work done in it."""
+        model, rates, dt = self.model, self.model.scheme.rates, interval.length
+        self.stats.newton_iterations += step.iterations
+        self.stats.ended_by[step.ended_by] = self.stats.ended_by.get(step.ended_by, 0) + 1
+        v, a = rates.end(step.D, state.v, state.a, dt, model.turns)
+        path, _ = rates.work_increment(step.D, model.turns)
+        if not rates.at_rest:
+            # Rates without mass appear in no equation, and the mid-point rule would let them swing
+            # about their mean; the mean is what they are.
+            free = model.massless
+            v[free] = path[free] / dt
+            a[free] = (v - state.v)[free] / dt
+        places = self.drive.places(interval.end)
+        slides = state.slides + self._slide_increments(step, places - self.drive.moved(state))
+        motors = places[len(model.prescribed) :]
+        new = State(interval.end, state.q + step.D, v, a, slides, motors)
+        start, end = self.drive.forces(interval)
+        self._add_work(state, step, (start + end) / 2, path, new)
+        return new
+
+    def _slide_increments(self, step: StepSolution, driven: np.ndarray) -> np.ndarray:
+        z = np.concatenate([step.y, driven])
+        increments = np.zeros(len(self.model.scene.joints))
+        for number, column in self.model.couplings.slides.items():
+            increments[number] = z[column]
+        return increments
+
+    def _add_work(
+        self, old: State, step: StepSolution, dead: np.ndarray, path: np.ndarray, new: State
+    ) -> None:
+        """Add the work of dead loads, driven motion and added forces, and the dampers' loss."""
+        model = self.model
+        if model.weight is not None:
+            dead = dead - model.weight
+        work = old.work + dead @ path
+        new.dissipated = old.dissipated + model.actuators.dissipated()
+        new.held = model.reduction.project(step.r)[model.reduction.free :]
+        if self.model.reduction.driven:
+            drive = np.concatenate([path[model.prescribed], self._motor_paths(path, new, old)])
+            work += self._mid(new.held, old.held)[: len(drive)] @ drive
+        if model.forms.has_added:
+            model.forms.internal_force(step.D)
+            new.added = model.forms.added_force()
+            work += self._mid(new.added, old.added) @ path
+        if self.joint_forces is not None:
+            new.joint_forces = self.joint_forces.of(step.r)
+        new.work = float(work)
+
+    def _motor_paths(self, path: np.ndarray, new: State, old: State) -> np.ndarray:
+        """Increments on which the motors do work."""
+
+        def turn(node) -> float:
+            return path[self.model.mesh.dofs[node.number, 2]] if node is not GROUND else 0.0
+
+        return np.array(
+            [
+                turn(joint.b) - turn(joint.a)
+                if name == "rotation"
+                else new.slides[joint.number] - old.slides[joint.number]
+                for joint, name in self.model.motors
+            ]
+        )
+
+    def _mid(self, force: np.ndarray, previous: np.ndarray | None) -> np.ndarray:
+        """A force at mid-step from those at the scheme's level in this step and the last."""
+        level = self.model.scheme.rates.level
+        if previous is None or level == 0.5:
+            return force
+        return force + (0.5 - level) * (force - previous)
+
+    def largest(self, failure: StepFailed) -> str:
+        """The largest increment of a failed step, and how its residuals went."""
+        model = self.model
+        D = model.to_nodes(abs(failure.D / model.unit))
+        node, component = np.unravel_index(np.argmax(np.nan_to_num(D, nan=np.inf)), D.shape)
+        x, y = model.mesh.X[node]
+        history = ", ".join(f"{r:.1e}" for r in failure.residuals[-8:])
+        return (
+            f"Largest increment: {COMPONENTS[component]} of node {node} at ({x:g}, {y:g}). Largest "
+            f"out-of-balance force, last iterations: {history or 'none'}"
+        )
