@@ -1,5 +1,6 @@
 """Shared set-up: the tests' own helpers can be imported, and hypothesis knows no deadline."""
 
+import gc
 import os
 import sys
 from pathlib import Path
@@ -19,8 +20,23 @@ os.environ.setdefault("PYVISTA_OFF_SCREEN", "true")
 settings.register_profile("fx_beam", deadline=None, max_examples=25)
 settings.load_profile("fx_beam")
 
+# UFL makes so many small objects that an eighth of the time went into looking for garbage.
+gc.set_threshold(20_000, 20, 50)
+
+# Files whose tests share the runs of demos, and the one that takes the longest besides.
+_OF_DEMOS = "test_demos", "test_paper"
+_LONG = *_OF_DEMOS, "test_stability"
+
 
 @pytest.fixture
 def unoptimised(monkeypatch):
     """Forms compiled in half the time, where they are evaluated a few times only."""
     monkeypatch.setitem(dolfinx_api._JIT, "cffi_extra_compile_args", ["-O0", "-g0"])
+
+
+def pytest_collection_modifyitems(items):
+    """What shares runs stays in one process; the longest comes first, so that none ends alone."""
+    items.sort(key=lambda item: item.path.stem not in _LONG)
+    for item in items:
+        name = item.path.stem
+        item.add_marker(pytest.mark.xdist_group("demos" if name in _OF_DEMOS else name))
