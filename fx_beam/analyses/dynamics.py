@@ -218,7 +218,7 @@ def _taker(solver: str, stepper: Stepper, options: NewtonOptions) -> Stepper | C
         return CompiledLoop(stepper, options)
     except LoopUnavailable as reason:
         if solver == "compiled":
-            raise SceneError(f'solver = "compiled" is not to be had: {reason}') from reason
+            raise SceneError(f'solver = "compiled" is not available: {reason}') from reason
         petsc(f"a scene that the compiled loop cannot take ({reason})")
         stepper.stats.solver += f" ({reason})"
         return stepper

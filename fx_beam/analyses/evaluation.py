@@ -15,24 +15,7 @@ from fx_beam.stepping.recorder import Recorder
 def solution_of(
     model: Model, recorder: Recorder, stats: Stats, end: State | None = None
 ) -> Solution:
-    """Solution of a run.
-
-    Parameters
-    ----------
-    model : Model
-        The compiled scene.
-    recorder : Recorder
-        What was kept.
-    stats : Stats
-        What it took.
-    end : State, optional
-        The last state; none if the run broke off.
-
-    Returns
-    -------
-    Solution
-        The solution.
-    """
+    """Solution made of a record; `end` is the last state, none if the run broke off."""
     scene, mesh = model.scene, model.mesh
     histories = recorder.histories()
     cache: list[np.ndarray] = []

@@ -228,13 +228,10 @@ def _lowest(K, M, n: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
 
 
 def _in_slices(K, M, n: int, sizes: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """The same where eigenvalues have some of these sizes, from below in slices of four decades.
-
-    What is far below a shift is rounded off, so that each slice has its own. A slice is done when
-    it has all that Sylvester's law counts: a Krylov space may lack copies of multiple eigenvalues,
-    or all that are close to one another as seen from the shift, and they come out once the others
-    are deflated.
-    """
+    """The same where eigenvalues have some of these sizes, from below in slices of four decades."""
+    # Each slice has its own shift, since what is far below a shift is lost to rounding. A slice is
+    # done when it holds as many eigenvalues as Sylvester's law counts: a Krylov space may lack
+    # copies of multiple eigenvalues, which come out once those that were found are deflated.
     below = functools.cache(functools.partial(_below, K, M))
     levels = _levels(below, sizes)
 

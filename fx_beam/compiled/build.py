@@ -39,22 +39,9 @@ class LoopUnavailable(Exception):
 
 @functools.cache
 def load_library(*definitions: str) -> tuple[Any, Any]:
-    """The loop's interface and library.
+    """The interface (cffi.FFI) and the library of the loop, for what problem.h declares.
 
-    Parameters
-    ----------
-    *definitions : str
-        Macros to define, such as PHASES for a library that measures where its time goes.
-
-    Returns
-    -------
-    tuple of cffi.FFI and library
-        For the functions and structures of problem.h.
-
-    Raises
-    ------
-    LoopUnavailable
-        If it cannot be built.
+    `definitions` are macros, such as PHASES to measure where time goes.
     """
     ffi = cffi.FFI()
     ffi.cdef((_SOURCES / "problem.h").read_text().replace("#pragma once", ""))
@@ -64,28 +51,9 @@ def load_library(*definitions: str) -> tuple[Any, Any]:
 
 
 def load_batches(name: str, form, ufl_form, size: int, width: int, places: int) -> list[int]:
-    """Functions of a form that compute the tensors of several elements at once.
+    """Addresses of a ``Batch`` of problem.h for each integral of a form: several elements at once.
 
-    Parameters
-    ----------
-    name : str
-        What the form is, for the log.
-    form : dolfinx form
-        The form as compiled.
-    ufl_form : ufl.Form
-        What it was compiled from.
-    size, width, places : int
-        Numbers of entries of an element tensor, of coefficients, and of coordinates.
-
-    Returns
-    -------
-    list of int
-        Address of a ``Batch`` of problem.h for each integral of the form.
-
-    Raises
-    ------
-    LoopUnavailable
-        If they cannot be built.
+    `size`, `width`, `places`: entries of an element tensor, coefficients, coordinates.
     """
     numbers = f"{size}, {max(width, 1)}, {places}"
 

@@ -35,34 +35,9 @@ _OF_ITERATION = "internal forces", "tangent", "tangent of the path"
 
 
 class Problem:
-    """The structure `Problem` of c/problem.h for a scene, and the memory that it points to.
+    """The C struct of a scene, and the arrays that it points to.
 
-    Parameters
-    ----------
-    model : Model
-        The compiled scene.
-    joint_forces : JointForces, optional
-        The sums that joint forces are, if there are joints.
-    options : NewtonOptions
-        When Newton's method stops.
-
-    Attributes
-    ----------
-    ffi, library : cffi.FFI and library
-        The interface of c/problem.h.
-    c : cffi pointer
-        The structure.
-    room : dict
-        Arrays of the state, by their names in it.
-    past : pair of (PAST, size) and (PAST, free) float arrays
-        What the next increment is foretold from.
-    factors : Factors
-        How the reduced tangent is stored.
-
-    Raises
-    ------
-    LoopUnavailable
-        For a scheme with rates of its own, a scene without unknowns, or no compiler.
+    A scene that the compiled loop cannot take raises LoopUnavailable, with the reason.
     """
 
     def __init__(self, model: Model, joint_forces: JointForces | None, options: NewtonOptions):

@@ -19,20 +19,7 @@ from .handover import Problem
 
 
 class CompiledLoop:
-    """Steps of a scene in compiled code, in parts where they fail as a whole.
-
-    Parameters
-    ----------
-    stepper : Stepper
-        The model, its statistics, and what says why a step fails at last.
-    options : NewtonOptions
-        When Newton's method stops.
-
-    Raises
-    ------
-    LoopUnavailable
-        For a scene that the loop does not take, or if it cannot be built.
-    """
+    """Takes the steps of a Stepper in C; one that fails for good the stepper takes in Python."""
 
     def __init__(self, stepper: Stepper, options: NewtonOptions):
         self._stepper, self.model = stepper, stepper.model
@@ -62,28 +49,9 @@ class CompiledLoop:
                 values[:known] = found
 
     def march(self, state: State, times: np.ndarray, first: int, recorder: Recorder) -> State:
-        """State after several steps of the grid.
+        """State at the last of `times`, ends of steps of the grid from number `first` on.
 
-        Parameters
-        ----------
-        state : State
-            The present.
-        times : (steps,) float
-            Ends of the steps [s].
-        first : int
-            Number of the first of them, from 1.
-        recorder : Recorder
-            Keeps what it wants.
-
-        Returns
-        -------
-        State
-            The state at the last of the times.
-
-        Raises
-        ------
-        StepError
-            If a step fails after all halvings, or a function of time fails.
+        A StepError if a step fails after all halvings, or a function of time fails.
         """
         done = 0
         while done < len(times):

@@ -18,26 +18,16 @@ _LOOK_UP = 4
 
 
 class Factors(NamedTuple):
-    """Places of the factors L and U of the reduced tangent, which is factored without pivoting.
+    """Places of the factors L and U of the reduced tangent, which is factored without pivoting."""
 
-    Parameters
-    ----------
-    order : (n,) int
-        Place of each unknown in the elimination.
-    at : (entries,) int
-        Place of each entry of the reduced tangent.
-    size : int
-        Number of places.
-    band : int
-        Number of subdiagonals, and of superdiagonals; 0 for sparse rows.
-    starts, columns, diagonals : int
-        Where each sparse row starts, columns of its entries, and where its diagonal stands.
-    """
-
+    #: Place of each unknown (n,) in the elimination, and of each entry of the tangent.
     order: np.ndarray
     at: np.ndarray
+    #: Number of places.
     size: int
+    #: Number of subdiagonals, and of superdiagonals; 0 for sparse rows.
     band: int
+    #: Where each sparse row starts, columns of its entries, and where its diagonal stands.
     starts: np.ndarray
     columns: np.ndarray
     diagonals: np.ndarray
@@ -47,18 +37,7 @@ class Factors(NamedTuple):
 
 
 def factors_of(indptr: np.ndarray, indices: np.ndarray) -> Factors:
-    """Factors in a band where joints and frames leave it narrow, otherwise in sparse rows.
-
-    Parameters
-    ----------
-    indptr, indices : int
-        Sparsity of the reduced tangent in compressed rows.
-
-    Returns
-    -------
-    Factors
-        What takes less time to compute.
-    """
+    """Factors in a band where joints and frames leave it narrow, otherwise in sparse rows."""
     n = len(indptr) - 1
     graph = scipy.sparse.csr_matrix((np.ones(len(indices)), indices, indptr), (n, n))
     graph = (graph + graph.T).tocsr()
@@ -114,20 +93,7 @@ def _in_rows(graph: scipy.sparse.csr_matrix, rows: np.ndarray, columns: np.ndarr
 
 
 def alone_in_column(t: Tables, size: int, free: int) -> np.ndarray:
-    """Which degrees of freedom are an unknown that nothing else follows.
-
-    Parameters
-    ----------
-    t : Tables
-        The couplings.
-    size, free : int
-        Numbers of degrees of freedom and of unknowns.
-
-    Returns
-    -------
-    (size,) bool
-        False for those of supports and joints.
-    """
+    """Which degrees of freedom (size,) are an unknown that nothing else follows."""
     row, column = t.entries["row"], t.entries["column"]
     equal = (t.entries["value"] == 0) & (t.entries["sign"] == 1) & (column < free)
     single = np.bincount(row)[row] * np.bincount(column)[column] == 1
@@ -139,27 +105,9 @@ def alone_in_column(t: Tables, size: int, free: int) -> np.ndarray:
 def places_of_entries(
     t: Tables, tangent, alone: np.ndarray, at: np.ndarray, behind: int
 ) -> tuple[np.ndarray, int]:
-    """Places of the entries of the full tangent: those of the reduced one where they are its own.
+    """Places of the entries of the full tangent, and their number.
 
-    Parameters
-    ----------
-    t : Tables
-        The couplings.
-    tangent : scipy.sparse.csr_matrix
-        Sparsity of the full tangent.
-    alone : (size,) bool
-        What `alone_in_column` found.
-    at : (entries,) int
-        Places of the entries of the reduced tangent.
-    behind : int
-        First place behind the factors.
-
-    Returns
-    -------
-    place : (tangent.nnz,) int
-        Place of each entry, behind the factors for those of supports and joints.
-    places : int
-        Number of places.
+    Those of the factors where an entry is one of the reduced tangent, otherwise behind them.
     """
     direct = np.repeat(alone, np.diff(tangent.indptr)) & alone[tangent.indices]
     place = np.empty(tangent.nnz, dtype=int)

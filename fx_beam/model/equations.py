@@ -14,35 +14,22 @@ from .model import Model
 
 
 class Balance(NamedTuple):
-    """The equations at one increment.
+    """The equations at one increment."""
 
-    Parameters
-    ----------
-    D : (size,) float
-        Increment of displacements and rotations.
-    f : (size,) float
-        Internal forces and couples less the added ones [N, N m]; overwritten by the next.
-    r : (size,) float
-        Forces and couples out of balance at the nodes: those of supports and joints [N, N m].
-    residual : (columns,) float
-        The same reduced: zero in the unknowns, the forces of supports in the other columns.
-    """
-
+    #: Increment (size,) of displacements and rotations.
     D: np.ndarray
+    #: Internal forces (size,) less the added ones [N, N m]; overwritten by the next.
     f: np.ndarray
+    #: Forces out of balance (size,) at the nodes: those of supports and joints [N, N m].
     r: np.ndarray
+    #: The same reduced (columns,): zero in the unknowns, forces of supports in the other columns.
     residual: np.ndarray
 
 
 class Equations:
     """That^T r = 0 with r = M a(D) + f(D) - F (eqs 43 and 46), at the scheme's level of a step.
 
-    Parameters
-    ----------
-    model : Model
-        Forms, matrices and couplings.
-    time : float
-        In statics the time at which functions of time are taken [s].
+    In statics functions of time are taken at one `time` [s].
     """
 
     def __init__(self, model: Model, time: float = 0.0):
@@ -64,16 +51,9 @@ class Equations:
             model.reduction.begin(q, start.slides, interval.length)
 
     def at(self, y: np.ndarray, driven: np.ndarray, force: np.ndarray) -> Balance:
-        """The equations at an increment, for which the tangent is assembled as well.
+        """The equations at an increment of the unknowns y (free,) and of driven motion (driven,).
 
-        Parameters
-        ----------
-        y : (free,) float
-            Increment of the unknowns.
-        driven : (driven,) float
-            Increments of prescribed motions and motors [m, rad].
-        force : (size,) float
-            External dead forces at the scheme's level [N, N m].
+        `force` (size,) are the dead loads at the scheme's level. The tangent is assembled as well.
         """
         model, rates, K = self.model, self.model.scheme.rates, self.model.forms.stiffness
         D = self._reduction.expand(y, driven)

@@ -9,13 +9,7 @@ from .model import Model
 
 
 class JointForces:
-    """Forces and moments of the joints on their nodes b, as sums over what follows through them.
-
-    Parameters
-    ----------
-    model : Model
-        The model.
-    """
+    """Forces and moments of the joints on their nodes b, as sums over what follows through them."""
 
     def __init__(self, model: Model):
         self._model = model
@@ -42,17 +36,9 @@ class JointForces:
         return self._sums, self._turning
 
     def of(self, r: np.ndarray) -> np.ndarray:
-        """Forces and moments in a step.
+        """Force [N] and moment [N m] of each joint (joints, 3).
 
-        Parameters
-        ----------
-        r : (size,) float
-            Forces and couples of supports and joints on the nodes [N, N m].
-
-        Returns
-        -------
-        (joints, 3) float
-            Force [N] and moment [N m] of each joint.
+        `r` (size,) are the forces and couples of supports and joints on the nodes.
         """
         out = (self._sums @ r).reshape(-1, 3)
         # Offset and sliding joints turn what carries them, springs turn both of their ends: what

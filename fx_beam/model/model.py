@@ -23,22 +23,8 @@ from fx_beam.scene.scene import Scene
 class Model:
     """Everything of a scene that stays the same from step to step.
 
-    Vectors run over all degrees of freedom in the order of dolfinx; `mesh.dofs` finds those of a
-    node. Nothing is compiled or assembled that the scene does not have.
-
-    Parameters
-    ----------
-    scene : Scene
-        What is computed.
-    scheme : Scheme
-        How it is stepped in time.
-    mobile : bool
-        Whether parts that have mass may move freely at rest, as they may in time.
-
-    Raises
-    ------
-    SceneError
-        For a scene that cannot move in time, or a virtual work that is none.
+    Nothing is compiled or assembled that the scene does not have. Vectors run over all degrees of
+    freedom; `mesh.dofs` finds those of a node. `mobile`: parts with mass may move freely at rest.
     """
 
     def __init__(self, scene: Scene, scheme: Scheme, mobile: bool = False):

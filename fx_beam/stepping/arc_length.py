@@ -43,17 +43,7 @@ _PLACE = 1e-5
 
 @dataclass
 class Tangent:
-    """Unit tangent of the path.
-
-    Parameters
-    ----------
-    y : (free,) float
-        Of the unknowns.
-    D : (size,) float
-        Of all degrees of freedom.
-    load : float
-        Of the load factor.
-    """
+    """Unit tangent of the path: of the unknowns, of all degrees of freedom, of the load factor."""
 
     y: np.ndarray
     D: np.ndarray
@@ -63,13 +53,6 @@ class Tangent:
 class ArcLength:
     """Follows the equilibrium path of a scene.
 
-    Parameters
-    ----------
-    stepper : LoadStepper
-        The model, its loads and its statistics.
-
-    References
-    ----------
     Keller (1977), Numerical solution of bifurcation and nonlinear eigenvalue problems.
     """
 
@@ -84,11 +67,9 @@ class ArcLength:
         self._places = self._bordered()
 
     def follow(self, states: list[State], steps: int, max_cuts: int, max_steps: int) -> None:
-        """Follow the path from the first state to load factor 1, and add the states on the way.
+        """Add the states on the path from the last one to load factor 1.
 
-        1 / `steps` is the longest step's load factor, and `steps` decide how far one may turn. One
-        may be halved `max_cuts` times; the path ends after `max_steps` in any case. A StepError if
-        a step fails that may be halved no more, or the path runs off.
+        `steps` limits how far a step goes or turns; it may be halved `max_cuts` times.
         """
         stats = self.stepper.stats
         aim = min(_AIM, 1 / steps)  # so that the error of the work is of second order in the steps
@@ -173,10 +154,9 @@ class ArcLength:
     def _meet(
         self, state: State, tangent: Tangent, along: float, normal: Tangent, distance: float
     ) -> tuple[StepSolution, float]:
-        """Increments of the motion and of the load factor to where the path meets a plane.
+        """Increments, from a length `along` the tangent, to where the path meets a plane.
 
-        The search begins a length `along` the tangent at the start; the plane is
-        <normal, increment> = distance. StepFailed if there is no convergence.
+        The plane is <normal, increment> = distance. StepFailed without convergence.
         """
         newton, free = self._newton, self._reduction.free
         self._equations.begin(Interval(state.t, state.t), state)

@@ -13,13 +13,7 @@ from fx_beam.validation import evaluate, series
 
 
 class Drive:
-    """Dead loads and driven motions over time.
-
-    Parameters
-    ----------
-    model : Model
-        The compiled scene.
-    """
+    """Dead loads, prescribed motions and motors of a model over time."""
 
     #: In statics the time at which functions of time are taken [s].
     time = 0.0
@@ -63,18 +57,7 @@ class Drive:
         return np.concatenate([state.q[self.model.prescribed], state.motors])
 
     def check_start(self, state: State) -> None:
-        """Refuse driven motions that do not start from where the scene is.
-
-        Parameters
-        ----------
-        state : State
-            The start.
-
-        Raises
-        ------
-        SceneError
-            For a motion that would jump.
-        """
+        """Refuse prescribed motions and motors that would jump from a state at the start."""
         places = self.places(state.t)
         allowed = 1e-9 * (self._unit + abs(places))
         for value, place, most, (_, what) in zip(
@@ -92,15 +75,7 @@ class Drive:
 
 
 class LoadDrive(Drive):
-    """Loads and driven motions of one time, scaled by the load factor, which stands for time.
-
-    Parameters
-    ----------
-    model : Model
-        The compiled scene.
-    time : float
-        When functions of time are taken [s].
-    """
+    """The same at one time [s], scaled by the load factor, which stands for time."""
 
     def __init__(self, model: Model, time: float):
         super().__init__(model)

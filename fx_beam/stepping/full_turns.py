@@ -1,4 +1,4 @@
-"""Full turns of members, counted apart lest the rounding of rotations grow with them."""
+"""Full turns of members, counted apart so that the rounding of rotations does not grow."""
 
 from __future__ import annotations
 
@@ -18,14 +18,7 @@ _ROTATION = 2  # among the components of a node
 class Windings:
     """Full turns that have been taken off the rotations of a state.
 
-    A rotation of 5000 rad is known to 1e-12, and so would be the direction of its section. But
-    for the springs and motors between members, supports and added virtual works, a member that has
-    turned fully is as it was: its rotations start from zero again.
-
-    Parameters
-    ----------
-    model : Model
-        The compiled scene.
+    Otherwise rounding grows with the turns: a rotation of 5000 rad is known to 1e-12 only.
     """
 
     def __init__(self, model: Model):
@@ -34,18 +27,7 @@ class Windings:
         self.taken = np.zeros(model.size)
 
     def take_off(self, state: State) -> State:
-        """Take off full turns.
-
-        Parameters
-        ----------
-        state : State
-            The system at one time.
-
-        Returns
-        -------
-        State
-            The same, its rotations within half a turn of zero where that makes no difference.
-        """
+        """The same state, rotations within half a turn of zero where that makes no difference."""
         q = state.q
         for member in self._members:
             turns = 2 * np.pi * np.round(q[member].mean() / (2 * np.pi))

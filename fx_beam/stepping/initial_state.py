@@ -21,29 +21,9 @@ _ADVICE = "Give compatible velocities to all members, or call scene.make_velocit
 
 
 def initial_state(model: Model, drive: Drive, dt: float, start: State | None = None) -> State:
-    """State with the rates that the scene gives, in equilibrium with its accelerations.
+    """State with the initial rates that the scene gives, and the accelerations of equilibrium.
 
-    Parameters
-    ----------
-    model : Model
-        The compiled scene.
-    drive : Drive
-        Loads and driven motions.
-    dt : float
-        Time step [s], of which a small part serves to differentiate prescribed motions.
-    start : State, optional
-        Where and when, its rates left aside; the reference configuration at t = 0 by default.
-
-    Returns
-    -------
-    State
-        The start.
-
-    Raises
-    ------
-    SceneError
-        If the initial velocities violate a support, or a prescribed motion does not start from
-        where the scene is.
+    At `start`, or in the reference configuration; a SceneError for rates that cannot be.
     """
     state = reference_state(model) if start is None else start
     rates, accelerations = _begin(model, drive, state, dt)
@@ -55,32 +35,7 @@ def initial_state(model: Model, drive: Drive, dt: float, start: State | None = N
 def resumed_state(
     model: Model, drive: Drive, dt: float, start: State, same_scheme: bool = True
 ) -> State:
-    """State to go on from, with its own rates.
-
-    Parameters
-    ----------
-    model : Model
-        The compiled scene.
-    drive : Drive
-        Loads and driven motions.
-    dt : float
-        Time step [s], of which a small part serves to differentiate prescribed motions.
-    start : State
-        Last state of another run.
-    same_scheme : bool
-        Whether its accelerations are what the scheme takes for them; otherwise they are found
-        from equilibrium.
-
-    Returns
-    -------
-    State
-        The start.
-
-    Raises
-    ------
-    SceneError
-        If a prescribed motion does not go on from where the scene is.
-    """
+    """State to go on from, with its own rates and, if the scheme is the same, accelerations."""
     rates, accelerations = _begin(model, drive, start, dt)
     if same_scheme:
         return start
@@ -97,20 +52,7 @@ def reference_state(model: Model) -> State:
 
 
 def check_joints(model: Model, state: State) -> None:
-    """Refuse a state in which the nodes of a joint are not where it keeps them.
-
-    Parameters
-    ----------
-    model : Model
-        The compiled scene.
-    state : State
-        A state of a scene with the same nodes, and as many joints and motors.
-
-    Raises
-    ------
-    SceneError
-        For a joint that cannot be in that state; the message names it.
-    """
+    """Refuse a state in which the nodes of a joint are not where the joint keeps them."""
     zero = np.zeros((1, 3))
     q = np.vstack([model.to_nodes(state.q), zero])  # the ground's last
     X = np.vstack([model.mesh.X, zero[:, :2]])
@@ -191,26 +133,9 @@ def _acceleration(
 
 
 def initial_rates(model: Model, state: State, driven: np.ndarray) -> np.ndarray:
-    """Rates of all columns at the start, as the scene gives them.
+    """Rates (columns,) at the start as the scene gives them, with those of driven motion.
 
-    Parameters
-    ----------
-    model : Model
-        The model, its reduction at the start.
-    state : State
-        The start; its rates are not asked for.
-    driven : (driven,) float
-        Rates of prescribed motions and motors [m/s, rad/s].
-
-    Returns
-    -------
-    (columns,) float
-        Rates of the unknowns, of the driven columns, and zero for the fixed ones.
-
-    Raises
-    ------
-    SceneError
-        If the given velocities violate a support or a joint and are not to be projected.
+    A SceneError if they violate a support or a joint and are not to be projected.
     """
     v = _given_velocity(model)
     scene = model.scene
@@ -237,23 +162,9 @@ def initial_rates(model: Model, state: State, driven: np.ndarray) -> np.ndarray:
 
 
 def nearest_rates(model: Model, v: np.ndarray, driven: np.ndarray, weight=None) -> np.ndarray:
-    """Rates of all columns that are nearest to given ones of all degrees of freedom.
+    """Rates (columns,) nearest to given ones v (size,), in the norm of a weight (size, size).
 
-    Parameters
-    ----------
-    model : Model
-        The model, its reduction at the start.
-    v : (size,) float
-        Given rates.
-    driven : (driven,) float
-        Rates of prescribed motions and motors [m/s, rad/s].
-    weight : (size, size) sparse matrix, optional
-        In whose norm they are nearest; by default a rotation counts as the size of the scene.
-
-    Returns
-    -------
-    (columns,) float
-        Rates of the unknowns, of the driven columns, and zero for the fixed ones.
+    By default a rotation counts as the size of the scene.
     """
     reduction = model.reduction
     free, w, T = reduction.free, _led(model, driven), reduction.coupling()
@@ -274,22 +185,9 @@ def _led(model: Model, driven: np.ndarray) -> np.ndarray:
 
 
 def acceleration_of(mass: scipy.sparse.spmatrix, force: np.ndarray) -> np.ndarray:
-    """Accelerations (n,) under generalised forces (n,), zero where there is no mass.
+    """Accelerations (n,) under generalised forces (n,); zero where there is no mass.
 
-    Where several unknowns move one mass, such as the displacement and the rotation of a massless
-    node that carries it at an offset, their accelerations are the smallest that fit.
-
-    Parameters
-    ----------
-    mass : (n, n) sparse matrix
-        Mass matrix of the unknowns.
-    force : (n,) float
-        Generalised forces.
-
-    Returns
-    -------
-    (n,) float
-        Accelerations.
+    Where several unknowns move one mass, they are the smallest that fit.
     """
     a = np.zeros(len(force))
     diagonal = mass.diagonal()

@@ -55,9 +55,7 @@ class LoadStepper:
     def first_state(self, steps: int, max_cuts: int) -> State:
         """Equilibrium without loads: the reference configuration, but for springs under tension.
 
-        What is out of balance in the reference configuration is held there by as much, which is
-        let go in steps: so springs are strained to their rests by and by. `steps` are those where
-        none is cut, and one may be halved `max_cuts` times; a StepError if there is none.
+        What is out of balance there is held by as much, which is let go in steps.
         """
         start = reference_state(self.model)
         equations = self.single.equations
@@ -152,10 +150,9 @@ class LoadStepper:
     # -- Control of the load --------------------------------------------------------------------
 
     def raise_load(self, states: list[State], steps: int, max_cuts: int) -> None:
-        """Raise the load factor from the last state to 1, and add the states on the way.
+        """Add the states from the last one to load factor 1, in `steps` where none is cut.
 
-        `steps` are those where none is cut, and one may be halved `max_cuts` times; a StepError if
-        one fails that may be halved no more.
+        One may be halved `max_cuts` times; a StepError if it still fails.
         """
 
         def raised(state: State, _: float, goal: float) -> State:

@@ -72,44 +72,22 @@ class NewtonOptions:
 
 @dataclass
 class StepSolution:
-    """A converged step.
+    """A converged step."""
 
-    Parameters
-    ----------
-    D : (size,) float
-        Increment of displacements and rotations.
-    y : (free,) float
-        Increment of the unknowns.
-    r : (size,) float
-        Forces and couples of supports and joints on the nodes at the scheme's level [N, N m].
-    iterations : int
-        Corrections made.
-    ended_by : str
-        "increment" or "round-off".
-    predicted : (size,) float
-        What the tangent at the start gives for `D`.
-    """
-
+    #: Increment (size,) of displacements and rotations, and (free,) of the unknowns.
     D: np.ndarray
     y: np.ndarray
+    #: Forces and couples (size,) of supports and joints at the scheme's level [N, N m].
     r: np.ndarray
+    #: Corrections made, and what ended them: "increment" or "round-off".
     iterations: int
     ended_by: str
+    #: What the tangent at the start gives for D.
     predicted: np.ndarray
 
 
 class StepFailed(Exception):
-    """A step that did not converge: why, and the history that shows how.
-
-    Parameters
-    ----------
-    reason : str
-        What happened.
-    D : (size,) float
-        Last increment.
-    residuals : list of float
-        Largest out-of-balance force or couple at each iteration.
-    """
+    """A step without convergence: the reason, the last increment D, and the largest residuals."""
 
     def __init__(self, reason: str, D: np.ndarray, residuals: list[float]):
         super().__init__(reason)
@@ -149,21 +127,9 @@ class Newton:
     def solve(
         self, interval: Interval, start: State, force: np.ndarray, driven: np.ndarray
     ) -> StepSolution:
-        """Increment over a step.
+        """Increment over a step, for dead loads (size,) at the scheme's level and driven motion.
 
-        Parameters
-        ----------
-        interval, start : Interval, State
-            The step and the state at its start.
-        force : (size,) float
-            External dead forces at the scheme's level [N, N m].
-        driven : (driven,) float
-            Increments of prescribed motions and motors [m, rad].
-
-        Raises
-        ------
-        StepFailed
-            If there is no convergence.
+        StepFailed if there is no convergence.
         """
         self.equations.begin(interval, start)
         at_rest = self.model.scheme.rates.at_rest
@@ -208,7 +174,7 @@ class Newton:
             if small or size > 0.5 * previous:
                 lack = _lacking(float(residual @ step[:free]), float(abs(f) @ abs(D)) + moving)
                 smalls += small
-                # A third small one: less energy is not to be had in a motion as slight as this.
+                # After a third small one: the motion is so small that rounding is all that is left.
                 if small and (lack <= ENERGY_SHARE * options.tolerance or smalls > 2):
                     ended_by = "increment"
                 elif not small and lack <= ENERGY_FLOOR:
@@ -250,29 +216,13 @@ class Newton:
 def _lacking(work: float, energy: float) -> float:
     """Energy that a step still lacked before a correction, relative to what moves in it.
 
-    It is the work of the residual on the correction, and of the size of the energy error that the
-    correction leaves. A bound on the residual itself would not do: in a stiff scene its rounding,
-    of the size of EA times that of a strain, hides what is missing in the soft directions. Nor
-    does one on the correction alone: there a small one may be followed by one a hundred times
-    larger, as the forces along and across the beam are met in turn.
+    It is the work of the residual on the correction, and about what the correction leaves.
     """
     return float(abs(work) / energy) if energy else 0.0
 
 
 class Guess:
-    """Where an increment is sought first: the last ones, carried on, where that is safe.
-
-    A polynomial in time through the last m increments gives the sum of their backward differences
-    of orders 0 to m - 1, and misses the next increment by its difference of order m. That m is
-    taken which would have missed the last increment by least. Rates foretell less: in stiff scenes
-    they swing from step to step, and an increment from them is one from which Newton's method
-    diverges.
-
-    Parameters
-    ----------
-    model : Model
-        The compiled scene.
-    """
+    """First guess of an increment: a polynomial in time through the last ones."""
 
     def __init__(self, model: Model):
         self._model, self._unit = model, model.unit

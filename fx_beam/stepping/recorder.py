@@ -49,17 +49,7 @@ class Record:
 
 
 class Recorder:
-    """Histories of motion, forces, energies and momenta.
-
-    Parameters
-    ----------
-    model : Model
-        The compiled scene.
-    times : (n,) float
-        Times of the grid [s].
-    record : Record
-        What is kept.
-    """
+    """Histories of motion, forces, energies and momenta at the times (n,) of a grid."""
 
     def __init__(self, model: Model, times: np.ndarray, record: Record):
         self.model, self.every, self.last = model, record.every, len(times) - 1
@@ -93,18 +83,7 @@ class Recorder:
         return step % self.every == 0 or step == self.last
 
     def places(self, parts: int) -> dict[str, np.ndarray]:
-        """Where the compiled loop is to write its next rows, by the names of the histories.
-
-        Parameters
-        ----------
-        parts : int
-            In how many parts it takes a step.
-
-        Returns
-        -------
-        dict
-            Arrays (n, ...) from the next row on.
-        """
+        """Rows from the next one on, by name, which the compiled loop writes for steps in parts."""
         kept = self._starts_kept(parts)
         return {
             name: rows[self.rows :]
@@ -122,18 +101,9 @@ class Recorder:
         return self.every > 1 or parts > 1
 
     def record(self, step: int, state: State, before: State | None = None, parts: int = 1) -> None:
-        """Add a state that was computed here and not in the compiled loop, if it is wanted.
+        """Add the state at the end of a step of the grid, if it is wanted; step 0 is the start.
 
-        Parameters
-        ----------
-        step : int
-            Number of the step that ends with it; 0 for the start.
-        state : State
-            The system at a time of the grid.
-        before : State, optional
-            The system where the last part of the step starts.
-        parts : int
-            In how many parts the step was taken, each as long as the last one.
+        The last of the step's parts, all of one length, goes from `before` to `state`.
         """
         if not self._wants(step):
             return
@@ -172,15 +142,7 @@ class Recorder:
         self.add(1, parts)
 
     def wind(self, first: int, taken: np.ndarray) -> None:
-        """Add to the rows from one on the turns (size,) that were taken off while they were made.
-
-        Parameters
-        ----------
-        first : int
-            Number of that row.
-        taken : (size,) float
-            Rotations [rad].
-        """
+        """Add the turns (size,) [rad] taken off while the rows from `first` on were made."""
         if "q" in self.arrays and taken.any():
             rows = np.arange(first, self.rows)
             self.arrays["q"][first : self.rows] += taken

@@ -14,20 +14,7 @@ _log = logging.getLogger("fx_beam")
 
 
 class Facing:
-    """Watches that no section of a beam faces backwards at the end of a step.
-
-    Parameters
-    ----------
-    model : Model
-        The compiled scene.
-    stats : Stats
-        Counts the steps that end so.
-
-    Attributes
-    ----------
-    least_energy : float
-        Strain energy below which no section can face backwards [J].
-    """
+    """Watches that no section of a beam faces backwards at the end of a step."""
 
     def __init__(self, model: Model, stats: Stats):
         self._model, self._stats = model, stats
@@ -35,30 +22,12 @@ class Facing:
         self.least_energy = _least_energy(model)
 
     def look(self, t: float, q: np.ndarray) -> None:
-        """Look at the end of a step.
-
-        Parameters
-        ----------
-        t : float
-            Time [s], or load factor.
-        q : (size,) float
-            Displacements and rotations.
-        """
+        """Look at the end of a step: t [s] or load factor, displacements and rotations (size,)."""
         if self._model.forms.faces_backwards(q):
             self.found(1, t, q)
 
     def found(self, number: int, t: float, q: np.ndarray) -> None:
-        """Count steps that end with sections facing backwards; of the first the log tells.
-
-        Parameters
-        ----------
-        number : int
-            How many they are.
-        t : float
-            Time [s], or load factor, of the first of them.
-        q : (size,) float
-            Displacements and rotations there.
-        """
+        """Count steps that end with sections facing backwards; the log tells of the first, at t."""
         if not self._stats.inside_out:
             self._warn(t, q)
         self._stats.inside_out += number
@@ -89,9 +58,7 @@ class Facing:
 def _least_energy(model: Model) -> float:
     """Less than what one Gauss point stores where its axial strain is -1 [J].
 
-    EA/2 times its share of the element; a fiftieth of EA times the element's length leaves room
-    for the weight, at least 5/18, and for the stretch of curved elements. Energies that are not
-    quadratic have no such bound.
+    EA/2 times its share of the element. Energies that are not quadratic have no such bound.
     """
     least = np.inf
     for beam in model.scene.beams:

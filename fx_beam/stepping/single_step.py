@@ -18,19 +18,7 @@ from .newton import Newton, NewtonOptions, StepFailed, StepSolution
 
 
 class SingleStep:
-    """Takes a model over one step of time, or of the load factor in statics.
-
-    Parameters
-    ----------
-    model : Model
-        The compiled scene.
-    drive : Drive
-        Loads and driven motions.
-    options : NewtonOptions
-        When Newton's method stops.
-    stats : Stats
-        Counts what is done.
-    """
+    """Takes a model over one step of time, or of the load factor in statics."""
 
     def __init__(self, model: Model, drive: Drive, options: NewtonOptions, stats: Stats):
         self.model, self.drive, self.stats = model, drive, stats

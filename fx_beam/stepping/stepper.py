@@ -19,21 +19,7 @@ from .substeps import LARGE_TURN, Halving
 
 
 class Stepper:
-    """Takes a model from time to time.
-
-    Parameters
-    ----------
-    model : Model
-        The compiled scene.
-    drive : Drive
-        Loads and driven motions.
-    options : NewtonOptions
-        When Newton's method stops.
-    stats : Stats
-        Counts what is done.
-    max_halvings : int
-        How often a failing step may be halved before it is given up.
-    """
+    """Takes a model from time to time; a step that fails is halved `max_halvings` times at most."""
 
     def __init__(
         self, model: Model, drive: Drive, options: NewtonOptions, stats: Stats, max_halvings: int
@@ -53,28 +39,9 @@ class Stepper:
         self.single.newton.guess.past = past
 
     def march(self, state: State, times: np.ndarray, first: int, recorder: Recorder) -> State:
-        """State after several steps of the grid.
+        """State at the last of `times`, ends of steps of the grid from number `first` on.
 
-        Parameters
-        ----------
-        state : State
-            The present.
-        times : (steps,) float
-            Ends of the steps [s].
-        first : int
-            Number of the first of them, from 1.
-        recorder : Recorder
-            Keeps what it wants.
-
-        Returns
-        -------
-        State
-            The state at the last of the times.
-
-        Raises
-        ------
-        StepError
-            If a step fails after all halvings, or a function of time fails.
+        A StepError if a step fails after all halvings, or a function of time fails.
         """
         for number, t in enumerate(map(float, times), start=first):
             start = state.t
@@ -86,28 +53,9 @@ class Stepper:
     def part(
         self, state: State, start: float, end: float, number: int, recorder: Recorder
     ) -> State:
-        """State after the next part of a step that succeeds.
+        """State after the next part that succeeds of step `number` from `start` to `end`.
 
-        Parameters
-        ----------
-        state : State
-            The present.
-        start, end : float
-            Those of the step of the grid [s].
-        number : int
-            Number of that, from 1.
-        recorder : Recorder
-            Keeps what it wants of the step.
-
-        Returns
-        -------
-        State
-            The state at the end of the part.
-
-        Raises
-        ------
-        StepError
-            If it may be halved no more, or a function of time fails.
+        A StepError if it may be halved no more, or a function of time fails.
         """
         before = state
         while True:

@@ -20,19 +20,7 @@ MOST_HALVINGS = 50
 class Halving:
     """Steps of a time grid in parts, halved where one fails and doubled where enough succeed.
 
-    What size works is remembered from step to step, lest each step fail anew at all larger ones.
-
-    Parameters
-    ----------
-    most : int
-        How often a step may be halved.
-
-    Attributes
-    ----------
-    times : int
-        How often steps are halved at present.
-    done : int
-        Parts of the present step that are done.
+    The size that works is remembered, so that not every step fails anew at a larger one.
     """
 
     def __init__(self, most: int):
@@ -41,30 +29,14 @@ class Halving:
         self._patience, self._succeeded, self._doubled = _PATIENCE, 0, False
 
     def memory(self, dt: float) -> np.ndarray:
-        """What decides about the parts of the next steps, to go on with later.
+        """What decides about the parts of the next steps, to go on with later (5,).
 
-        Parameters
-        ----------
-        dt : float
-            Length of a step of the grid [s].
-
-        Returns
-        -------
-        (5,) float
-            That length, how often steps are halved, and the counts for when to double parts.
+        The step's length dt [s], how often it is halved, and the counts for when to double parts.
         """
         return np.array([dt, self.times, self._patience, self._succeeded, self._doubled], float)
 
     def resume(self, memory: np.ndarray | None, dt: float) -> None:
-        """Go on where another run ended, if its steps are as long.
-
-        Parameters
-        ----------
-        memory : (5,) float, optional
-            Its `memory`; none at a start from rest.
-        dt : float
-            Length of a step of the grid [s].
-        """
+        """Go on with the memory of another run, if its steps are as long."""
         if memory is None or abs(memory[0] - dt) > 1e-6 * dt or memory[1] > self.most:
             return
         self.times, self._patience, self._succeeded = map(int, memory[1:4])
@@ -76,17 +48,9 @@ class Halving:
         return 2**self.times
 
     def ends(self, grid: np.ndarray) -> np.ndarray:
-        """Times at which the next parts end, until they may be doubled.
+        """Ends (m,) of the next parts, until they may be doubled [s].
 
-        Parameters
-        ----------
-        grid : (n,) float
-            Start of the present step, and ends of it and of those that follow [s].
-
-        Returns
-        -------
-        (m,) float
-            The times [s].
+        `grid` (n,) is the start of the present step, and the ends of it and of those that follow.
         """
         number = max(1, self._needed - self._succeeded)
         number += (self.done + number) % 2
@@ -96,18 +60,7 @@ class Halving:
         return grid[step] + lengths[step] * part / self.parts
 
     def take(self, number: int) -> int:
-        """Count parts that succeeded.
-
-        Parameters
-        ----------
-        number : int
-            How many in a row.
-
-        Returns
-        -------
-        int
-            Steps that are complete with them.
-        """
+        """Count parts in a row that succeeded, and give the number of steps completed with them."""
         steps, self.done = divmod(self.done + number, self.parts)
         if number:
             self._patience, self._doubled = self._needed, False
@@ -123,13 +76,7 @@ class Halving:
         return max(_PATIENCE, self._patience // 2) if self._doubled else self._patience
 
     def fail(self) -> bool:
-        """Halve what is left of a step, unless it may be halved no more.
-
-        Returns
-        -------
-        bool
-            Whether it may.
-        """
+        """Halve what is left of a step, and say whether that is allowed."""
         if self.times == self.most:
             return False
         if self._doubled:

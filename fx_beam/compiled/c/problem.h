@@ -11,7 +11,7 @@ typedef void Batch(double *, const double *, const double *, const double *);
 
 /* The elements of one integral, in blocks of LANES. The last block repeats the last element, and has
    the results of what is repeated added where nothing reads them: behind the last place, to one place
-   a lane, lest one addition wait for the other. */
+   a lane, so that no addition waits for another. */
 typedef struct {
   Batch *batch;
   int cells;
