@@ -56,8 +56,8 @@ def test_only_the_distance_from_a_guide_is_a_gap(make):
     [
         (lambda a, b: fb.Revolute(a, a), "Revolute: both of its nodes are node 0 at (0, 0)"),
         (lambda a, b: fb.Rigid(fb.GROUND, fb.GROUND), "both of its nodes are the ground"),
-        (lambda a, b: fb.Revolute(a, (0, 0)), "Revolute: (0, 0) is no node"),
-        (lambda a, b: fb.Revolute(None, b), "Revolute: None is no node"),
+        (lambda a, b: fb.Revolute(a, (0, 0)), "Revolute: (0, 0) is not a node"),
+        (lambda a, b: fb.Revolute(None, b), "Revolute: None is not a node"),
         (lambda a, b: fb.Prismatic(a, b, axis=(0, 0)), "Prismatic: axis = [0. 0.] has no direc"),
         (lambda a, b: fb.PinInSlot(a, b, axis=(1, 0, 0)), "PinInSlot: axis: (1, 0, 0)"),
         (lambda a, b: fb.PinInSlot(a, b, axis=(math.nan, 0)), "PinInSlot: axis: (nan, 0)"),

@@ -10,7 +10,7 @@ from scipy.sparse.linalg import splu
 
 from fx_beam.errors import SceneError
 from fx_beam.fem.mesh import Mesh
-from fx_beam.scene.joints import Coordinate
+from fx_beam.scene.coordinate import Coordinate
 from fx_beam.scene.scene import Scene
 
 # A motion is allowed if it violates supports and joints by no more than this part of itself.
