@@ -240,7 +240,7 @@ def test_histories_of_joints_are_refused_for_what_is_no_joint_of_the_solution():
     with pytest.raises(ValueError, match="joint 0, Revolute of .* has no slide"):
         solution.slide(hinge)
     for history in (solution.joint_force, solution.gap):
-        with pytest.raises(ValueError, match="not a joint of this solution; take the one that add_joint"):
+        with pytest.raises(ValueError, match="not a joint of this solution; take the one"):
             history(given)
         with pytest.raises(ValueError, match="not a joint of this solution"):
             history("hinge")

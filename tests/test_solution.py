@@ -607,7 +607,7 @@ def test_a_solution_says_what_it_is(framed):
 
 @pytest.mark.parametrize("method", ["slide", "joint_force", "gap"])
 def test_what_is_no_joint_is_refused(method, framed):
-    with pytest.raises(ValueError, match="1 is not a joint of this solution; take the one that add_joint"):
+    with pytest.raises(ValueError, match="1 is not a joint of this solution; take the one"):
         getattr(framed[0], method)(1)
 
 
