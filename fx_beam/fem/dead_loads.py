@@ -1,4 +1,4 @@
-"""The external dead loads of a scene as one vector in time."""
+"""The dead loads of a scene as one nodal vector over time."""
 
 from __future__ import annotations
 
@@ -17,20 +17,8 @@ from .mesh import Mesh
 class Loads:
     """Nodal vector of all dead loads, F(t) = sum of constant columns times functions of time.
 
-    Parameters
-    ----------
-    scene : Scene
-        Its loads.
-    mesh : Mesh
-        Numbering of the degrees of freedom.
-    line_load : callable
-        ``line_load(beam, along)``, the columns (size, 2) of a unit line load, or (size, 1) of one
-        that varies along its beam.
-
-    Attributes
-    ----------
-    columns : (size, n) scipy.sparse.csc_matrix
-        Nodal forces of a unit of each component of each load.
+    ``line_load(beam, along)`` gives the columns (size, 2) of a unit line load, or (size, 1) of one
+    that varies along its beam.
     """
 
     def __init__(self, scene: Scene, mesh: Mesh, line_load: Callable[..., np.ndarray]):
@@ -45,72 +33,31 @@ class Loads:
             unit = np.zeros((mesh.dofs.size, len(dofs)))
             unit[dofs, range(len(dofs))] = 1.0
             columns.append(unit)
+        #: Nodal forces (size, n) of a unit of each component of each load.
         self.columns = scipy.sparse.csc_matrix(np.hstack(columns))
 
     @property
     def constant(self) -> bool:
-        """Whether no load changes with time."""
+        """Whether all loads are constant in time."""
         return all(isinstance(load.value, Constant) for load in self._loads)
 
     def at(self, t: float) -> np.ndarray:
-        """Nodal forces and moments at a time.
-
-        Parameters
-        ----------
-        t : float
-            Time [s].
-
-        Returns
-        -------
-        (size,) float
-            Forces [N] and moments [N m].
-
-        Raises
-        ------
-        StepError
-            If a function of time raises or gives a value that is not finite.
-        """
+        """Nodal forces (size,) [N, N m] at the time t [s]; StepError if a function fails."""
         return self.columns @ np.concatenate(
             [np.empty(0), *(evaluate(load.value, t, str(load)) for load in self._loads)]
         )
 
     def series(self, times: np.ndarray) -> np.ndarray:
-        """Components of the loads at several times.
-
-        Parameters
-        ----------
-        times : (m,) float
-            Times [s].
-
-        Returns
-        -------
-        (m, n) float
-            Factors of the columns [N, N m, N/m].
-
-        Raises
-        ------
-        StepError
-            If a function of time raises or gives a value that is not finite.
-        """
+        """Factors (m, n) of the columns at m times [s]; StepError if a function fails."""
         values = [series(load.value, times, str(load)) for load in self._loads]
         return np.hstack([np.empty((len(times), 0)), *values])
 
 
 def just_inside(t0, t1):
-    """Starts and ends of steps as loads see them.
+    """Starts and ends of steps, moved inwards by round-off: times at which loads are evaluated.
 
-    A load that jumps from one step to the next belongs to the one in which it acts, whichever way
-    its function rounds.
-
-    Parameters
-    ----------
-    t0, t1 : float or (n,) float
-        Starts and ends of the steps [s].
-
-    Returns
-    -------
-    tuple of two of the same
-        Times a little later and a little earlier; a step of no length stays as it is.
+    A load that jumps between two steps then counts in the correct step, despite round-off. Steps of
+    zero length are not changed.
     """
     inset = np.maximum(1e-12 * (t1 - t0), 4 * np.spacing(t1)) * (t1 != t0)
     return t0 + inset, t1 - inset
