@@ -269,7 +269,7 @@ def two_bars(mass=0.0):
 
 
 def test_a_massless_mechanism_of_joints_is_refused():
-    with refused(r"the part of the scene around .* can turn about .*without mass or support"):
+    with refused(r"beam .* can rotate about .*without mass or support"):
         run(two_bars())
 
 
@@ -301,7 +301,7 @@ def test_an_arm_without_mass_on_a_slide_is_refused_and_on_a_motor_accepted():
         arm = scene.add_beam([(0, 0), (0, 1)], MASSLESS)
         scene.add_joint(fb.Prismatic(fb.GROUND, arm.start, axis=(1, 0), motor=motor))
         if motor is None:
-            with refused(r"can move along \(-?1, 0\) without mass"):
+            with refused(r"can move along \(-?1, 0\) .*without mass"):
                 run(scene)
         else:
             assert run(scene).displacement(arm.end)[-1] == pytest.approx([1e-3, 0.0], abs=1e-12)

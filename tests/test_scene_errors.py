@@ -636,14 +636,14 @@ PIN = ("start", "x", "y")
 
 def test_a_free_beam_without_mass_is_refused():
     scene, _ = massless()
-    with refused(r"around \(3.5, 1\) can (move|turn) .* without mass or support"):
+    with refused(r"beam 'beam 1' can (move|rotate) .* without mass or support"):
         run(scene)
 
 
 @pytest.mark.parametrize("other", [(), (("end", "x"),)])
 def test_a_beam_without_mass_that_turns_about_its_pin_is_refused(other):
     scene, _ = massless(PIN, *other)
-    with refused(r"around \(3.5, 1\) can turn about \(2, 1\) without mass or support"):
+    with refused(r"'beam 1' can rotate about \(2, 1\) .*without mass or support"):
         run(scene)
 
 
@@ -652,7 +652,7 @@ def test_a_beam_without_mass_that_turns_about_its_pin_is_refused(other):
 )
 def test_a_beam_without_mass_that_slides_is_refused(supports):
     scene, _ = massless(*supports)
-    with refused(r"can move along \(-?1, -?0\) without mass or support"):
+    with refused(r"can move along \(-?1, -?0\) .*without mass or support"):
         run(scene)
 
 
@@ -666,21 +666,21 @@ def test_a_beam_with_rotary_inertia_only_is_refused():
 def test_a_mass_does_not_hold_a_beam_that_turns_about_it():
     scene, beam = massless()
     scene.add_mass(beam.end, 1.0)
-    with refused(r"can turn about \(5, 1\)"):
+    with refused(r"can rotate about \(5, 1\)"):
         run(scene)
 
 
 def test_a_mass_at_a_pin_does_not_hold_a_beam_that_turns_about_it():
     scene, beam = massless(PIN)
     scene.add_mass(beam.start, 1.0)
-    with refused(r"can turn about \(2, 1\)"):
+    with refused(r"can rotate about \(2, 1\)"):
         run(scene)
 
 
 def test_the_part_that_moves_is_found_among_parts_that_do_not():
     scene, _ = massless(PIN)
     scene.add_beam([(0, 0), (1, 0)], SECTION)
-    with refused(r"around \(3.5, 1\) can turn about \(2, 1\)"):
+    with refused(r"beam 'beam 1' can rotate about \(2, 1\)"):
         run(scene)
 
 
