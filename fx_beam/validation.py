@@ -18,7 +18,7 @@ TimeFunction = Callable[[float], np.ndarray]
 # Parameter names, in lower case, that show a function of position instead of time.
 _PLACES = {"s", "x", "y", "xi", "place", "position", "point", "fraction", "arc_length"}
 #: Immutable types of values.
-_FIXED = float, tuple, int
+_IMMUTABLE = float, tuple, int
 
 
 def is_number(value) -> bool:
@@ -160,7 +160,7 @@ def series(function: TimeFunction, times: np.ndarray, what: str) -> np.ndarray:
         try:
             for t in times.tolist():
                 value = function.function(t)
-                if not isinstance(value, _FIXED):
+                if not isinstance(value, _IMMUTABLE):
                     # Copied, as the function may fill and return the same array each time.
                     value = (value if isinstance(value, np.ndarray) else np.array(value)).tolist()
                 found.append(value)

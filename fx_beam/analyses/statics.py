@@ -95,8 +95,8 @@ def static(
     >>> scene.clamp(beam.start)
     >>> scene.add_moment(beam.end, math.pi / 2)
     >>> solution = fb.static(scene, steps=4)
-    >>> solution.load_factor, bool(abs(solution.rotation(beam.end)[-1] - math.pi / 2) < 1e-8)
-    (array([0.  , 0.25, 0.5 , 0.75, 1.  ]), True)
+    >>> bool(abs(solution.rotation(beam.end)[-1] - math.pi / 2) < 1e-8)
+    True
     """
     _check(scene, steps, t, continuation, newton, max_cuts, max_steps)
     petsc("fx_beam.static")

@@ -71,8 +71,15 @@ class Forms:
         self.start_rates = dolfinx_api.function(space), dolfinx_api.function(space)
         self.time, self.dt = dolfinx_api.constant(mesh, 0.0), dolfinx_api.constant(mesh, 1.0)
         #: Fields that are updated in every step.
-        self._ours = [self.start, self.increment, self.path, *self.start_rates, self.time, self.dt]
-        self._ours += [] if self.load_factor is None else [self.load_factor]
+        self._updated = [
+            self.start,
+            self.increment,
+            self.path,
+            *self.start_rates,
+            self.time,
+            self.dt,
+        ]
+        self._updated += [] if self.load_factor is None else [self.load_factor]
         self._test, self._trial = ufl.TestFunction(space), ufl.TrialFunction(space)
 
         # Tangent vector from the Jacobian; each form has a single quadrature rule.
@@ -84,7 +91,7 @@ class Forms:
         level = self._scheme.rates.level
         v, omega = self._scheme.rates.fields(Du, Dpsi, v0, a0, self.dt)
         of_rates = fields_in(ufl.as_vector((*v, omega)))
-        refuse_fields(of_rates, f"rates of {self._scheme.name}", self._ours)
+        refuse_fields(of_rates, f"rates of {self._scheme.name}", self._updated)
         virtual_u, virtual_psi = ufl.split(self._test)
         self.step = Step(
             u0=u0,
@@ -126,7 +133,7 @@ class Forms:
             residual += r.virtual_work(step) * dx_law
             energy += law.energy(*step.strains0) * dx_law
         self._refuse_fields_of_scheme(residual, moments)
-        added = added_virtual_work(self._scene, self._mesh, step, self._test, self._ours)
+        added = added_virtual_work(self._scene, self._mesh, step, self._test, self._updated)
         if added is not None:
             try:
                 self._compile("added virtual work", added * dx)
@@ -163,7 +170,7 @@ class Forms:
         # UFL extracts those of the form anyway, and caches them.
         found = [*residual.coefficients(), *residual.constants()]
         found += [field for M in moments for field in fields_in(M)]
-        known = [*self._ours, *(field for law in self._laws for field in law.data)]
+        known = [*self._updated, *(field for law in self._laws for field in law.data)]
         refuse_fields(found, f"resultants of {self._scheme.name}", known)
 
     def _group_laws(self) -> tuple[list[Law], np.ndarray]:

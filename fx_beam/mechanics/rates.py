@@ -16,9 +16,8 @@ from fx_beam.validation import is_number, require
 class Rates(Protocol):
     """Nodal rule: velocities and accelerations from the increment over a step.
 
-    Arrays contain all degrees of freedom, (size,); `turns` lists the rotations among them. The
-    compiled loop knows the rules of this package only; with other rules the slower Python/PETSc
-    stepper runs.
+    Arrays contain all degrees of freedom, (size,); `turns` lists the rotations among them. Custom
+    `Rates` fall back to the slower Python/PETSc stepper.
 
     Examples
     --------

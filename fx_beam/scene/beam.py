@@ -194,7 +194,7 @@ def polyline(points: Sequence, elements: int | Sequence[int], name: str) -> Layo
             f"beam {name!r}: points must be finite pairs (x, y) or nodes, not {points!r}"
         )
     if len(corners) < 2:
-        raise SceneError(f"beam {name!r}: a beam needs at least two points")
+        raise SceneError(f"beam {name!r}: a beam needs at least two points, not {len(corners)}")
     lengths = np.hypot(*np.diff(corners, axis=0).T)
     shortest = max(1e-12 * np.ptp(corners, axis=0).max(), 1e-15 * abs(corners).max())
     for i in np.flatnonzero(lengths <= shortest):

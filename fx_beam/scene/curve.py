@@ -233,11 +233,11 @@ def layout(points, elements, degree: int, name: str) -> Layout:
     if callable(points):
         points = Curve(points)
     if isinstance(points, Curve):
-        return lay_along(points, elements, degree, name)
+        return along_curve(points, elements, degree, name)
     return polyline(points, elements, name)
 
 
-def lay_along(curve: Curve, elements: Any, degree: int, name: str) -> Layout:
+def along_curve(curve: Curve, elements: Any, degree: int, name: str) -> Layout:
     """Elements of equal arc length along a curve, with degree - 1 nodes inside each."""
     if not is_whole(elements, 1):
         raise SceneError(
@@ -346,6 +346,8 @@ def _pieces(position, cuts: list[float], size: float, name: str) -> list[_Piece]
 
 
 def _piece(position, a: float, b: float) -> _Piece:
+    # scipy.integrate needs the speed, but users give positions. With differences of positions it
+    # reaches 1e-10 where this reaches round-off, and fails where the speed is infinite at an end.
     points = np.array([position((a * (1 - x) + b * (1 + x)) / 2) for x in _POINTS.tolist()])
     speed = np.hypot(*(_DERIVATIVE @ (points - points[0])).T)
     length_to = Chebyshev(_INTEGRAL @ speed, domain=[a, b])

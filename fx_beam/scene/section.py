@@ -378,8 +378,8 @@ def _check_energy(strain_energy: Energy) -> None:
         W = ufl.as_ufl(strain_energy(*e))
     except Exception as error:
         raise SceneError(
-            "Section: strain_energy(eps, gamma, kappa) must give a UFL expression, written with "
-            f"ufl.sqrt, ufl.exp, ... where it needs functions; it raised {error!r}"
+            "Section: strain_energy(eps, gamma, kappa) must give a UFL expression. Use ufl.sqrt, "
+            f"ufl.exp, ... in place of functions of math or NumPy. It raised {error!r}"
         ) from error
     refuse_fields(fields_in(W), "Section: strain_energy")
     met = set(unique_pre_traversal(W))
