@@ -9,7 +9,7 @@ import numpy as np
 
 
 def read_only(values: np.ndarray) -> np.ndarray:
-    """A view of an array through which it cannot be changed."""
+    """Read-only view of an array."""
     view = np.asarray(values).view()
     view.setflags(write=False)
     return view
