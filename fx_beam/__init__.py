@@ -24,18 +24,9 @@ from .results.joint_motion import JointMotion
 from .results.saved import load
 from .results.solution import Solution
 from .scene.beam import Beam, Node
+from .scene.coordinate import Coordinate, Damper, Spring
 from .scene.curve import Curve, arc, spline
-from .scene.joints import (
-    GROUND,
-    Coordinate,
-    Damper,
-    Joint,
-    PinInSlot,
-    Prismatic,
-    Revolute,
-    Rigid,
-    Spring,
-)
+from .scene.joints import GROUND, Joint, PinInSlot, Prismatic, Revolute, Rigid
 from .scene.scene import Scene
 from .scene.section import Law, Section
 from .stepping.newton import NewtonOptions

@@ -1,4 +1,4 @@
-"""What users give as numbers, vectors or functions, checked."""
+"""Checks of the numbers, vectors and functions that users give."""
 
 from __future__ import annotations
 
@@ -15,14 +15,14 @@ import numpy as np
 from .errors import SceneError, StepError
 
 TimeFunction = Callable[[float], np.ndarray]
-# Names that parameters bear which are places, in lower case.
+# Parameter names, in lower case, that show a function of position instead of time.
 _PLACES = {"s", "x", "y", "xi", "place", "position", "point", "fraction", "arc_length"}
-#: Kinds of values that cannot be changed.
-_FIXED = float, tuple, int
+#: Immutable types of values.
+_IMMUTABLE = float, tuple, int
 
 
 def is_number(value) -> bool:
-    """Whether something is a finite number; a truth value and an array are none."""
+    """Whether a value is a finite number. Booleans and arrays are not."""
     try:
         return isinstance(value, Real) and not isinstance(value, bool) and math.isfinite(value)
     except OverflowError:  # an integer too large for a float
@@ -30,22 +30,22 @@ def is_number(value) -> bool:
 
 
 def is_whole(value, least: int, most: float = math.inf) -> bool:
-    """Whether something is a whole number in a range; a truth value is none."""
+    """Whether a value is an integer in a range. Booleans are not."""
     whole = isinstance(value, Integral) and not isinstance(value, bool)
     return whole and least <= value <= most
 
 
 def require(fits: bool, what: str, value, wanted: str) -> None:
-    """Refuse a value that does not fit, saying what it must be."""
+    """Raise a SceneError unless the value is allowed; the message says what is allowed."""
     if not fits:
         raise SceneError(f"{what} = {value!r} must be {wanted}")
 
 
 def vector(value, size: int, what: str) -> np.ndarray:
-    """Finite array of `size` numbers, which cannot be changed."""
+    """Read-only array of `size` finite numbers."""
     array = shaped(value, size, what)
     if not np.isfinite(array).all():
-        raise SceneError(f"{what}: {value!r} is not finite")
+        raise SceneError(f"{what}: {value!r} is not finite; give finite numbers")
     array.setflags(write=False)
     return array
 
@@ -55,7 +55,7 @@ def shaped(value, size: int, what: str) -> np.ndarray:
     try:
         parts = value if isinstance(value, list | tuple) else [value]
         if any(isinstance(part, Expr) for part in parts):
-            raise TypeError("a symbol, of which UFL tries without end to make a number")
+            raise TypeError("converting a UFL symbol to float never ends")
         array = np.array(value, dtype=float, ndmin=1)
     except (TypeError, ValueError):
         array = np.empty(0)
@@ -66,82 +66,62 @@ def shaped(value, size: int, what: str) -> np.ndarray:
 
 
 def fields_in(expression) -> list:
-    """Functions and constants of dolfinx in a UFL expression."""
+    """dolfinx functions and constants in a UFL expression."""
     return [*extract_coefficients(expression), *extract_constants(expression)]
 
 
 def refuse_fields(found: Iterable, what: str, known: Iterable = ()) -> None:
-    """Refuse functions and constants of a user's own in a UFL expression.
+    """Refuse dolfinx functions and constants of the user in a UFL expression, unless `known`.
 
-    They would be read once, before the run, and what they are changed to would be left out.
-
-    Parameters
-    ----------
-    found : iterable
-        What is in an expression that a user's function gave.
-    what : str
-        Name of the function in messages.
-    known : iterable
-        Functions and constants that the package keeps up to date.
-
-    Raises
-    ------
-    SceneError
-        If there are others.
+    They would be read once, before the run; later changes would be ignored.
     """
     ours = {id(field) for field in known}
     for field in found:
         if id(field) not in ours:
             raise SceneError(
-                f"{what}: it contains {field}, a {type(field).__name__} of your own. That would be "
-                "read once, and not when it changes. Take numbers and UFL expressions of what the "
-                "function is given: of the strains in a law, and of step.t (time) and step.X "
-                "(place) elsewhere, such as ufl.sin(3 * step.t)"
+                f"{what}: it contains {field}, a {type(field).__name__} of your own. It would be "
+                "read only once; later changes would be ignored. Use numbers and UFL expressions "
+                "of the function's arguments: the strains in a stored energy; step.t (time) and "
+                "step.X (position) elsewhere, for example ufl.sin(3 * step.t)"
             )
 
 
 class Constant:
-    """A constant as a function.
-
-    Parameters
-    ----------
-    value : (size,) float
-        What it returns.
-    """
+    """A constant value (size,) as a function."""
 
     def __init__(self, value: np.ndarray):
         self._value = value
 
     def __call__(self, *_) -> np.ndarray:
-        """The constant, whatever the arguments."""
+        """The constant, for any arguments."""
         return self._value
 
 
 def check_takes_time(function, what: str) -> None:
-    """Refuse a function whose parameters show that it is one of the place, and not of the time."""
+    """Refuse a function whose parameters show that it depends on position instead of time."""
     try:
         parameters = list(inspect.signature(function).parameters.values())
-    except (TypeError, ValueError):  # a constant, or a function that does not tell
+    except (TypeError, ValueError):  # a constant, or a function without a signature
         return
     kinds = inspect.Parameter.POSITIONAL_ONLY, inspect.Parameter.POSITIONAL_OR_KEYWORD
     names = [p.name for p in parameters if p.kind in kinds and p.default is p.empty]
     if len(names) > 1 or names and names[0].lower() in _PLACES:
         raise SceneError(
-            f"{what}: its function of ({', '.join(names)}) would be called with the time t alone. "
-            "For a load that varies along the beam give a function of the arc length s [m], and "
-            "of='arc length'"
+            f"{what}: the function takes ({', '.join(names)}), but it is called with the time t "
+            "only. For a load that varies along the beam, give a function of the arc length s [m] "
+            "and of='arc length'"
         )
 
 
 def time_function(value, size: int, what: str) -> TimeFunction:
-    """A constant or a function of time as a function with values of shape (size,)."""
+    """A function of time with values of shape (size,), from a constant or a user's function."""
     return checked_function(value, size, what, 0.0)
 
 
 def checked_function(value, size: int, what: str, *sample: float) -> Callable:
-    """A constant or a user's function as a function with values of shape (size,).
+    """A function with values of shape (size,), from a constant or a user's function.
 
-    The function is called once at `sample`, so that a wrong one is found before anything runs.
+    The user's function is called once at `sample`, so that errors show before the run.
     """
     if not callable(value):
         return Constant(vector(value, size, what))
@@ -155,7 +135,7 @@ def checked_function(value, size: int, what: str, *sample: float) -> Callable:
 
 
 class _Checked:
-    """A user's function, whose values are given their shape or refused."""
+    """A user's function; its values get their shape or are refused."""
 
     def __init__(self, function: Callable, size: int, what: str):
         self.function, self.size, self._what = function, size, what
@@ -170,36 +150,18 @@ class _Checked:
 
 
 def series(function: TimeFunction, times: np.ndarray, what: str) -> np.ndarray:
-    """Values of a user's function at several times, or a clear error.
+    """Finite values (n, size) of a `time_function` at n times [s].
 
-    Parameters
-    ----------
-    function : callable
-        What `time_function` gave.
-    times : (n,) float
-        Times [s].
-    what : str
-        Name of the function in messages.
-
-    Returns
-    -------
-    (n, size) float
-        Its finite values.
-
-    Raises
-    ------
-    StepError
-        If it raises or gives a value that is not finite. Its attribute `time` says when, as that of
-        an interrupt does.
+    Raises StepError otherwise. The `time` of the error, or of an interrupt, says when.
     """
     if isinstance(function, _Checked):
-        # Checked all at once, as checks one by one take longer than most functions do.
+        # All values are checked at once: one by one, the checks cost more than most functions.
         found: list = []
         try:
             for t in times.tolist():
                 value = function.function(t)
-                if not isinstance(value, _FIXED):
-                    # It may fill and return one array or list of its own again and again.
+                if not isinstance(value, _IMMUTABLE):
+                    # Copied, as the function may fill and return the same array each time.
                     value = (value if isinstance(value, np.ndarray) else np.array(value)).tolist()
                 found.append(value)
             values = np.array(found, dtype=float)
@@ -209,36 +171,16 @@ def series(function: TimeFunction, times: np.ndarray, what: str) -> np.ndarray:
             interrupt.time = times[len(found)]  # type: ignore[attr-defined]
             raise
         except Exception:
-            pass  # which one it was is found out below
+            pass  # the line below finds the time of the failure
     return np.array([evaluate(function, float(t), what) for t in times])
 
 
 def evaluate(function: TimeFunction, t: float, what: str) -> np.ndarray:
-    """Value of a user's function of time, or a clear error.
-
-    Parameters
-    ----------
-    function : callable
-        ``function(t)``.
-    t : float
-        Time [s].
-    what : str
-        Name of the function in messages.
-
-    Returns
-    -------
-    float array
-        Its finite value.
-
-    Raises
-    ------
-    StepError
-        If it raises or gives a value that is not finite.
-    """
+    """Finite value of a `time_function` at the time t [s]; StepError otherwise."""
     try:
         value = function(t)
     except Exception as error:
         raise StepError(f"{what}: evaluating it at t = {t:.6g} raised {error!r}", t) from error
     if not np.isfinite(value).all():
-        raise StepError(f"{what}: its value at t = {t:.6g} is {value}, not finite", t)
+        raise StepError(f"{what}: its value at t = {t:.6g} is {value}, which is not finite", t)
     return value

@@ -16,7 +16,7 @@ PACKAGE = Path(fx_beam.__file__).parent
 # from the files before it only.
 HOUSE = {
     "": ["errors", "validation"],
-    "scene": ["beam", "curve", "loads", "section", "joints", "scene"],
+    "scene": ["beam", "curve", "loads", "section", "coordinate", "joints", "scene"],
     "mechanics": ["interval", "kinematics", "rates", "resultants", "schemes"],
     "results": ["files", "audit", "state", "export", "lookup", "joint_motion", "solution", "saved"],
     "fem": [

@@ -56,8 +56,8 @@ def test_only_the_distance_from_a_guide_is_a_gap(make):
     [
         (lambda a, b: fb.Revolute(a, a), "Revolute: both of its nodes are node 0 at (0, 0)"),
         (lambda a, b: fb.Rigid(fb.GROUND, fb.GROUND), "both of its nodes are the ground"),
-        (lambda a, b: fb.Revolute(a, (0, 0)), "Revolute: (0, 0) is no node"),
-        (lambda a, b: fb.Revolute(None, b), "Revolute: None is no node"),
+        (lambda a, b: fb.Revolute(a, (0, 0)), "Revolute: (0, 0) is not a node"),
+        (lambda a, b: fb.Revolute(None, b), "Revolute: None is not a node"),
         (lambda a, b: fb.Prismatic(a, b, axis=(0, 0)), "Prismatic: axis = [0. 0.] has no direc"),
         (lambda a, b: fb.PinInSlot(a, b, axis=(1, 0, 0)), "PinInSlot: axis: (1, 0, 0)"),
         (lambda a, b: fb.PinInSlot(a, b, axis=(math.nan, 0)), "PinInSlot: axis: (nan, 0)"),
@@ -240,15 +240,15 @@ def test_histories_of_joints_are_refused_for_what_is_no_joint_of_the_solution():
     with pytest.raises(ValueError, match="joint 0, Revolute of .* has no slide"):
         solution.slide(hinge)
     for history in (solution.joint_force, solution.gap):
-        with pytest.raises(ValueError, match="no joint of this solution; take what add_joint"):
+        with pytest.raises(ValueError, match="not a joint of this solution; take the one"):
             history(given)
-        with pytest.raises(ValueError, match="no joint of this solution"):
+        with pytest.raises(ValueError, match="not a joint of this solution"):
             history("hinge")
     other = pair("prismatic with offset")[3]
     assert other.number == hinge.number
-    with pytest.raises(ValueError, match="no node of this solution"):
+    with pytest.raises(ValueError, match="not a node of this solution"):
         solution.joint_force(other)
-    with pytest.raises(ValueError, match="no node of this solution"):
+    with pytest.raises(ValueError, match="not a node of this solution"):
         solution.slide(other)
 
 
@@ -269,7 +269,7 @@ def two_bars(mass=0.0):
 
 
 def test_a_massless_mechanism_of_joints_is_refused():
-    with refused(r"the part of the scene around .* can turn about .*without mass or support"):
+    with refused(r"beam .* can rotate about .*without mass or support"):
         run(two_bars())
 
 
@@ -301,7 +301,7 @@ def test_an_arm_without_mass_on_a_slide_is_refused_and_on_a_motor_accepted():
         arm = scene.add_beam([(0, 0), (0, 1)], MASSLESS)
         scene.add_joint(fb.Prismatic(fb.GROUND, arm.start, axis=(1, 0), motor=motor))
         if motor is None:
-            with refused(r"can move along \(-?1, 0\) without mass"):
+            with refused(r"can move along \(-?1, 0\) .*without mass"):
                 run(scene)
         else:
             assert run(scene).displacement(arm.end)[-1] == pytest.approx([1e-3, 0.0], abs=1e-12)

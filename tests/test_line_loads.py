@@ -57,7 +57,7 @@ def test_the_work_of_a_load_along_the_arc_is_what_the_energy_gains():
     ids=["s", "x", "x, y", "s, t"],
 )
 def test_a_function_of_the_place_is_refused_as_one_of_time(load):
-    with pytest.raises(fb.SceneError, match="called with the time t alone.*of='arc length'"):
+    with pytest.raises(fb.SceneError, match="called with the time t only.*of='arc length'"):
         cantilever(load)
 
 

@@ -49,7 +49,7 @@ def test_a_three_hinged_arch_holds_and_in_line_it_does_not():
         check_moving(arch)
         flat, _ = chain([(0, 0), (size, 0), (2 * size, 0)])
         for check in (check_static, check_moving):
-            with pytest.raises(fb.SceneError, match=r"can turn about \((0|2e?[-+0-9]*), 0\)"):
+            with pytest.raises(fb.SceneError, match=r"can rotate about \((0|2e?[-+0-9]*), 0\)"):
                 check(flat)
 
 
@@ -58,10 +58,10 @@ def test_a_chain_without_mass_between_two_pins_is_refused_and_with_it_accepted(l
     angles = np.linspace(0, np.pi, links + 1)
     places = np.column_stack([-np.cos(angles), np.sin(angles)])
     for check in (check_static, check_moving):
-        with pytest.raises(fb.SceneError, match="can turn about"):
+        with pytest.raises(fb.SceneError, match="can rotate about"):
             check(chain(places)[0])
     check_moving(chain(places, HEAVY)[0])
-    with pytest.raises(fb.SceneError, match="without support"):
+    with pytest.raises(fb.SceneError, match="Static analysis is singular: beam .* Add a support"):
         check_static(chain(places, HEAVY)[0])
 
 
@@ -85,7 +85,7 @@ def test_in_a_long_cantilever_of_springs_the_one_free_hinge_is_found(free):
     else:
         scene.clamp(links[0].start)
         scene.add_joint(fb.Revolute(last, more[0].start))
-    with pytest.raises(fb.SceneError, match=rf"can turn about \({free}, 0\) without support"):
+    with pytest.raises(fb.SceneError, match=rf"can rotate about \({free}, 0\) as a rigid body"):
         check_static(scene)
 
 
@@ -105,7 +105,7 @@ def test_a_parallelogram_in_line_has_one_motion_more(angle):
     if angle:
         check_static(scene)
     else:
-        with pytest.raises(fb.SceneError, match="can turn about"):
+        with pytest.raises(fb.SceneError, match="can rotate about"):
             check_static(scene)
 
 
@@ -140,7 +140,7 @@ def test_a_truss_holds_and_without_any_of_its_bars_does_not(bays):
     check_static(truss(bays))
     check_moving(truss(bays))
     for left_out in {0, 3, 4 * bays, 4 * (bays // 2) + 2}:
-        with pytest.raises(fb.SceneError, match="can (turn|move)"):
+        with pytest.raises(fb.SceneError, match="can (rotate|move)"):
             check_static(truss(bays, left_out))
 
 
@@ -156,7 +156,7 @@ def test_a_mass_counts_whatever_its_unit(mass, size):
     scene.pin(arm.start)
     other = scene.add_beam([(0, size), (size, size)], LIGHT)
     scene.add_mass(other.start, 1.0, size**2)
-    with pytest.raises(fb.SceneError, match=r"can turn about \(0, 0\) without mass"):
+    with pytest.raises(fb.SceneError, match=r"can rotate about \(0, 0\) .*without mass"):
         check_moving(scene)
     scene.add_mass(arm.end, 0.0, mass * size**2)
     check_moving(scene)
@@ -167,10 +167,22 @@ def test_masses_in_one_place_let_a_part_turn_about_it_and_in_two_do_not():
     beam = scene.add_beam([(0, 0), (3, 4)], LIGHT, elements=2)
     scene.add_mass(beam.end, 1.0)
     scene.add_mass(beam.end, 2.0)
-    with pytest.raises(fb.SceneError, match=r"around \(1.5, 2\) can turn about \(3, 4\)"):
+    with pytest.raises(fb.SceneError, match=r"beam 'beam 1' can rotate about \(3, 4\)"):
         check_moving(scene)
     scene.add_mass(beam.start, 1e-20)
     check_moving(scene)
+
+
+def test_the_beams_of_the_body_that_moves_are_named():
+    scene = fb.Scene()
+    hub = scene.add_beam([(0, 0), (1, 0)], LIGHT, name="spoke 0")
+    for k in (1, 2, 3, 4):
+        scene.add_beam([hub.start, (np.cos(k), np.sin(k))], LIGHT, name=f"spoke {k}")
+    scene.clamp(scene.add_beam([(5, 0), (6, 0)], LIGHT, name="post").start)
+    scene.pin(hub.start)
+    named = r"beams 'spoke 0', 'spoke 1', 'spoke 2' and 2 more can rotate about \(0, 0\) as a rigid"
+    with pytest.raises(fb.SceneError, match=named):
+        check_static(scene)
 
 
 # -- Against another algorithm -----------------------------------------------------------------

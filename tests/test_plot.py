@@ -154,5 +154,5 @@ def test_a_file_that_cannot_be_written_is_refused_before_anything_is_drawn(tmp_p
 
 def test_names_are_written_at_nodes_of_the_solution_only(tmp_path):
     solution = fb.simulate(swinging()[0], dt=0.01, t_end=0.1)
-    with pytest.raises(ValueError, match="is no node of this solution"):
+    with pytest.raises(ValueError, match="is not a node of this solution"):
         plot.shapes(solution, [0], tmp_path / "a.png", marks={"B": fb.Node(99, 0.0, 0.0)})

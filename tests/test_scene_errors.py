@@ -271,14 +271,14 @@ def test_a_beam_at_a_node_of_another_scene_is_refused():
 @pytest.mark.parametrize("method", WITH_A_NODE)
 def test_what_is_no_node_is_refused_with_the_way_to_get_one(method, thing):
     scene, _ = small_scene()
-    with refused(re.escape(f"{thing!r} is no node; take one from a beam")):
+    with refused(re.escape(f"{thing!r} is not a node; take one from a beam")):
         WITH_A_NODE[method](scene, thing)
 
 
 @pytest.mark.parametrize("method", [name for name in WITH_A_NODE if name != "set_velocity"])
 def test_a_beam_in_place_of_a_node_is_refused(method):
     scene, beam = small_scene()
-    with refused("is no node"):
+    with refused("is not a node"):
         WITH_A_NODE[method](scene, beam)
 
 
@@ -293,7 +293,7 @@ def test_a_beam_of_another_scene_is_refused(method):
 @pytest.mark.parametrize("thing", ["arm", 0, "node"])
 def test_what_is_no_beam_is_refused(thing):
     scene, beam = small_scene()
-    with refused("line load: .* is no beam"):
+    with refused("line load: .* is not a beam"):
         scene.add_line_load(beam.end if thing == "node" else thing, (1.0, 0.0))
 
 
@@ -324,13 +324,13 @@ def test_a_component_named_twice_is_refused():
 
 def test_an_unknown_component_is_refused_and_the_known_ones_are_named():
     scene, beam = small_scene()
-    with refused("'z' is none of .*'x', 'y', 'rotation'"):
+    with refused("'z' must be one of .*'x', 'y', 'rotation'"):
         scene.fix(beam.start, "z")
 
 
 def test_a_support_without_components_is_refused():
     scene, beam = small_scene()
-    with refused("support of node 0 .* name what is fixed"):
+    with refused("support of node 0 .* name the components to fix"):
         scene.fix(beam.start)
     with refused("prescribed motion of node 0 .* give x, y or rotation"):
         scene.prescribe(beam.start)
@@ -636,14 +636,14 @@ PIN = ("start", "x", "y")
 
 def test_a_free_beam_without_mass_is_refused():
     scene, _ = massless()
-    with refused(r"around \(3.5, 1\) can (move|turn) .* without mass or support"):
+    with refused(r"beam 'beam 1' can (move|rotate) .* without mass or support"):
         run(scene)
 
 
 @pytest.mark.parametrize("other", [(), (("end", "x"),)])
 def test_a_beam_without_mass_that_turns_about_its_pin_is_refused(other):
     scene, _ = massless(PIN, *other)
-    with refused(r"around \(3.5, 1\) can turn about \(2, 1\) without mass or support"):
+    with refused(r"'beam 1' can rotate about \(2, 1\) .*without mass or support"):
         run(scene)
 
 
@@ -652,7 +652,7 @@ def test_a_beam_without_mass_that_turns_about_its_pin_is_refused(other):
 )
 def test_a_beam_without_mass_that_slides_is_refused(supports):
     scene, _ = massless(*supports)
-    with refused(r"can move along \(-?1, -?0\) without mass or support"):
+    with refused(r"can move along \(-?1, -?0\) .*without mass or support"):
         run(scene)
 
 
@@ -666,21 +666,21 @@ def test_a_beam_with_rotary_inertia_only_is_refused():
 def test_a_mass_does_not_hold_a_beam_that_turns_about_it():
     scene, beam = massless()
     scene.add_mass(beam.end, 1.0)
-    with refused(r"can turn about \(5, 1\)"):
+    with refused(r"can rotate about \(5, 1\)"):
         run(scene)
 
 
 def test_a_mass_at_a_pin_does_not_hold_a_beam_that_turns_about_it():
     scene, beam = massless(PIN)
     scene.add_mass(beam.start, 1.0)
-    with refused(r"can turn about \(2, 1\)"):
+    with refused(r"can rotate about \(2, 1\)"):
         run(scene)
 
 
 def test_the_part_that_moves_is_found_among_parts_that_do_not():
     scene, _ = massless(PIN)
     scene.add_beam([(0, 0), (1, 0)], SECTION)
-    with refused(r"around \(3.5, 1\) can turn about \(2, 1\)"):
+    with refused(r"beam 'beam 1' can rotate about \(2, 1\)"):
         run(scene)
 
 

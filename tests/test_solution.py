@@ -352,7 +352,7 @@ def write(path, content, framed):
 def test_a_file_that_is_no_solution_is_refused_by_its_name(content, framed, tmp_path):
     path = tmp_path / "wrong.npz"
     write(path, content, framed)
-    with pytest.raises(ValueError, match="wrong.npz is no solution saved by fx_beam"):
+    with pytest.raises(ValueError, match="wrong.npz is not a solution saved by fx_beam"):
         fb.load(path)
 
 
@@ -415,29 +415,29 @@ def foreign():
 @pytest.mark.parametrize("method", OF_A_NODE)
 def test_a_node_of_another_scene_is_refused(method, framed, foreign):
     for node in (foreign.start, foreign.end):
-        with pytest.raises(ValueError, match=r"node \d+ at .* is no node of this solution"):
+        with pytest.raises(ValueError, match=r"node \d+ at .* is not a node of this solution"):
             getattr(framed[0], method)(node)
 
 
 @pytest.mark.parametrize("thing", [0, None, (2.0, 0.0), "arm"], ids=str)
 @pytest.mark.parametrize("method", OF_A_NODE)
 def test_what_is_no_node_is_refused(method, thing, framed):
-    with pytest.raises(ValueError, match="is no node; take one from a beam"):
+    with pytest.raises(ValueError, match="is not a node; take one from a beam"):
         getattr(framed[0], method)(thing)
 
 
 @pytest.mark.parametrize("method", ["shape", "resultants"])
 def test_a_beam_of_another_scene_is_refused(method, framed, foreign):
-    with pytest.raises(ValueError, match="'arm' is no beam of this solution"):
+    with pytest.raises(ValueError, match="'arm' is not a beam of this solution"):
         getattr(framed[0], method)(foreign)
     with pytest.raises(
-        ValueError, match=r"'boom' is no beam of this solution; it has \['arm', 'leg'"
+        ValueError, match=r"'boom' is not a beam of this solution; it has \['arm', 'leg'"
     ):
         getattr(framed[0], method)("boom")
 
 
 def test_a_foreign_node_is_refused_in_a_table(framed, foreign, tmp_path):
-    with pytest.raises(ValueError, match="is no node of this solution"):
+    with pytest.raises(ValueError, match="is not a node of this solution"):
         framed[0].to_csv(tmp_path / "run.csv", {"tip": foreign.end})
 
 
@@ -607,13 +607,13 @@ def test_a_solution_says_what_it_is(framed):
 
 @pytest.mark.parametrize("method", ["slide", "joint_force", "gap"])
 def test_what_is_no_joint_is_refused(method, framed):
-    with pytest.raises(ValueError, match="1 is no joint of this solution; take what add_joint"):
+    with pytest.raises(ValueError, match="1 is not a joint of this solution; take the one"):
         getattr(framed[0], method)(1)
 
 
 def test_a_beam_in_place_of_a_node_is_named_in_one_line(framed):
     solution, arm = framed[0], framed[0].beams["arm"]
-    with pytest.raises(ValueError, match="^<Beam 'arm': .* is no node; take one") as refused:
+    with pytest.raises(ValueError, match="^<Beam 'arm': .* is not a node; take one") as refused:
         solution.position(arm)
     assert len(str(refused.value)) < 200
 

@@ -318,7 +318,9 @@ def test_dampers_hold_nothing():
 
     spring = fb.Spring(20.0)
     assert hinged(spring=spring, damper=fb.Damper(1e3)) == hinged(spring=spring)
-    with pytest.raises(fb.SceneError, match="can turn about .* without support, which statics"):
+    with pytest.raises(
+        fb.SceneError, match="Static analysis is singular: beam 'beam 2' can rotate about"
+    ):
         hinged(damper=fb.Damper(1e3))
 
 
@@ -355,7 +357,7 @@ def test_what_hangs_by_its_weight_is_held_in_a_copy_as_the_error_says():
         return scene, rod
 
     scene, rod = pendulum(held=False)
-    with pytest.raises(fb.SceneError, match=r"can turn about \(0, 0\).*in a copy of the scene"):
+    with pytest.raises(fb.SceneError, match=r"can rotate about \(0, 0\).*in a copy of the scene"):
         fb.static(scene)
     hanging = fb.static(pendulum(held=True)[0])
     assert -hanging.displacement(rod.end)[-1, 1] == pytest.approx(2 * 9.81 / 2 / 1e3)
@@ -484,7 +486,7 @@ def test_wrong_input_is_refused_by_name():
         fb.static(scene, newton=3)
     free = fb.Scene()
     free.add_beam([(0, 0), (1, 0)], ROLLED)
-    with pytest.raises(fb.SceneError, match="can move along .* without support, which statics"):
+    with pytest.raises(fb.SceneError, match="Static analysis is singular: .* can move along"):
         fb.static(free)
     with pytest.raises(fb.SceneError, match=r"Equilibrium does not move in time.*fx_beam.static"):
         fb.simulate(scene, fb.Equilibrium(), dt=0.1, t_end=1.0)

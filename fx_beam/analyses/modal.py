@@ -50,6 +50,18 @@ class Modes:
         All nodes of each beam in order, those inside elements included.
     degree : int
         Degree of the elements.
+
+    Examples
+    --------
+    >>> import fx_beam as fb
+    >>> scene = fb.Scene()
+    >>> bar = scene.add_beam([(0, 0), (1, 0)], fb.Section(EA=1e4, GA=1e4, EI=1.0))
+    >>> scene.fix(bar.start, "x", "y", "rotation")
+    >>> scene.add_mass(bar.end, mass=1.0)
+    >>> found = fb.modes(scene, n=2)
+    >>> moved = found.shape(bar, mode=0, size=0.1)[-1] - found.positions[-1]
+    >>> len(found), abs(moved).round(3)
+    (2, array([0. , 0.1]))
     """
 
     angular_frequencies: np.ndarray
@@ -141,6 +153,19 @@ def modes(scene: Scene, state: Solution | None = None, n: int = 6) -> Modes:
         motion and have no potential.
     RuntimeError
         Where PETSc or SLEPc is missing, or SLEPc fails.
+
+    Examples
+    --------
+    The first bending frequency of a cantilever, against 3.516 sqrt(EI / (rhoA L^4)).
+
+    >>> import fx_beam as fb
+    >>> scene = fb.Scene()
+    >>> section = fb.Section(EA=1e5, GA=1e5, EI=1.0, rhoA=1.0)
+    >>> beam = scene.add_beam([(0, 0), (1, 0)], section, elements=16)
+    >>> scene.clamp(beam.start)
+    >>> lowest = fb.modes(scene, n=2)
+    >>> round(float(lowest.angular_frequencies[0]), 1)
+    3.5
     """
     if not isinstance(scene, Scene):
         raise SceneError(f"modes needs an fx_beam.Scene, not {scene!r}")

@@ -85,6 +85,19 @@ def static(
     StepError
         For a step that failed. Its attribute `solution` holds all steps before it, and `time` the
         load factor.
+
+    Examples
+    --------
+    An end moment bends a cantilever into a quarter circle.
+
+    >>> import math, fx_beam as fb
+    >>> scene = fb.Scene()
+    >>> beam = scene.add_beam([(0, 0), (1, 0)], fb.Section(EA=1e4, GA=1e4, EI=1.0), elements=8)
+    >>> scene.clamp(beam.start)
+    >>> scene.add_moment(beam.end, math.pi / 2)
+    >>> solution = fb.static(scene, steps=4)
+    >>> bool(abs(solution.rotation(beam.end)[-1] - math.pi / 2) < 1e-8)
+    True
     """
     _check(scene, steps, t, continuation, newton, max_cuts, max_steps)
     petsc("fx_beam.static")

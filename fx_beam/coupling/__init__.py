@@ -1,4 +1,4 @@
-"""Joints as couplings of degrees of freedom: from all of them to the unknowns.
+"""Joints eliminate degrees of freedom: from all of them to the unknowns.
 
-Also springs and dampers in joints, and the check that every part has mass or support.
+Also springs and dampers of joints, and the check for mechanisms without mass or support.
 """

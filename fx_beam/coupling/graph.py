@@ -1,4 +1,4 @@
-"""Which degrees of freedom the joints leave: forests of coupled nodes, and columns of unknowns."""
+"""Which degrees of freedom the joints eliminate: trees of coupled nodes, columns of unknowns."""
 
 from __future__ import annotations
 
@@ -13,15 +13,15 @@ from fx_beam.fem.mesh import Mesh
 from fx_beam.scene.joints import GROUND, Joint
 from fx_beam.scene.scene import Scene
 
-#: An entry of a coupling: the column, the place of its value (0 is the constant 1), and its sign.
+#: An entry of a coupling: column, position of its value (0 is the constant 1), and sign.
 Entry = tuple[int, int, float]
-# Name of the ground's column, which stands still.
+# Key of the ground's column, which is fixed.
 _GROUND = ("ground",)
 
 
 @dataclass(frozen=True)
 class Branch:
-    """A node that a joint couples to its parent in a forest."""
+    """A node that a joint couples to its parent in a tree."""
 
     node: int
     parent: int
@@ -35,45 +35,36 @@ class Branch:
 
 @dataclass(frozen=True)
 class Couplings:
-    """The full degrees of freedom as functions of the columns that are left.
+    """All degrees of freedom as functions of the remaining columns.
 
-    Columns are, in this order: free degrees of freedom and slides, those that are driven
-    (prescribed motions, then motors), and those that are fixed, with one for the ground.
-
-    Parameters
-    ----------
-    free, driven, columns : int
-        Number of free columns, of driven ones, and of all.
-    entries : list of lists of Entry
-        For each degree of freedom its columns and values.
-    slides : dict
-        Column of the slide of each joint that has one, by the joint's number.
-    bending : list of Joint
-        Joints whose coupling changes with the motion; joint m has the values 1 + 4 m to 4 + 4 m,
-        the derivatives of x and y by the rotation and then by the slide.
-    sign : (3, joints) float
-        For x, y and the rotation: 1 where b follows a, -1 where a follows b, 0 where neither does.
-    subtree : 3 lists of int arrays
-        For x, y and the rotation, and for each joint: the nodes that follow through it.
+    Order of columns: free degrees of freedom and slides; driven (prescribed motions, then motors);
+    fixed, with one for the ground.
     """
 
+    #: Number of free columns, of driven ones, and of all.
     free: int
     driven: int
     columns: int
+    #: Entries of each degree of freedom.
     entries: list[list[Entry]]
+    #: Column of the slide of each joint that has one, by the joint's number.
     slides: dict[int, int]
+    #: Joints whose coupling changes with the motion. Joint m has the values 1 + 4 m to 4 + 4 m: the
+    #: derivatives of x and y by the rotation, then by the slide.
     bending: list[Joint]
+    #: For x, y and rotation (3, joints): 1 if b follows a, -1 if a follows b, 0 if neither does.
     sign: np.ndarray
+    #: For x, y and rotation, and for each joint: the nodes that follow through it.
     subtree: list[list[np.ndarray]]
 
     @property
     def is_index(self) -> bool:
-        """Whether every degree of freedom equals one column."""
+        """Whether each degree of freedom equals one column."""
         return all(len(own) == 1 and own[0][1] == 0 for own in self.entries)
 
     @cached_property
     def places(self) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-        """Free columns that are degrees of freedom, which these are, those of slides, whose."""
+        """Free columns of degrees of freedom and of slides, each with its owners."""
         alone = [
             own[0] if len(own) == 1 and own[0][1:] == (0, 1.0) else (-1,) for own in self.entries
         ]
@@ -84,44 +75,26 @@ class Couplings:
         return column[dofs], dofs, of_slide, number
 
     def unknowns(self, D: np.ndarray, slides: np.ndarray) -> np.ndarray:
-        """Unknowns (..., free) of increments (..., size) and of slides (..., joints)."""
+        """Unknowns (..., free) from increments (..., size) and slides (..., joints)."""
         y = np.zeros((*D.shape[:-1], self.free))
         columns, dofs, of_slides, numbers = self.places
         y[..., columns], y[..., of_slides] = D[..., dofs], slides[..., numbers]
         return y
 
     def free_slides(self, y: np.ndarray, joints: int) -> np.ndarray:
-        """Increments of the slides (..., joints) that are among the unknowns (..., free)."""
+        """Increments of the slides (..., joints) from the unknowns (..., free)."""
         slides = np.zeros((*y.shape[:-1], joints))
         _, _, columns, numbers = self.places
         slides[..., numbers] = y[..., columns]
         return slides
 
     def entries_of_guide(self, joint: Joint, dofs: np.ndarray) -> list[Entry]:
-        """Entries of the rotation that turns a joint's offset and axis; none on the ground."""
+        """Entries of the rotation of a joint's offset and axis; none on the ground."""
         return self.entries[dofs[joint.a.number, 2]] if joint.a is not GROUND else []
 
 
 def couple(scene: Scene, mesh: Mesh) -> Couplings:
-    """Couplings of a scene.
-
-    Parameters
-    ----------
-    scene : Scene
-        Its joints and supports.
-    mesh : Mesh
-        Numbering of the degrees of freedom.
-
-    Returns
-    -------
-    Couplings
-        Columns and entries.
-
-    Raises
-    ------
-    SceneError
-        For joints that over-constrain, naming them.
-    """
+    """Couplings of a scene; SceneError for joints that over-constrain, with their names."""
     forests = _forests(scene)
     columns = _Columns(scene, mesh, forests)
     bending = [b.joint for b in forests[0] if not b.joint.is_index]
@@ -187,23 +160,7 @@ class _Columns:
 
 
 def motors(scene: Scene) -> list[tuple[Joint, str]]:
-    """Joints that have a motor, each with the name of the coordinate that it moves.
-
-    Parameters
-    ----------
-    scene : Scene
-        Its joints.
-
-    Returns
-    -------
-    list of (Joint, str)
-        In the order of the joints; "slide" or "rotation".
-
-    Raises
-    ------
-    SceneError
-        If a joint has two.
-    """
+    """Joints with a motor, each with the name of its coordinate: "slide" or "rotation"."""
     found = []
     for joint in scene.joints:
         names = [
@@ -212,16 +169,16 @@ def motors(scene: Scene) -> list[tuple[Joint, str]]:
             if coordinate is not None and coordinate.motor is not None
         ]
         if len(names) == 2:
-            raise SceneError(f"{joint}: it has two motors; give one of them to another joint")
+            raise SceneError(f"{joint}: it has two motors. Move one of them to another joint")
         found += [(joint, name) for name in names]
     return found
 
 
 def _forests(scene: Scene) -> list[list[Branch]]:
-    """Forests of x, y and the rotation.
+    """Trees of x, y and rotation.
 
-    Of two nodes that are joined one may be held in x and the other in y. Where only one component
-    of a tree is held, the other has the same root.
+    Of two joined nodes, one may be fixed in x and the other in y. If only one component of a tree
+    is fixed, the other component has the same root.
     """
     held = [{n for n, part in {*scene.fixed, *scene.prescribed} if part == i} for i in range(3)]
     turning = [joint for joint in scene.joints if joint.turns_together]
@@ -237,14 +194,14 @@ def _forest(
 ) -> list[Branch]:
     """Joints as branches of trees, parents first; a supported node or the ground is a root.
 
-    Where there is none it is a preferred node, or the one with the smallest number.
+    Otherwise the root is a preferred node, or the one with the smallest number.
     """
     neighbours: dict[int, list[tuple[int, Joint]]] = {}
     trees: dict[int, int] = {}
 
     def tree(node: int) -> int:
         while (above := trees.setdefault(node, node)) != node:
-            trees[node] = trees[above]  # so that the next way is half as long
+            trees[node] = trees[above]  # halves the path for the next search
             node = above
         return node
 
@@ -252,7 +209,7 @@ def _forest(
         a, b = joint.a.number, joint.b.number
         if tree(a) == tree(b):
             path = _path(neighbours, a, b)
-            _refuse(scene, [*path, joint], f"they close a loop in which every {what} is coupled")
+            _refuse(scene, [*path, joint], f"they close a loop in which each {what} is coupled")
         trees[tree(a)] = tree(b)
         neighbours.setdefault(a, []).append((b, joint))
         neighbours.setdefault(b, []).append((a, joint))
@@ -309,8 +266,8 @@ def _path(neighbours, start: int, end: int) -> list[Joint]:
 def _refuse(scene: Scene, joints, reason: str) -> None:
     names = "; ".join(str(joint) for joint in joints)
     raise SceneError(
-        f"over-constrained: {names}: {reason}. Remove one of them, or give it a freedom: a slide, "
-        "a free rotation, or a beam between"
+        f"over-constrained: {names}: {reason}. Remove one of them, or release a degree of freedom "
+        "by a slide, a free rotation, or a beam between the nodes"
     )
 
 
@@ -322,7 +279,7 @@ def _signs(branches: list[Branch], joints: int) -> np.ndarray:
 
 
 def _descendants(branches: list[Branch], joints: int) -> list[np.ndarray]:
-    """Nodes that follow through each joint, the branch's own node included."""
+    """Nodes that follow through each joint, the branch's node included."""
     below: dict[int, list[int]] = {b.node: [b.node] for b in branches}
     for branch in reversed(branches):
         if branch.parent in below:

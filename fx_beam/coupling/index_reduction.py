@@ -1,7 +1,7 @@
 """From all degrees of freedom to the unknowns: supports, and joints without multipliers.
 
-The full vector x of nodal values is a function g of the columns z, the unknowns first. Newton's
-method solves That^T r(g(z)) = 0; the tangent is That^T K T + (dThat/dz)^T r with T = dg/dz.
+The nodal vector x is a function g of the columns z, unknowns first. Newton's method solves
+That^T r(g(z)) = 0; the tangent is That^T K T + (dThat/dz)^T r with T = dg/dz.
 """
 
 from __future__ import annotations
@@ -13,89 +13,64 @@ import scipy.sparse
 
 
 class Tables(NamedTuple):
-    """Couplings as lists of numbers, each a dictionary of arrays of one length.
+    """Couplings for the compiled loop: dictionaries of arrays of equal length."""
 
-    Parameters
-    ----------
-    entries : dict
-        row, column, value and sign of the entries of T and That; value 0 is the constant 1.
-    joints : dict
-        offset, axis, sign (in x and y), guide (-1: ground), slide_column (-1: none) and number of
-        the joints that bend.
-    followers : dict
-        dof and through: degrees of freedom that follow through a joint, x through 2 j of joint j
-        and y through 2 j + 1.
-    plain : dict
-        to and source: entries of the full tangent that are added to reduced ones.
-    mixed : dict
-        to, source, hat, value and sign: those that are multiplied by entries of That and T.
-    second : dict
-        to, joint, kind and sign of the derivatives of That.
-    third : dict
-        to, of, side and sign of the derivatives of the forces of springs and dampers.
-    """
-
+    #: Entries of T and That: row, column, value (0 is the constant 1) and sign.
     entries: dict
+    #: Joints that depend on the motion: offset, axis, sign (x, y), guide (-1: ground), slide_column
+    #: (-1: none) and number.
     joints: dict
+    #: Degrees of freedom (dof) that follow through joint j: through is 2 j for x and 2 j + 1 for y.
     followers: dict
+    #: Entries of the full tangent that are added to reduced ones: to and source.
     plain: dict
+    #: Entries that are multiplied by entries of That (hat) and T (value): also with a sign.
     mixed: dict
+    #: Derivatives of That: to, joint, kind and sign.
     second: dict
+    #: Derivatives of the forces of springs and dampers: to, of, side and sign.
     third: dict
 
 
 class Reduction(Protocol):
-    """Unknowns of a scene, and how vectors and matrices are reduced to them.
+    """Unknowns of a scene, and the reduction of vectors and matrices to them."""
 
-    Attributes
-    ----------
-    free, driven, columns : int
-        Number of unknowns, of driven columns (prescribed, motors), and of all with the fixed ones.
-    pattern : (indptr, indices)
-        Sparsity of the reduced matrix in compressed rows.
-    """
-
+    #: Number of unknowns, of driven columns (prescribed, motors), and of all with the fixed ones.
     free: int
     driven: int
     columns: int
+    #: Sparsity (indptr, indices) of the reduced matrix in compressed rows.
     pattern: tuple[np.ndarray, np.ndarray]
 
     def begin(self, q: np.ndarray, slides: np.ndarray, dt: float) -> None:
         """Set the start of a step: displacements and rotations, slides, and its length."""
 
     def expand(self, y: np.ndarray, driven: np.ndarray) -> np.ndarray:
-        """Increment of all degrees of freedom for increments of the unknowns: g."""
+        """Increment of all degrees of freedom from increments of unknowns and driven columns: g."""
 
     def spread(self, z: np.ndarray) -> np.ndarray:
-        """Small change of all degrees of freedom for one of all columns: T z."""
+        """Small change of all degrees of freedom from a small change of all columns: T z."""
 
     def coupling(self) -> scipy.sparse.csr_matrix:
         """The matrix T (size, columns) of `spread`."""
 
     def project(self, r: np.ndarray) -> np.ndarray:
-        """Generalised forces at all columns: That^T r, with those of springs and dampers."""
+        """Generalised forces of all columns: That^T r, with springs and dampers."""
 
     def guide_moments(self, r: np.ndarray) -> np.ndarray | None:
-        """Moments of offset and sliding joints on the nodes that carry them, for forces r."""
+        """Moments of offset and sliding joints on their nodes a, for forces r."""
 
     def tables(self) -> Tables:
-        """The lists that all of this is made of, for the compiled loop."""
+        """The coupling as lists of numbers, for the compiled loop."""
 
     def fill(self, values: np.ndarray, r: np.ndarray, out: np.ndarray) -> None:
-        """Values of the reduced tangent for those of the full one and the forces at the nodes."""
+        """Compute the reduced tangent `out` from the full one (values) and the nodal forces r."""
 
 
 class IndexReduction:
-    """Supports and joints that make degrees of freedom equal: nothing but numbering.
+    """Supports and joints that only make degrees of freedom equal: a numbering.
 
-    Parameters
-    ----------
-    column : (size,) int
-        Column of each degree of freedom.
-    free, driven, columns : int
-        Numbers of columns.
-    matrix : (size, size) sparse matrix
-        Gives the sparsity of the full tangent.
+    `column` (size,) is the column of each degree of freedom; `matrix` has the full sparsity.
     """
 
     def __init__(self, column: np.ndarray, free: int, driven: int, columns: int, matrix):
@@ -120,11 +95,11 @@ class IndexReduction:
         return z[self._column]
 
     def spread(self, z):
-        """The same for a small change."""
+        """Small change of all degrees of freedom."""
         return z[self._column]
 
     def coupling(self):
-        """Ones."""
+        """Matrix with a 1 in each row."""
         size = len(self._column)
         shape = (size, self.columns)
         return scipy.sparse.csr_matrix((np.ones(size), (np.arange(size), self._column)), shape)
@@ -136,7 +111,7 @@ class IndexReduction:
         return out
 
     def guide_moments(self, r):
-        """None, as there are no levers."""
+        """None: without offsets and slides there are no lever arms."""
         return None
 
     def fill(self, values, r, out) -> None:
@@ -172,7 +147,7 @@ class IndexReduction:
 
 
 class _Sums:
-    """Sums of the entries of a vector that share a place: a pick, and the few that come on top."""
+    """Sums of vector entries with the same target: one indexed copy, and a few additional terms."""
 
     def __init__(self, place: np.ndarray, source: np.ndarray | None = None):
         source = np.arange(len(place)) if source is None else source
@@ -180,13 +155,13 @@ class _Sums:
         self._first = source[first]
         self._more: list[tuple[np.ndarray, np.ndarray]] = []
         left = np.setdiff1d(np.arange(len(place)), first)
-        while len(left):  # once for every further node on a pin
+        while len(left):  # once for each additional node on a pin
             _, i = np.unique(place[left], return_index=True)
             self._more.append((place[left[i]], source[left[i]]))
             left = np.delete(left, i)
 
     def pairs(self) -> tuple[np.ndarray, np.ndarray]:
-        """Places and sources of all entries."""
+        """Targets and sources of all entries."""
         first = np.arange(len(self._first)), self._first
         places, sources = zip(first, *self._more, strict=True)
         return np.concatenate(places), np.concatenate(sources)
@@ -199,7 +174,7 @@ class _Sums:
 
 
 def sparsity(rows: np.ndarray, columns: np.ndarray, n: int):
-    """Compressed rows of the pairs given, and the place of each pair in them."""
+    """Compressed rows of the given pairs, and the position of each pair in them."""
     keys, place = np.unique(rows * n + columns, return_inverse=True)
     counts = np.bincount(keys // n, minlength=n)
     indptr = np.concatenate(([0], np.cumsum(counts)))

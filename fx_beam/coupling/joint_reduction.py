@@ -1,4 +1,4 @@
-"""Joints whose coupling changes with the motion, in the reduction to the unknowns."""
+"""Reduction for joints whose coupling changes with the motion."""
 
 from __future__ import annotations
 
@@ -13,20 +13,9 @@ from .spring_dampers import Actuators
 
 
 class JointReduction:
-    """Joints whose coupling changes with the motion, motors, springs and dampers.
+    """Reduction for joints whose coupling changes with the motion, motors, springs and dampers.
 
-    Parameters
-    ----------
-    couplings : Couplings
-        Columns and entries.
-    actuators : Actuators
-        Springs and dampers.
-    rates : Rates
-        Rule that says on which increments forces do work, and where in the step.
-    dofs : (n_node, 3) int
-        Degrees of freedom of the nodes.
-    matrix : (size, size) sparse matrix
-        Gives the sparsity of the full tangent.
+    `matrix` has the sparsity of the full tangent.
     """
 
     def __init__(
@@ -53,14 +42,14 @@ class JointReduction:
         self._axis = np.array(
             [(0.0, 0.0) if joint.axis is None else joint.axis for joint in bending]
         ).reshape(-1, 2)
-        #: Signs in x and in y.
+        #: Signs in x and y.
         self._joint_sign = couplings.sign[:2, [joint.number for joint in bending]].T
-        #: Rotation that turns the guide; -1 for the ground.
+        #: Rotation of the guide; -1 for the ground.
         self._guide = np.array(
             [self._dofs[j.a.number, 2] if j.a.number >= 0 else -1 for j in bending], dtype=int
         )
         self._slide = np.array([couplings.slides.get(j.number, -1) for j in bending], dtype=int)
-        # All rows that follow through joint m: those in x through 2 m, those in y through 2 m + 1.
+        # Rows that follow through joint m: 2 m for those in x, 2 m + 1 for those in y.
         below = [
             self._dofs[couplings.subtree[i][joint.number], i] for joint in bending for i in (0, 1)
         ]
@@ -94,7 +83,7 @@ class JointReduction:
         self._second = table[:, 0].astype(int), table[:, 1].astype(int), table[:, 2]
 
     def _products(self, matrix) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Entries of K, and of That and T by which each is multiplied."""
+        """Entries of K, and the entries of That and T by which each is multiplied."""
         moves = np.flatnonzero(self._col < self.free)
         count = np.bincount(self._row[moves], minlength=self._size)
         first = np.cumsum(count) - count
@@ -160,8 +149,8 @@ class JointReduction:
             step = self._joint_sign * (self._rho1 - self._rho0)
             np.add.at(D, self._below, step.ravel()[self._through])
 
-            # Virtual displacements that reproduce the step's own increment and a rigid rotation:
-            # W (rho0 + rho1)/2, and (t0 + t1)/2 lengthened by 1 + Dtheta^2/4 = dDtheta/dDpsi.
+            # Virtual displacements that reproduce the step's increment and a rigid rotation:
+            # W (rho0 + rho1)/2, and (t0 + t1)/2 times 1 + Dtheta^2/4 = dDtheta/dDpsi.
             _, self._slope = self._rates.work_increment(Dpsi, np.arange(len(Dpsi)))
             self._bend = self._rates.slope_derivative(Dpsi)
             self._mean_t = (1 - level) * self._t0 + level * self._t1
@@ -203,7 +192,7 @@ class JointReduction:
             out += np.bincount(self._actuator_place, self._actuators.stiffness(), len(out))
 
     def _second_order(self, r):
-        """Derivatives of That^T r: (psi, psi), (psi, d) and (d, psi) of each joint."""
+        """Derivatives of That^T r of each joint: (psi, psi), (psi, d) and (d, psi)."""
         F = self.transmitted(r) * self._joint_sign
         level = self._rates.level
         turned = np.einsum("ij,ij->i", F, _perp(self._t1))
@@ -217,12 +206,12 @@ class JointReduction:
         )
 
     def transmitted(self, r):
-        """Sums of the forces on all that follows through each bending joint, (joints, 2) [N]."""
+        """Sums (joints, 2) [N] of the forces on the nodes that follow through each joint."""
         n = len(self._bending)
         return np.bincount(self._through, r[self._below], 2 * n).reshape(n, 2)
 
     def guide_moments(self, r):
-        """Moments (n_node,) [N m] of the bending joints on the nodes that carry them."""
+        """Moments (n_node,) [N m] of these joints on their nodes a."""
         lever = self._hat[1:].reshape(-1, 4)[:, :2]
         moments = np.einsum("ij,ij->i", lever, self.transmitted(r) * self._joint_sign)
         carriers = np.array([joint.a.number for joint in self._bending], dtype=int)

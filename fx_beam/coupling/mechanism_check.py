@@ -1,4 +1,4 @@
-"""The check that nothing can move without mass or support."""
+"""The check for mechanisms: rigid bodies that can move without mass or support."""
 
 from __future__ import annotations
 
@@ -10,15 +10,15 @@ from scipy.sparse.linalg import splu
 
 from fx_beam.errors import SceneError
 from fx_beam.fem.mesh import Mesh
-from fx_beam.scene.joints import Coordinate
+from fx_beam.scene.coordinate import Coordinate
 from fx_beam.scene.scene import Scene
 
-# A motion is allowed if it violates supports and joints by no more than this part of itself.
+# A motion is possible if it violates supports and joints by less than this fraction of itself.
 _ROUNDING = 1e-9
-# What the factorised matrix gets on its diagonal: more than its rounding, and less than the squares
-# of what is told from zero.
+# Shift of the diagonal before factorisation: above round-off, and small compared with the squares of
+# the violations to be detected.
 _SHIFT = 1e-14
-# Motions that are sought at a time, and corrections of each.
+# Number of motions in the inverse iteration, and of iterations.
 _SOUGHT, _CORRECTIONS = 4, 6
 
 
@@ -28,26 +28,10 @@ def check_no_massless_mechanism(
     stiffness: scipy.sparse.csr_matrix,
     mass: scipy.sparse.csr_matrix | None,
 ) -> None:
-    """Refuse a scene that can move as a mechanism of rigid parts without mass or support.
+    """Refuse a scene that can move as a mechanism of rigid bodies without mass or support.
 
-    The rigid motions of all parts that supports and joints, with their motors, springs and
-    dampers, allow must have mass. In statics there must be none, and dampers hold nothing.
-
-    Parameters
-    ----------
-    scene : Scene
-        Its supports and joints.
-    mesh : Mesh
-        The mesh.
-    stiffness : (size, size) sparse matrix
-        Its sparsity joins what the elements join.
-    mass : (size, size) sparse matrix, optional
-        Mass matrix; none in statics.
-
-    Raises
-    ------
-    SceneError
-        If such a motion exists; the message describes it.
+    Every rigid motion that supports, joints, motors, springs and dampers allow must have mass. In
+    statics (`mass` is None) no such motion may exist, and dampers do not restrain it.
     """
     parts = _parts(mesh, stiffness, mass)
     if not parts.free.any():
@@ -56,46 +40,43 @@ def check_no_massless_mechanism(
     motion = _motion(rows[:, parts.free.ravel()])
     if motion is None:
         return
-    advice = "without mass or support: give its section rhoA and rhoI, add a mass, or support it"
-    if mass is None:
-        advice = (
-            "without support, which statics has no mass to make up for: support it. If loads "
-            "hold it, as weight does a pendulum that hangs, hold it in a copy of the scene, "
-            "and go on from that with modes(scene, state=...) or simulate(scene, start=...)"
-        )
     rates = np.zeros(parts.free.shape)
     rates[parts.free] = motion
-    raise SceneError(f"{_description(mesh, parts, rates)} {advice}")
+    body = f"{_description(scene, mesh, parts, rates)} as a rigid body"
+    if mass is not None:
+        raise SceneError(
+            f"Equations of motion are singular: {body}, without mass or support. Give its section "
+            "rhoA and rhoI, add a mass, or add a support"
+        )
+    raise SceneError(
+        f"Static analysis is singular: {body}. Add a support. If the loads hold it, as gravity "
+        "holds a hanging pendulum: add the support in a copy of the scene, and continue from its "
+        "solution with modes(scene, state=...) or simulate(scene, start=...)"
+    )
 
 
 class _Parts(NamedTuple):
-    """Rigid parts, whose motion is that of a point [sizes of the scene] and a rotation.
+    """Rigid bodies; each moves by a point [in sizes of the scene] and a rotation."""
 
-    Parameters
-    ----------
-    of_node : (n_node,) int
-        Part of each node.
-    middle, point : (parts, 2) float
-        Mean position of its nodes, and its point: the middle, or where its mass is [m].
-    free : (parts, 3) bool
-        Whether its point may move along x and y, and whether it may turn: without mass to move.
-    """
-
+    #: Body of each node (n_node,).
     of_node: np.ndarray
+    #: Mean position of its nodes, and its point: the same, or the centre of its massive nodes,
+    #: each (parts, 2) [m].
     middle: np.ndarray
     point: np.ndarray
+    #: Whether its point may move along x and y, and whether it may rotate, without mass (parts, 3).
     free: np.ndarray
 
 
 def _parts(mesh: Mesh, stiffness, mass) -> _Parts:
-    # Whatever the values of the entries are.
+    # The sparsity counts, not the values.
     ones = np.ones_like(stiffness.data)
     graph = scipy.sparse.csr_matrix((ones, stiffness.indices, stiffness.indptr))
     count, part_of_dof = scipy.sparse.csgraph.connected_components(graph, directed=False)
     of_node, X = part_of_dof[mesh.dofs[:, 0]], mesh.X
 
     def mean(nodes: np.ndarray) -> np.ndarray:
-        """Mean positions of some nodes of each part, zero where there are none."""
+        """Mean positions of some nodes of each part, zero for a part without them."""
         own = of_node[nodes]
         sums = [np.bincount(own, X[nodes, i], count) for i in (0, 1)]
         return np.column_stack(sums) / np.maximum(np.bincount(own, minlength=count), 1)[:, None]
@@ -103,7 +84,7 @@ def _parts(mesh: Mesh, stiffness, mass) -> _Parts:
     point = middle = mean(np.arange(len(X)))
     free = np.ones((count, 3), dtype=bool)
     if mass is not None:
-        # No thresholds: mass in one place lets a part turn about it, in two it does not.
+        # With mass at one place only, a body can rotate about it without inertia.
         diagonal = mass.diagonal()[mesh.dofs]
         heavy, turning = np.flatnonzero(diagonal[:, 0]), np.flatnonzero(diagonal[:, 2])
         free[of_node[heavy], :2] = False
@@ -114,7 +95,7 @@ def _parts(mesh: Mesh, stiffness, mass) -> _Parts:
 
 
 def _rows(scene: Scene, mesh: Mesh, parts: _Parts, at_rest: bool) -> scipy.sparse.csr_matrix:
-    """Rates that supports and joints make zero, (rows, 3 parts)."""
+    """Linear constraints of supports and joints on the rates, (rows, 3 parts)."""
     arms: list[list[float]] = ((mesh.X - parts.point[parts.of_node]) / mesh.size).tolist()
     part_of_node = [int(part) for part in parts.of_node]
     entries: list[tuple[int, int, float]] = []
@@ -158,7 +139,7 @@ def _rows(scene: Scene, mesh: Mesh, parts: _Parts, at_rest: bool) -> scipy.spars
 
 
 def _is_held(coordinate: Coordinate | None, at_rest: bool) -> bool:
-    """Whether a motor, a spring or, unless at rest, a damper keeps a coordinate from moving."""
+    """Whether a motor, a spring or (in dynamics) a damper restrains a coordinate."""
     if coordinate is None:
         return False
     spring, damper = coordinate.spring, coordinate.damper
@@ -168,10 +149,10 @@ def _is_held(coordinate: Coordinate | None, at_rest: bool) -> bool:
 
 
 def _motion(rows: scipy.sparse.csr_matrix) -> np.ndarray | None:
-    """Rates (n,) that all rows make zero, or none if there are no such.
+    """Rates (n,) in the null space of the rows, or None.
 
-    Inverse iteration on the rows' normal equations, whose rounding is that of the squares, finds
-    candidates; they are judged by the rows themselves.
+    Inverse iteration on the normal equations finds candidates; their round-off is that of squares,
+    so the rows themselves decide.
     """
     n, normal = rows.shape[1], (rows.T @ rows).tocsc()
     largest = normal.diagonal().max() or 1.0
@@ -185,33 +166,36 @@ def _motion(rows: scipy.sparse.csr_matrix) -> np.ndarray | None:
         return motions
 
     found = settled(np.random.default_rng(0).standard_normal((n, min(n, _SOUGHT))))
-    # Rows of zeros, as there may be fewer of them than motions.
+    # Zero rows are added, as there may be fewer rows than motions.
     violated = np.vstack([rows @ found, np.zeros((found.shape[1],) * 2)])
     _, violations, mixed = np.linalg.svd(violated, full_matrices=False)
     allowed = found @ mixed[violations <= _ROUNDING * np.sqrt(largest)].T
     if not allowed.size:
         return None
-    # Of all allowed motions the one that moves a column most, which is the simplest to describe.
+    # Of all possible motions the one that moves a single column most is simplest to describe.
     shares = np.sum(allowed**2, axis=1)
     most = np.zeros((n, 1))
     most[np.argmax(shares > 0.5 * shares.max())] = 1.0
     return settled(most)[:, 0]
 
 
-def _description(mesh: Mesh, parts: _Parts, rates: np.ndarray) -> str:
-    """What a motion (parts, 3) of the points of parts does to the one that it moves most."""
+def _description(scene: Scene, mesh: Mesh, parts: _Parts, rates: np.ndarray) -> str:
+    """The beams of the body that a motion (parts, 3) moves most, and its motion."""
     middle, turn = parts.middle, rates[:, 2]
     x, y = ((middle - parts.point) / mesh.size).T
     at_middle = rates + np.column_stack([-turn * y, turn * x, 0 * turn])
     sizes = abs(at_middle).max(axis=1)
     part = int(np.argmax(sizes > (1 - 1e-6) * sizes.max()))  # the first of equal ones
-    mode, (x, y) = at_middle[part], middle[part]
+    mode = at_middle[part]
     if abs(mode[2]) > 1e-6 * abs(mode[:2]).max():
         # Velocity (mode0 - w y, mode1 + w x) vanishes at the pole.
         pole = middle[part] + mesh.size * np.array([-mode[1], mode[0]]) / mode[2]
-        pole = np.round(pole / mesh.size, 9) * mesh.size + 0.0  # no rounding in place of a zero
-        how = f"can turn about ({pole[0]:.4g}, {pole[1]:.4g})"
+        pole = np.round(pole / mesh.size, 9) * mesh.size + 0.0  # zero instead of round-off
+        how = f"can rotate about ({pole[0]:.4g}, {pole[1]:.4g})"
     else:
         along = np.round(mode[:2] / abs(mode[:2]).max(), 6) + 0.0  # no -0
         how = f"can move along ({along[0]:.3g}, {along[1]:.3g})"
-    return f"the part of the scene around ({x:.4g}, {y:.4g}) {how}"
+    nodes_of = zip(scene.beams, mesh.nodes, strict=True)
+    names = [repr(beam.name) for beam, nodes in nodes_of if parts.of_node[nodes[0]] == part]
+    more = f" and {len(names) - 3} more" if len(names) > 3 else ""
+    return f"beam{'s' * (len(names) > 1)} {', '.join(names[:3])}{more} {how}"

@@ -15,16 +15,16 @@ from .graph import Couplings, Entry
 
 @dataclass
 class _Actuator:
-    """Spring and damper on one coordinate, and what they do in the present step."""
+    """Spring and damper on one coordinate, with their values in the current step."""
 
     joint: Joint
     #: Stiffness, rest and viscosity.
     k: float
     rest: float
     c: float
-    #: Rotations of a and b (-1 for the ground), or none for a slide.
+    #: Rotations of a and b (-1 for the ground); None for a slide.
     turns: tuple[int, int] | None
-    #: Columns and signs of the coordinate; those of a, to be subtracted, and of b for a rotation.
+    #: Columns and signs of the coordinate; for a rotation those of a (subtracted) and of b.
     columns: tuple[list[Entry], list[Entry]]
     start: float = 0.0
     rate: float = 0.0
@@ -37,20 +37,8 @@ class _Actuator:
 class Actuators:
     """All springs and dampers of a scene.
 
-    A spring on a slide does its work with the force at the scheme's level. One on a rotation has
-    the moment k (mean angle - rest) (Dpsi_b - Dpsi_a) / (Dtheta_b - Dtheta_a), whose work on
-    Dtheta is the increment of k/2 (angle - rest)^2.
-
-    Parameters
-    ----------
-    joints : list of Joint
-        The scene's joints.
-    couplings : Couplings
-        Columns and entries.
-    rates : Rates
-        Rule that says on which increments forces do work, and where in the step.
-    dofs : (n_node, 3) int
-        Degrees of freedom of the nodes.
+    Exact work: a rotational spring has the moment k (mean angle - rest) (Dpsi_b - Dpsi_a) /
+    (Dtheta_b - Dtheta_a). Its work on Dtheta is the increment of k/2 (angle - rest)^2.
     """
 
     def __init__(self, joints: list[Joint], couplings: Couplings, rates: Rates, dofs: np.ndarray):
@@ -84,57 +72,31 @@ class Actuators:
         return len(self._all)
 
     def begin(self, q: np.ndarray, slides: np.ndarray, dt: float) -> None:
-        """Set the start of a step.
-
-        Parameters
-        ----------
-        q : (size,) float
-            Displacements and rotations.
-        slides : (joints,) float
-            Slides [m].
-        dt : float
-            Length of the step [s].
-        """
+        """Set the start of a step from displacements and rotations q and the slides [m]."""
         self._dt = dt
         for actuator in self._all:
             actuator.start = self._coordinate(actuator, q, slides)
 
     def set_rates(self, q: np.ndarray, v: np.ndarray, slides: np.ndarray) -> None:
-        """Set the rates at the start of a step, from which dampers have that at their level.
-
-        Parameters
-        ----------
-        q, v : (size,) float
-            Displacements and rotations, and their rates.
-        slides : (joints,) float
-            Slides [m].
-        """
+        """Set the rates at the start of a step; dampers interpolate from them to their level."""
         if self._rates.level == 0.5:
-            return  # where the rate is the mean one, whatever it was at the start
+            return  # the mean rate does not depend on the rate at the start
         for actuator in self._all:
             joint = actuator.joint
             x, y, turn = (self._of(joint.b, v, i) - self._of(joint.a, v, i) for i in range(3))
             if actuator.turns is not None:
                 actuator.rate = turn
                 continue
-            assert joint.axis is not None  # as joints have that slide
+            assert joint.axis is not None  # sliding joints have an axis
             psi, spin = (self._of(joint.a, values, 2) for values in (q, v))
             arm = joint.offset + slides[joint.number] * joint.axis
             c, s = np.cos(psi), np.sin(psi)
-            # Along the axis: the velocity of b less that of its place on a, seen from a.
+            # Along the axis: the velocity of b relative to its position on a, in the frame of a.
             seen = np.array([c * x + s * y, c * y - s * x]) - spin * np.array([-arm[1], arm[0]])
             actuator.rate = float(joint.axis @ seen)
 
     def set_increment(self, D: np.ndarray, z: np.ndarray) -> None:
-        """Set the increment over the step.
-
-        Parameters
-        ----------
-        D : (size,) float
-            Increment of displacements and rotations.
-        z : (columns,) float
-            Increment of the columns.
-        """
+        """Set the increments over the step: D (size,) and z (columns,)."""
         level, dt = self._rates.level, self._dt
         for a in self._all:
             if a.turns is None:
@@ -148,7 +110,7 @@ class Actuators:
                 slope_a, slope_b = (float(s) for s in slopes)
                 ratio, by_a, by_b = self._rates.turn_ratio(Da, Db)
             elastic = a.k * (a.start + level * a.change - a.rest)
-            # The rate at the scheme's level; in the middle of the step the mean.
+            # The rate at the scheme's level; in the middle of the step it is the mean rate.
             rate = a.rate + 2 * level * (path / dt - a.rate)
             a.force = elastic * ratio + a.c * rate
             a.lost = a.c * path**2 / dt
@@ -167,7 +129,7 @@ class Actuators:
         return total
 
     def pairs(self, free: int) -> list[tuple[int, int]]:
-        """Rows and columns of the entries that `stiffness` gives."""
+        """Rows and columns of the entries of `stiffness`."""
         return [pair[:2] for pair in self._pairs(free)]
 
     def stiffness(self) -> np.ndarray:
@@ -197,34 +159,21 @@ class Actuators:
         return found
 
     def energy(self, q: np.ndarray, slides: np.ndarray) -> float:
-        """Energy stored in the springs.
-
-        Parameters
-        ----------
-        q : (size,) float
-            Displacements and rotations.
-        slides : (joints,) float
-            Slides [m].
-
-        Returns
-        -------
-        float
-            Energy [J].
-        """
+        """Energy stored in the springs [J] for displacements and rotations q and slides."""
         return sum(a.k / 2 * (self._coordinate(a, q, slides) - a.rest) ** 2 for a in self._all)
 
     def dissipated(self) -> float:
-        """Energy that the dampers take in the present step [J]."""
+        """Energy dissipated by the dampers in the current step [J]."""
         return sum(actuator.lost for actuator in self._all)
 
     # -- For the compiled loop ------------------------------------------------------------------
 
     def turns(self) -> list[int]:
-        """Rotations on which springs and dampers act."""
+        """Rotations with springs or dampers."""
         return [t for actuator in self._all for t in actuator.turns or () if t >= 0]
 
     def tables(self) -> tuple[list[dict], dict[str, list]]:
-        """Springs and dampers as ``Actuator`` of c/problem.h, and where their forces go."""
+        """Springs and dampers as ``Actuator`` of c/problem.h, and the columns of their forces."""
         rows, pushes = [], []
         for number, actuator in enumerate(self._all):
             joint, slides = actuator.joint, actuator.turns is None
@@ -246,13 +195,13 @@ class Actuators:
         return rows, _table(("column", "of", "sign"), pushes)
 
     def terms(self) -> dict[str, list]:
-        """What `stiffness` consists of: actuator, side and sign of each entry."""
+        """The terms of `stiffness`: actuator, side and sign of each entry."""
         numbers = {id(actuator): number for number, actuator in enumerate(self._all)}
         terms = [(numbers[id(a)], side, row * column) for a, side, row, column in self._terms]
         return _table(("of", "side", "sign"), terms)
 
     def twists(self, turning) -> dict[str, list]:
-        """Their parts in the moments of joints, `turning` the moments of nodes in those."""
+        """Their terms in the moments of joints; `turning` gives the moments of nodes in those."""
         twists, columns = [], turning.tocsc()
         for number, actuator in enumerate(self._all):
             if actuator.turns is None:

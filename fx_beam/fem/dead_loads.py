@@ -1,4 +1,4 @@
-"""The external dead loads of a scene as one vector in time."""
+"""The dead loads of a scene as one nodal vector over time."""
 
 from __future__ import annotations
 
@@ -69,48 +69,16 @@ class Loads:
 
     @property
     def constant(self) -> bool:
-        """Whether no load changes with time."""
+        """Whether all loads are constant in time."""
         return all(isinstance(load.value, Constant) for load in self._loads)
 
     def at(self, t: float) -> np.ndarray:
-        """Nodal forces and moments at a time.
-
-        Parameters
-        ----------
-        t : float
-            Time [s].
-
-        Returns
-        -------
-        (size,) float
-            Forces [N] and moments [N m].
-
-        Raises
-        ------
-        StepError
-            If a function of time raises or gives a value that is not finite.
-        """
+        """Nodal forces (size,) [N, N m] at the time t [s]; StepError if a function fails."""
         return self.columns @ np.concatenate(
             [np.empty(0), *(evaluate(load.value, t, str(load)) for load in self._loads)]
         )
 
     def series(self, times: np.ndarray) -> np.ndarray:
-        """Components of the loads at several times.
-
-        Parameters
-        ----------
-        times : (m,) float
-            Times [s].
-
-        Returns
-        -------
-        (m, n) float
-            Factors of the columns [N, N m, N/m].
-
-        Raises
-        ------
-        StepError
-            If a function of time raises or gives a value that is not finite.
-        """
+        """Factors (m, n) of the columns at m times [s]; StepError if a function fails."""
         values = [series(load.value, times, str(load)) for load in self._loads]
         return np.hstack([np.empty((len(times), 0)), *values])

@@ -1,6 +1,6 @@
-"""Every call that differs between dolfinx versions: 0.5.2 (Debian 12), 0.9 (13) and 0.11 (sid).
+"""All calls that differ between dolfinx versions: 0.5.2 (Debian 12), 0.9 (Debian 13), 0.11 (sid).
 
-What a version can do is asked for, not its number. The constants below are all that is asked.
+The constants below test for features, not for version numbers.
 """
 
 from __future__ import annotations
@@ -40,21 +40,21 @@ def _takes(function: Callable, name: str) -> bool:
     return name in inspect.signature(function).parameters
 
 
-# Elements are UFL's own, or basix's.
+# Whether elements belong to UFL or to basix.
 _OF_UFL = hasattr(ufl, "FiniteElement")
 _BASIX: Any = None if _OF_UFL else import_module("basix.ufl")
 _FUNCTION_SPACE: Any = getattr(fem, "FunctionSpace" if _OF_UFL else "functionspace")
 _OPTIONS_OF_JIT = "jit_options" if _takes(fem.form, "jit_options") else "jit_params"
 _EXPRESSION_TAKES_MESH = _takes(fem.Expression.eval, "mesh")
-_PARAMETERS = find_spec("ffcx.parameters") is not None  # later called options
+_PARAMETERS = find_spec("ffcx.parameters") is not None  # called options in later versions
 _PREFIX = "prefix" if _takes(ffcx.compiler.compile_ufl_objects, "prefix") else "namespace"
-#: What UFL and FFCx raise for a form that they refuse; the second is no Exception everywhere.
+#: Errors of UFL and FFCx for an invalid form; ArityMismatch is not always an Exception.
 REFUSALS: tuple[type[BaseException], ...] = (Exception, ArityMismatch)
 
-# Several processes may want one form: they wait for the first, which may have a slow machine.
+# Processes that need the same form wait for the first one, which may be slow [s].
 _JIT: dict[str, Any] = {"timeout": 30}
 _WITH_JIT: dict[str, Any] = {_OPTIONS_OF_JIT: _JIT}
-_REAL: Any = np.float64  # also where PETSc is built for complex numbers
+_REAL: Any = np.float64  # also if PETSc is built for complex numbers
 
 
 def _loaded_once(find: Callable) -> Callable:
@@ -79,8 +79,7 @@ ffcx.codegeneration.jit.get_cached_module = _loaded_once(ffcx.codegeneration.jit
 def quietly(compiling: F) -> F:
     """Keep the compiler's lines out of the user's log.
 
-    The JIT logs its command lines at INFO on the root logger, and leaves that logger with another
-    level and a handler of its own.
+    The JIT logs command lines at INFO on the root logger, and changes its level and handlers.
     """
 
     @functools.wraps(compiling)
@@ -100,23 +99,9 @@ def quietly(compiling: F) -> F:
 
 @quietly
 def interval_mesh(points: np.ndarray, cells: np.ndarray, degree: int = 1):
-    """Mesh of intervals in the plane, straight or curved.
+    """Mesh of intervals between points (n, 2) [m], and the row of `cells` of each mesh cell.
 
-    Parameters
-    ----------
-    points : (n, 2) float
-        Nodes [m].
-    cells : (m, degree + 1) int
-        First and last node of each interval, then those inside it.
-    degree : int
-        Polynomial degree of the geometry.
-
-    Returns
-    -------
-    mesh : dolfinx.mesh.Mesh
-        The mesh, which numbers cells and vertices anew.
-    cell_order : (m,) int
-        Row of `cells` that became each cell of the mesh.
+    `cells` (m, degree + 1) has the first and last node of each interval, then the inner nodes.
     """
     create, domain = dolfinx.mesh.create_mesh, ufl.Mesh(_lagrange(degree, 2))
     named: dict[str, Any] = {"e" if _takes(create, "e") else "domain": domain}
@@ -137,10 +122,9 @@ def _space(mesh, element):
 
 
 def _lagrange(degree: int, size: int | None = None, *, broken: bool = False):
-    """Element with equispaced nodes, for scalars or vectors; broken ones jump between cells.
+    """Scalar or vector element with equispaced nodes; a broken one is discontinuous between cells.
 
-    The explicit variant keeps the signatures of compiled forms, hence the cache, the same from one
-    process to the next.
+    The explicit variant makes signatures of forms, and so the cache, equal in all processes.
     """
     family = "DG" if broken else "Lagrange"
     if _OF_UFL:
@@ -166,7 +150,7 @@ def dofs_of_cells(space) -> np.ndarray:
 
 @quietly
 def cellwise(mesh, values: np.ndarray):
-    """Function that is constant on each cell, with values (cells, components) or (cells,)."""
+    """Function, constant on each cell, with values (cells, components) or (cells,)."""
     constant = function(_space(mesh, _lagrange(0, *values.shape[1:], broken=True)))
     constant.x.array[:] = values.ravel()
     return constant
@@ -176,7 +160,7 @@ def cellwise(mesh, values: np.ndarray):
 def at_gauss_points(mesh, values: np.ndarray):
     """Function with values (cells, points, components) or (cells, points) at the Gauss points.
 
-    It is the polynomial through them on each cell, discontinuous from cell to cell.
+    On each cell it is the interpolating polynomial, discontinuous between cells.
     """
     points, shape = values.shape[1], values.shape[2:]
     space = _space(mesh, _lagrange(points - 1, *shape, broken=True))
@@ -193,12 +177,12 @@ def at_gauss_points(mesh, values: np.ndarray):
 
 
 def constant(mesh, value):
-    """UFL constant whose value may change without a new compilation."""
+    """UFL constant whose value may change without compiling again."""
     return fem.Constant(mesh, value)
 
 
 def measure(mesh, points: int, tags: np.ndarray | None = None):
-    """Measure `dx` with a Gauss rule of the given number of points; `tags` number subdomains."""
+    """Measure `dx` with a Gauss rule of so many points; `tags` number the subdomains."""
     data = None
     if tags is not None:
         cells = np.arange(len(tags), dtype=np.int32)
@@ -212,7 +196,7 @@ def measure(mesh, points: int, tags: np.ndarray | None = None):
 
 
 def compile_form(form, name: str):
-    """Compile a UFL form through FFCx; the log names it where the cache did not have it."""
+    """Compile a UFL form through FFCx; forms that were not in the cache are logged."""
     compiled = quietly(fem.form)(form, dtype=_REAL, **_WITH_JIT)
     if any(compiled.code):
         _log.info("compiled the form %r, once", name)
@@ -226,7 +210,7 @@ def gauss_points(points: int) -> np.ndarray:
 
 @quietly
 def compile_expression(expression, points: np.ndarray):
-    """Compile a UFL expression for evaluation at reference points of every cell."""
+    """Compile a UFL expression for evaluation at reference points of all cells."""
     return fem.Expression(expression, points, dtype=_REAL, **_WITH_JIT)
 
 
@@ -242,13 +226,13 @@ def create_matrix(form):
 
 
 def assemble_matrix(matrix, form) -> None:
-    """Assemble a bilinear form over the old values of `matrix`."""
+    """Assemble a bilinear form; old values of `matrix` are overwritten."""
     matrix.data[:] = 0.0
     fem.assemble_matrix(matrix, form)
 
 
 def assemble_vector(array: np.ndarray, form) -> None:
-    """Assemble a linear form over the old values of `array`."""
+    """Assemble a linear form; old values of `array` are overwritten."""
     array[:] = 0.0
     fem.assemble_vector(array, form)
 
@@ -258,7 +242,7 @@ def assemble_scalar(form) -> float:
     return float(fem.assemble_scalar(form))
 
 
-# -- What the compiled loop takes ------------------------------------------------------------------
+# -- Data for the compiled loop --------------------------------------------------------------------
 
 
 def element_dofs(space) -> np.ndarray:
@@ -268,16 +252,16 @@ def element_dofs(space) -> np.ndarray:
 
 
 def element_coordinates(mesh) -> np.ndarray:
-    """Coordinates (cells, 3 nodes) of the geometry of all cells, as compiled forms take them."""
+    """Coordinates (cells, 3 nodes) of the geometry of all cells, for compiled forms."""
     cells, geometry = mesh.topology.index_map(1).size_local, mesh.geometry
     nodes = geometry.dofmaps[0] if hasattr(geometry, "dofmaps") else geometry.dofmap
-    nodes = getattr(nodes, "array", nodes)  # an adjacency list, or an array already
+    nodes = getattr(nodes, "array", nodes)  # an adjacency list, or already an array
     return geometry.x[np.reshape(nodes, (cells, -1))].reshape(cells, -1)
 
 
 def _integrals(form) -> list[tuple[int, Any]]:
-    """Integrals of a compiled form over cells, in the order of their subdomains (-1: all cells)."""
-    cell, ufcx = 0, form.ufcx_form  # cells are the first of the types of integrals
+    """Cell integrals of a compiled form, ordered by subdomain (-1: all cells)."""
+    cell, ufcx = 0, form.ufcx_form  # cell integrals are type 0
     if hasattr(ufcx, "num_integrals"):
         count, ids, of = ufcx.num_integrals(cell), ufcx.integral_ids(cell), ufcx.integrals(cell)
         return [(ids[i], of[i]) for i in range(count)]
@@ -291,45 +275,28 @@ def integrals(form) -> list[int]:
 
 
 def signature(form) -> str:
-    """What tells a compiled form from others, the version of its compiler included."""
+    """Identifier of a compiled form, with the version of its compiler."""
     return _FFI.string(form.ufcx_form.signature).decode() + ffcx.codegeneration.get_signature()
 
 
 def ufcx_folder() -> str:
-    """Where the header is to which generated C is written."""
+    """Folder of the header that generated C includes."""
     return ffcx.codegeneration.get_include_path()
 
 
 def element_functions(form, ufl_form) -> tuple[str, list[str], int]:
-    """C that computes a form's element tensors.
+    """C source of a form's element tensors, a function name for each integral, parameter count.
 
-    Parameters
-    ----------
-    form, ufl_form : dolfinx form and ufl.Form
-        The form as compiled, and what it was compiled from.
-
-    Returns
-    -------
-    source : str
-        All that FFCx generates for the form.
-    names : list of str
-        The function in it of each integral.
-    parameters : int
-        How many parameters these have.
-
-    Raises
-    ------
-    LookupError
-        If the compiled form does not tell these names.
+    Raises LookupError if the compiled form does not give these names.
     """
     functions = [integral.tabulate_tensor_float64 for _, integral in _integrals(form)]
     module, names = "", []
     for function in functions:
         module, name = _symbol(int(_FFI.cast("uintptr_t", function)))
         names.append(name)
-    _, source = form.code  # there where it has just been compiled
+    _, source = form.code  # empty unless it has just been compiled
     if not source:
-        # Names are made of the module's, and so are the same again.
+        # Function names derive from the module's name, so they are the same again.
         source = _generated(ufl_form, Path(module).name.partition(".")[0])
     return source, names, len(_FFI.typeof(functions[0]).args)
 
@@ -344,11 +311,11 @@ class _Symbol(ctypes.Structure):
 
 
 def _symbol(address: int) -> tuple[str, str]:
-    """File and name of a function, as the linker knows them."""
+    """File and name of a function, from the linker."""
     found = _Symbol()
     ctypes.CDLL(None).dladdr(ctypes.c_void_p(address), ctypes.byref(found))
-    if found.address != address:  # but that of one before it
-        raise LookupError("the functions that FFCx generates have no names for the linker")
+    if found.address != address:  # the address of an earlier symbol
+        raise LookupError("the functions that FFCx generates have no symbol names")
     return found.file.decode(), found.name.decode()
 
 
@@ -358,13 +325,13 @@ def _generated(ufl_form, prefix: str) -> str:
         options = {"parameters": import_module("ffcx.parameters").get_parameters()}
     else:
         options = {"options": import_module("ffcx.options").get_options()}
-    # A header and the code, or a list of these with the ends of their files' names.
+    # Header and code, or a list of these with file name extensions.
     made: Any = ffcx.compiler.compile_ufl_objects([ufl_form], **{_PREFIX: prefix}, **options)
     return made[1] if isinstance(made[1], str) else made[0][1]
 
 
 def coefficient_offsets(form, functions) -> list[tuple[int, int]]:
-    """Which of some functions a compiled form has, and their offsets in its packed coefficients."""
+    """Which of the functions a compiled form has, and their offsets in its packed coefficients."""
     objects = [function._cpp_object for function in functions]
     found, offset = [], 0
     for coefficient in _cpp(form).coefficients:
@@ -375,15 +342,15 @@ def coefficient_offsets(form, functions) -> list[tuple[int, int]]:
 
 
 def packed_coefficients(form) -> dict[int, np.ndarray]:
-    """Coefficients (its cells, width) of a compiled form on each subdomain."""
+    """Coefficients (cells, width) of a compiled form on each subdomain."""
     packed = dolfinx.cpp.fem.pack_coefficients(_cpp(form))
-    # Keys end in the subdomain, or in its place among them: in one order both ways.
+    # Keys end in the subdomain or in its index: the same order in both cases.
     values = [np.array(packed[key]) for key in sorted(packed, key=lambda key: key[1])]
     return dict(zip(sorted(integrals(form)), values, strict=True))
 
 
 def packed_constants(form, ufl_form, sought) -> tuple[np.ndarray, list[int]]:
-    """Constants of a compiled form, and the places of some of them (-1: not there)."""
+    """Constants of a compiled form, and the positions of the `sought` ones (-1: missing)."""
     places, at = {}, 0
     for constant in ufl_form.constants():
         places[id(constant)] = at
@@ -393,5 +360,5 @@ def packed_constants(form, ufl_form, sought) -> tuple[np.ndarray, list[int]]:
 
 
 def _cpp(form):
-    """The form of the C++ library, which Python's form is or has."""
+    """The form of the C++ library: Python's form itself, or an attribute of it."""
     return getattr(form, "_cpp_object", form)

@@ -1,4 +1,4 @@
-"""Forces that turn with the section of their node."""
+"""Forces that rotate with the section of their node."""
 
 from __future__ import annotations
 
@@ -15,41 +15,25 @@ from .mesh import Mesh
 class Followers:
     """Follower forces R(psi) F, with psi and F at the scheme's level in a step.
 
-    What a force does in a step of a mid-point scheme is then R(psi_m) F . Du, which the audit
-    counts. The force is no gradient of an energy, and its tangent W R F is not symmetric.
-
-    Parameters
-    ----------
-    scene : Scene
-        Its follower forces.
-    mesh : Mesh
-        Numbering of the degrees of freedom.
-    stiffness : (size, size) sparse matrix
-        Has the entries that the tangent takes.
-    level : float
-        Where in a step forces are taken.
-
-    Attributes
-    ----------
-    dofs : (n, 3) int
-        Degrees of freedom of their nodes.
-    places : (n, 2) int
-        Entries of the stiffness that they change.
+    The audit counts the work R(psi_m) F . Du of a mid-point step. The force has no potential, and
+    its tangent W R F is not symmetric.
     """
 
     def __init__(self, scene: Scene, mesh: Mesh, stiffness: scipy.sparse.csr_matrix, level: float):
         self._loads = [load for load in scene.loads if load.follower]
         self._level = level
         dofs = np.array([mesh.dofs[mesh.nodes_of(scene, load.target)[0]] for load in self._loads])
+        #: Degrees of freedom (n, 3) of their nodes.
         self.dofs = dofs
         self._u, self._psi = dofs[:, :2], dofs[:, 2]
         entry = stiffness.copy()
         entry.data = np.arange(len(entry.data)) + 1.0
+        #: Entries (n, 2) of the stiffness that they change.
         self.places = np.array([[int(entry[row, psi]) - 1 for row in (x, y)] for x, y, psi in dofs])
 
     @property
     def constant(self) -> bool:
-        """Whether no force changes with time."""
+        """Whether all forces are constant in time."""
         return all(isinstance(load.value, Constant) for load in self._loads)
 
     def set_step(self, t: float, dt: float) -> None:
@@ -57,22 +41,11 @@ class Followers:
         self._F = self.at(t, t + dt)
 
     def at(self, t0: float, t1: float) -> np.ndarray:
-        """Forces (n, 2) at the scheme's level in a step, before they are turned [N]."""
+        """Forces (n, 2) [N] at the scheme's level in a step, in the frame of the section."""
         return self.series(np.array([t0]), np.array([t1]))[0]
 
     def series(self, t0: np.ndarray, t1: np.ndarray) -> np.ndarray:
-        """Forces at the scheme's level in several steps, before they are turned.
-
-        Parameters
-        ----------
-        t0, t1 : (steps,) float
-            Starts and ends of the steps [s].
-
-        Returns
-        -------
-        (steps, n, 2) float
-            Components in the frame of the section.
-        """
+        """Forces (steps, n, 2) [N] at the scheme's level in each step, in the section's frame."""
         start, end = (
             np.stack([series(load.value, times, str(load)) for load in self._loads], axis=1)
             for times in just_inside(t0, t1)
@@ -80,33 +53,13 @@ class Followers:
         return (1 - self._level) * start + self._level * end
 
     def add_force(self, q0: np.ndarray, D: np.ndarray, factor: float, out: np.ndarray) -> None:
-        """Add the forces to a vector.
-
-        Parameters
-        ----------
-        q0, D : (size,) float
-            Displacements and rotations at the start of the step, and their increment.
-        factor : float
-            Factor of the forces.
-        out : (size,) float
-            What they are added to.
-        """
+        """Add the forces times `factor` to `out`, for the increment D from q0."""
         np.add.at(out, self._u, factor * self._turned(q0, D))
 
     def subtract_tangent(
         self, q0: np.ndarray, D: np.ndarray, factor: float, data: np.ndarray
     ) -> None:
-        """Subtract the derivative of `add_force` by D from the entries of the stiffness.
-
-        Parameters
-        ----------
-        q0, D : (size,) float
-            Displacements and rotations at the start of the step, and their increment.
-        factor : float
-            Factor of the forces.
-        data : (entries,) float
-            Entries of the stiffness.
-        """
+        """Subtract the derivative of `add_force` by D from the entries of the stiffness."""
         x, y = self._turned(q0, D).T
         turned = np.column_stack([-y, x])
         np.subtract.at(data, self.places, factor * self._level * turned)

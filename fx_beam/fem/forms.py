@@ -1,4 +1,4 @@
-"""The weak form of one step, compiled: internal forces, their tangent, the stored energy."""
+"""The weak form of one step, compiled: internal forces, tangent, stored energy."""
 
 from __future__ import annotations
 
@@ -25,46 +25,22 @@ from .virtual_works import added_virtual_work
 
 
 class Part(NamedTuple):
-    """A step, or the part of one, that was taken.
+    """A completed step, or a part of a halved one."""
 
-    Parameters
-    ----------
-    t, dt : float
-        Start and length [s].
-    D : (size,) float
-        Increment of displacements and rotations.
-    q : (size,) float
-        Displacements and rotations at the start.
-    rates : pair of (size,) float, optional
-        Rates and accelerations there.
-    """
-
+    #: Start and length [s].
     t: float
     dt: float
+    #: Increment (size,), and displacements and rotations (size,) at the start.
     D: np.ndarray
     q: np.ndarray
+    #: Rates and accelerations (size,) at the start.
     rates: tuple[np.ndarray, ...] = ()
 
 
 class Forms:
-    """What a scheme needs of the beams in every iteration, in UFL and compiled.
+    """Internal forces, tangent and energies of the beams for a scheme, in UFL and compiled.
 
-    Vectors run over all degrees of freedom in the order of dolfinx; `Mesh.dofs` finds those of a
-    node.
-
-    Parameters
-    ----------
-    scene : Scene
-        Sections and added virtual works.
-    scheme : Scheme
-        Its resultants and rates.
-    mesh : Mesh
-        The mesh of the scene.
-
-    Raises
-    ------
-    SceneError
-        For an added virtual work that is none.
+    Vectors contain all degrees of freedom in dolfinx's order; `Mesh.dofs` gives those of a node.
     """
 
     def __init__(self, scene: Scene, scheme: Scheme, mesh: Mesh):
@@ -76,7 +52,7 @@ class Forms:
         self.compiled: dict[str, tuple[Any, Any]] = {}
         #: Their names, in the order of compilation.
         self.names: list[str] = []
-        #: Part of the loads that acts; only in statics not 1.
+        #: Load factor, in statics only.
         self.load_factor: Any = (
             dolfinx_api.constant(mesh.mesh, 1.0) if scheme.rates.at_rest else None
         )
@@ -91,17 +67,24 @@ class Forms:
     def _build_fields(self) -> None:
         mesh, space = self._mesh.mesh, self._mesh.space
         self.start, self.increment = dolfinx_api.function(space), dolfinx_api.function(space)
-        #: Increment on which the forces do work, a nodal function of `increment`.
+        #: Increment with which the forces do work, a nodal function of `increment`.
         self.path = dolfinx_api.function(space)
         #: Velocity and acceleration at the start of the step.
         self.start_rates = dolfinx_api.function(space), dolfinx_api.function(space)
         self.time, self.dt = dolfinx_api.constant(mesh, 0.0), dolfinx_api.constant(mesh, 1.0)
-        #: What is kept up to date from step to step.
-        self._ours = [self.start, self.increment, self.path, *self.start_rates, self.time, self.dt]
-        self._ours += [] if self.load_factor is None else [self.load_factor]
+        #: Fields that are updated in every step.
+        self._updated = [
+            self.start,
+            self.increment,
+            self.path,
+            *self.start_rates,
+            self.time,
+            self.dt,
+        ]
+        self._updated += [] if self.load_factor is None else [self.load_factor]
         self._test, self._trial = ufl.TestFunction(space), ufl.TrialFunction(space)
 
-        # The tangent from the Jacobian: one rule a form, so mixing rules cannot arise.
+        # Tangent vector from the Jacobian; each form has a single quadrature rule.
         J = ufl.Jacobian(mesh)
         h = ufl.sqrt(J[0, 0] ** 2 + J[1, 0] ** 2)
         t0 = ufl.as_vector((J[0, 0] / h, J[1, 0] / h))
@@ -110,7 +93,7 @@ class Forms:
         level = self._scheme.rates.level
         v, omega = self._scheme.rates.fields(Du, Dpsi, v0, a0, self.dt)
         of_rates = fields_in(ufl.as_vector((*v, omega)))
-        refuse_fields(of_rates, f"rates of {self._scheme.name}", self._ours)
+        refuse_fields(of_rates, f"rates of {self._scheme.name}", self._updated)
         virtual_u, virtual_psi = ufl.split(self._test)
         self.step = Step(
             u0=u0,
@@ -152,12 +135,14 @@ class Forms:
             residual += r.virtual_work(step) * dx_law
             energy += law.energy(*step.strains0) * dx_law
         self._refuse_fields_of_scheme(residual, moments)
-        added = added_virtual_work(self._scene, self._mesh, step, self._test, self._ours)
+        added = added_virtual_work(self._scene, self._mesh, step, self._test, self._updated)
         if added is not None:
             try:
                 self.compile("added virtual work", added * dx)
             except dolfinx_api.REFUSALS as error:
-                raise SceneError(f"the added virtual work does not compile: {error}") from error
+                raise SceneError(
+                    f"the added virtual work does not compile: {error}. Simplify its expressions"
+                ) from error
             residual -= added * dx
 
         self._residual = self.compile("internal forces", residual)
@@ -172,7 +157,7 @@ class Forms:
         self._needs_rates = any(rate in residual.coefficients() for rate in self.start_rates)
         moves = self._needs_rates or self.dt in residual.constants()
         found = [part for r in self._resultants for part in fields_in(r)] if moves else []
-        #: Whether the resultants depend on rates at the start of a step, and on any.
+        #: Whether the resultants depend on rates at the start of a step, and on any rates.
         self.resultants_need_rates = any(rate in found for rate in self.start_rates)
         self.resultants_move = self.resultants_need_rates or self.dt in found
 
@@ -184,14 +169,14 @@ class Forms:
         self._force = np.zeros(self.size)
 
     def _refuse_fields_of_scheme(self, residual, moments) -> None:
-        # UFL looks for those of the form anyway, and keeps them.
+        # UFL extracts those of the form anyway, and caches them.
         found = [*residual.coefficients(), *residual.constants()]
         found += [field for M in moments for field in fields_in(M)]
-        known = [*self._ours, *(field for law in self._laws for field in law.data)]
+        known = [*self._updated, *(field for law in self._laws for field in law.data)]
         refuse_fields(found, f"resultants of {self._scheme.name}", known)
 
     def _group_laws(self) -> tuple[list[Law], np.ndarray]:
-        """The different stored energies of the scene, and which of them each cell has."""
+        """The different stored energies of the scene, and the index of each cell's energy."""
         sections = [beam.section for beam in self._scene.beams]
         kinds: list[Any] = []
         for section in sections:
@@ -209,7 +194,7 @@ class Forms:
         return laws, kind_of_beam[self._mesh.beam_of_cell]
 
     def trial_and_test(self):
-        """Trial and test functions: displacement, rotation, and the virtual ones."""
+        """Trial functions of displacement and rotation, and the virtual ones."""
         return *ufl.split(self._trial), self.step.virtual_u, self.step.virtual_psi
 
     def compile(self, name: str, form):
@@ -231,12 +216,12 @@ class Forms:
 
     @property
     def has_added(self) -> bool:
-        """Whether there are forces that follow the motion: added virtual works or followers."""
+        """Whether the scene has added virtual works or follower forces."""
         return "added virtual work" in self.compiled or self.followers is not None
 
     @property
     def moving(self) -> tuple:
-        """Functions of the space that change: two in every iteration, the others with the step."""
+        """Functions that change: the first two in every iteration, the others in every step."""
         return self.increment, self.path, self.start, *self.start_rates
 
     def cells_of(self, tag: int) -> np.ndarray:
@@ -247,7 +232,7 @@ class Forms:
     # -- Evaluation -----------------------------------------------------------------------------
 
     def set_step(self, t: float, dt: float, q: np.ndarray, v: np.ndarray, a: np.ndarray) -> None:
-        """Set start and length of a step [s], and the state (size,) at its start."""
+        """Set start and length of a step [s], with displacements, rates and accelerations."""
         self._set_start(t, dt, q)
         if self.followers is not None:
             self.followers.set_step(t, dt)
@@ -264,9 +249,9 @@ class Forms:
             function.x.array[:] = rate
 
     def internal_force(self, D: np.ndarray) -> np.ndarray:
-        """Nodal forces and couples (size,) for an increment D, the added ones subtracted (eq. 53).
+        """Internal minus added forces (size,) [N, N m] for the increment D (eq. 53).
 
-        They are overwritten by the next call.
+        The next call overwrites the result.
         """
         self._set_increment(D)
         dolfinx_api.assemble_vector(self._force, self._residual)
@@ -299,7 +284,7 @@ class Forms:
         return force
 
     def added_per_load(self) -> np.ndarray:
-        """Derivative (size,) of `added_force` by the load factor, taken as linear in it."""
+        """Derivative (size,) of `added_force` by the load factor, assumed to be linear."""
         now = self.added_force()
         self.load_factor.value += 1.0
         more = self.added_force()
@@ -323,7 +308,7 @@ class Forms:
         """Compile what `faces_backwards` takes."""
         #: t . phi' of eq. 4 at the start of the step: 1 and the axial strain.
         self._facing = 1 + self.step.strains0[0]
-        # Its sign is that of the same along the element's own coordinate, which is cheaper.
+        # The derivative along the element's own coordinate has the same sign and is cheaper.
         J = ufl.Jacobian(self._mesh.mesh)
         X = ufl.as_vector((J[0, 0], J[1, 0]))
         along = ufl.dot(director(self.step.psi0, X), X + arc_derivative(self.step.u0, X))
@@ -344,18 +329,7 @@ class Forms:
         return dolfinx_api.evaluate(expression, self._mesh.mesh, self.cells_of(-1))
 
     def resultants(self, parts: Iterable[Part]) -> np.ndarray:
-        """Stress resultants N, Q, M of the scheme at the Gauss points, part by part.
-
-        Parameters
-        ----------
-        parts : iterable of Part
-            Steps, or parts of them.
-
-        Returns
-        -------
-        (n, cells, degree, 3) float
-            Those of each part.
-        """
+        """N, Q and M (n, cells, degree, 3) at the Gauss points, for n steps or parts."""
         points = dolfinx_api.gauss_points(self.step.degree)
         expressions = [
             (dolfinx_api.compile_expression(r, points), self.cells_of(tag))

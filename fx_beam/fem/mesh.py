@@ -17,32 +17,19 @@ from . import dolfinx_api
 
 @dataclass(frozen=True)
 class Mesh:
-    """The mesh of a scene.
+    """The mesh of a scene."""
 
-    Parameters
-    ----------
-    mesh : dolfinx.mesh.Mesh
-        Intervals in the plane: straight, or of the beams' degree where one of them is curved.
-    space : dolfinx.fem.FunctionSpace
-        Displacement and rotation.
-    X : (n, 2) float
-        Reference positions of the nodes [m]: the scene's nodes by their number, then the nodes
-        inside elements of degree 2 and 3.
-    dofs : (n, 3) int
-        Degrees of freedom of x, y and rotation of each node.
-    beam_of_cell : (cells,) int
-        Place of each cell's beam in the scene.
-    cells : list of (elements,) int arrays
-        Cells of each beam, in order along it.
-    nodes : list of (elements * degree + 1,) int arrays
-        Nodes of each beam, in order along it.
-    """
-
+    #: dolfinx mesh of intervals: straight, or of the beams' degree if one of them is curved.
     mesh: Any
+    #: Function space of displacement and rotation.
     space: Any
+    #: Reference positions (n, 2) [m]: nodes of the scene by number, then nodes inside elements.
     X: np.ndarray
+    #: Degrees of freedom (n, 3) of x, y and rotation of each node.
     dofs: np.ndarray
+    #: Index of each cell's beam in the scene.
     beam_of_cell: np.ndarray
+    #: Cells and nodes of each beam, in order along it.
     cells: list[np.ndarray]
     nodes: list[np.ndarray]
 
@@ -62,32 +49,16 @@ class Mesh:
         return vector
 
     def nodes_of(self, scene: Scene, target) -> np.ndarray:
-        """Nodes of a beam, those inside its elements included, or the one node itself."""
+        """Nodes of a beam, those inside its elements included, or the node itself."""
         if isinstance(target, Beam):
             return self.nodes[scene.beams.index(target)]
         return np.array([target.number])
 
 
 def build_mesh(scene: Scene) -> Mesh:
-    """Mesh of a scene.
-
-    Parameters
-    ----------
-    scene : Scene
-        At least one beam.
-
-    Returns
-    -------
-    Mesh
-        Mesh, function space and numbering.
-
-    Raises
-    ------
-    SceneError
-        For a scene without beams.
-    """
+    """Mesh of a scene with at least one beam."""
     if not scene.beams:
-        raise SceneError("the scene has no beams; add one with scene.add_beam")
+        raise SceneError("the scene has no beams. Add one with scene.add_beam")
     degree = scene.beams[0].degree
     points = np.array([(node.x, node.y) for node in scene.nodes])
     ends = [
@@ -95,7 +66,7 @@ def build_mesh(scene: Scene) -> Mesh:
         for beam in scene.beams
         for a, b in zip(beam.nodes[:-1], beam.nodes[1:], strict=True)
     ]
-    # Nodes inside elements are numbered after the scene's own, element by element.
+    # Nodes inside elements are numbered after those of the scene, element by element.
     X = np.vstack([points, *(_inner(beam) for beam in scene.beams)])
     inner = len(points) + np.arange(len(ends) * (degree - 1)).reshape(len(ends), degree - 1)
     nodes_of_element = np.hstack([ends, inner])
@@ -122,7 +93,7 @@ def build_mesh(scene: Scene) -> Mesh:
 
 
 def _inner(beam: Beam) -> np.ndarray:
-    """Places (elements * (degree - 1), 2) of the nodes inside the elements of a beam."""
+    """Positions (elements * (degree - 1), 2) of the nodes inside the elements of a beam."""
     if beam.inner is not None:
         return beam.inner.reshape(-1, 2)
     if beam.degree == 1:

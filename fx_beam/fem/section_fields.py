@@ -1,4 +1,4 @@
-"""Data of the beams in UFL, as the forms take them."""
+"""Stiffness and inertia of the sections in UFL, for the forms."""
 
 from __future__ import annotations
 
@@ -13,35 +13,17 @@ from .mesh import Mesh
 
 
 def section_data(mesh: Mesh, scene: Scene, names: tuple[str, ...], points: int):
-    """Data of the sections in UFL: a constant, cell by cell, or varying along the beams.
+    """Section data in UFL, a vector or a scalar: one constant, cell by cell, or along the beams.
 
-    Parameters
-    ----------
-    mesh : Mesh
-        The mesh of the scene.
-    scene : Scene
-        Its beams have the sections.
-    names : tuple of str
-        The data.
-    points : int
-        Number of Gauss points at which those that vary are taken.
-
-    Returns
-    -------
-    ufl expression
-        Vector of the data, or a scalar for one.
-
-    Raises
-    ------
-    SceneError
-        For a value that is none for a section, with its beam and fraction.
+    Data that vary are evaluated at so many Gauss points. The SceneError for an invalid value names
+    its beam and its fraction.
     """
     varies = any(beam.section.varies(name) for beam in scene.beams for name in names)
     gauss = dolfinx_api.gauss_points(points if varies else 1).T
     values: list[np.ndarray] = []
     known: dict[int, np.ndarray] = {}
     for beam in scene.beams:
-        # One value is enough for a beam whose data are constant, and for others of its section.
+        # Constant data need one value, which other beams of the same section share.
         if not varies and id(beam.section) in known:
             values.append(known[id(beam.section)])
             continue
@@ -62,41 +44,13 @@ def section_data(mesh: Mesh, scene: Scene, names: tuple[str, ...], points: int):
 
 
 def cell_data(mesh: Mesh, rows: np.ndarray):
-    """Data of the beams in UFL: one constant where all have the same, else cell by cell.
-
-    Parameters
-    ----------
-    mesh : Mesh
-        The mesh.
-    rows : (beams, ...) float
-        Data of each beam.
-
-    Returns
-    -------
-    ufl expression
-        Scalar or vector.
-    """
+    """Data (beams, ...) in UFL: one constant if all beams have the same, else cell by cell."""
     if (rows == rows[0]).all():
         return dolfinx_api.constant(mesh.mesh, rows[0])
     return dolfinx_api.cellwise(mesh.mesh, rows[mesh.beam_of_cell])
 
 
 def on_beam(mesh: Mesh, scene: Scene, beam: Beam):
-    """1 on a beam and 0 on the others, in UFL.
-
-    Parameters
-    ----------
-    mesh : Mesh
-        The mesh of the scene.
-    scene : Scene
-        The scene.
-    beam : Beam
-        One of its beams.
-
-    Returns
-    -------
-    ufl expression
-        Scalar.
-    """
+    """Indicator of a beam in UFL: 1 on it, 0 on the others."""
     inside = np.arange(len(scene.beams)) == scene.beams.index(beam)
     return cell_data(mesh, inside.astype(float))

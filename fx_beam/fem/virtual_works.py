@@ -1,4 +1,4 @@
-"""The virtual works of forces of a user's own, checked and summed."""
+"""Virtual works of a user's forces, checked and summed."""
 
 from __future__ import annotations
 
@@ -19,9 +19,9 @@ from .section_fields import on_beam
 
 
 def added_virtual_work(scene: Scene, mesh: Mesh, step: Step, test, known: Sequence):
-    """Virtual work per length of all added forces, in UFL; none where there is no such force.
+    """Virtual work per length of all added forces, in UFL; None without such forces.
 
-    `test` is the test function; functions and constants other than those known are refused.
+    `test` is the test function; dolfinx functions and constants that are not `known` are refused.
     """
     total = None
     for number, work in enumerate(scene.virtual_works, start=1):
@@ -33,14 +33,14 @@ def added_virtual_work(scene: Scene, mesh: Mesh, step: Step, test, known: Sequen
         refuse_fields(fields_in(term), what, known)
         if term.ufl_shape != () or ufl.algorithms.extract_arguments(term) != [test]:
             raise SceneError(
-                f"{what}: it must be a scalar UFL expression linear in step.virtual_u and "
+                f"{what}: the result must be a scalar UFL expression linear in step.virtual_u and "
                 f"step.virtual_psi, not {term}"
             )
         try:
             check_integrand_arity(apply_algebra_lowering(term), (test,))
         except REFUSALS as error:
             raise SceneError(
-                f"{what}: it must be linear in step.virtual_u and step.virtual_psi; {error}"
+                f"{what}: the result must be linear in step.virtual_u and step.virtual_psi; {error}"
             ) from error
         if work.beam is not None:
             term = term * on_beam(mesh, scene, work.beam)

@@ -1,4 +1,4 @@
 """The mechanics of the planar Reissner beam: kinematics, stress resultants, rates, time schemes.
 
-UFL and numpy only; each equation stands in one place.
+UFL and NumPy only; each equation is in one place.
 """

@@ -24,10 +24,10 @@ class Interval(NamedTuple):
 
 
 def just_inside(t0, t1):
-    """Starts and ends of steps as loads see them: a little later, and a little earlier.
+    """Starts and ends of steps, moved inwards by round-off: times at which loads are evaluated.
 
-    A load that jumps from one step to the next belongs to the one in which it acts, whichever way
-    its function rounds. A step of no length stays as it is.
+    A load that jumps between two steps then counts in the correct step, despite round-off. Steps of
+    zero length are not changed.
     """
     inset = np.maximum(1e-12 * (t1 - t0), 4 * np.spacing(t1)) * (t1 != t0)
     return t0 + inset, t1 - inset

@@ -1,7 +1,7 @@
 """Kinematics of the planar Reissner beam in UFL: directors, strains, the fields of one step.
 
-Notation of Ibrahimbegovic & Mamouri (1999): position phi = X + u, section rotation psi measured
-from the reference configuration, ' = d/ds along the reference arc length, t0 = X'.
+Notation of Ibrahimbegovic & Mamouri (1999): position phi = X + u, section rotation psi from the
+reference configuration, ' = d/ds along the reference arc length, t0 = X'.
 """
 
 from __future__ import annotations
@@ -13,40 +13,24 @@ import ufl
 
 
 def perp(a):
-    """Quarter turn to the left, W a with W = [[0, -1], [1, 0]] (eq. 5)."""
+    """W a with W = [[0, -1], [1, 0]]: a rotated by 90 degrees anticlockwise (eq. 5)."""
     return ufl.as_vector((-a[1], a[0]))
 
 
 def tan(x):
-    """Tangent as sin/cos: of ufl.tan UFL derives one more cosine, which costs time in each step."""
+    """Tangent as sin/cos; UFL's derivative of ufl.tan has one more cosine, which costs time."""
     return ufl.sin(x) / ufl.cos(x)
 
 
 def director(psi, t0):
-    """Unit normal of the turned section, t = R(psi) t0 (eq. 3)."""
+    """Unit normal of the rotated section, t = R(psi) t0 (eq. 3)."""
     return ufl.cos(psi) * t0 + ufl.sin(psi) * perp(t0)
 
 
 def strains(dphi, psi, dpsi, t0):
-    """Axial strain, shear strain and curvature (eqs 9, 10 and 12).
+    """Axial strain E.t, shear strain E.(W t) and curvature psi', with E = phi' - t (eqs 9, 10, 12).
 
-    Parameters
-    ----------
-    dphi : ufl vector (2,)
-        Derivative phi' of the position.
-    psi : ufl scalar
-        Section rotation [rad].
-    dpsi : ufl scalar
-        Derivative psi' of the rotation [1/m].
-    t0 : ufl vector (2,)
-        Reference tangent.
-
-    Returns
-    -------
-    tuple of ufl scalars
-        eps = E.t, gamma = E.(W t) and kappa = psi': the components of the spatial strain
-        E = phi' - t in the turned frame, which equal those of the material strain
-        R^T phi' - t0 in the reference frame.
+    They equal the components of the material strain R^T phi' - t0 in the reference frame.
     """
     t = director(psi, t0)
     E = dphi - t
@@ -64,11 +48,11 @@ class Step:
     Du, Dpsi : ufl expression
         Their increments over the step, the unknowns.
     Dtheta : ufl expression
-        Increment on which moments do the step's work; for the mid-point schemes the nodal values
-        of 2 tan(Dpsi/2), interpolated (eq. 33).
+        Increment of rotation with which moments do work in the step; for the mid-point schemes the
+        interpolated nodal values of 2 tan(Dpsi/2) (eq. 33).
     u, psi : ufl expression
-        Displacement and rotation at the level at which the scheme takes the forces (the middle
-        of the step for the mid-point schemes).
+        Displacement and rotation at the scheme's level in the step, where the forces are evaluated
+        (the middle of the step for the mid-point schemes).
     v, omega : ufl expression
         Velocity (2,) [m/s] and spin [rad/s] at that level.
     virtual_u, virtual_psi : ufl expression
@@ -83,10 +67,24 @@ class Step:
         Polynomial degree of the element.
     t, dt : ufl scalar
         Time at that level and length of the step [s]; in statics the time at which functions of
-        time are taken, and zero.
+        time are evaluated, and zero.
     load_factor : ufl scalar
-        Part of the loads that acts: 1, but in statics. A force of your own that is a load and not
-        a spring is to be multiplied by it.
+        Load factor in statics, 1 in dynamics. Multiply a force of your own by it if the force is a
+        load, not a spring.
+
+    Examples
+    --------
+    A user's force and a user's resultants are functions of the step. An elastic foundation of
+    100 N/m per metre, and a wind load that oscillates in time:
+
+    >>> import ufl, fx_beam as fb
+    >>> def foundation(step):
+    ...     return -100.0 * ufl.dot(step.u, step.virtual_u)
+    >>> def wind(step):
+    ...     return step.load_factor * ufl.sin(3.0 * step.t) * step.virtual_u[0]
+    >>> scene = fb.Scene()
+    >>> scene.add_virtual_work(foundation)
+    >>> scene.add_virtual_work(wind)
     """
 
     u0: Any
@@ -148,23 +146,9 @@ def arc_derivative(field, t0):
 
 
 def virtual_work(step: Step, dphi, n, m):
-    """Internal virtual work per length (eqs 15 to 17).
+    """Internal virtual work per length, (virtual u' - virtual psi W phi').n + virtual psi' m.
 
-    Parameters
-    ----------
-    step : Step
-        Fields of the step, of which the virtual ones are used.
-    dphi : ufl vector (2,)
-        The phi' with which the virtual strains are formed.
-    n : ufl vector (2,)
-        Spatial stress resultant [N].
-    m : ufl scalar
-        Couple [N m].
-
-    Returns
-    -------
-    ufl scalar
-        (virtual u' - virtual psi W phi').n + virtual psi' m.
+    Eqs 15 to 17, with the spatial stress resultant n [N] and the couple m [N m].
     """
     strain = step.prime(step.virtual_u) - step.virtual_psi * perp(dphi)
     return ufl.dot(strain, n) + step.prime(step.virtual_psi) * m

@@ -1,4 +1,4 @@
-"""What a simulation is judged by: energies, stress resultants and the effort it took."""
+"""Energies, stress resultants and statistics of a simulation."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import numpy as np
 
 
 def read_only(values: np.ndarray) -> np.ndarray:
-    """A view of an array through which it cannot be changed."""
+    """Read-only view of an array."""
     view = np.asarray(values).view()
     view.setflags(write=False)
     return view
@@ -26,13 +26,23 @@ class Energy:
     strain : (n,) float
         Stored energy of the beams (eq. 10).
     potential : (n,) float
-        Of the weight, zero in the reference configuration.
+        Potential energy of the weight, zero in the reference configuration.
     work : (n,) float
-        Done since the start by loads, prescribed motion, motors and added virtual works.
+        Work since the start of loads, prescribed motions, motors and added virtual works.
     springs : (n,) float, optional
         Stored energy of the springs of joints; zero by default.
     dissipated : (n,) float, optional
-        What the dampers of joints took since the start, which never falls; zero by default.
+        Energy dissipated since the start by the dampers of joints; it never decreases. Zero by
+        default.
+
+    Examples
+    --------
+    >>> import numpy as np, fx_beam as fb
+    >>> zero = np.zeros(2)
+    >>> energy = fb.Energy(kinetic=np.array([2.0, 3.0]), strain=zero, potential=zero,
+    ...                    work=np.array([0.0, 0.9]))
+    >>> energy.total, energy.balance_error.round(3)
+    (array([2., 3.]), array([0. , 0.1]))
     """
 
     kinetic: np.ndarray
@@ -50,70 +60,81 @@ class Energy:
 
     @property
     def stored(self) -> np.ndarray:
-        """Energy in beams and springs (n,) [J]."""
+        """Energy stored in beams and springs (n,) [J]."""
         return self.strain + self.springs
 
     @property
     def total(self) -> np.ndarray:
-        """Kinetic, strain and potential energy, and that of springs (n,) [J]."""
+        """Kinetic, stored and potential energy (n,) [J]."""
         return self.kinetic + self.stored + self.potential
 
     @property
     def supplied(self) -> np.ndarray:
-        """Work less what was dissipated, both since the start, (n,) [J]."""
+        """Work minus dissipated energy, both since the start, (n,) [J]."""
         supplied = self.work - self.dissipated
         return supplied - supplied[0]
 
     @property
     def balance_error(self) -> np.ndarray:
-        """Energy gained since the start that was not supplied, (n,) [J]."""
+        """Increase of the total energy since the start, minus the supplied energy, (n,) [J]."""
         return self.total - self.total[0] - self.supplied
 
 
 @dataclass
 class Stats:
-    """What a simulation took.
+    """Statistics of a simulation.
 
     Parameters
     ----------
     scheme : str
         Name of the time scheme.
     level : float
-        Where in a step the scheme takes the forces: 0.5 in its middle, 1 at its end.
+        Level of the step at which forces are evaluated: 0.5 is its middle, 1 its end.
     solver : str
-        Which linear solver ran.
+        Name of the linear solver.
     unknowns : int
-        Free degrees of freedom.
+        Number of free degrees of freedom.
     steps : int
-        Steps of the time grid that were completed.
+        Completed steps of the time grid.
     newton_iterations : int
-        Corrections in all, those of failed attempts not counted.
+        Newton iterations in all, failed attempts not counted.
     halvings : int
-        Times a step failed and was halved.
+        How often a step failed and was halved.
     substeps : int
-        Steps that were taken, each part of a halved one counted.
+        Steps that were computed, each part of a halved step counted.
     too_large : int
-        Parts of halved steps in which a node turned by more than half a radian per step of the
-        grid: there `dt` is too large for the motion, and where that goes may depend on rounding.
+        Parts of halved steps in which a node rotated by more than half a radian per step of the
+        grid. Then `dt` is too large for the motion, and the result may depend on round-off.
     inside_out : int
-        Steps, each part of a halved one counted, that end with a Gauss point at which a section
+        Steps, each part of a halved step counted, that end with a Gauss point at which a section
         faces backwards: t . phi' > 0 (eq. 4) is violated.
     ended_by : dict
-        Number of solves that ended by a small increment and at round-off.
+        Number of Newton solves that ended by a small increment, and of those that ended at
+        round-off.
     seconds : float
-        Time spent stepping [s].
+        Time of the steps [s].
     setup_seconds : float
-        Time spent on mesh, compilation and constant matrices [s].
+        Time for mesh, compilation and constant matrices [s].
     compiled : list of str
-        Forms that were compiled.
+        Compiled forms.
     assembled : list of str
-        Matrices and loads the scene has.
+        Matrices and loads of the scene.
     failure : str
-        Why the simulation broke off; empty if it did not.
+        Why the simulation stopped early; empty if it did not.
     static : bool
-        Whether the load factor was stepped, and not time.
+        Whether the solution is static: its steps are load factors, not times.
     limit_points : list of float
-        Load factors of the limit points that were met.
+        Load factors of the limit points on the path.
+
+    Examples
+    --------
+    >>> import fx_beam as fb
+    >>> scene = fb.Scene()
+    >>> section = fb.Section(EA=1e4, GA=1e4, EI=100.0, rhoA=1.0, rhoI=0.1)
+    >>> scene.clamp(scene.add_beam([(0, 0), (1, 0)], section).start)
+    >>> stats = fb.simulate(scene, dt=0.1, t_end=0.5).stats
+    >>> stats.scheme, stats.steps, stats.unknowns, stats.halvings
+    ('EnergyMomentum', 5, 3, 0)
     """
 
     scheme: str
@@ -140,13 +161,12 @@ class Stats:
 class BeamResultants:
     """Stress resultants along a beam, at the Gauss points of its elements.
 
-    Row k holds those that the scheme takes in the step that ends at t[k], or in the last part of
-    it where it was taken in parts: for the mid-point schemes a mean over that part, for the others
-    those at `Solution.t_level`. They belong to row k of `Solution.reaction` and
-    `Solution.joint_force`. Row 0 holds those of the start configuration.
+    Row k belongs to the step that ends at t[k], or to the last part of a halved step: the mean over
+    it for the mid-point schemes, else the value at `Solution.t_level`. The same holds for row k of
+    `Solution.reaction` and `Solution.joint_force`. Row 0 is the start configuration.
 
-    Forces of `Scene.add_virtual_work` that act inside a member are not in them: they are no part
-    of the stored energy or of the scheme.
+    Forces of `Scene.add_virtual_work` that act inside a beam are not included: they are not part of
+    the stored energy or of the scheme.
 
     Parameters
     ----------
@@ -155,9 +175,20 @@ class BeamResultants:
     N : (n, elements * degree) float
         Axial force, positive in tension [N].
     Q : (n, elements * degree) float
-        Shear force along the turned section [N].
+        Shear force along the rotated section [N].
     M : (n, elements * degree) float
         Bending moment [N m].
+
+    Examples
+    --------
+    >>> import fx_beam as fb
+    >>> scene = fb.Scene()
+    >>> beam = scene.add_beam([(0, 0), (2, 0)], fb.Section(EA=1e6, GA=1e6, EI=1e3), elements=2)
+    >>> scene.clamp(beam.start)
+    >>> scene.add_force(beam.end, (10.0, 0.0))
+    >>> forces = fb.static(scene, steps=1).resultants(beam)
+    >>> forces.s, forces.N[-1].round(6)
+    (array([0.5, 1.5]), array([10., 10.]))
     """
 
     s: np.ndarray

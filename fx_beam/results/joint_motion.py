@@ -1,4 +1,4 @@
-"""What a joint does over time."""
+"""Coordinates, rates and forces of a joint over time."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from fx_beam.scene.joints import GROUND, Joint
 
 @dataclass(frozen=True, repr=False)
 class JointMotion:
-    """Coordinates, rates and forces of a joint over time; made by `Solution.joint`.
+    """Coordinates, rates and forces of a joint over time; created by `Solution.joint`.
 
     Parameters
     ----------
@@ -21,6 +21,19 @@ class JointMotion:
         The solution.
     joint : Joint
         One of its joints.
+
+    Examples
+    --------
+    A bar that a motor pushes along a guide.
+
+    >>> import fx_beam as fb
+    >>> scene = fb.Scene()
+    >>> bar = scene.add_beam([(0, 0), (0, 1)], fb.Section(EA=1e4, GA=1e4, EI=1e3, rhoA=2.0))
+    >>> guide = fb.Prismatic(fb.GROUND, bar.start, axis=(0, 1), motor=lambda t: 3 * t**2)
+    >>> guide = scene.add_joint(guide)
+    >>> motion = fb.simulate(scene, dt=0.1, t_end=0.5).joint(guide)
+    >>> round(float(motion.slide[-1]), 6), bool(motion.gap.max() < 1e-12)
+    (0.75, True)
     """
 
     solution: Any
@@ -36,7 +49,7 @@ class JointMotion:
 
     @property
     def slide(self) -> np.ndarray:
-        """Distance (n,) along the axis from the joint's place on a to b [m]."""
+        """Distance (n,) along the axis from the joint's position on a to b [m]."""
         self._check(self.joint.axis is not None, "slide")
         return self.solution.slides[:, self.joint.number]
 
@@ -47,11 +60,11 @@ class JointMotion:
 
     @property
     def rate(self) -> np.ndarray:
-        """Rate (n,) of the slide [m/s] where the joint slides, else of the angle [rad/s]."""
+        """Rate (n,) of the slide [m/s] if the joint has one, else of the angle [rad/s]."""
         joint = self.joint
         if joint.axis is None:
             return self.spin
-        # Along the axis: the velocity of b less that of its place on a, seen from a.
+        # Along the axis: the velocity of b relative to its position on a, in the frame of a.
         x, y = (self._of(joint.b, "v", i) - self._of(joint.a, "v", i) for i in (0, 1))
         psi, spin = (self._of(joint.a, name, 2) for name in "qv")
         arm = joint.offset + self.slide[:, None] * joint.axis
@@ -76,16 +89,16 @@ class JointMotion:
     def motor_power(self) -> np.ndarray:
         """Mean power (n,) of the motor over the step that ends at t[k] [W]; 0 in row 0.
 
-        Its sum over the steps, each times its length, is the motor's work: exactly for a slide,
-        and to second order in the step for a rotation. In a step that was taken in parts the force
-        is that of the last one. Needs a row for every step.
+        The sum of power times step length is the motor's work: exact for a slide, of second order
+        in the step for a rotation. For a halved step the force is that of its last part. A row for
+        every step is required.
         """
         solution, force = self.solution, self.motor_force
         if len(solution.t) != solution.stats.steps + 1:
             raise ValueError("motor_power needs every step; simulate with record=Record(every=1)")
         slide = self.joint.slide
         place = self.slide if slide is not None and slide.motor else self.angle
-        # The force in the middle of the step, from those at the scheme's level.
+        # The force in the middle of the step, interpolated from those at the scheme's level.
         before = np.concatenate([force[:2], force[1:-1]])[: len(force)]
         middle = force + (0.5 - solution.stats.level) * (force - before)
         power = np.zeros(len(force))
@@ -94,7 +107,7 @@ class JointMotion:
 
     @property
     def gap(self) -> np.ndarray:
-        """Distance (n,) of b from its place on a [m]; zero to rounding."""
+        """Distance (n,) of b from its position on a [m]; zero to round-off."""
         joint, X, q = self.joint, self.solution.X, self.solution.recorded("q")
         arm = np.broadcast_to(joint.offset, (len(q), 2))
         if joint.axis is not None:

@@ -1,4 +1,4 @@
-"""Which node, joint or beam of a solution something is, or a clear error."""
+"""Numbers and names of a solution's nodes, joints and beams, or a clear error."""
 
 from __future__ import annotations
 
@@ -11,17 +11,22 @@ from fx_beam.scene.joints import GROUND, Joint
 def node_number(solution: Any, node: Node) -> int:
     """Number of a node of a solution."""
     if not isinstance(node, Node):
-        raise ValueError(f"{node!r} is no node; take one from a beam: beam.start, beam.end, ...")
+        raise ValueError(
+            f"{node!r} is not a node; take one from a beam: beam.start, beam.end or "
+            "beam.node(fraction)"
+        )
     X = solution.X
     if node.number >= len(X) or (X[node.number] != (node.x, node.y)).any():
-        raise ValueError(f"{node} is no node of this solution")
+        raise ValueError(f"{node} is not a node of this solution; take a node of its scene")
     return node.number
 
 
 def joint_number(solution: Any, joint: Joint) -> int:
     """Number of a joint of a solution."""
     if not isinstance(joint, Joint) or not 0 <= joint.number < solution.slides.shape[1]:
-        raise ValueError(f"{joint!r} is no joint of this solution; take what add_joint returned")
+        raise ValueError(
+            f"{joint!r} is not a joint of this solution; take the one that add_joint returned"
+        )
     for node in (joint.a, joint.b):
         if node is not GROUND:
             node_number(solution, node)  # a joint of another scene has other nodes
@@ -32,5 +37,5 @@ def beam_name(solution: Any, beam: Beam | str) -> str:
     """Name of a beam of a solution."""
     name, beams = beam.name if isinstance(beam, Beam) else beam, solution.beams
     if name not in beams or (isinstance(beam, Beam) and beam.nodes != beams[name].nodes):
-        raise ValueError(f"{name!r} is no beam of this solution; it has {list(beams)}")
+        raise ValueError(f"{name!r} is not a beam of this solution; it has {list(beams)}")
     return name

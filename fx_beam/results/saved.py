@@ -33,12 +33,24 @@ def load(path) -> Solution:
     Raises
     ------
     ValueError
-        If the file is no saved solution.
+        If the file is not a saved solution.
+
+    Examples
+    --------
+    >>> import tempfile, fx_beam as fb
+    >>> scene = fb.Scene()
+    >>> section = fb.Section(EA=1e4, GA=1e4, EI=100.0, rhoA=1.0, rhoI=0.1)
+    >>> scene.clamp(scene.add_beam([(0, 0), (1, 0)], section, name="arm").start)
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     fb.simulate(scene, dt=0.1, t_end=0.5).save(f"{folder}/run.npz")
+    ...     solution = fb.load(f"{folder}/run.npz")
+    >>> len(solution.t), list(solution.beams)
+    (6, ['arm'])
     """
     try:
         return _read(path)
     except (KeyError, ValueError, TypeError, EOFError, zipfile.BadZipFile) as error:
-        raise ValueError(f"{path} is no solution saved by fx_beam") from error
+        raise ValueError(f"{path} is not a solution saved by fx_beam") from error
 
 
 def _read(path) -> Solution:

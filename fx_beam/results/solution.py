@@ -1,4 +1,4 @@
-"""The result of a simulation: motion, resultants, energies and momenta over time."""
+"""Result of a simulation: motion, resultants, energies and momenta over time."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from .joint_motion import JointMotion
 from .lookup import beam_name, joint_number, node_number
 from .state import State
 
-# What a `Record` may leave out, by its word for it.
+# Histories that a `Record` may omit, with its name for them.
 _KINDS = {"q": "motion", "v": "rates", "a": "rates"}
 _KINDS |= dict.fromkeys(("reactions", "joint_forces", "motor_forces"), "forces")
 
@@ -23,7 +23,9 @@ _KINDS |= dict.fromkeys(("reactions", "joint_forces", "motor_forces"), "forces")
 class Solution:
     """Motion of a scene over time, or its equilibria over the load factor.
 
-    Its arrays can be read and not be changed; a copy of them can.
+    Its arrays are read-only. At nodes without mass, velocities are means over the step that ends at
+    t[k]; the same holds for spins at nodes without rotary inertia. For a halved step, its last part
+    counts instead of the whole step, also in `t_level`.
 
     Parameters
     ----------
@@ -31,13 +33,13 @@ class Solution:
         Times [s]; in a static solution load factors.
     t_level : (n,) float
         Times at which the rows of `resultants`, `reaction` and `joint_force` hold [s]: the scheme's
-        level in the step that ends at t[k], or in the last part of it where it was taken in parts.
-        Row 0 is the start.
+        level in the step that ends at t[k]. Row 0 is the start: forces are zero there or, after
+        `simulate(start=...)`, those of the last step before.
     X : (n_node, 2) float
         Reference positions [m].
     q, v, a : (n, n_node, 3) float
-        Displacements and rotation, their rates and accelerations [m, rad, s]; in a static solution
-        the latter are zero.
+        Displacements and rotation, their rates and accelerations [m, rad, s]; rates and
+        accelerations are zero in a static solution.
     reactions : (n, n_node, 3) float
         Forces and moments of the supports on the nodes [N, N m].
     slides : (n, joints) float
@@ -53,7 +55,7 @@ class Solution:
     angular_momentum : (n,) float
         Angular momentum about the origin [kg m^2/s].
     stats : Stats
-        What the simulation took.
+        Statistics of the simulation.
     beams : dict
         The beams by name.
     nodes_of_beam : dict
@@ -61,7 +63,20 @@ class Solution:
     resultants_of_beam : callable
         ``resultants_of_beam(name)`` gives the `BeamResultants`.
     end : State, optional
-        The last state, its vectors by nodes, for `simulate(start=...)`; none if the run broke off.
+        The last state, its vectors by nodes, for `simulate(start=...)`; None after a failed run.
+
+    Examples
+    --------
+    A bar that rotates about a pin.
+
+    >>> import fx_beam as fb
+    >>> scene = fb.Scene(gravity=(0, -9.81))
+    >>> section = fb.Section(EA=1e4, GA=1e4, EI=100.0, rhoA=1.0, rhoI=0.1)
+    >>> bar = scene.add_beam([(0, 0), (1, 0)], section, elements=2)
+    >>> scene.pin(bar.start)
+    >>> solution = fb.simulate(scene, dt=0.05, t_end=0.5)
+    >>> solution.position(bar.end).shape, solution.resultants(bar).M.shape
+    ((11, 2), (11, 2))
     """
 
     def __init__(
@@ -85,12 +100,10 @@ class Solution:
         resultants_of_beam: Callable[[str], BeamResultants],
         end: State | None = None,
     ):
-        self.t, self.t_level = read_only(t), read_only(t_level)
-        self.X = read_only(X)
-        self.q, self.v, self.a = (read_only(values) for values in (q, v, a))
-        self.reactions = read_only(reactions)
-        self.slides, self.joint_forces = read_only(slides), read_only(joint_forces)
-        self.motor_forces = read_only(motor_forces)
+        self.t, self.t_level, self.X = map(read_only, (t, t_level, X))
+        self.q, self.v, self.a = map(read_only, (q, v, a))
+        self.reactions, self.slides = map(read_only, (reactions, slides))
+        self.joint_forces, self.motor_forces = map(read_only, (joint_forces, motor_forces))
         self.energy = energy
         self.linear_momentum = read_only(linear_momentum)
         self.angular_momentum = read_only(angular_momentum)
@@ -101,7 +114,7 @@ class Solution:
         self.end = end
 
     def __getstate__(self):
-        # What computes the resultants holds the compiled model: a copy has them computed.
+        # The function for the resultants holds the compiled model: copies get computed values.
         known = {}
         if self.has_motion:
             known = {name: self._resultants_of_beam(name) for name in self.beams}
@@ -116,9 +129,9 @@ class Solution:
 
     @property
     def load_factor(self) -> np.ndarray:
-        """Part of the loads and driven motions (n,) that acts, in a static solution."""
+        """Load factors (n,) of a static solution: the fraction of the loads and driven motions."""
         if not self.stats.static:
-            raise ValueError("the solution is one over time, without load factors; it has t")
+            raise ValueError("the solution is one over time, without load factors; use t")
         return self.t
 
     @property
@@ -189,8 +202,7 @@ class Solution:
         Returns
         -------
         (n, 2) float
-            Velocity at t[k] [m/s]; at a node without mass the mean over the step that ends there,
-            or over the last part of it where it was taken in parts.
+            Velocity at t[k] [m/s].
         """
         return self.recorded("v")[:, node_number(self, node), :2]
 
@@ -205,8 +217,7 @@ class Solution:
         Returns
         -------
         (n,) float
-            Rate of the section rotation at t[k] [rad/s]; without rotary inertia its mean over the
-            step that ends there, or over the last part of it where it was taken in parts.
+            Rate of the section rotation at t[k] [rad/s].
         """
         return self.recorded("v")[:, node_number(self, node), 2]
 
@@ -221,9 +232,8 @@ class Solution:
         Returns
         -------
         (n, 2) float
-            Acceleration [m/s^2]. For the mid-point schemes row k is the mean over the step that
-            ends at t[k], or over the last part of it where it was taken in parts, thus that at
-            `t_level[k]`; for Newmark's family it is that at t[k]. Row 0 is that at the start.
+            Acceleration [m/s^2]: for the mid-point schemes the mean over the step, which holds at
+            `t_level[k]`; for the Newmark family the value at t[k]. Row 0 is the start.
         """
         return self.recorded("a")[:, node_number(self, node), :2]
 
@@ -238,9 +248,7 @@ class Solution:
         Returns
         -------
         (n, 3) float
-            Force [N] and moment [N m] at `t_level[k]`, thus in the step that ends at t[k], or in
-            the last part of it where it was taken in parts; zero for components without support.
-            Row 0 is zero or, after `simulate(start=...)`, that of the last step before.
+            Force [N] and moment [N m] at `t_level[k]`; zero for components without support.
         """
         return self.recorded("reactions")[:, node_number(self, node)]
 
@@ -252,7 +260,7 @@ class Solution:
         Parameters
         ----------
         joint : Joint
-            What `Scene.add_joint` returned.
+            The joint that `Scene.add_joint` returned.
 
         Returns
         -------
@@ -268,12 +276,12 @@ class Solution:
         Parameters
         ----------
         joint : Joint
-            What `Scene.add_joint` returned.
+            The joint that `Scene.add_joint` returned.
 
         Returns
         -------
         (n,) float
-            Distance along the axis from the joint's place on a to b [m].
+            Distance along the axis from the joint's position on a to b [m].
         """
         return self.joint(joint).slide
 
@@ -283,29 +291,27 @@ class Solution:
         Parameters
         ----------
         joint : Joint
-            What `Scene.add_joint` returned.
+            The joint that `Scene.add_joint` returned.
 
         Returns
         -------
         (n, 3) float
-            Force [N] and moment [N m], springs, dampers and motors included, at `t_level[k]`,
-            thus in the step that ends at t[k], or in the last part of it where it was taken in
-            parts. Row 0 is zero or, after `simulate(start=...)`, that of the last step before.
+            Force [N] and moment [N m] at `t_level[k]`, springs, dampers and motors included.
         """
         return self.recorded("joint_forces")[:, joint_number(self, joint)]
 
     def gap(self, joint: Joint) -> np.ndarray:
-        """How far a joint's node b is from its place on a, over time.
+        """Distance of a joint's node b from its position on a, over time.
 
         Parameters
         ----------
         joint : Joint
-            What `Scene.add_joint` returned.
+            The joint that `Scene.add_joint` returned.
 
         Returns
         -------
         (n,) float
-            Distance [m]; zero to rounding, as joints are no springs.
+            Distance [m]; zero to round-off, as joints eliminate degrees of freedom.
         """
         return self.joint(joint).gap
 
@@ -338,18 +344,16 @@ class Solution:
         Returns
         -------
         BeamResultants
-            Axial force N, shear force Q and bending moment M, with their places s, at the times
-            `t_level`: those of the step that ends at t[k], or of the last part of it where it was
-            taken in parts, as in `reaction` and `joint_force`; in row 0 those of the start
-            configuration. Forces of `Scene.add_virtual_work` that act inside a member are not in
-            them.
+            Axial force N, shear force Q and bending moment M at the arc lengths s and the times
+            `t_level`. Row 0 is the start configuration. Forces of `Scene.add_virtual_work` that act
+            inside a beam are not included.
 
         Raises
         ------
         ValueError
-            If the motion was not recorded, or not the rates that the scheme's resultants need.
+            If the motion was not recorded, or the rates that the scheme's resultants need.
         """
-        self.recorded("q")  # which they are computed from
+        self.recorded("q")  # they are computed from the motion
         return self._resultants_of_beam(beam_name(self, beam))
 
     # -- Files ----------------------------------------------------------------------------------
@@ -360,7 +364,7 @@ class Solution:
         Parameters
         ----------
         path : str or path
-            File to write, in NumPy's npz format: arrays and a JSON text, no pickled objects.
+            File name; the format is NumPy's npz, with arrays and JSON text, no pickled objects.
         """
         export.save(self, path)
 
@@ -370,14 +374,14 @@ class Solution:
         Parameters
         ----------
         path : str or path
-            File to write; its first row names the columns.
+            File name; the first row contains the names of the columns.
         nodes : dict, optional
-            Nodes by the names that their columns shall have.
+            Nodes by the names of their columns.
         """
         export.to_csv(self, path, nodes or {})
 
     def recorded(self, name: str) -> np.ndarray:
-        """Rows of what may not have been recorded.
+        """A history that the `Record` may have omitted.
 
         Parameters
         ----------

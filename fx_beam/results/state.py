@@ -10,81 +10,45 @@ import numpy as np
 
 @dataclass
 class Past:
-    """The last increments, from which the next one is foretold.
+    """The last increments; the next increment is predicted from them."""
 
-    Parameters
-    ----------
-    length : float
-        Length of the steps, or parts of steps, that they were taken in [s].
-    foretelling : int
-        How many of the differences would have foretold the last increment best.
-    increments : (m, size) float
-        Backward differences of the increments, from order 0 on.
-    slides : (m, joints) float
-        The same of the slides of the joints [m].
-    """
-
+    #: Length of the steps, or parts of steps, of the increments [s].
     length: float
+    #: Number of differences that would have predicted the last increment best.
     foretelling: int
+    #: Backward differences (m, size) of the increments, from order 0 on.
     increments: np.ndarray
+    #: The same (m, joints) for the slides of the joints [m].
     slides: np.ndarray
 
 
 @dataclass
 class State:
-    """The system at one time, and what the next step needs of the last one.
-
-    Parameters
-    ----------
-    t : float
-        Time [s].
-    q, v, a : (size,) float
-        Displacements and rotations, rates and accelerations.
-    slides : (joints,) float
-        Slides of the joints [m].
-    motors : (motors,) float
-        What the motors have moved since the start [m, rad].
-    held, added : float array or None
-        Generalised forces of driven and fixed columns, and forces (size,) of the added virtual
-        works, in the step that ended here.
-    joint_forces : (joints, 3) float
-        Forces and moments of the joints on their nodes b in that step [N, N m].
-    work, dissipated : float
-        Work done since the start [J].
-    parts : (5,) float, optional
-        What decides in how many parts the next steps are taken, as `Halving` has it; known at the
-        end of a run.
-    past : Past, optional
-        What the next increment is foretold from; known at the end of a run.
-    """
+    """The system at one time, and what the next step needs from the last one."""
 
     t: float
+    #: Displacements and rotations, rates, accelerations, each (size,).
     q: np.ndarray
     v: np.ndarray
     a: np.ndarray
+    #: Slides of the joints (joints,), and motion of the motors since the start (motors,) [m, rad].
     slides: np.ndarray
     motors: np.ndarray
+    #: In the step that ended here: forces of driven and fixed columns, of added virtual works
+    #: (size,), and of the joints on their nodes b (joints, 3) [N, N m].
     held: np.ndarray | None = None
     added: np.ndarray | None = None
     joint_forces: np.ndarray | None = None
+    #: Work and dissipated energy since the start [J].
     work: float = 0.0
     dissipated: float = 0.0
+    #: Memory of `Halving` (5,): the number of parts of the next steps. Set at the end of a run.
     parts: np.ndarray | None = None
+    #: Set at the end of a run.
     past: Past | None = None
 
     def renumbered(self, change: Callable[[np.ndarray], np.ndarray]) -> State:
-        """The same in another numbering.
-
-        Parameters
-        ----------
-        change : callable
-            Gives a vector over all degrees of freedom in that numbering.
-
-        Returns
-        -------
-        State
-            The state, with its vectors changed.
-        """
+        """The state in another numbering; `change` renumbers a vector of all degrees of freedom."""
         added = None if self.added is None else change(self.added)
         past = self.past
         if past is not None and len(past.increments):

@@ -1,4 +1,4 @@
-"""What the user describes: beams, sections, joints, supports and loads, as plain data.
+"""What the user describes, as plain data: beams, sections, joints, supports and loads.
 
-Every value is checked here, when it is given. Nothing is assembled or solved.
+Every value is checked when it is given. Nothing is assembled or solved.
 """

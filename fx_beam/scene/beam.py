@@ -1,4 +1,4 @@
-"""Nodes and beams: the geometry of a scene as plain data."""
+"""Nodes and beams: the geometry of a scene."""
 
 from __future__ import annotations
 
@@ -11,13 +11,16 @@ import numpy as np
 from fx_beam.errors import SceneError
 from fx_beam.validation import is_whole
 
-#: Components of a node's motion, in the order of all arrays.
+#: Components of a node's motion, in the order used in all arrays.
 COMPONENTS = ("x", "y", "rotation")
 
 
 @dataclass(frozen=True)
 class Node:
-    """A mesh node, where elements meet; made by a beam, known by its number and never by place.
+    """A mesh node at the end of an element; created by `Scene.add_beam`.
+
+    Nodes are identified by number, not by position: nodes of different beams may coincide without
+    being connected.
 
     Parameters
     ----------
@@ -27,6 +30,13 @@ class Node:
         Reference position [m].
     scene : object
         The scene to which the node belongs.
+
+    Examples
+    --------
+    >>> import fx_beam as fb
+    >>> beam = fb.Scene().add_beam([(0, 0), (2, 0)], fb.Section(EA=1.0, GA=1.0, EI=1.0))
+    >>> print(beam.end)
+    node 1 at (2, 0)
     """
 
     number: int
@@ -41,13 +51,13 @@ class Node:
         return self
 
     def __getstate__(self):
-        # A scene that is copied or unpickled gives itself to its nodes.
+        # A scene that is copied or unpickled sets itself in its nodes.
         return {**self.__dict__, "scene": None}
 
 
 @dataclass(frozen=True, repr=False)
 class Beam:
-    """A beam along a polyline, whose corners are rigid, or along a curve.
+    """A beam along a polyline with rigid corners, or along a curve; created by `Scene.add_beam`.
 
     Parameters
     ----------
@@ -62,8 +72,16 @@ class Beam:
     section : Section
         Cross-section; None in a solution that was read from a file.
     inner : (elements, degree - 1, 2) float, optional
-        Places of the nodes inside the elements of a curve [m], those of degree 3 near it and not
-        on it; none where elements are straight.
+        Positions of the nodes inside the elements of a curved beam [m]; None for straight elements.
+        Those of degree 3 lie near the curve, not on it.
+
+    Examples
+    --------
+    >>> import fx_beam as fb
+    >>> section = fb.Section(EA=1.0, GA=1.0, EI=1.0)
+    >>> beam = fb.Scene().add_beam([(0, 0), (4, 0)], section, elements=4)
+    >>> beam.elements, beam.length, beam.node(0.25).x
+    (4, 4.0, 1.0)
     """
 
     name: str
@@ -112,7 +130,7 @@ class Beam:
         Returns
         -------
         Node
-            The node there.
+            The node at this fraction.
 
         Raises
         ------
@@ -125,36 +143,29 @@ class Beam:
             places = np.array2string(fractions, precision=4, threshold=12, separator=", ")
             raise SceneError(
                 f"beam {self.name!r} has no node at the fraction {fraction!r} of its length; its "
-                f"elements end at {places}. Take one of these, or another number of elements"
+                f"elements end at {places}. Use one of these, or change the number of elements"
             )
         return self.nodes[nearest]
 
 
 class Layout(NamedTuple):
-    """Where the nodes of a beam lie.
+    """Positions of the nodes of a beam."""
 
-    Parameters
-    ----------
-    ends : list of (x, y) or Node
-        The ends of its elements, in order [m]; nodes that other beams have already as such.
-    s : (elements + 1,) float
-        Arc length there [m].
-    inner : (elements, degree - 1, 2) float, optional
-        Places of the nodes inside the elements of a curve [m].
-    """
-
+    #: Ends of the elements in order: (x, y) [m], or the Node of another beam.
     ends: list
+    #: Arc length at the ends, (elements + 1,) [m].
     s: np.ndarray
+    #: Nodes inside curved elements, (elements, degree - 1, 2) [m].
     inner: np.ndarray | None = None
 
 
 def place(point):
-    """Place (x, y) of a node; a point as it is."""
+    """Position (x, y) of a node; a point is returned as it is."""
     return (point.x, point.y) if isinstance(point, Node) else point
 
 
 def lagrange(nodes: np.ndarray, places: np.ndarray) -> np.ndarray:
-    """Values (places, nodes) of the Lagrange polynomials of some nodes at other places."""
+    """Values (places, nodes) of the Lagrange polynomials of `nodes` at `places`."""
     nodes, places = np.asarray(nodes, dtype=float), np.asarray(places, dtype=float)
     values = np.ones((len(places), len(nodes)))
     for i, own in enumerate(nodes):
@@ -164,46 +175,32 @@ def lagrange(nodes: np.ndarray, places: np.ndarray) -> np.ndarray:
 
 
 def polyline(points: Sequence, elements: int | Sequence[int], name: str) -> Layout:
-    """Nodes along a polyline.
+    """Nodes along a polyline with corners at `points`.
 
-    Parameters
-    ----------
-    points : sequence of (x, y) or Node
-        Corners [m].
-    elements : int or sequence of int
-        Number of elements in all, spread over the straight pieces by their length, or one number
-        for each piece.
-    name : str
-        Name of the beam, for messages.
-
-    Returns
-    -------
-    Layout
-        Ends of the elements and their arc lengths.
-
-    Raises
-    ------
-    SceneError
-        For fewer than two points, a piece of length zero, or too few elements.
+    `elements` is the number in all, spread over the straight pieces by length, or one for each.
     """
     try:
         points = list(points)
     except TypeError:
-        raise SceneError(f"beam {name!r}: points must be pairs (x, y) or nodes") from None
+        raise SceneError(
+            f"beam {name!r}: points must be pairs (x, y) or nodes, not {points!r}"
+        ) from None
     try:
         corners = np.array([place(point) for point in points], dtype=float)
     except (TypeError, ValueError):
         corners = np.empty(0)
     if corners.ndim != 2 or corners.shape[1] != 2 or not np.isfinite(corners).all():
-        raise SceneError(f"beam {name!r}: points must be finite pairs (x, y) or nodes")
+        raise SceneError(
+            f"beam {name!r}: points must be finite pairs (x, y) or nodes, not {points!r}"
+        )
     if len(corners) < 2:
-        raise SceneError(f"beam {name!r}: a beam needs at least two points")
+        raise SceneError(f"beam {name!r}: a beam needs at least two points, not {len(corners)}")
     lengths = np.hypot(*np.diff(corners, axis=0).T)
     shortest = max(1e-12 * np.ptp(corners, axis=0).max(), 1e-15 * abs(corners).max())
     for i in np.flatnonzero(lengths <= shortest):
         raise SceneError(
             f"beam {name!r}: the points {i} and {i + 1} coincide at ({corners[i, 0]:g}, "
-            f"{corners[i, 1]:g}); a beam needs a length"
+            f"{corners[i, 1]:g}). Remove one of them"
         )
     counts = _spread(elements, lengths, name)
     ends = [points[0]]
@@ -214,7 +211,7 @@ def polyline(points: Sequence, elements: int | Sequence[int], name: str) -> Layo
 
 
 def _spread(elements, lengths: np.ndarray, name: str) -> list[int]:
-    """Numbers of elements of each piece: as given, or in proportion to its length."""
+    """Number of elements of each piece: as given, or in proportion to its length."""
     pieces = len(lengths)
     counts = [elements] if np.ndim(elements) == 0 else list(elements)
     if not all(is_whole(n, 1) for n in counts):
@@ -222,12 +219,14 @@ def _spread(elements, lengths: np.ndarray, name: str) -> list[int]:
     if np.ndim(elements) != 0:
         if len(counts) != pieces:
             raise SceneError(
-                f"beam {name!r}: {len(counts)} numbers of elements for {pieces} straight pieces"
+                f"beam {name!r}: {len(counts)} numbers of elements for {pieces} straight pieces. "
+                "Give one number for each piece"
             )
         return counts
     if elements < pieces:
         raise SceneError(
-            f"beam {name!r}: {elements} elements are too few for {pieces} straight pieces"
+            f"beam {name!r}: {elements} elements are too few for {pieces} straight pieces. Give "
+            "at least one for each piece"
         )
     counts = [1] * pieces
     for _ in range(elements - pieces):

@@ -1,13 +1,12 @@
-"""Curves along which a beam may run: arcs, splines and functions, measured by their arc length.
+"""Arcs, splines and functions along which a beam may run, measured by arc length.
 
-A curved element has the shape of a polynomial of its degree, whose nodes dolfinx wants at equal
-distances of its parameter. Between ends on the curve it is the polynomial through the curve's
-Gauss-Lobatto points in arc length: at the Gauss points its tangent is then that of the curve to a
-higher order, and lengths, chords and strain energy come out with order 2p as on straight elements.
-With the nodes of degree 3 on the curve, at thirds of the length, that is order 4 and not 6; for
-degree 2 these are the same, and 4 is the order of the element itself. The tip of a quarter of a
-circle of 16 elements of degree 3 that is bent straight is off by 3e-12 of its radius, and not 3e-8.
-The inner nodes of degree 3 are off the curve by order 4 themselves.
+A curved element is a polynomial of its degree, with equidistant nodes for dolfinx. It interpolates
+the curve at the Gauss-Lobatto points in arc length: at the Gauss points its tangent is then more
+accurate, and lengths, chords and strain energy converge with order 2p, as on straight elements.
+For degree 3 with nodes on the curve at thirds of the length the order would be 4 instead of 6; for
+degree 2 both choices are the same. Example: a quarter circle of 16 elements of degree 3 is bent
+straight; the error of its tip is 3e-12 of the radius, instead of 3e-8. The inner nodes of degree 3
+are off the curve by an error of order 4.
 """
 
 from __future__ import annotations
@@ -34,22 +33,22 @@ from scipy.optimize import brentq
 from fx_beam.errors import SceneError
 from fx_beam.validation import checked_function, is_whole, vector
 
-from .beam import Layout, Node, lagrange, place
+from .beam import Layout, Node, lagrange, place, polyline
 
-# Degrees of the polynomials in which a piece of a curve and its speed are interpolated.
+# Degrees of the interpolating polynomials of a piece of a curve, and of its speed.
 _CURVE_DEGREE, _SPEED_DEGREE = 14, 20
-# The points include the ends of a piece, lest a jump pass between two pieces.
+# The points include the ends of a piece, so that a jump between two pieces is found.
 _POINTS = chebpts2(_CURVE_DEGREE + 1)
 _SPEED_POINTS = chebpts1(_SPEED_DEGREE + 1)
-# Matrices to the derivatives there, and on to the coefficients of the length.
+# Matrices from values to derivatives, and from speeds to the coefficients of the arc length.
 _DERIVATIVE = chebvander(_SPEED_POINTS, _CURVE_DEGREE - 1) @ chebder(
     np.linalg.inv(chebvander(_POINTS, _CURVE_DEGREE))
 )
 _INTEGRAL = chebint(np.linalg.inv(chebvander(_SPEED_POINTS, _SPEED_DEGREE)), lbnd=-1)
-# A smooth curve is measured to rounding with a few pieces; each corner takes 40 more.
+# A smooth curve needs a few pieces for round-off accuracy; each corner needs 40 more.
 _MOST_PIECES = 10_000
 _ROUNDING = float(np.finfo(float).eps)
-# Where on an element, by its degree, its polynomial meets the curve.
+# Gauss-Lobatto points, by degree: there the element's polynomial interpolates the curve.
 _LOBATTO = {
     1: np.array([0.0, 1.0]),
     2: np.array([0.0, 0.5, 1.0]),
@@ -64,18 +63,30 @@ class Curve:
     Parameters
     ----------
     function : callable
-        ``function(fraction)`` gives (x, y) [m] for a fraction in [0, 1], at any speed.
+        ``function(fraction)`` gives (x, y) [m] for a fraction in [0, 1]; its speed may vary.
     start, end : Node, optional
         Nodes of other beams at which it starts and ends, shared rigidly: displacement and
         rotation are the same. They must lie where the function starts and ends.
     breaks : sequence of float, optional
-        Fractions at which the function is less smooth than between them, such as corners. They
-        are found without, but then it takes longer.
+        Fractions at which the function is less smooth, such as corners. They are also found
+        automatically, but that takes longer.
 
     Raises
     ------
     SceneError
-        For an end that is no node, or breaks that are no fractions.
+        For an end that is not a node, or breaks that are not fractions.
+
+    Examples
+    --------
+    A parabolic arch that shares the top of a post.
+
+    >>> import fx_beam as fb
+    >>> scene, section = fb.Scene(), fb.Section(EA=1e6, GA=1e6, EI=1e3)
+    >>> post = scene.add_beam([(0, 0), (0, 1)], section)
+    >>> parabola = fb.Curve(lambda f: (4 * f, 1 + 4 * f * (1 - f)), start=post.end)
+    >>> arch = scene.add_beam(parabola, section, elements=8, degree=1)
+    >>> round(arch.length, 3), arch.start is post.end
+    (4.591, True)
     """
 
     function: Callable[[float], Any]
@@ -87,7 +98,8 @@ class Curve:
         for end in (self.start, self.end):
             if not (end is None or isinstance(end, Node)):
                 raise SceneError(
-                    f"Curve: {end!r} is no node; start and end are nodes of other beams or None"
+                    f"Curve: {end!r} is not a node; start and end must be nodes of other beams or "
+                    "None"
                 )
         try:
             breaks = np.array(self.breaks, dtype=float)
@@ -104,11 +116,11 @@ def arc(start, through, end) -> Curve:
     Parameters
     ----------
     start : (x, y) or Node
-        Its first point [m]. A node of another beam is shared rigidly.
+        First point [m]. A node of another beam is shared rigidly.
     through : (x, y)
         Any point between the ends [m].
     end : (x, y) or Node
-        Its last point [m], or the node of another beam.
+        Last point [m], or the node of another beam.
 
     Returns
     -------
@@ -119,10 +131,19 @@ def arc(start, through, end) -> Curve:
     ------
     SceneError
         If the three points lie on a line.
+
+    Examples
+    --------
+    >>> import math, fx_beam as fb
+    >>> half_circle = fb.arc((1, 0), (0, 1), (-1, 0))
+    >>> section = fb.Section(EA=1e6, GA=1e6, EI=1e3)
+    >>> ring = fb.Scene().add_beam(half_circle, section, elements=6, degree=2)
+    >>> math.isclose(ring.length, math.pi)
+    True
     """
     if isinstance(through, Node):
         raise SceneError(
-            "arc: only its ends can be nodes of other beams; make two arcs that end there"
+            "arc: only its ends can be nodes of other beams. Make two arcs that meet at this node"
         )
     a, b, c = (vector(place(point), 2, "arc") for point in (start, through, end))
     to_b, to_c, across = b - a, c - a, c - b
@@ -130,34 +151,34 @@ def arc(start, through, end) -> Curve:
     longest = max(to_b @ to_b, to_c @ to_c, across @ across)
     if not abs(area) > 1e-9 * longest:
         raise SceneError(
-            f"arc: the points {a}, {b} and {c} lie on a line or coincide; for a straight beam give "
-            "its ends, for a full circle two arcs"
+            f"arc: the points {a}, {b} and {c} lie on a line or coincide. For a straight beam give "
+            "its two ends; for a full circle use two arcs"
         )
     rise = (to_b @ to_b) * to_c - (to_c @ to_c) * to_b
     to_centre = np.array([rise[1], -rise[0]]) / (2 * area)
-    # Twice the angle at the circumference is that at the centre.
+    # The central angle is twice the inscribed angle.
     sweep = math.copysign(2 * math.atan2(abs(area), to_b @ across), area)
 
     return Curve(functools.partial(_on_arc, a, to_centre, sweep), *_nodes(start, end))
 
 
 def _on_arc(a: np.ndarray, to_centre: np.ndarray, sweep: float, fraction: float) -> np.ndarray:
-    # By the chord from a, in which a large radius does not cancel.
+    # From a along the chord: no cancellation for a large radius.
     c, s = math.cos(sweep * fraction / 2), math.sin(sweep * fraction / 2)
     x, y = to_centre
     return a + 2 * s * np.array([s * x + c * y, s * y - c * x])
 
 
 def spline(points: Sequence) -> Curve:
-    """Smooth curve through points: a cubic spline over the length of their polygon.
+    """Smooth curve through points: a cubic spline, parametrised by the length of their polygon.
 
-    Its curvature has corners at the points, past which elements converge with order 4 at most.
+    Its curvature has kinks at the points; there elements converge with order 4 at most.
 
     Parameters
     ----------
     points : sequence of (x, y) or Node
         Two or more points [m]; the first and the last may be nodes of other beams, which are
-        shared rigidly. Where these two coincide the curve closes smoothly.
+        shared rigidly. If these two coincide, the curve closes smoothly.
 
     Returns
     -------
@@ -167,20 +188,30 @@ def spline(points: Sequence) -> Curve:
     Raises
     ------
     SceneError
-        For fewer than two points, or points in a row that coincide.
+        For fewer than two points, or successive points that coincide.
+
+    Examples
+    --------
+    >>> import fx_beam as fb
+    >>> wave = fb.spline([(0, 0), (1, 0.5), (2, 0), (3, -0.5), (4, 0)])
+    >>> beam = fb.Scene().add_beam(wave, fb.Section(EA=1e6, GA=1e6, EI=1e3), elements=10)
+    >>> beam.end.x, round(beam.length, 2)
+    (4.0, 4.62)
     """
     try:
         points = list(points)
     except TypeError:
         raise SceneError(f"spline: {points!r} must be points (x, y) or nodes") from None
     if any(isinstance(point, Node) for point in points[1:-1]):
-        raise SceneError("spline: only its ends can be nodes of other beams; end one there instead")
+        raise SceneError(
+            "spline: only its ends can be nodes of other beams. Make two splines that meet there"
+        )
     if len(points) < 2:
-        raise SceneError("spline: it needs at least two points")
+        raise SceneError(f"spline: give at least two points, not {len(points)}")
     xy = np.array([vector(place(point), 2, f"spline, point {i}") for i, point in enumerate(points)])
     chords = np.hypot(*np.diff(xy, axis=0).T)
     for i in np.flatnonzero(chords <= 1e-12 * abs(xy).max()):
-        raise SceneError(f"spline: the points {i} and {i + 1} coincide at {xy[i]}")
+        raise SceneError(f"spline: points {i} and {i + 1} coincide at {xy[i]}. Remove one")
     breaks = np.concatenate([[0.0], np.cumsum(chords)])
     breaks /= breaks[-1]
     closed = len(xy) > 2 and math.dist(xy[0], xy[-1]) <= 1e-12 * abs(xy).max()
@@ -197,31 +228,17 @@ def _nodes(start, end) -> tuple[Node | None, Node | None]:
     )
 
 
-def lay_along(curve: Curve, elements: Any, degree: int, name: str) -> Layout:
-    """Elements along a curve, which end at equal distances of its arc length.
+def layout(points, elements, degree: int, name: str) -> Layout:
+    """Nodes of a beam along a polyline, a `Curve`, or a function of the fraction."""
+    if callable(points):
+        points = Curve(points)
+    if isinstance(points, Curve):
+        return along_curve(points, elements, degree, name)
+    return polyline(points, elements, name)
 
-    Parameters
-    ----------
-    curve : Curve
-        The curve.
-    elements : int
-        Number of elements.
-    degree : int
-        Polynomial degree of the elements, which says how many nodes lie inside each.
-    name : str
-        Name of the beam, for messages.
 
-    Returns
-    -------
-    Layout
-        Ends of the elements, arc lengths and nodes inside.
-
-    Raises
-    ------
-    SceneError
-        For a function that gives no points, a curve of no length or with a jump, or nodes that it
-        misses.
-    """
+def along_curve(curve: Curve, elements: Any, degree: int, name: str) -> Layout:
+    """Elements of equal arc length along a curve, with degree - 1 nodes inside each."""
     if not is_whole(elements, 1):
         raise SceneError(
             f"beam {name!r}: elements = {elements!r} must be one positive whole number for a curve"
@@ -245,7 +262,7 @@ def lay_along(curve: Curve, elements: Any, degree: int, name: str) -> Layout:
         if gap > 1e-9 * length:
             raise SceneError(
                 f"beam {name!r}: its curve {where} at ({points[i, 0]:g}, {points[i, 1]:g}), "
-                f"{gap:.3g} away from {node}, which it shall share"
+                f"{gap:.3g} away from {node} that it should share. Move the node or the curve"
             )
         ends[i] = node
     of_element = points[degree * np.arange(elements)[:, None] + np.arange(degree + 1)]
@@ -254,18 +271,18 @@ def lay_along(curve: Curve, elements: Any, degree: int, name: str) -> Layout:
 
 
 def _check_followed(ends: np.ndarray, s: np.ndarray, name: str) -> None:
-    """Refuse elements that are too long for the curve, such as a whole circle in one."""
+    """Refuse elements that are too long for the curve, such as one element for a whole circle."""
     chords, lengths = np.hypot(*np.diff(ends, axis=0).T), np.diff(s)
     k = int(np.argmin(chords / lengths))
     if chords[k] < 0.5 * lengths[k]:
         raise SceneError(
-            f"beam {name!r}: {len(chords)} elements are too few for its curve; element {k} is "
-            f"{lengths[k]:.3g} long, and its ends are {chords[k]:.3g} apart"
+            f"beam {name!r}: {len(chords)} elements are too few for its curve: element {k} is "
+            f"{lengths[k]:.3g} long, but its ends are {chords[k]:.3g} apart. Use more elements"
         )
 
 
 def _measure(position, breaks, name: str) -> tuple[float, Callable[[float], float]]:
-    """Length of a curve, and its fraction at a distance from the start."""
+    """Length of a curve, and a function that gives its fraction at a distance from the start."""
     cuts = np.unique([0.0, *breaks, 1.0])
     size = max(abs(position(cut)).max() for cut in cuts.tolist())
     pieces = _pieces(position, cuts.tolist(), size, name)
@@ -295,40 +312,42 @@ class _Piece(NamedTuple):
 
 
 def _pieces(position, cuts: list[float], size: float, name: str) -> list[_Piece]:
-    """Pieces of a curve in order, each so short that halves of it would not change its length."""
+    """Pieces of a curve in order, bisected until halving them does not change their length."""
     left = [_piece(position, a, b) for a, b in itertools.pairwise(cuts)][::-1]
     length = sum(piece.length for piece in left)
-    if not length > 1e-9 * size:  # less is rounding
-        raise SceneError(f"beam {name!r}: its curve has no length")
+    if not length > 1e-9 * size:  # less is round-off
+        raise SceneError(f"beam {name!r}: its curve has no length; its points coincide")
     negligible = 1e-12 * length + 16 * _ROUNDING * size
     found: list[_Piece] = []
     while left:
         whole = left.pop()
         middle = (whole.start + whole.end) / 2
         halves = [_piece(position, whole.start, middle), _piece(position, middle, whole.end)]
-        # Of each half: where one of them holds a jump, their sum stays as it is.
+        # Each half by itself: a jump in one of them may leave their sum unchanged.
         first = whole.length_to(middle)
         change = abs(halves[0].length - first) + abs(halves[1].length - (whole.length - first))
         if change <= negligible:
             found += halves
         elif whole.end - whole.start > 4 * _ROUNDING * (whole.end + _ROUNDING):
             left += halves[::-1]
-        elif whole.length <= 1e-6 * length:  # a corner, or a start at infinite speed
+        elif whole.length <= 1e-6 * length:  # a corner, or infinite speed at the start
             found.append(whole)
         else:
             raise SceneError(
-                f"beam {name!r}: its curve jumps at the fraction {round(middle, 9):g}; a curve "
-                "must be continuous. For two members make two beams"
+                f"beam {name!r}: its curve jumps at the fraction {round(middle, 9):g}; it must be "
+                "continuous. Make two beams, one on each side of the jump"
             )
         if len(found) + len(left) > _MOST_PIECES:
             raise SceneError(
-                f"beam {name!r}: its curve has more corners than can be measured; give their "
-                "fractions as breaks of an fx_beam.Curve, or take a spline or a polyline"
+                f"beam {name!r}: its curve has too many corners. Give their fractions as breaks of "
+                "an fx_beam.Curve, or use a spline or a polyline"
             )
     return found
 
 
 def _piece(position, a: float, b: float) -> _Piece:
+    # scipy.integrate needs the speed, but users give positions. With differences of positions it
+    # reaches 1e-10 where this reaches round-off, and fails where the speed is infinite at an end.
     points = np.array([position((a * (1 - x) + b * (1 + x)) / 2) for x in _POINTS.tolist()])
     speed = np.hypot(*(_DERIVATIVE @ (points - points[0])).T)
     length_to = Chebyshev(_INTEGRAL @ speed, domain=[a, b])

@@ -3,19 +3,19 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 from dataclasses import dataclass, field
 
 import numpy as np
 
 from fx_beam.errors import SceneError
-from fx_beam.validation import is_number, time_function, vector
+from fx_beam.validation import vector
 
 from .beam import Node
+from .coordinate import Coordinate, Damper, Spring, checked_coordinate
 
 
 class _Ground(Node):
-    """The fixed frame. It is told by identity, so that copies and pickles of it are itself."""
+    """The fixed frame: a single object, also after copying and pickling."""
 
     def __reduce__(self):
         return "GROUND"
@@ -24,88 +24,42 @@ class _Ground(Node):
         return "the ground"
 
 
-#: The fixed frame, in place of a joint's first or second node.
+#: The fixed frame; it may take the place of one node of a joint.
 GROUND = _Ground(-1, math.nan, math.nan)
-
-
-@dataclass(frozen=True)
-class Spring:
-    """Linear spring on a joint's free coordinate.
-
-    Parameters
-    ----------
-    stiffness : float
-        Force per slide [N/m], or moment per relative rotation [N m/rad].
-    rest : float
-        Slide [m] or relative rotation [rad] without force.
-    """
-
-    stiffness: float
-    rest: float = 0.0
-
-    def __post_init__(self):
-        _check(self, "stiffness")
-        _check(self, "rest", -math.inf)
-
-
-@dataclass(frozen=True)
-class Damper:
-    """Linear damper on a joint's free coordinate.
-
-    Parameters
-    ----------
-    viscosity : float
-        Force per rate of the slide [N s/m], or moment per relative spin [N m s/rad].
-    """
-
-    viscosity: float
-
-    def __post_init__(self):
-        _check(self, "viscosity")
-
-
-@dataclass(frozen=True)
-class Coordinate:
-    """What acts on a free coordinate of a joint.
-
-    Parameters
-    ----------
-    spring : Spring, optional
-        Linear spring.
-    damper : Damper, optional
-        Linear damper.
-    motor : callable, optional
-        ``motor(t)``, the change of the coordinate since the start; it is then not free.
-    """
-
-    spring: Spring | None = None
-    damper: Damper | None = None
-    motor: Callable[[float], np.ndarray] | None = None
 
 
 @dataclass(frozen=True, eq=False)
 class Joint:
-    """Coupling of two nodes; made by `Rigid`, `Revolute`, `Prismatic` and `PinInSlot`.
+    """Coupling of two nodes; created by `Rigid`, `Revolute`, `Prismatic` and `PinInSlot`.
 
-    The position of b is phi_b = phi_a + R(psi_a) (offset + d axis), with the slide d; the
-    rotation psi_b is that of a, or free.
+    The position of b is phi_b = phi_a + R(psi_a) (offset + d axis), with the slide d. The rotation
+    psi_b equals psi_a, or it is free.
 
     Parameters
     ----------
     kind : str
         Name of the kind.
     a, b : Node
-        The nodes; one may be `GROUND`. The offset and the axis turn with a.
+        The nodes; one may be `GROUND`. The offset and the axis rotate with a.
     offset : (2,) float
         From a to the joint, in the reference configuration [m].
     axis : (2,) float, optional
         Unit vector of the slide in the reference configuration.
     slide : Coordinate, optional
-        What acts on the slide; none where there is no slide.
+        Spring, damper and motor of the slide; None for a joint without slide.
     rotation : Coordinate, optional
-        What acts on the relative rotation psi_b - psi_a; none where that is not free.
+        Spring, damper and motor of the relative rotation psi_b - psi_a; None where it is fixed.
     number : int
-        Place in the scene's joints.
+        Index in the scene's joints.
+
+    Examples
+    --------
+    >>> import fx_beam as fb
+    >>> scene = fb.Scene()
+    >>> section = fb.Section(EA=1.0, GA=1.0, EI=1.0)
+    >>> beams = [scene.add_beam([(1, 0), end], section) for end in [(0, 0), (2, 0)]]
+    >>> print(scene.add_joint(fb.Revolute(beams[0].start, beams[1].start)))
+    joint 0, Revolute of node 0 at (1, 0) and node 2 at (1, 0)
     """
 
     kind: str
@@ -123,12 +77,12 @@ class Joint:
 
     @property
     def turns_together(self) -> bool:
-        """Whether the rotation of b is that of a, a motor's angle apart."""
+        """Whether b rotates with a, up to the angle of a motor."""
         return self.rotation is None or self.rotation.motor is not None
 
     @property
     def is_index(self) -> bool:
-        """Whether displacements are simply equal."""
+        """Whether the displacements of a and b are equal."""
         return self.axis is None and not self.offset.any()
 
     def start(self) -> tuple[float, float]:
@@ -137,35 +91,35 @@ class Joint:
         Returns
         -------
         slide : float
-            Distance along the axis from the joint's place on a to b [m].
+            Distance along the axis from the joint's position on a to b [m].
         gap : float
-            What is left of the distance [m].
+            Distance that is left [m]; it must be zero.
         """
         if self.a is GROUND or self.b is GROUND:
-            return 0.0, 0.0  # the ground's point is where the joint starts
+            return 0.0, 0.0  # the joint's point on the ground is its start position
         distance = np.array([self.b.x - self.a.x, self.b.y - self.a.y]) - self.offset
         slide = 0.0 if self.axis is None else float(distance @ self.axis)
         along = 0.0 if self.axis is None else slide * self.axis
         return slide, float(np.hypot(*(distance - along)))
 
     def check_start(self, size: float) -> None:
-        """Refuse nodes that are not where the joint has them, and motors that do not start from 0.
+        """Refuse nodes that do not fit the joint, and motors that do not start from zero.
 
         Parameters
         ----------
         size : float
-            Size of the scene, to which rounding is compared [m].
+            Size of the scene [m]; distances are compared with it.
 
         Raises
         ------
         SceneError
-            With the gap, or where the motor starts.
+            With the gap, or with the start value of the motor.
         """
         _, gap = self.start()
         if gap > 1e-9 * size:
             raise SceneError(
-                f"{self}: at the start there is a gap of {gap:.4g} between b and its place on a; "
-                "move the nodes, or give the joint an offset"
+                f"{self}: at the start there is a gap of {gap:.4g} between b and its position on "
+                "a. Move the nodes, or give the joint an offset"
             )
         for name, coordinate, unit in (("slide", self.slide, size), ("rotation", self.rotation, 1)):
             if coordinate is not None and coordinate.motor is not None:
@@ -173,12 +127,12 @@ class Joint:
                 if not abs(place) <= 1e-9 * unit:
                     raise SceneError(
                         f"{self}: the motor of its {name} is {place:g} at t = 0; it must start "
-                        "from 0"
+                        "from 0. Subtract the start value"
                     )
 
 
 def Rigid(a: Node, b: Node, offset=(0.0, 0.0)) -> Joint:
-    """Rigid joint: b moves and turns with a.
+    """Rigid joint: b moves and rotates with a.
 
     Parameters
     ----------
@@ -191,6 +145,16 @@ def Rigid(a: Node, b: Node, offset=(0.0, 0.0)) -> Joint:
     -------
     Joint
         The joint, for `Scene.add_joint`.
+
+    Examples
+    --------
+    >>> import fx_beam as fb
+    >>> scene = fb.Scene()
+    >>> section = fb.Section(EA=1.0, GA=1.0, EI=1.0)
+    >>> lower = scene.add_beam([(0, 0), (1, 0)], section)
+    >>> upper = scene.add_beam([(1, 0.5), (2, 0.5)], section)
+    >>> scene.add_joint(fb.Rigid(lower.end, upper.start, offset=(0, 0.5))).kind
+    'Rigid'
     """
     return _joint("Rigid", a, b, offset)
 
@@ -203,14 +167,14 @@ def Revolute(
     damper: Damper | None = None,
     motor=None,
 ) -> Joint:
-    """Hinge: b stays where it is on a, and turns freely.
+    """Revolute joint (hinge): b keeps its position on a and rotates freely.
 
     Parameters
     ----------
     a, b : Node
         The nodes; one may be `GROUND`.
     offset : (x, y)
-        From a to the hinge in the reference configuration [m]; it turns with a.
+        From a to the hinge in the reference configuration [m]; it rotates with a.
     spring, damper : Spring, Damper, optional
         On the relative rotation psi_b - psi_a.
     motor : callable, optional
@@ -220,8 +184,20 @@ def Revolute(
     -------
     Joint
         The joint, for `Scene.add_joint`.
+
+    Examples
+    --------
+    A crank that a motor turns at a growing rate.
+
+    >>> import fx_beam as fb
+    >>> scene = fb.Scene()
+    >>> crank = scene.add_beam([(0, 0), (1, 0)], fb.Section(EA=1e4, GA=1e4, EI=1e3, rhoA=1.0))
+    >>> hinge = scene.add_joint(fb.Revolute(fb.GROUND, crank.start, motor=lambda t: t**2))
+    >>> solution = fb.simulate(scene, dt=0.05, t_end=0.5)
+    >>> round(float(solution.joint(hinge).angle[-1]), 6)
+    0.25
     """
-    rotation = _coordinate("motor of a revolute joint", spring, damper, motor)
+    rotation = checked_coordinate("motor of a revolute joint", spring, damper, motor)
     return _joint("Revolute", a, b, offset, rotation=rotation)
 
 
@@ -234,7 +210,7 @@ def Prismatic(
     damper: Damper | None = None,
     motor=None,
 ) -> Joint:
-    """Prismatic joint: b slides along an axis that a carries, and turns with a.
+    """Prismatic joint: b slides along an axis fixed to a, and rotates with a.
 
     Parameters
     ----------
@@ -253,8 +229,20 @@ def Prismatic(
     -------
     Joint
         The joint, for `Scene.add_joint`.
+
+    Examples
+    --------
+    A bar that falls along a vertical guide.
+
+    >>> import fx_beam as fb
+    >>> scene = fb.Scene(gravity=(0, -10))
+    >>> bar = scene.add_beam([(0, 0), (1, 0)], fb.Section(EA=1e4, GA=1e4, EI=1e3, rhoA=1.0))
+    >>> guide = scene.add_joint(fb.Prismatic(fb.GROUND, bar.node(0), axis=(0, 1)))
+    >>> solution = fb.simulate(scene, dt=0.05, t_end=0.5)
+    >>> round(float(solution.slide(guide)[-1]), 6)
+    -1.25
     """
-    slide = _coordinate("motor of a prismatic joint", spring, damper, motor)
+    slide = checked_coordinate("motor of a prismatic joint", spring, damper, motor)
     return _joint("Prismatic", a, b, offset, axis, slide)
 
 
@@ -268,7 +256,7 @@ def PinInSlot(
     motor=None,
     hinge: Coordinate | None = None,
 ) -> Joint:
-    """Pin in a slot: b slides along an axis that a carries, and turns freely.
+    """Pin in a slot: b slides along an axis fixed to a, and rotates freely.
 
     Parameters
     ----------
@@ -283,51 +271,47 @@ def PinInSlot(
     motor : callable, optional
         ``motor(t)``, the slide since the start [m]; zero at t = 0.
     hinge : Coordinate, optional
-        What acts on the relative rotation.
+        Spring, damper and motor of the relative rotation.
 
     Returns
     -------
     Joint
         The joint, for `Scene.add_joint`.
+
+    Examples
+    --------
+    A roller support on an inclined plane.
+
+    >>> import fx_beam as fb
+    >>> scene = fb.Scene()
+    >>> beam = scene.add_beam([(0, 0), (2, 0)], fb.Section(EA=1e4, GA=1e4, EI=1e3))
+    >>> roller = scene.add_joint(fb.PinInSlot(fb.GROUND, beam.end, axis=(1, 1)))
+    >>> roller.axis.round(3)
+    array([0.707, 0.707])
     """
-    slide = _coordinate("motor of a pin in slot", spring, damper, motor)
+    slide = checked_coordinate("motor of a pin in slot", spring, damper, motor)
     hinge = hinge or Coordinate()
-    rotation = _coordinate("hinge of a pin in slot", hinge.spring, hinge.damper, hinge.motor)
+    rotation = checked_coordinate("hinge of a pin in slot", hinge.spring, hinge.damper, hinge.motor)
     return _joint("PinInSlot", a, b, offset, axis, slide, rotation)
 
 
 def _joint(kind, a, b, offset, axis=None, slide=None, rotation=None) -> Joint:
     for node in (a, b):
         if not isinstance(node, Node):
-            raise SceneError(f"{kind}: {node!r} is no node; take one from a beam, or GROUND")
+            raise SceneError(f"{kind}: {node!r} is not a node; take one from a beam, or GROUND")
     if a is b:
-        raise SceneError(f"{kind}: both of its nodes are {a}")
+        raise SceneError(f"{kind}: both of its nodes are {a}. Give two different nodes")
     if axis is not None:
         axis = vector(axis, 2, f"{kind}: axis")
         length = np.hypot(*axis)
         if length == 0:
-            raise SceneError(f"{kind}: axis = {axis} has no direction")
+            raise SceneError(f"{kind}: axis = {axis} has no direction. Give a nonzero vector")
         axis = axis / length
         axis.setflags(write=False)
     offset = vector(offset, 2, f"{kind}: offset")
     if a is GROUND and offset.any():
-        raise SceneError(f"{kind}: the ground takes no offset; its point is where {b} starts")
+        raise SceneError(
+            f"{kind}: offset = {offset}, but the ground takes no offset: the joint is at the start "
+            f"position of {b}"
+        )
     return Joint(kind, a, b, offset, axis, slide, rotation)
-
-
-def _coordinate(what: str, spring, damper, motor) -> Coordinate:
-    for name, value, wanted in (("spring", spring, Spring), ("damper", damper, Damper)):
-        if value is not None and not isinstance(value, wanted):
-            raise SceneError(f"{name} = {value!r} must be an fx_beam.{wanted.__name__}")
-    if motor is not None:
-        motor = time_function(motor, 1, what)
-    return Coordinate(spring, damper, motor)
-
-
-def _check(part: Spring | Damper, name: str, lowest: float = 0.0) -> None:
-    """Refuse what is no number in range, and keep it as a float."""
-    value = getattr(part, name)
-    if not (is_number(value) and value >= lowest):
-        wanted = "finite" if lowest < 0 else "finite and not negative"
-        raise SceneError(f"{type(part).__name__}: {name} = {value!r} must be {wanted}")
-    object.__setattr__(part, name, float(value))

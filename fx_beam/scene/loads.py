@@ -1,4 +1,4 @@
-"""What acts on a scene, as plain data: dead loads, initial velocities, added virtual works."""
+"""Loads, initial velocities and added virtual works of a scene, as plain data."""
 
 from __future__ import annotations
 
@@ -22,28 +22,16 @@ from .beam import Beam, Node
 
 @dataclass(frozen=True)
 class Load:
-    """A load on a node or along a beam.
+    """A load on a node or along a beam."""
 
-    Parameters
-    ----------
-    kind : str
-        "force", "moment" or "line load".
-    target : Node or Beam
-        What it acts on.
-    value : callable
-        ``value(t)``: [fx, fy] in N, [moment] in N m, or [qx, qy] in N per metre of
-        reference length.
-    follower : bool
-        Whether a force turns with the section of its node.
-    along : callable, optional
-        ``along(s)``, a line load [qx, qy] at the arc length s, of which ``value(t)`` is then the
-        factor.
-    """
-
+    #: "force", "moment" or "line load".
     kind: str
     target: Node | Beam
+    #: ``value(t)``: [fx, fy] in N, [moment] in N m, or [qx, qy] in N per metre of reference length.
     value: TimeFunction
+    #: Whether a force turns with the section of its node.
     follower: bool = False
+    #: ``along(s)``: line load [qx, qy] at the arc length s; then ``value(t)`` is its factor.
     along: Callable[[float], np.ndarray] | None = None
 
     def __str__(self):
@@ -51,7 +39,7 @@ class Load:
 
 
 def line_load(beam: Beam, load, of: str) -> Load:
-    """Line load on a beam from a constant, or a function of the time or of the arc length."""
+    """Line load on a beam: a constant, a function of time, or a function of the arc length."""
     what = f"line load on {label(beam)}"
     if of == "time":
         check_takes_time(load, what)
@@ -64,7 +52,7 @@ def line_load(beam: Beam, load, of: str) -> Load:
 
 @dataclass(frozen=True)
 class Velocity:
-    """Initial velocity (2,) [m/s] and spin [rad/s] of a node or of all nodes of a beam."""
+    """Initial velocity (2,) [m/s] and spin [rad/s] of a node, or of all nodes of a beam."""
 
     target: Node | Beam
     value: Callable[[float, float], np.ndarray]
@@ -72,7 +60,7 @@ class Velocity:
 
 
 def initial_velocity(target: Node | Beam, velocity, spin) -> Velocity:
-    """Initial velocity and spin from constants or functions of the reference position."""
+    """Initial velocity and spin: constants, or functions of the reference position."""
     node = target.start if isinstance(target, Beam) else target
     what = f"of {label(target)}"
     return Velocity(
@@ -84,7 +72,7 @@ def initial_velocity(target: Node | Beam, velocity, spin) -> Velocity:
 
 @dataclass(frozen=True)
 class VirtualWork:
-    """Virtual work per length of a user's own force, on one beam or on all."""
+    """Virtual work per length of a user's force, on one beam or on all."""
 
     term: Callable[[Any], Any]
     beam: Beam | None
@@ -93,3 +81,22 @@ class VirtualWork:
 def label(target: Node | Beam) -> str:
     """Name of a node or beam in messages."""
     return f"beam {target.name!r}" if isinstance(target, Beam) else str(target)
+
+
+def check_node(scene, node, what: str) -> None:
+    """Refuse a value that is not a node of the scene."""
+    if not isinstance(node, Node):
+        raise SceneError(
+            f"{what}: {node!r} is not a node; take one from a beam: beam.start, beam.end or "
+            "beam.node(fraction)"
+        )
+    if node.scene is not scene:
+        raise SceneError(f"{what}: {node} belongs to another scene; take a node of this one")
+
+
+def check_beam(scene, beam, what: str) -> None:
+    """Refuse a value that is not a beam of the scene."""
+    if not isinstance(beam, Beam):
+        raise SceneError(f"{what}: {beam!r} is not a beam; take the one that add_beam returned")
+    if beam not in scene.beams or beam.start.scene is not scene:
+        raise SceneError(f"{what}: {label(beam)} belongs to another scene; take a beam of this one")

@@ -1,4 +1,4 @@
-"""A scene: beams, supports, masses and loads as plain data, checked as they are given."""
+"""A scene: beams, supports, joints, masses and loads, checked as they are added."""
 
 from __future__ import annotations
 
@@ -13,45 +13,58 @@ import numpy as np
 from fx_beam.errors import SceneError
 from fx_beam.validation import TimeFunction, time_function, vector
 
-from .beam import COMPONENTS, Beam, Node, polyline
-from .curve import Curve, lay_along
+from . import loads
+from .beam import COMPONENTS, Beam, Node
+from .curve import Curve, layout
 from .joints import GROUND, Joint
-from .loads import Load, Velocity, VirtualWork, initial_velocity, label, line_load
 from .section import Section
 
 
 class Scene:
-    """Beams, supports, masses, loads and initial rates of a planar system.
+    """Beams, supports, joints, masses, loads and initial velocities of a planar system.
 
     Lengths in metres, masses in kilograms, times in seconds and angles in radians, or any other
-    consistent units. Angles and moments count anticlockwise.
+    consistent units. Angles and moments are positive anticlockwise.
 
-    A copy of a scene, or one that was pickled, has nodes, beams and joints of its own: take them
-    from its `beams` and `joints`.
+    A copied or unpickled scene has its own nodes, beams and joints: take them from its `beams` and
+    `joints`.
 
     Parameters
     ----------
     gravity : (gx, gy), optional
-        Acceleration [m/s^2] of every mass, lumped ones as well; none by default.
+        Acceleration [m/s^2] of every mass, lumped masses included; none by default.
+
+    Examples
+    --------
+    A cantilever with a tip load.
+
+    >>> import fx_beam as fb
+    >>> scene = fb.Scene()
+    >>> beam = scene.add_beam([(0, 0), (2, 0)], fb.Section(EA=1e6, GA=1e6, EI=1e3), elements=16)
+    >>> scene.clamp(beam.start)
+    >>> scene.add_force(beam.end, (0.0, -0.3))
+    >>> tip = fb.static(scene, steps=1).displacement(beam.end)[-1]
+    >>> round(float(tip[1]), 4), round(-0.3 * 2**3 / 3e3, 4)
+    (-0.0008, -0.0008)
     """
 
     def __init__(self, gravity: Sequence[float] | None = None):
         self.gravity = None if gravity is None else vector(gravity, 2, "gravity")
         self.beams: list[Beam] = []
         self.nodes: list[Node] = []
-        #: Smallest and largest coordinates of the nodes.
+        #: Smallest and largest coordinates of all nodes.
         self._corners = np.full(2, np.nan), np.full(2, np.nan)
         #: Fixed components: (node number, component number).
         self.fixed: set[tuple[int, int]] = set()
-        #: Displacements or rotations given as functions of time.
+        #: Components prescribed as functions of time.
         self.prescribed: dict[tuple[int, int], TimeFunction] = {}
         #: Lumped masses: node number, mass [kg], inertia [kg m^2].
         self.masses: list[tuple[int, float, float]] = []
-        self.loads: list[Load] = []
-        self.velocities: list[Velocity] = []
-        self.virtual_works: list[VirtualWork] = []
+        self.loads: list[loads.Load] = []
+        self.velocities: list[loads.Velocity] = []
+        self.virtual_works: list[loads.VirtualWork] = []
         self.joints: list[Joint] = []
-        #: Whether initial velocities that violate a joint are projected instead of refused.
+        #: Whether incompatible initial velocities are projected instead of refused.
         self.projects_velocities = False
 
     def __copy__(self):
@@ -79,9 +92,9 @@ class Scene:
         points : sequence of (x, y) or Node, Curve, or callable
             Corners [m]; or a curve: an `arc`, a `spline`, or ``points(fraction)`` that gives
             (x, y) for a fraction in [0, 1]. A node of another beam is shared rigidly:
-            displacement and rotation are the same. Points at the same place are not joined.
-            Elements end at equal distances of arc length on a curve, along which those of
-            degree 2 and 3 are curved themselves; those of degree 1 are its chords.
+            displacement and rotation are the same. Points at the same position are not joined.
+            On a curve the elements end at equal distances of arc length; elements of degree 2 and 3
+            are curved, those of degree 1 are its chords.
         section : Section
             Cross-section.
         elements : int or sequence of int
@@ -99,14 +112,22 @@ class Scene:
         Raises
         ------
         SceneError
-            For points, elements, degree, section or name that make no beam.
+            For invalid points, elements, degree, section or name.
+
+        Examples
+        --------
+        >>> import fx_beam as fb
+        >>> scene, section = fb.Scene(), fb.Section(EA=1e6, GA=1e6, EI=1e3)
+        >>> post = scene.add_beam([(0, 0), (0, 1)], section, elements=4, name="post")
+        >>> scene.add_beam([post.end, (2, 1)], section, elements=[2], name="girder")
+        <Beam 'girder': 2 elements from node 4 at (0, 1) to node 6 at (2, 1)>
         """
         taken = {beam.name for beam in self.beams}
         if name is None:
             numbers = itertools.count(len(taken) + 1)
             name = next(free for n in numbers if (free := f"beam {n}") not in taken)
         if name in taken:
-            raise SceneError(f"two beams are called {name!r}; give them different names")
+            raise SceneError(f"two beams are called {name!r}; use different names")
         if not isinstance(section, Section):
             raise SceneError(f"beam {name!r}: section must be an fx_beam.Section, not {section!r}")
         if degree not in (1, 2, 3) or not isinstance(degree, int | np.integer):
@@ -114,24 +135,18 @@ class Scene:
         if self.beams and degree != self.beams[0].degree:
             raise SceneError(
                 f"beam {name!r}: degree {degree} differs from degree {self.beams[0].degree} of "
-                f"{self.beams[0].name!r}; all beams of a scene share one degree"
+                f"{self.beams[0].name!r}; use one degree for all beams of a scene"
             )
-        if callable(points):
-            points = Curve(points)
-        if isinstance(points, Curve):
-            layout = lay_along(points, elements, degree, name)
-        else:
-            layout = polyline(points, elements, name)
-        nodes = self._nodes_at(layout.ends, name)
-        beam = Beam(name, nodes, degree, layout.s, section, layout.inner)
+        ends, s, inner = layout(points, elements, degree, name)
+        beam = Beam(name, self._nodes_at(ends, name), degree, s, section, inner)
         self.beams.append(beam)
         return beam
 
     def _nodes_at(self, ends: list, name: str) -> tuple[Node, ...]:
-        """Nodes at the ends of elements; those that are given as such belong to other beams."""
+        """Nodes at the ends of elements; given nodes belong to other beams."""
         for end in ends:
             if isinstance(end, Node):
-                self._check_node(end, f"beam {name!r}")
+                loads.check_node(self, end, f"beam {name!r}")
         nodes = []
         for end in ends:
             if not isinstance(end, Node):
@@ -142,31 +157,31 @@ class Scene:
             nodes.append(end)
         return tuple(nodes)
 
-    # -- Supports -----------------------------------------------------------------------------
+    # -- Supports and joints ------------------------------------------------------------------
 
     def fix(self, node: Node, *components: str) -> None:
-        """Hold components of a node at their start value.
+        """Fix components of a node at their start value.
 
         Parameters
         ----------
         node : Node
             A node of this scene.
         *components : {"x", "y", "rotation"}
-            What is held.
+            The components to fix.
 
         Raises
         ------
         SceneError
             For an unknown component or one that is already supported.
         """
-        self._check_node(node, "support")
+        loads.check_node(self, node, "support")
         if not components:
-            raise SceneError(f"support of {node}: name what is fixed, of {COMPONENTS}")
+            raise SceneError(f"support of {node}: name the components to fix, of {COMPONENTS}")
         for component in components:
             self.fixed.add(self._free_component(node, component))
 
     def pin(self, node: Node) -> None:
-        """Hold the displacement of a node; it may turn.
+        """Fix the displacement of a node; its rotation stays free.
 
         Parameters
         ----------
@@ -176,7 +191,7 @@ class Scene:
         self.fix(node, "x", "y")
 
     def clamp(self, node: Node) -> None:
-        """Hold displacement and rotation of a node.
+        """Fix displacement and rotation of a node.
 
         Parameters
         ----------
@@ -186,7 +201,7 @@ class Scene:
         self.fix(node, *COMPONENTS)
 
     def prescribe(self, node: Node, x=None, y=None, rotation=None) -> None:
-        """Move components of a node as functions of time.
+        """Prescribe components of a node as functions of time.
 
         Parameters
         ----------
@@ -200,21 +215,16 @@ class Scene:
         Raises
         ------
         SceneError
-            For a component that is already supported, or a function without a number.
+            For a component that is already supported, or a function that does not return a number.
         """
-        self._check_node(node, "prescribed motion")
-        given = {
-            name: value
-            for name, value in zip(COMPONENTS, (x, y, rotation), strict=True)
-            if value is not None
-        }
+        loads.check_node(self, node, "prescribed motion")
+        values = zip(COMPONENTS, (x, y, rotation), strict=True)
+        given = {name: value for name, value in values if value is not None}
         if not given:
             raise SceneError(f"prescribed motion of {node}: give x, y or rotation")
         for name, value in given.items():
             function = time_function(value, 1, f"prescribed {name} of {node}")
             self.prescribed[self._free_component(node, name)] = function
-
-    # -- Joints -------------------------------------------------------------------------------
 
     def add_joint(self, joint: Joint) -> Joint:
         """Add a joint.
@@ -222,18 +232,18 @@ class Scene:
         Parameters
         ----------
         joint : Joint
-            Made by `Rigid`, `Revolute`, `Prismatic` or `PinInSlot`.
+            Created by `Rigid`, `Revolute`, `Prismatic` or `PinInSlot`.
 
         Returns
         -------
         Joint
-            The joint as the scene has it, for `Solution.slide` and `Solution.joint_force`.
+            The numbered joint of the scene, for `Solution.joint` and `Solution.joint_force`.
 
         Raises
         ------
         SceneError
-            For nodes of another scene, nodes that are not where the joint has them, or a motor that
-            does not start from zero.
+            For nodes of another scene, nodes that do not fit the joint, or a motor that does not
+            start from zero.
         """
         if not isinstance(joint, Joint):
             raise SceneError(
@@ -241,16 +251,16 @@ class Scene:
             )
         for node in (joint.a, joint.b):
             if node is not GROUND:
-                self._check_node(node, joint.kind)
+                loads.check_node(self, node, joint.kind)
         joint.check_start(np.subtract(*self._corners[::-1]).max())
         joint = replace(joint, number=len(self.joints))
         self.joints.append(joint)
         return joint
 
     def make_velocities_compatible(self) -> None:
-        """Let initial velocities that violate a joint or a support be projected.
+        """Project initial velocities that violate a joint or a support, instead of an error.
 
-        The nearest velocities in the norm of the mass matrix are taken, instead of an error.
+        The projection gives the nearest velocities in the norm of the mass matrix.
         """
         self.projects_velocities = True
 
@@ -273,10 +283,10 @@ class Scene:
         SceneError
             For a negative or non-finite value.
         """
-        self._check_node(node, "mass")
+        loads.check_node(self, node, "mass")
         for name, value in (("mass", mass), ("inertia", inertia)):
             if not (vector(value, 1, f"{name} of {node}")[0] >= 0):
-                raise SceneError(f"{name} = {value!r} of {node} must not be negative")
+                raise SceneError(f"{name} = {value!r} of {node} must be zero or positive")
         self.masses.append((node.number, float(mass), float(inertia)))
 
     def add_force(self, node: Node, force, follower: bool = False) -> None:
@@ -289,17 +299,17 @@ class Scene:
         force : (fx, fy) or callable
             Force, or ``force(t)`` [N].
         follower : bool
-            Whether the force turns with the section of its node: then (fx, fy) is what it is in the
-            reference configuration. A dead force keeps its direction.
+            Whether the force rotates with the section of its node; then (fx, fy) are its components
+            in the reference configuration. A dead force keeps its direction.
         """
-        self._check_node(node, "force")
+        loads.check_node(self, node, "force")
         function = time_function(force, 2, f"force on {node}")
-        self.loads.append(Load("force", node, function, bool(follower)))
+        self.loads.append(loads.Load("force", node, function, bool(follower)))
 
     def add_moment(self, node: Node, moment) -> None:
         """Add a moment.
 
-        In the plane its axis does not turn: a dead moment and one that follows are the same.
+        In the plane its axis does not rotate: dead and follower moments are the same.
 
         Parameters
         ----------
@@ -308,8 +318,8 @@ class Scene:
         moment : float or callable
             Moment, or ``moment(t)`` [N m].
         """
-        self._check_node(node, "moment")
-        self.loads.append(Load("moment", node, time_function(moment, 1, f"moment on {node}")))
+        loads.check_node(self, node, "moment")
+        self.loads.append(loads.Load("moment", node, time_function(moment, 1, f"moment on {node}")))
 
     def add_line_load(self, beam: Beam, load, of: str = "time") -> None:
         """Add a dead load along a beam.
@@ -319,43 +329,50 @@ class Scene:
         beam : Beam
             A beam of this scene.
         load : (qx, qy) or callable
-            Force per reference length [N/m]: the same everywhere and always, or a function of the
-            time ``load(t)``, or of the arc length ``load(s)`` from the beam's start [m].
+            Force per reference length [N/m]: a constant, a function ``load(t)`` of time, or a
+            function ``load(s)`` of the arc length from the beam's start [m].
         of : {"time", "arc length"}
-            What a function is one of.
+            The argument of the function.
 
         Raises
         ------
         SceneError
-            For a function that does not take what `of` says.
+            For a function that does not take the argument named in `of`.
         """
-        self._check_beam(beam, "line load")
-        self.loads.append(line_load(beam, load, of))
+        loads.check_beam(self, beam, "line load")
+        self.loads.append(loads.line_load(beam, load, of))
 
     def add_virtual_work(self, term: Callable[[Any], Any], beam: Beam | None = None) -> None:
-        """Add the virtual work of a force of your own, in UFL.
+        """Add a force of your own by its virtual work, in UFL.
 
         Parameters
         ----------
         term : callable
-            ``term(step)`` gives the virtual work per reference length that the force does, a
-            scalar UFL expression linear in ``step.virtual_u`` and ``step.virtual_psi``; for a
-            viscous force ``lambda step: -c * ufl.dot(step.v, step.virtual_u)``. `step` is an
-            `fx_beam.Step`. It is integrated with the element's reduced Gauss rule. Functions and
-            constants of dolfinx are refused, as they would be read once.
+            ``term(step)`` gives the virtual work of the force per reference length, a scalar UFL
+            expression linear in ``step.virtual_u`` and ``step.virtual_psi``. `step` is an
+            `fx_beam.Step`. The element's reduced Gauss rule integrates it. dolfinx functions and
+            constants are refused, as they would be read only once.
         beam : Beam, optional
             Where it acts; on all beams by default.
 
         Raises
         ------
         SceneError
-            If `term` cannot be called.
+            If `term` is not a function.
+
+        Examples
+        --------
+        A viscous force against the velocity, of 0.5 N s/m per metre.
+
+        >>> import ufl, fx_beam as fb
+        >>> scene = fb.Scene()
+        >>> scene.add_virtual_work(lambda step: -0.5 * ufl.dot(step.v, step.virtual_u))
         """
         if not callable(term):
             raise SceneError(f"add_virtual_work needs a function of the step, not {term!r}")
         if beam is not None:
-            self._check_beam(beam, "virtual work")
-        self.virtual_works.append(VirtualWork(term, beam))
+            loads.check_beam(self, beam, "virtual work")
+        self.virtual_works.append(loads.VirtualWork(term, beam))
 
     def set_velocity(self, target: Beam | Node, velocity=(0.0, 0.0), spin=0.0) -> None:
         """Set the velocity and spin at t = 0.
@@ -369,31 +386,14 @@ class Scene:
         spin : float or callable
             Rate of the section rotation, or ``spin(x, y)`` [rad/s].
         """
-        check = self._check_beam if isinstance(target, Beam) else self._check_node
-        check(target, "velocity")
-        self.velocities.append(initial_velocity(target, velocity, spin))
-
-    # -- Checks -------------------------------------------------------------------------------
-
-    def _check_node(self, node, what: str) -> None:
-        if not isinstance(node, Node):
-            raise SceneError(
-                f"{what}: {node!r} is no node; take one from a beam: beam.start, beam.end or "
-                "beam.node(fraction)"
-            )
-        if node.scene is not self:
-            raise SceneError(f"{what}: {node} belongs to another scene")
-
-    def _check_beam(self, beam, what: str) -> None:
-        if not isinstance(beam, Beam):
-            raise SceneError(f"{what}: {beam!r} is no beam; take what add_beam returned")
-        if beam.start.scene is not self or beam not in self.beams:
-            raise SceneError(f"{what}: {label(beam)} belongs to another scene")
+        check = loads.check_beam if isinstance(target, Beam) else loads.check_node
+        check(self, target, "velocity")
+        self.velocities.append(loads.initial_velocity(target, velocity, spin))
 
     def _free_component(self, node: Node, component: str) -> tuple[int, int]:
         if component not in COMPONENTS:
-            raise SceneError(f"support of {node}: {component!r} is none of {COMPONENTS}")
+            raise SceneError(f"support of {node}: {component!r} must be one of {COMPONENTS}")
         key = (node.number, COMPONENTS.index(component))
         if key in self.fixed or key in self.prescribed:
-            raise SceneError(f"{component} of {node} is supported twice")
+            raise SceneError(f"{component} of {node} is supported twice; remove one support")
         return key

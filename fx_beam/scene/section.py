@@ -32,10 +32,10 @@ class Section:
     :math:`W = \frac12 (EA\,\varepsilon^2 + GA\,\gamma^2 + EI\,\kappa^2)` (eq. 11), unless
     `strain_energy` gives another one.
 
-    Each of these data may be a function of the fraction of the arc length, from 0 at the start of
-    the beam to 1 at its end, for a tapered or stepped member. It is called with a number and gives
-    one, by Python's, NumPy's or UFL's functions, and taken at the Gauss points: a step where two
-    elements meet is exact.
+    Each stiffness and inertia may be a function of the fraction of the arc length, from 0 at the
+    start of the beam to 1 at its end, for a tapered or stepped beam. The function takes and
+    returns a number; it may use Python, NumPy or UFL. It is evaluated at the Gauss points: a jump
+    between two elements is exact.
 
     Parameters
     ----------
@@ -52,17 +52,30 @@ class Section:
     strain_energy : callable, optional
         ``strain_energy(eps, gamma, kappa)``, the stored energy per length [J/m] as a UFL
         expression in axial strain, shear strain and curvature [1/m]. It replaces the quadratic
-        energy; EA, GA and EI may then be left out.
+        energy; EA, GA and EI may then be omitted.
 
     Raises
     ------
     SceneError
         For a stiffness that is not positive and finite, a negative or non-finite inertia, or a
-        `strain_energy` that gives no scalar UFL expression.
+        `strain_energy` that is not a scalar UFL expression.
 
     References
     ----------
     Ibrahimbegovic & Mamouri (1999), eqs 8 and 11.
+
+    Examples
+    --------
+    >>> import fx_beam as fb
+    >>> section = fb.Section(EA=1e6, GA=4e5, EI=lambda fraction: 100 * (1 - fraction / 2))
+    >>> section.varies("EI"), section.rhoA
+    (True, 0.0)
+
+    A material that stiffens in tension.
+
+    >>> stiffening = fb.Section(
+    ...     strain_energy=lambda eps, gamma, kappa: 50 * (eps**2 + eps**4 + gamma**2 + kappa**2)
+    ... )
     """
 
     EA: Datum | None = None
@@ -75,30 +88,29 @@ class Section:
     def __post_init__(self):
         for name in ("EA", "GA", "EI"):
             if getattr(self, name) is None and self.strain_energy is None:
-                raise SceneError(f"Section: {name} is missing; give it or a strain_energy")
+                raise SceneError(f"Section: {name} is missing. Give it, or a strain_energy")
         for name in ("EA", "GA", "EI", "rhoA", "rhoI"):
             (value,) = self.values(name, np.array([0.5]))
             datum = getattr(self, name)
             if datum is not None and not callable(datum):
-                # Numbers of any kind as one kind.
                 object.__setattr__(self, name, float(value))
         if self.strain_energy is not None:
             _check_energy(self.strain_energy)
 
     def values(self, name: str, fractions: np.ndarray) -> np.ndarray:
-        """Values of one of the data along a beam.
+        """Values of a stiffness or inertia along a beam.
 
         Parameters
         ----------
         name : {"EA", "GA", "EI", "rhoA", "rhoI"}
-            Which.
+            Its name.
         fractions : float array
             Fractions of the arc length.
 
         Returns
         -------
         float array
-            The values, of the same shape; zero for a stiffness that is left out.
+            The values, of the same shape; zero for an omitted stiffness.
 
         Raises
         ------
@@ -114,17 +126,17 @@ class Section:
         return np.array(found).reshape(fractions.shape)
 
     def varies(self, name: str) -> bool:
-        """Whether one of the data is a function of the arc length.
+        """Whether a stiffness or inertia is a function of the arc length.
 
         Parameters
         ----------
         name : {"EA", "GA", "EI", "rhoA", "rhoI"}
-            Which.
+            Its name.
 
         Returns
         -------
         bool
-            True for a function, false for a number.
+            True for a function, False for a number.
         """
         return callable(getattr(self, name))
 
@@ -153,12 +165,19 @@ class Section:
         rho : float or callable
             Mass density [kg/m^3].
         shear_factor : float
-            Part of the area that carries shear.
+            Shear area divided by area.
 
         Returns
         -------
         Section
             EA, GA, EI, rhoA and rhoI of the rectangle.
+
+        Examples
+        --------
+        >>> import fx_beam as fb
+        >>> steel = fb.Section.rectangle(height=0.02, width=0.01, E=210e9, rho=7850.0)
+        >>> round(steel.EI), round(steel.rhoA, 2)
+        (1400, 1.57)
         """
         area = _combined(operator.mul, height=height, width=width)
         inertia = _combined(_second_moment_of_rectangle, height=height, width=width)
@@ -186,7 +205,7 @@ class Section:
         rho : float or callable
             Mass density [kg/m^3].
         shear_factor : float
-            Part of the area that carries shear.
+            Shear area divided by area.
 
         Returns
         -------
@@ -222,7 +241,7 @@ class Section:
         rho : float or callable
             Mass density [kg/m^3].
         shear_factor : float
-            Part of the area that carries shear.
+            Shear area divided by area.
 
         Returns
         -------
@@ -251,9 +270,18 @@ class Law:
     energy : callable
         ``energy(eps, gamma, kappa)``, the stored energy per length [J/m].
     quadratic : bool
-        Whether the resultants at the mean strain are the exact discrete gradient.
+        Whether the energy is quadratic; the resultants at the mean strain are then the discrete
+        gradient.
     data : tuple
-        Functions and constants of dolfinx in it: the sections' data.
+        dolfinx functions and constants in it: stiffnesses of the sections.
+
+    Examples
+    --------
+    >>> import ufl, fx_beam as fb
+    >>> law = fb.Law(lambda eps, gamma, kappa: 50 * (eps**2 + gamma**2 + kappa**2), quadratic=True)
+    >>> N, Q, M = law.resultants(*map(ufl.as_ufl, (0.01, 0.0, 0.1)))
+    >>> round(N(()), 6), round(M(()), 6)
+    (1.0, 10.0)
     """
 
     energy: Energy
@@ -279,7 +307,7 @@ class Law:
 
 
 def quadratic_law(stiffness) -> Law:
-    """Law of linear elasticity (eq. 11), `stiffness` the UFL vector (EA, GA, EI)."""
+    """Law of linear elasticity (eq. 11); `stiffness` is the UFL vector (EA, GA, EI)."""
 
     def energy(eps, gamma, kappa):
         membrane = stiffness[0] * eps**2 / 2
@@ -291,7 +319,7 @@ def quadratic_law(stiffness) -> Law:
 
 
 def _combined(function: Callable[..., float], **data: Datum) -> Datum:
-    """A function of checked data; where one of them varies along the beam, so does it."""
+    """A function of stiffness or size data; it varies along the beam if one of the data does."""
     value = functools.partial(_of_data, function, data)
     return value if any(map(callable, data.values())) else value(0.0)
 
@@ -317,7 +345,7 @@ def _shear_stiffness(nu: float, shear_factor: float, E: float, area: float) -> f
 
 
 def _value(name: str, datum: Datum, fraction: float = 0.0) -> float:
-    """Value of a datum, finite and positive or, where there may be no inertia, zero."""
+    """Value of a datum; it must be finite and positive (zero is allowed for inertia)."""
     where = ""
     if callable(datum):
         where = f" at the fraction {fraction:.4g} of the length"
@@ -332,33 +360,33 @@ def _value(name: str, datum: Datum, fraction: float = 0.0) -> float:
 def _evaluated(datum: Callable, fraction: float, what: str) -> float:
     try:
         value = datum if isinstance(datum, ufl.core.expr.Expr) else datum(fraction)
-        # Of numbers, UFL's functions make numbers or expressions of numbers.
+        # UFL functions of numbers return numbers or expressions of numbers.
         if isinstance(value, ufl.core.expr.Expr):
             refuse_fields(fields_in(value), what)
             value = value(())
     except SceneError:
-        raise  # of a datum that this one is made of
+        raise  # from a datum that this one is computed from
     except Exception as error:
         raise SceneError(f"{what}: calling it raised {error!r}") from error
     return float(shaped(value, 1, what)[0])
 
 
 def _check_energy(strain_energy: Energy) -> None:
-    # Numbers, which the functions of `math` can take: UFL tries without end to make one of symbols.
+    # UFL numbers, not symbols: a function of `math` would try forever to convert a symbol.
     e = [ufl.variable(ufl.as_ufl(0.1)) for _ in range(3)]
     try:
         W = ufl.as_ufl(strain_energy(*e))
     except Exception as error:
         raise SceneError(
-            "Section: strain_energy(eps, gamma, kappa) must give a UFL expression, written with "
-            f"ufl.sqrt, ufl.exp, ... where it needs functions; it raised {error!r}"
+            "Section: strain_energy(eps, gamma, kappa) must give a UFL expression. Use ufl.sqrt, "
+            f"ufl.exp, ... in place of functions of math or NumPy. It raised {error!r}"
         ) from error
     refuse_fields(fields_in(W), "Section: strain_energy")
     met = set(unique_pre_traversal(W))
     missing = [n for n, x in zip(("eps", "gamma", "kappa"), e, strict=True) if x not in met]
     if W.ufl_shape == () and missing:
         raise SceneError(
-            f"Section: strain_energy does not depend on {missing}; take ufl.cos, ..., not math.cos"
+            f"Section: strain_energy does not depend on {missing}. Use ufl.cos, not math.cos"
         )
     if W.ufl_shape != ():
         raise SceneError(f"Section: strain_energy must be a scalar, not of shape {W.ufl_shape}")

@@ -50,6 +50,12 @@ class NewtonOptions:
     ------
     SceneError
         For a value out of range, naming it.
+
+    Examples
+    --------
+    >>> import fx_beam as fb
+    >>> fb.NewtonOptions(tolerance=1e-8)
+    NewtonOptions(tolerance=1e-08, max_iterations=40, max_turn=2.0)
     """
 
     tolerance: float = 1e-10

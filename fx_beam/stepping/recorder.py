@@ -32,6 +32,16 @@ class Record:
         Whether to keep velocities and accelerations.
     forces : bool
         Whether to keep the forces of supports and joints.
+
+    Examples
+    --------
+    >>> import fx_beam as fb
+    >>> scene = fb.Scene()
+    >>> section = fb.Section(EA=1e4, GA=1e4, EI=100.0, rhoA=1.0, rhoI=0.1)
+    >>> scene.clamp(scene.add_beam([(0, 0), (1, 0)], section).start)
+    >>> record = fb.Record(every=4, rates=False)
+    >>> fb.simulate(scene, dt=0.1, t_end=1.0, record=record).t.round(3)
+    array([0. , 0.4, 0.8, 1. ])
     """
 
     every: int = 1
