@@ -8,12 +8,14 @@ import numpy as np
 
 from fx_beam.scene.beam import Beam, Node
 from fx_beam.scene.joints import Joint
+from fx_beam.scene.summary import html_table
 
-from . import export
+from . import export, paraview, tables
 from .audit import BeamResultants, Energy, Stats, read_only
 from .joint_motion import JointMotion
 from .lookup import beam_name, joint_number, node_number
 from .state import State
+from .summary import facts
 
 # What a `Record` may leave out, by its word for it.
 _KINDS = {"q": "motion", "v": "rates", "a": "rates"}
@@ -113,6 +115,9 @@ class Solution:
             f"{'load factor' if self.stats.static else 't ='} {self.t[-1]:g}, "
             f"energy error {abs(self.energy.balance_error).max():.2g} J>"
         )
+
+    def _repr_html_(self):
+        return html_table("Solution", facts(self))
 
     @property
     def load_factor(self) -> np.ndarray:
@@ -352,29 +357,13 @@ class Solution:
         self.recorded("q")  # which they are computed from
         return self._resultants_of_beam(beam_name(self, beam))
 
-    # -- Files ----------------------------------------------------------------------------------
+    # -- Files and tables -----------------------------------------------------------------------
 
-    def save(self, path) -> None:
-        """Write the solution to a file that `fx_beam.load` reads.
-
-        Parameters
-        ----------
-        path : str or path
-            File to write, in NumPy's npz format: arrays and a JSON text, no pickled objects.
-        """
-        export.save(self, path)
-
-    def to_csv(self, path, nodes: dict[str, Node] | None = None) -> None:
-        """Write energies, momenta and the motion of some nodes as comma-separated columns.
-
-        Parameters
-        ----------
-        path : str or path
-            File to write; its first row names the columns.
-        nodes : dict, optional
-            Nodes by the names that their columns shall have.
-        """
-        export.to_csv(self, path, nodes or {})
+    save = export.save
+    to_csv = tables.to_csv
+    to_pandas = tables.to_pandas
+    to_paraview = paraview.to_paraview
+    to_xarray = tables.to_xarray
 
     def recorded(self, name: str) -> np.ndarray:
         """Rows of what may not have been recorded.

@@ -18,6 +18,7 @@ from .curve import Curve, lay_along
 from .joints import GROUND, Joint
 from .loads import Load, Velocity, VirtualWork, initial_velocity, label, line_load
 from .section import Section
+from .summary import facts, html_table
 
 
 class Scene:
@@ -61,6 +62,9 @@ class Scene:
         self.__dict__.update(state)
         for node in self.nodes:
             object.__setattr__(node, "scene", self)
+
+    def _repr_html_(self):
+        return html_table("Scene", facts(self))
 
     # -- Geometry -----------------------------------------------------------------------------
 
@@ -203,11 +207,8 @@ class Scene:
             For a component that is already supported, or a function without a number.
         """
         self._check_node(node, "prescribed motion")
-        given = {
-            name: value
-            for name, value in zip(COMPONENTS, (x, y, rotation), strict=True)
-            if value is not None
-        }
+        motions = zip(COMPONENTS, (x, y, rotation), strict=True)
+        given = {name: value for name, value in motions if value is not None}
         if not given:
             raise SceneError(f"prescribed motion of {node}: give x, y or rotation")
         for name, value in given.items():
