@@ -62,7 +62,7 @@ HOUSE = {
         "full_turns",
     ],
     "compiled": ["build", "lu_layout", "handover", "loop"],
-    "analyses": ["evaluation", "dynamics", "statics", "modal"],
+    "analyses": ["evaluation", "progress", "dynamics", "statics", "modal"],
     "plot": [
         "symbols",
         "time_curves",
@@ -203,7 +203,7 @@ def test_the_model_knows_nothing_of_solutions():
             {"plot.time_curves", "plot.deformed_shapes", "plot.sheet", "plot.scene_drawing"},
         ),
         ({"pyvista", "vtk", "vtkmodules"}, {"plot.deformed_shapes"}),
-        ({"tqdm"}, {"analyses.dynamics"}),
+        ({"tqdm"}, {"analyses.progress"}),
         ({"pandas", "xarray"}, {"results.tables"}),
     ],
     ids=["dolfinx", "petsc4py", "slepc4py", "matplotlib", "pyvista", "tqdm", "pandas"],
