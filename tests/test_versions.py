@@ -1,5 +1,6 @@
 """What differs between versions of FEniCSx, or may be missing, and would go wrong silently."""
 
+import importlib.machinery
 import shutil
 import subprocess
 import sys
@@ -50,6 +51,22 @@ def test_values_at_gauss_points_are_those_that_the_rule_of_a_form_takes(points):
     expression = dolfinx_api.compile_expression(function, dolfinx_api.gauss_points(points))
     found = dolfinx_api.evaluate(expression, mesh, np.array([0]))
     assert found == pytest.approx(given, rel=1e-12)
+
+
+# -- Compiled modules ------------------------------------------------------------------------------
+
+
+def test_a_form_that_was_loaded_is_not_sought_again(monkeypatch):
+    mesh = interval()
+    form = ufl.SpatialCoordinate(mesh)[0] * compat.measure(mesh, 1)
+    for _ in range(2):  # perhaps compiled, and loaded
+        compat.compile_form(form, "a place")
+
+    def seek(*_):
+        raise AssertionError("sought again")
+
+    monkeypatch.setattr(importlib.machinery, "FileFinder", seek)
+    assert compat.assemble_scalar(compat.compile_form(form, "a place")) == 0.5
 
 
 # -- What the compiled loop takes ------------------------------------------------------------------

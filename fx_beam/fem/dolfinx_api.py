@@ -20,6 +20,7 @@ from mpi4py import MPI
 import basix
 import dolfinx
 import ffcx.codegeneration
+import ffcx.codegeneration.jit
 import ffcx.compiler
 import ufl
 from dolfinx import fem
@@ -54,6 +55,25 @@ REFUSALS: tuple[type[BaseException], ...] = (Exception, ArityMismatch)
 _JIT: dict[str, Any] = {"timeout": 30}
 _WITH_JIT: dict[str, Any] = {_OPTIONS_OF_JIT: _JIT}
 _REAL: Any = np.float64  # also where PETSc is built for complex numbers
+
+
+def _loaded_once(find: Callable) -> Callable:
+    """FFCx's search for a compiled module, which reads the whole cache folder, once for each."""
+    found: dict[tuple[str, str], Any] = {}  # nothing that Python would unload
+
+    @functools.wraps(find)
+    def wrapper(module_name, object_names, cache_dir, timeout):
+        key = module_name, str(cache_dir)
+        objects, module = found.get(key) or find(module_name, object_names, cache_dir, timeout)
+        if module is not None:  # else it is to be compiled
+            found[key] = objects, module
+        return objects, module
+
+    return wrapper
+
+
+# In the place of FFCx's own, as dolfinx lets nobody hand it another.
+ffcx.codegeneration.jit.get_cached_module = _loaded_once(ffcx.codegeneration.jit.get_cached_module)
 
 
 def quietly(compiling: F) -> F:

@@ -149,10 +149,11 @@ def animate(
         canvas.restore_region(still)
         for artist in sorted([*moving, *drawn], key=lambda artist: artist.get_zorder()):
             ax.draw_artist(artist)
-        frames.append(Image.fromarray(np.array(canvas.buffer_rgba())).convert("RGB"))
+        frames.append(np.array(canvas.buffer_rgba())[..., :3])
         for artist in drawn:
             artist.remove()
-    frames[0].save(path, save_all=True, append_images=frames[1:], duration=1000 // fps, loop=0)
+    first, *others = _in_one_palette(frames)
+    first.save(path, save_all=True, append_images=others, duration=1000 // fps, loop=0)
 
 
 def modes(found: Modes, path: Path | str, count: int | None = None) -> None:
@@ -192,6 +193,17 @@ def modes(found: Modes, path: Path | str, count: int | None = None) -> None:
         (left, bottom), (right, top) = low - 1.2 * size, high + 1.2 * size
         ax.set(xlim=(left, right), ylim=(bottom, top), aspect="equal")
     fig.savefig(path, dpi=200)
+
+
+def _in_one_palette(frames: list[np.ndarray]) -> list[Image.Image]:
+    """Frames with 256 colours for all, as choosing them for each took most of an animation's time.
+
+    Some pixels of every frame are looked at, and colours that are rare count as much as others.
+    """
+    some = np.concatenate([frame[k % 3 :: 3, ::3] for k, frame in enumerate(frames)])
+    palette = Image.fromarray(some).quantize(256, method=Image.Quantize.MAXCOVERAGE)
+    plain = Image.Dither.NONE
+    return [Image.fromarray(frame).quantize(palette=palette, dither=plain) for frame in frames]
 
 
 def _drawing(solution: Solution, steps: Sequence[int], magnify: float) -> Drawing:

@@ -77,6 +77,8 @@ class ArcLength:
         self._reduction = self.model.reduction
         #: Weights of the degrees of freedom in the inner product.
         self._weight = 1 / (self.model.unit**2 * len(self.model.turns))
+        #: Rows and columns of the tangent's entries, and of the column and the row that border it.
+        self._places = self._bordered()
 
     def follow(self, states: list[State], steps: int, max_cuts: int, max_steps: int) -> None:
         """Follow the path to load factor 1.
@@ -280,27 +282,33 @@ class ArcLength:
             self._expand(state, y, load)
         return f, r, per_load, column[: reduction.free]
 
+    def _bordered(self) -> tuple[np.ndarray, np.ndarray]:
+        indptr, indices = self._reduction.pattern
+        free = self._reduction.free
+        each, last = np.arange(free), np.full(free, free)
+        rows = np.repeat(each, np.diff(indptr)), each, last, [free]
+        return np.concatenate(rows), np.concatenate([indices, last, each, [free]])
+
     def _solve(
         self, r: np.ndarray, column: np.ndarray, normal: Tangent, b: np.ndarray
     ) -> tuple[np.ndarray, float]:
         """Solution of the tangent system bordered by the load and by a plane."""
         reduction, free = self._reduction, self._reduction.free
-        indptr, indices = reduction.pattern
-        values = np.empty(len(indices))
+        values = np.empty(len(reduction.pattern[1]))
         reduction.fill(self.model.forms.stiffness.data, r, values)
-        tangent = scipy.sparse.csr_matrix((values, indices, indptr), (free, free))
-        rows = reduction.coupling().T @ (self._weight * normal.D)
-        corner = normal.load + rows[free : free + reduction.driven] @ self._drive.goal
+        across = reduction.coupling().T @ (self._weight * normal.D)
+        corner = normal.load + across[free : free + reduction.driven] @ self._drive.goal
         # In units of the scene, so that its pivots are the same in any.
-        unit = self.model.unit_of_unknowns
-        scale = scipy.sparse.diags(unit)
-        tangent = scale @ tangent @ scale
-        size = abs(tangent.data).max(initial=0.0) or 1.0
+        unit, (at_row, at_column) = self.model.unit_of_unknowns, self._places
+        values *= unit[at_row[: len(values)]] * unit[at_column[: len(values)]]
+        size = abs(values).max(initial=0.0) or 1.0
         b = np.append(unit * b[:free] / size, b[free])
-        row = (rows[:free] * unit)[None, :]
-        blocks = [[tangent / size, (unit * column / size)[:, None]], [row, [[corner]]]]
+        entries = np.concatenate(
+            [values / size, unit * column / size, across[:free] * unit, [corner]]
+        )
+        bordered = scipy.sparse.csc_matrix((entries, self._places), (free + 1, free + 1))
         try:
-            x = scipy.sparse.linalg.splu(scipy.sparse.bmat(blocks, format="csc")).solve(b)
+            x = scipy.sparse.linalg.splu(bordered).solve(b)
         except RuntimeError:  # exactly singular
             x = np.full(free + 1, np.nan)
         return unit * x[:free], float(x[free])
