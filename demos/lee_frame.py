@@ -180,6 +180,7 @@ def draw(results, path, loaded, hinge, rows):
     # Imported here, as the numbers can be had without matplotlib and pyvista.
     from fx_beam import plot
 
+    plot.scene(scene()[0], results / "scene.png", length_unit="-", dimensions=True)
     load, moved = LOAD * path.load_factor / 1e3, path.displacement(loaded)
     figure, axes = plot.figure(1, 2, height=3.6)
     shot = [k for k in range(2, len(load), 4) if min(abs(k - row) for row in rows) > 1]

@@ -167,6 +167,7 @@ def draw(results, free, forced, damped):
     # Imported here, as the numbers can be had without matplotlib and pyvista.
     from fx_beam import plot
 
+    plot.scene(scene()[0], results / "scene.png", dimensions=True)
     figure, axes = plot.figure(2, 1, height=2.8)
     energy, force = axes.flat
     energy.plot(free.t, free.energy.total, "C0", label="own material")

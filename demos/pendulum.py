@@ -265,6 +265,7 @@ def draw(results, runs, numbers):
     solution = runs["EnergyMomentum", SMALL]
     first = range(0, round(2 * exact / SMALL), 2)
     tip = solution.beams["rod"].end
+    plot.scene(scene()[0], results / "scene.png", dimensions=True)
     plot.animate(solution, first, results / "motion.gif", fps=25, trace=tip)
 
     figure, axes = plot.figure(2, 1)

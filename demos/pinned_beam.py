@@ -210,6 +210,7 @@ def draw(results, solutions, fine):
     # Imported here, as the numbers can be had without matplotlib and pyvista.
     from fx_beam import plot
 
+    plot.scene(scene()[0], results / "scene.png", length_unit="in", dimensions=True)
     solution = solutions["EnergyMomentum"]
     until = max(T_TIP)
     first = range(round(until / DT) + 1)

@@ -240,6 +240,7 @@ def draw(results, runs):
     # Imported here, as the numbers can be had without matplotlib and pyvista.
     from fx_beam import plot
 
+    plot.scene(scene()[0], results / "scene.png", dimensions=True)
     ring, *halves = scene(elements=48)
     modes = fb.modes(ring, n=3 + 2 * len(WAVES))
     figure, axes = plot.figure(1, len(WAVES), height=2.0)

@@ -128,6 +128,7 @@ def draw(results, runs, errors, motion):
     # Imported here, as the numbers can be had without matplotlib and pyvista.
     from fx_beam import plot
 
+    plot.scene(scene()[0], results / "scene.png", dimensions=True)
     solution, beam, _ = runs["once"]
     plot.shapes(solution, range(len(solution.t)), results / "shapes.png")
     plot.animate(motion, range(0, len(motion.t), 4), results / "motion.gif", trace=beam.end)

@@ -216,6 +216,7 @@ def draw(results, solution, joints):
     # Imported here, as the numbers can be had without matplotlib and pyvista.
     from fx_beam import plot
 
+    plot.scene(scene()[0], results / "scene.png", dimensions=True)
     t = solution.t
     turn = round(PERIOD / DT)
     last = range(len(t) - 1 - turn, len(t) - 1, turn // 8)

@@ -276,6 +276,7 @@ def draw(results, runs, meshes, heavy):
     tenth = round(0.1 / DT)
     beam = solution.beams["beam"]
     marks = {"A": beam.start, "B": beam.node(0.25), "C": beam.end}
+    plot.scene(beam.start.scene, results / "scene.png", dimensions=True, marks=marks)
     rows = range(0, len(solution.t), tenth)
     plot.shapes(solution, rows, results / "shapes.png", marks=marks)
     frames = range(0, len(solution.t), tenth // 10)

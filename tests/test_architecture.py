@@ -16,9 +16,22 @@ PACKAGE = Path(fx_beam.__file__).parent
 # from the files before it only.
 HOUSE = {
     "": ["errors", "validation"],
-    "scene": ["beam", "curve", "loads", "section", "coordinate", "joints", "scene"],
+    "scene": ["beam", "curve", "loads", "section", "coordinate", "joints", "summary", "scene"],
     "mechanics": ["interval", "kinematics", "rates", "resultants", "schemes"],
-    "results": ["files", "audit", "state", "export", "lookup", "joint_motion", "solution", "saved"],
+    "results": [
+        "files",
+        "audit",
+        "state",
+        "export",
+        "fields",
+        "paraview",
+        "tables",
+        "summary",
+        "lookup",
+        "joint_motion",
+        "solution",
+        "saved",
+    ],
     "fem": [
         "dolfinx_api",
         "mesh",
@@ -51,8 +64,17 @@ HOUSE = {
         "full_turns",
     ],
     "compiled": ["build", "lu_layout", "handover", "loop"],
-    "analyses": ["evaluation", "dynamics", "statics", "modal"],
-    "plot": ["symbols", "time_curves", "deformed_shapes", ""],
+    "analyses": ["evaluation", "progress", "dynamics", "statics", "modal"],
+    "plot": [
+        "symbols",
+        "time_curves",
+        "deformed_shapes",
+        "sheet",
+        "grounds",
+        "actions",
+        "scene_drawing",
+        "",
+    ],
     "studies": ["reporting", "candidates"],
     "studies.work_precision": [
         "run",
@@ -178,11 +200,15 @@ def test_the_model_knows_nothing_of_solutions():
         ({"dolfinx", "basix", "ffcx", "mpi4py"}, {"fem.dolfinx_api"}),
         ({"petsc4py"}, {"stepping.newton"}),
         ({"slepc4py"}, {"analyses.modal"}),
-        ({"matplotlib"}, {"plot.time_curves", "plot.deformed_shapes"}),
+        (
+            {"matplotlib"},
+            {"plot.time_curves", "plot.deformed_shapes", "plot.sheet", "plot.scene_drawing"},
+        ),
         ({"pyvista", "vtk", "vtkmodules"}, {"plot.deformed_shapes"}),
-        ({"tqdm"}, {"analyses.dynamics"}),
+        ({"tqdm"}, {"analyses.progress"}),
+        ({"pandas", "xarray"}, {"results.tables"}),
     ],
-    ids=["dolfinx", "petsc4py", "slepc4py", "matplotlib", "pyvista", "tqdm"],
+    ids=["dolfinx", "petsc4py", "slepc4py", "matplotlib", "pyvista", "tqdm", "pandas"],
 )
 def test_each_library_is_called_from_one_place(packages, home):
     assert {module for module in SOURCES if foreign_imports(module) & packages} == home
@@ -191,9 +217,9 @@ def test_each_library_is_called_from_one_place(packages, home):
 @every_module
 def test_physics_and_data_need_numpy_and_ufl_only(module):
     if room_of(module) in ("scene", "mechanics", "results"):
-        # scipy: splines, and the root of an arc length
-        more = {"scipy"} if module == "scene.curve" else set()
-        assert foreign_imports(module) <= {"numpy", "ufl"} | more
+        # scipy: splines, and the root of an arc length; tables are made on request
+        more = {"scene.curve": {"scipy"}, "results.tables": {"pandas", "xarray"}}
+        assert foreign_imports(module) <= {"numpy", "ufl"} | more.get(module, set())
 
 
 def test_importing_the_package_imports_no_library_for_pictures_and_no_study():
@@ -208,6 +234,7 @@ def test_importing_the_package_imports_no_library_for_pictures_and_no_study():
     loaded = set(done.stdout.split())
     assert "fx_beam.analyses.dynamics" in loaded
     assert not loaded & {"matplotlib", "pyvista", "vtkmodules", "imageio", "fx_beam.plot"}
+    assert not loaded & {"pandas", "xarray"}
     assert not loaded & {"fx_beam.studies.work_precision", "fx_beam.studies.stability"}
 
 

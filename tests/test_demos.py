@@ -17,22 +17,35 @@ import fx_beam as fb
 
 pytestmark = pytest.mark.slow
 PICTURES = {
-    "pinned_beam": ("shapes.png", "invariants.png", "tip.png", "motion.gif"),
+    "pinned_beam": ("scene.png", "shapes.png", "invariants.png", "tip.png", "motion.gif"),
     "pendulum": (
+        "scene.png",
         "displacement.png",
         "acceleration.png",
         "energy_and_force.png",
         "steps.png",
         "motion.gif",
     ),
-    "three_bar_swing": ("shapes.png", "displacement.png", "force_and_energy.png", "motion.gif"),
-    "multibody": ("shapes.png", "displacement.png", "energy_and_force.png", "motion.gif"),
+    "three_bar_swing": (
+        "scene.png",
+        "shapes.png",
+        "displacement.png",
+        "force_and_energy.png",
+        "motion.gif",
+    ),
+    "multibody": (
+        "scene.png",
+        "shapes.png",
+        "displacement.png",
+        "energy_and_force.png",
+        "motion.gif",
+    ),
     "damping_scan": ("lost.png",),
-    "slider_crank": ("shapes.png", "slider.png", "rod_motor_energy.png", "motion.gif"),
-    "ring": ("modes.png", "shapes.png", "energy.png", "motion.gif"),
-    "roll_up": ("shapes.png", "convergence_and_energy.png", "motion.gif"),
-    "lee_frame": ("load_and_displacement.png", "shapes.png", "motion.gif"),
-    "own_physics": ("energy.png", "motion.gif"),
+    "slider_crank": ("scene.png", "shapes.png", "slider.png", "rod_motor_energy.png", "motion.gif"),
+    "ring": ("scene.png", "modes.png", "shapes.png", "energy.png", "motion.gif"),
+    "roll_up": ("scene.png", "shapes.png", "convergence_and_energy.png", "motion.gif"),
+    "lee_frame": ("scene.png", "load_and_displacement.png", "shapes.png", "motion.gif"),
+    "own_physics": ("scene.png", "energy.png", "motion.gif"),
 }
 RESULTS = tempfile.TemporaryDirectory(prefix="fx_beam_demos_")  # goes with the process
 

@@ -8,7 +8,6 @@ import time
 from dataclasses import replace
 
 import numpy as np
-from tqdm import tqdm
 
 from fx_beam.compiled.build import LoopUnavailable
 from fx_beam.compiled.loop import CompiledLoop
@@ -29,6 +28,7 @@ from fx_beam.stepping.substeps import LARGE_TURN, MOST_HALVINGS
 from fx_beam.validation import is_number, is_whole, require
 
 from .evaluation import solution_of
+from .progress import keep, progress_bar
 
 _log = logging.getLogger("fx_beam")
 
@@ -98,6 +98,8 @@ def simulate(
         Where steps in Python are asked for or needed, and PETSc is missing.
     StepError
         For a step that failed. Its attribute `solution` holds all steps before it.
+    KeyboardInterrupt
+        For Ctrl-C. Its attribute `solution` holds the steps so far.
 
     Examples
     --------
@@ -148,12 +150,8 @@ def simulate(
     stats.setup_seconds = time.perf_counter() - clock
 
     clock = time.perf_counter()
-    show = None if progress is None else not progress
     try:
-        # tqdm takes None as: only on a terminal.
-        with tqdm(
-            total=len(times) - 1, disable=show, delay=0 if progress else 2, leave=False
-        ) as bar:
+        with progress_bar(len(times) - 1, progress) as bar:
             steps = max(1, min(1000, _BLOCK // model.size))
             for first in range(1, len(times), steps):
                 block, rows = times[first : first + steps], recorder.rows
@@ -165,7 +163,7 @@ def simulate(
     except (StepError, KeyboardInterrupt) as error:
         stats.seconds = time.perf_counter() - clock
         stats.failure = str(error) or "interrupted"
-        error.solution = solution_of(model, recorder, stats)  # type: ignore[union-attr]
+        keep(error, solution_of(model, recorder, stats))
         raise
     stats.seconds = time.perf_counter() - clock
     _warn_of_parts(stats, dt)

@@ -25,8 +25,10 @@ from fx_beam.stepping.substeps import MOST_HALVINGS
 from fx_beam.validation import is_number, is_whole, require
 
 from .evaluation import solution_of
+from .progress import keep, progress_bar
 
 _log = logging.getLogger("fx_beam")
+_BAR = "{percentage:3.0f}%|{bar}| load factor {n:.3g} [{elapsed}]"
 
 
 def static(
@@ -38,6 +40,7 @@ def static(
     newton: NewtonOptions | None = None,
     max_cuts: int = 8,
     max_steps: int = 1000,
+    progress: bool | None = None,
 ) -> Solution:
     """Equilibria of a scene while its loads grow from nothing.
 
@@ -69,6 +72,9 @@ def static(
     max_steps : int
         Steps after which a path along an arc length ends, if it has not come to load factor 1;
         ``stats.failure`` says so.
+    progress : bool, optional
+        Whether to show a progress bar; by default on a terminal when the path takes longer than
+        two seconds.
 
     Returns
     -------
@@ -85,6 +91,8 @@ def static(
     StepError
         For a step that failed. Its attribute `solution` holds all steps before it, and `time` the
         load factor.
+    KeyboardInterrupt
+        For Ctrl-C. Its attribute `solution` holds the steps so far.
 
     Examples
     --------
@@ -99,7 +107,7 @@ def static(
     >>> bool(abs(solution.rotation(beam.end)[-1] - math.pi / 2) < 1e-8)
     True
     """
-    _check(scene, steps, t, continuation, newton, max_cuts, max_steps)
+    _check(scene, steps, t, continuation, newton, max_cuts, max_steps, progress)
     petsc("fx_beam.static")
     clock = time.perf_counter()
     scheme = Equilibrium()
@@ -118,17 +126,17 @@ def static(
     facing = Facing(model, stats)
     stats.setup_seconds = time.perf_counter() - clock
     clock = time.perf_counter()
-    states: list[State] = []
+    states = _Path(progress_bar(1.0, progress, bar_format=_BAR))
     try:
-        states.append(stepper.first_state(steps, max_cuts))
-        if continuation is None:
-            stepper.raise_load(states, steps, max_cuts)
-        else:
-            ArcLength(stepper).follow(states, steps, max_cuts, max_steps)
+        with states.bar:
+            states.append(stepper.first_state(steps, max_cuts))
+            if continuation is None:
+                stepper.raise_load(states, steps, max_cuts)
+            else:
+                ArcLength(stepper).follow(states, steps, max_cuts, max_steps)
     except (StepError, KeyboardInterrupt) as error:
         stats.failure = str(error) or "interrupted"
-        if states:
-            error.solution = _solution(stepper, facing, states, clock)  # type: ignore[union-attr]
+        keep(error, _solution(stepper, facing, states, clock) if states else None)
         raise
     if states[-1].t < 1:
         stats.failure = (
@@ -136,6 +144,17 @@ def static(
         )
         _log.warning(stats.failure)
     return _solution(stepper, facing, states, clock)
+
+
+class _Path(list[State]):
+    """States of a path; the bar shows the load factor of the last one, which may go down."""
+
+    def __init__(self, bar):
+        self.bar = bar
+
+    def append(self, state: State) -> None:
+        super().append(state)
+        self.bar.update(state.t - self.bar.n)
 
 
 def _solution(stepper: LoadStepper, facing: Facing, states: list[State], clock: float) -> Solution:
@@ -149,7 +168,7 @@ def _solution(stepper: LoadStepper, facing: Facing, states: list[State], clock: 
     return solution_of(model, recorder, stats, end)
 
 
-def _check(scene, steps, t, continuation, newton, max_cuts, max_steps) -> None:
+def _check(scene, steps, t, continuation, newton, max_cuts, max_steps, progress) -> None:
     if not isinstance(scene, Scene):
         raise SceneError(f"static needs an fx_beam.Scene, not {scene!r}")
     for name, value, least in (("steps", steps, 1), ("max_steps", max_steps, 1)):
@@ -163,3 +182,5 @@ def _check(scene, steps, t, continuation, newton, max_cuts, max_steps) -> None:
     require(fits, "static: continuation", continuation, '"arc-length" or None')
     fits = isinstance(newton, NewtonOptions | None)
     require(fits, "static: newton", newton, "an fx_beam.NewtonOptions")
+    wanted = "True, False or None"
+    require(isinstance(progress, bool | None), "static: progress", progress, wanted)

@@ -15,8 +15,8 @@ from fx_beam.scene.scene import Scene
 
 # A motion is possible if it violates supports and joints by less than this fraction of itself.
 _ROUNDING = 1e-9
-# Shift of the diagonal before factorisation: above round-off, and small compared with the squares of
-# the violations to be detected.
+# Shift of the diagonal before factorisation: above round-off, and small compared with the squares
+# of the violations to be detected.
 _SHIFT = 1e-14
 # Number of motions in the inverse iteration, and of iterations.
 _SOUGHT, _CORRECTIONS = 4, 6

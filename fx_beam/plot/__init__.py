@@ -9,6 +9,7 @@ if not (os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")):
     os.environ.setdefault("VTK_DEFAULT_OPENGL_WINDOW", "vtkEGLRenderWindow")
 
 from .deformed_shapes import animate, modes, shapes
+from .scene_drawing import scene
 from .symbols import axis
 from .time_curves import curves, figure, quantities, save, style
 
@@ -20,6 +21,7 @@ __all__ = [
     "modes",
     "quantities",
     "save",
+    "scene",
     "shapes",
     "style",
 ]

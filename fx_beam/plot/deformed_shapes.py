@@ -42,7 +42,7 @@ def shapes(
     """Picture of deformed shapes, superposed and coloured by time or in order of load steps.
 
     Discs are lumped masses; joints are white rings, or squares on a dotted guide where they slide;
-    arrows are forces on nodes; a zigzag or a spiral is the spring of a joint.
+    arrows are forces on nodes; a zigzag or a spiral is the spring of a joint, a cup its damper.
 
     Parameters
     ----------

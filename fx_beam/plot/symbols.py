@@ -1,4 +1,4 @@
-"""What pictures of shapes show besides the members: supports, joints, masses, springs, forces."""
+"""What pictures show besides members: supports, joints, masses, springs, dampers, forces."""
 
 from __future__ import annotations
 
@@ -9,7 +9,6 @@ from typing import Any
 
 import numpy as np
 
-from fx_beam.results.solution import Solution
 from fx_beam.scene.beam import Node, lagrange
 from fx_beam.scene.joints import GROUND, Joint
 from fx_beam.scene.loads import Load
@@ -23,6 +22,12 @@ _ARROW: dict[str, Any] = {"arrowstyle": "-|>", "shrinkA": 0, "shrinkB": 0, "line
 _LINES = 12
 # Parts of the picture's size: the longest arrow, a spring's width, its far end on the ground.
 _LONGEST_FORCE, _SPRING_WIDTH, _SPRING_END = 0.12, 0.02, 0.15
+# Points of a damper round a hinge, by the spring's width: two arcs, and a plate between them.
+_ARC = np.linspace(0.3, 1.7, 12)
+_ROUND = np.column_stack([np.cos(_ARC), np.sin(_ARC)])
+_GAP = np.full((1, 2), np.nan)
+_PLATE = np.outer((1.4, 1.9), (np.cos(1.0), np.sin(1.0)))
+_BENT_CUP = np.concatenate([1.25 * _ROUND, 2.05 * _ROUND[::-1], _GAP, _PLATE])
 
 
 def axis(nodes: np.ndarray, degree: int) -> np.ndarray:
@@ -52,9 +57,12 @@ def axis(nodes: np.ndarray, degree: int) -> np.ndarray:
 
 @dataclass(frozen=True)
 class Drawing:
-    """A solution with magnified displacements, in the rows that a picture shows."""
+    """A solution with magnified displacements, in the rows that a picture shows.
 
-    solution: Solution
+    A scene before it runs is one with a single row: see `Reference`.
+    """
+
+    solution: Any
     rows: Sequence[int]
     magnify: float = 1.0
 
@@ -147,10 +155,17 @@ class Drawing:
 
 def draw_symbols(ax, drawing: Drawing, k: int, colour: Any = "black", small: bool = False) -> list:
     """Draw masses, joints, guides, springs and forces of row k, and give what was drawn."""
-    scene = drawing.scene
-    if scene is None:
+    if drawing.scene is None:
         return []
-    drawn = [*_draw_guides(ax, drawing, k, colour), *_draw_springs(ax, drawing, k, colour)]
+    drawn = [*_draw_guides(ax, drawing, k, colour), *draw_parts(ax, drawing, k, colour, small)]
+    return drawn + _draw_forces(ax, drawing, k, colour)
+
+
+def draw_parts(ax, drawing: Drawing, k: int, colour: Any = "black", small: bool = False) -> list:
+    """Draw masses, joints, springs and dampers of row k, and give what was drawn."""
+    scene = drawing.scene
+    drawn = [*_draw_arms(ax, drawing, k, colour), *_draw_springs(ax, drawing, k, colour)]
+    drawn += _draw_dampers(ax, drawing, k, colour)
     heavy = sorted({node for node, mass, _ in scene.masses if mass})
     look = {"color": colour if small else "#D55E00", "markersize": 7 if small else 9, "zorder": 3}
     drawn += ax.plot(*drawing.places(heavy, k).T, "o", **look)
@@ -163,7 +178,7 @@ def draw_symbols(ax, drawing: Drawing, k: int, colour: Any = "black", small: boo
             if joint.kind == kind and not (_is_grounded(joint) and joint.axis is None)
         ]
         drawn += ax.plot(*drawing.places(nodes, k).T, marker, **look)
-    return drawn + _draw_forces(ax, drawing, k, colour)
+    return drawn
 
 
 def draw_marks(ax, drawing: Drawing, k: int, marks: dict[str, Node]) -> list:
@@ -221,6 +236,16 @@ def _place_on_a(drawing: Drawing, joint: Joint, k: int) -> np.ndarray:
     return drawing.places(joint.a.number, k) + drawing.turned(joint.a, k, joint.offset)
 
 
+def _draw_arms(ax, drawing: Drawing, k: int, colour) -> list:
+    """Rigid arms from nodes to joints that lie beside them."""
+    drawn: list = []
+    for joint in drawing.scene.joints:
+        if joint.offset.any() and not _is_grounded(joint):
+            ends = drawing.places(joint.a.number, k), _place_on_a(drawing, joint, k)
+            drawn += ax.plot(*np.array(ends).T, color=colour, linewidth=2.0, zorder=2)
+    return drawn
+
+
 def _draw_springs(ax, drawing: Drawing, k: int, colour) -> list:
     """Springs of joints: a zigzag along a slide, a spiral round a hinge."""
     drawn: list = []
@@ -229,12 +254,31 @@ def _draw_springs(ax, drawing: Drawing, k: int, colour) -> list:
         if joint.slide is not None and joint.slide.spring is not None:
             drawn += ax.plot(*_zigzag(*_spring_ends(drawing, joint, k), drawing.size).T, **look)
         if joint.rotation is not None and joint.rotation.spring is not None:
-            node = joint.a if joint.b is GROUND else joint.b
             angle = np.linspace(0, 5 * np.pi, 60)
             spiral = angle * np.array([np.cos(angle), np.sin(angle)]) / angle[-1]
-            place = drawing.places(node.number, k)
+            place = _place_of(drawing, joint, k)
             drawn += ax.plot(*(place[:, None] + _SPRING_WIDTH * drawing.size * spiral), **look)
     return drawn
+
+
+def _draw_dampers(ax, drawing: Drawing, k: int, colour) -> list:
+    """Dampers of joints: a piston in a cup along a slide, the cup bent round a hinge."""
+    drawn: list = []
+    look = {"color": colour, "linewidth": 0.9, "zorder": 2}
+    for joint in drawing.scene.joints:
+        if joint.slide is not None and joint.slide.damper is not None:
+            beside = joint.slide.spring is not None
+            parts = _dashpot(*_spring_ends(drawing, joint, k), drawing.size, beside)
+            drawn += ax.plot(*parts.T, **look)
+        if joint.rotation is not None and joint.rotation.damper is not None:
+            place = _place_of(drawing, joint, k)
+            drawn += ax.plot(*(place + _SPRING_WIDTH * drawing.size * _BENT_CUP).T, **look)
+    return drawn
+
+
+def _place_of(drawing: Drawing, joint: Joint, k: int) -> np.ndarray:
+    """Place of a joint's node, in row k."""
+    return drawing.places((joint.a if joint.b is GROUND else joint.b).number, k)
 
 
 def _spring_ends(drawing: Drawing, joint: Joint, k: int) -> tuple[np.ndarray, np.ndarray]:
@@ -254,6 +298,17 @@ def _zigzag(a: np.ndarray, b: np.ndarray, size: float) -> np.ndarray:
     fractions = np.array([0, 0.15, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.85, 1])
     sides = np.array([0, 0, 1, -1, 1, -1, 1, -1, 1, 0, 0])
     return a + fractions[:, None] * (b - a) + sides[:, None] * across
+
+
+def _dashpot(a: np.ndarray, b: np.ndarray, size: float, beside: bool) -> np.ndarray:
+    """Points of a damper from a to b, beside a spring if there is one; gaps are not a number."""
+    along = (b - a) / max(np.hypot(*(b - a)), 1e-9 * size)
+    across = _SPRING_WIDTH * size * np.array([-along[1], along[0]])
+    gap = (np.nan, np.nan)
+    rod = [(0, 0), (0.5, 0), gap, (0.5, -0.7), (0.5, 0.7), gap]
+    cup = [(0.35, -1), (0.65, -1), (0.65, 1), (0.35, 1), gap, (0.65, 0), (1, 0)]
+    parts = np.array(rod + cup) + (0, 3.0 if beside else 0)
+    return a + parts[:, :1] * (b - a) + parts[:, 1:] * across
 
 
 def _draw_forces(ax, drawing: Drawing, k: int, colour) -> list:

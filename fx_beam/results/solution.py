@@ -8,12 +8,14 @@ import numpy as np
 
 from fx_beam.scene.beam import Beam, Node
 from fx_beam.scene.joints import Joint
+from fx_beam.scene.summary import html_table
 
-from . import export
+from . import export, paraview, tables
 from .audit import BeamResultants, Energy, Stats, read_only
 from .joint_motion import JointMotion
 from .lookup import beam_name, joint_number, node_number
 from .state import State
+from .summary import facts
 
 # Histories that a `Record` may omit, with its name for them.
 _KINDS = {"q": "motion", "v": "rates", "a": "rates"}
@@ -126,6 +128,9 @@ class Solution:
             f"{'load factor' if self.stats.static else 't ='} {self.t[-1]:g}, "
             f"energy error {abs(self.energy.balance_error).max():.2g} J>"
         )
+
+    def _repr_html_(self):
+        return html_table("Solution", facts(self))
 
     @property
     def load_factor(self) -> np.ndarray:
@@ -356,29 +361,13 @@ class Solution:
         self.recorded("q")  # they are computed from the motion
         return self._resultants_of_beam(beam_name(self, beam))
 
-    # -- Files ----------------------------------------------------------------------------------
+    # -- Files and tables -----------------------------------------------------------------------
 
-    def save(self, path) -> None:
-        """Write the solution to a file that `fx_beam.load` reads.
-
-        Parameters
-        ----------
-        path : str or path
-            File name; the format is NumPy's npz, with arrays and JSON text, no pickled objects.
-        """
-        export.save(self, path)
-
-    def to_csv(self, path, nodes: dict[str, Node] | None = None) -> None:
-        """Write energies, momenta and the motion of some nodes as comma-separated columns.
-
-        Parameters
-        ----------
-        path : str or path
-            File name; the first row contains the names of the columns.
-        nodes : dict, optional
-            Nodes by the names of their columns.
-        """
-        export.to_csv(self, path, nodes or {})
+    save = export.save
+    to_csv = tables.to_csv
+    to_pandas = tables.to_pandas
+    to_paraview = paraview.to_paraview
+    to_xarray = tables.to_xarray
 
     def recorded(self, name: str) -> np.ndarray:
         """A history that the `Record` may have omitted.

@@ -18,6 +18,7 @@ from .beam import COMPONENTS, Beam, Node
 from .curve import Curve, layout
 from .joints import GROUND, Joint
 from .section import Section
+from .summary import facts, html_table
 
 
 class Scene:
@@ -74,6 +75,9 @@ class Scene:
         self.__dict__.update(state)
         for node in self.nodes:
             object.__setattr__(node, "scene", self)
+
+    def _repr_html_(self):
+        return html_table("Scene", facts(self))
 
     # -- Geometry -----------------------------------------------------------------------------
 
@@ -218,8 +222,8 @@ class Scene:
             For a component that is already supported, or a function that does not return a number.
         """
         loads.check_node(self, node, "prescribed motion")
-        values = zip(COMPONENTS, (x, y, rotation), strict=True)
-        given = {name: value for name, value in values if value is not None}
+        motions = zip(COMPONENTS, (x, y, rotation), strict=True)
+        given = {name: value for name, value in motions if value is not None}
         if not given:
             raise SceneError(f"prescribed motion of {node}: give x, y or rotation")
         for name, value in given.items():

@@ -1,0 +1,160 @@
+"""Symbols of what acts on a scene: loads, weight, driven motions and initial velocities."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from fx_beam.scene.beam import Beam, Node
+from fx_beam.scene.joints import GROUND
+from fx_beam.scene.loads import Load
+from fx_beam.scene.scene import Scene
+from fx_beam.validation import Constant
+
+from .sheet import Sheet
+
+# Parts of the drawing's size: arrows of forces, of line loads and of motions, radius of turns.
+_FORCE, _LINE_LOAD, _MOTION, _TURN = 0.12, 0.06, 0.08, 0.045
+_DRIVEN, _INITIAL, _LOAD = "#009E73", "#CC79A7", "black"
+#: When a function of time is looked at, to see which way it points [s].
+_TIMES = np.concatenate([[0.0], 2.0 ** np.arange(-12, 8)])
+_ARROWS = 12  # of a line load or of initial velocities, at most
+
+
+def draw_actions(sheet: Sheet, scene: Scene, si: bool) -> None:
+    """All that acts; values are written with their SI units, or without a unit."""
+    for load in scene.loads:
+        {"force": _force, "moment": _moment, "line load": _line_load}[load.kind](sheet, load, si)
+    _velocities(sheet, scene)
+    _prescribed(sheet, scene)
+    _motors(sheet, scene)
+    if scene.gravity is not None and np.any(scene.gravity):
+        _weight(sheet, scene.gravity, si)
+
+
+def _shown(load: Load) -> np.ndarray:
+    """A load when it is largest, of the times that are looked at."""
+    if isinstance(load.value, Constant):
+        return load.value(0.0)
+    found = [load.value(0.0)]
+    for t in _TIMES[1:]:
+        try:
+            found.append(load.value(float(t)))
+        except Exception:  # noqa: BLE001  # a function may be one of the run's times only
+            continue
+    sizes = [np.hypot(*value) if len(value) == 2 else abs(value[0]) for value in found]
+    return found[int(np.nanargmax(sizes))]
+
+
+def _words(symbol: str, load: Load, value: float, unit: str, si: bool) -> str:
+    constant = isinstance(load.value, Constant) and load.along is None
+    of = "(s)" if load.along is not None else "(t)"
+    text = f"{symbol} = {value:.6g}{f' {unit}' if si else ''}" if constant else symbol + of
+    return text + (", follower" if load.follower else "")
+
+
+def _force(sheet: Sheet, load: Load, si: bool) -> None:
+    force, tip = _shown(load), _place(load.target)
+    size = np.hypot(*force)
+    if size > 0:
+        tail = tip - _FORCE * sheet.size * force / size
+        sheet.arrow([tail, tip], linewidth=1.6, color=_LOAD)
+        sheet.label(_words("F", load, size, "N", si), [tail, (tail + tip) / 2], _LOAD)
+
+
+def _moment(sheet: Sheet, load: Load, si: bool) -> None:
+    (moment,) = _shown(load)
+    if moment:
+        points = _turn(_place(load.target), sheet.size, np.sign(moment))
+        sheet.arrow(points, linewidth=1.4, color=_LOAD)
+        sheet.label(_words("M", load, moment, "N m", si), points[::4], _LOAD)
+
+
+def _line_load(sheet: Sheet, load: Load, si: bool) -> None:
+    assert isinstance(load.target, Beam)
+    beam, factor = load.target, _shown(load)
+    arc = np.linspace(0, beam.length, _ARROWS + 1)
+    places = np.array([[node.x, node.y] for node in beam.nodes])
+    tips = np.column_stack([np.interp(arc, beam.s, places[:, i]) for i in (0, 1)])
+    if load.along is None:
+        loads = np.tile(factor, (len(arc), 1))
+    else:
+        loads = factor[0] * np.array([load.along(s) for s in arc])
+    sizes = np.hypot(*loads.T)
+    if not sizes.max() > 0:
+        return
+    tails = tips - _LINE_LOAD * sheet.size * loads / sizes.max()
+    sheet.line(tails, color=_LOAD, linewidth=0.8)
+    seen = sizes > 0.05 * sizes.max()
+    for tail, tip in zip(tails[seen], tips[seen], strict=True):
+        sheet.arrow([tail, tip], color=_LOAD, linewidth=0.8)
+    sheet.label(_words("q", load, sizes.max(), "N/m", si), tails[1:-1], _LOAD)
+
+
+def _prescribed(sheet: Sheet, scene: Scene) -> None:
+    for number, component in scene.prescribed:
+        place = _place(scene.nodes[number])
+        if component == 2:
+            _double_turn(sheet, place, r"$\psi$(t)")
+        else:
+            _double_arrow(sheet, place, np.eye(2)[component], "xy"[component] + "(t)")
+
+
+def _motors(sheet: Sheet, scene: Scene) -> None:
+    for joint in scene.joints:
+        place = _place(joint.a if joint.b is GROUND else joint.b)
+        if joint.slide is not None and joint.slide.motor is not None and joint.axis is not None:
+            _double_arrow(sheet, place, joint.axis, "motor d(t)")
+        if joint.rotation is not None and joint.rotation.motor is not None:
+            _double_turn(sheet, place, r"motor $\psi$(t)")
+
+
+def _double_arrow(sheet: Sheet, place, direction, text: str) -> None:
+    """An arrow both ways along a direction, beside a place."""
+    beside = place + 0.04 * sheet.size * np.array([-direction[1], direction[0]])
+    ends = beside + _MOTION * sheet.size * np.outer((-1, 1), direction)
+    sheet.arrow([ends[0], beside, ends[1]], "<-|>", color=_DRIVEN, linewidth=1.4)
+    sheet.label(text, [ends[1], beside, ends[0]], _DRIVEN)
+
+
+def _double_turn(sheet: Sheet, place, text: str) -> None:
+    points = _turn(place, sheet.size, 1.0)
+    sheet.arrow(points, "<-|>", color=_DRIVEN, linewidth=1.4)
+    sheet.label(text, points[::4], _DRIVEN)
+
+
+def _velocities(sheet: Sheet, scene: Scene) -> None:
+    """Initial velocities, the largest of all with the longest arrow."""
+    found: dict[int, np.ndarray] = {}
+    for velocity in scene.velocities:
+        nodes = velocity.target.nodes if isinstance(velocity.target, Beam) else (velocity.target,)
+        for node in nodes[:: max(1, len(nodes) // _ARROWS)]:
+            found[node.number] = velocity.value(node.x, node.y)
+    largest = max((np.hypot(*value) for value in found.values()), default=0.0)
+    tips = []
+    for number, value in found.items():
+        if np.hypot(*value) > 0.02 * largest:
+            place = _place(scene.nodes[number])
+            tips.append(place + _FORCE * sheet.size * value / largest)
+            sheet.arrow([place, tips[-1]], color=_INITIAL)
+    if tips:
+        sheet.label("v(0)", tips, _INITIAL)
+
+
+def _weight(sheet: Sheet, gravity, si: bool) -> None:
+    """The acceleration of gravity, beside all that is drawn already."""
+    size = np.hypot(*gravity)
+    tip = sheet.corner() + 0.5 * _FORCE * sheet.size * np.asarray(gravity) / size
+    tail = tip - _FORCE * sheet.size * np.asarray(gravity) / size
+    sheet.arrow([tail, tip], color="0.4")
+    sheet.label(f"g = {size:.6g}{' m/s$^2$' if si else ''}", [(tail + tip) / 2], "0.4")
+
+
+def _turn(place, size: float, sense: float) -> np.ndarray:
+    """Points (33, 2) of three quarters of a circle about a place."""
+    angle = np.pi / 4 + sense * np.linspace(0, 1.5 * np.pi, 33)
+    return place + _TURN * size * np.column_stack([np.cos(angle), np.sin(angle)])
+
+
+def _place(node: Node | Beam) -> np.ndarray:
+    assert isinstance(node, Node)
+    return np.array([node.x, node.y])

@@ -1,0 +1,105 @@
+"""Symbols of the ground: supports and guides, hatched as in drawings of mechanisms."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from fx_beam.scene.joints import GROUND
+from fx_beam.scene.scene import Scene
+
+from .sheet import Sheet
+
+# Parts of the drawing's size: height of a support, length of a wall, its strokes, half a guide.
+_HEIGHT, _WALL, _STROKE, _GUIDE = 0.032, 0.08, 0.016, 0.12
+_WHITE = {"color": "white", "markeredgecolor": "black", "zorder": 6}
+
+
+def draw_grounds(sheet: Sheet, scene: Scene) -> None:
+    """Supports of nodes and guides on the ground, each where no member is."""
+    held: dict[int, set[int]] = {}
+    for number, component in scene.fixed:
+        held.setdefault(number, set()).add(component)
+    for joint in scene.joints:
+        if GROUND in (joint.a, joint.b):
+            node = joint.a if joint.b is GROUND else joint.b
+            if joint.axis is not None:
+                _ground_guide(sheet, _place(scene, node.number), joint.axis)
+            else:
+                held[node.number] = {0, 1} if joint.kind == "Revolute" else {0, 1, 2}
+    for number, components in held.items():
+        _support(sheet, _place(scene, number), components, _leaving(scene, number))
+
+
+def _place(scene: Scene, number: int) -> np.ndarray:
+    node = scene.nodes[number]
+    return np.array([node.x, node.y])
+
+
+def _leaving(scene: Scene, number: int) -> np.ndarray:
+    """Directions (n, 2) in which members leave a node."""
+    found = []
+    for beam in scene.beams:
+        numbers = [node.number for node in beam.nodes]
+        for k in np.flatnonzero(np.equal(numbers, number)):
+            for other in {max(k - 1, 0), min(k + 1, beam.elements)} - {int(k)}:
+                along = _place(scene, numbers[other]) - _place(scene, number)
+                found.append(along / np.hypot(*along))
+    return np.array(found)
+
+
+def _support(sheet: Sheet, place, components: set[int], leaving: np.ndarray) -> None:
+    moves = {0, 1} - components
+    if moves == {0, 1}:  # only the rotation is held
+        return sheet.dots([place], "s", markersize=7, **_WHITE)
+    if components == {0, 1, 2}:
+        mean = leaving.sum(axis=0)
+        mean = leaving[0] if np.hypot(*mean) < 1e-6 else mean
+        away = -mean / np.hypot(*mean)
+        return _wall(sheet, place, away, _WALL)
+    # Below, or above where a member leaves downwards; a roller across the way it may go.
+    away = -np.eye(2)[0 if moves == {1} else 1]
+    if (leaving @ away).max() > 0.5:
+        away = -away
+    gap = 0.25 * _HEIGHT if moves else 0.0
+    if 2 in components:
+        foot = place + gap * sheet.size * away
+        sheet.dots([place], "s", markersize=7, **_WHITE)
+    else:
+        foot = place + _HEIGHT * sheet.size * away
+        along = 0.6 * _HEIGHT * sheet.size * _left(away)
+        sheet.line([place, foot + along, foot - along, place])
+        sheet.dots([place], "o", markersize=6, **_WHITE)
+        foot = foot + gap * sheet.size * away
+    return _wall(sheet, foot, away, _WALL)
+
+
+def _wall(sheet: Sheet, place, away: np.ndarray, length: float) -> None:
+    """A line across a direction, with strokes on its far side."""
+    along = length * sheet.size * _left(away)
+    sheet.line(place + np.outer((-0.5, 0.5), along), linewidth=1.4)
+    starts = place + np.outer(np.arange(-0.4, 0.6, 0.2 * _WALL / length), along)
+    ends = starts + _STROKE * sheet.size * (away - 0.8 * _left(away))
+    sheet.strokes(starts, ends, linewidth=0.7)
+
+
+def draw_guides(sheet: Sheet, scene: Scene) -> None:
+    """Guides that nodes carry, from before their place on the node to behind what slides."""
+    for joint in scene.joints:
+        if joint.axis is not None and GROUND not in (joint.a, joint.b):
+            start, slide = _place(scene, joint.a.number) + joint.offset, joint.start()[0]
+            more = 0.5 * _GUIDE * sheet.size
+            ends = np.outer((min(slide, 0) - more, max(slide, 0) + more), joint.axis)
+            sheet.line(start + ends, linestyle=":", linewidth=1.6)
+
+
+def _ground_guide(sheet: Sheet, place, axis: np.ndarray) -> None:
+    """A way along an axis, on a wall."""
+    along = _GUIDE * sheet.size * axis
+    sheet.line([place - along, place + along], linestyle=":", linewidth=1.2)
+    away = _left(axis) if axis[0] < -1e-9 else -_left(axis)
+    _wall(sheet, place + 0.025 * sheet.size * away, away, 2 * _GUIDE)
+
+
+def _left(direction: np.ndarray) -> np.ndarray:
+    """A direction turned by a quarter to the left."""
+    return np.array([-direction[1], direction[0]])

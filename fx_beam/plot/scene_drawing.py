@@ -1,0 +1,185 @@
+"""Drawing of a scene before it runs: what it is made of, held by and loaded with."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+
+import numpy as np
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
+
+from fx_beam.errors import SceneError
+from fx_beam.results.files import writable
+from fx_beam.scene.beam import Node
+from fx_beam.scene.scene import Scene
+
+from .actions import draw_actions
+from .grounds import draw_grounds, draw_guides
+from .sheet import Sheet
+from .symbols import Drawing, draw_parts
+
+_MEMBER = "#0072B2"
+_DIMENSION = {"color": "0.45", "linewidth": 0.6}
+# Parts of the drawing's size: distance of dimensions from it, and the shortest that is written.
+_AWAY, _SHORTEST = 0.2, 0.04
+_MANY = 15  # members, beyond which their names are small
+
+
+def scene(
+    scene: Scene,
+    path: Path | str | None = None,
+    length_unit: str = "m",
+    dimensions: bool = False,
+    marks: dict[str, Node] | None = None,
+) -> Figure:
+    """Drawing of a scene in its reference configuration.
+
+    Members have their names, with a dot where elements meet. Hatched lines are the ground: a
+    triangle stands on it at a pin, with a gap where it may roll; a clamp is a wall. Rings are
+    hinges, squares slide on a dotted guide, discs are lumped masses; a zigzag or a spiral is the
+    spring of a joint, a cup its damper. Arrows of forces and of initial velocities end and start
+    at their nodes; those of prescribed motions and motors have two heads. Loads that are functions
+    of time are drawn as when they are largest. Added virtual works are not drawn.
+
+    Parameters
+    ----------
+    scene : Scene
+        What is drawn.
+    path : str or path, optional
+        Picture to write; its ending says in which format.
+    length_unit : str
+        Unit of length, for the axes. With "m" masses and loads have SI units, else none.
+    dimensions : bool
+        Whether to write the distances between the ends of members.
+    marks : dict, optional
+        Nodes by the names to be written beside them.
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+        The drawing; its axes are ``figure.axes[0]``.
+
+    Raises
+    ------
+    SceneError
+        For what is no scene, or a scene without beams.
+    """
+    if not isinstance(scene, Scene):
+        raise SceneError(f"plot.scene needs an fx_beam.Scene, not {scene!r}")
+    if not scene.beams:
+        raise SceneError("plot.scene: the scene has no beams; add one with scene.add_beam")
+    if path is not None:
+        path = writable(path, sorted(FigureCanvasAgg.filetypes))
+    drawing = Drawing(Reference(scene), [0])
+    axes = {beam.name: drawing.axis(beam.name, 0) for beam in scene.beams}
+    everything = np.concatenate([*axes.values()])
+    sheet = Sheet(float(np.ptp(everything, axis=0).max()))
+    _members(sheet, scene, axes)
+    draw_grounds(sheet, scene)
+    draw_guides(sheet, scene)
+    sheet.see(draw_parts(sheet.ax, drawing, 0))
+    draw_actions(sheet, scene, si=length_unit == "m")
+    _names(sheet, scene, axes, marks or {}, si=length_unit == "m")
+    if dimensions:
+        _dimensions(sheet, scene, everything)
+    figure = sheet.finish(length_unit)
+    if path is not None:
+        figure.savefig(path, dpi=160)
+    return figure
+
+
+@dataclass(frozen=True)
+class Reference:
+    """A scene in its reference configuration, as a picture sees a solution with one row."""
+
+    scene: Scene
+
+    @property
+    def beams(self):
+        """The beams by name."""
+        return {beam.name: beam for beam in self.scene.beams}
+
+    @cached_property
+    def nodes_of_beam(self) -> dict[str, np.ndarray]:
+        """Rows of `X` with the nodes of each beam in order, those inside elements included."""
+        numbers, free = {}, len(self.scene.nodes)
+        for beam in self.scene.beams:
+            inside = beam.elements * (beam.degree - 1)
+            of_beam = np.empty(beam.elements * beam.degree + 1, dtype=int)
+            ends = np.arange(len(of_beam)) % beam.degree == 0
+            of_beam[ends] = [node.number for node in beam.nodes]
+            of_beam[~ends] = np.arange(free, free + inside)
+            numbers[beam.name] = of_beam
+            free += inside
+        return numbers
+
+    @cached_property
+    def X(self) -> np.ndarray:
+        """Places (n_node, 2) of the nodes [m]."""
+        places = [np.array([(node.x, node.y) for node in self.scene.nodes])]
+        for beam in self.scene.beams:
+            ends = np.array([(node.x, node.y) for node in beam.nodes])
+            parts = np.arange(1, beam.degree)[:, None] / beam.degree
+            straight = ends[:-1, None] + parts * np.diff(ends, axis=0)[:, None]
+            inner = straight if beam.inner is None else beam.inner
+            places.append(inner.reshape(-1, 2))
+        return np.concatenate(places)
+
+    @cached_property
+    def q(self) -> np.ndarray:
+        """Displacements and rotations (1, n_node, 3): none."""
+        return np.zeros((1, len(self.X), 3))
+
+    def rotation(self, node: Node) -> np.ndarray:
+        """Rotation (1,) of a node: none."""
+        return np.zeros(1)
+
+
+def _members(sheet: Sheet, scene: Scene, axes: dict[str, np.ndarray]) -> None:
+    for beam in scene.beams:
+        sheet.line(axes[beam.name], color=_MEMBER, linewidth=2.5, zorder=2)
+        ends = [(node.x, node.y) for node in beam.nodes]
+        sheet.dots(ends, ".", color=_MEMBER, markersize=6, zorder=2)
+
+
+def _names(sheet: Sheet, scene: Scene, axes, marks: dict[str, Node], si: bool) -> None:
+    """Words at masses, marked nodes and members, in the order in which they need their place."""
+    for name, node in marks.items():
+        if getattr(node, "scene", None) is not scene:
+            raise SceneError(f"mark {name!r}: {node!r} is no node of the scene")
+        sheet.dots([(node.x, node.y)], ".", color="black", markersize=5, zorder=4)
+        sheet.label(name, (node.x, node.y))
+    for number, mass, inertia in scene.masses:
+        node = scene.nodes[number]
+        words = [f"m = {mass:.6g}{' kg' if si else ''}"] if mass else []
+        words += [f"J = {inertia:.6g}{' kg m$^2$' if si else ''}"] if inertia else []
+        if words:
+            sheet.label(", ".join(words), (node.x, node.y))
+    size = 9.0 if len(axes) <= _MANY else 5.5
+    for name, points in axes.items():
+        sheet.label(name, _along(points, (0.5, 0.35, 0.65, 0.2, 0.8)), _MEMBER, size)
+
+
+def _along(points: np.ndarray, fractions) -> np.ndarray:
+    """Points at fractions of the length of a line."""
+    s = np.append(0, np.cumsum(np.hypot(*np.diff(points, axis=0).T)))
+    return np.column_stack([np.interp(np.multiply(fractions, s[-1]), s, x) for x in points.T])
+
+
+def _dimensions(sheet: Sheet, scene: Scene, points: np.ndarray) -> None:
+    """Chains of distances below and to the left, between the ends of members and the extremes."""
+    ends = [(node.x, node.y) for beam in scene.beams for node in (beam.start, beam.end)]
+    low, high = points.min(axis=0), points.max(axis=0)
+    for i in (0, 1):
+        values = np.sort(np.concatenate([np.array(ends)[:, i], [low[i], high[i]]]))
+        values = values[np.append(True, np.diff(values) > _SHORTEST * sheet.size)]
+        across = np.eye(2)[1 - i]
+        level = (low[1 - i] - _AWAY * sheet.size) * across
+        tick = 0.02 * sheet.size * across
+        for a, b in zip(values[:-1], values[1:], strict=True):
+            tail, tip = (level + value * np.eye(2)[i] for value in (a, b))
+            sheet.arrow([tail, (tail + tip) / 2, tip], "<-|>", **_DIMENSION)
+            sheet.strokes(np.array([tail, tip]) - tick, np.array([tail, tip]) + tick, **_DIMENSION)
+            sheet.label(f"{b - a:.6g}", (tail + tip) / 2, "0.3")

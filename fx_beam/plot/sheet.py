@@ -1,0 +1,169 @@
+"""The sheet a scene is drawn on: lines, arrows, and labels that keep clear of them."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
+
+_INCH = 6.4, 6.4  # the largest width and height of the picture [inch]
+_BORDER = (0.78, 0.5), (0.15, 0.15)  # room for the axes' labels; left and below, right and above
+# Distances of a label from what it names, in pixels, and the directions in which it may lie.
+_DISTANCES = 4.0, 9.0, 15.0, 23.0, 33.0, 46.0
+_DIRECTIONS = np.linspace(0, 2 * np.pi, 16, endpoint=False) + np.pi / 2
+_LEADER = 16.0  # from this distance on a line leads from a label to what it names [pixels]
+_DOT = 6.0  # half the side of a marker [pixels]
+_CELL = 3.0  # side of the squares in which the sheet is seen as free or covered [pixels]
+
+
+class Sheet:
+    """Drawing in the plane, at first without a frame.
+
+    Parameters
+    ----------
+    size : float
+        Larger side of what is drawn, by which symbols are scaled [m].
+    """
+
+    def __init__(self, size: float):
+        self.size = size
+        self.figure = Figure(dpi=100)
+        self.ax: Any = self.figure.add_axes((0, 0, 1, 1), aspect="equal")
+        self._lines: list[np.ndarray] = []
+        self._dots: list[np.ndarray] = []
+        self._labels: list[tuple[str, np.ndarray, str, float]] = []
+
+    def line(self, points, **look) -> None:
+        """A line through points (n, 2)."""
+        self._seen(points)
+        self.ax.plot(*np.transpose(points), **{"color": "black", "linewidth": 1.0} | look)
+
+    def strokes(self, starts, ends, **look) -> None:
+        """Lines from points (n, 2) to others (n, 2)."""
+        gaps = np.full_like(starts, np.nan)
+        self.line(np.stack([starts, ends, gaps], axis=1).reshape(-1, 2), **look)
+
+    def dots(self, places, marker: str, **look) -> None:
+        """A marker at each of some places (n, 2)."""
+        self._dots.append(np.asarray(places, dtype=float))
+        self.ax.plot(*np.transpose(places), marker, **look)
+
+    def arrow(self, points, style: str = "-|>", **look) -> None:
+        """An arrow along points (n, 2), with its head at the last of them."""
+        points = np.asarray(points, dtype=float)
+        self.line(points, **look)
+        shape = {"arrowstyle": style, "shrinkA": 0, "shrinkB": 0, "mutation_scale": 9}
+        shape |= {"color": look.get("color", "black"), "linewidth": look.get("linewidth", 1.0)}
+        ends = [(points[-2], points[-1])]
+        if style.startswith("<"):
+            shape["arrowstyle"] = style[1:]
+            ends.append((points[1], points[0]))
+        for tail, tip in ends:
+            near = tip + (tail - tip) * min(1.0, 0.02 * self.size / np.hypot(*(tail - tip)))
+            self.ax.annotate("", tip, near, arrowprops=shape, annotation_clip=False, zorder=4)
+
+    def see(self, lines) -> None:
+        """Keep labels clear of lines and markers that were drawn on the axes."""
+        for line in lines:
+            marked = line.get_marker() not in ("None", None, "")
+            (self._dots if marked else self._lines).append(line.get_xydata())
+
+    def corner(self) -> np.ndarray:
+        """A place (2,) to the upper right of all that is drawn so far."""
+        return np.nanmax(np.concatenate(self._lines), axis=0) + 0.08 * self.size
+
+    def label(self, text: str, places, colour: str = "black", size: float = 9.0) -> None:
+        """A text near one of some places (n, 2), which is found when all is drawn."""
+        self._labels.append((text, np.atleast_2d(places), colour, size))
+
+    def finish(self, length_unit: str) -> Figure:
+        """Frame what was drawn, and write the labels."""
+        points = np.concatenate([*self._lines, *self._dots])
+        low, high = np.nanmin(points, axis=0), np.nanmax(points, axis=0)
+        # Room for labels, the more so beside a straight member.
+        margin = np.maximum(0.1 * self.size, (0.35 * self.size - (high - low)) / 2)
+        low, high = low - margin, high + margin
+        self.ax.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]))
+        self.ax.set(xlabel=f"$x$ [{length_unit}]", ylabel=f"$y$ [{length_unit}]")
+        self.ax.tick_params(labelsize="small")
+        self.ax.spines[:].set_color("0.7")
+        border, other = np.array(_BORDER)
+        room = np.array(_INCH) - border - other
+        inner = (high - low) * min(room / (high - low))
+        whole = inner + border + other
+        self.figure.set_size_inches(whole)
+        self.ax.set_position([*(border / whole), *(inner / whole)])
+        for axis, length in zip("xy", inner, strict=True):
+            self.ax.locator_params(axis=axis, nbins=max(2, int(length / 0.7)))
+        self._write()
+        return self.figure
+
+    # -- Labels ---------------------------------------------------------------------------------
+
+    def _seen(self, points) -> None:
+        self._lines.append(np.reshape(np.asarray(points, dtype=float), (-1, 2)))
+
+    def _write(self) -> None:
+        """Write each label where it covers least."""
+        renderer: Any = FigureCanvasAgg(self.figure).get_renderer()
+        back = self.ax.transData.inverted()
+        covered = self._covered()
+        look = {"ha": "center", "va": "center", "zorder": 8}
+        for text, places, colour, size in self._labels:
+            written = self.ax.text(0, 0, text, color=colour, fontsize=size, **look)
+            extent = written.get_window_extent(renderer)
+            half = np.array([extent.width, extent.height]) / 2
+            spots, anchors, distances = _candidates(self.ax.transData.transform(places), half)
+            cost = 10 * self._count(covered, spots, half + 2.0) + distances
+            best = int(np.argmin(cost + np.arange(len(cost)) * 1e-6))
+            spot, anchor = spots[best], anchors[best]
+            written.set_position(back.transform(spot))
+            low, high = self._cells([spot - half, spot + half])
+            covered[low[0] : high[0] + 1, low[1] : high[1] + 1] += 5.0
+            if distances[best] > _LEADER:
+                ends = back.transform([anchor, spot + np.clip(anchor - spot, -half, half)])
+                self.ax.plot(*ends.T, color="0.6", linewidth=0.6, zorder=1)
+
+    def _cells(self, pixels) -> np.ndarray:
+        """Squares (n, 2) of the sheet in which some pixels (n, 2) lie."""
+        last = (np.asarray(self.figure.bbox.size) / _CELL).astype(int)
+        return np.clip((np.asarray(pixels) / _CELL).astype(int), 0, last)
+
+    def _covered(self) -> np.ndarray:
+        """How much is drawn in each square of the sheet; outside of the frame very much."""
+        low, high = self._cells(self.ax.bbox.get_points())
+        covered = np.full(self._cells([self.figure.bbox.size])[0] + 1, 1e3)
+        covered[low[0] : high[0], low[1] : high[1]] = 0.0
+        for line in self._lines:
+            line = self.ax.transData.transform(line)
+            points = [line[~np.isnan(line[:, 0])]]
+            for a, b in zip(line[:-1], line[1:], strict=True):
+                length = np.hypot(*(b - a))
+                if length > _CELL:
+                    points.append(a + np.arange(_CELL, length, _CELL)[:, None] / length * (b - a))
+            covered[tuple(self._cells(np.concatenate(points)).T)] += 1.0
+        for dots in self._dots:
+            for dot in self.ax.transData.transform(dots):
+                low, high = self._cells([dot - _DOT, dot + _DOT])
+                covered[low[0] : high[0] + 1, low[1] : high[1] + 1] += 1.0
+        return covered
+
+    def _count(self, covered: np.ndarray, spots: np.ndarray, half: np.ndarray) -> np.ndarray:
+        """How much (n,) is covered by boxes of some size round spots (n, 2)."""
+        sums = np.pad(covered.cumsum(axis=0).cumsum(axis=1), ((1, 0), (1, 0)))
+        (left, low), (right, top) = self._cells(spots - half).T, self._cells(spots + half).T + 1
+        return sums[right, top] - sums[left, top] - sums[right, low] + sums[left, low]
+
+
+def _candidates(anchors: np.ndarray, half: np.ndarray):
+    """Centres (n, 2) of a label's box round its anchors, these, and the distances [pixels]."""
+    around = np.column_stack([np.cos(_DIRECTIONS), np.sin(_DIRECTIONS)])
+    # From its centre to its edge.
+    inside = np.min(half / np.maximum(abs(around), 1e-9), axis=1)
+    shifts = [(inside + distance)[:, None] * around for distance in _DISTANCES]
+    spots = anchors[None, :, None] + np.array(shifts)[:, None]
+    distances = np.broadcast_to(np.array(_DISTANCES)[:, None, None], spots.shape[:3])
+    places = np.broadcast_to(anchors[None, :, None], spots.shape)
+    return spots.reshape(-1, 2), places.reshape(-1, 2), distances.ravel()

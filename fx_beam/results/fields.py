@@ -1,0 +1,116 @@
+"""Fields along the members: what colours a shape and is written for ParaView."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import ufl
+
+import numpy as np
+
+from fx_beam.scene.beam import Beam, lagrange
+
+RESULTANTS = ("N", "Q", "M")
+#: What can be had along a member, and its unit.
+QUANTITIES = dict(
+    zip((*RESULTANTS, "strain energy", "speed"), ("N", "N", "N m", "J/m", "m/s"), strict=True)
+)
+
+
+def along(solution: Any, name: str, quantity: str, rows, places: np.ndarray) -> np.ndarray:
+    """Values of one of the `QUANTITIES` along a beam.
+
+    Resultants and energy are polynomials through their values at the Gauss points, and may jump
+    from element to element.
+
+    Parameters
+    ----------
+    solution : Solution
+        The motion.
+    name : str
+        Name of the beam.
+    quantity : str
+        What is asked for.
+    rows : sequence of int
+        Rows of the solution.
+    places : (places,) float
+        Where in each element, from 0 to 1.
+
+    Returns
+    -------
+    (rows, elements, places) float
+        The values.
+    """
+    rows, beam = list(rows), solution.beams[name]
+    if quantity == "speed":
+        nodes = _nodes_of_elements(solution, name)
+        v = solution.recorded("v")[rows][:, nodes, :2]
+        v = np.einsum("pn,renc->repc", lagrange(np.linspace(0, 1, beam.degree + 1), places), v)
+        return np.hypot(v[..., 0], v[..., 1])
+    if quantity == "strain energy":
+        values = energy_density(solution, name, rows)
+    else:
+        values = getattr(solution.resultants(name), quantity)[rows]
+        values = values.reshape(len(rows), beam.elements, beam.degree)
+    return values @ lagrange(_gauss(beam.degree), places).T
+
+
+def energy_density(solution: Any, name: str, rows) -> np.ndarray:
+    """Stored energy per length (rows, elements, degree) of a beam at its Gauss points [J/m]."""
+    beam = solution.beams[name]
+    if beam.section is None:
+        raise ValueError(
+            "the strain energy along a member needs its section, which a saved file does not hold; "
+            "take the solution as simulate gave it, or N, Q, M or speed"
+        )
+    strains = _strains(solution, name, list(rows))
+    if beam.section.strain_energy is not None:
+        flat = strains.reshape(3, -1).T.tolist()
+        found = [_number(beam.section.strain_energy(*map(ufl.as_ufl, e))) for e in flat]
+        return np.array(found).reshape(strains.shape[1:])
+    fractions = _arc_lengths(beam) / beam.length
+    stiffness = np.array([beam.section.values(kind, fractions) for kind in ("EA", "GA", "EI")])
+    return np.sum(stiffness[:, None] * strains**2, axis=0) / 2
+
+
+def _strains(solution: Any, name: str, rows: list[int]) -> np.ndarray:
+    """Axial strain, shear strain and curvature (3, rows, elements, degree) (eqs 9 and 10)."""
+    degree, nodes = solution.beams[name].degree, _nodes_of_elements(solution, name)
+    powers = np.arange(degree + 1)
+    polynomials = np.linalg.inv(np.linspace(0, 1, degree + 1)[:, None] ** powers)
+    places = _gauss(degree)[:, None]
+    values = places**powers @ polynomials
+    slopes = powers * places ** np.maximum(powers - 1, 0) @ polynomials
+    X, q = solution.X[nodes], solution.recorded("q")[rows][:, nodes]
+    tangent = np.einsum("pn,enc->epc", slopes, X)
+    J = np.hypot(tangent[..., 0], tangent[..., 1])
+    t = tangent / J[..., None]
+    stretched = np.einsum("pn,renc->repc", slopes, X + q[..., :2]) / J[..., None]
+    psi = np.einsum("pn,ren->rep", values, q[..., 2])
+    c, s = np.cos(psi), np.sin(psi)
+    turned = np.stack([c * t[..., 0] - s * t[..., 1], s * t[..., 0] + c * t[..., 1]], axis=-1)
+    normal = np.stack([-turned[..., 1], turned[..., 0]], axis=-1)
+    curvature = np.einsum("pn,ren->rep", slopes, q[..., 2]) / J
+    return np.stack([(stretched * turned).sum(-1) - 1, (stretched * normal).sum(-1), curvature])
+
+
+def _nodes_of_elements(solution: Any, name: str) -> np.ndarray:
+    """Numbers (elements, degree + 1) of the nodes of each element, in order along it."""
+    beam, nodes = solution.beams[name], solution.nodes_of_beam[name]
+    first = beam.degree * np.arange(beam.elements)
+    return nodes[first[:, None] + np.arange(beam.degree + 1)]
+
+
+def _gauss(degree: int) -> np.ndarray:
+    """Gauss points (degree,) of an element, from 0 to 1."""
+    return (np.polynomial.legendre.leggauss(degree)[0] + 1) / 2
+
+
+def _arc_lengths(beam: Beam) -> np.ndarray:
+    """Arc lengths (elements, degree) of the Gauss points [m]."""
+    return beam.s[:-1, None] + np.diff(beam.s)[:, None] * _gauss(beam.degree)
+
+
+def _number(expression: Any) -> float:
+    """Value of a UFL expression of numbers."""
+    return float(expression(()))

@@ -1,0 +1,43 @@
+"""What a scene has, in a few lines, as notebooks show it."""
+
+from __future__ import annotations
+
+from html import escape
+from typing import Any
+
+from .joints import Joint
+
+
+def facts(scene: Any) -> dict[str, str]:
+    """Numbers of what a scene is made of, by their names."""
+    beams, elements = scene.beams, sum(beam.elements for beam in scene.beams)
+    found = {"members": _listed([beam.name for beam in beams])}
+    if beams:
+        found["elements"] = f"{elements} of degree {beams[0].degree}"
+        nodes = len(scene.nodes) + elements * (beams[0].degree - 1)
+        found["nodes"] = str(nodes)
+        held = len(scene.fixed) + len(scene.prescribed) + sum(map(_held, scene.joints))
+        found["unknowns"] = str(3 * nodes - held)
+    for name in ("joints", "masses", "loads"):
+        found[name] = str(len(getattr(scene, name)))
+    if scene.gravity is not None:
+        found["gravity"] = f"({scene.gravity[0]:g}, {scene.gravity[1]:g})"
+    return found
+
+
+def html_table(title: str, rows: dict[str, str]) -> str:
+    """Table with a title, of two columns."""
+    cells = "".join(f"<tr><th>{escape(a)}</th><td>{escape(b)}</td></tr>" for a, b in rows.items())
+    return f"<table><caption>{escape(title)}</caption>{cells}</table>"
+
+
+def _listed(names: list[str]) -> str:
+    """Their number and the first of some names."""
+    more = ", ..." if len(names) > 4 else ""
+    return f"{len(names)}: {', '.join(names[:4])}{more}" if names else "0"
+
+
+def _held(joint: Joint) -> int:
+    """Components that a joint or its motor holds."""
+    held = 2 + joint.turns_together - (joint.slide is not None)
+    return held + (joint.slide is not None and joint.slide.motor is not None)

@@ -1,0 +1,206 @@
+"""What other programs read: ParaView's files, tables of pandas and xarray, HTML in notebooks."""
+
+import importlib.util
+
+import numpy as np
+import pytest
+from scenes import FLYING
+
+import fx_beam as fb
+from fx_beam.results.fields import along, energy_density
+
+
+def frame(degree=2):
+    """A clamped arm with a curved leg on a hinge, which falls."""
+    scene = fb.Scene(gravity=(0.0, -9.81))
+    arm = scene.add_beam([(0, 0), (1, 0)], FLYING, 4, degree, name="arm")
+    leg = scene.add_beam(fb.arc((1, 0), (1.5, -0.2), (2, -1)), FLYING, 3, degree, name="leg")
+    scene.clamp(arm.start)
+    scene.add_joint(fb.Revolute(arm.end, leg.start))
+    scene.add_mass(leg.end, 2.0)
+    return scene, arm, leg
+
+
+def fall(degree=2, **options):
+    return fb.simulate(frame(degree)[0], **{"dt": 0.02, "t_end": 0.2} | options)
+
+
+# -- Fields along members ----------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("degree", [1, 2, 3])
+@pytest.mark.parametrize(("curved", "off"), [(False, 1e-9), (True, 5e-3)])
+def test_the_stored_energy_along_the_members_adds_up_to_that_of_the_solution(curved, off, degree):
+    scene = fb.Scene(gravity=(0.0, -9.81))
+    points = fb.arc((0, 0), (1, 0.2), (2, 0)) if curved else [(0, 0), (1, 0.2), (2, 0)]
+    beam = scene.add_beam(points, FLYING, 6, degree, name="arm")
+    scene.clamp(beam.start)
+    solution, rows = fb.simulate(scene, dt=0.02, t_end=0.2), [4, 10]
+    # Of a curve the lengths along it are taken, which those of its elements come near to.
+    weights = np.outer(np.diff(beam.s), np.polynomial.legendre.leggauss(degree)[1] / 2)
+    total = np.einsum("rep,ep->r", energy_density(solution, "arm", rows), weights)
+    assert (total > 1e-3).all()
+    assert total == pytest.approx(solution.energy.strain[rows], rel=off)
+
+
+def test_an_own_stored_energy_is_evaluated_along_the_members():
+    def energy(eps, gamma, kappa):
+        return 5e3 * eps**2 + 5e3 * gamma**2 + 50.0 * kappa**2
+
+    own = fb.Section(strain_energy=energy, rhoA=FLYING.rhoA, rhoI=FLYING.rhoI)
+    found = []
+    for section in (FLYING, own):
+        scene = fb.Scene(gravity=(0.0, -9.81))
+        arm = scene.add_beam([(0, 0), (1, 0)], section, 3, name="arm")
+        scene.clamp(arm.start)
+        solution = fb.simulate(scene, dt=0.02, t_end=0.1)
+        found.append(along(solution, "arm", "strain energy", [5], np.array([0.5])))
+    assert found[0] == pytest.approx(found[1], rel=1e-6)
+
+
+@pytest.mark.parametrize("degree", [1, 2, 3])
+def test_fields_pass_through_the_nodes_and_the_gauss_points(degree):
+    solution, rows = fall(degree), range(11)
+    ends = along(solution, "leg", "speed", rows, np.array([0.0, 1.0]))
+    tip = np.hypot(*solution.velocity(solution.beams["leg"].end).T)
+    assert ends[:, -1, 1] == pytest.approx(tip, abs=1e-14)
+    gauss = (np.polynomial.legendre.leggauss(degree)[0] + 1) / 2
+    found = along(solution, "leg", "M", rows, gauss).reshape(11, -1)
+    assert found == pytest.approx(solution.resultants("leg").M, abs=1e-9)
+
+
+def test_the_energy_along_members_of_a_saved_solution_is_refused(tmp_path):
+    fall().save(tmp_path / "run.npz")
+    with pytest.raises(ValueError, match="needs its section, which a saved file does not hold"):
+        along(fb.load(tmp_path / "run.npz"), "leg", "strain energy", [0], np.array([0.5]))
+
+
+# -- ParaView ----------------------------------------------------------------------------------
+
+
+@pytest.mark.plot
+@pytest.mark.parametrize("degree", [1, 2, 3])
+@pytest.mark.parametrize("source", ["computed", "saved"])
+def test_paraview_files_hold_what_the_solution_has(degree, source, tmp_path):
+    pv = pytest.importorskip("pyvista")
+    solution = fall(degree)
+    if source == "saved":
+        solution.save(tmp_path / "run.npz")
+        solution = fb.load(tmp_path / "run.npz")
+    solution.to_paraview(tmp_path / "run.pvd")
+    reader = pv.get_reader(str(tmp_path / "run.pvd"))
+    np.testing.assert_array_equal(reader.time_values, solution.t)
+    for k in (0, 10):
+        reader.set_active_time_value(reader.time_values[k])
+        (grid,) = reader.read()
+        assert grid.n_cells == 7 and grid.n_points == 7 * (degree + 1)
+        assert sorted(set(grid.cell_data["beam"])) == [0, 1]
+        nodes = [
+            [n[degree * e + i] for e in range((len(n) - 1) // degree) for i in range(degree + 1)]
+            for n in solution.nodes_of_beam.values()
+        ]
+        nodes = np.concatenate(nodes)
+        np.testing.assert_array_equal(grid.points[:, :2], solution.X[nodes])
+        data = grid.point_data
+        np.testing.assert_array_equal(data["displacement"][:, :2], solution.q[k][nodes, :2])
+        np.testing.assert_array_equal(data["rotation"], solution.q[k][nodes, 2])
+        np.testing.assert_array_equal(data["velocity"][:, :2], solution.v[k][nodes, :2])
+        np.testing.assert_array_equal(data["spin"], solution.v[k][nodes, 2])
+        gauss = (np.polynomial.legendre.leggauss(degree)[0] + 1) / 2
+        for kind in "NQM":
+            values = data[kind].reshape(7, degree + 1)
+            powers = np.linspace(0, 1, degree + 1)
+            found = np.array([np.polyval(np.polyfit(powers, row, degree), gauss) for row in values])
+            wanted = [getattr(solution.resultants(name), kind)[k] for name in solution.beams]
+            assert found.ravel() == pytest.approx(np.concatenate(wanted), rel=1e-6, abs=1e-6)
+
+
+@pytest.mark.plot
+@pytest.mark.parametrize("degree", [1, 2, 3])
+def test_elements_in_paraview_are_as_long_as_they_are(degree, tmp_path):
+    pv = pytest.importorskip("pyvista")
+    solution = fall(degree)
+    solution.to_paraview(tmp_path / "run.pvd")
+    (grid,) = pv.get_reader(str(tmp_path / "run.pvd")).read()
+    length = grid.tessellate().compute_cell_sizes()["Length"].sum()
+    assert length == pytest.approx(sum(b.length for b in solution.beams.values()), rel=0.02)
+
+
+def test_what_was_not_recorded_is_not_written_for_paraview(tmp_path):
+    fall(record=fb.Record(rates=False)).to_paraview(tmp_path / "run.pvd")
+    text = (tmp_path / "run" / "run_00000.vtu").read_text()
+    assert "displacement" in text and "velocity" not in text
+    with pytest.raises(ValueError, match="motion not recorded"):
+        fall(record=fb.Record(motion=False)).to_paraview(tmp_path / "none.pvd")
+    assert not (tmp_path / "none").exists()
+    with pytest.raises(ValueError, match=r"run.vtk: its name must end with .pvd"):
+        fall().to_paraview(tmp_path / "run.vtk")
+
+
+# -- Tables ------------------------------------------------------------------------------------
+
+
+def test_a_table_of_pandas_has_the_columns_of_the_csv_file(tmp_path):
+    pandas = pytest.importorskip("pandas")
+    solution = fall()
+    nodes = {"tip": solution.beams["leg"].end}
+    table = solution.to_pandas(nodes)
+    solution.to_csv(tmp_path / "run.csv", nodes)
+    pandas.testing.assert_frame_equal(table, pandas.read_csv(tmp_path / "run.csv", index_col="t"))
+    np.testing.assert_array_equal(table["tip y rate"], solution.velocity(nodes["tip"])[:, 1])
+
+
+def test_arrays_of_xarray_bear_the_names_of_their_axes():
+    pytest.importorskip("xarray")
+    solution = fall()
+    found = solution.to_xarray()
+    tip = solution.beams["leg"].end
+    y = found["q"].sel(node=tip.number, component="y")
+    np.testing.assert_array_equal(y, solution.displacement(tip)[:, 1])
+    np.testing.assert_array_equal(found["M leg"], solution.resultants("leg").M)
+    assert found["M leg"].dims == ("t", "s leg")
+    np.testing.assert_array_equal(found["energy total"], solution.energy.total)
+    bare = fall(record=fb.Record(motion=False, rates=False)).to_xarray()
+    assert not {"q", "v", "M leg"} & set(bare)
+
+
+@pytest.mark.parametrize("package", ["pandas", "xarray"])
+def test_a_missing_package_is_named_with_what_to_do(package, monkeypatch):
+    solution = fall()
+    monkeypatch.setattr(importlib.util, "find_spec", lambda name: None)
+    with pytest.raises(RuntimeError, match=f"to_{package} needs {package}: pip install {package}"):
+        getattr(solution, f"to_{package}")()
+
+
+# -- HTML --------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("degree", [1, 3])
+def test_a_scene_says_what_it_is_made_of(degree):
+    scene = frame(degree)[0]
+    text, unknowns = scene._repr_html_(), fall(degree).stats.unknowns
+    assert "<td>2: arm, leg</td>" in text and f"7 of degree {degree}" in text
+    assert f"<th>unknowns</th><td>{unknowns}</td>" in text
+    assert "<caption>Scene</caption>" in fb.Scene()._repr_html_()
+
+
+def test_unknowns_of_slides_and_motors_are_counted():
+    scene = fb.Scene()
+    bar = scene.add_beam([(0, 0), (1, 0)], FLYING, 4)
+    bead, cart = (scene.add_beam([(x, 0), (x, 1)], FLYING) for x in (0.5, 1.0))
+    scene.prescribe(bar.start, x=lambda t: t**2)
+    scene.fix(bar.start, "y")
+    scene.add_joint(fb.Prismatic(bar.node(0.5), bead.start, axis=(1, 0)))
+    scene.add_joint(fb.PinInSlot(bar.end, cart.start, axis=(1, 0), motor=lambda t: t**2))
+    unknowns = fb.simulate(scene, dt=0.01, t_end=0.01).stats.unknowns
+    assert f"<th>unknowns</th><td>{unknowns}</td>" in scene._repr_html_()
+
+
+def test_a_solution_says_how_far_it_came_and_how_well():
+    text = fall()._repr_html_()
+    assert "0 to 0.2, 11 rows" in text and "EnergyMomentum" in text
+    assert "largest energy error" in text and "broke off" not in text
+    scene = fb.Scene(gravity=(0.0, -9.81))
+    scene.clamp(scene.add_beam([(0, 0), (1, 0)], FLYING, 4).start)
+    path = fb.static(scene, steps=2)
+    assert "<th>load factor</th><td>0 to 1, 3 rows</td>" in path._repr_html_()
