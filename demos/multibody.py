@@ -170,7 +170,7 @@ def audit(solution, joints):
         "Newton iterations": solution.stats.newton_iterations,
         "halvings": solution.stats.halvings,
         "failed at": solution.t[-1] if solution.stats.failure else None,
-        "failure": solution.stats.failure or None,
+        "failure": solution.stats.failure and solution.stats.failure.reason,
     }
 
 
@@ -249,7 +249,7 @@ def report(numbers):
                 "never" if run["lost at"] is None else f"{run['lost at']:.3g}",
             )
             print(row(name, *values))
-            failures += [run["failure"].split(". ")[0]] if run["failure"] else []
+            failures += [run["failure"]] if run["failure"] else []
     print(*failures, sep="\n", end="\n" if failures else "")
 
 

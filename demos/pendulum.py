@@ -169,7 +169,7 @@ def audit(solution):
         "Newton iterations": solution.stats.newton_iterations,
         "halvings": solution.stats.halvings,
         "failed at": solution.t[-1] if solution.stats.failure else None,
-        "failure": solution.stats.failure or None,
+        "failure": solution.stats.failure and solution.stats.failure.reason,
     }
 
 
@@ -245,7 +245,7 @@ def report(numbers):
                 f"{run['failed at']:.2f} s" if failed else "never",
             )
             print(row(name, *values))
-            failures += [run["failure"].split(". ")[0]] if failed else []
+            failures += [run["failure"]] if failed else []
     print(*failures, sep="\n", end="")
 
 

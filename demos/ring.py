@@ -175,7 +175,7 @@ def audit(solution):
         "linear momentum drift": abs(linear - linear[0]).max() / abs(linear[0]).max(),
         "halvings": solution.stats.halvings,
         "failed at": solution.t[-1] if solution.stats.failure else None,
-        "failure": solution.stats.failure or None,
+        "failure": solution.stats.failure and solution.stats.failure.reason,
     }
 
 

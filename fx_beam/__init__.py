@@ -5,7 +5,7 @@ import importlib
 from .analyses.dynamics import simulate
 from .analyses.modal import Modes, modes
 from .analyses.statics import static
-from .errors import SceneError, StepError
+from .errors import Failure, SceneError, StepError
 from .mechanics.kinematics import Step
 from .mechanics.rates import AtRest, MidPointRates, NewmarkRates, Rates
 from .mechanics.resultants import Resultants, WeightedResultants
@@ -44,6 +44,7 @@ __all__ = [
     "Energy",
     "EnergyMomentum",
     "Equilibrium",
+    "Failure",
     "GeneralizedAlpha",
     "Joint",
     "JointMotion",

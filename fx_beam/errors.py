@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import Any
 
 
@@ -18,16 +19,56 @@ class SceneError(ValueError):
     """
 
 
+@dataclass(frozen=True)
+class Failure:
+    """Why a run ended early.
+
+    Parameters
+    ----------
+    kind : str
+        What happened: "no convergence" of Newton's method, "singular" tangent, "large rotation" in
+        one step, "off the path" for a load step that ends on another equilibrium path, "function"
+        for a function of the user's that fails or is not finite, "interrupted", or "too many
+        steps".
+    reason : str
+        One sentence.
+    time : float
+        Time at the start of the failed step, or the time at which a user's function failed [s]. In
+        statics it is the load factor.
+    advice : str
+        Where it happened in detail, and what to try.
+
+    Examples
+    --------
+    >>> import fx_beam as fb
+    >>> scene = fb.Scene()
+    >>> section = fb.Section(EA=1e4, GA=1e4, EI=100.0, rhoA=1.0, rhoI=0.1)
+    >>> beam = scene.add_beam([(0, 0), (1, 0)], section)
+    >>> scene.set_velocity(beam, lambda x, y: (0.0, 100 * x), spin=lambda x, y: 100.0)
+    >>> scene.pin(beam.start)
+    >>> try:
+    ...     fb.simulate(scene, dt=0.1, t_end=1.0, max_halvings=0)
+    ... except fb.StepError as error:
+    ...     print(error.failure.kind)
+    large rotation
+    """
+
+    kind: str
+    reason: str
+    time: float
+    advice: str = ""
+
+    def __str__(self):
+        return ". ".join(filter(None, (self.reason, self.advice)))
+
+
 class StepError(RuntimeError):
     """A step that failed.
 
     Parameters
     ----------
-    message : str
+    failure : Failure
         What happened, where, and what to try.
-    time : float
-        Time at the start of the failed step, or the time at which a user's function failed [s]. In
-        statics it is the load factor.
 
     Examples
     --------
@@ -45,11 +86,16 @@ class StepError(RuntimeError):
     0.3 [0.  0.1 0.2]
     """
 
-    def __init__(self, message: str, time: float):
-        super().__init__(message)
-        self.time = time
+    def __init__(self, failure: Failure):
+        super().__init__(str(failure))
+        self.failure = failure
         #: The `Solution` up to the last step that succeeded.
         self.solution: Any = None
 
+    @property
+    def time(self) -> float:
+        """Time or load factor of the failure, as `Failure` has it."""
+        return self.failure.time
+
     def __reduce__(self):
-        return type(self), (str(self), self.time), self.__dict__
+        return type(self), (self.failure,), self.__dict__

@@ -12,7 +12,7 @@ from ufl.core.expr import Expr
 
 import numpy as np
 
-from .errors import SceneError, StepError
+from .errors import Failure, SceneError, StepError
 
 TimeFunction = Callable[[float], np.ndarray]
 # Parameter names, in lower case, that show a function of position instead of time.
@@ -180,7 +180,9 @@ def evaluate(function: TimeFunction, t: float, what: str) -> np.ndarray:
     try:
         value = function(t)
     except Exception as error:
-        raise StepError(f"{what}: evaluating it at t = {t:.6g} raised {error!r}", t) from error
+        reason = f"{what}: evaluating it at t = {t:.6g} raised {error!r}"
+        raise StepError(Failure("function", reason, t)) from error
     if not np.isfinite(value).all():
-        raise StepError(f"{what}: its value at t = {t:.6g} is {value}, which is not finite", t)
+        reason = f"{what}: its value at t = {t:.6g} is {value}, which is not finite"
+        raise StepError(Failure("function", reason, t))
     return value

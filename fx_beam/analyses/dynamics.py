@@ -28,7 +28,7 @@ from fx_beam.stepping.substeps import LARGE_TURN, MOST_HALVINGS
 from fx_beam.validation import is_number, is_whole, require
 
 from .evaluation import solution_of
-from .progress import keep, progress_bar
+from .progress import failure_of, keep, progress_bar
 
 _log = logging.getLogger("fx_beam")
 
@@ -162,7 +162,7 @@ def simulate(
                 bar.update(len(block))
     except (StepError, KeyboardInterrupt) as error:
         stats.seconds = time.perf_counter() - clock
-        stats.failure = str(error) or "interrupted"
+        stats.failure = failure_of(error, state.t)
         keep(error, solution_of(model, recorder, stats))
         raise
     stats.seconds = time.perf_counter() - clock

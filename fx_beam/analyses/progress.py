@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from tqdm import tqdm
 
-from fx_beam.errors import StepError
+from fx_beam.errors import Failure, StepError
 from fx_beam.results.solution import Solution
 
 # Seconds after which a bar is shown to those who have not asked for it.
@@ -21,6 +21,13 @@ def progress_bar(total: float, asked: bool | None, **look) -> tqdm:
     # tqdm takes None as: only on a terminal.
     hidden = None if asked is None else not asked
     return tqdm(total=total, disable=hidden, delay=0 if asked else _SOON, leave=False, **look)
+
+
+def failure_of(stop: StepError | KeyboardInterrupt, time: float) -> Failure:
+    """Why a run ended early, at a time or load factor."""
+    if isinstance(stop, StepError):
+        return stop.failure
+    return Failure("interrupted", "interrupted", time)
 
 
 def keep(stop: StepError | KeyboardInterrupt, solution: Solution | None) -> None:

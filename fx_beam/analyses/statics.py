@@ -8,7 +8,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from fx_beam.errors import SceneError, StepError
+from fx_beam.errors import Failure, SceneError, StepError
 from fx_beam.mechanics.schemes import Equilibrium
 from fx_beam.model.model import Model
 from fx_beam.results.audit import Stats
@@ -25,7 +25,7 @@ from fx_beam.stepping.substeps import MOST_HALVINGS
 from fx_beam.validation import is_number, is_whole, require
 
 from .evaluation import solution_of
-from .progress import keep, progress_bar
+from .progress import failure_of, keep, progress_bar
 
 _log = logging.getLogger("fx_beam")
 _BAR = "{percentage:3.0f}%|{bar}| load factor {n:.3g} [{elapsed}]"
@@ -135,14 +135,14 @@ def static(
             else:
                 ArcLength(stepper).follow(states, steps, max_cuts, max_steps)
     except (StepError, KeyboardInterrupt) as error:
-        stats.failure = str(error) or "interrupted"
+        stats.failure = failure_of(error, states[-1].t if states else 0.0)
         keep(error, _solution(stepper, facing, states, clock) if states else None)
         raise
     if states[-1].t < 1:
-        stats.failure = (
-            f"static: {max_steps} steps, and no further than load factor {states[-1].t:g}"
-        )
-        _log.warning(stats.failure)
+        factor = states[-1].t
+        reason = f"static: {max_steps} steps, and no further than load factor {factor:g}"
+        stats.failure = Failure("too many steps", reason, factor)
+        _log.warning(reason)
     return _solution(stepper, facing, states, clock)
 
 

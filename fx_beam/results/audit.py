@@ -7,6 +7,8 @@ from typing import Any
 
 import numpy as np
 
+from fx_beam.errors import Failure
+
 
 def read_only(values: np.ndarray) -> np.ndarray:
     """Read-only view of an array."""
@@ -119,8 +121,8 @@ class Stats:
         Compiled forms.
     assembled : list of str
         Matrices and loads of the scene.
-    failure : str
-        Why the simulation stopped early; empty if it did not.
+    failure : Failure, optional
+        Why the run ended early; none if it did not.
     static : bool
         Whether the solution is static: its steps are load factors, not times.
     limit_points : list of float
@@ -152,7 +154,7 @@ class Stats:
     setup_seconds: float = 0.0
     compiled: list[str] = field(default_factory=list)
     assembled: list[str] = field(default_factory=list)
-    failure: str = ""
+    failure: Failure | None = None
     static: bool = False
     limit_points: list[float] = field(default_factory=list)
 

@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from fx_beam.errors import Failure
 from fx_beam.scene.beam import Beam, Node
 
 from .audit import BeamResultants, Energy, Stats
@@ -86,9 +87,16 @@ def _read(path) -> Solution:
     return Solution(
         **{name: data[name] for name in HISTORIES},
         energy=Energy(**{name: data[f"energy_{name}"] for name in known}),
-        stats=Stats(**meta["stats"]),
+        stats=_stats(meta["stats"]),
         beams=beams,
         nodes_of_beam=nodes_of_beam,
         resultants_of_beam=resultants.__getitem__,
         end=end,
     )
+
+
+def _stats(saved: dict[str, Any]) -> Stats:
+    failure = saved.pop("failure")
+    if isinstance(failure, str) and failure:  # in files of earlier versions
+        failure = {"kind": "", "reason": failure, "time": np.nan}
+    return Stats(**saved, failure=Failure(**failure) if failure else None)

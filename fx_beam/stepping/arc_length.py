@@ -19,7 +19,7 @@ import scipy.optimize
 import scipy.sparse
 import scipy.sparse.linalg
 
-from fx_beam.errors import StepError
+from fx_beam.errors import Failure, StepError
 from fx_beam.mechanics.interval import Interval
 from fx_beam.model.equations import Balance
 from fx_beam.results.state import State
@@ -82,7 +82,9 @@ class ArcLength:
                 off = self._turn(states[-1], state, tangent, ahead, ds)
                 if off > _TOO_FAR * aim:
                     D = state.q - states[-1].q
-                    raise StepFailed("the path turns too far from its tangents in it", D, [])
+                    raise StepFailed(
+                        "off the path", "the path turns too far from its tangents in it", D, []
+                    )
                 turns = ahead.load * rising < 0
                 if turns:
                     state, ahead = self._limit_point(states[-1], tangent, ds, ahead)
@@ -127,7 +129,9 @@ class ArcLength:
     ) -> tuple[State, Tangent]:
         """Where in a step the load factor turns, and the tangent there."""
         if tangent.load * ahead.load > 0:
-            raise StepFailed("the load factor turns twice in it", ds * tangent.D, [])
+            raise StepFailed(
+                "off the path", "the load factor turns twice in it", ds * tangent.D, []
+            )
         slopes = {0.0: tangent.load, ds: ahead.load}
         found: dict[float, tuple[State, Tangent]] = {}
 
@@ -184,7 +188,7 @@ class ArcLength:
                 return StepSolution(D, y, r, iteration, ended_by, predicted), load
             previous = size
         reason = f"no convergence in {newton.options.max_iterations} iterations"
-        raise StepFailed(reason, D, residuals)
+        raise StepFailed("no convergence", reason, D, residuals)
 
     def _tangent(self, state: State, previous: Tangent | None) -> Tangent:
         """Unit tangent at a state, in the direction of a previous one or of growing loads."""
@@ -196,7 +200,7 @@ class ArcLength:
         D = self._spread(dy, dload)
         length = np.sqrt(D @ (self._weight * D) + dload**2)
         if not np.isfinite(length):
-            raise StepFailed("the tangent is singular there", D, [])
+            raise StepFailed("singular", "the tangent is singular there", D, [])
         return Tangent(dy / length, D / length, dload / length)
 
     # -- Equations ------------------------------------------------------------------------------
@@ -265,20 +269,24 @@ class ArcLength:
         return unit * x[:free], float(x[free])
 
     def _error(self, state: State, failure: StepFailed, cuts: int) -> StepError:
-        return StepError(
-            f"static: the step along the arc length from load factor {state.t:.6g} failed"
-            f"{f' after {cuts} cuts' if cuts else ''}: {failure.reason}. "
-            f"{self.stepper.single.largest(failure)}. Try more steps or cuts; if that "
-            "does not help, look for a load or a stiffness in the wrong unit",
+        what = f"the step along the arc length from load factor {state.t:.6g} failed"
+        return self.stepper.single.error(
+            f"{what} after {cuts} cuts" if cuts else what,
             state.t,
+            failure,
+            "Try more steps or cuts; if that does not help, look for a load or a stiffness in the "
+            "wrong unit",
         )
 
     def _lost(self, state: State) -> StepError:
         turned = ", ".join(f"{point:.6g}" for point in self.stepper.stats.limit_points)
         return StepError(
-            f"static: the path does not come back to load factor 1: with limit points at {turned} "
-            f"it has come to {state.t:.6g}. Its rows are in the error's `solution`. At load factor "
-            "1 there may be equilibria on other paths: try a motion with dampers, or the loads in "
-            "other proportions",
-            state.t,
+            Failure(
+                "off the path",
+                "static: the path does not come back to load factor 1: with limit points at "
+                f"{turned} it has come to {state.t:.6g}",
+                state.t,
+                "Its rows are in the error's `solution`. At load factor 1 there may be equilibria "
+                "on other paths: try a motion with dampers, or the loads in other proportions",
+            )
         )

@@ -117,7 +117,7 @@ class LoadStepper:
                 f"it ends {self.deviation:.2g} times as far from where the tangent leads as that "
                 "is from its start, and so on another path"
             )
-            raise StepFailed(reason, D, [])
+            raise StepFailed("off the path", reason, D, [])
         at_start, at_end = (
             F @ D + hold @ step.y for F, hold in zip(forces, self._hold, strict=True)
         )
@@ -136,7 +136,7 @@ class LoadStepper:
                 f"the loads do {work:.3g} J of work in it and {gained:.3g} J are gained, so that "
                 "it is too long, or ends on another path"
             )
-            raise StepFailed(reason, D, [])
+            raise StepFailed("off the path", reason, D, [])
 
     def _energy(self, state: State) -> float:
         model = self.model
@@ -163,7 +163,7 @@ class LoadStepper:
                 states.append(state)
                 self.stats.steps += 1
         except StepFailed as failure:
-            raise self.error(states[-1], self._goal, failure, max_cuts) from failure
+            raise self._error(states[-1], failure, max_cuts) from failure
 
     def _in_steps(
         self,
@@ -192,16 +192,17 @@ class LoadStepper:
                 stride *= 2
 
     def _error_of_first(self, failure: StepFailed, cuts: int) -> StepError:
-        return StepError(
-            f"static: no equilibrium without loads was found{f' after {cuts} cuts' if cuts else ''}"
-            f": {failure.reason}. {self.single.largest(failure)}. Look for a part "
-            f"without support, or a spring far from its rest; up to {self._goal:.3g} of their "
-            "strain were tried",
+        what = "no equilibrium without loads was found"
+        return self.single.error(
+            f"{what} after {cuts} cuts" if cuts else what,
             0.0,
+            failure,
+            "Look for a part without support, or a spring far from its rest; up to "
+            f"{self._goal:.3g} of their strain were tried",
         )
 
-    def error(self, state: State, goal: float, failure: StepFailed, cuts: int) -> StepError:
-        """What to raise when a load step has failed."""
+    def _error(self, state: State, failure: StepFailed, cuts: int) -> StepError:
+        what = f"the step from load factor {state.t:.6g} to {self._goal:.6g} failed"
         advice = (
             'If the path has a limit point there, continuation="arc-length" passes it; otherwise '
             "try more steps, and look for a load or a stiffness in the wrong unit"
@@ -212,9 +213,6 @@ class LoadStepper:
                 'that of the first step, as towards a limit point: continuation="arc-length" '
                 "passes it"
             )
-        return StepError(
-            f"static: the step from load factor {state.t:.6g} to {goal:.6g} failed"
-            f"{f' after {cuts} cuts' if cuts else ''}: {failure.reason}. "
-            f"{self.single.largest(failure)}. {advice}",
-            state.t,
+        return self.single.error(
+            f"{what} after {cuts} cuts" if cuts else what, state.t, failure, advice
         )

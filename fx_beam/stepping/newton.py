@@ -93,11 +93,11 @@ class StepSolution:
 
 
 class StepFailed(Exception):
-    """A step without convergence: the reason, the last increment D, and the largest residuals."""
+    """A step without convergence, as in `Failure`; the last increment, the largest residuals."""
 
-    def __init__(self, reason: str, D: np.ndarray, residuals: list[float]):
+    def __init__(self, kind: str, reason: str, D: np.ndarray, residuals: list[float]):
         super().__init__(reason)
-        self.reason = reason
+        self.kind, self.reason = kind, reason
         self.D = D
         self.residuals = residuals
 
@@ -127,7 +127,12 @@ class Newton:
     def _linear(self) -> _LinearSolver:
         if find_spec("petsc4py") is None:  # a step on which the compiled loop gave up
             D = np.full(self.model.size, np.nan)
-            raise StepFailed("no convergence; with petsc4py installed this would say more", D, [])
+            raise StepFailed(
+                "no convergence",
+                "no convergence; with petsc4py installed this would say more",
+                D,
+                [],
+            )
         return _LinearSolver(self.model.reduction.pattern)
 
     def solve(
@@ -192,7 +197,8 @@ class Newton:
             if ended_by:
                 return StepSolution(D, y, r, iteration, ended_by, predicted)
             previous = size
-        raise StepFailed(f"no convergence in {options.max_iterations} iterations", D, residuals)
+        reason = f"no convergence in {options.max_iterations} iterations"
+        raise StepFailed("no convergence", reason, D, residuals)
 
     # -- What every solver for an increment asks --------------------------------------------------
 
@@ -205,13 +211,15 @@ class Newton:
         """Refuse a correction whose size is no number."""
         if not np.isfinite(size):
             D = np.full(self.model.size, np.nan)
-            raise StepFailed("the tangent is singular or a value is not finite", D, residuals)
+            reason = "the tangent is singular or a value is not finite"
+            raise StepFailed("singular", reason, D, residuals)
 
     def check_turn(self, D: np.ndarray, residuals: list[float]) -> None:
         """Refuse an increment (size,) that turns a node beyond the bound."""
         turn = abs(D[self.model.turns]).max()
         if turn > self.options.max_turn:
             raise StepFailed(
+                "large rotation",
                 f"a node turns by {turn:.3g} rad in one step, more than the bound "
                 f"{self.options.max_turn:g}",
                 D,

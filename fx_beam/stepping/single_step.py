@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from fx_beam.errors import Failure, StepError
 from fx_beam.mechanics.interval import Interval
 from fx_beam.model.equations import Equations
 from fx_beam.model.joint_forces import JointForces
@@ -105,14 +106,17 @@ class SingleStep:
             return force
         return force + (0.5 - level) * (force - previous)
 
-    def largest(self, failure: StepFailed) -> str:
-        """The largest increment of a failed step, and how its residuals went."""
+    def error(self, what: str, time: float, failed: StepFailed, advice: str) -> StepError:
+        """What to raise when a step has failed for good: what it was, and what to try."""
         model = self.model
-        D = model.to_nodes(abs(failure.D / model.unit))
+        D = model.to_nodes(abs(failed.D / model.unit))
         node, component = np.unravel_index(np.argmax(np.nan_to_num(D, nan=np.inf)), D.shape)
         x, y = model.mesh.X[node]
-        history = ", ".join(f"{r:.1e}" for r in failure.residuals[-8:])
-        return (
+        history = ", ".join(f"{r:.1e}" for r in failed.residuals[-8:])
+        where = (
             f"Largest increment: {COMPONENTS[component]} of node {node} at ({x:g}, {y:g}). Largest "
             f"out-of-balance force, last iterations: {history or 'none'}"
         )
+        who = "static" if self.stats.static else model.scheme.name
+        reason = f"{who}: {what}: {failed.reason}"
+        return StepError(Failure(failed.kind, reason, time, f"{where}. {advice}"))

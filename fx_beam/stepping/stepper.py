@@ -64,8 +64,7 @@ class Stepper:
                 state, _ = self.single.take(state, Interval(state.t, t1))
             except StepFailed as failure:
                 if not self.halving.fail():
-                    message = self._message(state, t1, failure, self.halving.most)
-                    raise StepError(message, state.t) from failure
+                    raise self._error(state, t1, failure) from failure
                 self.stats.halvings += 1
                 continue
             self.stats.substeps += 1
@@ -78,11 +77,13 @@ class Stepper:
                 recorder.record(number, state, before, parts)
             return state
 
-    def _message(self, state: State, t1: float, failure: StepFailed, halvings: int) -> str:
-        return (
-            f"{self.model.scheme.name}: the step from t = {state.t:.6g} to {t1:.6g} failed"
-            f"{f' after {halvings} halvings' if halvings else ''}: {failure.reason}. "
-            f"{self.single.largest(failure)}. Try a smaller dt"
-            f"{'' if halvings else ' or max_halvings > 0'}; if that does not help, look for a "
-            "load, a velocity or a stiffness in the wrong unit, or another scheme"
+    def _error(self, state: State, t1: float, failure: StepFailed) -> StepError:
+        halvings = self.halving.most
+        what = f"the step from t = {state.t:.6g} to {t1:.6g} failed"
+        return self.single.error(
+            f"{what} after {halvings} halvings" if halvings else what,
+            state.t,
+            failure,
+            f"Try a smaller dt{'' if halvings else ' or max_halvings > 0'}; if that does not help, "
+            "look for a load, a velocity or a stiffness in the wrong unit, or another scheme",
         )

@@ -243,9 +243,7 @@ def _drifts(cells: list[Cell]) -> list[str]:
 
 def _reasons(cells: list[Cell]) -> list[str]:
     reasons = [
-        [cell.case.name, cell.scheme, ". ".join(cell.verdict.reason.split(". ")[:2])]
-        for cell in cells
-        if cell.verdict.reason
+        [cell.case.name, cell.scheme, cell.verdict.reason] for cell in cells if cell.verdict.reason
     ]
     if not reasons:
         return []

@@ -151,7 +151,8 @@ def classify(run: Solution | StepError, t_end: float) -> Verdict:
         return Verdict("failed", run.time, run.time / t_end, 1.0, 1.0, 0, 0, 0, 0, str(run))
     ratio = energy_ratio(solution)
     highest, lowest = float(ratio.max()), float(ratio.min())
-    stats, reason = solution.stats, solution.stats.failure
+    stats = solution.stats
+    reason = stats.failure.reason if stats.failure else ""
     if highest > BLOWN_UP:
         kind = "blew up"
     elif reason:

@@ -222,7 +222,7 @@ def _row(label: str, mesh: Mesh, dt: float, solution: Solution) -> Run:
         newton_iterations=stats.newton_iterations,
         halvings=stats.halvings,
         reached=float(solution.t[-1]),
-        failure=stats.failure.split(". ")[0],
+        failure=stats.failure.reason if stats.failure else "",
         first_setup_seconds=stats.setup_seconds,
         # Nothing moves where there is no energy, and nothing is lost.
         energy_error=float(abs(energy.balance_error).max() / size) if size else 0.0,
