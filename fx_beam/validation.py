@@ -131,10 +131,10 @@ def checked_function(value, size: int, what: str, *sample: float) -> Callable:
         raise SceneError(f"{what}: calling it at {sample} raised {error!r}") from error
     vector(first, size, what)
 
-    return _Checked(value, size, what)
+    return _CheckedFunction(value, size, what)
 
 
-class _Checked:
+class _CheckedFunction:
     """A user's function; its values get their shape or are refused."""
 
     def __init__(self, function: Callable, size: int, what: str):
@@ -154,7 +154,7 @@ def series(function: TimeFunction, times: np.ndarray, what: str) -> np.ndarray:
 
     Raises StepError otherwise. The `time` of the error, or of an interrupt, says when.
     """
-    if isinstance(function, _Checked):
+    if isinstance(function, _CheckedFunction):
         # All values are checked at once: one by one, the checks cost more than most functions.
         found: list = []
         try:

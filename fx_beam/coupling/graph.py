@@ -51,7 +51,7 @@ class Couplings:
     slides: dict[int, int]
     #: Joints whose coupling changes with the motion. Joint m has the values 1 + 4 m to 4 + 4 m: the
     #: derivatives of x and y by the rotation, then by the slide.
-    bending: list[Joint]
+    moving: list[Joint]
     #: For x, y and rotation (3, joints): 1 if b follows a, -1 if a follows b, 0 if neither does.
     sign: np.ndarray
     #: For x, y and rotation, and for each joint: the nodes that follow through it.
@@ -97,8 +97,8 @@ def couple(scene: Scene, mesh: Mesh) -> Couplings:
     """Couplings of a scene; SceneError for joints that over-constrain, with their names."""
     forests = _forests(scene)
     columns = _Columns(scene, mesh, forests)
-    bending = [b.joint for b in forests[0] if not b.joint.is_index]
-    place = {joint.number: 1 + 4 * m for m, joint in enumerate(bending)}
+    moving = [b.joint for b in forests[0] if not b.joint.is_index]
+    place = {joint.number: 1 + 4 * m for m, joint in enumerate(moving)}
     ground = [(columns.of[_GROUND], 0, 1.0)] if _GROUND in columns.of else []
     entries: dict[tuple[int, int], list[Entry]] = {(GROUND.number, i): ground for i in range(3)}
     for key in columns.roots:
@@ -130,7 +130,7 @@ def couple(scene: Scene, mesh: Mesh) -> Couplings:
         columns=columns.count,
         entries=by_dof,
         slides=columns.slides,
-        bending=bending,
+        moving=moving,
         sign=np.array([_signs(forest, len(scene.joints)) for forest in forests]),
         subtree=[_descendants(forest, len(scene.joints)) for forest in forests],
     )

@@ -36,32 +36,32 @@ class JointReduction:
         self._build_products(couplings, matrix)
 
     def _build_joints(self, couplings: Couplings) -> None:
-        bending = couplings.bending
-        self._bending = bending
-        self._offset = np.array([joint.offset for joint in bending]).reshape(-1, 2)
+        moving = couplings.moving
+        self._moving = moving
+        self._offset = np.array([joint.offset for joint in moving]).reshape(-1, 2)
         self._axis = np.array(
-            [(0.0, 0.0) if joint.axis is None else joint.axis for joint in bending]
+            [(0.0, 0.0) if joint.axis is None else joint.axis for joint in moving]
         ).reshape(-1, 2)
         #: Signs in x and y.
-        self._joint_sign = couplings.sign[:2, [joint.number for joint in bending]].T
+        self._joint_sign = couplings.sign[:2, [joint.number for joint in moving]].T
         #: Rotation of the guide; -1 for the ground.
         self._guide = np.array(
-            [self._dofs[j.a.number, 2] if j.a.number >= 0 else -1 for j in bending], dtype=int
+            [self._dofs[j.a.number, 2] if j.a.number >= 0 else -1 for j in moving], dtype=int
         )
-        self._slide = np.array([couplings.slides.get(j.number, -1) for j in bending], dtype=int)
+        self._slide = np.array([couplings.slides.get(j.number, -1) for j in moving], dtype=int)
         # Rows that follow through joint m: 2 m for those in x, 2 m + 1 for those in y.
         below = [
-            self._dofs[couplings.subtree[i][joint.number], i] for joint in bending for i in (0, 1)
+            self._dofs[couplings.subtree[i][joint.number], i] for joint in moving for i in (0, 1)
         ]
         self._below = np.concatenate([np.empty(0, int), *below])
         self._through = np.repeat(np.arange(len(below)), [len(rows) for rows in below])
-        self._values, self._hat = (np.ones(1 + 4 * len(bending)) for _ in range(2))
+        self._values, self._hat = (np.ones(1 + 4 * len(moving)) for _ in range(2))
 
     def _build_products(self, couplings: Couplings, matrix) -> None:
         """Positions of all products That[i, a] K[i, j] T[j, b] in the reduced tangent."""
         free = self.free
         second = []
-        for m, joint in enumerate(self._bending):
+        for m, joint in enumerate(self._moving):
             turn = [e for e in couplings.entries_of_guide(joint, self._dofs) if e[0] < free]
             slide = [(self._slide[m], 0, 1.0)] if 0 <= self._slide[m] < free else []
             for kind, hats, values in ((0, turn, turn), (1, turn, slide), (2, slide, turn)):
@@ -112,7 +112,7 @@ class JointReduction:
                 "sign": self._joint_sign,
                 "guide": self._guide,
                 "slide_column": self._slide,
-                "number": np.array([joint.number for joint in self._bending], dtype=int),
+                "number": np.array([joint.number for joint in self._moving], dtype=int),
             },
             followers={"dof": self._below, "through": self._through},
             plain={"to": self._plain[0], "source": self._plain[1]},
@@ -127,7 +127,7 @@ class JointReduction:
         """Set the start of a step."""
         guide = self._guide
         self._psi0 = np.where(guide >= 0, q[guide], 0.0) if len(guide) else np.empty(0)
-        self._d0 = slides[[joint.number for joint in self._bending]]
+        self._d0 = slides[[joint.number for joint in self._moving]]
         self._rho0 = _turn(self._psi0, self._offset + self._d0[:, None] * self._axis)
         self._t0 = _turn(self._psi0, self._axis)
         self._actuators.begin(q, slides, dt)
@@ -152,7 +152,7 @@ class JointReduction:
             # Virtual displacements that reproduce the step's increment and a rigid rotation:
             # W (rho0 + rho1)/2, and (t0 + t1)/2 times 1 + Dtheta^2/4 = dDtheta/dDpsi.
             _, self._slope = self._rates.work_increment(Dpsi, np.arange(len(Dpsi)))
-            self._bend = self._rates.slope_derivative(Dpsi)
+            self._slope_derivative = self._rates.slope_derivative(Dpsi)
             self._mean_t = (1 - level) * self._t0 + level * self._t1
             mean_rho = (1 - level) * self._rho0 + level * self._rho1
             self._values[1:] = np.hstack([_perp(self._rho1), self._t1]).ravel()
@@ -201,20 +201,20 @@ class JointReduction:
             [
                 -level * np.einsum("ij,ij->i", F, self._rho1),
                 level * turned,
-                self._bend * direct + self._slope * level * turned,
+                self._slope_derivative * direct + self._slope * level * turned,
             ]
         )
 
     def transmitted(self, r):
         """Sums (joints, 2) [N] of the forces on the nodes that follow through each joint."""
-        n = len(self._bending)
+        n = len(self._moving)
         return np.bincount(self._through, r[self._below], 2 * n).reshape(n, 2)
 
     def guide_moments(self, r):
         """Moments (n_node,) [N m] of these joints on their nodes a."""
         lever = self._hat[1:].reshape(-1, 4)[:, :2]
         moments = np.einsum("ij,ij->i", lever, self.transmitted(r) * self._joint_sign)
-        carriers = np.array([joint.a.number for joint in self._bending], dtype=int)
+        carriers = np.array([joint.a.number for joint in self._moving], dtype=int)
         total = np.zeros(len(self._dofs))
         on_nodes = carriers >= 0
         np.add.at(total, carriers[on_nodes], moments[on_nodes])

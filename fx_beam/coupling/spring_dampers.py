@@ -30,7 +30,7 @@ class _Actuator:
     rate: float = 0.0
     change: float = 0.0
     force: float = 0.0
-    lost: float = 0.0
+    dissipated: float = 0.0
     slopes: tuple[float, float] = (0.0, 0.0)
 
 
@@ -113,7 +113,7 @@ class Actuators:
             # The rate at the scheme's level; in the middle of the step it is the mean rate.
             rate = a.rate + 2 * level * (path / dt - a.rate)
             a.force = elastic * ratio + a.c * rate
-            a.lost = a.c * path**2 / dt
+            a.dissipated = a.c * path**2 / dt
             a.slopes = (
                 -a.k * level * ratio + elastic * by_a - 2 * level * a.c * slope_a / dt,
                 a.k * level * ratio + elastic * by_b + 2 * level * a.c * slope_b / dt,
@@ -164,7 +164,7 @@ class Actuators:
 
     def dissipated(self) -> float:
         """Energy dissipated by the dampers in the current step [J]."""
-        return sum(actuator.lost for actuator in self._all)
+        return sum(actuator.dissipated for actuator in self._all)
 
     # -- For the compiled loop ------------------------------------------------------------------
 

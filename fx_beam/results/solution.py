@@ -35,8 +35,8 @@ class Solution:
         Times [s]; in a static solution load factors.
     t_level : (n,) float
         Times at which the rows of `resultants`, `reaction` and `joint_force` hold [s]: the scheme's
-        level in the step that ends at t[k]. Row 0 is the start: forces are zero there or, after
-        `simulate(start=...)`, those of the last step before.
+        level in the step that ends at t[k]. Row 0 is the start: reactions and joint forces are zero
+        there or, after `simulate(start=...)`, those of the last step before.
     X : (n_node, 2) float
         Reference positions [m].
     q, v, a : (n, n_node, 3) float
