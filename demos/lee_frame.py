@@ -203,6 +203,7 @@ def draw(results, path, loaded, hinge, rows):
     unloaded = [int(np.argmin(abs(part))) for part in np.split(load, rows)]
     shown = sorted([*np.add(unloaded, [0, *rows]), *rows, len(load) - 1])
     plot.shapes(path, shown, results / "shapes.png", length_unit="-")
+    plot.shapes(path, shown, results / "moments.png", length_unit="-", colour="M")
     plot.animate(
         path, range(len(load)), results / "motion.gif", fps=8, trace=loaded, length_unit="-"
     )

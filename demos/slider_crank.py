@@ -223,7 +223,7 @@ def draw(results, solution, joints):
     plot.shapes(solution, last, results / "shapes.png")
     middle = solution.beams["rod"].node(0.5)
     two = range(len(t) - 1 - 2 * turn, len(t))
-    plot.animate(solution, two[::4], results / "motion.gif", trace=middle)
+    plot.animate(solution, two[::4], results / "motion.gif", trace=middle, colour="M")
 
     x, velocity, moment = rigid(t)
     grey = {"color": "0.6", "linewidth": 2.4, "label": "rigid mechanism, exact"}

@@ -68,6 +68,8 @@ HOUSE = {
     "plot": [
         "symbols",
         "time_curves",
+        "colouring",
+        "frames",
         "deformed_shapes",
         "sheet",
         "grounds",
@@ -202,13 +204,20 @@ def test_the_model_knows_nothing_of_solutions():
         ({"slepc4py"}, {"analyses.modal"}),
         (
             {"matplotlib"},
-            {"plot.time_curves", "plot.deformed_shapes", "plot.sheet", "plot.scene_drawing"},
+            {
+                "plot.time_curves",
+                "plot.colouring",
+                "plot.deformed_shapes",
+                "plot.sheet",
+                "plot.scene_drawing",
+            },
         ),
         ({"pyvista", "vtk", "vtkmodules"}, {"plot.deformed_shapes"}),
+        ({"PIL", "imageio_ffmpeg"}, {"plot.frames"}),
         ({"tqdm"}, {"analyses.progress"}),
         ({"pandas", "xarray"}, {"results.tables"}),
     ],
-    ids=["dolfinx", "petsc4py", "slepc4py", "matplotlib", "pyvista", "tqdm", "pandas"],
+    ids=["dolfinx", "petsc4py", "slepc4py", "matplotlib", "pyvista", "PIL", "tqdm", "pandas"],
 )
 def test_each_library_is_called_from_one_place(packages, home):
     assert {module for module in SOURCES if foreign_imports(module) & packages} == home

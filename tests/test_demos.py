@@ -44,7 +44,13 @@ PICTURES = {
     "slider_crank": ("scene.png", "shapes.png", "slider.png", "rod_motor_energy.png", "motion.gif"),
     "ring": ("scene.png", "modes.png", "shapes.png", "energy.png", "motion.gif"),
     "roll_up": ("scene.png", "shapes.png", "convergence_and_energy.png", "motion.gif"),
-    "lee_frame": ("scene.png", "load_and_displacement.png", "shapes.png", "motion.gif"),
+    "lee_frame": (
+        "scene.png",
+        "load_and_displacement.png",
+        "shapes.png",
+        "moments.png",
+        "motion.gif",
+    ),
     "own_physics": ("scene.png", "energy.png", "motion.gif"),
 }
 RESULTS = tempfile.TemporaryDirectory(prefix="fx_beam_demos_")  # goes with the process

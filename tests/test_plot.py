@@ -1,14 +1,19 @@
 """What pictures draw of a beam: its elements as they are, not lines between their nodes."""
 
+import importlib.util
+
 import numpy as np
 import pytest
 from scenes import FLYING
 
 import fx_beam as fb
+from fx_beam.results.fields import along
 
 plot = pytest.importorskip("fx_beam.plot")
 Drawing = pytest.importorskip("fx_beam.plot.symbols").Drawing
 deformed_shapes = pytest.importorskip("fx_beam.plot.deformed_shapes")
+Colouring = pytest.importorskip("fx_beam.plot.colouring").Colouring
+Image = pytest.importorskip("PIL.Image")
 pytestmark = pytest.mark.plot
 
 
@@ -142,8 +147,8 @@ def test_steps_that_are_no_rows_are_refused(picture, steps, tmp_path):
 
 def test_a_file_that_cannot_be_written_is_refused_before_anything_is_drawn(tmp_path):
     solution = fb.simulate(swinging()[0], dt=0.01, t_end=0.1)
-    with pytest.raises(ValueError, match=r"motion.mp4: its name must end with .gif"):
-        plot.animate(solution, [0], tmp_path / "motion.mp4")
+    with pytest.raises(ValueError, match=r"motion.avi: its name must end with .gif, .mp4"):
+        plot.animate(solution, [0], tmp_path / "motion.avi")
     with pytest.raises(ValueError, match="make the folder .*nowhere first"):
         plot.shapes(solution, [0], tmp_path / "nowhere" / "shapes.png")
     with pytest.raises(ValueError, match="make the folder .*nowhere first"):
@@ -156,3 +161,66 @@ def test_names_are_written_at_nodes_of_the_solution_only(tmp_path):
     solution = fb.simulate(swinging()[0], dt=0.01, t_end=0.1)
     with pytest.raises(ValueError, match="is not a node of this solution"):
         plot.shapes(solution, [0], tmp_path / "a.png", marks={"B": fb.Node(99, 0.0, 0.0)})
+
+
+# -- Colours and films -----------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("quantity", ["N", "Q", "M", "strain energy", "speed"])
+def test_members_are_coloured_by_what_is_in_them(quantity):
+    scene, bar = swinging()
+    solution = fb.simulate(scene, dt=0.01, t_end=0.1)
+    colouring = Colouring(Drawing(solution, [5, 10]), quantity, "m")
+    lines = colouring.paint(colouring.lines(2.0), 10)
+    middles = np.array(lines.get_segments()).mean(axis=1)
+    values = along(solution, "bar", quantity, [10], (np.arange(12) + 0.5) / 12).ravel()
+    np.testing.assert_array_equal(lines.get_array()[: len(values)], values)
+    # In the same order as the pieces: from the pin along the bar.
+    assert (np.diff(np.hypot(*middles[: len(values)].T)) > 0).all()
+    low, high = colouring.scale.get_clim()
+    assert high > 0 and low == (-high if quantity in "NQM" else 0)
+    assert high >= lines.get_array().max() and low <= lines.get_array().min()
+
+
+def test_colours_are_of_one_scale_in_all_rows():
+    scene, _ = swinging()
+    solution = fb.simulate(scene, dt=0.01, t_end=0.1)
+    colouring = Colouring(Drawing(solution, range(11)), "M", "in")
+    values = [along(solution, name, "M", range(11), np.array([0.5])) for name in solution.beams]
+    assert colouring.scale.get_clim()[1] == pytest.approx(max(abs(v).max() for v in values))
+    assert colouring.label == "bending moment $M$"  # the unit of force is not known
+
+
+@pytest.mark.parametrize("file", ["shapes.png", "motion.gif"])
+def test_coloured_pictures_are_written_and_differ_from_plain_ones(file, tmp_path):
+    solution = fb.simulate(swinging()[0], dt=0.01, t_end=0.1)
+    draw = plot.shapes if file == "shapes.png" else plot.animate
+    for colour in (None, "speed"):
+        draw(solution, [0, 5, 10], tmp_path / f"{colour} {file}", colour=colour)
+    plain, coloured = (tmp_path.joinpath(f"{c} {file}").read_bytes() for c in (None, "speed"))
+    assert plain != coloured and len(coloured) > 5e3
+    with pytest.raises(ValueError, match="colour = 'T' must be one of 'N', 'Q', 'M', 'strain en"):
+        draw(solution, [0], tmp_path / file, colour="T")
+
+
+def test_an_animation_is_white_where_nothing_is_drawn(tmp_path):
+    solution = fb.simulate(swinging()[0], dt=0.01, t_end=0.1)
+    plot.animate(solution, [0, 5, 10], tmp_path / "motion.gif", colour="M")
+    with Image.open(tmp_path / "motion.gif") as film:
+        assert film.convert("RGB").getpixel((2, 2)) == (255, 255, 255)
+
+
+def test_a_film_has_all_rows_and_is_played_at_its_speed(tmp_path):
+    ffmpeg = pytest.importorskip("imageio_ffmpeg")
+    solution = fb.simulate(swinging()[0], dt=0.01, t_end=0.1)
+    plot.animate(solution, range(11), tmp_path / "motion.mp4", fps=5)
+    frames, seconds = ffmpeg.count_frames_and_secs(str(tmp_path / "motion.mp4"))
+    assert frames == 11 and seconds == pytest.approx(11 / 5)
+    assert (tmp_path / "motion.mp4").stat().st_size > 5e3
+
+
+def test_a_film_without_what_writes_it_is_refused_before_anything_is_drawn(tmp_path, monkeypatch):
+    solution = fb.simulate(swinging()[0], dt=0.01, t_end=0.1)
+    monkeypatch.setattr(importlib.util, "find_spec", lambda name: None)
+    with pytest.raises(RuntimeError, match="MP4 needs imageio-ffmpeg: pip install imageio-ffmpeg"):
+        plot.animate(solution, "all", tmp_path / "motion.mp4")

@@ -7,26 +7,22 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
-import matplotlib
 import numpy as np
 import pyvista as pv
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.cm import ScalarMappable
-from matplotlib.colors import LinearSegmentedColormap, Normalize
+from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
-from PIL import Image
 
 from fx_beam.analyses.modal import Modes
 from fx_beam.results.files import writable
 from fx_beam.results.solution import Solution
 from fx_beam.scene.beam import Node
 
+from .colouring import SEQUENTIAL, Colouring
+from .frames import check_frames, write_frames
 from .symbols import Drawing, axis, draw_marks, draw_supports, draw_symbols
 
-# Without its palest end, which is hard to see on white.
-_TIME_COLOURS = LinearSegmentedColormap.from_list(
-    "time", matplotlib.colormaps["viridis"](np.linspace(0, 0.92, 256))
-)
 _BEAM_COLOURS = "#0072B2", "#009E73", "#CC79A7", "#E69F00", "#56B4E9"
 _PICTURES = "png", "pdf", "svg", "jpg"
 
@@ -38,6 +34,7 @@ def shapes(
     length_unit: str = "m",
     magnify: float = 1.0,
     marks: dict[str, Node] | None = None,
+    colour: str | None = None,
 ) -> None:
     """Picture of deformed shapes, superposed and coloured by time or in order of load steps.
 
@@ -58,26 +55,29 @@ def shapes(
         Factor on displacements; the title names one other than 1.
     marks : dict, optional
         Nodes by the names to be written beside them in the first of the shapes.
+    colour : {"N", "Q", "M", "strain energy", "speed"}, optional
+        What the colours show in place of the time: axial force, shear force or bending moment, as
+        `Solution.resultants` has them, the stored energy per length, or the speed. Their unit is
+        written where that of lengths is "m".
     """
     path = writable(path, _PICTURES)
     drawing = _drawing(solution, steps, magnify)
     low, high = drawing.window
-    colours, shades = _colours(drawing)
-    # The projection is parallel, so that matplotlib's axes fit the picture exactly.
     fig, ax = _plane(low, high, length_unit, width=6.4)
     ax.set_title(_title(drawing), fontsize="medium")
-    extent = (low[0], high[0], low[1], high[1])
-    ax.imshow(_tubes(drawing, shades), extent=extent, interpolation="antialiased")
+    bar = ax.inset_axes((1.03, 0, 0.03, 1))
+    shades: Any
+    if colour is None:
+        shades = _by_time(fig, ax, bar, drawing)
+    else:
+        colouring, shades = Colouring(drawing, colour, length_unit), ["0.35"] * len(steps)
+        for order, k in enumerate(steps):
+            ax.add_collection(colouring.paint(colouring.lines(2.2, 2 + 1e-4 * order), k))
+        fig.colorbar(colouring.scale, cax=bar, label=colouring.label, format="%.3g")
     for k, shade in zip(steps, shades, strict=True):
         draw_symbols(ax, drawing, k, shade, small=True)
     draw_supports(ax, drawing)
     draw_marks(ax, drawing, steps[0], marks or {})
-    bar = fig.colorbar(colours, cax=ax.inset_axes((1.03, 0, 0.03, 1)))
-    bar.set_label("load factor, in order" if solution.stats.static else "time $t$ [s]")
-    if solution.stats.static:
-        # On a path through limit points a load factor comes more than once.
-        shown = np.unique(np.linspace(0, len(steps) - 1, 12).round().astype(int))
-        bar.set_ticks(shown, labels=[f"{solution.t[steps[i]]:.3g}" for i in shown])
     fig.savefig(path, dpi=200, bbox_inches="tight")
 
 
@@ -91,8 +91,9 @@ def animate(
     magnify: float = 1.0,
     marks: dict[str, Node] | None = None,
     scenery: Callable[[Any, int], list] | None = None,
+    colour: str | None = None,
 ) -> None:
-    """Animation of the motion as a GIF, with the symbols of `shapes`.
+    """Animation of the motion as a GIF or MP4, with the symbols of `shapes`.
 
     Parameters
     ----------
@@ -101,7 +102,7 @@ def animate(
     steps : sequence of int
         Rows of `Solution.t`, one for each picture.
     path : str or path
-        GIF file to write.
+        File to write, that ends with .gif or .mp4.
     fps : int
         Pictures per second [1/s].
     trace : Node, optional
@@ -115,8 +116,15 @@ def animate(
     scenery : callable, optional
         ``scenery(axes, k)`` draws what the scene does not know, such as a force of your own, in
         row k, and gives a list of what it drew, which is removed after the picture.
+    colour : {"N", "Q", "M", "strain energy", "speed"}, optional
+        What the colours of the members show, as in `shapes`; each has its own colour by default.
+
+    Raises
+    ------
+    RuntimeError
+        For an MP4 where imageio-ffmpeg is not installed.
     """
-    path = writable(path, ("gif",))
+    path = check_frames(path)
     drawing = _drawing(solution, steps, magnify)
     low, high = drawing.window
     flat = high[0] - low[0] > 1.6 * (high[1] - low[1])
@@ -124,12 +132,8 @@ def animate(
     ax.set_title(_title(drawing), loc="right", fontsize="small")
     clock = ax.set_title(" ", loc="left", family="monospace", fontsize="small")
     (past,) = ax.plot([], [], color="0.65", linewidth=1.0, zorder=1)
-    colours = itertools.cycle(_BEAM_COLOURS)
-    lines = {
-        name: ax.plot([], [], color=colour, linewidth=2.5)[0]
-        for name, colour in zip(solution.beams, colours, strict=False)
-    }
-    moving = [clock, past, *lines.values(), *draw_supports(ax, drawing)]
+    members = _members(fig, ax, drawing, colour, length_unit)
+    moving = [clock, past, *(artist for artist, _ in members), *draw_supports(ax, drawing)]
     for artist in moving:
         artist.set_animated(True)  # left out of what is drawn once
     canvas = FigureCanvasAgg(fig)
@@ -139,8 +143,8 @@ def animate(
     for k in steps:
         now = f"{solution.t[k]:.3f}"
         clock.set_text(f"load factor {now}" if solution.stats.static else f"t = {now} s")
-        for name, line in lines.items():
-            line.set_data(*drawing.axis(name, k).T)
+        for artist, move in members:
+            move(artist, k)
         if trace is not None:
             solution.position(trace)  # refuses what is no node of the solution
             past.set_data(*drawing.places(trace.number, slice(steps[0], k + 1)).T)
@@ -152,8 +156,7 @@ def animate(
         frames.append(np.array(canvas.buffer_rgba())[..., :3])
         for artist in drawn:
             artist.remove()
-    first, *others = _in_one_palette(frames)
-    first.save(path, save_all=True, append_images=others, duration=1000 // fps, loop=0)
+    write_frames(frames, path, fps)
 
 
 def modes(found: Modes, path: Path | str, count: int | None = None) -> None:
@@ -195,15 +198,22 @@ def modes(found: Modes, path: Path | str, count: int | None = None) -> None:
     fig.savefig(path, dpi=200)
 
 
-def _in_one_palette(frames: list[np.ndarray]) -> list[Image.Image]:
-    """Frames with 256 colours for all, as choosing them for each took most of an animation's time.
+def _members(fig: Figure, ax, drawing: Drawing, colour: str | None, length_unit: str) -> list:
+    """Lines for the members, each with what moves it to where it is in a row."""
+    if colour is not None:
+        colouring = Colouring(drawing, colour, length_unit)
+        words = colouring.label
+        fig.colorbar(colouring.scale, ax=ax, fraction=0.05, label=words, format="%.3g")
+        return [(ax.add_collection(colouring.lines(2.5)), colouring.paint)]
 
-    Some pixels of every frame are looked at, and colours that are rare count as much as others.
-    """
-    some = np.concatenate([frame[k % 3 :: 3, ::3] for k, frame in enumerate(frames)])
-    palette = Image.fromarray(some).quantize(256, method=Image.Quantize.MAXCOVERAGE)
-    plain = Image.Dither.NONE
-    return [Image.fromarray(frame).quantize(palette=palette, dither=plain) for frame in frames]
+    def mover(name: str):
+        return lambda line, k: line.set_data(*drawing.axis(name, k).T)
+
+    colours = itertools.cycle(_BEAM_COLOURS)
+    return [
+        (ax.plot([], [], color=shade, linewidth=2.5)[0], mover(name))
+        for name, shade in zip(drawing.solution.beams, colours, strict=False)
+    ]
 
 
 def _drawing(solution: Solution, steps: Sequence[int], magnify: float) -> Drawing:
@@ -217,12 +227,28 @@ def _title(drawing: Drawing) -> str:
     return drawing.title() + (f", displacements x {factor:g}" if factor != 1 else "")
 
 
+def _by_time(fig: Figure, ax, cax, drawing: Drawing) -> np.ndarray:
+    """Draw the members in the colours of their times, with a bar, and give these colours."""
+    low, high = drawing.window
+    colours, shades = _colours(drawing)
+    # The projection is parallel, so that matplotlib's axes fit the picture exactly.
+    extent = (low[0], high[0], low[1], high[1])
+    ax.imshow(_tubes(drawing, shades), extent=extent, interpolation="antialiased")
+    bar, solution, steps = fig.colorbar(colours, cax=cax), drawing.solution, drawing.rows
+    bar.set_label("load factor, in order" if solution.stats.static else "time $t$ [s]")
+    if solution.stats.static:
+        # On a path through limit points a load factor comes more than once.
+        shown = np.unique(np.linspace(0, len(steps) - 1, 12).round().astype(int))
+        bar.set_ticks(shown, labels=[f"{solution.t[steps[i]]:.3g}" for i in shown])
+    return shades
+
+
 def _colours(drawing: Drawing) -> tuple[ScalarMappable, np.ndarray]:
     """The scale of colours, and the colour of each row: by time, or by order in statics."""
     values = drawing.solution.t[list(drawing.rows)]
     if drawing.solution.stats.static:
         values = np.arange(len(values))
-    scale = ScalarMappable(Normalize(values.min(), values.max()), _TIME_COLOURS)
+    scale = ScalarMappable(Normalize(values.min(), values.max()), SEQUENTIAL)
     return scale, scale.to_rgba(values)
 
 

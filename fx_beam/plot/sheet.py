@@ -56,12 +56,14 @@ class Sheet:
         self.line(points, **look)
         shape = {"arrowstyle": style, "shrinkA": 0, "shrinkB": 0, "mutation_scale": 9}
         shape |= {"color": look.get("color", "black"), "linewidth": look.get("linewidth", 1.0)}
-        ends = [(points[-2], points[-1])]
+        # On a curve the head lies along its last part.
+        last, head = (4, 0.06) if len(points) > 8 else (1, 0.02)
+        ends = [(points[-1 - last], points[-1])]
         if style.startswith("<"):
             shape["arrowstyle"] = style[1:]
-            ends.append((points[1], points[0]))
+            ends.append((points[last], points[0]))
         for tail, tip in ends:
-            near = tip + (tail - tip) * min(1.0, 0.02 * self.size / np.hypot(*(tail - tip)))
+            near = tip + (tail - tip) * min(1.0, head * self.size / np.hypot(*(tail - tip)))
             self.ax.annotate("", tip, near, arrowprops=shape, annotation_clip=False, zorder=4)
 
     def see(self, lines) -> None:

@@ -93,6 +93,15 @@ class Drawing:
         places = self.places(self.solution.nodes_of_beam[beam], rows)
         return axis(places, self.solution.beams[beam].degree)
 
+    def pieces(self, beam: str, k: int, count: int) -> np.ndarray:
+        """Ends (elements * count, 2, 2) of as many pieces of each element of a beam, in row k."""
+        nodes, degree = self.solution.nodes_of_beam[beam], self.solution.beams[beam].degree
+        first = degree * np.arange((len(nodes) - 1) // degree)
+        of_element = nodes[first[:, None] + np.arange(degree + 1)]
+        values = lagrange(np.linspace(0, 1, degree + 1), np.arange(count + 1) / count)
+        points = values @ self.places(of_element, k)
+        return np.stack([points[:, :-1], points[:, 1:]], axis=2).reshape(-1, 2, 2)
+
     def places(self, nodes, rows) -> np.ndarray:
         """Places (..., 2) of nodes, by their numbers, in some rows."""
         moved = self.solution.q[rows][..., nodes, :2]

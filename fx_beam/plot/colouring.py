@@ -1,0 +1,77 @@
+"""Members coloured by what is in them: resultants, stored energy, speed."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import matplotlib
+import numpy as np
+from matplotlib.cm import ScalarMappable
+from matplotlib.collections import LineCollection
+from matplotlib.colors import LinearSegmentedColormap, Normalize
+
+from fx_beam.results.fields import QUANTITIES, along
+
+from .symbols import Drawing
+
+# Without its palest end, which is hard to see on white.
+SEQUENTIAL = LinearSegmentedColormap.from_list(
+    "sequential", matplotlib.colormaps["viridis"](np.linspace(0, 0.92, 256))
+)
+# Blue below zero and red above; grey and not white in between.
+_SIGNED = matplotlib.colormaps["coolwarm"]
+_WORDS = {
+    "N": "axial force $N$",
+    "Q": "shear force $Q$",
+    "M": "bending moment $M$",
+    "strain energy": "strain energy per length",
+    "speed": "speed",
+}
+_PIECES = 12  # in which an element is coloured
+
+
+class Colouring:
+    """Colours of the members in all rows of a picture, on one scale.
+
+    Parameters
+    ----------
+    drawing : Drawing
+        The rows, and the places of the members in them.
+    quantity : str
+        What the colours show.
+    length_unit : str
+        With "m" the unit of the quantity is written, else none.
+    """
+
+    def __init__(self, drawing: Drawing, quantity: str, length_unit: str):
+        if quantity not in QUANTITIES:
+            known = ", ".join(repr(name) for name in QUANTITIES)
+            raise ValueError(f"colour = {quantity!r} must be one of {known}, or None")
+        self._drawing = drawing
+        middles = (np.arange(_PIECES) + 0.5) / _PIECES
+        values = [
+            along(drawing.solution, name, quantity, drawing.rows, middles)
+            for name in drawing.solution.beams
+        ]
+        rows = [value.reshape(len(drawing.rows), -1) for value in values]
+        self._values = dict(zip(drawing.rows, np.concatenate(rows, axis=1), strict=True))
+        largest = max(abs(value).max() for value in values) or 1.0
+        signed = quantity in "NQM"
+        norm = Normalize(-largest if signed else 0.0, largest)
+        #: The scale, for a colour bar, and its words.
+        self.scale = ScalarMappable(norm, _SIGNED if signed else SEQUENTIAL)
+        unit = f" [{QUANTITIES[quantity]}]" if length_unit == "m" else ""
+        self.label = _WORDS[quantity] + unit
+
+    def lines(self, width: float, zorder: float = 2) -> LineCollection:
+        """Lines for the members, to be painted."""
+        look: dict[str, Any] = {"linewidth": width, "capstyle": "round", "zorder": zorder}
+        return LineCollection([], norm=self.scale.norm, cmap=self.scale.cmap, **look)
+
+    def paint(self, lines: LineCollection, k: int) -> LineCollection:
+        """Put lines where the members are in row k, in their colours."""
+        drawing = self._drawing
+        points = [drawing.pieces(name, k, _PIECES) for name in drawing.solution.beams]
+        lines.set_segments(np.concatenate(points))
+        lines.set_array(self._values[k])
+        return lines
