@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import itertools
 import logging
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
 import numpy as np
+from tqdm import tqdm
 
 from fx_beam.analyses.dynamics import simulate
 from fx_beam.errors import SceneError, StepError
@@ -17,8 +19,7 @@ from fx_beam.stepping.recorder import Record
 from fx_beam.studies import candidates
 
 from .case import Case, Cell
-from .drift import drift_of
-from .verdict import Verdict, classify, energy_ratio, no_verdict
+from .verdict import Verdict, classify, drift_of, energy_ratio, no_verdict
 
 _log = logging.getLogger("fx_beam")
 
@@ -39,8 +40,8 @@ def study(
     """Verdicts on all schemes in all cases.
 
     A run that does not keep the energy, or halves its steps often, is repeated with time steps that
-    differ in their last digit: where its verdict or its number then is another, it is one of
-    rounding, which another machine may do otherwise, and is marked as such.
+    differ in their last digit. Where its verdict or its number then differs, it depends on rounding
+    and may differ on another machine; it is marked as such.
 
     Parameters
     ----------
@@ -65,7 +66,7 @@ def study(
     SceneError
         Before anything runs, if there are no cases or schemes, or two have one name.
     KeyboardInterrupt
-        If interrupted. Its attribute `cells` holds all that were found.
+        If interrupted. Its attribute `cells` holds the runs that are done, for `write`.
 
     Examples
     --------
@@ -77,15 +78,16 @@ def study(
     ... ]
     >>> schemes = [fb.EnergyMomentum(), fb.Newmark()]
     >>> cells = fb.stability.study(schemes, cases)
-    >>> fb.stability.write("results/arm", cells, "an arm")  # .json, .md and pictures
+    >>> fb.stability.write("results/arm", cells, "an arm")  # .json, .csv, .md, .png
     """
     labelled, cases = candidates.labelled(schemes), list(cases)
     _check(cases)
     cells: list[Cell] = []
+    pairs = list(itertools.product(cases, labelled.items()))
     try:
-        for case in cases:
-            for name, scheme in labelled.items():
-                cells.append(_cell(case, name, scheme, max_halvings, repeats))
+        # tqdm takes None as: only on a terminal.
+        for case, (name, scheme) in tqdm(pairs, "runs", disable=None, delay=2, leave=False):
+            cells.append(_cell(case, name, scheme, max_halvings, repeats))
     except KeyboardInterrupt as stop:
         stop.cells = cells  # type: ignore[attr-defined]
         raise
@@ -138,8 +140,7 @@ def _run(
 ) -> tuple[Solution | StepError, Verdict]:
     """A run, and the verdict on it.
 
-    Steps are halved where they fail, so that a run is the same whatever the limit until it is met:
-    one that has blown up by then needs no higher one, which would only draw out a lost motion.
+    The limit of halvings is raised step by step: a run that has blown up needs no higher one.
     """
     for limit in (*range(2, max_halvings, 2), max_halvings):
         run = _simulated(case, scheme, limit, stretch)

@@ -8,9 +8,10 @@ from typing import Any
 
 import numpy as np
 
+from fx_beam.studies.reporting import short
+
 from .accuracy import MARGIN
-from .precision import Precision
-from .run import Run
+from .precision import Precision, Run
 
 #: Errors of exactly 0 have no place on a logarithmic axis.
 _LEAST = 1e-17
@@ -21,15 +22,6 @@ def draw(path: Path | str, found: Precision, quantity: str) -> None:
     """Draw errors against run time: all runs as pale points, and a line for each scheme.
 
     A run of the line stands at the error with which it counts, and pale at its own.
-
-    Parameters
-    ----------
-    path : str or path
-        File to write.
-    found : Precision
-        A study.
-    quantity : str
-        Whose errors.
     """
     # Imported here, as a study can be had without matplotlib and pyvista.
     from fx_beam import plot
@@ -53,22 +45,6 @@ def draw(path: Path | str, found: Precision, quantity: str) -> None:
         ax.plot([], [], **_LOST, color="0.5", label="lost: energy off by more than half")
     _limit(ax, found, quantity, drawn)
     plot.save(figure, path)
-
-
-def short(number: float) -> str:
-    """Number with a single digit, as levels of error and ticks are written.
-
-    Parameters
-    ----------
-    number : float
-        A positive number.
-
-    Returns
-    -------
-    str
-        Such as 2e-5.
-    """
-    return f"{number:.0e}".replace("e-0", "e-").replace("e+0", "e")
 
 
 def _looks(found: Precision, style) -> dict[str, dict]:

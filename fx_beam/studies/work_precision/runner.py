@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import itertools
 import logging
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
+from tqdm import tqdm
 
 from fx_beam.analyses.dynamics import simulate
 from fx_beam.errors import SceneError, StepError
@@ -15,12 +17,12 @@ from fx_beam.mechanics.schemes import EnergyMomentum, Scheme
 from fx_beam.results.solution import Solution
 from fx_beam.scene.scene import Scene
 from fx_beam.studies import candidates
+from fx_beam.validation import is_number, is_whole
 
-from . import accuracy, checks
+from . import accuracy
 from .accuracy import Exact, History, Quantity, Reference
-from .precision import Precision
+from .precision import Mesh, Precision, Run
 from .report import prepare, write
-from .run import Mesh, Run
 
 _log = logging.getLogger("fx_beam")
 
@@ -81,7 +83,7 @@ def study(
     repetitions : int
         Timed runs of each candidate, of which the median is taken.
     results : path, optional
-        Where to write, without ending: JSON, a Markdown page, and the pictures in it.
+        Where to write, without ending: JSON, CSV, a Markdown page, and the pictures in it.
 
     Returns
     -------
@@ -91,14 +93,16 @@ def study(
     Raises
     ------
     SceneError
-        Before the first long run, for what is given wrongly. An error or an interruption after it
-        has what was found so far as its attribute `precision`.
+        Before the first long run, for what is given wrongly. An error after it has what was found
+        so far as its attribute `precision`.
+    KeyboardInterrupt
+        If interrupted. It has `precision` as well, and `results` are written.
     """
     exact = exact or {}
-    checks.check(quantities, exact, t_end, steps, repetitions)
-    labelled, grid = candidates.labelled(schemes), checks.grid(meshes)
+    _check(quantities, exact, t_end, steps, repetitions)
+    labelled, grid = candidates.labelled(schemes), _grid(meshes)
     sought = {name: quantity for name, quantity in quantities.items() if name not in exact}
-    finest = _finer(grid, FINER_MESH)
+    finest, dt = _finer(grid, FINER_MESH), min(steps) / FINER_STEP
     motion = _Motion(scene, start, t_end, grid)
     if sought:
         motion.at(finest)
@@ -106,7 +110,6 @@ def study(
     if results is not None:
         prepare(results)
 
-    dt = min(steps) / FINER_STEP
     found = Precision(
         t_end=t_end,
         repetitions=repetitions,
@@ -114,18 +117,58 @@ def study(
         origin=f"{EnergyMomentum().name}, {finest}, dt = {dt:.3g} s" if sought else "",
         runs=[],
         start=getattr(start, "__name__", repr(start)) if start else "",
+        missing=dict.fromkeys(sought, "it was not computed: no run ended, or Ctrl-C came first"),
     )
+    count = (1 + repetitions) * len(grid) * len(labelled) * len(steps)
     try:
-        measured = _first_round(motion, quantities, references, labelled, steps, found)
-        if sought and measured:
-            _against_fine(motion, sought, dt, found, measured)
-        _time(found.runs, motion, labelled, repetitions)
+        # tqdm takes None as: only on a terminal.
+        with tqdm(total=count, desc="runs", disable=None, delay=2, leave=False) as bar:
+            measured = _first_round(motion, quantities, references, labelled, steps, found, bar)
+            if sought and measured:
+                _against_fine(motion, sought, dt, found, measured)
+            _time(found.runs, motion, labelled, repetitions, bar)
         if results is not None:
             write(results, found)
     except BaseException as stopped:
         stopped.precision = found  # type: ignore[attr-defined]
+        if isinstance(stopped, KeyboardInterrupt) and results is not None and found.runs:
+            write(results, found)
         raise
     return found
+
+
+# -- What is asked for ---------------------------------------------------------------------------
+
+
+def _check(quantities: Any, exact: Any, t_end: Any, steps: Any, repetitions: Any) -> None:
+    """Refuse what could not be computed, before anything is."""
+    for name, given in (("quantities", quantities), ("exact", exact)):
+        if not isinstance(given, Mapping):
+            raise SceneError(f"{name} must be a dict by name, not {given!r:.40}")
+    if not quantities:
+        raise SceneError("a study needs quantities; none are given")
+    if wrong := [name for name, quantity in quantities.items() if not callable(quantity)]:
+        raise SceneError(f"quantity {wrong[0]!r} must be a function of the solution")
+    if unknown := [name for name in exact if name not in quantities]:
+        raise SceneError(f"exact value of {unknown[0]!r}, which is none of {list(quantities)}")
+    if not _is_positive(t_end):
+        raise SceneError(f"t_end = {t_end!r} must be a positive number")
+    for dt in candidates.several("steps", steps):
+        if not _is_positive(dt) or dt > t_end:
+            raise SceneError(f"step {dt!r} must be a positive number, at most t_end = {t_end:g}")
+    if not is_whole(repetitions, 1):
+        raise SceneError(f"repetitions = {repetitions!r} must be a whole number, at least 1")
+
+
+def _is_positive(value: Any) -> bool:
+    return is_number(value) and value > 0
+
+
+def _grid(meshes: Any) -> list[Mesh]:
+    for mesh in candidates.several("meshes", meshes):
+        if np.shape(mesh) != (2,) or not all(is_whole(n, 1) for n in mesh):
+            raise SceneError(f"mesh {mesh!r} must be a pair of elements and degree, as (8, 1)")
+    return [Mesh(*mesh) for mesh in meshes]
 
 
 class _Motion:
@@ -170,7 +213,7 @@ def _called(function, name: str, mesh: Mesh):
 
 
 def _first_round(
-    motion: _Motion, quantities, exact, schemes, steps, found: Precision
+    motion: _Motion, quantities, exact, schemes, steps, found: Precision, bar
 ) -> list[tuple[Run, dict[str, History]]]:
     """All runs, the cheapest one first, and what was measured in those that came to the end."""
     order = list(itertools.product(motion.grid, schemes, steps))
@@ -186,6 +229,8 @@ def _first_round(
         else:
             run = _row(label, mesh, dt, solution)
         found.runs.append(run)
+        found.runs.sort(key=lambda run: order.index((run.mesh, run.scheme, run.dt)))
+        bar.update()
         if run.failure:
             continue
         histories = _measure(quantities, solution, run.notes)
@@ -195,7 +240,6 @@ def _first_round(
             note = next(iter(run.notes.values()))
             raise SceneError(f"{note} ({label}, {mesh}, dt = {dt:.4g} s)")
         measured.append((run, histories))
-    found.runs.sort(key=lambda run: order.index((run.mesh, run.scheme, run.dt)))
     return measured
 
 
@@ -212,15 +256,16 @@ def _solve(motion: _Motion, mesh: Mesh, scheme: Scheme, dt: float) -> Solution:
 def _row(label: str, mesh: Mesh, dt: float, solution: Solution) -> Run:
     stats, energy = solution.stats, solution.energy
     size = (energy.kinetic + energy.stored).max()
+    # What is in both `Stats` and `Run`: a failed run has no time.
+    keys = ["unknowns", "steps", "newton_iterations", "halvings"]
+    keys += [] if stats.failure else ["seconds", "setup_seconds"]
     return Run(
         scheme=label,
         name=stats.scheme,
         mesh=mesh,
         dt=dt,
-        unknowns=stats.unknowns,
-        steps=stats.steps,
-        newton_iterations=stats.newton_iterations,
-        halvings=stats.halvings,
+        **{key: getattr(stats, key) for key in keys},
+        quartiles=(np.nan, np.nan) if stats.failure else (stats.seconds, stats.seconds),
         reached=float(solution.t[-1]),
         failure=stats.failure.split(". ")[0],
         first_setup_seconds=stats.setup_seconds,
@@ -229,17 +274,19 @@ def _row(label: str, mesh: Mesh, dt: float, solution: Solution) -> Run:
     )
 
 
-def _time(runs: list[Run], motion: _Motion, schemes, repetitions: int) -> None:
-    """Median run times, all runs in turn so that a slow moment of the machine hits them alike."""
-    runs = [run for run in runs if not run.failure]
-    stats: list[list] = [[] for _ in runs]
-    for _ in range(repetitions):
-        for run, found in zip(runs, stats, strict=True):
-            found.append(_solve(motion, run.mesh, schemes[run.scheme], run.dt).stats)
-    for run, found in zip(runs, stats, strict=True):
-        low, middle, high = np.quantile([one.seconds for one in found], [0.25, 0.5, 0.75])
+def _time(runs: list[Run], motion: _Motion, schemes, repetitions: int, bar) -> None:
+    """Median run times, all runs in turn so that a slow moment of the machine hits them alike.
+
+    They replace that of the first round one by one, so that each run has a time at any moment.
+    """
+    spent: dict[int, list] = {k: [] for k, run in enumerate(runs) if not run.failure}
+    for _, k in itertools.product(range(repetitions), spent):
+        run = runs[k]
+        spent[k].append(_solve(motion, run.mesh, schemes[run.scheme], run.dt).stats)
+        low, middle, high = np.quantile([one.seconds for one in spent[k]], [0.25, 0.5, 0.75])
         run.seconds, run.quartiles = float(middle), (float(low), float(high))
-        run.setup_seconds = float(np.median([one.setup_seconds for one in found]))
+        run.setup_seconds = float(np.median([one.setup_seconds for one in spent[k]]))
+        bar.update()
 
 
 # -- References ----------------------------------------------------------------------------------
@@ -264,9 +311,10 @@ def _against_fine(motion: _Motion, quantities, dt: float, found: Precision, meas
 
 
 def _references(motion: _Motion, quantities, dt: float, found: Precision) -> dict[str, Reference]:
-    """References that are fine solutions, of the quantities for which they can be had."""
+    """References that are fine solutions, of the quantities for which they can be computed."""
+    missing: dict[str, str] = {}
     fine, coarse = (
-        _fine(motion, _finer(motion.grid, times), quantities, step, found.missing)
+        _fine(motion, _finer(motion.grid, times), quantities, step, missing)
         for times, step in ((FINER_MESH, dt), (FINER_MESH // 2, 2 * dt))
     )
     references = {}
@@ -274,9 +322,11 @@ def _references(motion: _Motion, quantities, dt: float, found: Precision) -> dic
         try:
             references[name] = accuracy.computed(name, fine[name], coarse[name])
         except SceneError as wrong:
-            found.missing[name] = str(wrong)
+            missing[name] = str(wrong)
         else:
             found.references[name] = references[name].error
+    found.missing.clear()
+    found.missing.update(missing)
     return references
 
 
@@ -298,30 +348,25 @@ def _finer(grid: Sequence[Mesh], times: int) -> Mesh:
     return Mesh(times * max(m.elements for m in grid), max(m.degree for m in grid))
 
 
-# -- Quantities of interest ------------------------------------------------------------------------
+# -- Quantities of interest ----------------------------------------------------------------------
 
 
 def _measure(quantities, solution: Solution, notes: dict[str, str]) -> dict[str, History]:
-    """Those of a solution that can be had; a note on why the others cannot."""
-    histories = {}
-    for name, quantity in quantities.items():
-        try:
-            histories[name] = accuracy.measure(name, quantity, solution)
-        except SceneError as wrong:
-            notes[name] = str(wrong)
-    return histories
+    """Those of a solution; a note on why one is missing."""
+    return _noted(quantities, notes, lambda q: accuracy.measure(q, quantities[q], solution))
 
 
-def _errors(
-    histories: Mapping[str, History],
-    references: Mapping[str, Reference],
-    notes: dict[str, str],
-) -> dict[str, float]:
-    """Errors where there is a reference; a note on why one cannot be had."""
-    errors = {}
-    for name in histories.keys() & references.keys():
+def _errors(histories, references: Mapping[str, Reference], notes: dict[str, str]):
+    """Errors where there is a reference; a note on why one is missing."""
+    both = [name for name in histories if name in references]
+    return _noted(both, notes, lambda q: accuracy.error(q, histories[q], references[q]))
+
+
+def _noted(names: Iterable[str], notes: dict[str, str], value: Callable[[str], Any]) -> dict:
+    found = {}
+    for name in names:
         try:
-            errors[name] = accuracy.error(name, histories[name], references[name])
+            found[name] = value(name)
         except SceneError as wrong:
             notes[name] = str(wrong)
-    return errors
+    return found
