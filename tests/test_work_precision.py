@@ -411,7 +411,7 @@ def test_a_run_that_fails_is_a_row_with_its_reason(tmp_path):
     row = json.loads((tmp_path / "pinned.json").read_text())["Runs"][1]
     assert row["failure"] == newmark.failure and row["seconds"] is None
     assert (tmp_path / "pinned_1_energy.png").stat().st_size > 10_000
-    assert re.search(r"import [\d.]+ s; set-up .* the first set-up .* in all", page)
+    assert re.search(r"set-up of a run, .* first set-up, .* in all", page)
 
 
 def sensible(**change):

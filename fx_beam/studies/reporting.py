@@ -3,13 +3,10 @@
 from __future__ import annotations
 
 import csv
-import functools
 import itertools
 import json
 import math
 import os
-import subprocess
-import sys
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -24,12 +21,6 @@ _VERSIONS = {
     "numpy": "numpy",
     "fx_beam": "fx-beam",
 }
-_IMPORT = """
-import time
-start = time.perf_counter()
-import fx_beam
-print(time.perf_counter() - start)
-"""
 
 
 def machine() -> dict[str, Any]:
@@ -52,18 +43,19 @@ def _processor() -> str:
     return names[0] if names else os.uname().machine
 
 
-@functools.cache
-def import_seconds() -> float:
-    """Time that a fresh interpreter takes to import fx_beam [s]; NaN where it cannot."""
-    done = subprocess.run(
-        [sys.executable, "-c", _IMPORT],
-        cwd=Path(__file__).parents[2],
-        # As Python found it: what MPI has added since is for this process alone.
-        env=dict(os.environ),
-        capture_output=True,
-        text=True,
-    )
-    return math.nan if done.returncode else float(done.stdout)
+def write(
+    path: Path | str,
+    page: Iterable[str],
+    numbers: Mapping[str, Any],
+    rows: Iterable[Mapping[str, Any]],
+) -> None:
+    """Write a report: a Markdown page of paragraphs, all numbers as JSON, its rows as CSV."""
+    computed_on = machine()
+    write_json(beside(path, ".json"), {"machine": computed_on, **numbers})
+    write_csv(beside(path, ".csv"), rows)
+    stated = ", ".join(f"{key} {value}" for key, value in computed_on.items())
+    text = "\n".join([*filter(None, page), f"Computed on: {stated}.\n"])
+    beside(path, ".md").write_text(text, "utf-8")
 
 
 def beside(path: Path | str, ending: str) -> Path:
@@ -100,11 +92,6 @@ def table(rows: Sequence[Mapping[str, Any]]) -> str:
     # The cells are texts by now, which tabulate would take for numbers and write anew.
     how = {"tablefmt": "pipe", "disable_numparse": True, "colalign": sides}
     return tabulate(cells, [_cell(key) for key in rows[0]], **how) + "\n"
-
-
-def stated(machine: Mapping[str, Any]) -> str:
-    """Line on what a report was computed on."""
-    return f"Computed on: {', '.join(f'{key} {value}' for key, value in machine.items())}.\n"
 
 
 def short(number: float) -> str:

@@ -43,9 +43,12 @@ rounding* if its verdict then differs, or its number by more than {100 * SAME:g}
 In a table, "steps x1.2" are the steps taken for each of the time grid, and what follows a ~ is the
 verdict with another rounding.
 """
-_NUMBERS = (
-    "the largest error where the energy was kept; the part that was lost or gained; how many times "
-    "the energy where it blew up; the part of the time that was reached where it failed"
+_MAP = (
+    "Number in a cell: the largest error where the energy was kept; the part that was lost or "
+    "gained; how many times the energy where it blew up; the part of the time that was reached "
+    f"where it failed. Filled corner: {OFTEN:g} or more steps were taken for each of the time "
+    "grid. ~: the number depends on rounding; where the verdict does as well, the right end of the "
+    "cell has the colour of the other verdict."
 )
 
 
@@ -78,35 +81,29 @@ def write(
     """
     if not cells:
         raise SceneError("a page on stability needs cells of a study; none are given")
-    machine, found = reporting.machine(), [*findings, *sentences(cells)]
-    rows = [_row(cell) for cell in cells]
-    numbers = {"machine": machine, "criteria": criteria(cells), "verdicts": counts(cells)}
-    reporting.write_json(
-        reporting.beside(path, ".json"), numbers | {"what was found": found, "cells": rows}
-    )
-    reporting.write_csv(reporting.beside(path, ".csv"), rows)
+    found, tally = [*findings, *sentences(cells)], counts(cells)
+    judged, name = criteria(cells), Path(path).name
     draw_map(reporting.beside(path, ".png"), cells)
     draw_curves(reporting.beside(path, "_curves.png"), cells)
     page = [
         f"# Stability: {title}\n",
         _CRITERIA.format(
-            limits=" or ".join(map(str, criteria(cells)["halvings of a step at most"])),
+            limits=" or ".join(map(str, judged["halvings of a step at most"])),
             repeats=max(len(cell.others) for cell in cells),
         ),
-        table([{"scheme": scheme} | row for scheme, row in counts(cells).items()]),
+        table([{"scheme": scheme} | row for scheme, row in tally.items()]),
         "".join(f"- {sentence}\n" for sentence in found),
-        f"![Verdicts]({Path(path).name}.png)\n",
-        f"*Number in a cell: {_NUMBERS}. Filled corner: {OFTEN:g} or more steps were taken for "
-        "each of the time grid. ~: the number depends on rounding; where the verdict does as well, "
-        "the right end of the cell has the colour of the other verdict.*\n",
-        f"![Energy over time]({Path(path).name}_curves.png)\n",
+        f"![Verdicts]({name}.png)\n",
+        f"*{_MAP}*\n",
+        f"![Energy over time]({name}_curves.png)\n",
         "*The cases on which the schemes differ most, one of each group. A cross marks where "
         "Newton's method failed.*\n",
         *_tables(cells),
-        *filter(None, [remarks]),
-        reporting.stated(machine),
+        remarks,
     ]
-    reporting.beside(path, ".md").write_text("\n".join(page), "utf-8")
+    rows = [_row(cell) for cell in cells]
+    numbers = {"criteria": judged, "verdicts": tally, "what was found": found, "cells": rows}
+    reporting.write(path, page, numbers, rows)
 
 
 def criteria(cells: list[Cell]) -> dict[str, Any]:

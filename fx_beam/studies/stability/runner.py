@@ -104,24 +104,21 @@ def _check(cases: list[Case]) -> None:
 
 
 def _cell(case: Case, name: str, scheme: Scheme, max_halvings: int, repeats: int) -> Cell:
+    cell = Cell(case, name, scheme.name, no_verdict(""), max_halvings=max_halvings)
     try:
-        cell = _judged(case, name, scheme, max_halvings, repeats)
+        run, verdict = _run(case, scheme, max_halvings)
+        cell = replace(cell, verdict=verdict)
+        if verdict.kind != "kept" or cell.halved_often:
+            digits = [_DIGIT * (number // 2 + 1) * (-1) ** number for number in range(repeats)]
+            others = tuple(_run(case, scheme, max_halvings, 1 + digit)[1] for digit in digits)
+            cell = replace(cell, others=others)
+        solution = run.solution if isinstance(run, StepError) else run
+        cell = replace(cell, **_curve(case, verdict, solution)) if solution is not None else cell
     except Exception as error:  # in a scene of the caller's: no reason to lose the other cells
         reason = str(error) if isinstance(error, SceneError) else repr(error)
         cell = Cell(case, name, scheme.name, no_verdict(reason), max_halvings=max_halvings)
     _log.info("%s, %s: %s", case.name, name, cell.verdict.kind)
     return cell
-
-
-def _judged(case: Case, name: str, scheme: Scheme, max_halvings: int, repeats: int) -> Cell:
-    run, verdict = _run(case, scheme, max_halvings)
-    cell = Cell(case, name, scheme.name, verdict, max_halvings=max_halvings)
-    if verdict.kind != "kept" or cell.halved_often:
-        digits = [_DIGIT * (number // 2 + 1) * (-1) ** number for number in range(repeats)]
-        others = tuple(_run(case, scheme, max_halvings, 1 + digit)[1] for digit in digits)
-        cell = replace(cell, others=others)
-    solution: Solution | None = run.solution if isinstance(run, StepError) else run
-    return cell if solution is None else replace(cell, **_curve(case, verdict, solution))
 
 
 def _curve(case: Case, verdict: Verdict, solution: Solution) -> dict[str, Any]:

@@ -108,26 +108,7 @@ def write(path: Path | str, found: Precision) -> None:
     found : Precision
         A study.
     """
-    machine, tables = reporting.machine(), _tables(found)
-    runs = [
-        asdict(run)
-        | {"lost": run.lost, "counts with": {q: found.counted(q, run) for q in found.references}}
-        for run in found.runs
-    ]
-    numbers = {
-        "machine": machine,
-        "t_end": found.t_end,
-        "start": found.start,
-        "timed runs of each": found.repetitions,
-        "import [s]": reporting.import_seconds(),
-        "relative errors of the references": found.references,
-        "why there is no reference": found.missing,
-        "sentences": {quantity: sentence(found, quantity) for quantity in found.references},
-        **tables,
-        "Runs": runs,
-    }
-    reporting.write_json(reporting.beside(path, ".json"), numbers)
-    reporting.write_csv(reporting.beside(path, ".csv"), runs)
+    tables = _tables(found)
     page = [f"# Error against run time: {Path(path).name.replace('_', ' ')}\n", _rules(found)]
     for number, quantity in enumerate(found.references, 1):
         word = re.sub(r"\W+", "_", quantity)
@@ -137,8 +118,22 @@ def write(path: Path | str, found: Precision) -> None:
         page += [sentence(found, quantity) + "\n", table(_levels(found, quantity))]
     for title, rows in tables.items():
         page += [f"## {title}\n", _NOTES.get(title, ""), table(rows)] if rows else []
-    page += [*_reasons(found), reporting.stated(machine)]
-    reporting.beside(path, ".md").write_text("\n".join(filter(None, page)), encoding="utf-8")
+    runs = [
+        asdict(run)
+        | {"lost": run.lost, "counts with": {q: found.counted(q, run) for q in found.references}}
+        for run in found.runs
+    ]
+    numbers = {
+        "t_end": found.t_end,
+        "start": found.start,
+        "timed runs of each": found.repetitions,
+        "relative errors of the references": found.references,
+        "why there is no reference": found.missing,
+        "sentences": {quantity: sentence(found, quantity) for quantity in found.references},
+        **tables,
+        "Runs": runs,
+    }
+    reporting.write(path, [*page, *_reasons(found)], numbers, runs)
 
 
 def _rules(found: Precision) -> str:
@@ -146,9 +141,9 @@ def _rules(found: Precision) -> str:
     first = [run.first_setup_seconds for run in found.runs if run.unknowns]
     later = [run.setup_seconds for run in found.runs if not run.failure]
     spent = (
-        f"Not in the run time: import {_time(reporting.import_seconds())}; set-up {_span(later)} a "
-        "run; the first set-up of each, with compilation where forms were not in the cache, "
-        f"{_span(first)}, {_time(sum(first))} in all.\n"
+        f"Not in the run time: the set-up of a run, {_span(later)}; its first set-up, with "
+        f"compilation where forms were not in the cache, {_span(first)}, {_time(sum(first))} in "
+        "all.\n"
     )
     rules = _RULES.format(repetitions=found.repetitions)
     none = "No run came to the end.\n"
@@ -167,7 +162,7 @@ def _reasons(found: Precision) -> list[str]:
 
 
 def _tables(found: Precision) -> dict[str, list[dict[str, Any]]]:
-    """Rows of the page's tables, by their titles."""
+    """Rows of the page's tables by title, which are in the JSON file too."""
     computed = [name for name, error in found.references.items() if error is not None]
     origins = dict.fromkeys(found.missing, "none")
     return {

@@ -17,7 +17,7 @@ from fx_beam.mechanics.schemes import EnergyMomentum, Scheme
 from fx_beam.results.solution import Solution
 from fx_beam.scene.scene import Scene
 from fx_beam.studies import candidates
-from fx_beam.validation import is_number, is_whole
+from fx_beam.validation import is_number, is_whole, require
 
 from . import accuracy
 from .accuracy import Exact, History, Quantity, Reference
@@ -145,23 +145,17 @@ def _check(quantities: Any, exact: Any, t_end: Any, steps: Any, repetitions: Any
     for name, given in (("quantities", quantities), ("exact", exact)):
         if not isinstance(given, Mapping):
             raise SceneError(f"{name} must be a dict by name, not {given!r:.40}")
-    if not quantities:
-        raise SceneError("a study needs quantities; none are given")
-    if wrong := [name for name, quantity in quantities.items() if not callable(quantity)]:
-        raise SceneError(f"quantity {wrong[0]!r} must be a function of the solution")
+    candidates.several("quantities", list(quantities))
+    for name, quantity in quantities.items():
+        if not callable(quantity):
+            raise SceneError(f"quantity {name!r} must be a function of the solution")
     if unknown := [name for name in exact if name not in quantities]:
         raise SceneError(f"exact value of {unknown[0]!r}, which is none of {list(quantities)}")
-    if not _is_positive(t_end):
-        raise SceneError(f"t_end = {t_end!r} must be a positive number")
+    require(is_number(t_end) and t_end > 0, "t_end", t_end, "a positive number")
     for dt in candidates.several("steps", steps):
-        if not _is_positive(dt) or dt > t_end:
+        if not (is_number(dt) and 0 < dt <= t_end):
             raise SceneError(f"step {dt!r} must be a positive number, at most t_end = {t_end:g}")
-    if not is_whole(repetitions, 1):
-        raise SceneError(f"repetitions = {repetitions!r} must be a whole number, at least 1")
-
-
-def _is_positive(value: Any) -> bool:
-    return is_number(value) and value > 0
+    require(is_whole(repetitions, 1), "repetitions", repetitions, "a whole number, at least 1")
 
 
 def _grid(meshes: Any) -> list[Mesh]:
@@ -169,6 +163,11 @@ def _grid(meshes: Any) -> list[Mesh]:
         if np.shape(mesh) != (2,) or not all(is_whole(n, 1) for n in mesh):
             raise SceneError(f"mesh {mesh!r} must be a pair of elements and degree, as (8, 1)")
     return [Mesh(*mesh) for mesh in meshes]
+
+
+def _finer(grid: Sequence[Mesh], times: int) -> Mesh:
+    """Mesh with some times as many elements as any other, of the highest degree."""
+    return Mesh(times * max(m.elements for m in grid), max(m.degree for m in grid))
 
 
 class _Motion:
@@ -188,10 +187,16 @@ class _Motion:
     def at(self, mesh: Mesh) -> tuple[Scene, Solution | None]:
         """The scene, made once, and its start."""
         if mesh not in self._made:
-            scene, start = (_called(f, name, mesh) for name, f in self._functions.items())
-            if not isinstance(scene, Scene):
-                raise SceneError(f"scene{mesh.elements, mesh.degree} gives {scene!r:.40}, no Scene")
-            self._made[mesh] = scene, start
+            made = []
+            for name, function in self._functions.items():
+                call = f"{name}({mesh.elements}, {mesh.degree})"
+                try:
+                    made.append(function and function(mesh.elements, mesh.degree))
+                except Exception as wrong:
+                    raise SceneError(f"{call} failed, {type(wrong).__name__}: {wrong}") from wrong
+                if not isinstance(made[0], Scene):
+                    raise SceneError(f"{call} gives {made[0]!r:.40}, no Scene")
+            self._made[mesh] = made[0], made[1]
         return self._made[mesh]
 
     def solve(self, mesh: Mesh, scheme: Scheme, dt: float, **keywords) -> Solution:
@@ -199,14 +204,14 @@ class _Motion:
         scene, start = self.at(mesh)
         return simulate(scene, scheme, dt=dt, t_end=self._t_end, start=start, **keywords)
 
-
-def _called(function, name: str, mesh: Mesh):
-    """What a function of the mesh gives; none where there is no function."""
-    try:
-        return function and function(mesh.elements, mesh.degree)
-    except Exception as wrong:
-        call = f"{name}({mesh.elements}, {mesh.degree})"
-        raise SceneError(f"{call} failed, {type(wrong).__name__}: {wrong}") from wrong
+    def attempt(self, mesh: Mesh, scheme: Scheme, dt: float) -> Solution:
+        """The solution, as far as the scheme goes."""
+        try:
+            return self.solve(mesh, scheme, dt, max_halvings=MAX_HALVINGS, progress=False)
+        except StepError as failed:
+            if failed.solution is None:  # not a step of the scheme, but what is given at the start
+                raise
+            return failed.solution
 
 
 # -- Runs ----------------------------------------------------------------------------------------
@@ -215,42 +220,31 @@ def _called(function, name: str, mesh: Mesh):
 def _first_round(
     motion: _Motion, quantities, exact, schemes, steps, found: Precision, bar
 ) -> list[tuple[Run, dict[str, History]]]:
-    """All runs, the cheapest one first, and what was measured in those that came to the end."""
+    """All runs, the cheapest first, and what was measured in those that came to the end."""
     order = list(itertools.product(motion.grid, schemes, steps))
-    cheapest = min(order, key=lambda run: run[0].elements * run[0].degree / run[2])
     measured: list[tuple[Run, dict[str, History]]] = []
-    for mesh, label, dt in [cheapest, *(other for other in order if other != cheapest)]:
+    for mesh, label, dt in sorted(order, key=lambda run: run[0].elements * run[0].degree / run[2]):
+        histories: dict[str, History] = {}
         try:
-            solution = _solve(motion, mesh, schemes[label], dt)
+            solution = motion.attempt(mesh, schemes[label], dt)
         except (SceneError, StepError) as refused:
             if not found.runs:
                 raise
             run = Run(label, schemes[label].name, mesh, dt, failure=str(refused))
         else:
             run = _row(label, mesh, dt, solution)
+        if not run.failure:
+            histories = _measure(quantities, solution, run.notes)
+            run.errors = dict.fromkeys(quantities, np.nan) | _errors(histories, exact, run.notes)
+            run.step_errors = dict(run.errors)
+            if run.notes and not measured:
+                note = next(iter(run.notes.values()))
+                raise SceneError(f"{note} ({label}, {mesh}, dt = {dt:.4g} s)")
+            measured.append((run, histories))
         found.runs.append(run)
         found.runs.sort(key=lambda run: order.index((run.mesh, run.scheme, run.dt)))
         bar.update()
-        if run.failure:
-            continue
-        histories = _measure(quantities, solution, run.notes)
-        run.errors = dict.fromkeys(quantities, np.nan) | _errors(histories, exact, run.notes)
-        run.step_errors = dict(run.errors)
-        if run.notes and not measured:
-            note = next(iter(run.notes.values()))
-            raise SceneError(f"{note} ({label}, {mesh}, dt = {dt:.4g} s)")
-        measured.append((run, histories))
     return measured
-
-
-def _solve(motion: _Motion, mesh: Mesh, scheme: Scheme, dt: float) -> Solution:
-    """The solution, as far as the scheme goes."""
-    try:
-        return motion.solve(mesh, scheme, dt, max_halvings=MAX_HALVINGS, progress=False)
-    except StepError as failed:
-        if failed.solution is None:  # not a step of the scheme, but what is given at the start
-            raise
-        return failed.solution
 
 
 def _row(label: str, mesh: Mesh, dt: float, solution: Solution) -> Run:
@@ -282,7 +276,7 @@ def _time(runs: list[Run], motion: _Motion, schemes, repetitions: int, bar) -> N
     spent: dict[int, list] = {k: [] for k, run in enumerate(runs) if not run.failure}
     for _, k in itertools.product(range(repetitions), spent):
         run = runs[k]
-        spent[k].append(_solve(motion, run.mesh, schemes[run.scheme], run.dt).stats)
+        spent[k].append(motion.attempt(run.mesh, schemes[run.scheme], run.dt).stats)
         low, middle, high = np.quantile([one.seconds for one in spent[k]], [0.25, 0.5, 0.75])
         run.seconds, run.quartiles = float(middle), (float(low), float(high))
         run.setup_seconds = float(np.median([one.setup_seconds for one in spent[k]]))
@@ -341,11 +335,6 @@ def _fine(motion: _Motion, mesh: Mesh, quantities, dt: float, missing) -> dict[s
         missing |= dict.fromkeys(quantities, reason) | missing
         return {}
     return _measure(quantities, solution, missing)
-
-
-def _finer(grid: Sequence[Mesh], times: int) -> Mesh:
-    """Mesh with some times as many elements as any other, of the highest degree."""
-    return Mesh(times * max(m.elements for m in grid), max(m.degree for m in grid))
 
 
 # -- Quantities of interest ----------------------------------------------------------------------
