@@ -23,7 +23,7 @@ import fx_beam as fb
 from fx_beam.model import Model
 from fx_beam.studies import reporting
 from fx_beam.studies.reporting import short, table
-from fx_beam.studies.stability.case import by_group, by_scheme
+from fx_beam.studies.stability.case import by_scheme
 from fx_beam.studies.stability.report import LOST_MOTION, percent, sentences
 
 Case = fb.stability.Case
@@ -356,23 +356,26 @@ def tolerances(quick):
 
 
 def owed_to_tolerance(cells):
-    """From which tolerance on the verdicts are those of the tightest, and what ours gains."""
-    since = {}
+    """From which tolerance on each scheme has the verdicts of the tightest, and our errors."""
+    lines = []
     for scheme, own in by_scheme(cells).items():
         labels = list(dict.fromkeys(cell.case.label for cell in own))
         kinds = np.array([[c.verdict.kind for c in own if c.case.label == at] for at in labels])
         settled = [(kinds[k:] == kinds[-1]).all() for k in range(len(labels))]
-        since.setdefault(labels[settled.index(True)], []).append(scheme)
-    words = "; ".join(f"from {label} on with {', '.join(s)}" for label, s in since.items())
-    ours = [cell for cell in cells if cell.scheme == "EnergyMomentum"]
-    worst = {}
-    for cell in ours:
-        worst[cell.case.label] = max(worst.get(cell.case.label, 0.0), cell.verdict.worst)
-    errors = ", ".join(f"{short(error)} at {label}" for label, error in worst.items())
-    return [
-        f"In all examples the verdict is that at the tightest tolerance {words}.",
-        f"The largest error that EnergyMomentum makes in any of them is {errors}.",
-    ]
+        first = labels[settled.index(True)]
+        lines.append(f"{scheme}: from a tolerance of {first} on, a tighter one changes no verdict.")
+    for label, own in by_label([c for c in cells if c.scheme == "EnergyMomentum"]).items():
+        worst = max(cell.verdict.worst for cell in own)
+        lines.append(
+            f"EnergyMomentum with a tolerance of {label}: error of at most {short(worst)}."
+        )
+    return lines
+
+
+def by_label(cells):
+    """Cells by the label of their case."""
+    labels = dict.fromkeys(cell.case.label for cell in cells)
+    return {label: [cell for cell in cells if cell.case.label == label] for label in labels}
 
 
 # -- Numerical damping ---------------------------------------------------------------------------
@@ -388,33 +391,16 @@ def dampings(quick):
 
 
 def owed_to_damping(cells):
-    """With how much damping motions are still lost, by example, and what more of it costs."""
-    lost = [cell for cell in cells if cell.verdict.kind in LOST_MOTION]
+    """In how many cases each scheme loses the motion, and how much energy it takes elsewhere."""
     lines = []
-    for group in by_group(cells):
-        words = []
-        for family in ("HHT, alpha = ", "Generalized alpha, "):
-            # From the least damping to the most, so that the last is the most damped.
-            most = {
-                cell.case.label: cell.scheme.removeprefix(family)
-                for cell in lost
-                if cell.case.group == group and cell.scheme.startswith(family)
-            }
-            steps = ", ".join(f"{last} at {dt} s" for dt, last in most.items())
-            words.append(f"{family.split(',')[0]} {f'up to {steps}' if steps else 'nowhere'}")
-        example = group.removesuffix(": dt [s]")
-        lines.append(
-            f"{example}: energy is gained, or the run blows up or fails, with {words[0]}; "
-            f"{words[1]}."
+    for scheme, own in by_scheme(cells).items():
+        lost = sum(cell.verdict.kind in LOST_MOTION for cell in own)
+        line = f"{scheme}: energy is gained, or the run blows up or fails, in {lost} of {len(own)}"
+        taken = [cell.verdict.amount for cell in own if cell.verdict.kind == "lost"]
+        line += (
+            f" cases; {percent(max(taken))} is lost at most in the others" if taken else " cases"
         )
-    calm = [cell for cell in cells if cell.scheme not in {one.scheme for one in lost}]
-    damped = by_scheme(cell for cell in calm if cell.scheme.startswith(("HHT", "Generalized")))
-    for scheme, own in damped.items():
-        losses = [cell.verdict.amount for cell in own]
-        lines.append(
-            f"{scheme} loses no motion, but {percent(min(losses))} to "
-            f"{percent(max(losses))} of the energy."
-        )
+        lines.append(f"{line}.")
     return lines
 
 

@@ -541,23 +541,32 @@ def test_hht_postpones_the_blow_up_of_the_pendulum_and_then_loses_energy(report)
     assert verdict.kind == "lost" and verdict.amount > 0.2
 
 
-def test_damping_is_put_into_sentences():
-    def cells(example, dt, ratios):
-        case = stability.Case(f"{example}: dt [s]", dt, fb.Scene, dt=0.1, t_end=1.0)
-        return [
-            stability.Cell(case, scheme, "HHT", verdict(ratio)) for scheme, ratio in ratios.items()
-        ]
+def labelled(label, ratios):
+    """A cell for each scheme and ratio."""
+    case = arm(label)
+    return [stability.Cell(case, scheme, "HHT", verdict(ratio)) for scheme, ratio in ratios.items()]
 
-    alphas = [f"HHT, alpha = {alpha}" for alpha in ("0", "-0.1", "-0.2")]
-    found = benchmark("stability").owed_to_damping(
-        cells("Arm", "0.2", dict(zip(alphas, (30, 30, 0.4), strict=True)))
-        + cells("Arm", "0.1", dict(zip(alphas, (30, 0.9, 0.8), strict=True)))
-    )
-    assert found == [
-        "Arm: energy is gained, or the run blows up or fails, with HHT up to -0.1 at 0.2 s, 0 at "
-        "0.1 s; Generalized alpha nowhere.",
-        "HHT, alpha = -0.2 loses no motion, but 20 % to 60 % of the energy.",
+
+def test_damping_is_put_into_sentences():
+    cells = labelled("0.2", {"A": 30, "B": 0.4}) + labelled("0.1", {"A": 1, "B": 0.8})
+    assert benchmark("stability").owed_to_damping(cells) == [
+        "A: energy is gained, or the run blows up or fails, in 1 of 2 cases.",
+        "B: energy is gained, or the run blows up or fails, in 0 of 2 cases; 60 % is lost at most "
+        "in the others.",
     ]
+
+
+def test_tolerance_is_put_into_sentences():
+    rows = {"1e-2": (1 + 1e-5, 0.9), "1e-4": (1 + 1e-6, 1.1), "1e-6": (1 + 1e-13, 1.1)}
+    cells = [
+        c
+        for label, row in rows.items()
+        for c in labelled(label, dict(zip((OURS, "B"), row, strict=True)))
+    ]
+    ours, other, *errors = benchmark("stability").owed_to_tolerance(cells)
+    assert ours == f"{OURS}: from a tolerance of 1e-6 on, a tighter one changes no verdict."
+    assert other == "B: from a tolerance of 1e-4 on, a tighter one changes no verdict."
+    assert [line.split()[-1] for line in errors] == ["1e-5.", "1e-6.", "1e-13."]
 
 
 def test_our_scheme_drifts_with_rounding_only(report):

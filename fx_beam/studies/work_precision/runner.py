@@ -288,40 +288,27 @@ def _time(runs: list[Run], motion: _Motion, schemes, repetitions: int, bar) -> N
 
 def _against_fine(motion: _Motion, quantities, dt: float, found: Precision, measured) -> None:
     """Errors against fine solutions, and those of the step against one on the same mesh."""
-    references = _references(motion, quantities, dt, found)
-    quantities = {name: quantities[name] for name in references}
-    for run, histories in measured:
-        run.errors |= _errors(histories, references, run.notes)
-    for mesh in motion.grid if references else ():
-        missing: dict[str, str] = {}
-        fine = _fine(motion, mesh, quantities, dt, missing)
-        if missing:
-            found.missing[str(mesh)] = next(iter(missing.values()))
-        found.mesh_errors[mesh] = _errors(fine, references, {})
-        on_mesh = {name: h.reference(references[name].size) for name, h in fine.items()}
-        for run, histories in measured:
-            if run.mesh == mesh:
-                run.step_errors |= _errors(histories, on_mesh, {})
-
-
-def _references(motion: _Motion, quantities, dt: float, found: Precision) -> dict[str, Reference]:
-    """References that are fine solutions, of the quantities for which they can be computed."""
     missing: dict[str, str] = {}
     fine, coarse = (
         _fine(motion, _finer(motion.grid, times), quantities, step, missing)
         for times, step in ((FINER_MESH, dt), (FINER_MESH // 2, 2 * dt))
     )
-    references = {}
-    for name in fine.keys() & coarse.keys():
-        try:
-            references[name] = accuracy.computed(name, fine[name], coarse[name])
-        except SceneError as wrong:
-            missing[name] = str(wrong)
-        else:
-            found.references[name] = references[name].error
+    both = [name for name in fine if name in coarse]
+    references = _noted(both, missing, lambda q: accuracy.computed(q, fine[q], coarse[q]))
+    found.references.update({name: reference.error for name, reference in references.items()})
     found.missing.clear()
     found.missing.update(missing)
-    return references
+    for run, histories in measured:
+        run.errors |= _errors(histories, references, run.notes)
+    for mesh in motion.grid if references else ():
+        missing = {}
+        fine = _fine(motion, mesh, {name: quantities[name] for name in references}, dt, missing)
+        found.missing.update({str(mesh): reason for reason in missing.values()})
+        found.mesh_errors[mesh] = _errors(fine, references, {})
+        on_mesh = {name: h.reference(references[name].size) for name, h in fine.items()}
+        for run, histories in measured:
+            if run.mesh == mesh:
+                run.step_errors |= _errors(histories, on_mesh, {})
 
 
 def _fine(motion: _Motion, mesh: Mesh, quantities, dt: float, missing) -> dict[str, History]:
