@@ -525,7 +525,8 @@ def test_an_interrupted_study_keeps_and_writes_what_it_has(monkeypatch, tmp_path
     assert run.errors["tip"] > 0 and run.seconds > 0
     (row,) = json.loads((tmp_path / "arm.json").read_text())["Runs"]
     assert row["errors"] == run.errors and row["seconds"] == run.seconds
-    assert "| EnergyMomentum |" in (tmp_path / "arm.md").read_text()
+    page = (tmp_path / "arm.md").read_text()
+    assert "| EnergyMomentum |" in page and "some runs: the study was interrupted" in page
 
 
 def test_timed_runs_take_turns_and_the_median_counts(monkeypatch):

@@ -156,8 +156,8 @@ def sentences(cells: Iterable[Cell]) -> list[str]:
         within = f" (error at most {short(row['largest error where kept'])})" if row["kept"] else ""
         parts = [f"{scheme} keeps the energy in {cases}{within}"]
         parts += [f"{verb} in {row[kind]:g}" for kind, verb in _VERBS.items() if row[kind]]
-        gain = percent(row["largest gain"]) if row["largest gain"] else "nothing"
-        found.append(f"{', '.join(parts)}. It gains at most {gain}.")
+        gain = f"at most {percent(row['largest gain'])}" if row["largest gain"] else "no energy"
+        found.append(f"{', '.join(parts)}. It gains {gain}.")
     return found
 
 

@@ -132,6 +132,7 @@ def study(
     except BaseException as stopped:
         stopped.precision = found  # type: ignore[attr-defined]
         if isinstance(stopped, KeyboardInterrupt) and results is not None and found.runs:
+            found.missing["some runs"] = "the study was interrupted"
             write(results, found)
         raise
     return found
