@@ -208,6 +208,20 @@ def test_importing_the_package_imports_no_library_for_pictures_and_no_study():
     assert not loaded & {"fx_beam.studies.work_precision", "fx_beam.studies.stability"}
 
 
+def test_studies_import_no_library_for_reports():
+    code = "import sys, fx_beam; fx_beam.work_precision, fx_beam.stability; print(*sys.modules)"
+    done = subprocess.run(
+        [sys.executable, "-c", code],
+        cwd=PACKAGE.parent,
+        capture_output=True,
+        text=True,
+        check=True,
+    )
+    loaded = set(done.stdout.split())
+    assert {"fx_beam.studies.work_precision", "fx_beam.studies.stability"} <= loaded
+    assert not loaded & {"matplotlib", "pyvista", "scooby", "tabulate"}
+
+
 def test_pictures_and_studies_are_had_from_the_package_and_nothing_else_is():
     assert fx_beam.work_precision.study and fx_beam.stability and fx_beam.plot.curves
     assert {"plot", "stability", "work_precision", "Scene", "modes"} <= set(dir(fx_beam))

@@ -12,8 +12,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import scooby
-from tabulate import tabulate
 
 _VERSIONS = {
     "dolfinx": "fenics-dolfinx",
@@ -23,8 +21,19 @@ _VERSIONS = {
 }
 
 
+def require_libraries() -> None:
+    """Import what a report is made with, so that what is missing is said before a study runs.
+
+    It is imported by functions only, as a study can be had without the extra "plot".
+    """
+    import scooby  # noqa: F401
+    import tabulate  # noqa: F401
+
+
 def machine() -> dict[str, Any]:
     """Processor, operating system and versions that a report was computed with."""
+    import scooby
+
     report = scooby.Report(core=list(_VERSIONS.values()), optional=[]).to_dict()
     return {
         "processor": _processor(),
@@ -83,6 +92,8 @@ def write_csv(path: Path | str, rows: Iterable[Mapping[str, Any]]) -> None:
 
 def table(rows: Sequence[Mapping[str, Any]]) -> str:
     """Markdown table of rows with the same keys: numbers to the right, None and NaN left empty."""
+    from tabulate import tabulate
+
     if not rows:
         return ""
     sides = [

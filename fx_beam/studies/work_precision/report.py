@@ -90,6 +90,7 @@ def prepare(path: Path | str) -> None:
     """Refuse before a study what would end it: a place that cannot be written, or no pictures."""
     from fx_beam import plot  # noqa: F401  the same that `draw` imports, if it can be had
 
+    reporting.require_libraries()
     try:
         directory = reporting.beside(path, "").parent
     except (OSError, TypeError) as wrong:
