@@ -22,10 +22,11 @@ from scipy.integrate import trapezoid
 import fx_beam as fb
 from fx_beam.model.model import Model
 from fx_beam.studies import reporting
-from fx_beam.studies.stability import findings
-from fx_beam.studies.stability.case import by_group, by_scheme
-from fx_beam.studies.stability.study import Case
+from fx_beam.studies.reporting import short, table
+from fx_beam.studies.stability.case import by_scheme
+from fx_beam.studies.stability.report import LOST_MOTION, percent, sentences
 
+Case = fb.stability.Case
 SCHEMES = {
     "EnergyMomentum": fb.EnergyMomentum(),
     "ModifiedMidPoint": fb.ModifiedMidPoint(),
@@ -355,23 +356,26 @@ def tolerances(quick):
 
 
 def owed_to_tolerance(cells):
-    """From which tolerance on the verdicts are those of the tightest, and what ours gains."""
-    since = {}
+    """From which tolerance on each scheme has the verdicts of the tightest, and our errors."""
+    lines = []
     for scheme, own in by_scheme(cells).items():
         labels = list(dict.fromkeys(cell.case.label for cell in own))
         kinds = np.array([[c.verdict.kind for c in own if c.case.label == at] for at in labels])
         settled = [(kinds[k:] == kinds[-1]).all() for k in range(len(labels))]
-        since.setdefault(labels[settled.index(True)], []).append(scheme)
-    words = "; ".join(f"from {label} on with {', '.join(s)}" for label, s in since.items())
-    ours = [cell for cell in cells if cell.scheme == "EnergyMomentum"]
-    worst = {}
-    for cell in ours:
-        worst[cell.case.label] = max(worst.get(cell.case.label, 0.0), cell.verdict.worst)
-    errors = ", ".join(f"{findings.short(error)} at {label}" for label, error in worst.items())
-    return [
-        f"In all examples the verdict is that at the tightest tolerance {words}.",
-        f"The largest error that EnergyMomentum makes in any of them is {errors}.",
-    ]
+        first = labels[settled.index(True)]
+        lines.append(f"{scheme}: from a tolerance of {first} on, a tighter one changes no verdict.")
+    for label, own in by_label([c for c in cells if c.scheme == "EnergyMomentum"]).items():
+        worst = max(cell.verdict.worst for cell in own)
+        lines.append(
+            f"EnergyMomentum with a tolerance of {label}: error of at most {short(worst)}."
+        )
+    return lines
+
+
+def by_label(cells):
+    """Cells by the label of their case."""
+    labels = dict.fromkeys(cell.case.label for cell in cells)
+    return {label: [cell for cell in cells if cell.case.label == label] for label in labels}
 
 
 # -- Numerical damping ---------------------------------------------------------------------------
@@ -387,33 +391,16 @@ def dampings(quick):
 
 
 def owed_to_damping(cells):
-    """With how much damping motions are still lost, by example, and what more of it costs."""
-    lost = [cell for cell in cells if cell.verdict.kind in findings.LOST_MOTION]
+    """In how many cases each scheme loses the motion, and how much energy it takes elsewhere."""
     lines = []
-    for group in by_group(cells):
-        words = []
-        for family in ("HHT, alpha = ", "Generalized alpha, "):
-            # From the least damping to the most, so that the last is the most damped.
-            most = {
-                cell.case.label: cell.scheme.removeprefix(family)
-                for cell in lost
-                if cell.case.group == group and cell.scheme.startswith(family)
-            }
-            steps = ", ".join(f"{last} at {dt} s" for dt, last in most.items())
-            words.append(f"{family.split(',')[0]} {f'up to {steps}' if steps else 'nowhere'}")
-        example = group.removesuffix(": dt [s]")
-        lines.append(
-            f"{example}: energy is gained, or the run blows up or fails, with {words[0]}; "
-            f"{words[1]}."
+    for scheme, own in by_scheme(cells).items():
+        lost = sum(cell.verdict.kind in LOST_MOTION for cell in own)
+        line = f"{scheme}: energy is gained, or the run blows up or fails, in {lost} of {len(own)}"
+        taken = [cell.verdict.amount for cell in own if cell.verdict.kind == "lost"]
+        line += (
+            f" cases; {percent(max(taken))} is lost at most in the others" if taken else " cases"
         )
-    calm = [cell for cell in cells if cell.scheme not in {one.scheme for one in lost}]
-    damped = by_scheme(cell for cell in calm if cell.scheme.startswith(("HHT", "Generalized")))
-    for scheme, own in damped.items():
-        losses = [cell.verdict.amount for cell in own]
-        lines.append(
-            f"{scheme} loses no motion, but {findings.percent(min(losses))} to "
-            f"{findings.percent(max(losses))} of the energy."
-        )
+        lines.append(f"{line}.")
     return lines
 
 
@@ -472,24 +459,35 @@ def compare_units():
         for units, factors in UNITS.items():
             others, other_energy = motion(*factors)
             found[f"{name}, {units}"] = {
-                "until": t_end,
+                "until [s]": t_end,
                 "largest difference of motion": abs(others - places).max(),
-                "of energy": abs(other_energy - energy).max() / abs(energy).max(),
+                "largest difference of energy": abs(other_energy - energy).max()
+                / abs(energy).max(),
             }
     return found
 
 
 def units_page(found):
-    rows = [
-        [case, f"{row['until']:g}", *(f"{row[key]:.0e}" for key in list(row)[1:])]
-        for case, row in found.items()
-    ]
-    header = ["demo, units", "until [s]", "motion", "energy"]
+    rows = [{"demo, units": case} | row for case, row in found.items()]
     return (
         "## Other units\n\nLargest difference from the motion in the demo's units, by "
         "EnergyMomentum: displacements over the size of the scene, rotations, and energy over the "
-        "largest.\n\n" + reporting.table(header, rows)
+        "largest.\n\n" + table(rows)
     )
+
+
+def studied(path, schemes, cases, title, repeats, said=lambda cells: (), remarks=""):
+    """Cells of a study, written to files; after Ctrl-C those that are done."""
+    try:
+        cells = fb.stability.study(schemes, cases, repeats=repeats)
+    except KeyboardInterrupt as stop:
+        if stop.cells:
+            fb.stability.write(path, stop.cells, f"{title} (interrupted)", remarks)
+        raise
+    found = said(cells)
+    fb.stability.write(path, cells, title, remarks, found)
+    print(*found, *sentences(cells), f"{len(cells)} cells: {path}.md", sep="\n")
+    return cells
 
 
 def main(quick=False, results=ROOT / "results" / "stability"):
@@ -500,23 +498,19 @@ def main(quick=False, results=ROOT / "results" / "stability"):
     clock, repeats = perf_counter(), 1 if quick else 4
     units = compare_units()
     reporting.write_json(results / "units.json", units)
-
-    by_tolerance = fb.stability.study(SCHEMES, tolerances(quick), repeats=repeats)
-    title, owed = "what the schemes owe to Newton's tolerance", owed_to_tolerance(by_tolerance)
-    fb.stability.write(results / "tolerances", by_tolerance, title, findings=owed)
-
+    title = "what the schemes owe to Newton's tolerance"
+    by_tolerance = studied(
+        results / "tolerances", SCHEMES, tolerances(quick), title, repeats, owed_to_tolerance
+    )
     few = {"alphas": (0.0, -0.05, -0.1), "radii": (0.9,)} if quick else {}
-    by_damping = fb.stability.study(SCAN.schemes(**few), dampings(quick), repeats=repeats)
-    title, damped = "what numerical damping makes of the examples", owed_to_damping(by_damping)
-    fb.stability.write(results / "damping", by_damping, title, findings=damped)
-
+    title = "what numerical damping makes of the examples"
+    by_damping = studied(
+        results / "damping", SCAN.schemes(**few), dampings(quick), title, repeats, owed_to_damping
+    )
     cases = [case for group in GROUPS for case in group(quick)]
-    cells = fb.stability.study(SCHEMES, cases, repeats=repeats)
-    title = "stiff and extreme cases"
-    fb.stability.write(results / "cases", cells, title, remarks=units_page(units))
-    print(*owed, *damped, *findings.sentences(cells), sep="\n")
-    count = len(cells) + len(by_tolerance) + len(by_damping)
-    print(f"{count} cells, {perf_counter() - clock:.0f} s: {results}")
+    title, remarks = "stiff and extreme cases", units_page(units)
+    cells = studied(results / "cases", SCHEMES, cases, title, repeats, remarks=remarks)
+    print(f"{perf_counter() - clock:.0f} s")
     return cells, by_tolerance, units, by_damping
 
 

@@ -79,10 +79,7 @@ HOUSE = {
     ],
     "studies": ["reporting", "candidates"],
     "studies.work_precision": [
-        "run",
-        "checks",
         "accuracy",
-        "fronts",
         "precision",
         "picture",
         "report",
@@ -91,9 +88,7 @@ HOUSE = {
     ],
     "studies.stability": [
         "verdict",
-        "drift",
         "case",
-        "findings",
         "picture",
         "report",
         "runner",
@@ -216,8 +211,12 @@ def test_the_model_knows_nothing_of_solutions():
         ({"PIL", "imageio_ffmpeg"}, {"plot.frames"}),
         ({"tqdm"}, {"analyses.progress"}),
         ({"pandas", "xarray"}, {"results.tables"}),
+        ({"scooby", "tabulate"}, {"studies.reporting"}),
     ],
-    ids=["dolfinx", "petsc4py", "slepc4py", "matplotlib", "pyvista", "PIL", "tqdm", "pandas"],
+    ids=[
+        *("dolfinx", "petsc4py", "slepc4py", "matplotlib", "pyvista"),
+        *("PIL", "tqdm", "pandas", "reports"),
+    ],
 )
 def test_each_library_is_called_from_one_place(packages, home):
     assert {module for module in SOURCES if foreign_imports(module) & packages} == home
@@ -245,6 +244,20 @@ def test_importing_the_package_imports_no_library_for_pictures_and_no_study():
     assert not loaded & {"matplotlib", "pyvista", "vtkmodules", "imageio", "fx_beam.plot"}
     assert not loaded & {"pandas", "xarray"}
     assert not loaded & {"fx_beam.studies.work_precision", "fx_beam.studies.stability"}
+
+
+def test_studies_import_no_library_for_reports():
+    code = "import sys, fx_beam; fx_beam.work_precision, fx_beam.stability; print(*sys.modules)"
+    done = subprocess.run(
+        [sys.executable, "-c", code],
+        cwd=PACKAGE.parent,
+        capture_output=True,
+        text=True,
+        check=True,
+    )
+    loaded = set(done.stdout.split())
+    assert {"fx_beam.studies.work_precision", "fx_beam.studies.stability"} <= loaded
+    assert not loaded & {"matplotlib", "pyvista", "scooby", "tabulate"}
 
 
 def test_pictures_and_studies_are_had_from_the_package_and_nothing_else_is():

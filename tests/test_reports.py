@@ -159,7 +159,7 @@ def numbers(results, example):
 
 
 def runs(results, example, scheme):
-    return [run for run in numbers(results, example)["runs"] if run["scheme"] == scheme]
+    return [run for run in numbers(results, example)["Runs"] if run["scheme"] == scheme]
 
 
 @pytest.mark.parametrize("example", EXAMPLES)
@@ -168,9 +168,9 @@ def test_work_precision_has_every_run_and_says_on_what_it_ran(results, example):
     module = benchmark("work_precision")
     settings = getattr(module, example)(quick=True)
     candidates = len(module.QUICK_SCHEMES) * len(settings["steps"]) * len(settings["meshes"])
-    assert len(found["runs"]) == candidates
+    assert len(found["Runs"]) == candidates
     assert {"processor", "dolfinx", "fx_beam"} <= set(found["machine"])
-    for run in found["runs"]:
+    for run in found["Runs"]:
         assert run["failure"] or (
             run["seconds"] > 0 and set(run["errors"]) == set(settings["quantities"])
         )
@@ -181,7 +181,7 @@ def test_work_precision_page_has_its_picture_its_sentences_and_its_rows(results,
     found, page = numbers(results, example), (results / f"{example}.md").read_text()
     pictures = re.findall(r"!\[(.*)\]\((.*)\)\n\n(.*)\n", page)
     assert [name for name, _, _ in pictures] == list(found["relative errors of the references"])
-    assert [line for _, _, line in pictures] == found["which scheme wins where"]
+    assert [line for _, _, line in pictures] == list(found["sentences"].values())
     for _, picture, _ in pictures:
         assert (results / picture).stat().st_size > 20_000
     rows = [line for line in page.splitlines() if line.startswith(f"| {OURS}")]
@@ -203,9 +203,9 @@ def test_newmark_has_an_error_of_energy_that_our_scheme_has_not(results, example
 def test_references_are_exact_or_twice_as_good_as_the_finest_runs(results):
     for example in EXAMPLES:
         found = numbers(results, example)
-        steps = [run["dt"] for run in found["runs"]]
+        steps = [run["dt"] for run in found["Runs"]]
         # The finest steps only, as a coarse one may by chance come closer than its error is.
-        finest = [run for run in found["runs"] if run["dt"] == min(steps) and not run["lost"]]
+        finest = [run for run in found["Runs"] if run["dt"] == min(steps) and not run["lost"]]
         for quantity, error in found["relative errors of the references"].items():
             best = min(run["errors"][quantity] for run in finest)
             assert error is None or error < best / 2, (example, quantity)
@@ -216,8 +216,8 @@ def test_references_are_exact_or_twice_as_good_as_the_finest_runs(results):
 @pytest.mark.parametrize("quantity", ["tip path", "period"])
 def test_pendulum_is_second_order_in_the_step(results, quantity):
     (order,) = [
-        row["orders"][quantity]
-        for row in numbers(results, "pendulum")["orders in the time step"]
+        row[quantity]
+        for row in numbers(results, "pendulum")["Observed orders in the time step"]
         if row["scheme"] == OURS
     ]
     assert order == approx(2, abs=0.1)
@@ -235,9 +235,9 @@ def test_newmark_loses_the_pendulum_at_steps_at_which_ours_is_accurate(results):
 
 def test_joint_of_the_swing_is_second_order_in_the_step_and_mesh_errors_fall(results):
     found = numbers(results, "three_bar_swing")
-    orders = [row["orders"]["joint path"] for row in found["orders in the time step"]]
+    orders = [row["joint path"] for row in found["Observed orders in the time step"]]
     assert orders == approx([2] * 4, abs=0.1)
-    coarse, fine = (row["errors"]["joint path"] for row in found["errors with a fine time step"])
+    coarse, fine = (row["joint path"] for row in found["Errors with a fine time step"])
     assert coarse / fine == approx(4, rel=0.2)
 
 

@@ -286,41 +286,41 @@ TWO = [("A", 1e-3, 5e-2), ("A", 2e-3, 5e-3), ("B", 1.5e-3, 4e-2), ("B", 1e-2, 6e
 
 
 def test_the_cheapest_scheme_is_named_at_each_error():
-    loose, tight, none = made_up(TWO).winners("q")
-    assert (loose.schemes, loose.next, loose.tightest) == (("A",), "B", 1e-2)
-    assert (tight.schemes, tight.run.seconds, tight.next) == (("B",), 1e-2, "")
-    assert none.schemes == () and none.tightest == 1e-4
+    loose, middle, tight, none = made_up(TWO).levels("q")
+    assert (loose.cheapest, list(loose.seconds), loose.error) == (("A",), ["A", "B"], 1e-1)
+    assert (middle.cheapest, middle.error) == (("A",), 1e-2)
+    assert (tight.cheapest, tight.run.seconds, list(tight.seconds)) == (("B",), 1e-2, ["B"])
+    assert none.cheapest == () and none.error == 1e-4
 
 
 def test_the_sentence_swaps_with_the_numbers():
     swap = {"A": "B", "B": "A"}
     there = sentence(made_up(TWO), "q")
     back = sentence(made_up([(swap[scheme], *numbers) for scheme, *numbers in TWO]), "q")
-    assert "within 1e-1 to 1e-2 A is the cheapest (1 ms to 1.6 ms; 1 element of" in there
-    assert "within 1e-3 B is the cheapest (7.9 ms; 1 element of" in there
-    assert "the rest never comes within 1e-3; no run comes within 1e-4" in there
+    assert there == (
+        "q: for an error of 1e-1 to 1e-2 A is the cheapest (1 ms to 1.6 ms); for an error of 1e-3 "
+        "B is the cheapest (7.9 ms); no run comes within 1e-4."
+    )
     assert there.translate(str.maketrans("AB", "BA")) == back != there
 
 
 def test_time_at_an_error_lies_on_the_line_between_two_runs():
     front = made_up([("A", 1e-3, 0.5), ("A", 1e-1, 5e-5)]).front("q", "A")
-    low, middle, high = front.seconds(5e-3)
-    assert middle == approx(1e-2)
-    # Quartiles 5 % off, and errors 10 % off on a line of slope -2.
-    assert (low, high) == (approx(1e-2 * 0.95 / 1.1**0.5), approx(1e-2 * 1.05 * 1.1**0.5))
-    assert front.seconds(0.7)[1] == approx(1e-3) and front.seconds(4e-5) is None
+    assert front.seconds(5e-3) == approx([0.95e-2, 1e-2, 1.05e-2])
+    assert front.seconds(0.7)[1] == approx(1e-3) and front.run(4e-5) is None
 
 
 def test_a_line_that_ends_just_above_a_level_is_compared_there():
     runs = [("A", 1e-3, 5e-2), ("A", 9e-3, 1.05e-3), ("B", 2e-3, 5e-2), ("B", 2e-2, 0.99e-3)]
-    *_, tight, none = made_up(runs).winners("q")
-    assert (tight.tightest, tight.schemes, tight.next) == (1e-3, ("A",), "B")
-    assert none.tightest == 1e-4
+    *_, tight, none = made_up(runs).levels("q")
+    assert (tight.error, tight.cheapest, list(tight.seconds)) == (1e-3, ("A",), ["A", "B"])
+    assert none.error == 1e-4
 
 
-def test_the_next_scheme_and_its_ratio_are_those_of_the_run_times():
+def test_schemes_are_in_the_order_of_their_run_times():
     found = made_up([("A", 1e-3, 5e-2), ("B", 3.5e-3, 5e-2), ("C", 2e-3, 5e-2)])
-    assert "C takes 2 times as long" in sentence(found, "q")
+    assert found.levels("q")[0].seconds == approx({"A": 1e-3, "C": 2e-3, "B": 3.5e-3})
+    assert list(found.levels("q")[0].seconds) == ["A", "C", "B"]
 
 
 def test_cost_of_a_scheme_is_its_time_over_that_of_the_first_in_the_same_runs():
@@ -330,30 +330,30 @@ def test_cost_of_a_scheme_is_its_time_over_that_of_the_first_in_the_same_runs():
     assert found.cost("B", 2) is None
 
 
-def test_schemes_whose_times_cannot_be_told_apart_win_together():
+def test_schemes_whose_times_cannot_be_told_apart_are_cheapest_together():
     runs = [("A", 1e-3, 5e-2), ("B", 1.18e-3, 5e-2), ("C", 9e-3, 1e-2), ("D", 9e-3, 1e-2)]
-    assert "within 1e-1 A and B are the cheapest" in sentence(made_up(runs), "q")
-    assert "within 1e-1 all but C cost the same" in sentence(made_up(runs[:3]), "q")
-    assert "within 1e-1 all schemes cost the same" in sentence(made_up(runs[:2]), "q")
+    assert "an error of 1e-1 A and B are the cheapest (1 ms)" in sentence(made_up(runs), "q")
+    assert "an error of 1e-1 all schemes cost about the same" in sentence(made_up(runs[:2]), "q")
     wide = {"quartiles": (1.1e-3, 1.5e-3)}
     apart, tied = ("B", 1.3e-3, 5e-2), ("B", 1.3e-3, 5e-2, wide)  # quartiles are 5 % off
-    assert "within 1e-1 A is the cheapest" in sentence(made_up([runs[0], apart]), "q")
-    assert "within 1e-1 all schemes cost the same" in sentence(made_up([runs[0], tied]), "q")
+    assert made_up([runs[0], apart]).levels("q")[0].cheapest == ("A",)
+    assert made_up([runs[0], tied]).levels("q")[0].cheapest == ("A", "B")
 
 
-def test_levels_are_joined_only_where_the_same_schemes_win():
+def test_levels_are_joined_only_where_the_same_schemes_are_cheapest():
     # B ties with A at 1e-1, and with C at 1e-2: each of the three is named where it wins.
     runs = [("A", 1e-3, 5e-2), ("B", 1.05e-3, 5e-2), ("B", 2.05e-3, 5e-3), ("C", 1.9e-3, 5e-3)]
-    loose, tight, _ = made_up(runs).winners("q")
-    assert loose.schemes == ("A", "B") and loose.run.scheme == "A"
-    assert set(tight.schemes) == {"B", "C"}
+    loose, tight, _ = made_up(runs).levels("q")
+    assert loose.cheapest == ("A", "B") and loose.run.scheme == "A"
+    assert set(tight.cheapest) == {"B", "C"}
+    assert "1e-1 A and B are the cheapest" in sentence(made_up(runs), "q")
 
 
 def test_a_run_that_finer_steps_do_not_confirm_counts_with_their_error():
     # The error changes its sign near the first step.
     found = made_up([("A", 1e-3, 3e-4), ("A", 2e-3, 7.6e-3), ("B", 2e-3, 5e-3)])
     assert [found.counted("q", run) for run in found.runs] == [7.6e-3, 7.6e-3, 5e-3]
-    assert found.winners("q")[-1].tightest == 1e-3 and not found.winners("q")[-1].schemes
+    assert found.levels("q")[-1].error == 1e-3 and not found.levels("q")[-1].cheapest
 
 
 def test_a_run_whose_errors_of_step_and_mesh_cancel_counts_with_that_of_the_mesh():
@@ -375,8 +375,8 @@ def test_a_lost_motion_wins_nothing_nor_does_one_that_smaller_steps_lose(lost):
 def test_errors_that_the_reference_cannot_tell_decide_nothing():
     found = made_up([*TWO, ("B", 2e-2, 1e-5)], q=1e-3)
     assert found.front("q", "B").errors == [4e-2, 3e-3]
-    assert [winner.tightest for winner in found.winners("q")] == [1e-2]
-    assert "no error below 3e-1 is told" in sentence(made_up(TWO, q=0.1), "q")
+    assert [level.error for level in found.levels("q")] == [1e-1, 1e-2]
+    assert "the reference cannot tell errors below 3e-1" in sentence(made_up(TWO, q=0.1), "q")
 
 
 def test_the_front_leaves_out_runs_that_are_better_by_rounding_only():
@@ -405,11 +405,13 @@ def test_a_run_that_fails_is_a_row_with_its_reason(tmp_path):
     assert newmark.errors == {} and np.isnan(newmark.seconds) and "t = " in newmark.failure
     page = (tmp_path / "pinned.md").read_text()
     assert newmark.failure in page and sentence(found, "energy") in page
-    assert sentence(found, "energy").startswith("energy: within 1e-1 to 1e-12 ours is the cheapest")
-    row = json.loads((tmp_path / "pinned.json").read_text())["runs"][1]
+    assert sentence(found, "energy").startswith(
+        "energy: for an error of 1e-1 to 1e-12 ours is the cheapest"
+    )
+    row = json.loads((tmp_path / "pinned.json").read_text())["Runs"][1]
     assert row["failure"] == newmark.failure and row["seconds"] is None
     assert (tmp_path / "pinned_1_energy.png").stat().st_size > 10_000
-    assert re.search(r"import [\d.]+ s; set-up .* the first set-up .* in all", page)
+    assert re.search(r"set-up of a run, .* first set-up, .* in all", page)
 
 
 def sensible(**change):
@@ -432,7 +434,7 @@ def sensible(**change):
 def test_results_whose_name_has_a_point_do_not_overwrite_each_other(tmp_path):
     for name in ("arm_0.5", "arm_0.25"):
         sensible(results=tmp_path / name)
-    endings = ("_1_tip.png", ".json", ".md")
+    endings = ("_1_tip.png", ".csv", ".json", ".md")
     expected = {f"{name}{ending}" for name in ("arm_0.5", "arm_0.25") for ending in endings}
     assert {path.name for path in tmp_path.iterdir()} == expected
 
@@ -508,7 +510,7 @@ def test_a_quantity_that_the_reference_has_not_is_said():
     assert "the reference of 'tip' is not a finite number at t = 0.2 s" in sentence(found, "tip")
 
 
-def test_an_interrupted_study_keeps_what_it_has(monkeypatch):
+def test_an_interrupted_study_keeps_and_writes_what_it_has(monkeypatch, tmp_path):
     calls = iter([0, 1])
 
     def simulate(*arguments, **keywords):
@@ -518,9 +520,13 @@ def test_an_interrupted_study_keeps_what_it_has(monkeypatch):
 
     monkeypatch.setattr(runner, "simulate", simulate)
     with pytest.raises(KeyboardInterrupt) as stopped:
-        sensible(steps=[0.1, 0.05])
+        sensible(steps=[0.1, 0.05], results=tmp_path / "arm")
     (run,) = stopped.value.precision.runs
-    assert run.errors["tip"] > 0
+    assert run.errors["tip"] > 0 and run.seconds > 0
+    (row,) = json.loads((tmp_path / "arm.json").read_text())["Runs"]
+    assert row["errors"] == run.errors and row["seconds"] == run.seconds
+    page = (tmp_path / "arm.md").read_text()
+    assert "| EnergyMomentum |" in page and "some runs: the study was interrupted" in page
 
 
 def test_timed_runs_take_turns_and_the_median_counts(monkeypatch):

@@ -12,18 +12,7 @@ from fx_beam.mechanics.schemes import Scheme
 
 
 def labelled(schemes: Any) -> dict[str, Scheme]:
-    """Schemes by label.
-
-    Parameters
-    ----------
-    schemes : dict or sequence of Scheme
-        By label, or to be called by their names.
-
-    Returns
-    -------
-    dict
-        Those schemes.
-    """
+    """Schemes of a dict by label, those of a sequence by their names."""
     if isinstance(schemes, Mapping):
         labels, given = list(schemes), several("schemes", list(schemes.values()), distinct=False)
     else:

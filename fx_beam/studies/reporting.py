@@ -1,155 +1,128 @@
-"""What reports are made of: the machine, strict JSON and Markdown tables."""
+"""What reports are made of: the machine, strict JSON, CSV and Markdown tables."""
 
 from __future__ import annotations
 
-import functools
+import csv
+import itertools
 import json
 import math
 import os
-import platform
-import subprocess
-import sys
-from collections.abc import Iterable, Sequence
-from importlib import metadata
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-#: Distributions whose versions a report states.
-VERSIONS = {
+_VERSIONS = {
     "dolfinx": "fenics-dolfinx",
     "petsc": "petsc4py",
     "numpy": "numpy",
     "fx_beam": "fx-beam",
 }
 
-_IMPORT = """
-import sys, time
-sys.path.insert(0, sys.argv[1])
-start = time.perf_counter()
-import fx_beam
-print(time.perf_counter() - start)
-"""
+
+def require_libraries() -> None:
+    """Import what a report is made with, so that what is missing is said before a study runs.
+
+    It is imported by functions only, as a study can be had without the extra "plot".
+    """
+    import scooby  # noqa: F401
+    import tabulate  # noqa: F401
 
 
 def machine() -> dict[str, Any]:
-    """What a report was computed on.
+    """Processor, operating system and versions that a report was computed with."""
+    import scooby
 
-    Returns
-    -------
-    dict
-        Processor, number of its cores that may be used, versions of Python, dolfinx, PETSc, NumPy
-        and fx_beam.
-    """
+    report = scooby.Report(core=list(_VERSIONS.values()), optional=[]).to_dict()
     return {
         "processor": _processor(),
         "cores": len(os.sched_getaffinity(0)),
-        "python": platform.python_version(),
-        **{name: _version(distribution) for name, distribution in VERSIONS.items()},
+        "system": report["OS"],
+        "python": report["Python"].split()[0],
+        **{name: report[distribution] for name, distribution in _VERSIONS.items()},
     }
 
 
-@functools.cache
-def import_seconds() -> float:
-    """Time that a fresh interpreter takes to import fx_beam.
+def _processor() -> str:
+    """Name of the processor, which scooby does not know."""
+    cpuinfo = Path("/proc/cpuinfo")
+    lines = cpuinfo.read_text("utf-8").splitlines() if cpuinfo.exists() else []
+    names = [line.split(":", 1)[1].strip() for line in lines if line.startswith("model name")]
+    return names[0] if names else os.uname().machine
 
-    Returns
-    -------
-    float
-        That time, with files that the system has read before; NaN where there is no such
-        interpreter [s].
-    """
-    done = subprocess.run(
-        [sys.executable, "-c", _IMPORT, str(Path(__file__).parents[2])],
-        # As Python found it: what MPI has added to it since is for this process alone.
-        env=dict(os.environ),
-        capture_output=True,
-        text=True,
-        check=False,
-    )
-    return math.nan if done.returncode else float(done.stdout)
+
+def write(
+    path: Path | str,
+    page: Iterable[str],
+    numbers: Mapping[str, Any],
+    rows: Iterable[Mapping[str, Any]],
+) -> None:
+    """Write a report: a Markdown page of paragraphs, all numbers as JSON, its rows as CSV."""
+    computed_on = machine()
+    write_json(beside(path, ".json"), {"machine": computed_on, **numbers})
+    write_csv(beside(path, ".csv"), rows)
+    stated = ", ".join(f"{key} {value}" for key, value in computed_on.items())
+    text = "\n".join([*filter(None, page), f"Computed on: {stated}.\n"])
+    beside(path, ".md").write_text(text, "utf-8")
+
+
+def beside(path: Path | str, ending: str) -> Path:
+    """File of a report; its name may have a point in it. Its directory is made."""
+    path = Path(path)
+    path.parent.mkdir(parents=True, exist_ok=True)
+    return path.with_name(path.name + ending)
 
 
 def write_json(path: Path | str, numbers: Any) -> None:
-    """Write numbers as JSON that every reader understands, in directories that need not exist.
-
-    Parameters
-    ----------
-    path : str or path
-        File to write.
-    numbers : dict
-        Dictionaries, sequences, arrays, numbers and texts. NaN becomes null, infinity the text
-        "inf" or "-inf", as JSON has neither.
-    """
-    path = Path(path)
-    path.parent.mkdir(parents=True, exist_ok=True)
-    path.write_text(json.dumps(_plain(numbers), indent=2, allow_nan=False) + "\n", "utf-8")
+    """Write strict JSON: NaN becomes null, infinity the text "inf" or "-inf"."""
+    text = json.dumps(_plain(numbers), indent=2, allow_nan=False)
+    beside(path, "").write_text(text + "\n", "utf-8")
 
 
-def table(header: Sequence[str], rows: Iterable[Sequence[Any]]) -> str:
-    """Markdown table, legible as plain text too.
+def write_csv(path: Path | str, rows: Iterable[Mapping[str, Any]]) -> None:
+    """Write rows as CSV, nested entries as columns with a point, as pandas.json_normalize does."""
+    flat = [_flat(_plain(row)) for row in rows]
+    columns = dict.fromkeys(itertools.chain.from_iterable(flat))
+    with beside(path, "").open("w", encoding="utf-8", newline="") as file:
+        writer = csv.DictWriter(file, list(columns), lineterminator="\n")
+        writer.writeheader()
+        writer.writerows(flat)
 
-    Parameters
-    ----------
-    header : sequence of str
-        Names of the columns.
-    rows : iterable of sequences
-        Cells; None is left empty. A column of numbers, formatted or not, stands to the right.
 
-    Returns
-    -------
-    str
-        The table, with a line feed at its end.
-    """
-    lines = [[_cell(value) for value in row] for row in (header, *rows)]
-    columns = list(zip(*lines, strict=True))
-    widths = [max(3, *map(len, column)) for column in columns]
-    right = [all(_is_number(cell) for cell in column[1:] if cell) for column in columns]
+def table(rows: Sequence[Mapping[str, Any]]) -> str:
+    """Markdown table of rows with the same keys: numbers to the right, None and NaN left empty."""
+    from tabulate import tabulate
 
-    def line(row):
-        fitted = [
-            cell.rjust(width) if on_right else cell.ljust(width)
-            for cell, width, on_right in zip(row, widths, right, strict=True)
-        ]
-        return "| " + " | ".join(fitted) + " |\n"
-
-    rule = [
-        "-" * (n - 1) + (":" if on_right else "-")
-        for n, on_right in zip(widths, right, strict=True)
+    if not rows:
+        return ""
+    sides = [
+        "left" if any(isinstance(row[key], str) for row in rows) else "right" for key in rows[0]
     ]
-    return "".join(map(line, [lines[0], rule, *lines[1:]]))
+    cells = [[_cell(row[key]) for key in rows[0]] for row in rows]
+    # The cells are texts by now, which tabulate would take for numbers and write anew.
+    how = {"tablefmt": "pipe", "disable_numparse": True, "colalign": sides}
+    return tabulate(cells, [_cell(key) for key in rows[0]], **how) + "\n"
 
 
-def _processor() -> str:
-    cpuinfo = Path("/proc/cpuinfo")
-    for line in cpuinfo.read_text("utf-8").splitlines() if cpuinfo.exists() else ():
-        if line.startswith("model name"):
-            return line.split(":", 1)[1].strip()
-    return platform.processor() or platform.machine()
-
-
-def _version(distribution: str) -> str:
-    try:
-        return metadata.version(distribution)
-    except metadata.PackageNotFoundError:
-        return "not installed, run from its sources"
+def short(number: float) -> str:
+    """A number from 0 on with one digit, such as 3e-13 or 2e9; from 1 to 999 as it is."""
+    if 1 <= number < 999.5:
+        return f"{number:.0f}" if number >= 9.5 else f"{number:.2g}"
+    if not np.isfinite(number):
+        return f"{number}"
+    mantissa, _, exponent = f"{number:.0e}".partition("e")
+    return f"{mantissa}e{int(exponent)}" if number else "0"
 
 
 def _cell(value: Any) -> str:
-    return "" if value is None else str(value).replace("|", "\\|")
-
-
-def _is_number(cell: str) -> bool:
-    try:
-        float(cell)
-    except ValueError:
-        return False
-    return True
+    if value is None or value != value:
+        return ""
+    return f"{value:.3g}" if isinstance(value, float) else str(value).replace("|", "\\|")
 
 
 def _plain(value: Any) -> Any:
-    if isinstance(value, dict):
+    if isinstance(value, Mapping):
         return {str(key): _plain(item) for key, item in value.items()}
     if isinstance(value, np.ndarray | np.generic):
         value = value.tolist()
@@ -158,3 +131,11 @@ def _plain(value: Any) -> Any:
     if isinstance(value, float) and not math.isfinite(value):
         return None if math.isnan(value) else str(value)
     return value
+
+
+def _flat(value: Any, name: str = "") -> dict[str, Any]:
+    if not isinstance(value, dict | list):
+        return {name: value}
+    items = value.items() if isinstance(value, dict) else enumerate(value)
+    nested = [_flat(item, f"{name}.{key}" if name else str(key)) for key, item in items]
+    return {column: cell for part in nested for column, cell in part.items()}

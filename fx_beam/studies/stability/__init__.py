@@ -1,11 +1,9 @@
 """Stability of time schemes: a matrix of schemes and cases, each run judged by its energy."""
 
 from .case import Case, Cell
-from .drift import Drift, drift_of
-from .findings import counts
-from .report import write
+from .report import counts, write
 from .runner import study
-from .verdict import BLOWN_UP, KEPT, KINDS, Verdict, classify, energy_ratio
+from .verdict import BLOWN_UP, KEPT, KINDS, Drift, Verdict, classify, drift_of, energy_ratio
 
 __all__ = [
     "BLOWN_UP",

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 
@@ -12,8 +13,7 @@ from fx_beam.scene.scene import Scene
 from fx_beam.stepping.newton import NewtonOptions
 from fx_beam.validation import is_number
 
-from .drift import FEWEST, Drift
-from .verdict import Verdict
+from .verdict import FEWEST, Drift, Verdict
 
 #: Numbers of two runs that round differently are the same if they differ by no more than this.
 SAME = 0.1
@@ -140,57 +140,23 @@ def _same(a: float, b: float) -> bool:
 
 
 def by_case(cells: Iterable[Cell]) -> list[list[Cell]]:
-    """Cells case by case.
-
-    Parameters
-    ----------
-    cells : iterable of Cell
-        A study.
-
-    Returns
-    -------
-    list of lists of Cell
-        All schemes of each case.
-    """
-    found: dict[tuple[str, str], list[Cell]] = {}
-    for cell in cells:
-        found.setdefault((cell.case.group, cell.case.label), []).append(cell)
-    return list(found.values())
+    """All schemes of each case."""
+    return list(_grouped(cells, lambda cell: (cell.case.group, cell.case.label)).values())
 
 
 def by_group(cells: Iterable[Cell]) -> dict[str, list[list[Cell]]]:
-    """Cells case by case, by group.
-
-    Parameters
-    ----------
-    cells : iterable of Cell
-        A study.
-
-    Returns
-    -------
-    dict
-        The cases of each group as `by_case` has them.
-    """
-    found: dict[str, list[list[Cell]]] = {}
-    for case in by_case(cells):
-        found.setdefault(case[0].case.group, []).append(case)
-    return found
+    """The cases of each group, as `by_case` has them."""
+    groups = _grouped(cells, lambda cell: cell.case.group)
+    return {group: by_case(own) for group, own in groups.items()}
 
 
 def by_scheme(cells: Iterable[Cell]) -> dict[str, list[Cell]]:
-    """Cells by scheme.
+    """All cases of each scheme."""
+    return _grouped(cells, lambda cell: cell.scheme)
 
-    Parameters
-    ----------
-    cells : iterable of Cell
-        A study.
 
-    Returns
-    -------
-    dict
-        All cases of each scheme.
-    """
-    found: dict[str, list[Cell]] = {}
+def _grouped(cells: Iterable[Cell], key: Callable[[Cell], Any]) -> dict[Any, list[Cell]]:
+    found: dict[Any, list[Cell]] = {}
     for cell in cells:
-        found.setdefault(cell.scheme, []).append(cell)
+        found.setdefault(key(cell), []).append(cell)
     return found

@@ -6,8 +6,9 @@ from pathlib import Path
 
 import numpy as np
 
+from fx_beam.studies.reporting import short
+
 from .case import Cell, by_case, by_group, by_scheme
-from .findings import short
 from .verdict import Verdict
 
 #: Colours of the verdicts: pale where nothing is lost, dark where all is.
@@ -30,18 +31,7 @@ TELLING = 6
 
 
 def symbol(verdict: Verdict) -> str:
-    """A verdict in a few characters, for a cell of the heat map.
-
-    Parameters
-    ----------
-    verdict : Verdict
-        The verdict.
-
-    Returns
-    -------
-    str
-        Such as 2e-13, -17%, +4e-5, x1e9 or, with the part of the time reached, a cross and 54%.
-    """
+    """A verdict in a few characters: 2e-13, -17%, +4e-5, x1e9, or a cross and the part reached."""
     amount = verdict.amount
     if verdict.kind == "failed":
         return f"\u2717{100 * amount:.0f}%"
@@ -54,20 +44,9 @@ def symbol(verdict: Verdict) -> str:
 
 
 def telling(cells: list[Cell]) -> list[list[Cell]]:
-    """Cases on which the schemes differ most, one of each group.
+    """Cases on which the schemes differ most, one of each group, with all their schemes.
 
-    First those with the most different verdicts, then those with the widest range of the worst
-    energy ratio in powers of ten.
-
-    Parameters
-    ----------
-    cells : list of Cell
-        A study.
-
-    Returns
-    -------
-    list of lists of Cell
-        All schemes of each of these cases.
+    First those with the most different verdicts, then those with the widest range of errors.
     """
     best: dict[str, tuple[tuple[int, float], list[Cell]]] = {}
     for case in by_case(cells):
@@ -87,15 +66,7 @@ def telling(cells: list[Cell]) -> list[list[Cell]]:
 
 
 def draw_map(path: Path, cells: list[Cell]) -> None:
-    """Write the heat map.
-
-    Parameters
-    ----------
-    path : path
-        File to write.
-    cells : list of Cell
-        A study.
-    """
+    """Write the heat map."""
     # Imported here, as a study can be had without matplotlib and pyvista.
     from fx_beam import plot
 
@@ -116,7 +87,7 @@ def draw_map(path: Path, cells: list[Cell]) -> None:
         [], [], **look, marker=((-1, 1), (1, 1), (-1, -1)), markersize=7, label="steps halved often"
     )
     tilde = axes[0, 0].plot(
-        [], [], **look, marker="$\\sim$", markersize=9, label="turns with rounding"
+        [], [], **look, marker="$\\sim$", markersize=9, label="depends on rounding"
     )
     figure.legend(
         handles=[*squares, *corner, *tilde], ncols=8, loc="outside upper center", frameon=False
@@ -183,15 +154,7 @@ def _draw_cell(ax, x: int, y: int, cell: Cell) -> None:
 
 
 def draw_curves(path: Path, cells: list[Cell]) -> None:
-    """Write the energy over time in the cases of `telling`.
-
-    Parameters
-    ----------
-    path : path
-        File to write.
-    cells : list of Cell
-        A study.
-    """
+    """Write the energy over time in the cases of `telling`."""
     from fx_beam import plot
 
     shown = telling(cells)

@@ -1,19 +1,55 @@
-"""A study of stability in words and tables, with its pictures."""
+"""A study of stability as JSON, CSV and a Markdown page with pictures."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections import Counter
+from collections.abc import Iterable, Sequence
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from fx_beam.errors import SceneError
 from fx_beam.studies import reporting
+from fx_beam.studies.reporting import short, table
 
 from .case import OFTEN, SAME, Cell, by_group, by_scheme
-from .findings import along, counts, lost_motions, percent, sentences, short
-from .picture import draw_curves, draw_map
-from .verdict import BLOWN_UP, KEPT, KINDS, Verdict
+from .picture import draw_curves, draw_map, symbol
+from .verdict import BLOWN_UP, KEPT, KINDS
+
+#: Verdicts on a motion that is not the one sought.
+LOST_MOTION = "gained", "blew up", "failed"
+_VERBS = {
+    "lost": "loses energy",
+    "gained": "gains energy",
+    "blew up": "blows up",
+    "failed": "fails",
+    "no verdict": "has no verdict",
+}
+_CRITERIA = f"""The energy ratio is 1 + (E - E(0) - W) / E0. E is the energy, W the work of all
+loads, and E0 the largest kinetic and strain energy that the motion should have had: that at the
+start and what loads and weight have added. The first of these that holds is the verdict:
+
+- **blew up**: the ratio exceeded {BLOWN_UP:g};
+- **failed**: Newton's method did not converge, after {{limits}} halvings of the step;
+- **kept**: the ratio was never further than {short(KEPT)} from 1;
+- **gained** or **lost**: whichever was more.
+
+Each run that did not keep the energy, or took {OFTEN:g} or more steps for each of the time grid, is
+repeated with time steps that differ in the last digit ({{repeats}} of them). It *depends on
+rounding* if its verdict then differs, or its number by more than {100 * SAME:g} %.
+
+In a table, "steps x1.2" are the steps taken for each of the time grid, and what follows a ~ is the
+verdict with another rounding.
+"""
+_MAP = (
+    "Number in a cell: the largest error where the energy was kept; the part that was lost or "
+    "gained; how many times the energy where it blew up; the part of the time that was reached "
+    f"where it failed. Filled corner: {OFTEN:g} or more steps were taken for each of the time "
+    "grid. ~: the number depends on rounding; where the verdict does as well, the right end of the "
+    "cell has the colour of the other verdict."
+)
 
 
 def write(
@@ -23,7 +59,7 @@ def write(
     remarks: str = "",
     findings: Sequence[str] = (),
 ) -> None:
-    """Write a study as JSON, as a Markdown page and as the pictures in it.
+    """Write a study as JSON, its cells as CSV, and a Markdown page with two pictures.
 
     Parameters
     ----------
@@ -45,206 +81,164 @@ def write(
     """
     if not cells:
         raise SceneError("a page on stability needs cells of a study; none are given")
-    path = Path(path)
-    machine = reporting.machine()
-    found = [*findings, *sentences(cells)]
-    reporting.write_json(
-        path.with_name(f"{path.name}.json"),
-        {"machine": machine, **numbers(cells), "what was found": found},
-    )
-    page = markdown(path.name, cells, title, machine, found, remarks)
-    path.with_name(f"{path.name}.md").write_text(page, "utf-8")
-    draw_map(path.with_name(f"{path.name}.png"), cells)
-    draw_curves(path.with_name(f"{path.name}_curves.png"), cells)
+    found, tally = [*findings, *sentences(cells)], counts(cells)
+    judged, name = criteria(cells), Path(path).name
+    draw_map(reporting.beside(path, ".png"), cells)
+    draw_curves(reporting.beside(path, "_curves.png"), cells)
+    page = [
+        f"# Stability: {title}\n",
+        _CRITERIA.format(
+            limits=" or ".join(map(str, judged["halvings of a step at most"])),
+            repeats=max(len(cell.others) for cell in cells),
+        ),
+        table([{"scheme": scheme} | row for scheme, row in tally.items()]),
+        "".join(f"- {sentence}\n" for sentence in found),
+        f"![Verdicts]({name}.png)\n",
+        f"*{_MAP}*\n",
+        f"![Energy over time]({name}_curves.png)\n",
+        "*The cases on which the schemes differ most, one of each group. A cross marks where "
+        "Newton's method failed.*\n",
+        *_tables(cells),
+        remarks,
+    ]
+    rows = [_row(cell) for cell in cells]
+    numbers = {"criteria": judged, "verdicts": tally, "what was found": found, "cells": rows}
+    reporting.write(path, page, numbers, rows)
 
 
-def numbers(cells: list[Cell]) -> dict[str, Any]:
-    """Everything found.
+def criteria(cells: list[Cell]) -> dict[str, Any]:
+    """By what runs are judged."""
+    return {
+        "kept": KEPT,
+        "blew up": BLOWN_UP,
+        "halvings of a step at most": sorted({cell.max_halvings for cell in cells}),
+        "halved often, from steps taken for each": OFTEN,
+        "the same with other rounding, up to": SAME,
+    }
+
+
+def counts(cells: Iterable[Cell]) -> dict[str, dict[str, float]]:
+    """How often each scheme had each verdict.
 
     Parameters
     ----------
-    cells : list of Cell
+    cells : iterable of Cell
         A study.
 
     Returns
     -------
     dict
-        For a file.
+        By scheme, the number of each verdict; "largest error where kept" and "largest gain", as
+        parts of the energy; and the numbers of cases in which it kept the energy with "steps halved
+        often", whose number "depends on rounding", and whose "verdict depends on rounding".
     """
+    found: dict[str, dict[str, float]] = {}
+    for scheme, own in by_scheme(cells).items():
+        kinds = Counter(cell.verdict.kind for cell in own)
+        kept = [cell for cell in own if cell.verdict.kind == "kept"]
+        others = [(cell.verdict.kind, cell.other.kind) for cell in own if cell.other]
+        gains = [cell.verdict.gain for cell in own if not np.isnan(cell.verdict.highest)]
+        found[scheme] = {kind: kinds[kind] for kind in KINDS} | {
+            "largest error where kept": max((c.verdict.worst for c in kept), default=np.nan),
+            "largest gain": max(gains, default=0.0),
+            "steps halved often": sum(cell.halved_often for cell in kept),
+            "depends on rounding": len(others),
+            "verdict depends on rounding": sum(one != other for one, other in others),
+        }
+    return found
+
+
+def sentences(cells: Iterable[Cell]) -> list[str]:
+    """A sentence on each scheme."""
+    found = []
+    for scheme, row in counts(cells).items():
+        cases = f"{row['kept']} of {sum(row[kind] for kind in KINDS)} cases"
+        within = f" (error at most {short(row['largest error where kept'])})" if row["kept"] else ""
+        parts = [f"{scheme} keeps the energy in {cases}{within}"]
+        parts += [f"{verb} in {row[kind]:g}" for kind, verb in _VERBS.items() if row[kind]]
+        gain = f"at most {percent(row['largest gain'])}" if row["largest gain"] else "no energy"
+        found.append(f"{', '.join(parts)}. It gains {gain}.")
+    return found
+
+
+def percent(part: float) -> str:
+    """A part of the energy in percent; one below 0.1 % or above 1000 % as a number."""
+    if part < 1e-3 or part >= 10:
+        return f"{short(part)} times the energy"
+    return f"{100 * part:.2g} %" if part < 0.0995 else f"{100 * part:.0f} %"
+
+
+def _row(cell: Cell) -> dict[str, Any]:
     return {
-        "criteria": {
-            "kept": KEPT,
-            "blew up": BLOWN_UP,
-            "halvings of a step at most": _limits(cells),
-            "halved often, from steps taken for each": OFTEN,
-            "the same with other rounding, up to": SAME,
-        },
-        "verdicts": counts(cells),
-        "cells": [
-            {
-                "group": cell.case.group,
-                "case": cell.case.label,
-                "dt": cell.case.dt,
-                "t_end": cell.case.t_end,
-                "scheme": cell.scheme,
-                **asdict(cell.verdict),
-                "with other rounding": [
-                    {key: getattr(other, key) for key in ("kind", "time", "highest", "lowest")}
-                    for other in cell.others
-                ],
-                "seconds": cell.seconds,
-                "drift": cell.drift and asdict(cell.drift),
-                "turns": cell.turns,
-            }
-            for cell in cells
+        "group": cell.case.group,
+        "case": cell.case.label,
+        "dt": cell.case.dt,
+        "t_end": cell.case.t_end,
+        "scheme": cell.scheme,
+        **asdict(cell.verdict),
+        "with other rounding": [
+            {key: getattr(other, key) for key in ("kind", "time", "highest", "lowest")}
+            for other in cell.others
         ],
+        "seconds": cell.seconds,
+        "drift": cell.drift and asdict(cell.drift),
+        "turns": cell.turns,
     }
 
 
-def _limits(cells: list[Cell]) -> list[int]:
-    return sorted({cell.max_halvings for cell in cells})
+# -- Tables of the page --------------------------------------------------------------------------
 
 
-# -- Words ---------------------------------------------------------------------------------------
-
-
-def markdown(
-    name: str,
-    cells: list[Cell],
-    title: str,
-    machine: dict[str, Any],
-    findings: Sequence[str] = (),
-    remarks: str = "",
-) -> str:
-    """Page on a study.
-
-    Parameters
-    ----------
-    name : str
-        Name of the pictures.
-    cells : list of Cell
-        A study.
-    title : str
-        What was studied.
-    machine : dict
-        What `reporting.machine` gives.
-    findings : sequence of str
-        What was found, in sentences.
-    remarks : str
-        What else to say, in Markdown.
-
-    Returns
-    -------
-    str
-        The page, in Markdown.
-    """
-    schemes = list(by_scheme(cells))
-    found = {cell.verdict.kind for cell in cells}
-    kinds = [kind for kind in KINDS if kind in found]
-    tally = [
-        [scheme, *(row[kind] for kind in kinds), percent(row["largest gain"])]
-        for scheme, row in counts(cells).items()
-    ]
-    pages = [
-        f"# Stability: {title}\n",
-        _criteria(cells),
-        reporting.table(["scheme", *kinds, "largest gain"], tally),
-        "".join(f"- {sentence}\n" for sentence in findings),
-        f"![Verdicts]({name}.png)\n",
-        "*In a cell: the largest error of the ratio where the energy was kept; what was lost or "
-        "gained; how many times the energy where it blew up; the part of the time that was reached "
-        "where Newton's method failed. A filled corner: on average a step was halved, or more than "
-        "once. ~: a number that turns with rounding; where the verdict does as well, the cell ends "
-        "in the colour of the other.*\n",
-        f"![Energy over time]({name}_curves.png)\n",
-        "*The cases on which the schemes differ most, one of each group: those with the most "
-        "different verdicts, then those with the widest range of errors. A cross marks where "
-        "Newton's method failed.*\n",
-        "## Where energy was gained, and where runs blew up or failed\n",
-        reporting.table(["in so many cases", *schemes], lost_motions(cells)),
-    ]
+def _tables(cells: list[Cell]) -> list[str]:
+    lost = "Number of cases in which energy was gained, or a run blew up or failed"
+    found = [f"## {lost}\n", table([_lost(group, own) for group, own in by_group(cells).items()])]
     for group, cases in by_group(cells).items():
-        header = ["", "dt [s]", "to [s]", *schemes]
         rows = [
-            [one.label, f"{one.dt:.3g}", f"{one.t_end:.4g}", *map(_words, case)]
+            {"case": one.label, "dt [s]": one.dt, "to [s]": one.t_end}
+            | {cell.scheme: _words(cell) for cell in case}
             for one, case in ((case[0].case, case) for case in cases)
         ]
-        pages += [f"## {group}\n", reporting.table(header, rows), along(cases)]
-    pages += [*_drifts(cells), *_reasons(cells), remarks]
-    stated = ", ".join(f"{key} {value}" for key, value in machine.items())
-    return "\n".join([*filter(None, pages), f"Computed on: {stated}.\n"])
+        found += [f"## {group}\n", table(rows)]
+    drifts = [
+        {
+            "case": cell.case.label,
+            "scheme": cell.scheme,
+            "exponent": cell.drift.exponent,
+            "law": cell.drift.law if cell.verdict.kind == "kept" else None,
+            "largest error after so many steps": ", ".join(
+                f"{short(steps)}: {short(error)}" for steps, error in cell.drift.steps.items()
+            ),
+            "turns": cell.turns,
+        }
+        for cell in cells
+        if cell.drift
+    ]
+    reasons = [
+        {
+            "case": cell.case.name,
+            "scheme": cell.scheme,
+            "t [s]": cell.verdict.time,
+            "lowest ratio": cell.verdict.lowest,
+            "highest ratio": cell.verdict.highest,
+            "reason": cell.verdict.reason,
+        }
+        for cell in cells
+        if cell.verdict.reason
+    ]
+    found += ["## Drift with the number of steps\n", table(drifts)] if drifts else []
+    return found + (["## Why runs broke off\n", table(reasons)] if reasons else [])
 
 
-def _criteria(cells: list[Cell]) -> str:
-    limits = " or ".join(map(str, _limits(cells)))
-    return (
-        "The ratio is 1 and the error of the energy balance since t = 0, the work of all loads "
-        "taken off, over the largest kinetic and strain energy that should have been there: that "
-        "at the start and what loads and weight have added. In this order, a scheme **blew up** if "
-        f"the ratio exceeded {BLOWN_UP:g}; it **failed** if Newton's method did, after {limits} "
-        "halvings of the step; it **kept** the energy if the ratio was never further than "
-        f"{short(KEPT)} from 1; else it **gained** or **lost**, whichever was more. A run that has "
-        "blown up is given up where its steps would have to be halved further.\n\n"
-        "A run reached the end of its row, or what its cell says. Where steps were halved, the "
-        "cell says how many were taken for each, such as *steps x1.2*. After a ~ stands what the "
-        "same run comes to with a step that is another in its last digit: another verdict, or a "
-        f"number that differs by more than {100 * SAME:g} %. All runs are repeated so, "
-        f"{max(len(cell.others) for cell in cells)} times, but for those that kept the energy with "
-        f"less than {OFTEN:g} steps for each.\n"
-    )
+def _lost(group: str, cases: list[list[Cell]]) -> dict[str, Any]:
+    """In how many cases of a group each scheme lost the motion."""
+    row: dict[str, Any] = {"group": group, "cases": len(cases)}
+    for scheme, own in by_scheme(cell for case in cases for cell in case).items():
+        row[scheme] = sum(cell.verdict.kind in LOST_MOTION for cell in own) or None
+    return row
 
 
 def _words(cell: Cell) -> str:
-    """A cell of a table: the verdict, the steps taken, and what other rounding makes of them."""
-    verdict, other = cell.verdict, cell.other
-    words = _verdict(verdict)
-    if verdict.parts >= 1.005:
-        words += f"; steps x{verdict.parts:.3g}"
-    if other:
-        words += f" ~ {_verdict(other)}"
-    return words
-
-
-def _verdict(verdict: Verdict) -> str:
-    if verdict.kind == "no verdict":
-        return "no verdict"
-    if verdict.kind == "kept":
-        return f"kept, {short(verdict.worst)}"
-    if verdict.kind == "failed" and not verdict.steps:
-        return "failed in the first step"
-    if verdict.kind == "failed":
-        kept = f"kept, {short(verdict.worst)}"
-        ratio = f"ratio {verdict.lowest:.2g} to {verdict.highest:.2g}"
-        return f"failed at {verdict.time:.3g} s, {kept if verdict.worst <= KEPT else ratio}"
-    until = f", failed at {verdict.time:.3g} s" if verdict.reason else ""
-    if verdict.kind == "blew up":
-        return f"blew up, {short(verdict.highest)} times{until}"
-    return f"{verdict.kind} {percent(verdict.amount)}"
-
-
-def _drifts(cells: list[Cell]) -> list[str]:
-    drifting = [(cell, cell.drift) for cell in cells if cell.drift]
-    if not drifting:
-        return []
-    rows = [
-        [
-            cell.case.label,
-            cell.scheme,
-            f"{drift.exponent:.2f}",
-            drift.law if cell.verdict.kind == "kept" else None,
-            ", ".join(f"{short(steps)}: {short(error)}" for steps, error in drift.steps.items()),
-            f"{cell.turns:.1f}",
-        ]
-        for cell, drift in drifting
-    ]
-    header = ["case", "scheme", "exponent", "law", "largest error after so many steps", "turns"]
-    return ["## Drift with the number of steps\n", reporting.table(header, rows)]
-
-
-def _reasons(cells: list[Cell]) -> list[str]:
-    reasons = [
-        [cell.case.name, cell.scheme, cell.verdict.reason] for cell in cells if cell.verdict.reason
-    ]
-    if not reasons:
-        return []
-    return ["## Why runs broke off\n", reporting.table(["case", "scheme", "reason"], reasons)]
+    """The verdict, the steps taken for each of the time grid, and the verdict by other rounding."""
+    steps = f"; steps x{cell.verdict.parts:.3g}" if cell.verdict.parts >= 1.005 else ""
+    other = f" ~ {cell.other.kind} {symbol(cell.other)}" if cell.other else ""
+    return f"{cell.verdict.kind} {symbol(cell.verdict)}{steps}{other}"

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import logging
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
@@ -10,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from fx_beam.analyses.dynamics import simulate
+from fx_beam.analyses.progress import progress_bar
 from fx_beam.errors import SceneError, StepError
 from fx_beam.mechanics.schemes import Scheme
 from fx_beam.results.solution import Solution
@@ -17,8 +19,7 @@ from fx_beam.stepping.recorder import Record
 from fx_beam.studies import candidates
 
 from .case import Case, Cell
-from .drift import drift_of
-from .verdict import Verdict, classify, energy_ratio, no_verdict
+from .verdict import Verdict, classify, drift_of, energy_ratio, no_verdict
 
 _log = logging.getLogger("fx_beam")
 
@@ -39,8 +40,8 @@ def study(
     """Verdicts on all schemes in all cases.
 
     A run that does not keep the energy, or halves its steps often, is repeated with time steps that
-    differ in their last digit: where its verdict or its number then is another, it is one of
-    rounding, which another machine may do otherwise, and is marked as such.
+    differ in their last digit. Where its verdict or its number then differs, it depends on rounding
+    and may differ on another machine; it is marked as such.
 
     Parameters
     ----------
@@ -65,7 +66,7 @@ def study(
     SceneError
         Before anything runs, if there are no cases or schemes, or two have one name.
     KeyboardInterrupt
-        If interrupted. Its attribute `cells` holds all that were found.
+        If interrupted. Its attribute `cells` holds the runs that are done, for `write`.
 
     Examples
     --------
@@ -77,15 +78,17 @@ def study(
     ... ]
     >>> schemes = [fb.EnergyMomentum(), fb.Newmark()]
     >>> cells = fb.stability.study(schemes, cases)
-    >>> fb.stability.write("results/arm", cells, "an arm")  # .json, .md and pictures
+    >>> fb.stability.write("results/arm", cells, "an arm")  # .json, .csv, .md, .png
     """
     labelled, cases = candidates.labelled(schemes), list(cases)
     _check(cases)
     cells: list[Cell] = []
+    pairs = list(itertools.product(cases, labelled.items()))
     try:
-        for case in cases:
-            for name, scheme in labelled.items():
+        with progress_bar(len(pairs), None, desc="runs") as bar:
+            for case, (name, scheme) in pairs:
                 cells.append(_cell(case, name, scheme, max_halvings, repeats))
+                bar.update()
     except KeyboardInterrupt as stop:
         stop.cells = cells  # type: ignore[attr-defined]
         raise
@@ -102,24 +105,21 @@ def _check(cases: list[Case]) -> None:
 
 
 def _cell(case: Case, name: str, scheme: Scheme, max_halvings: int, repeats: int) -> Cell:
+    cell = Cell(case, name, scheme.name, no_verdict(""), max_halvings=max_halvings)
     try:
-        cell = _judged(case, name, scheme, max_halvings, repeats)
+        run, verdict = _run(case, scheme, max_halvings)
+        cell = replace(cell, verdict=verdict)
+        if verdict.kind != "kept" or cell.halved_often:
+            digits = [_DIGIT * (number // 2 + 1) * (-1) ** number for number in range(repeats)]
+            others = tuple(_run(case, scheme, max_halvings, 1 + digit)[1] for digit in digits)
+            cell = replace(cell, others=others)
+        solution = run.solution if isinstance(run, StepError) else run
+        cell = replace(cell, **_curve(case, verdict, solution)) if solution is not None else cell
     except Exception as error:  # in a scene of the caller's: no reason to lose the other cells
         reason = str(error) if isinstance(error, SceneError) else repr(error)
         cell = Cell(case, name, scheme.name, no_verdict(reason), max_halvings=max_halvings)
     _log.info("%s, %s: %s", case.name, name, cell.verdict.kind)
     return cell
-
-
-def _judged(case: Case, name: str, scheme: Scheme, max_halvings: int, repeats: int) -> Cell:
-    run, verdict = _run(case, scheme, max_halvings)
-    cell = Cell(case, name, scheme.name, verdict, max_halvings=max_halvings)
-    if verdict.kind != "kept" or cell.halved_often:
-        digits = [_DIGIT * (number // 2 + 1) * (-1) ** number for number in range(repeats)]
-        others = tuple(_run(case, scheme, max_halvings, 1 + digit)[1] for digit in digits)
-        cell = replace(cell, others=others)
-    solution: Solution | None = run.solution if isinstance(run, StepError) else run
-    return cell if solution is None else replace(cell, **_curve(case, verdict, solution))
 
 
 def _curve(case: Case, verdict: Verdict, solution: Solution) -> dict[str, Any]:
@@ -138,8 +138,7 @@ def _run(
 ) -> tuple[Solution | StepError, Verdict]:
     """A run, and the verdict on it.
 
-    Steps are halved where they fail, so that a run is the same whatever the limit until it is met:
-    one that has blown up by then needs no higher one, which would only draw out a lost motion.
+    The limit of halvings is raised step by step: a run that has blown up needs no higher one.
     """
     for limit in (*range(2, max_halvings, 2), max_halvings):
         run = _simulated(case, scheme, limit, stretch)

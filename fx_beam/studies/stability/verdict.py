@@ -1,4 +1,4 @@
-"""What became of a run's energy: kept, lost, gained, blown up, or never finished."""
+"""What became of a run's energy: kept, lost, gained, blown up, or never finished; its drift."""
 
 from __future__ import annotations
 
@@ -15,6 +15,12 @@ KEPT = 1e-8
 BLOWN_UP = 10.0
 #: The last is for a case that cannot be computed, or in which nothing moves.
 KINDS = "kept", "lost", "gained", "blew up", "failed", "no verdict"
+
+#: Lags of the fit to a drift, as parts of the run: longer ones are seen too seldom, shorter ones
+#: are hidden by the rounding of the energy itself.
+LAGS = 1 / 50, 1 / 5
+#: Fewest errors that show the law of a drift.
+FEWEST = 100
 
 
 @dataclass(frozen=True)
@@ -177,16 +183,61 @@ def classify(run: Solution | StepError, t_end: float) -> Verdict:
 
 
 def no_verdict(reason: str) -> Verdict:
-    """Verdict on a case that cannot be computed, or in which nothing moves.
+    """Verdict on a case that cannot be computed, or in which nothing moves."""
+    return Verdict("no verdict", 0.0, 0.0, np.nan, np.nan, 0, 0, 0, 0, reason)
+
+
+# -- Drift ---------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class Drift:
+    """Growth of an error with the number of steps.
 
     Parameters
     ----------
-    reason : str
-        Why.
+    exponent : float
+        Slope p of rms(e(n + k) - e(n)) ~ k^p: 0 for an error that stays within bounds, 1/2 for a
+        random walk, as rounding gives it, and 1 for a drift to one side.
+    steps : dict
+        Largest magnitude of the error so far, by number of steps.
+    """
+
+    exponent: float
+    steps: dict[int, float]
+
+    @property
+    def law(self) -> str:
+        """Which of the three is nearest."""
+        laws = {0.0: "stays within bounds", 0.5: "random walk", 1.0: "drifts to one side"}
+        return laws[min(laws, key=lambda p: abs(p - self.exponent))]
+
+
+def drift_of(error: np.ndarray) -> Drift:
+    """Drift of an invariant.
+
+    Parameters
+    ----------
+    error : (n,) float
+        Error of the invariant after each step, from the start on.
 
     Returns
     -------
-    Verdict
-        The verdict.
+    Drift
+        Its law.
+
+    Raises
+    ------
+    SceneError
+        For fewer than `FEWEST` errors, or values that are not finite.
     """
-    return Verdict("no verdict", 0.0, 0.0, np.nan, np.nan, 0, 0, 0, 0, reason)
+    n = len(error)
+    if n < FEWEST or not np.isfinite(error).all():
+        raise SceneError(f"the law of a drift needs {FEWEST} finite errors and more, not {n}")
+    lags = np.unique(np.geomspace(LAGS[0] * n, LAGS[1] * n, 20).astype(int))
+    rms = np.array([np.sqrt(np.mean((error[k:] - error[:-k]) ** 2)) for k in lags])
+    moved = rms > 0
+    exponent = np.polyfit(np.log(lags[moved]), np.log(rms[moved]), 1)[0] if moved.any() else 0.0
+    largest = np.maximum.accumulate(abs(error - error[0]))
+    decades = [10**k for k in range(1, 10) if 10**k < n]
+    return Drift(float(exponent), {k: float(largest[k]) for k in sorted({*decades, n - 1})})

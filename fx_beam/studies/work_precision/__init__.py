@@ -1,8 +1,7 @@
 """Error against run time: schemes, time steps and meshes compared on any scene and quantity."""
 
-from .precision import Precision
+from .precision import Mesh, Precision, Run
 from .report import sentence, write
-from .run import Mesh, Run
 from .runner import study
 
 __all__ = ["Mesh", "Precision", "Run", "sentence", "study", "write"]

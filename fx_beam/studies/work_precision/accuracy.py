@@ -26,66 +26,26 @@ STEADY = 0.5
 
 @dataclass(frozen=True)
 class History:
-    """Values of a quantity over time.
-
-    Parameters
-    ----------
-    t : (n,) float
-        Times [s]; one of any value for a single number.
-    values : (n, k) float
-        Values, in the quantity's unit.
-    """
+    """Values (n, k) of a quantity at times (n,) [s]; a single number has one row."""
 
     t: np.ndarray
     values: np.ndarray
 
     def at(self, t: np.ndarray) -> np.ndarray:
-        """Values at other times, linear in between.
-
-        Parameters
-        ----------
-        t : (m,) float
-            Times [s].
-
-        Returns
-        -------
-        (m, k) float
-            The values; exact at times that the history has.
-        """
+        """Values (m, k) at other times (m,), linear in between."""
         return np.column_stack([np.interp(t, self.t, column) for column in self.values.T])
 
     def reference(self, size: float, error: float | None = None) -> Reference:
-        """Reference that is this history, as far as it goes.
-
-        Parameters
-        ----------
-        size : float
-            By what errors are divided.
-        error : float, optional
-            Estimate of its own relative error.
-
-        Returns
-        -------
-        Reference
-            The reference.
-        """
+        """Reference that is this history; `size` divides errors, `error` is its own."""
         return Reference(self.at, size, error, (self.t[0], self.t[-1]))
 
 
 @dataclass(frozen=True)
 class Reference:
-    """What a quantity should be.
+    """What a quantity should be: ``at(t)`` gives values (n, k), `size` divides errors.
 
-    Parameters
-    ----------
-    at : callable
-        ``at(t)`` gives the values (n, k) at times (n,).
-    size : float
-        Largest magnitude over time, by which errors are divided; 1 where it is 0.
-    error : float, optional
-        Estimate of its own relative error; None if it is exact.
-    span : (float, float)
-        First and last time at which it is known [s]: a mid-point scheme has no force at the end.
+    `error` is an estimate of its own, None if it is exact. It is known from ``span[0]`` to
+    ``span[1]`` [s], as a mid-point scheme has no force at the end.
     """
 
     at: Callable[[np.ndarray], np.ndarray]
@@ -95,23 +55,7 @@ class Reference:
 
 
 def measure(name: str, quantity: Quantity, solution: Solution) -> History:
-    """Quantity of interest of a solution.
-
-    Parameters
-    ----------
-    name : str
-        Its name.
-    quantity : callable
-        ``quantity(solution)`` gives a number, or None where there is none; a history (n,) or
-        (n, k) at `Solution.t`; or a pair of times and such a history.
-    solution : Solution
-        The solution.
-
-    Returns
-    -------
-    History
-        Its values over time.
-    """
+    """History of a quantity of interest of a solution."""
     what = f"quantity {name!r}"
     try:
         found = quantity(solution)
@@ -132,22 +76,7 @@ def measure(name: str, quantity: Quantity, solution: Solution) -> History:
 
 
 def exact(name: str, value: Exact, t_end: float) -> Reference:
-    """Reference that is known.
-
-    Parameters
-    ----------
-    name : str
-        Name of the quantity.
-    value : float or callable
-        A number, or a function of times (n,) [s] that gives (n,) or (n, k).
-    t_end : float
-        End of the simulation [s].
-
-    Returns
-    -------
-    Reference
-        The reference, without error.
-    """
+    """Reference that is known: a number, or a function of times (n,) up to `t_end`."""
     what = f"exact value of {name!r}"
 
     def at(t):
@@ -165,28 +94,10 @@ def exact(name: str, value: Exact, t_end: float) -> Reference:
 
 
 def computed(name: str, fine: History, coarse: History) -> Reference:
-    """Reference that is a fine solution, its error estimated by a coarser one.
+    """Reference that is a fine solution, its error estimated by one with twice step and element.
 
-    With errors of second order in step and element, and twice of both in the coarser one, its
-    difference is three times the error of the fine one (Richardson). The estimate is the whole
-    difference: the safety factor of 3 that Roache takes for two grids, which also covers a fall
-    that is of first order only.
-
-    Parameters
-    ----------
-    name : str
-        Name of the quantity.
-    fine, coarse : History
-        The quantity in the reference, and with twice its step and half its elements.
-
-    Returns
-    -------
-    Reference
-        The fine solution.
-
-    References
-    ----------
-    Roache (1994), doi 10.1115/1.2910291.
+    With errors of second order the difference is three times the fine one's error (Roache 1994,
+    doi 10.1115/1.2910291). The estimate is the whole of it, which covers a first order as well.
     """
     for history in (fine, coarse):
         _refuse_gaps(f"the reference of {name!r}", history.t, history.values)
@@ -195,21 +106,9 @@ def computed(name: str, fine: History, coarse: History) -> Reference:
 
 
 def error(name: str, found: History, reference: Reference) -> float:
-    """Largest distance from the reference over time, over the largest magnitude of that.
+    """Largest distance from the reference at its times, over its largest magnitude.
 
-    Parameters
-    ----------
-    name : str
-        Name of the quantity.
-    found : History
-        What was computed; it is compared at all of its own times at which the reference is known.
-    reference : Reference
-        What it should be.
-
-    Returns
-    -------
-    float
-        Relative error; absolute where the reference is 0, NaN where a value is none.
+    Absolute where the reference is 0, NaN where a value is none.
     """
     first, last = reference.span
     inside = (found.t >= first) & (found.t <= last)
@@ -228,25 +127,10 @@ def error(name: str, found: History, reference: Reference) -> float:
 
 
 def observed_order(steps: Sequence[float], errors: Sequence[float], floor: float) -> float | None:
-    """Slope of log(error) over log(step), by least squares on the three finest steps.
+    """Slope of log(error) over log(step), fitted to the three finest; None where there is none.
 
-    It is an order only where the errors fall with the step, and the slopes between neighbours
-    differ by no more than 0.5; else the steps are too large for one, or an error changes its sign.
-
-    Parameters
-    ----------
-    steps : (n,) float
-        Time steps or element sizes.
-    errors : (n,) float
-        Their relative errors. Those above 1 are no approximation, and are left out as are those
-        below `floor` and those that are not finite.
-    floor : float
-        Smallest error that is told from zero.
-
-    Returns
-    -------
-    float or None
-        The order; None where there is none, and with fewer than three errors.
+    Errors above 1 or below `floor` are left out. There is an order only where the errors fall with
+    the step and the slopes between neighbours differ by no more than `STEADY`.
     """
     points = sorted((h, e) for h, e in zip(steps, errors, strict=True) if floor < e <= 1)[:3]
     if len(points) < 3:

@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
-import math
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from .accuracy import MARGIN
-from .precision import Precision
-from .run import Run
+from .precision import Precision, Run
 
 #: Errors of exactly 0 have no place on a logarithmic axis.
 _LEAST = 1e-17
@@ -21,22 +19,16 @@ def draw(path: Path | str, found: Precision, quantity: str) -> None:
     """Draw errors against run time: all runs as pale points, and a line for each scheme.
 
     A run of the line stands at the error with which it counts, and pale at its own.
-
-    Parameters
-    ----------
-    path : str or path
-        File to write.
-    found : Precision
-        A study.
-    quantity : str
-        Whose errors.
     """
     # Imported here, as a study can be had without matplotlib and pyvista.
     from fx_beam import plot
 
     figure, ((ax,),) = plot.figure(1, 1, height=4.6)
-    ax.set(xscale="log", yscale="log", title=quantity)
-    ax.set(xlabel="run time [ms]", ylabel="largest relative error [-]")
+    ax.set(title=quantity, xlabel="run time [ms]", ylabel="largest relative error [-]")
+    ax.set_yscale("log", subs=())
+    ax.set_xscale("log", subs=(2, 5))
+    ax.xaxis.set_major_formatter("{x:g}")
+    ax.xaxis.set_minor_formatter("{x:g}")
     looks = _looks(found, plot.style)
     for scheme, look in looks.items():
         front = found.front(quantity, scheme)
@@ -53,22 +45,6 @@ def draw(path: Path | str, found: Precision, quantity: str) -> None:
         ax.plot([], [], **_LOST, color="0.5", label="lost: energy off by more than half")
     _limit(ax, found, quantity, drawn)
     plot.save(figure, path)
-
-
-def short(number: float) -> str:
-    """Number with a single digit, as levels of error and ticks are written.
-
-    Parameters
-    ----------
-    number : float
-        A positive number.
-
-    Returns
-    -------
-    str
-        Such as 2e-5.
-    """
-    return f"{number:.0e}".replace("e-0", "e-").replace("e+0", "e")
 
 
 def _looks(found: Precision, style) -> dict[str, dict]:
@@ -96,7 +72,7 @@ def _places(runs: list[Run], errors: list[float]) -> tuple[list[float], list[flo
 
 
 def _limit(ax, found: Precision, quantity: str, drawn: list[Run]) -> None:
-    """Limits and ticks, what the reference cannot tell, and schemes without a line."""
+    """Limits of errors, those that the reference cannot tell, and schemes without a line."""
     errors = [max(run.errors[quantity], _LEAST) for run in drawn]
     floor, computed = found.floor(quantity), found.references[quantity] is not None
     low = min([*errors, floor if computed else 1.0])
@@ -104,21 +80,6 @@ def _limit(ax, found: Precision, quantity: str, drawn: list[Run]) -> None:
         label = f"below {MARGIN:g} times the error of the reference"
         ax.axhspan(low / 10, floor, color="0.92", label=label)
     ax.set(ylim=(low / 3, 3 * max([*errors, 10 * low])))
-    for axis, limits in (("x", ax.get_xlim()), ("y", ax.get_ylim())):
-        ticks = _ticks(*limits)
-        labels = [f"{tick:g}" if axis == "x" else short(tick) for tick in ticks]
-        getattr(ax, f"set_{axis}ticks")(ticks, labels)
-    ax.minorticks_off()
     if none := [scheme for scheme in found.schemes if not found.front(quantity, scheme).runs]:
         text = "\n".join(["No line, as no run counts:", *none])
         ax.text(0.02, 0.03, text, transform=ax.transAxes, fontsize=7, color="0.3")
-
-
-def _ticks(low: float, high: float) -> list[float]:
-    """Some ticks of a logarithmic axis: 1, 2 and 5, decades, or every second or third of these."""
-    first, last = math.floor(math.log10(low)), math.ceil(math.log10(high))
-    decades = math.log10(high / low)
-    factors = (1, 2, 5) if decades < 2.5 else (1,)
-    every = math.ceil(decades / 9)
-    ticks = [k * 10.0**n for n in range(first, last + 1) if n % every == 0 for k in factors]
-    return [tick for tick in ticks if low <= tick <= high]

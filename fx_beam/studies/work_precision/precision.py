@@ -1,17 +1,137 @@
-"""Errors of many runs against their run time: observed orders, and who wins where."""
+"""Errors of many runs against their run time: observed orders, and which scheme is the cheapest."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 
 import numpy as np
 
 from .accuracy import MARGIN, ROUND_OFF, observed_order
-from .fronts import SAME, Front, Winner, cheapest
-from .run import Mesh, Run
 
+#: A run is lost when it gained or lost more than this part of its kinetic and strain energy.
+LOST = 0.5
+#: Errors closer than by this factor are the same.
+SAME = 1.1
+#: Run times closer than by this factor are a tie, as another machine may turn them round.
+TIE = 1.2
 #: Relative errors that runs are asked to come within.
 LEVELS = tuple(float(f"1e-{n}") for n in range(1, 13))
+
+
+@dataclass(frozen=True)
+class Mesh:
+    """Elements of a scene.
+
+    Parameters
+    ----------
+    elements : int
+        The number that the scene is asked for.
+    degree : int
+        Their degree.
+    """
+
+    elements: int
+    degree: int
+
+    def __str__(self):
+        plural = "s" if self.elements > 1 else ""
+        return f"{self.elements} element{plural} of degree {self.degree}"
+
+
+@dataclass
+class Run:
+    """One scheme with one time step on one mesh.
+
+    Of a run that was refused by its scene or scheme there are only the first four and the failure.
+
+    Parameters
+    ----------
+    scheme : str
+        Label of the scheme.
+    name : str
+        Its name, as in `Stats`.
+    mesh : Mesh
+        Elements and their degree.
+    dt : float
+        Time step [s].
+    unknowns, steps, newton_iterations, halvings : int
+        As in `Stats`.
+    reached : float
+        Time that it reached [s].
+    failure : str
+        Why it broke off there; empty if it did not.
+    first_setup_seconds : float
+        Set-up of the first run, with compilation where the forms were not in the cache [s].
+    energy_error : float
+        Largest energy gained or lost without work, over the largest kinetic and strain energy.
+    errors : dict
+        Relative error by quantity; empty if the run failed, NaN where there is none.
+    step_errors : dict
+        The part of it that is the time step's: the error against a fine step on this mesh.
+    notes : dict
+        Why there is no error, by quantity.
+    seconds, setup_seconds : float
+        Medians of the time for the steps, and for the set-up [s]; NaN if the run failed.
+    quartiles : (float, float)
+        Between which the middle half of the times for the steps lies [s].
+    """
+
+    scheme: str
+    name: str
+    mesh: Mesh
+    dt: float
+    unknowns: int = 0
+    steps: int = 0
+    newton_iterations: int = 0
+    halvings: int = 0
+    reached: float = 0.0
+    failure: str = ""
+    first_setup_seconds: float = np.nan
+    energy_error: float = np.nan
+    errors: dict[str, float] = field(default_factory=dict)
+    step_errors: dict[str, float] = field(default_factory=dict)
+    notes: dict[str, str] = field(default_factory=dict)
+    seconds: float = np.nan
+    setup_seconds: float = np.nan
+    quartiles: tuple[float, float] = (np.nan, np.nan)
+
+    @property
+    def lost(self) -> bool:
+        """Whether it broke off, or gained or lost more than half of its energy."""
+        return bool(self.failure) or not self.energy_error <= LOST
+
+
+@dataclass(frozen=True)
+class Front:
+    """Line of a scheme in the diagram: each run is more accurate than all faster ones, by 10 %."""
+
+    scheme: str
+    runs: list[Run]
+    errors: list[float]  # with which they count
+
+    def run(self, level: float) -> Run | None:
+        """Cheapest run that comes within an error, by 10 %."""
+        found = (r for r, e in zip(self.runs, self.errors, strict=True) if e <= SAME * level)
+        return next(found, None)
+
+    def seconds(self, level: float) -> np.ndarray:
+        """Lower quartile, median and upper quartile of the run time at an error [s].
+
+        They lie on straight lines between runs in logarithmic scales.
+        """
+        times = np.log([(run.quartiles[0], run.seconds, run.quartiles[1]) for run in self.runs])
+        accuracy = -np.log(self.errors)
+        return np.exp([np.interp(-np.log(level), accuracy, column) for column in times.T])
+
+
+@dataclass(frozen=True)
+class Level:
+    """Run times [s] of the schemes that come within an error, from the shortest on."""
+
+    error: float
+    seconds: dict[str, float]
+    cheapest: tuple[str, ...]  # those that cannot be told from the shortest
+    run: Run | None  # the cheapest run of the fastest scheme
 
 
 @dataclass(frozen=True)
@@ -93,7 +213,7 @@ class Precision:
         Returns
         -------
         float or None
-            Fit to the three finest steps, by `accuracy.observed_order`; None where there is none.
+            Fit to the three finest steps; None where the errors have no order.
         """
         runs = [r for r in self.runs if (r.scheme, r.mesh) == (scheme, mesh)]
         errors = [run.step_errors.get(quantity, np.nan) for run in runs]
@@ -112,12 +232,12 @@ class Precision:
         Returns
         -------
         float or None
-            Fit to the three finest meshes, as in `step_order`; None where there is none.
+            Fit to the three finest meshes; None where the errors have no order.
         """
-        found = {m: e[quantity] for m, e in self.mesh_errors.items() if m.degree == degree}
-        sizes = [1 / mesh.elements for mesh in found]
-        floor = max(self.floor(quantity), ROUND_OFF)
-        return observed_order(sizes, list(found.values()), floor)
+        own = {m: e.get(quantity, np.nan) for m, e in self.mesh_errors.items()}
+        own = {mesh: error for mesh, error in own.items() if mesh.degree == degree}
+        sizes = [1 / mesh.elements for mesh in own]
+        return observed_order(sizes, list(own.values()), max(self.floor(quantity), ROUND_OFF))
 
     def cost(self, scheme: str, degree: int) -> float | None:
         """Run time over that of the first scheme with the same step on the same mesh.
@@ -157,21 +277,17 @@ class Precision:
             fine step on its mesh and those of more elements of its degree; not less than `floor`.
             Infinite where one of these runs is lost or has no error.
         """
-        finer = [
-            r for r in self.runs if (r.scheme, r.mesh) == (run.scheme, run.mesh) and r.dt <= run.dt
+        ours = [r for r in self.runs if (r.scheme, r.mesh) == (run.scheme, run.mesh)]
+        errors = [
+            np.nan if r.lost else r.errors.get(quantity, np.nan) for r in ours if r.dt <= run.dt
         ]
-        errors = [np.nan if r.lost else r.errors.get(quantity, np.nan) for r in finer]
-        errors += [
-            found[quantity]
-            for mesh, found in self.mesh_errors.items()
-            if mesh.degree == run.mesh.degree
-            and mesh.elements >= run.mesh.elements
-            and quantity in found
-        ]
+        for mesh, left in self.mesh_errors.items():
+            if mesh.degree == run.mesh.degree and mesh.elements >= run.mesh.elements:
+                errors += [left[quantity]] if quantity in left else []
         return max(self.floor(quantity), *errors) if np.isfinite(errors).all() else np.inf
 
     def front(self, quantity: str, scheme: str) -> Front:
-        """Line of a scheme in the diagram of a quantity.
+        """Line of a scheme in the diagram of error over run time.
 
         Parameters
         ----------
@@ -181,18 +297,20 @@ class Precision:
         Returns
         -------
         Front
-            Its runs that are more accurate than all faster ones, if their error is at most 1.
+            Its ``runs`` that are more accurate than all faster ones, and their ``errors``, at
+            most 1.
         """
-        runs = [(r.seconds, self.counted(quantity, r), r) for r in self.runs if r.scheme == scheme]
+        timed = [r for r in self.runs if r.scheme == scheme and np.isfinite(r.seconds)]
         front = Front(scheme, [], [])
-        for _, error, run in sorted(runs, key=lambda entry: entry[:2]):
+        for run in sorted(timed, key=lambda r: (r.seconds, self.counted(quantity, r))):
+            error = self.counted(quantity, run)
             if error <= 1 and (not front.runs or SAME * error < front.errors[-1]):
                 front.runs.append(run)
                 front.errors.append(error)
         return front
 
-    def winners(self, quantity: str) -> list[Winner]:
-        """Cheapest schemes by powers of ten of the error, neighbours with the same ones joined.
+    def levels(self, quantity: str) -> list[Level]:
+        """Cheapest schemes for errors of 1e-1, 1e-2, ... to 1e-12.
 
         Parameters
         ----------
@@ -201,21 +319,26 @@ class Precision:
 
         Returns
         -------
-        list of Winner
-            From the loosest error to the tightest that a run comes within and that the reference
-            can tell; then one without schemes, if there is a tighter one that it could tell.
+        list of Level
+            With ``error``, ``seconds`` by scheme and the ``cheapest`` schemes, whose times differ
+            by less than 20 % or overlap by their quartiles. It ends with an error that no run
+            comes within, or before one that the reference cannot tell.
         """
         fronts = [self.front(quantity, scheme) for scheme in self.schemes]
-        found: list[Winner] = []
-        for level in LEVELS:
-            if level < self.floor(quantity):
+        found: list[Level] = []
+        for error in LEVELS:
+            if error < self.floor(quantity) or (found and not found[-1].cheapest):
                 break
-            winner = cheapest(fronts, level)
-            if not winner.schemes:
-                return [*found, winner]
-            if found and set(winner.schemes) == set(found[-1].schemes):
-                before = found.pop()
-                seconds = before.seconds[0], winner.seconds[1]
-                winner = replace(winner, loosest=before.loosest, seconds=seconds)
-            found.append(winner)
+            found.append(_level(error, [front for front in fronts if front.run(error)]))
         return found
+
+
+def _level(error: float, fronts: list[Front]) -> Level:
+    times = sorted(((f, f.seconds(error)) for f in fronts), key=lambda entry: entry[1][1])
+    if not times:
+        return Level(error, {}, (), None)
+    fastest, (_, shortest, upper) = times[0]
+    tie = max(upper, TIE * shortest)
+    cheapest = tuple(front.scheme for front, (lower, _, _) in times if lower <= tie)
+    seconds = {front.scheme: float(t[1]) for front, t in times}
+    return Level(error, seconds, cheapest, fastest.run(error))

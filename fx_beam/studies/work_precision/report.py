@@ -1,4 +1,4 @@
-"""A study of work and precision in words, tables and pictures."""
+"""A study of work and precision as JSON, CSV and a Markdown page with pictures."""
 
 from __future__ import annotations
 
@@ -6,6 +6,7 @@ import os
 import re
 from collections.abc import Sequence
 from dataclasses import asdict
+from itertools import groupby
 from pathlib import Path
 from typing import Any
 
@@ -13,12 +14,41 @@ import numpy as np
 
 from fx_beam.errors import SceneError
 from fx_beam.studies import reporting
+from fx_beam.studies.reporting import short, table
 
 from .accuracy import MARGIN, STEADY
-from .fronts import SAME, TIE, Winner
-from .picture import draw, short
-from .precision import Precision
-from .run import LOST, Run
+from .picture import draw
+from .precision import LOST, SAME, TIE, Precision, Run
+
+_RULES = f"""An error is the largest distance from the reference over time, divided by the largest
+magnitude of the reference (not divided where that is 0). The run time is that of the steps: the
+median of {{repetitions}} runs, taken in turn over all candidates.
+
+So that no scheme is the best by chance:
+
+- A run counts with the largest error among itself, the runs of its scheme with smaller steps on its
+  mesh, and solutions with a fine step on its mesh and on finer ones. It counts with no less than
+  {MARGIN:g} times the error of the reference.
+- A run is *lost* if it broke off, or gained or lost more than {LOST:g} of its kinetic and strain
+  energy. It does not count, nor do those of its scheme with larger steps.
+- The line of a scheme joins the runs that are more accurate than all faster ones, by
+  {100 * (SAME - 1):.0f} % at least. Run times at an error are read from these lines.
+- Schemes are equally cheap if their run times differ by less than {100 * (TIE - 1):.0f} %, or their
+  quartiles overlap.
+"""
+
+
+_NOTES = {
+    "Runs": "Errors are each run's own; all numbers are in the CSV and JSON files.\n",
+    "Observed orders in the time step": (
+        "Fit to the three finest errors against a fine step on the same mesh. A cell is empty "
+        f"where errors do not fall with the step, or their slopes differ by more than {STEADY:g}: "
+        "the steps are too large, or an error changes its sign.\n"
+    ),
+    "Observed orders in the size of the elements": (
+        "The same fit, to the errors with a fine time step that exceed that of the reference.\n"
+    ),
+}
 
 
 def sentence(found: Precision, quantity: str) -> str:
@@ -38,29 +68,31 @@ def sentence(found: Precision, quantity: str) -> str:
     """
     if quantity in found.missing:
         return f"{quantity}: there is no reference, as {found.missing[quantity]}"
-    clauses = [_clause(winner, found) for winner in found.winners(quantity)]
-    none = f"no error below {short(found.floor(quantity))} is told from that of the reference"
-    return f"{quantity}: {'; '.join(clauses) or none}."
+    parts = []
+    for schemes, own in groupby(found.levels(quantity), lambda level: set(level.cheapest)):
+        levels = list(own)
+        errors = " to ".join(dict.fromkeys(short(levels[k].error) for k in (0, -1)))
+        if not schemes:
+            parts.append(f"no run comes within {errors}")
+            continue
+        are = (
+            f"{' and '.join(levels[0].cheapest)} {'are' if len(schemes) > 1 else 'is'} the cheapest"
+        )
+        if len(schemes) == len(found.schemes) > 1:
+            are = "all schemes cost about the same"
+        times = _span([min(level.seconds.values()) for level in levels])
+        parts.append(f"for an error of {errors} {are} ({times})")
+    none = f"the reference cannot tell errors below {short(found.floor(quantity))}"
+    return f"{quantity}: {'; '.join(parts) or none}."
 
 
 def prepare(path: Path | str) -> None:
-    """Refuse before a study what would end it: a place that cannot be written, or no pictures.
-
-    Parameters
-    ----------
-    path : str or path
-        Where to write, without ending; its directory is made.
-
-    Raises
-    ------
-    SceneError
-        If that cannot be.
-    """
+    """Refuse before a study what would end it: a place that cannot be written, or no pictures."""
     from fx_beam import plot  # noqa: F401  the same that `draw` imports, if it can be had
 
+    reporting.require_libraries()
     try:
-        directory = Path(path).parent
-        directory.mkdir(parents=True, exist_ok=True)
+        directory = reporting.beside(path, "").parent
     except (OSError, TypeError) as wrong:
         raise SceneError(f"results = {path!r} cannot be written: {wrong}") from wrong
     if not os.access(directory, os.W_OK):
@@ -68,7 +100,7 @@ def prepare(path: Path | str) -> None:
 
 
 def write(path: Path | str, found: Precision) -> None:
-    """Write a study as JSON, as a Markdown page and as the pictures in it, one a quantity.
+    """Write a study as JSON, its runs as CSV, and a Markdown page with a picture a quantity.
 
     Parameters
     ----------
@@ -77,274 +109,126 @@ def write(path: Path | str, found: Precision) -> None:
     found : Precision
         A study.
     """
-    path = Path(path)
-    # Endings are added, as the name may have a point in it.
-    beside = {ending: path.with_name(path.name + ending) for ending in (".json", ".md")}
-    machine = reporting.machine()
-    reporting.write_json(beside[".json"], {"machine": machine, **numbers(found)})
-    for name, picture in _pictures(found, path.name).items():
-        draw(path.with_name(picture), found, name)
-    beside[".md"].write_text(markdown(found, path.name, machine), encoding="utf-8")
-
-
-def _pictures(found: Precision, name: str) -> dict[str, str]:
-    """Names of the pictures by quantity, in their order."""
-    words = {quantity: re.sub(r"\W+", "_", quantity) for quantity in found.references}
-    return {q: f"{name}_{number}_{word}.png" for number, (q, word) in enumerate(words.items(), 1)}
-
-
-def numbers(found: Precision) -> dict[str, Any]:
-    """All numbers of a study by name.
-
-    Parameters
-    ----------
-    found : Precision
-        A study.
-
-    Returns
-    -------
-    dict
-        For a file.
-    """
-    return {
+    tables = _tables(found)
+    page = [f"# Error against run time: {Path(path).name.replace('_', ' ')}\n", _rules(found)]
+    for number, quantity in enumerate(found.references, 1):
+        word = re.sub(r"\W+", "_", quantity)
+        picture = reporting.beside(path, f"_{number}_{word}.png")
+        draw(picture, found, quantity)
+        page += [f"## {quantity}\n", f"![{quantity}]({picture.name})\n"]
+        page += [sentence(found, quantity) + "\n", table(_levels(found, quantity))]
+    for title, rows in tables.items():
+        page += [f"## {title}\n", _NOTES.get(title, ""), table(rows)] if rows else []
+    runs = [
+        asdict(run)
+        | {"lost": run.lost, "counts with": {q: found.counted(q, run) for q in found.references}}
+        for run in found.runs
+    ]
+    numbers = {
         "t_end": found.t_end,
         "start": found.start,
         "timed runs of each": found.repetitions,
-        "computed references": found.origin,
         "relative errors of the references": found.references,
         "why there is no reference": found.missing,
-        "import [s]": reporting.import_seconds(),
-        "which scheme wins where": [sentence(found, name) for name in found.references],
-        "runs": [
-            asdict(run)
-            | {
-                "lost": run.lost,
-                "counts with": {q: found.counted(q, run) for q in found.references},
-            }
-            for run in found.runs
-        ],
-        "orders in the time step": [
-            {"scheme": scheme, "mesh": asdict(mesh), "orders": _step_orders(found, scheme, mesh)}
-            for scheme in found.schemes
-            for mesh in found.meshes
-        ],
-        "errors with a fine time step": [
-            {"mesh": asdict(mesh), "errors": errors} for mesh, errors in found.mesh_errors.items()
-        ],
-        "orders in the element": [
-            {"degree": degree, "orders": _mesh_orders(found, degree)}
-            for degree in found.degrees
-            if found.mesh_errors
-        ],
-        "run times over the first scheme's": [
-            {"scheme": scheme, "degree": degree, "median": found.cost(scheme, degree)}
-            for scheme in found.schemes
-            for degree in found.degrees
-        ],
+        "sentences": {quantity: sentence(found, quantity) for quantity in found.references},
+        **tables,
+        "Runs": runs,
     }
-
-
-def markdown(found: Precision, name: str, machine: dict[str, Any]) -> str:
-    """Page on a study.
-
-    Parameters
-    ----------
-    found : Precision
-        A study.
-    name : str
-        What was studied, also the first part of the names of the pictures.
-    machine : dict
-        What `reporting.machine` gives.
-
-    Returns
-    -------
-    str
-        The page, in Markdown.
-    """
-    pages = [f"# Error against run time: {name.replace('_', ' ')}\n", _rules(found), _apart(found)]
-    for quantity, picture in _pictures(found, name).items():
-        pages += [
-            f"## {quantity}\n",
-            f"![{quantity}]({picture})\n",
-            sentence(found, quantity) + "\n",
-        ]
-    pages += [
-        "## References\n",
-        _references(found),
-        "## Runs\n",
-        _runs(found),
-        f"## Run times over those of {found.schemes[0]}\n",
-        "Medians over all steps and meshes, each with its own.\n",
-        _cost_table(found),
-        "## Observed orders in the time step\n",
-        "Fit to the three finest errors against a fine step on the same mesh, where they fall with "
-        f"the step and their two slopes differ by at most {STEADY:g}. Elsewhere the steps are too "
-        "large for an order, or an error changes its sign.\n",
-        _order_table(found),
-    ]
-    if found.mesh_errors:
-        pages += [
-            "## Errors with a fine time step\n",
-            "Orders are fits as above, of errors that can be told from that of the reference.\n",
-            _mesh_table(found),
-        ]
-    stated = ", ".join(f"{key} {value}" for key, value in machine.items())
-    return "\n".join([*pages, f"Computed on: {stated}.\n"])
-
-
-# -- Words ---------------------------------------------------------------------------------------
+    reporting.write(path, [*page, *_reasons(found)], numbers, runs)
 
 
 def _rules(found: Precision) -> str:
-    """How to read the page."""
-    percent = f"{100 * (SAME - 1):.0f} %"
     start = f", from the solutions that `{found.start}` gives" if found.start else ""
-    return (
-        f"{found.t_end:g} s of motion{start}. An error is the largest distance from the reference "
-        "over time, over the largest magnitude of the reference; absolute where that is 0. Run "
-        f"time is that of the steps, the median of {found.repetitions} runs in turn.\n\n"
-        "So that no scheme wins by chance,\n\n"
-        "- a run counts with the largest error of itself, of its scheme's smaller steps on its "
-        "mesh, and of a fine step on its mesh and on those of more elements, and with no less "
-        f"than {MARGIN:g} times the reference's own error;\n"
-        "- it does not count where it, or one of those smaller steps, broke off, or gained or lost "
-        f"more than {LOST:g} of its largest kinetic and strain energy;\n"
-        "- a scheme's line joins the runs that are more accurate than all faster ones, by "
-        f"{percent} at least; pale points are all runs, at their own errors;\n"
-        "- times at an error lie on these lines, and schemes are named together where their times "
-        f"differ by less than {100 * (TIE - 1):.0f} %, or overlap by quartiles and by {percent} "
-        "in the error.\n"
-    )
-
-
-def _apart(found: Precision) -> str:
-    """Import and set-up, which no run time has in it."""
     first = [run.first_setup_seconds for run in found.runs if run.unknowns]
     later = [run.setup_seconds for run in found.runs if not run.failure]
-    if not later:
-        return "No run came to the end.\n"
-    return (
-        f"Apart from that: import {_time(reporting.import_seconds())}; "
-        f"set-up {_span(later)} a run; the first set-up of each, with compilation where forms were "
-        f"not in the cache, {_span(first)}, {_time(sum(first))} in all.\n"
+    spent = (
+        f"Not in the run time: the set-up of a run, {_span(later)}; its first set-up, with "
+        f"compilation where forms were not in the cache, {_span(first)}, {_time(sum(first))} in "
+        "all.\n"
     )
+    rules = _RULES.format(repetitions=found.repetitions)
+    none = "No run came to the end.\n"
+    return f"{found.t_end:g} s of motion{start}.\n\n{rules}\n{spent if later else none}"
 
 
-def _clause(winner: Winner, found: Precision) -> str:
-    loosest, tightest = short(winner.loosest), short(winner.tightest)
-    if winner.run is None:
-        return f"no run comes within {tightest}"
-    levels = tightest if loosest == tightest else f"{loosest} to {tightest}"
-    there = "" if loosest == tightest else f" for {tightest}"
-    spent = f"{_span(winner.seconds)}; {winner.run.mesh}, dt = {winner.run.dt:.3g} s{there}"
-    clause = f"within {levels} {_who(winner.schemes, found.schemes)} ({spent})"
-    if winner.next:
-        return f"{clause}, {winner.next} takes {winner.ratio:.3g} times as long"
-    everyone = len(winner.schemes) == len(found.schemes)
-    return clause if everyone else f"{clause}, the rest never comes within {tightest}"
-
-
-def _who(schemes: Sequence[str], all_schemes: Sequence[str]) -> str:
-    """Who is the cheapest; by the others, where those are fewer."""
-    left = [scheme for scheme in all_schemes if scheme not in schemes]
-    if len(schemes) == 1:
-        return f"{schemes[0]} is the cheapest"
-    if not left:
-        return "all schemes cost the same"
-    if len(left) < len(schemes):
-        return f"all but {' and '.join(left)} cost the same"
-    return f"{', '.join(schemes[:-1])} and {schemes[-1]} are the cheapest"
-
-
-def _span(seconds: Sequence[float]) -> str:
-    low, high = _time(min(seconds)), _time(max(seconds))
-    return low if low == high else f"{low} to {high}"
-
-
-def _time(seconds: float) -> str:
-    return f"{seconds:.2g} s" if seconds > 0.099 else f"{1e3 * seconds:.2g} ms"
-
-
-def _error(value: float | None) -> str | None:
-    return None if value is None or np.isnan(value) else f"{value:.1e}"
-
-
-def _hundredths(value: float | None) -> str | None:
-    return None if value is None else f"{value:.2f}"
+def _reasons(found: Precision) -> list[str]:
+    """Why runs failed, and why errors or references are missing."""
+    noted = [(run.scheme, why) for run in found.runs for why in (run.failure, *run.notes.values())]
+    noted += found.missing.items()
+    lines = dict.fromkeys(f"- {name}: {why}\n" for name, why in noted if why)
+    return ["## What is missing, and why\n", "".join(lines)] if lines else []
 
 
 # -- Tables --------------------------------------------------------------------------------------
 
 
-def _step_orders(found: Precision, scheme: str, mesh) -> dict[str, float | None]:
-    return {name: found.step_order(name, scheme, mesh) for name in found.references}
-
-
-def _mesh_orders(found: Precision, degree: int) -> dict[str, float | None]:
-    return {name: found.mesh_order(name, degree) for name in _computed(found)}
-
-
-def _computed(found: Precision) -> list[str]:
-    """Quantities with a computed reference."""
-    return [name for name, error in found.references.items() if error is not None]
-
-
-def _references(found: Precision) -> str:
+def _tables(found: Precision) -> dict[str, list[dict[str, Any]]]:
+    """Rows of the page's tables by title, which are in the JSON file too."""
+    computed = [name for name, error in found.references.items() if error is not None]
     origins = dict.fromkeys(found.missing, "none")
-    rows = [
-        (name, "exact" if error is None else origins.get(name, found.origin), _error(error))
-        for name, error in found.references.items()
-    ]
-    reasons = [f"- {name}: {reason}\n" for name, reason in found.missing.items()]
-    table = reporting.table(["quantity", "reference", "its error, estimated"], rows)
-    return "\n".join([table, *reasons])
-
-
-def _runs(found: Precision) -> str:
-    header = ["scheme", "elements", "degree", "dt [s]", "unknowns", "Newton it/step", "halvings"]
-    header += ["run time [ms]", "us/step", "set-up [ms]", *found.references, "lost"]
-
-    def row(run: Run):
-        failed = bool(run.failure)
-        iterations = f"{run.newton_iterations / run.steps:.1f}" if run.steps else None
-        spent = 1e3 * run.seconds, 1e6 * run.seconds / max(1, run.steps), 1e3 * run.setup_seconds
-        times = [None if failed else f"{t:.3g}" for t in spent]
-        errors = [_error(run.errors.get(name)) for name in found.references]
-        size = run.mesh.elements, run.mesh.degree, f"{run.dt:.4g}", run.unknowns
-        end = f"at {run.reached:.3g} s" if failed else "energy" if run.lost else None
-        return (run.scheme, *size, iterations, run.halvings, *times, *errors, end)
-
-    noted = [(run.scheme, why) for run in found.runs for why in (run.failure, *run.notes.values())]
-    reasons = dict.fromkeys(f"- {scheme}: {why}\n" for scheme, why in noted if why)
-    return "\n".join([reporting.table(header, map(row, found.runs)), *reasons])
-
-
-def _cost_table(found: Precision) -> str:
-    header = ["scheme", *(f"degree {degree}" for degree in found.degrees)]
-    rows = [
-        (scheme, *(_hundredths(found.cost(scheme, degree)) for degree in found.degrees))
-        for scheme in found.schemes
-    ]
-    return reporting.table(header, rows)
-
-
-def _order_table(found: Precision) -> str:
-    rows = [
-        (scheme, mesh.elements, mesh.degree)
-        + tuple(map(_hundredths, _step_orders(found, scheme, mesh).values()))
-        for scheme in found.schemes
-        for mesh in found.meshes
-    ]
-    return reporting.table(["scheme", "elements", "degree", *found.references], rows)
-
-
-def _mesh_table(found: Precision) -> str:
-    rows: list[tuple] = []
-    for degree in found.degrees:
-        rows += [
-            (mesh.elements, mesh.degree, *(_error(errors.get(name)) for name in _computed(found)))
+    return {
+        "References": [
+            {
+                "quantity": name,
+                "reference": "exact" if error is None else origins.get(name, found.origin),
+                "estimated error": error,
+            }
+            for name, error in found.references.items()
+        ],
+        "Runs": [_row(found, run) for run in found.runs],
+        f"Run times divided by those of {found.schemes[0]}": [
+            {"scheme": scheme}
+            | {f"degree {degree}": found.cost(scheme, degree) for degree in found.degrees}
+            for scheme in found.schemes
+        ],
+        "Observed orders in the time step": [
+            {"scheme": scheme, **asdict(mesh)}
+            | {name: found.step_order(name, scheme, mesh) for name in found.references}
+            for scheme in found.schemes
+            for mesh in found.meshes
+        ],
+        "Errors with a fine time step": [
+            asdict(mesh) | {name: errors.get(name) for name in computed}
             for mesh, errors in found.mesh_errors.items()
-            if mesh.degree == degree
-        ]
-        rows += [("order", degree, *map(_hundredths, _mesh_orders(found, degree).values()))]
-    return reporting.table(["elements", "degree", *_computed(found)], rows)
+        ],
+        "Observed orders in the size of the elements": [
+            {"degree": degree} | {name: found.mesh_order(name, degree) for name in computed}
+            for degree in found.degrees
+            if found.mesh_errors
+        ],
+    }
+
+
+def _levels(found: Precision, quantity: str) -> list[dict[str, Any]]:
+    """Run times of all schemes at errors of powers of ten, and the cheapest run."""
+    return [
+        {"error": short(level.error)}
+        | {f"{s} [ms]": 1e3 * level.seconds.get(s, np.nan) for s in found.schemes}
+        | {"cheapest run": f"{level.run.mesh}, dt = {level.run.dt:.3g} s" if level.run else "none"}
+        for level in found.levels(quantity)
+    ]
+
+
+def _row(found: Precision, run: Run) -> dict[str, Any]:
+    steps = run.steps or np.nan
+    return {
+        "scheme": run.scheme,
+        **asdict(run.mesh),
+        "dt [s]": run.dt,
+        "unknowns": run.unknowns,
+        "Newton it/step": run.newton_iterations / steps,
+        "halvings": run.halvings,
+        "run time [ms]": 1e3 * run.seconds,
+        "us/step": 1e6 * run.seconds / steps,
+        "set-up [ms]": 1e3 * run.setup_seconds,
+        **{name: run.errors.get(name) for name in found.references},
+        "lost": f"at {run.reached:.3g} s" if run.failure else "energy" if run.lost else None,
+    }
+
+
+def _span(seconds: Sequence[float]) -> str:
+    return " to ".join(dict.fromkeys([_time(min(seconds)), _time(max(seconds))]))
+
+
+def _time(seconds: float) -> str:
+    return f"{seconds:.2g} s" if seconds > 0.099 else f"{1e3 * seconds:.2g} ms"

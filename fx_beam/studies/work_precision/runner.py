@@ -4,23 +4,25 @@ from __future__ import annotations
 
 import itertools
 import logging
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from fx_beam.analyses.dynamics import simulate
+from fx_beam.analyses.progress import progress_bar
 from fx_beam.errors import SceneError, StepError
 from fx_beam.mechanics.schemes import EnergyMomentum, Scheme
 from fx_beam.results.solution import Solution
 from fx_beam.scene.scene import Scene
 from fx_beam.studies import candidates
+from fx_beam.validation import is_number, is_whole, require
 
-from . import accuracy, checks
+from . import accuracy
 from .accuracy import Exact, History, Quantity, Reference
-from .precision import Precision
+from .precision import Mesh, Precision, Run
 from .report import prepare, write
-from .run import Mesh, Run
 
 _log = logging.getLogger("fx_beam")
 
@@ -81,7 +83,7 @@ def study(
     repetitions : int
         Timed runs of each candidate, of which the median is taken.
     results : path, optional
-        Where to write, without ending: JSON, a Markdown page, and the pictures in it.
+        Where to write, without ending: JSON, CSV, a Markdown page, and the pictures in it.
 
     Returns
     -------
@@ -91,14 +93,16 @@ def study(
     Raises
     ------
     SceneError
-        Before the first long run, for what is given wrongly. An error or an interruption after it
-        has what was found so far as its attribute `precision`.
+        Before the first long run, for what is given wrongly. An error after it has what was found
+        so far as its attribute `precision`.
+    KeyboardInterrupt
+        If interrupted. It has `precision` as well, and `results` are written.
     """
     exact = exact or {}
-    checks.check(quantities, exact, t_end, steps, repetitions)
-    labelled, grid = candidates.labelled(schemes), checks.grid(meshes)
+    _check(quantities, exact, t_end, steps, repetitions)
+    labelled, grid = candidates.labelled(schemes), _grid(meshes)
     sought = {name: quantity for name, quantity in quantities.items() if name not in exact}
-    finest = _finer(grid, FINER_MESH)
+    finest, dt = _finer(grid, FINER_MESH), min(steps) / FINER_STEP
     motion = _Motion(scene, start, t_end, grid)
     if sought:
         motion.at(finest)
@@ -106,7 +110,6 @@ def study(
     if results is not None:
         prepare(results)
 
-    dt = min(steps) / FINER_STEP
     found = Precision(
         t_end=t_end,
         repetitions=repetitions,
@@ -114,18 +117,57 @@ def study(
         origin=f"{EnergyMomentum().name}, {finest}, dt = {dt:.3g} s" if sought else "",
         runs=[],
         start=getattr(start, "__name__", repr(start)) if start else "",
+        missing=dict.fromkeys(sought, "it was not computed: no run ended, or Ctrl-C came first"),
     )
+    count = (1 + repetitions) * len(grid) * len(labelled) * len(steps)
     try:
-        measured = _first_round(motion, quantities, references, labelled, steps, found)
-        if sought and measured:
-            _against_fine(motion, sought, dt, found, measured)
-        _time(found.runs, motion, labelled, repetitions)
+        with progress_bar(count, None, desc="runs") as bar:
+            measured = _first_round(motion, quantities, references, labelled, steps, found, bar)
+            if sought and measured:
+                _against_fine(motion, sought, dt, found, measured)
+            _time(found.runs, motion, labelled, repetitions, bar)
         if results is not None:
             write(results, found)
     except BaseException as stopped:
         stopped.precision = found  # type: ignore[attr-defined]
+        if isinstance(stopped, KeyboardInterrupt) and results is not None and found.runs:
+            found.missing["some runs"] = "the study was interrupted"
+            write(results, found)
         raise
     return found
+
+
+# -- What is asked for ---------------------------------------------------------------------------
+
+
+def _check(quantities: Any, exact: Any, t_end: Any, steps: Any, repetitions: Any) -> None:
+    """Refuse what could not be computed, before anything is."""
+    for name, given in (("quantities", quantities), ("exact", exact)):
+        if not isinstance(given, Mapping):
+            raise SceneError(f"{name} must be a dict by name, not {given!r:.40}")
+    candidates.several("quantities", list(quantities))
+    for name, quantity in quantities.items():
+        if not callable(quantity):
+            raise SceneError(f"quantity {name!r} must be a function of the solution")
+    if unknown := [name for name in exact if name not in quantities]:
+        raise SceneError(f"exact value of {unknown[0]!r}, which is none of {list(quantities)}")
+    require(is_number(t_end) and t_end > 0, "t_end", t_end, "a positive number")
+    for dt in candidates.several("steps", steps):
+        if not (is_number(dt) and 0 < dt <= t_end):
+            raise SceneError(f"step {dt!r} must be a positive number, at most t_end = {t_end:g}")
+    require(is_whole(repetitions, 1), "repetitions", repetitions, "a whole number, at least 1")
+
+
+def _grid(meshes: Any) -> list[Mesh]:
+    for mesh in candidates.several("meshes", meshes):
+        if np.shape(mesh) != (2,) or not all(is_whole(n, 1) for n in mesh):
+            raise SceneError(f"mesh {mesh!r} must be a pair of elements and degree, as (8, 1)")
+    return [Mesh(*mesh) for mesh in meshes]
+
+
+def _finer(grid: Sequence[Mesh], times: int) -> Mesh:
+    """Mesh with some times as many elements as any other, of the highest degree."""
+    return Mesh(times * max(m.elements for m in grid), max(m.degree for m in grid))
 
 
 class _Motion:
@@ -145,10 +187,16 @@ class _Motion:
     def at(self, mesh: Mesh) -> tuple[Scene, Solution | None]:
         """The scene, made once, and its start."""
         if mesh not in self._made:
-            scene, start = (_called(f, name, mesh) for name, f in self._functions.items())
-            if not isinstance(scene, Scene):
-                raise SceneError(f"scene{mesh.elements, mesh.degree} gives {scene!r:.40}, no Scene")
-            self._made[mesh] = scene, start
+            made = []
+            for name, function in self._functions.items():
+                call = f"{name}({mesh.elements}, {mesh.degree})"
+                try:
+                    made.append(function and function(mesh.elements, mesh.degree))
+                except Exception as wrong:
+                    raise SceneError(f"{call} failed, {type(wrong).__name__}: {wrong}") from wrong
+                if not isinstance(made[0], Scene):
+                    raise SceneError(f"{call} gives {made[0]!r:.40}, no Scene")
+            self._made[mesh] = made[0], made[1]
         return self._made[mesh]
 
     def solve(self, mesh: Mesh, scheme: Scheme, dt: float, **keywords) -> Solution:
@@ -156,71 +204,62 @@ class _Motion:
         scene, start = self.at(mesh)
         return simulate(scene, scheme, dt=dt, t_end=self._t_end, start=start, **keywords)
 
-
-def _called(function, name: str, mesh: Mesh):
-    """What a function of the mesh gives; none where there is no function."""
-    try:
-        return function and function(mesh.elements, mesh.degree)
-    except Exception as wrong:
-        call = f"{name}({mesh.elements}, {mesh.degree})"
-        raise SceneError(f"{call} failed, {type(wrong).__name__}: {wrong}") from wrong
+    def attempt(self, mesh: Mesh, scheme: Scheme, dt: float) -> Solution:
+        """The solution, as far as the scheme goes."""
+        try:
+            return self.solve(mesh, scheme, dt, max_halvings=MAX_HALVINGS, progress=False)
+        except StepError as failed:
+            if failed.solution is None:  # not a step of the scheme, but what is given at the start
+                raise
+            return failed.solution
 
 
 # -- Runs ----------------------------------------------------------------------------------------
 
 
 def _first_round(
-    motion: _Motion, quantities, exact, schemes, steps, found: Precision
+    motion: _Motion, quantities, exact, schemes, steps, found: Precision, bar
 ) -> list[tuple[Run, dict[str, History]]]:
-    """All runs, the cheapest one first, and what was measured in those that came to the end."""
+    """All runs, the cheapest first, and what was measured in those that came to the end."""
     order = list(itertools.product(motion.grid, schemes, steps))
-    cheapest = min(order, key=lambda run: run[0].elements * run[0].degree / run[2])
     measured: list[tuple[Run, dict[str, History]]] = []
-    for mesh, label, dt in [cheapest, *(other for other in order if other != cheapest)]:
+    for mesh, label, dt in sorted(order, key=lambda run: run[0].elements * run[0].degree / run[2]):
+        histories: dict[str, History] = {}
         try:
-            solution = _solve(motion, mesh, schemes[label], dt)
+            solution = motion.attempt(mesh, schemes[label], dt)
         except (SceneError, StepError) as refused:
             if not found.runs:
                 raise
             run = Run(label, schemes[label].name, mesh, dt, failure=str(refused))
         else:
             run = _row(label, mesh, dt, solution)
+        if not run.failure:
+            histories = _measure(quantities, solution, run.notes)
+            run.errors = dict.fromkeys(quantities, np.nan) | _errors(histories, exact, run.notes)
+            run.step_errors = dict(run.errors)
+            if run.notes and not measured:
+                note = next(iter(run.notes.values()))
+                raise SceneError(f"{note} ({label}, {mesh}, dt = {dt:.4g} s)")
+            measured.append((run, histories))
         found.runs.append(run)
-        if run.failure:
-            continue
-        histories = _measure(quantities, solution, run.notes)
-        run.errors = dict.fromkeys(quantities, np.nan) | _errors(histories, exact, run.notes)
-        run.step_errors = dict(run.errors)
-        if run.notes and not measured:
-            note = next(iter(run.notes.values()))
-            raise SceneError(f"{note} ({label}, {mesh}, dt = {dt:.4g} s)")
-        measured.append((run, histories))
-    found.runs.sort(key=lambda run: order.index((run.mesh, run.scheme, run.dt)))
+        found.runs.sort(key=lambda run: order.index((run.mesh, run.scheme, run.dt)))
+        bar.update()
     return measured
-
-
-def _solve(motion: _Motion, mesh: Mesh, scheme: Scheme, dt: float) -> Solution:
-    """The solution, as far as the scheme goes."""
-    try:
-        return motion.solve(mesh, scheme, dt, max_halvings=MAX_HALVINGS, progress=False)
-    except StepError as failed:
-        if failed.solution is None:  # not a step of the scheme, but what is given at the start
-            raise
-        return failed.solution
 
 
 def _row(label: str, mesh: Mesh, dt: float, solution: Solution) -> Run:
     stats, energy = solution.stats, solution.energy
     size = (energy.kinetic + energy.stored).max()
+    # What is in both `Stats` and `Run`: a failed run has no time.
+    keys = ["unknowns", "steps", "newton_iterations", "halvings"]
+    keys += [] if stats.failure else ["seconds", "setup_seconds"]
     return Run(
         scheme=label,
         name=stats.scheme,
         mesh=mesh,
         dt=dt,
-        unknowns=stats.unknowns,
-        steps=stats.steps,
-        newton_iterations=stats.newton_iterations,
-        halvings=stats.halvings,
+        **{key: getattr(stats, key) for key in keys},
+        quartiles=(np.nan, np.nan) if stats.failure else (stats.seconds, stats.seconds),
         reached=float(solution.t[-1]),
         failure=stats.failure.reason if stats.failure else "",
         first_setup_seconds=stats.setup_seconds,
@@ -229,17 +268,19 @@ def _row(label: str, mesh: Mesh, dt: float, solution: Solution) -> Run:
     )
 
 
-def _time(runs: list[Run], motion: _Motion, schemes, repetitions: int) -> None:
-    """Median run times, all runs in turn so that a slow moment of the machine hits them alike."""
-    runs = [run for run in runs if not run.failure]
-    stats: list[list] = [[] for _ in runs]
-    for _ in range(repetitions):
-        for run, found in zip(runs, stats, strict=True):
-            found.append(_solve(motion, run.mesh, schemes[run.scheme], run.dt).stats)
-    for run, found in zip(runs, stats, strict=True):
-        low, middle, high = np.quantile([one.seconds for one in found], [0.25, 0.5, 0.75])
+def _time(runs: list[Run], motion: _Motion, schemes, repetitions: int, bar) -> None:
+    """Median run times, all runs in turn so that a slow moment of the machine hits them alike.
+
+    They replace that of the first round one by one, so that each run has a time at any moment.
+    """
+    spent: dict[int, list] = {k: [] for k, run in enumerate(runs) if not run.failure}
+    for _, k in itertools.product(range(repetitions), spent):
+        run = runs[k]
+        spent[k].append(motion.attempt(run.mesh, schemes[run.scheme], run.dt).stats)
+        low, middle, high = np.quantile([one.seconds for one in spent[k]], [0.25, 0.5, 0.75])
         run.seconds, run.quartiles = float(middle), (float(low), float(high))
-        run.setup_seconds = float(np.median([one.setup_seconds for one in found]))
+        run.setup_seconds = float(np.median([one.setup_seconds for one in spent[k]]))
+        bar.update()
 
 
 # -- References ----------------------------------------------------------------------------------
@@ -247,37 +288,27 @@ def _time(runs: list[Run], motion: _Motion, schemes, repetitions: int) -> None:
 
 def _against_fine(motion: _Motion, quantities, dt: float, found: Precision, measured) -> None:
     """Errors against fine solutions, and those of the step against one on the same mesh."""
-    references = _references(motion, quantities, dt, found)
-    quantities = {name: quantities[name] for name in references}
+    missing: dict[str, str] = {}
+    fine, coarse = (
+        _fine(motion, _finer(motion.grid, times), quantities, step, missing)
+        for times, step in ((FINER_MESH, dt), (FINER_MESH // 2, 2 * dt))
+    )
+    both = [name for name in fine if name in coarse]
+    references = _noted(both, missing, lambda q: accuracy.computed(q, fine[q], coarse[q]))
+    found.references.update({name: reference.error for name, reference in references.items()})
+    found.missing.clear()
+    found.missing.update(missing)
     for run, histories in measured:
         run.errors |= _errors(histories, references, run.notes)
     for mesh in motion.grid if references else ():
-        missing: dict[str, str] = {}
-        fine = _fine(motion, mesh, quantities, dt, missing)
-        if missing:
-            found.missing[str(mesh)] = next(iter(missing.values()))
+        missing = {}
+        fine = _fine(motion, mesh, {name: quantities[name] for name in references}, dt, missing)
+        found.missing.update({str(mesh): reason for reason in missing.values()})
         found.mesh_errors[mesh] = _errors(fine, references, {})
         on_mesh = {name: h.reference(references[name].size) for name, h in fine.items()}
         for run, histories in measured:
             if run.mesh == mesh:
                 run.step_errors |= _errors(histories, on_mesh, {})
-
-
-def _references(motion: _Motion, quantities, dt: float, found: Precision) -> dict[str, Reference]:
-    """References that are fine solutions, of the quantities for which they can be had."""
-    fine, coarse = (
-        _fine(motion, _finer(motion.grid, times), quantities, step, found.missing)
-        for times, step in ((FINER_MESH, dt), (FINER_MESH // 2, 2 * dt))
-    )
-    references = {}
-    for name in fine.keys() & coarse.keys():
-        try:
-            references[name] = accuracy.computed(name, fine[name], coarse[name])
-        except SceneError as wrong:
-            found.missing[name] = str(wrong)
-        else:
-            found.references[name] = references[name].error
-    return references
 
 
 def _fine(motion: _Motion, mesh: Mesh, quantities, dt: float, missing) -> dict[str, History]:
@@ -293,35 +324,25 @@ def _fine(motion: _Motion, mesh: Mesh, quantities, dt: float, missing) -> dict[s
     return _measure(quantities, solution, missing)
 
 
-def _finer(grid: Sequence[Mesh], times: int) -> Mesh:
-    """Mesh with some times as many elements as any other, of the highest degree."""
-    return Mesh(times * max(m.elements for m in grid), max(m.degree for m in grid))
-
-
-# -- Quantities of interest ------------------------------------------------------------------------
+# -- Quantities of interest ----------------------------------------------------------------------
 
 
 def _measure(quantities, solution: Solution, notes: dict[str, str]) -> dict[str, History]:
-    """Those of a solution that can be had; a note on why the others cannot."""
-    histories = {}
-    for name, quantity in quantities.items():
-        try:
-            histories[name] = accuracy.measure(name, quantity, solution)
-        except SceneError as wrong:
-            notes[name] = str(wrong)
-    return histories
+    """Those of a solution; a note on why one is missing."""
+    return _noted(quantities, notes, lambda q: accuracy.measure(q, quantities[q], solution))
 
 
-def _errors(
-    histories: Mapping[str, History],
-    references: Mapping[str, Reference],
-    notes: dict[str, str],
-) -> dict[str, float]:
-    """Errors where there is a reference; a note on why one cannot be had."""
-    errors = {}
-    for name in histories.keys() & references.keys():
+def _errors(histories, references: Mapping[str, Reference], notes: dict[str, str]):
+    """Errors where there is a reference; a note on why one is missing."""
+    both = [name for name in histories if name in references]
+    return _noted(both, notes, lambda q: accuracy.error(q, histories[q], references[q]))
+
+
+def _noted(names: Iterable[str], notes: dict[str, str], value: Callable[[str], Any]) -> dict:
+    found = {}
+    for name in names:
         try:
-            errors[name] = accuracy.error(name, histories[name], references[name])
+            found[name] = value(name)
         except SceneError as wrong:
             notes[name] = str(wrong)
-    return errors
+    return found
