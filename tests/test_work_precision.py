@@ -11,7 +11,6 @@ import scenes
 from pytest import approx
 
 import fx_beam as fb
-from fx_beam import work_precision
 from fx_beam.studies.work_precision import Mesh, Precision, Run, accuracy, runner, sentence, study
 from fx_beam.studies.work_precision.accuracy import History
 
