@@ -35,8 +35,10 @@ class Failure:
     time : float
         Time at the start of the failed step, or the time at which a user's function failed [s]. In
         statics it is the load factor.
+    where : str
+        The node that moves most in the failed step, and the last residuals.
     advice : str
-        Where it happened in detail, and what to try.
+        What to try.
 
     Examples
     --------
@@ -56,10 +58,11 @@ class Failure:
     kind: str
     reason: str
     time: float
+    where: str = ""
     advice: str = ""
 
     def __str__(self):
-        return ". ".join(filter(None, (self.reason, self.advice)))
+        return ". ".join(filter(None, (self.reason, self.where, self.advice)))
 
 
 class StepError(RuntimeError):

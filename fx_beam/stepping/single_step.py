@@ -119,4 +119,4 @@ class SingleStep:
         )
         who = "static" if self.stats.static else model.scheme.name
         reason = f"{who}: {what}: {failed.reason}"
-        return StepError(Failure(failed.kind, reason, time, f"{where}. {advice}"))
+        return StepError(Failure(failed.kind, reason, time, where, advice))

@@ -158,7 +158,8 @@ def classify(run: Solution | StepError, t_end: float) -> Verdict:
     ratio = energy_ratio(solution)
     highest, lowest = float(ratio.max()), float(ratio.min())
     stats = solution.stats
-    reason = stats.failure.reason if stats.failure else ""
+    failure = stats.failure
+    reason = f"{failure.reason}. {failure.where}".rstrip(". ") if failure else ""
     if highest > BLOWN_UP:
         kind = "blew up"
     elif reason:
