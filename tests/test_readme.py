@@ -26,7 +26,7 @@ def test_each_piece_of_code_in_the_readme_runs_alone(block, tmp_path, monkeypatc
         assert written == {".png", ".gif", ".csv", ".npz"}
         assert (fb.load("motion.npz").q == names["motion"].q).all()
     if "found" in names:
-        assert written == {".json", ".md", ".png"}
+        assert written == {".csv", ".json", ".md", ".png"}
         # What it is written for: the tip converges, and energy is kept.
         runs = names["found"].runs
         errors = {run.dt: run.errors for run in runs if run.scheme == "EnergyMomentum"}
