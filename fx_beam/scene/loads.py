@@ -77,6 +77,10 @@ class VirtualWork:
     term: Callable[[Any], Any]
     beam: Beam | None
 
+    def __post_init__(self):
+        if not callable(self.term):
+            raise SceneError(f"add_virtual_work needs a function of the step, not {self.term!r}")
+
 
 def label(target: Node | Beam) -> str:
     """Name of a node or beam in messages."""

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from fx_beam.errors import SceneError
-from fx_beam.validation import TimeFunction, time_function, vector
+from fx_beam.validation import TimeFunction, require, time_function, vector
 
 from . import loads
 from .beam import COMPONENTS, Beam, Node
@@ -372,8 +372,6 @@ class Scene:
         >>> scene = fb.Scene()
         >>> scene.add_virtual_work(lambda step: -0.5 * ufl.dot(step.v, step.virtual_u))
         """
-        if not callable(term):
-            raise SceneError(f"add_virtual_work needs a function of the step, not {term!r}")
         if beam is not None:
             loads.check_beam(self, beam, "virtual work")
         self.virtual_works.append(loads.VirtualWork(term, beam))
@@ -395,8 +393,7 @@ class Scene:
         self.velocities.append(loads.initial_velocity(target, velocity, spin))
 
     def _free_component(self, node: Node, component: str) -> tuple[int, int]:
-        if component not in COMPONENTS:
-            raise SceneError(f"support of {node}: {component!r} must be one of {COMPONENTS}")
+        require(component in COMPONENTS, f"support of {node}", component, f"one of {COMPONENTS}")
         key = (node.number, COMPONENTS.index(component))
         if key in self.fixed or key in self.prescribed:
             raise SceneError(f"{component} of {node} is supported twice; remove one support")

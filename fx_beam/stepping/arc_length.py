@@ -286,7 +286,8 @@ class ArcLength:
                 "static: the path does not come back to load factor 1: with limit points at "
                 f"{turned} it has come to {state.t:.6g}",
                 state.t,
-                advice="Its rows are in the error's `solution`. At load factor 1 there may be equilibria "
-                "on other paths: try a motion with dampers, or the loads in other proportions",
+                advice="Its rows are in the error's `solution`. At load factor 1 there may be "
+                "equilibria on other paths: try a motion with dampers, or the loads in other "
+                "proportions",
             )
         )
