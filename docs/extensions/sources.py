@@ -20,11 +20,13 @@ FOLDERS = "fx_beam", "demos", "benchmarks", "tests"
 _FILE = rf"((?:{'|'.join(FOLDERS)})/[\w/]+\.(?:py|c|h))"
 _LINK = re.compile(rf"\[([^\]]*)\]\((?:\.\./)+{_FILE}(?:#(\w+))?\)")
 _NAME = re.compile(rf"`{_FILE}`")
+#: Files to which a page links.
+_linked = set()
 
 
 @functools.cache
 def files():
-    """Paths of all files that are shown, from the root of the project."""
+    """Paths of all files that may be shown, from the root of the project."""
     found = [path for folder in FOLDERS for path in (ROOT / folder).rglob("*")]
     return {str(p.relative_to(ROOT)) for p in found if p.suffix in (".py", ".c", ".h")}
 
@@ -38,6 +40,7 @@ def line_of(file, name):
 
 def place(page, file, name=None):
     """Link from a page to a file, and to the definition of a name in it."""
+    _linked.add(file)
     line = line_of(file, name) if name else None
     return f"{'../' * page.count('/')}source/{file}.html" + (f"#line-{line}" if line else "")
 
@@ -73,7 +76,7 @@ def _link(app, page, text):
 
 def _pages(app):
     look = HtmlFormatter(linenos="inline", lineanchors="line", anchorlinenos=True, wrapcode=True)
-    for file in sorted(files()):
+    for file in sorted(f for f in files() if f in _linked or f.startswith("fx_beam/")):
         text = (ROOT / file).read_text(encoding="utf-8")
         code = highlight(text, get_lexer_for_filename(file), look)
         title = f"<code>{file}</code>"
