@@ -19,7 +19,6 @@ extensions = [
     "sphinx.ext.autodoc",
     "sphinx.ext.linkcode",
     "numpydoc",
-    "sphinx_design",
     # Our own: the demos' pages, pages of the sources, and formulas without a script from outside.
     "gallery",
     "sources",
