@@ -1,6 +1,14 @@
 """Geometrically exact planar beams and energy-conserving time stepping on FEniCSx."""
 
 import importlib
+import importlib.util
+
+if importlib.util.find_spec("dolfinx") is None:
+    raise ImportError(
+        "fx_beam needs dolfinx 0.5, 0.9 or 0.11, which pip does not have: install Debian's "
+        "python3-dolfinx and use Debian's /usr/bin/python3, or see https://fenicsproject.org/download",
+        name="dolfinx",
+    )
 
 from .analyses.dynamics import simulate
 from .analyses.modal import Modes, modes
@@ -31,6 +39,8 @@ from .scene.scene import Scene
 from .scene.section import Law, Section
 from .stepping.newton import NewtonOptions
 from .stepping.recorder import Record
+
+__version__ = "0.1.0"
 
 __all__ = [
     "GROUND",

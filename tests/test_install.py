@@ -1,10 +1,17 @@
 """The package as it is installed, for scripts anywhere and without ./run."""
 
 import os
+import re
 import subprocess
 import sys
+import tomllib
+from pathlib import Path
 
 import pytest
+
+import fx_beam
+
+ROOT = Path(__file__).parents[1]
 
 
 @pytest.fixture
@@ -33,7 +40,7 @@ def script(tmp_path):
 
 def test_a_script_beside_a_clone_imports_the_package_and_not_the_clones_folder(script, tmp_path):
     (tmp_path / "fx_beam" / "fx_beam").mkdir(parents=True)
-    assert script("import fx_beam; print(fx_beam.Scene)") == "<class 'fx_beam.scene.Scene'>\n"
+    assert script("import fx_beam; print(fx_beam.Scene.__name__)") == "Scene\n"
 
 
 def test_packages_of_the_users_own_folder_are_not_seen(script, tmp_path):
@@ -56,3 +63,57 @@ scene.set_velocity(beam, (1.0, 0.0))
 fb.plot.shapes(fb.simulate(scene, dt=0.1, t_end=0.1), [0, 1], "shapes.png")
 """
     assert script(code) == ""
+
+
+def test_info_says_what_a_bug_report_needs(script):
+    code = """
+import runpy, sys
+
+sys.argv = ["fx_beam", "info"]
+runpy.run_module("fx_beam", run_name="__main__")
+"""
+    lines = dict(re.split(r":\s+", line, maxsplit=1) for line in script(code).splitlines())
+    assert lines["fx_beam"].startswith(f"{fx_beam.__version__}, ")
+    assert re.match(r"\d+\.\d+\.\d+", lines["dolfinx"])
+    assert lines["numpy"] != "not installed"
+    assert {"Python", "system", "petsc4py", "compiled loop", "modes", "compiler"} <= set(lines)
+    assert "fx_beam, " in lines["cache of the loop"]
+
+
+def test_without_dolfinx_an_import_says_in_one_sentence_how_to_get_it(script):
+    code = """
+import importlib.util
+
+known = importlib.util.find_spec
+importlib.util.find_spec = lambda name, *more: None if name == "dolfinx" else known(name, *more)
+try:
+    import fx_beam
+except ImportError as error:
+    print(error)
+"""
+    said = script(code)
+    assert said.startswith("fx_beam needs dolfinx") and "python3-dolfinx" in said
+    assert said.count("\n") == 1
+
+
+def test_the_version_stands_in_one_place_and_is_the_citations():
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text())
+    assert "version" not in project["project"]
+    assert project["tool"]["hatch"]["version"]["path"] == "fx_beam/__init__.py"
+    citation = (ROOT / "CITATION.cff").read_text()
+    assert f"\nversion: {fx_beam.__version__}\n" in citation
+    assert re.search(r"\ndate-released: \d{4}-\d\d-\d\d\n", citation)
+
+
+def test_what_is_imported_is_what_the_project_asks_for():
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
+    asked = {*project["dependencies"], *project["optional-dependencies"]["plot"]}
+    sources = "\n".join(path.read_text() for path in (ROOT / "fx_beam").rglob("*.py"))
+    modules = {"pillow": "PIL"}
+    for name in asked:
+        module = modules.get(name, name)
+        assert re.search(rf"^\s*(import|from) {module}\b", sources, flags=re.MULTILINE), name
+
+
+def test_types_are_had_by_those_who_use_the_package():
+    assert (Path(fx_beam.__file__).parent / "py.typed").is_file()

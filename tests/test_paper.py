@@ -7,7 +7,7 @@ import pytest
 from test_demos import PICTURES, numbers
 
 ROOT = Path(__file__).parents[1]
-PAGE = (ROOT / "docs" / "paper.md").read_text(encoding="utf-8")
+PAGE = (ROOT / "docs" / "theory" / "paper.md").read_text(encoding="utf-8")
 # A number, perhaps with a bound before it, and the comment that says whose it is.
 NUMBER = re.compile(
     r"(below |above |less than |more than )?(-?\d[\d.]*(?:e-?\d+)?)<!--(\w+): (.+?)-->"

@@ -1,43 +1,38 @@
-"""The README's code runs as it stands, and its pictures are there."""
+"""The README is short, its code runs as it stands, and what it links to is there."""
 
-import re
-from pathlib import Path
-
+import pages
 import pytest
+from PIL import Image
 
-import fx_beam as fb
-
-ROOT = Path(__file__).parents[1]
-README = (ROOT / "README.md").read_text(encoding="utf-8")
+README = pages.ROOT / "README.md"
+PICTURE = pages.ROOT / "docs" / "pictures" / "double_pendulum.png"
 
 
-BLOCKS = re.findall(r"```python\n(.*?)```", README, flags=re.DOTALL)
+def test_the_readme_is_short():
+    assert len(pages.text(README).split()) <= 700
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("block", BLOCKS, ids=lambda block: block.splitlines()[-1][:30])
-def test_each_piece_of_code_in_the_readme_runs_alone(block, tmp_path, monkeypatch, capsys):
+@pytest.mark.plot
+def test_the_example_is_short_runs_and_draws_the_picture_below_it(tmp_path, monkeypatch, capsys):
+    (block,) = pages.blocks(README)
+    assert len(block.splitlines()) <= 15
     monkeypatch.chdir(tmp_path)
-    names = {}
-    exec(compile(block, "README.md", "exec"), names)
+    names = pages.run(block, README)
     assert capsys.readouterr().out
-    written = {path.suffix for path in tmp_path.rglob("*.*") if path.is_file()}
-    if "motion" in names:
-        assert written == {".png", ".gif", ".csv", ".npz"}
-        assert (fb.load("motion.npz").q == names["motion"].q).all()
-    if "found" in names:
-        assert written == {".csv", ".json", ".md", ".png"}
-        # What it is written for: the tip converges, and energy is kept.
-        runs = names["found"].runs
-        errors = {run.dt: run.errors for run in runs if run.scheme == "EnergyMomentum"}
-        assert max(error["energy"] for error in errors.values()) < 1e-9
-        assert min(error["tip path"] for error in errors.values()) < 0.1
+    assert abs(names["solution"].energy.balance_error).max() < 1e-10
+    with Image.open(tmp_path / PICTURE.name) as drawn, Image.open(PICTURE) as shown:
+        assert max(abs(a - b) for a, b in zip(drawn.size, shown.size, strict=True)) < 50
+    assert f"({PICTURE.relative_to(pages.ROOT)})" in pages.text(README)
 
 
-def test_the_readme_has_code():
-    assert len(BLOCKS) == 3
+def test_what_the_readme_links_to_is_there():
+    assert len(list(pages.links(README))) > 10
+    assert not pages.missing(README)
 
 
-def test_pictures_of_the_readme_are_in_the_repository():
-    pictures = re.findall(r"!\[.*?\]\((.*?)\)", README)
-    assert pictures and all((ROOT / picture).is_file() for picture in pictures)
+def test_the_animated_picture_is_small():
+    (animation,) = (file for file, _ in pages.links(README) if file.suffix == ".gif")
+    assert animation.stat().st_size < 1.5e6
+    with Image.open(animation) as picture:
+        assert picture.n_frames > 50

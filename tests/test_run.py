@@ -3,6 +3,7 @@
 import os
 import shutil
 import subprocess
+import tomllib
 from pathlib import Path
 
 import pytest
@@ -92,3 +93,14 @@ def test_a_version_that_is_served_is_installed_with_progress(call, version):
     # The installation was none, which does not go unseen.
     assert done.returncode == 1
     assert "apt-get has not installed: python3-dolfinx" in said[-1]
+
+
+def test_only_the_documentation_has_sphinx_installed():
+    prepared = [
+        line.strip() for line in (ROOT / "run").read_text().splitlines() if "prepare " in line
+    ]
+    assert [line for line in prepared if "docs" in line] == ["prepare plot docs"]
+    extras = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"][
+        "optional-dependencies"
+    ]
+    assert {name for name, wanted in extras.items() if "sphinx" in wanted} == {"docs"}

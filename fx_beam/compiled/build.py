@@ -84,7 +84,7 @@ def load_batches(name: str, form, ufl_form, size: int, width: int, places: int) 
 def _build(what: str, key: str, source: Callable[[], str], more: Sequence[str] = ()) -> Path:
     """A shared object from a C source, which is asked for only where the cache does not have it."""
     headers = [path.read_text() for path in sorted(_SOURCES.glob("*.h"))]
-    target, flags = _target()
+    target, flags = target_flags()
     flags = [*flags, *more]
     # What is built for a name serves all machines, what is "native" those with this one's flags.
     machine = _processor() if target == "native" else []
@@ -98,7 +98,7 @@ def _build(what: str, key: str, source: Callable[[], str], more: Sequence[str] =
             # Renamed when it is whole, as several processes may build it.
             with tempfile.TemporaryDirectory(dir=cache) as scratch:
                 out = Path(scratch) / "built.so"
-                command = [*_compiler(), *flags, f"-I{_SOURCES}", "-x", "c", "-"]
+                command = [*compiler(), *flags, f"-I{_SOURCES}", "-x", "c", "-"]
                 command += ["-o", str(out), "-lm"]
                 subprocess.run(command, check=True, capture_output=True, text=True, input=source())
                 out.replace(library)
@@ -122,12 +122,12 @@ def cache_directory() -> Path:
     return Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "fx_beam"
 
 
-def _compiler() -> list[str]:
+def compiler() -> list[str]:
     """The compiler of FFCx's own functions, which is not named cc everywhere."""
     return shlex.split(os.environ.get("CC") or "cc")
 
 
-def _target() -> tuple[str, list[str]]:
+def target_flags() -> tuple[str, list[str]]:
     """Processor to compile for (none where the compiler has no word for it), and all flags."""
     target = os.environ.get("FX_BEAM_MARCH") or ("native" if _OPTION else "")
     return target, [*_FLAGS, f"{_OPTION or '-march'}={target}"] if target else _FLAGS
@@ -135,7 +135,7 @@ def _target() -> tuple[str, list[str]]:
 
 def _check_target(target: str, flags: list[str]) -> None:
     """Refuse a processor that was asked for and that the compiler does not know."""
-    command = [*_compiler(), *flags, "-x", "c", "-", "-o", os.devnull]
+    command = [*compiler(), *flags, "-x", "c", "-", "-o", os.devnull]
     if (
         os.environ.get("FX_BEAM_MARCH")
         and subprocess.run(command, capture_output=True, text=True, input="").returncode

@@ -1,0 +1,101 @@
+"""`python -m fx_beam info`: what a bug report should say of an installation."""
+
+from __future__ import annotations
+
+import argparse
+import platform
+import subprocess
+import sys
+from importlib import metadata
+from importlib.util import find_spec
+from pathlib import Path
+
+from fx_beam.compiled import build
+
+#: What is imported, by the distribution that has its version.
+_PACKAGES = {
+    "dolfinx": "fenics-dolfinx",
+    "ffcx": "fenics-ffcx",
+    "basix": "fenics-basix",
+    "ufl": "fenics-ufl",
+    "petsc4py": "petsc4py",
+    "slepc4py": "slepc4py",
+    "mpi4py": "mpi4py",
+    "numpy": "numpy",
+    "scipy": "scipy",
+    "matplotlib": "matplotlib",
+    "pyvista": "pyvista",
+}
+
+
+def info() -> dict[str, str]:
+    """Versions, where they lie, what can solve, the compiler and the caches."""
+    found = {"Python": f"{platform.python_version()}, {sys.executable}", "system": _system()}
+    found["fx_beam"] = f"{sys.modules['fx_beam'].__version__}, {Path(__file__).parent}"
+    found |= {name: _package(name, distribution) for name, distribution in _PACKAGES.items()}
+    found["compiled loop"] = _loop()
+    found["steps in Python, static"] = "available" if find_spec("petsc4py") else "needs petsc4py"
+    found["modes"] = "available" if find_spec("slepc4py") else "needs slepc4py"
+    compiler, (target, flags) = build.compiler(), build.target_flags()
+    found["compiler"] = f"{' '.join(compiler)}: {_first_line([*compiler, '--version'])}"
+    found["compiled for"] = f"{target or 'the compiler default'}, {' '.join(flags)}"
+    own = build.cache_directory()
+    found["cache of the loop"] = _folder(own)
+    found["cache of forms"] = _folder(own.with_name("fenics"))
+    return found
+
+
+def _system() -> str:
+    try:
+        name = platform.freedesktop_os_release()["PRETTY_NAME"]
+    except (OSError, KeyError):
+        name = platform.system()
+    return f"{name}, {platform.machine()}"
+
+
+def _package(name: str, distribution: str) -> str:
+    spec = find_spec(name)
+    if spec is None:
+        return "not installed"
+    place = Path(spec.origin).parent if spec.origin else "?"
+    try:
+        return f"{metadata.version(distribution)}, {place}"
+    except metadata.PackageNotFoundError:
+        return f"version unknown, {place}"
+
+
+def _loop() -> str:
+    try:
+        build.load_library()
+    except build.LoopUnavailable as error:
+        return f"not available: {error}"
+    return "available"
+
+
+def _first_line(command: list[str]) -> str:
+    try:
+        done = subprocess.run(command, capture_output=True, text=True, check=True)
+    except (OSError, subprocess.CalledProcessError) as error:
+        return str(error)
+    return done.stdout.partition("\n")[0]
+
+
+def _folder(path: Path) -> str:
+    files = [file for file in path.glob("*") if file.is_file()]
+    size = sum(file.stat().st_size for file in files)
+    return f"{path}, {len(files)} files, {size / 1e6:.0f} MB"
+
+
+def main() -> None:
+    """The one command there is."""
+    parser = argparse.ArgumentParser(prog="python -m fx_beam")
+    commands = parser.add_subparsers(required=True, metavar="command")
+    commands.add_parser("info", help="versions, solvers, compiler and caches, for bug reports")
+    parser.parse_args()
+    lines = info()
+    width = max(map(len, lines)) + 2
+    sys.stdout.writelines(f"{name + ':':{width}}{value}\n" for name, value in lines.items())
+
+
+if __name__ == "__main__":
+    main()

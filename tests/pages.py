@@ -1,0 +1,44 @@
+"""Pages in Markdown, for tests: their Python, and their links."""
+
+import re
+from pathlib import Path
+
+ROOT = Path(__file__).parents[1]
+
+
+def text(page):
+    return page.read_text(encoding="utf-8")
+
+
+def blocks(page):
+    """The pieces of Python of a page."""
+    return re.findall(r"```python\n(.*?)```", text(page), flags=re.DOTALL)
+
+
+def links(page):
+    """Files that a page links to, and the names in them; pictures as well."""
+    prose = re.sub(r"```.*?```", "", text(page), flags=re.DOTALL)
+    for target in re.findall(r"\]\(([^)\s]+)\)", prose):
+        if not re.match(r"https?:|#|10\.", target):
+            file, _, name = target.partition("#")
+            yield (page.parent / file).resolve(), name
+
+
+def missing(page):
+    """Links of a page that lead nowhere. Pages of the gallery are made from the demos."""
+    lost = []
+    for file, name in links(page):
+        if file.parent == ROOT / "docs" / "gallery":
+            file = ROOT / "demos" / f"{file.stem}.py"
+        if not file.is_file():
+            lost.append(str(file))
+        elif name and not re.search(rf"\b(?:def|class) {name}\b|\w {name}\(", text(file)):
+            lost.append(f"{file}#{name}")
+    return lost
+
+
+def run(block, page):
+    """Run a piece of Python alone, and give its names."""
+    names = {"__name__": page.stem}
+    exec(compile(block, str(page), "exec"), names)
+    return names

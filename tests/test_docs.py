@@ -1,0 +1,130 @@
+"""The documentation: its code runs, its links lead somewhere, and all that is public is in it."""
+
+import doctest
+import importlib
+import inspect
+import re
+
+import pages
+import pytest
+
+import fx_beam as fb
+
+DOCS = pages.ROOT / "docs"
+PAGES = sorted(
+    page
+    for page in DOCS.rglob("*.md")
+    if not {"_build", "gallery"} & set(page.relative_to(DOCS).parts[:-1])
+)
+BLOCKS = [(page, number) for page in PAGES for number in range(len(pages.blocks(page)))]
+MODULES = {
+    "fx_beam": fb,
+    "fx_beam.plot": fb.plot,
+    "fx_beam.studies.work_precision": fb.work_precision,
+    "fx_beam.studies.stability": fb.stability,
+}
+
+
+def name_of(page):
+    return str(page.relative_to(DOCS).with_suffix(""))
+
+
+def public():
+    return [f"{module}.{name}" for module, of in MODULES.items() for name in of.__all__]
+
+
+@pytest.mark.slow
+@pytest.mark.plot
+@pytest.mark.parametrize(
+    ("page", "number"), BLOCKS, ids=[f"{name_of(page)}-{number}" for page, number in BLOCKS]
+)
+def test_each_piece_of_code_runs_alone(page, number, tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    names = pages.run(pages.blocks(page)[number], page)
+    assert capsys.readouterr().out
+    if "motion" in names:
+        assert {path.suffix for path in tmp_path.iterdir()} == {".png", ".gif", ".csv", ".npz"}
+        assert (fb.load("motion.npz").q == names["motion"].q).all()
+    if "second" in names:
+        assert abs(names["second"].q[-1] - names["whole"].q[-1]).max() < 1e-9
+    if "found" in names and hasattr(names["found"], "runs"):
+        # What it is written for: the tip converges, and energy is conserved.
+        errors = [run.errors for run in names["found"].runs if run.scheme == "EnergyMomentum"]
+        assert max(error["energy"] for error in errors) < 1e-9
+        assert min(error["tip path"] for error in errors) < 0.1
+
+
+@pytest.mark.parametrize("page", PAGES, ids=name_of)
+def test_links_lead_to_files_and_definitions(page):
+    assert not pages.missing(page)
+
+
+@pytest.mark.parametrize("page", PAGES, ids=name_of)
+def test_files_that_are_named_are_there(page):
+    folders = "demos|tests|benchmarks|fx_beam"
+    for file in re.findall(rf"`((?:{folders})/[\w/]+\.\w+)`", pages.text(page)):
+        assert (pages.ROOT / file).is_file(), file
+
+
+@pytest.mark.parametrize("page", PAGES, ids=name_of)
+def test_each_page_can_be_reached(page):
+    if page == DOCS / "index.md":
+        return
+    home = page.parent if page.name != "index.md" else page.parent.parent
+    home = DOCS / "index.md" if home == DOCS else home / "index.md"
+    entry = name_of(page).removeprefix(f"{name_of(home.parent / 'x')[:-1]}")
+    assert re.search(rf"^{entry}$", pages.text(home), flags=re.MULTILINE)
+
+
+def test_each_demo_is_in_the_gallery():
+    shown = {file.stem for file, _ in pages.links(DOCS / "gallery.md") if file.suffix == ".md"}
+    assert shown == {demo.stem for demo in (pages.ROOT / "demos").glob("*.py")}
+
+
+def test_all_that_is_public_is_in_the_interface_once():
+    interface = "\n".join(pages.text(page) for page in (DOCS / "interface").glob("*.md"))
+    listed = re.findall(r"^\.\. auto\w+:: (\S+)", interface, flags=re.MULTILINE)
+    assert sorted(listed) == sorted(public())
+
+
+def test_every_equation_of_the_paper_is_in_the_table():
+    rows = re.findall(r"^\| ([\d, to]+) \|", pages.text(DOCS / "theory" / "equations.md"), re.M)
+    found = set()
+    for part in ",".join(rows).split(","):
+        first, _, last = part.strip().partition(" to ")
+        found |= set(range(int(first), int(last or first) + 1))
+    assert found == set(range(1, 55))
+
+
+def test_links_to_sources_lead_to_their_lines(monkeypatch):
+    pytest.importorskip("pygments")
+    monkeypatch.syspath_prepend(str(DOCS / "extensions"))
+    sources = importlib.import_module("sources")
+    for page in PAGES:
+        for file, name in pages.links(page):
+            if name:
+                assert sources.line_of(str(file.relative_to(pages.ROOT)), name), (page, name)
+
+
+def test_formulas_are_ones_that_can_be_drawn():
+    latex = pytest.importorskip("docutils.utils.math.latex2mathml")
+    for page in PAGES:
+        prose = re.sub(r"```.*?```|`[^`]*`", "", pages.text(page), flags=re.DOTALL)
+        for formula in re.findall(r"\$\$(.*?)\$\$|\$([^$]+)\$", prose, flags=re.DOTALL):
+            assert latex.tex2mathml("".join(formula))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", public())
+def test_examples_in_docstrings_are_right(name, tmp_path, monkeypatch):
+    module, _, attribute = name.rpartition(".")
+    thing = getattr(MODULES[module], attribute)
+    if not (inspect.isclass(thing) or inspect.isfunction(thing)):
+        return
+    monkeypatch.chdir(tmp_path)
+    finder = doctest.DocTestFinder(exclude_empty=True)
+    runner = doctest.DocTestRunner(optionflags=doctest.ELLIPSIS | doctest.NORMALIZE_WHITESPACE)
+    said = []
+    for test in finder.find(thing, name, globs={"fb": fb}):
+        runner.run(test, out=said.append)
+    assert not runner.failures, "".join(said)
