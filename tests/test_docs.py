@@ -1,8 +1,6 @@
 """The documentation: its code runs, its links lead somewhere, and all that is public is in it."""
 
-import doctest
 import importlib
-import inspect
 import re
 
 import pages
@@ -112,19 +110,3 @@ def test_formulas_are_ones_that_can_be_drawn():
         prose = re.sub(r"```.*?```|`[^`]*`", "", pages.text(page), flags=re.DOTALL)
         for formula in re.findall(r"\$\$(.*?)\$\$|\$([^$]+)\$", prose, flags=re.DOTALL):
             assert latex.tex2mathml("".join(formula))
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("name", public())
-def test_examples_in_docstrings_are_right(name, tmp_path, monkeypatch):
-    module, _, attribute = name.rpartition(".")
-    thing = getattr(MODULES[module], attribute)
-    if not (inspect.isclass(thing) or inspect.isfunction(thing)):
-        return
-    monkeypatch.chdir(tmp_path)
-    finder = doctest.DocTestFinder(exclude_empty=True)
-    runner = doctest.DocTestRunner(optionflags=doctest.ELLIPSIS | doctest.NORMALIZE_WHITESPACE)
-    said = []
-    for test in finder.find(thing, name, globs={"fb": fb}):
-        runner.run(test, out=said.append)
-    assert not runner.failures, "".join(said)

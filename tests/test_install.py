@@ -111,7 +111,7 @@ def test_what_is_imported_is_what_the_project_asks_for():
     sources = "\n".join(path.read_text() for path in (ROOT / "fx_beam").rglob("*.py"))
     modules = {"pillow": "PIL"}
     for name in asked:
-        module = modules.get(name, name)
+        module = modules.get(name, name.replace("-", "_"))
         assert re.search(rf"^\s*(import|from) {module}\b", sources, flags=re.MULTILINE), name
 
 
