@@ -31,17 +31,7 @@ _PIECES = 12  # in which an element is coloured
 
 
 class Colouring:
-    """Colours of the members in all rows of a picture, on one scale.
-
-    Parameters
-    ----------
-    drawing : Drawing
-        The rows, and the places of the members in them.
-    quantity : str
-        What the colours show.
-    length_unit : str
-        With "m" the unit of the quantity is written, else none.
-    """
+    """Colours of the members in all rows of a drawing, on one scale, for one quantity."""
 
     def __init__(self, drawing: Drawing, quantity: str, length_unit: str):
         if quantity not in QUANTITIES:

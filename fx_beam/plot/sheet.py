@@ -19,13 +19,7 @@ _CELL = 3.0  # side of the squares in which the sheet is seen as free or covered
 
 
 class Sheet:
-    """Drawing in the plane, at first without a frame.
-
-    Parameters
-    ----------
-    size : float
-        Larger side of what is drawn, by which symbols are scaled [m].
-    """
+    """Drawing in the plane, at first without a frame; symbols are scaled by its size [m]."""
 
     def __init__(self, size: float):
         self.size = size

@@ -12,18 +12,8 @@ from .files import writable
 #: Format of saved files, and the arrays in them that bear their own name.
 FORMAT = "fx_beam solution 1"
 HISTORIES = (
-    "t",
-    "t_level",
-    "X",
-    "q",
-    "v",
-    "a",
-    "reactions",
-    "slides",
-    "joint_forces",
-    "motor_forces",
-    "linear_momentum",
-    "angular_momentum",
+    *("t", "t_level", "X", "q", "v", "a", "reactions", "slides", "joint_forces", "motor_forces"),
+    *("linear_momentum", "angular_momentum"),
 )
 
 

@@ -18,28 +18,9 @@ QUANTITIES = dict(
 
 
 def along(solution: Any, name: str, quantity: str, rows, places: np.ndarray) -> np.ndarray:
-    """Values of one of the `QUANTITIES` along a beam.
+    """Values of one of the `QUANTITIES` along a beam, at places of each element.
 
-    Resultants and energy are polynomials through their values at the Gauss points, and may jump
-    from element to element.
-
-    Parameters
-    ----------
-    solution : Solution
-        The motion.
-    name : str
-        Name of the beam.
-    quantity : str
-        What is asked for.
-    rows : sequence of int
-        Rows of the solution.
-    places : (places,) float
-        Where in each element, from 0 to 1.
-
-    Returns
-    -------
-    (rows, elements, places) float
-        The values.
+    Resultants and energy are polynomials through their values at the Gauss points, and may jump.
     """
     rows, beam = list(rows), solution.beams[name]
     if quantity == "speed":

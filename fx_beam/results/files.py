@@ -7,25 +7,7 @@ from pathlib import Path
 
 
 def writable(path: Path | str, endings: Sequence[str] = ()) -> Path:
-    """The path of a file to be written, if its folder exists and its ending is known.
-
-    Parameters
-    ----------
-    path : str or path
-        File to write.
-    endings : sequence of str
-        What its name may end with, such as "png"; anything where none is given.
-
-    Returns
-    -------
-    Path
-        The same.
-
-    Raises
-    ------
-    ValueError
-        For a folder that does not exist, or an ending that is not known.
-    """
+    """The path of a file to be written; ValueError for a missing folder or an unknown ending."""
     file = Path(path)
     if not file.parent.is_dir():
         raise ValueError(f"cannot write {file}: make the folder {file.parent} first")
