@@ -24,6 +24,7 @@ from fx_beam.model.model import Model
 from fx_beam.studies import reporting
 from fx_beam.studies.reporting import short, table
 from fx_beam.studies.stability.case import by_scheme
+from fx_beam.studies.stability.picture import draw_map
 from fx_beam.studies.stability.report import LOST_MOTION, percent, sentences
 
 Case = fb.stability.Case
@@ -507,9 +508,14 @@ def main(quick=False, results=ROOT / "results" / "stability"):
     by_damping = studied(
         results / "damping", SCAN.schemes(**few), dampings(quick), title, repeats, owed_to_damping
     )
-    cases = [case for group in GROUPS for case in group(quick)]
+    questions = {group.__name__: list(group(quick)) for group in GROUPS}
+    cases = [case for own in questions.values() for case in own]
     title, remarks = "stiff and extreme cases", units_page(units)
     cells = studied(results / "cases", SCHEMES, cases, title, repeats, remarks=remarks)
+    for name, own in questions.items():
+        names = {case.name for case in own}
+        found = [cell for cell in cells if cell.case.name in names]
+        draw_map(results / f"cases_{name}.png", found, slots=16)
     print(f"{perf_counter() - clock:.0f} s")
     return cells, by_tolerance, units, by_damping
 

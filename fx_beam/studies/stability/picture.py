@@ -21,8 +21,8 @@ COLOURS = {
     "no verdict": "#F0F0F0",
 }
 _ON_DARK = "blew up", "failed"
-# Cases, and gaps between their groups, side by side in the heat map; letters over each.
-_SLOTS, _LETTERS = 27, 7
+# Letters over a case in the heat map.
+_LETTERS = 7
 # Half the width and height of a cell, the width that another verdict takes, and the legs of the
 # corner that says that steps were halved often.
 _HALF, _OTHER, _CORNER = (0.48, 0.46), 0.16, (0.2, 0.36)
@@ -65,17 +65,17 @@ def telling(cells: list[Cell]) -> list[list[Cell]]:
 # -- The heat map --------------------------------------------------------------------------------
 
 
-def draw_map(path: Path, cells: list[Cell]) -> None:
-    """Write the heat map."""
+def draw_map(path: Path, cells: list[Cell], slots: int = 27) -> None:
+    """Write the heat map, with so many cases, and gaps between their groups, side by side."""
     # Imported here, as a study can be had without matplotlib and pyvista.
     from fx_beam import plot
 
     groups, schemes = by_group(cells), list(by_scheme(cells))
-    bands = _bands(groups)
+    bands = _bands(groups, slots)
     figure, axes = plot.figure(len(bands), 1, height=0.65 + 0.18 * len(schemes))
-    figure.set_figwidth(13.0)
+    figure.set_figwidth(0.48 * slots)
     for ax, band in zip(axes.flat, bands, strict=True):
-        _draw_band(ax, [(group, groups[group]) for group in band], schemes)
+        _draw_band(ax, [(group, groups[group]) for group in band], schemes, slots)
     found = {cell.verdict.kind for cell in cells}
     squares = [
         axes[0, 0].plot([], [], "s", color=colour, markersize=9, label=kind)[0]
@@ -89,18 +89,17 @@ def draw_map(path: Path, cells: list[Cell]) -> None:
     tilde = axes[0, 0].plot(
         [], [], **look, marker="$\\sim$", markersize=9, label="depends on rounding"
     )
-    figure.legend(
-        handles=[*squares, *corner, *tilde], ncols=8, loc="outside upper center", frameon=False
-    )
+    handles = [*squares, *corner, *tilde]
+    figure.legend(handles=handles, ncols=slots // 3, loc="outside upper center", frameon=False)
     figure.savefig(path, dpi=150)
 
 
-def _bands(groups: dict[str, list]) -> list[list[str]]:
+def _bands(groups: dict[str, list], slots: int) -> list[list[str]]:
     """Groups that fit side by side, in their order."""
     bands: list[list[str]] = [[]]
     taken = 0
     for group, cases in groups.items():
-        if taken and taken + _width(group, cases) > _SLOTS + 1:
+        if taken and taken + _width(group, cases) > slots + 1:
             bands.append([])
             taken = 0
         bands[-1].append(group)
@@ -114,7 +113,9 @@ def _width(group: str, cases: list) -> int:
     return max(len(cases) + 1, -(-title // _LETTERS))
 
 
-def _draw_band(ax, band: list[tuple[str, list[list[Cell]]]], schemes: list[str]) -> None:
+def _draw_band(
+    ax, band: list[tuple[str, list[list[Cell]]]], schemes: list[str], slots: int
+) -> None:
     places, labels, left = [], [], 0
     for group, cases in band:
         for x, case in enumerate(cases, left):
@@ -125,7 +126,7 @@ def _draw_band(ax, band: list[tuple[str, list[list[Cell]]]], schemes: list[str])
         title = group.replace(": ", "\n")
         ax.text(left - 0.5, -0.7, title, fontsize=7, va="bottom", linespacing=1.1)
         left += _width(group, cases)
-    ax.set(xlim=(-0.55, _SLOTS - 0.45), ylim=(len(schemes) - 0.45, -0.55))
+    ax.set(xlim=(-0.55, slots - 0.45), ylim=(len(schemes) - 0.45, -0.55))
     ax.set_xticks(places, labels, fontsize=6.5, linespacing=0.95)
     ax.set_yticks(range(len(schemes)), schemes, fontsize=7)
     ax.tick_params(length=0, pad=2)
