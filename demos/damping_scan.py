@@ -1,10 +1,10 @@
-"""Numerical damping in the paper's four examples: its parameter and the time step scanned.
+"""Numerical damping in the paper's four examples: a scan of its parameter and of the time step.
 
 The paper says that the numerical dissipation of the HHT scheme does not cure the instability of
-Newmark's rule but "merely postpones" it. It does not say which alpha it used. Objective: the time
-at which the energy of a run exceeds 1.5 times what it was, for HHT with alpha from 0, which is
-Newmark's rule, to -1/3, its limit, and for generalized alpha from little to the most damping, at
-several steps.
+Newmark's rule but "merely postpones" it. It does not give its value of alpha. Objective: the time
+at which the energy of a run exceeds 1.5 times its initial value. HHT is run with alpha from 0,
+which is Newmark's rule, to its limit of -1/3; generalized alpha with spectral radii rho from 0.9
+to 0. All run with several time steps.
 
 References: A. Ibrahimbegovic, S. Mamouri, Nonlinear dynamics of flexible beams in planar motion:
 formulation and time-stepping scheme for stiff problems, Computers & Structures 70 (1999) 1-22,
@@ -12,10 +12,10 @@ sections 4 and 5, doi 10.1016/S0045-7949(98)00150-3; H. M. Hilber, T. J. R. Hugh
 Earthquake Engineering & Structural Dynamics 5 (1977) 283-292; J. Chung, G. M. Hulbert, Journal of
 Applied Mechanics 60 (1993) 371-375.
 
-The two families meet: HHT with alpha = -1/3 is generalized alpha with rho = 1/2, and HHT with
-alpha = 0 that with rho = 1. The scenes are those of the other demos. A run whose step fails,
-although it was halved twice, counts as lost where it broke off. Values of alpha and of the steps
-are our own.
+The two families have members in common: HHT with alpha = -1/3 is generalized alpha with rho = 1/2,
+and HHT with alpha = 0 is generalized alpha with rho = 1. The scenes are those of the other demos.
+If a step still fails after two halvings, the run stops and counts as lost at that time. The values
+of alpha and of the time steps are our choice.
 """
 
 import json
@@ -45,7 +45,7 @@ RADII = (0.9, 0.8, 0.7, 0.5, 0.0)
 
 
 def schemes(alphas=ALPHAS, radii=RADII):
-    """The schemes by name: two that conserve, then the families from no to the most damping."""
+    """Schemes by name: two that conserve energy, then both families in order of damping."""
     return (
         {"EnergyMomentum": fb.EnergyMomentum(), "ModifiedMidPoint": fb.ModifiedMidPoint()}
         | {f"HHT, alpha = {alpha:.2g}": fb.HHT(alpha) for alpha in alphas}
@@ -54,7 +54,7 @@ def schemes(alphas=ALPHAS, radii=RADII):
 
 
 def run(example, scheme, dt):
-    """When a run was lost [s], if it was, and its lowest energy before."""
+    """Time [s] at which a run was lost, or None, and its lowest energy ratio until then."""
     module, start, t_end, _ = EXAMPLES[example]
     made = module.scene()
     scene = made if isinstance(made, fb.Scene) else made[0]
@@ -85,7 +85,7 @@ def scan(alphas=ALPHAS, radii=RADII, examples=EXAMPLES):
 
 
 def main(results=None, alphas=ALPHAS, radii=RADII):
-    """The numbers; with a directory for results the pictures as well."""
+    """Compute the numbers; with a directory for results, write the pictures too."""
     numbers = scan(alphas, radii)
     report(numbers)
     if results is not None:
@@ -96,7 +96,7 @@ def main(results=None, alphas=ALPHAS, radii=RADII):
 
 
 def cell(found):
-    """A run in a word: when it was lost, or how much of its energy at most."""
+    """Text for one run: the time at which it was lost, or else its largest loss of energy."""
     if found["lost at"] is not None:
         return f"{found['lost at']:.3g} s{' x' if found['broke off'] else ''}"
     loss = 1 - found["lowest energy ratio"]
@@ -109,8 +109,8 @@ def cell(found):
 
 def report(numbers):
     print(
-        f"When the energy exceeded {LOST} times that at the start of the free motion, or (x) the "
-        "run broke off\nbefore; else the largest loss of energy:"
+        f"Time at which the energy exceeded {LOST} times that at the start of the free motion, or "
+        "(x) at which\na step failed before that; otherwise the largest loss of energy:"
     )
     for example, by_scheme in numbers.items():
         _, _, t_end, steps = EXAMPLES[example]
@@ -122,14 +122,14 @@ def report(numbers):
 
 
 def draw(results, numbers):
-    # Imported here, as the numbers can be had without matplotlib and pyvista.
+    # Imported here: the numbers need neither matplotlib nor pyvista.
     from matplotlib.colors import ListedColormap
 
     from fx_beam import plot
 
     kinds = {
         "energy within 0.1 %": "#CFE6F4",
-        "so much energy lost": "#F6E7A1",
+        "energy lost, in percent": "#F6E7A1",
         "motion lost, at this time": "#F2B48A",
     }
     figure, axes = plot.figure(1, len(numbers), height=4.2)
@@ -155,7 +155,7 @@ def draw(results, numbers):
 
 
 def kind(run):
-    """What became of a run: its place among the colours."""
+    """Index of the colour that shows the outcome of a run."""
     if run["lost at"] is not None:
         return 2
     return 1 if 1 - run["lowest energy ratio"] >= 1e-3 else 0

@@ -1,25 +1,27 @@
-"""Lee's frame: a load that snaps a frame through and back.
+"""Lee's frame: snap-through and snap-back under a dead load.
 
-Two legs of one length meet at a right angle, rigidly; both ends are hinged, and a dead load presses
-on the beam at a fifth of its length. At a first limit load the frame would snap through. The path
-goes on with the load falling, to less than nothing, where the loaded point moves back for a while,
-and rises again from a second limit load. Objective: the whole path, both limit loads, and what
-load steps without an arc length make of it.
+Two legs of equal length are joined rigidly at a right angle. Both ends are hinged. A dead load acts
+on the beam at a fifth of its length. At the first limit load the frame would snap through. Beyond
+it the load falls and becomes negative, and the loaded point moves back over part of the path. From
+the second limit load on, the load rises again. Objective: the whole path, both limit loads, and the
+load at which load steps without arc length fail.
 
 The frame is that of Lee, Manuel & Rossow (1968), J. Eng. Mech. Div. ASCE 94, 527-547, with the data
-in use since then: legs of 120, A = 6, I = 2 and E = 7.2e6; nu = 0.3 and a shear factor of 5/6 are
-ours. The literature gives the first limit load as 18.5e3 to 18.6e3, with differences that are those
-of beam theories and meshes. What is exact for the present theory is found here by shooting: with
-n the constant force in each of the three straight parts, t and W t the turned axes and ' = d/ds,
+in use since then: legs of 120, A = 6, I = 2 and E = 7.2e6. nu = 0.3 and a shear factor of 5/6 are
+our choice. The literature gives a first limit load of 18.5e3 to 18.6e3; the differences come from
+beam theories and meshes. The exact values for the present theory are computed here by shooting.
+With n the constant force in each of the three straight parts, t and W t the rotated axes of the
+section, and ' = d/ds, the equations
 
     phi' = (1 + n.t/EA) t + (n.W t/GA) W t,    EI psi' = M,    M' = n.W phi'
 
-is integrated from one hinge to the other, and the two components of the reaction, and the load, are
-sought that bring it there without moment, for a given rotation psi at the start. The limit loads
-are the extrema over psi.
+are integrated from one hinge to the other. For a given rotation psi at the first hinge, the load
+and the two components of the reaction are found for which the far end lies at its hinge and has no
+moment. The limit loads are the extrema over psi.
 
-`fx_beam.static(..., continuation="arc-length")` has the load factor for an unknown (Keller's pseudo
-arc length), and ends steps on limit points. Units are those of the data, any that are consistent.
+In `fx_beam.static(..., continuation="arc-length")` the load factor is an unknown (Keller's
+pseudo-arc-length method), and steps end exactly at limit points. The data have no units; any
+consistent set will do.
 """
 
 import json
@@ -38,12 +40,12 @@ LOAD = 20e3  # beyond the first limit load
 LITERATURE = (18.5e3, 18.6e3)
 MESHES = {1: (10, 20, 40), 2: (5, 10, 20), 3: (5, 10)}  # elements of a leg, by degree
 ELEMENTS, DEGREE = 10, 2  # of the pictures
-FORCE = SECTION.EI / LEG**2  # size of forces
+FORCE = SECTION.EI / LEG**2  # typical force, for scaling
 STEPS = 10
 
 
 def scene(elements=ELEMENTS, degree=DEGREE):
-    """The frame, its loaded node and the column's hinge."""
+    """The frame, its loaded node and the hinge of the column."""
     frame = fb.Scene()
     column = frame.add_beam([(0, 0), (0, LEG)], SECTION, elements, degree, name="column")
     pieces = [elements // 5, elements - elements // 5]
@@ -60,7 +62,7 @@ def scene(elements=ELEMENTS, degree=DEGREE):
 
 
 def shoot(psi, reaction_x, reaction_y, load):
-    """Gap and moment at the far hinge, and the place of the load."""
+    """Gap and moment at the far hinge, scaled, and the position of the loaded point."""
     n = -np.array([reaction_x, reaction_y])
     y = np.array([0.0, 0.0, psi, 0.0])
     parts = ((LEG, np.pi / 2, 0.0), (AT, 0.0, 0.0), (LEG - AT, 0.0, load))
@@ -87,7 +89,7 @@ def _along(start, n, direction, length):
 def solved(gap, guess):
     """Root of a gap near a guess."""
     found = scipy.optimize.root(gap, guess, tol=1e-11)
-    if abs(found.fun).max() > 1e-7:  # the integration is no more accurate than 1e-9
+    if abs(found.fun).max() > 1e-7:  # tolerance of the integration: 1e-9
         raise RuntimeError(f"shooting: {found.message}")
     return found.x
 
@@ -99,7 +101,7 @@ def limit_by_shooting(path, row, hinge):
     def load(psi):
         return solved(lambda x: shoot(psi, *(FORCE * x))[0], np.array(force) / FORCE)[2] * FORCE
 
-    # Three points of a parabola whose top they straddle: its height is exact to h^4.
+    # A parabola through three points around the extremum: its top is accurate to h^4.
     h = 1e-3
     loads = [load(psi + k * h) for k in (-1, 0, 1)]
     slope, bend = (loads[2] - loads[0]) / 2, loads[2] - 2 * loads[1] + loads[0]
@@ -107,7 +109,7 @@ def limit_by_shooting(path, row, hinge):
 
 
 def place_by_shooting(path, row, hinge):
-    """Place of the loaded point at the load of a row of the path, off the limit points."""
+    """Position of the loaded point at the load of a row of the path; not at limit points."""
     psi, *reaction, load = start(path, row, hinge)
 
     def gap(x):
@@ -118,7 +120,7 @@ def place_by_shooting(path, row, hinge):
 
 
 def start(path, row, hinge):
-    """Rotation, reaction (2,) and load in a row of the path, near which shooting begins."""
+    """Rotation, reaction (2,) and load in a row of the path: initial guess of the shooting."""
     return path.rotation(hinge)[row], *path.reaction(hinge)[row, :2], LOAD * path.load_factor[row]
 
 
@@ -126,7 +128,7 @@ def start(path, row, hinge):
 
 
 def main(results=None):
-    """The numbers; with a directory for results the pictures as well."""
+    """Compute the numbers; with a directory for results, write the pictures too."""
     meshes = {}
     for degree, counts in MESHES.items():
         for elements in counts:
@@ -169,15 +171,15 @@ def report(numbers):
         )
         print(f"{name:>24}: {off}")
     print(
-        f"{numbers['steps']} steps along the arc, {numbers['Newton iterations']} iterations, "
-        f"{numbers['cuts']} cuts, to a load of {numbers['load at the end']:g}; the loaded point "
+        f"Arc length: {numbers['steps']} steps, {numbers['Newton iterations']} iterations, "
+        f"{numbers['cuts']} cuts, up to a load of {numbers['load at the end']:g}; the loaded point "
         f"moves back by {numbers['largest way back of the loaded point']:.2f} on the way\n"
-        f"Load steps alone end at {numbers['load steps alone end at']:.0f}"
+        f"Load steps without arc length fail at {numbers['load steps alone end at']:.0f}"
     )
 
 
 def draw(results, path, loaded, hinge, rows):
-    # Imported here, as the numbers can be had without matplotlib and pyvista.
+    # Imported here: the numbers need neither matplotlib nor pyvista.
     from fx_beam import plot
 
     plot.scene(scene()[0], results / "scene.png", length_unit="-", dimensions=True)
@@ -199,7 +201,7 @@ def draw(results, path, loaded, hinge, rows):
     ax.fill_between([], [], color="#E69F00", alpha=0.5, label="first limit load, literature")
     plot.save(figure, results / "load_and_displacement.png")
 
-    # At no load, which is met three times, at both limit points, and at the end.
+    # The three unloaded states on the path, both limit points, and the end.
     unloaded = [int(np.argmin(abs(part))) for part in np.split(load, rows)]
     shown = sorted([*np.add(unloaded, [0, *rows]), *rows, len(load) - 1])
     plot.shapes(path, shown, results / "shapes.png", length_unit="-")

@@ -1,42 +1,43 @@
 """Multi-body system of four flexible members with hinges and a slide.
 
-Two hinged members connect a support with a telescopic leg on another. A short moment at the
-right support sets them in motion, and from then on nothing acts. At 0.6 s they have swung over to
-the other side, where they come into line and the leg is at its longest. This excites axial
-vibrations, which no step fit for the motion resolves. Objective: the motion with joints that are
-exact, and the total energy by several schemes and steps (the paper's figures 14 to 17).
+Two hinged members connect the right support with a telescopic leg on the left support. A short
+moment at the right support sets them in motion; after it no load acts. At 0.6 s they have swung to
+the other side, where they are in line and the leg has its greatest length. This excites axial
+vibrations. A time step that suits the motion does not resolve them. Objective: the motion with
+exact joints, and the total energy by several schemes and time steps (the paper's figures 14 to 17).
 
 Reference: A. Ibrahimbegovic, S. Mamouri, Nonlinear dynamics of flexible beams in planar motion:
 formulation and time-stepping scheme for stiff problems, Computers & Structures 70 (1999) 1-22,
 section 4.3, doi 10.1016/S0045-7949(98)00150-3.
 
-From the paper: four flexible members, 20 two-node elements, revolute and prismatic joints, the
-start at rest, and a moment at the right support that rises linearly until 0.25 s and falls to 0
-at 0.5 s. All else is printed in a figure that we do not have; OURS below lists it.
+From the paper: four flexible members, 20 two-node elements, revolute and prismatic joints, start at
+rest, and a moment at the right support that rises linearly until 0.25 s and falls to 0 at 0.5 s.
+All other data are in a figure that we do not have; OURS below lists our choice.
 
-The peak of the moment reads "5 N m" in the only text that we have, which has lost digits in many
-places. 5, 15 and 25 N m are possible. With 5 N m and our geometry axial vibration starts at 1.4 s,
-and HHT never gains energy. With 15 N m all happens that the paper describes: fast axial vibration
-from about 0.5 s on, and the energies of Newmark and of HHT blow up. So we take 15 N m.
+The peak of the moment is "5 N m" in the only text that we have, in which many digits are missing.
+5, 15 and 25 N m are possible. With 5 N m and our geometry the axial vibration starts at 1.4 s, and
+HHT never gains energy. With 15 N m everything happens that the paper describes: fast axial
+vibration from about 0.5 s on, and the energy blows up with Newmark and with HHT. So we take 15 N m.
 
-After some 1.2 s the motion depends on mesh and step, and then on the last digit. What holds for
-it is: EnergyMomentum keeps the energy, the published scheme nearly does, and Newmark's rule loses
-the motion at every step. So does HHT for small alpha or large steps, only later; see
-damping_scan.py.
+After about 1.2 s the motion depends on mesh and time step, and later on round-off. Some results do
+not depend on them: EnergyMomentum conserves the energy, the published scheme nearly conserves it,
+and Newmark's rule loses the motion with every time step. HHT with small alpha or large steps also
+loses it, but later; see damping_scan.py.
 
     B o---2---o A        supports (0, 0) and (1, 0), A = (1, 1), B = (0, 1) m;
       3       |          member 1 from the right support to A, 2 from A to B,
       #       1          3 from B halfway down, 4 from the left support halfway up;
-      4       |          the end of 4 carries a straight guide, as long as it takes,
+      4       |          the end of 4 carries a straight guide of unlimited length,
       o       o          along which the end of 3 slides
 
-A hinge makes displacements the same unknowns. With the rotation psi of the guide, its direction
-a0 in the reference configuration, and the slide d, an unknown of its own, the prismatic joint is
+At a hinge both nodes have the same displacement unknowns. With the rotation psi_4 of the guide, its
+direction a0 in the reference configuration, and the slide d, which is an additional unknown, the
+prismatic joint is
 
     phi_3 = phi_4 + d R(psi_4) a0,     psi_3 = psi_4.
 
-There are no multipliers, and so 3 unknowns a node less those of supports and joints, and a slide.
-Units are metre, kilogram and second.
+There are no multipliers. The unknowns are 3 per node, minus those that supports and joints remove,
+plus one slide. Units are metre, kilogram and second.
 """
 
 import json
@@ -58,13 +59,13 @@ PULSE_END = PULSE[0][-1]
 T_END, SHOWN = 4.0, 2.0  # end of the runs, and of the pictures [s]
 LARGE, DT, SMALL = STEPS = (0.01, 0.005, 0.0025)  # [s]
 
-# What is not in the paper, or cannot be read there.
+# Data that are not in the paper, or illegible in our text of it.
 OURS = {
     "places of supports and joints": "our own",
     "section": "our own, a steel strip of 2 mm x 20 mm",
     "peak of the moment": "read as 15 N m",
     "sense of the moment": "our own, clockwise",
-    "length of the slide": "our own, without end",
+    "length of the slide": "our own, unlimited",
     "time steps, end of the run": "our own",
     "alpha of HHT": "our own",
 }
@@ -78,9 +79,9 @@ SCHEMES = {
     "Generalized alpha, 0.9": fb.GeneralizedAlpha(0.9),
 }
 CONSERVING = "EnergyMomentum", "ModifiedMidPoint (as published)"
-# A motion is lost when its energy exceeds this many times that at the end of the moment.
+# The motion counts as lost when the energy exceeds this multiple of that at the end of the moment.
 LOST = 1.5
-# A failing step is halved at most twice: more would only draw out a motion that is lost.
+# A failing step is halved at most twice: more would only prolong a motion that is lost.
 MAX_HALVINGS = 2
 
 
@@ -105,7 +106,7 @@ def scene(elements=ELEMENTS, degree=1):
 
 
 def simulate(scheme, dt):
-    """The solution, as far as the scheme goes, and its joints."""
+    """The solution, up to a step that fails, and its joints."""
     system, joints = scene()
     try:
         solution = fb.simulate(system, scheme, dt=dt, t_end=T_END, max_halvings=MAX_HALVINGS)
@@ -130,13 +131,13 @@ def energy(solution):
 
 
 def energy_ratio(solution):
-    """Energy from the end of the moment on over that at its end, with the times."""
+    """Times after the moment has ended, and the energy relative to that at its end."""
     after = solution.t > PULSE_END - 1e-9
     return solution.t[after], solution.energy.total[after] / solution.energy.total[after][0]
 
 
 def lost_at(solution):
-    """Time [s] at which the energy exceeds LOST times its start, or at which the run broke off."""
+    """Time [s] at which the energy exceeds LOST times its initial value, or a step failed."""
     t, ratio = energy_ratio(solution)
     above = t[~(ratio <= LOST)]
     if len(above):
@@ -152,7 +153,7 @@ def largest_force(solution, start, end):
 
 
 def audit(solution, joints):
-    """What a run is judged by."""
+    """Numbers by which a run is assessed."""
     after, ratio = energy_ratio(solution)
     slide = solution.slide(joints["slide"])
     return {
@@ -175,7 +176,7 @@ def audit(solution, joints):
 
 
 def count(solution, joints):
-    """Unknowns, and what they follow from."""
+    """Number of unknowns, and the numbers from which it follows."""
     supports = len(solution.beams["member 1"].start.scene.fixed)
     revolutes = sum(2 for joint in joints.values() if joint.kind == "Revolute")
     slides = sum(1 for joint in joints.values() if joint.axis is not None)
@@ -189,7 +190,7 @@ def count(solution, joints):
 
 
 def main(results=None, steps=STEPS):
-    """The numbers; with a directory for results the pictures as well."""
+    """Compute the numbers; with a directory for results, write the pictures too."""
     runs = {(name, dt): simulate(SCHEMES[name], dt) for name in SCHEMES for dt in steps}
     solution, joints = runs["EnergyMomentum", DT]
     bent = [abs(solution.resultants(name).M).max() for name in solution.beams]
@@ -212,7 +213,7 @@ def main(results=None, steps=STEPS):
 def report(numbers):
     unknowns = numbers["unknowns"]
     moments = ", ".join(f"{moment:.2f}" for moment in numbers["largest bending moments"])
-    print("Not in the paper, or not legible in our text of it:")
+    print("Not in the paper, or illegible in our text of it:")
     print(*(f"    {name}: {why}" for name, why in OURS.items()), sep="\n")
     print(
         "Unknowns: 3 x {nodes} - {constrained by supports} (supports) - {constrained by joints} "
@@ -221,8 +222,8 @@ def report(numbers):
         f"{SECTION.rhoA:.3g} kg/m; largest bending moments {moments} N m"
         f"\n\n{T_END:g} s, a failing step halved at most {MAX_HALVINGS} times. "
         f"E0 is the energy at {PULSE_END} s.\n"
-        f"A motion is lost when its energy exceeds {LOST} times that, or the run breaks off. "
-        "Largest |N| left of A\nin the pulse, and then up to 0.7 s:"
+        f"A motion is lost when its energy exceeds {LOST} E0 or a step fails. "
+        "Largest |N| left of A\nduring the pulse, and from then to 0.7 s:"
     )
     row = "{:31} {:>6} {:>5} {:>7} {:>6} {:>7} {:>8} {:>7} {:>12} {:>6} {:>6} {:>7} {:>5} {:>6}"
     row = row.format
@@ -254,7 +255,7 @@ def report(numbers):
 
 
 def draw(results, runs):
-    # Imported here, as the numbers can be had without matplotlib and pyvista.
+    # Imported here: the numbers need neither matplotlib nor pyvista.
     from fx_beam import plot
 
     solution, joints = runs["EnergyMomentum", DT]
@@ -279,7 +280,7 @@ def draw(results, runs):
     plot.save(figure, results / "displacement.png")
 
     figure, axes = plot.figure(3, len(STEPS))
-    # Those that keep the energy on top of those that fill the frame.
+    # Conserving schemes are drawn last, on top of those whose curves fill the panel.
     names = [*(name for name in SCHEMES if name not in CONSERVING), *CONSERVING]
     for (total, drift, force), dt in zip(axes.T, STEPS, strict=True):
         solutions = {name: runs[name, dt][0] for name in names}

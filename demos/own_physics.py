@@ -1,32 +1,33 @@
-"""Physics of your own: a material, forces and a time scheme, each a few lines of UFL.
+"""User-defined physics: a material, forces and a time scheme, each in a few lines of UFL.
 
-A soft arm, pinned at one end, falls from the horizontal under its weight. Objective: to give it
-a stored energy, forces and a time scheme that the package does not have, and to see the energy
-balance close all the same.
+A soft arm, pinned at one end, falls from the horizontal under its own weight. Objective: to define
+a stored energy, forces and a time scheme that the package does not have, and to check the energy
+balance with each of them.
 
-1. Material. The arm stiffens when it is stretched, resists being crushed, and stiffens when it is
-   bent. With axial strain eps, shear strain gamma and curvature kappa, per length
+1. Material. The stiffness grows with bending. The stored energy becomes infinite when the arm is
+   compressed to zero length. With axial strain eps, shear strain gamma and curvature kappa, the
+   energy per length is
 
-       W = EA/4 ((1 + eps)^2 - 1 - 2 ln(1 + eps)) + GA/2 gamma^2 + EI/2 kappa^2 (1 + (kappa/k)^2),
+       W = EA/4 ((1 + eps)^2 - 1 - 2 ln(1 + eps)) + GA/2 gamma^2 + EI/2 kappa^2 (1 + (kappa/k)^2).
 
-   whose stiffness at rest is EA, GA and EI. The energy-momentum scheme takes a discrete gradient
-   of it (Gonzalez 1996, doi 10.1007/BF02440162), and the total energy stays what it was.
+   Its initial stiffness is EA, GA and EI. The energy-momentum scheme takes a discrete gradient
+   of W (Gonzalez 1996, doi 10.1007/BF02440162), so that the total energy is constant.
 
-2. Forces. The virtual work per length is all that is given of a force:
+2. Forces. Each force is defined by its virtual work per length:
 
-       oil, in which the arm sinks below y = 0:       - c v . du            for y < 0,
-       a bed of springs, below y = -d:                - k (y + d) dy        for y < -d,
-       a jet on the last tenth, along the section:      q t . du            with t = R(psi) t0.
+       viscous oil below y = 0:                         - c v . du            for y < 0,
+       elastic foundation below y = -d:                 - k (y + d) dy        for y < -d,
+       jet on the last tenth, along the arm's axis:       q t . du            with t = R(psi) t0.
 
-   Energy is then not kept, and the balance is: what is gained is the work of these forces.
+   The energy is then not constant: its change is the work of these forces.
 
-3. A time scheme. Averaged stress resultants with a part chi/2 of their increments over the step,
+3. Time scheme. To the averaged stress resultants a part chi/2 of their increments is added,
 
-       N = N_av + chi/2 (N_1 - N_0),   and so for Q and M,
+       N = N_av + chi/2 (N_1 - N_0),   and likewise for Q and M.
 
-   take chi/2 dE.C dE from the energy in every step and nothing from the momenta: what vibrates
-   fast is damped (as in Armero & Romero 2001, doi 10.1016/S0045-7825(01)00233-X, without the part
-   that damps the rates).
+   This removes the energy chi/2 dE.C dE in every step and does not change the momenta. It damps
+   the high frequencies (as in Armero & Romero 2001, doi 10.1016/S0045-7825(01)00233-X, without
+   their damping of the rates).
 
 Units are metre, kilogram and second.
 """
@@ -63,7 +64,7 @@ def stored_energy(eps, gamma, kappa):
 
 
 def scene():
-    """The arm, its last tenth a beam of its own so that a force can act on it alone."""
+    """The arm; its last tenth is a separate beam, so that a force can act on that part only."""
     section = fb.Section(strain_energy=stored_energy, rhoA=0.1, rhoI=1e-5)
     arm_scene = fb.Scene(gravity=GRAVITY)
     arm = arm_scene.add_beam([(0, 0), (0.9 * LENGTH, 0)], section, elements=18, name="arm")
@@ -93,7 +94,7 @@ def jet(step):
 
 
 def dissipating(chi):
-    """Scheme that takes chi/2 of the work of the resultants' increments from the energy."""
+    """Scheme that dissipates chi/2 times the work of the increments of the resultants."""
 
     def resultants(step, law):
         r = averaged(step, law)
@@ -107,11 +108,11 @@ def dissipating(chi):
     return fb.Scheme("Dissipating", resultants, fb.MidPointRates())
 
 
-# -- The three, one after the other ----------------------------------------------------------------
+# -- The three runs --------------------------------------------------------------------------------
 
 
 def main(results=None):
-    """The numbers; with a directory for results the pictures as well."""
+    """Compute the numbers; with a directory for results, write the pictures too."""
     alone, _, _ = scene()
     free = fb.simulate(alone, dt=DT, t_end=T_END)
 
@@ -123,7 +124,7 @@ def main(results=None):
 
     damped = fb.simulate(alone, dissipating(DAMPING), dt=DT, t_end=T_END)
 
-    # The arm falls from rest, so that all energies are measured by what it has gained in speed.
+    # The arm falls from rest: energies are compared with the largest kinetic energy.
     scale = free.energy.kinetic.max()
     numbers = {
         "largest kinetic energy": scale,
@@ -164,7 +165,7 @@ def report(numbers):
 
 
 def draw(results, free, forced, damped):
-    # Imported here, as the numbers can be had without matplotlib and pyvista.
+    # Imported here: the numbers need neither matplotlib nor pyvista.
     from fx_beam import plot
 
     plot.scene(scene()[0], results / "scene.png", dimensions=True)
@@ -188,7 +189,7 @@ def draw(results, free, forced, damped):
 
 
 def scenery(ax, nozzle):
-    """The oil, the bed of springs and the force of the jet, which the scene does not know."""
+    """Draw the oil, the foundation and the jet, which are not part of the scene."""
     left, right = ax.get_xlim()
     low, _ = ax.get_ylim()
     oil = ax.axhspan(low, 0, color="#E69F00", alpha=0.15, linewidth=0, zorder=0)

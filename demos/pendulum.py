@@ -1,30 +1,31 @@
 """Simple pendulum on a nearly rigid rod.
 
-A mass at the end of a massless beam, pinned at the top, swings by 45 degrees to either side. The
-beam is one element, and so stiff that its axial vibration is some hundred thousand times faster
-than the swing; no step that is fit for the swing resolves it. Objective: the swing with steps as
-large as 0.1 s, a fifteenth of the period, and what becomes of the energy, the axial force and the
-acceleration (the paper's figures 3 to 7).
+A mass at the end of a massless beam, pinned at the top, swings by 45 degrees to each side. The
+beam is one element. It is so stiff that its axial vibration is some hundred thousand times faster
+than the swing. A time step that suits the swing does not resolve it. Objective: the swing with
+steps up to 0.1 s, a fifteenth of the period, and its energy, axial force and acceleration (the
+paper's figures 3 to 7).
 
 Reference: A. Ibrahimbegovic, S. Mamouri, Nonlinear dynamics of flexible beams in planar motion:
 formulation and time-stepping scheme for stiff problems, Computers & Structures 70 (1999) 1-22,
 section 4.1, doi 10.1016/S0045-7949(98)00150-3.
 
-On a rigid rod the angle theta from the vertical, which starts from 0 with the speed v0, obeys
+On a rigid rod the angle theta from the vertical starts from 0 with the speed v0 of the mass. It is
 
     L theta'' = -g sin(theta),   sin(theta/2) = k sn(w t, k),   w = sqrt(g/L),   k = v0/(2 w L),
 
-with Jacobi's elliptic function sn. The period is 4 K(k)/w with the complete elliptic integral K,
-and the axial force N = m (g cos(theta) + L theta'^2).
+with Jacobi's elliptic function sn. The period is 4 K(k)/w with the complete elliptic integral K.
+The axial force is N = m (g cos(theta) + L theta'^2).
 
-The beam starts unstressed, where a rigid rod carries m (g + v0^2/L). In an elastic one the force
-then vibrates about the rigid rod's with that amplitude. The energy of this vibration,
-N^2 L/(2 EA), is 6e-9 J; what a scheme makes of it decides whether the run is of use.
+The beam starts unstressed, whereas the rigid rod carries m (g + v0^2/L) at the start. The axial
+force of the elastic beam therefore vibrates about that of the rigid rod, with this amplitude. The
+energy of the vibration, N^2 L/(2 EA), is only 6e-9 J. A run is useful if the scheme does not let
+this energy grow.
 
-In the paper first Newmark's rule and then HHT leave the energy of the swing. It does not say with
-which alpha. With steps of 0.1 s Newmark does so at 1.4 s, and HHT at 2.2 s with alpha = -0.05, but
-not within 10 s with alpha = -0.1, which loses a third of the energy instead. All values of alpha
-and of rho of generalized alpha are in damping_scan.py.
+In the paper the energy blows up, first with Newmark's rule and later with HHT; the value of alpha
+is not given. With steps of 0.1 s this happens here at 1.4 s with Newmark, and at 2.2 s with HHT
+and alpha = -0.05. With alpha = -0.1 it does not happen within 10 s; a third of the energy is lost
+instead. damping_scan.py shows more values of alpha, and of rho of generalized alpha.
 """
 
 import json
@@ -37,9 +38,9 @@ from scipy.special import ellipj, ellipk
 
 import fx_beam as fb
 
-# What is not in the paper, or has lost digits in the text of it that we have.
+# Data that are not in the paper, or have lost digits in our text of it.
 OURS = {
-    "length": "0.5 m, deduced: with v0 it makes the swing one of 45 degrees",
+    "length": "0.5 m, deduced: together with v0 it gives a swing of 45 degrees",
     "mass": "1 kg, deduced: the text has 'm = kg'",
     "initial velocity": "1.695 m/s, deduced: the text has 'v =.695'",
     "EA, GA, EI": "1e10, 1e10 and 1e3, deduced: the text has '0 0', '0 0' and '0 3'",
@@ -51,11 +52,11 @@ OURS = {
 LENGTH = 0.5  # L [m], deduced
 MASS = 1.0  # m [kg], deduced
 GRAVITY = 9.81  # g [m/s^2]
-SPEED = 1.695  # v0 [m/s], deduced: it makes the swing 45 degrees
+SPEED = 1.695  # v0 [m/s], deduced: it gives a swing of 45 degrees
 SECTION = fb.Section(
     EA=1e10,  # [N], deduced
     GA=1e10,  # [N], deduced
-    EI=1e3,  # [N m^2], deduced; without effect, as the beam is not bent
+    EI=1e3,  # [N m^2], deduced; no effect, as the beam does not bend
     rhoA=0.0,  # [kg/m]
     rhoI=0.0,  # [kg m]
 )
@@ -63,9 +64,9 @@ T_END = 5.0  # [s]
 LARGE, SMALL = 0.1, 0.01  # steps of the figures over time [s]
 STEPS = (LARGE, 0.05, 0.02, SMALL, 0.005, 0.002, 0.001)  # [s]
 
-# Energies are those at the ends of the steps. MidPoint takes the rod's force on the chord between
-# two positions: the middle of it is what stays on the circle, and the ends are off it by O(dt^2),
-# which EA makes a lot of energy.
+# Energies are those at the ends of the steps. MidPoint evaluates the rod's force at the middle of
+# the chord between two positions. The middle stays on the circle; the ends are off by O(dt^2), and
+# the large EA turns this into a large energy.
 SCHEMES = {
     "EnergyMomentum": fb.EnergyMomentum(),
     "ModifiedMidPoint (as published)": fb.ModifiedMidPoint(),
@@ -76,9 +77,9 @@ SCHEMES = {
     "Generalized alpha, 0.9": fb.GeneralizedAlpha(0.9),
 }
 CONSERVING = "EnergyMomentum", "ModifiedMidPoint (as published)"
-# A motion is lost when its energy exceeds this many times that at the start.
+# The motion counts as lost when the energy exceeds this multiple of its initial value.
 LOST = 1.5
-# A failing step is halved at most twice: more would only draw out a motion that is lost.
+# A failing step is halved at most twice: more would only prolong a motion that is lost.
 MAX_HALVINGS = 2
 
 
@@ -108,7 +109,7 @@ def rigid(t):
 
 
 def simulate(scheme, dt):
-    """The solution, as far as the scheme goes."""
+    """The solution, up to a step that fails."""
     pendulum, _ = scene()
     try:
         return fb.simulate(pendulum, scheme, dt=dt, t_end=T_END, max_halvings=MAX_HALVINGS)
@@ -125,7 +126,7 @@ def horizontal_acceleration(solution):
 
 
 def acceleration_times(solution):
-    """A mid-point scheme has its acceleration in the middle of the step, the others at its end."""
+    """Times of the accelerations: the middle of a step for mid-point schemes, else its end."""
     return solution.t_level if solution.stats.level == 0.5 else solution.t
 
 
@@ -138,7 +139,7 @@ def axial_force(solution):
 
 
 def period(solution):
-    """Time [s] at which the mass comes through the bottom for the second time."""
+    """Time [s] at which the mass passes the lowest point for the second time."""
     x, y = solution.position(solution.beams["rod"].end).T
     vx, vy = solution.velocity(solution.beams["rod"].end).T
     angle, rate = np.unwrap(np.arctan2(x, -y)), (x * vy - y * vx) / (x**2 + y**2)
@@ -148,13 +149,13 @@ def period(solution):
 
 
 def lost_at(solution):
-    """Time [s] at which the energy exceeds LOST times its start; None if it never does."""
+    """Time [s] at which the energy exceeds LOST times its initial value, or None."""
     above = solution.t[~(energy_ratio(solution) <= LOST)]
     return above[0] if len(above) else None
 
 
 def audit(solution):
-    """What a run is judged by."""
+    """Numbers by which a run is assessed."""
     # Row 0 is the unstressed start.
     force = axial_force(solution)[1:]
     return {
@@ -174,7 +175,7 @@ def audit(solution):
 
 
 def main(results=None, steps=STEPS):
-    """The numbers; with a directory for results the pictures as well."""
+    """Compute the numbers; with a directory for results, write the pictures too."""
     runs = {(name, dt): simulate(SCHEMES[name], dt) for name in SCHEMES for dt in steps}
     _, acceleration, force, exact = rigid(np.linspace(0, T_END, 10001))
     numbers = {
@@ -200,7 +201,7 @@ def main(results=None, steps=STEPS):
 
 def report(numbers):
     rod = numbers["rigid rod"]
-    print("Not in the paper, or not legible in our text of it:")
+    print("Not in the paper, or illegible in our text of it:")
     print(*(f"    {name}: {why}" for name, why in OURS.items()), sep="\n")
     print(
         f"Energy of the swing {numbers['energy']:.6g} J. On a rigid rod: period "
@@ -250,11 +251,11 @@ def report(numbers):
 
 
 def draw(results, runs, numbers):
-    # Imported here, as the numbers can be had without matplotlib and pyvista.
+    # Imported here: the numbers need neither matplotlib nor pyvista.
     from fx_beam import plot
 
-    # Those that keep the energy last, so that they lie on top of those that fill the frame. The
-    # mid-point rule, which the paper does not show, is off all scales.
+    # Conserving schemes are drawn last, on top of those whose curves fill the panel. The mid-point
+    # rule is left out: the paper does not show it, and its values exceed all scales.
     others = [name for name in SCHEMES if name not in ("MidPoint", *CONSERVING)]
     compared = [*others, *CONSERVING]
     large, small = ({name: runs[name, dt] for name in compared} for dt in (LARGE, SMALL))
@@ -277,7 +278,7 @@ def draw(results, runs, numbers):
     axes[0, 0].set_title(f"$\\Delta t$ = {LARGE:g} s")
     plot.save(figure, results / "displacement.png")
 
-    # Small steps over half a period only, so that single ones can be seen.
+    # Small steps are shown over half a period only, so that single steps are visible.
     windows = (large, LARGE, 3.0), (small, SMALL, 0.75)
     figure, axes = plot.figure(1, 2, height=3.0)
     for ax, (solutions, dt, until) in zip(axes[0], windows, strict=True):
@@ -295,7 +296,7 @@ def draw(results, runs, numbers):
         top.minorticks_off()
         top.set(xlabel="time $t$ [s]", ylabel="total energy $E/E_0$ [-]")
         plot.curves(top, solutions, energy_ratio)
-        # Linear up to the forces of the swing, logarithmic beyond.
+        # Linear up to the forces of the swing, logarithmic above.
         bottom.set(xlim=(0, T_END), ylim=(-1e7, 1e7))
         bottom.set_yscale("symlog", linthresh=20)
         bottom.set_yticks([-1e6, -1e4, -100, 0, 10, 100, 1e4, 1e6])

@@ -1,10 +1,10 @@
 """Pinned flexible beam in free rotation.
 
-A beam that is pinned at one end gets a transverse velocity and is left to itself. It turns about
-the pin and vibrates with large displacements; nothing acts on it but the pin, so that its total
-energy and its angular momentum about the pin stay what they were. Its axial waves are far too
-fast for the time step, which makes the problem stiff. Objective: ten seconds with 8 elements and
-steps of 0.01 s, and what each time scheme makes of the two invariants.
+A beam that is pinned at one end starts with a transverse velocity. It turns about the pin and
+vibrates with large displacements. There are no loads, so its total energy and its angular momentum
+about the pin are constant. The time step does not resolve its axial waves: the problem is stiff.
+Objective: a motion of ten seconds with 8 elements and steps of 0.01 s, and the errors of the two
+invariants by each time scheme.
 
 Reference: A. Ibrahimbegovic, S. Mamouri, Nonlinear dynamics of flexible beams in planar motion:
 formulation and time-stepping scheme for stiff problems, Computers & Structures 70 (1999) 1-22,
@@ -30,7 +30,7 @@ import numpy as np
 
 import fx_beam as fb
 
-# What is not in the paper, or has lost digits in the text of it that we have.
+# Data that are not in the paper, or have lost digits in our text of it.
 OURS = {
     "EA, GA, EI": "4e7, 1e7 and 1.3e7 lb, lb, lb in2: the text has '4 0 7', '0 7' and '.3 0 7'",
     "rotary inertia": "1/60 lb s2, deduced: a square section 2 in wide; the text has none",
@@ -61,7 +61,7 @@ SCHEMES = {
     "HHT, alpha = -0.1": fb.HHT(-0.1),
 }
 STEPS = (0.02, DT, 0.005)  # [s]
-# A failing step is halved at most twice: more would only draw out a motion that is lost.
+# A failing step is halved at most twice: more would only prolong a motion that is lost.
 MAX_HALVINGS = 2
 
 # Position of the free end [in] at these times [s], by number of elements and time step, from an
@@ -81,7 +81,7 @@ TIP = {
 
 
 def scene(elements=ELEMENTS, degree=1, corners=(0, 1)):
-    """The scene and its beam, meshed piece by piece between corners where elements differ."""
+    """The scene and its beam; a sequence of elements gives the mesh of each piece."""
     pinned = fb.Scene()
     places = [(LENGTH * corner, 0) for corner in corners]
     beam = pinned.add_beam(places, SECTION, elements=elements, degree=degree, name="beam")
@@ -96,7 +96,7 @@ def scene(elements=ELEMENTS, degree=1, corners=(0, 1)):
 
 
 def simulate(scheme, dt, t_end=T_END, elements=ELEMENTS):
-    """The solution, as far as the scheme goes."""
+    """The solution, up to a step that fails."""
     pinned, _ = scene(elements)
     try:
         return fb.simulate(pinned, scheme, dt=dt, t_end=t_end, max_halvings=MAX_HALVINGS)
@@ -117,7 +117,7 @@ def tip(solution):
 
 
 def audit(solution):
-    """What a run is judged by."""
+    """Numbers by which a run is assessed."""
     energy = energy_ratio(solution)
     return {
         "steps": solution.stats.steps,
@@ -140,7 +140,7 @@ def compare_tip(solution, dt, reference):
 
 
 def main(results=None, steps=STEPS):
-    """The numbers; with a directory for results the pictures as well."""
+    """Compute the numbers; with a directory for results, write the pictures too."""
     runs = {(name, dt): simulate(SCHEMES[name], dt) for name in SCHEMES for dt in steps}
     fine = {
         (elements, dt): simulate(fb.EnergyMomentum(), dt, max(T_TIP), elements)
@@ -168,7 +168,7 @@ def main(results=None, steps=STEPS):
 
 
 def report(numbers):
-    print("Not in the paper, or not legible in our text of it:")
+    print("Not in the paper, or illegible in our text of it:")
     print(*(f"    {name}: {why}" for name, why in OURS.items()), sep="\n")
     print(
         f"At the start: energy {numbers['energy at the start']:.6g} lb in, "
@@ -207,7 +207,7 @@ def report(numbers):
 
 
 def draw(results, solutions, fine):
-    # Imported here, as the numbers can be had without matplotlib and pyvista.
+    # Imported here: the numbers need neither matplotlib nor pyvista.
     from fx_beam import plot
 
     plot.scene(scene()[0], results / "scene.png", length_unit="in", dimensions=True)
@@ -218,7 +218,7 @@ def draw(results, solutions, fine):
     node = solution.beams["beam"].end
     plot.animate(solution, first, results / "motion.gif", trace=node, length_unit="in")
 
-    # Left: the first 1.4 s, where the curves that leave the frame can be told apart. Right: all.
+    # Left: the first 1.4 s, where diverging curves can be distinguished. Right: the whole run.
     figure, axes = plot.figure(2, 2)
     rows = (energy_ratio, "E/E_0", "total energy"), (momentum_ratio, "L/L_0", "ang. momentum")
     for (ratio, symbol, name), (left, right) in zip(rows, axes, strict=True):

@@ -1,10 +1,10 @@
-"""Ring: its frequencies, and its flight after a blow.
+"""Ring: natural frequencies, and free flight after an impact.
 
-A thin steel ring is made of two half circles. First its natural frequencies: three rigid modes,
-then pairs in which the circumference takes 2, 3, 4, ... waves. Then a blow squeezes it across a
-diameter while it flies and spins, and it vibrates on, at the most by nearly half its diameter.
-Objective: elements that are curved themselves against chords, and the energy and momenta of a
-curved body.
+A thin steel ring is made of two half circles. The first part computes its natural frequencies:
+three rigid modes, then pairs of modes with 2, 3, 4, ... waves around the circumference. In the
+second part the ring flies and spins. Two opposite forces squeeze it for a short time. It then
+vibrates with large displacements, at the most nearly half its diameter. Objective: curved elements
+compared with straight ones, and the energy and momenta of a curved body.
 
 Reference for the frequencies: A. E. H. Love, A Treatise on the Mathematical Theory of Elasticity,
 4th edition (1927), section 293. A ring that does not stretch has, for n waves, the angular
@@ -55,7 +55,7 @@ SCHEMES = {
     "Newmark": fb.Newmark(),
     "HHT": fb.HHT(-0.1),
 }
-# A failing step is halved at most twice: more would only draw out a motion that is lost.
+# A failing step is halved at most twice: more would only prolong a motion that is lost.
 MAX_HALVINGS = 2
 
 
@@ -133,7 +133,7 @@ def thrown():
 
 
 def fly(scheme, dt):
-    """The solution, as far as the scheme goes."""
+    """The solution, up to a step that fails."""
     ring = thrown()
     try:
         return fb.simulate(ring, scheme, dt=dt, t_end=T_END, max_halvings=MAX_HALVINGS)
@@ -142,13 +142,13 @@ def fly(scheme, dt):
 
 
 def diameter(solution):
-    """Distance [m] of the two nodes that the blow pushes together."""
+    """Distance [m] between the two loaded nodes."""
     half = solution.beams["upper half"]
     return np.hypot(*(solution.position(half.start) - solution.position(half.end)).T)
 
 
 def after_the_blow(values):
-    """Values from the end of the blow on, over the first of them, with the times."""
+    """Times after the blow, and values relative to that at its end."""
 
     def ratio(solution):
         after = solution.t > PULSE - 1e-9
@@ -162,7 +162,7 @@ momentum_ratio = after_the_blow(lambda solution: solution.angular_momentum)
 
 
 def audit(solution):
-    """What a run is judged by."""
+    """Numbers by which a run is assessed."""
     _, energy = energy_ratio(solution)
     _, momentum = momentum_ratio(solution)
     linear = solution.linear_momentum
@@ -180,7 +180,7 @@ def audit(solution):
 
 
 def main(results=None, steps=STEPS):
-    """The numbers; with a directory for results the pictures as well."""
+    """Compute the numbers; with a directory for results, write the pictures too."""
     runs = {(name, dt): fly(SCHEMES[name], dt) for name in SCHEMES for dt in steps}
     flight = runs["EnergyMomentum", DT]
     numbers = {
@@ -212,9 +212,9 @@ def report(numbers):
     low, high = numbers["diameter"]
     share = numbers["largest share of strain energy"]
     print(
-        f"\nThe diameter goes from {low:.2f} to {high:.2f} of its length; up to {share:.2f} of the "
-        f"energy is stored.\n{T_END:g} s, a failing step halved at most {MAX_HALVINGS} times. "
-        "E0 and L0 are those after the blow, p0 at the start:"
+        f"\nThe diameter varies from {low:.2f} to {high:.2f} times its initial value; the strain "
+        f"energy is at most {share:.2f} of the total.\n{T_END:g} s, a failing step halved at most "
+        f"{MAX_HALVINGS} times. E0 and L0 are the values after the blow, p0 at the start:"
     )
     line = "{:16} {:>7} {:>5} {:>7} {:>7} {:>8} {:>8} {:>8} {:>5} {:>6}".format
     print(line("", "dt", "", "lowest", "highest", "largest", "largest", "largest", "halv-", ""))
@@ -237,7 +237,7 @@ def report(numbers):
 
 
 def draw(results, runs):
-    # Imported here, as the numbers can be had without matplotlib and pyvista.
+    # Imported here: the numbers need neither matplotlib nor pyvista.
     from fx_beam import plot
 
     plot.scene(scene()[0], results / "scene.png", dimensions=True)

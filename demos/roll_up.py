@@ -1,21 +1,21 @@
-"""A straight beam rolled up to a full circle, twice round, and let go.
+"""A straight beam rolled up to one and two full circles, and released.
 
-A cantilever is bent by a moment at its end. Objective: the exact circle from a straight start, in
-few load steps; how fast the error falls with the elements; and a motion that starts from the
-rolled state.
+A cantilever is bent by a moment at its end. Objective: the exact circle from the straight beam, in
+few load steps; the order of convergence with the number of elements; and a motion that starts from
+the rolled-up state.
 
-The classical test of finite rotations in beams, since Simo & Vu-Quoc (1986), Comput. Methods Appl.
-Mech. Eng. 58, 79-116, doi 10.1016/0045-7825(86)90079-4. Under an end moment M alone the axial and
-the shear force vanish, the curvature is M/EI everywhere, and the beam is an arc, whatever EA and GA
-are. With the angle a = M L/EI its tip is at
+This is the classical test of finite rotations in beams since Simo & Vu-Quoc (1986), Comput. Methods
+Appl. Mech. Eng. 58, 79-116, doi 10.1016/0045-7825(86)90079-4. Under an end moment M alone the axial
+and the shear force are zero and the curvature is M/EI everywhere. The beam is a circular arc for
+any EA and GA. With the angle a = M L/EI its tip is at
 
     x = L sin(a)/a,    y = L (1 - cos(a))/a,
 
-and M = 2 pi EI/L closes the circle. The moment does the work M a/2 = EI a^2/(2 L), which is the
-strain energy. In static equilibrium the load factor l multiplies M, in equal load steps.
+and M = 2 pi EI/L closes the circle. The work of the moment, M a/2 = EI a^2/(2 L), is the strain
+energy. In the static analysis M is multiplied by a load factor, which grows in equal load steps.
 
-Let go, M = 0 for t > 0, the beam springs open: `fx_beam.simulate(..., start=...)` takes the rolled
-state for its start, and the energy stays what the moment has put in.
+When the beam is released, M = 0 for t > 0, it springs open. `fx_beam.simulate(..., start=...)`
+starts from the rolled-up state, and the total energy remains the work of the moment.
 
 Units are metre, newton and second.
 """
@@ -34,11 +34,11 @@ CIRCLE = 2 * np.pi * SECTION.EI / LENGTH  # M that closes the circle [N m]
 ELEMENTS, DEGREE = 16, 2
 MESHES = {1: (4, 8, 16, 32), 2: (2, 4, 8, 16), 3: (2, 4, 8)}  # elements by degree
 RUNS = {"once": (1, 10), "twice": (2, 20)}  # turns, load steps
-DT, T_END = 0.01, 4.0  # of the motion when let go [s]
+DT, T_END = 0.01, 4.0  # of the motion after release [s]
 
 
 def scene(turns=1.0, elements=ELEMENTS, degree=DEGREE):
-    """The beam, and the moment of so many turns, until t = 0."""
+    """The beam with the moment that gives a number of turns, removed for t > 0."""
     rolled = fb.Scene()
     beam = rolled.add_beam([(0, 0), (LENGTH, 0)], SECTION, elements, degree, name="beam")
     rolled.clamp(beam.start)
@@ -47,7 +47,7 @@ def scene(turns=1.0, elements=ELEMENTS, degree=DEGREE):
 
 
 def rolled_up(turns, steps, elements=ELEMENTS, degree=DEGREE):
-    """Solution, beam, and distance (n,) of its tip from the exact place, over the length."""
+    """Solution, beam, and distance (n,) of its tip from the exact position over the length."""
     rolled, beam = scene(turns, elements, degree)
     solution = fb.static(rolled, steps=steps)
     angle = np.maximum(solution.load_factor * turns * 2 * np.pi, 1e-300)
@@ -70,9 +70,9 @@ def summary(solution, beam, error, turns):
 
 
 def main(results=None):
-    """The numbers; with a directory for results the pictures as well."""
+    """Compute the numbers; with a directory for results, write the pictures too."""
     runs = {name: rolled_up(*given) for name, given in RUNS.items()}
-    # At 0.4 of a turn: at the full circle the tip is exact on any mesh, by symmetry.
+    # At 0.4 of a turn, as at the full circle the tip is exact on any mesh, by symmetry.
     errors = {
         degree: [float(rolled_up(0.4, 4, n, degree)[2][-1]) for n in meshes]
         for degree, meshes in MESHES.items()
@@ -107,7 +107,7 @@ def report(numbers):
         run = numbers[name]
         print(
             f"Rolled up {name}: {run['load steps']} load steps, {run['cuts']} cuts, "
-            f"{run['Newton iterations']} iterations; tip off by "
+            f"{run['Newton iterations']} iterations; error of the tip "
             f"{run['tip off at the end / L']:.1e} L at the end and up to "
             f"{run['tip off on the way / L']:.1e} L on the way; strain energy "
             f"{run['strain energy / exact']:.12f} of the exact one"
@@ -116,16 +116,17 @@ def report(numbers):
         errors = numbers["tip off at 0.4 of a turn / L"][f"degree {degree}"]
         order = numbers["orders"][f"degree {degree}"]
         listed = ", ".join(f"{error:.1e} with {n}" for n, error in errors.items())
-        print(f"Degree {degree}: tip off at 0.4 of a turn by {listed} elements: order {order:.2f}")
+        print(f"Degree {degree}: tip error at 0.4 turns: {listed} elements; order {order:.2f}")
     free = numbers["let go"]
     print(
-        f"Let go: {free['energy at the start']:.4f} J kept to {free['relative energy error']:.0e}, "
-        f"up to {free['largest kinetic energy']:.1f} J of it kinetic"
+        f"Released: energy {free['energy at the start']:.4f} J, constant within "
+        f"{free['relative energy error']:.0e}; kinetic energy up to "
+        f"{free['largest kinetic energy']:.1f} J"
     )
 
 
 def draw(results, runs, errors, motion):
-    # Imported here, as the numbers can be had without matplotlib and pyvista.
+    # Imported here: the numbers need neither matplotlib nor pyvista.
     from fx_beam import plot
 
     plot.scene(scene()[0], results / "scene.png", dimensions=True)
@@ -140,12 +141,13 @@ def draw(results, runs, errors, motion):
         n = np.array(MESHES[degree])
         convergence.loglog(n, error, color=colour, marker=marker, label=f"degree {degree}")
         convergence.loglog(n, error[-1] * (n[-1] / n) ** (2.0 * degree), ":", color="0.5")
-    convergence.set(xlabel="elements", ylabel="tip off at 0.4 of a turn / $L$")
+    convergence.set(xlabel="elements", ylabel="error of the tip at 0.4 turns / $L$")
     convergence.set_xticks((2, 4, 8, 16, 32), ("2", "4", "8", "16", "32"))
     convergence.minorticks_off()
     convergence.plot([], [], ":", color="0.5", label="order twice the degree")
     for name, values in (("kinetic", "C3"), ("strain", "C4"), ("total", "k")):
-        energy.plot(motion.t, getattr(motion.energy, name), values, label=f"{name} energy, let go")
+        label = f"{name} energy, released"
+        energy.plot(motion.t, getattr(motion.energy, name), values, label=label)
     energy.set(xlabel="time $t$ [s]", ylabel="energy [J]", xlim=(0, T_END))
     plot.save(figure, results / "convergence_and_energy.png")
 

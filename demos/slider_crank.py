@@ -1,9 +1,10 @@
 """Slider-crank mechanism with a flexible crank and rod, driven by a motor.
 
-A motor turns the crank, from rest in two turns' time up to a constant speed and then for ten
-turns. The rod drives a slider on a straight guide. Crank and rod are so slender that they bend
-under their own inertia. Objective: how far the slider is from that of a rigid mechanism, what the
-motor has to deliver, and whether its work is the energy that the mechanism gains.
+A motor turns the crank. It starts from rest, reaches a constant speed within the time of two turns,
+and then runs for ten turns. The rod drives a slider on a straight guide. Crank and rod are so
+slender that they bend under their own inertia. Objective: the difference between the motion of the
+slider and that of a rigid mechanism, the moment of the motor, and the balance of the motor's work
+with the energy of the mechanism.
 
 This example is our own. With the motor's angle theta, the crank's radius r, the rod's length l
 and its angle beta, the rigid mechanism has
@@ -18,10 +19,10 @@ where ' is d/dtheta. Its kinetic energy is J theta_t^2/2 with, for uniform crank
 
 and the motor's moment is M = J theta_tt + J' theta_t^2/2.
 
-The motor is a function of time, theta = W T g(t/T) up to T and W (t - T/2) after it, with
-g(s) = s^6 - 3 s^5 + 5/2 s^4, so that speed and acceleration have no jumps. In a step it does the
-work M Dtheta with Dtheta = 2 tan(Dpsi/2), where M is the moment that the joint reports.
-Units are metre, kilogram and second; the mechanism lies flat, so that there is no weight.
+The angle of the motor is prescribed: theta = W T g(t/T) up to T and W (t - T/2) after it, with
+g(s) = s^6 - 3 s^5 + 5/2 s^4. Speed and acceleration are continuous. The work of the motor in a
+step is M Dtheta with Dtheta = 2 tan(Dpsi/2), where M is the moment that the joint reports.
+Units are metre, kilogram and second. The mechanism moves in a horizontal plane: there is no weight.
 """
 
 import json
@@ -123,13 +124,13 @@ def motor_moment(solution, joints):
 
 
 def motor_work(solution, joints):
-    """Work of the moment that the motor's joint reports, where no step was halved."""
+    """Work of the moment that the motor's joint reports; for runs without halved steps."""
     turned = 2 * np.tan(np.diff(solution.rotation(solution.beams["crank"].start)) / 2)
     return np.append(0, np.cumsum(motor_moment(solution, joints)[1:] * turned))
 
 
 def audit(solution, joints):
-    """What a run is judged by."""
+    """Numbers by which a run is assessed."""
     energy = solution.energy
     x, _ = slider(solution)
     scale = energy.total.max()
@@ -154,7 +155,7 @@ def audit(solution, joints):
 
 
 def nearly_rigid():
-    """How a mechanism of high stiffness compares with a rigid one."""
+    """Differences between a mechanism of high stiffness and a rigid one."""
     solution, joints = simulate(DT, STIFFENED, RAMP + 2 * PERIOD)
     x, _, _ = rigid(solution.t)
     moment = rigid(solution.t_level)[2]
@@ -166,7 +167,7 @@ def nearly_rigid():
 
 
 def main(results=None, steps=STEPS):
-    """The numbers; with a directory for results the pictures as well."""
+    """Compute the numbers; with a directory for results, write the pictures too."""
     runs = {dt: simulate(dt) for dt in steps}
     numbers = {
         "largest motor moment of the rigid mechanism": abs(rigid(np.arange(0, T_END, DT))[2]).max(),
@@ -184,8 +185,8 @@ def main(results=None, steps=STEPS):
 def report(numbers):
     near = numbers["nearly rigid"]
     print(
-        f"{STIFFENED:g} times as stiff: slider at most {near['slider']:.1e} m and motor moment "
-        f"{near['motor moment']:.1e} of its largest from the rigid mechanism's\n"
+        f"With {STIFFENED:g} times the stiffness, differences from the rigid mechanism: slider at "
+        f"most {near['slider']:.1e} m, motor moment {near['motor moment']:.1e} of its largest\n"
         "Largest motor moment of the rigid mechanism "
         f"{numbers['largest motor moment of the rigid mechanism']:.2f} N m\n"
     )
@@ -213,7 +214,7 @@ def report(numbers):
 
 
 def draw(results, solution, joints):
-    # Imported here, as the numbers can be had without matplotlib and pyvista.
+    # Imported here: the numbers need neither matplotlib nor pyvista.
     from fx_beam import plot
 
     plot.scene(scene()[0], results / "scene.png", dimensions=True)

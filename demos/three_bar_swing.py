@@ -2,27 +2,28 @@
 
 A slender beam with a mass in its middle hangs on two nearly rigid links. A short force sets the
 mass in motion to the right. At 0.64 s the left link and the left half of the beam are in line and
-stop it: the motion is reversed within a few milliseconds, by an axial force a thousand times that
-before, and the beam then vibrates along its axis. Objective: the motion up to there, and the
-axial force of the beam and the total energy through the reversal (the paper's figures 9 to 12).
+stop the mass. Its motion is reversed within a few milliseconds, by an axial force a thousand times
+larger than before. The beam then vibrates along its axis. Objective: the motion before the
+reversal, and the axial force of the beam and the total energy during and after it (the paper's
+figures 9 to 12).
 
 Reference: A. Ibrahimbegovic, S. Mamouri, Nonlinear dynamics of flexible beams in planar motion:
 formulation and time-stepping scheme for stiff problems, Computers & Structures 70 (1999) 1-22,
-section 4.2, doi 10.1016/S0045-7949(98)00150-3. What is not in our text of it is as in other
-published models of this swing; OURS below lists it.
+section 4.2, doi 10.1016/S0045-7949(98)00150-3. Data that our text of the paper does not give are
+taken from other published models of this swing; OURS below lists them.
 
-A hinge makes the displacements of the two nodes that it joins the same unknowns, and leaves the
-rotation to each of them. With the masses m_i and the force F on the mass in the middle,
+At a hinge both nodes have the same displacement unknowns, and each has its own rotation. With the
+masses m_i and the force F on the mass in the middle,
 
     energy     1/2 sum m_i |v_i|^2 + 1/2 int rho A |v|^2 + rho I omega^2 + E.C E + EI K^2 ds,
     balance    energy gained = int F . v dt,
 
-so that the energy stays what it is from 0.256 s on, when the force has ended. After the reversal
-the motion depends on mesh and step, but the energy does not.
+so the energy is constant from 0.256 s on, when the force has ended. After the reversal the motion
+depends on mesh and time step, but the energy does not.
 
-The links are ten times as stiff as the beam, one element each. The paper gives no mass for them:
-they have none here, and the beam's mass per length in another run, to show what it changes. There
-is no gravity. Units are metre, kilogram and second.
+The links are ten times as stiff as the beam, with one element each. The paper gives no mass for
+them. They are massless here; in one further run they have the beam's mass per length, to show its
+effect. There is no gravity. Units are metre, kilogram and second.
 """
 
 import json
@@ -34,7 +35,7 @@ import numpy as np
 
 import fx_beam as fb
 
-# What is not in the paper, or has lost digits in the text of it that we have.
+# Data that are not in the paper, or have lost digits in our text of it.
 OURS = {
     "places of hinges": "from other published models; the paper has them in a figure",
     "section": "5 mm x 1 mm, the 1 mm in the plane, from other published models",
@@ -66,7 +67,7 @@ SCHEMES = {
     "HHT, alpha = -0.1": fb.HHT(-0.1),
 }
 CONSERVING = "EnergyMomentum", "ModifiedMidPoint (as published)"
-# A failing step is halved at most twice: more would only draw out a motion that is lost.
+# A failing step is halved at most twice: more would only prolong a motion that is lost.
 MAX_HALVINGS = 2
 
 # Displacements of B, a quarter of the span from A, and of the middle, and positions of A and C [m]
@@ -98,7 +99,7 @@ def scene(elements=ELEMENTS, degree=1, link=None):
 
 
 def simulate(scheme, dt, elements=ELEMENTS, link=None):
-    """The solution, as far as the scheme goes."""
+    """The solution, up to a step that fails."""
     swing = scene(elements, link=link)
     try:
         return fb.simulate(swing, scheme, dt=dt, t_end=T_END, max_halvings=MAX_HALVINGS)
@@ -107,7 +108,7 @@ def simulate(scheme, dt, elements=ELEMENTS, link=None):
 
 
 def displacement(solution):
-    """That of B, a quarter of the span from A."""
+    """Displacement of B, a quarter of the span from A."""
     return solution.displacement(solution.beams["beam"].node(0.25))
 
 
@@ -117,7 +118,7 @@ def axial_force(solution):
 
 
 def force_before(solution, t=PULSE[0][1]):
-    """Axial forces along the beam and in the left link in the step up to a time, the peak's."""
+    """Axial forces in the beam and in the left link near a time, by default the pulse's peak."""
     row = abs(solution.t_level - t).argmin()
     forces = solution.resultants("beam").N[row]
     return {
@@ -131,13 +132,13 @@ def energy(solution):
 
 
 def energy_ratio(solution):
-    """Energy from the end of the pulse on over that at its end, with the times."""
+    """Times after the pulse has ended, and the energy relative to that at its end."""
     after = solution.t > PULSE_END - 1e-9
     return solution.t[after], solution.energy.total[after] / solution.energy.total[after][0]
 
 
 def reversal(solution):
-    """Time [s] at which the right link turns back, where its angle has a stationary parabola."""
+    """Time [s] at which the right link turns back, interpolated from its angular velocity."""
     x, y = (solution.position(solution.beams["right"].end) - RIGHT).T
     rate = np.diff(np.unwrap(np.arctan2(y, x))) / np.diff(solution.t)
     t = (solution.t[1:] + solution.t[:-1]) / 2
@@ -149,7 +150,7 @@ def reversal(solution):
 
 
 def audit(solution):
-    """What a run is judged by."""
+    """Numbers by which a run is assessed."""
     after, ratio = energy_ratio(solution)
     along = solution.resultants("beam").N
     force = along.max(axis=1)
@@ -189,7 +190,7 @@ def compare(solution, dt):
 
 
 def main(results=None, steps=STEPS):
-    """The numbers; with a directory for results the pictures as well."""
+    """Compute the numbers; with a directory for results, write the pictures too."""
     runs = {(name, dt): simulate(SCHEMES[name], dt) for name in SCHEMES for dt in steps}
     meshes = {ELEMENTS: runs["EnergyMomentum", DT], 16: simulate(fb.EnergyMomentum(), DT, 16)}
     heavy = simulate(fb.EnergyMomentum(), DT, link=HEAVY_LINK)
@@ -212,7 +213,7 @@ def main(results=None, steps=STEPS):
 
 
 def report(numbers):
-    print("Not in the paper, or not legible in our text of it:")
+    print("Not in the paper, or illegible in our text of it:")
     print(*(f"    {name}: {why}" for name, why in OURS.items()), sep="\n")
     forces = numbers["axial force at the peak of the pulse"]
     print(
@@ -268,7 +269,7 @@ def report(numbers):
 
 
 def draw(results, runs, meshes, heavy):
-    # Imported here, as the numbers can be had without matplotlib and pyvista.
+    # Imported here: the numbers need neither matplotlib nor pyvista.
     from fx_beam import plot
 
     solutions = {name: runs[name, DT] for name in SCHEMES}
@@ -296,7 +297,7 @@ def draw(results, runs, meshes, heavy):
     for ax in axes.flat:
         ax.set(xlim=(0, T_END), xlabel="time $t$ [s]")
     smooth.set_title(f"$\\Delta t$ = {DT:g} s")
-    # Up to the reversal, the reversal, and all; those that keep the energy on top.
+    # Before the reversal, during it, and the whole run; conserving schemes on top.
     solutions = dict(sorted(solutions.items(), key=lambda item: item[0] in CONSERVING))
     windows = (smooth, (0, 0.62), (-0.1, 0.4)), (peak, (0.635, 0.65), (-80, 160))
     for ax, xlim, ylim in (*windows, (whole, (0, T_END), (-80, 160))):
