@@ -96,5 +96,5 @@ def test_a_drawing_is_written_and_what_cannot_be_drawn_is_refused(tmp_path):
         plot.scene("scene")
     with pytest.raises(ValueError, match="name must end with .*png"):
         plot.scene(scene, tmp_path / "scene.doc")
-    with pytest.raises(fb.SceneError, match="mark 'A': Node.* is no node of the scene"):
+    with pytest.raises(fb.SceneError, match="mark 'A': Node.* is not a node of the scene"):
         plot.scene(scene, marks={"A": crane()[1].end})

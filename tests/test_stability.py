@@ -135,8 +135,8 @@ def test_a_scene_at_rest_has_no_energy_to_judge():
         ({"dt": np.nan}, "dt = nan must be"),
         ({"dt": "0.1"}, "dt = '0.1' must be"),
         ({"t_end": np.inf}, "t_end = inf must be"),
-        ({"dt": 2.0}, "a run needs 1 steps and more, not 0.5"),
-        ({"drifts": True}, "the law of a drift needs 100 steps and more, not 10"),
+        ({"dt": 2.0}, "a run needs at least 1 step, not 0.5"),
+        ({"drifts": True}, "the law of a drift needs at least 100 steps, not 10"),
         ({"scene": fb.Scene()}, "scene must be a function"),
         ({"label": 0.1}, "must be texts"),
     ],
@@ -230,7 +230,7 @@ def arm(label, scene=lambda: pendulum(1e4)[0]):
         ([fb.Newmark()], ["1"], "'1' is no fx_beam.stability.Case"),
         ({}, [arm("1")], "a study needs schemes; none"),
         ([fb.HHT(-0.1), fb.HHT(-0.2)], [arm("1")], "several schemes are called HHT"),
-        ([fb.Newmark], [arm("1")], "unknown scheme .*its brackets"),
+        ([fb.Newmark], [arm("1")], "unknown scheme .*with brackets"),
     ],
 )
 def test_a_study_that_cannot_be_made_is_refused_before_anything_runs(schemes, cases, reason):

@@ -1,4 +1,4 @@
-"""Symbols of what acts on a scene: loads, weight, driven motions and initial velocities."""
+"""Symbols of actions on a scene: loads, weight, prescribed motions and initial velocities."""
 
 from __future__ import annotations
 
@@ -12,16 +12,16 @@ from fx_beam.validation import Constant
 
 from .sheet import Sheet
 
-# Parts of the drawing's size: arrows of forces, of line loads and of motions, radius of turns.
+# Fractions of the drawing's size: arrows of forces, line loads and motions; radius of rotations.
 _FORCE, _LINE_LOAD, _MOTION, _TURN = 0.12, 0.06, 0.08, 0.045
 _DRIVEN, _INITIAL, _LOAD = "#009E73", "#CC79A7", "black"
-#: When a function of time is looked at, to see which way it points [s].
+#: Times at which a function of time is evaluated, to find its direction [s].
 _TIMES = np.concatenate([[0.0], 2.0 ** np.arange(-12, 8)])
-_ARROWS = 12  # of a line load or of initial velocities, at most
+_ARROWS = 12  # largest number of arrows of a line load or of initial velocities
 
 
 def draw_actions(sheet: Sheet, scene: Scene, si: bool) -> None:
-    """All that acts; values are written with their SI units, or without a unit."""
+    """Draw all actions, with values in SI units or without units."""
     for load in scene.loads:
         {"force": _force, "moment": _moment, "line load": _line_load}[load.kind](sheet, load, si)
     _velocities(sheet, scene)
@@ -32,14 +32,14 @@ def draw_actions(sheet: Sheet, scene: Scene, si: bool) -> None:
 
 
 def _shown(load: Load) -> np.ndarray:
-    """A load when it is largest, of the times that are looked at."""
+    """The largest value of a load at the sampled times."""
     if isinstance(load.value, Constant):
         return load.value(0.0)
     found = [load.value(0.0)]
     for t in _TIMES[1:]:
         try:
             found.append(load.value(float(t)))
-        except Exception:  # noqa: BLE001  # a function may be one of the run's times only
+        except Exception:  # noqa: BLE001  # a function may be defined for the times of its run only
             continue
     sizes = [np.hypot(*value) if len(value) == 2 else abs(value[0]) for value in found]
     return found[int(np.nanargmax(sizes))]
@@ -109,7 +109,7 @@ def _motors(sheet: Sheet, scene: Scene) -> None:
 
 
 def _double_arrow(sheet: Sheet, place, direction, text: str) -> None:
-    """An arrow both ways along a direction, beside a place."""
+    """An arrow with two heads along a direction, beside a point."""
     beside = place + 0.04 * sheet.size * np.array([-direction[1], direction[0]])
     ends = beside + _MOTION * sheet.size * np.outer((-1, 1), direction)
     sheet.arrow([ends[0], beside, ends[1]], "<-|>", color=_DRIVEN, linewidth=1.4)
@@ -123,7 +123,7 @@ def _double_turn(sheet: Sheet, place, text: str) -> None:
 
 
 def _velocities(sheet: Sheet, scene: Scene) -> None:
-    """Initial velocities, the largest of all with the longest arrow."""
+    """Initial velocities, with arrows in proportion to them."""
     found: dict[int, np.ndarray] = {}
     for velocity in scene.velocities:
         nodes = velocity.target.nodes if isinstance(velocity.target, Beam) else (velocity.target,)
@@ -141,7 +141,7 @@ def _velocities(sheet: Sheet, scene: Scene) -> None:
 
 
 def _weight(sheet: Sheet, gravity, si: bool) -> None:
-    """The acceleration of gravity, beside all that is drawn already."""
+    """The acceleration of gravity, beside everything drawn so far."""
     size = np.hypot(*gravity)
     tip = sheet.corner() + 0.5 * _FORCE * sheet.size * np.asarray(gravity) / size
     tail = tip - _FORCE * sheet.size * np.asarray(gravity) / size
@@ -150,7 +150,7 @@ def _weight(sheet: Sheet, gravity, si: bool) -> None:
 
 
 def _turn(place, size: float, sense: float) -> np.ndarray:
-    """Points (33, 2) of three quarters of a circle about a place."""
+    """Points (33, 2) of three quarters of a circle about a point."""
     angle = np.pi / 4 + sense * np.linspace(0, 1.5 * np.pi, 33)
     return place + _TURN * size * np.column_stack([np.cos(angle), np.sin(angle)])
 

@@ -1,4 +1,4 @@
-"""Members coloured by what is in them: resultants, stored energy, speed."""
+"""Members coloured by a quantity: stress resultants, stored energy or speed."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from fx_beam.results.fields import QUANTITIES, along
 
 from .symbols import Drawing
 
-# Without its palest end, which is hard to see on white.
+# Without the palest colours, which are hard to see on white.
 SEQUENTIAL = LinearSegmentedColormap.from_list(
     "sequential", matplotlib.colormaps["viridis"](np.linspace(0, 0.92, 256))
 )
@@ -27,11 +27,11 @@ _WORDS = {
     "strain energy": "strain energy per length",
     "speed": "speed",
 }
-_PIECES = 12  # in which an element is coloured
+_PIECES = 12  # per element, each with one colour
 
 
 class Colouring:
-    """Colours of the members in all rows of a drawing, on one scale, for one quantity."""
+    """Colours of the members for one quantity, on the same scale in all rows of a drawing."""
 
     def __init__(self, drawing: Drawing, quantity: str, length_unit: str):
         if quantity not in QUANTITIES:
@@ -48,18 +48,18 @@ class Colouring:
         largest = max(abs(value).max() for value in values) or 1.0
         signed = quantity in "NQM"
         norm = Normalize(-largest if signed else 0.0, largest)
-        #: The scale, for a colour bar, and its words.
+        #: The scale, for a colour bar, and its label.
         self.scale = ScalarMappable(norm, _SIGNED if signed else SEQUENTIAL)
         unit = f" [{QUANTITIES[quantity]}]" if length_unit == "m" else ""
         self.label = _WORDS[quantity] + unit
 
     def lines(self, width: float, zorder: float = 2) -> LineCollection:
-        """Lines for the members, to be painted."""
+        """Lines for the members, which `paint` colours."""
         look: dict[str, Any] = {"linewidth": width, "capstyle": "round", "zorder": zorder}
         return LineCollection([], norm=self.scale.norm, cmap=self.scale.cmap, **look)
 
     def paint(self, lines: LineCollection, k: int) -> LineCollection:
-        """Put lines where the members are in row k, in their colours."""
+        """Move the lines to the members' positions in row k, and colour them."""
         drawing = self._drawing
         points = [drawing.pieces(name, k, _PIECES) for name in drawing.solution.beams]
         lines.set_segments(np.concatenate(points))

@@ -1,4 +1,4 @@
-"""Deformed shapes: superposed, as an animation, and of modes."""
+"""Deformed shapes: superposed, as an animation, and mode shapes."""
 
 from __future__ import annotations
 
@@ -36,10 +36,10 @@ def shapes(
     marks: dict[str, Node] | None = None,
     colour: str | None = None,
 ) -> None:
-    """Picture of deformed shapes, superposed and coloured by time or in order of load steps.
+    """Picture of superposed deformed shapes, coloured by time or by the order of load steps.
 
-    Discs are lumped masses; joints are white rings, or squares on a dotted guide where they slide;
-    arrows are forces on nodes; a zigzag or a spiral is the spring of a joint, a cup its damper.
+    Discs are lumped masses, white rings are hinges, squares on dotted lines are slides, arrows are
+    forces on nodes. A zigzag or a spiral is the spring of a joint, a cup its damper.
 
     Parameters
     ----------
@@ -48,17 +48,17 @@ def shapes(
     steps : sequence of int
         Rows of `Solution.t` to draw.
     path : str or path
-        Picture to write; its ending says in which format.
+        Picture to write; its ending gives the format.
     length_unit : str
         Unit of length, for the axes.
     magnify : float
-        Factor on displacements; the title names one other than 1.
+        Factor on displacements; the title shows it if it is not 1.
     marks : dict, optional
-        Nodes by the names to be written beside them in the first of the shapes.
+        Nodes by the names that are written beside them in the first shape.
     colour : {"N", "Q", "M", "strain energy", "speed"}, optional
-        What the colours show in place of the time: axial force, shear force or bending moment, as
-        `Solution.resultants` has them, the stored energy per length, or the speed. Their unit is
-        written where that of lengths is "m".
+        Quantity that the colours show instead of the time: axial force, shear force or bending
+        moment, as in `Solution.resultants`, stored energy per length, or speed. Its unit is given
+        if the unit of length is "m".
     """
     path = writable(path, _PICTURES)
     drawing = _drawing(solution, steps, magnify)
@@ -100,29 +100,29 @@ def animate(
     solution : Solution
         The motion.
     steps : sequence of int
-        Rows of `Solution.t`, one for each picture.
+        Rows of `Solution.t`, one for each frame.
     path : str or path
-        File to write, that ends with .gif or .mp4.
+        File to write; its name ends with .gif or .mp4.
     fps : int
-        Pictures per second [1/s].
+        Frames per second [1/s].
     trace : Node, optional
         Node whose path is drawn.
     length_unit : str
         Unit of length, for the axes.
     magnify : float
-        Factor on displacements; the title names one other than 1.
+        Factor on displacements; the title shows it if it is not 1.
     marks : dict, optional
-        Nodes by the names to be written beside them.
+        Nodes by the names that are written beside them.
     scenery : callable, optional
-        ``scenery(axes, k)`` draws what the scene does not know, such as a force of your own, in
-        row k, and gives a list of what it drew, which is removed after the picture.
+        ``scenery(axes, k)`` draws additional objects in row k, such as a user-defined force. It
+        returns the list of matplotlib artists, which are removed after the frame.
     colour : {"N", "Q", "M", "strain energy", "speed"}, optional
-        What the colours of the members show, as in `shapes`; each has its own colour by default.
+        Quantity that the colours show, as in `shapes`; by default each member has its own colour.
 
     Raises
     ------
     RuntimeError
-        For an MP4 where imageio-ffmpeg is not installed.
+        For an MP4 if imageio-ffmpeg is not installed.
     """
     path = check_frames(path)
     drawing = _drawing(solution, steps, magnify)
@@ -135,7 +135,7 @@ def animate(
     members = _members(fig, ax, drawing, colour, length_unit)
     moving = [clock, past, *(artist for artist, _ in members), *draw_supports(ax, drawing)]
     for artist in moving:
-        artist.set_animated(True)  # left out of what is drawn once
+        artist.set_animated(True)  # left out of the static part of a frame
     canvas = FigureCanvasAgg(fig)
     canvas.draw()
     still = canvas.copy_from_bbox(fig.bbox)
@@ -160,21 +160,21 @@ def animate(
 
 
 def modes(found: Modes, path: Path | str, count: int | None = None) -> None:
-    """Picture of mode shapes, one beside the other, over the configuration they belong to.
+    """Picture of mode shapes, side by side, over the configuration to which they belong.
 
     Parameters
     ----------
     found : Modes
-        What `fx_beam.modes` gave.
+        Result of `fx_beam.modes`.
     path : str or path
-        Picture to write; its ending says in which format.
+        Picture to write; its ending gives the format.
     count : int, optional
-        How many to draw, from the lowest; all by default.
+        Number of modes to draw, from the lowest; all by default.
     """
     path = writable(path, _PICTURES)
     count = len(found) if count is None else count
     if count not in range(1, len(found) + 1):
-        raise ValueError(f"count = {count!r} must be from 1 to {len(found)}, the modes there are")
+        raise ValueError(f"count = {count!r} must be from 1 to {len(found)}, the number of modes")
     low, high = found.positions.min(axis=0), found.positions.max(axis=0)
     size = 0.15 * max(high - low)
     columns = min(count, 3)
@@ -199,7 +199,7 @@ def modes(found: Modes, path: Path | str, count: int | None = None) -> None:
 
 
 def _members(fig: Figure, ax, drawing: Drawing, colour: str | None, length_unit: str) -> list:
-    """Lines for the members, each with what moves it to where it is in a row."""
+    """Lines for the members, each with a function that moves it to its position in a row."""
     if colour is not None:
         colouring = Colouring(drawing, colour, length_unit)
         words = colouring.label
@@ -228,23 +228,23 @@ def _title(drawing: Drawing) -> str:
 
 
 def _by_time(fig: Figure, ax, cax, drawing: Drawing) -> np.ndarray:
-    """Draw the members in the colours of their times, with a bar, and give these colours."""
+    """Draw the members in the colours of their times, with a colour bar; returns the colours."""
     low, high = drawing.window
     colours, shades = _colours(drawing)
-    # The projection is parallel, so that matplotlib's axes fit the picture exactly.
+    # With a parallel projection matplotlib's axes fit the picture exactly.
     extent = (low[0], high[0], low[1], high[1])
     ax.imshow(_tubes(drawing, shades), extent=extent, interpolation="antialiased")
     bar, solution, steps = fig.colorbar(colours, cax=cax), drawing.solution, drawing.rows
     bar.set_label("load factor, in order" if solution.stats.static else "time $t$ [s]")
     if solution.stats.static:
-        # On a path through limit points a load factor comes more than once.
+        # On a path through limit points a load factor occurs more than once.
         shown = np.unique(np.linspace(0, len(steps) - 1, 12).round().astype(int))
         bar.set_ticks(shown, labels=[f"{solution.t[steps[i]]:.3g}" for i in shown])
     return shades
 
 
 def _colours(drawing: Drawing) -> tuple[ScalarMappable, np.ndarray]:
-    """The scale of colours, and the colour of each row: by time, or by order in statics."""
+    """The colour scale, and the colour of each row: by time, or by order in statics."""
     values = drawing.solution.t[list(drawing.rows)]
     if drawing.solution.stats.static:
         values = np.arange(len(values))
@@ -281,7 +281,7 @@ def _tubes(drawing: Drawing, shades: np.ndarray) -> np.ndarray:
 def _plane(low: np.ndarray, high: np.ndarray, length_unit: str, width: float):
     """Figure with equal axes over a window of the plane."""
     size = high - low
-    # Labels and a colour bar take about a seventh of the width.
+    # Labels and a colour bar need about a seventh of the width.
     fig = Figure((width, 0.86 * width * size[1] / size[0] + 0.5), layout="constrained")
     ax = fig.add_subplot()
     ax.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]), aspect="equal")

@@ -12,7 +12,7 @@ from fx_beam.results.files import writable
 
 
 def check_frames(path: Path | str) -> Path:
-    """The path of an animation, if it can be written."""
+    """The path of an animation; raises an error if it cannot be written."""
     path = writable(path, ("gif", "mp4"))
     if path.suffix.lower() == ".mp4" and importlib.util.find_spec("imageio_ffmpeg") is None:
         raise RuntimeError(
@@ -23,7 +23,7 @@ def check_frames(path: Path | str) -> Path:
 
 
 def write_frames(frames: list[np.ndarray], path: Path, fps: int) -> None:
-    """Write frames (height, width, 3) of an animation with as many a second."""
+    """Write frames (height, width, 3) of an animation, `fps` per second."""
     if path.suffix.lower() == ".mp4":
         return _write_mp4(frames, path, fps)
     first, *others = _in_one_palette(frames)
@@ -33,7 +33,7 @@ def write_frames(frames: list[np.ndarray], path: Path, fps: int) -> None:
 def _write_mp4(frames: list[np.ndarray], path: Path, fps: int) -> None:
     import imageio_ffmpeg
 
-    # H.264 takes even numbers of pixels.
+    # H.264 needs even numbers of pixels.
     height, width = (size // 2 * 2 for size in frames[0].shape[:2])
     even = [np.ascontiguousarray(frame[:height, :width]) for frame in frames]
     film = imageio_ffmpeg.write_frames(
@@ -46,13 +46,13 @@ def _write_mp4(frames: list[np.ndarray], path: Path, fps: int) -> None:
 
 
 def _in_one_palette(frames: list[np.ndarray]) -> list[Image.Image]:
-    """Frames with 256 colours for all, as choosing them for each took most of an animation's time.
+    """Frames with one palette of 256 colours: one palette per frame would take most of the time.
 
-    Some pixels of every frame are looked at, and colours that are rare count as much as others.
+    The palette is chosen from samples of all frames, in which rare colours have the same weight.
     """
     some = np.concatenate([frame[k % 3 :: 3, ::3] for k, frame in enumerate(frames)])
     palette = Image.fromarray(some).quantize(256, method=Image.Quantize.MAXCOVERAGE)
-    # The background stays white: colours are sought roughly, and may become a neighbour.
+    # Keep the background white: colours are matched approximately.
     colours = np.array(palette.getpalette()).reshape(-1, 3)
     colours[colours.min(axis=1) >= 245] = 255
     palette.putpalette(colours.ravel().tolist())

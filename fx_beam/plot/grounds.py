@@ -9,13 +9,13 @@ from fx_beam.scene.scene import Scene
 
 from .sheet import Sheet
 
-# Parts of the drawing's size: height of a support, length of a wall, its strokes, half a guide.
+# Fractions of the drawing's size: height of a support, length of a wall, its strokes, half a guide.
 _HEIGHT, _WALL, _STROKE, _GUIDE = 0.032, 0.08, 0.016, 0.12
 _WHITE = {"color": "white", "markeredgecolor": "black", "zorder": 6}
 
 
 def draw_grounds(sheet: Sheet, scene: Scene) -> None:
-    """Supports of nodes and guides on the ground, each where no member is."""
+    """Draw supports and guides on the ground, each on a side without members."""
     held: dict[int, set[int]] = {}
     for number, component in scene.fixed:
         held.setdefault(number, set()).add(component)
@@ -56,7 +56,7 @@ def _support(sheet: Sheet, place, components: set[int], leaving: np.ndarray) -> 
         mean = leaving[0] if np.hypot(*mean) < 1e-6 else mean
         away = -mean / np.hypot(*mean)
         return _wall(sheet, place, away, _WALL)
-    # Below, or above where a member leaves downwards; a roller across the way it may go.
+    # Below, or above if a member leaves downwards; a roller across its free direction.
     away = -np.eye(2)[0 if moves == {1} else 1]
     if (leaving @ away).max() > 0.5:
         away = -away
@@ -83,7 +83,7 @@ def _wall(sheet: Sheet, place, away: np.ndarray, length: float) -> None:
 
 
 def draw_guides(sheet: Sheet, scene: Scene) -> None:
-    """Guides that nodes carry, from before their place on the node to behind what slides."""
+    """Guides on nodes, drawn a little beyond their point on the node and the sliding node."""
     for joint in scene.joints:
         if joint.axis is not None and GROUND not in (joint.a, joint.b):
             start, slide = _place(scene, joint.a.number) + joint.offset, joint.start()[0]
@@ -93,7 +93,7 @@ def draw_guides(sheet: Sheet, scene: Scene) -> None:
 
 
 def _ground_guide(sheet: Sheet, place, axis: np.ndarray) -> None:
-    """A way along an axis, on a wall."""
+    """A guide along an axis, on a wall."""
     along = _GUIDE * sheet.size * axis
     sheet.line([place - along, place + along], linestyle=":", linewidth=1.2)
     away = _left(axis) if axis[0] < -1e-9 else -_left(axis)
@@ -101,5 +101,5 @@ def _ground_guide(sheet: Sheet, place, axis: np.ndarray) -> None:
 
 
 def _left(direction: np.ndarray) -> np.ndarray:
-    """A direction turned by a quarter to the left."""
+    """A direction turned by 90 degrees to the left."""
     return np.array([-direction[1], direction[0]])

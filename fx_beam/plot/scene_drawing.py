@@ -1,4 +1,4 @@
-"""Drawing of a scene before it runs: what it is made of, held by and loaded with."""
+"""Drawing of a scene before it runs: members, joints, supports and loads."""
 
 from __future__ import annotations
 
@@ -22,9 +22,9 @@ from .symbols import Drawing, draw_parts
 
 _MEMBER = "#0072B2"
 _DIMENSION = {"color": "0.45", "linewidth": 0.6}
-# Parts of the drawing's size: distance of dimensions from it, and the shortest that is written.
+# Fractions of the drawing's size: distance of dimensions from it, and the shortest dimension shown.
 _AWAY, _SHORTEST = 0.2, 0.04
-_MANY = 15  # members, beyond which their names are small
+_MANY = 15  # number of members above which their names are small
 
 
 def scene(
@@ -36,25 +36,25 @@ def scene(
 ) -> Figure:
     """Drawing of a scene in its reference configuration.
 
-    Members have their names, with a dot where elements meet. Hatched lines are the ground: a
-    triangle stands on it at a pin, with a gap where it may roll; a clamp is a wall. Rings are
-    hinges, squares slide on a dotted guide, discs are lumped masses; a zigzag or a spiral is the
-    spring of a joint, a cup its damper. Arrows of forces and of initial velocities end and start
-    at their nodes; those of prescribed motions and motors have two heads. Loads that are functions
-    of time are drawn as when they are largest. Added virtual works are not drawn.
+    Members have their names, and dots between elements. Hatched lines are the ground. A pin is a
+    triangle, a roller a triangle with a gap, a clamp a wall. Rings are hinges, squares on dotted
+    lines are slides, discs are lumped masses. A zigzag or a spiral is the spring of a joint, a cup
+    its damper. Arrows of forces end at their nodes, those of initial velocities start there.
+    Prescribed motions and motors have arrows with two heads. Loads that are functions of time are
+    drawn with their largest value. Added virtual works are not drawn.
 
     Parameters
     ----------
     scene : Scene
-        What is drawn.
+        Scene to draw.
     path : str or path, optional
-        Picture to write; its ending says in which format.
+        Picture to write; its ending gives the format.
     length_unit : str
-        Unit of length, for the axes. With "m" masses and loads have SI units, else none.
+        Unit of length, for the axes. With "m" masses and loads have SI units, otherwise none.
     dimensions : bool
         Whether to write the distances between the ends of members.
     marks : dict, optional
-        Nodes by the names to be written beside them.
+        Nodes by the names that are written beside them.
 
     Returns
     -------
@@ -64,7 +64,7 @@ def scene(
     Raises
     ------
     SceneError
-        For what is no scene, or a scene without beams.
+        If it is not a scene, or a scene without beams.
     """
     if not isinstance(scene, Scene):
         raise SceneError(f"plot.scene needs an fx_beam.Scene, not {scene!r}")
@@ -92,7 +92,7 @@ def scene(
 
 @dataclass(frozen=True)
 class Reference:
-    """A scene in its reference configuration, as a picture sees a solution with one row."""
+    """A scene in its reference configuration, in the form of a solution with one row."""
 
     scene: Scene
 
@@ -103,7 +103,7 @@ class Reference:
 
     @cached_property
     def nodes_of_beam(self) -> dict[str, np.ndarray]:
-        """Rows of `X` with the nodes of each beam in order, those inside elements included."""
+        """Rows of `X` with the nodes of each beam in order, including those inside elements."""
         numbers, free = {}, len(self.scene.nodes)
         for beam in self.scene.beams:
             inside = beam.elements * (beam.degree - 1)
@@ -117,7 +117,7 @@ class Reference:
 
     @cached_property
     def X(self) -> np.ndarray:
-        """Places (n_node, 2) of the nodes [m]."""
+        """Positions (n_node, 2) of the nodes [m]."""
         places = [np.array([(node.x, node.y) for node in self.scene.nodes])]
         for beam in self.scene.beams:
             ends = np.array([(node.x, node.y) for node in beam.nodes])
@@ -129,11 +129,11 @@ class Reference:
 
     @cached_property
     def q(self) -> np.ndarray:
-        """Displacements and rotations (1, n_node, 3): none."""
+        """Displacements and rotations (1, n_node, 3): zero."""
         return np.zeros((1, len(self.X), 3))
 
     def rotation(self, node: Node) -> np.ndarray:
-        """Rotation (1,) of a node: none."""
+        """Rotation (1,) of a node: zero."""
         return np.zeros(1)
 
 
@@ -145,10 +145,10 @@ def _members(sheet: Sheet, scene: Scene, axes: dict[str, np.ndarray]) -> None:
 
 
 def _names(sheet: Sheet, scene: Scene, axes, marks: dict[str, Node], si: bool) -> None:
-    """Words at masses, marked nodes and members, in the order in which they need their place."""
+    """Labels of masses, marked nodes and members, in the order of their priority."""
     for name, node in marks.items():
         if getattr(node, "scene", None) is not scene:
-            raise SceneError(f"mark {name!r}: {node!r} is no node of the scene")
+            raise SceneError(f"mark {name!r}: {node!r} is not a node of the scene")
         sheet.dots([(node.x, node.y)], ".", color="black", markersize=5, zorder=4)
         sheet.label(name, (node.x, node.y))
     for number, mass, inertia in scene.masses:
@@ -163,13 +163,13 @@ def _names(sheet: Sheet, scene: Scene, axes, marks: dict[str, Node], si: bool) -
 
 
 def _along(points: np.ndarray, fractions) -> np.ndarray:
-    """Points at fractions of the length of a line."""
+    """Points at given fractions of the length of a line."""
     s = np.append(0, np.cumsum(np.hypot(*np.diff(points, axis=0).T)))
     return np.column_stack([np.interp(np.multiply(fractions, s[-1]), s, x) for x in points.T])
 
 
 def _dimensions(sheet: Sheet, scene: Scene, points: np.ndarray) -> None:
-    """Chains of distances below and to the left, between the ends of members and the extremes."""
+    """Dimension lines below and to the left, between the ends of members and the extremes."""
     ends = [(node.x, node.y) for beam in scene.beams for node in (beam.start, beam.end)]
     low, high = points.min(axis=0), points.max(axis=0)
     for i in (0, 1):

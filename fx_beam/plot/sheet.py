@@ -1,4 +1,4 @@
-"""The sheet a scene is drawn on: lines, arrows, and labels that keep clear of them."""
+"""The sheet on which a scene is drawn: lines, arrows, and labels that do not cover them."""
 
 from __future__ import annotations
 
@@ -10,16 +10,16 @@ from matplotlib.figure import Figure
 
 _INCH = 6.4, 6.4  # the largest width and height of the picture [inch]
 _BORDER = (0.78, 0.5), (0.15, 0.15)  # room for the axes' labels; left and below, right and above
-# Distances of a label from what it names, in pixels, and the directions in which it may lie.
+# Distances of a label from its object, in pixels, and the directions in which it may lie.
 _DISTANCES = 4.0, 9.0, 15.0, 23.0, 33.0, 46.0
 _DIRECTIONS = np.linspace(0, 2 * np.pi, 16, endpoint=False) + np.pi / 2
-_LEADER = 16.0  # from this distance on a line leads from a label to what it names [pixels]
+_LEADER = 16.0  # from this distance on a line connects a label to its object [pixels]
 _DOT = 6.0  # half the side of a marker [pixels]
-_CELL = 3.0  # side of the squares in which the sheet is seen as free or covered [pixels]
+_CELL = 3.0  # side of the squares that are free or covered [pixels]
 
 
 class Sheet:
-    """Drawing in the plane, at first without a frame; symbols are scaled by its size [m]."""
+    """Drawing in the plane, framed at the end; symbols are scaled by its size [m]."""
 
     def __init__(self, size: float):
         self.size = size
@@ -40,7 +40,7 @@ class Sheet:
         self.line(np.stack([starts, ends, gaps], axis=1).reshape(-1, 2), **look)
 
     def dots(self, places, marker: str, **look) -> None:
-        """A marker at each of some places (n, 2)."""
+        """A marker at each of some points (n, 2)."""
         self._dots.append(np.asarray(places, dtype=float))
         self.ax.plot(*np.transpose(places), marker, **look)
 
@@ -50,7 +50,7 @@ class Sheet:
         self.line(points, **look)
         shape = {"arrowstyle": style, "shrinkA": 0, "shrinkB": 0, "mutation_scale": 9}
         shape |= {"color": look.get("color", "black"), "linewidth": look.get("linewidth", 1.0)}
-        # On a curve the head lies along its last part.
+        # On a curve the head follows its last part.
         last, head = (4, 0.06) if len(points) > 8 else (1, 0.02)
         ends = [(points[-1 - last], points[-1])]
         if style.startswith("<"):
@@ -61,24 +61,24 @@ class Sheet:
             self.ax.annotate("", tip, near, arrowprops=shape, annotation_clip=False, zorder=4)
 
     def see(self, lines) -> None:
-        """Keep labels clear of lines and markers that were drawn on the axes."""
+        """Let labels avoid lines and markers that were drawn on the axes."""
         for line in lines:
             marked = line.get_marker() not in ("None", None, "")
             (self._dots if marked else self._lines).append(line.get_xydata())
 
     def corner(self) -> np.ndarray:
-        """A place (2,) to the upper right of all that is drawn so far."""
+        """A point (2,) to the upper right of everything drawn so far."""
         return np.nanmax(np.concatenate(self._lines), axis=0) + 0.08 * self.size
 
     def label(self, text: str, places, colour: str = "black", size: float = 9.0) -> None:
-        """A text near one of some places (n, 2), which is found when all is drawn."""
+        """A text near one of some points (n, 2); its position is chosen at the end."""
         self._labels.append((text, np.atleast_2d(places), colour, size))
 
     def finish(self, length_unit: str) -> Figure:
-        """Frame what was drawn, and write the labels."""
+        """Frame the drawing, and write the labels."""
         points = np.concatenate([*self._lines, *self._dots])
         low, high = np.nanmin(points, axis=0), np.nanmax(points, axis=0)
-        # Room for labels, the more so beside a straight member.
+        # Space for labels; a straight member needs more beside it.
         margin = np.maximum(0.1 * self.size, (0.35 * self.size - (high - low)) / 2)
         low, high = low - margin, high + margin
         self.ax.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]))
@@ -102,7 +102,7 @@ class Sheet:
         self._lines.append(np.reshape(np.asarray(points, dtype=float), (-1, 2)))
 
     def _write(self) -> None:
-        """Write each label where it covers least."""
+        """Write each label where it covers the least."""
         renderer: Any = FigureCanvasAgg(self.figure).get_renderer()
         back = self.ax.transData.inverted()
         covered = self._covered()
@@ -128,7 +128,7 @@ class Sheet:
         return np.clip((np.asarray(pixels) / _CELL).astype(int), 0, last)
 
     def _covered(self) -> np.ndarray:
-        """How much is drawn in each square of the sheet; outside of the frame very much."""
+        """Amount drawn in each square of the sheet; very large outside the frame."""
         low, high = self._cells(self.ax.bbox.get_points())
         covered = np.full(self._cells([self.figure.bbox.size])[0] + 1, 1e3)
         covered[low[0] : high[0], low[1] : high[1]] = 0.0
@@ -147,14 +147,14 @@ class Sheet:
         return covered
 
     def _count(self, covered: np.ndarray, spots: np.ndarray, half: np.ndarray) -> np.ndarray:
-        """How much (n,) is covered by boxes of some size round spots (n, 2)."""
+        """Amount (n,) covered by boxes of a given size around points (n, 2)."""
         sums = np.pad(covered.cumsum(axis=0).cumsum(axis=1), ((1, 0), (1, 0)))
         (left, low), (right, top) = self._cells(spots - half).T, self._cells(spots + half).T + 1
         return sums[right, top] - sums[left, top] - sums[right, low] + sums[left, low]
 
 
 def _candidates(anchors: np.ndarray, half: np.ndarray):
-    """Centres (n, 2) of a label's box round its anchors, these, and the distances [pixels]."""
+    """Possible centres (n, 2) of a label's box, their anchors, and the distances [pixels]."""
     around = np.column_stack([np.cos(_DIRECTIONS), np.sin(_DIRECTIONS)])
     # From its centre to its edge.
     inside = np.min(half / np.maximum(abs(around), 1e-9), axis=1)

@@ -1,4 +1,4 @@
-"""What pictures show besides members: supports, joints, masses, springs, dampers, forces."""
+"""Symbols in pictures: supports, joints, masses, springs, dampers, forces."""
 
 from __future__ import annotations
 
@@ -13,16 +13,16 @@ from fx_beam.scene.beam import Node, lagrange
 from fx_beam.scene.joints import GROUND, Joint
 from fx_beam.scene.loads import Load
 
-# A ring where two members turn, a square where they slide; rigid joints are not marked.
+# A ring for a hinge, a square for a slide; rigid joints are not marked.
 _JOINT_MARKERS = {"Revolute": "o", "Prismatic": "s", "PinInSlot": "s"}
 _JOINT: dict[str, Any] = {"color": "white", "markeredgecolor": "black"}
 _GUIDE: dict[str, Any] = {"linestyle": ":", "linewidth": 1.2, "zorder": 1}
 _ARROW: dict[str, Any] = {"arrowstyle": "-|>", "shrinkA": 0, "shrinkB": 0, "linewidth": 1.2}
-# Straight lines an element is drawn in: with 60 degrees in it, off by a thousandth of its radius.
+# Straight lines per element: over 60 degrees the error is a thousandth of the radius.
 _LINES = 12
-# Parts of the picture's size: the longest arrow, a spring's width, its far end on the ground.
+# Fractions of the picture's size: longest arrow, width of a spring, its far end on the ground.
 _LONGEST_FORCE, _SPRING_WIDTH, _SPRING_END = 0.12, 0.02, 0.15
-# Points of a damper round a hinge, by the spring's width: two arcs, and a plate between them.
+# Points of a damper around a hinge, in widths of a spring: two arcs, and a plate between them.
 _ARC = np.linspace(0.3, 1.7, 12)
 _ROUND = np.column_stack([np.cos(_ARC), np.sin(_ARC)])
 _GAP = np.full((1, 2), np.nan)
@@ -31,7 +31,7 @@ _BENT_CUP = np.concatenate([1.25 * _ROUND, 2.05 * _ROUND[::-1], _GAP, _PLATE])
 
 
 def axis(nodes: np.ndarray, degree: int) -> np.ndarray:
-    """Points of a beam's axis for drawing: on the curves that elements of degree 2 and 3 are.
+    """Points of a beam's axis for drawing, also on curved elements of degree 2 and 3.
 
     Parameters
     ----------
@@ -43,7 +43,7 @@ def axis(nodes: np.ndarray, degree: int) -> np.ndarray:
     Returns
     -------
     (..., points, 2) float
-        Positions along the beam, the nodes among them [m].
+        Positions along the beam, including the nodes [m].
     """
     if degree == 1:
         return nodes
@@ -59,7 +59,7 @@ def axis(nodes: np.ndarray, degree: int) -> np.ndarray:
 class Drawing:
     """A solution with magnified displacements, in the rows that a picture shows.
 
-    A scene before it runs is one with a single row: see `Reference`.
+    `Reference` is the same for a scene before it runs, with a single row.
     """
 
     solution: Any
@@ -73,12 +73,12 @@ class Drawing:
 
     @cached_property
     def window(self) -> tuple[np.ndarray, np.ndarray]:
-        """Lower left and upper right corner of all that is drawn, with a margin."""
+        """Lower left and upper right corner of the drawing, with a margin."""
         rows = list(self.rows)
         points = np.concatenate([self.axis(name, rows) for name in self.solution.beams], axis=1)
         low, high = points.min(axis=(0, 1)), points.max(axis=(0, 1))
         size = max(high - low)
-        # Room for symbols, the more so beside a straight member.
+        # Space for symbols; a straight member needs more beside it.
         margin = np.maximum(0.05 * size, (0.3 * size - (high - low)) / 2)
         return low - margin, high + margin
 
@@ -94,7 +94,7 @@ class Drawing:
         return axis(places, self.solution.beams[beam].degree)
 
     def pieces(self, beam: str, k: int, count: int) -> np.ndarray:
-        """Ends (elements * count, 2, 2) of as many pieces of each element of a beam, in row k."""
+        """Ends (elements * count, 2, 2) of `count` pieces of each element of a beam, in row k."""
         nodes, degree = self.solution.nodes_of_beam[beam], self.solution.beams[beam].degree
         first = degree * np.arange((len(nodes) - 1) // degree)
         of_element = nodes[first[:, None] + np.arange(degree + 1)]
@@ -103,12 +103,12 @@ class Drawing:
         return np.stack([points[:, :-1], points[:, 1:]], axis=2).reshape(-1, 2, 2)
 
     def places(self, nodes, rows) -> np.ndarray:
-        """Places (..., 2) of nodes, by their numbers, in some rows."""
+        """Positions (..., 2) of nodes, by their numbers, in some rows."""
         moved = self.solution.q[rows][..., nodes, :2]
         return self.solution.X[nodes] + self.magnify * moved
 
     def turned(self, node: Node, k: int, arrow) -> np.ndarray:
-        """An arrow (2,) that turns with a node, in row k."""
+        """A vector (2,) that rotates with a node, in row k."""
         if node is GROUND:
             return np.asarray(arrow)
         psi = self.magnify * self.solution.rotation(node)[k]
@@ -123,18 +123,18 @@ class Drawing:
 
     @cached_property
     def forces(self) -> list[tuple[Load, Node]]:
-        """The forces on nodes, and these."""
+        """The forces on nodes, and the nodes."""
         loads = self.scene.loads
         return [(load, load.target) for load in loads if load.kind == "force"]
 
     @cached_property
     def largest_force(self) -> float:
-        """The largest of them in the rows that are drawn [N]."""
+        """The largest force in the rows that are drawn [N]."""
         sizes = [np.hypot(*self.force(*load, k)) for load in self.forces for k in self.rows]
         return max(sizes, default=0.0)
 
     def title(self) -> str:
-        """What was computed, and in which steps."""
+        """Scheme and time step, or the kind of analysis, as a title."""
         t, stats = self.solution.t, self.solution.stats
         if stats.static:
             return "equilibria"
@@ -143,7 +143,7 @@ class Drawing:
         return f"{stats.scheme}, " + (rf"$\Delta t$ = {t[1] - t[0]:g} s" if even else steps)
 
     def check(self) -> None:
-        """Refuse rows that the solution does not have."""
+        """Raise an error for rows that the solution does not have."""
         rows = len(self.solution.t)
         try:
             known = [k for k in self.rows if k in range(rows)]
@@ -163,7 +163,7 @@ class Drawing:
 
 
 def draw_symbols(ax, drawing: Drawing, k: int, colour: Any = "black", small: bool = False) -> list:
-    """Draw masses, joints, guides, springs and forces of row k, and give what was drawn."""
+    """Draw masses, joints, guides, springs and forces of row k; returns the artists."""
     if drawing.scene is None:
         return []
     drawn = [*_draw_guides(ax, drawing, k, colour), *draw_parts(ax, drawing, k, colour, small)]
@@ -171,7 +171,7 @@ def draw_symbols(ax, drawing: Drawing, k: int, colour: Any = "black", small: boo
 
 
 def draw_parts(ax, drawing: Drawing, k: int, colour: Any = "black", small: bool = False) -> list:
-    """Draw masses, joints, springs and dampers of row k, and give what was drawn."""
+    """Draw masses, joints, springs and dampers of row k; returns the artists."""
     scene = drawing.scene
     drawn = [*_draw_arms(ax, drawing, k, colour), *_draw_springs(ax, drawing, k, colour)]
     drawn += _draw_dampers(ax, drawing, k, colour)
@@ -191,10 +191,10 @@ def draw_parts(ax, drawing: Drawing, k: int, colour: Any = "black", small: bool 
 
 
 def draw_marks(ax, drawing: Drawing, k: int, marks: dict[str, Node]) -> list:
-    """Write names beside nodes in row k, and give what was drawn."""
+    """Write names beside nodes in row k; returns the artists."""
     drawn: list = []
     for name, node in marks.items():
-        drawing.solution.position(node)  # refuses what is no node of the solution
+        drawing.solution.position(node)  # raises an error if it is not a node of the solution
         place = drawing.places(node.number, k)
         drawn += ax.plot(*place, ".", color="black", markersize=5, zorder=6)
         offset = {"xytext": (5, 5), "textcoords": "offset points"}
@@ -203,7 +203,7 @@ def draw_marks(ax, drawing: Drawing, k: int, marks: dict[str, Node]) -> list:
 
 
 def draw_supports(ax, drawing: Drawing) -> list:
-    """A ring at a pin, a square at a clamp, a triangle at any other support; guides dotted."""
+    """A ring at a pin, a square at a clamp, a triangle at other supports; dotted guides."""
     scene = drawing.scene
     if scene is None:
         return []
@@ -231,7 +231,7 @@ def _is_grounded(joint: Joint) -> bool:
 
 
 def _draw_guides(ax, drawing: Drawing, k: int, colour) -> list:
-    """Guides that nodes carry, from their place on the node to what slides on them."""
+    """Guides on nodes, from their position on the node to the sliding node."""
     drawn: list = []
     for joint in drawing.scene.joints:
         if joint.axis is not None and not _is_grounded(joint):
@@ -241,12 +241,12 @@ def _draw_guides(ax, drawing: Drawing, k: int, colour) -> list:
 
 
 def _place_on_a(drawing: Drawing, joint: Joint, k: int) -> np.ndarray:
-    """Place of a joint on its node a, in row k."""
+    """Position of a joint on its node a, in row k."""
     return drawing.places(joint.a.number, k) + drawing.turned(joint.a, k, joint.offset)
 
 
 def _draw_arms(ax, drawing: Drawing, k: int, colour) -> list:
-    """Rigid arms from nodes to joints that lie beside them."""
+    """Rigid arms from nodes to joints with an offset."""
     drawn: list = []
     for joint in drawing.scene.joints:
         if joint.offset.any() and not _is_grounded(joint):
@@ -256,7 +256,7 @@ def _draw_arms(ax, drawing: Drawing, k: int, colour) -> list:
 
 
 def _draw_springs(ax, drawing: Drawing, k: int, colour) -> list:
-    """Springs of joints: a zigzag along a slide, a spiral round a hinge."""
+    """Springs of joints: a zigzag along a slide, a spiral around a hinge."""
     drawn: list = []
     look = {"color": colour, "linewidth": 0.9, "zorder": 2}
     for joint in drawing.scene.joints:
@@ -271,7 +271,7 @@ def _draw_springs(ax, drawing: Drawing, k: int, colour) -> list:
 
 
 def _draw_dampers(ax, drawing: Drawing, k: int, colour) -> list:
-    """Dampers of joints: a piston in a cup along a slide, the cup bent round a hinge."""
+    """Dampers of joints: a dashpot along a slide, a curved dashpot around a hinge."""
     drawn: list = []
     look = {"color": colour, "linewidth": 0.9, "zorder": 2}
     for joint in drawing.scene.joints:
@@ -286,12 +286,12 @@ def _draw_dampers(ax, drawing: Drawing, k: int, colour) -> list:
 
 
 def _place_of(drawing: Drawing, joint: Joint, k: int) -> np.ndarray:
-    """Place of a joint's node, in row k."""
+    """Position of a joint's node, in row k."""
     return drawing.places((joint.a if joint.b is GROUND else joint.b).number, k)
 
 
 def _spring_ends(drawing: Drawing, joint: Joint, k: int) -> tuple[np.ndarray, np.ndarray]:
-    """Ends of the spring on a slide: its node, and its place on a or a point of the ground."""
+    """Ends of the spring on a slide: its node, and its point on node a or on the ground."""
     assert joint.axis is not None
     if not _is_grounded(joint):
         return _place_on_a(drawing, joint, k), drawing.places(joint.b.number, k)
@@ -310,7 +310,7 @@ def _zigzag(a: np.ndarray, b: np.ndarray, size: float) -> np.ndarray:
 
 
 def _dashpot(a: np.ndarray, b: np.ndarray, size: float, beside: bool) -> np.ndarray:
-    """Points of a damper from a to b, beside a spring if there is one; gaps are not a number."""
+    """Points of a damper from a to b, beside a spring if there is one; NaN marks gaps."""
     along = (b - a) / max(np.hypot(*(b - a)), 1e-9 * size)
     across = _SPRING_WIDTH * size * np.array([-along[1], along[0]])
     gap = (np.nan, np.nan)
@@ -321,7 +321,7 @@ def _dashpot(a: np.ndarray, b: np.ndarray, size: float, beside: bool) -> np.ndar
 
 
 def _draw_forces(ax, drawing: Drawing, k: int, colour) -> list:
-    """Arrows of the forces on nodes, which end at the node; the largest is the longest."""
+    """Arrows of forces, with their heads at the nodes and lengths in proportion to the forces."""
     drawn = []
     for load, node in drawing.forces:
         force = drawing.force(load, node, k)

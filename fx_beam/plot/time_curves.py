@@ -1,4 +1,4 @@
-"""Curves over time: schemes compared, and quantities beside each other."""
+"""Curves over time: one quantity for several schemes, or several quantities."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from matplotlib.figure import Figure
 from fx_beam.results.files import writable
 from fx_beam.results.solution import Solution
 
-# The colours of Okabe and Ito, which all eyes tell apart; the line styles do so in grey.
+# Colours of Okabe and Ito, safe for colour-blind readers; line styles differ in grey prints.
 _STYLES: dict[str, dict] = {
     "EnergyMomentum": {"color": "#0072B2", "linestyle": "-", "linewidth": 2.4},
     "ModifiedMidPoint": {"color": "#56B4E9", "linestyle": (0, (5, 2))},
@@ -22,7 +22,7 @@ _STYLES: dict[str, dict] = {
     "HHT": {"color": "#009E73", "linestyle": (0, (3, 1.2))},
     "GeneralizedAlpha": {"color": "#E69F00", "linestyle": (0, (6, 1, 1, 1, 1, 1))},
 }
-# What tells apart several curves of one scheme in one panel; the first is the plain line.
+# Markers that distinguish curves of one scheme in one panel; the first is the plain line.
 _MARKERS = None, "o", "s", "^", "D", "v"
 _QUANTITY_STYLES = [
     {"color": color, "linestyle": line}
@@ -85,20 +85,20 @@ def curves(
     """Draw one quantity over time for several solutions.
 
     Each scheme has its own line style; further solutions by the same scheme have markers as well.
-    A cross marks the end of a solution that failed. Set the limits of the axes first: the cross of
-    a curve that left them is put on their edge.
+    A cross marks the end of a solution that failed. Set the limits of the axes first: if the curve
+    ends outside, its cross is drawn on the edge.
 
     Parameters
     ----------
     axes : matplotlib.axes.Axes
         Where to draw.
     solutions : dict
-        Solutions by the label that each shall have in the legend.
+        Solutions by their labels in the legend.
     value : callable
         ``value(solution)`` gives the quantity (n,).
     times : callable
-        ``times(solution)`` gives the times (n,) at which it holds [s], such as
-        `Solution.t_level` for stress resultants.
+        ``times(solution)`` gives the times (n,) of the values [s], such as `Solution.t_level` for
+        stress resultants.
     """
     drawn: dict[str, int] = {}
     cross = {"marker": "X", "markersize": 9, "markeredgecolor": "white", "linestyle": ""}
@@ -111,12 +111,12 @@ def curves(
         if solution.stats.failure and t[-1] <= axes.get_xlim()[1]:
             edge = np.clip(y[-1], *axes.get_ylim())
             axes.plot(t[-1], edge, **cross | {"color": look["color"]}, clip_on=False, zorder=5)
-            # One entry for all: the same scheme may fail in one panel and not in another.
+            # One legend entry for all: a scheme may fail in one panel and not in another.
             axes.plot([], [], **cross | {"color": "0.4"}, label="a step fails, the run ends")
 
 
 def _marked(number: int) -> dict:
-    """Markers of the curve with this number among those of one scheme."""
+    """Marker style of the curve with this number among those of one scheme."""
     if not number:
         return {}
     marker = _MARKERS[1 + (number - 1) % (len(_MARKERS) - 1)]
@@ -132,9 +132,9 @@ def quantities(axes, t: np.ndarray, values: dict[str, np.ndarray]) -> None:
     axes : matplotlib.axes.Axes
         Where to draw.
     t : (n,) float
-        Times, or whatever they are drawn over.
+        Times, or other values for the horizontal axis.
     values : dict
-        Quantities (n,) by the label that each shall have in the legend.
+        Quantities (n,) by their labels in the legend.
     """
     for (label, y), look in zip(values.items(), itertools.cycle(_QUANTITY_STYLES), strict=False):
         axes.plot(t, y, label=label, linewidth=1.5, **look)
@@ -148,7 +148,7 @@ def save(figure: Figure, path: Path | str) -> None:
     figure : matplotlib.figure.Figure
         A figure with labelled curves.
     path : str or path
-        File to write; its ending says in which format.
+        File to write; its ending gives the format.
     """
     handles: dict = {}
     for ax in figure.axes:

@@ -21,17 +21,17 @@ def labelled(schemes: Any) -> dict[str, Scheme]:
     for scheme in given:
         if not isinstance(scheme, Scheme):
             raise SceneError(
-                f"unknown scheme {scheme!r}; give one such as fx_beam.Newmark(), with its brackets"
+                f"unknown scheme {scheme!r}; give one such as fx_beam.Newmark(), with brackets"
             )
     if twice := [label for label in labels if labels.count(label) > 1]:
         raise SceneError(
-            f"several schemes are called {twice[0]}; give a dict of labels and schemes"
+            f"several schemes are called {twice[0]}; give a dict with a label for each scheme"
         )
     return dict(zip(labels, given, strict=True))
 
 
 def several(name: str, given, distinct: bool = True) -> list[Any]:
-    """A sequence that is not empty, of different entries."""
+    """The entries of a sequence that is not empty and has no entry twice."""
     if isinstance(given, str) or not isinstance(given, Sequence | np.ndarray):
         raise SceneError(f"{name} must be a sequence, as [...], not {given!r:.60}")
     if not len(given):

@@ -1,4 +1,4 @@
-"""What reports are made of: the machine, strict JSON, CSV and Markdown tables."""
+"""Parts of reports: description of the machine, strict JSON, CSV and Markdown tables."""
 
 from __future__ import annotations
 
@@ -22,16 +22,16 @@ _VERSIONS = {
 
 
 def require_libraries() -> None:
-    """Import what a report is made with, so that what is missing is said before a study runs.
+    """Import the packages that a report needs, so that a missing one is reported before a study.
 
-    It is imported by functions only, as a study can be had without the extra "plot".
+    Only functions import them: a study without a report does not need the extra "plot".
     """
     import scooby  # noqa: F401
     import tabulate  # noqa: F401
 
 
 def machine() -> dict[str, Any]:
-    """Processor, operating system and versions that a report was computed with."""
+    """Processor, operating system and versions with which a report was computed."""
     import scooby
 
     report = scooby.Report(core=list(_VERSIONS.values()), optional=[]).to_dict()
@@ -45,7 +45,7 @@ def machine() -> dict[str, Any]:
 
 
 def _processor() -> str:
-    """Name of the processor, which scooby does not know."""
+    """Name of the processor, which scooby does not give."""
     cpuinfo = Path("/proc/cpuinfo")
     lines = cpuinfo.read_text("utf-8").splitlines() if cpuinfo.exists() else []
     names = [line.split(":", 1)[1].strip() for line in lines if line.startswith("model name")]
@@ -58,7 +58,7 @@ def write(
     numbers: Mapping[str, Any],
     rows: Iterable[Mapping[str, Any]],
 ) -> None:
-    """Write a report: a Markdown page of paragraphs, all numbers as JSON, its rows as CSV."""
+    """Write a report: the paragraphs as a Markdown page, all numbers as JSON, the rows as CSV."""
     computed_on = machine()
     write_json(beside(path, ".json"), {"machine": computed_on, **numbers})
     write_csv(beside(path, ".csv"), rows)
@@ -68,7 +68,7 @@ def write(
 
 
 def beside(path: Path | str, ending: str) -> Path:
-    """File of a report; its name may have a point in it. Its directory is made."""
+    """Path of a report's file, whose name may contain a point. Creates its directory."""
     path = Path(path)
     path.parent.mkdir(parents=True, exist_ok=True)
     return path.with_name(path.name + ending)
@@ -100,13 +100,13 @@ def table(rows: Sequence[Mapping[str, Any]]) -> str:
         "left" if any(isinstance(row[key], str) for row in rows) else "right" for key in rows[0]
     ]
     cells = [[_cell(row[key]) for key in rows[0]] for row in rows]
-    # The cells are texts by now, which tabulate would take for numbers and write anew.
+    # The cells are texts here; without this tabulate would read them as numbers and reformat them.
     how = {"tablefmt": "pipe", "disable_numparse": True, "colalign": sides}
     return tabulate(cells, [_cell(key) for key in rows[0]], **how) + "\n"
 
 
 def short(number: float) -> str:
-    """A number from 0 on with one digit, such as 3e-13 or 2e9; from 1 to 999 as it is."""
+    """A number >= 0 with one digit, such as 3e-13 or 2e9; from 1 to 999 as an integer."""
     if 1 <= number < 999.5:
         return f"{number:.0f}" if number >= 9.5 else f"{number:.2g}"
     if not np.isfinite(number):

@@ -1,4 +1,4 @@
-"""Stability of time schemes: a matrix of schemes and cases, each run judged by its energy."""
+"""Stability of time schemes: a matrix of schemes and cases with a verdict on each run's energy."""
 
 from .case import Case, Cell
 from .report import counts, write

@@ -1,4 +1,4 @@
-"""A case on which time schemes are tried, and what became of one of them there."""
+"""A case on which time schemes are tested, and the result of one scheme on it."""
 
 from __future__ import annotations
 
@@ -15,22 +15,22 @@ from fx_beam.validation import is_number
 
 from .verdict import FEWEST, Drift, Verdict
 
-#: Numbers of two runs that round differently are the same if they differ by no more than this.
+#: Relative difference up to which the numbers of two runs with different round-off are equal.
 SAME = 0.1
-#: Steps are halved often if so many are taken for each of the time grid.
+#: Steps taken per step of the time grid from which on steps count as halved often.
 OFTEN = 2.0
 
 
 @dataclass(frozen=True)
 class Case:
-    """A scene with a time step, on which schemes are tried.
+    """A scene with a time step, on which schemes are tested.
 
     Parameters
     ----------
     group : str
         What is varied.
     label : str
-        Its value here, a few characters.
+        Its value in this case, a few characters.
     scene : callable
         ``scene()`` gives the `Scene`.
     dt : float
@@ -38,9 +38,9 @@ class Case:
     t_end : float
         End of the run [s].
     newton : NewtonOptions, optional
-        When Newton's method stops.
+        Tolerance and limits of Newton's method.
     drifts : bool
-        Whether the law is sought by which the error grows with the number of steps.
+        Whether to find how the error grows with the number of steps.
     """
 
     group: str
@@ -61,10 +61,10 @@ class Case:
                 raise SceneError(f"{self.name}: {name} = {value!r} must be a positive number")
         fewest = FEWEST if self.drifts else 1
         if self.t_end / self.dt < fewest * (1 - 1e-6):
-            why = "the law of a drift" if self.drifts else "a run"
-            raise SceneError(
-                f"{self.name}: {why} needs {fewest} steps and more, not {self.t_end / self.dt:.3g}"
-            )
+            needs = "the law of a drift needs" if self.drifts else "a run needs"
+            least = f"{fewest} step{'s' * (fewest > 1)}"
+            given = f"{self.t_end / self.dt:.3g}"
+            raise SceneError(f"{self.name}: {needs} at least {least}, not {given}")
 
     @property
     def name(self) -> str:
@@ -74,7 +74,7 @@ class Case:
 
 @dataclass(frozen=True)
 class Cell:
-    """A scheme on a case.
+    """The result of a scheme on a case.
 
     Parameters
     ----------
@@ -83,21 +83,21 @@ class Cell:
     scheme : str
         Name of the scheme.
     family : str
-        The name it has itself, by which it is drawn.
+        The scheme's own name, which decides its line style.
     verdict : Verdict
-        What became of the energy.
+        Verdict on the energy.
     others : tuple of Verdict
-        The same of runs that differ in their rounding only; none where it makes no difference.
+        Verdicts on runs that differ only in round-off; empty if the run was not repeated.
     t, ratio : (n,) float
-        Energy over what it should be, thinned out to some hundred points, extremes kept.
+        Times [s] and energy ratio, reduced to some hundred points with all extremes.
     seconds : float
         Time spent stepping [s].
     max_halvings : int
-        How often a failing step was halved at most.
+        Largest number of halvings of a failing step.
     drift : Drift, optional
-        How the error grows with the number of steps, if sought and the run did not break off.
+        Growth of the error with the number of steps, if asked for and if the run was completed.
     turns : float, optional
-        Turns that a node has made in the end, if a drift was found.
+        Largest number of turns of a node at the end, if a drift was found.
     """
 
     case: Case
@@ -114,10 +114,10 @@ class Cell:
 
     @property
     def other(self) -> Verdict | None:
-        """The verdict with another rounding that differs most, if one does.
+        """The most different verdict of the repeated runs, if one differs.
 
-        One of another kind, else the number farthest from `verdict`'s, if not within `SAME`. What
-        is left where the energy is kept is rounding itself, and no difference.
+        One of another kind, else that with the most different number, if it differs by more than
+        `SAME`. Where the energy is kept, the numbers are round-off and are not compared.
         """
         one = self.verdict
         for other in self.others:
@@ -130,7 +130,7 @@ class Cell:
 
     @property
     def halved_often(self) -> bool:
-        """Whether at least `OFTEN` steps were taken for each of the time grid, to an end."""
+        """Whether the run ended with at least `OFTEN` steps per step of the time grid."""
         ended = self.verdict.kind not in ("blew up", "failed")
         return ended and self.verdict.parts >= OFTEN
 

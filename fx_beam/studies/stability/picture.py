@@ -1,4 +1,4 @@
-"""The heat map of a study of stability, and the energy curves of its most telling cases."""
+"""The heat map of a stability study, and energy curves of the cases that differ most."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from fx_beam.studies.reporting import short
 from .case import Cell, by_case, by_group, by_scheme
 from .verdict import Verdict
 
-#: Colours of the verdicts: pale where nothing is lost, dark where all is.
+#: Colours of the verdicts, from pale for kept to dark for failed.
 COLOURS = {
     "kept": "#CFE6F4",
     "lost": "#F6E7A1",
@@ -21,17 +21,17 @@ COLOURS = {
     "no verdict": "#F0F0F0",
 }
 _ON_DARK = "blew up", "failed"
-# Letters over a case in the heat map.
+# Font size of the labels over the cases in the heat map.
 _LETTERS = 7
-# Half the width and height of a cell, the width that another verdict takes, and the legs of the
-# corner that says that steps were halved often.
+# Half the width and height of a cell, the width of a second verdict's colour, and the legs of the
+# black corner that marks steps halved often.
 _HALF, _OTHER, _CORNER = (0.48, 0.46), 0.16, (0.2, 0.36)
 #: Cases whose curves are drawn.
 TELLING = 6
 
 
 def symbol(verdict: Verdict) -> str:
-    """A verdict in a few characters: 2e-13, -17%, +4e-5, x1e9, or a cross and the part reached."""
+    """A verdict as a short text: 2e-13, -17%, +4e-5, x1e9, or a cross and the part reached."""
     amount = verdict.amount
     if verdict.kind == "failed":
         return f"\u2717{100 * amount:.0f}%"
@@ -66,8 +66,8 @@ def telling(cells: list[Cell]) -> list[list[Cell]]:
 
 
 def draw_map(path: Path, cells: list[Cell], slots: int = 27) -> None:
-    """Write the heat map, with so many cases, and gaps between their groups, side by side."""
-    # Imported here, as a study can be had without matplotlib and pyvista.
+    """Write the heat map; `slots` is the number of cases and gaps side by side."""
+    # Imported here: a study without pictures needs neither matplotlib nor pyvista.
     from fx_beam import plot
 
     groups, schemes = by_group(cells), list(by_scheme(cells))
@@ -87,7 +87,7 @@ def draw_map(path: Path, cells: list[Cell], slots: int = 27) -> None:
         [], [], **look, marker=((-1, 1), (1, 1), (-1, -1)), markersize=7, label="steps halved often"
     )
     tilde = axes[0, 0].plot(
-        [], [], **look, marker="$\\sim$", markersize=9, label="depends on rounding"
+        [], [], **look, marker="$\\sim$", markersize=9, label="sensitive to round-off"
     )
     handles = [*squares, *corner, *tilde]
     figure.legend(handles=handles, ncols=slots // 3, loc="outside upper center", frameon=False)
@@ -108,7 +108,7 @@ def _bands(groups: dict[str, list], slots: int) -> list[list[str]]:
 
 
 def _width(group: str, cases: list) -> int:
-    """Slots that a group takes: its cases and a gap, or what its title needs."""
+    """Slots that a group needs: for its cases and a gap, or for its title."""
     title = max(map(len, group.split(": ")))
     return max(len(cases) + 1, -(-title // _LETTERS))
 
@@ -135,7 +135,7 @@ def _draw_band(
 
 
 def _draw_cell(ax, x: int, y: int, cell: Cell) -> None:
-    """A square in the colour of the verdict, at its right end in that of another rounding's."""
+    """A square in the colour of the verdict; its right end shows a differing repeated verdict."""
     verdict, other, (width, height) = cell.verdict, cell.other, _HALF
     ink = "white" if verdict.kind in _ON_DARK else "black"
     edges = y - height, y + height

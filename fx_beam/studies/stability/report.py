@@ -18,7 +18,7 @@ from .case import OFTEN, SAME, Cell, by_group, by_scheme
 from .picture import draw_curves, draw_map, symbol
 from .verdict import BLOWN_UP, KEPT, KINDS
 
-#: Verdicts on a motion that is not the one sought.
+#: Verdicts on a motion that is wrong.
 LOST_MOTION = "gained", "blew up", "failed"
 _VERBS = {
     "lost": "loses energy",
@@ -27,28 +27,29 @@ _VERBS = {
     "failed": "fails",
     "no verdict": "has no verdict",
 }
-_CRITERIA = f"""The energy ratio is 1 + (E - E(0) - W) / E0. E is the energy, W the work of all
-loads, and E0 the largest kinetic and strain energy that the motion should have had: that at the
-start and what loads and weight have added. The first of these that holds is the verdict:
+_CRITERIA = f"""The energy ratio is 1 + (E - E(0) - W) / E0. E is the energy and W the work of all
+loads. E0 is the largest kinetic and strain energy that the motion should have: the energy at the
+start, plus what loads and weight have added. The verdict is the first of these that applies:
 
 - **blew up**: the ratio exceeded {BLOWN_UP:g};
 - **failed**: Newton's method did not converge, after {{limits}} halvings of the step;
-- **kept**: the ratio was never further than {short(KEPT)} from 1;
-- **gained** or **lost**: whichever was more.
+- **kept**: the ratio always differed from 1 by at most {short(KEPT)};
+- **gained** or **lost**: the larger of the two differences.
 
-Each run that did not keep the energy, or took {OFTEN:g} or more steps for each of the time grid, is
-repeated with time steps that differ in the last digit ({{repeats}} of them). It *depends on
-rounding* if its verdict then differs, or its number by more than {100 * SAME:g} %.
+A run is *sensitive to round-off* if its verdict changes, or its number changes by more than
+{100 * SAME:g} %, with time steps that differ in the last digit. Runs are repeated with {{repeats}}
+such time steps if they did not keep the energy, or took {OFTEN:g} or more steps per step of the
+time grid.
 
-In a table, "steps x1.2" are the steps taken for each of the time grid, and what follows a ~ is the
-verdict with another rounding.
+In a table, "steps x1.2" is the number of steps taken per step of the time grid. A verdict after a ~
+is that of a repeated run.
 """
 _MAP = (
-    "Number in a cell: the largest error where the energy was kept; the part that was lost or "
-    "gained; how many times the energy where it blew up; the part of the time that was reached "
-    f"where it failed. Filled corner: {OFTEN:g} or more steps were taken for each of the time "
-    "grid. ~: the number depends on rounding; where the verdict does as well, the right end of the "
-    "cell has the colour of the other verdict."
+    "Number in a cell: the largest error if the energy was kept; the part that was lost or "
+    "gained; the energy ratio if it blew up; the part of the time that was reached if the run "
+    f"failed. Black corner: {OFTEN:g} or more steps were taken per step of the time grid. ~: the "
+    "number is sensitive to round-off. If the verdict is sensitive as well, the right end of "
+    "the cell has the colour of the other verdict."
 )
 
 
@@ -70,9 +71,9 @@ def write(
     title : str
         What was studied.
     remarks : str
-        What else the page shall say at its end, in Markdown.
+        Text for the end of the page, in Markdown.
     findings : sequence of str
-        What was found besides the verdicts on each scheme, in sentences.
+        Sentences to be listed after those on each scheme.
 
     Raises
     ------
@@ -80,7 +81,7 @@ def write(
         If there are no cells.
     """
     if not cells:
-        raise SceneError("a page on stability needs cells of a study; none are given")
+        raise SceneError("a report on stability needs cells of a study; none are given")
     found, tally = [*findings, *sentences(cells)], counts(cells)
     judged, name = criteria(cells), Path(path).name
     draw_map(reporting.beside(path, ".png"), cells)
@@ -107,7 +108,7 @@ def write(
 
 
 def criteria(cells: list[Cell]) -> dict[str, Any]:
-    """By what runs are judged."""
+    """The limits that decide the verdicts."""
     return {
         "kept": KEPT,
         "blew up": BLOWN_UP,
@@ -118,7 +119,7 @@ def criteria(cells: list[Cell]) -> dict[str, Any]:
 
 
 def counts(cells: Iterable[Cell]) -> dict[str, dict[str, float]]:
-    """How often each scheme had each verdict.
+    """Number of cases with each verdict, for each scheme.
 
     Parameters
     ----------
@@ -130,7 +131,8 @@ def counts(cells: Iterable[Cell]) -> dict[str, dict[str, float]]:
     dict
         By scheme, the number of each verdict; "largest error where kept" and "largest gain", as
         parts of the energy; and the numbers of cases in which it kept the energy with "steps halved
-        often", whose number "depends on rounding", and whose "verdict depends on rounding".
+        often", whose number "depends on rounding" (is sensitive to round-off), and whose "verdict
+        depends on rounding".
     """
     found: dict[str, dict[str, float]] = {}
     for scheme, own in by_scheme(cells).items():
@@ -162,7 +164,7 @@ def sentences(cells: Iterable[Cell]) -> list[str]:
 
 
 def percent(part: float) -> str:
-    """A part of the energy in percent; one below 0.1 % or above 1000 % as a number."""
+    """A part of the energy in percent; below 0.1 % or above 1000 % as a plain number."""
     if part < 1e-3 or part >= 10:
         return f"{short(part)} times the energy"
     return f"{100 * part:.2g} %" if part < 0.0995 else f"{100 * part:.0f} %"
@@ -230,7 +232,7 @@ def _tables(cells: list[Cell]) -> list[str]:
 
 
 def _lost(group: str, cases: list[list[Cell]]) -> dict[str, Any]:
-    """In how many cases of a group each scheme lost the motion."""
+    """Number of cases of a group in which each scheme gained energy, blew up or failed."""
     row: dict[str, Any] = {"group": group, "cases": len(cases)}
     for scheme, own in by_scheme(cell for case in cases for cell in case).items():
         row[scheme] = sum(cell.verdict.kind in LOST_MOTION for cell in own) or None
@@ -238,7 +240,7 @@ def _lost(group: str, cases: list[list[Cell]]) -> dict[str, Any]:
 
 
 def _words(cell: Cell) -> str:
-    """The verdict, the steps taken for each of the time grid, and the verdict by other rounding."""
+    """The verdict, the steps taken per step of the time grid, and a differing repeated verdict."""
     steps = f"; steps x{cell.verdict.parts:.3g}" if cell.verdict.parts >= 1.005 else ""
     other = f" ~ {cell.other.kind} {symbol(cell.other)}" if cell.other else ""
     return f"{cell.verdict.kind} {symbol(cell.verdict)}{steps}{other}"

@@ -1,4 +1,4 @@
-"""Stability of time schemes: a matrix of schemes and cases, each run judged by its energy."""
+"""Stability of time schemes: a matrix of schemes and cases with a verdict on each run's energy."""
 
 from __future__ import annotations
 
@@ -23,10 +23,10 @@ from .verdict import Verdict, classify, drift_of, energy_ratio, no_verdict
 
 _log = logging.getLogger("fx_beam")
 
-# Points of a curve that are kept.
+# Number of points of a stored curve.
 _POINTS = 400
-# Smallest part of the time step by which it is made another, which turns the last digits of all
-# that is computed. No larger, as a load that jumps between two steps shall still do so.
+# Relative change of the time step for repeated runs: enough to change the last digits of all
+# results. It must be small, so that a load that jumps between two steps still does.
 _DIGIT = 2.0**-51
 
 
@@ -40,31 +40,31 @@ def study(
     """Verdicts on all schemes in all cases.
 
     A run that does not keep the energy, or halves its steps often, is repeated with time steps that
-    differ in their last digit. Where its verdict or its number then differs, it depends on rounding
-    and may differ on another machine; it is marked as such.
+    differ in their last digit. If its verdict or its number then differs, the run is marked as
+    sensitive to round-off. It may differ on another machine.
 
     Parameters
     ----------
     schemes : dict or sequence of Scheme
         Time schemes, by label or by their names.
     cases : iterable of Case
-        What they are tried on. One that cannot be computed, or in which nothing moves, gives cells
-        without a verdict that say why.
+        Cases on which they are tested. A case that cannot be computed, or in which nothing moves,
+        gives cells with the reason and without a verdict.
     max_halvings : int
-        How often a failing step is halved before the run is given up, for all schemes alike. A
-        motion whose energy has blown up by then is given up earlier.
+        Number of halvings of a failing step after which a run fails, the same for all schemes. A
+        run whose energy has blown up ends earlier.
     repeats : int
-        How often a doubtful run is repeated.
+        Number of repetitions of a doubtful run.
 
     Returns
     -------
     list of Cell
-        Case by case, in each the schemes in their order; for `write`.
+        Ordered by case, then by scheme; for `write`.
 
     Raises
     ------
     SceneError
-        Before anything runs, if there are no cases or schemes, or two have one name.
+        Before anything runs, if there are no cases or schemes, or if two have the same name.
     KeyboardInterrupt
         If interrupted. Its attribute `cells` holds the runs that are done, for `write`.
 
@@ -115,7 +115,7 @@ def _cell(case: Case, name: str, scheme: Scheme, max_halvings: int, repeats: int
             cell = replace(cell, others=others)
         solution = run.solution if isinstance(run, StepError) else run
         cell = replace(cell, **_curve(case, verdict, solution)) if solution is not None else cell
-    except Exception as error:  # in a scene of the caller's: no reason to lose the other cells
+    except Exception as error:  # an error in the caller's scene: keep the other cells
         reason = str(error) if isinstance(error, SceneError) else repr(error)
         cell = Cell(case, name, scheme.name, no_verdict(reason), max_halvings=max_halvings)
     _log.info("%s, %s: %s", case.name, name, cell.verdict.kind)
@@ -123,7 +123,7 @@ def _cell(case: Case, name: str, scheme: Scheme, max_halvings: int, repeats: int
 
 
 def _curve(case: Case, verdict: Verdict, solution: Solution) -> dict[str, Any]:
-    """What else a cell holds of a run."""
+    """Further data of a run for its cell."""
     ratio = energy_ratio(solution)
     kept = _thinned(ratio)
     found = {"t": solution.t[kept], "ratio": ratio[kept], "seconds": solution.stats.seconds}
@@ -136,9 +136,9 @@ def _curve(case: Case, verdict: Verdict, solution: Solution) -> dict[str, Any]:
 def _run(
     case: Case, scheme: Scheme, max_halvings: int, stretch: float = 1.0
 ) -> tuple[Solution | StepError, Verdict]:
-    """A run, and the verdict on it.
+    """A run and its verdict.
 
-    The limit of halvings is raised step by step: a run that has blown up needs no higher one.
+    The limit of halvings is raised in stages, so that a run that blows up ends early.
     """
     for limit in (*range(2, max_halvings, 2), max_halvings):
         run = _simulated(case, scheme, limit, stretch)
@@ -165,7 +165,7 @@ def _simulated(case: Case, scheme: Scheme, limit: int, stretch: float) -> Soluti
 
 
 def _thinned(values: np.ndarray) -> np.ndarray:
-    """Places of the lowest and the highest value in each of some hundred stretches."""
+    """Indices of the lowest and the highest value in each of some hundred intervals."""
     if len(values) <= _POINTS:
         return np.arange(len(values))
     stretches = np.array_split(np.arange(len(values)), _POINTS // 2)

@@ -1,4 +1,4 @@
-"""What became of a run's energy: kept, lost, gained, blown up, or never finished; its drift."""
+"""Verdict on the energy of a run: kept, lost, gained, blown up or failed; and its drift."""
 
 from __future__ import annotations
 
@@ -9,23 +9,23 @@ import numpy as np
 from fx_beam.errors import SceneError, StepError
 from fx_beam.results.solution import Solution
 
-#: Kept: the energy is off by no more than this part of what should move.
+#: Kept: the energy ratio differs from 1 by at most this.
 KEPT = 1e-8
-#: Blown up: the energy was more than this many times what it should be.
+#: Blown up: the energy ratio exceeded this.
 BLOWN_UP = 10.0
 #: The last is for a case that cannot be computed, or in which nothing moves.
 KINDS = "kept", "lost", "gained", "blew up", "failed", "no verdict"
 
-#: Lags of the fit to a drift, as parts of the run: longer ones are seen too seldom, shorter ones
-#: are hidden by the rounding of the energy itself.
+#: Lags of the fit to a drift, as parts of the run. For longer lags there are too few samples; for
+#: shorter ones the round-off of the energy itself dominates.
 LAGS = 1 / 50, 1 / 5
-#: Fewest errors that show the law of a drift.
+#: Smallest number of errors from which a drift can be determined.
 FEWEST = 100
 
 
 @dataclass(frozen=True)
 class Verdict:
-    """What became of the energy of a run.
+    """Verdict on the energy of a run.
 
     Parameters
     ----------
@@ -34,15 +34,15 @@ class Verdict:
     time : float
         Time reached [s].
     reached : float
-        Part of the time that was asked for.
+        Part of the requested time.
     highest, lowest : float
-        Extremes of `energy_ratio`; NaN where there is no verdict.
+        Extremes of `energy_ratio`; NaN if there is no verdict.
     steps, substeps : int
-        Steps of the time grid, and steps taken, each part of a halved one counted.
+        Steps of the time grid, and steps taken, including each part of a halved step.
     iterations, halvings : int
-        Newton's corrections in all, and how often a step was halved.
+        Total numbers of Newton iterations and of halvings.
     reason : str
-        Why the run broke off, or why there is no verdict; empty if it ended.
+        Why the run failed, or why there is no verdict; empty if the run was completed.
     """
 
     kind: str
@@ -63,15 +63,15 @@ class Verdict:
 
     @property
     def gain(self) -> float:
-        """Largest energy gained, as a part of what should be there; 0 for none."""
+        """Largest energy gained, as a part of the reference energy; 0 if none."""
         return max(self.highest - 1, 0.0)
 
     @property
     def amount(self) -> float:
-        """The number that goes with the kind.
+        """The number for this kind of verdict.
 
-        The largest error where the energy was kept; the part that was lost or gained; how many
-        times the energy where it blew up; the part of the time reached where the run failed.
+        The largest error if the energy was kept; the part that was lost or gained; the energy
+        ratio if it blew up; the part of the time that was reached if the run failed.
         """
         if self.kind == "lost":
             return 1 - self.lowest
@@ -83,30 +83,30 @@ class Verdict:
 
     @property
     def parts(self) -> float:
-        """Steps taken for each of the time grid; 1 where none was halved."""
+        """Steps taken per step of the time grid; 1 if none was halved."""
         return self.substeps / self.steps if self.steps else 1.0
 
 
 def energy_ratio(solution: Solution) -> np.ndarray:
-    r"""Energy over what it should be.
+    r"""Ratio of the energy to its exact value, scaled by the energy that moves.
 
     .. math:: r = 1 + \frac{e(t)}{E_0}, \qquad e = E - E(0) - W,
         \qquad E_0 = \max_t \left(T(0) + U(0) + W(t) - V(t) + V(0)\right),
 
-    with the work W of all loads, so that r = 1 holds under loads as well. E_0 is the largest
-    kinetic and strain energy T + U that should have been there, given what loads and the weight
-    with its potential V have done: where there are none that at the start, and in a fall from rest
-    what the fall sets free. As T and U are not negative, nor is r.
+    with the work W of all loads, so that r = 1 under loads as well. E_0 is the largest kinetic and
+    strain energy T + U that the motion should have, with the work of the loads and of the weight,
+    whose potential is V. Without loads it is the energy at the start; in a fall from rest it is
+    the largest potential energy released. As T and U are not negative, r is not negative.
 
     Parameters
     ----------
     solution : Solution
-        A run, as far as it went.
+        A run, complete or up to a failed step.
 
     Returns
     -------
     (n,) float
-        The ratio at the times of the solution; infinite where the energy is not finite.
+        The ratio at the times of the solution; infinite if the energy is not finite.
 
     Raises
     ------
@@ -131,16 +131,16 @@ def energy_ratio(solution: Solution) -> np.ndarray:
 def classify(run: Solution | StepError, t_end: float) -> Verdict:
     """Verdict on a run.
 
-    In this order: `blew up` if the ratio of the energy exceeded `BLOWN_UP` or was not finite, with
-    or without a failure after it; `failed` if the run broke off otherwise; `kept` if the ratio was
-    never further from one than `KEPT`; else `gained` or `lost`, whichever was more.
+    In this order: `blew up` if the energy ratio exceeded `BLOWN_UP` or was not finite, also if a
+    step failed later; `failed` if a step failed otherwise; `kept` if the ratio always differed
+    from 1 by at most `KEPT`; else `gained` or `lost`, the larger of the two.
 
     Parameters
     ----------
     run : Solution or StepError
         What `simulate` gave or raised.
     t_end : float
-        Time that was asked for [s].
+        Requested end of the run [s].
 
     Returns
     -------
@@ -198,8 +198,8 @@ class Drift:
     Parameters
     ----------
     exponent : float
-        Slope p of rms(e(n + k) - e(n)) ~ k^p: 0 for an error that stays within bounds, 1/2 for a
-        random walk, as rounding gives it, and 1 for a drift to one side.
+        Slope p of rms(e(n + k) - e(n)) ~ k^p: 0 for a bounded error, 1/2 for a random
+        walk, as from round-off, and 1 for a drift to one side.
     steps : dict
         Largest magnitude of the error so far, by number of steps.
     """
@@ -209,13 +209,13 @@ class Drift:
 
     @property
     def law(self) -> str:
-        """Which of the three is nearest."""
+        """The nearest of the three laws, in words."""
         laws = {0.0: "stays within bounds", 0.5: "random walk", 1.0: "drifts to one side"}
         return laws[min(laws, key=lambda p: abs(p - self.exponent))]
 
 
 def drift_of(error: np.ndarray) -> Drift:
-    """Drift of an invariant.
+    """Growth of the error of an invariant with the number of steps.
 
     Parameters
     ----------
@@ -225,7 +225,7 @@ def drift_of(error: np.ndarray) -> Drift:
     Returns
     -------
     Drift
-        Its law.
+        The exponent, and the errors by number of steps.
 
     Raises
     ------
@@ -234,7 +234,7 @@ def drift_of(error: np.ndarray) -> Drift:
     """
     n = len(error)
     if n < FEWEST or not np.isfinite(error).all():
-        raise SceneError(f"the law of a drift needs {FEWEST} finite errors and more, not {n}")
+        raise SceneError(f"the law of a drift needs at least {FEWEST} finite errors, not {n}")
     lags = np.unique(np.geomspace(LAGS[0] * n, LAGS[1] * n, 20).astype(int))
     rms = np.array([np.sqrt(np.mean((error[k:] - error[:-k]) ** 2)) for k in lags])
     moved = rms > 0

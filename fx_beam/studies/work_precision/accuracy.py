@@ -1,4 +1,4 @@
-"""Error of a quantity of interest against a reference, and the order with which it falls."""
+"""Error of a quantity of interest against a reference, and its order of convergence."""
 
 from __future__ import annotations
 
@@ -16,11 +16,11 @@ Quantity = Callable[[Solution], Any]
 #: A number, or a function of times (n,) that gives (n,) or (n, k).
 Exact = float | Callable[[np.ndarray], np.ndarray]
 
-#: Relative errors below this are what Newton's tolerance and rounding leave; they have no order.
+#: Relative errors below this come from Newton's tolerance and round-off; they have no order.
 ROUND_OFF = 1e-10
-#: An error is told from that of the reference when it is this many times larger.
+#: An error can be determined if it is at least this many times that of the reference.
 MARGIN = 3.0
-#: Two slopes are one order when they differ by no more than this.
+#: Largest difference of slopes for which an order of convergence is given.
 STEADY = 0.5
 
 
@@ -36,16 +36,16 @@ class History:
         return np.column_stack([np.interp(t, self.t, column) for column in self.values.T])
 
     def reference(self, size: float, error: float | None = None) -> Reference:
-        """Reference that is this history; `size` divides errors, `error` is its own."""
+        """Reference given by this history; `size` divides errors, `error` is its own error."""
         return Reference(self.at, size, error, (self.t[0], self.t[-1]))
 
 
 @dataclass(frozen=True)
 class Reference:
-    """What a quantity should be: ``at(t)`` gives values (n, k), `size` divides errors.
+    """Reference of a quantity: ``at(t)`` gives values (n, k), `size` divides errors.
 
-    `error` is an estimate of its own, None if it is exact. It is known from ``span[0]`` to
-    ``span[1]`` [s], as a mid-point scheme has no force at the end.
+    `error` is its own estimated error, None if it is exact. It holds from ``span[0]`` to
+    ``span[1]`` [s]; a mid-point scheme has no force at the end.
     """
 
     at: Callable[[np.ndarray], np.ndarray]
@@ -61,7 +61,7 @@ def measure(name: str, quantity: Quantity, solution: Solution) -> History:
         found = quantity(solution)
     except Exception as wrong:
         raise SceneError(
-            f"{what} failed, {type(wrong).__name__}: {wrong}. Let it give None where there is none"
+            f"{what} failed, {type(wrong).__name__}: {wrong}. Return None if there is no value"
         ) from wrong
     if isinstance(found, tuple):
         if len(found) != 2 or np.ndim(found[0]) != 1 or (np.diff(found[0]) <= 0).any():
@@ -76,7 +76,7 @@ def measure(name: str, quantity: Quantity, solution: Solution) -> History:
 
 
 def exact(name: str, value: Exact, t_end: float) -> Reference:
-    """Reference that is known: a number, or a function of times (n,) up to `t_end`."""
+    """Exact reference: a number, or a function of times (n,) up to `t_end`."""
     what = f"exact value of {name!r}"
 
     def at(t):
@@ -94,10 +94,10 @@ def exact(name: str, value: Exact, t_end: float) -> Reference:
 
 
 def computed(name: str, fine: History, coarse: History) -> Reference:
-    """Reference that is a fine solution, its error estimated by one with twice step and element.
+    """Reference from a fine solution; a second one with twice the step and element gives its error.
 
-    With errors of second order the difference is three times the fine one's error (Roache 1994,
-    doi 10.1115/1.2910291). The estimate is the whole of it, which covers a first order as well.
+    The difference of the two is three times the error for second order (Roache 1994,
+    doi 10.1115/1.2910291) and equal to it for first order. The whole difference is used.
     """
     for history in (fine, coarse):
         _refuse_gaps(f"the reference of {name!r}", history.t, history.values)
@@ -108,29 +108,29 @@ def computed(name: str, fine: History, coarse: History) -> Reference:
 def error(name: str, found: History, reference: Reference) -> float:
     """Largest distance from the reference at its times, over its largest magnitude.
 
-    Absolute where the reference is 0, NaN where a value is none.
+    Absolute if the reference is 0, NaN if a value is not finite.
     """
     first, last = reference.span
     inside = (found.t >= first) & (found.t <= last)
     if not inside.any():
         raise SceneError(
-            f"quantity {name!r} has no time between {first:g} and {last:g} s, those "
+            f"quantity {name!r} has no time between {first:g} and {last:g} s, the range "
             "of its reference"
         )
     expected, values = reference.at(found.t[inside]), found.values[inside]
     if expected.shape != values.shape:
         raise SceneError(
-            f"quantity {name!r} has {values.shape[1]} values at a time, but its reference "
+            f"quantity {name!r} has {values.shape[1]} values at a time, but its reference has "
             f"{expected.shape[1]}"
         )
     return _size(values - expected, zero=0.0) / reference.size
 
 
 def observed_order(steps: Sequence[float], errors: Sequence[float], floor: float) -> float | None:
-    """Slope of log(error) over log(step), fitted to the three finest; None where there is none.
+    """Slope of log(error) over log(step), fitted to the three smallest steps; None if unclear.
 
-    Errors above 1 or below `floor` are left out. There is an order only where the errors fall with
-    the step and the slopes between neighbours differ by no more than `STEADY`.
+    Errors above 1 or below `floor` are left out. The errors must fall with the step, and the
+    slopes between neighbours must not differ by more than `STEADY`.
     """
     points = sorted((h, e) for h, e in zip(steps, errors, strict=True) if floor < e <= 1)[:3]
     if len(points) < 3:
@@ -161,11 +161,11 @@ def _rows(what: str, found: Any, n: int) -> np.ndarray:
 
 
 def _refuse_gaps(what: str, t: np.ndarray, values: np.ndarray) -> None:
-    """Refuse a reference that is not a finite number at all times."""
+    """Raise an error if a reference is not finite at all times."""
     if (gaps := ~np.isfinite(values).all(axis=1)).any():
         raise SceneError(f"{what} is not a finite number at t = {t[gaps][0]:.4g} s")
 
 
 def _size(values: np.ndarray, zero: float = 1.0) -> float:
-    """Largest norm of a row; `zero` where it is 0."""
+    """Largest norm of a row; `zero` if that is 0."""
     return float(np.linalg.norm(values, axis=1).max()) or zero

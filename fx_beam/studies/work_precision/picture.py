@@ -1,4 +1,4 @@
-"""Picture of a study of work and precision: error over run time, a line a scheme."""
+"""Picture of a work-precision study: error against run time, with a line for each scheme."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ import numpy as np
 from .accuracy import MARGIN
 from .precision import Precision, Run
 
-#: Errors of exactly 0 have no place on a logarithmic axis.
+#: Smallest error drawn: an error of exactly 0 cannot be shown on a logarithmic axis.
 _LEAST = 1e-17
 _MARKERS = {1: "o", 2: "s", 3: "^"}
 
@@ -18,9 +18,9 @@ _MARKERS = {1: "o", 2: "s", 3: "^"}
 def draw(path: Path | str, found: Precision, quantity: str) -> None:
     """Draw errors against run time: all runs as pale points, and a line for each scheme.
 
-    A run of the line stands at the error with which it counts, and pale at its own.
+    On the line a run is drawn at its assigned error, and as a pale point at its own error.
     """
-    # Imported here, as a study can be had without matplotlib and pyvista.
+    # Imported here: a study without pictures needs neither matplotlib nor pyvista.
     from fx_beam import plot
 
     figure, ((ax,),) = plot.figure(1, 1, height=4.6)
@@ -48,7 +48,7 @@ def draw(path: Path | str, found: Precision, quantity: str) -> None:
 
 
 def _looks(found: Precision, style) -> dict[str, dict]:
-    """Line of each scheme; those that differ in a parameter only have dots of other spacing."""
+    """Line style of each scheme; the same scheme with another parameter gets another dotting."""
     names = {run.scheme: run.name for run in found.runs}
     looks: dict[str, dict] = {}
     for scheme, name in names.items():
@@ -72,7 +72,7 @@ def _places(runs: list[Run], errors: list[float]) -> tuple[list[float], list[flo
 
 
 def _limit(ax, found: Precision, quantity: str, drawn: list[Run]) -> None:
-    """Limits of errors, those that the reference cannot tell, and schemes without a line."""
+    """Axis limits, the range below the reference's error, and the schemes without a line."""
     errors = [max(run.errors[quantity], _LEAST) for run in drawn]
     floor, computed = found.floor(quantity), found.references[quantity] is not None
     low = min([*errors, floor if computed else 1.0])
@@ -81,5 +81,5 @@ def _limit(ax, found: Precision, quantity: str, drawn: list[Run]) -> None:
         ax.axhspan(low / 10, floor, color="0.92", label=label)
     ax.set(ylim=(low / 3, 3 * max([*errors, 10 * low])))
     if none := [scheme for scheme in found.schemes if not found.front(quantity, scheme).runs]:
-        text = "\n".join(["No line, as no run counts:", *none])
+        text = "\n".join(["No line, as all runs are excluded:", *none])
         ax.text(0.02, 0.03, text, transform=ax.transAxes, fontsize=7, color="0.3")

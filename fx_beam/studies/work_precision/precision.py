@@ -1,4 +1,4 @@
-"""Errors of many runs against their run time: observed orders, and which scheme is the cheapest."""
+"""Errors of many runs against their run time: observed orders and the cheapest schemes."""
 
 from __future__ import annotations
 
@@ -10,11 +10,12 @@ from .accuracy import MARGIN, ROUND_OFF, observed_order
 
 #: A run is lost when it gained or lost more than this part of its kinetic and strain energy.
 LOST = 0.5
-#: Errors closer than by this factor are the same.
+#: Errors whose ratio is below this are regarded as equal.
 SAME = 1.1
-#: Run times closer than by this factor are a tie, as another machine may turn them round.
+#: Run times whose ratio is below this are regarded as equal: another machine may order them
+#: differently.
 TIE = 1.2
-#: Relative errors that runs are asked to come within.
+#: Relative errors for which the cheapest scheme is determined.
 LEVELS = tuple(float(f"1e-{n}") for n in range(1, 13))
 
 
@@ -25,9 +26,9 @@ class Mesh:
     Parameters
     ----------
     elements : int
-        The number that the scene is asked for.
+        Number of elements, as given to the scene function.
     degree : int
-        Their degree.
+        Degree of the elements.
     """
 
     elements: int
@@ -42,7 +43,7 @@ class Mesh:
 class Run:
     """One scheme with one time step on one mesh.
 
-    Of a run that was refused by its scene or scheme there are only the first four and the failure.
+    A run that ended with an error of its scene or scheme has only the first four and the failure.
 
     Parameters
     ----------
@@ -59,21 +60,21 @@ class Run:
     reached : float
         Time that it reached [s].
     failure : str
-        Why it broke off there; empty if it did not.
+        Reason why it failed there; empty if it was completed.
     first_setup_seconds : float
-        Set-up of the first run, with compilation where the forms were not in the cache [s].
+        Set-up of the first run, with compilation if the forms were not in the cache [s].
     energy_error : float
         Largest energy gained or lost without work, over the largest kinetic and strain energy.
     errors : dict
-        Relative error by quantity; empty if the run failed, NaN where there is none.
+        Relative error by quantity; empty if the run failed, NaN if there is none.
     step_errors : dict
-        The part of it that is the time step's: the error against a fine step on this mesh.
+        The part due to the time step: the error relative to a fine step on this mesh.
     notes : dict
-        Why there is no error, by quantity.
+        Reasons for missing errors, by quantity.
     seconds, setup_seconds : float
         Medians of the time for the steps, and for the set-up [s]; NaN if the run failed.
     quartiles : (float, float)
-        Between which the middle half of the times for the steps lies [s].
+        Lower and upper quartile of the times for the steps [s].
     """
 
     scheme: str
@@ -97,27 +98,27 @@ class Run:
 
     @property
     def lost(self) -> bool:
-        """Whether it broke off, or gained or lost more than half of its energy."""
+        """Whether it failed, or gained or lost more than half of its energy."""
         return bool(self.failure) or not self.energy_error <= LOST
 
 
 @dataclass(frozen=True)
 class Front:
-    """Line of a scheme in the diagram: each run is more accurate than all faster ones, by 10 %."""
+    """Line of a scheme in the diagram: runs more accurate than all faster ones, by 10 %."""
 
     scheme: str
     runs: list[Run]
-    errors: list[float]  # with which they count
+    errors: list[float]  # assigned errors
 
     def run(self, level: float) -> Run | None:
-        """Cheapest run that comes within an error, by 10 %."""
+        """Cheapest run whose error is within this one, or at most 10 % above it."""
         found = (r for r, e in zip(self.runs, self.errors, strict=True) if e <= SAME * level)
         return next(found, None)
 
     def seconds(self, level: float) -> np.ndarray:
         """Lower quartile, median and upper quartile of the run time at an error [s].
 
-        They lie on straight lines between runs in logarithmic scales.
+        Interpolated linearly between runs, in logarithmic scales.
         """
         times = np.log([(run.quartiles[0], run.seconds, run.quartiles[1]) for run in self.runs])
         accuracy = -np.log(self.errors)
@@ -126,38 +127,39 @@ class Front:
 
 @dataclass(frozen=True)
 class Level:
-    """Run times [s] of the schemes that come within an error, from the shortest on."""
+    """Run times [s] of the schemes that reach an error, in ascending order."""
 
     error: float
     seconds: dict[str, float]
-    cheapest: tuple[str, ...]  # those that cannot be told from the shortest
+    cheapest: tuple[str, ...]  # all that cost the same as the fastest
     run: Run | None  # the cheapest run of the fastest scheme
 
 
 @dataclass(frozen=True)
 class Precision:
-    """What a study of work and precision found.
+    """Result of a work-precision study.
 
     Parameters
     ----------
     t_end : float
         End of the simulations [s].
     repetitions : int
-        Number of timed runs whose median is taken.
+        Number of timed runs of which the median is taken.
     references : dict
-        By quantity the estimated relative error of its reference; None where that is exact, NaN
-        where there is none.
+        Estimated relative error of the reference, by quantity; None if the reference is exact, NaN
+        if there is none.
     origin : str
-        What the references that are not exact were computed with; empty if all are.
+        Scheme, mesh and step of the computed references; empty if all references are exact.
     runs : list of Run
-        All runs, those that failed included.
+        All runs, including those that failed.
     mesh_errors : dict
-        By mesh the relative errors that a fine time step leaves, by quantity.
+        Relative errors with a fine time step, by mesh and then by quantity.
     start : str
-        Name of the function that gave what the motions start from; empty for the reference
-        configuration.
+        Name of the function that gave the states from which the motions start; empty for the
+        reference configuration.
     missing : dict
-        Why there is no reference, by quantity, and no solution with a fine step, by mesh.
+        Reasons for a missing reference, by quantity, and for a missing solution with a fine step,
+        by mesh.
     """
 
     t_end: float
@@ -185,7 +187,7 @@ class Precision:
         return list(dict.fromkeys(run.mesh for run in self.runs))
 
     def floor(self, quantity: str) -> float:
-        """Relative error below which a run cannot be told from its reference.
+        """Relative error below which a run cannot be distinguished from its reference.
 
         Parameters
         ----------
@@ -195,7 +197,7 @@ class Precision:
         Returns
         -------
         float
-            Three times the error of the reference; that of a number where it is exact.
+            Three times the error of the reference; a small number if the reference is exact.
         """
         own = self.references[quantity] or 0.0
         return float(np.fmax(MARGIN * own, np.finfo(float).eps))  # NaN where there is none
@@ -213,7 +215,7 @@ class Precision:
         Returns
         -------
         float or None
-            Fit to the three finest steps; None where the errors have no order.
+            Fit to the three smallest steps; None if the errors have no clear order.
         """
         runs = [r for r in self.runs if (r.scheme, r.mesh) == (scheme, mesh)]
         errors = [run.step_errors.get(quantity, np.nan) for run in runs]
@@ -232,7 +234,7 @@ class Precision:
         Returns
         -------
         float or None
-            Fit to the three finest meshes; None where the errors have no order.
+            Fit to the three finest meshes; None if the errors have no clear order.
         """
         own = {m: e.get(quantity, np.nan) for m, e in self.mesh_errors.items()}
         own = {mesh: error for mesh, error in own.items() if mesh.degree == degree}
@@ -252,7 +254,7 @@ class Precision:
         Returns
         -------
         float or None
-            Median over all steps and meshes of the degree; None where no two runs compare.
+            Median over all steps and meshes of the degree; None if no two runs can be compared.
         """
         runs = [run for run in self.runs if run.mesh.degree == degree and not run.failure]
         first = {(r.mesh, r.dt): r.seconds for r in runs if r.scheme == self.schemes[0]}
@@ -261,7 +263,7 @@ class Precision:
         return float(np.median(both)) if both else None
 
     def counted(self, quantity: str, run: Run) -> float:
-        """Error with which a run is compared, so that none wins by chance.
+        """Error assigned to a run in comparisons, so that no run is the best by chance.
 
         Parameters
         ----------
@@ -273,9 +275,9 @@ class Precision:
         Returns
         -------
         float
-            The largest error of the run, of its scheme's with smaller steps on its mesh, and of a
-            fine step on its mesh and those of more elements of its degree; not less than `floor`.
-            Infinite where one of these runs is lost or has no error.
+            The largest of these errors: of the run, of runs by its scheme with smaller steps on
+            its mesh, and of solutions with a fine step on its mesh and on finer meshes of its
+            degree; at least `floor`. Infinite if one of these runs is lost or has no error.
         """
         ours = [r for r in self.runs if (r.scheme, r.mesh) == (run.scheme, run.mesh)]
         errors = [
@@ -297,8 +299,8 @@ class Precision:
         Returns
         -------
         Front
-            Its ``runs`` that are more accurate than all faster ones, and their ``errors``, at
-            most 1.
+            The ``runs`` that are more accurate than all faster ones, and their ``errors``, which
+            are at most 1.
         """
         timed = [r for r in self.runs if r.scheme == scheme and np.isfinite(r.seconds)]
         front = Front(scheme, [], [])
@@ -321,8 +323,8 @@ class Precision:
         -------
         list of Level
             With ``error``, ``seconds`` by scheme and the ``cheapest`` schemes, whose times differ
-            by less than 20 % or overlap by their quartiles. It ends with an error that no run
-            comes within, or before one that the reference cannot tell.
+            by less than 20 % or whose quartiles overlap. The list ends with the first error that
+            no run reaches, or before the first one that the reference cannot resolve.
         """
         fronts = [self.front(quantity, scheme) for scheme in self.schemes]
         found: list[Level] = []

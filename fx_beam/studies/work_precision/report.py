@@ -1,4 +1,4 @@
-"""A study of work and precision as JSON, CSV and a Markdown page with pictures."""
+"""A work-precision study as JSON, CSV and a Markdown page with pictures."""
 
 from __future__ import annotations
 
@@ -21,38 +21,39 @@ from .picture import draw
 from .precision import LOST, SAME, TIE, Precision, Run
 
 _RULES = f"""An error is the largest distance from the reference over time, divided by the largest
-magnitude of the reference (not divided where that is 0). The run time is that of the steps: the
-median of {{repetitions}} runs, taken in turn over all candidates.
+magnitude of the reference (absolute if that is 0). The run time is that of the steps only, without
+set-up: the median of {{repetitions}} runs. The candidates take turns.
 
-So that no scheme is the best by chance:
+These rules exclude results by chance:
 
-- A run counts with the largest error among itself, the runs of its scheme with smaller steps on its
-  mesh, and solutions with a fine step on its mesh and on finer ones. It counts with no less than
-  {MARGIN:g} times the error of the reference.
-- A run is *lost* if it broke off, or gained or lost more than {LOST:g} of its kinetic and strain
-  energy. It does not count, nor do those of its scheme with larger steps.
-- The line of a scheme joins the runs that are more accurate than all faster ones, by
-  {100 * (SAME - 1):.0f} % at least. Run times at an error are read from these lines.
-- Schemes are equally cheap if their run times differ by less than {100 * (TIE - 1):.0f} %, or their
+- A run is assigned the largest of these errors: its own, those of its scheme with smaller steps on
+  the same mesh, and those of solutions with a fine step on the same mesh and on finer ones. The
+  assigned error is at least {MARGIN:g} times the error of the reference.
+- A run is *lost* if a step failed, or if it gained or lost more than {LOST:g} of its kinetic and
+  strain energy. Lost runs are excluded, and so are the runs of their scheme with larger steps.
+- The line of a scheme joins the runs that are more accurate than all faster ones, by at least
+  {100 * (SAME - 1):.0f} %. Run times at a given error are read from these lines.
+- Schemes cost the same if their run times differ by less than {100 * (TIE - 1):.0f} %, or if their
   quartiles overlap.
 """
 
 
 _NOTES = {
-    "Runs": "Errors are each run's own; all numbers are in the CSV and JSON files.\n",
+    "Runs": "Each run has its own error here; all numbers are in the CSV and JSON files.\n",
     "Observed orders in the time step": (
-        "Fit to the three finest errors against a fine step on the same mesh. A cell is empty "
-        f"where errors do not fall with the step, or their slopes differ by more than {STEADY:g}: "
-        "the steps are too large, or an error changes its sign.\n"
+        "Fit to the three smallest steps, with errors relative to a fine step on the same mesh. A "
+        "cell is empty if errors do not fall with the step, or if their slopes differ by more than "
+        f"{STEADY:g}: the steps are too large, or an error changes its sign.\n"
     ),
     "Observed orders in the size of the elements": (
-        "The same fit, to the errors with a fine time step that exceed that of the reference.\n"
+        "The same fit over the meshes, with a fine time step. Errors that do not exceed that of "
+        "the reference are left out.\n"
     ),
 }
 
 
 def sentence(found: Precision, quantity: str) -> str:
-    """One sentence on which scheme is the cheapest at which error.
+    """One sentence that says which scheme is the cheapest for which error.
 
     Parameters
     ----------
@@ -67,13 +68,13 @@ def sentence(found: Precision, quantity: str) -> str:
         The sentence.
     """
     if quantity in found.missing:
-        return f"{quantity}: there is no reference, as {found.missing[quantity]}"
+        return f"{quantity}: there is no reference: {found.missing[quantity]}"
     parts = []
     for schemes, own in groupby(found.levels(quantity), lambda level: set(level.cheapest)):
         levels = list(own)
         errors = " to ".join(dict.fromkeys(short(levels[k].error) for k in (0, -1)))
         if not schemes:
-            parts.append(f"no run comes within {errors}")
+            parts.append(f"no run reaches an error of {errors}")
             continue
         are = (
             f"{' and '.join(levels[0].cheapest)} {'are' if len(schemes) > 1 else 'is'} the cheapest"
@@ -82,13 +83,13 @@ def sentence(found: Precision, quantity: str) -> str:
             are = "all schemes cost about the same"
         times = _span([min(level.seconds.values()) for level in levels])
         parts.append(f"for an error of {errors} {are} ({times})")
-    none = f"the reference cannot tell errors below {short(found.floor(quantity))}"
+    none = f"the reference cannot resolve errors below {short(found.floor(quantity))}"
     return f"{quantity}: {'; '.join(parts) or none}."
 
 
 def prepare(path: Path | str) -> None:
-    """Refuse before a study what would end it: a place that cannot be written, or no pictures."""
-    from fx_beam import plot  # noqa: F401  the same that `draw` imports, if it can be had
+    """Check before a study that its results can be written and pictures can be drawn."""
+    from fx_beam import plot  # noqa: F401  the import of `draw`
 
     reporting.require_libraries()
     try:
@@ -100,12 +101,12 @@ def prepare(path: Path | str) -> None:
 
 
 def write(path: Path | str, found: Precision) -> None:
-    """Write a study as JSON, its runs as CSV, and a Markdown page with a picture a quantity.
+    """Write a study as JSON, its runs as CSV, and a Markdown page with a picture of each quantity.
 
     Parameters
     ----------
     path : str or path
-        Where to write, without ending.
+        Files to write, without their endings.
     found : Precision
         A study.
     """
@@ -142,17 +143,17 @@ def _rules(found: Precision) -> str:
     first = [run.first_setup_seconds for run in found.runs if run.unknowns]
     later = [run.setup_seconds for run in found.runs if not run.failure]
     spent = (
-        f"Not in the run time: the set-up of a run, {_span(later)}; its first set-up, with "
-        f"compilation where forms were not in the cache, {_span(first)}, {_time(sum(first))} in "
-        "all.\n"
+        f"The run time does not include the set-up: {_span(later)}; the first time, with "
+        f"compilation if forms were not in the cache, {_span(first)}, {_time(sum(first))} in "
+        "total.\n"
     )
     rules = _RULES.format(repetitions=found.repetitions)
-    none = "No run came to the end.\n"
+    none = "No run was completed.\n"
     return f"{found.t_end:g} s of motion{start}.\n\n{rules}\n{spent if later else none}"
 
 
 def _reasons(found: Precision) -> list[str]:
-    """Why runs failed, and why errors or references are missing."""
+    """Reasons for failed runs and for missing errors or references."""
     noted = [(run.scheme, why) for run in found.runs for why in (run.failure, *run.notes.values())]
     noted += found.missing.items()
     lines = dict.fromkeys(f"- {name}: {why}\n" for name, why in noted if why)
@@ -163,7 +164,7 @@ def _reasons(found: Precision) -> list[str]:
 
 
 def _tables(found: Precision) -> dict[str, list[dict[str, Any]]]:
-    """Rows of the page's tables by title, which are in the JSON file too."""
+    """Rows of the page's tables by title; the JSON file has them too."""
     computed = [name for name, error in found.references.items() if error is not None]
     origins = dict.fromkeys(found.missing, "none")
     return {
@@ -200,7 +201,7 @@ def _tables(found: Precision) -> dict[str, list[dict[str, Any]]]:
 
 
 def _levels(found: Precision, quantity: str) -> list[dict[str, Any]]:
-    """Run times of all schemes at errors of powers of ten, and the cheapest run."""
+    """Run times of all schemes for errors of 1e-1, 1e-2, ..., and the cheapest run."""
     return [
         {"error": short(level.error)}
         | {f"{s} [ms]": 1e3 * level.seconds.get(s, np.nan) for s in found.schemes}

@@ -26,9 +26,9 @@ from .report import prepare, write
 
 _log = logging.getLogger("fx_beam")
 
-#: How much finer than all runs a computed reference is, in the time step and in the element.
+#: Refinement of a computed reference, relative to the finest run, in time step and element.
 FINER_STEP, FINER_MESH = 16, 4
-#: A failing step of a run is halved at most so often: more would only draw out a lost motion.
+#: Largest number of halvings of a failing step: more would only prolong a lost motion.
 MAX_HALVINGS = 2
 
 
@@ -49,15 +49,15 @@ def study(
 
     Every scheme runs with every time step on every mesh. An error is the largest distance from the
     reference at all times of the run, over the largest magnitude of the reference. References that
-    are not exact are solutions by `EnergyMomentum` with a step 16 times as fine as the finest and
-    elements 4 times as many as the most, of the highest degree; their own error is estimated from a
-    second one with twice the step and half the elements. A fine step on each mesh tells the error
-    of the step from that of the mesh.
+    are not exact are solutions by `EnergyMomentum`: with a 16th of the smallest step, and 4 times
+    the largest number of elements, of the highest degree. Their own error is estimated from a
+    second solution with twice the step and half the elements. Solutions with a fine step on each
+    mesh separate the error of the time step from that of the mesh.
 
-    A first round of runs compiles and gives the errors. Those that follow, in turn over all
-    candidates, are timed. The cheapest run is the very first, and what is wrong with a quantity
-    there is refused. From then on nothing ends the study: a run that fails is a row with its
-    reason, and so is a quantity that has no value there; a reference that fails is noted.
+    The first round of runs compiles the forms and gives the errors. Further rounds are timed; in
+    each round the candidates take turns. The cheapest run is the first of all, and a wrong quantity
+    raises an error after it. Later errors do not end the study: a failed run is a row with its
+    reason, a quantity without a value has a note, and so has a failed reference.
 
     Parameters
     ----------
@@ -65,7 +65,7 @@ def study(
         ``scene(elements, degree)`` gives the `Scene`.
     quantities : dict
         Quantities of interest by name. ``quantity(solution)`` gives a number; a history (n,) or
-        (n, k) at `Solution.t`; or a pair of times and such a history; None where there is none.
+        (n, k) at `Solution.t`; a pair of times and such a history; or None if there is no value.
     t_end : float
         End of the simulations [s].
     steps : sequence of float
@@ -75,28 +75,28 @@ def study(
     schemes : dict or sequence of Scheme
         Time schemes, by label or by their names.
     exact : dict, optional
-        References that are known, by name of their quantity: a number, or a function of times
-        (n,) that gives (n,) or (n, k).
+        Exact references by name of their quantity: a number, or a function of times (n,) that
+        gives (n,) or (n, k).
     start : callable, optional
         ``start(elements, degree)`` gives the `Solution` to start from, as `simulate` takes it; by
         default the motions start from the reference configuration.
     repetitions : int
         Timed runs of each candidate, of which the median is taken.
     results : path, optional
-        Where to write, without ending: JSON, CSV, a Markdown page, and the pictures in it.
+        Files to write, without their endings: JSON, CSV, and a Markdown page with its pictures.
 
     Returns
     -------
     Precision
-        What was found.
+        Runs, errors and run times.
 
     Raises
     ------
     SceneError
-        Before the first long run, for what is given wrongly. An error after it has what was found
-        so far as its attribute `precision`.
+        For wrong arguments, before the first long run. A later error has the results so far as its
+        attribute `precision`.
     KeyboardInterrupt
-        If interrupted. It has `precision` as well, and `results` are written.
+        If interrupted. It has the attribute `precision` as well, and `results` are written.
     """
     exact = exact or {}
     _check(quantities, exact, t_end, steps, repetitions)
@@ -117,7 +117,7 @@ def study(
         origin=f"{EnergyMomentum().name}, {finest}, dt = {dt:.3g} s" if sought else "",
         runs=[],
         start=getattr(start, "__name__", repr(start)) if start else "",
-        missing=dict.fromkeys(sought, "it was not computed: no run ended, or Ctrl-C came first"),
+        missing=dict.fromkeys(sought, "not computed: no run was completed, or Ctrl-C came first"),
     )
     count = (1 + repetitions) * len(grid) * len(labelled) * len(steps)
     try:
@@ -137,11 +137,11 @@ def study(
     return found
 
 
-# -- What is asked for ---------------------------------------------------------------------------
+# -- Arguments -----------------------------------------------------------------------------------
 
 
 def _check(quantities: Any, exact: Any, t_end: Any, steps: Any, repetitions: Any) -> None:
-    """Refuse what could not be computed, before anything is."""
+    """Check the arguments before anything is computed."""
     for name, given in (("quantities", quantities), ("exact", exact)):
         if not isinstance(given, Mapping):
             raise SceneError(f"{name} must be a dict by name, not {given!r:.40}")
@@ -166,12 +166,12 @@ def _grid(meshes: Any) -> list[Mesh]:
 
 
 def _finer(grid: Sequence[Mesh], times: int) -> Mesh:
-    """Mesh with some times as many elements as any other, of the highest degree."""
+    """Mesh with a multiple of the largest number of elements, of the highest degree."""
     return Mesh(times * max(m.elements for m in grid), max(m.degree for m in grid))
 
 
 class _Motion:
-    """What is simulated: the scene on its meshes, and what each starts from."""
+    """The scene on its meshes, and the state from which each starts."""
 
     def __init__(self, scene, start, t_end: float, grid: Sequence[Mesh]):
         if not callable(scene):
@@ -185,7 +185,7 @@ class _Motion:
             self.at(mesh)
 
     def at(self, mesh: Mesh) -> tuple[Scene, Solution | None]:
-        """The scene, made once, and its start."""
+        """The scene of a mesh, made once, and its start."""
         if mesh not in self._made:
             made = []
             for name, function in self._functions.items():
@@ -195,7 +195,7 @@ class _Motion:
                 except Exception as wrong:
                     raise SceneError(f"{call} failed, {type(wrong).__name__}: {wrong}") from wrong
                 if not isinstance(made[0], Scene):
-                    raise SceneError(f"{call} gives {made[0]!r:.40}, no Scene")
+                    raise SceneError(f"{call} gives {made[0]!r:.40}, which is not a Scene")
             self._made[mesh] = made[0], made[1]
         return self._made[mesh]
 
@@ -205,11 +205,11 @@ class _Motion:
         return simulate(scene, scheme, dt=dt, t_end=self._t_end, start=start, **keywords)
 
     def attempt(self, mesh: Mesh, scheme: Scheme, dt: float) -> Solution:
-        """The solution, as far as the scheme goes."""
+        """The solution, up to a step that fails."""
         try:
             return self.solve(mesh, scheme, dt, max_halvings=MAX_HALVINGS, progress=False)
         except StepError as failed:
-            if failed.solution is None:  # not a step of the scheme, but what is given at the start
+            if failed.solution is None:  # no step failed: the scene or the start is wrong
                 raise
             return failed.solution
 
@@ -220,7 +220,7 @@ class _Motion:
 def _first_round(
     motion: _Motion, quantities, exact, schemes, steps, found: Precision, bar
 ) -> list[tuple[Run, dict[str, History]]]:
-    """All runs, the cheapest first, and what was measured in those that came to the end."""
+    """All runs, the cheapest first, and the run times of those that were completed."""
     order = list(itertools.product(motion.grid, schemes, steps))
     measured: list[tuple[Run, dict[str, History]]] = []
     for mesh, label, dt in sorted(order, key=lambda run: run[0].elements * run[0].degree / run[2]):
@@ -250,7 +250,7 @@ def _first_round(
 def _row(label: str, mesh: Mesh, dt: float, solution: Solution) -> Run:
     stats, energy = solution.stats, solution.energy
     size = (energy.kinetic + energy.stored).max()
-    # What is in both `Stats` and `Run`: a failed run has no time.
+    # Fields that `Stats` and `Run` share; a failed run has no time.
     keys = ["unknowns", "steps", "newton_iterations", "halvings"]
     keys += [] if stats.failure else ["seconds", "setup_seconds"]
     return Run(
@@ -263,15 +263,15 @@ def _row(label: str, mesh: Mesh, dt: float, solution: Solution) -> Run:
         reached=float(solution.t[-1]),
         failure=stats.failure.reason if stats.failure else "",
         first_setup_seconds=stats.setup_seconds,
-        # Nothing moves where there is no energy, and nothing is lost.
+        # Without energy nothing moves, and no energy is lost.
         energy_error=float(abs(energy.balance_error).max() / size) if size else 0.0,
     )
 
 
 def _time(runs: list[Run], motion: _Motion, schemes, repetitions: int, bar) -> None:
-    """Median run times, all runs in turn so that a slow moment of the machine hits them alike.
+    """Median run times. The runs take turns, so that a slow period of the machine affects all.
 
-    They replace that of the first round one by one, so that each run has a time at any moment.
+    They replace the times of the first round one by one: after Ctrl-C each run has a time.
     """
     spent: dict[int, list] = {k: [] for k, run in enumerate(runs) if not run.failure}
     for _, k in itertools.product(range(repetitions), spent):
@@ -287,7 +287,7 @@ def _time(runs: list[Run], motion: _Motion, schemes, repetitions: int, bar) -> N
 
 
 def _against_fine(motion: _Motion, quantities, dt: float, found: Precision, measured) -> None:
-    """Errors against fine solutions, and those of the step against one on the same mesh."""
+    """Errors relative to the references, and relative to a fine step on the same mesh."""
     missing: dict[str, str] = {}
     fine, coarse = (
         _fine(motion, _finer(motion.grid, times), quantities, step, missing)
@@ -312,7 +312,7 @@ def _against_fine(motion: _Motion, quantities, dt: float, found: Precision, meas
 
 
 def _fine(motion: _Motion, mesh: Mesh, quantities, dt: float, missing) -> dict[str, History]:
-    """Quantities of interest by the scheme of the references; why some are missing."""
+    """Quantities of interest by the scheme of the references, and reasons for missing ones."""
     _log.info("reference: %s, dt = %.3g s", mesh, dt)
     try:
         solution = motion.solve(mesh, EnergyMomentum(), dt)
@@ -328,12 +328,12 @@ def _fine(motion: _Motion, mesh: Mesh, quantities, dt: float, missing) -> dict[s
 
 
 def _measure(quantities, solution: Solution, notes: dict[str, str]) -> dict[str, History]:
-    """Those of a solution; a note on why one is missing."""
+    """Quantities of a solution; a missing one is noted with its reason."""
     return _noted(quantities, notes, lambda q: accuracy.measure(q, quantities[q], solution))
 
 
 def _errors(histories, references: Mapping[str, Reference], notes: dict[str, str]):
-    """Errors where there is a reference; a note on why one is missing."""
+    """Errors of quantities with a reference; a missing one is noted with its reason."""
     both = [name for name in histories if name in references]
     return _noted(both, notes, lambda q: accuracy.error(q, histories[q], references[q]))
 
