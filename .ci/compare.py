@@ -1,4 +1,4 @@
-"""The table of .ci/systems, and where the numbers of the demos differ most between systems."""
+"""The table of .ci/systems, and the largest differences of the demos' numbers between systems."""
 
 import json
 import re
@@ -6,12 +6,12 @@ import sys
 from collections.abc import Iterator
 from pathlib import Path
 
-#: Differences that are listed.
+#: Number of differences that are listed.
 LARGEST = 5
-#: What is chance in the last digits, or the machine's: left out.
+#: Left out: these depend on the last digits or on the machine.
 CHANCE = "seconds", "iterations", "halvings"
-#: Runs whose motion is another one on each machine, by what their path contains: those of the
-#: multi-body system, after a good second. What is known before that is compared.
+#: Paths of runs whose motion differs between machines: the multi-body system, after more than a
+#: second. Numbers of the time before that are compared.
 CHAOTIC = "multibody/schemes/", "multibody/largest bending moments/", "/Multi-body system/"
 KNOWN = "the pulse", "up to 0.7 s"
 
@@ -36,7 +36,7 @@ def numbers(found: Path) -> dict[str, object]:
 
 
 def lost(numbers: dict) -> set[str]:
-    """Paths of the runs that blew up or broke off: how they end hangs on the last digit."""
+    """Paths of the runs that blew up or failed: their end depends on the last digit."""
     ends = "lost at", "failed at"
     return {
         path.rpartition("/")[0]
@@ -48,7 +48,7 @@ def lost(numbers: dict) -> set[str]:
 def differences(ours: dict, theirs: dict) -> list[tuple[float, str]]:
     """Differences relative to the numbers, absolute for those below 1, largest first.
 
-    Texts, which may hold numbers of their own, are left out, and motions that are chaotic.
+    Chaotic motions are left out, and so are texts, which may contain numbers.
     """
     out, left_out = [], lost(ours) | lost(theirs)
     for path in ours.keys() | theirs.keys():
@@ -67,13 +67,13 @@ def differences(ours: dict, theirs: dict) -> list[tuple[float, str]]:
 
 
 def seconds(file: Path) -> float:
-    """Time from the start of a call to what the file notes."""
+    """Time from the start of a call to the event that the file records."""
     start, end = map(float, file.read_text().split())
     return end - start
 
 
 def row(found: Path) -> dict[str, str]:
-    """What is known of a system; a question mark stands for what is not."""
+    """Results of a system; a question mark if one is missing."""
 
     def known(value) -> str:
         try:

@@ -1,7 +1,7 @@
-"""Validate the docstrings of all that fx_beam exports with numpydoc, as pyproject.toml says.
+"""Validate the docstrings of all public objects with numpydoc, by the rules in pyproject.toml.
 
-`numpydoc lint` only reads the sources: it knows neither the parameters of a dataclass nor that a
-property needs no Returns section. So the package is imported and its objects are validated.
+`numpydoc lint` reads the sources only: it does not know the parameters of a dataclass, nor that a
+property needs no Returns section. Therefore the package is imported and its objects are validated.
 """
 
 import inspect
@@ -22,18 +22,18 @@ DESCRIPTORS = (property, cached_property, classmethod, staticmethod)
 
 
 def public() -> Iterator[str]:
-    """Names of the exported functions and classes, these with their methods and properties."""
+    """Names of the exported functions and classes, and of the classes' methods and properties."""
     for module, exported in [(m, name) for m in MODULES for name in m.__all__]:
         name, thing = f"{module.__name__}.{exported}", getattr(module, exported)
         if not callable(thing):
             continue
-        if Protocol not in getattr(thing, "__bases__", ()):  # its call's parameters are Python's
+        if Protocol not in getattr(thing, "__bases__", ()):  # documented by its call
             yield name
         if not inspect.isclass(thing):
             continue
         for attribute, member in vars(thing).items():
             own = inspect.isfunction(member) or isinstance(member, DESCRIPTORS)
-            # What a base class documents need not be said again.
+            # Documented in a base class already.
             known = any(hasattr(base, attribute) for base in thing.__mro__[1:])
             if own and not known and not attribute.startswith("_"):
                 yield f"{name}.{attribute}"

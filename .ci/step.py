@@ -1,4 +1,4 @@
-"""Processor time of one step of the pinned beam, and who takes it: printed as JSON."""
+"""Processor time of one step of the pinned beam, and the solver used: printed as JSON."""
 
 import json
 import time
@@ -8,7 +8,7 @@ import numpy as np
 import fx_beam as fb
 from fx_beam.studies.reporting import machine
 
-#: Steps of a short run and of a long one, of which the difference holds no set-up.
+#: Steps of a short and of a long run; the difference of their times does not contain the set-up.
 STEPS = 1000, 5000
 RUNS = 7
 

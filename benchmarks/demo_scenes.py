@@ -1,4 +1,4 @@
-"""The demos as modules, as benchmarks take their scenes from there."""
+"""The demos as modules: benchmarks use their scenes."""
 
 import functools
 import importlib.util
@@ -17,6 +17,6 @@ def demo(name):
 
 
 def scene(name, *arguments, **keywords):
-    """Scene of a demo, without the handles that come with it."""
+    """Scene of a demo, without the beams or nodes that its function returns as well."""
     made = demo(name).scene(*arguments, **keywords)
     return made[0] if isinstance(made, tuple) else made

@@ -1,8 +1,8 @@
-"""What joints cost: time of a Newton iteration with revolute joints and without.
+"""Cost of joints: time of a Newton iteration with and without revolute joints.
 
-A chain of members on revolute joints is compared with one beam of as many unknowns. Both are
-pinned at one end and swing under gravity. What is timed is the solution of the steps, over their
-iterations, by the compiled loop and in Python; runs alternate, medians are printed.
+A chain of members with revolute joints is compared with one beam of as many unknowns. Both are
+pinned at one end and swing under gravity. The time of the steps is divided by the number of
+iterations, for the compiled loop and for Python. The runs alternate; medians are printed.
 
     .venv/bin/python benchmarks/joint_overhead.py [runs]
 """
@@ -29,7 +29,7 @@ def chain(members, elements):
 
 
 def beam(unknowns, length):
-    """One beam; 3 unknowns a node, less the pin's two."""
+    """One beam; 3 unknowns per node, minus two at the pin."""
     scene = fb.Scene(gravity=(0, -9.81))
     whole = scene.add_beam([(0, 0), (length, 0)], SECTION, elements=(unknowns + 2) // 3 - 1)
     scene.pin(whole.start)
@@ -53,10 +53,10 @@ class Clock:
         Newton.solve = timed
 
     def run(self, scene, solver):
-        """Microseconds an iteration, and the number of unknowns."""
+        """Microseconds per iteration, and the number of unknowns."""
         self.seconds, self.iterations = 0.0, 0
         stats = fb.simulate(scene, dt=0.002, t_end=0.4, solver=solver).stats
-        if solver == "compiled":  # the whole step, as it cannot be looked into
+        if solver == "compiled":  # the whole step: its parts cannot be timed separately
             return 1e6 * stats.seconds / stats.newton_iterations, stats.unknowns
         return 1e6 * self.seconds / self.iterations, stats.unknowns
 
@@ -76,7 +76,7 @@ def main(runs=15):
                     assert abs(found - unknowns) <= 1
             ratio = median(a / b for a, b in zip(times["joints"], times["none"], strict=True))
             print(
-                f"{solver:8} {unknowns:4} unknowns: {median(times['joints']):6.2f} us an iteration "
+                f"{solver:8} {unknowns:4} unknowns: {median(times['joints']):6.2f} us/iteration "
                 f"with {members - 1} revolute joints, {median(times['none']):6.2f} us with none; "
                 f"ratio {ratio:.3f}"
             )

@@ -1,11 +1,11 @@
-"""Time of set-up, from a scene to the first step.
+"""Set-up time, from the description of a scene to the first step.
 
     .venv/bin/python benchmarks/setup.py [runs]
 
 The pinned beam with 8 and 2048 elements, the multi-body system of the demos, and chains of revolute
-links. For each the time to describe the scene, the set-up of `simulate` as `Stats.setup_seconds`
-has it, and the processor's time for both, which other programs on the machine change less; the
-least of several runs that take turns, after one in which forms are compiled.
+links. For each: the time to describe the scene, the set-up time of `simulate` from
+`Stats.setup_seconds`, and the processor time of both, which other programs affect less. Each is
+the smallest of several runs, which take turns, after a first run that compiles the forms.
 """
 
 import sys
@@ -37,7 +37,7 @@ CASES = {
 
 
 def measure(make):
-    """Seconds for the scene, for the set-up, and of the processor for both with one step."""
+    """Seconds for the scene and for the set-up, and processor time of both with one step."""
     started, used = perf_counter(), process_time()
     case = make()
     described = perf_counter() - started

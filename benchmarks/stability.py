@@ -1,10 +1,10 @@
-"""Stability on stiff and extreme cases: what time schemes make of the energy.
+"""Stability on stiff and extreme cases: the energy by several time schemes.
 
     ./run report stability            some minutes
     ./run report stability --quick    a few cases of each kind
 
-The scenes are the demos', with other constants. A failing step is halved at most 12 times, as
-`simulate` has it by default. The short form repeats doubtful runs once.
+The scenes are those of the demos, with other constants. A failing step is halved at most 12 times,
+the default of `simulate`. The short form repeats doubtful runs once.
 """
 
 import argparse
@@ -47,7 +47,7 @@ STEPS = 500  # of most runs
 
 
 def changed(name, **constants):
-    """A demo as a module of its own, with other constants."""
+    """A separate copy of a demo's module, with other constants."""
     module = demo.__wrapped__(name)
     unknown = constants.keys() - vars(module).keys()
     assert not unknown, f"demos/{name}.py has no {unknown}"
@@ -56,14 +56,14 @@ def changed(name, **constants):
 
 
 def scene_of(name, **constants):
-    """Its scene; with SECTION as a dictionary of what is other in it."""
+    """Scene of a demo with other constants; SECTION is a dictionary of changed values."""
     if isinstance(constants.get("SECTION"), dict):
         constants["SECTION"] = replace(demo(name).SECTION, **constants["SECTION"])
     return only(changed(name, **constants).scene())
 
 
 def only(made):
-    """A scene without the handles that come with it."""
+    """A scene, without the beams or nodes that come with it."""
     return made if isinstance(made, fb.Scene) else made[0]
 
 
@@ -101,8 +101,8 @@ def on_swing(group, label, scene=swing, dt=SWING.DT, **constants):
     return Case(group, label, partial(scene, **constants), dt, SWING.T_END)
 
 
-# A part of the multi-body system's moment, for soft members, blows and jumps: they are extreme with
-# it, and take up to some hundred parts of a step.
+# Fraction of the multi-body system's moment for soft members, impacts and jumps: these cases are
+# extreme already with it, and need up to some hundred parts of a step.
 PART = 1 / 3
 
 
@@ -122,9 +122,9 @@ ON_PINNED, ON_SWING, ON_MULTIBODY = (
 
 
 def stiffness(quick):
-    """The ladders of the axial stiffness, at the paper's steps and ten times larger and smaller.
+    """Powers of the axial stiffness, with the paper's steps and ten times larger and smaller ones.
 
-    The pendulum's goes up to where EA is 1e16 times EI over the square of a metre.
+    In the pendulum EA goes up to 1e16 / m^2 times EI.
     """
     exponents = (4, 10, 16) if quick else (4, 6, 8, 10, 12, 14, 16, 17, 18, 19)
     for dt in (0.1,) if quick else (1.0, 0.1, 0.01):
@@ -150,7 +150,7 @@ def highest_frequency(scene):
 
 
 def frequency(quick):
-    """Smaller steps, and from the demo's on stiffer beams."""
+    """Smaller steps, and stiffer beams with the demo's step."""
     own = highest_frequency(pinned_beam())
     for label, product in powers(*(0, 5) if quick else range(-1, 7)):
         dt = min(product / own, PINNED.DT)
@@ -170,7 +170,7 @@ def heavy_tip(factor):
 
 
 def shared_mass(ratio):
-    """The swing, its mass in the middle a multiple of its beam's, their sum the demo's."""
+    """The swing with another ratio of the middle mass to the beam's, and the same total mass."""
     section, length = SWING.SECTION, SWING.C[0] - SWING.A[0]
     total = SWING.MASS + section.rhoA * length
     rhoA = total / (1 + ratio) / length
@@ -179,7 +179,7 @@ def shared_mass(ratio):
 
 
 def lumped(every):
-    """The pinned beam with its mass in some of its nodes."""
+    """The pinned beam with its mass lumped at some of its nodes."""
     section = replace(PINNED.SECTION, rhoA=0.0, rhoI=0.0)
     scene, beam = changed("pinned_beam", SECTION=section).scene()
     nodes = beam.nodes[every::every]
@@ -235,7 +235,7 @@ def meshes(quick):
 
 
 def spins(quick):
-    """Increments of the rotation up to the bound and beyond it."""
+    """Rotations per step up to the limit and above it."""
     dt = PENDULUM.SMALL
     group = f"Pendulum, dt = {dt:g} s: turn in a step [rad]"
     for turn in (1.9, 2.1) if quick else (0.5, 1.0, 1.5, 1.9, 1.99, 2.1, 3.0):
@@ -256,7 +256,7 @@ def blow(dt, impulse):
 
 
 def struck(impulse):
-    """The pinned beam, struck at its end during the first step."""
+    """The pinned beam with an impact at its end during the first step."""
     scene, beam = PINNED.scene()
     scene.add_force(beam.end, lambda t: (0.0, np.interp(t, *blow(PINNED.DT, impulse))))
     return scene
@@ -341,7 +341,7 @@ GROUPS = stiffness, frequency, masses, meshes, spins, loads, steps, softness, lo
 
 
 def tolerances(quick):
-    """What the schemes owe to Newton's tolerance, on the paper's examples."""
+    """Cases on the effect of Newton's tolerance, from the paper's examples."""
     examples = (
         ("Pendulum", PENDULUM, 0.1),
         ("Pendulum", PENDULUM, 0.01),
@@ -357,14 +357,14 @@ def tolerances(quick):
 
 
 def owed_to_tolerance(cells):
-    """From which tolerance on each scheme has the verdicts of the tightest, and our errors."""
+    """Largest tolerance with the final verdicts, by scheme, and the errors of EnergyMomentum."""
     lines = []
     for scheme, own in by_scheme(cells).items():
         labels = list(dict.fromkeys(cell.case.label for cell in own))
         kinds = np.array([[c.verdict.kind for c in own if c.case.label == at] for at in labels])
         settled = [(kinds[k:] == kinds[-1]).all() for k in range(len(labels))]
         first = labels[settled.index(True)]
-        lines.append(f"{scheme}: from a tolerance of {first} on, a tighter one changes no verdict.")
+        lines.append(f"{scheme}: no verdict changes with tolerances tighter than {first}.")
     for label, own in by_label([c for c in cells if c.scheme == "EnergyMomentum"]).items():
         worst = max(cell.verdict.worst for cell in own)
         lines.append(
@@ -392,15 +392,13 @@ def dampings(quick):
 
 
 def owed_to_damping(cells):
-    """In how many cases each scheme loses the motion, and how much energy it takes elsewhere."""
+    """Number of cases in which each scheme loses the motion, and its largest loss elsewhere."""
     lines = []
     for scheme, own in by_scheme(cells).items():
         lost = sum(cell.verdict.kind in LOST_MOTION for cell in own)
         line = f"{scheme}: energy is gained, or the run blows up or fails, in {lost} of {len(own)}"
         taken = [cell.verdict.amount for cell in own if cell.verdict.kind == "lost"]
-        line += (
-            f" cases; {percent(max(taken))} is lost at most in the others" if taken else " cases"
-        )
+        line += f" cases; the others lose at most {percent(max(taken))}" if taken else " cases"
         lines.append(f"{line}.")
     return lines
 
@@ -421,12 +419,12 @@ UNITS = {
     "hours": (1.0, 1 / 3600),
     "micrometres and hours": (1e6, 1 / 3600),
 }
-# Until when motions are compared [s]: later a change in the last digit is another motion.
+# End of the comparison [s]: later a change in the last digit leads to a different motion.
 COMPARED = {"pendulum": 5.0, "pinned_beam": 1.0, "three_bar_swing": 0.6, "multibody": 0.5}
 
 
 def in_units(name, length, time):
-    """A demo as a module whose constants are in other units."""
+    """A demo's module with its constants in other units."""
     module = demo.__wrapped__(name)
     for constant, (a, b) in POWERS[name].items():
         factor = length**a * time**b
@@ -478,7 +476,7 @@ def units_page(found):
 
 
 def studied(path, schemes, cases, title, repeats, said=lambda cells: (), remarks=""):
-    """Cells of a study, written to files; after Ctrl-C those that are done."""
+    """Cells of a study, written to files; after Ctrl-C those that are finished."""
     try:
         cells = fb.stability.study(schemes, cases, repeats=repeats)
     except KeyboardInterrupt as stop:
@@ -494,17 +492,17 @@ def studied(path, schemes, cases, title, repeats, said=lambda cells: (), remarks
 def main(quick=False, results=ROOT / "results" / "stability"):
     """Cells of the cases and of Newton's tolerance, units, and cells of numerical damping.
 
-    They are written to files in a directory as well.
+    They are also written to files in a directory.
     """
     clock, repeats = perf_counter(), 1 if quick else 4
     units = compare_units()
     reporting.write_json(results / "units.json", units)
-    title = "what the schemes owe to Newton's tolerance"
+    title = "effect of Newton's tolerance"
     by_tolerance = studied(
         results / "tolerances", SCHEMES, tolerances(quick), title, repeats, owed_to_tolerance
     )
     few = {"alphas": (0.0, -0.05, -0.1), "radii": (0.9,)} if quick else {}
-    title = "what numerical damping makes of the examples"
+    title = "effect of numerical damping"
     by_damping = studied(
         results / "damping", SCAN.schemes(**few), dampings(quick), title, repeats, owed_to_damping
     )
@@ -521,7 +519,7 @@ def main(quick=False, results=ROOT / "results" / "stability"):
 
 
 if __name__ == "__main__":
-    # A halved step is a number in the tables.
+    # The tables have the number of halved steps, so their warnings are not needed.
     logging.getLogger("fx_beam").setLevel(logging.ERROR)
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--quick", action="store_true", help="a short form, about a minute")

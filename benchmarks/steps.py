@@ -1,11 +1,12 @@
-"""Time of a step: the compiled loop against Python with PETSc, over sizes and scenes.
+"""Time per step: the compiled loop against Python with PETSc, for several sizes and scenes.
 
     .venv/bin/python benchmarks/steps.py [runs]
 
-The pinned beam with 1 to 2048 elements, the pendulum, and the mechanisms of the demos, by
-EnergyMomentum with everything recorded. Runs alternate; set-up is apart. Then where the time of the
-compiled loop goes, and how long the first step takes with all to compile and with nothing. Medians,
-with the machine and the versions, go to results/steps/steps.json, and a picture beside it.
+The pinned beam with 1 to 2048 elements, the pendulum, and the mechanisms of the demos are run by
+EnergyMomentum with everything recorded. The runs alternate; set-up is not included. Also measured:
+the time of the compiled loop by phase, and the time to the end of the first step with and without
+compilation. Medians, the machine and the versions are written to results/steps/steps.json, with a
+picture beside it.
 """
 
 import functools
@@ -24,7 +25,7 @@ from fx_beam.compiled import build, handover
 from fx_beam.studies import reporting
 
 ELEMENTS = (1, 8, 32, 128, 512, 2048)
-# Those of fx_beam/compiled/c/phases.h, in its order.
+# Phases as in fx_beam/compiled/c/phases.h, in the same order.
 PHASES = (
     "internal forces",
     "tangent",
@@ -52,7 +53,7 @@ def measure(scene, dt, steps, runs):
     found = {"compiled": [], "petsc": []}
     for _ in range(runs):
         for solver, times in found.items():
-            # Python takes a tenth of the steps, enough for its average.
+            # Python runs a tenth of the steps, enough for its average.
             n = steps if solver == "compiled" else max(steps // 10, 20)
             stats = fb.simulate(scene, dt=dt, t_end=n * dt, solver=solver).stats
             seconds = 1e6 * stats.seconds / n, stats.setup_seconds
@@ -93,7 +94,7 @@ def phases(elements, runs):
 
 
 def first_step(runs):
-    """Seconds from start to the end of the first step, all to be compiled and all in caches."""
+    """Seconds from start to the end of the first step, with empty and with full caches."""
     script = (
         "import sys; sys.path.insert(0, sys.argv[1]); from demo_scenes import scene\n"
         "import fx_beam; fx_beam.simulate(scene('pinned_beam', 8), dt=0.01, t_end=0.01)"

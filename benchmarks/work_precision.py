@@ -1,27 +1,28 @@
-"""Error against run time: time schemes, steps and meshes on the paper's four examples.
+"""Error against run time: time schemes, steps and meshes for the paper's four examples.
 
     ./run report work-precision            some minutes
     ./run report work-precision --quick    fewer schemes, steps and meshes
 
-The scenes are those of the demos. Each example has quantities of interest of its own, over a time
-for which errors have a meaning:
+The scenes are those of the demos. Each example has its own quantities of interest, and a duration
+for which errors are meaningful:
 
-- The pendulum is compared with the one on a rigid rod, which is known; its own rod is longer by
-  some 1e-9. All numbers of elements and degrees are the same model, as a massless rod stays
-  straight. It starts with the stretch that gives the rigid rod's force. From an unstressed start,
-  as the demo's, the force vibrates about it by all of that, at a frequency that no step here
-  resolves: 0.65 of it stays with HHT at all steps, and the mid-point schemes, whose mean over a
-  step keeps 2/(w dt) of it with w^2 = EA/(m L), are the worse the smaller the step.
-- The swing ends before its right link turns back, at 0.64 s: from then on a change in the last
-  digit is another motion. Steps meet the corners of the pulse.
-- The multi-body system ends with its moment, before its members come into line at 0.6 s. Its axial
-  force vibrates with a phase that depends on mesh and step; its integral over time, the impulse,
-  does not. It is that of the mean force along the member: any single Gauss point is elsewhere in
-  another mesh. The swing's axial force is the mean along its beam as well.
-- The pinned beam starts with a jump of the spin in its middle, which no mesh resolves: its waves of
-  all lengths make errors fall more slowly than with the square of step and element.
+- The pendulum is compared with the exact motion on a rigid rod; the elastic rod is longer by about
+  1e-9. A massless rod stays straight, so all meshes and degrees give the same model. The run starts
+  with the stretch that belongs to the rigid rod's force. From an unstressed start, as in the demo,
+  the force vibrates about that of the rigid rod with the same amplitude, at a frequency that no
+  step here resolves. With HHT 0.65 of this amplitude remains for all steps. In the mid-point
+  schemes the mean over a step contains 2/(w dt) of it, with w^2 = EA/(m L): the error grows as the
+  step decreases.
+- The swing ends before its right link turns back at 0.64 s: after it a change in the last digit
+  leads to a different motion. Time steps coincide with the corners of the pulse.
+- The multi-body system ends with its moment, before its members are in line at 0.6 s. Its axial
+  force vibrates with a phase that depends on mesh and step; the integral over time, the impulse,
+  does not. It is computed from the mean force along the member, because Gauss points differ between
+  meshes. The swing's axial force is the mean along its beam as well.
+- The pinned beam starts with a jump of the spin in its middle, which no mesh resolves. It excites
+  waves of all lengths, so that errors fall more slowly than with the square of step and element.
 
-Energy and momentum are invariants: their errors are exact ones.
+Energy and momentum are invariants: their errors are computed against exact values.
 """
 
 import argparse
@@ -59,7 +60,7 @@ def momentum_error(solution):
 
 
 def axial_force(beam):
-    """Mean of the axial force along a beam, at the times at which the scheme has it."""
+    """Mean of the axial force along a beam, at the times for which the scheme gives it."""
 
     def mean(solution):
         elements, degree = solution.beams[beam].elements, solution.beams[beam].degree
@@ -70,11 +71,11 @@ def axial_force(beam):
 
 
 def impulse(beam):
-    """Integral of that over time."""
+    """Integral of the mean axial force over time."""
 
     def integral(solution):
         t, force = axial_force(beam)(solution)
-        # A mid-point scheme has the mean of the first step, which counts from its start on.
+        # A mid-point scheme gives the mean over the first step, which also applies to its start.
         first = 1 if solution.stats.level == 0.5 else 0
         t, force = t[first:], force[first:]
         return t, force[0] * t[0] + cumulative_trapezoid(force, t, initial=0)
@@ -92,7 +93,7 @@ def slide(solution):
 
 
 def turn(solution):
-    """Angle by which the free end of the pinned beam has turned about the pin."""
+    """Angle of the free end of the pinned beam about the pin, from the start."""
     x, y = path("beam")(solution).T
     return np.unwrap(np.arctan2(y, x))
 
@@ -105,7 +106,7 @@ def halved(step, times):
 
 
 def stretched(elements, degree):
-    """The pendulum at rest under the force of the rigid rod at the start: what the swing adds."""
+    """The pendulum in equilibrium with the rigid rod's initial force, as a start for the swing."""
     module = demo("pendulum")
     scene, rod = module.scene(elements, degree)
     scene.fix(rod.end, "x")
@@ -190,7 +191,7 @@ EXAMPLES = [pendulum, three_bar_swing, multibody, pinned_beam]
 
 
 def main(quick=False, results=ROOT / "results" / "work_precision", examples=EXAMPLES):
-    """What was found, by example; with JSON, pages and pictures in the directory for results."""
+    """Results by example; JSON, pages and pictures are written to the directory for results."""
     schemes = {name: SCHEMES[name] for name in (QUICK_SCHEMES if quick else SCHEMES)}
     found = {}
     for example in examples:
@@ -209,7 +210,7 @@ def main(quick=False, results=ROOT / "results" / "work_precision", examples=EXAM
 
 
 if __name__ == "__main__":
-    # A halved step is a column of the tables.
+    # The tables have a column for halved steps, so their warnings are not needed.
     logging.getLogger("fx_beam").setLevel(logging.ERROR)
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--quick", action="store_true", help="a short form, under a minute")

@@ -71,7 +71,7 @@ def test_a_version_that_is_not_served_is_named_and_nothing_is_installed(call, of
     assert done.returncode == 1
     assert calls == ""
     assert f"has dolfinx {version}. " in done.stderr
-    assert "Debian 12, 13 and sid are served, which have dolfinx 0.5, 0.9, 0.11" in done.stderr
+    assert "Supported systems are Debian 12, 13 and sid, with dolfinx 0.5, 0.9, 0.11" in done.stderr
 
 
 def test_a_system_without_dolfinx_is_asked_for_its_list_and_no_more(call):
