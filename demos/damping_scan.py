@@ -19,10 +19,13 @@ of alpha and of the time steps are our choice.
 """
 
 import json
+import logging
 import sys
 from pathlib import Path
 
 import fx_beam as fb
+
+log = logging.getLogger("fx_beam.demo")
 
 HERE = Path(__file__).resolve()
 sys.path.append(str(HERE.parent))
@@ -59,6 +62,7 @@ def run(example, scheme, dt):
     made = module.scene()
     scene = made if isinstance(made, fb.Scene) else made[0]
     record = fb.Record(motion=False, rates=False, forces=False)
+    log.info("%s: %s, dt = %g s", example, scheme.name, dt)
     options = {"dt": dt, "t_end": t_end, "max_halvings": MAX_HALVINGS, "record": record}
     try:
         solution = fb.simulate(scene, scheme, **options)
@@ -162,5 +166,7 @@ def kind(run):
 
 
 if __name__ == "__main__":
+    logging.basicConfig(format="%(message)s", force=True)
+    logging.getLogger("fx_beam").setLevel("INFO")  # each run, and what is compiled
     here = Path(__file__).resolve()
     main(Path(sys.argv[1]) if sys.argv[1:] else here.parents[1] / "results" / here.stem)

@@ -25,6 +25,7 @@ consistent set will do.
 """
 
 import json
+import logging
 import sys
 from pathlib import Path
 
@@ -33,6 +34,8 @@ import scipy.integrate
 import scipy.optimize
 
 import fx_beam as fb
+
+log = logging.getLogger("fx_beam.demo")
 
 LEG, AT = 120.0, 24.0  # length of a leg; of the load from the corner
 SECTION = fb.Section.from_area(area=6.0, second_moment=2.0, E=7.2e6)
@@ -132,6 +135,7 @@ def main(results=None):
     meshes = {}
     for degree, counts in MESHES.items():
         for elements in counts:
+            log.info("degree %d, %d elements", degree, elements)
             solution = fb.static(scene(elements, degree)[0], STEPS, continuation="arc-length")
             name = f"degree {degree}, {elements} elements"
             meshes[name] = [LOAD * factor for factor in solution.stats.limit_points]
@@ -212,5 +216,7 @@ def draw(results, path, loaded, hinge, rows):
 
 
 if __name__ == "__main__":
+    logging.basicConfig(format="%(message)s", force=True)
+    logging.getLogger("fx_beam").setLevel("INFO")  # each run, and what is compiled
     here = Path(__file__).resolve()
     main(Path(sys.argv[1]) if sys.argv[1:] else here.parents[1] / "results" / here.stem)

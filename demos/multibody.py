@@ -41,12 +41,15 @@ plus one slide. Units are metre, kilogram and second.
 """
 
 import json
+import logging
 import sys
 from pathlib import Path
 
 import numpy as np
 
 import fx_beam as fb
+
+log = logging.getLogger("fx_beam.demo")
 
 RIGHT, LEFT = (1.0, 0.0), (0.0, 0.0)  # supports [m]
 A, B, MIDDLE = (1.0, 1.0), (0.0, 1.0), (0.0, 0.5)  # joints [m]
@@ -107,6 +110,7 @@ def scene(elements=ELEMENTS, degree=1):
 
 def simulate(scheme, dt):
     """The solution, up to a step that fails, and its joints."""
+    log.info("%s, dt = %g s", scheme.name, dt)
     system, joints = scene()
     try:
         solution = fb.simulate(system, scheme, dt=dt, t_end=T_END, max_halvings=MAX_HALVINGS)
@@ -304,5 +308,7 @@ def draw(results, runs):
 
 
 if __name__ == "__main__":
+    logging.basicConfig(format="%(message)s", force=True)
+    logging.getLogger("fx_beam").setLevel("INFO")  # each run, and what is compiled
     here = Path(__file__).resolve()
     main(Path(sys.argv[1]) if sys.argv[1:] else here.parents[1] / "results" / here.stem)

@@ -33,6 +33,7 @@ Units are metre, kilogram and second.
 """
 
 import json
+import logging
 import sys
 from pathlib import Path
 
@@ -42,6 +43,8 @@ import numpy as np
 
 import fx_beam as fb
 from fx_beam.mechanics.resultants import averaged, with_exact_work
+
+log = logging.getLogger("fx_beam.demo")
 
 EA, GA, EI = 400.0, 150.0, 0.05  # [N], [N], [N m^2]
 K_BEND = 5.0  # curvature at which the bending stiffness has doubled, k [1/m]
@@ -114,14 +117,17 @@ def dissipating(chi):
 def main(results=None):
     """Compute the numbers; with a directory for results, write the pictures too."""
     alone, _, _ = scene()
+    log.info("a stored energy of one's own")
     free = fb.simulate(alone, dt=DT, t_end=T_END)
 
     loaded, _, nozzle = scene()
     loaded.add_virtual_work(oil)
     loaded.add_virtual_work(bed)
     loaded.add_virtual_work(jet, nozzle)
+    log.info("forces of one's own")
     forced = fb.simulate(loaded, dt=DT, t_end=T_END)
 
+    log.info("a scheme of one's own")
     damped = fb.simulate(alone, dissipating(DAMPING), dt=DT, t_end=T_END)
 
     # The arm falls from rest: energies are compared with the largest kinetic energy.
@@ -202,5 +208,7 @@ def scenery(ax, nozzle):
 
 
 if __name__ == "__main__":
+    logging.basicConfig(format="%(message)s", force=True)
+    logging.getLogger("fx_beam").setLevel("INFO")  # each run, and what is compiled
     here = Path(__file__).resolve()
     main(Path(sys.argv[1]) if sys.argv[1:] else here.parents[1] / "results" / here.stem)

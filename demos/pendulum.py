@@ -29,6 +29,7 @@ instead. damping_scan.py shows more values of alpha, and of rho of generalized a
 """
 
 import json
+import logging
 import sys
 from pathlib import Path
 
@@ -37,6 +38,8 @@ from scipy.interpolate import CubicHermiteSpline
 from scipy.special import ellipj, ellipk
 
 import fx_beam as fb
+
+log = logging.getLogger("fx_beam.demo")
 
 # Data that are not in the paper, or have lost digits in our text of it.
 OURS = {
@@ -110,6 +113,7 @@ def rigid(t):
 
 def simulate(scheme, dt):
     """The solution, up to a step that fails."""
+    log.info("%s, dt = %g s", scheme.name, dt)
     pendulum, _ = scene()
     try:
         return fb.simulate(pendulum, scheme, dt=dt, t_end=T_END, max_halvings=MAX_HALVINGS)
@@ -324,5 +328,7 @@ def draw(results, runs, numbers):
 
 
 if __name__ == "__main__":
+    logging.basicConfig(format="%(message)s", force=True)
+    logging.getLogger("fx_beam").setLevel("INFO")  # each run, and what is compiled
     here = Path(__file__).resolve()
     main(Path(sys.argv[1]) if sys.argv[1:] else here.parents[1] / "results" / here.stem)

@@ -23,12 +23,15 @@ Units are the paper's: inch, pound and second, thus lb s^2/in for masses.
 """
 
 import json
+import logging
 import sys
 from pathlib import Path
 
 import numpy as np
 
 import fx_beam as fb
+
+log = logging.getLogger("fx_beam.demo")
 
 # Data that are not in the paper, or have lost digits in our text of it.
 OURS = {
@@ -97,6 +100,7 @@ def scene(elements=ELEMENTS, degree=1, corners=(0, 1)):
 
 def simulate(scheme, dt, t_end=T_END, elements=ELEMENTS):
     """The solution, up to a step that fails."""
+    log.info("%s, dt = %g s, %d elements", scheme.name, dt, elements)
     pinned, _ = scene(elements)
     try:
         return fb.simulate(pinned, scheme, dt=dt, t_end=t_end, max_halvings=MAX_HALVINGS)
@@ -250,5 +254,7 @@ def draw(results, solutions, fine):
 
 
 if __name__ == "__main__":
+    logging.basicConfig(format="%(message)s", force=True)
+    logging.getLogger("fx_beam").setLevel("INFO")  # each run, and what is compiled
     here = Path(__file__).resolve()
     main(Path(sys.argv[1]) if sys.argv[1:] else here.parents[1] / "results" / here.stem)

@@ -21,6 +21,7 @@ so that its frequencies are those of a system with three degrees of freedom: the
 """
 
 import json
+import logging
 import math
 import sys
 from pathlib import Path
@@ -29,6 +30,8 @@ import numpy as np
 import scipy.linalg
 
 import fx_beam as fb
+
+log = logging.getLogger("fx_beam.demo")
 
 RADIUS = 0.5  # R [m]
 SECTION = fb.Section.rectangle(
@@ -134,6 +137,7 @@ def thrown():
 
 def fly(scheme, dt):
     """The solution, up to a step that fails."""
+    log.info("%s, dt = %g s", scheme.name, dt)
     ring = thrown()
     try:
         return fb.simulate(ring, scheme, dt=dt, t_end=T_END, max_halvings=MAX_HALVINGS)
@@ -279,5 +283,7 @@ def draw(results, runs):
 
 
 if __name__ == "__main__":
+    logging.basicConfig(format="%(message)s", force=True)
+    logging.getLogger("fx_beam").setLevel("INFO")  # each run, and what is compiled
     here = Path(__file__).resolve()
     main(Path(sys.argv[1]) if sys.argv[1:] else here.parents[1] / "results" / here.stem)

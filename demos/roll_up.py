@@ -21,12 +21,15 @@ Units are metre, newton and second.
 """
 
 import json
+import logging
 import sys
 from pathlib import Path
 
 import numpy as np
 
 import fx_beam as fb
+
+log = logging.getLogger("fx_beam.demo")
 
 LENGTH = 10.0  # L [m]
 SECTION = fb.Section(EA=1e4, GA=1e4, EI=500.0, rhoA=1.0, rhoI=0.05)  # [N], [N], [N m^2], ...
@@ -48,6 +51,7 @@ def scene(turns=1.0, elements=ELEMENTS, degree=DEGREE):
 
 def rolled_up(turns, steps, elements=ELEMENTS, degree=DEGREE):
     """Solution, beam, and distance (n,) of its tip from the exact position over the length."""
+    log.info("%g turns, %d elements of degree %d", turns, elements, degree)
     rolled, beam = scene(turns, elements, degree)
     solution = fb.static(rolled, steps=steps)
     angle = np.maximum(solution.load_factor * turns * 2 * np.pi, 1e-300)
@@ -153,5 +157,7 @@ def draw(results, runs, errors, motion):
 
 
 if __name__ == "__main__":
+    logging.basicConfig(format="%(message)s", force=True)
+    logging.getLogger("fx_beam").setLevel("INFO")  # each run, and what is compiled
     here = Path(__file__).resolve()
     main(Path(sys.argv[1]) if sys.argv[1:] else here.parents[1] / "results" / here.stem)

@@ -26,12 +26,15 @@ Units are metre, kilogram and second. The mechanism moves in a horizontal plane:
 """
 
 import json
+import logging
 import sys
 from pathlib import Path
 
 import numpy as np
 
 import fx_beam as fb
+
+log = logging.getLogger("fx_beam.demo")
 
 RADIUS, LENGTH = 0.15, 0.45  # r, l [m]
 STEEL = {"width": 10e-3, "E": 210e9, "nu": 0.3, "rho": 7850.0}
@@ -101,6 +104,7 @@ def scene(factor=1.0):
 
 def simulate(dt, factor=1.0, t_end=T_END):
     """The solution and its joints by name."""
+    log.info("dt = %g s to %g s", dt, t_end)
     mechanism, joints = scene(factor)
     return fb.simulate(mechanism, dt=dt, t_end=t_end), joints
 
@@ -271,5 +275,7 @@ def draw(results, solution, joints):
 
 
 if __name__ == "__main__":
+    logging.basicConfig(format="%(message)s", force=True)
+    logging.getLogger("fx_beam").setLevel("INFO")  # each run, and what is compiled
     here = Path(__file__).resolve()
     main(Path(sys.argv[1]) if sys.argv[1:] else here.parents[1] / "results" / here.stem)

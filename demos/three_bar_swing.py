@@ -27,6 +27,7 @@ effect. There is no gravity. Units are metre, kilogram and second.
 """
 
 import json
+import logging
 import sys
 from dataclasses import replace
 from pathlib import Path
@@ -34,6 +35,8 @@ from pathlib import Path
 import numpy as np
 
 import fx_beam as fb
+
+log = logging.getLogger("fx_beam.demo")
 
 # Data that are not in the paper, or have lost digits in our text of it.
 OURS = {
@@ -100,6 +103,7 @@ def scene(elements=ELEMENTS, degree=1, link=None):
 
 def simulate(scheme, dt, elements=ELEMENTS, link=None):
     """The solution, up to a step that fails."""
+    log.info("%s, dt = %g s, %d elements", scheme.name, dt, elements)
     swing = scene(elements, link=link)
     try:
         return fb.simulate(swing, scheme, dt=dt, t_end=T_END, max_halvings=MAX_HALVINGS)
@@ -321,5 +325,7 @@ def draw(results, runs, meshes, heavy):
 
 
 if __name__ == "__main__":
+    logging.basicConfig(format="%(message)s", force=True)
+    logging.getLogger("fx_beam").setLevel("INFO")  # each run, and what is compiled
     here = Path(__file__).resolve()
     main(Path(sys.argv[1]) if sys.argv[1:] else here.parents[1] / "results" / here.stem)
