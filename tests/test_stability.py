@@ -604,7 +604,7 @@ def test_the_report_is_written_in_full(report):
         assert f"]({picture})" in page and (directory / picture).stat().st_size > 20_000
     for group in {cell.case.group for cell in cells}:
         assert f"## {group}\n" in page
-    assert "## Other units" in page and "## Why runs broke off" in page
+    assert "## Other units" in page and "## Reasons for failed runs" in page
     assert {"tolerances.md", "damping.md", "units.json"} <= {
         path.name for path in directory.iterdir()
     }
