@@ -76,7 +76,7 @@ def summary(solution, beam, error, turns):
 def main(results=None):
     """Compute the numbers; with a directory for results, write the pictures too."""
     runs = {name: rolled_up(*given) for name, given in RUNS.items()}
-    # At 0.4 of a turn, as at the full circle the tip is exact on any mesh, by symmetry.
+    # At 0.4 turns, because at the full circle the tip is exact on any mesh, by symmetry.
     errors = {
         degree: [float(rolled_up(0.4, 4, n, degree)[2][-1]) for n in meshes]
         for degree, meshes in MESHES.items()

@@ -189,8 +189,9 @@ def main(results=None, steps=STEPS):
 def report(numbers):
     near = numbers["nearly rigid"]
     print(
-        f"With {STIFFENED:g} times the stiffness, differences from the rigid mechanism: slider at "
-        f"most {near['slider']:.1e} m, motor moment {near['motor moment']:.1e} of its largest\n"
+        f"With {STIFFENED:g} times the stiffness the differences from the rigid mechanism are at "
+        f"most\n{near['slider']:.1e} m for the slider and {near['motor moment']:.1e} of the "
+        "largest motor moment\n"
         "Largest motor moment of the rigid mechanism "
         f"{numbers['largest motor moment of the rigid mechanism']:.2f} N m\n"
     )

@@ -552,8 +552,8 @@ def test_damping_is_put_into_sentences():
     cells = labelled("0.2", {"A": 30, "B": 0.4}) + labelled("0.1", {"A": 1, "B": 0.8})
     assert benchmark("stability").owed_to_damping(cells) == [
         "A: energy is gained, or the run blows up or fails, in 1 of 2 cases.",
-        "B: energy is gained, or the run blows up or fails, in 0 of 2 cases; 60 % is lost at most "
-        "in the others.",
+        "B: energy is gained, or the run blows up or fails, in 0 of 2 cases; the others lose at "
+        "most 60 %.",
     ]
 
 
@@ -565,8 +565,8 @@ def test_tolerance_is_put_into_sentences():
         for c in labelled(label, dict(zip((OURS, "B"), row, strict=True)))
     ]
     ours, other, *errors = benchmark("stability").owed_to_tolerance(cells)
-    assert ours == f"{OURS}: from a tolerance of 1e-6 on, a tighter one changes no verdict."
-    assert other == "B: from a tolerance of 1e-4 on, a tighter one changes no verdict."
+    assert ours == f"{OURS}: no verdict changes with tolerances tighter than 1e-6."
+    assert other == "B: no verdict changes with tolerances tighter than 1e-4."
     assert [line.split()[-1] for line in errors] == ["1e-5.", "1e-6.", "1e-13."]
 
 
@@ -604,7 +604,7 @@ def test_the_report_is_written_in_full(report):
         assert f"]({picture})" in page and (directory / picture).stat().st_size > 20_000
     for group in {cell.case.group for cell in cells}:
         assert f"## {group}\n" in page
-    assert "## Other units" in page and "## Why runs broke off" in page
+    assert "## Other units" in page and "## Reasons for failed runs" in page
     assert {"tolerances.md", "damping.md", "units.json"} <= {
         path.name for path in directory.iterdir()
     }

@@ -411,7 +411,7 @@ def test_a_run_that_fails_is_a_row_with_its_reason(tmp_path):
     row = json.loads((tmp_path / "pinned.json").read_text())["Runs"][1]
     assert row["failure"] == newmark.failure and row["seconds"] is None
     assert (tmp_path / "pinned_1_energy.png").stat().st_size > 10_000
-    assert re.search(r"set-up of a run, .* first set-up, .* in all", page)
+    assert re.search(r"not include the set-up: .* first time, .* in total", page)
 
 
 def sensible(**change):
@@ -642,7 +642,7 @@ def test_what_makes_no_sense_is_refused_by_name_before_anything_runs(monkeypatch
         (lambda s: s.beams["arm"], "'tip' failed, KeyError: 'arm'"),
         (lambda s: (0.1, 0.2), "'tip': a tuple"),
         (lambda s: s.t[1:], "'tip' has 2 rows for 3 times"),
-        (lambda s: s.t, "'tip' has 1 values at a time, but its reference 2"),
+        (lambda s: s.t, "'tip' has 1 values at a time, but its reference has 2"),
         (lambda s: s.t * 1j, "'tip' is complex"),
         (lambda s: s.v, r"'tip' has the shape \(3, 2, 3\)"),
         (lambda s: "left", "'tip' is 'left', not a number"),

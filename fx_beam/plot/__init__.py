@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 
-# Without a display VTK would search for one and print a warning; this selects EGL if allowed.
+# Without a display VTK would search for one and print a warning: select EGL as the default.
 if not (os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")):
     os.environ.setdefault("VTK_DEFAULT_OPENGL_WINDOW", "vtkEGLRenderWindow")
 

@@ -97,8 +97,8 @@ def write(
         f"![Verdicts]({name}.png)\n",
         f"*{_MAP}*\n",
         f"![Energy over time]({name}_curves.png)\n",
-        "*The cases on which the schemes differ most, one of each group. A cross marks where "
-        "Newton's method failed.*\n",
+        "*The cases in which the schemes differ most, one of each group. A cross marks a failure "
+        "of Newton's method.*\n",
         *_tables(cells),
         remarks,
     ]
@@ -228,7 +228,7 @@ def _tables(cells: list[Cell]) -> list[str]:
         if cell.verdict.reason
     ]
     found += ["## Drift with the number of steps\n", table(drifts)] if drifts else []
-    return found + (["## Why runs broke off\n", table(reasons)] if reasons else [])
+    return found + (["## Reasons for failed runs\n", table(reasons)] if reasons else [])
 
 
 def _lost(group: str, cases: list[list[Cell]]) -> dict[str, Any]:

@@ -42,7 +42,7 @@ def draw(path: Path | str, found: Precision, quantity: str) -> None:
         dot = {"linestyle": "", "color": "0.5", "marker": _MARKERS[degree], "markersize": 4}
         ax.plot([], [], **dot, label=f"elements of degree {degree}")
     if any(run.lost for run in drawn):
-        ax.plot([], [], **_LOST, color="0.5", label="lost: energy off by more than half")
+        ax.plot([], [], **_LOST, color="0.5", label="lost: energy error above one half")
     _limit(ax, found, quantity, drawn)
     plot.save(figure, path)
 

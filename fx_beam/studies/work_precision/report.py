@@ -157,7 +157,7 @@ def _reasons(found: Precision) -> list[str]:
     noted = [(run.scheme, why) for run in found.runs for why in (run.failure, *run.notes.values())]
     noted += found.missing.items()
     lines = dict.fromkeys(f"- {name}: {why}\n" for name, why in noted if why)
-    return ["## What is missing, and why\n", "".join(lines)] if lines else []
+    return ["## Missing results and their reasons\n", "".join(lines)] if lines else []
 
 
 # -- Tables --------------------------------------------------------------------------------------
