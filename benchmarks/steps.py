@@ -32,7 +32,7 @@ PHASES = (
     "supports and joints",
     "rates and inertia",
     "convergence",
-    "next guess",
+    "predictor",
     "audit and record",
 )
 

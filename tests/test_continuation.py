@@ -270,11 +270,11 @@ def test_a_path_that_runs_off_is_given_up_and_its_limit_points_are_named():
     scene.pin(right.end)
     scene.add_joint(fb.PinInSlot(left.end, right.start, axis=(0.9, 0.4)))
     scene.add_force(left.node(0.5), (3, -30))
-    with pytest.raises(fb.StepError, match="does not come back to load factor 1") as caught:
+    with pytest.raises(fb.StepError, match="does not return to load factor 1") as caught:
         fb.static(scene, continuation="arc-length")
     path = caught.value.solution
     (limit,) = path.stats.limit_points
-    assert f"limit points at {limit:.6g} it has come to {path.load_factor[-1]:.6g}" in str(
+    assert f"limit points at {limit:.6g} it has reached {path.load_factor[-1]:.6g}" in str(
         caught.value
     )
     assert path.load_factor.max() == limit

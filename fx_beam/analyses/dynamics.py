@@ -140,11 +140,11 @@ def simulate(
     options = newton or NewtonOptions()
     drive = Drive(model)
     stepper = Stepper(model, drive, options, stats, max_halvings)
-    taker = _taker(solver, stepper, options)
+    integrator = _choose_integrator(solver, stepper, options)
     recorder = Recorder(model, times, record or Record())
     state = _first_state(model, drive, float(times[1] - times[0]), start)
     stepper.halving.resume(state.parts, dt)
-    taker.past = state.past
+    integrator.past = state.past
     windings = Windings(model)
     recorder.record(0, state)
     stats.setup_seconds = time.perf_counter() - clock
@@ -156,9 +156,9 @@ def simulate(
             for first in range(1, len(times), steps):
                 block, rows = times[first : first + steps], recorder.rows
                 try:
-                    state = taker.march(windings.take_off(state), block, first, recorder)
+                    state = integrator.march(windings.without_turns(state), block, first, recorder)
                 finally:
-                    recorder.wind(rows, windings.taken)
+                    recorder.add_turns(rows, windings.removed)
                 bar.update(len(block))
     except (StepError, KeyboardInterrupt) as error:
         stats.seconds = time.perf_counter() - clock
@@ -168,7 +168,7 @@ def simulate(
     stats.seconds = time.perf_counter() - clock
     _warn_of_parts(stats, dt)
     end = replace(
-        state, q=state.q + windings.taken, parts=stepper.halving.memory(dt), past=taker.past
+        state, q=state.q + windings.removed, parts=stepper.halving.memory(dt), past=integrator.past
     )
     return solution_of(model, recorder, stats, end)
 
@@ -220,7 +220,9 @@ def _first_state(model: Model, drive: Drive, dt: float, start: Solution | None) 
     return resumed_state(model, drive, dt, state, start.stats.scheme == model.scheme.name)
 
 
-def _taker(solver: str, stepper: Stepper, options: NewtonOptions) -> Stepper | CompiledLoop:
+def _choose_integrator(
+    solver: str, stepper: Stepper, options: NewtonOptions
+) -> Stepper | CompiledLoop:
     """Who takes the steps: the compiled loop where it can, and is not refused."""
     if solver == "petsc":
         petsc('solver = "petsc"')

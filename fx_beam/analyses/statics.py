@@ -20,7 +20,7 @@ from fx_beam.stepping.forcing import LoadDrive
 from fx_beam.stepping.load_steps import LoadStepper
 from fx_beam.stepping.newton import NewtonOptions, petsc
 from fx_beam.stepping.recorder import Record, Recorder
-from fx_beam.stepping.section_facing import Facing
+from fx_beam.stepping.section_facing import FacingCheck
 from fx_beam.stepping.substeps import MOST_HALVINGS
 from fx_beam.validation import is_number, is_whole, require
 
@@ -123,7 +123,7 @@ def static(
     )
     drive = LoadDrive(model, float(t))
     stepper = LoadStepper(model, drive, newton or NewtonOptions(), stats)
-    facing = Facing(model, stats)
+    facing = FacingCheck(model, stats)
     stats.setup_seconds = time.perf_counter() - clock
     clock = time.perf_counter()
     states = _Path(progress_bar(1.0, progress, bar_format=_BAR))
@@ -157,13 +157,15 @@ class _Path(list[State]):
         self.bar.update(state.t - self.bar.n)
 
 
-def _solution(stepper: LoadStepper, facing: Facing, states: list[State], clock: float) -> Solution:
+def _solution(
+    stepper: LoadStepper, facing: FacingCheck, states: list[State], clock: float
+) -> Solution:
     model, stats = stepper.model, stepper.stats
     stats.seconds, stats.substeps = time.perf_counter() - clock, stats.steps
     recorder = Recorder(model, np.array([state.t for state in states]), Record())
     for step, state in enumerate(states):
         recorder.record(step, state)
-        facing.look(state.t, state.q)
+        facing.check(state.t, state.q)
     end = replace(states[-1], t=stepper.drive.time)
     return solution_of(model, recorder, stats, end)
 

@@ -16,7 +16,13 @@ from fx_beam.fem import dolfinx_api
 from fx_beam.mechanics.rates import MidPointRates, NewmarkRates
 from fx_beam.model.joint_forces import JointForces
 from fx_beam.model.model import Model
-from fx_beam.stepping.newton import CLOSE, ENERGY_FLOOR, ENERGY_SHARE, LONGEST_TURN, NewtonOptions
+from fx_beam.stepping.newton import (
+    ENERGY_FLOOR,
+    ENERGY_SHARE,
+    LONGEST_TURN,
+    PREDICTOR_ERROR,
+    NewtonOptions,
+)
 from fx_beam.stepping.substeps import LARGE_TURN
 
 from .build import LoopUnavailable, load_batches, load_library
@@ -95,7 +101,7 @@ class Problem:
         p.dofs, p.nodes = model.size, len(mesh.X)
         p.cell_dofs, p.cell_coordinates = dofs.shape[1], coordinates.shape[1]
         massless = np.flatnonzero(model.massless)
-        p.turning, p.lacking = len(model.turns), len(massless)
+        p.turning, p.massless_count = len(model.turns), len(massless)
         # Numbers of the entries of K, from 1 so that none is a zero.
         numbered = scipy.sparse.csr_matrix((np.arange(1, K.nnz + 1), K.indices, K.indptr), K.shape)
         n = dofs.shape[1]
@@ -300,7 +306,7 @@ class Problem:
         p = self.c
         p.tolerance, p.max_turn = options.tolerance, options.max_turn
         p.longest_turn, p.large_turn, p.energy_floor = LONGEST_TURN, LARGE_TURN, ENERGY_FLOOR
-        p.energy_tolerance, p.close = ENERGY_SHARE * options.tolerance, CLOSE
+        p.energy_tolerance, p.predictor_error = ENERGY_SHARE * options.tolerance, PREDICTOR_ERROR
         p.max_iterations = options.max_iterations
 
     def _make_room(self) -> None:

@@ -37,13 +37,13 @@ class CompiledLoop:
         known = min(p.known, self._library.PAST)
         D, y = (values[:known].copy() for values in self._past)
         slides = model.couplings.free_slides(y, len(model.scene.joints))
-        return Past(p.past_dt, p.foretelling, D, slides)
+        return Past(p.past_dt, p.order_of_prediction, D, slides)
 
     @past.setter
     def past(self, past: Past | None) -> None:
         if past is not None:
             p, known = self._problem, len(past.increments)
-            p.past_dt, p.known, p.foretelling = past.length, known, past.foretelling
+            p.past_dt, p.known, p.order_of_prediction = past.length, known, past.order
             y = self.model.couplings.unknowns(past.increments, past.slides)
             for values, found in zip(self._past, (past.increments, y), strict=True):
                 values[:known] = found
@@ -116,7 +116,7 @@ class CompiledLoop:
         to = self._ffi.new("Record *")
         to.every, to.first, to.last = recorder.every, first, recorder.last
         to.parts, to.part = halving.parts, halving.done
-        for name, rows in recorder.places(to.parts).items():
+        for name, rows in recorder.next_rows(to.parts).items():
             setattr(to, name, self._ffi.cast("double *", rows.ctypes.data))
         dt = (ends[-1] - state.t) / len(ends)
         taken = self._library.fx_run(p, len(known.driven), dt, ahead, to)
@@ -125,7 +125,7 @@ class CompiledLoop:
         stats.newton_iterations += p.iterations
         stats.too_large += p.too_large
         if p.inside_out:
-            self._stepper.facing.found(p.inside_out, p.out_t, self._all.out_q)
+            self._stepper.facing.count(p.inside_out, p.out_t, self._all.out_q)
         for name, count in (("increment", taken - p.by_round_off), ("round-off", p.by_round_off)):
             if count:
                 stats.ended_by[name] = stats.ended_by.get(name, 0) + count

@@ -35,7 +35,7 @@ class JointForces:
         """Sums over nodal forces, three rows a joint, and over the moments of carrying nodes."""
         return self._sums, self._turning
 
-    def of(self, r: np.ndarray) -> np.ndarray:
+    def evaluate(self, r: np.ndarray) -> np.ndarray:
         """Force [N] and moment [N m] of each joint (joints, 3).
 
         `r` (size,) are the forces and couples of supports and joints on the nodes.

@@ -25,7 +25,7 @@ static void begin_loads(const Problem *p, const Work *w, const double *loads) {
 }
 
 /* Counts what ends with sections that face backwards, and keeps the first of them. */
-static void look_at_sections(Problem *p, const double *const *fields) {
+static void check_sections(Problem *p, const double *const *fields) {
   if (anywhere(p, &p->backwards, fields) && p->inside_out++ == 0) {
     p->out_t = p->t;
     memcpy(p->out_q, p->q, p->dofs * sizeof(double));
@@ -36,7 +36,7 @@ int fx_run(Problem *p, int steps, double dt, const Ahead *ahead, Record *to) {
   Work work, *w = &work;
   lay_out(p, w, p->scratch);
   w->dt = dt;
-  if (fabs(dt - p->past_dt) > 1e-6 * dt) p->known = p->foretelling = 0, p->past_dt = dt;
+  if (fabs(dt - p->past_dt) > 1e-6 * dt) p->known = p->order_of_prediction = 0, p->past_dt = dt;
   begin_inertia(p, w);
   LAP(PHASES_IN_ALL);
   int n = p->dofs, held = p->columns - p->free;
@@ -54,14 +54,14 @@ int fx_run(Problem *p, int steps, double dt, const Ahead *ahead, Record *to) {
     for (int i = 0; i < 4; ++i) begin_form(p, forms[i], fields, p->t + level * dt, dt);
     LAP(AUDIT);
     p->failure = newton(p, w, dt, change);
-    if (p->failure && p->foretelling) {
-      p->foretelling = 0;
+    if (p->failure && p->order_of_prediction) {
+      p->order_of_prediction = 0;
       p->failure = newton(p, w, dt, change);
     }
     if (p->failure) return k;
     LAP(CHECKS);
-    learn(p, w);
-    LAP(GUESS);
+    update_predictor(p, w);
+    LAP(PREDICTOR);
 
     /* Work: dead loads, driven motion, added forces. */
     work_increment(p, w);
@@ -99,7 +99,7 @@ int fx_run(Problem *p, int steps, double dt, const Ahead *ahead, Record *to) {
     p->t += dt;
     p->steps_done += 1;
     if (wanted) record(p, w, to);
-    if (!wanted || to->energies[6 * to->rows - 5] >= p->least_energy) look_at_sections(p, fields);
+    if (!wanted || to->energies[6 * to->rows - 5] >= p->least_energy) check_sections(p, fields);
     LAP(AUDIT);
   }
   return steps;

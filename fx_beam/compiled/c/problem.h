@@ -45,7 +45,7 @@ typedef struct {
 typedef struct {
   int dofs, cell_dofs, cell_coordinates, columns, free, driven;
   int *turns, turning;  /* rotations */
-  int *massless, lacking;
+  int *massless, massless_count;
   double *per_unit;     /* one over the size of a unit correction of each degree of freedom */
 
   Form residual, tangent, path_tangent, energy, backwards, added;
@@ -105,7 +105,7 @@ typedef struct {
   double level, beta, gamma, alpha_m;
 
   /* Newton's method. */
-  double tolerance, max_turn, longest_turn, large_turn, energy_floor, energy_tolerance, close;
+  double tolerance, max_turn, longest_turn, large_turn, energy_floor, energy_tolerance, predictor_error;
   int max_iterations;
 
   /* Driven columns: prescribed degrees of freedom (-1: a motor), then motors. */
@@ -125,7 +125,7 @@ typedef struct {
   double *q, *v, *a, *slide, *driven_now, *held, *added_force;
   int steps_done;       /* since the start, 0 before the first */
   double past_dt;       /* length of the steps that are remembered for the next guess */
-  int known, foretelling; /* how many they are, and how many differences foretold the last one */
+  int known, order_of_prediction; /* how many they are, and how many differences foretold the last one */
   double *past, *past_y;  /* [PAST] backward differences of increments and unknowns, from the 0th on */
 
   /* Work space and report. */

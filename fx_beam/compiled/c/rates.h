@@ -48,7 +48,7 @@ static void advance_rates(Problem *p, const Work *w, double dt) {
     }
     w->left[i] = v0;
   }
-  for (int k = 0; k < p->lacking; ++k) {
+  for (int k = 0; k < p->massless_count; ++k) {
     int i = p->massless[k];
     p->v[i] = w->path[i] / dt, p->a[i] = (p->v[i] - w->left[i]) / dt;
   }
