@@ -31,14 +31,14 @@ static void tangent(const Problem *p, const Work *w, const double *const *fields
     K[p->turning_place[k]] += p->turning_mass[k] * steep * (w->slope[p->turning_column[k]] - 1);
 }
 
-/* The inertia's part of the tangent, but for what changes with the slope of rotations. */
+/* The tangent of the inertia forces; `tangent` adds the part that depends on the increment. */
 static void begin_inertia(const Problem *p, const Work *w) {
   memset(w->inertia, 0, p->places * sizeof(double));
   for (int k = 0; k < p->mass_start[p->dofs]; ++k)
     w->inertia[p->mass_place[k]] = p->mass[k] * steepness(p, w->dt);
 }
 
-/* Forces of supports and joints after the correction, to first order; elsewhere none are left. */
+/* Forces of supports and joints after the last correction, to first order; zero elsewhere. */
 static void settle(const Problem *p, const Work *w) {
   memset(w->left, 0, p->dofs * sizeof(double));
   for (int k = 0; k < p->reacting; ++k) {
@@ -48,7 +48,7 @@ static void settle(const Problem *p, const Work *w) {
   memcpy(w->r, w->left, p->dofs * sizeof(double));
 }
 
-/* Takes the old from the new, and keeps the new in its place. */
+/* x becomes x - old, and old becomes x. */
 static void difference(int n, double *restrict x, double *restrict old) {
   for (int i = 0; i < n; ++i) {
     double now = x[i];
@@ -56,19 +56,19 @@ static void difference(int n, double *restrict x, double *restrict old) {
   }
 }
 
-/* Keeps the increment and its backward differences, and sees how many of them foretold it best. */
+/* Stores the increment with its backward differences, and chooses the order of extrapolation. */
 static void update_predictor(Problem *p, const Work *w) {
   double best = p->predictor_error * largest(p->dofs, w->D, p->per_unit), *left = w->left;
   p->order_of_prediction = 0;
   memcpy(left, w->D, p->dofs * sizeof(double));
   for (int k = 0; k < PAST; ++k) {
     difference(p->dofs, left, p->past + k * p->dofs);
-    double error = k < p->known ? largest(p->dofs, left, p->per_unit) : HUGE_VAL;
+    double error = k < p->known_steps ? largest(p->dofs, left, p->per_unit) : HUGE_VAL;
     if (error <= best) best = error, p->order_of_prediction = k + 1;
   }
   memcpy(left, w->z, p->free * sizeof(double));
   for (int k = 0; k < PAST; ++k) difference(p->free, left, p->past_y + k * p->free);
-  ++p->known;
+  ++p->known_steps;
 }
 
 static double widest_turn(const Problem *p, const double *D) {
