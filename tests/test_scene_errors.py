@@ -556,7 +556,7 @@ def test_a_step_that_is_not_positive_is_refused(dt):
 @pytest.mark.parametrize("t_end", [0.05, 0.0, -1.0])
 def test_an_end_before_the_first_step_is_refused(t_end):
     scene, _ = small_scene()
-    with refused(f"t_end = {t_end} is smaller than dt = 0.1"):
+    with refused(f"t_end = {t_end} must be at least one step dt = 0.1"):
         run(scene, t_end=t_end)
 
 

@@ -328,11 +328,11 @@ def test_wrong_starts_are_refused_by_name():
     with pytest.raises(fb.SceneError, match="t_end = 0.1 .* after the start at t = 0.1"):
         fb.simulate(scene, dt=0.01, t_end=0.1, start=first)
     other, _ = pinned_beam(5)
-    with pytest.raises(fb.SceneError, match="of other nodes than the scene has"):
+    with pytest.raises(fb.SceneError, match="has other nodes than the scene"):
         fb.simulate(other, dt=0.01, t_end=0.2, start=first)
     jointed, beam = pinned_beam(4)
     jointed.add_joint(fb.PinInSlot(fb.GROUND, beam.end, axis=(1, 0)))
-    with pytest.raises(fb.SceneError, match="the solution has 0 joints, and the scene 1"):
+    with pytest.raises(fb.SceneError, match="the solution has 0 joints, but the scene has 1"):
         fb.simulate(jointed, dt=0.01, t_end=0.2, start=first)
 
 
@@ -375,5 +375,5 @@ def test_a_run_that_broke_off_is_no_start():
     scene.add_force(scene.beams[0].end, lambda t: (1 / (0.05 - t), 0.0) if t < 0.05 else 1 / 0)
     with pytest.raises(fb.StepError) as caught:
         fb.simulate(scene, dt=0.01, t_end=0.1)
-    with pytest.raises(fb.SceneError, match="broke off, and its last state was not kept"):
+    with pytest.raises(fb.SceneError, match="ended early and has no last state"):
         fb.simulate(scene, dt=0.01, t_end=0.1, start=caught.value.solution)
