@@ -56,9 +56,9 @@ def static(
         The scene.
     steps : int
         Number of load steps, if none is cut. A step that fails, or whose work is too inaccurate,
-        is halved; after easy steps the length is doubled again. The tension of springs is applied
-        before, in the same number of steps. An arc-length step changes the load factor by at most
-        1/`steps`, and its turn is limited in proportion.
+        is halved; after easy steps the length is doubled again. Springs under tension are released
+        before the first load step, in the same number of steps. An arc-length step changes the load
+        factor by at most 1/`steps`, and its turn is limited in proportion.
     t : float
         Time at which functions of time are evaluated [s].
     continuation : {"arc-length"}, optional

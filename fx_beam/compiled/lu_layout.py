@@ -75,8 +75,8 @@ def _in_rows(graph: scipy.sparse.csr_matrix, rows: np.ndarray, columns: np.ndarr
         if a != b:
             above[min(a, b)].add(max(a, b))
     below: list[list[int]] = [[] for _ in range(n)]
-    # Symbolic factorisation: the structure of row k is merged into its parent in the elimination
-    # tree, which is its nearest entry.
+    # Symbolic factorisation: the structure of row k is merged into the row of its nearest entry,
+    # its parent in the elimination tree.
     for k in range(n):
         for j in above[k]:
             below[j].append(k)

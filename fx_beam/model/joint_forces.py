@@ -9,7 +9,7 @@ from .model import Model
 
 
 class JointForces:
-    """Joint forces on nodes b: sums of the nodal forces of all nodes that follow by the joint."""
+    """Joint forces on nodes b: sums over all nodes that follow through the joint."""
 
     def __init__(self, model: Model):
         self._model = model

@@ -193,7 +193,7 @@ def _driven_rates(model: Model, driven: np.ndarray) -> np.ndarray:
 def acceleration_of(mass: scipy.sparse.spmatrix, force: np.ndarray) -> np.ndarray:
     """Accelerations (n,) under generalised forces (n,); zero where there is no mass.
 
-    Of several solutions, where several unknowns move one mass, it is the one of least norm.
+    If several unknowns move one mass, they are the accelerations of least norm.
     """
     a = np.zeros(len(force))
     diagonal = mass.diagonal()

@@ -54,7 +54,7 @@ class LoadStepper:
         self.response: list[float] = []
 
     def first_state(self, steps: int, max_cuts: int) -> State:
-        """Equilibrium without loads; it differs from the reference configuration if springs pull.
+        """Equilibrium without loads: the reference configuration, unless springs are under tension.
 
         Holding forces balance the springs in the reference configuration; steps reduce them to 0.
         """

@@ -16,7 +16,7 @@ from fx_beam.results.state import Past, State
 from fx_beam.validation import is_number, is_whole, require
 
 # A correction that rotates a node further than this [rad] is shortened to it. The first correction
-# overshoots if axial compression makes the tangent nearly singular. For the pinned beam at dt 0.02
+# overshoots if the axial force makes the tangent nearly singular. For the pinned beam at dt 0.02
 # this avoids halving every tenth step and costs no iteration.
 LONGEST_TURN = 0.5
 # Rounding error of the energy, relative to the energy of the step.
@@ -103,7 +103,7 @@ class StepFailed(Exception):
 
 
 def petsc(what: str) -> Any:
-    """The module PETSc of petsc4py; RuntimeError if it is missing, naming `what` needs it."""
+    """The module PETSc of petsc4py. If it is missing, a RuntimeError says `what` needs it."""
     if find_spec("petsc4py") is None:
         raise RuntimeError(
             f"{what} needs PETSc, which is not installed. Install petsc4py (Debian's "
@@ -129,7 +129,7 @@ class Newton:
             D = np.full(self.model.size, np.nan)
             raise StepFailed(
                 "no convergence",
-                "no convergence. Install petsc4py for the iterations' residuals",
+                "no convergence (install petsc4py to see the residuals)",
                 D,
                 [],
             )

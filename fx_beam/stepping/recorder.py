@@ -68,7 +68,7 @@ class Recorder:
         self._steps = steps
         self.rows = 0
         self._first: State
-        #: Number of sub-steps (n,) of the step before each row, counted by its last sub-step.
+        #: Sub-steps (n,) in the step before each row, if all were as long as the last one.
         self._parts = np.ones(len(steps), dtype=int)
         n, size, joints = len(steps), model.size, len(model.scene.joints)
         held = model.reduction.columns - model.reduction.free

@@ -107,7 +107,7 @@ class SingleStep:
         return force + (0.5 - level) * (force - previous)
 
     def error(self, what: str, time: float, failed: StepFailed, advice: str) -> StepError:
-        """The StepError for a step that has failed finally: `what` failed, and `advice`."""
+        """StepError for a failed step: what failed, why, the worst node, and advice."""
         model = self.model
         D = model.to_nodes(abs(failed.D / model.unit))
         node, component = np.unravel_index(np.argmax(np.nan_to_num(D, nan=np.inf)), D.shape)

@@ -63,7 +63,7 @@ static void assemble_vector(const Problem *p, const Form *form, const double *co
 
 /* Whether a non-negative functional is positive on any element. The padding of the last block
    repeats an element and has no effect. */
-static int anywhere(const Problem *p, const Form *form, const double *const *fields) {
+static int any_positive(const Problem *p, const Form *form, const double *const *fields) {
   double sums[LANES] = {0}, A[LANES], sum = 0;
   for (int i = 0; i < form->integrals; ++i) {
     const Integral *of = form->of + i;

@@ -26,7 +26,7 @@ static void begin_loads(const Problem *p, const Work *w, const double *loads) {
 
 /* Counts steps that end with sections facing backwards, and stores the first configuration. */
 static void check_sections(Problem *p, const double *const *fields) {
-  if (anywhere(p, &p->backwards, fields) && p->inside_out++ == 0) {
+  if (any_positive(p, &p->backwards, fields) && p->inside_out++ == 0) {
     p->out_t = p->t;
     memcpy(p->out_q, p->q, p->dofs * sizeof(double));
   }

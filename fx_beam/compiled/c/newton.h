@@ -39,7 +39,7 @@ static void begin_inertia(const Problem *p, const Work *w) {
 }
 
 /* Forces of supports and joints after the last correction, to first order; zero elsewhere. */
-static void settle(const Problem *p, const Work *w) {
+static void update_reactions(const Problem *p, const Work *w) {
   memset(w->left, 0, p->dofs * sizeof(double));
   for (int k = 0; k < p->reacting; ++k) {
     int i = p->reacts[k];
@@ -140,7 +140,7 @@ static int newton(Problem *p, const Work *w, double dt, const double *driven) {
       else
         floor = fabs(energy_error) <= p->energy_floor * energy;
     }
-    if (small || floor) settle(p, w);
+    if (small || floor) update_reactions(p, w);
     LAP(CHECKS);
     expand(p, w);
     LAP(COUPLINGS);

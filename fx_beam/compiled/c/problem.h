@@ -111,11 +111,11 @@ typedef struct {
   /* Driven columns: prescribed degrees of freedom (-1: a motor), then motors. */
   int *driven_dof, *motor_a, *motor_b, *motor_slide;
 
-  /* Joint forces: sums over the nodes that follow by a joint. */
+  /* Joint forces: sums over the nodes that follow through a joint. */
   int scene_joints;
   int *sum_start, *sum_of;
   double *sum_sign;
-  int *lever_joint_start, *lever_joint; /* moving joints whose guiding nodes follow by a joint */
+  int *lever_joint_start, *lever_joint; /* moving joints whose guiding nodes follow through a joint */
   double *lever_sign;
   double *position;     /* (nodes, 2) */
   int nodes, *node_dofs;
