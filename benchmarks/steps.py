@@ -33,7 +33,7 @@ PHASES = (
     "supports and joints",
     "rates and inertia",
     "convergence",
-    "next guess",
+    "predictor",
     "audit and record",
 )
 

@@ -244,7 +244,7 @@ def test_a_path_ends_after_the_steps_that_it_may_take(caplog):
     solution = fb.static(scene, continuation="arc-length", max_steps=12)
     assert solution.stats.steps == 12 == len(solution.t) - 1
     assert solution.load_factor[-1] < 1
-    assert f"12 steps, and no further than load factor {solution.load_factor[-1]:g}" in caplog.text
+    assert f"load factor {solution.load_factor[-1]:g} after max_steps = 12 steps" in caplog.text
     assert solution.stats.failure.reason in caplog.text
     assert not fb.static(truss(0.9)[0], continuation="arc-length").stats.failure
 
@@ -270,11 +270,11 @@ def test_a_path_that_runs_off_is_given_up_and_its_limit_points_are_named():
     scene.pin(right.end)
     scene.add_joint(fb.PinInSlot(left.end, right.start, axis=(0.9, 0.4)))
     scene.add_force(left.node(0.5), (3, -30))
-    with pytest.raises(fb.StepError, match="does not come back to load factor 1") as caught:
+    with pytest.raises(fb.StepError, match="does not return to load factor 1") as caught:
         fb.static(scene, continuation="arc-length")
     path = caught.value.solution
     (limit,) = path.stats.limit_points
-    assert f"limit points at {limit:.6g} it has come to {path.load_factor[-1]:.6g}" in str(
+    assert f"limit points at {limit:.6g} it has reached {path.load_factor[-1]:.6g}" in str(
         caught.value
     )
     assert path.load_factor.max() == limit

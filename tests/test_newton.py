@@ -124,13 +124,13 @@ def test_large_steps_of_the_pinned_beam_converge_without_halving():
         assert fb.simulate(scene, dt=dt, t_end=10.0).stats.halvings == 0
 
 
-# -- Where an increment is sought first ----------------------------------------------------------
+# -- The predictor -------------------------------------------------------------------------------
 
 
-def bound_of_guesses(monkeypatch, bound):
-    """Let increments be carried on where they foretold the last one to this relative error."""
+def bound_of_predictor(monkeypatch, bound):
+    """Use the predictor up to this relative error in the previous step."""
     for module in (newton, handover):
-        monkeypatch.setattr(module, "CLOSE", bound)
+        monkeypatch.setattr(module, "PREDICTOR_ERROR", bound)
 
 
 @SOLVERS
@@ -140,7 +140,7 @@ def test_increments_carried_on_save_iterations_of_a_driven_mechanism_and_change_
     crank = demo("slider_crank")
     scene, *_ = crank.scene()
     carried = fb.simulate(scene, dt=crank.DT, t_end=60 * crank.DT, solver=solver)
-    bound_of_guesses(monkeypatch, 0.0)
+    bound_of_predictor(monkeypatch, 0.0)
     plain = fb.simulate(scene, dt=crank.DT, t_end=60 * crank.DT, solver=solver)
     assert abs(carried.q - plain.q).max() < 1e-12
     assert abs(carried.energy.balance_error).max() < 1e-12 * plain.energy.total.max()
@@ -149,8 +149,8 @@ def test_increments_carried_on_save_iterations_of_a_driven_mechanism_and_change_
 
 @SOLVERS
 def test_a_start_that_leads_nowhere_is_given_up_for_the_previous_configuration(solver, monkeypatch):
-    # Increments of steps as long as these foretell nothing, and some starts lead nowhere.
-    bound_of_guesses(monkeypatch, np.inf)
+    # Predictors of steps as long as these are useless, and some lead to no convergence.
+    bound_of_predictor(monkeypatch, np.inf)
     scene, _ = pinned_beam(elements=4)
     solution = fb.simulate(scene, dt=0.04, t_end=4.0, solver=solver, max_halvings=0)
     assert solution.stats.steps == 100

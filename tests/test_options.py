@@ -125,7 +125,7 @@ def test_a_start_of_another_scene_is_refused():
     finer.clamp(finer.add_beam([(0, 0), (1, 0)], SECTION, elements=2).start)
     for scene in (other, finer):
         start = fb.simulate(scene, dt=0.1, t_end=0.1)
-        with pytest.raises(fb.SceneError, match="start: the solution is one of other nodes"):
+        with pytest.raises(fb.SceneError, match="start: the solution has other nodes"):
             fb.simulate(cantilever(), dt=0.1, t_end=0.2, start=start)
 
 

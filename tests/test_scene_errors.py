@@ -484,7 +484,7 @@ def test_an_initial_velocity_that_fails_at_a_later_node_is_refused(part):
 def test_an_initial_velocity_that_is_not_finite_is_refused():
     scene, beam = small_scene()
     scene.set_velocity(beam, lambda x, y: (math.inf if x > 1 else 0.0, 0.0))
-    with refused(r"velocity at \(2, 0\) is .* not finite"):
+    with refused(r"velocity at \(2, 0\) is .*; it must be finite"):
         run(scene)
 
 
@@ -496,7 +496,9 @@ def test_an_initial_velocity_that_moves_a_support_is_refused(component, velocity
     scene, beam = small_scene()
     scene.fix(beam.end, component)
     scene.set_velocity(beam, velocity, spin)
-    with refused(rf"node 2 at \(2, 0\) is supported in {component} and has an initial rate of 1"):
+    with refused(
+        rf"node 2 at \(2, 0\) is supported in {component}, but its initial rate there is 1"
+    ):
         run(scene)
 
 
@@ -554,7 +556,7 @@ def test_a_step_that_is_not_positive_is_refused(dt):
 @pytest.mark.parametrize("t_end", [0.05, 0.0, -1.0])
 def test_an_end_before_the_first_step_is_refused(t_end):
     scene, _ = small_scene()
-    with refused(f"t_end = {t_end} is smaller than dt = 0.1"):
+    with refused(f"t_end = {t_end} must be at least one step dt = 0.1"):
         run(scene, t_end=t_end)
 
 

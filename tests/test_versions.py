@@ -247,5 +247,5 @@ def test_a_motion_needs_no_petsc_and_what_needs_it_says_so(tmp_path):
         (static, "fx_beam.static"),
         (modes, "fx_beam.modes"),
     ):
-        assert message.startswith(f"{what} needs PETSc, which is missing here: install petsc4py")
+        assert message.startswith(f"{what} needs PETSc, which is not installed. Install petsc4py")
     assert "the step from t = 0 to" in failed and "petsc4py" in failed

@@ -1,4 +1,4 @@
-"""What users call: `simulate`, `static` and `modes`.
+"""The analyses: `simulate`, `static` and `modes`.
 
-Each builds a model, runs it and returns a solution.
+Each builds a model of a scene, solves its equations and returns the results.
 """

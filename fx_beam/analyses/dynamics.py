@@ -32,9 +32,9 @@ from .progress import failure_of, keep, progress_bar
 
 _log = logging.getLogger("fx_beam")
 
-#: Steps, times degrees of freedom, between two looks at the progress bar and at the keyboard.
+#: Steps times degrees of freedom between two updates of the progress bar and checks for Ctrl-C.
 _BLOCK = 500_000
-# Steps of a time grid; their times alone take 8 GB.
+# Largest number of steps; their times alone take 8 GB.
 _MOST_STEPS = 1e9
 
 
@@ -51,12 +51,12 @@ def simulate(
     solver: str = "auto",
     progress: bool | None = None,
 ) -> Solution:
-    """Motion of a scene to `t_end`, from t = 0 or from where another solution ends.
+    """Simulate the motion of a scene to `t_end`, from t = 0 or from the end of another solution.
 
     Parameters
     ----------
     scene : Scene
-        What moves.
+        The scene.
     scheme : Scheme, optional
         Time scheme; `EnergyMomentum()` by default.
     dt : float
@@ -64,25 +64,26 @@ def simulate(
     t_end : float
         End of the simulation [s].
     start : Solution, optional
-        Where to start from, by default the reference configuration. From a static solution a scene
-        starts deformed, with its initial velocities, at the time that `static` was given; from an
-        earlier motion it goes on as if that had not ended, with the work done so far, and with the
-        same scheme and `dt` with the size of the parts that its last steps took. The scene
-        must have the same nodes, as many joints and motors, and joints that can be in that state;
-        loads, masses and supports may be others.
+        Solution whose end is the initial state; by default the reference configuration. From a
+        static solution the scene starts deformed, with its initial velocities, at the time `t` of
+        `static`. From an earlier motion the simulation continues without interruption, including
+        the work done so far and, for the same scheme and `dt`, the length of sub-steps. The scene
+        must have the same nodes and the same numbers of joints and motors, and its joints must be
+        satisfied in this state. Loads, masses and supports may differ.
     newton : NewtonOptions, optional
-        When Newton's method stops.
+        Convergence criteria of Newton's method.
     max_halvings : int
-        How often a failing step is halved before the simulation is given up; 0 for never. Parts
-        that succeed are doubled again.
+        How often a failing step is halved before the simulation fails; 0 for never. After
+        successful sub-steps their length is doubled again.
     record : Record, optional
-        What is kept; everything of every step by default.
+        What is recorded; by default everything of every step.
     solver : {"auto", "compiled", "petsc"}
-        Who takes the steps: a compiled loop, with a banded solver or a sparse one, or Python with
-        PETSc, which is slower and takes any scheme. By default the loop where it can be had.
+        How steps are computed: by a compiled loop, with a banded or sparse linear solver, or in
+        Python with PETSc, which is slower but supports any scheme. By default the compiled loop if
+        it is available.
     progress : bool, optional
-        Whether to show a progress bar; by default on a terminal when the run takes longer than
-        two seconds.
+        Whether to show a progress bar; by default on a terminal if the run takes longer than two
+        seconds.
 
     Returns
     -------
@@ -93,13 +94,13 @@ def simulate(
     Raises
     ------
     SceneError
-        Before anything runs, for a scene, scheme or time grid that cannot be computed.
+        Before the first step, if the scene, the scheme or the time grid is invalid.
     RuntimeError
-        Where steps in Python are asked for or needed, and PETSc is missing.
+        If steps in Python are requested or needed, but PETSc is missing.
     StepError
-        For a step that failed. Its attribute `solution` holds all steps before it.
+        If a step fails. Its attribute `solution` has all steps before it.
     KeyboardInterrupt
-        For Ctrl-C. Its attribute `solution` holds the steps so far.
+        After Ctrl-C. Its attribute `solution` has the steps so far.
 
     Examples
     --------
@@ -119,11 +120,11 @@ def simulate(
         raise SceneError(f"simulate needs an fx_beam.Scene, not {scene!r}")
     if not isinstance(scheme, Scheme):
         raise SceneError(
-            f"unknown scheme {scheme!r}; give one such as fx_beam.EnergyMomentum() or "
-            "fx_beam.Newmark(), with its brackets, or an fx_beam.Scheme of your own"
+            f"unknown scheme {scheme!r}; give an instance such as fx_beam.EnergyMomentum() or "
+            "fx_beam.Newmark(), with parentheses, or an fx_beam.Scheme of your own"
         )
     if scheme.rates.at_rest:
-        raise SceneError(f"{scheme.name} does not move in time: take fx_beam.static(scene)")
+        raise SceneError(f"{scheme.name} is a scheme for statics. Use fx_beam.static(scene)")
     _check_options(newton, max_halvings, record, solver, progress)
     times = _time_grid(dt, t_end, 0.0 if start is None else _end_of(start).t)
 
@@ -140,11 +141,11 @@ def simulate(
     options = newton or NewtonOptions()
     drive = Drive(model)
     stepper = Stepper(model, drive, options, stats, max_halvings)
-    taker = _taker(solver, stepper, options)
+    integrator = _choose_integrator(solver, stepper, options)
     recorder = Recorder(model, times, record or Record())
     state = _first_state(model, drive, float(times[1] - times[0]), start)
     stepper.halving.resume(state.parts, dt)
-    taker.past = state.past
+    integrator.past = state.past
     windings = Windings(model)
     recorder.record(0, state)
     stats.setup_seconds = time.perf_counter() - clock
@@ -156,9 +157,9 @@ def simulate(
             for first in range(1, len(times), steps):
                 block, rows = times[first : first + steps], recorder.rows
                 try:
-                    state = taker.march(windings.take_off(state), block, first, recorder)
+                    state = integrator.march(windings.without_turns(state), block, first, recorder)
                 finally:
-                    recorder.wind(rows, windings.taken)
+                    recorder.add_turns(rows, windings.removed)
                 bar.update(len(block))
     except (StepError, KeyboardInterrupt) as error:
         stats.seconds = time.perf_counter() - clock
@@ -168,47 +169,51 @@ def simulate(
     stats.seconds = time.perf_counter() - clock
     _warn_of_parts(stats, dt)
     end = replace(
-        state, q=state.q + windings.taken, parts=stepper.halving.memory(dt), past=taker.past
+        state, q=state.q + windings.removed, parts=stepper.halving.memory(dt), past=integrator.past
     )
     return solution_of(model, recorder, stats, end)
 
 
 def _warn_of_parts(stats: Stats, dt: float) -> None:
-    """Say that steps were taken in parts, and where they are too large for the motion."""
+    """Warn if steps were divided, and if they are too large for the motion."""
     if not stats.halvings:
         return
-    text = f"{stats.steps} steps took {stats.substeps}, as some failed and were halved"
+    text = f"{stats.steps} steps took {stats.substeps} sub-steps, since some failed and were halved"
     if stats.too_large:
         text += (
-            f". dt = {dt:g} is too large for this motion: in {stats.too_large} of the parts a node "
-            f"turned at more than {LARGE_TURN:g} rad per step, and where it goes may depend on "
-            "rounding. Try a smaller dt"
+            f". dt = {dt:g} is too large for this motion: in {stats.too_large} sub-steps a node "
+            f"turned by more than {LARGE_TURN:g} rad per step, so the motion may depend on "
+            "rounding errors. Try a smaller dt"
         )
     _log.warning("%s: %s", stats.scheme, text)
 
 
 def _end_of(start: Solution) -> State:
-    """Last state of a solution, its vectors by nodes."""
+    """Last state of a solution, with vectors numbered by nodes."""
     if not isinstance(start, Solution):
         raise SceneError(f"start must be a Solution, not {start!r}")
     if start.end is None:
-        raise SceneError("start: the solution broke off, and its last state was not kept")
+        raise SceneError(
+            "start: the solution ended early and has no last state. Start from a complete one"
+        )
     return start.end
 
 
 def _first_state(model: Model, drive: Drive, dt: float, start: Solution | None) -> State:
-    """State at the start of a motion, in the order of the model's degrees of freedom."""
+    """Initial state of a motion, in the numbering of the model."""
     if start is None:
         return initial_state(model, drive, dt)
     end, X = _end_of(start), model.mesh.X
     if start.X.shape != X.shape or (start.X != X).any():
-        raise SceneError("start: the solution is one of other nodes than the scene has")
+        raise SceneError(
+            "start: the solution has other nodes than the scene. Use the same beams and elements"
+        )
     for what, ours, theirs in (
         ("joints", len(model.scene.joints), len(end.slides)),
         ("motors", len(model.motors), len(end.motors)),
     ):
         if ours != theirs:
-            raise SceneError(f"start: the solution has {theirs} {what}, and the scene {ours}")
+            raise SceneError(f"start: the solution has {theirs} {what}, but the scene has {ours}")
     state = end.renumbered(model.from_nodes)
     check_joints(model, state)
     if state.held is not None and len(state.held) != model.reduction.columns - model.reduction.free:
@@ -220,8 +225,10 @@ def _first_state(model: Model, drive: Drive, dt: float, start: Solution | None) 
     return resumed_state(model, drive, dt, state, start.stats.scheme == model.scheme.name)
 
 
-def _taker(solver: str, stepper: Stepper, options: NewtonOptions) -> Stepper | CompiledLoop:
-    """Who takes the steps: the compiled loop where it can, and is not refused."""
+def _choose_integrator(
+    solver: str, stepper: Stepper, options: NewtonOptions
+) -> Stepper | CompiledLoop:
+    """The compiled loop if it can run the model and is not excluded, otherwise the stepper."""
     if solver == "petsc":
         petsc('solver = "petsc"')
         return stepper
@@ -230,7 +237,7 @@ def _taker(solver: str, stepper: Stepper, options: NewtonOptions) -> Stepper | C
     except LoopUnavailable as reason:
         if solver == "compiled":
             raise SceneError(f'solver = "compiled" is not available: {reason}') from reason
-        petsc(f"a scene that the compiled loop cannot take ({reason})")
+        petsc(f"a scene that the compiled loop cannot run ({reason})")
         stepper.stats.solver += f" ({reason})"
         return stepper
 
@@ -263,13 +270,13 @@ def _time_grid(dt: float, t_end: float, t0: float) -> np.ndarray:
         raise SceneError(f"dt = {dt!r} must be positive")
     if t_end - t0 < dt * (1 - 1e-6):
         since = f" after the start at t = {t0:g}" if t0 else ""
-        raise SceneError(f"t_end = {t_end!r} is smaller than dt = {dt!r}{since}")
+        raise SceneError(f"t_end = {t_end!r} must be at least one step dt = {dt!r}{since}")
     if (t_end - t0) / dt > _MOST_STEPS:
         raise SceneError(
             f"dt = {dt!r}: {(t_end - t0) / dt:.3g} steps to t_end = {t_end!r} are more than the "
-            f"{_MOST_STEPS:.0e} that can be taken"
+            f"largest number, {_MOST_STEPS:.0e}. Try a larger dt"
         )
-    # A remainder below 1e-6 steps is rounding of t_end / dt, not a step.
+    # A remainder below 1e-6 steps is a rounding error of t_end / dt, not a step.
     steps = math.ceil((t_end - t0) / dt - 1e-6)
     times = t0 + float(dt) * np.arange(steps + 1)
     times[-1] = t_end

@@ -1,4 +1,4 @@
-"""From what was recorded to a solution."""
+"""Builds a solution from a record."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from fx_beam.stepping.recorder import Recorder
 def solution_of(
     model: Model, recorder: Recorder, stats: Stats, end: State | None = None
 ) -> Solution:
-    """Solution made of a record; `end` is the last state, none if the run broke off."""
+    """Solution from a record; `end` is the last state, None if the run ended early."""
     scene, mesh = model.scene, model.mesh
     histories = recorder.histories()
     cache: list[np.ndarray] = []

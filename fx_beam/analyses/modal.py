@@ -1,4 +1,4 @@
-"""Natural frequencies and mode shapes about a configuration, through SLEPc."""
+"""Natural frequencies and mode shapes about a configuration, by SLEPc."""
 
 from __future__ import annotations
 
@@ -31,19 +31,18 @@ class Modes:
     r"""Free vibrations about a configuration, lowest first.
 
     A vibration :math:`\hat x \sin(\omega t)` of small amplitude obeys
-    :math:`K \hat x = \omega^2 M \hat x`, in the unknowns that supports and joints leave. Where
-    :math:`\omega^2` is negative the configuration is unstable: the shape grows as
-    :math:`e^{|\omega| t}`, and the frequency is given as the negative number
-    :math:`-|\omega|`.
+    :math:`K \hat x = \omega^2 M \hat x` in the unknowns of the scene. If :math:`\omega^2` is
+    negative, the configuration is unstable: the amplitude grows as :math:`e^{|\omega| t}`, and the
+    frequency is given as the negative number :math:`-|\omega|`.
 
     Parameters
     ----------
     angular_frequencies : (n,) float
         Angular frequencies omega [rad/s]; zero for rigid modes, negative for unstable ones.
     rigid : (n,) bool
-        Whether a mode moves the members as rigid bodies: its energy is zero to rounding.
+        Whether a mode is a rigid-body motion: its strain energy is zero up to rounding.
     shapes : (n, n_node, 3) float
-        Displacements and rotations of the nodes, of modal mass 1: shape.M.shape = 1 kg m^2.
+        Displacements and rotations of the nodes, with modal mass 1: shape.M.shape = 1 kg m^2.
     positions : (n_node, 2) float
         Positions of the nodes in the configuration [m].
     nodes_of_beam : dict
@@ -90,7 +89,7 @@ class Modes:
         return "\n".join(f"mode {k}: {f:.6g} Hz {name}".rstrip() for k, f, name in rows)
 
     def shape(self, beam: Beam | str, mode: int, size: float) -> np.ndarray:
-        """Axis of a beam, moved by a mode.
+        """Axis of a beam, displaced by a mode.
 
         Parameters
         ----------
@@ -109,12 +108,12 @@ class Modes:
         Raises
         ------
         SceneError
-            For a beam or a mode that is not there.
+            If there is no such beam or mode.
         """
         name = beam.name if isinstance(beam, Beam) else beam
         if name not in self.nodes_of_beam:
             raise SceneError(
-                f"{name!r} is no beam of these modes; they have {list(self.nodes_of_beam)}"
+                f"{name!r} is not a beam of these modes; they have {list(self.nodes_of_beam)}"
             )
         if mode not in range(-len(self), len(self)):
             raise SceneError(f"mode {mode!r}: there are {len(self)} modes, numbered from 0")
@@ -124,22 +123,22 @@ class Modes:
 
 
 def modes(scene: Scene, state: Solution | None = None, n: int = 6) -> Modes:
-    """Lowest natural frequencies and their shapes.
+    """Compute the lowest natural frequencies and mode shapes.
 
-    The stiffness is that of the equilibrium at the state, stress included, with springs, dead
-    loads, and added forces that have a potential; dampers and drag are left out. Prescribed
-    motions and motors are held.
+    The stiffness is the tangent at the state: it includes the geometric stiffness, springs, dead
+    loads, and added forces with a potential, but no dampers or drag. Prescribed motions and motors
+    are fixed.
 
     Parameters
     ----------
     scene : Scene
-        What vibrates.
+        The scene.
     state : Solution, optional
-        A solution of the scene, whose last row is the configuration and should be an equilibrium;
-        by default the start, without loads. It may be that of another scene with the same nodes,
-        such as one in which a mechanism is held.
+        A solution whose last row is the configuration, which should be an equilibrium; by default
+        the reference configuration without loads. It may be a solution of another scene with the
+        same nodes, such as one in which a mechanism is supported.
     n : int
-        Number of modes; there may be fewer where mass is lumped.
+        Number of modes; fewer are returned if the scene has fewer degrees of freedom with mass.
 
     Returns
     -------
@@ -149,14 +148,14 @@ def modes(scene: Scene, state: Solution | None = None, n: int = 6) -> Modes:
     Raises
     ------
     SceneError
-        For a scene that cannot vibrate: without mass or unknowns, or with forces that follow the
+        If the scene cannot vibrate: it has no mass, no unknowns, or forces that depend on the
         motion and have no potential.
     RuntimeError
-        Where PETSc or SLEPc is missing, or SLEPc fails.
+        If PETSc or SLEPc is missing, or if SLEPc fails.
 
     Examples
     --------
-    The first bending frequency of a cantilever, against 3.516 sqrt(EI / (rhoA L^4)).
+    The first bending frequency of a cantilever; the exact value is 3.516 sqrt(EI / (rhoA L^4)).
 
     >>> import fx_beam as fb
     >>> scene = fb.Scene()
@@ -183,19 +182,19 @@ def modes(scene: Scene, state: Solution | None = None, n: int = 6) -> Modes:
 
 
 def _matrices(model: Model, state: Solution | None):
-    """Stiffness and mass of the unknowns, the coupling T to all of x, and the configuration q."""
+    """Reduced stiffness and mass, the matrix T of the coupling, and the configuration q."""
     reduction = model.reduction
-    factor, t = 0.0, 0.0  # without loads the start is an equilibrium
+    factor, t = 0.0, 0.0  # the reference configuration is an equilibrium without loads
     start = reference_state(model)
     if state is not None:
         factor, t, start.q, start.slides = _last(model, state)
     if not reduction.free:
         raise SceneError(
-            "modes: nothing is free to vibrate: supports, joints and motors hold all degrees of "
-            "freedom"
+            "modes: the scene has no unknowns: supports, joints and motors fix all degrees of "
+            "freedom. Release one of them"
         )
     if not model.mass.data.any():
-        raise SceneError("modes: nothing can vibrate: the scene has no mass; give it some")
+        raise SceneError("modes: the scene has no mass. Give a section rhoA or add a mass")
     equations, force = Equations(model, t), factor * model.loads.at(t)
     if model.weight is not None:
         force += factor * model.weight
@@ -203,15 +202,15 @@ def _matrices(model: Model, state: Solution | None):
     K = equations.tangent(equations.at_start(force).r)
     if _asymmetry(K, model.unit_of_unknowns) > 1e-12:
         raise SceneError(
-            "modes: the stiffness is not symmetric, as a load or an added virtual work follows the "
-            "motion and has no potential; such a scene has no natural frequencies. Simulate it"
+            "modes: the stiffness is not symmetric, since a load or an added virtual work depends "
+            "on the motion and has no potential. Simulate the scene instead, or remove this load"
         )
     T = reduction.coupling()[:, : reduction.free]
     return (K + K.T) / 2, (T.T @ model.mass @ T).tocsr(), T, start.q
 
 
 def _asymmetry(K, unit: np.ndarray) -> float:
-    """Largest asymmetry of a stiffness, relative to what is in the same rows, in any units."""
+    """Largest asymmetry of a stiffness, relative to its rows, independent of the user's units."""
     scale = scipy.sparse.diags(unit)
     work = abs(scale @ K @ scale)
     largest = work.max(axis=1).toarray()[:, 0]
@@ -221,14 +220,17 @@ def _asymmetry(K, unit: np.ndarray) -> float:
 
 
 def _last(model: Model, state: Solution):
-    """Load factor, time, displacements and slides of the last row of a solution."""
+    """Load factor, time, displacements and slides in the last row of a solution."""
     if not isinstance(state, Solution):
         raise SceneError(f"modes: state = {state!r} must be a solution of the scene")
     if not np.array_equal(state.X, model.mesh.X) or not len(state.q):
-        raise SceneError("modes: the state is no solution of this scene with its motion recorded")
+        raise SceneError(
+            "modes: the state must be a solution with the nodes of this scene and its motion "
+            "recorded (record=Record(motion=True))"
+        )
     factor, t = 1.0, float(state.t[-1])
     if state.stats.static:
-        # Functions of time were taken at one time.
+        # Functions of time were evaluated at one time.
         factor, t = t, state.end.t if state.end is not None else 0.0
     return factor, t, model.from_nodes(state.q[-1]), state.slides[-1]
 
@@ -240,11 +242,11 @@ def _lowest(K, M, n: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """
     massive = M.diagonal() > 0
     ratios = abs(K.diagonal()[massive]) / M.diagonal()[massive]
-    # Scaled, so that stiffnesses are of size 1 and eigenvalues below it.
+    # Scaled so that stiffnesses are of order 1 and eigenvalues below 1.
     unit = ratios.max() or 1.0
     scale = scipy.sparse.diags((abs(K.diagonal()) + unit * M.diagonal()) ** -0.5)
     K, M = scale @ K @ scale, unit * scale @ M @ scale
-    # What is smaller than the least is rounding, in the softest direction.
+    # Smaller eigenvalues are rounding errors, even in the softest direction.
     least = 1e4 * np.finfo(float).eps * ratios.min(where=ratios > 1e-20 * unit, initial=unit) / unit
     values, rounding, vectors = _in_slices(K, M, n, 10.0 ** np.arange(np.log10(least), 4, 0.25))
     vectors = np.sqrt(unit) * (scale @ vectors)
@@ -253,30 +255,30 @@ def _lowest(K, M, n: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
 
 
 def _in_slices(K, M, n: int, sizes: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """The same where eigenvalues have some of these sizes, from below in slices of four decades."""
-    # Each slice has its own shift, since what is far below a shift is lost to rounding. A slice is
-    # done when it holds as many eigenvalues as Sylvester's law counts: a Krylov space may lack
-    # copies of multiple eigenvalues, which come out once those that were found are deflated.
+    """The same by slices of four decades from below; `sizes` are candidates for slice bounds."""
+    # Each slice has its own shift, since eigenvalues far below a shift are lost to rounding errors.
+    # A slice is complete when it has as many eigenvalues as Sylvester's law counts. A Krylov space
+    # may lack copies of multiple eigenvalues; they are found after deflation of the others.
     below = functools.cache(functools.partial(_below, K, M))
     levels = _levels(below, sizes)
 
     def reach(k):
         return levels[bisect.bisect_left(levels, k, hi=len(levels) - 1, key=below)]
 
-    n = min(n, below(levels[-1]))  # the rest are infinite, for unknowns without mass
+    n = min(n, below(levels[-1]))  # the others are infinite, for unknowns without mass
     last = reach(n)
     values: np.ndarray = np.empty(0)
     rounding, vectors = values, np.empty((K.shape[0], 0))
     while (found := len(values)) < max(n, below(last)):
         bottom, noise = reach(found + 1), rounding.max(initial=levels[levels > 0][0])
         top = min(last, max(1e4 * bottom, 1e-4 * bottom, noise))
-        shift = -max(top, -10 * bottom, 10 * noise)  # below the slice, and no eigenvalue itself
+        shift = -max(top, -10 * bottom, 10 * noise)  # below the slice, not an eigenvalue
         new = _nearest(K, M, max(below(top) - found, 1), shift, vectors)
-        # Rayleigh and Ritz, in what is orthogonal to the slices below.
+        # Rayleigh-Ritz method, orthogonal to the slices below.
         new -= vectors @ (vectors.T @ (M @ new))
         new = new @ scipy.linalg.eigh(new.T @ (K @ new), new.T @ (M @ new))[1]
         squares, errors = _quotients(K, M, new)
-        # Above the slice are those that stand in for copies still to come.
+        # Vectors above the slice took the place of copies that are not found yet.
         inside = squares <= max(top + 1e-8 * abs(top), squares[0])
         values, rounding = np.append(values, squares[inside]), np.append(rounding, errors[inside])
         vectors = np.column_stack([vectors, new[:, inside]])
@@ -285,21 +287,23 @@ def _in_slices(K, M, n: int, sizes: np.ndarray) -> tuple[np.ndarray, np.ndarray,
 
 
 def _levels(below: Callable[[float], int], sizes: np.ndarray) -> np.ndarray:
-    """Numbers of both signs and these sizes, without those that are rounding."""
+    """Slice bounds of both signs and these sizes, above the rounding error."""
     if below(sizes[-1]) < 1:
-        raise SceneError("modes: a part of the scene moves freely and has no mass")
+        raise SceneError(
+            "modes: a part of the scene moves freely and has no mass. Give it mass or a support"
+        )
     if below(-sizes[-1]) != 0:
         raise SceneError(
-            "modes: the state is unstable in a motion without mass, which would grow at once; give "
-            "that part a mass, or ask for a state of less load"
+            "modes: the state is unstable in a motion without mass, so its growth rate is infinite."
+            " Give this part mass, or use a state with less load"
         )
-    # A rigid mode may be zero to all digits of a stiff part, which is much for a soft one.
+    # The rounding error of a rigid mode of a stiff part may be large compared with a soft part.
     least = next(k for k, x in enumerate(sizes) if min(below(x), below(-x)) >= 0)
     return np.concatenate([-sizes[least:][::-1], sizes[least:]])
 
 
 def _quotients(K, M, vectors: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Rayleigh's quotients of vectors, which get the modal mass 1, and their rounding."""
+    """Rayleigh quotients of vectors and their rounding errors; scales vectors to modal mass 1."""
     vectors /= np.sqrt(np.einsum("ij,ij->j", vectors, M @ vectors))
     values = np.einsum("ij,ij->j", vectors, K @ vectors)
     sizes = np.einsum("ij,ij->j", abs(vectors), abs(K) @ abs(vectors))
@@ -307,9 +311,9 @@ def _quotients(K, M, vectors: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _below(K, M, x: float) -> int:
-    """How many eigenvalues are below x: the negative pivots of K - x M, by Sylvester's law.
+    """Number of eigenvalues below x: negative pivots of K - x M, by Sylvester's law of inertia.
 
-    -1 where there is a zero among them: x is an eigenvalue itself.
+    -1 if a pivot is zero: x is an eigenvalue.
     """
     try:
         factors = splu(
@@ -324,17 +328,17 @@ def _below(K, M, x: float) -> int:
 
 
 def _nearest(K, M, n: int, shift: float, deflated: np.ndarray) -> np.ndarray:
-    """Vectors (size, n or fewer) to the eigenvalues nearest to a shift, but for those deflated."""
+    """Eigenvectors (size, n or fewer) nearest to a shift, except the deflated ones."""
     PETSc = petsc("fx_beam.modes")
     if find_spec("slepc4py") is None:
-        raise RuntimeError("fx_beam.modes needs SLEPc: install Debian's python3-slepc4py")
+        raise RuntimeError("fx_beam.modes needs SLEPc. Install Debian's python3-slepc4py")
     from slepc4py import SLEPc
 
     def handed_over(matrix):
         rows = matrix.indptr.astype(PETSc.IntType), matrix.indices.astype(PETSc.IntType)
         return PETSc.Mat().createAIJ(matrix.shape, csr=(*rows, matrix.data), comm=PETSc.COMM_SELF)
 
-    # With a trace of mass where there is none, no vector has the norm zero.
+    # A tiny mass for massless unknowns, so that no vector has zero norm.
     trace = scipy.sparse.diags(1e-20 * (M.diagonal() == 0))
     A, B = handed_over(K.tocsr()), handed_over((M + trace).tocsr())
     solver = SLEPc.EPS().create(PETSc.COMM_SELF)
@@ -349,7 +353,7 @@ def _nearest(K, M, n: int, shift: float, deflated: np.ndarray) -> np.ndarray:
     )
     transform = solver.getST()
     transform.setType(SLEPc.ST.Type.SINVERT)
-    # The softest pivots of a slender beam are small against its axial stiffness, and no zeros.
+    # Pivots of a slender beam in bending are small relative to its axial stiffness, but not zero.
     transform.getKSP().setType(PETSc.KSP.Type.PREONLY)
     factorisation = transform.getKSP().getPC()
     factorisation.setType(PETSc.PC.Type.LU)
@@ -370,6 +374,6 @@ def _nearest(K, M, n: int, shift: float, deflated: np.ndarray) -> np.ndarray:
 
 def _failure(what: str) -> RuntimeError:
     return RuntimeError(
-        f"modes: SLEPc {what}; ask for fewer modes, or look for stiffnesses or masses that are of "
-        "very different size, as those in a wrong unit are"
+        f"modes: SLEPc {what}. Try fewer modes, and check the units of stiffnesses and masses: "
+        "SLEPc may fail for very different magnitudes"
     )

@@ -1,4 +1,4 @@
-"""Equilibria of a scene under growing loads."""
+"""Equilibria of a scene under rising loads."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from fx_beam.stepping.forcing import LoadDrive
 from fx_beam.stepping.load_steps import LoadStepper
 from fx_beam.stepping.newton import NewtonOptions, petsc
 from fx_beam.stepping.recorder import Record, Recorder
-from fx_beam.stepping.section_facing import Facing
+from fx_beam.stepping.section_facing import FacingCheck
 from fx_beam.stepping.substeps import MOST_HALVINGS
 from fx_beam.validation import is_number, is_whole, require
 
@@ -42,57 +42,56 @@ def static(
     max_steps: int = 1000,
     progress: bool | None = None,
 ) -> Solution:
-    """Equilibria of a scene while its loads grow from nothing.
+    """Compute equilibria of a scene while its loads rise from zero.
 
-    The load factor multiplies all loads, the weight and prescribed motions and motors included.
-    Those that are functions of time are taken at the time `t`. Masses, dampers and initial
-    velocities play no part. The work of the loads is counted with the mean of the forces at both
-    ends of each step, so that the balance of energy closes to second order in the steps; of the
-    weight, whose full potential energy counts, the part that does not yet act is a load upwards.
+    The load factor multiplies all loads, including the weight, prescribed motions and motors.
+    Functions of time are evaluated at the time `t`. Inertia, dampers and initial velocities have no
+    effect. The work of the loads uses the mean of the forces at both ends of each step; the energy
+    balance thus has an error of second order in the steps. The potential energy is that of the full
+    weight; the part of the weight that does not act yet is counted as an upward load.
 
     Parameters
     ----------
     scene : Scene
-        What is loaded.
+        The scene.
     steps : int
-        Load steps, if none is cut: a step that fails, or is too long for its work, is halved, and
-        steps grow again where they are easy. Springs under tension are let go in as many, before.
-        Along an arc length none changes the load factor by more than 1/`steps`, and none turns by
-        more than in proportion to that.
+        Number of load steps, if none is cut. A step that fails, or whose work is too inaccurate,
+        is halved; after easy steps the length is doubled again. Springs under tension are released
+        before the first load step, in the same number of steps. An arc-length step changes the load
+        factor by at most 1/`steps`, and its turn is limited in proportion.
     t : float
-        When functions of time are taken [s].
+        Time at which functions of time are evaluated [s].
     continuation : {"arc-length"}, optional
-        How limit points are passed: with the load factor as an unknown, that goes down behind a
-        limit point and up again behind the next; a path that comes to -10 is given up. By default
-        the load factor only grows.
+        Method to pass limit points: the load factor is an unknown; it falls after a limit point
+        and rises again after the next. A path is abandoned at the load factor -10. By default the
+        load factor only rises.
     newton : NewtonOptions, optional
-        When Newton's method stops.
+        Convergence criteria of Newton's method.
     max_cuts : int
         How often a step may be halved.
     max_steps : int
-        Steps after which a path along an arc length ends, if it has not come to load factor 1;
-        ``stats.failure`` says so.
+        Largest number of arc-length steps; if the path has not reached load factor 1 by then, it
+        ends and ``stats.failure`` reports this.
     progress : bool, optional
-        Whether to show a progress bar; by default on a terminal when the path takes longer than
-        two seconds.
+        Whether to show a progress bar; by default on a terminal if the run takes longer than two
+        seconds.
 
     Returns
     -------
     Solution
-        The equilibria, with their load factors in `Solution.load_factor` in place of times. Load
-        factors of limit points, which are rows as well, are in ``stats.limit_points``.
+        The equilibria, with their load factors in `Solution.load_factor` in place of times. The
+        load factors of limit points, which are also rows, are in ``stats.limit_points``.
 
     Raises
     ------
     SceneError
-        Before anything is computed, for a scene that cannot be in equilibrium.
+        Before the first step, if the scene cannot be in equilibrium.
     RuntimeError
-        Where PETSc is missing.
+        If PETSc is missing.
     StepError
-        For a step that failed. Its attribute `solution` holds all steps before it, and `time` the
-        load factor.
+        If a step fails. Its attribute `solution` has all steps before it, `time` the load factor.
     KeyboardInterrupt
-        For Ctrl-C. Its attribute `solution` holds the steps so far.
+        After Ctrl-C. Its attribute `solution` has the steps so far.
 
     Examples
     --------
@@ -123,7 +122,7 @@ def static(
     )
     drive = LoadDrive(model, float(t))
     stepper = LoadStepper(model, drive, newton or NewtonOptions(), stats)
-    facing = Facing(model, stats)
+    facing = FacingCheck(model, stats)
     stats.setup_seconds = time.perf_counter() - clock
     clock = time.perf_counter()
     states = _Path(progress_bar(1.0, progress, bar_format=_BAR))
@@ -140,14 +139,14 @@ def static(
         raise
     if states[-1].t < 1:
         factor = states[-1].t
-        reason = f"static: {max_steps} steps, and no further than load factor {factor:g}"
+        reason = f"static: load factor {factor:g} after max_steps = {max_steps} steps, below 1"
         stats.failure = Failure("too many steps", reason, factor)
         _log.warning(reason)
     return _solution(stepper, facing, states, clock)
 
 
 class _Path(list[State]):
-    """States of a path; the bar shows the load factor of the last one, which may go down."""
+    """States of a path; a progress bar shows the load factor of the last one."""
 
     def __init__(self, bar):
         self.bar = bar
@@ -157,13 +156,15 @@ class _Path(list[State]):
         self.bar.update(state.t - self.bar.n)
 
 
-def _solution(stepper: LoadStepper, facing: Facing, states: list[State], clock: float) -> Solution:
+def _solution(
+    stepper: LoadStepper, facing: FacingCheck, states: list[State], clock: float
+) -> Solution:
     model, stats = stepper.model, stepper.stats
     stats.seconds, stats.substeps = time.perf_counter() - clock, stats.steps
     recorder = Recorder(model, np.array([state.t for state in states]), Record())
     for step, state in enumerate(states):
         recorder.record(step, state)
-        facing.look(state.t, state.q)
+        facing.check(state.t, state.q)
     end = replace(states[-1], t=stepper.drive.time)
     return solution_of(model, recorder, stats, end)
 

@@ -1,4 +1,4 @@
-"""The time loop in C, on the functions that FFCx generates from the weak form.
+"""The time loop in C. It calls the functions that FFCx generates from the weak form.
 
-C files lie in `c`; the Python here builds them, hands a scene over and runs blocks of steps.
+The C files are in `c`. The Python files compile them, convert the scene and run blocks of steps.
 """

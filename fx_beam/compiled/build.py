@@ -1,4 +1,4 @@
-"""C of our own, built once for each kind of processor and kept in the user's cache."""
+"""Compiles the C files once for each type of processor and keeps the libraries in a cache."""
 
 from __future__ import annotations
 
@@ -24,24 +24,24 @@ _log = logging.getLogger("fx_beam")
 _SOURCES = Path(__file__).parent / "c"
 _FLAGS = [
     *("-O3", "-fno-math-errno", "-fno-trapping-math", "-shared", "-fPIC"),
-    # The whole width of vectors, which compilers of some processors leave half empty.
+    # The full vector width: by default, compilers use half of it on some processors.
     *(["-mprefer-vector-width=512"] if platform.machine() == "x86_64" else []),
-    # GCC would join sin and cos of one angle in one complex number, of which it has no vectors.
+    # GCC would merge sin and cos of one angle into a complex function, which it cannot vectorise.
     *("-fno-builtin-sin", "-fno-builtin-cos"),
 ]
-# The compiler's option that chooses a processor, where it knows "native".
+# Compiler option for the processor, on architectures where it accepts "native".
 _OPTION = {"x86_64": "-march", "aarch64": "-mcpu"}.get(platform.machine())
 
 
 class LoopUnavailable(Exception):
-    """Why a scene cannot run in the compiled loop."""
+    """The compiled loop cannot run a scene; the message is the reason."""
 
 
 @functools.cache
 def load_library(*definitions: str) -> tuple[Any, Any]:
-    """The interface (cffi.FFI) and the library of the loop, for what problem.h declares.
+    """The cffi.FFI with the declarations of problem.h, and the compiled library of the loop.
 
-    `definitions` are macros, such as PHASES to measure where time goes.
+    `definitions` are macros, such as PHASES, which measures the time of each phase.
     """
     ffi = cffi.FFI()
     ffi.cdef((_SOURCES / "problem.h").read_text().replace("#pragma once", ""))
@@ -51,9 +51,9 @@ def load_library(*definitions: str) -> tuple[Any, Any]:
 
 
 def load_batches(name: str, form, ufl_form, size: int, width: int, places: int) -> list[int]:
-    """Addresses of a ``Batch`` of problem.h for each integral of a form: several elements at once.
+    """Addresses of a ``Batch`` of problem.h for each integral of a form.
 
-    `size`, `width`, `places`: entries of an element tensor, coefficients, coordinates.
+    `size`, `width`, `places`: numbers of tensor entries, coefficients and coordinates per element.
     """
     numbers = f"{size}, {max(width, 1)}, {places}"
 
@@ -72,7 +72,7 @@ def load_batches(name: str, form, ufl_form, size: int, width: int, places: int) 
             ]
         )
 
-    # What FFCx generates besides is dropped, as nothing outside can ask for it.
+    # -fwhole-program drops the unused part of FFCx's code.
     flags = ["-fwhole-program", f"-I{dolfinx_api.ufcx_folder()}"]
     key = dolfinx_api.signature(form) + numbers
     path = _build(f"{name!r} for several elements", key, source, flags)
@@ -82,11 +82,11 @@ def load_batches(name: str, form, ufl_form, size: int, width: int, places: int) 
 
 
 def _build(what: str, key: str, source: Callable[[], str], more: Sequence[str] = ()) -> Path:
-    """A shared object from a C source, which is asked for only where the cache does not have it."""
+    """Path of the compiled shared library; `source` is called only if it is not in the cache."""
     headers = [path.read_text() for path in sorted(_SOURCES.glob("*.h"))]
     target, flags = target_flags()
     flags = [*flags, *more]
-    # What is built for a name serves all machines, what is "native" those with this one's flags.
+    # Libraries for "native" are valid only for processors with the same features.
     machine = _processor() if target == "native" else []
     digest = hashlib.sha256("\n".join([key, *headers, *flags, *machine]).encode())
     cache = cache_directory()
@@ -95,7 +95,7 @@ def _build(what: str, key: str, source: Callable[[], str], more: Sequence[str] =
         if not library.exists():
             _log.info("compiling %s, once", what)
             cache.mkdir(parents=True, exist_ok=True)
-            # Renamed when it is whole, as several processes may build it.
+            # Renamed when complete, since several processes may compile it at the same time.
             with tempfile.TemporaryDirectory(dir=cache) as scratch:
                 out = Path(scratch) / "built.so"
                 command = [*compiler(), *flags, f"-I{_SOURCES}", "-x", "c", "-"]
@@ -113,41 +113,46 @@ def _build(what: str, key: str, source: Callable[[], str], more: Sequence[str] =
 
 @functools.cache
 def _warn(reason: str) -> None:
-    """Say once why."""
-    _log.warning("the compiled loop cannot be built, steps run in Python: %s", reason)
+    """Warn once for each reason."""
+    _log.warning(
+        "the compiled loop cannot be built: %s. Steps run in Python, which is slower. Check the C "
+        "compiler (environment variable CC) and the cache folder %s",
+        reason,
+        cache_directory(),
+    )
 
 
 def cache_directory() -> Path:
-    """Where the library is kept, beside the forms that FEniCSx compiles."""
+    """Folder of the compiled libraries, next to FEniCSx's cache of compiled forms."""
     return Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "fx_beam"
 
 
 def compiler() -> list[str]:
-    """The compiler of FFCx's own functions, which is not named cc everywhere."""
+    """Command of the C compiler; the same as FFCx uses."""
     return shlex.split(os.environ.get("CC") or "cc")
 
 
 def target_flags() -> tuple[str, list[str]]:
-    """Processor to compile for (none where the compiler has no word for it), and all flags."""
+    """Target processor, empty for the compiler's default, and all compiler flags."""
     target = os.environ.get("FX_BEAM_MARCH") or ("native" if _OPTION else "")
     return target, [*_FLAGS, f"{_OPTION or '-march'}={target}"] if target else _FLAGS
 
 
 def _check_target(target: str, flags: list[str]) -> None:
-    """Refuse a processor that was asked for and that the compiler does not know."""
+    """SceneError if the compiler does not know the processor in FX_BEAM_MARCH."""
     command = [*compiler(), *flags, "-x", "c", "-", "-o", os.devnull]
     if (
         os.environ.get("FX_BEAM_MARCH")
         and subprocess.run(command, capture_output=True, text=True, input="").returncode
     ):
         raise SceneError(
-            f"FX_BEAM_MARCH = {target!r} is no processor that the compiler knows; give a name "
-            f"that its option {_OPTION or '-march'} takes, such as 'native' or 'x86-64-v3'"
+            f"FX_BEAM_MARCH = {target!r} is not known to the compiler. Give a value of its option "
+            f"{_OPTION or '-march'}, such as 'native' or 'x86-64-v3'"
         )
 
 
 def _processor() -> list[str]:
-    """What the compiler looks at for "native"."""
+    """Features of this processor, which decide what "native" means."""
     try:
         lines = Path("/proc/cpuinfo").read_text().splitlines()
     except OSError:

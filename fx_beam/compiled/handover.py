@@ -1,7 +1,7 @@
-"""A scene as the compiled loop takes it: forms, matrices and couplings as lists of numbers.
+"""Converts a model for the compiled loop: forms, matrices and couplings as arrays.
 
-Everything physical comes from the functions that FFCx generates from the UFL; the loop, in c/,
-knows Newton's method, the couplings and the nodal rates.
+The beam equations are in the functions that FFCx generates from the UFL; the C files contain only
+Newton's method, the couplings and the nodal rates.
 """
 
 from __future__ import annotations
@@ -16,7 +16,13 @@ from fx_beam.fem import dolfinx_api
 from fx_beam.mechanics.rates import MidPointRates, NewmarkRates
 from fx_beam.model.joint_forces import JointForces
 from fx_beam.model.model import Model
-from fx_beam.stepping.newton import CLOSE, ENERGY_FLOOR, ENERGY_SHARE, LONGEST_TURN, NewtonOptions
+from fx_beam.stepping.newton import (
+    ENERGY_FLOOR,
+    ENERGY_SHARE,
+    LONGEST_TURN,
+    PREDICTOR_ERROR,
+    NewtonOptions,
+)
 from fx_beam.stepping.substeps import LARGE_TURN
 
 from .build import LoopUnavailable, load_batches, load_library
@@ -30,21 +36,21 @@ _FORMS = {
     "backwards": "sections facing backwards",
     "added": "added virtual work",
 }
-# Those that an iteration assembles, in their order above.
+# Forms that each Newton iteration assembles, in this order.
 _OF_ITERATION = "internal forces", "tangent", "tangent of the path"
 
 
 class Problem:
-    """The C struct of a scene, and the arrays that it points to.
+    """The C struct Problem, and the arrays to which it points.
 
-    A scene that the compiled loop cannot take raises LoopUnavailable, with the reason.
+    LoopUnavailable, with the reason, if the compiled loop cannot run the model.
     """
 
     def __init__(self, model: Model, joint_forces: JointForces | None, options: NewtonOptions):
         self.model = model
         self.ffi, self.library = load_library()
         self._keep: list[Any] = []
-        #: Pointers by what they point to, as forms share much.
+        #: Pointers by contents, since forms have many arrays in common.
         self._shared: dict[Any, Any] = {}
         self.c = self.ffi.new("Problem *")
         tables = model.reduction.tables()
@@ -66,7 +72,7 @@ class Problem:
         if joint_forces is not None:
             self._hand_over_joint_forces(tables, joint_forces)
         self._hand_over_newton(options)
-        self._make_room()
+        self._allocate()
 
     def _ints(self, **arrays) -> None:
         for name, values in arrays.items():
@@ -81,7 +87,7 @@ class Problem:
         return self.ffi.cast("int *" if dtype == np.int32 else "double *", array.ctypes.data)
 
     def _kept(self, data):
-        """What C holds no reference to."""
+        """Keep a reference to data of C, so that Python does not free them."""
         self._keep.append(data)
         return data
 
@@ -95,12 +101,12 @@ class Problem:
         p.dofs, p.nodes = model.size, len(mesh.X)
         p.cell_dofs, p.cell_coordinates = dofs.shape[1], coordinates.shape[1]
         massless = np.flatnonzero(model.massless)
-        p.turning, p.lacking = len(model.turns), len(massless)
-        # Numbers of the entries of K, from 1 so that none is a zero.
+        p.turning, p.massless_count = len(model.turns), len(massless)
+        # Indices of the entries of K plus 1: explicit zeros would be lost.
         numbered = scipy.sparse.csr_matrix((np.arange(1, K.nnz + 1), K.indices, K.indptr), K.shape)
         n = dofs.shape[1]
         entries = numbered[np.repeat(dofs, n, axis=1).ravel(), np.tile(dofs, (1, n)).ravel()]
-        #: What element functions and their results refer to, cell by cell.
+        #: Degrees of freedom, coordinates and storage indices of each cell.
         self._dofs, self._coordinates = dofs, coordinates
         self._places = place[np.asarray(entries).reshape(len(dofs), n * n) - 1]
         heavy = mass.data != 0
@@ -143,7 +149,7 @@ class Problem:
         batches = load_batches(name, form, ufl_form, *numbers)
         out.of = integrals = self._kept(ffi.new("Integral[]", len(tags)))
         moving = sorted(dolfinx_api.coefficient_offsets(form, forms.moving))
-        # The forms of an iteration share what is packed, if they take the same: the first packs it.
+        # Forms of an iteration with equal coefficients share the packed array; the first packs it.
         owner = tuple(moving) if name in _OF_ITERATION else name
         before = len(self._shared)
         packs = [self._lanes(packed[tag], owner=(owner, tag)) for tag in tags]
@@ -163,9 +169,9 @@ class Problem:
         out.time_at, out.dt_at = places
 
     def _lanes(self, rows: np.ndarray, behind: int | None = None, owner: Any = None):
-        """Pointer to rows in blocks of LANES, column by column; to the same ones for one owner.
+        """Pointer to rows in blocks of LANES, column by column; an owner's equal arrays are shared.
 
-        The last block is filled up with the last row, or with places behind all others.
+        The last block is padded with copies of the last row, or with indices from `behind` on.
         """
         lanes = self.library.LANES
         padded = np.pad(rows, ((0, -len(rows) % lanes), (0, 0)), mode="edge")
@@ -184,10 +190,10 @@ class Problem:
         if type(rates) is NewmarkRates:
             p.rule, p.beta, p.gamma, p.alpha_m = 1, rates.beta, rates.gamma, rates.alpha_m
         elif type(rates) is not MidPointRates:
-            raise LoopUnavailable(f"{type(rates).__name__} is a rule of its own")
+            raise LoopUnavailable(f"custom rates {type(rates).__name__}")
 
     def _hand_over_couplings(self, t: Tables) -> np.ndarray:
-        """Where each entry of the full tangent stands."""
+        """Hand over the couplings; returns the storage index of each entry of the full tangent."""
         p, reduction = self.c, self.model.reduction
         p.columns, p.free, p.driven = reduction.columns, reduction.free, reduction.driven
         equal = (t.entries["value"] == 0) & (t.entries["sign"] == 1)
@@ -212,11 +218,11 @@ class Problem:
             joint_sign=t.joints["sign"],
         )
         if not reduction.free:
-            raise LoopUnavailable("there are no unknowns")
+            raise LoopUnavailable("the scene has no unknowns")
         self.factors = factors = factors_of(*reduction.pattern)
         at = factors.at
         alone = alone_in_column(t, self.model.size, reduction.free)
-        alone[self.model.actuators.turns()] = False  # what they bear is no force of a beam
+        alone[self.model.actuators.turns()] = False  # springs and dampers act there as well
         stiffness = self.model.forms.stiffness
         place, p.places = places_of_entries(t, stiffness, alone, at, factors.size)
         reacts = np.flatnonzero(~alone)
@@ -275,7 +281,7 @@ class Problem:
         joints = self.model.scene.joints
         self.c.scene_joints = len(joints)
         sums, turning = joint_forces.tables
-        # Bending joints by the node that carries them.
+        # Joints that depend on the motion, by their guiding node.
         carriers = np.array([joints[n].a.number for n in t.joints["number"]], dtype=int)
         on_nodes = np.flatnonzero(carriers >= 0)
         levers = turning[:, carriers[on_nodes]].tocsr()
@@ -300,10 +306,10 @@ class Problem:
         p = self.c
         p.tolerance, p.max_turn = options.tolerance, options.max_turn
         p.longest_turn, p.large_turn, p.energy_floor = LONGEST_TURN, LARGE_TURN, ENERGY_FLOOR
-        p.energy_tolerance, p.close = ENERGY_SHARE * options.tolerance, CLOSE
+        p.energy_tolerance, p.predictor_error = ENERGY_SHARE * options.tolerance, PREDICTOR_ERROR
         p.max_iterations = options.max_iterations
 
-    def _make_room(self) -> None:
+    def _allocate(self) -> None:
         model, reduction = self.model, self.model.reduction
         sizes = {
             "q": model.size,
@@ -314,11 +320,11 @@ class Problem:
             "held": reduction.columns - reduction.free,
             "added_force": model.size,
         }
-        self.room = {name: np.zeros(size) for name, size in sizes.items()}
-        self._doubles(**self.room)
-        #: Backward differences of the increments of all degrees of freedom, and of the unknowns.
+        self.state_arrays = {name: np.zeros(size) for name, size in sizes.items()}
+        self._doubles(**self.state_arrays)
+        #: Backward differences of the last increments (size,), and of the unknowns (free,).
         self.past = tuple(np.zeros((self.library.PAST, n)) for n in (model.size, reduction.free))
-        #: Where sections faced backwards first.
+        #: First configuration with sections that face backwards.
         self.out_q = np.zeros(model.size)
         self._doubles(out_q=self.out_q)
         self._doubles(past=self.past[0], past_y=self.past[1])

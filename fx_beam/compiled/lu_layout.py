@@ -1,4 +1,4 @@
-"""Where the factors of the reduced tangent stand, in a band or in sparse rows, and its entries."""
+"""Storage of the reduced tangent and its LU factors: as a band matrix or in sparse rows."""
 
 from __future__ import annotations
 
@@ -11,23 +11,23 @@ from scipy.sparse.linalg import splu
 
 from fx_beam.coupling.index_reduction import Tables
 
-# Half width up to which a band, whose loops the compiler unrolls, beats sparse rows in any case.
+# Up to this half bandwidth a band is always faster: the compiler unrolls its loops.
 _NARROW = 11
-# Time of a multiplication in sparse rows, whose entries are looked up, over one in a band.
-_LOOK_UP = 4
+# Time of a multiplication in sparse rows, by indirect addressing, relative to one in a band.
+_INDIRECT = 4
 
 
 class Factors(NamedTuple):
-    """Places of the factors L and U of the reduced tangent, which is factored without pivoting."""
+    """Storage layout of the factors L and U of the reduced tangent, without pivoting."""
 
-    #: Place of each unknown (n,) in the elimination, and of each entry of the tangent.
+    #: Position of each unknown (n,) in the elimination, and storage index of each tangent entry.
     order: np.ndarray
     at: np.ndarray
-    #: Number of places.
+    #: Number of stored values.
     size: int
-    #: Number of subdiagonals, and of superdiagonals; 0 for sparse rows.
+    #: Half bandwidth: number of subdiagonals and of superdiagonals; 0 for sparse rows.
     band: int
-    #: Where each sparse row starts, columns of its entries, and where its diagonal stands.
+    #: Start of each sparse row, columns of its entries, and storage index of its diagonal.
     starts: np.ndarray
     columns: np.ndarray
     diagonals: np.ndarray
@@ -37,7 +37,7 @@ class Factors(NamedTuple):
 
 
 def factors_of(indptr: np.ndarray, indices: np.ndarray) -> Factors:
-    """Factors in a band where joints and frames leave it narrow, otherwise in sparse rows."""
+    """Band storage if the bandwidth is small enough, otherwise sparse rows."""
     n = len(indptr) - 1
     graph = scipy.sparse.csr_matrix((np.ones(len(indices)), indices, indptr), (n, n))
     graph = (graph + graph.T).tocsr()
@@ -47,12 +47,12 @@ def factors_of(indptr: np.ndarray, indices: np.ndarray) -> Factors:
         return banded
     sparse = _in_rows(graph, rows, indices)
     above = sparse.starts[1:] - sparse.diagonals - 1
-    few = _LOOK_UP * (above @ (above + 1)) < n * banded.band * (banded.band + 1)
+    few = _INDIRECT * (above @ (above + 1)) < n * banded.band * (banded.band + 1)
     return sparse if few else banded
 
 
 def _in_band(graph: scipy.sparse.csr_matrix, rows: np.ndarray, columns: np.ndarray) -> Factors:
-    """In the order of reverse Cuthill-McKee, row by row with places for what fills in."""
+    """Band storage in reverse Cuthill-McKee order, row by row, with room for the fill-in."""
     n = graph.shape[0]
     order = np.empty(n, dtype=int)
     order[reverse_cuthill_mckee(graph, symmetric_mode=True)] = np.arange(n)
@@ -63,7 +63,7 @@ def _in_band(graph: scipy.sparse.csr_matrix, rows: np.ndarray, columns: np.ndarr
 
 
 def _in_rows(graph: scipy.sparse.csr_matrix, rows: np.ndarray, columns: np.ndarray) -> Factors:
-    """In an order of minimum degree, with places for what fills in and no others."""
+    """Sparse rows in minimum-degree order, with room for exactly the fill-in."""
     n = graph.shape[0]
     dominant = scipy.sparse.diags(np.full(n, 2.0 * n)) - (graph != 0)
     options = {"SymmetricMode": True}
@@ -75,7 +75,8 @@ def _in_rows(graph: scipy.sparse.csr_matrix, rows: np.ndarray, columns: np.ndarr
         if a != b:
             above[min(a, b)].add(max(a, b))
     below: list[list[int]] = [[] for _ in range(n)]
-    # Elimination joins what stands above a pivot; the nearest of it passes that on.
+    # Symbolic factorisation: the structure of row k is merged into the row of its nearest entry,
+    # its parent in the elimination tree.
     for k in range(n):
         for j in above[k]:
             below[j].append(k)
@@ -86,14 +87,14 @@ def _in_rows(graph: scipy.sparse.csr_matrix, rows: np.ndarray, columns: np.ndarr
     starts = np.concatenate([[0], np.cumsum(lengths)])
     diagonals = starts[:-1] + np.array([len(left) for left in below])
     filled = np.array([j for k in range(n) for j in (*below[k], k, *sorted(above[k]))])
-    # Rows in order and their columns in order: places by bisection.
+    # Rows and their columns are sorted: storage indices by bisection.
     keys = np.repeat(np.arange(n), lengths) * n + filled
     at = np.searchsorted(keys, order[rows] * n + order[columns])
     return Factors(order, at, len(filled), 0, starts, filled, diagonals)
 
 
 def alone_in_column(t: Tables, size: int, free: int) -> np.ndarray:
-    """Which degrees of freedom (size,) are an unknown that nothing else follows."""
+    """Whether a degree of freedom equals an unknown on which no other depends, (size,)."""
     row, column = t.entries["row"], t.entries["column"]
     equal = (t.entries["value"] == 0) & (t.entries["sign"] == 1) & (column < free)
     single = np.bincount(row)[row] * np.bincount(column)[column] == 1
@@ -105,9 +106,9 @@ def alone_in_column(t: Tables, size: int, free: int) -> np.ndarray:
 def places_of_entries(
     t: Tables, tangent, alone: np.ndarray, at: np.ndarray, behind: int
 ) -> tuple[np.ndarray, int]:
-    """Places of the entries of the full tangent, and their number.
+    """Storage index of each entry of the full tangent, and number of stored values.
 
-    Those of the factors where an entry is one of the reduced tangent, otherwise behind them.
+    Entries that are entries of the reduced tangent share its storage; the others are behind it.
     """
     direct = np.repeat(alone, np.diff(tangent.indptr)) & alone[tangent.indices]
     place = np.empty(tangent.nnz, dtype=int)

@@ -1,4 +1,4 @@
-"""The waist of the house: a scene and a scheme as matrices, unknowns and equations.
+"""The model: a scene and a scheme as compiled forms, matrices, unknowns and equations.
 
-What lies below builds it; time steps, load steps and modes above work on nothing else.
+Time steps, load steps and modal analysis use only this model.
 """

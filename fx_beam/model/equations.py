@@ -1,4 +1,4 @@
-"""The equations of a step, reduced to the unknowns that supports and joints leave."""
+"""The equations of a step, reduced to the unknowns by supports and joints."""
 
 from __future__ import annotations
 
@@ -14,22 +14,22 @@ from .model import Model
 
 
 class Balance(NamedTuple):
-    """The equations at one increment."""
+    """Residual of the equations at one increment, and its parts."""
 
     #: Increment (size,) of displacements and rotations.
     D: np.ndarray
-    #: Internal forces (size,) less the added ones [N, N m]; overwritten by the next.
+    #: Internal minus added forces (size,) [N, N m]; the next evaluation overwrites them.
     f: np.ndarray
-    #: Forces out of balance (size,) at the nodes: those of supports and joints [N, N m].
+    #: Full residual (size,) at the nodes: the forces of supports and joints [N, N m].
     r: np.ndarray
-    #: The same reduced (columns,): zero in the unknowns, forces of supports in the other columns.
+    #: Reduced residual (columns,): zero for the unknowns, support forces in the other columns.
     residual: np.ndarray
 
 
 class Equations:
     """That^T r = 0 with r = M a(D) + f(D) - F (eqs 43 and 46), at the scheme's level of a step.
 
-    In statics functions of time are taken at one `time` [s].
+    In statics, functions of time are evaluated at one `time` [s].
     """
 
     def __init__(self, model: Model, time: float = 0.0):
@@ -37,11 +37,11 @@ class Equations:
         self._reduction = model.reduction
 
     def begin(self, interval: Interval, start: State) -> None:
-        """Set the step, by its interval and the state at its start."""
+        """Set the interval of a step and the state at its start."""
         model, q = self.model, start.q
         self._start, self._length = start, interval.length
         if model.scheme.rates.at_rest:
-            # The interval is one of the load factor; nothing depends on its length.
+            # The interval is one of load factors; the equations do not depend on its length.
             model.forms.load_factor.value = interval.end
             model.forms.set_step(self.time, 0.0, q, start.v, start.a)
             model.reduction.begin(q, start.slides, 1.0)
@@ -51,9 +51,9 @@ class Equations:
             model.reduction.begin(q, start.slides, interval.length)
 
     def at(self, y: np.ndarray, driven: np.ndarray, force: np.ndarray) -> Balance:
-        """The equations at an increment of the unknowns y (free,) and of driven motion (driven,).
+        """Evaluate at increments of the unknowns y (free,) and of driven motion (driven,).
 
-        `force` (size,) are the dead loads at the scheme's level. The tangent is assembled as well.
+        `force` (size,) has the dead loads at the scheme's level. Also assembles the tangent.
         """
         model, rates, K = self.model, self.model.scheme.rates, self.model.forms.stiffness
         D = self._reduction.expand(y, driven)
@@ -68,16 +68,16 @@ class Equations:
         return Balance(D, f, r, self._reduction.project(r))
 
     def at_start(self, force: np.ndarray) -> Balance:
-        """The equations at no increment."""
+        """Evaluate at the start of the step: the increment is zero."""
         free, driven = self._reduction.free, self._reduction.driven
         return self.at(np.zeros(free), np.zeros(driven), force)
 
     def fill_tangent(self, r: np.ndarray, values: np.ndarray) -> None:
-        """Write the reduced tangent, of the reduction's pattern, for forces r at the nodes."""
+        """Write the values of the reduced tangent, for the full residual r."""
         self._reduction.fill(self.model.forms.stiffness.data, r, values)
 
     def tangent(self, r: np.ndarray) -> scipy.sparse.csr_matrix:
-        """Reduced tangent (free, free) for forces r at the nodes."""
+        """Reduced tangent (free, free) for the full residual r."""
         indptr, indices = self._reduction.pattern
         values = np.empty(len(indices))
         self.fill_tangent(r, values)

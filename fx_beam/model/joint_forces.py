@@ -9,7 +9,7 @@ from .model import Model
 
 
 class JointForces:
-    """Forces and moments of the joints on their nodes b, as sums over what follows through them."""
+    """Joint forces on nodes b: sums over all nodes that follow through the joint."""
 
     def __init__(self, model: Model):
         self._model = model
@@ -32,17 +32,17 @@ class JointForces:
 
     @property
     def tables(self) -> tuple[scipy.sparse.csr_matrix, scipy.sparse.csr_matrix]:
-        """Sums over nodal forces, three rows a joint, and over the moments of carrying nodes."""
+        """Sums over nodal forces, three rows per joint, and over moments of the guiding nodes."""
         return self._sums, self._turning
 
-    def of(self, r: np.ndarray) -> np.ndarray:
+    def evaluate(self, r: np.ndarray) -> np.ndarray:
         """Force [N] and moment [N m] of each joint (joints, 3).
 
-        `r` (size,) are the forces and couples of supports and joints on the nodes.
+        `r` (size,) has the forces and couples of supports and joints on the nodes.
         """
         out = (self._sums @ r).reshape(-1, 3)
-        # Offset and sliding joints turn what carries them, springs turn both of their ends: what
-        # that takes of the moments of the nodes is not this joint's, but for its own spring.
+        # Joints with an offset or a slide exert a moment on their guiding node, rotational springs
+        # on both of their nodes. The sums contain these moments of other joints; subtract them.
         carried = self._model.reduction.guide_moments(r)
         if carried is not None:
             actuators = self._model.actuators

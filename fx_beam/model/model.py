@@ -1,4 +1,4 @@
-"""A scene and a scheme as compiled forms, constant matrices and lists of unknowns."""
+"""A scene and a scheme as compiled forms, constant matrices and unknowns."""
 
 from __future__ import annotations
 
@@ -21,10 +21,10 @@ from fx_beam.scene.scene import Scene
 
 
 class Model:
-    """Everything of a scene that stays the same from step to step.
+    """All data of a scene and a scheme that are constant over the steps.
 
-    Nothing is compiled or assembled that the scene does not have. Vectors run over all degrees of
-    freedom; `mesh.dofs` finds those of a node. `mobile`: parts with mass may move freely at rest.
+    Vectors contain all degrees of freedom; `mesh.dofs` gives those of a node. With `mobile`, parts
+    with mass need no supports, even if the scheme is static.
     """
 
     def __init__(self, scene: Scene, scheme: Scheme, mobile: bool = False):
@@ -41,7 +41,7 @@ class Model:
         self.compiled, self.assembled = self.forms.names, self._mass.assembled
         self.loads = Loads(scene, self.mesh, self.forms)
         self.assembled += [str(load) for load in scene.loads]
-        #: Weight (size,) of every mass [N], or none.
+        #: Weight (size,) [N] of all masses; None without gravity.
         self.weight = self._mass.weight
         self._build_reduction()
         if not scene.virtual_works:
@@ -50,33 +50,33 @@ class Model:
 
     @property
     def mass(self) -> scipy.sparse.csr_matrix:
-        """The constant mass matrix, assembled when it is first asked for."""
+        """The constant mass matrix, assembled at the first access."""
         return self._mass.matrix
 
     @functools.cached_property
     def massless(self) -> np.ndarray:
-        """Whether each degree of freedom (size,) is without mass."""
+        """Whether a degree of freedom is massless, (size,)."""
         return self.mass.diagonal() == 0
 
     @functools.cached_property
     def unit_of_unknowns(self) -> np.ndarray:
-        """Size of a unit increment of each unknown (free,), as `unit` is for the nodes."""
+        """Size of a unit increment of each unknown (free,); compare `unit`."""
         unit = np.full(self.couplings.columns, self.mesh.size)
         turning = [entry[0] for dof in self.turns for entry in self.couplings.entries[dof]]
         unit[turning] = 1.0
         return unit[: self.couplings.free]
 
     def _build_reduction(self) -> None:
-        """Unknowns: what supports and joints leave."""
+        """Build the unknowns and the reduction to them, by supports and joints."""
         scene, dofs, matrix = self.scene, self.mesh.dofs, self.forms.stiffness
         self.couplings = couple(scene, self.mesh)
-        #: Joints with a motor, and on which coordinate.
+        #: Joints with a motor, each with the name of its coordinate.
         self.motors = motors(scene)
         self.prescribed = np.array([dofs[key] for key in scene.prescribed], dtype=int)
         counts = self.couplings.free, self.couplings.driven, self.couplings.columns
         keys = [*scene.prescribed, *sorted(scene.fixed)]
         motors_between = np.arange(len(keys)) >= len(scene.prescribed)
-        #: Supported nodes, components, and places among the driven and fixed columns.
+        #: Supported nodes, their components, and their indices among driven and fixed columns.
         self.supports = (
             np.array([node for node, _ in keys], dtype=int),
             np.array([component for _, component in keys], dtype=int),
@@ -96,9 +96,9 @@ class Model:
     # -- Numbering ------------------------------------------------------------------------------
 
     def to_nodes(self, vector: np.ndarray) -> np.ndarray:
-        """Values (n_node, 3) of a vector (size,) at the nodes."""
+        """Nodal values (n_node, 3) of a vector (size,)."""
         return self.mesh.to_nodes(vector)
 
     def from_nodes(self, values: np.ndarray) -> np.ndarray:
-        """Vector (size,) of values (n_node, 3) at the nodes."""
+        """Vector (size,) of nodal values (n_node, 3)."""
         return self.mesh.from_nodes(values)

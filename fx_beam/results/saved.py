@@ -76,8 +76,10 @@ def _read(path) -> Solution:
         parts |= {name: float(data[f"end_{name}"]) for name in ("t", "work")}
         parts["dissipated"] = float(data.get("end_dissipated", 0.0))
         if "past_length" in data:
-            length, foretelling = float(data["past_length"]), int(data["past_foretelling"])
-            parts["past"] = Past(length, foretelling, data["past_increments"], data["past_slides"])
+            # Files of earlier versions have the order by its former name.
+            order = data["past_order" if "past_order" in data else "past_foretelling"]
+            past = data["past_increments"], data["past_slides"]
+            parts["past"] = Past(float(data["past_length"]), int(order), *past)
         end = State(**parts)
     # Files of earlier versions lack the forces of motors; their strain energy has that of springs,
     # and their work what dampers took.

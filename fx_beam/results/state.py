@@ -14,8 +14,8 @@ class Past:
 
     #: Length of the steps, or parts of steps, of the increments [s].
     length: float
-    #: Number of differences that would have predicted the last increment best.
-    foretelling: int
+    #: Order of the extrapolation that predicts the last increment best; 0 for no prediction.
+    order: int
     #: Backward differences (m, size) of the increments, from order 0 on.
     increments: np.ndarray
     #: The same (m, joints) for the slides of the joints [m].

@@ -1,4 +1,4 @@
-"""One step after another: Newton's method, time steps, load steps and arc length.
+"""Time steps, load steps and arc-length steps by Newton's method.
 
-The reference in Python; `compiled` does the same in C.
+This is the reference implementation in Python; `compiled` does time steps in C.
 """

@@ -1,13 +1,12 @@
-"""Equilibrium paths through limit points: the load factor as an unknown along an arc length.
+"""Arc-length continuation: equilibrium paths through limit points, with an unknown load factor.
 
-Keller's pseudo-arclength method: a step of length ds along the unit tangent (D', l') of the path
-is corrected in the plane across it,
+Keller's pseudo-arclength method: the predictor is a step of length ds along the unit tangent
+(D', l') of the path. The corrector stays in the plane normal to it,
 
-    R(y, l) = 0,    <D', D> + l' (l - l0) = ds,    <A, B> = mean over the nodes of A.B in units,
+    R(y, l) = 0,    <D', D> + l' (l - l0) = ds,    <A, B> = mean over the nodes of A.B in units.
 
-with the system bordered by that plane, which is regular at limit points. Along a path that goes
-on, tangents turn by no more than an acute angle from one step to the next, which keeps the
-direction.
+The system bordered by this plane is regular at limit points. The angle between the tangents of two
+successive steps is acute; this gives the direction of a tangent.
 """
 
 from __future__ import annotations
@@ -27,17 +26,16 @@ from fx_beam.results.state import State
 from .load_steps import LoadStepper
 from .newton import ENERGY_FLOOR, StepFailed, StepSolution
 
-# Deviation of a step from its tangent, relative to its length, that the length aims at where there
-# are few load steps; on a circle it is half the angle that the step covers. And the multiple of it
-# at which a step is taken again.
-_AIM, _TOO_FAR = 0.1, 4.0
-# Corrections that a step's length aims at as well.
+# Target deviation of a step from its tangent, relative to its length, for few load steps; on a
+# circle it is half the angle of the step. A step is rejected at the given multiple of the target.
+_TARGET, _REJECTED = 0.1, 4.0
+# Target number of corrections in a step.
 _CORRECTIONS = 10
-# Load factor below which a path is given up. Of 43 arches that snap three came to between -1 and
-# -1.5 before their full load.
+# Load factor at which a path is abandoned. Of 43 arches that snap through, three reached load
+# factors between -1 and -1.5 before their full load.
 _LOWEST = -10.0
-# Part of a step to which the place of a limit point is found. Its load factor is far more exact,
-# as that has its extremum there.
+# Tolerance for the position of a limit point, relative to the step. Its load factor is far more
+# accurate, since it is an extremum.
 _PLACE = 1e-5
 
 
@@ -63,16 +61,18 @@ class ArcLength:
         self._reduction = self.model.reduction
         #: Weights of the degrees of freedom in the inner product.
         self._weight = 1 / (self.model.unit**2 * len(self.model.turns))
-        #: Rows and columns of the tangent's entries, and of the column and the row that border it.
+        #: Rows and columns of the entries of the tangent and of the bordering column and row.
         self._places = self._bordered()
 
     def follow(self, states: list[State], steps: int, max_cuts: int, max_steps: int) -> None:
-        """Add the states on the path from the last one to load factor 1.
+        """Append the states on the path from the last one to load factor 1.
 
-        `steps` limits how far a step goes or turns; it may be halved `max_cuts` times.
+        `steps` limits the length and the turn of a step; a step is halved at most `max_cuts` times.
         """
         stats = self.stepper.stats
-        aim = min(_AIM, 1 / steps)  # so that the error of the work is of second order in the steps
+        target = min(
+            _TARGET, 1 / steps
+        )  # the error of the work is then of second order in the steps
         tangent = self._tangent(states[-1], None)
         ds, rising, cuts = 1 / (steps * tangent.load), 1.0, 0
         while states[-1].t < 1 and stats.steps < max_steps:
@@ -80,10 +80,10 @@ class ArcLength:
                 state, ahead = self._step(states[-1], tangent, ds)
                 corrections = self.stepper.iterations
                 off = self._turn(states[-1], state, tangent, ahead, ds)
-                if off > _TOO_FAR * aim:
+                if off > _REJECTED * target:
                     D = state.q - states[-1].q
                     raise StepFailed(
-                        "off the path", "the path turns too far from its tangents in it", D, []
+                        "off the path", "the path deviates too far from its tangent", D, []
                     )
                 turns = ahead.load * rising < 0
                 if turns:
@@ -104,21 +104,21 @@ class ArcLength:
             if state.t < _LOWEST:
                 raise self._lost(state)
             tangent, cuts = ahead, 0
-            easy = min(aim / max(off, 1e-6), _CORRECTIONS / corrections)
-            ds *= min(2.0, max(0.5, easy))
-            # The load factor changes by no more than in a load step.
+            ratio = min(target / max(off, 1e-6), _CORRECTIONS / corrections)
+            ds *= min(2.0, max(0.5, ratio))
+            # The load factor changes at most as much as in a load step.
             ds = min(ds, 1 / (steps * max(abs(tangent.load), 1e-6)))
 
     # -- Steps ----------------------------------------------------------------------------------
 
     def _step(self, state: State, tangent: Tangent, ds: float) -> tuple[State, Tangent]:
-        """State a length ds along a tangent, and the tangent there."""
-        step, load = self._meet(state, tangent, ds, tangent, ds)
+        """State after an arc-length step ds along a tangent, and the tangent there."""
+        step, load = self._correct(state, tangent, ds, tangent, ds)
         new = self._finish(state, state.t + load, step)
         return new, self._tangent(new, tangent)
 
     def _turn(self, old: State, new: State, tangent: Tangent, ahead: Tangent, ds: float) -> float:
-        """How far a step turns, by its deviation from one tangent and from the mean of both."""
+        """Turn of the path in a step, estimated from the tangents at its start and end."""
         if self.stepper.is_still(D := new.q - old.q):
             return 0.0
         gap = self.stepper.size(D - ds / 2 * (tangent.D + ahead.D)) / self.stepper.size(D)
@@ -127,10 +127,10 @@ class ArcLength:
     def _limit_point(
         self, state: State, tangent: Tangent, ds: float, ahead: Tangent
     ) -> tuple[State, Tangent]:
-        """Where in a step the load factor turns, and the tangent there."""
+        """Limit point in a step: its state and the tangent there."""
         if tangent.load * ahead.load > 0:
             raise StepFailed(
-                "off the path", "the load factor turns twice in it", ds * tangent.D, []
+                "off the path", "the step contains two limit points", ds * tangent.D, []
             )
         slopes = {0.0: tangent.load, ds: ahead.load}
         found: dict[float, tuple[State, Tangent]] = {}
@@ -145,22 +145,22 @@ class ArcLength:
         return found.get(root) or self._step(state, tangent, root)
 
     def _last_step(self, state: State, tangent: Tangent) -> State:
-        """State at load factor 1, from one just below it."""
+        """State at load factor 1, from the last state before it."""
         missing = 1 - state.t
         level = Tangent(np.zeros_like(tangent.y), np.zeros_like(tangent.D), 1.0)
-        step, _ = self._meet(state, tangent, missing / tangent.load, level, missing)
+        step, _ = self._correct(state, tangent, missing / tangent.load, level, missing)
         return self._finish(state, 1.0, step)
 
     def _finish(self, state: State, t1: float, step: StepSolution) -> State:
         self.stepper.note(step)
         return self.stepper.single.finish(state, Interval(state.t, t1), step)
 
-    def _meet(
+    def _correct(
         self, state: State, tangent: Tangent, along: float, normal: Tangent, distance: float
     ) -> tuple[StepSolution, float]:
-        """Increments, from a length `along` the tangent, to where the path meets a plane.
+        """Corrector: increments to the point where the path meets <normal, increment> = distance.
 
-        The plane is <normal, increment> = distance. StepFailed without convergence.
+        The predictor is a length `along` the tangent. StepFailed if it does not converge.
         """
         newton, free = self._newton, self._reduction.free
         self._equations.begin(Interval(state.t, state.t), state)
@@ -191,7 +191,7 @@ class ArcLength:
         raise StepFailed("no convergence", reason, D, residuals)
 
     def _tangent(self, state: State, previous: Tangent | None) -> Tangent:
-        """Unit tangent at a state, in the direction of a previous one or of growing loads."""
+        """Unit tangent at a state, in the direction of the previous tangent or of rising load."""
         zero = np.zeros(self._reduction.free)
         normal = previous or Tangent(zero, np.zeros(self.model.size), 1.0)
         self._equations.begin(Interval(state.t, state.t), state)
@@ -200,7 +200,7 @@ class ArcLength:
         D = self._spread(dy, dload)
         length = np.sqrt(D @ (self._weight * D) + dload**2)
         if not np.isfinite(length):
-            raise StepFailed("singular", "the tangent is singular there", D, [])
+            raise StepFailed("singular", "the bordered tangent is singular", D, [])
         return Tangent(dy / length, D / length, dload / length)
 
     # -- Equations ------------------------------------------------------------------------------
@@ -210,7 +210,7 @@ class ArcLength:
         return self._reduction.expand(y, self._driven(state, load))
 
     def _driven(self, state: State, load: float) -> np.ndarray:
-        return self._drive.places(state.t + load) - self._drive.moved(state)
+        return self._drive.positions(state.t + load) - self._drive.current(state)
 
     def _spread(self, dy: np.ndarray, dload: float) -> np.ndarray:
         """Small change of all degrees of freedom."""
@@ -220,7 +220,7 @@ class ArcLength:
     def _balance(
         self, state: State, y: np.ndarray, load: float
     ) -> tuple[Balance, np.ndarray, np.ndarray]:
-        """The equations, and their derivative by the load factor: at the nodes, and reduced."""
+        """The equations, and their derivative with respect to the load factor: full and reduced."""
         forms, drive, reduction = self.model.forms, self._drive, self._reduction
         forms.load_factor.value = state.t + load
         force = (state.t + load) * drive.full
@@ -230,7 +230,7 @@ class ArcLength:
             per_load -= forms.added_per_load()
         column = reduction.project(per_load) - reduction.project(np.zeros_like(per_load))
         if self.model.scene.joints and drive.goal.any():
-            # Driven motion turns the joints, hence the directions in which they pass forces on.
+            # Driven motion rotates the joints, and with them the directions of their forces.
             h = 1e-6
             for sign in (1, -1):
                 self._expand(state, y, load + sign * h)
@@ -248,12 +248,12 @@ class ArcLength:
     def _solve(
         self, r: np.ndarray, column: np.ndarray, normal: Tangent, b: np.ndarray
     ) -> tuple[np.ndarray, float]:
-        """Solution of the tangent system bordered by the load and by a plane."""
+        """Solution of the tangent system bordered by the load column and the plane's row."""
         reduction, free = self._reduction, self._reduction.free
         values = self._equations.tangent(r).data
         across = reduction.coupling().T @ (self._weight * normal.D)
         corner = normal.load + across[free : free + reduction.driven] @ self._drive.goal
-        # In units of the scene, so that its pivots are the same in any.
+        # Scaled by the units of the scene: the pivots do not depend on the user's units.
         unit, (at_row, at_column) = self.model.unit_of_unknowns, self._places
         values *= unit[at_row[: len(values)]] * unit[at_column[: len(values)]]
         size = abs(values).max(initial=0.0) or 1.0
@@ -274,8 +274,8 @@ class ArcLength:
             f"{what} after {cuts} cuts" if cuts else what,
             state.t,
             failure,
-            "Try more steps or cuts; if that does not help, look for a load or a stiffness in the "
-            "wrong unit",
+            "Try more steps or more cuts (max_cuts). If this does not help, check the units of "
+            "loads and stiffnesses",
         )
 
     def _lost(self, state: State) -> StepError:
@@ -283,11 +283,11 @@ class ArcLength:
         return StepError(
             Failure(
                 "off the path",
-                "static: the path does not come back to load factor 1: with limit points at "
-                f"{turned} it has come to {state.t:.6g}",
+                "static: the path does not return to load factor 1: after limit points at "
+                f"{turned} it has reached {state.t:.6g}",
                 state.t,
-                advice="Its rows are in the error's `solution`. At load factor 1 there may be "
-                "equilibria on other paths: try a motion with dampers, or the loads in other "
-                "proportions",
+                advice="The path so far is in the error's `solution`. There may be equilibria at "
+                "load factor 1 on other paths: try a simulation with dampers, or apply the loads "
+                "in other proportions",
             )
         )

@@ -1,4 +1,4 @@
-"""What drives a model: dead loads, prescribed motions and motors as functions of time."""
+"""Dead loads, prescribed motions and motors of a model as functions of time."""
 
 from __future__ import annotations
 
@@ -13,9 +13,9 @@ from fx_beam.validation import evaluate, series
 
 
 class Drive:
-    """Dead loads, prescribed motions and motors of a model over time."""
+    """Evaluates dead loads, prescribed motions and motors."""
 
-    #: In statics the time at which functions of time are taken [s].
+    #: In statics, the time at which functions of time are evaluated [s].
     time = 0.0
 
     def __init__(self, model: Model):
@@ -38,35 +38,35 @@ class Drive:
         before, after = (self._dead(t) for t in just_inside(*step))
         return before, after
 
-    def places(self, t: float) -> np.ndarray:
-        """Where prescribed motions and motors are at a time, (driven,) [m, rad]."""
+    def positions(self, t: float) -> np.ndarray:
+        """Prescribed motions and positions of motors (driven,) at a time [m, rad]."""
         return np.array([evaluate(function, t, what)[0] for function, what in self._driven])
 
     def loads(self, t0: np.ndarray, t1: np.ndarray) -> np.ndarray:
-        """Factors of the loads' columns at starts and ends of steps, (steps, 2, loads)."""
+        """Factors (steps, 2, loads) of the unit loads at the starts and ends of steps."""
         ends = [self.model.loads.series(times) for times in just_inside(t0, t1)]
         return np.stack(ends, axis=1)
 
     def series(self, times: np.ndarray) -> np.ndarray:
-        """Where prescribed motions and motors are at several times, (n, driven) [m, rad]."""
+        """Prescribed motions and positions of motors (n, driven) at several times [m, rad]."""
         places = [series(function, times, what) for function, what in self._driven]
         return np.hstack([np.empty((len(times), 0)), *places])
 
-    def moved(self, state: State) -> np.ndarray:
-        """Where they are in a state, (driven,) [m, rad]."""
+    def current(self, state: State) -> np.ndarray:
+        """Prescribed motions and positions of motors (driven,) in a state [m, rad]."""
         return np.concatenate([state.q[self.model.prescribed], state.motors])
 
     def check_start(self, state: State) -> None:
-        """Refuse prescribed motions and motors that would jump from a state at the start."""
-        places = self.places(state.t)
+        """Refuse prescribed motions and motors that would jump at the start."""
+        places = self.positions(state.t)
         allowed = 1e-9 * (self._unit + abs(places))
         for value, place, most, (_, what) in zip(
-            places, self.moved(state), allowed, self._driven, strict=True
+            places, self.current(state), allowed, self._driven, strict=True
         ):
             if abs(value - place) > most:
                 raise SceneError(
-                    f"{what} is {value:g} at t = {state.t:g}, and the scene starts from "
-                    f"{place:g}: let it start there"
+                    f"{what} is {value:g} at t = {state.t:g}, but the motion starts from "
+                    f"{place:g}. Let the function start from this value"
                 )
 
     def _dead(self, t: float) -> np.ndarray:
@@ -75,18 +75,18 @@ class Drive:
 
 
 class LoadDrive(Drive):
-    """The same at one time [s], scaled by the load factor, which stands for time."""
+    """Loads and driven motions at one time [s], scaled by the load factor in place of time."""
 
     def __init__(self, model: Model, time: float):
         super().__init__(model)
         self.time = time
         #: All dead loads (size,) [N, N m] and driven motions (driven,) [m, rad].
-        self.full, self.goal = self._dead(time), super().places(time)
+        self.full, self.goal = self._dead(time), super().positions(time)
 
     def forces(self, step: Interval) -> tuple[np.ndarray, np.ndarray]:
         """Dead forces (size,) at two load factors [N, N m]."""
         return step.start * self.full, step.end * self.full
 
-    def places(self, t: float) -> np.ndarray:
-        """Where prescribed motions and motors are at a load factor, (driven,) [m, rad]."""
+    def positions(self, t: float) -> np.ndarray:
+        """Prescribed motions and positions of motors (driven,) at a load factor [m, rad]."""
         return t * self.goal

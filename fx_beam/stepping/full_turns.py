@@ -1,4 +1,4 @@
-"""Full turns of members, counted apart so that the rounding of rotations does not grow."""
+"""Full turns of members, counted separately to limit the rounding errors of rotations."""
 
 from __future__ import annotations
 
@@ -16,33 +16,33 @@ _ROTATION = 2  # among the components of a node
 
 
 class Windings:
-    """Full turns that have been taken off the rotations of a state.
+    """Full turns that were subtracted from the rotations of a state.
 
-    Otherwise rounding grows with the turns: a rotation of 5000 rad is known to 1e-12 only.
+    Without this, rounding errors grow with the turns: they are 1e-12 at a rotation of 5000 rad.
     """
 
     def __init__(self, model: Model):
         self._members = _members(model)
-        #: Rotations (size,) that have been taken off [rad].
-        self.taken = np.zeros(model.size)
+        #: Rotations (size,) subtracted so far [rad].
+        self.removed = np.zeros(model.size)
 
-    def take_off(self, state: State) -> State:
-        """The same state, rotations within half a turn of zero where that makes no difference."""
+    def without_turns(self, state: State) -> State:
+        """The state without full turns, where these have no effect on the equations."""
         q = state.q
         for member in self._members:
             turns = 2 * np.pi * np.round(q[member].mean() / (2 * np.pi))
             if turns:
                 q = q.copy() if q is state.q else q
                 q[member] -= turns
-                self.taken[member] += turns
+                self.removed[member] += turns
         return replace(state, q=q)
 
 
 def _members(model: Model) -> list[np.ndarray]:
-    """Rotations of the nodes that turn together and for which full turns make no difference."""
+    """Rotations of groups of nodes that turn together, if full turns have no effect on them."""
     scene, mesh = model.scene, model.mesh
     if scene.virtual_works:
-        return []  # which may count turns
+        return []  # their expressions may depend on full turns
     pairs = [pair for nodes in mesh.nodes for pair in zip(nodes[:-1], nodes[1:], strict=True)]
     counted = {node for node, part in {*scene.fixed, *scene.prescribed} if part == _ROTATION}
     for joint in scene.joints:

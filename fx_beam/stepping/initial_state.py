@@ -1,4 +1,4 @@
-"""The state at which a motion starts: rates given, checked or projected, and accelerations."""
+"""The initial state of a motion: velocities, checked or projected, and accelerations."""
 
 from __future__ import annotations
 
@@ -21,9 +21,9 @@ _ADVICE = "Give compatible velocities to all members, or call scene.make_velocit
 
 
 def initial_state(model: Model, drive: Drive, dt: float, start: State | None = None) -> State:
-    """State with the initial rates that the scene gives, and the accelerations of equilibrium.
+    """State with the scene's initial velocities and the accelerations of dynamic equilibrium.
 
-    At `start`, or in the reference configuration; a SceneError for rates that cannot be.
+    At `start`, or in the reference configuration. SceneError for incompatible velocities.
     """
     state = reference_state(model) if start is None else start
     rates, accelerations = _begin(model, drive, state, dt)
@@ -35,7 +35,7 @@ def initial_state(model: Model, drive: Drive, dt: float, start: State | None = N
 def resumed_state(
     model: Model, drive: Drive, dt: float, start: State, same_scheme: bool = True
 ) -> State:
-    """State to go on from, with its own rates and, if the scheme is the same, accelerations."""
+    """State to continue from: velocities are kept, accelerations only for the same scheme."""
     rates, accelerations = _begin(model, drive, start, dt)
     if same_scheme:
         return start
@@ -52,7 +52,7 @@ def reference_state(model: Model) -> State:
 
 
 def check_joints(model: Model, state: State) -> None:
-    """Refuse a state in which the nodes of a joint are not where the joint keeps them."""
+    """Refuse a state that violates a joint."""
     zero = np.zeros((1, 3))
     q = np.vstack([model.to_nodes(state.q), zero])  # the ground's last
     X = np.vstack([model.mesh.X, zero[:, :2]])
@@ -73,28 +73,34 @@ def check_joints(model: Model, state: State) -> None:
             gap += abs(slide - start - moved[number, "slide"])
         turn = q[joint.b.number, 2] - q[joint.a.number, 2] - moved.get((number, "rotation"), 0.0)
         for size, what in (
-            (gap / model.mesh.size, f"its nodes are {gap:.3g} from where it keeps them"),
-            (abs(turn) * joint.turns_together, f"b is turned by {turn:.3g} too much"),
+            (gap / model.mesh.size, f"its nodes have a gap of {gap:.3g} m"),
+            (
+                abs(turn) * joint.turns_together,
+                f"the rotation of node b deviates by {turn:.3g} rad",
+            ),
         ):
             if size > 1e-8:
-                raise SceneError(f"start: in the solution {joint} cannot be: {what}")
+                raise SceneError(
+                    f"start: the solution violates {joint}: {what}. Start from a solution that has "
+                    "this joint"
+                )
 
 
 def _begin(model: Model, drive: Drive, state: State, dt: float) -> tuple[np.ndarray, np.ndarray]:
-    """Set the reduction at a start; rates and accelerations (driven,) of driven motion."""
+    """Set the reduction to the start; rates and accelerations (driven,) of driven motion."""
     drive.check_start(state)
-    # One-sided differences of second order: a motion need not be defined before the start. Those
-    # from the start are without rounding where it stands still.
+    # One-sided differences of second order: a motion need not be defined before the start.
+    # Differences to the start have no rounding error if the motion is constant.
     h, t = 1e-3 * dt, state.t
-    f0 = drive.places(t)
-    d1, d2 = (drive.places(t + k * h) - f0 for k in (1, 2))
+    f0 = drive.positions(t)
+    d1, d2 = (drive.positions(t + k * h) - f0 for k in (1, 2))
     rates = (4 * d1 - d2) / (2 * h)
-    # A motion that starts at rest has a rate of no more than the error of these.
-    rates[abs(rates) < 1e-3 * abs(drive.places(t + 100 * h) - f0) / (100 * h)] = 0.0
-    # Second differences over longer steps, as rounding is divided by h^2; what is no more than that
-    # is none.
+    # Rates below the error of these differences are set to zero.
+    rates[abs(rates) < 1e-3 * abs(drive.positions(t + 100 * h) - f0) / (100 * h)] = 0.0
+    # Second differences use longer steps, since rounding errors are divided by h^2. Values below
+    # the rounding error are set to zero.
     h *= 10
-    d1, d2, d3 = (drive.places(t + k * h) - f0 for k in (1, 2, 3))
+    d1, d2, d3 = (drive.positions(t + k * h) - f0 for k in (1, 2, 3))
     bend = 4 * d2 - 5 * d1 - d3
     bend[abs(bend) <= 10 * np.finfo(float).eps * (abs(f0) + abs(d3))] = 0.0
     model.reduction.begin(state.q, state.slides, h)
@@ -105,10 +111,10 @@ def _begin(model: Model, drive: Drive, state: State, dt: float) -> tuple[np.ndar
 def _acceleration(
     model: Model, drive: Drive, state: State, w: np.ndarray, driven: np.ndarray, dt: float
 ) -> np.ndarray:
-    """Accelerations of what has mass, from T^T M a = T^T (F - f)."""
+    """Accelerations from T^T M a = T^T (F - f); zero where there is no mass."""
     reduction = model.reduction
     h = 1e-9 * dt
-    # An increment over a very short step gives added forces the initial velocity.
+    # Added forces may depend on velocity: they see it as the increment over a very short step.
     D = h * state.v if model.forms.has_added else np.zeros(model.size)
     model.forms.set_step(state.t, h, state.q, state.v, np.zeros(model.size))
     free, moved = reduction.free, slice(reduction.free, reduction.free + reduction.driven)
@@ -116,7 +122,7 @@ def _acceleration(
     a[moved] = driven
     curved = np.zeros(model.size)
     if model.scene.joints and w.any():
-        # What joints accelerate at constant rates: the second difference of their motion.
+        # Accelerations at constant rates of the unknowns: second differences of the joints' motion.
         k = 1e-4 / abs(state.v / model.unit).max()
         ahead, back = (reduction.expand(s * k * w[:free], s * k * w[moved]) for s in (1, -1))
         curved = (ahead + back) / k**2
@@ -133,9 +139,9 @@ def _acceleration(
 
 
 def initial_rates(model: Model, state: State, driven: np.ndarray) -> np.ndarray:
-    """Rates (columns,) at the start as the scene gives them, with those of driven motion.
+    """Rates (columns,) from the initial velocities of the scene and from driven motion.
 
-    A SceneError if they violate a support or a joint and are not to be projected.
+    SceneError if they violate a support or a joint and the scene does not project them.
     """
     v = _given_velocity(model)
     scene = model.scene
@@ -145,14 +151,14 @@ def initial_rates(model: Model, state: State, driven: np.ndarray) -> np.ndarray:
     unit = [1.0, 1.0, 1 / model.mesh.size]
     kept = model.reduction.spread(w)
     gap = model.to_nodes(abs(kept - v)) / unit
-    # Prescribed motion overrides what was given at its own degree of freedom.
+    # Prescribed motion overrides an initial velocity at its own degree of freedom.
     for key in scene.prescribed:
         gap[key] = 0.0
         _check_prescribed(model, key, v, kept)
     v[model.prescribed] = kept[model.prescribed]
-    # The rates of driven motion are differences, and no more accurate than that.
-    led = model.reduction.spread(_led(model, driven))
-    speed, drive = (abs(model.to_nodes(rates) / unit).max() for rates in (v, led))
+    # Rates of driven motion are finite differences, hence the second tolerance.
+    driven_v = model.reduction.spread(_driven_rates(model, driven))
+    speed, drive = (abs(model.to_nodes(rates) / unit).max() for rates in (v, driven_v))
     tolerance = 1e-9 * speed + 1e-5 * drive
     if gap.max() > tolerance:
         _check_joints(model, state, v, driven, tolerance)
@@ -162,12 +168,12 @@ def initial_rates(model: Model, state: State, driven: np.ndarray) -> np.ndarray:
 
 
 def nearest_rates(model: Model, v: np.ndarray, driven: np.ndarray, weight=None) -> np.ndarray:
-    """Rates (columns,) nearest to given ones v (size,), in the norm of a weight (size, size).
+    """Rates (columns,) closest to given rates v (size,), in the norm of a weight (size, size).
 
-    By default a rotation counts as the size of the scene.
+    The default weight scales displacements by the size of the scene.
     """
     reduction = model.reduction
-    free, w, T = reduction.free, _led(model, driven), reduction.coupling()
+    free, w, T = reduction.free, _driven_rates(model, driven), reduction.coupling()
     if free:
         weight = scipy.sparse.diags(model.unit**-2.0) if weight is None else weight
         free_T = T[:, :free]
@@ -176,8 +182,8 @@ def nearest_rates(model: Model, v: np.ndarray, driven: np.ndarray, weight=None) 
     return w
 
 
-def _led(model: Model, driven: np.ndarray) -> np.ndarray:
-    """Rates (columns,) with those of the driven motion alone."""
+def _driven_rates(model: Model, driven: np.ndarray) -> np.ndarray:
+    """Rates (columns,) of driven motion; all others are zero."""
     reduction = model.reduction
     w = np.zeros(reduction.columns)
     w[reduction.free : reduction.free + reduction.driven] = driven
@@ -187,7 +193,7 @@ def _led(model: Model, driven: np.ndarray) -> np.ndarray:
 def acceleration_of(mass: scipy.sparse.spmatrix, force: np.ndarray) -> np.ndarray:
     """Accelerations (n,) under generalised forces (n,); zero where there is no mass.
 
-    Where several unknowns move one mass, they are the smallest that fit.
+    If several unknowns move one mass, they are the accelerations of least norm.
     """
     a = np.zeros(len(force))
     diagonal = mass.diagonal()
@@ -209,7 +215,7 @@ def acceleration_of(mass: scipy.sparse.spmatrix, force: np.ndarray) -> np.ndarra
 
 
 def _given_velocity(model: Model) -> np.ndarray:
-    """Vector of initial rates as given, zero elsewhere."""
+    """Initial rates (size,) as given; zero elsewhere."""
     mesh, scene = model.mesh, model.scene
     v, unit = np.full((len(mesh.X), 3), np.nan), np.array([1.0, 1.0, mesh.size])
     for item in scene.velocities:
@@ -217,9 +223,14 @@ def _given_velocity(model: Model) -> np.ndarray:
             x, y = map(float, mesh.X[node])
             value = np.concatenate([item.value(x, y), item.spin(x, y)])
             if not np.isfinite(value).all():
-                raise SceneError(f"initial velocity at ({x:g}, {y:g}) is {value}, not finite")
+                raise SceneError(
+                    f"initial velocity at ({x:g}, {y:g}) is {value}; it must be finite"
+                )
             if (abs(v[node] - value) * unit > 1e-9 * (abs(value) * unit).max()).any():
-                raise SceneError(f"two initial velocities at ({x:g}, {y:g}): {v[node]} and {value}")
+                raise SceneError(
+                    f"two initial velocities at ({x:g}, {y:g}): {v[node]} and {value}. Give only "
+                    "one, or equal ones"
+                )
             v[node] = value
     return model.from_nodes(np.nan_to_num(v))
 
@@ -229,15 +240,16 @@ def _check_prescribed(model: Model, key: tuple[int, int], v: np.ndarray, kept: n
     if given != 0 and abs(given - moved) > 1e-3 * max(abs(given), abs(moved)):
         node, component = key
         raise SceneError(
-            f"{model.scene.nodes[node]} moves as prescribed in {COMPONENTS[component]} at the rate "
-            f"{moved:g} and has another initial rate, {given:g}"
+            f"{model.scene.nodes[node]} has the initial rate {given:g} in {COMPONENTS[component]}, "
+            f"but its prescribed motion starts at the rate {moved:g}. Give it this initial rate or "
+            "none"
         )
 
 
 def _check_joints(
     model: Model, state: State, v: np.ndarray, driven: np.ndarray, tolerance: float
 ) -> None:
-    """Refuse rates with which the nodes of a joint part, naming the joint that is worst."""
+    """Refuse velocities that violate a joint; the message names the worst joint."""
     scene = model.scene
     nodes, places = (np.vstack([model.to_nodes(x), np.zeros(3)]) for x in (v, state.q))  # ground
     rates = driven[len(model.prescribed) :]
@@ -255,8 +267,11 @@ def _check_joints(
         gap = gap - motors.get((joint.number, "slide"), gap @ axis) * axis
         turn = b[2] - a[2] - motors.get((joint.number, "rotation"), 0.0)
         for size, what in (
-            (np.hypot(*gap), f"its nodes part at a rate of {np.hypot(*gap):.3g}"),
-            (abs(turn) * model.mesh.size * joint.turns_together, f"b turns at {turn:.3g} too much"),
+            (np.hypot(*gap), f"its nodes separate at {np.hypot(*gap):.3g} m/s"),
+            (
+                abs(turn) * model.mesh.size * joint.turns_together,
+                f"the rotation rate of node b deviates by {turn:.3g} rad/s",
+            ),
         ):
             if size > worst:
                 worst, text = size, f"{joint}: {what}"
@@ -265,7 +280,7 @@ def _check_joints(
 
 
 def _small_mass(model: Model) -> scipy.sparse.spmatrix:
-    """A mass for what has none, so small that it changes no other rate."""
+    """A tiny mass for massless degrees of freedom; it has no effect on other rates."""
     diagonal = model.mass.diagonal()
     size = np.full(model.size, 1.0)
     size[model.turns] = model.mesh.size**2
@@ -280,10 +295,10 @@ def _message(model: Model, node: int, component: int, v: np.ndarray, kept: np.nd
     where = f"node {node} at ({x:g}, {y:g})"
     if (node, component) in scene.fixed:
         return (
-            f"{where} is supported in {COMPONENTS[component]} and has an initial rate of {given:g} "
-            "there; it must be 0"
+            f"{where} is supported in {COMPONENTS[component]}, but its initial rate there is "
+            f"{given:g}; it must be 0"
         )
     return (
         f"the initial velocities violate a support: the rate of {COMPONENTS[component]} of {where} "
-        f"is {given:g}, and would have to be {found:g}. {_ADVICE}"
+        f"is {given:g}; it must be {found:g}. {_ADVICE}"
     )

@@ -1,4 +1,4 @@
-"""Load steps: equilibria at growing load factors, and the control of their size."""
+"""Load steps: equilibria at rising load factors, with control of the step size."""
 
 from __future__ import annotations
 
@@ -17,45 +17,46 @@ from .initial_state import reference_state
 from .newton import NewtonOptions, StepFailed, StepSolution
 from .single_step import SingleStep
 
-# A step may deviate from its prediction by the prediction's own size. Towards a limit point the
-# load factor is a parabola of the displacements, and a step that ends on it deviates by just that;
-# what deviates more has left the path for another one.
-_FARTHEST = 1.0
-# On a stable path displacements along the loads grow with these: what is gained in a step lies
-# between what the dead loads at its start and those at its end would do. The part of that range,
-# from its middle, within which a step is short enough, and within which it may be on the path.
-# A response as the cube root of the load, that of a slack cable, gives 1/2, however short the
-# first step; a step to a limit point 1/3; one over a snap more than 1, if it is as short as that.
+# Largest deviation of a step from its predictor, relative to the predictor. Near a limit point the
+# load factor is a parabola of the displacements; a step that ends at the limit point has the
+# deviation 1. A step with a larger deviation has reached another path.
+_MAX_DEVIATION = 1.0
+# On a stable path displacements along the loads grow with the loads: the energy gained in a step
+# lies between the work of the dead loads at its start and the work of those at its end. These are
+# fractions of this range, from its middle: a step within the first is short enough; a step within
+# the second is on the path. A response as the cube root of the load, as of a slack cable, gives
+# 1/2 for any first step; a step to a limit point gives 1/3; a short step over a snap-through gives
+# more than 1.
 _SHORT, _ON_PATH = 0.2, 1.0
-# The same for driven motion and for forces that follow, as parts of their work.
+# The same for driven motion and follower forces, as fractions of their work.
 _SHORT_OTHER, _ON_PATH_OTHER = 0.1, 0.7
-# Deviation and corrections below which a step may be followed by one twice as long.
+# The step is doubled at most at this deviation and this number of corrections.
 _EASY_DEVIATION, _EASY_ITERATIONS = 0.25, 10
-# Growth of the motion per load since the first step that tells of a limit point.
-_GIVING_WAY = 4.0
+# Growth of the displacement per load, relative to the first step, that indicates a limit point.
+_SOFTENING = 4.0
 
 
 class LoadStepper:
-    """Takes a model from load factor to load factor, which stand in its states for times."""
+    """Takes load steps; the states of a model have the load factor in place of time."""
 
     def __init__(self, model: Model, drive: LoadDrive, options: NewtonOptions, stats: Stats):
         self.model, self.drive, self.stats = model, drive, stats
         self.single = SingleStep(model, drive, options, stats)
-        #: Deviation of the last step from its prediction, relative to that, and its corrections.
+        #: Deviation of the last step from its predictor, relative to this, and its corrections.
         self.deviation, self.iterations = 0.0, 0
-        #: Whether a step that is too long for its work may be cut.
+        #: Whether a step whose work is too inaccurate may be cut.
         self._may_be_cut = False
-        #: Part of the loads, or of the tension of springs, at the end of the last step tried.
+        #: Fraction of the loads, or of the springs' tension, at the end of the last step tried.
         self._goal = 0.0
-        #: Generalised forces (free,) besides the loads, at the start and at the end of a step.
+        #: Holding forces (free,), besides the loads, at the start and the end of a step.
         self._hold: tuple[np.ndarray, np.ndarray] = (np.zeros(self.model.reduction.free),) * 2
-        #: Motion per load factor of the first and of the last step.
+        #: Displacement per load factor in the first and in the last step.
         self.response: list[float] = []
 
     def first_state(self, steps: int, max_cuts: int) -> State:
-        """Equilibrium without loads: the reference configuration, but for springs under tension.
+        """Equilibrium without loads: the reference configuration, unless springs are under tension.
 
-        What is out of balance there is held by as much, which is let go in steps.
+        Holding forces balance the springs in the reference configuration; steps reduce them to 0.
         """
         start = reference_state(self.model)
         equations = self.single.equations
@@ -65,20 +66,20 @@ class LoadStepper:
         if self.model.forms.has_added:
             start.added = self.model.forms.added_force()
 
-        def let_go(state: State, before: float, after: float) -> State:
+        def release(state: State, before: float, after: float) -> State:
             self._hold = (1 - before) * tension, (1 - after) * tension
             self.single.newton.hold = self._hold[1]
             return self.step(state, 0.0)
 
         try:
-            # All at once is enough where there is no tension, and else less safe than in steps.
-            state = let_go(start, 0.0, 1.0)
+            # Without tension a single step is enough; otherwise several steps are more robust.
+            state = release(start, 0.0, 1.0)
             done = self.is_still(state.q)
         except StepFailed:
             done = False
         if not done:
             try:
-                *_, state = self._in_steps(start, let_go, steps, max_cuts)
+                *_, state = self._in_steps(start, release, steps, max_cuts)
             except StepFailed as failure:
                 raise self._error_of_first(failure, max_cuts) from failure
         self._hold = np.zeros_like(tension), np.zeros_like(tension)
@@ -86,7 +87,7 @@ class LoadStepper:
         return state
 
     def step(self, state: State, goal: float) -> State:
-        """State at a higher load factor, in one step; StepFailed if it leaves the path."""
+        """State after one load step; StepFailed if it leaves the path."""
         interval = Interval(state.t, goal)
         new, step = self.single.take(state, interval)
         new.work += float((self._hold[0] + self._hold[1]) @ step.y / 2)
@@ -99,23 +100,23 @@ class LoadStepper:
         return new
 
     def note(self, step: StepSolution) -> None:
-        """Note how far a step is from its prediction, and what it took."""
+        """Keep the deviation of a step from its predictor, and its number of corrections."""
         self.iterations = step.iterations
         self.deviation = self.size(step.D - step.predicted) / (self.size(step.predicted) or 1.0)
 
     def is_still(self, D: np.ndarray) -> bool:
-        """Whether an increment (size,) is none, to the tolerance of Newton's method."""
+        """Whether an increment (size,) is zero within the tolerance of Newton's method."""
         return self.size(D) <= self.single.newton.options.tolerance
 
     def _check_path(self, old: State, new: State, step: StepSolution, softer: bool) -> None:
-        """Refuse a step that ends far from where the tangent leads, or whose work is not stored."""
+        """Reject a step that deviates from its predictor, or whose work differs from its energy."""
         D, forces = step.D, self.drive.forces(Interval(old.t, new.t))
         if self.is_still(D):
-            return  # what it would be judged by is rounding
-        if self.deviation > _FARTHEST:
+            return  # its deviation is a rounding error
+        if self.deviation > _MAX_DEVIATION:
             reason = (
-                f"it ends {self.deviation:.2g} times as far from where the tangent leads as that "
-                "is from its start, and so on another path"
+                f"the step deviates from its predictor by {self.deviation:.2g} times the "
+                "predictor's length, and so has reached another path"
             )
             raise StepFailed("off the path", reason, D, [])
         at_start, at_end = (
@@ -133,8 +134,8 @@ class LoadStepper:
         allowed += (_SHORT_OTHER if short else _ON_PATH_OTHER) * abs(other)
         if abs(gained - work) > allowed + rounding:
             reason = (
-                f"the loads do {work:.3g} J of work in it and {gained:.3g} J are gained, so that "
-                "it is too long, or ends on another path"
+                f"the loads do {work:.3g} J of work in it, but the energy rises by {gained:.3g} J: "
+                "the step is too long or has reached another path"
             )
             raise StepFailed("off the path", reason, D, [])
 
@@ -144,15 +145,15 @@ class LoadStepper:
         return model.forms.strain_energy(state.q) + springs
 
     def size(self, D: np.ndarray) -> float:
-        """Size of an increment (size,): a mean over the nodes, of displacements over the extent."""
+        """Root mean square of an increment (size,) over the nodes, in units of the scene."""
         return float(np.sqrt(np.sum((D / self.model.unit) ** 2) / len(self.model.turns)))
 
     # -- Control of the load --------------------------------------------------------------------
 
     def raise_load(self, states: list[State], steps: int, max_cuts: int) -> None:
-        """Add the states from the last one to load factor 1, in `steps` where none is cut.
+        """Append the states from the last one to load factor 1, in `steps` steps if none is cut.
 
-        One may be halved `max_cuts` times; a StepError if it still fails.
+        A step is halved at most `max_cuts` times; StepError if it still fails.
         """
 
         def raised(state: State, _: float, goal: float) -> State:
@@ -172,7 +173,7 @@ class LoadStepper:
         steps: int,
         max_cuts: int,
     ) -> Iterator[State]:
-        """States on the way from 0 to 1, in steps halved where they fail and doubled where easy."""
+        """States from 0 to 1; a step is halved if it fails, and doubled after an easy step."""
         longest = 2**max_cuts
         last, at, stride = steps * longest, 0, longest
         while at < last:
@@ -197,21 +198,21 @@ class LoadStepper:
             f"{what} after {cuts} cuts" if cuts else what,
             0.0,
             failure,
-            "Look for a part without support, or a spring far from its rest; up to "
-            f"{self._goal:.3g} of their strain were tried",
+            "Check for a part without support, or a spring far from its rest position. The "
+            f"fraction {self._goal:.3g} of the springs' tension was tried",
         )
 
     def _error(self, state: State, failure: StepFailed, cuts: int) -> StepError:
         what = f"the step from load factor {state.t:.6g} to {self._goal:.6g} failed"
         advice = (
-            'If the path has a limit point there, continuation="arc-length" passes it; otherwise '
-            "try more steps, and look for a load or a stiffness in the wrong unit"
+            'If the path has a limit point there, use continuation="arc-length". Otherwise try '
+            "more steps, and check the units of loads and stiffnesses"
         )
-        if len(self.response) == 2 and self.response[1] > _GIVING_WAY * self.response[0]:
+        if len(self.response) == 2 and self.response[1] > _SOFTENING * self.response[0]:
             advice = (
-                f"The motion per load has grown to {self.response[1] / self.response[0]:.3g} times "
-                'that of the first step, as towards a limit point: continuation="arc-length" '
-                "passes it"
+                f"The displacement per load is {self.response[1] / self.response[0]:.3g} "
+                "times that of the first step, which indicates a limit point. Use "
+                'continuation="arc-length" to pass it'
             )
         return self.single.error(
             f"{what} after {cuts} cuts" if cuts else what, state.t, failure, advice

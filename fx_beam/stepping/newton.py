@@ -15,17 +15,17 @@ from fx_beam.model.model import Model
 from fx_beam.results.state import Past, State
 from fx_beam.validation import is_number, is_whole, require
 
-# A correction that turns a node further [rad] is shortened to this. From the previous
-# configuration the first one overshoots where axial force has nearly emptied the tangent;
-# on the pinned beam this replaces one step halved in ten at dt 0.02 and costs no iteration.
+# A correction that rotates a node further than this [rad] is shortened to it. The first correction
+# overshoots if the axial force makes the tangent nearly singular. For the pinned beam at dt 0.02
+# this avoids halving every tenth step and costs no iteration.
 LONGEST_TURN = 0.5
-# Part of the step's energy that rounding leaves undetermined.
+# Rounding error of the energy, relative to the energy of the step.
 ENERGY_FLOOR = 4 * np.finfo(float).eps
-# Part of the step's energy, times the tolerance, that the last correction may still bring in.
+# Largest work of the last correction, relative to the tolerance times the energy of the step.
 ENERGY_SHARE = 1e-4
-# Relative error up to which the last increments are taken to foretell the next one.
-CLOSE = 0.4
-# Increments that are remembered for this.
+# The predictor is used up to this relative error in the previous step.
+PREDICTOR_ERROR = 0.4
+# Number of previous increments that the predictor uses.
 _PAST = 4
 
 
@@ -36,20 +36,20 @@ class NewtonOptions:
     Parameters
     ----------
     tolerance : float
-        Largest entry of the last correction: displacements over the size of the scene, and
-        rotations in radians. Convergence is quadratic, so that the error left is far smaller. In
-        a stiff scene a small correction may still bring in much energy; of this the last one may
-        bring no more than a ten-thousandth of the tolerance, relative to what moves in the step.
+        Largest entry of the last correction: displacements divided by the size of the scene, and
+        rotations in radians. Convergence is quadratic: the remaining error is far smaller. In a
+        stiff scene a small correction may do much work; the work of the last correction is at
+        most 1e-4 times the tolerance, relative to the energy of the step.
     max_iterations : int
-        Corrections before the step is given up.
+        Largest number of corrections; the step fails if it has not converged by then.
     max_turn : float
-        Largest increment of a nodal rotation in a step [rad], below pi: the mid-point rule takes
-        the tangent of half of it, which has no meaning beyond a half turn.
+        Largest increment of a nodal rotation in a step [rad], below pi: the mid-point rule uses
+        the tangent of half the increment, which is valid for less than a half turn.
 
     Raises
     ------
     SceneError
-        For a value out of range, naming it.
+        If a value is out of range; the message names it.
 
     Examples
     --------
@@ -85,15 +85,15 @@ class StepSolution:
     y: np.ndarray
     #: Forces and couples (size,) of supports and joints at the scheme's level [N, N m].
     r: np.ndarray
-    #: Corrections made, and what ended them: "increment" or "round-off".
+    #: Number of corrections, and why they ended: "increment" or "round-off".
     iterations: int
     ended_by: str
-    #: What the tangent at the start gives for D.
+    #: D by the tangent at the start: the linear predictor.
     predicted: np.ndarray
 
 
 class StepFailed(Exception):
-    """A step without convergence, as in `Failure`; the last increment, the largest residuals."""
+    """A failed step: kind and reason as in `Failure`, last increment, norms of the residuals."""
 
     def __init__(self, kind: str, reason: str, D: np.ndarray, residuals: list[float]):
         super().__init__(reason)
@@ -103,11 +103,11 @@ class StepFailed(Exception):
 
 
 def petsc(what: str) -> Any:
-    """PETSc's interface; an error where that is missing, which names what needs it."""
+    """The module PETSc of petsc4py. If it is missing, a RuntimeError says `what` needs it."""
     if find_spec("petsc4py") is None:
         raise RuntimeError(
-            f"{what} needs PETSc, which is missing here: install petsc4py (Debian's "
-            "python3-petsc4py), or take what runs without it, fx_beam.simulate in the compiled loop"
+            f"{what} needs PETSc, which is not installed. Install petsc4py (Debian's "
+            "python3-petsc4py), or use fx_beam.simulate with the compiled loop, which runs without"
         )
     from petsc4py import PETSc
 
@@ -115,21 +115,21 @@ def petsc(what: str) -> Any:
 
 
 class Newton:
-    """Solver for the increment over a step, of the equations that are set for it."""
+    """Newton's method for the increment over a step."""
 
     def __init__(self, equations: Equations, options: NewtonOptions):
         self.equations, self.model, self.options = equations, equations.model, options
-        self.guess = Guess(self.model)
-        #: Generalised forces (free,) that act on the unknowns besides those of the model.
+        self.predictor = Predictor(self.model)
+        #: Holding forces (free,) on the unknowns, in addition to the forces of the model.
         self.hold: np.ndarray = np.zeros(self.model.reduction.free)
 
     @functools.cached_property
     def _linear(self) -> _LinearSolver:
-        if find_spec("petsc4py") is None:  # a step on which the compiled loop gave up
+        if find_spec("petsc4py") is None:  # the compiled loop has failed in this step
             D = np.full(self.model.size, np.nan)
             raise StepFailed(
                 "no convergence",
-                "no convergence; with petsc4py installed this would say more",
+                "no convergence (install petsc4py to see the residuals)",
                 D,
                 [],
             )
@@ -140,38 +140,38 @@ class Newton:
     ) -> StepSolution:
         """Increment over a step, for dead loads (size,) at the scheme's level and driven motion.
 
-        StepFailed if there is no convergence.
+        StepFailed if it does not converge.
         """
         self.equations.begin(interval, start)
         at_rest = self.model.scheme.rates.at_rest
-        guess = None if at_rest else self.guess.of(interval.length)
+        predicted_y = None if at_rest else self.predictor.predict(interval.length)
         moving = 0.0 if at_rest else float(start.v @ (self.model.mass @ start.v))
         try:
-            step = self._solve(force, driven, moving, guess)
+            step = self._solve(force, driven, moving, predicted_y)
         except StepFailed:
-            if guess is None:
+            if predicted_y is None:
                 raise
             step = self._solve(force, driven, moving, None)
-        self.guess.learn(interval.length, step)
+        self.predictor.update(interval.length, step)
         return step
 
-    def _solve(self, force, driven, moving: float, guess: np.ndarray | None) -> StepSolution:
-        """The same from a guess of the unknowns, or from the previous configuration."""
+    def _solve(self, force, driven, moving: float, predicted_y: np.ndarray | None) -> StepSolution:
+        """Newton iterations from a predictor, or from the previous configuration."""
         model, options, reduction = self.model, self.options, self.model.reduction
         K, free = model.forms.stiffness, reduction.free
-        y = np.zeros(free) if guess is None else guess
-        led = np.zeros(reduction.driven) if guess is None else driven
+        y = np.zeros(free) if predicted_y is None else predicted_y
+        driven_now = np.zeros(reduction.driven) if predicted_y is None else driven
         residuals: list[float] = []
-        previous, smalls = np.inf, 0
+        previous, small_corrections = np.inf, 0
         for iteration in range(1, options.max_iterations + 1):
-            D, f, r, residual = self.equations.at(y, led, force)
+            D, f, r, residual = self.equations.at(y, driven_now, force)
             residual = residual[:free] - self.hold
             residuals.append(abs(residual).max(initial=0.0))
             step = np.zeros(reduction.columns)
-            if led is not driven:
-                # Driven motion enters with the first, linearised solution, so that the neighbours
-                # of a moved support follow it at once.
-                step[free : free + reduction.driven], led = -driven, driven
+            if driven_now is not driven:
+                # Driven motion is part of the first correction: the neighbours of a moved support
+                # follow by the linearised equations.
+                step[free : free + reduction.driven], driven_now = -driven, driven
                 residual = reduction.project(r - K @ reduction.spread(step))[:free] - self.hold
             step[:free] = self._linear.solve(self.equations, r, residual)
             correction = reduction.spread(step)
@@ -183,14 +183,16 @@ class Newton:
             self.check_finite(size, residuals)
             small, ended_by = size <= options.tolerance, None
             if small or size > 0.5 * previous:
-                lack = _lacking(float(residual @ step[:free]), float(abs(f) @ abs(D)) + moving)
-                smalls += small
-                # After a third small one: the motion is so small that rounding is all that is left.
-                if small and (lack <= ENERGY_SHARE * options.tolerance or smalls > 2):
+                error = _energy_error(
+                    float(residual @ step[:free]), float(abs(f) @ abs(D)) + moving
+                )
+                small_corrections += small
+                # A third small correction shows that only rounding errors are left.
+                if small and (error <= ENERGY_SHARE * options.tolerance or small_corrections > 2):
                     ended_by = "increment"
-                elif not small and lack <= ENERGY_FLOOR:
+                elif not small and error <= ENERGY_FLOOR:
                     ended_by = "round-off"
-            if ended_by:  # forces at the corrected state, while K is at hand
+            if ended_by:  # forces at the corrected state, to first order
                 r = r - K @ correction
             D = reduction.expand(y, driven)
             self.check_turn(D, residuals)
@@ -200,85 +202,85 @@ class Newton:
         reason = f"no convergence in {options.max_iterations} iterations"
         raise StepFailed("no convergence", reason, D, residuals)
 
-    # -- What every solver for an increment asks --------------------------------------------------
+    # -- Checks, also for arc-length steps --------------------------------------------------------
 
     def shortening(self, correction: np.ndarray) -> float:
-        """Factor of a correction (size,) that would turn a node too far."""
+        """Factor that limits the rotations of a correction (size,)."""
         turn = abs(correction[self.model.turns]).max()
         return LONGEST_TURN / turn if LONGEST_TURN < turn < np.inf else 1.0
 
     def check_finite(self, size: float, residuals: list[float]) -> None:
-        """Refuse a correction whose size is no number."""
+        """Reject a correction whose size is not finite."""
         if not np.isfinite(size):
             D = np.full(self.model.size, np.nan)
             reason = "the tangent is singular or a value is not finite"
             raise StepFailed("singular", reason, D, residuals)
 
     def check_turn(self, D: np.ndarray, residuals: list[float]) -> None:
-        """Refuse an increment (size,) that turns a node beyond the bound."""
+        """Reject an increment (size,) with a rotation above the bound."""
         turn = abs(D[self.model.turns]).max()
         if turn > self.options.max_turn:
             raise StepFailed(
                 "large rotation",
-                f"a node turns by {turn:.3g} rad in one step, more than the bound "
+                f"a node turns by {turn:.3g} rad in one step, more than max_turn = "
                 f"{self.options.max_turn:g}",
                 D,
                 residuals,
             )
 
 
-def _lacking(work: float, energy: float) -> float:
-    """Energy that a step still lacked before a correction, relative to what moves in it.
+def _energy_error(work: float, energy: float) -> float:
+    """Work of the residual on a correction, relative to the energy of the step.
 
-    It is the work of the residual on the correction, and about what the correction leaves.
+    It estimates the error of the energy.
     """
     return float(abs(work) / energy) if energy else 0.0
 
 
-class Guess:
-    """First guess of an increment: a polynomial in time through the last ones."""
+class Predictor:
+    """Predictor of an increment: extrapolates the last ones by a polynomial in time."""
 
     def __init__(self, model: Model):
         self._model, self._unit = model, model.unit
         self._dt = 0.0
-        #: Backward differences of the increments of all degrees of freedom, and of the unknowns.
+        #: Backward differences of the last increments (size,), and of the unknowns (free,).
         self._past: list[np.ndarray] = []
         self._past_y: list[np.ndarray] = []
-        self._foretelling = 0
+        self._order = 0
 
     @property
     def past(self) -> Past:
-        """What it knows, by degrees of freedom and slides, which other scenes have as well."""
+        """The last increments, in a form that does not depend on the numbering of unknowns."""
         model, size = self._model, self._model.size
         known = len(self._past)
         y = np.reshape(self._past_y, (known, model.reduction.free))
         slides = model.couplings.free_slides(y, len(model.scene.joints))
-        return Past(self._dt, self._foretelling, np.reshape(self._past, (known, size)), slides)
+        return Past(self._dt, self._order, np.reshape(self._past, (known, size)), slides)
 
     @past.setter
     def past(self, past: Past | None) -> None:
         if past is not None:
-            self._dt, self._foretelling = past.length, past.foretelling
+            self._dt, self._order = past.length, past.order
             self._past = list(past.increments)
             self._past_y = list(self._model.couplings.unknowns(past.increments, past.slides))
 
-    def of(self, dt: float) -> np.ndarray | None:
-        """Unknowns (free,) of a step of length dt [s], or none."""
-        if not self._foretelling or self._changed(dt):
+    def predict(self, dt: float) -> np.ndarray | None:
+        """Predicted unknowns (free,) of a step of length dt [s]; None without a prediction."""
+        if not self._order or self._changed(dt):
             return None
-        return np.sum(self._past_y[: self._foretelling], axis=0)
+        return np.sum(self._past_y[: self._order], axis=0)
 
-    def learn(self, dt: float, step: StepSolution) -> None:
-        """Keep the increment of a step of length dt [s]."""
+    def update(self, dt: float, step: StepSolution) -> None:
+        """Add the increment of a step of length dt [s], and choose the order of extrapolation."""
         if self._changed(dt):
             self._past, self._past_y, self._dt = [], [], dt
         now, now_y = [step.D], [step.y]
-        best, self._foretelling = CLOSE * self._size(step.D), 0
+        best, self._order = PREDICTOR_ERROR * self._size(step.D), 0
         for order, (old, old_y) in enumerate(zip(self._past, self._past_y, strict=True), start=1):
             now.append(now[-1] - old)
             now_y.append(now_y[-1] - old_y)
             if (error := self._size(now[-1])) <= best:
-                best, self._foretelling = error, order
+                best, self._order = error, order
         self._past, self._past_y = now[:_PAST], now_y[:_PAST]
 
     def _size(self, D: np.ndarray) -> float:
@@ -289,14 +291,14 @@ class Guess:
 
 
 class _LinearSolver:
-    """LU factorisation of the reduced tangent, whose values change and whose sparsity does not."""
+    """LU factorisation of the reduced tangent; its sparsity pattern is constant."""
 
     def __init__(self, pattern: tuple[np.ndarray, np.ndarray]):
         PETSc = petsc("a step in Python")
         indptr, indices = (part.astype(PETSc.IntType) for part in pattern)
         n = len(indptr) - 1
         self._values = np.zeros(len(indices))
-        # PETSc works on our arrays; no value is copied in or out.
+        # PETSc uses these arrays directly, without copies.
         self._matrix = PETSc.Mat().createAIJWithArrays(
             (n, n), (indptr, indices, self._values), comm=PETSc.COMM_SELF
         )
@@ -309,7 +311,7 @@ class _LinearSolver:
         pc = self._ksp.getPC()
         pc.setType(PETSc.PC.Type.LU)
         pc.setFactorOrdering(PETSc.Mat.OrderingType.RCM)
-        # By default what is below 2e-14 is no pivot, whatever the units of the scene are.
+        # PETSc's default refuses pivots below 2e-14, which depends on the units of the scene.
         pc.setFactorPivot(zeropivot=0.0)
         self._ksp.setOperators(self._matrix)
 

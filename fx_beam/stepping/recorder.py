@@ -1,4 +1,4 @@
-"""The record of a simulation, kept also when the run breaks off."""
+"""The recorded histories of a simulation, also of one that ended early."""
 
 from __future__ import annotations
 
@@ -14,24 +14,24 @@ from fx_beam.model.model import Model
 from fx_beam.results.audit import Energy
 from fx_beam.results.state import State
 
-# Part of the first step over which the rates at the start are seen, and no motion.
+# Length of the short step for the forces of row 0, relative to the first step.
 _SHORT = 1e-9
 
 
 @dataclass(frozen=True)
 class Record:
-    """What is kept of a simulation; energies, momenta and slides always are.
+    """What a simulation records; energies, momenta and slides are always recorded.
 
     Parameters
     ----------
     every : int
-        Steps between two rows; the start and the last step are always kept.
+        Steps between two rows; the start and the last step are always recorded.
     motion : bool
-        Whether to keep displacements and rotations, which stress resultants need as well.
+        Whether to record displacements and rotations; stress resultants need them as well.
     rates : bool
-        Whether to keep velocities and accelerations.
+        Whether to record velocities and accelerations.
     forces : bool
-        Whether to keep the forces of supports and joints.
+        Whether to record the forces of supports and joints.
 
     Examples
     --------
@@ -68,7 +68,7 @@ class Recorder:
         self._steps = steps
         self.rows = 0
         self._first: State
-        #: Parts (n,) of the steps that end with the rows, each as long as the last one of its step.
+        #: Sub-steps (n,) in the step before each row, if all were as long as the last one.
         self._parts = np.ones(len(steps), dtype=int)
         n, size, joints = len(steps), model.size, len(model.scene.joints)
         held = model.reduction.columns - model.reduction.free
@@ -77,8 +77,8 @@ class Recorder:
         if joints:
             self.arrays["slides"] = np.zeros((n, joints))
         if record.motion:
-            # Of what is never touched an array of zeros takes no memory: the starts of last parts
-            # are written only where they are in no other row.
+            # An array of zeros takes no memory until it is written: the start of a last sub-step
+            # is written only if it differs from the previous row.
             self.arrays |= {"q": np.zeros((n, size)), "before_q": np.zeros((n, size))}
             if record.rates and model.forms.resultants_need_rates:
                 self.arrays |= {"before_v": np.zeros((n, size)), "before_a": np.zeros((n, size))}
@@ -92,8 +92,8 @@ class Recorder:
     def _wants(self, step: int) -> bool:
         return step % self.every == 0 or step == self.last
 
-    def places(self, parts: int) -> dict[str, np.ndarray]:
-        """Rows from the next one on, by name, which the compiled loop writes for steps in parts."""
+    def next_rows(self, parts: int) -> dict[str, np.ndarray]:
+        """Arrays from the next row on, by name, to be written by the compiled loop."""
         kept = self._starts_kept(parts)
         return {
             name: rows[self.rows :]
@@ -102,18 +102,18 @@ class Recorder:
         }
 
     def add(self, rows: int, parts: int) -> None:
-        """Count rows that were written, of steps in a number of parts."""
+        """Count rows that were written, of steps of `parts` sub-steps."""
         self._parts[self.rows : self.rows + rows] = parts
         self.rows += rows
 
     def _starts_kept(self, parts):
-        """Whether the last part of a step starts elsewhere than in the row before."""
+        """Whether the start of the last sub-step differs from the previous row."""
         return self.every > 1 or parts > 1
 
     def record(self, step: int, state: State, before: State | None = None, parts: int = 1) -> None:
-        """Add the state at the end of a step of the grid, if it is wanted; step 0 is the start.
+        """Add a row for the end of a step of the grid, if `every` selects it; step 0 is the start.
 
-        The last of the step's parts, all of one length, goes from `before` to `state`.
+        The last of the step's equal sub-steps goes from `before` to `state`.
         """
         if not self._wants(step):
             return
@@ -151,15 +151,15 @@ class Recorder:
                 rows[self.rows] = np.ravel(values[name])
         self.add(1, parts)
 
-    def wind(self, first: int, taken: np.ndarray) -> None:
-        """Add the turns (size,) [rad] taken off while the rows from `first` on were made."""
-        if "q" in self.arrays and taken.any():
+    def add_turns(self, first: int, turns: np.ndarray) -> None:
+        """Add the full turns (size,) [rad] that are missing in the rows from `first` on."""
+        if "q" in self.arrays and turns.any():
             rows = np.arange(first, self.rows)
-            self.arrays["q"][first : self.rows] += taken
-            self.arrays["before_q"][rows[self._starts_kept(self._parts[rows])]] += taken
+            self.arrays["q"][first : self.rows] += turns
+            self.arrays["before_q"][rows[self._starts_kept(self._parts[rows])]] += turns
 
     def histories(self) -> dict:
-        """What was recorded, by the names that `Solution` gives it; empty where it was not."""
+        """Recorded histories by their names in `Solution`; empty if not recorded."""
         model, n = self.model, self.rows
         kept = {name: rows[:n] for name, rows in self.arrays.items()}
         joints, nodes = len(model.scene.joints), len(model.mesh.X)
@@ -195,15 +195,15 @@ class Recorder:
         }
 
     def _lengths(self) -> np.ndarray:
-        """Lengths (n,) of the last parts of the steps that end with the rows; 0 for row 0."""
+        """Length (n,) of the last sub-step before each row; 0 for row 0."""
         steps = self._steps[: self.rows]
         grid = self._times[steps] - self._times[np.maximum(steps - 1, 0)]
         return grid / self._parts[: self.rows]
 
     def last_parts(self) -> Iterator[Part]:
-        """The last part of the step that ends with each row, over which its forces are taken.
+        """The last sub-step before each row, for which its forces are evaluated.
 
-        Row 0 has one that is so short that nothing but the rates is seen of it.
+        Row 0 has a sub-step so short that its forces depend on the rates, but not on a motion.
         """
         arrays, forms, first = self.arrays, self.model.forms, self._first
         dt = _SHORT * np.diff(self._times[:2]).sum() or 1.0

@@ -1,4 +1,4 @@
-"""Sections that face backwards: eq. 4 asks for t . phi' > 0 at every Gauss point."""
+"""Check of eq. 4, t . phi' > 0 at every Gauss point: no section may face backwards."""
 
 from __future__ import annotations
 
@@ -13,27 +13,27 @@ from fx_beam.results.audit import Stats
 _log = logging.getLogger("fx_beam")
 
 
-class Facing:
-    """Watches that no section of a beam faces backwards at the end of a step."""
+class FacingCheck:
+    """Checks at the end of each step that no section of a beam faces backwards."""
 
     def __init__(self, model: Model, stats: Stats):
         self._model, self._stats = model, stats
         model.forms.compile_facing()
         self.least_energy = _least_energy(model)
 
-    def look(self, t: float, q: np.ndarray) -> None:
-        """Look at the end of a step: t [s] or load factor, displacements and rotations (size,)."""
+    def check(self, t: float, q: np.ndarray) -> None:
+        """Check a state: time t [s] or load factor, displacements and rotations q (size,)."""
         if self._model.forms.faces_backwards(q):
-            self.found(1, t, q)
+            self.count(1, t, q)
 
-    def found(self, number: int, t: float, q: np.ndarray) -> None:
-        """Count steps that end with sections facing backwards; the log tells of the first, at t."""
+    def count(self, number: int, t: float, q: np.ndarray) -> None:
+        """Count steps with sections that face backwards; a warning reports the first, at t."""
         if not self._stats.inside_out:
             self._warn(t, q)
         self._stats.inside_out += number
 
     def _warn(self, t: float, q: np.ndarray) -> None:
-        """Name the beam and the place where it is worst."""
+        """Warn, with the beam and the position of the worst section."""
         model = self._model
         facing = model.forms.facing(q)
         cell, point = np.unravel_index(np.argmin(facing), facing.shape)
@@ -44,8 +44,8 @@ class Facing:
         s = start + (end - start) * dolfinx_api.gauss_points(beam.degree)[point, 0]
         _log.warning(
             "%s: beam %r is turned inside out at its arc length %.4g m and %s = %.6g: there "
-            "t . phi' is %.3g, which eq. 4 asks to be positive, and no beam can do that. Look for "
-            "a load, a velocity or a stiffness in the wrong unit, or make the section stiffer",
+            "t . phi' is %.3g, but must be positive (eq. 4). Check the units of loads, velocities "
+            "and stiffnesses, or make the section stiffer",
             self._stats.scheme,
             beam.name,
             s,
@@ -56,9 +56,9 @@ class Facing:
 
 
 def _least_energy(model: Model) -> float:
-    """Less than what one Gauss point stores where its axial strain is -1 [J].
+    """Lower bound of the strain energy of a Gauss point whose axial strain is -1 [J].
 
-    EA/2 times its share of the element. Energies that are not quadratic have no such bound.
+    It is EA/2 times the length of the Gauss point; 0 for stored energies that are not quadratic.
     """
     least = np.inf
     for beam in model.scene.beams:

@@ -1,4 +1,4 @@
-"""One step in Python: the increment, the state at its end, and the work done in it."""
+"""One step: its increment, the state at its end, and the work done in it."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from .newton import Newton, NewtonOptions, StepFailed, StepSolution
 
 
 class SingleStep:
-    """Takes a model over one step of time, or of the load factor in statics."""
+    """Takes one step of time, or of the load factor in statics."""
 
     def __init__(self, model: Model, drive: Drive, options: NewtonOptions, stats: Stats):
         self.model, self.drive, self.stats = model, drive, stats
@@ -28,28 +28,28 @@ class SingleStep:
         self.joint_forces = JointForces(model) if model.scene.joints else None
 
     def take(self, state: State, interval: Interval) -> tuple[State, StepSolution]:
-        """State at the end of a step, and the increment; StepFailed without convergence."""
+        """State at the end of a step, and its increment; StepFailed if it does not converge."""
         level = self.model.scheme.rates.level
         start, end = self.drive.forces(interval)
-        driven = self.drive.places(interval.end) - self.drive.moved(state)
+        driven = self.drive.positions(interval.end) - self.drive.current(state)
         step = self.newton.solve(interval, state, (1 - level) * start + level * end, driven)
         return self.finish(state, interval, step), step
 
     def finish(self, state: State, interval: Interval, step: StepSolution) -> State:
-        """State at the end of a step whose increment was found, with the work done in it."""
+        """State at the end of a converged step, with the work done in it."""
         model, rates, dt = self.model, self.model.scheme.rates, interval.length
         self.stats.newton_iterations += step.iterations
         self.stats.ended_by[step.ended_by] = self.stats.ended_by.get(step.ended_by, 0) + 1
         v, a = rates.end(step.D, state.v, state.a, dt, model.turns)
         path, _ = rates.work_increment(step.D, model.turns)
         if not rates.at_rest:
-            # Rates without mass appear in no equation, and the mid-point rule would let them swing
-            # about their mean; the mean is what they are.
+            # No equation contains the rates of massless degrees of freedom. By the mid-point rule
+            # they would oscillate about their mean; the mean is used instead.
             free = model.massless
             v[free] = path[free] / dt
             a[free] = (v - state.v)[free] / dt
-        places = self.drive.places(interval.end)
-        slides = state.slides + self._slide_increments(step, places - self.drive.moved(state))
+        places = self.drive.positions(interval.end)
+        slides = state.slides + self._slide_increments(step, places - self.drive.current(state))
         motors = places[len(model.prescribed) :]
         new = State(interval.end, state.q + step.D, v, a, slides, motors)
         start, end = self.drive.forces(interval)
@@ -66,7 +66,7 @@ class SingleStep:
     def _add_work(
         self, old: State, step: StepSolution, dead: np.ndarray, path: np.ndarray, new: State
     ) -> None:
-        """Add the work of dead loads, driven motion and added forces, and the dampers' loss."""
+        """Add the work of dead loads, driven motion and added forces, and the dissipation."""
         model = self.model
         if model.weight is not None:
             dead = dead - model.weight
@@ -81,11 +81,11 @@ class SingleStep:
             new.added = model.forms.added_force()
             work += self._mid(new.added, old.added) @ path
         if self.joint_forces is not None:
-            new.joint_forces = self.joint_forces.of(step.r)
+            new.joint_forces = self.joint_forces.evaluate(step.r)
         new.work = float(work)
 
     def _motor_paths(self, path: np.ndarray, new: State, old: State) -> np.ndarray:
-        """Increments on which the motors do work."""
+        """Increments of the motors' coordinates, by which the motors do work."""
 
         def turn(node) -> float:
             return path[self.model.mesh.dofs[node.number, 2]] if node is not GROUND else 0.0
@@ -100,14 +100,14 @@ class SingleStep:
         )
 
     def _mid(self, force: np.ndarray, previous: np.ndarray | None) -> np.ndarray:
-        """A force at mid-step from those at the scheme's level in this step and the last."""
+        """A force at mid-step, from its values at the scheme's level in this and the last step."""
         level = self.model.scheme.rates.level
         if previous is None or level == 0.5:
             return force
         return force + (0.5 - level) * (force - previous)
 
     def error(self, what: str, time: float, failed: StepFailed, advice: str) -> StepError:
-        """What to raise when a step has failed for good: what it was, and what to try."""
+        """StepError for a failed step: what failed, why, the worst node, and advice."""
         model = self.model
         D = model.to_nodes(abs(failed.D / model.unit))
         node, component = np.unravel_index(np.argmax(np.nan_to_num(D, nan=np.inf)), D.shape)

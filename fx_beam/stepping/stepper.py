@@ -1,4 +1,4 @@
-"""Steps in Python, on PETSc: the reference, and the way out where the compiled loop fails."""
+"""Time steps in Python with PETSc: the reference, and the fallback of the compiled loop."""
 
 from __future__ import annotations
 
@@ -13,13 +13,13 @@ from fx_beam.results.state import Past, State
 from .forcing import Drive
 from .newton import NewtonOptions, StepFailed
 from .recorder import Recorder
-from .section_facing import Facing
+from .section_facing import FacingCheck
 from .single_step import SingleStep
 from .substeps import LARGE_TURN, Halving
 
 
 class Stepper:
-    """Takes a model from time to time; a step that fails is halved `max_halvings` times at most."""
+    """Takes time steps; a step that fails is halved at most `max_halvings` times."""
 
     def __init__(
         self, model: Model, drive: Drive, options: NewtonOptions, stats: Stats, max_halvings: int
@@ -27,21 +27,21 @@ class Stepper:
         self.model, self.drive, self.stats = model, drive, stats
         self.single = SingleStep(model, drive, options, stats)
         self.halving = Halving(max_halvings)
-        self.facing = Facing(model, stats)
+        self.facing = FacingCheck(model, stats)
 
     @property
     def past(self) -> Past:
-        """What the next increment is foretold from."""
-        return self.single.newton.guess.past
+        """The last increments, from which the next one is predicted."""
+        return self.single.newton.predictor.past
 
     @past.setter
     def past(self, past: Past | None) -> None:
-        self.single.newton.guess.past = past
+        self.single.newton.predictor.past = past
 
     def march(self, state: State, times: np.ndarray, first: int, recorder: Recorder) -> State:
-        """State at the last of `times`, ends of steps of the grid from number `first` on.
+        """State at the last of `times`, the ends of steps from number `first` on.
 
-        A StepError if a step fails after all halvings, or a function of time fails.
+        StepError if a step fails after all halvings, or if a function of time fails.
         """
         for number, t in enumerate(map(float, times), start=first):
             start = state.t
@@ -53,9 +53,9 @@ class Stepper:
     def part(
         self, state: State, start: float, end: float, number: int, recorder: Recorder
     ) -> State:
-        """State after the next part that succeeds of step `number` from `start` to `end`.
+        """State after the next successful sub-step of step `number`, from `start` to `end`.
 
-        A StepError if it may be halved no more, or a function of time fails.
+        StepError if a step fails after all halvings, or if a function of time fails.
         """
         before = state
         while True:
@@ -68,7 +68,7 @@ class Stepper:
                 self.stats.halvings += 1
                 continue
             self.stats.substeps += 1
-            self.facing.look(state.t, state.q)
+            self.facing.check(state.t, state.q)
             parts = self.halving.parts
             if parts > 1:
                 turn = abs(state.q - before.q)[self.model.turns].max()
@@ -84,6 +84,6 @@ class Stepper:
             f"{what} after {halvings} halvings" if halvings else what,
             state.t,
             failure,
-            f"Try a smaller dt{'' if halvings else ' or max_halvings > 0'}; if that does not help, "
-            "look for a load, a velocity or a stiffness in the wrong unit, or another scheme",
+            f"Try a smaller dt{'' if halvings else ' or max_halvings > 0'}. If this does not help, "
+            "check the units of loads, velocities and stiffnesses, or try another scheme",
         )

@@ -1,4 +1,4 @@
-/* Springs and dampers (actuators.py). */
+/* Springs and dampers (spring_dampers.py). */
 
 #pragma once
 
@@ -8,7 +8,7 @@ static double coordinate(const Problem *p, const Actuator *a) {
   return a->slide >= 0 ? p->slide[a->slide] : at(p->q, a->b[2]) - at(p->q, a->a[2]);
 }
 
-/* Of the coordinate, at the start of the step. */
+/* Rate of the coordinate at the start of the step. */
 static double rate(const Problem *p, const Actuator *a) {
   double v[3], seen[2];
   for (int i = 0; i < 3; ++i) v[i] = at(p->v, a->b[i]) - at(p->v, a->a[i]);
@@ -24,7 +24,7 @@ static void begin_actuators(const Problem *p) {
   for (int i = 0; i < p->actuators; ++i) {
     Actuator *a = p->actuator + i;
     a->start = coordinate(p, a);
-    /* In the middle of the step it is the mean one, whatever it was at the start. */
+    /* At mid-step the rate is the mean rate; it does not depend on the rate at the start. */
     a->rate = p->level == 0.5 ? 0 : rate(p, a);
   }
 }

@@ -1,4 +1,4 @@
-/* Sums, maxima and turns. */
+/* Sums, maxima and rotations. */
 
 #pragma once
 
@@ -6,7 +6,7 @@
 #include "vectors.h"
 #include "work.h"
 
-/* Largest of |x| / unit; NaN if there is one. Side by side, so that it becomes a loop over vectors. */
+/* Largest |x| / unit; not finite if an x is not finite. Computed in LANES lanes for vectorisation. */
 static double largest(int n, const double *x, const double *per_unit) {
   double top[LANES] = {0}, all[LANES] = {0};
   for (int i = 0; i < n; i += LANES)
@@ -32,7 +32,7 @@ static void times_mass(const Problem *p, const double *x, double *out) {
   }
 }
 
-/* Row of the full tangent times a vector. */
+/* Product of a row of the full tangent and a vector. */
 static double row_times(const Problem *p, const double *tangent, int row, const double *x) {
   double sum = 0;
   for (int k = p->row_start[row]; k < p->row_start[row + 1]; ++k)
@@ -40,7 +40,7 @@ static double row_times(const Problem *p, const double *tangent, int row, const 
   return sum;
 }
 
-/* Value at a degree of freedom; zero where there is none. */
+/* Value at a degree of freedom; zero for the ground, -1. */
 static inline double at(const double *x, int dof) { return dof < 0 ? 0 : x[dof]; }
 
 static void turn(double psi, double x, double y, double *out) {

@@ -1,4 +1,4 @@
-/* Vectors, matrices and numbers from element tensors (forms.py). */
+/* Assembly of vectors, matrices and scalars from element tensors (forms.py). */
 
 #pragma once
 
@@ -15,7 +15,7 @@ static void pack(const Problem *p, const Integral *of, const Form *form, long bl
   }
 }
 
-/* Takes over what moves from step to step only. */
+/* Sets the time, and the coefficients that change only from step to step. */
 static void begin_form(const Problem *p, Form *form, const double *const *fields, double t, double dt) {
   for (int i = 0; i < form->integrals; ++i)
     for (long block = 0; block * LANES < form->of[i].cells; ++block)
@@ -24,8 +24,8 @@ static void begin_form(const Problem *p, Form *form, const double *const *fields
   if (form->integrals && form->dt_at >= 0) form->constants[form->dt_at] = dt;
 }
 
-/* Adds the element tensors of a form to a vector, to matrix entries, of which the columns may have
-   factors, or to a number. */
+/* Adds the element tensors of a form to a scalar, a vector or matrix entries (rank 0, 1, 2). The
+   columns of the matrix are multiplied by `factor`, if given. */
 INLINED void assemble(const Problem *p, const Form *form, const double *const *fields, int rank,
                       const double *factor, double *out) {
   int nd = p->cell_dofs, size = rank == 2 ? nd * nd : rank == 1 ? nd : 1;
@@ -61,9 +61,9 @@ static void assemble_vector(const Problem *p, const Form *form, const double *co
   assemble(p, form, fields, 1, 0, out);
 }
 
-/* Whether a functional that is nowhere negative is positive on any element; those that fill up the
-   last block are others' doubles and do no harm. */
-static int anywhere(const Problem *p, const Form *form, const double *const *fields) {
+/* Whether a non-negative functional is positive on any element. The padding of the last block
+   repeats an element and has no effect. */
+static int any_positive(const Problem *p, const Form *form, const double *const *fields) {
   double sums[LANES] = {0}, A[LANES], sum = 0;
   for (int i = 0; i < form->integrals; ++i) {
     const Integral *of = form->of + i;

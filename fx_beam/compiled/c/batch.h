@@ -1,8 +1,7 @@
-/* A function that FFCx generates for one element, made to run over LANES elements at once. Entry k
-   of lane l stands at [k][l], so that the compiler turns the loop over lanes into vector
-   instructions. It does so only for straight code: hence the unrolled loops, and no sincos. What
-   FFCx writes is included as it is, and changed by declarations before it and by a macro for `for`;
-   so all that it includes itself stands here. */
+/* Evaluates LANES elements at once with a function that FFCx generates for one element. Entry k of
+   lane l is at [k][l]: the compiler can then vectorise the loop over lanes. It does so only for code
+   without branches: hence the unrolled loops, and no sincos. The code of FFCx is included unchanged;
+   declarations before it and a macro for `for` modify it, so its own includes are listed here. */
 
 #include <math.h>
 #include <stdalign.h>
@@ -19,7 +18,7 @@
 #define UNROLLED _Pragma("GCC unroll 256")
 
 /* One function of a form: `size` entries of the element tensor from `width` coefficients, the
-   constants, and `places` coordinates. What it takes besides means nothing on cells. */
+   constants, and `places` coordinates. Its other arguments are not used for cell integrals. */
 #define BATCH(name, function, size, width, places, ...)                                      \
   KEPT void name(double *restrict tensors, const double *restrict coefficients,                   \
             const double *restrict constants, const double *restrict coordinates) {          \

@@ -1,4 +1,4 @@
-/* Supports and joints (reduction.py, joint_reduction.py). */
+/* Supports and joints (index_reduction.py, joint_reduction.py). */
 
 #pragma once
 
@@ -16,7 +16,7 @@ static void begin_couplings(const Problem *p, const Work *w) {
   }
 }
 
-/* Increment of all degrees of freedom for the columns z, and the values of T and That there. */
+/* Increment of all degrees of freedom for the columns z, and the values of T and That for it. */
 static void expand(const Problem *p, const Work *w) {
   double *D = w->D, level = p->level;
   memset(D, 0, p->dofs * sizeof *D);
@@ -71,7 +71,7 @@ static void transmitted(const Problem *p, const Work *w, const double *r) {
   for (int k = 0; k < p->followers; ++k) w->passing[p->through[k]] += r[p->follower[k]];
 }
 
-/* Completes the reduced tangent, where its factors will stand. */
+/* Completes the reduced tangent, in the storage of its factors. */
 static void reduce_tangent(const Problem *p, const Work *w, const double *r) {
   double *K = w->tangent;
   for (int k = 0; k < p->plain; ++k) K[p->plain_to[k]] += K[p->plain_from[k]];

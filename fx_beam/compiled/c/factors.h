@@ -1,10 +1,10 @@
-/* The reduced tangent factored, in a band or in sparse rows (factors.py). */
+/* LU factorisation of the reduced tangent, as a band matrix or in sparse rows (lu_layout.py). */
 
 #pragma once
 
 #include "algebra.h"
 
-/* Takes a column out of the rows that follow it, downwards or upwards; `reach` of them have it. */
+/* Eliminates a column from the next `reach` rows, downwards (way 1) or upwards (way -1). */
 INLINED void eliminate(int band, int reach, int way, double *restrict pivot, double *restrict b) {
   double inverse = pivot[0] = 1 / pivot[0], above = b[0];
 #pragma GCC unroll 12
@@ -17,7 +17,7 @@ INLINED void eliminate(int band, int reach, int way, double *restrict pivot, dou
   }
 }
 
-/* Unknown of a row whose `reach` followers are known; the nearest comes last, as it is the newest. */
+/* Unknown of a row from the next `reach` unknowns; the nearest last, since it is the latest result. */
 INLINED void substitute(int reach, int way, const double *restrict row, double *restrict b) {
   double sum = b[0];
 #pragma GCC unroll 12
@@ -27,8 +27,8 @@ INLINED void substitute(int reach, int way, const double *restrict row, double *
 
 static inline int is_pivot(double x) { return fabs(x) > 1e-300; }
 
-/* LU in place without pivoting, and the solution in place of b; 0 if a pivot vanishes. From both ends
-   towards the middle, so that the processor has two pivots to divide by at a time. */
+/* LU factorisation in place without pivoting, and the solution in place of b; returns 0 if a pivot is
+   zero. Proceeds from both ends to the middle: the processor can overlap the two divisions. */
 INLINED int solve(int n, int band, double *A, double *b) {
   int half = n > 4 * band ? n / 2 - band : 0, last = n - 1 - half;
   long row = 2 * band + 1;
@@ -40,7 +40,7 @@ INLINED int solve(int n, int band, double *A, double *b) {
   }
   for (int k = half; k <= last; ++k) {
     if (!is_pivot(top[k * row])) return 0;
-    /* Apart, so that the loops have a constant length but at the end. */
+    /* Separate, so that the loops have a constant length except at the end. */
     if (k + band <= last)
       eliminate(band, band, 1, top + k * row, b + k);
     else
@@ -58,7 +58,7 @@ INLINED int solve(int n, int band, double *A, double *b) {
   return 1;
 }
 
-/* The same for sparse rows, one of which `row` holds while those above are taken out of it. */
+/* The same for sparse rows; `row` is the work space (free) for the current row. */
 static int solve_sparse(const Problem *p, double *A, double *b, double *row) {
   const int *start = p->factor_start, *column = p->factor_column, *diagonal = p->factor_diagonal;
   for (int i = 0; i < p->free; ++i) {
@@ -81,7 +81,7 @@ static int solve_sparse(const Problem *p, double *A, double *b, double *row) {
   return 1;
 }
 
-/* The band widths of beams, for which the compiler can unroll the loops. */
+/* Constant bandwidths of beams, for which the compiler can unroll the loops. */
 static int solve_reduced(const Problem *p, const Work *w) {
   switch (p->band) {
     case 0: return solve_sparse(p, w->tangent, w->y, w->row);

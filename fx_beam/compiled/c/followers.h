@@ -1,4 +1,4 @@
-/* Follower forces (followers.py). */
+/* Follower forces (follower_loads.py). */
 
 #pragma once
 

@@ -1,5 +1,5 @@
-/* The loop over time steps: what stepping.py does, a block of steps at a time, on the functions that
-   FFCx generates from the weak form; nothing of the physics is written here. */
+/* The time loop, for a block of steps; its Python counterpart is stepping/stepper.py. The beam
+   equations are in the functions that FFCx generates from the weak form. */
 
 #include "newton.h"
 #include "recorder.h"
@@ -9,7 +9,7 @@ static double mid(const Problem *p, double force, double previous) {
   return force + (0.5 - p->level) * (force - previous);
 }
 
-/* Dead forces at the scheme's level, with the weight, and in the mean, by which they do work. */
+/* Dead forces with weight at the scheme's level; their mean over the step, which does the work. */
 static void begin_loads(const Problem *p, const Work *w, const double *loads) {
   const double *start = loads, *end = loads + p->loads;
   memset(w->dead, 0, p->dofs * sizeof(double));
@@ -24,27 +24,27 @@ static void begin_loads(const Problem *p, const Work *w, const double *loads) {
   }
 }
 
-/* Counts what ends with sections that face backwards, and keeps the first of them. */
-static void look_at_sections(Problem *p, const double *const *fields) {
-  if (anywhere(p, &p->backwards, fields) && p->inside_out++ == 0) {
+/* Counts steps that end with sections facing backwards, and stores the first configuration. */
+static void check_sections(Problem *p, const double *const *fields) {
+  if (any_positive(p, &p->backwards, fields) && p->inside_out++ == 0) {
     p->out_t = p->t;
     memcpy(p->out_q, p->q, p->dofs * sizeof(double));
   }
 }
 
-int fx_run(Problem *p, int steps, double dt, const Ahead *ahead, Record *to) {
+int fx_run(Problem *p, int steps, double dt, const Inputs *inputs, Record *to) {
   Work work, *w = &work;
   lay_out(p, w, p->scratch);
   w->dt = dt;
-  if (fabs(dt - p->past_dt) > 1e-6 * dt) p->known = p->foretelling = 0, p->past_dt = dt;
+  if (fabs(dt - p->past_dt) > 1e-6 * dt) p->known_steps = p->order_of_prediction = 0, p->past_dt = dt;
   begin_inertia(p, w);
   LAP(PHASES_IN_ALL);
   int n = p->dofs, held = p->columns - p->free;
   const double *fields[5] = {w->D, w->path, p->q, p->v, p->a};
   for (int k = 0; k < steps; ++k) {
-    if (k == 0 || ahead->load_stride) begin_loads(p, w, ahead->loads + k * ahead->load_stride);
-    const double *target = ahead->driven + (long)k * p->driven;
-    w->thrust = ahead->thrust + k * ahead->thrust_stride;
+    if (k == 0 || inputs->load_stride) begin_loads(p, w, inputs->loads + k * inputs->load_stride);
+    const double *target = inputs->driven + (long)k * p->driven;
+    w->thrust = inputs->thrust + k * inputs->thrust_stride;
     double level = p->level, *change = w->start;
     for (int i = 0; i < p->driven; ++i) {
       int dof = p->driven_dof[i];
@@ -54,14 +54,14 @@ int fx_run(Problem *p, int steps, double dt, const Ahead *ahead, Record *to) {
     for (int i = 0; i < 4; ++i) begin_form(p, forms[i], fields, p->t + level * dt, dt);
     LAP(AUDIT);
     p->failure = newton(p, w, dt, change);
-    if (p->failure && p->foretelling) {
-      p->foretelling = 0;
+    if (p->failure && p->order_of_prediction) {
+      p->order_of_prediction = 0;
       p->failure = newton(p, w, dt, change);
     }
     if (p->failure) return k;
     LAP(CHECKS);
-    learn(p, w);
-    LAP(GUESS);
+    update_predictor(p, w);
+    LAP(PREDICTOR);
 
     /* Work: dead loads, driven motion, added forces. */
     work_increment(p, w);
@@ -99,7 +99,7 @@ int fx_run(Problem *p, int steps, double dt, const Ahead *ahead, Record *to) {
     p->t += dt;
     p->steps_done += 1;
     if (wanted) record(p, w, to);
-    if (!wanted || to->energies[6 * to->rows - 5] >= p->least_energy) look_at_sections(p, fields);
+    if (!wanted || to->energies[6 * to->rows - 5] >= p->least_energy) check_sections(p, fields);
     LAP(AUDIT);
   }
   return steps;

@@ -31,15 +31,15 @@ static void tangent(const Problem *p, const Work *w, const double *const *fields
     K[p->turning_place[k]] += p->turning_mass[k] * steep * (w->slope[p->turning_column[k]] - 1);
 }
 
-/* The inertia's part of the tangent, but for what changes with the slope of rotations. */
+/* The tangent of the inertia forces; `tangent` adds the part that depends on the increment. */
 static void begin_inertia(const Problem *p, const Work *w) {
   memset(w->inertia, 0, p->places * sizeof(double));
   for (int k = 0; k < p->mass_start[p->dofs]; ++k)
     w->inertia[p->mass_place[k]] = p->mass[k] * steepness(p, w->dt);
 }
 
-/* Forces of supports and joints after the correction, to first order; elsewhere none are left. */
-static void settle(const Problem *p, const Work *w) {
+/* Forces of supports and joints after the last correction, to first order; zero elsewhere. */
+static void update_reactions(const Problem *p, const Work *w) {
   memset(w->left, 0, p->dofs * sizeof(double));
   for (int k = 0; k < p->reacting; ++k) {
     int i = p->reacts[k];
@@ -48,7 +48,7 @@ static void settle(const Problem *p, const Work *w) {
   memcpy(w->r, w->left, p->dofs * sizeof(double));
 }
 
-/* Takes the old from the new, and keeps the new in its place. */
+/* x becomes x - old, and old becomes x. */
 static void difference(int n, double *restrict x, double *restrict old) {
   for (int i = 0; i < n; ++i) {
     double now = x[i];
@@ -56,19 +56,19 @@ static void difference(int n, double *restrict x, double *restrict old) {
   }
 }
 
-/* Keeps the increment and its backward differences, and sees how many of them foretold it best. */
-static void learn(Problem *p, const Work *w) {
-  double best = p->close * largest(p->dofs, w->D, p->per_unit), *left = w->left;
-  p->foretelling = 0;
+/* Stores the increment with its backward differences, and chooses the order of extrapolation. */
+static void update_predictor(Problem *p, const Work *w) {
+  double best = p->predictor_error * largest(p->dofs, w->D, p->per_unit), *left = w->left;
+  p->order_of_prediction = 0;
   memcpy(left, w->D, p->dofs * sizeof(double));
   for (int k = 0; k < PAST; ++k) {
     difference(p->dofs, left, p->past + k * p->dofs);
-    double error = k < p->known ? largest(p->dofs, left, p->per_unit) : HUGE_VAL;
-    if (error <= best) best = error, p->foretelling = k + 1;
+    double error = k < p->known_steps ? largest(p->dofs, left, p->per_unit) : HUGE_VAL;
+    if (error <= best) best = error, p->order_of_prediction = k + 1;
   }
   memcpy(left, w->z, p->free * sizeof(double));
   for (int k = 0; k < PAST; ++k) difference(p->free, left, p->past_y + k * p->free);
-  ++p->known;
+  ++p->known_steps;
 }
 
 static double widest_turn(const Problem *p, const double *D) {
@@ -78,13 +78,13 @@ static double widest_turn(const Problem *p, const double *D) {
 }
 
 static int newton(Problem *p, const Work *w, double dt, const double *driven) {
-  int n = p->dofs, free = p->free, smalls = 0;
+  int n = p->dofs, free = p->free, small_corrections = 0;
   const double *fields[5] = {w->D, w->path, p->q, p->v, p->a};
   double previous = HUGE_VAL, drive = 0;
   memset(w->z, 0, p->columns * sizeof(double));
   for (int i = 0; i < p->driven; ++i) drive += fabs(driven[i]);
-  if (p->foretelling) {
-    for (int k = 0; k < p->foretelling; ++k)
+  if (p->order_of_prediction) {
+    for (int k = 0; k < p->order_of_prediction; ++k)
       for (int i = 0; i < free; ++i) w->z[i] += p->past_y[k * free + i];
     for (int i = 0; i < p->driven; ++i) w->z[free + i] = driven[i];
   }
@@ -107,7 +107,7 @@ static int newton(Problem *p, const Work *w, double dt, const double *driven) {
     tangent(p, w, fields);
     LAP(TANGENT);
     reduce_tangent(p, w, w->r);
-    if (iteration == 1 && drive > 0 && !p->foretelling) {
+    if (iteration == 1 && drive > 0 && !p->order_of_prediction) {
       for (int i = 0; i < p->driven; ++i) w->step[free + i] = -driven[i];
       spread(p, w, w->step, w->correction);
       for (int i = 0; i < n; ++i)
@@ -121,14 +121,14 @@ static int newton(Problem *p, const Work *w, double dt, const double *driven) {
     LAP(SOLUTION);
     spread(p, w, w->step, w->correction);
     LAP(COUPLINGS);
-    double size = largest(n, w->correction, p->per_unit), lack = 0;
+    double size = largest(n, w->correction, p->per_unit), energy_error = 0;
     if (!isfinite(size)) return SINGULAR;
     double widest = size > p->longest_turn ? widest_turn(p, w->correction) : 0;
     if (widest > p->longest_turn)
       for (int i = 0; i < free; ++i) w->step[i] *= p->longest_turn / widest;
     for (int i = 0; i < free; ++i) {
       w->z[i] -= w->step[i];
-      lack += w->reduced[i] * w->step[i];
+      energy_error += w->reduced[i] * w->step[i];
     }
     for (int i = 0; i < p->driven; ++i) w->z[free + i] = driven[i];
     int small = size <= p->tolerance, floor = 0;
@@ -136,11 +136,11 @@ static int newton(Problem *p, const Work *w, double dt, const double *driven) {
       double energy = kinetic(p, w);
       for (int i = 0; i < n; ++i) energy += fabs(w->f[i]) * fabs(w->D[i]);
       if (small)
-        small = ++smalls > 2 || fabs(lack) <= p->energy_tolerance * energy;
+        small = ++small_corrections > 2 || fabs(energy_error) <= p->energy_tolerance * energy;
       else
-        floor = fabs(lack) <= p->energy_floor * energy;
+        floor = fabs(energy_error) <= p->energy_floor * energy;
     }
-    if (small || floor) settle(p, w);
+    if (small || floor) update_reactions(p, w);
     LAP(CHECKS);
     expand(p, w);
     LAP(COUPLINGS);

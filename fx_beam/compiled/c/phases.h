@@ -1,9 +1,9 @@
-/* Where the time of steps goes. Compiled with -DPHASES, each LAP adds the time since the one before to
-   a phase; otherwise there is nothing left of it. */
+/* Time of each phase of a step. If PHASES is defined, LAP adds the time since the previous LAP to a
+   phase; otherwise it does nothing. */
 
 #pragma once
 
-enum { FORCES, TANGENT, SOLUTION, COUPLINGS, INERTIA, CHECKS, GUESS, AUDIT, PHASES_IN_ALL };
+enum { FORCES, TANGENT, SOLUTION, COUPLINGS, INERTIA, CHECKS, PREDICTOR, AUDIT, PHASES_IN_ALL };
 
 #ifdef PHASES
 #include <time.h>

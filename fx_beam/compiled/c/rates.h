@@ -10,7 +10,7 @@ static void work_increment(const Problem *p, const Work *w) {
   for (int i = 0; i < p->dofs; ++i) slope[i] = 1;
   if (p->rule != 0) return;
   for (int i = 0; i < p->turning; ++i) tangent[i] = D[p->turns[i]] / 2;
-  /* Apart from the numbering, so that it becomes a loop over vectors. */
+  /* A separate loop without indirect addressing, so that it is vectorised. */
   for (int i = 0; i < p->turning; ++i) tangent[i] = sin(tangent[i]) / cos(tangent[i]);
   for (int i = 0; i < p->turning; ++i) {
     int k = p->turns[i];
@@ -32,7 +32,7 @@ static void acceleration(const Problem *p, const Work *w, double dt) {
     }
 }
 
-/* Derivative of the acceleration by the increment on which forces do work. */
+/* Derivative of the acceleration with respect to the increment of `work_increment`. */
 static double steepness(const Problem *p, double dt) {
   return (p->rule == 0 ? 2 : (1 - p->alpha_m) / p->beta) / (dt * dt);
 }
@@ -48,7 +48,7 @@ static void advance_rates(Problem *p, const Work *w, double dt) {
     }
     w->left[i] = v0;
   }
-  for (int k = 0; k < p->lacking; ++k) {
+  for (int k = 0; k < p->massless_count; ++k) {
     int i = p->massless[k];
     p->v[i] = w->path[i] / dt, p->a[i] = (p->v[i] - w->left[i]) / dt;
   }

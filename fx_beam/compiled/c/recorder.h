@@ -1,4 +1,4 @@
-/* Histories and the audit of energy and momenta (recorder.py, audit.py). */
+/* Histories, energies and momenta (recorder.py, audit.py). */
 
 #pragma once
 
@@ -23,7 +23,7 @@ static void joint_forces(const Problem *p, const Work *w, double *out) {
     }
 }
 
-/* The start of the last part of a step, over which its forces are taken. */
+/* Start of the last sub-step of a step, for which its forces are evaluated. */
 static void record_start(const Problem *p, Record *to) {
   long n = p->dofs, at = to->rows * n;
   if (to->before_q) memcpy(to->before_q + at, p->q, n * sizeof(double));

@@ -1,4 +1,4 @@
-/* What makes compilers write vector instructions, and others ignore. */
+/* Declarations for vectorisation; other compilers ignore them. */
 
 #pragma once
 
@@ -8,7 +8,7 @@
 #define INLINED static inline __attribute__((always_inline))
 
 #if defined __x86_64__ && defined __GLIBC__ && defined __GNUC__ && !defined __clang__
-/* glibc has these for vectors as well, but says so only under -ffast-math. */
+/* glibc has vector versions of these, but declares them only with -ffast-math. */
 #define FOR_VECTORS __attribute__((simd("notinbranch"), const, nothrow, leaf))
 FOR_VECTORS double sin(double);
 FOR_VECTORS double cos(double);

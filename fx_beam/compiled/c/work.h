@@ -1,4 +1,4 @@
-/* Work space of a run, laid out in the memory that Problem points to. */
+/* Work space of a run: arrays in the memory `scratch` of Problem. */
 
 #pragma once
 
