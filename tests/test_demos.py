@@ -8,6 +8,7 @@ import sys
 import tempfile
 from pathlib import Path
 from types import SimpleNamespace
+from unittest.mock import Mock
 
 import numpy as np
 import pytest
@@ -527,7 +528,8 @@ def test_script_hands_its_argument_to_main(name):
     guard = ast.parse(DEMOS[name].read_text()).body[-1]
     assert ast.unparse(guard.test) == "__name__ == '__main__'"
     given = []
-    names = {"__file__": str(DEMOS[name]), "main": given.append, "Path": Path}
+    # Not the real logging, which would be another one for the tests that follow.
+    names = {"__file__": str(DEMOS[name]), "main": given.append, "Path": Path, "logging": Mock()}
     for arguments in ([], ["somewhere"]):
         names["sys"] = SimpleNamespace(argv=[str(DEMOS[name]), *arguments])
         exec(compile(ast.Module(guard.body, []), name, "exec"), names)
