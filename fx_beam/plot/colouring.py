@@ -62,6 +62,6 @@ class Colouring:
         """Move the lines to the members' positions in row k, and colour them."""
         drawing = self._drawing
         points = [drawing.pieces(name, k, _PIECES) for name in drawing.solution.beams]
-        lines.set_segments(np.concatenate(points))
+        lines.set_segments(list(np.concatenate(points)))
         lines.set_array(self._values[k])
         return lines

@@ -238,7 +238,7 @@ def _by_time(fig: Figure, ax, cax, drawing: Drawing) -> np.ndarray:
     bar.set_label("load factor, in order" if solution.stats.static else "time $t$ [s]")
     if solution.stats.static:
         # On a path through limit points a load factor occurs more than once.
-        shown = np.unique(np.linspace(0, len(steps) - 1, 12).round().astype(int))
+        shown = np.unique(np.linspace(0, len(steps) - 1, 12).round().astype(int)).tolist()
         bar.set_ticks(shown, labels=[f"{solution.t[steps[i]]:.3g}" for i in shown])
     return shades
 

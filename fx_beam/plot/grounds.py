@@ -40,8 +40,8 @@ def _leaving(scene: Scene, number: int) -> np.ndarray:
     found = []
     for beam in scene.beams:
         numbers = [node.number for node in beam.nodes]
-        for k in np.flatnonzero(np.equal(numbers, number)):
-            for other in {max(k - 1, 0), min(k + 1, beam.elements)} - {int(k)}:
+        for k in map(int, np.flatnonzero(np.equal(numbers, number))):
+            for other in {max(k - 1, 0), min(k + 1, beam.elements)} - {k}:
                 along = _place(scene, numbers[other]) - _place(scene, number)
                 found.append(along / np.hypot(*along))
     return np.array(found)
