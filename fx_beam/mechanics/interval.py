@@ -18,10 +18,6 @@ class Interval(NamedTuple):
         """End minus start."""
         return self.end - self.start
 
-    def at(self, level: float) -> float:
-        """Time at a level: 0 is the start, 1 the end."""
-        return self.start + level * self.length
-
 
 def just_inside(t0, t1):
     """Starts and ends of steps, moved inwards by round-off: times at which loads are evaluated.

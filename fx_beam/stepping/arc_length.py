@@ -70,9 +70,8 @@ class ArcLength:
         `steps` limits the length and the turn of a step; a step is halved at most `max_cuts` times.
         """
         stats = self.stepper.stats
-        target = min(
-            _TARGET, 1 / steps
-        )  # the error of the work is then of second order in the steps
+        # The error of the work is then of second order in the steps.
+        target = min(_TARGET, 1 / steps)
         tangent = self._tangent(states[-1], None)
         ds, rising, cuts = 1 / (steps * tangent.load), 1.0, 0
         while states[-1].t < 1 and stats.steps < max_steps:
@@ -153,7 +152,9 @@ class ArcLength:
 
     def _finish(self, state: State, t1: float, step: StepSolution) -> State:
         self.stepper.note(step)
-        return self.stepper.single.finish(state, Interval(state.t, t1), step)
+        interval, drive = Interval(state.t, t1), self._drive
+        forces, positions = drive.forces(interval), drive.positions(t1)
+        return self.stepper.single.finish(state, interval, step, forces, positions)
 
     def _correct(
         self, state: State, tangent: Tangent, along: float, normal: Tangent, distance: float
@@ -269,9 +270,9 @@ class ArcLength:
         return unit * x[:free], float(x[free])
 
     def _error(self, state: State, failure: StepFailed, cuts: int) -> StepError:
-        what = f"the step along the arc length from load factor {state.t:.6g} failed"
         return self.stepper.single.error(
-            f"{what} after {cuts} cuts" if cuts else what,
+            f"the step along the arc length from load factor {state.t:.6g} failed",
+            cuts,
             state.t,
             failure,
             "Try more steps or more cuts (max_cuts). If this does not help, check the units of "

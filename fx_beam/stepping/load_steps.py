@@ -193,9 +193,9 @@ class LoadStepper:
                 stride *= 2
 
     def _error_of_first(self, failure: StepFailed, cuts: int) -> StepError:
-        what = "no equilibrium without loads was found"
         return self.single.error(
-            f"{what} after {cuts} cuts" if cuts else what,
+            "no equilibrium without loads was found",
+            cuts,
             0.0,
             failure,
             "Check for a part without support, or a spring far from its rest position. The "
@@ -214,6 +214,4 @@ class LoadStepper:
                 "times that of the first step, which indicates a limit point. Use "
                 'continuation="arc-length" to pass it'
             )
-        return self.single.error(
-            f"{what} after {cuts} cuts" if cuts else what, state.t, failure, advice
-        )
+        return self.single.error(what, cuts, state.t, failure, advice)

@@ -160,7 +160,8 @@ class Newton:
         model, options, reduction = self.model, self.options, self.model.reduction
         K, free = model.forms.stiffness, reduction.free
         y = np.zeros(free) if predicted_y is None else predicted_y
-        driven_now = np.zeros(reduction.driven) if predicted_y is None else driven
+        moved_first = predicted_y is None and driven.any()
+        driven_now = np.zeros(reduction.driven) if moved_first else driven
         residuals: list[float] = []
         previous, small_corrections = np.inf, 0
         for iteration in range(1, options.max_iterations + 1):

@@ -30,13 +30,23 @@ class SingleStep:
     def take(self, state: State, interval: Interval) -> tuple[State, StepSolution]:
         """State at the end of a step, and its increment; StepFailed if it does not converge."""
         level = self.model.scheme.rates.level
-        start, end = self.drive.forces(interval)
-        driven = self.drive.positions(interval.end) - self.drive.current(state)
-        step = self.newton.solve(interval, state, (1 - level) * start + level * end, driven)
-        return self.finish(state, interval, step), step
+        forces, positions = self.drive.forces(interval), self.drive.positions(interval.end)
+        force = (1 - level) * forces[0] + level * forces[1]
+        step = self.newton.solve(interval, state, force, positions - self.drive.current(state))
+        return self.finish(state, interval, step, forces, positions), step
 
-    def finish(self, state: State, interval: Interval, step: StepSolution) -> State:
-        """State at the end of a converged step, with the work done in it."""
+    def finish(
+        self,
+        state: State,
+        interval: Interval,
+        step: StepSolution,
+        forces: tuple[np.ndarray, np.ndarray],
+        positions: np.ndarray,
+    ) -> State:
+        """State at the end of a converged step, with the work done in it.
+
+        `forces` are the dead forces at both ends, `positions` those of driven motion at the end.
+        """
         model, rates, dt = self.model, self.model.scheme.rates, interval.length
         self.stats.newton_iterations += step.iterations
         self.stats.ended_by[step.ended_by] = self.stats.ended_by.get(step.ended_by, 0) + 1
@@ -48,12 +58,10 @@ class SingleStep:
             free = model.massless
             v[free] = path[free] / dt
             a[free] = (v - state.v)[free] / dt
-        places = self.drive.positions(interval.end)
-        slides = state.slides + self._slide_increments(step, places - self.drive.current(state))
-        motors = places[len(model.prescribed) :]
+        slides = state.slides + self._slide_increments(step, positions - self.drive.current(state))
+        motors = positions[len(model.prescribed) :]
         new = State(interval.end, state.q + step.D, v, a, slides, motors)
-        start, end = self.drive.forces(interval)
-        self._add_work(state, step, (start + end) / 2, path, new)
+        self._add_work(state, step, (forces[0] + forces[1]) / 2, path, new)
         return new
 
     def _slide_increments(self, step: StepSolution, driven: np.ndarray) -> np.ndarray:
@@ -106,8 +114,10 @@ class SingleStep:
             return force
         return force + (0.5 - level) * (force - previous)
 
-    def error(self, what: str, time: float, failed: StepFailed, advice: str) -> StepError:
-        """StepError for a failed step: what failed, why, the worst node, and advice."""
+    def error(
+        self, what: str, tries: int, time: float, failed: StepFailed, advice: str
+    ) -> StepError:
+        """StepError for a step that failed after some cuts: what, why, the worst node, advice."""
         model = self.model
         D = model.to_nodes(abs(failed.D / model.unit))
         node, component = np.unravel_index(np.argmax(np.nan_to_num(D, nan=np.inf)), D.shape)
@@ -117,6 +127,8 @@ class SingleStep:
             f"Largest increment: {COMPONENTS[component]} of node {node} at ({x:g}, {y:g}). Largest "
             f"out-of-balance force, last iterations: {history or 'none'}"
         )
-        who = "static" if self.stats.static else model.scheme.name
-        reason = f"{who}: {what}: {failed.reason}"
+        static = self.stats.static
+        who, cuts = ("static", "cuts") if static else (model.scheme.name, "halvings")
+        after = f" after {tries} {cuts}" if tries else ""
+        reason = f"{who}: {what}{after}: {failed.reason}"
         return StepError(Failure(failed.kind, reason, time, where, advice))

@@ -79,9 +79,9 @@ class Stepper:
 
     def _error(self, state: State, t1: float, failure: StepFailed) -> StepError:
         halvings = self.halving.most
-        what = f"the step from t = {state.t:.6g} to {t1:.6g} failed"
         return self.single.error(
-            f"{what} after {halvings} halvings" if halvings else what,
+            f"the step from t = {state.t:.6g} to {t1:.6g} failed",
+            halvings,
             state.t,
             failure,
             f"Try a smaller dt{'' if halvings else ' or max_halvings > 0'}. If this does not help, "
