@@ -9,6 +9,7 @@ from fx_beam.model.model import Model
 from fx_beam.results.audit import BeamResultants, Stats
 from fx_beam.results.solution import Solution
 from fx_beam.results.state import State
+from fx_beam.scene.beam import arc_lengths
 from fx_beam.stepping.recorder import Recorder
 
 
@@ -30,7 +31,7 @@ def solution_of(
             cache.append(model.forms.resultants(recorder.last_parts()))
         number = [beam.name for beam in scene.beams].index(name)
         beam, values = scene.beams[number], cache[0][:, mesh.cells[number]]
-        s = beam.s[:-1, None] + np.diff(beam.s)[:, None] * gauss_points(beam.degree).T
+        s = arc_lengths(beam, gauss_points(beam.degree))
         N, Q, M = np.moveaxis(values.reshape(len(values), -1, 3), -1, 0)
         return BeamResultants(s.ravel(), N, Q, M)
 

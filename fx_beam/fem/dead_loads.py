@@ -9,7 +9,7 @@ import ufl
 import numpy as np
 import scipy.sparse
 
-from fx_beam.scene.beam import Beam
+from fx_beam.scene.beam import Beam, arc_lengths
 from fx_beam.scene.loads import label
 from fx_beam.scene.scene import Scene
 from fx_beam.validation import Constant, evaluate, series, vector
@@ -58,9 +58,8 @@ class Loads:
 
     def _at_gauss_points(self, beam: Beam, along: Callable) -> np.ndarray:
         """A line load (cells, points, 2) where it is integrated [N/m]."""
-        points = dolfinx_api.gauss_points(self._forms.full_rule).T
-        force = np.zeros((len(self._mesh.beam_of_cell), points.size, 2))
-        s = beam.s[:-1, None] + np.diff(beam.s)[:, None] * points
+        s = arc_lengths(beam, dolfinx_api.gauss_points(self._forms.full_rule))
+        force = np.zeros((len(self._mesh.beam_of_cell), s.shape[1], 2))
         what = f"line load on {label(beam)}"
         force[self._mesh.cells[self._scene.beams.index(beam)]] = [
             [vector(along(at), 2, f"{what} at s = {at:g}") for at in row] for row in s

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from fx_beam.errors import SceneError
-from fx_beam.scene.beam import Beam
+from fx_beam.scene.beam import Beam, inner_positions
 from fx_beam.scene.scene import Scene
 
 from . import dolfinx_api
@@ -67,7 +67,7 @@ def build_mesh(scene: Scene) -> Mesh:
         for a, b in zip(beam.nodes[:-1], beam.nodes[1:], strict=True)
     ]
     # Nodes inside elements are numbered after those of the scene, element by element.
-    X = np.vstack([points, *(_inner(beam) for beam in scene.beams)])
+    X = np.vstack([points, *(inner_positions(beam) for beam in scene.beams)])
     inner = len(points) + np.arange(len(ends) * (degree - 1)).reshape(len(ends), degree - 1)
     nodes_of_element = np.hstack([ends, inner])
     if degree > 1 and any(beam.inner is not None for beam in scene.beams):
@@ -90,14 +90,3 @@ def build_mesh(scene: Scene) -> Mesh:
             chain += [*inner[e], ends[e][1]]
         nodes_of_beam.append(np.array(chain))
     return Mesh(mesh, space, X, dofs, beam_of_element[order], cells, nodes_of_beam)
-
-
-def _inner(beam: Beam) -> np.ndarray:
-    """Positions (elements * (degree - 1), 2) of the nodes inside the elements of a beam."""
-    if beam.inner is not None:
-        return beam.inner.reshape(-1, 2)
-    if beam.degree == 1:
-        return np.empty((0, 2))
-    points = np.array([(node.x, node.y) for node in beam.nodes])
-    fractions = np.arange(1, beam.degree)[:, None] / beam.degree
-    return (points[:-1, None] + fractions * np.diff(points, axis=0)[:, None]).reshape(-1, 2)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from fx_beam.errors import SceneError
-from fx_beam.scene.beam import Beam
+from fx_beam.scene.beam import Beam, arc_lengths
 from fx_beam.scene.scene import Scene
 
 from . import dolfinx_api
@@ -19,7 +19,7 @@ def section_data(mesh: Mesh, scene: Scene, names: tuple[str, ...], points: int):
     its beam and its fraction.
     """
     varies = any(beam.section.varies(name) for beam in scene.beams for name in names)
-    gauss = dolfinx_api.gauss_points(points if varies else 1).T
+    gauss = dolfinx_api.gauss_points(points)
     values: list[np.ndarray] = []
     known: dict[int, np.ndarray] = {}
     for beam in scene.beams:
@@ -27,8 +27,7 @@ def section_data(mesh: Mesh, scene: Scene, names: tuple[str, ...], points: int):
         if not varies and id(beam.section) in known:
             values.append(known[id(beam.section)])
             continue
-        s = beam.s[:-1, None] + np.diff(beam.s)[:, None] * gauss
-        fractions = s / beam.length if varies else np.array([[0.5]])
+        fractions = arc_lengths(beam, gauss) / beam.length if varies else np.array([[0.5]])
         try:
             own = [beam.section.values(name, fractions) for name in names]
         except SceneError as error:

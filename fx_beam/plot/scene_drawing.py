@@ -12,7 +12,7 @@ from matplotlib.figure import Figure
 
 from fx_beam.errors import SceneError
 from fx_beam.results.files import writable
-from fx_beam.scene.beam import Node
+from fx_beam.scene.beam import Node, inner_positions
 from fx_beam.scene.scene import Scene
 
 from .actions import draw_actions
@@ -118,14 +118,8 @@ class Reference:
     @cached_property
     def X(self) -> np.ndarray:
         """Positions (n_node, 2) of the nodes [m]."""
-        places = [np.array([(node.x, node.y) for node in self.scene.nodes])]
-        for beam in self.scene.beams:
-            ends = np.array([(node.x, node.y) for node in beam.nodes])
-            parts = np.arange(1, beam.degree)[:, None] / beam.degree
-            straight = ends[:-1, None] + parts * np.diff(ends, axis=0)[:, None]
-            inner = straight if beam.inner is None else beam.inner
-            places.append(inner.reshape(-1, 2))
-        return np.concatenate(places)
+        ends = np.array([(node.x, node.y) for node in self.scene.nodes])
+        return np.concatenate([ends, *map(inner_positions, self.scene.beams)])
 
     @cached_property
     def q(self) -> np.ndarray:

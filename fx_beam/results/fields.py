@@ -8,7 +8,7 @@ import ufl
 
 import numpy as np
 
-from fx_beam.scene.beam import Beam, lagrange
+from fx_beam.scene.beam import arc_lengths, lagrange
 
 RESULTANTS = ("N", "Q", "M")
 #: What can be had along a member, and its unit.
@@ -24,7 +24,7 @@ def along(solution: Any, name: str, quantity: str, rows, places: np.ndarray) -> 
     """
     rows, beam = list(rows), solution.beams[name]
     if quantity == "speed":
-        nodes = _nodes_of_elements(solution, name)
+        nodes = nodes_of_elements(solution, name)
         v = solution.recorded("v")[rows][:, nodes, :2]
         v = np.einsum("pn,renc->repc", lagrange(np.linspace(0, 1, beam.degree + 1), places), v)
         return np.hypot(v[..., 0], v[..., 1])
@@ -49,14 +49,14 @@ def energy_density(solution: Any, name: str, rows) -> np.ndarray:
         flat = strains.reshape(3, -1).T.tolist()
         found = [_number(beam.section.strain_energy(*map(ufl.as_ufl, e))) for e in flat]
         return np.array(found).reshape(strains.shape[1:])
-    fractions = _arc_lengths(beam) / beam.length
+    fractions = arc_lengths(beam, _gauss(beam.degree)) / beam.length
     stiffness = np.array([beam.section.values(kind, fractions) for kind in ("EA", "GA", "EI")])
     return np.sum(stiffness[:, None] * strains**2, axis=0) / 2
 
 
 def _strains(solution: Any, name: str, rows: list[int]) -> np.ndarray:
     """Axial strain, shear strain and curvature (3, rows, elements, degree) (eqs 9 and 10)."""
-    degree, nodes = solution.beams[name].degree, _nodes_of_elements(solution, name)
+    degree, nodes = solution.beams[name].degree, nodes_of_elements(solution, name)
     powers = np.arange(degree + 1)
     polynomials = np.linalg.inv(np.linspace(0, 1, degree + 1)[:, None] ** powers)
     places = _gauss(degree)[:, None]
@@ -75,7 +75,7 @@ def _strains(solution: Any, name: str, rows: list[int]) -> np.ndarray:
     return np.stack([(stretched * turned).sum(-1) - 1, (stretched * normal).sum(-1), curvature])
 
 
-def _nodes_of_elements(solution: Any, name: str) -> np.ndarray:
+def nodes_of_elements(solution: Any, name: str) -> np.ndarray:
     """Numbers (elements, degree + 1) of the nodes of each element, in order along it."""
     beam, nodes = solution.beams[name], solution.nodes_of_beam[name]
     first = beam.degree * np.arange(beam.elements)
@@ -85,11 +85,6 @@ def _nodes_of_elements(solution: Any, name: str) -> np.ndarray:
 def _gauss(degree: int) -> np.ndarray:
     """Gauss points (degree,) of an element, from 0 to 1."""
     return (np.polynomial.legendre.leggauss(degree)[0] + 1) / 2
-
-
-def _arc_lengths(beam: Beam) -> np.ndarray:
-    """Arc lengths (elements, degree) of the Gauss points [m]."""
-    return beam.s[:-1, None] + np.diff(beam.s)[:, None] * _gauss(beam.degree)
 
 
 def _number(expression: Any) -> float:

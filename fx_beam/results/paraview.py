@@ -8,7 +8,7 @@ from xml.etree import ElementTree as xml
 
 import numpy as np
 
-from .fields import RESULTANTS, along
+from .fields import RESULTANTS, along, nodes_of_elements
 from .files import writable
 
 #: VTK's numbers of the line, and of the curves of degree 2 and 3.
@@ -61,12 +61,9 @@ class _Grid:
         beams = solution.beams.values()
         self.degree = next(iter(beams)).degree
         count = np.array([beam.elements for beam in beams])
-        steps = np.arange(self.degree + 1)
-        first = [self.degree * np.arange(n)[:, None] + steps for n in count]
-        chains = solution.nodes_of_beam.values()
         #: Nodes of the solution at the points, element by element.
         self.nodes = np.concatenate(
-            [chain[at].ravel() for chain, at in zip(chains, first, strict=True)]
+            [nodes_of_elements(solution, name).ravel() for name in solution.beams]
         )
         self.beam = np.repeat(np.arange(len(count)), count)
         self.solution = solution

@@ -19,4 +19,4 @@ def facts(solution: Any) -> dict[str, str]:
         "total energy": f"{energy.total[0]:.6g} to {energy.total[-1]:.6g}",
         "largest energy error": f"{abs(energy.balance_error).max():.2g}",
     }
-    return found | ({"broke off": str(stats.failure)} if stats.failure else {})
+    return found | ({"ended early": str(stats.failure)} if stats.failure else {})

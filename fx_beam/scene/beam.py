@@ -164,6 +164,20 @@ def place(point):
     return (point.x, point.y) if isinstance(point, Node) else point
 
 
+def arc_lengths(beam: Beam, fractions: np.ndarray) -> np.ndarray:
+    """Arc lengths (elements, n) at fractions (n,) of each element [m]."""
+    return beam.s[:-1, None] + np.diff(beam.s)[:, None] * np.ravel(fractions)
+
+
+def inner_positions(beam: Beam) -> np.ndarray:
+    """Positions (elements * (degree - 1), 2) of the nodes inside the elements of a beam [m]."""
+    if beam.inner is not None:
+        return beam.inner.reshape(-1, 2)
+    points = np.array([(node.x, node.y) for node in beam.nodes])
+    fractions = np.arange(1, beam.degree)[:, None] / beam.degree
+    return (points[:-1, None] + fractions * np.diff(points, axis=0)[:, None]).reshape(-1, 2)
+
+
 def lagrange(nodes: np.ndarray, places: np.ndarray) -> np.ndarray:
     """Values (places, nodes) of the Lagrange polynomials of `nodes` at `places`."""
     nodes, places = np.asarray(nodes, dtype=float), np.asarray(places, dtype=float)

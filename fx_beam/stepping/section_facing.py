@@ -9,6 +9,7 @@ import numpy as np
 from fx_beam.fem import dolfinx_api
 from fx_beam.model.model import Model
 from fx_beam.results.audit import Stats
+from fx_beam.scene.beam import arc_lengths
 
 _log = logging.getLogger("fx_beam")
 
@@ -65,7 +66,7 @@ def _least_energy(model: Model) -> float:
         if beam.section.strain_energy is not None:
             return 0.0
         lengths = np.diff(beam.s)[:, None]
-        s = beam.s[:-1, None] + lengths * dolfinx_api.gauss_points(beam.degree).T
+        s = arc_lengths(beam, dolfinx_api.gauss_points(beam.degree))
         EA = np.asarray(beam.section.values("EA", s / beam.length))
         least = min(least, (EA * lengths).min() / 50)
     return float(least)
