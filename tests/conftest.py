@@ -20,10 +20,11 @@ os.environ.setdefault("PYVISTA_OFF_SCREEN", "true")
 settings.register_profile("fx_beam", deadline=None, max_examples=25)
 settings.load_profile("fx_beam")
 
-# UFL makes so many small objects that an eighth of the time went into looking for garbage.
+# UFL makes many small objects: with Python's own thresholds garbage collection takes an eighth of
+# the time.
 gc.set_threshold(20_000, 20, 50)
 
-# Files whose tests share the runs of demos, and the one that takes the longest besides.
+# Files whose tests share the runs of the demos, and the slowest of the other files.
 _OF_DEMOS = "test_demos", "test_paper"
 _LONG = *_OF_DEMOS, "test_stability"
 
@@ -35,7 +36,7 @@ def unoptimised(monkeypatch):
 
 
 def pytest_collection_modifyitems(items):
-    """What shares runs stays in one process; the longest comes first, so that none ends alone."""
+    """Tests that share runs stay in one process; the slowest files start first."""
     items.sort(key=lambda item: item.path.stem not in _LONG)
     for item in items:
         name = item.path.stem
