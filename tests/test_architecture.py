@@ -33,11 +33,14 @@ HOUSE = {
         "saved",
     ],
     "fem": [
+        "ffcx_api",
         "dolfinx_api",
         "mesh",
         "section_fields",
+        "fields",
         "follower_loads",
         "virtual_works",
+        "weak_form",
         "forms",
         "mass",
         "dead_loads",
@@ -195,7 +198,8 @@ def test_the_model_knows_nothing_of_solutions():
 @pytest.mark.parametrize(
     ("packages", "home"),
     [
-        ({"dolfinx", "basix", "ffcx", "mpi4py"}, {"fem.dolfinx_api"}),
+        ({"dolfinx", "basix", "mpi4py"}, {"fem.dolfinx_api"}),
+        ({"ffcx"}, {"fem.ffcx_api"}),
         ({"petsc4py"}, {"stepping.newton"}),
         ({"slepc4py"}, {"analyses.modal"}),
         (
@@ -215,7 +219,7 @@ def test_the_model_knows_nothing_of_solutions():
         ({"scooby", "tabulate"}, {"studies.reporting"}),
     ],
     ids=[
-        *("dolfinx", "petsc4py", "slepc4py", "matplotlib", "pyvista"),
+        *("dolfinx", "ffcx", "petsc4py", "slepc4py", "matplotlib", "pyvista"),
         *("PIL", "tqdm", "pandas", "reports"),
     ],
 )
@@ -270,7 +274,7 @@ def test_pictures_and_studies_are_had_from_the_package_and_nothing_else_is():
 
 @every_module
 def test_versions_are_asked_for_in_one_place_only(module):
-    if module in ("fem.dolfinx_api", "__main__"):  # the latter prints them
+    if module in ("fem.dolfinx_api", "fem.ffcx_api", "__main__"):  # the latter prints them
         return
     asked = {node.attr for node in ast.walk(TREES[module]) if isinstance(node, ast.Attribute)}
     assert not asked & {"__version__", "version_info", "hexversion"}

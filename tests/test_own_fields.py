@@ -14,7 +14,7 @@ from fx_beam.fem import dolfinx_api
 LINE, _ = dolfinx_api.interval_mesh(np.array([(0.0, 0.0), (1.0, 0.0)]), np.array([(0, 1)]))
 FIELDS = {
     "Constant": dolfinx_api.constant(LINE, 2.0),
-    "Function": dolfinx_api.cellwise(LINE, np.ones(1)),
+    "Function": dolfinx_api.at_gauss_points(LINE, np.ones((1, 1))),
 }
 every_field = pytest.mark.parametrize("kind", FIELDS)
 

@@ -7,7 +7,7 @@ import pytest
 from scenes import pinned_beam
 
 import fx_beam as fb
-from fx_beam.mechanics.resultants import at_ends
+from fx_beam.mechanics.resultants import AtEnds
 
 MASS, LENGTH, SPIN = 1.0, 1.0, 40.0
 CENTRIPETAL = MASS * SPIN**2 * LENGTH
@@ -96,7 +96,7 @@ def viscous():
     """Newmark's rule, and a viscosity of the axis that grows with time."""
 
     def resultants(step, law):
-        r = at_ends(1.0)(step, law).end
+        r = AtEnds(1.0)(step, law).end
         rate = ufl.dot(step.prime(step.v), step.director)
         return r._replace(N=r.N + ETA * (1 + step.t) * rate)
 

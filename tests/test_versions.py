@@ -13,7 +13,7 @@ from scenes import pinned_beam
 
 import fx_beam as fb
 from fx_beam.compiled import build
-from fx_beam.fem import dolfinx_api
+from fx_beam.fem import dolfinx_api, ffcx_api
 
 # -- Quadrature ----------------------------------------------------------------------------------
 
@@ -23,14 +23,16 @@ def interval(length=1.0):
     return mesh
 
 
+def integral(form, mesh, tags=None):
+    bound = dolfinx_api.bind(dolfinx_api.compile_form(form, "a functional"), mesh, tags=tags)
+    return dolfinx_api.assemble_scalar(bound)
+
+
 @pytest.mark.parametrize("points", range(1, 6))
 def test_the_rule_of_a_form_is_that_of_gauss(points):
     mesh = interval()
     dx, x = dolfinx_api.measure(mesh, points), ufl.SpatialCoordinate(mesh)[0]
-    found = [
-        dolfinx_api.assemble_scalar(dolfinx_api.compile_form(x**power * dx, "a power"))
-        for power in range(2 * points + 1)
-    ]
+    found = [integral(x**power * dx, mesh) for power in range(2 * points + 1)]
     exact = 1 / (1 + np.arange(2 * points + 1))
     assert found[:-1] == pytest.approx(exact[:-1], rel=1e-14)
     # n points leave of x^2n, on the unit interval, the square of the monic Legendre polynomial.
@@ -45,9 +47,9 @@ def test_values_at_gauss_points_are_those_that_the_rule_of_a_form_takes(points):
     mesh = interval(3.0)
     given = np.exp(np.arange(points))[None]
     function = dolfinx_api.at_gauss_points(mesh, given)
-    squares = dolfinx_api.compile_form(function**2 * dolfinx_api.measure(mesh, points), "squares")
+    squares = integral(function**2 * dolfinx_api.measure(mesh, points), mesh)
     weights = np.polynomial.legendre.leggauss(points)[1] * 3.0 / 2
-    assert dolfinx_api.assemble_scalar(squares) == pytest.approx(weights @ given[0] ** 2, rel=1e-13)
+    assert squares == pytest.approx(weights @ given[0] ** 2, rel=1e-13)
     expression = dolfinx_api.compile_expression(function, dolfinx_api.gauss_points(points))
     found = dolfinx_api.evaluate(expression, mesh, np.array([0]))
     assert found == pytest.approx(given, rel=1e-12)
@@ -60,13 +62,13 @@ def test_a_form_that_was_loaded_is_not_sought_again(monkeypatch):
     mesh = interval()
     form = ufl.SpatialCoordinate(mesh)[0] * dolfinx_api.measure(mesh, 1)
     for _ in range(2):  # perhaps compiled, and loaded
-        dolfinx_api.compile_form(form, "a place")
+        integral(form, mesh)
 
     def seek(*_):
         raise AssertionError("sought again")
 
     monkeypatch.setattr(importlib.machinery, "FileFinder", seek)
-    assert dolfinx_api.assemble_scalar(dolfinx_api.compile_form(form, "a place")) == 0.5
+    assert integral(form, mesh) == 0.5
 
 
 # -- What the compiled loop takes ------------------------------------------------------------------
@@ -113,13 +115,14 @@ def test_coefficients_of_a_subdomain_are_those_of_its_cells():
     points = np.column_stack([np.arange(4.0), np.zeros(4)])
     mesh, _ = dolfinx_api.interval_mesh(points, np.array([[0, 1], [1, 2], [2, 3]]))
     tags = np.array([2, 0, 1])
-    of_cell = dolfinx_api.cellwise(mesh, 10.0 + np.arange(3))
-    dx = dolfinx_api.measure(mesh, 1, tags)
-    form = dolfinx_api.compile_form(
+    of_cell = dolfinx_api.at_gauss_points(mesh, 10.0 + np.arange(3)[:, None])
+    dx = dolfinx_api.measure(mesh, 1)
+    compiled = dolfinx_api.compile_form(
         sum((tag + 1) * of_cell * dx(tag) for tag in range(3)) + of_cell**2 * dx, "all tags"
     )
-    packed = dolfinx_api.packed_coefficients(form)
-    assert sorted(packed) == sorted(dolfinx_api.integrals(form)) == [-1, 0, 1, 2]
+    form = dolfinx_api.bind(compiled, mesh, tags=tags)
+    packed = dolfinx_api.packed_coefficients(form, compiled)
+    assert sorted(packed) == sorted(ffcx_api.integrals(compiled)) == [-1, 0, 1, 2]
     assert packed[-1][:, 0] == pytest.approx([10.0, 11.0, 12.0])
     assert [packed[tag][:, 0] for tag in range(3)] == [[11.0], [12.0], [10.0]]
     expected = sum((tags[k] + 1) * (10 + k) + (10 + k) ** 2 for k in range(3))
@@ -135,9 +138,7 @@ def test_functions_have_the_names_that_the_linker_knows():
     mesh = interval()
     x = ufl.SpatialCoordinate(mesh)[0]
     form = ufl.sin(x) * dolfinx_api.measure(mesh, 1)
-    source, names, parameters = dolfinx_api.element_functions(
-        dolfinx_api.compile_form(form, "a sine"), form
-    )
+    source, names, parameters = ffcx_api.element_functions(dolfinx_api.compile_form(form, "a sine"))
     assert [source.count(f"void {name}(") for name in names] == [1]
     assert parameters >= 6
 
@@ -146,7 +147,7 @@ def test_functions_without_names_leave_the_steps_to_python(monkeypatch, tmp_path
     def nameless(_):
         raise LookupError("no names")
 
-    monkeypatch.setattr(dolfinx_api, "_symbol", nameless)
+    monkeypatch.setattr(ffcx_api, "_symbol", nameless)
     monkeypatch.setattr(build, "cache_directory", lambda: tmp_path)
     build._warn.cache_clear()
     solution = fb.simulate(pinned_beam()[0], dt=0.01, t_end=0.1)

@@ -18,7 +18,8 @@ from typing import Any
 import cffi
 
 from fx_beam.errors import SceneError
-from fx_beam.fem import dolfinx_api
+from fx_beam.fem import ffcx_api
+from fx_beam.fem.dolfinx_api import CompiledForm
 
 _log = logging.getLogger("fx_beam")
 _SOURCES = Path(__file__).parent / "c"
@@ -50,7 +51,7 @@ def load_library(*definitions: str) -> tuple[Any, Any]:
     return ffi, ffi.dlopen(str(_build("the loop over time steps", source, lambda: source)))
 
 
-def load_batches(name: str, form, ufl_form, size: int, width: int, places: int) -> list[int]:
+def load_batches(form: CompiledForm, size: int, width: int, places: int) -> list[int]:
     """Addresses of a ``Batch`` of problem.h for each integral of a form.
 
     `size`, `width`, `places`: numbers of tensor entries, coefficients and coordinates per element.
@@ -58,7 +59,7 @@ def load_batches(name: str, form, ufl_form, size: int, width: int, places: int) 
     numbers = f"{size}, {max(width, 1)}, {places}"
 
     def source() -> str:
-        text, functions, parameters = dolfinx_api.element_functions(form, ufl_form)
+        text, functions, parameters = ffcx_api.element_functions(form)
         unused = ", 0" * (parameters - 4)
         return "\n".join(
             [
@@ -73,11 +74,11 @@ def load_batches(name: str, form, ufl_form, size: int, width: int, places: int) 
         )
 
     # -fwhole-program drops the unused part of FFCx's code.
-    flags = ["-fwhole-program", f"-I{dolfinx_api.ufcx_folder()}"]
-    key = dolfinx_api.signature(form) + numbers
-    path = _build(f"{name!r} for several elements", key, source, flags)
+    flags = ["-fwhole-program", f"-I{ffcx_api.ufcx_folder()}"]
+    key = ffcx_api.signature(form) + numbers
+    path = _build(f"{form.name!r} for several elements", key, source, flags)
     library = ctypes.CDLL(str(path))
-    functions = [library[f"batch_{i}"] for i in range(len(dolfinx_api.integrals(form)))]
+    functions = [library[f"batch_{i}"] for i in range(len(ffcx_api.integrals(form)))]
     return [ctypes.cast(function, ctypes.c_void_p).value or 0 for function in functions]
 
 

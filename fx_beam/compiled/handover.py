@@ -12,7 +12,7 @@ import numpy as np
 import scipy.sparse
 
 from fx_beam.coupling.index_reduction import Tables
-from fx_beam.fem import dolfinx_api
+from fx_beam.fem import dolfinx_api, ffcx_api
 from fx_beam.mechanics.rates import MidPointRates, NewmarkRates
 from fx_beam.model.joint_forces import JointForces
 from fx_beam.model.model import Model
@@ -57,7 +57,7 @@ class Problem:
         place = self._hand_over_couplings(tables)
         self._hand_over_mesh(place)
         for name, form in _FORMS.items():
-            if form in model.forms.compiled:
+            if form in model.forms.bound:
                 self._hand_over_form(getattr(self.c, name), form)
         self.c.has_added = model.forms.has_added
         self._hand_over_rates()
@@ -140,13 +140,13 @@ class Problem:
 
     def _hand_over_form(self, out, name: str) -> None:
         ffi, p, forms = self.ffi, self.c, self.model.forms
-        form, ufl_form = forms.compiled[name]
-        packed = dolfinx_api.packed_coefficients(form)
-        tags = dolfinx_api.integrals(form)
+        form, compiled = forms.bound[name]
+        packed = dolfinx_api.packed_coefficients(form, compiled)
+        tags = ffcx_api.integrals(compiled)
         out.integrals, out.width = len(tags), packed[tags[0]].shape[1]
-        size = p.cell_dofs ** len(ufl_form.arguments())
+        size = p.cell_dofs ** len(compiled.form.arguments())
         numbers = size, out.width, p.cell_coordinates
-        batches = load_batches(name, form, ufl_form, *numbers)
+        batches = load_batches(compiled, *numbers)
         out.of = integrals = self._kept(ffi.new("Integral[]", len(tags)))
         moving = sorted(dolfinx_api.coefficient_offsets(form, forms.moving))
         # Forms of an iteration with equal coefficients share the packed array; the first packs it.
@@ -163,8 +163,8 @@ class Problem:
             of.coordinates = self._lanes(self._coordinates[cells])
         out.kind = self._pointer([kind for kind, _ in moving], np.int32)
         out.offset = self._pointer([offset for _, offset in moving], np.int32)
-        sought = forms.time, forms.dt
-        constants, places = dolfinx_api.packed_constants(form, ufl_form, sought)
+        sought = forms.fields.time, forms.fields.dt
+        constants, places = dolfinx_api.packed_constants(form, compiled, sought)
         out.constants = self._pointer(constants, np.float64)
         out.time_at, out.dt_at = places
 

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Callable
+from typing import Any
 
 import ufl
 
@@ -15,9 +17,11 @@ from fx_beam.scene.scene import Scene
 from fx_beam.validation import Constant, evaluate, series, vector
 
 from . import dolfinx_api
+from .dolfinx_api import CompiledForm
+from .fields import Fields
 from .forms import Forms
 from .mesh import Mesh
-from .section_fields import on_beam
+from .section_fields import Data, Place, on_beam
 
 
 class Loads:
@@ -41,24 +45,23 @@ class Loads:
 
     def _line_load(self, beam: Beam, along: Callable | None) -> np.ndarray:
         """Nodal forces (size, 2) of a unit line load along x and y, or (size, 1) of one along s."""
-        mesh = self._mesh.mesh
-        unit = dolfinx_api.constant(mesh, np.zeros(2))
+        mesh, fields = self._mesh, self._forms.fields
         if along is None:
-            force, directions = on_beam(self._mesh, self._scene, beam) * unit, np.eye(2)
+            data, directions = on_beam(mesh, self._scene, beam), np.eye(2)
         else:
             values = self._at_gauss_points(beam, along)
-            force, directions = dolfinx_api.at_gauss_points(mesh, values), np.ones((1, 2))
-        work = ufl.dot(force, self._forms.step.virtual_u)
-        form = self._forms.compile("line load", work * self._forms.full_measure())
+            data, directions = Data(fields.full_rule, values), np.ones((1, 2))
+        compiled, density, direction = _line_load_form(fields, data.place)
+        unit = dolfinx_api.constant(mesh.mesh, np.zeros(2))
+        form = self._forms.bind(compiled, {density: data.on(mesh), direction: unit})
         columns = np.zeros((len(directions), self._forms.size))
-        for column, direction in zip(columns, directions, strict=True):
-            unit.value = direction
+        for column, unit.value in zip(columns, directions, strict=True):
             dolfinx_api.assemble_vector(column, form)
         return columns.T
 
     def _at_gauss_points(self, beam: Beam, along: Callable) -> np.ndarray:
         """A line load (cells, points, 2) where it is integrated [N/m]."""
-        s = arc_lengths(beam, dolfinx_api.gauss_points(self._forms.full_rule))
+        s = arc_lengths(beam, dolfinx_api.gauss_points(self._forms.fields.full_rule))
         force = np.zeros((len(self._mesh.beam_of_cell), s.shape[1], 2))
         what = f"line load on {label(beam)}"
         force[self._mesh.cells[self._scene.beams.index(beam)]] = [
@@ -81,3 +84,17 @@ class Loads:
         """Factors (m, n) of the columns at m times [s]; StepError if a function fails."""
         values = [series(load.value, times, str(load)) for load in self._loads]
         return np.hstack([np.empty((len(times), 0)), *values])
+
+
+@functools.cache
+def _line_load_form(fields: Fields, place: Place) -> tuple[CompiledForm, Any, Any]:
+    """Form of a line load: a scalar density times a direction, or a vector.
+
+    Also the places of the density and of the direction.
+    """
+    density, direction = fields.data(place), fields.data((0, (2,)))
+    *_, virtual_u, _ = fields.trial_and_test()
+    is_vector = bool(place[1])
+    force = density if is_vector else density * direction
+    form = ufl.dot(force, virtual_u) * fields.measure(fields.full_rule)
+    return dolfinx_api.compile_form(form, "line load"), density, direction

@@ -5,32 +5,26 @@ The constants below test for features, not for version numbers.
 
 from __future__ import annotations
 
-import ctypes
 import functools
 import inspect
 import logging
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from importlib import import_module
-from importlib.util import find_spec
-from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any, NamedTuple, TypeVar
 
 from mpi4py import MPI
 
 import basix
 import dolfinx
-import ffcx.codegeneration
-import ffcx.codegeneration.jit
-import ffcx.compiler
 import ufl
 from dolfinx import fem
 from dolfinx.fem import assemble
 from ufl.algorithms.check_arities import ArityMismatch
 
-import cffi
 import numpy as np
 
-_FFI = cffi.FFI()
+from . import ffcx_api
+
 _log = logging.getLogger("fx_beam")
 F = TypeVar("F", bound=Callable)
 
@@ -45,35 +39,21 @@ _OF_UFL = hasattr(ufl, "FiniteElement")
 _BASIX: Any = None if _OF_UFL else import_module("basix.ufl")
 _FUNCTION_SPACE: Any = getattr(fem, "FunctionSpace" if _OF_UFL else "functionspace")
 _OPTIONS_OF_JIT = "jit_options" if _takes(fem.form, "jit_options") else "jit_params"
+_OPTIONS_OF_FORMS = _OPTIONS_OF_JIT.replace("jit", "form_compiler")
+# Whether a form of Python is one of the C++ library, and may have one for each type of cell.
+_FORM_IS_OF_CPP = not hasattr(fem, "form_cpp_class")
+_FORM_HAS_SEVERAL = _takes(fem.form, "jit_comm")
 _EXPRESSION_TAKES_MESH = _takes(fem.Expression.eval, "mesh")
-_PARAMETERS = find_spec("ffcx.parameters") is not None  # called options in later versions
-_PREFIX = "prefix" if _takes(ffcx.compiler.compile_ufl_objects, "prefix") else "namespace"
 #: Errors of UFL and FFCx for an invalid form; ArityMismatch is not always an Exception.
 REFUSALS: tuple[type[BaseException], ...] = (Exception, ArityMismatch)
+
+if _FORM_IS_OF_CPP:
+    _FORM_OF_CPP: Any = type("Form", (fem.FormMetaClass, dolfinx.cpp.fem.Form_float64), {})
 
 # Processes that need the same form wait for the first one, which may be slow [s].
 _JIT: dict[str, Any] = {"timeout": 30}
 _WITH_JIT: dict[str, Any] = {_OPTIONS_OF_JIT: _JIT}
 _REAL: Any = np.float64  # also if PETSc is built for complex numbers
-
-
-def _loaded_once(find: Callable) -> Callable:
-    """FFCx's search for a compiled module, which reads the whole cache folder, once for each."""
-    found: dict[tuple[str, str], Any] = {}  # nothing that Python would unload
-
-    @functools.wraps(find)
-    def wrapper(module_name, object_names, cache_dir, timeout):
-        key = module_name, str(cache_dir)
-        objects, module = found.get(key) or find(module_name, object_names, cache_dir, timeout)
-        if module is not None:  # else it is to be compiled
-            found[key] = objects, module
-        return objects, module
-
-    return wrapper
-
-
-# In the place of FFCx's own, as dolfinx lets nobody hand it another.
-ffcx.codegeneration.jit.get_cached_module = _loaded_once(ffcx.codegeneration.jit.get_cached_module)
 
 
 def quietly(compiling: F) -> F:
@@ -110,11 +90,33 @@ def interval_mesh(points: np.ndarray, cells: np.ndarray, degree: int = 1):
     return mesh, np.asarray(mesh.topology.original_cell_index)
 
 
+@functools.cache
+def domain(degree: int):
+    """UFL's mesh of intervals in the plane, for forms that are compiled without a mesh."""
+    return ufl.Mesh(_lagrange(degree, 2))
+
+
+def coefficient(on, points: int, shape: tuple[int, ...] = ()):
+    """UFL's place for data: a constant for 0 points, else `at_gauss_points` of so many."""
+    if not points:
+        return ufl.Constant(on, shape=shape)
+    return ufl.Coefficient(ufl.FunctionSpace(on, _lagrange(points - 1, *shape, broken=True)))
+
+
+def ufl_space(on, degree: int):
+    """UFL's mixed Lagrange space of displacement (2) and rotation (1) with equispaced nodes."""
+    return ufl.FunctionSpace(on, _beam_element(degree))
+
+
 @quietly
 def beam_space(mesh, degree: int):
     """Mixed Lagrange space of displacement (2) and rotation (1) with equispaced nodes."""
+    return _space(mesh, _beam_element(degree))
+
+
+def _beam_element(degree: int):
     fields = [_lagrange(degree, 2), _lagrange(degree)]
-    return _space(mesh, ufl.MixedElement(fields) if _OF_UFL else _BASIX.mixed_element(fields))
+    return ufl.MixedElement(fields) if _OF_UFL else _BASIX.mixed_element(fields)
 
 
 def _space(mesh, element):
@@ -142,18 +144,10 @@ def function(space):
 
 def dofs_of_cells(space) -> np.ndarray:
     """Degrees of freedom (cells, nodes, 3) of displacement and rotation at the nodes of cells."""
-    cells = range(space.mesh.topology.index_map(1).size_local)
-    u, psi = (space.sub(part).dofmap for part in (0, 1))
-    parts = [(u.cell_dofs(cell).reshape(-1, 2), psi.cell_dofs(cell)) for cell in cells]
-    return np.array([np.column_stack(part) for part in parts])
-
-
-@quietly
-def cellwise(mesh, values: np.ndarray):
-    """Function, constant on each cell, with values (cells, components) or (cells,)."""
-    constant = function(_space(mesh, _lagrange(0, *values.shape[1:], broken=True)))
-    constant.x.array[:] = values.ravel()
-    return constant
+    dofs = element_dofs(space)
+    nodes = dofs.shape[1] // 3
+    u, psi = dofs[:, : 2 * nodes], dofs[:, 2 * nodes :]
+    return np.dstack([u.reshape(-1, nodes, 2), psi])
 
 
 @quietly
@@ -171,8 +165,7 @@ def at_gauss_points(mesh, values: np.ndarray):
     at_nodes = nodes[:, :1] ** powers @ through
     polynomial = function(space)
     nodal = polynomial.x.array.reshape(-1, *shape)
-    for cell, own in enumerate(values):
-        nodal[space.dofmap.cell_dofs(cell)] = np.tensordot(at_nodes, own, 1)
+    nodal[element_dofs(space)] = np.einsum("np,cp...->cn...", at_nodes, values)
     return polynomial
 
 
@@ -181,36 +174,94 @@ def constant(mesh, value):
     return fem.Constant(mesh, value)
 
 
-def measure(mesh, points: int, tags: np.ndarray | None = None):
-    """Measure `dx` with a Gauss rule of so many points; `tags` number the subdomains."""
-    data = None
-    if tags is not None:
-        cells = np.arange(len(tags), dtype=np.int32)
-        data = dolfinx.mesh.meshtags(mesh, 1, cells, tags.astype(np.int32))
-    return ufl.Measure(
-        "dx",
-        domain=mesh,
-        subdomain_data=data,
-        metadata={"quadrature_degree": 2 * points - 1, "quadrature_rule": "Gauss-Jacobi"},
-    )
+def measure(on, points: int):
+    """Measure `dx` with a Gauss rule of so many points."""
+    rule = {"quadrature_degree": 2 * points - 1, "quadrature_rule": "Gauss-Jacobi"}
+    return ufl.Measure("dx", domain=on, metadata=rule)
 
 
-def compile_form(form, name: str):
-    """Compile a UFL form through FFCx; forms that were not in the cache are logged."""
-    compiled = quietly(fem.form)(form, dtype=_REAL, **_WITH_JIT)
-    if any(compiled.code):
-        _log.info("compiled the form %r, once", name)
-    return compiled
+class CompiledForm(NamedTuple):
+    """A form that was compiled for all meshes of its kind."""
 
-
-def gauss_points(points: int) -> np.ndarray:
-    """Reference coordinates (points, 1) in [0, 1] of the Gauss rule that `measure` uses."""
-    return (np.polynomial.legendre.leggauss(points)[0][:, None] + 1) / 2
+    name: str
+    form: Any
+    ufcx: Any
+    #: FFCx's module, which must stay in memory, and its source if it has just been compiled.
+    module: Any
+    code: Any
 
 
 @quietly
-def compile_expression(expression, points: np.ndarray):
-    """Compile a UFL expression for evaluation at reference points of all cells."""
+def compile_form(form, name: str) -> CompiledForm:
+    """Compile a UFL form through FFCx; forms that were not in the cache are logged."""
+    scalar = {"scalar_type": "double" if _OF_UFL else _REAL}
+    compiled = dolfinx.jit.ffcx_jit(MPI.COMM_SELF, form, **{_OPTIONS_OF_FORMS: scalar}, **_WITH_JIT)
+    if any(compiled[2]):
+        _log.info("compiled the form %r, once", name)
+    return CompiledForm(name, form, *compiled)
+
+
+def bind(compiled: CompiledForm, mesh, space=None, data: Mapping | None = None, tags=None):
+    """dolfinx's form on a mesh; the space is that of its arguments.
+
+    `data` has the functions and constants in the place of UFL's; `tags` number the subdomains.
+    """
+    _, form, ufcx, module, code = compiled
+    replaced = data or {}
+    # The position in the form of each coefficient that the generated code has.
+    plural = "original_coefficient_position" + "s" * hasattr(ufcx, "original_coefficient_positions")
+    at = getattr(ufcx, plural)
+    coefficients = [form.coefficients()[at[i]] for i in range(ufcx.num_coefficients)]
+    functions, constants = (
+        [replaced.get(field, field)._cpp_object for field in fields]
+        for fields in (coefficients, form.constants())
+    )
+    spaces = [space._cpp_object] * len(form.arguments()) if space else []
+    subdomains, on = _subdomains(mesh, compiled, tags), mesh.ufl_domain().ufl_cargo()
+    if _FORM_IS_OF_CPP:
+        arguments = ufcx, spaces, functions, constants, subdomains, on, module.ffi, code
+        return _FORM_OF_CPP(*arguments)
+    pointer: Any = int(module.ffi.cast("uintptr_t", module.ffi.addressof(ufcx)))
+    several = [pointer] if _FORM_HAS_SEVERAL else pointer
+    maps: Any = [] if _FORM_HAS_SEVERAL else {}
+    arguments = several, spaces, functions, constants, subdomains, maps, on
+    return fem.Form(fem.form_cpp_class(_REAL)(*arguments), ufcx, code, module)
+
+
+def _subdomains(mesh, compiled: CompiledForm, tags) -> dict:
+    """Cells of each subdomain of a form, as dolfinx wants them."""
+    cell = fem.IntegralType.cell
+    if _FORM_IS_OF_CPP:
+        kinds: dict = dict.fromkeys(fem.IntegralType.__members__.values())
+        if tags is not None:
+            every = np.arange(len(tags), dtype=np.int32)
+            kinds[cell] = dolfinx.mesh.meshtags(mesh, 1, every, tags.astype(np.int32))
+        return kinds
+    ids = [number for number in ffcx_api.integrals(compiled) if number >= 0]
+    return {cell: [(number, np.flatnonzero(tags == number).astype(np.int32)) for number in ids]}
+
+
+@functools.cache
+def gauss_points(points: int) -> np.ndarray:
+    """Reference coordinates (points, 1) in [0, 1] of the Gauss rule that `measure` uses."""
+    found = (np.polynomial.legendre.leggauss(points)[0][:, None] + 1) / 2
+    found.flags.writeable = False
+    return found
+
+
+@quietly
+def compile_expression(expression, points: np.ndarray, mesh=None, data: Mapping | None = None):
+    """Compile a UFL expression for evaluation at reference points of all cells.
+
+    `data` has the functions and constants in the place of UFL's, and `mesh` is that of its domain.
+    """
+    if mesh is not None:
+        theirs = {ufl.Jacobian(of): ufl.Jacobian(mesh) for of in expression.ufl_domains()}
+        X = {
+            ufl.SpatialCoordinate(of): ufl.SpatialCoordinate(mesh)
+            for of in expression.ufl_domains()
+        }
+        expression = ufl.replace(expression, {**theirs, **X, **(data or {})})
     return fem.Expression(expression, points, dtype=_REAL, **_WITH_JIT)
 
 
@@ -247,91 +298,25 @@ def assemble_scalar(form) -> float:
 
 def element_dofs(space) -> np.ndarray:
     """Degrees of freedom (cells, n) of all cells, in the order of the element tensors."""
-    cells = space.mesh.topology.index_map(1).size_local
-    return np.array([space.dofmap.cell_dofs(cell) for cell in range(cells)])
+    return _rows(space.mesh, space.dofmap.list)
 
 
 def element_coordinates(mesh) -> np.ndarray:
     """Coordinates (cells, 3 nodes) of the geometry of all cells, for compiled forms."""
-    cells, geometry = mesh.topology.index_map(1).size_local, mesh.geometry
+    geometry = mesh.geometry
     nodes = geometry.dofmaps[0] if hasattr(geometry, "dofmaps") else geometry.dofmap
-    nodes = getattr(nodes, "array", nodes)  # an adjacency list, or already an array
-    return geometry.x[np.reshape(nodes, (cells, -1))].reshape(cells, -1)
+    rows = _rows(mesh, nodes)
+    return geometry.x[rows].reshape(len(rows), -1)
 
 
-def _integrals(form) -> list[tuple[int, Any]]:
-    """Cell integrals of a compiled form, ordered by subdomain (-1: all cells)."""
-    cell, ufcx = 0, form.ufcx_form  # cell integrals are type 0
-    if hasattr(ufcx, "num_integrals"):
-        count, ids, of = ufcx.num_integrals(cell), ufcx.integral_ids(cell), ufcx.integrals(cell)
-        return [(ids[i], of[i]) for i in range(count)]
-    places = range(*ufcx.form_integral_offsets[cell : cell + 2])
-    return [(ufcx.form_integral_ids[i], ufcx.form_integrals[i]) for i in places]
-
-
-def integrals(form) -> list[int]:
-    """Subdomain of each integral of a compiled form (-1: all cells)."""
-    return [subdomain for subdomain, _ in _integrals(form)]
-
-
-def signature(form) -> str:
-    """Identifier of a compiled form, with the version of its compiler."""
-    return _FFI.string(form.ufcx_form.signature).decode() + ffcx.codegeneration.get_signature()
-
-
-def ufcx_folder() -> str:
-    """Folder of the header that generated C includes."""
-    return ffcx.codegeneration.get_include_path()
-
-
-def element_functions(form, ufl_form) -> tuple[str, list[str], int]:
-    """C source of a form's element tensors, a function name for each integral, parameter count.
-
-    Raises LookupError if the compiled form does not give these names.
-    """
-    functions = [integral.tabulate_tensor_float64 for _, integral in _integrals(form)]
-    module, names = "", []
-    for function in functions:
-        module, name = _symbol(int(_FFI.cast("uintptr_t", function)))
-        names.append(name)
-    _, source = form.code  # empty unless it has just been compiled
-    if not source:
-        # Function names derive from the module's name, so they are the same again.
-        source = _generated(ufl_form, Path(module).name.partition(".")[0])
-    return source, names, len(_FFI.typeof(functions[0]).args)
-
-
-class _Symbol(ctypes.Structure):
-    _fields_ = [
-        ("file", ctypes.c_char_p),
-        ("base", ctypes.c_void_p),
-        ("name", ctypes.c_char_p),
-        ("address", ctypes.c_void_p),
-    ]
-
-
-def _symbol(address: int) -> tuple[str, str]:
-    """File and name of a function, from the linker."""
-    found = _Symbol()
-    ctypes.CDLL(None).dladdr(ctypes.c_void_p(address), ctypes.byref(found))
-    if found.address != address:  # the address of an earlier symbol
-        raise LookupError("the functions that FFCx generates have no symbol names")
-    return found.file.decode(), found.name.decode()
-
-
-def _generated(ufl_form, prefix: str) -> str:
-    """C that FFCx generates for a form."""
-    if _PARAMETERS:
-        options = {"parameters": import_module("ffcx.parameters").get_parameters()}
-    else:
-        options = {"options": import_module("ffcx.options").get_options()}
-    # Header and code, or a list of these with file name extensions.
-    made: Any = ffcx.compiler.compile_ufl_objects([ufl_form], **{_PREFIX: prefix}, **options)
-    return made[1] if isinstance(made[1], str) else made[0][1]
+def _rows(mesh, numbers) -> np.ndarray:
+    """Numbers (cells, n) that belong to each cell: an adjacency list, or already an array."""
+    numbers = getattr(numbers, "array", numbers)
+    return np.reshape(numbers, (mesh.topology.index_map(1).size_local, -1))
 
 
 def coefficient_offsets(form, functions) -> list[tuple[int, int]]:
-    """Which of the functions a compiled form has, and their offsets in its packed coefficients."""
+    """Which of the functions a bound form has, and their offsets in its packed coefficients."""
     objects = [function._cpp_object for function in functions]
     found, offset = [], 0
     for coefficient in _cpp(form).coefficients:
@@ -341,22 +326,22 @@ def coefficient_offsets(form, functions) -> list[tuple[int, int]]:
     return found
 
 
-def packed_coefficients(form) -> dict[int, np.ndarray]:
-    """Coefficients (cells, width) of a compiled form on each subdomain."""
+def packed_coefficients(form, compiled: CompiledForm) -> dict[int, np.ndarray]:
+    """Coefficients (cells, width) of a bound form on each subdomain."""
     packed = dolfinx.cpp.fem.pack_coefficients(_cpp(form))
     # Keys end in the subdomain or in its index: the same order in both cases.
     values = [np.array(packed[key]) for key in sorted(packed, key=lambda key: key[1])]
-    return dict(zip(sorted(integrals(form)), values, strict=True))
+    return dict(zip(sorted(ffcx_api.integrals(compiled)), values, strict=True))
 
 
-def packed_constants(form, ufl_form, sought) -> tuple[np.ndarray, list[int]]:
-    """Constants of a compiled form, and the positions of the `sought` ones (-1: missing)."""
+def packed_constants(form, compiled: CompiledForm, sought) -> tuple[np.ndarray, list[int]]:
+    """Constants of a bound form, and the positions of UFL's `sought` ones (-1: missing)."""
     places, at = {}, 0
-    for constant in ufl_form.constants():
-        places[id(constant)] = at
+    for constant in compiled.form.constants():
+        places[constant] = at
         at += int(np.prod(constant.ufl_shape, dtype=int))
     packed = np.array(dolfinx.cpp.fem.pack_constants(_cpp(form)))
-    return packed, [places.get(id(x), -1) for x in sought]
+    return packed, [places.get(constant, -1) for constant in sought]
 
 
 def _cpp(form):

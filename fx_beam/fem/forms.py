@@ -1,27 +1,23 @@
-"""The weak form of one step, compiled: internal forces, tangent, stored energy."""
+"""The weak form of one step on the mesh of a scene: internal forces, tangent, stored energy."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from typing import Any, NamedTuple
-
-import ufl
 
 import numpy as np
 import scipy.sparse
 
-from fx_beam.errors import SceneError
-from fx_beam.mechanics.kinematics import Step, arc_derivative, director
 from fx_beam.mechanics.schemes import Scheme
 from fx_beam.scene.scene import Scene
-from fx_beam.scene.section import Law, quadratic_law
-from fx_beam.validation import fields_in, refuse_fields
 
 from . import dolfinx_api
+from .dolfinx_api import CompiledForm
+from .fields import fields_of
 from .follower_loads import Followers
 from .mesh import Mesh
-from .section_fields import section_data
-from .virtual_works import added_virtual_work
+from .section_fields import Data, on_beam, section_data
+from .weak_form import sections_facing_backwards, weak_form
 
 
 class Part(NamedTuple):
@@ -38,26 +34,23 @@ class Part(NamedTuple):
 
 
 class Forms:
-    """Internal forces, tangent and energies of the beams for a scheme, in UFL and compiled.
+    """Internal forces, tangent and energies of the beams of a scene for a scheme.
 
     Vectors contain all degrees of freedom in dolfinx's order; `Mesh.dofs` gives those of a node.
     """
 
     def __init__(self, scene: Scene, scheme: Scheme, mesh: Mesh):
-        self._scene, self._scheme, self._mesh = scene, scheme, mesh
+        self._scheme, self._mesh = scheme, mesh
         self.size = mesh.dofs.size
         #: Degrees of freedom that are rotations.
         self.turns = np.sort(mesh.dofs[:, 2])
-        #: Compiled forms by name, each with its UFL.
-        self.compiled: dict[str, tuple[Any, Any]] = {}
-        #: Their names, in the order of compilation.
+        #: Forms by name: on the mesh, and as compiled.
+        self.bound: dict[str, tuple[Any, CompiledForm]] = {}
+        #: Their names, in order.
         self.names: list[str] = []
-        #: Load factor, in statics only.
-        self.load_factor: Any = (
-            dolfinx_api.constant(mesh.mesh, 1.0) if scheme.rates.at_rest else None
-        )
+        self.fields = fields_of(scene.beams[0].degree, mesh.curved)
         self._build_fields()
-        self._build_forms()
+        self._build_forms(scene)
         self.followers = None
         if any(load.follower for load in scene.loads):
             self.followers = Followers(scene, mesh, self.stiffness, scheme.rates.level)
@@ -65,169 +58,98 @@ class Forms:
     # -- Construction ---------------------------------------------------------------------------
 
     def _build_fields(self) -> None:
-        mesh, space = self._mesh.mesh, self._mesh.space
-        self.start, self.increment = dolfinx_api.function(space), dolfinx_api.function(space)
-        #: Increment with which the forces do work, a nodal function of `increment`.
-        self.path = dolfinx_api.function(space)
-        #: Velocity and acceleration at the start of the step.
-        self.start_rates = dolfinx_api.function(space), dolfinx_api.function(space)
+        mesh, space, fields = self._mesh.mesh, self._mesh.space, self.fields
         self.time, self.dt = dolfinx_api.constant(mesh, 0.0), dolfinx_api.constant(mesh, 1.0)
-        #: Fields that are updated in every step.
-        self._updated = [
-            self.start,
-            self.increment,
-            self.path,
-            *self.start_rates,
-            self.time,
-            self.dt,
-        ]
-        self._updated += [] if self.load_factor is None else [self.load_factor]
-        self._test, self._trial = ufl.TestFunction(space), ufl.TrialFunction(space)
+        #: Load factor; 1 in dynamics.
+        self.load_factor = dolfinx_api.constant(mesh, 1.0)
+        #: What is in the place of UFL's fields on this mesh.
+        self._data: dict[Any, Any] = {
+            fields.time: self.time,
+            fields.dt: self.dt,
+            fields.load_factor: self.load_factor,
+            **{field: dolfinx_api.function(space) for field in fields.moving},
+        }
+        self.increment, self._path, self._start, *self._start_rates = self.moving
 
-        # Tangent vector from the Jacobian; each form has a single quadrature rule.
-        J = ufl.Jacobian(mesh)
-        h = ufl.sqrt(J[0, 0] ** 2 + J[1, 0] ** 2)
-        t0 = ufl.as_vector((J[0, 0] / h, J[1, 0] / h))
-        (u0, psi0), (Du, Dpsi) = ufl.split(self.start), ufl.split(self.increment)
-        v0, a0 = (ufl.split(rate) for rate in self.start_rates)
-        level = self._scheme.rates.level
-        v, omega = self._scheme.rates.fields(Du, Dpsi, v0, a0, self.dt)
-        of_rates = fields_in(ufl.as_vector((*v, omega)))
-        refuse_fields(of_rates, f"rates of {self._scheme.name}", self._updated)
-        virtual_u, virtual_psi = ufl.split(self._test)
-        self.step = Step(
-            u0=u0,
-            psi0=psi0,
-            Du=Du,
-            Dpsi=Dpsi,
-            Dtheta=ufl.split(self.path)[1],
-            u=u0 + level * Du,
-            psi=psi0 + level * Dpsi,
-            v=v,
-            omega=omega,
-            virtual_u=virtual_u,
-            virtual_psi=virtual_psi,
-            X=ufl.SpatialCoordinate(mesh),
-            t0=t0,
-            h=h,
-            degree=self._scene.beams[0].degree,
-            t=self.time,
-            dt=self.dt,
-            load_factor=1.0 if self.load_factor is None else self.load_factor,
-        )
+    @property
+    def moving(self) -> list:
+        """Functions that change: the first two in every iteration, the others in every step."""
+        return [self._data[field] for field in self.fields.moving]
 
-    def _build_forms(self) -> None:
-        step = self.step
-        self._laws, law_of_cell = self._group_laws()
-        tags = law_of_cell if len(self._laws) > 1 else None
-        self._law_of_cell = law_of_cell
-        #: N, Q and M of each law.
-        self._resultants: list[Any] = []
-        dx = dolfinx_api.measure(self._mesh.mesh, step.degree, tags)
-        residual: Any = 0
-        energy: Any = 0
-        moments: list[Any] = []
-        for tag, law in enumerate(self._laws):
-            dx_law = dx if tags is None else dx(tag)
-            r = self._scheme.resultants(step, law)
-            moments.append(r.M)
-            self._resultants.append(ufl.as_vector((r.N, r.Q, r.M)))
-            residual += r.virtual_work(step) * dx_law
-            energy += law.energy(*step.strains0) * dx_law
-        self._refuse_fields_of_scheme(residual, moments)
-        added = added_virtual_work(self._scene, self._mesh, step, self._test, self._updated)
-        if added is not None:
-            try:
-                self.compile("added virtual work", added * dx)
-            except dolfinx_api.REFUSALS as error:
-                raise SceneError(
-                    f"the added virtual work does not compile: {error}. Simplify its expressions"
-                ) from error
-            residual -= added * dx
-
-        self._residual = self.compile("internal forces", residual)
-        tangent = ufl.derivative(residual, self.increment, self._trial)
-        self._tangent = self.compile("tangent", tangent)
-        self._path_tangent = None
-        if self.path in residual.coefficients():
-            tangent = ufl.derivative(residual, self.path, self._trial)
-            self._path_tangent = self.compile("tangent of the path", tangent)
+    def _build_forms(self, scene: Scene) -> None:
+        self._weak = weak = self._weak_form(scene)
+        if weak.added is not None:
+            self._added = self._bind(weak.added)
+        self._residual, tangent = self._bind(weak.force), self._bind(weak.tangent)
+        self._tangent, self._path_tangent = tangent, None
+        if weak.path_tangent is not None:
+            self._path_tangent = self._bind(weak.path_tangent)
             self._path_matrix = dolfinx_api.create_matrix(self._path_tangent)
-        self._energy = self.compile("strain energy", energy)
-        self._needs_rates = any(rate in residual.coefficients() for rate in self.start_rates)
-        moves = self._needs_rates or self.dt in residual.constants()
-        found = [part for r in self._resultants for part in fields_in(r)] if moves else []
+        self._energy = self._bind(weak.energy)
         #: Whether the resultants depend on rates at the start of a step, and on any rates.
-        self.resultants_need_rates = any(rate in found for rate in self.start_rates)
-        self.resultants_move = self.resultants_need_rates or self.dt in found
+        self.resultants_need_rates = weak.resultants_need_rates
+        self.resultants_move = weak.resultants_move
 
-        self._matrix = dolfinx_api.create_matrix(self._tangent)
+        self._matrix = dolfinx_api.create_matrix(tangent)
         shape = (self.size, self.size)
         pattern = self._matrix.indices, self._matrix.indptr
         #: Tangent of the internal forces, a view on the assembled values.
         self.stiffness = scipy.sparse.csr_matrix((self._matrix.data, *pattern), shape, copy=False)
         self._force = np.zeros(self.size)
 
-    def _refuse_fields_of_scheme(self, residual, moments) -> None:
-        # UFL extracts those of the form anyway, and caches them.
-        found = [*residual.coefficients(), *residual.constants()]
-        found += [field for M in moments for field in fields_in(M)]
-        known = [*self._updated, *(field for law in self._laws for field in law.data)]
-        refuse_fields(found, f"resultants of {self._scheme.name}", known)
+    def _weak_form(self, scene: Scene):
+        """The weak form of the scene, whose data are added to those of the forms."""
+        mesh, degree = self._mesh, self.fields.degree
+        energies: list[Any] = []
+        for beam in scene.beams:
+            if beam.section.strain_energy not in energies:
+                energies.append(beam.section.strain_energy)
+        kinds = [energies.index(beam.section.strain_energy) for beam in scene.beams]
+        #: Subdomain of each cell, the number of its stored energy.
+        self._tags = np.array(kinds)[mesh.beam_of_cell]
+        stiffness = None
+        if None in energies:
+            stiffness = section_data(mesh, scene, ("EA", "GA", "EI"), degree)
+        everywhere = Data(0, np.array(1.0))
+        inside = [
+            everywhere if work.beam is None else on_beam(mesh, scene, work.beam)
+            for work in scene.virtual_works
+        ]
+        weak = weak_form(
+            self.fields,
+            self._scheme,
+            energies,
+            stiffness and stiffness.place,
+            [(work, data.place) for work, data in zip(scene.virtual_works, inside, strict=True)],
+        )
+        if stiffness is not None:
+            self._data[weak.stiffness] = stiffness.on(mesh)
+        for place, data in zip(weak.indicators, inside, strict=True):
+            self._data[place] = data.on(mesh)
+        return weak
 
-    def _group_laws(self) -> tuple[list[Law], np.ndarray]:
-        """The different stored energies of the scene, and the index of each cell's energy."""
-        sections = [beam.section for beam in self._scene.beams]
-        kinds: list[Any] = []
-        for section in sections:
-            if section.strain_energy not in kinds:
-                kinds.append(section.strain_energy)
-        laws = []
-        for kind in kinds:
-            if kind is not None:
-                laws.append(Law(kind, quadratic=False))
-                continue
-            names = "EA", "GA", "EI"
-            stiffness = section_data(self._mesh, self._scene, names, self.step.degree)
-            laws.append(quadratic_law(stiffness))
-        kind_of_beam = np.array([kinds.index(section.strain_energy) for section in sections])
-        return laws, kind_of_beam[self._mesh.beam_of_cell]
+    def _bind(self, compiled: CompiledForm):
+        """Bind a form of a step's fields."""
+        return self.bind(compiled, self._data)
 
-    def trial_and_test(self):
-        """Trial functions of displacement and rotation, and the virtual ones."""
-        return *ufl.split(self._trial), self.step.virtual_u, self.step.virtual_psi
-
-    def compile(self, name: str, form):
-        """Compile a form, and keep it by its name."""
-        compiled = dolfinx_api.compile_form(form, name)
-        if name not in self.compiled:
-            self.names.append(name)
-        self.compiled[name] = compiled, form
-        return compiled
-
-    @property
-    def full_rule(self) -> int:
-        """Points of the rule that integrates products of two fields exactly."""
-        return self.step.degree + 1
-
-    def full_measure(self):
-        """Measure of the members by that rule."""
-        return dolfinx_api.measure(self._mesh.mesh, self.full_rule)
+    def bind(self, compiled: CompiledForm, data: Mapping):
+        """Bind a form to the mesh and its data, and keep it by its name."""
+        tags = self._tags if self._tags.any() else None
+        form = dolfinx_api.bind(compiled, self._mesh.mesh, self._mesh.space, data, tags)
+        if compiled.name not in self.bound:
+            self.names.append(compiled.name)
+        self.bound[compiled.name] = form, compiled
+        return form
 
     @property
     def has_added(self) -> bool:
         """Whether the scene has added virtual works or follower forces."""
-        return "added virtual work" in self.compiled or self.followers is not None
-
-    @property
-    def moving(self) -> tuple:
-        """Functions that change: the first two in every iteration, the others in every step."""
-        return self.increment, self.path, self.start, *self.start_rates
+        return self._weak.added is not None or self.followers is not None
 
     def cells_of(self, tag: int) -> np.ndarray:
         """Cells of a subdomain of the forms; -1 for all."""
-        every = np.arange(len(self._law_of_cell))
-        return every if tag < 0 else np.flatnonzero(self._law_of_cell == tag)
+        every = np.arange(len(self._tags))
+        return every if tag < 0 else np.flatnonzero(self._tags == tag)
 
     # -- Evaluation -----------------------------------------------------------------------------
 
@@ -236,16 +158,16 @@ class Forms:
         self._set_start(t, dt, q)
         if self.followers is not None:
             self.followers.set_step(t, dt)
-        if self._needs_rates:
+        if self._weak.needs_rates:
             self._set_rates(v, a)
 
     def _set_start(self, t: float, dt: float, q: np.ndarray) -> None:
         self.time.value = t + self._scheme.rates.level * dt
         self.dt.value = dt
-        self.start.x.array[:] = q
+        self._start.x.array[:] = q
 
     def _set_rates(self, *rates: np.ndarray) -> None:
-        for function, rate in zip(self.start_rates, rates, strict=True):
+        for function, rate in zip(self._start_rates, rates, strict=True):
             function.x.array[:] = rate
 
     def internal_force(self, D: np.ndarray) -> np.ndarray:
@@ -272,13 +194,13 @@ class Forms:
     def _set_increment(self, D: np.ndarray) -> None:
         self.increment.x.array[:] = D
         if self._path_tangent is not None:
-            self.path.x.array[:], _ = self._scheme.rates.work_increment(D, self.turns)
+            self._path.x.array[:], _ = self._scheme.rates.work_increment(D, self.turns)
 
     def added_force(self) -> np.ndarray:
         """Forces (size,) of added virtual works and followers at the last increment [N, N m]."""
         force = np.zeros(self.size)
-        if "added virtual work" in self.compiled:
-            dolfinx_api.assemble_vector(force, self.compiled["added virtual work"][0])
+        if self._weak.added is not None:
+            dolfinx_api.assemble_vector(force, self._added)
         if self.followers is not None:
             self.followers.add_force(*self._motion, self._factor, force)
         return force
@@ -293,47 +215,42 @@ class Forms:
 
     @property
     def _motion(self) -> tuple[np.ndarray, np.ndarray]:
-        return self.start.x.array, self.increment.x.array
+        return self._start.x.array, self.increment.x.array
 
     @property
     def _factor(self) -> float:
-        return 1.0 if self.load_factor is None else float(self.load_factor.value)
+        return float(self.load_factor.value)
 
     def strain_energy(self, q: np.ndarray) -> float:
         """Stored energy [J] of a configuration q (size,), integrated by the reduced rule."""
-        self.start.x.array[:] = q
+        self._start.x.array[:] = q
         return dolfinx_api.assemble_scalar(self._energy)
 
-    def compile_facing(self) -> None:
-        """Compile what `faces_backwards` takes."""
-        #: t . phi' of eq. 4 at the start of the step: 1 and the axial strain.
-        self._facing = 1 + self.step.strains0[0]
-        # The derivative along the element's own coordinate has the same sign and is cheaper.
-        J = ufl.Jacobian(self._mesh.mesh)
-        X = ufl.as_vector((J[0, 0], J[1, 0]))
-        along = ufl.dot(director(self.step.psi0, X), X + arc_derivative(self.step.u0, X))
-        backwards = abs(along) - along
-        dx = dolfinx_api.measure(self._mesh.mesh, self.step.degree)
-        self._backwards = self.compile("sections facing backwards", backwards * dx)
+    def bind_facing(self) -> None:
+        """Bind the form that `faces_backwards` takes."""
+        self._backwards = self._bind(sections_facing_backwards(self.fields))
 
     def faces_backwards(self, q: np.ndarray) -> bool:
         """Whether t . phi' > 0 (eq. 4) is violated at any Gauss point, for q (size,)."""
-        self.start.x.array[:] = q
+        self._start.x.array[:] = q
         return dolfinx_api.assemble_scalar(self._backwards) > 0
 
     def facing(self, q: np.ndarray) -> np.ndarray:
         """t . phi' (cells, degree) of eq. 4 at the Gauss points, for q (size,)."""
-        points = dolfinx_api.gauss_points(self.step.degree)
-        self.start.x.array[:] = q
-        expression = dolfinx_api.compile_expression(self._facing, points)
-        return dolfinx_api.evaluate(expression, self._mesh.mesh, self.cells_of(-1))
+        self._start.x.array[:] = q
+        return dolfinx_api.evaluate(
+            self._expression(self._weak.facing), self._mesh.mesh, self.cells_of(-1)
+        )
+
+    def _expression(self, expression):
+        """Compile an expression of the fields for the Gauss points."""
+        points = dolfinx_api.gauss_points(self.fields.degree)
+        return dolfinx_api.compile_expression(expression, points, self._mesh.mesh, self._data)
 
     def resultants(self, parts: Iterable[Part]) -> np.ndarray:
         """N, Q and M (n, cells, degree, 3) at the Gauss points, for n steps or parts."""
-        points = dolfinx_api.gauss_points(self.step.degree)
         expressions = [
-            (dolfinx_api.compile_expression(r, points), self.cells_of(tag))
-            for tag, r in enumerate(self._resultants)
+            (self._expression(r), self.cells_of(tag)) for tag, r in enumerate(self._weak.resultants)
         ]
         rows = []
         for part in parts:
@@ -341,9 +258,9 @@ class Forms:
             self._set_increment(part.D)
             if self.resultants_need_rates:
                 self._set_rates(*part.rates)
-            out = np.empty((len(self._law_of_cell), len(points), 3))
+            out = np.empty((len(self._tags), self.fields.degree, 3))
             for expression, cells in expressions:
                 values = dolfinx_api.evaluate(expression, self._mesh.mesh, cells)
-                out[cells] = values.reshape(len(cells), len(points), 3)
+                out[cells] = values.reshape(len(cells), -1, 3)
             rows.append(out)
         return np.array(rows)

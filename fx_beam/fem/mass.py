@@ -13,9 +13,13 @@ import scipy.sparse
 from fx_beam.scene.scene import Scene
 
 from . import dolfinx_api
+from .dolfinx_api import CompiledForm
+from .fields import Fields
 from .forms import Forms
 from .mesh import Mesh
-from .section_fields import section_data
+from .section_fields import Data, Place, section_data
+
+_WORDS = {"rhoA": "distributed mass", "rhoI": "distributed rotary inertia"}
 
 
 class Mass:
@@ -24,29 +28,26 @@ class Mass:
     Each is assembled when it is first asked for: statics does without the mass.
     """
 
-    def __init__(self, scene: Scene, mesh: Mesh, forms: Forms):
-        self._scene, self._mesh, self._forms = scene, mesh, forms
+    def __init__(self, scene: Scene, mesh: Mesh, forms: Forms, at_rest: bool):
+        self._scene, self._mesh, self._forms, self._at_rest = scene, mesh, forms, at_rest
         #: What was assembled, in words.
         self.assembled: list[str] = []
 
     @functools.cached_property
     def matrix(self) -> scipy.sparse.csr_matrix:
         """Mass matrix (eqs 19 to 21), lumped entries included, of the stiffness' sparsity."""
-        u, psi, virtual_u, virtual_psi = self._forms.trial_and_test()
-        density: Any = 0
-        if self._has("rhoA"):
-            density += self._density("rhoA") * ufl.dot(virtual_u, u)
-            self.assembled.append("distributed mass")
-        if self._has("rhoI"):
-            density += self._density("rhoI") * virtual_psi * psi
-            self.assembled.append("distributed rotary inertia")
+        data = {name: self._data(name) for name in ("rhoA", "rhoI") if self._has(name)}
         mass = self._forms.stiffness.copy()
         mass.data[:] = 0.0
-        if density != 0:
-            form = self._forms.compile("mass", density * self._forms.full_measure())
+        if data:
+            places = (data[name].place if name in data else None for name in ("rhoA", "rhoI"))
+            compiled, densities = _mass_form(self._forms.fields, *places)
+            own = {place: data[name].on(self._mesh) for name, place in densities.items()}
+            form = self._forms.bind(compiled, own)
             matrix = dolfinx_api.create_matrix(form)
             dolfinx_api.assemble_matrix(matrix, form)
             mass.data[:] = matrix.data
+        self.assembled += [_WORDS[name] for name in data]
         if self._scene.masses:
             mass.setdiag(mass.diagonal() + self._mesh.from_nodes(self._lumped()))
             self.assembled.append("lumped mass")
@@ -59,7 +60,7 @@ class Mass:
             return None
         self.assembled.append("gravity")
         gravity = np.array([*self._scene.gravity, 0.0])
-        if self._forms.load_factor is None:
+        if not self._at_rest:
             return self.matrix @ self._mesh.from_nodes(np.tile(gravity, (len(self._mesh.X), 1)))
         return self._mesh.from_nodes(self._lumped() * gravity) + self._distributed_weight()
 
@@ -67,9 +68,10 @@ class Mass:
         """Weight (size,) of the beams, as a load, which needs no mass matrix."""
         weight = np.zeros(self._forms.size)
         if self._has("rhoA"):
-            gravity = dolfinx_api.constant(self._mesh.mesh, self._scene.gravity)
-            pull = self._density("rhoA") * ufl.dot(gravity, self._forms.step.virtual_u)
-            form = self._forms.compile("weight", pull * self._forms.full_measure())
+            data = self._data("rhoA")
+            compiled, density, gravity = _weight_form(self._forms.fields, data.place)
+            pull = dolfinx_api.constant(self._mesh.mesh, self._scene.gravity)
+            form = self._forms.bind(compiled, {density: data.on(self._mesh), gravity: pull})
             dolfinx_api.assemble_vector(weight, form)
         return weight
 
@@ -77,9 +79,9 @@ class Mass:
         """Whether any section has one of the data."""
         return any(getattr(beam.section, name) for beam in self._scene.beams)
 
-    def _density(self, name: str):
-        """Distributed mass or inertia in UFL."""
-        return section_data(self._mesh, self._scene, (name,), self._forms.full_rule)
+    def _data(self, name: str) -> Data:
+        """Distributed mass or inertia."""
+        return section_data(self._mesh, self._scene, (name,), self._forms.fields.full_rule)
 
     def _lumped(self) -> np.ndarray:
         """Lumped masses and inertias (n_node, 3) by the components that they resist."""
@@ -87,3 +89,26 @@ class Mass:
         for node, mass, inertia in self._scene.masses:
             lumped[node] += mass, mass, inertia
         return lumped
+
+
+@functools.cache
+def _mass_form(
+    fields: Fields, rhoA: Place | None, rhoI: Place | None
+) -> tuple[CompiledForm, dict[str, Any]]:
+    """Form of the mass matrix, and its places of rhoA and rhoI, for those that there are."""
+    places = {"rhoA": rhoA, "rhoI": rhoI}
+    data = {name: fields.data(place) for name, place in places.items() if place is not None}
+    u, psi, virtual_u, virtual_psi = fields.trial_and_test()
+    work: Any = data.get("rhoA", 0) * ufl.dot(virtual_u, u)
+    work += data.get("rhoI", 0) * virtual_psi * psi
+    form = work * fields.measure(fields.full_rule)
+    return dolfinx_api.compile_form(form, "mass"), data
+
+
+@functools.cache
+def _weight_form(fields: Fields, rhoA: Place) -> tuple[CompiledForm, Any, Any]:
+    """Form of the beams' weight, and its places of rhoA and of gravity."""
+    density, gravity = fields.data(rhoA), fields.data((0, (2,)))
+    *_, virtual_u, _ = fields.trial_and_test()
+    form = density * ufl.dot(gravity, virtual_u) * fields.measure(fields.full_rule)
+    return dolfinx_api.compile_form(form, "weight"), density, gravity

@@ -32,6 +32,8 @@ class Mesh:
     #: Cells and nodes of each beam, in order along it.
     cells: list[np.ndarray]
     nodes: list[np.ndarray]
+    #: Whether the elements are curved, with the beams' degree, or straight.
+    curved: bool
 
     @functools.cached_property
     def size(self) -> float:
@@ -70,7 +72,8 @@ def build_mesh(scene: Scene) -> Mesh:
     X = np.vstack([points, *(inner_positions(beam) for beam in scene.beams)])
     inner = len(points) + np.arange(len(ends) * (degree - 1)).reshape(len(ends), degree - 1)
     nodes_of_element = np.hstack([ends, inner])
-    if degree > 1 and any(beam.inner is not None for beam in scene.beams):
+    curved = degree > 1 and any(beam.inner is not None for beam in scene.beams)
+    if curved:
         mesh, order = dolfinx_api.interval_mesh(X, nodes_of_element, degree)
     else:
         mesh, order = dolfinx_api.interval_mesh(points, np.array(ends))
@@ -89,4 +92,4 @@ def build_mesh(scene: Scene) -> Mesh:
         for e in elements:
             chain += [*inner[e], ends[e][1]]
         nodes_of_beam.append(np.array(chain))
-    return Mesh(mesh, space, X, dofs, beam_of_element[order], cells, nodes_of_beam)
+    return Mesh(mesh, space, X, dofs, beam_of_element[order], cells, nodes_of_beam, curved)

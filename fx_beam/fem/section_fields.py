@@ -1,6 +1,8 @@
-"""Stiffness and inertia of the sections in UFL, for the forms."""
+"""Data of the sections for the forms: one constant, or values at Gauss points of every cell."""
 
 from __future__ import annotations
+
+from typing import NamedTuple
 
 import numpy as np
 
@@ -11,9 +13,30 @@ from fx_beam.scene.scene import Scene
 from . import dolfinx_api
 from .mesh import Mesh
 
+#: What a form must know of its data: number of Gauss points (0: constant) and shape of a value.
+Place = tuple[int, tuple[int, ...]]
 
-def section_data(mesh: Mesh, scene: Scene, names: tuple[str, ...], points: int):
-    """Section data in UFL, a vector or a scalar: one constant, cell by cell, or along the beams.
+
+class Data(NamedTuple):
+    """Data of all beams: one value, or values (cells, points, ...) at the Gauss points."""
+
+    points: int
+    values: np.ndarray
+
+    @property
+    def place(self) -> Place:
+        """What a form must know of the data."""
+        return self.points, self.values.shape[2 if self.points else 0 :]
+
+    def on(self, mesh: Mesh):
+        """dolfinx's constant or function with the data."""
+        if not self.points:
+            return dolfinx_api.constant(mesh.mesh, self.values)
+        return dolfinx_api.at_gauss_points(mesh.mesh, self.values)
+
+
+def section_data(mesh: Mesh, scene: Scene, names: tuple[str, ...], points: int) -> Data:
+    """Section data, a vector or a scalar: one constant, cell by cell, or along the beams.
 
     Data that vary are evaluated at so many Gauss points. The SceneError for an invalid value names
     its beam and its fraction.
@@ -39,17 +62,17 @@ def section_data(mesh: Mesh, scene: Scene, names: tuple[str, ...], points: int):
     of_cell = np.empty((len(mesh.beam_of_cell), *values[0].shape[1:]))
     for cells, of_beam in zip(mesh.cells, values, strict=True):
         of_cell[cells] = of_beam
-    return dolfinx_api.at_gauss_points(mesh.mesh, of_cell)
+    return Data(points, of_cell)
 
 
-def cell_data(mesh: Mesh, rows: np.ndarray):
-    """Data (beams, ...) in UFL: one constant if all beams have the same, else cell by cell."""
+def cell_data(mesh: Mesh, rows: np.ndarray) -> Data:
+    """Data (beams, ...): one constant if all beams have the same, else cell by cell."""
     if (rows == rows[0]).all():
-        return dolfinx_api.constant(mesh.mesh, rows[0])
-    return dolfinx_api.cellwise(mesh.mesh, rows[mesh.beam_of_cell])
+        return Data(0, rows[0])
+    return Data(1, rows[mesh.beam_of_cell][:, None])
 
 
-def on_beam(mesh: Mesh, scene: Scene, beam: Beam):
-    """Indicator of a beam in UFL: 1 on it, 0 on the others."""
+def on_beam(mesh: Mesh, scene: Scene, beam: Beam) -> Data:
+    """Indicator of a beam: 1 on it, 0 on the others."""
     inside = np.arange(len(scene.beams)) == scene.beams.index(beam)
     return cell_data(mesh, inside.astype(float))

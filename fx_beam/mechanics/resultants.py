@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-import functools
-from collections.abc import Callable
+from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import ufl
@@ -126,15 +125,17 @@ def at_mid_step(step: Step, law: Law) -> Resultants:
     return _at(step, law, step.u0 + step.Du / 2, step.psi0 + step.Dpsi / 2)
 
 
-def at_ends(level: float) -> Callable[[Step, Law], WeightedResultants]:
+@dataclass(frozen=True)
+class AtEnds:
     """Resultants of both ends of the step; `level` is the weight of the end (Newmark family)."""
-    return functools.partial(_weighted, level)
 
+    level: float
 
-def _weighted(level: float, step: Step, law: Law) -> WeightedResultants:
-    start = _at(step, law, step.u0, step.psi0)
-    end = _at(step, law, step.u0 + step.Du, step.psi0 + step.Dpsi)
-    return WeightedResultants(start, end, level)
+    def __call__(self, step: Step, law: Law) -> WeightedResultants:
+        """The resultants of a step."""
+        start = _at(step, law, step.u0, step.psi0)
+        end = _at(step, law, step.u0 + step.Du, step.psi0 + step.Dpsi)
+        return WeightedResultants(start, end, self.level)
 
 
 def _at(step: Step, law: Law, u, psi) -> Resultants:

@@ -12,9 +12,9 @@ from fx_beam.validation import is_number, require
 from .kinematics import Step
 from .rates import AtRest, MidPointRates, NewmarkRates, Rates
 from .resultants import (
+    AtEnds,
     Resultants,
     WeightedResultants,
-    at_ends,
     at_mid_step,
     averaged,
     with_exact_work,
@@ -59,6 +59,13 @@ class Scheme:
             ("rates", _are_rates(self.rates), "fx_beam.Rates such as MidPointRates()"),
         ):
             require(fits, f"Scheme: {name}", getattr(self, name), wanted)
+
+    @property
+    def built_in(self) -> bool:
+        """Whether resultants and rates are those of this package, whose UFL never changes."""
+        of_package = self.resultants in (at_mid_step, averaged, _exact)
+        rates = type(self.rates) in (AtRest, MidPointRates, NewmarkRates)
+        return rates and (of_package or type(self.resultants) is AtEnds)
 
 
 def _are_rates(rates) -> bool:
@@ -227,7 +234,7 @@ def Equilibrium() -> Scheme:
     >>> fb.Equilibrium().rates.at_rest
     True
     """
-    return Scheme("Equilibrium", at_ends(1.0), AtRest())
+    return Scheme("Equilibrium", AtEnds(1.0), AtRest())
 
 
 def _exact(step: Step, law: Law) -> Resultants:
@@ -235,7 +242,7 @@ def _exact(step: Step, law: Law) -> Resultants:
 
 
 def _newmark_family(name: str, rates: NewmarkRates) -> Scheme:
-    return Scheme(name, at_ends(rates.level), rates)
+    return Scheme(name, AtEnds(rates.level), rates)
 
 
 def _check_parameter(scheme, name, value, low, high, low_open=False):

@@ -36,7 +36,7 @@ class Model:
         #: Size of a unit increment: the size of the scene for displacements, 1 for rotations.
         self.unit = np.full(self.size, self.mesh.size)
         self.unit[self.turns] = 1.0
-        self._mass = Mass(scene, self.mesh, self.forms)
+        self._mass = Mass(scene, self.mesh, self.forms, scheme.rates.at_rest)
         #: Names of the compiled forms and of the assembled matrices and vectors.
         self.compiled, self.assembled = self.forms.names, self._mass.assembled
         self.loads = Loads(scene, self.mesh, self.forms)

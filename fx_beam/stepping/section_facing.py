@@ -19,7 +19,7 @@ class FacingCheck:
 
     def __init__(self, model: Model, stats: Stats):
         self._model, self._stats = model, stats
-        model.forms.compile_facing()
+        model.forms.bind_facing()
         self.least_energy = _least_energy(model)
 
     def check(self, t: float, q: np.ndarray) -> None:

@@ -1,0 +1,118 @@
+"""All use of FFCx and of the C that it generates, which differs between versions.
+
+A `form` here is a `dolfinx_api.CompiledForm`.
+"""
+
+from __future__ import annotations
+
+import ctypes
+import functools
+import inspect
+from collections.abc import Callable
+from importlib import import_module
+from importlib.util import find_spec
+from pathlib import Path
+from typing import Any
+
+import ffcx.codegeneration
+import ffcx.codegeneration.jit
+import ffcx.compiler
+
+import cffi
+
+_FFI = cffi.FFI()
+_PARAMETERS = find_spec("ffcx.parameters") is not None  # called options in later versions
+# The name of a parameter.
+_PREFIX = (
+    {"prefix", "namespace"} & set(inspect.signature(ffcx.compiler.compile_ufl_objects).parameters)
+).pop()
+
+
+def _loaded_once(find: Callable) -> Callable:
+    """FFCx's search for a compiled module, which reads the whole cache folder, once for each."""
+    found: dict[tuple[str, str], Any] = {}  # nothing that Python would unload
+
+    @functools.wraps(find)
+    def wrapper(module_name, object_names, cache_dir, timeout):
+        key = module_name, str(cache_dir)
+        objects, module = found.get(key) or find(module_name, object_names, cache_dir, timeout)
+        if module is not None:  # else it is to be compiled
+            found[key] = objects, module
+        return objects, module
+
+    return wrapper
+
+
+# In the place of FFCx's own, as dolfinx lets nobody hand it another.
+ffcx.codegeneration.jit.get_cached_module = _loaded_once(ffcx.codegeneration.jit.get_cached_module)
+
+
+def _integrals(form) -> list[tuple[int, Any]]:
+    """Cell integrals of a compiled form, ordered by subdomain (-1: all cells)."""
+    cell, ufcx = 0, form.ufcx  # cell integrals are type 0
+    if hasattr(ufcx, "num_integrals"):
+        count, ids, of = ufcx.num_integrals(cell), ufcx.integral_ids(cell), ufcx.integrals(cell)
+        return [(ids[i], of[i]) for i in range(count)]
+    places = range(*ufcx.form_integral_offsets[cell : cell + 2])
+    return [(ufcx.form_integral_ids[i], ufcx.form_integrals[i]) for i in places]
+
+
+def integrals(form) -> list[int]:
+    """Subdomain of each integral of a compiled form (-1: all cells)."""
+    return [subdomain for subdomain, _ in _integrals(form)]
+
+
+def signature(form) -> str:
+    """Identifier of a compiled form, with the version of its compiler."""
+    return _FFI.string(form.ufcx.signature).decode() + ffcx.codegeneration.get_signature()
+
+
+def ufcx_folder() -> str:
+    """Folder of the header that generated C includes."""
+    return ffcx.codegeneration.get_include_path()
+
+
+def element_functions(form) -> tuple[str, list[str], int]:
+    """C source of a form's element tensors, a function name for each integral, parameter count.
+
+    Raises LookupError if the compiled form does not give these names.
+    """
+    functions = [integral.tabulate_tensor_float64 for _, integral in _integrals(form)]
+    module, names = "", []
+    for function in functions:
+        module, name = _symbol(int(_FFI.cast("uintptr_t", function)))
+        names.append(name)
+    _, source = form.code  # empty unless it has just been compiled
+    if not source:
+        # Function names derive from the module's name, so they are the same again.
+        source = _generated(form.form, Path(module).name.partition(".")[0])
+    return source, names, len(_FFI.typeof(functions[0]).args)
+
+
+class _Symbol(ctypes.Structure):
+    _fields_ = [
+        ("file", ctypes.c_char_p),
+        ("base", ctypes.c_void_p),
+        ("name", ctypes.c_char_p),
+        ("address", ctypes.c_void_p),
+    ]
+
+
+def _symbol(address: int) -> tuple[str, str]:
+    """File and name of a function, from the linker."""
+    found = _Symbol()
+    ctypes.CDLL(None).dladdr(ctypes.c_void_p(address), ctypes.byref(found))
+    if found.address != address:  # the address of an earlier symbol
+        raise LookupError("the functions that FFCx generates have no symbol names")
+    return found.file.decode(), found.name.decode()
+
+
+def _generated(ufl_form, prefix: str) -> str:
+    """C that FFCx generates for a form."""
+    if _PARAMETERS:
+        options = {"parameters": import_module("ffcx.parameters").get_parameters()}
+    else:
+        options = {"options": import_module("ffcx.options").get_options()}
+    # Header and code, or a list of these with file name extensions.
+    made: Any = ffcx.compiler.compile_ufl_objects([ufl_form], **{_PREFIX: prefix}, **options)
+    return made[1] if isinstance(made[1], str) else made[0][1]

@@ -1,0 +1,105 @@
+"""The fields of a step in UFL, on no particular mesh: forms of them fit all meshes of a kind."""
+
+from __future__ import annotations
+
+import functools
+
+import ufl
+
+from fx_beam.mechanics.kinematics import Step
+from fx_beam.mechanics.rates import Rates
+from fx_beam.validation import fields_in, refuse_fields
+
+from . import dolfinx_api
+from .section_fields import Place
+
+
+class Fields:
+    """Fields of beams of one degree, on straight elements or on elements of that degree."""
+
+    def __init__(self, degree: int, curved: bool):
+        self.degree = degree
+        self._domain = domain = dolfinx_api.domain(degree if curved else 1)
+        space = dolfinx_api.ufl_space(domain, degree)
+        self.start, self.increment = ufl.Coefficient(space), ufl.Coefficient(space)
+        #: Increment with which the forces do work, a nodal function of `increment`.
+        self.path = ufl.Coefficient(space)
+        #: Velocity and acceleration at the start of the step.
+        self.start_rates = ufl.Coefficient(space), ufl.Coefficient(space)
+        self.time, self.dt, self.load_factor = (ufl.Constant(domain) for _ in range(3))
+        self.test, self.trial = ufl.TestFunction(space), ufl.TrialFunction(space)
+        #: Fields that are updated in every step.
+        self.updated = [
+            self.start,
+            self.increment,
+            self.path,
+            *self.start_rates,
+            self.time,
+            self.dt,
+            self.load_factor,
+        ]
+
+    @property
+    def moving(self) -> tuple:
+        """Fields that change: the first two in every iteration, the others in every step."""
+        return self.increment, self.path, self.start, *self.start_rates
+
+    @property
+    def jacobian(self):
+        """Derivative (2,) of the position along the element's own coordinate."""
+        J = ufl.Jacobian(self._domain)
+        return ufl.as_vector((J[0, 0], J[1, 0]))
+
+    def data(self, place: Place):
+        """UFL's place for data of the sections."""
+        return dolfinx_api.coefficient(self._domain, *place)
+
+    def measure(self, points: int):
+        """Measure of the members, by a Gauss rule of so many points."""
+        return dolfinx_api.measure(self._domain, points)
+
+    @property
+    def full_rule(self) -> int:
+        """Points of the rule that integrates products of two fields exactly."""
+        return self.degree + 1
+
+    def trial_and_test(self):
+        """Trial functions of displacement and rotation, and the virtual ones."""
+        return *ufl.split(self.trial), *ufl.split(self.test)
+
+    def step(self, rates: Rates, what: str) -> Step:
+        """A step with its rates, those of a scheme; errors say `what` they are."""
+        # Tangent vector from the Jacobian; each form has a single quadrature rule.
+        J = self.jacobian
+        h = ufl.sqrt(J[0] ** 2 + J[1] ** 2)
+        (u0, psi0), (Du, Dpsi) = ufl.split(self.start), ufl.split(self.increment)
+        v0, a0 = (ufl.split(rate) for rate in self.start_rates)
+        v, omega = rates.fields(Du, Dpsi, v0, a0, self.dt)
+        refuse_fields(fields_in(ufl.as_vector((*v, omega))), what, self.updated)
+        virtual_u, virtual_psi = ufl.split(self.test)
+        return Step(
+            u0=u0,
+            psi0=psi0,
+            Du=Du,
+            Dpsi=Dpsi,
+            Dtheta=ufl.split(self.path)[1],
+            u=u0 + rates.level * Du,
+            psi=psi0 + rates.level * Dpsi,
+            v=v,
+            omega=omega,
+            virtual_u=virtual_u,
+            virtual_psi=virtual_psi,
+            X=ufl.SpatialCoordinate(self._domain),
+            t0=ufl.as_vector((J[0] / h, J[1] / h)),
+            h=h,
+            degree=self.degree,
+            t=self.time,
+            dt=self.dt,
+            load_factor=self.load_factor if rates.at_rest else 1.0,
+        )
+
+
+@functools.cache  # three degrees, straight and curved
+def fields_of(degree: int, curved: bool) -> Fields:
+    """The fields, the same for all scenes of a kind."""
+    return Fields(degree, curved)

@@ -1,0 +1,148 @@
+"""The weak form of one step in UFL, compiled for all scenes of a kind."""
+
+from __future__ import annotations
+
+import functools
+from collections.abc import Iterable, Sequence
+from typing import Any
+
+import ufl
+
+from fx_beam.errors import SceneError
+from fx_beam.mechanics.kinematics import arc_derivative, director
+from fx_beam.mechanics.schemes import Scheme
+from fx_beam.scene.loads import VirtualWork
+from fx_beam.scene.section import Energy, Law, quadratic_law
+from fx_beam.validation import fields_in, refuse_fields
+
+from . import dolfinx_api
+from .dolfinx_api import CompiledForm
+from .fields import Fields
+from .section_fields import Place
+from .virtual_works import added_virtual_work
+
+
+class WeakForm:
+    """Internal forces, tangent and energies of beams for a scheme, on no particular mesh.
+
+    `energies` are the different stored energies of the sections, None for the quadratic one, whose
+    stiffnesses are in `place`; several ones are numbered as subdomains. Each virtual work comes
+    with the place of its indicator.
+    """
+
+    def __init__(
+        self,
+        fields: Fields,
+        scheme: Scheme,
+        energies: Sequence[Energy | None],
+        place: Place | None,
+        works: Sequence[tuple[VirtualWork, Place]] = (),
+    ):
+        self.fields, self.scheme = fields, scheme
+        self.step = fields.step(scheme.rates, f"rates of {scheme.name}")
+        #: Stiffnesses (EA, GA, EI) of the quadratic law.
+        self.stiffness = None if place is None else fields.data(place)
+        #: Where each virtual work acts: 1 there, 0 elsewhere.
+        self.indicators = [fields.data(place) for _, place in works]
+        self._laws = [
+            quadratic_law(self.stiffness) if energy is None else Law(energy, quadratic=False)
+            for energy in energies
+        ]
+        #: N, Q and M of each law.
+        self.resultants: list[Any] = []
+        self._build_residual()
+        self.added: CompiledForm | None = None
+        if works:
+            self._add([work for work, _ in works])
+        self._compile()
+
+    def _build_residual(self) -> None:
+        dx = self.fields.measure(self.fields.degree)
+        self._residual: Any = 0
+        self._stored: Any = 0
+        moments: list[Any] = []
+        for tag, law in enumerate(self._laws):
+            dx_law = dx(tag) if len(self._laws) > 1 else dx
+            r = self.scheme.resultants(self.step, law)
+            moments.append(r.M)
+            self.resultants.append(ufl.as_vector((r.N, r.Q, r.M)))
+            self._residual += r.virtual_work(self.step) * dx_law
+            self._stored += law.energy(*self.step.strains0) * dx_law
+        self._refuse_fields(moments)
+
+    def _refuse_fields(self, moments: Iterable) -> None:
+        # UFL extracts those of the form anyway, and caches them.
+        found = [*self._residual.coefficients(), *self._residual.constants()]
+        found += [field for M in moments for field in fields_in(M)]
+        known = [*self.fields.updated, *(field for law in self._laws for field in law.data)]
+        refuse_fields(found, f"resultants of {self.scheme.name}", known)
+
+    def _add(self, works: Sequence[VirtualWork]) -> None:
+        """Add the virtual works of further forces."""
+        per_length = added_virtual_work(works, self.indicators, self.step, self.fields)
+        added = per_length * self.fields.measure(self.fields.degree)
+        try:
+            self.added = dolfinx_api.compile_form(added, "added virtual work")
+        except dolfinx_api.REFUSALS as error:
+            raise SceneError(
+                f"the added virtual work does not compile: {error}. Simplify its expressions"
+            ) from error
+        self._residual -= added
+
+    def _compile(self) -> None:
+        fields, residual = self.fields, self._residual
+        self.force = dolfinx_api.compile_form(residual, "internal forces")
+        self.tangent = self._derivative(fields.increment, "tangent")
+        #: Tangent by the increment with which the forces do work, if they depend on it.
+        self.path_tangent: CompiledForm | None = None
+        if fields.path in residual.coefficients():
+            self.path_tangent = self._derivative(fields.path, "tangent of the path")
+        self.energy = dolfinx_api.compile_form(self._stored, "strain energy")
+        #: Whether the forces depend on rates at the start of a step.
+        self.needs_rates = any(rate in residual.coefficients() for rate in fields.start_rates)
+        moves = self.needs_rates or fields.dt in residual.constants()
+        found = [part for r in self.resultants for part in fields_in(r)] if moves else []
+        #: Whether the resultants depend on rates at the start of a step, and on any rates.
+        self.resultants_need_rates = any(rate in found for rate in fields.start_rates)
+        self.resultants_move = self.resultants_need_rates or fields.dt in found
+
+    def _derivative(self, by, name: str) -> CompiledForm:
+        tangent = ufl.derivative(self._residual, by, self.fields.trial)
+        return dolfinx_api.compile_form(tangent, name)
+
+    @property
+    def facing(self):
+        """t . phi' of eq. 4 at the start of the step: 1 and the axial strain."""
+        return 1 + self.step.strains0[0]
+
+
+def weak_form(
+    fields: Fields,
+    scheme: Scheme,
+    energies: Sequence[Energy | None],
+    place: Place | None,
+    works: Sequence[tuple[VirtualWork, Place]],
+) -> WeakForm:
+    """The weak form of a kind of scene, kept if all its functions are those of this package.
+
+    Functions of the user may have changed since the last call, as far as they use other data.
+    """
+    if scheme.built_in and not works and energies == [None]:
+        return _kept(fields, scheme, place)
+    return WeakForm(fields, scheme, energies, place, works)
+
+
+@functools.lru_cache(maxsize=32)
+def _kept(fields: Fields, scheme: Scheme, place: Place | None) -> WeakForm:
+    return WeakForm(fields, scheme, [None], place)
+
+
+@functools.cache
+def sections_facing_backwards(fields: Fields) -> CompiledForm:
+    """A functional of the start of a step, positive where t . phi' > 0 (eq. 4) is violated."""
+    # The derivative along the element's own coordinate has the same sign and is cheaper.
+    X = fields.jacobian
+    u0, psi0 = ufl.split(fields.start)
+    along = ufl.dot(director(psi0, X), X + arc_derivative(u0, X))
+    backwards = (abs(along) - along) * fields.measure(fields.degree)
+    return dolfinx_api.compile_form(backwards, "sections facing backwards")
