@@ -1,60 +1,109 @@
-"""Set-up time, from the description of a scene to the first step.
+"""Time of a whole call around its steps: `simulate` with one step, `static` and `modes`.
 
-    .venv/bin/python benchmarks/setup.py [runs]
+    .venv/bin/python benchmarks/setup.py [runs] [folder of another version ...]
 
-The pinned beam with 8 and 2048 elements, the multi-body system of the demos, and chains of revolute
-links. For each: the time to describe the scene, the set-up time of `simulate` from
-`Stats.setup_seconds`, and the processor time of both, which other programs affect less. Each is
-the smallest of several runs, which take turns, after a first run that compiles the forms.
+The pinned beam with 8 and 2048 elements, the multi-body system of the demos, a chain of 800
+revolute links, and a square lattice of 64 x 64 cells. This version of the package and others take
+turns, in processes of their own with warm caches. Medians of the processor time of a call, which
+other programs affect less than its time; of the first call in a process also the time since the
+interpreter started, `import fx_beam` included.
 """
 
+import json
+import os
+import subprocess
 import sys
-from functools import partial
+import tempfile
+from collections import defaultdict
+from pathlib import Path
+from statistics import median
 from time import perf_counter, process_time
 
-from demo_scenes import scene
+ROOT = Path(__file__).parents[1]
+FIRST = "first call in a process [s]"
+# Calls in each process, after one that compiles or loads the forms.
+CALLS = {"lattice": 1, "chain": 3}
 
-import fx_beam as fb
 
-LINK = fb.Section(EA=1e6, GA=1e6, EI=1e3, rhoA=1.0, rhoI=0.01)
-
-
-def chain(links):
+def chain(fb, links):
     """Links of length 1 in a row, hinged to one another and to the ground."""
+    link = fb.Section(EA=1e6, GA=1e6, EI=1e3, rhoA=1.0, rhoI=0.01)
     scene = fb.Scene(gravity=(0.0, -9.81))
-    beams = [scene.add_beam([(k, 0), (k + 1, 0)], LINK) for k in range(links)]
+    beams = [scene.add_beam([(k, 0), (k + 1, 0)], link) for k in range(links)]
     scene.pin(beams[0].start)
     for first, second in zip(beams[:-1], beams[1:], strict=True):
         scene.add_joint(fb.Revolute(first.end, second.start))
     return scene
 
 
-CASES = {
-    **{f"pinned beam, {n} elements": partial(scene, "pinned_beam", n) for n in (8, 2048)},
-    "multi-body": partial(scene, "multibody"),
-    **{f"chain of {n} links": partial(chain, n) for n in (50, 100, 200, 400, 800)},
-}
+def lattice(fb, cells, elements=4):
+    """Struts of a square lattice, rigidly joined and clamped at one side."""
+    strut = fb.Section(EA=1e6, GA=1e6, EI=1e3, rhoA=1.0, rhoI=0.01)
+    scene, nodes = fb.Scene(gravity=(0.0, -9.81)), {}
+    for i in range(cells + 1):
+        for j in range(cells + 1):
+            for end in ((i + 1, j), (i, j + 1)):
+                if max(end) <= cells:
+                    points = [nodes.get(place, place) for place in ((i, j), end)]
+                    beam = scene.add_beam(points, strut, elements=elements)
+                    nodes |= {(i, j): beam.start, end: beam.end}
+    for i in range(cells + 1):
+        scene.clamp(nodes[i, 0])
+    return scene
 
 
-def measure(make):
-    """Seconds for the scene and for the set-up, and processor time of both with one step."""
-    started, used = perf_counter(), process_time()
-    case = make()
-    described = perf_counter() - started
-    solution = fb.simulate(case, dt=1e-5, t_end=1e-5)
-    return described, solution.stats.setup_seconds, process_time() - used
+def measure():
+    """Print the seconds of each call."""
+    from demo_scenes import scene
+
+    import fx_beam as fb
+
+    def simulate(made):
+        fb.simulate(made, dt=1e-5, t_end=1e-5)
+
+    cases = {
+        "8 elements": (lambda: scene("pinned_beam", 8), simulate),
+        "2048 elements": (lambda: scene("pinned_beam", 2048), simulate),
+        "multi-body system": (lambda: scene("multibody"), simulate),
+        "chain of 800 links": (lambda: chain(fb, 800), simulate),
+        "lattice of 64 x 64 cells": (lambda: lattice(fb, 64), simulate),
+        "one cell, static": (lambda: lattice(fb, 1), lambda made: fb.static(made, steps=1)),
+        "one cell, modes": (lambda: lattice(fb, 1), fb.modes),
+    }
+    found = {}
+    for name, (make, call) in cases.items():
+        seconds = []
+        for _ in range(1 + CALLS.get(name.split()[0], 10)):
+            made, used = make(), process_time()
+            call(made)
+            seconds.append(process_time() - used)
+            if not found:
+                found[FIRST] = [perf_counter() - STARTED]
+        found[name + " [ms]"] = [1e3 * second for second in seconds[1:]]
+    print(json.dumps(found))
 
 
-def main(runs=5):
-    found = {name: [] for name in CASES}
-    for _ in range(runs + 1):
-        for name, make in CASES.items():
-            found[name].append(measure(make))
-    print(f"{'':28}{'scene':>10}{'set-up':>10}{'processor':>11}  [s]")
-    for name, rows in found.items():
-        scene_of, setup, used = (min(times) for times in zip(*rows[1:], strict=True))
-        print(f"{name:28}{scene_of:10.3f}{setup:10.3f}{used:11.3f}")
+def main(runs=5, *others):
+    folders = [str(ROOT), *others]
+    found = defaultdict(list)
+    with tempfile.TemporaryDirectory() as caches:
+        for turn in range(runs + 1):
+            for number, folder in enumerate(folders):
+                cache = str(Path(caches) / str(number))
+                variables = os.environ | {"PYTHONPATH": folder, "XDG_CACHE_HOME": cache}
+                command = [sys.executable, __file__, "measure"]
+                done = subprocess.run(command, env=variables, check=True, capture_output=True)
+                if turn:  # the first one fills the cache
+                    for name, seconds in json.loads(done.stdout).items():
+                        found[folder, name] += seconds
+    print(f"{'':36}" + "".join(f"{Path(folder).name:>12}" for folder in folders))
+    for name in dict.fromkeys(name for _, name in found):
+        print(f"{name:36}" + "".join(f"{median(found[folder, name]):12.2f}" for folder in folders))
 
 
 if __name__ == "__main__":
-    main(*map(int, sys.argv[1:]))
+    STARTED = perf_counter()
+    if sys.argv[1:] == ["measure"]:
+        measure()
+    else:
+        main(*map(int, sys.argv[1:2]), *sys.argv[2:])

@@ -96,6 +96,10 @@ class Constant:
         """The constant, for any arguments."""
         return self._value
 
+    def each(self, arguments) -> np.ndarray:
+        """The constant (n, size), for n tuples of arguments."""
+        return np.broadcast_to(self._value, (len(arguments), len(self._value)))
+
 
 def check_takes_time(function, what: str) -> None:
     """Refuse a function whose parameters show that it depends on position instead of time."""
@@ -118,7 +122,7 @@ def time_function(value, size: int, what: str) -> TimeFunction:
     return checked_function(value, size, what, 0.0)
 
 
-def checked_function(value, size: int, what: str, *sample: float) -> Callable:
+def checked_function(value, size: int, what: str, *sample: float) -> CheckedFunction:
     """A function with values of shape (size,), from a constant or a user's function.
 
     The user's function is called once at `sample`, so that errors show before the run.
@@ -148,6 +152,28 @@ class _CheckedFunction:
         except Exception as error:
             raise SceneError(f"{self._what}: calling it at {arguments} raised {error!r}") from error
 
+    def each(self, arguments) -> np.ndarray:
+        """Values (n, size) for n tuples of arguments."""
+        try:
+            # All values are checked at once: one by one, the checks cost more than most functions.
+            found = [_kept(self.function(*own)) for own in arguments]
+            values = np.array(found, dtype=float)
+            if values.size == len(arguments) * self.size:
+                return values.reshape(-1, self.size)
+        except Exception:
+            pass  # the line below finds the arguments of the failure
+        return np.array([self(*own) for own in arguments])
+
+
+CheckedFunction = Constant | _CheckedFunction
+
+
+def _kept(value):
+    """A function's value, copied where the function may fill and return the same array again."""
+    if isinstance(value, _IMMUTABLE):
+        return value
+    return (value if isinstance(value, np.ndarray) else np.array(value)).tolist()
+
 
 def series(function: TimeFunction, times: np.ndarray, what: str) -> np.ndarray:
     """Finite values (n, size) of a `time_function` at n times [s].
@@ -155,15 +181,11 @@ def series(function: TimeFunction, times: np.ndarray, what: str) -> np.ndarray:
     Raises StepError otherwise. The `time` of the error, or of an interrupt, says when.
     """
     if isinstance(function, _CheckedFunction):
-        # All values are checked at once: one by one, the checks cost more than most functions.
+        # At once, as in `each`.
         found: list = []
         try:
             for t in times.tolist():
-                value = function.function(t)
-                if not isinstance(value, _IMMUTABLE):
-                    # Copied, as the function may fill and return the same array each time.
-                    value = (value if isinstance(value, np.ndarray) else np.array(value)).tolist()
-                found.append(value)
+                found.append(_kept(function.function(t)))  # noqa: PERF401 (an interrupt counts)
             values = np.array(found, dtype=float)
             if values.size == len(times) * function.size and np.isfinite(values).all():
                 return values.reshape(len(times), function.size)

@@ -168,7 +168,10 @@ def test_the_loop_computes_what_python_and_petsc_compute(name, scheme):
     # that weight the forces of both ends of a step take that of its start as given: it moves the
     # mass by 1e-6 dt^2/4 in a step, and by 3e-10 of the rod's length after a hundred.
     weighted = scheme.name in ("HHT", "GeneralizedAlpha")
-    close = 1e-9 if name == "pendulum" and weighted else 1e-10
+    # The discrete gradient of an energy that is not quadratic divides the rounding of the energy by
+    # an increment of strain, which may be as small as 6e-6.
+    rounded = name == "own physics" or (name == "pendulum" and weighted)
+    close = 1e-9 if rounded else 1e-10
     size = np.ptp(compiled.X, axis=0).max()
     scales = {"q": size, "v": abs(reference.v).max()}
     scales["reactions"] = abs(reference.reactions).max()
@@ -300,7 +303,7 @@ def test_a_loop_is_built_for_the_processor_that_is_asked_for(monkeypatch, tmp_pa
         built.append(build._build("a test", "", lambda: "double one(void) { return 1; }"))
     assert len(set(built)) == 3 and built[1] == built[3]
     # One that was built for a name serves all machines; a native one its own kind.
-    monkeypatch.setattr(build, "_processor", lambda: ["another"])
+    monkeypatch.setattr(build, "_processor", lambda: "another")
     monkeypatch.setenv("FX_BEAM_MARCH", "x86-64")
     assert build._build("a test", "", lambda: "none") == built[1]
     monkeypatch.delenv("FX_BEAM_MARCH")

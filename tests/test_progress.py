@@ -29,6 +29,14 @@ def arm(stop_at, how, follower=False):
     return scene, beam
 
 
+@pytest.fixture(autouse=True)
+def interruptible():
+    """A shell starts a process in the background so that it ignores Ctrl-C: not these tests."""
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)
+    yield
+    signal.signal(signal.SIGINT, before)
+
+
 def raised():
     raise KeyboardInterrupt
 

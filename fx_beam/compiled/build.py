@@ -84,12 +84,11 @@ def load_batches(form: CompiledForm, size: int, width: int, places: int) -> list
 
 def _build(what: str, key: str, source: Callable[[], str], more: Sequence[str] = ()) -> Path:
     """Path of the compiled shared library; `source` is called only if it is not in the cache."""
-    headers = [path.read_text() for path in sorted(_SOURCES.glob("*.h"))]
     target, flags = target_flags()
     flags = [*flags, *more]
     # Libraries for "native" are valid only for processors with the same features.
-    machine = _processor() if target == "native" else []
-    digest = hashlib.sha256("\n".join([key, *headers, *flags, *machine]).encode())
+    machine = [_processor()] if target == "native" else []
+    digest = hashlib.sha256("\n".join([key, _headers(), *flags, *machine]).encode())
     cache = cache_directory()
     library = cache / f"{digest.hexdigest()[:32]}.so"
     try:
@@ -152,10 +151,17 @@ def _check_target(target: str, flags: list[str]) -> None:
         )
 
 
-def _processor() -> list[str]:
+@functools.cache
+def _headers() -> str:
+    """Text of the headers that each library includes."""
+    return "\n".join(path.read_text() for path in sorted(_SOURCES.glob("*.h")))
+
+
+@functools.cache
+def _processor() -> str:
     """Features of this processor, which decide what "native" means."""
     try:
         lines = Path("/proc/cpuinfo").read_text().splitlines()
     except OSError:
-        return []
-    return [line for line in lines if line.startswith(("flags", "Features"))][:1]
+        return ""
+    return next((line for line in lines if line.startswith(("flags", "Features"))), "")

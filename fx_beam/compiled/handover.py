@@ -174,7 +174,9 @@ class Problem:
         The last block is padded with copies of the last row, or with indices from `behind` on.
         """
         lanes = self.library.LANES
-        padded = np.pad(rows, ((0, -len(rows) % lanes), (0, 0)), mode="edge")
+        padded = rows
+        if len(rows) % lanes:
+            padded = np.concatenate([rows, np.repeat(rows[-1:], -len(rows) % lanes, axis=0)])
         if behind is not None:
             padded[len(rows) :] = behind + np.arange(len(padded) - len(rows))[:, None]
         blocks = padded.reshape(len(padded) // lanes, lanes, rows.shape[1]).swapaxes(1, 2)

@@ -65,30 +65,27 @@ def _in_band(graph: scipy.sparse.csr_matrix, rows: np.ndarray, columns: np.ndarr
 def _in_rows(graph: scipy.sparse.csr_matrix, rows: np.ndarray, columns: np.ndarray) -> Factors:
     """Sparse rows in minimum-degree order, with room for exactly the fill-in."""
     n = graph.shape[0]
+    # Factors of a matrix with this graph show the fill-in: it is dominated by its diagonal, so that
+    # rows are not exchanged. Without relaxed supernodes SuperLU stores what may differ from zero.
     dominant = scipy.sparse.diags(np.full(n, 2.0 * n)) - (graph != 0)
     options = {"SymmetricMode": True}
-    order = splu(
-        dominant.tocsc(), permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options=options
-    ).perm_c.astype(int)
-    above: list[set[int]] = [set() for _ in range(n)]
-    for a, b in zip(order[rows].tolist(), order[columns].tolist(), strict=True):
-        if a != b:
-            above[min(a, b)].add(max(a, b))
-    below: list[list[int]] = [[] for _ in range(n)]
-    # Symbolic factorisation: the structure of row k is merged into the row of its nearest entry,
-    # its parent in the elimination tree.
-    for k in range(n):
-        for j in above[k]:
-            below[j].append(k)
-        if above[k]:
-            nearest = min(above[k])
-            above[nearest] |= above[k] - {nearest}
-    lengths = np.array([len(below[k]) + 1 + len(above[k]) for k in range(n)])
-    starts = np.concatenate([[0], np.cumsum(lengths)])
-    diagonals = starts[:-1] + np.array([len(left) for left in below])
-    filled = np.array([j for k in range(n) for j in (*below[k], k, *sorted(above[k]))])
+    lu = splu(
+        dominant.tocsc(),
+        permc_spec="MMD_AT_PLUS_A",
+        diag_pivot_thresh=0.0,
+        relax=1,
+        options=options,
+    )
+    order = lu.perm_c.astype(int)
+    lower, upper = lu.L, lu.U
+    lower.data[:] = upper.data[:] = 1.0  # small ones may have become zero
+    pattern = (lower + upper).tocsr()
+    pattern.sort_indices()
+    starts, filled = pattern.indptr, pattern.indices.astype(int)
+    row = np.repeat(np.arange(n), np.diff(starts))
+    diagonals = starts[:-1] + np.bincount(row[filled < row], minlength=n)
     # Rows and their columns are sorted: storage indices by bisection.
-    keys = np.repeat(np.arange(n), lengths) * n + filled
+    keys = row * n + filled
     at = np.searchsorted(keys, order[rows] * n + order[columns])
     return Factors(order, at, len(filled), 0, starts, filled, diagonals)
 

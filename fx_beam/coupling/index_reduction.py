@@ -101,8 +101,8 @@ class IndexReduction:
     def coupling(self):
         """Matrix with a 1 in each row."""
         size = len(self._column)
-        shape = (size, self.columns)
-        return scipy.sparse.csr_matrix((np.ones(size), (np.arange(size), self._column)), shape)
+        entries = np.ones(size), self._column, np.arange(size + 1)
+        return scipy.sparse.csr_matrix(entries, (size, self.columns))
 
     def project(self, r):
         """Sums over equal degrees of freedom."""

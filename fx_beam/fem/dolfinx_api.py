@@ -20,6 +20,7 @@ import ufl
 from dolfinx import fem
 from dolfinx.fem import assemble
 from ufl.algorithms.check_arities import ArityMismatch
+from ufl.domain import extract_domains
 
 import numpy as np
 
@@ -96,11 +97,23 @@ def domain(degree: int):
     return ufl.Mesh(_lagrange(degree, 2))
 
 
-def coefficient(on, points: int, shape: tuple[int, ...] = ()):
+class _Coefficient(ufl.Coefficient):
+    """A coefficient whose name may stand in C, where FFCx 0.5 writes UFL's own w_{10}."""
+
+    def __str__(self):
+        return f"w{self.count()}"
+
+
+def coefficient(space):
+    """UFL's place for a function of a space."""
+    return _Coefficient(space)
+
+
+def data(on, points: int, shape: tuple[int, ...] = ()):
     """UFL's place for data: a constant for 0 points, else `at_gauss_points` of so many."""
     if not points:
         return ufl.Constant(on, shape=shape)
-    return ufl.Coefficient(ufl.FunctionSpace(on, _lagrange(points - 1, *shape, broken=True)))
+    return _Coefficient(ufl.FunctionSpace(on, _lagrange(points - 1, *shape, broken=True)))
 
 
 def ufl_space(on, degree: int):
@@ -191,11 +204,11 @@ class CompiledForm(NamedTuple):
     code: Any
 
 
-@quietly
 def compile_form(form, name: str) -> CompiledForm:
     """Compile a UFL form through FFCx; forms that were not in the cache are logged."""
     scalar = {"scalar_type": "double" if _OF_UFL else _REAL}
-    compiled = dolfinx.jit.ffcx_jit(MPI.COMM_SELF, form, **{_OPTIONS_OF_FORMS: scalar}, **_WITH_JIT)
+    options = {_OPTIONS_OF_FORMS: scalar, **_WITH_JIT}
+    compiled = quietly(dolfinx.jit.ffcx_jit)(MPI.COMM_SELF, form, **options)
     if any(compiled[2]):
         _log.info("compiled the form %r, once", name)
     return CompiledForm(name, form, *compiled)
@@ -218,14 +231,13 @@ def bind(compiled: CompiledForm, mesh, space=None, data: Mapping | None = None, 
     )
     spaces = [space._cpp_object] * len(form.arguments()) if space else []
     subdomains, on = _subdomains(mesh, compiled, tags), mesh.ufl_domain().ufl_cargo()
+    fields = spaces, functions, constants, subdomains
     if _FORM_IS_OF_CPP:
-        arguments = ufcx, spaces, functions, constants, subdomains, on, module.ffi, code
-        return _FORM_OF_CPP(*arguments)
+        return _FORM_OF_CPP(ufcx, *fields, on, module.ffi, code)
     pointer: Any = int(module.ffi.cast("uintptr_t", module.ffi.addressof(ufcx)))
-    several = [pointer] if _FORM_HAS_SEVERAL else pointer
     maps: Any = [] if _FORM_HAS_SEVERAL else {}
-    arguments = several, spaces, functions, constants, subdomains, maps, on
-    return fem.Form(fem.form_cpp_class(_REAL)(*arguments), ufcx, code, module)
+    pointers = [pointer] if _FORM_HAS_SEVERAL else pointer
+    return fem.Form(fem.form_cpp_class(_REAL)(pointers, *fields, maps, on), ufcx, code, module)
 
 
 def _subdomains(mesh, compiled: CompiledForm, tags) -> dict:
@@ -256,10 +268,10 @@ def compile_expression(expression, points: np.ndarray, mesh=None, data: Mapping 
     `data` has the functions and constants in the place of UFL's, and `mesh` is that of its domain.
     """
     if mesh is not None:
-        theirs = {ufl.Jacobian(of): ufl.Jacobian(mesh) for of in expression.ufl_domains()}
+        theirs = {ufl.Jacobian(of): ufl.Jacobian(mesh) for of in extract_domains(expression)}
         X = {
             ufl.SpatialCoordinate(of): ufl.SpatialCoordinate(mesh)
-            for of in expression.ufl_domains()
+            for of in extract_domains(expression)
         }
         expression = ufl.replace(expression, {**theirs, **X, **(data or {})})
     return fem.Expression(expression, points, dtype=_REAL, **_WITH_JIT)

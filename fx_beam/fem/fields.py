@@ -21,11 +21,12 @@ class Fields:
         self.degree = degree
         self._domain = domain = dolfinx_api.domain(degree if curved else 1)
         space = dolfinx_api.ufl_space(domain, degree)
-        self.start, self.increment = ufl.Coefficient(space), ufl.Coefficient(space)
+        #: Displacements and rotations at the start of the step, and their increment.
+        self.start, self.increment = (dolfinx_api.coefficient(space) for _ in range(2))
         #: Increment with which the forces do work, a nodal function of `increment`.
-        self.path = ufl.Coefficient(space)
+        self.path = dolfinx_api.coefficient(space)
         #: Velocity and acceleration at the start of the step.
-        self.start_rates = ufl.Coefficient(space), ufl.Coefficient(space)
+        self.start_rates = tuple(dolfinx_api.coefficient(space) for _ in range(2))
         self.time, self.dt, self.load_factor = (ufl.Constant(domain) for _ in range(3))
         self.test, self.trial = ufl.TestFunction(space), ufl.TrialFunction(space)
         #: Fields that are updated in every step.
@@ -52,7 +53,7 @@ class Fields:
 
     def data(self, place: Place):
         """UFL's place for data of the sections."""
-        return dolfinx_api.coefficient(self._domain, *place)
+        return dolfinx_api.data(self._domain, *place)
 
     def measure(self, points: int):
         """Measure of the members, by a Gauss rule of so many points."""

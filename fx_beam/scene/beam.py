@@ -173,6 +173,8 @@ def inner_positions(beam: Beam) -> np.ndarray:
     """Positions (elements * (degree - 1), 2) of the nodes inside the elements of a beam [m]."""
     if beam.inner is not None:
         return beam.inner.reshape(-1, 2)
+    if beam.degree == 1:
+        return np.empty((0, 2))
     points = np.array([(node.x, node.y) for node in beam.nodes])
     fractions = np.arange(1, beam.degree)[:, None] / beam.degree
     return (points[:-1, None] + fractions * np.diff(points, axis=0)[:, None]).reshape(-1, 2)

@@ -10,6 +10,7 @@ import numpy as np
 
 from fx_beam.errors import SceneError
 from fx_beam.validation import (
+    CheckedFunction,
     Constant,
     TimeFunction,
     check_takes_time,
@@ -55,8 +56,8 @@ class Velocity:
     """Initial velocity (2,) [m/s] and spin [rad/s] of a node, or of all nodes of a beam."""
 
     target: Node | Beam
-    value: Callable[[float, float], np.ndarray]
-    spin: Callable[[float, float], np.ndarray]
+    value: CheckedFunction
+    spin: CheckedFunction
 
 
 def initial_velocity(target: Node | Beam, velocity, spin) -> Velocity:

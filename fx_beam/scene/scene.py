@@ -52,6 +52,7 @@ class Scene:
     def __init__(self, gravity: Sequence[float] | None = None):
         self.gravity = None if gravity is None else vector(gravity, 2, "gravity")
         self.beams: list[Beam] = []
+        self._names: set[str] = set()
         self.nodes: list[Node] = []
         #: Smallest and largest coordinates of all nodes.
         self._corners = np.full(2, np.nan), np.full(2, np.nan)
@@ -126,11 +127,10 @@ class Scene:
         >>> scene.add_beam([post.end, (2, 1)], section, elements=[2], name="girder")
         <Beam 'girder': 2 elements from node 4 at (0, 1) to node 6 at (2, 1)>
         """
-        taken = {beam.name for beam in self.beams}
         if name is None:
-            numbers = itertools.count(len(taken) + 1)
-            name = next(free for n in numbers if (free := f"beam {n}") not in taken)
-        if name in taken:
+            numbers = itertools.count(len(self.beams) + 1)
+            name = next(free for n in numbers if (free := f"beam {n}") not in self._names)
+        if name in self._names:
             raise SceneError(f"two beams are called {name!r}; use different names")
         if not isinstance(section, Section):
             raise SceneError(f"beam {name!r}: section must be an fx_beam.Section, not {section!r}")
@@ -142,9 +142,9 @@ class Scene:
                 f"{self.beams[0].name!r}; use one degree for all beams of a scene"
             )
         ends, s, inner = layout(points, elements, degree, name)
-        beam = Beam(name, self._nodes_at(ends, name), degree, s, section, inner)
-        self.beams.append(beam)
-        return beam
+        self.beams.append(Beam(name, self._nodes_at(ends, name), degree, s, section, inner))
+        self._names.add(name)
+        return self.beams[-1]
 
     def _nodes_at(self, ends: list, name: str) -> tuple[Node, ...]:
         """Nodes at the ends of elements; given nodes belong to other beams."""

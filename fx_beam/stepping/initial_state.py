@@ -174,11 +174,12 @@ def nearest_rates(model: Model, v: np.ndarray, driven: np.ndarray, weight=None) 
     """
     reduction = model.reduction
     free, w, T = reduction.free, _driven_rates(model, driven), reduction.coupling()
-    if free:
+    missing = v - T @ w
+    if free and missing.any():
         weight = scipy.sparse.diags(model.unit**-2.0) if weight is None else weight
         free_T = T[:, :free]
         normal = (free_T.T @ weight @ free_T).tocsc()
-        w[:free] = scipy.sparse.linalg.spsolve(normal, free_T.T @ (weight @ (v - T @ w)))
+        w[:free] = scipy.sparse.linalg.spsolve(normal, free_T.T @ (weight @ missing))
     return w
 
 
@@ -219,19 +220,23 @@ def _given_velocity(model: Model) -> np.ndarray:
     mesh, scene = model.mesh, model.scene
     v, unit = np.full((len(mesh.X), 3), np.nan), np.array([1.0, 1.0, mesh.size])
     for item in scene.velocities:
-        for node in mesh.nodes_of(scene, item.target):
-            x, y = map(float, mesh.X[node])
-            value = np.concatenate([item.value(x, y), item.spin(x, y)])
-            if not np.isfinite(value).all():
+        nodes = mesh.nodes_of(scene, item.target)
+        places = mesh.X[nodes].tolist()
+        given = np.hstack([item.value.each(places), item.spin.each(places)])
+        size = (abs(given) * unit).max(axis=1, keepdims=True)
+        infinite = ~np.isfinite(given).all(axis=1)
+        differs = (abs(v[nodes] - given) * unit > 1e-9 * size).any(axis=1)
+        for bad in np.flatnonzero(infinite | differs):
+            x, y = places[bad]
+            if infinite[bad]:
                 raise SceneError(
-                    f"initial velocity at ({x:g}, {y:g}) is {value}; it must be finite"
+                    f"initial velocity at ({x:g}, {y:g}) is {given[bad]}; it must be finite"
                 )
-            if (abs(v[node] - value) * unit > 1e-9 * (abs(value) * unit).max()).any():
-                raise SceneError(
-                    f"two initial velocities at ({x:g}, {y:g}): {v[node]} and {value}. Give only "
-                    "one, or equal ones"
-                )
-            v[node] = value
+            raise SceneError(
+                f"two initial velocities at ({x:g}, {y:g}): {v[nodes[bad]]} and {given[bad]}. Give "
+                "only one, or equal ones"
+            )
+        v[nodes] = given
     return model.from_nodes(np.nan_to_num(v))
 
 

@@ -61,12 +61,16 @@ def _least_energy(model: Model) -> float:
 
     It is EA/2 times the length of the Gauss point; 0 for stored energies that are not quadratic.
     """
-    least = np.inf
+    least: float = np.inf
+    stiffness: dict[int, np.ndarray] = {}
     for beam in model.scene.beams:
-        if beam.section.strain_energy is not None:
+        section = beam.section
+        if section.strain_energy is not None:
             return 0.0
-        lengths = np.diff(beam.s)[:, None]
-        s = arc_lengths(beam, dolfinx_api.gauss_points(beam.degree))
-        EA = np.asarray(beam.section.values("EA", s / beam.length))
-        least = min(least, (EA * lengths).min() / 50)
+        if section.varies("EA"):
+            gauss = dolfinx_api.gauss_points(beam.degree)
+            EA = section.values("EA", arc_lengths(beam, gauss) / beam.length).min(axis=1)
+        else:
+            EA = stiffness.setdefault(id(section), section.values("EA", np.array([0.5])))
+        least = min(least, (EA * np.diff(beam.s)).min() / 50)
     return float(least)

@@ -1,0 +1,82 @@
+"""A scene of a known kind compiles nothing; functions of the user are asked again each time."""
+
+import ufl
+
+import numpy as np
+import pytest
+
+import fx_beam as fb
+
+
+def arm(elements=3, length=1.0, EA=1e4, force=1.0, degree=1, second=None, **more):
+    """A clamped arm of one or two sections under its weight and a force at its end."""
+    scene = fb.Scene(gravity=(0.0, -9.81))
+    section = fb.Section(EA=EA, GA=EA, EI=10.0, rhoA=1.0, **more)
+    beam = scene.add_beam([(0, 0), (length, 0)], section, elements=elements, degree=degree)
+    if second is not None:
+        scene.add_beam([beam.end, (length, length)], second, elements=2, degree=degree)
+    scene.clamp(beam.start)
+    scene.add_force(beam.end, (0.0, force))
+    return scene, beam
+
+
+@pytest.fixture
+def nothing_is_signed(monkeypatch):
+    def refuse():
+        def signature(form):
+            raise AssertionError("signed again")
+
+        monkeypatch.setattr(ufl.Form, "signature", signature)
+
+    return refuse
+
+
+RUNS = {
+    "simulate": lambda scene: fb.simulate(scene, dt=0.01, t_end=0.05).q,
+    "in Python": lambda scene: fb.simulate(scene, dt=0.01, t_end=0.02, solver="petsc").q,
+    "Newmark": lambda scene: fb.simulate(scene, fb.Newmark(), dt=0.01, t_end=0.05).q,
+    "static": lambda scene: fb.static(scene).q,
+    "modes": lambda scene: fb.modes(scene, n=2).frequencies,
+}
+
+
+@pytest.mark.parametrize("degree", [1, 2])
+@pytest.mark.parametrize("run", RUNS)
+def test_other_numbers_in_a_scene_compile_nothing(run, degree, nothing_is_signed):
+    simple = {"degree": degree}
+    stepped = {"degree": degree, "second": fb.Section(EA=5e3, GA=5e3, EI=5.0, rhoA=2.0)}
+    first = [RUNS[run](arm(**kind)[0]) for kind in (simple, stepped)]
+    nothing_is_signed()
+    other = {"elements": 5, "length": 2.0, "EA": 3e4, "force": -2.0}
+    for kind, before in zip((simple, stepped), first, strict=True):
+        after = RUNS[run](arm(**kind, **other)[0])
+        assert np.isfinite(after).all()
+        assert after.shape != before.shape or abs(after - before).max() > 1e-6
+        # The first scene again: what is kept has no data of another one.
+        np.testing.assert_array_equal(RUNS[run](arm(**kind)[0]), before)
+
+
+def test_an_energy_whose_data_change_is_asked_again():
+    stiffness = {"EA": 1e4}
+
+    def energy(eps, gamma, kappa):
+        return 0.5 * (stiffness["EA"] * (eps**2 + gamma**2) + 10.0 * kappa**2)
+
+    def tip():
+        scene, beam = arm(strain_energy=energy)
+        return fb.static(scene).displacement(beam.end)[-1, 1]
+
+    stiff = tip()
+    assert tip() == stiff
+    stiffness["EA"] = 100.0
+    soft = tip()
+    # Shear adds (F + q l / 2) l / GA.
+    assert soft - stiff == pytest.approx((1.0 - 9.81 / 2) * (1 / 100 - 1e-4), rel=0.1)
+
+
+def test_two_models_of_a_kind_do_not_share_their_fields():
+    (first, beam), (other, _) = arm(), arm(EA=2e4, force=3.0)
+    solution = fb.simulate(first, dt=0.01, t_end=0.05)
+    fb.simulate(other, dt=0.01, t_end=0.05)
+    late = solution.resultants(beam).N  # evaluated after the other motion
+    np.testing.assert_array_equal(late, fb.simulate(first, dt=0.01, t_end=0.05).resultants(beam).N)
