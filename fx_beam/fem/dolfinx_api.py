@@ -341,6 +341,28 @@ def coefficient_offsets(form, functions) -> list[tuple[int, int]]:
     return found
 
 
+def places_in(form, ufl_form, whole, whole_ufl_form) -> tuple[list[int], list[int]]:
+    """Indices of a form's packed coefficients and constants among those of another one."""
+
+    def places(own, others, key: Callable, size: Callable[[Any], int]) -> list[int]:
+        starts, at = {}, 0
+        for one in others:
+            starts[key(one)] = at
+            at += size(one)
+        return [starts[key(one)] + k for one in own for k in range(size(one))]
+
+    def entries(coefficient) -> int:
+        return coefficient.function_space.element.space_dimension
+
+    coefficients = _cpp(form).coefficients, _cpp(whole).coefficients
+    constants = ufl_form.constants(), whole_ufl_form.constants()
+    return places(*coefficients, lambda one: one, entries), places(*constants, id, _size)
+
+
+def _size(constant) -> int:
+    return int(np.prod(constant.ufl_shape, dtype=int))
+
+
 def packed_coefficients(form) -> dict[int, np.ndarray]:
     """Coefficients (cells, width) of a compiled form on each subdomain."""
     packed = dolfinx.cpp.fem.pack_coefficients(_cpp(form))
@@ -354,7 +376,7 @@ def packed_constants(form, ufl_form, sought) -> tuple[np.ndarray, list[int]]:
     places, at = {}, 0
     for constant in ufl_form.constants():
         places[id(constant)] = at
-        at += int(np.prod(constant.ufl_shape, dtype=int))
+        at += _size(constant)
     packed = np.array(dolfinx.cpp.fem.pack_constants(_cpp(form)))
     return packed, [places.get(id(x), -1) for x in sought]
 

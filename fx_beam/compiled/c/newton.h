@@ -19,11 +19,13 @@ static double kinetic(const Problem *p, const Work *w) {
   return sum;
 }
 
-static void tangent(const Problem *p, const Work *w, const double *const *fields) {
+/* Internal forces f, and the tangent of internal and inertia forces. */
+static void assemble(const Problem *p, const Work *w, const double *const *fields) {
   double *K = w->tangent;
+  memset(w->f, 0, p->dofs * sizeof(double));
   memcpy(K, w->inertia, p->places * sizeof(double));
-  assemble_matrix(p, &p->tangent, fields, 0, K);
-  assemble_matrix(p, &p->path_tangent, fields, w->slope, K);
+  assemble_internal(p, fields, w->f, K);
+  add_thrusts(p, w, -1, w->f);
   add_thrust_tangent(p, w, K);
   if (p->rule != 0) return;
   double steep = steepness(p, w->dt);
@@ -31,7 +33,7 @@ static void tangent(const Problem *p, const Work *w, const double *const *fields
     K[p->turning_place[k]] += p->turning_mass[k] * steep * (w->slope[p->turning_column[k]] - 1);
 }
 
-/* The tangent of the inertia forces; `tangent` adds the part that depends on the increment. */
+/* The tangent of the inertia forces; `assemble` adds the part that depends on the increment. */
 static void begin_inertia(const Problem *p, const Work *w) {
   memset(w->inertia, 0, p->places * sizeof(double));
   for (int k = 0; k < p->mass_start[p->dofs]; ++k)
@@ -79,7 +81,7 @@ static double widest_turn(const Problem *p, const double *D) {
 
 static int newton(Problem *p, const Work *w, double dt, const double *driven) {
   int n = p->dofs, free = p->free, small_corrections = 0;
-  const double *fields[5] = {w->D, w->path, p->q, p->v, p->a};
+  const double *fields[] = {w->D, w->path, p->q, p->v, p->a, w->slope};
   double previous = HUGE_VAL, drive = 0;
   memset(w->z, 0, p->columns * sizeof(double));
   for (int i = 0; i < p->driven; ++i) drive += fabs(driven[i]);
@@ -96,16 +98,11 @@ static int newton(Problem *p, const Work *w, double dt, const double *driven) {
     acceleration(p, w, dt);
     times_mass(p, w->acc, w->r);
     LAP(INERTIA);
-    memset(w->f, 0, n * sizeof(double));
-    assemble_vector(p, &p->residual, fields, w->f);
-    add_thrusts(p, w, -1, w->f);
+    assemble(p, w, fields);
     LAP(FORCES);
     for (int i = 0; i < n; ++i) w->r[i] += w->f[i] - w->force[i];
     project(p, w, w->r, w->reduced);
     memset(w->step, 0, p->columns * sizeof(double));
-    LAP(COUPLINGS);
-    tangent(p, w, fields);
-    LAP(TANGENT);
     reduce_tangent(p, w, w->r);
     if (iteration == 1 && drive > 0 && !p->order_of_prediction) {
       for (int i = 0; i < p->driven; ++i) w->step[free + i] = -driven[i];
