@@ -20,6 +20,7 @@ from fx_beam.stepping.newton import (
     ENERGY_FLOOR,
     ENERGY_SHARE,
     LONGEST_TURN,
+    NEGLIGIBLE,
     PREDICTOR_ERROR,
     NewtonOptions,
 )
@@ -307,6 +308,7 @@ class Problem:
         p.tolerance, p.max_turn = options.tolerance, options.max_turn
         p.longest_turn, p.large_turn, p.energy_floor = LONGEST_TURN, LARGE_TURN, ENERGY_FLOOR
         p.energy_tolerance, p.predictor_error = ENERGY_SHARE * options.tolerance, PREDICTOR_ERROR
+        p.negligible = NEGLIGIBLE * options.tolerance
         p.max_iterations = options.max_iterations
 
     def _allocate(self) -> None:

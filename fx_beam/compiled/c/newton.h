@@ -79,10 +79,23 @@ static double widest_turn(const Problem *p, const double *D) {
   return widest;
 }
 
+/* A sequence that converges quadratically: its last value, and its slowest convergence so far. */
+typedef struct {
+  double last, slowest;
+} Sequence;
+
+/* Adds a value; returns a bound of the one after it. */
+static double next_after(Sequence *s, double value) {
+  s->slowest = fmax(s->slowest, value / (s->last * s->last));
+  s->last = value;
+  return s->slowest * value * value;
+}
+
 static int newton(Problem *p, const Work *w, double dt, const double *driven) {
   int n = p->dofs, free = p->free, small_corrections = 0;
   const double *fields[] = {w->D, w->path, p->q, p->v, p->a, w->slope};
-  double previous = HUGE_VAL, drive = 0;
+  Sequence sizes = {HUGE_VAL, 0}, errors = {HUGE_VAL, 0};
+  double drive = 0;
   memset(w->z, 0, p->columns * sizeof(double));
   for (int i = 0; i < p->driven; ++i) drive += fabs(driven[i]);
   if (p->order_of_prediction) {
@@ -128,15 +141,20 @@ static int newton(Problem *p, const Work *w, double dt, const double *driven) {
       energy_error += w->reduced[i] * w->step[i];
     }
     for (int i = 0; i < p->driven; ++i) w->z[free + i] = driven[i];
-    int small = size <= p->tolerance, floor = 0;
-    if (small || size > 0.5 * previous) {
+    int small = size <= p->tolerance, stalled = size > 0.5 * sizes.last, floor = 0;
+    double next_size = next_after(&sizes, size);
+    double next_error = next_after(&errors, sqrt(fabs(energy_error)));
+    int final = iteration > 2 && next_size <= p->negligible;
+    if (small || final || stalled) {
       double energy = kinetic(p, w);
       for (int i = 0; i < n; ++i) energy += fabs(w->f[i]) * fabs(w->D[i]);
+      final = final && next_error <= p->negligible * sqrt(energy);
       if (small)
         small = ++small_corrections > 2 || fabs(energy_error) <= p->energy_tolerance * energy;
       else
-        floor = fabs(energy_error) <= p->energy_floor * energy;
+        floor = stalled && fabs(energy_error) <= p->energy_floor * energy;
     }
+    small = small || final;
     if (small || floor) update_reactions(p, w);
     LAP(CHECKS);
     expand(p, w);
@@ -148,7 +166,6 @@ static int newton(Problem *p, const Work *w, double dt, const double *driven) {
       p->by_round_off += floor;
       return OK;
     }
-    previous = size;
   }
   return NO_CONVERGENCE;
 }

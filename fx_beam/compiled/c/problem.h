@@ -107,7 +107,8 @@ typedef struct {
   double level, beta, gamma, alpha_m;
 
   /* Newton's method. */
-  double tolerance, max_turn, longest_turn, large_turn, energy_floor, energy_tolerance, predictor_error;
+  double tolerance, negligible, energy_tolerance, energy_floor, predictor_error;
+  double max_turn, longest_turn, large_turn;
   int max_iterations;
 
   /* Driven columns: prescribed degrees of freedom (-1: a motor), then motors. */
