@@ -27,8 +27,7 @@ from fx_beam.studies import reporting
 ELEMENTS = (1, 8, 32, 128, 512, 2048)
 # Phases as in fx_beam/compiled/c/phases.h, in the same order.
 PHASES = (
-    "internal forces",
-    "tangent",
+    "internal forces and tangent",
     "factorisation and solution",
     "supports and joints",
     "rates and inertia",

@@ -66,7 +66,7 @@ HOUSE = {
         "arc_length",
         "full_turns",
     ],
-    "compiled": ["build", "lu_layout", "handover", "loop"],
+    "compiled": ["build", "lu_layout", "kernels", "handover", "loop"],
     "analyses": ["evaluation", "progress", "dynamics", "statics", "modal"],
     "plot": [
         "symbols",

@@ -19,7 +19,6 @@ import cffi
 
 from fx_beam.errors import SceneError
 from fx_beam.fem import ffcx_api
-from fx_beam.fem.dolfinx_api import CompiledForm
 
 _log = logging.getLogger("fx_beam")
 _SOURCES = Path(__file__).parent / "c"
@@ -51,35 +50,26 @@ def load_library(*definitions: str) -> tuple[Any, Any]:
     return ffi, ffi.dlopen(str(_build("the loop over time steps", source, lambda: source)))
 
 
-def load_batches(form: CompiledForm, size: int, width: int, places: int) -> list[int]:
-    """Addresses of a ``Batch`` of problem.h for each integral of a form.
+def load_batches(
+    name: str, key: str, source: Callable[[], str], functions: int, numbers: tuple[int, int, int]
+) -> list[int]:
+    """Addresses of a ``Batch`` of problem.h for each C function of a source.
 
-    `size`, `width`, `places`: numbers of tensor entries, coefficients and coordinates per element.
+    The functions of one element, element_0, element_1, ..., have these numbers of tensor entries,
+    coefficients and coordinates.
     """
-    numbers = f"{size}, {max(width, 1)}, {places}"
+    sizes = ", ".join(str(max(number, 1)) for number in numbers)
+    batches = [f"BATCH(batch_{i}, element_{i}, {sizes})" for i in range(functions)]
 
-    def source() -> str:
-        text, functions, parameters = ffcx_api.element_functions(form)
-        unused = ", 0" * (parameters - 4)
-        return "\n".join(
-            [
-                '#include "batch.h"',
-                *(f"INLINED ufcx_tabulate_tensor_float64 {name};" for name in functions),
-                "#define for UNROLLED for",
-                text,
-                "#undef for",
-                *(f"BATCH(batch_{i}, {f}, {numbers}{unused})" for i, f in enumerate(functions)),
-                "",
-            ]
-        )
+    def text() -> str:
+        return "\n".join(['#include "batch.h"', source(), *batches, ""])
 
     # -fwhole-program drops the unused part of FFCx's code.
     flags = ["-fwhole-program", f"-I{ffcx_api.ufcx_folder()}"]
-    key = ffcx_api.signature(form) + numbers
-    path = _build(f"{form.name!r} for several elements", key, source, flags)
+    path = _build(f"{name!r} for several elements", key + sizes, text, flags)
     library = ctypes.CDLL(str(path))
-    functions = [library[f"batch_{i}"] for i in range(len(ffcx_api.integrals(form)))]
-    return [ctypes.cast(function, ctypes.c_void_p).value or 0 for function in functions]
+    found = [library[f"batch_{i}"] for i in range(functions)]
+    return [ctypes.cast(function, ctypes.c_void_p).value or 0 for function in found]
 
 
 def _build(what: str, key: str, source: Callable[[], str], more: Sequence[str] = ()) -> Path:

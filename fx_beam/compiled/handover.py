@@ -20,24 +20,25 @@ from fx_beam.stepping.newton import (
     ENERGY_FLOOR,
     ENERGY_SHARE,
     LONGEST_TURN,
+    NEGLIGIBLE,
     PREDICTOR_ERROR,
     NewtonOptions,
 )
 from fx_beam.stepping.substeps import LARGE_TURN
 
 from .build import LoopUnavailable, load_batches, load_library
+from .kernels import Kernel
 from .lu_layout import alone_in_column, factors_of, places_of_entries
 
+# Forms that are evaluated together, by their names in C.
 _FORMS = {
-    "residual": "internal forces",
-    "tangent": "tangent",
-    "path_tangent": "tangent of the path",
-    "energy": "strain energy",
-    "backwards": "sections facing backwards",
-    "added": "added virtual work",
+    "internal": ("internal forces", "tangent", "tangent of the path"),
+    "energy": ("strain energy",),
+    "backwards": ("sections facing backwards",),
+    "added": ("added virtual work",),
 }
-# Forms that each Newton iteration assembles, in this order.
-_OF_ITERATION = "internal forces", "tangent", "tangent of the path"
+# Index of the slopes of the path among the fields in C.
+_SLOPE = 5
 
 
 class Problem:
@@ -56,9 +57,9 @@ class Problem:
         tables = model.reduction.tables()
         place = self._hand_over_couplings(tables)
         self._hand_over_mesh(place)
-        for name, form in _FORMS.items():
-            if form in model.forms.bound:
-                self._hand_over_form(getattr(self.c, name), form)
+        for name, forms in _FORMS.items():
+            if forms[0] in model.forms.bound:
+                self._hand_over_forms(getattr(self.c, name), forms)
         self.c.has_added = model.forms.has_added
         self._hand_over_rates()
         if model.forms.followers is not None:
@@ -138,26 +139,26 @@ class Problem:
         self._ints(load_start=columns.indptr, load_dof=columns.indices)
         self._doubles(load_force=columns.data)
 
-    def _hand_over_form(self, out, name: str) -> None:
+    def _hand_over_forms(self, out, names: tuple[str, ...]) -> None:
         ffi, p, forms = self.ffi, self.c, self.model.forms
-        form, compiled = forms.bound[name]
-        packed = dolfinx_api.packed_coefficients(form, compiled)
-        tags = ffcx_api.integrals(compiled)
-        out.integrals, out.width = len(tags), packed[tags[0]].shape[1]
-        size = p.cell_dofs ** len(compiled.form.arguments())
-        numbers = size, out.width, p.cell_coordinates
-        batches = load_batches(compiled, *numbers)
+        found = [forms.bound[name] for name in names if name in forms.bound]
+        form, compiled = found[0]
+        packed, tags = dolfinx_api.packed_coefficients(form, compiled), ffcx_api.integrals(compiled)
+        kernel = Kernel(found, p.cell_dofs, packed[tags[0]].shape[1])
+        out.integrals, out.width = len(tags), kernel.width + kernel.slopes
+        numbers = kernel.size, out.width, p.cell_coordinates
+        # Named after the form that takes longest to compile.
+        name = names[min(1, len(found) - 1)]
+        batches = load_batches(name, kernel.key, kernel.source, len(tags), numbers)
         out.of = integrals = self._kept(ffi.new("Integral[]", len(tags)))
         moving = sorted(dolfinx_api.coefficient_offsets(form, forms.moving))
-        # Forms of an iteration with equal coefficients share the packed array; the first packs it.
-        owner = tuple(moving) if name in _OF_ITERATION else name
-        before = len(self._shared)
-        packs = [self._lanes(packed[tag], owner=(owner, tag)) for tag in tags]
-        if len(self._shared) > before:
-            out.moving, out.changing = len(moving), sum(kind < 2 for kind, _ in moving)
-        for of, tag, batch, pack in zip(integrals, tags, batches, packs, strict=True):
-            cells = forms.cells_of(tag)
-            of.batch, of.cells, of.packed = ffi.cast("Batch *", batch), len(cells), pack
+        if kernel.slopes:
+            moving.insert(0, (_SLOPE, kernel.width))
+        out.moving, out.changing = len(moving), sum(kind in (0, 1, _SLOPE) for kind, _ in moving)
+        for of, tag, batch in zip(integrals, tags, batches, strict=True):
+            cells, pack = forms.cells_of(tag), np.pad(packed[tag], ((0, 0), (0, kernel.slopes)))
+            of.batch, of.cells = ffi.cast("Batch *", batch), len(cells)
+            of.packed = self._lanes(pack, owner=(names, tag))
             of.dofs, of.to = self._lanes(self._dofs[cells]), self._lanes(self._dofs[cells], p.dofs)
             of.place = self._lanes(self._places[cells], p.places)
             of.coordinates = self._lanes(self._coordinates[cells])
@@ -309,6 +310,7 @@ class Problem:
         p.tolerance, p.max_turn = options.tolerance, options.max_turn
         p.longest_turn, p.large_turn, p.energy_floor = LONGEST_TURN, LARGE_TURN, ENERGY_FLOOR
         p.energy_tolerance, p.predictor_error = ENERGY_SHARE * options.tolerance, PREDICTOR_ERROR
+        p.negligible = NEGLIGIBLE * options.tolerance
         p.max_iterations = options.max_iterations
 
     def _allocate(self) -> None:

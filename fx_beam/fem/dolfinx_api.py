@@ -338,6 +338,30 @@ def coefficient_offsets(form, functions) -> list[tuple[int, int]]:
     return found
 
 
+def places_in(
+    form, compiled: CompiledForm, whole, of_whole: CompiledForm
+) -> tuple[list[int], list[int]]:
+    """Indices of a bound form's packed coefficients and constants among those of another one."""
+
+    def places(own, others, key: Callable, size: Callable[[Any], int]) -> list[int]:
+        starts, at = {}, 0
+        for one in others:
+            starts[key(one)] = at
+            at += size(one)
+        return [starts[key(one)] + k for one in own for k in range(size(one))]
+
+    def entries(coefficient) -> int:
+        return coefficient.function_space.element.space_dimension
+
+    coefficients = _cpp(form).coefficients, _cpp(whole).coefficients
+    constants = compiled.form.constants(), of_whole.form.constants()
+    return places(*coefficients, lambda one: one, entries), places(*constants, id, _size)
+
+
+def _size(constant) -> int:
+    return int(np.prod(constant.ufl_shape, dtype=int))
+
+
 def packed_coefficients(form, compiled: CompiledForm) -> dict[int, np.ndarray]:
     """Coefficients (cells, width) of a bound form on each subdomain."""
     packed = dolfinx.cpp.fem.pack_coefficients(_cpp(form))
@@ -351,7 +375,7 @@ def packed_constants(form, compiled: CompiledForm, sought) -> tuple[np.ndarray, 
     places, at = {}, 0
     for constant in compiled.form.constants():
         places[constant] = at
-        at += int(np.prod(constant.ufl_shape, dtype=int))
+        at += _size(constant)
     packed = np.array(dolfinx.cpp.fem.pack_constants(_cpp(form)))
     return packed, [places.get(constant, -1) for constant in sought]
 

@@ -23,6 +23,9 @@ LONGEST_TURN = 0.5
 ENERGY_FLOOR = 4 * np.finfo(float).eps
 # Largest work of the last correction, relative to the tolerance times the energy of the step.
 ENERGY_SHARE = 1e-4
+# Largest next correction, relative to the tolerance, that is left out. It is predicted by quadratic
+# convergence.
+NEGLIGIBLE = 1e-6
 # The predictor is used up to this relative error in the previous step.
 PREDICTOR_ERROR = 0.4
 # Number of previous increments that the predictor uses.
@@ -39,7 +42,9 @@ class NewtonOptions:
         Largest entry of the last correction: displacements divided by the size of the scene, and
         rotations in radians. Convergence is quadratic: the remaining error is far smaller. In a
         stiff scene a small correction may do much work; the work of the last correction is at
-        most 1e-4 times the tolerance, relative to the energy of the step.
+        most 1e-4 times the tolerance, relative to the energy of the step. The last correction may
+        be larger if the next one, predicted by quadratic convergence, would be at most 1e-6 times
+        the tolerance.
     max_iterations : int
         Largest number of corrections; the step fails if it has not converged by then.
     max_turn : float
@@ -163,7 +168,7 @@ class Newton:
         moved_first = predicted_y is None and driven.any()
         driven_now = np.zeros(reduction.driven) if moved_first else driven
         residuals: list[float] = []
-        previous, small_corrections = np.inf, 0
+        sizes, errors, small_corrections = _Sequence(), _Sequence(), 0
         for iteration in range(1, options.max_iterations + 1):
             D, f, r, residual = self.equations.at(y, driven_now, force)
             residual = residual[:free] - self.hold
@@ -182,24 +187,26 @@ class Newton:
             y = y - step[:free]
             size = (abs(correction) / model.unit).max()
             self.check_finite(size, residuals)
-            small, ended_by = size <= options.tolerance, None
-            if small or size > 0.5 * previous:
-                error = _energy_error(
-                    float(residual @ step[:free]), float(abs(f) @ abs(D)) + moving
-                )
-                small_corrections += small
-                # A third small correction shows that only rounding errors are left.
-                if small and (error <= ENERGY_SHARE * options.tolerance or small_corrections > 2):
-                    ended_by = "increment"
-                elif not small and error <= ENERGY_FLOOR:
-                    ended_by = "round-off"
+            small, stalled = size <= options.tolerance, size > 0.5 * sizes.last
+            work = abs(float(residual @ step[:free]))
+            energy = float(abs(f) @ abs(D)) + moving
+            negligible = NEGLIGIBLE * options.tolerance
+            final = sizes.next_after(size) <= negligible
+            final &= errors.next_after(work**0.5) <= negligible * energy**0.5
+            small_corrections += small
+            ended_by = None
+            # A third small correction shows that only rounding errors are left.
+            small_work = work <= ENERGY_SHARE * options.tolerance * energy
+            if (final and iteration > 2) or (small and (small_work or small_corrections > 2)):
+                ended_by = "increment"
+            elif stalled and not small and work <= ENERGY_FLOOR * energy:
+                ended_by = "round-off"
             if ended_by:  # forces at the corrected state, to first order
                 r = r - K @ correction
             D = reduction.expand(y, driven)
             self.check_turn(D, residuals)
             if ended_by:
                 return StepSolution(D, y, r, iteration, ended_by, predicted)
-            previous = size
         reason = f"no convergence in {options.max_iterations} iterations"
         raise StepFailed("no convergence", reason, D, residuals)
 
@@ -230,12 +237,18 @@ class Newton:
             )
 
 
-def _energy_error(work: float, energy: float) -> float:
-    """Work of the residual on a correction, relative to the energy of the step.
+class _Sequence:
+    """A sequence that converges quadratically: its last value, and its slowest convergence."""
 
-    It estimates the error of the energy.
-    """
-    return float(abs(work) / energy) if energy else 0.0
+    def __init__(self) -> None:
+        self.last, self._slowest = np.inf, 0.0
+
+    def next_after(self, value: float) -> float:
+        """Add a value; returns a bound of the one after it."""
+        with np.errstate(divide="ignore", invalid="ignore"):
+            self._slowest = np.fmax(self._slowest, np.float64(value) / self.last**2)
+            self.last = value
+            return float(self._slowest * value**2)
 
 
 class Predictor:

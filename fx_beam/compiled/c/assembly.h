@@ -24,41 +24,57 @@ static void begin_form(const Problem *p, Form *form, const double *const *fields
   if (form->integrals && form->dt_at >= 0) form->constants[form->dt_at] = dt;
 }
 
-/* Adds the element tensors of a form to a scalar, a vector or matrix entries (rank 0, 1, 2). The
-   columns of the matrix are multiplied by `factor`, if given. */
-INLINED void assemble(const Problem *p, const Form *form, const double *const *fields, int rank,
-                      const double *factor, double *out) {
-  int nd = p->cell_dofs, size = rank == 2 ? nd * nd : rank == 1 ? nd : 1;
-  double A[12 * 12 * LANES];
+/* Adds the entries of an element tensor, for LANES elements. */
+INLINED void add(int entries, const int *to, const double *tensors, double *out) {
+  for (int j = 0; j < entries * LANES; j += LANES)
+#pragma GCC unroll 8
+    for (int l = 0; l < LANES; ++l) out[to[j + l]] += tensors[j + l];
+}
+
+static void evaluate(const Problem *p, const Form *form, const Integral *of, long block,
+                     const double *const *fields, double *tensors) {
+  pack(p, of, form, block, fields, 0, form->changing);
+  of->batch(tensors, of->packed + block * form->width * LANES, form->constants,
+            of->coordinates + block * p->cell_coordinates * LANES);
+}
+
+/* Adds internal forces to a vector and their tangent to matrix entries. */
+static void assemble_internal(const Problem *p, const double *const *fields, double *f, double *K) {
+  const Form *form = &p->internal;
+  int n = p->cell_dofs;
+  double A[(12 + 12 * 12) * LANES];
   for (int i = 0; i < form->integrals; ++i) {
     const Integral *of = form->of + i;
     for (long block = 0; block * LANES < of->cells; ++block) {
-      pack(p, of, form, block, fields, 0, form->changing);
-      of->batch(A, of->packed + block * form->width * LANES, form->constants,
-                of->coordinates + block * p->cell_coordinates * LANES);
-      const int *dofs = of->dofs + block * nd * LANES;
-      if (factor)
-        for (int j = 0; j < size * LANES; ++j) A[j] *= factor[dofs[j % (nd * LANES)]];
-      if (rank == 0) {
-        for (int l = 0; l < LANES && block * LANES + l < of->cells; ++l) *out += A[l];
-        continue;
-      }
-      const int *to = (rank == 2 ? of->place : of->to) + block * size * LANES;
-      for (int j = 0; j < size; ++j)
-#pragma GCC unroll 8
-        for (int l = 0; l < LANES; ++l) out[to[j * LANES + l]] += A[j * LANES + l];
+      evaluate(p, form, of, block, fields, A);
+      add(n, of->to + block * n * LANES, A, f);
+      add(n * n, of->place + block * n * n * LANES, A + n * LANES, K);
     }
   }
 }
 
-static void assemble_matrix(const Problem *p, const Form *form, const double *const *fields,
-                            const double *factor, double *out) {
-  assemble(p, form, fields, 2, factor, out);
-}
-
 static void assemble_vector(const Problem *p, const Form *form, const double *const *fields,
                             double *out) {
-  assemble(p, form, fields, 1, 0, out);
+  double A[12 * LANES];
+  for (int i = 0; i < form->integrals; ++i) {
+    const Integral *of = form->of + i;
+    for (long block = 0; block * LANES < of->cells; ++block) {
+      evaluate(p, form, of, block, fields, A);
+      add(p->cell_dofs, of->to + block * p->cell_dofs * LANES, A, out);
+    }
+  }
+}
+
+static double assemble_scalar(const Problem *p, const Form *form, const double *const *fields) {
+  double sum = 0, A[LANES];
+  for (int i = 0; i < form->integrals; ++i) {
+    const Integral *of = form->of + i;
+    for (long block = 0; block * LANES < of->cells; ++block) {
+      evaluate(p, form, of, block, fields, A);
+      for (int l = 0; l < LANES && block * LANES + l < of->cells; ++l) sum += A[l];
+    }
+  }
+  return sum;
 }
 
 /* Whether a non-negative functional is positive on any element. The padding of the last block
@@ -76,10 +92,4 @@ static int any_positive(const Problem *p, const Form *form, const double *const 
   }
   for (int l = 0; l < LANES; ++l) sum += sums[l];
   return sum > 0;
-}
-
-static double assemble_scalar(const Problem *p, const Form *form, const double *const *fields) {
-  double sum = 0;
-  assemble(p, form, fields, 0, 0, &sum);
-  return sum;
 }

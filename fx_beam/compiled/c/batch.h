@@ -17,9 +17,9 @@
 #define KEPT __attribute__((externally_visible))
 #define UNROLLED _Pragma("GCC unroll 256")
 
-/* One function of a form: `size` entries of the element tensor from `width` coefficients, the
-   constants, and `places` coordinates. Its other arguments are not used for cell integrals. */
-#define BATCH(name, function, size, width, places, ...)                                      \
+/* A function of one element: `size` entries of element tensors from `width` coefficients, the
+   constants, and `places` coordinates. */
+#define BATCH(name, function, size, width, places)                                           \
   KEPT void name(double *restrict tensors, const double *restrict coefficients,                   \
             const double *restrict constants, const double *restrict coordinates) {          \
     _Pragma("GCC ivdep")                                                                     \
@@ -28,7 +28,7 @@
       UNROLLED for (int k = 0; k < (size); ++k) A[k] = 0;                                    \
       UNROLLED for (int k = 0; k < (width); ++k) w[k] = coefficients[k * LANES + l];         \
       UNROLLED for (int k = 0; k < (places); ++k) x[k] = coordinates[k * LANES + l];         \
-      function(A, w, constants, x, __VA_ARGS__);                                             \
+      function(A, w, constants, x);                                                          \
       UNROLLED for (int k = 0; k < (size); ++k) tensors[k * LANES + l] = A[k];               \
     }                                                                                        \
   }

@@ -19,11 +19,13 @@ static double kinetic(const Problem *p, const Work *w) {
   return sum;
 }
 
-static void tangent(const Problem *p, const Work *w, const double *const *fields) {
+/* Internal forces f, and the tangent of internal and inertia forces. */
+static void assemble(const Problem *p, const Work *w, const double *const *fields) {
   double *K = w->tangent;
+  memset(w->f, 0, p->dofs * sizeof(double));
   memcpy(K, w->inertia, p->places * sizeof(double));
-  assemble_matrix(p, &p->tangent, fields, 0, K);
-  assemble_matrix(p, &p->path_tangent, fields, w->slope, K);
+  assemble_internal(p, fields, w->f, K);
+  add_thrusts(p, w, -1, w->f);
   add_thrust_tangent(p, w, K);
   if (p->rule != 0) return;
   double steep = steepness(p, w->dt);
@@ -31,7 +33,7 @@ static void tangent(const Problem *p, const Work *w, const double *const *fields
     K[p->turning_place[k]] += p->turning_mass[k] * steep * (w->slope[p->turning_column[k]] - 1);
 }
 
-/* The tangent of the inertia forces; `tangent` adds the part that depends on the increment. */
+/* The tangent of the inertia forces; `assemble` adds the part that depends on the increment. */
 static void begin_inertia(const Problem *p, const Work *w) {
   memset(w->inertia, 0, p->places * sizeof(double));
   for (int k = 0; k < p->mass_start[p->dofs]; ++k)
@@ -77,10 +79,23 @@ static double widest_turn(const Problem *p, const double *D) {
   return widest;
 }
 
+/* A sequence that converges quadratically: its last value, and its slowest convergence so far. */
+typedef struct {
+  double last, slowest;
+} Sequence;
+
+/* Adds a value; returns a bound of the one after it. */
+static double next_after(Sequence *s, double value) {
+  s->slowest = fmax(s->slowest, value / (s->last * s->last));
+  s->last = value;
+  return s->slowest * value * value;
+}
+
 static int newton(Problem *p, const Work *w, double dt, const double *driven) {
   int n = p->dofs, free = p->free, small_corrections = 0;
-  const double *fields[5] = {w->D, w->path, p->q, p->v, p->a};
-  double previous = HUGE_VAL, drive = 0;
+  const double *fields[] = {w->D, w->path, p->q, p->v, p->a, w->slope};
+  Sequence sizes = {HUGE_VAL, 0}, errors = {HUGE_VAL, 0};
+  double drive = 0;
   memset(w->z, 0, p->columns * sizeof(double));
   for (int i = 0; i < p->driven; ++i) drive += fabs(driven[i]);
   if (p->order_of_prediction) {
@@ -96,16 +111,11 @@ static int newton(Problem *p, const Work *w, double dt, const double *driven) {
     acceleration(p, w, dt);
     times_mass(p, w->acc, w->r);
     LAP(INERTIA);
-    memset(w->f, 0, n * sizeof(double));
-    assemble_vector(p, &p->residual, fields, w->f);
-    add_thrusts(p, w, -1, w->f);
+    assemble(p, w, fields);
     LAP(FORCES);
     for (int i = 0; i < n; ++i) w->r[i] += w->f[i] - w->force[i];
     project(p, w, w->r, w->reduced);
     memset(w->step, 0, p->columns * sizeof(double));
-    LAP(COUPLINGS);
-    tangent(p, w, fields);
-    LAP(TANGENT);
     reduce_tangent(p, w, w->r);
     if (iteration == 1 && drive > 0 && !p->order_of_prediction) {
       for (int i = 0; i < p->driven; ++i) w->step[free + i] = -driven[i];
@@ -131,15 +141,20 @@ static int newton(Problem *p, const Work *w, double dt, const double *driven) {
       energy_error += w->reduced[i] * w->step[i];
     }
     for (int i = 0; i < p->driven; ++i) w->z[free + i] = driven[i];
-    int small = size <= p->tolerance, floor = 0;
-    if (small || size > 0.5 * previous) {
+    int small = size <= p->tolerance, stalled = size > 0.5 * sizes.last, floor = 0;
+    double next_size = next_after(&sizes, size);
+    double next_error = next_after(&errors, sqrt(fabs(energy_error)));
+    int final = iteration > 2 && next_size <= p->negligible;
+    if (small || final || stalled) {
       double energy = kinetic(p, w);
       for (int i = 0; i < n; ++i) energy += fabs(w->f[i]) * fabs(w->D[i]);
+      final = final && next_error <= p->negligible * sqrt(energy);
       if (small)
         small = ++small_corrections > 2 || fabs(energy_error) <= p->energy_tolerance * energy;
       else
-        floor = fabs(energy_error) <= p->energy_floor * energy;
+        floor = stalled && fabs(energy_error) <= p->energy_floor * energy;
     }
+    small = small || final;
     if (small || floor) update_reactions(p, w);
     LAP(CHECKS);
     expand(p, w);
@@ -151,7 +166,6 @@ static int newton(Problem *p, const Work *w, double dt, const double *driven) {
       p->by_round_off += floor;
       return OK;
     }
-    previous = size;
   }
   return NO_CONVERGENCE;
 }

@@ -22,11 +22,12 @@ typedef struct {
   double *packed;      /* [block][coefficient][lane]; changing ones are updated */
 } Integral;
 
-/* A compiled form: one integral for each law. */
+/* Compiled forms that are evaluated together: one integral for each law. */
 typedef struct {
   int integrals, width;
   Integral *of;
-  int moving;          /* number of changing coefficients: 0 increment, 1 path, 2 start, 3 v, 4 a */
+  int moving;          /* number of changing coefficients: 0 increment, 1 path, 2 start, 3 v, 4 a,
+                          5 slope of the path */
   int changing;        /* the first of them change in every iteration, the others in every step */
   int *kind, *offset;
   double *constants;
@@ -48,7 +49,8 @@ typedef struct {
   int *massless, massless_count;
   double *per_unit;     /* 1 / size of a unit correction of each degree of freedom */
 
-  Form residual, tangent, path_tangent, energy, backwards, added;
+  Form internal;        /* internal forces, then their tangent */
+  Form energy, backwards, added;
   int has_added;
   double *weight;       /* may be null */
   int loads, *load_start, *load_dof; /* forces of unit loads, in compressed rows */
@@ -105,7 +107,8 @@ typedef struct {
   double level, beta, gamma, alpha_m;
 
   /* Newton's method. */
-  double tolerance, max_turn, longest_turn, large_turn, energy_floor, energy_tolerance, predictor_error;
+  double tolerance, negligible, energy_tolerance, energy_floor, predictor_error;
+  double max_turn, longest_turn, large_turn;
   int max_iterations;
 
   /* Driven columns: prescribed degrees of freedom (-1: a motor), then motors. */

@@ -1,0 +1,76 @@
+"""C functions of one element, from the functions that FFCx generates for each form."""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+from fx_beam.fem import dolfinx_api, ffcx_api
+from fx_beam.fem.dolfinx_api import CompiledForm
+
+
+class Kernel(NamedTuple):
+    """Forms that are evaluated together: a form, or internal forces, tangent, tangent of the path.
+
+    The compiler evaluates only once what they have in common, such as sines and cosines.
+    """
+
+    #: Forms on a mesh, each as compiled. The first has all coefficients and constants.
+    forms: list[tuple[Any, CompiledForm]]
+    #: Number of degrees of freedom and of coefficients per element.
+    cell_dofs: int
+    width: int
+
+    @property
+    def size(self) -> int:
+        """Number of tensor entries: of the first form, and of the tangent."""
+        n = self.cell_dofs
+        rank = len(self.forms[0][1].form.arguments())
+        return n**rank + (n * n if len(self.forms) > 1 else 0)
+
+    @property
+    def slopes(self) -> int:
+        """Number of slopes of the path, which follow the coefficients."""
+        return self.cell_dofs if len(self.forms) > 2 else 0
+
+    @property
+    def key(self) -> str:
+        """Identifier of the generated code."""
+        return "".join(ffcx_api.signature(form) for _, form in self.forms)
+
+    def source(self) -> str:
+        """C functions element_0, element_1, ... for each integral."""
+        tags = ffcx_api.integrals(self.forms[0][1])
+        bodies: dict[int, list[str]] = {tag: [] for tag in tags}
+        declared, texts = [], []
+        for number, (_, form) in enumerate(self.forms):
+            text, names, parameters = ffcx_api.element_functions(form)
+            texts.append(text)
+            declared += [f"INLINED ufcx_tabulate_tensor_float64 {name};" for name in names]
+            unused = ", 0" * (parameters - 4)
+            for tag, name in zip(ffcx_api.integrals(form), names, strict=True):
+                bodies[tag].append(self._call(number, name, unused))
+        arguments = "double *A, const double *w, const double *c, const double *x"
+        own = [
+            f"INLINED void element_{i}({arguments}) {{\n{''.join(bodies[tag])}}}"
+            for i, tag in enumerate(tags)
+        ]
+        return "\n".join([*declared, "#define for UNROLLED for", *texts, *own, "#undef for"])
+
+    def _call(self, number: int, name: str, unused: str) -> str:
+        """Call of the function of a form with its own coefficients and constants."""
+        if number == 0:
+            return f"{name}(A, w, c, x{unused});\n"
+        n = self.cell_dofs
+        places = dolfinx_api.places_in(*self.forms[number], *self.forms[0])
+        lists = (
+            ", ".join(f"{array}[{place}]" for place in found) or "0"
+            for array, found in zip("wc", places, strict=True)
+        )
+        own = "double own_w[] = {{{}}}, own_c[] = {{{}}}".format(*lists)
+        if number == 1:
+            return f"{{ {own};\n{name}(A + {n}, own_w, own_c, x{unused}); }}\n"
+        return (
+            f"{{ {own}, P[{n * n}] = {{0}};\n{name}(P, own_w, own_c, x{unused});\n"
+            f"for (int k = 0; k < {n * n}; ++k) "
+            f"A[{n} + k] += P[k] * w[{self.width} + k % {n}]; }}\n"
+        )
