@@ -113,8 +113,32 @@ def interval_mesh(points: np.ndarray, cells: np.ndarray, degree: int = 1):
 @quietly
 def beam_space(mesh, degree: int):
     """Mixed Lagrange space of displacement (2) and rotation (1) with equispaced nodes."""
-    fields = [_lagrange(degree, 2), _lagrange(degree)]
-    return _space(mesh, ufl.MixedElement(fields) if _OF_UFL else _BASIX.mixed_element(fields))
+    return _space(mesh, _mixed(_lagrange(degree, 2), _lagrange(degree)))
+
+
+@quietly
+def nodal_rotations(space, degree: int):
+    """The beam space with the rotations at the nodes of a cell as components, constant on it.
+
+    Degrees of freedom are the same. UFL then has the nodal values at every point of the cell.
+    """
+    element = _mixed(_lagrange(degree, 2), _lagrange(0, degree + 1, broken=True))
+    own, other = _cpp(space), _cpp(_space(space.mesh, element))
+    shape = [other.value_shape] if hasattr(other, "value_shape") else []
+    shared = type(own)(own.mesh, other.element, own.dofmap, *shape)
+    return fem.FunctionSpace(space.mesh, element, shared)
+
+
+@quietly
+def coordinate_on_cells(mesh, length: float):
+    """Function that is linear on each cell, from 0 at its first node to `length` at its last."""
+    coordinate = function(_space(mesh, _lagrange(1, broken=True)))
+    coordinate.x.array[element_dofs(coordinate.function_space)] = 0.0, length
+    return coordinate
+
+
+def _mixed(*elements):
+    return ufl.MixedElement(elements) if _OF_UFL else _BASIX.mixed_element(elements)
 
 
 def _space(mesh, element):
@@ -359,6 +383,6 @@ def packed_constants(form, ufl_form, sought) -> tuple[np.ndarray, list[int]]:
     return packed, [places.get(id(x), -1) for x in sought]
 
 
-def _cpp(form):
-    """The form of the C++ library: Python's form itself, or an attribute of it."""
-    return getattr(form, "_cpp_object", form)
+def _cpp(wrapped):
+    """The object of the C++ library: Python's object itself, or an attribute of it."""
+    return getattr(wrapped, "_cpp_object", wrapped)

@@ -11,7 +11,9 @@ import numpy as np
 import scipy.sparse
 
 from fx_beam.errors import SceneError
+from fx_beam.mechanics.exact_work import Nodes, lagrange
 from fx_beam.mechanics.kinematics import Step, arc_derivative, director
+from fx_beam.mechanics.resultants import ExactResultants
 from fx_beam.mechanics.schemes import Scheme
 from fx_beam.scene.scene import Scene
 from fx_beam.scene.section import Law, quadratic_law
@@ -45,7 +47,7 @@ class Forms:
 
     def __init__(self, scene: Scene, scheme: Scheme, mesh: Mesh):
         self._scene, self._scheme, self._mesh = scene, scheme, mesh
-        self.size = mesh.dofs.size
+        self.size, self._degree = mesh.dofs.size, scene.beams[0].degree
         #: Degrees of freedom that are rotations.
         self.turns = np.sort(mesh.dofs[:, 2])
         #: Compiled forms by name, each with its UFL.
@@ -56,6 +58,7 @@ class Forms:
         self.load_factor: Any = (
             dolfinx_api.constant(mesh.mesh, 1.0) if scheme.rates.at_rest else None
         )
+        self._laws, self._law_of_cell = self._group_laws()
         self._build_fields()
         self._build_forms()
         self.followers = None
@@ -66,14 +69,28 @@ class Forms:
 
     def _build_fields(self) -> None:
         mesh, space = self._mesh.mesh, self._mesh.space
-        self.start, self.increment = dolfinx_api.function(space), dolfinx_api.function(space)
+        self.start = dolfinx_api.function(space)
         #: Increment with which the forces do work, a nodal function of `increment`.
         self.path = dolfinx_api.function(space)
         #: Velocity and acceleration at the start of the step.
         self.start_rates = dolfinx_api.function(space), dolfinx_api.function(space)
         self.time, self.dt = dolfinx_api.constant(mesh, 0.0), dolfinx_api.constant(mesh, 1.0)
-        #: Fields that are updated in every step.
-        self._updated = [
+        self._build_step(space)
+        found = [self._scheme.resultants(self.step, law) for law in self._laws]
+        if self._degree > 1 and any(isinstance(r, ExactResultants) for r in found):
+            coordinate = dolfinx_api.coordinate_on_cells(mesh, self._degree)
+            self._build_step(dolfinx_api.nodal_rotations(space, self._degree), coordinate)
+
+    def _build_step(self, space, coordinate=None) -> None:
+        """The step, with increments and test functions on a space.
+
+        With a coordinate on the cells, the rotations of the space are nodal.
+        """
+        mesh = self._mesh.mesh
+        self.increment = dolfinx_api.function(space)
+        self._test, self._trial = ufl.TestFunction(space), ufl.TrialFunction(space)
+        #: Fields that the forms may depend on.
+        self._known = [
             self.start,
             self.increment,
             self.path,
@@ -81,20 +98,24 @@ class Forms:
             self.time,
             self.dt,
         ]
-        self._updated += [] if self.load_factor is None else [self.load_factor]
-        self._test, self._trial = ufl.TestFunction(space), ufl.TrialFunction(space)
-
+        self._known += [] if self.load_factor is None else [self.load_factor]
         # Tangent vector from the Jacobian; each form has a single quadrature rule.
         J = ufl.Jacobian(mesh)
         h = ufl.sqrt(J[0, 0] ** 2 + J[1, 0] ** 2)
         t0 = ufl.as_vector((J[0, 0] / h, J[1, 0] / h))
         (u0, psi0), (Du, Dpsi) = ufl.split(self.start), ufl.split(self.increment)
+        virtual_u, virtual_psi = ufl.split(self._test)
+        nodes = None
+        if coordinate is not None:
+            self._known.append(coordinate)
+            shape, slope = lagrange(coordinate, self._degree)
+            nodes = Nodes(Dpsi, virtual_psi, shape, self._degree / h * slope)
+            Dpsi, virtual_psi = ufl.dot(shape, Dpsi), ufl.dot(shape, virtual_psi)
         v0, a0 = (ufl.split(rate) for rate in self.start_rates)
         level = self._scheme.rates.level
         v, omega = self._scheme.rates.fields(Du, Dpsi, v0, a0, self.dt)
         of_rates = fields_in(ufl.as_vector((*v, omega)))
-        refuse_fields(of_rates, f"rates of {self._scheme.name}", self._updated)
-        virtual_u, virtual_psi = ufl.split(self._test)
+        refuse_fields(of_rates, f"rates of {self._scheme.name}", self._known)
         self.step = Step(
             u0=u0,
             psi0=psi0,
@@ -110,17 +131,16 @@ class Forms:
             X=ufl.SpatialCoordinate(mesh),
             t0=t0,
             h=h,
-            degree=self._scene.beams[0].degree,
+            degree=self._degree,
             t=self.time,
             dt=self.dt,
             load_factor=1.0 if self.load_factor is None else self.load_factor,
+            nodes=nodes,
         )
 
     def _build_forms(self) -> None:
         step = self.step
-        self._laws, law_of_cell = self._group_laws()
-        tags = law_of_cell if len(self._laws) > 1 else None
-        self._law_of_cell = law_of_cell
+        tags = self._law_of_cell if len(self._laws) > 1 else None
         #: N, Q and M of each law.
         self._resultants: list[Any] = []
         dx = dolfinx_api.measure(self._mesh.mesh, step.degree, tags)
@@ -135,7 +155,7 @@ class Forms:
             residual += r.virtual_work(step) * dx_law
             energy += law.energy(*step.strains0) * dx_law
         self._refuse_fields_of_scheme(residual, moments)
-        added = added_virtual_work(self._scene, self._mesh, step, self._test, self._updated)
+        added = added_virtual_work(self._scene, self._mesh, step, self._test, self._known)
         if added is not None:
             try:
                 self.compile("added virtual work", added * dx)
@@ -172,7 +192,7 @@ class Forms:
         # UFL extracts those of the form anyway, and caches them.
         found = [*residual.coefficients(), *residual.constants()]
         found += [field for M in moments for field in fields_in(M)]
-        known = [*self._updated, *(field for law in self._laws for field in law.data)]
+        known = [*self._known, *(field for law in self._laws for field in law.data)]
         refuse_fields(found, f"resultants of {self._scheme.name}", known)
 
     def _group_laws(self) -> tuple[list[Law], np.ndarray]:
@@ -188,14 +208,15 @@ class Forms:
                 laws.append(Law(kind, quadratic=False))
                 continue
             names = "EA", "GA", "EI"
-            stiffness = section_data(self._mesh, self._scene, names, self.step.degree)
+            stiffness = section_data(self._mesh, self._scene, names, self._degree)
             laws.append(quadratic_law(stiffness))
         kind_of_beam = np.array([kinds.index(section.strain_energy) for section in sections])
         return laws, kind_of_beam[self._mesh.beam_of_cell]
 
     def trial_and_test(self):
         """Trial functions of displacement and rotation, and the virtual ones."""
-        return *ufl.split(self._trial), self.step.virtual_u, self.step.virtual_psi
+        space = self._mesh.space
+        return *ufl.TrialFunctions(space), *ufl.TestFunctions(space)
 
     def compile(self, name: str, form):
         """Compile a form, and keep it by its name."""
