@@ -31,13 +31,12 @@ from .lu_layout import alone_in_column, factors_of, places_of_entries
 _FORMS = {
     "residual": "internal forces",
     "tangent": "tangent",
-    "path_tangent": "tangent of the path",
     "energy": "strain energy",
     "backwards": "sections facing backwards",
     "added": "added virtual work",
 }
 # Forms that each Newton iteration assembles, in this order.
-_OF_ITERATION = "internal forces", "tangent", "tangent of the path"
+_OF_ITERATION = "internal forces", "tangent"
 
 
 class Problem:
@@ -154,7 +153,7 @@ class Problem:
         before = len(self._shared)
         packs = [self._lanes(packed[tag], owner=(owner, tag)) for tag in tags]
         if len(self._shared) > before:
-            out.moving, out.changing = len(moving), sum(kind < 2 for kind, _ in moving)
+            out.moving, out.changing = len(moving), sum(kind < 1 for kind, _ in moving)
         for of, tag, batch, pack in zip(integrals, tags, batches, packs, strict=True):
             cells = forms.cells_of(tag)
             of.batch, of.cells, of.packed = ffi.cast("Batch *", batch), len(cells), pack

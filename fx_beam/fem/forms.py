@@ -70,8 +70,6 @@ class Forms:
     def _build_fields(self) -> None:
         mesh, space = self._mesh.mesh, self._mesh.space
         self.start = dolfinx_api.function(space)
-        #: Increment with which the forces do work, a nodal function of `increment`.
-        self.path = dolfinx_api.function(space)
         #: Velocity and acceleration at the start of the step.
         self.start_rates = dolfinx_api.function(space), dolfinx_api.function(space)
         self.time, self.dt = dolfinx_api.constant(mesh, 0.0), dolfinx_api.constant(mesh, 1.0)
@@ -90,14 +88,7 @@ class Forms:
         self.increment = dolfinx_api.function(space)
         self._test, self._trial = ufl.TestFunction(space), ufl.TrialFunction(space)
         #: Fields that the forms may depend on.
-        self._known = [
-            self.start,
-            self.increment,
-            self.path,
-            *self.start_rates,
-            self.time,
-            self.dt,
-        ]
+        self._known = [self.start, self.increment, *self.start_rates, self.time, self.dt]
         self._known += [] if self.load_factor is None else [self.load_factor]
         # Tangent vector from the Jacobian; each form has a single quadrature rule.
         J = ufl.Jacobian(mesh)
@@ -121,7 +112,6 @@ class Forms:
             psi0=psi0,
             Du=Du,
             Dpsi=Dpsi,
-            Dtheta=ufl.split(self.path)[1],
             u=u0 + level * Du,
             psi=psi0 + level * Dpsi,
             v=v,
@@ -168,11 +158,6 @@ class Forms:
         self._residual = self.compile("internal forces", residual)
         tangent = ufl.derivative(residual, self.increment, self._trial)
         self._tangent = self.compile("tangent", tangent)
-        self._path_tangent = None
-        if self.path in residual.coefficients():
-            tangent = ufl.derivative(residual, self.path, self._trial)
-            self._path_tangent = self.compile("tangent of the path", tangent)
-            self._path_matrix = dolfinx_api.create_matrix(self._path_tangent)
         self._energy = self.compile("strain energy", energy)
         self._needs_rates = any(rate in residual.coefficients() for rate in self.start_rates)
         moves = self._needs_rates or self.dt in residual.constants()
@@ -242,8 +227,8 @@ class Forms:
 
     @property
     def moving(self) -> tuple:
-        """Functions that change: the first two in every iteration, the others in every step."""
-        return self.increment, self.path, self.start, *self.start_rates
+        """Functions that change: the first in every iteration, the others in every step."""
+        return self.increment, self.start, *self.start_rates
 
     def cells_of(self, tag: int) -> np.ndarray:
         """Cells of a subdomain of the forms; -1 for all."""
@@ -274,7 +259,7 @@ class Forms:
 
         The next call overwrites the result.
         """
-        self._set_increment(D)
+        self.increment.x.array[:] = D
         dolfinx_api.assemble_vector(self._force, self._residual)
         if self.followers is not None:
             self.followers.add_force(*self._motion, -self._factor, self._force)
@@ -283,17 +268,8 @@ class Forms:
     def assemble_stiffness(self) -> None:
         """Assemble `stiffness` at the increment of the last `internal_force` (eq. 54)."""
         dolfinx_api.assemble_matrix(self._matrix, self._tangent)
-        if self._path_tangent is not None:
-            dolfinx_api.assemble_matrix(self._path_matrix, self._path_tangent)
-            _, slope = self._scheme.rates.work_increment(self.increment.x.array, self.turns)
-            self.stiffness.data += self._path_matrix.data * slope[self.stiffness.indices]
         if self.followers is not None:
             self.followers.subtract_tangent(*self._motion, self._factor, self.stiffness.data)
-
-    def _set_increment(self, D: np.ndarray) -> None:
-        self.increment.x.array[:] = D
-        if self._path_tangent is not None:
-            self.path.x.array[:], _ = self._scheme.rates.work_increment(D, self.turns)
 
     def added_force(self) -> np.ndarray:
         """Forces (size,) of added virtual works and followers at the last increment [N, N m]."""
@@ -359,7 +335,7 @@ class Forms:
         rows = []
         for part in parts:
             self._set_start(part.t, part.dt, part.q)
-            self._set_increment(part.D)
+            self.increment.x.array[:] = part.D
             if self.resultants_need_rates:
                 self._set_rates(*part.rates)
             out = np.empty((len(self._law_of_cell), len(points), 3))

@@ -47,9 +47,6 @@ class Step:
         Displacement (2,) [m] and rotation [rad] at the start of the step.
     Du, Dpsi : ufl expression
         Their increments over the step, the unknowns.
-    Dtheta : ufl expression
-        Increment of rotation with which moments do work in the step; for the mid-point schemes the
-        interpolated nodal values of 2 tan(Dpsi/2) (eq. 33).
     u, psi : ufl expression
         Displacement and rotation at the scheme's level in the step, where the forces are evaluated
         (the middle of the step for the mid-point schemes).
@@ -93,7 +90,6 @@ class Step:
     psi0: Any
     Du: Any
     Dpsi: Any
-    Dtheta: Any
     u: Any
     psi: Any
     v: Any

@@ -24,10 +24,9 @@ static void begin_form(const Problem *p, Form *form, const double *const *fields
   if (form->integrals && form->dt_at >= 0) form->constants[form->dt_at] = dt;
 }
 
-/* Adds the element tensors of a form to a scalar, a vector or matrix entries (rank 0, 1, 2). The
-   columns of the matrix are multiplied by `factor`, if given. */
+/* Adds the element tensors of a form to a scalar, a vector or matrix entries (rank 0, 1, 2). */
 INLINED void assemble(const Problem *p, const Form *form, const double *const *fields, int rank,
-                      const double *factor, double *out) {
+                      double *out) {
   int nd = p->cell_dofs, size = rank == 2 ? nd * nd : rank == 1 ? nd : 1;
   double A[12 * 12 * LANES];
   for (int i = 0; i < form->integrals; ++i) {
@@ -36,9 +35,6 @@ INLINED void assemble(const Problem *p, const Form *form, const double *const *f
       pack(p, of, form, block, fields, 0, form->changing);
       of->batch(A, of->packed + block * form->width * LANES, form->constants,
                 of->coordinates + block * p->cell_coordinates * LANES);
-      const int *dofs = of->dofs + block * nd * LANES;
-      if (factor)
-        for (int j = 0; j < size * LANES; ++j) A[j] *= factor[dofs[j % (nd * LANES)]];
       if (rank == 0) {
         for (int l = 0; l < LANES && block * LANES + l < of->cells; ++l) *out += A[l];
         continue;
@@ -52,13 +48,13 @@ INLINED void assemble(const Problem *p, const Form *form, const double *const *f
 }
 
 static void assemble_matrix(const Problem *p, const Form *form, const double *const *fields,
-                            const double *factor, double *out) {
-  assemble(p, form, fields, 2, factor, out);
+                            double *out) {
+  assemble(p, form, fields, 2, out);
 }
 
 static void assemble_vector(const Problem *p, const Form *form, const double *const *fields,
                             double *out) {
-  assemble(p, form, fields, 1, 0, out);
+  assemble(p, form, fields, 1, out);
 }
 
 /* Whether a non-negative functional is positive on any element. The padding of the last block
@@ -80,6 +76,6 @@ static int any_positive(const Problem *p, const Form *form, const double *const 
 
 static double assemble_scalar(const Problem *p, const Form *form, const double *const *fields) {
   double sum = 0;
-  assemble(p, form, fields, 0, 0, &sum);
+  assemble(p, form, fields, 0, &sum);
   return sum;
 }

@@ -40,7 +40,7 @@ int fx_run(Problem *p, int steps, double dt, const Inputs *inputs, Record *to) {
   begin_inertia(p, w);
   LAP(PHASES_IN_ALL);
   int n = p->dofs, held = p->columns - p->free;
-  const double *fields[5] = {w->D, w->path, p->q, p->v, p->a};
+  const double *fields[4] = {w->D, p->q, p->v, p->a};
   for (int k = 0; k < steps; ++k) {
     if (k == 0 || inputs->load_stride) begin_loads(p, w, inputs->loads + k * inputs->load_stride);
     const double *target = inputs->driven + (long)k * p->driven;
@@ -50,8 +50,8 @@ int fx_run(Problem *p, int steps, double dt, const Inputs *inputs, Record *to) {
       int dof = p->driven_dof[i];
       change[i] = target[i] - (dof >= 0 ? p->q[dof] : p->driven_now[i]);
     }
-    Form *forms[4] = {&p->residual, &p->tangent, &p->path_tangent, &p->added};
-    for (int i = 0; i < 4; ++i) begin_form(p, forms[i], fields, p->t + level * dt, dt);
+    Form *forms[3] = {&p->residual, &p->tangent, &p->added};
+    for (int i = 0; i < 3; ++i) begin_form(p, forms[i], fields, p->t + level * dt, dt);
     LAP(AUDIT);
     p->failure = newton(p, w, dt, change);
     if (p->failure && p->order_of_prediction) {

@@ -22,8 +22,7 @@ static double kinetic(const Problem *p, const Work *w) {
 static void tangent(const Problem *p, const Work *w, const double *const *fields) {
   double *K = w->tangent;
   memcpy(K, w->inertia, p->places * sizeof(double));
-  assemble_matrix(p, &p->tangent, fields, 0, K);
-  assemble_matrix(p, &p->path_tangent, fields, w->slope, K);
+  assemble_matrix(p, &p->tangent, fields, K);
   add_thrust_tangent(p, w, K);
   if (p->rule != 0) return;
   double steep = steepness(p, w->dt);
@@ -79,7 +78,7 @@ static double widest_turn(const Problem *p, const double *D) {
 
 static int newton(Problem *p, const Work *w, double dt, const double *driven) {
   int n = p->dofs, free = p->free, small_corrections = 0;
-  const double *fields[5] = {w->D, w->path, p->q, p->v, p->a};
+  const double *fields[4] = {w->D, p->q, p->v, p->a};
   double previous = HUGE_VAL, drive = 0;
   memset(w->z, 0, p->columns * sizeof(double));
   for (int i = 0; i < p->driven; ++i) drive += fabs(driven[i]);

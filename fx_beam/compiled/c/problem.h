@@ -26,7 +26,7 @@ typedef struct {
 typedef struct {
   int integrals, width;
   Integral *of;
-  int moving;          /* number of changing coefficients: 0 increment, 1 path, 2 start, 3 v, 4 a */
+  int moving;          /* number of changing coefficients: 0 increment, 1 start, 2 v, 3 a */
   int changing;        /* the first of them change in every iteration, the others in every step */
   int *kind, *offset;
   double *constants;
@@ -48,7 +48,7 @@ typedef struct {
   int *massless, massless_count;
   double *per_unit;     /* 1 / size of a unit correction of each degree of freedom */
 
-  Form residual, tangent, path_tangent, energy, backwards, added;
+  Form residual, tangent, energy, backwards, added;
   int has_added;
   double *weight;       /* may be null */
   int loads, *load_start, *load_dof; /* forces of unit loads, in compressed rows */
