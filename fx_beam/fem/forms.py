@@ -84,29 +84,24 @@ class Forms:
 
         With a coordinate on the cells, the rotations of the space are nodal.
         """
-        mesh = self._mesh.mesh
         self.increment = dolfinx_api.function(space)
         self._test, self._trial = ufl.TestFunction(space), ufl.TrialFunction(space)
-        #: Fields that the forms may depend on.
-        self._known = [self.start, self.increment, *self.start_rates, self.time, self.dt]
-        self._known += [] if self.load_factor is None else [self.load_factor]
         # Tangent vector from the Jacobian; each form has a single quadrature rule.
-        J = ufl.Jacobian(mesh)
+        J = ufl.Jacobian(self._mesh.mesh)
         h = ufl.sqrt(J[0, 0] ** 2 + J[1, 0] ** 2)
         t0 = ufl.as_vector((J[0, 0] / h, J[1, 0] / h))
         (u0, psi0), (Du, Dpsi) = ufl.split(self.start), ufl.split(self.increment)
         virtual_u, virtual_psi = ufl.split(self._test)
         nodes = None
         if coordinate is not None:
-            self._known.append(coordinate)
             shape, slope = lagrange(coordinate, self._degree)
             nodes = Nodes(Dpsi, virtual_psi, shape, self._degree / h * slope)
             Dpsi, virtual_psi = ufl.dot(shape, Dpsi), ufl.dot(shape, virtual_psi)
-        v0, a0 = (ufl.split(rate) for rate in self.start_rates)
+        #: Fields that the forms may depend on.
+        self._known = [self.start, self.increment, *self.start_rates, self.time, self.dt]
+        self._known += [field for field in (self.load_factor, coordinate) if field is not None]
         level = self._scheme.rates.level
-        v, omega = self._scheme.rates.fields(Du, Dpsi, v0, a0, self.dt)
-        of_rates = fields_in(ufl.as_vector((*v, omega)))
-        refuse_fields(of_rates, f"rates of {self._scheme.name}", self._known)
+        v, omega = self._rates_in(Du, Dpsi)
         self.step = Step(
             u0=u0,
             psi0=psi0,
@@ -118,7 +113,7 @@ class Forms:
             omega=omega,
             virtual_u=virtual_u,
             virtual_psi=virtual_psi,
-            X=ufl.SpatialCoordinate(mesh),
+            X=ufl.SpatialCoordinate(self._mesh.mesh),
             t0=t0,
             h=h,
             degree=self._degree,
@@ -127,6 +122,14 @@ class Forms:
             load_factor=1.0 if self.load_factor is None else self.load_factor,
             nodes=nodes,
         )
+
+    def _rates_in(self, Du, Dpsi):
+        """Velocity and spin at the scheme's level."""
+        v0, a0 = (ufl.split(rate) for rate in self.start_rates)
+        v, omega = self._scheme.rates.fields(Du, Dpsi, v0, a0, self.dt)
+        of_rates = fields_in(ufl.as_vector((*v, omega)))
+        refuse_fields(of_rates, f"rates of {self._scheme.name}", self._known)
+        return v, omega
 
     def _build_forms(self) -> None:
         step = self.step
