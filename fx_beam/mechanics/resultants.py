@@ -155,7 +155,7 @@ def _at(step: Step, law: Law, u, psi) -> Resultants:
 
 def averaged(step: Step, law: Law) -> Resultants:
     """Resultants of the averaged strains on the averaged directors (eqs 36 to 41 and 47)."""
-    N, Q, M = discrete_gradient(law, step.strains0, step.strains1, _length_scale(step))
+    N, Q, M = discrete_gradient(law, step.strains0, step.strains1, step.h / 10)
     dphi = step.t0 + step.prime(step.u0 + step.Du / 2)
     t = (director(step.psi0, step.t0) + director(step.psi0 + step.Dpsi, step.t0)) / 2
     m = M / (1 + tan(step.Dpsi / 2) ** 2)
@@ -167,16 +167,11 @@ def with_exact_work(step: Step, r: Resultants) -> ExactResultants:
     return ExactResultants(*r._replace(m=r.M))
 
 
-def _length_scale(step: Step):
-    """Length that makes a curvature comparable with strains, in `discrete_gradient`."""
-    return step.h / 10
-
-
 def discrete_gradient(law: Law, e0, e1, length):
     """N, Q and M whose work on the strain increment is the increment of the stored energy.
 
     Those at the mean strain for a quadratic energy (eqs 40 and 41), else with the smallest
-    correction (Gonzalez 1996, doi 10.1007/BF02440162); `length` makes curvatures comparable.
+    correction (Gonzalez 1996, doi 10.1007/BF02440162). `length` makes curvatures comparable.
     """
     mean = law.resultants(*((a + b) / 2 for a, b in zip(e0, e1, strict=True)))
     if law.quadratic:
