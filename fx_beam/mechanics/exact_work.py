@@ -54,13 +54,13 @@ def exact_virtual_work(step: Step, dphi, n, m):
 
 
 def _turning_work(step: Step, lever, m):
-    """Virtual psi' m - virtual psi lever, with functions N^_a and B^_a in place of N_a and N_a'.
+    """Virtual psi' m - virtual psi lever, with functions S_a and B_a in place of N_a and N_a'.
 
     With x_a = Dpsi_a/2, y = Dpsi/2 and c_a = cos(x_a) (x_a - y) / sin(x_a - y) they are
-        N^_a = N_a c_a / sum_b N_b c_b,     B^_a = cos(y) (N_a' c_a - N^_a sum_b N_b' c_b).
+        S_a = N_a c_a / sum_b N_b c_b,     B_a = cos(y) (N_a' c_a - S_a sum_b N_b' c_b).
     """
     # c_a (tan(x_a) - tan(y)) = (x_a - y) / cos(y). The sums of N_a (x_a - y) and N_a' (x_a - y) are
-    # zero and Dpsi'/2: those of N^_a and B^_a times 2 tan(x_a) are 2 tan(y) and Dpsi'.
+    # zero and Dpsi'/2: those of S_a and B_a times 2 tan(x_a) are 2 tan(y) and Dpsi'.
     nodes, y = step.nodes, step.Dpsi / 2
     c = ufl.as_vector([ufl.cos(D / 2) / _sine_quotient(D / 2 - y) for D in nodes.Dpsi])
     # Collected by virtual_psi_a, which keeps the derivative short.
