@@ -17,7 +17,7 @@ PACKAGE = Path(fx_beam.__file__).parent
 HOUSE = {
     "": ["errors", "validation"],
     "scene": ["beam", "curve", "loads", "section", "coordinate", "joints", "summary", "scene"],
-    "mechanics": ["interval", "kinematics", "rates", "resultants", "schemes"],
+    "mechanics": ["interval", "kinematics", "exact_work", "rates", "resultants", "schemes"],
     "results": [
         "files",
         "audit",

@@ -109,7 +109,7 @@ def test_where_a_number_is_wanted(build, kind):
 
 def test_what_is_kept_up_to_date_is_accepted():
     def everything(step):
-        pull = step.t * step.dt * (step.u0[1] + step.u[1] + step.psi + step.Dtheta + step.X[0])
+        pull = step.t * step.dt * (step.u0[1] + step.u[1] + step.psi + step.Dpsi + step.X[0])
         return (pull + step.v[1] + step.omega) * step.virtual_u[1]
 
     def own(step, law):

@@ -57,9 +57,18 @@ def sprung():
     return scene
 
 
+def curved_beam():
+    """An arc of degree 3 that swings under its weight."""
+    scene = fb.Scene(gravity=(0.0, -9.81))
+    beam = scene.add_beam(fb.arc((0, 0), (1, 0.5), (2, 0)), FLYING, elements=2, degree=3)
+    scene.pin(beam.start)
+    return scene
+
+
 SCENES = {
     "pinned beam": (lambda: pinned_beam(4)[0], 0.01),
     "pinned beam of degree 2": (lambda: pinned_beam(2, degree=2)[0], 0.01),
+    "curved beam of degree 3": (curved_beam, 0.01),
     "driven frame": (driven_frame, 0.01),
     "linkage": (linkage, 0.01),
     "springs, dampers and a follower": (sprung, 0.01),

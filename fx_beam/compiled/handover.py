@@ -32,13 +32,11 @@ from .lu_layout import alone_in_column, factors_of, places_of_entries
 
 # Forms that are evaluated together, by their names in C.
 _FORMS = {
-    "internal": ("internal forces", "tangent", "tangent of the path"),
+    "internal": ("internal forces", "tangent"),
     "energy": ("strain energy",),
     "backwards": ("sections facing backwards",),
     "added": ("added virtual work",),
 }
-# Index of the slopes of the path among the fields in C.
-_SLOPE = 5
 
 
 class Problem:
@@ -144,21 +142,19 @@ class Problem:
         found = [forms.bound[name] for name in names if name in forms.bound]
         form, compiled = found[0]
         packed, tags = dolfinx_api.packed_coefficients(form, compiled), ffcx_api.integrals(compiled)
-        kernel = Kernel(found, p.cell_dofs, packed[tags[0]].shape[1])
-        out.integrals, out.width = len(tags), kernel.width + kernel.slopes
+        kernel = Kernel(found, p.cell_dofs)
+        out.integrals, out.width = len(tags), packed[tags[0]].shape[1]
         numbers = kernel.size, out.width, p.cell_coordinates
         # Named after the form that takes longest to compile.
         name = names[min(1, len(found) - 1)]
         batches = load_batches(name, kernel.key, kernel.source, len(tags), numbers)
         out.of = integrals = self._kept(ffi.new("Integral[]", len(tags)))
         moving = sorted(dolfinx_api.coefficient_offsets(form, forms.moving))
-        if kernel.slopes:
-            moving.insert(0, (_SLOPE, kernel.width))
-        out.moving, out.changing = len(moving), sum(kind in (0, 1, _SLOPE) for kind, _ in moving)
+        out.moving, out.changing = len(moving), sum(kind == 0 for kind, _ in moving)
         for of, tag, batch in zip(integrals, tags, batches, strict=True):
-            cells, pack = forms.cells_of(tag), np.pad(packed[tag], ((0, 0), (0, kernel.slopes)))
+            cells = forms.cells_of(tag)
             of.batch, of.cells = ffi.cast("Batch *", batch), len(cells)
-            of.packed = self._lanes(pack, owner=(names, tag))
+            of.packed = self._lanes(packed[tag], owner=(names, tag))
             of.dofs, of.to = self._lanes(self._dofs[cells]), self._lanes(self._dofs[cells], p.dofs)
             of.place = self._lanes(self._places[cells], p.places)
             of.coordinates = self._lanes(self._coordinates[cells])

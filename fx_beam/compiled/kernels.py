@@ -9,16 +9,15 @@ from fx_beam.fem.dolfinx_api import CompiledForm
 
 
 class Kernel(NamedTuple):
-    """Forms that are evaluated together: a form, or internal forces, tangent, tangent of the path.
+    """Forms that are evaluated together: a single form, or internal forces and their tangent.
 
     The compiler evaluates only once what they have in common, such as sines and cosines.
     """
 
     #: Forms on a mesh, each as compiled. The first has all coefficients and constants.
     forms: list[tuple[Any, CompiledForm]]
-    #: Number of degrees of freedom and of coefficients per element.
+    #: Number of degrees of freedom per element.
     cell_dofs: int
-    width: int
 
     @property
     def size(self) -> int:
@@ -26,11 +25,6 @@ class Kernel(NamedTuple):
         n = self.cell_dofs
         rank = len(self.forms[0][1].form.arguments())
         return n**rank + (n * n if len(self.forms) > 1 else 0)
-
-    @property
-    def slopes(self) -> int:
-        """Number of slopes of the path, which follow the coefficients."""
-        return self.cell_dofs if len(self.forms) > 2 else 0
 
     @property
     def key(self) -> str:
@@ -67,10 +61,4 @@ class Kernel(NamedTuple):
             for array, found in zip("wc", places, strict=True)
         )
         own = "double own_w[] = {{{}}}, own_c[] = {{{}}}".format(*lists)
-        if number == 1:
-            return f"{{ {own};\n{name}(A + {n}, own_w, own_c, x{unused}); }}\n"
-        return (
-            f"{{ {own}, P[{n * n}] = {{0}};\n{name}(P, own_w, own_c, x{unused});\n"
-            f"for (int k = 0; k < {n * n}; ++k) "
-            f"A[{n} + k] += P[k] * w[{self.width} + k % {n}]; }}\n"
-        )
+        return f"{{ {own};\n{name}(A + {n}, own_w, own_c, x{unused}); }}\n"

@@ -45,7 +45,7 @@ class Loads:
 
     def _line_load(self, beam: Beam, along: Callable | None) -> np.ndarray:
         """Nodal forces (size, 2) of a unit line load along x and y, or (size, 1) of one along s."""
-        mesh, fields = self._mesh, self._forms.fields
+        mesh, fields = self._mesh, self._forms.fields.plain
         if along is None:
             data, directions = on_beam(mesh, self._scene, beam), np.eye(2)
         else:

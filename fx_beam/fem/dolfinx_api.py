@@ -97,28 +97,23 @@ def domain(degree: int):
     return ufl.Mesh(_lagrange(degree, 2))
 
 
-class _Coefficient(ufl.Coefficient):
-    """A coefficient whose name may stand in C, where FFCx 0.5 writes UFL's own w_{10}."""
+class Coefficient(ufl.Coefficient):
+    """UFL's place for a function. Its name may stand in C; FFCx 0.5 takes UFL's own, w_{10}."""
 
     def __str__(self):
         return f"w{self.count()}"
-
-
-def coefficient(space):
-    """UFL's place for a function of a space."""
-    return _Coefficient(space)
 
 
 def data(on, points: int, shape: tuple[int, ...] = ()):
     """UFL's place for data: a constant for 0 points, else `at_gauss_points` of so many."""
     if not points:
         return ufl.Constant(on, shape=shape)
-    return _Coefficient(ufl.FunctionSpace(on, _lagrange(points - 1, *shape, broken=True)))
+    return Coefficient(ufl.FunctionSpace(on, _lagrange(points - 1, *shape, broken=True)))
 
 
-def ufl_space(on, degree: int):
-    """UFL's mixed Lagrange space of displacement (2) and rotation (1) with equispaced nodes."""
-    return ufl.FunctionSpace(on, _beam_element(degree))
+def ufl_space(on, degree: int, nodal: bool = False):
+    """UFL's side of `beam_space`, or of its `nodal_rotations`."""
+    return ufl.FunctionSpace(on, _beam_element(degree, nodal))
 
 
 @quietly
@@ -127,8 +122,30 @@ def beam_space(mesh, degree: int):
     return _space(mesh, _beam_element(degree))
 
 
-def _beam_element(degree: int):
-    fields = [_lagrange(degree, 2), _lagrange(degree)]
+@quietly
+def nodal_rotations(space, degree: int):
+    """The beam space with the rotations at the nodes of a cell as components, constant on it.
+
+    Degrees of freedom are the same. UFL then has the nodal values at every point of the cell.
+    """
+    element = _beam_element(degree, nodal=True)
+    own, other = _cpp(space), _cpp(_space(space.mesh, element))
+    shape = [other.value_shape] if hasattr(other, "value_shape") else []
+    shared = type(own)(own.mesh, other.element, own.dofmap, *shape)
+    return fem.FunctionSpace(space.mesh, element, shared)
+
+
+@quietly
+def coordinate_on_cells(mesh, length: float):
+    """Function that is linear on each cell, from 0 at its first node to `length` at its last."""
+    coordinate = function(_space(mesh, _lagrange(1, broken=True)))
+    coordinate.x.array[element_dofs(coordinate.function_space)] = 0.0, length
+    return coordinate
+
+
+def _beam_element(degree: int, nodal: bool = False):
+    rotation = _lagrange(0, degree + 1, broken=True) if nodal else _lagrange(degree)
+    fields = [_lagrange(degree, 2), rotation]
     return ufl.MixedElement(fields) if _OF_UFL else _BASIX.mixed_element(fields)
 
 
@@ -380,6 +397,6 @@ def packed_constants(form, compiled: CompiledForm, sought) -> tuple[np.ndarray, 
     return packed, [places.get(constant, -1) for constant in sought]
 
 
-def _cpp(form):
-    """The form of the C++ library: Python's form itself, or an attribute of it."""
-    return getattr(form, "_cpp_object", form)
+def _cpp(wrapped):
+    """The object of the C++ library: Python's object itself, or an attribute of it."""
+    return getattr(wrapped, "_cpp_object", wrapped)

@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import copy
 import functools
+from typing import Any
 
 import ufl
 
+from fx_beam.mechanics.exact_work import Nodes, lagrange
 from fx_beam.mechanics.kinematics import Step
 from fx_beam.mechanics.rates import Rates
 from fx_beam.validation import fields_in, refuse_fields
@@ -21,29 +24,40 @@ class Fields:
         self.degree = degree
         self._domain = domain = dolfinx_api.domain(degree if curved else 1)
         space = dolfinx_api.ufl_space(domain, degree)
-        #: Displacements and rotations at the start of the step, and their increment.
-        self.start, self.increment = (dolfinx_api.coefficient(space) for _ in range(2))
-        #: Increment with which the forces do work, a nodal function of `increment`.
-        self.path = dolfinx_api.coefficient(space)
+        #: Displacements and rotations at the start of the step.
+        self.start = dolfinx_api.Coefficient(space)
         #: Velocity and acceleration at the start of the step.
-        self.start_rates = tuple(dolfinx_api.coefficient(space) for _ in range(2))
+        self.start_rates = tuple(dolfinx_api.Coefficient(space) for _ in range(2))
         self.time, self.dt, self.load_factor = (ufl.Constant(domain) for _ in range(3))
+        #: The fields without nodal rotations, for mass and loads.
+        self.plain = self
+        #: Coordinate on each cell, from 0 to the degree, of `with_nodal_rotations`.
+        self.coordinate: Any = None
+        self._set_unknowns(space)
+
+    def _set_unknowns(self, space) -> None:
+        #: Increments of displacements and rotations.
+        self.increment = dolfinx_api.Coefficient(space)
         self.test, self.trial = ufl.TestFunction(space), ufl.TrialFunction(space)
-        #: Fields that are updated in every step.
-        self.updated = [
-            self.start,
-            self.increment,
-            self.path,
-            *self.start_rates,
-            self.time,
-            self.dt,
-            self.load_factor,
-        ]
+
+    @functools.cached_property
+    def with_nodal_rotations(self) -> Fields:
+        """The same fields, but with the rotations of the unknowns at the nodes of the element."""
+        other = copy.copy(self)
+        other.coordinate = dolfinx_api.data(self._domain, 2)
+        other._set_unknowns(dolfinx_api.ufl_space(self._domain, self.degree, nodal=True))
+        return other
+
+    @property
+    def known(self) -> list:
+        """All fields, of which forms may consist."""
+        found = [*self.moving, self.time, self.dt, self.load_factor]
+        return found if self.coordinate is None else [*found, self.coordinate]
 
     @property
     def moving(self) -> tuple:
-        """Fields that change: the first two in every iteration, the others in every step."""
-        return self.increment, self.path, self.start, *self.start_rates
+        """Fields that change: the first in every iteration, the others in every step."""
+        return self.increment, self.start, *self.start_rates
 
     @property
     def jacobian(self):
@@ -74,16 +88,20 @@ class Fields:
         J = self.jacobian
         h = ufl.sqrt(J[0] ** 2 + J[1] ** 2)
         (u0, psi0), (Du, Dpsi) = ufl.split(self.start), ufl.split(self.increment)
+        virtual_u, virtual_psi = ufl.split(self.test)
+        nodes = None
+        if self.coordinate is not None:
+            shape, slope = lagrange(self.coordinate, self.degree)
+            nodes = Nodes(Dpsi, virtual_psi, shape, self.degree / h * slope)
+            Dpsi, virtual_psi = ufl.dot(shape, Dpsi), ufl.dot(shape, virtual_psi)
         v0, a0 = (ufl.split(rate) for rate in self.start_rates)
         v, omega = rates.fields(Du, Dpsi, v0, a0, self.dt)
-        refuse_fields(fields_in(ufl.as_vector((*v, omega))), what, self.updated)
-        virtual_u, virtual_psi = ufl.split(self.test)
+        refuse_fields(fields_in(ufl.as_vector((*v, omega))), what, self.known)
         return Step(
             u0=u0,
             psi0=psi0,
             Du=Du,
             Dpsi=Dpsi,
-            Dtheta=ufl.split(self.path)[1],
             u=u0 + rates.level * Du,
             psi=psi0 + rates.level * Dpsi,
             v=v,
@@ -97,6 +115,7 @@ class Fields:
             t=self.time,
             dt=self.dt,
             load_factor=self.load_factor if rates.at_rest else 1.0,
+            nodes=nodes,
         )
 
 

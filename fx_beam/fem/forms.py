@@ -17,7 +17,7 @@ from .fields import fields_of
 from .follower_loads import Followers
 from .mesh import Mesh
 from .section_fields import Data, on_beam, section_data
-from .weak_form import sections_facing_backwards, weak_form
+from .weak_form import WeakForm, sections_facing_backwards, weak_form
 
 
 class Part(NamedTuple):
@@ -48,8 +48,6 @@ class Forms:
         self.bound: dict[str, tuple[Any, CompiledForm]] = {}
         #: Their names, in order.
         self.names: list[str] = []
-        self.fields = fields_of(scene.beams[0].degree, mesh.curved)
-        self._build_fields()
         self._build_forms(scene)
         self.followers = None
         if any(load.follower for load in scene.loads):
@@ -57,49 +55,50 @@ class Forms:
 
     # -- Construction ---------------------------------------------------------------------------
 
-    def _build_fields(self) -> None:
-        mesh, space, fields = self._mesh.mesh, self._mesh.space, self.fields
-        self.time, self.dt = dolfinx_api.constant(mesh, 0.0), dolfinx_api.constant(mesh, 1.0)
-        #: Load factor; 1 in dynamics.
-        self.load_factor = dolfinx_api.constant(mesh, 1.0)
-        #: What is in the place of UFL's fields on this mesh.
-        self._data: dict[Any, Any] = {
-            fields.time: self.time,
-            fields.dt: self.dt,
-            fields.load_factor: self.load_factor,
-            **{field: dolfinx_api.function(space) for field in fields.moving},
-        }
-        self.increment, self._path, self._start, *self._start_rates = self.moving
-
-    @property
-    def moving(self) -> list:
-        """Functions that change: the first two in every iteration, the others in every step."""
-        return [self._data[field] for field in self.fields.moving]
-
     def _build_forms(self, scene: Scene) -> None:
         self._weak = weak = self._weak_form(scene)
+        #: UFL's fields, and what is in their places on this mesh.
+        self.fields = weak.fields
+        self._data |= self._fields()
+        self.increment, self._start, *self._start_rates = self.moving
         if weak.added is not None:
             self._added = self._bind(weak.added)
-        self._residual, tangent = self._bind(weak.force), self._bind(weak.tangent)
-        self._tangent, self._path_tangent = tangent, None
-        if weak.path_tangent is not None:
-            self._path_tangent = self._bind(weak.path_tangent)
-            self._path_matrix = dolfinx_api.create_matrix(self._path_tangent)
+        self._residual, self._tangent = self._bind(weak.force), self._bind(weak.tangent)
         self._energy = self._bind(weak.energy)
         #: Whether the resultants depend on rates at the start of a step, and on any rates.
         self.resultants_need_rates = weak.resultants_need_rates
         self.resultants_move = weak.resultants_move
 
-        self._matrix = dolfinx_api.create_matrix(tangent)
+        self._matrix = dolfinx_api.create_matrix(self._tangent)
         shape = (self.size, self.size)
         pattern = self._matrix.indices, self._matrix.indptr
         #: Tangent of the internal forces, a view on the assembled values.
         self.stiffness = scipy.sparse.csr_matrix((self._matrix.data, *pattern), shape, copy=False)
         self._force = np.zeros(self.size)
 
-    def _weak_form(self, scene: Scene):
-        """The weak form of the scene, whose data are added to those of the forms."""
-        mesh, degree = self._mesh, self.fields.degree
+    def _fields(self) -> dict[Any, Any]:
+        """Constants and functions in the place of UFL's fields."""
+        mesh, space, fields = self._mesh.mesh, self._mesh.space, self.fields
+        self.time, self.dt, self.load_factor = (
+            dolfinx_api.constant(mesh, value) for value in (0.0, 1.0, 1.0)
+        )
+        found = {fields.time: self.time, fields.dt: self.dt, fields.load_factor: self.load_factor}
+        #: Space of the increment and of the virtual displacements and rotations.
+        self._space = space
+        if fields.coordinate is not None:
+            self._space = dolfinx_api.nodal_rotations(space, fields.degree)
+            found[fields.coordinate] = dolfinx_api.coordinate_on_cells(mesh, fields.degree)
+        found |= {field: dolfinx_api.function(space) for field in fields.moving[1:]}
+        return found | {fields.increment: dolfinx_api.function(self._space)}
+
+    @property
+    def moving(self) -> list:
+        """Functions that change: the first in every iteration, the others in every step."""
+        return [self._data[field] for field in self.fields.moving]
+
+    def _weak_form(self, scene: Scene) -> WeakForm:
+        """The weak form of the scene; the data of the sections are those of the forms."""
+        mesh, degree = self._mesh, scene.beams[0].degree
         energies: list[Any] = []
         for beam in scene.beams:
             if beam.section.strain_energy not in energies:
@@ -116,26 +115,30 @@ class Forms:
             for work in scene.virtual_works
         ]
         weak = weak_form(
-            self.fields,
+            fields_of(degree, mesh.curved),
             self._scheme,
             energies,
             stiffness and stiffness.place,
             [(work, data.place) for work, data in zip(scene.virtual_works, inside, strict=True)],
         )
+        self._data: dict[Any, Any] = {
+            place: data.on(mesh) for place, data in zip(weak.indicators, inside, strict=True)
+        }
         if stiffness is not None:
             self._data[weak.stiffness] = stiffness.on(mesh)
-        for place, data in zip(weak.indicators, inside, strict=True):
-            self._data[place] = data.on(mesh)
         return weak
 
     def _bind(self, compiled: CompiledForm):
         """Bind a form of a step's fields."""
-        return self.bind(compiled, self._data)
+        return self._bound(compiled, self._space, self._data)
 
     def bind(self, compiled: CompiledForm, data: Mapping):
-        """Bind a form to the mesh and its data, and keep it by its name."""
+        """Bind a form of other data, such as the mass, and keep it by its name."""
+        return self._bound(compiled, self._mesh.space, data)
+
+    def _bound(self, compiled: CompiledForm, space, data: Mapping):
         tags = self._tags if self._tags.any() else None
-        form = dolfinx_api.bind(compiled, self._mesh.mesh, self._mesh.space, data, tags)
+        form = dolfinx_api.bind(compiled, self._mesh.mesh, space, data, tags)
         if compiled.name not in self.bound:
             self.names.append(compiled.name)
         self.bound[compiled.name] = form, compiled
@@ -175,7 +178,7 @@ class Forms:
 
         The next call overwrites the result.
         """
-        self._set_increment(D)
+        self.increment.x.array[:] = D
         dolfinx_api.assemble_vector(self._force, self._residual)
         if self.followers is not None:
             self.followers.add_force(*self._motion, -self._factor, self._force)
@@ -184,17 +187,8 @@ class Forms:
     def assemble_stiffness(self) -> None:
         """Assemble `stiffness` at the increment of the last `internal_force` (eq. 54)."""
         dolfinx_api.assemble_matrix(self._matrix, self._tangent)
-        if self._path_tangent is not None:
-            dolfinx_api.assemble_matrix(self._path_matrix, self._path_tangent)
-            _, slope = self._scheme.rates.work_increment(self.increment.x.array, self.turns)
-            self.stiffness.data += self._path_matrix.data * slope[self.stiffness.indices]
         if self.followers is not None:
             self.followers.subtract_tangent(*self._motion, self._factor, self.stiffness.data)
-
-    def _set_increment(self, D: np.ndarray) -> None:
-        self.increment.x.array[:] = D
-        if self._path_tangent is not None:
-            self._path.x.array[:], _ = self._scheme.rates.work_increment(D, self.turns)
 
     def added_force(self) -> np.ndarray:
         """Forces (size,) of added virtual works and followers at the last increment [N, N m]."""
@@ -228,7 +222,7 @@ class Forms:
 
     def bind_facing(self) -> None:
         """Bind the form that `faces_backwards` takes."""
-        self._backwards = self._bind(sections_facing_backwards(self.fields))
+        self._backwards = self._bind(sections_facing_backwards(self.fields.plain))
 
     def faces_backwards(self, q: np.ndarray) -> bool:
         """Whether t . phi' > 0 (eq. 4) is violated at any Gauss point, for q (size,)."""
@@ -255,7 +249,7 @@ class Forms:
         rows = []
         for part in parts:
             self._set_start(part.t, part.dt, part.q)
-            self._set_increment(part.D)
+            self.increment.x.array[:] = part.D
             if self.resultants_need_rates:
                 self._set_rates(*part.rates)
             out = np.empty((len(self._tags), self.fields.degree, 3))

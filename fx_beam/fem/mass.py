@@ -41,7 +41,7 @@ class Mass:
         mass.data[:] = 0.0
         if data:
             places = (data[name].place if name in data else None for name in ("rhoA", "rhoI"))
-            compiled, densities = _mass_form(self._forms.fields, *places)
+            compiled, densities = _mass_form(self._forms.fields.plain, *places)
             own = {place: data[name].on(self._mesh) for name, place in densities.items()}
             form = self._forms.bind(compiled, own)
             matrix = dolfinx_api.create_matrix(form)
@@ -69,7 +69,7 @@ class Mass:
         weight = np.zeros(self._forms.size)
         if self._has("rhoA"):
             data = self._data("rhoA")
-            compiled, density, gravity = _weight_form(self._forms.fields, data.place)
+            compiled, density, gravity = _weight_form(self._forms.fields.plain, data.place)
             pull = dolfinx_api.constant(self._mesh.mesh, self._scene.gravity)
             form = self._forms.bind(compiled, {density: data.on(self._mesh), gravity: pull})
             dolfinx_api.assemble_vector(weight, form)

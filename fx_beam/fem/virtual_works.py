@@ -31,7 +31,7 @@ def added_virtual_work(
             term = ufl.as_ufl(work.term(step))
         except Exception as error:
             raise SceneError(f"{what}: calling it with the step raised {error!r}") from error
-        refuse_fields(fields_in(term), what, fields.updated)
+        refuse_fields(fields_in(term), what, fields.known)
         if term.ufl_shape != () or ufl.algorithms.extract_arguments(term) != [fields.test]:
             raise SceneError(
                 f"{what}: the result must be a scalar UFL expression linear in step.virtual_u and "

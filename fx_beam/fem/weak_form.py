@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import functools
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from typing import Any
 
 import ufl
 
 from fx_beam.errors import SceneError
 from fx_beam.mechanics.kinematics import arc_derivative, director
+from fx_beam.mechanics.resultants import ExactResultants
 from fx_beam.mechanics.schemes import Scheme
 from fx_beam.scene.loads import VirtualWork
 from fx_beam.scene.section import Energy, Law, quadratic_law
@@ -39,7 +40,6 @@ class WeakForm:
         works: Sequence[tuple[VirtualWork, Place]] = (),
     ):
         self.fields, self.scheme = fields, scheme
-        self.step = fields.step(scheme.rates, f"rates of {scheme.name}")
         #: Stiffnesses (EA, GA, EI) of the quadratic law.
         self.stiffness = None if place is None else fields.data(place)
         #: Where each virtual work acts: 1 there, 0 elsewhere.
@@ -48,33 +48,41 @@ class WeakForm:
             quadratic_law(self.stiffness) if energy is None else Law(energy, quadratic=False)
             for energy in energies
         ]
-        #: N, Q and M of each law.
-        self.resultants: list[Any] = []
+        self._build_resultants()
         self._build_residual()
         self.added: CompiledForm | None = None
         if works:
             self._add([work for work, _ in works])
         self._compile()
 
+    def _build_resultants(self) -> None:
+        """The step, and the resultants of each law."""
+        what = f"rates of {self.scheme.name}"
+        self.step = self.fields.step(self.scheme.rates, what)
+        found = [self.scheme.resultants(self.step, law) for law in self._laws]
+        if self.step.degree > 1 and any(isinstance(r, ExactResultants) for r in found):
+            self.fields = self.fields.with_nodal_rotations
+            self.step = self.fields.step(self.scheme.rates, what)
+            found = [self.scheme.resultants(self.step, law) for law in self._laws]
+        self._of_laws = found
+        #: N, Q and M of each law.
+        self.resultants = [ufl.as_vector((r.N, r.Q, r.M)) for r in found]
+
     def _build_residual(self) -> None:
         dx = self.fields.measure(self.fields.degree)
         self._residual: Any = 0
         self._stored: Any = 0
-        moments: list[Any] = []
-        for tag, law in enumerate(self._laws):
+        for tag, (law, r) in enumerate(zip(self._laws, self._of_laws, strict=True)):
             dx_law = dx(tag) if len(self._laws) > 1 else dx
-            r = self.scheme.resultants(self.step, law)
-            moments.append(r.M)
-            self.resultants.append(ufl.as_vector((r.N, r.Q, r.M)))
             self._residual += r.virtual_work(self.step) * dx_law
             self._stored += law.energy(*self.step.strains0) * dx_law
-        self._refuse_fields(moments)
+        self._refuse_fields()
 
-    def _refuse_fields(self, moments: Iterable) -> None:
+    def _refuse_fields(self) -> None:
         # UFL extracts those of the form anyway, and caches them.
         found = [*self._residual.coefficients(), *self._residual.constants()]
-        found += [field for M in moments for field in fields_in(M)]
-        known = [*self.fields.updated, *(field for law in self._laws for field in law.data)]
+        found += [field for r in self._of_laws for field in fields_in(r.M)]
+        known = [*self.fields.known, *(field for law in self._laws for field in law.data)]
         refuse_fields(found, f"resultants of {self.scheme.name}", known)
 
     def _add(self, works: Sequence[VirtualWork]) -> None:
@@ -92,11 +100,8 @@ class WeakForm:
     def _compile(self) -> None:
         fields, residual = self.fields, self._residual
         self.force = dolfinx_api.compile_form(residual, "internal forces")
-        self.tangent = self._derivative(fields.increment, "tangent")
-        #: Tangent by the increment with which the forces do work, if they depend on it.
-        self.path_tangent: CompiledForm | None = None
-        if fields.path in residual.coefficients():
-            self.path_tangent = self._derivative(fields.path, "tangent of the path")
+        tangent = ufl.derivative(residual, fields.increment, fields.trial)
+        self.tangent = dolfinx_api.compile_form(tangent, "tangent")
         self.energy = dolfinx_api.compile_form(self._stored, "strain energy")
         #: Whether the forces depend on rates at the start of a step.
         self.needs_rates = any(rate in residual.coefficients() for rate in fields.start_rates)
@@ -105,10 +110,6 @@ class WeakForm:
         #: Whether the resultants depend on rates at the start of a step, and on any rates.
         self.resultants_need_rates = any(rate in found for rate in fields.start_rates)
         self.resultants_move = self.resultants_need_rates or fields.dt in found
-
-    def _derivative(self, by, name: str) -> CompiledForm:
-        tangent = ufl.derivative(self._residual, by, self.fields.trial)
-        return dolfinx_api.compile_form(tangent, name)
 
     @property
     def facing(self):

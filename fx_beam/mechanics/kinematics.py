@@ -47,9 +47,6 @@ class Step:
         Displacement (2,) [m] and rotation [rad] at the start of the step.
     Du, Dpsi : ufl expression
         Their increments over the step, the unknowns.
-    Dtheta : ufl expression
-        Increment of rotation with which moments do work in the step; for the mid-point schemes the
-        interpolated nodal values of 2 tan(Dpsi/2) (eq. 33).
     u, psi : ufl expression
         Displacement and rotation at the scheme's level in the step, where the forces are evaluated
         (the middle of the step for the mid-point schemes).
@@ -71,6 +68,8 @@ class Step:
     load_factor : ufl scalar
         Load factor in statics, 1 in dynamics. Multiply a force of your own by it if the force is a
         load, not a spring.
+    nodes : Nodes, optional
+        Rotations at the element's nodes, for schemes that conserve energy, with degree 2 and 3.
 
     Examples
     --------
@@ -91,7 +90,6 @@ class Step:
     psi0: Any
     Du: Any
     Dpsi: Any
-    Dtheta: Any
     u: Any
     psi: Any
     v: Any
@@ -105,6 +103,7 @@ class Step:
     t: Any
     dt: Any
     load_factor: Any = 1.0
+    nodes: Any = None
 
     def prime(self, field):
         """Derivative of a field along the reference arc length.
@@ -150,5 +149,5 @@ def virtual_work(step: Step, dphi, n, m):
 
     Eqs 15 to 17, with the spatial stress resultant n [N] and the couple m [N m].
     """
-    strain = step.prime(step.virtual_u) - step.virtual_psi * perp(dphi)
-    return ufl.dot(strain, n) + step.prime(step.virtual_psi) * m
+    turning = step.prime(step.virtual_psi) * m - step.virtual_psi * ufl.dot(perp(dphi), n)
+    return ufl.dot(step.prime(step.virtual_u), n) + turning

@@ -9,6 +9,7 @@ import ufl
 
 from fx_beam.scene.section import Law
 
+from .exact_work import exact_virtual_work
 from .kinematics import Step, director, perp, strains, tan, virtual_work
 
 
@@ -61,6 +62,14 @@ class Resultants(NamedTuple):
             Eqs 15 to 17.
         """
         return virtual_work(step, self.dphi, self.n, self.m)
+
+
+class ExactResultants(Resultants):
+    """Resultants whose work on the step's increment is N.(E1 - E0) + M (K1 - K0)."""
+
+    def virtual_work(self, step: Step):
+        """Internal virtual work per length of the resultants."""
+        return exact_virtual_work(step, self.dphi, self.n, self.m)
 
 
 class WeightedResultants(NamedTuple):
@@ -147,82 +156,34 @@ def _at(step: Step, law: Law, u, psi) -> Resultants:
 
 def averaged(step: Step, law: Law) -> Resultants:
     """Resultants of the averaged strains on the averaged directors (eqs 36 to 41 and 47)."""
-    N, Q, M = discrete_gradient(law, step.strains0, step.strains1, _length_scale(step))
+    N, Q, M = discrete_gradient(law, step.strains0, step.strains1, step.h / 10)
     dphi = step.t0 + step.prime(step.u0 + step.Du / 2)
     t = (director(step.psi0, step.t0) + director(step.psi0 + step.Dpsi, step.t0)) / 2
     m = M / (1 + tan(step.Dpsi / 2) ** 2)
     return Resultants(dphi, t, N, Q, M, m)
 
 
-def with_exact_work(step: Step, r: Resultants) -> Resultants:
-    """Averaged resultants, modified so that their work equals N.(E1 - E0) + M (K1 - K0).
-
-    For degree 2 and 3, N, Q and m change as little as possible (`closest`).
-    """
-    if step.degree > 1:
-        work = sum(
-            f * (b - a)
-            for f, a, b in zip((r.N, r.Q, r.M), step.strains0, step.strains1, strict=True)
-        )
-        virtual = step.prime(step.Du) - step.Dtheta * perp(r.dphi)
-        path = ufl.dot(virtual, r.t), ufl.dot(virtual, perp(r.t)), step.prime(step.Dtheta)
-        N, Q, m = closest((r.N, r.Q, r.m), path, work, _length_scale(step), smallest=1e-8)
-        return r._replace(N=N, Q=Q, m=m)
-    # The energy balance tests with the interpolated nodal Dtheta. At a quadrature point this is not
-    # 2 tan(Dpsi/2), so the energy error of eq. 47 depends on the element size. With h = Dpsi/2 and
-    # d = l Dpsi'/4 at the mid-point, the nodal half increments are h - d and h + d, and
-    #     m = M 2d / sin(2d) cos(h-d) cos(h+d) + (n . W phi'_m) l/2 tan(h) tan(d)
-    #       = M d / tan(d) (1 - tan^2 h tan^2 d) / (1 + tan^2 h) + (n . W phi'_m) l/2 tan(h) tan(d)
-    # gives Du'.n - Dtheta (W phi'_m).n + Dtheta' m = N.(E1 - E0) + M (K1 - K0) identically. For
-    # degree 2 and 3 such an m is singular where Dtheta' = 0. Momenta are conserved in any case, as
-    # no resultants do work in a rigid motion.
-    d = step.h * step.prime(step.Dpsi) / 4
-    tan_h, tan_d = tan(step.Dpsi / 2), tan(d)
-    couple = r.M * _x_over_tan(d, tan_d) * (1 - (tan_h * tan_d) ** 2) / (1 + tan_h**2)
-    lever = ufl.dot(r.n, perp(r.dphi)) * (step.h / 2) * tan_h * tan_d
-    return r._replace(m=couple + lever)
-
-
-def _length_scale(step: Step):
-    """Length that makes a curvature comparable with strains, in `closest`.
-
-    Of 0.03 to 100 elements, 0.1 gave the fewest failed steps (pinned and free beams, degrees 2, 3).
-    """
-    return step.h / 10
+def with_exact_work(step: Step, r: Resultants) -> ExactResultants:
+    """The same N, Q and M, such that their work is N.(E1 - E0) + M (K1 - K0) in every step."""
+    return ExactResultants(*r._replace(m=r.M))
 
 
 def discrete_gradient(law: Law, e0, e1, length):
     """N, Q and M whose work on the strain increment is the increment of the stored energy.
 
     Those at the mean strain for a quadratic energy (eqs 40 and 41), else with the smallest
-    correction (Gonzalez 1996, doi 10.1007/BF02440162).
+    correction (Gonzalez 1996, doi 10.1007/BF02440162). `length` makes curvatures comparable.
     """
     mean = law.resultants(*((a + b) / 2 for a, b in zip(e0, e1, strict=True)))
     if law.quadratic:
         return mean
-    increments = tuple(b - a for a, b in zip(e0, e1, strict=True))
+    path = tuple(b - a for a, b in zip(e0, e1, strict=True))
+    weighted = path[0], path[1], length**2 * path[2]
+    gained = law.energy(*e1) - law.energy(*e0)
+    missing = gained - ufl.dot(ufl.as_vector(mean), ufl.as_vector(path))
+    norm2 = ufl.dot(ufl.as_vector(weighted), ufl.as_vector(path))
     # The correction is of order EA De^2; round-off of W adds an error of eps EA / De. Below
     # eps^(1/3) the correction is smaller than this error.
-    gained = law.energy(*e1) - law.energy(*e0)
-    return closest(mean, increments, gained, length, smallest=6e-6)
-
-
-def closest(resultants, path, work, length, smallest):
-    """Resultants closest to the given ones that do the given work on a path of strain increments.
-
-    `length` [m] makes curvatures comparable with strains. Below the size `smallest` of the path the
-    resultants are not changed.
-    """
-    weighted = (path[0], path[1], length**2 * path[2])
-    norm2 = ufl.dot(ufl.as_vector(weighted), ufl.as_vector(path))
-    missing = work - ufl.dot(ufl.as_vector(resultants), ufl.as_vector(path))
-    long_enough = ufl.gt(norm2, smallest**2)
+    long_enough = ufl.gt(norm2, 6e-6**2)
     factor = ufl.conditional(long_enough, missing / ufl.conditional(long_enough, norm2, 1), 0)
-    return tuple(r + factor * w for r, w in zip(resultants, weighted, strict=True))
-
-
-def _x_over_tan(x, tan_x):
-    """x / tan(x), smooth at 0: below 0.02 a series, exact to round-off."""
-    x2 = x**2
-    series = 1 - x2 / 3 * (1 + x2 / 15 * (1 + x2 * 2 / 21))
-    return ufl.conditional(ufl.lt(x2, 4e-4), series, x / tan_x)
+    return tuple(r + factor * w for r, w in zip(mean, weighted, strict=True))

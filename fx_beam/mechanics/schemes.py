@@ -110,13 +110,11 @@ def ModifiedMidPoint() -> Scheme:
 
 
 def EnergyMomentum() -> Scheme:
-    """Modified mid-point scheme with resultants that conserve energy exactly.
+    """Modified mid-point scheme with a virtual rotation that conserves energy exactly.
 
-    Second order. Conserves energy, linear and angular momentum to solver accuracy. For degree 1 the
-    resultants have a closed form. For degree 2 and 3 they have a pole where all strains at a Gauss
-    point stay constant while the element rotates and bends; on coarse meshes about one step in a
-    hundred may be halved for that reason. No node may rotate by more than 2 rad in a step, also
-    after all halvings; very fast spins and whipping light strings may exceed this limit.
+    Second order. Conserves energy, linear and angular momentum to solver accuracy, for elements of
+    every degree. No node may rotate by more than 2 rad in a step, also after all halvings; very
+    fast spins and whipping light strings may exceed this limit.
 
     Returns
     -------

@@ -40,7 +40,7 @@ int fx_run(Problem *p, int steps, double dt, const Inputs *inputs, Record *to) {
   begin_inertia(p, w);
   LAP(PHASES_IN_ALL);
   int n = p->dofs, held = p->columns - p->free;
-  const double *fields[] = {w->D, w->path, p->q, p->v, p->a, w->slope};
+  const double *fields[] = {w->D, p->q, p->v, p->a};
   for (int k = 0; k < steps; ++k) {
     if (k == 0 || inputs->load_stride) begin_loads(p, w, inputs->loads + k * inputs->load_stride);
     const double *target = inputs->driven + (long)k * p->driven;

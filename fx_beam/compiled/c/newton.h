@@ -93,7 +93,7 @@ static double next_after(Sequence *s, double value) {
 
 static int newton(Problem *p, const Work *w, double dt, const double *driven) {
   int n = p->dofs, free = p->free, small_corrections = 0;
-  const double *fields[] = {w->D, w->path, p->q, p->v, p->a, w->slope};
+  const double *fields[] = {w->D, p->q, p->v, p->a};
   Sequence sizes = {HUGE_VAL, 0}, errors = {HUGE_VAL, 0};
   double drive = 0;
   memset(w->z, 0, p->columns * sizeof(double));

@@ -26,8 +26,7 @@ typedef struct {
 typedef struct {
   int integrals, width;
   Integral *of;
-  int moving;          /* number of changing coefficients: 0 increment, 1 path, 2 start, 3 v, 4 a,
-                          5 slope of the path */
+  int moving;          /* number of changing coefficients: 0 increment, 1 start, 2 v, 3 a */
   int changing;        /* the first of them change in every iteration, the others in every step */
   int *kind, *offset;
   double *constants;

@@ -43,7 +43,7 @@ static void record(Problem *p, const Work *w, Record *to) {
   times_mass(p, p->v, momentum);
   memset(energy, 0, 5 * sizeof(double)), memset(sums, 0, 3 * sizeof(double));
   for (int i = 0; i < n; ++i) energy[0] += p->v[i] * momentum[i] / 2;
-  const double *fields[5] = {w->D, w->path, p->q, p->v, p->a};
+  const double *fields[4] = {w->D, p->q, p->v, p->a};
   begin_form(p, &p->energy, fields, p->t, 0);
   energy[1] = assemble_scalar(p, &p->energy, fields);
   if (p->weight)
