@@ -55,7 +55,7 @@ class Kernel(NamedTuple):
         if number == 0:
             return f"{name}(A, w, c, x{unused});\n"
         n = self.cell_dofs
-        places = dolfinx_api.places_in(*self.forms[number], *self.forms[0])
+        places = dolfinx_api.places_in(self.forms[number], self.forms[0])
         lists = (
             ", ".join(f"{array}[{place}]" for place in found) or "0"
             for array, found in zip("wc", places, strict=True)

@@ -355,24 +355,22 @@ def coefficient_offsets(form, functions) -> list[tuple[int, int]]:
     return found
 
 
-def places_in(
-    form, compiled: CompiledForm, whole, of_whole: CompiledForm
-) -> tuple[list[int], list[int]]:
+def places_in(*forms: tuple[Any, CompiledForm]) -> tuple[list[int], list[int]]:
     """Indices of a bound form's packed coefficients and constants among those of another one."""
 
-    def places(own, others, key: Callable, size: Callable[[Any], int]) -> list[int]:
+    def places(size: Callable[[Any], int], own, others) -> list[int]:
         starts, at = {}, 0
         for one in others:
-            starts[key(one)] = at
+            starts[one] = at
             at += size(one)
-        return [starts[key(one)] + k for one in own for k in range(size(one))]
+        return [starts[one] + k for one in own for k in range(size(one))]
 
     def entries(coefficient) -> int:
         return coefficient.function_space.element.space_dimension
 
-    coefficients = _cpp(form).coefficients, _cpp(whole).coefficients
-    constants = compiled.form.constants(), of_whole.form.constants()
-    return places(*coefficients, lambda one: one, entries), places(*constants, id, _size)
+    coefficients = [_cpp(form).coefficients for form, _ in forms]
+    constants = [compiled.form.constants() for _, compiled in forms]
+    return places(entries, *coefficients), places(_size, *constants)
 
 
 def _size(constant) -> int:
