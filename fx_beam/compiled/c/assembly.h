@@ -77,16 +77,19 @@ static double assemble_scalar(const Problem *p, const Form *form, const double *
   return sum;
 }
 
-/* Whether a non-negative functional is positive on any element. The padding of the last block
-   repeats an element and has no effect. */
-static int any_positive(const Problem *p, const Form *form, const double *const *fields) {
+/* Whether a section faces backwards (eq. 4) at the start of the step, which is packed already. The
+   padding of the last block repeats an element and has no effect. */
+static int faces_backwards(const Problem *p) {
+  const Form *form = &p->internal;
+  int start = 0;
+  while (form->kind[start] != START) ++start;
   double sums[LANES] = {0}, A[LANES], sum = 0;
   for (int i = 0; i < form->integrals; ++i) {
     const Integral *of = form->of + i;
     for (long block = 0; block * LANES < of->cells; ++block) {
-      pack(p, of, form, block, fields, 0, form->moving);
-      of->batch(A, of->packed + block * form->width * LANES, form->constants,
-                of->coordinates + block * p->cell_coordinates * LANES);
+      const double *q = of->packed + (block * form->width + form->offset[start]) * LANES;
+      const double *x = of->coordinates + block * p->cell_coordinates * LANES;
+      p->backwards.of->batch(A, q, p->backwards.constants, x);
       for (int l = 0; l < LANES; ++l) sums[l] += A[l];
     }
   }

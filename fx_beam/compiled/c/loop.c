@@ -24,9 +24,10 @@ static void begin_loads(const Problem *p, const Work *w, const double *loads) {
   }
 }
 
-/* Counts steps that end with sections facing backwards, and stores the first configuration. */
-static void check_sections(Problem *p, const double *const *fields) {
-  if (any_positive(p, &p->backwards, fields) && p->inside_out++ == 0) {
+/* Counts steps that end with sections facing backwards, and stores the first configuration. The
+   next step has begun: the configuration is packed as its start. */
+static void check_sections(Problem *p) {
+  if (faces_backwards(p) && p->inside_out++ == 0) {
     p->out_t = p->t;
     memcpy(p->out_q, p->q, p->dofs * sizeof(double));
   }
@@ -39,7 +40,7 @@ int fx_run(Problem *p, int steps, double dt, const Inputs *inputs, Record *to) {
   if (fabs(dt - p->past_dt) > 1e-6 * dt) p->known_steps = p->order_of_prediction = 0, p->past_dt = dt;
   begin_inertia(p, w);
   LAP(PHASES_IN_ALL);
-  int n = p->dofs, held = p->columns - p->free;
+  int n = p->dofs, held = p->columns - p->free, unchecked = 0;
   const double *fields[] = {w->D, p->q, p->v, p->a};
   for (int k = 0; k < steps; ++k) {
     if (k == 0 || inputs->load_stride) begin_loads(p, w, inputs->loads + k * inputs->load_stride);
@@ -52,6 +53,7 @@ int fx_run(Problem *p, int steps, double dt, const Inputs *inputs, Record *to) {
     }
     begin_form(p, &p->internal, fields, p->t + level * dt, dt);
     begin_form(p, &p->added, fields, p->t + level * dt, dt);
+    if (unchecked) check_sections(p);
     LAP(AUDIT);
     p->failure = newton(p, w, dt, change);
     if (p->failure && p->order_of_prediction) {
@@ -99,8 +101,10 @@ int fx_run(Problem *p, int steps, double dt, const Inputs *inputs, Record *to) {
     p->t += dt;
     p->steps_done += 1;
     if (wanted) record(p, w, to);
-    if (!wanted || to->energies[6 * to->rows - 5] >= p->least_energy) check_sections(p, fields);
+    unchecked = !wanted || to->energies[6 * to->rows - 5] >= p->least_energy;
     LAP(AUDIT);
   }
+  begin_form(p, &p->internal, fields, p->t, dt);
+  if (unchecked) check_sections(p);
   return steps;
 }

@@ -2,8 +2,9 @@
 
 #pragma once
 
-/* Elements per call of a Batch, and number of previous increments for the predictor. */
-enum { LANES = 8, PAST = 4 };
+/* Elements per call of a Batch, number of previous increments for the predictor, and place of the
+   displacements and rotations at the start of the step among the changing coefficients. */
+enum { LANES = 8, PAST = 4, START = 1 };
 
 /* Element tensors from coefficients, constants and coordinates. All arrays except the constants are
    for LANES elements, with entry k of lane l at [k][l]. */
@@ -26,7 +27,7 @@ typedef struct {
 typedef struct {
   int integrals, width;
   Integral *of;
-  int moving;          /* number of changing coefficients: 0 increment, 1 start, 2 v, 3 a */
+  int moving;          /* number of changing coefficients: 0 increment, START, 2 v, 3 a */
   int changing;        /* the first of them change in every iteration, the others in every step */
   int *kind, *offset;
   double *constants;
