@@ -197,7 +197,9 @@ class Newton:
             ended_by = None
             # A third small correction shows that only rounding errors are left.
             small_work = work <= ENERGY_SHARE * options.tolerance * energy
-            if (final and iteration > 2) or (small and (small_work or small_corrections > 2)):
+            # An equilibrium may start a motion: its error would be an acceleration.
+            final &= iteration > 2 and not self.equations.model.scheme.rates.at_rest
+            if final or (small and (small_work or small_corrections > 2)):
                 ended_by = "increment"
             elif stalled and not small and work <= ENERGY_FLOOR * energy:
                 ended_by = "round-off"

@@ -15,13 +15,41 @@ static void pack(const Problem *p, const Integral *of, const Form *form, long bl
   }
 }
 
+static void set_time(const Form *form, double t, double dt) {
+  if (form->integrals && form->time_at >= 0) form->constants[form->time_at] = t;
+  if (form->integrals && form->dt_at >= 0) form->constants[form->dt_at] = dt;
+}
+
 /* Sets the time, and the coefficients that change only from step to step. */
-static void begin_form(const Problem *p, Form *form, const double *const *fields, double t, double dt) {
+static void begin_form(const Problem *p, const Form *form, const double *const *fields, double t,
+                       double dt) {
   for (int i = 0; i < form->integrals; ++i)
     for (long block = 0; block * LANES < form->of[i].cells; ++block)
       pack(p, form->of + i, form, block, fields, form->changing, form->moving);
-  if (form->integrals && form->time_at >= 0) form->constants[form->time_at] = t;
-  if (form->integrals && form->dt_at >= 0) form->constants[form->dt_at] = dt;
+  set_time(form, t, dt);
+}
+
+/* The same for the internal forces. With `look`, returns whether a section faces backwards (eq. 4)
+   at the start of the step: its displacements and rotations are in the cache then. The padding of
+   the last block repeats an element and has no effect. */
+static int begin_internal(const Problem *p, const double *const *fields, double t, double dt, int look) {
+  const Form *form = &p->internal, *backwards = &p->backwards;
+  int start = 0;
+  while (form->kind[start] != START) ++start;
+  double sums[LANES] = {0}, A[LANES], sum = 0;
+  for (int i = 0; i < form->integrals; ++i) {
+    const Integral *of = form->of + i;
+    for (long block = 0; block * LANES < of->cells; ++block) {
+      pack(p, of, form, block, fields, form->changing, form->moving);
+      if (!look) continue;
+      backwards->of->batch(A, of->packed + (block * form->width + form->offset[start]) * LANES,
+                           backwards->constants, of->coordinates + block * p->cell_coordinates * LANES);
+      for (int l = 0; l < LANES; ++l) sums[l] += A[l];
+    }
+  }
+  for (int l = 0; l < LANES; ++l) sum += sums[l];
+  set_time(form, t, dt);
+  return sum > 0;
 }
 
 /* Adds the entries of an element tensor, for LANES elements. */
@@ -75,24 +103,4 @@ static double assemble_scalar(const Problem *p, const Form *form, const double *
     }
   }
   return sum;
-}
-
-/* Whether a section faces backwards (eq. 4) at the start of the step, which is packed already. The
-   padding of the last block repeats an element and has no effect. */
-static int faces_backwards(const Problem *p) {
-  const Form *form = &p->internal;
-  int start = 0;
-  while (form->kind[start] != START) ++start;
-  double sums[LANES] = {0}, A[LANES], sum = 0;
-  for (int i = 0; i < form->integrals; ++i) {
-    const Integral *of = form->of + i;
-    for (long block = 0; block * LANES < of->cells; ++block) {
-      const double *q = of->packed + (block * form->width + form->offset[start]) * LANES;
-      const double *x = of->coordinates + block * p->cell_coordinates * LANES;
-      p->backwards.of->batch(A, q, p->backwards.constants, x);
-      for (int l = 0; l < LANES; ++l) sums[l] += A[l];
-    }
-  }
-  for (int l = 0; l < LANES; ++l) sum += sums[l];
-  return sum > 0;
 }

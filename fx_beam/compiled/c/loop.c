@@ -24,13 +24,11 @@ static void begin_loads(const Problem *p, const Work *w, const double *loads) {
   }
 }
 
-/* Counts steps that end with sections facing backwards, and stores the first configuration. The
-   next step has begun: the configuration is packed as its start. */
-static void check_sections(Problem *p) {
-  if (faces_backwards(p) && p->inside_out++ == 0) {
-    p->out_t = p->t;
-    memcpy(p->out_q, p->q, p->dofs * sizeof(double));
-  }
+/* Counts steps that end with sections facing backwards, and stores the first configuration. */
+static void count_inside_out(Problem *p) {
+  if (p->inside_out++ > 0) return;
+  p->out_t = p->t;
+  memcpy(p->out_q, p->q, p->dofs * sizeof(double));
 }
 
 int fx_run(Problem *p, int steps, double dt, const Inputs *inputs, Record *to) {
@@ -51,9 +49,8 @@ int fx_run(Problem *p, int steps, double dt, const Inputs *inputs, Record *to) {
       int dof = p->driven_dof[i];
       change[i] = target[i] - (dof >= 0 ? p->q[dof] : p->driven_now[i]);
     }
-    begin_form(p, &p->internal, fields, p->t + level * dt, dt);
+    if (begin_internal(p, fields, p->t + level * dt, dt, unchecked)) count_inside_out(p);
     begin_form(p, &p->added, fields, p->t + level * dt, dt);
-    if (unchecked) check_sections(p);
     LAP(AUDIT);
     p->failure = newton(p, w, dt, change);
     if (p->failure && p->order_of_prediction) {
@@ -104,7 +101,6 @@ int fx_run(Problem *p, int steps, double dt, const Inputs *inputs, Record *to) {
     unchecked = !wanted || to->energies[6 * to->rows - 5] >= p->least_energy;
     LAP(AUDIT);
   }
-  begin_form(p, &p->internal, fields, p->t, dt);
-  if (unchecked) check_sections(p);
+  if (unchecked && begin_internal(p, fields, p->t, dt, 1)) count_inside_out(p);
   return steps;
 }
