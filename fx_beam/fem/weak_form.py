@@ -126,7 +126,7 @@ def weak_form(
 ) -> WeakForm:
     """The weak form of a kind of scene, kept if all its functions are those of this package.
 
-    Functions of the user may have changed since the last call, as far as they use other data.
+    Functions of the user are asked again: the data that they use may have changed.
     """
     if scheme.built_in and not works and energies == [None]:
         return _kept(fields, scheme, place)
