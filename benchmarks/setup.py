@@ -5,8 +5,8 @@
 The pinned beam with 8 and 2048 elements, the multi-body system of the demos, a chain of 800
 revolute links, and a square lattice of 64 x 64 cells. This version of the package and others take
 turns, in processes of their own with warm caches. Medians of the processor time of a call, which
-other programs affect less than its time; of the first call in a process also the time since the
-interpreter started, `import fx_beam` included.
+other programs affect less than its time; of the first call in a process the time since the script
+started, `import fx_beam` included.
 """
 
 import json
