@@ -184,15 +184,18 @@ def test_a_start_without_what_decides_parts_is_one_from_an_older_file(tmp_path):
     assert len(rest.t) == 5
 
 
-def test_the_predictor_in_an_older_file_is_read_by_its_former_name(tmp_path):
-    fb.simulate(whirling(1), dt=1 / 512, t_end=1 / 8).save(tmp_path / "new.npz")
+def test_the_predictor_is_saved_and_begins_anew_from_an_older_file(tmp_path):
+    # Earlier versions kept differences of increments of equal steps.
+    solution = fb.simulate(whirling(1), dt=1 / 512, t_end=1 / 8)
+    solution.save(tmp_path / "new.npz")
     with np.load(tmp_path / "new.npz") as file:
         old = dict(file)
-    old["past_foretelling"] = old.pop("past_order")
-    assert old["past_foretelling"] > 0
+    del old["past_ages"]
     np.savez(tmp_path / "old.npz", **old)
-    for name in ("new", "old"):
-        assert fb.load(tmp_path / f"{name}.npz").end.past.order == old["past_foretelling"]
+    past = fb.load(tmp_path / "new.npz").end.past
+    assert past.order == solution.end.past.order > 0
+    assert (past.differences == solution.end.past.differences).all()
+    assert fb.load(tmp_path / "old.npz").end.past is None
 
 
 @pytest.mark.parametrize("solver", ["compiled", "petsc"])

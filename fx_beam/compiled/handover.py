@@ -322,10 +322,11 @@ class Problem:
         }
         self.state_arrays = {name: np.zeros(size) for name, size in sizes.items()}
         self._doubles(**self.state_arrays)
-        #: Backward differences of the last increments (size,), and of the unknowns (free,).
-        self.past = tuple(np.zeros((self.library.PAST, n)) for n in (model.size, reduction.free))
+        #: Past of the predictor: ages, divided differences of nodes (size,) and unknowns (free,).
+        known = self.library.PAST
+        self.past = tuple(np.ones((known, *n)) for n in ((), (model.size,), (reduction.free,)))
         #: First configuration with sections that face backwards.
         self.out_q = np.zeros(model.size)
         self._doubles(out_q=self.out_q)
-        self._doubles(past=self.past[0], past_y=self.past[1])
+        self._doubles(ages=self.past[0], past=self.past[1], past_y=self.past[2])
         self._doubles(scratch=np.zeros(self.library.fx_scratch(self.c)))

@@ -36,20 +36,20 @@ class CompiledLoop:
 
     @property
     def past(self) -> Past:
-        """The last increments, from which the next one is predicted."""
+        """The last configurations, from which the next increment is predicted."""
         p, model = self._problem, self.model
         known = min(p.known_steps, self._library.PAST)
-        D, y = (values[:known].copy() for values in self._past)
+        ages, differences, y = (values[:known].copy() for values in self._past)
         slides = model.couplings.free_slides(y, len(model.scene.joints))
-        return Past(p.past_dt, p.order_of_prediction, D, slides)
+        return Past(ages, p.order_of_prediction, differences, slides)
 
     @past.setter
     def past(self, past: Past | None) -> None:
         if past is not None:
-            p, known = self._problem, len(past.increments)
-            p.past_dt, p.known_steps, p.order_of_prediction = past.length, known, past.order
-            y = self.model.couplings.unknowns(past.increments, past.slides)
-            for values, found in zip(self._past, (past.increments, y), strict=True):
+            p, known = self._problem, len(past.ages)
+            p.known_steps, p.order_of_prediction = known, past.order
+            y = self.model.couplings.unknowns(past.differences, past.slides)
+            for values, found in zip(self._past, (past.ages, past.differences, y), strict=True):
                 values[:known] = found
 
     def march(self, state: State, times: np.ndarray, first: int, recorder: Recorder) -> State:

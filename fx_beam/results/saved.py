@@ -75,11 +75,9 @@ def _read(path) -> Solution:
         parts: dict[str, Any] = {f.name: data.get(f"end_{f.name}") for f in fields(State)}
         parts |= {name: float(data[f"end_{name}"]) for name in ("t", "work")}
         parts["dissipated"] = float(data.get("end_dissipated", 0.0))
-        if "past_length" in data:
-            # Files of earlier versions have the order by its former name.
-            order = data["past_order" if "past_order" in data else "past_foretelling"]
-            past = data["past_increments"], data["past_slides"]
-            parts["past"] = Past(float(data["past_length"]), int(order), *past)
+        if "past_ages" in data:  # files of earlier versions lack it: prediction begins anew
+            past = data["past_differences"], data["past_slides"]
+            parts["past"] = Past(data["past_ages"], int(data["past_order"]), *past)
         end = State(**parts)
     # Files of earlier versions lack the forces of motors; their strain energy has that of springs,
     # and their work what dampers took.

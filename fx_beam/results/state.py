@@ -10,14 +10,14 @@ import numpy as np
 
 @dataclass
 class Past:
-    """The last increments; the next increment is predicted from them."""
+    """The last configurations; the next increment is predicted from them."""
 
-    #: Length of the steps, or parts of steps, of the increments [s].
-    length: float
+    #: Times (m,) since the configurations before the last one [s], the latest first.
+    ages: np.ndarray
     #: Order of the extrapolation that predicts the last increment best; 0 for no prediction.
     order: int
-    #: Backward differences (m, size) of the increments, from order 0 on.
-    increments: np.ndarray
+    #: Divided differences (m, size) of the configurations, from order 1 on.
+    differences: np.ndarray
     #: The same (m, joints) for the slides of the joints [m].
     slides: np.ndarray
 
@@ -51,7 +51,7 @@ class State:
         """The state in another numbering; `change` renumbers a vector of all degrees of freedom."""
         added = None if self.added is None else change(self.added)
         past = self.past
-        if past is not None and len(past.increments):
-            past = replace(past, increments=np.array([change(D) for D in past.increments]))
+        if past is not None and len(past.differences):
+            past = replace(past, differences=np.array([change(D) for D in past.differences]))
         q, v, a = (change(vector) for vector in (self.q, self.v, self.a))
         return replace(self, q=q, v=v, a=a, added=added, past=past)

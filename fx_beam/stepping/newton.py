@@ -28,7 +28,7 @@ ENERGY_SHARE = 1e-4
 NEGLIGIBLE = 1e-6
 # The predictor is used up to this relative error in the previous step.
 PREDICTOR_ERROR = 0.4
-# Number of previous increments that the predictor uses.
+# Largest order of the predictor.
 _PAST = 4
 
 
@@ -157,7 +157,8 @@ class Newton:
             if predicted_y is None:
                 raise
             step = self._solve(force, driven, moving, None)
-        self.predictor.update(interval.length, step)
+        if not at_rest:
+            self.predictor.update(interval.length, step)
         return step
 
     def _solve(self, force, driven, moving: float, predicted_y: np.ndarray | None) -> StepSolution:
@@ -254,56 +255,57 @@ class _Sequence:
 
 
 class Predictor:
-    """Predictor of an increment: extrapolates the last ones by a polynomial in time."""
+    """Predictor of an increment: a polynomial in time through the last configurations.
+
+    By Newton's formula with divided differences, since steps may have different lengths.
+    """
 
     def __init__(self, model: Model):
         self._model, self._unit = model, model.unit
-        self._dt = 0.0
-        #: Backward differences of the last increments (size,), and of the unknowns (free,).
+        #: Times since the last configurations [s], the latest first.
+        self._ages = np.empty(0)
+        #: Divided differences, from order 1 on, of configurations (size,) and of unknowns (free,).
         self._past: list[np.ndarray] = []
         self._past_y: list[np.ndarray] = []
         self._order = 0
 
     @property
     def past(self) -> Past:
-        """The last increments, in a form that does not depend on the numbering of unknowns."""
-        model, size = self._model, self._model.size
-        known = len(self._past)
+        """The last motion, in a form that does not depend on the numbering of unknowns."""
+        model, known = self._model, len(self._past)
         y = np.reshape(self._past_y, (known, model.reduction.free))
         slides = model.couplings.free_slides(y, len(model.scene.joints))
-        return Past(self._dt, self._order, np.reshape(self._past, (known, size)), slides)
+        return Past(self._ages, self._order, np.reshape(self._past, (known, model.size)), slides)
 
     @past.setter
     def past(self, past: Past | None) -> None:
         if past is not None:
-            self._dt, self._order = past.length, past.order
-            self._past = list(past.increments)
-            self._past_y = list(self._model.couplings.unknowns(past.increments, past.slides))
+            self._ages, self._order = past.ages, past.order
+            self._past = list(past.differences)
+            self._past_y = list(self._model.couplings.unknowns(past.differences, past.slides))
 
     def predict(self, dt: float) -> np.ndarray | None:
         """Predicted unknowns (free,) of a step of length dt [s]; None without a prediction."""
-        if not self._order or self._changed(dt):
+        if not self._order:
             return None
-        return np.sum(self._past_y[: self._order], axis=0)
+        factors = np.cumprod([dt, *(dt + self._ages[: self._order - 1])])
+        return np.sum([c * d for c, d in zip(factors, self._past_y, strict=False)], axis=0)
 
     def update(self, dt: float, step: StepSolution) -> None:
         """Add the increment of a step of length dt [s], and choose the order of extrapolation."""
-        if self._changed(dt):
-            self._past, self._past_y, self._dt = [], [], dt
-        now, now_y = [step.D], [step.y]
+        ages = dt + np.concatenate([[0.0], self._ages])
         best, self._order = PREDICTOR_ERROR * self._size(step.D), 0
-        for order, (old, old_y) in enumerate(zip(self._past, self._past_y, strict=True), start=1):
-            now.append(now[-1] - old)
-            now_y.append(now_y[-1] - old_y)
-            if (error := self._size(now[-1])) <= best:
-                best, self._order = error, order
-        self._past, self._past_y = now[:_PAST], now_y[:_PAST]
+        now, now_y, product = [step.D / dt], [step.y / dt], dt
+        for old, old_y, age in zip(self._past, self._past_y, ages[1:], strict=True):
+            now.append((now[-1] - old) / age)
+            now_y.append((now_y[-1] - old_y) / age)
+            product *= age
+            if (error := self._size(now[-1]) * abs(product)) <= best:
+                best, self._order = error, len(now) - 1
+        self._past, self._past_y, self._ages = now[:_PAST], now_y[:_PAST], ages[:_PAST]
 
     def _size(self, D: np.ndarray) -> float:
         return abs(D / self._unit).max()
-
-    def _changed(self, dt: float) -> bool:
-        return abs(dt - self._dt) > 1e-6 * dt
 
 
 class _LinearSolver:

@@ -31,7 +31,7 @@ class Stepper:
 
     @property
     def past(self) -> Past:
-        """The last increments, from which the next one is predicted."""
+        """The last configurations, from which the next increment is predicted."""
         return self.single.newton.predictor.past
 
     @past.setter

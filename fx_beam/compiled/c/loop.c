@@ -35,7 +35,6 @@ int fx_run(Problem *p, int steps, double dt, const Inputs *inputs, Record *to) {
   Work work, *w = &work;
   lay_out(p, w, p->scratch);
   w->dt = dt;
-  if (fabs(dt - p->past_dt) > 1e-6 * dt) p->known_steps = p->order_of_prediction = 0, p->past_dt = dt;
   begin_inertia(p, w);
   LAP(PHASES_IN_ALL);
   int n = p->dofs, held = p->columns - p->free, unchecked = 0;

@@ -50,26 +50,33 @@ static void update_reactions(const Problem *p, const Work *w) {
   memcpy(w->r, w->left, p->dofs * sizeof(double));
 }
 
-/* x becomes x - old, and old becomes x. */
-static void difference(int n, double *restrict x, double *restrict old) {
+/* x becomes (x - old) / age, and old becomes x. */
+static void difference(int n, double age, double *restrict x, double *restrict old) {
+  double per_age = 1 / age;
   for (int i = 0; i < n; ++i) {
     double now = x[i];
-    x[i] = now - old[i], old[i] = now;
+    x[i] = (now - old[i]) * per_age, old[i] = now;
   }
 }
 
-/* Stores the increment with its backward differences, and chooses the order of extrapolation. */
+/* Adds an increment to the divided differences of the last configurations, and chooses the order of
+   extrapolation: the one with the least error in this step. */
 static void update_predictor(Problem *p, const Work *w) {
-  double best = p->predictor_error * largest(p->dofs, w->D, p->per_unit), *left = w->left;
+  int n = p->dofs, free = p->free;
+  double dt = w->dt, ages[PAST + 1] = {dt}, product = dt, *left = w->left;
+  double best = p->predictor_error * largest(n, w->D, p->per_unit);
   p->order_of_prediction = 0;
-  memcpy(left, w->D, p->dofs * sizeof(double));
+  for (int k = 0; k < PAST; ++k) ages[k + 1] = p->ages[k] + dt;
+  for (int i = 0; i < n; ++i) left[i] = w->D[i] / dt;
   for (int k = 0; k < PAST; ++k) {
-    difference(p->dofs, left, p->past + k * p->dofs);
-    double error = k < p->known_steps ? largest(p->dofs, left, p->per_unit) : HUGE_VAL;
+    difference(n, ages[k + 1], left, p->past + k * n);
+    product *= ages[k + 1];
+    double error = k < p->known_steps ? largest(n, left, p->per_unit) * fabs(product) : HUGE_VAL;
     if (error <= best) best = error, p->order_of_prediction = k + 1;
   }
-  memcpy(left, w->z, p->free * sizeof(double));
-  for (int k = 0; k < PAST; ++k) difference(p->free, left, p->past_y + k * p->free);
+  for (int i = 0; i < free; ++i) left[i] = w->z[i] / dt;
+  for (int k = 0; k < PAST; ++k) difference(free, ages[k + 1], left, p->past_y + k * free);
+  memcpy(p->ages, ages, PAST * sizeof(double));
   ++p->known_steps;
 }
 
@@ -99,8 +106,9 @@ static int newton(Problem *p, const Work *w, double dt, const double *driven) {
   memset(w->z, 0, p->columns * sizeof(double));
   for (int i = 0; i < p->driven; ++i) drive += fabs(driven[i]);
   if (p->order_of_prediction) {
-    for (int k = 0; k < p->order_of_prediction; ++k)
-      for (int i = 0; i < free; ++i) w->z[i] += p->past_y[k * free + i];
+    double factor = dt;
+    for (int k = 0; k < p->order_of_prediction; factor *= dt + p->ages[k++])
+      for (int i = 0; i < free; ++i) w->z[i] += factor * p->past_y[k * free + i];
     for (int i = 0; i < p->driven; ++i) w->z[free + i] = driven[i];
   }
   begin_couplings(p, w);

@@ -2,7 +2,7 @@
 
 #pragma once
 
-/* Elements per call of a Batch, number of previous increments for the predictor, and place of the
+/* Elements per call of a Batch, largest order of the predictor, and place of the
    displacements and rotations at the start of the step among the changing coefficients. */
 enum { LANES = 8, PAST = 4, START = 1 };
 
@@ -127,9 +127,9 @@ typedef struct {
   double t, work, dissipated;
   double *q, *v, *a, *slide, *driven_now, *held, *added_force;
   int steps_done;       /* 0 if there is no previous step */
-  double past_dt;       /* length of the previous steps */
+  double *ages;         /* [PAST] times since the configurations before the last one, the latest first */
   int known_steps, order_of_prediction; /* number of previous steps; 0: no prediction */
-  double *past, *past_y;  /* [PAST] backward differences of increments and unknowns, from order 0 on */
+  double *past, *past_y;  /* [PAST] divided differences of configurations and unknowns, from order 1 on */
 
   /* Work space and results of a run. */
   double *scratch;
