@@ -193,7 +193,7 @@ def test_the_predictor_is_saved_and_begins_anew_from_an_older_file(tmp_path):
     del old["past_ages"]
     np.savez(tmp_path / "old.npz", **old)
     past = fb.load(tmp_path / "new.npz").end.past
-    assert past.order == solution.end.past.order > 0
+    assert past.orders == solution.end.past.orders > 0
     assert (past.differences == solution.end.past.differences).all()
     assert fb.load(tmp_path / "old.npz").end.past is None
 

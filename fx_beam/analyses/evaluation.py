@@ -28,7 +28,7 @@ def solution_of(
                 "recorded; simulate with record=Record(rates=True)"
             )
         if not cache:
-            cache.append(model.forms.resultants(recorder.last_parts()))
+            cache.append(recorder.means(model.forms.resultants(recorder.last_parts())))
         number = [beam.name for beam in scene.beams].index(name)
         beam, values = scene.beams[number], cache[0][:, mesh.cells[number]]
         s = arc_lengths(beam, gauss_points(beam.degree))

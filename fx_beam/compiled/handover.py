@@ -190,6 +190,10 @@ class Problem:
             p.rule, p.beta, p.gamma, p.alpha_m = 1, rates.beta, rates.gamma, rates.alpha_m
         elif type(rates) is not MidPointRates:
             raise LoopUnavailable(f"custom rates {type(rates).__name__}")
+        fractions = self.model.scheme.fractions
+        if len(fractions) > self.library.SUB_STEPS:
+            raise LoopUnavailable(f"more than {self.library.SUB_STEPS} sub-steps")
+        p.sub_steps, p.fractions[0 : len(fractions)] = len(fractions), fractions
 
     def _hand_over_couplings(self, t: Tables) -> np.ndarray:
         """Hand over the couplings; returns the storage index of each entry of the full tangent."""
@@ -320,11 +324,18 @@ class Problem:
             "held": reduction.columns - reduction.free,
             "added_force": model.size,
         }
-        self.state_arrays = {name: np.zeros(size) for name, size in sizes.items()}
+        # One piece of memory, which the loop copies before a step with sub-steps.
+        known, past = self.library.PAST, (1, model.size, reduction.free)
+        memory = self._kept(np.zeros(sum(sizes.values()) + known * sum(past)))
+        self.c.memory = self.ffi.cast("double *", memory.ctypes.data)
+        self.c.memory_size = len(memory)
+        ends = np.cumsum([*sizes.values(), *(known * n for n in past)])
+        *states, ages, differences, differences_y = np.split(memory, ends[:-1])
+        self.state_arrays = dict(zip(sizes, states, strict=True))
         self._doubles(**self.state_arrays)
+        ages[:] = 1.0
         #: Past of the predictor: ages, divided differences of nodes (size,) and unknowns (free,).
-        known = self.library.PAST
-        self.past = tuple(np.ones((known, *n)) for n in ((), (model.size,), (reduction.free,)))
+        self.past = ages, *(d.reshape(known, -1) for d in (differences, differences_y))
         #: First configuration with sections that face backwards.
         self.out_q = np.zeros(model.size)
         self._doubles(out_q=self.out_q)

@@ -10,6 +10,7 @@ from typing import NamedTuple
 import numpy as np
 
 from fx_beam.errors import StepError
+from fx_beam.mechanics.interval import divided
 from fx_beam.results.state import Past, State
 from fx_beam.stepping.newton import NewtonOptions
 from fx_beam.stepping.recorder import Recorder
@@ -41,13 +42,14 @@ class CompiledLoop:
         known = min(p.known_steps, self._library.PAST)
         ages, differences, y = (values[:known].copy() for values in self._past)
         slides = model.couplings.free_slides(y, len(model.scene.joints))
-        return Past(ages, p.order_of_prediction, differences, slides)
+        orders = np.array(p.orders[0 : p.sub_steps])
+        return Past(ages, orders, differences, slides)
 
     @past.setter
     def past(self, past: Past | None) -> None:
         if past is not None:
             p, known = self._problem, len(past.ages)
-            p.known_steps, p.order_of_prediction = known, past.order
+            p.known_steps, p.orders[0 : p.sub_steps] = known, past.orders.tolist()
             y = self.model.couplings.unknowns(past.differences, past.slides)
             for values, found in zip(self._past, (past.ages, past.differences, y), strict=True):
                 values[:known] = found
@@ -66,7 +68,7 @@ class CompiledLoop:
 
     def _equal(self, state: State, times: np.ndarray, first: int, recorder: Recorder) -> State:
         """State after steps of equal length; steps that fail are divided into sub-steps."""
-        stats, halving = self._stepper.stats, self._stepper.halving
+        p, stats, halving = self._problem, self._stepper.stats, self._stepper.halving
         inputs = self._inputs(state.t, times)
         done, grid = 0, np.concatenate([[state.t], times])
         while done < len(times):
@@ -78,9 +80,9 @@ class CompiledLoop:
             if taken:
                 state = self._state(float(ends[taken - 1]))
             steps = halving.take(taken)
-            done, inputs = done + steps, inputs.after(steps)
+            done, inputs = done + steps, inputs.after(steps * p.sub_steps)
             stats.steps += steps
-            if self._problem.failure:
+            if p.failure:
                 if halving.fail():
                     stats.halvings += 1
                 else:  # in Python, which reports the cause, or succeeds
@@ -89,7 +91,7 @@ class CompiledLoop:
                     state = self._stepper.part(state, start, end, first + done, recorder)
                     self.past = self._stepper.past
                     if state.t == end:
-                        done, inputs = done + 1, inputs.after(1)
+                        done, inputs = done + 1, inputs.after(p.sub_steps)
                         stats.steps += 1
             elif now.error is not None:
                 raise now.error
@@ -98,7 +100,7 @@ class CompiledLoop:
     def _run(
         self, state: State, ends: np.ndarray, first: int, recorder: Recorder, inputs: _Inputs
     ) -> int:
-        """Take steps or sub-steps of equal length; returns the number that succeeded."""
+        """Take steps or parts of steps of equal length; returns the number that succeeded."""
         p, stats, model = self._problem, self._stepper.stats, self.model
         arrays, halving = self._state_arrays, self._stepper.halving
         arrays["q"][:], arrays["v"][:], arrays["a"][:] = state.q, state.v, state.a
@@ -123,30 +125,32 @@ class CompiledLoop:
         for name, rows in recorder.next_rows(to.parts).items():
             setattr(to, name, self._ffi.cast("double *", rows.ctypes.data))
         dt = (ends[-1] - state.t) / len(ends)
-        taken = self._library.fx_run(p, len(inputs.driven), dt, c_inputs, to)
+        taken = self._library.fx_run(p, len(inputs.driven) // p.sub_steps, dt, c_inputs, to)
         recorder.add(to.rows, to.parts)
         stats.substeps += taken
         stats.newton_iterations += p.iterations
         stats.too_large += p.too_large
         if p.inside_out:
             self._stepper.facing.count(p.inside_out, p.out_t, self._all.out_q)
-        for name, count in (("increment", taken - p.by_round_off), ("round-off", p.by_round_off)):
+        solves = taken * p.sub_steps
+        for name, count in (("increment", solves - p.by_round_off), ("round-off", p.by_round_off)):
             if count:
                 stats.ended_by[name] = stats.ended_by.get(name, 0) + count
         return taken
 
     def _inputs(self, t: float, times: np.ndarray) -> _Inputs:
-        """Inputs of all steps; if a function of time fails, only of the steps before."""
+        """Inputs of all sub-steps; if a function of time fails, only of the steps before."""
         starts = np.concatenate([[t], times[:-1]])
+        t0, t1 = divided(starts, times, self.model.scheme.fractions)
         drive, follow = self._stepper.drive, self.model.forms.followers
         try:
             first = slice(1 if self.model.loads.constant else None)
-            loads = _of_each_step(drive.loads(starts[first], times[first]), len(times))
-            thrust = np.empty((len(times), 0))
+            loads = _of_each_step(drive.loads(t0[first], t1[first]), len(t1))
+            thrust = np.empty((len(t1), 0))
             if follow is not None:
                 first = slice(1 if follow.constant else None)
-                thrust = _of_each_step(follow.series(starts[first], times[first]), len(times))
-            return _Inputs(loads, drive.series(times), thrust)
+                thrust = _of_each_step(follow.series(t0[first], t1[first]), len(t1))
+            return _Inputs(loads, drive.series(t1), thrust)
         except (StepError, KeyboardInterrupt) as raised:
             before = int(np.searchsorted(times, getattr(raised, "time", t)))
             inputs = self._inputs(t, times[:before]) if before else _Inputs(*np.empty((3, 0, 2)))
@@ -171,7 +175,7 @@ class CompiledLoop:
 
 
 class _Inputs(NamedTuple):
-    """Loads, driven motions and follower forces of steps, and the error that ended them."""
+    """Loads, driven motions and follower forces of sub-steps, and the error that ended them."""
 
     loads: np.ndarray
     driven: np.ndarray
@@ -179,7 +183,7 @@ class _Inputs(NamedTuple):
     error: BaseException | None = None
 
     def after(self, steps: int) -> _Inputs:
-        """The inputs without the first steps."""
+        """The inputs without the first sub-steps."""
         loads, driven, thrust = (part[steps:] for part in self[:3])
         return _Inputs(loads, driven, thrust, self.error)
 

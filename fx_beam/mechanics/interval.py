@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
 
 
 class Interval(NamedTuple):
-    """What one step covers [s], in statics from one load factor to the next."""
+    """What one step covers [s], in statics from one load factor to the next.
+
+    Sub-steps that go back in time end before they start.
+    """
 
     start: float
     end: float
@@ -19,11 +23,18 @@ class Interval(NamedTuple):
         return self.end - self.start
 
 
+def divided(t0: np.ndarray, t1: np.ndarray, fractions: Sequence[float]):
+    """Starts and ends (n * m,) of the m sub-steps of each step from t0 to t1 (n,)."""
+    inner = t0[:, None] + (t1 - t0)[:, None] * np.cumsum(fractions)[:-1]
+    places = np.column_stack([t0, inner, t1])
+    return places[:, :-1].ravel(), places[:, 1:].ravel()
+
+
 def just_inside(t0, t1):
     """Starts and ends of steps, moved inwards by round-off: times at which loads are evaluated.
 
     A load that jumps between two steps then counts in the correct step, despite round-off. Steps of
     zero length are not changed.
     """
-    inset = np.maximum(1e-12 * (t1 - t0), 4 * np.spacing(t1)) * (t1 != t0)
+    inset = np.maximum(1e-12 * abs(t1 - t0), 4 * np.spacing(t1)) * np.sign(t1 - t0)
     return t0 + inset, t1 - inset

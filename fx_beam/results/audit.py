@@ -103,7 +103,8 @@ class Stats:
     halvings : int
         How often a step failed and was halved.
     substeps : int
-        Steps that were computed, each part of a halved step counted.
+        Steps that were computed, each part of a halved step counted. The sub-steps of a scheme of
+        order 4 count as one.
     too_large : int
         Parts of halved steps in which a node rotated by more than half a radian per step of the
         grid. Then `dt` is too large for the motion, and the result may depend on round-off.
@@ -157,6 +158,19 @@ class Stats:
     failure: Failure | None = None
     static: bool = False
     limit_points: list[float] = field(default_factory=list)
+
+    def add_solve(self, iterations: int, ended_by: str) -> None:
+        """Count a Newton solve.
+
+        Parameters
+        ----------
+        iterations : int
+            Its iterations.
+        ended_by : {"increment", "round-off"}
+            Why it ended.
+        """
+        self.newton_iterations += iterations
+        self.ended_by[ended_by] = self.ended_by.get(ended_by, 0) + 1
 
 
 @dataclass(frozen=True)

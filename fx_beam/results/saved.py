@@ -76,8 +76,7 @@ def _read(path) -> Solution:
         parts |= {name: float(data[f"end_{name}"]) for name in ("t", "work")}
         parts["dissipated"] = float(data.get("end_dissipated", 0.0))
         if "past_ages" in data:  # files of earlier versions lack it: prediction begins anew
-            past = data["past_differences"], data["past_slides"]
-            parts["past"] = Past(data["past_ages"], int(data["past_order"]), *past)
+            parts["past"] = Past(**{f.name: data[f"past_{f.name}"] for f in fields(Past)})
         end = State(**parts)
     # Files of earlier versions lack the forces of motors; their strain energy has that of springs,
     # and their work what dampers took.

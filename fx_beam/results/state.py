@@ -14,8 +14,8 @@ class Past:
 
     #: Times (m,) since the configurations before the last one [s], the latest first.
     ages: np.ndarray
-    #: Order of the extrapolation that predicts the last increment best; 0 for no prediction.
-    order: int
+    #: Orders of extrapolation, one for each sub-step of the scheme; 0 for no prediction.
+    orders: np.ndarray
     #: Divided differences (m, size) of the configurations, from order 1 on.
     differences: np.ndarray
     #: The same (m, joints) for the slides of the joints [m].

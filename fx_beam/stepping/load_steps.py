@@ -101,6 +101,7 @@ class LoadStepper:
 
     def note(self, step: StepSolution) -> None:
         """Keep the deviation of a step from its predictor, and its number of corrections."""
+        self.stats.add_solve(step.iterations, step.ended_by)
         self.iterations = step.iterations
         self.deviation = self.size(step.D - step.predicted) / (self.size(step.predicted) or 1.0)
 

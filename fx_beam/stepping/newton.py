@@ -267,7 +267,9 @@ class Predictor:
         #: Divided differences, from order 1 on, of configurations (size,) and of unknowns (free,).
         self._past: list[np.ndarray] = []
         self._past_y: list[np.ndarray] = []
-        self._order = 0
+        #: Orders of extrapolation, for each sub-step of the scheme, and the next sub-step.
+        self._orders = np.zeros(len(model.scheme.fractions), dtype=int)
+        self._next = 0
 
     @property
     def past(self) -> Past:
@@ -275,34 +277,41 @@ class Predictor:
         model, known = self._model, len(self._past)
         y = np.reshape(self._past_y, (known, model.reduction.free))
         slides = model.couplings.free_slides(y, len(model.scene.joints))
-        return Past(self._ages, self._order, np.reshape(self._past, (known, model.size)), slides)
+        differences = np.reshape(self._past, (known, model.size))
+        return Past(self._ages, self._orders.copy(), differences, slides)
 
     @past.setter
     def past(self, past: Past | None) -> None:
         if past is not None:
-            self._ages, self._order = past.ages, past.order
+            self._ages, self._orders, self._next = past.ages, past.orders.copy(), 0
             self._past = list(past.differences)
             self._past_y = list(self._model.couplings.unknowns(past.differences, past.slides))
 
     def predict(self, dt: float) -> np.ndarray | None:
         """Predicted unknowns (free,) of a step of length dt [s]; None without a prediction."""
-        if not self._order:
+        order = self._orders[self._next]
+        if not order:
             return None
-        factors = np.cumprod([dt, *(dt + self._ages[: self._order - 1])])
+        factors = np.cumprod([dt, *(dt + self._ages[: order - 1])])
         return np.sum([c * d for c, d in zip(factors, self._past_y, strict=False)], axis=0)
 
     def update(self, dt: float, step: StepSolution) -> None:
-        """Add the increment of a step of length dt [s], and choose the order of extrapolation."""
+        """Add the increment of a step of length dt [s], and choose the order of extrapolation.
+
+        A scheme with sub-steps has an order for each: some go back between known configurations.
+        """
         ages = dt + np.concatenate([[0.0], self._ages])
-        best, self._order = PREDICTOR_ERROR * self._size(step.D), 0
+        best, order = PREDICTOR_ERROR * self._size(step.D), 0
         now, now_y, product = [step.D / dt], [step.y / dt], dt
         for old, old_y, age in zip(self._past, self._past_y, ages[1:], strict=True):
             now.append((now[-1] - old) / age)
             now_y.append((now_y[-1] - old_y) / age)
             product *= age
             if (error := self._size(now[-1]) * abs(product)) <= best:
-                best, self._order = error, len(now) - 1
+                best, order = error, len(now) - 1
         self._past, self._past_y, self._ages = now[:_PAST], now_y[:_PAST], ages[:_PAST]
+        self._orders[self._next] = order
+        self._next = (self._next + 1) % len(self._orders)
 
     def _size(self, D: np.ndarray) -> float:
         return abs(D / self._unit).max()

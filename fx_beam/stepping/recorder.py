@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -10,6 +10,7 @@ import numpy as np
 
 from fx_beam.errors import SceneError
 from fx_beam.fem.forms import Part
+from fx_beam.mechanics.interval import divided
 from fx_beam.model.model import Model
 from fx_beam.results.audit import Energy
 from fx_beam.results.state import State
@@ -71,17 +72,19 @@ class Recorder:
         #: Sub-steps (n,) in the step before each row, if all were as long as the last one.
         self._parts = np.ones(len(steps), dtype=int)
         n, size, joints = len(steps), model.size, len(model.scene.joints)
+        self._fractions = model.scheme.fractions
+        starts = len(self._fractions) * size
         held = model.reduction.columns - model.reduction.free
         #: Rows (n, ...) by name, vectors in the order of the degrees of freedom.
         self.arrays = {"energies": np.zeros((n, 6)), "momenta": np.zeros((n, 3))}
         if joints:
             self.arrays["slides"] = np.zeros((n, joints))
         if record.motion:
-            # An array of zeros takes no memory until it is written: the start of a last sub-step
-            # is written only if it differs from the previous row.
-            self.arrays |= {"q": np.zeros((n, size)), "before_q": np.zeros((n, size))}
+            # An array of zeros takes no memory until it is written: starts of the last sub-steps
+            # are written only if they differ from the previous row.
+            self.arrays |= {"q": np.zeros((n, size)), "before_q": np.zeros((n, starts))}
             if record.rates and model.forms.resultants_need_rates:
-                self.arrays |= {"before_v": np.zeros((n, size)), "before_a": np.zeros((n, size))}
+                self.arrays |= {f"before_{name}": np.zeros((n, starts)) for name in "va"}
         if record.rates:
             self.arrays |= {"v": np.zeros((n, size)), "a": np.zeros((n, size))}
         if record.forces:
@@ -108,12 +111,14 @@ class Recorder:
 
     def _starts_kept(self, parts):
         """Whether the start of the last sub-step differs from the previous row."""
-        return self.every > 1 or parts > 1
+        return self.every > 1 or len(self._fractions) > 1 or parts > 1
 
-    def record(self, step: int, state: State, before: State | None = None, parts: int = 1) -> None:
+    def record(
+        self, step: int, state: State, starts: Sequence[State] = (), parts: int = 1
+    ) -> None:
         """Add a row for the end of a step of the grid, if `every` selects it; step 0 is the start.
 
-        The last of the step's equal sub-steps goes from `before` to `state`.
+        `starts` are those of the scheme's sub-steps in the last of the step's equal `parts`.
         """
         if not self._wants(step):
             return
@@ -144,8 +149,9 @@ class Recorder:
             ),
             "momenta": (*p[:, :2].sum(axis=0), angular),
         }
-        if before is not None and self._starts_kept(parts):
-            values |= {"before_q": before.q, "before_v": before.v, "before_a": before.a}
+        if starts and self._starts_kept(parts):
+            for name in "qva":
+                values[f"before_{name}"] = [getattr(start, name) for start in starts]
         for name, rows in self.arrays.items():
             if values.get(name) is not None:
                 rows[self.rows] = np.ravel(values[name])
@@ -156,7 +162,8 @@ class Recorder:
         if "q" in self.arrays and turns.any():
             rows = np.arange(first, self.rows)
             self.arrays["q"][first : self.rows] += turns
-            self.arrays["before_q"][rows[self._starts_kept(self._parts[rows])]] += turns
+            kept = rows[self._starts_kept(self._parts[rows])]
+            self.arrays["before_q"][kept] += np.tile(turns, len(self._fractions))
 
     def histories(self) -> dict:
         """Recorded histories by their names in `Solution`; empty if not recorded."""
@@ -200,20 +207,31 @@ class Recorder:
         grid = self._times[steps] - self._times[np.maximum(steps - 1, 0)]
         return grid / self._parts[: self.rows]
 
-    def last_parts(self) -> Iterator[Part]:
-        """The last sub-step before each row, for which its forces are evaluated.
+    def means(self, values: np.ndarray) -> np.ndarray:
+        """Forces (n, ...) of the rows, from those of `last_parts`: means over the sub-steps."""
+        first, rest = values[:1], values[1:]
+        rest = rest.reshape(self.rows - 1, len(self._fractions), *values.shape[1:])
+        return np.concatenate([first, np.tensordot(self._fractions, rest, (0, 1))])
 
-        Row 0 has a sub-step so short that its forces depend on the rates, but not on a motion.
+    def last_parts(self) -> Iterator[Part]:
+        """The scheme's sub-steps before each row, for which its forces are evaluated.
+
+        Row 0 has a single one, so short that its forces depend on the rates, but not on a motion.
         """
         arrays, forms, first = self.arrays, self.model.forms, self._first
         dt = _SHORT * np.diff(self._times[:2]).sum() or 1.0
         D = dt * first.v if forms.resultants_move else np.zeros(self.model.size)
         yield Part(first.t, dt, D, arrays["q"][0], (first.v, first.a))
-        times, lengths = self._times[self._steps], self._lengths()
+        times, count = self._times[self._steps[: self.rows]], len(self._fractions)
+        ends = divided(times - self._lengths(), times, self._fractions)
+        t0, t1 = (np.reshape(places, (-1, count)) for places in ends)
         for k in range(1, self.rows):
             kept = self._starts_kept(self._parts[k])
             q, *rates = (
-                arrays[f"before_{name}"][k] if kept else arrays[name][k - 1]
+                (arrays[f"before_{name}"][k] if kept else arrays[name][k - 1]).reshape(count, -1)
                 for name in ("qva" if forms.resultants_need_rates else "q")
             )
-            yield Part(times[k] - lengths[k], lengths[k], arrays["q"][k] - q, q, tuple(rates))
+            D = np.diff(q, axis=0, append=arrays["q"][k : k + 1])
+            for i in range(count):
+                of_rates = tuple(rate[i] for rate in rates)
+                yield Part(t0[k, i], t1[k, i] - t0[k, i], D[i], q[i], of_rates)

@@ -48,8 +48,6 @@ class SingleStep:
         `forces` are the dead forces at both ends, `positions` those of driven motion at the end.
         """
         model, rates, dt = self.model, self.model.scheme.rates, interval.length
-        self.stats.newton_iterations += step.iterations
-        self.stats.ended_by[step.ended_by] = self.stats.ended_by.get(step.ended_by, 0) + 1
         v, a = rates.end(step.D, state.v, state.a, dt, model.turns)
         path, _ = rates.work_increment(step.D, model.turns)
         if not rates.at_rest:

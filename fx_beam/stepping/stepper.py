@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from fx_beam.errors import StepError
-from fx_beam.mechanics.interval import Interval
+from fx_beam.mechanics.interval import Interval, divided
 from fx_beam.model.model import Model
 from fx_beam.results.audit import Stats
 from fx_beam.results.state import Past, State
@@ -57,12 +57,13 @@ class Stepper:
 
         StepError if a step fails after all halvings, or if a function of time fails.
         """
-        before = state
+        before, past = state, self.past
         while True:
             t1 = float(self.halving.ends(np.array([start, end]))[0])
             try:
-                state, _ = self.single.take(state, Interval(state.t, t1))
+                starts, state = self._take(before, t1)
             except StepFailed as failure:
+                self.past = past
                 if not self.halving.fail():
                     raise self._error(state, t1, failure) from failure
                 self.stats.halvings += 1
@@ -74,8 +75,27 @@ class Stepper:
                 turn = abs(state.q - before.q)[self.model.turns].max()
                 self.stats.too_large += int(turn * parts > LARGE_TURN)
             if self.halving.take(1):
-                recorder.record(number, state, before, parts)
+                recorder.record(number, state, starts, parts)
             return state
+
+    def _take(self, state: State, t1: float) -> tuple[list[State], State]:
+        """States at the starts of all sub-steps of the scheme up to t1 [s], and at their end."""
+        fractions = self.model.scheme.fractions
+        states, solves = [state], []
+        for ends in zip(*divided(np.array([state.t]), np.array([t1]), fractions), strict=True):
+            new, solve = self.single.take(states[-1], Interval(*map(float, ends)))
+            states.append(new)
+            solves.append(solve)
+        for solve in solves:
+            self.stats.add_solve(solve.iterations, solve.ended_by)
+        *starts, end = states
+        if len(fractions) > 1:  # means over the step, as for a scheme without sub-steps
+            end.a = (end.v - state.v) / (t1 - state.t)
+            for name in ("held", "joint_forces"):
+                parts = [getattr(sub_step, name) for sub_step in states[1:]]
+                if parts[0] is not None:
+                    setattr(end, name, np.tensordot(fractions, parts, 1))
+        return starts, end
 
     def _error(self, state: State, t1: float, failure: StepFailed) -> StepError:
         halvings = self.halving.most

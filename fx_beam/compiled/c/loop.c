@@ -31,71 +31,114 @@ static void count_inside_out(Problem *p) {
   memcpy(p->out_q, p->q, p->dofs * sizeof(double));
 }
 
+/* Adds the work of dead loads, driven motion and added forces, and the loss of dampers. The forces
+   that are recorded are means over the sub-steps. */
+static void audit(Problem *p, const Work *w, const double *change, int sub_step) {
+  int n = p->dofs, held = p->columns - p->free;
+  const double *fields[] = {w->D, p->q, p->v, p->a};
+  work_increment(p, w);
+  for (int i = 0; i < n; ++i) p->work += w->dead[i] * w->path[i];
+  for (int i = 0; i < p->actuators; ++i) p->dissipated += p->actuator[i].lost;
+  project(p, w, w->r, w->columns);
+  for (int i = 0; i < p->driven; ++i) {
+    double along;
+    if (p->driven_dof[i] >= 0)
+      along = w->path[p->driven_dof[i]];
+    else if (p->motor_slide[i] >= 0)
+      along = change[i];
+    else
+      along = at(w->path, p->motor_b[i]) - at(w->path, p->motor_a[i]);
+    p->work += mid(p, w->columns[p->free + i], p->held[i]) * along;
+  }
+  for (int i = 0; i < held; ++i)
+    p->held[i] = p->fractions[sub_step] * w->columns[p->free + i] + (sub_step ? p->held[i] : 0);
+  if (p->has_added) {
+    memset(w->f, 0, n * sizeof(double));
+    assemble_vector(p, &p->added, fields, w->f);
+    add_thrusts(p, w, 1, w->f);
+    for (int i = 0; i < n; ++i) p->work += mid(p, w->f[i], p->added_force[i]) * w->path[i];
+    memcpy(p->added_force, w->f, n * sizeof(double));
+  }
+}
+
+/* Takes a sub-step with the inputs number `k`; returns 0 if it fails. With `look`, counts sections
+   that face backwards at its start. */
+static int take_step(Problem *p, Work *w, double dt, int sub_step, const Inputs *inputs, long k, int look) {
+  const double *fields[] = {w->D, p->q, p->v, p->a}, *target = inputs->driven + k * p->driven;
+  double *change = w->start, t = p->t + p->level * dt;
+  if (dt != w->dt) w->dt = dt, begin_inertia(p, w);
+  if (k == 0 || inputs->load_stride) begin_loads(p, w, inputs->loads + k * inputs->load_stride);
+  w->thrust = inputs->thrust + k * inputs->thrust_stride;
+  for (int i = 0; i < p->driven; ++i) {
+    int dof = p->driven_dof[i];
+    change[i] = target[i] - (dof >= 0 ? p->q[dof] : p->driven_now[i]);
+  }
+  if (begin_internal(p, fields, t, dt, look)) count_inside_out(p);
+  begin_form(p, &p->added, fields, t, dt);
+  LAP(AUDIT);
+  int *order = p->orders + sub_step;
+  p->failure = newton(p, w, change, *order);
+  if (p->failure && *order) p->failure = newton(p, w, change, 0);
+  if (p->failure) return 0;
+  LAP(CHECKS);
+  *order = update_predictor(p, w);
+  LAP(PREDICTOR);
+  audit(p, w, change, sub_step);
+  return 1;
+}
+
+/* The state at the end of a sub-step. */
+static void advance(Problem *p, const Work *w, const double *driven) {
+  advance_rates(p, w, w->dt);
+  for (int i = 0; i < p->dofs; ++i) p->q[i] += w->D[i];
+  for (int j = 0; j < p->joints; ++j)
+    if (p->slide_column[j] >= 0) p->slide[p->slide_of[j]] += w->z[p->slide_column[j]];
+  memcpy(p->driven_now, driven, p->driven * sizeof(double));
+  p->t += w->dt;
+  p->steps_done += 1;
+}
+
+/* After the sub-steps of a step of length dt: its mean acceleration, and its largest rotation. */
+static double summarise(Problem *p, const Work *w, double dt) {
+  if (p->sub_steps == 1) return widest_turn(p, w->D);
+  const double *q = w->saved, *v = q + p->dofs;
+  for (int i = 0; i < p->dofs; ++i) {
+    p->a[i] = (p->v[i] - v[i]) / dt;
+    w->left[i] = p->q[i] - q[i];
+  }
+  return widest_turn(p, w->left);
+}
+
 int fx_run(Problem *p, int steps, double dt, const Inputs *inputs, Record *to) {
   Work work, *w = &work;
   lay_out(p, w, p->scratch);
-  w->dt = dt;
-  begin_inertia(p, w);
+  w->dt = 0;
   LAP(PHASES_IN_ALL);
-  int n = p->dofs, held = p->columns - p->free, unchecked = 0;
+  int unchecked = 0;
   const double *fields[] = {w->D, p->q, p->v, p->a};
   for (int k = 0; k < steps; ++k) {
-    if (k == 0 || inputs->load_stride) begin_loads(p, w, inputs->loads + k * inputs->load_stride);
-    const double *target = inputs->driven + (long)k * p->driven;
-    w->thrust = inputs->thrust + k * inputs->thrust_stride;
-    double level = p->level, *change = w->start;
-    for (int i = 0; i < p->driven; ++i) {
-      int dof = p->driven_dof[i];
-      change[i] = target[i] - (dof >= 0 ? p->q[dof] : p->driven_now[i]);
-    }
-    if (begin_internal(p, fields, p->t + level * dt, dt, unchecked)) count_inside_out(p);
-    begin_form(p, &p->added, fields, p->t + level * dt, dt);
-    LAP(AUDIT);
-    p->failure = newton(p, w, dt, change);
-    if (p->failure && p->order_of_prediction) {
-      p->order_of_prediction = 0;
-      p->failure = newton(p, w, dt, change);
-    }
-    if (p->failure) return k;
-    LAP(CHECKS);
-    update_predictor(p, w);
-    LAP(PREDICTOR);
-
-    /* Work: dead loads, driven motion, added forces. */
-    work_increment(p, w);
-    for (int i = 0; i < n; ++i) p->work += w->dead[i] * w->path[i];
-    for (int i = 0; i < p->actuators; ++i) p->dissipated += p->actuator[i].lost;
-    project(p, w, w->r, w->columns);
-    for (int i = 0; i < p->driven; ++i) {
-      double along;
-      if (p->driven_dof[i] >= 0)
-        along = w->path[p->driven_dof[i]];
-      else if (p->motor_slide[i] >= 0)
-        along = change[i];
-      else
-        along = at(w->path, p->motor_b[i]) - at(w->path, p->motor_a[i]);
-      p->work += mid(p, w->columns[p->free + i], p->held[i]) * along;
-    }
-    memcpy(p->held, w->columns + p->free, held * sizeof(double));
-    if (p->has_added) {
-      memset(w->f, 0, n * sizeof(double));
-      assemble_vector(p, &p->added, fields, w->f);
-      add_thrusts(p, w, 1, w->f);
-      for (int i = 0; i < n; ++i) p->work += mid(p, w->f[i], p->added_force[i]) * w->path[i];
-      memcpy(p->added_force, w->f, n * sizeof(double));
-    }
-
     int part = to->part + k, step = to->first + part / to->parts;
     int wanted = (part + 1) % to->parts == 0 && (step % to->every == 0 || step == to->last);
-    if (wanted) record_start(p, to);
-    if (to->parts > 1) p->too_large += widest_turn(p, w->D) * to->parts > p->large_turn;
-    advance_rates(p, w, dt);
-    for (int i = 0; i < n; ++i) p->q[i] += w->D[i];
-    for (int j = 0; j < p->joints; ++j)
-      if (p->slide_column[j] >= 0) p->slide[p->slide_of[j]] += w->z[p->slide_column[j]];
-    memcpy(p->driven_now, target, p->driven * sizeof(double));
-    p->t += dt;
-    p->steps_done += 1;
+    Problem before;
+    if (p->sub_steps > 1) {
+      before = *p;
+      memcpy(w->saved, p->memory, p->memory_size * sizeof(double));
+    }
+    for (int i = 0; i < p->sub_steps; ++i) {
+      long number = (long)k * p->sub_steps + i;
+      if (wanted) record_start(p, i, to);
+      if (!take_step(p, w, dt * p->fractions[i], i, inputs, number, unchecked && i == 0)) {
+        if (i == 0) return k;
+        before.failure = p->failure, before.inside_out = p->inside_out, before.out_t = p->out_t;
+        *p = before;
+        memcpy(p->memory, w->saved, p->memory_size * sizeof(double));
+        return k;
+      }
+      if (wanted) record_joint_forces(p, w, i, to);
+      advance(p, w, inputs->driven + number * p->driven);
+    }
+    double turn = summarise(p, w, dt);
+    if (to->parts > 1) p->too_large += turn * to->parts > p->large_turn;
     if (wanted) record(p, w, to);
     unchecked = !wanted || to->energies[6 * to->rows - 5] >= p->least_energy;
     LAP(AUDIT);

@@ -59,25 +59,25 @@ static void difference(int n, double age, double *restrict x, double *restrict o
   }
 }
 
-/* Adds an increment to the divided differences of the last configurations, and chooses the order of
-   extrapolation: the one with the least error in this step. */
-static void update_predictor(Problem *p, const Work *w) {
-  int n = p->dofs, free = p->free;
+/* Adds an increment to the divided differences of the last configurations. Returns the order of
+   extrapolation with the least error in this step. */
+static int update_predictor(Problem *p, const Work *w) {
+  int n = p->dofs, free = p->free, order = 0;
   double dt = w->dt, ages[PAST + 1] = {dt}, product = dt, *left = w->left;
   double best = p->predictor_error * largest(n, w->D, p->per_unit);
-  p->order_of_prediction = 0;
   for (int k = 0; k < PAST; ++k) ages[k + 1] = p->ages[k] + dt;
   for (int i = 0; i < n; ++i) left[i] = w->D[i] / dt;
   for (int k = 0; k < PAST; ++k) {
     difference(n, ages[k + 1], left, p->past + k * n);
     product *= ages[k + 1];
     double error = k < p->known_steps ? largest(n, left, p->per_unit) * fabs(product) : HUGE_VAL;
-    if (error <= best) best = error, p->order_of_prediction = k + 1;
+    if (error <= best) best = error, order = k + 1;
   }
   for (int i = 0; i < free; ++i) left[i] = w->z[i] / dt;
   for (int k = 0; k < PAST; ++k) difference(free, ages[k + 1], left, p->past_y + k * free);
   memcpy(p->ages, ages, PAST * sizeof(double));
   ++p->known_steps;
+  return order;
 }
 
 static double widest_turn(const Problem *p, const double *D) {
@@ -98,16 +98,17 @@ static double next_after(Sequence *s, double value) {
   return s->slowest * value * value;
 }
 
-static int newton(Problem *p, const Work *w, double dt, const double *driven) {
+/* `order` is that of the prediction; 0 for none. */
+static int newton(Problem *p, const Work *w, const double *driven, int order) {
   int n = p->dofs, free = p->free, small_corrections = 0;
   const double *fields[] = {w->D, p->q, p->v, p->a};
   Sequence sizes = {HUGE_VAL, 0}, errors = {HUGE_VAL, 0};
-  double drive = 0;
+  double drive = 0, dt = w->dt;
   memset(w->z, 0, p->columns * sizeof(double));
   for (int i = 0; i < p->driven; ++i) drive += fabs(driven[i]);
-  if (p->order_of_prediction) {
+  if (order) {
     double factor = dt;
-    for (int k = 0; k < p->order_of_prediction; factor *= dt + p->ages[k++])
+    for (int k = 0; k < order; factor *= dt + p->ages[k++])
       for (int i = 0; i < free; ++i) w->z[i] += factor * p->past_y[k * free + i];
     for (int i = 0; i < p->driven; ++i) w->z[free + i] = driven[i];
   }
@@ -125,7 +126,7 @@ static int newton(Problem *p, const Work *w, double dt, const double *driven) {
     project(p, w, w->r, w->reduced);
     memset(w->step, 0, p->columns * sizeof(double));
     reduce_tangent(p, w, w->r);
-    if (iteration == 1 && drive > 0 && !p->order_of_prediction) {
+    if (iteration == 1 && drive > 0 && !order) {
       for (int i = 0; i < p->driven; ++i) w->step[free + i] = -driven[i];
       spread(p, w, w->step, w->correction);
       for (int i = 0; i < n; ++i)

@@ -2,9 +2,10 @@
 
 #pragma once
 
-/* Elements per call of a Batch, largest order of the predictor, and place of the
-   displacements and rotations at the start of the step among the changing coefficients. */
-enum { LANES = 8, PAST = 4, START = 1 };
+/* Elements per call of a Batch, largest order of the predictor, largest number of sub-steps of a
+   scheme, and place of the displacements and rotations at the start of the step among the changing
+   coefficients. */
+enum { LANES = 8, PAST = 4, SUB_STEPS = 32, START = 1 };
 
 /* Element tensors from coefficients, constants and coordinates. All arrays except the constants are
    for LANES elements, with entry k of lane l at [k][l]. */
@@ -102,9 +103,11 @@ typedef struct {
   /* Follower forces: x, y and rotation of their nodes, and storage indices of their tangent. */
   int thrusts, *thrust_dofs, *thrust_places;
 
-  /* Rule for the rates: 0 mid-point, 1 Newmark. */
+  /* Rule for the rates: 0 mid-point, 1 Newmark. Sub-steps, relative to a step. */
   int rule;
   double level, beta, gamma, alpha_m;
+  int sub_steps;
+  double fractions[SUB_STEPS];
 
   /* Newton's method. */
   double tolerance, negligible, energy_tolerance, energy_floor, predictor_error;
@@ -123,18 +126,21 @@ typedef struct {
   double *position;     /* (nodes, 2) */
   int nodes, *node_dofs;
 
-  /* State. */
+  /* State. Its arrays and those of the predictor are in one piece of memory. */
+  double *memory;
+  long memory_size;
   double t, work, dissipated;
   double *q, *v, *a, *slide, *driven_now, *held, *added_force;
   int steps_done;       /* 0 if there is no previous step */
   double *ages;         /* [PAST] times since the configurations before the last one, the latest first */
-  int known_steps, order_of_prediction; /* number of previous steps; 0: no prediction */
+  int known_steps;      /* number of previous sub-steps */
+  int orders[SUB_STEPS]; /* of the prediction of each sub-step; 0: none */
   double *past, *past_y;  /* [PAST] divided differences of configurations and unknowns, from order 1 on */
 
   /* Work space and results of a run. */
   double *scratch;
   int iterations, failure, by_round_off;
-  int too_large;        /* sub-steps with rotations above large_turn per step */
+  int too_large;        /* parts of steps with rotations above large_turn per step */
   int inside_out;       /* steps or sub-steps that end with sections facing backwards */
   double out_t, *out_q; /* time and configuration of the first of them */
   double least_energy;  /* with less strain energy no section faces backwards */
@@ -143,16 +149,16 @@ typedef struct {
 /* Histories: a row for every `every`-th step and for the last. A null pointer is not recorded. */
 typedef struct {
   int every, first, last, rows; /* number of the first step of this call, and of the last step of all */
-  int parts, part;              /* sub-steps per step, and those of the first step already taken */
-  double *before_q, *before_v, *before_a; /* at the start of the last sub-step */
+  int parts, part;              /* parts of a halved step, and those of the first step already taken */
+  double *before_q, *before_v, *before_a; /* at the starts of the sub-steps of the last part */
   double *q, *v, *a, *held, *slides, *joint_forces, *energies, *momenta;
 } Record;
 
-/* Inputs of each step; with a stride of 0 all steps have those of the first. */
+/* Inputs of each sub-step; with a stride of 0 all have those of the first. */
 typedef struct {
-  double *loads;  /* [step][start, end][load] */
-  double *driven; /* [step][driven column], at the end */
-  double *thrust; /* [step][thrust][x, y], at the scheme's level */
+  double *loads;  /* [sub-step][start, end][load] */
+  double *driven; /* [sub-step][driven column], at the end */
+  double *thrust; /* [sub-step][thrust][x, y], at the scheme's level */
   long load_stride, thrust_stride;
 } Inputs;
 

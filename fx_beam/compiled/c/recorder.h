@@ -5,27 +5,32 @@
 #include "assembly.h"
 #include "couplings.h"
 
-static void joint_forces(const Problem *p, const Work *w, double *out) {
-  for (int i = 0; i < 3 * p->scene_joints; ++i) {
-    out[i] = 0;
+/* Adds the joint forces of a sub-step to their mean over the step. */
+static void record_joint_forces(const Problem *p, const Work *w, int sub_step, Record *to) {
+  if (!to->joint_forces) return;
+  long n = 3 * p->scene_joints;
+  double *out = to->joint_forces + to->rows * n, fraction = p->fractions[sub_step];
+  if (sub_step == 0) memset(out, 0, n * sizeof(double));
+  for (int i = 0; i < n; ++i)
     for (int k = p->sum_start[i]; k < p->sum_start[i + 1]; ++k)
-      out[i] += p->sum_sign[k] * w->r[p->sum_of[k]];
-  }
+      out[i] += fraction * p->sum_sign[k] * w->r[p->sum_of[k]];
   for (int k = 0; k < p->twists; ++k)
-    out[3 * p->twist_joint[k] + 2] += p->twist_sign[k] * p->actuator[p->twist_of[k]].force;
+    out[3 * p->twist_joint[k] + 2] +=
+        fraction * p->twist_sign[k] * p->actuator[p->twist_of[k]].force;
   if (!p->joints) return;
   transmitted(p, w, w->r);
   for (int i = 0; i < p->scene_joints; ++i)
     for (int k = p->lever_joint_start[i]; k < p->lever_joint_start[i + 1]; ++k) {
       int j = p->lever_joint[k];
       const double *s = p->joint_sign + 2 * j, *lever = w->hat + 1 + 4 * j, *F = w->passing + 2 * j;
-      out[3 * i + 2] += p->lever_sign[k] * (s[0] * lever[0] * F[0] + s[1] * lever[1] * F[1]);
+      double moment = s[0] * lever[0] * F[0] + s[1] * lever[1] * F[1];
+      out[3 * i + 2] += fraction * p->lever_sign[k] * moment;
     }
 }
 
-/* Start of the last sub-step of a step, for which its forces are evaluated. */
-static void record_start(const Problem *p, Record *to) {
-  long n = p->dofs, at = to->rows * n;
+/* Start of a sub-step of a step, for which its forces are evaluated. */
+static void record_start(const Problem *p, int sub_step, Record *to) {
+  long n = p->dofs, at = (to->rows * p->sub_steps + sub_step) * n;
   if (to->before_q) memcpy(to->before_q + at, p->q, n * sizeof(double));
   if (to->before_v) memcpy(to->before_v + at, p->v, n * sizeof(double));
   if (to->before_a) memcpy(to->before_a + at, p->a, n * sizeof(double));
@@ -38,7 +43,6 @@ static void record(Problem *p, const Work *w, Record *to) {
   if (to->a) memcpy(to->a + k * n, p->a, n * sizeof(double));
   if (to->held) memcpy(to->held + k * held, p->held, held * sizeof(double));
   if (to->slides) memcpy(to->slides + k * p->slides, p->slide, p->slides * sizeof(double));
-  if (to->joint_forces) joint_forces(p, w, to->joint_forces + k * 3 * p->scene_joints);
   double *momentum = w->left, *energy = to->energies + 6 * k, *sums = to->momenta + 3 * k;
   times_mass(p, p->v, momentum);
   memset(energy, 0, 5 * sizeof(double)), memset(sums, 0, 3 * sizeof(double));
