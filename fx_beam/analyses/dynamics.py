@@ -168,6 +168,13 @@ def simulate(
         raise
     stats.seconds = time.perf_counter() - clock
     _warn_of_parts(stats, dt)
+    if stats.amplified:
+        _log.warning(
+            "%s: in %d of %d steps dampers gave energy, since the sub-step that goes back in time "
+            "amplifies what they damp. This happens if the damping rate is about 3 / dt = %.3g /s. "
+            "Try another dt, or order=2",
+            *(stats.scheme, stats.amplified, stats.substeps, 3 / dt),
+        )
     end = replace(
         state, q=state.q + windings.removed, parts=stepper.halving.memory(dt), past=integrator.past
     )

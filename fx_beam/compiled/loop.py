@@ -42,7 +42,7 @@ class CompiledLoop:
         known = min(p.known_steps, self._library.PAST)
         ages, differences, y = (values[:known].copy() for values in self._past)
         slides = model.couplings.free_slides(y, len(model.scene.joints))
-        orders = np.array(p.orders[0 : p.sub_steps])
+        orders = np.array(list(p.orders[0 : p.sub_steps]))
         return Past(ages, orders, differences, slides)
 
     @past.setter
@@ -113,7 +113,7 @@ class CompiledLoop:
             arrays["added_force"][:] = state.added
         p.t, p.work, p.dissipated = state.t, state.work, state.dissipated
         p.iterations = p.by_round_off = 0
-        p.too_large = p.inside_out = 0
+        p.too_large = p.inside_out = p.amplified = 0
         c_inputs = self._ffi.new("Inputs *")
         for name in ("loads", "driven", "thrust"):
             setattr(c_inputs, name, self._ffi.cast("double *", getattr(inputs, name).ctypes.data))
@@ -130,6 +130,7 @@ class CompiledLoop:
         stats.substeps += taken
         stats.newton_iterations += p.iterations
         stats.too_large += p.too_large
+        stats.amplified += p.amplified
         if p.inside_out:
             self._stepper.facing.count(p.inside_out, p.out_t, self._all.out_q)
         solves = taken * p.sub_steps

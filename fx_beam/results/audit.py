@@ -111,6 +111,9 @@ class Stats:
     inside_out : int
         Steps, each part of a halved step counted, that end with a Gauss point at which a section
         faces backwards: t . phi' > 0 (eq. 4) is violated.
+    amplified : int
+        Steps, each part of a halved step counted, in which dampers gave energy. Only schemes of
+        order 4 have such steps: they have a sub-step that goes back in time.
     ended_by : dict
         Number of Newton solves that ended by a small increment, and of those that ended at
         round-off.
@@ -150,6 +153,7 @@ class Stats:
     substeps: int = 0
     too_large: int = 0
     inside_out: int = 0
+    amplified: int = 0
     ended_by: dict[str, int] = field(default_factory=dict)
     seconds: float = 0.0
     setup_seconds: float = 0.0

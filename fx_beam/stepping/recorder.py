@@ -113,9 +113,7 @@ class Recorder:
         """Whether the start of the last sub-step differs from the previous row."""
         return self.every > 1 or len(self._fractions) > 1 or parts > 1
 
-    def record(
-        self, step: int, state: State, starts: Sequence[State] = (), parts: int = 1
-    ) -> None:
+    def record(self, step: int, state: State, starts: Sequence[State] = (), parts: int = 1) -> None:
         """Add a row for the end of a step of the grid, if `every` selects it; step 0 is the start.
 
         `starts` are those of the scheme's sub-steps in the last of the step's equal `parts`.

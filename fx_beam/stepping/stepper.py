@@ -69,6 +69,7 @@ class Stepper:
                 self.stats.halvings += 1
                 continue
             self.stats.substeps += 1
+            self.stats.amplified += state.dissipated < before.dissipated
             self.facing.check(state.t, state.q)
             parts = self.halving.parts
             if parts > 1:

@@ -119,6 +119,7 @@ int fx_run(Problem *p, int steps, double dt, const Inputs *inputs, Record *to) {
   for (int k = 0; k < steps; ++k) {
     int part = to->part + k, step = to->first + part / to->parts;
     int wanted = (part + 1) % to->parts == 0 && (step % to->every == 0 || step == to->last);
+    double lost = p->dissipated;
     Problem before;
     if (p->sub_steps > 1) {
       before = *p;
@@ -138,6 +139,7 @@ int fx_run(Problem *p, int steps, double dt, const Inputs *inputs, Record *to) {
       advance(p, w, inputs->driven + number * p->driven);
     }
     double turn = summarise(p, w, dt);
+    p->amplified += p->dissipated < lost;
     if (to->parts > 1) p->too_large += turn * to->parts > p->large_turn;
     if (wanted) record(p, w, to);
     unchecked = !wanted || to->energies[6 * to->rows - 5] >= p->least_energy;

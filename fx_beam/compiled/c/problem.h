@@ -141,7 +141,8 @@ typedef struct {
   double *scratch;
   int iterations, failure, by_round_off;
   int too_large;        /* parts of steps with rotations above large_turn per step */
-  int inside_out;       /* steps or sub-steps that end with sections facing backwards */
+  int inside_out;       /* steps or parts that end with sections facing backwards */
+  int amplified;        /* steps or parts in which dampers give energy */
   double out_t, *out_q; /* time and configuration of the first of them */
   double least_energy;  /* with less strain energy no section faces backwards */
 } Problem;
