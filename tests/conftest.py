@@ -2,6 +2,7 @@
 
 import gc
 import os
+import re
 import sys
 from pathlib import Path
 
@@ -24,10 +25,6 @@ settings.load_profile("fx_beam")
 # the time.
 gc.set_threshold(20_000, 20, 50)
 
-# Files whose tests share the runs of the demos, and the slowest of the other files.
-_OF_DEMOS = "test_demos", "test_paper"
-_LONG = *_OF_DEMOS, "test_stability"
-
 
 @pytest.fixture
 def unoptimised(monkeypatch):
@@ -35,9 +32,35 @@ def unoptimised(monkeypatch):
     monkeypatch.setitem(dolfinx_api._JIT, "cffi_extra_compile_args", ["-O0", "-g0"])
 
 
+# Groups that take longest, which start first: otherwise one process would end with them alone.
+_SLOWEST = ("test_stability_report", "test_demo_damping_scan", "test_demo_lee_frame")
+
+
+def group(nodeid):
+    """Tests that share what is slow to make: those of a file, and all about the run of a demo."""
+    file = nodeid.partition("::")[0].rpartition("/")[2].removesuffix(".py")
+    demo = re.search(r"\[(\w+)\]$", nodeid) if file in ("test_demos", "test_paper") else None
+    return f"test_demo_{demo[1]}" if demo else file
+
+
 def pytest_collection_modifyitems(items):
-    """Tests that share runs stay in one process; the slowest files start first."""
-    items.sort(key=lambda item: item.path.stem not in _LONG)
-    for item in items:
-        name = item.path.stem
-        item.add_marker(pytest.mark.xdist_group("demos" if name in _OF_DEMOS else name))
+    """The slowest groups start first."""
+    order = {name: place for place, name in enumerate(_SLOWEST)}
+    items.sort(key=lambda item: order.get(group(item.nodeid), len(order)))
+
+
+@pytest.hookimpl(optionalhook=True)
+def pytest_xdist_make_scheduler(config, log):
+    """The tests of a group run in one process; groups start in the order of collection.
+
+    The group is found from a test's id, as pytest-xdist 3.8 loses its own marks with pytest 9.2.
+    """
+    from xdist.scheduler import LoadScopeScheduling
+
+    config.option.loadscopereorder = False
+
+    class Groups(LoadScopeScheduling):
+        def _split_scope(self, nodeid):
+            return group(nodeid)
+
+    return Groups(config, log)
