@@ -173,6 +173,6 @@ def draw(results):
 if __name__ == "__main__":
     logging.basicConfig(format="%(message)s", force=True)
     logging.getLogger("fx_beam").setLevel("ERROR")  # lost motions turn sections inside out
-    log.setLevel("INFO")
+    logging.getLogger("fx_beam.demo").setLevel("INFO")
     here = Path(__file__).resolve()
     main(Path(sys.argv[1]) if sys.argv[1:] else here.parents[1] / "results" / here.stem)

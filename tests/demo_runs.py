@@ -41,6 +41,7 @@ PICTURES = {
         "moments.png",
         "motion.gif",
     ),
+    "parallelogram": ("scene.png", "path_and_force.png", "motion.gif"),
     "own_physics": ("scene.png", "energy.png", "motion.gif"),
 }
 RESULTS = tempfile.TemporaryDirectory(prefix="fx_beam_demos_")  # goes with the process
