@@ -94,10 +94,10 @@ def energy_ratio(solution: Solution) -> np.ndarray:
         \qquad E_0 = \max_t \left(T(0) + U(0) + W(t) - V(t) + V(0)\right),
 
     with the work W of all loads less what dampers took, so that r = 1 under loads as well. What
-    `EnergyDecaying` takes counts as lost. E_0 is the largest kinetic and
-    strain energy T + U that the motion should have, with the work of the loads and of the weight,
-    whose potential is V. Without loads it is the energy at the start; in a fall from rest it is
-    the largest potential energy released. As T and U are not negative, r is not negative.
+    `EnergyDecaying` takes counts as lost. E_0 is the largest kinetic and strain energy T + U that
+    the motion should have, with the work of the loads and of the weight, whose potential is V.
+    Without loads it is the energy at the start; in a fall from rest it is the largest potential
+    energy released. As T and U are not negative, r is not negative.
 
     Parameters
     ----------
