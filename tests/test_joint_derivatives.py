@@ -270,7 +270,8 @@ def test_index_reduction_is_the_dense_product(kind):
 def column_values(moved, x):
     """Values of the columns of all degrees of freedom that are columns of their own."""
     z = np.zeros(moved.reduction.columns)
-    for dof, own in enumerate(moved.model.couplings.entries):
+    for dof in range(moved.model.size):
+        own = moved.model.couplings.entries(dof)
         if len(own) == 1 and own[0][1:] == (0, 1.0):
             z[own[0][0]] = x[dof]
     return z

@@ -45,8 +45,9 @@ class Couplings:
     free: int
     driven: int
     columns: int
-    #: Entries of each degree of freedom.
-    entries: list[list[Entry]]
+    #: Column (size,) that each degree of freedom equals; -1 for a sum, with its entries in `sums`.
+    column: np.ndarray
+    sums: dict[int, list[Entry]]
     #: Column of the slide of each joint that has one, by the joint's number.
     slides: dict[int, int]
     #: Joints whose coupling changes with the motion. Joint m has the values 1 + 4 m to 4 + 4 m: the
@@ -60,19 +61,34 @@ class Couplings:
     @property
     def is_index(self) -> bool:
         """Whether each degree of freedom equals one column."""
-        return all(len(own) == 1 and own[0][1] == 0 for own in self.entries)
+        return not self.sums
+
+    def entries(self, dof: int) -> list[Entry]:
+        """Entries of a degree of freedom."""
+        return self.sums.get(dof) or [(int(self.column[dof]), 0, 1.0)]
+
+    def all_entries(self) -> tuple[np.ndarray, ...]:
+        """Degrees of freedom, columns, positions and signs of all entries, in order."""
+        alone = np.flatnonzero(self.column >= 0)
+        of_sums = [(dof, *entry) for dof, own in self.sums.items() for entry in own]
+        dofs, columns, places, signs = np.array(of_sums).reshape(-1, 4).T
+        dofs = np.concatenate([alone, dofs.astype(int)])
+        order = np.argsort(dofs, kind="stable")
+        n = len(alone)
+        parts = (
+            (self.column[alone], columns.astype(int)),
+            (np.zeros(n, int), places.astype(int)),
+            (np.ones(n), signs),
+        )
+        return dofs[order], *(np.concatenate(part)[order] for part in parts)
 
     @cached_property
     def places(self) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
         """Free columns of degrees of freedom and of slides, each with its owners."""
-        alone = [
-            own[0] if len(own) == 1 and own[0][1:] == (0, 1.0) else (-1,) for own in self.entries
-        ]
-        column = np.array([own[0] for own in alone])
-        dofs = np.flatnonzero((column >= 0) & (column < self.free))
+        dofs = np.flatnonzero((self.column >= 0) & (self.column < self.free))
         slides = np.array([pair for pair in self.slides.items() if pair[1] < self.free], int)
         number, of_slide = slides.reshape(-1, 2).T
-        return column[dofs], dofs, of_slide, number
+        return self.column[dofs], dofs, of_slide, number
 
     def unknowns(self, D: np.ndarray, slides: np.ndarray) -> np.ndarray:
         """Unknowns (..., free) from increments (..., size) and slides (..., joints)."""
@@ -90,7 +106,7 @@ class Couplings:
 
     def entries_of_guide(self, joint: Joint, dofs: np.ndarray) -> list[Entry]:
         """Entries of the rotation of a joint's offset and axis; none on the ground."""
-        return self.entries[dofs[joint.a.number, 2]] if joint.a is not GROUND else []
+        return self.entries(dofs[joint.a.number, 2]) if joint.a is not GROUND else []
 
 
 def couple(scene: Scene, mesh: Mesh) -> Couplings:
@@ -100,35 +116,47 @@ def couple(scene: Scene, mesh: Mesh) -> Couplings:
     moving = [b.joint for b in forests[0] if not b.joint.is_index]
     place = {joint.number: 1 + 4 * m for m, joint in enumerate(moving)}
     ground = [(columns.of[_GROUND], 0, 1.0)] if _GROUND in columns.of else []
+    #: Entries of the nodes that follow through a joint.
     entries: dict[tuple[int, int], list[Entry]] = {(GROUND.number, i): ground for i in range(3)}
-    for key in columns.roots:
-        entries[key] = [(columns.of[key], 0, 1.0)]
+
+    def entries_of(node: int, component: int) -> list[Entry]:
+        root = int(columns.of_roots[node, component]) if node >= 0 else -1
+        return entries[node, component] if root < 0 else [(root, 0, 1.0)]
+
     for branch in forests[2]:
-        own = list(entries[branch.parent, 2])
+        own = list(entries_of(branch.parent, 2))
         if branch.joint.rotation is not None:
             own.append((columns.of["motor", branch.joint.number], 0, branch.sign))
         entries[branch.node, 2] = own
     for i in (0, 1):
         for branch in forests[i]:
             joint = branch.joint
-            own = list(entries[branch.parent, i])
+            own = list(entries_of(branch.parent, i))
             if joint.number in place:
                 first = place[joint.number] + i
-                turn = entries[joint.a.number, 2]
+                turn = entries_of(joint.a.number, 2)
                 own += [(column, first, sign * branch.sign) for column, _, sign in turn]
                 if joint.slide is not None:
                     own.append((columns.slides[joint.number], first + 2, branch.sign))
             entries[branch.node, i] = own
 
-    by_dof: list[list[Entry]] = [[] for _ in range(mesh.dofs.size)]
+    column = np.empty(mesh.dofs.size, dtype=int)
+    column[mesh.dofs] = columns.of_roots
+    sums = {}
     for (node, component), own in entries.items():
-        if node >= 0:
-            by_dof[mesh.dofs[node, component]] = own
+        if node < 0:
+            continue
+        dof = int(mesh.dofs[node, component])
+        if len(own) == 1 and own[0][1:] == (0, 1.0):
+            column[dof] = own[0][0]
+        else:
+            sums[dof] = own
     return Couplings(
         free=columns.free,
         driven=columns.driven,
         columns=columns.count,
-        entries=by_dof,
+        column=column,
+        sums=sums,
         slides=columns.slides,
         moving=moving,
         sign=np.array([_signs(forest, len(scene.joints)) for forest in forests]),
@@ -140,22 +168,32 @@ class _Columns:
     """Numbers of the columns: free, driven, fixed."""
 
     def __init__(self, scene: Scene, mesh: Mesh, forests: list[list[Branch]]):
-        follows = {(branch.node, i) for i, forest in enumerate(forests) for branch in forest}
-        nodes = range(len(mesh.X))
-        self.roots = [(n, i) for n in nodes for i in range(3) if (n, i) not in follows]
-        taken = scene.fixed | set(scene.prescribed)
+        follows = [(branch.node, i) for i, forest in enumerate(forests) for branch in forest]
+        taken = [*scene.prescribed, *sorted(scene.fixed)]
+        root, free_root = np.ones((2, len(mesh.X), 3), dtype=bool)
+        for key in follows:
+            root[key] = free_root[key] = False
+        for key in taken:
+            free_root[key] = False
         motored = motors(scene)
         moved = {joint.number for joint, name in motored if name == "slide"}
         slides = [joint.number for joint in scene.joints if joint.slide is not None]
-        free: list[tuple] = [key for key in self.roots if key not in taken]
-        free += [("slide", number) for number in slides if number not in moved]
+        free: list[tuple] = [("slide", number) for number in slides if number not in moved]
         driven: list[tuple] = list(scene.prescribed)
         driven += [("motor", joint.number) for joint, _ in motored]
         branches = [branch for forest in forests for branch in forest]
         ground = [_GROUND] if any(b.parent == GROUND.number for b in branches) else []
         keys = [*free, *driven, *sorted(scene.fixed), *ground]
-        self.of: dict[tuple, int] = {key: column for column, key in enumerate(keys)}
-        self.free, self.driven, self.count = len(free), len(driven), len(keys)
+        alone = int(np.count_nonzero(free_root))
+        #: Columns of slides, driven and fixed degrees of freedom, and of the ground.
+        self.of: dict[tuple, int] = {key: column for column, key in enumerate(keys, start=alone)}
+        #: Column (nodes, 3) of each component of a node that follows no joint; -1 for the others.
+        self.of_roots = np.full(root.shape, -1)
+        self.of_roots[free_root] = np.arange(alone)
+        for key in taken:
+            if root[key]:
+                self.of_roots[key] = self.of[key]
+        self.free, self.driven, self.count = alone + len(free), len(driven), alone + len(keys)
         self.slides = {n: self.of["motor" if n in moved else "slide", n] for n in slides}
 
 

@@ -26,8 +26,7 @@ class JointReduction:
         self._rates, self._actuators, self._dofs = rates, actuators, dofs
         self._size = matrix.shape[0]
         self._z = np.zeros(self.columns)
-        flat = [(row, *entry) for row, own in enumerate(couplings.entries) for entry in own]
-        rows, columns, places, signs = (np.array(part) for part in zip(*flat, strict=True))
+        rows, columns, places, signs = couplings.all_entries()
         self._row, self._col, self._place = rows, columns, places
         self._sign = signs
         constant = places == 0

@@ -252,7 +252,7 @@ class Actuators:
 
 
 def _entries(couplings: Couplings, dof: int) -> list[Entry]:
-    return couplings.entries[dof] if dof >= 0 else []
+    return couplings.entries(dof) if dof >= 0 else []
 
 
 def _table(names: tuple[str, ...], rows: list[tuple]) -> dict[str, list]:

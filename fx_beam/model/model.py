@@ -62,7 +62,7 @@ class Model:
     def unit_of_unknowns(self) -> np.ndarray:
         """Size of a unit increment of each unknown (free,); compare `unit`."""
         unit = np.full(self.couplings.columns, self.mesh.size)
-        turning = [entry[0] for dof in self.turns for entry in self.couplings.entries[dof]]
+        turning = [entry[0] for dof in self.turns for entry in self.couplings.entries(dof)]
         unit[turning] = 1.0
         return unit[: self.couplings.free]
 
@@ -85,8 +85,7 @@ class Model:
         self.actuators = Actuators(scene.joints, self.couplings, self.scheme.rates, dofs)
         self.reduction: Reduction
         if self.couplings.is_index and not self.actuators:
-            column = np.array([own[0][0] for own in self.couplings.entries])
-            self.reduction = IndexReduction(column, *counts, matrix)
+            self.reduction = IndexReduction(self.couplings.column, *counts, matrix)
         else:
             self.reduction = JointReduction(
                 self.couplings, self.actuators, self.scheme.rates, dofs, matrix
