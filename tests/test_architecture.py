@@ -57,6 +57,7 @@ HOUSE = {
         "forcing",
         "initial_state",
         "recorder",
+        "interpolation",
         "newton",
         "single_step",
         "substeps",

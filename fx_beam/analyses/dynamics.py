@@ -177,6 +177,7 @@ def simulate(
     stepper = Stepper(model, drive, options, stats, max_halvings)
     integrator = _choose_integrator(solver, stepper, options)
     recorder = Recorder(model, times, record or Record())
+    rows_at = None if record is None or record.times is None else np.array(record.times, float)
     first = float(times[1] - times[0]) if control is None else control.first
     state = _first_state(model, drive, first, start)
     if dt is not None and control is None:
@@ -203,7 +204,7 @@ def simulate(
     except (StepError, KeyboardInterrupt) as error:
         stats.seconds = time.perf_counter() - clock
         stats.failure = failure_of(error, state.t)
-        keep(error, solution_of(model, recorder, stats))
+        keep(error, solution_of(model, recorder, stats, times=rows_at))
         raise
     stats.seconds = time.perf_counter() - clock
     parts = None
@@ -219,7 +220,7 @@ def simulate(
             f" = {3 / first:.3g} /s" if control is None else "",
         )
     end = replace(state, q=state.q + windings.removed, parts=parts, past=integrator.past)
-    return solution_of(model, recorder, stats, end)
+    return solution_of(model, recorder, stats, end, rows_at)
 
 
 def _steps_of_grid(integrator: Stepper | CompiledLoop, times: np.ndarray, recorder: Recorder):

@@ -105,7 +105,7 @@ class CompiledLoop:
         """Do not compare the next steps with those before, for example after a jump of a load."""
         p = self._problem
         p.scheme_order, _ = order_and_constant(self.model.scheme)
-        p.known_errors, p.controlled = 0, True
+        p.known_errors, p.controlled, p.ratios = 0, True, [-1.0, -1.0]
 
     def attempt(
         self,

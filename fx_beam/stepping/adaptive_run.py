@@ -19,7 +19,7 @@ from .step_control import StepControl
 from .stepper import Attempt
 
 # Steps that are prepared at once: at first, after a change of their length, and at most.
-_FIRST_BLOCK, _LARGEST_BLOCK = 8, 1024
+_FIRST_BLOCK, _LARGEST_BLOCK = 16, 1024
 # Trials of a first length.
 _TRIALS = 40
 

@@ -33,6 +33,11 @@ class Record:
         Whether to record velocities and accelerations.
     forces : bool
         Whether to record the forces of supports and joints.
+    times : sequence of float, optional
+        Increasing times of the rows [s], in place of the ends of steps. Displacements and rotations
+        are cubic polynomials within a step, made of those at its ends and of the rates there;
+        energies and momenta are linear. Forces and accelerations are those of the step. All steps
+        are kept until the end of the run; motion and rates must be recorded.
 
     Examples
     --------
@@ -43,12 +48,17 @@ class Record:
     >>> record = fb.Record(every=4, rates=False)
     >>> fb.simulate(scene, dt=0.1, t_end=1.0, record=record).t.round(3)
     array([0. , 0.4, 0.8, 1. ])
+
+    >>> record = fb.Record(times=[0.0, 0.25, 0.5])
+    >>> fb.simulate(scene, tolerance=1e-3, t_end=1.0, record=record).t
+    array([0.  , 0.25, 0.5 ])
     """
 
     every: int = 1
     motion: bool = True
     rates: bool = True
     forces: bool = True
+    times: Sequence[float] | None = None
 
     def __post_init__(self):
         whole = isinstance(self.every, int | np.integer) and not isinstance(self.every, bool)
@@ -57,6 +67,17 @@ class Record:
         for name in ("motion", "rates", "forces"):
             if not isinstance(getattr(self, name), bool | np.bool_):
                 raise SceneError(f"Record: {name} = {getattr(self, name)!r} must be True or False")
+        if self.times is None:
+            return
+        try:
+            times = np.array(self.times, dtype=float)
+        except (TypeError, ValueError):
+            times = np.empty(0)
+        rising = times.ndim == 1 and len(times) and np.isfinite(times).all()
+        if not rising or (np.diff(times) <= 0).any():
+            raise SceneError(f"Record: times = {self.times!r} must be increasing finite times")
+        if not (self.every == 1 and self.motion and self.rates):
+            raise SceneError("Record: times need every step, with motion and rates")
 
 
 class Unrecorded:

@@ -8,8 +8,8 @@ import numpy as np
 
 # Largest single local error, relative to the tolerance.
 _SINGLE = 0.5
-# Reference for the error of a step: a motion that takes 10 / tolerance^(1/order) steps.
-_REFERENCE = 0.1
+# Reference for the error of a step: a motion that takes 7 / tolerance^(1/order) steps.
+_REFERENCE = 0.15
 # Desired ratio of the error to what is allowed; between the two others the length is kept.
 _DESIRED, _LOWEST, _HIGHEST = 0.5, 0.2, 0.7
 # Gains of the controller (PI: Soderlind 2002, doi 10.1023/A:1021160023092).
@@ -25,7 +25,7 @@ class StepControl:
 
     A smooth part of the local errors adds up from step to step. It may be
 
-        tolerance * sqrt(dt / T) * sqrt(0.1 tolerance^(1/order)),
+        tolerance * sqrt(dt / T) * sqrt(0.15 tolerance^(1/order)),
 
     the geometric mean of two rules: error per time (the errors of all steps of the time T add up to
     the tolerance) and error per step (the fewest steps for the sum of the errors).
@@ -38,6 +38,7 @@ class StepControl:
         self._power = order + 0.5
         #: Length of the next steps [s].
         self.length = min(span / 1000, longest)
+        #: Ratio in the last step; 0 if it is not known.
         self._before = 0.0
 
     def factors(self, dt: float) -> tuple[float, float]:
@@ -47,7 +48,10 @@ class StepControl:
         return error / (self._tolerance * math.sqrt(share)), error / (_SINGLE * self._tolerance)
 
     def band(self, dt: float) -> tuple[float, float]:
-        """Ratios between which steps of length dt [s] are kept."""
+        """Ratios between which steps of length dt [s] are kept.
+
+        They are made longer only after two steps with lower ratios.
+        """
         shortened = dt < (1 - 1e-6) * self.length
         longest = dt > (1 - 1e-6) * self._longest
         return 0.0 if shortened or longest else _LOWEST, _HIGHEST
@@ -70,17 +74,19 @@ class StepControl:
         """Choose the length after steps of length dt, from the last two ratios."""
         if ratio is None:
             return
-        if before is not None:
-            self._before = self._distance(before)
-        distance, (low, high) = self._distance(ratio), self.band(dt)
-        if not low <= ratio <= high:
-            change = _INTEGRAL * distance + _PROPORTIONAL * (distance - self._before)
-            self._change(-min(max(round(change), -self._order), self._order))
-        self._before = distance
+        before = self._before if before is None else before
+        low, high = self.band(dt)
+        if ratio > high or max(ratio, before) < low:
+            distance = self._distance(ratio)
+            rise = distance - self._distance(before) if before else 0.0
+            change = _INTEGRAL * distance + _PROPORTIONAL * rise
+            levels = min(max(round(abs(change)), 1), self._order)
+            self._change(-levels if ratio > high else levels)
+        self._before = ratio
 
     def reject(self, dt: float, ratio: float) -> None:
         """Shorten the steps after one of length dt with a ratio above 1."""
-        self.length, self._before = dt, 0.0
+        self.length, self._before = dt, ratio
         self._change(-min(math.ceil(self._distance(ratio)), 3 * self._order))
 
     def fail(self, dt: float) -> None:

@@ -151,7 +151,8 @@ int fx_run(Problem *p, int steps, double dt, const Inputs *inputs, Record *to) {
         undo(p, w, before);
         return k;
       }
-      if (ratio >= 0 && (ratio < p->lowest || ratio > p->highest)) steps = k + 1;
+      int low = ratio >= 0 && fmax(ratio, p->ratios[0]) < p->lowest;
+      if (low || ratio > p->highest) steps = k + 1;
     }
     double turn = summarise(p, w, dt);
     p->amplified += p->dissipated < lost;

@@ -144,7 +144,7 @@ typedef struct {
   int controlled, scheme_order;
   double *per_displacement; /* as per_unit, but zero for rotations */
   double smooth, raw;   /* factors of averaged and of single differences */
-  double lowest, highest; /* ratios of error and limit, outside of which a run ends after the step */
+  double lowest, highest; /* ratios of error and limit at which a run ends: two below, or one above */
   double *error_ages;   /* [scheme_order] */
   double *error_past;   /* [scheme_order] divided differences from order 1 on */
   double *error_highest; /* [2] the last two differences of the next order */
