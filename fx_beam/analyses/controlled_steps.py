@@ -49,6 +49,7 @@ class Tolerance:
         require(bool(np.isfinite(inner).all()), "breaks", breaks, "a sequence of finite times")
         self.tolerance, self._t0, self._t_end = tolerance, t0, float(t_end)
         self._longest = min(dt_max or _LONGEST * (t_end - t0), t_end - t0)
+        self._search = dt is None
         #: Length of the first step to be tried [s].
         self.first = min(dt or (t_end - t0) / 1000, self._longest)
         least = 1e-9 * (t_end - t0)
@@ -61,7 +62,9 @@ class Tolerance:
         control = StepControl(self.tolerance, order, constant, span, self._longest)
         control.begin(self.first)
         breaks = [*self._breaks, self._t_end]
-        return AdaptiveRun(integrator, stepper.single, recorder, control, breaks, max_halvings)
+        return AdaptiveRun(
+            integrator, stepper.single, recorder, control, breaks, max_halvings, self._search
+        )
 
 
 def check_order(scheme: Scheme) -> None:

@@ -126,7 +126,9 @@ class Problem:
         )
         self._doubles(
             per_unit=1 / model.unit,
-            per_displacement=np.where(np.isin(np.arange(model.size), model.turns), 0, 1 / model.unit),
+            per_displacement=np.where(
+                np.isin(np.arange(model.size), model.turns), 0, 1 / model.unit
+            ),
             mass=mass.data[heavy],
             turning_mass=mass.data[turning],
             position=mesh.X,
@@ -334,7 +336,11 @@ class Problem:
         self.c.memory_size = len(memory)
         ends = np.cumsum([*sizes.values(), *(known * n for n in past), *errors])
         arrays = np.split(memory, ends[:-1])
-        states, (ages, differences, differences_y), of_errors = arrays[:-6], arrays[-6:-3], arrays[-3:]
+        states, (ages, differences, differences_y), of_errors = (
+            arrays[:-6],
+            arrays[-6:-3],
+            arrays[-3:],
+        )
         self.state_arrays = dict(zip(sizes, states, strict=True))
         self._doubles(**self.state_arrays)
         names = "error_ages", "error_past", "error_highest"

@@ -60,9 +60,12 @@ class AdaptiveRun:
         control: StepControl,
         breaks: list[float],
         max_halvings: int,
+        search: bool,
     ):
         self._integrator, self._single, self._recorder = integrator, single, recorder
         self._control, self._breaks, self._max_halvings = control, breaks, max_halvings
+        #: Whether a larger first length than that of the control is looked for.
+        self._search = search
         self._order, _ = order_and_constant(single.model.scheme)
         self._started = False
         self._next, self._block, self._halvings = 0, _FIRST_BLOCK, 0
@@ -125,7 +128,8 @@ class AdaptiveRun:
                 self._fail(state, dt)
                 continue
             # Only the first length may be far too small; at breaks a trial is lost time.
-            again = control.retry(dt, ratio or 0.0, longest if stats.steps == 0 else dt)
+            search = self._search and stats.steps == 0
+            again = control.retry(dt, ratio or 0.0, longest if search else dt)
             self._halvings = 0
             if not again:
                 break

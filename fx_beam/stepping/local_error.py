@@ -2,14 +2,16 @@
 
 The local error of the mid-point rule is dt^3 q''' / 12, that of a composition of order 4 made of
 it dt^5 q''''' / 80 times the sum of the fifth powers of its fractions (exactly so for a linear
-oscillation). The derivatives are divided differences f of order p + 1. Displacements are small in
-vibrations that are too fast for the steps, velocities and accelerations are not: so the estimate
-does not use them.
+oscillation). In terms of differences it is a fraction of the increment that a polynomial through
+the last configurations does not predict. This is a divided difference of order p + 1, multiplied by
+the times since the last p + 1 configurations: so a jump is not missed, however short the step.
+
+Displacements are small in vibrations that are too fast for the steps, velocities and accelerations
+are not: so the estimate does not use them.
 """
 
 from __future__ import annotations
 
-import math
 from typing import NamedTuple
 
 import numpy as np
@@ -24,7 +26,7 @@ AVERAGED = 3
 
 
 def order_and_constant(scheme: Scheme) -> tuple[int, float]:
-    """Order p of a scheme, and the factor of dt^(p + 1) f in its local error.
+    """Order p of a scheme, and its local error as a fraction of what is not predicted.
 
     SceneError for a scheme of order 1.
     """
@@ -38,8 +40,8 @@ def order_and_constant(scheme: Scheme) -> tuple[int, float]:
             )
     cubes = abs(sum(fraction**3 for fraction in scheme.fractions))
     if cubes > 1e-9:
-        return 2, math.factorial(3) * cubes / 12
-    return 4, math.factorial(5) * abs(sum(fraction**5 for fraction in scheme.fractions)) / 80
+        return 2, cubes / 12
+    return 4, abs(sum(fraction**5 for fraction in scheme.fractions)) / 80
 
 
 class _Memory(NamedTuple):
@@ -75,7 +77,7 @@ class LocalError:
         now = [D / dt]
         for old, age in zip(self.memory.differences, ages[1:], strict=True):
             now.append((now[-1] - old) / age)
-        highest = self.memory.highest
+        highest, product = self.memory.highest, np.prod(ages)
         if len(now) > self.order:
             highest = [now.pop(), *highest][:AVERAGED]
         self.memory = _Memory(ages[: len(now)], now, highest)
@@ -83,4 +85,4 @@ class LocalError:
             return None
         mean = (highest[0] + 2 * highest[1] + highest[2]) / 4
         sizes = abs(mean / self._unit)[self._displaced], abs(highest[0] / self._unit)
-        return max(smooth * sizes[0].max(initial=0.0), raw * sizes[1].max())
+        return product * max(smooth * sizes[0].max(initial=0.0), raw * sizes[1].max())

@@ -42,10 +42,10 @@ class StepControl:
         self._before = 0.0
 
     def factors(self, dt: float) -> tuple[float, float]:
-        """Factors of the averaged and of the single differences: their errors over the limits."""
-        error = self._constant * dt ** (self._order + 1)
+        """Factors that make ratios of error and limit of averaged and of single differences."""
         share = _REFERENCE * self._tolerance ** (1 / self._order) * dt / self._span
-        return error / (self._tolerance * math.sqrt(share)), error / (_SINGLE * self._tolerance)
+        limits = self._tolerance * math.sqrt(share), _SINGLE * self._tolerance
+        return self._constant / limits[0], self._constant / limits[1]
 
     def band(self, dt: float) -> tuple[float, float]:
         """Ratios between which steps of length dt [s] are kept.

@@ -8,8 +8,8 @@
    which is in `saved`, and at its end; negative in the first steps. */
 static double local_error(Problem *p, const Work *w, double dt) {
   int n = p->dofs;
-  double ages[MAX_ORDER + 1] = {dt}, *now = w->left;
-  for (int k = 0; k < p->scheme_order; ++k) ages[k + 1] = p->error_ages[k] + dt;
+  double ages[MAX_ORDER + 1] = {dt}, product = dt, *now = w->left;
+  for (int k = 0; k < p->scheme_order; ++k) product *= ages[k + 1] = p->error_ages[k] + dt;
   for (int i = 0; i < n; ++i) now[i] = (p->q[i] - w->saved[i]) / dt;
   for (int k = 0; k < p->scheme_order; ++k) difference(n, ages[k + 1], now, p->error_past + k * n);
   memcpy(p->error_ages, ages, p->scheme_order * sizeof(double));
@@ -20,5 +20,5 @@ static double local_error(Problem *p, const Work *w, double dt) {
     before[i] = last[i], last[i] = now[i];
   }
   if (++p->known_errors < p->scheme_order + AVERAGED) return -1;
-  return fmax(p->smooth * smooth / 4, p->raw * raw);
+  return product * fmax(p->smooth * smooth / 4, p->raw * raw);
 }
