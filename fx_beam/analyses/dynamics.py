@@ -325,10 +325,10 @@ def _check_options(newton, max_halvings, record, solver, progress) -> None:
 
 
 def _time_grid(dt: float | None, t_end: float, t0: float) -> np.ndarray:
-    if dt is None:
-        raise SceneError("simulate needs a time step dt, or a tolerance that chooses the steps")
-    for name, value in (("dt", dt), ("t_end", t_end)):
-        require(is_number(value), name, value, "a finite number")
+    choice = ", or give a tolerance, which chooses the steps" if dt is None else ""
+    require(is_number(dt), "dt", dt, f"a finite number{choice}")
+    require(is_number(t_end), "t_end", t_end, "a finite number")
+    assert dt is not None
     if dt <= 0:
         raise SceneError(f"dt = {dt!r} must be positive")
     if t_end - t0 < dt * (1 - 1e-6):

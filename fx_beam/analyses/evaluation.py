@@ -26,7 +26,8 @@ def solution_of(
     With `times` its rows are at these times, otherwise those of the record.
     """
     scene, mesh = model.scene, model.mesh
-    histories, rows = recorder.histories(), slice(None)
+    histories = recorder.histories()
+    rows: slice | np.ndarray = slice(None)
     if times is not None:
         histories, rows = at_times(model, histories, times)
     cache: list[np.ndarray] = []

@@ -35,8 +35,8 @@ def order_and_constant(scheme: Scheme) -> tuple[int, float]:
         second = 0.5 - rates.alpha_m + rates.alpha_f
         if abs(rates.gamma - second) > 1e-9:
             raise SceneError(
-                f"tolerance: {scheme.name} is of order 1 with gamma = {rates.gamma:g}; its error is "
-                f"not known. Use gamma = {second:g}, or another scheme"
+                f"tolerance: {scheme.name} is of order 1 with gamma = {rates.gamma:g}; its errors "
+                f"are not known. Use gamma = {second:g}, or another scheme"
             )
     cubes = abs(sum(fraction**3 for fraction in scheme.fractions))
     if cubes > 1e-9:
