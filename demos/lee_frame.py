@@ -132,16 +132,17 @@ def start(path, row, hinge):
 
 def main(results=None):
     """Compute the numbers; with a directory for results, write the pictures too."""
-    meshes = {}
+    meshes, runs = {}, {}
     for degree, counts in MESHES.items():
         for elements in counts:
             log.info("degree %d, %d elements", degree, elements)
-            solution = fb.static(scene(elements, degree)[0], STEPS, continuation="arc-length")
+            made = scene(elements, degree)
+            solution = fb.static(made[0], STEPS, continuation="arc-length")
+            runs[elements, degree] = *made, solution
             name = f"degree {degree}, {elements} elements"
             meshes[name] = [LOAD * factor for factor in solution.stats.limit_points]
 
-    frame, loaded, hinge = scene()
-    path = fb.static(frame, STEPS, continuation="arc-length")
+    frame, loaded, hinge, path = runs[ELEMENTS, DEGREE]
     rows = [int(np.flatnonzero(path.load_factor == p)[0]) for p in path.stats.limit_points]
     down = -path.displacement(loaded)[:, 1]
     numbers = {

@@ -19,6 +19,7 @@ from .mechanics.rates import AtRest, MidPointRates, NewmarkRates, Rates
 from .mechanics.resultants import Resultants, WeightedResultants
 from .mechanics.schemes import (
     HHT,
+    EnergyDecaying,
     EnergyMomentum,
     Equilibrium,
     GeneralizedAlpha,
@@ -35,8 +36,9 @@ from .scene.beam import Beam, Node
 from .scene.coordinate import Coordinate, Damper, Spring
 from .scene.curve import Curve, arc, spline
 from .scene.joints import GROUND, Joint, PinInSlot, Prismatic, Revolute, Rigid
+from .scene.law import Law
 from .scene.scene import Scene
-from .scene.section import Law, Section
+from .scene.section import Section
 from .stepping.newton import NewtonOptions
 from .stepping.recorder import Record
 
@@ -52,6 +54,7 @@ __all__ = [
     "Curve",
     "Damper",
     "Energy",
+    "EnergyDecaying",
     "EnergyMomentum",
     "Equilibrium",
     "Failure",

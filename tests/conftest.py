@@ -24,20 +24,48 @@ settings.load_profile("fx_beam")
 # the time.
 gc.set_threshold(20_000, 20, 50)
 
-# Files whose tests share the runs of the demos, and the slowest of the other files.
-_OF_DEMOS = "test_demos", "test_paper"
-_LONG = *_OF_DEMOS, "test_stability"
+# A form compiled without optimisation takes a fifth less time. The compiled loop stays optimised.
+dolfinx_api._JIT["cffi_extra_compile_args"] = ["-O0", "-g0"]
+
+_DEMOS = {path.stem for path in (Path(__file__).parents[1] / "demos").glob("*.py")}
+# Groups that take longest, which start first: otherwise one process would end with them alone.
+_SLOWEST = (
+    "test_stability_report",
+    "test_loop",
+    "test_demo_damping_scan",
+    "test_start",
+    "test_reports",
+    "test_demo_lee_frame",
+    "test_demo_multibody",
+)
 
 
-@pytest.fixture
-def unoptimised(monkeypatch):
-    """Forms compiled in half the time, where they are evaluated a few times only."""
-    monkeypatch.setitem(dolfinx_api._JIT, "cffi_extra_compile_args", ["-O0", "-g0"])
+def group(nodeid):
+    """Tests that share what is slow to make: those of a file, and all about the run of a demo."""
+    path, _, test = nodeid.partition("::")
+    file, demo = Path(path).stem, test.partition("[")[2].removesuffix("]")
+    of_demo = file in ("test_demos", "test_paper") and demo in _DEMOS
+    return f"test_demo_{demo}" if of_demo else file
 
 
 def pytest_collection_modifyitems(items):
-    """Tests that share runs stay in one process; the slowest files start first."""
-    items.sort(key=lambda item: item.path.stem not in _LONG)
-    for item in items:
-        name = item.path.stem
-        item.add_marker(pytest.mark.xdist_group("demos" if name in _OF_DEMOS else name))
+    """The slowest groups start first."""
+    order = {name: place for place, name in enumerate(_SLOWEST)}
+    items.sort(key=lambda item: order.get(group(item.nodeid), len(order)))
+
+
+@pytest.hookimpl(optionalhook=True)
+def pytest_xdist_make_scheduler(config, log):
+    """The tests of a group run in one process; groups start in the order of collection.
+
+    The group is found from a test's id, as pytest-xdist 3.8 loses its own marks with pytest 9.2.
+    """
+    from xdist.scheduler import LoadScopeScheduling
+
+    config.option.loadscopereorder = False
+
+    class Groups(LoadScopeScheduling):
+        def _split_scope(self, nodeid):
+            return group(nodeid)
+
+    return Groups(config, log)

@@ -16,8 +16,26 @@ PACKAGE = Path(fx_beam.__file__).parent
 # from the files before it only.
 HOUSE = {
     "": ["errors", "validation"],
-    "scene": ["beam", "curve", "loads", "section", "coordinate", "joints", "summary", "scene"],
-    "mechanics": ["interval", "kinematics", "exact_work", "rates", "resultants", "schemes"],
+    "scene": [
+        "beam",
+        "curve",
+        "loads",
+        "law",
+        "section",
+        "coordinate",
+        "joints",
+        "summary",
+        "scene",
+    ],
+    "mechanics": [
+        "interval",
+        "kinematics",
+        "exact_work",
+        "rates",
+        "resultants",
+        "decaying",
+        "schemes",
+    ],
     "results": [
         "files",
         "audit",
@@ -336,6 +354,7 @@ def test_the_public_names_are_all_that_the_package_imports():
 
 def test_the_public_names_cover_all_that_a_scene_and_a_solution_are_made_of():
     assert {
+        "EnergyDecaying",
         "EnergyMomentum",
         "GeneralizedAlpha",
         "HHT",

@@ -42,7 +42,6 @@ def work_and_gain(model, q, D):
     return works.sum(), gain, abs(works).sum()
 
 
-@pytest.mark.usefixtures("unoptimised")
 @pytest.mark.parametrize("energy", [None, stiffening], ids=["quadratic", "stiffening"])
 @pytest.mark.parametrize("curved", [False, True], ids=["straight", "curved"])
 @pytest.mark.parametrize("degree", [1, 2, 3])
@@ -53,7 +52,6 @@ def test_the_work_of_any_step_is_the_energy_gained(turn, degree, curved, energy)
     assert abs(work - gain) < 1e-13 * scale
 
 
-@pytest.mark.usefixtures("unoptimised")
 @pytest.mark.parametrize("curved", [False, True], ids=["straight", "curved"])
 @pytest.mark.parametrize("degree", [1, 2, 3])
 def test_rigid_motions_do_no_work_on_any_step(degree, curved):
@@ -68,7 +66,6 @@ def test_rigid_motions_do_no_work_on_any_step(degree, curved):
     assert abs(moments.sum()) < 1e-13 * abs(moments).sum()
 
 
-@pytest.mark.usefixtures("unoptimised")
 @pytest.mark.parametrize("degree", [2, 3])
 def test_work_is_exact_where_the_usual_interpolation_gives_no_virtual_strains(degree):
     # The interpolated 2 tan(Dpsi/2) gives no virtual strains here, though the element is bent: no

@@ -271,6 +271,7 @@ def test_without_a_compiler_python_takes_over_with_one_warning(
     build.load_library.cache_clear()
     build._warn.cache_clear()
     monkeypatch.setattr(build, "cache_directory", lambda: tmp_path)
+    monkeypatch.setattr(build, "_FLAGS", [*build._FLAGS, "-O0"])  # compiled here, and never run
     if built == "the loop":
         build.load_library()
     monkeypatch.setattr(build.subprocess, "run", no_compiler)
@@ -328,9 +329,13 @@ scene = fb.Scene()
 beam = scene.add_beam([(0, 0), (1, 0)], fb.Section(EA=1.0, GA=1.0, EI=1.0, rhoA=1.0))
 fb.simulate(scene, dt=0.1, t_end=0.2)
 """
+    # Of several options -O the last one counts.
+    quick = tmp_path / "cc"
+    quick.write_text('#!/bin/sh\nexec cc "$@" -O0\n')
+    quick.chmod(0o755)
 
     def run():
-        environment = os.environ | {"XDG_CACHE_HOME": str(tmp_path)}
+        environment = os.environ | {"XDG_CACHE_HOME": str(tmp_path), "CC": str(quick)}
         command = [sys.executable, "-c", script]
         return subprocess.run(command, env=environment, capture_output=True, text=True).stdout
 

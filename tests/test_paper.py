@@ -4,7 +4,7 @@ import re
 from pathlib import Path
 
 import pytest
-from test_demos import PICTURES, numbers
+from demo_runs import PICTURES, numbers
 
 ROOT = Path(__file__).parents[1]
 PAGE = (ROOT / "docs" / "theory" / "paper.md").read_text(encoding="utf-8")

@@ -11,6 +11,7 @@ SCHEMES = [
     fb.EnergyMomentum(),
     fb.ModifiedMidPoint(),
     fb.MidPoint(),
+    fb.EnergyDecaying(),
     fb.Newmark(),
     fb.HHT(-0.1),
     fb.GeneralizedAlpha(0.8),

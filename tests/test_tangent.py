@@ -9,8 +9,6 @@ from scenes import FLYING, pinned_beam
 import fx_beam as fb
 from fx_beam.model.model import Model
 
-pytestmark = pytest.mark.usefixtures("unoptimised")
-
 SCHEMES = [
     fb.EnergyMomentum(),
     fb.ModifiedMidPoint(),

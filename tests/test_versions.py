@@ -158,7 +158,7 @@ def test_functions_without_names_leave_the_steps_to_python(monkeypatch, tmp_path
 def test_the_compiler_is_that_of_the_environment(monkeypatch, tmp_path):
     said = tmp_path / "said"
     compiler = tmp_path / "other-cc"
-    compiler.write_text(f'#!/bin/sh\necho "$1" >>{said}\nshift\nexec cc "$@"\n')
+    compiler.write_text(f'#!/bin/sh\necho "$1" >>{said}\nshift\nexec cc "$@" -O0\n')
     compiler.chmod(0o755)
     monkeypatch.setenv("CC", f"{compiler} first")
     monkeypatch.setattr(build, "cache_directory", lambda: tmp_path)

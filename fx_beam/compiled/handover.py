@@ -36,6 +36,8 @@ _FORMS = {
     "energy": ("strain energy",),
     "backwards": ("sections facing backwards",),
     "added": ("added virtual work",),
+    "lost": ("scheme's loss",),
+    "held_by_scheme": ("scheme's energy",),
 }
 
 
@@ -58,7 +60,7 @@ class Problem:
         for name, forms in _FORMS.items():
             if forms[0] in model.forms.bound:
                 self._hand_over_forms(getattr(self.c, name), forms)
-        self.c.has_added = model.forms.has_added
+        self.c.has_added, self.c.needs_before = model.forms.has_added, model.forms.needs_before
         self._hand_over_rates()
         if model.forms.followers is not None:
             self.c.thrusts = len(model.forms.followers.dofs)
@@ -163,10 +165,10 @@ class Problem:
             of.coordinates = self._lanes(self._coordinates[cells])
         out.kind = self._pointer([kind for kind, _ in moving], np.int32)
         out.offset = self._pointer([offset for _, offset in moving], np.int32)
-        sought = forms.fields.time, forms.fields.dt
+        sought = forms.fields.time, forms.fields.dt, forms.fields.memory
         constants, places = dolfinx_api.packed_constants(form, compiled, sought)
         out.constants = self._pointer(constants, np.float64)
-        out.time_at, out.dt_at = places
+        out.time_at, out.dt_at, out.memory_at = places
 
     def _lanes(self, rows: np.ndarray, behind: int | None = None, owner: Any = None):
         """Pointer to rows in blocks of LANES, column by column; an owner's equal arrays are shared.
@@ -326,6 +328,7 @@ class Problem:
             "driven_now": reduction.driven,
             "held": reduction.columns - reduction.free,
             "added_force": model.size,
+            "before": model.size if model.forms.needs_before else 0,
         }
         # One piece of memory, which the loop copies before a step with sub-steps.
         known, past = self.library.PAST, (1, model.size, reduction.free)

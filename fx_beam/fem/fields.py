@@ -29,6 +29,8 @@ class Fields:
         #: Velocity and acceleration at the start of the step.
         self.start_rates = tuple(dolfinx_api.Coefficient(space) for _ in range(2))
         self.time, self.dt, self.load_factor = (ufl.Constant(domain) for _ in range(3))
+        #: Displacements and rotations at the start of the last step, and `Step.memory`.
+        self.before, self.memory = dolfinx_api.Coefficient(space), ufl.Constant(domain)
         #: The fields without nodal rotations, for mass and loads.
         self.plain = self
         #: Coordinate on each cell, from 0 to the degree, of `with_nodal_rotations`.
@@ -51,13 +53,13 @@ class Fields:
     @property
     def known(self) -> list:
         """All fields, of which forms may consist."""
-        found = [*self.moving, self.time, self.dt, self.load_factor]
+        found = [*self.moving, self.time, self.dt, self.load_factor, self.memory]
         return found if self.coordinate is None else [*found, self.coordinate]
 
     @property
     def moving(self) -> tuple:
         """Fields that change: the first in every iteration, the others in every step."""
-        return self.increment, self.start, *self.start_rates
+        return self.increment, self.start, *self.start_rates, self.before
 
     @property
     def jacobian(self):
@@ -95,6 +97,7 @@ class Fields:
             nodes = Nodes(Dpsi, virtual_psi, shape, self.degree / h * slope)
             Dpsi, virtual_psi = ufl.dot(shape, Dpsi), ufl.dot(shape, virtual_psi)
         v0, a0 = (ufl.split(rate) for rate in self.start_rates)
+        u_before, psi_before = ufl.split(self.before)
         v, omega = rates.fields(Du, Dpsi, v0, a0, self.dt)
         refuse_fields(fields_in(ufl.as_vector((*v, omega))), what, self.known)
         return Step(
@@ -116,6 +119,9 @@ class Fields:
             dt=self.dt,
             load_factor=self.load_factor if rates.at_rest else 1.0,
             nodes=nodes,
+            u_before=u_before,
+            psi_before=psi_before,
+            memory=self.memory,
         )
 
 

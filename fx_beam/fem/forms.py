@@ -31,6 +31,9 @@ class Part(NamedTuple):
     q: np.ndarray
     #: Rates and accelerations (size,) at the start.
     rates: tuple[np.ndarray, ...] = ()
+    #: Start of the last step (size,), and `Step.memory`.
+    before: np.ndarray | None = None
+    memory: float = 0.0
 
 
 class Forms:
@@ -60,11 +63,14 @@ class Forms:
         #: UFL's fields, and what is in their places on this mesh.
         self.fields = weak.fields
         self._data |= self._fields()
-        self.increment, self._start, *self._start_rates = self.moving
+        self.increment, self._start, *self._start_rates = self.moving[:4]
         if weak.added is not None:
             self._added = self._bind(weak.added)
         self._residual, self._tangent = self._bind(weak.force), self._bind(weak.tangent)
         self._energy = self._bind(weak.energy)
+        self._of_scheme = [form and self._bind(form) for form in (weak.lost, weak.held)]
+        #: Whether the forces depend on the start of the last step.
+        self.needs_before = weak.needs_before
         #: Whether the resultants depend on rates at the start of a step, and on any rates.
         self.resultants_need_rates = weak.resultants_need_rates
         self.resultants_move = weak.resultants_move
@@ -82,19 +88,22 @@ class Forms:
         self.time, self.dt, self.load_factor = (
             dolfinx_api.constant(mesh, value) for value in (0.0, 1.0, 1.0)
         )
+        self.memory = dolfinx_api.constant(mesh, 0.0)
         found = {fields.time: self.time, fields.dt: self.dt, fields.load_factor: self.load_factor}
+        found[fields.memory] = self.memory
         #: Space of the increment and of the virtual displacements and rotations.
         self._space = space
         if fields.coordinate is not None:
             self._space = dolfinx_api.nodal_rotations(space, fields.degree)
             found[fields.coordinate] = dolfinx_api.coordinate_on_cells(mesh, fields.degree)
-        found |= {field: dolfinx_api.function(space) for field in fields.moving[1:]}
+        needed = fields.moving[1 : 5 if self._weak.needs_before else 4]
+        found |= {field: dolfinx_api.function(space) for field in needed}
         return found | {fields.increment: dolfinx_api.function(self._space)}
 
     @property
     def moving(self) -> list:
         """Functions that change: the first in every iteration, the others in every step."""
-        return [self._data[field] for field in self.fields.moving]
+        return [self._data[field] for field in self.fields.moving if field in self._data]
 
     def _weak_form(self, scene: Scene) -> WeakForm:
         """The weak form of the scene; the data of the sections are those of the forms."""
@@ -172,6 +181,21 @@ class Forms:
     def _set_rates(self, *rates: np.ndarray) -> None:
         for function, rate in zip(self._start_rates, rates, strict=True):
             function.x.array[:] = rate
+
+    def set_memory(self, before: np.ndarray | None, memory: float) -> None:
+        """Set the start of the last step (size,), and `Step.memory`, for schemes that need them."""
+        if self.needs_before:
+            self.memory.value = memory
+            self.moving[4].x.array[:] = self._start.x.array if before is None else before
+
+    def energy_of_scheme(self, D: np.ndarray) -> tuple[float, float]:
+        """Energy that the scheme takes in the step, and that it holds for the next one [J]."""
+        self.increment.x.array[:] = D
+        lost, held = (
+            dolfinx_api.assemble_scalar(form) if form is not None else 0.0
+            for form in self._of_scheme
+        )
+        return lost, held
 
     def internal_force(self, D: np.ndarray) -> np.ndarray:
         """Internal minus added forces (size,) [N, N m] for the increment D (eq. 53).
@@ -252,6 +276,7 @@ class Forms:
             self.increment.x.array[:] = part.D
             if self.resultants_need_rates:
                 self._set_rates(*part.rates)
+            self.set_memory(part.before, part.memory)
             out = np.empty((len(self._tags), self.fields.degree, 3))
             for expression, cells in expressions:
                 values = dolfinx_api.evaluate(expression, self._mesh.mesh, cells)

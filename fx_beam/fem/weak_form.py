@@ -9,11 +9,12 @@ from typing import Any
 import ufl
 
 from fx_beam.errors import SceneError
+from fx_beam.mechanics.decaying import DecayingResultants
 from fx_beam.mechanics.kinematics import arc_derivative, director
 from fx_beam.mechanics.resultants import ExactResultants
 from fx_beam.mechanics.schemes import Scheme
+from fx_beam.scene.law import Energy, Law, quadratic_law
 from fx_beam.scene.loads import VirtualWork
-from fx_beam.scene.section import Energy, Law, quadratic_law
 from fx_beam.validation import fields_in, refuse_fields
 
 from . import dolfinx_api
@@ -60,7 +61,8 @@ class WeakForm:
         what = f"rates of {self.scheme.name}"
         self.step = self.fields.step(self.scheme.rates, what)
         found = [self.scheme.resultants(self.step, law) for law in self._laws]
-        if self.step.degree > 1 and any(isinstance(r, ExactResultants) for r in found):
+        exact = ExactResultants, DecayingResultants
+        if self.step.degree > 1 and any(isinstance(r, exact) for r in found):
             self.fields = self.fields.with_nodal_rotations
             self.step = self.fields.step(self.scheme.rates, what)
             found = [self.scheme.resultants(self.step, law) for law in self._laws]
@@ -72,10 +74,16 @@ class WeakForm:
         dx = self.fields.measure(self.fields.degree)
         self._residual: Any = 0
         self._stored: Any = 0
+        #: Energy that the scheme takes in a step, and that it holds for the next one.
+        self._lost: Any = 0
+        self._held: Any = 0
         for tag, (law, r) in enumerate(zip(self._laws, self._of_laws, strict=True)):
             dx_law = dx(tag) if len(self._laws) > 1 else dx
             self._residual += r.virtual_work(self.step) * dx_law
             self._stored += law.energy(*self.step.strains0) * dx_law
+            if isinstance(r, DecayingResultants):
+                self._lost += r.loss * dx_law
+                self._held += 0 if r.held is None else r.held * dx_law
         self._refuse_fields()
 
     def _refuse_fields(self) -> None:
@@ -103,6 +111,18 @@ class WeakForm:
         tangent = ufl.derivative(residual, fields.increment, fields.trial)
         self.tangent = dolfinx_api.compile_form(tangent, "tangent")
         self.energy = dolfinx_api.compile_form(self._stored, "strain energy")
+        #: Compiled, if the scheme has them.
+        self.lost, self.held = (
+            dolfinx_api.compile_form(energy, name) if energy else None
+            for energy, name in ((self._lost, "scheme's loss"), (self._held, "scheme's energy"))
+        )
+        #: Whether the forces depend on the start of the last step.
+        self.needs_before = fields.before in residual.coefficients()
+        if self.needs_before and len(self.scheme.fractions) > 1:
+            raise SceneError(
+                f"{self.scheme.name}: its resultants depend on the last step, so that it cannot "
+                "have sub-steps. Use fractions=(1.0,)"
+            )
         #: Whether the forces depend on rates at the start of a step.
         self.needs_rates = any(rate in residual.coefficients() for rate in fields.start_rates)
         moves = self.needs_rates or fields.dt in residual.constants()

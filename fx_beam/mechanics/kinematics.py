@@ -70,6 +70,10 @@ class Step:
         load, not a spring.
     nodes : Nodes, optional
         Rotations at the element's nodes, for schemes that conserve energy, with degree 2 and 3.
+    u_before, psi_before : ufl expression
+        Displacement (2,) [m] and rotation [rad] at the start of the last step.
+    memory : ufl scalar
+        Length of the step divided by that of the last one, at most 1; 0 in the first step.
 
     Examples
     --------
@@ -104,6 +108,9 @@ class Step:
     dt: Any
     load_factor: Any = 1.0
     nodes: Any = None
+    u_before: Any = None
+    psi_before: Any = None
+    memory: Any = None
 
     def prime(self, field):
         """Derivative of a field along the reference arc length.
@@ -129,6 +136,11 @@ class Step:
     def strains1(self):
         """Strains (eps, gamma, kappa) at the end of the step."""
         return self._strains(self.u0 + self.Du, self.psi0 + self.Dpsi)
+
+    @property
+    def strains_before(self):
+        """Strains (eps, gamma, kappa) at the start of the last step."""
+        return self._strains(self.u_before, self.psi_before)
 
     def _strains(self, u, psi):
         return strains(self.t0 + self.prime(u), psi, self.prime(psi), self.t0)

@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 
 import ufl
 
-from fx_beam.scene.section import Law
+from fx_beam.scene.law import Law
 
 from .exact_work import exact_virtual_work
 from .kinematics import Step, director, perp, strains, tan, virtual_work

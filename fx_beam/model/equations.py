@@ -48,6 +48,7 @@ class Equations:
         else:
             model.actuators.set_rates(q, start.v, start.slides)
             model.forms.set_step(interval.start, interval.length, q, start.v, start.a)
+            model.forms.set_memory(start.before, start.memory(interval.length))
             model.reduction.begin(q, start.slides, interval.length)
 
     def at(self, y: np.ndarray, driven: np.ndarray, force: np.ndarray) -> Balance:

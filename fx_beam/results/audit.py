@@ -34,8 +34,11 @@ class Energy:
     springs : (n,) float, optional
         Stored energy of the springs of joints; zero by default.
     dissipated : (n,) float, optional
-        Energy dissipated since the start by the dampers of joints; it never decreases. Zero by
-        default.
+        Energy taken since the start by the dampers of joints and by `EnergyDecaying`; it never
+        decreases, except where `Stats.amplified` counts steps. Zero by default.
+    algorithmic : (n,) float, optional
+        Energy that `EnergyDecaying` of order 2 holds for the next step; part of the balance, not of
+        `total`. Zero by default.
 
     Examples
     --------
@@ -53,9 +56,10 @@ class Energy:
     work: np.ndarray
     springs: Any = None
     dissipated: Any = None
+    algorithmic: Any = None
 
     def __post_init__(self):
-        for name in ("springs", "dissipated"):
+        for name in ("springs", "dissipated", "algorithmic"):
             if getattr(self, name) is None:
                 object.__setattr__(self, name, np.zeros_like(self.kinetic))
         _lock(self)
@@ -78,8 +82,12 @@ class Energy:
 
     @property
     def balance_error(self) -> np.ndarray:
-        """Increase of the total energy since the start, minus the supplied energy, (n,) [J]."""
-        return self.total - self.total[0] - self.supplied
+        """Increase of the energy since the start, minus the supplied energy, (n,) [J].
+
+        The energy is `total` plus `algorithmic`.
+        """
+        energy = self.total + self.algorithmic
+        return energy - energy[0] - self.supplied
 
 
 @dataclass

@@ -74,14 +74,14 @@ def _read(path) -> Solution:
     if "end_t" in data:
         parts: dict[str, Any] = {f.name: data.get(f"end_{f.name}") for f in fields(State)}
         parts |= {name: float(data[f"end_{name}"]) for name in ("t", "work")}
-        parts["dissipated"] = float(data.get("end_dissipated", 0.0))
+        later = "dissipated", "algorithmic", "length"  # missing in files of earlier versions
+        parts |= {name: float(data.get(f"end_{name}", 0.0)) for name in later}
         if "past_ages" in data:  # files of earlier versions lack it: prediction begins anew
             parts["past"] = Past(**{f.name: data[f"past_{f.name}"] for f in fields(Past)})
         end = State(**parts)
     # Files of earlier versions lack the forces of motors; their strain energy has that of springs,
     # and their work what dampers took.
-    later = ("springs", "dissipated")
-    known = [f.name for f in fields(Energy) if f"energy_{f.name}" in data or f.name not in later]
+    known = [f.name for f in fields(Energy) if f"energy_{f.name}" in data]
     data.setdefault("motor_forces", np.empty((0, data["slides"].shape[1])))
     return Solution(
         **{name: data[name] for name in HISTORIES},

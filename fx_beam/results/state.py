@@ -42,6 +42,11 @@ class State:
     #: Work and dissipated energy since the start [J].
     work: float = 0.0
     dissipated: float = 0.0
+    #: Energy that the scheme holds for the next step [J], the configuration (size,) at the start
+    #: of the step that ended here, and its length [s]; only for schemes that need them.
+    algorithmic: float = 0.0
+    before: np.ndarray | None = None
+    length: float = 0.0
     #: Memory of `Halving` (5,): the number of parts of the next steps. Set at the end of a run.
     parts: np.ndarray | None = None
     #: Set at the end of a run.
@@ -49,9 +54,15 @@ class State:
 
     def renumbered(self, change: Callable[[np.ndarray], np.ndarray]) -> State:
         """The state in another numbering; `change` renumbers a vector of all degrees of freedom."""
-        added = None if self.added is None else change(self.added)
+        added, before = (
+            None if vector is None else change(vector) for vector in (self.added, self.before)
+        )
         past = self.past
         if past is not None and len(past.differences):
             past = replace(past, differences=np.array([change(D) for D in past.differences]))
         q, v, a = (change(vector) for vector in (self.q, self.v, self.a))
-        return replace(self, q=q, v=v, a=a, added=added, past=past)
+        return replace(self, q=q, v=v, a=a, added=added, before=before, past=past)
+
+    def memory(self, length: float) -> float:
+        """`Step.memory` of a step of this length [s] from here."""
+        return min(1.0, length / self.length) if self.length else 0.0

@@ -10,14 +10,14 @@ from dataclasses import dataclass
 from typing import Any
 
 import ufl
-from ufl.corealg.traversal import unique_pre_traversal
 
 import numpy as np
 
 from fx_beam.errors import SceneError
 from fx_beam.validation import fields_in, is_number, refuse_fields, shaped
 
-Energy = Callable[[Any, Any, Any], Any]
+from .law import Energy, check_energy
+
 #: A number, or a function of the fraction of the arc length.
 Datum = float | Callable[[float], Any]
 
@@ -95,7 +95,7 @@ class Section:
             if datum is not None and not callable(datum):
                 object.__setattr__(self, name, float(value))
         if self.strain_energy is not None:
-            _check_energy(self.strain_energy)
+            check_energy(self.strain_energy)
 
     def values(self, name: str, fractions: np.ndarray) -> np.ndarray:
         """Values of a stiffness or inertia along a beam.
@@ -261,63 +261,6 @@ class Section:
         )
 
 
-@dataclass(frozen=True)
-class Law:
-    """Stored energy per length as a UFL function of (eps, gamma, kappa).
-
-    Parameters
-    ----------
-    energy : callable
-        ``energy(eps, gamma, kappa)``, the stored energy per length [J/m].
-    quadratic : bool
-        Whether the energy is quadratic; the resultants at the mean strain are then the discrete
-        gradient.
-    data : tuple
-        dolfinx functions and constants in it: stiffnesses of the sections.
-
-    Examples
-    --------
-    >>> import ufl, fx_beam as fb
-    >>> law = fb.Law(lambda eps, gamma, kappa: 50 * (eps**2 + gamma**2 + kappa**2), quadratic=True)
-    >>> N, Q, M = law.resultants(*map(ufl.as_ufl, (0.01, 0.0, 0.1)))
-    >>> round(N(()), 6), round(M(()), 6)
-    (1.0, 10.0)
-    """
-
-    energy: Energy
-    quadratic: bool
-    data: tuple = ()
-
-    def resultants(self, eps, gamma, kappa):
-        """Material stress resultants: the derivatives of the stored energy (eq. 11).
-
-        Parameters
-        ----------
-        eps, gamma, kappa : ufl scalar
-            Axial strain, shear strain and curvature [1/m].
-
-        Returns
-        -------
-        tuple of ufl scalars
-            N [N], Q [N] and M [N m].
-        """
-        e = [ufl.variable(x) for x in (eps, gamma, kappa)]
-        W = self.energy(*e)
-        return tuple(ufl.diff(W, x) for x in e)
-
-
-def quadratic_law(stiffness) -> Law:
-    """Law of linear elasticity (eq. 11); `stiffness` is the UFL vector (EA, GA, EI)."""
-
-    def energy(eps, gamma, kappa):
-        membrane = stiffness[0] * eps**2 / 2
-        shear = stiffness[1] * gamma**2 / 2
-        bending = stiffness[2] * kappa**2 / 2
-        return membrane + shear + bending
-
-    return Law(energy, quadratic=True, data=tuple(fields_in(stiffness)))
-
-
 def _combined(function: Callable[..., float], **data: Datum) -> Datum:
     """A function of stiffness or size data; it varies along the beam if one of the data does."""
     value = functools.partial(_of_data, function, data)
@@ -369,24 +312,3 @@ def _evaluated(datum: Callable, fraction: float, what: str) -> float:
     except Exception as error:
         raise SceneError(f"{what}: calling it raised {error!r}") from error
     return float(shaped(value, 1, what)[0])
-
-
-def _check_energy(strain_energy: Energy) -> None:
-    # UFL numbers, not symbols: a function of `math` would try forever to convert a symbol.
-    e = [ufl.variable(ufl.as_ufl(0.1)) for _ in range(3)]
-    try:
-        W = ufl.as_ufl(strain_energy(*e))
-    except Exception as error:
-        raise SceneError(
-            "Section: strain_energy(eps, gamma, kappa) must give a UFL expression. Use ufl.sqrt, "
-            f"ufl.exp, ... in place of functions of math or NumPy. It raised {error!r}"
-        ) from error
-    refuse_fields(fields_in(W), "Section: strain_energy")
-    met = set(unique_pre_traversal(W))
-    missing = [n for n, x in zip(("eps", "gamma", "kappa"), e, strict=True) if x not in met]
-    if W.ufl_shape == () and missing:
-        raise SceneError(
-            f"Section: strain_energy does not depend on {missing}. Use ufl.cos, not math.cos"
-        )
-    if W.ufl_shape != ():
-        raise SceneError(f"Section: strain_energy must be a scalar, not of shape {W.ufl_shape}")

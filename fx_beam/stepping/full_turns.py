@@ -28,14 +28,16 @@ class Windings:
 
     def without_turns(self, state: State) -> State:
         """The state without full turns, where these have no effect on the equations."""
-        q = state.q
+        q, before = state.q, state.before
         for member in self._members:
             turns = 2 * np.pi * np.round(q[member].mean() / (2 * np.pi))
             if turns:
                 q = q.copy() if q is state.q else q
                 q[member] -= turns
                 self.removed[member] += turns
-        return replace(state, q=q)
+        if before is not None:
+            before = before + (q - state.q)
+        return replace(state, q=q, before=before)
 
 
 def _members(model: Model) -> list[np.ndarray]:

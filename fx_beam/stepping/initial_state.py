@@ -41,7 +41,9 @@ def resumed_state(
         return start
     w = nearest_rates(model, start.v, rates)
     a = _acceleration(model, drive, start, w, accelerations, dt)
-    return replace(start, a=a, parts=None, past=None)
+    # What the last step of another scheme leaves to the next one does not count.
+    start = replace(start, a=a, parts=None, past=None)
+    return replace(start, before=None, algorithmic=0.0, length=0.0)
 
 
 def reference_state(model: Model) -> State:

@@ -121,7 +121,7 @@ class Recorder:
         starts = len(self._fractions) * size
         held = model.reduction.columns - model.reduction.free
         #: Rows (n, ...) by name, vectors in the order of the degrees of freedom.
-        self.arrays = {"energies": np.zeros((n, 6)), "momenta": np.zeros((n, 3))}
+        self.arrays = {"energies": np.zeros((n, 7)), "momenta": np.zeros((n, 3))}
         if joints:
             self.arrays["slides"] = np.zeros((n, joints))
         if record.motion:
@@ -130,6 +130,8 @@ class Recorder:
             self.arrays |= {"q": np.zeros((n, size)), "before_q": np.zeros((n, starts))}
             if record.rates and model.forms.resultants_need_rates:
                 self.arrays |= {f"before_{name}": np.zeros((n, starts)) for name in "va"}
+            if model.forms.needs_before:
+                self.arrays |= {"earlier_q": np.zeros((n, size)), "memory": np.zeros(n)}
         if record.rates:
             self.arrays |= {"v": np.zeros((n, size)), "a": np.zeros((n, size))}
         if record.forces:
@@ -208,12 +210,15 @@ class Recorder:
                 state.work,
                 springs,
                 state.dissipated,
+                state.algorithmic,
             ),
             "momenta": (*p[:, :2].sum(axis=0), angular),
         }
         if starts and self._starts_kept(parts):
             for name in "qva":
                 values[f"before_{name}"] = [getattr(start, name) for start in starts]
+        if starts and starts[0].before is not None:
+            values |= {"earlier_q": starts[0].before, "memory": starts[0].memory(state.length)}
         for name, rows in self.arrays.items():
             if values.get(name) is not None:
                 rows[self.rows] = np.ravel(values[name])
@@ -226,6 +231,8 @@ class Recorder:
             self.arrays["q"][first : self.rows] += turns
             kept = rows[self._starts_kept(self._parts[rows])]
             self.arrays["before_q"][kept] += np.tile(turns, len(self._fractions))
+            if "earlier_q" in self.arrays:
+                self.arrays["earlier_q"][rows] += turns
 
     def histories(self) -> dict:
         """Recorded histories by their names in `Solution`; empty if not recorded."""
@@ -287,6 +294,7 @@ class Recorder:
         times, count = self._times[self._steps[: self.rows]], len(self._fractions)
         ends = divided(times - self._lengths(), times, self._fractions)
         t0, t1 = (np.reshape(places, (-1, count)) for places in ends)
+        earlier = [arrays[name] for name in ("earlier_q", "memory") if name in arrays]
         for k in range(1, self.rows):
             kept = self._starts_kept(self._parts[k])
             q, *rates = (
@@ -296,4 +304,5 @@ class Recorder:
             D = np.diff(q, axis=0, append=arrays["q"][k : k + 1])
             for i in range(count):
                 of_rates = tuple(rate[i] for rate in rates)
-                yield Part(t0[k, i], t1[k, i] - t0[k, i], D[i], q[i], of_rates)
+                length = t1[k, i] - t0[k, i]
+                yield Part(t0[k, i], length, D[i], q[i], of_rates, *(x[k] for x in earlier))

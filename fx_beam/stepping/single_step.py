@@ -59,6 +59,8 @@ class SingleStep:
         slides = state.slides + self._slide_increments(step, positions - self.drive.current(state))
         motors = positions[len(model.prescribed) :]
         new = State(interval.end, state.q + step.D, v, a, slides, motors)
+        if model.forms.needs_before:
+            new.before, new.length = state.q, dt
         self._add_work(state, step, (forces[0] + forces[1]) / 2, path, new)
         return new
 
@@ -77,7 +79,8 @@ class SingleStep:
         if model.weight is not None:
             dead = dead - model.weight
         work = old.work + dead @ path
-        new.dissipated = old.dissipated + model.actuators.dissipated()
+        lost, new.algorithmic = model.forms.energy_of_scheme(step.D)
+        new.dissipated = old.dissipated + model.actuators.dissipated() + lost
         new.held = model.reduction.project(step.r)[model.reduction.free :]
         if self.model.reduction.driven:
             drive = np.concatenate([path[model.prescribed], self._motor_paths(path, new, old)])

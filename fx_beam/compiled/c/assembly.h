@@ -15,9 +15,10 @@ static void pack(const Problem *p, const Integral *of, const Form *form, long bl
   }
 }
 
-static void set_time(const Form *form, double t, double dt) {
+static void set_time(const Problem *p, const Form *form, double t, double dt) {
   if (form->integrals && form->time_at >= 0) form->constants[form->time_at] = t;
   if (form->integrals && form->dt_at >= 0) form->constants[form->dt_at] = dt;
+  if (form->integrals && form->memory_at >= 0) form->constants[form->memory_at] = p->ratio;
 }
 
 /* Sets the time, and the coefficients that change only from step to step. */
@@ -26,7 +27,7 @@ static void begin_form(const Problem *p, const Form *form, const double *const *
   for (int i = 0; i < form->integrals; ++i)
     for (long block = 0; block * LANES < form->of[i].cells; ++block)
       pack(p, form->of + i, form, block, fields, form->changing, form->moving);
-  set_time(form, t, dt);
+  set_time(p, form, t, dt);
 }
 
 /* The same for the internal forces. With `look`, returns whether a section faces backwards (eq. 4)
@@ -48,7 +49,7 @@ static int begin_internal(const Problem *p, const double *const *fields, double 
     }
   }
   for (int l = 0; l < LANES; ++l) sum += sums[l];
-  set_time(form, t, dt);
+  set_time(p, form, t, dt);
   return sum > 0;
 }
 

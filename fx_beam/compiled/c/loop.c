@@ -35,10 +35,13 @@ static void count_inside_out(Problem *p) {
    that are recorded are means over the sub-steps. */
 static void audit(Problem *p, const Work *w, const double *change, int sub_step) {
   int n = p->dofs, held = p->columns - p->free;
-  const double *fields[] = {w->D, p->q, p->v, p->a};
   work_increment(p, w);
   for (int i = 0; i < n; ++i) p->work += w->dead[i] * w->path[i];
   for (int i = 0; i < p->actuators; ++i) p->dissipated += p->actuator[i].lost;
+  begin_form(p, &p->lost, w->fields, p->t, w->dt);
+  begin_form(p, &p->held_by_scheme, w->fields, p->t, w->dt);
+  p->dissipated += assemble_scalar(p, &p->lost, w->fields);
+  p->algorithmic = assemble_scalar(p, &p->held_by_scheme, w->fields);
   project(p, w, w->r, w->columns);
   for (int i = 0; i < p->driven; ++i) {
     double along;
@@ -54,7 +57,7 @@ static void audit(Problem *p, const Work *w, const double *change, int sub_step)
     p->held[i] = p->fractions[sub_step] * w->columns[p->free + i] + (sub_step ? p->held[i] : 0);
   if (p->has_added) {
     memset(w->f, 0, n * sizeof(double));
-    assemble_vector(p, &p->added, fields, w->f);
+    assemble_vector(p, &p->added, w->fields, w->f);
     add_thrusts(p, w, 1, w->f);
     for (int i = 0; i < n; ++i) p->work += mid(p, w->f[i], p->added_force[i]) * w->path[i];
     memcpy(p->added_force, w->f, n * sizeof(double));
@@ -64,7 +67,7 @@ static void audit(Problem *p, const Work *w, const double *change, int sub_step)
 /* Takes a sub-step with the inputs number `k`; returns 0 if it fails. With `look`, counts sections
    that face backwards at its start. */
 static int take_step(Problem *p, Work *w, double dt, int sub_step, const Inputs *inputs, long k, int look) {
-  const double *fields[] = {w->D, p->q, p->v, p->a}, *target = inputs->driven + k * p->driven;
+  const double *target = inputs->driven + k * p->driven;
   double *change = w->start, t = p->t + p->level * dt;
   if (dt != w->dt) w->dt = dt, begin_inertia(p, w);
   if (k == 0 || inputs->load_stride) begin_loads(p, w, inputs->loads + k * inputs->load_stride);
@@ -73,8 +76,9 @@ static int take_step(Problem *p, Work *w, double dt, int sub_step, const Inputs 
     int dof = p->driven_dof[i];
     change[i] = target[i] - (dof >= 0 ? p->q[dof] : p->driven_now[i]);
   }
-  if (begin_internal(p, fields, t, dt, look)) count_inside_out(p);
-  begin_form(p, &p->added, fields, t, dt);
+  p->ratio = p->length > 0 ? fmin(1, dt / p->length) : 0;
+  if (begin_internal(p, w->fields, t, dt, look)) count_inside_out(p);
+  begin_form(p, &p->added, w->fields, t, dt);
   LAP(AUDIT);
   int *order = p->orders + sub_step;
   p->failure = newton(p, w, change, *order);
@@ -90,6 +94,7 @@ static int take_step(Problem *p, Work *w, double dt, int sub_step, const Inputs 
 /* The state at the end of a sub-step. */
 static void advance(Problem *p, const Work *w, const double *driven) {
   advance_rates(p, w, w->dt);
+  if (p->needs_before) memcpy(p->before, p->q, p->dofs * sizeof(double)), p->length = w->dt;
   for (int i = 0; i < p->dofs; ++i) p->q[i] += w->D[i];
   for (int j = 0; j < p->joints; ++j)
     if (p->slide_column[j] >= 0) p->slide[p->slide_of[j]] += w->z[p->slide_column[j]];
@@ -123,7 +128,6 @@ int fx_run(Problem *p, int steps, double dt, const Inputs *inputs, Record *to) {
   w->dt = 0;
   LAP(PHASES_IN_ALL);
   int unchecked = 0;
-  const double *fields[] = {w->D, p->q, p->v, p->a};
   for (int k = 0; k < steps; ++k) {
     int part = to->part + k, step = to->first + part / to->parts;
     int wanted = (part + 1) % to->parts == 0 && (step % to->every == 0 || step == to->last);
@@ -158,9 +162,9 @@ int fx_run(Problem *p, int steps, double dt, const Inputs *inputs, Record *to) {
     p->amplified += p->dissipated < lost;
     if (to->parts > 1) p->too_large += turn * to->parts > p->large_turn;
     if (wanted) record(p, w, to);
-    unchecked = !wanted || to->energies[6 * to->rows - 5] >= p->least_energy;
+    unchecked = !wanted || to->energies[7 * to->rows - 6] >= p->least_energy;
     LAP(AUDIT);
   }
-  if (unchecked && begin_internal(p, fields, p->t, dt, 1)) count_inside_out(p);
+  if (unchecked && begin_internal(p, w->fields, p->t, dt, 1)) count_inside_out(p);
   return steps;
 }

@@ -18,11 +18,11 @@ static double kinetic(const Problem *p, const Work *w) {
 }
 
 /* Internal forces f, and the tangent of internal and inertia forces. */
-static void assemble(const Problem *p, const Work *w, const double *const *fields) {
+static void assemble(const Problem *p, const Work *w) {
   double *K = w->tangent;
   memset(w->f, 0, p->dofs * sizeof(double));
   memcpy(K, w->inertia, p->places * sizeof(double));
-  assemble_internal(p, fields, w->f, K);
+  assemble_internal(p, w->fields, w->f, K);
   add_thrusts(p, w, -1, w->f);
   add_thrust_tangent(p, w, K);
   if (p->rule != 0) return;
@@ -99,7 +99,6 @@ static double next_after(Sequence *s, double value) {
 /* `order` is that of the prediction; 0 for none. */
 static int newton(Problem *p, const Work *w, const double *driven, int order) {
   int n = p->dofs, free = p->free, small_corrections = 0;
-  const double *fields[] = {w->D, p->q, p->v, p->a};
   Sequence sizes = {HUGE_VAL, 0}, errors = {HUGE_VAL, 0};
   double drive = 0, dt = w->dt;
   memset(w->z, 0, p->columns * sizeof(double));
@@ -118,7 +117,7 @@ static int newton(Problem *p, const Work *w, const double *driven, int order) {
     acceleration(p, w, dt);
     times_mass(p, w->acc, w->r);
     LAP(INERTIA);
-    assemble(p, w, fields);
+    assemble(p, w);
     LAP(FORCES);
     for (int i = 0; i < n; ++i) w->r[i] += w->f[i] - w->force[i];
     project(p, w, w->r, w->reduced);

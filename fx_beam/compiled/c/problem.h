@@ -31,11 +31,11 @@ typedef struct {
 typedef struct {
   int integrals, width;
   Integral *of;
-  int moving;          /* number of changing coefficients: 0 increment, START, 2 v, 3 a */
+  int moving;          /* number of changing coefficients: 0 increment, START, 2 v, 3 a, 4 before */
   int changing;        /* the first of them change in every iteration, the others in every step */
   int *kind, *offset;
   double *constants;
-  int time_at, dt_at;  /* their indices among the constants, or -1 */
+  int time_at, dt_at, memory_at; /* their indices among the constants, or -1 */
 } Form;
 
 /* A spring and damper on the slide of a joint, or on the angle between its nodes. */
@@ -55,7 +55,8 @@ typedef struct {
 
   Form internal;        /* internal forces, then their tangent */
   Form energy, backwards, added;
-  int has_added;
+  Form lost, held_by_scheme; /* energy that the scheme takes in a step, and holds for the next one */
+  int has_added, needs_before;
   double *weight;       /* may be null */
   int loads, *load_start, *load_dof; /* forces of unit loads, in compressed rows */
   double *load_force;
@@ -132,8 +133,9 @@ typedef struct {
   /* State. Its arrays and those of the predictor are in one piece of memory. */
   double *memory;
   long memory_size;
-  double t, work, dissipated;
+  double t, work, dissipated, algorithmic;
   double *q, *v, *a, *slide, *driven_now, *held, *added_force;
+  double *before, length, ratio; /* start and length of the last step; `memory` of this one */
   int steps_done;       /* 0 if there is no previous step */
   double *ages;         /* [PAST] times since the configurations before the last one, the latest first */
   int known_steps;      /* number of previous sub-steps */
@@ -166,6 +168,7 @@ typedef struct {
   int every, first, last, rows; /* number of the first step of this call, and of the last step of all */
   int parts, part;              /* parts of a halved step, and those of the first step already taken */
   double *before_q, *before_v, *before_a; /* at the starts of the sub-steps of the last part */
+  double *earlier_q, *memory;   /* start of the part before that, and ratio of their lengths */
   double *q, *v, *a, *held, *slides, *joint_forces, *energies, *momenta;
 } Record;
 

@@ -32,6 +32,7 @@ static void record_joint_forces(const Problem *p, const Work *w, int sub_step, R
 static void record_start(const Problem *p, int sub_step, Record *to) {
   long n = p->dofs, at = (to->rows * p->sub_steps + sub_step) * n;
   if (to->before_q) memcpy(to->before_q + at, p->q, n * sizeof(double));
+  if (to->earlier_q) memcpy(to->earlier_q + at, p->before, n * sizeof(double));
   if (to->before_v) memcpy(to->before_v + at, p->v, n * sizeof(double));
   if (to->before_a) memcpy(to->before_a + at, p->a, n * sizeof(double));
 }
@@ -43,16 +44,17 @@ static void record(Problem *p, const Work *w, Record *to) {
   if (to->a) memcpy(to->a + k * n, p->a, n * sizeof(double));
   if (to->held) memcpy(to->held + k * held, p->held, held * sizeof(double));
   if (to->slides) memcpy(to->slides + k * p->slides, p->slide, p->slides * sizeof(double));
-  double *momentum = w->left, *energy = to->energies + 6 * k, *sums = to->momenta + 3 * k;
+  double *momentum = w->left, *energy = to->energies + 7 * k, *sums = to->momenta + 3 * k;
   times_mass(p, p->v, momentum);
   memset(energy, 0, 5 * sizeof(double)), memset(sums, 0, 3 * sizeof(double));
   for (int i = 0; i < n; ++i) energy[0] += p->v[i] * momentum[i] / 2;
-  const double *fields[4] = {w->D, p->q, p->v, p->a};
-  begin_form(p, &p->energy, fields, p->t, 0);
-  energy[1] = assemble_scalar(p, &p->energy, fields);
+  begin_form(p, &p->energy, w->fields, p->t, 0);
+  energy[1] = assemble_scalar(p, &p->energy, w->fields);
   if (p->weight)
     for (int i = 0; i < n; ++i) energy[2] -= p->weight[i] * p->q[i];
   energy[3] = p->work, energy[4] = stored(p), energy[5] = p->dissipated;
+  energy[6] = p->algorithmic;
+  if (to->memory) to->memory[k] = p->ratio;
   for (int i = 0; i < p->nodes; ++i) {
     const int *dof = p->node_dofs + 3 * i;
     double x = p->position[2 * i] + p->q[dof[0]], y = p->position[2 * i + 1] + p->q[dof[1]];

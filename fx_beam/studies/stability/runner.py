@@ -15,6 +15,7 @@ from fx_beam.analyses.progress import progress_bar
 from fx_beam.errors import SceneError, StepError
 from fx_beam.mechanics.schemes import Scheme
 from fx_beam.results.solution import Solution
+from fx_beam.scene.scene import Scene
 from fx_beam.stepping.recorder import Record
 from fx_beam.studies import candidates
 
@@ -140,18 +141,21 @@ def _run(
 
     The limit of halvings is raised in stages, so that a run that blows up ends early.
     """
+    scene = case.scene()
     for limit in (*range(2, max_halvings, 2), max_halvings):
-        run = _simulated(case, scheme, limit, stretch)
+        run = _simulated(case, scene, scheme, limit, stretch)
         verdict = classify(run, case.t_end * stretch)
         if verdict.kind != "failed":
             break
     return run, verdict
 
 
-def _simulated(case: Case, scheme: Scheme, limit: int, stretch: float) -> Solution | StepError:
+def _simulated(
+    case: Case, scene: Scene, scheme: Scheme, limit: int, stretch: float
+) -> Solution | StepError:
     try:
         return simulate(
-            case.scene(),
+            scene,
             scheme,
             dt=case.dt * stretch,
             t_end=case.t_end * stretch,

@@ -1,0 +1,53 @@
+"""Each demo, run once in the process that tests it, with its pictures."""
+
+import functools
+import tempfile
+from pathlib import Path
+
+from scenes import demo
+
+PICTURES = {
+    "pinned_beam": ("scene.png", "shapes.png", "invariants.png", "tip.png", "motion.gif"),
+    "pendulum": (
+        "scene.png",
+        "displacement.png",
+        "acceleration.png",
+        "energy_and_force.png",
+        "steps.png",
+        "motion.gif",
+    ),
+    "three_bar_swing": (
+        "scene.png",
+        "shapes.png",
+        "displacement.png",
+        "force_and_energy.png",
+        "motion.gif",
+    ),
+    "multibody": (
+        "scene.png",
+        "shapes.png",
+        "displacement.png",
+        "energy_and_force.png",
+        "motion.gif",
+    ),
+    "damping_scan": ("lost.png",),
+    "slider_crank": ("scene.png", "shapes.png", "slider.png", "rod_motor_energy.png", "motion.gif"),
+    "ring": ("scene.png", "modes.png", "shapes.png", "energy.png", "motion.gif"),
+    "roll_up": ("scene.png", "shapes.png", "convergence_and_energy.png", "motion.gif"),
+    "lee_frame": (
+        "scene.png",
+        "load_and_displacement.png",
+        "shapes.png",
+        "moments.png",
+        "motion.gif",
+    ),
+    "parallelogram": ("scene.png", "path_and_force.png", "motion.gif"),
+    "own_physics": ("scene.png", "energy.png", "motion.gif"),
+}
+RESULTS = tempfile.TemporaryDirectory(prefix="fx_beam_demos_")  # goes with the process
+
+
+@functools.cache
+def numbers(name):
+    """What a demo's main returns, which draws its pictures as well, once."""
+    return demo(name).main(Path(RESULTS.name) / name)

@@ -1,0 +1,218 @@
+"""The scheme that takes energy: invariants, balance, amplification, order, stiff mechanisms."""
+
+import numpy as np
+import pytest
+from scenes import demo, free_flight, pendulum, pinned_beam
+
+import fx_beam as fb
+
+SOLVERS = pytest.mark.parametrize("solver", ["compiled", "petsc"])
+ORDERS = pytest.mark.parametrize("order", [1, 2])
+
+
+def rises(values):
+    """Largest rise from row to row, relative to the first value."""
+    return np.diff(values).max() / abs(values[0])
+
+
+def relative(values):
+    return abs(values - values[0]).max() / abs(values).max()
+
+
+# -- Invariants and balance -----------------------------------------------------------------------
+
+
+def stiffening(eps, gamma, kappa):
+    return 1e4 * (eps**2 / 2 + eps**4) + 5e3 * gamma**2 + 50 * (kappa**2 + kappa**4)
+
+
+@ORDERS
+@pytest.mark.parametrize("energy", [None, stiffening], ids=["quadratic", "own energy"])
+@pytest.mark.parametrize("degree", [1, 2, 3])
+def test_momenta_are_kept_and_the_balance_closes_in_free_flight(degree, energy, order):
+    section = fb.Section(strain_energy=energy, rhoA=1.0, rhoI=10.0) if energy else None
+    options = {"section": section} if section else {}
+    scene, _ = free_flight(elements=3, degree=degree, **options)
+    scheme = fb.EnergyDecaying(order=order)
+    pushed = fb.simulate(scene, scheme, dt=0.1, t_end=2.5)
+    solution = fb.simulate(scene, scheme, dt=0.1, t_end=10.0, start=pushed)
+    assert relative(solution.linear_momentum) < 1e-11
+    assert relative(solution.angular_momentum) < 1e-11
+    for run in (pushed, solution):
+        energy = run.energy
+        assert abs(energy.balance_error).max() < 1e-11 * energy.total.max()
+        assert np.diff(energy.dissipated).min() >= 0
+    assert solution.energy.dissipated[-1] > solution.energy.dissipated[0]
+    # What never rises: with memory the energy with that which the scheme holds.
+    assert (solution.energy.algorithmic[1:] > 0).all() == (order == 2)
+    assert rises(solution.energy.total + solution.energy.algorithmic) < 1e-13
+
+
+@SOLVERS
+@ORDERS
+def test_the_balance_closes_for_steps_in_parts_of_changing_length(order, solver):
+    # The bound of the turn halves the steps; they are doubled and halved again.
+    scene, beam = pinned_beam()
+    newton = fb.NewtonOptions(max_turn=0.05)
+    solution = fb.simulate(
+        *(scene, fb.EnergyDecaying(order=order)), dt=0.02, t_end=0.3, solver=solver, newton=newton
+    )
+    energy = solution.energy
+    assert 1 < solution.stats.halvings
+    assert solution.stats.substeps > solution.stats.steps
+    assert abs(energy.balance_error).max() < 1e-11 * energy.total[0]
+    assert relative(solution.angular_momentum) < 1e-11
+    assert rises(energy.total + energy.algorithmic) < 1e-13
+    # Forces with the addition of the scheme, against the change of the momentum (no parts).
+    whole = fb.simulate(scene, fb.EnergyDecaying(order=order), dt=0.01, t_end=0.2, solver=solver)
+    given = np.diff(whole.linear_momentum, axis=0) / 0.01
+    assert abs(whole.reaction(beam.start)[1:, :2] - given).max() < 1e-9 * abs(given).max()
+
+
+@ORDERS
+def test_solvers_agree_also_on_forces_and_sparse_records(order):
+    scene, beam = pinned_beam(elements=4)
+    newton = fb.NewtonOptions(max_turn=0.05)
+    for every in (1, 3):
+        ours, theirs = (
+            fb.simulate(
+                *(scene, fb.EnergyDecaying(order=order)),
+                dt=0.02,
+                t_end=0.24,
+                solver=solver,
+                newton=newton,
+                record=fb.Record(every=every),
+            )
+            for solver in ("compiled", "petsc")
+        )
+        assert abs(ours.q - theirs.q).max() < 1e-8
+        N, other = (run.resultants(beam).N for run in (ours, theirs))
+        assert abs(N - other).max() < 1e-6 * abs(N).max()
+        assert ours.energy.dissipated == pytest.approx(theirs.energy.dissipated, rel=1e-8)
+        assert ours.energy.algorithmic == pytest.approx(theirs.energy.algorithmic, rel=1e-6)
+
+
+@SOLVERS
+def test_a_run_goes_on_from_a_file_as_if_it_had_not_ended(solver, tmp_path):
+    scene, beam = pinned_beam()
+    scheme = fb.EnergyDecaying()
+    whole = fb.simulate(scene, scheme, dt=0.01, t_end=0.4, solver=solver)
+    fb.simulate(scene, scheme, dt=0.01, t_end=0.2, solver=solver).save(tmp_path / "half.npz")
+    rest = fb.simulate(
+        *(scene, scheme), dt=0.01, t_end=0.4, solver=solver, start=fb.load(tmp_path / "half.npz")
+    )
+    assert abs(whole.q[-1] - rest.q[-1]).max() < 1e-11
+    assert rest.resultants(beam).N[-1] == pytest.approx(whole.resultants(beam).N[-1], rel=1e-7)
+    assert rest.energy.dissipated[-1] == pytest.approx(whole.energy.dissipated[-1], rel=1e-9)
+    # Another scheme starts without memory, and its own balance closes.
+    other = fb.simulate(scene, fb.EnergyMomentum(), dt=0.01, t_end=0.4, start=whole_half(whole))
+    assert abs(other.energy.balance_error).max() < 1e-11 * other.energy.total[0]
+
+
+def whole_half(solution):
+    scene, _ = pinned_beam()
+    return fb.simulate(scene, fb.EnergyDecaying(), dt=0.01, t_end=0.2)
+
+
+# -- Amplification and order ----------------------------------------------------------------------
+
+
+def amplification(w, damping, order):
+    """Matrix of one step for u'' = -w^2 u with dt = 1: (u, v, u_before) after from before."""
+    # v1 = v0 - w^2 f,  u1 = u0 + (v0 + v1)/2,
+    # f = (u0 + u1)/2 + damping/2 ((u1 - u0) - r (u0 - u_before))
+    r = order - 1
+    a = (1 + damping) / 2
+    b = (1 - damping) / 2 - damping / 2 * r
+    c = damping / 2 * r
+    # u1 (1 + w^2 a / 2) = u0 (1 - w^2 b / 2) + v0 - w^2 c u_before / 2
+    k = 1 + w**2 * a / 2
+    u1 = np.array([1 - w**2 * b / 2, 1.0, -(w**2) * c / 2]) / k
+    v1 = 2 * (u1 - [1, 0, 0]) - [0, 1, 0]
+    return np.array([u1, v1, [1, 0, 0]])
+
+
+@pytest.mark.parametrize(
+    ("w", "kept"), [(0.1, 1.2e-6), (1, 7.5e-3), (5, 0.15), (10, 0.21), (30, 0.05), (100, 4e-3)]
+)
+def test_the_amplification_is_that_of_the_formula(w, kept):
+    radius = abs(np.linalg.eigvals(amplification(w, 0.1, 2))).max()
+    assert 1 - radius == pytest.approx(kept, rel=0.1)
+
+
+@ORDERS
+@pytest.mark.parametrize("w", [0.01, 0.1, 1, 3, 10, 30, 100, 1e3, 1e4])
+def test_an_oscillator_follows_the_amplification_matrix(w, order):
+    # A massless rod of stiffness w^2 with a unit mass at its end, dt = 1.
+    scene = fb.Scene()
+    section = fb.Section(EA=w**2, GA=w**2, EI=w**2)
+    rod = scene.add_beam([(0, 0), (1, 0)], section)
+    scene.clamp(rod.start)
+    scene.fix(rod.end, "y", "rotation")
+    scene.add_mass(rod.end, 1.0)
+    speed = 1e-3 * max(1, w) ** 2
+    scene.set_velocity(rod.end, (speed, 0.0))
+    solution = fb.simulate(scene, fb.EnergyDecaying(order=order), dt=1.0, t_end=40.0)
+    A, state = amplification(w, 0.1, order), np.array([0.0, speed, 0.0])
+    path = [state := A @ state for _ in range(40)]
+    u, v = np.array(path)[:, :2].T
+    assert solution.displacement(rod.end)[1:, 0] == pytest.approx(u, abs=1e-9 * abs(u).max())
+    assert solution.velocity(rod.end)[1:, 0] == pytest.approx(v, abs=1e-9 * abs(v).max())
+
+
+def test_the_form_without_memory_is_of_first_order():
+    scene, beam = pinned_beam(elements=2, section=fb.Section(EA=4e4, GA=1e4, EI=1.3e6, rhoA=0.05))
+    ends = [
+        fb.simulate(scene, fb.EnergyDecaying(order=1), dt=0.2 / n, t_end=0.2).q[-1]
+        for n in (400, 800, 1600)
+    ]
+    first, second = (abs(a - b).max() for a, b in zip(ends, ends[1:], strict=False))
+    assert 0.8 < np.log2(first / second) < 1.3
+
+
+# -- Examples -------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("name", ["pendulum", "pinned beam", "swing", "multi-body system"])
+def test_less_energy_is_lost_than_by_hht_in_the_examples_of_the_paper(name):
+    scene, dt, t_end = {
+        "pendulum": (pendulum()[0], 0.02, 5.0),
+        "pinned beam": (pinned_beam()[0], 0.01, 2.0),
+        "swing": (demo("three_bar_swing").scene(), 5e-4, 0.6),
+        "multi-body system": (demo("multibody").scene()[0], 5e-3, 0.5),
+    }[name]
+
+    def lost(scheme):
+        energy = fb.simulate(scene, scheme, dt=dt, t_end=t_end).energy
+        return abs(energy.total[-1] - energy.total[0] - energy.work[-1])
+
+    assert lost(fb.EnergyDecaying()) < lost(fb.HHT(-0.1))
+
+
+@pytest.mark.parametrize("EA", [1e6, 1e8, 1e10, 1e12])
+def test_a_stiff_parallelogram_passes_through_its_line_up_four_times(EA):
+    parallelogram = demo("parallelogram")
+    solution = parallelogram.simulate(EA, fb.EnergyDecaying(), t_end=3.0)
+    assert parallelogram.path_error(solution).max() < 1e-2
+
+
+# -- Refusals -------------------------------------------------------------------------------------
+
+
+def test_values_out_of_range_are_refused():
+    for damping in (0, -0.1, 1.5, np.nan, "much"):
+        with pytest.raises(fb.SceneError, match="damping"):
+            fb.EnergyDecaying(damping)
+    with pytest.raises(fb.SceneError, match="order"):
+        fb.EnergyDecaying(order=4)
+    decaying = fb.EnergyDecaying()
+    composed = fb.Scheme("composed", decaying.resultants, decaying.rates, fractions=(0.5, 0.5))
+    with pytest.raises(fb.SceneError, match="cannot have sub-steps"):
+        fb.simulate(pinned_beam()[0], composed, dt=0.01, t_end=0.1)
+
+
+def test_conserving_schemes_compile_and_keep_nothing_for_it():
+    solution = fb.simulate(pinned_beam()[0], dt=0.01, t_end=0.1)
+    assert not any("scheme's" in form for form in solution.stats.compiled)
+    assert solution.end.before is None
+    assert not solution.energy.algorithmic.any()
