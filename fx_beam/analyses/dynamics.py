@@ -326,7 +326,7 @@ def _check_options(newton, max_halvings, record, solver, progress) -> None:
 
 def _time_grid(dt: float | None, t_end: float, t0: float) -> np.ndarray:
     choice = ", or give a tolerance, which chooses the steps" if dt is None else ""
-    require(is_number(dt), "dt", dt, f"a finite number{choice}")
+    require(dt is not None and is_number(dt), "dt", dt, f"a finite number{choice}")
     require(is_number(t_end), "t_end", t_end, "a finite number")
     assert dt is not None
     if dt <= 0:

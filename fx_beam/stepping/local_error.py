@@ -30,14 +30,17 @@ def order_and_constant(scheme: Scheme) -> tuple[int, float]:
 
     SceneError for a scheme of order 1.
     """
-    rates = scheme.rates
+    rates, advice = scheme.rates, None
     if isinstance(rates, NewmarkRates):
         second = 0.5 - rates.alpha_m + rates.alpha_f
-        if abs(rates.gamma - second) > 1e-9:
-            raise SceneError(
-                f"tolerance: {scheme.name} is of order 1 with gamma = {rates.gamma:g}; its errors "
-                f"are not known. Use gamma = {second:g}, or another scheme"
-            )
+        advice = f"gamma = {second:g}" if abs(rates.gamma - second) > 1e-9 else None
+    elif getattr(scheme.resultants, "order", 2) == 1:
+        advice = "order=2"
+    if advice:
+        raise SceneError(
+            f"tolerance: {scheme.name} is of order 1; its local errors are not known. Use {advice}, "
+            "or another scheme"
+        )
     cubes = abs(sum(fraction**3 for fraction in scheme.fractions))
     if cubes > 1e-9:
         return 2, cubes / 12
