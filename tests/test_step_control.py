@@ -97,7 +97,8 @@ def test_both_integrators_take_the_same_steps(order):
     ]
     ours, theirs = runs
     assert ours.t == pytest.approx(theirs.t, abs=1e-8)
-    assert ours.stats.rejected == theirs.stats.rejected
+    assert ours.stats.rejected == theirs.stats.rejected > 0
+    assert ours.stats.newton_iterations == pytest.approx(theirs.stats.newton_iterations, rel=0.02)
     assert abs(ours.q - theirs.q).max() < 1e-7
     assert 0.1 in ours.t and 0.1 in theirs.t
 

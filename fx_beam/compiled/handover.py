@@ -332,7 +332,7 @@ class Problem:
         }
         # One piece of memory, which the loop copies before a step with sub-steps.
         known, past = self.library.PAST, (1, model.size, reduction.free)
-        order = self.library.MAX_ORDER
+        order = self.library.MAX_ORDER if self.c.sub_steps > 1 else 0
         errors = order, order * model.size, (self.library.AVERAGED - 1) * model.size
         memory = self._kept(np.zeros(sum(sizes.values()) + known * sum(past) + sum(errors)))
         self.c.memory = self.ffi.cast("double *", memory.ctypes.data)

@@ -114,8 +114,8 @@ class Stepper:
         """Take the first of some steps of equal length, number `first`, if its error is small."""
         errors, past = self._errors, self.past
         assert errors is not None
-        t1, memory = float(ends[0]), errors.memory
-        dt = t1 - state.t
+        t1, memory, stats = float(ends[0]), errors.memory, self.stats
+        dt, counted = t1 - state.t, (stats.newton_iterations, dict(stats.ended_by))
         try:
             starts, new = self._take(state, t1)
         except StepFailed:
@@ -124,9 +124,10 @@ class Stepper:
         ratio = errors.add(new.q - state.q, dt, *control.factors(dt))
         if ratio is not None and ratio > 1:
             self.past, errors.memory = past, memory
+            stats.newton_iterations, stats.ended_by = counted
             return Attempt(state, 0, ratio=ratio)
-        self.stats.substeps += 1
-        self.stats.amplified += new.dissipated < state.dissipated
+        stats.substeps += 1
+        stats.amplified += new.dissipated < state.dissipated
         self.facing.check(new.t, new.q)
         recorder.record(first, new, starts)
         return Attempt(new, 1, ratio=ratio)
