@@ -72,6 +72,7 @@ STEPS = (LARGE, 0.05, 0.02, SMALL, 0.005, 0.002, 0.001)  # [s]
 # the large EA turns this into a large energy.
 SCHEMES = {
     "EnergyMomentum": fb.EnergyMomentum(),
+    "EnergyDecaying": fb.EnergyDecaying(),
     "ModifiedMidPoint (as published)": fb.ModifiedMidPoint(),
     "MidPoint": fb.MidPoint(),
     "Newmark (trapezoidal)": fb.Newmark(),
@@ -310,7 +311,8 @@ def draw(results, runs, numbers):
     plot.save(figure, results / "energy_and_force.png")
 
     steps = sorted({dt for _, dt in runs})
-    figure, (axes,) = plot.figure(1, 2, height=3.0)
+    figure, (axes,) = plot.figure(1, 3, height=3.0)
+    largest = numbers["rigid rod"]["highest axial force"]
     for name, by_step in numbers["schemes"].items():
         runs_of = [by_step[f"dt {dt:g}"] for dt in steps]
         marker = "s" if name == "HHT, alpha = -0.05" else "o"
@@ -318,10 +320,13 @@ def draw(results, runs, numbers):
         late = [abs(run["period"] / exact - 1) if run["period"] else np.nan for run in runs_of]
         axes[0].plot(steps, late, label=name, **look)
         axes[1].plot(steps, [run["energy drift"] for run in runs_of], label=name, **look)
+        off = [abs(run["highest axial force"] - largest) for run in runs_of]
+        axes[2].plot(steps, off, label=name, **look)
     guide = np.array([0.005, 0.05])
     axes[0].plot(guide, 2e-1 * guide**2, color="0.55", linewidth=1.0, label="order 2")
     axes[0].set(ylabel="error of the period $|T/T_{rigid} - 1|$ [-]")
     axes[1].set(ylabel="largest $|E/E_0 - 1|$ [-]")
+    axes[2].set(ylabel="error of the largest $N$ [N]", ylim=(1e-3, 1e3))
     for ax in axes:
         ax.set(xscale="log", yscale="log", xlabel="time step $\\Delta t$ [s]")
     plot.save(figure, results / "steps.png")

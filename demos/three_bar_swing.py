@@ -65,6 +65,7 @@ STEPS = (2 * DT, DT, DT / 2)
 
 SCHEMES = {
     "EnergyMomentum": fb.EnergyMomentum(),
+    "EnergyDecaying": fb.EnergyDecaying(),
     "ModifiedMidPoint (as published)": fb.ModifiedMidPoint(),
     "Newmark (trapezoidal)": fb.Newmark(),
     "HHT, alpha = -0.1": fb.HHT(-0.1),
@@ -301,15 +302,17 @@ def draw(results, runs, meshes, heavy):
     for ax in axes.flat:
         ax.set(xlim=(0, T_END), xlabel="time $t$ [s]")
     smooth.set_title(f"$\\Delta t$ = {DT:g} s")
-    # Before the reversal, during it, and the whole run; conserving schemes on top.
-    solutions = dict(sorted(solutions.items(), key=lambda item: item[0] in CONSERVING))
+    # Before the reversal, during it, and the whole run; smaller forces on top.
+    on_top = *CONSERVING, "EnergyDecaying"
+    shown = [name for name in SCHEMES if name not in on_top] + [*on_top]
+    solutions = {name: solutions[name] for name in shown}
     windows = (smooth, (0, 0.62), (-0.1, 0.4)), (peak, (0.635, 0.65), (-80, 160))
     for ax, xlim, ylim in (*windows, (whole, (0, T_END), (-80, 160))):
         ax.set(xlim=xlim, ylim=ylim, ylabel="axial force $N$ [N]")
         plot.curves(ax, solutions, axial_force, lambda solution: solution.t_level)
     links.set(xlim=(0.635, 0.66), ylim=(-80, 160), ylabel="axial force $N$ [N]")
     plot.curves(links, {"EnergyMomentum": solution}, axial_force, lambda s: s.t_level)
-    look = {"color": "black", "linewidth": 0.8, "label": "EnergyMomentum, links with mass"}
+    look = {"color": "#CC79A7", "linewidth": 1.2, "label": "EnergyMomentum, links with mass"}
     links.plot(heavy.t_level, axial_force(heavy), **look)
     total.set(ylim=(0, 0.08), ylabel="total energy $E$ [J]")
     plot.curves(total, solutions, energy)

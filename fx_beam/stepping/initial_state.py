@@ -17,6 +17,8 @@ from fx_beam.scene.joints import Joint
 
 from .forcing import Drive
 
+# Up to so many rows matrices are arrays: an operation on sparse ones costs 0.1 ms.
+_SMALL = 200
 _ADVICE = "Give compatible velocities to all members, or call scene.make_velocities_compatible()"
 
 
@@ -129,14 +131,14 @@ def _acceleration(
         ahead, back = (reduction.expand(s * k * w[:free], s * k * w[moved]) for s in (1, -1))
         curved = (ahead + back) / k**2
         reduction.expand(np.zeros(free), np.zeros(reduction.driven))
-    T = reduction.coupling()
+    T, mass = _handy(reduction.coupling()), _handy(model.mass)
     force = drive.forces(Interval(state.t, state.t + dt))[0] - model.forms.internal_force(D)
-    force -= model.mass @ (T @ a + curved)
+    force -= mass @ (T @ a + curved)
     model.actuators.set_rates(state.q, state.v, state.slides)
     model.actuators.begin(state.q, state.slides, h)
     model.actuators.set_increment(h * state.v, h * w)
     b = T.T @ force - model.actuators.forces(reduction.columns)
-    a[:free] = acceleration_of((T.T @ model.mass @ T)[:free, :free], b[:free])
+    a[:free] = acceleration_of((T.T @ mass @ T)[:free, :free], b[:free])
     return T @ a + curved
 
 
@@ -175,14 +177,22 @@ def nearest_rates(model: Model, v: np.ndarray, driven: np.ndarray, weight=None) 
     The default weight scales displacements by the size of the scene.
     """
     reduction = model.reduction
-    free, w, T = reduction.free, _driven_rates(model, driven), reduction.coupling()
+    free, w, T = reduction.free, _driven_rates(model, driven), _handy(reduction.coupling())
     missing = v - T @ w
     if free and missing.any():
         weight = scipy.sparse.diags(model.unit**-2.0) if weight is None else weight
         free_T = T[:, :free]
-        normal = (free_T.T @ weight @ free_T).tocsc()
-        w[:free] = scipy.sparse.linalg.spsolve(normal, free_T.T @ (weight @ missing))
+        normal, right = free_T.T @ weight @ free_T, free_T.T @ (weight @ missing)
+        if isinstance(normal, np.ndarray):
+            w[:free] = np.linalg.solve(normal, right)
+        else:
+            w[:free] = scipy.sparse.linalg.spsolve(normal.tocsc(), right)
     return w
+
+
+def _handy(matrix: scipy.sparse.csr_matrix):
+    """A small sparse matrix as an array."""
+    return matrix.toarray() if matrix.shape[0] <= _SMALL else matrix
 
 
 def _driven_rates(model: Model, driven: np.ndarray) -> np.ndarray:
@@ -193,7 +203,7 @@ def _driven_rates(model: Model, driven: np.ndarray) -> np.ndarray:
     return w
 
 
-def acceleration_of(mass: scipy.sparse.spmatrix, force: np.ndarray) -> np.ndarray:
+def acceleration_of(mass, force: np.ndarray) -> np.ndarray:
     """Accelerations (n,) under generalised forces (n,); zero where there is no mass.
 
     If several unknowns move one mass, they are the accelerations of least norm.
@@ -202,19 +212,38 @@ def acceleration_of(mass: scipy.sparse.spmatrix, force: np.ndarray) -> np.ndarra
     diagonal = mass.diagonal()
     moving = np.flatnonzero(diagonal > 0)
     if len(moving):
-        scale = scipy.sparse.diags(diagonal[moving] ** -0.5)
-        scaled = (scale @ mass.tocsr()[moving][:, moving] @ scale).tocsc()
-        b = scale @ force[moving]
-        try:
-            factors = scipy.sparse.linalg.splu(scaled)
-            singular = abs(factors.U.diagonal()).min() < 1e-10
-        except RuntimeError:
-            singular = True
-        if singular:
-            a[moving] = scale @ np.linalg.lstsq(scaled.toarray(), b, rcond=1e-10)[0]
+        scale = diagonal[moving] ** -0.5
+        b = scale * force[moving]
+        if isinstance(mass, np.ndarray):
+            scaled = scale[:, None] * mass[np.ix_(moving, moving)] * scale
+            solution = _solve_dense(scaled, b)
         else:
-            a[moving] = scale @ factors.solve(b)
+            S = scipy.sparse.diags(scale)
+            scaled = (S @ mass.tocsr()[moving][:, moving] @ S).tocsc()
+            solution = _solve_sparse(scaled, b)
+        if solution is None:
+            full = scaled if isinstance(scaled, np.ndarray) else scaled.toarray()
+            solution = np.linalg.lstsq(full, b, rcond=1e-10)[0]
+        a[moving] = scale * solution
     return a
+
+
+def _solve_dense(A: np.ndarray, b: np.ndarray) -> np.ndarray | None:
+    """Solution for a positive definite matrix; None if it is singular."""
+    try:
+        pivots = np.linalg.cholesky(A).diagonal() ** 2
+    except np.linalg.LinAlgError:
+        return None
+    return None if pivots.min() < 1e-10 else np.linalg.solve(A, b)
+
+
+def _solve_sparse(A: scipy.sparse.csc_matrix, b: np.ndarray) -> np.ndarray | None:
+    """The same for a sparse matrix."""
+    try:
+        factors = scipy.sparse.linalg.splu(A)
+    except RuntimeError:
+        return None
+    return None if abs(factors.U.diagonal()).min() < 1e-10 else factors.solve(b)
 
 
 def _given_velocity(model: Model) -> np.ndarray:
