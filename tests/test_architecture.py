@@ -89,7 +89,15 @@ HOUSE = {
         "full_turns",
     ],
     "compiled": ["build", "lu_layout", "kernels", "handover", "loop"],
-    "analyses": ["evaluation", "progress", "controlled_steps", "dynamics", "statics", "modal"],
+    "analyses": [
+        "evaluation",
+        "progress",
+        "controlled_steps",
+        "dynamics",
+        "convergence",
+        "statics",
+        "modal",
+    ],
     "plot": [
         "symbols",
         "time_curves",

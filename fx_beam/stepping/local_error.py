@@ -38,8 +38,8 @@ def order_and_constant(scheme: Scheme) -> tuple[int, float]:
         advice = "order=2"
     if advice:
         raise SceneError(
-            f"tolerance: {scheme.name} is of order 1; its local errors are not known. Use {advice}, "
-            "or another scheme"
+            f"tolerance: {scheme.name} is of order 1; its local errors are not known. Use "
+            f"{advice}, or another scheme"
         )
     cubes = abs(sum(fraction**3 for fraction in scheme.fractions))
     if cubes > 1e-9:
