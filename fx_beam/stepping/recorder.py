@@ -37,7 +37,8 @@ class Record:
         Increasing times of the rows [s], in place of the ends of steps. Displacements and rotations
         are cubic polynomials within a step, made of those at its ends and of the rates there;
         energies and momenta are linear. Forces and accelerations are those of the step. All steps
-        are kept until the end of the run; motion and rates must be recorded.
+        are kept until the end of the run; motion and rates must be recorded. Times before the
+        start and after the end are left out.
 
     Examples
     --------
