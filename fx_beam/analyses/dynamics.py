@@ -204,7 +204,7 @@ def simulate(
     except (StepError, KeyboardInterrupt) as error:
         stats.seconds = time.perf_counter() - clock
         stats.failure = failure_of(error, state.t)
-        keep(error, solution_of(model, recorder, stats, times=rows_at))
+        keep(error, solution_of(model, recorder, stats, None, rows_at, breaks))
         raise
     stats.seconds = time.perf_counter() - clock
     parts = None
@@ -220,7 +220,7 @@ def simulate(
             f" = {3 / first:.3g} /s" if control is None else "",
         )
     end = replace(state, q=state.q + windings.removed, parts=parts, past=integrator.past)
-    return solution_of(model, recorder, stats, end, rows_at)
+    return solution_of(model, recorder, stats, end, rows_at, breaks)
 
 
 def _steps_of_grid(integrator: Stepper | CompiledLoop, times: np.ndarray, recorder: Recorder):

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from fx_beam.fem.dolfinx_api import gauss_points
@@ -20,16 +22,18 @@ def solution_of(
     stats: Stats,
     end: State | None = None,
     times: np.ndarray | None = None,
+    breaks: Sequence[float] = (),
 ) -> Solution:
     """Solution from a record; `end` is the last state, None if the run ended early.
 
-    With `times` its rows are at these times, otherwise those of the record.
+    With `times` its rows are at these times, otherwise those of the record; the motion is smooth
+    between `breaks`.
     """
     scene, mesh = model.scene, model.mesh
     histories = recorder.histories()
     rows: slice | np.ndarray = slice(None)
     if times is not None:
-        histories, rows = at_times(model, histories, times)
+        histories, rows = at_times(model, histories, times, breaks)
     cache: list[np.ndarray] = []
 
     def resultants_of_beam(name: str) -> BeamResultants:

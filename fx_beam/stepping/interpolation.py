@@ -1,7 +1,13 @@
-"""Histories at chosen times, between the ends of the steps."""
+"""Histories at chosen times, between the ends of the steps.
+
+Displacements and rotations are those of polynomials through the nearest ends of steps, of one
+degree more than the scheme's order. The rates are their derivatives: those at the ends of steps
+contain vibrations that the steps do not resolve.
+"""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -10,23 +16,25 @@ from fx_beam.model.model import Model
 from fx_beam.results.audit import Energy
 
 
-def at_times(model: Model, steps: dict[str, Any], times: np.ndarray) -> tuple[dict, np.ndarray]:
+def at_times(
+    model: Model, steps: dict[str, Any], times: np.ndarray, breaks: Sequence[float]
+) -> tuple[dict, np.ndarray]:
     """Histories at times (n,) from those of all steps, and the steps' rows (n,) that contain them.
 
-    Displacements and rotations are cubic polynomials in each step, rates their derivatives.
-    Energies and momenta are linear, so that balances stay exact. Forces and accelerations are those
-    of the step.
+    Polynomials do not reach over a break. Energies and momenta are linear, so that balances stay
+    exact. Forces and accelerations are those of the step.
     """
     t = steps["t"]
     times = times[(times >= t[0]) & (times <= t[-1])]
-    row = np.clip(np.searchsorted(t, times), 1, max(len(t) - 1, 1)) if len(t) > 1 else 0 * times
-    row = row.astype(int)
+    row = np.minimum(np.searchsorted(t, times), len(t) - 1)
+    row[times > t[0]] = np.maximum(row[times > t[0]], 1)
     before = np.maximum(row - 1, 0)
-    dt = np.where(row > before, t[row] - t[before], 1.0)
-    x = (times - t[before]) / dt
+    x = (times - t[before]) / np.where(row > before, t[row] - t[before], 1.0)
     found = dict(steps)
-    q, v = _cubic(steps["q"], _slopes(model, steps), row, before, x, dt)
-    found |= {"t": times, "q": q, "v": v}
+    q, v = _polynomials(
+        t, steps["q"], times, row, breaks, 4 if len(model.scheme.fractions) == 1 else 6
+    )
+    found |= {"t": times, "q": q, "v": v if len(steps["v"]) else steps["v"]}
     for name in ("t_level", "a", "reactions", "joint_forces", "motor_forces"):
         found[name] = steps[name][row] if len(steps[name]) else steps[name]
 
@@ -41,29 +49,38 @@ def at_times(model: Model, steps: dict[str, Any], times: np.ndarray) -> tuple[di
     return found, row
 
 
-def _slopes(model: Model, steps: dict[str, Any]) -> np.ndarray:
-    """Rates (n, n_node, 3) at the ends of steps.
+def _polynomials(t, q, times, row, breaks, points: int) -> tuple[np.ndarray, np.ndarray]:
+    """Values and derivatives at some times, which lie in the steps that end in some rows."""
+    near = 1e-9 * (t[-1] - t[0])
+    inner = [b for b in breaks if t[0] + near < b < t[-1] - near]
+    edges = np.unique([0, *np.searchsorted(t, np.array(inner) - near), len(t) - 1])
+    values, rates = (np.empty((len(times), *q.shape[1:])) for _ in range(2))
+    for first, last in zip(edges[:-1], edges[1:], strict=True):
+        inside = np.flatnonzero((row > first) & (row <= last) | (row == first) & (first == 0))
+        known = min(points, last - first + 1)
+        start = np.clip(row[inside] - known // 2, first, last + 1 - known)
+        rows = start[:, None] + np.arange(known)
+        at, slope = _lagrange(t[rows], times[inside])
+        values[inside], rates[inside] = (
+            np.einsum("nk,nk...->n...", w, q[rows]) for w in (at, slope)
+        )
+    if len(edges) == 1:
+        values[:], rates[:] = q[0], 0.0
+    return values, rates
 
-    Those of massless degrees of freedom are means over a step; here they are of second order.
-    """
-    q, v, t = steps["q"], steps["v"], steps["t"]
-    free = model.to_nodes(model.massless)
-    if len(t) < 3 or not free.any():
-        return v
-    v = v.copy()
-    v[:, free] = np.gradient(q[:, free], t, axis=0, edge_order=2)
-    return v
 
-
-def _cubic(q, v, row, before, x, dt) -> tuple[np.ndarray, np.ndarray]:
-    """Hermite's cubic polynomials and their derivatives, at a fraction x (n,) of a step."""
-    x, dt = (values[:, None, None] for values in (x, dt))
-    rise = q[row] - q[before]
-    start, end = dt * v[before] - rise, rise - dt * v[row]
-    bend = (1 - x) * start + x * end
-    value = q[before] + x * rise + x * (1 - x) * bend
-    rate = rise + (1 - 2 * x) * bend + x * (1 - x) * (end - start)
-    return value, rate / dt
+def _lagrange(t: np.ndarray, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Lagrange's polynomials (n, k) of the places t (n, k) at x (n,), and their derivatives."""
+    values, slopes = np.ones_like(t), np.zeros_like(t)
+    places = range(t.shape[1])
+    for j in places:
+        for k in places:
+            if k == j:
+                continue
+            gap = t[:, j] - t[:, k]
+            slopes[:, j] = slopes[:, j] * (x - t[:, k]) / gap + values[:, j] / gap
+            values[:, j] *= (x - t[:, k]) / gap
+    return values, slopes
 
 
 def _slides(model: Model, q: np.ndarray, slides: np.ndarray) -> np.ndarray:

@@ -35,10 +35,10 @@ class Record:
         Whether to record the forces of supports and joints.
     times : sequence of float, optional
         Increasing times of the rows [s], in place of the ends of steps. Displacements and rotations
-        are cubic polynomials within a step, made of those at its ends and of the rates there;
-        energies and momenta are linear. Forces and accelerations are those of the step. All steps
-        are kept until the end of the run; motion and rates must be recorded. Times before the
-        start and after the end are left out.
+        are those of polynomials through the nearest ends of steps, cubic for schemes of order 2, of
+        degree 5 for order 4; velocities are their derivatives. Energies and momenta are linear.
+        Forces and accelerations are those of the step. All steps are kept until the end of the run;
+        the motion must be recorded. Times before the start and after the end are left out.
 
     Examples
     --------
@@ -77,8 +77,8 @@ class Record:
         rising = times.ndim == 1 and len(times) and np.isfinite(times).all()
         if not rising or (np.diff(times) <= 0).any():
             raise SceneError(f"Record: times = {self.times!r} must be increasing finite times")
-        if not (self.every == 1 and self.motion and self.rates):
-            raise SceneError("Record: times need every step, with motion and rates")
+        if not (self.every == 1 and self.motion):
+            raise SceneError("Record: times need every step, with motion")
 
 
 class Unrecorded:
