@@ -34,6 +34,7 @@ HOUSE = {
         "rates",
         "resultants",
         "decaying",
+        "retardation",
         "schemes",
     ],
     "results": [

@@ -213,6 +213,6 @@ def test_values_out_of_range_are_refused():
 
 def test_conserving_schemes_compile_and_keep_nothing_for_it():
     solution = fb.simulate(pinned_beam()[0], dt=0.01, t_end=0.1)
-    assert not any("scheme's" in form for form in solution.stats.compiled)
+    assert not {"lost energy", "scheme's energy"} & {*solution.stats.compiled}
     assert solution.end.before is None
     assert not solution.energy.algorithmic.any()

@@ -36,7 +36,7 @@ _FORMS = {
     "energy": ("strain energy",),
     "backwards": ("sections facing backwards",),
     "added": ("added virtual work",),
-    "lost": ("scheme's loss",),
+    "lost": ("lost energy",),
     "held_by_scheme": ("scheme's energy",),
 }
 

@@ -118,6 +118,9 @@ class Forms:
         stiffness = None
         if None in energies:
             stiffness = section_data(mesh, scene, ("EA", "GA", "EI"), degree)
+        times = None
+        if any(beam.section.damped for beam in scene.beams) and not self._scheme.rates.at_rest:
+            times = section_data(mesh, scene, ("retardation",), degree)
         everywhere = Data(0, np.array(1.0))
         inside = [
             everywhere if work.beam is None else on_beam(mesh, scene, work.beam)
@@ -128,6 +131,7 @@ class Forms:
             self._scheme,
             energies,
             stiffness and stiffness.place,
+            times and times.place,
             [(work, data.place) for work, data in zip(scene.virtual_works, inside, strict=True)],
         )
         self._data: dict[Any, Any] = {
@@ -135,6 +139,8 @@ class Forms:
         }
         if stiffness is not None:
             self._data[weak.stiffness] = stiffness.on(mesh)
+        if times is not None:
+            self._data[weak.times] = times.on(mesh)
         return weak
 
     def _bind(self, compiled: CompiledForm):
@@ -189,7 +195,7 @@ class Forms:
             self.moving[4].x.array[:] = self._start.x.array if before is None else before
 
     def energy_of_scheme(self, D: np.ndarray) -> tuple[float, float]:
-        """Energy that the scheme takes in the step, and that it holds for the next one [J]."""
+        """Energy that is lost in the step, and that the scheme holds for the next one [J]."""
         self.increment.x.array[:] = D
         lost, held = (
             dolfinx_api.assemble_scalar(form) if form is not None else 0.0

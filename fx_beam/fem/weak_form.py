@@ -12,6 +12,7 @@ from fx_beam.errors import SceneError
 from fx_beam.mechanics.decaying import DecayingResultants
 from fx_beam.mechanics.kinematics import arc_derivative, director
 from fx_beam.mechanics.resultants import ExactResultants
+from fx_beam.mechanics.retardation import viscous, viscous_loss
 from fx_beam.mechanics.schemes import Scheme
 from fx_beam.scene.law import Energy, Law, quadratic_law
 from fx_beam.scene.loads import VirtualWork
@@ -28,8 +29,8 @@ class WeakForm:
     """Internal forces, tangent and energies of beams for a scheme, on no particular mesh.
 
     `energies` are the different stored energies of the sections, None for the quadratic one, whose
-    stiffnesses are in `place`; several ones are numbered as subdomains. Each virtual work comes
-    with the place of its indicator.
+    stiffnesses are in `place`; several ones are numbered as subdomains. `times` is the place of the
+    retardation times, None without damping. Each virtual work comes with that of its indicator.
     """
 
     def __init__(
@@ -38,11 +39,14 @@ class WeakForm:
         scheme: Scheme,
         energies: Sequence[Energy | None],
         place: Place | None,
+        times: Place | None,
         works: Sequence[tuple[VirtualWork, Place]] = (),
     ):
         self.fields, self.scheme = fields, scheme
         #: Stiffnesses (EA, GA, EI) of the quadratic law.
         self.stiffness = None if place is None else fields.data(place)
+        #: Retardation times of axial, shear and bending strains.
+        self.times = None if times is None else fields.data(times)
         #: Where each virtual work acts: 1 there, 0 elsewhere.
         self.indicators = [fields.data(place) for _, place in works]
         self._laws = [
@@ -60,37 +64,52 @@ class WeakForm:
         """The step, and the resultants of each law."""
         what = f"rates of {self.scheme.name}"
         self.step = self.fields.step(self.scheme.rates, what)
-        found = [self.scheme.resultants(self.step, law) for law in self._laws]
+        found = self._of_step()
         exact = ExactResultants, DecayingResultants
-        if self.step.degree > 1 and any(isinstance(r, exact) for r in found):
+        if self.step.degree > 1 and any(isinstance(r, exact) for parts in found for r in parts):
             self.fields = self.fields.with_nodal_rotations
             self.step = self.fields.step(self.scheme.rates, what)
-            found = [self.scheme.resultants(self.step, law) for law in self._laws]
+            found = self._of_step()
+        #: Resultants of each law: those of the scheme, and the viscous ones.
         self._of_laws = found
         #: N, Q and M of each law.
-        self.resultants = [ufl.as_vector((r.N, r.Q, r.M)) for r in found]
+        self.resultants = [
+            ufl.as_vector([sum(getattr(r, name) for r in parts) for name in "NQM"])
+            for parts in found
+        ]
+
+    def _of_step(self) -> list[list[Any]]:
+        found: list[list[Any]] = [[self.scheme.resultants(self.step, law)] for law in self._laws]
+        if self.times is not None:
+            for law, parts in zip(self._laws, found, strict=True):
+                parts.append(viscous(self.step, law, self.times, self.scheme.rates.level))
+        return found
 
     def _build_residual(self) -> None:
         dx = self.fields.measure(self.fields.degree)
         self._residual: Any = 0
         self._stored: Any = 0
-        #: Energy that the scheme takes in a step, and that it holds for the next one.
+        #: Energy that is lost in a step, and that the scheme holds for the next one.
         self._lost: Any = 0
         self._held: Any = 0
-        for tag, (law, r) in enumerate(zip(self._laws, self._of_laws, strict=True)):
+        for tag, (law, parts) in enumerate(zip(self._laws, self._of_laws, strict=True)):
             dx_law = dx(tag) if len(self._laws) > 1 else dx
-            self._residual += r.virtual_work(self.step) * dx_law
+            for r in parts:
+                self._residual += r.virtual_work(self.step) * dx_law
+                if isinstance(r, DecayingResultants):
+                    self._lost += r.loss * dx_law
+                    self._held += 0 if r.held is None else r.held * dx_law
             self._stored += law.energy(*self.step.strains0) * dx_law
-            if isinstance(r, DecayingResultants):
-                self._lost += r.loss * dx_law
-                self._held += 0 if r.held is None else r.held * dx_law
+            if self.times is not None:
+                self._lost += viscous_loss(self.step, law, self.times) * dx_law
         self._refuse_fields()
 
     def _refuse_fields(self) -> None:
         # UFL extracts those of the form anyway, and caches them.
         found = [*self._residual.coefficients(), *self._residual.constants()]
-        found += [field for r in self._of_laws for field in fields_in(r.M)]
+        found += [field for parts in self._of_laws for field in fields_in(parts[0].M)]
         known = [*self.fields.known, *(field for law in self._laws for field in law.data)]
+        known += [] if self.times is None else fields_in(self.times)
         refuse_fields(found, f"resultants of {self.scheme.name}", known)
 
     def _add(self, works: Sequence[VirtualWork]) -> None:
@@ -111,10 +130,10 @@ class WeakForm:
         tangent = ufl.derivative(residual, fields.increment, fields.trial)
         self.tangent = dolfinx_api.compile_form(tangent, "tangent")
         self.energy = dolfinx_api.compile_form(self._stored, "strain energy")
-        #: Compiled, if the scheme has them.
+        #: Compiled, if there are any.
         self.lost, self.held = (
             dolfinx_api.compile_form(energy, name) if energy else None
-            for energy, name in ((self._lost, "scheme's loss"), (self._held, "scheme's energy"))
+            for energy, name in ((self._lost, "lost energy"), (self._held, "scheme's energy"))
         )
         #: Whether the forces depend on the start of the last step.
         self.needs_before = fields.before in residual.coefficients()
@@ -142,6 +161,7 @@ def weak_form(
     scheme: Scheme,
     energies: Sequence[Energy | None],
     place: Place | None,
+    times: Place | None,
     works: Sequence[tuple[VirtualWork, Place]],
 ) -> WeakForm:
     """The weak form of a kind of scene, kept if all its functions are those of this package.
@@ -149,13 +169,13 @@ def weak_form(
     Functions of the user are asked again: the data that they use may have changed.
     """
     if scheme.built_in and not works and energies == [None]:
-        return _kept(fields, scheme, place)
-    return WeakForm(fields, scheme, energies, place, works)
+        return _kept(fields, scheme, place, times)
+    return WeakForm(fields, scheme, energies, place, times, works)
 
 
 @functools.lru_cache(maxsize=32)
-def _kept(fields: Fields, scheme: Scheme, place: Place | None) -> WeakForm:
-    return WeakForm(fields, scheme, [None], place)
+def _kept(fields: Fields, scheme: Scheme, place: Place | None, times: Place | None) -> WeakForm:
+    return WeakForm(fields, scheme, [None], place, times)
 
 
 @functools.cache

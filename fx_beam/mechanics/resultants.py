@@ -156,7 +156,11 @@ def _at(step: Step, law: Law, u, psi) -> Resultants:
 
 def averaged(step: Step, law: Law) -> Resultants:
     """Resultants of the averaged strains on the averaged directors (eqs 36 to 41 and 47)."""
-    N, Q, M = discrete_gradient(law, step.strains0, step.strains1, step.h / 10)
+    return at_averages(step, *discrete_gradient(law, step.strains0, step.strains1, step.h / 10))
+
+
+def at_averages(step: Step, N, Q, M) -> Resultants:
+    """Resultants on the means of phi' and of the directors of both ends (eqs 36 and 47)."""
     dphi = step.t0 + step.prime(step.u0 + step.Du / 2)
     t = (director(step.psi0, step.t0) + director(step.psi0 + step.Dpsi, step.t0)) / 2
     m = M / (1 + tan(step.Dpsi / 2) ** 2)

@@ -34,8 +34,9 @@ class Energy:
     springs : (n,) float, optional
         Stored energy of the springs of joints; zero by default.
     dissipated : (n,) float, optional
-        Energy taken since the start by the dampers of joints and by `EnergyDecaying`; it never
-        decreases, except where `Stats.amplified` counts steps. Zero by default.
+        Energy taken since the start by the dampers of joints, by the material (`retardation` of a
+        section) and by `EnergyDecaying`; it never decreases, except where `Stats.amplified` counts
+        steps. Zero by default.
     algorithmic : (n,) float, optional
         Energy that `EnergyDecaying` of order 2 holds for the next step; part of the balance, not of
         `total`. Zero by default.

@@ -21,7 +21,7 @@ from .law import Energy, check_energy
 #: A number, or a function of the fraction of the arc length.
 Datum = float | Callable[[float], Any]
 
-_MAY_BE_ZERO = "rhoA", "rhoI", "rho"
+_MAY_BE_ZERO = "rhoA", "rhoI", "rho", "retardation"
 
 
 @dataclass(frozen=True)
@@ -53,6 +53,11 @@ class Section:
         ``strain_energy(eps, gamma, kappa)``, the stored energy per length [J/m] as a UFL
         expression in axial strain, shear strain and curvature [1/m]. It replaces the quadratic
         energy; EA, GA and EI may then be omitted.
+    retardation : float, callable or a triple of them, optional
+        Retardation times of a Kelvin-Voigt material [s], for axial, shear and bending strains, or
+        one for all. The resultants get the addition C tau dE/dt, with the stiffness C of the
+        undeformed section. A vibration of angular frequency w has the damping ratio tau w/2. No
+        damping by default. With `strain_energy` it must be one time for all strains.
 
     Raises
     ------
@@ -84,11 +89,18 @@ class Section:
     rhoA: Datum = 0.0
     rhoI: Datum = 0.0
     strain_energy: Energy | None = None
+    retardation: Datum | tuple[Datum, Datum, Datum] = 0.0
 
     def __post_init__(self):
         for name in ("EA", "GA", "EI"):
             if getattr(self, name) is None and self.strain_energy is None:
                 raise SceneError(f"Section: {name} is missing. Give it, or a strain_energy")
+        if self.strain_energy is not None and isinstance(self.retardation, tuple):
+            raise SceneError(
+                f"Section: retardation = {self.retardation!r} must be one time for all strains, as "
+                "there is a strain_energy"
+            )
+        self.values("retardation", np.array([0.5]))
         for name in ("EA", "GA", "EI", "rhoA", "rhoI"):
             (value,) = self.values(name, np.array([0.5]))
             datum = getattr(self, name)
@@ -98,11 +110,11 @@ class Section:
             check_energy(self.strain_energy)
 
     def values(self, name: str, fractions: np.ndarray) -> np.ndarray:
-        """Values of a stiffness or inertia along a beam.
+        """Values of a stiffness, inertia or retardation time along a beam.
 
         Parameters
         ----------
-        name : {"EA", "GA", "EI", "rhoA", "rhoI"}
+        name : {"EA", "GA", "EI", "rhoA", "rhoI", "retardation"}
             Its name.
         fractions : float array
             Fractions of the arc length.
@@ -110,27 +122,45 @@ class Section:
         Returns
         -------
         float array
-            The values, of the same shape; zero for an omitted stiffness.
+            The values, of the same shape; zero for an omitted stiffness. For "retardation" a
+            last axis has those of axial, shear and bending strains.
 
         Raises
         ------
         SceneError
             For a stiffness that is not positive and finite, or a negative or non-finite inertia.
         """
+        if name == "retardation":
+            return np.stack([_values(name, x, fractions) for x in self._times], axis=-1)
         datum = getattr(self, name)
         if datum is None and name not in _MAY_BE_ZERO:
             return np.zeros(fractions.shape)
-        if not callable(datum):
-            return np.full(fractions.shape, _value(name, datum))
-        found = [_value(name, datum, f) for f in map(float, fractions.flat)]
-        return np.array(found).reshape(fractions.shape)
+        return _values(name, datum, fractions)
+
+    @property
+    def _times(self) -> tuple[Datum, ...]:
+        """Retardation times of axial, shear and bending strains."""
+        given = self.retardation
+        if not isinstance(given, tuple):
+            return given, given, given
+        if len(given) != 3:
+            raise SceneError(
+                f"Section: retardation = {given!r} must be one time, or three: for axial, shear "
+                "and bending strains"
+            )
+        return given
+
+    @property
+    def damped(self) -> bool:
+        """Whether there are retardation times other than zero."""
+        return any(callable(time) or time != 0 for time in self._times)
 
     def varies(self, name: str) -> bool:
-        """Whether a stiffness or inertia is a function of the arc length.
+        """Whether a stiffness, inertia or retardation time is a function of the arc length.
 
         Parameters
         ----------
-        name : {"EA", "GA", "EI", "rhoA", "rhoI"}
+        name : {"EA", "GA", "EI", "rhoA", "rhoI", "retardation"}
             Its name.
 
         Returns
@@ -138,7 +168,8 @@ class Section:
         bool
             True for a function, False for a number.
         """
-        return callable(getattr(self, name))
+        data = self._times if name == "retardation" else (getattr(self, name),)
+        return any(map(callable, data))
 
     @classmethod
     def rectangle(
@@ -259,6 +290,14 @@ class Section:
             rhoA=_combined(operator.mul, rho=rho, **A),
             rhoI=_combined(operator.mul, rho=rho, **J),
         )
+
+
+def _values(name: str, datum: Datum, fractions: np.ndarray) -> np.ndarray:
+    """Values at fractions of the arc length, of the same shape."""
+    if not callable(datum):
+        return np.full(fractions.shape, _value(name, datum))
+    found = [_value(name, datum, f) for f in map(float, fractions.flat)]
+    return np.array(found).reshape(fractions.shape)
 
 
 def _combined(function: Callable[..., float], **data: Datum) -> Datum:

@@ -118,8 +118,9 @@ def _acceleration(
     """Accelerations from T^T M a = T^T (F - f); zero where there is no mass."""
     reduction = model.reduction
     h = 1e-9 * dt
-    # Added forces may depend on velocity: they see it as the increment over a very short step.
-    D = h * state.v if model.forms.has_added else np.zeros(model.size)
+    # Forces may depend on velocity: they see it as the increment over a very short step.
+    moving = model.forms.has_added or model.forms.resultants_move
+    D = h * state.v if moving else np.zeros(model.size)
     model.forms.set_step(state.t, h, state.q, state.v, np.zeros(model.size))
     free, moved = reduction.free, slice(reduction.free, reduction.free + reduction.driven)
     a = np.zeros(reduction.columns)

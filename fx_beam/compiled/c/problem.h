@@ -55,7 +55,7 @@ typedef struct {
 
   Form internal;        /* internal forces, then their tangent */
   Form energy, backwards, added;
-  Form lost, held_by_scheme; /* energy that the scheme takes in a step, and holds for the next one */
+  Form lost, held_by_scheme; /* energy lost in a step, and held by the scheme for the next one */
   int has_added, needs_before;
   double *weight;       /* may be null */
   int loads, *load_start, *load_dof; /* forces of unit loads, in compressed rows */

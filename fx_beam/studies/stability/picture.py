@@ -138,17 +138,20 @@ def _draw_cell(ax, x: int, y: int, cell: Cell) -> None:
     """A square in the colour of the verdict; its right end shows a differing repeated verdict."""
     verdict, other, (width, height) = cell.verdict, cell.other, _HALF
     ink = "white" if verdict.kind in _ON_DARK else "black"
-    edges = y - height, y + height
-    ax.fill_between((x - width, x + width), *edges, color=COLOURS[verdict.kind], lw=0)
+    left, right, edges = x - width, x + width, (y - height, y - height, y + height, y + height)
+    ax.fill((left, right, right, left), edges, color=COLOURS[verdict.kind], lw=0)
     shift = 0.0
     if other and other.kind != verdict.kind:
-        ax.fill_between((x + width - _OTHER, x + width), *edges, color=COLOURS[other.kind], lw=0)
+        inner = right - _OTHER
+        ax.fill((inner, right, right, inner), edges, color=COLOURS[other.kind], lw=0)
         shift = _OTHER / 2
     if cell.halved_often:
-        left, top, (across, down) = x - width, y - height, _CORNER
+        top, (across, down) = y - height, _CORNER
         ax.fill_between((left, left + across), (top, top), (top + down, top), color=ink, lw=0)
     text = f"{'~' if other else ''}{symbol(verdict)}"
-    ax.text(x - shift, y, text, color=ink, fontsize=6, ha="center", va="center_baseline")
+    # The text lies in its cell: the layout need not measure it.
+    look = {"color": ink, "fontsize": 6, "ha": "center", "va": "center_baseline"}
+    ax.text(x - shift, y, text, **look).set_in_layout(False)
 
 
 # -- Curves --------------------------------------------------------------------------------------

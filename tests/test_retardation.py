@@ -1,0 +1,169 @@
+"""Kelvin-Voigt damping of members: exact solutions, balance, all schemes, degrees and solvers."""
+
+import numpy as np
+import pytest
+from scenes import PINNED, pinned_beam
+
+import fx_beam as fb
+
+SOLVERS = pytest.mark.parametrize("solver", ["compiled", "petsc"])
+SCHEMES = [
+    fb.EnergyMomentum(),
+    fb.EnergyMomentum(order=4),
+    fb.ModifiedMidPoint(),
+    fb.MidPoint(),
+    fb.EnergyDecaying(1e-6),
+    fb.Newmark(),
+    fb.HHT(-0.02),
+    fb.GeneralizedAlpha(0.95),
+]
+
+
+def oscillator(tau, component=0, speed=1e-3):
+    """A unit mass that moves in one component at the end of a massless rod; w = 10 rad/s."""
+    stiffnesses = "EA", "GA", "EI"
+    # A rotation of the end shears the element as well.
+    data = {name: 1e-9 for name in stiffnesses} | {stiffnesses[component]: 100.0}
+    scene = fb.Scene()
+    rod = scene.add_beam([(0, 0), (1, 0)], fb.Section(**data, retardation=tau))
+    scene.clamp(rod.start)
+    names = "x", "y", "rotation"
+    scene.fix(rod.end, *(name for i, name in enumerate(names) if i != component))
+    scene.add_mass(rod.end, 1.0, inertia=1.0)
+    v = [0.0, 0.0, 0.0]
+    v[component] = speed
+    scene.set_velocity(rod.end, v[:2], spin=v[2])
+    return scene, rod
+
+
+def exact(t, tau, w=10.0, v=1e-3):
+    ratio = tau * w / 2
+    wd = w * np.sqrt(1 - ratio**2)
+    return v / wd * np.exp(-ratio * w * t) * np.sin(wd * t)
+
+
+@pytest.mark.parametrize("scheme", SCHEMES, ids=lambda s: s.name)
+def test_an_axial_oscillator_is_the_exact_one_to_the_order_of_the_scheme(scheme):
+    tau, errors = 0.02, []
+    for dt in (0.01, 0.005):
+        scene, rod = oscillator(tau)
+        solution = fb.simulate(scene, scheme, dt=dt, t_end=1.0)
+        x = solution.displacement(rod.end)[:, 0]
+        errors.append(abs(x - exact(solution.t, tau)).max())
+    order = 4 if "order=4" in scheme.name else 2
+    assert np.log2(errors[0] / errors[1]) > order - 0.2
+    assert errors[1] < 1e-6
+
+
+@pytest.mark.parametrize("component", [0, 1, 2])
+def test_each_strain_has_its_own_time(component):
+    times = 0.03, 0.05, 0.02
+    scene, _ = oscillator(times, component)
+    solution = fb.simulate(scene, dt=0.002, t_end=1.0)
+    q = solution.q[:, -1, component]
+    assert abs(q - exact(solution.t, times[component])).max() < 2e-7
+
+
+@pytest.mark.parametrize("mode", [1, 2])
+def test_modes_of_a_damped_bar_decay_as_in_the_closed_solution(mode):
+    # Fixed and free: w_n = (2n - 1) pi/2 c/L, damping ratio tau w_n / 2.
+    EA, rhoA, tau = 100.0, 1.0, 4e-3
+    scene = fb.Scene()
+    section = fb.Section(EA=EA, GA=EA, EI=EA, rhoA=rhoA, retardation=tau)
+    bar = scene.add_beam([(0, 0), (1, 0)], section, elements=12, degree=2)
+    scene.clamp(bar.start)
+    k = (2 * mode - 1) * np.pi / 2
+    scene.set_velocity(bar, lambda x, y: (1e-4 * np.sin(k * x), 0.0))
+    solution = fb.simulate(scene, fb.EnergyMomentum(order=4), dt=0.005, t_end=1.0)
+    x = solution.displacement(bar.end)[:, 0] * np.sin(k)
+    found = exact(solution.t, tau, w=k * np.sqrt(EA / rhoA), v=1e-4)
+    assert abs(x - found).max() < 2e-3 * abs(found).max()
+
+
+def stiffening(eps, gamma, kappa):
+    return 2e7 * (eps**2 + eps**4) + 5e6 * gamma**2 + 6.5e6 * kappa**2
+
+
+@SOLVERS
+@pytest.mark.parametrize("degree", [1, 2, 3])
+@pytest.mark.parametrize(
+    ("section", "dt"),
+    [
+        ({"retardation": 1e-3}, 0.01),
+        ({"retardation": (0.0, 1e-4, lambda s: 1e-2 * s)}, 0.01),
+        ({"retardation": 1e-3, "strain_energy": stiffening}, 0.005),
+    ],
+    ids=["one", "triple", "own energy"],
+)
+def test_the_balance_closes_and_every_step_loses(degree, solver, section, dt):
+    data = {"EA": 4e7, "GA": 1e7, "EI": 1.3e7} if "strain_energy" not in section else {}
+    damped = fb.Section(**data, rhoA=0.05, rhoI=1 / 60, **section)
+    scene, beam = pinned_beam(elements=4, degree=degree, section=damped)
+    solution = fb.simulate(scene, dt=dt, t_end=0.2, solver=solver)
+    energy = solution.energy
+    assert abs(energy.balance_error).max() < 1e-11 * energy.total[0]
+    assert np.diff(energy.dissipated).min() > 0
+    assert energy.dissipated[-1] > 1e-3 * energy.total[0]
+    L = solution.angular_momentum
+    assert abs(L - L[0]).max() < 1e-11 * abs(L[0])
+    # A third quantity: the reaction gives the change of the momentum.
+    given = np.diff(solution.linear_momentum, axis=0) / dt
+    assert abs(solution.reaction(beam.start)[1:, :2] - given).max() < 1e-8 * abs(given).max()
+
+
+@pytest.mark.parametrize("scheme", SCHEMES, ids=lambda s: s.name)
+def test_axial_force_has_the_viscous_part(scheme):
+    # At the end of the rod it is the inertia of the mass.
+    scene, rod = oscillator(0.05, speed=1.0)
+    solution = fb.simulate(scene, scheme, dt=0.01, t_end=0.3)
+    N = solution.resultants(rod).N[:, 0]
+    reaction = -solution.reaction(rod.start)[:, 0]
+    assert N[1:] == pytest.approx(reaction[1:], abs=1e-9 * abs(N).max())
+    assert N[0] == pytest.approx(100.0 * 0.05 * 1.0, rel=1e-5)
+    assert abs(N[1]) > 0
+
+
+@SOLVERS
+def test_the_newmark_family_loses_by_the_material(solver):
+    scene, _ = pinned_beam(
+        section=fb.Section(EA=4e5, GA=1e5, EI=1.3e7, rhoA=0.05, retardation=0.01)
+    )
+    solution = fb.simulate(scene, fb.Newmark(), dt=0.005, t_end=0.2, solver=solver)
+    assert np.diff(solution.energy.dissipated).min() >= 0
+    loss = solution.energy.total[0] - solution.energy.total[-1]
+    assert solution.energy.dissipated[-1] == pytest.approx(loss, rel=0.05)
+
+
+def test_rigid_motion_is_not_damped():
+    scene = fb.Scene()
+    section = fb.Section(EA=1e4, GA=1e4, EI=100.0, rhoA=1.0, rhoI=0.1, retardation=0.1)
+    bar = scene.add_beam([(-1, 0), (1, 0)], section, elements=4)
+    scene.set_velocity(bar, lambda x, y: (1.0 - y, x), spin=1.0)
+    solution = fb.simulate(scene, dt=0.02, t_end=10.0)
+    # Only the small stretch by the spin, which settles.
+    lost = solution.energy.dissipated
+    assert lost[-1] < 1e-3 * solution.energy.total[0]
+    assert lost[-1] - lost[250] < 1e-6 * solution.energy.total[0]
+
+
+def test_statics_and_undamped_scenes_know_nothing_of_it():
+    scene, beam = pinned_beam(section=PINNED)
+    assert "lost energy" not in fb.simulate(scene, dt=0.01, t_end=0.1).stats.compiled
+    tips = []
+    for tau in (0.0, 0.1):
+        cantilever = fb.Scene()
+        section = fb.Section(EA=1e6, GA=1e6, EI=1e3, retardation=tau)
+        arm = cantilever.add_beam([(0, 0), (1, 0)], section, elements=4)
+        cantilever.clamp(arm.start)
+        cantilever.add_force(arm.end, (0.0, -100.0))
+        tips.append(fb.static(cantilever, steps=2).displacement(arm.end)[-1])
+    assert tips[1] == pytest.approx(tips[0], rel=1e-12)
+
+
+def test_bad_times_are_refused():
+    data = {"EA": 1.0, "GA": 1.0, "EI": 1.0}
+    for tau in (-1.0, np.nan, "long", (1.0, 2.0), (0.1, -0.1, 0.1), lambda s: -1.0):
+        with pytest.raises(fb.SceneError, match="retardation"):
+            fb.Section(**data, retardation=tau)
+    with pytest.raises(fb.SceneError, match="one time for all strains"):
+        fb.Section(strain_energy=stiffening, retardation=(0.1, 0.1, 0.1))
