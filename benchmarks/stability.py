@@ -30,6 +30,7 @@ from fx_beam.studies.stability.report import LOST_MOTION, percent, sentences
 Case = fb.stability.Case
 SCHEMES = {
     "EnergyMomentum": fb.EnergyMomentum(),
+    "EnergyDecaying": fb.EnergyDecaying(),
     "ModifiedMidPoint": fb.ModifiedMidPoint(),
     "MidPoint": fb.MidPoint(),
     "Newmark (trapezoidal)": fb.Newmark(),

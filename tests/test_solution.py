@@ -17,8 +17,8 @@ MASSLESS = fb.Section(**STIFFNESS)
 SECTION = fb.Section(**STIFFNESS, rhoA=1.0, rhoI=0.1)
 HISTORIES = ("t", "X", "q", "v", "a", "reactions", "linear_momentum", "angular_momentum")
 ENERGIES = (
-    *("kinetic", "strain", "potential", "work", "springs", "dissipated", "algorithmic"),
-    *("total", "balance_error"),
+    *("kinetic", "strain", "potential", "work", "springs", "dissipated"),
+    *("algorithmic", "numerical", "total", "balance_error"),
 )
 
 

@@ -37,6 +37,7 @@ _FORMS = {
     "backwards": ("sections facing backwards",),
     "added": ("added virtual work",),
     "lost": ("lost energy",),
+    "taken": ("scheme's loss",),
     "held_by_scheme": ("scheme's energy",),
 }
 

@@ -159,7 +159,7 @@ class CompiledLoop:
         if state.added is not None:
             arrays["added_force"][:] = state.added
         p.t, p.work, p.dissipated = state.t, state.work, state.dissipated
-        p.algorithmic, p.length = state.algorithmic, state.length
+        p.algorithmic, p.numerical, p.length = state.algorithmic, state.numerical, state.length
         if p.needs_before:
             arrays["before"][:] = state.q if state.before is None else state.before
         p.iterations = p.by_round_off = 0
@@ -222,6 +222,7 @@ class CompiledLoop:
             added=arrays["added_force"] if taken and p.has_added else None,
             work=p.work,
             dissipated=p.dissipated,
+            numerical=p.numerical,
             algorithmic=p.algorithmic,
             before=arrays["before"] if p.needs_before else None,
             length=p.length,

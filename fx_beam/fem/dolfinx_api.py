@@ -285,12 +285,9 @@ def compile_expression(expression, points: np.ndarray, mesh=None, data: Mapping 
     `data` has the functions and constants in the place of UFL's, and `mesh` is that of its domain.
     """
     if mesh is not None:
-        theirs = {ufl.Jacobian(of): ufl.Jacobian(mesh) for of in extract_domains(expression)}
-        X = {
-            ufl.SpatialCoordinate(of): ufl.SpatialCoordinate(mesh)
-            for of in extract_domains(expression)
-        }
-        expression = ufl.replace(expression, {**theirs, **X, **(data or {})})
+        kinds, domains = (ufl.Jacobian, ufl.SpatialCoordinate), extract_domains(expression)
+        theirs = {kind(domain): kind(mesh) for kind in kinds for domain in domains}
+        expression = ufl.replace(expression, {**theirs, **(data or {})})
     return fem.Expression(expression, points, dtype=_REAL, **_WITH_JIT)
 
 

@@ -68,7 +68,7 @@ class Forms:
             self._added = self._bind(weak.added)
         self._residual, self._tangent = self._bind(weak.force), self._bind(weak.tangent)
         self._energy = self._bind(weak.energy)
-        self._of_scheme = [form and self._bind(form) for form in (weak.lost, weak.held)]
+        self._losses = [form and self._bind(form) for form in weak.losses]
         #: Whether the forces depend on the start of the last step.
         self.needs_before = weak.needs_before
         #: Whether the resultants depend on rates at the start of a step, and on any rates.
@@ -194,14 +194,12 @@ class Forms:
             self.memory.value = memory
             self.moving[4].x.array[:] = self._start.x.array if before is None else before
 
-    def energy_of_scheme(self, D: np.ndarray) -> tuple[float, float]:
-        """Energy that is lost in the step, and that the scheme holds for the next one [J]."""
+    def losses(self, D: np.ndarray) -> list[float]:
+        """Energies [J] that the material and the scheme take, and that the scheme holds."""
         self.increment.x.array[:] = D
-        lost, held = (
-            dolfinx_api.assemble_scalar(form) if form is not None else 0.0
-            for form in self._of_scheme
-        )
-        return lost, held
+        return [
+            dolfinx_api.assemble_scalar(form) if form is not None else 0.0 for form in self._losses
+        ]
 
     def internal_force(self, D: np.ndarray) -> np.ndarray:
         """Internal minus added forces (size,) [N, N m] for the increment D (eq. 53).

@@ -89,19 +89,20 @@ class WeakForm:
         dx = self.fields.measure(self.fields.degree)
         self._residual: Any = 0
         self._stored: Any = 0
-        #: Energy that is lost in a step, and that the scheme holds for the next one.
-        self._lost: Any = 0
-        self._held: Any = 0
+        lost: Any = 0
+        taken: Any = 0
+        held: Any = 0
         for tag, (law, parts) in enumerate(zip(self._laws, self._of_laws, strict=True)):
             dx_law = dx(tag) if len(self._laws) > 1 else dx
             for r in parts:
                 self._residual += r.virtual_work(self.step) * dx_law
                 if isinstance(r, DecayingResultants):
-                    self._lost += r.loss * dx_law
-                    self._held += 0 if r.held is None else r.held * dx_law
+                    taken += r.loss * dx_law
+                    held += 0 if r.held is None else r.held * dx_law
             self._stored += law.energy(*self.step.strains0) * dx_law
             if self.times is not None:
-                self._lost += viscous_loss(self.step, law, self.times) * dx_law
+                lost += viscous_loss(self.step, law, self.times) * dx_law
+        self._losses = {"lost energy": lost, "scheme's loss": taken, "scheme's energy": held}
         self._refuse_fields()
 
     def _refuse_fields(self) -> None:
@@ -130,11 +131,12 @@ class WeakForm:
         tangent = ufl.derivative(residual, fields.increment, fields.trial)
         self.tangent = dolfinx_api.compile_form(tangent, "tangent")
         self.energy = dolfinx_api.compile_form(self._stored, "strain energy")
-        #: Compiled, if there are any.
-        self.lost, self.held = (
+        #: Energies that the material and the scheme take in a step, and that the scheme holds for
+        #: the next one; None where there is none.
+        self.losses = [
             dolfinx_api.compile_form(energy, name) if energy else None
-            for energy, name in ((self._lost, "lost energy"), (self._held, "scheme's energy"))
-        )
+            for name, energy in self._losses.items()
+        ]
         #: Whether the forces depend on the start of the last step.
         self.needs_before = fields.before in residual.coefficients()
         if self.needs_before and len(self.scheme.fractions) > 1:

@@ -40,6 +40,8 @@ class Energy:
     algorithmic : (n,) float, optional
         Energy that `EnergyDecaying` of order 2 holds for the next step; part of the balance, not of
         `total`. Zero by default.
+    numerical : (n,) float, optional
+        The part of `dissipated` that `EnergyDecaying` took. Zero by default.
 
     Examples
     --------
@@ -58,9 +60,10 @@ class Energy:
     springs: Any = None
     dissipated: Any = None
     algorithmic: Any = None
+    numerical: Any = None
 
     def __post_init__(self):
-        for name in ("springs", "dissipated", "algorithmic"):
+        for name in ("springs", "dissipated", "algorithmic", "numerical"):
             if getattr(self, name) is None:
                 object.__setattr__(self, name, np.zeros_like(self.kinetic))
         _lock(self)

@@ -74,7 +74,8 @@ def _read(path) -> Solution:
     if "end_t" in data:
         parts: dict[str, Any] = {f.name: data.get(f"end_{f.name}") for f in fields(State)}
         parts |= {name: float(data[f"end_{name}"]) for name in ("t", "work")}
-        later = "dissipated", "algorithmic", "length"  # missing in files of earlier versions
+        # Missing in files of earlier versions.
+        later = "dissipated", "numerical", "algorithmic", "length"
         parts |= {name: float(data.get(f"end_{name}", 0.0)) for name in later}
         if "past_ages" in data:  # files of earlier versions lack it: prediction begins anew
             parts["past"] = Past(**{f.name: data[f"past_{f.name}"] for f in fields(Past)})

@@ -42,9 +42,11 @@ class State:
     #: Work and dissipated energy since the start [J].
     work: float = 0.0
     dissipated: float = 0.0
-    #: Energy that the scheme holds for the next step [J], the configuration (size,) at the start
-    #: of the step that ended here, and its length [s]; only for schemes that need them.
+    #: Part of it that the scheme took, and energy that the scheme holds for the next step [J].
+    numerical: float = 0.0
     algorithmic: float = 0.0
+    #: The configuration (size,) at the start of the step that ended here, and its length [s]; only
+    #: for schemes that need them.
     before: np.ndarray | None = None
     length: float = 0.0
     #: Memory of `Halving` (5,): the number of parts of the next steps. Set at the end of a run.

@@ -122,7 +122,7 @@ class Recorder:
         starts = len(self._fractions) * size
         held = model.reduction.columns - model.reduction.free
         #: Rows (n, ...) by name, vectors in the order of the degrees of freedom.
-        self.arrays = {"energies": np.zeros((n, 7)), "momenta": np.zeros((n, 3))}
+        self.arrays = {"energies": np.zeros((n, 8)), "momenta": np.zeros((n, 3))}
         if joints:
             self.arrays["slides"] = np.zeros((n, joints))
         if record.motion:
@@ -212,6 +212,7 @@ class Recorder:
                 springs,
                 state.dissipated,
                 state.algorithmic,
+                state.numerical,
             ),
             "momenta": (*p[:, :2].sum(axis=0), angular),
         }

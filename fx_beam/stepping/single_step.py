@@ -79,8 +79,9 @@ class SingleStep:
         if model.weight is not None:
             dead = dead - model.weight
         work = old.work + dead @ path
-        lost, new.algorithmic = model.forms.energy_of_scheme(step.D)
-        new.dissipated = old.dissipated + model.actuators.dissipated() + lost
+        lost, taken, new.algorithmic = model.forms.losses(step.D)
+        new.dissipated = old.dissipated + model.actuators.dissipated() + lost + taken
+        new.numerical = old.numerical + taken
         new.held = model.reduction.project(step.r)[model.reduction.free :]
         if self.model.reduction.driven:
             drive = np.concatenate([path[model.prescribed], self._motor_paths(path, new, old)])

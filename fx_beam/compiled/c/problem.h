@@ -55,7 +55,7 @@ typedef struct {
 
   Form internal;        /* internal forces, then their tangent */
   Form energy, backwards, added;
-  Form lost, held_by_scheme; /* energy lost in a step, and held by the scheme for the next one */
+  Form lost, taken, held_by_scheme; /* energies lost to the material and to the scheme, and held by it */
   int has_added, needs_before;
   double *weight;       /* may be null */
   int loads, *load_start, *load_dof; /* forces of unit loads, in compressed rows */
@@ -133,7 +133,7 @@ typedef struct {
   /* State. Its arrays and those of the predictor are in one piece of memory. */
   double *memory;
   long memory_size;
-  double t, work, dissipated, algorithmic;
+  double t, work, dissipated, numerical, algorithmic;
   double *q, *v, *a, *slide, *driven_now, *held, *added_force;
   double *before, length, ratio; /* start and length of the last step; `memory` of this one */
   int steps_done;       /* 0 if there is no previous step */

@@ -44,7 +44,7 @@ static void record(Problem *p, const Work *w, Record *to) {
   if (to->a) memcpy(to->a + k * n, p->a, n * sizeof(double));
   if (to->held) memcpy(to->held + k * held, p->held, held * sizeof(double));
   if (to->slides) memcpy(to->slides + k * p->slides, p->slide, p->slides * sizeof(double));
-  double *momentum = w->left, *energy = to->energies + 7 * k, *sums = to->momenta + 3 * k;
+  double *momentum = w->left, *energy = to->energies + 8 * k, *sums = to->momenta + 3 * k;
   times_mass(p, p->v, momentum);
   memset(energy, 0, 5 * sizeof(double)), memset(sums, 0, 3 * sizeof(double));
   for (int i = 0; i < n; ++i) energy[0] += p->v[i] * momentum[i] / 2;
@@ -53,7 +53,7 @@ static void record(Problem *p, const Work *w, Record *to) {
   if (p->weight)
     for (int i = 0; i < n; ++i) energy[2] -= p->weight[i] * p->q[i];
   energy[3] = p->work, energy[4] = stored(p), energy[5] = p->dissipated;
-  energy[6] = p->algorithmic;
+  energy[6] = p->algorithmic, energy[7] = p->numerical;
   if (to->memory) to->memory[k] = p->ratio;
   for (int i = 0; i < p->nodes; ++i) {
     const int *dof = p->node_dofs + 3 * i;

@@ -93,10 +93,11 @@ def energy_ratio(solution: Solution) -> np.ndarray:
     .. math:: r = 1 + \frac{e(t)}{E_0}, \qquad e = E - E(0) - W,
         \qquad E_0 = \max_t \left(T(0) + U(0) + W(t) - V(t) + V(0)\right),
 
-    with the work W of all loads, so that r = 1 under loads as well. E_0 is the largest kinetic and
-    strain energy T + U that the motion should have, with the work of the loads and of the weight,
-    whose potential is V. Without loads it is the energy at the start; in a fall from rest it is
-    the largest potential energy released. As T and U are not negative, r is not negative.
+    with the work W of all loads less what dampers took, so that r = 1 under loads as well. What
+    `EnergyDecaying` takes counts as lost. E_0 is the largest kinetic and strain energy T + U that
+    the motion should have, with the work of the loads and of the weight, whose potential is V.
+    Without loads it is the energy at the start; in a fall from rest it is the largest potential
+    energy released. As T and U are not negative, r is not negative.
 
     Parameters
     ----------
@@ -119,7 +120,9 @@ def energy_ratio(solution: Solution) -> np.ndarray:
         moving = moving - energy.potential + energy.potential[0]
         scale = moving[np.isfinite(moving)].max()
         if scale > 0:
-            ratio = 1 + np.asarray(energy.balance_error) / scale
+            # What the scheme takes counts as lost.
+            error = energy.balance_error - (energy.algorithmic + energy.numerical)
+            ratio = 1 + np.asarray(error) / scale
             return np.where(np.isfinite(ratio), ratio, np.inf)
     if solution.stats.failure:  # before anything moved
         return np.ones(len(solution.t))
