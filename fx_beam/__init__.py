@@ -10,6 +10,7 @@ if importlib.util.find_spec("dolfinx") is None:
         name="dolfinx",
     )
 
+from .analyses.convergence import Converged, converge
 from .analyses.dynamics import simulate
 from .analyses.modal import Modes, modes
 from .analyses.statics import static
@@ -54,6 +55,7 @@ __all__ = [
     "Curve",
     "Damper",
     "Energy",
+    "Converged",
     "EnergyDecaying",
     "EnergyMomentum",
     "Equilibrium",
@@ -88,6 +90,7 @@ __all__ = [
     "StepError",
     "WeightedResultants",
     "arc",
+    "converge",
     "load",
     "modes",
     "simulate",

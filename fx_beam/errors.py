@@ -28,8 +28,9 @@ class Failure:
     kind : str
         What happened: "no convergence" of Newton's method, "singular" tangent, "large rotation" in
         one step, "off the path" for a load step that ends on another equilibrium path, "function"
-        for a function of the user's that fails or is not finite, "interrupted", or "too many
-        steps".
+        for a function of the user's that fails or is not finite, "interrupted", "too many
+        steps", "too short" for steps far
+        shorter than a motion needs, or "not converged" for a quantity of `converge`.
     reason : str
         One sentence.
     time : float

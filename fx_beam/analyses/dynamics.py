@@ -5,6 +5,7 @@ from __future__ import annotations
 import logging
 import math
 import time
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -27,6 +28,7 @@ from fx_beam.stepping.stepper import Stepper
 from fx_beam.stepping.substeps import LARGE_TURN, MOST_HALVINGS
 from fx_beam.validation import is_number, is_whole, require
 
+from .controlled_steps import Tolerance, check_order
 from .evaluation import solution_of
 from .progress import failure_of, keep, progress_bar
 
@@ -36,14 +38,19 @@ _log = logging.getLogger("fx_beam")
 _BLOCK = 500_000
 # Largest number of steps; their times alone take 8 GB.
 _MOST_STEPS = 1e9
+# The progress bar counts the time of the simulation.
+_BAR = {"unit": "s", "bar_format": "{l_bar}{bar}| {n:.4g}/{total:.4g} s [{elapsed}<{remaining}]"}
 
 
 def simulate(
     scene: Scene,
     scheme: Scheme | None = None,
     *,
-    dt: float,
     t_end: float,
+    dt: float | None = None,
+    tolerance: float | None = None,
+    dt_max: float | None = None,
+    breaks: Sequence[float] = (),
     start: Solution | None = None,
     newton: NewtonOptions | None = None,
     max_halvings: int = 12,
@@ -59,10 +66,23 @@ def simulate(
         The scene.
     scheme : Scheme, optional
         Time scheme; `EnergyMomentum()` by default.
-    dt : float
-        Time step [s]. The last step is shorter where `t_end` is no multiple of it.
     t_end : float
         End of the simulation [s].
+    dt : float
+        Time step [s]. The last step is shorter where `t_end` is no multiple of it. With a
+        tolerance it is the first length that is tried, and optional.
+    tolerance : float, optional
+        With a tolerance, the steps are chosen such that the errors of displacements over time are
+        about as large, relative to the size of the scene. No local error of a displacement or of a
+        rotation [rad] is above half of the tolerance. Smaller errors of displacements add up from
+        step to step; those of vibrations that are too fast for the steps do not. It applies to
+        schemes of order 2 and 4; where motions are sensitive, errors grow with time.
+    dt_max : float, optional
+        Largest step with a tolerance [s]; by default a tenth of the whole time. A load that acts
+        for a shorter time may be overlooked.
+    breaks : sequence of float, optional
+        Times at which loads or driven motions have a kink or a jump [s]. With a tolerance steps end
+        there. At other jumps steps become short; at kinks order 4 loses accuracy.
     start : Solution, optional
         Solution whose end is the initial state; by default the reference configuration. From a
         static solution the scene starts deformed, with its initial velocities, at the time `t` of
@@ -89,7 +109,7 @@ def simulate(
     -------
     Solution
         The motion at the times t0, t0 + dt, t0 + 2 dt, ..., t_end, from t0 = 0 or the end of
-        `start`.
+        `start`; with a tolerance at the ends of the steps.
 
     Raises
     ------
@@ -114,6 +134,12 @@ def simulate(
     >>> solution = fb.simulate(scene, dt=0.01, t_end=0.3)
     >>> round(float(solution.displacement(bar.end)[-1, 1]), 2)
     -0.42
+
+    The same with steps that choose themselves.
+
+    >>> solution = fb.simulate(scene, t_end=0.3, tolerance=1e-3)
+    >>> round(float(solution.displacement(bar.end)[-1, 1]), 2), len(solution.t) < 30
+    (-0.42, True)
     """
     scheme = EnergyMomentum() if scheme is None else scheme
     if not isinstance(scene, Scene):
@@ -126,7 +152,15 @@ def simulate(
     if scheme.rates.at_rest:
         raise SceneError(f"{scheme.name} is a scheme for statics. Use fx_beam.static(scene)")
     _check_options(newton, max_halvings, record, solver, progress)
-    times = _time_grid(dt, t_end, 0.0 if start is None else _end_of(start).t)
+    t0 = 0.0 if start is None else _end_of(start).t
+    control, times = None, np.array([t0])
+    if tolerance is None:
+        times = _time_grid(dt, t_end, t0)
+        for name, value in (("dt_max", dt_max), ("breaks", breaks or None)):
+            require(value is None, f"simulate: {name}", value, "given with a tolerance only")
+    else:
+        control = Tolerance(tolerance, dt, dt_max, breaks, (t0, t_end))
+        check_order(scheme)
 
     clock = time.perf_counter()
     model = Model(scene, scheme)
@@ -143,8 +177,11 @@ def simulate(
     stepper = Stepper(model, drive, options, stats, max_halvings)
     integrator = _choose_integrator(solver, stepper, options)
     recorder = Recorder(model, times, record or Record())
-    state = _first_state(model, drive, float(times[1] - times[0]), start)
-    stepper.halving.resume(state.parts, dt)
+    rows_at = None if record is None or record.times is None else np.array(record.times, float)
+    first = float(times[1] - times[0]) if control is None else control.first
+    state = _first_state(model, drive, first, start)
+    if dt is not None and control is None:
+        stepper.halving.resume(state.parts, dt)
     integrator.past = state.past
     windings = Windings(model)
     recorder.record(0, state)
@@ -152,33 +189,50 @@ def simulate(
 
     clock = time.perf_counter()
     try:
-        with progress_bar(len(times) - 1, progress) as bar:
-            steps = max(1, min(1000, _BLOCK // model.size))
-            for first in range(1, len(times), steps):
-                block, rows = times[first : first + steps], recorder.rows
+        if control is None:
+            marched = _steps_of_grid(integrator, times, recorder)
+        else:
+            marched = control.run(integrator, stepper, recorder, max_halvings).advance
+        with progress_bar(t_end - t0, progress, **_BAR) as bar:
+            while state.t < t_end:
+                rows, t = recorder.rows, state.t
                 try:
-                    state = integrator.march(windings.without_turns(state), block, first, recorder)
+                    state = marched(windings.without_turns(state))
                 finally:
                     recorder.add_turns(rows, windings.removed)
-                bar.update(len(block))
+                bar.update(state.t - t)
     except (StepError, KeyboardInterrupt) as error:
         stats.seconds = time.perf_counter() - clock
         stats.failure = failure_of(error, state.t)
-        keep(error, solution_of(model, recorder, stats))
+        keep(error, solution_of(model, recorder, stats, None, rows_at, breaks))
         raise
     stats.seconds = time.perf_counter() - clock
-    _warn_of_parts(stats, dt)
+    parts = None
+    if control is None:
+        _warn_of_parts(stats, first)
+        parts = stepper.halving.memory(first)
     if stats.amplified:
         _log.warning(
             "%s: in %d of %d steps dampers gave energy, since the sub-step that goes back in time "
-            "amplifies what they damp. This happens if the damping rate is about 3 / dt = %.3g /s. "
+            "amplifies what they damp. This happens if the damping rate is about 3 / dt%s. "
             "Try another dt, or order=2",
-            *(stats.scheme, stats.amplified, stats.substeps, 3 / dt),
+            *(stats.scheme, stats.amplified, stats.substeps),
+            f" = {3 / first:.3g} /s" if control is None else "",
         )
-    end = replace(
-        state, q=state.q + windings.removed, parts=stepper.halving.memory(dt), past=integrator.past
-    )
-    return solution_of(model, recorder, stats, end)
+    end = replace(state, q=state.q + windings.removed, parts=parts, past=integrator.past)
+    return solution_of(model, recorder, stats, end, rows_at, breaks)
+
+
+def _steps_of_grid(integrator: Stepper | CompiledLoop, times: np.ndarray, recorder: Recorder):
+    """A function that advances a state by a block of steps of a grid."""
+    steps = max(1, min(1000, _BLOCK // recorder.model.size))
+    starts = iter(range(1, len(times), steps))
+
+    def advance(state: State) -> State:
+        first = next(starts)
+        return integrator.march(state, times[first : first + steps], first, recorder)
+
+    return advance
 
 
 def _warn_of_parts(stats: Stats, dt: float) -> None:
@@ -270,9 +324,11 @@ def _check_options(newton, max_halvings, record, solver, progress) -> None:
         require(fits, f"simulate: {name}", value, wanted)
 
 
-def _time_grid(dt: float, t_end: float, t0: float) -> np.ndarray:
-    for name, value in (("dt", dt), ("t_end", t_end)):
-        require(is_number(value), name, value, "a finite number")
+def _time_grid(dt: float | None, t_end: float, t0: float) -> np.ndarray:
+    choice = ", or give a tolerance, which chooses the steps" if dt is None else ""
+    require(dt is not None and is_number(dt), "dt", dt, f"a finite number{choice}")
+    require(is_number(t_end), "t_end", t_end, "a finite number")
+    assert dt is not None
     if dt <= 0:
         raise SceneError(f"dt = {dt!r} must be positive")
     if t_end - t0 < dt * (1 - 1e-6):

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from fx_beam.fem.dolfinx_api import gauss_points
@@ -10,15 +12,28 @@ from fx_beam.results.audit import BeamResultants, Stats
 from fx_beam.results.solution import Solution
 from fx_beam.results.state import State
 from fx_beam.scene.beam import arc_lengths
+from fx_beam.stepping.interpolation import at_times
 from fx_beam.stepping.recorder import Recorder
 
 
 def solution_of(
-    model: Model, recorder: Recorder, stats: Stats, end: State | None = None
+    model: Model,
+    recorder: Recorder,
+    stats: Stats,
+    end: State | None = None,
+    times: np.ndarray | None = None,
+    breaks: Sequence[float] = (),
 ) -> Solution:
-    """Solution from a record; `end` is the last state, None if the run ended early."""
+    """Solution from a record; `end` is the last state, None if the run ended early.
+
+    With `times` its rows are at these times, otherwise those of the record; the motion is smooth
+    between `breaks`.
+    """
     scene, mesh = model.scene, model.mesh
     histories = recorder.histories()
+    rows: slice | np.ndarray = slice(None)
+    if times is not None:
+        histories, rows = at_times(model, histories, times, breaks)
     cache: list[np.ndarray] = []
 
     def resultants_of_beam(name: str) -> BeamResultants:
@@ -28,7 +43,8 @@ def solution_of(
                 "recorded; simulate with record=Record(rates=True)"
             )
         if not cache:
-            cache.append(recorder.means(model.forms.resultants(recorder.last_parts())))
+            every = recorder.means(model.forms.resultants(recorder.last_parts()))
+            cache.append(every[rows])
         number = [beam.name for beam in scene.beams].index(name)
         beam, values = scene.beams[number], cache[0][:, mesh.cells[number]]
         s = arc_lengths(beam, gauss_points(beam.degree))

@@ -129,6 +129,9 @@ class Problem:
         )
         self._doubles(
             per_unit=1 / model.unit,
+            per_displacement=np.where(
+                np.isin(np.arange(model.size), model.turns), 0, 1 / model.unit
+            ),
             mass=mass.data[heavy],
             turning_mass=mass.data[turning],
             position=mesh.X,
@@ -330,14 +333,23 @@ class Problem:
         }
         # One piece of memory, which the loop copies before a step with sub-steps.
         known, past = self.library.PAST, (1, model.size, reduction.free)
-        memory = self._kept(np.zeros(sum(sizes.values()) + known * sum(past)))
+        order = self.library.MAX_ORDER if self.c.sub_steps > 1 else 0
+        errors = order, order * model.size, (self.library.AVERAGED - 1) * model.size
+        memory = self._kept(np.zeros(sum(sizes.values()) + known * sum(past) + sum(errors)))
         self.c.memory = self.ffi.cast("double *", memory.ctypes.data)
         self.c.memory_size = len(memory)
-        ends = np.cumsum([*sizes.values(), *(known * n for n in past)])
-        *states, ages, differences, differences_y = np.split(memory, ends[:-1])
+        ends = np.cumsum([*sizes.values(), *(known * n for n in past), *errors])
+        arrays = np.split(memory, ends[:-1])
+        states, (ages, differences, differences_y), of_errors = (
+            arrays[:-6],
+            arrays[-6:-3],
+            arrays[-3:],
+        )
         self.state_arrays = dict(zip(sizes, states, strict=True))
         self._doubles(**self.state_arrays)
-        ages[:] = 1.0
+        names = "error_ages", "error_past", "error_highest"
+        self._doubles(**dict(zip(names, of_errors, strict=True)))
+        ages[:] = of_errors[0][:] = 1.0
         #: Past of the predictor: ages, divided differences of nodes (size,) and unknowns (free,).
         self.past = ages, *(d.reshape(known, -1) for d in (differences, differences_y))
         #: First configuration with sections that face backwards.

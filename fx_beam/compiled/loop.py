@@ -12,9 +12,11 @@ import numpy as np
 from fx_beam.errors import StepError
 from fx_beam.mechanics.interval import divided
 from fx_beam.results.state import Past, State
-from fx_beam.stepping.newton import NewtonOptions
-from fx_beam.stepping.recorder import Recorder
-from fx_beam.stepping.stepper import Stepper
+from fx_beam.stepping.local_error import order_and_constant
+from fx_beam.stepping.newton import NewtonOptions, StepFailed
+from fx_beam.stepping.recorder import Recorder, Unrecorded
+from fx_beam.stepping.step_control import StepControl
+from fx_beam.stepping.stepper import Attempt, Stepper
 
 from .handover import Problem
 
@@ -97,8 +99,53 @@ class CompiledLoop:
                 raise now.error
         return state
 
+    # -- Steps whose local errors are controlled --------------------------------------------------
+
+    def forget_errors(self) -> None:
+        """Do not compare the next steps with those before, for example after a jump of a load."""
+        p = self._problem
+        p.scheme_order, _ = order_and_constant(self.model.scheme)
+        p.known_errors, p.controlled, p.ratios = 0, True, [-1.0, -1.0]
+
+    def attempt(
+        self,
+        state: State,
+        ends: np.ndarray,
+        first: int,
+        recorder: Recorder | Unrecorded,
+        control: StepControl,
+    ) -> Attempt:
+        """Take steps of equal length from number `first` on, as long as this length is right."""
+        p, dt = self._problem, float(ends[0]) - state.t
+        p.smooth, p.raw = control.factors(dt)
+        p.lowest, p.highest = control.band(dt)
+        inputs = self._inputs(state.t, ends)
+        known = len(inputs.driven) // p.sub_steps
+        taken = self._run(state, ends[:known], first, recorder, inputs) if known else 0
+        if taken:
+            state = self._state(float(ends[taken - 1]))
+        if taken == known and inputs.error is not None:
+            raise inputs.error
+        rejected = p.failure == self._library.TOO_INACCURATE
+        ratios = [ratio if ratio >= 0 else None for ratio in p.ratios]
+        if p.failure and not rejected:
+            return Attempt(state, taken, failed=True)
+        return Attempt(state, taken, ratios[0] if taken > 1 else None, ratios[1])
+
+    def failure(self, state: State, t1: float) -> StepFailed:
+        """Why Newton's method fails in a step to t1 [s]."""
+        self._stepper.past = self.past
+        return self._stepper.failure(state, t1)
+
+    # -- Steps of all kinds -----------------------------------------------------------------------
+
     def _run(
-        self, state: State, ends: np.ndarray, first: int, recorder: Recorder, inputs: _Inputs
+        self,
+        state: State,
+        ends: np.ndarray,
+        first: int,
+        recorder: Recorder | Unrecorded,
+        inputs: _Inputs,
     ) -> int:
         """Take steps or parts of steps of equal length; returns the number that succeeded."""
         p, stats, model = self._problem, self._stepper.stats, self.model

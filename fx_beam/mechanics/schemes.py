@@ -168,9 +168,9 @@ def EnergyMomentum(order: int = 2) -> Scheme:
         Order of convergence. A step of order 4 is a composition of five sub-steps of order 2, with
         0.41, 0.41, -0.66, 0.41 and 0.41 times its length (Suzuki 1990). It pays for small errors
         of smooth motions. Kinks and jumps of loads over time must be at ends of steps, otherwise
-        the order is lower: choose `dt` accordingly. Dampers are accurate if their damping rate is
-        below 1 / dt; near 3 / dt the sub-step that goes back amplifies the motion, which is
-        reported in the log. Forces are means over the whole step.
+        the order is lower: choose `dt` or `breaks` accordingly. Dampers are accurate if their
+        damping rate is below 1 / dt; near 3 / dt the sub-step that goes back amplifies the motion,
+        which is reported in the log. Forces are means over the whole step.
 
     Returns
     -------

@@ -126,6 +126,9 @@ class Stats:
     amplified : int
         Steps, each part of a halved step counted, in which dampers gave energy. Only schemes of
         order 4 have such steps: they have a sub-step that goes back in time.
+    rejected : int
+        With a tolerance: steps that were repeated because their errors were too large, and trial
+        steps that choose the first length.
     ended_by : dict
         Number of Newton solves that ended by a small increment, and of those that ended at
         round-off.
@@ -166,6 +169,7 @@ class Stats:
     too_large: int = 0
     inside_out: int = 0
     amplified: int = 0
+    rejected: int = 0
     ended_by: dict[str, int] = field(default_factory=dict)
     seconds: float = 0.0
     setup_seconds: float = 0.0

@@ -33,6 +33,12 @@ class Record:
         Whether to record velocities and accelerations.
     forces : bool
         Whether to record the forces of supports and joints.
+    times : sequence of float, optional
+        Increasing times of the rows [s], in place of the ends of steps. Displacements and rotations
+        are those of polynomials through the nearest ends of steps, cubic for schemes of order 2, of
+        degree 5 for order 4; velocities are their derivatives. Energies and momenta are linear.
+        Forces and accelerations are those of the step. All steps are kept until the end of the run;
+        the motion must be recorded. Times before the start and after the end are left out.
 
     Examples
     --------
@@ -43,12 +49,17 @@ class Record:
     >>> record = fb.Record(every=4, rates=False)
     >>> fb.simulate(scene, dt=0.1, t_end=1.0, record=record).t.round(3)
     array([0. , 0.4, 0.8, 1. ])
+
+    >>> record = fb.Record(times=[0.0, 0.25, 0.5])
+    >>> fb.simulate(scene, tolerance=1e-3, t_end=1.0, record=record).t
+    array([0.  , 0.25, 0.5 ])
     """
 
     every: int = 1
     motion: bool = True
     rates: bool = True
     forces: bool = True
+    times: Sequence[float] | None = None
 
     def __post_init__(self):
         whole = isinstance(self.every, int | np.integer) and not isinstance(self.every, bool)
@@ -57,21 +68,56 @@ class Record:
         for name in ("motion", "rates", "forces"):
             if not isinstance(getattr(self, name), bool | np.bool_):
                 raise SceneError(f"Record: {name} = {getattr(self, name)!r} must be True or False")
+        if self.times is None:
+            return
+        try:
+            times = np.array(self.times, dtype=float)
+        except (TypeError, ValueError):
+            times = np.empty(0)
+        rising = times.ndim == 1 and len(times) and np.isfinite(times).all()
+        if not rising or (np.diff(times) <= 0).any():
+            raise SceneError(f"Record: times = {self.times!r} must be increasing finite times")
+        if not (self.every == 1 and self.motion):
+            raise SceneError("Record: times need every step, with motion")
+
+
+class Unrecorded:
+    """In place of a `Recorder`, for trial steps."""
+
+    every, last, rows = np.iinfo(np.int32).max, -1, 0
+
+    def next_rows(self, parts: int) -> dict[str, np.ndarray]:
+        """No arrays."""
+        return {}
+
+    def add(self, rows: int, parts: int) -> None:
+        """Nothing."""
+
+    def record(self, step: int, state: State, starts: Sequence[State] = ()) -> None:
+        """Nothing."""
+
+
+def _grown(array: np.ndarray, rows: int, used: int) -> np.ndarray:
+    """An array with at least some rows, of which those used are kept."""
+    if len(array) >= rows:
+        return array
+    grown = np.zeros((max(rows, 2 * len(array)), *array.shape[1:]), dtype=array.dtype)
+    grown[:used] = array[:used]
+    return grown
 
 
 class Recorder:
     """Histories of motion, forces, energies and momenta at the times (n,) of a grid."""
 
     def __init__(self, model: Model, times: np.ndarray, record: Record):
-        self.model, self.every, self.last = model, record.every, len(times) - 1
-        steps = np.union1d(np.arange(0, len(times), record.every), [self.last])
-        self._times = times
-        self._steps = steps
+        self.model, self.every, self.last = model, record.every, -1
+        #: Times at the ends of all steps, and numbers of the steps that have a row.
+        self._times, self._steps = np.empty(0), np.empty(0, dtype=int)
         self.rows = 0
         self._first: State
         #: Sub-steps (n,) in the step before each row, if all were as long as the last one.
-        self._parts = np.ones(len(steps), dtype=int)
-        n, size, joints = len(steps), model.size, len(model.scene.joints)
+        self._parts = np.empty(0, dtype=int)
+        n, size, joints = 0, model.size, len(model.scene.joints)
         self._fractions = model.scheme.fractions
         starts = len(self._fractions) * size
         held = model.reduction.columns - model.reduction.free
@@ -93,6 +139,25 @@ class Recorder:
             self.arrays["held"] = np.zeros((n, held))
             if joints:
                 self.arrays["joint_forces"] = np.zeros((n, 3 * joints))
+        self.plan(0, times, last=True)
+
+    def plan(self, first: int, ends: np.ndarray, last: bool) -> None:
+        """Make room for steps from number `first` on that end at times (n,); step 0 is the start.
+
+        With `last` the run ends with them. Steps that are planned again replace those before.
+        """
+        stop = first + len(ends)
+        self._times = _grown(self._times, stop, first)
+        self._times[first:stop] = ends
+        self.last = stop - 1 if last else -1
+        steps = [step for step in range(first, stop) if self._wants(step)]
+        rows = self.rows + len(steps)
+        self._steps, self._parts = (
+            _grown(numbers, rows, self.rows) for numbers in (self._steps, self._parts)
+        )
+        self._steps[self.rows : rows] = steps
+        for name, array in self.arrays.items():
+            self.arrays[name] = _grown(array, rows, self.rows)
 
     def _wants(self, step: int) -> bool:
         return step % self.every == 0 or step == self.last

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 
 from fx_beam.errors import StepError
@@ -11,11 +13,26 @@ from fx_beam.results.audit import Stats
 from fx_beam.results.state import Past, State
 
 from .forcing import Drive
+from .local_error import LocalError
 from .newton import NewtonOptions, StepFailed
-from .recorder import Recorder
+from .recorder import Recorder, Unrecorded
 from .section_facing import FacingCheck
 from .single_step import SingleStep
+from .step_control import StepControl
 from .substeps import LARGE_TURN, Halving
+
+
+class Attempt(NamedTuple):
+    """What came of steps of equal length whose local errors are controlled."""
+
+    #: State at the end of the steps that succeeded, and their number.
+    state: State
+    taken: int
+    #: Ratios of error and limit in the last step but one and in the last one, if they are known.
+    before: float | None = None
+    ratio: float | None = None
+    #: Whether Newton's method failed in the step after them; a ratio above 1 rejects the last step.
+    failed: bool = False
 
 
 class Stepper:
@@ -28,6 +45,7 @@ class Stepper:
         self.single = SingleStep(model, drive, options, stats)
         self.halving = Halving(max_halvings)
         self.facing = FacingCheck(model, stats)
+        self._errors: LocalError | None = None
 
     @property
     def past(self) -> Past:
@@ -78,6 +96,54 @@ class Stepper:
             if self.halving.take(1):
                 recorder.record(number, state, starts, parts)
             return state
+
+    # -- Steps whose local errors are controlled --------------------------------------------------
+
+    def forget_errors(self) -> None:
+        """Do not compare the next steps with those before, for example after a jump of a load."""
+        self._errors = LocalError(self.model)
+
+    def attempt(
+        self,
+        state: State,
+        ends: np.ndarray,
+        first: int,
+        recorder: Recorder | Unrecorded,
+        control: StepControl,
+    ) -> Attempt:
+        """Take the first of some steps of equal length, number `first`, if its error is small."""
+        errors, past = self._errors, self.past
+        assert errors is not None
+        t1, memory, stats = float(ends[0]), errors.memory, self.stats
+        dt, counted = t1 - state.t, (stats.newton_iterations, dict(stats.ended_by))
+        try:
+            starts, new = self._take(state, t1)
+        except StepFailed:
+            self.past = past
+            return Attempt(state, 0, failed=True)
+        ratio = errors.add(new.q - state.q, dt, *control.factors(dt))
+        if ratio is not None and ratio > 1:
+            self.past, errors.memory = past, memory
+            stats.newton_iterations, stats.ended_by = counted
+            return Attempt(state, 0, ratio=ratio)
+        stats.substeps += 1
+        stats.amplified += new.dissipated < state.dissipated
+        self.facing.check(new.t, new.q)
+        recorder.record(first, new, starts)
+        return Attempt(new, 1, ratio=ratio)
+
+    def failure(self, state: State, t1: float) -> StepFailed:
+        """Why Newton's method fails in a step to t1 [s]."""
+        past = self.past
+        try:
+            self._take(state, t1)
+        except StepFailed as failure:
+            return failure
+        finally:
+            self.past = past
+        return StepFailed("no convergence", "no convergence", np.zeros(self.model.size), [])
+
+    # -- Steps of all kinds -----------------------------------------------------------------------
 
     def _take(self, state: State, t1: float) -> tuple[list[State], State]:
         """States at the starts of all sub-steps of the scheme up to t1 [s], and at their end."""

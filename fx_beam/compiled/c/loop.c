@@ -1,7 +1,7 @@
 /* The time loop, for a block of steps; its Python counterpart is stepping/stepper.py. The beam
    equations are in the functions that FFCx generates from the weak form. */
 
-#include "newton.h"
+#include "local_error.h"
 #include "recorder.h"
 
 static double mid(const Problem *p, double force, double previous) {
@@ -120,6 +120,14 @@ static double summarise(Problem *p, const Work *w, double dt) {
   return widest_turn(p, w->left);
 }
 
+/* Returns to the state before a step that failed; counts of what was seen are kept. */
+static void undo(Problem *p, const Work *w, Problem before) {
+  before.failure = p->failure, before.inside_out = p->inside_out, before.out_t = p->out_t;
+  before.ratios[1] = p->ratios[1];
+  *p = before;
+  memcpy(p->memory, w->saved, p->memory_size * sizeof(double));
+}
+
 int fx_run(Problem *p, int steps, double dt, const Inputs *inputs, Record *to) {
   Work work, *w = &work;
   lay_out(p, w, p->scratch);
@@ -131,7 +139,7 @@ int fx_run(Problem *p, int steps, double dt, const Inputs *inputs, Record *to) {
     int wanted = (part + 1) % to->parts == 0 && (step % to->every == 0 || step == to->last);
     double lost = p->dissipated;
     Problem before;
-    if (p->sub_steps > 1) {
+    if (p->sub_steps > 1 || p->controlled) {
       before = *p;
       memcpy(w->saved, p->memory, p->memory_size * sizeof(double));
     }
@@ -139,14 +147,22 @@ int fx_run(Problem *p, int steps, double dt, const Inputs *inputs, Record *to) {
       long number = (long)k * p->sub_steps + i;
       if (wanted) record_start(p, i, to);
       if (!take_step(p, w, dt * p->fractions[i], i, inputs, number, unchecked && i == 0)) {
-        if (i == 0) return k;
-        before.failure = p->failure, before.inside_out = p->inside_out, before.out_t = p->out_t;
-        *p = before;
-        memcpy(p->memory, w->saved, p->memory_size * sizeof(double));
+        if (i > 0) undo(p, w, before);
         return k;
       }
       if (wanted) record_joint_forces(p, w, i, to);
       advance(p, w, inputs->driven + number * p->driven);
+    }
+    if (p->controlled) {
+      double ratio = local_error(p, w, dt);
+      p->ratios[0] = p->ratios[1], p->ratios[1] = ratio;
+      if (ratio > 1) {
+        p->failure = TOO_INACCURATE;
+        undo(p, w, before);
+        return k;
+      }
+      int low = ratio >= 0 && fmax(ratio, p->ratios[0]) < p->lowest;
+      if (low || ratio > p->highest) steps = k + 1;
     }
     double turn = summarise(p, w, dt);
     p->amplified += p->dissipated < lost;

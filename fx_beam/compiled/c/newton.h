@@ -9,8 +9,6 @@
 #include "phases.h"
 #include "rates.h"
 
-enum { OK, NO_CONVERGENCE, SINGULAR, TURNED_TOO_FAR };
-
 /* Twice the kinetic energy at the start of the step. */
 static double kinetic(const Problem *p, const Work *w) {
   double sum = 0;

@@ -3,9 +3,12 @@
 #pragma once
 
 /* Elements per call of a Batch, largest order of the predictor, largest number of sub-steps of a
-   scheme, and place of the displacements and rotations at the start of the step among the changing
-   coefficients. */
-enum { LANES = 8, PAST = 4, SUB_STEPS = 32, START = 1 };
+   scheme, place of the displacements and rotations at the start of the step among the changing
+   coefficients, largest order of a scheme, and number of averaged differences in local errors. */
+enum { LANES = 8, PAST = 4, SUB_STEPS = 32, START = 1, MAX_ORDER = 4, AVERAGED = 3 };
+
+/* Why a step failed. */
+enum { OK, NO_CONVERGENCE, SINGULAR, TURNED_TOO_FAR, TOO_INACCURATE };
 
 /* Element tensors from coefficients, constants and coordinates. All arrays except the constants are
    for LANES elements, with entry k of lane l at [k][l]. */
@@ -138,6 +141,17 @@ typedef struct {
   int known_steps;      /* number of previous sub-steps */
   int orders[SUB_STEPS]; /* of the prediction of each sub-step; 0: none */
   double *past, *past_y;  /* [PAST] divided differences of configurations and unknowns, from order 1 on */
+
+  /* Local errors of whole steps, for controlled steps. */
+  int controlled, scheme_order;
+  double *per_displacement; /* as per_unit, but zero for rotations */
+  double smooth, raw;   /* factors of averaged and of single differences */
+  double lowest, highest; /* ratios of error and limit at which a run ends: two below, or one above */
+  double *error_ages;   /* [scheme_order] */
+  double *error_past;   /* [scheme_order] divided differences from order 1 on */
+  double *error_highest; /* [2] the last two differences of the next order */
+  int known_errors;     /* number of previous steps */
+  double ratios[2];     /* of the last two steps; negative if unknown */
 
   /* Work space and results of a run. */
   double *scratch;

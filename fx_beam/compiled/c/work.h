@@ -32,7 +32,7 @@ static long lay_out(const Problem *p, Work *w, double *at) {
   w->values = take(&at, 1 + 4 * j), w->hat = take(&at, 1 + 4 * j);
   w->psi0 = take(&at, j), w->rho0 = take(&at, 2 * j), w->t0 = take(&at, 2 * j);
   w->rho1 = take(&at, 2 * j), w->t1 = take(&at, 2 * j), w->mean_t = take(&at, 2 * j);
-  w->saved = take(&at, p->sub_steps > 1 ? p->memory_size : 0);
+  w->saved = take(&at, p->memory_size);
   w->guide_slope = take(&at, j), w->guide_bend = take(&at, j), w->passing = take(&at, 2 * j);
   const double *fields[] = {w->D, p->q, p->v, p->a, p->before};
   memcpy(w->fields, fields, sizeof fields);

@@ -1,0 +1,230 @@
+"""A quantity of a motion, refined in step and mesh until it is known to a tolerance."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from fx_beam.errors import Failure, SceneError, StepError
+from fx_beam.mechanics.schemes import Scheme
+from fx_beam.results.solution import Solution
+from fx_beam.scene.scene import Scene
+from fx_beam.validation import is_number, is_whole, require
+
+from .dynamics import simulate
+
+# Tolerance of the steps at first, and its factor in a refinement; the elements are doubled.
+_FIRST, _FACTOR = 1e-2, 0.25
+# Error of the finer of two runs, relative to their difference: at second order it is a third.
+_SHARE = 0.5
+
+
+@dataclass(frozen=True)
+class Converged:
+    """A quantity that is known to a tolerance; returned by `converge`.
+
+    Parameters
+    ----------
+    value : float or array
+        The quantity in the finest run.
+    error : float
+        Its estimated error, the sum of those of step and mesh; of an array the largest.
+    step_error, mesh_error : float
+        The two parts of the error.
+    elements : int
+        Elements in the finest run.
+    tolerance : float
+        Tolerance of the steps in the finest run.
+    runs : int
+        Number of runs.
+    steps : int
+        Steps of all runs.
+    solution : Solution
+        The finest run.
+
+    Examples
+    --------
+    >>> import fx_beam as fb
+    >>> def scene_of(elements, degree):
+    ...     scene = fb.Scene(gravity=(0, -9.81))
+    ...     section = fb.Section(EA=1e4, GA=1e4, EI=10.0, rhoA=1.0, rhoI=0.1)
+    ...     beam = scene.add_beam([(0, 0), (1, 0)], section, elements, degree, name="arm")
+    ...     scene.clamp(beam.start)
+    ...     return scene
+    >>> def tip(solution):
+    ...     return solution.displacement(solution.beams["arm"].end)[-1, 1]
+    >>> found = fb.converge(scene_of, tip, 1e-2, t_end=0.2)
+    >>> found.error < 1e-2, found.elements >= 8
+    (True, True)
+    """
+
+    value: float | np.ndarray
+    error: float
+    step_error: float
+    mesh_error: float
+    elements: int
+    tolerance: float
+    runs: int
+    steps: int
+    solution: Solution
+
+    def __repr__(self):
+        return (
+            f"<Converged: {self.value} +- {self.error:.2g}, {self.elements} elements, steps by a "
+            f"tolerance of {self.tolerance:.2g}; {self.runs} runs, {self.steps} steps>"
+        )
+
+
+def converge(
+    scene_of: Callable[[int, int], Scene],
+    quantity: Callable[[Solution], float | np.ndarray],
+    tolerance: float,
+    *,
+    t_end: float,
+    scheme: Scheme | None = None,
+    elements: int = 4,
+    degree: int = 1,
+    breaks: Sequence[float] = (),
+    max_runs: int = 24,
+) -> Converged:
+    """Refine step and mesh until a quantity of a motion is known to a tolerance.
+
+    The runs choose their steps by a tolerance of their own. In turn this is divided by four or the
+    elements are doubled, whichever has changed the quantity more, until half of the last change by
+    the one plus half of that by the other is below the tolerance. So the quantity must converge:
+    after the onset of chaos none does.
+
+    Parameters
+    ----------
+    scene_of : callable
+        ``scene_of(elements, degree)`` builds the scene.
+    quantity : callable
+        ``quantity(solution)`` gives a number or an array of fixed shape. For values at given times,
+        interpolate: steps end at other times in each run.
+    tolerance : float
+        Largest error of the quantity, in its own unit.
+    t_end : float
+        End of the simulations [s].
+    scheme : Scheme, optional
+        Time scheme; `EnergyMomentum()` by default.
+    elements : int
+        Elements at first.
+    degree : int
+        Degree of the elements; it is not changed.
+    breaks : sequence of float, optional
+        Times at which loads jump, as for `simulate` [s].
+    max_runs : int
+        Largest number of runs.
+
+    Returns
+    -------
+    Converged
+        The quantity, its estimated error, and what it took.
+
+    Raises
+    ------
+    SceneError
+        If an option or a scene is invalid.
+    StepError
+        If a run fails, or if the quantity is not known after `max_runs` runs. Its attribute
+        `solution` is that of the last run.
+
+    Examples
+    --------
+    The place of a pendulum after a second, to a tenth of a millimetre.
+
+    >>> import fx_beam as fb
+    >>> def scene_of(elements, degree):
+    ...     scene = fb.Scene(gravity=(0, -9.81))
+    ...     section = fb.Section(EA=1e8, GA=1e8, EI=1e4, rhoA=1.0, rhoI=1e-4)
+    ...     bar = scene.add_beam([(0, 0), (0.5, 0)], section, elements, degree, name="bar")
+    ...     scene.pin(bar.start)
+    ...     return scene
+    >>> def place(solution):
+    ...     return solution.position(solution.beams["bar"].end)[-1]
+    >>> found = fb.converge(scene_of, place, 1e-4, t_end=1.0, elements=2)
+    >>> found.error < 1e-4
+    True
+    """
+    for name, given, fits, wanted in (
+        ("scene_of", scene_of, callable(scene_of), "a function of elements and degree"),
+        ("quantity", quantity, callable(quantity), "a function of the solution"),
+        ("tolerance", tolerance, is_number(tolerance) and tolerance > 0, "a positive number"),
+        ("elements", elements, is_whole(elements, 1), "a positive whole number"),
+        ("max_runs", max_runs, is_whole(max_runs, 4), "a whole number from 4 on"),
+    ):
+        require(fits, f"converge: {name}", given, wanted)
+    runs = _Runs(scene_of, quantity, degree, max_runs, t_end, scheme, breaks)
+    mesh, step = elements, _FIRST
+    while True:
+        value, finer_mesh, finer_step = (
+            runs.value(*options)
+            for options in ((mesh, step), (2 * mesh, step), (mesh, _FACTOR * step))
+        )
+        in_mesh, in_step = (
+            _SHARE * float(abs(finer - value).max()) for finer in (finer_mesh, finer_step)
+        )
+        if in_mesh + in_step <= tolerance:
+            finest = runs.value(2 * mesh, _FACTOR * step)
+            return Converged(
+                float(finest) if not finest.ndim else finest,
+                in_mesh + in_step,
+                in_step,
+                in_mesh,
+                2 * mesh,
+                _FACTOR * step,
+                len(runs.values),
+                runs.steps,
+                runs.last,
+            )
+        if in_mesh > in_step:
+            mesh *= 2
+        else:
+            step *= _FACTOR
+
+
+class _Runs:
+    """Values of the quantity by elements and tolerance of the steps, computed once."""
+
+    def __init__(self, scene_of, quantity, degree, most, t_end, scheme, breaks):
+        self._scene_of, self._quantity, self._degree = scene_of, quantity, degree
+        self._most = most
+        self._options = {"t_end": t_end, "scheme": scheme, "breaks": breaks}
+        self.values: dict[tuple[int, float], np.ndarray] = {}
+        self.steps = 0
+        self.last: Solution
+
+    def value(self, elements: int, tolerance: float) -> np.ndarray:
+        """The quantity for a number of elements and a tolerance of the steps."""
+        key = elements, tolerance
+        if key not in self.values:
+            if len(self.values) == self._most:
+                raise self._unknown()
+            scene = self._scene_of(elements, self._degree)
+            self.last = simulate(scene, tolerance=tolerance, **self._options)
+            value = np.asarray(self._quantity(self.last), dtype=float)
+            if not np.isfinite(value).all():
+                raise SceneError(
+                    f"converge: the quantity is {value} with {elements} elements; it must be finite"
+                )
+            self.values[key], self.steps = value, self.steps + self.last.stats.steps
+        return self.values[key]
+
+    def _unknown(self) -> StepError:
+        found = "; ".join(
+            f"{elements} elements, {tolerance:.2g}: {value}"
+            for (elements, tolerance), value in list(self.values.items())[-4:]
+        )
+        error = StepError(
+            Failure(
+                "not converged",
+                f"converge: the quantity is not known to the tolerance after {self._most} runs",
+                self.last.t[-1],
+                where=f"The last ones by elements and tolerance of the steps: {found}",
+                advice="Try a larger tolerance, a shorter time, or more runs (max_runs)",
+            )
+        )
+        error.solution = self.last
+        return error

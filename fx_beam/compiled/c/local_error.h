@@ -1,0 +1,36 @@
+/* Estimate of the local error of a step (local_error.py). */
+
+#pragma once
+
+#include "newton.h"
+
+/* What a polynomial through the last configurations does not predict of a step of length dt, divided
+   by the product that is returned, in w->left. Without sub-steps the predictor knows it. */
+static double unpredicted(Problem *p, const Work *w, double dt) {
+  int n = p->dofs, order = p->scheme_order;
+  double ages[MAX_ORDER + 1] = {dt}, product = dt, *now = w->left;
+  if (p->sub_steps == 1) {
+    memcpy(now, p->past + order * n, n * sizeof(double));
+    for (int k = 1; k <= order; ++k) product *= p->ages[k];
+    return product;
+  }
+  for (int k = 0; k < order; ++k) product *= ages[k + 1] = p->error_ages[k] + dt;
+  for (int i = 0; i < n; ++i) now[i] = (p->q[i] - w->saved[i]) / dt;
+  for (int k = 0; k < order; ++k) difference(n, ages[k + 1], now, p->error_past + k * n);
+  memcpy(p->error_ages, ages, order * sizeof(double));
+  return product;
+}
+
+/* Ratio of the error of a step of length dt to what is allowed, from the configurations at its start,
+   which is in `saved`, and at its end; negative in the first steps. */
+static double local_error(Problem *p, const Work *w, double dt) {
+  int n = p->dofs;
+  double product = unpredicted(p, w, dt), *now = w->left;
+  double raw = largest(n, now, p->per_unit), *last = p->error_highest, *before = last + n;
+  for (int i = 0; i < n; ++i) {
+    double sum = now[i] + 2 * last[i] + before[i];
+    before[i] = last[i], last[i] = now[i], now[i] = sum / 4;
+  }
+  if (++p->known_errors < p->scheme_order + AVERAGED) return -1;
+  return product * fmax(p->smooth * largest(n, now, p->per_displacement), p->raw * raw);
+}

@@ -1,0 +1,102 @@
+"""Histories at chosen times, between the ends of the steps.
+
+Displacements and rotations are those of polynomials through the nearest ends of steps, of one
+degree more than the scheme's order. The rates are their derivatives: those at the ends of steps
+contain vibrations that the steps do not resolve.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from fx_beam.model.model import Model
+from fx_beam.results.audit import Energy
+
+
+def at_times(
+    model: Model, steps: dict[str, Any], times: np.ndarray, breaks: Sequence[float]
+) -> tuple[dict, np.ndarray]:
+    """Histories at times (n,) from those of all steps, and the steps' rows (n,) that contain them.
+
+    Polynomials do not reach over a break. Energies and momenta are linear, so that balances stay
+    exact. Forces and accelerations are those of the step.
+    """
+    t = steps["t"]
+    times = times[(times >= t[0]) & (times <= t[-1])]
+    row = np.minimum(np.searchsorted(t, times), len(t) - 1)
+    row[times > t[0]] = np.maximum(row[times > t[0]], 1)
+    before = np.maximum(row - 1, 0)
+    x = (times - t[before]) / np.where(row > before, t[row] - t[before], 1.0)
+    found = dict(steps)
+    q, v = _polynomials(
+        t, steps["q"], times, row, breaks, 4 if len(model.scheme.fractions) == 1 else 6
+    )
+    found |= {"t": times, "q": q, "v": v if len(steps["v"]) else steps["v"]}
+    for name in ("t_level", "a", "reactions", "joint_forces", "motor_forces"):
+        found[name] = steps[name][row] if len(steps[name]) else steps[name]
+
+    def linear(values):
+        weight = x.reshape(-1, *[1] * (values.ndim - 1))
+        return (1 - weight) * values[before] + weight * values[row]
+
+    for name in ("linear_momentum", "angular_momentum"):
+        found[name] = linear(steps[name])
+    found["energy"] = Energy(*(linear(part) for part in vars(steps["energy"]).values()))
+    found["slides"] = _slides(model, q, linear(steps["slides"]))
+    return found, row
+
+
+def _polynomials(t, q, times, row, breaks, points: int) -> tuple[np.ndarray, np.ndarray]:
+    """Values and derivatives at some times, which lie in the steps that end in some rows."""
+    near = 1e-9 * (t[-1] - t[0])
+    inner = [b for b in breaks if t[0] + near < b < t[-1] - near]
+    edges = np.unique([0, *np.searchsorted(t, np.array(inner) - near), len(t) - 1])
+    values, rates = (np.empty((len(times), *q.shape[1:])) for _ in range(2))
+    for first, last in zip(edges[:-1], edges[1:], strict=True):
+        inside = np.flatnonzero((row > first) & (row <= last) | (row == first) & (first == 0))
+        known = min(points, last - first + 1)
+        start = np.clip(row[inside] - known // 2, first, last + 1 - known)
+        rows = start[:, None] + np.arange(known)
+        at, slope = _lagrange(t[rows], times[inside])
+        values[inside], rates[inside] = (
+            np.einsum("nk,nk...->n...", w, q[rows]) for w in (at, slope)
+        )
+    if len(edges) == 1:
+        values[:], rates[:] = q[0], 0.0
+    return values, rates
+
+
+def _lagrange(t: np.ndarray, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Lagrange's polynomials (n, k) of the places t (n, k) at x (n,), and their derivatives."""
+    values, slopes = np.ones_like(t), np.zeros_like(t)
+    places = range(t.shape[1])
+    for j in places:
+        for k in places:
+            if k == j:
+                continue
+            gap = t[:, j] - t[:, k]
+            slopes[:, j] = slopes[:, j] * (x - t[:, k]) / gap + values[:, j] / gap
+            values[:, j] *= (x - t[:, k]) / gap
+    return values, slopes
+
+
+def _slides(model: Model, q: np.ndarray, slides: np.ndarray) -> np.ndarray:
+    """Slides (n, joints) of the joints [m] in the configurations q (n, n_node, 3)."""
+    q, X = np.concatenate([q, 0 * q[:, :1]], axis=1), np.vstack([model.mesh.X, [0.0, 0.0]])
+    slides = slides.copy()
+    for joint in model.scene.joints:
+        if joint.axis is None:
+            continue
+        a, b = joint.a.number, joint.b.number  # the ground's is -1
+
+        def apart(q, a=a, b=b):
+            x, y = np.moveaxis(X[b] + q[:, b, :2] - X[a] - q[:, a, :2], -1, 0)
+            c, s = np.cos(q[:, a, 2]), np.sin(q[:, a, 2])
+            return np.stack([c * x + s * y, c * y - s * x], axis=-1)
+
+        moved = apart(q) - apart(0 * q[:1])
+        slides[:, joint.number] = joint.start()[0] + moved @ joint.axis
+    return slides

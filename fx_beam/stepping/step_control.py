@@ -1,0 +1,119 @@
+"""Control of the length of steps by their local errors."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+# Largest single local error, relative to the tolerance.
+_SINGLE = 0.5
+# Reference for the error of a step: a motion that takes 7 / tolerance^(1/order) steps.
+_REFERENCE = 0.15
+# Desired ratio of the error to what is allowed; between the two others the length is kept.
+_DESIRED, _LOWEST, _HIGHEST = 0.5, 0.2, 0.7
+# Gains of the controller (PI: Soderlind 2002, doi 10.1023/A:1021160023092).
+_INTEGRAL, _PROPORTIONAL = 0.6, 0.3
+# Shortest step, relative to the whole time.
+_SHORTEST = 1e-10
+# Growth after which first steps are tried again with a larger length, and its largest value.
+_GROWTH, _MOST_GROWTH = 3.0, 20.0
+
+
+class StepControl:
+    """The length of steps; it changes in few, fixed ratios, so that most steps have equal lengths.
+
+    A smooth part of the local errors adds up from step to step. It may be
+
+        tolerance * sqrt(dt / T) * sqrt(0.15 tolerance^(1/order)),
+
+    the geometric mean of two rules: error per time (the errors of all steps of the time T add up to
+    the tolerance) and error per step (the fewest steps for the sum of the errors).
+    """
+
+    def __init__(self, tolerance: float, order: int, constant: float, span: float, longest: float):
+        self._tolerance, self._order, self._constant = tolerance, order, constant
+        self._span, self._longest = span, longest
+        #: The ratio of error and limit grows with this power of the length.
+        self._power = order + 0.5
+        #: Length of the next steps [s].
+        self.length = min(span / 1000, longest)
+        #: Ratio in the last step; 0 if it is not known.
+        self._before = 0.0
+
+    def factors(self, dt: float) -> tuple[float, float]:
+        """Factors that make ratios of error and limit of averaged and of single differences."""
+        share = _REFERENCE * self._tolerance ** (1 / self._order) * dt / self._span
+        limits = self._tolerance * math.sqrt(share), _SINGLE * self._tolerance
+        return self._constant / limits[0], self._constant / limits[1]
+
+    def band(self, dt: float) -> tuple[float, float]:
+        """Ratios between which steps of length dt [s] are kept.
+
+        They are made longer only after two steps with lower ratios.
+        """
+        shortened = dt < (1 - 1e-6) * self.length
+        longest = dt > (1 - 1e-6) * self._longest
+        return 0.0 if shortened or longest else _LOWEST, _HIGHEST
+
+    def ends(self, t: float, until: float, most: int) -> np.ndarray:
+        """Ends (n,) [s] of the next steps of equal length, up to a time that they must meet."""
+        number = (until - t) / self.length
+        if number > 3:
+            return t + self.length * np.arange(1, min(int(number) - 1, most + 1))
+        steps = max(1, math.ceil(number - 1e-6))
+        ends = t + (until - t) * np.arange(1, steps + 1) / steps
+        ends[-1] = until
+        return ends
+
+    def begin(self, length: float) -> None:
+        """Start with a length [s], without a memory of steps before."""
+        self.length, self._before = min(length, self._longest), 0.0
+
+    def succeed(self, dt: float, before: float | None, ratio: float | None) -> None:
+        """Choose the length after steps of length dt, from the last two ratios."""
+        if ratio is None:
+            return
+        before = self._before if before is None else before
+        low, high = self.band(dt)
+        if ratio > high or max(ratio, before) < low:
+            distance = self._distance(ratio)
+            rise = distance - self._distance(before) if before else 0.0
+            change = _INTEGRAL * distance + _PROPORTIONAL * rise
+            levels = min(max(round(abs(change)), 1), self._order)
+            self._change(-levels if ratio > high else levels)
+        self._before = ratio
+
+    def reject(self, dt: float, ratio: float) -> None:
+        """Shorten the steps after one of length dt with a ratio above 1."""
+        self.length, self._before = dt, ratio
+        self._change(-min(math.ceil(self._distance(ratio)), 3 * self._order))
+
+    def fail(self, dt: float) -> None:
+        """Halve the steps after one of length dt in which Newton's method failed."""
+        self.length, self._before = dt / 2, 0.0
+
+    def retry(self, dt: float, ratio: float, at_most: float) -> bool:
+        """Choose the first length from the ratio of trial steps; whether to try again with it.
+
+        It is at most `at_most` [s].
+        """
+        factor = (_DESIRED / max(ratio, 1e-12)) ** (1 / self._power)
+        longer = dt < (1 - 1e-6) * min(at_most, self._longest)
+        if ratio <= 1 and not (longer and factor > _GROWTH):
+            self.begin(dt * min(factor, 1.0))
+            return False
+        self.begin(min(dt * min(max(factor, 1 / _MOST_GROWTH), _MOST_GROWTH), at_most))
+        return True
+
+    @property
+    def too_short(self) -> bool:
+        """Whether the steps are shorter than any motion needs."""
+        return self.length < _SHORTEST * self._span
+
+    def _distance(self, ratio: float) -> float:
+        return math.log2(max(ratio, 1e-12) / _DESIRED)
+
+    def _change(self, levels: int) -> None:
+        """Change the length by levels, each of which changes the ratio by a factor of two."""
+        self.length = min(self.length * 2 ** (levels / self._power), self._longest)

@@ -1,0 +1,76 @@
+"""A quantity is refined in step and mesh until it is known."""
+
+import numpy as np
+import pytest
+
+import fx_beam as fb
+
+
+def cantilever(elements, degree):
+    """A beam under its weight, released at once."""
+    scene = fb.Scene(gravity=(0, -9.81))
+    section = fb.Section(EA=1e4, GA=1e4, EI=10.0, rhoA=1.0, rhoI=0.01)
+    beam = scene.add_beam([(0, 0), (1, 0)], section, elements, degree, name="arm")
+    scene.clamp(beam.start)
+    return scene
+
+
+def tip(solution):
+    return solution.displacement(solution.beams["arm"].end)[-1]
+
+
+@pytest.fixture(scope="module")
+def exact():
+    scene = cantilever(32, 2)
+    return tip(fb.simulate(scene, fb.EnergyMomentum(4), dt=1e-3, t_end=0.4))
+
+
+@pytest.mark.parametrize("tolerance", [2e-2, 2e-3, 2e-4])
+def test_the_error_of_the_quantity_is_below_the_tolerance_and_the_estimate_says_so(
+    tolerance, exact
+):
+    found = fb.converge(cantilever, tip, tolerance, t_end=0.4)
+    error = abs(found.value - exact).max()
+    assert error < tolerance
+    assert error / 3 < found.error == found.step_error + found.mesh_error <= tolerance
+    assert (found.value == tip(found.solution)).all()
+    assert found.runs >= 4 and found.steps > found.solution.stats.steps
+
+
+def test_the_larger_of_the_two_errors_is_refined():
+    # A rigid pendulum: its mesh has no error.
+    def scene_of(elements, degree):
+        scene = fb.Scene(gravity=(0, -9.81))
+        section = fb.Section(EA=1e8, GA=1e8, EI=1e6, rhoA=1.0, rhoI=1e-4)
+        bar = scene.add_beam([(0, 0), (0.5, 0)], section, elements, degree, name="arm")
+        scene.pin(bar.start)
+        return scene
+
+    found = fb.converge(scene_of, tip, 2e-5, t_end=0.6, elements=2)
+    assert found.elements == 4 and found.tolerance < 1e-3
+    assert found.mesh_error < found.step_error
+
+
+def test_a_quantity_that_does_not_converge_is_reported_with_the_last_solution():
+    numbers = iter(range(100))
+    with pytest.raises(fb.StepError, match="not known") as raised:
+        fb.converge(cantilever, lambda s: float(next(numbers)), 1e-3, t_end=0.1, max_runs=4)
+    assert raised.value.failure.kind == "not converged"
+    assert raised.value.solution.t[-1] == 0.1
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"scene_of": cantilever(4, 1)}, "scene_of"),
+        ({"quantity": 1.0}, "quantity"),
+        ({"tolerance": 0.0}, "tolerance"),
+        ({"elements": 0}, "elements"),
+        ({"max_runs": 1}, "max_runs"),
+        ({"quantity": lambda solution: np.nan}, "finite"),
+    ],
+)
+def test_options_that_are_none_are_refused(options, message):
+    given = {"scene_of": cantilever, "quantity": tip, "tolerance": 1e-2, "t_end": 0.1} | options
+    with pytest.raises(fb.SceneError, match=message):
+        fb.converge(**given)

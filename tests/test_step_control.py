@@ -1,0 +1,263 @@
+"""A tolerance chooses the steps: reached errors, stiff vibrations, jumps, rows between steps."""
+
+import numpy as np
+import pytest
+from scenes import demo, free_flight, pendulum
+from scipy.interpolate import CubicHermiteSpline
+
+import fx_beam as fb
+from fx_beam.stepping.step_control import StepControl
+
+TOLERANCES = 1e-2, 1e-3, 1e-4, 1e-5
+# Scene, its end [s], where its loads jump [s], where they have kinks [s].
+CASES = {
+    "pendulum": (lambda: demo("pendulum").scene()[0], 5.0, (), ()),
+    "pinned beam": (lambda: demo("pinned_beam").scene()[0], 0.3, (), ()),
+    "free flight": (lambda: free_flight()[0], 4.0, (2.5,), ()),
+    "swing": (lambda: demo("three_bar_swing").scene(), 0.6, (), (0.128, 0.256)),
+    "multi-body system": (lambda: demo("multibody").scene()[0], 0.55, (), (0.25, 0.5)),
+}
+
+
+def reference(scene, t_end, steps=8000):
+    """Displacements over time from a run with constant steps of order 4."""
+    record = fb.Record(forces=False)
+    exact = fb.simulate(scene, fb.EnergyMomentum(4), dt=t_end / steps, t_end=t_end, record=record)
+    return CubicHermiteSpline(exact.t, exact.q[..., :2], exact.v[..., :2])
+
+
+def error(solution, exact):
+    """Largest error of a displacement over time, relative to the size of the scene."""
+    size = np.ptp(solution.X, axis=0).max()
+    return abs(solution.q[..., :2] - exact(solution.t)).max() / size
+
+
+@pytest.fixture(scope="module", params=CASES)
+def case(request):
+    scene, t_end, jumps, kinks = CASES[request.param]
+    return request.param, scene(), t_end, jumps, kinks, reference(scene(), t_end)
+
+
+def test_the_reached_error_follows_the_tolerance_over_four_decades(case):
+    name, scene, t_end, jumps, _, exact = case
+    for tolerance in TOLERANCES:
+        solution = fb.simulate(scene, t_end=t_end, tolerance=tolerance, breaks=jumps)
+        ratio = error(solution, exact) / tolerance
+        # In the swing errors cancel: it is often more accurate than asked.
+        assert (0.02 if name == "swing" else 0.2) < ratio < 5, (tolerance, ratio)
+        energy = solution.energy
+        assert abs(energy.balance_error).max() < 1e-11 * abs(energy.total).max()
+
+
+def test_order_four_keeps_the_tolerance_with_fewer_sub_steps(case):
+    name, scene, t_end, jumps, kinks, exact = case
+    for tolerance in TOLERANCES[1:]:
+        options = {"t_end": t_end, "tolerance": tolerance, "breaks": (*jumps, *kinks)}
+        four = fb.simulate(scene, fb.EnergyMomentum(order=4), **options)
+        ratio = error(four, exact) / tolerance
+        assert (0.02 if name == "swing" else 0.1) < ratio < 5, (tolerance, ratio)
+        energy = four.energy
+        assert abs(energy.balance_error).max() < 1e-11 * abs(energy.total).max()
+    two = fb.simulate(scene, **options)
+    # The pinned beam's fast vibrations take as many steps with both.
+    assert name == "pinned beam" or 5 * four.stats.steps < 0.6 * two.stats.steps
+
+
+def test_a_stiff_rod_does_not_shorten_the_steps():
+    soft, stiff = (
+        fb.simulate(pendulum(EA=EA)[0], t_end=3.0, tolerance=1e-3).stats.steps for EA in (1e8, 1e10)
+    )
+    assert abs(stiff / soft - 1) < 0.05
+    solution = fb.simulate(pendulum()[0], t_end=3.0, tolerance=1e-3)
+    # A tenth of a period of the rod's vibration is 4e-6 s; a swing takes 1.4 s.
+    assert np.diff(solution.t).min() > 2e-3
+
+
+def test_the_swing_passes_its_reversal_with_far_fewer_steps_than_constant_ones():
+    scene, t_end = demo("three_bar_swing").scene, 0.66
+    exact = reference(scene(), t_end, 12000)
+    solution = fb.simulate(scene(), t_end=t_end, tolerance=1e-3, breaks=(0.128, 0.256))
+    steps = solution.stats.steps + solution.stats.rejected
+    constant = fb.simulate(scene(), dt=t_end / (3 * steps), t_end=t_end)
+    assert error(solution, exact) < error(constant, exact) / 2
+
+
+@pytest.mark.parametrize("order", [2, 4])
+def test_both_integrators_take_the_same_steps(order):
+    runs = [
+        fb.simulate(
+            demo("multibody").scene()[0],
+            fb.EnergyMomentum(order),
+            t_end=0.2,
+            tolerance=1e-2,
+            breaks=[0.1],
+            solver=solver,
+        )
+        for solver in ("compiled", "petsc")
+    ]
+    ours, theirs = runs
+    assert ours.t == pytest.approx(theirs.t, abs=1e-8)
+    assert ours.stats.rejected == theirs.stats.rejected > 0
+    assert ours.stats.newton_iterations == pytest.approx(theirs.stats.newton_iterations, rel=0.02)
+    assert abs(ours.q - theirs.q).max() < 1e-7
+    assert 0.1 in ours.t and 0.1 in theirs.t
+
+
+def test_steps_change_their_length_rarely_and_by_fixed_ratios():
+    solution = fb.simulate(pendulum()[0], t_end=3.0, tolerance=1e-4)
+    lengths = np.diff(solution.t)[:-3]  # the last ones end at t_end
+    ratios = lengths[1:] / lengths[:-1]
+    changed = ratios[abs(ratios - 1) > 1e-6]
+    assert 5 < len(changed) < 0.05 * len(lengths)
+    levels = 2.5 * np.log2(changed)
+    assert abs(levels - levels.round()).max() < 1e-6
+    assert solution.stats.rejected < 0.02 * len(lengths)
+
+
+def test_breaks_are_met_and_other_jumps_are_found_by_rejected_steps():
+    scene, beam = pendulum()
+    scene.add_force(beam.end, lambda t: (40.0 * (t > 0.5), 0.0))
+    options = {"t_end": 1.0, "tolerance": 1e-4}
+    given = fb.simulate(scene, breaks=[0.5, 0.0, 9.0], **options)
+    found = fb.simulate(scene, **options)
+    assert 0.5 in given.t and 0.5 not in found.t
+    at_jump = np.searchsorted(found.t, 0.5) - 1
+    assert np.diff(found.t)[at_jump] < 0.5 * np.diff(found.t)[at_jump - 20]
+    exact = reference(scene, 1.0)  # its steps meet the jump
+    assert error(given, exact) < 5e-4
+    for solution in (found, given):
+        energy = solution.energy
+        assert abs(energy.balance_error).max() < 1e-11 * abs(energy.total).max()
+
+
+def test_dt_max_bounds_the_steps_and_dt_is_tried_first():
+    scene, _ = pendulum()
+    solution = fb.simulate(scene, t_end=1.0, tolerance=1e-2, dt=5e-4, dt_max=2e-3)
+    assert np.diff(solution.t).max() <= 2e-3 * (1 + 1e-9)
+    assert solution.t[1] == pytest.approx(5e-4)
+
+
+def test_a_step_in_which_newtons_method_fails_is_shortened():
+    scene, _ = free_flight()
+    few = fb.NewtonOptions(max_iterations=3)
+    for solver in ("compiled", "petsc"):
+        options = {"t_end": 1.0, "newton": few, "solver": solver}
+        solution = fb.simulate(scene, tolerance=0.1, **options)
+        assert solution.stats.halvings > 0 and solution.t[-1] == 1.0
+        with pytest.raises(fb.StepError, match="no convergence"):
+            fb.simulate(scene, tolerance=0.1, max_halvings=0, **options)
+
+
+def test_a_jump_of_a_support_that_no_step_can_follow_is_reported():
+    scene = fb.Scene()
+    section = fb.Section(EA=1e4, GA=1e4, EI=100.0, rhoA=1.0, rhoI=0.1)
+    beam = scene.add_beam([(0, 0), (1, 0)], section, elements=2)
+    scene.pin(beam.start)
+    scene.prescribe(beam.start, rotation=lambda t: 0.3 * (t > 0.5))
+    with pytest.raises(fb.StepError, match="breaks") as raised:
+        fb.simulate(scene, t_end=1.0, tolerance=1e-3)
+    assert raised.value.failure.kind == "too short"
+    assert raised.value.solution.t[-1] == pytest.approx(0.5, abs=1e-6)
+
+
+@pytest.mark.parametrize(("order", "tolerance"), [(2, 1e-3), (4, 1e-4)])
+def test_rows_at_chosen_times_are_as_accurate_as_the_steps(order, tolerance):
+    scene, joints = demo("multibody").scene()
+    exact, times = reference(demo("multibody").scene()[0], 0.5), np.linspace(0.0, 0.5, 101)
+    options = {"t_end": 0.5, "tolerance": tolerance, "breaks": [0.25, 9.0]}
+    scheme, record = fb.EnergyMomentum(order), fb.Record(times=times)
+    solution = fb.simulate(scene, scheme, record=record, **options)
+    steps = fb.simulate(scene, scheme, **options)
+    assert solution.t == pytest.approx(times)
+    assert error(solution, exact) < 1.5 * error(steps, exact)
+    # The gap is that of the interpolation.
+    assert max(solution.gap(joint).max() for joint in joints.values()) < 1e-3
+    energy = solution.energy
+    assert abs(energy.balance_error).max() < 1e-11 * energy.total.max()
+    assert solution.resultants("member 2").N.shape == (101, 5)
+    assert solution.joint_force(joints["A"]).shape == (101, 3)
+    # The velocities are those of the displacements.
+    close = fb.Record(times=[0.3 - 1e-6, 0.3, 0.3 + 1e-6])
+    near = fb.simulate(scene, scheme, record=close, **options)
+    rate = (near.q[2] - near.q[0]) / 2e-6
+    assert near.v[1] == pytest.approx(rate, abs=1e-6 * abs(rate).max())
+
+
+def test_rows_at_the_ends_of_steps_are_those_of_the_steps():
+    scene, _ = pendulum()
+    steps = fb.simulate(scene, dt=0.01, t_end=0.5)
+    rows = fb.simulate(scene, dt=0.01, t_end=0.5, record=fb.Record(times=steps.t[::5]))
+    assert abs(rows.q - steps.q[::5]).max() < 1e-14
+    assert rows.energy.kinetic == pytest.approx(steps.energy.kinetic[::5])
+    assert rows.reactions[1:] == pytest.approx(steps.reactions[5::5])
+
+
+def test_a_run_with_a_tolerance_continues_an_earlier_one():
+    scene, beam = pendulum()
+    first = fb.simulate(scene, t_end=0.7, tolerance=1e-4)
+    second = fb.simulate(scene, t_end=1.4, tolerance=1e-4, start=first)
+    whole = fb.simulate(scene, t_end=1.4, tolerance=1e-5)
+    assert second.t[0] == 0.7 and second.t[-1] == 1.4
+    gap = second.displacement(beam.end)[-1] - whole.displacement(beam.end)[-1]
+    assert np.hypot(*gap) < 5e-4 * 0.5
+
+
+def test_the_steps_before_a_failing_load_are_kept():
+    scene, beam = pendulum()
+    scene.add_force(beam.end, lambda t: (1.0, 0.0) if t < 0.5 else (np.nan, 0.0))
+    for solver in ("compiled", "petsc"):
+        with pytest.raises(fb.StepError, match="not finite") as raised:
+            fb.simulate(scene, t_end=1.0, tolerance=1e-3, solver=solver)
+        assert 0.4 < raised.value.solution.t[-1] < 0.5
+
+
+def test_newmarks_scheme_follows_a_tolerance_and_schemes_of_order_one_are_refused():
+    scene, _ = pendulum(EA=1e4)
+    exact = reference(scene, 1.0)
+    for tolerance in (1e-3, 1e-4):
+        solution = fb.simulate(scene, fb.Newmark(), t_end=1.0, tolerance=tolerance)
+        assert 0.2 < error(solution, exact) / tolerance < 5
+    for scheme in (fb.Newmark(gamma=0.6), fb.EnergyDecaying(order=1)):
+        with pytest.raises(fb.SceneError, match="order 1"):
+            fb.simulate(scene, scheme, t_end=1.0, tolerance=1e-3)
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({}, "or give a tolerance"),
+        ({"tolerance": 0.0}, "tolerance"),
+        ({"tolerance": 1.0}, "tolerance"),
+        ({"tolerance": True}, "tolerance"),
+        ({"tolerance": 1e-3, "dt": -1.0}, "dt"),
+        ({"tolerance": 1e-3, "dt_max": 0.0}, "dt_max"),
+        ({"tolerance": 1e-3, "breaks": ["now"]}, "breaks"),
+        ({"tolerance": 1e-3, "breaks": 0.5}, "breaks"),
+        ({"dt": 0.1, "dt_max": 0.2}, "dt_max"),
+        ({"dt": 0.1, "breaks": [0.5]}, "breaks"),
+        ({"tolerance": 1e-3, "t_end": 0.0}, "t_end"),
+    ],
+)
+def test_options_that_are_none_are_refused(options, message):
+    with pytest.raises(fb.SceneError, match=message):
+        fb.simulate(pendulum()[0], **{"t_end": 1.0, **options})
+
+
+@pytest.mark.parametrize(
+    "options",
+    [{"times": []}, {"times": [1.0, 0.5]}, {"times": "now"}, {"times": [0.5], "motion": False}],
+)
+def test_times_of_a_record_that_are_none_are_refused(options):
+    with pytest.raises(fb.SceneError, match="times"):
+        fb.Record(**options)
+
+
+def test_steps_meet_the_end_without_a_tiny_one():
+    control = StepControl(1e-3, 2, 0.5, 1.0, 0.1)
+    control.begin(0.03)
+    t, lengths = 0.0, []
+    while t < 1.0:
+        ends = control.ends(t, 1.0, 1000)
+        lengths += np.diff(ends, prepend=t).tolist()
+        t = float(ends[-1])
+    assert t == 1.0 and min(lengths) > 0.02 and max(lengths) < 0.031
