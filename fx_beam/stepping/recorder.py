@@ -150,7 +150,8 @@ class Recorder:
         self._times = _grown(self._times, stop, first)
         self._times[first:stop] = ends
         self.last = stop - 1 if last else -1
-        steps = [step for step in range(first, stop) if self._wants(step)]
+        steps = np.arange(first, stop)
+        steps = steps[(steps % self.every == 0) | (steps == self.last)]
         rows = self.rows + len(steps)
         self._steps, self._parts = (
             _grown(numbers, rows, self.rows) for numbers in (self._steps, self._parts)
