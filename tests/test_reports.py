@@ -1,5 +1,6 @@
 """The reports run in their short form, and what they say holds."""
 
+import csv
 import importlib.util
 import json
 import re
@@ -17,7 +18,7 @@ import fx_beam as fb
 from fx_beam.studies.work_precision import accuracy
 
 ROOT = Path(__file__).parents[1]
-EXAMPLES = "pendulum", "three_bar_swing", "multibody", "pinned_beam"
+EXAMPLES = "pendulum", "three_bar_swing", "three_bar_swing_to_1_s", "multibody", "pinned_beam"
 OURS, NEWMARK = "EnergyMomentum", "Newmark (trapezoidal)"
 
 
@@ -105,6 +106,37 @@ def test_axial_force_is_the_mean_along_the_beam(degree, power):
     assert mean == approx([1 + 1 / (power + 1)], rel=1e-14)
 
 
+@pytest.mark.parametrize("level", [0.5, 1.0])
+@pytest.mark.parametrize("duration", [0.1, 0.37])
+def test_mean_force_is_the_mean_over_its_duration_to_second_order(level, duration):
+    quantity = benchmark("work_precision").mean_force("beam", duration)
+
+    def mean(t):
+        half = duration / 2
+        return 2 + (np.sin(3 * (t + half)) - np.sin(3 * (t - half))) / (3 * duration)
+
+    for dt in (0.02, 0.01, 0.005):
+        assert error(quantity, mean, made_up(dt, level)) < dt**2 / duration
+    t, _ = quantity(made_up(0.01, level))
+    assert t[0] == approx(duration / 2, abs=0.011) and t[-1] == approx(2 - duration / 2, abs=0.016)
+
+
+def test_mean_force_does_not_see_a_vibration_whose_periods_fill_its_duration():
+    solution, module = made_up(0.01, 1.0), benchmark("work_precision")
+    fast = 50 * np.cos(2 * np.pi * solution.t / 0.1)
+    solution.resultants = lambda beam: SimpleNamespace(N=(3 + fast)[:, None] * np.ones(6))
+    _, mean = module.mean_force("beam", 0.2)(solution)
+    assert mean == approx(3, rel=1e-12)
+
+
+def test_a_quantity_up_to_a_time_has_no_later_values():
+    module = benchmark("work_precision")
+    t, values = module.until(1.2, module.slide)(made_up(0.1))
+    assert t[-1] == approx(1.2) and values[-1] == approx(1.44)
+    t, _ = module.until(1.2, module.mean_force("beam", 0.2))(made_up(0.1))
+    assert t[0] > 0.1 and t[-1] == approx(1.2)
+
+
 def test_turn_of_a_known_rotation_is_its_angle_over_time():
     quantity = benchmark("work_precision").turn
     assert error(quantity, lambda t: t + 0.3 * np.sin(t), made_up(0.1)) < 1e-15
@@ -145,7 +177,8 @@ def test_path_and_slide_are_those_of_the_solution():
 def results(tmp_path_factory):
     """Directory with what the short form wrote."""
     directory = tmp_path_factory.mktemp("work_precision")
-    benchmark("work_precision").main(quick=True, results=directory)
+    module = benchmark("work_precision")
+    module.main(True, directory, [getattr(module, example) for example in EXAMPLES])
     return directory
 
 
@@ -171,21 +204,58 @@ def test_work_precision_has_every_run_and_says_on_what_it_ran(results, example):
     assert len(found["Runs"]) == candidates
     assert {"processor", "dolfinx", "fx_beam"} <= set(found["machine"])
     for run in found["Runs"]:
-        assert run["failure"] or (
-            run["seconds"] > 0 and set(run["errors"]) == set(settings["quantities"])
-        )
+        assert run["seconds"] >= run["step_seconds"] > 0
+        assert run["failure"] or set(run["errors"]) == set(settings["quantities"])
 
 
 @pytest.mark.parametrize("example", EXAMPLES)
-def test_work_precision_page_has_its_picture_its_sentences_and_its_rows(results, example):
+def test_work_precision_page_has_its_pictures_its_sentences_and_its_rows(results, example):
     found, page = numbers(results, example), (results / f"{example}.md").read_text()
-    pictures = re.findall(r"!\[(.*)\]\((.*)\)\n\n(.*)\n", page)
-    assert [name for name, _, _ in pictures] == list(found["relative errors of the references"])
-    assert [line for _, _, line in pictures] == list(found["sentences"].values())
-    for _, picture, _ in pictures:
-        assert (results / picture).stat().st_size > 20_000
+    pictures = re.findall(r"!\[.*\]\((.*)\)", page)
+    assert pictures == [f"{example}.png", f"{example}_steps.png"]
+    assert all((results / picture).stat().st_size > 20_000 for picture in pictures)
+    sentences = re.findall(r"^- (.*: .* reference is .*)$", page, re.M)
+    assert sentences == list(found["sentences"].values())
+    assert [line.partition(":")[0] for line in sentences] == list(
+        found["relative errors of the references"]
+    )
     rows = [line for line in page.splitlines() if line.startswith(f"| {OURS}")]
     assert len(rows) >= len(runs(results, example, OURS))
+
+
+def test_overview_has_the_cheapest_run_of_each_example_for_three_errors(results):
+    rows = list(csv.DictReader((results / "overview.csv").read_text().splitlines()))
+    assert [row["error"] for row in rows] == ["1e-2", "1e-4", "1e-6"] * len(EXAMPLES)
+    for row, example in zip(rows[::3], EXAMPLES, strict=True):
+        path = next(iter(numbers(results, example)["relative errors of the references"]))
+        assert row["example"].endswith(f" s: {path}")
+    for row, example in zip(rows, np.repeat(EXAMPLES, 3), strict=True):
+        path = row["example"].rpartition(": ")[2]
+        counted = [
+            (run["seconds"], run["scheme"], run["dt"])
+            for run in numbers(results, example)["Runs"]
+            if run["counts with"][path] != "inf" and run["counts with"][path] <= float(row["error"])
+        ]
+        assert bool(counted) == bool(row["scheme"]) != bool(row["why none"])
+        if counted:
+            found = float(row["seconds"]), row["scheme"], float(row["dt"])
+            assert found == min(counted)
+    page = (results / "overview.md").read_text()
+    for picture in re.findall(r"!\[.*\]\((.*)\)", page):
+        assert (results / picture).stat().st_size > 20_000
+    assert len(re.findall(r"^\| .* s: ", page, re.M)) == len(EXAMPLES)
+
+
+def test_the_docs_have_the_overview_of_the_report():
+    page = (ROOT / "docs" / "reports" / "work_precision.md").read_text()
+    table = page.partition("<!-- overview -->")[2].partition("<!-- end -->")[0]
+    module = benchmark("work_precision")
+    rows = [line.split("|")[1].strip() for line in table.splitlines()[3:] if line]
+    spans = [(e.__name__.partition("_to_")[0], e(True)) for e in module.EXAMPLES]
+    assert rows == [
+        f"{name.replace('_', ' ')} to {given['t_end']:g} s: {next(iter(given['quantities']))}"
+        for name, given in spans
+    ]
 
 
 @pytest.mark.parametrize("example", EXAMPLES)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import functools
 import itertools
 import json
 import math
@@ -13,6 +14,8 @@ from typing import Any
 
 import numpy as np
 
+from fx_beam.errors import SceneError
+
 _VERSIONS = {
     "dolfinx": "fenics-dolfinx",
     "petsc": "petsc4py",
@@ -21,15 +24,23 @@ _VERSIONS = {
 }
 
 
-def require_libraries() -> None:
-    """Import the packages that a report needs, so that a missing one is reported before a study.
+def prepare(path: Path | str) -> None:
+    """Check before a study that its results can be written.
 
-    Only functions import them: a study without a report does not need the extra "plot".
+    Only functions import these packages: a study without a report needs none of them.
     """
     import scooby  # noqa: F401
     import tabulate  # noqa: F401
 
+    try:
+        directory = beside(path, "").parent
+    except (OSError, TypeError) as wrong:
+        raise SceneError(f"results = {path!r} cannot be written: {wrong}") from wrong
+    if not os.access(directory, os.W_OK):
+        raise SceneError(f"results = {path!r} cannot be written: no permission in {directory}")
 
+
+@functools.cache
 def machine() -> dict[str, Any]:
     """Processor, operating system and versions with which a report was computed."""
     import scooby

@@ -18,7 +18,7 @@ Exact = float | Callable[[np.ndarray], np.ndarray]
 
 #: Relative errors below this come from Newton's tolerance and round-off; they have no order.
 ROUND_OFF = 1e-10
-#: An error can be determined if it is at least this many times that of the reference.
+#: An error is known if it is at least this many times that of the reference.
 MARGIN = 3.0
 #: Largest difference of slopes for which an order of convergence is given.
 STEADY = 0.5
@@ -36,16 +36,15 @@ class History:
         return np.column_stack([np.interp(t, self.t, column) for column in self.values.T])
 
     def reference(self, size: float, error: float | None = None) -> Reference:
-        """Reference given by this history; `size` divides errors, `error` is its own error."""
+        """Reference given by this history."""
         return Reference(self.at, size, error, (self.t[0], self.t[-1]))
 
 
 @dataclass(frozen=True)
 class Reference:
-    """Reference of a quantity: ``at(t)`` gives values (n, k), `size` divides errors.
+    """``at(t)`` gives values (n, k) from ``span[0]`` to ``span[1]`` [s]; `size` divides errors.
 
-    `error` is its own estimated error, None if it is exact. It holds from ``span[0]`` to
-    ``span[1]`` [s]; a mid-point scheme has no force at the end.
+    `error` is its own estimated error, None if it is exact.
     """
 
     at: Callable[[np.ndarray], np.ndarray]
@@ -54,43 +53,35 @@ class Reference:
     span: tuple[float, float] = (-np.inf, np.inf)
 
 
+def called(what: str, function: Callable, *arguments) -> Any:
+    """Value of a user's function, whose errors are named."""
+    try:
+        return function(*arguments)
+    except Exception as wrong:
+        raise SceneError(f"{what} failed, {type(wrong).__name__}: {wrong}") from wrong
+
+
 def measure(name: str, quantity: Quantity, solution: Solution) -> History:
     """History of a quantity of interest of a solution."""
     what = f"quantity {name!r}"
-    try:
-        found = quantity(solution)
-    except Exception as wrong:
-        raise SceneError(
-            f"{what} failed, {type(wrong).__name__}: {wrong}. Return None if there is no value"
-        ) from wrong
+    found = called(what, quantity, solution)
     if isinstance(found, tuple):
-        if len(found) != 2 or np.ndim(found[0]) != 1 or (np.diff(found[0]) <= 0).any():
-            raise SceneError(
-                f"{what}: a tuple is read as times and values, but these times do not "
-                "increase; give vectors over time as an array (n, k)"
-            )
-        t, found = found
+        t, found = found if len(found) == 2 else (np.zeros(()), None)
+        if np.ndim(t) != 1 or (np.diff(t) <= 0).any():
+            raise SceneError(f"{what}: a tuple must be increasing times and an array of values")
     else:
         t = solution.t if np.ndim(found) else solution.t[-1:]
-    return History(np.asarray(t), _rows(what, found, len(t)))
+    return History(np.asarray(t), _rows(what, found, np.size(t)))
 
 
 def exact(name: str, value: Exact, t_end: float) -> Reference:
     """Exact reference: a number, or a function of times (n,) up to `t_end`."""
-    what = f"exact value of {name!r}"
+    what, times = f"exact value of {name!r}", np.linspace(0, t_end, 1001)
 
     def at(t):
-        return _rows(what, value(t) if callable(value) else [value] * len(t), len(t))
+        return _rows(what, called(what, value, t) if callable(value) else [value] * len(t), len(t))
 
-    t = np.linspace(0, t_end, 1001)
-    try:
-        values = at(t)
-    except SceneError:
-        raise
-    except Exception as wrong:
-        raise SceneError(f"{what} failed, {type(wrong).__name__}: {wrong}") from wrong
-    _refuse_gaps(what, t, values)
-    return Reference(at, _size(values))
+    return Reference(at, _complete(what, History(times, at(times))))
 
 
 def computed(name: str, fine: History, coarse: History) -> Reference:
@@ -99,9 +90,8 @@ def computed(name: str, fine: History, coarse: History) -> Reference:
     The difference of the two is three times the error for second order (Roache 1994,
     doi 10.1115/1.2910291) and equal to it for first order. The whole difference is used.
     """
-    for history in (fine, coarse):
-        _refuse_gaps(f"the reference of {name!r}", history.t, history.values)
-    size = _size(fine.values)
+    _complete(f"the reference of {name!r}", coarse)
+    size = _complete(f"the reference of {name!r}", fine)
     return fine.reference(size, error(name, coarse, fine.reference(size)))
 
 
@@ -123,7 +113,7 @@ def error(name: str, found: History, reference: Reference) -> float:
             f"quantity {name!r} has {values.shape[1]} values at a time, but its reference has "
             f"{expected.shape[1]}"
         )
-    return _size(values - expected, zero=0.0) / reference.size
+    return _size(values - expected) / reference.size
 
 
 def observed_order(steps: Sequence[float], errors: Sequence[float], floor: float) -> float | None:
@@ -143,29 +133,25 @@ def observed_order(steps: Sequence[float], errors: Sequence[float], floor: float
 
 
 def _rows(what: str, found: Any, n: int) -> np.ndarray:
-    """Values (n, k) of a number, for n = 1, or a history (n,) or (n, k)."""
-    if np.iscomplexobj(found):
-        raise SceneError(f"{what} is complex; give real and imaginary part as two columns")
-    try:
-        values = np.atleast_1d(np.asarray(found, dtype=float))
-    except (TypeError, ValueError) as wrong:
-        raise SceneError(f"{what} is {found!r:.40}, not a number or an array of them") from wrong
-    if values.ndim > 2 or values.shape[-1] == 0:
-        raise SceneError(f"{what} has the shape {values.shape}, but must have (n,) or (n, k)")
-    if len(values) != n:
+    """Values (n, k) of a number, for n = 1, or of a history (n,) or (n, k); None gives NaN."""
+    values = np.atleast_1d(np.nan if found is None else found)
+    if values.dtype.kind not in "fiub" or values.ndim > 2 or values.shape[-1] == 0:
+        shape = f"of {values.dtype} with the shape {values.shape}"
         raise SceneError(
-            f"{what} has {len(values)} rows for {n} times; give a number, an array with "
-            "a row for each time of the solution, or a pair of times and such an array"
+            f"{what} must be a real number or an array (n,) or (n, k), not {found!r:.40} {shape}"
         )
-    return values.reshape(n, -1)
+    if len(values) != n:
+        raise SceneError(f"{what} has {len(values)} rows for {n} times")
+    return values.reshape(n, -1).astype(float)
 
 
-def _refuse_gaps(what: str, t: np.ndarray, values: np.ndarray) -> None:
-    """Raise an error if a reference is not finite at all times."""
-    if (gaps := ~np.isfinite(values).all(axis=1)).any():
-        raise SceneError(f"{what} is not a finite number at t = {t[gaps][0]:.4g} s")
+def _complete(what: str, history: History) -> float:
+    """Magnitude that divides errors, 1 for a reference of 0; an error where it is not finite."""
+    if (gaps := ~np.isfinite(history.values).all(axis=1)).any():
+        raise SceneError(f"{what} is not a finite number at t = {history.t[gaps][0]:.4g} s")
+    return _size(history.values) or 1.0
 
 
-def _size(values: np.ndarray, zero: float = 1.0) -> float:
-    """Largest norm of a row; `zero` if that is 0."""
-    return float(np.linalg.norm(values, axis=1).max()) or zero
+def _size(values: np.ndarray) -> float:
+    """Largest norm of a row."""
+    return float(np.linalg.norm(values, axis=1).max())

@@ -2,49 +2,70 @@
 
 from __future__ import annotations
 
+import bisect
+from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
 from .accuracy import MARGIN
-from .precision import Precision, Run
+from .precision import Precision, Run, counted, floor
 
-#: Smallest error drawn: an error of exactly 0 cannot be shown on a logarithmic axis.
-_LEAST = 1e-17
+CLOCKS = {"seconds": "whole call of simulate", "step_seconds": "steps alone"}
 _MARKERS = {1: "o", 2: "s", 3: "^"}
+_BROKE_OFF, _LOST, _LARGE = "x", "+", "v"
 
 
-def draw(path: Path | str, found: Precision, quantity: str) -> None:
-    """Draw errors against run time: all runs as pale points, and a line for each scheme.
+def draw(path: Path, panels: Sequence[tuple[str, Precision, str]], clock: str) -> None:
+    """Draw panels of title, study and quantity: errors against one of the `CLOCKS`.
 
-    On the line a run is drawn at its assigned error, and as a pale point at its own error.
+    All runs are pale points; a line joins the runs of a scheme that are more accurate than all
+    faster ones. Runs that broke off or err by more than 1 stand at the top margin, in a row of
+    their scheme.
     """
     # Imported here: a study without pictures needs neither matplotlib nor pyvista.
     from fx_beam import plot
 
-    figure, ((ax,),) = plot.figure(1, 1, height=4.6)
-    ax.set(title=quantity, xlabel="run time [ms]", ylabel="largest relative error [-]")
-    ax.set_yscale("log", subs=())
-    ax.set_xscale("log", subs=(2, 5))
-    ax.xaxis.set_major_formatter("{x:g}")
-    ax.xaxis.set_minor_formatter("{x:g}")
-    looks = _looks(found, plot.style)
-    for scheme, look in looks.items():
-        front = found.front(quantity, scheme)
-        ax.plot(*_places(front.runs, front.errors), label=scheme, **look)
-        for run, error in zip(front.runs, front.errors, strict=True):
-            ax.plot(*_places([run], [error]), **_point(run, look["color"]) | {"alpha": 1.0})
-    drawn = [run for run in found.runs if run.errors.get(quantity, np.nan) <= 1]
-    for run in drawn:
-        ax.plot(*_places([run], [run.errors[quantity]]), **_point(run, looks[run.scheme]["color"]))
-    for degree in found.degrees:
-        dot = {"linestyle": "", "color": "0.5", "marker": _MARKERS[degree], "markersize": 4}
-        ax.plot([], [], **dot, label=f"elements of degree {degree}")
-    if any(run.lost for run in drawn):
-        ax.plot([], [], **_LOST, color="0.5", label="lost: energy error above one half")
-    _limit(ax, found, quantity, drawn)
+    rows = -(-len(panels) // 2)
+    figure, axes = plot.figure(rows, min(len(panels), 2), height=4.2 if rows == 1 else 3.0)
+    for ax in axes.flat[len(panels) :]:
+        ax.set_visible(False)
+    for ax, (title, found, quantity) in zip(axes.flat, panels, strict=False):
+        _panel(ax, found, quantity, clock, _looks(found, plot.style))
+        ax.set_title(title, fontsize=8, loc="left")
+    for ax in axes.flat[max(len(panels) - 2, 0) : len(panels)]:
+        ax.set_xlabel(f"{CLOCKS[clock]} [ms]", fontsize=8)
+    for ax in axes[:, 0]:
+        ax.set_ylabel("largest relative error [-]", fontsize=8)
     plot.save(figure, path)
+
+
+def _panel(ax, found: Precision, quantity: str, clock: str, looks: dict[str, dict]) -> None:
+    known, computed = floor(found, quantity), found.references[quantity] is not None
+    runs = [(r, 1e3 * getattr(r, clock), r.errors.get(quantity, np.nan)) for r in found.runs]
+    inside = [max(error, known) for _, _, error in runs if error <= 1]
+    least = np.nanmin([0.1, *inside, *([known] if computed else [])])
+    bottom = int(np.floor(np.log10(least / 1.5)))
+    margin = dict.fromkeys(run.scheme for run, _, error in runs if not error <= 1)
+    heights = {scheme: 10 ** (-0.07 * bottom * k) for k, scheme in enumerate(margin, 1)}
+    for scheme, look in looks.items():
+        own = [(time, counted(found, quantity, r)) for r, time, _ in runs if r.scheme == scheme]
+        line = [(time, error) for time, error in sorted(own) if error <= 1]
+        front = [p for k, p in enumerate(line) if all(p[1] < q[1] for q in line[:k])]
+        ax.plot(*np.array(front).reshape(-1, 2).T, label=scheme, **look)
+    for run, time, error in runs:
+        at = max(error, known) if error <= 1 else heights[run.scheme]
+        fill = "none" if error < known else "full"
+        point = {"color": looks[run.scheme]["color"], "fillstyle": fill, "markersize": 4}
+        ax.plot(time, at, _marker(run, error), alpha=0.5, **point)
+    used = {_marker(run, error) for run, _, error in runs}
+    for marker, label in _LABELS.items():
+        if marker in used:
+            ax.plot([], [], marker, color="0.5", markersize=4, label=label)
+    if computed:
+        label = f"not known: below {MARGIN:g} times the error of the reference"
+        ax.axhspan(10.0**bottom, known, color="0.92", label=label)
+    _axes(ax, bottom, heights, [time for _, time, _ in runs if np.isfinite(time)])
 
 
 def _looks(found: Precision, style) -> dict[str, dict]:
@@ -57,29 +78,35 @@ def _looks(found: Precision, style) -> dict[str, dict]:
     return looks
 
 
-_LOST: dict[str, Any] = {"linestyle": "", "marker": "x", "markersize": 4}
+def _marker(run: Run, error: float) -> str:
+    if run.failure:
+        return _BROKE_OFF
+    return _LARGE if not error <= 1 else _LOST if run.lost else _MARKERS[run.mesh.degree]
 
 
-def _point(run: Run, colour: str) -> dict[str, Any]:
-    if run.lost:
-        return _LOST | {"color": colour, "alpha": 0.5}
-    marker = {"marker": _MARKERS[run.mesh.degree], "markersize": 4, "markeredgewidth": 0}
-    return {"linestyle": "", "color": colour, "alpha": 0.45} | marker
+_LABELS = {marker: f"elements of degree {degree}" for degree, marker in _MARKERS.items()} | {
+    _LOST: "lost: energy error above one half",
+    _BROKE_OFF: "broke off",
+    _LARGE: "error above 1, or none",
+}
 
 
-def _places(runs: list[Run], errors: list[float]) -> tuple[list[float], list[float]]:
-    return [1e3 * run.seconds for run in runs], [max(error, _LEAST) for error in errors]
+def _axes(ax, bottom: int, heights: dict[str, float], times: list[float]) -> None:
+    """Ticks at 1, 2 and 5 on the time axis; at powers of ten and margin rows on the other.
 
-
-def _limit(ax, found: Precision, quantity: str, drawn: list[Run]) -> None:
-    """Axis limits, the range below the reference's error, and the schemes without a line."""
-    errors = [max(run.errors[quantity], _LEAST) for run in drawn]
-    floor, computed = found.floor(quantity), found.references[quantity] is not None
-    low = min([*errors, floor if computed else 1.0])
-    if computed:
-        label = f"below {MARGIN:g} times the error of the reference"
-        ax.axhspan(low / 10, floor, color="0.92", label=label)
-    ax.set(ylim=(low / 3, 3 * max([*errors, 10 * low])))
-    if none := [scheme for scheme in found.schemes if not found.front(quantity, scheme).runs]:
-        text = "\n".join(["No line, as all runs are excluded:", *none])
-        ax.text(0.02, 0.03, text, transform=ax.transAxes, fontsize=7, color="0.3")
+    The time axis ends at ticks, so that it always has two or more.
+    """
+    ax.set(xscale="log", yscale="log")
+    ticks = [m * 10.0**k for k in range(-7, 7) for m in (1, 2, 5)]
+    first = bisect.bisect(ticks, min(times, default=1) / 1.1) - 1
+    last = bisect.bisect(ticks, max(times, default=1) * 1.1)
+    ax.set_xlim(ticks[first], ticks[last])
+    ticks = [x for x in ticks[first : last + 1] if last - first < 8 or f"{x:e}"[0] == "1"]
+    ax.set_xticks(ticks, [f"{tick:g}" for tick in ticks])
+    decades = range(0, bottom - 1, -max(1, -bottom // 6))
+    labels = [f"$10^{{{k}}}$" for k in decades] + [scheme.split(" (")[0] for scheme in heights]
+    ax.set_yticks([10.0**k for k in decades] + list(heights.values()), labels)
+    ax.tick_params(labelsize=6.5)
+    ax.minorticks_off()
+    ax.axhline(1, color="0.6", linewidth=0.8)
+    ax.set_ylim(10.0**bottom, 10 ** (-0.07 * bottom * (len(heights) + 0.9)))

@@ -1,4 +1,4 @@
-"""Errors of many runs against their run time: observed orders and the cheapest schemes."""
+"""Errors of many runs and their run times, and the cheapest run for an error."""
 
 from __future__ import annotations
 
@@ -6,17 +6,12 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from .accuracy import MARGIN, ROUND_OFF, observed_order
+from .accuracy import MARGIN
 
 #: A run is lost when it gained or lost more than this part of its kinetic and strain energy.
 LOST = 0.5
-#: Errors whose ratio is below this are regarded as equal.
-SAME = 1.1
-#: Run times whose ratio is below this are regarded as equal: another machine may order them
-#: differently.
-TIE = 1.2
-#: Relative errors for which the cheapest scheme is determined.
-LEVELS = tuple(float(f"1e-{n}") for n in range(1, 13))
+#: Largest number of halvings of a failing step: more would only prolong a lost motion.
+MAX_HALVINGS = 2
 
 
 @dataclass(frozen=True)
@@ -60,21 +55,19 @@ class Run:
     reached : float
         Time that it reached [s].
     failure : str
-        Reason why it failed there; empty if it was completed.
-    first_setup_seconds : float
-        Set-up of the first run, with compilation if the forms were not in the cache [s].
+        Reason why it broke off there; empty if it was completed.
+    first_seconds : float
+        Time of the first call, with compilation if the forms were not in the cache [s].
     energy_error : float
         Largest energy gained or lost without work, over the largest kinetic and strain energy.
     errors : dict
-        Relative error by quantity; empty if the run failed, NaN if there is none.
+        Relative error by quantity; empty if the run broke off, NaN if there is none.
     step_errors : dict
         The part due to the time step: the error relative to a fine step on this mesh.
     notes : dict
         Reasons for missing errors, by quantity.
-    seconds, setup_seconds : float
-        Medians of the time for the steps, and for the set-up [s]; NaN if the run failed.
-    quartiles : (float, float)
-        Lower and upper quartile of the times for the steps [s].
+    seconds, step_seconds : float
+        Least processor time of the whole call of `simulate`, and least time of its steps alone [s].
     """
 
     scheme: str
@@ -87,52 +80,18 @@ class Run:
     halvings: int = 0
     reached: float = 0.0
     failure: str = ""
-    first_setup_seconds: float = np.nan
+    first_seconds: float = np.nan
     energy_error: float = np.nan
     errors: dict[str, float] = field(default_factory=dict)
     step_errors: dict[str, float] = field(default_factory=dict)
     notes: dict[str, str] = field(default_factory=dict)
     seconds: float = np.nan
-    setup_seconds: float = np.nan
-    quartiles: tuple[float, float] = (np.nan, np.nan)
+    step_seconds: float = np.nan
 
     @property
     def lost(self) -> bool:
-        """Whether it failed, or gained or lost more than half of its energy."""
+        """Whether it broke off, or gained or lost more than half of its energy."""
         return bool(self.failure) or not self.energy_error <= LOST
-
-
-@dataclass(frozen=True)
-class Front:
-    """Line of a scheme in the diagram: runs more accurate than all faster ones, by 10 %."""
-
-    scheme: str
-    runs: list[Run]
-    errors: list[float]  # assigned errors
-
-    def run(self, level: float) -> Run | None:
-        """Cheapest run whose error is within this one, or at most 10 % above it."""
-        found = (r for r, e in zip(self.runs, self.errors, strict=True) if e <= SAME * level)
-        return next(found, None)
-
-    def seconds(self, level: float) -> np.ndarray:
-        """Lower quartile, median and upper quartile of the run time at an error [s].
-
-        Interpolated linearly between runs, in logarithmic scales.
-        """
-        times = np.log([(run.quartiles[0], run.seconds, run.quartiles[1]) for run in self.runs])
-        accuracy = -np.log(self.errors)
-        return np.exp([np.interp(-np.log(level), accuracy, column) for column in times.T])
-
-
-@dataclass(frozen=True)
-class Level:
-    """Run times [s] of the schemes that reach an error, in ascending order."""
-
-    error: float
-    seconds: dict[str, float]
-    cheapest: tuple[str, ...]  # all that cost the same as the fastest
-    run: Run | None  # the cheapest run of the fastest scheme
 
 
 @dataclass(frozen=True)
@@ -144,14 +103,14 @@ class Precision:
     t_end : float
         End of the simulations [s].
     repetitions : int
-        Number of timed runs of which the median is taken.
+        Number of timed runs of which the least time is taken.
     references : dict
         Estimated relative error of the reference, by quantity; None if the reference is exact, NaN
         if there is none.
     origin : str
         Scheme, mesh and step of the computed references; empty if all references are exact.
     runs : list of Run
-        All runs, including those that failed.
+        All runs, including those that broke off.
     mesh_errors : dict
         Relative errors with a fine time step, by mesh and then by quantity.
     start : str
@@ -176,171 +135,46 @@ class Precision:
         """Labels of the schemes."""
         return list(dict.fromkeys(run.scheme for run in self.runs))
 
-    @property
-    def degrees(self) -> list[int]:
-        """Degrees of the elements."""
-        return sorted({run.mesh.degree for run in self.runs})
-
-    @property
-    def meshes(self) -> list[Mesh]:
-        """The meshes."""
-        return list(dict.fromkeys(run.mesh for run in self.runs))
-
-    def floor(self, quantity: str) -> float:
-        """Relative error below which a run cannot be distinguished from its reference.
+    def cheapest(self, quantity: str, error: float) -> dict[str, Run]:
+        """Fastest run of each scheme that has at most this error.
 
         Parameters
         ----------
         quantity : str
             Name of the quantity.
+        error : float
+            Largest relative error. A run has it if its own error is at most this one, and so are
+            those of the scheme's runs with smaller steps on its mesh, and of the solutions with a
+            fine step on its mesh and finer ones of its degree; none of these runs may be lost.
 
         Returns
         -------
-        float
-            Three times the error of the reference; a small number if the reference is exact.
+        dict
+            `Run` by scheme, the fastest scheme first. A scheme that does not reach the error is
+            left out.
         """
-        own = self.references[quantity] or 0.0
-        return float(np.fmax(MARGIN * own, np.finfo(float).eps))  # NaN where there is none
-
-    def step_order(self, quantity: str, scheme: str, mesh: Mesh) -> float | None:
-        """Observed order in the time step.
-
-        Parameters
-        ----------
-        quantity, scheme : str
-            Names.
-        mesh : Mesh
-            The mesh.
-
-        Returns
-        -------
-        float or None
-            Fit to the three smallest steps; None if the errors have no clear order.
-        """
-        runs = [r for r in self.runs if (r.scheme, r.mesh) == (scheme, mesh)]
-        errors = [run.step_errors.get(quantity, np.nan) for run in runs]
-        return observed_order([run.dt for run in runs], errors, ROUND_OFF)
-
-    def mesh_order(self, quantity: str, degree: int) -> float | None:
-        """Observed order in the size of the elements, with a fine time step.
-
-        Parameters
-        ----------
-        quantity : str
-            Name of the quantity.
-        degree : int
-            Degree of the elements.
-
-        Returns
-        -------
-        float or None
-            Fit to the three finest meshes; None if the errors have no clear order.
-        """
-        own = {m: e.get(quantity, np.nan) for m, e in self.mesh_errors.items()}
-        own = {mesh: error for mesh, error in own.items() if mesh.degree == degree}
-        sizes = [1 / mesh.elements for mesh in own]
-        return observed_order(sizes, list(own.values()), max(self.floor(quantity), ROUND_OFF))
-
-    def cost(self, scheme: str, degree: int) -> float | None:
-        """Run time over that of the first scheme with the same step on the same mesh.
-
-        Parameters
-        ----------
-        scheme : str
-            Label of the scheme.
-        degree : int
-            Degree of the elements.
-
-        Returns
-        -------
-        float or None
-            Median over all steps and meshes of the degree; None if no two runs can be compared.
-        """
-        runs = [run for run in self.runs if run.mesh.degree == degree and not run.failure]
-        first = {(r.mesh, r.dt): r.seconds for r in runs if r.scheme == self.schemes[0]}
-        here = {(r.mesh, r.dt): r.seconds for r in runs if r.scheme == scheme}
-        both = [here[key] / first[key] for key in here if key in first]
-        return float(np.median(both)) if both else None
-
-    def counted(self, quantity: str, run: Run) -> float:
-        """Error assigned to a run in comparisons, so that no run is the best by chance.
-
-        Parameters
-        ----------
-        quantity : str
-            Name of the quantity.
-        run : Run
-            A run of this study.
-
-        Returns
-        -------
-        float
-            The largest of these errors: of the run, of runs by its scheme with smaller steps on
-            its mesh, and of solutions with a fine step on its mesh and on finer meshes of its
-            degree; at least `floor`. Infinite if one of these runs is lost or has no error.
-        """
-        ours = [r for r in self.runs if (r.scheme, r.mesh) == (run.scheme, run.mesh)]
-        errors = [
-            np.nan if r.lost else r.errors.get(quantity, np.nan) for r in ours if r.dt <= run.dt
-        ]
-        for mesh, left in self.mesh_errors.items():
-            if mesh.degree == run.mesh.degree and mesh.elements >= run.mesh.elements:
-                errors += [left[quantity]] if quantity in left else []
-        return max(self.floor(quantity), *errors) if np.isfinite(errors).all() else np.inf
-
-    def front(self, quantity: str, scheme: str) -> Front:
-        """Line of a scheme in the diagram of error over run time.
-
-        Parameters
-        ----------
-        quantity, scheme : str
-            Names.
-
-        Returns
-        -------
-        Front
-            The ``runs`` that are more accurate than all faster ones, and their ``errors``, which
-            are at most 1.
-        """
-        timed = [r for r in self.runs if r.scheme == scheme and np.isfinite(r.seconds)]
-        front = Front(scheme, [], [])
-        for run in sorted(timed, key=lambda r: (r.seconds, self.counted(quantity, r))):
-            error = self.counted(quantity, run)
-            if error <= 1 and (not front.runs or SAME * error < front.errors[-1]):
-                front.runs.append(run)
-                front.errors.append(error)
-        return front
-
-    def levels(self, quantity: str) -> list[Level]:
-        """Cheapest schemes for errors of 1e-1, 1e-2, ... to 1e-12.
-
-        Parameters
-        ----------
-        quantity : str
-            Name of the quantity.
-
-        Returns
-        -------
-        list of Level
-            With ``error``, ``seconds`` by scheme and the ``cheapest`` schemes, whose times differ
-            by less than 20 % or whose quartiles overlap. The list ends with the first error that
-            no run reaches, or before the first one that the reference cannot resolve.
-        """
-        fronts = [self.front(quantity, scheme) for scheme in self.schemes]
-        found: list[Level] = []
-        for error in LEVELS:
-            if error < self.floor(quantity) or (found and not found[-1].cheapest):
-                break
-            found.append(_level(error, [front for front in fronts if front.run(error)]))
+        found: dict[str, Run] = {}
+        timed = [run for run in self.runs if np.isfinite(run.seconds)]
+        for run in sorted(timed, key=lambda run: run.seconds):
+            if run.scheme not in found and counted(self, quantity, run) <= error:
+                found[run.scheme] = run
         return found
 
 
-def _level(error: float, fronts: list[Front]) -> Level:
-    times = sorted(((f, f.seconds(error)) for f in fronts), key=lambda entry: entry[1][1])
-    if not times:
-        return Level(error, {}, (), None)
-    fastest, (_, shortest, upper) = times[0]
-    tie = max(upper, TIE * shortest)
-    cheapest = tuple(front.scheme for front, (lower, _, _) in times if lower <= tie)
-    seconds = {front.scheme: float(t[1]) for front, t in times}
-    return Level(error, seconds, cheapest, fastest.run(error))
+def floor(found: Precision, quantity: str) -> float:
+    """Relative error below which the errors of runs are not known; NaN without a reference."""
+    own = found.references[quantity] or 0.0  # None if it is exact
+    return float(np.fmax(MARGIN * own, np.finfo(float).eps))
+
+
+def counted(found: Precision, quantity: str, run: Run) -> float:
+    """Error assigned to a run, so that none is good by chance: the largest one that confirms it.
+
+    See `Precision.cheapest`. At least `floor`; infinite if a run is lost or has no error.
+    """
+    ours = [r for r in found.runs if (r.scheme, r.mesh) == (run.scheme, run.mesh)]
+    errors = [np.nan if r.lost else r.errors.get(quantity, np.nan) for r in ours if r.dt <= run.dt]
+    for mesh, left in found.mesh_errors.items():
+        if mesh.degree == run.mesh.degree and mesh.elements >= run.mesh.elements:
+            errors += [left[quantity]] if quantity in left else []
+    return max(floor(found, quantity), *errors) if np.isfinite(errors).all() else np.inf

@@ -2,58 +2,60 @@
 
 from __future__ import annotations
 
-import os
-import re
-from collections.abc import Sequence
+from collections.abc import Iterator
 from dataclasses import asdict
-from itertools import groupby
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from fx_beam.errors import SceneError
 from fx_beam.studies import reporting
 from fx_beam.studies.reporting import short, table
 
-from .accuracy import MARGIN, STEADY
-from .picture import draw
-from .precision import LOST, SAME, TIE, Precision, Run
+from .accuracy import MARGIN, ROUND_OFF, STEADY, observed_order
+from .picture import CLOCKS, draw
+from .precision import LOST, MAX_HALVINGS, Mesh, Precision, Run, counted, floor
 
-_RULES = f"""An error is the largest distance from the reference over time, divided by the largest
-magnitude of the reference (absolute if that is 0). The run time is that of the steps only, without
-set-up: the median of {{repetitions}} runs. The candidates take turns.
+#: Relative errors for which the cheapest runs are listed.
+LEVELS = 1e-2, 1e-4, 1e-6, 1e-8, 1e-10
 
-These rules exclude results by chance:
+_PAGE = """# Error against run time: {title}
 
-- A run is assigned the largest of these errors: its own, those of its scheme with smaller steps on
-  the same mesh, and those of solutions with a fine step on the same mesh and on finer ones. The
-  assigned error is at least {MARGIN:g} times the error of the reference.
-- A run is *lost* if a step failed, or if it gained or lost more than {LOST:g} of its kinetic and
-  strain energy. Lost runs are excluded, and so are the runs of their scheme with larger steps.
-- The line of a scheme joins the runs that are more accurate than all faster ones, by at least
-  {100 * (SAME - 1):.0f} %. Run times at a given error are read from these lines.
-- Schemes cost the same if their run times differ by less than {100 * (TIE - 1):.0f} %, or if their
-  quartiles overlap.
+{t_end:g} s of motion{start}. An error is the largest distance from the reference over time, divided
+by the largest magnitude of the reference (absolute if that is 0). An error below {margin:g} times
+that of the reference is not known, and is given as "< ...". The run time is the processor time
+of the whole call of `simulate`, set-up included, with compiled forms in the cache: the least of
+{repetitions} runs. The candidates take turns.
+
+A run *has* an error of 1e-4 if its own error and those of all runs of its scheme with smaller steps
+on its mesh are at most 1e-4, and so are those of solutions with a fine step on its mesh and on
+finer ones. So no run is good by chance. A run that broke off, as a step failed that had been halved
+{halvings} times, or that gained or lost more than {lost:g} of its kinetic and strain energy, has
+none of them.
+
+In the pictures a line joins the runs of a scheme that have a smaller error, in this sense, than all
+faster ones. Points show the runs' own errors. Runs that broke off or err by more than 1 stand at
+the top.
 """
-
-
 _NOTES = {
-    "Runs": "Each run has its own error here; all numbers are in the CSV and JSON files.\n",
     "Observed orders in the time step": (
         "Fit to the three smallest steps, with errors relative to a fine step on the same mesh. A "
         "cell is empty if errors do not fall with the step, or if their slopes differ by more than "
         f"{STEADY:g}: the steps are too large, or an error changes its sign.\n"
     ),
     "Observed orders in the size of the elements": (
-        "The same fit over the meshes, with a fine time step. Errors that do not exceed that of "
-        "the reference are left out.\n"
+        "The same fit over the meshes, with a fine time step. Errors that are not known are left "
+        "out.\n"
     ),
 }
 
 
+#: Tables with errors, in columns by quantity.
+_OF_ERRORS = "Runs", "Errors with a fine time step"
+
+
 def sentence(found: Precision, quantity: str) -> str:
-    """One sentence that says which scheme is the cheapest for which error.
+    """One sentence that says which run is the most accurate, and how well its error is known.
 
     Parameters
     ----------
@@ -69,39 +71,31 @@ def sentence(found: Precision, quantity: str) -> str:
     """
     if quantity in found.missing:
         return f"{quantity}: there is no reference: {found.missing[quantity]}"
-    parts = []
-    for schemes, own in groupby(found.levels(quantity), lambda level: set(level.cheapest)):
-        levels = list(own)
-        errors = " to ".join(dict.fromkeys(short(levels[k].error) for k in (0, -1)))
-        if not schemes:
-            parts.append(f"no run reaches an error of {errors}")
-            continue
-        are = (
-            f"{' and '.join(levels[0].cheapest)} {'are' if len(schemes) > 1 else 'is'} the cheapest"
-        )
-        if len(schemes) == len(found.schemes) > 1:
-            are = "all schemes cost about the same"
-        times = _span([min(level.seconds.values()) for level in levels])
-        parts.append(f"for an error of {errors} {are} ({times})")
-    none = f"the reference cannot resolve errors below {short(found.floor(quantity))}"
-    return f"{quantity}: {'; '.join(parts) or none}."
+    best = min(found.runs, key=lambda run: (counted(found, quantity, run), run.seconds))
+    own, known = counted(found, quantity, best), found.references[quantity]
+    run = f"{best.scheme}, dt = {best.dt:.3g} s, {best.mesh}, in {1e3 * best.seconds:.3g} ms"
+    words = f"the smallest error is {short(own)}, by {run}"
+    if own <= floor(found, quantity) and known is not None:
+        words = f"smaller errors than {short(own)} are not known; {run} reaches it"
+    if own > 1:
+        words = "no run has an error of at most 1"
+    reference = "exact" if known is None else f"known to {short(known)}"
+    astray = sum(not run.errors.get(quantity, np.nan) <= 1 for run in found.runs)
+    return (
+        f"{quantity}: {words}. The reference is {reference}. "
+        f"{astray} of {len(found.runs)} runs broke off or have an error above 1."
+    )
 
 
 def prepare(path: Path | str) -> None:
-    """Check before a study that its results can be written and pictures can be drawn."""
+    """Check before a study that its results can be written and its pictures can be drawn."""
     from fx_beam import plot  # noqa: F401  the import of `draw`
 
-    reporting.require_libraries()
-    try:
-        directory = reporting.beside(path, "").parent
-    except (OSError, TypeError) as wrong:
-        raise SceneError(f"results = {path!r} cannot be written: {wrong}") from wrong
-    if not os.access(directory, os.W_OK):
-        raise SceneError(f"results = {path!r} cannot be written: no permission in {directory}")
+    reporting.prepare(path)
 
 
 def write(path: Path | str, found: Precision) -> None:
-    """Write a study as JSON, its runs as CSV, and a Markdown page with a picture of each quantity.
+    """Write a study as JSON, its runs as CSV, and a Markdown page with two pictures.
 
     Parameters
     ----------
@@ -110,19 +104,34 @@ def write(path: Path | str, found: Precision) -> None:
     found : Precision
         A study.
     """
-    tables = _tables(found)
-    page = [f"# Error against run time: {Path(path).name.replace('_', ' ')}\n", _rules(found)]
-    for number, quantity in enumerate(found.references, 1):
-        word = re.sub(r"\W+", "_", quantity)
-        picture = reporting.beside(path, f"_{number}_{word}.png")
-        draw(picture, found, quantity)
-        page += [f"## {quantity}\n", f"![{quantity}]({picture.name})\n"]
-        page += [sentence(found, quantity) + "\n", table(_levels(found, quantity))]
-    for title, rows in tables.items():
-        page += [f"## {title}\n", _NOTES.get(title, ""), table(rows)] if rows else []
+    title, tables = Path(path).name.replace("_", " "), _tables(found)
+    page = [
+        _PAGE.format(
+            title=title,
+            t_end=found.t_end,
+            start=f", from the solutions that `{found.start}` gives" if found.start else "",
+            margin=MARGIN,
+            repetitions=found.repetitions,
+            lost=LOST,
+            halvings=MAX_HALVINGS,
+        )
+    ]
+    panels = [(quantity, found, quantity) for quantity in found.references]
+    # The steps alone for the first quantity only: for all others, points move in the same way.
+    for clock, ending, shown in ("seconds", "", panels), ("step_seconds", "_steps", panels[:1]):
+        draw(picture := reporting.beside(path, f"{ending}.png"), shown, clock)
+        page += [f"![Error against run time, {CLOCKS[clock]}]({picture.name})\n"]
+    page += [f"- {sentence(found, quantity)}" for quantity in found.references]
+    cheapest = [row for quantity in found.references for row in _cheapest(found, quantity)]
+    page += ["\n## Fastest run of each scheme for an error\n", table(cheapest)]
+    for name, rows in tables.items():
+        stated = [_stated(found, row) for row in rows] if name in _OF_ERRORS else rows
+        page += [f"## {name}\n", _NOTES.get(name, ""), table(stated)] if rows else []
+    lines = dict.fromkeys(_reasons(found))
+    page += ["## Missing results and their reasons\n", "".join(lines)] if lines else []
     runs = [
         asdict(run)
-        | {"lost": run.lost, "counts with": {q: found.counted(q, run) for q in found.references}}
+        | {"lost": run.lost, "counts with": {q: counted(found, q, run) for q in found.references}}
         for run in found.runs
     ]
     numbers = {
@@ -135,83 +144,113 @@ def write(path: Path | str, found: Precision) -> None:
         **tables,
         "Runs": runs,
     }
-    reporting.write(path, [*page, *_reasons(found)], numbers, runs)
+    reporting.write(path, page, numbers, runs)
 
 
-def _rules(found: Precision) -> str:
-    start = f", from the solutions that `{found.start}` gives" if found.start else ""
-    first = [run.first_setup_seconds for run in found.runs if run.unknowns]
-    later = [run.setup_seconds for run in found.runs if not run.failure]
-    spent = (
-        f"The run time does not include the set-up: {_span(later)}; the first time, with "
-        f"compilation if forms were not in the cache, {_span(first)}, {_time(sum(first))} in "
-        "total.\n"
-    )
-    rules = _RULES.format(repetitions=found.repetitions)
-    none = "No run was completed.\n"
-    return f"{found.t_end:g} s of motion{start}.\n\n{rules}\n{spent if later else none}"
-
-
-def _reasons(found: Precision) -> list[str]:
-    """Reasons for failed runs and for missing errors or references."""
-    noted = [(run.scheme, why) for run in found.runs for why in (run.failure, *run.notes.values())]
-    noted += found.missing.items()
-    lines = dict.fromkeys(f"- {name}: {why}\n" for name, why in noted if why)
-    return ["## Missing results and their reasons\n", "".join(lines)] if lines else []
+def _reasons(found: Precision) -> Iterator[str]:
+    """Why runs broke off, one reason of each scheme; missing errors and references."""
+    for scheme in found.schemes:
+        if failures := [run.failure for run in found.runs if run.scheme == scheme and run.failure]:
+            yield f"- {scheme}: {len(failures)} runs broke off, such as {failures[0]}\n"
+    for run in found.runs:
+        yield from (f"- {run.scheme}: {why}\n" for why in run.notes.values())
+    yield from (f"- {name}: {why}\n" for name, why in found.missing.items())
 
 
 # -- Tables --------------------------------------------------------------------------------------
 
 
+def _cheapest(found: Precision, quantity: str) -> list[dict[str, Any]]:
+    """Fastest run of each scheme for some errors."""
+    return [
+        {
+            "quantity": quantity,
+            "error": short(level),
+            "scheme": run.scheme,
+            "dt [s]": run.dt,
+            **asdict(run.mesh),
+            "whole call [ms]": 1e3 * run.seconds,
+            "steps alone [ms]": 1e3 * run.step_seconds,
+        }
+        for level in LEVELS
+        for run in found.cheapest(quantity, level).values()
+    ]
+
+
+def step_order(found: Precision, quantity: str, scheme: str, mesh: Mesh) -> float | None:
+    """Observed order in the time step; None if the errors have no clear order."""
+    runs = [run for run in found.runs if (run.scheme, run.mesh) == (scheme, mesh)]
+    errors = [run.step_errors.get(quantity, np.nan) for run in runs]
+    return observed_order([run.dt for run in runs], errors, ROUND_OFF)
+
+
+def mesh_order(found: Precision, quantity: str, degree: int) -> float | None:
+    """Observed order in the size of the elements, with a fine time step; None if not clear."""
+    own = [(1 / m.elements, e) for m, e in found.mesh_errors.items() if m.degree == degree]
+    errors = [error.get(quantity, np.nan) for _, error in own]
+    known = max(floor(found, quantity), ROUND_OFF)
+    return observed_order([size for size, _ in own], errors, known)
+
+
 def _tables(found: Precision) -> dict[str, list[dict[str, Any]]]:
     """Rows of the page's tables by title; the JSON file has them too."""
     computed = [name for name, error in found.references.items() if error is not None]
-    origins = dict.fromkeys(found.missing, "none")
+    meshes = list(dict.fromkeys(run.mesh for run in found.runs))
+    degrees = sorted({mesh.degree for mesh in meshes})
     return {
         "References": [
             {
                 "quantity": name,
-                "reference": "exact" if error is None else origins.get(name, found.origin),
+                "reference": "exact" if error is None else found.origin,
                 "estimated error": error,
             }
             for name, error in found.references.items()
+            if name not in found.missing
         ],
         "Runs": [_row(found, run) for run in found.runs],
-        f"Run times divided by those of {found.schemes[0]}": [
-            {"scheme": scheme}
-            | {f"degree {degree}": found.cost(scheme, degree) for degree in found.degrees}
-            for scheme in found.schemes
+        f"Run times divided by those of {found.schemes[0]}, same step and mesh, median": [
+            {"scheme": scheme, "time": clock}
+            | {f"degree {degree}": _ratio(found, scheme, degree, name) for degree in degrees}
+            for scheme in found.schemes[1:]
+            for name, clock in (("seconds", "whole call"), ("step_seconds", "steps alone"))
         ],
         "Observed orders in the time step": [
             {"scheme": scheme, **asdict(mesh)}
-            | {name: found.step_order(name, scheme, mesh) for name in found.references}
+            | {name: step_order(found, name, scheme, mesh) for name in found.references}
             for scheme in found.schemes
-            for mesh in found.meshes
+            for mesh in meshes
         ],
         "Errors with a fine time step": [
             asdict(mesh) | {name: errors.get(name) for name in computed}
             for mesh, errors in found.mesh_errors.items()
         ],
         "Observed orders in the size of the elements": [
-            {"degree": degree} | {name: found.mesh_order(name, degree) for name in computed}
-            for degree in found.degrees
+            {"degree": degree} | {name: mesh_order(found, name, degree) for name in computed}
+            for degree in degrees
             if found.mesh_errors
         ],
     }
 
 
-def _levels(found: Precision, quantity: str) -> list[dict[str, Any]]:
-    """Run times of all schemes for errors of 1e-1, 1e-2, ..., and the cheapest run."""
-    return [
-        {"error": short(level.error)}
-        | {f"{s} [ms]": 1e3 * level.seconds.get(s, np.nan) for s in found.schemes}
-        | {"cheapest run": f"{level.run.mesh}, dt = {level.run.dt:.3g} s" if level.run else "none"}
-        for level in found.levels(quantity)
-    ]
+def _ratio(found: Precision, scheme: str, degree: int, clock: str) -> float:
+    """Median ratio of a run time to that of the first scheme."""
+    runs = [run for run in found.runs if run.mesh.degree == degree and not run.failure]
+    first = {(r.mesh, r.dt): getattr(r, clock) for r in runs if r.scheme == found.schemes[0]}
+    here = {(r.mesh, r.dt): getattr(r, clock) for r in runs if r.scheme == scheme}
+    both = [here[key] / first[key] for key in here if key in first]
+    return float(np.median(both)) if both else np.nan
+
+
+def _stated(found: Precision, row: dict[str, Any]) -> dict[str, Any]:
+    """A row whose errors that are not known are given by their limit."""
+    floors = {name: floor(found, name) for name in found.references if row.get(name) is not None}
+    return row | {name: f"< {low:.1g}" for name, low in floors.items() if row[name] < low}
 
 
 def _row(found: Precision, run: Run) -> dict[str, Any]:
-    steps = run.steps or np.nan
+    steps, lost = run.steps or np.nan, "energy" if run.lost else None
+    if run.failure:
+        lost = f"broke off at {run.reached:.3g} s"
     return {
         "scheme": run.scheme,
         **asdict(run.mesh),
@@ -219,17 +258,10 @@ def _row(found: Precision, run: Run) -> dict[str, Any]:
         "unknowns": run.unknowns,
         "Newton it/step": run.newton_iterations / steps,
         "halvings": run.halvings,
-        "run time [ms]": 1e3 * run.seconds,
-        "us/step": 1e6 * run.seconds / steps,
-        "set-up [ms]": 1e3 * run.setup_seconds,
+        "whole call [ms]": 1e3 * run.seconds,
+        "steps alone [ms]": 1e3 * run.step_seconds,
+        "us/step": 1e6 * run.step_seconds / steps,
+        "first call [ms]": 1e3 * run.first_seconds,
         **{name: run.errors.get(name) for name in found.references},
-        "lost": f"at {run.reached:.3g} s" if run.failure else "energy" if run.lost else None,
+        "lost": lost,
     }
-
-
-def _span(seconds: Sequence[float]) -> str:
-    return " to ".join(dict.fromkeys([_time(min(seconds)), _time(max(seconds))]))
-
-
-def _time(seconds: float) -> str:
-    return f"{seconds:.2g} s" if seconds > 0.099 else f"{1e3 * seconds:.2g} ms"

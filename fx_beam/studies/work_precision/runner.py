@@ -6,6 +6,7 @@ import itertools
 import logging
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
+from time import perf_counter, process_time
 from typing import Any
 
 import numpy as np
@@ -21,15 +22,13 @@ from fx_beam.validation import is_number, is_whole, require
 
 from . import accuracy
 from .accuracy import Exact, History, Quantity, Reference
-from .precision import Mesh, Precision, Run
+from .precision import MAX_HALVINGS, Mesh, Precision, Run
 from .report import prepare, write
 
 _log = logging.getLogger("fx_beam")
 
-#: Refinement of a computed reference, relative to the finest run, in time step and element.
-FINER_STEP, FINER_MESH = 16, 4
-#: Largest number of halvings of a failing step: more would only prolong a lost motion.
-MAX_HALVINGS = 2
+#: Time step of the solutions that give the error of a mesh: the smallest step over this number.
+FINE_STEP = 8
 
 
 def study(
@@ -42,6 +41,7 @@ def study(
     schemes: Mapping[str, Scheme] | Sequence[Scheme],
     exact: Mapping[str, Exact] | None = None,
     start: Callable[[int, int], Solution] | None = None,
+    finer: tuple[int, int] = (16, 4),
     repetitions: int = 5,
     results: Path | str | None = None,
 ) -> Precision:
@@ -49,15 +49,15 @@ def study(
 
     Every scheme runs with every time step on every mesh. An error is the largest distance from the
     reference at all times of the run, over the largest magnitude of the reference. References that
-    are not exact are solutions by `EnergyMomentum`: with a 16th of the smallest step, and 4 times
-    the largest number of elements, of the highest degree. Their own error is estimated from a
-    second solution with twice the step and half the elements. Solutions with a fine step on each
-    mesh separate the error of the time step from that of the mesh.
+    are not exact are solutions by `EnergyMomentum`, by default with a 16th of the smallest step and
+    4 times the elements of the finest mesh of the highest degree. A second solution with twice the
+    step and half the elements checks them: the difference is taken as their error. Solutions with a
+    fine step on each mesh separate the error of the time step from that of the mesh.
 
     The first round of runs compiles the forms and gives the errors. Further rounds are timed; in
     each round the candidates take turns. The cheapest run is the first of all, and a wrong quantity
-    raises an error after it. Later errors do not end the study: a failed run is a row with its
-    reason, a quantity without a value has a note, and so has a failed reference.
+    raises an error after it. Later errors do not end the study: a run that broke off is a row with
+    its reason, a quantity without a value has a note, and so has a failed reference.
 
     Parameters
     ----------
@@ -80,8 +80,11 @@ def study(
     start : callable, optional
         ``start(elements, degree)`` gives the `Solution` to start from, as `simulate` takes it; by
         default the motions start from the reference configuration.
+    finer : (int, int)
+        The reference's time step is the smallest step over the first number; its elements are
+        those of the finest mesh of the highest degree times the second number, which is even.
     repetitions : int
-        Timed runs of each candidate, of which the median is taken.
+        Timed runs of each candidate, of which the least time is taken.
     results : path, optional
         Files to write, without their endings: JSON, CSV, and a Markdown page with its pictures.
 
@@ -99,13 +102,18 @@ def study(
         If interrupted. It has the attribute `precision` as well, and `results` are written.
     """
     exact = exact or {}
-    _check(quantities, exact, t_end, steps, repetitions)
-    labelled, grid = candidates.labelled(schemes), _grid(meshes)
+    _check(quantities, exact, t_end, steps, meshes, repetitions)
+    labelled, grid = candidates.labelled(schemes), [Mesh(*mesh) for mesh in meshes]
     sought = {name: quantity for name, quantity in quantities.items() if name not in exact}
-    finest, dt = _finer(grid, FINER_MESH), min(steps) / FINER_STEP
-    motion = _Motion(scene, start, t_end, grid)
-    if sought:
-        motion.at(finest)
+    degree = max(mesh.degree for mesh in grid)
+    elements = max(mesh.elements for mesh in grid if mesh.degree == degree)
+    fine = [
+        (Mesh(elements * finer[1] // k, degree), min(steps) / finer[0] * k, EnergyMomentum())
+        for k in (1, 2)
+    ]
+    motion = _Motion(scene, start, t_end)
+    for mesh in [*grid, fine[0][0]] if sought else grid:
+        motion.at(mesh)
     references = {name: accuracy.exact(name, value, t_end) for name, value in exact.items()}
     if results is not None:
         prepare(results)
@@ -114,7 +122,7 @@ def study(
         t_end=t_end,
         repetitions=repetitions,
         references={name: np.nan if name in sought else None for name in quantities},
-        origin=f"{EnergyMomentum().name}, {finest}, dt = {dt:.3g} s" if sought else "",
+        origin=f"{EnergyMomentum().name}, {fine[0][0]}, dt = {fine[0][1]:.3g} s" if sought else "",
         runs=[],
         start=getattr(start, "__name__", repr(start)) if start else "",
         missing=dict.fromkeys(sought, "not computed: no run was completed, or Ctrl-C came first"),
@@ -122,9 +130,10 @@ def study(
     count = (1 + repetitions) * len(grid) * len(labelled) * len(steps)
     try:
         with progress_bar(count, None, desc="runs") as bar:
-            measured = _first_round(motion, quantities, references, labelled, steps, found, bar)
+            order = list(itertools.product(grid, labelled, steps))
+            measured = _first_round(motion, order, labelled, quantities, references, found, bar)
             if sought and measured:
-                _against_fine(motion, sought, dt, found, measured)
+                _against_fine(motion, grid, sought, fine, min(steps), found, measured)
             _time(found.runs, motion, labelled, repetitions, bar)
         if results is not None:
             write(results, found)
@@ -137,10 +146,7 @@ def study(
     return found
 
 
-# -- Arguments -----------------------------------------------------------------------------------
-
-
-def _check(quantities: Any, exact: Any, t_end: Any, steps: Any, repetitions: Any) -> None:
+def _check(quantities, exact, t_end, steps, meshes, repetitions) -> None:
     """Check the arguments before anything is computed."""
     for name, given in (("quantities", quantities), ("exact", exact)):
         if not isinstance(given, Mapping):
@@ -156,83 +162,66 @@ def _check(quantities: Any, exact: Any, t_end: Any, steps: Any, repetitions: Any
         if not (is_number(dt) and 0 < dt <= t_end):
             raise SceneError(f"step {dt!r} must be a positive number, at most t_end = {t_end:g}")
     require(is_whole(repetitions, 1), "repetitions", repetitions, "a whole number, at least 1")
-
-
-def _grid(meshes: Any) -> list[Mesh]:
     for mesh in candidates.several("meshes", meshes):
         if np.shape(mesh) != (2,) or not all(is_whole(n, 1) for n in mesh):
             raise SceneError(f"mesh {mesh!r} must be a pair of elements and degree, as (8, 1)")
-    return [Mesh(*mesh) for mesh in meshes]
-
-
-def _finer(grid: Sequence[Mesh], times: int) -> Mesh:
-    """Mesh with a multiple of the largest number of elements, of the highest degree."""
-    return Mesh(times * max(m.elements for m in grid), max(m.degree for m in grid))
 
 
 class _Motion:
     """The scene on its meshes, and the state from which each starts."""
 
-    def __init__(self, scene, start, t_end: float, grid: Sequence[Mesh]):
+    def __init__(self, scene, start, t_end: float):
         if not callable(scene):
-            raise SceneError(
-                "a study needs a function scene(elements, degree) that makes the scene, "
-                f"not {scene!r:.40}"
-            )
-        self._functions, self._t_end, self.grid = {"scene": scene, "start": start}, t_end, grid
-        self._made: dict[Mesh, tuple[Scene, Solution | None]] = {}
-        for mesh in grid:
-            self.at(mesh)
+            raise SceneError(f"a study needs a function scene(elements, degree), not {scene!r:.40}")
+        self._functions, self._t_end = (("scene", scene), ("start", start)), t_end
+        self._made: dict[Mesh, list[Any]] = {}
 
-    def at(self, mesh: Mesh) -> tuple[Scene, Solution | None]:
+    def at(self, mesh: Mesh) -> list[Any]:
         """The scene of a mesh, made once, and its start."""
         if mesh not in self._made:
-            made = []
-            for name, function in self._functions.items():
-                call = f"{name}({mesh.elements}, {mesh.degree})"
-                try:
-                    made.append(function and function(mesh.elements, mesh.degree))
-                except Exception as wrong:
-                    raise SceneError(f"{call} failed, {type(wrong).__name__}: {wrong}") from wrong
-                if not isinstance(made[0], Scene):
-                    raise SceneError(f"{call} gives {made[0]!r:.40}, which is not a Scene")
-            self._made[mesh] = made[0], made[1]
+            size = mesh.elements, mesh.degree
+            made = [f and accuracy.called(f"{name}{size}", f, *size) for name, f in self._functions]
+            if not isinstance(made[0], Scene):
+                raise SceneError(f"scene{size} gives {made[0]!r:.40}, which is not a Scene")
+            self._made[mesh] = made
         return self._made[mesh]
 
-    def solve(self, mesh: Mesh, scheme: Scheme, dt: float, **keywords) -> Solution:
+    def solve(self, mesh: Mesh, dt: float, scheme: Scheme, **keywords) -> Solution:
         """The solution."""
         scene, start = self.at(mesh)
         return simulate(scene, scheme, dt=dt, t_end=self._t_end, start=start, **keywords)
 
-    def attempt(self, mesh: Mesh, scheme: Scheme, dt: float) -> Solution:
-        """The solution, up to a step that fails."""
+    def attempt(self, mesh: Mesh, dt: float, scheme: Scheme) -> tuple[Solution, float, float]:
+        """The solution, up to a step that fails; time and processor time of the call [s]."""
+        self.at(mesh)
+        clock, used = perf_counter(), process_time()
         try:
-            return self.solve(mesh, scheme, dt, max_halvings=MAX_HALVINGS, progress=False)
+            found = self.solve(mesh, dt, scheme, max_halvings=MAX_HALVINGS, progress=False)
         except StepError as failed:
             if failed.solution is None:  # no step failed: the scene or the start is wrong
                 raise
-            return failed.solution
+            found = failed.solution
+        return found, perf_counter() - clock, process_time() - used
 
 
 # -- Runs ----------------------------------------------------------------------------------------
 
 
 def _first_round(
-    motion: _Motion, quantities, exact, schemes, steps, found: Precision, bar
+    motion: _Motion, order, schemes, quantities, exact, found: Precision, bar
 ) -> list[tuple[Run, dict[str, History]]]:
-    """All runs, the cheapest first, and the run times of those that were completed."""
-    order = list(itertools.product(motion.grid, schemes, steps))
+    """All runs, the cheapest first, and the histories of those that were completed."""
     measured: list[tuple[Run, dict[str, History]]] = []
     for mesh, label, dt in sorted(order, key=lambda run: run[0].elements * run[0].degree / run[2]):
-        histories: dict[str, History] = {}
+        run = Run(label, schemes[label].name, mesh, dt)
         try:
-            solution = motion.attempt(mesh, schemes[label], dt)
+            solution, run.first_seconds, _ = motion.attempt(mesh, dt, schemes[label])
         except (SceneError, StepError) as refused:
             if not found.runs:
                 raise
-            run = Run(label, schemes[label].name, mesh, dt, failure=str(refused))
+            run.failure = str(refused)
         else:
-            run = _row(label, mesh, dt, solution)
+            _fill(run, solution)
         if not run.failure:
             histories = _measure(quantities, solution, run.notes)
             run.errors = dict.fromkeys(quantities, np.nan) | _errors(histories, exact, run.notes)
@@ -247,84 +236,72 @@ def _first_round(
     return measured
 
 
-def _row(label: str, mesh: Mesh, dt: float, solution: Solution) -> Run:
+def _fill(run: Run, solution: Solution) -> None:
+    """Enter what a solution says of its run."""
     stats, energy = solution.stats, solution.energy
+    for name in ("unknowns", "steps", "newton_iterations", "halvings"):
+        setattr(run, name, getattr(stats, name))
+    run.seconds, run.step_seconds = run.first_seconds, stats.seconds
+    run.reached = float(solution.t[-1])
+    run.failure = stats.failure.reason if stats.failure else ""
     size = (energy.kinetic + energy.stored).max()
-    # Fields that `Stats` and `Run` share; a failed run has no time.
-    keys = ["unknowns", "steps", "newton_iterations", "halvings"]
-    keys += [] if stats.failure else ["seconds", "setup_seconds"]
-    return Run(
-        scheme=label,
-        name=stats.scheme,
-        mesh=mesh,
-        dt=dt,
-        **{key: getattr(stats, key) for key in keys},
-        quartiles=(np.nan, np.nan) if stats.failure else (stats.seconds, stats.seconds),
-        reached=float(solution.t[-1]),
-        failure=stats.failure.reason if stats.failure else "",
-        first_setup_seconds=stats.setup_seconds,
-        # Without energy nothing moves, and no energy is lost.
-        energy_error=float(abs(energy.balance_error).max() / size) if size else 0.0,
-    )
+    # Without energy nothing moves, and no energy is lost.
+    run.energy_error = float(abs(energy.balance_error).max() / size) if size else 0.0
 
 
 def _time(runs: list[Run], motion: _Motion, schemes, repetitions: int, bar) -> None:
-    """Median run times. The runs take turns, so that a slow period of the machine affects all.
+    """Least run times. The runs take turns, so that a slow period of the machine affects all.
 
+    Processor times depend less on other work of the machine. They are an upper limit for the steps.
     They replace the times of the first round one by one: after Ctrl-C each run has a time.
     """
-    spent: dict[int, list] = {k: [] for k, run in enumerate(runs) if not run.failure}
-    for _, k in itertools.product(range(repetitions), spent):
-        run = runs[k]
-        spent[k].append(motion.attempt(run.mesh, schemes[run.scheme], run.dt).stats)
-        low, middle, high = np.quantile([one.seconds for one in spent[k]], [0.25, 0.5, 0.75])
-        run.seconds, run.quartiles = float(middle), (float(low), float(high))
-        run.setup_seconds = float(np.median([one.setup_seconds for one in spent[k]]))
+    for turn, run in itertools.product(range(repetitions), runs):
+        if run.steps:
+            solution, _, used = motion.attempt(run.mesh, run.dt, schemes[run.scheme])
+            times = used, min(used, solution.stats.seconds)
+            if turn:
+                times = min(times[0], run.seconds), min(times[1], run.step_seconds)
+            run.seconds, run.step_seconds = times
         bar.update()
 
 
 # -- References ----------------------------------------------------------------------------------
 
 
-def _against_fine(motion: _Motion, quantities, dt: float, found: Precision, measured) -> None:
+def _against_fine(motion: _Motion, grid, quantities, fine, dt: float, found, measured) -> None:
     """Errors relative to the references, and relative to a fine step on the same mesh."""
     missing: dict[str, str] = {}
-    fine, coarse = (
-        _fine(motion, _finer(motion.grid, times), quantities, step, missing)
-        for times, step in ((FINER_MESH, dt), (FINER_MESH // 2, 2 * dt))
-    )
-    both = [name for name in fine if name in coarse]
-    references = _noted(both, missing, lambda q: accuracy.computed(q, fine[q], coarse[q]))
+    best, second = (_solved(motion, quantities, missing, *setting) for setting in fine)
+    both = [name for name in best if name in second]
+    references = _noted(both, missing, lambda q: accuracy.computed(q, best[q], second[q]))
     found.references.update({name: reference.error for name, reference in references.items()})
     found.missing.clear()
     found.missing.update(missing)
     for run, histories in measured:
         run.errors |= _errors(histories, references, run.notes)
-    for mesh in motion.grid if references else ():
+    for mesh in grid if references else ():
         missing = {}
-        fine = _fine(motion, mesh, {name: quantities[name] for name in references}, dt, missing)
+        own = {name: quantities[name] for name in references}
+        best = _solved(motion, own, missing, mesh, dt / FINE_STEP, EnergyMomentum())
         found.missing.update({str(mesh): reason for reason in missing.values()})
-        found.mesh_errors[mesh] = _errors(fine, references, {})
-        on_mesh = {name: h.reference(references[name].size) for name, h in fine.items()}
+        found.mesh_errors[mesh] = _errors(best, references, {})
+        on_mesh = {name: h.reference(references[name].size) for name, h in best.items()}
         for run, histories in measured:
             if run.mesh == mesh:
                 run.step_errors |= _errors(histories, on_mesh, {})
 
 
-def _fine(motion: _Motion, mesh: Mesh, quantities, dt: float, missing) -> dict[str, History]:
-    """Quantities of interest by the scheme of the references, and reasons for missing ones."""
+def _solved(motion: _Motion, quantities, missing, mesh: Mesh, dt: float, scheme: Scheme):
+    """Quantities of a fine solution, and reasons for missing ones."""
     _log.info("reference: %s, dt = %.3g s", mesh, dt)
     try:
-        solution = motion.solve(mesh, EnergyMomentum(), dt)
+        solution = motion.solve(mesh, dt, scheme)
     except (SceneError, StepError) as failed:
         reason = f"the reference, {mesh} with dt = {dt:.3g} s: {failed}"
         _log.warning(reason)
         missing |= dict.fromkeys(quantities, reason) | missing
         return {}
     return _measure(quantities, solution, missing)
-
-
-# -- Quantities of interest ----------------------------------------------------------------------
 
 
 def _measure(quantities, solution: Solution, notes: dict[str, str]) -> dict[str, History]:
