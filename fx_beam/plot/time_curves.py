@@ -16,6 +16,7 @@ from fx_beam.results.solution import Solution
 # Colours of Okabe and Ito, safe for colour-blind readers; line styles differ in grey prints.
 _STYLES: dict[str, dict] = {
     "EnergyMomentum": {"color": "#0072B2", "linestyle": "-", "linewidth": 2.4},
+    "EnergyMomentum(order=4)": {"color": "#004b87", "linestyle": (0, (1, 1)), "linewidth": 2.0},
     "EnergyDecaying": {"color": "black", "linestyle": "-", "linewidth": 1.0},
     "ModifiedMidPoint": {"color": "#56B4E9", "linestyle": (0, (5, 2))},
     "MidPoint": {"color": "#CC79A7", "linestyle": (0, (1, 1))},
