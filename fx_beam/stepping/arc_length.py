@@ -14,7 +14,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-import scipy.optimize
 import scipy.sparse
 import scipy.sparse.linalg
 
@@ -140,7 +139,10 @@ class ArcLength:
                 slopes[length] = found[length][1].load
             return slopes[length]
 
-        root = scipy.optimize.brentq(slope, 0.0, ds, xtol=_PLACE * ds)
+        # Imported here: it takes a tenth of the time that all imports of the package take.
+        from scipy.optimize import brentq
+
+        root = brentq(slope, 0.0, ds, xtol=_PLACE * ds)
         return found.get(root) or self._step(state, tangent, root)
 
     def _last_step(self, state: State, tangent: Tangent) -> State:
