@@ -132,7 +132,7 @@ class Recorder:
             if record.rates and model.forms.resultants_need_rates:
                 self.arrays |= {f"before_{name}": np.zeros((n, starts)) for name in "va"}
             if model.forms.needs_before:
-                self.arrays |= {"earlier_q": np.zeros((n, size)), "memory": np.zeros(n)}
+                self.arrays |= {"earlier_q": np.zeros((n, size)), "memory": np.zeros((n, 1))}
         if record.rates:
             self.arrays |= {"v": np.zeros((n, size)), "a": np.zeros((n, size))}
         if record.forces:
@@ -308,4 +308,5 @@ class Recorder:
             for i in range(count):
                 of_rates = tuple(rate[i] for rate in rates)
                 length = t1[k, i] - t0[k, i]
-                yield Part(t0[k, i], length, D[i], q[i], of_rates, *(x[k] for x in earlier))
+                before = (earlier[0][k], float(earlier[1][k, 0])) if earlier else ()
+                yield Part(t0[k, i], length, D[i], q[i], of_rates, *before)
