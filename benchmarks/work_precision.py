@@ -304,7 +304,8 @@ def cheapest(found):
                 rows.append(row | {"why none": why})
                 continue
             alike = [run.scheme for run in runs[1:] if run.seconds < ALIKE * runs[0].seconds]
-            alike = ["any other"] if len(alike) == len(study.schemes) - 1 else alike
+            if len(alike) > 2:
+                alike = [f"{len(alike)} others"]
             row |= {"scheme": runs[0].scheme, "dt": runs[0].dt, **vars(runs[0].mesh)}
             rows.append(row | {"seconds": runs[0].seconds, "about the same": "; ".join(alike)})
     return rows

@@ -108,6 +108,24 @@ def test_all_energy_lost_is_a_ratio_of_zero():
     assert stability.energy_ratio(run)[-1] == 0
 
 
+def test_what_the_scheme_takes_and_holds_counts_as_lost_and_what_dampers_take_does_not():
+    # Of 2 J at the start and 4 J of work the scheme takes 3 J and holds 1 J, a damper takes 1 J.
+    run, parts = history([1, 1, 1], work=np.array([0, 4, 4.0])), np.array([0, 0, 1.0])
+    taken = {"dissipated": 4 * parts, "algorithmic": parts, "numerical": 3 * parts}
+    run.energy = replace(run.energy, kinetic=np.array([2.0, 6.0, 1.0]), **taken)
+    assert abs(run.energy.balance_error).max() < 1e-15
+    assert stability.energy_ratio(run) == approx([1, 1, 1 - 4 / 6])
+    # A run that goes on from there begins with a ratio of 1, whatever was taken before.
+    for name in ("dissipated", "algorithmic", "numerical"):
+        taken[name] = taken[name] + 7
+    run.energy = replace(run.energy, **taken)
+    assert stability.energy_ratio(run) == approx([1, 1, 1 - 4 / 6])
+    # All energy taken while a load drives is a ratio of zero.
+    driven, work = history([1, 1, 1], kinetic=0.0), np.array([0, 1, 5.0])
+    driven.energy = replace(driven.energy, work=work, dissipated=work, numerical=work)
+    assert stability.energy_ratio(driven) == approx([1, 1 - 1 / 5, 0])
+
+
 def test_a_fall_from_rest_is_judged_by_the_weight():
     fall = history([1, 1, 1], kinetic=0.0, potential=np.array([0, -5, -10.0]))
     more = fall.energy.kinetic + (0, 0, 1)

@@ -8,7 +8,7 @@ from test_reports import benchmark
 
 from fx_beam import stability
 
-OURS, PUBLISHED = "EnergyMomentum", "ModifiedMidPoint"
+OURS, DECAYING, PUBLISHED = "EnergyMomentum", "EnergyDecaying", "ModifiedMidPoint"
 NEWMARK, HHT = "Newmark (trapezoidal)", "HHT, alpha = -0.1"
 
 
@@ -29,6 +29,19 @@ def test_our_scheme_gains_no_energy_in_any_case(report):
     assert len(verdicts) > 30
     assert {verdict.kind for verdict in verdicts.values()} <= {"kept", "failed"}
     assert max(verdict.gain for verdict in verdicts.values()) < 1e-8
+
+
+def test_the_decaying_scheme_gains_no_energy_in_any_case_and_ends_wherever_ours_does(report):
+    cells, *_ = report
+    ours, decaying = of_scheme(cells, OURS), [c for c in cells if c.scheme == DECAYING]
+    assert [cell.case.name for cell in decaying] == [*ours]
+    for cell in decaying:
+        name = cell.case.name
+        allowed = {"kept", "lost"} | ({ours[name].kind} & {"failed"})
+        for verdict in (cell.verdict, *cell.others):
+            assert verdict.kind in allowed, name
+            # Never more energy than at the start and from the loads, and never less than none.
+            assert -1e-8 <= verdict.lowest <= verdict.highest <= 1 + 1e-8, name
 
 
 def test_every_failure_says_what_when_and_where(report):

@@ -78,6 +78,7 @@ class CompiledLoop:
             if halving.times:
                 ends = halving.ends(grid[done:])
                 now = self._inputs(state.t, ends)
+            parts = halving.parts
             taken = self._run(state, ends, first + done, recorder, now)
             if taken:
                 state = self._state(float(ends[taken - 1]))
@@ -97,6 +98,8 @@ class CompiledLoop:
                         stats.steps += 1
             elif now.error is not None:
                 raise now.error
+            if halving.parts != parts:  # as in `Stepper.part`
+                p.known_steps, p.orders[0 : p.sub_steps] = 0, [0] * p.sub_steps
         return state
 
     # -- Steps whose local errors are controlled --------------------------------------------------

@@ -262,13 +262,17 @@ class Predictor:
 
     def __init__(self, model: Model):
         self._model, self._unit = model, model.unit
+        self.forget()
+
+    def forget(self) -> None:
+        """Begin anew: the next step has no prediction."""
         #: Times since the last configurations [s], the latest first.
         self._ages = np.empty(0)
         #: Divided differences, from order 1 on, of configurations (size,) and of unknowns (free,).
         self._past: list[np.ndarray] = []
         self._past_y: list[np.ndarray] = []
         #: Orders of extrapolation, for each sub-step of the scheme, and the next sub-step.
-        self._orders = np.zeros(len(model.scheme.fractions), dtype=int)
+        self._orders = np.zeros(len(self._model.scheme.fractions), dtype=int)
         self._next = 0
 
     @property

@@ -75,13 +75,13 @@ class Stepper:
 
         StepError if a step fails after all halvings, or if a function of time fails.
         """
-        before, past = state, self.past
+        before, predictor = state, self.single.newton.predictor
         while True:
             t1 = float(self.halving.ends(np.array([start, end]))[0])
             try:
                 starts, state = self._take(before, t1)
             except StepFailed as failure:
-                self.past = past
+                predictor.forget()
                 if not self.halving.fail():
                     raise self._error(state, t1, failure) from failure
                 self.stats.halvings += 1
@@ -95,6 +95,9 @@ class Stepper:
                 self.stats.too_large += int(turn * parts > LARGE_TURN)
             if self.halving.take(1):
                 recorder.record(number, state, starts, parts)
+            if self.halving.parts != parts:
+                # Where steps fail, predictions from steps of another length lead astray.
+                predictor.forget()
             return state
 
     # -- Steps whose local errors are controlled --------------------------------------------------

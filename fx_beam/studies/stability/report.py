@@ -28,8 +28,9 @@ _VERBS = {
     "no verdict": "has no verdict",
 }
 _CRITERIA = f"""The energy ratio is 1 + (E - E(0) - W) / E0. E is the energy and W the work of all
-loads. E0 is the largest kinetic and strain energy that the motion should have: the energy at the
-start, plus what loads and weight have added. The verdict is the first of these that applies:
+loads less what dampers took; what the scheme takes counts as lost. E0 is the largest kinetic and
+strain energy that the motion should have: the energy at the start, plus what loads and weight have
+added. The verdict is the first of these that applies:
 
 - **blew up**: the ratio exceeded {BLOWN_UP:g};
 - **failed**: Newton's method did not converge, after {{limits}} halvings of the step;

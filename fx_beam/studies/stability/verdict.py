@@ -116,13 +116,13 @@ def energy_ratio(solution: Solution) -> np.ndarray:
     """
     energy = solution.energy
     with np.errstate(invalid="ignore", over="ignore"):
-        moving = energy.kinetic[0] + energy.stored[0] + energy.supplied
+        # What the scheme takes lessens no supply: it counts as lost.
+        supplied = energy.supplied + (energy.numerical - energy.numerical[0])
+        moving = energy.kinetic[0] + energy.stored[0] + supplied
         moving = moving - energy.potential + energy.potential[0]
         scale = moving[np.isfinite(moving)].max()
         if scale > 0:
-            # What the scheme takes counts as lost.
-            error = energy.balance_error - (energy.algorithmic + energy.numerical)
-            ratio = 1 + np.asarray(error) / scale
+            ratio = 1 + (energy.total - energy.total[0] - supplied) / scale
             return np.where(np.isfinite(ratio), ratio, np.inf)
     if solution.stats.failure:  # before anything moved
         return np.ones(len(solution.t))
