@@ -86,6 +86,15 @@ def test_a_stiff_step_converges_until_no_energy_is_missing(EA, dt, solver):
     assert relative_drift(solution.energy.total) < 1e-11
 
 
+@pytest.mark.parametrize("scheme", [fb.EnergyMomentum(), fb.EnergyDecaying()], ids=lambda s: s.name)
+def test_no_step_at_the_limit_of_rounding_ends_before_its_equations_are_solved(scheme):
+    # EA is 1e15 / m^2 times EI. Steps that differ in the last digit have other rounding errors.
+    for digits in range(-15, 15):
+        dt = 0.1 * (1 + digits * 2.0**-51)
+        energy = fb.simulate(pendulum(EA=1e18)[0], scheme, dt=dt, t_end=500 * dt).energy
+        assert abs(energy.balance_error).max() < 1e-7 * energy.total.max()
+
+
 def test_a_motion_too_slight_for_its_rounding_still_converges():
     # Strains of 1e-16: what the residual lacks is rounding, however often it is corrected.
     scene, beam = pinned_beam(elements=32)

@@ -44,7 +44,7 @@ class NewtonOptions:
         stiff scene a small correction may do much work; the work of the last correction is at
         most 1e-4 times the tolerance, relative to the energy of the step. The last correction may
         be larger if the next one, predicted by quadratic convergence, would be at most 1e-6 times
-        the tolerance.
+        the tolerance, and if its own work is at most the tolerance times twice the kinetic energy.
     max_iterations : int
         Largest number of corrections; the step fails if it has not converged by then.
     max_turn : float
@@ -194,6 +194,8 @@ class Newton:
             negligible = NEGLIGIBLE * options.tolerance
             final = sizes.next_after(size) <= negligible
             final &= errors.next_after(work**0.5) <= negligible * energy**0.5
+            # In very stiff scenes the forces before the correction make the energy far too large.
+            final &= work <= options.tolerance * moving
             small_corrections += small
             ended_by = None
             # A third small correction shows that only rounding errors are left.

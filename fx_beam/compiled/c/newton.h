@@ -152,9 +152,11 @@ static int newton(Problem *p, const Work *w, const double *driven, int order) {
     double next_error = next_after(&errors, sqrt(fabs(energy_error)));
     int final = iteration > 2 && next_size <= p->negligible;
     if (small || final || stalled) {
-      double energy = kinetic(p, w);
+      double moving = kinetic(p, w), energy = moving;
       for (int i = 0; i < n; ++i) energy += fabs(w->f[i]) * fabs(w->D[i]);
       final = final && next_error <= p->negligible * sqrt(energy);
+      /* In very stiff scenes the forces before the correction make the energy far too large. */
+      final = final && fabs(energy_error) <= p->tolerance * moving;
       if (small)
         small = ++small_corrections > 2 || fabs(energy_error) <= p->energy_tolerance * energy;
       else
