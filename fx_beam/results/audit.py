@@ -93,6 +93,14 @@ class Energy:
         energy = self.total + self.algorithmic
         return energy - energy[0] - self.supplied
 
+    @property
+    def gained(self) -> np.ndarray:
+        """Energy that the motion gained without cause since the start, (n,) [J]; negative if lost.
+
+        Unlike in `balance_error`, what the scheme takes or holds counts as lost.
+        """
+        return self.total - self.total[0] - self.supplied - (self.numerical - self.numerical[0])
+
 
 @dataclass
 class Stats:

@@ -122,7 +122,7 @@ def energy_ratio(solution: Solution) -> np.ndarray:
         moving = moving - energy.potential + energy.potential[0]
         scale = moving[np.isfinite(moving)].max()
         if scale > 0:
-            ratio = 1 + (energy.total - energy.total[0] - supplied) / scale
+            ratio = 1 + energy.gained / scale
             return np.where(np.isfinite(ratio), ratio, np.inf)
     if solution.stats.failure:  # before anything moved
         return np.ones(len(solution.t))

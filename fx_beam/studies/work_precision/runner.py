@@ -246,7 +246,7 @@ def _fill(run: Run, solution: Solution) -> None:
     run.failure = stats.failure.reason if stats.failure else ""
     size = (energy.kinetic + energy.stored).max()
     # Without energy nothing moves, and no energy is lost.
-    run.energy_error = float(abs(energy.balance_error).max() / size) if size else 0.0
+    run.energy_error = float(abs(energy.gained).max() / size) if size else 0.0
 
 
 def _time(runs: list[Run], motion: _Motion, schemes, repetitions: int, bar) -> None:
