@@ -19,6 +19,7 @@ the left crank and its place in the rigid mechanism, divided by a. With an error
 mechanism has taken a wrong turn. Units are metre, kilogram and second.
 """
 
+import functools
 import json
 import logging
 import sys
@@ -67,20 +68,22 @@ def scene(EA=SHOWN_EA, angle=SHOWN[0], mass=SHOWN[1]):
     return parallelogram
 
 
-def rigid(t, angle, mass):
-    """Angle [rad] of the rigid parallelogram at times t."""
+@functools.cache
+def rigid(angle, mass):
+    """Angle [rad] of the rigid parallelogram and its rate, as a function of times."""
     a, b, m = CRANK, COUPLER, MASS
     J = 2 / 3 * m * a**3 + 2 * INERTIA * a + (m * b + mass) * a**2
     pull = GRAVITY * a * (m * a + m * b + mass) / J
     motion = solve_ivp(
         lambda _, y: (y[1], -pull * np.cos(y[0])),
-        (0, t[-1]),
+        (0, T_END),
         (angle, 0.0),
-        t_eval=t,
+        method="DOP853",
+        dense_output=True,
         rtol=1e-11,
         atol=1e-11,
     )
-    return motion.y[0]
+    return motion.sol
 
 
 def simulate(EA, scheme, angle=SHOWN[0], mass=SHOWN[1], dt=DT, t_end=T_END):
@@ -93,7 +96,7 @@ def simulate(EA, scheme, angle=SHOWN[0], mass=SHOWN[1], dt=DT, t_end=T_END):
 
 def path_error(solution, angle=SHOWN[0], mass=SHOWN[1]):
     """Distance (n,) of the left joint from its place in the rigid mechanism, over the crank."""
-    theta = rigid(solution.t, angle, mass)
+    theta, _ = rigid(angle, mass)(solution.t)
     places = CRANK * np.column_stack([np.cos(theta), np.sin(theta)])
     return np.hypot(*(solution.position(solution.beams["left"].end) - places).T) / CRANK
 
@@ -159,7 +162,7 @@ def draw(results):
             plot.animate(
                 solution, range(0, len(solution.t), 6), results / "motion.gif", trace=joint
             )
-    theta = rigid(solution.t, *SHOWN)
+    theta, _ = rigid(*SHOWN)(solution.t)
     path.plot(solution.t, CRANK * np.cos(theta), "k:", linewidth=1.0, label="rigid")
     path.set(ylabel="joint $x$ [m]")
     off.set(ylabel="error of the path $/a$", ylim=(1e-6, 5))
