@@ -7,7 +7,6 @@ from collections.abc import Sequence
 import numpy as np
 
 from fx_beam.errors import SceneError
-from fx_beam.mechanics.schemes import Scheme
 from fx_beam.stepping.adaptive_run import AdaptiveRun
 from fx_beam.stepping.local_error import order_and_constant
 from fx_beam.stepping.recorder import Recorder
@@ -65,8 +64,3 @@ class Tolerance:
         return AdaptiveRun(
             integrator, stepper.single, recorder, control, breaks, max_halvings, self._search
         )
-
-
-def check_order(scheme: Scheme) -> None:
-    """SceneError for a scheme whose local errors are not known."""
-    order_and_constant(scheme)

@@ -22,13 +22,14 @@ from fx_beam.scene.scene import Scene
 from fx_beam.stepping.forcing import Drive
 from fx_beam.stepping.full_turns import Windings
 from fx_beam.stepping.initial_state import check_joints, initial_state, resumed_state
+from fx_beam.stepping.local_error import order_and_constant
 from fx_beam.stepping.newton import NewtonOptions, petsc
 from fx_beam.stepping.recorder import Record, Recorder
 from fx_beam.stepping.stepper import Stepper
 from fx_beam.stepping.substeps import LARGE_TURN, MOST_HALVINGS
 from fx_beam.validation import is_number, is_whole, require
 
-from .controlled_steps import Tolerance, check_order
+from .controlled_steps import Tolerance
 from .evaluation import solution_of
 from .progress import failure_of, keep, progress_bar
 
@@ -160,7 +161,7 @@ def simulate(
             require(value is None, f"simulate: {name}", value, "given with a tolerance only")
     else:
         control = Tolerance(tolerance, dt, dt_max, breaks, (t0, t_end))
-        check_order(scheme)
+        order_and_constant(scheme)  # refuses a scheme whose local errors are not known
 
     clock = time.perf_counter()
     model = Model(scene, scheme)

@@ -8,7 +8,7 @@ from typing import Any
 from fx_beam.scene.law import Law
 
 from .kinematics import Step
-from .resultants import ExactResultants, averaged, with_exact_work
+from .resultants import ExactResultants, averaged, with_exact_work, work_of
 
 
 @dataclass(frozen=True)
@@ -55,23 +55,19 @@ class Decaying:
 
     def __call__(self, step: Step, law: Law) -> DecayingResultants:
         """The resultants of a step."""
-        now = [b - a for a, b in zip(step.strains0, step.strains1, strict=True)]
+        now = step.strain_increments
         rest, held, lost_before = now, None, 0.0
         if self.order == 2:
             before = [b - a for a, b in zip(step.strains_before, step.strains0, strict=True)]
             rest = [a - step.memory * b for a, b in zip(now, before, strict=True)]
             # The work of the added resultants is the loss plus what the held energy gains:
             # 2 dE.C rest = dE.C dE - r^2 dE_before.C dE_before + rest.C rest
-            held = self.damping / 4 * _work(law.linear(now), now)
-            lost_before = (1 - step.memory**2) * _work(law.linear(before), before)
+            held = self.damping / 4 * work_of(law.linear(now), now)
+            lost_before = (1 - step.memory**2) * work_of(law.linear(before), before)
         taken = law.linear(rest)
         N, Q, M = (self.damping / 2 * force for force in taken)
         share = 2 if self.order == 1 else 1
-        loss = self.damping / 4 * (share * _work(taken, rest) + lost_before)
+        loss = self.damping / 4 * (share * work_of(taken, rest) + lost_before)
         mean = averaged(step, law)
         total = mean._replace(N=mean.N + N, Q=mean.Q + Q, M=mean.M + M)
         return DecayingResultants(with_exact_work(step, total), loss, held)
-
-
-def _work(forces, strains):
-    return sum(force * strain for force, strain in zip(forces, strains, strict=True))

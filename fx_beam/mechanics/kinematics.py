@@ -138,6 +138,11 @@ class Step:
         return self._strains(self.u0 + self.Du, self.psi0 + self.Dpsi)
 
     @property
+    def strain_increments(self):
+        """Increments of the strains (eps, gamma, kappa) over the step."""
+        return [b - a for a, b in zip(self.strains0, self.strains1, strict=True)]
+
+    @property
     def strains_before(self):
         """Strains (eps, gamma, kappa) at the start of the last step."""
         return self._strains(self.u_before, self.psi_before)

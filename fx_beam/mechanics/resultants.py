@@ -13,6 +13,11 @@ from .exact_work import exact_virtual_work
 from .kinematics import Step, director, perp, strains, tan, virtual_work
 
 
+def work_of(forces, strains):
+    """Work per length of the forces N, Q and M on strains."""
+    return sum(force * strain for force, strain in zip(forces, strains, strict=True))
+
+
 class Resultants(NamedTuple):
     """Stress resultants of one step as UFL expressions.
 

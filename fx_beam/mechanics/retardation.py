@@ -7,7 +7,7 @@ import ufl
 from fx_beam.scene.law import Law
 
 from .kinematics import Step, director, perp
-from .resultants import ExactResultants, Resultants, at_averages, with_exact_work
+from .resultants import ExactResultants, Resultants, at_averages, with_exact_work, work_of
 
 
 def viscous(step: Step, law: Law, tau, level: float) -> Resultants | ExactResultants:
@@ -17,8 +17,7 @@ def viscous(step: Step, law: Law, tau, level: float) -> Resultants | ExactResult
     their level.
     """
     if level == 0.5:
-        forces = law.linear([t * change / step.dt for t, change in _changes(step, tau)])
-        return with_exact_work(step, at_averages(step, *forces))
+        return with_exact_work(step, at_averages(step, *_mean_forces(step, law, tau)))
     dphi, t = step.t0 + step.prime(step.u), director(step.psi, step.t0)
     rate = step.prime(step.v)
     rates = (
@@ -32,11 +31,9 @@ def viscous(step: Step, law: Law, tau, level: float) -> Resultants | ExactResult
 
 def viscous_loss(step: Step, law: Law, tau):
     """Energy per length that they take in a step, dE . C (tau dE) / dt; never negative."""
-    changes = [change for _, change in _changes(step, tau)]
-    forces = law.linear([t * change / step.dt for t, change in _changes(step, tau)])
-    return sum(force * change for force, change in zip(forces, changes, strict=True))
+    return work_of(_mean_forces(step, law, tau), step.strain_increments)
 
 
-def _changes(step: Step, tau):
-    """Retardation time and increment of each strain."""
-    return [(tau[i], step.strains1[i] - step.strains0[i]) for i in range(3)]
+def _mean_forces(step: Step, law: Law, tau):
+    """C (tau dE / dt)."""
+    return law.linear([tau[i] * dE / step.dt for i, dE in enumerate(step.strain_increments)])

@@ -210,7 +210,7 @@ def EnergyDecaying(damping: float = 0.1, order: int = 2) -> Scheme:
     ----------
     damping : float
         Factor of the addition, in (0, 1]. The damping is largest for vibrations whose angular
-        frequency times the step is about 4/damping. Slow ones are hardly damped.
+        frequency times the step is about 2/damping. Slow ones are hardly damped.
     order : {1, 2}
         Order of convergence. With 1, r is 0: the energy itself never rises, and slow motions lose
         more of it.

@@ -215,7 +215,7 @@ def spline(points: Sequence) -> Curve:
     closed = len(xy) > 2 and math.dist(xy[0], xy[-1]) <= 1e-12 * abs(xy).max()
     if closed:
         xy[-1] = xy[0]
-    # Imported here: it takes a fifth of the time that all imports of the package take.
+    # Imported here: most scenes need no curve, and the import takes time.
     from scipy.interpolate import CubicSpline
 
     function = CubicSpline(breaks, xy, bc_type="periodic" if closed else "not-a-knot")

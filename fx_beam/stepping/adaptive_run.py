@@ -109,7 +109,6 @@ class AdaptiveRun:
         integrator, control, stats = self._integrator, self._control, self._stats
         number = self._order + AVERAGED
         longest = (until - state.t) / number
-        again = True
         for _ in range(_TRIALS):
             dt = min(control.length, longest)
             past, counts, now = integrator.past, copy(vars(stats)), state
@@ -129,9 +128,8 @@ class AdaptiveRun:
                 continue
             # Only the first length may be far too small; at breaks a trial is lost time.
             search = self._search and stats.steps == 0
-            again = control.retry(dt, ratio or 0.0, longest if search else dt)
             self._halvings = 0
-            if not again:
+            if not control.retry(dt, ratio or 0.0, longest if search else dt):
                 break
             if control.too_short:
                 raise self._too_short(state.t)

@@ -139,7 +139,7 @@ class ArcLength:
                 slopes[length] = found[length][1].load
             return slopes[length]
 
-        # Imported here: it takes a tenth of the time that all imports of the package take.
+        # Imported here: most paths have no limit point, and the import takes time.
         from scipy.optimize import brentq
 
         root = brentq(slope, 0.0, ds, xtol=_PLACE * ds)
