@@ -36,6 +36,7 @@ from .results.solution import Solution
 from .scene.beam import Beam, Node
 from .scene.coordinate import Coordinate, Damper, Spring
 from .scene.curve import Curve, arc, spline
+from .scene.internal_variables import InternalVariables
 from .scene.joints import GROUND, Joint, PinInSlot, Prismatic, Revolute, Rigid
 from .scene.law import Law
 from .scene.scene import Scene
@@ -61,6 +62,7 @@ __all__ = [
     "Equilibrium",
     "Failure",
     "GeneralizedAlpha",
+    "InternalVariables",
     "Joint",
     "JointMotion",
     "Law",

@@ -276,7 +276,12 @@ def _first_state(model: Model, drive: Drive, dt: float, start: Solution | None) 
     ):
         if ours != theirs:
             raise SceneError(f"start: the solution has {theirs} {what}, but the scene has {ours}")
-    state = end.renumbered(model.from_nodes)
+    has, needs = end.internal, model.forms.internal_shape
+    if (has is None) != (needs[-1] == 0) or (has is not None and has.shape != needs):
+        raise SceneError(
+            "start: the solution has other internal variables than the sections of the scene"
+        )
+    state = end.renumbered(model.from_nodes, model.mesh.from_elements)
     check_joints(model, state)
     if state.held is not None and len(state.held) != model.reduction.columns - model.reduction.free:
         state = replace(state, held=None)  # other supports

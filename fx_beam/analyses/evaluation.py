@@ -34,6 +34,7 @@ def solution_of(
     rows: slice | np.ndarray = slice(None)
     if times is not None:
         histories, rows = at_times(model, histories, times, breaks)
+    internal = histories.pop("internal")
     cache: list[np.ndarray] = []
 
     def resultants_of_beam(name: str) -> BeamResultants:
@@ -58,5 +59,17 @@ def solution_of(
         beams={beam.name: beam for beam in scene.beams},
         nodes_of_beam={b.name: n for b, n in zip(scene.beams, mesh.nodes, strict=True)},
         resultants_of_beam=resultants_of_beam,
-        end=end and end.renumbered(model.to_nodes),
+        internal_of_beam=_internal_of_beam(model, internal),
+        end=end and end.renumbered(model.to_nodes, mesh.to_elements),
     )
+
+
+def _internal_of_beam(model: Model, rows: np.ndarray | None) -> dict[str, dict[str, np.ndarray]]:
+    """Internal variables (n, points) by beam and name, from those of all cells."""
+    found = {}
+    for beam, cells in zip(model.scene.beams, model.mesh.cells, strict=True):
+        if beam.section.internal is not None and rows is not None:
+            of_beam = rows[:, cells].reshape(len(rows), -1, rows.shape[-1])
+            names = enumerate(beam.section.internal.names)
+            found[beam.name] = {name: of_beam[..., i] for i, name in names}
+    return found

@@ -6,6 +6,7 @@ Newton's method, the couplings and the nodal rates.
 
 from __future__ import annotations
 
+import math
 from typing import Any
 
 import numpy as np
@@ -39,6 +40,7 @@ _FORMS = {
     "lost": ("lost energy",),
     "taken": ("scheme's loss",),
     "held_by_scheme": ("scheme's energy",),
+    "evolution": ("internal variables",),
 }
 
 
@@ -101,6 +103,7 @@ class Problem:
             dolfinx_api.element_coordinates(mesh.mesh),
         )
         p.dofs, p.nodes = model.size, len(mesh.X)
+        p.cells, p.cell_internal = len(dofs), int(np.prod(model.forms.internal_shape[1:]))
         p.cell_dofs, p.cell_coordinates = dofs.shape[1], coordinates.shape[1]
         massless = np.flatnonzero(model.massless)
         p.turning, p.massless_count = len(model.turns), len(massless)
@@ -136,6 +139,10 @@ class Problem:
             turning_mass=mass.data[turning],
             position=mesh.X,
         )
+        if p.cell_internal:
+            width = model.forms.internal_shape[-1]
+            self._doubles(per_weight=np.repeat(1 / model.forms.point_weights, width))
+        self._internal = np.arange(p.cells * p.cell_internal).reshape(p.cells, -1)
         if model.weight is not None:
             self._doubles(weight=model.weight)
         columns = model.loads.columns
@@ -148,7 +155,8 @@ class Problem:
         found = [forms.bound[name] for name in names if name in forms.bound]
         form, compiled = found[0]
         packed, tags = dolfinx_api.packed_coefficients(form, compiled), ffcx_api.integrals(compiled)
-        kernel = Kernel(found, p.cell_dofs)
+        of_cell = p.cell_internal if out == p.evolution else p.cell_dofs
+        kernel = Kernel(found, of_cell)
         out.integrals, out.width = len(tags), packed[tags[0]].shape[1]
         numbers = kernel.size, out.width, p.cell_coordinates
         # Named after the form that takes longest to compile.
@@ -163,6 +171,8 @@ class Problem:
             of.packed = self._lanes(packed[tag], owner=(names, tag))
             of.dofs, of.to = self._lanes(self._dofs[cells]), self._lanes(self._dofs[cells], p.dofs)
             of.place = self._lanes(self._places[cells], p.places)
+            if p.cell_internal:
+                of.internal = self._lanes(self._internal[cells])
             of.coordinates = self._lanes(self._coordinates[cells])
         out.kind = self._pointer([kind for kind, _ in moving], np.int32)
         out.offset = self._pointer([offset for _, offset in moving], np.int32)
@@ -330,6 +340,7 @@ class Problem:
             "held": reduction.columns - reduction.free,
             "added_force": model.size,
             "before": model.size if model.forms.needs_before else 0,
+            "internals": math.prod(model.forms.internal_shape),
         }
         # One piece of memory, which the loop copies before a step with sub-steps.
         known, past = self.library.PAST, (1, model.size, reduction.free)

@@ -16,7 +16,7 @@ class Kernel(NamedTuple):
 
     #: Forms on a mesh, each as compiled. The first has all coefficients and constants.
     forms: list[tuple[Any, CompiledForm]]
-    #: Number of degrees of freedom per element.
+    #: Number of degrees of freedom per element, of the space of the test functions.
     cell_dofs: int
 
     @property

@@ -161,6 +161,8 @@ class CompiledLoop:
             arrays["held"][:] = state.held
         if state.added is not None:
             arrays["added_force"][:] = state.added
+        if state.internal is not None:
+            arrays["internals"][:] = state.internal.ravel()
         p.t, p.work, p.dissipated = state.t, state.work, state.dissipated
         p.algorithmic, p.numerical, p.length = state.algorithmic, state.numerical, state.length
         if p.needs_before:
@@ -213,7 +215,7 @@ class CompiledLoop:
     def _state(self, t: float) -> State:
         p = self._problem
         arrays = {name: values.copy() for name, values in self._state_arrays.items()}
-        taken = p.steps_done > 0
+        taken, shape = p.steps_done > 0, self.model.forms.internal_shape
         return State(
             t,
             arrays["q"],
@@ -228,6 +230,7 @@ class CompiledLoop:
             numerical=p.numerical,
             algorithmic=p.algorithmic,
             before=arrays["before"] if p.needs_before else None,
+            internal=arrays["internals"].reshape(shape) if p.cell_internal else None,
             length=p.length,
         )
 

@@ -9,12 +9,10 @@ import functools
 import inspect
 import logging
 from collections.abc import Callable, Mapping
-from importlib import import_module
 from typing import Any, NamedTuple, TypeVar
 
 from mpi4py import MPI
 
-import basix
 import dolfinx
 import ufl
 from dolfinx import fem
@@ -25,6 +23,7 @@ from ufl.domain import extract_domains
 import numpy as np
 
 from . import ffcx_api
+from .elements import OF_UFL, beam, lagrange, values_at_points
 
 _log = logging.getLogger("fx_beam")
 F = TypeVar("F", bound=Callable)
@@ -35,10 +34,7 @@ def _takes(function: Callable, name: str) -> bool:
     return name in inspect.signature(function).parameters
 
 
-# Whether elements belong to UFL or to basix.
-_OF_UFL = hasattr(ufl, "FiniteElement")
-_BASIX: Any = None if _OF_UFL else import_module("basix.ufl")
-_FUNCTION_SPACE: Any = getattr(fem, "FunctionSpace" if _OF_UFL else "functionspace")
+_FUNCTION_SPACE: Any = getattr(fem, "FunctionSpace" if OF_UFL else "functionspace")
 _OPTIONS_OF_JIT = "jit_options" if _takes(fem.form, "jit_options") else "jit_params"
 _OPTIONS_OF_FORMS = _OPTIONS_OF_JIT.replace("jit", "form_compiler")
 # Whether a form of Python is one of the C++ library, and may have one for each type of cell.
@@ -84,7 +80,7 @@ def interval_mesh(points: np.ndarray, cells: np.ndarray, degree: int = 1):
 
     `cells` (m, degree + 1) has the first and last node of each interval, then the inner nodes.
     """
-    create, domain = dolfinx.mesh.create_mesh, ufl.Mesh(_lagrange(degree, 2))
+    create, domain = dolfinx.mesh.create_mesh, ufl.Mesh(lagrange(degree, 2))
     named: dict[str, Any] = {"e" if _takes(create, "e") else "domain": domain}
     # COMM_SELF: each process computes the whole scene.
     mesh = create(MPI.COMM_SELF, cells=cells.astype(np.int64), x=points, **named)
@@ -94,7 +90,7 @@ def interval_mesh(points: np.ndarray, cells: np.ndarray, degree: int = 1):
 @functools.cache
 def domain(degree: int):
     """UFL's mesh of intervals in the plane, for forms that are compiled without a mesh."""
-    return ufl.Mesh(_lagrange(degree, 2))
+    return ufl.Mesh(lagrange(degree, 2))
 
 
 class Coefficient(ufl.Coefficient):
@@ -108,18 +104,37 @@ def data(on, points: int, shape: tuple[int, ...] = ()):
     """UFL's place for data: a constant for 0 points, else `at_gauss_points` of so many."""
     if not points:
         return ufl.Constant(on, shape=shape)
-    return Coefficient(ufl.FunctionSpace(on, _lagrange(points - 1, *shape, broken=True)))
+    return Coefficient(ufl_gauss_space(on, points, *shape))
 
 
 def ufl_space(on, degree: int, nodal: bool = False):
     """UFL's side of `beam_space`, or of its `nodal_rotations`."""
-    return ufl.FunctionSpace(on, _beam_element(degree, nodal))
+    return ufl.FunctionSpace(on, beam(degree, nodal))
+
+
+def ufl_coordinate(on):
+    """UFL's place for `coordinate_on_cells`."""
+    return Coefficient(ufl.FunctionSpace(on, lagrange(1, broken=True)))
+
+
+def ufl_gauss_space(on, points: int, *shape: int):
+    """UFL's side of `gauss_space`."""
+    return ufl.FunctionSpace(on, values_at_points(points, *shape))
+
+
+@quietly
+def gauss_space(mesh, points: int, *shape: int):
+    """Space of values at the Gauss points of each cell, for forms with this rule only.
+
+    With one point it is constant on each cell, and fits every rule.
+    """
+    return _space(mesh, values_at_points(points, *shape))
 
 
 @quietly
 def beam_space(mesh, degree: int):
     """Mixed Lagrange space of displacement (2) and rotation (1) with equispaced nodes."""
-    return _space(mesh, _beam_element(degree))
+    return _space(mesh, beam(degree))
 
 
 @quietly
@@ -128,7 +143,7 @@ def nodal_rotations(space, degree: int):
 
     Degrees of freedom are the same. UFL then has the nodal values at every point of the cell.
     """
-    element = _beam_element(degree, nodal=True)
+    element = beam(degree, nodal=True)
     own, other = _cpp(space), _cpp(_space(space.mesh, element))
     shape = [other.value_shape] if hasattr(other, "value_shape") else []
     shared = type(own)(own.mesh, other.element, own.dofmap, *shape)
@@ -138,33 +153,13 @@ def nodal_rotations(space, degree: int):
 @quietly
 def coordinate_on_cells(mesh, length: float):
     """Function that is linear on each cell, from 0 at its first node to `length` at its last."""
-    coordinate = function(_space(mesh, _lagrange(1, broken=True)))
+    coordinate = function(_space(mesh, lagrange(1, broken=True)))
     coordinate.x.array[element_dofs(coordinate.function_space)] = 0.0, length
     return coordinate
 
 
-def _beam_element(degree: int, nodal: bool = False):
-    rotation = _lagrange(0, degree + 1, broken=True) if nodal else _lagrange(degree)
-    fields = [_lagrange(degree, 2), rotation]
-    return ufl.MixedElement(fields) if _OF_UFL else _BASIX.mixed_element(fields)
-
-
 def _space(mesh, element):
-    return _FUNCTION_SPACE(mesh, element, **(_WITH_JIT if _OF_UFL else {}))
-
-
-def _lagrange(degree: int, size: int | None = None, *, broken: bool = False):
-    """Scalar or vector element with equispaced nodes; a broken one is discontinuous between cells.
-
-    The explicit variant makes signatures of forms, and so the cache, equal in all processes.
-    """
-    family = "DG" if broken else "Lagrange"
-    if _OF_UFL:
-        cell = ufl.Cell("interval", geometric_dimension=2)
-        element = ufl.FiniteElement(family, cell, degree, variant="equispaced")
-        return element if size is None else ufl.VectorElement(element, dim=size)
-    variant, shape = basix.LagrangeVariant.equispaced, None if size is None else (size,)
-    return _BASIX.element(family, "interval", degree, lagrange_variant=variant, shape=shape)
+    return _FUNCTION_SPACE(mesh, element, **(_WITH_JIT if OF_UFL else {}))
 
 
 def function(space):
@@ -180,23 +175,12 @@ def dofs_of_cells(space) -> np.ndarray:
     return np.dstack([u.reshape(-1, nodes, 2), psi])
 
 
-@quietly
 def at_gauss_points(mesh, values: np.ndarray):
-    """Function with values (cells, points, components) or (cells, points) at the Gauss points.
-
-    On each cell it is the interpolating polynomial, discontinuous between cells.
-    """
-    points, shape = values.shape[1], values.shape[2:]
-    space = _space(mesh, _lagrange(points - 1, *shape, broken=True))
-    nodes = space.element.interpolation_points
-    nodes = nodes() if callable(nodes) else nodes
-    powers = np.arange(points)
-    through = np.linalg.inv(gauss_points(points) ** powers)
-    at_nodes = nodes[:, :1] ** powers @ through
-    polynomial = function(space)
-    nodal = polynomial.x.array.reshape(-1, *shape)
-    nodal[element_dofs(space)] = np.einsum("np,cp...->cn...", at_nodes, values)
-    return polynomial
+    """Function with values (cells, points, components) or (cells, points) at the Gauss points."""
+    places = function(gauss_space(mesh, *values.shape[1:]))
+    nodal = places.x.array.reshape(-1, *values.shape[2:])
+    nodal[element_dofs(places.function_space)] = values
+    return places
 
 
 def constant(mesh, value):
@@ -223,7 +207,7 @@ class CompiledForm(NamedTuple):
 
 def compile_form(form, name: str) -> CompiledForm:
     """Compile a UFL form through FFCx; forms that were not in the cache are logged."""
-    scalar = {"scalar_type": "double" if _OF_UFL else _REAL}
+    scalar = {"scalar_type": "double" if OF_UFL else _REAL}
     options = {_OPTIONS_OF_FORMS: scalar, **_WITH_JIT}
     compiled = quietly(dolfinx.jit.ffcx_jit)(MPI.COMM_SELF, form, **options)
     if any(compiled[2]):
@@ -343,7 +327,7 @@ def _rows(mesh, numbers) -> np.ndarray:
 
 def coefficient_offsets(form, functions) -> list[tuple[int, int]]:
     """Which of the functions a bound form has, and their offsets in its packed coefficients."""
-    objects = [function._cpp_object for function in functions]
+    objects = [getattr(function, "_cpp_object", None) for function in functions]
     found, offset = [], 0
     for coefficient in _cpp(form).coefficients:
         if coefficient in objects:

@@ -29,6 +29,8 @@ class Fields:
         #: Velocity and acceleration at the start of the step.
         self.start_rates = tuple(dolfinx_api.Coefficient(space) for _ in range(2))
         self.time, self.dt, self.load_factor = (ufl.Constant(domain) for _ in range(3))
+        #: Increment of the load factor in statics.
+        self.load_increment = ufl.Constant(domain)
         #: Displacements and rotations at the start of the last step, and `Step.memory`.
         self.before, self.memory = dolfinx_api.Coefficient(space), ufl.Constant(domain)
         #: The fields without nodal rotations, for mass and loads.
@@ -46,14 +48,15 @@ class Fields:
     def with_nodal_rotations(self) -> Fields:
         """The same fields, but with the rotations of the unknowns at the nodes of the element."""
         other = copy.copy(self)
-        other.coordinate = dolfinx_api.data(self._domain, 2)
+        other.coordinate = dolfinx_api.ufl_coordinate(self._domain)
         other._set_unknowns(dolfinx_api.ufl_space(self._domain, self.degree, nodal=True))
         return other
 
     @property
     def known(self) -> list:
         """All fields, of which forms may consist."""
-        found = [*self.moving, self.time, self.dt, self.load_factor, self.memory]
+        found = [*self.moving, self.time, self.dt, self.load_factor, self.load_increment]
+        found.append(self.memory)
         return found if self.coordinate is None else [*found, self.coordinate]
 
     @property
@@ -70,6 +73,10 @@ class Fields:
     def data(self, place: Place):
         """UFL's place for data of the sections."""
         return dolfinx_api.data(self._domain, *place)
+
+    def internal(self, width: int):
+        """UFL's space of so many internal variables at the Gauss points."""
+        return dolfinx_api.ufl_gauss_space(self._domain, self.degree, width)
 
     def measure(self, points: int):
         """Measure of the members, by a Gauss rule of so many points."""

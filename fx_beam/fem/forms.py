@@ -17,7 +17,7 @@ from .fields import fields_of
 from .follower_loads import Followers
 from .mesh import Mesh
 from .section_fields import Data, on_beam, section_data
-from .weak_form import WeakForm, sections_facing_backwards, weak_form
+from .weak_form import Material, WeakForm, sections_facing_backwards, weak_form
 
 
 class Part(NamedTuple):
@@ -34,6 +34,8 @@ class Part(NamedTuple):
     #: Start of the last step (size,), and `Step.memory`.
     before: np.ndarray | None = None
     memory: float = 0.0
+    #: Internal variables (cells, degree, width) at the start.
+    internal: np.ndarray | None = None
 
 
 class Forms:
@@ -69,6 +71,8 @@ class Forms:
         self._residual, self._tangent = self._bind(weak.force), self._bind(weak.tangent)
         self._energy = self._bind(weak.energy)
         self._losses = [form and self._bind(form) for form in weak.losses]
+        if weak.evolution is not None:
+            self._bind_evolution(weak.evolution)
         #: Whether the forces depend on the start of the last step.
         self.needs_before = weak.needs_before
         #: Whether the resultants depend on rates at the start of a step, and on any rates.
@@ -91,6 +95,12 @@ class Forms:
         self.memory = dolfinx_api.constant(mesh, 0.0)
         found = {fields.time: self.time, fields.dt: self.dt, fields.load_factor: self.load_factor}
         found[fields.memory] = self.memory
+        self.load_increment = dolfinx_api.constant(mesh, 0.0)
+        found[fields.load_increment] = self.load_increment
+        if self._weak.internal is not None:
+            places = dolfinx_api.gauss_space(mesh, fields.degree, self._weak.width)
+            found[self._weak.internal] = dolfinx_api.function(places)
+            self._cell_points = dolfinx_api.element_dofs(places)
         #: Space of the increment and of the virtual displacements and rotations.
         self._space = space
         if fields.coordinate is not None:
@@ -102,21 +112,30 @@ class Forms:
 
     @property
     def moving(self) -> list:
-        """Functions that change: the first in every iteration, the others in every step."""
-        return [self._data[field] for field in self.fields.moving if field in self._data]
+        """Functions that change: the first in every iteration, the others in every step.
+
+        They are numbered as the kinds of coefficients in problem.h; None is missing.
+        """
+        return [self._data.get(field) for field in (*self.fields.moving, self._weak.internal)]
+
+    @property
+    def internal_shape(self) -> tuple[int, int, int]:
+        """Shape (cells, degree, width) of the internal variables; the width is zero without any."""
+        return len(self._tags), self.fields.degree, self._weak.width
 
     def _weak_form(self, scene: Scene) -> WeakForm:
         """The weak form of the scene; the data of the sections are those of the forms."""
         mesh, degree = self._mesh, scene.beams[0].degree
-        energies: list[Any] = []
-        for beam in scene.beams:
-            if beam.section.strain_energy not in energies:
-                energies.append(beam.section.strain_energy)
-        kinds = [energies.index(beam.section.strain_energy) for beam in scene.beams]
-        #: Subdomain of each cell, the number of its stored energy.
+        of_beams = [(beam.section.strain_energy, beam.section.internal) for beam in scene.beams]
+        materials: list[Material] = []
+        for material in of_beams:
+            if material not in materials:
+                materials.append(material)
+        kinds = [materials.index(material) for material in of_beams]
+        #: Subdomain of each cell, the number of its material.
         self._tags = np.array(kinds)[mesh.beam_of_cell]
         stiffness = None
-        if None in energies:
+        if (None, None) in materials:
             stiffness = section_data(mesh, scene, ("EA", "GA", "EI"), degree)
         times = None
         if any(beam.section.damped for beam in scene.beams) and not self._scheme.rates.at_rest:
@@ -129,7 +148,7 @@ class Forms:
         weak = weak_form(
             fields_of(degree, mesh.curved),
             self._scheme,
-            energies,
+            materials,
             stiffness and stiffness.place,
             times and times.place,
             [(work, data.place) for work, data in zip(scene.virtual_works, inside, strict=True)],
@@ -146,6 +165,13 @@ class Forms:
     def _bind(self, compiled: CompiledForm):
         """Bind a form of a step's fields."""
         return self._bound(compiled, self._space, self._data)
+
+    def _bind_evolution(self, compiled: CompiledForm) -> None:
+        space = self._data[self._weak.internal].function_space
+        self._evolution = self._bound(compiled, space, self._data)
+        self._internal = self._data[self._weak.internal].x.array.reshape(-1, self._weak.width)
+        #: Weights (degree,) of the Gauss points, relative to the element's length.
+        self.point_weights = np.polynomial.legendre.leggauss(self.fields.degree)[1] / 2
 
     def bind(self, compiled: CompiledForm, data: Mapping):
         """Bind a form of other data, such as the mass, and keep it by its name."""
@@ -193,6 +219,21 @@ class Forms:
         if self.needs_before:
             self.memory.value = memory
             self.moving[4].x.array[:] = self._start.x.array if before is None else before
+
+    def set_internal(self, internal: np.ndarray | None) -> None:
+        """Set the internal variables (cells, degree, width) at the start of the step."""
+        if internal is not None:
+            self._internal[self._cell_points] = internal
+
+    def evolve(self, D: np.ndarray) -> np.ndarray | None:
+        """Internal variables (cells, degree, width) at the end of the step; None without any."""
+        if self._weak.evolution is None:
+            return None
+        self.increment.x.array[:] = D
+        grown = np.zeros(self._internal.size)
+        dolfinx_api.assemble_vector(grown, self._evolution)
+        at_points = grown.reshape(self._internal.shape)[self._cell_points]
+        return self._internal[self._cell_points] + at_points / self.point_weights[:, None]
 
     def losses(self, D: np.ndarray) -> list[float]:
         """Energies [J] that the material and the scheme take, and that the scheme holds."""
@@ -243,9 +284,10 @@ class Forms:
     def _factor(self) -> float:
         return float(self.load_factor.value)
 
-    def strain_energy(self, q: np.ndarray) -> float:
-        """Stored energy [J] of a configuration q (size,), integrated by the reduced rule."""
+    def strain_energy(self, q: np.ndarray, internal: np.ndarray | None = None) -> float:
+        """Stored energy [J] of q (size,) and internal variables, integrated by the reduced rule."""
         self._start.x.array[:] = q
+        self.set_internal(internal)
         return dolfinx_api.assemble_scalar(self._energy)
 
     def bind_facing(self) -> None:
@@ -281,6 +323,7 @@ class Forms:
             if self.resultants_need_rates:
                 self._set_rates(*part.rates)
             self.set_memory(part.before, part.memory)
+            self.set_internal(part.internal)
             out = np.empty((len(self._tags), self.fields.degree, 3))
             for expression, cells in expressions:
                 values = dolfinx_api.evaluate(expression, self._mesh.mesh, cells)

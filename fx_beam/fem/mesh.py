@@ -50,6 +50,16 @@ class Mesh:
         vector[self.dofs] = values
         return vector
 
+    def to_elements(self, values: np.ndarray) -> np.ndarray:
+        """Values (elements, ...) in the order of the beams of those of the cells."""
+        return values[np.concatenate(self.cells)]
+
+    def from_elements(self, values: np.ndarray) -> np.ndarray:
+        """Values (cells, ...) of those of the elements in the order of the beams."""
+        of_cells = np.empty_like(values)
+        of_cells[np.concatenate(self.cells)] = values
+        return of_cells
+
     def nodes_of(self, scene: Scene, target) -> np.ndarray:
         """Nodes of a beam, those inside its elements included, or the node itself."""
         if isinstance(target, Beam):

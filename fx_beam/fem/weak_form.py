@@ -10,11 +10,13 @@ import ufl
 
 from fx_beam.errors import SceneError
 from fx_beam.mechanics.decaying import DecayingResultants
+from fx_beam.mechanics.evolution import evolution_loss, evolved, law_of_step
 from fx_beam.mechanics.kinematics import arc_derivative, director
 from fx_beam.mechanics.resultants import ExactResultants
 from fx_beam.mechanics.retardation import viscous, viscous_loss
 from fx_beam.mechanics.schemes import Scheme
-from fx_beam.scene.law import Energy, Law, quadratic_law
+from fx_beam.scene.internal_variables import InternalVariables
+from fx_beam.scene.law import Energy, Law, own_law, quadratic_law
 from fx_beam.scene.loads import VirtualWork
 from fx_beam.validation import fields_in, refuse_fields
 
@@ -24,20 +26,23 @@ from .fields import Fields
 from .section_fields import Place
 from .virtual_works import added_virtual_work
 
+#: Stored energy of a section, None for the quadratic one, and its internal variables.
+Material = tuple[Energy | None, InternalVariables | None]
+
 
 class WeakForm:
     """Internal forces, tangent and energies of beams for a scheme, on no particular mesh.
 
-    `energies` are the different stored energies of the sections, None for the quadratic one, whose
-    stiffnesses are in `place`; several ones are numbered as subdomains. `times` is the place of the
-    retardation times, None without damping. Each virtual work comes with that of its indicator.
+    `materials` are those of the sections, numbered as subdomains if there are several. `place` has
+    the stiffnesses of the quadratic energy. `times` is the place of the retardation times, None
+    without damping. Each virtual work comes with that of its indicator.
     """
 
     def __init__(
         self,
         fields: Fields,
         scheme: Scheme,
-        energies: Sequence[Energy | None],
+        materials: Sequence[Material],
         place: Place | None,
         times: Place | None,
         works: Sequence[tuple[VirtualWork, Place]] = (),
@@ -49,10 +54,17 @@ class WeakForm:
         self.times = None if times is None else fields.data(times)
         #: Where each virtual work acts: 1 there, 0 elsewhere.
         self.indicators = [fields.data(place) for _, place in works]
-        self._laws = [
-            quadratic_law(self.stiffness) if energy is None else Law(energy, quadratic=False)
-            for energy in energies
-        ]
+        self._materials = materials
+        #: Number of internal variables at a Gauss point, and their values at the step's start.
+        self.width = max(len(found.names) if found else 0 for _, found in materials)
+        self.internal: Any = None
+        if self.width:
+            if len(scheme.fractions) > 1:
+                raise SceneError(
+                    f"{scheme.name}: the sub-step that goes back in time would give back what "
+                    "internal variables of a section have dissipated. Use order=2"
+                )
+            self.internal = dolfinx_api.Coefficient(fields.internal(self.width))
         self._build_resultants()
         self._build_residual()
         self.added: CompiledForm | None = None
@@ -79,11 +91,30 @@ class WeakForm:
         ]
 
     def _of_step(self) -> list[list[Any]]:
+        #: Internal variables at both ends of the step, of each law that has some.
+        self._evolution = [self._evolved(variables) for _, variables in self._materials]
+        self._laws = [
+            self._law(energy, ends)
+            for (energy, _), ends in zip(self._materials, self._evolution, strict=True)
+        ]
         found: list[list[Any]] = [[self.scheme.resultants(self.step, law)] for law in self._laws]
         if self.times is not None:
             for law, parts in zip(self._laws, found, strict=True):
                 parts.append(viscous(self.step, law, self.times, self.scheme.rates.level))
         return found
+
+    def _evolved(self, variables: InternalVariables | None) -> tuple[Any, Any] | None:
+        if variables is None:
+            return None
+        old = ufl.as_vector([self.internal[i] for i in range(len(variables.names))])
+        at_rest = self.scheme.rates.at_rest
+        dt = self.fields.load_increment if at_rest else self.fields.dt
+        return old, evolved(variables, old, self.step, dt, at_rest)
+
+    def _law(self, energy: Energy | None, ends: tuple[Any, Any] | None) -> Law:
+        if energy is None:
+            return quadratic_law(self.stiffness)
+        return own_law(energy) if ends is None else law_of_step(energy, *ends)
 
     def _build_residual(self) -> None:
         dx = self.fields.measure(self.fields.degree)
@@ -99,7 +130,11 @@ class WeakForm:
                 if isinstance(r, DecayingResultants):
                     taken += r.loss * dx_law
                     held += 0 if r.held is None else r.held * dx_law
-            self._stored += law.energy(*self.step.strains0) * dx_law
+            self._stored += law.start.energy(*self.step.strains0) * dx_law
+            energy, ends = self._materials[tag][0], self._evolution[tag]
+            if energy is not None and ends is not None:
+                at_rest = self.scheme.rates.at_rest
+                lost += evolution_loss(energy, *ends, self.step, at_rest) * dx_law
             if self.times is not None:
                 lost += viscous_loss(self.step, law, self.times) * dx_law
         self._losses = {"lost energy": lost, "scheme's loss": taken, "scheme's energy": held}
@@ -111,6 +146,7 @@ class WeakForm:
         found += [field for parts in self._of_laws for field in fields_in(parts[0].M)]
         known = [*self.fields.known, *(field for law in self._laws for field in law.data)]
         known += [] if self.times is None else fields_in(self.times)
+        known.append(self.internal)
         refuse_fields(found, f"resultants of {self.scheme.name}", known)
 
     def _add(self, works: Sequence[VirtualWork]) -> None:
@@ -137,6 +173,11 @@ class WeakForm:
             dolfinx_api.compile_form(energy, name) if energy else None
             for name, energy in self._losses.items()
         ]
+        #: Increments of the internal variables at the Gauss points, each times its weight; None
+        #: without any.
+        self.evolution = None
+        if self.width:
+            self.evolution = dolfinx_api.compile_form(self._increments(), "internal variables")
         #: Whether the forces depend on the start of the last step.
         self.needs_before = fields.before in residual.coefficients()
         if self.needs_before and len(self.scheme.fractions) > 1:
@@ -152,6 +193,17 @@ class WeakForm:
         self.resultants_need_rates = any(rate in found for rate in fields.start_rates)
         self.resultants_move = self.resultants_need_rates or fields.dt in found
 
+    def _increments(self):
+        dx = self.fields.measure(self.fields.degree)
+        at_points = ufl.TestFunction(self.fields.internal(self.width))
+        form: Any = 0
+        for tag, ends in enumerate(self._evolution):
+            if ends is not None:
+                grown = ends[1] - ends[0]
+                per_length = sum(grown[i] * at_points[i] for i in range(len(grown)))
+                form += per_length / self.step.h * (dx(tag) if len(self._laws) > 1 else dx)
+        return form
+
     @property
     def facing(self):
         """t . phi' of eq. 4 at the start of the step: 1 and the axial strain."""
@@ -161,7 +213,7 @@ class WeakForm:
 def weak_form(
     fields: Fields,
     scheme: Scheme,
-    energies: Sequence[Energy | None],
+    materials: Sequence[Material],
     place: Place | None,
     times: Place | None,
     works: Sequence[tuple[VirtualWork, Place]],
@@ -170,14 +222,17 @@ def weak_form(
 
     Functions of the user are asked again: the data that they use may have changed.
     """
-    if scheme.built_in and not works and energies == [None]:
+    if scheme.built_in and not works and materials == [_ELASTIC]:
         return _kept(fields, scheme, place, times)
-    return WeakForm(fields, scheme, energies, place, times, works)
+    return WeakForm(fields, scheme, materials, place, times, works)
+
+
+_ELASTIC: Material = (None, None)
 
 
 @functools.lru_cache(maxsize=32)
 def _kept(fields: Fields, scheme: Scheme, place: Place | None, times: Place | None) -> WeakForm:
-    return WeakForm(fields, scheme, [None], place, times)
+    return WeakForm(fields, scheme, [_ELASTIC], place, times)
 
 
 @functools.cache

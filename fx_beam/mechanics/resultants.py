@@ -147,8 +147,8 @@ class AtEnds:
 
     def __call__(self, step: Step, law: Law) -> WeightedResultants:
         """The resultants of a step."""
-        start = _at(step, law, step.u0, step.psi0)
-        end = _at(step, law, step.u0 + step.Du, step.psi0 + step.Dpsi)
+        start = _at(step, law.start, step.u0, step.psi0)
+        end = _at(step, law.end, step.u0 + step.Du, step.psi0 + step.Dpsi)
         return WeightedResultants(start, end, self.level)
 
 

@@ -40,9 +40,11 @@ class Equations:
         """Set the interval of a step and the state at its start."""
         model, q = self.model, start.q
         self._start, self._length = start, interval.length
+        model.forms.set_internal(start.internal)
         if model.scheme.rates.at_rest:
-            # The interval is one of load factors; the equations do not depend on its length.
+            # The interval is one of load factors; only internal variables depend on its length.
             model.forms.load_factor.value = interval.end
+            model.forms.load_increment.value = interval.length
             model.forms.set_step(self.time, 0.0, q, start.v, start.a)
             model.reduction.begin(q, start.slides, 1.0)
         else:

@@ -42,7 +42,10 @@ def save(solution, path) -> None:
             found = vars(solution.resultants(name))
             arrays |= {f"{key}_{part}": value for part, value in found.items()}
         arrays[f"{key}_nodes"] = solution.nodes_of_beam[name]
-        beams.append({"name": name, "degree": beam.degree, "s": beam.s.tolist()})
+        internal = solution.internal_of_beam.get(name, {})
+        arrays |= {f"{key}_internal{i}": rows for i, rows in enumerate(internal.values())}
+        item = {"name": name, "degree": beam.degree, "s": beam.s.tolist()}
+        beams.append({**item, "internal": list(internal)})
     meta = {"format": FORMAT, "stats": asdict(solution.stats), "beams": beams}
     with open(path, "wb") as file:
         np.savez_compressed(file, meta=np.array(json.dumps(meta)), **arrays)

@@ -62,12 +62,16 @@ def _read(path) -> Solution:
     if meta["format"] != FORMAT:
         raise KeyError("format")
     beams: dict[str, Beam] = {}
-    nodes_of_beam, resultants = {}, {}
+    nodes_of_beam, resultants, internal = {}, {}, {}
     for i, item in enumerate(meta["beams"]):
         name, numbers = item["name"], data[f"beam{i}_nodes"]
         ends = tuple(Node(int(n), *map(float, data["X"][n])) for n in numbers[:: item["degree"]])
         beams[name] = Beam(name, ends, item["degree"], np.array(item["s"]))
         nodes_of_beam[name] = numbers
+        if names := item.get("internal"):  # files of earlier versions have none
+            internal[name] = {
+                variable: data[f"beam{i}_internal{k}"] for k, variable in enumerate(names)
+            }
         if len(data["q"]) == len(data["t"]):  # else there was no motion recorded to compute them of
             resultants[name] = BeamResultants(*(data[f"beam{i}_{part}"] for part in "sNQM"))
     end = None
@@ -91,6 +95,7 @@ def _read(path) -> Solution:
         beams=beams,
         nodes_of_beam=nodes_of_beam,
         resultants_of_beam=resultants.__getitem__,
+        internal_of_beam=internal,
         end=end,
     )
 

@@ -10,10 +10,10 @@ from fx_beam.scene.beam import Beam, Node
 from fx_beam.scene.joints import Joint
 from fx_beam.scene.summary import html_table
 
-from . import export, paraview, tables
+from . import beam_histories, export, paraview, tables
 from .audit import BeamResultants, Energy, Stats, read_only
 from .joint_motion import JointMotion
-from .lookup import beam_name, joint_number, node_number
+from .lookup import joint_number, node_number
 from .state import State
 from .summary import facts
 
@@ -64,6 +64,8 @@ class Solution:
         All nodes of each beam in order, those inside elements included.
     resultants_of_beam : callable
         ``resultants_of_beam(name)`` gives the `BeamResultants`.
+    internal_of_beam : dict
+        Internal variables, (n, points) each, by name for each beam that has some.
     end : State, optional
         The last state, its vectors by nodes, for `simulate(start=...)`; None after a failed run.
 
@@ -100,6 +102,7 @@ class Solution:
         beams: dict[str, Beam],
         nodes_of_beam: dict[str, np.ndarray],
         resultants_of_beam: Callable[[str], BeamResultants],
+        internal_of_beam: dict[str, dict[str, np.ndarray]],
         end: State | None = None,
     ):
         self.t, self.t_level, self.X = map(read_only, (t, t_level, X))
@@ -112,15 +115,16 @@ class Solution:
         self.stats = stats
         self.beams = beams
         self.nodes_of_beam = {name: read_only(nodes) for name, nodes in nodes_of_beam.items()}
-        self._resultants_of_beam = resultants_of_beam
+        self.resultants_of_beam = resultants_of_beam
+        self.internal_of_beam = internal_of_beam
         self.end = end
 
     def __getstate__(self):
         # The function for the resultants holds the compiled model: copies get computed values.
         known = {}
         if self.has_motion:
-            known = {name: self._resultants_of_beam(name) for name in self.beams}
-        return {**self.__dict__, "_resultants_of_beam": known.__getitem__}
+            known = {name: self.resultants_of_beam(name) for name in self.beams}
+        return {**self.__dict__, "resultants_of_beam": known.__getitem__}
 
     def __repr__(self):
         return (
@@ -322,44 +326,9 @@ class Solution:
 
     # -- Beams ----------------------------------------------------------------------------------
 
-    def shape(self, beam: Beam | str) -> np.ndarray:
-        """Deformed axis of a beam over time.
-
-        Parameters
-        ----------
-        beam : Beam or str
-            A beam or its name.
-
-        Returns
-        -------
-        (n, elements * degree + 1, 2) float
-            Positions of its nodes, those inside elements included [m].
-        """
-        nodes = self.nodes_of_beam[beam_name(self, beam)]
-        return self.X[nodes] + self.recorded("q")[:, nodes, :2]
-
-    def resultants(self, beam: Beam | str) -> BeamResultants:
-        """Stress resultants along a beam over time.
-
-        Parameters
-        ----------
-        beam : Beam or str
-            A beam or its name.
-
-        Returns
-        -------
-        BeamResultants
-            Axial force N, shear force Q and bending moment M at the arc lengths s and the times
-            `t_level`. Row 0 is the start configuration. Forces of `Scene.add_virtual_work` that act
-            inside a beam are not included.
-
-        Raises
-        ------
-        ValueError
-            If the motion was not recorded, or the rates that the scheme's resultants need.
-        """
-        self.recorded("q")  # they are computed from the motion
-        return self._resultants_of_beam(beam_name(self, beam))
+    shape = beam_histories.shape
+    resultants = beam_histories.resultants
+    internal = beam_histories.internal
 
     # -- Files and tables -----------------------------------------------------------------------
 

@@ -7,6 +7,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+_Renumbering = Callable[[np.ndarray], np.ndarray]
+
 
 @dataclass
 class Past:
@@ -49,13 +51,15 @@ class State:
     #: for schemes that need them.
     before: np.ndarray | None = None
     length: float = 0.0
+    #: Internal variables (cells, degree, width) at the Gauss points; None without any.
+    internal: np.ndarray | None = None
     #: Memory of `Halving` (5,): the number of parts of the next steps. Set at the end of a run.
     parts: np.ndarray | None = None
     #: Set at the end of a run.
     past: Past | None = None
 
-    def renumbered(self, change: Callable[[np.ndarray], np.ndarray]) -> State:
-        """The state in another numbering; `change` renumbers a vector of all degrees of freedom."""
+    def renumbered(self, change: _Renumbering, change_cells: _Renumbering) -> State:
+        """The state in another numbering of degrees of freedom and of cells."""
         added, before = (
             None if vector is None else change(vector) for vector in (self.added, self.before)
         )
@@ -63,7 +67,9 @@ class State:
         if past is not None and len(past.differences):
             past = replace(past, differences=np.array([change(D) for D in past.differences]))
         q, v, a = (change(vector) for vector in (self.q, self.v, self.a))
-        return replace(self, q=q, v=v, a=a, added=added, before=before, past=past)
+        inside = None if self.internal is None else change_cells(self.internal)
+        new = replace(self, q=q, v=v, a=a, added=added, before=before, past=past)
+        return replace(new, internal=inside)
 
     def memory(self, length: float) -> float:
         """`Step.memory` of a step of this length [s] from here."""

@@ -7,12 +7,17 @@ from dataclasses import dataclass
 from typing import Any
 
 import ufl
+from ufl.algorithms.apply_algebra_lowering import apply_algebra_lowering
+from ufl.algorithms.apply_derivatives import apply_derivatives
+from ufl.constantvalue import Zero
 from ufl.corealg.traversal import unique_pre_traversal
 
 from fx_beam.errors import SceneError
 from fx_beam.validation import fields_in, refuse_fields
 
-Energy = Callable[[Any, Any, Any], Any]
+from .internal_variables import InternalVariables, check_dissipation
+
+Energy = Callable[..., Any]
 
 
 @dataclass(frozen=True)
@@ -28,6 +33,9 @@ class Law:
         gradient.
     data : tuple
         dolfinx functions and constants in it: stiffnesses of the sections.
+    ends : tuple of two Laws, optional
+        With internal variables, the laws at the start and at the end of the step; the law itself is
+        at the mean of their variables.
 
     Examples
     --------
@@ -41,6 +49,17 @@ class Law:
     energy: Energy
     quadratic: bool
     data: tuple = ()
+    ends: tuple[Law, Law] | None = None
+
+    @property
+    def start(self) -> Law:
+        """The law at the start of the step."""
+        return self if self.ends is None else self.ends[0]
+
+    @property
+    def end(self) -> Law:
+        """The law at the end of the step."""
+        return self if self.ends is None else self.ends[1]
 
     def resultants(self, eps, gamma, kappa):
         """Material stress resultants: the derivatives of the stored energy (eq. 11).
@@ -73,7 +92,7 @@ class Law:
             N [N], Q [N] and M [N m]: the second derivatives of the stored energy, at zero strain,
             times the strains.
         """
-        if self.quadratic:
+        if self.quadratic and self.ends is None:
             return self.resultants(*strains)
         e = [ufl.variable(ufl.as_ufl(0.0)) for _ in range(3)]
         forces = [ufl.diff(self.energy(*e), x) for x in e]
@@ -95,23 +114,41 @@ def quadratic_law(stiffness) -> Law:
     return Law(energy, quadratic=True, data=tuple(fields_in(stiffness)))
 
 
-def check_energy(strain_energy: Energy) -> None:
-    """Refuse a stored energy that is no scalar UFL expression of all three strains."""
+def own_law(energy: Energy) -> Law:
+    """Law of a stored energy of the user, a function of the three strains."""
+    # Quadratic if its third derivative along a line of strains is zero.
+    s = ufl.variable(ufl.as_ufl(0.1))
+    third = ufl.as_ufl(energy(0.3 + 0.7 * s, 0.2 - 1.1 * s, 0.5 + 1.3 * s))
+    for _ in range(3):
+        third = ufl.diff(third, s)
+    return Law(energy, isinstance(apply_derivatives(apply_algebra_lowering(third)), Zero))
+
+
+def check_energy(strain_energy: Energy, internal: InternalVariables | None) -> None:
+    """Refuse a stored energy that is no scalar UFL expression of all its arguments."""
     # UFL numbers, not symbols: a function of `math` would try forever to convert a symbol.
     e = [ufl.variable(ufl.as_ufl(0.1)) for _ in range(3)]
+    names = ["eps", "gamma", "kappa"]
+    arguments: list[Any] = list(e)
+    if internal is not None:
+        a = [ufl.variable(ufl.as_ufl(0.0)) for _ in internal.names]
+        e, names, arguments = [*e, *a], [*names, *internal.names], [*e, ufl.as_vector(a)]
+    call = f"strain_energy(eps, gamma, kappa{'' if internal is None else ', a'})"
     try:
-        W = ufl.as_ufl(strain_energy(*e))
+        W = ufl.as_ufl(strain_energy(*arguments))
     except Exception as error:
         raise SceneError(
-            "Section: strain_energy(eps, gamma, kappa) must give a UFL expression. Use ufl.sqrt, "
+            f"Section: {call} must give a UFL expression. Use ufl.sqrt, "
             f"ufl.exp, ... in place of functions of math or NumPy. It raised {error!r}"
         ) from error
     refuse_fields(fields_in(W), "Section: strain_energy")
     met = set(unique_pre_traversal(W))
-    missing = [n for n, x in zip(("eps", "gamma", "kappa"), e, strict=True) if x not in met]
+    missing = [n for n, x in zip(names, e, strict=True) if x not in met]
     if W.ufl_shape == () and missing:
         raise SceneError(
             f"Section: strain_energy does not depend on {missing}. Use ufl.cos, not math.cos"
         )
     if W.ufl_shape != ():
         raise SceneError(f"Section: strain_energy must be a scalar, not of shape {W.ufl_shape}")
+    if internal is not None:
+        check_dissipation(strain_energy, internal)

@@ -14,8 +14,9 @@ import ufl
 import numpy as np
 
 from fx_beam.errors import SceneError
-from fx_beam.validation import fields_in, is_number, refuse_fields, shaped
+from fx_beam.validation import fields_in, is_number, refuse_fields, require, shaped
 
+from .internal_variables import InternalVariables
 from .law import Energy, check_energy
 
 #: A number, or a function of the fraction of the arc length.
@@ -52,12 +53,16 @@ class Section:
     strain_energy : callable, optional
         ``strain_energy(eps, gamma, kappa)``, the stored energy per length [J/m] as a UFL
         expression in axial strain, shear strain and curvature [1/m]. It replaces the quadratic
-        energy; EA, GA and EI may then be omitted.
+        energy; EA, GA and EI may then be omitted. With `internal` it has a fourth argument, the
+        vector of internal variables.
     retardation : float, callable or a triple of them, optional
         Retardation times of a Kelvin-Voigt material [s], for axial, shear and bending strains, or
         one for all. The resultants get the addition C tau dE/dt, with the stiffness C of the
         undeformed section. A vibration of angular frequency w has the damping ratio tau w/2. No
         damping by default. With `strain_energy` it must be one time for all strains.
+    internal : InternalVariables, optional
+        Internal variables of a material whose state depends on the past, such as a plastic
+        curvature. They need a `strain_energy`.
 
     Raises
     ------
@@ -90,6 +95,7 @@ class Section:
     rhoI: Datum = 0.0
     strain_energy: Energy | None = None
     retardation: Datum | tuple[Datum, Datum, Datum] = 0.0
+    internal: InternalVariables | None = None
 
     def __post_init__(self):
         for name in ("EA", "GA", "EI"):
@@ -106,8 +112,24 @@ class Section:
             datum = getattr(self, name)
             if datum is not None and not callable(datum):
                 object.__setattr__(self, name, float(value))
+        if self.internal is not None:
+            self._check_internal()
         if self.strain_energy is not None:
-            check_energy(self.strain_energy)
+            check_energy(self.strain_energy, self.internal)
+
+    def _check_internal(self):
+        wanted = "an fx_beam.InternalVariables"
+        require(
+            isinstance(self.internal, InternalVariables),
+            "Section: internal",
+            self.internal,
+            wanted,
+        )
+        if self.strain_energy is None:
+            raise SceneError(
+                "Section: internal variables need a strain_energy(eps, gamma, kappa, a), which "
+                "depends on them"
+            )
 
     def values(self, name: str, fractions: np.ndarray) -> np.ndarray:
         """Values of a stiffness, inertia or retardation time along a beam.

@@ -52,7 +52,9 @@ def reference_state(model: Model) -> State:
     """The reference configuration at t = 0."""
     slides = np.array([joint.start()[0] for joint in model.scene.joints])
     q, v, a = (np.zeros(model.size) for _ in range(3))
-    return State(0.0, q, v, a, slides, np.zeros(len(model.motors)))
+    state = State(0.0, q, v, a, slides, np.zeros(len(model.motors)))
+    shape = model.forms.internal_shape
+    return replace(state, internal=np.zeros(shape)) if shape[-1] else state
 
 
 def check_joints(model: Model, state: State) -> None:

@@ -22,7 +22,7 @@ def at_times(
     """Histories at times (n,) from those of all steps, and the steps' rows (n,) that contain them.
 
     Polynomials do not reach over a break. Energies and momenta are linear, so that balances stay
-    exact. Forces and accelerations are those of the step.
+    exact, and so are internal variables. Forces and accelerations are those of the step.
     """
     t = steps["t"]
     times = times[(times >= t[0]) & (times <= t[-1])]
@@ -44,6 +44,8 @@ def at_times(
 
     for name in ("linear_momentum", "angular_momentum"):
         found[name] = linear(steps[name])
+    if steps["internal"] is not None:
+        found["internal"] = linear(steps["internal"])
     found["energy"] = Energy(*(linear(part) for part in vars(steps["energy"]).values()))
     found["slides"] = _slides(model, q, linear(steps["slides"]))
     return found, row

@@ -104,6 +104,8 @@ class LoadStepper:
         self.stats.add_solve(step.iterations, step.ended_by)
         self.iterations = step.iterations
         self.deviation = self.size(step.D - step.predicted) / (self.size(step.predicted) or 1.0)
+        if self.model.forms.internal_shape[-1]:
+            self.deviation = 0.0  # the predictor is elastic, and flow may leave it at once
 
     def is_still(self, D: np.ndarray) -> bool:
         """Whether an increment (size,) is zero within the tolerance of Newton's method."""
@@ -141,9 +143,11 @@ class LoadStepper:
             raise StepFailed("off the path", reason, D, [])
 
     def _energy(self, state: State) -> float:
+        """Stored and dissipated energy [J]."""
         model = self.model
         springs = model.actuators.energy(state.q, state.slides)
-        return model.forms.strain_energy(state.q) + springs
+        stored = model.forms.strain_energy(state.q, state.internal)
+        return stored + springs + state.dissipated
 
     def size(self, D: np.ndarray) -> float:
         """Root mean square of an increment (size,) over the nodes, in units of the scene."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -131,6 +132,11 @@ class Recorder:
             self.arrays |= {"q": np.zeros((n, size)), "before_q": np.zeros((n, starts))}
             if record.rates and model.forms.resultants_need_rates:
                 self.arrays |= {f"before_{name}": np.zeros((n, starts)) for name in "va"}
+            if width := math.prod(model.forms.internal_shape):
+                self.arrays |= {
+                    "internal": np.zeros((n, width)),
+                    "before_internal": np.zeros((n, width)),
+                }
             if model.forms.needs_before:
                 self.arrays |= {"earlier_q": np.zeros((n, size)), "memory": np.zeros((n, 1))}
         if record.rates:
@@ -195,11 +201,12 @@ class Recorder:
         q, p = model.to_nodes(state.q), model.to_nodes(momentum)
         x = model.mesh.X + q[:, :2]
         potential = 0.0 if model.weight is None else -(model.weight @ state.q)
-        strain = model.forms.strain_energy(state.q)
+        strain = model.forms.strain_energy(state.q, state.internal)
         springs = model.actuators.energy(state.q, state.slides)
         angular = x[:, 0] @ p[:, 1] - x[:, 1] @ p[:, 0] + p[:, 2].sum()
         values: dict[str, Any] = {
             "q": state.q,
+            "internal": state.internal,
             "v": state.v,
             "a": state.a,
             "held": state.held,
@@ -218,7 +225,7 @@ class Recorder:
             "momenta": (*p[:, :2].sum(axis=0), angular),
         }
         if starts and self._starts_kept(parts):
-            for name in "qva":
+            for name in ("q", "v", "a", "internal"):
                 values[f"before_{name}"] = [getattr(start, name) for start in starts]
         if starts and starts[0].before is not None:
             values |= {"earlier_q": starts[0].before, "memory": starts[0].memory(state.length)}
@@ -268,10 +275,17 @@ class Recorder:
             "slides": kept.get("slides", np.empty((n, 0))),
             "joint_forces": forces.reshape(len(forces), joints, 3),
             "motor_forces": motors,
+            "internal": self._internal(),
             "energy": Energy(*kept["energies"].T),
             "linear_momentum": kept["momenta"][:, :2],
             "angular_momentum": kept["momenta"][:, 2],
         }
+
+    def _internal(self) -> np.ndarray | None:
+        """Internal variables (n, cells, degree, width); None without any, or unrecorded."""
+        if "internal" not in self.arrays:
+            return None
+        return self.arrays["internal"][: self.rows].reshape(-1, *self.model.forms.internal_shape)
 
     def _lengths(self) -> np.ndarray:
         """Length (n,) of the last sub-step before each row; 0 for row 0."""
@@ -293,7 +307,7 @@ class Recorder:
         arrays, forms, first = self.arrays, self.model.forms, self._first
         dt = _SHORT * np.diff(self._times[:2]).sum() or 1.0
         D = dt * first.v if forms.resultants_move else np.zeros(self.model.size)
-        yield Part(first.t, dt, D, arrays["q"][0], (first.v, first.a))
+        yield Part(first.t, dt, D, arrays["q"][0], (first.v, first.a), internal=first.internal)
         times, count = self._times[self._steps[: self.rows]], len(self._fractions)
         ends = divided(times - self._lengths(), times, self._fractions)
         t0, t1 = (np.reshape(places, (-1, count)) for places in ends)
@@ -305,8 +319,14 @@ class Recorder:
                 for name in ("qva" if forms.resultants_need_rates else "q")
             )
             D = np.diff(q, axis=0, append=arrays["q"][k : k + 1])
+            internal = None
+            if "internal" in arrays:
+                found = arrays["before_internal"][k] if kept else arrays["internal"][k - 1]
+                internal = found.reshape(forms.internal_shape)
             for i in range(count):
                 of_rates = tuple(rate[i] for rate in rates)
                 length = t1[k, i] - t0[k, i]
-                before = (earlier[0][k], float(earlier[1][k, 0])) if earlier else ()
-                yield Part(t0[k, i], length, D[i], q[i], of_rates, *before)
+                part = Part(t0[k, i], length, D[i], q[i], of_rates, internal=internal)
+                if earlier:
+                    part = part._replace(before=earlier[0][k], memory=float(earlier[1][k, 0]))
+                yield part

@@ -61,6 +61,7 @@ class SingleStep:
         new = State(interval.end, state.q + step.D, v, a, slides, motors)
         if model.forms.needs_before:
             new.before, new.length = state.q, dt
+        new.internal = model.forms.evolve(step.D)
         self._add_work(state, step, (forces[0] + forces[1]) / 2, path, new)
         return new
 

@@ -87,7 +87,7 @@ class Stepper:
                 self.stats.halvings += 1
                 continue
             self.stats.substeps += 1
-            self.stats.amplified += state.dissipated < before.dissipated
+            self.stats.amplified += self._amplifies(before, state)
             self.facing.check(state.t, state.q)
             parts = self.halving.parts
             if parts > 1:
@@ -130,7 +130,7 @@ class Stepper:
             stats.newton_iterations, stats.ended_by = counted
             return Attempt(state, 0, ratio=ratio)
         stats.substeps += 1
-        stats.amplified += new.dissipated < state.dissipated
+        stats.amplified += self._amplifies(state, new)
         self.facing.check(new.t, new.q)
         recorder.record(first, new, starts)
         return Attempt(new, 1, ratio=ratio)
@@ -166,6 +166,10 @@ class Stepper:
                 if parts[0] is not None:
                     setattr(end, name, np.tensordot(fractions, parts, 1))
         return starts, end
+
+    def _amplifies(self, start: State, end: State) -> bool:
+        """Whether dampers give energy in a step, in the sub-step that goes back in time."""
+        return len(self.model.scheme.fractions) > 1 and end.dissipated < start.dissipated
 
     def _error(self, state: State, t1: float, failure: StepFailed) -> StepError:
         halvings = self.halving.most

@@ -6,9 +6,10 @@
 
 static void pack(const Problem *p, const Integral *of, const Form *form, long block,
                  const double *const *fields, int first, int end) {
-  int entries = p->cell_dofs * LANES;
-  const int *dofs = of->dofs + block * entries;
   for (int m = first; m < end; ++m) {
+    int inside = form->kind[m] == INTERNAL;
+    int entries = (inside ? p->cell_internal : p->cell_dofs) * LANES;
+    const int *dofs = (inside ? of->internal : of->dofs) + block * entries;
     const double *field = fields[form->kind[m]];
     double *to = of->packed + (block * form->width + form->offset[m]) * LANES;
     for (int j = 0; j < entries; ++j) to[j] = field[dofs[j]];
@@ -104,4 +105,21 @@ static double assemble_scalar(const Problem *p, const Form *form, const double *
     }
   }
   return sum;
+}
+
+/* The internal variables at the end of the step. */
+static void evolve(const Problem *p, const double *const *fields, double t, double dt) {
+  const Form *form = &p->evolution;
+  int n = p->cell_internal;
+  double A[n * LANES];
+  begin_form(p, form, fields, t, dt);
+  for (int i = 0; i < form->integrals; ++i) {
+    const Integral *of = form->of + i;
+    for (long block = 0; block * LANES < of->cells; ++block) {
+      evaluate(p, form, of, block, fields, A);
+      for (int l = 0; l < LANES && block * LANES + l < of->cells; ++l)
+        for (int k = 0; k < n; ++k)
+          p->internals[of->internal[(block * n + k) * LANES + l]] += p->per_weight[k] * A[k * LANES + l];
+    }
+  }
 }

@@ -99,6 +99,7 @@ static int take_step(Problem *p, Work *w, double dt, int sub_step, const Inputs 
 
 /* The state at the end of a sub-step. */
 static void advance(Problem *p, const Work *w, const double *driven) {
+  evolve(p, w->fields, p->t + p->level * w->dt, w->dt);
   advance_rates(p, w, w->dt);
   if (p->needs_before) memcpy(p->before, p->q, p->dofs * sizeof(double)), p->length = w->dt;
   for (int i = 0; i < p->dofs; ++i) p->q[i] += w->D[i];
@@ -165,7 +166,7 @@ int fx_run(Problem *p, int steps, double dt, const Inputs *inputs, Record *to) {
       if (low || ratio > p->highest) steps = k + 1;
     }
     double turn = summarise(p, w, dt);
-    p->amplified += p->dissipated < lost;
+    p->amplified += p->sub_steps > 1 && p->dissipated < lost;
     if (to->parts > 1) p->too_large += turn * to->parts > p->large_turn;
     if (wanted) record(p, w, to);
     unchecked = !wanted || to->energies[8 * to->rows - 7] >= p->least_energy;

@@ -3,9 +3,9 @@
 #pragma once
 
 /* Elements per call of a Batch, largest order of the predictor, largest number of sub-steps of a
-   scheme, place of the displacements and rotations at the start of the step among the changing
-   coefficients, largest order of a scheme, and number of averaged differences in local errors. */
-enum { LANES = 8, PAST = 4, SUB_STEPS = 32, START = 1, MAX_ORDER = 4, AVERAGED = 3 };
+   scheme, places of the displacements and rotations at the start of the step and of the internal
+   variables among the changing coefficients, largest order of a scheme, and number of averaged differences in local errors. */
+enum { LANES = 8, PAST = 4, SUB_STEPS = 32, START = 1, INTERNAL = 5, MAX_ORDER = 4, AVERAGED = 3 };
 
 /* Why a step failed. */
 enum { OK, NO_CONVERGENCE, SINGULAR, TURNED_TOO_FAR, TOO_INACCURATE };
@@ -23,6 +23,7 @@ typedef struct {
   int *dofs;           /* [block][cell dof][lane] */
   int *to;             /* [block][cell dof][lane]: indices in a vector */
   int *place;          /* [block][cell dof, cell dof][lane]: indices in the tangent */
+  int *internal;       /* [block][internal variable][lane]: indices in those of all cells */
   double *coordinates; /* [block][coordinate][lane] */
   double *packed;      /* [block][coefficient][lane]; changing ones are updated */
 } Integral;
@@ -31,7 +32,7 @@ typedef struct {
 typedef struct {
   int integrals, width;
   Integral *of;
-  int moving;          /* number of changing coefficients: 0 increment, START, 2 v, 3 a, 4 before */
+  int moving;          /* number of changing coefficients: 0 increment, START, 2 v, 3 a, 4 before, INTERNAL */
   int changing;        /* the first of them change in every iteration, the others in every step */
   int *kind, *offset;
   double *constants;
@@ -48,7 +49,7 @@ typedef struct {
 } Actuator;
 
 typedef struct {
-  int dofs, cell_dofs, cell_coordinates, columns, free, driven;
+  int dofs, cells, cell_dofs, cell_coordinates, columns, free, driven;
   int *turns, turning;  /* rotations */
   int *massless, massless_count;
   double *per_unit;     /* 1 / size of a unit correction of each degree of freedom */
@@ -57,6 +58,9 @@ typedef struct {
   Form energy, backwards, added;
   Form lost, taken, held_by_scheme; /* energies lost to the material and to the scheme, and held by it */
   int has_added, needs_before;
+  Form evolution;       /* increments of the internal variables, each times the weight of its point */
+  int cell_internal;    /* internal variables of a cell */
+  double *per_weight;   /* [internal variable of a cell] */
   double *weight;       /* may be null */
   int loads, *load_start, *load_dof; /* forces of unit loads, in compressed rows */
   double *load_force;
@@ -135,6 +139,7 @@ typedef struct {
   long memory_size;
   double t, work, dissipated, numerical, algorithmic;
   double *q, *v, *a, *slide, *driven_now, *held, *added_force;
+  double *internals;    /* [cell][internal variable of a cell] */
   double *before, length, ratio; /* start and length of the last step; `memory` of this one */
   int steps_done;       /* 0 if there is no previous step */
   double *ages;         /* [PAST] times since the configurations before the last one, the latest first */
@@ -168,8 +173,9 @@ typedef struct {
   int every, first, last, rows; /* number of the first step of this call, and of the last step of all */
   int parts, part;              /* parts of a halved step, and those of the first step already taken */
   double *before_q, *before_v, *before_a; /* at the starts of the sub-steps of the last part */
+  double *before_internal;
   double *earlier_q, *memory;   /* start of the part before that, and ratio of their lengths */
-  double *q, *v, *a, *held, *slides, *joint_forces, *energies, *momenta;
+  double *q, *v, *a, *internal, *held, *slides, *joint_forces, *energies, *momenta;
 } Record;
 
 /* Inputs of each sub-step; with a stride of 0 all have those of the first. */

@@ -32,6 +32,8 @@ static void record_joint_forces(const Problem *p, const Work *w, int sub_step, R
 static void record_start(const Problem *p, int sub_step, Record *to) {
   long n = p->dofs, at = (to->rows * p->sub_steps + sub_step) * n;
   if (to->before_q) memcpy(to->before_q + at, p->q, n * sizeof(double));
+  long m = (long)p->cells * p->cell_internal;
+  if (to->before_internal) memcpy(to->before_internal + to->rows * m, p->internals, m * sizeof(double));
   if (to->earlier_q) memcpy(to->earlier_q + at, p->before, n * sizeof(double));
   if (to->before_v) memcpy(to->before_v + at, p->v, n * sizeof(double));
   if (to->before_a) memcpy(to->before_a + at, p->a, n * sizeof(double));
@@ -42,6 +44,8 @@ static void record(Problem *p, const Work *w, Record *to) {
   if (to->q) memcpy(to->q + k * n, p->q, n * sizeof(double));
   if (to->v) memcpy(to->v + k * n, p->v, n * sizeof(double));
   if (to->a) memcpy(to->a + k * n, p->a, n * sizeof(double));
+  long m = (long)p->cells * p->cell_internal;
+  if (to->internal) memcpy(to->internal + k * m, p->internals, m * sizeof(double));
   if (to->held) memcpy(to->held + k * held, p->held, held * sizeof(double));
   if (to->slides) memcpy(to->slides + k * p->slides, p->slide, p->slides * sizeof(double));
   double *momentum = w->left, *energy = to->energies + 8 * k, *sums = to->momenta + 3 * k;

@@ -9,7 +9,7 @@ typedef struct {
   double *tangent, *inertia, *values, *hat, *psi0, *rho0, *t0, *rho1, *t1, *mean_t, *guide_slope;
   double *guide_bend, *passing, *columns, *y, *row, *start, *force, *dead, *left;
   double *saved;
-  const double *fields[5]; /* by the kinds of Form */
+  const double *fields[6]; /* by the kinds of Form */
   double dt;
   const double *thrust;
 } Work;
@@ -34,7 +34,7 @@ static long lay_out(const Problem *p, Work *w, double *at) {
   w->rho1 = take(&at, 2 * j), w->t1 = take(&at, 2 * j), w->mean_t = take(&at, 2 * j);
   w->saved = take(&at, p->memory_size);
   w->guide_slope = take(&at, j), w->guide_bend = take(&at, j), w->passing = take(&at, 2 * j);
-  const double *fields[] = {w->D, p->q, p->v, p->a, p->before};
+  const double *fields[] = {w->D, p->q, p->v, p->a, p->before, p->internals};
   memcpy(w->fields, fields, sizeof fields);
   return at - begin;
 }

@@ -1,0 +1,89 @@
+"""Histories along the beams of a solution: shapes, stress resultants, internal variables."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from fx_beam.scene.beam import Beam
+
+from .audit import BeamResultants
+from .lookup import beam_name
+
+
+def shape(solution: Any, beam: Beam | str) -> np.ndarray:
+    """Deformed axis of a beam over time.
+
+    Parameters
+    ----------
+    solution : Solution
+        What is read.
+    beam : Beam or str
+        A beam or its name.
+
+    Returns
+    -------
+    (n, elements * degree + 1, 2) float
+        Positions of its nodes, those inside elements included [m].
+    """
+    nodes = solution.nodes_of_beam[beam_name(solution, beam)]
+    return solution.X[nodes] + solution.recorded("q")[:, nodes, :2]
+
+
+def resultants(solution: Any, beam: Beam | str) -> BeamResultants:
+    """Stress resultants along a beam over time.
+
+    Parameters
+    ----------
+    solution : Solution
+        What is read.
+    beam : Beam or str
+        A beam or its name.
+
+    Returns
+    -------
+    BeamResultants
+        Axial force N, shear force Q and bending moment M at the arc lengths s and the times
+        `t_level`. Row 0 is the start configuration. Forces of `Scene.add_virtual_work` that act
+        inside a beam are not included.
+
+    Raises
+    ------
+    ValueError
+        If the motion was not recorded, or the rates that the scheme's resultants need.
+    """
+    solution.recorded("q")  # they are computed from the motion
+    return solution.resultants_of_beam(beam_name(solution, beam))
+
+
+def internal(solution: Any, beam: Beam | str, variable: str) -> np.ndarray:
+    """An internal variable along a beam over time.
+
+    Parameters
+    ----------
+    solution : Solution
+        What is read.
+    beam : Beam or str
+        A beam or its name.
+    variable : str
+        Name of one of the `InternalVariables` of its section.
+
+    Returns
+    -------
+    (n, elements * degree) float
+        Its values at the times t, at the arc lengths s of `resultants`.
+
+    Raises
+    ------
+    ValueError
+        If the motion was not recorded, or the beam has no such variable.
+    """
+    name = beam_name(solution, beam)
+    solution.recorded("q")  # internal variables are recorded with the motion
+    known = solution.internal_of_beam.get(name, {})
+    if variable not in known:
+        raise ValueError(
+            f"beam {name!r} has no internal variable {variable!r}; it has {list(known)}"
+        )
+    return known[variable]
