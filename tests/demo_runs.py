@@ -42,6 +42,8 @@ PICTURES = {
         "motion.gif",
     ),
     "parallelogram": ("scene.png", "path_and_force.png", "motion.gif"),
+    "relaxation": ("tests.png",),
+    "plasticity": ("scene.png", "loops.png", "ring.png", "motion.gif"),
     "own_physics": ("scene.png", "energy.png", "motion.gif"),
 }
 RESULTS = tempfile.TemporaryDirectory(prefix="fx_beam_demos_")  # goes with the process

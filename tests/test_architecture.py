@@ -309,7 +309,12 @@ def test_pictures_and_studies_are_had_from_the_package_and_nothing_else_is():
 
 @every_module
 def test_versions_are_asked_for_in_one_place_only(module):
-    if module in ("fem.dolfinx_api", "fem.elements", "fem.ffcx_api", "__main__"):  # the latter prints them
+    if module in (
+        "fem.dolfinx_api",
+        "fem.elements",
+        "fem.ffcx_api",
+        "__main__",
+    ):  # the latter prints them
         return
     asked = {node.attr for node in ast.walk(TREES[module]) if isinstance(node, ast.Attribute)}
     assert not asked & {"__version__", "version_info", "hexversion"}

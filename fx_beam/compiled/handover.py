@@ -22,7 +22,9 @@ from fx_beam.stepping.newton import (
     ENERGY_SHARE,
     LONGEST_TURN,
     NEGLIGIBLE,
+    OVERSHOOT,
     PREDICTOR_ERROR,
+    SEARCHES,
     NewtonOptions,
 )
 from fx_beam.stepping.substeps import LARGE_TURN
@@ -327,7 +329,7 @@ class Problem:
         p.longest_turn, p.large_turn, p.energy_floor = LONGEST_TURN, LARGE_TURN, ENERGY_FLOOR
         p.energy_tolerance, p.predictor_error = ENERGY_SHARE * options.tolerance, PREDICTOR_ERROR
         p.negligible = NEGLIGIBLE * options.tolerance
-        p.max_iterations = options.max_iterations
+        p.max_iterations, p.overshoot, p.searches = options.max_iterations, OVERSHOOT, SEARCHES
 
     def _allocate(self) -> None:
         model, reduction = self.model, self.model.reduction

@@ -10,7 +10,7 @@ from matplotlib.cm import ScalarMappable
 from matplotlib.collections import LineCollection
 from matplotlib.colors import LinearSegmentedColormap, Normalize
 
-from fx_beam.results.fields import QUANTITIES, along
+from fx_beam.results.fields import QUANTITIES, RESULTANTS, along
 
 from .symbols import Drawing
 
@@ -34,8 +34,9 @@ class Colouring:
     """Colours of the members for one quantity, on the same scale in all rows of a drawing."""
 
     def __init__(self, drawing: Drawing, quantity: str, length_unit: str):
-        if quantity not in QUANTITIES:
-            known = ", ".join(repr(name) for name in QUANTITIES)
+        internal = {name for own in drawing.solution.internal_of_beam.values() for name in own}
+        if quantity not in {*QUANTITIES, *internal}:
+            known = ", ".join(repr(name) for name in [*QUANTITIES, *sorted(internal)])
             raise ValueError(f"colour = {quantity!r} must be one of {known}, or None")
         self._drawing = drawing
         middles = (np.arange(_PIECES) + 0.5) / _PIECES
@@ -46,12 +47,13 @@ class Colouring:
         rows = [value.reshape(len(drawing.rows), -1) for value in values]
         self._values = dict(zip(drawing.rows, np.concatenate(rows, axis=1), strict=True))
         largest = max(abs(value).max() for value in values) or 1.0
-        signed = quantity in "NQM"
+        signed = quantity in RESULTANTS or quantity in internal
         norm = Normalize(-largest if signed else 0.0, largest)
         #: The scale, for a colour bar, and its label.
         self.scale = ScalarMappable(norm, _SIGNED if signed else SEQUENTIAL)
-        unit = f" [{QUANTITIES[quantity]}]" if length_unit == "m" else ""
-        self.label = _WORDS[quantity] + unit
+        known_unit = quantity in QUANTITIES and length_unit == "m"
+        unit = f" [{QUANTITIES[quantity]}]" if known_unit else ""
+        self.label = _WORDS.get(quantity, quantity) + unit
 
     def lines(self, width: float, zorder: float = 2) -> LineCollection:
         """Lines for the members, which `paint` colours."""

@@ -55,8 +55,9 @@ def shapes(
         Factor on displacements; the title shows it if it is not 1.
     marks : dict, optional
         Nodes by the names that are written beside them in the first shape.
-    colour : {"N", "Q", "M", "strain energy", "speed"}, optional
-        Quantity that the colours show instead of the time: axial force, shear force or bending
+    colour : str, optional
+        "N", "Q", "M", "strain energy", "speed", or the name of an internal variable:
+        quantity that the colours show instead of the time: axial force, shear force or bending
         moment, as in `Solution.resultants`, stored energy per length, or speed. Its unit is given
         if the unit of length is "m".
     """
@@ -116,7 +117,7 @@ def animate(
     scenery : callable, optional
         ``scenery(axes, k)`` draws additional objects in row k, such as a user-defined force. It
         returns the list of matplotlib artists, which are removed after the frame.
-    colour : {"N", "Q", "M", "strain energy", "speed"}, optional
+    colour : {"N", "Q", "M", "strain energy", "speed"} or internal variable, optional
         Quantity that the colours show, as in `shapes`; by default each member has its own colour.
 
     Raises

@@ -18,9 +18,9 @@ QUANTITIES = dict(
 
 
 def along(solution: Any, name: str, quantity: str, rows, places: np.ndarray) -> np.ndarray:
-    """Values of one of the `QUANTITIES` along a beam, at places of each element.
+    """Values of one of the `QUANTITIES` or internal variables along a beam, at places of elements.
 
-    Resultants and energy are polynomials through their values at the Gauss points, and may jump.
+    Resultants, energy and variables are polynomials through their values at the Gauss points, and may jump.
     """
     rows, beam = list(rows), solution.beams[name]
     if quantity == "speed":
@@ -31,9 +31,17 @@ def along(solution: Any, name: str, quantity: str, rows, places: np.ndarray) -> 
     if quantity == "strain energy":
         values = energy_density(solution, name, rows)
     else:
-        values = getattr(solution.resultants(name), quantity)[rows]
+        values = _at_points(solution, name, quantity)[rows]
         values = values.reshape(len(rows), beam.elements, beam.degree)
     return values @ lagrange(_gauss(beam.degree), places).T
+
+
+def _at_points(solution: Any, name: str, quantity: str) -> np.ndarray:
+    """Values (n, points) of a resultant, or of an internal variable: zero if a beam lacks it."""
+    resultants = solution.resultants(name)
+    if quantity in RESULTANTS:
+        return getattr(resultants, quantity)
+    return solution.internal_of_beam.get(name, {}).get(quantity, np.zeros_like(resultants.N))
 
 
 def energy_density(solution: Any, name: str, rows) -> np.ndarray:
@@ -46,8 +54,11 @@ def energy_density(solution: Any, name: str, rows) -> np.ndarray:
         )
     strains = _strains(solution, name, list(rows))
     if beam.section.strain_energy is not None:
-        flat = strains.reshape(3, -1).T.tolist()
-        found = [_number(beam.section.strain_energy(*map(ufl.as_ufl, e))) for e in flat]
+        internal = solution.internal_of_beam.get(name, {}).values()
+        columns = [*strains.reshape(3, -1), *(rows_of[rows].ravel() for rows_of in internal)]
+        found = [
+            _stored(beam.section.strain_energy, *point) for point in zip(*columns, strict=True)
+        ]
         return np.array(found).reshape(strains.shape[1:])
     fractions = arc_lengths(beam, _gauss(beam.degree)) / beam.length
     stiffness = np.array([beam.section.values(kind, fractions) for kind in ("EA", "GA", "EI")])
@@ -87,6 +98,7 @@ def _gauss(degree: int) -> np.ndarray:
     return (np.polynomial.legendre.leggauss(degree)[0] + 1) / 2
 
 
-def _number(expression: Any) -> float:
-    """Value of a UFL expression of numbers."""
-    return float(expression(()))
+def _stored(energy: Any, eps, gamma, kappa, *a) -> float:
+    """Stored energy per length of strains and internal variables [J/m]."""
+    numbers = [ufl.as_ufl(float(x)) for x in (eps, gamma, kappa, *a)]
+    return float(energy(*numbers[:3], *([ufl.as_vector(numbers[3:])] if a else []))(()))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import functools
+from collections.abc import Callable
 from dataclasses import dataclass
 from importlib.util import find_spec
 from typing import Any
@@ -10,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from fx_beam.mechanics.interval import Interval
-from fx_beam.model.equations import Equations
+from fx_beam.model.equations import Balance, Equations
 from fx_beam.model.model import Model
 from fx_beam.results.state import Past, State
 from fx_beam.validation import is_number, is_whole, require
@@ -26,6 +27,9 @@ ENERGY_SHARE = 1e-4
 # Largest next correction, relative to the tolerance, that is left out. It is predicted by quadratic
 # convergence.
 NEGLIGIBLE = 1e-6
+# With internal variables, a correction is too long if the residual does work against it at its end,
+# by more than this part of that at its start. At most so many shorter ones are tried.
+OVERSHOOT, SEARCHES = 0.1, 20
 # The predictor is used up to this relative error in the previous step.
 PREDICTOR_ERROR = 0.4
 # Largest order of the predictor.
@@ -169,10 +173,13 @@ class Newton:
         moved_first = predicted_y is None and driven.any()
         driven_now = np.zeros(reduction.driven) if moved_first else driven
         residuals: list[float] = []
-        sizes, errors, small_corrections = _Sequence(), _Sequence(), 0
+        sizes, errors, small_corrections, gained = _Sequence(), _Sequence(), 0, 0.0
         for iteration in range(1, options.max_iterations + 1):
-            D, f, r, residual = self.equations.at(y, driven_now, force)
-            residual = residual[:free] - self.hold
+            balance = self._balance(y, driven_now, force)
+            if iteration > 1 and model.forms.internal_shape[-1]:
+                at = functools.partial(self._balance, driven=driven_now, force=force)
+                y, balance = _without_overshoot(y, step[:free], gained, balance, at)
+            D, f, r, residual = balance
             residuals.append(abs(residual).max(initial=0.0))
             step = np.zeros(reduction.columns)
             if driven_now is not driven:
@@ -189,7 +196,8 @@ class Newton:
             size = (abs(correction) / model.unit).max()
             self.check_finite(size, residuals)
             small, stalled = size <= options.tolerance, size > 0.5 * sizes.last
-            work = abs(float(residual @ step[:free]))
+            gained = float(residual @ step[:free])
+            work = abs(gained)
             energy = float(abs(f) @ abs(D)) + moving
             negligible = NEGLIGIBLE * options.tolerance
             final = sizes.next_after(size) <= negligible
@@ -214,6 +222,11 @@ class Newton:
                 return StepSolution(D, y, r, iteration, ended_by, predicted)
         reason = f"no convergence in {options.max_iterations} iterations"
         raise StepFailed("no convergence", reason, D, residuals)
+
+    def _balance(self, y: np.ndarray, driven: np.ndarray, force: np.ndarray) -> Balance:
+        """The equations, with the residual of the unknowns (free,) less what holds them."""
+        balance = self.equations.at(y, driven, force)
+        return balance._replace(residual=balance.residual[: len(y)] - self.hold)
 
     # -- Checks, also for arc-length steps --------------------------------------------------------
 
@@ -240,6 +253,31 @@ class Newton:
                 D,
                 residuals,
             )
+
+
+def _without_overshoot(
+    y: np.ndarray, step: np.ndarray, gained: float, balance: Balance, at: Callable
+) -> tuple[np.ndarray, Balance]:
+    """Unknowns (free,) and equations where the residual does no more work on the last correction.
+
+    Where elements unload that have flowed, the tangent is far too soft. By regula falsi.
+    """
+    work = float(balance.residual @ step)
+    if not 0 < OVERSHOOT * gained < -work:
+        return y, balance
+    start, low, high = y + step, (0.0, gained), (1.0, work)
+    for _ in range(SEARCHES):
+        part = (low[0] * high[1] - high[0] * low[1]) / (high[1] - low[1])
+        y = start - part * step
+        balance = at(y)
+        work = float(balance.residual @ step)
+        if abs(work) <= OVERSHOOT * gained:
+            break
+        if work > 0:
+            low, high = (part, work), (high[0], high[1] / 2)
+        else:
+            low, high = (low[0], low[1] / 2), (part, work)
+    return y, balance
 
 
 class _Sequence:

@@ -96,11 +96,49 @@ static double next_after(Sequence *s, double value) {
   return s->slowest * value * value;
 }
 
+/* Residual, internal forces and tangent at the unknowns z. */
+static void balance(const Problem *p, const Work *w) {
+  work_increment(p, w);
+  acceleration(p, w, w->dt);
+  times_mass(p, w->acc, w->r);
+  LAP(INERTIA);
+  assemble(p, w);
+  LAP(FORCES);
+  for (int i = 0; i < p->dofs; ++i) w->r[i] += w->f[i] - w->force[i];
+  project(p, w, w->r, w->reduced);
+}
+
+static double along_step(const Problem *p, const Work *w) {
+  double sum = 0;
+  for (int i = 0; i < p->free; ++i) sum += w->reduced[i] * w->step[i];
+  return sum;
+}
+
+/* Goes back along a correction that was too long, to where the residual does no more work on it, by
+   regula falsi (newton.py). `gained` is the work at its start. */
+static void shorten_overshoot(const Problem *p, const Work *w, double gained) {
+  double low = 0, high = 1, at_low = gained, at_high = along_step(p, w), part = 1;
+  if (gained <= 0 || -at_high <= p->overshoot * gained) return;
+  for (int k = 0; k < p->searches; ++k) {
+    double now = (low * at_high - high * at_low) / (at_high - at_low);
+    for (int i = 0; i < p->free; ++i) w->z[i] += (part - now) * w->step[i];
+    part = now;
+    expand(p, w);
+    balance(p, w);
+    double work = along_step(p, w);
+    if (fabs(work) <= p->overshoot * gained) return;
+    if (work > 0)
+      low = now, at_low = work, at_high /= 2;
+    else
+      high = now, at_high = work, at_low /= 2;
+  }
+}
+
 /* `order` is that of the prediction; 0 for none. */
 static int newton(Problem *p, const Work *w, const double *driven, int order) {
   int n = p->dofs, free = p->free, small_corrections = 0;
   Sequence sizes = {HUGE_VAL, 0}, errors = {HUGE_VAL, 0};
-  double drive = 0, dt = w->dt;
+  double drive = 0, gained = 0, dt = w->dt;
   memset(w->z, 0, p->columns * sizeof(double));
   for (int i = 0; i < p->driven; ++i) drive += fabs(driven[i]);
   if (order) {
@@ -113,14 +151,8 @@ static int newton(Problem *p, const Work *w, const double *driven, int order) {
   expand(p, w);
   LAP(COUPLINGS);
   for (int iteration = 1; iteration <= p->max_iterations; ++iteration) {
-    work_increment(p, w);
-    acceleration(p, w, dt);
-    times_mass(p, w->acc, w->r);
-    LAP(INERTIA);
-    assemble(p, w);
-    LAP(FORCES);
-    for (int i = 0; i < n; ++i) w->r[i] += w->f[i] - w->force[i];
-    project(p, w, w->r, w->reduced);
+    balance(p, w);
+    if (iteration > 1 && p->cell_internal) shorten_overshoot(p, w, gained);
     memset(w->step, 0, p->columns * sizeof(double));
     reduce_tangent(p, w, w->r);
     if (iteration == 1 && drive > 0 && !order) {
@@ -147,6 +179,7 @@ static int newton(Problem *p, const Work *w, const double *driven, int order) {
       energy_error += w->reduced[i] * w->step[i];
     }
     for (int i = 0; i < p->driven; ++i) w->z[free + i] = driven[i];
+    gained = energy_error;
     int small = size <= p->tolerance, stalled = size > 0.5 * sizes.last, floor = 0;
     double next_size = next_after(&sizes, size);
     double next_error = next_after(&errors, sqrt(fabs(energy_error)));

@@ -119,8 +119,8 @@ typedef struct {
 
   /* Newton's method. */
   double tolerance, negligible, energy_tolerance, energy_floor, predictor_error;
-  double max_turn, longest_turn, large_turn;
-  int max_iterations;
+  double overshoot, max_turn, longest_turn, large_turn;
+  int max_iterations, searches;
 
   /* Driven columns: prescribed degrees of freedom (-1: a motor), then motors. */
   int *driven_dof, *motor_a, *motor_b, *motor_slide;
