@@ -13,6 +13,7 @@ if importlib.util.find_spec("dolfinx") is None:
 from .analyses.convergence import Converged, converge
 from .analyses.dynamics import simulate
 from .analyses.modal import Modes, modes
+from .analyses.rayleigh import rayleigh
 from .analyses.statics import static
 from .errors import Failure, SceneError, StepError
 from .mechanics.kinematics import Step
@@ -95,6 +96,7 @@ __all__ = [
     "converge",
     "load",
     "modes",
+    "rayleigh",
     "simulate",
     "spline",
     "static",
