@@ -12,6 +12,7 @@ if importlib.util.find_spec("dolfinx") is None:
 
 from .analyses.convergence import Converged, converge
 from .analyses.dynamics import simulate
+from .analyses.harmonic import FrequencyResponse, frequency_response
 from .analyses.modal import Modes, modes
 from .analyses.rayleigh import rayleigh
 from .analyses.statics import static
@@ -62,6 +63,7 @@ __all__ = [
     "EnergyMomentum",
     "Equilibrium",
     "Failure",
+    "FrequencyResponse",
     "GeneralizedAlpha",
     "InternalVariables",
     "Joint",
@@ -94,6 +96,7 @@ __all__ = [
     "WeightedResultants",
     "arc",
     "converge",
+    "frequency_response",
     "load",
     "modes",
     "rayleigh",

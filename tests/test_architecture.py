@@ -105,6 +105,7 @@ HOUSE = {
         "undamped_modes",
         "damped_modes",
         "modal",
+        "harmonic",
         "rayleigh",
     ],
     "plot": [
@@ -117,6 +118,7 @@ HOUSE = {
         "grounds",
         "actions",
         "scene_drawing",
+        "response_curves",
         "",
     ],
     "studies": ["reporting", "candidates"],
