@@ -208,9 +208,9 @@ def test_damping_is_the_derivative_of_the_forces_by_the_rates_in_a_stressed_scen
     reduction, zero = model.reduction, np.zeros(model.size)
 
     def forces(rate):
-        model.actuators.set_rates(about.q, zero, about.slides)
-        model.forms.set_step(0.5, dt, about.q, zero, zero)
-        reduction.begin(about.q, about.slides, dt)
+        model.actuators.set_rates(about.start.q, zero, about.start.slides)
+        model.forms.set_step(0.5, dt, about.start.q, zero, zero)
+        reduction.begin(about.start.q, about.start.slides, dt)
         D = reduction.expand(dt * rate, np.zeros(reduction.driven))
         return reduction.project(model.forms.internal_force(D))[: reduction.free]
 

@@ -501,6 +501,32 @@ def test_a_free_part_without_mass_is_refused():
         fb.modes(scene)
 
 
+def test_a_state_that_has_relaxed_keeps_its_internal_variables():
+    def energy(eps, gamma, kappa, a):
+        stretched = 1e4 * eps**2 + 4e3 * gamma**2
+        return stretched + 2.0 * kappa**2 + 1.0 * (kappa - a[0]) ** 2
+
+    def relax(old, strains0, strains, dt):
+        return [(old[0] + 2 * dt * strains[2]) / (1 + 2 * dt)]
+
+    variables = fb.InternalVariables(("dashpot",), relax)
+    section = fb.Section(strain_energy=energy, internal=variables, rhoA=1.0)
+    scene = fb.Scene()
+    arm = scene.add_beam([(0, 0), (1, 0)], section, elements=4)
+    scene.clamp(arm.start)
+    scene.add_moment(arm.end, 0.9)
+    state = fb.static(scene, steps=4)
+    assert state.internal(arm, "dashpot")[-1].min() > 0.05
+    elastic = fb.Scene()
+    elastic.clamp(elastic.add_beam([(0, 0), (1, 0)], SPARSE, elements=4).start)
+    with pytest.raises(fb.SceneError, match="modes: the state has other internal variables"):
+        fb.modes(scene, fb.static(elastic))
+    model = linearised(scene, state, "test").model
+    # The forces about which modes are found are in equilibrium.
+    r = model.forms.internal_force(np.zeros(model.size)) - model.loads.at(0.0)
+    assert abs(model.reduction.project(r)[: model.reduction.free]).max() < 1e-9
+
+
 def test_gravity_has_no_part_in_the_modes_of_an_unloaded_start():
     found = []
     for gravity in (None, (0, -GRAVITY)):

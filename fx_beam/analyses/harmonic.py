@@ -154,7 +154,7 @@ def frequency_response(
 
     :math:`(K + i \omega C - \omega^2 M) \hat x = \hat F`, with the stiffness, damping and mass of
     `modes`, and one factorisation for each frequency. The loads of the scene do not vibrate; they
-    count in the state. Prescribed motions and motors are fixed.
+    count in the state. Prescribed motions, motors and internal variables are fixed.
 
     Parameters
     ----------

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -13,6 +14,7 @@ from fx_beam.mechanics.schemes import EnergyMomentum, Equilibrium
 from fx_beam.model.equations import Equations
 from fx_beam.model.model import Model
 from fx_beam.results.solution import Solution
+from fx_beam.results.state import State
 from fx_beam.scene.scene import Scene
 from fx_beam.stepping.initial_state import reference_state
 from fx_beam.validation import require
@@ -30,10 +32,8 @@ class Linearisation(NamedTuple):
     M: scipy.sparse.csr_matrix
     #: Coupling (size, free): motions of the nodes are T times the unknowns.
     T: scipy.sparse.csr_matrix
-    #: Time [s], and displacements and rotations (size,) and slides [m] of the configuration.
-    t: float
-    q: np.ndarray
-    slides: np.ndarray
+    #: The configuration, at rest.
+    start: State
 
     @property
     def may_be_damped(self) -> bool:
@@ -49,17 +49,18 @@ class Linearisation(NamedTuple):
     def damping(self, what: str) -> scipy.sparse.csr_matrix:
         """Derivative (free, free) of the forces by the rates, at rest; errors say `what` asks."""
         # A step's tangent is stiffness/2 + damping/dt: the same forms as those of the motion.
-        model = Model(self.model.scene, EnergyMomentum())
-        reduction, zero = model.reduction, np.zeros(model.size)
+        model, start = Model(self.model.scene, EnergyMomentum()), self.start
+        reduction, forms = model.reduction, model.forms
+        forms.set_internal(start.internal)
         values = np.empty((2, len(reduction.pattern[1])))
         for dt, row in zip((_MOMENT, 2 * _MOMENT), values, strict=True):
-            model.actuators.set_rates(self.q, zero, self.slides)
-            model.forms.set_step(self.t, dt, self.q, zero, zero)
-            reduction.begin(self.q, self.slides, dt)
+            model.actuators.set_rates(start.q, start.v, start.slides)
+            forms.set_step(start.t, dt, start.q, start.v, start.a)
+            reduction.begin(start.q, start.slides, dt)
             D = reduction.expand(np.zeros(reduction.free), np.zeros(reduction.driven))
-            r = model.forms.internal_force(D)
-            model.forms.assemble_stiffness()
-            reduction.fill(model.forms.stiffness.data, r, row)
+            r = forms.internal_force(D)
+            forms.assemble_stiffness()
+            reduction.fill(forms.stiffness.data, r, row)
         data = 2 * _MOMENT * (values[0] - values[1])
         if not np.isfinite(data).all():
             raise SceneError(
@@ -81,28 +82,27 @@ def linearised(scene: Scene, state: Solution | None, what: str) -> Linearisation
     if not isinstance(scene, Scene):
         raise SceneError(f"{what} needs an fx_beam.Scene, not {scene!r}")
     model = Model(scene, Equilibrium(), mobile=True)
-    factor, t = 0.0, 0.0  # the reference configuration is an equilibrium without loads
-    start = reference_state(model)
+    factor, start = 0.0, reference_state(model)  # an equilibrium without loads
     if state is not None:
-        factor, t, start.q, start.slides = _last(model, state, what)
+        factor, start = _last(model, start, state, what)
     reduction = model.reduction
     if not reduction.free:
         raise SceneError(
             f"{what}: the scene has no unknowns: supports, joints and motors fix all degrees of "
             "freedom. Release one of them"
         )
-    equations, force = Equations(model, t), factor * model.loads.at(t)
+    equations, force = Equations(model, start.t), factor * model.loads.at(start.t)
     if model.weight is not None:
         force += factor * model.weight
     equations.begin(Interval(factor, factor), start)
     K = equations.tangent(equations.at_start(force).r)
     T = reduction.coupling()[:, : reduction.free]
     M = (T.T @ model.mass @ T).tocsr()
-    return Linearisation(model, K, M, T, t, start.q, start.slides)
+    return Linearisation(model, K, M, T, start)
 
 
-def _last(model: Model, state: Solution, what: str):
-    """Load factor, time, displacements and slides in the last row of a solution."""
+def _last(model: Model, start: State, state: Solution, what: str) -> tuple[float, State]:
+    """Load factor and configuration in the last row of a solution."""
     require(isinstance(state, Solution), f"{what}: state", state, "a solution of the scene")
     if not np.array_equal(state.X, model.mesh.X) or not len(state.q):
         raise SceneError(
@@ -113,4 +113,14 @@ def _last(model: Model, state: Solution, what: str):
     if state.stats.static:
         # Functions of time were evaluated at one time.
         factor, t = t, state.end.t if state.end is not None else 0.0
-    return factor, t, model.from_nodes(state.q[-1]), state.slides[-1]
+    internal = None
+    if start.internal is not None:
+        internal = state.end.internal if state.end is not None else None
+        if internal is None or internal.shape != start.internal.shape:
+            raise SceneError(
+                f"{what}: the state has other internal variables than the sections of the scene. "
+                "Use a state of this scene"
+            )
+        internal = model.mesh.from_elements(internal)
+    q, slides = model.from_nodes(state.q[-1]), state.slides[-1]
+    return factor, replace(start, t=t, q=q, slides=slides, internal=internal)

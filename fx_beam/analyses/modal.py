@@ -148,7 +148,7 @@ def modes(scene: Scene, state: Solution | None = None, n: int = 6, damping: bool
     The stiffness is the tangent at the state: it includes the geometric stiffness, springs, dead
     loads, and added forces with a potential. Damping is the derivative of all forces by the rates,
     at rest in the state: retardation of members, dampers, and added forces against the velocity.
-    Prescribed motions and motors are fixed.
+    Prescribed motions, motors and internal variables are fixed.
 
     Parameters
     ----------
@@ -208,7 +208,7 @@ def modes(scene: Scene, state: Solution | None = None, n: int = 6, damping: bool
     else:
         omega, rigid, ratios, roots, vectors = lowest_damped(K, C, M, n)
     shapes = np.array([model.to_nodes(about.T @ vector) for vector in vectors.T])
-    positions = model.mesh.X + model.to_nodes(about.q)[:, :2]
+    positions = model.mesh.X + model.to_nodes(about.start.q)[:, :2]
     names = [beam.name for beam in scene.beams]
     nodes = dict(zip(names, model.mesh.nodes, strict=True))
     return Modes(omega, rigid, shapes, positions, nodes, scene.beams[0].degree, ratios, roots)
