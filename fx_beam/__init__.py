@@ -12,7 +12,9 @@ if importlib.util.find_spec("dolfinx") is None:
 
 from .analyses.convergence import Converged, converge
 from .analyses.dynamics import simulate
+from .analyses.harmonic import FrequencyResponse, frequency_response
 from .analyses.modal import Modes, modes
+from .analyses.rayleigh import rayleigh
 from .analyses.statics import static
 from .errors import Failure, SceneError, StepError
 from .mechanics.kinematics import Step
@@ -61,6 +63,7 @@ __all__ = [
     "EnergyMomentum",
     "Equilibrium",
     "Failure",
+    "FrequencyResponse",
     "GeneralizedAlpha",
     "InternalVariables",
     "Joint",
@@ -93,8 +96,10 @@ __all__ = [
     "WeightedResultants",
     "arc",
     "converge",
+    "frequency_response",
     "load",
     "modes",
+    "rayleigh",
     "simulate",
     "spline",
     "static",

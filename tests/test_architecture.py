@@ -101,7 +101,12 @@ HOUSE = {
         "dynamics",
         "convergence",
         "statics",
+        "linearisation",
+        "undamped_modes",
+        "damped_modes",
         "modal",
+        "harmonic",
+        "rayleigh",
     ],
     "plot": [
         "symbols",
@@ -113,6 +118,7 @@ HOUSE = {
         "grounds",
         "actions",
         "scene_drawing",
+        "response_curves",
         "",
     ],
     "studies": ["reporting", "candidates"],
@@ -236,7 +242,7 @@ def test_the_model_knows_nothing_of_solutions():
         ({"dolfinx", "basix", "mpi4py"}, {"fem.dolfinx_api", "fem.elements"}),
         ({"ffcx"}, {"fem.ffcx_api"}),
         ({"petsc4py"}, {"stepping.newton"}),
-        ({"slepc4py"}, {"analyses.modal"}),
+        ({"slepc4py"}, {"analyses.undamped_modes"}),
         (
             {"matplotlib"},
             {

@@ -1,7 +1,6 @@
 """Natural frequencies against exact ones, against dense algebra and against the motion itself."""
 
 import math
-import sys
 
 import ufl
 
@@ -12,6 +11,7 @@ from jointed import KINDS, pair
 from scenes import FLYING, demo
 
 import fx_beam as fb
+from fx_beam.analyses.linearisation import linearised
 from fx_beam.model.model import Model
 
 DEGREES = pytest.mark.parametrize("degree", [1, 2, 3])
@@ -341,8 +341,9 @@ def test_springs_on_joints_and_lumped_masses_give_the_oscillator_of_the_textbook
     scene.add_joint(fb.Prismatic(fb.GROUND, slider.start, axis=(1, 0), spring=fb.Spring(72.0)))
     scene.add_mass(slider.start, 2.0)
     found = fb.modes(scene, n=2)
-    # sqrt(50/(0.5 2^2)) and sqrt(72/2); the damper has no part in it.
+    # sqrt(50/(0.5 2^2)) and sqrt(72/2); 3/(2 sqrt(50 2)) of the damper.
     assert found.angular_frequencies == pytest.approx([5.0, 6.0], rel=1e-6)
+    assert found.damping_ratios == pytest.approx([0.15, 0.0], rel=1e-6, abs=1e-12)
 
 
 def test_a_ring_in_one_piece_with_a_rigid_joint_is_the_ring_of_two_arcs():
@@ -381,9 +382,8 @@ def test_stiffness_is_the_derivative_of_the_forces_of_a_stressed_scene_with_join
     scene.add_force(second.end, (30.0, 50.0))
     state = fb.simulate(scene, dt=0.02, t_end=0.5)
     assert abs(state.q[-1]).max() > 0.3
-    source = sys.modules["fx_beam.analyses.modal"]
-    model = Model(scene, fb.Equilibrium(), mobile=True)
-    K, _, _, q = source._matrices(model, state)
+    about = linearised(scene, state, "test")
+    model, K = about.model, about.K
     force = model.loads.at(0.5) + model.weight
 
     def gradient(y):
@@ -401,10 +401,8 @@ def test_stiffness_is_the_derivative_of_the_forces_of_a_stressed_scene_with_join
 
 def dense(scene, state=None):
     """All finite angular frequencies squared by dense algebra, massless unknowns condensed."""
-    K, M = sys.modules["fx_beam.analyses.modal"]._matrices(
-        Model(scene, fb.Equilibrium(), mobile=True), state
-    )[:2]
-    K, M = K.toarray(), M.toarray()
+    about = linearised(scene, state, "test")
+    K, M = about.K.toarray(), about.M.toarray()
     has = M.diagonal() > 0
     K = K[np.ix_(has, has)] - K[np.ix_(has, ~has)] @ np.linalg.solve(
         K[np.ix_(~has, ~has)], K[np.ix_(~has, has)]
@@ -503,6 +501,32 @@ def test_a_free_part_without_mass_is_refused():
         fb.modes(scene)
 
 
+def test_a_state_that_has_relaxed_keeps_its_internal_variables():
+    def energy(eps, gamma, kappa, a):
+        stretched = 1e4 * eps**2 + 4e3 * gamma**2
+        return stretched + 2.0 * kappa**2 + 1.0 * (kappa - a[0]) ** 2
+
+    def relax(old, strains0, strains, dt):
+        return [(old[0] + 2 * dt * strains[2]) / (1 + 2 * dt)]
+
+    variables = fb.InternalVariables(("dashpot",), relax)
+    section = fb.Section(strain_energy=energy, internal=variables, rhoA=1.0)
+    scene = fb.Scene()
+    arm = scene.add_beam([(0, 0), (1, 0)], section, elements=4)
+    scene.clamp(arm.start)
+    scene.add_moment(arm.end, 0.9)
+    state = fb.static(scene, steps=4)
+    assert state.internal(arm, "dashpot")[-1].min() > 0.05
+    elastic = fb.Scene()
+    elastic.clamp(elastic.add_beam([(0, 0), (1, 0)], SPARSE, elements=4).start)
+    with pytest.raises(fb.SceneError, match="modes: the state has other internal variables"):
+        fb.modes(scene, fb.static(elastic))
+    model = linearised(scene, state, "test").model
+    # The forces about which modes are found are in equilibrium.
+    r = model.forms.internal_force(np.zeros(model.size)) - model.loads.at(0.0)
+    assert abs(model.reduction.project(r)[: model.reduction.free]).max() < 1e-9
+
+
 def test_gravity_has_no_part_in_the_modes_of_an_unloaded_start():
     found = []
     for gravity in (None, (0, -GRAVITY)):
@@ -521,8 +545,10 @@ def test_a_state_that_is_unstable_in_what_has_no_mass_is_refused():
         fb.modes(scene, fb.static(scene))
 
 
-def test_drag_has_no_part_in_modes():
+def test_without_damping_a_damped_scene_has_the_modes_of_the_undamped_one():
     plain, dragged = (simply_supported(2, 4, square(0.1)) for _ in range(2))
     dragged.add_virtual_work(lambda step: -50.0 * ufl.dot(step.v, step.virtual_u))
-    found = [fb.modes(scene, n=3).angular_frequencies for scene in (plain, dragged)]
-    assert found[1] == pytest.approx(found[0], rel=1e-9)
+    one, two = fb.modes(plain, n=3), fb.modes(dragged, n=3, damping=False)
+    assert two.angular_frequencies == pytest.approx(one.angular_frequencies, rel=1e-9)
+    assert not two.damping_ratios.any() and two.shapes.dtype == float
+    assert one.eigenvalues == pytest.approx(1j * one.angular_frequencies)

@@ -190,6 +190,11 @@ class Forms:
         """Whether the scene has added virtual works or follower forces."""
         return self._weak.added is not None or self.followers is not None
 
+    @property
+    def needs_rates(self) -> bool:
+        """Whether the forces depend on the rates at the start of a step."""
+        return self._weak.needs_rates
+
     def cells_of(self, tag: int) -> np.ndarray:
         """Cells of a subdomain of the forms; -1 for all."""
         every = np.arange(len(self._tags))

@@ -1,4 +1,4 @@
-"""Pictures of solutions: superposed shapes, animations, modes, and curves over time."""
+"""Pictures of solutions: shapes, animations, modes, and curves over time or frequency."""
 
 from __future__ import annotations
 
@@ -9,6 +9,7 @@ if not (os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")):
     os.environ.setdefault("VTK_DEFAULT_OPENGL_WINDOW", "vtkEGLRenderWindow")
 
 from .deformed_shapes import animate, modes, shapes
+from .response_curves import frequency_response
 from .scene_drawing import scene
 from .symbols import axis
 from .time_curves import curves, figure, quantities, save, style
@@ -18,6 +19,7 @@ __all__ = [
     "axis",
     "curves",
     "figure",
+    "frequency_response",
     "modes",
     "quantities",
     "save",

@@ -163,6 +163,9 @@ def animate(
 def modes(found: Modes, path: Path | str, count: int | None = None) -> None:
     """Picture of mode shapes, side by side, over the configuration to which they belong.
 
+    Where the nodes of a mode do not move in phase, because of dampers, a dashed line is the shape a
+    quarter of the period later.
+
     Parameters
     ----------
     found : Modes
@@ -190,9 +193,14 @@ def modes(found: Modes, path: Path | str, count: int | None = None) -> None:
             rest, moved = found.positions[nodes], found.shape(name, mode, size)
             ax.plot(*axis(rest, found.degree).T, color="0.7", linewidth=1.0)
             ax.plot(*axis(moved, found.degree).T, color=_BEAM_COLOURS[0], linewidth=2.0)
+            if abs(found.shapes[mode].imag).max() > 0.01 * abs(found.shapes[mode]).max():
+                later = axis(found.shape(name, mode, size, np.pi / 2), found.degree)
+                ax.plot(*later.T, color=_BEAM_COLOURS[0], linewidth=1.0, linestyle="--")
         kind = "rigid" if found.rigid[mode] else f"{abs(found.frequencies[mode]):.4g} Hz"
+        if found.damping_ratios[mode]:
+            kind += f", ratio {found.damping_ratios[mode]:.3g}"
         if found.unstable[mode]:
-            kind = f"unstable, grows with {abs(found.angular_frequencies[mode]):.4g} 1/s"
+            kind = f"unstable, grows with {found.eigenvalues[mode].real:.4g} 1/s"
         ax.set_title(f"mode {mode}: {kind}", fontsize="small")
         (left, bottom), (right, top) = low - 1.2 * size, high + 1.2 * size
         ax.set(xlim=(left, right), ylim=(bottom, top), aspect="equal")

@@ -26,8 +26,12 @@ def to_csv(solution, path, nodes: dict[str, Node] | None = None) -> None:
     nodes : dict, optional
         Nodes by the names that their columns shall have.
     """
+    write_csv(_columns(solution, nodes or {}), path)
+
+
+def write_csv(columns: dict[str, np.ndarray], path) -> None:
+    """Write columns (n,) by their names as comma-separated values."""
     path = writable(path)
-    columns = _columns(solution, nodes or {})
     with open(path, "w", newline="", encoding="utf-8") as file:
         writer = csv.writer(file)
         writer.writerow(columns)
@@ -54,10 +58,14 @@ def to_pandas(solution, nodes: dict[str, Node] | None = None):
     RuntimeError
         Where pandas is not installed.
     """
+    return data_frame(_columns(solution, nodes or {}))
+
+
+def data_frame(columns: dict[str, np.ndarray]):
+    """Columns (n,) by their names as pandas.DataFrame; the first is the index."""
     _require("pandas", "to_pandas", "to_csv writes the same columns without it")
     import pandas
 
-    columns = _columns(solution, nodes or {})
     name = next(iter(columns))
     index = pandas.Index(columns.pop(name), name=name)
     return pandas.DataFrame(columns, index=index)

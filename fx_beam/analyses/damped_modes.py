@@ -1,0 +1,168 @@
+"""Modes of (lambda^2 M + lambda C + K) x = 0, from a subspace that begins with undamped ones."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+import scipy.linalg
+from scipy.sparse.linalg import splu
+
+from .undamped_modes import lowest
+
+# A root is known when inverse iteration changes it by less, relative to its size.
+_CLOSE = 1e-9
+_ROUNDS = 20
+
+
+class Damped(NamedTuple):
+    """Modes that are not rigid, lowest first."""
+
+    #: Roots lambda (n,) [1/s]: of a pair the one above the real axis, of two real ones the larger.
+    values: np.ndarray
+    #: Natural angular frequencies (n,) [rad/s]; of real roots that grow -lambda.
+    frequencies: np.ndarray
+    #: Damping ratios (n,): above 1 for overdamped modes, nan for real roots that grow.
+    ratios: np.ndarray
+    #: Vectors (size, n) of modal mass 1.
+    vectors: np.ndarray
+
+    def only(self, kept: np.ndarray) -> Damped:
+        """Some of them, by their numbers or a mask."""
+        return Damped(*(part[..., kept] for part in self))
+
+
+def lowest_damped(K, C, M, n: int):
+    """Angular frequencies, rigid modes, damping ratios, roots and vectors of the n lowest modes."""
+    # All rigid modes, at least one that is not, and more in which damping may show.
+    count = 2 * n + 10
+    while True:
+        omega, rigid, vectors = lowest(K, M, count)
+        if not rigid.all() or len(omega) < count:
+            break
+        count *= 2
+    unit = 0.7 * abs(omega[~rigid]).min(initial=np.inf)
+    if np.isinf(unit):
+        unit = abs(C.diagonal()).max() / M.diagonal().max()
+    still = vectors[:, rigid]
+    found = _not_rigid(K, C, M, n, vectors[:, ~rigid], still, unit)
+    x = found.vectors
+    # The phase in which the imaginary part is smallest, and the sign of undamped modes.
+    x = x * np.exp(-0.5j * np.angle(np.einsum("ij,ij->j", x, M @ x)))
+    x = x * np.sign(x.real[abs(x).argmax(axis=0), np.arange(x.shape[1])])
+    none = np.zeros(still.shape[1])
+    frequencies = np.concatenate([none, found.frequencies])
+    order = np.argsort(frequencies, kind="stable")[:n]
+    return (
+        frequencies[order],
+        order < len(none),
+        np.concatenate([none, found.ratios])[order],
+        np.concatenate([none, found.values])[order],
+        np.column_stack([still, x])[:, order],
+    )
+
+
+def _not_rigid(K, C, M, n: int, undamped: np.ndarray, rigid: np.ndarray, unit: float) -> Damped:
+    """The n lowest modes, from vectors (size, m) of undamped ones; `rigid` (size, k) are others.
+
+    `unit` [rad/s] has the size of the lowest angular frequency, but is no root. A Rayleigh-Ritz
+    method; inverse iteration at the roots extends its subspace.
+    """
+    shifted = splu((K + unit * C + unit**2 * M).tocsc())
+    Z = _untouched(C, shifted, rigid)
+    held, scale = M @ Z, (abs(K.diagonal()) + unit**2 * M.diagonal()) ** -0.5
+    start = [undamped, shifted.solve(C @ undamped), rigid]
+    whole = K.shape[0] <= 40 + sum(part.shape[1] for part in start)
+    V = np.diag(scale) if whole else _independent(start, scale)
+    zeros = rigid.shape[1] - Z.shape[1]
+    values: np.ndarray = np.empty(0)
+    for _ in range(_ROUNDS):
+        k, c, m = (V.T @ (A @ V) for A in (K, C, M))
+        # Rigid motions without damping are double roots at zero: moved away, since they are known.
+        k += (1e3 * unit) ** 2 * (V.T @ held) @ (held.T @ V)
+        found = _roots(k, c, m, unit, zeros)
+        found = found._replace(vectors=V @ found.vectors)
+        moved = (abs(held.T @ found.vectors) ** 2).sum(axis=0) > 0.5
+        found = found.only(np.flatnonzero(~moved)[:n])
+        close = _CLOSE * abs(found.values) + _rounding(K, C, found)
+        changes = abs(found.values[:, None] - values).min(axis=1, initial=np.inf)
+        new = np.flatnonzero(changes > close)
+        if whole or not len(new):
+            return found
+        values = found.values
+        V = _independent(
+            [V, *(_nearer(K, C, M, values[k], found.vectors[:, k]) for k in new)], scale
+        )
+    raise RuntimeError(
+        f"modes: {len(new)} of {n} damped modes did not converge. Try fewer modes, or leave "
+        "damping out by damping=False"
+    )
+
+
+def _rounding(K, C, found: Damped) -> np.ndarray:
+    """Rounding errors (n,) of the roots."""
+    sizes, root = abs(found.vectors), abs(found.values)
+    work = (sizes * (abs(K) @ sizes + root * (abs(C) @ sizes))).sum(axis=0)
+    # The derivative of lambda^2 + lambda c + k at its root; bounded near critical damping.
+    slope = np.maximum(2 * abs(found.values.imag), 1e-3 * root)
+    return 100 * np.finfo(float).eps * work / slope
+
+
+def _untouched(C, shifted, R: np.ndarray) -> np.ndarray:
+    """Those combinations of rigid modes R (size, m) that damping leaves alone."""
+    if not R.size:
+        return R
+    force = C @ R
+    # Squares of damping rates, relative to the unit of angular frequencies.
+    squares, turned = scipy.linalg.eigh(force.T @ shifted.solve(force))
+    return R @ turned[:, squares < 1e-10]
+
+
+def _independent(parts: list[np.ndarray], scale: np.ndarray) -> np.ndarray:
+    """Basis of the span of columns (size, n), without those that depend on others."""
+    columns = np.column_stack(parts) / scale[:, None]
+    sizes = np.linalg.norm(columns, axis=0)
+    basis, R, _ = scipy.linalg.qr(
+        columns[:, sizes > 0] / sizes[sizes > 0], mode="economic", pivoting=True
+    )
+    return scale[:, None] * basis[:, abs(R.diagonal()) > 1e-9]
+
+
+def _nearer(K, C, M, root: complex, x: np.ndarray) -> np.ndarray:
+    """Real and imaginary part (size, 2) after a step of inverse iteration at a root."""
+    try:
+        factors = splu((K + root * C + root**2 * M).astype(complex).tocsc())
+    except RuntimeError:  # the root is exact
+        return np.column_stack([x.real, x.imag])
+    x = factors.solve(2 * root * (M @ x) + C @ x)
+    return np.column_stack([x.real, x.imag]) / abs(x).max()
+
+
+def _roots(k, c, m, unit: float, zeros: int) -> Damped:
+    """All modes of small dense matrices, lowest first, without so many simple roots at zero."""
+    c, m = unit * c, unit**2 * m
+    # Linear in (x, lambda x), inverse about the shift 1: the low roots come out best.
+    size = len(k)
+    left, right = np.hsplit(-scipy.linalg.solve(k + c + m, np.hstack([m + c, m])), 2)
+    mu, vectors = np.linalg.eig(np.block([[left, right], [np.eye(size) + left, right]]))
+    finite = np.flatnonzero(abs(mu) > 1e-14 * abs(mu).max())
+    kept = finite[np.argsort(abs(1 + 1 / mu[finite]))[zeros:]]
+    kept = kept[mu[kept].imag <= 0]  # one of each pair
+    mu, x = mu[kept], vectors[:size, kept]
+    root = 1 + 1 / mu
+    k, c, m = (np.einsum("ij,ij->j", x.conj(), A @ x) for A in (k, c, m))
+    k, m = k.real, m.real
+    massive = m > 1e-18 * abs(k)
+    real = mu.imag == 0
+    # Of two real roots the larger: the smaller is its partner, exactly so in proportional damping.
+    kept = massive & (~real | (2 * root.real * m + c.real > 0))
+    k, c, m, x, root, real = k[kept], c[kept], m[kept], x[:, kept], root[kept], real[kept]
+    grows = real & (root.real > 0)
+    natural = np.where(real, np.sqrt(abs(k / m)), abs(root))
+    ratio = np.where(real, c.real / (2 * m * natural), -root.real / natural)
+    still = abs(ratio) < 1e-12  # rounding must not look like growth
+    ratio, root = np.where(still, 0.0, ratio), np.where(still, 1j * root.imag, root)
+    natural, ratio = np.where(grows, -root.real, natural), np.where(grows, np.nan, ratio)
+    order = np.argsort(natural)
+    found = Damped(unit * root, unit * natural, ratio, unit * x / np.sqrt(m))
+    return found.only(order)

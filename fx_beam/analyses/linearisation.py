@@ -1,0 +1,126 @@
+"""Stiffness, damping and mass of small motions about a configuration."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import NamedTuple
+
+import numpy as np
+import scipy.sparse
+
+from fx_beam.errors import SceneError
+from fx_beam.mechanics.interval import Interval
+from fx_beam.mechanics.schemes import EnergyMomentum, Equilibrium
+from fx_beam.model.equations import Equations
+from fx_beam.model.model import Model
+from fx_beam.results.solution import Solution
+from fx_beam.results.state import State
+from fx_beam.scene.scene import Scene
+from fx_beam.stepping.initial_state import reference_state
+from fx_beam.validation import require
+
+# Length of the steps whose tangents give the damping: so short that stiffness has no part in them.
+_MOMENT = 1e-30
+
+
+class Linearisation(NamedTuple):
+    """Small motions about a configuration, reduced to the unknowns."""
+
+    model: Model
+    #: Stiffness and mass (free, free).
+    K: scipy.sparse.csr_matrix
+    M: scipy.sparse.csr_matrix
+    #: Coupling (size, free): motions of the nodes are T times the unknowns.
+    T: scipy.sparse.csr_matrix
+    #: The configuration, at rest.
+    start: State
+
+    @property
+    def may_be_damped(self) -> bool:
+        """Whether the scene has anything whose forces depend on rates."""
+        scene = self.model.scene
+        coordinates = [c for joint in scene.joints for c in (joint.slide, joint.rotation) if c]
+        return (
+            any(beam.section.damped for beam in scene.beams)
+            or any(c.damper for c in coordinates)
+            or self.model.forms.needs_rates  # in statics those of added virtual works
+        )
+
+    def damping(self, what: str) -> scipy.sparse.csr_matrix:
+        """Derivative (free, free) of the forces by the rates, at rest; errors say `what` asks."""
+        # A step's tangent is stiffness/2 + damping/dt: the same forms as those of the motion.
+        model, start = Model(self.model.scene, EnergyMomentum()), self.start
+        reduction, forms = model.reduction, model.forms
+        forms.set_internal(start.internal)
+        values = np.empty((2, len(reduction.pattern[1])))
+        for dt, row in zip((_MOMENT, 2 * _MOMENT), values, strict=True):
+            model.actuators.set_rates(start.q, start.v, start.slides)
+            forms.set_step(start.t, dt, start.q, start.v, start.a)
+            reduction.begin(start.q, start.slides, dt)
+            D = reduction.expand(np.zeros(reduction.free), np.zeros(reduction.driven))
+            r = forms.internal_force(D)
+            forms.assemble_stiffness()
+            reduction.fill(forms.stiffness.data, r, row)
+        data = 2 * _MOMENT * (values[0] - values[1])
+        if not np.isfinite(data).all():
+            raise SceneError(
+                f"{what}: the damping at rest is not finite, since the derivative of an added "
+                "virtual work by the velocity is not. Smooth it there, such as "
+                "ufl.sqrt(v**2 + 1e-12) for the speed"
+            )
+        indptr, indices = reduction.pattern
+        C = scipy.sparse.csr_matrix((data, indices, indptr), (reduction.free,) * 2)
+        C.eliminate_zeros()
+        return C
+
+
+def linearised(scene: Scene, state: Solution | None, what: str) -> Linearisation:
+    """Linearise about the last row of a state, or about the reference without loads.
+
+    Errors say `what` asks.
+    """
+    if not isinstance(scene, Scene):
+        raise SceneError(f"{what} needs an fx_beam.Scene, not {scene!r}")
+    model = Model(scene, Equilibrium(), mobile=True)
+    factor, start = 0.0, reference_state(model)  # an equilibrium without loads
+    if state is not None:
+        factor, start = _last(model, start, state, what)
+    reduction = model.reduction
+    if not reduction.free:
+        raise SceneError(
+            f"{what}: the scene has no unknowns: supports, joints and motors fix all degrees of "
+            "freedom. Release one of them"
+        )
+    equations, force = Equations(model, start.t), factor * model.loads.at(start.t)
+    if model.weight is not None:
+        force += factor * model.weight
+    equations.begin(Interval(factor, factor), start)
+    K = equations.tangent(equations.at_start(force).r)
+    T = reduction.coupling()[:, : reduction.free]
+    M = (T.T @ model.mass @ T).tocsr()
+    return Linearisation(model, K, M, T, start)
+
+
+def _last(model: Model, start: State, state: Solution, what: str) -> tuple[float, State]:
+    """Load factor and configuration in the last row of a solution."""
+    require(isinstance(state, Solution), f"{what}: state", state, "a solution of the scene")
+    if not np.array_equal(state.X, model.mesh.X) or not len(state.q):
+        raise SceneError(
+            f"{what}: the state must be a solution with the nodes of this scene and its motion "
+            "recorded (record=Record(motion=True))"
+        )
+    factor, t = 1.0, float(state.t[-1])
+    if state.stats.static:
+        # Functions of time were evaluated at one time.
+        factor, t = t, state.end.t if state.end is not None else 0.0
+    internal = None
+    if start.internal is not None:
+        internal = state.end.internal if state.end is not None else None
+        if internal is None or internal.shape != start.internal.shape:
+            raise SceneError(
+                f"{what}: the state has other internal variables than the sections of the scene. "
+                "Use a state of this scene"
+            )
+        internal = model.mesh.from_elements(internal)
+    q, slides = model.from_nodes(state.q[-1]), state.slides[-1]
+    return factor, replace(start, t=t, q=q, slides=slides, internal=internal)

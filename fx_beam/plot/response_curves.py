@@ -1,0 +1,58 @@
+"""Amplitude and phase of steady vibrations over the frequency of the load."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+
+from fx_beam.analyses.harmonic import FrequencyResponse
+
+from .time_curves import figure, quantities, save
+
+
+def frequency_response(
+    found: FrequencyResponse, path: Path | str, components: Sequence[str] | None = None
+) -> None:
+    """Picture of amplitudes and phases over the frequency of the load.
+
+    Amplitudes have a logarithmic scale, with a panel for each unit.
+
+    Parameters
+    ----------
+    found : FrequencyResponse
+        Result of `fx_beam.frequency_response`.
+    path : str or path
+        Picture to write; its ending gives the format.
+    components : sequence of str, optional
+        The components to draw, of `FrequencyResponse.names`; by default all that move.
+    """
+    if components is None:
+        components = [name for name in found.names if found.component(name).any()]
+    values = {name: found.component(name) for name in components}
+    if not values:
+        raise ValueError(f"components = {components!r}: nothing to draw, of {list(found.names)}")
+    units = {name: found.units[found.names.index(name)] for name in values}
+    kinds = sorted(set(units.values()))
+    fig, axes = figure(len(kinds) + 1, 1)
+    for unit, ax in zip(kinds, axes[:, 0], strict=False):
+        # Each curve has the same style in all panels; those of other units are empty here.
+        shown = {
+            name: abs(v) if units[name] == unit else np.full(len(v), np.nan)
+            for name, v in values.items()
+        }
+        quantities(ax, found.frequencies, shown)
+        ax.set(yscale="log", ylabel=f"amplitude [{unit}]")
+    phases = {name: np.degrees(np.unwrap(np.angle(v))) for name, v in values.items()}
+    last = axes[-1, 0]
+    quantities(last, found.frequencies, phases)
+    angles = np.concatenate(list(phases.values())) / 90
+    first, end = np.floor(angles.min()), np.ceil(angles.max())
+    last.set_yticks(90 * np.arange(first, end + 1, max(1, (end - first) // 4)))
+    last.set(ylabel="phase [deg]", xlabel="frequency of the load [Hz]")
+    low, high = found.frequencies.min(), found.frequencies.max()
+    if 0 < 100 * low < high:
+        for ax in axes[:, 0]:
+            ax.set_xscale("log")
+    save(fig, path)

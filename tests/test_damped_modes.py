@@ -1,0 +1,292 @@
+"""Modes of damped scenes: closed solutions, all roots by dense algebra, the damping matrix."""
+
+import math
+
+import ufl
+
+import numpy as np
+import pytest
+import scipy.linalg
+from jointed import KINDS, pair
+
+import fx_beam as fb
+from fx_beam.analyses.linearisation import linearised
+from fx_beam.model.model import Model
+
+
+def oscillator(c, k=100.0, m=1.0):
+    """A mass on a guide of the ground; natural frequency 10 rad/s."""
+    scene = fb.Scene()
+    rod = scene.add_beam([(0, 0), (1, 0)], fb.Section(EA=1e4, GA=1e4, EI=1e4))
+    spring = fb.Spring(k) if k else None
+    guide = fb.Prismatic(fb.GROUND, rod.start, axis=(1, 0), spring=spring, damper=fb.Damper(c))
+    scene.add_joint(guide)
+    scene.add_mass(rod.start, m)
+    return scene
+
+
+def section(tau=0.0, rhoI=1e-4):
+    return fb.Section(EA=1e5, GA=4e4, EI=10.0, rhoA=1.0, rhoI=rhoI, retardation=tau)
+
+
+def supported(tau, elements=8, free=False, rhoI=1e-4):
+    scene = fb.Scene()
+    beam = scene.add_beam([(0, 0), (1, 0)], section(tau, rhoI), elements=elements, degree=2)
+    if not free:
+        scene.pin(beam.start)
+        scene.fix(beam.end, "y")
+    return scene
+
+
+def frame(c, elements=14, tau=0.0, free=False, drag=0.0):
+    """Two members with a damped hinge; the end slides in a damped guide. 160 unknowns."""
+    scene = fb.Scene()
+    corner = (0, 1)
+    post = scene.add_beam([(0, 0), corner], section(tau), elements=elements, degree=2)
+    arm = scene.add_beam([corner, (1, 1.3)], section(tau), elements=elements, degree=2)
+    hinge = {"spring": fb.Spring(1.0), "damper": fb.Damper(c)}
+    scene.add_joint(fb.Revolute(post.end, arm.start, **hinge))
+    if drag:
+        scene.add_virtual_work(lambda step: -drag * ufl.dot(step.v, step.virtual_u), post)
+    if not free:
+        scene.clamp(post.start)
+        guide = fb.PinInSlot(fb.GROUND, arm.end, axis=(0.6, 0.8), damper=fb.Damper(3 * c))
+        scene.add_joint(guide)
+    return scene
+
+
+# -- Closed solutions --------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("ratio", [0.15, 2.0, 50.0])
+def test_an_oscillator_has_the_roots_of_the_textbook(ratio):
+    found = fb.modes(oscillator(20.0 * ratio))
+    assert len(found) == 1
+    assert found.angular_frequencies == pytest.approx([10.0], rel=1e-9)
+    assert found.damping_ratios == pytest.approx([ratio], rel=1e-9)
+    # Of two real roots the slower one.
+    root = 10 * (-ratio + np.emath.sqrt(ratio**2 - 1))
+    assert found.eigenvalues == pytest.approx([root], rel=1e-9)
+    assert found.overdamped.tolist() == [ratio > 1]
+    assert str(found).endswith("overdamped") == (ratio > 1)
+
+
+@pytest.mark.parametrize("elements", [8, 40], ids=["whole space", "subspace"])
+@pytest.mark.parametrize("free", [False, True], ids=["supported", "free"])
+@pytest.mark.parametrize("rhoI", [1e-4, 0.0])
+def test_retardation_alone_damps_each_mode_by_half_of_tau_omega(elements, free, rhoI):
+    tau = 4e-3
+    scene = supported(tau, elements, free, rhoI)
+    found, plain = fb.modes(scene, n=9), fb.modes(scene, n=9, damping=False)
+    assert found.rigid.tolist() == plain.rigid.tolist()
+    assert found.angular_frequencies == pytest.approx(plain.angular_frequencies, rel=1e-8)
+    assert found.damping_ratios == pytest.approx(tau * plain.angular_frequencies / 2, rel=1e-8)
+    assert 0 < found.overdamped.sum() < 9
+    # The shapes are the real ones.
+    size = abs(plain.shapes).max()
+    assert abs(found.shapes.imag).max() < 1e-5 * size
+    assert abs(abs(found.shapes[3:6]) - abs(plain.shapes[3:6])).max() < 1e-5 * size
+
+
+def test_double_modes_of_a_ring_are_both_found():
+    scene = fb.Scene()
+    half = scene.add_beam(fb.arc((1, 0), (0, 1), (-1, 0)), section(0.002), elements=12, degree=2)
+    lower = fb.arc(half.end, (0, -1), half.start)
+    scene.add_beam(lower, section(0.002), elements=12, degree=2)
+    found = fb.modes(scene, n=9)
+    assert found.rigid.sum() == 3
+    pairs = found.angular_frequencies[3:].reshape(3, 2)
+    assert pairs[:, 0] == pytest.approx(pairs[:, 1], rel=1e-6)
+    shapes = found.shapes.reshape(9, -1)
+    norms = np.linalg.norm(shapes, axis=1)
+    overlap = abs(shapes.conj() @ shapes.T) / np.outer(norms, norms)
+    assert abs(overlap[3, 4]) < 0.9  # not the same shape twice
+
+
+def test_members_under_compression_have_the_roots_of_the_stressed_beam():
+    # rhoA lambda^2 + tau EI k^4 lambda + EI k^4 + N k^2 = 0 where shear is small.
+    tau, EI = 1e-3, 10.0
+    scene = fb.Scene()
+    stiff = fb.Section(EA=1e6, GA=1e6, EI=EI, rhoA=1.0, retardation=tau)
+    beam = scene.add_beam([(0, 0), (1, 0)], stiff, elements=16, degree=2)
+    scene.pin(beam.start)
+    scene.fix(beam.end, "y")
+    N = -1.5 * math.pi**2 * EI
+    scene.add_force(beam.end, (N, 0))
+    state = fb.static(scene)
+    found = fb.modes(scene, state, n=3)
+    k = math.pi * np.arange(1, 4)
+    c, stiffness = tau * EI * k**4, EI * k**4 + N * k**2
+    exact = (-c + np.emath.sqrt(c**2 - 4 * stiffness)) / 2
+    assert found.eigenvalues == pytest.approx(exact, rel=2e-3)
+    assert found.unstable.tolist() == [True, False, False]
+    assert found.frequencies[0] == pytest.approx(-exact[0].real / (2 * math.pi), rel=2e-3)
+    assert np.isnan(found.damping_ratios[0]) and "unstable" in str(found)
+    # Damping slows the growth.
+    plain = fb.modes(scene, state, n=3, damping=False)
+    assert found.eigenvalues[0].real < 0.99 * plain.eigenvalues[0].real
+
+
+@pytest.mark.parametrize("drag", [0.0, 0.2])
+def test_fewer_modes_than_rigid_ones_are_rigid(drag):
+    # A drag on a part of it: the roots at zero are simple instead of double.
+    scene = frame(c=0.3, elements=4, free=True, drag=drag)
+    for n in (1, 3, 4):
+        found = fb.modes(scene, n=n)
+        assert found.rigid.tolist() == ([True] * 3 + [False])[:n]
+
+
+def test_a_free_mass_with_a_damper_is_a_rigid_mode():
+    found = fb.modes(oscillator(3.0, k=0.0))
+    assert len(found) == 1 and found.rigid.all()
+    assert found.eigenvalues == 0
+
+
+# -- Dense algebra -----------------------------------------------------------------------------
+
+
+def all_roots(scene):
+    """All roots of the damped scene."""
+    about = linearised(scene, None, "test")
+    K, C, M = (A.toarray() for A in (about.K, about.damping("test"), about.M))
+    one, none = np.eye(len(K)), np.zeros_like(K)
+    return scipy.linalg.eigvals(
+        np.block([[none, one], [-K, -C]]), np.block([[one, none], [none, M]])
+    )
+
+
+@pytest.mark.parametrize(
+    "options",
+    [
+        {"c": 0.01},
+        {"c": 0.3, "tau": 1e-3},
+        {"c": 3.0},
+        {"c": 1e3},
+        {"c": 0.3, "free": True},
+        {"c": 0.3, "free": True, "drag": 0.2},
+    ],
+    ids=str,
+)
+def test_modes_with_local_dampers_are_those_of_dense_algebra(options):
+    scene = frame(**options)
+    found = fb.modes(scene, n=8)
+    roots = all_roots(scene)
+    moving = found.eigenvalues[~found.rigid]
+    distance = abs(roots - moving[:, None]).min(axis=1) / abs(moving)
+    assert distance.max() < 1e-6
+    assert found.rigid.sum() == (3 if "free" in options else 0)
+    # Each vibration below the highest one is there, once.
+    highest = abs(moving[~found.overdamped[~found.rigid]]).max()
+    vibrations = roots[(roots.imag > 1e-6 * abs(roots)) & (abs(roots) < (1 + 1e-6) * highest)]
+    vibrations = vibrations[abs(vibrations) > 1e-3]  # double zeros of rigid modes, split
+    assert len(vibrations) == (moving.imag > 0).sum()
+
+
+def test_a_part_of_many_modes_is_the_same_as_all():
+    scene = frame(c=0.3, elements=6)
+    few, many = fb.modes(scene, n=3), fb.modes(scene, n=1000)
+    assert few.eigenvalues == pytest.approx(many.eigenvalues[:3], rel=1e-8)
+    assert len(many) == len(fb.modes(scene, n=1000, damping=False))
+
+
+# -- The damping matrix ------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("kind", [kind for kind in KINDS if "rigid" not in kind])
+def test_damping_is_the_derivative_of_the_forces_by_the_rates_in_a_stressed_scene(kind):
+    # By the residual of another scheme, whose rates at the end of the step are 2 D / dt.
+    damped = fb.Section(EA=1e4, GA=1e4, EI=100.0, rhoA=1.0, rhoI=0.1, retardation=0.01)
+    on = {"spring": fb.Spring(30.0, 0.2), "damper": fb.Damper(5.0)}
+    if "slot" in kind:
+        on["hinge"] = fb.Coordinate(damper=fb.Damper(2.0))
+    scene, first, second, _ = pair(kind, section=damped, gravity=(0, -9.81), **on)
+    scene.pin(first.start)
+    scene.add_force(second.end, (30.0, 50.0))
+    state = fb.simulate(scene, dt=0.02, t_end=0.5)
+    about = linearised(scene, state, "test")
+    model, dt = Model(scene, fb.Newmark()), 1e-7
+    reduction, zero = model.reduction, np.zeros(model.size)
+
+    def forces(rate):
+        model.actuators.set_rates(about.start.q, zero, about.start.slides)
+        model.forms.set_step(0.5, dt, about.start.q, zero, zero)
+        reduction.begin(about.start.q, about.start.slides, dt)
+        D = reduction.expand(dt * rate, np.zeros(reduction.driven))
+        return reduction.project(model.forms.internal_force(D))[: reduction.free]
+
+    columns = [(forces(e) - forces(-e)) / 4 for e in np.eye(reduction.free)]
+    C = about.damping("test").toarray()
+    assert abs(C - np.array(columns).T).max() < 1e-5 * abs(C).max()
+    assert abs(C - C.T).max() < 1e-10 * abs(C).max()
+    assert np.linalg.eigvalsh(C).min() > -1e-10 * abs(C).max()
+
+
+# -- Rayleigh damping --------------------------------------------------------------------------
+
+
+def test_rayleigh_gives_the_ratios_that_were_asked_for():
+    for f, ratios in (((2.0, 7.0), (0.01, 0.03)), ((7.0, 2.0), (0.03, 0.01))):
+        alpha, tau = fb.rayleigh(f, ratios)
+        w = 2 * np.pi * np.array(f)
+        assert alpha / (2 * w) + tau * w / 2 == pytest.approx(ratios, rel=1e-12)
+
+
+def test_rayleigh_damping_of_a_scene_has_these_ratios():
+    plain = fb.modes(supported(0.0), n=2)
+    alpha, tau = fb.rayleigh(plain.frequencies, (0.02, 0.05))
+    scene = supported(tau, rhoI=0.0)  # with the mass of displacements alone
+    f = fb.modes(scene, n=2, damping=False).frequencies
+    alpha, tau = fb.rayleigh(f, (0.02, 0.05))
+    scene = supported(tau, rhoI=0.0)
+    scene.add_virtual_work(lambda step: -alpha * ufl.dot(step.v, step.virtual_u))
+    # The reduced rule of the drag is not that of the mass.
+    assert fb.modes(scene, n=2).damping_ratios == pytest.approx([0.02, 0.05], rel=1e-3)
+
+
+@pytest.mark.parametrize(
+    ("f", "ratios", "words"),
+    [
+        ((1.0, 4.0), (0.01, 0.05), "negative mass factor alpha .* at most 0.04 at 4 Hz"),
+        ((4.0, 1.0), (0.01, 0.05), "negative retardation time tau .* at least 0.0125 at 4 Hz"),
+        ((1.0, 1.0), (0.01, 0.05), "must be positive and different"),
+        ((0.0, 1.0), (0.01, 0.05), "must be positive and different"),
+        ((1.0, 2.0), (-0.01, 0.05), "ratios = .* must be zero or positive"),
+        ((1.0, 2.0), 0.05, "must be 2 numbers"),
+    ],
+)
+def test_rayleigh_refuses_what_would_drive_the_motion(f, ratios, words):
+    with pytest.raises(fb.SceneError, match=words):
+        fb.rayleigh(f, ratios)
+
+
+# -- Shapes, refusals --------------------------------------------------------------------------
+
+
+def test_a_shape_moves_through_its_phases():
+    found = fb.modes(frame(c=0.3, elements=4), n=3)
+    post = "beam 1"
+    rest = found.positions[found.nodes_of_beam[post]]
+    start, quarter, half = (
+        found.shape(post, 1, 0.1, phase) - rest for phase in (0, np.pi / 2, np.pi)
+    )
+    assert half == pytest.approx(-start, abs=1e-12)
+    assert abs(quarter).max() > 1e-3
+    everywhere = [
+        np.hypot(*(found.shape(name, 1, 0.1, phase) - found.positions[nodes]).T).max()
+        for name, nodes in found.nodes_of_beam.items()
+        for phase in np.linspace(0, np.pi, 181)
+    ]
+    assert max(everywhere) == pytest.approx(0.1, rel=1e-3)
+
+
+def test_damping_without_a_limit_at_rest_is_refused():
+    scene = supported(0.0)
+    speed = fb.modes(scene, n=1)
+    scene.add_virtual_work(
+        lambda step: -ufl.sqrt(ufl.dot(step.v, step.v)) * ufl.dot(step.v, step.virtual_u)
+    )
+    with pytest.raises(fb.SceneError, match="modes: the damping at rest is not finite"):
+        fb.modes(scene, n=1)
+    assert fb.modes(scene, n=1, damping=False).frequencies == pytest.approx(speed.frequencies)
+    with pytest.raises(fb.SceneError, match="damping = 'no' must be True or False"):
+        fb.modes(scene, damping="no")

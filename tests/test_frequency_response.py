@@ -1,0 +1,223 @@
+"""Steady vibrations under harmonic loads, against closed solutions and long motions."""
+
+import numpy as np
+import pytest
+import scipy.linalg
+
+import fx_beam as fb
+
+
+def cantilever(elements, section, degree=2):
+    scene = fb.Scene()
+    beam = scene.add_beam([(0, 0), (1, 0)], section, elements=elements, degree=degree)
+    scene.clamp(beam.start)
+    return scene, beam
+
+
+# -- Closed solutions --------------------------------------------------------------------------
+
+
+def test_a_damped_bar_has_the_closed_response():
+    # u = F tan(k L) / (E k) with the complex stiffness E = EA (1 + i w tau), k = w sqrt(rhoA/E).
+    EA, tau = 100.0, 4e-3
+    section = fb.Section(EA=EA, GA=EA, EI=EA, rhoA=1.0, retardation=tau)
+    f = np.linspace(0.0, 12.0, 61)[1:]  # four resonances
+    w = 2 * np.pi * f
+    E = EA * (1 + 1j * w * tau)
+    exact = np.tan(w / np.sqrt(E)) / (np.sqrt(E) * w)
+    errors = []
+    for elements in (8, 16):
+        scene, bar = cantilever(elements, section)
+        found = fb.frequency_response(scene, (bar.end, (1.0, 0.0)), bar.end, f)
+        errors.append(abs(found.component("x") / exact - 1).max())
+        assert not found.component("y").any()
+    assert errors[1] < 2e-4
+    assert np.log2(errors[0] / errors[1]) == pytest.approx(4.0, abs=0.1)
+
+
+def timoshenko(section, tau, w, force, moment):
+    """Displacement and rotation of a cantilever's end, by its transfer matrix."""
+    GA, EI = (c * (1 + 1j * w * tau) for c in (section.GA, section.EI))
+    # (y, psi, Q, M)' with gamma = y' - psi = Q / GA and psi' = M / EI.
+    A = np.zeros((4, 4), dtype=complex)
+    A[0, 1], A[0, 2], A[1, 3] = 1.0, 1 / GA, 1 / EI
+    A[2, 0], A[3, 1], A[3, 2] = -section.rhoA * w**2, -section.rhoI * w**2, -1.0
+    through = scipy.linalg.expm(A)
+    start = np.linalg.solve(through[2:, 2:], [force, moment])
+    return through[:2, 2:] @ start
+
+
+def test_a_damped_cantilever_has_the_response_of_timoshenko():
+    tau, force, moment = 2e-3, 1.0, 0.3j
+    section = fb.Section(EA=1e4, GA=400.0, EI=10.0, rhoA=1.0, rhoI=0.02, retardation=tau)
+    f = np.linspace(0.0, 30.0, 31)
+    exact = np.array([timoshenko(section, tau, w, force, moment) for w in 2 * np.pi * f])
+    errors = []
+    for elements in (8, 16):
+        scene, beam = cantilever(elements, section)
+        found = fb.frequency_response(scene, (beam.end, (0.0, force, moment)), beam.end, f)
+        size = abs(exact).max(axis=1, keepdims=True)
+        errors.append((abs(found.values[:, 1:] - exact) / size).max())
+    assert errors[1] < 1e-3
+    assert np.log2(errors[0] / errors[1]) == pytest.approx(4.0, abs=0.3)
+
+
+def test_an_oscillator_lags_by_a_quarter_at_resonance():
+    k, m, c, offset = 100.0, 1.0, 4.0, 0.5
+    scene = fb.Scene()
+    rod = scene.add_beam([(0, 0), (1, 0)], fb.Section(EA=1e6, GA=1e6, EI=1e6))
+    guide = fb.Prismatic(
+        fb.GROUND, rod.start, axis=(1, 0), spring=fb.Spring(k), damper=fb.Damper(c)
+    )
+    guide = scene.add_joint(guide)
+    scene.add_mass(rod.start, m)
+    f = np.array([0.0, 10.0, 25.0]) / (2 * np.pi)
+    found = fb.frequency_response(scene, (rod.start, (offset, 0.0)), guide, f)
+    w = 2 * np.pi * f
+    exact = offset / (k + 1j * w * c - m * w**2)
+    assert found.names == ("slide",) and found.units == ("m",)
+    assert found.values[:, 0] == pytest.approx(exact, rel=1e-8)
+    assert found.amplitude[1, 0] == pytest.approx(offset / (c * 10.0), rel=1e-8)
+    assert found.phase[1, 0] == pytest.approx(-np.pi / 2)
+
+
+# -- Against the motion ------------------------------------------------------------------------
+
+
+def arm(load=None):
+    """A stressed arm on a damped hinge and a damped slide; its end carries a load over time."""
+    scene = fb.Scene(gravity=(0.0, -9.81))
+    section = fb.Section(EA=1e4, GA=1e4, EI=20.0, rhoA=1.0, rhoI=1e-2, retardation=0.01)
+    post = scene.add_beam([(0, 0), (0.5, 0)], section, elements=3, degree=2)
+    scene.clamp(post.start)
+    arm = scene.add_beam([(0.5, 0), (1.3, 0.2)], section, elements=4, degree=2)
+    on = {"spring": fb.Spring(60.0), "damper": fb.Damper(2.0)}
+    hinge = fb.Coordinate(spring=fb.Spring(30.0), damper=fb.Damper(0.8))
+    joint = fb.PinInSlot(post.end, arm.start, axis=(0.6, 0.8), hinge=hinge, **on)
+    joint = scene.add_joint(joint)
+    if load is not None:
+        scene.add_force(arm.end, load)
+    return scene, arm, joint
+
+
+@pytest.mark.parametrize("f", [0.4, 1.1, 4.0])
+def test_the_response_is_that_of_a_long_motion_about_a_stressed_state(f):
+    scene, beam, joint = arm()
+    state = fb.static(scene)
+    assert abs(state.rotation(beam.end)[-1]) > 0.05  # so that the state counts
+    F = 1e-3 * np.array([1.0, -2.0])
+    found = fb.frequency_response(scene, (beam.end, F), beam.end, [f], state)
+    at_joint = fb.frequency_response(scene, (beam.end, F), joint, [f], state)
+    assert at_joint.names == ("slide", "angle")
+
+    # After 25 s the slowest mode has decayed to 2e-5. The scheme's periods are too long by
+    # (w dt)^2 / 12 = 3.7e-5 of them, twice as much in terms of stiffness; the amplitude at a
+    # resonance of damping ratio 0.07 changes by 1 / 0.14 times that, 5e-4.
+    w, steps = 2 * np.pi * f, 300
+    moving, moved, slider = arm(lambda t: F * np.cos(w * t))
+    motion = fb.simulate(moving, dt=1 / (steps * f), t_end=round(25 * f) / f, start=state)
+    last = slice(-steps - 1, None)
+    t = motion.t[last]
+    waves = np.column_stack([np.cos(w * t), np.sin(w * t), np.ones_like(t)])
+
+    def amplitude(history):
+        a, b, _ = np.linalg.lstsq(waves, history[last], rcond=None)[0]
+        return a - 1j * b
+
+    histories = [*motion.displacement(moved.end).T, motion.rotation(moved.end)]
+    seen = np.array([amplitude(history) for history in histories])
+    assert abs(found.values[0] - seen).max() < 5e-4 * abs(seen).max()
+    coordinates = motion.slide(slider), motion.joint(slider).angle
+    seen = np.array([amplitude(history) for history in coordinates])
+    assert abs(at_joint.values[0] - seen).max() < 5e-4 * abs(seen).max()
+    # About the undeformed start it is another one.
+    other = fb.frequency_response(scene, (beam.end, F), beam.end, [f])
+    assert abs(other.values - found.values).max() > 5e-3 * abs(found.values).max()
+
+
+# -- Refusals and pictures ---------------------------------------------------------------------
+
+
+def test_what_is_no_load_place_or_frequency_is_refused():
+    scene, beam, joint = arm()
+    load, f = (beam.end, (1.0, 0.0)), [1.0]
+    _, foreign, other_joint = arm()
+    rigid_scene, bars = fb.Scene(), []
+    for x in (0, 1):
+        bars.append(rigid_scene.add_beam([(x, 0), (x + 1, 0)], fb.Section(1.0, 1.0, 1.0, 1.0)))
+    rigid = rigid_scene.add_joint(fb.Rigid(bars[0].end, bars[1].start))
+    rigid_scene.clamp(bars[0].start)
+    bad_load = "must be a node and its amplitudes, such as"
+    for given, words in (
+        ((scene, 3.0, beam.end, f), bad_load),
+        ((scene, (beam, (1.0, 0.0)), beam.end, f), "is not a node; take one from a beam"),
+        ((scene, (foreign.end, (1.0, 0.0)), beam.end, f), "belongs to another scene"),
+        ((scene, (beam.end, 1.0), beam.end, f), r"must be \(fx, fy\) or \(fx, fy, moment\)"),
+        ((scene, (beam.end, (1.0, np.nan)), beam.end, f), r"must be \(fx, fy\) or"),
+        ((scene, (beam.end, (0.0, 0.0)), beam.end, f), "moves nothing: it is zero"),
+        ((scene, (scene.beams[0].start, (1.0, 0.0)), beam.end, f), "supports take all of it"),
+        ((scene, load, 7, f), "at: 7 is not a node"),
+        ((scene, load, other_joint, f), "is not a joint of the scene"),
+        ((rigid_scene, (bars[1].end, (1, 0)), rigid, f), "has no free coordinate"),
+        ((scene, load, beam.end, []), "frequencies = .* must be a list of numbers"),
+        ((scene, load, beam.end, 2.0), "frequencies = 2.0 must be a list"),
+        ((scene, load, beam.end, [-1.0]), "zero or positive"),
+        ((scene, load, beam.end, f, 3), "state = 3 must be a solution of the scene"),
+        ((beam, load, beam.end, f), "frequency_response needs an fx_beam.Scene"),
+    ):
+        with pytest.raises(fb.SceneError, match=words):
+            fb.frequency_response(*given)
+    found = fb.frequency_response(scene, load, joint, f)
+    assert repr(found) == "<FrequencyResponse of slide, angle at 1 frequencies>"
+    with pytest.raises(fb.SceneError, match="component = 'x' must be one of"):
+        found.component("x")
+
+
+def test_a_motion_without_bound_is_refused():
+    section = fb.Section(EA=1e4, GA=1e4, EI=10.0, rhoA=1.0, rhoI=1e-3)
+    scene = fb.Scene()
+    free = scene.add_beam([(0, 0), (1, 0)], section, elements=4, degree=2)
+    load = (free.end, (0.0, 1.0))
+    fb.frequency_response(scene, load, free.end, [0.1])
+    with pytest.raises(fb.SceneError, match="at 0 Hz the motion has no bound"):
+        fb.frequency_response(scene, load, free.end, [0.1, 0.0])
+    guided = fb.Scene()
+    rod = guided.add_beam([(0, 0), (1, 0)], fb.Section(EA=1.0, GA=1.0, EI=1.0))
+    guide = fb.Prismatic(fb.GROUND, rod.start, axis=(1, 0), spring=fb.Spring(4.0))
+    guide = guided.add_joint(guide)
+    guided.add_mass(rod.start, 1.0)
+    resonance = 2.0 / (2 * np.pi)
+    with pytest.raises(fb.SceneError, match="at 0.31831 Hz .* natural frequency without damping"):
+        fb.frequency_response(guided, (rod.start, (1.0, 0.0)), guide, [resonance])
+
+
+def test_tables_have_amplitudes_and_phases(tmp_path):
+    scene, beam, joint = arm()
+    found = fb.frequency_response(scene, (beam.end, (0.0, 1.0)), joint, [0.5, 1.0, 2.0])
+    found.to_csv(tmp_path / "response.csv")
+    head, *rows = (tmp_path / "response.csv").read_text().splitlines()
+    assert head == "frequency,slide amplitude,slide phase,angle amplitude,angle phase"
+    table = np.array([row.split(",") for row in rows], dtype=float)
+    assert (table[:, 0] == found.frequencies).all()
+    assert (table[:, 1::2] * np.exp(1j * table[:, 2::2])) == pytest.approx(found.values)
+    pytest.importorskip("pandas")
+    frame = found.to_pandas()
+    assert frame.index.name == "frequency" and list(frame.columns) == head.split(",")[1:]
+    assert (frame.to_numpy() == table[:, 1:]).all()
+
+
+@pytest.mark.plot
+def test_pictures_of_responses_are_written(tmp_path):
+    scene, beam, _ = arm()
+    f = np.geomspace(0.1, 20.0, 200)
+    found = fb.frequency_response(scene, (beam.end, (0.0, 1.0)), beam.end, f)
+    fb.plot.frequency_response(found, tmp_path / "all.png")
+    fb.plot.frequency_response(found, tmp_path / "y.png", components=["y"])
+    sizes = [(tmp_path / name).stat().st_size for name in ("all.png", "y.png")]
+    assert sizes[0] > sizes[1] > 10_000
+    with pytest.raises(ValueError, match="nothing to draw"):
+        fb.plot.frequency_response(found, tmp_path / "none.png", components=[])
+    with pytest.raises(fb.SceneError, match="component = 'z' must be one of"):
+        fb.plot.frequency_response(found, tmp_path / "none.png", components=["z"])
+    fb.plot.modes(fb.modes(scene, n=3), tmp_path / "modes.png")
+    assert (tmp_path / "modes.png").stat().st_size > 10_000
