@@ -20,7 +20,7 @@ QUANTITIES = dict(
 def along(solution: Any, name: str, quantity: str, rows, places: np.ndarray) -> np.ndarray:
     """Values of one of the `QUANTITIES` or internal variables along a beam, at places of elements.
 
-    Resultants, energy and variables are polynomials through their values at the Gauss points, and may jump.
+    But for the speed, they are polynomials through the values at the Gauss points, and may jump.
     """
     rows, beam = list(rows), solution.beams[name]
     if quantity == "speed":

@@ -174,6 +174,7 @@ class Newton:
         driven_now = np.zeros(reduction.driven) if moved_first else driven
         residuals: list[float] = []
         sizes, errors, small_corrections, gained = _Sequence(), _Sequence(), 0, 0.0
+        step = np.zeros(reduction.columns)
         for iteration in range(1, options.max_iterations + 1):
             balance = self._balance(y, driven_now, force)
             if iteration > 1 and model.forms.internal_shape[-1]:
