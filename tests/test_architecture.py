@@ -26,6 +26,7 @@ HOUSE = {
         "coordinate",
         "joints",
         "summary",
+        "geometry",
         "scene",
     ],
     "mechanics": [

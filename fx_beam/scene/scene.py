@@ -2,26 +2,23 @@
 
 from __future__ import annotations
 
-import copy
-import itertools
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from typing import Any
-
-import numpy as np
 
 from fx_beam.errors import SceneError
 from fx_beam.validation import TimeFunction, require, time_function, vector
 
 from . import loads
 from .beam import COMPONENTS, Beam, Node
-from .curve import Curve, layout
+from .curve import Curve
+from .geometry import Geometry
 from .joints import GROUND, Joint
 from .section import Section
 from .summary import facts, html_table
 
 
-class Scene:
+class Scene(Geometry):
     """Beams, supports, joints, masses, loads and initial velocities of a planar system.
 
     Lengths in metres, masses in kilograms, times in seconds and angles in radians, or any other
@@ -51,11 +48,7 @@ class Scene:
 
     def __init__(self, gravity: Sequence[float] | None = None):
         self.gravity = None if gravity is None else vector(gravity, 2, "gravity")
-        self.beams: list[Beam] = []
-        self._names: set[str] = set()
-        self.nodes: list[Node] = []
-        #: Smallest and largest coordinates of all nodes.
-        self._corners = np.full(2, np.nan), np.full(2, np.nan)
+        super().__init__()
         #: Fixed components: (node number, component number).
         self.fixed: set[tuple[int, int]] = set()
         #: Components prescribed as functions of time.
@@ -69,18 +62,8 @@ class Scene:
         #: Whether incompatible initial velocities are projected instead of refused.
         self.projects_velocities = False
 
-    def __copy__(self):
-        return copy.deepcopy(self)
-
-    def __setstate__(self, state):
-        self.__dict__.update(state)
-        for node in self.nodes:
-            object.__setattr__(node, "scene", self)
-
     def _repr_html_(self):
         return html_table("Scene", facts(self))
-
-    # -- Geometry -----------------------------------------------------------------------------
 
     def add_beam(
         self,
@@ -127,39 +110,7 @@ class Scene:
         >>> scene.add_beam([post.end, (2, 1)], section, elements=[2], name="girder")
         <Beam 'girder': 2 elements from node 4 at (0, 1) to node 6 at (2, 1)>
         """
-        if name is None:
-            numbers = itertools.count(len(self.beams) + 1)
-            name = next(free for n in numbers if (free := f"beam {n}") not in self._names)
-        if name in self._names:
-            raise SceneError(f"two beams are called {name!r}; use different names")
-        if not isinstance(section, Section):
-            raise SceneError(f"beam {name!r}: section must be an fx_beam.Section, not {section!r}")
-        if degree not in (1, 2, 3) or not isinstance(degree, int | np.integer):
-            raise SceneError(f"beam {name!r}: degree = {degree!r} must be 1, 2 or 3")
-        if self.beams and degree != self.beams[0].degree:
-            raise SceneError(
-                f"beam {name!r}: degree {degree} differs from degree {self.beams[0].degree} of "
-                f"{self.beams[0].name!r}; use one degree for all beams of a scene"
-            )
-        ends, s, inner = layout(points, elements, degree, name)
-        self.beams.append(Beam(name, self._nodes_at(ends, name), degree, s, section, inner))
-        self._names.add(name)
-        return self.beams[-1]
-
-    def _nodes_at(self, ends: list, name: str) -> tuple[Node, ...]:
-        """Nodes at the ends of elements; given nodes belong to other beams."""
-        for end in ends:
-            if isinstance(end, Node):
-                loads.check_node(self, end, f"beam {name!r}")
-        nodes = []
-        for end in ends:
-            if not isinstance(end, Node):
-                end = Node(len(self.nodes), float(end[0]), float(end[1]), self)
-                self.nodes.append(end)
-                place = np.array([end.x, end.y])
-                self._corners = np.fmin(self._corners[0], place), np.fmax(self._corners[1], place)
-            nodes.append(end)
-        return tuple(nodes)
+        return self._add(points, section, elements, degree, name)
 
     # -- Supports and joints ------------------------------------------------------------------
 
@@ -256,7 +207,7 @@ class Scene:
         for node in (joint.a, joint.b):
             if node is not GROUND:
                 loads.check_node(self, node, joint.kind)
-        joint.check_start(np.subtract(*self._corners[::-1]).max())
+        joint.check_start(self._size)
         joint = replace(joint, number=len(self.joints))
         self.joints.append(joint)
         return joint

@@ -1,0 +1,83 @@
+"""The geometry of a scene: beams and the nodes between their elements."""
+
+from __future__ import annotations
+
+import copy
+import itertools
+from collections.abc import Callable, Sequence
+
+import numpy as np
+
+from fx_beam.errors import SceneError
+
+from . import loads
+from .beam import Beam, Node
+from .curve import Curve, layout
+from .section import Section
+
+
+class Geometry:
+    """Beams and nodes of a scene; a copy has its own."""
+
+    def __init__(self):
+        self.beams: list[Beam] = []
+        self._names: set[str] = set()
+        self.nodes: list[Node] = []
+        #: Smallest and largest coordinates of all nodes.
+        self._corners = np.full(2, np.nan), np.full(2, np.nan)
+
+    def __copy__(self):
+        return copy.deepcopy(self)
+
+    def __setstate__(self, state):
+        self.__dict__.update(state)
+        for node in self.nodes:
+            object.__setattr__(node, "scene", self)
+
+    @property
+    def _size(self) -> float:
+        """Larger side of the box around all nodes [m]."""
+        return float(np.subtract(*self._corners[::-1]).max())
+
+    def _add(
+        self,
+        points: Sequence | Curve | Callable,
+        section: Section,
+        elements: int | Sequence[int],
+        degree: int,
+        name: str | None,
+    ) -> Beam:
+        """Add a beam; SceneError for what does not fit."""
+        if name is None:
+            numbers = itertools.count(len(self.beams) + 1)
+            name = next(free for n in numbers if (free := f"beam {n}") not in self._names)
+        if name in self._names:
+            raise SceneError(f"two beams are called {name!r}; use different names")
+        if not isinstance(section, Section):
+            raise SceneError(f"beam {name!r}: section must be an fx_beam.Section, not {section!r}")
+        if degree not in (1, 2, 3) or not isinstance(degree, int | np.integer):
+            raise SceneError(f"beam {name!r}: degree = {degree!r} must be 1, 2 or 3")
+        if self.beams and degree != self.beams[0].degree:
+            raise SceneError(
+                f"beam {name!r}: degree {degree} differs from degree {self.beams[0].degree} of "
+                f"{self.beams[0].name!r}; use one degree for all beams of a scene"
+            )
+        ends, s, inner = layout(points, elements, degree, name)
+        self.beams.append(Beam(name, self._nodes_at(ends, name), degree, s, section, inner))
+        self._names.add(name)
+        return self.beams[-1]
+
+    def _nodes_at(self, ends: list, name: str) -> tuple[Node, ...]:
+        """Nodes at the ends of elements; given nodes belong to other beams."""
+        for end in ends:
+            if isinstance(end, Node):
+                loads.check_node(self, end, f"beam {name!r}")
+        nodes = []
+        for end in ends:
+            if not isinstance(end, Node):
+                end = Node(len(self.nodes), float(end[0]), float(end[1]), self)
+                self.nodes.append(end)
+                place = np.array([end.x, end.y])
+                self._corners = np.fmin(self._corners[0], place), np.fmax(self._corners[1], place)
+            nodes.append(end)
+        return tuple(nodes)
