@@ -38,6 +38,7 @@ HOUSE = {
         "evolution",
         "decaying",
         "retardation",
+        "drag",
         "schemes",
     ],
     "results": [
@@ -63,6 +64,8 @@ HOUSE = {
         "section_fields",
         "fields",
         "follower_loads",
+        "beam_drag",
+        "node_drag",
         "virtual_works",
         "weak_form",
         "forms",

@@ -64,9 +64,10 @@ class Problem:
         self._hand_over_mesh(place)
         for name, forms in _FORMS.items():
             if forms[0] in model.forms.bound:
-                self._hand_over_forms(getattr(self.c, name), forms)
+                self._hand_over_forms(getattr(self.c, name), forms, model.forms.moving)
         self.c.has_added, self.c.needs_before = model.forms.has_added, model.forms.needs_before
         self._hand_over_rates()
+        self._hand_over_drag(place)
         if model.forms.followers is not None:
             self.c.thrusts = len(model.forms.followers.dofs)
             self._ints(
@@ -152,7 +153,8 @@ class Problem:
         self._ints(load_start=columns.indptr, load_dof=columns.indices)
         self._doubles(load_force=columns.data)
 
-    def _hand_over_forms(self, out, names: tuple[str, ...]) -> None:
+    def _hand_over_forms(self, out, names: tuple[str, ...], fields: list) -> None:
+        """Hand over forms of fields that change, in the order of `Forms.moving`."""
         ffi, p, forms = self.ffi, self.c, self.model.forms
         found = [forms.bound[name] for name in names if name in forms.bound]
         form, compiled = found[0]
@@ -165,7 +167,7 @@ class Problem:
         name = names[min(1, len(found) - 1)]
         batches = load_batches(name, kernel.key, kernel.source, len(tags), numbers)
         out.of = integrals = self._kept(ffi.new("Integral[]", len(tags)))
-        moving = sorted(dolfinx_api.coefficient_offsets(form, forms.moving))
+        moving = sorted(dolfinx_api.coefficient_offsets(form, fields))
         out.moving, out.changing = len(moving), sum(kind == 0 for kind, _ in moving)
         for of, tag, batch in zip(integrals, tags, batches, strict=True):
             cells = forms.cells_of(tag)
@@ -200,6 +202,17 @@ class Problem:
             kind = np.float64 if rows.dtype == np.float64 else np.int32
             self._shared[key] = self._pointer(blocks, kind)
         return self._shared[key]
+
+    def _hand_over_drag(self, place: np.ndarray) -> None:
+        p, forms = self.c, self.model.forms
+        if forms.beam_drag is not None:
+            fields = [forms.beam_drag.increment, *forms.moving[1:]]
+            self._hand_over_forms(p.drag, ("drag", "tangent of drag"), fields)
+            self._hand_over_forms(p.lost_to_drag, ("loss to drag",), fields)
+        if forms.node_drag is not None:
+            p.drags = len(forms.node_drag.dofs)
+            self._ints(drag_dofs=forms.node_drag.dofs, drag_places=place[forms.node_drag.places])
+            self._doubles(drag_factors=forms.node_drag.factors)
 
     def _hand_over_rates(self) -> None:
         p, rates = self.c, self.model.scheme.rates

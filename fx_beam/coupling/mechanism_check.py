@@ -30,10 +30,11 @@ def check_no_massless_mechanism(
 ) -> None:
     """Refuse a scene that can move as a mechanism of rigid bodies without mass or support.
 
-    Every rigid motion that supports, joints, motors, springs and dampers allow must have mass. In
-    statics (`mass` is None) no such motion may exist, and dampers do not restrain it.
+    Every rigid motion that supports, joints, motors, springs and dampers allow must have mass or
+    linear drag. In statics (`mass` is None) no such motion may exist, and neither dampers nor drag
+    restrain it.
     """
-    parts = _parts(mesh, stiffness, mass)
+    parts = _parts(mesh, stiffness, None if mass is None else _inertia(scene, mesh, mass))
     if not parts.free.any():
         return
     rows = _rows(scene, mesh, parts, at_rest=mass is None)
@@ -68,7 +69,16 @@ class _Parts(NamedTuple):
     free: np.ndarray
 
 
-def _parts(mesh: Mesh, stiffness, mass) -> _Parts:
+def _inertia(scene: Scene, mesh: Mesh, mass: scipy.sparse.csr_matrix) -> np.ndarray:
+    """What resists the rates of nodes (n_node, 3): mass, or linear drag; zero for nothing."""
+    diagonal = mass.diagonal()[mesh.dofs]
+    for drag in scene.drags:
+        linear, rotation = drag.linear.min(), drag.rotation[0]
+        diagonal[mesh.nodes_of(scene, drag.target)] += linear, linear, rotation
+    return diagonal
+
+
+def _parts(mesh: Mesh, stiffness, inertia: np.ndarray | None) -> _Parts:
     # The sparsity counts, not the values.
     ones = np.ones_like(stiffness.data)
     graph = scipy.sparse.csr_matrix((ones, stiffness.indices, stiffness.indptr))
@@ -83,10 +93,9 @@ def _parts(mesh: Mesh, stiffness, mass) -> _Parts:
 
     point = middle = mean(np.arange(len(X)))
     free = np.ones((count, 3), dtype=bool)
-    if mass is not None:
+    if inertia is not None:
         # With mass at one place only, a body can rotate about it without inertia.
-        diagonal = mass.diagonal()[mesh.dofs]
-        heavy, turning = np.flatnonzero(diagonal[:, 0]), np.flatnonzero(diagonal[:, 2])
+        heavy, turning = np.flatnonzero(inertia[:, 0]), np.flatnonzero(inertia[:, 2])
         free[of_node[heavy], :2] = False
         point = np.where(free[:, :1], middle, mean(heavy))
         apart = np.hypot(*(X[heavy] - point[of_node[heavy]]).T) > 1e-12 * mesh.size

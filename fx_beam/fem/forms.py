@@ -9,13 +9,16 @@ import numpy as np
 import scipy.sparse
 
 from fx_beam.mechanics.schemes import Scheme
+from fx_beam.scene.beam import Beam, Node
 from fx_beam.scene.scene import Scene
 
 from . import dolfinx_api
+from .beam_drag import BeamDrag, DragForms
 from .dolfinx_api import CompiledForm
-from .fields import fields_of
+from .fields import Fields, fields_of
 from .follower_loads import Followers
 from .mesh import Mesh
+from .node_drag import NodeDrag
 from .section_fields import Data, on_beam, section_data
 from .weak_form import Material, WeakForm, sections_facing_backwards, weak_form
 
@@ -57,6 +60,7 @@ class Forms:
         self.followers = None
         if any(load.follower for load in scene.loads):
             self.followers = Followers(scene, mesh, self.stiffness, scheme.rates.level)
+        self._build_drag(scene)
 
     # -- Construction ---------------------------------------------------------------------------
 
@@ -101,14 +105,38 @@ class Forms:
             places = dolfinx_api.gauss_space(mesh, fields.degree, self._weak.width)
             found[self._weak.internal] = dolfinx_api.function(places)
             self._cell_points = dolfinx_api.element_dofs(places)
-        #: Space of the increment and of the virtual displacements and rotations.
-        self._space = space
-        if fields.coordinate is not None:
-            self._space = dolfinx_api.nodal_rotations(space, fields.degree)
-            found[fields.coordinate] = dolfinx_api.coordinate_on_cells(mesh, fields.degree)
         needed = fields.moving[1 : 5 if self._weak.needs_before else 4]
         found |= {field: dolfinx_api.function(space) for field in needed}
-        return found | {fields.increment: dolfinx_api.function(self._space)}
+        #: Space of the increment and of the virtual displacements and rotations.
+        self._space, unknowns = self._unknowns(fields)
+        return found | unknowns
+
+    def _unknowns(self, fields: Fields) -> tuple[Any, dict[Any, Any]]:
+        """Space of the increment, and the increment in the place of UFL's."""
+        mesh, space = self._mesh.mesh, self._mesh.space
+        found: dict[Any, Any] = {}
+        if fields.coordinate is not None:
+            space = dolfinx_api.nodal_rotations(space, fields.degree)
+            found[fields.coordinate] = dolfinx_api.coordinate_on_cells(mesh, fields.degree)
+        return space, found | {fields.increment: dolfinx_api.function(space)}
+
+    def _build_drag(self, scene: Scene) -> None:
+        """The drag on beams and on nodes, each None without it."""
+        mesh, scheme, stiffness = self._mesh, self._scheme, self.stiffness
+        drags = [] if scheme.rates.at_rest else scene.drags
+        of_beams = [drag for drag in drags if isinstance(drag.target, Beam)]
+        of_nodes = [drag for drag in drags if isinstance(drag.target, Node)]
+        self.beam_drag = self.node_drag = None
+        if of_beams:
+            plan = DragForms(scene, of_beams, mesh, scheme, self.fields.plain)
+            space, unknowns = self._unknowns(plan.fields)
+            data = self._data | unknowns | plan.data
+            forms = [self._bound(form, space, data) for form in plan.compiled]
+            self.beam_drag = BeamDrag(unknowns[plan.fields.increment], *forms)
+        if of_nodes:
+            self.node_drag = NodeDrag(scene, of_nodes, mesh, stiffness, scheme.rates)
+        #: Both, where there are.
+        self.drags = [drag for drag in (self.beam_drag, self.node_drag) if drag is not None]
 
     @property
     def moving(self) -> list:
@@ -207,7 +235,9 @@ class Forms:
         self._set_start(t, dt, q)
         if self.followers is not None:
             self.followers.set_step(t, dt)
-        if self._weak.needs_rates:
+        for drag in self.drags:
+            drag.set_step(dt, v)
+        if self._weak.needs_rates or self.beam_drag is not None:
             self._set_rates(v, a)
 
     def _set_start(self, t: float, dt: float, q: np.ndarray) -> None:
@@ -241,21 +271,24 @@ class Forms:
         return self._internal[self._cell_points] + at_points / self.point_weights[:, None]
 
     def losses(self, D: np.ndarray) -> list[float]:
-        """Energies [J] that the material and the scheme take, and that the scheme holds."""
+        """Energies [J] that material and drag take, that the scheme takes, and that it holds."""
         self.increment.x.array[:] = D
-        return [
+        lost, *of_scheme = (
             dolfinx_api.assemble_scalar(form) if form is not None else 0.0 for form in self._losses
-        ]
+        )
+        return [lost + sum(drag.loss(D) for drag in self.drags), *of_scheme]
 
     def internal_force(self, D: np.ndarray) -> np.ndarray:
-        """Internal minus added forces (size,) [N, N m] for the increment D (eq. 53).
+        """Internal forces (size,) [N, N m] for the increment D (eq. 53).
 
-        The next call overwrites the result.
+        With drag, and minus added forces. The next call overwrites the result.
         """
         self.increment.x.array[:] = D
         dolfinx_api.assemble_vector(self._force, self._residual)
         if self.followers is not None:
             self.followers.add_force(*self._motion, -self._factor, self._force)
+        for drag in self.drags:
+            drag.add_force(D, self._force)
         return self._force
 
     def assemble_stiffness(self) -> None:
@@ -263,6 +296,8 @@ class Forms:
         dolfinx_api.assemble_matrix(self._matrix, self._tangent)
         if self.followers is not None:
             self.followers.subtract_tangent(*self._motion, self._factor, self.stiffness.data)
+        for drag in self.drags:
+            drag.add_tangent(self.increment.x.array, self.stiffness.data)
 
     def added_force(self) -> np.ndarray:
         """Forces (size,) of added virtual works and followers at the last increment [N, N m]."""

@@ -39,7 +39,7 @@ def lagrange(x, degree: int):
 
 
 def _product(factors: Iterable):
-    first, *others = factors
+    first, *others = [*factors] or [1.0]
     return math.prod(others, start=first)
 
 
@@ -49,11 +49,11 @@ def exact_virtual_work(step: Step, dphi, n, m):
     The increment is Du and, at the nodes, 2 tan(Dpsi/2). Rigid motions do no work.
     """
     lever = ufl.dot(perp(dphi), n)
-    turning = _turning_work_of_line if step.degree == 1 else _turning_work
+    turning = _turning_work_of_line if step.degree == 1 else turning_work
     return ufl.dot(step.prime(step.virtual_u), n) + turning(step, lever, m)
 
 
-def _turning_work(step: Step, lever, m):
+def turning_work(step: Step, lever, m):
     """Virtual psi' m - virtual psi lever, with functions S_a and B_a in place of N_a and N_a'.
 
     With x_a = Dpsi_a/2, y = Dpsi/2 and c_a = cos(x_a) (x_a - y) / sin(x_a - y) they are

@@ -34,9 +34,9 @@ class Energy:
     springs : (n,) float, optional
         Stored energy of the springs of joints; zero by default.
     dissipated : (n,) float, optional
-        Energy taken since the start by the dampers of joints, by the material (`retardation` of a
-        section) and by `EnergyDecaying`; it never decreases, except where `Stats.amplified` counts
-        steps. Zero by default.
+        Energy taken since the start by dampers and friction of joints, by drag, by the material
+        (`retardation` of a section) and by `EnergyDecaying`; it never decreases, except where
+        `Stats.amplified` counts steps. Zero by default.
     algorithmic : (n,) float, optional
         Energy that `EnergyDecaying` of order 2 holds for the next step; part of the balance, not of
         `total`. Zero by default.
@@ -132,8 +132,8 @@ class Stats:
         Steps, each part of a halved step counted, that end with a Gauss point at which a section
         faces backwards: t . phi' > 0 (eq. 4) is violated.
     amplified : int
-        Steps, each part of a halved step counted, in which dampers gave energy. Only schemes of
-        order 4 have such steps: they have a sub-step that goes back in time.
+        Steps, each part of a halved step counted, in which dampers, friction or drag gave energy.
+        Only schemes of order 4 have such steps: they have a sub-step that goes back in time.
     rejected : int
         With a tolerance: steps that were repeated because their errors were too large, and trial
         steps that choose the first length.

@@ -1,9 +1,9 @@
-"""Loads, initial velocities and added virtual works of a scene, as plain data."""
+"""Loads, drag, initial velocities and added virtual works of a scene, as plain data."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from typing import Any
 
 import numpy as np
@@ -16,6 +16,7 @@ from fx_beam.validation import (
     check_takes_time,
     checked_function,
     time_function,
+    vector,
 )
 
 from .beam import Beam, Node
@@ -49,6 +50,43 @@ def line_load(beam: Beam, load, of: str) -> Load:
         along = checked_function(load, 2, what, 0.0)
         return Load("line load", beam, Constant(np.ones(1)), along=along)
     raise SceneError(f"{what}: of = {of!r} must be 'time' or 'arc length'")
+
+
+@dataclass(frozen=True)
+class Drag:
+    """Drag on a beam, per length, or on a node.
+
+    Coefficients have one entry for all directions, or two: along and across the beam.
+    """
+
+    target: Node | Beam
+    #: Force per speed [N s/m] and per its square [N s^2/m^2].
+    linear: np.ndarray
+    quadratic: np.ndarray
+    #: Moment per spin [N m s/rad].
+    rotation: np.ndarray
+
+    def __post_init__(self):
+        what, values = f"drag on {label(self.target)}", []
+        for field in fields(self)[1:]:
+            given = getattr(self, field.name)
+            pair = isinstance(given, list | tuple | np.ndarray) and np.size(given) == 2
+            if pair and field.name == "rotation":
+                raise SceneError(f"{what}: rotation = {given!r} must be one number")
+            if pair and not isinstance(self.target, Beam):
+                raise SceneError(
+                    f"{what}: {field.name} = {given!r} must be one number; only a beam has "
+                    "directions along and across it"
+                )
+            values.append(vector(given, 2 if pair else 1, f"{what}: {field.name}"))
+            if values[-1].min() < 0:
+                raise SceneError(
+                    f"{what}: {field.name} = {given!r} must be zero or positive. A force that "
+                    "drives needs add_force or add_virtual_work"
+                )
+            object.__setattr__(self, field.name, values[-1])
+        if not any(value.any() for value in values):
+            raise SceneError(f"{what}: give linear, quadratic or rotation, not all zero")
 
 
 @dataclass(frozen=True)

@@ -19,7 +19,7 @@ from .summary import facts, html_table
 
 
 class Scene(Geometry):
-    """Beams, supports, joints, masses, loads and initial velocities of a planar system.
+    """Beams, supports, joints, masses, loads, drag and initial velocities of a planar system.
 
     Lengths in metres, masses in kilograms, times in seconds and angles in radians, or any other
     consistent units. Angles and moments are positive anticlockwise.
@@ -56,6 +56,7 @@ class Scene(Geometry):
         #: Lumped masses: node number, mass [kg], inertia [kg m^2].
         self.masses: list[tuple[int, float, float]] = []
         self.loads: list[loads.Load] = []
+        self.drags: list[loads.Drag] = []
         self.velocities: list[loads.Velocity] = []
         self.virtual_works: list[loads.VirtualWork] = []
         self.joints: list[Joint] = []
@@ -296,6 +297,48 @@ class Scene(Geometry):
         """
         loads.check_beam(self, beam, "line load")
         self.loads.append(loads.line_load(beam, load, of))
+
+    def add_drag(self, on: Beam | Node, linear=0.0, quadratic=0.0, rotation=0.0) -> None:
+        """Add a drag, a force against the velocity, as in a fluid at rest.
+
+        The force is (linear + quadratic |v|) v. Its loss is in `Energy.dissipated`. In statics it
+        is zero. Several drags on one beam or node add up.
+
+        Parameters
+        ----------
+        on : Beam or Node
+            A beam, for a force per reference length, or a node.
+        linear : float or (along, across)
+            Force per speed [N s/m], of a beam per length [N s/m^2]. A pair, for beams, has the
+            coefficients along the director of the section and across it.
+        quadratic : float or (along, across)
+            Force per square of the speed [N s^2/m^2], of a beam per length [N s^2/m^3]. With a pair
+            each component of the force depends on that of the velocity (cross-flow principle).
+        rotation : float
+            Moment per spin [N m s/rad], of a beam per length [N s/rad].
+
+        Raises
+        ------
+        SceneError
+            For negative or non-finite coefficients, none at all, or a pair for a node.
+
+        Examples
+        --------
+        Drag in proportion to the mass halves every velocity in ln(2) / alpha.
+
+        >>> import math, fx_beam as fb
+        >>> scene, alpha = fb.Scene(), 2.0
+        >>> section = fb.Section(EA=1e4, GA=1e4, EI=1e2, rhoA=0.5, rhoI=0.01)
+        >>> beam = scene.add_beam([(0, 0), (1, 0)], section)
+        >>> scene.add_drag(beam, linear=alpha * section.rhoA, rotation=alpha * section.rhoI)
+        >>> scene.set_velocity(beam, (0.0, 3.0))
+        >>> solution = fb.simulate(scene, dt=0.01, t_end=math.log(2) / alpha)
+        >>> solution.velocity(beam.end)[-1].round(3)
+        array([0. , 1.5])
+        """
+        check = loads.check_beam if isinstance(on, Beam) else loads.check_node
+        check(self, on, "drag")
+        self.drags.append(loads.Drag(on, linear, quadratic, rotation))
 
     def add_virtual_work(self, term: Callable[[Any], Any], beam: Beam | None = None) -> None:
         """Add a force of your own by its virtual work, in UFL.

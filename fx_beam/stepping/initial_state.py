@@ -121,7 +121,8 @@ def _acceleration(
     reduction = model.reduction
     h = 1e-9 * dt
     # Forces may depend on velocity: they see it as the increment over a very short step.
-    moving = model.forms.has_added or model.forms.resultants_move
+    forms = model.forms
+    moving = forms.has_added or forms.drags or forms.resultants_move
     D = h * state.v if moving else np.zeros(model.size)
     model.forms.set_step(state.t, h, state.q, state.v, np.zeros(model.size))
     free, moved = reduction.free, slice(reduction.free, reduction.free + reduction.driven)

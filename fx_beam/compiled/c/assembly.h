@@ -68,9 +68,9 @@ static void evaluate(const Problem *p, const Form *form, const Integral *of, lon
             of->coordinates + block * p->cell_coordinates * LANES);
 }
 
-/* Adds internal forces to a vector and their tangent to matrix entries. */
-static void assemble_internal(const Problem *p, const double *const *fields, double *f, double *K) {
-  const Form *form = &p->internal;
+/* Adds forces to a vector and their tangent to matrix entries. */
+static void assemble_forces(const Problem *p, const Form *form, const double *const *fields, double *f,
+                            double *K) {
   int n = p->cell_dofs;
   double A[(12 + 12 * 12) * LANES];
   for (int i = 0; i < form->integrals; ++i) {

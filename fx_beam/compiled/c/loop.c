@@ -37,8 +37,8 @@ static double energy_of(const Problem *p, const Work *w, const Form *form) {
   return assemble_scalar(p, form, w->fields);
 }
 
-/* Adds the work of dead loads, driven motion and added forces, and the loss of dampers. The forces
-   that are recorded are means over the sub-steps. */
+/* Adds the work of dead loads, driven motion and added forces, and the losses of dampers, material
+   and drag. The forces that are recorded are means over the sub-steps. */
 static void audit(Problem *p, const Work *w, const double *change, int sub_step) {
   int n = p->dofs, held = p->columns - p->free;
   work_increment(p, w);
@@ -46,6 +46,7 @@ static void audit(Problem *p, const Work *w, const double *change, int sub_step)
   for (int i = 0; i < p->actuators; ++i) p->dissipated += p->actuator[i].lost;
   double taken = energy_of(p, w, &p->taken);
   p->dissipated += energy_of(p, w, &p->lost) + taken;
+  p->dissipated += energy_of(p, w, &p->lost_to_drag) + lost_to_drags(p, w);
   p->numerical += taken;
   p->algorithmic = energy_of(p, w, &p->held_by_scheme);
   project(p, w, w->r, w->columns);
@@ -84,6 +85,7 @@ static int take_step(Problem *p, Work *w, double dt, int sub_step, const Inputs 
   }
   p->ratio = p->length > 0 ? fmin(1, dt / p->length) : 0;
   if (begin_internal(p, w->fields, t, dt, look)) count_inside_out(p);
+  begin_form(p, &p->drag, w->fields, t, dt);
   begin_form(p, &p->added, w->fields, t, dt);
   LAP(AUDIT);
   int *order = p->orders + sub_step;

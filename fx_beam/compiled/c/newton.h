@@ -4,6 +4,7 @@
 
 #include "assembly.h"
 #include "couplings.h"
+#include "drag.h"
 #include "factors.h"
 #include "followers.h"
 #include "phases.h"
@@ -22,7 +23,9 @@ static void assemble(const Problem *p, const Work *w) {
   double *K = w->tangent;
   memset(w->f, 0, p->dofs * sizeof(double));
   memcpy(K, w->inertia, p->places * sizeof(double));
-  assemble_internal(p, w->fields, w->f, K);
+  assemble_forces(p, &p->internal, w->fields, w->f, K);
+  assemble_forces(p, &p->drag, w->fields, w->f, K);
+  add_drags(p, w, w->f, K);
   add_thrusts(p, w, -1, w->f);
   add_thrust_tangent(p, w, K);
   if (p->rule != 0) return;

@@ -56,6 +56,7 @@ typedef struct {
 
   Form internal;        /* internal forces, then their tangent */
   Form energy, backwards, added;
+  Form drag, lost_to_drag; /* of beams: forces, then their tangent; energy lost to it */
   Form lost, taken, held_by_scheme; /* energies lost to the material and to the scheme, and held by it */
   int has_added, needs_before;
   Form evolution;       /* increments of the internal variables, each times the weight of its point */
@@ -110,6 +111,11 @@ typedef struct {
 
   /* Follower forces: x, y and rotation of their nodes, and storage indices of their tangent. */
   int thrusts, *thrust_dofs, *thrust_places;
+
+  /* Drag on nodes: x, y and rotation of each; storage indices of xx, xy, yx, yy and of the rotation;
+     linear, quadratic and rotational coefficients. */
+  int drags, *drag_dofs, *drag_places;
+  double *drag_factors;
 
   /* Rule for the rates: 0 mid-point, 1 Newmark. Sub-steps, relative to a step. */
   int rule;

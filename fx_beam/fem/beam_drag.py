@@ -1,0 +1,105 @@
+"""Drag on the beams of a scene: force, tangent and loss, as forms with the full Gauss rule."""
+
+from __future__ import annotations
+
+import functools
+from collections.abc import Sequence
+from typing import Any
+
+import ufl
+
+import numpy as np
+
+from fx_beam.mechanics.drag import drag_loss, drag_work
+from fx_beam.mechanics.rates import MidPointRates
+from fx_beam.mechanics.schemes import Scheme
+from fx_beam.scene.beam import Beam
+from fx_beam.scene.loads import Drag
+from fx_beam.scene.scene import Scene
+
+from . import dolfinx_api
+from .dolfinx_api import CompiledForm
+from .fields import Fields
+from .mesh import Mesh
+from .section_fields import Data, Place, cell_data
+
+
+class DragForms:
+    """The compiled forms of the drag on beams, on no particular mesh, and their data on one.
+
+    With mid-point rates a drag of the spin needs the rotations at the nodes of elements.
+    """
+
+    def __init__(
+        self, scene: Scene, drags: Sequence[Drag], mesh: Mesh, scheme: Scheme, fields: Fields
+    ):
+        data = _coefficients(scene, drags, mesh)
+        if "rotation" in data and isinstance(scheme.rates, MidPointRates):
+            fields = fields.with_nodal_rotations
+        self.fields = fields
+        compiling: Any = _compiled if scheme.built_in else _compiled.__wrapped__
+        places = tuple((name, part.place) for name, part in data.items())
+        #: Forms of force, tangent and loss.
+        self.compiled, at = compiling(fields, scheme.rates, places)
+        #: Coefficients in the place of UFL's.
+        self.data = {at[name]: part.on(mesh) for name, part in data.items()}
+
+
+class BeamDrag:
+    """The drag of a scene's beams in a step, by its forms on the mesh."""
+
+    def __init__(self, increment, force, tangent, loss):
+        #: The increment in these forms, another function than that of the internal forces.
+        self.increment = increment
+        self._force, self._tangent, self._loss = force, tangent, loss
+        self._matrix = dolfinx_api.create_matrix(tangent)
+        self._vector = np.zeros(len(increment.x.array))
+
+    def set_step(self, dt: float, v: np.ndarray) -> None:
+        """Nothing: the start of the step and its length are those of the internal forces."""
+
+    def add_force(self, D: np.ndarray, out: np.ndarray) -> None:
+        """Add the resisting forces (size,) for the increment D."""
+        self.increment.x.array[:] = D
+        dolfinx_api.assemble_vector(self._vector, self._force)
+        out += self._vector
+
+    def add_tangent(self, D: np.ndarray, values: np.ndarray) -> None:
+        """Add their derivative by D to the entries of the stiffness."""
+        self.increment.x.array[:] = D
+        dolfinx_api.assemble_matrix(self._matrix, self._tangent)
+        values += self._matrix.data
+
+    def loss(self, D: np.ndarray) -> float:
+        """Energy that they take in the step [J]."""
+        self.increment.x.array[:] = D
+        return dolfinx_api.assemble_scalar(self._loss)
+
+
+def _coefficients(scene: Scene, drags: Sequence[Drag], mesh: Mesh) -> dict[str, Data]:
+    """Coefficients of `drag_work` on all beams, those that there are."""
+    rows: dict[str, np.ndarray] = {}
+    for drag in drags:
+        assert isinstance(drag.target, Beam)
+        for name in ("linear", "quadratic", "rotation"):
+            value = getattr(drag, name)
+            if value.any():
+                key = name if len(value) == 1 else f"{name} along and across"
+                of_beams = rows.setdefault(key, np.zeros((len(scene.beams), len(value))))
+                of_beams[scene.beams.index(drag.target)] += value
+    return {
+        name: cell_data(mesh, row if "across" in name else row[:, 0]) for name, row in rows.items()
+    }
+
+
+@functools.cache
+def _compiled(
+    fields: Fields, rates: Any, places: tuple[tuple[str, Place], ...]
+) -> tuple[list[CompiledForm], dict[str, Any]]:
+    """Forms of force, tangent and loss, and their places of the coefficients."""
+    at = {name: fields.data(place) for name, place in places}
+    step, dx = fields.step(rates, "rates of the drag"), fields.measure(fields.full_rule)
+    force, loss = drag_work(step, at) * dx, drag_loss(step, at) * dx
+    tangent = ufl.derivative(force, fields.increment, fields.trial)
+    forms = {"drag": force, "tangent of drag": tangent, "loss to drag": loss}
+    return [dolfinx_api.compile_form(form, name) for name, form in forms.items()], at

@@ -1,0 +1,337 @@
+"""Drag on beams and nodes: closed solutions, balance, all schemes, degrees and solvers."""
+
+import copy
+import pickle
+
+import numpy as np
+import pytest
+
+import fx_beam as fb
+from fx_beam.model.model import Model
+
+SOLVERS = pytest.mark.parametrize("solver", ["compiled", "petsc"])
+SCHEMES = [fb.EnergyMomentum(), fb.EnergyMomentum(order=4), fb.HHT(-0.2)]
+SECTION = fb.Section(EA=1e4, GA=1e4, EI=100.0, rhoA=1.5, rhoI=0.1)
+PLAIN = {"linear": 0.4, "quadratic": 0.3}
+SLENDER = {"linear": (0.1, 0.5), "quadratic": (0.05, 0.7), "rotation": 0.1}
+
+
+def tumbling(drag, degree=1, turn=0.0, gravity=-9.81, section=SECTION, spin=2.0):
+    """A bent bar that flies, turns and vibrates in a fluid, with more drag at its end."""
+    R = np.array([[np.cos(turn), -np.sin(turn)], [np.sin(turn), np.cos(turn)]])
+    scene = fb.Scene(gravity=R @ (0.0, gravity))
+    corners = [R @ corner for corner in ((0, 0), (1, 0), (1.5, 1))]
+    bar = scene.add_beam(corners, section, elements=[2, 2], degree=degree)
+    scene.add_drag(bar, **drag)
+    scene.add_drag(bar.end, linear=0.3, quadratic=0.2, rotation=0.1)
+    flight = R @ (1.0, 0.0)
+    scene.set_velocity(bar, lambda x, y: (flight[0] - spin * y, flight[1] + spin * x), spin=spin)
+    return scene, bar, R
+
+
+def bar_at(velocity, on, angle=0.0, gravity=None, **drag):
+    """A straight bar of 3 kg that moves without turning, with drag on it or halved on its ends."""
+    scene = fb.Scene(gravity=gravity)
+    end = 2 * np.array([np.cos(angle), np.sin(angle)])
+    bar = scene.add_beam([(0, 0), end], SECTION)
+    scene.set_velocity(bar, velocity)
+    if on == "beam":
+        scene.add_drag(bar, **{name: np.divide(value, 2).tolist() for name, value in drag.items()})
+    else:
+        for node in (bar.start, bar.end):
+            scene.add_drag(node, **{name: value / 2 for name, value in drag.items()})
+    return scene, bar
+
+
+# -- Closed solutions -----------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("on", "scheme"),
+    [*(("nodes", scheme) for scheme in SCHEMES), *(("beam", scheme) for scheme in SCHEMES[:2])],
+    ids=lambda value: getattr(value, "name", str(value)),
+)
+def test_a_falling_bar_reaches_its_terminal_velocity(on, scheme):
+    # m v' = m g - c v^2: v = V tanh(g t / V) with V^2 = m g / c.
+    g, c, m = 10.0, 0.8, 3.0
+    V, errors = np.sqrt(m * g / c), []
+    for dt in (0.1, 0.05):
+        scene, bar = bar_at((0, 0), on, gravity=(0, -g), quadratic=c)
+        solution = fb.simulate(scene, scheme, dt=dt, t_end=2.0)
+        exact = -(V**2) / g * np.log(np.cosh(g * solution.t / V))
+        errors.append(abs(solution.displacement(bar.end)[:, 1] - exact).max())
+    assert np.log2(errors[0] / errors[1]) > (3.5 if "order=4" in scheme.name else 1.8)
+    assert errors[1] < 3e-3
+    assert -solution.velocity(bar.end)[-1, 1] == pytest.approx(V, rel=1e-2)
+
+
+@pytest.mark.parametrize("on", ["beam", "nodes"])
+def test_linear_drag_brakes_exponentially(on):
+    scene, bar = bar_at((2.0, -1.0), on, linear=1.2, rotation=0.1)
+    solution = fb.simulate(scene, dt=0.01, t_end=3.0)
+    exact = np.outer(np.exp(-0.4 * solution.t), (2.0, -1.0))
+    assert abs(solution.velocity(bar.start) - exact).max() < 2e-6
+    # The mid-point rule's own decay, which is that of the momentum in every step.
+    kept = (1 - 0.4 * 0.01 / 2) / (1 + 0.4 * 0.01 / 2)
+    p = solution.linear_momentum
+    assert p[1:] == pytest.approx(kept * p[:-1], rel=1e-9)
+
+
+@pytest.mark.parametrize("angle", [0.0, 0.7])
+def test_a_bar_glides_along_itself(angle):
+    # In each direction v' = -a v - b v^2: v = v0 f / (1 + b v0 (1 - f) / a) with f = exp(-a t).
+    along, across = (
+        np.array([np.cos(angle), np.sin(angle)]),
+        np.array([-np.sin(angle), np.cos(angle)]),
+    )
+    drag = {"linear": (0.3, 1.5), "quadratic": (0.6, 2.1), "rotation": 0.1}
+    scene, bar = bar_at(2.0 * along + 1.0 * across, "beam", angle, **drag)
+    solution = fb.simulate(scene, dt=0.01, t_end=2.0)
+    for direction, v0, a, b in ((along, 2.0, 0.1, 0.2), (across, 1.0, 0.5, 0.7)):
+        f = np.exp(-a * solution.t)
+        exact = v0 * f / (1 + b * v0 * (1 - f) / a)
+        assert abs(solution.velocity(bar.end) @ direction - exact).max() < 1e-4 * v0
+
+
+@pytest.mark.parametrize(("on", "resistance"), [("beam", 1.6), ("nodes", 2.4)])
+def test_a_rotation_is_stopped_by_drag_on_the_spin_and_on_the_speed(on, resistance):
+    # J = rhoA L^3 / 12 + rhoI L = 1.2 kg m^2; c L^3 / 12 + c L, or twice c L^2 / 4 + c.
+    scene = fb.Scene()
+    bar = scene.add_beam([(-1, 0), (1, 0)], fb.Section(EA=1e6, GA=1e6, EI=1e6, rhoA=1.5, rhoI=0.1))
+    for part in (bar,) if on == "beam" else (bar.start, bar.end):
+        scene.add_drag(part, linear=0.6, rotation=0.6)
+    scene.set_velocity(bar, lambda x, y: (-y, x), spin=1.0)
+    solution = fb.simulate(scene, dt=0.01, t_end=3.0)
+    rate = resistance / 1.2
+    exact = (1 - np.exp(-rate * solution.t)) / rate
+    assert abs(solution.rotation(bar.end) - exact).max() < 1e-4
+    assert abs(solution.energy.balance_error).max() < 1e-11
+    assert np.diff(solution.energy.dissipated).min() > 0
+
+
+@pytest.mark.parametrize("degree", [1, 2])
+def test_drag_in_proportion_to_the_mass_is_the_mass_matrix(degree):
+    alpha, dt, tangents = 0.7, 0.05, []
+    for drag in (False, True):
+        scene = fb.Scene()
+        bar = scene.add_beam([(0, 0), (1, 0)], SECTION, elements=3, degree=degree)
+        scene.clamp(bar.start)
+        scene.add_mass(bar.end, 2.0, inertia=0.3)
+        if drag:
+            scene.add_drag(bar, linear=alpha * SECTION.rhoA, rotation=alpha * SECTION.rhoI)
+            scene.add_drag(bar.end, linear=alpha * 2.0, rotation=alpha * 0.3)
+        model = Model(scene, fb.EnergyMomentum())
+        zero = np.zeros(model.size)
+        model.forms.set_step(0.0, dt, zero, zero, zero)
+        model.forms.internal_force(zero)
+        model.forms.assemble_stiffness()
+        tangents.append(model.forms.stiffness.toarray())
+    drag, mass = tangents[1] - tangents[0], model.mass.toarray()
+    assert abs(drag - alpha * mass / dt).max() < 1e-10 * abs(drag).max()
+
+
+# -- Balance --------------------------------------------------------------------------------------
+
+
+@SOLVERS
+@pytest.mark.parametrize(
+    ("drag", "degree"), [(PLAIN, 1), (SLENDER, 1), (SLENDER, 2)], ids=["plain", "slender", "square"]
+)
+def test_the_balance_closes_and_every_step_loses(drag, degree, solver):
+    scene, _, _ = tumbling(drag, degree)
+    solution = fb.simulate(scene, dt=0.02, t_end=0.6, solver=solver)
+    energy = solution.energy
+    assert abs(energy.balance_error).max() < 1e-11 * energy.kinetic.max()
+    assert np.diff(energy.dissipated).min() > 0
+    assert energy.dissipated[-1] > 0.3 * energy.total[0]
+    assert not energy.work.any()
+
+
+@pytest.mark.parametrize(
+    "scheme",
+    [fb.MidPoint(), fb.ModifiedMidPoint(), fb.EnergyDecaying(0.01), fb.HHT(-0.2)],
+    ids=lambda s: s.name,
+)
+def test_every_scheme_loses_the_same_energy_in_every_step(scheme):
+    lost = []
+    for of in (scheme, fb.EnergyMomentum()):
+        solution = fb.simulate(tumbling(SLENDER)[0], of, dt=0.005, t_end=0.5)
+        taken = solution.energy.dissipated - solution.energy.numerical
+        assert np.diff(taken).min() > 0
+        lost.append(taken[-1])
+    assert lost[0] == pytest.approx(lost[1], rel=1e-3)
+
+
+def test_the_impulse_of_drag_changes_the_momenta():
+    # Node by node: Dp = -c |v| v dt at the mean velocity, about the mean position.
+    scene, bar = bar_at((2.0, 1.0), "nodes", quadratic=1.0)
+    scene.add_drag(bar.end, linear=2.0)
+    dt = 0.02
+    solution = fb.simulate(scene, dt=dt, t_end=1.0)
+    impulse, moment = np.zeros((50, 2)), np.zeros(50)
+    for node, linear in ((bar.start, 0.0), (bar.end, 2.0)):
+        x = solution.position(node)
+        v, mean = np.diff(x, axis=0) / dt, (x[1:] + x[:-1]) / 2
+        force = -(linear + 0.5 * np.hypot(*v.T))[:, None] * v
+        impulse += dt * force
+        moment += dt * (mean[:, 0] * force[:, 1] - mean[:, 1] * force[:, 0])
+    assert np.diff(solution.linear_momentum, axis=0) == pytest.approx(impulse, abs=1e-10)
+    assert np.diff(solution.angular_momentum) == pytest.approx(moment, abs=1e-10)
+    assert abs(solution.angular_momentum[-1]) > 0.1
+
+
+def test_drag_turns_with_the_scene():
+    runs = []
+    for turn in (0.0, 2.1):
+        scene, bar, R = tumbling(SLENDER, turn=turn)
+        solution = fb.simulate(scene, dt=0.02, t_end=0.6)
+        runs.append((solution.position(bar.end) @ R, solution.energy.dissipated))
+    for plain, turned in zip(*runs, strict=True):
+        assert abs(turned - plain).max() < 1e-9 * abs(plain).max()
+
+
+# -- Solvers, parts, starts -----------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("scheme", SCHEMES, ids=lambda s: s.name)
+def test_both_solvers_agree(scheme):
+    runs = [
+        fb.simulate(tumbling(SLENDER)[0], scheme, dt=0.02, t_end=0.4, solver=solver)
+        for solver in ("compiled", "petsc")
+    ]
+    assert [run.stats.solver.partition(",")[0] for run in runs] == ["compiled", "petsc lu"]
+    assert runs[0].q == pytest.approx(runs[1].q, abs=1e-9)
+    assert runs[0].energy.dissipated == pytest.approx(runs[1].energy.dissipated, rel=1e-9)
+    # Both solve the first step without knowing the next one: the accelerations at the start agree.
+    assert runs[0].a[0] == pytest.approx(runs[1].a[0])
+
+
+@pytest.mark.parametrize(
+    ("scheme", "degree"),
+    [(fb.EnergyMomentum(), 2), (fb.HHT(-0.2), 1)],
+    ids=lambda value: getattr(value, "name", str(value)),
+)
+def test_the_tangent_is_the_derivative_of_the_forces(scheme, degree):
+    scene, _, _ = tumbling(SLENDER, degree)
+    model = Model(scene, scheme)
+    random = np.random.default_rng(1)
+    q, D, v, a = (random.uniform(-0.5, 0.5, model.size) for _ in range(4))
+    model.forms.set_step(0.3, 0.1, q, v, a)
+    model.forms.internal_force(D)
+    model.forms.assemble_stiffness()
+    K, h = model.forms.stiffness.toarray(), 1e-5
+
+    def column(e):
+        f = [model.forms.internal_force(D + k * h * e).copy() for k in (-2, -1, 1, 2)]
+        return (f[0] - 8 * f[1] + 8 * f[2] - f[3]) / (12 * h)
+
+    differences = np.array([column(e) for e in np.eye(model.size)]).T
+    assert abs(K - differences).max() < 1e-7 * abs(K).max()
+
+
+def test_bars_with_and_without_drag_are_told_apart():
+    scene, bar = bar_at((1.0, 0.0), "beam", quadratic=1.0)
+    other = scene.add_beam([(0, 5), (2, 5)], SECTION)
+    scene.set_velocity(other, (1.0, 0.0))
+    solution = fb.simulate(scene, dt=0.01, t_end=1.0)
+    assert solution.velocity(bar.end)[-1, 0] == pytest.approx(1 / (1 + 1 / 3), rel=1e-4)
+    assert solution.velocity(other.end)[-1, 0] == pytest.approx(1.0, rel=1e-12)
+
+
+def test_drags_on_one_bar_add_up():
+    scene, bar = bar_at((1.0, 0.0), "beam", linear=0.5)
+    scene.add_drag(bar, linear=0.25, quadratic=0.2)
+    once, same = bar_at((1.0, 0.0), "beam", linear=1.0, quadratic=0.4)
+    runs = [fb.simulate(of, dt=0.01, t_end=0.5) for of in (scene, once)]
+    assert runs[0].q == pytest.approx(runs[1].q, rel=1e-12)
+
+
+def test_a_run_goes_on_as_if_it_had_not_ended_and_steps_choose_themselves():
+    scene, bar, _ = tumbling(PLAIN)
+    whole = fb.simulate(scene, dt=0.02, t_end=0.6)
+    half = fb.simulate(scene, dt=0.02, t_end=0.3)
+    rest = fb.simulate(scene, dt=0.02, t_end=0.6, start=half)
+    assert rest.q[-1] == pytest.approx(whole.q[-1], abs=1e-10)
+    fine = fb.simulate(scene, dt=5e-4, t_end=0.6)
+    chosen = fb.simulate(scene, tolerance=1e-4, t_end=0.6)
+    assert abs(chosen.position(bar.end)[-1] - fine.position(bar.end)[-1]).max() < 1e-3
+    assert abs(chosen.energy.balance_error).max() < 1e-11 * chosen.energy.kinetic.max()
+
+
+@SOLVERS
+def test_steps_in_parts_keep_the_balance(solver):
+    stiff = fb.Section(EA=1e6, GA=1e6, EI=1e4, rhoA=1.0, rhoI=0.1)
+    scene, _, _ = tumbling(PLAIN, section=stiff, spin=120.0)
+    solution = fb.simulate(scene, dt=0.1, t_end=0.3, solver=solver)
+    assert solution.stats.halvings > 0
+    energy = solution.energy
+    assert abs(energy.balance_error).max() < 1e-10 * energy.total[0]
+    assert np.diff(energy.dissipated).min() > 0
+
+
+def test_a_sub_step_that_goes_back_is_counted_where_drag_gives_energy():
+    scene, _ = bar_at((2.0, 0.0), "nodes", linear=3.0 * 3.03 / 0.12)
+    solution = fb.simulate(scene, fb.EnergyMomentum(order=4), dt=0.12, t_end=0.36)
+    assert solution.stats.amplified == 3
+
+
+# -- Scenes ---------------------------------------------------------------------------------------
+
+
+def test_statics_and_scenes_without_drag_know_nothing_of_it():
+    scene, _, _ = tumbling(PLAIN)
+    assert "drag" in fb.simulate(scene, dt=0.02, t_end=0.02).stats.compiled
+    scene.drags.clear()
+    assert not any("drag" in n for n in fb.simulate(scene, dt=0.02, t_end=0.02).stats.compiled)
+    tips = []
+    for drag in ({}, {"linear": 10.0}):
+        scene = fb.Scene(gravity=(0, -9.81))
+        bar = scene.add_beam([(0, 0), (1, 0)], SECTION)
+        scene.clamp(bar.start)
+        if drag:
+            scene.add_drag(bar, **drag)
+            scene.add_drag(bar.end, **drag)
+        solution = fb.static(scene, steps=1)
+        assert not any("drag" in name for name in solution.stats.compiled)
+        tips.append(solution.displacement(bar.end)[-1])
+    assert (tips[0] == tips[1]).all()
+
+
+def test_a_massless_bar_may_sink_against_drag():
+    scene = fb.Scene()
+    bar = scene.add_beam([(0, 0), (1, 0)], fb.Section(EA=1e4, GA=1e4, EI=100.0))
+    scene.add_line_load(bar, (0.0, -3.0))
+    with pytest.raises(fb.SceneError, match="without mass"):
+        fb.simulate(scene, dt=0.1, t_end=1.0)
+    scene.add_drag(bar, linear=2.0, rotation=1.0)
+    solution = fb.simulate(scene, dt=0.1, t_end=1.0)
+    assert solution.displacement(bar.end)[-1] == pytest.approx([0.0, -1.5], abs=1e-9)
+
+
+@pytest.mark.parametrize("copied", [copy.copy, lambda scene: pickle.loads(pickle.dumps(scene))])
+def test_copies_have_their_own_drag(copied):
+    scene, _ = bar_at((1.0, 0.0), "nodes", linear=1.0)
+    other = copied(scene)
+    scene.add_drag(scene.beams[0].end, linear=1.0)
+    assert [len(of.drags) for of in (scene, other)] == [3, 2]
+    assert other.drags[0].target is other.beams[0].start
+    assert fb.simulate(other, dt=0.1, t_end=0.1).energy.dissipated[-1] > 0
+
+
+def test_bad_drag_is_refused():
+    scene, bar = bar_at((0, 0), "beam", linear=1.0)
+    for value in (-1.0, np.nan, "much", (1.0, 2.0, 3.0), (0.1, -0.1)):
+        for name in ("linear", "quadratic"):
+            with pytest.raises(fb.SceneError, match=f"drag on beam 'beam 1': {name}"):
+                scene.add_drag(bar, **{name: value})
+    with pytest.raises(fb.SceneError, match="rotation = .* must be one number"):
+        scene.add_drag(bar, rotation=(1.0, 2.0))
+    with pytest.raises(fb.SceneError, match="drag on node 0 .*only a beam has directions"):
+        scene.add_drag(bar.start, linear=(1.0, 2.0))
+    with pytest.raises(fb.SceneError, match="not all zero"):
+        scene.add_drag(bar)
+    with pytest.raises(fb.SceneError, match="another scene"):
+        scene.add_drag(bar_at((0, 0), "beam", linear=1.0)[1], linear=1.0)
+    with pytest.raises(fb.SceneError, match="drag: 3 is not a node"):
+        scene.add_drag(3, linear=1.0)
+    assert len(scene.drags) == 1
