@@ -36,7 +36,7 @@ from .results.joint_motion import JointMotion
 from .results.saved import load
 from .results.solution import Solution
 from .scene.beam import Beam, Node
-from .scene.coordinate import Coordinate, Damper, Spring
+from .scene.coordinate import Coordinate, Damper, Friction, Spring
 from .scene.curve import Curve, arc, spline
 from .scene.internal_variables import InternalVariables
 from .scene.joints import GROUND, Joint, PinInSlot, Prismatic, Revolute, Rigid
@@ -64,6 +64,7 @@ __all__ = [
     "Equilibrium",
     "Failure",
     "FrequencyResponse",
+    "Friction",
     "GeneralizedAlpha",
     "InternalVariables",
     "Joint",

@@ -74,6 +74,7 @@ HOUSE = {
     ],
     "coupling": [
         "graph",
+        "damper_laws",
         "spring_dampers",
         "index_reduction",
         "joint_reduction",

@@ -25,11 +25,12 @@ def crane():
     scene.fix(roof.start, "x", "rotation")
     scene.clamp(roof.end)
     scene.prescribe(roof.start, y=lambda t: t)
-    hinge = fb.Revolute(girder.node(0.25), strut.start, spring=spring, damper=damper)
-    scene.add_joint(hinge)
+    parts = {"spring": spring, "damper": damper, "friction": fb.Friction(1.0, 0.01)}
+    scene.add_joint(fb.Revolute(girder.node(0.25), strut.start, **parts))
     scene.add_joint(fb.Revolute(girder.end, boom.start, motor=lambda t: t))
-    slide = fb.Prismatic(boom.end, finger.start, axis=(1, 0), spring=spring, damper=damper)
-    scene.add_joint(slide)
+    scene.add_joint(fb.Prismatic(boom.end, finger.start, axis=(1, 0), **parts))
+    scene.add_drag(roof, linear=0.5)
+    scene.add_drag(finger.end, quadratic=0.5)
     scene.add_line_load(girder, lambda s: (0, -1 - s), of="arc length")
     scene.add_line_load(roof, (0, -3.0))
     scene.add_force(strut.end, (3.0, 4.0), follower=True)
@@ -51,7 +52,7 @@ def test_all_that_a_scene_has_is_written():
     assert {"girder", "strut", "boom", "finger", "roof", "A"} <= words(figure)
     assert {"F = 5 N, follower", "F(t)", "M = -30 N m", "q(s)", "q = 3 N/m"} <= words(figure)
     assert {"m = 2.5 kg, J = 0.1 kg m$^2$", "g = 9.81 m/s$^2$", "v(0)"} <= words(figure)
-    assert {"y(t)", r"motor $\psi$(t)", "1", "3"} <= words(figure)
+    assert {"drag", "y(t)", r"motor $\psi$(t)", "1", "3"} <= words(figure)
 
 
 def test_units_that_are_not_the_scenes_are_not_written():

@@ -66,7 +66,12 @@ def test_a_spring_counts_all_turns():
 
 def test_turns_are_taken_off_where_nothing_counts_them():
     assert [len(rotations) for rotations in members(rotor()[0])] == [3]
-    for what in ({"spring": fb.Spring(1.0)}, {"damper": fb.Damper(1.0)}, {"motor": lambda t: t}):
+    for what in (
+        {"spring": fb.Spring(1.0)},
+        {"damper": fb.Damper(1.0)},
+        {"friction": fb.Friction(1.0, 0.1)},
+        {"motor": lambda t: t},
+    ):
         assert members(rotor(**what)[0]) == []
     clamped, beam = rotor()
     clamped.fix(beam.end, "rotation")

@@ -307,6 +307,8 @@ class Problem:
         actuators = self.model.actuators
         rows, pushes = actuators.tables()
         self.c.actuators, self.c.pushes = len(rows), len(pushes["of"])
+        for row in rows:
+            row["law"] = self.ffi.cast("Law *", row["law"])
         self.c.actuator = self._kept(self.ffi.new("Actuator[]", rows))
         self._ints(push_column=pushes["column"], push_of=pushes["of"])
         self._doubles(push_sign=pushes["sign"])

@@ -148,13 +148,13 @@ def _rows(scene: Scene, mesh: Mesh, parts: _Parts, at_rest: bool) -> scipy.spars
 
 
 def _is_held(coordinate: Coordinate | None, at_rest: bool) -> bool:
-    """Whether a motor, a spring or (in dynamics) a damper restrains a coordinate."""
+    """Whether a motor, a spring or (in dynamics) a damper or friction restrains a coordinate."""
     if coordinate is None:
         return False
-    spring, damper = coordinate.spring, coordinate.damper
-    stiffness = spring.stiffness if spring else 0.0
-    viscosity = damper.viscosity if damper and not at_rest else 0.0
-    return bool(coordinate.motor or stiffness or viscosity)
+    spring, damper, friction = coordinate.spring, coordinate.damper, coordinate.friction
+    held = coordinate.motor or (spring and spring.stiffness)
+    damped = (damper and (damper.viscosity or damper.law)) or (friction and friction.force)
+    return bool(held or (damped and not at_rest))
 
 
 def _motion(rows: scipy.sparse.csr_matrix) -> np.ndarray | None:

@@ -1,27 +1,32 @@
-"""Springs and dampers on the free coordinates of joints."""
+"""Springs, dampers and friction on the free coordinates of joints."""
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
 
 from fx_beam.mechanics.rates import Rates
 from fx_beam.scene.beam import Node
+from fx_beam.scene.coordinate import Friction
 from fx_beam.scene.joints import GROUND, Joint
 
+from .damper_laws import DamperLaw
 from .graph import Couplings, Entry
 
 
 @dataclass
 class _Actuator:
-    """Spring and damper on one coordinate, with their values in the current step."""
+    """Spring, damper and friction on one coordinate, with their values in the current step."""
 
     joint: Joint
     #: Stiffness, rest and viscosity.
     k: float
     rest: float
     c: float
+    friction: Friction | None
+    law: DamperLaw | None
     #: Rotations of a and b (-1 for the ground); None for a slide.
     turns: tuple[int, int] | None
     #: Columns and signs of the coordinate; for a rotation those of a (subtracted) and of b.
@@ -32,10 +37,45 @@ class _Actuator:
     force: float = 0.0
     dissipated: float = 0.0
     slopes: tuple[float, float] = (0.0, 0.0)
+    #: Friction in the last iteration: rate / speed, force / magnitude, and derivative.
+    last: tuple[float, float, float] | None = None
+
+    def resistance(self, rate: float) -> float:
+        """Force of damper and friction at a rate."""
+        force = self.c * rate if self.law is None else self.c * rate + self.law(rate)[0]
+        if self.friction is not None:
+            force += self.friction.force * math.tanh(rate / self.friction.speed)
+        return force
+
+    def steepness(self, rate: float) -> float:
+        """Derivative of the resistance for the next iteration."""
+        slope = self.c if self.law is None else self.c + self.law(rate)[1]
+        if self.friction is not None:
+            self.last = friction_slope(rate / self.friction.speed, self.last)
+            slope += self.friction.force / self.friction.speed * self.last[2]
+        return slope
+
+
+def friction_slope(x: float, last: tuple[float, float, float] | None) -> tuple[float, float, float]:
+    """x, y = tanh(x), and a derivative with which Newton's method does not jump to and fro.
+
+    With s = x / y the friction is s y = x, whose linear form has the derivative (1 - y s') / s. For
+    y it takes what the last iteration expected, limited to 1 (Chan, Golub and Mulet 1999, doi
+    10.1137/S1064827596299767). Where both agree it is that of tanh.
+    """
+    if last is not None and x == last[0]:
+        return last  # the same iteration
+    y = math.tanh(x)
+    near = abs(x) < 1e-4
+    s, bend = (1.0, 2 * x / 3) if near else (x / y, (1 - (1 - y * y) * x / y) / y)
+    expected = y
+    if last is not None:
+        expected = min(1.0, max(-1.0, last[1] + last[2] * (x - last[0])))
+    return x, y, (1 - expected * bend) / s
 
 
 class Actuators:
-    """All springs and dampers of a scene.
+    """All springs, dampers and friction of a scene.
 
     Exact work: a rotational spring has the moment k (mean angle - rest) (Dpsi_b - Dpsi_a) /
     (Dtheta_b - Dtheta_a). Its work on Dtheta is the increment of k/2 (angle - rest)^2.
@@ -46,9 +86,11 @@ class Actuators:
         self._all: list[_Actuator] = []
         for joint in joints:
             for coordinate, name in ((joint.slide, "slide"), (joint.rotation, "rotation")):
-                if coordinate is None or not (coordinate.spring or coordinate.damper):
+                if coordinate is None or not coordinate.acts:
                     continue
-                spring, damper = coordinate.spring, coordinate.damper
+                spring, damper, friction = coordinate.spring, coordinate.damper, coordinate.friction
+                if rates.at_rest:
+                    damper = friction = None
                 turns: tuple[int, int] | None = None
                 columns: tuple[list[Entry], list[Entry]]
                 if name == "slide":
@@ -62,7 +104,9 @@ class Actuators:
                         joint,
                         k=spring.stiffness if spring else 0.0,
                         rest=spring.rest if spring else 0.0,
-                        c=damper.viscosity if damper and not rates.at_rest else 0.0,
+                        c=damper.viscosity if damper else 0.0,
+                        friction=friction,
+                        law=DamperLaw(damper.law) if damper and damper.law else None,
                         turns=turns,
                         columns=columns,
                     )
@@ -75,7 +119,7 @@ class Actuators:
         """Set the start of a step from displacements and rotations q and the slides [m]."""
         self._dt = dt
         for actuator in self._all:
-            actuator.start = self._coordinate(actuator, q, slides)
+            actuator.start, actuator.last = self._coordinate(actuator, q, slides), None
 
     def set_rates(self, q: np.ndarray, v: np.ndarray, slides: np.ndarray) -> None:
         """Set the rates at the start of a step; dampers interpolate from them to their level."""
@@ -112,11 +156,12 @@ class Actuators:
             elastic = a.k * (a.start + level * a.change - a.rest)
             # The rate at the scheme's level; in the middle of the step it is the mean rate.
             rate = a.rate + 2 * level * (path / dt - a.rate)
-            a.force = elastic * ratio + a.c * rate
-            a.dissipated = a.c * path**2 / dt
+            a.force = elastic * ratio + a.resistance(rate)
+            a.dissipated = a.resistance(path / dt) * path
+            steep = 2 * level * a.steepness(rate) / dt
             a.slopes = (
-                -a.k * level * ratio + elastic * by_a - 2 * level * a.c * slope_a / dt,
-                a.k * level * ratio + elastic * by_b + 2 * level * a.c * slope_b / dt,
+                -a.k * level * ratio + elastic * by_a - steep * slope_a,
+                a.k * level * ratio + elastic * by_b + steep * slope_b,
             )
 
     def forces(self, columns: int) -> np.ndarray:
@@ -163,7 +208,7 @@ class Actuators:
         return sum(a.k / 2 * (self._coordinate(a, q, slides) - a.rest) ** 2 for a in self._all)
 
     def dissipated(self) -> float:
-        """Energy dissipated by the dampers in the current step [J]."""
+        """Energy dissipated by dampers and friction in the current step [J]."""
         return sum(actuator.dissipated for actuator in self._all)
 
     # -- For the compiled loop ------------------------------------------------------------------
@@ -188,6 +233,9 @@ class Actuators:
                     "k": actuator.k,
                     "rest": actuator.rest,
                     "c": actuator.c,
+                    "friction": actuator.friction.force if actuator.friction else 0.0,
+                    "speed": actuator.friction.speed if actuator.friction else 1.0,
+                    "law": actuator.law.address if actuator.law else 0,
                 }
             )
             for side, own in zip((-1.0, 1.0), actuator.columns, strict=True):

@@ -80,13 +80,22 @@ def element_functions(form) -> tuple[str, list[str], int]:
     functions = [integral.tabulate_tensor_float64 for _, integral in _integrals(form)]
     module, names = "", []
     for function in functions:
-        module, name = _symbol(int(_FFI.cast("uintptr_t", function)))
+        module, name = _symbol(_address(function))
         names.append(name)
     _, source = form.code  # empty unless it has just been compiled
     if not source:
         # Function names derive from the module's name, so they are the same again.
         source = _generated(form.form, Path(module).name.partition(".")[0])
     return source, names, len(_FFI.typeof(functions[0]).args)
+
+
+def expression_function(compiled) -> int:
+    """Address of the C function of a compiled expression."""
+    return _address(compiled.ufcx.tabulate_tensor_float64)
+
+
+def _address(function) -> int:
+    return int(_FFI.cast("uintptr_t", function))
 
 
 class _Symbol(ctypes.Structure):

@@ -1,4 +1,4 @@
-"""Symbols of actions on a scene: loads, weight, prescribed motions and initial velocities."""
+"""Symbols of actions on a scene: loads, drag, weight, prescribed motions, initial velocities."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import numpy as np
 
 from fx_beam.scene.beam import Beam, Node
 from fx_beam.scene.joints import GROUND
-from fx_beam.scene.loads import Load
+from fx_beam.scene.loads import Load, label
 from fx_beam.scene.scene import Scene
 from fx_beam.validation import Constant
 
@@ -24,6 +24,7 @@ def draw_actions(sheet: Sheet, scene: Scene, si: bool) -> None:
     """Draw all actions, with values in SI units or without units."""
     for load in scene.loads:
         {"force": _force, "moment": _moment, "line load": _line_load}[load.kind](sheet, load, si)
+    _drags(sheet, scene)
     _velocities(sheet, scene)
     _prescribed(sheet, scene)
     _motors(sheet, scene)
@@ -88,6 +89,14 @@ def _line_load(sheet: Sheet, load: Load, si: bool) -> None:
     for tail, tip in zip(tails[seen], tips[seen], strict=True):
         sheet.arrow([tail, tip], color=_LOAD, linewidth=0.8)
     sheet.label(_words("q", load, sizes.max(), "N/m", si), tails[1:-1], _LOAD)
+
+
+def _drags(sheet: Sheet, scene: Scene) -> None:
+    """The word, at each beam and node with drag."""
+    targets = {label(drag.target): drag.target for drag in scene.drags}
+    for target in targets.values():
+        nodes = target.nodes if isinstance(target, Beam) else (target,)
+        sheet.label("drag", [_place(node) for node in nodes[::-1]], _LOAD)
 
 
 def _prescribed(sheet: Sheet, scene: Scene) -> None:

@@ -39,7 +39,8 @@ def scene(
     Members have their names, and dots between elements. Hatched lines are the ground. A pin is a
     triangle, a roller a triangle with a gap, a clamp a wall. Rings are hinges, squares on dotted
     lines are slides, discs are lumped masses. A zigzag or a spiral is the spring of a joint, a cup
-    its damper. Arrows of forces end at their nodes, those of initial velocities start there.
+    its damper, two thick strokes its friction. Beams and nodes with drag have the word "drag".
+    Arrows of forces end at their nodes, those of initial velocities start there.
     Prescribed motions and motors have arrows with two heads. Loads that are functions of time are
     drawn with their largest value. Added virtual works are not drawn.
 

@@ -1,4 +1,4 @@
-"""Symbols in pictures: supports, joints, masses, springs, dampers, forces."""
+"""Symbols in pictures: supports, joints, masses, springs, dampers, friction, forces."""
 
 from __future__ import annotations
 
@@ -27,6 +27,11 @@ _ARC = np.linspace(0.3, 1.7, 12)
 _ROUND = np.column_stack([np.cos(_ARC), np.sin(_ARC)])
 _GAP = np.full((1, 2), np.nan)
 _PLATE = np.outer((1.4, 1.9), (np.cos(1.0), np.sin(1.0)))
+# Shoes of a brake on both sides, in widths of a spring: along a slide and around a hinge.
+_SHOES = np.concatenate([[(-1.5, 1.6), (1.5, 1.6)], _GAP, [(-1.5, -1.6), (1.5, -1.6)]])
+_BENT = np.linspace(-0.5, 0.5, 8)
+_ROUND_SHOE = 2.5 * np.column_stack([np.cos(_BENT), np.sin(_BENT)])
+_BENT_SHOES = np.concatenate([_ROUND_SHOE, _GAP, -_ROUND_SHOE])
 _BENT_CUP = np.concatenate([1.25 * _ROUND, 2.05 * _ROUND[::-1], _GAP, _PLATE])
 
 
@@ -171,10 +176,11 @@ def draw_symbols(ax, drawing: Drawing, k: int, colour: Any = "black", small: boo
 
 
 def draw_parts(ax, drawing: Drawing, k: int, colour: Any = "black", small: bool = False) -> list:
-    """Draw masses, joints, springs and dampers of row k; returns the artists."""
+    """Draw masses, joints, springs, dampers and friction of row k; returns the artists."""
     scene = drawing.scene
     drawn = [*_draw_arms(ax, drawing, k, colour), *_draw_springs(ax, drawing, k, colour)]
     drawn += _draw_dampers(ax, drawing, k, colour)
+    drawn += _draw_friction(ax, drawing, k, colour)
     heavy = sorted({node for node, mass, _ in scene.masses if mass})
     look = {"color": colour if small else "#D55E00", "markersize": 7 if small else 9, "zorder": 3}
     drawn += ax.plot(*drawing.places(heavy, k).T, "o", **look)
@@ -282,6 +288,22 @@ def _draw_dampers(ax, drawing: Drawing, k: int, colour) -> list:
         if joint.rotation is not None and joint.rotation.damper is not None:
             place = _place_of(drawing, joint, k)
             drawn += ax.plot(*(place + _SPRING_WIDTH * drawing.size * _BENT_CUP).T, **look)
+    return drawn
+
+
+def _draw_friction(ax, drawing: Drawing, k: int, colour) -> list:
+    """Friction of joints: the shoes of a brake beside a slide, or around a hinge."""
+    drawn: list = []
+    look = {"color": colour, "linewidth": 2.5, "zorder": 2, "solid_capstyle": "butt"}
+    for joint in drawing.scene.joints:
+        place, width = _place_of(drawing, joint, k), _SPRING_WIDTH * drawing.size
+        if joint.slide is not None and joint.slide.friction is not None:
+            along = drawing.turned(joint.a, k, joint.axis)
+            shoes = _SHOES[:, :1] * along + _SHOES[:, 1:] * (-along[1], along[0])
+            on_b = place if joint.b is GROUND else drawing.places(joint.b.number, k)
+            drawn += ax.plot(*(on_b + width * shoes).T, **look)
+        if joint.rotation is not None and joint.rotation.friction is not None:
+            drawn += ax.plot(*(place + width * _BENT_SHOES).T, **look)
     return drawn
 
 

@@ -1,15 +1,19 @@
-"""Springs, dampers and motors on the coordinates of joints."""
+"""Springs, dampers, friction and motors on the coordinates of joints."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Any
+
+import ufl
+from ufl.corealg.traversal import unique_pre_traversal
 
 import numpy as np
 
 from fx_beam.errors import SceneError
-from fx_beam.validation import is_number, time_function
+from fx_beam.validation import fields_in, is_number, refuse_fields, time_function
 
 
 @dataclass(frozen=True)
@@ -40,38 +44,105 @@ class Spring:
 
 @dataclass(frozen=True)
 class Damper:
-    """Linear damper on a joint's free coordinate.
+    """Damper on a joint's free coordinate: linear, by a law of its own, or the sum of both.
 
     Parameters
     ----------
     viscosity : float
         Force per slide rate [N s/m], or moment per relative spin [N m s/rad].
+    law : callable, optional
+        ``law(rate)``, the further force [N] or moment [N m] at a rate [m/s or rad/s], as a UFL
+        expression; positive against a positive rate. It is compiled; at rates from 1e-6 to 1e4 of
+        both signs it must not drive.
+
+    Raises
+    ------
+    SceneError
+        For a negative viscosity, or a law that is no UFL expression of the rate or that drives.
 
     Examples
     --------
     >>> import fx_beam as fb
     >>> fb.Damper(viscosity=2)
-    Damper(viscosity=2.0)
+    Damper(viscosity=2.0, law=None)
+
+    A damper whose force grows with the square of the rate:
+
+    >>> damper = fb.Damper(law=lambda rate: 0.3 * abs(rate) * rate)
     """
 
-    viscosity: float
+    viscosity: float = 0.0
+    law: Callable[[Any], Any] | None = None
 
     def __post_init__(self):
         _check(self, "viscosity")
+        if self.law is not None:
+            _check_law(self.law)
+
+
+@dataclass(frozen=True)
+class Friction:
+    """Coulomb friction on a joint's free coordinate, of constant magnitude, regularised.
+
+    The force is F tanh(rate / speed): above 3 times the speed it is F up to 0.5 %. Below it is
+    viscous, so that a joint under a smaller load creeps slowly instead of sticking.
+
+    Parameters
+    ----------
+    force : float
+        Magnitude F of the force on a slide [N], or of the moment on a relative rotation [N m].
+    speed : float
+        Rate [m/s or rad/s], small compared with those of the motion. A body that is braked from the
+        rate v stops in a distance that is longer by the fraction pi^2/6 (speed/v)^2.
+
+    Raises
+    ------
+    SceneError
+        For a negative force, or a speed that is not positive.
+
+    Examples
+    --------
+    A block of 1 kg on a rail stops in m v^2 / (2 F).
+
+    >>> import fx_beam as fb
+    >>> scene = fb.Scene()
+    >>> block = scene.add_beam([(0, 0), (1, 0)], fb.Section(EA=1e4, GA=1e4, EI=1e3, rhoA=1.0))
+    >>> friction = fb.Friction(force=2.0, speed=0.01)
+    >>> rail = fb.Prismatic(fb.GROUND, block.start, axis=(1, 0), friction=friction)
+    >>> rail = scene.add_joint(rail)
+    >>> scene.set_velocity(block, (2.0, 0.0))
+    >>> solution = fb.simulate(scene, dt=0.01, t_end=1.5)
+    >>> round(float(solution.slide(rail)[-1]), 3)
+    1.0
+    """
+
+    force: float
+    speed: float
+
+    def __post_init__(self):
+        _check(self, "force")
+        _check(self, "speed")
+        if not self.speed:
+            raise SceneError(
+                "Friction: speed = 0 must be positive. It is the rate below which the friction is "
+                "viscous; try a hundredth of the rates of the motion"
+            )
 
 
 @dataclass(frozen=True)
 class Coordinate:
-    """Spring, damper and motor on a coordinate of a joint.
+    """Spring, damper, friction and motor on a coordinate of a joint.
 
     Parameters
     ----------
     spring : Spring, optional
         Linear spring.
     damper : Damper, optional
-        Linear damper.
+        Linear damper, or one with a law of its own.
     motor : callable, optional
         ``motor(t)``, the change of the coordinate since the start. It prescribes the coordinate.
+    friction : Friction, optional
+        Coulomb friction.
 
     Examples
     --------
@@ -84,22 +155,67 @@ class Coordinate:
     spring: Spring | None = None
     damper: Damper | None = None
     motor: Callable[[float], np.ndarray] | None = None
+    friction: Friction | None = None
+
+    @property
+    def acts(self) -> bool:
+        """Whether it has a spring, a damper or friction."""
+        return any(part is not None for part in (self.spring, self.damper, self.friction))
 
 
-def checked_coordinate(what: str, spring, damper, motor) -> Coordinate:
+def checked_coordinate(what: str, spring, damper, motor, friction=None) -> Coordinate:
     """Coordinate of checked parts."""
-    for name, value, wanted in (("spring", spring, Spring), ("damper", damper, Damper)):
+    parts = (("spring", spring, Spring), ("damper", damper, Damper))
+    for name, value, wanted in (*parts, ("friction", friction, Friction)):
         if value is not None and not isinstance(value, wanted):
             raise SceneError(f"{name} = {value!r} must be an fx_beam.{wanted.__name__}")
     if motor is not None:
         motor = time_function(motor, 1, what)
-    return Coordinate(spring, damper, motor)
+    return Coordinate(spring, damper, motor, friction)
 
 
-def _check(part: Spring | Damper, name: str, lowest: float = 0.0) -> None:
+def _check(part: Spring | Damper | Friction, name: str, lowest: float = 0.0) -> None:
     """Refuse a value that is not a number in range; keep it as a float."""
     value = getattr(part, name)
     if not (is_number(value) and value >= lowest):
         wanted = "finite" if lowest < 0 else "finite and not negative"
         raise SceneError(f"{type(part).__name__}: {name} = {value!r} must be {wanted}")
     object.__setattr__(part, name, float(value))
+
+
+def _check_law(law: Callable[[Any], Any]) -> None:
+    """Refuse a law of a damper that is no scalar UFL expression of the rate, or that drives."""
+    rate = ufl.variable(ufl.as_ufl(0.1))  # a number: math.tanh of a symbol never ends
+    try:
+        force = ufl.as_ufl(law(rate))
+    except Exception as error:
+        raise SceneError(
+            "Damper: law(rate) must give a UFL expression. Use abs and ufl.tanh, ufl.sqrt, ... in "
+            f"place of functions of math or NumPy. It raised {error!r}"
+        ) from error
+    refuse_fields(fields_in(force), "Damper: law")
+    if force.ufl_shape != () or rate not in set(unique_pre_traversal(force)):
+        raise SceneError(
+            f"Damper: law(rate) must be a scalar that depends on the rate, not {force}. Use "
+            "ufl.tanh, not math.tanh"
+        )
+    for size in (10.0**k for k in range(-6, 5)):
+        for at in (size, -size):
+            force = _value(law, at)
+            if isinstance(force, complex):
+                raise SceneError(
+                    f"Damper: law({at:g}) is complex. Write abs(rate) in roots and powers"
+                )
+            if force * at < 0:
+                raise SceneError(
+                    f"Damper: law({at:g}) = {force:g} drives: it must have the sign of the rate, "
+                    "and be zero without it. Subtract law(0), or change its sign"
+                )
+
+
+def _value(law: Callable[[Any], Any], rate: float) -> Any:
+    """A law's force at a rate; not a number where it is not finite."""
+    try:
+        return ufl.as_ufl(law(ufl.as_ufl(rate)))(())
+    except (ArithmeticError, ValueError):
+        return math.nan

@@ -11,7 +11,7 @@ from fx_beam.errors import SceneError
 from fx_beam.validation import vector
 
 from .beam import Node
-from .coordinate import Coordinate, Damper, Spring, checked_coordinate
+from .coordinate import Coordinate, Damper, Friction, Spring, checked_coordinate
 
 
 class _Ground(Node):
@@ -46,9 +46,9 @@ class Joint:
     axis : (2,) float, optional
         Unit vector of the slide in the reference configuration.
     slide : Coordinate, optional
-        Spring, damper and motor of the slide; None for a joint without slide.
+        Spring, damper, friction and motor of the slide; None for a joint without slide.
     rotation : Coordinate, optional
-        Spring, damper and motor of the relative rotation psi_b - psi_a; None where it is fixed.
+        Those of the relative rotation psi_b - psi_a; None where it is fixed.
     number : int
         Index in the scene's joints.
 
@@ -166,6 +166,7 @@ def Revolute(
     spring: Spring | None = None,
     damper: Damper | None = None,
     motor=None,
+    friction: Friction | None = None,
 ) -> Joint:
     """Revolute joint (hinge): b keeps its position on a and rotates freely.
 
@@ -179,6 +180,8 @@ def Revolute(
         On the relative rotation psi_b - psi_a.
     motor : callable, optional
         ``motor(t)``, the relative rotation since the start [rad]; zero at t = 0.
+    friction : Friction, optional
+        On the relative rotation.
 
     Returns
     -------
@@ -197,7 +200,7 @@ def Revolute(
     >>> round(float(solution.joint(hinge).angle[-1]), 6)
     0.25
     """
-    rotation = checked_coordinate("motor of a revolute joint", spring, damper, motor)
+    rotation = checked_coordinate("motor of a revolute joint", spring, damper, motor, friction)
     return _joint("Revolute", a, b, offset, rotation=rotation)
 
 
@@ -209,6 +212,7 @@ def Prismatic(
     spring: Spring | None = None,
     damper: Damper | None = None,
     motor=None,
+    friction: Friction | None = None,
 ) -> Joint:
     """Prismatic joint: b slides along an axis fixed to a, and rotates with a.
 
@@ -224,6 +228,8 @@ def Prismatic(
         On the slide.
     motor : callable, optional
         ``motor(t)``, the slide since the start [m]; zero at t = 0.
+    friction : Friction, optional
+        On the slide.
 
     Returns
     -------
@@ -242,7 +248,7 @@ def Prismatic(
     >>> round(float(solution.slide(guide)[-1]), 6)
     -1.25
     """
-    slide = checked_coordinate("motor of a prismatic joint", spring, damper, motor)
+    slide = checked_coordinate("motor of a prismatic joint", spring, damper, motor, friction)
     return _joint("Prismatic", a, b, offset, axis, slide)
 
 
@@ -255,6 +261,7 @@ def PinInSlot(
     damper: Damper | None = None,
     motor=None,
     hinge: Coordinate | None = None,
+    friction: Friction | None = None,
 ) -> Joint:
     """Pin in a slot: b slides along an axis fixed to a, and rotates freely.
 
@@ -271,7 +278,9 @@ def PinInSlot(
     motor : callable, optional
         ``motor(t)``, the slide since the start [m]; zero at t = 0.
     hinge : Coordinate, optional
-        Spring, damper and motor of the relative rotation.
+        Spring, damper, friction and motor of the relative rotation.
+    friction : Friction, optional
+        On the slide.
 
     Returns
     -------
@@ -289,9 +298,10 @@ def PinInSlot(
     >>> roller.axis.round(3)
     array([0.707, 0.707])
     """
-    slide = checked_coordinate("motor of a pin in slot", spring, damper, motor)
+    slide = checked_coordinate("motor of a pin in slot", spring, damper, motor, friction)
     hinge = hinge or Coordinate()
-    rotation = checked_coordinate("hinge of a pin in slot", hinge.spring, hinge.damper, hinge.motor)
+    parts = hinge.spring, hinge.damper, hinge.motor, hinge.friction
+    rotation = checked_coordinate("hinge of a pin in slot", *parts)
     return _joint("PinInSlot", a, b, offset, axis, slide, rotation)
 
 

@@ -54,7 +54,7 @@ def _members(model: Model) -> list[np.ndarray]:
             pairs.append((ends[0], ends[1]))
         elif joint.turns_together:
             counted |= {*ends}
-        if rotation is not None and (rotation.spring or rotation.damper or rotation.motor):
+        if rotation is not None and (rotation.acts or rotation.motor):
             counted |= {*ends}
     n = len(mesh.X)
     i, j = np.array(pairs).T

@@ -1,4 +1,4 @@
-/* Springs and dampers (spring_dampers.py). */
+/* Springs, dampers and friction (spring_dampers.py). */
 
 #pragma once
 
@@ -23,7 +23,7 @@ static double rate(const Problem *p, const Actuator *a) {
 static void begin_actuators(const Problem *p) {
   for (int i = 0; i < p->actuators; ++i) {
     Actuator *a = p->actuator + i;
-    a->start = coordinate(p, a);
+    a->start = coordinate(p, a), a->repeated = 0;
     /* At mid-step the rate is the mean rate; it does not depend on the rate at the start. */
     a->rate = p->level == 0.5 ? 0 : rate(p, a);
   }
@@ -37,6 +37,24 @@ static double stored(const Problem *p) {
     sum += a->k / 2 * stretch * stretch;
   }
   return sum;
+}
+
+/* Force of damper and friction at a rate; `slope` is the derivative without friction. */
+static double resistance(const Actuator *a, double rate, double *slope) {
+  double force = a->c * rate, own[2] = {0};
+  *slope = a->c;
+  if (a->law) a->law(own, 0, &rate, 0, 0, 0, 0), force += own[0], *slope += own[1];
+  return a->friction != 0 ? force + a->friction * tanh(rate / a->speed) : force;
+}
+
+/* Derivative of the friction with which Newton's method does not jump to and fro. */
+static double friction_slope(Actuator *a, double rate) {
+  double x = rate / a->speed, y = tanh(x), s = 1, bend = 2 * x / 3;
+  if (fabs(x) >= 1e-4) s = x / y, bend = (1 - (1 - y * y) * s) / y;
+  double expected = a->last_y + a->last_slope * (x - a->last_x);
+  expected = a->repeated ? fmin(1, fmax(-1, expected)) : y;
+  a->repeated = 1, a->last_x = x, a->last_y = y, a->last_slope = (1 - expected * bend) / s;
+  return a->friction / a->speed * a->last_slope;
 }
 
 static void actuate(const Problem *p, const Work *w) {
@@ -56,10 +74,12 @@ static void actuate(const Problem *p, const Work *w) {
         by_a = ratio * (-by_x - tan_a) / 2, by_b = ratio * (by_x - tan_b) / 2;
       }
     }
-    double level = p->level, elastic = a->k * (a->start + level * change - a->rest);
-    double steep = 2 * level * a->c / w->dt;
-    a->force = elastic * ratio + a->c * (a->rate + 2 * level * (path / w->dt - a->rate));
-    a->lost = a->c * path * path / w->dt;
+    double level = p->level, elastic = a->k * (a->start + level * change - a->rest), slope;
+    double rate = a->rate + 2 * level * (path / w->dt - a->rate);
+    a->lost = resistance(a, path / w->dt, &slope) * path;
+    a->force = elastic * ratio + resistance(a, rate, &slope);
+    if (a->friction != 0) slope += friction_slope(a, rate);
+    double steep = 2 * level * slope / w->dt;
     a->slope_a = -a->k * level * ratio + elastic * by_a - steep * slope_a;
     a->slope_b = a->k * level * ratio + elastic * by_b + steep * slope_b;
   }

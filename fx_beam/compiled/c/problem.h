@@ -39,13 +39,20 @@ typedef struct {
   int time_at, dt_at, memory_at; /* their indices among the constants, or -1 */
 } Form;
 
-/* A spring and damper on the slide of a joint, or on the angle between its nodes. */
+/* A damper's law, as FFCx compiles it: force and slope, and the rate in place of the constants. */
+typedef void Law(double *, const double *, const double *, const double *, const int *,
+                 const unsigned char *, void *);
+
+/* A spring, damper and friction on the slide of a joint, or on the angle between its nodes. */
 typedef struct {
   int slide, column;   /* number of the joint and its column, or -1 */
   int a[3], b[3];      /* degrees of freedom of the nodes; -1 for the ground */
   double axis[2], offset[2];
-  double k, rest, c;
+  double k, rest, c, friction, speed;
+  Law *law;             /* may be null */
   double start, rate, force, lost, slope_a, slope_b; /* in the present step */
+  int repeated;         /* whether there was an iteration: rate / speed, force / friction, derivative */
+  double last_x, last_y, last_slope;
 } Actuator;
 
 typedef struct {
