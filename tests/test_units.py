@@ -123,8 +123,24 @@ def frame(u):
     return scene
 
 
+def braked(u):
+    scene = fb.Scene(gravity=u.gravity())
+    section = u.section(1e4, 1e4, 100.0, 1.0, 0.1)
+    arm = scene.add_beam(u.points((0, 0), (1, 0)), section, elements=2)
+    force, speed = u.force, u.length / u.time
+    scene.add_drag(
+        arm, linear=0.4 * speed * u.length / force, quadratic=0.3 * speed**2 * u.length / force
+    )
+    scene.add_drag(arm.end, linear=0.4 * speed / force, rotation=0.1 / u.energy / u.time)
+    friction = fb.Friction(0.5 / u.energy, 0.1 * u.time)
+    spring = u.turning_spring(20.0)
+    scene.add_joint(fb.Revolute(fb.GROUND, arm.start, spring=spring, friction=friction))
+    return scene
+
+
 SCENES = {
-    make.__name__: make for make in (cantilever, crank_and_slot, slide_on_a_beam, pendulum, frame)
+    make.__name__: make
+    for make in (cantilever, crank_and_slot, slide_on_a_beam, pendulum, frame, braked)
 }
 
 

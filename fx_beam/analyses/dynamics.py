@@ -214,8 +214,8 @@ def simulate(
         parts = stepper.halving.memory(first)
     if stats.amplified:
         _log.warning(
-            "%s: in %d of %d steps dampers gave energy, since the sub-step that goes back in time "
-            "amplifies what they damp. This happens if the damping rate is about 3 / dt%s. "
+            "%s: in %d of %d steps damping gave energy, since the sub-step that goes back in time "
+            "amplifies what it damps. This happens if the damping rate is about 3 / dt%s. "
             "Try another dt, or order=2",
             *(stats.scheme, stats.amplified, stats.substeps),
             f" = {3 / first:.3g} /s" if control is None else "",

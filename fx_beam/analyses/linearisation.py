@@ -42,7 +42,8 @@ class Linearisation(NamedTuple):
         coordinates = [c for joint in scene.joints for c in (joint.slide, joint.rotation) if c]
         return (
             any(beam.section.damped for beam in scene.beams)
-            or any(c.damper for c in coordinates)
+            or any(c.damper or c.friction for c in coordinates)
+            or bool(scene.drags)
             or self.model.forms.needs_rates  # in statics those of added virtual works
         )
 

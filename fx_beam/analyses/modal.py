@@ -147,8 +147,8 @@ def modes(scene: Scene, state: Solution | None = None, n: int = 6, damping: bool
 
     The stiffness is the tangent at the state: it includes the geometric stiffness, springs, dead
     loads, and added forces with a potential. Damping is the derivative of all forces by the rates,
-    at rest in the state: retardation of members, dampers, and added forces against the velocity.
-    Prescribed motions, motors and internal variables are fixed.
+    at rest in the state: retardation of members, drag, dampers and friction of joints, and added
+    forces against the velocity. Prescribed motions, motors and internal variables are fixed.
 
     Parameters
     ----------

@@ -45,7 +45,7 @@ def static(
     """Compute equilibria of a scene while its loads rise from zero.
 
     The load factor multiplies all loads, including the weight, prescribed motions and motors.
-    Functions of time are evaluated at the time `t`. Inertia, dampers and initial velocities have no
+    Functions of time are evaluated at the time `t`. Inertia, damping and initial velocities have no
     effect. The work of the loads uses the mean of the forces at both ends of each step; the energy
     balance thus has an error of second order in the steps. The potential energy is that of the full
     weight; the part of the weight that does not act yet is counted as an upward load.
