@@ -20,6 +20,8 @@ def facts(scene: Any) -> dict[str, str]:
         found["unknowns"] = str(3 * nodes - held)
     for name in ("joints", "masses", "loads"):
         found[name] = str(len(getattr(scene, name)))
+    if scene.drags:
+        found["drags"] = str(len(scene.drags))
     if scene.gravity is not None:
         found["gravity"] = f"({scene.gravity[0]:g}, {scene.gravity[1]:g})"
     return found
