@@ -18,6 +18,7 @@ from .analyses.rayleigh import rayleigh
 from .analyses.statics import static
 from .errors import Failure, SceneError, StepError
 from .mechanics.kinematics import Step
+from .mechanics.nodal_rates import NodalRates
 from .mechanics.rates import AtRest, MidPointRates, NewmarkRates, Rates
 from .mechanics.resultants import Resultants, WeightedResultants
 from .mechanics.schemes import (
@@ -77,6 +78,7 @@ __all__ = [
     "Modes",
     "Newmark",
     "NewtonOptions",
+    "NodalRates",
     "Node",
     "PinInSlot",
     "Prismatic",

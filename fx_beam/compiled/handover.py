@@ -14,6 +14,7 @@ import scipy.sparse
 
 from fx_beam.coupling.index_reduction import Tables
 from fx_beam.fem import dolfinx_api, ffcx_api
+from fx_beam.fem.nodal_rules import NodalRules
 from fx_beam.mechanics.rates import MidPointRates, NewmarkRates
 from fx_beam.model.joint_forces import JointForces
 from fx_beam.model.model import Model
@@ -65,8 +66,8 @@ class Problem:
         for name, forms in _FORMS.items():
             if forms[0] in model.forms.bound:
                 self._hand_over_forms(getattr(self.c, name), forms, model.forms.moving)
-        self.c.has_added, self.c.needs_before = model.forms.has_added, model.forms.needs_before
-        self._hand_over_rates()
+        self.c.has_added, self.c.keeps_before = model.forms.has_added, model.keeps_before
+        self._hand_over_rates(place)
         self._hand_over_drag(place)
         if model.forms.followers is not None:
             self.c.thrusts = len(model.forms.followers.dofs)
@@ -214,17 +215,29 @@ class Problem:
             self._ints(drag_dofs=forms.node_drag.dofs, drag_places=place[forms.node_drag.places])
             self._doubles(drag_factors=forms.node_drag.factors)
 
-    def _hand_over_rates(self) -> None:
+    def _hand_over_rates(self, place: np.ndarray) -> None:
         p, rates = self.c, self.model.scheme.rates
         p.level = rates.level
         if type(rates) is NewmarkRates:
             p.rule, p.beta, p.gamma, p.alpha_m = 1, rates.beta, rates.gamma, rates.alpha_m
+        elif (rules := self.model.nodal_rules) is not None:
+            self._hand_over_rules(rules, place)
         elif type(rates) is not MidPointRates:
             raise LoopUnavailable(f"custom rates {type(rates).__name__}")
         fractions = self.model.scheme.fractions
         if len(fractions) > self.library.SUB_STEPS:
             raise LoopUnavailable(f"more than {self.library.SUB_STEPS} sub-steps")
         p.sub_steps, p.fractions[0 : len(fractions)] = len(fractions), fractions
+
+    def _hand_over_rules(self, rules: NodalRules, place: np.ndarray) -> None:
+        p = self.c
+        p.rule = 0 if p.level == 0.5 else 1
+        addresses = [function.address for function in rules.functions]
+        p.rules = len(addresses)
+        p.nodal_rule = self._kept(self.ffi.new("Law *[]", p.rules))
+        for i, address in enumerate(addresses):
+            p.nodal_rule[i] = self.ffi.cast("Law *", address)
+        self._ints(column_at_node=rules.columns, rule_places=place[rules.places])
 
     def _hand_over_couplings(self, t: Tables) -> np.ndarray:
         """Hand over the couplings; returns the storage index of each entry of the full tangent."""
@@ -356,7 +369,7 @@ class Problem:
             "driven_now": reduction.driven,
             "held": reduction.columns - reduction.free,
             "added_force": model.size,
-            "before": model.size if model.forms.needs_before else 0,
+            "before": model.size if model.keeps_before else 0,
             "internals": math.prod(model.forms.internal_shape),
         }
         # One piece of memory, which the loop copies before a step with sub-steps.

@@ -165,7 +165,7 @@ class CompiledLoop:
             arrays["internals"][:] = state.internal.ravel()
         p.t, p.work, p.dissipated = state.t, state.work, state.dissipated
         p.algorithmic, p.numerical, p.length = state.algorithmic, state.numerical, state.length
-        if p.needs_before:
+        if p.keeps_before:
             arrays["before"][:] = state.q if state.before is None else state.before
         p.iterations = p.by_round_off = 0
         p.too_large = p.inside_out = p.amplified = 0
@@ -229,7 +229,7 @@ class CompiledLoop:
             dissipated=p.dissipated,
             numerical=p.numerical,
             algorithmic=p.algorithmic,
-            before=arrays["before"] if p.needs_before else None,
+            before=arrays["before"] if p.keeps_before else None,
             internal=arrays["internals"].reshape(shape) if p.cell_internal else None,
             length=p.length,
         )

@@ -12,6 +12,7 @@ from fx_beam.validation import is_number, require
 
 from .decaying import Decaying, DecayingResultants
 from .kinematics import Step
+from .nodal_rates import NodalRates
 from .rates import AtRest, MidPointRates, NewmarkRates, Rates
 from .resultants import (
     AtEnds,
@@ -43,7 +44,7 @@ class Scheme:
     fractions : tuple of float, optional
         Lengths of the sub-steps of a composition, relative to the step; some may go back in time.
         They must end inside the step or at its end. The scheme must be symmetric in time, with
-        forces at mid-step. By default a step has no sub-steps.
+        forces at mid-step, unless its rates are `NodalRates`. By default a step has no sub-steps.
 
     Examples
     --------
@@ -75,7 +76,13 @@ class Scheme:
             ),
         ):
             require(fits, f"Scheme: {name}", getattr(self, name), wanted)
-        if len(self.fractions) > 1 and self.rates.level != 0.5:
+        if isinstance(self.rates, NodalRates):
+            if len(self.rates.rules) not in (1, len(self.fractions)):
+                raise SceneError(
+                    f"Scheme: {self.name} has {len(self.fractions)} sub-steps, but its NodalRates "
+                    f"{len(self.rates.rules)} rules. Give one rule, or one for each of `fractions`"
+                )
+        elif len(self.fractions) > 1 and self.rates.level != 0.5:
             raise SceneError(
                 f"Scheme: sub-steps need a scheme that is symmetric in time, but the forces of "
                 f"{self.name} are at level {self.rates.level:g} of a step. Use MidPointRates()"

@@ -7,6 +7,7 @@ from typing import NamedTuple
 import numpy as np
 import scipy.sparse
 
+from fx_beam.fem.nodal_rules import NodalRules
 from fx_beam.mechanics.interval import Interval
 from fx_beam.results.state import State
 
@@ -35,6 +36,8 @@ class Equations:
     def __init__(self, model: Model, time: float = 0.0):
         self.model, self.time = model, time
         self._reduction = model.reduction
+        #: Number of the sub-step of the scheme.
+        self.sub_step = 0
 
     def begin(self, interval: Interval, start: State) -> None:
         """Set the interval of a step and the state at its start."""
@@ -64,11 +67,36 @@ class Equations:
         model.forms.assemble_stiffness()
         r = f - force
         if not rates.at_rest:
-            start = self._start
-            a, slope = rates.acceleration(D, start.v, start.a, self._length, model.turns)
-            r += model.mass @ a
-            K.data += model.mass.data * slope[K.indices]
+            r += model.mass @ self._inertia(D, K)
         return Balance(D, f, r, self._reduction.project(r))
+
+    def _inertia(self, D: np.ndarray, K: scipy.sparse.csr_matrix) -> np.ndarray:
+        """Acceleration (size,) in the equation of motion; adds the tangent of its forces to K."""
+        model, start = self.model, self._start
+        if (rules := model.nodal_rules) is None:
+            rates = model.scheme.rates
+            a, slope = rates.acceleration(D, start.v, start.a, self._length, model.turns)
+            K.data += model.mass.data * slope[K.indices]
+            return a
+        found = self._nodal(rules, D)
+        rules.add_tangent(found, K.data)
+        return rules.to_vector(found[:, :3])
+
+    def _nodal(self, rules: NodalRules, D: np.ndarray) -> np.ndarray:
+        """Values (nodes, VALUES) of the nodal rules."""
+        start = self._start
+        before = np.zeros_like(D) if start.before is None else start.q - start.before
+        parts = D, start.v, start.a, before, self._length
+        return rules.at(self.sub_step, *parts)
+
+    def rates_at_end(self, D: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Rates and accelerations (size,) at the end of the step, for its increment (size,)."""
+        model, start = self.model, self._start
+        if (rules := model.nodal_rules) is None:
+            rates = model.scheme.rates
+            return rates.end(D, start.v, start.a, self._length, model.turns)
+        found = self._nodal(rules, D)
+        return rules.to_vector(found[:, 12:15]), rules.to_vector(found[:, 15:])
 
     def at_start(self, force: np.ndarray) -> Balance:
         """Evaluate at the start of the step: the increment is zero."""

@@ -16,6 +16,8 @@ from fx_beam.fem.dead_loads import Loads
 from fx_beam.fem.forms import Forms
 from fx_beam.fem.mass import Mass
 from fx_beam.fem.mesh import build_mesh
+from fx_beam.fem.nodal_rules import NodalRules
+from fx_beam.mechanics.nodal_rates import NodalRates
 from fx_beam.mechanics.schemes import Scheme
 from fx_beam.scene.scene import Scene
 
@@ -52,6 +54,17 @@ class Model:
     def mass(self) -> scipy.sparse.csr_matrix:
         """The constant mass matrix, assembled at the first access."""
         return self._mass.matrix
+
+    @functools.cached_property
+    def nodal_rules(self) -> NodalRules | None:
+        """The nodal rules of the rates, if they are those of a user."""
+        rates = self.scheme.rates
+        return NodalRules(rates, self.mesh.dofs, self.mass) if type(rates) is NodalRates else None
+
+    @property
+    def keeps_before(self) -> bool:
+        """Whether a step needs the configuration at the start of the last one."""
+        return self.forms.needs_before or type(self.scheme.rates) is NodalRates
 
     @functools.cached_property
     def massless(self) -> np.ndarray:

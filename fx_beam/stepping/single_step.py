@@ -48,7 +48,7 @@ class SingleStep:
         `forces` are the dead forces at both ends, `positions` those of driven motion at the end.
         """
         model, rates, dt = self.model, self.model.scheme.rates, interval.length
-        v, a = rates.end(step.D, state.v, state.a, dt, model.turns)
+        v, a = self.equations.rates_at_end(step.D)
         path, _ = rates.work_increment(step.D, model.turns)
         if not rates.at_rest:
             # No equation contains the rates of massless degrees of freedom. By the mid-point rule
@@ -59,7 +59,7 @@ class SingleStep:
         slides = state.slides + self._slide_increments(step, positions - self.drive.current(state))
         motors = positions[len(model.prescribed) :]
         new = State(interval.end, state.q + step.D, v, a, slides, motors)
-        if model.forms.needs_before:
+        if model.keeps_before:
             new.before, new.length = state.q, dt
         new.internal = model.forms.evolve(step.D)
         self._add_work(state, step, (forces[0] + forces[1]) / 2, path, new)
@@ -112,8 +112,8 @@ class SingleStep:
 
     def _mid(self, force: np.ndarray, previous: np.ndarray | None) -> np.ndarray:
         """A force at mid-step, from its values at the scheme's level in this and the last step."""
-        level = self.model.scheme.rates.level
-        if previous is None or level == 0.5:
+        level, several = self.model.scheme.rates.level, len(self.model.scheme.fractions) > 1
+        if previous is None or level == 0.5 or several:
             return force
         return force + (0.5 - level) * (force - previous)
 

@@ -152,7 +152,8 @@ class Stepper:
         """States at the starts of all sub-steps of the scheme up to t1 [s], and at their end."""
         fractions = self.model.scheme.fractions
         states, solves = [state], []
-        for ends in zip(*divided(np.array([state.t]), np.array([t1]), fractions), strict=True):
+        grid = zip(*divided(np.array([state.t]), np.array([t1]), fractions), strict=True)
+        for self.single.equations.sub_step, ends in enumerate(grid):
             new, solve = self.single.take(states[-1], Interval(*map(float, ends)))
             states.append(new)
             solves.append(solve)
@@ -160,7 +161,8 @@ class Stepper:
             self.stats.add_solve(solve.iterations, solve.ended_by)
         *starts, end = states
         if len(fractions) > 1:  # means over the step, as for a scheme without sub-steps
-            end.a = (end.v - state.v) / (t1 - state.t)
+            if self.model.nodal_rules is None:
+                end.a = (end.v - state.v) / (t1 - state.t)
             for name in ("held", "joint_forces"):
                 parts = [getattr(sub_step, name) for sub_step in states[1:]]
                 if parts[0] is not None:

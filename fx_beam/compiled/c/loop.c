@@ -5,7 +5,7 @@
 #include "recorder.h"
 
 static double mid(const Problem *p, double force, double previous) {
-  if (p->level == 0.5 || p->steps_done == 0) return force;
+  if (p->level == 0.5 || p->steps_done == 0 || p->sub_steps > 1) return force;
   return force + (0.5 - p->level) * (force - previous);
 }
 
@@ -74,6 +74,7 @@ static void audit(Problem *p, const Work *w, const double *change, int sub_step)
 /* Takes a sub-step with the inputs number `k`; returns 0 if it fails. With `look`, counts sections
    that face backwards at its start. */
 static int take_step(Problem *p, Work *w, double dt, int sub_step, const Inputs *inputs, long k, int look) {
+  p->sub_step = sub_step;
   const double *target = inputs->driven + k * p->driven;
   double *change = w->start, t = p->t + p->level * dt;
   if (dt != w->dt) w->dt = dt, begin_inertia(p, w);
@@ -103,7 +104,7 @@ static int take_step(Problem *p, Work *w, double dt, int sub_step, const Inputs 
 static void advance(Problem *p, const Work *w, const double *driven) {
   evolve(p, w->fields, p->t + p->level * w->dt, w->dt);
   advance_rates(p, w, w->dt);
-  if (p->needs_before) memcpy(p->before, p->q, p->dofs * sizeof(double)), p->length = w->dt;
+  if (p->keeps_before) memcpy(p->before, p->q, p->dofs * sizeof(double)), p->length = w->dt;
   for (int i = 0; i < p->dofs; ++i) p->q[i] += w->D[i];
   for (int j = 0; j < p->joints; ++j)
     if (p->slide_column[j] >= 0) p->slide[p->slide_of[j]] += w->z[p->slide_column[j]];
@@ -117,7 +118,7 @@ static double summarise(Problem *p, const Work *w, double dt) {
   if (p->sub_steps == 1) return widest_turn(p, w->D);
   const double *q = w->saved, *v = q + p->dofs;
   for (int i = 0; i < p->dofs; ++i) {
-    p->a[i] = (p->v[i] - v[i]) / dt;
+    if (!p->rules) p->a[i] = (p->v[i] - v[i]) / dt;
     w->left[i] = p->q[i] - q[i];
   }
   return widest_turn(p, w->left);

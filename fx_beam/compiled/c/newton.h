@@ -28,7 +28,13 @@ static void assemble(const Problem *p, const Work *w) {
   add_drags(p, w, w->f, K);
   add_thrusts(p, w, -1, w->f);
   add_thrust_tangent(p, w, K);
-  if (p->rule != 0) return;
+  if (p->rules)
+    for (int k = 0; k < 3 * p->mass_start[p->dofs]; ++k) {
+      int at = p->column_at_node[k / 3];
+      double slope = w->rule[RULE_VALUES * (at / 3) + 3 + 3 * (at % 3) + k % 3];
+      K[p->rule_places[k]] += p->mass[k / 3] * slope;
+    }
+  if (p->rule != 0 || p->rules) return;
   double steep = steepness(p, w->dt);
   for (int k = 0; k < p->turning_masses; ++k)
     K[p->turning_place[k]] += p->turning_mass[k] * steep * (w->slope[p->turning_column[k]] - 1);
@@ -37,6 +43,7 @@ static void assemble(const Problem *p, const Work *w) {
 /* The tangent of the inertia forces; `assemble` adds the part that depends on the increment. */
 static void begin_inertia(const Problem *p, const Work *w) {
   memset(w->inertia, 0, p->places * sizeof(double));
+  if (p->rules) return; /* it depends on the increment */
   for (int k = 0; k < p->mass_start[p->dofs]; ++k)
     w->inertia[p->mass_place[k]] = p->mass[k] * steepness(p, w->dt);
 }

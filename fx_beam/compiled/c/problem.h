@@ -2,10 +2,10 @@
 
 #pragma once
 
-/* Elements per call of a Batch, largest order of the predictor, largest number of sub-steps of a
+/* Elements per call of a Batch, values of a nodal rule, largest order of the predictor, largest number of sub-steps of a
    scheme, places of the displacements and rotations at the start of the step and of the internal
    variables among the changing coefficients, largest order of a scheme, and number of averaged differences in local errors. */
-enum { LANES = 8, PAST = 4, SUB_STEPS = 32, START = 1, INTERNAL = 5, MAX_ORDER = 4, AVERAGED = 3 };
+enum { LANES = 8, RULE_VALUES = 18, PAST = 4, SUB_STEPS = 32, START = 1, INTERNAL = 5, MAX_ORDER = 4, AVERAGED = 3 };
 
 /* Why a step failed. */
 enum { OK, NO_CONVERGENCE, SINGULAR, TURNED_TOO_FAR, TOO_INACCURATE };
@@ -65,7 +65,7 @@ typedef struct {
   Form energy, backwards, added;
   Form drag, lost_to_drag; /* of beams: forces, then their tangent; energy lost to it */
   Form lost, taken, held_by_scheme; /* energies lost to the material and to the scheme, and held by it */
-  int has_added, needs_before;
+  int has_added, keeps_before;
   Form evolution;       /* increments of the internal variables, each times the weight of its point */
   int cell_internal;    /* internal variables of a cell */
   double *per_weight;   /* [internal variable of a cell] */
@@ -129,6 +129,10 @@ typedef struct {
   double level, beta, gamma, alpha_m;
   int sub_steps;
   double fractions[SUB_STEPS];
+  /* Rules of a user, of which the sub-steps take turns. For each entry of the mass: 3 times the node
+     of its column, plus its component, and the entries of the tangent (3). */
+  int rules, sub_step, *column_at_node, *rule_places;
+  Law **nodal_rule;
 
   /* Newton's method. */
   double tolerance, negligible, energy_tolerance, energy_floor, predictor_error;

@@ -22,7 +22,34 @@ static double newmark_end(const Problem *p, double D, double v0, double a0, doub
   return (D - dt * v0) / (p->beta * dt * dt) - (1 / (2 * p->beta) - 1) * a0;
 }
 
+/* Values of the user's rule at all nodes (nodal_rules.py): acceleration, its derivatives by the
+   increment, and rates and accelerations at the end of the step. */
+static void evaluate_rule(const Problem *p, const Work *w, double dt) {
+  Law *rule = p->nodal_rule[p->sub_step % p->rules];
+  double in[13] = {[12] = dt};
+  for (int i = 0; i < p->nodes; ++i) {
+    const int *dof = p->node_dofs + 3 * i;
+    for (int c = 0; c < 3; ++c) {
+      int k = dof[c];
+      in[c] = w->D[k], in[3 + c] = p->v[k], in[6 + c] = p->a[k], in[9 + c] = p->q[k] - p->before[k];
+    }
+    memset(w->rule + RULE_VALUES * i, 0, RULE_VALUES * sizeof(double));
+    rule(w->rule + RULE_VALUES * i, 0, in, 0, 0, 0, 0);
+  }
+}
+
+/* Three of the values, from number `first` on, as a vector. */
+static void take_values(const Problem *p, const Work *w, int first, double *to) {
+  for (int i = 0; i < p->nodes; ++i)
+    for (int c = 0; c < 3; ++c) to[p->node_dofs[3 * i + c]] = w->rule[RULE_VALUES * i + first + c];
+}
+
 static void acceleration(const Problem *p, const Work *w, double dt) {
+  if (p->rules) {
+    evaluate_rule(p, w, dt);
+    take_values(p, w, 0, w->acc);
+    return;
+  }
   for (int i = 0; i < p->dofs; ++i)
     if (p->rule == 0)
       w->acc[i] = 2 / dt * (w->path[i] / dt - p->v[i]);
@@ -38,7 +65,12 @@ static double steepness(const Problem *p, double dt) {
 }
 
 static void advance_rates(Problem *p, const Work *w, double dt) {
-  for (int i = 0; i < p->dofs; ++i) {
+  if (p->rules) {
+    memcpy(w->left, p->v, p->dofs * sizeof(double));
+    evaluate_rule(p, w, dt);
+    take_values(p, w, 12, p->v), take_values(p, w, 15, p->a);
+  }
+  for (int i = 0; i < p->dofs && !p->rules; ++i) {
     double v0 = p->v[i];
     if (p->rule == 0)
       p->v[i] = 2 / dt * w->path[i] - v0, p->a[i] = (p->v[i] - v0) / dt;

@@ -8,7 +8,7 @@ typedef struct {
   double *D, *path, *slope, *acc, *f, *r, *reduced, *step, *correction, *z;
   double *tangent, *inertia, *values, *hat, *psi0, *rho0, *t0, *rho1, *t1, *mean_t, *guide_slope;
   double *guide_bend, *passing, *columns, *y, *row, *start, *force, *dead, *left;
-  double *saved;
+  double *saved, *rule;
   const double *fields[6]; /* by the kinds of Form */
   double dt;
   const double *thrust;
@@ -32,6 +32,7 @@ static long lay_out(const Problem *p, Work *w, double *at) {
   w->values = take(&at, 1 + 4 * j), w->hat = take(&at, 1 + 4 * j);
   w->psi0 = take(&at, j), w->rho0 = take(&at, 2 * j), w->t0 = take(&at, 2 * j);
   w->rho1 = take(&at, 2 * j), w->t1 = take(&at, 2 * j), w->mean_t = take(&at, 2 * j);
+  w->rule = take(&at, p->rules ? RULE_VALUES * (long)p->nodes : 0);
   w->saved = take(&at, p->memory_size);
   w->guide_slope = take(&at, j), w->guide_bend = take(&at, j), w->passing = take(&at, 2 * j);
   const double *fields[] = {w->D, p->q, p->v, p->a, p->before, p->internals};

@@ -1,0 +1,36 @@
+"""Functions of a few numbers, from UFL: compiled once, called from Python and from C."""
+
+from __future__ import annotations
+
+import ctypes
+from collections.abc import Callable
+from typing import Any
+
+import ufl
+
+import numpy as np
+
+from . import dolfinx_api, ffcx_api
+
+# Tensor, coefficients, constants, coordinates; the others have no meaning here. Later versions of
+# FFCx have one more, which C ignores where there is none.
+_FUNCTION = ctypes.CFUNCTYPE(None, *[ctypes.c_void_p] * 7)
+
+
+class PointFunction:
+    """A UFL vector of `arguments` numbers as a C function."""
+
+    def __init__(self, values: Callable[[Any], Any], arguments: int, name: str):
+        numbers = ufl.Constant(dolfinx_api.domain(1), shape=(arguments,))
+        expression = values(numbers)
+        self._compiled = dolfinx_api.compile_form((expression, np.array([[0.5]])), name)
+        self._size = expression.ufl_shape[0]
+        #: Address of the function.
+        self.address = ffcx_api.expression_function(self._compiled)
+        self._function = _FUNCTION(self.address)
+
+    def __call__(self, numbers: np.ndarray) -> np.ndarray:
+        """Values (size,) for numbers (arguments,)."""
+        out = np.zeros(self._size)
+        self._function(out.ctypes.data, None, numbers.ctypes.data, None, None, None, None)
+        return out

@@ -1,0 +1,151 @@
+"""Nodal rules of one's own in UFL: equal to the package's, coupled, in stages, and refusals."""
+
+import math
+import sys
+from pathlib import Path
+
+import ufl
+
+import numpy as np
+import pytest
+
+import fx_beam as fb
+
+sys.path.insert(0, str(Path(__file__).parents[1] / "benchmarks"))
+from own_rates import armero_romero, bathe, oscillator_loss
+
+
+def midpoint(D, v0, a0, before, dt):
+    path = ufl.as_vector((D[0], D[1], 2 * ufl.tan(D[2] / 2)))
+    v1 = 2 * path / dt - v0
+    a = (v1 - v0) / dt
+    return a, v1, a
+
+
+def newmark(D, v0, a0, before, dt):
+    a1 = 4 / dt**2 * (D - dt * v0) - a0
+    return a1, v0 + dt / 2 * (a0 + a1), a1
+
+
+PAIRS = {
+    "mid-point": (fb.EnergyMomentum(), fb.NodalRates(midpoint)),
+    "newmark": (fb.Newmark(), fb.NodalRates(newmark, level=1.0)),
+    "order 4": (fb.EnergyMomentum(order=4), fb.NodalRates(midpoint)),
+}
+
+
+def mechanism():
+    """Two bars with a joint, a damper, a motor, a mass and a load that is on and off."""
+    scene = fb.Scene(gravity=(0, -9.81))
+    section = fb.Section(EA=1e4, GA=1e4, EI=20.0, rhoA=1.0, rhoI=0.01)
+    arm = scene.add_beam([(0, 0), (1, 0)], section, elements=3, degree=2)
+    bar = scene.add_beam([(1, 0), (1.6, 0.3)], section, elements=2, degree=2)
+    scene.add_joint(fb.Revolute(fb.GROUND, arm.start, motor=lambda t: 0.2 * (1 - math.cos(3 * t))))
+    scene.add_joint(fb.Revolute(arm.end, bar.start, damper=fb.Damper(0.05)))
+    scene.add_mass(bar.end, 0.5, 0.01)
+    scene.add_force(bar.end, lambda t: (0.0, 2.0 * math.cos(5 * t)))
+    return scene, bar
+
+
+@pytest.mark.parametrize("solver", ["compiled", "petsc"])
+@pytest.mark.parametrize("kind", PAIRS)
+def test_the_rules_of_the_package_written_out_are_the_same(kind, solver):
+    scheme, rates = PAIRS[kind]
+    own = fb.Scheme("own", scheme.resultants, rates, scheme.fractions)
+    scene, bar = mechanism()
+    first, second = (
+        fb.simulate(scene, s, dt=0.01, t_end=0.3, solver=solver) for s in (scheme, own)
+    )
+    assert second.stats.solver.startswith(solver)
+    assert len(first.t) > 20
+    assert abs(second.q - first.q).max() < 1e-9
+    assert abs(second.v - first.v).max() < 1e-7
+    assert abs(second.energy.dissipated - first.energy.dissipated).max() < 1e-9
+    if kind != "newmark":
+        assert abs(second.energy.balance_error).max() < 1e-11
+    assert abs(second.resultants(bar).M - first.resultants(bar).M).max() < 1e-6
+    # Newton's method has the same tangent: as many iterations, up to rounding.
+    assert second.stats.newton_iterations <= first.stats.newton_iterations + 2
+
+
+@pytest.mark.parametrize("make", [armero_romero, bathe])
+def test_both_solvers_agree_and_a_run_goes_on(make):
+    scene, _ = mechanism()
+    compiled, petsc = (
+        fb.simulate(scene, make(), dt=0.01, t_end=0.3, solver=solver)
+        for solver in ("compiled", "petsc")
+    )
+    assert abs(compiled.q - petsc.q).max() < 1e-9
+    half = fb.simulate(scene, make(), dt=0.01, t_end=0.15)
+    rest = fb.simulate(scene, make(), dt=0.01, t_end=0.3, start=half)
+    assert abs(rest.q[-1] - compiled.q[-1]).max() < 1e-10
+
+
+def test_a_step_of_two_stages_is_of_second_order():
+    found = []
+    for dt in (0.005, 0.0025, 0.00125):
+        scene, bar = mechanism()
+        found.append(fb.simulate(scene, bathe(), dt=dt, t_end=0.2).position(bar.end)[-1])
+    order = math.log2(np.hypot(*(found[1] - found[0])) / np.hypot(*(found[2] - found[1])))
+    assert order == pytest.approx(2, abs=0.25)
+
+
+@pytest.mark.parametrize("w", [0.5, 3.0])
+def test_the_loss_of_the_two_stages_is_that_of_their_amplification_matrix(w):
+    # u, v after one step of 1 s: trapezoidal rule over 0.5 s, then the backward difference.
+    h, (u0, v0) = 0.5, (0.0, 1.0)
+    A = np.array([[1, -h / 2], [w**2 * h / 2, 1]])
+    total = [v0**2]
+    for _ in range(20):
+        u1, v1 = np.linalg.solve(A, [u0 + h / 2 * v0, v0 - h / 2 * w**2 * u0])
+        B = np.array([[3, -2 * h], [2 * h * w**2, 3]])
+        u0, v0 = np.linalg.solve(B, [4 * u1 - u0, 4 * v1 - v0])
+        total.append(v0**2 + w**2 * u0**2)
+    assert oscillator_loss(bathe(), w) == pytest.approx(1 - total[-1] ** (1 / 20), rel=1e-4)
+
+
+def test_the_damped_velocities_lose_what_their_formula_says():
+    # A force along a straight flight: the velocity part takes m/2 chi (|v1| - |v0|)^2 of its work.
+    chi, m, dt = 0.3, 2.0, 0.1
+    scene = fb.Scene()
+    rod = scene.add_beam([(0, 0), (1, 0)], fb.Section(EA=1e3, GA=1e3, EI=1e3))
+    for node in (rod.start, rod.end):
+        scene.add_mass(node, m / 2, 1e-3)
+    scene.set_velocity(rod, (1.0, 2.0))
+    for node in (rod.start, rod.end):
+        scene.add_force(node, (1.5, 1.5 * 2.0))
+    solution = fb.simulate(scene, armero_romero(0.0, chi), dt=dt, t_end=0.5)
+    speed = np.hypot(*solution.velocity(rod.end).T)
+    lost = -np.diff(solution.energy.balance_error)
+    work = np.diff(solution.energy.work)
+    mean = (speed[1:] + speed[:-1]) / 2
+    # The path is that of the mean velocity times 1 + chi (|v1| - |v0|) / (|v1| + |v0|).
+    path = dt * mean * (1 + chi * np.diff(speed) / (2 * mean))
+    assert work == pytest.approx(3.0 * math.hypot(1, 2) * path, rel=1e-9)
+    assert lost == pytest.approx(m / 2 * chi * np.diff(speed) ** 2, rel=1e-6)
+
+
+# -- Refusals --------------------------------------------------------------------------------------
+
+
+def test_rules_that_do_not_fit_are_refused():
+    scene, _ = mechanism()
+
+    def simulate(rule):
+        scheme = fb.Scheme("own", fb.EnergyMomentum().resultants, fb.NodalRates(rule))
+        fb.simulate(scene, scheme, dt=0.1, t_end=0.2)
+
+    for rule, text in (
+        (lambda D, v0, a0, before, dt: (D, D), "it gave 2 of the shapes"),
+        (lambda D, v0, a0, before, dt: (D[0], D, D), "three vectors of x, y and rotation"),
+        (lambda D, v0: (D, D, D), "takes 2 positional arguments"),
+        (lambda D, v0, a0, before, dt: (math.sqrt(dt), D, D), "math or NumPy"),
+    ):
+        with pytest.raises(fb.SceneError, match=text):
+            simulate(rule)
+    with pytest.raises(fb.SceneError, match="NodalRates: rule"):
+        fb.NodalRates(3)
+    with pytest.raises(fb.SceneError, match="NodalRates: level"):
+        fb.NodalRates(midpoint, level=0.7)
+    with pytest.raises(fb.SceneError, match="2 rules"):
+        fb.Scheme("own", fb.EnergyMomentum().resultants, fb.NodalRates((midpoint, midpoint)))
