@@ -130,6 +130,26 @@ def test_drag_in_proportion_to_the_mass_is_the_mass_matrix(degree):
     assert abs(drag - alpha * mass / dt).max() < 1e-10 * abs(drag).max()
 
 
+@pytest.mark.parametrize("degree", [1, 2])
+def test_drag_in_proportion_to_the_mass_and_retardation_give_the_ratios_of_rayleigh(degree):
+    def cantilever(alpha, tau):
+        section = fb.Section(EA=1e4, GA=1e4, EI=100.0, rhoA=1.5, rhoI=0.1, retardation=tau)
+        scene = fb.Scene()
+        bar = scene.add_beam([(0, 0), (1, 0)], section, elements=3, degree=degree)
+        scene.clamp(bar.start)
+        scene.add_mass(bar.end, 2.0, inertia=0.3)
+        scene.add_drag(bar, linear=alpha * 1.5, rotation=alpha * 0.1)
+        scene.add_drag(bar.end, linear=alpha * 2.0, rotation=alpha * 0.3)
+        return scene
+
+    plain = fb.modes(cantilever(1.0, 0.0), n=4, damping=False)
+    alpha, tau = fb.rayleigh(plain.frequencies[:2], (0.05, 0.02))
+    found = fb.modes(cantilever(alpha, tau), n=4)
+    omega = 2 * np.pi * plain.frequencies
+    assert found.damping_ratios == pytest.approx(alpha / (2 * omega) + tau * omega / 2, rel=1e-9)
+    assert found.damping_ratios[:2] == pytest.approx((0.05, 0.02), rel=1e-9)
+
+
 # -- Balance --------------------------------------------------------------------------------------
 
 

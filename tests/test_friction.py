@@ -119,6 +119,25 @@ def test_a_linear_law_is_a_viscosity(scheme, solver):
     assert runs[0].a[0] == pytest.approx(runs[1].a[0])
 
 
+@pytest.mark.parametrize(
+    ("parts", "slope"),
+    [
+        ({"friction": fb.Friction(0.3, 0.2)}, 1.5),
+        ({"damper": fb.Damper(0.5, law=lambda rate: 2 * ufl.sinh(rate))}, 2.5),
+        ({"damper": fb.Damper(law=square)}, 0.0),
+    ],
+    ids=["friction", "law", "square"],
+)
+def test_modes_and_responses_have_the_slope_at_rest(parts, slope):
+    scene, joint = block(0.0, spring=fb.Spring(200.0), **parts)
+    found = fb.modes(scene, n=1)
+    assert found.damping_ratios == pytest.approx([slope / (2 * 2.0 * 10.0)], rel=1e-9)
+    hertz = 7.0 / (2 * np.pi)
+    force = (scene.beams[0].start, (0.6 * 5.0, 0.8 * 5.0))
+    amplitude = fb.frequency_response(scene, force, joint, [hertz]).amplitude.ravel()
+    assert amplitude == pytest.approx([5.0 / abs(200.0 - 2 * 49.0 + 7.0j * slope)], rel=1e-6)
+
+
 # -- Balance --------------------------------------------------------------------------------------
 
 

@@ -27,7 +27,7 @@ def rayleigh(frequencies: Sequence[float], ratios: Sequence[float]) -> tuple[flo
     Returns
     -------
     alpha : float
-        Mass factor [1/s]: drag per length and speed, divided by rhoA.
+        Mass factor [1/s] for ``add_drag(beam, linear=alpha * rhoA, rotation=alpha * rhoI)``.
     tau : float
         Retardation time [s] for ``Section(..., retardation=tau)``.
 
