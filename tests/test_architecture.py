@@ -89,6 +89,7 @@ HOUSE = {
         "initial_state",
         "recorder",
         "interpolation",
+        "linear_solver",
         "newton",
         "single_step",
         "substeps",
@@ -249,7 +250,7 @@ def test_the_model_knows_nothing_of_solutions():
     [
         ({"dolfinx", "basix", "mpi4py"}, {"fem.dolfinx_api", "fem.elements"}),
         ({"ffcx"}, {"fem.ffcx_api"}),
-        ({"petsc4py"}, {"stepping.newton"}),
+        ({"petsc4py"}, {"stepping.linear_solver"}),
         ({"slepc4py"}, {"analyses.undamped_modes"}),
         (
             {"matplotlib"},

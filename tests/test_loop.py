@@ -13,7 +13,7 @@ import pytest
 from scenes import FLYING, demo, free_flight, pendulum, pinned_beam, relative_drift
 
 import fx_beam as fb
-from fx_beam.compiled import build
+from fx_beam.compiled import build, lu_layout
 from fx_beam.mechanics.rates import MidPointRates
 
 SCHEMES = [
@@ -235,6 +235,27 @@ def test_a_lattice_runs_in_the_loop_with_sparse_factors_and_a_chain_with_a_band(
 
     assert solver(lattice()).startswith("compiled, sparse, ")
     assert solver(pinned_beam(64)[0]) == "compiled, band 5"
+
+
+@pytest.mark.parametrize(
+    "name", ["lattice", "linkage", "springs", "frame with everything", "flight of degree 3"]
+)
+def test_sparse_rows_give_what_the_band_gives(name, monkeypatch):
+    make, dt = SCENES[name]
+
+    def run():
+        return fb.simulate(make(), dt=dt, t_end=30 * dt, max_halvings=0)
+
+    with monkeypatch.context() as patch:
+        patch.setattr(lu_layout, "_NARROW", 0)
+        patch.setattr(lu_layout, "_INDIRECT", 0)
+        sparse = run()
+    assert "sparse" in sparse.stats.solver
+    monkeypatch.setattr(lu_layout, "_NARROW", 10**6)
+    banded = run()
+    assert "band" in banded.stats.solver
+    assert sparse.stats.newton_iterations == banded.stats.newton_iterations
+    assert abs(sparse.q - banded.q).max() < 1e-10 * max(1, abs(banded.q).max())
 
 
 # -- Which solver -------------------------------------------------------------------------------

@@ -22,8 +22,9 @@ from fx_beam.scene.scene import Scene
 from fx_beam.stepping.forcing import Drive
 from fx_beam.stepping.full_turns import Windings
 from fx_beam.stepping.initial_state import check_joints, initial_state, resumed_state
+from fx_beam.stepping.linear_solver import petsc
 from fx_beam.stepping.local_error import order_and_constant
-from fx_beam.stepping.newton import NewtonOptions, petsc
+from fx_beam.stepping.newton import NewtonOptions
 from fx_beam.stepping.recorder import Record, Recorder
 from fx_beam.stepping.stepper import Stepper
 from fx_beam.stepping.substeps import LARGE_TURN, MOST_HALVINGS

@@ -17,8 +17,9 @@ from fx_beam.results.state import State
 from fx_beam.scene.scene import Scene
 from fx_beam.stepping.arc_length import ArcLength
 from fx_beam.stepping.forcing import LoadDrive
+from fx_beam.stepping.linear_solver import petsc
 from fx_beam.stepping.load_steps import LoadStepper
-from fx_beam.stepping.newton import NewtonOptions, petsc
+from fx_beam.stepping.newton import NewtonOptions
 from fx_beam.stepping.recorder import Record, Recorder
 from fx_beam.stepping.section_facing import FacingCheck
 from fx_beam.stepping.substeps import MOST_HALVINGS

@@ -13,7 +13,7 @@ import scipy.sparse
 from scipy.sparse.linalg import splu
 
 from fx_beam.errors import SceneError
-from fx_beam.stepping.newton import petsc
+from fx_beam.stepping.linear_solver import petsc
 
 
 def lowest(K, M, n: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

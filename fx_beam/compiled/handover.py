@@ -281,6 +281,16 @@ class Problem:
             factor_diagonal=factors.diagonals,
             reacts=reacts,
         )
+        if (groups := factors.groups) is not None:
+            p.groups = len(groups.first) - 1
+            self._ints(
+                group_first=groups.first,
+                source_start=groups.source_starts,
+                source=groups.sources,
+                run_start=groups.run_starts,
+                run_column=groups.run_columns,
+                run_length=groups.run_lengths,
+            )
         added = place[t.plain["source"]] >= factors.size
         plain = {key: values[added] for key, values in t.plain.items()}
         for name, table in (

@@ -13,8 +13,24 @@ from fx_beam.coupling.index_reduction import Tables
 
 # Up to this half bandwidth a band is always faster: the compiler unrolls its loops.
 _NARROW = 11
+# Rows in a group: the degrees of freedom of a node.
+_GROUP = 3
 # Time of a multiplication in sparse rows, by indirect addressing, relative to one in a band.
 _INDIRECT = 4
+
+
+class Groups(NamedTuple):
+    """Groups of up to three successive sparse rows with equal columns, usually those of a node."""
+
+    #: First rows (groups + 1,).
+    first: np.ndarray
+    #: Groups that are subtracted from the rows of each, in one list, and where each begins in it.
+    source_starts: np.ndarray
+    sources: np.ndarray
+    #: Columns behind each group as runs of successive ones: their first columns and lengths.
+    run_starts: np.ndarray
+    run_columns: np.ndarray
+    run_lengths: np.ndarray
 
 
 class Factors(NamedTuple):
@@ -31,6 +47,7 @@ class Factors(NamedTuple):
     starts: np.ndarray
     columns: np.ndarray
     diagonals: np.ndarray
+    groups: Groups | None = None
 
     def __str__(self):
         return f"band {self.band}" if self.band else f"sparse, {self.size} entries"
@@ -87,7 +104,40 @@ def _in_rows(graph: scipy.sparse.csr_matrix, rows: np.ndarray, columns: np.ndarr
     # Rows and their columns are sorted: storage indices by bisection.
     keys = row * n + filled
     at = np.searchsorted(keys, order[rows] * n + order[columns])
-    return Factors(order, at, len(filled), 0, starts, filled, diagonals)
+    groups = _groups(starts, filled, diagonals)
+    return Factors(order, at, len(filled), 0, starts, filled, diagonals, groups)
+
+
+def _groups(starts: np.ndarray, columns: np.ndarray, diagonals: np.ndarray) -> Groups:
+    n = len(diagonals)
+    row = np.repeat(np.arange(n), np.diff(starts))
+    # Sums of random numbers of the columns: equal for equal columns, else hardly ever.
+    number = np.random.default_rng(0).integers(1, 2**62, n, dtype=np.int64)
+    low = columns < row
+    below, above = np.zeros(n, dtype=np.int64), np.zeros(n, dtype=np.int64)
+    np.add.at(below, row[low], number[columns[low]])
+    high = columns > row
+    np.add.at(above, row[high], number[columns[high]])
+    like_last = np.zeros(n, dtype=bool)
+    like_last[1:] = (below[1:] == below[:-1] + number[:-1]) & (above[:-1] == above[1:] + number[1:])
+    since = np.arange(n) - np.maximum.accumulate(np.where(like_last, 0, np.arange(n)))
+    first = np.append(np.flatnonzero(since % _GROUP == 0), n)
+    group_of = np.repeat(np.arange(len(first) - 1), np.diff(first))
+    # Lower columns of the first row of each group.
+    mine = np.flatnonzero(low & (first[group_of[row]] == row))
+    of, source = group_of[row[mine]], group_of[columns[mine]]
+    new = np.ones(len(of), dtype=bool)
+    new[1:] = (of[1:] != of[:-1]) | (source[1:] != source[:-1])
+    source_starts = np.searchsorted(of[new], np.arange(len(first)))
+    # Upper columns of the last row of each group.
+    mine = np.flatnonzero(high & (first[group_of[row] + 1] - 1 == row))
+    of, column = group_of[row[mine]], columns[mine]
+    begins = np.ones(len(of), dtype=bool)
+    begins[1:] = (of[1:] != of[:-1]) | (column[1:] != column[:-1] + 1)
+    run = np.flatnonzero(begins)
+    run_starts = np.searchsorted(of[run], np.arange(len(first)))
+    lengths = np.diff(np.append(run, len(of)))
+    return Groups(first, source_starts, source[new], run_starts, column[run], lengths)
 
 
 def alone_in_column(t: Tables, size: int, free: int) -> np.ndarray:

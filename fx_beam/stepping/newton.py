@@ -6,7 +6,6 @@ import functools
 from collections.abc import Callable
 from dataclasses import dataclass
 from importlib.util import find_spec
-from typing import Any
 
 import numpy as np
 
@@ -15,6 +14,8 @@ from fx_beam.model.equations import Balance, Equations
 from fx_beam.model.model import Model
 from fx_beam.results.state import Past, State
 from fx_beam.validation import is_number, is_whole, require
+
+from .linear_solver import LinearSolver
 
 # A correction that rotates a node further than this [rad] is shortened to it. The first correction
 # overshoots if the axial force makes the tangent nearly singular. For the pinned beam at dt 0.02
@@ -111,18 +112,6 @@ class StepFailed(Exception):
         self.residuals = residuals
 
 
-def petsc(what: str) -> Any:
-    """The module PETSc of petsc4py. If it is missing, a RuntimeError says `what` needs it."""
-    if find_spec("petsc4py") is None:
-        raise RuntimeError(
-            f"{what} needs PETSc, which is not installed. Install petsc4py (Debian's "
-            "python3-petsc4py), or use fx_beam.simulate with the compiled loop, which runs without"
-        )
-    from petsc4py import PETSc
-
-    return PETSc
-
-
 class Newton:
     """Newton's method for the increment over a step."""
 
@@ -133,7 +122,7 @@ class Newton:
         self.hold: np.ndarray = np.zeros(self.model.reduction.free)
 
     @functools.cached_property
-    def _linear(self) -> _LinearSolver:
+    def _linear(self) -> LinearSolver:
         if find_spec("petsc4py") is None:  # the compiled loop has failed in this step
             D = np.full(self.model.size, np.nan)
             raise StepFailed(
@@ -142,7 +131,7 @@ class Newton:
                 D,
                 [],
             )
-        return _LinearSolver(self.model.reduction.pattern)
+        return LinearSolver(self.model.reduction.pattern)
 
     def solve(
         self, interval: Interval, start: State, force: np.ndarray, driven: np.ndarray
@@ -360,37 +349,3 @@ class Predictor:
 
     def _size(self, D: np.ndarray) -> float:
         return abs(D / self._unit).max()
-
-
-class _LinearSolver:
-    """LU factorisation of the reduced tangent; its sparsity pattern is constant."""
-
-    def __init__(self, pattern: tuple[np.ndarray, np.ndarray]):
-        PETSc = petsc("a step in Python")
-        indptr, indices = (part.astype(PETSc.IntType) for part in pattern)
-        n = len(indptr) - 1
-        self._values = np.zeros(len(indices))
-        # PETSc uses these arrays directly, without copies.
-        self._matrix = PETSc.Mat().createAIJWithArrays(
-            (n, n), (indptr, indices, self._values), comm=PETSc.COMM_SELF
-        )
-        self._b, self._x = np.zeros(n), np.zeros(n)
-        self._vectors = tuple(
-            PETSc.Vec().createWithArray(array, comm=PETSc.COMM_SELF) for array in (self._b, self._x)
-        )
-        self._ksp = PETSc.KSP().create(PETSc.COMM_SELF)
-        self._ksp.setType(PETSc.KSP.Type.PREONLY)
-        pc = self._ksp.getPC()
-        pc.setType(PETSc.PC.Type.LU)
-        pc.setFactorOrdering(PETSc.Mat.OrderingType.RCM)
-        # PETSc's default refuses pivots below 2e-14, which depends on the units of the scene.
-        pc.setFactorPivot(zeropivot=0.0)
-        self._ksp.setOperators(self._matrix)
-
-    def solve(self, equations: Equations, r: np.ndarray, b: np.ndarray) -> np.ndarray:
-        """Solution for the reduced tangent; not finite if it is singular."""
-        equations.fill_tangent(r, self._values)
-        self._matrix.stateIncrease()
-        self._b[:] = b
-        self._ksp.solve(*self._vectors)
-        return self._x

@@ -58,21 +58,61 @@ INLINED int solve(int n, int band, double *A, double *b) {
   return 1;
 }
 
-/* The same for sparse rows; `row` is the work space (free) for the current row. */
-static int solve_sparse(const Problem *p, double *A, double *b, double *row) {
+/* Subtracts multiples of three rows from three others. */
+INLINED void subtract_rows(int n, double (*f)[3], const double *const *from, double *const *to) {
+  const double *restrict a = from[0], *restrict b = from[1], *restrict c = from[2];
+  double *restrict x = to[0], *restrict y = to[1], *restrict z = to[2];
+  for (int k = 0; k < n; ++k) {
+    double p = a[k], q = b[k], r = c[k];
+    x[k] -= f[0][0] * p + f[0][1] * q + f[0][2] * r;
+    y[k] -= f[1][0] * p + f[1][1] * q + f[1][2] * r;
+    z[k] -= f[2][0] * p + f[2][1] * q + f[2][2] * r;
+  }
+}
+
+/* The same for sparse rows, in groups of up to three with equal columns, usually those of a node.
+   `rows` is the work space (3, free) for the current group. */
+static int solve_sparse(const Problem *p, double *A, double *b, double *rows) {
   const int *start = p->factor_start, *column = p->factor_column, *diagonal = p->factor_diagonal;
-  for (int i = 0; i < p->free; ++i) {
-    for (int k = start[i]; k < start[i + 1]; ++k) row[column[k]] = A[k];
-    for (int k = start[i]; k < diagonal[i]; ++k) {
-      int above = column[k];
-      double factor = row[above] * A[diagonal[above]];
-      for (int m = diagonal[above] + 1; m < start[above + 1]; ++m)
-        row[column[m]] -= factor * A[m];
-      b[i] -= factor * b[above];
+  const int *first = p->group_first;
+  double *row[3] = {rows, rows + p->free, rows + 2 * p->free};
+  for (int g = 0; g < p->groups; ++g) {
+    int i = first[g], size = first[g + 1] - i;
+    for (int x = 0; x < size; ++x)
+      for (int k = start[i + x]; k < start[i + x + 1]; ++k) row[x][column[k]] = A[k];
+    for (int s = p->source_start[g]; s < p->source_start[g + 1]; ++s) {
+      int h = p->source[s], at = first[h], many = first[h + 1] - at;
+      double f[3][3] = {{0}};
+      const double *from[3];
+      for (int y = 0; y < 3; ++y) from[y] = A + diagonal[at + (y < many ? y : 0)];
+      for (int x = 0; x < size; ++x)
+        for (int y = 0; y < many; ++y) {
+          f[x][y] = row[x][at + y] * from[y][0];
+          for (int z = y + 1; z < many; ++z) row[x][at + z] -= f[x][y] * from[y][z - y];
+          b[i + x] -= f[x][y] * b[at + y];
+        }
+      for (int y = 0; y < 3; ++y) from[y] += y < many ? many - y : many;
+      for (int k = p->run_start[h]; k < p->run_start[h + 1]; ++k) {
+        int length = p->run_length[k];
+        double *to[3];
+        for (int x = 0; x < 3; ++x) to[x] = row[x] + p->run_column[k];
+        subtract_rows(length, f, from, to);
+        for (int y = 0; y < 3; ++y) from[y] += length;
+      }
     }
-    if (!(fabs(row[i]) > 1e-300)) return 0;
-    A[diagonal[i]] = 1 / row[i];
-    for (int k = diagonal[i] + 1; k < start[i + 1]; ++k) A[k] = row[column[k]];
+    for (int x = 0; x < size; ++x) {
+      if (!is_pivot(row[x][i + x])) return 0;
+      double *upper = A + diagonal[i + x];
+      upper[0] = 1 / row[x][i + x];
+      int entries = start[i + x + 1] - diagonal[i + x];
+      for (int k = 1; k < entries; ++k) upper[k] = row[x][column[diagonal[i + x] + k]];
+      for (int z = x + 1; z < size; ++z) {
+        double factor = row[z][i + x] * upper[0];
+        for (int k = 1; k < entries; ++k)
+          row[z][column[diagonal[i + x] + k]] -= factor * upper[k];
+        b[i + z] -= factor * b[i + x];
+      }
+    }
   }
   for (int i = p->free - 1; i >= 0; --i) {
     for (int k = diagonal[i] + 1; k < start[i + 1]; ++k) b[i] -= A[k] * b[column[k]];

@@ -98,6 +98,9 @@ typedef struct {
   int *order;           /* position of each unknown in the elimination */
   int band;             /* half bandwidth; 0 for sparse rows */
   int *factor_start, *factor_column, *factor_diagonal;
+  /* Groups of up to three rows: the groups that are subtracted from them, and the columns behind them
+     in runs of successive ones. */
+  int groups, *group_first, *source_start, *source, *run_start, *run_column, *run_length;
   int plain, mixed, second;
   int *plain_to, *plain_from;
   int *mixed_to, *mixed_from, *mixed_hat, *mixed_value;

@@ -27,7 +27,7 @@ static long lay_out(const Problem *p, Work *w, double *at) {
   w->acc = take(&at, n), w->f = take(&at, n + LANES), w->r = take(&at, n);
   w->correction = take(&at, n), w->force = take(&at, n), w->dead = take(&at, n), w->left = take(&at, n);
   w->reduced = take(&at, c), w->step = take(&at, c), w->z = take(&at, c), w->columns = take(&at, c);
-  w->y = take(&at, c), w->row = take(&at, c), w->start = take(&at, c);
+  w->y = take(&at, c), w->row = take(&at, p->groups ? 3 * c : 0), w->start = take(&at, c);
   w->tangent = take(&at, p->places + LANES), w->inertia = take(&at, p->places);
   w->values = take(&at, 1 + 4 * j), w->hat = take(&at, 1 + 4 * j);
   w->psi0 = take(&at, j), w->rho0 = take(&at, 2 * j), w->t0 = take(&at, 2 * j);
