@@ -98,26 +98,26 @@ def _in_rows(graph: scipy.sparse.csr_matrix, rows: np.ndarray, columns: np.ndarr
     lower.data[:] = upper.data[:] = 1.0  # small ones may have become zero
     pattern = (lower + upper).tocsr()
     pattern.sort_indices()
-    starts, filled = pattern.indptr, pattern.indices.astype(int)
-    row = np.repeat(np.arange(n), np.diff(starts))
+    del lu, lower, upper
+    starts, filled = pattern.indptr, pattern.indices
+    row = np.repeat(np.arange(n, dtype=np.int32), np.diff(starts))
     diagonals = starts[:-1] + np.bincount(row[filled < row], minlength=n)
     # Rows and their columns are sorted: storage indices by bisection.
-    keys = row * n + filled
+    keys = row.astype(np.int64) * n + filled
     at = np.searchsorted(keys, order[rows] * n + order[columns])
+    del keys
     groups = _groups(starts, filled, diagonals)
     return Factors(order, at, len(filled), 0, starts, filled, diagonals, groups)
 
 
 def _groups(starts: np.ndarray, columns: np.ndarray, diagonals: np.ndarray) -> Groups:
     n = len(diagonals)
-    row = np.repeat(np.arange(n), np.diff(starts))
+    row = np.repeat(np.arange(n, dtype=np.int32), np.diff(starts))
     # Sums of random numbers of the columns: equal for equal columns, else hardly ever.
     number = np.random.default_rng(0).integers(1, 2**62, n, dtype=np.int64)
-    low = columns < row
-    below, above = np.zeros(n, dtype=np.int64), np.zeros(n, dtype=np.int64)
-    np.add.at(below, row[low], number[columns[low]])
-    high = columns > row
-    np.add.at(above, row[high], number[columns[high]])
+    sums = np.concatenate([[0], np.cumsum(number[columns])])  # modulo 2^64
+    below, above = sums[diagonals] - sums[starts[:-1]], sums[starts[1:]] - sums[diagonals + 1]
+    low, high = columns < row, columns > row
     like_last = np.zeros(n, dtype=bool)
     like_last[1:] = (below[1:] == below[:-1] + number[:-1]) & (above[:-1] == above[1:] + number[1:])
     since = np.arange(n) - np.maximum.accumulate(np.where(like_last, 0, np.arange(n)))

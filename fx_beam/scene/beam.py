@@ -211,14 +211,17 @@ def polyline(points: Sequence, elements: int | Sequence[int], name: str) -> Layo
         )
     if len(corners) < 2:
         raise SceneError(f"beam {name!r}: a beam needs at least two points, not {len(corners)}")
-    lengths = np.hypot(*np.diff(corners, axis=0).T)
-    shortest = max(1e-12 * np.ptp(corners, axis=0).max(), 1e-15 * abs(corners).max())
+    lengths = np.hypot(*(corners[1:] - corners[:-1]).T)
+    extent = (corners.max(axis=0) - corners.min(axis=0)).max()
+    shortest = max(1e-12 * extent, 1e-15 * abs(corners).max())
     for i in np.flatnonzero(lengths <= shortest):
         raise SceneError(
             f"beam {name!r}: the points {i} and {i + 1} coincide at ({corners[i, 0]:g}, "
             f"{corners[i, 1]:g}). Remove one of them"
         )
     counts = _spread(elements, lengths, name)
+    if sum(counts) == len(counts):  # quickly, as in frames of many members
+        return Layout(points, np.concatenate(([0.0], np.cumsum(lengths))))
     ends = [points[0]]
     for a, b, count, corner in zip(corners[:-1], corners[1:], counts, points[1:], strict=True):
         ends += [*np.linspace(a, b, count + 1)[1:-1], corner]

@@ -72,5 +72,5 @@ def _least_energy(model: Model) -> float:
             EA = section.values("EA", arc_lengths(beam, gauss) / beam.length).min(axis=1)
         else:
             EA = stiffness.setdefault(id(section), section.values("EA", np.array([0.5])))
-        least = min(least, (EA * np.diff(beam.s)).min() / 50)
+        least = min(least, (EA * (beam.s[1:] - beam.s[:-1])).min() / 50)
     return float(least)
