@@ -23,11 +23,10 @@ from fx_beam.stepping.newton import (
     ENERGY_SHARE,
     LONGEST_TURN,
     NEGLIGIBLE,
-    OVERSHOOT,
     PREDICTOR_ERROR,
-    SEARCHES,
     NewtonOptions,
 )
+from fx_beam.stepping.overshoot import OVERSHOOT, SEARCHES
 from fx_beam.stepping.substeps import LARGE_TURN
 
 from .build import LoopUnavailable, load_batches, load_library
@@ -330,8 +329,12 @@ class Problem:
         actuators = self.model.actuators
         rows, pushes = actuators.tables()
         self.c.actuators, self.c.pushes = len(rows), len(pushes["of"])
+        self.c.spring_width, self.c.may_overshoot = actuators.width, self.model.may_overshoot
         for row in rows:
-            row["law"] = self.ffi.cast("Law *", row["law"])
+            for name in ("law", "elastic"):
+                row[name] = self.ffi.cast("Law *", row[name])
+            for name in ("given", "found"):
+                row[name] = self._pointer(np.zeros(4 + row["variables"]), np.float64)
         self.c.actuator = self._kept(self.ffi.new("Actuator[]", rows))
         self._ints(push_column=pushes["column"], push_of=pushes["of"])
         self._doubles(push_sign=pushes["sign"])
@@ -381,6 +384,7 @@ class Problem:
             "added_force": model.size,
             "before": model.size if model.keeps_before else 0,
             "internals": math.prod(model.forms.internal_shape),
+            "spring_internals": model.actuators.width,
         }
         # One piece of memory, which the loop copies before a step with sub-steps.
         known, past = self.library.PAST, (1, model.size, reduction.free)
