@@ -83,7 +83,7 @@ class Actuators:
     def deviation(self, step: np.ndarray) -> Callable[[float], float]:
         """Work on the last correction (free,) of what the springs' forces deviate from the tangent.
 
-        As a function of the part of the correction that is taken; it has just been taken as a whole.
+        A function of the part of the correction that is taken; it has just been taken as a whole.
         """
         pushed = [
             (
