@@ -101,10 +101,8 @@ class Problem:
     def _hand_over_mesh(self, place: np.ndarray) -> None:
         model, p = self.model, self.c
         mesh, K, mass = model.mesh, model.forms.stiffness, model.mass
-        dofs, coordinates = (
-            dolfinx_api.element_dofs(mesh.space),
-            dolfinx_api.element_coordinates(mesh.mesh),
-        )
+        dofs = dolfinx_api.element_dofs(mesh.space)
+        coordinates = dolfinx_api.element_coordinates(mesh.mesh)
         p.dofs, p.nodes = model.size, len(mesh.X)
         p.cells, p.cell_internal = len(dofs), int(np.prod(model.forms.internal_shape[1:]))
         p.cell_dofs, p.cell_coordinates = dofs.shape[1], coordinates.shape[1]
@@ -358,11 +356,7 @@ class Problem:
             twist_joint=twists["joint"],
             twist_of=twists["of"],
         )
-        self._doubles(
-            sum_sign=sums.data,
-            lever_sign=levers.data,
-            twist_sign=twists["sign"],
-        )
+        self._doubles(sum_sign=sums.data, lever_sign=levers.data, twist_sign=twists["sign"])
 
     def _hand_over_newton(self, options: NewtonOptions) -> None:
         p = self.c
