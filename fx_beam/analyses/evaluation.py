@@ -78,10 +78,11 @@ def _internal_of_beam(model: Model, rows: np.ndarray | None) -> dict[str, dict[s
 
 def _internal_of_joint(model: Model, rows: np.ndarray | None) -> dict[int, dict[str, np.ndarray]]:
     """Internal variables (n,) of springs by the joint's number and name, from those of all."""
-    found, first = {}, 0
-    for joint in model.scene.joints if rows is not None else ():
+    found: dict[int, dict[str, np.ndarray]] = {}
+    if rows is None:
+        return found
+    columns = iter(rows.T)
+    for joint in model.scene.joints:
         if joint.internal:
-            places = enumerate(joint.internal, start=first)
-            found[joint.number] = {name: rows[:, i] for i, name in places}
-            first += len(joint.internal)
+            found[joint.number] = {name: next(columns) for name in joint.internal}
     return found

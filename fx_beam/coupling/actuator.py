@@ -67,6 +67,7 @@ class Actuator:
 
     def deviation(self, back: float) -> float:
         """Force of the own energy minus that by the tangent, at a change smaller by `back`."""
+        assert self.elastic is not None
         change, force, slope = self.tangent
         given, now = self.given.copy(), self.change + back
         given[1] = given[0] + now

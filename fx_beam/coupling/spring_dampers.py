@@ -41,7 +41,7 @@ class Actuators:
                 elastic = None
                 if spring is not None and spring.strain_energy is not None:
                     kind = spring.strain_energy, spring.internal
-                    elastic = laws[kind] = laws.get(kind) or SpringLaw(spring, rates)
+                    elastic = laws[kind] = laws.get(kind) or SpringLaw(*kind, rates)
                 first, self.width = self.width, self.width + (elastic.variables if elastic else 0)
                 turns: tuple[int, int] | None = None
                 columns: tuple[list[Entry], list[Entry]]

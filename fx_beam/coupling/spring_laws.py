@@ -12,8 +12,8 @@ from fx_beam.errors import SceneError
 from fx_beam.fem import dolfinx_api, ffcx_api
 from fx_beam.mechanics.evolution import evolution_loss, evolved
 from fx_beam.mechanics.rates import Rates
-from fx_beam.scene.coordinate import Spring
-from fx_beam.scene.law import is_quadratic
+from fx_beam.scene.internal_variables import InternalVariables
+from fx_beam.scene.law import Energy, is_quadratic
 
 from .damper_laws import FUNCTION
 
@@ -29,18 +29,18 @@ class SpringLaw:
     variables at the start; found are force, slope, loss, energy at the start, and new variables.
     """
 
-    def __init__(self, spring: Spring, rates: Rates):
-        internal, at_rest = spring.internal, rates.at_rest
+    def __init__(self, energy: Energy, internal: InternalVariables | None, rates: Rates):
+        at_rest = rates.at_rest
         #: Number of internal variables.
         self.variables = len(internal.names) if internal else 0
         given = ufl.Constant(dolfinx_api.domain(1), shape=(3 + self.variables,))
         x0, x1 = given[0], ufl.variable(given[1])
-        self._energy = spring.strain_energy
+        self._energy = energy
         old = new = ufl.as_vector([given[3 + i] for i in range(self.variables)] or [0.0])
         loss: Any = 0.0
         if internal:
             new = evolved(internal, old, (x0,), (x1,), given[2], at_rest)
-            loss = evolution_loss(spring.strain_energy, old, new, (x0,), (x1,), at_rest)
+            loss = evolution_loss(energy, old, new, (x0,), (x1,), at_rest)
         if rates.level == 0.5:
             force = self._discrete_gradient(x0, x1, (old + new) / 2)
         else:
