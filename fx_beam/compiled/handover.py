@@ -246,9 +246,7 @@ class Problem:
         p.entries, p.equal = len(equal), np.count_nonzero(equal)
         p.joints, p.followers = len(t.joints["number"]), len(t.followers["through"])
         self._ints(
-            entry_row=entries["row"],
-            entry_column=entries["column"],
-            entry_value=entries["value"],
+            **{f"entry_{name}": entries[name] for name in ("row", "column", "value")},
             guide=t.joints["guide"],
             slide_column=t.joints["slide_column"],
             slide_of=t.joints["number"],
@@ -290,12 +288,8 @@ class Problem:
             )
         added = place[t.plain["source"]] >= factors.size
         plain = {key: values[added] for key, values in t.plain.items()}
-        for name, table in (
-            ("plain", plain),
-            ("mixed", t.mixed),
-            ("second", t.second),
-            ("third", t.third),
-        ):
+        tables = {"plain": plain, "mixed": t.mixed, "second": t.second, "third": t.third}
+        for name, table in tables.items():
             setattr(p, name, len(table["to"]))
             for key, values in table.items():
                 if key == "sign":
@@ -389,11 +383,8 @@ class Problem:
         self.c.memory_size = len(memory)
         ends = np.cumsum([*sizes.values(), *(known * n for n in past), *errors])
         arrays = np.split(memory, ends[:-1])
-        states, (ages, differences, differences_y), of_errors = (
-            arrays[:-6],
-            arrays[-6:-3],
-            arrays[-3:],
-        )
+        states, of_errors = arrays[:-6], arrays[-3:]
+        ages, differences, differences_y = arrays[-6:-3]
         self.state_arrays = dict(zip(sizes, states, strict=True))
         self._doubles(**self.state_arrays)
         names = "error_ages", "error_past", "error_highest"
