@@ -22,6 +22,11 @@ form, compared with exact solutions and with a limit load computed by hand.
    The moment is that of the elements' middles: with n elements in a column the frame carries about
    1/n more. The small hardening adds less than 1 %.
 
+   The same frame is also made of elastic members on plastic hinges: joints at the feet, at the
+   corners and in the middle of the beam whose springs yield at M_p. Then no mesh error is left. The
+   force is 0.3 % below the limit, as the frame leans and its beam sags. If all is ten times as
+   stiff, it is 0.03 % below.
+
 3. A ring of soft metal falls on a stiff ground and stays bent.
 
 Units are metre, kilogram and second.
@@ -53,6 +58,8 @@ VERTICAL = 100e3  # V [N]
 LIMIT = (6 * FRAME_YIELD - VERTICAL * SPAN / 2) / HEIGHT  # F [N]
 SWAY = 4e-3  # [m]
 ELEMENTS = 20, 40, 80  # in a column
+HINGE, HINGE_HARDENING = 1e10, 1e3  # stiffness before they yield, and after, [N m/rad]
+STIFFER = 1, 10  # how much stiffer the frame with hinges is
 
 # 3. The ring
 RADIUS = 0.5  # [m]
@@ -140,17 +147,60 @@ def frame(elements):
     right = scene.add_beam([rest.end, (SPAN, 0)], section, elements=elements, name="right column")
     scene.clamp(left.start)
     scene.clamp(right.end)
-    scene.add_force(half.end, lambda t: (0.0, -VERTICAL * min(t, 1.0)))
-    scene.prescribe(left.end, x=lambda t: SWAY * float(np.interp(t, (1, 2, 3), (0, 1, 0.5))))
+    push(scene, left.end, half.end, SWAY)
     return scene, left.end
 
 
-def pushed(elements):
-    """Motion of the frame, and displacement [m] and force [N] at its left corner.
+def push(scene, corner, middle, sway):
+    scene.add_force(middle, lambda t: (0.0, -VERTICAL * min(t, 1.0)))
+    scene.prescribe(corner, x=lambda t: sway * float(np.interp(t, (1, 2, 3), (0, 1, 0.5))))
+
+
+def when_pushed(solution, history):
+    """Value of a history when the frame has been pushed, before it is let back."""
+    return float(history[solution.t <= 2 + 1e-9][-1])
+
+
+def plastic_hinge(stiffness):
+    """Spring that yields at the moment of the frame's members, with isotropic hardening."""
+
+    def energy(x, a):
+        return stiffness / 2 * (x - a[0]) ** 2 + HINGE_HARDENING / 2 * a[1] ** 2
+
+    def flow(old, strains0, strains, dt):
+        trial = stiffness * (strains[0] - old[0])
+        excess = ufl.max_value(abs(trial) - FRAME_YIELD - HINGE_HARDENING * old[1], 0)
+        flown = excess / (stiffness + HINGE_HARDENING)
+        return [old[0] + ufl.sign(trial) * flown, old[1] + flown]
+
+    variables = fb.InternalVariables(("plastic angle", "length of path"), flow)
+    return fb.Spring(strain_energy=energy, internal=variables)
+
+
+def hinged_frame(stiffer):
+    """The frame of elastic members on plastic hinges, its left corner, and the hinges."""
+    scene, spring = fb.Scene(), plastic_hinge(stiffer * HINGE)
+    section = fb.Section(**{name: stiffer * value for name, value in FRAME.items()})
+    places = [(0, 0), (0, HEIGHT), (SPAN / 2, HEIGHT), (SPAN, HEIGHT), (SPAN, 0)]
+    members = [
+        scene.add_beam(ends, section, elements=20)
+        for ends in zip(places[:-1], places[1:], strict=True)
+    ]
+    before = [fb.GROUND, *(member.end for member in members)]
+    after = [*(member.start for member in members), fb.GROUND]
+    hinges = [
+        scene.add_joint(fb.Revolute(a, b, spring=spring))
+        for a, b in zip(before, after, strict=True)
+    ]
+    push(scene, members[0].end, members[1].end, SWAY / stiffer)
+    return scene, members[0].end, hinges
+
+
+def pushed(scene, corner):
+    """Motion of a frame, and displacement [m] and force [N] at its left corner.
 
     It has no mass: its motion is a sequence of equilibria.
     """
-    scene, corner = frame(elements)
     solution = fb.simulate(scene, dt=0.01, t_end=3.0)
     force = solution.reaction(corner)[:, 0]
     # Forces are those in the middle of each step.
@@ -205,7 +255,12 @@ def main(results=None, elements=ELEMENTS):
     frames = {}
     for count in elements:
         log.info("the frame with %d elements in a column", count)
-        frames[count] = pushed(count)
+        frames[count] = pushed(*frame(count))
+    hinged = {}
+    for stiffer in STIFFER:
+        log.info("the frame on hinges, %d times as stiff", stiffer)
+        scene, corner, hinges = hinged_frame(stiffer)
+        hinged[stiffer] = *pushed(scene, corner), hinges
     log.info("the ring")
     ring, *halves = drop()
     numbers = {
@@ -220,12 +275,25 @@ def main(results=None, elements=ELEMENTS):
         "limit load": LIMIT,
         "frame": {
             str(count): {
-                "force": force[solution.t <= 2 + 1e-9][-1],
-                "relative to limit": force[solution.t <= 2 + 1e-9][-1] / LIMIT,
+                "force": when_pushed(solution, force),
+                "relative to limit": when_pushed(solution, force) / LIMIT,
                 "sub-steps": solution.stats.substeps,
                 "relative balance error": relative_balance_error(solution),
             }
             for count, (solution, _, force) in frames.items()
+        },
+        "frame on hinges": {
+            str(stiffer): {
+                "force": when_pushed(solution, force),
+                "relative to limit": when_pushed(solution, force) / LIMIT,
+                "plastic angles": [
+                    when_pushed(solution, solution.joint(hinge).internal("plastic angle"))
+                    for hinge in hinges
+                ],
+                "sub-steps": solution.stats.substeps,
+                "relative balance error": relative_balance_error(solution),
+            }
+            for stiffer, (solution, _, force, hinges) in hinged.items()
         },
         "ring": {
             "plastic curvatures": bend_of_ring(ring, halves),
@@ -238,7 +306,7 @@ def main(results=None, elements=ELEMENTS):
     if results is not None:
         results.mkdir(parents=True, exist_ok=True)
         (results / "summary.json").write_text(json.dumps(numbers, indent=2) + "\n")
-        draw(results, loops, frames, ring)
+        draw(results, loops, frames, hinged[1], ring)
     return numbers
 
 
@@ -261,6 +329,11 @@ def report(numbers):
             f"   {count:>20} {run['force'] / 1e3:12.2f} {run['relative to limit']:23.4f} "
             f"{run['relative balance error']:15.1e}"
         )
+    for stiffer, run in numbers["frame on hinges"].items():
+        print(
+            f"   {f'hinges, {stiffer} x as stiff':>20} {run['force'] / 1e3:12.2f} "
+            f"{run['relative to limit']:23.5f} {run['relative balance error']:15.1e}"
+        )
     ring = numbers["ring"]
     low, high = ring["plastic curvatures"]
     print(
@@ -270,7 +343,7 @@ def report(numbers):
     )
 
 
-def draw(results, loops, frames, ring):
+def draw(results, loops, frames, hinged, ring):
     # Imported here: the numbers need neither matplotlib nor pyvista.
     from fx_beam import plot
 
@@ -286,6 +359,8 @@ def draw(results, loops, frames, ring):
     for number, (count, (_, sway, force)) in enumerate(frames.items(), start=2):
         label = f"{count} elements in a column"
         axes[1].plot(1e3 * sway, force / 1e3, f"C{number}", label=label)
+    _, sway, force, _ = hinged
+    axes[1].plot(1e3 * sway, force / 1e3, "k", linewidth=0.8, label="elastic members on hinges")
     axes[1].axhline(LIMIT / 1e3, color="0.5", linestyle="--", label="limit load by hand")
     axes[1].set(xlabel="sway of the corner [mm]", ylabel="force $F$ [kN]")
     plot.save(figure, results / "loops.png")

@@ -78,6 +78,8 @@ HOUSE = {
     "coupling": [
         "graph",
         "damper_laws",
+        "spring_laws",
+        "actuator",
         "spring_dampers",
         "index_reduction",
         "joint_reduction",
@@ -90,6 +92,7 @@ HOUSE = {
         "recorder",
         "interpolation",
         "linear_solver",
+        "overshoot",
         "newton",
         "single_step",
         "substeps",

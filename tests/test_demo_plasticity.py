@@ -23,6 +23,18 @@ def test_the_frame_carries_its_limit_load():
     assert all(run["relative balance error"] < 1e-11 for run in found.values())
 
 
+def test_the_frame_on_hinges_carries_its_limit_load_without_mesh_error():
+    found = numbers("plasticity")["frame on hinges"]
+    # What is left is of second order in the displacements.
+    assert abs(found["1"]["relative to limit"] - 1) < 4e-3
+    assert abs(found["10"]["relative to limit"] - 1) < 4e-4
+    for run in found.values():
+        assert run["relative balance error"] < 1e-11
+        foot, left, middle, right, other = run["plastic angles"]
+        assert foot < 0 < middle and right < 0 < other
+        assert abs(left) < 1e-12  # the left corner has no hinge in the mechanism
+
+
 def test_the_ring_stays_bent():
     ring = numbers("plasticity")["ring"]
     low, high = ring["plastic curvatures"]

@@ -11,7 +11,7 @@ import pytest
 from jointed import drift, pair, throw
 
 import fx_beam as fb
-from fx_beam.coupling.spring_dampers import friction_slope
+from fx_beam.coupling.actuator import friction_slope
 from fx_beam.fem import dolfinx_api
 
 SOLVERS = pytest.mark.parametrize("solver", ["compiled", "petsc"])

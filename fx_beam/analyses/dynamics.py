@@ -282,6 +282,11 @@ def _first_state(model: Model, drive: Drive, dt: float, start: Solution | None) 
         raise SceneError(
             "start: the solution has other internal variables than the sections of the scene"
         )
+    springs, width = end.spring_internal, model.actuators.width
+    if (0 if springs is None else len(springs)) != width:
+        raise SceneError(
+            "start: the solution has other internal variables than the springs of the scene"
+        )
     state = end.renumbered(model.from_nodes, model.mesh.from_elements)
     check_joints(model, state)
     if state.held is not None and len(state.held) != model.reduction.columns - model.reduction.free:

@@ -34,7 +34,7 @@ def solution_of(
     rows: slice | np.ndarray = slice(None)
     if times is not None:
         histories, rows = at_times(model, histories, times, breaks)
-    internal = histories.pop("internal")
+    internal, of_springs = (histories.pop(name) for name in ("internal", "spring_internal"))
     cache: list[np.ndarray] = []
 
     def resultants_of_beam(name: str) -> BeamResultants:
@@ -60,6 +60,7 @@ def solution_of(
         nodes_of_beam={b.name: n for b, n in zip(scene.beams, mesh.nodes, strict=True)},
         resultants_of_beam=resultants_of_beam,
         internal_of_beam=_internal_of_beam(model, internal),
+        internal_of_joint=_internal_of_joint(model, of_springs),
         end=end and end.renumbered(model.to_nodes, mesh.to_elements),
     )
 
@@ -72,4 +73,16 @@ def _internal_of_beam(model: Model, rows: np.ndarray | None) -> dict[str, dict[s
             of_beam = rows[:, cells].reshape(len(rows), -1, rows.shape[-1])
             names = enumerate(beam.section.internal.names)
             found[beam.name] = {name: of_beam[..., i] for i, name in names}
+    return found
+
+
+def _internal_of_joint(model: Model, rows: np.ndarray | None) -> dict[int, dict[str, np.ndarray]]:
+    """Internal variables (n,) of springs by the joint's number and name, from those of all."""
+    found: dict[int, dict[str, np.ndarray]] = {}
+    if rows is None:
+        return found
+    columns = iter(rows.T)
+    for joint in model.scene.joints:
+        if joint.internal:
+            found[joint.number] = {name: next(columns) for name in joint.internal}
     return found

@@ -56,6 +56,7 @@ class Linearisation(NamedTuple):
         values = np.empty((2, len(reduction.pattern[1])))
         for dt, row in zip((_MOMENT, 2 * _MOMENT), values, strict=True):
             model.actuators.set_rates(start.q, start.v, start.slides)
+            model.actuators.set_internal(start.spring_internal, dt)
             forms.set_step(start.t, dt, start.q, start.v, start.a)
             reduction.begin(start.q, start.slides, dt)
             D = reduction.expand(np.zeros(reduction.free), np.zeros(reduction.driven))
@@ -123,5 +124,14 @@ def _last(model: Model, start: State, state: Solution, what: str) -> tuple[float
                 "Use a state of this scene"
             )
         internal = model.mesh.from_elements(internal)
+    springs = None
+    if start.spring_internal is not None:
+        springs = state.end.spring_internal if state.end is not None else None
+        if springs is None or springs.shape != start.spring_internal.shape:
+            raise SceneError(
+                f"{what}: the state has other internal variables than the springs of the scene. "
+                "Use a state of this scene"
+            )
     q, slides = model.from_nodes(state.q[-1]), state.slides[-1]
-    return factor, replace(start, t=t, q=q, slides=slides, internal=internal)
+    start = replace(start, t=t, q=q, slides=slides, internal=internal)
+    return factor, replace(start, spring_internal=springs)

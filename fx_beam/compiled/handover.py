@@ -23,11 +23,10 @@ from fx_beam.stepping.newton import (
     ENERGY_SHARE,
     LONGEST_TURN,
     NEGLIGIBLE,
-    OVERSHOOT,
     PREDICTOR_ERROR,
-    SEARCHES,
     NewtonOptions,
 )
+from fx_beam.stepping.overshoot import OVERSHOOT, SEARCHES
 from fx_beam.stepping.substeps import LARGE_TURN
 
 from .build import LoopUnavailable, load_batches, load_library
@@ -102,10 +101,8 @@ class Problem:
     def _hand_over_mesh(self, place: np.ndarray) -> None:
         model, p = self.model, self.c
         mesh, K, mass = model.mesh, model.forms.stiffness, model.mass
-        dofs, coordinates = (
-            dolfinx_api.element_dofs(mesh.space),
-            dolfinx_api.element_coordinates(mesh.mesh),
-        )
+        dofs = dolfinx_api.element_dofs(mesh.space)
+        coordinates = dolfinx_api.element_coordinates(mesh.mesh)
         p.dofs, p.nodes = model.size, len(mesh.X)
         p.cells, p.cell_internal = len(dofs), int(np.prod(model.forms.internal_shape[1:]))
         p.cell_dofs, p.cell_coordinates = dofs.shape[1], coordinates.shape[1]
@@ -249,9 +246,7 @@ class Problem:
         p.entries, p.equal = len(equal), np.count_nonzero(equal)
         p.joints, p.followers = len(t.joints["number"]), len(t.followers["through"])
         self._ints(
-            entry_row=entries["row"],
-            entry_column=entries["column"],
-            entry_value=entries["value"],
+            **{f"entry_{name}": entries[name] for name in ("row", "column", "value")},
             guide=t.joints["guide"],
             slide_column=t.joints["slide_column"],
             slide_of=t.joints["number"],
@@ -293,12 +288,8 @@ class Problem:
             )
         added = place[t.plain["source"]] >= factors.size
         plain = {key: values[added] for key, values in t.plain.items()}
-        for name, table in (
-            ("plain", plain),
-            ("mixed", t.mixed),
-            ("second", t.second),
-            ("third", t.third),
-        ):
+        tables = {"plain": plain, "mixed": t.mixed, "second": t.second, "third": t.third}
+        for name, table in tables.items():
             setattr(p, name, len(table["to"]))
             for key, values in table.items():
                 if key == "sign":
@@ -330,8 +321,12 @@ class Problem:
         actuators = self.model.actuators
         rows, pushes = actuators.tables()
         self.c.actuators, self.c.pushes = len(rows), len(pushes["of"])
+        self.c.spring_width, self.c.may_overshoot = actuators.width, self.model.may_overshoot
         for row in rows:
-            row["law"] = self.ffi.cast("Law *", row["law"])
+            for name in ("law", "elastic"):
+                row[name] = self.ffi.cast("Law *", row[name])
+            for name in ("given", "found"):
+                row[name] = self._pointer(np.zeros(4 + row["variables"]), np.float64)
         self.c.actuator = self._kept(self.ffi.new("Actuator[]", rows))
         self._ints(push_column=pushes["column"], push_of=pushes["of"])
         self._doubles(push_sign=pushes["sign"])
@@ -355,11 +350,7 @@ class Problem:
             twist_joint=twists["joint"],
             twist_of=twists["of"],
         )
-        self._doubles(
-            sum_sign=sums.data,
-            lever_sign=levers.data,
-            twist_sign=twists["sign"],
-        )
+        self._doubles(sum_sign=sums.data, lever_sign=levers.data, twist_sign=twists["sign"])
 
     def _hand_over_newton(self, options: NewtonOptions) -> None:
         p = self.c
@@ -381,6 +372,7 @@ class Problem:
             "added_force": model.size,
             "before": model.size if model.keeps_before else 0,
             "internals": math.prod(model.forms.internal_shape),
+            "spring_internals": model.actuators.width,
         }
         # One piece of memory, which the loop copies before a step with sub-steps.
         known, past = self.library.PAST, (1, model.size, reduction.free)
@@ -391,11 +383,8 @@ class Problem:
         self.c.memory_size = len(memory)
         ends = np.cumsum([*sizes.values(), *(known * n for n in past), *errors])
         arrays = np.split(memory, ends[:-1])
-        states, (ages, differences, differences_y), of_errors = (
-            arrays[:-6],
-            arrays[-6:-3],
-            arrays[-3:],
-        )
+        states, of_errors = arrays[:-6], arrays[-3:]
+        ages, differences, differences_y = arrays[-6:-3]
         self.state_arrays = dict(zip(sizes, states, strict=True))
         self._doubles(**self.state_arrays)
         names = "error_ages", "error_past", "error_highest"

@@ -163,6 +163,8 @@ class CompiledLoop:
             arrays["added_force"][:] = state.added
         if state.internal is not None:
             arrays["internals"][:] = state.internal.ravel()
+        if state.spring_internal is not None:
+            arrays["spring_internals"][:] = state.spring_internal
         p.t, p.work, p.dissipated = state.t, state.work, state.dissipated
         p.algorithmic, p.numerical, p.length = state.algorithmic, state.numerical, state.length
         if p.keeps_before:
@@ -231,6 +233,7 @@ class CompiledLoop:
             algorithmic=p.algorithmic,
             before=arrays["before"] if p.keeps_before else None,
             internal=arrays["internals"].reshape(shape) if p.cell_internal else None,
+            spring_internal=arrays["spring_internals"] if p.spring_width else None,
             length=p.length,
         )
 

@@ -15,7 +15,7 @@ from fx_beam.fem import dolfinx_api, ffcx_api
 
 # Tensor, coefficients, constants, coordinates; the others have no meaning here. Later versions of
 # FFCx have one more, which C ignores where there is none.
-_FUNCTION = ctypes.CFUNCTYPE(None, *[ctypes.c_void_p] * 7)
+FUNCTION = ctypes.CFUNCTYPE(None, *[ctypes.c_void_p] * 7)
 
 
 class DamperLaw:
@@ -28,7 +28,7 @@ class DamperLaw:
         self._compiled = dolfinx_api.compile_form((both, np.array([[0.5]])), "law of a damper")
         #: Address of the function.
         self.address = ffcx_api.expression_function(self._compiled)
-        self._function = _FUNCTION(self.address)
+        self._function = FUNCTION(self.address)
         force, slope = self(0.0)
         if not np.isfinite([force, slope]).all():
             raise SceneError(

@@ -152,7 +152,7 @@ def _is_held(coordinate: Coordinate | None, at_rest: bool) -> bool:
     if coordinate is None:
         return False
     spring, damper, friction = coordinate.spring, coordinate.damper, coordinate.friction
-    held = coordinate.motor or (spring and spring.stiffness)
+    held = coordinate.motor or (spring and (spring.stiffness or spring.strain_energy))
     damped = (damper and (damper.viscosity or damper.law)) or (friction and friction.force)
     return bool(held or (damped and not at_rest))
 

@@ -2,88 +2,35 @@
 
 from __future__ import annotations
 
-import math
-from dataclasses import dataclass
+from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 
 from fx_beam.mechanics.rates import Rates
 from fx_beam.scene.beam import Node
-from fx_beam.scene.coordinate import Friction
 from fx_beam.scene.joints import GROUND, Joint
 
+from .actuator import Actuator
 from .damper_laws import DamperLaw
 from .graph import Couplings, Entry
-
-
-@dataclass
-class _Actuator:
-    """Spring, damper and friction on one coordinate, with their values in the current step."""
-
-    joint: Joint
-    #: Stiffness, rest and viscosity.
-    k: float
-    rest: float
-    c: float
-    friction: Friction | None
-    law: DamperLaw | None
-    #: Rotations of a and b (-1 for the ground); None for a slide.
-    turns: tuple[int, int] | None
-    #: Columns and signs of the coordinate; for a rotation those of a (subtracted) and of b.
-    columns: tuple[list[Entry], list[Entry]]
-    start: float = 0.0
-    rate: float = 0.0
-    change: float = 0.0
-    force: float = 0.0
-    dissipated: float = 0.0
-    slopes: tuple[float, float] = (0.0, 0.0)
-    #: Friction in the last iteration: rate / speed, force / magnitude, and derivative.
-    last: tuple[float, float, float] | None = None
-
-    def resistance(self, rate: float) -> float:
-        """Force of damper and friction at a rate."""
-        force = self.c * rate if self.law is None else self.c * rate + self.law(rate)[0]
-        if self.friction is not None:
-            force += self.friction.force * math.tanh(rate / self.friction.speed)
-        return force
-
-    def steepness(self, rate: float) -> float:
-        """Derivative of the resistance for the next iteration."""
-        slope = self.c if self.law is None else self.c + self.law(rate)[1]
-        if self.friction is not None:
-            self.last = friction_slope(rate / self.friction.speed, self.last)
-            slope += self.friction.force / self.friction.speed * self.last[2]
-        return slope
-
-
-def friction_slope(x: float, last: tuple[float, float, float] | None) -> tuple[float, float, float]:
-    """x, y = tanh(x), and a derivative with which Newton's method does not jump to and fro.
-
-    With s = x / y the friction is s y = x, whose linear form has the derivative (1 - y s') / s. For
-    y it takes what the last iteration expected, limited to 1 (Chan, Golub and Mulet 1999, doi
-    10.1137/S1064827596299767). Where both agree it is that of tanh.
-    """
-    if last is not None and x == last[0]:
-        return last  # the same iteration
-    y = math.tanh(x)
-    near = abs(x) < 1e-4
-    s, bend = (1.0, 2 * x / 3) if near else (x / y, (1 - (1 - y * y) * x / y) / y)
-    expected = y
-    if last is not None:
-        expected = min(1.0, max(-1.0, last[1] + last[2] * (x - last[0])))
-    return x, y, (1 - expected * bend) / s
+from .spring_laws import SpringLaw
 
 
 class Actuators:
     """All springs, dampers and friction of a scene.
 
     Exact work: a rotational spring has the moment k (mean angle - rest) (Dpsi_b - Dpsi_a) /
-    (Dtheta_b - Dtheta_a). Its work on Dtheta is the increment of k/2 (angle - rest)^2.
+    (Dtheta_b - Dtheta_a). Its work on Dtheta is the increment of k/2 (angle - rest)^2. A stored
+    energy of its own has its discrete gradient in the place of k (mean angle - rest).
     """
 
     def __init__(self, joints: list[Joint], couplings: Couplings, rates: Rates, dofs: np.ndarray):
         self._rates, self._dofs = rates, dofs
-        self._all: list[_Actuator] = []
+        self._all: list[Actuator] = []
+        #: Number of internal variables of all springs.
+        self.width = 0
+        laws: dict[Any, SpringLaw] = {}
         for joint in joints:
             for coordinate, name in ((joint.slide, "slide"), (joint.rotation, "rotation")):
                 if coordinate is None or not coordinate.acts:
@@ -91,6 +38,11 @@ class Actuators:
                 spring, damper, friction = coordinate.spring, coordinate.damper, coordinate.friction
                 if rates.at_rest:
                     damper = friction = None
+                elastic = None
+                if spring is not None and spring.strain_energy is not None:
+                    kind = spring.strain_energy, spring.internal
+                    elastic = laws[kind] = laws.get(kind) or SpringLaw(*kind, rates)
+                first, self.width = self.width, self.width + (elastic.variables if elastic else 0)
                 turns: tuple[int, int] | None = None
                 columns: tuple[list[Entry], list[Entry]]
                 if name == "slide":
@@ -100,13 +52,15 @@ class Actuators:
                     turns = int(a), int(b)
                     columns = _entries(couplings, turns[0]), _entries(couplings, turns[1])
                 self._all.append(
-                    _Actuator(
+                    Actuator(
                         joint,
                         k=spring.stiffness if spring else 0.0,
                         rest=spring.rest if spring else 0.0,
                         c=damper.viscosity if damper else 0.0,
                         friction=friction,
                         law=DamperLaw(damper.law) if damper and damper.law else None,
+                        elastic=elastic,
+                        inside=slice(first, self.width),
                         turns=turns,
                         columns=columns,
                     )
@@ -114,6 +68,54 @@ class Actuators:
 
     def __len__(self):
         return len(self._all)
+
+    @property
+    def have_laws(self) -> bool:
+        """Whether a spring has a stored energy of its own."""
+        return any(actuator.elastic for actuator in self._all)
+
+    def remember(self) -> None:
+        """Keep the tangents of the springs' own energies for `deviation`."""
+        for actuator in self._all:
+            if actuator.elastic is not None:
+                actuator.remember()
+
+    def deviation(self, step: np.ndarray) -> Callable[[float], float]:
+        """Work on the last correction (free,) of what the springs' forces deviate from the tangent.
+
+        A function of the part of the correction that is taken; it has just been taken as a whole.
+        """
+        pushed = [
+            (
+                actuator,
+                sum(
+                    side * sign * step[column]
+                    for side, own in zip((-1.0, 1.0), actuator.columns, strict=True)
+                    for column, _, sign in own
+                    if column < len(step)
+                ),
+            )
+            for actuator in self._all
+            if actuator.elastic is not None
+        ]
+        return lambda part: sum(s * a.deviation((1 - part) * s) for a, s in pushed)
+
+    def set_internal(self, internal: np.ndarray | None, length: float) -> None:
+        """Set the internal variables (width,) at the start of a step, and its length.
+
+        The length is a time, or the increment of the load factor.
+        """
+        for actuator in self._all:
+            if actuator.elastic is not None:
+                actuator.given[2] = length
+                if internal is not None:
+                    actuator.given[3:] = internal[actuator.inside]
+
+    def evolve(self) -> np.ndarray | None:
+        """Internal variables (width,) at the end of the step; None without any."""
+        if not self.width:
+            return None
+        return np.concatenate([a.found[4:] for a in self._all if a.elastic is not None])
 
     def begin(self, q: np.ndarray, slides: np.ndarray, dt: float) -> None:
         """Set the start of a step from displacements and rotations q and the slides [m]."""
@@ -153,15 +155,17 @@ class Actuators:
                 path = float(ends[1] - ends[0])
                 slope_a, slope_b = (float(s) for s in slopes)
                 ratio, by_a, by_b = self._rates.turn_ratio(Da, Db)
-            elastic = a.k * (a.start + level * a.change - a.rest)
+            elastic, stiff = a.spring(level)
             # The rate at the scheme's level; in the middle of the step it is the mean rate.
             rate = a.rate + 2 * level * (path / dt - a.rate)
             a.force = elastic * ratio + a.resistance(rate)
             a.dissipated = a.resistance(path / dt) * path
+            if a.elastic is not None:
+                a.dissipated += float(a.found[2])
             steep = 2 * level * a.steepness(rate) / dt
             a.slopes = (
-                -a.k * level * ratio + elastic * by_a - steep * slope_a,
-                a.k * level * ratio + elastic * by_b + steep * slope_b,
+                -stiff * ratio + elastic * by_a - steep * slope_a,
+                stiff * ratio + elastic * by_b + steep * slope_b,
             )
 
     def forces(self, columns: int) -> np.ndarray:
@@ -203,12 +207,12 @@ class Actuators:
                             self._terms.append((actuator, side, row_sign, sign))
         return found
 
-    def energy(self, q: np.ndarray, slides: np.ndarray) -> float:
+    def energy(self, q: np.ndarray, slides: np.ndarray, internal: np.ndarray | None) -> float:
         """Energy stored in the springs [J] for displacements and rotations q and slides."""
-        return sum(a.k / 2 * (self._coordinate(a, q, slides) - a.rest) ** 2 for a in self._all)
+        return sum(a.stored(self._coordinate(a, q, slides), internal) for a in self._all)
 
     def dissipated(self) -> float:
-        """Energy dissipated by dampers and friction in the current step [J]."""
+        """Energy dissipated by dampers, friction and springs in the current step [J]."""
         return sum(actuator.dissipated for actuator in self._all)
 
     # -- For the compiled loop ------------------------------------------------------------------
@@ -236,6 +240,9 @@ class Actuators:
                     "friction": actuator.friction.force if actuator.friction else 0.0,
                     "speed": actuator.friction.speed if actuator.friction else 1.0,
                     "law": actuator.law.address if actuator.law else 0,
+                    "elastic": actuator.elastic.address if actuator.elastic else 0,
+                    "variables": actuator.inside.stop - actuator.inside.start,
+                    "first": actuator.inside.start,
                 }
             )
             for side, own in zip((-1.0, 1.0), actuator.columns, strict=True):
@@ -292,7 +299,7 @@ class Actuators:
         return 0.0 if node is GROUND else float(values[self._dofs[node.number, component]])
 
     @staticmethod
-    def _coordinate(actuator: _Actuator, q: np.ndarray, slides: np.ndarray) -> float:
+    def _coordinate(actuator: Actuator, q: np.ndarray, slides: np.ndarray) -> float:
         if actuator.turns is None:
             return float(slides[actuator.joint.number])
         a, b = (float(q[t]) if t >= 0 else 0.0 for t in actuator.turns)

@@ -109,7 +109,8 @@ class WeakForm:
         old = ufl.as_vector([self.internal[i] for i in range(len(variables.names))])
         at_rest = self.scheme.rates.at_rest
         dt = self.fields.load_increment if at_rest else self.fields.dt
-        return old, evolved(variables, old, self.step, dt, at_rest)
+        ends = self.step.strains0, self.step.strains1
+        return old, evolved(variables, old, *ends, dt, at_rest)
 
     def _law(self, energy: Energy | None, ends: tuple[Any, Any] | None) -> Law:
         if energy is None:
@@ -133,8 +134,11 @@ class WeakForm:
             self._stored += law.start.energy(*self.step.strains0) * dx_law
             energy, ends = self._materials[tag][0], self._evolution[tag]
             if energy is not None and ends is not None:
-                at_rest = self.scheme.rates.at_rest
-                lost += evolution_loss(energy, *ends, self.step, at_rest) * dx_law
+                at_rest, strains = (
+                    self.scheme.rates.at_rest,
+                    (self.step.strains0, self.step.strains1),
+                )
+                lost += evolution_loss(energy, *ends, *strains, at_rest) * dx_law
             if self.times is not None:
                 lost += viscous_loss(self.step, law, self.times) * dx_law
         self._losses = {"lost energy": lost, "scheme's loss": taken, "scheme's energy": held}

@@ -9,13 +9,10 @@ import ufl
 from fx_beam.scene.internal_variables import InternalVariables
 from fx_beam.scene.law import Energy, Law, own_law
 
-from .kinematics import Step
 
-
-def evolved(variables: InternalVariables, old, step: Step, dt, at_rest: bool):
+def evolved(variables: InternalVariables, old, e0, e1, dt, at_rest: bool):
     """Internal variables at the end of a step: updated to their level in it, then linear."""
     level = 1.0 if at_rest else variables.level
-    e0, e1 = step.strains0, step.strains1
     strains = tuple((1 - level) * a + level * b for a, b in zip(e0, e1, strict=True))
     at_level = variables.updated(old, e0, strains, level * dt)
     return old + (at_level - old) / level
@@ -30,13 +27,12 @@ def law_of_step(energy: Energy, old, new) -> Law:
     return replace(at((old + new) / 2), ends=(at(old), at(new)))
 
 
-def evolution_loss(energy: Energy, old, new, step: Step, at_rest: bool):
-    """Energy per length that the evolution takes.
+def evolution_loss(energy: Energy, old, new, e0, e1, at_rest: bool):
+    """Energy that the evolution takes: per length, or of a spring.
 
     In motions what the work N.(E1 - E0) + M (K1 - K0) has more than the stored energy gains, in
     statics the work of the forces that drive it, at the end of the step.
     """
-    e0, e1 = step.strains0, step.strains1
     if at_rest:
         a = ufl.variable(new)
         return -ufl.dot(ufl.diff(energy(*e1, a), a), new - old)

@@ -44,6 +44,7 @@ class Equations:
         model, q = self.model, start.q
         self._start, self._length = start, interval.length
         model.forms.set_internal(start.internal)
+        model.actuators.set_internal(start.spring_internal, interval.length)
         if model.scheme.rates.at_rest:
             # The interval is one of load factors; only internal variables depend on its length.
             model.forms.load_factor.value = interval.end

@@ -12,6 +12,7 @@ from fx_beam.coupling.index_reduction import IndexReduction, Reduction
 from fx_beam.coupling.joint_reduction import JointReduction
 from fx_beam.coupling.mechanism_check import check_no_massless_mechanism
 from fx_beam.coupling.spring_dampers import Actuators
+from fx_beam.errors import SceneError
 from fx_beam.fem.dead_loads import Loads
 from fx_beam.fem.forms import Forms
 from fx_beam.fem.mass import Mass
@@ -55,6 +56,11 @@ class Model:
         """The constant mass matrix, assembled at the first access."""
         return self._mass.matrix
 
+    @property
+    def may_overshoot(self) -> bool:
+        """Whether corrections of Newton's method may be far too long: internal variables, laws."""
+        return self.forms.internal_shape[-1] > 0 or self.actuators.have_laws
+
     @functools.cached_property
     def nodal_rules(self) -> NodalRules | None:
         """The nodal rules of the rates, if they are those of a user."""
@@ -96,6 +102,11 @@ class Model:
             np.arange(len(keys)) + motors_between * len(self.motors),
         )
         self.actuators = Actuators(scene.joints, self.couplings, self.scheme.rates, dofs)
+        if self.actuators.width and len(self.scheme.fractions) > 1:
+            raise SceneError(
+                f"{self.scheme.name}: the sub-step that goes back in time would give back what "
+                "internal variables of a spring have dissipated. Use order=2"
+            )
         self.reduction: Reduction
         if self.couplings.is_index and not self.actuators:
             self.reduction = IndexReduction(self.couplings.column, *counts, matrix)

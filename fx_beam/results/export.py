@@ -46,6 +46,10 @@ def save(solution, path) -> None:
         arrays |= {f"{key}_internal{i}": rows for i, rows in enumerate(internal.values())}
         item = {"name": name, "degree": beam.degree, "s": beam.s.tolist()}
         beams.append({**item, "internal": list(internal)})
-    meta = {"format": FORMAT, "stats": asdict(solution.stats), "beams": beams}
+    joints = {number: list(found) for number, found in solution.internal_of_joint.items()}
+    for number, found in solution.internal_of_joint.items():
+        arrays |= {f"joint{number}_internal{i}": rows for i, rows in enumerate(found.values())}
+    stats = asdict(solution.stats)
+    meta = {"format": FORMAT, "stats": stats, "beams": beams, "joints": joints}
     with open(path, "wb") as file:
         np.savez_compressed(file, meta=np.array(json.dumps(meta)), **arrays)

@@ -105,6 +105,32 @@ class JointMotion:
         power[1:] = middle[1:] * np.diff(place) / np.diff(solution.t)
         return power
 
+    def internal(self, variable: str) -> np.ndarray:
+        """An internal variable of the joint's springs over time.
+
+        Parameters
+        ----------
+        variable : str
+            Name of one of the `InternalVariables` of a spring on the slide or the rotation.
+
+        Returns
+        -------
+        (n,) float
+            Its values at the times t.
+
+        Raises
+        ------
+        ValueError
+            If the motion was not recorded, or the joint has no such variable.
+        """
+        self.solution.recorded("q")  # internal variables are recorded with the motion
+        known = self.solution.internal_of_joint.get(self.joint.number, {})
+        if variable not in known:
+            raise ValueError(
+                f"{self.joint} has no internal variable {variable!r}; it has {list(known)}"
+            )
+        return known[variable]
+
     @property
     def gap(self) -> np.ndarray:
         """Distance (n,) of b from its position on a [m]; zero to round-off."""

@@ -74,6 +74,10 @@ def _read(path) -> Solution:
             }
         if len(data["q"]) == len(data["t"]):  # else there was no motion recorded to compute them of
             resultants[name] = BeamResultants(*(data[f"beam{i}_{part}"] for part in "sNQM"))
+    springs = {
+        int(number): {name: data[f"joint{number}_internal{i}"] for i, name in enumerate(names)}
+        for number, names in meta.get("joints", {}).items()
+    }
     end = None
     if "end_t" in data:
         parts: dict[str, Any] = {f.name: data.get(f"end_{f.name}") for f in fields(State)}
@@ -96,6 +100,7 @@ def _read(path) -> Solution:
         nodes_of_beam=nodes_of_beam,
         resultants_of_beam=resultants.__getitem__,
         internal_of_beam=internal,
+        internal_of_joint=springs,
         end=end,
     )
 

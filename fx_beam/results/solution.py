@@ -66,6 +66,8 @@ class Solution:
         ``resultants_of_beam(name)`` gives the `BeamResultants`.
     internal_of_beam : dict
         Internal variables, (n, points) each, by name for each beam that has some.
+    internal_of_joint : dict
+        Internal variables of springs, (n,) each, by name for each number of a joint that has some.
     end : State, optional
         The last state, its vectors by nodes, for `simulate(start=...)`; None after a failed run.
 
@@ -103,6 +105,7 @@ class Solution:
         nodes_of_beam: dict[str, np.ndarray],
         resultants_of_beam: Callable[[str], BeamResultants],
         internal_of_beam: dict[str, dict[str, np.ndarray]],
+        internal_of_joint: dict[int, dict[str, np.ndarray]],
         end: State | None = None,
     ):
         self.t, self.t_level, self.X = map(read_only, (t, t_level, X))
@@ -116,7 +119,7 @@ class Solution:
         self.beams = beams
         self.nodes_of_beam = {name: read_only(nodes) for name, nodes in nodes_of_beam.items()}
         self.resultants_of_beam = resultants_of_beam
-        self.internal_of_beam = internal_of_beam
+        self.internal_of_beam, self.internal_of_joint = internal_of_beam, internal_of_joint
         self.end = end
 
     def __getstate__(self):

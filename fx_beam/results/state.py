@@ -53,6 +53,8 @@ class State:
     length: float = 0.0
     #: Internal variables (cells, degree, width) at the Gauss points; None without any.
     internal: np.ndarray | None = None
+    #: Internal variables (width,) of the springs of joints, in their order; None without any.
+    spring_internal: np.ndarray | None = None
     #: Memory of `Halving` (5,): the number of parts of the next steps. Set at the end of a run.
     parts: np.ndarray | None = None
     #: Set at the end of a run.

@@ -15,10 +15,13 @@ import numpy as np
 from fx_beam.errors import SceneError
 from fx_beam.validation import fields_in, is_number, refuse_fields, time_function
 
+from .internal_variables import InternalVariables
+from .law import Energy, check_energy, check_internal
+
 
 @dataclass(frozen=True)
 class Spring:
-    """Linear spring on a joint's free coordinate.
+    """Spring on a joint's free coordinate: linear, by a stored energy of its own, or both.
 
     Parameters
     ----------
@@ -26,20 +29,67 @@ class Spring:
         Force per slide [N/m], or moment per relative rotation [N m/rad].
     rest : float
         Slide [m] or relative rotation [rad] at which the spring is free of force.
+    strain_energy : callable, optional
+        ``strain_energy(x)``, the further stored energy [J] as a UFL expression of the slide [m] or
+        relative rotation [rad] x since `rest`. The force is its derivative. With `internal` it has
+        a second argument, the vector of internal variables.
+    internal : InternalVariables, optional
+        Variables by which the spring remembers its past: a hinge that yields or relaxes. The
+        strains in their update are (x,).
+
+    Raises
+    ------
+    SceneError
+        For a negative stiffness, a stored energy that is no UFL expression of all its arguments,
+        or an update that does not fit it.
 
     Examples
     --------
     >>> import fx_beam as fb
-    >>> fb.Spring(stiffness=50, rest=0.1)
-    Spring(stiffness=50.0, rest=0.1)
+    >>> spring = fb.Spring(stiffness=50, rest=0.1)
+    >>> spring.stiffness, spring.rest
+    (50.0, 0.1)
+
+    A spring that stiffens, with the force 50 x + 200 x^3:
+
+    >>> spring = fb.Spring(stiffness=50, strain_energy=lambda x: 50 * x**4)
+
+    A hinge that yields at the moment 3 N m and then hardens by 10 N m/rad:
+
+    >>> import ufl
+    >>> def energy(x, a):
+    ...     return 1e4 / 2 * (x - a[0]) ** 2 + 10 / 2 * a[0] ** 2
+    >>> def flow(old, strains0, strains, dt):
+    ...     trial = 1e4 * (strains[0] - old[0]) - 10 * old[0]
+    ...     excess = ufl.max_value(abs(trial) - 3, 0)
+    ...     return [old[0] + ufl.sign(trial) * excess / (1e4 + 10)]
+    >>> variables = fb.InternalVariables(("plastic angle",), flow)
+    >>> hinge = fb.Spring(strain_energy=energy, internal=variables)
+
+    It carries an arm, whose end is loaded by 4 N: the hinge turns by (4 - 3)/10 rad for good, and
+    by 4/1e4 rad of its own.
+
+    >>> scene = fb.Scene()
+    >>> arm = scene.add_beam([(0, 0), (1, 0)], fb.Section(EA=1e9, GA=1e9, EI=1e9))
+    >>> joint = scene.add_joint(fb.Revolute(fb.GROUND, arm.start, spring=hinge))
+    >>> scene.add_moment(arm.end, 4.0)
+    >>> motion = fb.static(scene, steps=4).joint(joint)
+    >>> motion.internal("plastic angle").round(4), motion.angle.round(4)
+    (array([0. , 0. , 0. , 0. , 0.1]), array([0.    , 0.0001, 0.0002, 0.0003, 0.1004]))
     """
 
-    stiffness: float
+    stiffness: float = 0.0
     rest: float = 0.0
+    strain_energy: Energy | None = None
+    internal: InternalVariables | None = None
 
     def __post_init__(self):
         _check(self, "stiffness")
         _check(self, "rest", -math.inf)
+        if self.internal is not None:
+            check_internal(self.internal, self.strain_energy, "Spring", "x")
+        if self.strain_energy is not None:
+            check_energy(self.strain_energy, self.internal, "Spring", ("x",))
 
 
 @dataclass(frozen=True)
@@ -136,7 +186,7 @@ class Coordinate:
     Parameters
     ----------
     spring : Spring, optional
-        Linear spring.
+        Linear spring, or one with a stored energy of its own.
     damper : Damper, optional
         Linear damper, or one with a law of its own.
     motor : callable, optional

@@ -15,11 +15,12 @@ from fx_beam.validation import fields_in, is_number, refuse_fields, require
 
 @dataclass(frozen=True)
 class InternalVariables:
-    """Internal variables of a section at each Gauss point, and how they change over a step.
+    """Internal variables of a section at each Gauss point, or of a spring, and their changes.
 
-    They are zero at the start. The stored energy takes them as its fourth argument,
-    ``strain_energy(eps, gamma, kappa, a)``. The resultants are its derivatives with respect to the
-    strains, and what the update takes from it is dissipated.
+    They are zero at the start. The stored energy takes them as its last argument,
+    ``strain_energy(eps, gamma, kappa, a)`` of a section or ``strain_energy(x, a)`` of a `Spring`.
+    The resultants are its derivatives with respect to the strains, and what the update takes from
+    it is dissipated.
 
     The update is written as for implicit Euler: from the old variables to those that belong to
     given strains, in closed form. It is applied from the start of a step to a `level` in it, and
@@ -33,8 +34,8 @@ class InternalVariables:
         ``update(old, strains0, strains, dt)`` gives the new variables as UFL expressions, one for
         each name: from `old`, the variables at the start of the step, `strains0`, the strains
         (eps, gamma, kappa) at the start, `strains`, those that they belong to, and `dt`, the time
-        between them [s]. In load steps of `static`, `dt` is the increment of the load factor, with
-        arc-length continuation zero.
+        between them [s]. A spring has the single strain (x,), its coordinate. In load steps of
+        `static`, `dt` is the increment of the load factor, with arc-length continuation zero.
     level : float, optional
         Part of a step at whose end the update holds, from 1/2 to 1. With 1/2 smooth changes, as of
         a viscous material, are of second order in time, and no step gains energy. With 1, sudden
@@ -45,8 +46,8 @@ class InternalVariables:
     Raises
     ------
     SceneError
-        For names that are not different texts. `Section` raises it for an update that does not fit
-        them, and if the update gives energy to the motion.
+        For names that are not different texts. `Section` and `Spring` raise it for an update that
+        does not fit them, and if the update gives energy to the motion.
 
     References
     ----------
@@ -98,9 +99,19 @@ class InternalVariables:
 
     def _check_update(self) -> bool:
         """Refuse an update that does not fit; returns whether it depends on dt."""
+        try:
+            return self._takes_time(3)  # the strains of a section
+        except SceneError as error:
+            try:
+                return self._takes_time(1)  # that of a spring
+            except SceneError:
+                raise error from None
+
+    def _takes_time(self, strains_of_part: int) -> bool:
         old = [ufl.variable(ufl.as_ufl(0.0)) for _ in self.names]
         strains0, strains = (
-            tuple(ufl.variable(ufl.as_ufl(size * e)) for e in _PATH[0]) for size in (1, 2)
+            tuple(ufl.variable(ufl.as_ufl(size * e)) for e in _PATH[0][-strains_of_part:])
+            for size in (1, 2)
         )
         dt = ufl.variable(ufl.as_ufl(1.0))
         found = self.updated(ufl.as_vector(old), strains0, strains, dt)
@@ -120,8 +131,9 @@ class InternalVariables:
         ----------
         old : ufl vector
             The variables at the start of the step.
-        strains0, strains : sequence of three ufl scalars
-            Axial strain, shear strain and curvature [1/m] at the start, and those given.
+        strains0, strains : sequence of ufl scalars
+            Axial strain, shear strain and curvature [1/m] at the start, and those given; of a
+            spring its coordinate [m or rad].
         dt : ufl scalar
             Time between them [s].
 
@@ -147,18 +159,22 @@ class InternalVariables:
         return ufl.as_vector(found)
 
 
-def check_dissipation(energy: Callable, variables: InternalVariables) -> None:
-    """Refuse an update that gives energy to the motion, on a path of strains of several sizes."""
+def check_dissipation(energy: Callable, variables: InternalVariables, strains_of_part: int) -> None:
+    """Refuse an update that gives energy to the motion, on a path of strains of several sizes.
+
+    A section has three strains, a spring one.
+    """
+    unit = "J/m" if strains_of_part == 3 else "J"
     for size in (1e-4, 1e-2, 1.0):
         for dt in (1e-2, 1e2):
             old = [0.0] * len(variables.names)
             for strains in _PATH:
-                scaled = [size * strain for strain in strains]
+                scaled = [size * strain for strain in strains[-strains_of_part:]]
                 old, lost, moved = _update(energy, variables, old, scaled, dt)
                 if not lost >= -1e-9 * moved:
                     raise SceneError(
                         f"InternalVariables: the update gives energy to the motion: {-lost:.3g} "
-                        f"J/m in a step of {dt:g} s to the strains "
+                        f"{unit} in a step of {dt:g} s to the strains "
                         f"{[float(f'{e:.3g}') for e in scaled]}. The variables "
                         f"{list(variables.names)} must change in the direction in which the "
                         "stored energy decreases"
@@ -178,7 +194,7 @@ _PATH = [
 
 
 def _update(energy, variables, old, strains, dt) -> tuple[list[float], float, float]:
-    """New variables, the energy that they take [J/m], and the size of its terms."""
+    """New variables, the energy that they take, and the size of its terms."""
     e = tuple(map(ufl.as_ufl, strains))
     found = variables.updated(ufl.as_vector([*map(ufl.as_ufl, old)]), e, e, ufl.as_ufl(dt))
     new = [float(found[i](())) for i in range(len(old))]

@@ -81,6 +81,12 @@ class Joint:
         return self.rotation is None or self.rotation.motor is not None
 
     @property
+    def internal(self) -> tuple[str, ...]:
+        """Names of the internal variables of its springs, that of the slide first."""
+        springs = (part.spring for part in (self.slide, self.rotation) if part and part.spring)
+        return tuple(name for s in springs if s.internal for name in s.internal.names)
+
+    @property
     def is_index(self) -> bool:
         """Whether the displacements of a and b are equal."""
         return self.axis is None and not self.offset.any()
@@ -324,4 +330,10 @@ def _joint(kind, a, b, offset, axis=None, slide=None, rotation=None) -> Joint:
             f"{kind}: offset = {offset}, but the ground takes no offset: the joint is at the start "
             f"position of {b}"
         )
-    return Joint(kind, a, b, offset, axis, slide, rotation)
+    joint = Joint(kind, a, b, offset, axis, slide, rotation)
+    if len(set(joint.internal)) < len(joint.internal):
+        raise SceneError(
+            f"{kind}: the springs of its slide and its rotation have internal variables of the "
+            f"same name: {list(joint.internal)}. Give them different names"
+        )
+    return joint

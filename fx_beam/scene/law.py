@@ -13,7 +13,7 @@ from ufl.constantvalue import Zero
 from ufl.corealg.traversal import unique_pre_traversal
 
 from fx_beam.errors import SceneError
-from fx_beam.validation import fields_in, refuse_fields
+from fx_beam.validation import fields_in, refuse_fields, require
 
 from .internal_variables import InternalVariables, check_dissipation
 
@@ -116,39 +116,63 @@ def quadratic_law(stiffness) -> Law:
 
 def own_law(energy: Energy) -> Law:
     """Law of a stored energy of the user, a function of the three strains."""
-    # Quadratic if its third derivative along a line of strains is zero.
+
+    def along_a_line(s):
+        return energy(0.3 + 0.7 * s, 0.2 - 1.1 * s, 0.5 + 1.3 * s)
+
+    return Law(energy, is_quadratic(along_a_line))
+
+
+def is_quadratic(energy: Energy) -> bool:
+    """Whether the third derivative of a function of one variable is zero."""
     s = ufl.variable(ufl.as_ufl(0.1))
-    third = ufl.as_ufl(energy(0.3 + 0.7 * s, 0.2 - 1.1 * s, 0.5 + 1.3 * s))
+    third = ufl.as_ufl(energy(s))
     for _ in range(3):
         third = ufl.diff(third, s)
-    return Law(energy, isinstance(apply_derivatives(apply_algebra_lowering(third)), Zero))
+    return isinstance(apply_derivatives(apply_algebra_lowering(third)), Zero)
 
 
-def check_energy(strain_energy: Energy, internal: InternalVariables | None) -> None:
+def check_energy(
+    strain_energy: Energy,
+    internal: InternalVariables | None,
+    part: str = "Section",
+    strains: tuple[str, ...] = ("eps", "gamma", "kappa"),
+) -> None:
     """Refuse a stored energy that is no scalar UFL expression of all its arguments."""
     # UFL numbers, not symbols: a function of `math` would try forever to convert a symbol.
-    e = [ufl.variable(ufl.as_ufl(0.1)) for _ in range(3)]
-    names = ["eps", "gamma", "kappa"]
+    e = [ufl.variable(ufl.as_ufl(0.1)) for _ in strains]
+    names = [*strains]
     arguments: list[Any] = list(e)
     if internal is not None:
         a = [ufl.variable(ufl.as_ufl(0.0)) for _ in internal.names]
         e, names, arguments = [*e, *a], [*names, *internal.names], [*e, ufl.as_vector(a)]
-    call = f"strain_energy(eps, gamma, kappa{'' if internal is None else ', a'})"
+    call = f"strain_energy({', '.join(strains)}{'' if internal is None else ', a'})"
     try:
         W = ufl.as_ufl(strain_energy(*arguments))
     except Exception as error:
         raise SceneError(
-            f"Section: {call} must give a UFL expression. Use ufl.sqrt, "
+            f"{part}: {call} must give a UFL expression. Use ufl.sqrt, "
             f"ufl.exp, ... in place of functions of math or NumPy. It raised {error!r}"
         ) from error
-    refuse_fields(fields_in(W), "Section: strain_energy")
+    refuse_fields(fields_in(W), f"{part}: strain_energy")
     met = set(unique_pre_traversal(W))
     missing = [n for n, x in zip(names, e, strict=True) if x not in met]
     if W.ufl_shape == () and missing:
         raise SceneError(
-            f"Section: strain_energy does not depend on {missing}. Use ufl.cos, not math.cos"
+            f"{part}: strain_energy does not depend on {missing}. Use ufl.cos, not math.cos"
         )
     if W.ufl_shape != ():
-        raise SceneError(f"Section: strain_energy must be a scalar, not of shape {W.ufl_shape}")
+        raise SceneError(f"{part}: strain_energy must be a scalar, not of shape {W.ufl_shape}")
     if internal is not None:
-        check_dissipation(strain_energy, internal)
+        check_dissipation(strain_energy, internal, len(strains))
+
+
+def check_internal(internal: Any, strain_energy: Energy | None, part: str, arguments: str) -> None:
+    """Refuse internal variables of another type, or without a stored energy."""
+    fits = isinstance(internal, InternalVariables)
+    require(fits, f"{part}: internal", internal, "an fx_beam.InternalVariables")
+    if strain_energy is None:
+        raise SceneError(
+            f"{part}: internal variables need a strain_energy({arguments}, a), which depends on "
+            "them"
+        )

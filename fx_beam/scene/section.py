@@ -14,10 +14,10 @@ import ufl
 import numpy as np
 
 from fx_beam.errors import SceneError
-from fx_beam.validation import fields_in, is_number, refuse_fields, require, shaped
+from fx_beam.validation import fields_in, is_number, refuse_fields, shaped
 
 from .internal_variables import InternalVariables
-from .law import Energy, check_energy
+from .law import Energy, check_energy, check_internal
 
 #: A number, or a function of the fraction of the arc length.
 Datum = float | Callable[[float], Any]
@@ -113,23 +113,9 @@ class Section:
             if datum is not None and not callable(datum):
                 object.__setattr__(self, name, float(value))
         if self.internal is not None:
-            self._check_internal()
+            check_internal(self.internal, self.strain_energy, "Section", "eps, gamma, kappa")
         if self.strain_energy is not None:
             check_energy(self.strain_energy, self.internal)
-
-    def _check_internal(self):
-        wanted = "an fx_beam.InternalVariables"
-        require(
-            isinstance(self.internal, InternalVariables),
-            "Section: internal",
-            self.internal,
-            wanted,
-        )
-        if self.strain_energy is None:
-            raise SceneError(
-                "Section: internal variables need a strain_energy(eps, gamma, kappa, a), which "
-                "depends on them"
-            )
 
     def values(self, name: str, fractions: np.ndarray) -> np.ndarray:
         """Values of a stiffness, inertia or retardation time along a beam.

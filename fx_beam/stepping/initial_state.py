@@ -54,7 +54,11 @@ def reference_state(model: Model) -> State:
     q, v, a = (np.zeros(model.size) for _ in range(3))
     state = State(0.0, q, v, a, slides, np.zeros(len(model.motors)))
     shape = model.forms.internal_shape
-    return replace(state, internal=np.zeros(shape)) if shape[-1] else state
+    if shape[-1]:
+        state.internal = np.zeros(shape)
+    if model.actuators.width:
+        state.spring_internal = np.zeros(model.actuators.width)
+    return state
 
 
 def check_joints(model: Model, state: State) -> None:
@@ -139,6 +143,7 @@ def _acceleration(
     force = drive.forces(Interval(state.t, state.t + dt))[0] - model.forms.internal_force(D)
     force -= mass @ (T @ a + curved)
     model.actuators.set_rates(state.q, state.v, state.slides)
+    model.actuators.set_internal(state.spring_internal, h)
     model.actuators.begin(state.q, state.slides, h)
     model.actuators.set_increment(h * state.v, h * w)
     b = T.T @ force - model.actuators.forces(reduction.columns)

@@ -44,8 +44,9 @@ def at_times(
 
     for name in ("linear_momentum", "angular_momentum"):
         found[name] = linear(steps[name])
-    if steps["internal"] is not None:
-        found["internal"] = linear(steps["internal"])
+    for name in ("internal", "spring_internal"):
+        if steps[name] is not None:
+            found[name] = linear(steps[name])
     found["energy"] = Energy(*(linear(part) for part in vars(steps["energy"]).values()))
     found["slides"] = _slides(model, q, linear(steps["slides"]))
     return found, row

@@ -104,7 +104,7 @@ class LoadStepper:
         self.stats.add_solve(step.iterations, step.ended_by)
         self.iterations = step.iterations
         self.deviation = self.size(step.D - step.predicted) / (self.size(step.predicted) or 1.0)
-        if self.model.forms.internal_shape[-1]:
+        if self.model.forms.internal_shape[-1] or self.model.actuators.width:
             self.deviation = 0.0  # the predictor is elastic, and flow may leave it at once
 
     def is_still(self, D: np.ndarray) -> bool:
@@ -145,7 +145,7 @@ class LoadStepper:
     def _energy(self, state: State) -> float:
         """Stored and dissipated energy [J]."""
         model = self.model
-        springs = model.actuators.energy(state.q, state.slides)
+        springs = model.actuators.energy(state.q, state.slides, state.spring_internal)
         stored = model.forms.strain_energy(state.q, state.internal)
         return stored + springs + state.dissipated
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import functools
-from collections.abc import Callable
 from dataclasses import dataclass
 from importlib.util import find_spec
 
@@ -16,6 +15,7 @@ from fx_beam.results.state import Past, State
 from fx_beam.validation import is_number, is_whole, require
 
 from .linear_solver import LinearSolver
+from .overshoot import without_overshoot
 
 # A correction that rotates a node further than this [rad] is shortened to it. The first correction
 # overshoots if the axial force makes the tangent nearly singular. For the pinned beam at dt 0.02
@@ -28,9 +28,6 @@ ENERGY_SHARE = 1e-4
 # Largest next correction, relative to the tolerance, that is left out. It is predicted by quadratic
 # convergence.
 NEGLIGIBLE = 1e-6
-# With internal variables, a correction is too long if the residual does work against it at its end,
-# by more than this part of that at its start. At most so many shorter ones are tried.
-OVERSHOOT, SEARCHES = 0.1, 20
 # The predictor is used up to this relative error in the previous step.
 PREDICTOR_ERROR = 0.4
 # Largest order of the predictor.
@@ -166,9 +163,10 @@ class Newton:
         step = np.zeros(reduction.columns)
         for iteration in range(1, options.max_iterations + 1):
             balance = self._balance(y, driven_now, force)
-            if iteration > 1 and model.forms.internal_shape[-1]:
+            if iteration > 1 and model.may_overshoot:
                 at = functools.partial(self._balance, driven=driven_now, force=force)
-                y, balance = _without_overshoot(y, step[:free], gained, balance, at)
+                y, balance = without_overshoot(model, y, step[:free], gained, balance, at)
+            model.actuators.remember()
             D, f, r, residual = balance
             residuals.append(abs(residual).max(initial=0.0))
             step = np.zeros(reduction.columns)
@@ -243,31 +241,6 @@ class Newton:
                 D,
                 residuals,
             )
-
-
-def _without_overshoot(
-    y: np.ndarray, step: np.ndarray, gained: float, balance: Balance, at: Callable
-) -> tuple[np.ndarray, Balance]:
-    """Unknowns (free,) and equations where the residual does no more work on the last correction.
-
-    Where elements unload that have flowed, the tangent is far too soft. By regula falsi.
-    """
-    work = float(balance.residual @ step)
-    if not 0 < OVERSHOOT * gained < -work:
-        return y, balance
-    start, low, high = y + step, (0.0, gained), (1.0, work)
-    for _ in range(SEARCHES):
-        part = (low[0] * high[1] - high[0] * low[1]) / (high[1] - low[1])
-        y = start - part * step
-        balance = at(y)
-        work = float(balance.residual @ step)
-        if abs(work) <= OVERSHOOT * gained:
-            break
-        if work > 0:
-            low, high = (part, work), (high[0], high[1] / 2)
-        else:
-            low, high = (low[0], low[1] / 2), (part, work)
-    return y, balance
 
 
 class _Sequence:

@@ -137,6 +137,8 @@ class Recorder:
                     "internal": np.zeros((n, width)),
                     "before_internal": np.zeros((n, width)),
                 }
+            if model.actuators.width:
+                self.arrays["spring_internal"] = np.zeros((n, model.actuators.width))
             if model.forms.needs_before:
                 self.arrays |= {"earlier_q": np.zeros((n, size)), "memory": np.zeros((n, 1))}
         if record.rates:
@@ -202,11 +204,12 @@ class Recorder:
         x = model.mesh.X + q[:, :2]
         potential = 0.0 if model.weight is None else -(model.weight @ state.q)
         strain = model.forms.strain_energy(state.q, state.internal)
-        springs = model.actuators.energy(state.q, state.slides)
+        springs = model.actuators.energy(state.q, state.slides, state.spring_internal)
         angular = x[:, 0] @ p[:, 1] - x[:, 1] @ p[:, 0] + p[:, 2].sum()
         values: dict[str, Any] = {
             "q": state.q,
             "internal": state.internal,
+            "spring_internal": state.spring_internal,
             "v": state.v,
             "a": state.a,
             "held": state.held,
@@ -276,6 +279,7 @@ class Recorder:
             "joint_forces": forces.reshape(len(forces), joints, 3),
             "motor_forces": motors,
             "internal": self._internal(),
+            "spring_internal": kept.get("spring_internal"),
             "energy": Energy(*kept["energies"].T),
             "linear_momentum": kept["momenta"][:, :2],
             "angular_momentum": kept["momenta"][:, 2],

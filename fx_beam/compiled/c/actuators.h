@@ -26,6 +26,24 @@ static void begin_actuators(const Problem *p) {
     a->start = coordinate(p, a), a->repeated = 0;
     /* At mid-step the rate is the mean rate; it does not depend on the rate at the start. */
     a->rate = p->level == 0.5 ? 0 : rate(p, a);
+    if (a->variables)
+      memcpy(a->given + 3, p->spring_internals + a->first, a->variables * sizeof(double));
+  }
+}
+
+/* What a spring's own energy gives over a step from x0 to x1, both since its rest. */
+static void stretch(const Actuator *a, double x0, double x1, double dt) {
+  a->given[0] = x0, a->given[1] = x1, a->given[2] = dt;
+  memset(a->found, 0, (4 + a->variables) * sizeof(double));
+  a->elastic(a->found, 0, a->given, 0, 0, 0, 0);
+}
+
+/* The internal variables at the end of the step. */
+static void evolve_springs(const Problem *p) {
+  for (int i = 0; i < p->actuators; ++i) {
+    const Actuator *a = p->actuator + i;
+    if (a->variables)
+      memcpy(p->spring_internals + a->first, a->found + 4, a->variables * sizeof(double));
   }
 }
 
@@ -33,8 +51,12 @@ static double stored(const Problem *p) {
   double sum = 0;
   for (int i = 0; i < p->actuators; ++i) {
     const Actuator *a = p->actuator + i;
-    double stretch = coordinate(p, a) - a->rest;
-    sum += a->k / 2 * stretch * stretch;
+    double x = coordinate(p, a) - a->rest;
+    sum += a->k / 2 * x * x;
+    if (!a->elastic) continue;
+    memcpy(a->given + 3, p->spring_internals + a->first, a->variables * sizeof(double));
+    stretch(a, x, x, 1);
+    sum += a->found[3];
   }
   return sum;
 }
@@ -75,12 +97,47 @@ static void actuate(const Problem *p, const Work *w) {
       }
     }
     double level = p->level, elastic = a->k * (a->start + level * change - a->rest), slope;
+    double stiff = a->k * level, taken = 0, x0 = a->start - a->rest;
+    a->change = change;
+    if (a->elastic) {
+      stretch(a, x0, x0 + change, w->dt);
+      elastic += a->found[0], stiff += a->found[1], taken = a->found[2];
+    }
     double rate = a->rate + 2 * level * (path / w->dt - a->rate);
-    a->lost = resistance(a, path / w->dt, &slope) * path;
+    a->lost = resistance(a, path / w->dt, &slope) * path + taken;
     a->force = elastic * ratio + resistance(a, rate, &slope);
     if (a->friction != 0) slope += friction_slope(a, rate);
     double steep = 2 * level * slope / w->dt;
-    a->slope_a = -a->k * level * ratio + elastic * by_a - steep * slope_a;
-    a->slope_b = a->k * level * ratio + elastic * by_b + steep * slope_b;
+    a->slope_a = -stiff * ratio + elastic * by_a - steep * slope_a;
+    a->slope_b = stiff * ratio + elastic * by_b + steep * slope_b;
   }
+}
+
+/* Keeps the tangents of the springs' own energies. */
+static void remember_tangents(const Problem *p) {
+  for (int i = 0; i < p->actuators; ++i) {
+    Actuator *a = p->actuator + i;
+    if (a->elastic) a->tangent[0] = a->change, a->tangent[1] = a->found[0], a->tangent[2] = a->found[1];
+  }
+}
+
+/* The way of each coordinate in a correction. */
+static void begin_deviation(const Problem *p, const Work *w) {
+  for (int i = 0; i < p->actuators; ++i) p->actuator[i].along = 0;
+  for (int k = 0; k < p->pushes; ++k)
+    if (p->push_column[k] < p->free)
+      p->actuator[p->push_of[k]].along += p->push_sign[k] * w->step[p->push_column[k]];
+}
+
+/* Work on a part of the last correction of what the springs' forces deviate from the tangent. */
+static double deviation(const Problem *p, const Work *w, double part) {
+  double sum = 0;
+  for (int i = 0; i < p->actuators; ++i) {
+    const Actuator *a = p->actuator + i;
+    if (!a->elastic) continue;
+    double x0 = a->start - a->rest, now = a->change + (1 - part) * a->along;
+    stretch(a, x0, x0 + now, w->dt);
+    sum += a->along * (a->found[0] - a->tangent[1] - a->tangent[2] * (now - a->tangent[0]));
+  }
+  return sum;
 }

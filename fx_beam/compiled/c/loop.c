@@ -103,6 +103,7 @@ static int take_step(Problem *p, Work *w, double dt, int sub_step, const Inputs 
 /* The state at the end of a sub-step. */
 static void advance(Problem *p, const Work *w, const double *driven) {
   evolve(p, w->fields, p->t + p->level * w->dt, w->dt);
+  evolve_springs(p);
   advance_rates(p, w, w->dt);
   if (p->keeps_before) memcpy(p->before, p->q, p->dofs * sizeof(double)), p->length = w->dt;
   for (int i = 0; i < p->dofs; ++i) p->q[i] += w->D[i];

@@ -124,24 +124,35 @@ static double along_step(const Problem *p, const Work *w) {
   return sum;
 }
 
+/* Takes another part of the last correction. */
+static void retake(const Problem *p, const Work *w, double *taken, double part) {
+  for (int i = 0; i < p->free; ++i) w->z[i] += (*taken - part) * w->step[i];
+  *taken = part;
+  expand(p, w);
+  balance(p, w);
+}
+
 /* Goes back along a correction that was too long, to where the residual does no more work on it, by
-   regula falsi (newton.py). `gained` is the work at its start. */
+   regula falsi (overshoot.py). `gained` is the work at its start. */
 static void shorten_overshoot(const Problem *p, const Work *w, double gained) {
-  double low = 0, high = 1, at_low = gained, at_high = along_step(p, w), part = 1;
+  int springs = !p->cell_internal;
+  if (springs) begin_deviation(p, w);
+  double at_high = springs ? deviation(p, w, 1) : along_step(p, w);
+  double low = 0, high = 1, at_low = gained, taken = 1, part = 1, work;
   if (gained <= 0 || -at_high <= p->overshoot * gained) return;
   for (int k = 0; k < p->searches; ++k) {
-    double now = (low * at_high - high * at_low) / (at_high - at_low);
-    for (int i = 0; i < p->free; ++i) w->z[i] += (part - now) * w->step[i];
-    part = now;
-    expand(p, w);
-    balance(p, w);
-    double work = along_step(p, w);
-    if (fabs(work) <= p->overshoot * gained) return;
-    if (work > 0)
-      low = now, at_low = work, at_high /= 2;
+    part = (low * at_high - high * at_low) / (at_high - at_low);
+    if (springs)
+      work = gained * (1 - part) + deviation(p, w, part);
     else
-      high = now, at_high = work, at_low /= 2;
+      retake(p, w, &taken, part), work = along_step(p, w);
+    if (fabs(work) <= p->overshoot * gained) break;
+    if (work > 0)
+      low = part, at_low = work, at_high /= 2;
+    else
+      high = part, at_high = work, at_low /= 2;
   }
+  if (springs) retake(p, w, &taken, part);
 }
 
 /* `order` is that of the prediction; 0 for none. */
@@ -162,7 +173,8 @@ static int newton(Problem *p, const Work *w, const double *driven, int order) {
   LAP(COUPLINGS);
   for (int iteration = 1; iteration <= p->max_iterations; ++iteration) {
     balance(p, w);
-    if (iteration > 1 && p->cell_internal) shorten_overshoot(p, w, gained);
+    if (iteration > 1 && p->may_overshoot) shorten_overshoot(p, w, gained);
+    remember_tangents(p);
     memset(w->step, 0, p->columns * sizeof(double));
     reduce_tangent(p, w, w->r);
     if (iteration == 1 && drive > 0 && !order) {

@@ -39,7 +39,8 @@ typedef struct {
   int time_at, dt_at, memory_at; /* their indices among the constants, or -1 */
 } Form;
 
-/* A damper's law, as FFCx compiles it: force and slope, and the rate in place of the constants. */
+/* A law as FFCx compiles it, with what is given in the place of the constants. Of a damper: force and
+   slope from the rate. Of a spring's own energy: spring_laws.py. */
 typedef void Law(double *, const double *, const double *, const double *, const int *,
                  const unsigned char *, void *);
 
@@ -49,8 +50,12 @@ typedef struct {
   int a[3], b[3];      /* degrees of freedom of the nodes; -1 for the ground */
   double axis[2], offset[2];
   double k, rest, c, friction, speed;
-  Law *law;             /* may be null */
+  Law *law, *elastic;   /* of the damper, of the spring's own energy; may be null */
+  int variables, first; /* internal variables of the spring, and the first of them among all */
+  double *given, *found; /* coordinates, length of the step, variables; force, slope, loss, energy, variables */
   double start, rate, force, lost, slope_a, slope_b; /* in the present step */
+  double change, along;  /* of the coordinate: in the step, and by the last correction */
+  double tangent[3];     /* change, force and slope of the own energy where the tangent is from */
   int repeated;         /* whether there was an iteration: rate / speed, force / friction, derivative */
   double last_x, last_y, last_slope;
 } Actuator;
@@ -110,7 +115,7 @@ typedef struct {
 
   /* Springs and dampers: columns on which they act, their entries in the reduced tangent, and their
      contributions to the moments of the joints. */
-  int actuators, pushes, third, twists;
+  int actuators, pushes, third, twists, spring_width; /* width: internal variables of all springs */
   Actuator *actuator;
   int *push_column, *push_of;
   double *push_sign;
@@ -140,7 +145,7 @@ typedef struct {
   /* Newton's method. */
   double tolerance, negligible, energy_tolerance, energy_floor, predictor_error;
   double overshoot, max_turn, longest_turn, large_turn;
-  int max_iterations, searches;
+  int max_iterations, searches, may_overshoot;
 
   /* Driven columns: prescribed degrees of freedom (-1: a motor), then motors. */
   int *driven_dof, *motor_a, *motor_b, *motor_slide;
@@ -160,6 +165,7 @@ typedef struct {
   double t, work, dissipated, numerical, algorithmic;
   double *q, *v, *a, *slide, *driven_now, *held, *added_force;
   double *internals;    /* [cell][internal variable of a cell] */
+  double *spring_internals; /* [spring_width] */
   double *before, length, ratio; /* start and length of the last step; `memory` of this one */
   int steps_done;       /* 0 if there is no previous step */
   double *ages;         /* [PAST] times since the configurations before the last one, the latest first */
@@ -195,7 +201,7 @@ typedef struct {
   double *before_q, *before_v, *before_a; /* at the starts of the sub-steps of the last part */
   double *before_internal;
   double *earlier_q, *memory;   /* start of the part before that, and ratio of their lengths */
-  double *q, *v, *a, *internal, *held, *slides, *joint_forces, *energies, *momenta;
+  double *q, *v, *a, *internal, *spring_internal, *held, *slides, *joint_forces, *energies, *momenta;
 } Record;
 
 /* Inputs of each sub-step; with a stride of 0 all have those of the first. */

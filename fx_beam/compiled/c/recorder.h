@@ -46,6 +46,9 @@ static void record(Problem *p, const Work *w, Record *to) {
   if (to->a) memcpy(to->a + k * n, p->a, n * sizeof(double));
   long m = (long)p->cells * p->cell_internal;
   if (to->internal) memcpy(to->internal + k * m, p->internals, m * sizeof(double));
+  long springs = p->spring_width;
+  if (to->spring_internal)
+    memcpy(to->spring_internal + k * springs, p->spring_internals, springs * sizeof(double));
   if (to->held) memcpy(to->held + k * held, p->held, held * sizeof(double));
   if (to->slides) memcpy(to->slides + k * p->slides, p->slide, p->slides * sizeof(double));
   double *momentum = w->left, *energy = to->energies + 8 * k, *sums = to->momenta + 3 * k;

@@ -1,0 +1,64 @@
+"""Corrections of Newton's method that are far too long, and their shortening."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+
+from fx_beam.model.equations import Balance
+from fx_beam.model.model import Model
+
+# A correction is too long if the residual does work against it at its end, by more than this part
+# of that at its start. At most so many shorter ones are tried.
+OVERSHOOT, SEARCHES = 0.1, 20
+
+
+def without_overshoot(
+    model: Model,
+    y: np.ndarray,
+    step: np.ndarray,
+    gained: float,
+    balance: Balance,
+    at: Callable[[np.ndarray], Balance],
+) -> tuple[np.ndarray, Balance]:
+    """Unknowns (free,) and equations where the residual does no more work on the last correction.
+
+    Where elements or springs unload that have flowed, the tangent is far too soft.
+    """
+    start = y + step
+    if not model.forms.internal_shape[-1]:
+        # Springs alone: stiff members that turn do work as well, which is none of their business.
+        deviation = model.actuators.deviation(step)
+
+        def of_springs(part: float) -> float:
+            return gained * (1 - part) + deviation(part)
+
+        part = _part(of_springs, gained, of_springs(1.0))
+        return (y, balance) if part == 1 else (start - part * step, at(start - part * step))
+
+    def work(part: float) -> float:
+        nonlocal y, balance
+        y = start - part * step
+        balance = at(y)
+        return float(balance.residual @ step)
+
+    _part(work, gained, float(balance.residual @ step))
+    return y, balance
+
+
+def _part(work: Callable[[float], float], gained: float, at_end: float) -> float:
+    """Part of a correction where the residual does no more work on it, by regula falsi."""
+    part, low, high = 1.0, (0.0, gained), (1.0, at_end)
+    if not 0 < OVERSHOOT * gained < -at_end:
+        return part
+    for _ in range(SEARCHES):
+        part = (low[0] * high[1] - high[0] * low[1]) / (high[1] - low[1])
+        found = work(part)
+        if abs(found) <= OVERSHOOT * gained:
+            break
+        if found > 0:
+            low, high = (part, found), (high[0], high[1] / 2)
+        else:
+            low, high = (low[0], low[1] / 2), (part, found)
+    return part

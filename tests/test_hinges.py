@@ -1,0 +1,427 @@
+"""Springs with a stored energy of their own: hinges that yield or relax, springs that stiffen."""
+
+import copy
+import math
+import pickle
+
+import ufl
+
+import numpy as np
+import pytest
+from jointed import drift, pair, throw
+
+import fx_beam as fb
+from fx_beam.coupling import spring_laws
+from fx_beam.fem import dolfinx_api
+
+SOLVERS = pytest.mark.parametrize("solver", ["compiled", "petsc"])
+SCHEMES = [fb.EnergyMomentum(), fb.EnergyDecaying(0.1), fb.MidPoint(), fb.Newmark(), fb.HHT(-0.2)]
+STIFF, HARDENING, YIELD = 400.0, 10.0, 3.0
+SLOW, FAST, TAU = 40.0, 20.0, 0.5
+LIGHT = fb.Section(EA=1e4, GA=1e4, EI=100.0)
+
+
+def plastic(x, a):
+    """Kinematic hardening: a[0] is the plastic part."""
+    return STIFF / 2 * (x - a[0]) ** 2 + HARDENING / 2 * a[0] ** 2
+
+
+def flow(old, strains0, strains, dt):
+    trial = STIFF * (strains[0] - old[0]) - HARDENING * old[0]
+    excess = ufl.max_value(abs(trial) - YIELD, 0)
+    return [old[0] + ufl.sign(trial) * excess / (STIFF + HARDENING)]
+
+
+def isotropic(x, a):
+    """Isotropic hardening: a[0] is the plastic part, a[1] the length of its path."""
+    return STIFF / 2 * (x - a[0]) ** 2 + HARDENING / 2 * a[1] ** 2
+
+
+def isotropic_flow(old, strains0, strains, dt):
+    trial = STIFF * (strains[0] - old[0])
+    flown = ufl.max_value(abs(trial) - YIELD - HARDENING * old[1], 0) / (STIFF + HARDENING)
+    return [old[0] + ufl.sign(trial) * flown, old[1] + flown]
+
+
+def zener(x, a):
+    return SLOW / 2 * x**2 + FAST / 2 * (x - a[0]) ** 2
+
+
+def relax(old, strains0, strains, dt):
+    (x,) = strains  # an update that fits springs only
+    return [(old[0] + dt / TAU * x) / (1 + dt / TAU)]
+
+
+def stiffening(x):
+    return 5.0 * x**2 + 40.0 * x**4
+
+
+PLASTIC = fb.Spring(strain_energy=plastic, internal=fb.InternalVariables(("a",), flow))
+ISOTROPIC = fb.Spring(
+    strain_energy=isotropic, internal=fb.InternalVariables(("a", "length"), isotropic_flow)
+)
+ZENER = fb.Spring(strain_energy=zener, internal=fb.InternalVariables(("dashpot",), relax))
+STIFFENING = fb.Spring(strain_energy=stiffening)
+
+
+def driven(spring, path, slides=False):
+    """An arm on the ground with a coordinate that is prescribed over time."""
+    scene = fb.Scene()
+    arm = scene.add_beam([(0, 0), (1, 0)], LIGHT)
+    if slides:
+        joint = fb.Prismatic(fb.GROUND, arm.start, axis=(1, 0), spring=spring, motor=path)
+    else:
+        joint = fb.Revolute(fb.GROUND, arm.start, spring=spring)
+        scene.prescribe(arm.start, rotation=path)
+    return scene, scene.add_joint(joint)
+
+
+def swung(spring, joint=fb.Revolute):
+    """Two heavy arms, one on the ground, with springs in both hinges."""
+    section = fb.Section(EA=1e4, GA=1e4, EI=100.0, rhoA=1.0, rhoI=0.1)
+    scene = fb.Scene(gravity=(0, -9.81))
+    arms = [scene.add_beam([(i, 0), (i + 1, 0)], section, elements=2) for i in (0, 1)]
+    joints = [scene.add_joint(fb.Revolute(fb.GROUND, arms[0].start, spring=spring))]
+    joints.append(scene.add_joint(fb.Revolute(arms[0].end, arms[1].start, spring=spring)))
+    return scene, joints
+
+
+# -- Closed solutions ------------------------------------------------------------------------------
+
+
+def exact_forces(places, kinematic):
+    """Forces along a path of the coordinate, from the corners of the yield surface."""
+    force, centre, radius, before, forces = 0.0, 0.0, YIELD, 0.0, []
+    for x in places:
+        trial = force + STIFF * (x - before)
+        excess = max(abs(trial - centre) - radius, 0.0) / (STIFF + HARDENING)
+        direction = np.sign(trial - centre)
+        force = trial - STIFF * direction * excess
+        if kinematic:
+            centre += HARDENING * direction * excess
+        else:
+            radius += HARDENING * excess
+        before = x
+        forces.append(force)
+    return np.array(forces)
+
+
+@SOLVERS
+@pytest.mark.parametrize("slides", [False, True], ids=["hinge", "slide"])
+@pytest.mark.parametrize("spring", [PLASTIC, ISOTROPIC], ids=["kinematic", "isotropic"])
+def test_the_loop_of_moment_and_rotation_is_exact_at_ends_of_steps(spring, slides, solver):
+    times, corners = [0.1, 1, 2, 3, 4], [0.0, 0.04, -0.05, 0.06, 0.0]
+    scene, joint = driven(spring, lambda t: float(np.interp(t, times, corners)), slides)
+    solution = fb.simulate(scene, dt=0.05, t_end=4.0, solver=solver)
+    motion = solution.joint(joint)
+    place = motion.slide if slides else motion.angle
+    assert place == pytest.approx(np.interp(solution.t, times, corners), abs=1e-13)
+    exact = exact_forces(place, spring is PLASTIC)
+    assert abs(STIFF * (place - motion.internal("a")) - exact).max() < 1e-10
+    # In a step the force on the node b is the mean of both ends; a moment works on 2 tan(Dpsi/2).
+    means = -(exact[1:] + exact[:-1]) / 2
+    if not slides:
+        half = np.diff(place) / 2
+        means *= np.cos(half) / np.sinc(half / np.pi)
+    if slides:
+        assert abs(motion.motor_force[1:] + means).max() < 1e-10
+    else:
+        assert abs(solution.reaction(joint.b)[1:, 2] + means).max() < 1e-10
+        assert abs(motion.force[1:, 2] - means).max() < 1e-10
+    lost = solution.energy.dissipated
+    assert (np.diff(lost) >= 0).all() and lost[-1] > 0.4
+    assert abs(solution.energy.balance_error).max() < 1e-13
+    W = STIFF / 2 * (place - motion.internal("a")) ** 2
+    W += HARDENING / 2 * motion.internal("a" if spring is PLASTIC else "length") ** 2
+    assert solution.energy.springs == pytest.approx(W, abs=1e-14)
+
+
+@pytest.mark.parametrize("scheme", [fb.EnergyMomentum(), fb.HHT(-0.2)], ids=lambda s: s.name)
+def test_a_zener_hinge_relaxes_with_second_order(scheme):
+    errors, c = [], 0.8
+    for dt in (0.1, 0.05):
+        scene, joint = driven(ZENER, lambda t: c * t)
+        solution = fb.simulate(scene, scheme, dt=dt, t_end=1.0)
+        t = solution.t_level[-1]
+        exact = SLOW * c * t + FAST * c * TAU * (1 - math.exp(-t / TAU))
+        errors.append(abs(solution.joint(joint).force[-1, 2] + exact))
+    assert math.log2(errors[0] / errors[1]) > 1.9
+    assert errors[1] < 0.01
+
+
+@SOLVERS
+@pytest.mark.parametrize("size", [1.0, 1e-9], ids=["metres", "nanometres"])
+def test_a_stiffening_spring_keeps_its_energy_in_any_unit(size, solver):
+    spring = fb.Spring(rest=0.1 * size, strain_energy=lambda x: stiffening(x / size))
+    scene = fb.Scene()
+    body = scene.add_beam([(0, 0), (size, 0)], LIGHT)
+    scene.add_mass(body.start, 2.0 / size**2)
+    joint = scene.add_joint(fb.Prismatic(fb.GROUND, body.start, axis=(1, 0), spring=spring))
+    scene.set_velocity(body, (1.5 * size, 0.0))
+    solution = fb.simulate(scene, dt=0.02, t_end=20.0, solver=solver)
+    E, x = solution.energy.total, solution.slide(joint) / size - 0.1
+    assert drift(E) < 1e-11
+    assert solution.energy.springs.max() > 0.99 * E[0]
+    # Amplitude, and half of the period: the integral of dx / v.
+    top = np.sqrt((np.sqrt(25 + 160 * E[0]) - 5) / 80)
+    assert abs(x).max() == pytest.approx(top, rel=1e-3)
+    angle = (np.arange(1000) + 0.5) * np.pi / 2000
+    places = top * np.sin(angle)
+    half = np.sum(top * np.cos(angle) / np.sqrt(E[0] - stiffening(places))) * np.pi / 1000
+    turns = np.flatnonzero(np.diff(np.sign(x)))
+    assert 0.02 * (turns[-1] - turns[0]) / (len(turns) - 1) == pytest.approx(half, rel=0.01)
+
+
+def test_load_steps_follow_the_flow_exactly_and_stiff_members_may_turn_about_a_hinge():
+    scene = fb.Scene()
+    arm = scene.add_beam([(0, 0), (1, 0)], fb.Section(EA=1e9, GA=1e9, EI=1e9))
+    joint = scene.add_joint(fb.Revolute(fb.GROUND, arm.start, spring=PLASTIC))
+    scene.add_moment(arm.end, 6.0)
+    solution = fb.static(scene, steps=6)
+    assert solution.stats.halvings == 0
+    moments = 6.0 * solution.t
+    flown = np.maximum(moments - YIELD, 0) / HARDENING
+    assert solution.joint(joint).internal("a") == pytest.approx(flown, abs=1e-9)
+    assert solution.joint(joint).angle == pytest.approx(moments / STIFF + flown, abs=1e-9)
+    motion = fb.simulate(scene, dt=0.05, t_end=0.2, start=solution)
+    assert abs(motion.joint(joint).internal("a") - flown[-1]).max() < 1e-9
+
+
+def test_a_load_step_of_statics_is_the_time_of_the_update():
+    scene, joint = driven(ZENER, 0.1)
+    found = fb.static(scene, steps=1).joint(joint).internal("dashpot")[-1]
+    assert found == pytest.approx(0.1 * (1 / TAU) / (1 + 1 / TAU))
+
+
+def test_modes_hold_a_hinge_that_has_relaxed():
+    scene = fb.Scene()
+    arm = scene.add_beam([(0, 0), (1, 0)], fb.Section(EA=1e9, GA=1e9, EI=1e9))
+    joint = scene.add_joint(fb.Revolute(fb.GROUND, arm.start, spring=ZENER))
+    scene.add_mass(arm.end, 2.0)
+    scene.add_moment(arm.end, 4.0)
+    state = fb.static(scene, steps=4)
+    assert state.joint(joint).internal("dashpot")[-1] > 0.02
+    found = fb.modes(scene, state, n=1)
+    assert found.angular_frequencies == pytest.approx([math.sqrt((SLOW + FAST) / 2)], rel=1e-6)
+    assert abs(found.damping_ratios).max() < 1e-9
+    other = fb.Scene()
+    arm = other.add_beam([(0, 0), (1, 0)], fb.Section(EA=1e9, GA=1e9, EI=1e9))
+    other.add_joint(fb.Revolute(fb.GROUND, arm.start, spring=STIFFENING))
+    with pytest.raises(fb.SceneError, match="modes: the state has other internal variables"):
+        fb.modes(scene, fb.static(other))
+
+
+# -- Balances --------------------------------------------------------------------------------------
+
+
+@SOLVERS
+@pytest.mark.parametrize(
+    "spring", [PLASTIC, ZENER, STIFFENING], ids=["plastic", "zener", "elastic"]
+)
+@pytest.mark.parametrize("kind", ["revolute", "prismatic with offset"])
+def test_free_flight_loses_what_the_spring_takes_and_keeps_the_momenta(kind, spring, solver):
+    scene, first, second, joint = pair(kind, spring=spring)
+    throw(scene, first, second, joint, spin=3.0)
+    solution = fb.simulate(scene, dt=0.01, t_end=0.6, solver=solver)
+    energy = solution.energy
+    assert abs(energy.balance_error).max() < 1e-11 * energy.kinetic[0]
+    assert np.diff(energy.dissipated).min() >= -1e-14
+    assert (energy.dissipated[-1] > 0.005 * energy.total[0]) == (spring is not STIFFENING)
+    assert not energy.work.any()
+    for momentum in (solution.linear_momentum, solution.angular_momentum):
+        assert abs(momentum - momentum[0]).max() < 1e-11
+
+
+@pytest.mark.parametrize("scheme", SCHEMES, ids=lambda s: s.name)
+@pytest.mark.parametrize("spring", [PLASTIC, STIFFENING], ids=["plastic", "elastic"])
+def test_both_solvers_agree(spring, scheme):
+    scene, joints = swung(spring)
+    runs = [fb.simulate(scene, scheme, dt=0.02, t_end=0.8, solver=s) for s in ("compiled", "petsc")]
+    assert [run.stats.solver.partition(",")[0] for run in runs] == ["compiled", "petsc lu"]
+    assert runs[0].q == pytest.approx(runs[1].q, abs=1e-9)
+    for part in ("dissipated", "springs"):
+        a, b = (getattr(run.energy, part) for run in runs)
+        assert a == pytest.approx(b, abs=1e-8)
+    for joint in joints:
+        assert runs[0].joint_force(joint) == pytest.approx(runs[1].joint_force(joint), abs=1e-6)
+        if spring is PLASTIC:
+            a, b = (run.joint(joint).internal("a") for run in runs)
+            assert a == pytest.approx(b, abs=1e-10) and abs(a).max() > 0.01
+    assert np.diff(runs[0].energy.dissipated).min() >= -1e-14
+
+
+def test_a_spring_may_be_linear_and_have_an_energy_besides():
+    own = fb.Spring(30.0, rest=0.2, strain_energy=lambda x: 10.0 * x**2)
+    runs = []
+    for spring in (own, fb.Spring(50.0, rest=0.2)):
+        scene, _ = swung(spring)
+        runs.append(fb.simulate(scene, dt=0.02, t_end=0.6))
+    assert runs[0].q == pytest.approx(runs[1].q, abs=1e-10)
+    assert runs[0].energy.springs == pytest.approx(runs[1].energy.springs, abs=1e-10)
+
+
+# -- Steps in parts, restarts, records -------------------------------------------------------------
+
+
+def frame_on_hinges():
+    """A portal frame whose hinges are far stiffer than its members, pushed and let back."""
+    k, moment = 1e11, 1e5
+
+    def energy(x, a):
+        return k / 2 * (x - a[0]) ** 2 + 1e3 / 2 * a[0] ** 2
+
+    def yields(old, strains0, strains, dt):
+        trial = k * (strains[0] - old[0]) - 1e3 * old[0]
+        excess = ufl.max_value(abs(trial) - moment, 0)
+        return [old[0] + ufl.sign(trial) * excess / (k + 1e3)]
+
+    spring = fb.Spring(strain_energy=energy, internal=fb.InternalVariables(("a",), yields))
+    scene, section = fb.Scene(), fb.Section(EA=6e9, GA=2e9, EI=2e8)
+    corners = [(0, 0), (0, 3), (3, 3), (6, 3), (6, 0)]
+    beams = [scene.add_beam(ends, section) for ends in zip(corners[:-1], corners[1:], strict=True)]
+    ends = [fb.GROUND, *(beam.end for beam in beams)]
+    starts = [*(beam.start for beam in beams), fb.GROUND]
+    for a, b in zip(ends, starts, strict=True):
+        scene.add_joint(fb.Revolute(a, b, spring=spring))
+    scene.prescribe(beams[0].end, x=lambda t: 0.02 * float(np.interp(t, (0.1, 1, 2), (0, 1, 0.5))))
+    return scene
+
+
+@SOLVERS
+def test_no_step_fails_where_hinges_unload_that_have_flowed(solver):
+    solution = fb.simulate(frame_on_hinges(), dt=0.05, t_end=2.0, solver=solver)
+    assert solution.stats.halvings == 0
+    assert solution.energy.dissipated[-1] > 0
+    balance = abs(solution.energy.balance_error).max()
+    assert balance < 1e-11 * solution.energy.dissipated[-1]
+
+
+@SOLVERS
+def test_a_failed_part_leaves_no_trace(solver):
+    scene, joints = swung(PLASTIC)
+    options = fb.NewtonOptions(max_turn=0.1)
+    solution = fb.simulate(scene, dt=0.08, t_end=0.8, newton=options, solver=solver)
+    assert solution.stats.halvings > 0
+    energy = solution.energy
+    assert abs(energy.balance_error).max() < 1e-11 * energy.kinetic.max()
+    # What was taken belongs to the plastic angles that remain: the yield moment on their paths,
+    # but for the steps in which flow begins.
+    a = np.array([solution.joint(joint).internal("a") for joint in joints])
+    path = abs(np.diff(a)).sum()
+    assert path > 1 and energy.dissipated[-1] == pytest.approx(YIELD * path, rel=0.05)
+
+
+def test_a_motion_goes_on_from_what_was_saved(tmp_path):
+    scene, joints = swung(PLASTIC)
+    whole = fb.simulate(scene, dt=0.02, t_end=0.8)
+    half = fb.simulate(scene, dt=0.02, t_end=0.4)
+    half.save(tmp_path / "half.npz")
+    loaded = fb.load(tmp_path / "half.npz")
+    for start in (half, loaded, copy.deepcopy(half), pickle.loads(pickle.dumps(half))):
+        for joint in joints:
+            assert (start.joint(joint).internal("a") == half.joint(joint).internal("a")).all()
+        rest = fb.simulate(scene, dt=0.02, t_end=0.8, start=start)
+        assert abs(rest.q[-1] - whole.q[-1]).max() < 1e-12
+        for joint in joints:
+            found = rest.joint(joint).internal("a")[-1]
+            assert abs(found - whole.joint(joint).internal("a")[-1]) < 1e-12
+    with pytest.raises(fb.SceneError, match="other internal variables than the springs"):
+        fb.simulate(swung(STIFFENING)[0], dt=0.02, t_end=0.8, start=half)
+    with pytest.raises(ValueError, match=r"has no internal variable 'b'; it has \['a'\]"):
+        whole.joint(joints[0]).internal("b")
+
+
+@pytest.mark.parametrize("copied", [copy.deepcopy, lambda scene: pickle.loads(pickle.dumps(scene))])
+def test_copies_of_a_scene_move_alike(copied):
+    scene, _ = swung(ISOTROPIC)
+    runs = [fb.simulate(of, dt=0.02, t_end=0.2) for of in (scene, copied(scene))]
+    assert (runs[0].q == runs[1].q).all()
+
+
+def test_rows_are_those_of_the_steps_that_are_recorded():
+    scene, joints = swung(PLASTIC)
+    every, some = (
+        fb.simulate(scene, dt=0.02, t_end=0.8, record=fb.Record(every=n)) for n in (1, 7)
+    )
+    rows = [*range(0, 40, 7), 40]
+    of_every = every.joint(joints[1]).internal("a")
+    assert (some.joint(joints[1]).internal("a") == of_every[rows]).all()
+    at = fb.simulate(scene, tolerance=1e-3, t_end=0.8, record=fb.Record(times=[0.0, 0.33, 0.8]))
+    assert abs(at.energy.balance_error).max() < 1e-11 * every.energy.kinetic.max()
+    assert abs(at.joint(joints[1]).internal("a")[-1] - of_every[-1]) < 0.02
+    none = fb.simulate(scene, dt=0.02, t_end=0.1, record=fb.Record(motion=False))
+    with pytest.raises(ValueError, match="motion not recorded"):
+        none.joint(joints[1]).internal("a")
+
+
+def test_springs_of_a_kind_are_compiled_once_and_linear_ones_never(monkeypatch):
+    made = []
+    compile_form = dolfinx_api.compile_form
+    monkeypatch.setattr(
+        spring_laws.dolfinx_api,
+        "compile_form",
+        lambda form, name: (made.append(name), compile_form(form, name))[1],
+    )
+    for spring, count in ((fb.Spring(20.0), 0), (PLASTIC, 1)):
+        made.clear()
+        fb.simulate(swung(spring)[0], dt=0.02, t_end=0.02)
+        assert made.count("law of a spring") == count
+
+
+# -- Refusals --------------------------------------------------------------------------------------
+
+
+def test_order_four_is_refused_with_a_memory_only():
+    with pytest.raises(fb.SceneError, match="goes back in time.*of a spring"):
+        fb.simulate(swung(PLASTIC)[0], fb.EnergyMomentum(order=4), dt=0.1, t_end=1.0)
+    elastic = fb.simulate(swung(STIFFENING)[0], fb.EnergyMomentum(order=4), dt=0.02, t_end=0.2)
+    assert abs(elastic.energy.balance_error).max() < 1e-11 * elastic.energy.kinetic.max()
+
+
+@pytest.mark.parametrize(
+    ("update", "text"),
+    [
+        (
+            lambda old, e0, e, dt: [old[0] - 0.1 * e[0]],
+            "gives energy to the motion: .* J in a step",
+        ),
+        (lambda old, e0, e, dt: [old[0], old[0]], "must give 1 scalars"),
+        (lambda old, e0, e, dt: [old[0] + 0.1 * e[2]], "tuple index out of range"),
+        (lambda old, e: [old[0]], "takes 2 positional arguments"),
+    ],
+    ids=["gain", "shape", "strains", "arguments"],
+)
+def test_updates_that_do_not_fit_are_refused(update, text):
+    with pytest.raises(fb.SceneError, match=text):
+        fb.Spring(strain_energy=plastic, internal=fb.InternalVariables(("a",), update))
+
+
+@pytest.mark.parametrize(
+    ("energy", "text"),
+    [
+        (lambda x: 2.0, r"does not depend on \['x'\]"),
+        (lambda x: math.cos(x), r"UFL expression|does not depend on"),
+        (lambda x: ufl.as_vector((x, x)), "must be a scalar"),
+        (lambda x: ufl.Constant(dolfinx_api.domain(1)) * x, "Constant of your own"),
+        (lambda x, y: x * y, "UFL expression"),
+        (3.0, "UFL expression"),
+    ],
+)
+def test_energies_that_do_not_fit_are_refused(energy, text):
+    with pytest.raises(fb.SceneError, match=f"Spring: .*({text})"):
+        fb.Spring(strain_energy=energy)
+
+
+def test_incomplete_springs_are_refused():
+    variables = fb.InternalVariables(("a",), flow)
+    with pytest.raises(fb.SceneError, match=r"Spring: internal .* need a strain_energy\(x, a\)"):
+        fb.Spring(5.0, internal=variables)
+    with pytest.raises(fb.SceneError, match=r"Spring: strain_energy does not depend on \['a'\]"):
+        fb.Spring(strain_energy=lambda x, a: x**2, internal=variables)
+    with pytest.raises(fb.SceneError, match="Spring: internal = .* must be"):
+        fb.Spring(strain_energy=plastic, internal=flow)
+    with pytest.raises(fb.SceneError, match="variables of the same name"):
+        pair("pin in slot", spring=PLASTIC, hinge=fb.Coordinate(spring=PLASTIC))
+    scene, _ = swung(fb.Spring(strain_energy=lambda x: abs(x) ** 1.5))
+    with pytest.raises(fb.SceneError, match="Spring: at its rest .* must be finite"):
+        fb.simulate(scene, dt=0.1, t_end=0.1)
