@@ -1,6 +1,6 @@
 """Large frames: set-up, steps, statics and modes of square lattices of rigidly joined struts.
 
-    .venv/bin/python benchmarks/frames.py [cells ...]     (200 cells a side: 80 400 struts, 2 minutes)
+    .venv/bin/python benchmarks/frames.py [cells ...]   (200: 80 400 struts, 2 minutes)
 
 Each strut is one element. The lattice is clamped at one side and loaded at the other. Times are
 those of the processor in seconds; the memory is the largest of the process so far.

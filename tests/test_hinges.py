@@ -11,7 +11,6 @@ import pytest
 from jointed import drift, pair, throw
 
 import fx_beam as fb
-from fx_beam.coupling import spring_laws
 from fx_beam.fem import dolfinx_api
 
 SOLVERS = pytest.mark.parametrize("solver", ["compiled", "petsc"])
@@ -358,7 +357,7 @@ def test_springs_of_a_kind_are_compiled_once_and_linear_ones_never(monkeypatch):
     made = []
     compile_form = dolfinx_api.compile_form
     monkeypatch.setattr(
-        spring_laws.dolfinx_api,
+        dolfinx_api,
         "compile_form",
         lambda form, name: (made.append(name), compile_form(form, name))[1],
     )

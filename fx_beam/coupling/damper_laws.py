@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import ctypes
 from collections.abc import Callable
 from typing import Any
 
@@ -11,24 +10,20 @@ import ufl
 import numpy as np
 
 from fx_beam.errors import SceneError
-from fx_beam.fem import dolfinx_api, ffcx_api
-
-# Tensor, coefficients, constants, coordinates; the others have no meaning here. Later versions of
-# FFCx have one more, which C ignores where there is none.
-FUNCTION = ctypes.CFUNCTYPE(None, *[ctypes.c_void_p] * 7)
+from fx_beam.fem.point_functions import PointFunction
 
 
 class DamperLaw:
     """The law of a damper as a C function of the rate, for the steps in Python and in C."""
 
     def __init__(self, law: Callable[[Any], Any]):
-        rate = ufl.variable(ufl.Constant(dolfinx_api.domain(1)))
-        force = law(rate)
-        both = ufl.as_vector((force, ufl.diff(force, rate)))
-        self._compiled = dolfinx_api.compile_form((both, np.array([[0.5]])), "law of a damper")
+        def values(given):
+            rate = ufl.variable(given[0])
+            return ufl.as_vector((law(rate), ufl.diff(law(rate), rate)))
+
+        self._function = PointFunction(values, 1, "law of a damper")
         #: Address of the function.
-        self.address = ffcx_api.expression_function(self._compiled)
-        self._function = FUNCTION(self.address)
+        self.address = self._function.address
         force, slope = self(0.0)
         if not np.isfinite([force, slope]).all():
             raise SceneError(
@@ -38,6 +33,5 @@ class DamperLaw:
 
     def __call__(self, rate: float) -> tuple[float, float]:
         """Force and its derivative by the rate."""
-        out, at = np.zeros(2), np.array([rate])
-        self._function(out.ctypes.data, None, at.ctypes.data, None, None, None, None)
-        return float(out[0]), float(out[1])
+        force, slope = self._function(np.array([rate]))
+        return float(force), float(slope)

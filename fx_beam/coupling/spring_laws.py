@@ -9,13 +9,11 @@ import ufl
 import numpy as np
 
 from fx_beam.errors import SceneError
-from fx_beam.fem import dolfinx_api, ffcx_api
+from fx_beam.fem.point_functions import PointFunction
 from fx_beam.mechanics.evolution import evolution_loss, evolved
 from fx_beam.mechanics.rates import Rates
 from fx_beam.scene.internal_variables import InternalVariables
 from fx_beam.scene.law import Energy, is_quadratic
-
-from .damper_laws import FUNCTION
 
 # Shortest path, relative to the coordinates, over which the force is the quotient of energy and
 # path. On a shorter one round-off of the energy exceeds the error of the force in its middle.
@@ -30,28 +28,12 @@ class SpringLaw:
     """
 
     def __init__(self, energy: Energy, internal: InternalVariables | None, rates: Rates):
-        at_rest = rates.at_rest
         #: Number of internal variables.
         self.variables = len(internal.names) if internal else 0
-        given = ufl.Constant(dolfinx_api.domain(1), shape=(3 + self.variables,))
-        x0, x1 = given[0], ufl.variable(given[1])
-        self._energy = energy
-        old = new = ufl.as_vector([given[3 + i] for i in range(self.variables)] or [0.0])
-        loss: Any = 0.0
-        if internal:
-            new = evolved(internal, old, (x0,), (x1,), given[2], at_rest)
-            loss = evolution_loss(energy, old, new, (x0,), (x1,), at_rest)
-        if rates.level == 0.5:
-            force = self._discrete_gradient(x0, x1, (old + new) / 2)
-        else:
-            ends = self._force(x0, old), self._force(x1, new)
-            force = (1 - rates.level) * ends[0] + rates.level * ends[1]
-        parts = force, ufl.diff(force, x1), loss, self._stored(x0, old)
-        all_parts = ufl.as_vector((*parts, *(new[i] for i in range(self.variables))))
-        self._compiled = dolfinx_api.compile_form((all_parts, np.array([[0.5]])), "law of a spring")
+        self._energy, self._internal, self._rates = energy, internal, rates
+        self._function = PointFunction(self._expressions, 3 + self.variables, "law of a spring")
         #: Address of the function.
-        self.address = ffcx_api.expression_function(self._compiled)
-        self._function = FUNCTION(self.address)
+        self.address = self._function.address
         found = self(np.zeros(3 + self.variables))
         if not np.isfinite(found).all():
             raise SceneError(
@@ -59,6 +41,22 @@ class SpringLaw:
                 f"the internal variables {found[4:].tolist()}; they must be finite. Write "
                 "ufl.sqrt(x**2 + 1e-12) for abs(x), for example"
             )
+
+    def _expressions(self, given):
+        energy, internal, rates = self._energy, self._internal, self._rates
+        x0, x1 = given[0], ufl.variable(given[1])
+        old = new = ufl.as_vector([given[3 + i] for i in range(self.variables)] or [0.0])
+        loss: Any = 0.0
+        if internal:
+            new = evolved(internal, old, (x0,), (x1,), given[2], rates.at_rest)
+            loss = evolution_loss(energy, old, new, (x0,), (x1,), rates.at_rest)
+        if rates.level == 0.5:
+            force = self._discrete_gradient(x0, x1, (old + new) / 2)
+        else:
+            ends = self._force(x0, old), self._force(x1, new)
+            force = (1 - rates.level) * ends[0] + rates.level * ends[1]
+        parts = force, ufl.diff(force, x1), loss, self._stored(x0, old)
+        return ufl.as_vector((*parts, *(new[i] for i in range(self.variables))))
 
     def _stored(self, x, a):
         return self._energy(x, a) if self.variables else self._energy(x)
@@ -80,6 +78,4 @@ class SpringLaw:
 
     def __call__(self, given: np.ndarray) -> np.ndarray:
         """What is found (4 + variables,), from what is given (3 + variables,)."""
-        found = np.zeros(4 + self.variables)
-        self._function(found.ctypes.data, None, given.ctypes.data, None, None, None, None)
-        return found
+        return self._function(given)

@@ -30,7 +30,7 @@ class PointFunction:
         self._function = _FUNCTION(self.address)
 
     def __call__(self, numbers: np.ndarray) -> np.ndarray:
-        """Values (size,) for numbers (arguments,)."""
+        """Values (size,) of numbers (arguments,)."""
         out = np.zeros(self._size)
         self._function(out.ctypes.data, None, numbers.ctypes.data, None, None, None, None)
         return out
