@@ -332,18 +332,18 @@ def test_an_interrupt_leaves_no_form_for_which_others_would_wait(tmp_path):
 
 
 def test_a_study_of_stability_has_the_same_cells_on_processes():
-    schemes, cases = [fb.EnergyMomentum(), fb.Newmark()], sweep_cases.swings()
+    schemes, cases = [fb.EnergyMomentum()], sweep_cases.swings()
     killer = fb.stability.Case("EA", "0", sweep_cases.killer, dt=0.1, t_end=1.0)
     cells = fb.stability.study(schemes, [*cases, killer], executor=1)
     expected = fb.stability.study(schemes, cases)
-    assert [(cell.case.name, cell.scheme) for cell in cells[:4]] == [
+    assert [(cell.case.name, cell.scheme) for cell in cells[:2]] == [
         (cell.case.name, cell.scheme) for cell in expected
     ]
-    for one, other in zip(cells[:4], expected, strict=True):
+    for one, other in zip(cells[:2], expected, strict=True):
         assert one.verdict == other.verdict
         np.testing.assert_array_equal(one.ratio, other.ratio)
-    assert [cell.verdict.kind for cell in cells[4:]] == ["no verdict"] * 2
-    assert all("its worker process died" in cell.verdict.reason for cell in cells[4:])
+    assert cells[2].verdict.kind == "no verdict"
+    assert "its worker process died" in cells[2].verdict.reason
     local = fb.stability.Case("EA", "1", lambda: None, dt=0.1, t_end=1.0)
     with pytest.raises(fb.SceneError, match="worker processes cannot be sent"):
         fb.stability.study(schemes, [local], executor=1)

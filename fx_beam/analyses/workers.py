@@ -14,6 +14,7 @@ from concurrent.futures import BrokenExecutor, Executor, Future, ProcessPoolExec
 from concurrent.futures import wait as wait_for
 from contextlib import contextmanager
 from multiprocessing import connection
+from multiprocessing.process import BaseProcess
 from time import monotonic, perf_counter
 from typing import Any, NamedTuple
 
@@ -103,7 +104,8 @@ def _check_pickles(function: Callable, items: Sequence) -> None:
         ) from error
     main = sys.modules["__main__"]
     inner = getattr(function, "func", function)
-    if inner.__module__ == "__main__" and not (hasattr(main, "__file__") or main.__spec__):
+    prompt = not hasattr(main, "__file__") and main.__spec__ is None
+    if getattr(inner, "__module__", "") == "__main__" and prompt:
         raise SceneError(
             f"{inner!r} is defined at a prompt, where worker processes cannot find it: put it into "
             "a file and import it"
@@ -180,23 +182,35 @@ class _Pool:
     """A pool of processes, which `spawn` starts: a fork would share what MPI and PETSc hold."""
 
     def __init__(self, number: int):
-        self._others = set(multiprocessing.active_children())
         self._number = number
+        self._own: set[BaseProcess] = set()
         spawn, level = multiprocessing.get_context("spawn"), _log.getEffectiveLevel()
         self._executor = ProcessPoolExecutor(number, spawn, _begin, (level,))
 
     def start(self, function: Callable) -> None:
         """Start all processes, and wait for the first one to have the function."""
-        with _environment(_ONE_THREAD):
+        with self._starting():
             ready = [self._executor.submit(_has, function) for _ in range(self._number)]
         (first, *_), _ = wait_for(ready, return_when="FIRST_COMPLETED")
         if isinstance(first.exception(), BrokenExecutor):
             raise SceneError(_NO_START)
 
+    @contextmanager
+    def _starting(self) -> Iterator[None]:
+        """Note the processes that start meanwhile. Ctrl-C is not theirs; it waits for the end."""
+        others = set(multiprocessing.active_children())
+        mask = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+        try:
+            with _environment(_ONE_THREAD):
+                yield
+        finally:
+            self._own |= set(multiprocessing.active_children()) - others
+            signal.pthread_sigmask(signal.SIG_SETMASK, mask)
+
     def submit(self, function: Callable, items: dict[int, Any]) -> dict[Future, int]:
         """Submit calls; a pool that breaks takes no more. It starts further processes as needed."""
         futures: dict[Future, int] = {}
-        with _environment(_ONE_THREAD):
+        with self._starting():
             for place, item in items.items():
                 try:
                     futures[self._executor.submit(call, function, item)] = place
@@ -216,11 +230,10 @@ class _Pool:
     def stop(self) -> None:
         """End all processes, whatever they do."""
         self._executor.shutdown(wait=False, cancel_futures=True)
-        own = set(multiprocessing.active_children()) - self._others
-        for process in own:
+        for process in self._own:
             process.terminate()
         until = monotonic() + _GRACE
-        for process in own:
+        for process in self._own:
             process.join(max(until - monotonic(), 0))
             process.kill()
             process.join()
@@ -231,9 +244,8 @@ def _has(function: Callable) -> None:
 
 
 def _begin(log_level: int) -> None:
-    """Prepare a worker: Ctrl-C is the parent's, and it ends with the parent, even a killed one."""
+    """Prepare a worker: it ends with its parent, even if that is killed."""
     _log.setLevel(log_level)
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
     signal.signal(signal.SIGTERM, _end)
     parent = multiprocessing.parent_process()
     assert parent is not None
