@@ -13,6 +13,9 @@ import numpy as np
 from fx_beam.errors import SceneError
 from fx_beam.results.files import writable
 
+# How each line begins.
+_START = b'{"case": '
+
 
 class Journal:
     """Rows of finished cases, a line of JSON each; without a path they are kept nowhere."""
@@ -24,22 +27,32 @@ class Journal:
             return
         try:
             self._file = open(writable(path), "a+b")
-            fcntl.flock(self._file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except (OSError, ValueError) as error:
+            raise SceneError(f"results = {str(path)!r} cannot be written: {error}") from error
+        try:
+            self._lock(path)
             self._read(path)
-        except BlockingIOError:
-            self.close()
-            raise SceneError(f"another sweep writes to {path}") from None
         except SceneError:
             self.close()
             raise
-        except (OSError, ValueError) as error:
-            raise SceneError(f"results = {str(path)!r} cannot be written: {error}") from error
+
+    def _lock(self, path: Path | str) -> None:
+        """Keep other sweeps away, except where the file system has no locks."""
+        assert self._file is not None
+        try:
+            fcntl.flock(self._file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError:
+            raise SceneError(f"another sweep writes to {path}") from None
+        except OSError:
+            pass
 
     def _read(self, path: Path | str) -> None:
         """Rows by case. A last line that was cut off is taken away."""
         assert self._file is not None
         self._file.seek(0)
         *lines, rest = self._file.read().split(b"\n")
+        if not (rest.startswith(_START) or _START.startswith(rest)):
+            lines.append(rest)  # which no sweep has written
         for number, line in enumerate(lines, 1):
             try:
                 row = json.loads(line)

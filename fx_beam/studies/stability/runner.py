@@ -94,18 +94,14 @@ def study(
     labelled, cases = candidates.labelled(schemes), list(cases)
     _check(cases)
     pairs = list(itertools.product(cases, labelled.items()))
-    order = list(range(len(pairs)))
-    if executor is not None:  # the longest runs early: none is left to a single worker at the end
-        order[1:] = sorted(order[1:], key=lambda place: -pairs[place][0].t_end / pairs[place][0].dt)
     found: dict[int, Cell] = {}
     run = partial(_cell, max_halvings=max_halvings, repeats=repeats)
     try:
         with (
             progress_bar(len(pairs), None, desc="runs") as bar,
-            closing(workers.run(run, [pairs[place] for place in order], executor)) as outcomes,
+            closing(workers.run(run, pairs, executor)) as outcomes,
         ):
-            for k, (cell, _, error) in outcomes:
-                place = order[k]
+            for place, (cell, _, error) in outcomes:
                 found[place] = cell or _blank(pairs[place], max_halvings, error)
                 case, (name, _) = pairs[place]
                 _log.info("%s, %s: %s", case.name, name, found[place].verdict.kind)
