@@ -2,6 +2,7 @@
 
 import json
 import os
+import shutil
 import signal
 import subprocess
 import sys
@@ -130,6 +131,7 @@ def test_what_processes_cannot_import_is_refused(monkeypatch):
         fb.sweep(prompt.square, [{"x": 1}])
 
 
+@pytest.mark.skipif(not shutil.which("mpirun"), reason="no mpirun")
 def test_a_pool_of_mpi_gives_what_one_process_gives(tmp_path, lists):
     text = """
 import json
