@@ -2,6 +2,7 @@
 
     ./run report stability            some minutes
     ./run report stability --quick    a few cases of each kind
+    ./run report stability --jobs 2   on two processes
 
 The scenes are those of the demos, with other constants. A failing step is halved at most 12 times,
 the default of `simulate`. The short form repeats doubtful runs once.
@@ -61,6 +62,11 @@ def scene_of(name, **constants):
     if isinstance(constants.get("SECTION"), dict):
         constants["SECTION"] = replace(demo(name).SECTION, **constants["SECTION"])
     return only(changed(name, **constants).scene())
+
+
+def scene_in(module):
+    """A function that makes the scene of a demo; it can be sent to a worker, a module cannot."""
+    return partial(scene_of, module.__name__.removeprefix("demo_"))
 
 
 def only(made):
@@ -353,8 +359,8 @@ def tolerances(quick):
     for name, module, dt in examples[:: 4 if quick else 1]:
         group = f"{name}, dt = {dt:g} s: Newton's tolerance"
         for label, tolerance in powers(*(-4, -10) if quick else (-2, -4, -6, -8, -10, -12)):
-            scene, newton = lambda own=module: only(own.scene()), fb.NewtonOptions(tolerance)
-            yield Case(group, label, scene, dt, module.T_END, newton)
+            newton = fb.NewtonOptions(tolerance)
+            yield Case(group, label, scene_in(module), dt, module.T_END, newton)
 
 
 def owed_to_tolerance(cells):
@@ -387,9 +393,7 @@ def dampings(quick):
     """The paper's examples at several steps, for schemes whose damping is scanned."""
     for name, (module, _, t_end, steps) in SCAN.EXAMPLES.items():
         for dt in steps[1:2] if quick else steps:
-            yield Case(
-                f"{name}: dt [s]", f"{dt:g}", lambda own=module: only(own.scene()), dt, t_end
-            )
+            yield Case(f"{name}: dt [s]", f"{dt:g}", scene_in(module), dt, t_end)
 
 
 def owed_to_damping(cells):
@@ -476,10 +480,10 @@ def units_page(found):
     )
 
 
-def studied(path, schemes, cases, title, repeats, said=lambda cells: (), remarks=""):
+def studied(path, schemes, cases, title, how, said=lambda cells: (), remarks=""):
     """Cells of a study, written to files; after Ctrl-C those that are finished."""
     try:
-        cells = fb.stability.study(schemes, cases, repeats=repeats)
+        cells = fb.stability.study(schemes, cases, **how)
     except KeyboardInterrupt as stop:
         if stop.cells:
             fb.stability.write(path, stop.cells, f"{title} (interrupted)", remarks)
@@ -490,27 +494,28 @@ def studied(path, schemes, cases, title, repeats, said=lambda cells: (), remarks
     return cells
 
 
-def main(quick=False, results=ROOT / "results" / "stability"):
+def main(quick=False, results=ROOT / "results" / "stability", jobs=1):
     """Cells of the cases and of Newton's tolerance, units, and cells of numerical damping.
 
-    They are also written to files in a directory.
+    They are also written to files in a directory. With more jobs, so many processes compute them.
     """
-    clock, repeats = perf_counter(), 1 if quick else 4
+    clock = perf_counter()
+    how = {"repeats": 1 if quick else 4, "executor": jobs if jobs > 1 else None}
     units = compare_units()
     reporting.write_json(results / "units.json", units)
     title = "effect of Newton's tolerance"
     by_tolerance = studied(
-        results / "tolerances", SCHEMES, tolerances(quick), title, repeats, owed_to_tolerance
+        results / "tolerances", SCHEMES, tolerances(quick), title, how, owed_to_tolerance
     )
     few = {"alphas": (0.0, -0.05, -0.1), "radii": (0.9,)} if quick else {}
     title = "effect of numerical damping"
     by_damping = studied(
-        results / "damping", SCAN.schemes(**few), dampings(quick), title, repeats, owed_to_damping
+        results / "damping", SCAN.schemes(**few), dampings(quick), title, how, owed_to_damping
     )
     questions = {group.__name__: list(group(quick)) for group in GROUPS}
     cases = [case for own in questions.values() for case in own]
     title, remarks = "stiff and extreme cases", units_page(units)
-    cells = studied(results / "cases", SCHEMES, cases, title, repeats, remarks=remarks)
+    cells = studied(results / "cases", SCHEMES, cases, title, how, remarks=remarks)
     for name, own in [*questions.items()][: 1 if quick else None]:
         names = {case.name for case in own}
         found = [cell for cell in cells if cell.case.name in names]
@@ -524,6 +529,7 @@ if __name__ == "__main__":
     logging.getLogger("fx_beam").setLevel(logging.ERROR)
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--quick", action="store_true", help="a short form, about a minute")
+    parser.add_argument("--jobs", type=int, default=1, metavar="N", help="processes that compute")
     parser.add_argument("results", nargs="?", type=Path, help="directory to write to")
     given = parser.parse_args()
-    main(given.quick, *([given.results] if given.results else []))
+    main(given.quick, given.results or ROOT / "results" / "stability", given.jobs)

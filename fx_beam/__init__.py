@@ -16,6 +16,7 @@ from .analyses.harmonic import FrequencyResponse, frequency_response
 from .analyses.modal import Modes, modes
 from .analyses.rayleigh import rayleigh
 from .analyses.statics import static
+from .analyses.sweep import sweep
 from .errors import Failure, SceneError, StepError
 from .mechanics.kinematics import Step
 from .mechanics.nodal_rates import NodalRates
@@ -106,6 +107,7 @@ __all__ = [
     "simulate",
     "spline",
     "static",
+    "sweep",
 ]
 
 

@@ -2,6 +2,7 @@
 
 import functools
 import tempfile
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 from scenes import demo
@@ -32,6 +33,8 @@ PICTURES = {
     ),
     "damping_scan": ("lost.png",),
     "slider_crank": ("scene.png", "shapes.png", "slider.png", "rod_motor_energy.png", "motion.gif"),
+    "monte_carlo": ("histogram.png",),
+    "design_map": ("map.png",),
     "ring": ("scene.png", "modes.png", "shapes.png", "energy.png", "motion.gif"),
     "roll_up": ("scene.png", "shapes.png", "convergence_and_energy.png", "motion.gif"),
     "lee_frame": (
@@ -46,10 +49,15 @@ PICTURES = {
     "plasticity": ("scene.png", "loops.png", "ring.png", "motion.gif"),
     "own_physics": ("scene.png", "energy.png", "motion.gif"),
 }
+# Fewer runs than in the gallery, in a thread: a process could not import what a test has loaded.
+SMALL = {
+    "monte_carlo": {"samples": 50, "executor": ThreadPoolExecutor(1)},
+    "design_map": {"points": (4, 3), "executor": ThreadPoolExecutor(1)},
+}
 RESULTS = tempfile.TemporaryDirectory(prefix="fx_beam_demos_")  # goes with the process
 
 
 @functools.cache
 def numbers(name):
     """What a demo's main returns, which draws its pictures as well, once."""
-    return demo(name).main(Path(RESULTS.name) / name)
+    return demo(name).main(Path(RESULTS.name) / name, **SMALL.get(name, {}))

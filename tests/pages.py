@@ -1,6 +1,8 @@
 """Pages in Markdown, for tests: their Python, and their links."""
 
 import re
+import subprocess
+import sys
 from pathlib import Path
 
 ROOT = Path(__file__).parents[1]
@@ -38,7 +40,12 @@ def missing(page):
 
 
 def run(block, page):
-    """Run a piece of Python alone, and give its names."""
+    """Run a piece of Python alone, and give its names; a script that processes import, as such."""
+    if "__main__" in block:
+        Path("script.py").write_text(block, encoding="utf-8")
+        command = [sys.executable, "script.py"]
+        print(subprocess.run(command, capture_output=True, text=True, check=True).stdout)
+        return {}
     names = {"__name__": page.stem}
     exec(compile(block, str(page), "exec"), names)
     return names

@@ -1,6 +1,8 @@
 """The report on stability in its short form."""
 
 import json
+import pickle
+import sys
 
 import numpy as np
 import pytest
@@ -157,3 +159,28 @@ def test_the_report_is_written_in_full(report):
     assert {"tolerances.md", "damping.md", "units.json"} <= {
         path.name for path in directory.iterdir()
     }
+
+
+def test_every_case_can_be_sent_to_a_process(monkeypatch):
+    bench = benchmark("stability")
+    monkeypatch.setitem(sys.modules, "stability", bench)
+    groups = [group(quick=False) for group in (*bench.GROUPS, bench.tolerances, bench.dampings)]
+    cases = [case for group in groups for case in group]
+    assert len(cases) > 150
+    for case in cases:
+        assert pickle.loads(pickle.dumps(case)).name == case.name
+
+
+@pytest.mark.parametrize(("jobs", "executor"), [(1, None), (3, 3)])
+def test_the_report_hands_its_jobs_to_the_studies(jobs, executor, monkeypatch, tmp_path):
+    def study(schemes, cases, **how):
+        stop = KeyboardInterrupt(how)
+        stop.cells = []
+        raise stop
+
+    bench = benchmark("stability")
+    monkeypatch.setattr(bench, "compare_units", dict)
+    monkeypatch.setattr(stability, "study", study)
+    with pytest.raises(KeyboardInterrupt) as stop:
+        bench.main(quick=True, results=tmp_path, jobs=jobs)
+    assert stop.value.args[0]["executor"] == executor

@@ -2,6 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import contextmanager
+from contextvars import ContextVar
+
 from tqdm import tqdm
 
 from fx_beam.errors import Failure, StepError
@@ -9,6 +13,7 @@ from fx_beam.results.solution import Solution
 
 # Delay of a progress bar that was not requested [s].
 _SOON = 2.0
+_NO_BARS: ContextVar[bool] = ContextVar("no bars", default=False)
 _KEPT = (
     "fx_beam: the steps so far are in the attribute `solution` of this KeyboardInterrupt. In a "
     "script: `except KeyboardInterrupt as stop: solution = stop.solution`; at a prompt: "
@@ -19,8 +24,18 @@ _KEPT = (
 def progress_bar(total: float, asked: bool | None, **look) -> tqdm:
     """A progress bar, removed at the end; by default only on a terminal and for long runs."""
     # For tqdm, None means: only on a terminal.
-    hidden = None if asked is None else not asked
+    hidden = (_NO_BARS.get() or None) if asked is None else not asked
     return tqdm(total=total, disable=hidden, delay=0 if asked else _SOON, leave=False, **look)
+
+
+@contextmanager
+def without_bars() -> Iterator[None]:
+    """No bars but those that are asked for: several workers would draw over one another."""
+    before = _NO_BARS.set(True)
+    try:
+        yield
+    finally:
+        _NO_BARS.reset(before)
 
 
 def failure_of(stop: StepError | KeyboardInterrupt, time: float) -> Failure:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ctypes
+import fcntl
 import functools
 import hashlib
 import logging
@@ -11,7 +12,8 @@ import platform
 import shlex
 import subprocess
 import tempfile
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
@@ -83,15 +85,11 @@ def _build(what: str, key: str, source: Callable[[], str], more: Sequence[str] =
     library = cache / f"{digest.hexdigest()[:32]}.so"
     try:
         if not library.exists():
-            _log.info("compiling %s, once", what)
             cache.mkdir(parents=True, exist_ok=True)
-            # Renamed when complete, since several processes may compile it at the same time.
-            with tempfile.TemporaryDirectory(dir=cache) as scratch:
-                out = Path(scratch) / "built.so"
-                command = [*compiler(), *flags, f"-I{_SOURCES}", "-x", "c", "-"]
-                command += ["-o", str(out), "-lm"]
-                subprocess.run(command, check=True, capture_output=True, text=True, input=source())
-                out.replace(library)
+            with _one_at_a_time(library.with_suffix(".lock")):
+                if not library.exists():
+                    _log.info("compiling %s, once", what)
+                    _compile(source(), library, [*compiler(), *flags, f"-I{_SOURCES}"])
     except (OSError, LookupError, subprocess.CalledProcessError) as error:
         if isinstance(error, subprocess.CalledProcessError):
             _check_target(target, flags)
@@ -99,6 +97,30 @@ def _build(what: str, key: str, source: Callable[[], str], more: Sequence[str] =
         _warn(next((line for line in said.splitlines() if "error" in line), said))
         raise LoopUnavailable("it cannot be built") from error
     return library
+
+
+def _compile(source: str, library: Path, command: Sequence[str]) -> None:
+    # Renamed when complete: a process that is killed leaves nothing that another one would load.
+    with tempfile.TemporaryDirectory(dir=library.parent) as scratch:
+        out = Path(scratch) / "built.so"
+        command = [*command, "-x", "c", "-", "-o", str(out), "-lm"]
+        subprocess.run(command, check=True, capture_output=True, text=True, input=source)
+        out.replace(library)
+
+
+@contextmanager
+def _one_at_a_time(path: Path) -> Iterator[None]:
+    """Let other processes wait, except where the file system has no locks.
+
+    The file goes before the lock does: who waited for it looks for the library first.
+    """
+    with open(path, "w") as file:
+        with suppress(OSError):
+            fcntl.flock(file, fcntl.LOCK_EX)
+        try:
+            yield
+        finally:
+            path.unlink(missing_ok=True)
 
 
 @functools.cache

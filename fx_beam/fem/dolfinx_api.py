@@ -8,10 +8,18 @@ from __future__ import annotations
 import functools
 import inspect
 import logging
+import os
+import sys
 from collections.abc import Callable, Mapping
 from typing import Any, NamedTuple, TypeVar
 
 from mpi4py import MPI
+
+if "mpi4py.futures" in sys.modules:
+    # PETSc would start on all processes at once, but those of a pool wait for calls.
+    import petsc4py
+
+    petsc4py.init(comm=MPI.COMM_SELF)
 
 import dolfinx
 import ufl
@@ -66,12 +74,20 @@ def quietly(compiling: F) -> F:
         logging.disable(max(disabled, logging.INFO))
         try:
             return compiling(*args, **kwargs)
+        except KeyboardInterrupt:
+            ffcx_api.discard_unfinished()
+            raise
         finally:
             root.setLevel(level)
             root.handlers[:] = handlers
             logging.disable(disabled)
 
     return wrapper  # type: ignore[return-value]
+
+
+def under_mpirun() -> bool:
+    """Whether mpirun started this process."""
+    return MPI.COMM_WORLD.size > 1 or "OMPI_COMM_WORLD_SIZE" in os.environ
 
 
 @quietly

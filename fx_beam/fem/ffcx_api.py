@@ -27,6 +27,9 @@ _PREFIX = (
     {"prefix", "namespace"} & set(inspect.signature(ffcx.compiler.compile_ufl_objects).parameters)
 ).pop()
 
+# C files that this process has made and compiles, or has compiled.
+_begun: set[Path] = set()
+
 
 def _loaded_once(find: Callable) -> Callable:
     """FFCx's search for a compiled module, which reads the whole cache folder, once for each."""
@@ -36,11 +39,21 @@ def _loaded_once(find: Callable) -> Callable:
     def wrapper(module_name, object_names, cache_dir, timeout):
         key = module_name, str(cache_dir)
         objects, module = found.get(key) or find(module_name, object_names, cache_dir, timeout)
-        if module is not None:  # else it is to be compiled
+        if module is not None:
             found[key] = objects, module
+        else:  # it is to be compiled
+            _begun.add(Path(cache_dir, module_name).with_suffix(".c"))
         return objects, module
 
     return wrapper
+
+
+def discard_unfinished() -> None:
+    """Remove from the cache what this process began and did not finish: others would wait."""
+    for source in _begun:
+        if not source.with_suffix(".c.cached").exists():
+            source.unlink(missing_ok=True)
+    _begun.clear()
 
 
 # In the place of FFCx's own, as dolfinx lets nobody hand it another.

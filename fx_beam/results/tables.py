@@ -109,6 +109,15 @@ def to_xarray(solution):
     return xarray.Dataset(data, coordinates, {"scheme": solution.stats.scheme})
 
 
+def of_rows(rows: list[dict]):
+    """The rows as a pandas.DataFrame, where pandas is installed."""
+    if importlib.util.find_spec("pandas") is None:
+        return rows
+    import pandas
+
+    return pandas.DataFrame(rows)
+
+
 def _require(package: str, what: str, instead: str) -> None:
     if importlib.util.find_spec(package) is None:
         raise RuntimeError(f"{what} needs {package}: pip install {package}. Else {instead}")

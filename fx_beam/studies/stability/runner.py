@@ -5,11 +5,15 @@ from __future__ import annotations
 import itertools
 import logging
 from collections.abc import Iterable, Mapping, Sequence
+from concurrent.futures import Executor
+from contextlib import closing
 from dataclasses import replace
+from functools import partial
 from typing import Any
 
 import numpy as np
 
+from fx_beam.analyses import workers
 from fx_beam.analyses.dynamics import simulate
 from fx_beam.analyses.progress import progress_bar
 from fx_beam.errors import SceneError, StepError
@@ -24,6 +28,8 @@ from .verdict import Verdict, classify, drift_of, energy_ratio, no_verdict
 
 _log = logging.getLogger("fx_beam")
 
+# A case, and a scheme with its label.
+Pair = tuple[Case, tuple[str, Scheme]]
 # Number of points of a stored curve.
 _POINTS = 400
 # Relative change of the time step for repeated runs: enough to change the last digits of all
@@ -37,6 +43,7 @@ def study(
     *,
     max_halvings: int = 12,
     repeats: int = 4,
+    executor: Executor | int | None = None,
 ) -> list[Cell]:
     """Verdicts on all schemes in all cases.
 
@@ -56,6 +63,9 @@ def study(
         run whose energy has blown up ends earlier.
     repeats : int
         Number of repetitions of a doubtful run.
+    executor : concurrent.futures.Executor or int, optional
+        What runs the cells, as for `sweep`: an executor or a number of processes, to which the
+        functions of the cases are sent; by default this process alone.
 
     Returns
     -------
@@ -83,17 +93,27 @@ def study(
     """
     labelled, cases = candidates.labelled(schemes), list(cases)
     _check(cases)
-    cells: list[Cell] = []
     pairs = list(itertools.product(cases, labelled.items()))
+    found: dict[int, Cell] = {}
+    run = partial(_cell, max_halvings=max_halvings, repeats=repeats)
     try:
-        with progress_bar(len(pairs), None, desc="runs") as bar:
-            for case, (name, scheme) in pairs:
-                cells.append(_cell(case, name, scheme, max_halvings, repeats))
+        with (
+            progress_bar(len(pairs), None, desc="runs") as bar,
+            closing(workers.run(run, pairs, executor)) as outcomes,
+        ):
+            for place, (cell, _, error) in outcomes:
+                found[place] = cell or _blank(pairs[place], max_halvings, error)
+                case, (name, _) = pairs[place]
+                _log.info("%s, %s: %s", case.name, name, found[place].verdict.kind)
                 bar.update()
     except KeyboardInterrupt as stop:
-        stop.cells = cells  # type: ignore[attr-defined]
+        stop.cells = _ordered(found)  # type: ignore[attr-defined]
         raise
-    return cells
+    return _ordered(found)
+
+
+def _ordered(found: dict[int, Cell]) -> list[Cell]:
+    return [cell for _, cell in sorted(found.items())]
 
 
 def _check(cases: list[Case]) -> None:
@@ -105,22 +125,26 @@ def _check(cases: list[Case]) -> None:
         raise SceneError("two cases have the same group and label; give them different ones")
 
 
-def _cell(case: Case, name: str, scheme: Scheme, max_halvings: int, repeats: int) -> Cell:
-    cell = Cell(case, name, scheme.name, no_verdict(""), max_halvings=max_halvings)
+def _cell(pair: Pair, max_halvings: int, repeats: int) -> Cell:
+    case, (_, scheme) = pair
     try:
         run, verdict = _run(case, scheme, max_halvings)
-        cell = replace(cell, verdict=verdict)
+        cell = replace(_blank(pair, max_halvings), verdict=verdict)
         if verdict.kind != "kept" or cell.halved_often:
             digits = [_DIGIT * (number // 2 + 1) * (-1) ** number for number in range(repeats)]
             others = tuple(_run(case, scheme, max_halvings, 1 + digit)[1] for digit in digits)
             cell = replace(cell, others=others)
         solution = run.solution if isinstance(run, StepError) else run
-        cell = replace(cell, **_curve(case, verdict, solution)) if solution is not None else cell
+        return replace(cell, **_curve(case, verdict, solution)) if solution is not None else cell
     except Exception as error:  # an error in the caller's scene: keep the other cells
         reason = str(error) if isinstance(error, SceneError) else repr(error)
-        cell = Cell(case, name, scheme.name, no_verdict(reason), max_halvings=max_halvings)
-    _log.info("%s, %s: %s", case.name, name, cell.verdict.kind)
-    return cell
+        return _blank(pair, max_halvings, reason)
+
+
+def _blank(pair: Pair, max_halvings: int, reason: str = "") -> Cell:
+    """A cell without a verdict."""
+    case, (name, scheme) = pair
+    return Cell(case, name, scheme.name, no_verdict(reason), max_halvings=max_halvings)
 
 
 def _curve(case: Case, verdict: Verdict, solution: Solution) -> dict[str, Any]:

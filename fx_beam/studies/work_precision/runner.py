@@ -5,12 +5,16 @@ from __future__ import annotations
 import itertools
 import logging
 from collections.abc import Callable, Iterable, Mapping, Sequence
+from concurrent.futures import Executor
+from contextlib import closing, suppress
+from functools import partial
 from pathlib import Path
 from time import perf_counter, process_time
 from typing import Any
 
 import numpy as np
 
+from fx_beam.analyses import workers
 from fx_beam.analyses.dynamics import simulate
 from fx_beam.analyses.progress import progress_bar
 from fx_beam.errors import SceneError, StepError
@@ -44,6 +48,7 @@ def study(
     finer: tuple[int, int] = (16, 4),
     repetitions: int = 5,
     results: Path | str | None = None,
+    executor: Executor | int | None = None,
 ) -> Precision:
     """Errors of quantities of interest against run time.
 
@@ -87,6 +92,10 @@ def study(
         Timed runs of each candidate, of which the least time is taken.
     results : path, optional
         Files to write, without their endings: JSON, CSV, and a Markdown page with its pictures.
+    executor : concurrent.futures.Executor or int, optional
+        What computes the errors and the references, as for `sweep`: an executor or a number of
+        processes, to which the functions are sent; by default this process alone. Timed runs take
+        place here, one after another, and times of first calls are not known.
 
     Returns
     -------
@@ -131,9 +140,13 @@ def study(
     try:
         with progress_bar(count, None, desc="runs") as bar:
             order = list(itertools.product(grid, labelled, steps))
-            measured = _first_round(motion, order, labelled, quantities, references, found, bar)
+            measured = _first_round(
+                motion, order, labelled, quantities, references, found, bar, executor
+            )
             if sought and measured:
-                _against_fine(motion, grid, sought, fine, min(steps), found, measured)
+                _against_fine(motion, grid, sought, fine, min(steps), found, measured, executor)
+            if executor is not None:
+                _load(found.runs, motion, labelled)
             _time(found.runs, motion, labelled, repetitions, bar)
         if results is not None:
             write(results, found)
@@ -176,6 +189,10 @@ class _Motion:
         self._functions, self._t_end = (("scene", scene), ("start", start)), t_end
         self._made: dict[Mesh, list[Any]] = {}
 
+    def __getstate__(self):
+        # A worker makes its own scenes: their functions of time need not be sent.
+        return vars(self) | {"_made": {}}
+
     def at(self, mesh: Mesh) -> list[Any]:
         """The scene of a mesh, made once, and its start."""
         if mesh not in self._made:
@@ -208,32 +225,49 @@ class _Motion:
 
 
 def _first_round(
-    motion: _Motion, order, schemes, quantities, exact, found: Precision, bar
+    motion: _Motion, order, schemes, quantities, exact, found: Precision, bar, executor
 ) -> list[tuple[Run, dict[str, History]]]:
     """All runs, the cheapest first, and the histories of those that were completed."""
     measured: list[tuple[Run, dict[str, History]]] = []
-    for mesh, label, dt in sorted(order, key=lambda run: run[0].elements * run[0].degree / run[2]):
-        run = Run(label, schemes[label].name, mesh, dt)
-        try:
-            solution, run.first_seconds, _ = motion.attempt(mesh, dt, schemes[label])
-        except (SceneError, StepError) as refused:
-            if not found.runs:
-                raise
-            run.failure = str(refused)
-        else:
-            _fill(run, solution)
-        if not run.failure:
-            histories = _measure(quantities, solution, run.notes)
-            run.errors = dict.fromkeys(quantities, np.nan) | _errors(histories, exact, run.notes)
-            run.step_errors = dict(run.errors)
-            if run.notes and not measured:
-                note = next(iter(run.notes.values()))
-                raise SceneError(f"{note} ({label}, {mesh}, dt = {dt:.4g} s)")
-            measured.append((run, histories))
-        found.runs.append(run)
-        found.runs.sort(key=lambda run: order.index((run.mesh, run.scheme, run.dt)))
-        bar.update()
+    cheapest = sorted(order, key=lambda run: run[0].elements * run[0].degree / run[2])
+    jobs = [(mesh, label, schemes[label], dt) for mesh, label, dt in cheapest]
+    first = partial(_first, motion=motion, quantities=quantities)
+    with closing(workers.run(first, jobs, executor)) as outcomes:
+        for place, (given, _, error) in outcomes:
+            mesh, label, scheme, dt = jobs[place]
+            run, histories, refused = given or (Run(label, scheme.name, mesh, dt), {}, None)
+            run.failure = run.failure or error
+            if not found.runs and (refused or error):
+                raise refused or SceneError(error)
+            if executor is not None:
+                run.first_seconds = np.nan
+            if not run.failure:
+                run.errors = dict.fromkeys(quantities, np.nan)
+                run.errors |= _errors(histories, exact, run.notes)
+                run.step_errors = dict(run.errors)
+                if run.notes and not measured:
+                    note = next(iter(run.notes.values()))
+                    raise SceneError(f"{note} ({label}, {mesh}, dt = {dt:.4g} s)")
+                measured.append((run, histories))
+            found.runs.append(run)
+            found.runs.sort(key=lambda run: order.index((run.mesh, run.scheme, run.dt)))
+            bar.update()
     return measured
+
+
+def _first(
+    job, motion: _Motion, quantities
+) -> tuple[Run, dict[str, History], SceneError | StepError | None]:
+    """A run, its histories, and an error of its scene or scheme; in a worker, if there are any."""
+    mesh, label, scheme, dt = job
+    run = Run(label, scheme.name, mesh, dt)
+    try:
+        solution, run.first_seconds, _ = motion.attempt(mesh, dt, scheme)
+    except (SceneError, StepError) as refused:
+        run.failure = str(refused)
+        return run, {}, refused
+    _fill(run, solution)
+    return run, {} if run.failure else _measure(quantities, solution, run.notes), None
 
 
 def _fill(run: Run, solution: Solution) -> None:
@@ -247,6 +281,14 @@ def _fill(run: Run, solution: Solution) -> None:
     size = (energy.kinetic + energy.stored).max()
     # Without energy nothing moves, and no energy is lost.
     run.energy_error = float(abs(energy.gained).max() / size) if size else 0.0
+
+
+def _load(runs: list[Run], motion: _Motion, schemes) -> None:
+    """One step of each kind of run: forms that workers have compiled are loaded here, untimed."""
+    for run in {(run.scheme, run.mesh.degree): run for run in runs if run.steps}.values():
+        scene, start = motion.at(run.mesh)
+        with suppress(SceneError, StepError):
+            simulate(scene, schemes[run.scheme], dt=run.dt, t_end=run.dt, start=start)
 
 
 def _time(runs: list[Run], motion: _Motion, schemes, repetitions: int, bar) -> None:
@@ -268,22 +310,28 @@ def _time(runs: list[Run], motion: _Motion, schemes, repetitions: int, bar) -> N
 # -- References ----------------------------------------------------------------------------------
 
 
-def _against_fine(motion: _Motion, grid, quantities, fine, dt: float, found, measured) -> None:
+def _against_fine(
+    motion: _Motion, grid, quantities, fine, dt: float, found, measured, executor
+) -> None:
     """Errors relative to the references, and relative to a fine step on the same mesh."""
-    missing: dict[str, str] = {}
-    best, second = (_solved(motion, quantities, missing, *setting) for setting in fine)
-    both = [name for name in best if name in second]
-    references = _noted(both, missing, lambda q: accuracy.computed(q, best[q], second[q]))
-    found.references.update({name: reference.error for name, reference in references.items()})
-    found.missing.clear()
-    found.missing.update(missing)
-    for run, histories in measured:
-        run.errors |= _errors(histories, references, run.notes)
-    for mesh in grid if references else ():
-        missing = {}
-        own = {name: quantities[name] for name in references}
-        best = _solved(motion, own, missing, mesh, dt / FINE_STEP, EnergyMomentum())
-        found.missing.update({str(mesh): reason for reason in missing.values()})
+    settings = [*fine, *((mesh, dt / FINE_STEP, EnergyMomentum()) for mesh in grid)]
+    references: dict[str, Reference] = {}
+    given: dict[int, tuple[dict[str, History], dict[str, str]]] = {}
+    solve = partial(_solved, motion=motion, quantities=quantities)
+    with closing(workers.run(solve, settings, executor)) as outcomes:
+        for place, (value, _, error) in outcomes:
+            given[place] = value or ({}, dict.fromkeys(quantities, error))
+            if place < 2 and {0, 1} <= given.keys():
+                references = _compare(given, found)
+                if not references:
+                    return
+                for run, histories in measured:
+                    run.errors |= _errors(histories, references, run.notes)
+    for place, mesh in enumerate(grid, len(fine)):
+        histories, missing = given[place]
+        best = {name: history for name, history in histories.items() if name in references}
+        reasons = [reason for name, reason in missing.items() if name in references]
+        found.missing.update({str(mesh): reason for reason in reasons})
         found.mesh_errors[mesh] = _errors(best, references, {})
         on_mesh = {name: h.reference(references[name].size) for name, h in best.items()}
         for run, histories in measured:
@@ -291,17 +339,30 @@ def _against_fine(motion: _Motion, grid, quantities, fine, dt: float, found, mea
                 run.step_errors |= _errors(histories, on_mesh, {})
 
 
-def _solved(motion: _Motion, quantities, missing, mesh: Mesh, dt: float, scheme: Scheme):
-    """Quantities of a fine solution, and reasons for missing ones."""
+def _compare(given, found: Precision) -> dict[str, Reference]:
+    """References by the first two of the fine solutions, with their errors."""
+    (best, missing), (second, more) = given[0], given[1]
+    missing = more | missing
+    both = [name for name in best if name in second]
+    references = _noted(both, missing, lambda q: accuracy.computed(q, best[q], second[q]))
+    found.references.update({name: reference.error for name, reference in references.items()})
+    found.missing.clear()
+    found.missing.update(missing)
+    return references
+
+
+def _solved(setting, motion: _Motion, quantities) -> tuple[dict[str, History], dict[str, str]]:
+    """Quantities of a fine solution, and reasons for missing ones; in a worker, if any."""
+    mesh, dt, scheme = setting
+    missing: dict[str, str] = {}
     _log.info("reference: %s, dt = %.3g s", mesh, dt)
     try:
         solution = motion.solve(mesh, dt, scheme)
     except (SceneError, StepError) as failed:
         reason = f"the reference, {mesh} with dt = {dt:.3g} s: {failed}"
         _log.warning(reason)
-        missing |= dict.fromkeys(quantities, reason) | missing
-        return {}
-    return _measure(quantities, solution, missing)
+        return {}, dict.fromkeys(quantities, reason)
+    return _measure(quantities, solution, missing), missing
 
 
 def _measure(quantities, solution: Solution, notes: dict[str, str]) -> dict[str, History]:

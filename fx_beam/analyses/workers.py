@@ -1,0 +1,278 @@
+"""A function called for many items on workers: processes of this machine, or any executor."""
+
+from __future__ import annotations
+
+import logging
+import multiprocessing
+import os
+import pickle
+import signal
+import sys
+import threading
+from collections.abc import Callable, Generator, Iterator, Sequence
+from concurrent.futures import BrokenExecutor, Executor, Future, ProcessPoolExecutor, as_completed
+from concurrent.futures import wait as wait_for
+from contextlib import contextmanager
+from multiprocessing import connection
+from multiprocessing.process import BaseProcess
+from time import monotonic, perf_counter
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from fx_beam.errors import SceneError, StepError
+from fx_beam.fem import dolfinx_api, ffcx_api
+from fx_beam.validation import is_whole
+
+from .progress import without_bars
+
+_log = logging.getLogger("fx_beam")
+# One thread a worker, whatever BLAS there is; read when numpy is imported.
+_ONE_THREAD = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"), "1")
+# Time for processes to end by themselves before they are killed [s].
+_GRACE = 2.0
+_DIED = "its worker process died: it was killed, ran out of memory or crashed"
+_NO_START = (
+    "the worker processes cannot start. They import the script: its calls must stand under "
+    "`if __name__ == '__main__':`, and the function at the top of a module. Their own errors are "
+    "printed above"
+)
+
+
+class Outcome(NamedTuple):
+    """What a call gave: a value, or a sentence on why there is none; and its time [s]."""
+
+    value: Any
+    seconds: float
+    error: str
+
+
+Outcomes = Generator[tuple[int, Outcome], None, None]
+
+
+def call(function: Callable, item: Any) -> Outcome:
+    """Call the function, in the worker."""
+    clock = perf_counter()
+    value, error = None, ""
+    try:
+        with without_bars():
+            value = function(item)
+    except Exception as raised:
+        error = _sentence(raised)
+    return Outcome(value, perf_counter() - clock, error)
+
+
+def run(function: Callable, items: Sequence, executor: Executor | int | None) -> Outcomes:
+    """Places of the items and outcomes, as they finish.
+
+    None: here, one after another; a number: so many processes. The first item runs alone, so that
+    it compiles for all. To be closed (`contextlib.closing`), which ends what still runs.
+    """
+    if executor is None:
+        return ((place, call(function, item)) for place, item in enumerate(items))
+    if is_whole(executor, 1):
+        _check_pickles(function, items)
+        return _on_processes(int(executor), function, items)  # type: ignore[arg-type]
+    if isinstance(executor, int) or not hasattr(executor, "submit"):
+        raise SceneError(
+            f"executor = {executor!r} must be an executor of concurrent.futures, or the number of "
+            "processes"
+        )
+    if isinstance(executor, ProcessPoolExecutor):
+        _check_pickles(function, items)
+    return _on_executor(executor, function, items)
+
+
+def cores() -> int:
+    """Number of cores that this process may use."""
+    return len(os.sched_getaffinity(0))
+
+
+def _sentence(error: BaseException) -> str:
+    if isinstance(error, SceneError | StepError):
+        return str(error)
+    return f"{type(error).__name__}: {error}".rstrip(": ")
+
+
+def _check_pickles(function: Callable, items: Sequence) -> None:
+    try:
+        pickle.dumps((function, *items[:1]))
+    except Exception as error:
+        raise SceneError(
+            f"worker processes cannot be sent what they need: {error}. Define functions with `def` "
+            "at the top of a module; functools.partial gives them further arguments"
+        ) from error
+    main = sys.modules["__main__"]
+    inner = getattr(function, "func", function)
+    prompt = not hasattr(main, "__file__") and main.__spec__ is None
+    if getattr(inner, "__module__", "") == "__main__" and prompt:
+        raise SceneError(
+            f"{inner!r} is defined at a prompt, where worker processes cannot find it: put it into "
+            "a file and import it"
+        )
+
+
+def _outcome(future: Future) -> Outcome:
+    error = future.exception()
+    if error is None:
+        return future.result()
+    if isinstance(error, BrokenExecutor | KeyboardInterrupt):
+        raise error
+    return Outcome(None, np.nan, _sentence(error))  # such as a value that cannot be pickled
+
+
+# -- An executor of the user ---------------------------------------------------------------------
+
+
+def _on_executor(executor: Executor, function: Callable, items: Sequence) -> Outcomes:
+    for batch in [0], range(1, len(items)):
+        futures = {executor.submit(call, function, items[place]): place for place in batch}
+        try:
+            for future in as_completed(futures):
+                yield futures[future], _outcome(future)
+        finally:
+            for future in futures:
+                future.cancel()
+
+
+# -- Processes of this machine -------------------------------------------------------------------
+
+
+def _on_processes(number: int, function: Callable, items: Sequence) -> Outcomes:
+    """A pool ends with any of its processes: then another one goes on.
+
+    Items that may have run in the process that died run again, one by one. One whose process dies
+    again is the cause.
+    """
+    if getattr(multiprocessing.current_process(), "_inheriting", False):
+        sys.exit(1)  # a worker that imports a script without a main guard; the parent says so
+    if dolfinx_api.under_mpirun():
+        raise SceneError(
+            "under mpirun give executor=mpi4py.futures.MPIPoolExecutor(), and start the script by "
+            "`mpirun -n 3 python -m mpi4py.futures script.py`"
+        )
+    left, number = dict(enumerate(items)), min(number, len(items))
+    alone, pool = [0], _Pool(number)
+    try:
+        pool.start(function)
+        while left:
+            batch = alone[:1] or list(left)
+            del alone[:1]
+            futures = pool.submit(function, {place: left[place] for place in batch})
+            for future in as_completed(futures):
+                if not isinstance(future.exception(), BrokenExecutor):
+                    del left[futures[future]]
+                    yield futures[future], _outcome(future)
+            if not pool.broken(futures, batch):
+                continue
+            pool.stop()
+            pool = _Pool(number)
+            if len(batch) == 1:
+                del left[batch[0]]
+                yield batch[0], Outcome(None, np.nan, _DIED)
+            else:
+                # Those that ran, and those that a pool holds ready: the first in order.
+                alone = list(left)[: 2 * number + 1]
+        pool.close()
+    finally:
+        pool.stop()
+
+
+class _Pool:
+    """A pool of processes, which `spawn` starts: a fork would share what MPI and PETSc hold."""
+
+    def __init__(self, number: int):
+        self._number = number
+        self._own: set[BaseProcess] = set()
+        spawn, level = multiprocessing.get_context("spawn"), _log.getEffectiveLevel()
+        self._executor = ProcessPoolExecutor(number, spawn, _begin, (level,))
+
+    def start(self, function: Callable) -> None:
+        """Start all processes, and wait for the first one to have the function."""
+        with self._starting():
+            ready = [self._executor.submit(_has, function) for _ in range(self._number)]
+        (first, *_), _ = wait_for(ready, return_when="FIRST_COMPLETED")
+        if isinstance(first.exception(), BrokenExecutor):
+            raise SceneError(_NO_START)
+
+    @contextmanager
+    def _starting(self) -> Iterator[None]:
+        """Note the processes that start meanwhile. Ctrl-C is not theirs; it waits for the end."""
+        others = set(multiprocessing.active_children())
+        mask = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+        try:
+            with _environment(_ONE_THREAD):
+                yield
+        finally:
+            self._own |= set(multiprocessing.active_children()) - others
+            signal.pthread_sigmask(signal.SIG_SETMASK, mask)
+
+    def submit(self, function: Callable, items: dict[int, Any]) -> dict[Future, int]:
+        """Submit calls; a pool that breaks takes no more. It starts further processes as needed."""
+        futures: dict[Future, int] = {}
+        with self._starting():
+            for place, item in items.items():
+                try:
+                    futures[self._executor.submit(call, function, item)] = place
+                except BrokenExecutor:
+                    break
+        return futures
+
+    def broken(self, futures: dict[Future, int], batch: list[int]) -> bool:
+        """Whether a process died before all was done."""
+        broken = any(isinstance(future.exception(), BrokenExecutor) for future in futures)
+        return broken or len(futures) < len(batch)
+
+    def close(self) -> None:
+        """Wait for the processes to end; they have nothing to do."""
+        self._executor.shutdown()
+
+    def stop(self) -> None:
+        """End all processes, whatever they do."""
+        self._executor.shutdown(wait=False, cancel_futures=True)
+        for process in self._own:
+            process.terminate()
+        until = monotonic() + _GRACE
+        for process in self._own:
+            process.join(max(until - monotonic(), 0))
+            process.kill()
+            process.join()
+
+
+def _has(function: Callable) -> None:
+    """Nothing: a worker that is called has imported the function."""
+
+
+def _begin(log_level: int) -> None:
+    """Prepare a worker: it ends with its parent, even if that is killed."""
+    _log.setLevel(log_level)
+    signal.signal(signal.SIGTERM, _end)
+    parent = multiprocessing.parent_process()
+    assert parent is not None
+
+    def watch():
+        connection.wait([parent.sentinel])
+        _end()
+
+    threading.Thread(target=watch, daemon=True).start()
+
+
+def _end(*_) -> None:
+    """End this worker at once. A form that it compiles would keep others waiting."""
+    ffcx_api.discard_unfinished()
+    os._exit(1)
+
+
+@contextmanager
+def _environment(variables: dict[str, str]) -> Iterator[None]:
+    """Environment variables for processes that start meanwhile."""
+    before = {name: os.environ.get(name) for name in variables}
+    os.environ.update(variables)
+    try:
+        yield
+    finally:
+        for name, value in before.items():
+            if value is None:
+                del os.environ[name]
+            else:
+                os.environ[name] = value

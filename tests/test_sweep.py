@@ -1,0 +1,390 @@
+"""Sweeps: a row for every case whatever befalls it, on any executor, and on where they stopped."""
+
+import json
+import os
+import shutil
+import signal
+import subprocess
+import sys
+import threading
+import time
+from concurrent.futures import BrokenExecutor, Executor, Future, ThreadPoolExecutor
+from contextlib import closing, suppress
+from pathlib import Path
+
+import numpy as np
+import pytest
+import sweep_cases
+
+import fx_beam as fb
+from fx_beam.analyses import workers
+from fx_beam.compiled import build
+from fx_beam.fem import ffcx_api
+from fx_beam.results import tables
+from fx_beam.studies.work_precision import runner
+
+HERE = Path(__file__).parent
+
+
+@pytest.fixture
+def thread():
+    """An executor of one thread, which runs functions of a test."""
+    with ThreadPoolExecutor(1) as executor:
+        yield executor
+
+
+@pytest.fixture
+def lists(monkeypatch):
+    """Tables as without pandas."""
+    monkeypatch.setattr(tables, "of_rows", lambda rows: rows)
+
+
+def script(tmp_path, text, *command, **keywords):
+    """A script that is started, in a group of its own as by a terminal."""
+    (tmp_path / "script.py").write_text(text)
+    # A pool under mpirun needs more of Open MPI than ./run lets a single process have.
+    known = {name: value for name, value in os.environ.items() if not name.startswith("OMPI_")}
+    known["PYTHONPATH"] = os.pathsep.join([str(HERE.parent), str(HERE)])
+    root = {"OMPI_ALLOW_RUN_AS_ROOT": "1", "OMPI_ALLOW_RUN_AS_ROOT_CONFIRM": "1"}
+    return subprocess.Popen(
+        [*(command or (sys.executable,)), "script.py"],
+        cwd=tmp_path,
+        env=known | root,
+        stdout=subprocess.PIPE,
+        text=True,
+        start_new_session=True,
+        **keywords,
+    )
+
+
+def square(case):
+    return {"square": case["x"] ** 2}
+
+
+# -- Processes -----------------------------------------------------------------------------------
+
+
+def test_processes_have_one_thread_and_a_killed_one_costs_its_case(lists):
+    fates = ["fine", "slow", "broken", "killed", "fine", "fine", "slow", "slow"]
+    cases = [{"number": n, "fate": fate} for n, fate in enumerate(fates)]
+    rows = fb.sweep(sweep_cases.fate, cases, executor=2)
+    assert [{name: row[name] for name in case} for row, case in zip(rows, cases, strict=True)] == (
+        cases
+    )
+    for row in rows:
+        fine = row["fate"] in ("fine", "slow")
+        assert bool(row["error"]) != fine and ("worker" in row) == fine
+    assert rows[2]["error"] == "ZeroDivisionError: one over nothing"
+    assert "its worker process died" in rows[3]["error"]
+    fine = [row for row in rows if not row["error"]]
+    assert {row["threads"] for row in fine} == {"1"}
+    assert all(row["seconds"] >= 0.1 for row in fine if row["fate"] == "slow")
+    # The first one compiles what the others need.
+    assert rows[0]["ended"] < min(row["began"] for row in fine[1:])
+
+
+@pytest.mark.parametrize("how", [signal.SIGINT, signal.SIGKILL], ids=["Ctrl-C", "kill"])
+def test_no_process_outlives_its_sweep_and_the_next_one_goes_on(how, tmp_path):
+    text = """
+import signal, time
+import fx_beam as fb
+
+def sleep(case):
+    print(case["s"], flush=True)
+    time.sleep(case["s"])
+
+if __name__ == "__main__":
+    signal.signal(signal.SIGINT, signal.default_int_handler)  # a background shell ignores it
+    try:
+        fb.sweep(sleep, [{"s": s} for s in (0, 100, 101)], executor=2, results="rows")
+    except KeyboardInterrupt as stop:
+        print("stopped", len(stop.rows))
+"""
+    started = script(tmp_path, text)
+    assert {started.stdout.readline() for _ in range(3)} == {"0\n", "100\n", "101\n"}
+    # Ctrl-C goes to all processes of a terminal.
+    (os.killpg if how == signal.SIGINT else os.kill)(started.pid, how)
+    # Its output ends with the last process that has it.
+    assert started.communicate(timeout=30)[0] == ("stopped 1\n" if how == signal.SIGINT else "")
+    (line,) = (tmp_path / "rows").read_text().splitlines()
+    assert json.loads(line)["case"] == {"s": 0}
+    rows = fb.sweep(lambda case: None, [{"s": 0}], results=tmp_path / "rows")
+    assert len(rows) == 1
+
+
+def test_a_script_without_a_main_guard_is_told_so(tmp_path):
+    text = "import fx_beam as fb, sweep_cases\nfb.sweep(sweep_cases.fate, [{}], executor=1)\n"
+    started = script(tmp_path, text, stderr=subprocess.PIPE)
+    error = started.communicate(timeout=30)[1]
+    assert started.returncode == 1 and error.count("the worker processes cannot start") == 1
+    assert "its calls must stand under `if __name__ == '__main__':`" in error
+
+
+def test_what_processes_cannot_import_is_refused(monkeypatch):
+    with pytest.raises(fb.SceneError, match="Define functions with `def` at the top of a module"):
+        fb.sweep(lambda case: None, [{"x": 1}])
+    prompt = type(sys)("__main__")
+    prompt.square = lambda case: None
+    prompt.square.__module__, prompt.square.__qualname__ = "__main__", "square"
+    monkeypatch.setitem(sys.modules, "__main__", prompt)
+    with pytest.raises(fb.SceneError, match="is defined at a prompt"):
+        fb.sweep(prompt.square, [{"x": 1}])
+
+
+@pytest.mark.skipif(not shutil.which("mpirun"), reason="no mpirun")
+def test_a_pool_of_mpi_gives_what_one_process_gives(tmp_path, lists):
+    text = """
+import json
+import fx_beam as fb
+import sweep_cases
+from mpi4py.futures import MPIPoolExecutor
+
+if __name__ == "__main__":
+    cases = [{"EA": EA, "speed": speed} for EA in (4e7, 8e7) for speed in (10.0, 20.0)]
+    with MPIPoolExecutor() as executor:
+        rows = fb.sweep(sweep_cases.arm, cases, executor, results="rows")
+"""
+    mpirun = "mpirun", "-n", "2", "--oversubscribe", sys.executable, "-m", "mpi4py.futures"
+    started = script(tmp_path, text, *mpirun)
+    try:
+        assert started.wait(timeout=60) == 0
+    finally:
+        with suppress(ProcessLookupError):
+            os.killpg(started.pid, signal.SIGKILL)
+    rows = [json.loads(line) for line in (tmp_path / "rows").read_text().splitlines()]
+    assert len(rows) == 4
+    for row in rows:
+        assert not row["error"] and row["result"] == sweep_cases.arm(row["case"])
+
+
+def test_under_mpirun_each_process_does_not_start_processes_of_its_own(monkeypatch):
+    monkeypatch.setenv("OMPI_COMM_WORLD_SIZE", "2")
+    with pytest.raises(fb.SceneError, match="mpi4py.futures.MPIPoolExecutor"):
+        fb.sweep(sweep_cases.fate, [{"fate": "fine"}])
+
+
+# -- Executors -----------------------------------------------------------------------------------
+
+
+class Breaking(Executor):
+    """An executor that breaks after its first call, as one whose process is killed."""
+
+    def __init__(self):
+        self.calls = 0
+
+    def submit(self, function, *arguments):
+        self.calls += 1
+        if self.calls > 2:
+            raise BrokenExecutor("it broke")
+        future = Future()
+        if self.calls == 1:
+            future.set_result(function(*arguments))
+        else:
+            future.set_exception(BrokenExecutor("it broke"))
+        return future
+
+
+def test_an_executor_of_the_user_that_breaks_leaves_its_rows(tmp_path, thread, lists):
+    cases, results = [{"x": 1}, {"x": 2}], tmp_path / "rows"
+    with pytest.raises(BrokenExecutor) as broken:
+        fb.sweep(square, cases, Breaking(), results)
+    assert [row["square"] for row in broken.value.rows] == [1]
+    rows = fb.sweep(square, cases, thread, results)
+    assert [row["square"] for row in rows] == [1, 4]
+
+
+def test_only_bars_that_are_asked_for_are_drawn_by_workers(thread, capfd, lists):
+    def run(case):
+        scene, _ = sweep_cases.scenes.pendulum()
+        fb.simulate(scene, dt=0.1, t_end=0.2, progress=case["progress"])
+
+    fb.sweep(run, [{"progress": None}], thread)
+    assert capfd.readouterr().err == ""
+    fb.sweep(run, [{"progress": True}], thread)
+    assert "s" in capfd.readouterr().err
+
+
+# -- Cases and rows ------------------------------------------------------------------------------
+
+
+def test_cases_may_be_the_rows_of_a_table_and_rows_are_one_where_pandas_is(thread):
+    pandas = pytest.importorskip("pandas")
+    table = pandas.DataFrame({"x": [1, 2], "name": ["a", "b"]})
+    found = fb.sweep(square, table, thread)
+    assert list(found.columns) == ["x", "name", "square", "seconds", "error"]
+    assert list(found["square"]) == [1, 4] and list(found["name"]) == ["a", "b"]
+
+
+@pytest.mark.parametrize(
+    ("change", "reason"),
+    [
+        ({"cases": []}, "a sweep needs cases"),
+        ({"cases": {"x": 1}}, "cases must be a sequence of dicts"),
+        ({"cases": [1]}, "the case 1 must be a dict"),
+        ({"cases": [{"error": 1}]}, "'error' is a column of the results"),
+        ({"executor": 0}, "executor = 0 must be an executor"),
+        ({"executor": True}, "executor = True must be"),
+        ({"executor": "dask"}, "executor = 'dask' must be"),
+        ({"results": "no/such/folder/rows"}, "make the folder no/such/folder first"),
+        ({"cases": [{"x": object()}], "results": "rows"}, "cases are made of numbers"),
+    ],
+)
+def test_what_makes_no_sense_is_refused(change, reason, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    with pytest.raises(fb.SceneError, match=reason):
+        fb.sweep(**{"function": square, "cases": [{"x": 1}]} | change)
+
+
+def test_a_result_that_hides_a_parameter_is_an_error_of_its_row(thread, lists):
+    rows = fb.sweep(lambda case: {case["name"]: 1}, [{"name": n} for n in "abc"], thread)
+    assert [row["error"] for row in rows] == ["", "", ""] and rows[1]["b"] == 1
+    rows = fb.sweep(lambda case: {"x": 2, "seconds": 1}, [{"x": 1}], thread)
+    assert "gives 'x', which is a parameter of the case" in rows[0]["error"] and rows[0]["x"] == 1
+
+
+# -- The file ------------------------------------------------------------------------------------
+
+
+def test_an_interrupted_sweep_goes_on_where_it_stopped(tmp_path, thread, lists):
+    called, results, limits = [], tmp_path / "rows", [3, 9]
+    values = {1: np.float64(0.1) + 0.2, 2: np.arange(2), 3: np.nan, 4: {"a": np.int64(4)}}
+
+    def run(case):
+        if case["x"] >= limits[0]:
+            raise KeyboardInterrupt
+        called.append(case["x"])
+        if case["x"] == 5:
+            raise fb.SceneError("the fifth")
+        return values[case["x"]]
+
+    cases = [{"x": np.int64(x)} for x in (1, 2, 3, 4, 5)] + [{"x": 3}]
+    with pytest.raises(KeyboardInterrupt) as stop:
+        fb.sweep(run, cases, thread, results)
+    assert [row["x"] for row in stop.value.rows] == [1, 2]
+    with results.open("a") as file:
+        file.write('{"case": {"x": 3}, "res')  # cut off when the machine went down
+    limits.pop(0)
+    rows = fb.sweep(run, cases, thread, results)
+    assert called == [1, 2, 3, 4, 5, 3]
+    assert [row["x"] for row in rows] == [1, 2, 3, 4, 5, 3]
+    assert rows[0]["result"] == 0.1 + 0.2 and rows[1]["result"] == [0, 1] and rows[3]["a"] == 4
+    assert np.isnan(rows[2]["result"]) and rows[4]["error"] == "the fifth"
+    # All is there: nothing is called, and the rows are the same, also of the case that failed.
+    again = fb.sweep(run, cases[::-1], thread, results)
+    assert len(called) == 6 and len(results.read_text().splitlines()) == 6
+    assert [row["error"] for row in again] == ["", "the fifth", "", "", "", ""]
+    assert {row["seconds"] for row in again} == {row["seconds"] for row in rows}
+
+
+def test_what_cannot_be_written_is_an_error_of_its_row(tmp_path, thread, lists):
+    cases = [{"fate": "no file"}, {"fate": "fine"}]
+    rows = fb.sweep(sweep_cases.fate, cases, thread, tmp_path / "rows")
+    assert "cannot be written to a file" in rows[0]["error"] and not rows[1]["error"]
+
+
+def test_a_file_that_is_none_of_a_sweep_is_left_alone(tmp_path, thread):
+    for text in ("x,y\n1,2\n", '{"x": 1}\n', "[1]\n", "a letter"):
+        (tmp_path / "table").write_text(text)
+        with pytest.raises(fb.SceneError, match="line 1 of .* is no row of a sweep"):
+            fb.sweep(square, [{"x": 1}], thread, tmp_path / "table")
+        assert (tmp_path / "table").read_text() == text
+
+
+def test_two_sweeps_do_not_write_to_one_file(tmp_path, thread, lists):
+    def inner(case):
+        with pytest.raises(fb.SceneError, match="another sweep writes to"):
+            fb.sweep(square, [case], thread, tmp_path / "rows")
+        return 1
+
+    assert fb.sweep(inner, [{"x": 1}], thread, tmp_path / "rows")[0]["error"] == ""
+
+
+# -- The caches ----------------------------------------------------------------------------------
+
+
+def test_no_two_processes_compile_the_same(monkeypatch, tmp_path):
+    compiled = []
+
+    def compiler(command, **keywords):
+        compiled.append(command)
+        time.sleep(0.1)
+        Path(command[command.index("-o") + 1]).write_text("a library")
+
+    monkeypatch.setattr(build, "cache_directory", lambda: tmp_path)
+    monkeypatch.setattr(build.subprocess, "run", compiler)
+    # Locks are of open files: for them two threads are two processes.
+    with ThreadPoolExecutor(2) as both:
+        found = {both.submit(build._build, "a test", "key", lambda: "source") for _ in range(2)}
+    assert len({future.result() for future in found}) == len(compiled) == 1
+    assert [path.suffix for path in tmp_path.iterdir()] == [".so"]
+
+
+def test_an_interrupt_leaves_no_form_for_which_others_would_wait(tmp_path):
+    find = ffcx_api.ffcx.codegeneration.jit.get_cached_module
+    for name in ("one", "other"):
+        assert find(name, [], tmp_path, 1) == (None, None)
+    (tmp_path / "one.c.cached").write_text("it is compiled")
+    ffcx_api.discard_unfinished()
+    assert {path.name for path in tmp_path.iterdir()} == {"one.c", "one.c.cached"}
+    assert find("other", [], tmp_path, 1) == (None, None)
+    ffcx_api.discard_unfinished()
+
+
+# -- Studies -------------------------------------------------------------------------------------
+
+
+def test_a_study_of_stability_has_the_same_cells_on_processes():
+    schemes, cases = [fb.EnergyMomentum()], sweep_cases.swings()
+    killer = fb.stability.Case("EA", "0", sweep_cases.killer, dt=0.1, t_end=1.0)
+    cells = fb.stability.study(schemes, [*cases, killer], executor=1)
+    expected = fb.stability.study(schemes, cases)
+    assert [(cell.case.name, cell.scheme) for cell in cells[:2]] == [
+        (cell.case.name, cell.scheme) for cell in expected
+    ]
+    for one, other in zip(cells[:2], expected, strict=True):
+        assert one.verdict == other.verdict
+        np.testing.assert_array_equal(one.ratio, other.ratio)
+    assert cells[2].verdict.kind == "no verdict"
+    assert "its worker process died" in cells[2].verdict.reason
+    local = fb.stability.Case("EA", "1", lambda: None, dt=0.1, t_end=1.0)
+    with pytest.raises(fb.SceneError, match="worker processes cannot be sent"):
+        fb.stability.study(schemes, [local], executor=1)
+
+
+def test_errors_are_computed_by_the_executor_and_times_are_measured_here(monkeypatch, thread):
+    where = []
+
+    def simulate(*arguments, **keywords):
+        where.append(threading.current_thread() is threading.main_thread())
+        return fb.simulate(*arguments, **keywords)
+
+    def study(executor):
+        return fb.work_precision.study(
+            lambda elements, degree: sweep_cases.pendulum(1e4),
+            {"tip": lambda solution: solution.q[:, -1, :2]},
+            schemes=[fb.EnergyMomentum(), fb.Newmark()],
+            steps=[0.1, 0.05],
+            meshes=[(1, 1)],
+            t_end=0.2,
+            finer=(4, 2),
+            repetitions=2,
+            executor=executor,
+        )
+
+    alone = study(None)
+    monkeypatch.setattr(runner, "simulate", simulate)
+    found = study(thread)
+    # Four runs and three references there; here a step of each scheme and four runs twice.
+    assert where == [False] * 7 + [True] * (2 + 8)
+    for one, other in zip(found.runs, alone.runs, strict=True):
+        assert (one.scheme, one.dt) == (other.scheme, other.dt)
+        assert one.errors == other.errors and one.step_errors == other.step_errors
+        assert one.seconds > 0 and np.isnan(one.first_seconds)
+    assert found.references == alone.references and found.mesh_errors == alone.mesh_errors
+
+
+def test_a_study_without_an_executor_runs_one_after_another():
+    with closing(workers.run(square, [{"x": 2}, {"y": 1}], None)) as outcomes:
+        (first, second) = outcomes
+    assert first[0] == 0 and first[1].value == {"square": 4}
+    assert second[1].error == "KeyError: 'x'"
