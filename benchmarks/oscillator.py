@@ -28,15 +28,20 @@ SCHEMES = {
 }
 
 
-def eigenvalue(scheme, w):
-    """Eigenvalue of largest modulus of a step, for the angular frequency times the step."""
+def vibration(scheme, w, steps):
+    """Motion of the mass for the angular frequency times the step, and its rod."""
     scene = fb.Scene()
     rod = scene.add_beam([(0, 0), (1, 0)], fb.Section(EA=w**2, GA=w**2, EI=w**2))
     scene.clamp(rod.start)
     scene.fix(rod.end, "y", "rotation")
     scene.add_mass(rod.end, 1.0)
     scene.set_velocity(rod.end, (1e-3 * max(1, w) ** 2, 0.0))
-    solution = fb.simulate(scene, scheme, dt=1.0, t_end=float(STEPS))
+    return fb.simulate(scene, scheme, dt=1.0, t_end=float(steps)), rod
+
+
+def eigenvalue(scheme, w):
+    """Eigenvalue of largest modulus of a step, for the angular frequency times the step."""
+    solution, rod = vibration(scheme, w, STEPS)
     u = solution.displacement(rod.end)[1:, 0]
     # u_n+3 = c_2 u_n+2 + c_1 u_n+1 + c_0 u_n: no scheme has more than three modes.
     rows = np.column_stack([u[k : k - 3] for k in range(3)])

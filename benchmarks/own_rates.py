@@ -18,6 +18,7 @@ drift of the angular momentum, and the time of a step.
 import ufl
 
 import numpy as np
+from oscillator import vibration
 
 import fx_beam as fb
 from fx_beam.mechanics.resultants import averaged, with_exact_work
@@ -88,13 +89,7 @@ SCHEMES = {
 
 def oscillator_loss(scheme, w):
     """Relative loss of energy in a step of 1 s of a unit mass on a rod of stiffness w^2."""
-    scene = fb.Scene()
-    rod = scene.add_beam([(0, 0), (1, 0)], fb.Section(EA=w**2, GA=w**2, EI=w**2))
-    scene.clamp(rod.start)
-    scene.fix(rod.end, "y", "rotation")
-    scene.add_mass(rod.end, 1.0)
-    scene.set_velocity(rod.end, (1e-3 * max(1, w) ** 2, 0.0))
-    solution = fb.simulate(scene, scheme, dt=1.0, t_end=float(STEPS))
+    solution, _ = vibration(scheme, w, STEPS)
     total = solution.energy.total
     return 1 - (total[-1] / total[0]) ** (1 / STEPS)
 
