@@ -68,11 +68,13 @@ class _Grid:
         self.beam = np.repeat(np.arange(len(count)), count)
         self.solution = solution
         rows, places = range(len(solution.t)), np.linspace(0, 1, self.degree + 1)
-        self.resultants = {
+        internal = (name for own in solution.internal_of_beam.values() for name in own)
+        #: Stress resultants and internal variables; those that a beam lacks are zero there.
+        self.along = {
             kind: np.concatenate(
                 [along(solution, name, kind, rows, places) for name in solution.beams], axis=1
             ).reshape(len(solution.t), -1)
-            for kind in RESULTANTS
+            for kind in dict.fromkeys([*RESULTANTS, *internal])
         }
 
     def row(self, k: int) -> xml.Element:
@@ -109,7 +111,7 @@ class _Grid:
         for history, (vector, angle) in names.items():
             values = getattr(self.solution, history)[k][self.nodes]
             found |= {vector: _in_space(values[:, :2]), angle: values[:, 2]}
-        return found | {kind: values[k] for kind, values in self.resultants.items()}
+        return found | {kind: values[k] for kind, values in self.along.items()}
 
 
 def _in_space(plane: np.ndarray) -> np.ndarray:

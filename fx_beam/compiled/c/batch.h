@@ -14,6 +14,12 @@
 #include "problem.h"
 #include "vectors.h"
 
+/* fmax and fmin, which the compiler does not vectorise since they pass over what is no number. */
+INLINED double larger(double a, double b) { return a > b ? a : b; }
+INLINED double smaller(double a, double b) { return a < b ? a : b; }
+#define fmax larger
+#define fmin smaller
+
 #define KEPT __attribute__((externally_visible))
 #define UNROLLED _Pragma("GCC unroll 256")
 
