@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any
 
 import numpy as np
 
@@ -30,7 +29,7 @@ class Actuators:
         self._all: list[Actuator] = []
         #: Number of internal variables of all springs.
         self.width = 0
-        laws: dict[Any, SpringLaw] = {}
+        laws: dict[tuple[int, int], SpringLaw] = {}
         for joint in joints:
             for coordinate, name in ((joint.slide, "slide"), (joint.rotation, "rotation")):
                 if coordinate is None or not coordinate.acts:
@@ -40,8 +39,10 @@ class Actuators:
                     damper = friction = None
                 elastic = None
                 if spring is not None and spring.strain_energy is not None:
-                    kind = spring.strain_energy, spring.internal
-                    elastic = laws[kind] = laws.get(kind) or SpringLaw(*kind, rates)
+                    kind = id(spring.strain_energy), id(spring.internal)
+                    elastic = laws[kind] = laws.get(kind) or SpringLaw(
+                        spring.strain_energy, spring.internal, rates
+                    )
                 first, self.width = self.width, self.width + (elastic.variables if elastic else 0)
                 turns: tuple[int, int] | None = None
                 columns: tuple[list[Entry], list[Entry]]

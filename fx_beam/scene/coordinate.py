@@ -66,16 +66,15 @@ class Spring:
     >>> variables = fb.InternalVariables(("plastic angle",), flow)
     >>> hinge = fb.Spring(strain_energy=energy, internal=variables)
 
-    It carries an arm, whose end is loaded by 4 N: the hinge turns by (4 - 3)/10 rad for good, and
-    by 4/1e4 rad of its own.
+    It carries an arm, whose end is loaded by 4 N m. The hinge turns by (4 - 3)/10 rad for good.
 
     >>> scene = fb.Scene()
     >>> arm = scene.add_beam([(0, 0), (1, 0)], fb.Section(EA=1e9, GA=1e9, EI=1e9))
     >>> joint = scene.add_joint(fb.Revolute(fb.GROUND, arm.start, spring=hinge))
     >>> scene.add_moment(arm.end, 4.0)
     >>> motion = fb.static(scene, steps=4).joint(joint)
-    >>> motion.internal("plastic angle").round(4), motion.angle.round(4)
-    (array([0. , 0. , 0. , 0. , 0.1]), array([0.    , 0.0001, 0.0002, 0.0003, 0.1004]))
+    >>> round(float(motion.internal("plastic angle")[-1]), 6), round(float(motion.angle[-1]), 6)
+    (0.1, 0.1004)
     """
 
     stiffness: float = 0.0
