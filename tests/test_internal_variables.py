@@ -299,6 +299,25 @@ def test_rows_are_those_of_the_steps_that_are_recorded():
         none.internal(beam, name)
 
 
+@pytest.mark.plot
+def test_pictures_and_files_for_paraview_show_the_variables(tmp_path):
+    pv = pytest.importorskip("pyvista")
+    scene, beam = swung()
+    other = scene.add_beam([beam.end, (2, 0)], fb.Section(EA=EA, GA=GA, EI=EI, **INERTIA))
+    solution = fb.simulate(scene, dt=0.02, t_end=0.6)
+    solution.to_paraview(tmp_path / "run.pvd")
+    reader = pv.get_reader(str(tmp_path / "run.pvd"))
+    reader.set_active_time_value(reader.time_values[-1])
+    (grid,) = reader.read()
+    # Elements of degree 1 have one Gauss point: the variable is constant on each.
+    on_members = grid.point_data["plastic curvature"].reshape(-1, 2)
+    wanted = [*solution.internal(beam, "plastic curvature")[-1], *[0.0] * other.elements]
+    assert on_members == pytest.approx(np.transpose([wanted] * 2), abs=1e-12)
+    fb.plot.shapes(solution, [0, 30], tmp_path / "a.png", colour="plastic curvature")
+    with pytest.raises(ValueError, match="'plastic curvature', or None"):
+        fb.plot.shapes(solution, [0, 30], tmp_path / "a.png", colour="plastic strain")
+
+
 def test_scenes_without_internal_variables_have_no_form_for_them():
     scene, _ = swung(fb.Section(EA=EA, GA=GA, EI=EI, **INERTIA))
     assert "internal variables" not in fb.simulate(scene, dt=0.1, t_end=0.2).stats.compiled

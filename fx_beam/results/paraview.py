@@ -22,8 +22,9 @@ def to_paraview(solution, path) -> None:
     The grids are those of the reference configuration; ParaView's filter "Warp By Vector" shows
     the deformed one. The elements of a beam have nodes of their own, so that resultants may jump
     between them. With the points go displacement [m], rotation [rad], velocity [m/s] and spin
-    [rad/s], where they were recorded, and the resultants N [N], Q [N] and M [N m], as
-    `Solution.resultants` has them; with the cells goes the number of their beam.
+    [rad/s], where they were recorded, the resultants N [N], Q [N] and M [N m], as
+    `Solution.resultants` has them, and internal variables by their names, zero on beams without;
+    with the cells goes the number of their beam.
 
     Parameters
     ----------
