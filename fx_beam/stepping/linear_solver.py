@@ -30,6 +30,8 @@ def petsc(what: str) -> Any:
 def _bandwidth(indptr: np.ndarray, indices: np.ndarray) -> int:
     """Half bandwidth of a sparse matrix in reverse Cuthill-McKee order."""
     n = len(indptr) - 1
+    if not n:
+        return 0  # SciPy finds no order of nothing
     graph = scipy.sparse.csr_matrix((np.ones(len(indices)), indices, indptr), (n, n))
     order = np.empty(n, dtype=int)
     order[reverse_cuthill_mckee(graph, symmetric_mode=False)] = np.arange(n)
