@@ -301,8 +301,8 @@ class Scene(Geometry):
     def add_drag(self, on: Beam | Node, linear=0.0, quadratic=0.0, rotation=0.0) -> None:
         """Add a drag, a force against the velocity, as in a fluid at rest.
 
-        The force is v (linear + quadratic norm(v)). Its loss is in `Energy.dissipated`. In statics it
-        is zero. Several drags on one beam or node add up.
+        The force is v (linear + quadratic norm(v)). Its loss is in `Energy.dissipated`. In statics
+        it is zero. Several drags on one beam or node add up.
 
         Parameters
         ----------
