@@ -2,10 +2,14 @@
 
 #pragma once
 
-/* Elements per call of a Batch, values of a nodal rule, largest order of the predictor, largest number of sub-steps of a
-   scheme, places of the displacements and rotations at the start of the step and of the internal
-   variables among the changing coefficients, largest order of a scheme, and number of averaged differences in local errors. */
-enum { LANES = 8, RULE_VALUES = 18, PAST = 4, SUB_STEPS = 32, START = 1, INTERNAL = 5, MAX_ORDER = 4, AVERAGED = 3 };
+/* Elements per call of a Batch, values of a nodal rule, largest order of the predictor, largest number
+   of sub-steps of a scheme, places of the displacements and rotations at the start of the step and of
+   the internal variables among the changing coefficients, largest order of a scheme, and number of
+   averaged differences in local errors. */
+enum {
+  LANES = 8, RULE_VALUES = 18, PAST = 4, SUB_STEPS = 32, START = 1, INTERNAL = 5, MAX_ORDER = 4,
+  AVERAGED = 3
+};
 
 /* Why a step failed. */
 enum { OK, NO_CONVERGENCE, SINGULAR, TURNED_TOO_FAR, TOO_INACCURATE };
@@ -32,7 +36,8 @@ typedef struct {
 typedef struct {
   int integrals, width;
   Integral *of;
-  int moving;          /* number of changing coefficients: 0 increment, START, 2 v, 3 a, 4 before, INTERNAL */
+  int moving;          /* number of changing coefficients:
+                          0 increment, START, 2 v, 3 a, 4 before, INTERNAL */
   int changing;        /* the first of them change in every iteration, the others in every step */
   int *kind, *offset;
   double *constants;
