@@ -278,4 +278,4 @@ def _rows(about: Linearisation, at, what: str):
         rows["angle"] = b - a
     if not rows:
         raise SceneError(f"{what}: {at} has no free coordinate. Take one of its nodes")
-    return tuple(rows), scipy.sparse.vstack(rows.values())
+    return tuple(rows), scipy.sparse.vstack(list(rows.values()))
