@@ -196,7 +196,7 @@ def frequency_response(
     >>> f = float(lowest.frequencies[0])
     >>> found = fb.frequency_response(scene, (beam.end, (0.0, 0.01)), beam.end, [0.0, f])
     >>> static, resonant = found.component("y")
-    >>> round(abs(static), 5), round(abs(resonant / static), 1)
+    >>> round(float(abs(static)), 5), round(float(abs(resonant / static)), 1)
     (0.00333, 27.6)
     """
     what = "frequency_response"
