@@ -19,8 +19,8 @@ form, compared with exact solutions and with a limit load computed by hand.
 
        F h + V l/2 = 6 M_p.
 
-   The moment is that of the elements' middles: with n elements in a column the frame carries about
-   1/n more. The small hardening adds less than 1 %.
+   Members yield at the moment in the middle of an element: with n elements in a column, the frame
+   carries about 1/n more. The small hardening adds less than 1 %.
 
    The same frame is also made of elastic members on plastic hinges: joints at the feet, at the
    corners and in the middle of the beam whose springs yield at M_p. Then no mesh error is left. The

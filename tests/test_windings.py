@@ -44,7 +44,7 @@ def test_a_beam_that_has_turned_a_thousand_times_keeps_its_energy_as_at_the_star
     record = fb.Record(rates=False, forces=False)
     solution = fb.simulate(scene, dt=0.02, t_end=1400.0, record=record)
     assert solution.rotation(beam.end)[-1] > 1000 * 2 * np.pi
-    # Rotations of 6000 rad, rounded to 5e-13, cost 1e-9 here. Other rounding adds up over the 70 000
+    # Rotations of 6000 rad, rounded to 5e-13, cost 1e-9 here. Other rounding adds up over the
     # steps to 0.9e-11 to 2.2e-11, by the last digits of dt: a bound of 2e-11 was too close to it.
     assert relative_drift(solution.energy.total) < 1e-10
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import scipy.sparse
@@ -115,23 +115,17 @@ def _last(model: Model, start: State, state: Solution, what: str) -> tuple[float
     if state.stats.static:
         # Functions of time were evaluated at one time.
         factor, t = t, state.end.t if state.end is not None else 0.0
-    internal = None
-    if start.internal is not None:
-        internal = state.end.internal if state.end is not None else None
-        if internal is None or internal.shape != start.internal.shape:
-            raise SceneError(
-                f"{what}: the state has other internal variables than the sections of the scene. "
-                "Use a state of this scene"
-            )
-        internal = model.mesh.from_elements(internal)
-    springs = None
-    if start.spring_internal is not None:
-        springs = state.end.spring_internal if state.end is not None else None
-        if springs is None or springs.shape != start.spring_internal.shape:
-            raise SceneError(
-                f"{what}: the state has other internal variables than the springs of the scene. "
-                "Use a state of this scene"
-            )
+    inside: dict[str, Any] = {}
+    for name, whose in (("internal", "sections"), ("spring_internal", "springs")):
+        if (wanted := getattr(start, name)) is not None:
+            found = state.end and getattr(state.end, name)
+            if found is None or found.shape != wanted.shape:
+                raise SceneError(
+                    f"{what}: the state has other internal variables than the {whose} of the "
+                    "scene. Use a state of this scene"
+                )
+            inside[name] = found
+    if "internal" in inside:
+        inside["internal"] = model.mesh.from_elements(inside["internal"])
     q, slides = model.from_nodes(state.q[-1]), state.slides[-1]
-    start = replace(start, t=t, q=q, slides=slides, internal=internal)
-    return factor, replace(start, spring_internal=springs)
+    return factor, replace(replace(start, **inside), t=t, q=q, slides=slides)

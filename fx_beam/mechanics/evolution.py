@@ -21,10 +21,12 @@ def evolved(variables: InternalVariables, old, e0, e1, dt, at_rest: bool):
 def law_of_step(energy: Energy, old, new) -> Law:
     """The law at the mean of the internal variables, with those of both ends."""
 
-    def at(a) -> Law:
-        return own_law(lambda eps, gamma, kappa: energy(eps, gamma, kappa, a))
+    def at(a) -> Energy:
+        return lambda *strains: energy(*strains, a)
 
-    return replace(at((old + new) / 2), ends=(at(old), at(new)))
+    law = own_law(at((old + new) / 2))
+    start, end = (replace(law, energy=at(a)) for a in (old, new))
+    return replace(law, ends=(start, end))
 
 
 def evolution_loss(energy: Energy, old, new, e0, e1, at_rest: bool):

@@ -35,8 +35,8 @@ class Energy:
         Stored energy of the springs of joints; zero by default.
     dissipated : (n,) float, optional
         Energy taken since the start by dampers and friction of joints, by drag, by the material
-        (`retardation` of a section) and by `EnergyDecaying`; it never decreases, except where
-        `Stats.amplified` counts steps. Zero by default.
+        (`retardation` and `internal` variables of sections and springs) and by `EnergyDecaying`; it
+        never decreases, except where `Stats.amplified` counts steps. Zero by default.
     algorithmic : (n,) float, optional
         Energy that `EnergyDecaying` of order 2 holds for the next step; part of the balance, not of
         `total`. Zero by default.
