@@ -118,7 +118,7 @@ def _last(model: Model, start: State, state: Solution, what: str) -> tuple[float
     inside: dict[str, Any] = {}
     for name, whose in (("internal", "sections"), ("spring_internal", "springs")):
         if (wanted := getattr(start, name)) is not None:
-            found = state.end and getattr(state.end, name)
+            found = getattr(state.end, name, None)
             if found is None or found.shape != wanted.shape:
                 raise SceneError(
                     f"{what}: the state has other internal variables than the {whose} of the "
