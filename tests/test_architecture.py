@@ -58,6 +58,7 @@ HOUSE = {
         "saved",
     ],
     "fem": [
+        "mpi",
         "elements",
         "ffcx_api",
         "dolfinx_api",
@@ -254,9 +255,10 @@ def test_the_model_knows_nothing_of_solutions():
 @pytest.mark.parametrize(
     ("packages", "home"),
     [
-        ({"dolfinx", "basix", "mpi4py"}, {"fem.dolfinx_api", "fem.elements"}),
+        ({"mpi4py"}, {"fem.mpi"}),
+        ({"dolfinx", "basix"}, {"fem.dolfinx_api", "fem.elements"}),
         ({"ffcx"}, {"fem.ffcx_api"}),
-        ({"petsc4py"}, {"fem.dolfinx_api", "stepping.linear_solver"}),
+        ({"petsc4py"}, {"fem.mpi", "stepping.linear_solver"}),
         ({"slepc4py"}, {"analyses.undamped_modes"}),
         (
             {"matplotlib"},
@@ -275,7 +277,7 @@ def test_the_model_knows_nothing_of_solutions():
         ({"scooby", "tabulate"}, {"studies.reporting"}),
     ],
     ids=[
-        *("dolfinx", "ffcx", "petsc4py", "slepc4py", "matplotlib", "pyvista"),
+        *("mpi4py", "dolfinx", "ffcx", "petsc4py", "slepc4py", "matplotlib", "pyvista"),
         *("PIL", "tqdm", "pandas", "reports"),
     ],
 )

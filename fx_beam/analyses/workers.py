@@ -21,7 +21,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from fx_beam.errors import SceneError, StepError
-from fx_beam.fem import dolfinx_api, ffcx_api
+from fx_beam.fem import ffcx_api, mpi
 from fx_beam.validation import is_whole
 
 from .progress import without_bars
@@ -146,7 +146,7 @@ def _on_processes(number: int, function: Callable, items: Sequence) -> Outcomes:
     """
     if getattr(multiprocessing.current_process(), "_inheriting", False):
         sys.exit(1)  # a worker that imports a script without a main guard; the parent says so
-    if dolfinx_api.under_mpirun():
+    if mpi.under_mpirun():
         raise SceneError(
             "under mpirun give executor=mpi4py.futures.MPIPoolExecutor(), and start the script by "
             "`mpirun -n 3 python -m mpi4py.futures script.py`"

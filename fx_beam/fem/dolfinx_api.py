@@ -8,19 +8,13 @@ from __future__ import annotations
 import functools
 import inspect
 import logging
-import os
-import sys
 from collections.abc import Callable, Mapping
 from typing import Any, NamedTuple, TypeVar
 
-from mpi4py import MPI
+# Before dolfinx, which would start MPI itself, and slowly.
+from .mpi import MPI
 
-if "mpi4py.futures" in sys.modules:
-    # PETSc would start on all processes at once, but those of a pool wait for calls.
-    import petsc4py
-
-    petsc4py.init(comm=MPI.COMM_SELF)
-
+# isort: split
 import dolfinx
 import ufl
 from dolfinx import fem
@@ -83,11 +77,6 @@ def quietly(compiling: F) -> F:
             logging.disable(disabled)
 
     return wrapper  # type: ignore[return-value]
-
-
-def under_mpirun() -> bool:
-    """Whether mpirun started this process."""
-    return MPI.COMM_WORLD.size > 1 or "OMPI_COMM_WORLD_SIZE" in os.environ
 
 
 @quietly
