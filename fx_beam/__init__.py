@@ -38,6 +38,7 @@ from .results.joint_motion import JointMotion
 from .results.saved import load
 from .results.solution import Solution
 from .scene.beam import Beam, Node
+from .scene.body import Body
 from .scene.coordinate import Coordinate, Damper, Friction, Spring
 from .scene.curve import Curve, arc, spline
 from .scene.internal_variables import InternalVariables
@@ -56,6 +57,7 @@ __all__ = [
     "AtRest",
     "Beam",
     "BeamResultants",
+    "Body",
     "Coordinate",
     "Curve",
     "Damper",

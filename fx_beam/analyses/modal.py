@@ -211,7 +211,8 @@ def modes(scene: Scene, state: Solution | None = None, n: int = 6, damping: bool
     positions = model.mesh.X + model.to_nodes(about.start.q)[:, :2]
     names = [beam.name for beam in scene.beams]
     nodes = dict(zip(names, model.mesh.nodes, strict=True))
-    return Modes(omega, rigid, shapes, positions, nodes, scene.beams[0].degree, ratios, roots)
+    degree = scene.beams[0].degree if scene.beams else 1
+    return Modes(omega, rigid, shapes, positions, nodes, degree, ratios, roots)
 
 
 def _asymmetry(K, unit: np.ndarray) -> float:

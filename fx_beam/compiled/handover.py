@@ -10,7 +10,6 @@ import math
 from typing import Any
 
 import numpy as np
-import scipy.sparse
 
 from fx_beam.coupling.index_reduction import Tables
 from fx_beam.fem import dolfinx_api, ffcx_api
@@ -30,6 +29,7 @@ from fx_beam.stepping.overshoot import OVERSHOOT, SEARCHES
 from fx_beam.stepping.substeps import LARGE_TURN
 
 from .build import LoopUnavailable, load_batches, load_library
+from .element_data import element_data
 from .kernels import Kernel
 from .lu_layout import alone_in_column, factors_of, places_of_entries
 
@@ -101,20 +101,15 @@ class Problem:
     def _hand_over_mesh(self, place: np.ndarray) -> None:
         model, p = self.model, self.c
         mesh, K, mass = model.mesh, model.forms.stiffness, model.mass
-        dofs = dolfinx_api.element_dofs(mesh.space)
-        coordinates = dolfinx_api.element_coordinates(mesh.mesh)
+        dofs, coordinates, entries = element_data(mesh, K)
         p.dofs, p.nodes = model.size, len(mesh.X)
         p.cells, p.cell_internal = len(dofs), int(np.prod(model.forms.internal_shape[1:]))
         p.cell_dofs, p.cell_coordinates = dofs.shape[1], coordinates.shape[1]
         massless = np.flatnonzero(model.massless)
         p.turning, p.massless_count = len(model.turns), len(massless)
-        # Indices of the entries of K plus 1: explicit zeros would be lost.
-        numbered = scipy.sparse.csr_matrix((np.arange(1, K.nnz + 1), K.indices, K.indptr), K.shape)
-        n = dofs.shape[1]
-        entries = numbered[np.repeat(dofs, n, axis=1).ravel(), np.tile(dofs, (1, n)).ravel()]
         #: Degrees of freedom, coordinates and storage indices of each cell.
         self._dofs, self._coordinates = dofs, coordinates
-        self._places = place[np.asarray(entries).reshape(len(dofs), n * n) - 1]
+        self._places = place[entries]
         heavy = mass.data != 0
         turning = heavy & np.isin(mass.indices, model.turns)
         p.turning_masses = np.count_nonzero(turning)
@@ -143,7 +138,7 @@ class Problem:
         if p.cell_internal:
             width = model.forms.internal_shape[-1]
             self._doubles(per_weight=np.repeat(1 / model.forms.point_weights, width))
-        self._internal = np.arange(p.cells * p.cell_internal).reshape(p.cells, -1)
+        self._internal = np.arange(p.cells * p.cell_internal).reshape(p.cells, p.cell_internal)
         if model.weight is not None:
             self._doubles(weight=model.weight)
         columns = model.loads.columns

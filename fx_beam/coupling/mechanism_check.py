@@ -206,5 +206,9 @@ def _description(scene: Scene, mesh: Mesh, parts: _Parts, rates: np.ndarray) -> 
         how = f"can move along ({along[0]:.3g}, {along[1]:.3g})"
     nodes_of = zip(scene.beams, mesh.nodes, strict=True)
     names = [repr(beam.name) for beam, nodes in nodes_of if parts.of_node[nodes[0]] == part]
+    if not names:  # a part without elements is one node
+        number = int(np.flatnonzero(parts.of_node == part)[0])
+        of = [body.name for body in scene.bodies if scene.nodes[number] in body.nodes]
+        return f"{scene.nodes[number]}{f' of {of[0]}' if of else ''} {how}"
     more = f" and {len(names) - 3} more" if len(names) > 3 else ""
     return f"beam{'s' * (len(names) > 1)} {', '.join(names[:3])}{more} {how}"

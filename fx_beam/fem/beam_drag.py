@@ -60,19 +60,22 @@ class BeamDrag:
 
     def add_force(self, D: np.ndarray, out: np.ndarray) -> None:
         """Add the resisting forces (size,) for the increment D."""
-        self.increment.x.array[:] = D
+        self._set(D)
         dolfinx_api.assemble_vector(self._vector, self._force)
-        out += self._vector
+        out[: len(self._vector)] += self._vector
+
+    def _set(self, D: np.ndarray) -> None:
+        self.increment.x.array[:] = D[: len(self._vector)]
 
     def add_tangent(self, D: np.ndarray, values: np.ndarray) -> None:
         """Add their derivative by D to the entries of the stiffness."""
-        self.increment.x.array[:] = D
+        self._set(D)
         dolfinx_api.assemble_matrix(self._matrix, self._tangent)
-        values += self._matrix.data
+        values[: len(self._matrix.data)] += self._matrix.data
 
     def loss(self, D: np.ndarray) -> float:
         """Energy that they take in the step [J]."""
-        self.increment.x.array[:] = D
+        self._set(D)
         return dolfinx_api.assemble_scalar(self._loss)
 
 

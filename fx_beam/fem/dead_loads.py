@@ -56,7 +56,7 @@ class Loads:
         form = self._forms.bind(compiled, {density: data.on(mesh), direction: unit})
         columns = np.zeros((len(directions), self._forms.size))
         for column, unit.value in zip(columns, directions, strict=True):
-            dolfinx_api.assemble_vector(column, form)
+            dolfinx_api.assemble_vector(column[: mesh.in_beams], form)
         return columns.T
 
     def _at_gauss_points(self, beam: Beam, along: Callable) -> np.ndarray:

@@ -6,7 +6,6 @@ from collections.abc import Iterable, Mapping
 from typing import Any, NamedTuple
 
 import numpy as np
-import scipy.sparse
 
 from fx_beam.mechanics.schemes import Scheme
 from fx_beam.scene.beam import Beam, Node
@@ -17,6 +16,7 @@ from .beam_drag import BeamDrag, DragForms
 from .dolfinx_api import CompiledForm
 from .fields import Fields, fields_of
 from .follower_loads import Followers
+from .free_nodes import fill_blocks, with_blocks
 from .mesh import Mesh
 from .node_drag import NodeDrag
 from .section_fields import Data, on_beam, section_data
@@ -44,7 +44,7 @@ class Part(NamedTuple):
 class Forms:
     """Internal forces, tangent and energies of the beams of a scene for a scheme.
 
-    Vectors contain all degrees of freedom in dolfinx's order; `Mesh.dofs` gives those of a node.
+    Vectors contain all degrees of freedom, dolfinx's first; `Mesh.dofs` gives those of a node.
     """
 
     def __init__(self, scene: Scene, scheme: Scheme, mesh: Mesh):
@@ -84,10 +84,9 @@ class Forms:
         self.resultants_move = weak.resultants_move
 
         self._matrix = dolfinx_api.create_matrix(self._tangent)
-        shape = (self.size, self.size)
         pattern = self._matrix.indices, self._matrix.indptr
-        #: Tangent of the internal forces, a view on the assembled values.
-        self.stiffness = scipy.sparse.csr_matrix((self._matrix.data, *pattern), shape, copy=False)
+        #: Tangent of the internal forces: the assembled values, then those of nodes alone.
+        self.stiffness = with_blocks(self._matrix.data, *pattern, self.size)
         self._force = np.zeros(self.size)
 
     def _fields(self) -> dict[Any, Any]:
@@ -243,17 +242,26 @@ class Forms:
     def _set_start(self, t: float, dt: float, q: np.ndarray) -> None:
         self.time.value = t + self._scheme.rates.level * dt
         self.dt.value = dt
-        self._start.x.array[:] = q
+        self._set(self._start, q)
+        self._q = q
 
     def _set_rates(self, *rates: np.ndarray) -> None:
         for function, rate in zip(self._start_rates, rates, strict=True):
-            function.x.array[:] = rate
+            self._set(function, rate)
+
+    def _set_increment(self, D: np.ndarray) -> None:
+        self._set(self.increment, D)
+        self._D = D
+
+    def _set(self, function, values: np.ndarray) -> None:
+        """Set a function to the values (size,) at the nodes of beams."""
+        function.x.array[:] = values[: self._mesh.in_beams]
 
     def set_memory(self, before: np.ndarray | None, memory: float) -> None:
         """Set the start of the last step (size,), and `Step.memory`, for schemes that need them."""
         if self.needs_before:
             self.memory.value = memory
-            self.moving[4].x.array[:] = self._start.x.array if before is None else before
+            self._set(self.moving[4], self._q if before is None else before)
 
     def set_internal(self, internal: np.ndarray | None) -> None:
         """Set the internal variables (cells, degree, width) at the start of the step."""
@@ -264,7 +272,7 @@ class Forms:
         """Internal variables (cells, degree, width) at the end of the step; None without any."""
         if self._weak.evolution is None:
             return None
-        self.increment.x.array[:] = D
+        self._set_increment(D)
         grown = np.zeros(self._internal.size)
         dolfinx_api.assemble_vector(grown, self._evolution)
         at_points = grown.reshape(self._internal.shape)[self._cell_points]
@@ -272,7 +280,7 @@ class Forms:
 
     def losses(self, D: np.ndarray) -> list[float]:
         """Energies [J] that material and drag take, that the scheme takes, and that it holds."""
-        self.increment.x.array[:] = D
+        self._set_increment(D)
         lost, *of_scheme = (
             dolfinx_api.assemble_scalar(form) if form is not None else 0.0 for form in self._losses
         )
@@ -283,27 +291,36 @@ class Forms:
 
         With drag, and minus added forces. The next call overwrites the result.
         """
-        self.increment.x.array[:] = D
-        dolfinx_api.assemble_vector(self._force, self._residual)
+        self._set_increment(D)
+        self._force[:] = 0.0
+        dolfinx_api.assemble_vector(self._force[: self._mesh.in_beams], self._residual)
+        self._add_at_nodes()
+        return self._force
+
+    def _add_at_nodes(self) -> None:
+        """Add drag, and subtract follower forces."""
         if self.followers is not None:
             self.followers.add_force(*self._motion, -self._factor, self._force)
         for drag in self.drags:
-            drag.add_force(D, self._force)
-        return self._force
+            drag.add_force(self._D, self._force)
 
     def assemble_stiffness(self) -> None:
         """Assemble `stiffness` at the increment of the last `internal_force` (eq. 54)."""
         dolfinx_api.assemble_matrix(self._matrix, self._tangent)
+        fill_blocks(self.stiffness.data, self._matrix.data)
+        self._add_tangent_at_nodes()
+
+    def _add_tangent_at_nodes(self) -> None:
         if self.followers is not None:
             self.followers.subtract_tangent(*self._motion, self._factor, self.stiffness.data)
         for drag in self.drags:
-            drag.add_tangent(self.increment.x.array, self.stiffness.data)
+            drag.add_tangent(self._D, self.stiffness.data)
 
     def added_force(self) -> np.ndarray:
         """Forces (size,) of added virtual works and followers at the last increment [N, N m]."""
         force = np.zeros(self.size)
         if self._weak.added is not None:
-            dolfinx_api.assemble_vector(force, self._added)
+            dolfinx_api.assemble_vector(force[: self._mesh.in_beams], self._added)
         if self.followers is not None:
             self.followers.add_force(*self._motion, self._factor, force)
         return force
@@ -318,7 +335,7 @@ class Forms:
 
     @property
     def _motion(self) -> tuple[np.ndarray, np.ndarray]:
-        return self._start.x.array, self.increment.x.array
+        return self._q, self._D
 
     @property
     def _factor(self) -> float:
@@ -326,7 +343,7 @@ class Forms:
 
     def strain_energy(self, q: np.ndarray, internal: np.ndarray | None = None) -> float:
         """Stored energy [J] of q (size,) and internal variables, integrated by the reduced rule."""
-        self._start.x.array[:] = q
+        self._set(self._start, q)
         self.set_internal(internal)
         return dolfinx_api.assemble_scalar(self._energy)
 
@@ -336,12 +353,12 @@ class Forms:
 
     def faces_backwards(self, q: np.ndarray) -> bool:
         """Whether t . phi' > 0 (eq. 4) is violated at any Gauss point, for q (size,)."""
-        self._start.x.array[:] = q
+        self._set(self._start, q)
         return dolfinx_api.assemble_scalar(self._backwards) > 0
 
     def facing(self, q: np.ndarray) -> np.ndarray:
         """t . phi' (cells, degree) of eq. 4 at the Gauss points, for q (size,)."""
-        self._start.x.array[:] = q
+        self._set(self._start, q)
         return dolfinx_api.evaluate(
             self._expression(self._weak.facing), self._mesh.mesh, self.cells_of(-1)
         )
@@ -359,7 +376,7 @@ class Forms:
         rows = []
         for part in parts:
             self._set_start(part.t, part.dt, part.q)
-            self.increment.x.array[:] = part.D
+            self._set_increment(part.D)
             if self.resultants_need_rates:
                 self._set_rates(*part.rates)
             self.set_memory(part.before, part.memory)

@@ -46,7 +46,7 @@ class Mass:
             form = self._forms.bind(compiled, own)
             matrix = dolfinx_api.create_matrix(form)
             dolfinx_api.assemble_matrix(matrix, form)
-            mass.data[:] = matrix.data
+            mass.data[: len(matrix.data)] = matrix.data
         self.assembled += [_WORDS[name] for name in data]
         if self._scene.masses:
             mass.setdiag(mass.diagonal() + self._mesh.from_nodes(self._lumped()))
@@ -72,7 +72,7 @@ class Mass:
             compiled, density, gravity = _weight_form(self._forms.fields.plain, data.place)
             pull = dolfinx_api.constant(self._mesh.mesh, self._scene.gravity)
             form = self._forms.bind(compiled, {density: data.on(self._mesh), gravity: pull})
-            dolfinx_api.assemble_vector(weight, form)
+            dolfinx_api.assemble_vector(weight[: self._mesh.in_beams], form)
         return weight
 
     def _has(self, name: str) -> bool:

@@ -19,14 +19,18 @@ from . import dolfinx_api
 class Mesh:
     """The mesh of a scene."""
 
-    #: dolfinx mesh of intervals: straight, or of the beams' degree if one of them is curved.
+    #: dolfinx mesh of intervals: straight, or of the beams' degree if one of them is curved. None
+    #: without beams, as the space.
     mesh: Any
     #: Function space of displacement and rotation.
     space: Any
     #: Reference positions (n, 2) [m]: nodes of the scene by number, then nodes inside elements.
     X: np.ndarray
-    #: Degrees of freedom (n, 3) of x, y and rotation of each node.
+    #: Degrees of freedom (n, 3) of x, y and rotation of each node: those of dolfinx, then those of
+    #: nodes that belong to no beam.
     dofs: np.ndarray
+    #: Number of degrees of freedom of dolfinx.
+    in_beams: int
     #: Index of each cell's beam in the scene.
     beam_of_cell: np.ndarray
     #: Cells and nodes of each beam, in order along it.
@@ -68,11 +72,14 @@ class Mesh:
 
 
 def build_mesh(scene: Scene) -> Mesh:
-    """Mesh of a scene with at least one beam."""
-    if not scene.beams:
-        raise SceneError("the scene has no beams. Add one with scene.add_beam")
-    degree = scene.beams[0].degree
+    """Mesh of a scene with at least one beam or body."""
+    if not scene.nodes:
+        raise SceneError("the scene has no beams. Add one with scene.add_beam, or add_body")
     points = np.array([(node.x, node.y) for node in scene.nodes])
+    if not scene.beams:
+        dofs = np.arange(3 * len(points)).reshape(-1, 3)
+        return Mesh(None, None, points, dofs, 0, np.empty(0, int), [], [], False)
+    degree = scene.beams[0].degree
     ends = [
         (a.number, b.number)
         for beam in scene.beams
@@ -90,6 +97,9 @@ def build_mesh(scene: Scene) -> Mesh:
     space = dolfinx_api.beam_space(mesh, degree)
     dofs = np.full((len(X), 3), -1)
     dofs[nodes_of_element[order]] = dolfinx_api.dofs_of_cells(space)
+    alone = dofs[:, 0] < 0
+    in_beams = 3 * int(np.count_nonzero(~alone))
+    dofs[alone] = np.arange(in_beams, dofs.size).reshape(-1, 3)
 
     cell_of_element = np.argsort(order)
     counts = [beam.elements for beam in scene.beams]
@@ -102,4 +112,5 @@ def build_mesh(scene: Scene) -> Mesh:
         for e in elements:
             chain += [*inner[e], ends[e][1]]
         nodes_of_beam.append(np.array(chain))
-    return Mesh(mesh, space, X, dofs, beam_of_element[order], cells, nodes_of_beam, curved)
+    of_cell = beam_of_element[order]
+    return Mesh(mesh, space, X, dofs, in_beams, of_cell, cells, nodes_of_beam, curved)

@@ -17,6 +17,7 @@ from fx_beam.fem.dead_loads import Loads
 from fx_beam.fem.forms import Forms
 from fx_beam.fem.mass import Mass
 from fx_beam.fem.mesh import build_mesh
+from fx_beam.fem.nodal_forms import NodalForms
 from fx_beam.fem.nodal_rules import NodalRules
 from fx_beam.mechanics.nodal_rates import NodalRates
 from fx_beam.mechanics.schemes import Scheme
@@ -34,7 +35,7 @@ class Model:
         self.scene = scene
         self.scheme = scheme
         self.mesh = build_mesh(scene)
-        self.forms = Forms(scene, scheme, self.mesh)
+        self.forms = (Forms if scene.beams else NodalForms)(scene, scheme, self.mesh)
         self.size, self.turns = self.forms.size, self.forms.turns
         #: Size of a unit increment: the size of the scene for displacements, 1 for rotations.
         self.unit = np.full(self.size, self.mesh.size)

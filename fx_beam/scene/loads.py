@@ -131,7 +131,7 @@ def check_node(scene, node, what: str) -> None:
     if not isinstance(node, Node):
         raise SceneError(
             f"{what}: {node!r} is not a node; take one from a beam: beam.start, beam.end or "
-            "beam.node(fraction)"
+            "beam.node(fraction), or from a body: body.centre or body[name]"
         )
     if node.scene is not scene:
         raise SceneError(f"{what}: {node} belongs to another scene; take a node of this one")

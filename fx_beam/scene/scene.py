@@ -1,4 +1,4 @@
-"""A scene: beams, supports, joints, masses and loads, checked as they are added."""
+"""A scene: beams, bodies, supports, joints, masses and loads, checked as they are added."""
 
 from __future__ import annotations
 
@@ -11,21 +11,21 @@ from fx_beam.validation import TimeFunction, require, time_function, vector
 
 from . import loads
 from .beam import COMPONENTS, Beam, Node
+from .body import Bodies, Body, check_body, velocities_of
 from .curve import Curve
-from .geometry import Geometry
 from .joints import GROUND, Joint
 from .section import Section
 from .summary import facts, html_table
 
 
-class Scene(Geometry):
-    """Beams, supports, joints, masses, loads, drag and initial velocities of a planar system.
+class Scene(Bodies):
+    """Beams, rigid bodies, supports, joints, masses, loads, drag and initial velocities.
 
     Lengths in metres, masses in kilograms, times in seconds and angles in radians, or any other
     consistent units. Angles and moments are positive anticlockwise.
 
-    A copied or unpickled scene has its own nodes, beams and joints: take them from its `beams` and
-    `joints`.
+    A copied or unpickled scene has its own nodes, beams, bodies and joints: take them from its
+    `beams`, `bodies` and `joints`.
 
     Parameters
     ----------
@@ -370,18 +370,22 @@ class Scene(Geometry):
             loads.check_beam(self, beam, "virtual work")
         self.virtual_works.append(loads.VirtualWork(term, beam))
 
-    def set_velocity(self, target: Beam | Node, velocity=(0.0, 0.0), spin=0.0) -> None:
+    def set_velocity(self, target: Beam | Body | Node, velocity=(0.0, 0.0), spin=0.0) -> None:
         """Set the velocity and spin at t = 0.
 
         Parameters
         ----------
-        target : Beam or Node
-            A node, or a beam for all its nodes.
+        target : Beam, Body or Node
+            A node, a beam for all its nodes, or a body: the velocity is that of its centre.
         velocity : (vx, vy) or callable
             Velocity, or ``velocity(x, y)`` at a reference position [m/s].
         spin : float or callable
             Rate of the section rotation, or ``spin(x, y)`` [rad/s].
         """
+        if isinstance(target, Body):
+            check_body(self, target, "velocity")
+            self.velocities += velocities_of(target, velocity, spin)
+            return
         check = loads.check_beam if isinstance(target, Beam) else loads.check_node
         check(self, target, "velocity")
         self.velocities.append(loads.initial_velocity(target, velocity, spin))

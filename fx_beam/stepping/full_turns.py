@@ -57,7 +57,7 @@ def _members(model: Model) -> list[np.ndarray]:
         if rotation is not None and (rotation.acts or rotation.motor):
             counted |= {*ends}
     n = len(mesh.X)
-    i, j = np.array(pairs).T
+    i, j = np.array(pairs, dtype=int).reshape(-1, 2).T
     graph = scipy.sparse.coo_matrix((np.ones(len(pairs)), (i, j)), (n, n))
     number, of_node = connected_components(graph, directed=False)
     held = set(of_node[sorted(counted)])

@@ -37,6 +37,7 @@ static void begin_form(const Problem *p, const Form *form, const double *const *
 static int begin_internal(const Problem *p, const double *const *fields, double t, double dt, int look) {
   const Form *form = &p->internal, *backwards = &p->backwards;
   int start = 0;
+  if (!form->integrals) return 0; /* there are no beams */
   while (form->kind[start] != START) ++start;
   double sums[LANES] = {0}, A[LANES], sum = 0;
   for (int i = 0; i < form->integrals; ++i) {
