@@ -87,6 +87,8 @@ HOUSE = {
         "spring_dampers",
         "index_reduction",
         "joint_reduction",
+        "loop_reduction",
+        "redundancy",
         "mechanism_check",
     ],
     "model": ["model", "joint_forces", "equations"],

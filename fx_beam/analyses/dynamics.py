@@ -170,7 +170,7 @@ def simulate(
         scheme=scheme.name,
         level=scheme.rates.level,
         solver="petsc lu",
-        unknowns=model.reduction.free,
+        unknowns=len(model.reduction.independent),
         compiled=model.compiled,
         assembled=model.assembled,
     )

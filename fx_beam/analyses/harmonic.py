@@ -269,8 +269,7 @@ def _rows(about: Linearisation, at, what: str):
         raise SceneError(f"{what}: {at} is not a joint of the scene; take what add_joint returned")
     rows = {}
     if at.slide is not None and at.slide.motor is None:
-        column = model.couplings.slides[at.number]
-        rows["slide"] = scipy.sparse.csr_matrix(([1.0], ([0], [column])), (1, T.shape[1]))
+        rows["slide"] = about.columns[model.couplings.slides[at.number]]
     if at.rotation is not None and at.rotation.motor is None:
         a, b = (
             T[dofs[node.number, 2]] if node is not GROUND else 0 * T[0] for node in (at.a, at.b)

@@ -32,6 +32,10 @@ class Linearisation(NamedTuple):
     M: scipy.sparse.csr_matrix
     #: Coupling (size, free): motions of the nodes are T times the unknowns.
     T: scipy.sparse.csr_matrix
+    #: The unknowns among those of the model, which has also some that follow to close loops, and
+    #: all columns (columns, free) from the unknowns.
+    unknowns: np.ndarray
+    columns: scipy.sparse.csr_matrix
     #: The configuration, at rest.
     start: State
 
@@ -72,6 +76,7 @@ class Linearisation(NamedTuple):
             )
         indptr, indices = reduction.pattern
         C = scipy.sparse.csr_matrix((data, indices, indptr), (reduction.free,) * 2)
+        C = C[self.unknowns][:, self.unknowns]
         C.eliminate_zeros()
         return C
 
@@ -98,9 +103,13 @@ def linearised(scene: Scene, state: Solution | None, what: str) -> Linearisation
         force += factor * model.weight
     equations.begin(Interval(factor, factor), start)
     K = equations.tangent(equations.at_start(force).r)
-    T = reduction.coupling()[:, : reduction.free]
+    if reduction.trouble:
+        raise SceneError(f"{what}: {reduction.trouble}. Take a state beside it")
+    unknowns = reduction.independent
+    K, T = K[unknowns][:, unknowns], reduction.coupling()[:, unknowns]
     M = (T.T @ model.mass @ T).tocsr()
-    return Linearisation(model, K, M, T, start)
+    columns = reduction.completion()[:, unknowns]
+    return Linearisation(model, K, M, T, unknowns, columns, start)
 
 
 def _last(model: Model, start: State, state: Solution, what: str) -> tuple[float, State]:

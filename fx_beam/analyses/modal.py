@@ -195,7 +195,7 @@ def modes(scene: Scene, state: Solution | None = None, n: int = 6, damping: bool
     model, K, M = about.model, about.K, about.M
     if not M.data.any():
         raise SceneError("modes: the scene has no mass. Give a section rhoA or add a mass")
-    if _asymmetry(K, model.unit_of_unknowns) > 1e-12:
+    if _asymmetry(K, model.unit_of_unknowns[about.unknowns]) > 1e-12:
         raise SceneError(
             "modes: the stiffness is not symmetric, since a load or an added virtual work depends "
             "on the motion and has no potential. Simulate the scene instead, or remove this load"

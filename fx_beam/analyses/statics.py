@@ -116,7 +116,7 @@ def static(
         scheme=scheme.name,
         level=scheme.rates.level,
         solver="petsc lu" if continuation is None else "superlu",
-        unknowns=model.reduction.free,
+        unknowns=len(model.reduction.independent),
         compiled=model.compiled,
         assembled=model.assembled,
         static=True,

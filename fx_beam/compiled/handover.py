@@ -54,6 +54,8 @@ class Problem:
 
     def __init__(self, model: Model, joint_forces: JointForces | None, options: NewtonOptions):
         self.model = model
+        if model.couplings.closures:
+            raise LoopUnavailable("closed loops of rigid members")
         self.ffi, self.library = load_library()
         self._keep: list[Any] = []
         #: Pointers by contents, since forms have many arrays in common.

@@ -34,6 +34,17 @@ class Branch:
 
 
 @dataclass(frozen=True)
+class Closure:
+    """A joint that closes a loop in x or y: an equation between columns, gap = 0."""
+
+    joint: Joint
+    #: 0 for x, 1 for y.
+    component: int
+    #: Entries of the gap: the displacement of b minus that of its place on a.
+    entries: list[Entry]
+
+
+@dataclass(frozen=True)
 class Couplings:
     """All degrees of freedom as functions of the remaining columns.
 
@@ -57,6 +68,8 @@ class Couplings:
     sign: np.ndarray
     #: For x, y and rotation, and for each joint: the nodes that follow through it.
     subtree: list[list[np.ndarray]]
+    #: Joints that close loops.
+    closures: list[Closure]
 
     @property
     def is_index(self) -> bool:
@@ -111,9 +124,10 @@ class Couplings:
 
 def couple(scene: Scene, mesh: Mesh) -> Couplings:
     """Couplings of a scene; SceneError for joints that over-constrain, with their names."""
-    forests = _forests(scene)
+    forests, closing = _forests(scene)
     columns = _Columns(scene, mesh, forests)
     moving = [b.joint for b in forests[0] if not b.joint.is_index]
+    moving += [joint for joint in closing[0] if not joint.is_index]
     place = {joint.number: 1 + 4 * m for m, joint in enumerate(moving)}
     ground = [(columns.of[_GROUND], 0, 1.0)] if _GROUND in columns.of else []
     #: Entries of the nodes that follow through a joint.
@@ -128,17 +142,31 @@ def couple(scene: Scene, mesh: Mesh) -> Couplings:
         if branch.joint.rotation is not None:
             own.append((columns.of["motor", branch.joint.number], 0, branch.sign))
         entries[branch.node, 2] = own
+
+    def entries_of_arm(joint: Joint, i: int, side: float) -> list[Entry]:
+        if joint.number not in place:
+            return []
+        first = place[joint.number] + i
+        turn = entries_of(joint.a.number, 2)
+        own = [(column, first, sign * side) for column, _, sign in turn]
+        if joint.slide is not None:
+            own.append((columns.slides[joint.number], first + 2, side))
+        return own
+
     for i in (0, 1):
         for branch in forests[i]:
-            joint = branch.joint
-            own = list(entries_of(branch.parent, i))
-            if joint.number in place:
-                first = place[joint.number] + i
-                turn = entries_of(joint.a.number, 2)
-                own += [(column, first, sign * branch.sign) for column, _, sign in turn]
-                if joint.slide is not None:
-                    own.append((columns.slides[joint.number], first + 2, branch.sign))
-            entries[branch.node, i] = own
+            arm = entries_of_arm(branch.joint, i, branch.sign)
+            entries[branch.node, i] = [*entries_of(branch.parent, i), *arm]
+    closures = []
+    for i in (0, 1):
+        for joint in closing[i]:
+            total: dict[tuple[int, int], float] = {}
+            ends = (1.0, entries_of(joint.b.number, i)), (-1.0, entries_of(joint.a.number, i))
+            for side, own in (*ends, (1.0, entries_of_arm(joint, i, -1.0))):
+                for *key, sign in own:
+                    total[key[0], key[1]] = total.get((key[0], key[1]), 0.0) + side * sign
+            gap = [(at, value, sign) for (at, value), sign in total.items() if sign]
+            closures.append(Closure(joint, i, gap))
 
     column = np.empty(mesh.dofs.size, dtype=int)
     column[mesh.dofs] = columns.of_roots
@@ -161,6 +189,7 @@ def couple(scene: Scene, mesh: Mesh) -> Couplings:
         moving=moving,
         sign=np.array([_signs(forest, len(scene.joints)) for forest in forests]),
         subtree=[_descendants(forest, len(scene.joints)) for forest in forests],
+        closures=closures,
     )
 
 
@@ -212,30 +241,35 @@ def motors(scene: Scene) -> list[tuple[Joint, str]]:
     return found
 
 
-def _forests(scene: Scene) -> list[list[Branch]]:
-    """Trees of x, y and rotation.
+def _forests(scene: Scene) -> tuple[list[list[Branch]], list[list[Joint]]]:
+    """Trees of x, y and rotation, and the joints that close loops in each.
 
     Of two joined nodes, one may be fixed in x and the other in y. If only one component of a tree
     is fixed, the other component has the same root.
     """
     held = [{n for n, part in {*scene.fixed, *scene.prescribed} if part == i} for i in range(3)]
     turning = [joint for joint in scene.joints if joint.turns_together]
-    return [
+    found = [
         _forest(scene, scene.joints, held[0], held[1], "displacement in x"),
         _forest(scene, scene.joints, held[1], held[0], "displacement in y"),
         _forest(scene, turning, held[2], set(), "rotation"),
     ]
+    forests, closing = zip(*found, strict=True)
+    return list(forests), list(closing)
 
 
 def _forest(
     scene: Scene, joints: Iterable[Joint], supported: set[int], preferred: set[int], what: str
-) -> list[Branch]:
+) -> tuple[list[Branch], list[Joint]]:
     """Joints as branches of trees, parents first; a supported node or the ground is a root.
 
-    Otherwise the root is a preferred node, or the one with the smallest number.
+    Otherwise the root is a preferred node, or the one with the smallest number. Also the joints
+    that close loops with an arm that turns or slides; other loops are over-constrained.
     """
     neighbours: dict[int, list[tuple[int, Joint]]] = {}
     trees: dict[int, int] = {}
+    anchors = {node: node for node in {*supported, GROUND.number}}
+    closing: list[Joint] = []
 
     def tree(node: int) -> int:
         while (above := trees.setdefault(node, node)) != node:
@@ -245,9 +279,18 @@ def _forest(
 
     for joint in joints:
         a, b = joint.a.number, joint.b.number
-        if tree(a) == tree(b):
-            path = _path(neighbours, a, b)
-            _refuse(scene, [*path, joint], f"they close a loop in which each {what} is coupled")
+        closed = tree(a) == tree(b)
+        loop = [*_path(neighbours, a, b), joint] if closed else []
+        if not closed and tree(a) in anchors and tree(b) in anchors:
+            loop = [*_path(neighbours, anchors[tree(a)], a), joint]
+            loop += _path(neighbours, b, anchors[tree(b)])
+        if what != "rotation" and not all(other.is_index for other in loop):
+            closing.append(joint)
+            continue
+        if closed:
+            _refuse(scene, loop, f"they close a loop in which each {what} is coupled")
+        if tree(a) in anchors:
+            anchors.setdefault(tree(b), anchors[tree(a)])
         trees[tree(a)] = tree(b)
         neighbours.setdefault(a, []).append((b, joint))
         neighbours.setdefault(b, []).append((a, joint))
@@ -281,7 +324,7 @@ def _forest(
     for root in [*roots, *(n for n in found if n in preferred), *found]:
         if root not in reached:
             grow(root)
-    return branches
+    return branches, closing
 
 
 def _path(neighbours, start: int, end: int) -> list[Joint]:

@@ -41,12 +41,30 @@ class Reduction(Protocol):
     columns: int
     #: Sparsity (indptr, indices) of the reduced matrix in compressed rows.
     pattern: tuple[np.ndarray, np.ndarray]
+    #: Why no step can begin here; empty if it can.
+    trouble: str
+
+    @property
+    def independent(self) -> np.ndarray:
+        """Unknowns that follow no others: all, but for those that close loops."""
 
     def begin(self, q: np.ndarray, slides: np.ndarray, dt: float) -> None:
         """Set the start of a step: displacements and rotations, slides, and its length."""
 
     def expand(self, y: np.ndarray, driven: np.ndarray) -> np.ndarray:
-        """Increment of all degrees of freedom from increments of unknowns and driven columns: g."""
+        """Increment of all degrees of freedom from increments of unknowns and driven columns: g.
+
+        Unknowns that close loops are corrected in y.
+        """
+
+    def completion(self) -> scipy.sparse.csr_matrix:
+        """Matrix (columns, columns) that gives all rates from those of independent columns."""
+
+    def closed(self, r: np.ndarray) -> np.ndarray:
+        """Nodal forces with those of the joints that close loops, as of separate nodes."""
+
+    def closing(self) -> np.ndarray | None:
+        """Forces (joints, 2) [N] of these joints on their nodes b, as `closed` found them."""
 
     def spread(self, z: np.ndarray) -> np.ndarray:
         """Small change of all degrees of freedom from a small change of all columns: T z."""
@@ -67,7 +85,32 @@ class Reduction(Protocol):
         """Compute the reduced tangent `out` from the full one (values) and the nodal forces r."""
 
 
-class IndexReduction:
+class WithoutLoops:
+    """A reduction in which no joint closes a loop."""
+
+    free: int
+    columns: int
+    trouble = ""
+
+    @property
+    def independent(self) -> np.ndarray:
+        """All unknowns."""
+        return np.arange(self.free)
+
+    def completion(self) -> scipy.sparse.csr_matrix:
+        """The identity."""
+        return scipy.sparse.identity(self.columns, format="csr")
+
+    def closed(self, r: np.ndarray) -> np.ndarray:
+        """The forces as they are."""
+        return r
+
+    def closing(self) -> np.ndarray | None:
+        """No forces."""
+        return None
+
+
+class IndexReduction(WithoutLoops):
     """Supports and joints that only make degrees of freedom equal: a numbering.
 
     `column` (size,) is the column of each degree of freedom; `matrix` has the full sparsity.

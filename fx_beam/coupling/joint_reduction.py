@@ -8,11 +8,11 @@ import scipy.sparse
 from fx_beam.mechanics.rates import Rates
 
 from .graph import Couplings
-from .index_reduction import Tables, sparsity
+from .index_reduction import Tables, WithoutLoops, sparsity
 from .spring_dampers import Actuators
 
 
-class JointReduction:
+class JointReduction(WithoutLoops):
     """Reduction for joints whose coupling changes with the motion, motors, springs and dampers.
 
     `matrix` has the sparsity of the full tangent.
@@ -192,7 +192,7 @@ class JointReduction:
 
     def _second_order(self, r):
         """Derivatives of That^T r of each joint: (psi, psi), (psi, d) and (d, psi)."""
-        F = self.transmitted(r) * self._joint_sign
+        F = self.transmitted(r)
         level = self._rates.level
         turned = np.einsum("ij,ij->i", F, _perp(self._t1))
         direct = np.einsum("ij,ij->i", F, self._mean_t)
@@ -205,14 +205,15 @@ class JointReduction:
         )
 
     def transmitted(self, r):
-        """Sums (joints, 2) [N] of the forces on the nodes that follow through each joint."""
+        """Forces (joints, 2) [N] of the joints on b: sums over the nodes that follow."""
         n = len(self._moving)
-        return np.bincount(self._through, r[self._below], 2 * n).reshape(n, 2)
+        sums = np.bincount(self._through, r[self._below], 2 * n).reshape(n, 2)
+        return sums * self._joint_sign
 
     def guide_moments(self, r):
         """Moments (n_node,) [N m] of these joints on their nodes a."""
         lever = self._hat[1:].reshape(-1, 4)[:, :2]
-        moments = np.einsum("ij,ij->i", lever, self.transmitted(r) * self._joint_sign)
+        moments = np.einsum("ij,ij->i", lever, self.transmitted(r))
         carriers = np.array([joint.a.number for joint in self._moving], dtype=int)
         total = np.zeros(len(self._dofs))
         on_nodes = carriers >= 0

@@ -40,10 +40,14 @@ class JointForces:
 
         `r` (size,) has the forces and couples of supports and joints on the nodes.
         """
+        reduction = self._model.reduction
+        r = reduction.closed(r)
         out = (self._sums @ r).reshape(-1, 3)
+        if (closing := reduction.closing()) is not None:
+            out[: len(closing), :2] += closing
         # Joints with an offset or a slide exert a moment on their guiding node, rotational springs
         # on both of their nodes. The sums contain these moments of other joints; subtract them.
-        carried = self._model.reduction.guide_moments(r)
+        carried = reduction.guide_moments(r)
         if carried is not None:
             actuators = self._model.actuators
             carried = carried - actuators.node_moments(len(carried))

@@ -10,7 +10,9 @@ import scipy.sparse
 from fx_beam.coupling.graph import couple, motors
 from fx_beam.coupling.index_reduction import IndexReduction, Reduction
 from fx_beam.coupling.joint_reduction import JointReduction
+from fx_beam.coupling.loop_reduction import LoopReduction
 from fx_beam.coupling.mechanism_check import check_no_massless_mechanism
+from fx_beam.coupling.redundancy import check_loops
 from fx_beam.coupling.spring_dampers import Actuators
 from fx_beam.errors import SceneError
 from fx_beam.fem.dead_loads import Loads
@@ -112,9 +114,14 @@ class Model:
         if self.couplings.is_index and not self.actuators:
             self.reduction = IndexReduction(self.couplings.column, *counts, matrix)
         else:
-            self.reduction = JointReduction(
-                self.couplings, self.actuators, self.scheme.rates, dofs, matrix
-            )
+            parts = self.couplings, self.actuators, self.scheme.rates, dofs, matrix
+            if self.couplings.closures:
+                self.reduction = loops = LoopReduction(*parts, self.unit_of_unknowns)
+                slides = np.array([joint.start()[0] for joint in scene.joints])
+                loops.begin(np.zeros(self.size), slides, 1.0)
+                check_loops(scene, self.couplings, loops)
+            else:
+                self.reduction = JointReduction(*parts)
             self.assembled.append("joints")
 
     # -- Numbering ------------------------------------------------------------------------------

@@ -186,17 +186,17 @@ def nearest_rates(model: Model, v: np.ndarray, driven: np.ndarray, weight=None) 
     The default weight scales displacements by the size of the scene.
     """
     reduction = model.reduction
-    free, w, T = reduction.free, _driven_rates(model, driven), _handy(reduction.coupling())
+    free, w, T = reduction.independent, _driven_rates(model, driven), _handy(reduction.coupling())
     missing = v - T @ w
-    if free and missing.any():
+    if len(free) and missing.any():
         weight = scipy.sparse.diags(model.unit**-2.0) if weight is None else weight
-        free_T = T[:, :free]
+        free_T = T[:, free]
         normal, right = free_T.T @ weight @ free_T, free_T.T @ (weight @ missing)
         if isinstance(normal, np.ndarray):
-            w[:free] = np.linalg.solve(normal, right)
+            w[free] = np.linalg.solve(normal, right)
         else:
-            w[:free] = scipy.sparse.linalg.spsolve(normal.tocsc(), right)
-    return w
+            w[free] = scipy.sparse.linalg.spsolve(normal.tocsc(), right)
+    return reduction.completion() @ w
 
 
 def _handy(matrix: scipy.sparse.csr_matrix):

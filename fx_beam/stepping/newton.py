@@ -138,6 +138,8 @@ class Newton:
         StepFailed if it does not converge.
         """
         self.equations.begin(interval, start)
+        if trouble := self.model.reduction.trouble:
+            raise StepFailed("singular", trouble, np.zeros(self.model.size), [])
         at_rest = self.model.scheme.rates.at_rest
         predicted_y = None if at_rest else self.predictor.predict(interval.length)
         moving = 0.0 if at_rest else float(start.v @ (self.model.mass @ start.v))
@@ -233,6 +235,8 @@ class Newton:
     def check_turn(self, D: np.ndarray, residuals: list[float]) -> None:
         """Reject an increment (size,) with a rotation above the bound."""
         turn = abs(D[self.model.turns]).max()
+        if not np.isfinite(turn):
+            raise StepFailed("no convergence", "a loop of joints cannot be closed", D, residuals)
         if turn > self.options.max_turn:
             raise StepFailed(
                 "large rotation",

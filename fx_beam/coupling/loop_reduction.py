@@ -1,0 +1,234 @@
+"""Closed loops of joints, without multipliers: some unknowns follow the others.
+
+The trees of joints leave the columns z; a joint that closes a loop gives equations gap(z) = 0. Of
+the unknowns some, d, follow the others, i, by Newton's method on these equations. The closing
+joints' forces on b are those that leave no residual R of d. With G the derivative of the gaps, and
+Ghat as That of the other joints, so that Ghat times the work increments of a step is its gap:
+
+    F = Ghat_d^-T R_d,    0 = R_i - Ghat_i^T F,    z_d = -G_d^-1 G_i z_i   (in small changes)
+
+The forces do no work and leave both momenta, since they are forces of joints like all others.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import scipy.linalg
+import scipy.sparse
+
+from fx_beam.mechanics.rates import Rates
+
+from .graph import Couplings
+from .index_reduction import sparsity
+from .joint_reduction import JointReduction
+from .spring_dampers import Actuators
+
+# Largest number of corrections that close the loops, and the gap that is left, relative to the
+# size of the scene.
+_CORRECTIONS, _CLOSED = 30, 1e-15
+# Below this ratio of pivots loops are in a singular position.
+_SINGULAR = 1e-8
+
+
+class LoopReduction(JointReduction):
+    """Reduction for scenes with closed loops; `unit` (free,) is the size of unit unknowns."""
+
+    def __init__(
+        self,
+        couplings: Couplings,
+        actuators: Actuators,
+        rates: Rates,
+        dofs: np.ndarray,
+        matrix,
+        unit: np.ndarray,
+    ):
+        super().__init__(couplings, actuators, rates, dofs, matrix)
+        self._closures = couplings.closures
+        rows = [(k, *entry) for k, one in enumerate(self._closures) for entry in one.entries]
+        k, columns, places, signs = np.array(rows, dtype=float).reshape(-1, 4).T
+        self._gap_entries = k.astype(int), columns.astype(int), places.astype(int), signs
+        self.unit, self._size_of_scene = unit, float(unit.max())
+        #: Unknowns of the loops.
+        used = np.unique(columns.astype(int))
+        self.loop = used[used < self.free]
+        self._build_gaps()
+        self._build_pattern()
+
+    def _build_gaps(self) -> None:
+        """The gaps as differences of displacements, less the arm of the joint."""
+        number = {joint.number: m for m, joint in enumerate(self._moving)}
+        rows, columns, signs, arms = [], [], [], []
+        for k, one in enumerate(self._closures):
+            for node, sign in ((one.joint.b, 1.0), (one.joint.a, -1.0)):
+                if node.number >= 0:
+                    rows.append(k)
+                    columns.append(int(self._dofs[node.number, one.component]))
+                    signs.append(sign)
+            if one.joint.number in number:
+                arms.append((k, number[one.joint.number], one.component))
+        shape = len(self._closures), self._size
+        #: Gaps (closures, size) of displacements.
+        self._ends = scipy.sparse.csr_matrix((signs, (rows, columns)), shape)
+        self._arms = tuple(np.array(arms, dtype=int).reshape(-1, 3).T)
+        starts = [joint.start()[0] for joint in self._moving]
+        slid = np.array(starts).reshape(-1, 1) * self._axis
+        #: Arms of the joints in the reference configuration.
+        self._rho_at_rest = self._offset + slid
+
+    def _build_pattern(self) -> None:
+        """Sparsity with the products that the loops add, and the place of each entry in it."""
+        self._inner = self.pattern
+        ones = np.ones(len(self._inner[1]))
+        A = scipy.sparse.csr_matrix((ones, self._inner[1], self._inner[0]), (self.free,) * 2)
+        loop = self.loop
+        full = scipy.sparse.lil_matrix((self.free, self.free))
+        full.setdiag(1.0)
+        full[np.ix_(loop, loop)] = 1.0
+        full = full.tocsr()
+        pattern = (full.T @ A @ full + full).tocoo()
+        self.pattern, _ = sparsity(pattern.row, pattern.col, self.free)
+        indptr, indices = self.pattern
+        #: Numbers of the entries in increasing order: row times free plus column.
+        self._keys = np.repeat(np.arange(self.free), np.diff(indptr)) * self.free + indices
+
+    @property
+    def independent(self) -> np.ndarray:
+        """Unknowns that do not follow others to close the loops."""
+        return np.setdiff1d(np.arange(self.free), self._following)
+
+    # -- A step -----------------------------------------------------------------------------------
+
+    def begin(self, q, slides, dt) -> None:
+        """Set the start of a step, and choose the unknowns that follow."""
+        super().begin(q, slides, dt)
+        gap = self._ends @ q
+        k, joint, component = self._arms
+        gap[k] -= (self._rho0 - self._rho_at_rest)[joint, component]
+        self._gap0 = gap
+        self.gap(np.zeros(self.free), np.zeros(self.driven))
+        R, order = scipy.linalg.qr(self.scaled_derivative()[0], mode="r", pivoting=True)
+        count = len(self._closures)
+        pivots = abs(R.diagonal())
+        self._following = np.sort(self.loop[order[:count]])
+        self.trouble = ""
+        if len(pivots) < count or pivots.min() < _SINGULAR * pivots.max():
+            names = "; ".join(dict.fromkeys(str(one.joint) for one in self._closures))
+            self.trouble = (
+                f"the loops that {names} close are in a singular position, such as bars in one "
+                "line: the motion may go on in several ways"
+            )
+
+    def expand(self, y, driven):
+        """Increment of all degrees of freedom; corrects the unknowns that close the loops."""
+        d, last, closed = self._following, np.inf, _CLOSED * self._size_of_scene
+        for _ in range(_CORRECTIONS):
+            gap = self.gap(y, driven)
+            size = abs(gap).max()
+            if size <= closed or last < size <= 1e3 * closed:
+                return self._D
+            try:
+                y[d] -= np.linalg.solve(self._of_gaps(self._values)[:, d], gap)
+            except np.linalg.LinAlgError:
+                break
+            last = size
+        return np.full(self._size, np.nan)
+
+    def gap(self, y, driven) -> np.ndarray:
+        """Gaps (closures,) of the closing joints at unknowns that need not close the loops [m]."""
+        self._D = super().expand(y, driven)
+        gap = self._gap0 + self._ends @ self._D
+        k, joint, component = self._arms
+        gap[k] -= (self._rho1 - self._rho0)[joint, component]
+        return gap
+
+    def scaled_derivative(self) -> tuple[np.ndarray, np.ndarray]:
+        """Derivative (closures, loop) of the gaps by units of the unknowns; and its norms.
+
+        Each gap is divided by its norm (closures,).
+        """
+        G = self._of_gaps(self._values)[:, self.loop] * self.unit[self.loop]
+        sizes = np.linalg.norm(G, axis=1)
+        sizes[sizes == 0] = 1.0
+        return G / sizes[:, None], sizes
+
+    def _of_gaps(self, values: np.ndarray) -> np.ndarray:
+        k, columns, places, signs = self._gap_entries
+        G = np.zeros((len(self._closures), self.columns))
+        np.add.at(G, (k, columns), values[places] * signs)
+        return G
+
+    def _ratios(self, values: np.ndarray) -> np.ndarray:
+        """Changes (closures, columns) of the unknowns that follow, by the other columns."""
+        G, d = self._of_gaps(values), self._following
+        W = -np.linalg.solve(G[:, d], G)
+        W[:, d] = 0.0
+        return W
+
+    def completion(self):
+        """Matrix (columns, columns) that gives all rates from those of independent columns."""
+        return self._completion(self._values)
+
+    def spread(self, z):
+        """Small change of all degrees of freedom."""
+        z = z.copy()
+        z[self._following] = self._ratios(self._values) @ z
+        return super().spread(z)
+
+    def coupling(self):
+        """The matrix of `spread`."""
+        return (super().coupling() @ self.completion()).tocsr()
+
+    def _completion(self, values: np.ndarray) -> scipy.sparse.csr_matrix:
+        """The same with T or That."""
+        W, d = self._ratios(values), self._following
+        kept = np.setdiff1d(np.arange(self.columns), d)
+        k, columns = np.nonzero(W)
+        rows = np.concatenate([kept, d[k]])
+        entries = np.concatenate([np.ones(len(kept)), W[k, columns]])
+        at = rows, np.concatenate([kept, columns])
+        return scipy.sparse.csr_matrix((entries, at), (self.columns,) * 2)
+
+    def project(self, r):
+        """Generalised forces at all columns, with those of the closing joints; zero at d."""
+        R = super().project(r)
+        G, d = self._of_gaps(self._hat), self._following
+        self._forces = np.linalg.solve(G[:, d].T, R[d])
+        R -= G.T @ self._forces
+        R[d] = 0.0
+        return R
+
+    def closed(self, r):
+        """Nodal forces with those of the closing joints, which are not in sums over trees."""
+        self.project(r)
+        return r - self._ends.T @ self._forces
+
+    def closing(self):
+        """Forces (joints, 2) [N] of the closing joints on b, by the joint's number."""
+        found = np.zeros((1 + max(one.joint.number for one in self._closures), 2))
+        for one, force in zip(self._closures, self._forces, strict=True):
+            found[one.joint.number, one.component] = force
+        return found
+
+    def transmitted(self, r):
+        """Forces (joints, 2) [N] of the joints on b, for nodal forces that `closed` gave."""
+        F = super().transmitted(r)
+        k, joint, component = self._arms
+        F[joint, component] = self._forces[k]
+        return F
+
+    def fill(self, values, r, out) -> None:
+        """Values of the reduced tangent; rows of d say that they follow."""
+        indptr, indices = self._inner
+        inner = np.empty(len(indices))
+        super().fill(values, self.closed(r), inner)
+        free, d = self.free, self._following
+        A = scipy.sparse.csr_matrix((inner, indices, indptr), (free, free))
+        S, hat = (self._completion(v)[:free, :free] for v in (self._values, self._hat))
+        A = (hat.T @ A @ S).tocoo()
+        out[:] = 0.0
+        out[np.searchsorted(self._keys, A.row * free + A.col)] = A.data
+        out[np.searchsorted(self._keys, d * free + d)] = 1.0
+        W = self._ratios(self._values)[:, self.loop]
+        at = d[:, None] * free + self.loop
+        others = np.isin(self.loop, d, invert=True)
+        out[np.searchsorted(self._keys, at[:, others])] = -W[:, others]

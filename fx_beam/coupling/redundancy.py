@@ -1,0 +1,89 @@
+"""The check of closed loops: joints that hold the same motion twice, and singular starts."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from fx_beam.errors import SceneError
+from fx_beam.scene.joints import Joint
+from fx_beam.scene.scene import Scene
+
+from .graph import Couplings
+from .loop_reduction import LoopReduction
+
+# Below this ratio of singular values gaps depend on each other; forces below this ratio are zero.
+_ROUNDING = 1e-7
+# Motion to a place near by, relative to a unit of each unknown, and corrections that close the
+# loops there.
+_AWAY, _CORRECTIONS = 0.03, 60
+
+
+def check_loops(scene: Scene, couplings: Couplings, reduction: LoopReduction) -> None:
+    """Refuse loops whose equations depend on each other, at the start of a step.
+
+    If they do so also at a place near by, joints are redundant, otherwise the start is singular.
+    """
+    rank, left, right = _rank(reduction)
+    redundant = len(couplings.closures) - rank
+    if not redundant:
+        return
+    if len(right) and _rank_near_by(reduction, right) > rank:
+        raise SceneError(f"start: {reduction.trouble}. Start from a position beside it")
+    forces = _forces(scene, couplings, left)
+    sizes = np.linalg.norm(forces, axis=(1, 2))
+    carrying = [joint for joint in scene.joints if sizes[joint.number] > _ROUNDING * sizes.max()]
+    centres = {body.centre.number for body in scene.bodies}
+    inside = [j for j in carrying if j.kind == "Rigid" and j.a.number in centres]
+    joints = [joint for joint in carrying if joint not in inside] or carrying
+    raise SceneError(
+        f"over-constrained: {'; '.join(map(str, joints))}: they close loops, and {redundant} of "
+        f"them {'is' if redundant == 1 else 'are'} redundant: the motion is the same without, and "
+        "no forces follow from it. Remove one of them, or let it give way: by "
+        f"{_slide(joints[-1], forces[joints[-1].number])}, or with a beam in place of a body"
+    )
+
+
+def _rank(reduction: LoopReduction) -> tuple[int, np.ndarray, np.ndarray]:
+    """Rank of the gaps, combinations (n, closures) that vanish, and motions (n, loop)."""
+    G, sizes = reduction.scaled_derivative()
+    left, values, right = np.linalg.svd(G)
+    rank = int(np.count_nonzero(values > _ROUNDING * max(values.max(initial=0.0), 1e-300)))
+    return rank, left.T[rank:] / sizes, right[rank:]
+
+
+def _rank_near_by(reduction: LoopReduction, motions: np.ndarray) -> int:
+    """Rank of the gaps after a small motion that keeps the loops closed; 0 if there is none."""
+    y = np.zeros(reduction.free)
+    change = _AWAY * np.random.default_rng(0).choice([-1.0, 1.0], len(motions)) @ motions
+    for _ in range(_CORRECTIONS):
+        y[reduction.loop] += change * reduction.unit[reduction.loop]
+        gap = reduction.gap(y, np.zeros(reduction.driven))
+        if abs(gap).max() < 1e-13 * reduction.unit.max():
+            return _rank(reduction)[0]
+        G, sizes = reduction.scaled_derivative()
+        change = -np.linalg.lstsq(G, gap / sizes, rcond=_ROUNDING)[0]
+    return 0
+
+
+def _forces(scene: Scene, couplings: Couplings, left: np.ndarray) -> np.ndarray:
+    """Forces (joints, 2, n) of the joints that no load causes, for closing forces (n, closures)."""
+    n = len(scene.nodes)
+    forces, on_nodes = np.zeros((len(scene.joints), 2, len(left))), np.zeros((n + 1, 2, len(left)))
+    for own, one in zip(left.T, couplings.closures, strict=True):
+        forces[one.joint.number, one.component] += own
+        on_nodes[one.joint.b.number, one.component] -= own
+        on_nodes[one.joint.a.number, one.component] += own  # that of the ground is the last
+    for joint in scene.joints:
+        for i in (0, 1):
+            followers = couplings.subtree[i][joint.number]
+            sign = couplings.sign[i, joint.number]
+            forces[joint.number, i] += sign * on_nodes[followers, i].sum(axis=0)
+    return forces
+
+
+def _slide(joint: Joint, forces: np.ndarray) -> str:
+    """A slide along the force that a joint transmits without load."""
+    u, _, _ = np.linalg.svd(forces)
+    axis = np.round(u[:, 0] * np.sign(u[np.argmax(abs(u[:, 0])), 0]), 3) + 0.0
+    kind = "Prismatic" if joint.turns_together else "PinInSlot"
+    return f"a slide, such as a {kind} with axis=({axis[0]:g}, {axis[1]:g}) for {joint}"
