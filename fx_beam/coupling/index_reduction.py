@@ -32,6 +32,18 @@ class Tables(NamedTuple):
     third: dict
 
 
+class LoopTables(NamedTuple):
+    """Closed loops for the compiled loop, by the names in problem.h."""
+
+    closures: int
+    #: Largest gap of a closed loop [m].
+    closed: float
+    ints: dict[str, np.ndarray]
+    doubles: dict[str, np.ndarray]
+    #: Entries of the reduced tangent.
+    places: dict[str, np.ndarray]
+
+
 class Reduction(Protocol):
     """Unknowns of a scene, and the reduction of vectors and matrices to them."""
 
@@ -78,6 +90,9 @@ class Reduction(Protocol):
     def guide_moments(self, r: np.ndarray) -> np.ndarray | None:
         """Moments of offset and sliding joints on their nodes a, for forces r."""
 
+    def loop_tables(self) -> LoopTables | None:
+        """The closed loops as lists of numbers, for the compiled loop; None without any."""
+
     def tables(self) -> Tables:
         """The coupling as lists of numbers, for the compiled loop."""
 
@@ -107,6 +122,10 @@ class WithoutLoops:
 
     def closing(self) -> np.ndarray | None:
         """No forces."""
+        return None
+
+    def loop_tables(self) -> LoopTables | None:
+        """No loops."""
         return None
 
 

@@ -13,13 +13,12 @@ The forces do no work and leave both momenta, since they are forces of joints li
 from __future__ import annotations
 
 import numpy as np
-import scipy.linalg
 import scipy.sparse
 
 from fx_beam.mechanics.rates import Rates
 
 from .graph import Couplings
-from .index_reduction import sparsity
+from .index_reduction import LoopTables, sparsity
 from .joint_reduction import JointReduction
 from .spring_dampers import Actuators
 
@@ -106,12 +105,10 @@ class LoopReduction(JointReduction):
         gap[k] -= (self._rho0 - self._rho_at_rest)[joint, component]
         self._gap0 = gap
         self.gap(np.zeros(self.free), np.zeros(self.driven))
-        R, order = scipy.linalg.qr(self.scaled_derivative()[0], mode="r", pivoting=True)
-        count = len(self._closures)
-        pivots = abs(R.diagonal())
-        self._following = np.sort(self.loop[order[:count]])
+        columns, regular = _pivots(self.scaled_derivative()[0])
+        self._following = self.loop[columns]
         self.trouble = ""
-        if len(pivots) < count or pivots.min() < _SINGULAR * pivots.max():
+        if not regular:
             names = "; ".join(dict.fromkeys(str(one.joint) for one in self._closures))
             self.trouble = (
                 f"the loops that {names} close are in a singular position, such as bars in one "
@@ -232,3 +229,75 @@ class LoopReduction(JointReduction):
         at = d[:, None] * free + self.loop
         others = np.isin(self.loop, d, invert=True)
         out[np.searchsorted(self._keys, at[:, others])] = -W[:, others]
+
+    # -- For the compiled loop ------------------------------------------------------------------
+
+    def tables(self):
+        """Entries, joints and products of the trees, for the pattern with the loops."""
+        indptr, indices = self._inner
+        rows = np.repeat(np.arange(self.free), np.diff(indptr))
+        at = np.searchsorted(self._keys, rows * self.free + indices)
+        tables = super().tables()
+        parts = {name: getattr(tables, name) for name in ("plain", "mixed", "second", "third")}
+        return tables._replace(**{n: {**part, "to": at[part["to"]]} for n, part in parts.items()})
+
+    def loop_tables(self):
+        """The closed loops as lists of numbers."""
+        k, columns, values, signs = self._gap_entries
+        others = np.setdiff1d(columns, self.loop)
+        of_loops = np.concatenate([self.loop, others])
+        number = np.empty(self.columns, dtype=int)
+        number[of_loops] = np.arange(len(of_loops))
+        ends = np.full((2, len(self._closures)), -1)
+        for i, one in enumerate(self._closures):
+            for side, node in enumerate((one.joint.b, one.joint.a)):
+                if node.number >= 0:
+                    ends[side, i] = self._dofs[node.number, one.component]
+        arms = np.full(len(self._closures), -1)
+        arms[self._arms[0]] = 2 * self._arms[1] + self._arms[2]
+        ints = {
+            "gap_row": k,
+            "gap_at": number[columns],
+            "gap_value": values,
+            "loop_column": of_loops,
+            "gap_b": ends[0],
+            "gap_a": ends[1],
+            "gap_arm": arms,
+            "gap_force": np.array([3 * one.joint.number + one.component for one in self._closures]),
+        }
+        doubles = {
+            "gap_sign": signs,
+            "loop_unit": self.unit[self.loop],
+            "arm_at_rest": self._rho_at_rest,
+        }
+        free, loop = self.free, self.loop
+        rows, columns = self._keys // free, self._keys % free
+        near = np.unique(columns[np.isin(rows, loop)])
+
+        def places(i, j):
+            return np.searchsorted(self._keys, i * free + j)
+
+        at = {
+            "near_loop": places(near[:, None], loop),
+            "loop_near": places(loop, near[:, None]),
+            "loop_loop": places(loop[:, None], loop),
+        }
+        closed = _CLOSED * self._size_of_scene
+        return LoopTables(len(self._closures), closed, ints, doubles, at)
+
+
+def _pivots(G: np.ndarray) -> tuple[np.ndarray, bool]:
+    """Columns with the largest pivots of the rows of G, and whether none of them vanishes."""
+    G, columns = G.copy(), np.zeros(len(G), dtype=int)
+    if G.shape[1] < len(G):
+        return columns, False
+    first = abs(G).max()
+    for k in range(len(G)):
+        row, columns[k] = divmod(int(np.argmax(abs(G[k:]))), G.shape[1])
+        G[[k, k + row]] = G[[k + row, k]]
+        pivot = G[k, columns[k]]
+        if not abs(pivot) > _SINGULAR * first:
+            return columns, False
+        G[k + 1 :] -= np.outer(G[k + 1 :, columns[k]] / pivot, G[k])
+        G[k + 1 :, columns[k]] = 0.0
+    return columns, True

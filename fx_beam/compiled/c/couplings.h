@@ -3,8 +3,10 @@
 #pragma once
 
 #include "actuators.h"
+#include "loops.h"
 
-static void begin_couplings(const Problem *p, const Work *w) {
+/* Returns 0 in a singular position. */
+static int begin_couplings(const Problem *p, const Work *w) {
   w->values[0] = w->hat[0] = 1;
   begin_actuators(p);
   for (int j = 0; j < p->joints; ++j) {
@@ -14,10 +16,11 @@ static void begin_couplings(const Problem *p, const Work *w) {
     turn(w->psi0[j], o[0] + d * e[0], o[1] + d * e[1], w->rho0 + 2 * j);
     turn(w->psi0[j], e[0], e[1], w->t0 + 2 * j);
   }
+  return begin_loops(p, w);
 }
 
 /* Increment of all degrees of freedom for the columns z, and the values of T and That for it. */
-static void expand(const Problem *p, const Work *w) {
+static void expand_trees(const Problem *p, const Work *w) {
   double *D = w->D, level = p->level;
   memset(D, 0, p->dofs * sizeof *D);
   for (int k = 0; k < p->equal; ++k) D[p->entry_row[k]] += w->z[p->entry_column[k]];
@@ -47,10 +50,24 @@ static void expand(const Problem *p, const Work *w) {
     int i = p->through[k];
     D[p->follower[k]] += p->joint_sign[i] * (w->rho1[i] - w->rho0[i]);
   }
-  actuate(p, w);
 }
 
-static void spread(const Problem *p, const Work *w, const double *z, double *out) {
+/* The same with the unknowns that close loops corrected. Returns 0 if loops cannot be closed. */
+static int expand(const Problem *p, const Work *w) {
+  double last = HUGE_VAL;
+  int left = CLOSINGS;
+  expand_trees(p, w);
+  if (p->closures) {
+    for (; left && !correct_loops(p, w, &last); --left) expand_trees(p, w);
+    find_ratios(p, w, w->values, w->W, 0);
+    find_ratios(p, w, w->hat, w->What, w->inverse);
+  }
+  actuate(p, w);
+  return left > 0;
+}
+
+static void spread(const Problem *p, const Work *w, double *z, double *out) {
+  complete(p, w, z);
   memset(out, 0, p->dofs * sizeof *out);
   for (int k = 0; k < p->equal; ++k) out[p->entry_row[k]] += z[p->entry_column[k]];
   for (int k = p->equal; k < p->entries; ++k)
@@ -64,11 +81,17 @@ static void project(const Problem *p, const Work *w, const double *r, double *ou
     out[p->entry_column[k]] += p->entry_sign[k] * w->hat[p->entry_value[k]] * r[p->entry_row[k]];
   for (int k = 0; k < p->pushes; ++k)
     out[p->push_column[k]] += p->push_sign[k] * p->actuator[p->push_of[k]].force;
+  if (p->closures) close_residual(p, w, out);
 }
 
+/* Forces of the joints on b, for the forces that the last residual was from. */
 static void transmitted(const Problem *p, const Work *w, const double *r) {
+  r = closed(p, w, r);
   memset(w->passing, 0, 2 * p->joints * sizeof(double));
-  for (int k = 0; k < p->followers; ++k) w->passing[p->through[k]] += r[p->follower[k]];
+  for (int k = 0; k < p->followers; ++k)
+    w->passing[p->through[k]] += p->joint_sign[p->through[k]] * r[p->follower[k]];
+  for (int k = 0; k < p->closures; ++k)
+    if (p->gap_arm[k] >= 0) w->passing[p->gap_arm[k]] = w->closing[k];
 }
 
 /* Completes the reduced tangent, in the storage of its factors. */
@@ -81,8 +104,7 @@ static void reduce_tangent(const Problem *p, const Work *w, const double *r) {
   if (p->second) transmitted(p, w, r);
   for (int k = 0; k < p->second; ++k) {
     int j = p->second_joint[k];
-    const double *s = p->joint_sign + 2 * j;
-    double F0 = s[0] * w->passing[2 * j], F1 = s[1] * w->passing[2 * j + 1];
+    double F0 = w->passing[2 * j], F1 = w->passing[2 * j + 1];
     double turned = p->level * (F1 * w->t1[2 * j] - F0 * w->t1[2 * j + 1]), term;
     if (p->second_kind[k] == 0)
       term = -p->level * (F0 * w->rho1[2 * j] + F1 * w->rho1[2 * j + 1]);

@@ -168,8 +168,8 @@ static int newton(Problem *p, const Work *w, const double *driven, int order) {
       for (int i = 0; i < free; ++i) w->z[i] += factor * p->past_y[k * free + i];
     for (int i = 0; i < p->driven; ++i) w->z[free + i] = driven[i];
   }
-  begin_couplings(p, w);
-  expand(p, w);
+  if (!begin_couplings(p, w)) return SINGULAR;
+  if (!expand(p, w)) return NO_CONVERGENCE;
   LAP(COUPLINGS);
   for (int iteration = 1; iteration <= p->max_iterations; ++iteration) {
     balance(p, w);
@@ -184,6 +184,7 @@ static int newton(Problem *p, const Work *w, const double *driven, int order) {
         w->left[i] = w->r[i] - row_times(p, w->tangent, i, w->correction);
       project(p, w, w->left, w->reduced);
     }
+    if (p->closures) reduce_loops(p, w);
     LAP(COUPLINGS);
     for (int i = 0; i < free; ++i) w->y[p->order[i]] = w->reduced[i];
     if (!solve_reduced(p, w)) return SINGULAR;
@@ -220,7 +221,7 @@ static int newton(Problem *p, const Work *w, const double *driven, int order) {
     small = small || final;
     if (small || floor) update_reactions(p, w);
     LAP(CHECKS);
-    expand(p, w);
+    if (!expand(p, w)) return NO_CONVERGENCE;
     LAP(COUPLINGS);
     for (int i = 0; i < p->turning; ++i)
       if (fabs(w->D[p->turns[i]]) > p->max_turn) return TURNED_TOO_FAR;

@@ -118,6 +118,17 @@ typedef struct {
   int *second_to, *second_joint, *second_kind;
   double *second_sign;
 
+  /* Closed loops: gaps of the joints that close them. Entries of their derivatives, with indices among
+     the loops' columns, of which the first are unknowns; degrees of freedom of b and a (-1: ground),
+     arm (2 times the joint plus component; -1: none), and entry in the joint forces. */
+  int closures, gap_entries, loop_columns, loop_free;
+  int *gap_row, *gap_at, *gap_value, *loop_column, *gap_b, *gap_a, *gap_arm, *gap_force;
+  double *gap_sign, *loop_unit, *arm_at_rest, gap_closed;
+  int *following;       /* [closures] the columns that follow, chosen in each step */
+  /* Storage indices in the tangent: of [near row][loop column], [near column][loop row] and [loop row]
+     [loop column]; near ones are all with entries of the loops. */
+  int near, *near_loop, *loop_near, *loop_loop;
+
   /* Springs and dampers: columns on which they act, their entries in the reduced tangent, and their
      contributions to the moments of the joints. */
   int actuators, pushes, third, twists, spring_width; /* width: internal variables of all springs */

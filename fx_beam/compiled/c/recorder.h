@@ -11,9 +11,11 @@ static void record_joint_forces(const Problem *p, const Work *w, int sub_step, R
   long n = 3 * p->scene_joints;
   double *out = to->joint_forces + to->rows * n, fraction = p->fractions[sub_step];
   if (sub_step == 0) memset(out, 0, n * sizeof(double));
+  const double *r = closed(p, w, w->r);
   for (int i = 0; i < n; ++i)
     for (int k = p->sum_start[i]; k < p->sum_start[i + 1]; ++k)
-      out[i] += fraction * p->sum_sign[k] * w->r[p->sum_of[k]];
+      out[i] += fraction * p->sum_sign[k] * r[p->sum_of[k]];
+  for (int k = 0; k < p->closures; ++k) out[p->gap_force[k]] += fraction * w->closing[k];
   for (int k = 0; k < p->twists; ++k)
     out[3 * p->twist_joint[k] + 2] +=
         fraction * p->twist_sign[k] * p->actuator[p->twist_of[k]].force;
@@ -22,8 +24,8 @@ static void record_joint_forces(const Problem *p, const Work *w, int sub_step, R
   for (int i = 0; i < p->scene_joints; ++i)
     for (int k = p->lever_joint_start[i]; k < p->lever_joint_start[i + 1]; ++k) {
       int j = p->lever_joint[k];
-      const double *s = p->joint_sign + 2 * j, *lever = w->hat + 1 + 4 * j, *F = w->passing + 2 * j;
-      double moment = s[0] * lever[0] * F[0] + s[1] * lever[1] * F[1];
+      const double *lever = w->hat + 1 + 4 * j, *F = w->passing + 2 * j;
+      double moment = lever[0] * F[0] + lever[1] * F[1];
       out[3 * i + 2] += fraction * p->lever_sign[k] * moment;
     }
 }

@@ -9,6 +9,7 @@ typedef struct {
   double *tangent, *inertia, *values, *hat, *psi0, *rho0, *t0, *rho1, *t1, *mean_t, *guide_slope;
   double *guide_bend, *passing, *columns, *y, *row, *start, *force, *dead, *left;
   double *saved, *rule;
+  double *G, *W, *What, *part, *inverse, *gap, *gap0, *closing, *closed; /* of loops */
   const double *fields[6]; /* by the kinds of Form */
   double dt;
   const double *thrust;
@@ -35,6 +36,10 @@ static long lay_out(const Problem *p, Work *w, double *at) {
   w->rule = take(&at, p->rules ? RULE_VALUES * (long)p->nodes : 0);
   w->saved = take(&at, p->memory_size);
   w->guide_slope = take(&at, j), w->guide_bend = take(&at, j), w->passing = take(&at, 2 * j);
+  long m = p->closures, loop = m * p->loop_columns;
+  w->G = take(&at, loop), w->W = take(&at, loop), w->What = take(&at, loop);
+  w->part = take(&at, m * m), w->inverse = take(&at, m * m), w->gap = take(&at, m);
+  w->gap0 = take(&at, m), w->closing = take(&at, m), w->closed = take(&at, m ? n : 0);
   const double *fields[] = {w->D, p->q, p->v, p->a, p->before, p->internals};
   memcpy(w->fields, fields, sizeof fields);
   return at - begin;
