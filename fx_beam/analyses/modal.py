@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 import scipy.sparse
@@ -10,6 +10,7 @@ import scipy.sparse
 from fx_beam.errors import SceneError
 from fx_beam.results.solution import Solution
 from fx_beam.scene.beam import Beam
+from fx_beam.scene.body import Body
 from fx_beam.scene.scene import Scene
 from fx_beam.validation import is_whole, require
 
@@ -56,6 +57,8 @@ class Modes:
     eigenvalues : (n,) complex
         Roots lambda [1/s]: the amplitude changes as e^(Re(lambda) t), the vibration has the angular
         frequency Im(lambda).
+    bodies : dict, optional
+        The bodies by name.
 
     Examples
     --------
@@ -78,6 +81,7 @@ class Modes:
     degree: int
     damping_ratios: np.ndarray
     eigenvalues: np.ndarray
+    bodies: dict[str, Body] = field(default_factory=dict)
 
     @property
     def frequencies(self) -> np.ndarray:
@@ -104,13 +108,15 @@ class Modes:
         rows = zip(range(len(self)), self.frequencies, ratios, names, strict=True)
         return "\n".join(f"mode {k}: {f:.6g} Hz{z} {name}".rstrip() for k, f, z, name in rows)
 
-    def shape(self, beam: Beam | str, mode: int, size: float, phase: float = 0.0) -> np.ndarray:
-        """Axis of a beam, displaced by a mode.
+    def shape(
+        self, beam: Beam | Body | str, mode: int, size: float, phase: float = 0.0
+    ) -> np.ndarray:
+        """Axis of a beam, or nodes of a body, displaced by a mode.
 
         Parameters
         ----------
-        beam : Beam or str
-            A beam or its name.
+        beam : Beam, Body or str
+            A beam or its name, or a body.
         mode : int
             Number of the mode, from 0.
         size : float
@@ -121,7 +127,8 @@ class Modes:
         Returns
         -------
         (elements * degree + 1, 2) float
-            Positions of its nodes, those inside elements included [m].
+            Positions of its nodes, those inside elements included [m]. Of a body: its centre, then
+            its points.
 
         Raises
         ------
@@ -129,13 +136,17 @@ class Modes:
             If there is no such beam or mode.
         """
         name = beam.name if isinstance(beam, Beam) else beam
-        if name not in self.nodes_of_beam:
+        if isinstance(beam, Body):
+            nodes = np.array([node.number for node in beam.nodes])
+        elif name not in self.nodes_of_beam:
             raise SceneError(
                 f"{name!r} is not a beam of these modes; they have {list(self.nodes_of_beam)}"
             )
+        else:
+            nodes = self.nodes_of_beam[name]
         if mode not in range(-len(self), len(self)):
             raise SceneError(f"mode {mode!r}: there are {len(self)} modes, numbered from 0")
-        moved, nodes = self.shapes[mode, :, :2], self.nodes_of_beam[name]
+        moved = self.shapes[mode, :, :2]
         # The largest half-axis of the ellipses on which the nodes move.
         squares = (abs(moved) ** 2).sum(axis=1) + abs((moved**2).sum(axis=1))
         scale = size / np.sqrt(squares.max() / 2)
@@ -212,7 +223,8 @@ def modes(scene: Scene, state: Solution | None = None, n: int = 6, damping: bool
     names = [beam.name for beam in scene.beams]
     nodes = dict(zip(names, model.mesh.nodes, strict=True))
     degree = scene.beams[0].degree if scene.beams else 1
-    return Modes(omega, rigid, shapes, positions, nodes, degree, ratios, roots)
+    bodies = {body.name: body for body in scene.bodies}
+    return Modes(omega, rigid, shapes, positions, nodes, degree, ratios, roots, bodies)
 
 
 def _asymmetry(K, unit: np.ndarray) -> float:

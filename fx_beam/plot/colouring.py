@@ -34,6 +34,8 @@ class Colouring:
     """Colours of the members for one quantity, on the same scale in all rows of a drawing."""
 
     def __init__(self, drawing: Drawing, quantity: str, length_unit: str):
+        if not drawing.solution.beams:
+            raise ValueError(f"colour = {quantity!r} is one of beams, but the solution has none")
         internal = {name for own in drawing.solution.internal_of_beam.values() for name in own}
         if quantity not in {*QUANTITIES, *internal}:
             known = ", ".join(repr(name) for name in [*QUANTITIES, *sorted(internal)])

@@ -196,6 +196,14 @@ def modes(found: Modes, path: Path | str, count: int | None = None) -> None:
             if abs(found.shapes[mode].imag).max() > 0.01 * abs(found.shapes[mode]).max():
                 later = axis(found.shape(name, mode, size, np.pi / 2), found.degree)
                 ax.plot(*later.T, color=_BEAM_COLOURS[0], linewidth=1.0, linestyle="--")
+        for body in found.bodies.values():
+            rest = found.positions[[node.number for node in body.nodes]]
+            for (centre, *points), shade in (
+                (rest, "0.7"),
+                (found.shape(body, mode, size), _BEAM_COLOURS[0]),
+            ):
+                for point in points:
+                    ax.plot(*np.array([centre, point]).T, color=shade, linewidth=1.5)
         kind = "rigid" if found.rigid[mode] else f"{abs(found.frequencies[mode]):.4g} Hz"
         if found.damping_ratios[mode]:
             kind += f", ratio {found.damping_ratios[mode]:.3g}"

@@ -44,7 +44,14 @@ def _leaving(scene: Scene, number: int) -> np.ndarray:
             for other in {max(k - 1, 0), min(k + 1, beam.elements)} - {k}:
                 along = _place(scene, numbers[other]) - _place(scene, number)
                 found.append(along / np.hypot(*along))
-    return np.array(found)
+    for body in scene.bodies:
+        centre = _place(scene, body.centre.number)
+        for node in body.points.values():
+            along = _place(scene, node.number) - centre
+            if number in (node.number, body.centre.number) and along.any():
+                side = -1.0 if number == node.number else 1.0
+                found.append(side * along / np.hypot(*along))
+    return np.array(found or [(0.0, 1.0)])
 
 
 def _support(sheet: Sheet, place, components: set[int], leaving: np.ndarray) -> None:

@@ -36,7 +36,8 @@ def scene(
 ) -> Figure:
     """Drawing of a scene in its reference configuration.
 
-    Members have their names, and dots between elements. Hatched lines are the ground. A pin is a
+    Members have their names, and dots between elements. Bodies are arms from a cross at the centre
+    of mass to their points, with the area between them. Hatched lines are the ground. A pin is a
     triangle, a roller a triangle with a gap, a clamp a wall. Rings are hinges, squares on dotted
     lines are slides, discs are lumped masses. A zigzag or a spiral is the spring of a joint, a cup
     its damper, two thick strokes its friction. Beams and nodes with drag have the word "drag".
@@ -65,17 +66,18 @@ def scene(
     Raises
     ------
     SceneError
-        If it is not a scene, or a scene without beams.
+        If it is not a scene, or a scene without beams and bodies.
     """
     if not isinstance(scene, Scene):
         raise SceneError(f"plot.scene needs an fx_beam.Scene, not {scene!r}")
-    if not scene.beams:
+    if not scene.nodes:
         raise SceneError("plot.scene: the scene has no beams; add one with scene.add_beam")
     if path is not None:
         path = writable(path, sorted(FigureCanvasAgg.filetypes))
     drawing = Drawing(Reference(scene), [0])
     axes = {beam.name: drawing.axis(beam.name, 0) for beam in scene.beams}
-    everything = np.concatenate([*axes.values()])
+    ends = [(node.x, node.y) for body in scene.bodies for node in body.nodes]
+    everything = np.concatenate([*axes.values(), np.reshape(ends, (-1, 2))])
     sheet = Sheet(float(np.ptp(everything, axis=0).max()))
     _members(sheet, scene, axes)
     draw_grounds(sheet, scene)
@@ -101,6 +103,11 @@ class Reference:
     def beams(self):
         """The beams by name."""
         return {beam.name: beam for beam in self.scene.beams}
+
+    @property
+    def bodies(self):
+        """The bodies by name."""
+        return {body.name: body for body in self.scene.bodies}
 
     @cached_property
     def nodes_of_beam(self) -> dict[str, np.ndarray]:
@@ -152,6 +159,8 @@ def _names(sheet: Sheet, scene: Scene, axes, marks: dict[str, Node], si: bool) -
         words += [f"J = {inertia:.6g}{' kg m$^2$' if si else ''}"] if inertia else []
         if words:
             sheet.label(", ".join(words), (node.x, node.y))
+    for body in scene.bodies:
+        sheet.label(body.name, (body.centre.x, body.centre.y), _MEMBER)
     size = 9.0 if len(axes) <= _MANY else 5.5
     for name, points in axes.items():
         sheet.label(name, _along(points, (0.5, 0.35, 0.65, 0.2, 0.8)), _MEMBER, size)
@@ -166,6 +175,7 @@ def _along(points: np.ndarray, fractions) -> np.ndarray:
 def _dimensions(sheet: Sheet, scene: Scene, points: np.ndarray) -> None:
     """Dimension lines below and to the left, between the ends of members and the extremes."""
     ends = [(node.x, node.y) for beam in scene.beams for node in (beam.start, beam.end)]
+    ends += [(node.x, node.y) for body in scene.bodies for node in body.nodes]
     low, high = points.min(axis=0), points.max(axis=0)
     for i in (0, 1):
         values = np.sort(np.concatenate([np.array(ends)[:, i], [low[i], high[i]]]))

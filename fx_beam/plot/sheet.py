@@ -61,8 +61,8 @@ class Sheet:
             self.ax.annotate("", tip, near, arrowprops=shape, annotation_clip=False, zorder=4)
 
     def see(self, lines) -> None:
-        """Let labels avoid lines and markers that were drawn on the axes."""
-        for line in lines:
+        """Let labels avoid lines and markers that were drawn on the axes; areas may have labels."""
+        for line in (one for one in lines if hasattr(one, "get_xydata")):
             marked = line.get_marker() not in ("None", None, "")
             (self._dots if marked else self._lines).append(line.get_xydata())
 

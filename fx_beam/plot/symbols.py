@@ -74,13 +74,16 @@ class Drawing:
     @property
     def scene(self):
         """The scene; None for a solution that was read from a file."""
-        return next(iter(self.solution.beams.values())).start.scene
+        nodes = [beam.start for beam in self.solution.beams.values()]
+        return (nodes + [body.centre for body in self.solution.bodies.values()])[0].scene
 
     @cached_property
     def window(self) -> tuple[np.ndarray, np.ndarray]:
         """Lower left and upper right corner of the drawing, with a margin."""
         rows = list(self.rows)
-        points = np.concatenate([self.axis(name, rows) for name in self.solution.beams], axis=1)
+        members = [self.axis(name, rows) for name in self.solution.beams]
+        numbers = [n.number for body in self.solution.bodies.values() for n in body.nodes]
+        points = np.concatenate([*members, self.places(numbers, rows)], axis=1)
         low, high = points.min(axis=(0, 1)), points.max(axis=(0, 1))
         size = max(high - low)
         # Space for symbols; a straight member needs more beside it.
@@ -109,6 +112,7 @@ class Drawing:
 
     def places(self, nodes, rows) -> np.ndarray:
         """Positions (..., 2) of nodes, by their numbers, in some rows."""
+        nodes = np.asarray(nodes, dtype=int)
         moved = self.solution.q[rows][..., nodes, :2]
         return self.solution.X[nodes] + self.magnify * moved
 
@@ -170,7 +174,7 @@ class Drawing:
 def draw_symbols(ax, drawing: Drawing, k: int, colour: Any = "black", small: bool = False) -> list:
     """Draw masses, joints, guides, springs and forces of row k; returns the artists."""
     if drawing.scene is None:
-        return []
+        return draw_bodies(ax, drawing, k, colour, small)
     drawn = [*_draw_guides(ax, drawing, k, colour), *draw_parts(ax, drawing, k, colour, small)]
     return drawn + _draw_forces(ax, drawing, k, colour)
 
@@ -179,6 +183,7 @@ def draw_parts(ax, drawing: Drawing, k: int, colour: Any = "black", small: bool 
     """Draw masses, joints, springs, dampers and friction of row k; returns the artists."""
     scene = drawing.scene
     drawn = [*_draw_arms(ax, drawing, k, colour), *_draw_springs(ax, drawing, k, colour)]
+    drawn += draw_bodies(ax, drawing, k, colour, small)
     drawn += _draw_dampers(ax, drawing, k, colour)
     drawn += _draw_friction(ax, drawing, k, colour)
     heavy = sorted({node for node, mass, _ in scene.masses if mass})
@@ -193,6 +198,23 @@ def draw_parts(ax, drawing: Drawing, k: int, colour: Any = "black", small: bool 
             if joint.kind == kind and not (_is_grounded(joint) and joint.axis is None)
         ]
         drawn += ax.plot(*drawing.places(nodes, k).T, marker, **look)
+    return drawn
+
+
+def draw_bodies(ax, drawing: Drawing, k: int, colour: Any, small: bool) -> list:
+    """Draw bodies in row k: arms from centre to points, and the area between; the artists."""
+    drawn: list = []
+    for body in drawing.solution.bodies.values():
+        centre, *points = drawing.places([node.number for node in body.nodes], k)
+        for point in points:
+            drawn += ax.plot(*np.array([centre, point]).T, color=colour, linewidth=2.0, zorder=2)
+        if len(points) > 1:
+            around = [centre, *points]
+            about = np.array(around) - np.mean(around, axis=0)
+            order = np.argsort(np.arctan2(about[:, 1], about[:, 0]))
+            corners = np.array(around)[order].T
+            drawn += ax.fill(*corners, facecolor=colour, alpha=0.03 if small else 0.15, zorder=1)
+        drawn += ax.plot(*centre, "+", color=colour, markersize=6, zorder=4)
     return drawn
 
 
@@ -254,8 +276,10 @@ def _place_on_a(drawing: Drawing, joint: Joint, k: int) -> np.ndarray:
 def _draw_arms(ax, drawing: Drawing, k: int, colour) -> list:
     """Rigid arms from nodes to joints with an offset."""
     drawn: list = []
+    centres = {body.centre for body in drawing.solution.bodies.values()}
     for joint in drawing.scene.joints:
-        if joint.offset.any() and not _is_grounded(joint):
+        of_body = joint.kind == "Rigid" and joint.a in centres
+        if joint.offset.any() and not (of_body or _is_grounded(joint)):
             ends = drawing.places(joint.a.number, k), _place_on_a(drawing, joint, k)
             drawn += ax.plot(*np.array(ends).T, color=colour, linewidth=2.0, zorder=2)
     return drawn

@@ -50,6 +50,14 @@ def save(solution, path) -> None:
     for number, found in solution.internal_of_joint.items():
         arrays |= {f"joint{number}_internal{i}": rows for i, rows in enumerate(found.values())}
     stats = asdict(solution.stats)
-    meta = {"format": FORMAT, "stats": stats, "beams": beams, "joints": joints}
+    bodies = [
+        {
+            **{name: getattr(body, name) for name in ("name", "mass", "inertia")},
+            "centre": body.centre.number,
+            "points": {name: node.number for name, node in body.points.items()},
+        }
+        for body in solution.bodies.values()
+    ]
+    meta = {"format": FORMAT, "stats": stats, "beams": beams, "joints": joints, "bodies": bodies}
     with open(path, "wb") as file:
         np.savez_compressed(file, meta=np.array(json.dumps(meta)), **arrays)

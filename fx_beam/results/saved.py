@@ -11,6 +11,7 @@ import numpy as np
 
 from fx_beam.errors import Failure
 from fx_beam.scene.beam import Beam, Node
+from fx_beam.scene.body import Body
 
 from .audit import BeamResultants, Energy, Stats
 from .export import FORMAT, HISTORIES
@@ -61,11 +62,15 @@ def _read(path) -> Solution:
     meta = json.loads(str(data["meta"]))
     if meta["format"] != FORMAT:
         raise KeyError("format")
+
+    def node(number: int) -> Node:
+        return Node(int(number), *map(float, data["X"][number]))
+
     beams: dict[str, Beam] = {}
     nodes_of_beam, resultants, internal = {}, {}, {}
     for i, item in enumerate(meta["beams"]):
         name, numbers = item["name"], data[f"beam{i}_nodes"]
-        ends = tuple(Node(int(n), *map(float, data["X"][n])) for n in numbers[:: item["degree"]])
+        ends = tuple(node(n) for n in numbers[:: item["degree"]])
         beams[name] = Beam(name, ends, item["degree"], np.array(item["s"]))
         nodes_of_beam[name] = numbers
         if names := item.get("internal"):  # files of earlier versions have none
@@ -74,6 +79,12 @@ def _read(path) -> Solution:
             }
         if len(data["q"]) == len(data["t"]):  # else there was no motion recorded to compute them of
             resultants[name] = BeamResultants(*(data[f"beam{i}_{part}"] for part in "sNQM"))
+    bodies = {}
+    for item in meta.get("bodies", []):  # files of earlier versions have none
+        points = {name: node(number) for name, number in item["points"].items()}
+        bodies[item["name"]] = Body(
+            item["name"], node(item["centre"]), points, item["mass"], item["inertia"]
+        )
     springs = {
         int(number): {name: data[f"joint{number}_internal{i}"] for i, name in enumerate(names)}
         for number, names in meta.get("joints", {}).items()
@@ -101,6 +112,7 @@ def _read(path) -> Solution:
         resultants_of_beam=resultants.__getitem__,
         internal_of_beam=internal,
         internal_of_joint=springs,
+        bodies=bodies,
         end=end,
     )
 

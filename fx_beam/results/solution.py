@@ -7,6 +7,7 @@ from collections.abc import Callable
 import numpy as np
 
 from fx_beam.scene.beam import Beam, Node
+from fx_beam.scene.body import Body
 from fx_beam.scene.joints import Joint
 from fx_beam.scene.summary import html_table
 
@@ -68,6 +69,8 @@ class Solution:
         Internal variables, (n, points) each, by name for each beam that has some.
     internal_of_joint : dict
         Internal variables of springs, (n,) each, by name for each number of a joint that has some.
+    bodies : dict, optional
+        The bodies by name.
     end : State, optional
         The last state, its vectors by nodes, for `simulate(start=...)`; None after a failed run.
 
@@ -106,6 +109,7 @@ class Solution:
         resultants_of_beam: Callable[[str], BeamResultants],
         internal_of_beam: dict[str, dict[str, np.ndarray]],
         internal_of_joint: dict[int, dict[str, np.ndarray]],
+        bodies: dict[str, Body] | None = None,
         end: State | None = None,
     ):
         self.t, self.t_level, self.X = map(read_only, (t, t_level, X))
@@ -116,7 +120,7 @@ class Solution:
         self.linear_momentum = read_only(linear_momentum)
         self.angular_momentum = read_only(angular_momentum)
         self.stats = stats
-        self.beams = beams
+        self.beams, self.bodies = beams, bodies or {}
         self.nodes_of_beam = {name: read_only(nodes) for name, nodes in nodes_of_beam.items()}
         self.resultants_of_beam = resultants_of_beam
         self.internal_of_beam, self.internal_of_joint = internal_of_beam, internal_of_joint
