@@ -47,6 +47,7 @@ PICTURES = {
     "parallelogram": ("scene.png", "path_and_force.png", "motion.gif"),
     "relaxation": ("tests.png",),
     "plasticity": ("scene.png", "loops.png", "ring.png", "motion.gif"),
+    "andrews": ("scene.png", "shapes.png", "angles.png", "motion.gif"),
     "own_physics": ("scene.png", "energy.png", "motion.gif"),
 }
 # Fewer runs than in the gallery, in a thread: a process could not import what a test has loaded.

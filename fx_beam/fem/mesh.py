@@ -41,8 +41,8 @@ class Mesh:
 
     @functools.cached_property
     def size(self) -> float:
-        """Largest extent of the scene [m]."""
-        return float(np.hypot(*np.ptp(self.X, axis=0)))
+        """Largest extent of the scene [m]; 1 for a single node."""
+        return float(np.hypot(*np.ptp(self.X, axis=0))) or 1.0
 
     def to_nodes(self, vector: np.ndarray) -> np.ndarray:
         """Values (n_node, 3) at the nodes of a vector (size,) over all degrees of freedom."""

@@ -1,0 +1,279 @@
+"""Rigid bodies: against equations in minimal coordinates, with beams, and in all analyses."""
+
+import copy
+import pickle
+
+import numpy as np
+import pytest
+from scenes import FLYING, relative_drift
+from scipy.integrate import solve_ivp
+
+import fx_beam as fb
+
+G = 9.81
+LEG = fb.Section(EA=1e9, GA=1e4, EI=100.0)
+
+
+def largest(values):
+    return abs(np.asarray(values)).max()
+
+
+def turned(psi, x):
+    c, s = np.cos(psi), np.sin(psi)
+    return np.array([c * x[0] - s * x[1], s * x[0] + c * x[1]])
+
+
+# -- Alone -------------------------------------------------------------------------------------
+
+HINGE, R1, R2 = np.array([1.0, 0.1]), np.array([0.5, 0.0]), np.array([0.2, 0.5])
+MASSES, INERTIAS = (2.0, 1.0), (0.3, 0.1)
+
+
+def double_pendulum():
+    """Two bodies with centres beside the lines between their hinges, and no beam."""
+    scene = fb.Scene(gravity=(0, -G))
+    first = scene.add_body(R1, MASSES[0], INERTIAS[0], points={"O": (0, 0), "A": HINGE})
+    second = scene.add_body(HINGE + R2, MASSES[1], INERTIAS[1], points={"A": HINGE})
+    scene.add_joint(fb.Revolute(fb.GROUND, first["O"]))
+    scene.add_joint(fb.Revolute(first["A"], second["A"]))
+    return scene, (first, second)
+
+
+def exact_rotations(t_end):
+    """Rotations of the double pendulum by Lagrange's equations."""
+
+    def perp(x):
+        return np.array([-x[1], x[0]])
+
+    def rates(_, y):
+        arms = turned(y[0], R1), turned(y[0], HINGE), turned(y[1], R2)
+        J1 = np.column_stack([perp(arms[0]), np.zeros(2)])
+        J2 = np.column_stack([perp(arms[1]), perp(arms[2])])
+        M = MASSES[0] * J1.T @ J1 + MASSES[1] * J2.T @ J2 + np.diag(INERTIAS)
+        inward1, inward2 = arms[0] * y[2] ** 2, arms[1] * y[2] ** 2 + arms[2] * y[3] ** 2
+        weight = np.array([0, -G])
+        f = MASSES[0] * J1.T @ (weight + inward1) + MASSES[1] * J2.T @ (weight + inward2)
+        return [*y[2:], *np.linalg.solve(M, f)]
+
+    return solve_ivp(rates, (0, t_end), np.zeros(4), rtol=1e-11, atol=1e-11).y[:2, -1]
+
+
+def test_a_double_pendulum_of_bodies_follows_lagranges_equations_with_order_two():
+    exact, errors = exact_rotations(1.0), []
+    for dt in (0.01, 0.005):
+        scene, bodies = double_pendulum()
+        solution = fb.simulate(scene, dt=dt, t_end=1.0)
+        assert solution.stats.unknowns == 2
+        assert largest(solution.energy.balance_error) < 1e-11
+        errors.append(largest([solution.rotation(b.centre)[-1] for b in bodies] - exact))
+    assert errors[1] < 1e-3
+    assert 3.8 < errors[0] / errors[1] < 4.2
+
+
+@pytest.mark.parametrize(
+    "scheme", [fb.EnergyMomentum(), fb.Newmark(), fb.EnergyMomentum(order=4)], ids=str
+)
+def test_both_solvers_agree_without_any_beam(scheme):
+    found = [
+        fb.simulate(double_pendulum()[0], scheme, dt=0.01, t_end=0.3, solver=solver)
+        for solver in ("petsc", "compiled")
+    ]
+    for name in ("q", "v", "joint_forces"):
+        a, b = (getattr(solution, name) for solution in found)
+        assert b == pytest.approx(a, rel=0, abs=1e-9 * largest(a))
+    assert found[1].stats.solver.startswith("compiled")
+
+
+def test_points_stay_where_the_body_has_them():
+    scene, (body, _) = double_pendulum()
+    solution = fb.simulate(scene, dt=0.01, t_end=1.0)
+    arm = solution.position(body["A"]) - solution.position(body.centre)
+    expected = turned(solution.rotation(body.centre), HINGE - R1).T
+    assert arm == pytest.approx(expected, abs=1e-13)
+
+
+def test_a_body_in_flight_keeps_energy_and_both_momenta():
+    scene = fb.Scene()
+    body = scene.add_body((1, 2), 3.0, 0.4, points={"A": (2, 2)})
+    other = scene.add_body((2, 3), 1.0, 0.2, points={"A": (2, 2), "B": (3, 3)})
+    scene.add_joint(fb.Revolute(body["A"], other["A"]))
+    tail = scene.add_beam([other["B"], (5, 3)], FLYING, elements=3)
+    # About the origin with 1 rad/s, the first body about its hinge with -2 rad/s.
+    scene.set_velocity(body, (-2, 4), spin=-2.0)
+    scene.set_velocity(other, (-3, 2), spin=1.0)
+    for node in tail.nodes[1:]:
+        scene.set_velocity(node, (-node.y, node.x), spin=1.0)
+    solution = fb.simulate(scene, dt=0.02, t_end=2.0)
+    assert largest(solution.rotation(tail.end)) > 0.5
+    assert relative_drift(solution.energy.total) < 1e-12
+    assert relative_drift(solution.angular_momentum) < 1e-12
+    assert largest(np.ptp(solution.linear_momentum, axis=0)) < 1e-11
+
+
+def test_the_velocity_of_a_body_is_that_of_its_centre():
+    scene = fb.Scene()
+    body = scene.add_body((1, 0), 1.0, 0.1, points={"A": (1, 2)})
+    scene.set_velocity(body, (3.0, 1.0), spin=0.5)
+    solution = fb.simulate(scene, dt=0.1, t_end=0.2)
+    assert solution.velocity(body.centre)[0] == pytest.approx([3, 1])
+    assert solution.velocity(body["A"])[0] == pytest.approx([2, 1])
+    assert solution.position(body.centre)[-1] == pytest.approx([1.6, 0.2])
+
+
+# -- With beams --------------------------------------------------------------------------------
+
+
+def table(degree=3):
+    """A body on two legs without mass."""
+    scene = fb.Scene()
+    body = scene.add_body((0.5, 1.0), 2.0, 0.3, points={"L": (0, 1), "R": (1, 1)})
+    for x, point in ((0.0, "L"), (1.0, "R")):
+        scene.clamp(scene.add_beam([(x, 0), body[point]], LEG, elements=2, degree=degree).start)
+    return scene, body
+
+
+def test_a_body_on_two_legs_sways_as_a_frame_with_a_rigid_girder():
+    scene, _ = table()
+    shear = 1 + 12 * LEG.EI / LEG.GA
+    stiffness = 24 * LEG.EI / shear
+    assert fb.modes(scene).angular_frequencies[0] ** 2 == pytest.approx(stiffness / 2, rel=1e-5)
+
+
+def test_a_force_beside_the_leg_bends_it_with_its_moment():
+    scene = fb.Scene()
+    body = scene.add_body((2.5, 0), 1.0, points={"A": (2, 0), "B": (3, 0)})
+    beam = scene.add_beam([(0, 0), body["A"]], LEG, elements=2, degree=3)
+    scene.clamp(beam.start)
+    scene.add_force(body["B"], (0, 1e-6))
+    tip = fb.static(scene, steps=1).displacement(body["B"])[-1, 1]
+    bending = 1e-6 / LEG.EI * (2**3 / 3 + 2 * 2**2 / 2 + 2)  # L^3/3 + L^2 e + L e^2, e = 1
+    assert tip == pytest.approx(bending + 1e-6 * 2 / LEG.GA, rel=1e-6)
+
+
+def with_offset_joint(bodies):
+    """Two beams and a mass, coupled over a gap by a body, or by joints of beams."""
+    scene = fb.Scene(gravity=(0, -G))
+    if bodies:
+        body = scene.add_body((1, 0), 3.0, 0.4, points={"A": (1, 0), "B": (1.5, 0.5)})
+        ends = body["A"], body["B"]
+    else:
+        ends = (1, 0), (1.5, 0.5)
+    first = scene.add_beam([(0, 0), ends[0]], FLYING, elements=2)
+    second = scene.add_beam([ends[1], (2.5, 0.5)], FLYING, elements=2)
+    if not bodies:
+        scene.add_joint(fb.Rigid(first.end, second.start, offset=(0.5, 0.5)))
+        scene.add_mass(first.end, 3.0, 0.4)
+    scene.pin(first.start)
+    return fb.simulate(scene, dt=0.02, t_end=1.0), (first.end, second.end)
+
+
+def test_a_body_equals_beams_joined_by_a_rigid_joint_with_an_offset():
+    (own, nodes), (other, others) = with_offset_joint(True), with_offset_joint(False)
+    assert own.stats.unknowns == other.stats.unknowns
+    for a, b in zip(nodes, others, strict=True):
+        assert own.position(a) == pytest.approx(other.position(b), abs=1e-11)
+
+
+@pytest.mark.parametrize("degree", [1, 2, 3])
+def test_both_solvers_agree_on_bodies_with_beams_loads_and_drag(degree):
+    found = []
+    for solver in ("petsc", "compiled"):
+        scene, body = table(degree)
+        scene.add_force(body.centre, lambda t: (30 * np.sin(9 * t), 0.0))
+        scene.add_force(body["R"], (0.0, 5.0), follower=True)
+        scene.add_drag(body["L"], linear=0.1, quadratic=0.5, rotation=0.01)
+        found.append(fb.simulate(scene, dt=0.01, t_end=0.2, solver=solver))
+    assert found[1].q == pytest.approx(found[0].q, rel=0, abs=1e-11)
+    assert largest(found[1].energy.balance_error) < 1e-12 * found[1].energy.kinetic.max()
+    assert found[1].energy.dissipated[-1] > 0
+
+
+# -- Files, copies, pictures -------------------------------------------------------------------
+
+
+def test_a_run_continues_from_a_file(tmp_path):
+    scene, (body, _) = double_pendulum()
+    whole = fb.simulate(scene, dt=0.01, t_end=0.4)
+    fb.simulate(scene, dt=0.01, t_end=0.2).save(tmp_path / "run.npz")
+    read = fb.load(tmp_path / "run.npz")
+    assert list(read.bodies) == ["body 1", "body 2"] and read.bodies["body 1"].mass == 2.0
+    assert read.position(read.bodies["body 1"]["A"]).shape == (21, 2)
+    rest = fb.simulate(scene, dt=0.01, t_end=0.4, start=read)
+    assert rest.position(body["A"])[-1] == pytest.approx(whole.position(body["A"])[-1], abs=1e-12)
+
+
+@pytest.mark.parametrize("copied", [copy.copy, lambda scene: pickle.loads(pickle.dumps(scene))])
+def test_a_copied_scene_has_its_own_bodies(copied):
+    scene, _ = double_pendulum()
+    other = copied(scene)
+    assert other.bodies[0].centre.scene is other and scene.bodies[0].centre.scene is scene
+    other.add_mass(other.bodies[0]["A"], 1.0)
+    assert len(scene.masses) == 2 and len(other.masses) == 3
+    assert fb.simulate(copied(scene), dt=0.1, t_end=0.2).q == pytest.approx(
+        fb.simulate(scene, dt=0.1, t_end=0.2).q, abs=1e-14
+    )
+
+
+@pytest.mark.plot
+def test_bodies_are_drawn_without_any_beam(tmp_path):
+    scene, _ = double_pendulum()
+    ax = fb.plot.scene(scene).axes[0]
+    assert {"body 1", "body 2"} <= {text.get_text() for text in ax.texts}
+    solution = fb.simulate(scene, dt=0.01, t_end=0.2)
+    solution.save(tmp_path / "run.npz")
+    for name, drawn in (("a.png", solution), ("b.png", fb.load(tmp_path / "run.npz"))):
+        fb.plot.shapes(drawn, [0, 20], tmp_path / name)
+        assert (tmp_path / name).stat().st_size > 10_000
+    with pytest.raises(ValueError, match="has none"):
+        fb.plot.shapes(solution, [0], tmp_path / "c.png", colour="M")
+    with pytest.raises(ValueError, match="has no beams"):
+        solution.to_paraview(tmp_path / "d.pvd")
+
+
+# -- Refusals ----------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (((0,), 1.0), "body 2: position"),
+        (((0, 0), -1.0), "body 2: mass = -1.0 must be zero or positive"),
+        (((0, 0), 1.0, np.nan), "body 2: inertia"),
+        (((0, 0), 1.0, 0.1, [(0, 1)]), "points = .* must be a dict"),
+        (((0, 0), 1.0, 0.1, {"A": 3}), "body 2: point 'A'"),
+        (((0, 0), 1.0, 0.1, None, "body 1"), "two bodies are called 'body 1'"),
+    ],
+)
+def test_an_invalid_body_is_refused_and_leaves_nothing(arguments, message):
+    scene = fb.Scene()
+    scene.add_body((5, 5), 1.0)
+    with pytest.raises(fb.SceneError, match=message):
+        scene.add_body(*arguments)
+    assert (len(scene.nodes), len(scene.joints), len(scene.masses)) == (1, 0, 1)
+
+
+def test_points_of_other_scenes_and_unknown_names_are_refused():
+    scene, (body, _) = double_pendulum()
+    other = fb.Scene()
+    with pytest.raises(fb.SceneError, match="point 'A': node 0 .* belongs to another scene"):
+        other.add_body((0, 0), 1.0, points={"A": body.centre})
+    with pytest.raises(fb.SceneError, match="body 1 has no point 'B'; it has .*'O', 'A'"):
+        body["B"]
+    with pytest.raises(fb.SceneError, match="body 1 belongs to another scene"):
+        other.set_velocity(body, (1, 0))
+    with pytest.raises(fb.SceneError, match=r"is not a node; .* from a body: body.centre"):
+        scene.add_force(body, (1, 0))
+
+
+def test_a_body_without_inertia_that_can_turn_is_refused():
+    scene = fb.Scene()
+    scene.add_body((0, 0), 1.0, name="ball")
+    with pytest.raises(fb.SceneError, match="node 0 at .* of ball can rotate about"):
+        fb.simulate(scene, dt=0.1, t_end=1.0)
+
+
+def test_virtual_works_need_a_beam():
+    scene, _ = double_pendulum()
+    scene.add_virtual_work(lambda step: step.virtual_psi)
+    with pytest.raises(fb.SceneError, match="the scene has none"):
+        fb.simulate(scene, dt=0.1, t_end=1.0)

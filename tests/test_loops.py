@@ -1,0 +1,302 @@
+"""Closed loops of rigid members: published values, invariants, analyses, and redundant joints."""
+
+import numpy as np
+import pytest
+from scenes import FLYING, demo, relative_drift
+
+import fx_beam as fb
+
+GRAVITY = (0, -9.81)
+
+
+def largest(values):
+    return abs(np.asarray(values)).max()
+
+
+def chain(scene, corners, closed=False):
+    """Bars between corners, hinged to each other."""
+    bars = []
+    for a, b in zip(corners[:-1], corners[1:], strict=True):
+        middle, length = np.add(a, b) / 2, np.hypot(*np.subtract(b, a))
+        bars.append(scene.add_body(middle, length, length**3 / 12, points={"a": a, "b": b}))
+        if len(bars) > 1:
+            scene.add_joint(fb.Revolute(bars[-2]["b"], bars[-1]["a"]))
+    if closed:
+        scene.add_joint(fb.Revolute(bars[-1]["b"], bars[0]["a"]))
+    return bars
+
+
+CORNERS = [(0, 0), (0.3, 0.9), (2.0, 1.3), (1.8, 0.0)]
+
+
+def four_bar(**coordinate):
+    """A four-bar linkage; springs, dampers and motors act at the hinge of its crank."""
+    scene = fb.Scene(gravity=GRAVITY)
+    bars = chain(scene, CORNERS)
+    crank = scene.add_joint(fb.Revolute(fb.GROUND, bars[0]["a"], **coordinate))
+    scene.add_joint(fb.Revolute(bars[2]["b"], fb.GROUND))
+    return scene, bars, crank
+
+
+def trammel():
+    """A ladder on two slides: one of them closes the loop."""
+    scene = fb.Scene(gravity=GRAVITY)
+    bar = scene.add_body((0.5, 0.4), 2.0, 0.3, points={"x": (1, 0), "y": (0, 0.8)})
+    scene.add_joint(fb.PinInSlot(fb.GROUND, bar["x"], axis=(1, 0)))
+    spring, damper = fb.Spring(20.0, rest=0.1), fb.Damper(0.5)
+    slide = scene.add_joint(
+        fb.PinInSlot(fb.GROUND, bar["y"], axis=(0, 1), spring=spring, damper=damper)
+    )
+    return scene, bar, slide
+
+
+def quick_return():
+    """A pin on a crank slides in an arm; the joint that closes the loop has a guide that turns."""
+    scene = fb.Scene(gravity=GRAVITY)
+    crank = scene.add_body((0.1, 0.5), 1.0, 0.01, points={"O": (0, 0.5), "P": (0.2, 0.5)})
+    arm = scene.add_body((0.1, 0.3), 1.0, 0.2, points={"O": (0, -0.2)})
+    for body in (crank, arm):
+        scene.add_joint(fb.Revolute(fb.GROUND, body["O"]))
+    slot = fb.PinInSlot(arm["O"], crank["P"], axis=(0.2, 0.7), damper=fb.Damper(0.1))
+    scene.add_joint(slot)
+    scene.add_moment(crank.centre, 0.5)
+    return scene, crank, slot
+
+
+def slider_crank():
+    """A rod whose end is supported in y: its hinge closes a loop in y only."""
+    scene = fb.Scene(gravity=GRAVITY)
+    crank, rod = chain(scene, [(0, 0), (0.2, 0.2), (1.0, 0.0)])
+    scene.add_joint(fb.Revolute(fb.GROUND, crank["a"]))
+    scene.fix(rod["b"], "y")
+    return scene, rod, None
+
+
+def flying(beams=True):
+    """A loop of four bars in flight, with two beams."""
+    scene = fb.Scene()
+    bars = chain(scene, [*CORNERS, CORNERS[0]], closed=True)
+    if beams:
+        scene.add_beam([bars[1]["b"], (3.0, 1.5)], FLYING, elements=2)
+        soft = fb.Section(EA=100.0, GA=100.0, EI=1.0, rhoA=0.1, rhoI=0.01)
+        scene.add_beam([bars[0].centre, bars[2].centre], soft, elements=2)
+    for node in scene.nodes:
+        scene.set_velocity(node, (-node.y, node.x), spin=1.0)
+    return scene, bars[1], None
+
+
+def run(scene, scheme=None, dt=0.01, t_end=0.5, solver="compiled"):
+    return fb.simulate(scene, scheme, dt=dt, t_end=t_end, solver=solver)
+
+
+# -- Motion ------------------------------------------------------------------------------------
+
+
+def test_andrews_mechanism_has_the_published_angles_with_orders_two_and_four():
+    andrews = demo("andrews")
+    for order, coarse, bound in ((2, 500, 2e-4), (4, 200, 1e-6)):
+        errors = [
+            andrews.audit(*andrews.simulate(n, order))["largest relative error of an angle"]
+            for n in (coarse, 2 * coarse)
+        ]
+        assert errors[1] < bound
+        assert errors[0] / errors[1] == pytest.approx(2**order, rel=0.06)
+
+
+def test_a_driven_linkage_is_where_circles_intersect():
+    scene, bars, _ = four_bar(motor=lambda t: 1.5 * t**2)
+    solution = run(scene, t_end=2.0)
+    assert solution.stats.unknowns == 0
+    A, C = solution.position(bars[0]["b"]), np.array(CORNERS[3])
+    (rod, rocker), line = (np.hypot(*np.diff(CORNERS, axis=0)[i]) for i in (1, 2)), C - A
+    distance = np.hypot(*line.T)
+    along = (distance**2 + rod**2 - rocker**2) / (2 * distance)
+    across = np.sqrt(rod**2 - along**2)
+    unit = line / distance[:, None]
+    B = A + along[:, None] * unit + across[:, None] * np.column_stack([-unit[:, 1], unit[:, 0]])
+    assert solution.position(bars[1]["b"]) == pytest.approx(B, abs=1e-12)
+    assert largest(solution.energy.balance_error) < 1e-12 * solution.energy.work.max()
+
+
+def test_a_linkage_falls_with_order_two_and_its_energy():
+    found = []
+    for dt in (0.02, 0.01, 0.005):
+        scene, bars, _ = four_bar()
+        solution = run(scene, dt=dt, t_end=1.0)
+        assert largest(solution.energy.balance_error) < 1e-11 * solution.energy.kinetic.max()
+        assert max(solution.gap(joint).max() for joint in scene.joints) < 1e-14
+        assert solution.stats.unknowns == 1
+        found.append(solution.position(bars[1].centre)[-1])
+    ratio = largest(found[1] - found[0]) / largest(found[2] - found[1])
+    assert ratio == pytest.approx(4, rel=0.05)
+
+
+def test_a_loop_in_flight_keeps_energy_and_both_momenta():
+    scene, bar, _ = flying()
+    solution = run(scene, dt=0.02, t_end=2.0)
+    assert largest(solution.rotation(bar.centre)) > 0.5
+    assert relative_drift(solution.energy.total) < 2e-12
+    assert relative_drift(solution.angular_momentum) < 2e-12
+    assert largest(np.ptp(solution.linear_momentum, axis=0)) < 1e-11
+
+
+@pytest.mark.parametrize(
+    "scheme", [fb.EnergyMomentum(), fb.Newmark(), fb.EnergyMomentum(order=4)], ids=str
+)
+@pytest.mark.parametrize(
+    "made", [four_bar, trammel, quick_return, slider_crank, lambda: flying(False)]
+)
+def test_both_solvers_take_the_same_steps(made, scheme):
+    found = [run(made()[0], scheme, t_end=0.2, solver=solver) for solver in ("petsc", "compiled")]
+    for name in ("q", "v", "reactions", "joint_forces"):
+        a, b = (getattr(solution, name)[1:] for solution in found)
+        assert b == pytest.approx(a, rel=0, abs=1e-7 * largest(a) + 1e-12)
+    assert found[1].stats.solver.startswith("compiled")
+    assert found[1].stats.newton_iterations < 4 * found[1].stats.steps * len(scheme.fractions)
+
+
+@pytest.mark.parametrize("made", [trammel, quick_return, slider_crank])
+def test_energy_is_exact_with_slides_springs_dampers_and_moments(made):
+    scene, _, _ = made()
+    energy = run(scene, t_end=1.0).energy
+    assert largest(energy.balance_error) < 1e-11 * energy.kinetic.max()
+
+
+def test_the_middle_of_a_ladder_runs_on_a_circle():
+    scene, bar, _ = trammel()
+    solution = run(scene)
+    assert np.hypot(*solution.position(bar.centre).T) == pytest.approx(np.sqrt(0.41), abs=1e-14)
+
+
+def test_steps_that_choose_themselves_close_loops():
+    scene, bars, _ = four_bar()
+    exact = run(scene, dt=0.001, t_end=1.0).position(bars[1].centre)[-1]
+    solution = fb.simulate(scene, t_end=1.0, tolerance=1e-4)
+    assert solution.position(bars[1].centre)[-1] == pytest.approx(exact, abs=1e-3)
+
+
+def test_a_run_continues_after_a_restart():
+    scene, bar, _ = trammel()
+    whole, half = run(scene), run(scene, t_end=0.25)
+    rest = fb.simulate(scene, dt=0.01, t_end=0.5, start=half)
+    assert rest.position(bar.centre)[-1] == pytest.approx(whole.position(bar.centre)[-1], abs=1e-11)
+
+
+def test_initial_velocities_that_open_a_loop_are_refused():
+    scene, bars, _ = four_bar()
+    scene.set_velocity(bars[0], (-0.45, 0.15), spin=1.0)
+    with pytest.raises(fb.SceneError, match="initial velocities violate joint"):
+        run(scene)
+
+
+# -- Statics and small motions -----------------------------------------------------------------
+
+
+def test_a_linkage_on_a_spring_rests_where_it_was_found_at_rest():
+    scene, bars, crank = four_bar(spring=fb.Spring(200.0))
+    static = fb.static(scene, steps=3)
+    assert static.stats.unknowns == 1 and largest(static.rotation(bars[0].centre)) > 0.01
+    solution = fb.simulate(scene, dt=0.01, t_end=0.5, start=static)
+    assert largest(np.ptp(solution.q, axis=0)) < 1e-9
+    angle = static.rotation(bars[0].centre)[-1]
+    # The spring's moment does the work of the weights, by differences.
+    shift = 1e-6
+    held, moved = (
+        fb.static(four_bar(motor=lambda t, end=end: end * t)[0], t=1.0, steps=1)
+        for end in (angle, angle + shift)
+    )
+    slope = np.diff([s.energy.potential[-1] for s in (held, moved)])[0] / shift
+    assert slope == pytest.approx(-200 * angle, rel=1e-4)
+
+
+def test_the_frequency_of_a_linkage_is_that_of_its_reduced_inertia():
+    scene, bars, _ = four_bar(spring=fb.Spring(200.0))
+    scene.gravity = None
+    modes = fb.modes(scene)
+    assert len(modes) == 1
+    scene.set_velocity(bars[0]["a"], (0, 0), spin=1.0)
+    scene.make_velocities_compatible()
+    start = run(scene, t_end=0.01)
+    inertia = 2 * start.energy.kinetic[0] / start.spin(bars[0].centre)[0] ** 2
+    assert modes.angular_frequencies[0] ** 2 == pytest.approx(200 / inertia, rel=1e-9)
+
+
+def test_the_response_of_a_slide_is_that_of_its_node():
+    scene, bar, slide = trammel()
+    state = fb.static(scene, steps=2)
+    of_slide, of_node = (
+        fb.frequency_response(scene, (bar.centre, (1.0, 0.0)), at, [0.5, 1.5], state)
+        for at in (slide, bar["y"])
+    )
+    assert of_slide.component("slide") == pytest.approx(of_node.component("y"), rel=1e-9)
+    assert abs(of_node.component("y").imag).min() > 0
+
+
+# -- Refusals ----------------------------------------------------------------------------------
+
+
+def parallelogram(third):
+    """Two parallel cranks, and a third one on a hinge, on a slide, or none."""
+    scene = fb.Scene(gravity=GRAVITY)
+    crank = np.array([0.3, 0.9])
+    feet = [np.array([x, 0.0]) for x in (0, 2, 1)][: 3 if third else 2]
+    points = {str(i): foot + crank for i, foot in enumerate(feet)}
+    coupler = scene.add_body((1.3, 1.0), 2.0, 0.4, points=points)
+    for i, foot in enumerate(feet):
+        bar = scene.add_body(
+            foot + crank / 2,
+            1.0 if i < 2 else 0.0,
+            0.1 if i < 2 else 0.0,
+            points={"O": foot, "P": foot + crank},
+        )
+        scene.add_joint(fb.Revolute(fb.GROUND, bar["O"]))
+        if i == 2 and third == "slide":
+            scene.add_joint(fb.PinInSlot(bar["P"], coupler[str(i)], axis=crank))
+        else:
+            scene.add_joint(fb.Revolute(bar["P"], coupler[str(i)]))
+    return scene, coupler
+
+
+def test_a_third_parallel_crank_is_redundant_and_a_slide_mends_it():
+    with pytest.raises(fb.SceneError) as refused:
+        run(parallelogram("hinge")[0])
+    text = str(refused.value)
+    assert text.startswith("over-constrained: joint 5, Revolute")
+    assert "Rigid" not in text and text.count("Revolute") == 7  # six hinges, one named twice
+    assert "1 of them is redundant" in text
+    assert "such as a PinInSlot with axis=(0.316, 0.949) for joint 14" in text
+    found = []
+    for third in (None, "slide"):
+        scene, coupler = parallelogram(third)
+        found.append(run(scene).position(coupler.centre))
+    assert found[1] == pytest.approx(found[0], abs=1e-10)
+
+
+def test_two_hinges_between_two_bodies_are_redundant():
+    scene = fb.Scene()
+    first, second = (
+        scene.add_body((0, y), 1.0, 0.1, points={"a": (-1, 0), "b": (1, 0)}) for y in (1, -1)
+    )
+    for name in "ab":
+        scene.add_joint(fb.Revolute(first[name], second[name]))
+    message = r"joint 4, .*; joint 5, .* 1 of them is redundant.* axis=\(1, 0\) for joint 5"
+    with pytest.raises(fb.SceneError, match=message):
+        run(scene)
+
+
+def test_a_body_clamped_at_two_points_is_redundant():
+    scene = fb.Scene()
+    body = scene.add_body((0, 0), 1.0, 0.1, points={"a": (-1, 0), "b": (1, 0)})
+    for name in "ab":
+        scene.add_joint(fb.Rigid(fb.GROUND, body[name]))
+    with pytest.raises(fb.SceneError, match="over-constrained: .*joint 2, .*joint 3.*Remove one"):
+        run(scene)
+
+
+def test_a_linkage_that_starts_with_all_bars_in_line_is_refused_as_singular():
+    scene = fb.Scene(gravity=GRAVITY)
+    bars = chain(scene, [(0, 0), (1, 0), (3, 0), (1.5, 0)])
+    for point in (bars[0]["a"], bars[2]["b"]):
+        scene.add_joint(fb.Revolute(fb.GROUND, point))
+    with pytest.raises(fb.SceneError, match="singular position, such as bars in one line"):
+        run(scene)
