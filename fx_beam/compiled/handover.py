@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from fx_beam.coupling.index_reduction import LoopTables, Tables
+from fx_beam.coupling.index_reduction import Tables
 from fx_beam.fem import dolfinx_api, ffcx_api
 from fx_beam.fem.nodal_rules import NodalRules
 from fx_beam.mechanics.rates import MidPointRates, NewmarkRates
@@ -260,10 +260,12 @@ class Problem:
         at = factors.at
         alone = alone_in_column(t, self.model.size, reduction.free)
         alone[self.model.actuators.turns()] = False  # springs and dampers act there as well
-        loops = reduction.loop_tables()
-        if loops is not None:
+        if (loops := reduction.loop_tables()) is not None:
             alone[np.isin(self.model.couplings.column, loops.ints["loop_column"])] = False
-            self._hand_over_loops(loops, at)
+            for name, value in loops.numbers.items():
+                setattr(p, name, value)
+            self._ints(**loops.ints, **{name: at[k] for name, k in loops.places.items()})
+            self._doubles(**loops.doubles)
         stiffness = self.model.forms.stiffness
         place, p.places = places_of_entries(t, stiffness, alone, at, factors.size)
         reacts = np.flatnonzero(~alone)
@@ -300,18 +302,6 @@ class Problem:
                 else:
                     self._ints(**{f"{name}_{key}": values})
         return place
-
-    def _hand_over_loops(self, loops: LoopTables, at: np.ndarray) -> None:
-        p = self.c
-        p.closures, p.gap_entries = loops.closures, len(loops.ints["gap_row"])
-        p.loop_columns, p.loop_free = (
-            len(loops.ints["loop_column"]),
-            len(loops.doubles["loop_unit"]),
-        )
-        p.near, p.gap_closed = len(loops.places["near_loop"]), loops.closed
-        self._ints(following=np.zeros(loops.closures), **loops.ints)
-        self._ints(**{name: at[places] for name, places in loops.places.items()})
-        self._doubles(**loops.doubles)
 
     def _hand_over_motors(self) -> None:
         model = self.model

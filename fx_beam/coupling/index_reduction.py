@@ -35,9 +35,7 @@ class Tables(NamedTuple):
 class LoopTables(NamedTuple):
     """Closed loops for the compiled loop, by the names in problem.h."""
 
-    closures: int
-    #: Largest gap of a closed loop [m].
-    closed: float
+    numbers: dict[str, float]
     ints: dict[str, np.ndarray]
     doubles: dict[str, np.ndarray]
     #: Entries of the reduced tangent.

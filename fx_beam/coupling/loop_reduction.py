@@ -256,6 +256,7 @@ class LoopReduction(JointReduction):
         arms = np.full(len(self._closures), -1)
         arms[self._arms[0]] = 2 * self._arms[1] + self._arms[2]
         ints = {
+            "following": np.zeros(len(self._closures), dtype=int),
             "gap_row": k,
             "gap_at": number[columns],
             "gap_value": values,
@@ -282,8 +283,15 @@ class LoopReduction(JointReduction):
             "loop_near": places(loop, near[:, None]),
             "loop_loop": places(loop[:, None], loop),
         }
-        closed = _CLOSED * self._size_of_scene
-        return LoopTables(len(self._closures), closed, ints, doubles, at)
+        numbers = {
+            "closures": len(self._closures),
+            "gap_entries": len(k),
+            "loop_columns": len(of_loops),
+            "loop_free": len(loop),
+            "near": len(near),
+            "gap_closed": _CLOSED * self._size_of_scene,
+        }
+        return LoopTables(numbers, ints, doubles, at)
 
 
 def _pivots(G: np.ndarray) -> tuple[np.ndarray, bool]:
