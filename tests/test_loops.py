@@ -300,3 +300,20 @@ def test_a_linkage_that_starts_with_all_bars_in_line_is_refused_as_singular():
         scene.add_joint(fb.Revolute(fb.GROUND, point))
     with pytest.raises(fb.SceneError, match="singular position, such as bars in one line"):
         run(scene)
+
+
+@pytest.mark.parametrize("solver", ["petsc", "compiled"])
+def test_a_step_that_begins_with_bars_in_line_fails_and_says_so(solver):
+    def driven(dt):
+        scene = fb.Scene()
+        bars = chain(scene, [(0, 0), (0, 1), (2, 1), (2, 0)])
+        motor = fb.Revolute(fb.GROUND, bars[0]["a"], motor=lambda t: -np.pi / 2 * t**3)
+        scene.add_joint(motor)
+        scene.add_joint(fb.Revolute(bars[2]["b"], fb.GROUND))
+        return fb.simulate(scene, dt=dt, t_end=1.1, solver=solver)
+
+    with pytest.raises(fb.StepError, match="singular position.* with another dt") as failed:
+        driven(0.05)
+    assert failed.value.solution.t[-1] == pytest.approx(1.0)
+    energy = driven(0.0503).energy
+    assert largest(energy.balance_error) < 1e-11 * energy.kinetic.max()

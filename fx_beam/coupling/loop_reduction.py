@@ -25,8 +25,9 @@ from .spring_dampers import Actuators
 # Largest number of corrections that close the loops, and the gap that is left, relative to the
 # size of the scene.
 _CORRECTIONS, _CLOSED = 30, 1e-15
-# Below this ratio of pivots loops are in a singular position.
-_SINGULAR = 1e-8
+# Below this ratio of pivots loops are in a singular position. Near to it a gap of 1e-15 leaves the
+# unknowns open by its root.
+_SINGULAR = 1e-6
 
 
 class LoopReduction(JointReduction):
@@ -105,14 +106,14 @@ class LoopReduction(JointReduction):
         gap[k] -= (self._rho0 - self._rho_at_rest)[joint, component]
         self._gap0 = gap
         self.gap(np.zeros(self.free), np.zeros(self.driven))
-        columns, regular = _pivots(self.scaled_derivative()[0])
+        columns, regular = _pivots(self.scaled_derivative())
         self._following = self.loop[columns]
         self.trouble = ""
         if not regular:
             names = "; ".join(dict.fromkeys(str(one.joint) for one in self._closures))
             self.trouble = (
                 f"the loops that {names} close are in a singular position, such as bars in one "
-                "line: the motion may go on in several ways"
+                "line, from which the motion may go on in several ways"
             )
 
     def expand(self, y, driven):
@@ -138,15 +139,9 @@ class LoopReduction(JointReduction):
         gap[k] -= (self._rho1 - self._rho0)[joint, component]
         return gap
 
-    def scaled_derivative(self) -> tuple[np.ndarray, np.ndarray]:
-        """Derivative (closures, loop) of the gaps by units of the unknowns; and its norms.
-
-        Each gap is divided by its norm (closures,).
-        """
-        G = self._of_gaps(self._values)[:, self.loop] * self.unit[self.loop]
-        sizes = np.linalg.norm(G, axis=1)
-        sizes[sizes == 0] = 1.0
-        return G / sizes[:, None], sizes
+    def scaled_derivative(self) -> np.ndarray:
+        """Derivative (closures, loop) of the gaps by units of the unknowns [m]."""
+        return self._of_gaps(self._values)[:, self.loop] * self.unit[self.loop]
 
     def _of_gaps(self, values: np.ndarray) -> np.ndarray:
         k, columns, places, signs = self._gap_entries

@@ -45,10 +45,9 @@ def check_loops(scene: Scene, couplings: Couplings, reduction: LoopReduction) ->
 
 def _rank(reduction: LoopReduction) -> tuple[int, np.ndarray, np.ndarray]:
     """Rank of the gaps, combinations (n, closures) that vanish, and motions (n, loop)."""
-    G, sizes = reduction.scaled_derivative()
-    left, values, right = np.linalg.svd(G)
+    left, values, right = np.linalg.svd(reduction.scaled_derivative())
     rank = int(np.count_nonzero(values > _ROUNDING * max(values.max(initial=0.0), 1e-300)))
-    return rank, left.T[rank:] / sizes, right[rank:]
+    return rank, left.T[rank:], right[rank:]
 
 
 def _rank_near_by(reduction: LoopReduction, motions: np.ndarray) -> int:
@@ -60,8 +59,7 @@ def _rank_near_by(reduction: LoopReduction, motions: np.ndarray) -> int:
         gap = reduction.gap(y, np.zeros(reduction.driven))
         if abs(gap).max() < 1e-13 * reduction.unit.max():
             return _rank(reduction)[0]
-        G, sizes = reduction.scaled_derivative()
-        change = -np.linalg.lstsq(G, gap / sizes, rcond=_ROUNDING)[0]
+        change = -np.linalg.lstsq(reduction.scaled_derivative(), gap, rcond=_ROUNDING)[0]
     return 0
 
 

@@ -12,9 +12,13 @@ def facts(scene: Any) -> dict[str, str]:
     """Numbers of what a scene is made of, by their names."""
     beams, elements = scene.beams, sum(beam.elements for beam in scene.beams)
     found = {"members": _listed([beam.name for beam in beams])}
-    if beams:
-        found["elements"] = f"{elements} of degree {beams[0].degree}"
-        nodes = len(scene.nodes) + elements * (beams[0].degree - 1)
+    if scene.bodies:
+        found["bodies"] = _listed([body.name for body in scene.bodies])
+    if scene.nodes:
+        degree = beams[0].degree if beams else 1
+        if beams:
+            found["elements"] = f"{elements} of degree {degree}"
+        nodes = len(scene.nodes) + elements * (degree - 1)
         found["nodes"] = str(nodes)
         held = len(scene.fixed) + len(scene.prescribed) + sum(map(_held, scene.joints))
         found["unknowns"] = str(3 * nodes - held)

@@ -139,7 +139,8 @@ class Newton:
         """
         self.equations.begin(interval, start)
         if trouble := self.model.reduction.trouble:
-            raise StepFailed("singular", trouble, np.zeros(self.model.size), [])
+            reason = f"{trouble}; with another dt no step begins there"
+            raise StepFailed("singular", reason, np.zeros(self.model.size), [])
         at_rest = self.model.scheme.rates.at_rest
         predicted_y = None if at_rest else self.predictor.predict(interval.length)
         moving = 0.0 if at_rest else float(start.v @ (self.model.mass @ start.v))

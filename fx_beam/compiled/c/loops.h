@@ -6,7 +6,7 @@
 
 /* Largest number of corrections that close the loops, and least ratio of pivots. */
 enum { CLOSINGS = 30 };
-static const double LEAST_PIVOT = 1e-8;
+static const double LEAST_PIVOT = 1e-6;
 
 /* Derivatives of the gaps [closure][loop column], for values of T or That. */
 static void derive_gaps(const Problem *p, const double *values, double *G) {
@@ -53,14 +53,8 @@ static void following_part(const Problem *p, const double *G, double *part) {
 static int choose_following(const Problem *p, double *G) {
   int m = p->closures, n = p->loop_columns;
   double first = 0;
-  for (int k = 0; k < m; ++k) {
-    double size = 0;
-    for (int j = 0; j < p->loop_free; ++j) {
-      G[k * n + j] *= p->loop_unit[j];
-      size += G[k * n + j] * G[k * n + j];
-    }
-    for (int j = 0; j < p->loop_free; ++j) G[k * n + j] /= size > 0 ? sqrt(size) : 1;
-  }
+  for (int k = 0; k < m; ++k)
+    for (int j = 0; j < p->loop_free; ++j) G[k * n + j] *= p->loop_unit[j];
   for (int k = 0; k < m; ++k) {
     int row = k, column = 0;
     double largest = -1;
