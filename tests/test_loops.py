@@ -72,6 +72,17 @@ def slider_crank():
     return scene, rod, None
 
 
+def guided():
+    """A crank and a rod that push a body along a guide: a prismatic joint closes the loop."""
+    scene = fb.Scene(gravity=GRAVITY)
+    crank, rod = chain(scene, [(0, 0), (0.2, 0.2), (1.0, 0.1)])
+    scene.add_joint(fb.Revolute(fb.GROUND, crank["a"]))
+    block = scene.add_body((1.1, 0.1), 0.5, 0.01, points={"pin": (1, 0.1)})
+    scene.add_joint(fb.Revolute(rod["b"], block["pin"]))
+    slide = fb.Prismatic(fb.GROUND, block.centre, axis=(1, 0.1), spring=fb.Spring(30.0))
+    return scene, block, scene.add_joint(slide)
+
+
 def flying(beams=True):
     """A loop of four bars in flight, with two beams."""
     scene = fb.Scene()
@@ -144,7 +155,7 @@ def test_a_loop_in_flight_keeps_energy_and_both_momenta():
     "scheme", [fb.EnergyMomentum(), fb.Newmark(), fb.EnergyMomentum(order=4)], ids=str
 )
 @pytest.mark.parametrize(
-    "made", [four_bar, trammel, quick_return, slider_crank, lambda: flying(False)]
+    "made", [four_bar, trammel, quick_return, slider_crank, guided, lambda: flying(False)]
 )
 def test_both_solvers_take_the_same_steps(made, scheme):
     found = [run(made()[0], scheme, t_end=0.2, solver=solver) for solver in ("petsc", "compiled")]
@@ -155,7 +166,7 @@ def test_both_solvers_take_the_same_steps(made, scheme):
     assert found[1].stats.newton_iterations < 4 * found[1].stats.steps * len(scheme.fractions)
 
 
-@pytest.mark.parametrize("made", [trammel, quick_return, slider_crank])
+@pytest.mark.parametrize("made", [trammel, quick_return, slider_crank, guided])
 def test_energy_is_exact_with_slides_springs_dampers_and_moments(made):
     scene, _, _ = made()
     energy = run(scene, t_end=1.0).energy
@@ -317,3 +328,16 @@ def test_a_step_that_begins_with_bars_in_line_fails_and_says_so(solver):
     assert failed.value.solution.t[-1] == pytest.approx(1.0)
     energy = driven(0.0503).energy
     assert largest(energy.balance_error) < 1e-11 * energy.kinetic.max()
+
+
+@pytest.mark.parametrize("made", [four_bar, slider_crank, guided, quick_return])
+def test_forces_of_supports_and_ground_joints_change_the_momentum(made):
+    scene, _, _ = made()
+    solution = run(scene)
+    force = solution.reactions[1:, :, :2].sum(axis=1)
+    for joint in scene.joints:
+        sides = (joint.a is fb.GROUND) * 1.0 - (joint.b is fb.GROUND) * 1.0
+        force = force + sides * solution.joint_forces[1:, joint.number, :2]
+    mass = sum(mass for _, mass, _ in scene.masses)
+    change = np.diff(solution.linear_momentum, axis=0) / 0.01 - mass * np.array(GRAVITY)
+    assert force == pytest.approx(change, abs=1e-8 * largest(change))

@@ -124,10 +124,7 @@ class LoopReduction(JointReduction):
             size = abs(gap).max()
             if size <= closed or last < size <= 1e3 * closed:
                 return self._D
-            try:
-                y[d] -= np.linalg.solve(self._of_gaps(self._values)[:, d], gap)
-            except np.linalg.LinAlgError:
-                break
+            y[d] -= _solved(self._of_gaps(self._values)[:, d], gap)
             last = size
         return np.full(self._size, np.nan)
 
@@ -152,7 +149,7 @@ class LoopReduction(JointReduction):
     def _ratios(self, values: np.ndarray) -> np.ndarray:
         """Changes (closures, columns) of the unknowns that follow, by the other columns."""
         G, d = self._of_gaps(values), self._following
-        W = -np.linalg.solve(G[:, d], G)
+        W = -_solved(G[:, d], G)
         W[:, d] = 0.0
         return W
 
@@ -184,7 +181,7 @@ class LoopReduction(JointReduction):
         """Generalised forces at all columns, with those of the closing joints; zero at d."""
         R = super().project(r)
         G, d = self._of_gaps(self._hat), self._following
-        self._forces = np.linalg.solve(G[:, d].T, R[d])
+        self._forces = _solved(G[:, d].T, R[d])
         R -= G.T @ self._forces
         R[d] = 0.0
         return R
@@ -287,6 +284,14 @@ class LoopReduction(JointReduction):
             "gap_closed": _CLOSED * self._size_of_scene,
         }
         return LoopTables(numbers, ints, doubles, at)
+
+
+def _solved(A: np.ndarray, b: np.ndarray) -> np.ndarray:
+    """Solution of A x = b; not finite for a singular matrix."""
+    try:
+        return np.linalg.solve(A, b)
+    except np.linalg.LinAlgError:
+        return np.full_like(b, np.nan)
 
 
 def _pivots(G: np.ndarray) -> tuple[np.ndarray, bool]:

@@ -114,6 +114,8 @@ def _begin(model: Model, drive: Drive, state: State, dt: float) -> tuple[np.ndar
     bend = 4 * d2 - 5 * d1 - d3
     bend[abs(bend) <= 10 * np.finfo(float).eps * (abs(f0) + abs(d3))] = 0.0
     model.reduction.begin(state.q, state.slides, h)
+    if trouble := model.reduction.trouble:
+        raise SceneError(f"start: {trouble}. Start from a position beside it")
     model.reduction.expand(np.zeros(model.reduction.free), np.zeros(len(rates)))
     return rates, bend / h**2
 
