@@ -243,6 +243,26 @@ def test_the_response_of_a_slide_is_that_of_its_node():
     assert abs(of_node.component("y").imag).min() > 0
 
 
+def plank(end):
+    """A body on a hinge, and a second support at its other end."""
+    scene = fb.Scene(gravity=(0, -10))
+    body = scene.add_body((0.5, 0.3), 2.0, 0.1, points={"a": (0, 0), "b": (2, 0)})
+    scene.add_joint(fb.Revolute(fb.GROUND, body["a"]))
+    return scene, scene.add_joint(end(fb.GROUND, body["b"]))
+
+
+def test_a_plank_on_two_supports_has_their_forces_and_cannot_move():
+    scene, roller = plank(lambda a, b: fb.PinInSlot(a, b, axis=(1, 0)))
+    for solution in (fb.static(scene, steps=1), run(scene, t_end=0.02)):
+        assert solution.stats.unknowns == 0
+        assert solution.joint_force(roller)[-1] == pytest.approx([0, 5, 0], abs=1e-12)
+    with pytest.raises(fb.SceneError, match="modes: the scene has no unknowns"):
+        fb.modes(scene)
+    scene, _ = plank(fb.Revolute)
+    with pytest.raises(fb.SceneError, match=r"joint 2, .* joint 3, .*axis=\(1, 0\) for joint 3"):
+        run(scene)
+
+
 # -- Refusals ----------------------------------------------------------------------------------
 
 

@@ -93,7 +93,7 @@ def linearised(scene: Scene, state: Solution | None, what: str) -> Linearisation
     if state is not None:
         factor, start = _last(model, start, state, what)
     reduction = model.reduction
-    if not reduction.free:
+    if not len(reduction.independent):
         raise SceneError(
             f"{what}: the scene has no unknowns: supports, joints and motors fix all degrees of "
             "freedom. Release one of them"
