@@ -96,6 +96,10 @@ def flying(beams=True):
     return scene, bars[1], None
 
 
+def loop_in_flight():
+    return flying(beams=False)
+
+
 def run(scene, scheme=None, dt=0.01, t_end=0.5, solver="compiled"):
     return fb.simulate(scene, scheme, dt=dt, t_end=t_end, solver=solver)
 
@@ -152,13 +156,15 @@ def test_a_loop_in_flight_keeps_energy_and_both_momenta():
 
 
 @pytest.mark.parametrize(
-    "scheme", [fb.EnergyMomentum(), fb.Newmark(), fb.EnergyMomentum(order=4)], ids=str
+    "scheme",
+    [fb.EnergyMomentum(), fb.Newmark(), fb.EnergyMomentum(order=4)],
+    ids=lambda scheme: scheme.name,
 )
 @pytest.mark.parametrize(
-    "made", [four_bar, trammel, quick_return, slider_crank, guided, lambda: flying(False)]
+    "made", [four_bar, trammel, quick_return, slider_crank, guided, loop_in_flight]
 )
 def test_both_solvers_take_the_same_steps(made, scheme):
-    found = [run(made()[0], scheme, t_end=0.2, solver=solver) for solver in ("petsc", "compiled")]
+    found = [run(made()[0], scheme, t_end=0.1, solver=solver) for solver in ("petsc", "compiled")]
     for name in ("q", "v", "reactions", "joint_forces"):
         a, b = (getattr(solution, name)[1:] for solution in found)
         assert b == pytest.approx(a, rel=0, abs=1e-7 * largest(a) + 1e-12)
