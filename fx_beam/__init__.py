@@ -34,6 +34,7 @@ from .mechanics.schemes import (
     Scheme,
 )
 from .results.audit import BeamResultants, Energy, Stats
+from .results.contact import Contact
 from .results.joint_motion import JointMotion
 from .results.saved import load
 from .results.solution import Solution
@@ -44,8 +45,10 @@ from .scene.curve import Curve, arc, spline
 from .scene.internal_variables import InternalVariables
 from .scene.joints import GROUND, Joint, PinInSlot, Prismatic, Revolute, Rigid
 from .scene.law import Law
+from .scene.obstacles import Circle, Line, Obstacle
 from .scene.scene import Scene
 from .scene.section import Section
+from .scene.stop import Stop
 from .stepping.newton import NewtonOptions
 from .stepping.recorder import Record
 
@@ -58,6 +61,8 @@ __all__ = [
     "Beam",
     "BeamResultants",
     "Body",
+    "Circle",
+    "Contact",
     "Coordinate",
     "Curve",
     "Damper",
@@ -74,6 +79,7 @@ __all__ = [
     "Joint",
     "JointMotion",
     "Law",
+    "Line",
     "MidPoint",
     "MidPointRates",
     "ModifiedMidPoint",
@@ -83,6 +89,7 @@ __all__ = [
     "NewtonOptions",
     "NodalRates",
     "Node",
+    "Obstacle",
     "PinInSlot",
     "Prismatic",
     "Rates",
@@ -99,6 +106,7 @@ __all__ = [
     "Stats",
     "Step",
     "StepError",
+    "Stop",
     "WeightedResultants",
     "arc",
     "converge",

@@ -11,8 +11,8 @@ import pytest
 from jointed import drift, pair, throw
 
 import fx_beam as fb
-from fx_beam.coupling.actuator import friction_slope
 from fx_beam.fem import dolfinx_api
+from fx_beam.mechanics.impact import friction_slope
 
 SOLVERS = pytest.mark.parametrize("solver", ["compiled", "petsc"])
 SCHEMES = [fb.EnergyMomentum(), fb.EnergyDecaying(0.1), fb.Newmark(), fb.HHT(-0.2)]

@@ -62,6 +62,7 @@ def solution_of(
         internal_of_beam=_internal_of_beam(model, internal),
         internal_of_joint=_internal_of_joint(model, of_springs),
         bodies={body.name: body for body in scene.bodies},
+        obstacles=list(scene.obstacles),
         end=end and end.renumbered(model.to_nodes, mesh.to_elements),
     )
 

@@ -46,7 +46,8 @@ class Linearisation(NamedTuple):
         coordinates = [c for joint in scene.joints for c in (joint.slide, joint.rotation) if c]
         return (
             any(beam.section.damped for beam in scene.beams)
-            or any(c.damper or c.friction for c in coordinates)
+            or any(c.damper or c.friction or (c.stop and c.stop.loss) for c in coordinates)
+            or any(obstacle.loss for obstacle in scene.obstacles)
             or bool(scene.drags)
             or self.model.forms.needs_rates  # in statics those of added virtual works
         )

@@ -67,13 +67,10 @@ class Problem:
                 self._hand_over_forms(getattr(self.c, name), forms, model.forms.moving)
         self.c.has_added, self.c.keeps_before = model.forms.has_added, model.keeps_before
         self._hand_over_rates(place)
-        self._hand_over_drag(place)
-        if model.forms.followers is not None:
-            self.c.thrusts = len(model.forms.followers.dofs)
-            self._ints(
-                thrust_dofs=model.forms.followers.dofs,
-                thrust_places=place[model.forms.followers.places],
-            )
+        self._hand_over_nodal_forces(place)
+        if (follow := model.forms.followers) is not None:
+            self.c.thrusts = len(follow.dofs)
+            self._ints(thrust_dofs=follow.dofs, thrust_places=place[follow.places])
         self._hand_over_motors()
         self._hand_over_actuators()
         if joint_forces is not None:
@@ -196,7 +193,7 @@ class Problem:
             self._shared[key] = self._pointer(blocks, kind)
         return self._shared[key]
 
-    def _hand_over_drag(self, place: np.ndarray) -> None:
+    def _hand_over_nodal_forces(self, place: np.ndarray) -> None:
         p, forms = self.c, self.model.forms
         if forms.beam_drag is not None:
             fields = [forms.beam_drag.increment, *forms.moving[1:]]
@@ -206,6 +203,9 @@ class Problem:
             p.drags = len(forms.node_drag.dofs)
             self._ints(drag_dofs=forms.node_drag.dofs, drag_places=place[forms.node_drag.places])
             self._doubles(drag_factors=forms.node_drag.factors)
+        if forms.contact is not None:
+            rows = forms.contact.table(place)
+            p.contacts, p.contact = len(rows), self._kept(self.ffi.new("Contact[]", rows))
 
     def _hand_over_rates(self, place: np.ndarray) -> None:
         p, rates = self.c, self.model.scheme.rates

@@ -1,4 +1,4 @@
-"""A spring, damper and friction on the free coordinate of a joint."""
+"""A spring, damper, friction and stops on the free coordinate of a joint."""
 
 from __future__ import annotations
 
@@ -7,17 +7,22 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from fx_beam.mechanics.impact import friction_slope, push
 from fx_beam.scene.coordinate import Friction
 from fx_beam.scene.joints import Joint
+from fx_beam.scene.stop import Stop
 
 from .damper_laws import DamperLaw
 from .graph import Entry
 from .spring_laws import SpringLaw
 
+# A limit that no coordinate reaches; differences of infinities would be undefined.
+_FAR = 1e300
+
 
 @dataclass
 class Actuator:
-    """Spring, damper and friction on one coordinate, with their values in the current step."""
+    """Spring, damper, friction, stops of one coordinate, with their values in the current step."""
 
     joint: Joint
     #: Stiffness, rest and viscosity.
@@ -25,6 +30,9 @@ class Actuator:
     rest: float
     c: float
     friction: Friction | None
+    stop: Stop | None
+    #: Dissipative part of the stops' force, relative to the elastic part.
+    loss: float
     law: DamperLaw | None
     #: Stored energy of its own, the place of its internal variables among all, and what the
     #: `SpringLaw` is given and finds.
@@ -42,6 +50,9 @@ class Actuator:
     slopes: tuple[float, float] = (0.0, 0.0)
     #: Friction in the last iteration: rate / speed, force / magnitude, and derivative.
     last: tuple[float, float, float] | None = None
+    #: The same for the loss of the stops; the sum of both stops' forces, and its derivative.
+    last_stop: tuple[float, float, float] | None = None
+    pushing: tuple[float, float] = (0.0, 0.0)
     given: np.ndarray = field(init=False)
     found: np.ndarray = field(init=False)
     #: Change of the coordinate, force and slope of the own energy, where the tangent is from.
@@ -59,7 +70,19 @@ class Actuator:
             self.given[1] = self.given[0] + self.change
             self.found = self.elastic(self.given)
             force, slope = force + self.found[0], slope + self.found[1]
+        if self.stop is not None:
+            pushed, by_change = self._pushes(level)
+            force, slope = force + pushed[1] - pushed[0], slope + by_change[1] - by_change[0]
+            self.pushing = float(pushed.sum()), float(by_change.sum())
         return float(force), float(slope)
+
+    def _pushes(self, level: float) -> tuple[np.ndarray, np.ndarray]:
+        """Forces (2,) of the lower and the upper stop, and their derivatives."""
+        assert self.stop is not None
+        signs, limits = np.array([1.0, -1.0]), limits_of(self.stop)
+        start, end = (signs * (x - limits) for x in (self.start, self.start + self.change))
+        pushed, slopes = push(self.stop.stiffness, start, end, level)
+        return pushed, signs * slopes
 
     def remember(self) -> None:
         """Keep the tangent of the own energy for `deviation`."""
@@ -82,14 +105,27 @@ class Actuator:
                 [stretch, stretch, 1.0, *(() if internal is None else internal[self.inside])]
             )
             energy += float(self.elastic(given)[3])
+        if self.stop is not None:
+            low, high = limits_of(self.stop)
+            energy += self.stop.stiffness / 2 * max(low - place, place - high, 0.0) ** 2
         return energy
 
     def resistance(self, rate: float) -> float:
-        """Force of damper and friction at a rate."""
+        """Force of damper, friction and the loss of stops at a rate."""
         force = self.c * rate if self.law is None else self.c * rate + self.law(rate)[0]
         if self.friction is not None:
             force += self.friction.force * math.tanh(rate / self.friction.speed)
+        if self.loss:
+            force += self.loss * self.pushing[0] * self._sense(rate)
         return force
+
+    def _sense(self, rate: float) -> float:
+        assert self.stop is not None
+        return math.tanh(rate / (self.stop.speed or 1.0))
+
+    def stiffening(self, rate: float) -> float:
+        """Derivative of the resistance by the coordinate: the loss of stops grows with them."""
+        return self.loss * self.pushing[1] * self._sense(rate) if self.loss else 0.0
 
     def steepness(self, rate: float) -> float:
         """Derivative of the resistance for the next iteration."""
@@ -97,22 +133,15 @@ class Actuator:
         if self.friction is not None:
             self.last = friction_slope(rate / self.friction.speed, self.last)
             slope += self.friction.force / self.friction.speed * self.last[2]
+        if self.loss:
+            assert self.stop is not None
+            speed = self.stop.speed or 1.0
+            self.last_stop = friction_slope(rate / speed, self.last_stop)
+            slope += self.loss * self.pushing[0] / speed * self.last_stop[2]
         return slope
 
 
-def friction_slope(x: float, last: tuple[float, float, float] | None) -> tuple[float, float, float]:
-    """x, y = tanh(x), and a derivative with which Newton's method does not jump to and fro.
-
-    With s = x / y the friction is s y = x, whose linear form has the derivative (1 - y s') / s. For
-    y it takes what the last iteration expected, limited to 1 (Chan, Golub and Mulet 1999, doi
-    10.1137/S1064827596299767). Where both agree it is that of tanh.
-    """
-    if last is not None and x == last[0]:
-        return last  # the same iteration
-    y = math.tanh(x)
-    near = abs(x) < 1e-4
-    s, bend = (1.0, 2 * x / 3) if near else (x / y, (1 - (1 - y * y) * x / y) / y)
-    expected = y
-    if last is not None:
-        expected = min(1.0, max(-1.0, last[1] + last[2] * (x - last[0])))
-    return x, y, (1 - expected * bend) / s
+def limits_of(stop: Stop) -> np.ndarray:
+    """Lower and upper limit (2,); out of reach where there is none."""
+    low = -_FAR if stop.lower is None else stop.lower
+    return np.array([low, _FAR if stop.upper is None else stop.upper])

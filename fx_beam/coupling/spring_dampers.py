@@ -1,4 +1,4 @@
-"""Springs, dampers and friction on the free coordinates of joints."""
+"""Springs, dampers, friction and stops on the free coordinates of joints."""
 
 from __future__ import annotations
 
@@ -10,18 +10,19 @@ from fx_beam.mechanics.rates import Rates
 from fx_beam.scene.beam import Node
 from fx_beam.scene.joints import GROUND, Joint
 
-from .actuator import Actuator
+from .actuator import Actuator, limits_of
 from .damper_laws import DamperLaw
 from .graph import Couplings, Entry
 from .spring_laws import SpringLaw
 
 
 class Actuators:
-    """All springs, dampers and friction of a scene.
+    """All springs, dampers, friction and stops of a scene.
 
     Exact work: a rotational spring has the moment k (mean angle - rest) (Dpsi_b - Dpsi_a) /
     (Dtheta_b - Dtheta_a). Its work on Dtheta is the increment of k/2 (angle - rest)^2. A stored
-    energy of its own has its discrete gradient in the place of k (mean angle - rest).
+    energy of its own has its discrete gradient in the place of k (mean angle - rest), and so have
+    stops.
     """
 
     def __init__(self, joints: list[Joint], couplings: Couplings, rates: Rates, dofs: np.ndarray):
@@ -59,6 +60,8 @@ class Actuators:
                         rest=spring.rest if spring else 0.0,
                         c=damper.viscosity if damper else 0.0,
                         friction=friction,
+                        stop=coordinate.stop,
+                        loss=coordinate.stop.loss if coordinate.stop and not rates.at_rest else 0.0,
                         law=DamperLaw(damper.law) if damper and damper.law else None,
                         elastic=elastic,
                         inside=slice(first, self.width),
@@ -122,7 +125,8 @@ class Actuators:
         """Set the start of a step from displacements and rotations q and the slides [m]."""
         self._dt = dt
         for actuator in self._all:
-            actuator.start, actuator.last = self._coordinate(actuator, q, slides), None
+            actuator.start = self._coordinate(actuator, q, slides)
+            actuator.last = actuator.last_stop = None
 
     def set_rates(self, q: np.ndarray, v: np.ndarray, slides: np.ndarray) -> None:
         """Set the rates at the start of a step; dampers interpolate from them to their level."""
@@ -163,10 +167,10 @@ class Actuators:
             a.dissipated = a.resistance(path / dt) * path
             if a.elastic is not None:
                 a.dissipated += float(a.found[2])
-            steep = 2 * level * a.steepness(rate) / dt
+            steep, grows = 2 * level * a.steepness(rate) / dt, a.stiffening(rate)
             a.slopes = (
-                -stiff * ratio + elastic * by_a - steep * slope_a,
-                stiff * ratio + elastic * by_b + steep * slope_b,
+                -stiff * ratio + elastic * by_a - steep * slope_a - grows,
+                stiff * ratio + elastic * by_b + steep * slope_b + grows,
             )
 
     def forces(self, columns: int) -> np.ndarray:
@@ -209,11 +213,11 @@ class Actuators:
         return found
 
     def energy(self, q: np.ndarray, slides: np.ndarray, internal: np.ndarray | None) -> float:
-        """Energy stored in the springs [J] for displacements and rotations q and slides."""
+        """Energy stored in springs and stops [J] for displacements and rotations q and slides."""
         return sum(a.stored(self._coordinate(a, q, slides), internal) for a in self._all)
 
     def dissipated(self) -> float:
-        """Energy dissipated by dampers, friction and springs in the current step [J]."""
+        """Energy dissipated by dampers, friction, springs and stops in this step [J]."""
         return sum(actuator.dissipated for actuator in self._all)
 
     # -- For the compiled loop ------------------------------------------------------------------
@@ -226,7 +230,7 @@ class Actuators:
         """Springs and dampers as ``Actuator`` of c/problem.h, and the columns of their forces."""
         rows, pushes = [], []
         for number, actuator in enumerate(self._all):
-            joint, slides = actuator.joint, actuator.turns is None
+            joint, slides, stop = actuator.joint, actuator.turns is None, actuator.stop
             rows.append(
                 {
                     "slide": joint.number if slides else -1,
@@ -240,6 +244,10 @@ class Actuators:
                     "c": actuator.c,
                     "friction": actuator.friction.force if actuator.friction else 0.0,
                     "speed": actuator.friction.speed if actuator.friction else 1.0,
+                    "limit": [0.0, 0.0] if stop is None else limits_of(stop).tolist(),
+                    "stop": stop.stiffness if stop else 0.0,
+                    "loss": actuator.loss,
+                    "stop_speed": (stop and stop.speed) or 1.0,
                     "law": actuator.law.address if actuator.law else 0,
                     "elastic": actuator.elastic.address if actuator.elastic else 0,
                     "variables": actuator.inside.stop - actuator.inside.start,

@@ -18,6 +18,7 @@ from .fields import Fields, fields_of
 from .follower_loads import Followers
 from .free_nodes import fill_blocks, with_blocks
 from .mesh import Mesh
+from .node_contact import NodeContact
 from .node_drag import NodeDrag
 from .section_fields import Data, on_beam, section_data
 from .weak_form import Material, WeakForm, sections_facing_backwards, weak_form
@@ -61,6 +62,10 @@ class Forms:
         if any(load.follower for load in scene.loads):
             self.followers = Followers(scene, mesh, self.stiffness, scheme.rates.level)
         self._build_drag(scene)
+        #: The contact with obstacles; None without any.
+        self.contact = None
+        if scene.obstacles:
+            self.contact = NodeContact(scene, mesh, self.stiffness, scheme.rates)
 
     # -- Construction ---------------------------------------------------------------------------
 
@@ -236,6 +241,8 @@ class Forms:
             self.followers.set_step(t, dt)
         for drag in self.drags:
             drag.set_step(dt, v)
+        if self.contact is not None:
+            self.contact.set_step(dt, q, v)
         if self._weak.needs_rates or self.beam_drag is not None:
             self._set_rates(v, a)
 
@@ -279,17 +286,18 @@ class Forms:
         return self._internal[self._cell_points] + at_points / self.point_weights[:, None]
 
     def losses(self, D: np.ndarray) -> list[float]:
-        """Energies [J] that material and drag take, that the scheme takes, and that it holds."""
+        """Energies [J] that material, drag and contact take; that the scheme takes, and holds."""
         self._set_increment(D)
         lost, *of_scheme = (
             dolfinx_api.assemble_scalar(form) if form is not None else 0.0 for form in self._losses
         )
-        return [lost + sum(drag.loss(D) for drag in self.drags), *of_scheme]
+        lost += sum(drag.loss(D) for drag in self.drags)
+        return [lost + (self.contact.loss_of(D) if self.contact else 0.0), *of_scheme]
 
     def internal_force(self, D: np.ndarray) -> np.ndarray:
         """Internal forces (size,) [N, N m] for the increment D (eq. 53).
 
-        With drag, and minus added forces. The next call overwrites the result.
+        With drag, minus forces of contact and added ones. The next call overwrites the result.
         """
         self._set_increment(D)
         self._force[:] = 0.0
@@ -303,6 +311,8 @@ class Forms:
             self.followers.add_force(*self._motion, -self._factor, self._force)
         for drag in self.drags:
             drag.add_force(self._D, self._force)
+        if self.contact is not None:
+            self.contact.add_force(self._D, self._force)
 
     def assemble_stiffness(self) -> None:
         """Assemble `stiffness` at the increment of the last `internal_force` (eq. 54)."""
@@ -315,6 +325,8 @@ class Forms:
             self.followers.subtract_tangent(*self._motion, self._factor, self.stiffness.data)
         for drag in self.drags:
             drag.add_tangent(self._D, self.stiffness.data)
+        if self.contact is not None:
+            self.contact.add_tangent(self._D, self.stiffness.data)
 
     def added_force(self) -> np.ndarray:
         """Forces (size,) of added virtual works and followers at the last increment [N, N m]."""

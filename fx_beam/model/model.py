@@ -23,6 +23,7 @@ from fx_beam.fem.nodal_forms import NodalForms
 from fx_beam.fem.nodal_rules import NodalRules
 from fx_beam.mechanics.nodal_rates import NodalRates
 from fx_beam.mechanics.schemes import Scheme
+from fx_beam.results.state import State
 from fx_beam.scene.scene import Scene
 
 
@@ -63,6 +64,11 @@ class Model:
     def may_overshoot(self) -> bool:
         """Whether corrections of Newton's method may be far too long: internal variables, laws."""
         return self.forms.internal_shape[-1] > 0 or self.actuators.have_laws
+
+    def spring_energy(self, state: State) -> float:
+        """Energy stored in springs, stops and obstacles [J]."""
+        stored = self.actuators.energy(state.q, state.slides, state.spring_internal)
+        return stored + (self.forms.contact.energy(state.q) if self.forms.contact else 0.0)
 
     @functools.cached_property
     def nodal_rules(self) -> NodalRules | None:

@@ -7,12 +7,16 @@ from dataclasses import asdict
 
 import numpy as np
 
+from fx_beam.scene.beam import Beam
+from fx_beam.scene.obstacles import Obstacle
+
 from .files import writable
 
 #: Format of saved files, and the arrays in them that bear their own name.
 FORMAT = "fx_beam solution 1"
 HISTORIES = (
     *("t", "t_level", "X", "q", "v", "a", "reactions", "slides", "joint_forces", "motor_forces"),
+    "contact_forces",
     *("linear_momentum", "angular_momentum"),
 )
 
@@ -59,5 +63,19 @@ def save(solution, path) -> None:
         for body in solution.bodies.values()
     ]
     meta = {"format": FORMAT, "stats": stats, "beams": beams, "joints": joints, "bodies": bodies}
+    meta["obstacles"] = [_described(obstacle) for obstacle in solution.obstacles]
     with open(path, "wb") as file:
         np.savez_compressed(file, meta=np.array(json.dumps(meta)), **arrays)
+
+
+def _described(obstacle: Obstacle) -> dict:
+    """An obstacle in plain values; a node by its number, a beam by its name."""
+    target = obstacle.target
+    return {
+        "on": target.name if isinstance(target, Beam) else target.number,
+        "kind": type(obstacle.shape).__name__,
+        "shape": asdict(obstacle.shape),
+        "stiffness": obstacle.stiffness,
+        "restitution": obstacle.restitution,
+        "speed": obstacle.speed,
+    }

@@ -6,6 +6,7 @@ from typing import Any
 
 from fx_beam.scene.beam import Beam, Node
 from fx_beam.scene.joints import GROUND, Joint
+from fx_beam.scene.obstacles import Obstacle
 
 
 def node_number(solution: Any, node: Node) -> int:
@@ -31,6 +32,20 @@ def joint_number(solution: Any, joint: Joint) -> int:
         if node is not GROUND:
             node_number(solution, node)  # a joint of another scene has other nodes
     return joint.number
+
+
+def obstacle_of(solution: Any, obstacle: Obstacle) -> Obstacle:
+    """The obstacle of a solution, also for that of its scene or of a copy."""
+    known = solution.obstacles
+    if not isinstance(obstacle, Obstacle) or not 0 <= obstacle.number < len(known):
+        raise ValueError(
+            f"{obstacle!r} is not an obstacle of this solution; take the one that add_obstacle "
+            "returned"
+        )
+    own = known[obstacle.number]
+    if str(own) != str(obstacle) or own.shape != obstacle.shape:
+        raise ValueError(f"{obstacle} belongs to another scene; this solution has {own}")
+    return own
 
 
 def beam_name(solution: Any, beam: Beam | str) -> str:

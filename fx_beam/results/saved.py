@@ -12,6 +12,7 @@ import numpy as np
 from fx_beam.errors import Failure
 from fx_beam.scene.beam import Beam, Node
 from fx_beam.scene.body import Body
+from fx_beam.scene.obstacles import Circle, Line, Obstacle
 
 from .audit import BeamResultants, Energy, Stats
 from .export import FORMAT, HISTORIES
@@ -103,6 +104,7 @@ def _read(path) -> Solution:
     # and their work what dampers took.
     known = [f.name for f in fields(Energy) if f"energy_{f.name}" in data]
     data.setdefault("motor_forces", np.empty((0, data["slides"].shape[1])))
+    data.setdefault("contact_forces", np.empty((0, 0, 2)))
     return Solution(
         **{name: data[name] for name in HISTORIES},
         energy=Energy(**{name: data[f"energy_{name}"] for name in known}),
@@ -113,8 +115,19 @@ def _read(path) -> Solution:
         internal_of_beam=internal,
         internal_of_joint=springs,
         bodies=bodies,
+        obstacles=_obstacles(meta.get("obstacles", []), beams, data["X"]),
         end=end,
     )
+
+
+def _obstacles(saved: list[dict], beams: dict[str, Beam], X: np.ndarray) -> list[Obstacle]:
+    found = []
+    for number, item in enumerate(saved):
+        on, shape, kind = item.pop("on"), item.pop("shape"), item.pop("kind")
+        target = beams[on] if isinstance(on, str) else Node(on, *map(float, X[on]))
+        made = Circle(**shape) if kind == "Circle" else Line(**shape)
+        found.append(Obstacle(target, made, **item, number=number))
+    return found
 
 
 def _stats(saved: dict[str, Any]) -> Stats:

@@ -9,18 +9,20 @@ import numpy as np
 from fx_beam.scene.beam import Beam, Node
 from fx_beam.scene.body import Body
 from fx_beam.scene.joints import Joint
+from fx_beam.scene.obstacles import Obstacle
 from fx_beam.scene.summary import html_table
 
 from . import beam_histories, export, paraview, tables
 from .audit import BeamResultants, Energy, Stats, read_only
+from .contact import Contact
 from .joint_motion import JointMotion
-from .lookup import joint_number, node_number
+from .lookup import joint_number, node_number, obstacle_of
 from .state import State
 from .summary import facts
 
 # Histories that a `Record` may omit, with its name for them.
 _KINDS = {"q": "motion", "v": "rates", "a": "rates"}
-_KINDS |= dict.fromkeys(("reactions", "joint_forces", "motor_forces"), "forces")
+_KINDS |= dict.fromkeys(("reactions", "joint_forces", "motor_forces", "contact_forces"), "forces")
 
 
 class Solution:
@@ -51,6 +53,8 @@ class Solution:
         Forces and moments of the joints on their nodes b [N, N m].
     motor_forces : (n, joints) float
         Forces and moments of the joints' motors [N, N m].
+    contact_forces : (n, contacts, 2) float
+        Forces of obstacles on nodes, one obstacle after the other [N].
     energy : Energy
         Energies and work.
     linear_momentum : (n, 2) float
@@ -71,6 +75,8 @@ class Solution:
         Internal variables of springs, (n,) each, by name for each number of a joint that has some.
     bodies : dict, optional
         The bodies by name.
+    obstacles : list of Obstacle
+        The obstacles of the scene.
     end : State, optional
         The last state, its vectors by nodes, for `simulate(start=...)`; None after a failed run.
 
@@ -100,6 +106,7 @@ class Solution:
         slides: np.ndarray,
         joint_forces: np.ndarray,
         motor_forces: np.ndarray,
+        contact_forces: np.ndarray,
         energy: Energy,
         linear_momentum: np.ndarray,
         angular_momentum: np.ndarray,
@@ -109,6 +116,7 @@ class Solution:
         resultants_of_beam: Callable[[str], BeamResultants],
         internal_of_beam: dict[str, dict[str, np.ndarray]],
         internal_of_joint: dict[int, dict[str, np.ndarray]],
+        obstacles: list[Obstacle],
         bodies: dict[str, Body] | None = None,
         end: State | None = None,
     ):
@@ -116,6 +124,7 @@ class Solution:
         self.q, self.v, self.a = map(read_only, (q, v, a))
         self.reactions, self.slides = map(read_only, (reactions, slides))
         self.joint_forces, self.motor_forces = map(read_only, (joint_forces, motor_forces))
+        self.contact_forces, self.obstacles = read_only(contact_forces), obstacles
         self.energy = energy
         self.linear_momentum = read_only(linear_momentum)
         self.angular_momentum = read_only(angular_momentum)
@@ -330,6 +339,23 @@ class Solution:
             Distance [m]; zero to round-off, as joints eliminate degrees of freedom.
         """
         return self.joint(joint).gap
+
+    # -- Obstacles ------------------------------------------------------------------------------
+
+    def contact(self, obstacle: Obstacle) -> Contact:
+        """Gaps and forces at an obstacle over time.
+
+        Parameters
+        ----------
+        obstacle : Obstacle
+            The obstacle that `Scene.add_obstacle` returned, or one of `obstacles`.
+
+        Returns
+        -------
+        Contact
+            With `gap`, `force` and `nodes`.
+        """
+        return Contact(self, obstacle_of(self, obstacle))
 
     # -- Beams ----------------------------------------------------------------------------------
 

@@ -37,10 +37,11 @@ class State:
     slides: np.ndarray
     motors: np.ndarray
     #: In the step that ended here: forces of driven and fixed columns, of added virtual works
-    #: (size,), and of the joints on their nodes b (joints, 3) [N, N m].
+    #: (size,), of the joints on their nodes b (joints, 3) and of obstacles (contacts, 2) [N, N m].
     held: np.ndarray | None = None
     added: np.ndarray | None = None
     joint_forces: np.ndarray | None = None
+    contact_forces: np.ndarray | None = None
     #: Work and dissipated energy since the start [J].
     work: float = 0.0
     dissipated: float = 0.0

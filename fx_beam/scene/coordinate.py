@@ -17,6 +17,7 @@ from fx_beam.validation import fields_in, is_number, refuse_fields, time_functio
 
 from .internal_variables import InternalVariables
 from .law import Energy, check_energy, check_internal
+from .stop import Stop, as_stop
 
 
 @dataclass(frozen=True)
@@ -180,7 +181,7 @@ class Friction:
 
 @dataclass(frozen=True)
 class Coordinate:
-    """Spring, damper, friction and motor on a coordinate of a joint.
+    """Spring, damper, friction, stops and motor on a coordinate of a joint.
 
     Parameters
     ----------
@@ -192,6 +193,8 @@ class Coordinate:
         ``motor(t)``, the change of the coordinate since the start. It prescribes the coordinate.
     friction : Friction, optional
         Coulomb friction.
+    stop : Stop or (lower, upper, stiffness), optional
+        Elastic stops.
 
     Examples
     --------
@@ -205,14 +208,16 @@ class Coordinate:
     damper: Damper | None = None
     motor: Callable[[float], np.ndarray] | None = None
     friction: Friction | None = None
+    stop: Stop | None = None
 
     @property
     def acts(self) -> bool:
-        """Whether it has a spring, a damper or friction."""
-        return any(part is not None for part in (self.spring, self.damper, self.friction))
+        """Whether it has a spring, a damper, friction or stops."""
+        parts = self.spring, self.damper, self.friction, self.stop
+        return any(part is not None for part in parts)
 
 
-def checked_coordinate(what: str, spring, damper, motor, friction=None) -> Coordinate:
+def checked_coordinate(what: str, spring, damper, motor, friction=None, stop=None) -> Coordinate:
     """Coordinate of checked parts."""
     parts = (("spring", spring, Spring), ("damper", damper, Damper))
     for name, value, wanted in (*parts, ("friction", friction, Friction)):
@@ -220,7 +225,7 @@ def checked_coordinate(what: str, spring, damper, motor, friction=None) -> Coord
             raise SceneError(f"{name} = {value!r} must be an fx_beam.{wanted.__name__}")
     if motor is not None:
         motor = time_function(motor, 1, what)
-    return Coordinate(spring, damper, motor, friction)
+    return Coordinate(spring, damper, motor, friction, as_stop(stop))
 
 
 def _check(part: Spring | Damper | Friction, name: str, lowest: float = 0.0) -> None:

@@ -12,6 +12,7 @@ from fx_beam.validation import vector
 
 from .beam import Node
 from .coordinate import Coordinate, Damper, Friction, Spring, checked_coordinate
+from .stop import Stop
 
 
 class _Ground(Node):
@@ -46,7 +47,7 @@ class Joint:
     axis : (2,) float, optional
         Unit vector of the slide in the reference configuration.
     slide : Coordinate, optional
-        Spring, damper, friction and motor of the slide; None for a joint without slide.
+        Spring, damper, friction, stops and motor of the slide; None for a joint without slide.
     rotation : Coordinate, optional
         Those of the relative rotation psi_b - psi_a; None where it is fixed.
     number : int
@@ -109,7 +110,7 @@ class Joint:
         return slide, float(np.hypot(*(distance - along)))
 
     def check_start(self, size: float) -> None:
-        """Refuse nodes that do not fit the joint, and motors that do not start from zero.
+        """Refuse nodes that do not fit, motors that do not start from zero, and closed stops.
 
         Parameters
         ----------
@@ -119,9 +120,9 @@ class Joint:
         Raises
         ------
         SceneError
-            With the gap, or with the start value of the motor.
+            With the gap, the start value of the motor, or the place beyond a stop.
         """
-        _, gap = self.start()
+        slide, gap = self.start()
         if gap > 1e-9 * size:
             raise SceneError(
                 f"{self}: at the start there is a gap of {gap:.4g} between b and its position on "
@@ -135,6 +136,9 @@ class Joint:
                         f"{self}: the motor of its {name} is {place:g} at t = 0; it must start "
                         "from 0. Subtract the start value"
                     )
+            if coordinate is not None and coordinate.stop is not None:
+                place = slide if name == "slide" else 0.0
+                coordinate.stop.check_start(place, 1e-9 * unit, f"{self}: its {name}")
 
 
 def Rigid(a: Node, b: Node, offset=(0.0, 0.0)) -> Joint:
@@ -173,6 +177,7 @@ def Revolute(
     damper: Damper | None = None,
     motor=None,
     friction: Friction | None = None,
+    stop: Stop | tuple | None = None,
 ) -> Joint:
     """Revolute joint (hinge): b keeps its position on a and rotates freely.
 
@@ -188,6 +193,8 @@ def Revolute(
         ``motor(t)``, the relative rotation since the start [rad]; zero at t = 0.
     friction : Friction, optional
         On the relative rotation.
+    stop : Stop or (lower, upper, stiffness), optional
+        On the relative rotation [rad, N m/rad]; a limit may be None.
 
     Returns
     -------
@@ -206,7 +213,9 @@ def Revolute(
     >>> round(float(solution.joint(hinge).angle[-1]), 6)
     0.25
     """
-    rotation = checked_coordinate("motor of a revolute joint", spring, damper, motor, friction)
+    rotation = checked_coordinate(
+        "motor of a revolute joint", spring, damper, motor, friction, stop
+    )
     return _joint("Revolute", a, b, offset, rotation=rotation)
 
 
@@ -219,6 +228,7 @@ def Prismatic(
     damper: Damper | None = None,
     motor=None,
     friction: Friction | None = None,
+    stop: Stop | tuple | None = None,
 ) -> Joint:
     """Prismatic joint: b slides along an axis fixed to a, and rotates with a.
 
@@ -236,6 +246,8 @@ def Prismatic(
         ``motor(t)``, the slide since the start [m]; zero at t = 0.
     friction : Friction, optional
         On the slide.
+    stop : Stop or (lower, upper, stiffness), optional
+        On the slide [m, N/m]; a limit may be None.
 
     Returns
     -------
@@ -254,7 +266,7 @@ def Prismatic(
     >>> round(float(solution.slide(guide)[-1]), 6)
     -1.25
     """
-    slide = checked_coordinate("motor of a prismatic joint", spring, damper, motor, friction)
+    slide = checked_coordinate("motor of a prismatic joint", spring, damper, motor, friction, stop)
     return _joint("Prismatic", a, b, offset, axis, slide)
 
 
@@ -268,6 +280,7 @@ def PinInSlot(
     motor=None,
     hinge: Coordinate | None = None,
     friction: Friction | None = None,
+    stop: Stop | tuple | None = None,
 ) -> Joint:
     """Pin in a slot: b slides along an axis fixed to a, and rotates freely.
 
@@ -284,9 +297,11 @@ def PinInSlot(
     motor : callable, optional
         ``motor(t)``, the slide since the start [m]; zero at t = 0.
     hinge : Coordinate, optional
-        Spring, damper, friction and motor of the relative rotation.
+        Spring, damper, friction, stops and motor of the relative rotation.
     friction : Friction, optional
         On the slide.
+    stop : Stop or (lower, upper, stiffness), optional
+        On the slide [m, N/m]; a limit may be None.
 
     Returns
     -------
@@ -304,9 +319,9 @@ def PinInSlot(
     >>> roller.axis.round(3)
     array([0.707, 0.707])
     """
-    slide = checked_coordinate("motor of a pin in slot", spring, damper, motor, friction)
+    slide = checked_coordinate("motor of a pin in slot", spring, damper, motor, friction, stop)
     hinge = hinge or Coordinate()
-    parts = hinge.spring, hinge.damper, hinge.motor, hinge.friction
+    parts = hinge.spring, hinge.damper, hinge.motor, hinge.friction, hinge.stop
     rotation = checked_coordinate("hinge of a pin in slot", *parts)
     return _joint("PinInSlot", a, b, offset, axis, slide, rotation)
 

@@ -9,7 +9,7 @@ from typing import Any
 from fx_beam.errors import SceneError
 from fx_beam.validation import TimeFunction, require, time_function, vector
 
-from . import loads
+from . import loads, obstacles
 from .beam import COMPONENTS, Beam, Node
 from .body import Bodies, Body, check_body, velocities_of
 from .curve import Curve
@@ -24,8 +24,8 @@ class Scene(Bodies):
     Lengths in metres, masses in kilograms, times in seconds and angles in radians, or any other
     consistent units. Angles and moments are positive anticlockwise.
 
-    A copied or unpickled scene has its own nodes, beams, bodies and joints: take them from its
-    `beams`, `bodies` and `joints`.
+    A copied or unpickled scene has its own nodes, beams, bodies, joints and obstacles: take them
+    from its `beams`, `bodies`, `joints` and `obstacles`.
 
     Parameters
     ----------
@@ -60,6 +60,7 @@ class Scene(Bodies):
         self.velocities: list[loads.Velocity] = []
         self.virtual_works: list[loads.VirtualWork] = []
         self.joints: list[Joint] = []
+        self.obstacles: list[obstacles.Obstacle] = []
         #: Whether incompatible initial velocities are projected instead of refused.
         self.projects_velocities = False
 
@@ -219,6 +220,8 @@ class Scene(Bodies):
         The projection gives the nearest velocities in the norm of the mass matrix.
         """
         self.projects_velocities = True
+
+    add_obstacle = obstacles.add_obstacle
 
     # -- Masses and loads -----------------------------------------------------------------------
 

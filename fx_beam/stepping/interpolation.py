@@ -35,7 +35,7 @@ def at_times(
         t, steps["q"], times, row, breaks, 4 if len(model.scheme.fractions) == 1 else 6
     )
     found |= {"t": times, "q": q, "v": v if len(steps["v"]) else steps["v"]}
-    for name in ("t_level", "a", "reactions", "joint_forces", "motor_forces"):
+    for name in ("t_level", "a", "reactions", "joint_forces", "motor_forces", "contact_forces"):
         found[name] = steps[name][row] if len(steps[name]) else steps[name]
 
     def linear(values):

@@ -145,9 +145,8 @@ class LoadStepper:
     def _energy(self, state: State) -> float:
         """Stored and dissipated energy [J]."""
         model = self.model
-        springs = model.actuators.energy(state.q, state.slides, state.spring_internal)
         stored = model.forms.strain_energy(state.q, state.internal)
-        return stored + springs + state.dissipated
+        return stored + model.spring_energy(state) + state.dissipated
 
     def size(self, D: np.ndarray) -> float:
         """Root mean square of an increment (size,) over the nodes, in units of the scene."""

@@ -147,6 +147,8 @@ class Recorder:
             self.arrays["held"] = np.zeros((n, held))
             if joints:
                 self.arrays["joint_forces"] = np.zeros((n, 3 * joints))
+            if (contact := model.forms.contact) is not None:
+                self.arrays["contact_forces"] = np.zeros((n, 2 * len(contact.dofs)))
         self.plan(0, times, last=True)
 
     def plan(self, first: int, ends: np.ndarray, last: bool) -> None:
@@ -204,7 +206,6 @@ class Recorder:
         x = model.mesh.X + q[:, :2]
         potential = 0.0 if model.weight is None else -(model.weight @ state.q)
         strain = model.forms.strain_energy(state.q, state.internal)
-        springs = model.actuators.energy(state.q, state.slides, state.spring_internal)
         angular = x[:, 0] @ p[:, 1] - x[:, 1] @ p[:, 0] + p[:, 2].sum()
         values: dict[str, Any] = {
             "q": state.q,
@@ -215,12 +216,13 @@ class Recorder:
             "held": state.held,
             "slides": state.slides,
             "joint_forces": state.joint_forces,
+            "contact_forces": state.contact_forces,
             "energies": (
                 state.v @ momentum / 2,
                 strain,
                 potential,
                 state.work,
-                springs,
+                model.spring_energy(state),
                 state.dissipated,
                 state.algorithmic,
                 state.numerical,
@@ -267,6 +269,8 @@ class Recorder:
             first, numbers = len(model.prescribed), [joint.number for joint, _ in model.motors]
             motors[:, numbers] = kept["held"][:, first : first + len(numbers)]
         forces = kept.get("joint_forces", np.empty((0 if "held" not in kept else n, 3 * joints)))
+        contacts = 0 if model.forms.contact is None else len(model.forms.contact.dofs)
+        pushes = kept.get("contact_forces", np.empty((len(forces), 2 * contacts)))
         t = self._times[self._steps[:n]]
         return {
             "t": t,
@@ -278,6 +282,7 @@ class Recorder:
             "slides": kept.get("slides", np.empty((n, 0))),
             "joint_forces": forces.reshape(len(forces), joints, 3),
             "motor_forces": motors,
+            "contact_forces": pushes.reshape(len(pushes), contacts, 2),
             "internal": self._internal(),
             "spring_internal": kept.get("spring_internal"),
             "energy": Energy(*kept["energies"].T),

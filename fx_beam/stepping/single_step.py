@@ -94,6 +94,8 @@ class SingleStep:
             work += self._mid(new.added, old.added) @ path
         if self.joint_forces is not None:
             new.joint_forces = self.joint_forces.evaluate(step.r)
+        if model.forms.contact is not None:
+            new.contact_forces = model.forms.contact.forces(step.D)
         new.work = float(work)
 
     def _motor_paths(self, path: np.ndarray, new: State, old: State) -> np.ndarray:

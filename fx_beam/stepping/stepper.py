@@ -163,7 +163,7 @@ class Stepper:
         if len(fractions) > 1:  # means over the step, as for a scheme without sub-steps
             if self.model.nodal_rules is None:
                 end.a = (end.v - state.v) / (t1 - state.t)
-            for name in ("held", "joint_forces"):
+            for name in ("held", "joint_forces", "contact_forces"):
                 parts = [getattr(sub_step, name) for sub_step in states[1:]]
                 if parts[0] is not None:
                     setattr(end, name, np.tensordot(fractions, parts, 1))

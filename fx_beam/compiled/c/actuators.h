@@ -1,8 +1,9 @@
-/* Springs, dampers and friction (spring_dampers.py). */
+/* Springs, dampers, friction and stops (spring_dampers.py). */
 
 #pragma once
 
 #include "algebra.h"
+#include "impact.h"
 
 static double coordinate(const Problem *p, const Actuator *a) {
   return a->slide >= 0 ? p->slide[a->slide] : at(p->q, a->b[2]) - at(p->q, a->a[2]);
@@ -23,7 +24,7 @@ static double rate(const Problem *p, const Actuator *a) {
 static void begin_actuators(const Problem *p) {
   for (int i = 0; i < p->actuators; ++i) {
     Actuator *a = p->actuator + i;
-    a->start = coordinate(p, a), a->repeated = 0;
+    a->start = coordinate(p, a), a->last.repeated = a->last_stop.repeated = 0;
     /* At mid-step the rate is the mean rate; it does not depend on the rate at the start. */
     a->rate = p->level == 0.5 ? 0 : rate(p, a);
     if (a->variables)
@@ -53,6 +54,10 @@ static double stored(const Problem *p) {
     const Actuator *a = p->actuator + i;
     double x = coordinate(p, a) - a->rest;
     sum += a->k / 2 * x * x;
+    if (a->stop != 0) {
+      double place = x + a->rest, deep = fmax(a->limit[0] - place, place - a->limit[1]);
+      if (deep > 0) sum += a->stop / 2 * deep * deep;
+    }
     if (!a->elastic) continue;
     memcpy(a->given + 3, p->spring_internals + a->first, a->variables * sizeof(double));
     stretch(a, x, x, 1);
@@ -69,14 +74,18 @@ static double resistance(const Actuator *a, double rate, double *slope) {
   return a->friction != 0 ? force + a->friction * tanh(rate / a->speed) : force;
 }
 
-/* Derivative of the friction with which Newton's method does not jump to and fro. */
-static double friction_slope(Actuator *a, double rate) {
-  double x = rate / a->speed, y = tanh(x), s = 1, bend = 2 * x / 3;
-  if (fabs(x) >= 1e-4) s = x / y, bend = (1 - (1 - y * y) * s) / y;
-  double expected = a->last_y + a->last_slope * (x - a->last_x);
-  expected = a->repeated ? fmin(1, fmax(-1, expected)) : y;
-  a->repeated = 1, a->last_x = x, a->last_y = y, a->last_slope = (1 - expected * bend) / s;
-  return a->friction / a->speed * a->last_slope;
+/* Adds the forces of the stops and their slopes; returns the sum of both forces, and its slope. */
+static double block(const Problem *p, const Actuator *a, double change, double *force, double *stiff,
+                    double *grows) {
+  double sum = 0;
+  *grows = 0;
+  for (int i = 0; i < 2; ++i) {
+    double sign = i ? -1 : 1, g0 = sign * (a->start - a->limit[i]), by_gap;
+    double pushed = push(a->stop, g0, g0 + sign * change, p->level, &by_gap);
+    sum += pushed, *grows += sign * by_gap;
+    *force -= sign * pushed, *stiff -= by_gap;
+  }
+  return sum;
 }
 
 static void actuate(const Problem *p, const Work *w) {
@@ -98,7 +107,9 @@ static void actuate(const Problem *p, const Work *w) {
     }
     double level = p->level, elastic = a->k * (a->start + level * change - a->rest), slope;
     double stiff = a->k * level, taken = 0, x0 = a->start - a->rest;
+    double pushing = 0, grows = 0;
     a->change = change;
+    if (a->stop != 0) pushing = block(p, a, change, &elastic, &stiff, &grows);
     if (a->elastic) {
       stretch(a, x0, x0 + change, w->dt);
       elastic += a->found[0], stiff += a->found[1], taken = a->found[2];
@@ -106,10 +117,18 @@ static void actuate(const Problem *p, const Work *w) {
     double rate = a->rate + 2 * level * (path / w->dt - a->rate);
     a->lost = resistance(a, path / w->dt, &slope) * path + taken;
     a->force = elastic * ratio + resistance(a, rate, &slope);
-    if (a->friction != 0) slope += friction_slope(a, rate);
+    if (a->friction != 0)
+      slope += a->friction / a->speed * friction_slope(&a->last, rate / a->speed);
+    if (a->loss != 0) {
+      double x = rate / a->stop_speed, lossy = a->loss * pushing;
+      a->lost += lossy * tanh(path / w->dt / a->stop_speed) * path;
+      a->force += lossy * tanh(x), grows *= a->loss * tanh(x);
+      slope += lossy / a->stop_speed * friction_slope(&a->last_stop, x);
+    } else
+      grows = 0;
     double steep = 2 * level * slope / w->dt;
-    a->slope_a = -stiff * ratio + elastic * by_a - steep * slope_a;
-    a->slope_b = stiff * ratio + elastic * by_b + steep * slope_b;
+    a->slope_a = -stiff * ratio + elastic * by_a - steep * slope_a - grows;
+    a->slope_b = stiff * ratio + elastic * by_b + steep * slope_b + grows;
   }
 }
 

@@ -37,8 +37,8 @@ static double energy_of(const Problem *p, const Work *w, const Form *form) {
   return assemble_scalar(p, form, w->fields);
 }
 
-/* Adds the work of dead loads, driven motion and added forces, and the losses of dampers, material
-   and drag. The forces that are recorded are means over the sub-steps. */
+/* Adds the work of dead loads, driven motion and added forces, and the losses of dampers, material,
+   drag and contact. The forces that are recorded are means over the sub-steps. */
 static void audit(Problem *p, const Work *w, const double *change, int sub_step) {
   int n = p->dofs, held = p->columns - p->free;
   work_increment(p, w);
@@ -47,6 +47,7 @@ static void audit(Problem *p, const Work *w, const double *change, int sub_step)
   double taken = energy_of(p, w, &p->taken);
   p->dissipated += energy_of(p, w, &p->lost) + taken;
   p->dissipated += energy_of(p, w, &p->lost_to_drag) + lost_to_drags(p, w);
+  p->dissipated += lost_in_contacts(p, w);
   p->numerical += taken;
   p->algorithmic = energy_of(p, w, &p->held_by_scheme);
   project(p, w, w->r, w->columns);
@@ -155,7 +156,7 @@ int fx_run(Problem *p, int steps, double dt, const Inputs *inputs, Record *to) {
         if (i > 0) undo(p, w, before);
         return k;
       }
-      if (wanted) record_joint_forces(p, w, i, to);
+      if (wanted) record_joint_forces(p, w, i, to), record_contacts(p, w, i, to);
       advance(p, w, inputs->driven + number * p->driven);
     }
     if (p->controlled) {

@@ -3,6 +3,7 @@
 #pragma once
 
 #include "assembly.h"
+#include "contact.h"
 #include "couplings.h"
 #include "drag.h"
 #include "factors.h"
@@ -26,6 +27,7 @@ static void assemble(const Problem *p, const Work *w) {
   assemble_forces(p, &p->internal, w->fields, w->f, K);
   assemble_forces(p, &p->drag, w->fields, w->f, K);
   add_drags(p, w, w->f, K);
+  add_contacts(p, w, w->f, K);
   add_thrusts(p, w, -1, w->f);
   add_thrust_tangent(p, w, K);
   if (p->rules)
@@ -168,6 +170,7 @@ static int newton(Problem *p, const Work *w, const double *driven, int order) {
       for (int i = 0; i < free; ++i) w->z[i] += factor * p->past_y[k * free + i];
     for (int i = 0; i < p->driven; ++i) w->z[free + i] = driven[i];
   }
+  begin_contacts(p);
   if (!begin_couplings(p, w)) return SINGULAR;
   if (!expand(p, w)) return NO_CONVERGENCE;
   LAP(COUPLINGS);

@@ -49,21 +49,35 @@ typedef struct {
 typedef void Law(double *, const double *, const double *, const double *, const int *,
                  const unsigned char *, void *);
 
-/* A spring, damper and friction on the slide of a joint, or on the angle between its nodes. */
+/* Friction in the last iteration: whether there was one, rate / speed, force / friction, derivative. */
+typedef struct {
+  int repeated;
+  double x, y, slope;
+} Rubbing;
+
+/* A spring, damper, friction and stops on the slide of a joint, or on the angle between its nodes. */
 typedef struct {
   int slide, column;   /* number of the joint and its column, or -1 */
   int a[3], b[3];      /* degrees of freedom of the nodes; -1 for the ground */
   double axis[2], offset[2];
   double k, rest, c, friction, speed;
+  double stop, limit[2], loss, stop_speed; /* stiffness of the stops, or 0; lower and upper limit */
   Law *law, *elastic;   /* of the damper, of the spring's own energy; may be null */
   int variables, first; /* internal variables of the spring, and the first of them among all */
   double *given, *found; /* coordinates, length of the step, variables; force, slope, loss, energy, variables */
   double start, rate, force, lost, slope_a, slope_b; /* in the present step */
   double change, along;  /* of the coordinate: in the step, and by the last correction */
   double tangent[3];     /* change, force and slope of the own energy where the tangent is from */
-  int repeated;         /* whether there was an iteration: rate / speed, force / friction, derivative */
-  double last_x, last_y, last_slope;
+  Rubbing last, last_stop;
 } Actuator;
+
+/* Contact of a node with a line, or with the outside (side 1) or inside (-1) of a circle. */
+typedef struct {
+  int dof[2], place[4]; /* storage indices of xx, xy, yx, yy */
+  double X[2], point[2], normal[2], radius, side, k, loss, speed;
+  double r0[2], g0, rate0; /* at the start of the step */
+  Rubbing last;
+} Contact;
 
 typedef struct {
   int dofs, cells, cell_dofs, cell_coordinates, columns, free, driven;
@@ -148,6 +162,9 @@ typedef struct {
   int drags, *drag_dofs, *drag_places;
   double *drag_factors;
 
+  int contacts;
+  Contact *contact;
+
   /* Rule for the rates: 0 mid-point, 1 Newmark. Sub-steps, relative to a step. */
   int rule;
   double level, beta, gamma, alpha_m;
@@ -217,7 +234,8 @@ typedef struct {
   double *before_q, *before_v, *before_a; /* at the starts of the sub-steps of the last part */
   double *before_internal;
   double *earlier_q, *memory;   /* start of the part before that, and ratio of their lengths */
-  double *q, *v, *a, *internal, *spring_internal, *held, *slides, *joint_forces, *energies, *momenta;
+  double *q, *v, *a, *internal, *spring_internal, *held, *slides, *joint_forces, *contact_forces;
+  double *energies, *momenta;
 } Record;
 
 /* Inputs of each sub-step; with a stride of 0 all have those of the first. */

@@ -3,6 +3,7 @@
 #pragma once
 
 #include "assembly.h"
+#include "contact.h"
 #include "couplings.h"
 
 /* Adds the joint forces of a sub-step to their mean over the step. */
@@ -61,7 +62,7 @@ static void record(Problem *p, const Work *w, Record *to) {
   energy[1] = assemble_scalar(p, &p->energy, w->fields);
   if (p->weight)
     for (int i = 0; i < n; ++i) energy[2] -= p->weight[i] * p->q[i];
-  energy[3] = p->work, energy[4] = stored(p), energy[5] = p->dissipated;
+  energy[3] = p->work, energy[4] = stored(p) + stored_in_contacts(p), energy[5] = p->dissipated;
   energy[6] = p->algorithmic, energy[7] = p->numerical;
   if (to->memory) to->memory[k] = p->ratio;
   for (int i = 0; i < p->nodes; ++i) {

@@ -1,0 +1,69 @@
+"""Gaps and forces at an obstacle over time."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from fx_beam.scene.beam import Beam
+from fx_beam.scene.obstacles import Obstacle
+
+
+@dataclass(frozen=True, repr=False)
+class Contact:
+    """Gaps and forces at an obstacle over time; created by `Solution.contact`.
+
+    Parameters
+    ----------
+    solution : Solution
+        The solution.
+    obstacle : Obstacle
+        One of its obstacles.
+
+    Examples
+    --------
+    A load presses the tip of a cantilever against a stop, 1 mm below it.
+
+    >>> import fx_beam as fb
+    >>> scene = fb.Scene()
+    >>> beam = scene.add_beam([(0, 0), (1, 0)], fb.Section(EA=1e6, GA=1e6, EI=1e3), elements=8)
+    >>> scene.clamp(beam.start)
+    >>> scene.add_force(beam.end, (0.0, -10.0))
+    >>> stop = scene.add_obstacle(beam.end, fb.Line((0, -1e-3), normal=(0, 1)), stiffness=1e9)
+    >>> contact = fb.static(scene).contact(stop)
+    >>> contact.force[-1].round(1), bool(contact.gap.min() > -1e-8)
+    (array([[0., 7.]]), True)
+    """
+
+    solution: Any
+    obstacle: Obstacle
+
+    def __repr__(self):
+        return f"<{self.obstacle} over {len(self.solution.t)} rows>"
+
+    @property
+    def nodes(self) -> np.ndarray:
+        """Numbers (m,) of the nodes, along the beam; rows of `Solution.X`."""
+        return self._nodes_of(self.obstacle)
+
+    @property
+    def gap(self) -> np.ndarray:
+        """Distance (n, m) of the nodes from the obstacle [m]; negative behind it."""
+        nodes = self.nodes
+        places = self.solution.X[nodes] + self.solution.recorded("q")[:, nodes, :2]
+        return self.obstacle.shape.gap(places)
+
+    @property
+    def force(self) -> np.ndarray:
+        """Forces (n, m, 2) on the nodes at `Solution.t_level` [N]."""
+        before = self.solution.obstacles[: self.obstacle.number]
+        first = sum(len(self._nodes_of(other)) for other in before)
+        return self.solution.recorded("contact_forces")[:, first : first + len(self.nodes)]
+
+    def _nodes_of(self, obstacle: Obstacle) -> np.ndarray:
+        target = obstacle.target
+        if isinstance(target, Beam):
+            return self.solution.nodes_of_beam[target.name]
+        return np.array([target.number])

@@ -1,0 +1,250 @@
+"""Obstacles: fixed lines and circles that nodes cannot enter, as plain data."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from fx_beam.errors import SceneError
+from fx_beam.validation import is_number, vector
+
+from .beam import Beam, Node, inner_positions
+from .loads import check_beam, check_node, label
+from .stop import check_impact, loss_of
+
+
+@dataclass(frozen=True)
+class Line:
+    """A fixed straight wall; nodes stay on the side to which its normal points.
+
+    Parameters
+    ----------
+    point : (x, y)
+        A point of the wall [m].
+    normal : (x, y)
+        Direction from the wall to the free side, of any length.
+
+    Raises
+    ------
+    SceneError
+        For a normal without direction, or values that are not finite.
+
+    Examples
+    --------
+    >>> import fx_beam as fb
+    >>> floor = fb.Line((0, -1), normal=(0, 2))
+    >>> float(floor.gap((5.0, 0.5)))
+    1.5
+    """
+
+    point: Any
+    normal: Any
+
+    def __post_init__(self):
+        normal = vector(self.normal, 2, "Line: normal")
+        if not normal.any():
+            raise SceneError(f"Line: normal = {self.normal!r} has no direction")
+        x, y = (float(part) for part in normal / np.hypot(*normal))
+        object.__setattr__(self, "normal", (x, y))
+        place = vector(self.point, 2, "Line: point")
+        object.__setattr__(self, "point", tuple(place.tolist()))
+
+    def gap(self, places) -> np.ndarray:
+        """Distance of places from the wall.
+
+        Parameters
+        ----------
+        places : (..., 2) float
+            Positions [m].
+
+        Returns
+        -------
+        (...) float
+            Distance [m]; negative behind the wall.
+        """
+        return (np.asarray(places) - self.point) @ np.array(self.normal)
+
+
+@dataclass(frozen=True)
+class Circle:
+    """A fixed circle; nodes stay outside of it, or inside.
+
+    Parameters
+    ----------
+    centre : (x, y)
+        Its centre [m].
+    radius : float
+        Its radius [m].
+    inside : bool
+        Whether nodes stay inside.
+
+    Raises
+    ------
+    SceneError
+        For a radius that is not positive, or values that are not finite.
+
+    Examples
+    --------
+    >>> import fx_beam as fb
+    >>> fb.Circle((0, 0), 2.0).gap([(3.0, 0.0), (0.0, 1.0)])
+    array([ 1., -1.])
+    """
+
+    centre: Any
+    radius: float
+    inside: bool = False
+
+    def __post_init__(self):
+        if not (is_number(self.radius) and self.radius > 0):
+            raise SceneError(f"Circle: radius = {self.radius!r} must be finite and positive")
+        if not isinstance(self.inside, bool | np.bool_):
+            raise SceneError(f"Circle: inside = {self.inside!r} must be True or False")
+        centre = vector(self.centre, 2, "Circle: centre")
+        object.__setattr__(self, "centre", tuple(centre.tolist()))
+
+    def gap(self, places) -> np.ndarray:
+        """Distance of places from the circle.
+
+        Parameters
+        ----------
+        places : (..., 2) float
+            Positions [m].
+
+        Returns
+        -------
+        (...) float
+            Distance [m]; negative on the side that is not allowed.
+        """
+        x, y = np.moveaxis(np.asarray(places) - self.centre, -1, 0)
+        distance = np.hypot(x, y) - self.radius
+        return -distance if self.inside else distance
+
+
+@dataclass(frozen=True, eq=False)
+class Obstacle:
+    """A line or circle that a node, or all nodes of a beam, may touch but not enter.
+
+    Created by `Scene.add_obstacle`.
+
+    Parameters
+    ----------
+    target : Node or Beam
+        What it stops.
+    shape : Line or Circle
+        The line or circle.
+    stiffness : float
+        Stiffness of a node [N/m], of a beam per length [N/m^2].
+    restitution : float
+        Coefficient of restitution e.
+    speed : float, optional
+        Speed below which the loss is viscous [m/s].
+    number : int
+        Index in the scene's obstacles.
+
+    Examples
+    --------
+    >>> import fx_beam as fb
+    >>> scene = fb.Scene()
+    >>> beam = scene.add_beam([(0, 1), (1, 1)], fb.Section(EA=1.0, GA=1.0, EI=1.0), name="bar")
+    >>> print(scene.add_obstacle(beam, fb.Line((0, 0), normal=(0, 1)), stiffness=1e3))
+    obstacle 0, Line for beam 'bar'
+    """
+
+    target: Node | Beam
+    shape: Line | Circle
+    stiffness: float
+    restitution: float = 1.0
+    speed: float | None = None
+    number: int = -1
+
+    def __str__(self):
+        number = "" if self.number < 0 else f"obstacle {self.number}, "
+        return f"{number}{type(self.shape).__name__} for {label(self.target)}"
+
+    @property
+    def loss(self) -> float:
+        """Dissipative part r of the force, relative to the elastic part."""
+        return loss_of(self.restitution)
+
+
+def add_obstacle(
+    scene,
+    target: Beam | Node,
+    obstacle: Line | Circle,
+    stiffness: float,
+    restitution: float = 1.0,
+    speed: float | None = None,
+) -> Obstacle:
+    """Add a fixed line or circle that a node, or all nodes of a beam, cannot enter.
+
+    A node that is behind it by d is pushed back along the normal, without friction, by k d (1 + r
+    tanh(rate of d / speed)), r = (1 - e^2) / (1 + e^2), as by a `Stop`. The energy k d^2 / 2 is
+    stored. A beam is stopped at its nodes, those inside its elements included, in proportion to the
+    length of beam that belongs to each; between its nodes it may cut a corner.
+
+    Parameters
+    ----------
+    scene : Scene
+        The scene.
+    target : Beam or Node
+        What is stopped. Other members pass.
+    obstacle : Line or Circle
+        The fixed line or circle.
+    stiffness : float
+        Stiffness k of a node [N/m], of a beam per length [N/m^2].
+    restitution : float
+        Coefficient of restitution e from 0 to 1, of each node; 1 returns all energy.
+    speed : float, optional
+        Speed below which the loss is viscous [m/s]; required for e < 1.
+
+    Returns
+    -------
+    Obstacle
+        The numbered obstacle, for `Solution.contact`.
+
+    Raises
+    ------
+    SceneError
+        For a target of another scene, a value out of range, or a node that starts behind it.
+
+    Examples
+    --------
+    A bar that falls on a floor and bounces.
+
+    >>> import fx_beam as fb
+    >>> scene = fb.Scene(gravity=(0, -10))
+    >>> section = fb.Section(EA=1e5, GA=1e5, EI=1e3, rhoA=1.0, rhoI=0.01)
+    >>> bar = scene.add_beam([(0, 0.2), (1, 0.2)], section, elements=2)
+    >>> floor = scene.add_obstacle(bar, fb.Line((0, 0), normal=(0, 1)), stiffness=1e5)
+    >>> solution = fb.simulate(scene, dt=1e-3, t_end=0.4)
+    >>> bool(solution.contact(floor).gap.min() > -0.01)
+    True
+    >>> bool(abs(solution.energy.balance_error).max() < 1e-11)
+    True
+    """
+    check = check_beam if isinstance(target, Beam) else check_node
+    check(scene, target, "obstacle")
+    if not isinstance(obstacle, Line | Circle):
+        raise SceneError(
+            f"add_obstacle needs an fx_beam.Line or an fx_beam.Circle, not {obstacle!r}"
+        )
+    check_impact(f"obstacle for {label(target)}", stiffness, restitution, speed)
+    added = Obstacle(
+        target, obstacle, float(stiffness), float(restitution), speed, len(scene.obstacles)
+    )
+    nodes = target.nodes if isinstance(target, Beam) else (target,)
+    places = np.array([(node.x, node.y) for node in nodes])
+    if isinstance(target, Beam):
+        places = np.concatenate([places, inner_positions(target)])
+    gaps = obstacle.gap(places)
+    deepest = int(np.argmin(gaps))
+    if gaps[deepest] < -1e-9 * max(scene._size, float(np.ptp(places, axis=0).max())):
+        x, y = places[deepest]
+        raise SceneError(
+            f"{added}: the node at ({x:.6g}, {y:.6g}) starts {-gaps[deepest]:.4g} behind it. Move "
+            "it, or give the other side: the opposite normal of a Line, or inside of a Circle"
+        )
+    scene.obstacles.append(added)
+    return added
