@@ -78,6 +78,11 @@ class Actuators:
         """Whether a spring has a stored energy of its own."""
         return any(actuator.elastic for actuator in self._all)
 
+    @property
+    def have_stops(self) -> bool:
+        """Whether a coordinate has stops."""
+        return any(actuator.stop for actuator in self._all)
+
     def remember(self) -> None:
         """Keep the tangents of the springs' own energies for `deviation`."""
         for actuator in self._all:

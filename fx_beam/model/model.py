@@ -62,8 +62,22 @@ class Model:
 
     @property
     def may_overshoot(self) -> bool:
-        """Whether corrections of Newton's method may be far too long: internal variables, laws."""
-        return self.forms.internal_shape[-1] > 0 or self.actuators.have_laws
+        """Whether corrections of Newton's method may be far too long."""
+        return self.may_overshoot_anywhere or self.actuators.have_laws
+
+    @property
+    def may_overshoot_anywhere(self) -> bool:
+        """Whether this is so not only in springs: internal variables; contact in equilibrium.
+
+        In motions the force of a contact over a step is smooth and convex.
+        """
+        at_rest = self.scheme.rates.at_rest
+        return self.forms.internal_shape[-1] > 0 or (at_rest and self.has_contact)
+
+    @property
+    def has_contact(self) -> bool:
+        """Whether there are obstacles or stops."""
+        return self.forms.contact is not None or self.actuators.have_stops
 
     def spring_energy(self, state: State) -> float:
         """Energy stored in springs, stops and obstacles [J]."""

@@ -129,6 +129,9 @@ class AdaptiveRun:
             # Only the first length may be far too small; at breaks a trial is lost time.
             search = self._search and stats.steps == 0
             self._halvings = 0
+            if ratio is not None and ratio > 1:
+                # Longer trials may reach a contact that shorter ones do not: do not try them again.
+                longest = min(longest, dt / 2)
             if not control.retry(dt, ratio or 0.0, longest if search else dt):
                 break
             if control.too_short:

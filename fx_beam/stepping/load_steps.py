@@ -104,8 +104,9 @@ class LoadStepper:
         self.stats.add_solve(step.iterations, step.ended_by)
         self.iterations = step.iterations
         self.deviation = self.size(step.D - step.predicted) / (self.size(step.predicted) or 1.0)
-        if self.model.forms.internal_shape[-1] or self.model.actuators.width:
-            self.deviation = 0.0  # the predictor is elastic, and flow may leave it at once
+        model = self.model
+        if model.forms.internal_shape[-1] or model.actuators.width or model.has_contact:
+            self.deviation = 0.0  # flow, or a contact that closes, may leave the predictor at once
 
     def is_still(self, D: np.ndarray) -> bool:
         """Whether an increment (size,) is zero within the tolerance of Newton's method."""

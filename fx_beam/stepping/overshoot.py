@@ -24,10 +24,11 @@ def without_overshoot(
 ) -> tuple[np.ndarray, Balance]:
     """Unknowns (free,) and equations where the residual does no more work on the last correction.
 
-    Where elements or springs unload that have flowed, the tangent is far too soft.
+    Where a contact closes, or elements or springs unload that have flowed, the tangent is far too
+    soft.
     """
     start = y + step
-    if not model.forms.internal_shape[-1]:
+    if not model.may_overshoot_anywhere:
         # Springs alone: stiff members that turn do work as well, which is none of their business.
         deviation = model.actuators.deviation(step)
 
