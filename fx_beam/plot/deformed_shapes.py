@@ -21,6 +21,7 @@ from fx_beam.scene.beam import Node
 
 from .colouring import SEQUENTIAL, Colouring
 from .frames import check_frames, write_frames
+from .obstacles import obstacles_on_axes
 from .symbols import Drawing, axis, draw_marks, draw_supports, draw_symbols
 
 _BEAM_COLOURS = "#0072B2", "#009E73", "#CC79A7", "#E69F00", "#56B4E9"
@@ -39,7 +40,8 @@ def shapes(
     """Picture of superposed deformed shapes, coloured by time or by the order of load steps.
 
     Discs are lumped masses, white rings are hinges, squares on dotted lines are slides, arrows are
-    forces on nodes. A zigzag or a spiral is the spring of a joint, a cup its damper.
+    forces on nodes. A zigzag or a spiral is the spring of a joint, a cup its damper. Grey hatched
+    lines and circles are obstacles.
 
     Parameters
     ----------
@@ -66,6 +68,7 @@ def shapes(
     low, high = drawing.window
     fig, ax = _plane(low, high, length_unit, width=6.4)
     ax.set_title(_title(drawing), fontsize="medium")
+    obstacles_on_axes(ax, drawing)
     bar = ax.inset_axes((1.03, 0, 0.03, 1))
     shades: Any
     if colour is None:
@@ -131,6 +134,7 @@ def animate(
     flat = high[0] - low[0] > 1.6 * (high[1] - low[1])
     fig, ax = _plane(low, high, length_unit, width=7.0 if flat else 5.0)
     ax.set_title(_title(drawing), loc="right", fontsize="small")
+    obstacles_on_axes(ax, drawing)
     clock = ax.set_title(" ", loc="left", family="monospace", fontsize="small")
     (past,) = ax.plot([], [], color="0.65", linewidth=1.0, zorder=1)
     members = _members(fig, ax, drawing, colour, length_unit)

@@ -17,6 +17,7 @@ from fx_beam.scene.scene import Scene
 
 from .actions import draw_actions
 from .grounds import draw_grounds, draw_guides
+from .obstacles import obstacles_on_sheet
 from .sheet import Sheet
 from .symbols import Drawing, draw_parts
 
@@ -40,7 +41,8 @@ def scene(
     of mass to their points, with the area between them. Hatched lines are the ground. A pin is a
     triangle, a roller a triangle with a gap, a clamp a wall. Rings are hinges, squares on dotted
     lines are slides, discs are lumped masses. A zigzag or a spiral is the spring of a joint, a cup
-    its damper, two thick strokes its friction. Beams and nodes with drag have the word "drag".
+    its damper, two thick strokes its friction. Grey hatched lines and circles are obstacles; stops
+    of joints are not drawn. Beams and nodes with drag have the word "drag".
     Arrows of forces end at their nodes, those of initial velocities start there.
     Prescribed motions and motors have arrows with two heads. Loads that are functions of time are
     drawn with their largest value. Added virtual works are not drawn.
@@ -80,6 +82,7 @@ def scene(
     everything = np.concatenate([*axes.values(), np.reshape(ends, (-1, 2))])
     sheet = Sheet(float(np.ptp(everything, axis=0).max()))
     _members(sheet, scene, axes)
+    obstacles_on_sheet(sheet, scene.obstacles, everything)
     draw_grounds(sheet, scene)
     draw_guides(sheet, scene)
     sheet.see(draw_parts(sheet.ax, drawing, 0))

@@ -1,0 +1,78 @@
+"""Obstacles in pictures: lines and circles, hatched on the side that nodes cannot enter."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+from typing import Any
+
+import numpy as np
+
+from fx_beam.scene.obstacles import Circle, Line, Obstacle
+
+from .sheet import Sheet
+from .symbols import Drawing
+
+# Fractions of the picture's size: what is drawn beyond the nearest places, distance and length of
+# the strokes. An obstacle farther away than the size is not drawn.
+_BEYOND, _APART, _STROKE = 0.1, 0.03, 0.016
+_LOOK: dict[str, Any] = {"color": "0.35", "zorder": 1}
+
+
+def obstacles_on_sheet(sheet: Sheet, obstacles: Iterable[Obstacle], places: np.ndarray) -> None:
+    """Draw obstacles near the places (n, 2) of the members."""
+    for line, starts, ends in _outlines(obstacles, places, sheet.size):
+        sheet.line(line, linewidth=1.4, **_LOOK)
+        sheet.strokes(starts, ends, linewidth=0.7, **_LOOK)
+
+
+def obstacles_on_axes(ax, drawing: Drawing) -> None:
+    """Draw the obstacles of a solution near its shapes."""
+    names, rows = drawing.solution.beams, list(drawing.rows)
+    places = np.concatenate([drawing.axis(name, rows).reshape(-1, 2) for name in names])
+    for line, starts, ends in _outlines(drawing.solution.obstacles, places, drawing.size):
+        ax.plot(*line.T, linewidth=1.4, **_LOOK)
+        strokes = np.stack([starts, ends, np.full_like(starts, np.nan)], axis=1).reshape(-1, 2)
+        ax.plot(*strokes.T, linewidth=0.7, **_LOOK)
+
+
+def _outlines(
+    obstacles: Iterable[Obstacle], places: np.ndarray, size: float
+) -> Iterator[tuple[np.ndarray, ...]]:
+    """Points (n, 2) of the line, and starts and ends (m, 2) of the strokes, of each shape."""
+    for shape in dict.fromkeys(obstacle.shape for obstacle in obstacles):
+        if abs(shape.gap(places)).min() > size:
+            continue
+        if isinstance(shape, Circle):
+            line, away = _arc(shape, places, size)
+        else:
+            line, away = _straight(shape, places, size)
+        s = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(line, axis=0).T))])
+        at = np.arange(0.5 * _APART * size, s[-1], _APART * size)
+        starts, out = (
+            np.column_stack([np.interp(at, s, values[:, i]) for i in (0, 1)])
+            for values in (line, away)
+        )
+        aside = 0.8 * out[:, ::-1] * (1, -1)
+        yield line, starts, starts + _STROKE * size * (out + aside)
+
+
+def _straight(shape: Line, places: np.ndarray, size: float) -> tuple[np.ndarray, np.ndarray]:
+    """Ends (2, 2) of the line, and its directions (2, 2) away from the free side."""
+    x, y = shape.normal
+    along = np.array([-y, x])
+    s = (places - shape.point) @ along
+    reach = np.array([s.min() - _BEYOND * size, s.max() + _BEYOND * size])
+    return shape.point + reach[:, None] * along, np.tile((-x, -y), (2, 1))
+
+
+def _arc(shape: Circle, places: np.ndarray, size: float) -> tuple[np.ndarray, np.ndarray]:
+    """Points (n, 2) of the circle or of its near part, and directions away from the free side."""
+    middle, half = 0.0, np.pi
+    if shape.radius > 2 * size:
+        arms = places - shape.centre
+        middle = np.arctan2(*arms.mean(axis=0)[::-1])
+        apart = np.angle(np.exp(1j * (np.arctan2(*arms.T[::-1]) - middle)))
+        half = min(np.pi, abs(apart).max() + _BEYOND * size / shape.radius)
+    angle = middle + np.linspace(-half, half, 181)
+    out = np.column_stack([np.cos(angle), np.sin(angle)])
+    return shape.centre + shape.radius * out, out if shape.inside else -out
