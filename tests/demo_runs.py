@@ -48,6 +48,8 @@ PICTURES = {
     "relaxation": ("tests.png",),
     "plasticity": ("scene.png", "loops.png", "ring.png", "motion.gif"),
     "andrews": ("scene.png", "shapes.png", "angles.png", "motion.gif"),
+    "whip_stop": ("scene.png", "shapes.png", "force_and_energy.png", "motion.gif"),
+    "falling_ring": ("scene.png", "shapes.png", "height_and_energy.png", "motion.gif"),
     "own_physics": ("scene.png", "energy.png", "motion.gif"),
 }
 # Fewer runs than in the gallery, in a thread: a process could not import what a test has loaded.

@@ -195,7 +195,7 @@ def add_obstacle(
     stiffness : float
         Stiffness k of a node [N/m], of a beam per length [N/m^2].
     restitution : float
-        Coefficient of restitution e from 0 to 1, of each node; 1 returns all energy.
+        Coefficient of restitution e from 0 to 1 of each node, as of a `Stop`; 1 returns all energy.
     speed : float, optional
         Speed below which the loss is viscous [m/s]; required for e < 1.
 

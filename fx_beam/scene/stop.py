@@ -7,6 +7,10 @@ from dataclasses import dataclass
 from fx_beam.errors import SceneError
 from fx_beam.validation import is_number
 
+# With less a contact opens without a force, and Newton's method has no slope: of 1000 steps of an
+# elastic ring on a plane 94 had to be halved with 0, none with 0.02.
+_LEAST = 0.02
+
 
 @dataclass(frozen=True)
 class Stop:
@@ -26,8 +30,8 @@ class Stop:
         far and stays pi sqrt(m / k).
     restitution : float
         Coefficient of restitution e from 0 to 1: the speed after an impact, relative to that before
-        it. It holds for impacts far above `speed`: at v the square of the ratio is larger by the
-        fraction (1 - e^2) pi^2 / 12 (speed / v)^2.
+        it; below 0.02 it is 0.02. It holds for impacts at v far above `speed`: the square of the
+        ratio is larger by c (speed / v)^2, with c = 0.16, 0.98, 3.3 for e = 0.9, 0.5, 0.2.
     speed : float, optional
         Rate [m/s or rad/s] below which the loss is viscous; required for e < 1. Try a hundredth of
         the speed of the impacts. At rest the force is k d, without a loss.
@@ -118,7 +122,8 @@ def as_stop(given) -> Stop | None:
 
 def loss_of(restitution: float) -> float:
     """r = (1 - e^2) / (1 + e^2), so that the forces out and in have the ratio e^2."""
-    return (1 - restitution**2) / (1 + restitution**2)
+    e = max(restitution, _LEAST)
+    return (1 - e**2) / (1 + e**2)
 
 
 def check_impact(what: str, stiffness, restitution, speed) -> None:
