@@ -32,11 +32,11 @@ class Energy:
     work : (n,) float
         Work since the start of loads, prescribed motions, motors and added virtual works.
     springs : (n,) float, optional
-        Stored energy of the springs of joints; zero by default.
+        Stored energy of springs and stops of joints, and of obstacles; zero by default.
     dissipated : (n,) float, optional
         Energy taken since the start by dampers and friction of joints, by drag, by the material
-        (`retardation` and `internal` variables of sections and springs) and by `EnergyDecaying`; it
-        never decreases, except where `Stats.amplified` counts steps. Zero by default.
+        (`retardation` and `internal` variables of sections and springs), by the restitution of
+        stops and obstacles and by `EnergyDecaying`; it never decreases, except where `Stats.amplified` counts steps. Zero by default.
     algorithmic : (n,) float, optional
         Energy that `EnergyDecaying` of order 2 holds for the next step; part of the balance, not of
         `total`. Zero by default.
@@ -70,7 +70,7 @@ class Energy:
 
     @property
     def stored(self) -> np.ndarray:
-        """Energy stored in beams and springs (n,) [J]."""
+        """Energy stored in beams, springs, stops and obstacles (n,) [J]."""
         return self.strain + self.springs
 
     @property
