@@ -41,7 +41,7 @@ SCHEMES = {
 PENDULUM, PINNED, SWING, MULTIBODY = map(
     demo, ("pendulum", "pinned_beam", "three_bar_swing", "multibody")
 )
-SCAN = demo("damping_scan")
+SCAN, WHIP, RING = map(demo, ("damping_scan", "whip_stop", "falling_ring"))
 STEPS = 500  # of most runs
 
 
@@ -344,7 +344,36 @@ def long_runs(quick):
         yield Case("Many steps, dt = 0.01 s", label, scene, 0.01, 0.01 * many, drifts=True)
 
 
-GROUPS = stiffness, frequency, masses, meshes, spins, loads, steps, softness, long_runs
+def whip(**contact):
+    return WHIP.scene(**contact)[0]
+
+
+def ring(**contact):
+    return RING.scene(**contact)[0]
+
+
+def on_whip(group, label, dt=WHIP.DT, **contact):
+    return Case(group, label, partial(whip, **contact), dt, WHIP.T_END)
+
+
+def stops(quick):
+    """Contacts that are stiff, steps far longer than they, and a loss."""
+    group = f"Whip, dt = {WHIP.DT:g} s: stiffness of the peg [N/m2]"
+    for label, stiffness in powers(*(7,) if quick else (4, 6, 8, 10, 12)):
+        yield on_whip(group, label, stiffness=stiffness)
+    for factor in () if quick else (1 / 4, 1, 4):
+        label = f"{factor:g}" if factor >= 1 else f"1/{1 / factor:g}"
+        yield on_whip(f"Whip: dt over {WHIP.DT:g} s", label, dt=factor * WHIP.DT)
+    for restitution in () if quick else (0.0, 0.5, 0.9):
+        group = f"Whip, dt = {WHIP.DT:g} s: restitution"
+        yield on_whip(group, f"{restitution:g}", restitution=restitution)
+    for restitution in () if quick else (1.0, 0.5):
+        group = f"Falling ring, dt = {RING.DT:g} s: restitution"
+        scene = partial(ring, restitution=restitution)
+        yield Case(group, f"{restitution:g}", scene, RING.DT, 2.0)
+
+
+GROUPS = stiffness, frequency, masses, meshes, spins, loads, steps, softness, long_runs, stops
 
 
 def tolerances(quick):

@@ -79,6 +79,7 @@ def test_the_cases_cover_what_is_stiff_and_extreme(report):
         "EI times",
         "String",
         "Many steps",
+        "stiffness of the peg",
     ):
         assert any(kind in group for group in groups), kind
 

@@ -36,7 +36,8 @@ class Energy:
     dissipated : (n,) float, optional
         Energy taken since the start by dampers and friction of joints, by drag, by the material
         (`retardation` and `internal` variables of sections and springs), by the restitution of
-        stops and obstacles and by `EnergyDecaying`; it never decreases, except where `Stats.amplified` counts steps. Zero by default.
+        stops and obstacles and by `EnergyDecaying`; it never decreases, except where
+        `Stats.amplified` counts steps. Zero by default.
     algorithmic : (n,) float, optional
         Energy that `EnergyDecaying` of order 2 holds for the next step; part of the balance, not of
         `total`. Zero by default.
