@@ -370,3 +370,30 @@ def test_an_obstacle_of_another_scene_has_no_contact_here():
     with pytest.raises(ValueError, match="another scene"):
         solution.contact(roller(fb.Circle((0, 0), 2.0, inside=True))[2])
     assert solution.contact(floor).nodes.tolist() == [node.number]
+
+
+# -- Pictures -------------------------------------------------------------------------------------
+
+
+@pytest.mark.plot
+def test_pictures_show_the_obstacles_that_are_near(tmp_path):
+    from fx_beam.plot.obstacles import _outlines
+
+    scene, bar, _ = roller(fb.Circle((0, 0), 0.8, inside=True))
+    for shape in (fb.Line((0, -0.4), (0, 1)), fb.Circle((0, -9), 9.0), fb.Line((0, -50), (0, 1))):
+        scene.add_obstacle(bar, shape, 1e3)
+    places, size = np.array([(-0.5, 0.3), (0.5, 0.2)]), 1.0
+    ring, floor, hill = [line for line, *_ in _outlines(scene.obstacles, places, size)]
+    assert np.hypot(*ring.T) == pytest.approx(0.8)
+    assert floor[:, 1] == pytest.approx(-0.4)
+    assert np.ptp(floor[:, 0]) == pytest.approx(1.2)
+    assert np.hypot(*(hill - (0, -9)).T) == pytest.approx(9.0)
+    assert np.ptp(hill[:, 0]) < 1.5
+    for line, starts, ends in _outlines(scene.obstacles, places, size):
+        shape = next(o.shape for o in scene.obstacles if abs(o.shape.gap(line)).max() < 1e-9)
+        assert shape.gap(starts) == pytest.approx(0, abs=1e-3)
+        assert (shape.gap(ends) < 0).all()
+    drawn = fb.plot.scene(scene).axes[0].lines
+    assert any(len(line.get_xdata()) == 181 for line in drawn)
+    fb.plot.shapes(fb.simulate(scene, dt=0.01, t_end=0.1), [0, 10], tmp_path / "shapes.png")
+    assert (tmp_path / "shapes.png").stat().st_size > 10_000
