@@ -332,6 +332,29 @@ def test_scenes_without_obstacles_have_no_contact():
     assert solution.obstacles == []
 
 
+def test_the_direction_of_a_line_is_kept_to_the_last_digit():
+    for angle in np.linspace(0, 6, 200):
+        line = fb.Line((1, 2), (3 * math.cos(angle), 3 * math.sin(angle)))
+        assert fb.Line(line.point, line.normal) == line
+        assert math.hypot(*line.normal) == pytest.approx(1, rel=1e-15)
+
+
+@pytest.mark.parametrize("solver", ["compiled", "petsc"])
+def test_a_body_bounces_on_its_points(solver, tmp_path):
+    scene = fb.Scene(gravity=(0, -10))
+    points = {"left": (-0.5, 0.1), "right": (0.5, 0.05)}
+    body = scene.add_body((0, 0.1), 2.0, 0.3, points=points)
+    for node in body.points.values():
+        scene.add_obstacle(node, fb.Line((0, 0), (0.1, 1)), 1e4)
+    solution = fb.simulate(scene, dt=2e-3, t_end=1.0, solver=solver)
+    assert abs(solution.energy.balance_error).max() < 1e-11
+    solution.save(tmp_path / "run.npz")
+    for obstacle in scene.obstacles:
+        gap = solution.contact(obstacle).gap
+        assert bounces(gap[:, 0]) >= 1
+        assert (fb.load(tmp_path / "run.npz").contact(obstacle).gap == gap).all()
+
+
 # -- Refusals -------------------------------------------------------------------------------------
 
 

@@ -55,7 +55,7 @@ class BeamDrag:
         self._matrix = dolfinx_api.create_matrix(tangent)
         self._vector = np.zeros(len(increment.x.array))
 
-    def set_step(self, dt: float, v: np.ndarray) -> None:
+    def set_step(self, dt: float, q: np.ndarray, v: np.ndarray) -> None:
         """Nothing: the start of the step and its length are those of the internal forces."""
 
     def add_force(self, D: np.ndarray, out: np.ndarray) -> None:

@@ -61,11 +61,7 @@ class Forms:
         self.followers = None
         if any(load.follower for load in scene.loads):
             self.followers = Followers(scene, mesh, self.stiffness, scheme.rates.level)
-        self._build_drag(scene)
-        #: The contact with obstacles; None without any.
-        self.contact = None
-        if scene.obstacles:
-            self.contact = NodeContact(scene, mesh, self.stiffness, scheme.rates)
+        self._build_resistances(scene)
 
     # -- Construction ---------------------------------------------------------------------------
 
@@ -124,13 +120,13 @@ class Forms:
             found[fields.coordinate] = dolfinx_api.coordinate_on_cells(mesh, fields.degree)
         return space, found | {fields.increment: dolfinx_api.function(space)}
 
-    def _build_drag(self, scene: Scene) -> None:
-        """The drag on beams and on nodes, each None without it."""
+    def _build_resistances(self, scene: Scene) -> None:
+        """The drag on beams and on nodes, and the contact with obstacles, each None without it."""
         mesh, scheme, stiffness = self._mesh, self._scheme, self.stiffness
         drags = [] if scheme.rates.at_rest else scene.drags
         of_beams = [drag for drag in drags if isinstance(drag.target, Beam)]
         of_nodes = [drag for drag in drags if isinstance(drag.target, Node)]
-        self.beam_drag = self.node_drag = None
+        self.beam_drag = self.node_drag = self.contact = None
         if of_beams:
             plan = DragForms(scene, of_beams, mesh, scheme, self.fields.plain)
             space, unknowns = self._unknowns(plan.fields)
@@ -139,8 +135,11 @@ class Forms:
             self.beam_drag = BeamDrag(unknowns[plan.fields.increment], *forms)
         if of_nodes:
             self.node_drag = NodeDrag(scene, of_nodes, mesh, stiffness, scheme.rates)
-        #: Both, where there are.
-        self.drags = [drag for drag in (self.beam_drag, self.node_drag) if drag is not None]
+        if scene.obstacles:
+            self.contact = NodeContact(scene, mesh, stiffness, scheme.rates)
+        every = self.beam_drag, self.node_drag, self.contact
+        #: All of them, where there are.
+        self.resistances = [part for part in every if part is not None]
 
     @property
     def moving(self) -> list:
@@ -239,10 +238,8 @@ class Forms:
         self._set_start(t, dt, q)
         if self.followers is not None:
             self.followers.set_step(t, dt)
-        for drag in self.drags:
-            drag.set_step(dt, v)
-        if self.contact is not None:
-            self.contact.set_step(dt, q, v)
+        for part in self.resistances:
+            part.set_step(dt, q, v)
         if self._weak.needs_rates or self.beam_drag is not None:
             self._set_rates(v, a)
 
@@ -291,8 +288,7 @@ class Forms:
         lost, *of_scheme = (
             dolfinx_api.assemble_scalar(form) if form is not None else 0.0 for form in self._losses
         )
-        lost += sum(drag.loss(D) for drag in self.drags)
-        return [lost + (self.contact.loss_of(D) if self.contact else 0.0), *of_scheme]
+        return [lost + sum(part.loss(D) for part in self.resistances), *of_scheme]
 
     def internal_force(self, D: np.ndarray) -> np.ndarray:
         """Internal forces (size,) [N, N m] for the increment D (eq. 53).
@@ -306,13 +302,11 @@ class Forms:
         return self._force
 
     def _add_at_nodes(self) -> None:
-        """Add drag, and subtract follower forces."""
+        """Add drag, and subtract forces of followers and obstacles."""
         if self.followers is not None:
             self.followers.add_force(*self._motion, -self._factor, self._force)
-        for drag in self.drags:
-            drag.add_force(self._D, self._force)
-        if self.contact is not None:
-            self.contact.add_force(self._D, self._force)
+        for part in self.resistances:
+            part.add_force(self._D, self._force)
 
     def assemble_stiffness(self) -> None:
         """Assemble `stiffness` at the increment of the last `internal_force` (eq. 54)."""
@@ -323,10 +317,8 @@ class Forms:
     def _add_tangent_at_nodes(self) -> None:
         if self.followers is not None:
             self.followers.subtract_tangent(*self._motion, self._factor, self.stiffness.data)
-        for drag in self.drags:
-            drag.add_tangent(self._D, self.stiffness.data)
-        if self.contact is not None:
-            self.contact.add_tangent(self._D, self.stiffness.data)
+        for part in self.resistances:
+            part.add_tangent(self._D, self.stiffness.data)
 
     def added_force(self) -> np.ndarray:
         """Forces (size,) of added virtual works and followers at the last increment [N, N m]."""

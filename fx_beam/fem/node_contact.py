@@ -61,9 +61,9 @@ class NodeContact:
 
         #: Degrees of freedom (n, 2) and reference positions (n, 2) of the nodes.
         self.dofs, self.X = mesh.dofs[nodes, :2], mesh.X[nodes]
-        #: Stiffness, relative loss and its speed, each (n,); there is no loss at rest.
+        #: Stiffness, dissipative share of the force (zero at rest) and its speed, each (n,).
         self.stiffness = np.concatenate(factors)
-        self.loss = each([0.0 if rates.at_rest else o.loss for o in obstacles])
+        self.share = each([0.0 if rates.at_rest else o.loss for o in obstacles])
         self.speed = each([o.speed or 1.0 for o in obstacles])
         #: Point of the line, or centre; normal of the line, zero for a circle; radius; 1 outside
         #: and -1 inside of a circle, 0 for a line.
@@ -85,8 +85,8 @@ class NodeContact:
     def set_step(self, dt: float, q: np.ndarray, v: np.ndarray) -> None:
         """Set the length of a step [s], and the configuration and rates at its start."""
         self._dt, self._r0 = dt, self._arms(q)
-        self._last: list[tuple[float, float, float] | None] = [None] * len(self.loss)
-        self._rate0 = 0.0 * self.loss
+        self._last: list[tuple[float, float, float] | None] = [None] * len(self.share)
+        self._rate0 = 0.0 * self.share
         if self._level != 0.5:
             self._rate0 = -np.sum(self._gradient(self._r0) * v[self.dofs], axis=1)
 
@@ -98,9 +98,9 @@ class NodeContact:
         """Subtract their derivative by D from the entries of the stiffness."""
         found, level = self._found(D), self._level
         grows = found.slope * found.factor
-        for i in np.flatnonzero(self.loss):
+        for i in np.flatnonzero(self.share):
             last = friction_slope(found.rate[i] / self.speed[i], self._last[i])
-            steep = self.loss[i] / self.speed[i] * last[2] * 2 * level / self._dt
+            steep = self.share[i] / self.speed[i] * last[2] * 2 * level / self._dt
             grows[i] -= found.elastic[i] * steep
             self._last[i] = last
         by_end = found.along[:, :, None] * found.normal[:, None]
@@ -108,13 +108,13 @@ class NodeContact:
         entries = grows[:, None, None] * by_end + bend * (np.eye(2) - by_end)
         np.subtract.at(values, self.places, entries.reshape(-1, 4))
 
-    def loss_of(self, D: np.ndarray) -> float:
+    def loss(self, D: np.ndarray) -> float:
         """Energy that is lost in the step, at the mean rate [J]."""
-        if not self.loss.any():
+        if not self.share.any():
             return 0.0
         found = self._found(D)
         sense = np.tanh(found.way / self._dt / self.speed)
-        return float(np.sum(self.loss * found.elastic * sense * found.way))
+        return float(np.sum(self.share * found.elastic * sense * found.way))
 
     def forces(self, D: np.ndarray) -> np.ndarray:
         """Forces (n, 2) on the nodes [N]."""
@@ -132,7 +132,7 @@ class NodeContact:
             "radius": self.radius,
             "side": self.side,
             "k": self.stiffness,
-            "loss": self.loss,
+            "loss": self.share,
             "speed": self.speed,
         }
         rows = zip(*(values.tolist() for values in columns.values()), strict=True)
@@ -149,9 +149,9 @@ class NodeContact:
         elastic, slope = push(self.stiffness, g0, g1, level)
         way = g0 - g1
         factor, rate = np.ones_like(way), self._rate0
-        if self.loss.any():
+        if self.share.any():
             rate = self._rate0 + 2 * level * (way / self._dt - self._rate0)
-            factor = 1 + self.loss * np.tanh(rate / self.speed)
+            factor = 1 + self.share * np.tanh(rate / self.speed)
         distance = (1 - level) * np.hypot(*r0.T) + level * np.hypot(*r1.T)
         distance = np.where(distance > 0, distance, 1.0)
         mean = (1 - level) * r0 + level * r1

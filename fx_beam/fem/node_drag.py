@@ -44,7 +44,7 @@ class NodeDrag:
             ]
         )
 
-    def set_step(self, dt: float, v: np.ndarray) -> None:
+    def set_step(self, dt: float, q: np.ndarray, v: np.ndarray) -> None:
         """Set the length of a step [s] and the rates at its start."""
         self._dt, self._v0 = dt, v[self.dofs]
 

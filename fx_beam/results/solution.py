@@ -73,10 +73,10 @@ class Solution:
         Internal variables, (n, points) each, by name for each beam that has some.
     internal_of_joint : dict
         Internal variables of springs, (n,) each, by name for each number of a joint that has some.
-    bodies : dict, optional
-        The bodies by name.
     obstacles : list of Obstacle
         The obstacles of the scene.
+    bodies : dict, optional
+        The bodies by name.
     end : State, optional
         The last state, its vectors by nodes, for `simulate(start=...)`; None after a failed run.
 

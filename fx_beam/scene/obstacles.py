@@ -46,8 +46,10 @@ class Line:
         normal = vector(self.normal, 2, "Line: normal")
         if not normal.any():
             raise SceneError(f"Line: normal = {self.normal!r} has no direction")
-        x, y = (float(part) for part in normal / np.hypot(*normal))
-        object.__setattr__(self, "normal", (x, y))
+        length = np.hypot(*normal)
+        if abs(length - 1) > 4e-16:  # a unit vector stays as it is, to the last digit
+            normal = normal / length
+        object.__setattr__(self, "normal", tuple(normal.tolist()))
         place = vector(self.point, 2, "Line: point")
         object.__setattr__(self, "point", tuple(place.tolist()))
 
@@ -101,6 +103,7 @@ class Circle:
             raise SceneError(f"Circle: radius = {self.radius!r} must be finite and positive")
         if not isinstance(self.inside, bool | np.bool_):
             raise SceneError(f"Circle: inside = {self.inside!r} must be True or False")
+        object.__setattr__(self, "radius", float(self.radius))
         centre = vector(self.centre, 2, "Circle: centre")
         object.__setattr__(self, "centre", tuple(centre.tolist()))
 

@@ -232,10 +232,8 @@ class Scene(Bodies):
         ----------
         node : Node
             A node of this scene.
-        mass : float
-            Mass [kg].
-        inertia : float
-            Moment of inertia [kg m^2].
+        mass, inertia : float
+            Mass [kg] and moment of inertia [kg m^2].
 
         Raises
         ------

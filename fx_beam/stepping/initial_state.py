@@ -128,7 +128,7 @@ def _acceleration(
     h = 1e-9 * dt
     # Forces may depend on velocity: they see it as the increment over a very short step.
     forms = model.forms
-    moving = forms.has_added or forms.drags or forms.contact or forms.resultants_move
+    moving = forms.has_added or forms.resistances or forms.resultants_move
     D = h * state.v if moving else np.zeros(model.size)
     model.forms.set_step(state.t, h, state.q, state.v, np.zeros(model.size))
     free, moved = reduction.free, slice(reduction.free, reduction.free + reduction.driven)
