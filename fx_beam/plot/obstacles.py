@@ -27,9 +27,8 @@ def obstacles_on_sheet(sheet: Sheet, obstacles: Iterable[Obstacle], places: np.n
 
 def obstacles_on_axes(ax, drawing: Drawing) -> None:
     """Draw the obstacles of a solution near its shapes."""
-    names, rows = drawing.solution.beams, list(drawing.rows)
-    places = np.concatenate([drawing.axis(name, rows).reshape(-1, 2) for name in names])
-    for line, starts, ends in _outlines(drawing.solution.obstacles, places, drawing.size):
+    obstacles = drawing.solution.obstacles
+    for line, starts, ends in _outlines(obstacles, drawing.points, drawing.size):
         ax.plot(*line.T, linewidth=1.4, **_LOOK)
         strokes = np.stack([starts, ends, np.full_like(starts, np.nan)], axis=1).reshape(-1, 2)
         ax.plot(*strokes.T, linewidth=0.7, **_LOOK)

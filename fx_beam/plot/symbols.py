@@ -78,13 +78,17 @@ class Drawing:
         return (nodes + [body.centre for body in self.solution.bodies.values()])[0].scene
 
     @cached_property
-    def window(self) -> tuple[np.ndarray, np.ndarray]:
-        """Lower left and upper right corner of the drawing, with a margin."""
+    def points(self) -> np.ndarray:
+        """Points (n, 2) of all members and bodies in all rows."""
         rows = list(self.rows)
         members = [self.axis(name, rows) for name in self.solution.beams]
         numbers = [n.number for body in self.solution.bodies.values() for n in body.nodes]
-        points = np.concatenate([*members, self.places(numbers, rows)], axis=1)
-        low, high = points.min(axis=(0, 1)), points.max(axis=(0, 1))
+        return np.concatenate([*members, self.places(numbers, rows)], axis=1).reshape(-1, 2)
+
+    @cached_property
+    def window(self) -> tuple[np.ndarray, np.ndarray]:
+        """Lower left and upper right corner of the drawing, with a margin."""
+        low, high = self.points.min(axis=0), self.points.max(axis=0)
         size = max(high - low)
         # Space for symbols; a straight member needs more beside it.
         margin = np.maximum(0.05 * size, (0.3 * size - (high - low)) / 2)
