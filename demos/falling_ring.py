@@ -157,7 +157,7 @@ def draw(results, runs):
     plot.scene(floors[0].target.start.scene, results / "scene.png")
     rows = [round(t / DT) for t in (0.0, 0.3, 0.4, 0.5, 0.65, 0.9)]
     plot.shapes(solution, rows, results / "shapes.png")
-    plot.animate(solution, range(0, round(2.4 / DT), round(0.02 / DT)), results / "motion.gif")
+    plot.animate(solution, range(0, round(2.4 / DT), round(0.04 / DT)), results / "motion.gif")
 
     figure, axes = plot.figure(2, 2)
     (heights, force), (parts, drift) = axes

@@ -149,7 +149,7 @@ def draw(results, runs):
     plot.scene(arm.start.scene, results / "scene.png")
     rows = [round(t / DT) for t in (0, 0.05, 0.1, 0.13, 0.16, 0.19, 0.22, 0.25)]
     plot.shapes(solution, rows, results / "shapes.png")
-    plot.animate(solution, range(0, len(solution.t), 12), results / "motion.gif", trace=arm.end)
+    plot.animate(solution, range(0, len(solution.t), 20), results / "motion.gif", trace=arm.end)
 
     figure, axes = plot.figure(2, 2)
     (angle, force), (energy, drift) = axes

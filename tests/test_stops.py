@@ -6,6 +6,7 @@ import math
 import numpy as np
 import pytest
 from jointed import drift, pair, throw
+from test_loops import four_bar
 
 import fx_beam as fb
 from fx_beam.mechanics.interval import Interval
@@ -110,6 +111,17 @@ def test_a_hinge_with_restitution_loses_energy_to_its_stops_alone():
     assert energy.dissipated[-1] > 0.1 * energy.total[0]
     assert np.diff(energy.dissipated).min() >= 0
     assert abs(energy.balance_error).max() < 1e-11 * energy.kinetic.max()
+
+
+def test_a_stop_in_a_closed_loop_of_bodies_conserves_energy():
+    runs = []
+    for solver in ("compiled", "petsc"):
+        scene, _, crank = four_bar(stop=(-0.5, 0.2, 1e4))
+        solution = fb.simulate(scene, dt=2e-3, t_end=1.0, solver=solver)
+        assert -0.55 < solution.joint(crank).angle.min() < -0.5
+        assert abs(solution.energy.balance_error).max() < 1e-10 * solution.energy.kinetic.max()
+        runs.append(solution.q)
+    assert runs[0] == pytest.approx(runs[1], abs=1e-8)
 
 
 # -- Solvers and tangents -------------------------------------------------------------------------
