@@ -257,7 +257,12 @@ class Problem:
         if not reduction.free:
             raise LoopUnavailable("the scene has no unknowns")
         self.factors = factors = factors_of(*reduction.pattern)
-        at = factors.at
+        at, stored = factors.at, factors.size
+        if not factors.band:  # the tangent is stored apart
+            indptr, indices = reduction.pattern
+            at, stored = np.arange(len(indices)), len(indices)
+            p.factor_size, p.kept.worth = factors.size, factors.worth
+            self._ints(tangent_start=indptr, tangent_column=indices, factor_at=factors.at)
         alone = alone_in_column(t, self.model.size, reduction.free)
         alone[self.model.actuators.turns()] = False  # springs and dampers act there as well
         if (loops := reduction.loop_tables()) is not None:
@@ -267,27 +272,19 @@ class Problem:
             self._ints(**loops.ints, **{name: at[k] for name, k in loops.places.items()})
             self._doubles(**loops.doubles)
         stiffness = self.model.forms.stiffness
-        place, p.places = places_of_entries(t, stiffness, alone, at, factors.size)
+        place, p.places = places_of_entries(t, stiffness, alone, at, stored)
         reacts = np.flatnonzero(~alone)
         p.band, p.reacting = factors.band, len(reacts)
         self._ints(
             order=factors.order,
             factor_start=factors.starts,
-            factor_column=factors.columns,
             factor_diagonal=factors.diagonals,
             reacts=reacts,
         )
         if (groups := factors.groups) is not None:
-            p.groups = len(groups.first) - 1
-            self._ints(
-                group_first=groups.first,
-                source_start=groups.source_starts,
-                source=groups.sources,
-                run_start=groups.run_starts,
-                run_column=groups.run_columns,
-                run_length=groups.run_lengths,
-            )
-        added = place[t.plain["source"]] >= factors.size
+            p.groups = len(groups.group_first) - 1
+            self._ints(**groups._asdict())
+        added = place[t.plain["source"]] >= stored
         plain = {key: values[added] for key, values in t.plain.items()}
         tables = {"plain": plain, "mixed": t.mixed, "second": t.second, "third": t.third}
         for name, table in tables.items():

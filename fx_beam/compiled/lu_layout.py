@@ -17,20 +17,25 @@ _NARROW = 11
 _GROUP = 3
 # Time of a multiplication in sparse rows, by indirect addressing, relative to one in a band.
 _INDIRECT = 4
+# Time of a multiplication in a substitution, which waits for memory, relative to one in a
+# factorisation: 1.6 to 5 for 1000 to 120 000 unknowns.
+_SUBSTITUTION = 3
+# Factors are kept if making them costs as much as so many substitutions.
+_LEAST_WORTH = 5
 
 
 class Groups(NamedTuple):
     """Groups of up to three successive sparse rows with equal columns, usually those of a node."""
 
     #: First rows (groups + 1,).
-    first: np.ndarray
+    group_first: np.ndarray
     #: Groups that are subtracted from the rows of each, in one list, and where each begins in it.
-    source_starts: np.ndarray
-    sources: np.ndarray
+    source_start: np.ndarray
+    source: np.ndarray
     #: Columns behind each group as runs of successive ones: their first columns and lengths.
-    run_starts: np.ndarray
-    run_columns: np.ndarray
-    run_lengths: np.ndarray
+    run_start: np.ndarray
+    run_column: np.ndarray
+    run_length: np.ndarray
 
 
 class Factors(NamedTuple):
@@ -43,29 +48,36 @@ class Factors(NamedTuple):
     size: int
     #: Half bandwidth: number of subdiagonals and of superdiagonals; 0 for sparse rows.
     band: int
-    #: Start of each sparse row, columns of its entries, and storage index of its diagonal.
+    #: Start of each sparse row, and storage index of its diagonal.
     starts: np.ndarray
-    columns: np.ndarray
     diagonals: np.ndarray
     groups: Groups | None = None
+    #: Substitutions that cost as much as a factorisation; 0 if factors are not kept.
+    worth: int = 0
 
     def __str__(self):
-        return f"band {self.band}" if self.band else f"sparse, {self.size} entries"
+        if self.band:
+            return f"band {self.band}"
+        kept = ", kept over several steps" if self.worth else ""
+        return f"sparse, {self.size} entries{kept}"
 
 
 def factors_of(indptr: np.ndarray, indices: np.ndarray) -> Factors:
     """Band storage if the bandwidth is small enough, otherwise sparse rows."""
     n = len(indptr) - 1
     graph = scipy.sparse.csr_matrix((np.ones(len(indices)), indices, indptr), (n, n))
-    graph = (graph + graph.T).tocsr()
+    graph = (graph + graph.T + scipy.sparse.identity(n)).tocsr()
     rows = np.repeat(np.arange(n), np.diff(indptr))
     banded = _in_band(graph, rows, indices)
     if banded.band <= _NARROW:
         return banded
     sparse = _in_rows(graph, rows, indices)
-    above = sparse.starts[1:] - sparse.diagonals - 1
-    few = _INDIRECT * (above @ (above + 1)) < n * banded.band * (banded.band + 1)
-    return sparse if few else banded
+    above = sparse.starts[1:] - sparse.diagonals - 1.0
+    products = above @ (above + 1)
+    if _INDIRECT * products >= n * banded.band * (banded.band + 1):
+        return banded
+    worth = int(products / (_SUBSTITUTION * (sparse.size + len(indices))))
+    return sparse._replace(worth=worth if worth >= _LEAST_WORTH else 0)
 
 
 def _in_band(graph: scipy.sparse.csr_matrix, rows: np.ndarray, columns: np.ndarray) -> Factors:
@@ -76,11 +88,75 @@ def _in_band(graph: scipy.sparse.csr_matrix, rows: np.ndarray, columns: np.ndarr
     i, j = order[rows], order[columns]
     band = max(1, int(abs(i - j).max(initial=0)))
     width, none = 2 * band + 1, np.empty(0, dtype=int)
-    return Factors(order, i * width + band + j - i, n * width, band, none, none, none)
+    return Factors(order, i * width + band + j - i, n * width, band, none, none)
 
 
 def _in_rows(graph: scipy.sparse.csr_matrix, rows: np.ndarray, columns: np.ndarray) -> Factors:
     """Sparse rows in minimum-degree order, with room for exactly the fill-in."""
+    n, group_of = graph.shape[0], _alike(graph)
+    count = int(group_of.max()) + 1
+    members = scipy.sparse.csr_matrix((np.ones(n), group_of, np.arange(n + 1)), (n, count))
+    place, starts, filled = _fill_in(members.T @ graph @ members)
+    group_of = place[group_of]
+    sizes = np.bincount(group_of).astype(np.int32)
+    first, order = _starts(sizes), np.empty(n, dtype=np.int32)
+    order[np.argsort(group_of, kind="stable")] = np.arange(n)
+    # For each entry of the pattern of groups: its row, and the columns before it in this row.
+    of = np.repeat(np.arange(count, dtype=np.int32), np.diff(starts))
+    before = _starts(sizes[filled])
+    widths = np.diff(before[starts])
+    before = before[:-1] - before[starts[of]]
+    row_starts = _starts(np.repeat(widths, sizes))
+    diagonals = np.arange(n) - np.repeat(first[:-1] - before[filled == of], sizes) + row_starts[:-1]
+    # Rows and their columns are sorted: the entries' places by bisection.
+    keys, to = of.astype(np.int64) * count + filled, group_of[columns]
+    entry = np.searchsorted(keys, group_of[rows].astype(np.int64) * count + to)
+    at = row_starts[order[rows]] + before[entry] + order[columns] - first[to]
+    groups = _groups(first, of, filled)
+    return Factors(order, at, int(row_starts[-1]), 0, row_starts, diagonals, groups)
+
+
+def _starts(counts: np.ndarray) -> np.ndarray:
+    """Where each of several parts begins, and the last one ends."""
+    return np.concatenate([[0], np.cumsum(counts)])
+
+
+def _groups(first: np.ndarray, of: np.ndarray, filled: np.ndarray) -> Groups:
+    """Groups with these first rows, from the rows and columns of their pattern."""
+    below, above = filled < of, filled > of
+    numbers = np.arange(len(first))
+    source_starts = np.searchsorted(of[below], numbers)
+    row, column = of[above], filled[above]
+    begins = np.ones(len(row), dtype=bool)
+    begins[1:] = (row[1:] != row[:-1]) | (column[1:] != column[:-1] + 1)
+    run = np.flatnonzero(begins)
+    last = np.append(run[1:], len(row))[: len(run)] - 1
+    run_starts = np.searchsorted(row[run], numbers)
+    columns, ends = first[column[run]], first[column[last] + 1]
+    return Groups(first, source_starts, filled[below], run_starts, columns, ends - columns)
+
+
+def _alike(graph: scipy.sparse.csr_matrix) -> np.ndarray:
+    """Group (n,) of each unknown: up to three that are coupled with the same ones."""
+    n = graph.shape[0]
+    # Sums of random numbers of the columns: equal for equal columns, else hardly ever.
+    number = np.random.default_rng(0).integers(1, 2**62, n, dtype=np.int64)
+    sums = np.concatenate([[0], np.cumsum(number[graph.indices])])  # modulo 2^64
+    sums = sums[graph.indptr[1:]] - sums[graph.indptr[:-1]]
+    by_sum = np.argsort(sums, kind="stable")
+    new = np.diff(sums[by_sum], prepend=sums[by_sum[0]] - 1) != 0
+    since = np.arange(n) - np.maximum.accumulate(np.where(new, np.arange(n), 0))
+    first = np.flatnonzero(since % _GROUP == 0)
+    # Numbered as their first unknowns: minimum degree with ties leaves less fill-in than otherwise.
+    number = np.empty(len(first), dtype=np.int32)
+    number[np.argsort(by_sum[first])] = np.arange(len(first))
+    group_of = np.empty(n, dtype=np.int32)
+    group_of[by_sum] = np.repeat(number, np.diff(first, append=n))
+    return group_of
+
+
+def _fill_in(graph: scipy.sparse.spmatrix) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Positions (n,) in minimum-degree order, and the pattern of L + U in it: starts, columns."""
     n = graph.shape[0]
     # Factors of a matrix with this graph show the fill-in: it is dominated by its diagonal, so that
     # rows are not exchanged. Without relaxed supernodes SuperLU stores what may differ from zero.
@@ -93,51 +169,11 @@ def _in_rows(graph: scipy.sparse.csr_matrix, rows: np.ndarray, columns: np.ndarr
         relax=1,
         options=options,
     )
-    order = lu.perm_c.astype(int)
     lower, upper = lu.L, lu.U
     lower.data[:] = upper.data[:] = 1.0  # small ones may have become zero
     pattern = (lower + upper).tocsr()
     pattern.sort_indices()
-    del lu, lower, upper
-    starts, filled = pattern.indptr, pattern.indices
-    row = np.repeat(np.arange(n, dtype=np.int32), np.diff(starts))
-    diagonals = starts[:-1] + np.bincount(row[filled < row], minlength=n)
-    # Rows and their columns are sorted: storage indices by bisection.
-    keys = row.astype(np.int64) * n + filled
-    at = np.searchsorted(keys, order[rows] * n + order[columns])
-    del keys
-    groups = _groups(starts, filled, diagonals)
-    return Factors(order, at, len(filled), 0, starts, filled, diagonals, groups)
-
-
-def _groups(starts: np.ndarray, columns: np.ndarray, diagonals: np.ndarray) -> Groups:
-    n = len(diagonals)
-    row = np.repeat(np.arange(n, dtype=np.int32), np.diff(starts))
-    # Sums of random numbers of the columns: equal for equal columns, else hardly ever.
-    number = np.random.default_rng(0).integers(1, 2**62, n, dtype=np.int64)
-    sums = np.concatenate([[0], np.cumsum(number[columns])])  # modulo 2^64
-    below, above = sums[diagonals] - sums[starts[:-1]], sums[starts[1:]] - sums[diagonals + 1]
-    low, high = columns < row, columns > row
-    like_last = np.zeros(n, dtype=bool)
-    like_last[1:] = (below[1:] == below[:-1] + number[:-1]) & (above[:-1] == above[1:] + number[1:])
-    since = np.arange(n) - np.maximum.accumulate(np.where(like_last, 0, np.arange(n)))
-    first = np.append(np.flatnonzero(since % _GROUP == 0), n)
-    group_of = np.repeat(np.arange(len(first) - 1), np.diff(first))
-    # Lower columns of the first row of each group.
-    mine = np.flatnonzero(low & (first[group_of[row]] == row))
-    of, source = group_of[row[mine]], group_of[columns[mine]]
-    new = np.ones(len(of), dtype=bool)
-    new[1:] = (of[1:] != of[:-1]) | (source[1:] != source[:-1])
-    source_starts = np.searchsorted(of[new], np.arange(len(first)))
-    # Upper columns of the last row of each group.
-    mine = np.flatnonzero(high & (first[group_of[row] + 1] - 1 == row))
-    of, column = group_of[row[mine]], columns[mine]
-    begins = np.ones(len(of), dtype=bool)
-    begins[1:] = (of[1:] != of[:-1]) | (column[1:] != column[:-1] + 1)
-    run = np.flatnonzero(begins)
-    run_starts = np.searchsorted(of[run], np.arange(len(first)))
-    lengths = np.diff(np.append(run, len(of)))
-    return Groups(first, source_starts, source[new], run_starts, column[run], lengths)
+    return lu.perm_c, pattern.indptr, pattern.indices
 
 
 def alone_in_column(t: Tables, size: int, free: int) -> np.ndarray:

@@ -70,16 +70,54 @@ INLINED void subtract_rows(int n, double (*f)[3], const double *const *from, dou
   }
 }
 
-/* The same for sparse rows, in groups of up to three with equal columns, usually those of a node.
-   `rows` is the work space (3, free) for the current group. */
-static int solve_sparse(const Problem *p, double *A, double *b, double *rows) {
-  const int *start = p->factor_start, *column = p->factor_column, *diagonal = p->factor_diagonal;
+/* Copies stored rows of a group to rows with a place for each column, or their upper part back. */
+INLINED void unpack(const Problem *p, const double *A, int g, int size, double *const *row) {
   const int *first = p->group_first;
+  for (int x = 0; x < size; ++x) {
+    const double *from = A + p->factor_start[first[g] + x];
+    for (int s = p->source_start[g]; s < p->source_start[g + 1]; ++s)
+      for (int k = first[p->source[s]]; k < first[p->source[s] + 1]; ++k) row[x][k] = *from++;
+    for (int y = 0; y < size; ++y) row[x][first[g] + y] = *from++;
+    for (int k = p->run_start[g]; k < p->run_start[g + 1]; from += p->run_length[k++])
+      memcpy(row[x] + p->run_column[k], from, p->run_length[k] * sizeof(double));
+  }
+}
+
+/* Elimination within a group, from the rows that `unpack` filled; returns 0 if a pivot is zero. */
+INLINED int finish(const Problem *p, double *A, int g, int size, double *const *row) {
+  int i = p->group_first[g];
+  for (int x = 0; x < size; ++x) {
+    double *upper = A + p->factor_diagonal[i + x], factor[3];
+    if (!is_pivot(row[x][i + x])) return 0;
+    *upper++ = 1 / row[x][i + x];
+    for (int z = x + 1; z < size; ++z) {
+      factor[z] = row[z][i + x] * upper[-1];
+      A[p->factor_diagonal[i + z] - z + x] = factor[z];
+      for (int y = x + 1; y < size; ++y) row[z][i + y] -= factor[z] * row[x][i + y];
+    }
+    for (int y = x + 1; y < size; ++y) *upper++ = row[x][i + y];
+    for (int k = p->run_start[g]; k < p->run_start[g + 1]; ++k) {
+      int column = p->run_column[k], length = p->run_length[k];
+      const double *restrict from = row[x] + column;
+      for (int z = x + 1; z < size; ++z) {
+        double *restrict to = row[z] + column;
+        for (int j = 0; j < length; ++j) to[j] -= factor[z] * from[j];
+      }
+      memcpy(upper, from, length * sizeof(double));
+      upper += length;
+    }
+  }
+  return 1;
+}
+
+/* LU factorisation of sparse rows in place, in groups of up to three with equal columns, usually those
+   of a node; returns 0 if a pivot is zero. `rows` is the work space (3, free) for the current group. */
+static int factorise_sparse(const Problem *p, double *A, double *rows) {
+  const int *start = p->factor_start, *diagonal = p->factor_diagonal, *first = p->group_first;
   double *row[3] = {rows, rows + p->free, rows + 2 * p->free};
   for (int g = 0; g < p->groups; ++g) {
-    int i = first[g], size = first[g + 1] - i;
-    for (int x = 0; x < size; ++x)
-      for (int k = start[i + x]; k < start[i + x + 1]; ++k) row[x][column[k]] = A[k];
+    int i = first[g], size = first[g + 1] - i, lower = 0;
+    unpack(p, A, g, size, row);
     for (int s = p->source_start[g]; s < p->source_start[g + 1]; ++s) {
       int h = p->source[s], at = first[h], many = first[h + 1] - at;
       double f[3][3] = {{0}};
@@ -89,8 +127,9 @@ static int solve_sparse(const Problem *p, double *A, double *b, double *rows) {
         for (int y = 0; y < many; ++y) {
           f[x][y] = row[x][at + y] * from[y][0];
           for (int z = y + 1; z < many; ++z) row[x][at + z] -= f[x][y] * from[y][z - y];
-          b[i + x] -= f[x][y] * b[at + y];
+          A[start[i + x] + lower + y] = f[x][y];
         }
+      lower += many;
       for (int y = 0; y < 3; ++y) from[y] += y < many ? many - y : many;
       for (int k = p->run_start[h]; k < p->run_start[h + 1]; ++k) {
         int length = p->run_length[k];
@@ -100,31 +139,64 @@ static int solve_sparse(const Problem *p, double *A, double *b, double *rows) {
         for (int y = 0; y < 3; ++y) from[y] += length;
       }
     }
-    for (int x = 0; x < size; ++x) {
-      if (!is_pivot(row[x][i + x])) return 0;
-      double *upper = A + diagonal[i + x];
-      upper[0] = 1 / row[x][i + x];
-      int entries = start[i + x + 1] - diagonal[i + x];
-      for (int k = 1; k < entries; ++k) upper[k] = row[x][column[diagonal[i + x] + k]];
-      for (int z = x + 1; z < size; ++z) {
-        double factor = row[z][i + x] * upper[0];
-        for (int k = 1; k < entries; ++k)
-          row[z][column[diagonal[i + x] + k]] -= factor * upper[k];
-        b[i + z] -= factor * b[i + x];
-      }
-    }
-  }
-  for (int i = p->free - 1; i >= 0; --i) {
-    for (int k = diagonal[i] + 1; k < start[i + 1]; ++k) b[i] -= A[k] * b[column[k]];
-    b[i] *= A[diagonal[i]];
+    if (!finish(p, A, g, size, row)) return 0;
   }
   return 1;
 }
 
-/* Constant bandwidths of beams, for which the compiler can unroll the loops. */
-static int solve_reduced(const Problem *p, const Work *w) {
+/* Subtracts the known unknowns from `size` right sides, by the lower factors of a group. */
+INLINED void forward(const Problem *p, const double *A, int g, int size, double *b) {
+  const int *start = p->factor_start, *first = p->group_first;
+  int i = first[g];
+  double sum[3] = {0};
+  const double *row[3];
+  for (int x = 0; x < size; ++x) row[x] = A + start[i + x];
+  for (int s = p->source_start[g]; s < p->source_start[g + 1]; ++s) {
+    int at = first[p->source[s]], many = first[p->source[s] + 1] - at;
+    for (int y = 0; y < many; ++y)
+      for (int x = 0; x < size; ++x) sum[x] += *row[x]++ * b[at + y];
+  }
+  for (int x = 0; x < size; ++x) {
+    for (int z = 0; z < x; ++z) sum[x] += row[x][z] * b[i + z];
+    b[i + x] -= sum[x];
+  }
+}
+
+/* The unknowns of a group from those behind it, by its upper factors. */
+INLINED void backward(const Problem *p, const double *A, int g, int size, double *b) {
+  int i = p->group_first[g];
+  double sum[3] = {0};
+  const double *row[3];
+  for (int x = 0; x < size; ++x) row[x] = A + p->factor_diagonal[i + x] + size - x;
+  for (int k = p->run_start[g]; k < p->run_start[g + 1]; ++k) {
+    const double *known = b + p->run_column[k];
+    for (int j = 0; j < p->run_length[k]; ++j)
+      for (int x = 0; x < size; ++x) sum[x] += *row[x]++ * known[j];
+  }
+  for (int x = size - 1; x >= 0; --x) {
+    const double *upper = A + p->factor_diagonal[i + x];
+    for (int z = x + 1; z < size; ++z) sum[x] += upper[z - x] * b[i + z];
+    b[i + x] = (b[i + x] - sum[x]) * upper[0];
+  }
+}
+
+/* Solution by sparse factors, in the place of b. */
+static void substitute_sparse(const Problem *p, const double *A, double *b) {
+  const int *first = p->group_first;
+  for (int g = 0; g < p->groups; ++g) {
+    int size = first[g + 1] - first[g];
+    if (size == 3) forward(p, A, g, 3, b); else forward(p, A, g, size, b);
+  }
+  for (int g = p->groups - 1; g >= 0; --g) {
+    int size = first[g + 1] - first[g];
+    if (size == 3) backward(p, A, g, 3, b); else backward(p, A, g, size, b);
+  }
+}
+
+/* Solution by a band matrix, with constant bandwidths of beams, for which the compiler can unroll the
+   loops. */
+static int solve_band(const Problem *p, const Work *w) {
   switch (p->band) {
-    case 0: return solve_sparse(p, w->tangent, w->y, w->row);
     case 5: return solve(p->free, 5, w->tangent, w->y); /* degree 1 */
     case 6: return solve(p->free, 6, w->tangent, w->y); /* the same with joints */
     case 8: return solve(p->free, 8, w->tangent, w->y); /* degree 2 */

@@ -93,6 +93,11 @@ static int take_step(Problem *p, Work *w, double dt, int sub_step, const Inputs 
   int *order = p->orders + sub_step;
   p->failure = newton(p, w, change, *order);
   if (p->failure && *order) p->failure = newton(p, w, change, 0);
+  if (p->failure && p->kept.worth) {
+    p->kept.exact = 1;
+    p->failure = newton(p, w, change, 0);
+    p->kept.exact = 0;
+  }
   if (p->failure) return 0;
   LAP(CHECKS);
   *order = update_predictor(p, w);
@@ -129,7 +134,7 @@ static double summarise(Problem *p, const Work *w, double dt) {
 /* Returns to the state before a step that failed; counts of what was seen are kept. */
 static void undo(Problem *p, const Work *w, Problem before) {
   before.failure = p->failure, before.inside_out = p->inside_out, before.out_t = p->out_t;
-  before.ratios[1] = p->ratios[1];
+  before.ratios[1] = p->ratios[1], before.kept = p->kept;
   *p = before;
   memcpy(p->memory, w->saved, p->memory_size * sizeof(double));
 }

@@ -6,8 +6,8 @@
 #include "contact.h"
 #include "couplings.h"
 #include "drag.h"
-#include "factors.h"
 #include "followers.h"
+#include "kept_factors.h"
 #include "phases.h"
 #include "rates.h"
 
@@ -90,6 +90,9 @@ static int update_predictor(Problem *p, const Work *w) {
   return order;
 }
 
+/* Error of a correction by kept factors, relative to what Newton's method leaves. */
+static const double SHARE = 0.1;
+
 static double widest_turn(const Problem *p, const double *D) {
   double widest = 0;
   for (int i = 0; i < p->turning; ++i) widest = fmax(widest, fabs(D[p->turns[i]]));
@@ -106,6 +109,21 @@ static double next_after(Sequence *s, double value) {
   s->slowest = fmax(s->slowest, value / (s->last * s->last));
   s->last = value;
   return s->slowest * value * value;
+}
+
+/* Twice the kinetic energy at the start of the step, and the forces' work in it. */
+static double energy_of_step(const Problem *p, const Work *w, double moving) {
+  double energy = moving;
+  for (int i = 0; i < p->dofs; ++i) energy += fabs(w->f[i]) * fabs(w->D[i]);
+  return energy;
+}
+
+/* The accuracy of the next correction: less than what Newton's method leaves by being quadratic. */
+static Wanted accuracy(const Problem *p, const Work *w, const Sequence *sizes, const Sequence *errors) {
+  double energy = energy_of_step(p, w, kinetic(p, w));
+  return (Wanted){SHARE * fmax(sizes->slowest, p->kept.slowest_size),
+                  SHARE * fmax(errors->slowest, p->kept.slowest_error), SHARE * p->negligible,
+                  SHARE * p->negligible * sqrt(energy), sqrt(energy)};
 }
 
 /* Residual, internal forces and tangent at the unknowns z. */
@@ -161,7 +179,9 @@ static void shorten_overshoot(const Problem *p, const Work *w, double gained) {
 static int newton(Problem *p, const Work *w, const double *driven, int order) {
   int n = p->dofs, free = p->free, small_corrections = 0;
   Sequence sizes = {HUGE_VAL, 0}, errors = {HUGE_VAL, 0};
-  double drive = 0, gained = 0, dt = w->dt;
+  double drive = 0, gained = 0, dt = w->dt, rest[2];
+  Wanted wanted = {0};
+  if (p->kept.worth) begin_kept(&p->kept);
   memset(w->z, 0, p->columns * sizeof(double));
   for (int i = 0; i < p->driven; ++i) drive += fabs(driven[i]);
   if (order) {
@@ -189,9 +209,8 @@ static int newton(Problem *p, const Work *w, const double *driven, int order) {
     }
     if (p->closures) reduce_loops(p, w);
     LAP(COUPLINGS);
-    for (int i = 0; i < free; ++i) w->y[p->order[i]] = w->reduced[i];
-    if (!solve_reduced(p, w)) return SINGULAR;
-    for (int i = 0; i < free; ++i) w->step[i] = w->y[p->order[i]];
+    if (p->kept.worth) wanted = accuracy(p, w, &sizes, &errors);
+    if (!solve_reduced(p, w, &wanted, rest)) return SINGULAR;
     LAP(SOLUTION);
     spread(p, w, w->step, w->correction);
     LAP(COUPLINGS);
@@ -207,12 +226,12 @@ static int newton(Problem *p, const Work *w, const double *driven, int order) {
     for (int i = 0; i < p->driven; ++i) w->z[free + i] = driven[i];
     gained = energy_error;
     int small = size <= p->tolerance, stalled = size > 0.5 * sizes.last, floor = 0;
-    double next_size = next_after(&sizes, size);
-    double next_error = next_after(&errors, sqrt(fabs(energy_error)));
+    double error = sqrt(fabs(energy_error));
+    double next_size = fmax(next_after(&sizes, size), rest[0] * size);
+    double next_error = fmax(next_after(&errors, error), rest[1] * error);
     int final = iteration > 2 && next_size <= p->negligible;
     if (small || final || stalled) {
-      double moving = kinetic(p, w), energy = moving;
-      for (int i = 0; i < n; ++i) energy += fabs(w->f[i]) * fabs(w->D[i]);
+      double moving = kinetic(p, w), energy = energy_of_step(p, w, moving);
       final = final && next_error <= p->negligible * sqrt(energy);
       /* In very stiff scenes the forces before the correction make the energy far too large. */
       final = final && fabs(energy_error) <= p->tolerance * moving;
@@ -231,6 +250,7 @@ static int newton(Problem *p, const Work *w, const double *driven, int order) {
     if (small || floor) {
       p->iterations += iteration;
       p->by_round_off += floor;
+      p->kept.slowest_size = sizes.slowest, p->kept.slowest_error = errors.slowest;
       return OK;
     }
   }

@@ -4,11 +4,11 @@
 
 /* Elements per call of a Batch, values of a nodal rule, largest order of the predictor, largest number
    of sub-steps of a scheme, places of the displacements and rotations at the start of the step and of
-   the internal variables among the changing coefficients, largest order of a scheme, and number of
-   averaged differences in local errors. */
+   the internal variables among the changing coefficients, largest order of a scheme, number of
+   averaged differences in local errors, and number of directions of an iteration with kept factors. */
 enum {
   LANES = 8, RULE_VALUES = 18, PAST = 4, SUB_STEPS = 32, START = 1, INTERNAL = 5, MAX_ORDER = 4,
-  AVERAGED = 3
+  AVERAGED = 3, DIRECTIONS = 12
 };
 
 /* Why a step failed. */
@@ -43,6 +43,15 @@ typedef struct {
   double *constants;
   int time_at, dt_at, memory_at; /* their indices among the constants, or -1 */
 } Form;
+
+/* Sparse factors that serve several steps (kept_factors.h). */
+typedef struct {
+  int worth;           /* substitutions that cost as much as a factorisation; 0: factors are not kept */
+  int present, made;   /* whether there are factors; how many there were */
+  int exact;           /* whether to make new ones in each iteration, after a failure */
+  int steps, all, now; /* steps since they were made; substitutions in these, and in this step */
+  double slowest_size, slowest_error; /* of Newton's quadratic convergence in the last step */
+} Kept;
 
 /* A law as FFCx compiles it, with what is given in the place of the constants. Of a damper: force and
    slope from the rate. Of a spring's own energy: spring_laws.py. */
@@ -121,7 +130,12 @@ typedef struct {
   /* Reduced tangent, in an order with little fill-in: as a band matrix or in sparse rows. */
   int *order;           /* position of each unknown in the elimination */
   int band;             /* half bandwidth; 0 for sparse rows */
-  int *factor_start, *factor_column, *factor_diagonal;
+  long factor_size;
+  int *factor_start, *factor_diagonal;
+  /* With sparse factors the tangent is stored apart, in compressed rows of the unknowns: `factor_at` has
+     the place of each value among the factors. */
+  int *tangent_start, *tangent_column, *factor_at;
+  Kept kept;
   /* Groups of up to three rows: the groups that are subtracted from them, and the columns behind them
      in runs of successive ones. */
   int groups, *group_first, *source_start, *source, *run_start, *run_column, *run_length;

@@ -8,7 +8,7 @@ typedef struct {
   double *D, *path, *slope, *acc, *f, *r, *reduced, *step, *correction, *z;
   double *tangent, *inertia, *values, *hat, *psi0, *rho0, *t0, *rho1, *t1, *mean_t, *guide_slope;
   double *guide_bend, *passing, *columns, *y, *row, *start, *force, *dead, *left;
-  double *saved, *rule;
+  double *saved, *rule, *factors, *residual, *direction, *image, *guess;
   double *G, *W, *What, *part, *inverse, *gap, *gap0, *closing, *closed; /* of loops */
   const double *fields[6]; /* by the kinds of Form */
   double dt;
@@ -35,6 +35,10 @@ static long lay_out(const Problem *p, Work *w, double *at) {
   w->rho1 = take(&at, 2 * j), w->t1 = take(&at, 2 * j), w->mean_t = take(&at, 2 * j);
   w->rule = take(&at, p->rules ? RULE_VALUES * (long)p->nodes : 0);
   w->saved = take(&at, p->memory_size);
+  w->factors = take(&at, p->factor_size);
+  long u = p->factor_size ? p->free : 0, d = p->kept.worth ? DIRECTIONS : 0;
+  w->residual = take(&at, u), w->guess = take(&at, u);
+  w->direction = take(&at, d * u), w->image = take(&at, d * u);
   w->guide_slope = take(&at, j), w->guide_bend = take(&at, j), w->passing = take(&at, 2 * j);
   long m = p->closures, loop = m * p->loop_columns;
   w->G = take(&at, loop), w->W = take(&at, loop), w->What = take(&at, loop);

@@ -1,0 +1,139 @@
+/* Corrections by the sparse factors of an earlier tangent. A factorisation costs as much as many
+   substitutions, and the tangent changes little from step to step: the factors are a preconditioner of
+   the exact tangent, until new ones would cost less. Costs are counted, not measured, so that a run can
+   be repeated exactly. */
+
+#pragma once
+
+#include "couplings.h"
+#include "factors.h"
+
+/* How exact a correction must be: what may remain to be corrected, relative to the squares of the
+   correction and of the root of its work, or absolute; and the root of the energy of the step. */
+typedef struct {
+  double size, error, least_size, least_error, energy;
+} Wanted;
+
+/* Slowest convergence at which factors are good enough to judge an error by them, and bounds of the
+   wanted error of a solution, relative to it. */
+static const double SLOWEST = 0.2, MOST = 1e-3, LEAST = 1e-12;
+
+static double dot(int n, const double *x, const double *y) {
+  double sum[LANES] = {0}, all = 0;
+  int i = 0;
+  for (; i + LANES <= n; i += LANES)
+    for (int l = 0; l < LANES; ++l) sum[l] += x[i + l] * y[i + l];
+  for (; i < n; ++i) all += x[i] * y[i];
+  for (int l = 0; l < LANES; ++l) all += sum[l];
+  return all;
+}
+
+/* x += factor y */
+static void add_times(int n, double factor, const double *restrict y, double *restrict x) {
+  for (int i = 0; i < n; ++i) x[i] += factor * y[i];
+}
+
+static void times_tangent(const Problem *p, const Work *w, const double *x, double *out) {
+  for (int i = 0; i < p->free; ++i) {
+    double sum = 0;
+    for (int k = p->tangent_start[i]; k < p->tangent_start[i + 1]; ++k)
+      sum += w->tangent[k] * x[p->tangent_column[k]];
+    out[i] = sum;
+  }
+}
+
+/* Largest correction of a degree of freedom, for corrections x of the unknowns. */
+static double size_of(const Problem *p, const Work *w, const double *x) {
+  memcpy(w->columns, x, p->free * sizeof(double));
+  memset(w->columns + p->free, 0, (p->columns - p->free) * sizeof(double));
+  spread(p, w, w->columns, w->left);
+  return largest(p->dofs, w->left, p->per_unit);
+}
+
+static void by_factors(const Problem *p, const Work *w, const double *b, double *x) {
+  for (int i = 0; i < p->free; ++i) w->y[p->order[i]] = b[i];
+  substitute_sparse(p, w->factors, w->y);
+  for (int i = 0; i < p->free; ++i) x[i] = w->y[p->order[i]];
+}
+
+static int factorise(Problem *p, const Work *w) {
+  memset(w->factors, 0, p->factor_size * sizeof(double));
+  for (int k = 0; k < p->tangent_start[p->free]; ++k) w->factors[p->factor_at[k]] = w->tangent[k];
+  p->kept.steps = p->kept.all = p->kept.now = 0, ++p->kept.made;
+  return p->kept.present = factorise_sparse(p, w->factors, w->row);
+}
+
+/* The error that a correction of this size may have. */
+static double allowed(double per_square, double size, double negligible) {
+  return fmax(negligible, fmin(MOST, fmax(per_square * size, LEAST)) * size);
+}
+
+/* Solution by generalised conjugate residuals: each direction is the correction that the factors
+   propose, and the residual becomes the least one for all directions. The error is what the factors
+   propose next, and, whatever the factors are worth, the work of the residual in the step. Returns 0 if
+   a factorisation is better. `rest` is the error relative to the correction, in size and root of work. */
+static int iterate(Problem *p, const Work *w, const Wanted *wanted, double *rest) {
+  int n = p->free;
+  double first_size = 0, first_error = 0, last = 0, residual = 0, *x = w->guess, *r = w->residual;
+  memset(x, 0, n * sizeof(double));
+  memcpy(r, w->reduced, n * sizeof(double));
+  for (int k = 0; k <= p->kept.worth; ++k) {
+    int newest = k % DIRECTIONS;
+    double *d = w->direction + (long)newest * n, *image = w->image + (long)newest * n;
+    by_factors(p, w, r, d);
+    ++p->kept.now;
+    double size = size_of(p, w, d), error = sqrt(fabs(dot(n, r, d)));
+    if (!isfinite(size)) return 0;
+    if (k == 0) first_size = size, first_error = error;
+    double fine = allowed(wanted->size, first_size, wanted->least_size);
+    double exact = allowed(wanted->error, first_error, wanted->least_error);
+    double excess = fmax(fmax(size / fine, error / exact),
+                         fabs(dot(n, r, w->z) - dot(n, r, x)) / (exact * wanted->energy));
+    double slowness = fmax(excess / last, sqrt(dot(n, r, r)) / residual);
+    if (k > 0 && slowness > SLOWEST) return 0;
+    if (k > 0 && excess <= 1) {
+      for (int i = 0; i < n; ++i) w->step[i] = x[i] + d[i];
+      rest[0] = size / first_size, rest[1] = error / first_error;
+      return 1;
+    }
+    if (k > 0 && k + log(excess) / -log(slowness) > p->kept.worth) return 0;
+    last = excess, residual = sqrt(dot(n, r, r));
+    times_tangent(p, w, d, image);
+    for (int j = 0; j < DIRECTIONS && j < k; ++j)
+      if (j != newest) {
+        double along = -dot(n, image, w->image + (long)j * n);
+        add_times(n, along, w->image + (long)j * n, image);
+        add_times(n, along, w->direction + (long)j * n, d);
+      }
+    double scale = 1 / sqrt(dot(n, image, image));
+    for (int i = 0; i < n; ++i) d[i] *= scale, image[i] *= scale;
+    double part = dot(n, image, r);
+    add_times(n, part, d, x);
+    add_times(n, -part, image, r);
+  }
+  return 0;
+}
+
+/* Before the first correction of a step: the factors go if the last step took longer than the average
+   step since they were made, the factorisation included. */
+static void begin_kept(Kept *kept) {
+  kept->all += kept->now, kept->steps += 1;
+  if ((long)kept->now * kept->steps > kept->worth + kept->all) kept->present = 0;
+  kept->now = 0;
+}
+
+/* The correction `step` of the unknowns for the residual `reduced`; returns 0 if the tangent is
+   singular. `rest` is as in `iterate`. */
+static int solve_reduced(Problem *p, const Work *w, const Wanted *wanted, double *rest) {
+  rest[0] = rest[1] = 0;
+  if (p->band) {
+    for (int i = 0; i < p->free; ++i) w->y[p->order[i]] = w->reduced[i];
+    if (!solve_band(p, w)) return 0;
+    for (int i = 0; i < p->free; ++i) w->step[i] = w->y[p->order[i]];
+    return 1;
+  }
+  if (p->kept.worth && p->kept.present && !p->kept.exact && iterate(p, w, wanted, rest)) return 1;
+  if (!factorise(p, w)) return 0;
+  by_factors(p, w, w->reduced, w->step);
+  return 1;
+}

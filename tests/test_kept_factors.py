@@ -1,0 +1,105 @@
+"""Sparse factors that serve several steps: same motion, exact energy, renewed when poor."""
+
+import numpy as np
+import pytest
+from scenes import pendulum
+from test_loop import SCENES, lattice
+
+import fx_beam as fb
+from fx_beam.compiled import loop, lu_layout
+
+STRUT = fb.Section(EA=1e6, GA=1e6, EI=1e2, rhoA=1.0, rhoI=1e-2)
+
+
+@pytest.fixture
+def problems(monkeypatch):
+    """The data in C of all runs of a test, which count the factorisations."""
+    made = []
+
+    def problem(*arguments):
+        made.append(handed_over(*arguments))
+        return made[-1]
+
+    handed_over = loop.Problem
+    monkeypatch.setattr(loop, "Problem", problem)
+    return made
+
+
+@pytest.fixture
+def keep(monkeypatch):
+    """Let every scene keep its factors, or none."""
+
+    def set_worth(kept):
+        monkeypatch.setattr(lu_layout, "_NARROW", 0)
+        monkeypatch.setattr(lu_layout, "_INDIRECT", 0)
+        monkeypatch.setattr(lu_layout, "_SUBSTITUTION", 0.05)
+        monkeypatch.setattr(lu_layout, "_LEAST_WORTH", 0 if kept else 10**9)
+
+    return set_worth
+
+
+def flying(cells, turn):
+    """A free lattice of single elements, which rotates as a whole [rad/s]."""
+    scene, nodes, middle = fb.Scene(), {}, cells / 2
+    for i in range(cells + 1):
+        for j in range(cells + 1):
+            for end in ((i + 1, j), (i, j + 1)):
+                if max(end) <= cells:
+                    strut = scene.add_beam([nodes.get(at, at) for at in ((i, j), end)], STRUT)
+                    nodes[i, j], nodes[end] = strut.start, strut.end
+    for beam in scene.beams:
+        scene.set_velocity(
+            beam, lambda x, y: (-turn * (y - middle), turn * (x - middle)), spin=turn
+        )
+    return scene, nodes
+
+
+@pytest.mark.parametrize("name", ["lattice", "linkage", "springs and dampers"])
+def test_kept_factors_give_the_motion_of_new_ones(name, keep, problems):
+    make, dt = SCENES[name]
+    runs = []
+    for kept in (True, False):
+        keep(kept)
+        runs.append(fb.simulate(make(), dt=dt, t_end=60 * dt, max_halvings=0))
+        assert ("kept over several steps" in runs[-1].stats.solver) == kept
+    often, always = (problem.c.kept.made for problem in problems)
+    assert always == runs[1].stats.newton_iterations
+    assert often < always / 4
+    assert abs(runs[0].q - runs[1].q).max() < 1e-10 * max(1, abs(runs[1].q).max())
+
+
+def test_a_large_frame_keeps_its_factors_and_its_energy(problems):
+    scene, nodes = flying(26, 0.0)
+    scene.add_force(nodes[26, 26], lambda t: (2e3 if t < 0.05 else 0.0, 0.0))
+    solution = fb.simulate(scene, dt=0.01, t_end=0.3, record=fb.Record(every=10))
+    assert solution.stats.solver.endswith("kept over several steps")
+    assert problems[0].c.kept.made < solution.stats.newton_iterations / 3
+    energy = solution.energy
+    assert abs(energy.balance_error).max() < 1e-10 * energy.kinetic.max()
+
+
+@pytest.mark.parametrize("turn", [0.01, 0.2])
+def test_factors_that_a_rotation_makes_poor_are_renewed(turn, keep, problems):
+    # In each step the stiff directions turn by this angle [rad].
+    keep(True)
+    scene, _ = flying(4, turn / 0.01)
+    solution = fb.simulate(scene, dt=0.01, t_end=0.4, max_halvings=0)
+    energy, momentum = solution.energy, solution.angular_momentum
+    assert abs(energy.balance_error).max() < 1e-12 * energy.kinetic.max()
+    assert np.ptp(momentum) < 1e-12 * abs(momentum[0])
+    assert problems[0].c.kept.made >= 40 * turn
+
+
+def test_factors_of_a_stiff_pendulum_do_not_hide_an_error(keep):
+    # A ratio of stiffnesses of 1e10, and sub-steps in which the pendulum turns by a large angle.
+    keep(True)
+    solution = fb.simulate(pendulum()[0], fb.EnergyMomentum(order=4), dt=0.1, t_end=3.0)
+    energy = solution.energy
+    scale = max(abs(part).max() for part in (energy.kinetic, energy.strain, energy.potential))
+    assert abs(energy.balance_error).max() < 1e-12 * scale
+
+
+def test_a_run_with_kept_factors_repeats_itself_exactly(keep):
+    keep(True)
+    runs = [fb.simulate(lattice(), dt=0.005, t_end=0.2) for _ in range(2)]
+    assert (runs[0].q == runs[1].q).all()
