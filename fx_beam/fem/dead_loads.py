@@ -30,18 +30,17 @@ class Loads:
     def __init__(self, scene: Scene, mesh: Mesh, forms: Forms):
         self._scene, self._mesh, self._forms = scene, mesh, forms
         self._loads = [load for load in scene.loads if not load.follower]
-        columns = [np.zeros((mesh.dofs.size, 0))]
+        columns = [scipy.sparse.csc_matrix((mesh.dofs.size, 0))]
         for load in self._loads:
             if isinstance(load.target, Beam):
-                columns.append(self._line_load(load.target, load.along))
+                columns.append(scipy.sparse.csc_matrix(self._line_load(load.target, load.along)))
                 continue
             dofs = mesh.dofs[load.target.number]
             dofs = dofs[:2] if load.kind == "force" else dofs[2:]
-            unit = np.zeros((mesh.dofs.size, len(dofs)))
-            unit[dofs, range(len(dofs))] = 1.0
-            columns.append(unit)
+            unit = np.ones(len(dofs)), dofs, np.arange(len(dofs) + 1)
+            columns.append(scipy.sparse.csc_matrix(unit, (mesh.dofs.size, len(dofs))))
         #: Nodal forces (size, n) of a unit of each component of each load.
-        self.columns = scipy.sparse.csc_matrix(np.hstack(columns))
+        self.columns = scipy.sparse.hstack(columns, format="csc")
 
     def _line_load(self, beam: Beam, along: Callable | None) -> np.ndarray:
         """Nodal forces (size, 2) of a unit line load along x and y, or (size, 1) of one along s."""

@@ -20,7 +20,7 @@ from .free_nodes import fill_blocks, with_blocks
 from .mesh import Mesh
 from .node_contact import NodeContact
 from .node_drag import NodeDrag
-from .section_fields import Data, on_beam, section_data
+from .section_fields import Data, distinct, on_beam, section_data
 from .weak_form import Material, WeakForm, sections_facing_backwards, weak_form
 
 
@@ -157,7 +157,8 @@ class Forms:
     def _weak_form(self, scene: Scene) -> WeakForm:
         """The weak form of the scene; the data of the sections are those of the forms."""
         mesh, degree = self._mesh, scene.beams[0].degree
-        of_beams = [(beam.section.strain_energy, beam.section.internal) for beam in scene.beams]
+        sections = [beam.section for beam in scene.beams]
+        of_beams = [(section.strain_energy, section.internal) for section in sections]
         materials: list[Material] = []
         for material in of_beams:
             if material not in materials:
@@ -169,7 +170,7 @@ class Forms:
         if (None, None) in materials:
             stiffness = section_data(mesh, scene, ("EA", "GA", "EI"), degree)
         times = None
-        if any(beam.section.damped for beam in scene.beams) and not self._scheme.rates.at_rest:
+        if any(section.damped for section in distinct(sections)) and not self._scheme.rates.at_rest:
             times = section_data(mesh, scene, ("retardation",), degree)
         everywhere = Data(0, np.array(1.0))
         inside = [

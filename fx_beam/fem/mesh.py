@@ -80,20 +80,23 @@ def build_mesh(scene: Scene) -> Mesh:
         dofs = np.arange(3 * len(points)).reshape(-1, 3)
         return Mesh(None, None, points, dofs, 0, np.empty(0, int), [], [], False)
     degree = scene.beams[0].degree
-    ends = [
+    pairs = [
         (a.number, b.number)
         for beam in scene.beams
         for a, b in zip(beam.nodes[:-1], beam.nodes[1:], strict=True)
     ]
+    ends = np.array(pairs)
     # Nodes inside elements are numbered after those of the scene, element by element.
-    X = np.vstack([points, *(inner_positions(beam) for beam in scene.beams)])
+    X = points
+    if degree > 1:
+        X = np.vstack([points, *(inner_positions(beam) for beam in scene.beams)])
     inner = len(points) + np.arange(len(ends) * (degree - 1)).reshape(len(ends), degree - 1)
     nodes_of_element = np.hstack([ends, inner])
     curved = degree > 1 and any(beam.inner is not None for beam in scene.beams)
     if curved:
         mesh, order = dolfinx_api.interval_mesh(X, nodes_of_element, degree)
     else:
-        mesh, order = dolfinx_api.interval_mesh(points, np.array(ends))
+        mesh, order = dolfinx_api.interval_mesh(points, ends)
     space = dolfinx_api.beam_space(mesh, degree)
     dofs = np.full((len(X), 3), -1)
     dofs[nodes_of_element[order]] = dolfinx_api.dofs_of_cells(space)
@@ -104,13 +107,15 @@ def build_mesh(scene: Scene) -> Mesh:
     cell_of_element = np.argsort(order)
     counts = [beam.elements for beam in scene.beams]
     first, beam_of_element = np.cumsum([0, *counts]), np.repeat(np.arange(len(counts)), counts)
-    cells, nodes_of_beam = [], []
-    for number in range(len(scene.beams)):
-        elements = np.arange(*first[number : number + 2])
-        cells.append(cell_of_element[elements])
-        chain = [ends[elements[0]][0]]
-        for e in elements:
-            chain += [*inner[e], ends[e][1]]
-        nodes_of_beam.append(np.array(chain))
+    cells = _split(cell_of_element, first)
+    # The chains of all beams: the start of each, then inner nodes and end of each element.
+    chain = np.insert(np.hstack([inner, ends[:, 1:]]), first[:-1] * degree, ends[first[:-1], 0])
+    nodes_of_beam = _split(chain, first * degree + np.arange(len(first)))
     of_cell = beam_of_element[order]
     return Mesh(mesh, space, X, dofs, in_beams, of_cell, cells, nodes_of_beam, curved)
+
+
+def _split(values: np.ndarray, at: np.ndarray) -> list[np.ndarray]:
+    """Parts of an array between places that rise from its start to its end."""
+    places = at.tolist()
+    return [values[a:b] for a, b in zip(places[:-1], places[1:], strict=True)]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from typing import NamedTuple
 
 import numpy as np
@@ -9,6 +10,7 @@ import numpy as np
 from fx_beam.errors import SceneError
 from fx_beam.scene.beam import Beam, arc_lengths
 from fx_beam.scene.scene import Scene
+from fx_beam.scene.section import Section
 
 from . import dolfinx_api
 from .mesh import Mesh
@@ -41,28 +43,34 @@ def section_data(mesh: Mesh, scene: Scene, names: tuple[str, ...], points: int) 
     Data that vary are evaluated at so many Gauss points. The SceneError for an invalid value names
     its beam and its fraction.
     """
-    varies = any(beam.section.varies(name) for beam in scene.beams for name in names)
+    sections = [beam.section for beam in scene.beams]
+    varies = any(section.varies(name) for section in distinct(sections) for name in names)
     gauss = dolfinx_api.gauss_points(points)
     values: list[np.ndarray] = []
-    known: dict[int, np.ndarray] = {}
+    known: dict[int, int] = {}
     for beam in scene.beams:
         # Constant data need one value, which other beams of the same section share.
         if not varies and id(beam.section) in known:
-            values.append(known[id(beam.section)])
             continue
         fractions = arc_lengths(beam, gauss) / beam.length if varies else np.array([[0.5]])
         try:
             own = [beam.section.values(name, fractions) for name in names]
         except SceneError as error:
             raise SceneError(f"beam {beam.name!r}: {error}") from None
+        known[id(beam.section)] = len(values)
         values.append(np.stack(own, axis=-1) if len(names) > 1 else own[0])
-        known[id(beam.section)] = values[-1]
     if not varies:
-        return cell_data(mesh, np.concatenate(values)[:, 0])
+        of_beam = [known[id(section)] for section in sections]
+        return cell_data(mesh, np.concatenate(values)[of_beam, 0])
     of_cell = np.empty((len(mesh.beam_of_cell), *values[0].shape[1:]))
-    for cells, of_beam in zip(mesh.cells, values, strict=True):
-        of_cell[cells] = of_beam
+    for cells, rows in zip(mesh.cells, values, strict=True):
+        of_cell[cells] = rows
     return Data(points, of_cell)
+
+
+def distinct(sections: Iterable[Section]) -> list[Section]:
+    """Each section once: beams of a frame share a few."""
+    return list({id(section): section for section in sections}.values())
 
 
 def cell_data(mesh: Mesh, rows: np.ndarray) -> Data:

@@ -45,20 +45,23 @@ def _members(model: Model) -> list[np.ndarray]:
     scene, mesh = model.scene, model.mesh
     if scene.virtual_works:
         return []  # their expressions may depend on full turns
-    pairs = [pair for nodes in mesh.nodes for pair in zip(nodes[:-1], nodes[1:], strict=True)]
+    none = np.empty(0, dtype=int)
+    one = [none, *(nodes[:-1] for nodes in mesh.nodes)]
+    other = [none, *(nodes[1:] for nodes in mesh.nodes)]
     counted = {node for node, part in {*scene.fixed, *scene.prescribed} if part == _ROTATION}
     for joint in scene.joints:
         ends = [node.number for node in (joint.a, joint.b) if node is not GROUND]
         rotation = joint.rotation
         if joint.turns_together and len(ends) == 2:
-            pairs.append((ends[0], ends[1]))
+            one.append(np.array(ends[:1]))
+            other.append(np.array(ends[1:]))
         elif joint.turns_together:
             counted |= {*ends}
         if rotation is not None and (rotation.acts or rotation.motor):
             counted |= {*ends}
     n = len(mesh.X)
-    i, j = np.array(pairs, dtype=int).reshape(-1, 2).T
-    graph = scipy.sparse.coo_matrix((np.ones(len(pairs)), (i, j)), (n, n))
+    i, j = np.concatenate(one), np.concatenate(other)
+    graph = scipy.sparse.coo_matrix((np.ones(len(i)), (i, j)), (n, n))
     number, of_node = connected_components(graph, directed=False)
     held = set(of_node[sorted(counted)])
     order = np.argsort(of_node, kind="stable")

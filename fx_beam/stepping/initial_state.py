@@ -250,8 +250,9 @@ def _solve_dense(A: np.ndarray, b: np.ndarray) -> np.ndarray | None:
 
 def _solve_sparse(A: scipy.sparse.csc_matrix, b: np.ndarray) -> np.ndarray | None:
     """The same for a sparse matrix."""
+    A.eliminate_zeros()  # the masses have the stiffness' pattern
     try:
-        factors = scipy.sparse.linalg.splu(A)
+        factors = scipy.sparse.linalg.splu(A, "MMD_AT_PLUS_A", options={"SymmetricMode": True})
     except RuntimeError:
         return None
     return None if abs(factors.U.diagonal()).min() < 1e-10 else factors.solve(b)

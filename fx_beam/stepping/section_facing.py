@@ -62,7 +62,6 @@ def _least_energy(model: Model) -> float:
     It is EA/2 times the length of the Gauss point; 0 for stored energies that are not quadratic.
     """
     least: float = np.inf
-    stiffness: dict[int, np.ndarray] = {}
     for beam in model.scene.beams:
         section = beam.section
         if section.strain_energy is not None:
@@ -70,7 +69,9 @@ def _least_energy(model: Model) -> float:
         if section.varies("EA"):
             gauss = dolfinx_api.gauss_points(beam.degree)
             EA = section.values("EA", arc_lengths(beam, gauss) / beam.length).min(axis=1)
+            least = min(least, (EA * (beam.s[1:] - beam.s[:-1])).min() / 50)
         else:
-            EA = stiffness.setdefault(id(section), section.values("EA", np.array([0.5])))
-        least = min(least, (EA * (beam.s[1:] - beam.s[:-1])).min() / 50)
+            s = beam.s.tolist()
+            length = min(end - start for start, end in zip(s[:-1], s[1:], strict=True))
+            least = min(least, section.EA * length / 50)
     return float(least)
