@@ -120,6 +120,7 @@ HOUSE = {
     "analyses": [
         "evaluation",
         "progress",
+        "mpi_ranks",
         "controlled_steps",
         "dynamics",
         "convergence",

@@ -17,9 +17,9 @@ import pytest
 import sweep_cases
 
 import fx_beam as fb
-from fx_beam.analyses import workers
+from fx_beam.analyses import mpi_ranks, workers
 from fx_beam.compiled import build
-from fx_beam.fem import ffcx_api
+from fx_beam.fem import dolfinx_api, ffcx_api
 from fx_beam.results import tables
 from fx_beam.studies.work_precision import runner
 
@@ -131,6 +131,45 @@ def test_what_processes_cannot_import_is_refused(monkeypatch):
         fb.sweep(prompt.square, [{"x": 1}])
 
 
+def said_by_two_ranks(tmp_path, text, *options):
+    """What a script writes that mpirun starts twice."""
+    mpirun = "mpirun", "-n", "2", "--oversubscribe", sys.executable, *options
+    started = script(tmp_path, text, *mpirun, stderr=subprocess.STDOUT)
+    try:
+        said, _ = started.communicate(timeout=60)
+    finally:
+        with suppress(ProcessLookupError):
+            os.killpg(started.pid, signal.SIGKILL)
+    assert started.returncode == 0
+    return said
+
+
+@pytest.mark.skipif(not shutil.which("mpirun"), reason="no mpirun")
+def test_two_ranks_that_compute_the_same_scene_warn_once(tmp_path):
+    text = """
+import sweep_cases
+
+for _ in range(2):
+    sweep_cases.arm({"EA": 4e7, "speed": 1.0})
+print("done")
+"""
+    said = said_by_two_ranks(tmp_path, text)
+    assert said.count("done") == 2
+    assert said.count("mpirun started 2 processes: each of them computes the whole scene") == 1
+    assert "fx_beam.sweep" in said
+
+
+def test_a_rank_that_computes_its_own_cases_does_not_warn(thread, lists, monkeypatch, caplog):
+    monkeypatch.setattr(dolfinx_api, "rank_and_size", lambda: (0, 2))
+    monkeypatch.delitem(sys.modules, "mpi4py.futures", raising=False)
+    mpi_ranks._warn.cache_clear()
+    case = {"EA": 4e7, "speed": 1.0}
+    fb.sweep(sweep_cases.arm, [case], thread)
+    assert not caplog.records
+    sweep_cases.arm(case)
+    assert len(caplog.records) == 1
+
+
 @pytest.mark.skipif(not shutil.which("mpirun"), reason="no mpirun")
 def test_a_pool_of_mpi_gives_what_one_process_gives(tmp_path, lists):
     text = """
@@ -144,13 +183,7 @@ if __name__ == "__main__":
     with MPIPoolExecutor() as executor:
         rows = fb.sweep(sweep_cases.arm, cases, executor, results="rows")
 """
-    mpirun = "mpirun", "-n", "2", "--oversubscribe", sys.executable, "-m", "mpi4py.futures"
-    started = script(tmp_path, text, *mpirun)
-    try:
-        assert started.wait(timeout=60) == 0
-    finally:
-        with suppress(ProcessLookupError):
-            os.killpg(started.pid, signal.SIGKILL)
+    assert "mpirun started" not in said_by_two_ranks(tmp_path, text, "-m", "mpi4py.futures")
     rows = [json.loads(line) for line in (tmp_path / "rows").read_text().splitlines()]
     assert len(rows) == 4
     for row in rows:

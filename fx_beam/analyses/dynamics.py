@@ -32,6 +32,7 @@ from fx_beam.validation import is_number, is_whole, require
 
 from .controlled_steps import Tolerance
 from .evaluation import solution_of
+from .mpi_ranks import warn_of_equal_work
 from .progress import failure_of, keep, progress_bar
 
 _log = logging.getLogger("fx_beam")
@@ -164,6 +165,7 @@ def simulate(
         control = Tolerance(tolerance, dt, dt_max, breaks, (t0, t_end))
         order_and_constant(scheme)  # refuses a scheme whose local errors are not known
 
+    warn_of_equal_work()
     clock = time.perf_counter()
     model = Model(scene, scheme)
     stats = Stats(

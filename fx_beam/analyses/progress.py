@@ -38,6 +38,11 @@ def without_bars() -> Iterator[None]:
         _NO_BARS.reset(before)
 
 
+def in_sweep() -> bool:
+    """Whether a sweep calls, here or in a worker."""
+    return _NO_BARS.get()
+
+
 def failure_of(stop: StepError | KeyboardInterrupt, time: float) -> Failure:
     """The cause of an early end, at a time or load factor."""
     if isinstance(stop, StepError):

@@ -26,6 +26,7 @@ from fx_beam.stepping.substeps import MOST_HALVINGS
 from fx_beam.validation import is_number, is_whole, require
 
 from .evaluation import solution_of
+from .mpi_ranks import warn_of_equal_work
 from .progress import failure_of, keep, progress_bar
 
 _log = logging.getLogger("fx_beam")
@@ -109,6 +110,7 @@ def static(
     """
     _check(scene, steps, t, continuation, newton, max_cuts, max_steps, progress)
     petsc("fx_beam.static")
+    warn_of_equal_work()
     clock = time.perf_counter()
     scheme = Equilibrium()
     model = Model(scene, scheme)

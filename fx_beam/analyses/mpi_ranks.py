@@ -1,0 +1,32 @@
+"""A warning about processes of mpirun that all do the same."""
+
+from __future__ import annotations
+
+import functools
+import logging
+import sys
+
+from fx_beam.fem import dolfinx_api
+
+from .progress import in_sweep
+
+_log = logging.getLogger("fx_beam")
+
+
+def warn_of_equal_work() -> None:
+    """Warn once, on rank 0, that every rank computes the scene; not where a sweep hands out cases."""
+    # `python -m mpi4py.futures` runs the script on one rank; the others wait for cases.
+    if not in_sweep() and "mpi4py.futures" not in sys.modules:
+        _warn()
+
+
+@functools.cache
+def _warn() -> None:
+    rank, number = dolfinx_api.rank_and_size()
+    if rank == 0 and number > 1:
+        _log.warning(
+            "mpirun started %d processes: each of them computes the whole scene and writes the "
+            "same files. Start the script without mpirun; for many scenes on many processes use "
+            "fx_beam.sweep with an executor, see its documentation",
+            number,
+        )
