@@ -50,11 +50,13 @@ PICTURES = {
     "andrews": ("scene.png", "shapes.png", "angles.png", "motion.gif"),
     "whip_stop": ("scene.png", "shapes.png", "force_and_energy.png", "motion.gif"),
     "falling_ring": ("scene.png", "shapes.png", "height_and_energy.png", "motion.gif"),
+    "lattice_impact": ("energy.png", "front.png"),
     "own_physics": ("scene.png", "energy.png", "motion.gif"),
 }
 # Fewer runs than in the gallery, in a thread: a process could not import what a test has loaded.
 SMALL = {
     "monte_carlo": {"samples": 50, "executor": ThreadPoolExecutor(1)},
+    "lattice_impact": {"cells": 30},
     "design_map": {"points": (4, 3), "executor": ThreadPoolExecutor(1)},
 }
 RESULTS = tempfile.TemporaryDirectory(prefix="fx_beam_demos_")  # goes with the process

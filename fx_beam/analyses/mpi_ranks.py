@@ -14,7 +14,7 @@ _log = logging.getLogger("fx_beam")
 
 
 def warn_of_equal_work() -> None:
-    """Warn once, on rank 0, that every rank computes the scene; not where a sweep hands out cases."""
+    """Warn once, on rank 0, that every rank computes the scene; not where a sweep calls."""
     # `python -m mpi4py.futures` runs the script on one rank; the others wait for cases.
     if not in_sweep() and "mpi4py.futures" not in sys.modules:
         _warn()

@@ -10,7 +10,7 @@ from matplotlib.cm import ScalarMappable
 from matplotlib.collections import LineCollection
 from matplotlib.colors import LinearSegmentedColormap, Normalize
 
-from fx_beam.results.fields import QUANTITIES, RESULTANTS, along
+from fx_beam.results.fields import QUANTITIES, RESULTANTS, along_all
 
 from .symbols import Drawing
 
@@ -28,6 +28,7 @@ _WORDS = {
     "speed": "speed",
 }
 _PIECES = 12  # per element, each with one colour
+_MANY = 40_000  # pieces of all elements, of which there are no more if an element has several
 
 
 class Colouring:
@@ -41,14 +42,13 @@ class Colouring:
             known = ", ".join(repr(name) for name in [*QUANTITIES, *sorted(internal)])
             raise ValueError(f"colour = {quantity!r} must be one of {known}, or None")
         self._drawing = drawing
-        middles = (np.arange(_PIECES) + 0.5) / _PIECES
-        values = [
-            along(drawing.solution, name, quantity, drawing.rows, middles)
-            for name in drawing.solution.beams
-        ]
-        rows = [value.reshape(len(drawing.rows), -1) for value in values]
-        self._values = dict(zip(drawing.rows, np.concatenate(rows, axis=1), strict=True))
-        largest = max(abs(value).max() for value in values) or 1.0
+        elements = sum(beam.elements for beam in drawing.solution.beams.values())
+        self._pieces = max(1, min(_PIECES, _MANY // elements))
+        middles = (np.arange(self._pieces) + 0.5) / self._pieces
+        values = along_all(drawing.solution, quantity, drawing.rows, middles)
+        rows = values.reshape(len(drawing.rows), -1)
+        self._values = dict(zip(drawing.rows, rows, strict=True))
+        largest = abs(values).max() or 1.0
         signed = quantity in RESULTANTS or quantity in internal
         norm = Normalize(-largest if signed else 0.0, largest)
         #: The scale, for a colour bar, and its label.
@@ -65,7 +65,6 @@ class Colouring:
     def paint(self, lines: LineCollection, k: int) -> LineCollection:
         """Move the lines to the members' positions in row k, and colour them."""
         drawing = self._drawing
-        points = [drawing.pieces(name, k, _PIECES) for name in drawing.solution.beams]
-        lines.set_segments(list(np.concatenate(points)))
+        lines.set_segments(list(drawing.pieces(k, self._pieces)))
         lines.set_array(self._values[k])
         return lines

@@ -25,6 +25,7 @@ from .obstacles import obstacles_on_axes
 from .symbols import Drawing, axis, draw_marks, draw_supports, draw_symbols
 
 _BEAM_COLOURS = "#0072B2", "#009E73", "#CC79A7", "#E69F00", "#56B4E9"
+_MANY = 1000  # members above which their tubes have six sides
 _PICTURES = "png", "pdf", "svg", "jpg"
 
 
@@ -74,9 +75,10 @@ def shapes(
     if colour is None:
         shades = _by_time(fig, ax, bar, drawing)
     else:
+        width = 2.2 * drawing.thinness
         colouring, shades = Colouring(drawing, colour, length_unit), ["0.35"] * len(steps)
         for order, k in enumerate(steps):
-            ax.add_collection(colouring.paint(colouring.lines(2.2, 2 + 1e-4 * order), k))
+            ax.add_collection(colouring.paint(colouring.lines(width, 2 + 1e-4 * order), k))
         fig.colorbar(colouring.scale, cax=bar, label=colouring.label, format="%.3g")
     for k, shade in zip(steps, shades, strict=True):
         draw_symbols(ax, drawing, k, shade, small=True)
@@ -225,7 +227,7 @@ def _members(fig: Figure, ax, drawing: Drawing, colour: str | None, length_unit:
         colouring = Colouring(drawing, colour, length_unit)
         words = colouring.label
         fig.colorbar(colouring.scale, ax=ax, fraction=0.05, label=words, format="%.3g")
-        return [(ax.add_collection(colouring.lines(2.5)), colouring.paint)]
+        return [(ax.add_collection(colouring.lines(2.5 * drawing.thinness)), colouring.paint)]
 
     def mover(name: str):
         return lambda line, k: line.set_data(*drawing.axis(name, k).T)
@@ -280,13 +282,18 @@ def _tubes(drawing: Drawing, shades: np.ndarray) -> np.ndarray:
     window = [int(pixels) for pixels in 1600 * size / max(size)]
     plotter: Any = pv.Plotter(off_screen=True, window_size=window)
     plotter.set_background("white")
-    radius = 0.0025 * max(size)
-    for order, (k, shade) in enumerate(zip(drawing.rows, shades, strict=True)):
-        for name in drawing.solution.beams:
-            # Later shapes lie a little nearer to the eye, so that they cover earlier ones.
-            points = np.insert(drawing.axis(name, k), 2, order * radius, axis=1)
-            tube = pv.MultipleLines(points).tube(radius=radius)
-            plotter.add_mesh(tube, color=shade[:3], ambient=0.3, smooth_shading=True)
+    radius = 0.0025 * max(size) * drawing.thinness
+    beams = drawing.solution.beams
+    for order, (k, shade) in enumerate(zip(drawing.rows, shades, strict=True) if beams else ()):
+        # Later shapes lie a little nearer to the eye, so that they cover earlier ones.
+        axes = [drawing.axis(name, k) for name in beams]
+        points = np.insert(np.concatenate(axes), 2, order * radius, axis=1)
+        starts = np.cumsum([0, *map(len, axes)]).tolist()
+        lines = [[b - a, *range(a, b)] for a, b in zip(starts[:-1], starts[1:], strict=True)]
+        tubes = pv.PolyData(points, lines=np.concatenate(lines)).tube(
+            radius=radius, n_sides=20 if len(axes) <= _MANY else 6
+        )
+        plotter.add_mesh(tubes, color=shade[:3], ambient=0.3, smooth_shading=True)
     plotter.view_xy()
     plotter.enable_parallel_projection()
     plotter.camera.focal_point = (*centre, 0.0)

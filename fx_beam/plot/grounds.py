@@ -26,8 +26,9 @@ def draw_grounds(sheet: Sheet, scene: Scene) -> None:
                 _ground_guide(sheet, _place(scene, node.number), joint.axis)
             else:
                 held[node.number] = {0, 1} if joint.kind == "Revolute" else {0, 1, 2}
+    leaving = _leaving(scene, set(held))
     for number, components in held.items():
-        _support(sheet, _place(scene, number), components, _leaving(scene, number))
+        _support(sheet, _place(scene, number), components, np.array(leaving[number]))
 
 
 def _place(scene: Scene, number: int) -> np.ndarray:
@@ -35,23 +36,23 @@ def _place(scene: Scene, number: int) -> np.ndarray:
     return np.array([node.x, node.y])
 
 
-def _leaving(scene: Scene, number: int) -> np.ndarray:
-    """Directions (n, 2) in which members leave a node."""
-    found = []
+def _leaving(scene: Scene, numbers: set[int]) -> dict[int, list[np.ndarray]]:
+    """Directions (2,) in which members leave each of some nodes."""
+    found: dict[int, list[np.ndarray]] = {number: [] for number in numbers}
     for beam in scene.beams:
-        numbers = [node.number for node in beam.nodes]
-        for k in map(int, np.flatnonzero(np.equal(numbers, number))):
-            for other in {max(k - 1, 0), min(k + 1, beam.elements)} - {k}:
-                along = _place(scene, numbers[other]) - _place(scene, number)
-                found.append(along / np.hypot(*along))
+        for k, node in enumerate(beam.nodes):
+            for other in (k - 1, k + 1) if node.number in numbers else ():
+                if 0 <= other <= beam.elements:
+                    along = _place(scene, beam.nodes[other].number) - _place(scene, node.number)
+                    found[node.number].append(along / np.hypot(*along))
     for body in scene.bodies:
         centre = _place(scene, body.centre.number)
         for node in body.points.values():
             along = _place(scene, node.number) - centre
-            if number in (node.number, body.centre.number) and along.any():
-                side = -1.0 if number == node.number else 1.0
-                found.append(side * along / np.hypot(*along))
-    return np.array(found or [(0.0, 1.0)])
+            for number, side in ((node.number, -1.0), (body.centre.number, 1.0)):
+                if number in numbers and along.any():
+                    found[number].append(side * along / np.hypot(*along))
+    return {number: ways or [np.array([0.0, 1.0])] for number, ways in found.items()}
 
 
 def _support(sheet: Sheet, place, components: set[int], leaving: np.ndarray) -> None:

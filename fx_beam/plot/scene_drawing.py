@@ -26,6 +26,7 @@ _DIMENSION = {"color": "0.45", "linewidth": 0.6}
 # Fractions of the drawing's size: distance of dimensions from it, and the shortest dimension shown.
 _AWAY, _SHORTEST = 0.2, 0.04
 _MANY = 15  # number of members above which their names are small
+_CROWD = 500  # number of members above which they have neither names nor dots
 
 
 def scene(
@@ -37,12 +38,13 @@ def scene(
 ) -> Figure:
     """Drawing of a scene in its reference configuration.
 
-    Members have their names, and dots between elements. Bodies are arms from a cross at the centre
-    of mass to their points, with the area between them. Hatched lines are the ground. A pin is a
-    triangle, a roller a triangle with a gap, a clamp a wall. Rings are hinges, squares on dotted
-    lines are slides, discs are lumped masses. A zigzag or a spiral is the spring of a joint, a cup
-    its damper, two thick strokes its friction. Grey hatched lines and circles are obstacles; stops
-    of joints are not drawn. Beams and nodes with drag have the word "drag".
+    Members have their names, and dots between elements, but not if there are more than 500. Bodies
+    are arms from a cross at the centre of mass to their points, with the area between them. Hatched
+    lines are the ground. A pin is a triangle, a roller a triangle with a gap, a clamp a wall. Rings
+    are hinges, squares on dotted lines are slides, discs are lumped masses. A zigzag or a spiral is
+    the spring of a joint, a cup its damper, two thick strokes its friction. Grey hatched lines and
+    circles are obstacles; stops of joints are not drawn. Beams and nodes with drag have the word
+    "drag".
     Arrows of forces end at their nodes, those of initial velocities start there.
     Prescribed motions and motors have arrows with two heads. Loads that are functions of time are
     drawn with their largest value. Added virtual works are not drawn.
@@ -81,7 +83,7 @@ def scene(
     ends = [(node.x, node.y) for body in scene.bodies for node in body.nodes]
     everything = np.concatenate([*axes.values(), np.reshape(ends, (-1, 2))])
     sheet = Sheet(float(np.ptp(everything, axis=0).max()))
-    _members(sheet, scene, axes)
+    _members(sheet, scene, axes, drawing.thinness)
     obstacles_on_sheet(sheet, scene.obstacles, everything)
     draw_grounds(sheet, scene)
     draw_guides(sheet, scene)
@@ -102,7 +104,7 @@ class Reference:
 
     scene: Scene
 
-    @property
+    @cached_property
     def beams(self):
         """The beams by name."""
         return {beam.name: beam for beam in self.scene.beams}
@@ -142,7 +144,12 @@ class Reference:
         return np.zeros(1)
 
 
-def _members(sheet: Sheet, scene: Scene, axes: dict[str, np.ndarray]) -> None:
+def _members(sheet: Sheet, scene: Scene, axes: dict[str, np.ndarray], width: float) -> None:
+    if len(axes) > _CROWD:
+        gaps = np.full((1, 2), np.nan)
+        apart = np.concatenate([part for points in axes.values() for part in (points, gaps)])
+        sheet.line(apart, color=_MEMBER, linewidth=2.5 * width, zorder=2)
+        return
     for beam in scene.beams:
         sheet.line(axes[beam.name], color=_MEMBER, linewidth=2.5, zorder=2)
         ends = [(node.x, node.y) for node in beam.nodes]
@@ -165,7 +172,7 @@ def _names(sheet: Sheet, scene: Scene, axes, marks: dict[str, Node], si: bool) -
     for body in scene.bodies:
         sheet.label(body.name, (body.centre.x, body.centre.y), _MEMBER)
     size = 9.0 if len(axes) <= _MANY else 5.5
-    for name, points in axes.items():
+    for name, points in axes.items() if len(axes) <= _CROWD else ():
         sheet.label(name, _along(points, (0.5, 0.35, 0.65, 0.2, 0.8)), _MEMBER, size)
 
 

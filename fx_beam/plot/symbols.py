@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from fx_beam.results.fields import nodes_of_elements
 from fx_beam.scene.beam import Node, lagrange
 from fx_beam.scene.joints import GROUND, Joint
 from fx_beam.scene.loads import Load
@@ -80,9 +81,10 @@ class Drawing:
     @cached_property
     def points(self) -> np.ndarray:
         """Points (n, 2) of all members and bodies in all rows."""
-        rows = list(self.rows)
-        members = [self.axis(name, rows) for name in self.solution.beams]
-        numbers = [n.number for body in self.solution.bodies.values() for n in body.nodes]
+        solution, rows = self.solution, list(self.rows)
+        places, nodes = self.places(np.arange(len(solution.X)), rows), solution.nodes_of_beam
+        members = [axis(places[:, nodes[name]], b.degree) for name, b in solution.beams.items()]
+        numbers = [n.number for body in solution.bodies.values() for n in body.nodes]
         return np.concatenate([*members, self.places(numbers, rows)], axis=1).reshape(-1, 2)
 
     @cached_property
@@ -100,18 +102,26 @@ class Drawing:
         low, high = self.window
         return float(max(high - low))
 
+    @property
+    def thinness(self) -> float:
+        """Factor of the widths of lines: 1, or less in frames of many members."""
+        return min(1.0, 50 / max(1, len(self.solution.beams)) ** 0.5)
+
+    @cached_property
+    def _nodes_of_elements(self) -> np.ndarray:
+        beams = self.solution.beams
+        return np.concatenate([nodes_of_elements(self.solution, name) for name in beams])
+
     def axis(self, beam: str, rows) -> np.ndarray:
         """Points (..., points, 2) of a beam's axis in some rows."""
         places = self.places(self.solution.nodes_of_beam[beam], rows)
         return axis(places, self.solution.beams[beam].degree)
 
-    def pieces(self, beam: str, k: int, count: int) -> np.ndarray:
-        """Ends (elements * count, 2, 2) of `count` pieces of each element of a beam, in row k."""
-        nodes, degree = self.solution.nodes_of_beam[beam], self.solution.beams[beam].degree
-        first = degree * np.arange((len(nodes) - 1) // degree)
-        of_element = nodes[first[:, None] + np.arange(degree + 1)]
-        values = lagrange(np.linspace(0, 1, degree + 1), np.arange(count + 1) / count)
-        points = values @ self.places(of_element, k)
+    def pieces(self, k: int, count: int) -> np.ndarray:
+        """Ends (elements * count, 2, 2) of `count` pieces of each element of all beams."""
+        nodes = self._nodes_of_elements
+        values = lagrange(np.linspace(0, 1, nodes.shape[1]), np.arange(count + 1) / count)
+        points = values @ self.places(nodes, k)
         return np.stack([points[:, :-1], points[:, 1:]], axis=2).reshape(-1, 2, 2)
 
     def places(self, nodes, rows) -> np.ndarray:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 from typing import Any
 
 import ufl
@@ -11,6 +12,7 @@ import numpy as np
 from fx_beam.scene.beam import arc_lengths, lagrange
 
 RESULTANTS = ("N", "Q", "M")
+_STIFFNESSES = ("EA", "GA", "EI")
 #: What can be had along a member, and its unit.
 QUANTITIES = dict(
     zip((*RESULTANTS, "strain energy", "speed"), ("N", "N", "N m", "J/m", "m/s"), strict=True)
@@ -36,6 +38,32 @@ def along(solution: Any, name: str, quantity: str, rows, places: np.ndarray) -> 
     return values @ lagrange(_gauss(beam.degree), places).T
 
 
+def along_all(solution: Any, quantity: str, rows, places: np.ndarray) -> np.ndarray:
+    """The same for all beams of a solution (rows, elements, places), quickly for frames."""
+    rows, beams = list(rows), solution.beams
+    sections = {id(beam.section): beam.section for beam in beams.values()}
+    if quantity == "strain energy" and all(map(_is_constant, sections.values())):
+        degree = next(iter(beams.values())).degree
+        nodes = np.concatenate([nodes_of_elements(solution, name) for name in beams])
+        known = {
+            key: [section.values(kind, np.array([0.5]))[0] for kind in _STIFFNESSES]
+            for key, section in sections.items()
+        }
+        stiffness = np.array([known[id(beam.section)] for beam in beams.values()])
+        stiffness = np.repeat(stiffness, [beam.elements for beam in beams.values()], axis=0)
+        strains = _strains(solution, nodes, degree, rows)
+        density = np.einsum("ek,krep->rep", stiffness, strains**2) / 2
+        return density @ lagrange(_gauss(degree), places).T
+    return np.concatenate([along(solution, name, quantity, rows, places) for name in beams], axis=1)
+
+
+def _is_constant(section: Any) -> bool:
+    """Whether a beam's stored energy is quadratic, with the same stiffness all along it."""
+    if section is None or section.strain_energy is not None:
+        return False
+    return not any(section.varies(kind) for kind in _STIFFNESSES)
+
+
 def _at_points(solution: Any, name: str, quantity: str) -> np.ndarray:
     """Values (n, points) of a resultant, or of an internal variable: zero if a beam lacks it."""
     resultants = solution.resultants(name)
@@ -52,7 +80,7 @@ def energy_density(solution: Any, name: str, rows) -> np.ndarray:
             "the strain energy along a member needs its section, which a saved file does not hold; "
             "take the solution as simulate gave it, or N, Q, M or speed"
         )
-    strains = _strains(solution, name, list(rows))
+    strains = _strains(solution, nodes_of_elements(solution, name), beam.degree, list(rows))
     if beam.section.strain_energy is not None:
         internal = solution.internal_of_beam.get(name, {}).values()
         columns = [*strains.reshape(3, -1), *(rows_of[rows].ravel() for rows_of in internal)]
@@ -61,13 +89,12 @@ def energy_density(solution: Any, name: str, rows) -> np.ndarray:
         ]
         return np.array(found).reshape(strains.shape[1:])
     fractions = arc_lengths(beam, _gauss(beam.degree)) / beam.length
-    stiffness = np.array([beam.section.values(kind, fractions) for kind in ("EA", "GA", "EI")])
+    stiffness = np.array([beam.section.values(kind, fractions) for kind in _STIFFNESSES])
     return np.sum(stiffness[:, None] * strains**2, axis=0) / 2
 
 
-def _strains(solution: Any, name: str, rows: list[int]) -> np.ndarray:
+def _strains(solution: Any, nodes: np.ndarray, degree: int, rows: list[int]) -> np.ndarray:
     """Axial strain, shear strain and curvature (3, rows, elements, degree) (eqs 9 and 10)."""
-    degree, nodes = solution.beams[name].degree, nodes_of_elements(solution, name)
     powers = np.arange(degree + 1)
     polynomials = np.linalg.inv(np.linspace(0, 1, degree + 1)[:, None] ** powers)
     places = _gauss(degree)[:, None]
@@ -93,6 +120,7 @@ def nodes_of_elements(solution: Any, name: str) -> np.ndarray:
     return nodes[first[:, None] + np.arange(beam.degree + 1)]
 
 
+@functools.cache
 def _gauss(degree: int) -> np.ndarray:
     """Gauss points (degree,) of an element, from 0 to 1."""
     return (np.polynomial.legendre.leggauss(degree)[0] + 1) / 2

@@ -190,11 +190,29 @@ def lagrange(nodes: np.ndarray, places: np.ndarray) -> np.ndarray:
     return values
 
 
+def _strut(points: Any, elements: Any) -> Layout | None:
+    """The same for one straight element, as in frames of many; None if anything is unusual."""
+    if type(points) is not list or len(points) != 2 or elements != 1 or np.ndim(elements):
+        return None
+    if not all(isinstance(p, Node) or (type(p) is tuple and len(p) == 2) for p in points):
+        return None
+    (x0, y0), (x1, y1) = map(place, points)
+    if not all(type(x) is float or type(x) is int for x in (x0, y0, x1, y1)):
+        return None
+    length = abs(complex(x1 - x0, y1 - y0))
+    # Whether they coincide is decided where there is time for it.
+    if not 1e-9 * max(map(abs, (x0, y0, x1, y1))) < length < np.inf:
+        return None
+    return Layout(points, np.array([0.0, length]))
+
+
 def polyline(points: Sequence, elements: int | Sequence[int], name: str) -> Layout:
     """Nodes along a polyline with corners at `points`.
 
     `elements` is the number in all, spread over the straight pieces by length, or one for each.
     """
+    if (strut := _strut(points, elements)) is not None:
+        return strut
     try:
         points = list(points)
     except TypeError:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import copy
 import itertools
+import math
 from collections.abc import Callable, Sequence
 
 import numpy as np
@@ -24,7 +25,7 @@ class Geometry:
         self._names: set[str] = set()
         self.nodes: list[Node] = []
         #: Smallest and largest coordinates of all nodes.
-        self._corners = np.full(2, np.nan), np.full(2, np.nan)
+        self._corners = [math.inf] * 2, [-math.inf] * 2
 
     def __copy__(self):
         return copy.deepcopy(self)
@@ -37,7 +38,7 @@ class Geometry:
     @property
     def _size(self) -> float:
         """Larger side of the box around all nodes [m]."""
-        return float(np.subtract(*self._corners[::-1]).max())
+        return max(high - low for low, high in zip(*self._corners, strict=True))
 
     def _add(
         self,
@@ -77,7 +78,8 @@ class Geometry:
             if not isinstance(end, Node):
                 end = Node(len(self.nodes), float(end[0]), float(end[1]), self)
                 self.nodes.append(end)
-                place = np.array([end.x, end.y])
-                self._corners = np.fmin(self._corners[0], place), np.fmax(self._corners[1], place)
+                for i, x in enumerate((end.x, end.y)):
+                    self._corners[0][i] = min(self._corners[0][i], x)
+                    self._corners[1][i] = max(self._corners[1][i], x)
             nodes.append(end)
         return tuple(nodes)
