@@ -19,7 +19,7 @@ import sweep_cases
 import fx_beam as fb
 from fx_beam.analyses import mpi_ranks, workers
 from fx_beam.compiled import build
-from fx_beam.fem import dolfinx_api, ffcx_api
+from fx_beam.fem import ffcx_api
 from fx_beam.results import tables
 from fx_beam.studies.work_precision import runner
 
@@ -160,7 +160,7 @@ print("done")
 
 
 def test_a_rank_that_computes_its_own_cases_does_not_warn(thread, lists, monkeypatch, caplog):
-    monkeypatch.setattr(dolfinx_api, "rank_and_size", lambda: (0, 2))
+    monkeypatch.setattr(mpi_ranks, "rank_and_size", lambda: (0, 2))
     monkeypatch.delitem(sys.modules, "mpi4py.futures", raising=False)
     mpi_ranks._warn.cache_clear()
     case = {"EA": 4e7, "speed": 1.0}

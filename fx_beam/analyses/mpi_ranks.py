@@ -6,7 +6,7 @@ import functools
 import logging
 import sys
 
-from fx_beam.fem import dolfinx_api
+from fx_beam.fem.mpi import rank_and_size
 
 from .progress import in_sweep
 
@@ -22,7 +22,7 @@ def warn_of_equal_work() -> None:
 
 @functools.cache
 def _warn() -> None:
-    rank, number = dolfinx_api.rank_and_size()
+    rank, number = rank_and_size()
     if rank == 0 and number > 1:
         _log.warning(
             "mpirun started %d processes: each of them computes the whole scene and writes the "

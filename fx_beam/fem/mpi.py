@@ -39,3 +39,8 @@ if "mpi4py.futures" in sys.modules:
 def under_mpirun() -> bool:
     """Whether mpirun started this process."""
     return _SIZE in os.environ or MPI.COMM_WORLD.size > 1
+
+
+def rank_and_size() -> tuple[int, int]:
+    """Number of this process, and number of processes, among those that mpirun started."""
+    return MPI.COMM_WORLD.rank, MPI.COMM_WORLD.size
