@@ -256,7 +256,9 @@ class Problem:
         )
         if not reduction.free:
             raise LoopUnavailable("the scene has no unknowns")
-        self.factors = factors = factors_of(*reduction.pattern)
+        loops = reduction.loop_tables()
+        # Rows of unknowns that close loops are no forces, by which errors are judged.
+        self.factors = factors = factors_of(*reduction.pattern, keep=loops is None)
         at, stored = factors.at, factors.size
         if not factors.band:  # the tangent is stored apart
             indptr, indices = reduction.pattern
@@ -265,7 +267,7 @@ class Problem:
             self._ints(tangent_start=indptr, tangent_column=indices, factor_at=factors.at)
         alone = alone_in_column(t, self.model.size, reduction.free)
         alone[self.model.actuators.turns()] = False  # springs and dampers act there as well
-        if (loops := reduction.loop_tables()) is not None:
+        if loops is not None:
             alone[np.isin(self.model.couplings.column, loops.ints["loop_column"])] = False
             for name, value in loops.numbers.items():
                 setattr(p, name, value)

@@ -62,8 +62,8 @@ class Factors(NamedTuple):
         return f"sparse, {self.size} entries{kept}"
 
 
-def factors_of(indptr: np.ndarray, indices: np.ndarray) -> Factors:
-    """Band storage if the bandwidth is small enough, otherwise sparse rows."""
+def factors_of(indptr: np.ndarray, indices: np.ndarray, keep: bool = True) -> Factors:
+    """Band storage if the bandwidth is small enough, otherwise sparse rows, to keep if it pays."""
     n = len(indptr) - 1
     graph = scipy.sparse.csr_matrix((np.ones(len(indices)), indices, indptr), (n, n))
     graph = (graph + graph.T + scipy.sparse.identity(n)).tocsr()
@@ -77,7 +77,7 @@ def factors_of(indptr: np.ndarray, indices: np.ndarray) -> Factors:
     if _INDIRECT * products >= n * banded.band * (banded.band + 1):
         return banded
     worth = int(products / (_SUBSTITUTION * (sparse.size + len(indices))))
-    return sparse._replace(worth=worth if worth >= _LEAST_WORTH else 0)
+    return sparse._replace(worth=worth if keep and worth >= _LEAST_WORTH else 0)
 
 
 def _in_band(graph: scipy.sparse.csr_matrix, rows: np.ndarray, columns: np.ndarray) -> Factors:
