@@ -99,3 +99,14 @@ def test_a_drawing_is_written_and_what_cannot_be_drawn_is_refused(tmp_path):
         plot.scene(scene, tmp_path / "scene.doc")
     with pytest.raises(fb.SceneError, match="mark 'A': Node.* is not a node of the scene"):
         plot.scene(scene, marks={"A": crane()[1].end})
+
+
+def test_a_scene_of_many_members_is_drawn_without_names_and_says_once_what_is_equal():
+    scene, section = fb.Scene(), fb.Section(EA=1.0, GA=1.0, EI=1.0)
+    for k in range(600):
+        beam = scene.add_beam([(0.0, 0.1 * k), (1.0, 0.1 * k)], section)
+        if k % 20 == 0:
+            scene.add_force(beam.end, (3.0, 0.0))
+    texts = [text.get_text() for text in fb.plot.scene(scene).axes[0].texts]
+    assert texts.count("F = 3 N") == 1
+    assert not any("beam" in text for text in texts)

@@ -15,6 +15,7 @@ _DISTANCES = 4.0, 9.0, 15.0, 23.0, 33.0, 46.0
 _DIRECTIONS = np.linspace(0, 2 * np.pi, 16, endpoint=False) + np.pi / 2
 _LEADER = 16.0  # from this distance on a line connects a label to its object [pixels]
 _DOT = 6.0  # half the side of a marker [pixels]
+_OFTEN = 20  # number of equal labels above which only one is written
 _CELL = 3.0  # side of the squares that are free or covered [pixels]
 
 
@@ -107,7 +108,7 @@ class Sheet:
         back = self.ax.transData.inverted()
         covered = self._covered()
         look = {"ha": "center", "va": "center", "zorder": 8}
-        for text, places, colour, size in self._labels:
+        for text, places, colour, size in self._merged():
             written = self.ax.text(0, 0, text, color=colour, fontsize=size, **look)
             extent = written.get_window_extent(renderer)
             half = np.array([extent.width, extent.height]) / 2
@@ -121,6 +122,15 @@ class Sheet:
             if distances[best] > _LEADER:
                 ends = back.transform([anchor, spot + np.clip(anchor - spot, -half, half)])
                 self.ax.plot(*ends.T, color="0.6", linewidth=0.6, zorder=1)
+
+    def _merged(self) -> list[tuple[str, np.ndarray, str, float]]:
+        """The labels; one that there is very often, as on a loaded edge, is written once."""
+        alike: dict[tuple[str, str, float], list[np.ndarray]] = {}
+        for text, places, colour, size in self._labels:
+            alike.setdefault((text, colour, size), []).append(places)
+        many = {key: parts for key, parts in alike.items() if len(parts) > _OFTEN}
+        once = [(text, np.concatenate(parts), *look) for (text, *look), parts in many.items()]
+        return [label for label in self._labels if (label[0], *label[2:]) not in many] + once
 
     def _cells(self, pixels) -> np.ndarray:
         """Squares (n, 2) of the sheet in which some pixels (n, 2) lie."""
