@@ -103,3 +103,11 @@ def test_a_run_with_kept_factors_repeats_itself_exactly(keep):
     keep(True)
     runs = [fb.simulate(lattice(), dt=0.005, t_end=0.2) for _ in range(2)]
     assert (runs[0].q == runs[1].q).all()
+
+
+def test_a_run_that_goes_on_with_new_factors_is_equal_within_the_tolerance(keep):
+    keep(True)
+    whole = fb.simulate(lattice(), dt=0.005, t_end=0.2)
+    half = fb.simulate(lattice(), dt=0.005, t_end=0.1)
+    rest = fb.simulate(lattice(), dt=0.005, t_end=0.2, start=half)
+    assert abs(rest.q[-1] - whole.q[-1]).max() < 1e-10 * abs(whole.q[-1]).max()
