@@ -41,7 +41,8 @@ class Groups(NamedTuple):
 class Factors(NamedTuple):
     """Storage layout of the factors L and U of the reduced tangent, without pivoting."""
 
-    #: Position of each unknown (n,) in the elimination, and storage index of each tangent entry.
+    #: Position of each unknown (n,) in the elimination, and storage index of each tangent entry
+    #: among the factors.
     order: np.ndarray
     at: np.ndarray
     #: Number of stored values.
