@@ -42,6 +42,7 @@ from .scene.beam import Beam, Node
 from .scene.body import Body
 from .scene.coordinate import Coordinate, Damper, Friction, Spring
 from .scene.curve import Curve, arc, spline
+from .scene.inputs import Input
 from .scene.internal_variables import InternalVariables
 from .scene.joints import GROUND, Joint, PinInSlot, Prismatic, Revolute, Rigid
 from .scene.law import Law
@@ -75,6 +76,7 @@ __all__ = [
     "FrequencyResponse",
     "Friction",
     "GeneralizedAlpha",
+    "Input",
     "InternalVariables",
     "Joint",
     "JointMotion",

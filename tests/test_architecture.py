@@ -19,6 +19,7 @@ HOUSE = {
     "scene": [
         "beam",
         "curve",
+        "inputs",
         "loads",
         "internal_variables",
         "law",
@@ -122,6 +123,7 @@ HOUSE = {
         "progress",
         "mpi_ranks",
         "controlled_steps",
+        "engine",
         "dynamics",
         "convergence",
         "statics",

@@ -5,32 +5,29 @@ from __future__ import annotations
 import logging
 import math
 import time
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
-from fx_beam.compiled.build import LoopUnavailable
 from fx_beam.compiled.loop import CompiledLoop
 from fx_beam.errors import SceneError, StepError
-from fx_beam.mechanics.schemes import EnergyMomentum, Scheme
-from fx_beam.model.model import Model
+from fx_beam.mechanics.schemes import Scheme
 from fx_beam.results.audit import Stats
 from fx_beam.results.solution import Solution
 from fx_beam.results.state import State
+from fx_beam.scene.inputs import values_at, with_functions
 from fx_beam.scene.scene import Scene
-from fx_beam.stepping.forcing import Drive
-from fx_beam.stepping.full_turns import Windings
-from fx_beam.stepping.initial_state import check_joints, initial_state, resumed_state
-from fx_beam.stepping.linear_solver import petsc
 from fx_beam.stepping.local_error import order_and_constant
 from fx_beam.stepping.newton import NewtonOptions
 from fx_beam.stepping.recorder import Record, Recorder
 from fx_beam.stepping.stepper import Stepper
-from fx_beam.stepping.substeps import LARGE_TURN, MOST_HALVINGS
-from fx_beam.validation import is_number, is_whole, require
+from fx_beam.stepping.substeps import LARGE_TURN
+from fx_beam.validation import is_number, require
 
 from .controlled_steps import Tolerance
+from .engine import Engine, check_options, checked_scheme, end_of
 from .evaluation import solution_of
 from .mpi_ranks import warn_of_equal_work
 from .progress import failure_of, keep, progress_bar
@@ -60,6 +57,7 @@ def simulate(
     record: Record | None = None,
     solver: str = "auto",
     progress: bool | None = None,
+    inputs: Mapping[str, Any] | None = None,
 ) -> Solution:
     """Simulate the motion of a scene to `t_end`, from t = 0 or from the end of another solution.
 
@@ -107,6 +105,9 @@ def simulate(
     progress : bool, optional
         Whether to show a progress bar; by default on a terminal if the run takes longer than two
         seconds.
+    inputs : dict, optional
+        For names of inputs of the scene (`Input`) a function of time or a constant. The others are
+        zero. Use `Motion` to set them step by step.
 
     Returns
     -------
@@ -144,18 +145,12 @@ def simulate(
     >>> round(float(solution.displacement(bar.end)[-1, 1]), 2), len(solution.t) < 30
     (-0.42, True)
     """
-    scheme = EnergyMomentum() if scheme is None else scheme
-    if not isinstance(scene, Scene):
-        raise SceneError(f"simulate needs an fx_beam.Scene, not {scene!r}")
-    if not isinstance(scheme, Scheme):
-        raise SceneError(
-            f"unknown scheme {scheme!r}; give an instance such as fx_beam.EnergyMomentum() or "
-            "fx_beam.Newmark(), with parentheses, or an fx_beam.Scheme of your own"
-        )
-    if scheme.rates.at_rest:
-        raise SceneError(f"{scheme.name} is a scheme for statics. Use fx_beam.static(scene)")
-    _check_options(newton, max_halvings, record, solver, progress)
-    t0 = 0.0 if start is None else _end_of(start).t
+    scheme = checked_scheme(scene, scheme, "simulate")
+    check_options("simulate", newton, max_halvings, record, solver)
+    wanted = "True, False or None"
+    require(isinstance(progress, bool | None), "simulate: progress", progress, wanted)
+    scene, named = with_functions(scene, inputs, "simulate: inputs"), scene
+    t0 = 0.0 if start is None else end_of(start).t
     control, times = None, np.array([t0])
     if tolerance is None:
         times = _time_grid(dt, t_end, t0)
@@ -167,27 +162,19 @@ def simulate(
 
     warn_of_equal_work()
     clock = time.perf_counter()
-    model = Model(scene, scheme)
-    stats = Stats(
-        scheme=scheme.name,
-        level=scheme.rates.level,
-        solver="petsc lu",
-        unknowns=len(model.reduction.independent),
-        compiled=model.compiled,
-        assembled=model.assembled,
+    engine = Engine(scene, scheme, newton, max_halvings, solver)
+    model, stats, integrator, windings = (
+        engine.model,
+        engine.stats,
+        engine.integrator,
+        engine.windings,
     )
-    options = newton or NewtonOptions()
-    drive = Drive(model)
-    stepper = Stepper(model, drive, options, stats, max_halvings)
-    integrator = _choose_integrator(solver, stepper, options)
     recorder = Recorder(model, times, record or Record())
     rows_at = None if record is None or record.times is None else np.array(record.times, float)
     first = float(times[1] - times[0]) if control is None else control.first
-    state = _first_state(model, drive, first, start)
+    state = engine.first_state(first, start)
     if dt is not None and control is None:
-        stepper.halving.resume(state.parts, dt)
-    integrator.past = state.past
-    windings = Windings(model)
+        engine.stepper.halving.resume(state.parts, dt)
     recorder.record(0, state)
     stats.setup_seconds = time.perf_counter() - clock
 
@@ -196,7 +183,7 @@ def simulate(
         if control is None:
             marched = _steps_of_grid(integrator, times, recorder)
         else:
-            marched = control.run(integrator, stepper, recorder, max_halvings).advance
+            marched = control.run(integrator, engine.stepper, recorder, max_halvings).advance
         with progress_bar(t_end - t0, progress, **_BAR) as bar:
             while state.t < t_end:
                 rows, t = recorder.rows, state.t
@@ -214,7 +201,7 @@ def simulate(
     parts = None
     if control is None:
         _warn_of_parts(stats, first)
-        parts = stepper.halving.memory(first)
+        parts = engine.stepper.halving.memory(first)
     if stats.amplified:
         _log.warning(
             "%s: in %d of %d steps damping gave energy, since the sub-step that goes back in time "
@@ -224,6 +211,7 @@ def simulate(
             f" = {3 / first:.3g} /s" if control is None else "",
         )
     end = replace(state, q=state.q + windings.removed, parts=parts, past=integrator.past)
+    end.inputs = values_at(named, inputs, t_end)
     return solution_of(model, recorder, stats, end, rows_at, breaks)
 
 
@@ -251,94 +239,6 @@ def _warn_of_parts(stats: Stats, dt: float) -> None:
             "rounding errors. Try a smaller dt"
         )
     _log.warning("%s: %s", stats.scheme, text)
-
-
-def _end_of(start: Solution) -> State:
-    """Last state of a solution, with vectors numbered by nodes."""
-    if not isinstance(start, Solution):
-        raise SceneError(f"start must be a Solution, not {start!r}")
-    if start.end is None:
-        raise SceneError(
-            "start: the solution ended early and has no last state. Start from a complete one"
-        )
-    return start.end
-
-
-def _first_state(model: Model, drive: Drive, dt: float, start: Solution | None) -> State:
-    """Initial state of a motion, in the numbering of the model."""
-    if start is None:
-        return initial_state(model, drive, dt)
-    end, X = _end_of(start), model.mesh.X
-    if start.X.shape != X.shape or (start.X != X).any():
-        raise SceneError(
-            "start: the solution has other nodes than the scene. Use the same beams and elements"
-        )
-    for what, ours, theirs in (
-        ("joints", len(model.scene.joints), len(end.slides)),
-        ("motors", len(model.motors), len(end.motors)),
-    ):
-        if ours != theirs:
-            raise SceneError(f"start: the solution has {theirs} {what}, but the scene has {ours}")
-    has, needs = end.internal, model.forms.internal_shape
-    if (has is None) != (needs[-1] == 0) or (has is not None and has.shape != needs):
-        raise SceneError(
-            "start: the solution has other internal variables than the sections of the scene"
-        )
-    springs, width = end.spring_internal, model.actuators.width
-    if (0 if springs is None else len(springs)) != width:
-        raise SceneError(
-            "start: the solution has other internal variables than the springs of the scene"
-        )
-    state = end.renumbered(model.from_nodes, model.mesh.from_elements)
-    check_joints(model, state)
-    if state.held is not None and len(state.held) != model.reduction.columns - model.reduction.free:
-        state = replace(state, held=None)  # other supports
-    if len(start.joint_forces):
-        state = replace(state, joint_forces=start.joint_forces[-1])
-    contacts = 0 if model.forms.contact is None else len(model.forms.contact.dofs)
-    if len(start.contact_forces) and start.contact_forces.shape[1] == contacts:
-        state = replace(state, contact_forces=start.contact_forces[-1])
-    if start.stats.static:
-        return initial_state(model, drive, dt, state)
-    return resumed_state(model, drive, dt, state, start.stats.scheme == model.scheme.name)
-
-
-def _choose_integrator(
-    solver: str, stepper: Stepper, options: NewtonOptions
-) -> Stepper | CompiledLoop:
-    """The compiled loop if it can run the model and is not excluded, otherwise the stepper."""
-    if solver == "petsc":
-        petsc('solver = "petsc"')
-        return stepper
-    try:
-        return CompiledLoop(stepper, options)
-    except LoopUnavailable as reason:
-        if solver == "compiled":
-            raise SceneError(f'solver = "compiled" is not available: {reason}') from reason
-        petsc(f"a scene that the compiled loop cannot run ({reason})")
-        stepper.stats.solver += f" ({reason})"
-        return stepper
-
-
-def _check_options(newton, max_halvings, record, solver, progress) -> None:
-    for name, value, fits, wanted in (
-        ("newton", newton, isinstance(newton, NewtonOptions | None), "an fx_beam.NewtonOptions"),
-        (
-            "max_halvings",
-            max_halvings,
-            is_whole(max_halvings, 0, MOST_HALVINGS),
-            f"a whole number from 0 to {MOST_HALVINGS}",
-        ),
-        ("record", record, isinstance(record, Record | None), "an fx_beam.Record"),
-        (
-            "solver",
-            solver,
-            isinstance(solver, str) and solver in ("auto", "compiled", "petsc"),
-            '"auto", "compiled" or "petsc"',
-        ),
-        ("progress", progress, isinstance(progress, bool | None), "True, False or None"),
-    ):
-        require(fits, f"simulate: {name}", value, wanted)
 
 
 def _time_grid(dt: float | None, t_end: float, t0: float) -> np.ndarray:

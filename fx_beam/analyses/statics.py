@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import logging
 import time
+from collections.abc import Mapping
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
@@ -14,6 +16,7 @@ from fx_beam.model.model import Model
 from fx_beam.results.audit import Stats
 from fx_beam.results.solution import Solution
 from fx_beam.results.state import State
+from fx_beam.scene.inputs import values_at, with_functions
 from fx_beam.scene.scene import Scene
 from fx_beam.stepping.arc_length import ArcLength
 from fx_beam.stepping.forcing import LoadDrive
@@ -43,6 +46,7 @@ def static(
     max_cuts: int = 8,
     max_steps: int = 1000,
     progress: bool | None = None,
+    inputs: Mapping[str, Any] | None = None,
 ) -> Solution:
     """Compute equilibria of a scene while its loads rise from zero.
 
@@ -77,6 +81,9 @@ def static(
     progress : bool, optional
         Whether to show a progress bar; by default on a terminal if the run takes longer than two
         seconds.
+    inputs : dict, optional
+        For names of inputs of the scene (`Input`) a constant or a function of time. The others are
+        zero.
 
     Returns
     -------
@@ -111,6 +118,10 @@ def static(
     _check(scene, steps, t, continuation, newton, max_cuts, max_steps, progress)
     petsc("fx_beam.static")
     warn_of_equal_work()
+    scene, values = (
+        with_functions(scene, inputs, "static: inputs"),
+        values_at(scene, inputs, float(t)),
+    )
     clock = time.perf_counter()
     scheme = Equilibrium()
     model = Model(scene, scheme)
@@ -145,7 +156,7 @@ def static(
         reason = f"static: load factor {factor:g} after max_steps = {max_steps} steps, below 1"
         stats.failure = Failure("too many steps", reason, factor)
         _log.warning(reason)
-    return _solution(stepper, facing, states, clock)
+    return _solution(stepper, facing, states, clock, values)
 
 
 class _Path(list[State]):
@@ -160,7 +171,7 @@ class _Path(list[State]):
 
 
 def _solution(
-    stepper: LoadStepper, facing: FacingCheck, states: list[State], clock: float
+    stepper: LoadStepper, facing: FacingCheck, states: list[State], clock: float, inputs=None
 ) -> Solution:
     model, stats = stepper.model, stepper.stats
     stats.seconds, stats.substeps = time.perf_counter() - clock, stats.steps
@@ -168,7 +179,7 @@ def _solution(
     for step, state in enumerate(states):
         recorder.record(step, state)
         facing.check(state.t, state.q)
-    end = replace(states[-1], t=stepper.drive.time)
+    end = replace(states[-1], t=stepper.drive.time, inputs=inputs)
     return solution_of(model, recorder, stats, end)
 
 

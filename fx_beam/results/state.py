@@ -58,8 +58,9 @@ class State:
     spring_internal: np.ndarray | None = None
     #: Memory of `Halving` (5,): the number of parts of the next steps. Set at the end of a run.
     parts: np.ndarray | None = None
-    #: Set at the end of a run.
+    #: Set at the end of a run: the past, and the values of the inputs in the scene's order.
     past: Past | None = None
+    inputs: np.ndarray | None = None
 
     def renumbered(self, change: _Renumbering, change_cells: _Renumbering) -> State:
         """The state in another numbering of degrees of freedom and of cells."""

@@ -13,8 +13,9 @@ from ufl.corealg.traversal import unique_pre_traversal
 import numpy as np
 
 from fx_beam.errors import SceneError
-from fx_beam.validation import fields_in, is_number, refuse_fields, time_function
+from fx_beam.validation import fields_in, is_number, refuse_fields
 
+from .inputs import time_function
 from .internal_variables import InternalVariables
 from .law import Energy, check_energy, check_internal
 from .stop import Stop, as_stop

@@ -15,11 +15,11 @@ from fx_beam.validation import (
     TimeFunction,
     check_takes_time,
     checked_function,
-    time_function,
     vector,
 )
 
 from .beam import Beam, Node
+from .inputs import time_function
 
 
 @dataclass(frozen=True)

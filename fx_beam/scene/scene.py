@@ -7,12 +7,13 @@ from dataclasses import replace
 from typing import Any
 
 from fx_beam.errors import SceneError
-from fx_beam.validation import TimeFunction, require, time_function, vector
+from fx_beam.validation import TimeFunction, require, vector
 
 from . import loads, obstacles
 from .beam import COMPONENTS, Beam, Node
 from .body import Bodies, Body, check_body, velocities_of
 from .curve import Curve
+from .inputs import time_function
 from .joints import GROUND, Joint
 from .section import Section
 from .summary import facts, html_table

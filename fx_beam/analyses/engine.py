@@ -1,0 +1,157 @@
+"""What takes the steps of a motion: the model, its integrator, and their first state."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+from fx_beam.compiled.build import LoopUnavailable
+from fx_beam.compiled.loop import CompiledLoop
+from fx_beam.errors import SceneError
+from fx_beam.mechanics.schemes import EnergyMomentum, Scheme
+from fx_beam.model.model import Model
+from fx_beam.results.audit import Stats
+from fx_beam.results.solution import Solution
+from fx_beam.results.state import State
+from fx_beam.scene.scene import Scene
+from fx_beam.stepping.forcing import Drive
+from fx_beam.stepping.full_turns import Windings
+from fx_beam.stepping.initial_state import check_joints, initial_state, resumed_state
+from fx_beam.stepping.linear_solver import petsc
+from fx_beam.stepping.newton import NewtonOptions
+from fx_beam.stepping.recorder import Record
+from fx_beam.stepping.stepper import Stepper
+from fx_beam.stepping.substeps import MOST_HALVINGS
+from fx_beam.validation import is_whole, require
+
+
+class Engine:
+    """Takes the steps of a motion of a scene, compiled or in Python."""
+
+    def __init__(
+        self,
+        scene: Scene,
+        scheme: Scheme,
+        newton: NewtonOptions | None,
+        max_halvings: int,
+        solver: str,
+    ):
+        self.model = model = Model(scene, scheme)
+        self.stats = Stats(
+            scheme=scheme.name,
+            level=scheme.rates.level,
+            solver="petsc lu",
+            unknowns=len(model.reduction.independent),
+            compiled=model.compiled,
+            assembled=model.assembled,
+        )
+        options = newton or NewtonOptions()
+        self.drive = Drive(model)
+        self.stepper = Stepper(model, self.drive, options, self.stats, max_halvings)
+        self.integrator = _choose_integrator(solver, self.stepper, options)
+        self.windings = Windings(model)
+
+    def first_state(self, dt: float, start: Solution | None) -> State:
+        """Initial state of a motion, in the numbering of the model."""
+        state = _first_state(self.model, self.drive, dt, start)
+        self.integrator.past = state.past
+        return state
+
+
+def checked_scheme(scene, scheme, what: str) -> Scheme:
+    """The scheme of a motion, by default `EnergyMomentum`; SceneError if `what` cannot use it."""
+    scheme = EnergyMomentum() if scheme is None else scheme
+    if not isinstance(scene, Scene):
+        raise SceneError(f"{what} needs an fx_beam.Scene, not {scene!r}")
+    if not isinstance(scheme, Scheme):
+        raise SceneError(
+            f"unknown scheme {scheme!r}; give an instance such as fx_beam.EnergyMomentum() or "
+            "fx_beam.Newmark(), with parentheses, or an fx_beam.Scheme of your own"
+        )
+    if scheme.rates.at_rest:
+        raise SceneError(f"{scheme.name} is a scheme for statics. Use fx_beam.static(scene)")
+    return scheme
+
+
+def end_of(start: Solution) -> State:
+    """Last state of a solution, with vectors numbered by nodes."""
+    if not isinstance(start, Solution):
+        raise SceneError(f"start must be a Solution, not {start!r}")
+    if start.end is None:
+        raise SceneError(
+            "start: the solution ended early and has no last state. Start from a complete one"
+        )
+    return start.end
+
+
+def _first_state(model: Model, drive: Drive, dt: float, start: Solution | None) -> State:
+    """Initial state of a motion, in the numbering of the model."""
+    if start is None:
+        return initial_state(model, drive, dt)
+    end, X = end_of(start), model.mesh.X
+    if start.X.shape != X.shape or (start.X != X).any():
+        raise SceneError(
+            "start: the solution has other nodes than the scene. Use the same beams and elements"
+        )
+    for what, ours, theirs in (
+        ("joints", len(model.scene.joints), len(end.slides)),
+        ("motors", len(model.motors), len(end.motors)),
+    ):
+        if ours != theirs:
+            raise SceneError(f"start: the solution has {theirs} {what}, but the scene has {ours}")
+    has, needs = end.internal, model.forms.internal_shape
+    if (has is None) != (needs[-1] == 0) or (has is not None and has.shape != needs):
+        raise SceneError(
+            "start: the solution has other internal variables than the sections of the scene"
+        )
+    springs, width = end.spring_internal, model.actuators.width
+    if (0 if springs is None else len(springs)) != width:
+        raise SceneError(
+            "start: the solution has other internal variables than the springs of the scene"
+        )
+    state = end.renumbered(model.from_nodes, model.mesh.from_elements)
+    check_joints(model, state)
+    if state.held is not None and len(state.held) != model.reduction.columns - model.reduction.free:
+        state = replace(state, held=None)  # other supports
+    if len(start.joint_forces):
+        state = replace(state, joint_forces=start.joint_forces[-1])
+    if start.stats.static:
+        return initial_state(model, drive, dt, state)
+    return resumed_state(model, drive, dt, state, start.stats.scheme == model.scheme.name)
+
+
+def _choose_integrator(
+    solver: str, stepper: Stepper, options: NewtonOptions
+) -> Stepper | CompiledLoop:
+    """The compiled loop if it can run the model and is not excluded, otherwise the stepper."""
+    if solver == "petsc":
+        petsc('solver = "petsc"')
+        return stepper
+    try:
+        return CompiledLoop(stepper, options)
+    except LoopUnavailable as reason:
+        if solver == "compiled":
+            raise SceneError(f'solver = "compiled" is not available: {reason}') from reason
+        petsc(f"a scene that the compiled loop cannot run ({reason})")
+        stepper.stats.solver += f" ({reason})"
+        return stepper
+
+
+def check_options(what: str, newton, max_halvings, record, solver) -> None:
+    """Refuse options of a motion that are none."""
+    for name, value, fits, wanted in (
+        ("newton", newton, isinstance(newton, NewtonOptions | None), "an fx_beam.NewtonOptions"),
+        (
+            "max_halvings",
+            max_halvings,
+            is_whole(max_halvings, 0, MOST_HALVINGS),
+            f"a whole number from 0 to {MOST_HALVINGS}",
+        ),
+        ("record", record, isinstance(record, Record | None), "an fx_beam.Record"),
+        (
+            "solver",
+            solver,
+            isinstance(solver, str) and solver in ("auto", "compiled", "petsc"),
+            '"auto", "compiled" or "petsc"',
+        ),
+    ):
+        require(fits, f"{what}: {name}", value, wanted)

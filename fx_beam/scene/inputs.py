@@ -1,0 +1,196 @@
+"""Inputs: names in the place of functions of time, whose values are set from outside."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from fx_beam import validation
+from fx_beam.errors import SceneError
+from fx_beam.validation import TimeFunction, checked_function
+
+
+@dataclass(frozen=True)
+class Input:
+    """A load, a prescribed motion or the place of a motor that is set from outside, by its name.
+
+    It stands where a function of time may stand. Loads and motors with the same name have the same
+    input. As long as it is not set, it is zero: `static`, `modes` and `simulate` without `inputs`.
+
+    Parameters
+    ----------
+    name : str
+        Name of the input.
+    factor : float or (fx, fy), optional
+        The value is a single number times the factor. By default the input is the value itself:
+        two numbers for a force or a line load, one for a moment, a motion or a motor.
+
+    Raises
+    ------
+    SceneError
+        For an empty name, or a factor that is not one or two finite numbers.
+
+    Examples
+    --------
+    A horizontal push, and a moment that two bodies exert on one another:
+
+    >>> import fx_beam as fb
+    >>> scene, section = fb.Scene(), fb.Section(EA=1e4, GA=1e4, EI=10.0, rhoA=1.0, rhoI=0.1)
+    >>> body = scene.add_beam([(0, 0), (1, 0)], section)
+    >>> arm = scene.add_beam([(1, 0), (2, 0)], section)
+    >>> hinge = scene.add_joint(fb.Revolute(body.end, arm.start))
+    >>> scene.add_force(body.start, fb.Input("push", factor=(1, 0)))
+    >>> scene.add_moment(body.end, fb.Input("torque", factor=-1))
+    >>> scene.add_moment(arm.start, fb.Input("torque"))
+    >>> solution = fb.simulate(scene, dt=0.1, t_end=1.0, inputs={"push": lambda t: 2 * t})
+    >>> solution.linear_momentum[-1].round(6)
+    array([1., 0.])
+    """
+
+    name: str
+    factor: Any = None
+
+    def __post_init__(self):
+        named = isinstance(self.name, str) and bool(self.name.strip())
+        validation.require(named, "Input: name", self.name, "a text that is not empty")
+        if self.factor is not None:
+            size = 2 if np.size(self.factor) == 2 else 1
+            factor = validation.vector(self.factor, size, f"{self}: factor")
+            object.__setattr__(self, "factor", tuple(factor.tolist()))
+
+    def __str__(self):
+        return f"input {self.name!r}"
+
+
+class Socket:
+    """An `Input` at a place with values (size,); zero as a function of time."""
+
+    def __init__(self, given: Input, size: int, what: str):
+        if given.factor is not None and len(given.factor) != size:
+            raise SceneError(
+                f"{what}: {given} has {len(given.factor)} factors, but there "
+                f"{'are two components' if size == 2 else 'is one component'}"
+            )
+        self.name, self.what, self._size = given.name, what, size
+        factor = np.eye(size) if given.factor is None else np.array(given.factor)[:, None]
+        #: Values (size,) are this (size, width) times the input.
+        self.factor = factor
+
+    @property
+    def width(self) -> int:
+        """Number of values of the input."""
+        return self.factor.shape[1]
+
+    def __call__(self, t: float) -> np.ndarray:
+        """Zero."""
+        return np.zeros(self._size)
+
+
+def time_function(value, size: int, what: str) -> TimeFunction:
+    """A function of time with values (size,): from a constant, a function or an `Input`."""
+    if isinstance(value, Input):
+        return Socket(value, size, what)
+    return validation.time_function(value, size, what)
+
+
+def sockets(scene) -> Iterator[tuple[Socket, bool]]:
+    """All sockets of a scene, each with whether it drives a motion."""
+    for load in scene.loads:
+        if isinstance(load.value, Socket):
+            yield load.value, False
+    driven = list(scene.prescribed.values())
+    for joint in scene.joints:
+        driven += [part.motor for part in (joint.slide, joint.rotation) if part is not None]
+    for function in driven:
+        if isinstance(function, Socket):
+            yield function, True
+
+
+def widths(scene) -> dict[str, int]:
+    """Number of values of each input by its name, in the order of the scene.
+
+    SceneError for a name with different numbers of values, or for both loads and motions.
+    """
+    found: dict[str, tuple[Socket, bool]] = {}
+    for socket, driven in sockets(scene):
+        first, drives = found.setdefault(socket.name, (socket, driven))
+        if first.width != socket.width:
+            raise SceneError(
+                f"input {socket.name!r} has {first.width} value(s) as {first.what}, but "
+                f"{socket.width} as {socket.what}. Give a factor, or use two names"
+            )
+        if driven != drives:
+            raise SceneError(
+                f"input {socket.name!r} is a load as well as a motion: {first.what}, and "
+                f"{socket.what}. Use two names"
+            )
+    return {name: socket.width for name, (socket, _) in found.items()}
+
+
+def check_names(names, known, what: str) -> None:
+    """Refuse names of inputs that a scene does not have."""
+    for name in names:
+        if name not in known:
+            has = f"it has {list(known)}" if known else "it has none; see fx_beam.Input"
+            raise SceneError(f"{what}: the scene has no input {name!r}; {has}")
+
+
+def connected(scene, function_of: Callable[[Socket], TimeFunction]):
+    """The scene with functions in the place of its sockets; nodes and beams are the same."""
+
+    def replaced(function):
+        return function_of(function) if isinstance(function, Socket) else function
+
+    new = object.__new__(type(scene))
+    new.__dict__.update(scene.__dict__)
+    new.loads = [replace(load, value=replaced(load.value)) for load in scene.loads]
+    new.prescribed = {key: replaced(function) for key, function in scene.prescribed.items()}
+    new.joints = [
+        replace(
+            joint,
+            **{
+                name: replace(part, motor=replaced(part.motor))
+                for name, part in (("slide", joint.slide), ("rotation", joint.rotation))
+                if part is not None
+            },
+        )
+        for joint in scene.joints
+    ]
+    return new
+
+
+def with_functions(scene, given: Mapping | None, what: str):
+    """The scene with its inputs as functions of time or constants; zero where none is given."""
+    if given is None:
+        return scene
+    validation.require(isinstance(given, Mapping), what, given, "a dictionary by names of inputs")
+    known = widths(scene)
+    check_names(given, known, what)
+    functions = {
+        name: checked_function(value, known[name], f"input {name!r}", 0.0)
+        for name, value in given.items()
+    }
+
+    def function_of(socket: Socket) -> TimeFunction:
+        if socket.name not in functions:
+            return socket
+        of_time = functions[socket.name]
+        if isinstance(of_time, validation.Constant):
+            return validation.Constant(socket.factor @ of_time(0.0))
+        return lambda t: socket.factor @ of_time(t)
+
+    return connected(scene, function_of)
+
+
+def values_at(scene, given: Mapping | None, t: float) -> np.ndarray | None:
+    """Values of all inputs in the order of `widths`, of those given at t [s]; None without any."""
+    parts = [
+        np.zeros(width)
+        if given is None or name not in given
+        else checked_function(given[name], width, f"input {name!r}", t)(t)
+        for name, width in widths(scene).items()
+    ]
+    return np.concatenate(parts) if parts else None
