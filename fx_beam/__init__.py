@@ -14,6 +14,7 @@ from .analyses.convergence import Converged, converge
 from .analyses.dynamics import simulate
 from .analyses.harmonic import FrequencyResponse, frequency_response
 from .analyses.modal import Modes, modes
+from .analyses.motion import Motion, Snapshot
 from .analyses.rayleigh import rayleigh
 from .analyses.statics import static
 from .analyses.sweep import sweep
@@ -47,6 +48,7 @@ from .scene.internal_variables import InternalVariables
 from .scene.joints import GROUND, Joint, PinInSlot, Prismatic, Revolute, Rigid
 from .scene.law import Law
 from .scene.obstacles import Circle, Line, Obstacle
+from .scene.outputs import Output
 from .scene.scene import Scene
 from .scene.section import Section
 from .scene.stop import Stop
@@ -87,11 +89,13 @@ __all__ = [
     "ModifiedMidPoint",
     "NewmarkRates",
     "Modes",
+    "Motion",
     "Newmark",
     "NewtonOptions",
     "NodalRates",
     "Node",
     "Obstacle",
+    "Output",
     "PinInSlot",
     "Prismatic",
     "Rates",
@@ -103,6 +107,7 @@ __all__ = [
     "SceneError",
     "Scheme",
     "Section",
+    "Snapshot",
     "Solution",
     "Spring",
     "Stats",

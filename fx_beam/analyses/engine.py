@@ -52,7 +52,14 @@ class Engine:
 
     def first_state(self, dt: float, start: Solution | None) -> State:
         """Initial state of a motion, in the numbering of the model."""
-        state = _first_state(self.model, self.drive, dt, start)
+        model, drive = self.model, self.drive
+        if start is None:
+            state = initial_state(model, drive, dt)
+        elif start.stats.static:
+            state = initial_state(model, drive, dt, state_of(model, start))
+        else:
+            same = start.stats.scheme == model.scheme.name
+            state = resumed_state(model, drive, dt, state_of(model, start), same)
         self.integrator.past = state.past
         return state
 
@@ -83,10 +90,8 @@ def end_of(start: Solution) -> State:
     return start.end
 
 
-def _first_state(model: Model, drive: Drive, dt: float, start: Solution | None) -> State:
-    """Initial state of a motion, in the numbering of the model."""
-    if start is None:
-        return initial_state(model, drive, dt)
+def state_of(model: Model, start: Solution) -> State:
+    """Last state of a solution in the numbering of the model; SceneError if it does not fit."""
     end, X = end_of(start), model.mesh.X
     if start.X.shape != X.shape or (start.X != X).any():
         raise SceneError(
@@ -114,9 +119,7 @@ def _first_state(model: Model, drive: Drive, dt: float, start: Solution | None) 
         state = replace(state, held=None)  # other supports
     if len(start.joint_forces):
         state = replace(state, joint_forces=start.joint_forces[-1])
-    if start.stats.static:
-        return initial_state(model, drive, dt, state)
-    return resumed_state(model, drive, dt, state, start.stats.scheme == model.scheme.name)
+    return state
 
 
 def _choose_integrator(

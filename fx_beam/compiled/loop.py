@@ -26,14 +26,16 @@ class CompiledLoop:
 
     def __init__(self, stepper: Stepper, options: NewtonOptions):
         self._stepper, self.model = stepper, stepper.model
-        problem = Problem(self.model, stepper.single.joint_forces, options)
-        self._all = problem  # owns the arrays to which C points
+        #: Owns the arrays to which C points.
+        self.problem = problem = Problem(self.model, stepper.single.joint_forces, options)
         self._ffi, self._library = problem.ffi, problem.library
         self._problem, self._state_arrays, self._past = (
             problem.c,
             problem.state_arrays,
             problem.past,
         )
+        #: Forces (joints, 3) of the joints in the last step, where they are kept.
+        self.joint_forces: np.ndarray | None = None
         problem.c.least_energy = stepper.facing.least_energy
         stepper.stats.solver = f"compiled, {problem.factors}"
 
@@ -56,7 +58,9 @@ class CompiledLoop:
             for values, found in zip(self._past, (past.ages, past.differences, y), strict=True):
                 values[:known] = found
 
-    def march(self, state: State, times: np.ndarray, first: int, recorder: Recorder) -> State:
+    def march(
+        self, state: State, times: np.ndarray, first: int, recorder: Recorder | Unrecorded
+    ) -> State:
         """State at the last of `times`, the ends of steps from number `first` on.
 
         StepError if a step fails after all halvings, or if a function of time fails.
@@ -68,20 +72,22 @@ class CompiledLoop:
             done += len(grid)
         return state
 
-    def _equal(self, state: State, times: np.ndarray, first: int, recorder: Recorder) -> State:
+    def _equal(
+        self, state: State, times: np.ndarray, first: int, recorder: Recorder | Unrecorded
+    ) -> State:
         """State after steps of equal length; steps that fail are divided into sub-steps."""
         p, stats, halving = self._problem, self._stepper.stats, self._stepper.halving
-        inputs = self._inputs(state.t, times)
+        inputs = self.inputs(state.t, times)
         done, grid = 0, np.concatenate([[state.t], times])
         while done < len(times):
             ends, now = times[done:], inputs
             if halving.times:
                 ends = halving.ends(grid[done:])
-                now = self._inputs(state.t, ends)
+                now = self.inputs(state.t, ends)
             parts = halving.parts
             taken = self._run(state, ends, first + done, recorder, now)
             if taken:
-                state = self._state(float(ends[taken - 1]))
+                state = self.state(float(ends[taken - 1]))
             steps = halving.take(taken)
             done, inputs = done + steps, inputs.after(steps * p.sub_steps)
             stats.steps += steps
@@ -122,11 +128,11 @@ class CompiledLoop:
         p, dt = self._problem, float(ends[0]) - state.t
         p.smooth, p.raw = control.factors(dt)
         p.lowest, p.highest = control.band(dt)
-        inputs = self._inputs(state.t, ends)
+        inputs = self.inputs(state.t, ends)
         known = len(inputs.driven) // p.sub_steps
         taken = self._run(state, ends[:known], first, recorder, inputs) if known else 0
         if taken:
-            state = self._state(float(ends[taken - 1]))
+            state = self.state(float(ends[taken - 1]))
         if taken == known and inputs.error is not None:
             raise inputs.error
         rejected = p.failure == self._library.TOO_INACCURATE
@@ -148,11 +154,22 @@ class CompiledLoop:
         ends: np.ndarray,
         first: int,
         recorder: Recorder | Unrecorded,
-        inputs: _Inputs,
+        inputs: StepInputs,
     ) -> int:
         """Take steps or parts of steps of equal length; returns the number that succeeded."""
-        p, stats, model = self._problem, self._stepper.stats, self.model
-        arrays, halving = self._state_arrays, self._stepper.halving
+        p = self._problem
+        self.load(state)
+        c_inputs = self.c_inputs(inputs)
+        to = self.c_record(recorder, first)
+        dt = (ends[-1] - state.t) / len(ends)
+        taken = self._library.fx_run(p, len(inputs.driven) // p.sub_steps, dt, c_inputs, to)
+        recorder.add(to.rows, to.parts)
+        self.count(taken)
+        return taken
+
+    def load(self, state: State) -> None:
+        """Write a state into the memory of C."""
+        p, model, arrays = self._problem, self.model, self._state_arrays
         arrays["q"][:], arrays["v"][:], arrays["a"][:] = state.q, state.v, state.a
         arrays["slide"][:] = state.slides
         arrays["driven_now"][len(model.prescribed) :] = state.motors
@@ -169,34 +186,49 @@ class CompiledLoop:
         p.algorithmic, p.numerical, p.length = state.algorithmic, state.numerical, state.length
         if p.keeps_before:
             arrays["before"][:] = state.q if state.before is None else state.before
-        p.iterations = p.by_round_off = 0
-        p.too_large = p.inside_out = p.amplified = 0
+        if self.joint_forces is not None and state.joint_forces is not None:
+            self.joint_forces[:] = state.joint_forces
+
+    def c_inputs(self, inputs: StepInputs):
+        """The inputs for C; they must be kept as long as C uses them."""
         c_inputs = self._ffi.new("Inputs *")
         for name in ("loads", "driven", "thrust"):
             setattr(c_inputs, name, self._ffi.cast("double *", getattr(inputs, name).ctypes.data))
         c_inputs.load_stride = inputs.loads.strides[0] // inputs.loads.itemsize
         c_inputs.thrust_stride = inputs.thrust.strides[0] // inputs.thrust.itemsize
-        to = self._ffi.new("Record *")
+        return c_inputs
+
+    def c_record(self, recorder: Recorder | Unrecorded, first: int):
+        """Rows of a recorder for C, from its next one on, for steps from number `first` on."""
+        to, halving = self._ffi.new("Record *"), self._stepper.halving
         to.every, to.first, to.last = recorder.every, first, recorder.last
         to.parts, to.part = halving.parts, halving.done
         for name, rows in recorder.next_rows(to.parts).items():
             setattr(to, name, self._ffi.cast("double *", rows.ctypes.data))
-        dt = (ends[-1] - state.t) / len(ends)
-        taken = self._library.fx_run(p, len(inputs.driven) // p.sub_steps, dt, c_inputs, to)
-        recorder.add(to.rows, to.parts)
+        return to
+
+    def count(self, taken: int) -> None:
+        """Add what C has counted in some steps or parts to the statistics."""
+        p, stats = self._problem, self._stepper.stats
         stats.substeps += taken
         stats.newton_iterations += p.iterations
         stats.too_large += p.too_large
         stats.amplified += p.amplified
         if p.inside_out:
-            self._stepper.facing.count(p.inside_out, p.out_t, self._all.out_q)
+            self._stepper.facing.count(p.inside_out, p.out_t, self.problem.out_q)
         solves = taken * p.sub_steps
         for name, count in (("increment", solves - p.by_round_off), ("round-off", p.by_round_off)):
             if count:
                 stats.ended_by[name] = stats.ended_by.get(name, 0) + count
-        return taken
+        p.iterations = p.by_round_off = p.too_large = p.inside_out = p.amplified = 0
 
-    def _inputs(self, t: float, times: np.ndarray) -> _Inputs:
+    def keep_joint_forces(self) -> None:
+        """Compute the forces of joints in every step, recorded or not."""
+        self.joint_forces = np.zeros((len(self.model.scene.joints), 3))
+        address = self.joint_forces.ctypes.data
+        self._problem.joint_forces = self._ffi.cast("double *", address)
+
+    def inputs(self, t: float, times: np.ndarray) -> StepInputs:
         """Inputs of all sub-steps; if a function of time fails, only of the steps before."""
         starts = np.concatenate([[t], times[:-1]])
         t0, t1 = divided(starts, times, self.model.scheme.fractions)
@@ -208,13 +240,14 @@ class CompiledLoop:
             if follow is not None:
                 first = slice(1 if follow.constant else None)
                 thrust = _of_each_step(follow.series(t0[first], t1[first]), len(t1))
-            return _Inputs(loads, drive.series(t1), thrust)
+            return StepInputs(loads, drive.series(t1), thrust)
         except (StepError, KeyboardInterrupt) as raised:
             before = int(np.searchsorted(times, getattr(raised, "time", t)))
-            inputs = self._inputs(t, times[:before]) if before else _Inputs(*np.empty((3, 0, 2)))
+            inputs = self.inputs(t, times[:before]) if before else StepInputs(*np.empty((3, 0, 2)))
             return inputs._replace(error=inputs.error or raised)
 
-    def _state(self, t: float) -> State:
+    def state(self, t: float) -> State:
+        """The state in the memory of C, at the time t [s]."""
         p = self._problem
         arrays = {name: values.copy() for name, values in self._state_arrays.items()}
         taken, shape = p.steps_done > 0, self.model.forms.internal_shape
@@ -235,10 +268,11 @@ class CompiledLoop:
             internal=arrays["internals"].reshape(shape) if p.cell_internal else None,
             spring_internal=arrays["spring_internals"] if p.spring_width else None,
             length=p.length,
+            joint_forces=None if self.joint_forces is None else self.joint_forces.copy(),
         )
 
 
-class _Inputs(NamedTuple):
+class StepInputs(NamedTuple):
     """Loads, driven motions and follower forces of sub-steps, and the error that ended them."""
 
     loads: np.ndarray
@@ -246,10 +280,10 @@ class _Inputs(NamedTuple):
     thrust: np.ndarray
     error: BaseException | None = None
 
-    def after(self, steps: int) -> _Inputs:
+    def after(self, steps: int) -> StepInputs:
         """The inputs without the first sub-steps."""
         loads, driven, thrust = (part[steps:] for part in self[:3])
-        return _Inputs(loads, driven, thrust, self.error)
+        return StepInputs(loads, driven, thrust, self.error)
 
 
 def _of_each_step(rows: np.ndarray, steps: int) -> np.ndarray:

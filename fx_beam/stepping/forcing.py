@@ -9,7 +9,7 @@ from fx_beam.mechanics.interval import Interval, just_inside
 from fx_beam.model.model import Model
 from fx_beam.results.state import State
 from fx_beam.scene.beam import COMPONENTS
-from fx_beam.validation import evaluate, series
+from fx_beam.validation import TimeFunction, evaluate, series
 
 
 class Drive:
@@ -32,6 +32,11 @@ class Drive:
         self._driven += [
             (getattr(joint, name).motor, f"motor of {joint}") for joint, name in model.motors
         ]
+
+    @property
+    def functions(self) -> list[TimeFunction]:
+        """The functions of time of prescribed motions and motors."""
+        return [function for function, _ in self._driven]
 
     def forces(self, step: Interval) -> tuple[np.ndarray, np.ndarray]:
         """Dead forces (size,) at the start and at the end of a step, weight included [N, N m]."""

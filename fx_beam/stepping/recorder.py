@@ -94,7 +94,7 @@ class Unrecorded:
     def add(self, rows: int, parts: int) -> None:
         """Nothing."""
 
-    def record(self, step: int, state: State, starts: Sequence[State] = ()) -> None:
+    def record(self, step: int, state: State, starts: Sequence[State] = (), parts: int = 1) -> None:
         """Nothing."""
 
 

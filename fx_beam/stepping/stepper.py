@@ -56,7 +56,9 @@ class Stepper:
     def past(self, past: Past | None) -> None:
         self.single.newton.predictor.past = past
 
-    def march(self, state: State, times: np.ndarray, first: int, recorder: Recorder) -> State:
+    def march(
+        self, state: State, times: np.ndarray, first: int, recorder: Recorder | Unrecorded
+    ) -> State:
         """State at the last of `times`, the ends of steps from number `first` on.
 
         StepError if a step fails after all halvings, or if a function of time fails.
@@ -69,7 +71,7 @@ class Stepper:
         return state
 
     def part(
-        self, state: State, start: float, end: float, number: int, recorder: Recorder
+        self, state: State, start: float, end: float, number: int, recorder: Recorder | Unrecorded
     ) -> State:
         """State after the next successful sub-step of step `number`, from `start` to `end`.
 

@@ -38,6 +38,7 @@ class Halving:
 
     def resume(self, memory: np.ndarray | None, dt: float) -> None:
         """Continue with the memory of another run, if its steps have the same length."""
+        self.done = 0
         if memory is None or abs(memory[0] - dt) > 1e-6 * dt or memory[1] > self.most:
             return
         self.times, self._required, self._succeeded = map(int, memory[1:4])

@@ -162,6 +162,7 @@ int fx_run(Problem *p, int steps, double dt, const Inputs *inputs, Record *to) {
         return k;
       }
       if (wanted) record_joint_forces(p, w, i, to), record_contacts(p, w, i, to);
+      if (p->joint_forces) add_joint_forces(p, w, i, p->joint_forces);
       advance(p, w, inputs->driven + number * p->driven);
     }
     if (p->controlled) {

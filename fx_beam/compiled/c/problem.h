@@ -205,6 +205,7 @@ typedef struct {
   double *lever_sign;
   double *position;     /* (nodes, 2) */
   int nodes, *node_dofs;
+  double *joint_forces; /* of the last step, recorded or not; may be null */
 
   /* State. Its arrays and those of the predictor are in one piece of memory. */
   double *memory;

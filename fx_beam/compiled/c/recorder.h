@@ -7,10 +7,9 @@
 #include "couplings.h"
 
 /* Adds the joint forces of a sub-step to their mean over the step. */
-static void record_joint_forces(const Problem *p, const Work *w, int sub_step, Record *to) {
-  if (!to->joint_forces) return;
+static void add_joint_forces(const Problem *p, const Work *w, int sub_step, double *out) {
   long n = 3 * p->scene_joints;
-  double *out = to->joint_forces + to->rows * n, fraction = p->fractions[sub_step];
+  double fraction = p->fractions[sub_step];
   if (sub_step == 0) memset(out, 0, n * sizeof(double));
   const double *r = closed(p, w, w->r);
   for (int i = 0; i < n; ++i)
@@ -29,6 +28,11 @@ static void record_joint_forces(const Problem *p, const Work *w, int sub_step, R
       double moment = lever[0] * F[0] + lever[1] * F[1];
       out[3 * i + 2] += fraction * p->lever_sign[k] * moment;
     }
+}
+
+static void record_joint_forces(const Problem *p, const Work *w, int sub_step, Record *to) {
+  if (to->joint_forces)
+    add_joint_forces(p, w, sub_step, to->joint_forces + 3 * (long)p->scene_joints * to->rows);
 }
 
 /* Start of a sub-step of a step, for which its forces are evaluated. */

@@ -1,0 +1,100 @@
+"""Reading of outputs from the present state of a motion."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from math import cos, sin
+from typing import Any, Protocol
+
+import numpy as np
+
+from fx_beam.model.model import Model
+from fx_beam.scene.joints import GROUND, Joint
+from fx_beam.scene.outputs import Output
+
+Reading = Callable[[], Any]
+
+
+class Source(Protocol):
+    """What takes the steps."""
+
+    #: The present state, with the arrays of a `State`; forces may be missing at the start.
+    now: Any
+
+
+def reading(model: Model, source: Source, turns: np.ndarray, output: Output) -> Reading:
+    """A function that reads an output; `turns` (size,) are missing in the rotations [rad]."""
+    if isinstance(output.of, Joint):
+        read = _of_joint(model, source, turns, output)
+    else:
+        read = _of_node(model, source, turns, output)
+    return read if output.component is None else lambda: float(output.pick(read()))
+
+
+def _of_node(model: Model, source: Source, turns: np.ndarray, output: Output) -> Reading:
+    number = output.of.number
+    x, y, turn = model.mesh.dofs[number].tolist()
+    plane = np.array([x, y])
+    if output.quantity == "reaction":
+        return _reaction(model, source, number)
+    place = model.mesh.X[number]
+    found: dict[str, Reading] = {
+        "position": lambda: place + source.now.q[plane],
+        "displacement": lambda: source.now.q[plane],
+        "rotation": lambda: float(source.now.q[turn] + turns[turn]),
+        "velocity": lambda: source.now.v[plane],
+        "spin": lambda: float(source.now.v[turn]),
+        "acceleration": lambda: source.now.a[plane],
+    }
+    return found[output.quantity]
+
+
+def _reaction(model: Model, source: Source, number: int) -> Reading:
+    nodes, components, places = model.supports
+    own = np.flatnonzero(nodes == number)
+
+    def read():
+        force = np.zeros(3)
+        if source.now.held is not None:
+            force[components[own]] = source.now.held[places[own]]
+        return force
+
+    return read
+
+
+def _of_joint(model: Model, source: Source, turns: np.ndarray, output: Output) -> Reading:
+    joint = output.of
+    assert isinstance(joint, Joint)
+    number, dofs = joint.number, model.mesh.dofs
+    a, b = (dofs[n.number].tolist() if n is not GROUND else None for n in (joint.a, joint.b))
+
+    def between(values: np.ndarray, i: int) -> float:
+        after = 0.0 if b is None else values[b[i]]
+        return float(after if a is None else after - values[a[i]])
+
+    def rate():
+        if joint.axis is None:
+            return between(source.now.v, 2)
+        x, y = between(source.now.v, 0), between(source.now.v, 1)
+        psi, spin = (0.0, 0.0) if a is None else (source.now.q[a[2]], source.now.v[a[2]])
+        # Along the axis: the velocity of b relative to its position on a, in the frame of a.
+        arm, c, s = joint.offset + source.now.slides[number] * joint.axis, cos(psi), sin(psi)
+        along = (c * x + s * y + spin * arm[1]) * joint.axis[0]
+        return float(along + (c * y - s * x - spin * arm[0]) * joint.axis[1])
+
+    motors = [j.number for j, _ in model.motors]
+    motor = len(model.prescribed) + motors.index(number) if number in motors else -1
+    found: dict[str, Reading] = {
+        "angle": lambda: between(source.now.q, 2) + between(turns, 2),
+        "slide": lambda: float(source.now.slides[number]),
+        "spin": lambda: between(source.now.v, 2),
+        "rate": rate,
+        "force": lambda: _row(source.now.joint_forces, number, np.zeros(3)).copy(),
+        "motor_force": lambda: float(_row(source.now.held, motor, 0.0)),
+    }
+    return found[output.quantity]
+
+
+def _row(values: np.ndarray | None, i: int, missing):
+    """A row of an array, if there is one."""
+    return missing if values is None else values[i]

@@ -1,0 +1,429 @@
+"""The motion of a scene step by step, with inputs and outputs."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from copy import copy
+from dataclasses import dataclass, replace
+from time import perf_counter
+from typing import Any
+
+import numpy as np
+
+from fx_beam.compiled.loop import CompiledLoop
+from fx_beam.compiled.stride import CompiledStride
+from fx_beam.errors import SceneError
+from fx_beam.mechanics.schemes import Scheme
+from fx_beam.results.audit import Stats
+from fx_beam.results.solution import Solution
+from fx_beam.results.state import State
+from fx_beam.scene.joints import Joint
+from fx_beam.scene.outputs import Output, check_outputs
+from fx_beam.scene.scene import Scene
+from fx_beam.stepping.held_inputs import HeldInputs
+from fx_beam.stepping.newton import NewtonOptions
+from fx_beam.stepping.recorder import Record, Recorder, Unrecorded
+from fx_beam.stepping.stride import Stride
+from fx_beam.validation import is_number, require
+
+from .engine import Engine, check_options, checked_scheme, state_of
+from .evaluation import solution_of
+from .measurement import reading
+
+# Steps between two counts of full turns, as in `simulate`; and steps for which rows are planned.
+_TURNS, _ROWS = 1000, 1024
+
+Controller = Callable[[float, dict[str, Any]], Mapping[str, Any] | None]
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Snapshot:
+    """All on which the next steps of a motion depend; made by `Motion.snapshot`.
+
+    Parameters
+    ----------
+    t : float
+        Its time [s].
+    state : State
+        The state, in the numbering of the model.
+    step : (float, int)
+        Time at the start of the count of steps [s], and their number.
+    turns : (size,) float
+        Full turns that are counted separately [rad].
+    dofs : (n_node, 3) int
+        The numbering of the model.
+
+    Examples
+    --------
+    >>> import fx_beam as fb
+    >>> scene, section = fb.Scene(), fb.Section(EA=1e4, GA=1e4, EI=10.0, rhoA=1.0, rhoI=0.1)
+    >>> arm = scene.add_beam([(0, 0), (1, 0)], section)
+    >>> fb.Motion(scene, dt=0.1).snapshot().t
+    0.0
+    """
+
+    t: float
+    state: State
+    step: tuple[float, int]
+    turns: np.ndarray
+    dofs: np.ndarray
+
+
+class Motion:
+    """The motion of a scene, one step at a time: inputs are set, outputs are measured.
+
+    Inputs of the scene (`Input`) are held: forces and moments are constant over a step, driven
+    motions and motors go straight from their place at its start to the one given for its end. Their
+    work is in the energy balance. An input that is not given keeps its value; at the start it is
+    zero, or that of the solution from which the motion starts.
+
+    A copied or unpickled motion continues from the same state, with a scene of its own; its record
+    begins anew.
+
+    Parameters
+    ----------
+    scene : Scene
+        The scene; later changes of it have no effect.
+    scheme : Scheme, optional
+        Time scheme; `EnergyMomentum()` by default.
+    dt : float
+        Time step [s].
+    outputs : dict, optional
+        What `step` returns: `Output` by names.
+    start : Solution, optional
+        Solution whose end is the initial state, as in `simulate`; by default the reference
+        configuration with the initial velocities of the scene.
+    record : Record, optional
+        What is recorded for `solution`; by default nothing.
+    newton : NewtonOptions, optional
+        Convergence criteria of Newton's method.
+    max_halvings : int
+        How often a failing step is halved before `step` fails.
+    solver : {"auto", "compiled", "petsc"}
+        How steps are computed, as in `simulate`.
+
+    Raises
+    ------
+    SceneError
+        Before the first step, if the scene, an option or an output is invalid.
+    RuntimeError
+        If steps in Python are requested or needed, but PETSc is missing.
+
+    Examples
+    --------
+    A cart that a controller brings to the place x = 1 m:
+
+    >>> import fx_beam as fb
+    >>> scene = fb.Scene()
+    >>> section = fb.Section(EA=1e4, GA=1e4, EI=1e3, rhoA=1.0, rhoI=0.1)
+    >>> cart = scene.add_beam([(0, 0), (1, 0)], section)
+    >>> rail = scene.add_joint(fb.Prismatic(fb.GROUND, cart.start, axis=(1, 0)))
+    >>> scene.add_force(cart.start, fb.Input("push", factor=(1, 0)))
+    >>> outputs = {"x": fb.Output("slide", rail), "v": fb.Output("rate", rail)}
+    >>> motion = fb.Motion(scene, dt=0.01, outputs=outputs)
+    >>> motion.step({"push": 2.0})["v"].__round__(3)
+    0.04
+
+    `run` calls a function of the time and the outputs before each step:
+
+    >>> def controller(t, y):
+    ...     return {"push": 4 * (1 - y["x"]) - 4 * y["v"]}
+    >>> y = motion.run(4.0, controller)
+    >>> round(y["x"], 2), round(motion.t, 6)
+    (1.0, 4.0)
+    """
+
+    def __init__(
+        self,
+        scene: Scene,
+        scheme: Scheme | None = None,
+        *,
+        dt: float,
+        outputs: Mapping[str, Output] | None = None,
+        start: Solution | None = None,
+        record: Record | None = None,
+        newton: NewtonOptions | None = None,
+        max_halvings: int = 12,
+        solver: str = "auto",
+    ):
+        clock = perf_counter()
+        scheme = checked_scheme(scene, scheme, "Motion")
+        check_options("Motion", newton, max_halvings, record, solver)
+        require(is_number(dt) and dt > 0, "Motion: dt", dt, "a positive number")
+        if record is not None and record.times is not None:
+            raise SceneError("Motion: a record at times is not possible; use Record(every=...)")
+        outputs = {} if outputs is None else outputs
+        check_outputs(scene, outputs, "Motion: outputs")
+        self._arguments = {
+            "scene": scene,
+            "scheme": scheme,
+            "dt": dt,
+            "outputs": dict(outputs),
+            "record": record,
+            "newton": newton,
+            "max_halvings": max_halvings,
+            "solver": solver,
+        }
+        self._dt, self._record = float(dt), record
+        self._held = HeldInputs(scene)
+        self._engine = engine = Engine(self._held.scene, scheme, newton, max_halvings, solver)
+        self._set_start(start)
+        self._stride: Stride | CompiledStride
+        if isinstance(engine.integrator, CompiledLoop):
+            forces = any(
+                isinstance(output.of, Joint) and output.quantity == "force"
+                for output in outputs.values()
+            )
+            self._stride = CompiledStride(engine.integrator, engine.stepper, self._dt, forces)
+        else:
+            self._stride = Stride(engine.stepper, self._dt)
+        turns = engine.windings.removed
+        self._readings = {
+            name: reading(engine.model, self._stride, turns, output)
+            for name, output in outputs.items()
+        }
+        state = engine.first_state(self._dt, start)
+        self._origin, self._number = state.t, 0
+        self._begin(state)
+        engine.stats.setup_seconds = perf_counter() - clock
+
+    def _set_start(self, start: Solution | None) -> None:
+        """Let the inputs begin where a solution ends."""
+        if start is None:
+            return
+        state = state_of(self._engine.model, start)
+        self._held.resume(self._engine.drive, state, state.inputs)
+
+    def _begin(self, state: State) -> None:
+        """Begin to step and to record from a state."""
+        self._t = state.t
+        state = self._engine.windings.without_turns(state)
+        self._stride.load(state)
+        self._recorder: Recorder | Unrecorded = Unrecorded()
+        self._first = self._number
+        self._turned = self._planned = 0
+        if self._record is not None:
+            self._recorder = Recorder(self._engine.model, np.array([state.t]), self._record)
+            self._recorder.record(0, state)
+
+    # -- Steps ------------------------------------------------------------------------------------
+
+    def step(self, inputs: Mapping[str, Any] | None = None) -> dict[str, Any]:
+        """Take one step.
+
+        Parameters
+        ----------
+        inputs : dict, optional
+            Values of inputs by their names: forces [N] and moments [N m] in this step, places of
+            motors and driven motions [m or rad] at its end.
+
+        Returns
+        -------
+        dict
+            The outputs after the step.
+
+        Raises
+        ------
+        SceneError
+            For an input that is unknown, has the wrong size or is not finite. Nothing is changed.
+        StepError
+            If the step fails. The motion stays in the state before the step.
+        """
+        clock = perf_counter()
+        if inputs is not None:
+            self._held.check(inputs)
+            self._held.set(inputs)
+        number = self._number + 1
+        t1 = self._origin + number * self._dt
+        row = number - self._first
+        if row > self._planned:
+            self._plan(row)
+        self._held.begin(self._t, t1)
+        self._stride.take(t1, row, self._recorder)
+        self._held.arrive()
+        self._number, self._t = number, t1
+        if number % _TURNS == 0:
+            self._count_turns()
+        found = {name: read() for name, read in self._readings.items()}
+        self._engine.stats.seconds += perf_counter() - clock
+        return found
+
+    def run(self, t_end: float, controller: Controller | None = None) -> dict[str, Any]:
+        """Take steps up to a time.
+
+        Parameters
+        ----------
+        t_end : float
+            Time at which or after which the last step ends [s].
+        controller : callable, optional
+            ``controller(t, outputs)`` is called before each step and returns inputs for `step`, or
+            None to keep them.
+
+        Returns
+        -------
+        dict
+            The outputs at the end.
+
+        Raises
+        ------
+        SceneError
+            For a `t_end` that is not a number, or inputs that do not fit.
+        StepError
+            If a step fails. The motion stays in the state before it.
+        """
+        require(is_number(t_end), "Motion.run: t_end", t_end, "a finite number")
+        fits = controller is None or callable(controller)
+        require(fits, "Motion.run: controller", controller, "a function of time and outputs")
+        found = self.outputs
+        while self._t < t_end - 1e-6 * self._dt:
+            found = self.step(None if controller is None else controller(self._t, found))
+        return found
+
+    def _plan(self, row: int) -> None:
+        """Make room in the record for more steps."""
+        self._planned = row + _ROWS - 1
+        if isinstance(self._recorder, Recorder):
+            numbers = self._first + np.arange(row, self._planned + 1)
+            self._recorder.plan(row, self._origin + numbers * self._dt, last=False)
+
+    def _count_turns(self) -> None:
+        """Count full turns separately, so that they do not add to rounding errors."""
+        state = self._stride.state()
+        self._add_turns()
+        turned = self._engine.windings.without_turns(state)
+        if turned.q is not state.q:
+            self._stride.load(turned)
+
+    def _add_turns(self) -> None:
+        """Add the full turns that are missing in the last rows."""
+        if isinstance(self._recorder, Recorder):
+            self._recorder.add_turns(self._turned, self._engine.windings.removed)
+            self._turned = self._recorder.rows
+
+    # -- What is known ----------------------------------------------------------------------------
+
+    @property
+    def t(self) -> float:
+        """Present time [s]."""
+        return self._t
+
+    @property
+    def dt(self) -> float:
+        """Time step [s]."""
+        return self._dt
+
+    @property
+    def inputs(self) -> dict[str, Any]:
+        """Present values of the inputs: a number, or an array (2,) of an input without factor."""
+        return {
+            name: value.copy() if len(value) > 1 else float(value[0])
+            for name, value in self._held.values.items()
+        }
+
+    @property
+    def outputs(self) -> dict[str, Any]:
+        """The outputs in the present state; forces are those of the last step, at first zero."""
+        return {name: read() for name, read in self._readings.items()}
+
+    @property
+    def stats(self) -> Stats:
+        """Statistics of all steps so far."""
+        self._stride.count()
+        return copy(self._engine.stats)
+
+    @property
+    def state(self) -> Solution:
+        """The present state, a solution of one row: for `start`, `modes`, `linearise`, pictures."""
+        recorder = Recorder(self._engine.model, np.array([self._t]), Record())
+        end = self._end()
+        recorder.record(0, end)
+        return solution_of(self._engine.model, recorder, self.stats, end)
+
+    def solution(self) -> Solution:
+        """What was recorded since the start or since the last `restore`.
+
+        Returns
+        -------
+        Solution
+            The motion, as `simulate` gives it.
+
+        Raises
+        ------
+        SceneError
+            If nothing is recorded.
+        """
+        if not isinstance(self._recorder, Recorder):
+            raise SceneError(
+                "Motion.solution: nothing was recorded. Create the motion with record=fb.Record()"
+            )
+        self._add_turns()
+        return solution_of(self._engine.model, self._recorder, self.stats, self._end())
+
+    def _end(self) -> State:
+        state, turns = self._stride.state(), self._engine.windings.removed
+        before = None if state.before is None else state.before + turns
+        return replace(state, q=state.q + turns, before=before, inputs=self._held.all)
+
+    # -- Snapshots --------------------------------------------------------------------------------
+
+    def snapshot(self) -> Snapshot:
+        """All on which the next steps depend, to return to by `restore`; it can be pickled.
+
+        Returns
+        -------
+        Snapshot
+            The present state.
+        """
+        state = replace(self._stride.state(), inputs=self._held.all)
+        turns, dofs = self._engine.windings.removed.copy(), self._engine.model.mesh.dofs
+        return Snapshot(self._t, state, (self._origin, self._number), turns, dofs)
+
+    def restore(self, snapshot: Snapshot) -> dict[str, Any]:
+        """Return to a snapshot. The next steps are the same, to round-off; the record begins anew.
+
+        Parameters
+        ----------
+        snapshot : Snapshot
+            From this motion, or from one of an equal scene with the same `dt` and scheme.
+
+        Returns
+        -------
+        dict
+            The outputs.
+
+        Raises
+        ------
+        SceneError
+            For a snapshot of another scene.
+        """
+        require(isinstance(snapshot, Snapshot), "Motion.restore", snapshot, "a snapshot")
+        model, state = self._engine.model, snapshot.state
+        ours = len(model.scene.joints), len(model.motors), sum(self._held.widths.values())
+        given = 0 if state.inputs is None else len(state.inputs)
+        theirs = len(state.slides), len(state.motors), given
+        if not np.array_equal(snapshot.dofs, model.mesh.dofs) or ours != theirs:
+            raise SceneError(
+                "Motion.restore: the snapshot is of another scene. Its nodes, joints, motors and "
+                "inputs must be the same"
+            )
+        self._engine.windings.removed[:] = snapshot.turns
+        self._held.resume(self._engine.drive, state, state.inputs)
+        self._origin, self._number = snapshot.step
+        self._begin(state)
+        return self.outputs
+
+    def __reduce__(self):
+        return _rebuilt, (self._arguments, self.snapshot())
+
+    def __repr__(self):
+        return (
+            f"<Motion: {self._engine.stats.scheme}, dt = {self._dt:g}, at t = {self._t:g}, inputs "
+            f"{list(self._held.widths)}, outputs {list(self._readings)}>"
+        )
+
+
+def _rebuilt(arguments: dict[str, Any], snapshot: Snapshot) -> Motion:
+    """A motion that was copied or pickled."""
+    motion = Motion(**arguments)
+    motion.restore(snapshot)
+    return motion

@@ -1,0 +1,116 @@
+"""Outputs: quantities of a motion that are measured in each step, by names."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+from fx_beam.validation import require
+
+from .beam import Node
+from .joints import Joint
+from .loads import check_node
+
+_PLANE, _FORCE = ("x", "y"), ("x", "y", "moment")
+#: Components of the quantities of nodes and of joints; none for a single number.
+OF_NODES: dict[str, tuple[str, ...]] = {
+    "position": _PLANE,
+    "displacement": _PLANE,
+    "rotation": (),
+    "velocity": _PLANE,
+    "spin": (),
+    "acceleration": _PLANE,
+    "reaction": _FORCE,
+}
+OF_JOINTS: dict[str, tuple[str, ...]] = {
+    "angle": (),
+    "slide": (),
+    "spin": (),
+    "rate": (),
+    "force": _FORCE,
+    "motor_force": (),
+}
+
+
+@dataclass(frozen=True)
+class Output:
+    """A quantity of a node or a joint that `Motion` measures and `linearise` observes.
+
+    Quantities have the names and units of `Solution`: "position", "displacement", "rotation",
+    "velocity", "spin", "acceleration" and "reaction" of a node; of a joint those of `JointMotion`:
+    "angle", "slide", "spin", "rate", "force" and "motor_force".
+
+    Parameters
+    ----------
+    quantity : str
+        Name of the quantity.
+    of : Node or Joint
+        Where it is measured.
+    component : {"x", "y", "moment"}, optional
+        One component of a quantity that has several; by default all of them.
+
+    Raises
+    ------
+    SceneError
+        For a quantity that the node or joint does not have, or an unknown component.
+
+    Examples
+    --------
+    >>> import fx_beam as fb
+    >>> scene = fb.Scene()
+    >>> arm = scene.add_beam([(0, 0), (1, 0)], fb.Section(EA=1e4, GA=1e4, EI=10.0))
+    >>> print(fb.Output("velocity", arm.end, "y"))
+    velocity.y of node 1 at (1, 0)
+    """
+
+    quantity: str
+    of: Node | Joint
+    component: str | None = None
+
+    def __post_init__(self):
+        joint = isinstance(self.of, Joint)
+        require(joint or isinstance(self.of, Node), "Output: of", self.of, "a node or a joint")
+        known = OF_JOINTS if joint else OF_NODES
+        wanted = f"one of {list(known)} for {self.of}"
+        named = isinstance(self.quantity, str) and self.quantity in known
+        require(named, "Output: quantity", self.quantity, wanted)
+        parts = known[self.quantity]
+        fits = self.component is None or self.component in parts
+        wanted = f"one of {list(parts)}" if parts else "left out: it is a single number"
+        require(fits, f"Output: component of {self.quantity!r}", self.component, wanted)
+
+    def __str__(self):
+        return f"{self.quantity}{f'.{self.component}' if self.component else ''} of {self.of}"
+
+    @property
+    def components(self) -> tuple[str, ...]:
+        """Names of its components; empty for a single number."""
+        known = OF_JOINTS if isinstance(self.of, Joint) else OF_NODES
+        return () if self.component else known[self.quantity]
+
+    def pick(self, values):
+        """The component that is asked for, or all, from those of the quantity."""
+        if self.component is None:
+            return values
+        known = OF_JOINTS if isinstance(self.of, Joint) else OF_NODES
+        return values[known[self.quantity].index(self.component)]
+
+
+def check_outputs(scene, outputs, what: str) -> None:
+    """Refuse outputs that are no dictionary of outputs of the scene."""
+    fits = isinstance(outputs, Mapping) and all(isinstance(name, str) for name in outputs)
+    require(fits, what, outputs, "a dictionary of fx_beam.Output by names")
+    for name, output in outputs.items():
+        own = f"{what}[{name!r}]"
+        require(isinstance(output, Output), own, output, "an fx_beam.Output")
+        joint = output.of
+        if not isinstance(joint, Joint):
+            check_node(scene, joint, own)
+            continue
+        theirs = any(joint is one for one in scene.joints)
+        require(theirs, own, str(output), "of a joint that add_joint of this scene returned")
+        if output.quantity == "slide":
+            require(joint.axis is not None, own, str(output), "of a joint with a slide")
+        if output.quantity == "motor_force":
+            driven = any(part and part.motor for part in (joint.slide, joint.rotation))
+            require(driven, own, str(output), "of a joint with a motor")

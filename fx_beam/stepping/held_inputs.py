@@ -1,0 +1,131 @@
+"""Inputs of a scene that are held over a step: loads as they are, driven motions as ramps."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from fx_beam.results.state import State
+from fx_beam.scene.inputs import Socket, check_names, connected, sockets, widths
+from fx_beam.scene.scene import Scene
+from fx_beam.validation import require, vector
+
+from .forcing import Drive
+
+
+class Hold:
+    """Values (size,) of a load, constant over the step."""
+
+    def __init__(self, socket: Socket):
+        self.name, self.value = socket.name, socket(0.0)
+        #: Values are these times the input; an input of two numbers is the value itself.
+        self._factor = socket.factor[:, 0] if socket.width == 1 else 1.0
+
+    def set(self, value: np.ndarray) -> None:
+        """Set the input (width,) for the next steps."""
+        np.multiply(self._factor, value, out=self.value)
+
+    def __call__(self, t: float) -> np.ndarray:
+        """The values, at any time."""
+        return self.value
+
+
+class Ramp:
+    """A driven motion: from its place at the start of the step straight to that at the end."""
+
+    def __init__(self, socket: Socket):
+        self.name, self.factor = socket.name, float(socket.factor[0, 0])
+        self._t0, self._t1 = -math.inf, math.inf
+        #: Places at the start and at the end of the step [m or rad].
+        self.start = self.end = 0.0
+
+    def set(self, value: np.ndarray) -> None:
+        """Set the input (1,) at the end of the next step."""
+        self.end = self.factor * float(value[0])
+
+    def begin(self, t0: float, t1: float) -> None:
+        """Set the times of a step [s]."""
+        self._t0, self._t1 = t0, t1
+
+    def __call__(self, t: float) -> np.ndarray:
+        """The place (1,) in the step; outside it that of its start or end."""
+        if self.start == self.end:
+            return np.array([self.end])
+        part = (t - self._t0) / (self._t1 - self._t0)
+        return np.array([self.start + min(max(part, 0.0), 1.0) * (self.end - self.start)])
+
+
+class HeldInputs:
+    """The inputs of a scene and their present values."""
+
+    def __init__(self, scene: Scene):
+        #: Number of values of each input, by name.
+        self.widths = widths(scene)
+        self.values = {name: np.zeros(width) for name, width in self.widths.items()}
+        self._parts: dict[int, Hold | Ramp] = {
+            id(socket): Ramp(socket) if driven else Hold(socket)
+            for socket, driven in sockets(scene)
+        }
+        #: The scene with the held functions in the place of its inputs.
+        self.scene = connected(scene, lambda socket: self._parts[id(socket)])
+        self._of = {
+            name: [part for part in self._parts.values() if part.name == name]
+            for name in self.widths
+        }
+        self._ramps = [part for part in self._parts.values() if isinstance(part, Ramp)]
+
+    def set(self, given: Mapping) -> None:
+        """Set some inputs for the next steps; SceneError for any that is none, before all."""
+        found: dict[str, Any] = {}
+        for name, value in given.items():
+            if not _fits(value, self.widths.get(name)):
+                check_names([name], self.widths, "inputs")
+                value = vector(value, self.widths[name], f"input {name!r}")
+            found[name] = value
+        for name, value in found.items():
+            self.values[name][:] = value
+            for part in self._of[name]:
+                part.set(self.values[name])
+
+    def check(self, given) -> None:
+        """Refuse what is no dictionary."""
+        require(isinstance(given, Mapping), "inputs", given, f"a dictionary of {list(self.widths)}")
+
+    def begin(self, t0: float, t1: float) -> None:
+        """Set the times of a step [s]."""
+        for ramp in self._ramps:
+            ramp.begin(t0, t1)
+
+    def arrive(self) -> None:
+        """The end of a step."""
+        for ramp in self._ramps:
+            ramp.start = ramp.end
+
+    def resume(self, drive: Drive, state: State, values: np.ndarray | None) -> None:
+        """Start from a state: loads with these values of all inputs, motions where they are."""
+        if values is not None and len(values) == sum(self.widths.values()):
+            of_all = iter(values)
+            self.set({name: [next(of_all) for _ in range(n)] for name, n in self.widths.items()})
+        for function, place in zip(drive.functions, drive.current(state), strict=True):
+            if isinstance(function, Ramp) and function.factor:
+                self.set({function.name: float(place) / function.factor})
+        self.arrive()
+
+    @property
+    def all(self) -> np.ndarray | None:
+        """Values of all inputs in their order; None without any."""
+        return np.concatenate(list(self.values.values())) if self.values else None
+
+
+def _fits(value, width: int | None) -> bool:
+    """Whether a value is one or two finite floats, which is quickly known."""
+    if width == 1:
+        return isinstance(value, float) and math.isfinite(value)
+    if width == 2 and isinstance(value, tuple | list | np.ndarray) and len(value) == 2:
+        x, y = value
+        floats = isinstance(x, float) and isinstance(y, float)
+        return floats and math.isfinite(x) and math.isfinite(y)
+    return False

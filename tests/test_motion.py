@@ -1,0 +1,353 @@
+"""A motion step by step: inputs, outputs, snapshots, feedback, energy, errors."""
+
+import copy
+import pickle
+
+import numpy as np
+import pytest
+
+import fx_beam as fb
+
+SECTION = fb.Section(EA=1e5, GA=1e5, EI=20.0, rhoA=1.0, rhoI=1e-2)
+DT = 2e-3
+
+
+def arm(motor=None, gravity=(0.0, -9.81)):
+    """An arm on a hinge or a motor, with a moment and a force from outside; its outputs."""
+    scene = fb.Scene(gravity=gravity)
+    beam = scene.add_beam([(0, 0), (1, 0)], SECTION, elements=4)
+    damper = fb.Damper(0.1) if motor is None else None
+    hinge = fb.Revolute(fb.GROUND, beam.start, damper=damper, motor=motor)
+    hinge = scene.add_joint(hinge)
+    if motor is None:
+        scene.add_moment(beam.start, fb.Input("torque"))
+    scene.add_force(beam.end, fb.Input("push"))
+    outputs = {
+        "tip": fb.Output("position", beam.end),
+        "vy": fb.Output("velocity", beam.end, "y"),
+        "angle": fb.Output("angle", hinge),
+        "spin": fb.Output("spin", hinge),
+        "force": fb.Output("force", hinge),
+    }
+    return scene, beam, hinge, outputs
+
+
+def torque(t):
+    return 3 * np.sin(4 * t)
+
+
+def differences(a, b):
+    return max(float(np.abs(np.subtract(a[name], b[name])).max()) for name in a)
+
+
+# -- Steps -----------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("solver", ["compiled", "petsc"])
+def test_steps_with_held_loads_are_those_of_simulate_with_steps_of_time(solver):
+    scene, beam, hinge, outputs = arm()
+    motion = fb.Motion(scene, dt=DT, outputs=outputs, solver=solver)
+    for k in range(50):
+        found = motion.step({"torque": torque(k * DT), "push": (0.0, float(k % 3))})
+    steps = {
+        "torque": lambda t: torque(DT * np.floor(t / DT)),
+        "push": lambda t: (0.0, np.floor(t / DT) % 3),
+    }
+    solution = fb.simulate(scene, dt=DT, t_end=0.1, inputs=steps)
+    assert motion.t == pytest.approx(0.1, abs=1e-15)
+    joint = solution.joint(hinge)
+    expected = {
+        "tip": solution.position(beam.end)[-1],
+        "vy": solution.velocity(beam.end)[-1, 1],
+        "angle": joint.angle[-1],
+        "spin": joint.spin[-1],
+    }
+    assert differences(expected, found) < 1e-10
+    assert found["force"] == pytest.approx(joint.force[-1], abs=1e-8)
+    assert motion.stats.steps == 50
+    assert motion.stats.newton_iterations == solution.stats.newton_iterations
+
+
+@pytest.mark.parametrize(
+    "scheme", [fb.EnergyMomentum(), fb.EnergyMomentum(order=4), fb.GeneralizedAlpha(0.8)]
+)
+def test_a_motor_follows_its_input_along_straight_lines(scheme):
+    scene, beam, hinge, outputs = arm(motor=fb.Input("place"), gravity=None)
+    outputs["moment"] = fb.Output("motor_force", hinge)
+    motion = fb.Motion(scene, scheme, dt=DT, outputs=outputs)
+    places = 0.4 * (1 - np.cos(20 * DT * np.arange(41))) ** 2
+    places = np.append(0.0, places[:-1])  # the rate at the start is zero
+    for place in places[1:]:
+        found = motion.step({"place": place, "push": (0.0, 0.0)})
+    grid = DT * np.arange(41)
+    same = fb.simulate(
+        scene, scheme, dt=DT, t_end=0.08, inputs={"place": lambda t: np.interp(t, grid, places)}
+    )
+    assert found["angle"] == pytest.approx(places[-1], abs=1e-14)
+    assert found["tip"] == pytest.approx(same.position(beam.end)[-1], abs=1e-9)
+    assert found["moment"] == pytest.approx(same.joint(hinge).motor_force[-1], rel=1e-5)
+
+
+def test_the_work_of_inputs_is_in_the_energy_balance():
+    for motor in (None, fb.Input("place")):
+        scene, _, _, _ = arm(motor)
+        motion = fb.Motion(scene, dt=DT, record=fb.Record())
+        for k in range(200):
+            value = torque(k * DT) if motor is None else 0.2 * (1 - np.cos(3 * DT * (k + 1)))
+            name = "torque" if motor is None else "place"
+            motion.step({name: value, "push": (np.cos(k / 9), 0.1 * k)})
+        energy = motion.solution().energy
+        assert abs(energy.work).max() > 0.5
+        assert abs(energy.balance_error).max() < 1e-11
+
+
+def test_functions_of_time_act_beside_inputs():
+    def scene(of_time, push):
+        scene, beam, _, _ = arm()
+        scene.add_force(beam.end, of_time)
+        scene.add_force(beam.end, (0.3, 0.0), follower=True)
+        scene.add_force(beam.node(0.5), push, follower=True)
+        return scene, beam
+
+    def pull(t):
+        return np.cos(9 * t), 2 * np.sin(5 * t)
+
+    plain, beam = scene(pull, (1.0, 2.0))
+    solution = fb.simulate(plain, dt=DT, t_end=0.3)
+    other, beam_too = scene(pull, fb.Input("thrust", factor=(1, 2)))
+    motion = fb.Motion(other, dt=DT, outputs={"tip": fb.Output("position", beam_too.end)})
+    motion.step({"thrust": 1.0})
+    assert motion.run(0.3)["tip"] == pytest.approx(solution.position(beam.end)[-1], abs=1e-11)
+
+
+def test_every_output_is_what_a_solution_says():
+    scene = fb.Scene(gravity=(0.0, -9.81))
+    post = scene.add_beam([(0, 0), (1, 0)], SECTION, elements=2)
+    scene.clamp(post.start)
+    rod = scene.add_beam([(1, 0), (2, 0.5)], SECTION, elements=2)
+    slot = scene.add_joint(fb.PinInSlot(post.end, rod.start, axis=(0.8, 0.6), damper=fb.Damper(3)))
+    nodes = {name: fb.Output(name, rod.end) for name in ("displacement", "rotation", "spin")}
+    nodes |= {"a": fb.Output("acceleration", rod.end), "held": fb.Output("reaction", post.start)}
+    nodes["my"] = fb.Output("reaction", post.start, "moment")
+    joints = {name: fb.Output(name, slot) for name in ("slide", "rate", "force")}
+    motion = fb.Motion(scene, dt=DT, outputs=nodes | joints, record=fb.Record())
+    found, solution = motion.run(0.2), motion.solution()
+    joint = solution.joint(slot)
+    expected = {
+        "displacement": solution.displacement(rod.end),
+        "rotation": solution.rotation(rod.end),
+        "spin": solution.spin(rod.end),
+        "a": solution.acceleration(rod.end),
+        "held": solution.reaction(post.start),
+        "my": solution.reaction(post.start)[:, 2],
+        "slide": joint.slide,
+        "rate": joint.rate,
+        "force": joint.force,
+    }
+    for name, rows in expected.items():
+        assert found[name] == pytest.approx(rows[-1], rel=1e-12, abs=1e-12), name
+
+
+def test_what_is_recorded_is_what_simulate_records():
+    scene, _, _, _ = arm()
+    motion = fb.Motion(scene, dt=DT, record=fb.Record(every=3))
+    motion.run(3000 * DT)  # more steps than rows are planned for at once
+    mine = motion.solution()
+    theirs = fb.simulate(scene, dt=DT, t_end=2000 * DT, record=fb.Record(every=3))
+    first = slice(200)  # before round-off has grown
+    assert len(mine.t) == 1001
+    assert mine.t[first] == pytest.approx(theirs.t[first], abs=1e-12)
+    assert abs(mine.q[first] - theirs.q[first]).max() < 1e-9
+    assert abs(mine.joint_forces[first] - theirs.joint_forces[first]).max() < 1e-5
+    assert abs(mine.energy.balance_error).max() < 1e-11
+
+
+# -- Snapshots -------------------------------------------------------------------------------------
+
+
+def test_a_thousand_returns_to_a_snapshot_give_the_same_episode():
+    scene, _, _, outputs = arm()
+    motion = fb.Motion(scene, dt=DT, outputs=outputs)
+    motion.run(0.1, lambda t, y: {"torque": torque(t)})
+    start = motion.snapshot()
+
+    def episode():
+        motion.restore(start)
+        for k in range(3):
+            found = motion.step({"torque": -torque(k), "push": (0.5 * k, 0.0)})
+        return found
+
+    first = episode()
+    assert max(differences(first, episode()) for _ in range(1000)) < 1e-13
+
+
+@pytest.mark.parametrize("solver", ["compiled", "petsc"])
+def test_a_motion_goes_on_from_snapshots_copies_files_and_solutions(solver, tmp_path):
+    scene, _, _, outputs = arm()
+    motion = fb.Motion(scene, dt=DT, outputs=outputs, record=fb.Record(), solver=solver)
+    motion.run(0.05, lambda t, y: {"torque": torque(t), "push": (0.0, 1.0)})
+    motion.state.save(tmp_path / "state.npz")
+    options = {"dt": DT, "outputs": outputs, "solver": solver}
+    others = [
+        copy.deepcopy(motion),
+        pickle.loads(pickle.dumps(motion)),
+        fb.Motion(scene, start=motion.solution(), **options),
+        fb.Motion(scene, start=fb.load(tmp_path / "state.npz"), **options),
+        fb.Motion(scene, **options),
+    ]
+    others[-1].restore(pickle.loads(pickle.dumps(motion.snapshot())))
+    assert [other.inputs["push"].tolist() for other in others] == [[0.0, 1.0]] * 5
+    expected = motion.run(0.1)
+    for other in others:
+        assert differences(expected, other.run(0.1)) < 1e-8
+        assert differences({"tip": expected["tip"]}, {"tip": other.outputs["tip"]}) < 1e-12
+
+
+def test_the_record_begins_anew_at_a_restored_state():
+    scene, _, _, _ = arm()
+    motion = fb.Motion(scene, dt=DT, record=fb.Record())
+    motion.run(10 * DT)
+    start = motion.snapshot()
+    motion.run(20 * DT)
+    motion.restore(start)
+    motion.run(25 * DT)
+    solution = motion.solution()
+    assert solution.t == pytest.approx(DT * np.arange(10, 26))
+    assert abs(np.diff(solution.energy.balance_error)).max() < 1e-11
+
+
+def test_full_turns_are_counted_and_kept():
+    scene = fb.Scene()
+    bar = scene.add_beam([(0, 0), (1, 0)], SECTION)
+    scene.pin(bar.start)
+    scene.set_velocity(bar, lambda x, y: (0.0, 40 * x), spin=40.0)
+    outputs = {"angle": fb.Output("rotation", bar.end)}
+    motion = fb.Motion(scene, dt=DT, outputs=outputs, record=fb.Record(every=50))
+    angle = motion.run(1200 * DT)["angle"]
+    assert angle > 2 * np.pi * 10
+    start = motion.snapshot()
+    assert motion.solution().rotation(bar.end)[-1] == angle == motion.state.q[-1, -1, 2]
+    after = motion.run(1300 * DT)["angle"]
+    assert motion.restore(start)["angle"] == angle
+    assert motion.run(1300 * DT)["angle"] == after
+
+
+def test_a_motion_starts_from_an_equilibrium_with_its_inputs():
+    scene = fb.Scene(gravity=(0.0, -9.81))
+    beam = scene.add_beam([(0, 0), (1, 0)], SECTION, elements=4)
+    motor = fb.Input("place", factor=0.5)
+    scene.add_joint(fb.Revolute(fb.GROUND, beam.start, motor=motor))
+    scene.add_force(beam.end, fb.Input("push"))
+    held = {"place": 0.8, "push": (0.0, 2.0)}
+    equilibrium = fb.static(scene, steps=4, inputs=held)
+    outputs = {"tip": fb.Output("position", beam.end)}
+    motion = fb.Motion(scene, dt=DT, outputs=outputs, start=equilibrium)
+    assert motion.inputs == {"place": pytest.approx(0.8), "push": pytest.approx((0.0, 2.0))}
+    before = motion.outputs["tip"]
+    assert before[1] > 0.2
+    assert motion.run(0.1)["tip"] == pytest.approx(before, abs=1e-8)
+
+
+# -- Feedback --------------------------------------------------------------------------------------
+
+
+def test_pd_control_of_the_joint_damps_the_tip():
+    scene, beam, _, outputs = arm(gravity=None)
+    scene.add_mass(beam.start, 0.0, inertia=0.05)
+    scene.set_velocity(beam, lambda x, y: (0.0, x**2), spin=lambda x, y: 2 * x)
+    amplitude = {}
+    for kd in (0.0, 3.0):
+        motion = fb.Motion(scene, dt=DT, outputs=outputs, record=fb.Record())
+        motion.run(4.0, lambda t, y, kd=kd: {"torque": -10 * y["angle"] - kd * y["spin"]})
+        solution = motion.solution()
+        amplitude[kd] = abs(solution.displacement(beam.end)[-500:, 1]).max()
+        assert abs(solution.energy.balance_error).max() < 1e-11
+    assert amplitude[3.0] < 1e-3 * amplitude[0.0]
+
+
+# -- Errors ----------------------------------------------------------------------------------------
+
+
+def test_a_failed_step_leaves_the_motion_where_it_was():
+    scene, _, _, outputs = arm()
+    for solver in ("compiled", "petsc"):
+        motion = fb.Motion(scene, dt=DT, outputs=outputs, max_halvings=0, solver=solver)
+        before = motion.run(10 * DT)
+        with pytest.raises(fb.StepError, match="failed"):
+            motion.step({"torque": 1e9})
+        assert motion.t == pytest.approx(10 * DT)
+        assert differences(before, motion.outputs) == 0
+        motion.step({"torque": 0.0})
+        assert motion.stats.steps == 11
+
+
+def test_steps_that_fail_as_a_whole_are_taken_in_parts():
+    scene, beam, _, outputs = arm()
+    motion = fb.Motion(scene, dt=0.25, outputs=outputs, record=fb.Record())
+    motion.step({"torque": 30.0})
+    again = motion.snapshot()
+    last = motion.run(1.5)
+    assert motion.stats.halvings > 0
+    assert abs(motion.solution().energy.balance_error).max() < 1e-9
+    motion.restore(again)
+    assert motion.run(0.5)["angle"] == pytest.approx(motion.outputs["angle"])
+    assert len(last) == 5
+
+
+@pytest.mark.parametrize(
+    ("given", "words"),
+    [
+        ({"tourqe": 1.0}, "no input 'tourqe'; it has"),
+        ({"torque": (1.0, 2.0)}, "input 'torque'.*must be a number"),
+        ({"push": 1.0}, "input 'push'.*2 numbers"),
+        ({"push": (0.0, np.nan)}, "input 'push'.*not finite"),
+        ([1.0], "inputs = .* must be a dictionary"),
+    ],
+)
+def test_wrong_inputs_are_refused_before_the_step(given, words):
+    scene, _, _, _ = arm()
+    motion = fb.Motion(scene, dt=DT)
+    with pytest.raises(fb.SceneError, match=words):
+        motion.step({"torque": 1.0, **given} if isinstance(given, dict) else given)
+    assert (motion.t, motion.inputs["torque"]) == (0.0, 0.0)
+
+
+@pytest.mark.parametrize(
+    ("call", "words"),
+    [
+        (lambda s, b, h: fb.Motion(s, dt=0.0), "Motion: dt = 0.0 must be a positive number"),
+        (lambda s, b, h: fb.Motion("scene", dt=1.0), "Motion needs an fx_beam.Scene"),
+        (lambda s, b, h: fb.Motion(s, dt=1.0, outputs={"a": b.end}), r"outputs\['a'\]"),
+        (lambda s, b, h: fb.Output("slide", b.end), "one of .*position.* for node"),
+        (lambda s, b, h: fb.Output("spin", h, "x"), "it is a single number"),
+        (lambda s, b, h: fb.Motion(s, dt=1.0, outputs={"a": fb.Output("slide", h)}), "a slide"),
+        (lambda s, b, h: fb.Motion(s, dt=1.0, outputs={"a": fb.Output("motor_force", h)}), "motor"),
+        (lambda s, b, h: fb.Motion(s, dt=1.0).solution(), "nothing was recorded"),
+        (lambda s, b, h: fb.Motion(s, dt=1.0).restore(None), "Motion.restore"),
+        (lambda s, b, h: fb.Motion(s, dt=1.0, record=fb.Record(times=[0.0])), "record at times"),
+        (lambda s, b, h: fb.simulate(s, dt=1.0, t_end=1.0, inputs={"a": 1}), "no input 'a'"),
+        (lambda s, b, h: s.add_force(b.end, fb.Input("f", factor=1.0)), "1 factors"),
+        (lambda s, b, h: fb.Input(""), "Input: name"),
+    ],
+)
+def test_what_does_not_fit_is_refused_with_its_name(call, words):
+    scene, beam, hinge, _ = arm()
+    with pytest.raises(fb.SceneError, match=words):
+        call(scene, beam, hinge)
+
+
+def test_inputs_of_one_name_must_fit_together():
+    scene, beam, _, _ = arm()
+    scene.add_force(beam.start, fb.Input("torque"))
+    with pytest.raises(fb.SceneError, match=r"'torque' has 1 value\(s\) as moment on node 0"):
+        fb.Motion(scene, dt=DT)
+    scene, beam, _, _ = arm()
+    scene.prescribe(beam.end, rotation=fb.Input("torque"))
+    with pytest.raises(fb.SceneError, match="'torque' is a load as well as a motion"):
+        fb.Motion(scene, dt=DT)
+
+
+def test_a_snapshot_of_another_scene_is_refused():
+    motion, other = (fb.Motion(arm(m)[0], dt=DT) for m in (None, fb.Input("place")))
+    with pytest.raises(fb.SceneError, match="another scene"):
+        other.restore(motion.snapshot())
