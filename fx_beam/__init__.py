@@ -13,6 +13,7 @@ if importlib.util.find_spec("dolfinx") is None:
 from .analyses.convergence import Converged, converge
 from .analyses.dynamics import simulate
 from .analyses.harmonic import FrequencyResponse, frequency_response
+from .analyses.linear_system import LinearSystem, linearise
 from .analyses.modal import Modes, modes
 from .analyses.motion import Motion, Snapshot
 from .analyses.rayleigh import rayleigh
@@ -84,6 +85,7 @@ __all__ = [
     "JointMotion",
     "Law",
     "Line",
+    "LinearSystem",
     "MidPoint",
     "MidPointRates",
     "ModifiedMidPoint",
@@ -118,6 +120,7 @@ __all__ = [
     "arc",
     "converge",
     "frequency_response",
+    "linearise",
     "load",
     "modes",
     "rayleigh",

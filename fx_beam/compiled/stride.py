@@ -8,6 +8,7 @@ from types import SimpleNamespace
 
 import numpy as np
 
+from fx_beam.fem.dead_loads import places_of
 from fx_beam.results.state import State
 from fx_beam.stepping.held_inputs import Hold, Ramp
 from fx_beam.stepping.recorder import Recorder, Unrecorded
@@ -172,6 +173,6 @@ def _places(scene, loads: np.ndarray, thrust: np.ndarray) -> Iterator[tuple]:
             yield load.value, thrust[:, turning]
             turning += 1
         else:
-            width = 1 if load.kind == "moment" or load.along is not None else 2
+            width = places_of(load)
             yield load.value, loads[:, :, column : column + width]
             column += width

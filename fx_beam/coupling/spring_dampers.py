@@ -138,18 +138,21 @@ class Actuators:
         if self._rates.level == 0.5:
             return  # the mean rate does not depend on the rate at the start
         for actuator in self._all:
-            joint = actuator.joint
-            x, y, turn = (self._of(joint.b, v, i) - self._of(joint.a, v, i) for i in range(3))
-            if actuator.turns is not None:
-                actuator.rate = turn
-                continue
-            assert joint.axis is not None  # sliding joints have an axis
-            psi, spin = (self._of(joint.a, values, 2) for values in (q, v))
-            arm = joint.offset + slides[joint.number] * joint.axis
-            c, s = np.cos(psi), np.sin(psi)
-            # Along the axis: the velocity of b relative to its position on a, in the frame of a.
-            seen = np.array([c * x + s * y, c * y - s * x]) - spin * np.array([-arm[1], arm[0]])
-            actuator.rate = float(joint.axis @ seen)
+            actuator.rate = self._rate(actuator, q, v, slides)
+
+    def _rate(self, actuator: Actuator, q: np.ndarray, v: np.ndarray, slides: np.ndarray) -> float:
+        """Rate of a coordinate in a state."""
+        joint = actuator.joint
+        x, y, turn = (self._of(joint.b, v, i) - self._of(joint.a, v, i) for i in range(3))
+        if actuator.turns is not None:
+            return turn
+        assert joint.axis is not None  # sliding joints have an axis
+        psi, spin = (self._of(joint.a, values, 2) for values in (q, v))
+        arm = joint.offset + slides[joint.number] * joint.axis
+        c, s = np.cos(psi), np.sin(psi)
+        # Along the axis: the velocity of b relative to its position on a, in the frame of a.
+        seen = np.array([c * x + s * y, c * y - s * x]) - spin * np.array([-arm[1], arm[0]])
+        return float(joint.axis @ seen)
 
     def set_increment(self, D: np.ndarray, z: np.ndarray) -> None:
         """Set the increments over the step: D (size,) and z (columns,)."""
@@ -177,6 +180,27 @@ class Actuators:
                 -stiff * ratio + elastic * by_a - steep * slope_a - grows,
                 stiff * ratio + elastic * by_b + steep * slope_b + grows,
             )
+
+    def linear(
+        self, q: np.ndarray, v: np.ndarray, slides: np.ndarray, columns: int
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Stiffness and damping (columns, columns) of all in a state, and their forces (columns,).
+
+        After `begin` and `set_internal`.
+        """
+        K, C, total = np.zeros((columns, columns)), np.zeros((columns, columns)), np.zeros(columns)
+        for actuator in self._all:
+            along = np.zeros(columns)
+            for side, own in zip((-1.0, 1.0), actuator.columns, strict=True):
+                for column, _, sign in own:
+                    along[column] += side * sign
+            actuator.change, rate = 0.0, self._rate(actuator, q, v, slides)
+            # At its start the mean over a step depends on half of the step's increment.
+            elastic, half = actuator.spring(0.5)
+            K += 2 * half * np.outer(along, along)
+            C += actuator.steepness(rate) * np.outer(along, along)
+            total += (elastic + actuator.resistance(rate)) * along
+        return K, C, total
 
     def forces(self, columns: int) -> np.ndarray:
         """Generalised forces (columns,) [N, N m]."""

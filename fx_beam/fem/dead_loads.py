@@ -12,7 +12,7 @@ import numpy as np
 import scipy.sparse
 
 from fx_beam.scene.beam import Beam, arc_lengths
-from fx_beam.scene.loads import label
+from fx_beam.scene.loads import Load, label
 from fx_beam.scene.scene import Scene
 from fx_beam.validation import Constant, evaluate, series, vector
 
@@ -83,6 +83,11 @@ class Loads:
         """Factors (m, n) of the columns at m times [s]; StepError if a function fails."""
         values = [series(load.value, times, str(load)) for load in self._loads]
         return np.hstack([np.empty((len(times), 0)), *values])
+
+
+def places_of(load: Load) -> int:
+    """Number of columns of a load."""
+    return 1 if load.kind == "moment" or load.along is not None else 2
 
 
 @functools.cache

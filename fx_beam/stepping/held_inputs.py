@@ -28,6 +28,10 @@ class Hold:
         """Set the input (width,) for the next steps."""
         np.multiply(self._factor, value, out=self.value)
 
+    def of(self, value: np.ndarray) -> np.ndarray:
+        """The values of an input (width,), which is not set."""
+        return self._factor * value
+
     def __call__(self, t: float) -> np.ndarray:
         """The values, at any time."""
         return self.value
@@ -89,6 +93,10 @@ class HeldInputs:
             self.values[name][:] = value
             for part in self._of[name]:
                 part.set(self.values[name])
+
+    def parts_of(self, name: str) -> list[Hold | Ramp]:
+        """All places of an input."""
+        return self._of[name]
 
     def check(self, given) -> None:
         """Refuse what is no dictionary."""

@@ -1,0 +1,260 @@
+"""A, B, C and D of a scene: against modes, frequency responses and small differences of motions."""
+
+import copy
+
+import numpy as np
+import pytest
+import scipy.linalg
+import scipy.signal
+
+import fx_beam as fb
+
+DT = 1e-3
+
+
+def section(rhoI=1e-2, retardation=0.01):
+    return fb.Section(EA=1e4, GA=1e4, EI=20.0, rhoA=1.0, rhoI=rhoI, retardation=retardation)
+
+
+def hanging(rhoI=1e-2, retardation=0.01, damped=True):
+    """An arm under gravity on a hinge that slides on a post, with springs and dampers."""
+    scene = fb.Scene(gravity=(0.0, -9.81))
+    made = section(rhoI, retardation)
+    post = scene.add_beam([(0, 0), (0.5, 0)], made, elements=2)
+    scene.clamp(post.start)
+    arm = scene.add_beam([(0.5, 0), (1.3, 0.2)], made, elements=3)
+    on_slide = {"spring": fb.Spring(60.0), "damper": fb.Damper(2.0) if damped else None}
+    hinge = fb.Coordinate(spring=fb.Spring(30.0), damper=fb.Damper(0.8) if damped else None)
+    joint = fb.PinInSlot(post.end, arm.start, axis=(0.6, 0.8), hinge=hinge, **on_slide)
+    joint = scene.add_joint(joint)
+    scene.add_force(arm.end, fb.Input("push"))
+    outputs = {
+        "tip": fb.Output("displacement", arm.end),
+        "turn": fb.Output("rotation", arm.end),
+        "slide": fb.Output("slide", joint),
+        "angle": fb.Output("angle", joint),
+    }
+    return scene, arm, joint, outputs
+
+
+def swinging(motor=False):
+    """A block on a rail, on it a turning arm with a slider; the block is pushed or driven."""
+    scene = fb.Scene(gravity=(0.0, -9.81))
+    made = section(retardation=0.0)
+    block = scene.add_beam([(0, 0), (0.4, 0)], made)
+    place = fb.Input("place") if motor else None
+    rail = fb.Prismatic(fb.GROUND, block.start, axis=(1, 0), motor=place)
+    rail = scene.add_joint(rail)
+    arm = scene.add_beam([(0, 0), (0.6, -0.8)], made, elements=2)
+    hinge = scene.add_joint(fb.Revolute(block.start, arm.start, damper=fb.Damper(0.1)))
+    weight = scene.add_beam([(0.6, -0.8), (0.9, -0.9)], made)
+    slot = fb.PinInSlot(arm.end, weight.start, axis=(0.6, -0.8), spring=fb.Spring(300.0))
+    slot = scene.add_joint(slot)
+    if not motor:
+        scene.add_force(block.start, fb.Input("push", factor=(1, 0)))
+    scene.add_force(arm.end, fb.Input("thrust"), follower=True)
+    scene.add_moment(weight.end, fb.Input("torque"))
+    scene.add_moment(arm.start, fb.Input("torque", factor=-1))
+    outputs = {
+        "end": fb.Output("position", weight.end),
+        "turn": fb.Output("rotation", arm.end),
+        "v": fb.Output("velocity", weight.end),
+        "spin": fb.Output("spin", hinge),
+        "slide": fb.Output("slide", slot),
+        "rate": fb.Output("rate", slot),
+        "x": fb.Output("slide", rail),
+        "angle": fb.Output("angle", hinge),
+        "vx": fb.Output("velocity", weight.start, "x"),
+    }
+    return scene, outputs
+
+
+def flat(outputs):
+    return np.hstack(list(outputs.values()))
+
+
+def assert_has_eigenvalues(A, expected, rel):
+    found = np.linalg.eigvals(A)
+    for value in expected:
+        assert abs(found - value).min() < rel * abs(value), value
+
+
+@pytest.mark.parametrize("case", [{}, {"rhoI": 0.0}, {"rhoI": 0.0, "retardation": 0.0}])
+def test_eigenvalues_are_those_of_damped_modes_about_a_stressed_state(case):
+    scene, _, _, outputs = hanging(**case)
+    state = fb.static(scene, steps=4)
+    system = fb.linearise(scene, state, outputs=outputs)
+    modes = fb.modes(scene, state, n=6)
+    assert (modes.damping_ratios > 1e-3).all()
+    assert_has_eigenvalues(system.A, modes.eigenvalues[modes.damping_ratios < 1], 1e-7)
+
+
+def test_eigenvalues_without_damping_are_natural_frequencies_of_the_reference():
+    scene, _, _, outputs = hanging(retardation=0.0, damped=False)
+    system = fb.linearise(scene, outputs=outputs)
+    omega = fb.modes(scene, n=8).angular_frequencies
+    assert_has_eigenvalues(system.A, 1j * omega, 1e-7)
+    assert abs(np.linalg.eigvals(system.A).real).max() < 1e-8 * omega.max()
+    states = scipy.signal.StateSpace(system.A, system.B, system.C, system.D)
+    assert (states.A == system.state_space().A).all()
+    assert system.inputs == ("push.x", "push.y")
+    assert system.outputs == ("tip.x", "tip.y", "turn", "slide", "angle")
+
+
+@pytest.mark.parametrize("rhoI", [0.01, 0.0])
+def test_the_transfer_function_is_the_frequency_response(rhoI):
+    scene, arm, joint, outputs = hanging(rhoI)
+    state, f = fb.static(scene, steps=4), [0.0, 0.6, 2.2, 30.0]
+    system = fb.linearise(scene, state, outputs=outputs)
+    for k, direction in enumerate(np.eye(2)):
+        at_end, at_joint = (
+            fb.frequency_response(scene, (arm.end, direction), at, f, state=state).values
+            for at in (arm.end, joint)
+        )
+        for i, w in enumerate(2 * np.pi * np.array(f)):
+            response = np.linalg.solve(1j * w * np.eye(len(system.A)) - system.A, system.B)
+            response = system.C @ response + system.D
+            expected = np.concatenate([at_end[i], at_joint[i]])
+            assert response[:, k] == pytest.approx(expected, rel=1e-6, abs=1e-12)
+
+
+def test_small_motions_of_simulate_approach_the_linear_ones_in_the_amplitude():
+    scene, arm, joint, outputs = hanging()
+    state = fb.static(scene, steps=4)
+    system = fb.linearise(scene, state, outputs=outputs)
+    t = DT * np.arange(401)
+
+    def push(t):
+        return np.array([np.sin(8 * t), -2 * np.sin(13 * t)])
+
+    exact = scipy.signal.lsim(system.state_space(), push(t).T, t)[1]
+    errors = []
+    for size in (1e-1, 1e-2):
+        inputs = {"push": lambda t, size=size: size * push(t)}
+        moved = fb.simulate(scene, dt=DT, t_end=0.4, start=state, inputs=inputs)
+        seen = np.column_stack([moved.q[:, arm.end.number], moved.slides, moved.joint(joint).angle])
+        errors.append(abs((seen - seen[0]) / size - exact).max() / abs(exact).max())
+    assert errors[0] < 2e-2
+    assert errors[1] < 0.2 * errors[0]
+    assert system.deviation(moved)[: len(system.A)] == pytest.approx(
+        system.deviation(state)
+        + size * scipy.signal.lsim(system.state_space(), push(t).T, t)[2][-1],
+        abs=2e-2 * size,
+    )
+
+
+@pytest.mark.parametrize("motor", [False, True])
+def test_systems_of_the_moment_add_up_to_small_differences_of_a_fast_motion(motor):
+    scene, outputs = swinging(motor)
+    dt, first, steps, size = 1e-3, 300, 40, 1e-5
+    name = "place" if motor else "push"
+    motion = fb.Motion(scene, dt=dt, outputs=outputs)
+    bump = np.sin(np.pi * np.arange(steps + 1) / steps) ** 4  # smooth: no fast vibrations
+    means = bump[1:] if motor else 100 * (bump[1:] + bump[:-1]) / 2
+    rates = np.diff(bump) / dt if motor else means
+
+    def given(k, more=0.0):
+        value = 0.05 * (1 - np.cos(15 * k * dt)) if motor else 20 * np.sin(20 * k * dt)
+        return {name: value + more}
+
+    for k in range(1, first + 1):
+        motion.step(given(k) | {"torque": 3.0, "thrust": (2.0, 1.0)})
+    start = motion.snapshot()
+
+    def run(sign):
+        motion.restore(start)
+        places = enumerate(sign * size * means, start=first + 1)
+        return np.array([flat(motion.step(given(k, more))) for k, more in places])
+
+    nonlinear = (run(1.0) - run(-1.0)) / (2 * size)
+    motion.restore(start)
+    now = fb.linearise(scene, motion, [name], outputs)
+    x, linear = np.zeros(len(now.A)), []
+    for k, rate in enumerate(rates):
+        before, u = now, np.array([rate])
+        motion.step(given(first + 1 + k))
+        now = fb.linearise(scene, motion, [name], outputs)
+        A, B = (before.A + now.A) / 2, (before.B + now.B) / 2
+        whole = scipy.linalg.expm(dt * np.block([[A, B], [np.zeros((1, len(A) + 1))]]))
+        x = whole[:-1, :-1] @ x + whole[:-1, -1:] @ u
+        if motor:  # the states lack the rates due to the motor, which depend on the place
+            x[-len(now.reduction.moved) :] += (now.reduction.moved - before.reduction.moved) @ u
+        linear.append(now.C @ x + now.D @ u)
+    errors = abs(np.array(linear) - nonlinear).max(axis=0)
+    kinds = np.array([label.startswith(("v", "spin", "rate")) for label in now.outputs])
+    for kind in (kinds, ~kinds):
+        assert errors[kind].max() < 0.05 * abs(nonlinear[:, kind]).max()
+
+
+def test_a_state_of_motion_is_the_deviation_that_feedback_needs():
+    scene, outputs = swinging()
+    motion = fb.Motion(scene, dt=DT, outputs=outputs)
+    motion.run(0.1, lambda t, y: {"push": 30.0})
+    system, before = fb.linearise(scene, motion, outputs=outputs), flat(motion.outputs)
+    assert abs(system.deviation(motion)).max() < 1e-9
+    motion.step({"push": 30.01})
+    moved = system.C @ system.deviation(motion)
+    seen = flat(motion.outputs) - before
+    assert moved == pytest.approx(seen, abs=3e-2 * abs(seen).max())
+    assert system.deviation(motion.state) == pytest.approx(system.deviation(motion), abs=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("call", "words"),
+    [
+        (lambda s, o: fb.linearise(s, inputs=["pull"]), "linearise: inputs: .* no input 'pull'"),
+        (lambda s, o: fb.linearise(s, inputs="push"), "a sequence of names"),
+        (
+            lambda s, o: fb.linearise(s, at=3.0),
+            "linearise: at = 3.0 must be a Solution or a Motion",
+        ),
+        (lambda s, o: fb.linearise(s, outputs={"a": "tip"}), r"outputs\['a'\]"),
+        (lambda s, o: fb.linearise("scene"), "linearise needs an fx_beam.Scene"),
+        (
+            lambda s, o: fb.linearise(s, outputs={"F": fb.Output("force", o["slide"].of)}),
+            "output 'F' is a force; only position",
+        ),
+        (lambda s, o: fb.linearise(s).deviation("here"), "deviation: of"),
+    ],
+)
+def test_what_does_not_fit_is_refused_with_its_name(call, words):
+    scene, _, _, outputs = hanging()
+    with pytest.raises(fb.SceneError, match=words):
+        call(scene, outputs)
+
+
+def test_the_rate_of_a_massless_node_on_which_an_input_acts_is_refused():
+    scene = fb.Scene()
+    beam = scene.add_beam([(0, 0), (1, 0)], section(rhoI=0.0, retardation=0.0), elements=2)
+    scene.pin(beam.start)
+    scene.add_moment(beam.start, fb.Input("torque"))
+    outputs = {"turn": fb.Output("rotation", beam.start), "v": fb.Output("velocity", beam.end)}
+    assert fb.linearise(scene, outputs=outputs).D[0, 0] > 0  # it turns at once
+    with pytest.raises(fb.SceneError, match="'spin' is the rate of a node without mass"):
+        fb.linearise(scene, outputs={"spin": fb.Output("spin", beam.start)})
+
+
+def test_an_inverted_pendulum_is_kept_upright_by_feedback_of_all_states():
+    scene = fb.Scene(gravity=(0.0, -9.81))
+    rod = scene.add_beam([(0, 0), (0, 1)], section(retardation=1e-3), elements=2)
+    hinge = scene.add_joint(fb.Revolute(fb.GROUND, rod.start))
+    scene.add_moment(rod.start, fb.Input("torque"))
+    held = copy.copy(scene)
+    held.fix(held.beams[0].start, "rotation")
+    outputs = {"angle": fb.Output("angle", hinge), "spin": fb.Output("spin", hinge)}
+    upright = fb.static(held, steps=2)
+    system = fb.linearise(scene, upright, outputs=outputs)
+    assert np.linalg.eigvals(system.A).real.max() == pytest.approx(np.sqrt(1.5 * 9.81), rel=0.02)
+    A, B, Q = system.A, system.B, system.C.T @ system.C
+    K = B.T @ scipy.linalg.solve_continuous_are(A, B, Q + 1e-6 * np.eye(len(A)), np.eye(1))
+    angles = {}
+    for on in (0.0, 1.0):
+        motion = fb.Motion(scene, dt=2e-3, outputs=outputs, start=upright, record=fb.Record())
+        motion.step({"torque": 20.0})
+        for _ in range(999):
+            (torque,) = -on * K @ system.deviation(motion)
+            motion.step({"torque": torque})
+        angles[on] = abs(motion.outputs["angle"])
+        assert abs(motion.solution().energy.balance_error).max() < 1e-11
+    assert angles[0.0] > 0.5
+    assert angles[1.0] < 1e-3
