@@ -15,8 +15,9 @@ from .analyses.dynamics import simulate
 from .analyses.harmonic import FrequencyResponse, frequency_response
 from .analyses.linear_system import LinearSystem, linearise
 from .analyses.modal import Modes, modes
-from .analyses.motion import Motion, Snapshot
+from .analyses.motion import Motion
 from .analyses.rayleigh import rayleigh
+from .analyses.snapshot import Snapshot
 from .analyses.statics import static
 from .analyses.sweep import sweep
 from .errors import Failure, SceneError, StepError

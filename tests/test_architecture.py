@@ -129,6 +129,7 @@ HOUSE = {
         "engine",
         "dynamics",
         "measurement",
+        "snapshot",
         "motion",
         "convergence",
         "statics",

@@ -66,8 +66,7 @@ def _force(about: Deviations, parts: list, unit: np.ndarray) -> np.ndarray:
     model = about.model
     force, column = np.zeros(model.size), 0
     for load in model.scene.loads:
-        part: Hold | None = next((part for part in parts if part is load.value), None)
-        value = None if part is None else part.of(unit)
+        value = next((part.of(unit) for part in parts if id(part) == id(load.value)), None)
         if load.follower:
             if value is not None:
                 assert isinstance(load.target, Node)  # only forces on nodes turn
@@ -136,6 +135,10 @@ class FirstOrder:
         #: Shape of nodal motions, and number of joints.
         self.shape, self.joints = (len(about.model.mesh.X), 3), len(about.model.scene.joints)
 
+    def projected(self, W: np.ndarray) -> Projected:
+        """Fewer states."""
+        return Projected(self, W)
+
     def deviation(self, q: np.ndarray, v: np.ndarray, slides: np.ndarray) -> np.ndarray:
         """States of a motion: displacements (nodes, 3), their rates, and slides (joints,)."""
         about, model = self._about, self._about.model
@@ -151,6 +154,23 @@ class FirstOrder:
         dy = rates[:free]
         y, dy = self._inverse @ y, self._inverse @ dy
         return np.concatenate([y[self._one], y[self._a], p, dy[self._one] + self.moved @ dp])
+
+
+class Projected:
+    """Some states of first-order equations, W (n, states) times those."""
+
+    def __init__(self, whole: FirstOrder | Projected, W: np.ndarray):
+        self._whole, self._W = whole, W
+        self.shape: tuple[int, int] = whole.shape
+        self.joints: int = whole.joints
+
+    def deviation(self, q: np.ndarray, v: np.ndarray, slides: np.ndarray) -> np.ndarray:
+        """States of a motion."""
+        return self._W @ self._whole.deviation(q, v, slides)
+
+    def projected(self, W: np.ndarray) -> Projected:
+        """Fewer states."""
+        return Projected(self, W)
 
 
 class _Kinds(NamedTuple):

@@ -7,15 +7,15 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+import scipy.linalg
 
 from fx_beam.errors import SceneError
 from fx_beam.results.solution import Solution
-from fx_beam.scene.beam import COMPONENTS
 from fx_beam.scene.inputs import check_names, widths
 from fx_beam.scene.joints import GROUND, Joint
 from fx_beam.scene.outputs import Output, check_outputs
 from fx_beam.scene.scene import Scene
-from fx_beam.validation import require
+from fx_beam.validation import is_whole, require
 
 from .engine import checked_scheme
 from .first_order import FirstOrder, InputColumns
@@ -97,6 +97,71 @@ class LinearSystem:
         from scipy.signal import StateSpace
 
         return StateSpace(self.A, self.B, self.C, self.D)
+
+    def slowest(self, n: int) -> LinearSystem:
+        """Reduce the system to its slowest modes, for the design of controllers.
+
+        Beams have axial vibrations that are faster by many orders than what is to be controlled:
+        methods such as `scipy.linalg.solve_continuous_are` fail with them. The modes left out
+        follow the inputs without delay, which adds to D.
+
+        Parameters
+        ----------
+        n : int
+            Number of states; one more is kept if only one of a complex pair would be left.
+
+        Returns
+        -------
+        LinearSystem
+            With the states of these modes; `deviation` gives them.
+
+        Raises
+        ------
+        SceneError
+            If there are not that many states.
+
+        Examples
+        --------
+        >>> import numpy as np, fx_beam as fb
+        >>> scene = fb.Scene()
+        >>> section = fb.Section(EA=1e6, GA=1e6, EI=1.0, rhoA=1.0, rhoI=1e-4)
+        >>> beam = scene.add_beam([(0, 0), (1, 0)], section, elements=8)
+        >>> scene.clamp(beam.start)
+        >>> scene.add_force(beam.end, fb.Input("push", factor=(0, 1)))
+        >>> outputs = {"tip": fb.Output("displacement", beam.end, "y")}
+        >>> slow = fb.linearise(scene, outputs=outputs).slowest(2)
+        >>> abs(np.linalg.eigvals(slow.A)).round(2)
+        array([3.52, 3.52])
+        """
+        states = len(self.A)
+        fits = is_whole(n, 1, states - 1)
+        require(fits, "slowest: n", n, f"a whole number below that of the states, {states}")
+        # Balanced, so that rounding errors of fast modes do not hide the slow ones.
+        A, scale = scipy.linalg.matrix_balance(self.A, permute=False)
+        scale = scale.diagonal()
+        B, C = self.B / scale[:, None], self.C * scale
+        sizes = np.sort(abs(np.linalg.eigvals(A)))
+        paired = sizes[n] <= sizes[n - 1] * (1 + 1e-9) and n + 1 < states
+        bound = np.sqrt(sizes[n - 1 + paired] * sizes[n + paired])
+
+        def slow(real: float, imaginary: float = 0.0) -> bool:
+            return abs(real + 1j * imaginary) < bound
+
+        _, right, _ = scipy.linalg.schur(A, sort=slow)
+        _, left, count = scipy.linalg.schur(A.T, sort=slow)
+        V, W = right[:, :count], left[:, :count].T
+        W = np.linalg.solve(W @ V, W)
+        fast = B - V @ (W @ B)
+        held = np.linalg.solve(A - V @ (W @ A) + bound * V @ W, fast)
+        return LinearSystem(
+            W @ A @ V,
+            W @ B,
+            C @ V,
+            self.D - C @ held,
+            self.inputs,
+            self.outputs,
+            self.reduction.projected(W / scale),
+        )
 
     def deviation(self, of: Motion | Solution) -> np.ndarray:
         """States x of a motion, for feedback of all states.
@@ -261,9 +326,8 @@ def _rows(about: Deviations, output: Output) -> tuple[np.ndarray, np.ndarray]:
     else:
         own = dofs[at.number]
         own = own[2:] if output.quantity in ("rotation", "spin") else own[:2]
-        if output.component is not None:
-            i = COMPONENTS.index(output.component)
-            own = own[i : i + 1]
+        if output.place is not None:
+            own = own[output.place :][:1]
         moved, rates = T[own], dT[own]
     # The rate of a position T z is T z' + T' z.
     return (rates, moved) if output.quantity in _RATES else (moved, 0 * moved)

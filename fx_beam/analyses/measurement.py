@@ -28,7 +28,8 @@ def reading(model: Model, source: Source, turns: np.ndarray, output: Output) -> 
         read = _of_joint(model, source, turns, output)
     else:
         read = _of_node(model, source, turns, output)
-    return read if output.component is None else lambda: float(output.pick(read()))
+    place = output.place
+    return read if place is None else lambda: float(read()[place])
 
 
 def _of_node(model: Model, source: Source, turns: np.ndarray, output: Output) -> Reading:

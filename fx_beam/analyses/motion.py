@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from copy import copy
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from time import perf_counter
 from typing import Any
 
@@ -29,44 +29,12 @@ from fx_beam.validation import is_number, require
 from .engine import Engine, check_options, checked_scheme, state_of
 from .evaluation import solution_of
 from .measurement import reading
+from .snapshot import Snapshot
 
 # Steps between two counts of full turns, as in `simulate`; and steps for which rows are planned.
 _TURNS, _ROWS = 1000, 1024
 
 Controller = Callable[[float, dict[str, Any]], Mapping[str, Any] | None]
-
-
-@dataclass(frozen=True, eq=False, repr=False)
-class Snapshot:
-    """All on which the next steps of a motion depend; made by `Motion.snapshot`.
-
-    Parameters
-    ----------
-    t : float
-        Its time [s].
-    state : State
-        The state, in the numbering of the model, for internal use.
-    step : (float, int)
-        Time at the start of the count of steps [s], and their number.
-    turns : (size,) float
-        Full turns that are counted separately [rad].
-    dofs : (n_node, 3) int
-        The numbering of the model.
-
-    Examples
-    --------
-    >>> import fx_beam as fb
-    >>> scene, section = fb.Scene(), fb.Section(EA=1e4, GA=1e4, EI=10.0, rhoA=1.0, rhoI=0.1)
-    >>> arm = scene.add_beam([(0, 0), (1, 0)], section)
-    >>> fb.Motion(scene, dt=0.1).snapshot().t
-    0.0
-    """
-
-    t: float
-    state: State
-    step: tuple[float, int]
-    turns: np.ndarray
-    dofs: np.ndarray
 
 
 class Motion:
@@ -167,7 +135,9 @@ class Motion:
         self._dt, self._record = float(dt), record
         self._held = HeldInputs(scene)
         self._engine = engine = Engine(self._held.scene, scheme, newton, max_halvings, solver)
-        self._set_start(start)
+        if start is not None:
+            state = state_of(engine.model, start)
+            self._held.resume(engine.drive, state, state.inputs)
         self._stride: Stride | CompiledStride
         if isinstance(engine.integrator, CompiledLoop):
             forces = any(
@@ -186,13 +156,6 @@ class Motion:
         self._origin, self._number = state.t, 0
         self._begin(state)
         engine.stats.setup_seconds = perf_counter() - clock
-
-    def _set_start(self, start: Solution | None) -> None:
-        """Let the inputs begin where a solution ends."""
-        if start is None:
-            return
-        state = state_of(self._engine.model, start)
-        self._held.resume(self._engine.drive, state, state.inputs)
 
     def _begin(self, state: State) -> None:
         """Begin to step and to record from a state."""
@@ -413,14 +376,7 @@ class Motion:
         """
         require(isinstance(snapshot, Snapshot), "Motion.restore", snapshot, "a snapshot")
         model, state = self._engine.model, snapshot.state
-        ours = len(model.scene.joints), len(model.motors), sum(self._held.widths.values())
-        given = 0 if state.inputs is None else len(state.inputs)
-        theirs = len(state.slides), len(state.motors), given
-        if not np.array_equal(snapshot.dofs, model.mesh.dofs) or ours != theirs:
-            raise SceneError(
-                "Motion.restore: the snapshot is of another scene. Its nodes, joints, motors and "
-                "inputs must be the same"
-            )
+        snapshot.check(model, sum(self._held.widths.values()))
         self._engine.windings.removed[:] = snapshot.turns
         self._held.resume(self._engine.drive, state, state.inputs)
         self._origin, self._number = snapshot.step

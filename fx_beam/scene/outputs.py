@@ -88,12 +88,11 @@ class Output:
         known = OF_JOINTS if isinstance(self.of, Joint) else OF_NODES
         return () if self.component else known[self.quantity]
 
-    def pick(self, values):
-        """The component that is asked for, or all, from those of the quantity."""
-        if self.component is None:
-            return values
+    @property
+    def place(self) -> int | None:
+        """Number of its component; None for all."""
         known = OF_JOINTS if isinstance(self.of, Joint) else OF_NODES
-        return values[known[self.quantity].index(self.component)]
+        return None if self.component is None else known[self.quantity].index(self.component)
 
 
 def check_outputs(scene, outputs, what: str) -> None:
