@@ -52,6 +52,8 @@ PICTURES = {
     "falling_ring": ("scene.png", "shapes.png", "height_and_energy.png", "motion.gif"),
     "lattice_impact": ("energy.png", "front.png"),
     "own_physics": ("scene.png", "energy.png", "motion.gif"),
+    "pd_arm": ("scene.png", "control.png", "motion.gif"),
+    "cart_pole": ("scene.png", "control.png", "motion.gif"),
 }
 # Fewer runs than in the gallery, in a thread: a process could not import what a test has loaded.
 SMALL = {
