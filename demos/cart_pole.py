@@ -180,7 +180,8 @@ def report(numbers):
     found = numbers["flexible pole"]
     print(
         f"Bending in the last second: {1e3 * found['bending in the last second']:.3f} mm; with "
-        f"gains for a rigid pole {1e3 * numbers['rigid pole']['bending in the last second']:.1f} mm.\n"
+        "gains for a rigid pole "
+        f"{1e3 * numbers['rigid pole']['bending in the last second']:.1f} mm.\n"
         f"At the end the cart is {found['cart off the goal at the end']:.1e} m off its goal, the "
         f"tip {found['tip off the cart at the end']:.1e} m off the cart."
     )

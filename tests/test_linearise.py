@@ -143,6 +143,44 @@ def test_small_motions_of_simulate_approach_the_linear_ones_in_the_amplitude():
     )
 
 
+def test_rates_of_motors_and_prescribed_motions_are_inputs():
+    scene = fb.Scene(gravity=(0.0, -9.81))
+    base = scene.add_beam([(0, 0), (0.5, 0)], section(), elements=2)
+    scene.fix(base.start, "y", "rotation")
+    scene.prescribe(base.start, x=fb.Input("x"))
+    arm = scene.add_beam([(0.5, 0), (1.2, 0.3)], section(), elements=2)
+    motor = fb.Input("place", factor=2.0)
+    joint = scene.add_joint(fb.Revolute(base.end, arm.start, motor=motor))
+    scene.add_drag(arm, linear=0.3)
+    start = fb.static(scene, steps=4, inputs={"place": 0.3})
+    quantities = {"tip": "displacement", "v": "velocity", "spin": "spin"}
+    outputs = {name: fb.Output(quantity, arm.end) for name, quantity in quantities.items()}
+    system = fb.linearise(scene, start, outputs=outputs | {"angle": fb.Output("angle", joint)})
+    t, shape = DT * np.arange(401), np.array([0.5, 0.3])
+
+    def places(t):
+        return shape * np.array([np.sin(6 * t) ** 4, np.sin(4 * t) ** 4])
+
+    rates = np.array([(places(x + 1e-6) - places(x - 1e-6)) / 2e-6 for x in t])
+    exact = scipy.signal.lsim(system.state_space(), rates, t)[1]
+    errors = []
+    for size in (1e-1, 1e-2):
+        inputs = {
+            "x": lambda t, size=size: size * places(t)[0],
+            "place": lambda t, size=size: 0.3 + size * places(t)[1],
+        }
+        moved = fb.simulate(scene, dt=DT, t_end=0.4, start=start, inputs=inputs)
+        q, v = moved.q[:, arm.end.number], moved.v[:, arm.end.number]
+        seen = np.column_stack([q[:, :2] - q[0, :2], v, moved.joint(joint).angle - 0.6]) / size
+        errors.append(abs(seen - exact).max(axis=0) / abs(exact).max(axis=0))
+    assert errors[0].max() < 0.1
+    assert (errors[1] < np.maximum(0.2 * errors[0], 1e-4)).all()
+    x = system.deviation(moved)
+    assert system.C @ x + system.D @ rates[-1] * size == pytest.approx(
+        seen[-1] * size, abs=1e-2 * size
+    )
+
+
 @pytest.mark.parametrize("motor", [False, True])
 def test_systems_of_the_moment_add_up_to_small_differences_of_a_fast_motion(motor):
     scene, outputs = swinging(motor)
