@@ -262,6 +262,23 @@ def test_a_motion_starts_from_an_equilibrium_with_its_inputs():
     assert motion.run(0.1)["tip"] == pytest.approx(before, abs=1e-8)
 
 
+def test_modes_about_a_state_count_the_values_of_its_inputs():
+    found = []
+    for force in (fb.Input("push"), (-3.0, -2.0)):
+        scene = fb.Scene()
+        post = scene.add_beam([(0, 0), (1, 0)], SECTION, elements=2)
+        scene.clamp(post.start)
+        arm = scene.add_beam([(1, 0.3), (2, 0.5)], SECTION, elements=2)
+        scene.add_joint(fb.Rigid(post.end, arm.start, offset=(0, 0.3)))
+        scene.add_force(arm.end, force)
+        inputs = {"push": (-3.0, -2.0)} if isinstance(force, fb.Input) else None
+        state = fb.static(scene, steps=2, inputs=inputs)
+        response = fb.frequency_response(scene, (arm.end, (0, 1)), arm.end, [0.5], state=state)
+        found.append([fb.modes(scene, state, n=3).frequencies, abs(response.values[0])])
+    for with_input, constant in zip(*found, strict=True):
+        assert with_input == pytest.approx(constant, rel=1e-9)
+
+
 # -- Feedback --------------------------------------------------------------------------------------
 
 

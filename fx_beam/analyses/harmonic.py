@@ -240,7 +240,7 @@ def _force(about: Linearisation, load, what: str) -> np.ndarray:
     wanted = "a node and its amplitudes, such as (beam.end, (0.0, 1.0))"
     require(fits, what, load, wanted)
     node, components = load
-    check_node(about.model.scene, node, what)
+    check_node(about.scene, node, what)
     try:
         amplitudes = np.array(components, dtype=complex)
     except (TypeError, ValueError):
@@ -261,7 +261,7 @@ def _force(about: Linearisation, load, what: str) -> np.ndarray:
 def _rows(about: Linearisation, at, what: str):
     """Names of the components, and the matrix (m, free) that gives them from the unknowns."""
     model, T = about.model, about.T
-    dofs, scene = model.mesh.dofs, model.scene
+    dofs, scene = model.mesh.dofs, about.scene
     if not isinstance(at, Joint):
         check_node(scene, at, what)
         return COMPONENTS, T[dofs[at.number]]

@@ -15,6 +15,7 @@ from fx_beam.model.equations import Equations
 from fx_beam.model.model import Model
 from fx_beam.results.solution import Solution
 from fx_beam.results.state import State
+from fx_beam.scene.inputs import with_values
 from fx_beam.scene.scene import Scene
 from fx_beam.stepping.initial_state import reference_state
 from fx_beam.validation import require
@@ -26,6 +27,8 @@ _MOMENT = 1e-30
 class Linearisation(NamedTuple):
     """Small motions about a configuration, reduced to the unknowns."""
 
+    #: The scene, and its model with the values of its inputs in the state.
+    scene: Scene
     model: Model
     #: Stiffness and mass (free, free).
     K: scipy.sparse.csr_matrix
@@ -89,7 +92,9 @@ def linearised(scene: Scene, state: Solution | None, what: str) -> Linearisation
     """
     if not isinstance(scene, Scene):
         raise SceneError(f"{what} needs an fx_beam.Scene, not {scene!r}")
-    model = Model(scene, Equilibrium(), mobile=True)
+    end = state.end if isinstance(state, Solution) else None
+    held = with_values(scene, None if end is None else end.inputs)
+    model = Model(held, Equilibrium(), mobile=True)
     factor, start = 0.0, reference_state(model)  # an equilibrium without loads
     if state is not None:
         factor, start = _last(model, start, state, what)
@@ -110,7 +115,7 @@ def linearised(scene: Scene, state: Solution | None, what: str) -> Linearisation
     K, T = K[unknowns][:, unknowns], reduction.coupling()[:, unknowns]
     M = (T.T @ model.mass @ T).tocsr()
     columns = reduction.completion()[:, unknowns]
-    return Linearisation(model, K, M, T, unknowns, columns, start)
+    return Linearisation(scene, model, K, M, T, unknowns, columns, start)
 
 
 def _last(model: Model, start: State, state: Solution, what: str) -> tuple[float, State]:

@@ -157,7 +157,7 @@ class _Coupling:
 
     def _at(self, z: np.ndarray) -> np.ndarray:
         self._reduction.expand(z[: self._free], z[self._free :])
-        return self._reduction.coupling()[:, : self.count].toarray()
+        return self._reduction.coupling().toarray()[:, : self.count]
 
     def derivatives(self, z: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """First and second derivative of T along z."""
@@ -174,9 +174,10 @@ class _Coupling:
     def of_forces(self, r: np.ndarray) -> np.ndarray:
         """Derivative of T^T r, for constant forces r (size,)."""
         out = np.zeros((self.count, self.count))
-        if not self._model.couplings.is_index:
-            for j, unit in enumerate(np.eye(self.count)):
-                out[:, j] = self.derivatives(unit)[0].T @ r
+        # The second derivatives of x are symmetric: T depends on the columns that change with it.
+        changing, _ = self.derivatives(np.cos(np.arange(self.count) ** 2))
+        for j in np.flatnonzero(changing.any(axis=0)):
+            out[:, j] = self.derivatives(np.eye(self.count)[j])[0].T @ r
         return out
 
 

@@ -185,6 +185,15 @@ def with_functions(scene, given: Mapping | None, what: str):
     return connected(scene, function_of)
 
 
+def with_values(scene, values: np.ndarray | None):
+    """The scene with its inputs at these values of all, in the order of `widths`."""
+    known = widths(scene)
+    if values is None or len(values) != sum(known.values()):
+        return scene
+    parts = np.split(values, np.cumsum(list(known.values()))[:-1])
+    return with_functions(scene, dict(zip(known, parts, strict=True)), "inputs")
+
+
 def values_at(scene, given: Mapping | None, t: float) -> np.ndarray | None:
     """Values of all inputs in the order of `widths`, of those given at t [s]; None without any."""
     parts = [
