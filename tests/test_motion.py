@@ -307,6 +307,7 @@ def test_a_failed_step_leaves_the_motion_where_it_was():
         with pytest.raises(fb.StepError, match="failed"):
             motion.step({"torque": 1e9})
         assert motion.t == pytest.approx(10 * DT)
+        assert motion.inputs["torque"] == 0.0
         assert differences(before, motion.outputs) == 0
         motion.step({"torque": 0.0})
         assert motion.stats.steps == 11

@@ -17,7 +17,6 @@ from fx_beam.mechanics.schemes import Scheme
 from fx_beam.results.audit import Stats
 from fx_beam.results.solution import Solution
 from fx_beam.results.state import State
-from fx_beam.scene.joints import Joint
 from fx_beam.scene.outputs import Output, check_outputs
 from fx_beam.scene.scene import Scene
 from fx_beam.stepping.held_inputs import HeldInputs
@@ -44,6 +43,9 @@ class Motion:
     motions and motors go straight from their place at its start to the one given for its end. Their
     work is in the energy balance. An input that is not given keeps its value; at the start it is
     zero, or that of the solution from which the motion starts.
+
+    Functions of time in the scene are evaluated some steps ahead: what depends on the motion must
+    be an input.
 
     A copied or unpickled motion continues from the same state, with a scene of its own; its record
     begins anew.
@@ -140,10 +142,7 @@ class Motion:
             self._held.resume(engine.drive, state, state.inputs)
         self._stride: Stride | CompiledStride
         if isinstance(engine.integrator, CompiledLoop):
-            forces = any(
-                isinstance(output.of, Joint) and output.quantity == "force"
-                for output in outputs.values()
-            )
+            forces = any(output.quantity == "force" for output in outputs.values())
             self._stride = CompiledStride(engine.integrator, engine.stepper, self._dt, forces)
         else:
             self._stride = Stride(engine.stepper, self._dt)
@@ -163,8 +162,7 @@ class Motion:
         state = self._engine.windings.without_turns(state)
         self._stride.load(state)
         self._recorder: Recorder | Unrecorded = Unrecorded()
-        self._first = self._number
-        self._turned = self._planned = 0
+        self._first, self._turned, self._planned = self._number, 0, 0
         if self._record is not None:
             self._recorder = Recorder(self._engine.model, np.array([state.t]), self._record)
             self._recorder.record(0, state)
@@ -190,19 +188,21 @@ class Motion:
         SceneError
             For an input that is unknown, has the wrong size or is not finite. Nothing is changed.
         StepError
-            If the step fails. The motion stays in the state before the step.
+            If the step fails. The motion stays in the state before the step, with its inputs.
         """
         clock = perf_counter()
-        if inputs is not None:
-            self._held.check(inputs)
-            self._held.set(inputs)
+        before = self._held.set({} if inputs is None else inputs)
         number = self._number + 1
         t1 = self._origin + number * self._dt
         row = number - self._first
         if row > self._planned:
             self._plan(row)
         self._held.begin(self._t, t1)
-        self._stride.take(t1, row, self._recorder)
+        try:
+            self._stride.take(t1, row, self._recorder)
+        except BaseException:
+            self._held.set(before)
+            raise
         self._held.arrive()
         self._number, self._t = number, t1
         if number % _TURNS == 0:
@@ -251,8 +251,8 @@ class Motion:
 
     def _count_turns(self) -> None:
         """Count full turns separately, so that they do not add to rounding errors."""
-        state = self._stride.state()
         self._add_turns()
+        state = self._stride.state()
         turned = self._engine.windings.without_turns(state)
         if turned.q is not state.q:
             self._stride.load(turned)

@@ -26,8 +26,9 @@ from .engine import end_of, state_of
 # Length of steps in which nothing moves, but rates are seen [s].
 _MOMENT = 1e-30
 # Largest increment, in units of the scene, of the steps that give the stiffness of a moving state:
-# its square is their error, and damping over their length a rounding error.
-_SHORT = 1e-5
+# its square is their error, and damping over their length a rounding error. Internal variables
+# evolve meanwhile: with them the steps are short [s].
+_SMALL, _SHORT = 1e-5, 1e-6
 # The same between the points of differences of order six, and their weights.
 _APART = 0.02
 _FIRST = {-3: -1 / 60, -2: 3 / 20, -1: -3 / 4, 1: 3 / 4, 2: -3 / 20, 3: 1 / 60}
@@ -195,12 +196,14 @@ def _forces(model: Model, state: State):
 
     moving = forms.has_added or forms.drags or forms.resultants_move
     if not moving:
-        f, half = step(1.0, np.zeros(model.size))
+        f, half = step(_MOMENT, np.zeros(model.size))
         return f, 2 * half, 0 * half
     f, at_once = step(_MOMENT, v)
     C = 2 * _MOMENT * (at_once - step(2 * _MOMENT, v)[1])
     size = abs(v / model.unit).max()
-    h = _SHORT / size if size else 1.0
+    h = _SMALL / size if size else 1.0
+    if state.internal is not None:
+        h = min(h, _SHORT)
     K = 2 * (step(h, v, 0.5)[1] - C / h)
     if not (np.isfinite(K.data).all() and np.isfinite(C.data).all()):
         raise SceneError(

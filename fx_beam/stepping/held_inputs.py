@@ -81,26 +81,29 @@ class HeldInputs:
         }
         self._ramps = [part for part in self._parts.values() if isinstance(part, Ramp)]
 
-    def set(self, given: Mapping) -> None:
-        """Set some inputs for the next steps; SceneError for any that is none, before all."""
+    def set(self, given: Mapping) -> dict[str, Any]:
+        """Set some inputs for the next steps; returns the values that they had.
+
+        SceneError for what is no input or no value of it, before any is set.
+        """
+        if not isinstance(given, Mapping):
+            require(False, "inputs", given, f"a dictionary of {list(self.widths)}")
         found: dict[str, Any] = {}
         for name, value in given.items():
             if not _fits(value, self.widths.get(name)):
                 check_names([name], self.widths, "inputs")
                 value = vector(value, self.widths[name], f"input {name!r}")
             found[name] = value
+        before = {name: self.values[name].copy() for name in found}
         for name, value in found.items():
             self.values[name][:] = value
             for part in self._of[name]:
                 part.set(self.values[name])
+        return before
 
     def parts_of(self, name: str) -> list[Hold | Ramp]:
         """All places of an input."""
         return self._of[name]
-
-    def check(self, given) -> None:
-        """Refuse what is no dictionary."""
-        require(isinstance(given, Mapping), "inputs", given, f"a dictionary of {list(self.widths)}")
 
     def begin(self, t0: float, t1: float) -> None:
         """Set the times of a step [s]."""
