@@ -360,6 +360,7 @@ def test_wrong_inputs_are_refused_before_the_step(given, words):
         (lambda s, b, h: fb.simulate(s, dt=1.0, t_end=1.0, inputs={"a": 1}), "no input 'a'"),
         (lambda s, b, h: s.add_force(b.end, fb.Input("f", factor=1.0)), "1 factors"),
         (lambda s, b, h: fb.Input(""), "Input: name"),
+        (lambda s, b, h: fb.Input("f", factor=(0, 0)), "different from zero"),
     ],
 )
 def test_what_does_not_fit_is_refused_with_its_name(call, words):

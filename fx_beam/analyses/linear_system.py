@@ -204,7 +204,8 @@ def linearise(
     (also geometric), springs, dampers, drag, retardation. About a state in motion, M, C and K also
     have the terms of joints whose coupling changes (centrifugal and gyroscopic), and the system is
     that of the moment: its coefficients are kept constant, although the state moves on. Unknowns
-    without mass are eliminated if they have no damping, and are of first order otherwise.
+    without mass are eliminated if they have no damping, and are of first order otherwise. The
+    matrices are dense: for scenes with up to some hundred unknowns.
 
     Parameters
     ----------

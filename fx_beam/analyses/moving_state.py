@@ -31,8 +31,7 @@ _MOMENT = 1e-30
 _SMALL, _SHORT = 1e-5, 1e-6
 # The same between the points of differences of order six, and their weights.
 _APART = 0.02
-_FIRST = {-3: -1 / 60, -2: 3 / 20, -1: -3 / 4, 1: 3 / 4, 2: -3 / 20, 3: 1 / 60}
-_SECOND = {-3: 1 / 90, -2: -3 / 20, -1: 3 / 2, 0: -49 / 18, 1: 3 / 2, 2: -3 / 20, 3: 1 / 90}
+_FIRST, _SECOND = (3 / 4, -3 / 20, 1 / 60), (3 / 2, -3 / 20, 1 / 90)
 
 
 class Deviations(NamedTuple):
@@ -166,9 +165,12 @@ class _Coupling:
         if self._model.couplings.is_index or not size:
             return np.zeros_like(self.T), np.zeros_like(self.T)
         h = _APART / size
-        at = {k: self.T if k == 0 else self._at(k * h * z) for k in _SECOND}
-        first = sum(weight * at[k] for k, weight in _FIRST.items()) / h
-        second = sum(weight * at[k] for k, weight in _SECOND.items()) / h**2
+        first, second = np.zeros_like(self.T), np.zeros_like(self.T)
+        for k, (odd, even) in enumerate(zip(_FIRST, _SECOND, strict=True), start=1):
+            # Constant entries have differences of zero, without rounding errors.
+            ahead, back = self._at(k * h * z), self._at(-k * h * z)
+            first += odd / h * (ahead - back)
+            second += even / h**2 * ((ahead - self.T) + (back - self.T))
         self._at(np.zeros(self.count))
         return first, second
 

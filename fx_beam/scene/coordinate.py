@@ -190,7 +190,7 @@ class Coordinate:
         Linear spring, or one with a stored energy of its own.
     damper : Damper, optional
         Linear damper, or one with a law of its own.
-    motor : callable, optional
+    motor : callable or Input, optional
         ``motor(t)``, the change of the coordinate since the start. It prescribes the coordinate.
     friction : Friction, optional
         Coulomb friction.

@@ -31,7 +31,7 @@ class Input:
     Raises
     ------
     SceneError
-        For an empty name, or a factor that is not one or two finite numbers.
+        For an empty name, or a factor that is not one or two finite numbers, or zero.
 
     Examples
     --------
@@ -59,6 +59,9 @@ class Input:
         if self.factor is not None:
             size = 2 if np.size(self.factor) == 2 else 1
             factor = validation.vector(self.factor, size, f"{self}: factor")
+            validation.require(
+                bool(factor.any()), f"{self}: factor", self.factor, "different from zero"
+            )
             object.__setattr__(self, "factor", tuple(factor.tolist()))
 
     def __str__(self):

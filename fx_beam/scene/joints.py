@@ -189,7 +189,7 @@ def Revolute(
         From a to the hinge in the reference configuration [m]; it rotates with a.
     spring, damper : Spring, Damper, optional
         On the relative rotation psi_b - psi_a.
-    motor : callable, optional
+    motor : callable or Input, optional
         ``motor(t)``, the relative rotation since the start [rad]; zero at t = 0.
     friction : Friction, optional
         On the relative rotation.
@@ -242,7 +242,7 @@ def Prismatic(
         From a to a point of the guide in the reference configuration [m].
     spring, damper : Spring, Damper, optional
         On the slide.
-    motor : callable, optional
+    motor : callable or Input, optional
         ``motor(t)``, the slide since the start [m]; zero at t = 0.
     friction : Friction, optional
         On the slide.
@@ -294,7 +294,7 @@ def PinInSlot(
         From a to a point of the slot in the reference configuration [m].
     spring, damper : Spring, Damper, optional
         On the slide.
-    motor : callable, optional
+    motor : callable or Input, optional
         ``motor(t)``, the slide since the start [m]; zero at t = 0.
     hinge : Coordinate, optional
         Spring, damper, friction, stops and motor of the relative rotation.

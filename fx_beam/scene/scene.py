@@ -165,9 +165,9 @@ class Scene(Bodies):
         ----------
         node : Node
             A node of this scene.
-        x, y : callable, optional
+        x, y : callable or Input, optional
             Displacement from the reference position at time t [m]; zero at t = 0.
-        rotation : callable, optional
+        rotation : callable or Input, optional
             Rotation from the reference configuration at time t [rad]; zero at t = 0.
 
         Raises
@@ -254,7 +254,7 @@ class Scene(Bodies):
         ----------
         node : Node
             A node of this scene.
-        force : (fx, fy) or callable
+        force : (fx, fy), callable or Input
             Force, or ``force(t)`` [N].
         follower : bool
             Whether the force rotates with the section of its node; then (fx, fy) are its components
@@ -273,7 +273,7 @@ class Scene(Bodies):
         ----------
         node : Node
             A node of this scene.
-        moment : float or callable
+        moment : float, callable or Input
             Moment, or ``moment(t)`` [N m].
         """
         loads.check_node(self, node, "moment")
@@ -286,7 +286,7 @@ class Scene(Bodies):
         ----------
         beam : Beam
             A beam of this scene.
-        load : (qx, qy) or callable
+        load : (qx, qy), callable or Input
             Force per reference length [N/m]: a constant, a function ``load(t)`` of time, or a
             function ``load(s)`` of the arc length from the beam's start [m].
         of : {"time", "arc length"}

@@ -121,7 +121,7 @@ class HeldInputs:
             of_all = iter(values)
             self.set({name: [next(of_all) for _ in range(n)] for name, n in self.widths.items()})
         for function, place in zip(drive.functions, drive.current(state), strict=True):
-            if isinstance(function, Ramp) and function.factor:
+            if isinstance(function, Ramp):
                 self.set({function.name: float(place) / function.factor})
         self.arrive()
 
