@@ -181,28 +181,23 @@ def test_rates_of_motors_and_prescribed_motions_are_inputs():
     )
 
 
-@pytest.mark.parametrize("motor", [False, True])
-def test_systems_of_the_moment_add_up_to_small_differences_of_a_fast_motion(motor):
-    scene, outputs = swinging(motor)
-    dt, first, steps, size = 1e-3, 300, 40, 1e-5
-    name = "place" if motor else "push"
+def errors_of_systems_of_the_moment(scene, outputs, name, given, first, means, rates, **held):
+    """Largest errors by which systems of the moment, step by step, miss small differences.
+
+    Those of a motion, whose input `name` is given(k) in step k, and of one whose input from step
+    `first` + 1 on is larger by small `means`, which are inputs `rates` of the systems. Relative to
+    the largest difference, for rates and for the others; inputs `held` are constant.
+    """
+    dt, size = 1e-3, 1e-5
     motion = fb.Motion(scene, dt=dt, outputs=outputs)
-    bump = np.sin(np.pi * np.arange(steps + 1) / steps) ** 4  # smooth: no fast vibrations
-    means = bump[1:] if motor else 100 * (bump[1:] + bump[:-1]) / 2
-    rates = np.diff(bump) / dt if motor else means
-
-    def given(k, more=0.0):
-        value = 0.05 * (1 - np.cos(15 * k * dt)) if motor else 20 * np.sin(20 * k * dt)
-        return {name: value + more}
-
     for k in range(1, first + 1):
-        motion.step(given(k) | {"torque": 3.0, "thrust": (2.0, 1.0)})
+        motion.step({name: given(k)} | held)
     start = motion.snapshot()
 
     def run(sign):
         motion.restore(start)
         places = enumerate(sign * size * means, start=first + 1)
-        return np.array([flat(motion.step(given(k, more))) for k, more in places])
+        return np.array([flat(motion.step({name: given(k) + more})) for k, more in places])
 
     nonlinear = (run(1.0) - run(-1.0)) / (2 * size)
     motion.restore(start)
@@ -210,18 +205,78 @@ def test_systems_of_the_moment_add_up_to_small_differences_of_a_fast_motion(moto
     x, linear = np.zeros(len(now.A)), []
     for k, rate in enumerate(rates):
         before, u = now, np.array([rate])
-        motion.step(given(first + 1 + k))
+        motion.step({name: given(first + 1 + k)})
         now = fb.linearise(scene, motion, [name], outputs)
         A, B = (before.A + now.A) / 2, (before.B + now.B) / 2
         whole = scipy.linalg.expm(dt * np.block([[A, B], [np.zeros((1, len(A) + 1))]]))
         x = whole[:-1, :-1] @ x + whole[:-1, -1:] @ u
-        if motor:  # the states lack the rates due to the motor, which depend on the place
-            x[-len(now.reduction.moved) :] += (now.reduction.moved - before.reduction.moved) @ u
+        # The states lack the rates due to a motor, which depend on its place.
+        moved = (now.reduction.moved - before.reduction.moved) @ u[: now.reduction.moved.shape[1]]
+        x[len(x) - len(moved) :] += moved
         linear.append(now.C @ x + now.D @ u)
-    errors = abs(np.array(linear) - nonlinear).max(axis=0)
+    errors, sizes = abs(np.array(linear) - nonlinear).max(axis=0), abs(nonlinear).max(axis=0)
     kinds = np.array([label.startswith(("v", "spin", "rate")) for label in now.outputs])
-    for kind in (kinds, ~kinds):
-        assert errors[kind].max() < 0.05 * abs(nonlinear[:, kind]).max()
+    return [errors[kind].max() / sizes[kind].max() for kind in (kinds, ~kinds)]
+
+
+def bump(steps):
+    """A smooth bump, which excites no fast vibrations: at the steps' ends, and means."""
+    ends = np.sin(np.pi * np.arange(steps + 1) / steps) ** 4
+    return ends, (ends[1:] + ends[:-1]) / 2
+
+
+@pytest.mark.parametrize("motor", [False, True])
+def test_systems_of_the_moment_add_up_to_small_differences_of_a_fast_motion(motor):
+    scene, outputs = swinging(motor)
+    ends, means = bump(40)
+    if motor:
+        name, more, rates = "place", ends[1:], np.diff(ends) / DT
+    else:
+        name, more, rates = "push", 100 * means, 100 * means
+
+    def given(k):
+        return 0.05 * (1 - np.cos(15 * k * DT)) if motor else 20 * np.sin(20 * k * DT)
+
+    others = {"torque": 3.0, "thrust": (2.0, 1.0)}
+    found = errors_of_systems_of_the_moment(scene, outputs, name, given, 300, more, rates, **others)
+    assert max(found) < 0.05
+
+
+def test_systems_of_the_moment_of_a_closed_loop_in_motion():
+    scene = fb.Scene(gravity=(0.0, -9.81))
+    crank = scene.add_body((0.1, 0.5), 1.0, 0.01, points={"O": (0, 0.5), "P": (0.2, 0.5)})
+    arm = scene.add_body((0.1, 0.3), 1.0, 0.2, points={"O": (0, -0.2)})
+    for body in (crank, arm):
+        scene.add_joint(fb.Revolute(fb.GROUND, body["O"]))
+    slot = fb.PinInSlot(arm["O"], crank["P"], axis=(0.2, 0.7), damper=fb.Damper(0.1))
+    slot = scene.add_joint(slot)
+    scene.add_moment(crank.centre, fb.Input("torque"))
+    outputs = {
+        "turn": fb.Output("rotation", crank.centre),
+        "slide": fb.Output("slide", slot),
+        "spin": fb.Output("spin", arm.centre),
+    }
+    _, means = bump(40)
+    found = errors_of_systems_of_the_moment(
+        scene, outputs, "torque", lambda k: 2.0, 400, means, means
+    )
+    assert max(found) < 5e-3
+
+
+def test_eigenvalues_of_a_closed_loop_are_those_of_its_modes():
+    scene = fb.Scene(gravity=(0.0, -9.81))
+    corners, bars = [(0, 0), (0.3, 0.9), (2.0, 1.3), (1.8, 0.0)], []
+    for a, b in zip(corners[:-1], corners[1:], strict=True):
+        bars.append(scene.add_body(np.add(a, b) / 2, 1.0, 0.1, points={"a": a, "b": b}))
+        if len(bars) > 1:
+            scene.add_joint(fb.Revolute(bars[-2]["b"], bars[-1]["a"]))
+    coordinate = {"spring": fb.Spring(40.0), "damper": fb.Damper(1.0)}
+    crank = scene.add_joint(fb.Revolute(fb.GROUND, bars[0]["a"], **coordinate))
+    scene.add_joint(fb.Revolute(bars[2]["b"], fb.GROUND))
+    state = fb.static(scene, steps=8)
+    system = fb.linearise(scene, state, outputs={"angle": fb.Output("angle", crank)})
+    assert len(system.A) == 2
+    assert_has_eigenvalues(system.A, fb.modes(scene, state, n=1).eigenvalues, 1e-9)
 
 
 def test_a_state_of_motion_is_the_deviation_that_feedback_needs():

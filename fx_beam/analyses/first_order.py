@@ -13,7 +13,7 @@ from fx_beam.fem.dead_loads import places_of
 from fx_beam.scene.beam import Node
 from fx_beam.stepping.held_inputs import Ramp
 
-from .moving_state import Deviations, driven_of, rates_of
+from .moving_state import Deviations, driven_of
 
 # Relative size below which a mass or a damping of a combination of unknowns is round-off.
 _NONE = 1e-12
@@ -27,8 +27,7 @@ class InputColumns:
     """
 
     def __init__(self, about: Deviations, names: Sequence[str]):
-        model, held = about.model, about.held
-        free, count = model.reduction.free, about.T.shape[1]
+        held, free, count = about.held, len(about.unknowns), about.T.shape[1]
         forces: list[np.ndarray] = []
         places: list[np.ndarray] = []
         driven: list[int] = []
@@ -90,7 +89,7 @@ class FirstOrder:
 
     def __init__(self, about: Deviations, inputs: InputColumns, what: str):
         self._about, self._inputs = about, inputs
-        free = about.model.reduction.free
+        free = len(about.unknowns)
         V, masses, damped = _kinds(about.M[:free, :free], about.C[:free, :free], about, what)
         y = slice(free)
         M, C, K = ((V.T @ part[y, y] @ V) for part in (about.M, about.C, about.K))
@@ -142,11 +141,13 @@ class FirstOrder:
     def deviation(self, q: np.ndarray, v: np.ndarray, slides: np.ndarray) -> np.ndarray:
         """States of a motion: displacements (nodes, 3), their rates, and slides (joints,)."""
         about, model = self._about, self._about.model
-        free, state = model.reduction.free, about.state
+        free, state = len(about.unknowns), about.state
         D = model.from_nodes(q) - state.q
-        y = model.couplings.unknowns(D, slides - state.slides)
-        rates = rates_of(model, q, v, slides) - about.rates
+        y = model.couplings.unknowns(D, slides - state.slides)[about.unknowns]
         changes = driven_of(model, model.to_nodes(D), slides - state.slides)
+        z = np.concatenate([y, changes])
+        known = about.T @ about.rates + about.dT @ z
+        rates = about.rates_from @ (model.from_nodes(v) - known)
         p, dp = (
             np.array([values[number] / factor for number, factor in self._inputs.driven])
             for values in (changes, rates[free:])

@@ -269,7 +269,7 @@ def linearise(
     reduced = FirstOrder(about, kept, what)
     rows, of_rates, labels = _outputs(about, outputs, what)
     CD = rows @ reduced.z + of_rates @ reduced.dz
-    improper = abs(of_rates[:, : about.model.reduction.free] @ reduced.jumps)
+    improper = abs(of_rates[:, : len(about.unknowns)] @ reduced.jumps)
     if improper.size and improper.max() > _NONE * abs(CD).max():
         label = labels[int(improper.max(axis=1).argmax())]
         raise SceneError(
@@ -312,9 +312,8 @@ def _rows(about: Deviations, output: Output) -> tuple[np.ndarray, np.ndarray]:
     dofs = model.mesh.dofs
     if isinstance(at, Joint):
         if output.quantity == "slide" or (output.quantity == "rate" and at.axis is not None):
-            place = np.zeros((1, T.shape[1]))
-            place[0, model.couplings.slides[at.number]] = 1.0
-            moved, rates = place, 0 * place
+            column = model.couplings.slides[at.number]
+            moved, rates = (part[column][None] for part in (about.S, about.dS))
         else:
             moved, rates = (
                 sum(

@@ -23,6 +23,8 @@ from fx_beam.validation import Constant
 
 from .engine import end_of, state_of
 
+# Weight of rates without mass, relative to the largest.
+_LITTLE = 1e-10
 # Length of steps in which nothing moves, but rates are seen [s].
 _MOMENT = 1e-30
 # Largest increment, in units of the scene, of the steps that give the stiffness of a moving state:
@@ -40,16 +42,24 @@ class Deviations(NamedTuple):
     model: Model
     held: HeldInputs
     drive: Drive
-    #: The state, in the numbering of the model, and its rates (columns,) of z.
+    #: The state, in the numbering of the model, and the matrix (columns, size) that gives rates of
+    #: z from those of the nodes.
     state: State
+    rates_from: np.ndarray
+    #: The rates (columns,) in the state.
     rates: np.ndarray
+    #: Unknowns of the model in z; others follow to close loops.
+    unknowns: np.ndarray
     #: Mass, damping and stiffness (columns, columns), those of the unknowns first.
     M: np.ndarray
     C: np.ndarray
     K: np.ndarray
-    #: Coupling (size, columns), and its derivative by time.
+    #: Coupling (size, columns) of the nodes, and its derivative by time.
     T: np.ndarray
     dT: np.ndarray
+    #: The same (all, columns) for all columns of the model.
+    S: np.ndarray
+    dS: np.ndarray
 
 
 def deviations(scene: Scene, at: Solution | None, what: str) -> Deviations:
@@ -71,7 +81,7 @@ def deviations(scene: Scene, at: Solution | None, what: str) -> Deviations:
         end_of(at)
         end_factor = float(at.t[-1]) if at.stats.static else 1.0
     model = Model(held.scene, EnergyMomentum())
-    if not model.reduction.free:
+    if not len(model.reduction.independent):
         raise SceneError(
             f"{what}: the scene has no unknowns: supports, joints and motors fix all degrees of "
             "freedom. Release one of them"
@@ -82,50 +92,53 @@ def deviations(scene: Scene, at: Solution | None, what: str) -> Deviations:
         state = state_of(model, at)
         held.resume(drive, state, state.inputs)
     coupling = _Coupling(model, state)
-    n, T = coupling.count, coupling.T
-    w = rates_of(model, model.to_nodes(state.q), model.to_nodes(state.v), state.slides)
-    dT, ddT = coupling.derivatives(w)
+    if trouble := model.reduction.trouble:
+        raise SceneError(f"{what}: {trouble}. Take a state beside it")
+    T, S = coupling.parts(coupling.X)
+    rates_from = _rates_from(model, T)
+    w = rates_from @ state.v
+    (dT, dS), (ddT, _) = map(coupling.parts, coupling.derivatives(w))
     f, K, C = _forces(model, state)
     model.actuators.begin(state.q, state.slides, _MOMENT)
     model.actuators.set_internal(state.spring_internal, _MOMENT)
-    springs = [
-        part[..., :n][:n] if part.ndim == 2 else part[:n]
-        for part in model.actuators.linear(state.q, state.v, state.slides, model.reduction.columns)
-    ]
+    stiff, viscous, pushes = model.actuators.linear(
+        state.q, state.v, state.slides, model.reduction.columns
+    )
     mass = model.mass
     dead = end_factor * drive.forces(Interval(state.t, state.t))[0]
-    a = _accelerations(model, drive, state, T, mass @ (dT @ w) + f - dead, springs[2], dT @ w)
-    r = f - dead + mass @ (T @ a + dT @ w)
-    turning, _ = coupling.derivatives(a)
+    r = f - dead + mass @ (dT @ w)
+    a = _accelerations(model, drive, state, T, r, S.T @ pushes, dT @ w)
+    r += mass @ (T @ a)
+    turning, _ = coupling.parts(coupling.derivatives(a)[0])
+    geometric = coupling.of_forces(np.concatenate([r, pushes]))
     return Deviations(
         model,
         held,
         drive,
         state,
+        rates_from,
         w,
+        model.reduction.independent,
         M=T.T @ (mass @ T),
-        C=T.T @ (C @ T + 2 * (mass @ dT)) + springs[1],
-        K=T.T @ (K @ T + C @ dT + mass @ (turning + ddT)) + coupling.of_forces(r) + springs[0],
+        C=T.T @ (C @ T + 2 * (mass @ dT)) + S.T @ (viscous @ S),
+        K=T.T @ (K @ T + C @ dT + mass @ (turning + ddT))
+        + S.T @ (stiff @ S + viscous @ dS)
+        + geometric,
         T=T,
         dT=dT,
+        S=S,
+        dS=dS,
     )
 
 
-def rates_of(model: Model, q: np.ndarray, v: np.ndarray, slides: np.ndarray) -> np.ndarray:
-    """Rates of z from displacements and rates (nodes, 3) and slides (joints,)."""
-    along = np.zeros(len(slides))
-    for joint in model.scene.joints:
-        if joint.axis is None:
-            continue
-        (qa, va), (_, vb) = (_at(joint.a, q, v), _at(joint.b, q, v))
-        c, s = np.cos(qa[2]), np.sin(qa[2])
-        x, y = vb[:2] - va[:2]
-        # The velocity of b relative to its position on a, in the frame of a.
-        arm = joint.offset + slides[joint.number] * joint.axis
-        seen = np.array([c * x + s * y + va[2] * arm[1], c * y - s * x - va[2] * arm[0]])
-        along[joint.number] = seen @ joint.axis
-    unknowns = model.couplings.unknowns(model.from_nodes(v), along)
-    return np.concatenate([unknowns, driven_of(model, v, along)])
+def _rates_from(model: Model, T: np.ndarray) -> np.ndarray:
+    """Matrix (columns, size) that gives the rates of z nearest to those of the nodes.
+
+    Those of nodes without mass count little: they are means over the last step.
+    """
+    weight = model.mass.diagonal() * model.unit**2
+    root = np.sqrt(weight + _LITTLE * (weight.max(initial=0.0) or 1.0)) / model.unit
+    return np.linalg.pinv(root[:, None] * T) * root
 
 
 def driven_of(model: Model, values: np.ndarray, slides: np.ndarray) -> np.ndarray:
@@ -146,38 +159,50 @@ def _at(node: Node, *values: np.ndarray) -> list[np.ndarray]:
 
 
 class _Coupling:
-    """T and its derivatives along motions of z, for the free and driven columns."""
+    """X: T for the nodes, then S for all columns of the model; and its derivatives along z.
+
+    z has the independent unknowns, then the driven columns.
+    """
 
     def __init__(self, model: Model, state: State):
         self._model, self._reduction = model, model.reduction
-        self._free = model.reduction.free
-        self.count = self._free + model.reduction.driven
+        free, driven = model.reduction.free, model.reduction.driven
         model.reduction.begin(state.q, state.slides, 1.0)
-        self.T = self._at(np.zeros(self.count))
+        #: Numbers (count,) of the columns z.
+        self.columns = np.append(model.reduction.independent, free + np.arange(driven))
+        self.count = len(self.columns)
+        self.X = self._at(np.zeros(self.count))
+
+    def parts(self, X: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """The rows of nodes and of columns."""
+        return X[: self._model.size], X[self._model.size :]
 
     def _at(self, z: np.ndarray) -> np.ndarray:
-        self._reduction.expand(z[: self._free], z[self._free :])
-        return self._reduction.coupling().toarray()[:, : self.count]
+        free, moved = self._reduction.free, np.zeros(self._reduction.columns)
+        moved[self.columns] = z
+        self._reduction.expand(moved[:free], moved[free : free + self._reduction.driven])
+        parts = self._reduction.coupling(), self._reduction.completion()
+        return np.vstack([part.toarray()[:, self.columns] for part in parts])
 
     def derivatives(self, z: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """First and second derivative of T along z."""
-        size = abs(self.T @ z / self._model.unit).max(initial=0.0)
-        if self._model.couplings.is_index or not size:
-            return np.zeros_like(self.T), np.zeros_like(self.T)
+        """First and second derivative of X along z."""
+        size = abs(self.parts(self.X)[0] @ z / self._model.unit).max(initial=0.0)
+        first, second = np.zeros_like(self.X), np.zeros_like(self.X)
+        if not (self._model.scene.joints and size):
+            return first, second
         h = _APART / size
-        first, second = np.zeros_like(self.T), np.zeros_like(self.T)
         for k, (odd, even) in enumerate(zip(_FIRST, _SECOND, strict=True), start=1):
             # Constant entries have differences of zero, without rounding errors.
             ahead, back = self._at(k * h * z), self._at(-k * h * z)
             first += odd / h * (ahead - back)
-            second += even / h**2 * ((ahead - self.T) + (back - self.T))
+            second += even / h**2 * ((ahead - self.X) + (back - self.X))
         self._at(np.zeros(self.count))
         return first, second
 
     def of_forces(self, r: np.ndarray) -> np.ndarray:
-        """Derivative of T^T r, for constant forces r (size,)."""
+        """Derivative of X^T r, for constant forces r of nodes and columns."""
         out = np.zeros((self.count, self.count))
-        # The second derivatives of x are symmetric: T depends on the columns that change with it.
+        # The second derivatives are symmetric: X depends on the columns that change with it.
         changing, _ = self.derivatives(np.cos(np.arange(self.count) ** 2))
         for j in np.flatnonzero(changing.any(axis=0)):
             out[:, j] = self.derivatives(np.eye(self.count)[j])[0].T @ r
@@ -229,7 +254,7 @@ def _accelerations(
 
     Those of inputs are zero: they go straight.
     """
-    free, mass = model.reduction.free, model.mass
+    free, mass = len(model.reduction.independent), model.mass
     a = np.zeros(T.shape[1])
     if model.reduction.driven and state.a.any():
         unit = model.unit
