@@ -221,7 +221,7 @@ def _forces(model: Model, state: State):
         forms.assemble_stiffness()
         return f, forms.stiffness.copy()
 
-    moving = forms.has_added or forms.drags or forms.resultants_move
+    moving = forms.has_added or forms.resistances or forms.resultants_move
     if not moving:
         f, half = step(_MOMENT, np.zeros(model.size))
         return f, 2 * half, 0 * half

@@ -197,7 +197,7 @@ class Actuators:
             actuator.change, rate = 0.0, self._rate(actuator, q, v, slides)
             # At its start the mean over a step depends on half of the step's increment.
             elastic, half = actuator.spring(0.5)
-            K += 2 * half * np.outer(along, along)
+            K += 2 * (half + actuator.stiffening(rate)) * np.outer(along, along)
             C += actuator.steepness(rate) * np.outer(along, along)
             total += (elastic + actuator.resistance(rate)) * along
         return K, C, total
