@@ -191,8 +191,8 @@ def lagrange(nodes: np.ndarray, places: np.ndarray) -> np.ndarray:
 
 
 def _strut(points: Any, elements: Any) -> Layout | None:
-    """The same for one straight element, as in frames of many; None if anything is unusual."""
-    if type(points) is not list or len(points) != 2 or elements != 1 or np.ndim(elements):
+    """Quick layout of one straight element, for frames of many; None if anything is unusual."""
+    if type(points) is not list or len(points) != 2 or type(elements) is not int or elements != 1:
         return None
     if not all(isinstance(p, Node) or (type(p) is tuple and len(p) == 2) for p in points):
         return None
