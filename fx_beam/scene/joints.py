@@ -92,6 +92,16 @@ class Joint:
         """Whether the displacements of a and b are equal."""
         return self.axis is None and not self.offset.any()
 
+    @property
+    def arm(self) -> np.ndarray:
+        """From a to b at the start, in the reference configuration (2,) [m]."""
+        return self.offset + (0.0 if self.axis is None else self.start()[0] * self.axis)
+
+    @property
+    def direction(self) -> np.ndarray | None:
+        """Unit vector (2,) of the slide in the reference configuration; None without a slide."""
+        return self.axis
+
     def start(self) -> tuple[float, float]:
         """Slide and gap at the start.
 

@@ -1,0 +1,255 @@
+"""Joints of a node that slides along a flexible beam."""
+
+from __future__ import annotations
+
+import functools
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+import numpy as np
+
+from fx_beam.errors import SceneError
+from fx_beam.validation import is_number, require
+
+from .beam import Beam, Node
+from .coordinate import Coordinate, Damper, Friction, Spring, checked_coordinate
+from .joints import GROUND, Joint
+from .path import Path
+
+
+@dataclass(frozen=True, eq=False)
+class SlidingJoint(Joint):
+    """Node b on the axis of a beam; created by `Slider` and `Sleeve`.
+
+    Its slide is the arc length from the start of the beam [m].
+    """
+
+    beam: Beam = None  # type: ignore[assignment]
+    fraction: float | None = None
+
+    def __str__(self):
+        number = "" if self.number < 0 else f"joint {self.number}, "
+        return f"{number}{self.kind} of {self.b} on beam {self.beam.name!r}"
+
+    @property
+    def is_index(self) -> bool:
+        """False: the displacement of b depends on those of several nodes."""
+        return False
+
+    @property
+    def turns_together(self) -> bool:
+        """Whether b turns with the beam."""
+        return self.rotation is None
+
+    @property
+    def carried(self) -> list[tuple[str, int, int]]:
+        """Keys of the components of b that depend on the beam: "carried", node, component."""
+        return [("carried", self.b.number, i) for i in range(3 if self.turns_together else 2)]
+
+    @functools.cached_property
+    def path(self) -> Path:
+        """The axis of the beam."""
+        return Path(self.beam)
+
+    def start(self) -> tuple[float, float]:
+        """Arc length at the start, and distance of the node from the beam there [m]."""
+        return self._start
+
+    @functools.cached_property
+    def _start(self) -> tuple[float, float]:
+        place = np.array([self.b.x, self.b.y])
+        if self.fraction is None:
+            return self.path.nearest(place)
+        s = self.fraction * self.path.length
+        return s, float(np.hypot(*(self.path.position(s) - place)))
+
+    @property
+    def arm(self) -> np.ndarray:
+        """From the start of the beam to the node, in the reference configuration (2,) [m]."""
+        return np.array([self.b.x - self.a.x, self.b.y - self.a.y])
+
+    @property
+    def direction(self) -> np.ndarray:
+        """Unit tangent of the beam at the node, in the reference configuration (2,)."""
+        along = self.path.position(self.start()[0], 1)
+        return along / np.hypot(*along)
+
+    def turn(self, psi: np.ndarray, s: np.ndarray | float) -> np.ndarray:
+        """Rotation (n,) [rad] of a sleeve at places s (n,), for those (n, nodes) of the beam."""
+        path = self.path
+        start = path.over(path.angles()[None], np.array([self.start()[0]]))
+        return path.over(psi + path.angles(), np.atleast_1d(s)) - start
+
+    def check_start(self, size: float) -> None:
+        """Refuse a node that is not on the beam, and a motor that does not start from zero."""
+        if self.start()[1] > 1e-9 * size:
+            s, gap = self.path.nearest(np.array([self.b.x, self.b.y]))
+            x, y = self.path.position(s)
+            where = "" if self.fraction is None else f" at the fraction {self.fraction:g}"
+            raise SceneError(
+                f"{self}: the node is not on the beam{where}, but {self.start()[1]:.4g} away. The "
+                f"nearest point of the beam is ({x:.12g}, {y:.12g}), at the fraction "
+                f"{s / self.path.length:.6g} of its length, {gap:.4g} away. Move the node there"
+            )
+        if self.turns_together and self.path.has_corners:
+            raise SceneError(
+                f"{self}: the beam has corners, at which the rotation of a sleeve would jump. Use "
+                "an fx_beam.spline or arc for the beam, or a Slider"
+            )
+        motor = self.slide.motor if self.slide else None
+        if motor is not None and not abs(place := motor(0.0)[0]) <= 1e-9 * size:
+            raise SceneError(
+                f"{self}: the motor of its slide is {place:g} at t = 0; it must start from 0. "
+                "Subtract the start value"
+            )
+
+
+def Slider(
+    beam: Beam,
+    node: Node,
+    fraction: float | None = None,
+    spring: Spring | None = None,
+    damper: Damper | None = None,
+    motor=None,
+    friction: Friction | None = None,
+) -> SlidingJoint:
+    """A node that slides along a flexible beam, over all of its elements; it rotates freely.
+
+    The node lies on the axis of the beam, made smooth where elements meet; the forces act on both,
+    opposite to each other, and keep energy and momenta exactly. It is a node of another beam, which
+    moves with it. `Solution.slide` is its arc length from the start of the beam [m]. A node that
+    runs off an end of the beam ends the run with a `StepError` of the kind "off the end".
+
+    Parameters
+    ----------
+    beam : Beam
+        The beam that guides.
+    node : Node
+        The node that slides, of another beam. It must lie on the beam at the start.
+    fraction : float, optional
+        Its place at the start, as a fraction of the beam's length; by default the nearest point.
+        Needed where the beam crosses itself.
+    spring, damper : Spring, Damper, optional
+        On the arc length. The `rest` of the spring is an arc length.
+    motor : callable, optional
+        ``motor(t)``, the change of the arc length since the start [m]; zero at t = 0.
+    friction : Friction, optional
+        On the arc length.
+
+    Returns
+    -------
+    Joint
+        The joint, for `Scene.add_joint`.
+
+    Raises
+    ------
+    SceneError
+        For a node that belongs to the beam, or a fraction that is not between 0 and 1.
+        `Scene.add_joint` refuses a node that is not on the beam.
+
+    Examples
+    --------
+    A mass that moves over a bridge at 2 m/s.
+
+    >>> import fx_beam as fb
+    >>> scene = fb.Scene(gravity=(0, -10))
+    >>> section = fb.Section(EA=1e6, GA=1e6, EI=1e4, rhoA=1.0)
+    >>> bridge = scene.add_beam([(0, 0), (4, 0)], section, elements=8)
+    >>> scene.pin(bridge.start)
+    >>> scene.fix(bridge.end, "y")
+    >>> car = scene.add_beam([(0, 0), (0, 0.1)], section)
+    >>> scene.add_mass(car.start, 3.0, inertia=0.1)
+    >>> mass = scene.add_joint(fb.Slider(bridge, car.start, motor=lambda t: 2 * t))
+    >>> scene.set_velocity(car, (2.0, 0.0))
+    >>> scene.fix(car.end, "rotation")
+    >>> solution = fb.simulate(scene, dt=0.01, t_end=1.0)
+    >>> round(float(solution.slide(mass)[-1]), 9)
+    2.0
+    """
+    return _sliding("Slider", beam, node, fraction, (spring, damper, motor, friction), Coordinate())
+
+
+def Sleeve(
+    beam: Beam,
+    node: Node,
+    fraction: float | None = None,
+    spring: Spring | None = None,
+    damper: Damper | None = None,
+    motor=None,
+    friction: Friction | None = None,
+) -> SlidingJoint:
+    """A node that slides along a flexible beam and turns with it.
+
+    As `Slider`, but the rotation of the node is that of the beam's section where it is, plus the
+    angle by which the reference tangent of a curved beam turns on the way.
+
+    Parameters
+    ----------
+    beam : Beam
+        The beam that guides; it has no corners.
+    node : Node
+        The node that slides, of another beam. It must lie on the beam at the start.
+    fraction : float, optional
+        Its place at the start, as a fraction of the beam's length; by default the nearest point.
+    spring, damper : Spring, Damper, optional
+        On the arc length.
+    motor : callable, optional
+        ``motor(t)``, the change of the arc length since the start [m]; zero at t = 0.
+    friction : Friction, optional
+        On the arc length.
+
+    Returns
+    -------
+    Joint
+        The joint, for `Scene.add_joint`.
+
+    Raises
+    ------
+    SceneError
+        As `Slider`.
+
+    Examples
+    --------
+    A rod that a motor moves along a fixed quarter of a circle turns by 90 degrees.
+
+    >>> import math, fx_beam as fb
+    >>> scene, section = fb.Scene(), fb.Section(EA=1e6, GA=1e6, EI=1e4, rhoA=1.0, rhoI=0.1)
+    >>> quarter = fb.arc((1, 0), (0.6, 0.8), (0, 1))
+    >>> wire = scene.add_beam(quarter, section, elements=8, degree=2)
+    >>> for node in wire.nodes:
+    ...     scene.clamp(node)
+    >>> rod = scene.add_beam([(1, 0), (1.5, 0)], section, degree=2)
+    >>> sleeve = scene.add_joint(fb.Sleeve(wire, rod.start, motor=lambda t: math.pi / 2 * t**2))
+    >>> solution = fb.simulate(scene, dt=0.02, t_end=1.0)
+    >>> round(math.degrees(solution.rotation(rod.start)[-1]), 1)
+    90.0
+    """
+    return _sliding("Sleeve", beam, node, fraction, (spring, damper, motor, friction), None)
+
+
+def sliding_joints(joints: Iterable[Joint]) -> list[SlidingJoint]:
+    """Joints of nodes that slide on beams."""
+    return [joint for joint in joints if isinstance(joint, SlidingJoint)]
+
+
+def _sliding(kind, beam, node, fraction, parts, rotation) -> SlidingJoint:
+    if not isinstance(beam, Beam):
+        raise SceneError(f"{kind}: {beam!r} is not a beam; give the beam that guides the node")
+    if node is GROUND:
+        raise SceneError(
+            f"{kind}: the ground cannot slide. Let the beam slide: join its end to the ground by "
+            "PinInSlot or Prismatic"
+        )
+    if not isinstance(node, Node):
+        raise SceneError(f"{kind}: {node!r} is not a node; take one from another beam")
+    if any(node is own for own in beam.nodes):
+        raise SceneError(
+            f"{kind}: {node} belongs to beam {beam.name!r}. Take a node of another one"
+        )
+    if fraction is not None:
+        fits = is_number(fraction) and 0 <= fraction <= 1
+        require(fits, f"{kind}: fraction", fraction, "a number from 0 to 1")
+    slide = checked_coordinate(f"motor of a {kind.lower()}", *parts)
+    return SlidingJoint(
+        kind, beam.start, node, np.zeros(2), None, slide, rotation, beam=beam, fraction=fraction
+    )
