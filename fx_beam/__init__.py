@@ -53,6 +53,7 @@ from .scene.obstacles import Circle, Line, Obstacle
 from .scene.outputs import Output
 from .scene.scene import Scene
 from .scene.section import Section
+from .scene.sliders import Sleeve, Slider
 from .scene.stop import Stop
 from .stepping.newton import NewtonOptions
 from .stepping.recorder import Record
@@ -110,6 +111,8 @@ __all__ = [
     "SceneError",
     "Scheme",
     "Section",
+    "Sleeve",
+    "Slider",
     "Snapshot",
     "Solution",
     "Spring",

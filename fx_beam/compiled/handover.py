@@ -32,6 +32,7 @@ from .build import LoopUnavailable, load_batches, load_library
 from .element_data import element_data
 from .kernels import Kernel
 from .lu_layout import alone_in_column, factors_of, places_of_entries
+from .slider_tables import hand_over_sliders, storage_of
 
 # Forms that are evaluated together, by their names in C.
 _FORMS = {
@@ -273,15 +274,15 @@ class Problem:
                 setattr(p, name, value)
             self._ints(**loops.ints, **{name: at[k] for name, k in loops.places.items()})
             self._doubles(**loops.doubles)
-        stiffness = self.model.forms.stiffness
-        place, p.places = places_of_entries(t, stiffness, alone, at, stored)
-        reacts = np.flatnonzero(~alone)
-        p.band, p.reacting = factors.band, len(reacts)
+        at, stored = storage_of(reduction, at, stored)
+        place, p.places = places_of_entries(t, self.model.forms.stiffness, alone, at, stored)
+        self._kept(hand_over_sliders(self.ffi, p, reduction, at, self._pointer))
+        p.band, p.reacting = factors.band, np.count_nonzero(~alone)
         self._ints(
             order=factors.order,
             factor_start=factors.starts,
             factor_diagonal=factors.diagonals,
-            reacts=reacts,
+            reacts=np.flatnonzero(~alone),
         )
         if (groups := factors.groups) is not None:
             p.groups = len(groups.group_first) - 1

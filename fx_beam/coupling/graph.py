@@ -12,6 +12,9 @@ from fx_beam.errors import SceneError
 from fx_beam.fem.mesh import Mesh
 from fx_beam.scene.joints import GROUND, Joint
 from fx_beam.scene.scene import Scene
+from fx_beam.scene.sliders import SlidingJoint, sliding_joints
+
+from .sliding_order import hold_sliding_nodes, with_order
 
 #: An entry of a coupling: column, position of its value (0 is the constant 1), and sign.
 Entry = tuple[int, int, float]
@@ -49,7 +52,7 @@ class Couplings:
     """All degrees of freedom as functions of the remaining columns.
 
     Order of columns: free degrees of freedom and slides; driven (prescribed motions, then motors);
-    fixed, with one for the ground.
+    fixed, with one for the ground; those of nodes that slide on beams, which depend on the others.
     """
 
     #: Number of free columns, of driven ones, and of all.
@@ -68,13 +71,22 @@ class Couplings:
     sign: np.ndarray
     #: For x, y and rotation, and for each joint: the nodes that follow through it.
     subtree: list[list[np.ndarray]]
+    #: Joints of nodes that slide on beams: each after those on whose nodes its beam depends.
+    sliding: list[SlidingJoint]
+    #: Columns of the nodes that slide, by the number of the joint.
+    carried: dict[int, list[int]]
     #: Joints that close loops.
     closures: list[Closure]
 
     @property
     def is_index(self) -> bool:
         """Whether each degree of freedom equals one column."""
-        return not self.sums
+        return not self.sums and not self.sliding
+
+    @property
+    def independent(self) -> int:
+        """Number of columns that do not depend on others."""
+        return self.columns - sum(map(len, self.carried.values()))
 
     def entries(self, dof: int) -> list[Entry]:
         """Entries of a degree of freedom."""
@@ -179,7 +191,7 @@ def couple(scene: Scene, mesh: Mesh) -> Couplings:
             column[dof] = own[0][0]
         else:
             sums[dof] = own
-    return Couplings(
+    couplings = Couplings(
         free=columns.free,
         driven=columns.driven,
         columns=columns.count,
@@ -189,8 +201,11 @@ def couple(scene: Scene, mesh: Mesh) -> Couplings:
         moving=moving,
         sign=np.array([_signs(forest, len(scene.joints)) for forest in forests]),
         subtree=[_descendants(forest, len(scene.joints)) for forest in forests],
+        sliding=sliding_joints(scene.joints),
+        carried=columns.carried,
         closures=closures,
     )
+    return with_order(scene, mesh, couplings, forests) if couplings.sliding else couplings
 
 
 class _Columns:
@@ -200,9 +215,10 @@ class _Columns:
         follows = [(branch.node, i) for i, forest in enumerate(forests) for branch in forest]
         taken = [*scene.prescribed, *sorted(scene.fixed)]
         root, free_root = np.ones((2, len(mesh.X), 3), dtype=bool)
+        carried = [key for joint in sliding_joints(scene.joints) for key in joint.carried]
         for key in follows:
             root[key] = free_root[key] = False
-        for key in taken:
+        for key in (*taken, *(key[1:] for key in carried)):
             free_root[key] = False
         motored = motors(scene)
         moved = {joint.number for joint, name in motored if name == "slide"}
@@ -212,7 +228,7 @@ class _Columns:
         driven += [("motor", joint.number) for joint, _ in motored]
         branches = [branch for forest in forests for branch in forest]
         ground = [_GROUND] if any(b.parent == GROUND.number for b in branches) else []
-        keys = [*free, *driven, *sorted(scene.fixed), *ground]
+        keys = [*free, *driven, *sorted(scene.fixed), *ground, *carried]
         alone = int(np.count_nonzero(free_root))
         #: Columns of slides, driven and fixed degrees of freedom, and of the ground.
         self.of: dict[tuple, int] = {key: column for column, key in enumerate(keys, start=alone)}
@@ -222,7 +238,14 @@ class _Columns:
         for key in taken:
             if root[key]:
                 self.of_roots[key] = self.of[key]
+        for sliding in carried:
+            self.of_roots[sliding[1:]] = self.of[sliding]
         self.free, self.driven, self.count = alone + len(free), len(driven), alone + len(keys)
+        #: Columns of the nodes that slide, by the number of the joint.
+        self.carried = {
+            joint.number: [self.of[key] for key in joint.carried]
+            for joint in sliding_joints(scene.joints)
+        }
         self.slides = {n: self.of["motor" if n in moved else "slide", n] for n in slides}
 
 
@@ -248,10 +271,12 @@ def _forests(scene: Scene) -> tuple[list[list[Branch]], list[list[Joint]]]:
     is fixed, the other component has the same root.
     """
     held = [{n for n, part in {*scene.fixed, *scene.prescribed} if part == i} for i in range(3)]
-    turning = [joint for joint in scene.joints if joint.turns_together]
+    sliding = hold_sliding_nodes(scene.joints, held)
+    joints = [joint for joint in scene.joints if joint not in sliding]
+    turning = [joint for joint in joints if joint.turns_together]
     found = [
-        _forest(scene, scene.joints, held[0], held[1], "displacement in x"),
-        _forest(scene, scene.joints, held[1], held[0], "displacement in y"),
+        _forest(scene, joints, held[0], held[1], "displacement in x"),
+        _forest(scene, joints, held[1], held[0], "displacement in y"),
         _forest(scene, turning, held[2], set(), "rotation"),
     ]
     forests, closing = zip(*found, strict=True)
@@ -346,6 +371,8 @@ def _path(neighbours, start: int, end: int) -> list[Joint]:
 
 def _refuse(scene: Scene, joints, reason: str) -> None:
     names = "; ".join(str(joint) for joint in joints)
+    if sliding_joints(scene.joints) and "both supported" in reason:
+        reason += ", where a beam supports the node that slides on it"
     raise SceneError(
         f"over-constrained: {names}: {reason}. Remove one of them, or release a degree of freedom "
         "by a slide, a free rotation, or a beam between the nodes"

@@ -85,6 +85,12 @@ class Reduction(Protocol):
     def project(self, r: np.ndarray) -> np.ndarray:
         """Generalised forces of all columns: That^T r, with springs and dampers."""
 
+    def fault(self) -> tuple[str, str] | None:
+        """Kind and reason of a step in which a node leaves the beam on which it slides; or None."""
+
+    def carried(self, r: np.ndarray) -> np.ndarray:
+        """Forces (size,) with those of sliding nodes on their beams."""
+
     def guide_moments(self, r: np.ndarray) -> np.ndarray | None:
         """Moments of offset and sliding joints on their nodes a, for forces r."""
 
@@ -169,6 +175,14 @@ class IndexReduction(WithoutLoops):
         out = np.empty(self.columns)
         self._dofs.of(r, out)
         return out
+
+    def fault(self):
+        """None: no node slides on a beam."""
+        return None
+
+    def carried(self, r):
+        """The forces: no node slides on a beam."""
+        return r
 
     def guide_moments(self, r):
         """None: without offsets and slides there are no lever arms."""

@@ -9,6 +9,7 @@ from fx_beam.mechanics.rates import Rates
 
 from .graph import Couplings
 from .index_reduction import Tables, WithoutLoops, sparsity
+from .sliders import Slide, Sliders
 from .spring_dampers import Actuators
 
 
@@ -19,8 +20,20 @@ class JointReduction(WithoutLoops):
     """
 
     def __init__(
-        self, couplings: Couplings, actuators: Actuators, rates: Rates, dofs: np.ndarray, matrix
+        self,
+        couplings: Couplings,
+        actuators: Actuators,
+        rates: Rates,
+        dofs: np.ndarray,
+        matrix,
+        sliders: Sliders | None = None,
     ):
+        self.sliders = sliders
+        #: Index of each column in the tangent; -1 where it is no unknown.
+        self._index = np.arange(couplings.columns)
+        self._index[couplings.free :] = -1
+        if sliders is not None:
+            self._index = sliders.index
         self.free, self.driven = couplings.free, couplings.driven
         self.columns = couplings.columns
         self._rates, self._actuators, self._dofs = rates, actuators, dofs
@@ -61,16 +74,18 @@ class JointReduction(WithoutLoops):
         free = self.free
         second = []
         for m, joint in enumerate(self._moving):
-            turn = [e for e in couplings.entries_of_guide(joint, self._dofs) if e[0] < free]
+            turn = [
+                e for e in couplings.entries_of_guide(joint, self._dofs) if self._index[e[0]] >= 0
+            ]
             slide = [(self._slide[m], 0, 1.0)] if 0 <= self._slide[m] < free else []
             for kind, hats, values in ((0, turn, turn), (1, turn, slide), (2, slide, turn)):
                 second += [(a, b, m, kind, s * o) for a, _, s in hats for b, _, o in values]
-        third = self._actuators.pairs(free)
+        third = self._actuators.pairs(self._index)
 
         source, left, right = self._products(matrix)
         others = np.array([p[:2] for p in (*second, *third)], dtype=int).reshape(-1, 2)
         pairs = np.vstack([np.column_stack([self._col[left], self._col[right]]), others])
-        self.pattern, place = sparsity(pairs[:, 0], pairs[:, 1], free)
+        place = self._set_pattern(*self._index[pairs.T])
         cuts = np.cumsum([len(source), len(second)])
         place, self._second_place, self._actuator_place = np.split(place, cuts)
         hats, values = self._place[left], self._place[right]
@@ -81,9 +96,21 @@ class JointReduction(WithoutLoops):
         table = np.array([(m, kind, sign) for _, _, m, kind, sign in second]).reshape(-1, 3)
         self._second = table[:, 0].astype(int), table[:, 1].astype(int), table[:, 2]
 
+    def _set_pattern(self, rows: np.ndarray, columns: np.ndarray) -> np.ndarray:
+        """Set the pattern; returns the places of entries in the tangent before the elimination."""
+        sliders, free = self.sliders, self.free
+        if sliders is None:
+            self.pattern, place = sparsity(rows, columns, free)
+            return place
+        sliders.add_to_pattern(rows, columns)
+        i, j = np.divmod(sliders.keys[sliders.kept], sliders.size)
+        self.pattern, _ = sparsity(i, j, free)
+        self._tangent = np.zeros(len(sliders.keys) + 1)
+        return sliders.places(rows, columns)
+
     def _products(self, matrix) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Entries of K, and the entries of That and T by which each is multiplied."""
-        moves = np.flatnonzero(self._col < self.free)
+        moves = np.flatnonzero(self._index[self._col] >= 0)
         count = np.bincount(self._row[moves], minlength=self._size)
         first = np.cumsum(count) - count
         i, j = np.repeat(np.arange(self._size), np.diff(matrix.indptr)), matrix.indices
@@ -93,6 +120,10 @@ class JointReduction(WithoutLoops):
         i, j = i[source], j[source]
         left, right = first[i] + number // count[j], first[j] + number % count[j]
         return source, moves[left], moves[right]
+
+    def places(self) -> np.ndarray:
+        """Places of the entries that `fill` finds in the pattern."""
+        return np.arange(len(self.pattern[1]))
 
     def tables(self):
         """Entries, joints and products."""
@@ -130,12 +161,23 @@ class JointReduction(WithoutLoops):
         self._rho0 = _turn(self._psi0, self._offset + self._d0[:, None] * self._axis)
         self._t0 = _turn(self._psi0, self._axis)
         self._actuators.begin(q, slides, dt)
+        if self.sliders is not None:
+            self.sliders.begin(q, slides)
 
     def expand(self, y, driven):
         """Increment of all degrees of freedom; `spread`, `project` and `fill` refer to it."""
         z = self._z
         z[: self.free] = y
         z[self.free : self.free + self.driven] = driven
+        D = self._expand(z)
+        for slide in self._sliding:  # a beam may hang on a node that slides on another one
+            slide.relation.set(D[slide.dofs], float(z[slide.column]))
+            z[slide.columns] = slide.relation.increment
+            D = self._expand(z)
+        self._actuators.set_increment(D, z)
+        return D
+
+    def _expand(self, z):
         row, col, sign = self._linear
         D = np.bincount(row, z[col] * sign, self._size)
         guide, level = self._guide, self._rates.level
@@ -157,11 +199,22 @@ class JointReduction(WithoutLoops):
             self._values[1:] = np.hstack([_perp(self._rho1), self._t1]).ravel()
             hat_t = self._slope[:, None] * self._mean_t
             self._hat[1:] = np.hstack([_perp(mean_rho), hat_t]).ravel()
-        self._actuators.set_increment(D, z)
         return D
+
+    @property
+    def _sliding(self) -> list[Slide]:
+        return [] if self.sliders is None else self.sliders.all
 
     def spread(self, z):
         """Small change of all degrees of freedom."""
+        if self._sliding:
+            z = z.copy()
+        for slide in self._sliding:
+            change = self._spread(z)[slide.local_dofs(slide.relation.weights.first)]
+            z[slide.columns] = slide.relation.T @ np.append(change, z[slide.column])
+        return self._spread(z)
+
+    def _spread(self, z):
         weights = z[self._col] * self._values[self._place] * self._sign
         return np.bincount(self._row, weights, self._size)
 
@@ -169,15 +222,46 @@ class JointReduction(WithoutLoops):
         """The matrix of `spread`."""
         values = self._values[self._place] * self._sign
         shape = (self._size, self.columns)
-        return scipy.sparse.csr_matrix((values, (self._row, self._col)), shape)
+        T = before = scipy.sparse.csr_matrix((values, (self._row, self._col)), shape)
+        for slide in self._sliding[::-1]:  # its columns by those of its beam
+            relation, place = slide.relation, np.arange(len(slide.columns))
+            local = slide.local_dofs(relation.weights.first)
+            own = scipy.sparse.csr_matrix(relation.T[:, :-1]) @ before[local]
+            along = relation.T[:, -1], (place, np.full(len(place), slide.column))
+            own += scipy.sparse.csr_matrix(along, own.shape)
+            others = np.ones(self.columns)
+            others[slide.columns] = 0.0
+            T = T @ scipy.sparse.diags(others) + T[:, slide.columns] @ own
+        return T.tocsr()
+
+    def carried(self, r):
+        """Forces (size,) with those of sliding nodes on their beams."""
+        if self.sliders is None:
+            return r
+        return self.sliders.carry(r, self._hat, self._actuators.forces(self.columns))
+
+    def fault(self):
+        """Kind and reason of a step in which a node leaves the beam on which it slides."""
+        return None if self.sliders is None else self.sliders.fault()
 
     def project(self, r):
         """Generalised forces at all columns."""
+        forces = self._actuators.forces(self.columns)
+        if self.sliders is not None:
+            r = self.sliders.carry(r, self._hat, forces)
         weights = r[self._row] * self._hat[self._place] * self._sign
-        return np.bincount(self._col, weights, self.columns) + self._actuators.forces(self.columns)
+        return np.bincount(self._col, weights, self.columns) + forces
 
     def fill(self, values, r, out) -> None:
         """Values of the reduced tangent."""
+        if self.sliders is None:
+            self._fill(values, r, out)
+            return
+        self._fill(values, self.carried(r), self._tangent)
+        self.sliders.eliminate(self._tangent, self._values, self._hat)
+        out[:] = self._tangent[self.sliders.kept]
+
+    def _fill(self, values, r, out) -> None:
         place, k = self._plain
         out[:] = np.bincount(place, values[k], len(out))
         at, source, hat, value, sign = self._mixed

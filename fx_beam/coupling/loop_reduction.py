@@ -15,11 +15,13 @@ from __future__ import annotations
 import numpy as np
 import scipy.sparse
 
+from fx_beam.errors import SceneError
 from fx_beam.mechanics.rates import Rates
 
 from .graph import Couplings
 from .index_reduction import LoopTables, sparsity
 from .joint_reduction import JointReduction
+from .sliders import Sliders
 from .spring_dampers import Actuators
 
 # Largest number of corrections that close the loops, and the gap that is left, relative to the
@@ -41,11 +43,18 @@ class LoopReduction(JointReduction):
         dofs: np.ndarray,
         matrix,
         unit: np.ndarray,
+        sliders: Sliders | None = None,
     ):
-        super().__init__(couplings, actuators, rates, dofs, matrix)
+        super().__init__(couplings, actuators, rates, dofs, matrix, sliders)
         self._closures = couplings.closures
         rows = [(k, *entry) for k, one in enumerate(self._closures) for entry in one.entries]
         k, columns, places, signs = np.array(rows, dtype=float).reshape(-1, 4).T
+        if (columns >= couplings.independent).any():
+            names = "; ".join(dict.fromkeys(str(one.joint) for one in self._closures))
+            raise SceneError(
+                f"{names}: a closed loop of rigid members contains a node that slides on a beam. "
+                "Put a beam in place of one of the members"
+            )
         self._gap_entries = k.astype(int), columns.astype(int), places.astype(int), signs
         self.unit, self._size_of_scene = unit, float(unit.max())
         #: Unknowns of the loops.
@@ -226,12 +235,17 @@ class LoopReduction(JointReduction):
 
     def tables(self):
         """Entries, joints and products of the trees, for the pattern with the loops."""
-        indptr, indices = self._inner
-        rows = np.repeat(np.arange(self.free), np.diff(indptr))
-        at = np.searchsorted(self._keys, rows * self.free + indices)
-        tables = super().tables()
+        tables, at = super().tables(), self.places()
+        if self.sliders is not None:
+            return tables  # theirs is another pattern, which is stored in these places
         parts = {name: getattr(tables, name) for name in ("plain", "mixed", "second", "third")}
         return tables._replace(**{n: {**part, "to": at[part["to"]]} for n, part in parts.items()})
+
+    def places(self) -> np.ndarray:
+        """Places of the entries of the trees' pattern in that with the loops."""
+        indptr, indices = self._inner
+        rows = np.repeat(np.arange(self.free), np.diff(indptr))
+        return np.searchsorted(self._keys, rows * self.free + indices)
 
     def loop_tables(self):
         """The closed loops as lists of numbers."""

@@ -127,12 +127,10 @@ def _rows(scene: Scene, mesh: Mesh, parts: _Parts, at_rest: bool) -> scipy.spars
         add(node, component, 1.0)
     for joint in scene.joints:
         a, b = joint.a.number, joint.b.number
-        slide = joint.start()[0]
-        arm = joint.offset + (0.0 if joint.axis is None else slide * joint.axis)
-        across = arm[::-1] * (-1, 1) / mesh.size
-        gaps = [(1.0, 0.0), (0.0, 1.0)]
-        if joint.axis is not None and not _is_held(joint.slide, at_rest):
-            gaps = [(-joint.axis[1], joint.axis[0])]
+        across = joint.arm[::-1] * (-1, 1) / mesh.size
+        gaps, along = [(1.0, 0.0), (0.0, 1.0)], joint.direction
+        if along is not None and not _is_held(joint.slide, at_rest):
+            gaps = [(-along[1], along[0])]
         for gap in gaps:
             row += 1
             for component in (0, 1):

@@ -9,10 +9,12 @@ import numpy as np
 from fx_beam.mechanics.rates import Rates
 from fx_beam.scene.beam import Node
 from fx_beam.scene.joints import GROUND, Joint
+from fx_beam.scene.sliders import SlidingJoint
 
 from .actuator import Actuator, limits_of
 from .damper_laws import DamperLaw
 from .graph import Couplings, Entry
+from .sliding import rate_along
 from .spring_laws import SpringLaw
 
 
@@ -30,6 +32,8 @@ class Actuators:
         self._all: list[Actuator] = []
         #: Number of internal variables of all springs.
         self.width = 0
+        #: Degrees of freedom (nodes, 3) of the beams on which nodes slide, by joint.
+        self._sliding: dict[int, np.ndarray] = {}
         laws: dict[tuple[int, int], SpringLaw] = {}
         for joint in joints:
             for coordinate, name in ((joint.slide, "slide"), (joint.rotation, "rotation")):
@@ -72,6 +76,10 @@ class Actuators:
 
     def __len__(self):
         return len(self._all)
+
+    def set_sliding(self, dofs: dict[int, np.ndarray]) -> None:
+        """Set the degrees of freedom (nodes, 3) of the beams on which nodes slide, by joint."""
+        self._sliding = dofs
 
     @property
     def have_laws(self) -> bool:
@@ -146,7 +154,11 @@ class Actuators:
         x, y, turn = (self._of(joint.b, v, i) - self._of(joint.a, v, i) for i in range(3))
         if actuator.turns is not None:
             return turn
-        assert joint.axis is not None  # sliding joints have an axis
+        if isinstance(joint, SlidingJoint):
+            own, s = self._sliding[joint.number], float(slides[joint.number])
+            v_node = v[self._dofs[joint.b.number, :2]]
+            return rate_along(joint.path, s, q[own][:, :2], v[own][:, :2], v_node)
+        assert joint.axis is not None  # other slides have an axis
         psi, spin = (self._of(joint.a, values, 2) for values in (q, v))
         arm = joint.offset + slides[joint.number] * joint.axis
         c, s = np.cos(psi), np.sin(psi)
@@ -211,9 +223,9 @@ class Actuators:
                     total[column] += side * sign * actuator.force
         return total
 
-    def pairs(self, free: int) -> list[tuple[int, int]]:
-        """Rows and columns of the entries of `stiffness`."""
-        return [pair[:2] for pair in self._pairs(free)]
+    def pairs(self, index: np.ndarray) -> list[tuple[int, int]]:
+        """Rows and columns of the entries of `stiffness`; an index of -1 is no unknown."""
+        return [pair[:2] for pair in self._pairs(index)]
 
     def stiffness(self) -> np.ndarray:
         """Derivatives of the generalised forces, in the order of `pairs`."""
@@ -224,19 +236,19 @@ class Actuators:
             ]
         )
 
-    def _pairs(self, free: int):
+    def _pairs(self, index: np.ndarray):
         found, self._terms = [], []
         for actuator in self._all:
             rows = [
                 (c, side * s)
                 for side, own in zip((-1.0, 1.0), actuator.columns, strict=True)
                 for c, _, s in own
-                if c < free
+                if index[c] >= 0
             ]
             for row, row_sign in rows:
                 for side, own in enumerate(actuator.columns):
                     for column, _, sign in own:
-                        if column < free:
+                        if index[column] >= 0:
                             found.append((row, column))
                             self._terms.append((actuator, side, row_sign, sign))
         return found
@@ -257,12 +269,13 @@ class Actuators:
 
     def tables(self) -> tuple[list[dict], dict[str, list]]:
         """Springs and dampers as ``Actuator`` of c/problem.h, and the columns of their forces."""
-        rows, pushes = [], []
+        rows, pushes, sliders = [], [], list(self._sliding)
         for number, actuator in enumerate(self._all):
             joint, slides, stop = actuator.joint, actuator.turns is None, actuator.stop
             rows.append(
                 {
                     "slide": joint.number if slides else -1,
+                    "slider": sliders.index(joint.number) if joint.number in sliders else -1,
                     "column": actuator.columns[1][0][0] if slides else -1,
                     "a": self._dofs_of(joint.a),
                     "b": self._dofs_of(joint.b),

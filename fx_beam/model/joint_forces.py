@@ -41,7 +41,7 @@ class JointForces:
         `r` (size,) has the forces and couples of supports and joints on the nodes.
         """
         reduction = self._model.reduction
-        r = reduction.closed(r)
+        r = reduction.closed(reduction.carried(r))
         out = (self._sums @ r).reshape(-1, 3)
         if (closing := reduction.closing()) is not None:
             out[: len(closing), :2] += closing

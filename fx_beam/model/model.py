@@ -13,6 +13,7 @@ from fx_beam.coupling.joint_reduction import JointReduction
 from fx_beam.coupling.loop_reduction import LoopReduction
 from fx_beam.coupling.mechanism_check import check_no_massless_mechanism
 from fx_beam.coupling.redundancy import check_loops
+from fx_beam.coupling.sliders import Sliders
 from fx_beam.coupling.spring_dampers import Actuators
 from fx_beam.errors import SceneError
 from fx_beam.fem.dead_loads import Loads
@@ -134,14 +135,19 @@ class Model:
         if self.couplings.is_index and not self.actuators:
             self.reduction = IndexReduction(self.couplings.column, *counts, matrix)
         else:
+            sliders = None
+            if self.couplings.sliding:
+                sliders = Sliders(scene, self.couplings, self.scheme.rates, self.mesh)
+                self.actuators.set_sliding({s.joint.number: s.dofs for s in sliders.all})
             parts = self.couplings, self.actuators, self.scheme.rates, dofs, matrix
             if self.couplings.closures:
-                self.reduction = loops = LoopReduction(*parts, self.unit_of_unknowns)
+                unit = self.unit_of_unknowns
+                self.reduction = loops = LoopReduction(*parts, unit, sliders)
                 slides = np.array([joint.start()[0] for joint in scene.joints])
                 loops.begin(np.zeros(self.size), slides, 1.0)
                 check_loops(scene, self.couplings, loops)
             else:
-                self.reduction = JointReduction(*parts)
+                self.reduction = JointReduction(*parts, sliders)
             self.assembled.append("joints")
 
     # -- Numbering ------------------------------------------------------------------------------

@@ -116,8 +116,9 @@ def _prescribed(sheet: Sheet, scene: Scene) -> None:
 def _motors(sheet: Sheet, scene: Scene) -> None:
     for joint in scene.joints:
         place = _place(joint.a if joint.b is GROUND else joint.b)
-        if joint.slide is not None and joint.slide.motor is not None and joint.axis is not None:
-            _double_arrow(sheet, place, joint.axis, "motor d(t)")
+        along = joint.direction
+        if joint.slide is not None and joint.slide.motor is not None and along is not None:
+            _double_arrow(sheet, place, along, "motor d(t)")
         if joint.rotation is not None and joint.rotation.motor is not None:
             _double_turn(sheet, place, r"motor $\psi$(t)")
 

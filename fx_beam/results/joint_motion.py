@@ -9,6 +9,9 @@ import numpy as np
 
 from fx_beam.scene.beam import Node
 from fx_beam.scene.joints import GROUND, Joint
+from fx_beam.scene.sliders import SlidingJoint
+
+from . import sliding_motion
 
 
 @dataclass(frozen=True, repr=False)
@@ -44,24 +47,36 @@ class JointMotion:
 
     @property
     def angle(self) -> np.ndarray:
-        """Rotation psi_b - psi_a of b relative to a since the reference configuration [rad]."""
+        """Rotation psi_b - psi_a of b relative to a since the reference configuration [rad].
+
+        Of a node that slides on a beam: relative to the beam where it is.
+        """
+        if isinstance(self.joint, SlidingJoint):
+            return sliding_motion.angle(self.solution, self.joint, self.slide)
         return self._of(self.joint.b, "q", 2) - self._of(self.joint.a, "q", 2)
 
     @property
     def slide(self) -> np.ndarray:
-        """Distance (n,) along the axis from the joint's position on a to b [m]."""
-        self._check(self.joint.axis is not None, "slide")
+        """Distance (n,) along the axis from the joint's position on a to b [m].
+
+        Of a node that slides on a beam: its arc length from the start of the beam.
+        """
+        self._check(self.joint.slide is not None, "slide")
         return self.solution.slides[:, self.joint.number]
 
     @property
     def spin(self) -> np.ndarray:
         """Rate (n,) of the angle [rad/s]; at nodes without rotary inertia its mean over a step."""
+        if isinstance(self.joint, SlidingJoint):
+            return sliding_motion.spin(self.solution, self.joint, self.slide)
         return self._of(self.joint.b, "v", 2) - self._of(self.joint.a, "v", 2)
 
     @property
     def rate(self) -> np.ndarray:
         """Rate (n,) of the slide [m/s] if the joint has one, else of the angle [rad/s]."""
         joint = self.joint
+        if isinstance(joint, SlidingJoint):
+            return sliding_motion.rate(self.solution, joint, self.slide)
         if joint.axis is None:
             return self.spin
         # Along the axis: the velocity of b relative to its position on a, in the frame of a.
@@ -133,7 +148,9 @@ class JointMotion:
 
     @property
     def gap(self) -> np.ndarray:
-        """Distance (n,) of b from its position on a [m]; zero to round-off."""
+        """Distance (n,) of b from its position on a, or on its beam [m]; zero to round-off."""
+        if isinstance(self.joint, SlidingJoint):
+            return sliding_motion.gap(self.solution, self.joint, self.slide)
         joint, X, q = self.joint, self.solution.X, self.solution.recorded("q")
         arm = np.broadcast_to(joint.offset, (len(q), 2))
         if joint.axis is not None:

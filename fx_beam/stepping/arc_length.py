@@ -187,6 +187,7 @@ class ArcLength:
             stuck = size > 0.5 * previous and abs(work) <= ENERGY_FLOOR * energy
             if size <= newton.options.tolerance or stuck:
                 r = r + self.model.forms.stiffness @ self._spread(dy, 0.0) + dload * per_load
+                newton.check_slides(D, residuals)
                 ended_by = "round-off" if stuck else "increment"
                 return StepSolution(D, y, r, iteration, ended_by, predicted), load
             previous = size

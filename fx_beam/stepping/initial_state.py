@@ -14,6 +14,7 @@ from fx_beam.model.model import Model
 from fx_beam.results.state import State
 from fx_beam.scene.beam import COMPONENTS
 from fx_beam.scene.joints import Joint
+from fx_beam.scene.sliders import SlidingJoint
 
 from .forcing import Drive
 
@@ -69,6 +70,10 @@ def check_joints(model: Model, state: State) -> None:
     moved = {(j.number, name): m for (j, name), m in zip(model.motors, state.motors, strict=True)}
 
     def parted(joint: Joint, q: np.ndarray, slide: float) -> np.ndarray:
+        if isinstance(joint, SlidingJoint):
+            nodes = model.mesh.nodes_of(model.scene, joint.beam)
+            place = joint.path.over((X + q[:, :2])[nodes][None], np.array([slide]))[0]
+            return place - X[joint.b.number] - q[joint.b.number, :2]
         a, b = joint.a.number, joint.b.number
         arm = joint.offset + (0.0 if joint.axis is None else slide * joint.axis)
         c, s = np.cos(q[a, 2]), np.sin(q[a, 2])
@@ -82,6 +87,9 @@ def check_joints(model: Model, state: State) -> None:
         if joint.slide is not None and joint.slide.motor is not None:
             gap += abs(slide - start - moved[number, "slide"])
         turn = q[joint.b.number, 2] - q[joint.a.number, 2] - moved.get((number, "rotation"), 0.0)
+        if isinstance(joint, SlidingJoint):
+            psi = joint.turn(q[model.mesh.nodes_of(model.scene, joint.beam), 2][None], slide)
+            turn = q[joint.b.number, 2] - float(psi[0])
         for size, what in (
             (gap / model.mesh.size, f"its nodes have a gap of {gap:.3g} m"),
             (
@@ -312,8 +320,11 @@ def _check_joints(
             axis = R @ joint.axis
             arm = arm + state.slides[joint.number] * axis
         gap = b[:2] - a[:2] - a[2] * np.array([-arm[1], arm[0]])
-        gap = gap - motors.get((joint.number, "slide"), gap @ axis) * axis
         turn = b[2] - a[2] - motors.get((joint.number, "rotation"), 0.0)
+        if isinstance(joint, SlidingJoint):
+            at = float(state.slides[joint.number])
+            gap, axis, turn = _parting(model, joint, nodes, places, at)
+        gap = gap - motors.get((joint.number, "slide"), gap @ axis) * axis
         for size, what in (
             (np.hypot(*gap), f"its nodes separate at {np.hypot(*gap):.3g} m/s"),
             (
@@ -325,6 +336,20 @@ def _check_joints(
                 worst, text = size, f"{joint}: {what}"
     if text:
         raise SceneError(f"the initial velocities violate {text}. {_ADVICE}")
+
+
+def _parting(
+    model: Model, joint: SlidingJoint, v: np.ndarray, q: np.ndarray, s: float
+) -> tuple[np.ndarray, np.ndarray, float]:
+    """Velocity and spin of a sliding node relative to its beam, and the unit tangent there."""
+    path, nodes, b = joint.path, model.mesh.nodes_of(model.scene, joint.beam), joint.b.number
+    at = np.array([s])
+    along = path.over((path.X + q[nodes, :2])[None], at, 1)[0]
+    seen = v[b] - path.over(v[nodes][None], at)[0]
+    length = np.hypot(*along)
+    bend = path.over((path.angles() + q[nodes, 2])[None], at, 1)[0]
+    rate = seen[:2] @ along / length**2
+    return seen[:2], along / length, float(seen[2] - bend * rate)
 
 
 def _small_mass(model: Model) -> scipy.sparse.spmatrix:

@@ -14,6 +14,7 @@ import numpy as np
 
 from fx_beam.model.model import Model
 from fx_beam.results.audit import Energy
+from fx_beam.scene.sliders import SlidingJoint
 
 
 def at_times(
@@ -91,6 +92,15 @@ def _slides(model: Model, q: np.ndarray, slides: np.ndarray) -> np.ndarray:
     q, X = np.concatenate([q, 0 * q[:, :1]], axis=1), np.vstack([model.mesh.X, [0.0, 0.0]])
     slides = slides.copy()
     for joint in model.scene.joints:
+        if isinstance(joint, SlidingJoint):
+            path, nodes = joint.path, model.mesh.nodes_of(model.scene, joint.beam)
+            s, places = slides[:, joint.number], X[nodes] + q[:, nodes, :2]
+            for _ in range(3):  # the nearest point of the beam, by the method of Gauss and Newton
+                apart = X[joint.b.number] + q[:, joint.b.number, :2] - path.over(places, s)
+                along = path.over(places, s, 1)
+                s = s + np.sum(apart * along, axis=1) / np.sum(along**2, axis=1)
+            slides[:, joint.number] = s
+            continue
         if joint.axis is None:
             continue
         a, b = joint.a.number, joint.b.number  # the ground's is -1

@@ -210,6 +210,7 @@ class Newton:
             D = reduction.expand(y, driven)
             self.check_turn(D, residuals)
             if ended_by:
+                self.check_slides(D, residuals)
                 return StepSolution(D, y, r, iteration, ended_by, predicted)
         reason = f"no convergence in {options.max_iterations} iterations"
         raise StepFailed("no convergence", reason, D, residuals)
@@ -246,6 +247,11 @@ class Newton:
                 D,
                 residuals,
             )
+
+    def check_slides(self, D: np.ndarray, residuals: list[float]) -> None:
+        """Reject a step in which a node leaves the beam on which it slides."""
+        if (fault := self.model.reduction.fault()) is not None:
+            raise StepFailed(*fault, D, residuals)
 
 
 class _Sequence:

@@ -179,11 +179,14 @@ class Stepper:
 
     def _error(self, state: State, t1: float, failure: StepFailed) -> StepError:
         halvings = self.halving.most
-        return self.single.error(
-            f"the step from t = {state.t:.6g} to {t1:.6g} failed",
-            halvings,
-            state.t,
-            failure,
+        advice = (
             f"Try a smaller dt{'' if halvings else ' or max_halvings > 0'}. If this does not help, "
-            "check the units of loads, velocities and stiffnesses, or try another scheme",
+            "check the units of loads, velocities and stiffnesses, or try another scheme"
         )
+        if failure.kind == "off the end":
+            advice = (
+                "The steps before are kept. Use a longer beam, an earlier t_end, or a Spring or "
+                "Damper on the slide that stops the node"
+            )
+        what = f"the step from t = {state.t:.6g} to {t1:.6g} failed"
+        return self.single.error(what, halvings, state.t, failure, advice)

@@ -2,8 +2,8 @@
 
 #pragma once
 
-#include "algebra.h"
 #include "impact.h"
+#include "sliders.h"
 
 static double coordinate(const Problem *p, const Actuator *a) {
   return a->slide >= 0 ? p->slide[a->slide] : at(p->q, a->b[2]) - at(p->q, a->a[2]);
@@ -11,6 +11,7 @@ static double coordinate(const Problem *p, const Actuator *a) {
 
 /* Rate of the coordinate at the start of the step. */
 static double rate(const Problem *p, const Actuator *a) {
+  if (a->slider >= 0) return slider_rate(p, p->slider + a->slider);
   double v[3], seen[2];
   for (int i = 0; i < 3; ++i) v[i] = at(p->v, a->b[i]) - at(p->v, a->a[i]);
   if (a->slide < 0) return v[2];

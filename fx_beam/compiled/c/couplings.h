@@ -20,7 +20,7 @@ static int begin_couplings(const Problem *p, const Work *w) {
 }
 
 /* Increment of all degrees of freedom for the columns z, and the values of T and That for it. */
-static void expand_trees(const Problem *p, const Work *w) {
+static void expand_columns(const Problem *p, const Work *w) {
   double *D = w->D, level = p->level;
   memset(D, 0, p->dofs * sizeof *D);
   for (int k = 0; k < p->equal; ++k) D[p->entry_row[k]] += w->z[p->entry_column[k]];
@@ -52,6 +52,18 @@ static void expand_trees(const Problem *p, const Work *w) {
   }
 }
 
+/* The same with the columns of the nodes that slide on beams. */
+static void expand_trees(const Problem *p, const Work *w) {
+  expand_columns(p, w);
+  for (int i = 0; i < p->sliders; ++i) { /* a beam may hang on a node that slides on another one */
+    Slider *a = p->slider + i;
+    a->s0 = p->slide[a->joint], a->s1 = a->s0 + w->z[a->column];
+    slide_on(p, a, w->D, 0);
+    for (int c = 0; c < a->components; ++c) w->z[a->carried[c]] = a->increment[c];
+    expand_columns(p, w);
+  }
+}
+
 /* The same with the unknowns that close loops corrected. Returns 0 if loops cannot be closed. */
 static int expand(const Problem *p, const Work *w) {
   double last = HUGE_VAL;
@@ -66,21 +78,40 @@ static int expand(const Problem *p, const Work *w) {
   return left > 0;
 }
 
-static void spread(const Problem *p, const Work *w, double *z, double *out) {
-  complete(p, w, z);
+static void spread_columns(const Problem *p, const Work *w, const double *z, double *out) {
   memset(out, 0, p->dofs * sizeof *out);
   for (int k = 0; k < p->equal; ++k) out[p->entry_row[k]] += z[p->entry_column[k]];
   for (int k = p->equal; k < p->entries; ++k)
     out[p->entry_row[k]] += p->entry_sign[k] * w->values[p->entry_value[k]] * z[p->entry_column[k]];
 }
 
+/* The columns of sliding nodes in z are set. */
+static void spread(const Problem *p, const Work *w, double *z, double *out) {
+  complete(p, w, z);
+  spread_columns(p, w, z, out);
+  for (int i = 0; i < p->sliders; ++i) {
+    spread_slider(p->slider + i, out, z);
+    spread_columns(p, w, z, out);
+  }
+}
+
+static void push_columns(const Problem *p, double *out) {
+  for (int k = 0; k < p->pushes; ++k)
+    out[p->push_column[k]] += p->push_sign[k] * p->actuator[p->push_of[k]].force;
+}
+
 static void project(const Problem *p, const Work *w, const double *r, double *out) {
   memset(out, 0, p->columns * sizeof *out);
+  if (p->sliders) {
+    push_columns(p, out);
+    memcpy(w->loaded, r, p->dofs * sizeof *r);
+    carry(p, w, w->loaded, out);
+    r = w->loaded;
+  }
   for (int k = 0; k < p->equal; ++k) out[p->entry_column[k]] += r[p->entry_row[k]];
   for (int k = p->equal; k < p->entries; ++k)
     out[p->entry_column[k]] += p->entry_sign[k] * w->hat[p->entry_value[k]] * r[p->entry_row[k]];
-  for (int k = 0; k < p->pushes; ++k)
-    out[p->push_column[k]] += p->push_sign[k] * p->actuator[p->push_of[k]].force;
+  if (!p->sliders) push_columns(p, out);
   if (p->closures) close_residual(p, w, out);
 }
 
@@ -94,14 +125,14 @@ static void transmitted(const Problem *p, const Work *w, const double *r) {
     if (p->gap_arm[k] >= 0) w->passing[p->gap_arm[k]] = w->closing[k];
 }
 
-/* Completes the reduced tangent, in the storage of its factors. */
+/* Completes the reduced tangent, in the storage of its factors, after `project` of r. */
 static void reduce_tangent(const Problem *p, const Work *w, const double *r) {
   double *K = w->tangent;
   for (int k = 0; k < p->plain; ++k) K[p->plain_to[k]] += K[p->plain_from[k]];
   for (int k = 0; k < p->mixed; ++k)
     K[p->mixed_to[k]] += K[p->mixed_from[k]] * w->hat[p->mixed_hat[k]] *
                          w->values[p->mixed_value[k]] * p->mixed_sign[k];
-  if (p->second) transmitted(p, w, r);
+  if (p->second) transmitted(p, w, p->sliders ? w->loaded : r);
   for (int k = 0; k < p->second; ++k) {
     int j = p->second_joint[k];
     double F0 = w->passing[2 * j], F1 = w->passing[2 * j + 1];
@@ -119,4 +150,5 @@ static void reduce_tangent(const Problem *p, const Work *w, const double *r) {
     const Actuator *a = p->actuator + p->third_of[k];
     K[p->third_to[k]] += p->third_sign[k] * (p->third_side[k] ? a->slope_b : a->slope_a);
   }
+  eliminate_sliders(p, w);
 }

@@ -115,6 +115,7 @@ static void advance(Problem *p, const Work *w, const double *driven) {
   for (int i = 0; i < p->dofs; ++i) p->q[i] += w->D[i];
   for (int j = 0; j < p->joints; ++j)
     if (p->slide_column[j] >= 0) p->slide[p->slide_of[j]] += w->z[p->slide_column[j]];
+  for (int i = 0; i < p->sliders; ++i) p->slide[p->slider[i].joint] += w->z[p->slider[i].column];
   memcpy(p->driven_now, driven, p->driven * sizeof(double));
   p->t += w->dt;
   p->steps_done += 1;

@@ -248,6 +248,7 @@ static int newton(Problem *p, const Work *w, const double *driven, int order) {
     for (int i = 0; i < p->turning; ++i)
       if (fabs(w->D[p->turns[i]]) > p->max_turn) return TURNED_TOO_FAR;
     if (small || floor) {
+      if (leaves_beam(p)) return SLID_TOO_FAR;
       p->iterations += iteration;
       p->by_round_off += floor;
       p->kept.slowest_size = sizes.slowest, p->kept.slowest_error = errors.slowest;

@@ -5,14 +5,15 @@
 /* Elements per call of a Batch, values of a nodal rule, largest order of the predictor, largest number
    of sub-steps of a scheme, places of the displacements and rotations at the start of the step and of
    the internal variables among the changing coefficients, largest order of a scheme, number of
-   averaged differences in local errors, and number of directions of an iteration with kept factors. */
+   averaged differences in local errors, number of directions of an iteration with kept factors, and
+   largest numbers of nodes and of local degrees of freedom in a window of a sliding node. */
 enum {
   LANES = 8, RULE_VALUES = 18, PAST = 4, SUB_STEPS = 32, START = 1, INTERNAL = 5, MAX_ORDER = 4,
-  AVERAGED = 3, DIRECTIONS = 12
+  AVERAGED = 3, DIRECTIONS = 12, WINDOW_NODES = 16, LOCAL = 49
 };
 
 /* Why a step failed. */
-enum { OK, NO_CONVERGENCE, SINGULAR, TURNED_TOO_FAR, TOO_INACCURATE };
+enum { OK, NO_CONVERGENCE, SINGULAR, TURNED_TOO_FAR, TOO_INACCURATE, SLID_TOO_FAR };
 
 /* Element tensors from coefficients, constants and coordinates. All arrays except the constants are
    for LANES elements, with entry k of lane l at [k][l]. */
@@ -67,6 +68,7 @@ typedef struct {
 /* A spring, damper, friction and stops on the slide of a joint, or on the angle between its nodes. */
 typedef struct {
   int slide, column;   /* number of the joint and its column, or -1 */
+  int slider;          /* of a node that slides on a beam: its number, or -1 */
   int a[3], b[3];      /* degrees of freedom of the nodes; -1 for the ground */
   double axis[2], offset[2];
   double k, rest, c, friction, speed;
@@ -87,6 +89,29 @@ typedef struct {
   double r0[2], g0, rate0; /* at the start of the step */
   Rubbing last;
 } Contact;
+/* A node that slides on a beam (sliders.py). Its columns are eliminated from the reduced tangent. */
+typedef struct {
+  int joint, column;    /* number of the joint, and column of the arc length */
+  int components, carried[3], node[3]; /* columns of the node, and its degrees of freedom */
+  /* The path: degree, elements, those of a window, those that a step may pass, and nodes of a window. */
+  int degree, elements, window, most, width;
+  double *ends, *coefficients; /* arc lengths (elements + 1); [element][3 degree + 1][4] */
+  double *position, *angle;    /* of the nodes in the reference configuration */
+  int *dofs;                   /* [node][3] */
+  /* Entries of its columns: rows, values and signs, from entry_start[component] on. */
+  int *entry_start, *entry_row, *entry_value;
+  double *entry_sign;
+  /* What its columns are coupled with: storage indices [.][component] of both triangles. */
+  int around, *own_place, *left_place, *right_place;
+  /* Entries of windows: local degree of freedom, value and sign; storage indices [around][entry] and
+     [entry][entry]. */
+  int *window_start, *local, *value, *beside, *above, *inside_start, *inside;
+  double *sign, *entry_T, *entry_hat, *entry_KT, *entry_factor;
+  /* In the present iteration: arc lengths, window and its first node, increment, T and That, force. */
+  double s0, s1;
+  int at_window, first;
+  double increment[3], T[3][LOCAL], hat[3][LOCAL], force[3];
+} Slider;
 
 typedef struct {
   int dofs, cells, cell_dofs, cell_coordinates, columns, free, driven;
@@ -126,6 +151,8 @@ typedef struct {
   int *guide, *slide_column, *slide_of; /* rotation (-1: ground), column (-1: none), joint */
   int followers;
   int *follower, *through;
+  int sliders;
+  Slider *slider;
 
   /* Reduced tangent, in an order with little fill-in: as a band matrix or in sparse rows. */
   int *order;           /* position of each unknown in the elimination */

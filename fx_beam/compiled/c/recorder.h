@@ -11,7 +11,7 @@ static void add_joint_forces(const Problem *p, const Work *w, int sub_step, doub
   long n = 3 * p->scene_joints;
   double fraction = p->fractions[sub_step];
   if (sub_step == 0) memset(out, 0, n * sizeof(double));
-  const double *r = closed(p, w, w->r);
+  const double *given = p->sliders ? w->loaded : w->r, *r = closed(p, w, given);
   for (int i = 0; i < n; ++i)
     for (int k = p->sum_start[i]; k < p->sum_start[i + 1]; ++k)
       out[i] += fraction * p->sum_sign[k] * r[p->sum_of[k]];
@@ -20,7 +20,7 @@ static void add_joint_forces(const Problem *p, const Work *w, int sub_step, doub
     out[3 * p->twist_joint[k] + 2] +=
         fraction * p->twist_sign[k] * p->actuator[p->twist_of[k]].force;
   if (!p->joints) return;
-  transmitted(p, w, w->r);
+  transmitted(p, w, given);
   for (int i = 0; i < p->scene_joints; ++i)
     for (int k = p->lever_joint_start[i]; k < p->lever_joint_start[i + 1]; ++k) {
       int j = p->lever_joint[k];

@@ -8,7 +8,7 @@ typedef struct {
   double *D, *path, *slope, *acc, *f, *r, *reduced, *step, *correction, *z;
   double *tangent, *inertia, *values, *hat, *psi0, *rho0, *t0, *rho1, *t1, *mean_t, *guide_slope;
   double *guide_bend, *passing, *columns, *y, *row, *start, *force, *dead, *left;
-  double *saved, *rule, *factors, *residual, *direction, *image, *guess;
+  double *saved, *rule, *loaded, *factors, *residual, *direction, *image, *guess;
   double *G, *W, *What, *part, *inverse, *gap, *gap0, *closing, *closed; /* of loops */
   const double *fields[6]; /* by the kinds of Form */
   double dt;
@@ -39,6 +39,7 @@ static long lay_out(const Problem *p, Work *w, double *at) {
   long u = p->factor_size ? p->free : 0, d = p->kept.worth ? DIRECTIONS : 0;
   w->residual = take(&at, u), w->guess = take(&at, u);
   w->direction = take(&at, d * u), w->image = take(&at, d * u);
+  w->loaded = take(&at, p->sliders ? n : 0);
   w->guide_slope = take(&at, j), w->guide_bend = take(&at, j), w->passing = take(&at, 2 * j);
   long m = p->closures, loop = m * p->loop_columns;
   w->G = take(&at, loop), w->W = take(&at, loop), w->What = take(&at, loop);

@@ -1,0 +1,340 @@
+/* Nodes that slide on beams (path.py, sliding.py, sliders.py). */
+
+#pragma once
+
+#include "algebra.h"
+
+/* Weights of the nodes of a window in a step from s0 to s1 (path.py). */
+typedef struct {
+  double at0[WINDOW_NODES], at1[WINDOW_NODES], slope0[WINDOW_NODES], slope1[WINDOW_NODES];
+  double bend1[WINDOW_NODES], quotient[WINDOW_NODES], quotient_slope[WINDOW_NODES];
+} Weights;
+
+static int element_of(const Slider *a, double s) {
+  int low = 0, high = a->elements;
+  while (high - low > 1) {
+    int middle = (low + high) / 2;
+    if (s >= a->ends[middle]) low = middle;
+    else high = middle;
+  }
+  return low;
+}
+
+/* Adds the element's polynomials, with these factors of 1, x, x^2 and x^3, to weights. */
+static void add_weights(const Slider *a, int element, const double *powers, double factor, double *to) {
+  const double *c = a->coefficients + (long)element * 4 * (3 * a->degree + 1);
+  int first = a->degree * (element - 1) - a->first;
+  for (int k = 0; k <= 3 * a->degree; ++k, c += 4) {
+    if (first + k < 0 || first + k >= a->width) continue;
+    double sum = c[0] * powers[0] + c[1] * powers[1] + c[2] * powers[2] + c[3] * powers[3];
+    to[first + k] += factor * sum;
+  }
+}
+
+static void set_weights(const Slider *a, int e0, int e1, double s0, double s1, Weights *w) {
+  const double *s = a->ends;
+  double h0 = s[e0 + 1] - s[e0], h1 = s[e1 + 1] - s[e1];
+  double x0 = (s0 - s[e0]) / h0, x1 = (s1 - s[e1]) / h1;
+  memset(w, 0, sizeof *w);
+  add_weights(a, e0, (double[]){1, x0, x0 * x0, x0 * x0 * x0}, 1, w->at0);
+  add_weights(a, e1, (double[]){1, x1, x1 * x1, x1 * x1 * x1}, 1, w->at1);
+  add_weights(a, e0, (double[]){0, 1, 2 * x0, 3 * x0 * x0}, 1 / h0, w->slope0);
+  add_weights(a, e1, (double[]){0, 1, 2 * x1, 3 * x1 * x1}, 1 / h1, w->slope1);
+  add_weights(a, e1, (double[]){0, 0, 2, 6 * x1}, 1 / (h1 * h1), w->bend1);
+  if (e0 == e1) {
+    add_weights(a, e0, (double[]){0, 1, x0 + x1, x0 * x0 + x0 * x1 + x1 * x1}, 1 / h0, w->quotient);
+    add_weights(a, e0, (double[]){0, 0, 1, x0 + 2 * x1}, 1 / (h0 * h0), w->quotient_slope);
+    return;
+  }
+  /* Element by element, so that no difference of equal numbers is taken. */
+  int way = e1 > e0 ? 1 : -1, n = a->width;
+  double length = s1 - s0;
+  for (int e = e0; e != e1 + way; e += way) {
+    double h = s[e + 1] - s[e], x = e == e0 ? x0 : way < 0, y = e == e1 ? x1 : way > 0;
+    double mean[WINDOW_NODES] = {0}, share = (y - x) * h / length;
+    add_weights(a, e, (double[]){0, 1, x + y, x * x + x * y + y * y}, 1 / h, mean);
+    for (int k = 0; k < n; ++k) {
+      w->quotient[k] += share * mean[k];
+      w->quotient_slope[k] += share * (w->slope1[k] - mean[k]) / length;
+    }
+  }
+  if (fabs(length) <= 1e-6 * h0)
+    for (int k = 0; k < n; ++k) w->quotient_slope[k] = w->bend1[k] / 2;
+}
+
+/* x / sin(x) and its derivative, smooth at 0. */
+static double over_sine(double x) {
+  return fabs(x) < 1e-4 ? 1 + x * x / 6 : x / sin(x);
+}
+
+static double over_sine_slope(double x) {
+  return fabs(x) < 1e-2 ? x / 3 + 7 * x * x * x / 90 : (1 - x / tan(x)) / sin(x);
+}
+
+/* Positions, relative to a node of the window, at the start, and increments, of the window. */
+static void nodes_of(const Problem *p, const Slider *a, const double *D, double (*p0)[2],
+                     double (*Dp)[2]) {
+  for (int k = 0; k < a->width; ++k)
+    for (int i = 0; i < 2; ++i) {
+      int dof = a->dofs[3 * (a->first + k) + i];
+      p0[k][i] = a->position[2 * (a->first + k) + i] + p->q[dof];
+      Dp[k][i] = D[dof];
+    }
+}
+
+static double weigh(int n, const double *weights, double (*x)[2], int i) {
+  double total = 0;
+  for (int k = 0; k < n; ++k) total += weights[k] * x[k][i];
+  return total;
+}
+
+static double product_of(int n, const double *a, const double *b) {
+  double total = 0;
+  for (int k = 0; k < n; ++k) total += a[k] * b[k];
+  return total;
+}
+
+/* Rotation of the node: increment, its derivatives, virtual ones, and with H the derivatives of
+   these, times the moment (sliding.py). */
+static void slide_rotation(const Problem *p, Slider *a, const Weights *w, const double *D, double moment,
+                           double (*H)[LOCAL]) {
+  int n = a->width, o = 2 * n, s = 3 * n, exact = p->level == 0.5;
+  double psi0[WINDOW_NODES], psi1[WINDOW_NODES], psibar[WINDOW_NODES], x[WINDOW_NODES];
+  double mean[WINDOW_NODES], Ds = a->s1 - a->s0, l = p->level;
+  for (int k = 0; k < n; ++k) {
+    int dof = a->dofs[3 * (a->first + k) + 2];
+    psi0[k] = a->angle[a->first + k] + p->q[dof], psi1[k] = psi0[k] + D[dof], x[k] = D[dof] / 2;
+    psibar[k] = (psi0[k] + psi1[k]) / 2, mean[k] = (1 - l) * w->at0[k] + l * w->at1[k];
+  }
+  double Dpsi = product_of(n, w->at1, psi1) - product_of(n, w->at0, psi0);
+  double q = product_of(n, w->quotient, psibar);
+  double q_s = product_of(n, w->quotient_slope, psibar);
+  if (!H) {
+    a->increment[2] = Dpsi, a->T[2][s] = product_of(n, w->slope1, psi1);
+    memcpy(a->T[2] + o, w->at1, n * sizeof(double)), memcpy(a->hat[2] + o, mean, n * sizeof(double));
+    a->hat[2][s] = exact ? q : (1 - l) * product_of(n, w->slope0, psi0) + l * a->T[2][s];
+  } else if (!exact || p->rule != 0) {
+    for (int k = 0; k < n; ++k) {
+      H[o + k][s] = l * moment * w->slope1[k];
+      H[s][o + k] = l * moment * (exact ? w->quotient[k] : w->slope1[k]);
+    }
+    H[s][s] += moment * (exact ? q_s : l * product_of(n, w->bend1, psi1));
+  }
+  if (!exact || p->rule != 0) return;
+  double y = product_of(n, mean, x), y_c = Dpsi / 2, u = y_c - y, c[WINDOW_NODES];
+  for (int k = 0; k < n; ++k) c[k] = over_sine(x[k] - y) * cos(x[k]);
+  double total = product_of(n, mean, c), cosines = cos(y_c) * cos(y), beta = q / over_sine(u) / cosines;
+  if (!H) {
+    for (int k = 0; k < n; ++k) a->hat[2][o + k] = mean[k] * c[k] / total;
+    a->hat[2][s] = beta;
+    return;
+  }
+  double tilt[WINDOW_NODES], x_part[WINDOW_NODES], all = 0, bend = over_sine_slope(u) / over_sine(u);
+  for (int k = 0; k < n; ++k) {
+    tilt[k] = mean[k] * over_sine_slope(x[k] - y) * cos(x[k]);
+    x_part[k] = (tilt[k] - mean[k] * over_sine(x[k] - y) * sin(x[k])) / 2;
+    all += tilt[k];
+  }
+  for (int j = 0; j <= n; ++j) { /* by the rotation of node j, and last by s */
+    double y_by = j < n ? mean[j] / 2 : product_of(n, w->slope1, x) / 2;
+    double total_by = (j < n ? x_part[j] : product_of(n, w->slope1, c) / 2) - all * y_by;
+    double q_by = j < n ? w->quotient[j] / 2 : q_s, u_by = Ds / 2 * q_by + (j < n ? 0 : q / 2);
+    int column = j < n ? o + j : s;
+    for (int k = 0; k < n; ++k) {
+      double by = (j == k) * x_part[k] - tilt[k] * y_by + (j == n) * w->slope1[k] * c[k] / 2;
+      H[o + k][column] = moment * (by - mean[k] * c[k] / total * total_by) / total;
+    }
+    double beta_by = q_by / (over_sine(u) * cosines) - beta * bend * u_by;
+    beta_by += beta * (tan(y_c) * (y_by + u_by) + tan(y) * y_by);
+    if (j < n) H[s][column] = moment * beta_by;
+    else H[s][s] += moment * beta_by;
+  }
+}
+
+/* Increment of the node for that of its beam and of the arc length, the derivatives T and the virtual
+   increment. With H: the derivatives of hat^T F for the force F of the node. */
+static void slide_on(const Problem *p, Slider *a, const double *D, double (*H)[LOCAL]) {
+  int n = a->width, s = a->components * n, e0 = element_of(a, a->s0), e1 = element_of(a, a->s1);
+  int low, limit = a->elements - a->window;
+  e1 = e1 > e0 + a->most ? e0 + a->most : e1 < e0 - a->most ? e0 - a->most : e1;
+  low = (e0 < e1 ? e0 : e1) - 1;
+  a->at_window = low < 0 ? 0 : low > limit ? limit : low;
+  a->first = a->degree * a->at_window;
+  Weights weights, *w = &weights;
+  set_weights(a, e0, e1, a->s0, a->s1, w);
+  double p0[WINDOW_NODES][2], Dp[WINDOW_NODES][2], mean[WINDOW_NODES], Ds = a->s1 - a->s0, l = p->level;
+  double p1[WINDOW_NODES][2], pbar[WINDOW_NODES][2];
+  nodes_of(p, a, D, p0, Dp);
+  for (int k = 0; k < n; ++k) {
+    mean[k] = (1 - l) * w->at0[k] + l * w->at1[k];
+    for (int i = 0; i < 2; ++i) p1[k][i] = p0[k][i] + Dp[k][i], pbar[k][i] = p0[k][i] + Dp[k][i] / 2;
+  }
+  if (!H) {
+    memset(a->T, 0, sizeof a->T), memset(a->hat, 0, sizeof a->hat);
+    for (int i = 0; i < 2; ++i) {
+      a->increment[i] = weigh(n, w->at1, p1, i) - weigh(n, w->at0, p0, i);
+      memcpy(a->T[i] + i * n, w->at1, n * sizeof(double));
+      memcpy(a->hat[i] + i * n, mean, n * sizeof(double));
+      a->T[i][s] = weigh(n, w->slope1, p1, i);
+      a->hat[i][s] = (1 - l) * weigh(n, w->slope0, p0, i) + l * a->T[i][s];
+    }
+  } else {
+    memset(H, 0, LOCAL * sizeof *H);
+    for (int i = 0; i < 2; ++i)
+      for (int k = 0; k < n; ++k) H[i * n + k][s] = l * a->force[i] * w->slope1[k];
+  }
+  if (l != 0.5) {
+    for (int i = 0; H && i < 2; ++i) {
+      for (int k = 0; k < n; ++k) H[s][i * n + k] = l * a->force[i] * w->slope1[k];
+      H[s][s] += l * a->force[i] * weigh(n, w->bend1, p1, i);
+    }
+  } else {
+    int from = a->degree * e0 - a->first, to = from + a->degree, end[2] = {from, to};
+    double r[2], Dr[2], omega[2], turn[2][2], zeta[2], square, Dalpha;
+    for (int i = 0; i < 2; ++i) r[i] = pbar[to][i] - pbar[from][i], Dr[i] = Dp[to][i] - Dp[from][i];
+    square = r[0] * r[0] + r[1] * r[1];
+    omega[0] = -r[1] / square, omega[1] = r[0] / square;
+    Dalpha = omega[0] * Dr[0] + omega[1] * Dr[1];
+    zeta[0] = -weigh(n, w->quotient, Dp, 1) / 4, zeta[1] = weigh(n, w->quotient, Dp, 0) / 4;
+    if (!H)
+      for (int i = 0; i < 2; ++i) {
+        for (int j = 0; j < 2; ++j) {
+          a->hat[i][j * n + to] += Ds * zeta[i] * omega[j];
+          a->hat[i][j * n + from] -= Ds * zeta[i] * omega[j];
+        }
+        a->hat[i][s] = weigh(n, w->quotient, pbar, i) - zeta[i] * Dalpha;
+      }
+    else {
+      const double *F = a->force;
+      double G[2] = {F[1] / 4, -F[0] / 4}, by_r[2], Z = F[0] * zeta[0] + F[1] * zeta[1], Z_s = 0;
+      for (int i = 0; i < 2; ++i) Z_s += G[i] * weigh(n, w->quotient_slope, Dp, i);
+      for (int i = 0; i < 2; ++i)
+        for (int j = 0; j < 2; ++j)
+          turn[i][j] = ((i > j) * 0.5 - (i < j) * 0.5 - omega[i] * r[j]) / square;
+      for (int j = 0; j < 2; ++j) by_r[j] = omega[j] + turn[0][j] * Dr[0] + turn[1][j] * Dr[1];
+      for (int i = 0; i < 2; ++i) {
+        for (int k = 0; k < n; ++k) H[s][i * n + k] = (F[i] / 2 - G[i] * Dalpha) * w->quotient[k];
+        H[s][s] += F[i] * weigh(n, w->quotient_slope, pbar, i);
+        for (int f = 0; f < 2; ++f) {
+          double *row = H[i * n + end[f]], sign = f ? 1 : -1;
+          H[s][i * n + end[f]] -= sign * Z * by_r[i];
+          row[s] += sign * omega[i] * (Z + Ds * Z_s);
+          for (int j = 0; j < 2; ++j) {
+            for (int k = 0; k < n; ++k) row[j * n + k] += sign * Ds * omega[i] * G[j] * w->quotient[k];
+            row[j * n + to] += sign * Ds * Z * turn[i][j];
+            row[j * n + from] -= sign * Ds * Z * turn[i][j];
+          }
+        }
+      }
+      H[s][s] -= Dalpha * Z_s;
+    }
+  }
+  if (a->components == 3) slide_rotation(p, a, w, D, a->force[2], H);
+}
+
+/* Degree of freedom that belongs to a local one; -1 for the arc length. */
+static int local_dof(const Slider *a, int local) {
+  int n = a->width;
+  return local == a->components * n ? -1 : a->dofs[3 * (a->first + local % n) + local / n];
+}
+
+/* Change of the node's columns in z for small changes of all degrees of freedom. */
+static void spread_slider(const Slider *a, const double *change, double *z) {
+  int s = a->components * a->width;
+  for (int c = 0; c < a->components; ++c) {
+    double total = a->T[c][s] * z[a->column];
+    for (int k = 0; k < s; ++k) total += a->T[c][k] * change[local_dof(a, k)];
+    z[a->carried[c]] = total;
+  }
+}
+
+/* Adds the forces of the sliding nodes on their beams to forces r, and those on the slides to `out`. */
+static void carry(const Problem *p, const Work *w, double *r, double *out) {
+  for (int i = p->sliders - 1; i >= 0; --i) {
+    Slider *a = p->slider + i;
+    int s = a->components * a->width;
+    for (int c = 0; c < a->components; ++c) {
+      double force = out[a->carried[c]];
+      for (int k = a->entry_start[c]; k < a->entry_start[c + 1]; ++k)
+        force += a->entry_sign[k] * w->hat[a->entry_value[k]] * r[a->entry_row[k]];
+      a->force[c] = force;
+    }
+    for (int c = 0; c < a->components; ++c) {
+      for (int k = 0; k < s; ++k) r[local_dof(a, k)] += a->force[c] * a->hat[c][k];
+      out[a->column] += a->force[c] * a->hat[c][s];
+    }
+  }
+}
+
+/* Eliminates the columns of the sliding nodes from the tangent. */
+static void eliminate_sliders(const Problem *p, const Work *w) {
+  double *K = w->tangent, H[LOCAL][LOCAL];
+  for (int i = p->sliders - 1; i >= 0; --i) {
+    Slider *a = p->slider + i;
+    int m = a->components, around = a->around, start = a->window_start[a->at_window];
+    int L = a->window_start[a->at_window + 1] - start;
+    long square = a->inside_start[a->at_window];
+    const int *local = a->local + start, *above = a->above + (long)around * start;
+    const int *beside = a->beside + (long)around * start, *inside = a->inside + square;
+    double *T = a->entry_T, *hat = a->entry_hat, *KT = a->entry_KT, own[3][3];
+    slide_on(p, a, w->D, H);
+    for (int c = 0; c < m; ++c)
+      for (int d = 0; d < m; ++d) own[c][d] = K[a->own_place[c * m + d]];
+    for (int e = 0; e < L; ++e) {
+      double of_T = a->sign[start + e] * w->values[a->value[start + e]];
+      double of_hat = a->sign[start + e] * w->hat[a->value[start + e]];
+      for (int c = 0; c < m; ++c) {
+        T[c * L + e] = of_T * a->T[c][local[e]], hat[c * L + e] = of_hat * a->hat[c][local[e]];
+        KT[c * L + e] = 0;
+      }
+      a->entry_factor[2 * e] = of_T, a->entry_factor[2 * e + 1] = of_hat;
+    }
+    for (int c = 0; c < m; ++c)
+      for (int d = 0; d < m; ++d)
+        for (int e = 0; e < L; ++e) KT[c * L + e] += own[c][d] * T[d * L + e];
+    for (int k = 0; k < around; ++k)
+      for (int c = 0; c < m; ++c) {
+        double left = K[a->left_place[k * m + c]], right = K[a->right_place[k * m + c]];
+        for (int e = 0; e < L; ++e) {
+          K[beside[k * L + e]] += left * T[c * L + e];
+          K[above[k * L + e]] += right * hat[c * L + e];
+        }
+      }
+    for (int e = 0; e < L; ++e)
+      for (int f = 0; f < L; ++f) {
+        double total = a->entry_factor[2 * e + 1] * H[local[e]][local[f]] * a->entry_factor[2 * f];
+        for (int c = 0; c < m; ++c) total += hat[c * L + e] * KT[c * L + f];
+        K[inside[e * L + f]] += total;
+      }
+  }
+}
+
+/* Whether a node leaves its beam in the step, or passes too many elements. */
+static int leaves_beam(const Problem *p) {
+  for (int i = 0; i < p->sliders; ++i) {
+    const Slider *a = p->slider + i;
+    double length = a->ends[a->elements], off = fmax(-a->s1, a->s1 - length);
+    int passed = element_of(a, a->s1) - element_of(a, a->s0);
+    if (off > 1e-12 * length || passed > a->most || passed < -a->most) return 1;
+  }
+  return 0;
+}
+
+/* Rate of the arc length at the start of the step. */
+static double slider_rate(const Problem *p, const Slider *a) {
+  double s = p->slide[a->joint], along[2] = {0}, apart[2], square;
+  Weights weights;
+  Slider at = *a;
+  int e = element_of(a, s), low = e - 1, limit = a->elements - a->window;
+  at.first = a->degree * (low < 0 ? 0 : low > limit ? limit : low);
+  set_weights(&at, e, e, s, s, &weights);
+  for (int i = 0; i < 2; ++i) apart[i] = p->v[a->node[i]];
+  for (int k = 0; k < a->width; ++k)
+    for (int i = 0; i < 2; ++i) {
+      int dof = a->dofs[3 * (at.first + k) + i];
+      along[i] += weights.slope1[k] * (a->position[2 * (at.first + k) + i] + p->q[dof]);
+      apart[i] -= weights.at1[k] * p->v[dof];
+    }
+  square = along[0] * along[0] + along[1] * along[1];
+  return (apart[0] * along[0] + apart[1] * along[1]) / square;
+}

@@ -1,0 +1,77 @@
+"""Sliding nodes among the trees of joints: their checks, their order, and what follows them."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from fx_beam.errors import SceneError
+from fx_beam.fem.mesh import Mesh
+from fx_beam.scene.beam import COMPONENTS
+from fx_beam.scene.joints import Joint
+from fx_beam.scene.scene import Scene
+from fx_beam.scene.sliders import SlidingJoint, sliding_joints
+
+
+def hold_sliding_nodes(joints: Iterable[Joint], held: list[set[int]]) -> list[SlidingJoint]:
+    """Joints of sliding nodes; adds what a beam holds to nodes held in x, y and rotation.
+
+    SceneError for a sliding node that is supported, or that slides on two beams.
+    """
+    sliding = sliding_joints(joints)
+    for joint in sliding:
+        others = [other for other in sliding if other.b is joint.b]
+        if len(others) > 1:
+            names = "; ".join(map(str, others))
+            raise SceneError(
+                f"over-constrained: {names}: {joint.b} slides on two beams. Let two nodes slide, "
+                "and join them by a beam"
+            )
+        for _, node, i in joint.carried:
+            if node in held[i]:
+                raise SceneError(
+                    f"over-constrained: {joint}: {COMPONENTS[i]} of the node is supported, but the "
+                    "beam moves it. Remove the support, or join a supported node to it by a beam"
+                )
+    for joint in sliding:
+        for _, node, i in joint.carried:
+            held[i].add(node)
+    return sliding
+
+
+def with_order(scene: Scene, mesh: Mesh, couplings: Any, forests: list[list]) -> Any:
+    """The `Couplings` whose sliding joints are in order, with what follows through them."""
+    for joint in couplings.sliding:
+        for i in range(len(couplings.carried[joint.number])):
+            below = {joint.b.number}
+            for branch in forests[i]:  # parents come first
+                if branch.parent in below:
+                    below.add(branch.node)
+            couplings.sign[i, joint.number] = 1.0
+            couplings.subtree[i][joint.number] = np.array(sorted(below))
+    owner = {c: number for number, own in couplings.carried.items() for c in own}
+    needs = {
+        joint.number: {
+            owner[column]
+            for node in mesh.nodes_of(scene, joint.beam)
+            for dof in mesh.dofs[node]
+            for column, _, _ in couplings.entries(int(dof))
+            if column in owner
+        }
+        for joint in couplings.sliding
+    }
+    left, order = list(couplings.sliding), list[SlidingJoint]()
+    while left:
+        ready = [j for j in left if not needs[j.number] - {done.number for done in order}]
+        if not ready:
+            names = "; ".join(map(str, left))
+            raise SceneError(
+                f"over-constrained: {names}: the beams on which they slide hang on their own "
+                "nodes. Remove one of them"
+            )
+        order += ready
+        left = [j for j in left if j not in ready]
+    return replace(couplings, sliding=order)
