@@ -33,6 +33,7 @@ PICTURES = {
     ),
     "damping_scan": ("lost.png",),
     "slider_crank": ("scene.png", "shapes.png", "slider.png", "rod_motor_energy.png", "motion.gif"),
+    "moving_mass": ("scene.png", "deflection_and_force.png", "motion.gif"),
     "monte_carlo": ("histogram.png",),
     "design_map": ("map.png",),
     "ring": ("scene.png", "modes.png", "shapes.png", "energy.png", "motion.gif"),
