@@ -344,6 +344,44 @@ def long_runs(quick):
         yield Case("Many steps, dt = 0.01 s", label, scene, 0.01, 0.01 * many, drifts=True)
 
 
+# A free beam of so many elements, on which a bead slides; element and step [m, s].
+BEAD_ELEMENTS, BEAD_LENGTH, BEAD_DT = 12, 0.5, 0.01
+
+
+def bead(factor=1.0, mass=1.0, passed=0.1):
+    """A bead on a free beam that rotates: it passes so many elements in a step at the start.
+
+    EA and GA of the beam are multiplied by a factor; the mass is that over the beam's.
+    """
+    section = fb.Section(EA=1e4 * factor, GA=1e4 * factor, EI=50.0, rhoA=1.0, rhoI=0.01)
+    scene, length = fb.Scene(), BEAD_ELEMENTS * BEAD_LENGTH
+    rod = scene.add_beam([(0, 0), (length, 0)], section, BEAD_ELEMENTS)
+    start = rod.nodes[1]
+    post = scene.add_beam([(start.x, 0), (start.x, 0.3)], section)
+    scene.add_mass(post.start, mass * length, inertia=0.01 * mass * length)
+    scene.add_joint(fb.Slider(rod, post.start))
+    scene.set_velocity(rod, lambda x, y: (-0.3 * y, 0.3 * (x - length / 2)), spin=0.3)
+    along = passed * BEAD_LENGTH / BEAD_DT
+    scene.set_velocity(post, lambda x, y: (along - 0.3 * y, 0.3 * (x - length / 2)), spin=0.3)
+    return scene
+
+
+def on_bead(group, label, passed=0.1, **constants):
+    t_end = 8 / passed * BEAD_DT  # over eight elements, if it stays as fast
+    return Case(group, label, partial(bead, passed=passed, **constants), BEAD_DT, t_end)
+
+
+def sliders(quick):
+    """Nodes that slide on a beam: stiffer beams, light and heavy beads, slow and fast ones."""
+    name = f"Bead on a free beam, dt = {BEAD_DT:g} s: "
+    for label, factor in powers(*(2,) if quick else (0, 2, 4, 6)):
+        yield on_bead(name + "EA and GA times", label, factor=factor)
+    for label, mass in () if quick else powers(-4, -2, 0, 2, 4):
+        yield on_bead(name + "mass over the beam's", label, mass=mass)
+    for passed in () if quick else (0.05, 0.5, 1.0, 4.0):
+        yield on_bead(name + "elements passed in a step", f"{passed:g}", passed=passed)
+
+
 def whip(**contact):
     return WHIP.scene(**contact)[0]
 
@@ -373,7 +411,7 @@ def stops(quick):
         yield Case(group, f"{restitution:g}", scene, RING.DT, 2.0)
 
 
-GROUPS = stiffness, frequency, masses, meshes, spins, loads, steps, softness, long_runs, stops
+GROUPS = stiffness, frequency, masses, meshes, spins, loads, steps, softness, sliders, long_runs, stops
 
 
 def tolerances(quick):

@@ -78,6 +78,7 @@ def test_the_cases_cover_what_is_stiff_and_extreme(report):
         "dt over",
         "EI times",
         "String",
+        "Bead",
         "Many steps",
         "stiffness of the peg",
     ):
