@@ -228,6 +228,52 @@ def test_two_wheels_of_a_carriage_roll_over_a_bridge():
     assert abs(solution.energy.balance_error).max() < 1e-11 * solution.energy.kinetic.max()
 
 
+@pytest.mark.parametrize("make", KINDS)
+def test_a_body_slides_on_a_beam_and_keeps_energy_and_momenta(make):
+    scene = fb.Scene()
+    rod = scene.add_beam(SHAPES["straight"], SOFT, elements=12)
+    body = scene.add_body((0.5, 0.2), 1.0, 0.1, points={"hook": (0.5, 0.0)})
+    joint = scene.add_joint(make(rod, body["hook"]))
+    scene.set_velocity(body.centre, (8.0, 1.0), spin=1.0)
+    scene.make_velocities_compatible()
+    solution = fb.simulate(scene, dt=0.01, t_end=0.6)
+    assert solution.slide(joint)[-1] > 5
+    assert drift(solution.energy.total) < 1e-11
+    assert drift(solution.linear_momentum) < 1e-11
+    assert drift(solution.angular_momentum) < 1e-11
+
+
+def test_a_closed_loop_of_bodies_and_a_slider_share_a_scene_but_no_node():
+    def made(wheels=False):
+        scene = fb.Scene(gravity=(0, -9.81))
+        rod = scene.add_beam(SHAPES["straight"], SOFT, elements=12)
+        scene.pin(rod.start)
+        scene.pin(rod.end)
+        ends = [(10, 0), (10, 1), (11.5, 1.5), (11.5, 0)]
+        scene.add_joint(fb.Slider(rod, scene.add_body((1.3, 0), 1.0, 0.1).centre))
+        last = fb.GROUND
+        for start, end in zip(ends[:-1], ends[1:], strict=True):
+            middle = tuple(np.mean([start, end], axis=0))
+            bar = scene.add_body(middle, 1.0, 0.1, points={"a": start, "b": end})
+            scene.add_joint(fb.Revolute(last, bar["a"]))
+            last = bar["b"]
+        scene.add_joint(fb.Revolute(last, fb.GROUND))
+        if wheels:
+            points = {"left": (3, 0), "right": (3.6, 0)}
+            carriage = scene.add_body((3.3, 0.2), 1.0, 0.1, points=points)
+            for name in points:
+                scene.add_joint(fb.Slider(rod, carriage[name]))
+        return scene
+
+    runs = [
+        fb.simulate(made(), dt=0.01, t_end=0.3, solver=solver) for solver in ("compiled", "petsc")
+    ]
+    assert abs(runs[0].q - runs[1].q).max() < 1e-10
+    assert abs(runs[0].energy.balance_error).max() < 1e-11
+    with pytest.raises(fb.SceneError, match="closed loop of rigid members contains a node that"):
+        fb.simulate(made(wheels=True), dt=0.01, t_end=0.01)
+
+
 # -- References --------------------------------------------------------------------------------
 
 

@@ -116,8 +116,8 @@ def Slider(
     """A node that slides along a flexible beam, over all of its elements; it rotates freely.
 
     The node lies on the axis of the beam, made smooth where elements meet; the forces act on both,
-    opposite to each other, and keep energy and momenta exactly. It is a node of another beam, which
-    moves with it. `Solution.slide` is its arc length from the start of the beam [m]. A node that
+    opposite to each other, and keep energy and momenta exactly. It is a node of another beam or of
+    a body, which move with it. `Solution.slide` is its arc length from the start of the beam [m]. A node that
     runs off an end of the beam ends the run with a `StepError` of the kind "off the end".
 
     Parameters
@@ -125,7 +125,7 @@ def Slider(
     beam : Beam
         The beam that guides.
     node : Node
-        The node that slides, of another beam. It must lie on the beam at the start.
+        The node that slides, of another beam or of a body. It must lie on the beam at the start.
     fraction : float, optional
         Its place at the start, as a fraction of the beam's length; by default the nearest point.
         Needed where the beam crosses itself.
@@ -157,11 +157,9 @@ def Slider(
     >>> bridge = scene.add_beam([(0, 0), (4, 0)], section, elements=8)
     >>> scene.pin(bridge.start)
     >>> scene.fix(bridge.end, "y")
-    >>> car = scene.add_beam([(0, 0), (0, 0.1)], section)
-    >>> scene.add_mass(car.start, 3.0, inertia=0.1)
-    >>> mass = scene.add_joint(fb.Slider(bridge, car.start, motor=lambda t: 2 * t))
-    >>> scene.set_velocity(car, (2.0, 0.0))
-    >>> scene.fix(car.end, "rotation")
+    >>> car = scene.add_body((0, 0), mass=3.0, inertia=0.1)
+    >>> mass = scene.add_joint(fb.Slider(bridge, car.centre, motor=lambda t: 2 * t))
+    >>> scene.set_velocity(car.centre, (2.0, 0.0))
     >>> solution = fb.simulate(scene, dt=0.01, t_end=1.0)
     >>> round(float(solution.slide(mass)[-1]), 9)
     2.0
@@ -188,7 +186,7 @@ def Sleeve(
     beam : Beam
         The beam that guides; it has no corners.
     node : Node
-        The node that slides, of another beam. It must lie on the beam at the start.
+        The node that slides, of another beam or of a body. It must lie on the beam at the start.
     fraction : float, optional
         Its place at the start, as a fraction of the beam's length; by default the nearest point.
     spring, damper : Spring, Damper, optional
@@ -241,7 +239,7 @@ def _sliding(kind, beam, node, fraction, parts, rotation) -> SlidingJoint:
             "PinInSlot or Prismatic"
         )
     if not isinstance(node, Node):
-        raise SceneError(f"{kind}: {node!r} is not a node; take one from another beam")
+        raise SceneError(f"{kind}: {node!r} is not a node; take one from another beam or a body")
     if any(node is own for own in beam.nodes):
         raise SceneError(
             f"{kind}: {node} belongs to beam {beam.name!r}. Take a node of another one"
