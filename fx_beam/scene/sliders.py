@@ -117,8 +117,9 @@ def Slider(
 
     The node lies on the axis of the beam, made smooth where elements meet; the forces act on both,
     opposite to each other, and keep energy and momenta exactly. It is a node of another beam or of
-    a body, which move with it. `Solution.slide` is its arc length from the start of the beam [m]. A node that
-    runs off an end of the beam ends the run with a `StepError` of the kind "off the end".
+    a body, which move with it. `Solution.slide` is its arc length from the start of the beam [m].
+    A node that runs off an end of the beam ends the run with a `StepError` of the kind "off the
+    end".
 
     Parameters
     ----------
