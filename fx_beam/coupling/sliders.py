@@ -21,6 +21,10 @@ from .graph import Couplings
 from .sliding import Sliding
 
 
+# A node may be beyond the end of a beam by this part of the length: rounding of a node at rest there.
+_BEYOND = 1e-9
+
+
 class Window(NamedTuple):
     """Entries of the local degrees of freedom in a window, and their places in the tangent."""
 
@@ -88,10 +92,6 @@ class Sliders:
             [(rows[on], places[on], signs[on]) for on in (columns == c for c in slide.columns)]
             for slide in self.all
         ]
-
-    def of(self, joint: SlidingJoint) -> Slide:
-        """The node of a joint."""
-        return next(slide for slide in self.all if slide.joint.number == joint.number)
 
     # -- The pattern of the tangent -------------------------------------------------------------
 
@@ -175,7 +175,7 @@ class Sliders:
         """Kind and reason of a step that leaves a beam, or passes too many elements; or None."""
         for slide in self.all:
             relation, joint = slide.relation, slide.joint
-            if (off := relation.off_the_end()) > 1e-12 * slide.path.length:
+            if (off := relation.off_the_end()) > _BEYOND * slide.path.length:
                 end = "start" if relation.s1 < 0 else "end"
                 return (
                     "off the end",

@@ -315,7 +315,7 @@ static int leaves_beam(const Problem *p) {
     const Slider *a = p->slider + i;
     double length = a->ends[a->elements], off = fmax(-a->s1, a->s1 - length);
     int passed = element_of(a, a->s1) - element_of(a, a->s0);
-    if (off > 1e-12 * length || passed > a->most || passed < -a->most) return 1;
+    if (off > 1e-9 * length || passed > a->most || passed < -a->most) return 1;
   }
   return 0;
 }
