@@ -20,8 +20,7 @@ from fx_beam.scene.sliders import SlidingJoint
 from .graph import Couplings
 from .sliding import Sliding
 
-
-# A node may be beyond the end of a beam by this part of the length: rounding of a node at rest there.
+# A node at rest on the end of a beam may be beyond it, by this part of the length.
 _BEYOND = 1e-9
 
 
