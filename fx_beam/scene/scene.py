@@ -190,7 +190,7 @@ class Scene(Bodies):
         Parameters
         ----------
         joint : Joint
-            Created by `Rigid`, `Revolute`, `Prismatic` or `PinInSlot`.
+            Created by `Rigid`, `Revolute`, `Prismatic`, `PinInSlot`, `Slider` or `Sleeve`.
 
         Returns
         -------
