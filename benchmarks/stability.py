@@ -411,7 +411,19 @@ def stops(quick):
         yield Case(group, f"{restitution:g}", scene, RING.DT, 2.0)
 
 
-GROUPS = stiffness, frequency, masses, meshes, spins, loads, steps, softness, sliders, long_runs, stops
+GROUPS = (
+    stiffness,
+    frequency,
+    masses,
+    meshes,
+    spins,
+    loads,
+    steps,
+    softness,
+    sliders,
+    long_runs,
+    stops,
+)
 
 
 def tolerances(quick):

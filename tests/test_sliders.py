@@ -465,6 +465,22 @@ def test_a_tolerance_chooses_steps_and_rows_between_them_lie_on_the_beam():
     assert solution.joint(joint).gap.max() < 1e-7
 
 
+@pytest.mark.parametrize("make", KINDS)
+def test_stops_before_the_ends_turn_a_node_back(make):
+    scene, _ = thrown(make)
+    scene.joints.clear()
+    rod, bead = scene.beams
+    joint = scene.add_joint(make(rod, bead.start, stop=(0.0, 5.5, 1e4)))
+    solution = fb.simulate(scene, dt=0.005, t_end=1.2)
+    slide = solution.slide(joint)
+    assert 5.5 < slide.max() < 5.7 and slide[-1] < 5.0
+    assert drift(solution.energy.total) < 1e-11
+    assert drift(solution.linear_momentum) < 1e-11
+    assert drift(solution.angular_momentum) < 1e-11
+    with pytest.raises(fb.SceneError, match="its slide starts at 0, beyond the lower limit 1"):
+        scene.add_joint(make(rod, bead.start, stop=(1.0, 5.5, 1e4)))
+
+
 # -- Refusals ----------------------------------------------------------------------------------
 
 

@@ -15,6 +15,7 @@ from .beam import Beam, Node
 from .coordinate import Coordinate, Damper, Friction, Spring, checked_coordinate
 from .joints import GROUND, Joint
 from .path import Path
+from .stop import Stop
 
 
 @dataclass(frozen=True, eq=False)
@@ -96,6 +97,8 @@ class SlidingJoint(Joint):
                 f"{self}: the beam has corners, at which the rotation of a sleeve would jump. Use "
                 "an fx_beam.spline or arc for the beam, or a Slider"
             )
+        if self.slide is not None and self.slide.stop is not None:
+            self.slide.stop.check_start(self.start()[0], 1e-9 * size, f"{self}: its slide")
         motor = self.slide.motor if self.slide else None
         if motor is not None and not abs(place := motor(0.0)[0]) <= 1e-9 * size:
             raise SceneError(
@@ -112,6 +115,7 @@ def Slider(
     damper: Damper | None = None,
     motor=None,
     friction: Friction | None = None,
+    stop: Stop | tuple | None = None,
 ) -> SlidingJoint:
     """A node that slides along a flexible beam, over all of its elements; it rotates freely.
 
@@ -136,6 +140,8 @@ def Slider(
         ``motor(t)``, the change of the arc length since the start [m]; zero at t = 0.
     friction : Friction, optional
         On the arc length.
+    stop : Stop or (lower, upper, stiffness), optional
+        On the arc length [m, N/m], before an end of the beam is reached; a limit may be None.
 
     Returns
     -------
@@ -165,7 +171,9 @@ def Slider(
     >>> round(float(solution.slide(mass)[-1]), 9)
     2.0
     """
-    return _sliding("Slider", beam, node, fraction, (spring, damper, motor, friction), Coordinate())
+    return _sliding(
+        "Slider", beam, node, fraction, (spring, damper, motor, friction, stop), Coordinate()
+    )
 
 
 def Sleeve(
@@ -176,6 +184,7 @@ def Sleeve(
     damper: Damper | None = None,
     motor=None,
     friction: Friction | None = None,
+    stop: Stop | tuple | None = None,
 ) -> SlidingJoint:
     """A node that slides along a flexible beam and turns with it.
 
@@ -196,6 +205,8 @@ def Sleeve(
         ``motor(t)``, the change of the arc length since the start [m]; zero at t = 0.
     friction : Friction, optional
         On the arc length.
+    stop : Stop or (lower, upper, stiffness), optional
+        On the arc length [m, N/m], before an end of the beam is reached; a limit may be None.
 
     Returns
     -------
@@ -223,7 +234,7 @@ def Sleeve(
     >>> round(math.degrees(solution.rotation(rod.start)[-1]), 1)
     90.0
     """
-    return _sliding("Sleeve", beam, node, fraction, (spring, damper, motor, friction), None)
+    return _sliding("Sleeve", beam, node, fraction, (spring, damper, motor, friction, stop), None)
 
 
 def sliding_joints(joints: Iterable[Joint]) -> list[SlidingJoint]:

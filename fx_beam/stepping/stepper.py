@@ -185,8 +185,8 @@ class Stepper:
         )
         if failure.kind == "off the end":
             advice = (
-                "The steps before are kept. Use a longer beam, an earlier t_end, or a Spring or "
-                "Damper on the slide that stops the node"
+                "The steps before are kept. Use a longer beam, an earlier t_end, or a stop on the "
+                "slide that turns the node back"
             )
         what = f"the step from t = {state.t:.6g} to {t1:.6g} failed"
         return self.single.error(what, halvings, state.t, failure, advice)
