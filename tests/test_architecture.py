@@ -162,6 +162,7 @@ HOUSE = {
         "sweep",
     ],
     "plot": [
+        "slide_direction",
         "symbols",
         "time_curves",
         "colouring",

@@ -13,7 +13,8 @@ from fx_beam.results.fields import nodes_of_elements
 from fx_beam.scene.beam import Node, lagrange
 from fx_beam.scene.joints import GROUND, Joint
 from fx_beam.scene.loads import Load
-from fx_beam.scene.sliders import SlidingJoint
+
+from .slide_direction import slide_direction
 
 # A ring for a hinge, a square for a slide; rigid joints are not marked.
 _SLIDES = "Prismatic", "PinInSlot", "Slider", "Sleeve"
@@ -338,7 +339,7 @@ def _draw_friction(ax, drawing: Drawing, k: int, colour) -> list:
     for joint in drawing.scene.joints:
         place, width = _place_of(drawing, joint, k), _SPRING_WIDTH * drawing.size
         if joint.slide is not None and joint.slide.friction is not None:
-            along = _direction(drawing, joint, k)
+            along = slide_direction(drawing, joint, k)
             shoes = _SHOES[:, :1] * along + _SHOES[:, 1:] * (-along[1], along[0])
             on_b = place if joint.b is GROUND else drawing.places(joint.b.number, k)
             drawn += ax.plot(*(on_b + width * shoes).T, **look)
@@ -354,26 +355,14 @@ def _place_of(drawing: Drawing, joint: Joint, k: int) -> np.ndarray:
 
 def _spring_ends(drawing: Drawing, joint: Joint, k: int) -> tuple[np.ndarray, np.ndarray]:
     """Ends of the spring on a slide: its node, and its point on node a or on the ground."""
-    if isinstance(joint, SlidingJoint):  # a short one, from the side of the beam's start
+    if joint.axis is None:  # on a beam: a short one, from the side of its start
         place = drawing.places(joint.b.number, k)
-        return place - _SPRING_END * drawing.size * _direction(drawing, joint, k), place
-    assert joint.axis is not None
+        return place - _SPRING_END * drawing.size * slide_direction(drawing, joint, k), place
     if not _is_grounded(joint):
         return _place_on_a(drawing, joint, k), drawing.places(joint.b.number, k)
     node = joint.a if joint.b is GROUND else joint.b
     far = -_SPRING_END * drawing.size * joint.axis
     return drawing.solution.X[node.number] + far, drawing.places(node.number, k)
-
-
-def _direction(drawing: Drawing, joint: Joint, k: int) -> np.ndarray:
-    """Unit vector of a slide in row k; on a beam that of the nodes beside the sliding node."""
-    if not isinstance(joint, SlidingJoint):
-        return drawing.turned(joint.a, k, joint.axis)
-    places = drawing.places(drawing.solution.nodes_of_beam[joint.beam.name], k)
-    nearest = int(np.argmin(np.hypot(*(places - drawing.places(joint.b.number, k)).T)))
-    ahead, behind = min(nearest + 1, len(places) - 1), max(nearest - 1, 0)
-    along = places[ahead] - places[behind]
-    return along / np.hypot(*along)
 
 
 def _zigzag(a: np.ndarray, b: np.ndarray, size: float) -> np.ndarray:

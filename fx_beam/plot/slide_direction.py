@@ -1,0 +1,21 @@
+"""Directions of slides in pictures."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from fx_beam.scene.joints import Joint
+from fx_beam.scene.sliders import SlidingJoint
+
+
+def slide_direction(drawing: Any, joint: Joint, k: int) -> np.ndarray:
+    """Unit vector (2,) of a slide in row k; on a beam that of the nodes beside the sliding node."""
+    if not isinstance(joint, SlidingJoint):
+        return drawing.turned(joint.a, k, joint.axis)
+    places = drawing.places(drawing.solution.nodes_of_beam[joint.beam.name], k)
+    nearest = int(np.argmin(np.hypot(*(places - drawing.places(joint.b.number, k)).T)))
+    ahead, behind = min(nearest + 1, len(places) - 1), max(nearest - 1, 0)
+    along = places[ahead] - places[behind]
+    return along / np.hypot(*along)
