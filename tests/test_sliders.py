@@ -481,6 +481,24 @@ def test_stops_before_the_ends_turn_a_node_back(make):
         scene.add_joint(make(rod, bead.start, stop=(1.0, 5.5, 1e4)))
 
 
+def test_a_motion_measures_slide_and_rate_and_its_linear_system_has_them():
+    scene, joint = thrown()
+    outputs = {name: fb.Output(name, joint) for name in ("slide", "rate", "force")}
+    motion = fb.Motion(scene, dt=0.01, outputs=outputs)
+    for _ in range(20):
+        found = motion.step()
+    solution = fb.simulate(scene, dt=0.01, t_end=0.2)
+    assert found["slide"] == pytest.approx(solution.slide(joint)[-1], abs=1e-11)
+    assert found["rate"] == pytest.approx(solution.joint(joint).rate[-1], abs=1e-9)
+    assert found["force"] == pytest.approx(solution.joint_force(joint)[-1], rel=1e-8)
+    outputs.pop("force")
+    system = fb.linearise(scene, at=motion, outputs=outputs)
+    slide, rate = np.asarray(system.C)
+    assert slide @ np.asarray(system.A) == pytest.approx(rate, abs=1e-9 * abs(rate).max())
+    with pytest.raises(fb.SceneError, match="measure the rotation of the node that slides"):
+        fb.Motion(scene, dt=0.01, outputs={"angle": fb.Output("angle", joint)})
+
+
 # -- Refusals ----------------------------------------------------------------------------------
 
 

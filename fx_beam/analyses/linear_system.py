@@ -311,7 +311,7 @@ def _rows(about: Deviations, output: Output) -> tuple[np.ndarray, np.ndarray]:
     model, T, dT, at = about.model, about.T, about.dT, output.of
     dofs = model.mesh.dofs
     if isinstance(at, Joint):
-        if output.quantity == "slide" or (output.quantity == "rate" and at.axis is not None):
+        if output.quantity == "slide" or (output.quantity == "rate" and at.slide is not None):
             column = model.couplings.slides[at.number]
             moved, rates = (part[column][None] for part in (about.S, about.dS))
         else:

@@ -8,9 +8,11 @@ from typing import Any, Protocol
 
 import numpy as np
 
+from fx_beam.coupling.sliding import rate_along
 from fx_beam.model.model import Model
 from fx_beam.scene.joints import GROUND, Joint
 from fx_beam.scene.outputs import Output
+from fx_beam.scene.sliders import SlidingJoint
 
 Reading = Callable[[], Any]
 
@@ -74,6 +76,13 @@ def _of_joint(model: Model, source: Source, turns: np.ndarray, output: Output) -
         return float(after if a is None else after - values[a[i]])
 
     def rate():
+        if isinstance(joint, SlidingJoint):
+            own, s = (
+                dofs[model.mesh.nodes_of(model.scene, joint.beam), :2],
+                source.now.slides[number],
+            )
+            v_node = source.now.v[dofs[joint.b.number, :2]]
+            return rate_along(joint.path, s, source.now.q[own], source.now.v[own], v_node)
         if joint.axis is None:
             return between(source.now.v, 2)
         x, y = between(source.now.v, 0), between(source.now.v, 1)
