@@ -9,6 +9,7 @@ from typing import Any
 import ufl
 from ufl.algorithms.apply_algebra_lowering import apply_algebra_lowering
 from ufl.algorithms.apply_derivatives import apply_derivatives
+from ufl.classes import Abs, Conditional, MaxValue, MinValue
 from ufl.constantvalue import Zero
 from ufl.corealg.traversal import unique_pre_traversal
 
@@ -18,6 +19,9 @@ from fx_beam.validation import fields_in, refuse_fields, require
 from .internal_variables import InternalVariables, check_dissipation
 
 Energy = Callable[..., Any]
+
+# Operators of functions that are defined piece by piece.
+_OF_PIECES = Abs, Conditional, MaxValue, MinValue
 
 
 @dataclass(frozen=True)
@@ -124,9 +128,11 @@ def own_law(energy: Energy) -> Law:
 
 
 def is_quadratic(energy: Energy) -> bool:
-    """Whether the third derivative of a function of one variable is zero."""
+    """Whether the third derivative of a function of one variable is zero, and it has no pieces."""
     s = ufl.variable(ufl.as_ufl(0.1))
     third = ufl.as_ufl(energy(s))
+    if any(isinstance(part, _OF_PIECES) for part in unique_pre_traversal(third)):
+        return False  # between two pieces no derivative tells of the other
     for _ in range(3):
         third = ufl.diff(third, s)
     return isinstance(apply_derivatives(apply_algebra_lowering(third)), Zero)
