@@ -338,6 +338,44 @@ def test_a_sleeve_on_a_turning_arm_moves_as_exp_and_turns_with_it():
     assert (found[1:] + found[:-1]) / 2 == pytest.approx(along, abs=1e-4)
 
 
+def flexible_arm(EI, motor=None, rhoA=1e-3):
+    """An arm that turns about its start, and a body of 1 kg that slides outwards on it."""
+    scene, rate = fb.Scene(), 2.0
+    section = fb.Section(EA=1e6, GA=1e6, EI=EI, rhoA=rhoA, rhoI=1e-3 * rhoA)
+    arm = scene.add_beam([(0, 0), (3, 0)], section, elements=30)
+    scene.add_joint(fb.Revolute(fb.GROUND, arm.start, motor=motor))
+    body = scene.add_body((0.4, 0.0), 1.0, 1e-4)
+    joint = scene.add_joint(fb.Sleeve(arm, body.centre))
+    scene.set_velocity(arm, lambda x, y: (-rate * y, rate * x), spin=rate)
+    scene.set_velocity(body, (0.0, 0.4 * rate), spin=rate)
+    return scene, body, joint
+
+
+def test_a_sleeve_bends_a_turning_arm_by_the_coriolis_force():
+    rate, EI = 2.0, 5e3
+    scene, body, joint = flexible_arm(EI, motor=lambda t: rate * t)
+    solution = fb.simulate(scene, dt=1e-3, t_end=1.0)
+    slide, motion = solution.slide(joint), solution.joint(joint)
+    assert slide == pytest.approx(0.4 * np.cosh(rate * solution.t), rel=2e-3)
+    x, y = solution.position(body.centre).T
+    c, s = np.cos(rate * solution.t), np.sin(rate * solution.t)
+    bent = (c * y - s * x)[-300:]
+    force = (2 * rate * motion.rate)[-300:]  # on 1 kg, across the arm
+    assert bent == pytest.approx(-force * slide[-300:] ** 3 / (3 * EI), rel=0.02)
+    turned = solution.rotation(body.centre)[-300:] - rate * solution.t[-300:]
+    assert turned == pytest.approx(-force * slide[-300:] ** 2 / (2 * EI), rel=0.02)
+
+
+def test_a_sleeve_on_a_soft_arm_keeps_energy_and_the_moment_of_momentum():
+    scene, body, joint = flexible_arm(EI=5.0, rhoA=1.0)
+    solution = fb.simulate(scene, dt=5e-3, t_end=1.2)
+    assert solution.slide(joint)[-1] > 1.0
+    bent = solution.rotation(body.centre) - solution.rotation(scene.beams[0].start)
+    assert abs(bent).max() > 0.2
+    assert drift(solution.energy.total) < 1e-11
+    assert drift(solution.angular_momentum) < 1e-11  # about the hinge, at the origin
+
+
 def test_a_motor_moves_the_node_and_its_work_is_in_the_balance():
     scene, node, joint = wire(2, 12, fb.Sleeve, at=0.25, motor=lambda t: 0.6 * t**2)
     solution = fb.simulate(scene, dt=0.01, t_end=1.0)
