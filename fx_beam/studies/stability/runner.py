@@ -94,18 +94,14 @@ def study(
     labelled, cases = candidates.labelled(schemes), list(cases)
     _check(cases)
     pairs = list(itertools.product(cases, labelled.items()))
-    # The longest runs come early, so that no worker is left alone with one of them at the end.
-    steps = [case.t_end / case.dt for case, _ in pairs]
-    order = [0, *sorted(range(1, len(pairs)), key=lambda place: -steps[place])]
     found: dict[int, Cell] = {}
     run = partial(_cell, max_halvings=max_halvings, repeats=repeats)
     try:
         with (
             progress_bar(len(pairs), None, desc="runs") as bar,
-            closing(workers.run(run, [pairs[place] for place in order], executor)) as outcomes,
+            closing(workers.run(run, pairs, executor)) as outcomes,
         ):
-            for number, (cell, _, error) in outcomes:
-                place = order[number]
+            for place, (cell, _, error) in outcomes:
                 found[place] = cell or _blank(pairs[place], max_halvings, error)
                 case, (name, _) = pairs[place]
                 _log.info("%s, %s: %s", case.name, name, found[place].verdict.kind)
