@@ -22,7 +22,13 @@ def fate(case):
     if case["fate"] == "slow":
         time.sleep(0.1)
     threads = os.environ["OMP_NUM_THREADS"]
-    return {"began": began, "ended": time.monotonic(), "worker": os.getpid(), "threads": threads}
+    return {
+        "began": began,
+        "ended": time.monotonic(),
+        "worker": os.getpid(),
+        "threads": threads,
+        "cpus": sorted(os.sched_getaffinity(0)),
+    }
 
 
 def arm(case):

@@ -83,6 +83,14 @@ def test_processes_have_one_thread_and_a_killed_one_costs_its_case(lists):
     assert rows[0]["ended"] < min(row["began"] for row in fine[1:])
 
 
+def test_workers_that_fill_all_cores_have_one_each(lists):
+    number = workers.cores()
+    rows = fb.sweep(sweep_cases.fate, [{"fate": "slow"}] * (3 * number), executor=number)
+    of_worker = {row["worker"]: row["cpus"] for row in rows}
+    assert {len(cpus) for cpus in of_worker.values()} == {1}
+    assert len({cpus[0] for cpus in of_worker.values()}) == len(of_worker)
+
+
 @pytest.mark.parametrize("how", [signal.SIGINT, signal.SIGKILL], ids=["Ctrl-C", "kill"])
 def test_no_process_outlives_its_sweep_and_the_next_one_goes_on(how, tmp_path):
     text = """
@@ -90,7 +98,7 @@ import signal, time
 import fx_beam as fb
 
 def sleep(case):
-    print(case["s"], flush=True)
+    print(f"{case['s']}\\n", end="", flush=True)  # one write: two processes share the pipe
     time.sleep(case["s"])
 
 if __name__ == "__main__":

@@ -15,6 +15,7 @@ from concurrent.futures import wait as wait_for
 from contextlib import contextmanager
 from multiprocessing import connection
 from multiprocessing.process import BaseProcess
+from multiprocessing.queues import SimpleQueue
 from time import monotonic, perf_counter
 from typing import Any, NamedTuple
 
@@ -185,7 +186,12 @@ class _Pool:
         self._number = number
         self._own: set[BaseProcess] = set()
         spawn, level = multiprocessing.get_context("spawn"), _log.getEffectiveLevel()
-        self._executor = ProcessPoolExecutor(number, spawn, _begin, (level,))
+        cpus = spawn.SimpleQueue()
+        for cpu in os.sched_getaffinity(0):
+            cpus.put(cpu)
+        # Where workers fill all cores each has its own: some kernels leave two on one for seconds.
+        own = cpus if number == cores() else None
+        self._executor = ProcessPoolExecutor(number, spawn, _begin, (level, own))
 
     def start(self, function: Callable) -> None:
         """Start all processes, and wait for the first one to have the function."""
@@ -243,9 +249,11 @@ def _has(function: Callable) -> None:
     """Nothing: a worker that is called has imported the function."""
 
 
-def _begin(log_level: int) -> None:
+def _begin(log_level: int, cpus: SimpleQueue | None) -> None:
     """Prepare a worker: it ends with its parent, even if that is killed."""
     _log.setLevel(log_level)
+    if cpus is not None:
+        os.sched_setaffinity(0, {cpus.get()})
     signal.signal(signal.SIGTERM, _end)
     parent = multiprocessing.parent_process()
     assert parent is not None
