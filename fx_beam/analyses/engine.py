@@ -119,8 +119,7 @@ def state_of(model: Model, start: Solution) -> State:
         state = replace(state, held=None)  # other supports
     if len(start.joint_forces):
         state = replace(state, joint_forces=start.joint_forces[-1])
-    contacts = 0 if model.forms.contact is None else len(model.forms.contact.dofs)
-    if len(start.contact_forces) and start.contact_forces.shape[1] == contacts:
+    if len(start.contact_forces) and start.contact_forces.shape[1] == model.forms.contacts:
         state = replace(state, contact_forces=start.contact_forces[-1])
     return state
 

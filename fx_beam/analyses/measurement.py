@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from math import cos, sin
 from typing import Any, Protocol
 
 import numpy as np
 
 from fx_beam.coupling.sliding import rate_along
 from fx_beam.model.model import Model
-from fx_beam.scene.joints import GROUND, Joint
+from fx_beam.scene.joints import GROUND, Joint, axial_rate
 from fx_beam.scene.outputs import Output
 from fx_beam.scene.sliders import SlidingJoint
 
@@ -87,10 +86,7 @@ def _of_joint(model: Model, source: Source, turns: np.ndarray, output: Output) -
             return between(source.now.v, 2)
         x, y = between(source.now.v, 0), between(source.now.v, 1)
         psi, spin = (0.0, 0.0) if a is None else (source.now.q[a[2]], source.now.v[a[2]])
-        # Along the axis: the velocity of b relative to its position on a, in the frame of a.
-        arm, c, s = joint.offset + source.now.slides[number] * joint.axis, cos(psi), sin(psi)
-        along = (c * x + s * y + spin * arm[1]) * joint.axis[0]
-        return float(along + (c * y - s * x - spin * arm[0]) * joint.axis[1])
+        return float(axial_rate(joint, source.now.slides[number], psi, spin, x, y))
 
     motors = [j.number for j, _ in model.motors]
     motor = len(model.prescribed) + motors.index(number) if number in motors else -1

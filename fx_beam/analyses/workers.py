@@ -186,12 +186,13 @@ class _Pool:
         self._number = number
         self._own: set[BaseProcess] = set()
         spawn, level = multiprocessing.get_context("spawn"), _log.getEffectiveLevel()
-        cpus = spawn.SimpleQueue()
-        for cpu in os.sched_getaffinity(0):
-            cpus.put(cpu)
-        # Where workers fill all cores each has its own: some kernels leave two on one for seconds.
-        own = cpus if number == cores() else None
-        self._executor = ProcessPoolExecutor(number, spawn, _begin, (level, own))
+        cpus = None
+        if number == cores():
+            # Each worker has a core of its own: some kernels leave two on one for seconds.
+            cpus = spawn.SimpleQueue()
+            for cpu in os.sched_getaffinity(0):
+                cpus.put(cpu)
+        self._executor = ProcessPoolExecutor(number, spawn, _begin, (level, cpus))
 
     def start(self, function: Callable) -> None:
         """Start all processes, and wait for the first one to have the function."""

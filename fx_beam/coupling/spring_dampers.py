@@ -8,7 +8,7 @@ import numpy as np
 
 from fx_beam.mechanics.rates import Rates
 from fx_beam.scene.beam import Node
-from fx_beam.scene.joints import GROUND, Joint
+from fx_beam.scene.joints import GROUND, Joint, axial_rate
 from fx_beam.scene.sliders import SlidingJoint
 
 from .actuator import Actuator, limits_of
@@ -158,13 +158,8 @@ class Actuators:
             own, s = self._sliding[joint.number], float(slides[joint.number])
             v_node = v[self._dofs[joint.b.number, :2]]
             return rate_along(joint.path, s, q[own][:, :2], v[own][:, :2], v_node)
-        assert joint.axis is not None  # other slides have an axis
         psi, spin = (self._of(joint.a, values, 2) for values in (q, v))
-        arm = joint.offset + slides[joint.number] * joint.axis
-        c, s = np.cos(psi), np.sin(psi)
-        # Along the axis: the velocity of b relative to its position on a, in the frame of a.
-        seen = np.array([c * x + s * y, c * y - s * x]) - spin * np.array([-arm[1], arm[0]])
-        return float(joint.axis @ seen)
+        return float(axial_rate(joint, slides[joint.number], psi, spin, x, y))
 
     def set_increment(self, D: np.ndarray, z: np.ndarray) -> None:
         """Set the increments over the step: D (size,) and z (columns,)."""

@@ -244,6 +244,11 @@ class Forms:
         if self._weak.needs_rates or self.beam_drag is not None:
             self._set_rates(v, a)
 
+    @property
+    def contacts(self) -> int:
+        """Number of nodes that obstacles may stop."""
+        return 0 if self.contact is None else len(self.contact.dofs)
+
     def _set_start(self, t: float, dt: float, q: np.ndarray) -> None:
         self.time.value = t + self._scheme.rates.level * dt
         self.dt.value = dt

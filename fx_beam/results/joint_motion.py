@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from fx_beam.scene.beam import Node
-from fx_beam.scene.joints import GROUND, Joint
+from fx_beam.scene.joints import GROUND, Joint, axial_rate
 from fx_beam.scene.sliders import SlidingJoint
 
 from . import sliding_motion
@@ -79,13 +79,9 @@ class JointMotion:
             return sliding_motion.rate(self.solution, joint, self.slide)
         if joint.axis is None:
             return self.spin
-        # Along the axis: the velocity of b relative to its position on a, in the frame of a.
         x, y = (self._of(joint.b, "v", i) - self._of(joint.a, "v", i) for i in (0, 1))
         psi, spin = (self._of(joint.a, name, 2) for name in "qv")
-        arm = joint.offset + self.slide[:, None] * joint.axis
-        c, s = np.cos(psi), np.sin(psi)
-        along = (c * x + s * y + spin * arm[:, 1]) * joint.axis[0]
-        return along + (c * y - s * x - spin * arm[:, 0]) * joint.axis[1]
+        return axial_rate(joint, self.slide, psi, spin, x, y)
 
     @property
     def force(self) -> np.ndarray:

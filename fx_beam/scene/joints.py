@@ -151,6 +151,17 @@ class Joint:
                 coordinate.stop.check_start(place, 1e-9 * unit, f"{self}: its {name}")
 
 
+def axial_rate(joint: Joint, slide, psi, spin, x, y):
+    """Rate of a slide [m/s], for rotation and spin of a and the velocity (x, y) of b less a's."""
+    assert joint.axis is not None  # sliding joints have an axis
+    (offset_x, offset_y), (axis_x, axis_y) = joint.offset, joint.axis
+    c, s = np.cos(psi), np.sin(psi)
+    # The velocity of b relative to its position on a, in the frame of a.
+    along_x = c * x + s * y + spin * (offset_y + slide * axis_y)
+    along_y = c * y - s * x - spin * (offset_x + slide * axis_x)
+    return along_x * axis_x + along_y * axis_y
+
+
 def Rigid(a: Node, b: Node, offset=(0.0, 0.0)) -> Joint:
     """Rigid joint: b moves and rotates with a.
 

@@ -269,7 +269,7 @@ class Recorder:
             first, numbers = len(model.prescribed), [joint.number for joint, _ in model.motors]
             motors[:, numbers] = kept["held"][:, first : first + len(numbers)]
         forces = kept.get("joint_forces", np.empty((0 if "held" not in kept else n, 3 * joints)))
-        contacts = 0 if model.forms.contact is None else len(model.forms.contact.dofs)
+        contacts = model.forms.contacts
         pushes = kept.get("contact_forces", np.empty((len(forces), 2 * contacts)))
         t = self._times[self._steps[:n]]
         return {
