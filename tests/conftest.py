@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 from hypothesis import settings
 
-from fx_beam.fem import dolfinx_api
+from fx_beam.fem import intervals
 
 sys.path.insert(0, str(Path(__file__).parent))
 
@@ -25,7 +25,7 @@ settings.load_profile("fx_beam")
 gc.set_threshold(20_000, 20, 50)
 
 # A form compiled without optimisation takes a fifth less time. The compiled loop stays optimised.
-dolfinx_api._JIT["cffi_extra_compile_args"] = ["-O0", "-g0"]
+intervals.JIT["cffi_extra_compile_args"] = ["-O0", "-g0"]
 
 _DEMOS = {path.stem for path in (Path(__file__).parents[1] / "demos").glob("*.py")}
 # Groups that take longest, which start first: otherwise one process would end with them alone.

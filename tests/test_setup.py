@@ -6,6 +6,8 @@ import numpy as np
 import pytest
 
 import fx_beam as fb
+from fx_beam.fem import dolfinx_api, intervals
+from fx_beam.kept import kept
 
 
 def arm(elements=3, length=1.0, EA=1e4, force=1.0, degree=1, second=None, **more):
@@ -80,3 +82,43 @@ def test_two_models_of_a_kind_do_not_share_their_fields():
     fb.simulate(other, dt=0.01, t_end=0.05)
     late = solution.resultants(beam).N  # evaluated after the other motion
     np.testing.assert_array_equal(late, fb.simulate(first, dt=0.01, t_end=0.05).resultants(beam).N)
+
+
+@pytest.mark.parametrize("degree", [1, 2])
+def test_meshes_of_equal_connectivity_have_positions_of_their_own(degree):
+    # A branched tree, whose cells dolfinx numbers anew.
+    ends = np.array([[0, 3], [3, 1], [3, 4], [4, 2], [5, 4]])
+    inner = 6 + np.arange(len(ends) * (degree - 1)).reshape(len(ends), -1)
+    cells = np.hstack([ends, inner])
+    places = [np.random.default_rng(seed).random((6 + inner.size, 2)) for seed in range(2)]
+    meshes, orders = zip(*(intervals.interval_mesh(X, cells, degree) for X in places), strict=True)
+    assert (orders[0] == orders[1]).all()
+    for X, mesh in zip(places, meshes, strict=True):  # those of the first one as well
+        found = dolfinx_api.element_coordinates(mesh).reshape(len(cells), -1, 3)
+        np.testing.assert_array_equal(found[..., :2], X[cells[orders[0]]])
+    functions = [dolfinx_api.function(intervals.beam_space(mesh, degree)) for mesh in meshes]
+    functions[0].x.array[:] = 1.0
+    assert not functions[1].x.array.any()
+
+
+def test_only_the_last_results_of_small_arrays_are_kept():
+    calls = []
+
+    @kept
+    def doubled(values, factor):
+        calls.append(len(values))
+        return values * factor
+
+    small = np.arange(3.0)
+    first = doubled(small, 2)
+    small[0] = 5.0  # another argument: contents count
+    assert doubled(np.arange(3.0), 2) is first and calls == [3]
+    assert doubled(small, 2)[0] == 10.0 and calls == [3, 3]
+    with pytest.raises(ValueError, match="read-only"):
+        first[0] = 1.0
+    for _ in range(2):
+        doubled(np.zeros(10**5), 2)
+    assert calls[2:] == [10**5] * 2
+    for factor in range(100):
+        doubled(np.arange(3.0), 10 + factor)
+    assert doubled(np.arange(3.0), 2) is not first

@@ -9,7 +9,7 @@ import functools
 import inspect
 import logging
 from collections.abc import Callable, Mapping
-from typing import Any, NamedTuple, TypeVar
+from typing import Any, NamedTuple
 
 # Before dolfinx, which would start MPI itself, and slowly.
 from .mpi import MPI
@@ -26,9 +26,9 @@ import numpy as np
 
 from . import ffcx_api
 from .elements import OF_UFL, beam, lagrange, values_at_points
+from .intervals import OPTIONS_OF_JIT, WITH_JIT, coordinate_space, gauss_space, quietly
 
 _log = logging.getLogger("fx_beam")
-F = TypeVar("F", bound=Callable)
 
 
 def _takes(function: Callable, name: str) -> bool:
@@ -36,9 +36,7 @@ def _takes(function: Callable, name: str) -> bool:
     return name in inspect.signature(function).parameters
 
 
-_FUNCTION_SPACE: Any = getattr(fem, "FunctionSpace" if OF_UFL else "functionspace")
-_OPTIONS_OF_JIT = "jit_options" if _takes(fem.form, "jit_options") else "jit_params"
-_OPTIONS_OF_FORMS = _OPTIONS_OF_JIT.replace("jit", "form_compiler")
+_OPTIONS_OF_FORMS = OPTIONS_OF_JIT.replace("jit", "form_compiler")
 # Whether a form of Python is one of the C++ library, and may have one for each type of cell.
 _FORM_IS_OF_CPP = not hasattr(fem, "form_cpp_class")
 _FORM_HAS_SEVERAL = _takes(fem.form, "jit_comm")
@@ -49,47 +47,7 @@ REFUSALS: tuple[type[BaseException], ...] = (Exception, ArityMismatch)
 if _FORM_IS_OF_CPP:
     _FORM_OF_CPP: Any = type("Form", (fem.FormMetaClass, dolfinx.cpp.fem.Form_float64), {})
 
-# Processes that need the same form wait for the first one, which may be slow [s].
-_JIT: dict[str, Any] = {"timeout": 30}
-_WITH_JIT: dict[str, Any] = {_OPTIONS_OF_JIT: _JIT}
 _REAL: Any = np.float64  # also if PETSc is built for complex numbers
-
-
-def quietly(compiling: F) -> F:
-    """Keep the compiler's lines out of the user's log.
-
-    The JIT logs command lines at INFO on the root logger, and changes its level and handlers.
-    """
-
-    @functools.wraps(compiling)
-    def wrapper(*args, **kwargs):
-        root = logging.getLogger()
-        level, handlers, disabled = root.level, root.handlers[:], root.manager.disable
-        logging.disable(max(disabled, logging.INFO))
-        try:
-            return compiling(*args, **kwargs)
-        except KeyboardInterrupt:
-            ffcx_api.discard_unfinished()
-            raise
-        finally:
-            root.setLevel(level)
-            root.handlers[:] = handlers
-            logging.disable(disabled)
-
-    return wrapper  # type: ignore[return-value]
-
-
-@quietly
-def interval_mesh(points: np.ndarray, cells: np.ndarray, degree: int = 1):
-    """Mesh of intervals between points (n, 2) [m], and the row of `cells` of each mesh cell.
-
-    `cells` (m, degree + 1) has the first and last node of each interval, then the inner nodes.
-    """
-    create, domain = dolfinx.mesh.create_mesh, ufl.Mesh(lagrange(degree, 2))
-    named: dict[str, Any] = {"e" if _takes(create, "e") else "domain": domain}
-    # COMM_SELF: each process computes the whole scene.
-    mesh = create(MPI.COMM_SELF, cells=cells.astype(np.int64), x=points, **named)
-    return mesh, np.asarray(mesh.topology.original_cell_index)
 
 
 @functools.cache
@@ -127,44 +85,11 @@ def ufl_gauss_space(on, points: int, *shape: int):
     return ufl.FunctionSpace(on, values_at_points(points, *shape))
 
 
-@quietly
-def gauss_space(mesh, points: int, *shape: int):
-    """Space of values at the Gauss points of each cell, for forms with this rule only.
-
-    With one point it is constant on each cell, and fits every rule.
-    """
-    return _space(mesh, values_at_points(points, *shape))
-
-
-@quietly
-def beam_space(mesh, degree: int):
-    """Mixed Lagrange space of displacement (2) and rotation (1) with equispaced nodes."""
-    return _space(mesh, beam(degree))
-
-
-@quietly
-def nodal_rotations(space, degree: int):
-    """The beam space with the rotations at the nodes of a cell as components, constant on it.
-
-    Degrees of freedom are the same. UFL then has the nodal values at every point of the cell.
-    """
-    element = beam(degree, nodal=True)
-    own, other = _cpp(space), _cpp(_space(space.mesh, element))
-    shape = [other.value_shape] if hasattr(other, "value_shape") else []
-    shared = type(own)(own.mesh, other.element, own.dofmap, *shape)
-    return fem.FunctionSpace(space.mesh, element, shared)
-
-
-@quietly
 def coordinate_on_cells(mesh, length: float):
     """Function that is linear on each cell, from 0 at its first node to `length` at its last."""
-    coordinate = function(_space(mesh, lagrange(1, broken=True)))
+    coordinate = function(coordinate_space(mesh))
     coordinate.x.array[element_dofs(coordinate.function_space)] = 0.0, length
     return coordinate
-
-
-def _space(mesh, element):
-    return _FUNCTION_SPACE(mesh, element, **(_WITH_JIT if OF_UFL else {}))
 
 
 def function(space):
@@ -213,7 +138,7 @@ class CompiledForm(NamedTuple):
 def compile_form(form, name: str) -> CompiledForm:
     """Compile a UFL form through FFCx; forms that were not in the cache are logged."""
     scalar = {"scalar_type": "double" if OF_UFL else _REAL}
-    options = {_OPTIONS_OF_FORMS: scalar, **_WITH_JIT}
+    options = {_OPTIONS_OF_FORMS: scalar, **WITH_JIT}
     compiled = quietly(dolfinx.jit.ffcx_jit)(MPI.COMM_SELF, form, **options)
     if any(compiled[2]):
         _log.info("compiled the form %r, once", name)
@@ -277,7 +202,7 @@ def compile_expression(expression, points: np.ndarray, mesh=None, data: Mapping 
         kinds, domains = (ufl.Jacobian, ufl.SpatialCoordinate), extract_domains(expression)
         theirs = {kind(domain): kind(mesh) for kind in kinds for domain in domains}
         expression = ufl.replace(expression, {**theirs, **(data or {})})
-    return fem.Expression(expression, points, dtype=_REAL, **_WITH_JIT)
+    return fem.Expression(expression, points, dtype=_REAL, **WITH_JIT)
 
 
 def evaluate(expression, mesh, cells: np.ndarray) -> np.ndarray:

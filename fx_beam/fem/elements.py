@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 from importlib import import_module
 from typing import Any
 
@@ -13,6 +14,7 @@ OF_UFL = hasattr(ufl, "FiniteElement")
 _BASIX: Any = None if OF_UFL else import_module("basix.ufl")
 
 
+@functools.cache
 def beam(degree: int, nodal: bool = False):
     """Displacement (2) and rotation; the rotations `nodal` are constant on each cell."""
     rotation = lagrange(0, degree + 1, broken=True) if nodal else lagrange(degree)
@@ -20,6 +22,7 @@ def beam(degree: int, nodal: bool = False):
     return ufl.MixedElement(fields) if OF_UFL else _BASIX.mixed_element(fields)
 
 
+@functools.cache
 def lagrange(degree: int, size: int | None = None, *, broken: bool = False):
     """Scalar or vector element with equispaced nodes; a broken one is discontinuous between cells.
 
@@ -34,6 +37,7 @@ def lagrange(degree: int, size: int | None = None, *, broken: bool = False):
     return _BASIX.element(family, "interval", degree, lagrange_variant=variant, shape=shape)
 
 
+@functools.cache
 def values_at_points(points: int, *shape: int):
     """Values at the points of a Gauss rule; a single one is constant on each cell."""
     if points == 1:

@@ -11,7 +11,7 @@ from fx_beam.mechanics.schemes import Scheme
 from fx_beam.scene.beam import Beam, Node
 from fx_beam.scene.scene import Scene
 
-from . import dolfinx_api
+from . import dolfinx_api, intervals
 from .beam_drag import BeamDrag, DragForms
 from .dolfinx_api import CompiledForm
 from .fields import Fields, fields_of
@@ -102,7 +102,7 @@ class Forms:
         self.load_increment = dolfinx_api.constant(mesh, 0.0)
         found[fields.load_increment] = self.load_increment
         if self._weak.internal is not None:
-            places = dolfinx_api.gauss_space(mesh, fields.degree, self._weak.width)
+            places = intervals.gauss_space(mesh, fields.degree, self._weak.width)
             found[self._weak.internal] = dolfinx_api.function(places)
             self._cell_points = dolfinx_api.element_dofs(places)
         needed = fields.moving[1 : 5 if self._weak.needs_before else 4]
@@ -116,7 +116,7 @@ class Forms:
         mesh, space = self._mesh.mesh, self._mesh.space
         found: dict[Any, Any] = {}
         if fields.coordinate is not None:
-            space = dolfinx_api.nodal_rotations(space, fields.degree)
+            space = intervals.nodal_rotations(space, fields.degree)
             found[fields.coordinate] = dolfinx_api.coordinate_on_cells(mesh, fields.degree)
         return space, found | {fields.increment: dolfinx_api.function(space)}
 

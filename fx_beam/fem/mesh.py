@@ -12,7 +12,7 @@ from fx_beam.errors import SceneError
 from fx_beam.scene.beam import Beam, inner_positions
 from fx_beam.scene.scene import Scene
 
-from . import dolfinx_api
+from . import dolfinx_api, intervals
 
 
 @dataclass(frozen=True)
@@ -94,10 +94,10 @@ def build_mesh(scene: Scene) -> Mesh:
     nodes_of_element = np.hstack([ends, inner])
     curved = degree > 1 and any(beam.inner is not None for beam in scene.beams)
     if curved:
-        mesh, order = dolfinx_api.interval_mesh(X, nodes_of_element, degree)
+        mesh, order = intervals.interval_mesh(X, nodes_of_element, degree)
     else:
-        mesh, order = dolfinx_api.interval_mesh(points, ends)
-    space = dolfinx_api.beam_space(mesh, degree)
+        mesh, order = intervals.interval_mesh(points, ends)
+    space = intervals.beam_space(mesh, degree)
     dofs = np.full((len(X), 3), -1)
     dofs[nodes_of_element[order]] = dolfinx_api.dofs_of_cells(space)
     alone = dofs[:, 0] < 0

@@ -1,0 +1,151 @@
+"""dolfinx's meshes of intervals, and spaces on them, which equal connectivity has in common."""
+
+from __future__ import annotations
+
+import functools
+import inspect
+import logging
+from collections.abc import Callable
+from typing import Any, TypeVar
+
+# Before dolfinx, which would start MPI itself, and slowly.
+from .mpi import MPI
+
+# isort: split
+import dolfinx
+import ufl
+from dolfinx import fem
+
+import numpy as np
+
+from fx_beam.kept import kept
+
+from . import ffcx_api
+from .elements import OF_UFL, beam, lagrange, values_at_points
+
+F = TypeVar("F", bound=Callable)
+
+_FUNCTION_SPACE: Any = getattr(fem, "FunctionSpace" if OF_UFL else "functionspace")
+OPTIONS_OF_JIT = (
+    "jit_options" if "jit_options" in inspect.signature(fem.form).parameters else "jit_params"
+)
+#: Processes that need the same form wait for the first one, which may be slow [s].
+JIT: dict[str, Any] = {"timeout": 30}
+WITH_JIT: dict[str, Any] = {OPTIONS_OF_JIT: JIT}
+
+
+def quietly(compiling: F) -> F:
+    """Keep the compiler's lines out of the user's log.
+
+    The JIT logs command lines at INFO on the root logger, and changes its level and handlers.
+    """
+
+    @functools.wraps(compiling)
+    def wrapper(*args, **kwargs):
+        root = logging.getLogger()
+        level, handlers, disabled = root.level, root.handlers[:], root.manager.disable
+        logging.disable(max(disabled, logging.INFO))
+        try:
+            return compiling(*args, **kwargs)
+        except KeyboardInterrupt:
+            ffcx_api.discard_unfinished()
+            raise
+        finally:
+            root.setLevel(level)
+            root.handlers[:] = handlers
+            logging.disable(disabled)
+
+    return wrapper  # type: ignore[return-value]
+
+
+class IntervalMesh(dolfinx.mesh.Mesh):
+    """A mesh of intervals in the plane, and its spaces."""
+
+    def __init__(self, of_cpp, degree: int, spaces: dict[Any, Any]):
+        super().__init__(of_cpp, ufl.Mesh(lagrange(degree, 2)))
+        self._degree = degree
+        #: C++ spaces by element, of this mesh or of one with the same connectivity.
+        self.spaces = spaces
+
+    @property
+    def of_cpp(self):
+        """The object of the C++ library."""
+        return self.ufl_domain().ufl_cargo()
+
+    def between(self, points: np.ndarray) -> IntervalMesh:
+        """The mesh between other points (n, 2) [m], with the same numbering.
+
+        It is a copy of a few arrays, a hundredth of the work for a new mesh of eight elements.
+        """
+        own = self.of_cpp
+        other = type(own)(MPI.COMM_SELF, own.topology, own.geometry)
+        geometry = other.geometry
+        geometry.x[:, :2] = points[geometry.input_global_indices]
+        return IntervalMesh(other, self._degree, self.spaces)
+
+    def space(self, element):
+        """Space of a finite element of this mesh."""
+        if element not in self.spaces:
+            options = WITH_JIT if OF_UFL else {}
+            made = quietly(_FUNCTION_SPACE)(self, element, **options)
+            self.spaces[element] = made._cpp_object
+        found = self.spaces[element]
+        return self.space_with(element, found, found.dofmap)
+
+    def space_with(self, element, like, dofmap):
+        """Space of an element, that of the C++ space `like`, with degrees of freedom `dofmap`."""
+        shape = [like.value_shape] if hasattr(like, "value_shape") else []
+        own = type(like)(self.of_cpp, like.element, dofmap, *shape)
+        return fem.FunctionSpace(self, element, own)
+
+
+def interval_mesh(
+    points: np.ndarray, cells: np.ndarray, degree: int = 1
+) -> tuple[IntervalMesh, np.ndarray]:
+    """Mesh of intervals between points (n, 2) [m], and the row of `cells` of each mesh cell.
+
+    `cells` (m, degree + 1) has the first and last node of each interval, then the inner nodes.
+    """
+    mesh, order = _intervals(len(points), cells, degree)
+    return mesh.between(points), order
+
+
+@kept
+@quietly
+def _intervals(count: int, cells: np.ndarray, degree: int) -> tuple[IntervalMesh, np.ndarray]:
+    """A mesh of so many points, somewhere: their places do not count in its numbering."""
+    create, domain = dolfinx.mesh.create_mesh, ufl.Mesh(lagrange(degree, 2))
+    takes_e = "e" in inspect.signature(create).parameters
+    named: dict[str, Any] = {"e" if takes_e else "domain": domain}
+    # COMM_SELF: each process computes the whole scene.
+    x = np.zeros((count, 2))
+    made = create(MPI.COMM_SELF, cells=cells.astype(np.int64), x=x, **named)
+    order = np.array(made.topology.original_cell_index)
+    return IntervalMesh(domain.ufl_cargo(), degree, {}), order
+
+
+def gauss_space(mesh: IntervalMesh, points: int, *shape: int):
+    """Space of values at the Gauss points of each cell, for forms with this rule only.
+
+    With one point it is constant on each cell, and fits every rule.
+    """
+    return mesh.space(values_at_points(points, *shape))
+
+
+def beam_space(mesh: IntervalMesh, degree: int):
+    """Mixed Lagrange space of displacement (2) and rotation (1) with equispaced nodes."""
+    return mesh.space(beam(degree))
+
+
+def nodal_rotations(space, degree: int):
+    """The beam space with the rotations at the nodes of a cell as components, constant on it.
+
+    Degrees of freedom are the same. UFL then has the nodal values at every point of the cell.
+    """
+    mesh, element = space.mesh, beam(degree, nodal=True)
+    return mesh.space_with(element, mesh.space(element)._cpp_object, space._cpp_object.dofmap)
+
+
+def coordinate_space(mesh: IntervalMesh):
+    """Space of functions that are linear on each cell, and discontinuous."""
+    return mesh.space(lagrange(1, broken=True))

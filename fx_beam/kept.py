@@ -1,0 +1,63 @@
+"""Results of functions of small arrays, kept for scenes that have these arrays in common."""
+
+from __future__ import annotations
+
+import functools
+from collections.abc import Callable
+from typing import Any, NamedTuple, TypeVar
+
+import numpy as np
+
+F = TypeVar("F", bound=Callable)
+
+# Size of all arguments up to which a result is kept [bytes], and number of results of a function.
+_LARGEST, _MOST = 1 << 15, 32
+
+
+class _Contents(NamedTuple):
+    """An array as an argument that can be compared."""
+
+    kind: np.dtype
+    shape: tuple[int, ...]
+    data: bytes
+
+
+def kept(function: F) -> F:
+    """Keep the last results of a function of arrays and constants, if the arrays are small.
+
+    Scenes that differ in numbers only share what follows from their connectivity. The arrays of a
+    result are made read-only.
+    """
+
+    @functools.lru_cache(maxsize=_MOST)
+    def of_contents(*contents):
+        return _locked(function(*map(_array, contents)))
+
+    @functools.wraps(function)
+    def wrapper(*arguments):
+        if sum(getattr(argument, "nbytes", 0) for argument in arguments) > _LARGEST:
+            return function(*arguments)
+        return of_contents(*map(_contents, arguments))
+
+    return wrapper  # type: ignore[return-value]
+
+
+def _contents(argument: Any) -> Any:
+    if isinstance(argument, np.ndarray):
+        return _Contents(argument.dtype, argument.shape, argument.tobytes())
+    return argument
+
+
+def _array(contents: Any) -> Any:
+    if isinstance(contents, _Contents):
+        return np.frombuffer(contents.data, contents.kind).reshape(contents.shape).copy()
+    return contents
+
+
+def _locked(result: Any) -> Any:
+    if isinstance(result, np.ndarray):
+        result.setflags(write=False)
+    elif isinstance(result, tuple | list):
+        for part in result:
+            _locked(part)
+    return result
