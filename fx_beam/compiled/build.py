@@ -33,6 +33,8 @@ _FLAGS = [
 ]
 # Compiler option for the processor, on architectures where it accepts "native".
 _OPTION = {"x86_64": "-march", "aarch64": "-mcpu"}.get(platform.machine())
+# Addresses in the libraries that this process has loaded, which Python does not unload.
+_loaded: dict[tuple[str, ...], list[int]] = {}
 
 
 class LoopUnavailable(Exception):
@@ -61,6 +63,9 @@ def load_batches(
     coefficients and coordinates.
     """
     sizes = ", ".join(str(max(number, 1)) for number in numbers)
+    asked = key, sizes, *target_flags()[1]
+    if asked in _loaded:
+        return _loaded[asked]
     batches = [f"BATCH(batch_{i}, element_{i}, {sizes})" for i in range(functions)]
 
     def text() -> str:
@@ -71,7 +76,8 @@ def load_batches(
     path = _build(f"{name!r} for several elements", key + sizes, text, flags)
     library = ctypes.CDLL(str(path))
     found = [library[f"batch_{i}"] for i in range(functions)]
-    return [ctypes.cast(function, ctypes.c_void_p).value or 0 for function in found]
+    _loaded[asked] = [ctypes.cast(function, ctypes.c_void_p).value or 0 for function in found]
+    return _loaded[asked]
 
 
 def _build(what: str, key: str, source: Callable[[], str], more: Sequence[str] = ()) -> Path:
