@@ -259,7 +259,7 @@ class Problem:
             raise LoopUnavailable("the scene has no unknowns")
         loops = reduction.loop_tables()
         # Rows of unknowns that close loops are no forces, by which errors are judged.
-        self.factors = factors = factors_of(*reduction.pattern, keep=loops is None)
+        self.factors = factors = factors_of(*reduction.pattern, loops is None)
         at, stored = factors.at, factors.size
         if not factors.band:  # the tangent is stored apart
             indptr, indices = reduction.pattern

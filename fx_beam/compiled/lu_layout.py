@@ -10,6 +10,7 @@ from scipy.sparse.csgraph import reverse_cuthill_mckee
 from scipy.sparse.linalg import splu
 
 from fx_beam.coupling.index_reduction import Tables
+from fx_beam.kept import kept
 
 # Up to this half bandwidth a band is always faster: the compiler unrolls its loops.
 _NARROW = 11
@@ -63,6 +64,7 @@ class Factors(NamedTuple):
         return f"sparse, {self.size} entries{kept}"
 
 
+@kept
 def factors_of(indptr: np.ndarray, indices: np.ndarray, keep: bool = True) -> Factors:
     """Band storage if the bandwidth is small enough, otherwise sparse rows, to keep if it pays."""
     n = len(indptr) - 1

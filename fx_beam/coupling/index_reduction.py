@@ -11,6 +11,8 @@ from typing import NamedTuple, Protocol
 import numpy as np
 import scipy.sparse
 
+from fx_beam.kept import kept
+
 
 class Tables(NamedTuple):
     """Couplings for the compiled loop: dictionaries of arrays of equal length."""
@@ -143,12 +145,8 @@ class IndexReduction(WithoutLoops):
         self._column = column
         self.free, self.driven, self.columns = free, driven, columns
         self._z = np.zeros(columns)
-        self._dofs = _Sums(column)
-        rows = np.repeat(np.arange(matrix.shape[0]), np.diff(matrix.indptr))
-        row, col = column[rows], column[matrix.indices]
-        kept = np.flatnonzero((row < free) & (col < free))
-        self.pattern, place = sparsity(row[kept], col[kept], free)
-        self._entries = _Sums(place, kept)
+        found = _sums_of_dofs_and_entries(column, matrix.indptr, matrix.indices, free)
+        self.pattern, self._dofs, self._entries = found
 
     def begin(self, q, slides, dt) -> None:
         """Nothing depends on the step."""
@@ -247,6 +245,18 @@ class _Sums:
             out[place] += values[source]
 
 
+@kept
+def _sums_of_dofs_and_entries(
+    column: np.ndarray, indptr: np.ndarray, indices: np.ndarray, free: int
+) -> tuple[tuple[np.ndarray, np.ndarray], _Sums, _Sums]:
+    """Pattern of the reduced tangent; sums over equal degrees of freedom, and over its entries."""
+    row, col = np.repeat(column, np.diff(indptr)), column[indices]
+    inside = np.flatnonzero((row < free) & (col < free))
+    pattern, place = sparsity(row[inside], col[inside], free)
+    return pattern, _Sums(column), _Sums(place, inside)
+
+
+@kept
 def sparsity(rows: np.ndarray, columns: np.ndarray, n: int):
     """Compressed rows of the given pairs, and the position of each pair in them."""
     keys, place = np.unique(rows * n + columns, return_inverse=True)

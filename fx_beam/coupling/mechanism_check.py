@@ -10,6 +10,7 @@ from scipy.sparse.linalg import splu
 
 from fx_beam.errors import SceneError
 from fx_beam.fem.mesh import Mesh
+from fx_beam.kept import kept
 from fx_beam.scene.coordinate import Coordinate
 from fx_beam.scene.scene import Scene
 
@@ -78,11 +79,15 @@ def _inertia(scene: Scene, mesh: Mesh, mass: scipy.sparse.csr_matrix) -> np.ndar
     return diagonal
 
 
+@kept
+def _connected(indptr: np.ndarray, indices: np.ndarray) -> tuple[int, np.ndarray]:
+    """Number of the parts that a sparsity couples, and the part of each row."""
+    graph = scipy.sparse.csr_matrix((np.ones(len(indices)), indices, indptr))
+    return scipy.sparse.csgraph.connected_components(graph, directed=False)
+
+
 def _parts(mesh: Mesh, stiffness, inertia: np.ndarray | None) -> _Parts:
-    # The sparsity counts, not the values.
-    ones = np.ones_like(stiffness.data)
-    graph = scipy.sparse.csr_matrix((ones, stiffness.indices, stiffness.indptr))
-    count, part_of_dof = scipy.sparse.csgraph.connected_components(graph, directed=False)
+    count, part_of_dof = _connected(stiffness.indptr, stiffness.indices)
     of_node, X = part_of_dof[mesh.dofs[:, 0]], mesh.X
 
     def mean(nodes: np.ndarray) -> np.ndarray:

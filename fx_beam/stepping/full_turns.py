@@ -8,6 +8,7 @@ import numpy as np
 import scipy.sparse
 from scipy.sparse.csgraph import connected_components
 
+from fx_beam.kept import kept
 from fx_beam.model.model import Model
 from fx_beam.results.state import State
 from fx_beam.scene.joints import GROUND
@@ -59,11 +60,16 @@ def _members(model: Model) -> list[np.ndarray]:
             counted |= {*ends}
         if rotation is not None and (rotation.acts or rotation.motor):
             counted |= {*ends}
-    n = len(mesh.X)
-    i, j = np.concatenate(one), np.concatenate(other)
+    free = _turning(len(mesh.X), np.concatenate(one), np.concatenate(other), tuple(sorted(counted)))
+    return [mesh.dofs[nodes, _ROTATION] for nodes in free]
+
+
+@kept
+def _turning(n: int, i: np.ndarray, j: np.ndarray, counted: tuple[int, ...]) -> list[np.ndarray]:
+    """Groups of n nodes that pairs i, j connect, without those of nodes whose turns count."""
     graph = scipy.sparse.coo_matrix((np.ones(len(i)), (i, j)), (n, n))
     number, of_node = connected_components(graph, directed=False)
-    held = set(of_node[sorted(counted)])
+    held = set(of_node[list(counted)])
     order = np.argsort(of_node, kind="stable")
     members = np.split(order, np.cumsum(np.bincount(of_node, minlength=number))[:-1])
-    return [mesh.dofs[nodes, _ROTATION] for m, nodes in enumerate(members) if m not in held]
+    return [nodes for m, nodes in enumerate(members) if m not in held]
