@@ -72,6 +72,9 @@ class Reduction(Protocol):
     def completion(self) -> scipy.sparse.csr_matrix:
         """Matrix (columns, columns) that gives all rates from those of independent columns."""
 
+    def completed(self, z: np.ndarray) -> np.ndarray:
+        """All rates from those of independent columns: completion() z."""
+
     def closed(self, r: np.ndarray) -> np.ndarray:
         """Nodal forces with those of the joints that close loops, as of separate nodes."""
 
@@ -121,6 +124,10 @@ class WithoutLoops:
     def completion(self) -> scipy.sparse.csr_matrix:
         """The identity."""
         return scipy.sparse.identity(self.columns, format="csr")
+
+    def completed(self, z: np.ndarray) -> np.ndarray:
+        """The rates as they are."""
+        return z
 
     def closed(self, r: np.ndarray) -> np.ndarray:
         """The forces as they are."""

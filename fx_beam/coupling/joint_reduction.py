@@ -12,6 +12,9 @@ from .index_reduction import Tables, WithoutLoops, sparsity
 from .sliders import Slide, Sliders
 from .spring_dampers import Actuators
 
+# Signs of the components of W a, exchanged.
+_QUARTER_TURN = np.array([-1.0, 1.0])
+
 
 class JointReduction(WithoutLoops):
     """Reduction for joints whose coupling changes with the motion, motors, springs and dampers.
@@ -196,9 +199,9 @@ class JointReduction(WithoutLoops):
             self._slope_derivative = self._rates.slope_derivative(Dpsi)
             self._mean_t = (1 - level) * self._t0 + level * self._t1
             mean_rho = (1 - level) * self._rho0 + level * self._rho1
-            self._values[1:] = np.hstack([_perp(self._rho1), self._t1]).ravel()
-            hat_t = self._slope[:, None] * self._mean_t
-            self._hat[1:] = np.hstack([_perp(mean_rho), hat_t]).ravel()
+            of_joints, hats = self._values[1:].reshape(-1, 4), self._hat[1:].reshape(-1, 4)
+            of_joints[:, :2], of_joints[:, 2:] = _perp(self._rho1), self._t1
+            hats[:, :2], hats[:, 2:] = _perp(mean_rho), self._slope[:, None] * self._mean_t
         return D
 
     @property
@@ -311,4 +314,4 @@ def _turn(psi: np.ndarray, a: np.ndarray) -> np.ndarray:
 
 
 def _perp(a: np.ndarray) -> np.ndarray:
-    return np.column_stack([-a[:, 1], a[:, 0]])
+    return a[:, ::-1] * _QUARTER_TURN

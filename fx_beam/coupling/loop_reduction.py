@@ -166,6 +166,10 @@ class LoopReduction(JointReduction):
         """Matrix (columns, columns) that gives all rates from those of independent columns."""
         return self._completion(self._values)
 
+    def completed(self, z):
+        """All rates from those of independent columns."""
+        return self.completion() @ z
+
     def spread(self, z):
         """Small change of all degrees of freedom."""
         z = z.copy()

@@ -30,20 +30,27 @@ class Loads:
     def __init__(self, scene: Scene, mesh: Mesh, forms: Forms):
         self._scene, self._mesh, self._forms = scene, mesh, forms
         self._loads = [load for load in scene.loads if not load.follower]
-        columns = [scipy.sparse.csc_matrix((mesh.dofs.size, 0))]
+        #: Degrees of freedom and nodal forces of a unit of each component of each load.
+        dofs, forces = [np.empty(0, dtype=int)], [np.empty(0)]
         for load in self._loads:
             if isinstance(load.target, Beam):
-                columns.append(scipy.sparse.csc_matrix(self._line_load(load.target, load.along)))
-                continue
-            dofs = mesh.dofs[load.target.number]
-            dofs = dofs[:2] if load.kind == "force" else dofs[2:]
-            unit = np.ones(len(dofs)), dofs, np.arange(len(dofs) + 1)
-            columns.append(scipy.sparse.csc_matrix(unit, (mesh.dofs.size, len(dofs))))
-        #: Nodal forces (size, n) of a unit of each component of each load.
-        self.columns = scipy.sparse.hstack(columns, format="csc")
+                columns = self._line_load(load.target, load.along)
+                own = [np.flatnonzero(column) for column in columns]
+                dofs += own
+                forces += [column[at] for column, at in zip(columns, own, strict=True)]
+            else:
+                at = mesh.dofs[load.target.number][
+                    slice(2) if load.kind == "force" else slice(2, 3)
+                ]
+                dofs += list(at[:, None])
+                forces += [np.ones(1)] * len(at)
+        starts = np.cumsum([len(part) for part in dofs])
+        parts = np.concatenate(forces), np.concatenate(dofs), starts
+        #: The same as a matrix (size, n).
+        self.columns = scipy.sparse.csc_matrix(parts, (mesh.dofs.size, len(dofs) - 1))
 
     def _line_load(self, beam: Beam, along: Callable | None) -> np.ndarray:
-        """Nodal forces (size, 2) of a unit line load along x and y, or (size, 1) of one along s."""
+        """Nodal forces (2, size) of a unit line load along x and y, or (1, size) of one along s."""
         mesh, fields = self._mesh, self._forms.fields.plain
         if along is None:
             data, directions = on_beam(mesh, self._scene, beam), np.eye(2)
@@ -56,7 +63,7 @@ class Loads:
         columns = np.zeros((len(directions), self._forms.size))
         for column, unit.value in zip(columns, directions, strict=True):
             dolfinx_api.assemble_vector(column[: mesh.in_beams], form)
-        return columns.T
+        return columns
 
     def _at_gauss_points(self, beam: Beam, along: Callable) -> np.ndarray:
         """A line load (cells, points, 2) where it is integrated [N/m]."""

@@ -320,6 +320,14 @@ class Forms:
         fill_blocks(self.stiffness.data, self._matrix.data)
         self._add_tangent_at_nodes()
 
+    def assembled(self, form) -> np.ndarray:
+        """Entries of another form where those of the stiffness are, which keeps its own."""
+        matrix, own = self._matrix, self._matrix.data.copy()
+        dolfinx_api.assemble_matrix(matrix, form)
+        values = matrix.data.copy()
+        matrix.data[:] = own
+        return values
+
     def _add_tangent_at_nodes(self) -> None:
         if self.followers is not None:
             self.followers.subtract_tangent(*self._motion, self._factor, self.stiffness.data)

@@ -43,13 +43,12 @@ class Mass:
             places = (data[name].place if name in data else None for name in ("rhoA", "rhoI"))
             compiled, densities = _mass_form(self._forms.fields.plain, *places)
             own = {place: data[name].on(self._mesh) for name, place in densities.items()}
-            form = self._forms.bind(compiled, own)
-            matrix = dolfinx_api.create_matrix(form)
-            dolfinx_api.assemble_matrix(matrix, form)
-            mass.data[: len(matrix.data)] = matrix.data
+            values = self._forms.assembled(self._forms.bind(compiled, own))
+            mass.data[: len(values)] = values
         self.assembled += [_WORDS[name] for name in data]
         if self._scene.masses:
-            mass.setdiag(mass.diagonal() + self._mesh.from_nodes(self._lumped()))
+            row = np.repeat(np.arange(len(mass.indptr) - 1), np.diff(mass.indptr))
+            mass.data[row == mass.indices] += self._mesh.from_nodes(self._lumped())
             self.assembled.append("lumped mass")
         return mass
 

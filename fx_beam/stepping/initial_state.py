@@ -30,9 +30,10 @@ def initial_state(model: Model, drive: Drive, dt: float, start: State | None = N
     """
     state = reference_state(model) if start is None else start
     rates, accelerations = _begin(model, drive, state, dt)
-    w = initial_rates(model, state, rates)
+    T = _handy(model.reduction.coupling())
+    w = initial_rates(model, state, T, rates)
     state = replace(state, v=model.reduction.spread(w))
-    return replace(state, a=_acceleration(model, drive, state, w, accelerations, dt))
+    return replace(state, a=_acceleration(model, drive, state, T, w, accelerations, dt))
 
 
 def resumed_state(
@@ -42,8 +43,9 @@ def resumed_state(
     rates, accelerations = _begin(model, drive, start, dt)
     if same_scheme:
         return start
-    w = nearest_rates(model, start.v, rates)
-    a = _acceleration(model, drive, start, w, accelerations, dt)
+    T = _handy(model.reduction.coupling())
+    w = nearest_rates(model, T, start.v, rates)
+    a = _acceleration(model, drive, start, T, w, accelerations, dt)
     # What the last step of another scheme leaves to the next one does not count.
     start = replace(start, a=a, parts=None, past=None)
     return replace(start, before=None, algorithmic=0.0, length=0.0)
@@ -107,9 +109,21 @@ def check_joints(model: Model, state: State) -> None:
 def _begin(model: Model, drive: Drive, state: State, dt: float) -> tuple[np.ndarray, np.ndarray]:
     """Set the reduction to the start; rates and accelerations (driven,) of driven motion."""
     drive.check_start(state)
+    h = 1e-3 * dt
+    rates, bend = _derivatives(drive, state.t, h)
+    model.reduction.begin(state.q, state.slides, 10 * h)
+    if trouble := model.reduction.trouble:
+        raise SceneError(f"start: {trouble}. Start from a position beside it")
+    model.reduction.expand(np.zeros(model.reduction.free), np.zeros(len(rates)))
+    return rates, bend
+
+
+def _derivatives(drive: Drive, t: float, h: float) -> tuple[np.ndarray, np.ndarray]:
+    """First and second derivatives (driven,) of driven motion, from steps of length h [s]."""
+    if not drive.functions:
+        return np.empty(0), np.empty(0)
     # One-sided differences of second order: a motion need not be defined before the start.
     # Differences to the start have no rounding error if the motion is constant.
-    h, t = 1e-3 * dt, state.t
     f0 = drive.positions(t)
     d1, d2 = (drive.positions(t + k * h) - f0 for k in (1, 2))
     rates = (4 * d1 - d2) / (2 * h)
@@ -121,15 +135,11 @@ def _begin(model: Model, drive: Drive, state: State, dt: float) -> tuple[np.ndar
     d1, d2, d3 = (drive.positions(t + k * h) - f0 for k in (1, 2, 3))
     bend = 4 * d2 - 5 * d1 - d3
     bend[abs(bend) <= 10 * np.finfo(float).eps * (abs(f0) + abs(d3))] = 0.0
-    model.reduction.begin(state.q, state.slides, h)
-    if trouble := model.reduction.trouble:
-        raise SceneError(f"start: {trouble}. Start from a position beside it")
-    model.reduction.expand(np.zeros(model.reduction.free), np.zeros(len(rates)))
     return rates, bend / h**2
 
 
 def _acceleration(
-    model: Model, drive: Drive, state: State, w: np.ndarray, driven: np.ndarray, dt: float
+    model: Model, drive: Drive, state: State, T, w: np.ndarray, driven: np.ndarray, dt: float
 ) -> np.ndarray:
     """Accelerations from T^T M a = T^T (F - f); zero where there is no mass."""
     reduction = model.reduction
@@ -149,7 +159,7 @@ def _acceleration(
         ahead, back = (reduction.expand(s * k * w[:free], s * k * w[moved]) for s in (1, -1))
         curved = (ahead + back) / k**2
         reduction.expand(np.zeros(free), np.zeros(reduction.driven))
-    T, mass = _handy(reduction.coupling()), _handy(model.mass)
+    mass = _handy(model.mass)
     force = drive.forces(Interval(state.t, state.t + dt))[0] - model.forms.internal_force(D)
     force -= mass @ (T @ a + curved)
     model.actuators.set_rates(state.q, state.v, state.slides)
@@ -161,7 +171,7 @@ def _acceleration(
     return T @ a + curved
 
 
-def initial_rates(model: Model, state: State, driven: np.ndarray) -> np.ndarray:
+def initial_rates(model: Model, state: State, T, driven: np.ndarray) -> np.ndarray:
     """Rates (columns,) from the initial velocities of the scene and from driven motion.
 
     SceneError if they violate a support or a joint and the scene does not project them.
@@ -169,8 +179,8 @@ def initial_rates(model: Model, state: State, driven: np.ndarray) -> np.ndarray:
     v = _given_velocity(model)
     scene = model.scene
     if scene.projects_velocities:
-        return nearest_rates(model, v, driven, model.mass + _small_mass(model))
-    w = nearest_rates(model, v, driven)
+        return nearest_rates(model, T, v, driven, model.mass + _small_mass(model))
+    w = nearest_rates(model, T, v, driven)
     unit = [1.0, 1.0, 1 / model.mesh.size]
     kept = model.reduction.spread(w)
     gap = model.to_nodes(abs(kept - v)) / unit
@@ -190,23 +200,28 @@ def initial_rates(model: Model, state: State, driven: np.ndarray) -> np.ndarray:
     return w
 
 
-def nearest_rates(model: Model, v: np.ndarray, driven: np.ndarray, weight=None) -> np.ndarray:
+def nearest_rates(model: Model, T, v: np.ndarray, driven: np.ndarray, weight=None) -> np.ndarray:
     """Rates (columns,) closest to given rates v (size,), in the norm of a weight (size, size).
 
     The default weight scales displacements by the size of the scene.
     """
     reduction = model.reduction
-    free, w, T = reduction.independent, _driven_rates(model, driven), _handy(reduction.coupling())
+    free, w = reduction.independent, _driven_rates(model, driven)
     missing = v - T @ w
     if len(free) and missing.any():
-        weight = scipy.sparse.diags(model.unit**-2.0) if weight is None else weight
         free_T = T[:, free]
-        normal, right = free_T.T @ weight @ free_T, free_T.T @ (weight @ missing)
+        if weight is not None:
+            weighted, right = free_T.T @ weight, free_T.T @ (weight @ missing)
+        else:
+            each = model.unit**-2.0
+            right, is_array = free_T.T @ (each * missing), isinstance(T, np.ndarray)
+            weighted = free_T.T * each if is_array else free_T.T @ scipy.sparse.diags(each)
+        normal = weighted @ free_T
         if isinstance(normal, np.ndarray):
             w[free] = np.linalg.solve(normal, right)
         else:
             w[free] = scipy.sparse.linalg.spsolve(normal.tocsc(), right)
-    return reduction.completion() @ w
+    return reduction.completed(w)
 
 
 def _handy(matrix: scipy.sparse.csr_matrix):
