@@ -6,7 +6,7 @@ from scenes import pendulum
 from test_loop import SCENES, lattice
 
 import fx_beam as fb
-from fx_beam.compiled import loop, lu_layout
+from fx_beam.compiled import handover, loop, lu_layout
 
 STRUT = fb.Section(EA=1e6, GA=1e6, EI=1e2, rhoA=1.0, rhoI=1e-2)
 
@@ -28,6 +28,9 @@ def problems(monkeypatch):
 @pytest.fixture
 def keep(monkeypatch):
     """Let every scene keep its factors, or none."""
+
+    # Without layouts of earlier tests.
+    monkeypatch.setattr(handover, "factors_of", lu_layout.factors_of.__wrapped__)
 
     def set_worth(kept):
         monkeypatch.setattr(lu_layout, "_NARROW", 0)

@@ -13,7 +13,7 @@ import pytest
 from scenes import FLYING, demo, free_flight, pendulum, pinned_beam, relative_drift
 
 import fx_beam as fb
-from fx_beam.compiled import build, lu_layout
+from fx_beam.compiled import build, handover, lu_layout
 from fx_beam.mechanics.rates import MidPointRates
 
 SCHEMES = [
@@ -242,6 +242,8 @@ def test_a_lattice_runs_in_the_loop_with_sparse_factors_and_a_chain_with_a_band(
 )
 def test_sparse_rows_give_what_the_band_gives(name, monkeypatch):
     make, dt = SCENES[name]
+    # Without layouts of earlier tests.
+    monkeypatch.setattr(handover, "factors_of", lu_layout.factors_of.__wrapped__)
 
     def run():
         return fb.simulate(make(), dt=dt, t_end=30 * dt, max_halvings=0)

@@ -149,6 +149,7 @@ def test_functions_without_names_leave_the_steps_to_python(monkeypatch, tmp_path
 
     monkeypatch.setattr(ffcx_api, "_symbol", nameless)
     monkeypatch.setattr(build, "cache_directory", lambda: tmp_path)
+    monkeypatch.setattr(build, "_loaded", {})
     build._warn.cache_clear()
     solution = fb.simulate(pinned_beam()[0], dt=0.01, t_end=0.1)
     assert solution.stats.solver == "petsc lu (it cannot be built)"

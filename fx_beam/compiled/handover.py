@@ -57,7 +57,7 @@ class Problem:
         self.model = model
         self.ffi, self.library = load_library()
         self._keep: list[Any] = []
-        #: Pointers by contents, since forms have many arrays in common.
+        #: Pointers to the data of cells by name and cells, since forms have them in common.
         self._shared: dict[Any, Any] = {}
         self.c = self.ffi.new("Problem *")
         tables = model.reduction.tables()
@@ -88,8 +88,8 @@ class Problem:
             setattr(self.c, name, self._pointer(values, np.float64))
 
     def _pointer(self, values, dtype):
-        array = self._kept(np.ascontiguousarray(values, dtype=dtype))
-        return self.ffi.cast("int *" if dtype == np.int32 else "double *", array.ctypes.data)
+        kind, array = "int[]" if dtype == np.int32 else "double[]", np.asarray(values, dtype, "C")
+        return self._kept(self.ffi.from_buffer(kind, array))
 
     def _kept(self, data):
         """Keep a reference to data of C, so that Python does not free them."""
@@ -105,11 +105,18 @@ class Problem:
         p.cell_dofs, p.cell_coordinates = dofs.shape[1], coordinates.shape[1]
         massless = np.flatnonzero(model.massless)
         p.turning, p.massless_count = len(model.turns), len(massless)
-        #: Degrees of freedom, coordinates and storage indices of each cell.
-        self._dofs, self._coordinates = dofs, coordinates
-        self._places = place[entries]
+        #: Degrees of freedom, coordinates and storage indices of each cell; with the first index
+        #: for the lanes that have no cell.
+        self._of_cells = {
+            "dofs": (dofs, None),
+            "to": (dofs, p.dofs),
+            "place": (place[entries], p.places),
+            "coordinates": (coordinates, None),
+        }
+        turns = np.zeros(model.size, dtype=bool)
+        turns[model.turns] = True
         heavy = mass.data != 0
-        turning = heavy & np.isin(mass.indices, model.turns)
+        turning = heavy & turns[mass.indices]
         p.turning_masses = np.count_nonzero(turning)
         self._ints(
             turns=model.turns,
@@ -126,17 +133,15 @@ class Problem:
         )
         self._doubles(
             per_unit=1 / model.unit,
-            per_displacement=np.where(
-                np.isin(np.arange(model.size), model.turns), 0, 1 / model.unit
-            ),
+            per_displacement=np.where(turns, 0, 1 / model.unit),
             mass=mass.data[heavy],
             turning_mass=mass.data[turning],
             position=mesh.X,
         )
         if p.cell_internal:
-            width = model.forms.internal_shape[-1]
+            internal, width = np.arange(p.cells * p.cell_internal), model.forms.internal_shape[-1]
+            self._of_cells["internal"] = internal.reshape(p.cells, -1), None
             self._doubles(per_weight=np.repeat(1 / model.forms.point_weights, width))
-        self._internal = np.arange(p.cells * p.cell_internal).reshape(p.cells, p.cell_internal)
         if model.weight is not None:
             self._doubles(weight=model.weight)
         columns = model.loads.columns
@@ -163,12 +168,11 @@ class Problem:
         for of, tag, batch in zip(integrals, tags, batches, strict=True):
             cells = forms.cells_of(tag)
             of.batch, of.cells = ffi.cast("Batch *", batch), len(cells)
-            of.packed = self._lanes(packed[tag], owner=(names, tag))
-            of.dofs, of.to = self._lanes(self._dofs[cells]), self._lanes(self._dofs[cells], p.dofs)
-            of.place = self._lanes(self._places[cells], p.places)
-            if p.cell_internal:
-                of.internal = self._lanes(self._internal[cells])
-            of.coordinates = self._lanes(self._coordinates[cells])
+            of.packed, key = self._lanes(packed[tag]), cells.tobytes()
+            for name, (rows, behind) in self._of_cells.items():
+                if (name, key) not in self._shared:
+                    self._shared[name, key] = self._lanes(rows[cells], behind)
+                setattr(of, name, self._shared[name, key])
         out.kind = self._pointer([kind for kind, _ in moving], np.int32)
         out.offset = self._pointer([offset for _, offset in moving], np.int32)
         sought = forms.fields.time, forms.fields.dt, forms.fields.memory
@@ -176,8 +180,8 @@ class Problem:
         out.constants = self._pointer(constants, np.float64)
         out.time_at, out.dt_at, out.memory_at = places
 
-    def _lanes(self, rows: np.ndarray, behind: int | None = None, owner: Any = None):
-        """Pointer to rows in blocks of LANES, column by column; an owner's equal arrays are shared.
+    def _lanes(self, rows: np.ndarray, behind: int | None = None):
+        """Pointer to rows in blocks of LANES, column by column.
 
         The last block is padded with copies of the last row, or with indices from `behind` on.
         """
@@ -188,11 +192,7 @@ class Problem:
         if behind is not None:
             padded[len(rows) :] = behind + np.arange(len(padded) - len(rows))[:, None]
         blocks = padded.reshape(len(padded) // lanes, lanes, rows.shape[1]).swapaxes(1, 2)
-        key = owner, blocks.shape, blocks.tobytes()
-        if key not in self._shared:
-            kind = np.float64 if rows.dtype == np.float64 else np.int32
-            self._shared[key] = self._pointer(blocks, kind)
-        return self._shared[key]
+        return self._pointer(blocks, np.float64 if rows.dtype == np.float64 else np.int32)
 
     def _hand_over_nodal_forces(self, place: np.ndarray) -> None:
         p, forms = self.c, self.model.forms

@@ -48,11 +48,11 @@ class DragForms:
 class BeamDrag:
     """The drag of a scene's beams in a step, by its forms on the mesh."""
 
-    def __init__(self, increment, force, tangent, loss):
+    def __init__(self, mesh, increment, force, tangent, loss):
         #: The increment in these forms, another function than that of the internal forces.
         self.increment = increment
         self._force, self._tangent, self._loss = force, tangent, loss
-        self._matrix = dolfinx_api.create_matrix(tangent)
+        self._matrix = dolfinx_api.create_matrix(tangent, mesh)
         self._vector = np.zeros(len(increment.x.array))
 
     def set_step(self, dt: float, q: np.ndarray, v: np.ndarray) -> None:

@@ -18,7 +18,6 @@ from .mpi import MPI
 import dolfinx
 import ufl
 from dolfinx import fem
-from dolfinx.fem import assemble
 from ufl.algorithms.check_arities import ArityMismatch
 from ufl.domain import extract_domains
 
@@ -211,15 +210,27 @@ def evaluate(expression, mesh, cells: np.ndarray) -> np.ndarray:
     return values.reshape(len(cells), -1)
 
 
-def create_matrix(form):
-    """Zero matrix in compressed rows, with the sparsity of a compiled bilinear form."""
-    return assemble.create_matrix(form)
+def create_matrix(form, mesh):
+    """Zero matrix in compressed rows, with the sparsity of a bound bilinear form."""
+    dofs = _cpp(form).function_spaces[0].element.space_dimension
+    if dofs not in mesh.sparsities:
+        found = mesh.sparsities[dofs] = fem.create_sparsity_pattern(form)
+        (found.finalize if hasattr(found, "finalize") else found.assemble)()
+    return dolfinx.la.matrix_csr(mesh.sparsities[dofs], dtype=_REAL)
 
 
 def assemble_matrix(matrix, form) -> None:
     """Assemble a bilinear form; old values of `matrix` are overwritten."""
     matrix.data[:] = 0.0
     fem.assemble_matrix(matrix, form)
+
+
+def entries(form, matrix) -> np.ndarray:
+    """Entries of a bilinear form in the sparsity of a matrix, which keeps its own values."""
+    own = matrix.data.copy()
+    assemble_matrix(matrix, form)
+    found, matrix.data[:] = matrix.data.copy(), own
+    return found
 
 
 def assemble_vector(array: np.ndarray, form) -> None:

@@ -69,7 +69,7 @@ class Forms:
         self._weak = weak = self._weak_form(scene)
         #: UFL's fields, and what is in their places on this mesh.
         self.fields = weak.fields
-        self._data |= self._fields()
+        self._data |= self._fields(bool(scene.drags))
         self.increment, self._start, *self._start_rates = self.moving[:4]
         if weak.added is not None:
             self._added = self._bind(weak.added)
@@ -84,14 +84,14 @@ class Forms:
         self.resultants_need_rates = weak.resultants_need_rates
         self.resultants_move = weak.resultants_move
 
-        self._matrix = dolfinx_api.create_matrix(self._tangent)
-        pattern = self._matrix.indices, self._matrix.indptr
+        self.matrix = dolfinx_api.create_matrix(self._tangent, self._mesh.mesh)
+        pattern = self.matrix.indices, self.matrix.indptr
         #: Tangent of the internal forces: the assembled values, then those of nodes alone.
-        self.stiffness = with_blocks(self._matrix.data, *pattern, self.size)
+        self.stiffness = with_blocks(self.matrix.data, *pattern, self.size)
         self._force = np.zeros(self.size)
 
-    def _fields(self) -> dict[Any, Any]:
-        """Constants and functions in the place of UFL's fields."""
+    def _fields(self, damps: bool) -> dict[Any, Any]:
+        """Constants and functions in the place of UFL's fields, for drag if it `damps`."""
         mesh, space, fields = self._mesh.mesh, self._mesh.space, self.fields
         self.time, self.dt, self.load_factor = (
             dolfinx_api.constant(mesh, value) for value in (0.0, 1.0, 1.0)
@@ -105,8 +105,7 @@ class Forms:
             places = intervals.gauss_space(mesh, fields.degree, self._weak.width)
             found[self._weak.internal] = dolfinx_api.function(places)
             self._cell_points = dolfinx_api.element_dofs(places)
-        needed = fields.moving[1 : 5 if self._weak.needs_before else 4]
-        found |= {field: dolfinx_api.function(space) for field in needed}
+        found |= {field: dolfinx_api.function(space) for field in self._weak.given(damps)}
         #: Space of the increment and of the virtual displacements and rotations.
         self._space, unknowns = self._unknowns(fields)
         return found | unknowns
@@ -132,7 +131,7 @@ class Forms:
             space, unknowns = self._unknowns(plan.fields)
             data = self._data | unknowns | plan.data
             forms = [self._bound(form, space, data) for form in plan.compiled]
-            self.beam_drag = BeamDrag(unknowns[plan.fields.increment], *forms)
+            self.beam_drag = BeamDrag(mesh.mesh, unknowns[plan.fields.increment], *forms)
         if of_nodes:
             self.node_drag = NodeDrag(scene, of_nodes, mesh, stiffness, scheme.rates)
         if scene.obstacles:
@@ -316,17 +315,9 @@ class Forms:
 
     def assemble_stiffness(self) -> None:
         """Assemble `stiffness` at the increment of the last `internal_force` (eq. 54)."""
-        dolfinx_api.assemble_matrix(self._matrix, self._tangent)
-        fill_blocks(self.stiffness.data, self._matrix.data)
+        dolfinx_api.assemble_matrix(self.matrix, self._tangent)
+        fill_blocks(self.stiffness.data, self.matrix.data)
         self._add_tangent_at_nodes()
-
-    def assembled(self, form) -> np.ndarray:
-        """Entries of another form where those of the stiffness are, which keeps its own."""
-        matrix, own = self._matrix, self._matrix.data.copy()
-        dolfinx_api.assemble_matrix(matrix, form)
-        values = matrix.data.copy()
-        matrix.data[:] = own
-        return values
 
     def _add_tangent_at_nodes(self) -> None:
         if self.followers is not None:

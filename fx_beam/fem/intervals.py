@@ -59,13 +59,15 @@ def quietly(compiling: F) -> F:
 
 
 class IntervalMesh(dolfinx.mesh.Mesh):
-    """A mesh of intervals in the plane, and its spaces."""
+    """A mesh of intervals in the plane, and what follows from its connectivity."""
 
-    def __init__(self, of_cpp, degree: int, spaces: dict[Any, Any]):
+    def __init__(self, of_cpp, degree: int, spaces: dict[Any, Any], sparsities: dict[int, Any]):
         super().__init__(of_cpp, ufl.Mesh(lagrange(degree, 2)))
         self._degree = degree
         #: C++ spaces by element, of this mesh or of one with the same connectivity.
         self.spaces = spaces
+        #: Sparsities of bilinear forms by the number of degrees of freedom of a cell.
+        self.sparsities = sparsities
 
     @property
     def of_cpp(self):
@@ -81,7 +83,7 @@ class IntervalMesh(dolfinx.mesh.Mesh):
         other = type(own)(MPI.COMM_SELF, own.topology, own.geometry)
         geometry = other.geometry
         geometry.x[:, :2] = points[geometry.input_global_indices]
-        return IntervalMesh(other, self._degree, self.spaces)
+        return IntervalMesh(other, self._degree, self.spaces, self.sparsities)
 
     def space(self, element):
         """Space of a finite element of this mesh."""
@@ -121,7 +123,7 @@ def _intervals(count: int, cells: np.ndarray, degree: int) -> tuple[IntervalMesh
     x = np.zeros((count, 2))
     made = create(MPI.COMM_SELF, cells=cells.astype(np.int64), x=x, **named)
     order = np.array(made.topology.original_cell_index)
-    return IntervalMesh(domain.ufl_cargo(), degree, {}), order
+    return IntervalMesh(domain.ufl_cargo(), degree, {}, {}), order
 
 
 def gauss_space(mesh: IntervalMesh, points: int, *shape: int):

@@ -43,7 +43,8 @@ class Mass:
             places = (data[name].place if name in data else None for name in ("rhoA", "rhoI"))
             compiled, densities = _mass_form(self._forms.fields.plain, *places)
             own = {place: data[name].on(self._mesh) for name, place in densities.items()}
-            values = self._forms.assembled(self._forms.bind(compiled, own))
+            form, matrix = self._forms.bind(compiled, own), self._forms.matrix
+            values = dolfinx_api.entries(form, matrix)
             mass.data[: len(values)] = values
         self.assembled += [_WORDS[name] for name in data]
         if self._scene.masses:

@@ -197,6 +197,12 @@ class WeakForm:
         self.resultants_need_rates = any(rate in found for rate in fields.start_rates)
         self.resultants_move = self.resultants_need_rates or fields.dt in found
 
+    def given(self, damps: bool) -> list:
+        """Fields of the start of a step that the forms have, those of drag if it `damps`."""
+        _, start, *rates, before = self.fields.moving
+        rates = rates if damps or self.needs_rates or self.resultants_need_rates else []
+        return [start, *rates, *[before] * self.needs_before]
+
     def _increments(self):
         dx = self.fields.measure(self.fields.degree)
         at_points = ufl.TestFunction(self.fields.internal(self.width))
