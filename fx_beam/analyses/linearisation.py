@@ -112,7 +112,8 @@ def linearised(scene: Scene, state: Solution | None, what: str) -> Linearisation
     if reduction.trouble:
         raise SceneError(f"{what}: {reduction.trouble}. Take a state beside it")
     unknowns = reduction.independent
-    K, T = K[unknowns][:, unknowns], reduction.coupling()[:, unknowns]
+    K = K[unknowns][:, unknowns] if len(unknowns) < reduction.free else K
+    T = reduction.coupling()[:, unknowns]
     M = (T.T @ model.mass @ T).tocsr()
     columns = reduction.completion()[:, unknowns]
     return Linearisation(scene, model, K, M, T, unknowns, columns, start)

@@ -229,9 +229,9 @@ def modes(scene: Scene, state: Solution | None = None, n: int = 6, damping: bool
 
 def _asymmetry(K, unit: np.ndarray) -> float:
     """Largest asymmetry of a stiffness, relative to its rows, independent of the user's units."""
-    scale = scipy.sparse.diags(unit)
-    work = abs(scale @ K @ scale)
-    largest = work.max(axis=1).toarray()[:, 0]
-    gap = (scale @ abs(K - K.T) @ scale).tocoo()
+    gap, row = (K - K.T).tocoo(), np.repeat(np.arange(len(unit)), np.diff(K.indptr))
+    work = abs(K.data) * unit[row] * unit[K.indices]
+    largest = scipy.sparse.csr_matrix((work, K.indices, K.indptr)).max(axis=1).toarray()[:, 0]
     sizes = np.sqrt(largest[gap.row] * largest[gap.col])
-    return float((gap.data[sizes > 0] / sizes[sizes > 0]).max(initial=0.0))
+    gaps = abs(gap.data) * unit[gap.row] * unit[gap.col]
+    return float((gaps[sizes > 0] / sizes[sizes > 0]).max(initial=0.0))

@@ -41,7 +41,8 @@ def _in_slices(K, M, n: int, sizes: np.ndarray) -> tuple[np.ndarray, np.ndarray,
     # Each slice has its own shift, since eigenvalues far below a shift are lost to rounding errors.
     # A slice is complete when it has as many eigenvalues as Sylvester's law counts. A Krylov space
     # may lack copies of multiple eigenvalues; they are found after deflation of the others.
-    below = functools.cache(functools.partial(_below, K, M))
+    pencil = (K + 1j * M).tocsc()  # both in one sparsity
+    below = functools.cache(functools.partial(_below, pencil))
     levels = _levels(below, sizes)
 
     def reach(k):
@@ -92,14 +93,15 @@ def _quotients(K, M, vectors: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return values, 2 * np.finfo(float).eps * sizes
 
 
-def _below(K, M, x: float) -> int:
+def _below(pencil: scipy.sparse.csc_matrix, x: float) -> int:
     """Number of eigenvalues below x: negative pivots of K - x M, by Sylvester's law of inertia.
 
-    -1 if a pivot is zero: x is an eigenvalue.
+    The pencil is K + i M. -1 if a pivot is zero: x is an eigenvalue.
     """
+    values = pencil.data.real - x * pencil.data.imag
     try:
         factors = splu(
-            (K - x * M).tocsc(),
+            scipy.sparse.csc_matrix((values, pencil.indices, pencil.indptr), pencil.shape),
             permc_spec="MMD_AT_PLUS_A",
             diag_pivot_thresh=0.0,
             options={"SymmetricMode": True},

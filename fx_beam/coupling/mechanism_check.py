@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
@@ -19,6 +20,8 @@ _ROUNDING = 1e-9
 # Shift of the diagonal before factorisation: above round-off, and small compared with the squares
 # of the violations to be detected.
 _SHIFT = 1e-14
+# Up to so many columns all singular vectors are computed, which is then faster.
+_FEW = 30
 # Number of motions in the inverse iteration, and of iterations.
 _SOUGHT, _CORRECTIONS = 4, 6
 
@@ -39,7 +42,7 @@ def check_no_massless_mechanism(
     if not parts.free.any():
         return
     rows = _rows(scene, mesh, parts, at_rest=mass is None)
-    motion = _motion(rows[:, parts.free.ravel()])
+    motion = _motion(rows)
     if motion is None:
         return
     rates = np.zeros(parts.free.shape)
@@ -108,8 +111,8 @@ def _parts(mesh: Mesh, stiffness, inertia: np.ndarray | None) -> _Parts:
     return _Parts(of_node, middle, point, free)
 
 
-def _rows(scene: Scene, mesh: Mesh, parts: _Parts, at_rest: bool) -> scipy.sparse.csr_matrix:
-    """Linear constraints of supports and joints on the rates, (rows, 3 parts)."""
+def _rows(scene: Scene, mesh: Mesh, parts: _Parts, at_rest: bool):
+    """Linear constraints of supports and joints on the free rates: an array (rows, free) if few."""
     arms: list[list[float]] = ((mesh.X - parts.point[parts.of_node]) / mesh.size).tolist()
     part_of_node = [int(part) for part in parts.of_node]
     entries: list[tuple[int, int, float]] = []
@@ -146,8 +149,9 @@ def _rows(scene: Scene, mesh: Mesh, parts: _Parts, at_rest: bool) -> scipy.spars
             add(b, 2, 1.0)
             add(a, 2, -1.0)
     i, j, values = np.array(entries).reshape(-1, 3).T
-    shape = row + 1, parts.free.size
-    return scipy.sparse.csr_matrix((values, (i.astype(int), j.astype(int))), shape)
+    shape, free = (row + 1, parts.free.size), parts.free.ravel()
+    rows = scipy.sparse.coo_matrix((values, (i.astype(int), j.astype(int))), shape)
+    return rows.toarray()[:, free] if free.sum() <= _FEW else rows.tocsr()[:, free]
 
 
 def _is_held(coordinate: Coordinate | None, at_rest: bool) -> bool:
@@ -160,11 +164,32 @@ def _is_held(coordinate: Coordinate | None, at_rest: bool) -> bool:
     return bool(held or (damped and not at_rest))
 
 
-def _motion(rows: scipy.sparse.csr_matrix) -> np.ndarray | None:
-    """Rates (n,) in the null space of the rows, or None.
+def _motion(rows) -> np.ndarray | None:
+    """Rates (n,) in the null space of the rows, or None."""
+    n = rows.shape[1]
+    allowed, settled = (_all if isinstance(rows, np.ndarray) else _some)(rows)
+    if not allowed.size:
+        return None
+    # Of all possible motions the one that moves a single column most is simplest to describe.
+    shares = np.sum(allowed**2, axis=1)
+    most = np.zeros((n, 1))
+    most[np.argmax(shares > 0.5 * shares.max())] = 1.0
+    return settled(most)[:, 0]
 
-    Inverse iteration on the normal equations finds candidates; their round-off is that of squares,
-    so the rows themselves decide.
+
+def _all(rows: np.ndarray) -> tuple[np.ndarray, Callable]:
+    """Unit motions (n, k) in the null space of a few rows, and the projection on these."""
+    largest = np.sqrt((rows**2).sum(axis=0).max()) or 1.0
+    _, violations, motions = np.linalg.svd(rows)
+    violations = np.append(violations, np.zeros(len(motions) - len(violations)))
+    allowed = motions[violations <= _ROUNDING * largest].T
+    return allowed, lambda motion: allowed @ (allowed.T @ motion)
+
+
+def _some(rows: scipy.sparse.csr_matrix) -> tuple[np.ndarray, Callable]:
+    """The same, but not all motions, by inverse iteration on the normal equations.
+
+    It finds candidates; their round-off is that of squares, so the rows themselves decide.
     """
     n, normal = rows.shape[1], (rows.T @ rows).tocsc()
     largest = normal.diagonal().max() or 1.0
@@ -181,14 +206,7 @@ def _motion(rows: scipy.sparse.csr_matrix) -> np.ndarray | None:
     # Zero rows are added, as there may be fewer rows than motions.
     violated = np.vstack([rows @ found, np.zeros((found.shape[1],) * 2)])
     _, violations, mixed = np.linalg.svd(violated, full_matrices=False)
-    allowed = found @ mixed[violations <= _ROUNDING * np.sqrt(largest)].T
-    if not allowed.size:
-        return None
-    # Of all possible motions the one that moves a single column most is simplest to describe.
-    shares = np.sum(allowed**2, axis=1)
-    most = np.zeros((n, 1))
-    most[np.argmax(shares > 0.5 * shares.max())] = 1.0
-    return settled(most)[:, 0]
+    return found @ mixed[violations <= _ROUNDING * np.sqrt(largest)].T, settled
 
 
 def _description(scene: Scene, mesh: Mesh, parts: _Parts, rates: np.ndarray) -> str:

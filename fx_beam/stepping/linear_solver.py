@@ -9,6 +9,7 @@ import numpy as np
 import scipy.sparse
 from scipy.sparse.csgraph import reverse_cuthill_mckee
 
+from fx_beam.kept import kept
 from fx_beam.model.equations import Equations
 
 # Up to this half bandwidth a matrix is factorised as a band.
@@ -27,6 +28,7 @@ def petsc(what: str) -> Any:
     return PETSc
 
 
+@kept
 def _bandwidth(indptr: np.ndarray, indices: np.ndarray) -> int:
     """Half bandwidth of a sparse matrix in reverse Cuthill-McKee order."""
     n = len(indptr) - 1
