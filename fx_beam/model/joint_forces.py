@@ -15,15 +15,12 @@ class JointForces:
         self._model = model
         couplings, dofs = model.couplings, model.mesh.dofs
         joints = range(len(model.scene.joints))
-        rows, columns, signs = [], [], []
-        for j in joints:
-            for i in range(3):
-                followers, sign = couplings.subtree[i][j], couplings.sign[i, j]
-                rows += [3 * j + i] * len(followers)
-                columns += dofs[followers, i].tolist()
-                signs += [sign] * len(followers)
-        shape = (3 * len(joints), model.size)
-        self._sums = scipy.sparse.csr_matrix((signs, (rows, columns)), shape)
+        columns = [dofs[couplings.subtree[i][j], i] for j in joints for i in range(3)]
+        counts = [len(followers) for followers in columns]
+        signs = np.repeat(couplings.sign.T.ravel(), counts)
+        sums = signs, np.concatenate(columns), np.cumsum([0, *counts])
+        self._sums = scipy.sparse.csr_matrix(sums, (3 * len(joints), model.size))
+        self._sums.sort_indices()
         turning = couplings.subtree[2]
         counts = [len(nodes) for nodes in turning]
         nodes = np.concatenate([np.empty(0, int), *turning])

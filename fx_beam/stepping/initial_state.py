@@ -20,6 +20,8 @@ from .forcing import Drive
 
 # Up to so many rows matrices are arrays: an operation on sparse ones costs 0.1 ms.
 _SMALL = 200
+# Up to so many rows products of arrays are faster than those of a sparse matrix and an array.
+_TINY = 40
 _ADVICE = "Give compatible velocities to all members, or call scene.make_velocities_compatible()"
 
 
@@ -30,7 +32,7 @@ def initial_state(model: Model, drive: Drive, dt: float, start: State | None = N
     """
     state = reference_state(model) if start is None else start
     rates, accelerations = _begin(model, drive, state, dt)
-    T = _handy(model.reduction.coupling())
+    T = model.reduction.coupling()
     w = initial_rates(model, state, T, rates)
     state = replace(state, v=model.reduction.spread(w))
     return replace(state, a=_acceleration(model, drive, state, T, w, accelerations, dt))
@@ -43,7 +45,7 @@ def resumed_state(
     rates, accelerations = _begin(model, drive, start, dt)
     if same_scheme:
         return start
-    T = _handy(model.reduction.coupling())
+    T = model.reduction.coupling()
     w = nearest_rates(model, T, start.v, rates)
     a = _acceleration(model, drive, start, T, w, accelerations, dt)
     # What the last step of another scheme leaves to the next one does not count.
@@ -139,7 +141,13 @@ def _derivatives(drive: Drive, t: float, h: float) -> tuple[np.ndarray, np.ndarr
 
 
 def _acceleration(
-    model: Model, drive: Drive, state: State, T, w: np.ndarray, driven: np.ndarray, dt: float
+    model: Model,
+    drive: Drive,
+    state: State,
+    T: scipy.sparse.csr_matrix,
+    w: np.ndarray,
+    driven: np.ndarray,
+    dt: float,
 ) -> np.ndarray:
     """Accelerations from T^T M a = T^T (F - f); zero where there is no mass."""
     reduction = model.reduction
@@ -159,7 +167,7 @@ def _acceleration(
         ahead, back = (reduction.expand(s * k * w[:free], s * k * w[moved]) for s in (1, -1))
         curved = (ahead + back) / k**2
         reduction.expand(np.zeros(free), np.zeros(reduction.driven))
-    mass = _handy(model.mass)
+    reduced, mass, T = _reduced(model.mass, T), _handy(model.mass), _handy(T)
     force = drive.forces(Interval(state.t, state.t + dt))[0] - model.forms.internal_force(D)
     force -= mass @ (T @ a + curved)
     model.actuators.set_rates(state.q, state.v, state.slides)
@@ -167,8 +175,18 @@ def _acceleration(
     model.actuators.begin(state.q, state.slides, h)
     model.actuators.set_increment(h * state.v, h * w)
     b = T.T @ force - model.actuators.forces(reduction.columns)
-    a[:free] = acceleration_of((T.T @ mass @ T)[:free, :free], b[:free])
+    a[:free] = acceleration_of(reduced[:free, :free], b[:free])
     return T @ a + curved
+
+
+def _reduced(mass: scipy.sparse.csr_matrix, T: scipy.sparse.csr_matrix):
+    """T^T M T, an array if it is small."""
+    if T.shape[0] > _SMALL:
+        return T.T @ mass @ T
+    full = T.toarray()
+    if T.shape[0] > _TINY:
+        return (T.T @ (mass.T @ full)).T
+    return full.T @ mass.toarray() @ full
 
 
 def initial_rates(model: Model, state: State, T, driven: np.ndarray) -> np.ndarray:
@@ -207,6 +225,7 @@ def nearest_rates(model: Model, T, v: np.ndarray, driven: np.ndarray, weight=Non
     """
     reduction = model.reduction
     free, w = reduction.independent, _driven_rates(model, driven)
+    T = _handy(T)
     missing = v - T @ w
     if len(free) and missing.any():
         free_T = T[:, free]
