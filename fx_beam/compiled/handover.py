@@ -6,7 +6,7 @@ Newton's method, the couplings and the nodal rates.
 
 from __future__ import annotations
 
-import math
+import itertools
 from typing import Any
 
 import numpy as np
@@ -372,7 +372,7 @@ class Problem:
             "held": reduction.columns - reduction.free,
             "added_force": model.size,
             "before": model.size if model.keeps_before else 0,
-            "internals": math.prod(model.forms.internal_shape),
+            "internals": int(np.prod(model.forms.internal_shape)),
             "spring_internals": model.actuators.width,
         }
         # One piece of memory, which the loop copies before a step with sub-steps.
@@ -382,8 +382,8 @@ class Problem:
         memory = self._kept(np.zeros(sum(sizes.values()) + known * sum(past) + sum(errors)))
         self.c.memory = self.ffi.cast("double *", memory.ctypes.data)
         self.c.memory_size = len(memory)
-        ends = np.cumsum([*sizes.values(), *(known * n for n in past), *errors])
-        arrays = np.split(memory, ends[:-1])
+        ends = [0, *itertools.accumulate([*sizes.values(), *(known * n for n in past), *errors])]
+        arrays = [memory[start:end] for start, end in itertools.pairwise(ends)]
         states, of_errors = arrays[:-6], arrays[-3:]
         ages, differences, differences_y = arrays[-6:-3]
         self.state_arrays = dict(zip(sizes, states, strict=True))

@@ -39,7 +39,7 @@ def check_no_massless_mechanism(
     restrain it.
     """
     parts = _parts(mesh, stiffness, None if mass is None else _inertia(scene, mesh, mass))
-    if not parts.free.any():
+    if parts is None or not parts.free.any():
         return
     rows = _rows(scene, mesh, parts, at_rest=mass is None)
     motion = _motion(rows)
@@ -89,9 +89,16 @@ def _connected(indptr: np.ndarray, indices: np.ndarray) -> tuple[int, np.ndarray
     return scipy.sparse.csgraph.connected_components(graph, directed=False)
 
 
-def _parts(mesh: Mesh, stiffness, inertia: np.ndarray | None) -> _Parts:
+def _parts(mesh: Mesh, stiffness, inertia: np.ndarray | None) -> _Parts | None:
+    """The parts of a scene; None if all of them have mass and rotary inertia."""
     count, part_of_dof = _connected(stiffness.indptr, stiffness.indices)
     of_node, X = part_of_dof[mesh.dofs[:, 0]], mesh.X
+    free = np.ones((count, 3), dtype=bool)
+    if inertia is not None:
+        heavy, turning = np.flatnonzero(inertia[:, 0]), np.flatnonzero(inertia[:, 2])
+        free[of_node[heavy], :2] = free[of_node[turning], 2] = False
+        if not free.any():
+            return None
 
     def mean(nodes: np.ndarray) -> np.ndarray:
         """Mean positions of some nodes of each part, zero for a part without them."""
@@ -100,14 +107,11 @@ def _parts(mesh: Mesh, stiffness, inertia: np.ndarray | None) -> _Parts:
         return np.column_stack(sums) / np.maximum(np.bincount(own, minlength=count), 1)[:, None]
 
     point = middle = mean(np.arange(len(X)))
-    free = np.ones((count, 3), dtype=bool)
     if inertia is not None:
         # With mass at one place only, a body can rotate about it without inertia.
-        heavy, turning = np.flatnonzero(inertia[:, 0]), np.flatnonzero(inertia[:, 2])
-        free[of_node[heavy], :2] = False
         point = np.where(free[:, :1], middle, mean(heavy))
         apart = np.hypot(*(X[heavy] - point[of_node[heavy]]).T) > 1e-12 * mesh.size
-        free[of_node[heavy[apart]], 2] = free[of_node[turning], 2] = False
+        free[of_node[heavy[apart]], 2] = False
     return _Parts(of_node, middle, point, free)
 
 

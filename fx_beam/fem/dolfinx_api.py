@@ -8,6 +8,7 @@ from __future__ import annotations
 import functools
 import inspect
 import logging
+import math
 from collections.abc import Callable, Mapping
 from typing import Any, NamedTuple
 
@@ -46,6 +47,7 @@ REFUSALS: tuple[type[BaseException], ...] = (Exception, ArityMismatch)
 if _FORM_IS_OF_CPP:
     _FORM_OF_CPP: Any = type("Form", (fem.FormMetaClass, dolfinx.cpp.fem.Form_float64), {})
 
+_KINDS_OF_INTEGRALS = list(fem.IntegralType.__members__.values())
 _REAL: Any = np.float64  # also if PETSc is built for complex numbers
 
 
@@ -174,7 +176,7 @@ def _subdomains(mesh, compiled: CompiledForm, tags) -> dict:
     """Cells of each subdomain of a form, as dolfinx wants them."""
     cell = fem.IntegralType.cell
     if _FORM_IS_OF_CPP:
-        kinds: dict = dict.fromkeys(fem.IntegralType.__members__.values())
+        kinds = dict.fromkeys(_KINDS_OF_INTEGRALS)
         if tags is not None:
             every = np.arange(len(tags), dtype=np.int32)
             kinds[cell] = dolfinx.mesh.meshtags(mesh, 1, every, tags.astype(np.int32))
@@ -296,7 +298,7 @@ def places_in(*forms: tuple[Any, CompiledForm]) -> tuple[list[int], list[int]]:
 
 
 def _size(constant) -> int:
-    return int(np.prod(constant.ufl_shape, dtype=int))
+    return math.prod(constant.ufl_shape)
 
 
 def packed_coefficients(form, compiled: CompiledForm) -> dict[int, np.ndarray]:

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from fx_beam.errors import SceneError
+from fx_beam.kept import kept
 from fx_beam.scene.beam import Beam, inner_positions
 from fx_beam.scene.scene import Scene
 
@@ -98,21 +99,36 @@ def build_mesh(scene: Scene) -> Mesh:
     else:
         mesh, order = intervals.interval_mesh(points, ends)
     space = intervals.beam_space(mesh, degree)
-    dofs = np.full((len(X), 3), -1)
-    dofs[nodes_of_element[order]] = dolfinx_api.dofs_of_cells(space)
+    of_cells = dolfinx_api.dofs_of_cells(space)
+    counts = np.array([beam.elements for beam in scene.beams])
+    numbers = _numbers(len(X), nodes_of_element, order, of_cells, counts)
+    return Mesh(mesh, space, X, *numbers, curved)
+
+
+@kept
+def _numbers(
+    count: int, elements: np.ndarray, order: np.ndarray, of_cells: np.ndarray, counts: np.ndarray
+) -> tuple[np.ndarray, int, np.ndarray, list[np.ndarray], list[np.ndarray]]:
+    """`dofs`, `in_beams`, `beam_of_cell`, `cells` and `nodes` of a mesh of so many nodes.
+
+    From the nodes of the elements, the element and the degrees of freedom of each cell, and the
+    number of elements of each beam.
+    """
+    dofs = np.full((count, 3), -1)
+    dofs[elements[order]] = of_cells
     alone = dofs[:, 0] < 0
     in_beams = 3 * int(np.count_nonzero(~alone))
     dofs[alone] = np.arange(in_beams, dofs.size).reshape(-1, 3)
 
-    cell_of_element = np.argsort(order)
-    counts = [beam.elements for beam in scene.beams]
+    cell_of_element, degree = np.argsort(order), elements.shape[1] - 1
     first, beam_of_element = np.cumsum([0, *counts]), np.repeat(np.arange(len(counts)), counts)
     cells = _split(cell_of_element, first)
     # The chains of all beams: the start of each, then inner nodes and end of each element.
-    chain = np.insert(np.hstack([inner, ends[:, 1:]]), first[:-1] * degree, ends[first[:-1], 0])
+    chain = np.insert(
+        elements[:, [*range(2, degree + 1), 1]], first[:-1] * degree, elements[first[:-1], 0]
+    )
     nodes_of_beam = _split(chain, first * degree + np.arange(len(first)))
-    of_cell = beam_of_element[order]
-    return Mesh(mesh, space, X, dofs, in_beams, of_cell, cells, nodes_of_beam, curved)
+    return dofs, in_beams, beam_of_element[order], cells, nodes_of_beam
 
 
 def _split(values: np.ndarray, at: np.ndarray) -> list[np.ndarray]:

@@ -40,12 +40,32 @@ class Drive:
 
     def forces(self, step: Interval) -> tuple[np.ndarray, np.ndarray]:
         """Dead forces (size,) at the start and at the end of a step, weight included [N, N m]."""
-        before, after = (self._dead(t) for t in just_inside(*step))
-        return before, after
+        start, end = just_inside(*step)
+        before = self._dead(start)
+        return before, before if self.model.loads.constant else self._dead(end)
 
     def positions(self, t: float) -> np.ndarray:
         """Prescribed motions and positions of motors (driven,) at a time [m, rad]."""
         return np.array([evaluate(function, t, what)[0] for function, what in self._driven])
+
+    def derivatives(self, t: float, h: float) -> tuple[np.ndarray, np.ndarray]:
+        """First and second derivatives (driven,) of driven motion, from steps of length h [s]."""
+        if not self._driven:
+            return np.empty(0), np.empty(0)
+        # One-sided differences of second order: a motion need not be defined before the start.
+        # Differences to the start have no rounding error if the motion is constant.
+        f0 = self.positions(t)
+        d1, d2 = (self.positions(t + k * h) - f0 for k in (1, 2))
+        rates = (4 * d1 - d2) / (2 * h)
+        # Rates below the error of these differences are set to zero.
+        rates[abs(rates) < 1e-3 * abs(self.positions(t + 100 * h) - f0) / (100 * h)] = 0.0
+        # Second differences use longer steps, since rounding errors are divided by h^2. Values
+        # below the rounding error are set to zero.
+        h *= 10
+        d1, d2, d3 = (self.positions(t + k * h) - f0 for k in (1, 2, 3))
+        bend = 4 * d2 - 5 * d1 - d3
+        bend[abs(bend) <= 10 * np.finfo(float).eps * (abs(f0) + abs(d3))] = 0.0
+        return rates, bend / h**2
 
     def loads(self, t0: np.ndarray, t1: np.ndarray) -> np.ndarray:
         """Factors (steps, 2, loads) of the unit loads at the starts and ends of steps."""

@@ -112,32 +112,12 @@ def _begin(model: Model, drive: Drive, state: State, dt: float) -> tuple[np.ndar
     """Set the reduction to the start; rates and accelerations (driven,) of driven motion."""
     drive.check_start(state)
     h = 1e-3 * dt
-    rates, bend = _derivatives(drive, state.t, h)
+    rates, bend = drive.derivatives(state.t, h)
     model.reduction.begin(state.q, state.slides, 10 * h)
     if trouble := model.reduction.trouble:
         raise SceneError(f"start: {trouble}. Start from a position beside it")
     model.reduction.expand(np.zeros(model.reduction.free), np.zeros(len(rates)))
     return rates, bend
-
-
-def _derivatives(drive: Drive, t: float, h: float) -> tuple[np.ndarray, np.ndarray]:
-    """First and second derivatives (driven,) of driven motion, from steps of length h [s]."""
-    if not drive.functions:
-        return np.empty(0), np.empty(0)
-    # One-sided differences of second order: a motion need not be defined before the start.
-    # Differences to the start have no rounding error if the motion is constant.
-    f0 = drive.positions(t)
-    d1, d2 = (drive.positions(t + k * h) - f0 for k in (1, 2))
-    rates = (4 * d1 - d2) / (2 * h)
-    # Rates below the error of these differences are set to zero.
-    rates[abs(rates) < 1e-3 * abs(drive.positions(t + 100 * h) - f0) / (100 * h)] = 0.0
-    # Second differences use longer steps, since rounding errors are divided by h^2. Values below
-    # the rounding error are set to zero.
-    h *= 10
-    d1, d2, d3 = (drive.positions(t + k * h) - f0 for k in (1, 2, 3))
-    bend = 4 * d2 - 5 * d1 - d3
-    bend[abs(bend) <= 10 * np.finfo(float).eps * (abs(f0) + abs(d3))] = 0.0
-    return rates, bend / h**2
 
 
 def _acceleration(
