@@ -133,6 +133,7 @@ HOUSE = {
         "kernels",
         "element_data",
         "slider_tables",
+        "tolerances",
         "handover",
         "loop",
         "stride",

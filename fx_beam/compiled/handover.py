@@ -17,22 +17,14 @@ from fx_beam.fem.nodal_rules import NodalRules
 from fx_beam.mechanics.rates import MidPointRates, NewmarkRates
 from fx_beam.model.joint_forces import JointForces
 from fx_beam.model.model import Model
-from fx_beam.stepping.newton import (
-    ENERGY_FLOOR,
-    ENERGY_SHARE,
-    LONGEST_TURN,
-    NEGLIGIBLE,
-    PREDICTOR_ERROR,
-    NewtonOptions,
-)
-from fx_beam.stepping.overshoot import OVERSHOOT, SEARCHES
-from fx_beam.stepping.substeps import LARGE_TURN
+from fx_beam.stepping.newton import NewtonOptions
 
 from .build import LoopUnavailable, load_batches, load_library
-from .element_data import element_data
+from .element_data import aligned, element_data, in_lanes, rows_of_nodes
 from .kernels import Kernel
 from .lu_layout import alone_in_column, factors_of, places_of_entries
 from .slider_tables import hand_over_sliders, storage_of
+from .tolerances import hand_over_tolerances
 
 # Forms that are evaluated together, by their names in C.
 _FORMS = {
@@ -57,7 +49,7 @@ class Problem:
         self.model = model
         self.ffi, self.library = load_library()
         self._keep: list[Any] = []
-        #: Pointers to the data of cells by name and cells, since forms have them in common.
+        #: Pointers to the data of cells by cells, since forms have them in common.
         self._shared: dict[Any, Any] = {}
         self.c = self.ffi.new("Problem *")
         tables = model.reduction.tables()
@@ -76,7 +68,7 @@ class Problem:
         self._hand_over_actuators()
         if joint_forces is not None:
             self._hand_over_joint_forces(tables, joint_forces)
-        self._hand_over_newton(options)
+        hand_over_tolerances(self.c, options)
         self._allocate()
 
     def _ints(self, **arrays) -> None:
@@ -105,14 +97,14 @@ class Problem:
         p.cell_dofs, p.cell_coordinates = dofs.shape[1], coordinates.shape[1]
         massless = np.flatnonzero(model.massless)
         p.turning, p.massless_count = len(model.turns), len(massless)
-        #: Degrees of freedom, coordinates and storage indices of each cell; with the first index
-        #: for the lanes that have no cell.
+        #: Degrees of freedom and coordinates of each cell; with the first index for the lanes that
+        #: have no cell. Storage indices.
         self._of_cells = {
             "dofs": (dofs, None),
             "to": (dofs, p.dofs),
-            "place": (place[entries], p.places),
             "coordinates": (coordinates, None),
         }
+        self._places = place[entries]
         turns = np.zeros(model.size, dtype=bool)
         turns[model.turns] = True
         heavy = mass.data != 0
@@ -168,11 +160,9 @@ class Problem:
         for of, tag, batch in zip(integrals, tags, batches, strict=True):
             cells = forms.cells_of(tag)
             of.batch, of.cells = ffi.cast("Batch *", batch), len(cells)
-            of.packed, key = self._lanes(packed[tag]), cells.tobytes()
-            for name, (rows, behind) in self._of_cells.items():
-                if (name, key) not in self._shared:
-                    self._shared[name, key] = self._lanes(rows[cells], behind)
-                setattr(of, name, self._shared[name, key])
+            of.packed = self._lanes(packed[tag])
+            for name, pointer in self._pointers_of(cells).items():
+                setattr(of, name, pointer)
         out.kind = self._pointer([kind for kind, _ in moving], np.int32)
         out.offset = self._pointer([offset for _, offset in moving], np.int32)
         sought = forms.fields.time, forms.fields.dt, forms.fields.memory
@@ -180,19 +170,26 @@ class Problem:
         out.constants = self._pointer(constants, np.float64)
         out.time_at, out.dt_at, out.memory_at = places
 
-    def _lanes(self, rows: np.ndarray, behind: int | None = None):
-        """Pointer to rows in blocks of LANES, column by column.
+    def _pointers_of(self, cells: np.ndarray) -> dict[str, Any]:
+        """Pointers to the data of some cells, by their names in C."""
+        key, places, p = cells.tobytes(), self._places[cells], self.c
+        if key in self._shared:
+            return self._shared[key]
+        found = {name: self._lanes(rows[cells], at) for name, (rows, at) in self._of_cells.items()}
+        if p.chain:
+            rows = rows_of_nodes(places, p.places, self.library.LANES)
+            found["run"] = self._lanes(rows.run, p.places)
+            for name in ("single_start", "single_from", "single_to"):
+                found[name] = self._pointer(getattr(rows, name), np.int32)
+        else:
+            found["place"] = self._lanes(places, p.places)
+        self._shared[key] = found
+        return found
 
-        The last block is padded with copies of the last row, or with indices from `behind` on.
-        """
-        lanes = self.library.LANES
-        padded = rows
-        if len(rows) % lanes:
-            padded = np.concatenate([rows, np.repeat(rows[-1:], -len(rows) % lanes, axis=0)])
-        if behind is not None:
-            padded[len(rows) :] = behind + np.arange(len(padded) - len(rows))[:, None]
-        blocks = padded.reshape(len(padded) // lanes, lanes, rows.shape[1]).swapaxes(1, 2)
-        return self._pointer(blocks, np.float64 if rows.dtype == np.float64 else np.int32)
+    def _lanes(self, rows: np.ndarray, behind: int | None = None):
+        """Pointer to rows as `in_lanes` arranges them."""
+        blocks = in_lanes(rows, self.library.LANES, behind)
+        return self._pointer(blocks, blocks.dtype)
 
     def _hand_over_nodal_forces(self, place: np.ndarray) -> None:
         p, forms = self.c, self.model.forms
@@ -277,9 +274,11 @@ class Problem:
         at, stored = storage_of(reduction, at, stored)
         place, p.places = places_of_entries(t, self.model.forms.stiffness, alone, at, stored)
         self._kept(hand_over_sliders(self.ffi, p, reduction, at, self._pointer))
-        p.band, p.reacting = factors.band, np.count_nonzero(~alone)
+        p.band, p.chain, p.reacting = factors.band, factors.chain, np.count_nonzero(~alone)
+        p.paddings = len(factors.padding)
         self._ints(
             order=factors.order,
+            padding=factors.padding,
             factor_start=factors.starts,
             factor_diagonal=factors.diagonals,
             reacts=np.flatnonzero(~alone),
@@ -353,14 +352,6 @@ class Problem:
         )
         self._doubles(sum_sign=sums.data, lever_sign=levers.data, twist_sign=twists["sign"])
 
-    def _hand_over_newton(self, options: NewtonOptions) -> None:
-        p = self.c
-        p.tolerance, p.max_turn = options.tolerance, options.max_turn
-        p.longest_turn, p.large_turn, p.energy_floor = LONGEST_TURN, LARGE_TURN, ENERGY_FLOOR
-        p.energy_tolerance, p.predictor_error = ENERGY_SHARE * options.tolerance, PREDICTOR_ERROR
-        p.negligible = NEGLIGIBLE * options.tolerance
-        p.max_iterations, p.overshoot, p.searches = options.max_iterations, OVERSHOOT, SEARCHES
-
     def _allocate(self) -> None:
         model, reduction = self.model, self.model.reduction
         sizes = {
@@ -397,4 +388,4 @@ class Problem:
         self.out_q = np.zeros(model.size)
         self._doubles(out_q=self.out_q)
         self._doubles(ages=self.past[0], past=self.past[1], past_y=self.past[2])
-        self._doubles(scratch=np.zeros(self.library.fx_scratch(self.c)))
+        self._doubles(scratch=aligned(np.zeros(self.library.fx_scratch(self.c))))

@@ -1,4 +1,4 @@
-"""Storage of the reduced tangent and its LU factors: as a band matrix or in sparse rows."""
+"""Storage of the reduced tangent and its LU factors: as a chain, a band matrix or sparse rows."""
 
 from __future__ import annotations
 
@@ -16,6 +16,8 @@ from fx_beam.kept import kept
 _NARROW = 11
 # Rows in a group: the degrees of freedom of a node.
 _GROUP = 3
+# Values of a row of a chain, and place of its couplings with its own group (chain.h).
+_ROW, _OWN = 12, 4
 # Time of a multiplication in sparse rows, by indirect addressing, relative to one in a band.
 _INDIRECT = 4
 # Time of a multiplication in a substitution, which waits for memory, relative to one in a
@@ -53,11 +55,16 @@ class Factors(NamedTuple):
     #: Start of each sparse row, and storage index of its diagonal.
     starts: np.ndarray
     diagonals: np.ndarray
+    #: Number of groups of three unknowns in a row, and diagonals of those that are not there.
+    chain: int = 0
+    padding: np.ndarray = np.empty(0, dtype=int)
     groups: Groups | None = None
     #: Substitutions that cost as much as a factorisation; 0 if factors are not kept.
     worth: int = 0
 
     def __str__(self):
+        if self.chain:
+            return "chain"
         if self.band:
             return f"band {self.band}"
         kept = ", kept over several steps" if self.worth else ""
@@ -90,8 +97,24 @@ def _in_band(graph: scipy.sparse.csr_matrix, rows: np.ndarray, columns: np.ndarr
     order[reverse_cuthill_mckee(graph, symmetric_mode=True)] = np.arange(n)
     i, j = order[rows], order[columns]
     band = max(1, int(abs(i - j).max(initial=0)))
+    for before in range(_GROUP if band < 2 * _GROUP else 0):
+        if abs((i + before) // _GROUP - (j + before) // _GROUP).max(initial=0) <= 1:
+            return _in_chain(order + before, rows, columns)
     width, none = 2 * band + 1, np.empty(0, dtype=int)
     return Factors(order, i * width + band + j - i, n * width, band, none, none)
+
+
+def _in_chain(order: np.ndarray, rows: np.ndarray, columns: np.ndarray) -> Factors:
+    """Storage of groups of three positions, each coupled with the next group only (chain.h)."""
+    # In each group in the order of unknowns, as in the element tangents.
+    order[np.argsort(order // _GROUP, kind="stable")] = np.sort(order)
+    chain = int(order.max()) // _GROUP + 1
+    i, j = order[rows], order[columns]
+    at = i * _ROW + _OWN * (1 + j // _GROUP - i // _GROUP) + j % _GROUP
+    unused = np.flatnonzero(np.bincount(order, minlength=_GROUP * chain) == 0)
+    padding = unused * _ROW + _OWN + unused % _GROUP
+    none, size = np.empty(0, dtype=int), _GROUP * chain * _ROW
+    return Factors(order, at, size, 2 * _GROUP - 1, none, none, chain, padding)
 
 
 def _in_rows(graph: scipy.sparse.csr_matrix, rows: np.ndarray, columns: np.ndarray) -> Factors:
@@ -116,7 +139,7 @@ def _in_rows(graph: scipy.sparse.csr_matrix, rows: np.ndarray, columns: np.ndarr
     entry = np.searchsorted(keys, group_of[rows].astype(np.int64) * count + to)
     at = row_starts[order[rows]] + before[entry] + order[columns] - first[to]
     groups = _groups(first, of, filled)
-    return Factors(order, at, int(row_starts[-1]), 0, row_starts, diagonals, groups)
+    return Factors(order, at, int(row_starts[-1]), 0, row_starts, diagonals, groups=groups)
 
 
 def _starts(counts: np.ndarray) -> np.ndarray:

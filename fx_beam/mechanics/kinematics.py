@@ -27,12 +27,17 @@ def director(psi, t0):
     return ufl.cos(psi) * t0 + ufl.sin(psi) * perp(t0)
 
 
-def strains(dphi, psi, dpsi, t0):
+def turned(t, angle):
+    """A vector rotated by an angle, from its half, of which schemes need sine and cosine anyway."""
+    s, c = ufl.sin(angle / 2), ufl.cos(angle / 2)
+    return t + 2 * s * (c * perp(t) - s * t)
+
+
+def strains(dphi, t, dpsi):
     """Axial strain E.t, shear strain E.(W t) and curvature psi', with E = phi' - t (eqs 9, 10, 12).
 
     They equal the components of the material strain R^T phi' - t0 in the reference frame.
     """
-    t = director(psi, t0)
     E = dphi - t
     return ufl.dot(E, t), ufl.dot(E, perp(t)), dpsi
 
@@ -130,12 +135,12 @@ class Step:
     @property
     def strains0(self):
         """Strains (eps, gamma, kappa) at the start of the step."""
-        return self._strains(self.u0, self.psi0)
+        return self._strains(self.u0, self.psi0, self.director0)
 
     @property
     def strains1(self):
         """Strains (eps, gamma, kappa) at the end of the step."""
-        return self._strains(self.u0 + self.Du, self.psi0 + self.Dpsi)
+        return self._strains(self.u0 + self.Du, self.psi0 + self.Dpsi, self.director1)
 
     @property
     def strain_increments(self):
@@ -145,10 +150,21 @@ class Step:
     @property
     def strains_before(self):
         """Strains (eps, gamma, kappa) at the start of the last step."""
-        return self._strains(self.u_before, self.psi_before)
+        t = director(self.psi_before, self.t0)
+        return self._strains(self.u_before, self.psi_before, t)
 
-    def _strains(self, u, psi):
-        return strains(self.t0 + self.prime(u), psi, self.prime(psi), self.t0)
+    def _strains(self, u, psi, t):
+        return strains(self.t0 + self.prime(u), t, self.prime(psi))
+
+    @property
+    def director0(self):
+        """Unit normal of the section at the start of the step."""
+        return director(self.psi0, self.t0)
+
+    @property
+    def director1(self):
+        """Unit normal of the section at the end of the step."""
+        return turned(self.director0, self.Dpsi)
 
     @property
     def director(self):

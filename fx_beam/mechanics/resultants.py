@@ -155,8 +155,9 @@ class AtEnds:
 def _at(step: Step, law: Law, u, psi) -> Resultants:
     """Resultants of one configuration."""
     dphi = step.t0 + step.prime(u)
-    N, Q, M = law.resultants(*strains(dphi, psi, step.prime(psi), step.t0))
-    return Resultants(dphi, director(psi, step.t0), N, Q, M, m=M)
+    t = director(psi, step.t0)
+    N, Q, M = law.resultants(*strains(dphi, t, step.prime(psi)))
+    return Resultants(dphi, t, N, Q, M, m=M)
 
 
 def averaged(step: Step, law: Law) -> Resultants:
@@ -167,7 +168,7 @@ def averaged(step: Step, law: Law) -> Resultants:
 def at_averages(step: Step, N, Q, M) -> Resultants:
     """Resultants on the means of phi' and of the directors of both ends (eqs 36 and 47)."""
     dphi = step.t0 + step.prime(step.u0 + step.Du / 2)
-    t = (director(step.psi0, step.t0) + director(step.psi0 + step.Dpsi, step.t0)) / 2
+    t = (step.director0 + step.director1) / 2
     m = M / (1 + tan(step.Dpsi / 2) ** 2)
     return Resultants(dphi, t, N, Q, M, m)
 

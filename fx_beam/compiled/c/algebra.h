@@ -6,22 +6,50 @@
 #include "vectors.h"
 #include "work.h"
 
-/* Largest |x| / unit; not finite if an x is not finite. Computed in LANES lanes for vectorisation. */
-static double largest(int n, const double *x, const double *per_unit) {
-  double top[LANES] = {0}, all[LANES] = {0};
-  for (int i = 0; i < n; i += LANES)
-    for (int l = 0; l < LANES && i + l < n; ++l) {
-      double size = fabs(x[i + l]) * per_unit[i + l];
-      top[l] = top[l] < size ? size : top[l];
-      all[l] += size;
-    }
-  double found = 0, sum = 0;
-  for (int l = 0; l < LANES; ++l) {
-    found = found < top[l] ? top[l] : found;
-    sum += all[l];
-  }
-  return isnan(sum) ? sum : found;
+typedef double Four __attribute__((vector_size(32), aligned(8)));
+
+/* Sums are computed in LANES lanes, which the compiler vectorises. */
+static inline double sum_of(const double *lanes) {
+  double sum = 0;
+  for (int l = 0; l < LANES; ++l) sum += lanes[l];
+  return sum;
 }
+
+static double dot(int n, const double *x, const double *y) {
+  double sum[LANES] = {0}, rest = 0;
+  int i = 0;
+  for (; i + LANES <= n; i += LANES)
+    for (int l = 0; l < LANES; ++l) sum[l] += x[i + l] * y[i + l];
+  for (; i < n; ++i) rest += x[i] * y[i];
+  return rest + sum_of(sum);
+}
+
+/* Sum of |x| |y|. */
+static double dot_of_sizes(int n, const double *x, const double *y) {
+  double sum[LANES] = {0}, rest = 0;
+  int i = 0;
+  for (; i + LANES <= n; i += LANES)
+    for (int l = 0; l < LANES; ++l) sum[l] += fabs(x[i + l] * y[i + l]);
+  for (; i < n; ++i) rest += fabs(x[i] * y[i]);
+  return rest + sum_of(sum);
+}
+
+/* Largest |x| / unit; not finite if an x is not finite. By their bits, as integers, which vectorises:
+   numbers without sign have the order of their bits, and what is no number is the largest. */
+static double largest(int n, const double *x, const double *per_unit) {
+  int64_t top = 0;
+  for (int i = 0; i < n; ++i) {
+    double size = fabs(x[i] * per_unit[i]);
+    int64_t bits;
+    memcpy(&bits, &size, sizeof bits);
+    top = bits > top ? bits : top;
+  }
+  double found;
+  memcpy(&found, &top, sizeof found);
+  return found;
+}
+
+static inline int is_pivot(double x) { return fabs(x) > 1e-300; }
 
 static void times_mass(const Problem *p, const double *x, double *out) {
   for (int i = 0; i < p->dofs; ++i) {

@@ -14,9 +14,6 @@
 #include "problem.h"
 #include "vectors.h"
 
-/* fmax and fmin, which the compiler does not vectorise since they pass over what is no number. */
-INLINED double larger(double a, double b) { return a > b ? a : b; }
-INLINED double smaller(double a, double b) { return a < b ? a : b; }
 #define fmax larger
 #define fmin smaller
 

@@ -25,8 +25,6 @@ INLINED void substitute(int reach, int way, const double *restrict row, double *
   b[0] = sum * row[0];
 }
 
-static inline int is_pivot(double x) { return fabs(x) > 1e-300; }
-
 /* LU factorisation in place without pivoting, and the solution in place of b; returns 0 if a pivot is
    zero. Proceeds from both ends to the middle: the processor can overlap the two divisions. */
 INLINED int solve(int n, int band, double *A, double *b) {
@@ -197,8 +195,7 @@ static void substitute_sparse(const Problem *p, const double *A, double *b) {
    loops. */
 static int solve_band(const Problem *p, const Work *w) {
   switch (p->band) {
-    case 5: return solve(p->free, 5, w->tangent, w->y); /* degree 1 */
-    case 6: return solve(p->free, 6, w->tangent, w->y); /* the same with joints */
+    case 6: return solve(p->free, 6, w->tangent, w->y); /* degree 1 with joints */
     case 8: return solve(p->free, 8, w->tangent, w->y); /* degree 2 */
     case 11: return solve(p->free, 11, w->tangent, w->y); /* degree 3 */
     default: return solve(p->free, p->band, w->tangent, w->y);

@@ -5,6 +5,7 @@
 
 #pragma once
 
+#include "chain.h"
 #include "couplings.h"
 #include "factors.h"
 
@@ -17,16 +18,6 @@ typedef struct {
 /* Slowest convergence at which factors are good enough to judge an error by them, and bounds of the
    wanted error of a solution, relative to it. */
 static const double SLOWEST = 0.2, MOST = 1e-3, LEAST = 1e-12;
-
-static double dot(int n, const double *x, const double *y) {
-  double sum[LANES] = {0}, all = 0;
-  int i = 0;
-  for (; i + LANES <= n; i += LANES)
-    for (int l = 0; l < LANES; ++l) sum[l] += x[i + l] * y[i + l];
-  for (; i < n; ++i) all += x[i] * y[i];
-  for (int l = 0; l < LANES; ++l) all += sum[l];
-  return all;
-}
 
 /* x += factor y */
 static void add_times(int n, double factor, const double *restrict y, double *restrict x) {
@@ -126,6 +117,7 @@ static void begin_kept(Kept *kept) {
    singular. `rest` is as in `iterate`. */
 static int solve_reduced(Problem *p, const Work *w, const Wanted *wanted, double *rest) {
   rest[0] = rest[1] = 0;
+  if (p->chain) return solve_chain(p, w);
   if (p->band) {
     for (int i = 0; i < p->free; ++i) w->y[p->order[i]] = w->reduced[i];
     if (!solve_band(p, w)) return 0;

@@ -42,7 +42,7 @@ static double energy_of(const Problem *p, const Work *w, const Form *form) {
 static void audit(Problem *p, const Work *w, const double *change, int sub_step) {
   int n = p->dofs, held = p->columns - p->free;
   work_increment(p, w);
-  for (int i = 0; i < n; ++i) p->work += w->dead[i] * w->path[i];
+  p->work += dot(n, w->dead, w->path);
   for (int i = 0; i < p->actuators; ++i) p->dissipated += p->actuator[i].lost;
   double taken = energy_of(p, w, &p->taken);
   p->dissipated += energy_of(p, w, &p->lost) + taken;

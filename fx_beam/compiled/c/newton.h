@@ -13,10 +13,8 @@
 
 /* Twice the kinetic energy at the start of the step. */
 static double kinetic(const Problem *p, const Work *w) {
-  double sum = 0;
   times_mass(p, p->v, w->left);
-  for (int i = 0; i < p->dofs; ++i) sum += p->v[i] * w->left[i];
-  return sum;
+  return dot(p->dofs, p->v, w->left);
 }
 
 /* Internal forces f, and the tangent of internal and inertia forces. */
@@ -45,6 +43,7 @@ static void assemble(const Problem *p, const Work *w) {
 /* The tangent of the inertia forces; `assemble` adds the part that depends on the increment. */
 static void begin_inertia(const Problem *p, const Work *w) {
   memset(w->inertia, 0, p->places * sizeof(double));
+  for (int k = 0; k < p->paddings; ++k) w->inertia[p->padding[k]] = 1;
   if (p->rules) return; /* it depends on the increment */
   for (int k = 0; k < p->mass_start[p->dofs]; ++k)
     w->inertia[p->mass_place[k]] = p->mass[k] * steepness(p, w->dt);
@@ -106,16 +105,14 @@ typedef struct {
 
 /* Adds a value; returns a bound of the one after it. */
 static double next_after(Sequence *s, double value) {
-  s->slowest = fmax(s->slowest, value / (s->last * s->last));
+  s->slowest = larger(value / (s->last * s->last), s->slowest);
   s->last = value;
   return s->slowest * value * value;
 }
 
 /* Twice the kinetic energy at the start of the step, and the forces' work in it. */
 static double energy_of_step(const Problem *p, const Work *w, double moving) {
-  double energy = moving;
-  for (int i = 0; i < p->dofs; ++i) energy += fabs(w->f[i]) * fabs(w->D[i]);
-  return energy;
+  return moving + dot_of_sizes(p->dofs, w->f, w->D);
 }
 
 /* The accuracy of the next correction: less than what Newton's method leaves by being quadratic. */
@@ -139,9 +136,7 @@ static void balance(const Problem *p, const Work *w) {
 }
 
 static double along_step(const Problem *p, const Work *w) {
-  double sum = 0;
-  for (int i = 0; i < p->free; ++i) sum += w->reduced[i] * w->step[i];
-  return sum;
+  return dot(p->free, w->reduced, w->step);
 }
 
 /* Takes another part of the last correction. */
@@ -214,21 +209,18 @@ static int newton(Problem *p, const Work *w, const double *driven, int order) {
     LAP(SOLUTION);
     spread(p, w, w->step, w->correction);
     LAP(COUPLINGS);
-    double size = largest(n, w->correction, p->per_unit), energy_error = 0;
+    double size = largest(n, w->correction, p->per_unit);
     if (!isfinite(size)) return SINGULAR;
     double widest = size > p->longest_turn ? widest_turn(p, w->correction) : 0;
     if (widest > p->longest_turn)
       for (int i = 0; i < free; ++i) w->step[i] *= p->longest_turn / widest;
-    for (int i = 0; i < free; ++i) {
-      w->z[i] -= w->step[i];
-      energy_error += w->reduced[i] * w->step[i];
-    }
+    for (int i = 0; i < free; ++i) w->z[i] -= w->step[i];
     for (int i = 0; i < p->driven; ++i) w->z[free + i] = driven[i];
-    gained = energy_error;
+    double energy_error = gained = along_step(p, w);
     int small = size <= p->tolerance, stalled = size > 0.5 * sizes.last, floor = 0;
     double error = sqrt(fabs(energy_error));
-    double next_size = fmax(next_after(&sizes, size), rest[0] * size);
-    double next_error = fmax(next_after(&errors, error), rest[1] * error);
+    double next_size = larger(next_after(&sizes, size), rest[0] * size);
+    double next_error = larger(next_after(&errors, error), rest[1] * error);
     int final = iteration > 2 && next_size <= p->negligible;
     if (small || final || stalled) {
       double moving = kinetic(p, w), energy = energy_of_step(p, w, moving);

@@ -28,6 +28,10 @@ typedef struct {
   int *dofs;           /* [block][cell dof][lane] */
   int *to;             /* [block][cell dof][lane]: indices in a vector */
   int *place;          /* [block][cell dof, cell dof][lane]: indices in the tangent */
+  /* In a chain instead, for rows of three entries, those of a node: [block][cell dof, node][lane] index
+     of the first. Entries that do not lie in a row: where those of each block begin, their indices
+     among the element tensors, and in the tangent. */
+  int *run, *single_start, *single_from, *single_to;
   int *internal;       /* [block][internal variable][lane]: indices in those of all cells */
   double *coordinates; /* [block][coordinate][lane] */
   double *packed;      /* [block][coefficient][lane]; changing ones are updated */
@@ -154,9 +158,11 @@ typedef struct {
   int sliders;
   Slider *slider;
 
-  /* Reduced tangent, in an order with little fill-in: as a band matrix or in sparse rows. */
+  /* Reduced tangent, in an order with little fill-in: as a chain, as a band matrix or in sparse rows. */
   int *order;           /* position of each unknown in the elimination */
   int band;             /* half bandwidth; 0 for sparse rows */
+  int chain;            /* groups of three unknowns in a row (chain.h); 0 if they are more entangled */
+  int paddings, *padding; /* diagonal entries of groups that have fewer */
   long factor_size;
   int *factor_start, *factor_diagonal;
   /* With sparse factors the tangent is stored apart, in compressed rows of the unknowns: `factor_at` has

@@ -9,9 +9,11 @@ static void work_increment(const Problem *p, const Work *w) {
   memcpy(path, D, p->dofs * sizeof *D);
   for (int i = 0; i < p->dofs; ++i) slope[i] = 1;
   if (p->rule != 0) return;
+  int whole = (p->turning + LANES - 1) / LANES * LANES;
+  memset(tangent, 0, whole * sizeof *tangent);
   for (int i = 0; i < p->turning; ++i) tangent[i] = D[p->turns[i]] / 2;
-  /* A separate loop without indirect addressing, so that it is vectorised. */
-  for (int i = 0; i < p->turning; ++i) tangent[i] = sin(tangent[i]) / cos(tangent[i]);
+  /* A separate loop in full lanes without indirect addressing, so that it is vectorised. */
+  for (int i = 0; i < whole; ++i) tangent[i] = tan(tangent[i]);
   for (int i = 0; i < p->turning; ++i) {
     int k = p->turns[i];
     path[k] = 2 * tangent[i], slope[k] = 1 + tangent[i] * tangent[i];
@@ -50,12 +52,14 @@ static void acceleration(const Problem *p, const Work *w, double dt) {
     take_values(p, w, 0, w->acc);
     return;
   }
-  for (int i = 0; i < p->dofs; ++i)
-    if (p->rule == 0)
-      w->acc[i] = 2 / dt * (w->path[i] / dt - p->v[i]);
-    else {
-      double a1 = newmark_end(p, w->D[i], p->v[i], p->a[i], dt);
-      w->acc[i] = (1 - p->alpha_m) * a1 + p->alpha_m * p->a[i];
+  const double *restrict path = w->path, *restrict v = p->v;
+  double *restrict acc = w->acc;
+  if (p->rule == 0)
+    for (int i = 0; i < p->dofs; ++i) acc[i] = 2 / dt * (path[i] / dt - v[i]);
+  else
+    for (int i = 0; i < p->dofs; ++i) {
+      double a1 = newmark_end(p, w->D[i], v[i], p->a[i], dt);
+      acc[i] = (1 - p->alpha_m) * a1 + p->alpha_m * p->a[i];
     }
 }
 

@@ -61,11 +61,11 @@ static void record(Problem *p, const Work *w, Record *to) {
   double *momentum = w->left, *energy = to->energies + 8 * k, *sums = to->momenta + 3 * k;
   times_mass(p, p->v, momentum);
   memset(energy, 0, 5 * sizeof(double)), memset(sums, 0, 3 * sizeof(double));
-  for (int i = 0; i < n; ++i) energy[0] += p->v[i] * momentum[i] / 2;
+  energy[0] = dot(n, p->v, momentum) / 2;
   begin_form(p, &p->energy, w->fields, p->t, 0);
   energy[1] = assemble_scalar(p, &p->energy, w->fields);
   if (p->weight)
-    for (int i = 0; i < n; ++i) energy[2] -= p->weight[i] * p->q[i];
+    energy[2] = -dot(n, p->weight, p->q);
   energy[3] = p->work, energy[4] = stored(p) + stored_in_contacts(p), energy[5] = p->dissipated;
   energy[6] = p->algorithmic, energy[7] = p->numerical;
   if (to->memory) to->memory[k] = p->ratio;

@@ -14,4 +14,12 @@ FOR_VECTORS double sin(double);
 FOR_VECTORS double cos(double);
 FOR_VECTORS double exp(double);
 FOR_VECTORS double log(double);
+#if __GLIBC_PREREQ(2, 35)
+FOR_VECTORS double tan(double);
 #endif
+#endif
+
+/* fmax and fmin without their calls, which the compiler does not vectorise, as they pass over what is
+   no number; here that must come first. */
+INLINED double larger(double a, double b) { return a > b ? a : b; }
+INLINED double smaller(double a, double b) { return a < b ? a : b; }

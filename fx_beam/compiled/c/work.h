@@ -17,7 +17,7 @@ typedef struct {
 
 static double *take(double **at, long n) {
   double *p = *at;
-  *at += n;
+  *at += (n + LANES - 1) / LANES * LANES;
   return p;
 }
 
@@ -29,7 +29,7 @@ static long lay_out(const Problem *p, Work *w, double *at) {
   w->correction = take(&at, n), w->force = take(&at, n), w->dead = take(&at, n), w->left = take(&at, n);
   w->reduced = take(&at, c), w->step = take(&at, c), w->z = take(&at, c), w->columns = take(&at, c);
   w->y = take(&at, c), w->row = take(&at, p->groups ? 3 * c : 0), w->start = take(&at, c);
-  w->tangent = take(&at, p->places + LANES), w->inertia = take(&at, p->places);
+  w->tangent = take(&at, p->places + 4 * LANES), w->inertia = take(&at, p->places);
   w->values = take(&at, 1 + 4 * j), w->hat = take(&at, 1 + 4 * j);
   w->psi0 = take(&at, j), w->rho0 = take(&at, 2 * j), w->t0 = take(&at, 2 * j);
   w->rho1 = take(&at, 2 * j), w->t1 = take(&at, 2 * j), w->mean_t = take(&at, 2 * j);
