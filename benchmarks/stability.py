@@ -23,10 +23,9 @@ from scipy.integrate import trapezoid
 import fx_beam as fb
 from fx_beam.model.model import Model
 from fx_beam.studies import reporting
-from fx_beam.studies.reporting import short, table
-from fx_beam.studies.stability.case import by_scheme
+from fx_beam.studies.reporting import section, table
+from fx_beam.studies.stability.case import grouped
 from fx_beam.studies.stability.picture import draw_map
-from fx_beam.studies.stability.report import LOST_MOTION, percent, sentences
 
 Case = fb.stability.Case
 SCHEMES = {
@@ -442,27 +441,18 @@ def tolerances(quick):
             yield Case(group, label, scene_in(module), dt, module.T_END, newton)
 
 
-def owed_to_tolerance(cells):
-    """Largest tolerance with the final verdicts, by scheme, and the errors of EnergyMomentum."""
-    lines = []
-    for scheme, own in by_scheme(cells).items():
-        labels = list(dict.fromkeys(cell.case.label for cell in own))
-        kinds = np.array([[c.verdict.kind for c in own if c.case.label == at] for at in labels])
-        settled = [(kinds[k:] == kinds[-1]).all() for k in range(len(labels))]
-        first = labels[settled.index(True)]
-        lines.append(f"{scheme}: no verdict changes with tolerances tighter than {first}.")
-    for label, own in by_label([c for c in cells if c.scheme == "EnergyMomentum"]).items():
-        worst = max(cell.verdict.worst for cell in own)
-        lines.append(
-            f"EnergyMomentum with a tolerance of {label}: error of at most {short(worst)}."
-        )
-    return lines
-
-
-def by_label(cells):
-    """Cells by the label of their case."""
-    labels = dict.fromkeys(cell.case.label for cell in cells)
-    return {label: [cell for cell in cells if cell.case.label == label] for label in labels}
+def tolerances_page(cells):
+    """Largest tolerance from which on verdicts do not change, and largest errors by tolerance."""
+    rows = []
+    for scheme, own in grouped(cells, "scheme").items():
+        at = grouped(own, "case.label")
+        kinds = [[cell.verdict.kind for cell in some] for some in at.values()]
+        final = [
+            label for k, label in enumerate(at) if all(kind == kinds[-1] for kind in kinds[k:])
+        ]
+        errors = {f"largest error, {t}": max(c.verdict.worst for c in at[t]) for t in at}
+        rows.append({"scheme": scheme, "no verdict changes below": final[0]} | errors)
+    return section("Verdicts and errors by tolerance", rows)
 
 
 # -- Numerical damping ---------------------------------------------------------------------------
@@ -473,18 +463,6 @@ def dampings(quick):
     for name, (module, _, t_end, steps) in SCAN.EXAMPLES.items():
         for dt in steps[1:2] if quick else steps:
             yield Case(f"{name}: dt [s]", f"{dt:g}", scene_in(module), dt, t_end)
-
-
-def owed_to_damping(cells):
-    """Number of cases in which each scheme loses the motion, and its largest loss elsewhere."""
-    lines = []
-    for scheme, own in by_scheme(cells).items():
-        lost = sum(cell.verdict.kind in LOST_MOTION for cell in own)
-        line = f"{scheme}: energy is gained, or the run blows up or fails, in {lost} of {len(own)}"
-        taken = [cell.verdict.amount for cell in own if cell.verdict.kind == "lost"]
-        line += f" cases; the others lose at most {percent(max(taken))}" if taken else " cases"
-        lines.append(f"{line}.")
-    return lines
 
 
 # -- Units -----------------------------------------------------------------------------------------
@@ -552,24 +530,24 @@ def compare_units():
 
 def units_page(found):
     rows = [{"demo, units": case} | row for case, row in found.items()]
-    return (
-        "## Other units\n\nLargest difference from the motion in the demo's units, by "
-        "EnergyMomentum: displacements over the size of the scene, rotations, and energy over the "
-        "largest.\n\n" + table(rows)
+    note = (
+        "Largest difference from the motion in the demo's units, by EnergyMomentum: displacements "
+        "over the size of the scene, rotations, and energy over the largest.\n\n"
     )
+    return section("Other units", rows, note)
 
 
-def studied(path, schemes, cases, title, how, said=lambda cells: (), remarks=""):
+def studied(path, schemes, cases, title, how, remarks=lambda cells: ""):
     """Cells of a study, written to files; after Ctrl-C those that are finished."""
     try:
         cells = fb.stability.study(schemes, cases, **how)
     except KeyboardInterrupt as stop:
         if stop.cells:
-            fb.stability.write(path, stop.cells, f"{title} (interrupted)", remarks)
+            fb.stability.write(path, stop.cells, f"{title} (interrupted)")
         raise
-    found = said(cells)
-    fb.stability.write(path, cells, title, remarks, found)
-    print(*found, *sentences(cells), f"{len(cells)} cells: {path}.md", sep="\n")
+    fb.stability.write(path, cells, title, remarks(cells))
+    tally = [{"scheme": scheme} | row for scheme, row in fb.stability.counts(cells).items()]
+    print(table(tally), f"{len(cells)} cells: {path}.md", sep="\n")
     return cells
 
 
@@ -584,17 +562,15 @@ def main(quick=False, results=ROOT / "results" / "stability", jobs=1):
     reporting.write_json(results / "units.json", units)
     title = "effect of Newton's tolerance"
     by_tolerance = studied(
-        results / "tolerances", SCHEMES, tolerances(quick), title, how, owed_to_tolerance
+        results / "tolerances", SCHEMES, tolerances(quick), title, how, tolerances_page
     )
     few = {"alphas": (0.0, -0.05, -0.1), "radii": (0.9,)} if quick else {}
     title = "effect of numerical damping"
-    by_damping = studied(
-        results / "damping", SCAN.schemes(**few), dampings(quick), title, how, owed_to_damping
-    )
+    by_damping = studied(results / "damping", SCAN.schemes(**few), dampings(quick), title, how)
     questions = {group.__name__: list(group(quick)) for group in GROUPS}
     cases = [case for own in questions.values() for case in own]
-    title, remarks = "stiff and extreme cases", units_page(units)
-    cells = studied(results / "cases", SCHEMES, cases, title, how, remarks=remarks)
+    title = "stiff and extreme cases"
+    cells = studied(results / "cases", SCHEMES, cases, title, how, lambda _: units_page(units))
     for name, own in [*questions.items()][: 1 if quick else None]:
         names = {case.name for case in own}
         found = [cell for cell in cells if cell.case.name in names]

@@ -2,6 +2,7 @@
 
 import itertools
 import json
+import re
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -13,7 +14,7 @@ from pytest import approx
 import fx_beam as fb
 from fx_beam import work_precision
 from fx_beam.studies.work_precision import Mesh, Precision, Run, accuracy, runner, sentence, study
-from fx_beam.studies.work_precision.accuracy import History
+from fx_beam.studies.work_precision.accuracy import History, Reference
 from fx_beam.studies.work_precision.picture import draw
 from fx_beam.studies.work_precision.precision import counted
 from fx_beam.studies.work_precision.report import mesh_order, step_order
@@ -75,7 +76,7 @@ def test_a_computed_reference_is_itself_where_it_has_the_time():
 
 def test_a_force_is_compared_only_at_times_at_which_the_reference_has_it():
     # A mid-point scheme has its last force half a step before the end.
-    reference = History(T[:-1] + 0.025, T[:-1, None] + 0.025).reference(size=2.0)
+    reference = Reference(History(T[:-1] + 0.025, T[:-1, None] + 0.025).at, size=2.0)
     found = History(T, T[:, None] + np.where(T == 1, 0.5, 0)[:, None])
     assert accuracy.error("q", found, reference) == approx(0.25)
     with pytest.raises(fb.SceneError, match="no time between"):
@@ -341,8 +342,8 @@ def test_errors_below_that_of_the_reference_are_not_shown_as_known(tmp_path):
     found = made_up([*TWO, ("B", 2e-2, 1e-5)], q=1e-3)
     assert [counted(found, "q", run) for run in found.runs] == [5e-2, 5e-3, 4e-2, 3e-3, 3e-3]
     assert seconds_at(found, 1e-3) == {} and set(seconds_at(found, 1e-2)) == {"A", "B"}
-    assert "smaller errors than 3e-3 are not known; B" in sentence(found, "q")
-    assert "known to 1e-3" in sentence(found, "q")
+    assert "the smallest error is 3e-3, by B, dt = 0.01 s" in sentence(found, "q")
+    assert "The reference is known to 1e-3." in sentence(found, "q")
     work_precision.write(tmp_path / "q", found)
     rows = [line.split("|") for line in (tmp_path / "q.md").read_text().splitlines()]
     errors = [row[-3].strip() for row in rows if len(row) > 12 and row[1].strip() in "AB"]
@@ -547,7 +548,8 @@ def test_an_interrupted_study_keeps_and_writes_what_it_has(monkeypatch, tmp_path
     (row,) = json.loads((tmp_path / "arm.json").read_text())["Runs"]
     assert row["errors"] == run.errors and row["seconds"] == run.seconds
     page = (tmp_path / "arm.md").read_text()
-    assert "| EnergyMomentum |" in page and "some runs: the study was interrupted" in page
+    assert "| EnergyMomentum |" in page
+    assert re.search(r"\| some runs +\| the study was interrupted +\|", page)
 
 
 def test_timed_runs_take_turns_and_the_least_times_count(monkeypatch):
@@ -619,16 +621,16 @@ def test_the_reference_is_finer_than_every_run(monkeypatch):
     ("change", "message"),
     [
         ({"quantities": {}, "exact": {}}, "needs quantities"),
-        ({"quantities": [PENDULUM.displacement]}, "quantities must be a dict"),
+        ({"quantities": [PENDULUM.displacement]}, "quantities = .* must be a dict"),
         ({"quantities": {"tip": 1.0}}, "quantity 'tip' must be a function"),
         ({"steps": []}, "needs steps"),
         ({"steps": 0.1}, "steps must be a sequence"),
-        ({"steps": [0.1, 0.3]}, "step 0.3 must be a positive number, at most t_end = 0.2"),
+        ({"steps": [0.1, 0.3]}, "step = 0.3 must be a positive number, at most t_end = 0.2"),
         ({"steps": [0.1, 0.05, 0.1]}, "steps: 0.1 is given twice"),
         ({"t_end": None}, "t_end = None"),
         ({"meshes": []}, "needs meshes"),
-        ({"meshes": [4, 8]}, "mesh 4 must be a pair"),
-        ({"meshes": [(4, 1.5)]}, r"mesh \(4, 1.5\) must be a pair"),
+        ({"meshes": [4, 8]}, "mesh = 4 must be a pair"),
+        ({"meshes": [(4, 1.5)]}, r"mesh = \(4, 1.5\) must be a pair"),
         ({"meshes": [(1, 1), (1, 1)]}, r"meshes: \(1, 1\) is given twice"),
         ({"schemes": []}, "needs schemes"),
         ({"schemes": fb.Newmark()}, "schemes must be a sequence"),

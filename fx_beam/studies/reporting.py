@@ -8,6 +8,7 @@ import itertools
 import json
 import math
 import os
+import re
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -25,19 +26,21 @@ _VERSIONS = {
 
 
 def prepare(path: Path | str) -> None:
-    """Check before a study that its results can be written.
+    """Check before a study that its results can be written and its pictures drawn.
 
     Only functions import these packages: a study without a report needs none of them.
     """
     import scooby  # noqa: F401
     import tabulate  # noqa: F401
 
+    from fx_beam import plot  # noqa: F401
+
     try:
         directory = beside(path, "").parent
+        if not os.access(directory, os.W_OK):
+            raise PermissionError(f"no permission in {directory}")
     except (OSError, TypeError) as wrong:
         raise SceneError(f"results = {path!r} cannot be written: {wrong}") from wrong
-    if not os.access(directory, os.W_OK):
-        raise SceneError(f"results = {path!r} cannot be written: no permission in {directory}")
 
 
 @functools.cache
@@ -57,10 +60,8 @@ def machine() -> dict[str, Any]:
 
 def _processor() -> str:
     """Name of the processor, which scooby does not give."""
-    cpuinfo = Path("/proc/cpuinfo")
-    lines = cpuinfo.read_text("utf-8").splitlines() if cpuinfo.exists() else []
-    names = [line.split(":", 1)[1].strip() for line in lines if line.startswith("model name")]
-    return names[0] if names else os.uname().machine
+    lines = Path("/proc/cpuinfo").read_text("utf-8")
+    return next(iter(re.findall(r"^model name\s*: (.*)", lines, re.M)), os.uname().machine)
 
 
 def write(
@@ -101,29 +102,30 @@ def write_csv(path: Path | str, rows: Iterable[Mapping[str, Any]]) -> None:
         writer.writerows(flat)
 
 
+def section(title: str, rows: Sequence[Mapping[str, Any]], note: str = "") -> str:
+    """A part of a page: a table under its title, with a note; nothing without rows."""
+    return f"## {title}\n\n{note}{table(rows)}" if rows else ""
+
+
 def table(rows: Sequence[Mapping[str, Any]]) -> str:
-    """Markdown table of rows with the same keys: numbers to the right, None and NaN left empty."""
+    """Markdown table of rows: numbers to the right, None and NaN left empty."""
     from tabulate import tabulate
 
-    if not rows:
-        return ""
-    sides = [
-        "left" if any(isinstance(row[key], str) for row in rows) else "right" for key in rows[0]
-    ]
-    cells = [[_cell(row[key]) for key in rows[0]] for row in rows]
+    columns = dict.fromkeys(itertools.chain.from_iterable(rows))
+    texts = {name for row in rows for name, value in row.items() if isinstance(value, str)}
+    cells = [[_cell(row.get(name)) for name in columns] for row in rows]
     # The cells are texts here; without this tabulate would read them as numbers and reformat them.
-    how = {"tablefmt": "pipe", "disable_numparse": True, "colalign": sides}
-    return tabulate(cells, [_cell(key) for key in rows[0]], **how) + "\n"
+    how = {"tablefmt": "pipe", "disable_numparse": True}
+    sides = ["left" if name in texts else "right" for name in columns]
+    return tabulate(cells, [_cell(name) for name in columns], colalign=sides, **how) + "\n"
 
 
 def short(number: float) -> str:
     """A number >= 0 with one digit, such as 3e-13 or 2e9; from 1 to 999 as an integer."""
     if 1 <= number < 999.5:
         return f"{number:.0f}" if number >= 9.5 else f"{number:.2g}"
-    if not np.isfinite(number):
-        return f"{number}"
     mantissa, _, exponent = f"{number:.0e}".partition("e")
-    return f"{mantissa}e{int(exponent)}" if number else "0"
+    return f"{mantissa}e{int(exponent)}" if exponent and number else f"{number:g}"
 
 
 def _cell(value: Any) -> str:

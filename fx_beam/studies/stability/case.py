@@ -4,14 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field
-from typing import Any
+from operator import attrgetter
 
 import numpy as np
 
 from fx_beam.errors import SceneError
 from fx_beam.scene.scene import Scene
 from fx_beam.stepping.newton import NewtonOptions
-from fx_beam.validation import is_number
+from fx_beam.validation import is_number, require
 
 from .verdict import FEWEST, Drift, Verdict
 
@@ -57,14 +57,12 @@ class Case:
         if not callable(self.scene):
             raise SceneError(f"{self.name}: scene must be a function that makes the scene")
         for name, value in (("dt", self.dt), ("t_end", self.t_end)):
-            if not (is_number(value) and value > 0):
-                raise SceneError(f"{self.name}: {name} = {value!r} must be a positive number")
-        fewest = FEWEST if self.drifts else 1
+            fits = is_number(value) and value > 0
+            require(fits, f"{self.name}: {name}", value, "a positive number")
+        fewest, what = (FEWEST, "the law of a drift") if self.drifts else (1, "a run")
         if self.t_end / self.dt < fewest * (1 - 1e-6):
-            needs = "the law of a drift needs" if self.drifts else "a run needs"
-            least = f"{fewest} step{'s' * (fewest > 1)}"
             given = f"{self.t_end / self.dt:.3g}"
-            raise SceneError(f"{self.name}: {needs} at least {least}, not {given}")
+            raise SceneError(f"{self.name}: {what} needs {fewest} or more steps, not {given}")
 
     @property
     def name(self) -> str:
@@ -119,14 +117,14 @@ class Cell:
         One of another kind, else that with the most different number, if it differs by more than
         `SAME`. Where the energy is kept, the numbers are round-off and are not compared.
         """
-        one = self.verdict
-        for other in self.others:
-            if other.kind != one.kind:
-                return other
-        if one.kind == "kept":
+        one, others = self.verdict, self.others
+        if turned := [other for other in others if other.kind != one.kind]:
+            return turned[0]
+        near = one.amount * (1 - SAME), one.amount / (1 - SAME)
+        apart = [other for other in others if not near[0] <= other.amount <= near[1]]
+        if one.kind == "kept" or not apart:
             return None
-        apart = [other for other in self.others if not _same(one.amount, other.amount)]
-        return max(apart, key=lambda other: abs(other.amount - one.amount), default=None)
+        return max(apart, key=lambda other: abs(other.amount - one.amount))
 
     @property
     def halved_often(self) -> bool:
@@ -135,28 +133,9 @@ class Cell:
         return ended and self.verdict.parts >= OFTEN
 
 
-def _same(a: float, b: float) -> bool:
-    return a == b or abs(a - b) <= SAME * max(abs(a), abs(b))
-
-
-def by_case(cells: Iterable[Cell]) -> list[list[Cell]]:
-    """All schemes of each case."""
-    return list(_grouped(cells, lambda cell: (cell.case.group, cell.case.label)).values())
-
-
-def by_group(cells: Iterable[Cell]) -> dict[str, list[list[Cell]]]:
-    """The cases of each group, as `by_case` has them."""
-    groups = _grouped(cells, lambda cell: cell.case.group)
-    return {group: by_case(own) for group, own in groups.items()}
-
-
-def by_scheme(cells: Iterable[Cell]) -> dict[str, list[Cell]]:
-    """All cases of each scheme."""
-    return _grouped(cells, lambda cell: cell.scheme)
-
-
-def _grouped(cells: Iterable[Cell], key: Callable[[Cell], Any]) -> dict[Any, list[Cell]]:
-    found: dict[Any, list[Cell]] = {}
+def grouped(cells: Iterable[Cell], attribute: str) -> dict[str, list[Cell]]:
+    """Cells by an attribute, such as "scheme" or "case.group", in their order."""
+    found: dict[str, list[Cell]] = {}
     for cell in cells:
-        found.setdefault(key(cell), []).append(cell)
+        found.setdefault(attrgetter(attribute)(cell), []).append(cell)
     return found

@@ -19,12 +19,11 @@ from fx_beam.analyses.progress import progress_bar
 from fx_beam.errors import SceneError, StepError
 from fx_beam.mechanics.schemes import Scheme
 from fx_beam.results.solution import Solution
-from fx_beam.scene.scene import Scene
 from fx_beam.stepping.recorder import Record
 from fx_beam.studies import candidates
 
 from .case import Case, Cell
-from .verdict import Verdict, classify, drift_of, energy_ratio, no_verdict
+from .verdict import Verdict, classify, drift_of, energy_ratio
 
 _log = logging.getLogger("fx_beam")
 
@@ -102,18 +101,16 @@ def study(
             closing(workers.run(run, pairs, executor)) as outcomes,
         ):
             for place, (cell, _, error) in outcomes:
-                found[place] = cell or _blank(pairs[place], max_halvings, error)
-                case, (name, _) = pairs[place]
-                _log.info("%s, %s: %s", case.name, name, found[place].verdict.kind)
+                case, (label, scheme) = pairs[place]
+                none = Verdict("no verdict", reason=error)
+                blank = Cell(case, label, scheme.name, none, max_halvings=max_halvings)
+                found[place] = cell or blank
+                _log.info("%s, %s: %s", case.name, label, found[place].verdict.kind)
                 bar.update()
     except KeyboardInterrupt as stop:
-        stop.cells = _ordered(found)  # type: ignore[attr-defined]
+        stop.cells = [found[place] for place in sorted(found)]  # type: ignore[attr-defined]
         raise
-    return _ordered(found)
-
-
-def _ordered(found: dict[int, Cell]) -> list[Cell]:
-    return [cell for _, cell in sorted(found.items())]
+    return [found[place] for place in sorted(found)]
 
 
 def _check(cases: list[Case]) -> None:
@@ -126,70 +123,43 @@ def _check(cases: list[Case]) -> None:
 
 
 def _cell(pair: Pair, max_halvings: int, repeats: int) -> Cell:
-    case, (_, scheme) = pair
-    try:
-        run, verdict = _run(case, scheme, max_halvings)
-        cell = replace(_blank(pair, max_halvings), verdict=verdict)
-        if verdict.kind != "kept" or cell.halved_often:
-            digits = [_DIGIT * (number // 2 + 1) * (-1) ** number for number in range(repeats)]
-            others = tuple(_run(case, scheme, max_halvings, 1 + digit)[1] for digit in digits)
-            cell = replace(cell, others=others)
-        solution = run.solution if isinstance(run, StepError) else run
-        return replace(cell, **_curve(case, verdict, solution)) if solution is not None else cell
-    except Exception as error:  # an error in the caller's scene: keep the other cells
-        reason = str(error) if isinstance(error, SceneError) else repr(error)
-        return _blank(pair, max_halvings, reason)
-
-
-def _blank(pair: Pair, max_halvings: int, reason: str = "") -> Cell:
-    """A cell without a verdict."""
-    case, (name, scheme) = pair
-    return Cell(case, name, scheme.name, no_verdict(reason), max_halvings=max_halvings)
-
-
-def _curve(case: Case, verdict: Verdict, solution: Solution) -> dict[str, Any]:
-    """Further data of a run for its cell."""
+    case, (label, scheme) = pair
+    solution, verdict = _run(case, scheme, max_halvings)
+    cell = Cell(case, label, scheme.name, verdict, max_halvings=max_halvings)
+    if verdict.kind != "kept" or cell.halved_often:
+        digits = [_DIGIT * (number // 2 + 1) * (-1) ** number for number in range(repeats)]
+        others = tuple(_run(case, scheme, max_halvings, 1 + digit)[1] for digit in digits)
+        cell = replace(cell, others=others)
+    if solution is None:  # no step was tried
+        return cell
     ratio = energy_ratio(solution)
-    kept = _thinned(ratio)
-    found = {"t": solution.t[kept], "ratio": ratio[kept], "seconds": solution.stats.seconds}
     if case.drifts and solution.end is not None and verdict.kind in ("kept", "lost", "gained"):
         turns = abs(solution.end.q[:, 2]).max() / (2 * np.pi)
-        found |= {"drift": drift_of(ratio - 1), "turns": float(turns)}
-    return found
+        cell = replace(cell, drift=drift_of(ratio - 1), turns=float(turns))
+    kept = _thinned(ratio)
+    return replace(cell, t=solution.t[kept], ratio=ratio[kept], seconds=solution.stats.seconds)
 
 
 def _run(
     case: Case, scheme: Scheme, max_halvings: int, stretch: float = 1.0
-) -> tuple[Solution | StepError, Verdict]:
-    """A run and its verdict.
+) -> tuple[Solution | None, Verdict]:
+    """A run, as far as it came, and its verdict.
 
     The limit of halvings is raised in stages, so that a run that blows up ends early.
     """
-    scene = case.scene()
+    scene, t_end = case.scene(), case.t_end * stretch
+    how: dict[str, Any] = {"dt": case.dt * stretch, "t_end": t_end, "newton": case.newton}
+    how["record"] = Record(motion=False, rates=False, forces=False)
     for limit in (*range(2, max_halvings, 2), max_halvings):
-        run = _simulated(case, scene, scheme, limit, stretch)
-        verdict = classify(run, case.t_end * stretch)
+        run: Solution | StepError
+        try:
+            run = simulate(scene, scheme, max_halvings=limit, progress=False, **how)
+        except StepError as error:
+            run = error
+        verdict = classify(run, t_end)
         if verdict.kind != "failed":
             break
-    return run, verdict
-
-
-def _simulated(
-    case: Case, scene: Scene, scheme: Scheme, limit: int, stretch: float
-) -> Solution | StepError:
-    try:
-        return simulate(
-            scene,
-            scheme,
-            dt=case.dt * stretch,
-            t_end=case.t_end * stretch,
-            newton=case.newton,
-            max_halvings=limit,
-            record=Record(motion=False, rates=False, forces=False),
-            progress=False,
-        )
-    except StepError as error:
-        return error
+    return run.solution if isinstance(run, StepError) else run, verdict
 
 
 def _thinned(values: np.ndarray) -> np.ndarray:

@@ -46,15 +46,15 @@ class Verdict:
     """
 
     kind: str
-    time: float
-    reached: float
-    highest: float
-    lowest: float
-    steps: int
-    substeps: int
-    iterations: int
-    halvings: int
-    reason: str
+    time: float = 0.0
+    reached: float = 0.0
+    highest: float = np.nan
+    lowest: float = np.nan
+    steps: int = 0
+    substeps: int = 0
+    iterations: int = 0
+    halvings: int = 0
+    reason: str = ""
 
     @property
     def worst(self) -> float:
@@ -73,13 +73,9 @@ class Verdict:
         The largest error if the energy was kept; the part that was lost or gained; the energy
         ratio if it blew up; the part of the time that was reached if the run failed.
         """
-        if self.kind == "lost":
-            return 1 - self.lowest
-        if self.kind == "gained":
-            return self.gain
-        if self.kind == "blew up":
-            return self.highest
-        return self.reached if self.kind == "failed" else self.worst
+        numbers = {"lost": 1 - self.lowest, "gained": self.gain}
+        numbers |= {"blew up": self.highest, "failed": self.reached}
+        return numbers.get(self.kind, self.worst)
 
     @property
     def parts(self) -> float:
@@ -155,40 +151,35 @@ def classify(run: Solution | StepError, t_end: float) -> Verdict:
     SceneError
         If nothing moves.
     """
-    solution = run.solution if isinstance(run, StepError) else run
-    if isinstance(run, StepError) and solution is None:  # no step was tried
-        return Verdict("failed", run.time, run.time / t_end, 1.0, 1.0, 0, 0, 0, 0, str(run))
-    ratio = energy_ratio(solution)
+    if isinstance(run, StepError):
+        solution, time = run.solution, run.time
+    else:
+        solution, time = run, float(run.t[-1])
+    if solution is None:  # no step was tried
+        return Verdict("failed", time, time / t_end, 1.0, 1.0, reason=str(run))
+    ratio, stats = energy_ratio(solution), solution.stats
     highest, lowest = float(ratio.max()), float(ratio.min())
-    stats = solution.stats
     failure = stats.failure
     reason = f"{failure.reason}. {failure.where}".rstrip(". ") if failure else ""
-    if highest > BLOWN_UP:
-        kind = "blew up"
-    elif reason:
-        kind = "failed"
-    elif max(highest - 1, 1 - lowest) <= KEPT:
-        kind = "kept"
-    else:
-        kind = "gained" if highest - 1 > 1 - lowest else "lost"
-    time = run.time if isinstance(run, StepError) else float(solution.t[-1])
+    applies = {
+        "blew up": highest > BLOWN_UP,
+        "failed": bool(reason),
+        "kept": max(highest - 1, 1 - lowest) <= KEPT,
+        "gained": highest - 1 > 1 - lowest,
+        "lost": True,
+    }
     return Verdict(
-        kind=kind,
-        time=time,
-        reached=time / t_end,
-        highest=highest,
-        lowest=lowest,
-        steps=stats.steps,
-        substeps=stats.substeps,
-        iterations=stats.newton_iterations,
-        halvings=stats.halvings,
-        reason=reason,
+        next(kind for kind in applies if applies[kind]),
+        time,
+        time / t_end,
+        highest,
+        lowest,
+        stats.steps,
+        stats.substeps,
+        stats.newton_iterations,
+        stats.halvings,
+        reason,
     )
-
-
-def no_verdict(reason: str) -> Verdict:
-    """Verdict on a case that cannot be computed, or in which nothing moves."""
-    return Verdict("no verdict", 0.0, 0.0, np.nan, np.nan, 0, 0, 0, 0, reason)
 
 
 # -- Drift ---------------------------------------------------------------------------------------

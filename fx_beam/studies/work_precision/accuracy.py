@@ -32,17 +32,14 @@ class History:
     values: np.ndarray
 
     def at(self, t: np.ndarray) -> np.ndarray:
-        """Values (m, k) at other times (m,), linear in between."""
-        return np.column_stack([np.interp(t, self.t, column) for column in self.values.T])
-
-    def reference(self, size: float, error: float | None = None) -> Reference:
-        """Reference given by this history."""
-        return Reference(self.at, size, error, (self.t[0], self.t[-1]))
+        """Values (m, k) at other times (m,), linear in between; NaN before and after."""
+        outside = {"left": np.nan, "right": np.nan}
+        return np.column_stack([np.interp(t, self.t, own, **outside) for own in self.values.T])
 
 
 @dataclass(frozen=True)
 class Reference:
-    """``at(t)`` gives values (n, k) from ``span[0]`` to ``span[1]`` [s]; `size` divides errors.
+    """``at(t)`` gives values (n, k), NaN where there are none; `size` divides errors.
 
     `error` is its own estimated error, None if it is exact.
     """
@@ -50,7 +47,6 @@ class Reference:
     at: Callable[[np.ndarray], np.ndarray]
     size: float
     error: float | None = None
-    span: tuple[float, float] = (-np.inf, np.inf)
 
 
 def called(what: str, function: Callable, *arguments) -> Any:
@@ -65,12 +61,11 @@ def measure(name: str, quantity: Quantity, solution: Solution) -> History:
     """History of a quantity of interest of a solution."""
     what = f"quantity {name!r}"
     found = called(what, quantity, solution)
+    t = solution.t if np.ndim(found) else solution.t[-1:]
     if isinstance(found, tuple):
         t, found = found if len(found) == 2 else (np.zeros(()), None)
         if np.ndim(t) != 1 or (np.diff(t) <= 0).any():
             raise SceneError(f"{what}: a tuple must be increasing times and an array of values")
-    else:
-        t = solution.t if np.ndim(found) else solution.t[-1:]
     return History(np.asarray(t), _rows(what, found, np.size(t)))
 
 
@@ -92,7 +87,7 @@ def computed(name: str, fine: History, coarse: History) -> Reference:
     """
     _complete(f"the reference of {name!r}", coarse)
     size = _complete(f"the reference of {name!r}", fine)
-    return fine.reference(size, error(name, coarse, fine.reference(size)))
+    return Reference(fine.at, size, error(name, coarse, Reference(fine.at, size)))
 
 
 def error(name: str, found: History, reference: Reference) -> float:
@@ -100,20 +95,17 @@ def error(name: str, found: History, reference: Reference) -> float:
 
     Absolute if the reference is 0, NaN if a value is not finite.
     """
-    first, last = reference.span
-    inside = (found.t >= first) & (found.t <= last)
+    expected = reference.at(found.t)
+    inside = np.isfinite(expected).all(axis=1)
     if not inside.any():
+        first, last = found.t[[0, -1]]
+        raise SceneError(f"the reference of {name!r} has no time between {first:g} and {last:g} s")
+    if expected.shape != found.values.shape:
         raise SceneError(
-            f"quantity {name!r} has no time between {first:g} and {last:g} s, the range "
-            "of its reference"
+            f"quantity {name!r} has {found.values.shape[1]} values at a time, but its reference "
+            f"has {expected.shape[1]}"
         )
-    expected, values = reference.at(found.t[inside]), found.values[inside]
-    if expected.shape != values.shape:
-        raise SceneError(
-            f"quantity {name!r} has {values.shape[1]} values at a time, but its reference has "
-            f"{expected.shape[1]}"
-        )
-    return _size(values - expected) / reference.size
+    return _size(found.values[inside] - expected[inside]) / reference.size
 
 
 def observed_order(steps: Sequence[float], errors: Sequence[float], floor: float) -> float | None:
@@ -136,9 +128,9 @@ def _rows(what: str, found: Any, n: int) -> np.ndarray:
     """Values (n, k) of a number, for n = 1, or of a history (n,) or (n, k); None gives NaN."""
     values = np.atleast_1d(np.nan if found is None else found)
     if values.dtype.kind not in "fiub" or values.ndim > 2 or values.shape[-1] == 0:
-        shape = f"of {values.dtype} with the shape {values.shape}"
         raise SceneError(
-            f"{what} must be a real number or an array (n,) or (n, k), not {found!r:.40} {shape}"
+            f"{what} must be a real number or an array (n,) or (n, k), not {found!r:.40} of "
+            f"{values.dtype} with the shape {values.shape}"
         )
     if len(values) != n:
         raise SceneError(f"{what} has {len(values)} rows for {n} times")

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
@@ -10,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from fx_beam.studies import reporting
-from fx_beam.studies.reporting import short, table
+from fx_beam.studies.reporting import section, short
 
 from .accuracy import MARGIN, ROUND_OFF, STEADY, observed_order
 from .picture import CLOCKS, draw
@@ -19,39 +18,33 @@ from .precision import LOST, MAX_HALVINGS, Mesh, Precision, Run, counted, floor
 #: Relative errors for which the cheapest runs are listed.
 LEVELS = 1e-2, 1e-4, 1e-6, 1e-8, 1e-10
 
-_PAGE = """# Error against run time: {title}
+_PAGE = f"""# Error against run time: {{title}}
 
-{t_end:g} s of motion{start}. An error is the largest distance from the reference over time, divided
-by the largest magnitude of the reference (absolute if that is 0). An error below {margin:g} times
-that of the reference is not known, and is given as "< ...". The run time is the processor time
-of the whole call of `simulate`, set-up included, with compiled forms in the cache: the least of
-{repetitions} runs. The candidates take turns.
+{{t_end:g}} s of motion{{start}}. An error is the largest distance from the reference over time,
+divided by the largest magnitude of the reference (absolute if that is 0). An error below
+{MARGIN:g} times that of the reference is not known, and is given as "< ...". The run time is the
+least processor time of {{repetitions}} whole calls of `simulate`, set-up included, with compiled
+forms in the cache. The candidates take turns.
 
 A run *has* an error of 1e-4 if its own error and those of all runs of its scheme with smaller steps
 on its mesh are at most 1e-4, and so are those of solutions with a fine step on its mesh and on
 finer ones. So no run is good by chance. A run that broke off, as a step failed that had been halved
-{halvings} times, or that gained or lost more than {lost:g} of its kinetic and strain energy, has
-none of them.
+{MAX_HALVINGS} times, or that gained or lost more than {LOST:g} of its kinetic and strain energy,
+has none of them.
 
 In the pictures a line joins the runs of a scheme that have a smaller error, in this sense, than all
 faster ones. Points show the runs' own errors. Runs that broke off or err by more than 1 stand at
 the top.
 """
 _NOTES = {
-    "Observed orders in the time step": (
-        "Fit to the three smallest steps, with errors relative to a fine step on the same mesh. A "
-        "cell is empty if errors do not fall with the step, or if their slopes differ by more than "
-        f"{STEADY:g}: the steps are too large, or an error changes its sign.\n"
-    ),
-    "Observed orders in the size of the elements": (
-        "The same fit over the meshes, with a fine time step. Errors that are not known are left "
-        "out.\n"
-    ),
+    "Observed orders in the time step": f"""Fit to the three smallest steps, with errors relative to
+a fine step on the same mesh. A cell is empty if errors do not fall with the step, or if their
+slopes differ by more than {STEADY:g}: the steps are too large, or an error changes its sign.\n
+""",
+    "Observed orders in the size of the elements": """The same fit over the meshes, with a fine time
+step. Errors that are not known are left out.\n
+""",
 }
-
-
-#: Tables with errors, in columns by quantity.
-_OF_ERRORS = "Runs", "Errors with a fine time step"
 
 
 def sentence(found: Precision, quantity: str) -> str:
@@ -72,26 +65,14 @@ def sentence(found: Precision, quantity: str) -> str:
     if quantity in found.missing:
         return f"{quantity}: there is no reference: {found.missing[quantity]}"
     best = min(found.runs, key=lambda run: (counted(found, quantity, run), run.seconds))
-    own, known = counted(found, quantity, best), found.references[quantity]
-    run = f"{best.scheme}, dt = {best.dt:.3g} s, {best.mesh}, in {1e3 * best.seconds:.3g} ms"
-    words = f"the smallest error is {short(own)}, by {run}"
-    if own <= floor(found, quantity) and known is not None:
-        words = f"smaller errors than {short(own)} are not known; {run} reaches it"
-    if own > 1:
-        words = "no run has an error of at most 1"
-    reference = "exact" if known is None else f"known to {short(known)}"
+    known = found.references[quantity]
     astray = sum(not run.errors.get(quantity, np.nan) <= 1 for run in found.runs)
     return (
-        f"{quantity}: {words}. The reference is {reference}. "
+        f"{quantity}: the smallest error is {short(counted(found, quantity, best))}, by "
+        f"{best.scheme}, dt = {best.dt:.3g} s, {best.mesh}, in {1e3 * best.seconds:.3g} ms. The "
+        f"reference is {'exact' if known is None else f'known to {short(known)}'}. "
         f"{astray} of {len(found.runs)} runs broke off or have an error above 1."
     )
-
-
-def prepare(path: Path | str) -> None:
-    """Check before a study that its results can be written and its pictures can be drawn."""
-    from fx_beam import plot  # noqa: F401  the import of `draw`
-
-    reporting.prepare(path)
 
 
 def write(path: Path | str, found: Precision) -> None:
@@ -104,16 +85,12 @@ def write(path: Path | str, found: Precision) -> None:
     found : Precision
         A study.
     """
-    title, tables = Path(path).name.replace("_", " "), _tables(found)
     page = [
         _PAGE.format(
-            title=title,
+            title=Path(path).name.replace("_", " "),
             t_end=found.t_end,
             start=f", from the solutions that `{found.start}` gives" if found.start else "",
-            margin=MARGIN,
             repetitions=found.repetitions,
-            lost=LOST,
-            halvings=MAX_HALVINGS,
         )
     ]
     panels = [(quantity, found, quantity) for quantity in found.references]
@@ -121,60 +98,110 @@ def write(path: Path | str, found: Precision) -> None:
     for clock, ending, shown in ("seconds", "", panels), ("step_seconds", "_steps", panels[:1]):
         draw(picture := reporting.beside(path, f"{ending}.png"), shown, clock)
         page += [f"![Error against run time, {CLOCKS[clock]}]({picture.name})\n"]
-    page += [f"- {sentence(found, quantity)}" for quantity in found.references]
-    cheapest = [row for quantity in found.references for row in _cheapest(found, quantity)]
-    page += ["\n## Fastest run of each scheme for an error\n", table(cheapest)]
-    for name, rows in tables.items():
-        stated = [_stated(found, row) for row in rows] if name in _OF_ERRORS else rows
-        page += [f"## {name}\n", _NOTES.get(name, ""), table(stated)] if rows else []
-    lines = dict.fromkeys(_reasons(found))
-    page += ["## Missing results and their reasons\n", "".join(lines)] if lines else []
+    sentences = {quantity: sentence(found, quantity) for quantity in found.references}
+    page += [*(f"- {words}" for words in sentences.values()), ""]
+    tables = _tables(found)
+    page += [section(title, rows, _NOTES.get(title, "")) for title, rows in tables.items()]
     runs = [
         asdict(run)
         | {"lost": run.lost, "counts with": {q: counted(found, q, run) for q in found.references}}
         for run in found.runs
     ]
+    left = [asdict(mesh) | errors for mesh, errors in found.mesh_errors.items()]
     numbers = {
         "t_end": found.t_end,
         "start": found.start,
         "timed runs of each": found.repetitions,
         "relative errors of the references": found.references,
         "why there is no reference": found.missing,
-        "sentences": {quantity: sentence(found, quantity) for quantity in found.references},
+        "sentences": sentences,
         **tables,
+        "Errors with a fine time step": left,
         "Runs": runs,
     }
     reporting.write(path, page, numbers, runs)
 
 
-def _reasons(found: Precision) -> Iterator[str]:
-    """Why runs broke off, one reason of each scheme; missing errors and references."""
-    for scheme in found.schemes:
-        if failures := [run.failure for run in found.runs if run.scheme == scheme and run.failure]:
-            yield f"- {scheme}: {len(failures)} runs broke off, such as {failures[0]}\n"
-    for run in found.runs:
-        yield from (f"- {run.scheme}: {why}\n" for why in run.notes.values())
-    yield from (f"- {name}: {why}\n" for name, why in found.missing.items())
-
-
 # -- Tables --------------------------------------------------------------------------------------
 
 
-def _cheapest(found: Precision, quantity: str) -> list[dict[str, Any]]:
-    """Fastest run of each scheme for some errors."""
-    return [
-        {
-            "quantity": quantity,
-            "error": short(level),
-            "scheme": run.scheme,
-            "dt [s]": run.dt,
-            **asdict(run.mesh),
-            "whole call [ms]": 1e3 * run.seconds,
-            "steps alone [ms]": 1e3 * run.step_seconds,
-        }
-        for level in LEVELS
-        for run in found.cheapest(quantity, level).values()
-    ]
+def _tables(found: Precision) -> dict[str, list[dict[str, Any]]]:
+    """Rows of the page's tables by title; the JSON file has them too."""
+    names, schemes = list(found.references), found.schemes
+    meshes = list(dict.fromkeys(run.mesh for run in found.runs))
+    degrees = sorted({mesh.degree for mesh in meshes})
+    reasons = {why: name for name, why in found.missing.items()}
+    reasons |= {why: run.scheme for run in found.runs for why in run.notes.values()}
+    broken = {run.scheme: run.failure for run in reversed(found.runs) if run.failure}
+    reasons |= {why: f"{scheme}, the first run that broke off" for scheme, why in broken.items()}
+    return {
+        "Fastest run of each scheme for an error": [
+            {"quantity": name, "error": short(level), **_candidate(run), **_times(run)}
+            for name in names
+            for level in LEVELS
+            for run in found.cheapest(name, level).values()
+        ],
+        "References": [
+            {"quantity": name, "reference": "exact" if error is None else found.origin}
+            | {"estimated error": error}
+            for name, error in found.references.items()
+        ],
+        "Runs": [_row(found, run) for run in found.runs],
+        f"Run times divided by those of {schemes[0]}, same step and mesh, median": [
+            {"scheme": scheme, "time": clock}
+            | {f"degree {degree}": _ratio(found, scheme, degree, name) for degree in degrees}
+            for scheme in schemes[1:]
+            for name, clock in CLOCKS.items()
+        ],
+        "Observed orders in the time step": [
+            {"scheme": scheme, **asdict(mesh)}
+            | {name: step_order(found, name, scheme, mesh) for name in names}
+            for scheme in schemes
+            for mesh in meshes
+        ],
+        "Errors with a fine time step": [
+            asdict(mesh) | {name: _known(found, name, error) for name, error in errors.items()}
+            for mesh, errors in found.mesh_errors.items()
+        ],
+        "Observed orders in the size of the elements": [
+            {"degree": degree} | {name: mesh_order(found, name, degree) for name in names}
+            for degree in degrees
+            if found.mesh_errors
+        ],
+        "Missing results and their reasons": [
+            {"of": what, "reason": why} for why, what in reasons.items()
+        ],
+    }
+
+
+def _candidate(run: Run) -> dict[str, Any]:
+    return {"scheme": run.scheme, **asdict(run.mesh), "dt [s]": run.dt}
+
+
+def _times(run: Run) -> dict[str, float]:
+    return {"whole call [ms]": 1e3 * run.seconds, "steps alone [ms]": 1e3 * run.step_seconds}
+
+
+def _known(found: Precision, name: str, error: float | None) -> float | str | None:
+    """An error; one that is not known is given by its limit."""
+    low = floor(found, name)
+    return f"< {low:.1g}" if error is not None and error < low else error
+
+
+def _row(found: Precision, run: Run) -> dict[str, Any]:
+    steps = run.steps or np.nan
+    broke_off = f"broke off at {run.reached:.3g} s" if run.failure else None
+    return {
+        **_candidate(run),
+        "unknowns": run.unknowns,
+        "Newton it/step": run.newton_iterations / steps,
+        "halvings": run.halvings,
+        **_times(run),
+        "us/step": 1e6 * run.step_seconds / steps,
+        "first call [ms]": 1e3 * run.first_seconds,
+        **{name: _known(found, name, run.errors.get(name)) for name in found.references},
+        "lost": broke_off or ("energy" if run.lost else None),
+    }
 
 
 def step_order(found: Precision, quantity: str, scheme: str, mesh: Mesh) -> float | None:
@@ -186,50 +213,10 @@ def step_order(found: Precision, quantity: str, scheme: str, mesh: Mesh) -> floa
 
 def mesh_order(found: Precision, quantity: str, degree: int) -> float | None:
     """Observed order in the size of the elements, with a fine time step; None if not clear."""
-    own = [(1 / m.elements, e) for m, e in found.mesh_errors.items() if m.degree == degree]
-    errors = [error.get(quantity, np.nan) for _, error in own]
+    own = {mesh: e for mesh, e in found.mesh_errors.items() if mesh.degree == degree}
+    errors = [error.get(quantity, np.nan) for error in own.values()]
     known = max(floor(found, quantity), ROUND_OFF)
-    return observed_order([size for size, _ in own], errors, known)
-
-
-def _tables(found: Precision) -> dict[str, list[dict[str, Any]]]:
-    """Rows of the page's tables by title; the JSON file has them too."""
-    computed = [name for name, error in found.references.items() if error is not None]
-    meshes = list(dict.fromkeys(run.mesh for run in found.runs))
-    degrees = sorted({mesh.degree for mesh in meshes})
-    return {
-        "References": [
-            {
-                "quantity": name,
-                "reference": "exact" if error is None else found.origin,
-                "estimated error": error,
-            }
-            for name, error in found.references.items()
-            if name not in found.missing
-        ],
-        "Runs": [_row(found, run) for run in found.runs],
-        f"Run times divided by those of {found.schemes[0]}, same step and mesh, median": [
-            {"scheme": scheme, "time": clock}
-            | {f"degree {degree}": _ratio(found, scheme, degree, name) for degree in degrees}
-            for scheme in found.schemes[1:]
-            for name, clock in (("seconds", "whole call"), ("step_seconds", "steps alone"))
-        ],
-        "Observed orders in the time step": [
-            {"scheme": scheme, **asdict(mesh)}
-            | {name: step_order(found, name, scheme, mesh) for name in found.references}
-            for scheme in found.schemes
-            for mesh in meshes
-        ],
-        "Errors with a fine time step": [
-            asdict(mesh) | {name: errors.get(name) for name in computed}
-            for mesh, errors in found.mesh_errors.items()
-        ],
-        "Observed orders in the size of the elements": [
-            {"degree": degree} | {name: mesh_order(found, name, degree) for name in computed}
-            for degree in degrees
-            if found.mesh_errors
-        ],
-    }
+    return observed_order([1 / mesh.elements for mesh in own], errors, known)
 
 
 def _ratio(found: Precision, scheme: str, degree: int, clock: str) -> float:
@@ -239,29 +226,3 @@ def _ratio(found: Precision, scheme: str, degree: int, clock: str) -> float:
     here = {(r.mesh, r.dt): getattr(r, clock) for r in runs if r.scheme == scheme}
     both = [here[key] / first[key] for key in here if key in first]
     return float(np.median(both)) if both else np.nan
-
-
-def _stated(found: Precision, row: dict[str, Any]) -> dict[str, Any]:
-    """A row whose errors that are not known are given by their limit."""
-    floors = {name: floor(found, name) for name in found.references if row.get(name) is not None}
-    return row | {name: f"< {low:.1g}" for name, low in floors.items() if row[name] < low}
-
-
-def _row(found: Precision, run: Run) -> dict[str, Any]:
-    steps, lost = run.steps or np.nan, "energy" if run.lost else None
-    if run.failure:
-        lost = f"broke off at {run.reached:.3g} s"
-    return {
-        "scheme": run.scheme,
-        **asdict(run.mesh),
-        "dt [s]": run.dt,
-        "unknowns": run.unknowns,
-        "Newton it/step": run.newton_iterations / steps,
-        "halvings": run.halvings,
-        "whole call [ms]": 1e3 * run.seconds,
-        "steps alone [ms]": 1e3 * run.step_seconds,
-        "us/step": 1e6 * run.step_seconds / steps,
-        "first call [ms]": 1e3 * run.first_seconds,
-        **{name: run.errors.get(name) for name in found.references},
-        "lost": lost,
-    }

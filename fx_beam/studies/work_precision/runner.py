@@ -3,14 +3,12 @@
 from __future__ import annotations
 
 import itertools
-import logging
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import Executor
 from contextlib import closing, suppress
-from functools import partial
 from pathlib import Path
 from time import perf_counter, process_time
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -21,18 +19,30 @@ from fx_beam.errors import SceneError, StepError
 from fx_beam.mechanics.schemes import EnergyMomentum, Scheme
 from fx_beam.results.solution import Solution
 from fx_beam.scene.scene import Scene
-from fx_beam.studies import candidates
+from fx_beam.studies import candidates, reporting
 from fx_beam.validation import is_number, is_whole, require
 
 from . import accuracy
 from .accuracy import Exact, History, Quantity, Reference
 from .precision import MAX_HALVINGS, Mesh, Precision, Run
-from .report import prepare, write
-
-_log = logging.getLogger("fx_beam")
+from .report import write
 
 #: Time step of the solutions that give the error of a mesh: the smallest step over this number.
 FINE_STEP = 8
+
+
+class Job(NamedTuple):
+    """A run to be made: of a candidate, or a fine solution."""
+
+    mesh: Mesh
+    label: str
+    scheme: Scheme
+    dt: float
+    max_halvings: int = MAX_HALVINGS
+
+
+# A run and the quantities that were measured in it.
+Measured = tuple[Run, dict[str, History]]
 
 
 def study(
@@ -113,38 +123,30 @@ def study(
     exact = exact or {}
     _check(quantities, exact, t_end, steps, meshes, repetitions)
     labelled, grid = candidates.labelled(schemes), [Mesh(*mesh) for mesh in meshes]
-    sought = {name: quantity for name, quantity in quantities.items() if name not in exact}
-    degree = max(mesh.degree for mesh in grid)
-    elements = max(mesh.elements for mesh in grid if mesh.degree == degree)
-    fine = [
-        (Mesh(elements * finer[1] // k, degree), min(steps) / finer[0] * k, EnergyMomentum())
-        for k in (1, 2)
+    jobs = [
+        Job(mesh, label, labelled[label], dt)
+        for mesh, label, dt in itertools.product(grid, labelled, steps)
     ]
-    motion = _Motion(scene, start, t_end)
-    for mesh in [*grid, fine[0][0]] if sought else grid:
+    sought = [name for name in quantities if name not in exact]
+    fine = _fine(grid, min(steps), finer) if sought else []
+    motion = _Motion(scene, start, t_end, quantities)
+    for mesh in [*grid, *(job.mesh for job in fine[:1])]:
         motion.at(mesh)
     references = {name: accuracy.exact(name, value, t_end) for name, value in exact.items()}
     if results is not None:
-        prepare(results)
-
+        reporting.prepare(results)
     found = Precision(
         t_end=t_end,
         repetitions=repetitions,
         references={name: np.nan if name in sought else None for name in quantities},
-        origin=f"{EnergyMomentum().name}, {fine[0][0]}, dt = {fine[0][1]:.3g} s" if sought else "",
+        origin=f"{fine[0].label}, {fine[0].mesh}, dt = {fine[0].dt:.3g} s" if sought else "",
         runs=[],
         start=getattr(start, "__name__", repr(start)) if start else "",
-        missing=dict.fromkeys(sought, "not computed: no run was completed, or Ctrl-C came first"),
+        missing=dict.fromkeys(sought, "not computed before the study ended"),
     )
-    count = (1 + repetitions) * len(grid) * len(labelled) * len(steps)
     try:
-        with progress_bar(count, None, desc="runs") as bar:
-            order = list(itertools.product(grid, labelled, steps))
-            measured = _first_round(
-                motion, order, labelled, quantities, references, found, bar, executor
-            )
-            if sought and measured:
-                _against_fine(motion, grid, sought, fine, min(steps), found, measured, executor)
+        with progress_bar((1 + repetitions) * len(jobs) + len(fine), None, desc="runs") as bar:
+            _errors(found, motion, jobs, fine, references, executor, bar)
             if executor is not None:
                 _load(found.runs, motion, labelled)
             _time(found.runs, motion, labelled, repetitions, bar)
@@ -162,31 +164,41 @@ def study(
 def _check(quantities, exact, t_end, steps, meshes, repetitions) -> None:
     """Check the arguments before anything is computed."""
     for name, given in (("quantities", quantities), ("exact", exact)):
-        if not isinstance(given, Mapping):
-            raise SceneError(f"{name} must be a dict by name, not {given!r:.40}")
-    candidates.several("quantities", list(quantities))
-    for name, quantity in quantities.items():
-        if not callable(quantity):
+        require(isinstance(given, Mapping), name, given, "a dict by name")
+    for name in candidates.several("quantities", list(quantities)):
+        if not callable(quantities[name]):
             raise SceneError(f"quantity {name!r} must be a function of the solution")
     if unknown := [name for name in exact if name not in quantities]:
         raise SceneError(f"exact value of {unknown[0]!r}, which is none of {list(quantities)}")
     require(is_number(t_end) and t_end > 0, "t_end", t_end, "a positive number")
     for dt in candidates.several("steps", steps):
-        if not (is_number(dt) and 0 < dt <= t_end):
-            raise SceneError(f"step {dt!r} must be a positive number, at most t_end = {t_end:g}")
+        fits = is_number(dt) and 0 < dt <= t_end
+        require(fits, "a step", dt, f"a positive number, at most t_end = {t_end:g}")
     require(is_whole(repetitions, 1), "repetitions", repetitions, "a whole number, at least 1")
     for mesh in candidates.several("meshes", meshes):
-        if np.shape(mesh) != (2,) or not all(is_whole(n, 1) for n in mesh):
-            raise SceneError(f"mesh {mesh!r} must be a pair of elements and degree, as (8, 1)")
+        fits = np.shape(mesh) == (2,) and all(is_whole(n, 1) for n in mesh)
+        require(fits, "a mesh", mesh, "a pair of elements and degree, as (8, 1)")
+
+
+def _fine(grid: list[Mesh], dt: float, finer: tuple[int, int]) -> list[Job]:
+    """The reference, a coarser one that checks it, and a solution with a fine step on each mesh."""
+    finest = max(grid, key=lambda mesh: (mesh.degree, mesh.elements))
+    settings = [
+        (Mesh(finest.elements * finer[1] // k, finest.degree), dt / finer[0] * k) for k in (1, 2)
+    ]
+    settings += [(mesh, dt / FINE_STEP) for mesh in grid]
+    scheme = EnergyMomentum()
+    return [Job(mesh, scheme.name, scheme, step, 12) for mesh, step in settings]
 
 
 class _Motion:
-    """The scene on its meshes, and the state from which each starts."""
+    """The scene on its meshes, the state from which each starts, and what is measured."""
 
-    def __init__(self, scene, start, t_end: float):
+    def __init__(self, scene, start, t_end: float, quantities: Mapping[str, Quantity]):
         if not callable(scene):
             raise SceneError(f"a study needs a function scene(elements, degree), not {scene!r:.40}")
         self._functions, self._t_end = (("scene", scene), ("start", start)), t_end
+        self._quantities = quantities
         self._made: dict[Mesh, list[Any]] = {}
 
     def __getstate__(self):
@@ -203,84 +215,133 @@ class _Motion:
             self._made[mesh] = made
         return self._made[mesh]
 
-    def solve(self, mesh: Mesh, dt: float, scheme: Scheme, **keywords) -> Solution:
-        """The solution."""
-        scene, start = self.at(mesh)
-        return simulate(scene, scheme, dt=dt, t_end=self._t_end, start=start, **keywords)
-
-    def attempt(self, mesh: Mesh, dt: float, scheme: Scheme) -> tuple[Solution, float, float]:
+    def solve(self, job: Job) -> tuple[Solution, float, float]:
         """The solution, up to a step that fails; time and processor time of the call [s]."""
-        self.at(mesh)
+        scene, start = self.at(job.mesh)
+        how: dict[str, Any] = {"dt": job.dt, "t_end": self._t_end, "start": start}
         clock, used = perf_counter(), process_time()
         try:
-            found = self.solve(mesh, dt, scheme, max_halvings=MAX_HALVINGS, progress=False)
+            found = simulate(scene, job.scheme, max_halvings=job.max_halvings, **how)
         except StepError as failed:
             if failed.solution is None:  # no step failed: the scene or the start is wrong
                 raise
             found = failed.solution
         return found, perf_counter() - clock, process_time() - used
 
-
-# -- Runs ----------------------------------------------------------------------------------------
-
-
-def _first_round(
-    motion: _Motion, order, schemes, quantities, exact, found: Precision, bar, executor
-) -> list[tuple[Run, dict[str, History]]]:
-    """All runs, the cheapest first, and the histories of those that were completed."""
-    measured: list[tuple[Run, dict[str, History]]] = []
-    cheapest = sorted(order, key=lambda run: run[0].elements * run[0].degree / run[2])
-    jobs = [(mesh, label, schemes[label], dt) for mesh, label, dt in cheapest]
-    first = partial(_first, motion=motion, quantities=quantities)
-    with closing(workers.run(first, jobs, executor)) as outcomes:
-        for place, (given, _, error) in outcomes:
-            mesh, label, scheme, dt = jobs[place]
-            run, histories, refused = given or (Run(label, scheme.name, mesh, dt), {}, None)
-            run.failure = run.failure or error
-            if not found.runs and (refused or error):
-                raise refused or SceneError(error)
-            if executor is not None:
-                run.first_seconds = np.nan
+    def measure(self, job: Job) -> Measured:
+        """A run with its quantities; in a worker, if there are any."""
+        solution, seconds, _ = self.solve(job)
+        stats, energy = solution.stats, solution.energy
+        size = (energy.kinetic + energy.stored).max()
+        run = Run(
+            job.label,
+            job.scheme.name,
+            job.mesh,
+            job.dt,
+            stats.unknowns,
+            stats.steps,
+            stats.newton_iterations,
+            stats.halvings,
+            reached=float(solution.t[-1]),
+            failure=stats.failure.reason if stats.failure else "",
+            # Without energy nothing moves, and no energy is lost.
+            energy_error=float(abs(energy.gained).max() / size) if size else 0.0,
+            first_seconds=seconds,
+            seconds=seconds,
+            step_seconds=stats.seconds,
+        )
+        histories = {}
+        for name, quantity in self._quantities.items():
             if not run.failure:
-                run.errors = dict.fromkeys(quantities, np.nan)
-                run.errors |= _errors(histories, exact, run.notes)
-                run.step_errors = dict(run.errors)
+                try:
+                    histories[name] = accuracy.measure(name, quantity, solution)
+                except SceneError as wrong:
+                    run.notes[name] = str(wrong)
+        return run, histories
+
+
+# -- Errors --------------------------------------------------------------------------------------
+
+
+def _errors(found: Precision, motion, jobs, fine, exact, executor, bar) -> None:
+    """All runs, the cheapest first, then the fine solutions; and the errors of the runs."""
+    order = [(job.mesh, job.label, job.dt) for job in jobs]
+    queue = sorted(jobs, key=lambda job: job.mesh.elements * job.mesh.degree / job.dt) + fine
+    measured: list[Measured] = []
+    solved: dict[int, Measured] = {}
+    try:
+        with closing(workers.run(motion.measure, queue, executor)) as outcomes:
+            for place, (given, _, error) in outcomes:
+                job = queue[place]
+                failed = Run(job.label, job.scheme.name, job.mesh, job.dt, failure=error)
+                run, histories = given or (failed, {})
+                if place >= len(jobs):
+                    solved[place - len(jobs)] = run, histories
+                    continue
+                if executor is not None:
+                    run.first_seconds = np.nan
+                for name in found.references if not run.failure else ():
+                    run.errors[name] = _error(run, histories, name, exact.get(name))
+                    run.step_errors[name] = run.errors[name]
+                if error and not found.runs:
+                    raise SceneError(error)
                 if run.notes and not measured:
                     note = next(iter(run.notes.values()))
-                    raise SceneError(f"{note} ({label}, {mesh}, dt = {dt:.4g} s)")
-                measured.append((run, histories))
-            found.runs.append(run)
-            found.runs.sort(key=lambda run: order.index((run.mesh, run.scheme, run.dt)))
-            bar.update()
-    return measured
+                    raise SceneError(f"{note} ({run.scheme}, {run.mesh}, dt = {run.dt:.4g} s)")
+                found.runs.append(run)
+                found.runs.sort(key=lambda run: order.index((run.mesh, run.scheme, run.dt)))
+                measured += [(run, histories)] if not run.failure else []
+                bar.update()
+    finally:
+        _compare(found, measured, solved)
 
 
-def _first(
-    job, motion: _Motion, quantities
-) -> tuple[Run, dict[str, History], SceneError | StepError | None]:
-    """A run, its histories, and an error of its scene or scheme; in a worker, if there are any."""
-    mesh, label, scheme, dt = job
-    run = Run(label, scheme.name, mesh, dt)
+def _error(run: Run, histories: Mapping[str, History], name: str, reference) -> float:
+    """Error of a quantity of a run; NaN if there is none, and a note if that is not expected."""
     try:
-        solution, run.first_seconds, _ = motion.attempt(mesh, dt, scheme)
-    except (SceneError, StepError) as refused:
-        run.failure = str(refused)
-        return run, {}, refused
-    _fill(run, solution)
-    return run, {} if run.failure else _measure(quantities, solution, run.notes), None
+        if name in histories and reference is not None:
+            return accuracy.error(name, histories[name], reference)
+    except SceneError as wrong:
+        run.notes[name] = str(wrong)
+    return np.nan
 
 
-def _fill(run: Run, solution: Solution) -> None:
-    """Enter what a solution says of its run."""
-    stats, energy = solution.stats, solution.energy
-    for name in ("unknowns", "steps", "newton_iterations", "halvings"):
-        setattr(run, name, getattr(stats, name))
-    run.seconds, run.step_seconds = run.first_seconds, stats.seconds
-    run.reached = float(solution.t[-1])
-    run.failure = stats.failure.reason if stats.failure else ""
-    size = (energy.kinetic + energy.stored).max()
-    # Without energy nothing moves, and no energy is lost.
-    run.energy_error = float(abs(energy.gained).max() / size) if size else 0.0
+def _compare(found: Precision, measured: list[Measured], solved: dict[int, Measured]) -> None:
+    """Errors relative to the references, and relative to a fine step on the same mesh."""
+    if not {0, 1} <= solved.keys():
+        return
+    for name in [name for name, error in found.references.items() if error is not None]:
+        lacking = [run for run, histories in (solved[0], solved[1]) if name not in histories]
+        if lacking:
+            found.missing[name] = f"the reference, {_why(lacking[0], name)}"
+            continue
+        try:
+            reference = accuracy.computed(name, solved[0][1][name], solved[1][1][name])
+        except SceneError as wrong:
+            found.missing[name] = str(wrong)
+            continue
+        del found.missing[name]
+        found.references[name] = reference.error
+        for run, histories in measured:
+            run.errors[name] = _error(run, histories, name, reference)
+        for fine, on_mesh in (solved[place] for place in sorted(solved) if place > 1):
+            errors = found.mesh_errors.setdefault(fine.mesh, {})
+            if name not in on_mesh:
+                found.missing[str(fine.mesh)] = _why(fine, name)
+                continue
+            errors[name] = _error(fine, on_mesh, name, reference)
+            best = Reference(on_mesh[name].at, reference.size)
+            for run, histories in measured:
+                if run.mesh == fine.mesh:
+                    run.step_errors[name] = _error(run, histories, name, best)
+
+
+def _why(run: Run, name: str) -> str:
+    """Why a fine solution has not a quantity."""
+    return f"{run.mesh} with dt = {run.dt:.3g} s: {run.failure or run.notes[name]}"
+
+
+# -- Run times -----------------------------------------------------------------------------------
 
 
 def _load(runs: list[Run], motion: _Motion, schemes) -> None:
@@ -299,88 +360,9 @@ def _time(runs: list[Run], motion: _Motion, schemes, repetitions: int, bar) -> N
     """
     for turn, run in itertools.product(range(repetitions), runs):
         if run.steps:
-            solution, _, used = motion.attempt(run.mesh, run.dt, schemes[run.scheme])
+            solution, _, used = motion.solve(Job(run.mesh, run.scheme, schemes[run.scheme], run.dt))
             times = used, min(used, solution.stats.seconds)
             if turn:
                 times = min(times[0], run.seconds), min(times[1], run.step_seconds)
             run.seconds, run.step_seconds = times
         bar.update()
-
-
-# -- References ----------------------------------------------------------------------------------
-
-
-def _against_fine(
-    motion: _Motion, grid, quantities, fine, dt: float, found, measured, executor
-) -> None:
-    """Errors relative to the references, and relative to a fine step on the same mesh."""
-    settings = [*fine, *((mesh, dt / FINE_STEP, EnergyMomentum()) for mesh in grid)]
-    references: dict[str, Reference] = {}
-    given: dict[int, tuple[dict[str, History], dict[str, str]]] = {}
-    solve = partial(_solved, motion=motion, quantities=quantities)
-    with closing(workers.run(solve, settings, executor)) as outcomes:
-        for place, (value, _, error) in outcomes:
-            given[place] = value or ({}, dict.fromkeys(quantities, error))
-            if place < 2 and {0, 1} <= given.keys():
-                references = _compare(given, found)
-                if not references:
-                    return
-                for run, histories in measured:
-                    run.errors |= _errors(histories, references, run.notes)
-    for place, mesh in enumerate(grid, len(fine)):
-        histories, missing = given[place]
-        best = {name: history for name, history in histories.items() if name in references}
-        reasons = [reason for name, reason in missing.items() if name in references]
-        found.missing.update({str(mesh): reason for reason in reasons})
-        found.mesh_errors[mesh] = _errors(best, references, {})
-        on_mesh = {name: h.reference(references[name].size) for name, h in best.items()}
-        for run, histories in measured:
-            if run.mesh == mesh:
-                run.step_errors |= _errors(histories, on_mesh, {})
-
-
-def _compare(given, found: Precision) -> dict[str, Reference]:
-    """References by the first two of the fine solutions, with their errors."""
-    (best, missing), (second, more) = given[0], given[1]
-    missing = more | missing
-    both = [name for name in best if name in second]
-    references = _noted(both, missing, lambda q: accuracy.computed(q, best[q], second[q]))
-    found.references.update({name: reference.error for name, reference in references.items()})
-    found.missing.clear()
-    found.missing.update(missing)
-    return references
-
-
-def _solved(setting, motion: _Motion, quantities) -> tuple[dict[str, History], dict[str, str]]:
-    """Quantities of a fine solution, and reasons for missing ones; in a worker, if any."""
-    mesh, dt, scheme = setting
-    missing: dict[str, str] = {}
-    _log.info("reference: %s, dt = %.3g s", mesh, dt)
-    try:
-        solution = motion.solve(mesh, dt, scheme)
-    except (SceneError, StepError) as failed:
-        reason = f"the reference, {mesh} with dt = {dt:.3g} s: {failed}"
-        _log.warning(reason)
-        return {}, dict.fromkeys(quantities, reason)
-    return _measure(quantities, solution, missing), missing
-
-
-def _measure(quantities, solution: Solution, notes: dict[str, str]) -> dict[str, History]:
-    """Quantities of a solution; a missing one is noted with its reason."""
-    return _noted(quantities, notes, lambda q: accuracy.measure(q, quantities[q], solution))
-
-
-def _errors(histories, references: Mapping[str, Reference], notes: dict[str, str]):
-    """Errors of quantities with a reference; a missing one is noted with its reason."""
-    both = [name for name in histories if name in references]
-    return _noted(both, notes, lambda q: accuracy.error(q, histories[q], references[q]))
-
-
-def _noted(names: Iterable[str], notes: dict[str, str], value: Callable[[str], Any]) -> dict:
-    found = {}
-    for name in names:
-        try:
-            found[name] = value(name)
-        except SceneError as wrong:
-            notes[name] = str(wrong)
-    return found
