@@ -15,8 +15,6 @@ from typing import Any
 
 import numpy as np
 
-from fx_beam.errors import SceneError
-
 _VERSIONS = {
     "dolfinx": "fenics-dolfinx",
     "petsc": "petsc4py",
@@ -25,27 +23,10 @@ _VERSIONS = {
 }
 
 
-def prepare(path: Path | str) -> None:
-    """Check before a study that its results can be written and its pictures drawn.
-
-    Only functions import these packages: a study without a report needs none of them.
-    """
-    import scooby  # noqa: F401
-    import tabulate  # noqa: F401
-
-    from fx_beam import plot  # noqa: F401
-
-    try:
-        directory = beside(path, "").parent
-        if not os.access(directory, os.W_OK):
-            raise PermissionError(f"no permission in {directory}")
-    except (OSError, TypeError) as wrong:
-        raise SceneError(f"results = {path!r} cannot be written: {wrong}") from wrong
-
-
 @functools.cache
 def machine() -> dict[str, Any]:
     """Processor, operating system and versions with which a report was computed."""
+    # Only functions import these packages: a study without a report needs none of them.
     import scooby
 
     report = scooby.Report(core=list(_VERSIONS.values()), optional=[]).to_dict()

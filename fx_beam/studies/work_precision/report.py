@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import os
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from fx_beam.errors import SceneError
 from fx_beam.studies import reporting
 from fx_beam.studies.reporting import section, short
 
@@ -73,6 +75,19 @@ def sentence(found: Precision, quantity: str) -> str:
         f"reference is {'exact' if known is None else f'known to {short(known)}'}. "
         f"{astray} of {len(found.runs)} runs broke off or have an error above 1."
     )
+
+
+def prepare(path: Path | str) -> None:
+    """Check before a study that its results can be written and its pictures drawn."""
+    from fx_beam import plot  # noqa: F401  the import of `draw`
+
+    reporting.machine()
+    try:
+        directory = reporting.beside(path, "").parent
+        if not os.access(directory, os.W_OK):
+            raise PermissionError(f"no permission in {directory}")
+    except (OSError, TypeError) as wrong:
+        raise SceneError(f"results = {path!r} cannot be written: {wrong}") from wrong
 
 
 def write(path: Path | str, found: Precision) -> None:

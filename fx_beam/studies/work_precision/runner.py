@@ -6,9 +6,10 @@ import itertools
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import Executor
 from contextlib import closing, suppress
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from time import perf_counter, process_time
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
@@ -19,30 +20,22 @@ from fx_beam.errors import SceneError, StepError
 from fx_beam.mechanics.schemes import EnergyMomentum, Scheme
 from fx_beam.results.solution import Solution
 from fx_beam.scene.scene import Scene
-from fx_beam.studies import candidates, reporting
+from fx_beam.studies import candidates
 from fx_beam.validation import is_number, is_whole, require
 
 from . import accuracy
 from .accuracy import Exact, History, Quantity, Reference
 from .precision import MAX_HALVINGS, Mesh, Precision, Run
-from .report import write
+from .report import prepare, write
 
 #: Time step of the solutions that give the error of a mesh: the smallest step over this number.
 FINE_STEP = 8
 
 
-class Job(NamedTuple):
-    """A run to be made: of a candidate, or a fine solution."""
-
-    mesh: Mesh
-    label: str
-    scheme: Scheme
-    dt: float
-    max_halvings: int = MAX_HALVINGS
-
-
 # A run and the quantities that were measured in it.
 Measured = tuple[Run, dict[str, History]]
+# Label of the fine solutions.
+_REFERENCE = "reference"
 
 
 def study(
@@ -123,33 +116,33 @@ def study(
     exact = exact or {}
     _check(quantities, exact, t_end, steps, meshes, repetitions)
     labelled, grid = candidates.labelled(schemes), [Mesh(*mesh) for mesh in meshes]
-    jobs = [
-        Job(mesh, label, labelled[label], dt)
-        for mesh, label, dt in itertools.product(grid, labelled, steps)
+    motion = _Motion(scene, start, t_end, quantities, {_REFERENCE: EnergyMomentum()} | labelled)
+    runs = [
+        Run(label, scheme.name, mesh, dt)
+        for mesh, (label, scheme), dt in itertools.product(grid, labelled.items(), steps)
     ]
     sought = [name for name in quantities if name not in exact]
     fine = _fine(grid, min(steps), finer) if sought else []
-    motion = _Motion(scene, start, t_end, quantities)
-    for mesh in [*grid, *(job.mesh for job in fine[:1])]:
+    for mesh in [*grid, *(run.mesh for run in fine[:1])]:
         motion.at(mesh)
     references = {name: accuracy.exact(name, value, t_end) for name, value in exact.items()}
     if results is not None:
-        reporting.prepare(results)
+        prepare(results)
     found = Precision(
         t_end=t_end,
         repetitions=repetitions,
         references={name: np.nan if name in sought else None for name in quantities},
-        origin=f"{fine[0].label}, {fine[0].mesh}, dt = {fine[0].dt:.3g} s" if sought else "",
+        origin=f"{fine[0].name}, {fine[0].mesh}, dt = {fine[0].dt:.3g} s" if sought else "",
         runs=[],
         start=getattr(start, "__name__", repr(start)) if start else "",
         missing=dict.fromkeys(sought, "not computed before the study ended"),
     )
     try:
-        with progress_bar((1 + repetitions) * len(jobs) + len(fine), None, desc="runs") as bar:
-            _errors(found, motion, jobs, fine, references, executor, bar)
+        with progress_bar((1 + repetitions) * len(runs) + len(fine), None, desc="runs") as bar:
+            _errors(found, motion, runs, fine, references, executor, bar)
             if executor is not None:
-                _load(found.runs, motion, labelled)
-            _time(found.runs, motion, labelled, repetitions, bar)
+                _load(found.runs, motion)
+            _time(found.runs, motion, repetitions, bar)
         if results is not None:
             write(results, found)
     except BaseException as stopped:
@@ -173,85 +166,81 @@ def _check(quantities, exact, t_end, steps, meshes, repetitions) -> None:
     require(is_number(t_end) and t_end > 0, "t_end", t_end, "a positive number")
     for dt in candidates.several("steps", steps):
         fits = is_number(dt) and 0 < dt <= t_end
-        require(fits, "a step", dt, f"a positive number, at most t_end = {t_end:g}")
+        require(fits, "step", dt, f"a positive number, at most t_end = {t_end:g}")
     require(is_whole(repetitions, 1), "repetitions", repetitions, "a whole number, at least 1")
     for mesh in candidates.several("meshes", meshes):
         fits = np.shape(mesh) == (2,) and all(is_whole(n, 1) for n in mesh)
-        require(fits, "a mesh", mesh, "a pair of elements and degree, as (8, 1)")
+        require(fits, "mesh", mesh, "a pair of elements and degree, as (8, 1)")
 
 
-def _fine(grid: list[Mesh], dt: float, finer: tuple[int, int]) -> list[Job]:
+def _fine(grid: list[Mesh], dt: float, finer: tuple[int, int]) -> list[Run]:
     """The reference, a coarser one that checks it, and a solution with a fine step on each mesh."""
     finest = max(grid, key=lambda mesh: (mesh.degree, mesh.elements))
     settings = [
         (Mesh(finest.elements * finer[1] // k, finest.degree), dt / finer[0] * k) for k in (1, 2)
     ]
     settings += [(mesh, dt / FINE_STEP) for mesh in grid]
-    scheme = EnergyMomentum()
-    return [Job(mesh, scheme.name, scheme, step, 12) for mesh, step in settings]
+    return [Run(_REFERENCE, EnergyMomentum().name, mesh, step) for mesh, step in settings]
 
 
+@dataclass
 class _Motion:
-    """The scene on its meshes, the state from which each starts, and what is measured."""
+    """The scene on its meshes and the state from which each starts, as the user's functions say."""
 
-    def __init__(self, scene, start, t_end: float, quantities: Mapping[str, Quantity]):
-        if not callable(scene):
-            raise SceneError(f"a study needs a function scene(elements, degree), not {scene!r:.40}")
-        self._functions, self._t_end = (("scene", scene), ("start", start)), t_end
-        self._quantities = quantities
-        self._made: dict[Mesh, list[Any]] = {}
+    scene: Callable[[int, int], Scene]
+    start: Callable[[int, int], Solution] | None
+    t_end: float
+    quantities: Mapping[str, Quantity]
+    schemes: dict[str, Scheme]
+    made: dict[Mesh, tuple[Scene, Solution | None]] = field(default_factory=dict)
 
     def __getstate__(self):
         # A worker makes its own scenes: their functions of time need not be sent.
-        return vars(self) | {"_made": {}}
+        return vars(self) | {"made": {}}
 
-    def at(self, mesh: Mesh) -> list[Any]:
+    def at(self, mesh: Mesh) -> tuple[Scene, Solution | None]:
         """The scene of a mesh, made once, and its start."""
-        if mesh not in self._made:
+        if mesh not in self.made:
             size = mesh.elements, mesh.degree
-            made = [f and accuracy.called(f"{name}{size}", f, *size) for name, f in self._functions]
-            if not isinstance(made[0], Scene):
-                raise SceneError(f"scene{size} gives {made[0]!r:.40}, which is not a Scene")
-            self._made[mesh] = made
-        return self._made[mesh]
+            require(callable(self.scene), "scene", self.scene, "a function scene(elements, degree)")
+            scene = accuracy.called(f"scene{size}", self.scene, *size)
+            if not isinstance(scene, Scene):
+                raise SceneError(f"scene{size} gives {scene!r:.40}, which is not a Scene")
+            start = accuracy.called(f"start{size}", self.start, *size) if self.start else None
+            self.made[mesh] = scene, start
+        return self.made[mesh]
 
-    def solve(self, job: Job) -> tuple[Solution, float, float]:
+    def solve(self, run: Run) -> tuple[Solution, float, float]:
         """The solution, up to a step that fails; time and processor time of the call [s]."""
-        scene, start = self.at(job.mesh)
-        how: dict[str, Any] = {"dt": job.dt, "t_end": self._t_end, "start": start}
+        scene, start = self.at(run.mesh)
+        scheme, halvings = (
+            self.schemes[run.scheme],
+            12 if run.scheme == _REFERENCE else MAX_HALVINGS,
+        )
+        how: dict[str, Any] = {"start": start, "max_halvings": halvings, "progress": False}
         clock, used = perf_counter(), process_time()
         try:
-            found = simulate(scene, job.scheme, max_halvings=job.max_halvings, **how)
+            found = simulate(scene, scheme, dt=run.dt, t_end=self.t_end, **how)
         except StepError as failed:
             if failed.solution is None:  # no step failed: the scene or the start is wrong
                 raise
             found = failed.solution
         return found, perf_counter() - clock, process_time() - used
 
-    def measure(self, job: Job) -> Measured:
-        """A run with its quantities; in a worker, if there are any."""
-        solution, seconds, _ = self.solve(job)
+    def measure(self, run: Run) -> Measured:
+        """The run with what its solution says of it, and its quantities; in a worker, if any."""
+        solution, run.first_seconds, _ = self.solve(run)
         stats, energy = solution.stats, solution.energy
+        for name in ("unknowns", "steps", "newton_iterations", "halvings"):
+            setattr(run, name, getattr(stats, name))
+        run.seconds, run.step_seconds = run.first_seconds, stats.seconds
+        run.reached = float(solution.t[-1])
+        run.failure = stats.failure.reason if stats.failure else ""
         size = (energy.kinetic + energy.stored).max()
-        run = Run(
-            job.label,
-            job.scheme.name,
-            job.mesh,
-            job.dt,
-            stats.unknowns,
-            stats.steps,
-            stats.newton_iterations,
-            stats.halvings,
-            reached=float(solution.t[-1]),
-            failure=stats.failure.reason if stats.failure else "",
-            # Without energy nothing moves, and no energy is lost.
-            energy_error=float(abs(energy.gained).max() / size) if size else 0.0,
-            first_seconds=seconds,
-            seconds=seconds,
-            step_seconds=stats.seconds,
-        )
+        # Without energy nothing moves, and no energy is lost.
+        run.energy_error = float(abs(energy.gained).max() / size) if size else 0.0
         histories = {}
-        for name, quantity in self._quantities.items():
+        for name, quantity in self.quantities.items():
             if not run.failure:
                 try:
                     histories[name] = accuracy.measure(name, quantity, solution)
@@ -263,41 +252,38 @@ class _Motion:
 # -- Errors --------------------------------------------------------------------------------------
 
 
-def _errors(found: Precision, motion, jobs, fine, exact, executor, bar) -> None:
+def _errors(found: Precision, motion: _Motion, runs, fine, exact, executor, bar) -> None:
     """All runs, the cheapest first, then the fine solutions; and the errors of the runs."""
-    order = [(job.mesh, job.label, job.dt) for job in jobs]
-    queue = sorted(jobs, key=lambda job: job.mesh.elements * job.mesh.degree / job.dt) + fine
-    measured: list[Measured] = []
-    solved: dict[int, Measured] = {}
+    every, places, names = [*runs, *fine], range(len(runs) + len(fine)), found.references
+    cost = [run.mesh.elements * run.mesh.degree / run.dt for run in runs]
+    queue = sorted(places[: len(runs)], key=lambda k: cost[k]) + [*places[len(runs) :]]
+    done: dict[int, Measured] = {}
+    completed = 0
     try:
-        with closing(workers.run(motion.measure, queue, executor)) as outcomes:
+        with closing(workers.run(motion.measure, [every[k] for k in queue], executor)) as outcomes:
             for place, (given, _, error) in outcomes:
-                job = queue[place]
-                failed = Run(job.label, job.scheme.name, job.mesh, job.dt, failure=error)
-                run, histories = given or (failed, {})
-                if place >= len(jobs):
-                    solved[place - len(jobs)] = run, histories
-                    continue
+                run, histories = done[queue[place]] = given or (every[queue[place]], {})
+                run.failure = run.failure or error
+                if error and len(done) == 1:
+                    raise SceneError(error)
                 if executor is not None:
                     run.first_seconds = np.nan
-                for name in found.references if not run.failure else ():
-                    run.errors[name] = _error(run, histories, name, exact.get(name))
-                    run.step_errors[name] = run.errors[name]
-                if error and not found.runs:
-                    raise SceneError(error)
-                if run.notes and not measured:
+                if not run.failure:
+                    run.errors = {q: _error(run, histories, q, exact.get(q)) for q in names}
+                    run.step_errors = dict(run.errors)
+                if run.notes and not completed:
                     note = next(iter(run.notes.values()))
                     raise SceneError(f"{note} ({run.scheme}, {run.mesh}, dt = {run.dt:.4g} s)")
-                found.runs.append(run)
-                found.runs.sort(key=lambda run: order.index((run.mesh, run.scheme, run.dt)))
-                measured += [(run, histories)] if not run.failure else []
+                completed += not run.failure
                 bar.update()
     finally:
-        _compare(found, measured, solved)
+        measured = [done[k] for k in places[: len(runs)] if k in done]
+        found.runs.extend(run for run, _ in measured)
+        _compare(found, measured, [done.get(k) for k in places[len(runs) :]])
 
 
 def _error(run: Run, histories: Mapping[str, History], name: str, reference) -> float:
-    """Error of a quantity of a run; NaN if there is none, and a note if that is not expected."""
+    """Error of a quantity of a run; NaN if there is none, with a note if one was expected."""
     try:
         if name in histories and reference is not None:
             return accuracy.error(name, histories[name], reference)
@@ -306,34 +292,35 @@ def _error(run: Run, histories: Mapping[str, History], name: str, reference) -> 
     return np.nan
 
 
-def _compare(found: Precision, measured: list[Measured], solved: dict[int, Measured]) -> None:
+def _compare(found: Precision, measured: list[Measured], fine: list[Measured | None]) -> None:
     """Errors relative to the references, and relative to a fine step on the same mesh."""
-    if not {0, 1} <= solved.keys():
+    if None in fine[:2]:
         return
-    for name in [name for name, error in found.references.items() if error is not None]:
-        lacking = [run for run, histories in (solved[0], solved[1]) if name not in histories]
-        if lacking:
-            found.missing[name] = f"the reference, {_why(lacking[0], name)}"
-            continue
+    solved = [own for own in fine if own is not None]
+    for name in list(found.missing):
         try:
-            reference = accuracy.computed(name, solved[0][1][name], solved[1][1][name])
+            for run, histories in solved[:2]:
+                if name not in histories:
+                    raise SceneError(f"the reference, {_why(run, name)}")
+            reference = accuracy.computed(name, *(histories[name] for _, histories in solved[:2]))
         except SceneError as wrong:
             found.missing[name] = str(wrong)
             continue
         del found.missing[name]
         found.references[name] = reference.error
         for run, histories in measured:
-            run.errors[name] = _error(run, histories, name, reference)
-        for fine, on_mesh in (solved[place] for place in sorted(solved) if place > 1):
-            errors = found.mesh_errors.setdefault(fine.mesh, {})
+            if not run.failure:
+                run.errors[name] = _error(run, histories, name, reference)
+        for best, on_mesh in solved[2:]:
+            errors = found.mesh_errors.setdefault(best.mesh, {})
             if name not in on_mesh:
-                found.missing[str(fine.mesh)] = _why(fine, name)
+                found.missing[str(best.mesh)] = _why(best, name)
                 continue
-            errors[name] = _error(fine, on_mesh, name, reference)
-            best = Reference(on_mesh[name].at, reference.size)
+            errors[name] = _error(best, on_mesh, name, reference)
+            own = Reference(on_mesh[name].at, reference.size)
             for run, histories in measured:
-                if run.mesh == fine.mesh:
-                    run.step_errors[name] = _error(run, histories, name, best)
+                if run.mesh == best.mesh and not run.failure:
+                    run.step_errors[name] = _error(run, histories, name, own)
 
 
 def _why(run: Run, name: str) -> str:
@@ -344,15 +331,14 @@ def _why(run: Run, name: str) -> str:
 # -- Run times -----------------------------------------------------------------------------------
 
 
-def _load(runs: list[Run], motion: _Motion, schemes) -> None:
+def _load(runs: list[Run], motion: _Motion) -> None:
     """One step of each kind of run: forms that workers have compiled are loaded here, untimed."""
     for run in {(run.scheme, run.mesh.degree): run for run in runs if run.steps}.values():
-        scene, start = motion.at(run.mesh)
         with suppress(SceneError, StepError):
-            simulate(scene, schemes[run.scheme], dt=run.dt, t_end=run.dt, start=start)
+            replace(motion, t_end=run.dt).solve(run)
 
 
-def _time(runs: list[Run], motion: _Motion, schemes, repetitions: int, bar) -> None:
+def _time(runs: list[Run], motion: _Motion, repetitions: int, bar) -> None:
     """Least run times. The runs take turns, so that a slow period of the machine affects all.
 
     Processor times depend less on other work of the machine. They are an upper limit for the steps.
@@ -360,7 +346,7 @@ def _time(runs: list[Run], motion: _Motion, schemes, repetitions: int, bar) -> N
     """
     for turn, run in itertools.product(range(repetitions), runs):
         if run.steps:
-            solution, _, used = motion.solve(Job(run.mesh, run.scheme, schemes[run.scheme], run.dt))
+            solution, _, used = motion.solve(run)
             times = used, min(used, solution.stats.seconds)
             if turn:
                 times = min(times[0], run.seconds), min(times[1], run.step_seconds)
