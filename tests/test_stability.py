@@ -1,5 +1,6 @@
 """Verdicts on energies, laws of drift, studies of one's own and their tables."""
 
+import json
 from dataclasses import replace
 from types import SimpleNamespace
 
@@ -12,7 +13,6 @@ from test_reports import benchmark
 import fx_beam as fb
 from fx_beam import stability
 from fx_beam.studies.stability.picture import symbol, telling
-from fx_beam.studies.stability.report import criteria
 
 OURS = "EnergyMomentum"
 
@@ -482,8 +482,10 @@ def test_the_report_says_from_which_tolerance_on_verdicts_stay_and_how_large_err
     ]
 
 
-def test_numbers_hold_every_criterion():
-    assert list(criteria(made_up("a", "1", [1])).values()) == [1e-8, 10, [0], 2, 0.1]
+def test_numbers_hold_every_criterion(tmp_path):
+    stability.write(tmp_path / "a", made_up("a", "1", [1]), "one cell")
+    found = json.loads((tmp_path / "a.json").read_text())
+    assert list(found["criteria"].values()) == [1e-8, 10, [0], 2, 0.1]
 
 
 def test_highest_frequency_of_a_mass_on_a_stiff_bar():

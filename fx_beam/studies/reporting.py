@@ -6,7 +6,6 @@ import csv
 import functools
 import itertools
 import json
-import math
 import os
 import re
 from collections.abc import Iterable, Mapping, Sequence
@@ -15,23 +14,24 @@ from typing import Any
 
 import numpy as np
 
-_VERSIONS = {
-    "dolfinx": "fenics-dolfinx",
-    "petsc": "petsc4py",
-    "numpy": "numpy",
-    "fx_beam": "fx-beam",
-}
+_VERSIONS = {"dolfinx": "fenics-dolfinx", "petsc": "petsc4py", "numpy": "numpy"}
+_VERSIONS |= {"fx_beam": "fx-beam"}
+# How strict JSON has numbers that are not finite.
+_NOT_FINITE = {"NaN": None, "Infinity": "inf", "-Infinity": "-inf"}
+
+Row = Mapping[str, Any]
 
 
 @functools.cache
 def machine() -> dict[str, Any]:
     """Processor, operating system and versions with which a report was computed."""
-    # Only functions import these packages: a study without a report needs none of them.
+    # Only functions import what reports need: a study without a report needs none of it.
     import scooby
 
     report = scooby.Report(core=list(_VERSIONS.values()), optional=[]).to_dict()
+    model = re.search(r"^model name\s*: (.*)", Path("/proc/cpuinfo").read_text("utf-8"), re.M)
     return {
-        "processor": _processor(),
+        "processor": model[1] if model else os.uname().machine,
         "cores": len(os.sched_getaffinity(0)),
         "system": report["OS"],
         "python": report["Python"].split()[0],
@@ -39,23 +39,11 @@ def machine() -> dict[str, Any]:
     }
 
 
-def _processor() -> str:
-    """Name of the processor, which scooby does not give."""
-    lines = Path("/proc/cpuinfo").read_text("utf-8")
-    return next(iter(re.findall(r"^model name\s*: (.*)", lines, re.M)), os.uname().machine)
-
-
-def write(
-    path: Path | str,
-    page: Iterable[str],
-    numbers: Mapping[str, Any],
-    rows: Iterable[Mapping[str, Any]],
-) -> None:
+def write(path: Path | str, page: Iterable[str], numbers: Row, rows: Iterable[Row]) -> None:
     """Write a report: the paragraphs as a Markdown page, all numbers as JSON, the rows as CSV."""
-    computed_on = machine()
-    write_json(beside(path, ".json"), {"machine": computed_on, **numbers})
+    write_json(beside(path, ".json"), {"machine": machine(), **numbers})
     write_csv(beside(path, ".csv"), rows)
-    stated = ", ".join(f"{key} {value}" for key, value in computed_on.items())
+    stated = ", ".join(f"{key} {value}" for key, value in machine().items())
     text = "\n".join([*filter(None, page), f"Computed on: {stated}.\n"])
     beside(path, ".md").write_text(text, "utf-8")
 
@@ -73,32 +61,32 @@ def write_json(path: Path | str, numbers: Any) -> None:
     beside(path, "").write_text(text + "\n", "utf-8")
 
 
-def write_csv(path: Path | str, rows: Iterable[Mapping[str, Any]]) -> None:
+def write_csv(path: Path | str, rows: Iterable[Row]) -> None:
     """Write rows as CSV, nested entries as columns with a point, as pandas.json_normalize does."""
     flat = [_flat(_plain(row)) for row in rows]
-    columns = dict.fromkeys(itertools.chain.from_iterable(flat))
     with beside(path, "").open("w", encoding="utf-8", newline="") as file:
-        writer = csv.DictWriter(file, list(columns), lineterminator="\n")
+        columns = list(dict.fromkeys(itertools.chain.from_iterable(flat)))
+        writer = csv.DictWriter(file, columns, lineterminator="\n")
         writer.writeheader()
         writer.writerows(flat)
 
 
-def section(title: str, rows: Sequence[Mapping[str, Any]], note: str = "") -> str:
+def section(title: str, rows: Sequence[Row], note: str = "") -> str:
     """A part of a page: a table under its title, with a note; nothing without rows."""
     return f"## {title}\n\n{note}{table(rows)}" if rows else ""
 
 
-def table(rows: Sequence[Mapping[str, Any]]) -> str:
+def table(rows: Sequence[Row]) -> str:
     """Markdown table of rows: numbers to the right, None and NaN left empty."""
     from tabulate import tabulate
 
     columns = dict.fromkeys(itertools.chain.from_iterable(rows))
     texts = {name for row in rows for name, value in row.items() if isinstance(value, str)}
+    sides = ["left" if name in texts else "right" for name in columns]
     cells = [[_cell(row.get(name)) for name in columns] for row in rows]
     # The cells are texts here; without this tabulate would read them as numbers and reformat them.
-    how = {"tablefmt": "pipe", "disable_numparse": True}
-    sides = ["left" if name in texts else "right" for name in columns]
-    return tabulate(cells, [_cell(name) for name in columns], colalign=sides, **how) + "\n"
+    how = {"tablefmt": "pipe", "disable_numparse": True, "colalign": sides}
+    return tabulate(cells, [_cell(name) for name in columns], **how) + "\n"
 
 
 def short(number: float) -> str:
@@ -116,15 +104,14 @@ def _cell(value: Any) -> str:
 
 
 def _plain(value: Any) -> Any:
-    if isinstance(value, Mapping):
-        return {str(key): _plain(item) for key, item in value.items()}
+    """The value as it is read back from JSON."""
+    return json.loads(json.dumps(value, default=_listed), parse_constant=_NOT_FINITE.get)
+
+
+def _listed(value: Any) -> Any:
     if isinstance(value, np.ndarray | np.generic):
-        value = value.tolist()
-    if isinstance(value, list | tuple):
-        return [_plain(item) for item in value]
-    if isinstance(value, float) and not math.isfinite(value):
-        return None if math.isnan(value) else str(value)
-    return value
+        return value.tolist()
+    raise TypeError(f"{value!r:.40} cannot be written as JSON")
 
 
 def _flat(value: Any, name: str = "") -> dict[str, Any]:

@@ -60,9 +60,8 @@ class Case:
             fits = is_number(value) and value > 0
             require(fits, f"{self.name}: {name}", value, "a positive number")
         fewest, what = (FEWEST, "the law of a drift") if self.drifts else (1, "a run")
-        if self.t_end / self.dt < fewest * (1 - 1e-6):
-            given = f"{self.t_end / self.dt:.3g}"
-            raise SceneError(f"{self.name}: {what} needs {fewest} or more steps, not {given}")
+        if (given := self.t_end / self.dt) < fewest * (1 - 1e-6):
+            raise SceneError(f"{self.name}: {what} needs {fewest} or more steps, not {given:.3g}")
 
     @property
     def name(self) -> str:
@@ -117,20 +116,18 @@ class Cell:
         One of another kind, else that with the most different number, if it differs by more than
         `SAME`. Where the energy is kept, the numbers are round-off and are not compared.
         """
-        one, others = self.verdict, self.others
-        if turned := [other for other in others if other.kind != one.kind]:
-            return turned[0]
-        near = one.amount * (1 - SAME), one.amount / (1 - SAME)
-        apart = [other for other in others if not near[0] <= other.amount <= near[1]]
-        if one.kind == "kept" or not apart:
-            return None
-        return max(apart, key=lambda other: abs(other.amount - one.amount))
+        kind, amount = self.verdict.kind, self.verdict.amount
+        turned = [other for other in self.others if other.kind != kind]
+        if turned or kind == "kept":
+            return turned[0] if turned else None
+        same = amount * (1 - SAME), amount / (1 - SAME)
+        apart = [other for other in self.others if not same[0] <= other.amount <= same[1]]
+        return max(apart, key=lambda other: abs(other.amount - amount), default=None)
 
     @property
     def halved_often(self) -> bool:
         """Whether the run ended with at least `OFTEN` steps per step of the time grid."""
-        ended = self.verdict.kind not in ("blew up", "failed")
-        return ended and self.verdict.parts >= OFTEN
+        return self.verdict.kind not in ("blew up", "failed") and self.verdict.parts >= OFTEN
 
 
 def grouped(cells: Iterable[Cell], attribute: str) -> dict[str, list[Cell]]:

@@ -70,14 +70,13 @@ def write(
     """
     if not cells:
         raise SceneError("a report on stability needs cells of a study; none are given")
-    name, tally, judged = Path(path).name, counts(cells), criteria(cells)
-    limits = " or ".join(map(str, judged["halvings of a step at most"]))
+    name, tally, limits = Path(path).name, counts(cells), {cell.max_halvings for cell in cells}
     repeats = max(len(cell.others) for cell in cells)
     draw_map(reporting.beside(path, ".png"), cells)
     draw_curves(reporting.beside(path, "_curves.png"), cells)
     page = [
         f"# Stability: {title}\n",
-        _CRITERIA.format(limits=limits, repeats=repeats),
+        _CRITERIA.format(limits=" or ".join(map(str, sorted(limits))), repeats=repeats),
         table([{"scheme": scheme} | row for scheme, row in tally.items()]),
         "".join(f"- {finding}\n" for finding in findings),
         f"![Verdicts]({name}.png)\n",
@@ -87,20 +86,16 @@ def write(
         *_tables(cells),
         remarks,
     ]
-    rows = [_row(cell) for cell in cells]
-    numbers = {"criteria": judged, "verdicts": tally, "what was found": findings, "cells": rows}
-    reporting.write(path, page, numbers, rows)
-
-
-def criteria(cells: list[Cell]) -> dict[str, Any]:
-    """The limits that decide the verdicts."""
-    return {
+    criteria = {
         "kept": KEPT,
         "blew up": BLOWN_UP,
-        "halvings of a step at most": sorted({cell.max_halvings for cell in cells}),
+        "halvings of a step at most": sorted(limits),
         "halved often, from steps taken for each": OFTEN,
         "the same with other rounding, up to": SAME,
     }
+    rows = [_row(cell) for cell in cells]
+    numbers = {"criteria": criteria, "verdicts": tally, "what was found": findings, "cells": rows}
+    reporting.write(path, page, numbers, rows)
 
 
 def counts(cells: Iterable[Cell]) -> dict[str, dict[str, float]]:
@@ -137,15 +132,12 @@ def counts(cells: Iterable[Cell]) -> dict[str, dict[str, float]]:
 
 def _row(cell: Cell) -> dict[str, Any]:
     """What the JSON and CSV files have of a cell."""
-    case: dict[str, Any] = {"group": cell.case.group, "case": cell.case.label}
-    case |= {"dt": cell.case.dt, "t_end": cell.case.t_end}
-    others = [
-        {key: getattr(other, key) for key in ("kind", "time", "highest", "lowest")}
-        for other in cell.others
-    ]
-    own: dict[str, Any] = {"with other rounding": others, "seconds": cell.seconds}
-    own |= {"drift": cell.drift and asdict(cell.drift), "turns": cell.turns}
-    return {**case, "scheme": cell.scheme, **asdict(cell.verdict), **own}
+    repeated = "kind", "time", "highest", "lowest"
+    others = [{key: getattr(other, key) for key in repeated} for other in cell.others]
+    row: dict[str, Any] = {"group": cell.case.group, "case": cell.case.label}
+    row |= {"dt": cell.case.dt, "t_end": cell.case.t_end, "scheme": cell.scheme}
+    row |= asdict(cell.verdict) | {"with other rounding": others, "seconds": cell.seconds}
+    return row | {"drift": cell.drift and asdict(cell.drift), "turns": cell.turns}
 
 
 # -- Tables of the page --------------------------------------------------------------------------
@@ -153,35 +145,34 @@ def _row(cell: Cell) -> dict[str, Any]:
 
 def _tables(cells: list[Cell]) -> list[str]:
     groups = grouped(cells, "case.group")
-    lost = [
-        {"group": group, "cases": len(grouped(own, "case.label"))}
-        | {
-            scheme: sum(cell.verdict.kind in LOST_MOTION for cell in cases) or None
-            for scheme, cases in grouped(own, "scheme").items()
-        }
-        for group, own in groups.items()
-    ]
+    lost = "Number of cases in which energy was gained, or a run blew up or failed"
     drifts = [
-        {"case": cell.case.label, "scheme": cell.scheme, "exponent": cell.drift.exponent}
-        | {"law": cell.drift.law if cell.verdict.kind == "kept" else None}
-        | {f"error after {short(n)}": error for n, error in cell.drift.steps.items()}
-        | {"turns": cell.turns}
+        {"case": cell.case.label, "scheme": cell.scheme, "exponent": drift.exponent}
+        | {"law": drift.law, "turns": cell.turns}
+        | {f"error after {short(n)} steps": error for n, error in drift.steps.items()}
         for cell in cells
-        if cell.drift
+        if (drift := cell.drift)
     ]
     reasons = [
-        {"case": cell.case.name, "scheme": cell.scheme, "t [s]": cell.verdict.time}
-        | {"lowest ratio": cell.verdict.lowest, "highest ratio": cell.verdict.highest}
-        | {"reason": cell.verdict.reason}
+        {"case": cell.case.name, "scheme": cell.scheme, "t [s]": one.time}
+        | {"lowest ratio": one.lowest, "highest ratio": one.highest, "reason": one.reason}
         for cell in cells
-        if cell.verdict.reason
+        if (one := cell.verdict).reason
     ]
     return [
-        section("Number of cases in which energy was gained, or a run blew up or failed", lost),
+        section(lost, [_lost(group, own) for group, own in groups.items()]),
         *(section(group, _verdicts(own)) for group, own in groups.items()),
         section("Drift with the number of steps", drifts),
         section("Reasons for failed runs", reasons),
     ]
+
+
+def _lost(group: str, cells: list[Cell]) -> dict[str, Any]:
+    """Number of cases of a group in which each scheme gained energy, blew up or failed."""
+    row: dict[str, Any] = {"group": group, "cases": len(grouped(cells, "case.label"))}
+    for scheme, own in grouped(cells, "scheme").items():
+        row[scheme] = sum(cell.verdict.kind in LOST_MOTION for cell in own) or None
+    return row
 
 
 def _verdicts(group: list[Cell]) -> list[dict[str, Any]]:

@@ -27,8 +27,6 @@ from .verdict import Verdict, classify, drift_of, energy_ratio
 
 _log = logging.getLogger("fx_beam")
 
-# A case, and a scheme with its label.
-Pair = tuple[Case, tuple[str, Scheme]]
 # Number of points of a stored curve.
 _POINTS = 400
 # Relative change of the time step for repeated runs: enough to change the last digits of all
@@ -92,20 +90,21 @@ def study(
     """
     labelled, cases = candidates.labelled(schemes), list(cases)
     _check(cases)
-    pairs = list(itertools.product(cases, labelled.items()))
+    none = Verdict("no verdict")
+    items = [
+        (Cell(case, label, scheme.name, none, max_halvings=max_halvings), scheme)
+        for case, (label, scheme) in itertools.product(cases, labelled.items())
+    ]
     found: dict[int, Cell] = {}
-    run = partial(_cell, max_halvings=max_halvings, repeats=repeats)
     try:
         with (
-            progress_bar(len(pairs), None, desc="runs") as bar,
-            closing(workers.run(run, pairs, executor)) as outcomes,
+            progress_bar(len(items), None, desc="runs") as bar,
+            closing(workers.run(partial(_judged, repeats=repeats), items, executor)) as outcomes,
         ):
-            for place, (cell, _, error) in outcomes:
-                case, (label, scheme) = pairs[place]
-                none = Verdict("no verdict", reason=error)
-                blank = Cell(case, label, scheme.name, none, max_halvings=max_halvings)
-                found[place] = cell or blank
-                _log.info("%s, %s: %s", case.name, label, found[place].verdict.kind)
+            for place, (judged, _, error) in outcomes:
+                blank = replace(items[place][0], verdict=replace(none, reason=error))
+                cell = found[place] = judged or blank
+                _log.info("%s, %s: %s", cell.case.name, cell.scheme, cell.verdict.kind)
                 bar.update()
     except KeyboardInterrupt as stop:
         stop.cells = [found[place] for place in sorted(found)]  # type: ignore[attr-defined]
@@ -122,44 +121,42 @@ def _check(cases: list[Case]) -> None:
         raise SceneError("two cases have the same group and label; give them different ones")
 
 
-def _cell(pair: Pair, max_halvings: int, repeats: int) -> Cell:
-    case, (label, scheme) = pair
-    solution, verdict = _run(case, scheme, max_halvings)
-    cell = Cell(case, label, scheme.name, verdict, max_halvings=max_halvings)
+def _judged(item: tuple[Cell, Scheme], repeats: int) -> Cell:
+    """A cell with the verdict on its run and on repeated runs; in a worker, if there are any."""
+    cell, scheme = item
+    solution, verdict = _run(cell, scheme)
+    cell = replace(cell, verdict=verdict)
     if verdict.kind != "kept" or cell.halved_often:
         digits = [_DIGIT * (number // 2 + 1) * (-1) ** number for number in range(repeats)]
-        others = tuple(_run(case, scheme, max_halvings, 1 + digit)[1] for digit in digits)
-        cell = replace(cell, others=others)
+        cell = replace(cell, others=tuple(_run(cell, scheme, 1 + digit)[1] for digit in digits))
     if solution is None:  # no step was tried
         return cell
-    ratio = energy_ratio(solution)
-    if case.drifts and solution.end is not None and verdict.kind in ("kept", "lost", "gained"):
-        turns = abs(solution.end.q[:, 2]).max() / (2 * np.pi)
-        cell = replace(cell, drift=drift_of(ratio - 1), turns=float(turns))
+    ratio, end = energy_ratio(solution), solution.end
+    if cell.case.drifts and end is not None and verdict.kind in ("kept", "lost", "gained"):
+        turns = float(abs(end.q[:, 2]).max() / (2 * np.pi))
+        cell = replace(cell, drift=drift_of(ratio - 1), turns=turns)
     kept = _thinned(ratio)
     return replace(cell, t=solution.t[kept], ratio=ratio[kept], seconds=solution.stats.seconds)
 
 
-def _run(
-    case: Case, scheme: Scheme, max_halvings: int, stretch: float = 1.0
-) -> tuple[Solution | None, Verdict]:
+def _run(cell: Cell, scheme: Scheme, stretch: float = 1.0) -> tuple[Solution | None, Verdict]:
     """A run, as far as it came, and its verdict.
 
     The limit of halvings is raised in stages, so that a run that blows up ends early.
     """
-    scene, t_end = case.scene(), case.t_end * stretch
-    how: dict[str, Any] = {"dt": case.dt * stretch, "t_end": t_end, "newton": case.newton}
-    how["record"] = Record(motion=False, rates=False, forces=False)
-    for limit in (*range(2, max_halvings, 2), max_halvings):
-        run: Solution | StepError
+    case, most, run = cell.case, cell.max_halvings, None
+    scene, dt, t_end = case.scene(), case.dt * stretch, case.t_end * stretch
+    record = Record(motion=False, rates=False, forces=False)
+    for limit in (*range(2, most, 2), most):
+        how: dict[str, Any] = {"max_halvings": limit, "record": record, "progress": False}
         try:
-            run = simulate(scene, scheme, max_halvings=limit, progress=False, **how)
+            solution = simulate(scene, scheme, dt=dt, t_end=t_end, newton=case.newton, **how)
+            return solution, classify(solution, t_end)
         except StepError as error:
-            run = error
-        verdict = classify(run, t_end)
+            run, verdict = error.solution, classify(error, t_end)
         if verdict.kind != "failed":
             break
-    return run.solution if isinstance(run, StepError) else run, verdict
+    return run, verdict
 
 
 def _thinned(values: np.ndarray) -> np.ndarray:

@@ -21,6 +21,8 @@ KINDS = "kept", "lost", "gained", "blew up", "failed", "no verdict"
 LAGS = 1 / 50, 1 / 5
 #: Smallest number of errors from which a drift can be determined.
 FEWEST = 100
+#: Laws of a drift by their exponents.
+LAWS = {0.0: "stays within bounds", 0.5: "random walk", 1.0: "drifts to one side"}
 
 
 @dataclass(frozen=True)
@@ -91,9 +93,9 @@ def energy_ratio(solution: Solution) -> np.ndarray:
 
     with the work W of all loads less what dampers took, so that r = 1 under loads as well. What
     `EnergyDecaying` takes counts as lost. E_0 is the largest kinetic and strain energy T + U that
-    the motion should have, with the work of the loads and of the weight, whose potential is V.
-    Without loads it is the energy at the start; in a fall from rest it is the largest potential
-    energy released. As T and U are not negative, r is not negative.
+    the motion should have, with the work of the loads and of the weight, whose potential is V:
+    the energy at the start without loads, the largest potential energy released in a fall from
+    rest. As T and U are not negative, r is not negative.
 
     Parameters
     ----------
@@ -114,8 +116,8 @@ def energy_ratio(solution: Solution) -> np.ndarray:
     with np.errstate(invalid="ignore", over="ignore"):
         # What the scheme takes lessens no supply: it counts as lost.
         supplied = energy.supplied + (energy.numerical - energy.numerical[0])
-        moving = energy.kinetic[0] + energy.stored[0] + supplied
-        moving = moving - energy.potential + energy.potential[0]
+        start = energy.kinetic[0] + energy.stored[0]
+        moving = start + supplied - energy.potential + energy.potential[0]
         scale = moving[np.isfinite(moving)].max()
         if scale > 0:
             ratio = 1 + energy.gained / scale
@@ -157,9 +159,8 @@ def classify(run: Solution | StepError, t_end: float) -> Verdict:
         solution, time = run, float(run.t[-1])
     if solution is None:  # no step was tried
         return Verdict("failed", time, time / t_end, 1.0, 1.0, reason=str(run))
-    ratio, stats = energy_ratio(solution), solution.stats
+    ratio, stats, failure = energy_ratio(solution), solution.stats, solution.stats.failure
     highest, lowest = float(ratio.max()), float(ratio.min())
-    failure = stats.failure
     reason = f"{failure.reason}. {failure.where}".rstrip(". ") if failure else ""
     applies = {
         "blew up": highest > BLOWN_UP,
@@ -168,18 +169,9 @@ def classify(run: Solution | StepError, t_end: float) -> Verdict:
         "gained": highest - 1 > 1 - lowest,
         "lost": True,
     }
-    return Verdict(
-        next(kind for kind in applies if applies[kind]),
-        time,
-        time / t_end,
-        highest,
-        lowest,
-        stats.steps,
-        stats.substeps,
-        stats.newton_iterations,
-        stats.halvings,
-        reason,
-    )
+    kind = next(kind for kind in applies if applies[kind])
+    numbers = stats.steps, stats.substeps, stats.newton_iterations, stats.halvings
+    return Verdict(kind, time, time / t_end, highest, lowest, *numbers, reason)
 
 
 # -- Drift ---------------------------------------------------------------------------------------
@@ -204,8 +196,7 @@ class Drift:
     @property
     def law(self) -> str:
         """The nearest of the three laws, in words."""
-        laws = {0.0: "stays within bounds", 0.5: "random walk", 1.0: "drifts to one side"}
-        return laws[min(laws, key=lambda p: abs(p - self.exponent))]
+        return LAWS[min(LAWS, key=lambda p: abs(p - self.exponent))]
 
 
 def drift_of(error: np.ndarray) -> Drift:
@@ -234,5 +225,5 @@ def drift_of(error: np.ndarray) -> Drift:
     moved = rms > 0
     exponent = np.polyfit(np.log(lags[moved]), np.log(rms[moved]), 1)[0] if moved.any() else 0.0
     largest = np.maximum.accumulate(abs(error - error[0]))
-    decades = [10**k for k in range(1, 10) if 10**k < n]
-    return Drift(float(exponent), {k: float(largest[k]) for k in sorted({*decades, n - 1})})
+    decades = [10**k for k in range(1, 10) if 10**k < n - 1]
+    return Drift(float(exponent), {k: float(largest[k]) for k in (*decades, n - 1)})
