@@ -63,6 +63,11 @@ def test_a_quantity_with_times_of_its_own_is_compared_at_those():
     assert error_of(lambda s: (s.t_level, np.cos(s.t_level)), exact, solution) < 1e-15
     assert error_of(lambda s: np.cos(s.t_level), exact, solution) > 0.02
 
+    def circle(t):
+        return np.column_stack([np.cos(t), np.sin(t)])
+
+    assert error_of(lambda s: (s.t[:9], circle(s.t[:9])), circle, solution) < 1e-15
+
 
 def test_a_quantity_that_is_not_there_has_no_error():
     assert np.isnan(error_of(lambda s: None, 1.0, SimpleNamespace(t=T)))

@@ -61,11 +61,12 @@ def measure(name: str, quantity: Quantity, solution: Solution) -> History:
     """History of a quantity of interest of a solution."""
     what = f"quantity {name!r}"
     found = called(what, quantity, solution)
-    t = solution.t if np.ndim(found) else solution.t[-1:]
     if isinstance(found, tuple):
         t, found = found if len(found) == 2 else (np.zeros(()), None)
         if np.ndim(t) != 1 or (np.diff(t) <= 0).any():
             raise SceneError(f"{what}: a tuple must be increasing times and an array of values")
+    else:
+        t = solution.t if np.ndim(found) else solution.t[-1:]
     return History(np.asarray(t), _rows(what, found, np.size(t)))
 
 

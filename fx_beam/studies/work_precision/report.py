@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
@@ -34,19 +33,15 @@ finer ones. So no run is good by chance. A run that broke off, as a step failed 
 {MAX_HALVINGS} times, or that gained or lost more than {LOST:g} of its kinetic and strain energy,
 has none of them.
 
+Orders in the time step are fits to the three smallest steps, with errors relative to a fine step on
+the same mesh; those in the size of the elements are fits to the meshes, with a fine time step. A
+cell is empty if errors are not known or do not fall with the step, or if their slopes differ by
+more than {STEADY:g}: the steps are too large, or an error changes its sign.
+
 In the pictures a line joins the runs of a scheme that have a smaller error, in this sense, than all
 faster ones. Points show the runs' own errors. Runs that broke off or err by more than 1 stand at
 the top.
 """
-_NOTES = {
-    "Observed orders in the time step": f"""Fit to the three smallest steps, with errors relative to
-a fine step on the same mesh. A cell is empty if errors do not fall with the step, or if their
-slopes differ by more than {STEADY:g}: the steps are too large, or an error changes its sign.\n
-""",
-    "Observed orders in the size of the elements": """The same fit over the meshes, with a fine time
-step. Errors that are not known are left out.\n
-""",
-}
 
 
 def sentence(found: Precision, quantity: str) -> str:
@@ -81,11 +76,8 @@ def prepare(path: Path | str) -> None:
     """Check before a study that its results can be written and its pictures drawn."""
     from fx_beam import plot  # noqa: F401  the import of `draw`
 
-    reporting.machine()
     try:
-        directory = reporting.beside(path, "").parent
-        if not os.access(directory, os.W_OK):
-            raise PermissionError(f"no permission in {directory}")
+        reporting.write_json(reporting.beside(path, ".json"), reporting.machine())
     except (OSError, TypeError) as wrong:
         raise SceneError(f"results = {path!r} cannot be written: {wrong}") from wrong
 
@@ -100,29 +92,24 @@ def write(path: Path | str, found: Precision) -> None:
     found : Precision
         A study.
     """
+    title, names = Path(path).name.replace("_", " "), list(found.references)
+    start = f", from the solutions that `{found.start}` gives" if found.start else ""
+    sentences = {name: sentence(found, name) for name in names}
     page = [
-        _PAGE.format(
-            title=Path(path).name.replace("_", " "),
-            t_end=found.t_end,
-            start=f", from the solutions that `{found.start}` gives" if found.start else "",
-            repetitions=found.repetitions,
-        )
+        _PAGE.format(title=title, t_end=found.t_end, start=start, repetitions=found.repetitions),
+        *(f"- {words}" for words in sentences.values()),
     ]
-    panels = [(quantity, found, quantity) for quantity in found.references]
     # The steps alone for the first quantity only: for all others, points move in the same way.
-    for clock, ending, shown in ("seconds", "", panels), ("step_seconds", "_steps", panels[:1]):
-        draw(picture := reporting.beside(path, f"{ending}.png"), shown, clock)
-        page += [f"![Error against run time, {CLOCKS[clock]}]({picture.name})\n"]
-    sentences = {quantity: sentence(found, quantity) for quantity in found.references}
-    page += [*(f"- {words}" for words in sentences.values()), ""]
+    for clock, ending, shown in ("seconds", "", names), ("step_seconds", "_steps", names[:1]):
+        picture = reporting.beside(path, f"{ending}.png")
+        draw(picture, [(name, found, name) for name in shown], clock)
+        page += [f"\n![Error against run time, {CLOCKS[clock]}]({picture.name})\n"]
     tables = _tables(found)
-    page += [section(title, rows, _NOTES.get(title, "")) for title, rows in tables.items()]
+    page += [section(name, rows) for name, rows in tables.items()]
     runs = [
-        asdict(run)
-        | {"lost": run.lost, "counts with": {q: counted(found, q, run) for q in found.references}}
+        asdict(run) | {"lost": run.lost, "counts with": {q: counted(found, q, run) for q in names}}
         for run in found.runs
     ]
-    left = [asdict(mesh) | errors for mesh, errors in found.mesh_errors.items()]
     numbers = {
         "t_end": found.t_end,
         "start": found.start,
@@ -131,7 +118,7 @@ def write(path: Path | str, found: Precision) -> None:
         "why there is no reference": found.missing,
         "sentences": sentences,
         **tables,
-        "Errors with a fine time step": left,
+        "Errors with a fine time step": [asdict(m) | e for m, e in found.mesh_errors.items()],
         "Runs": runs,
     }
     reporting.write(path, page, numbers, runs)
@@ -143,6 +130,7 @@ def write(path: Path | str, found: Precision) -> None:
 def _tables(found: Precision) -> dict[str, list[dict[str, Any]]]:
     """Rows of the page's tables by title; the JSON file has them too."""
     names, schemes = list(found.references), found.schemes
+    computed = [name for name, error in found.references.items() if error is not None]
     meshes = list(dict.fromkeys(run.mesh for run in found.runs))
     degrees = sorted({mesh.degree for mesh in meshes})
     reasons = {why: name for name, why in found.missing.items()}
@@ -179,13 +167,11 @@ def _tables(found: Precision) -> dict[str, list[dict[str, Any]]]:
             for mesh, errors in found.mesh_errors.items()
         ],
         "Observed orders in the size of the elements": [
-            {"degree": degree} | {name: mesh_order(found, name, degree) for name in names}
+            {"degree": degree} | {name: mesh_order(found, name, degree) for name in computed}
             for degree in degrees
             if found.mesh_errors
         ],
-        "Missing results and their reasons": [
-            {"of": what, "reason": why} for why, what in reasons.items()
-        ],
+        "Missing results": [{"of": what, "reason": why} for why, what in reasons.items()],
     }
 
 
@@ -197,26 +183,20 @@ def _times(run: Run) -> dict[str, float]:
     return {"whole call [ms]": 1e3 * run.seconds, "steps alone [ms]": 1e3 * run.step_seconds}
 
 
+def _row(found: Precision, run: Run) -> dict[str, Any]:
+    steps, lost = run.steps or np.nan, "energy" if run.lost else None
+    iterations = {"Newton it/step": run.newton_iterations / steps, "halvings": run.halvings}
+    first = {"us/step": 1e6 * run.step_seconds / steps, "first call [ms]": 1e3 * run.first_seconds}
+    errors = {name: _known(found, name, run.errors.get(name)) for name in found.references}
+    lost = f"broke off at {run.reached:.3g} s" if run.failure else lost
+    unknowns = {"unknowns": run.unknowns}
+    return _candidate(run) | unknowns | iterations | _times(run) | first | errors | {"lost": lost}
+
+
 def _known(found: Precision, name: str, error: float | None) -> float | str | None:
     """An error; one that is not known is given by its limit."""
     low = floor(found, name)
     return f"< {low:.1g}" if error is not None and error < low else error
-
-
-def _row(found: Precision, run: Run) -> dict[str, Any]:
-    steps = run.steps or np.nan
-    broke_off = f"broke off at {run.reached:.3g} s" if run.failure else None
-    return {
-        **_candidate(run),
-        "unknowns": run.unknowns,
-        "Newton it/step": run.newton_iterations / steps,
-        "halvings": run.halvings,
-        **_times(run),
-        "us/step": 1e6 * run.step_seconds / steps,
-        "first call [ms]": 1e3 * run.first_seconds,
-        **{name: _known(found, name, run.errors.get(name)) for name in found.references},
-        "lost": broke_off or ("energy" if run.lost else None),
-    }
 
 
 def step_order(found: Precision, quantity: str, scheme: str, mesh: Mesh) -> float | None:

@@ -114,13 +114,12 @@ def study(
         If interrupted. It has the attribute `precision` as well, and `results` are written.
     """
     exact = exact or {}
+    require(callable(scene), "scene", scene, "a function scene(elements, degree)")
     _check(quantities, exact, t_end, steps, meshes, repetitions)
     labelled, grid = candidates.labelled(schemes), [Mesh(*mesh) for mesh in meshes]
     motion = _Motion(scene, start, t_end, quantities, {_REFERENCE: EnergyMomentum()} | labelled)
-    runs = [
-        Run(label, scheme.name, mesh, dt)
-        for mesh, (label, scheme), dt in itertools.product(grid, labelled.items(), steps)
-    ]
+    grid_of_runs = itertools.product(grid, labelled.items(), steps)
+    runs = [Run(label, scheme.name, mesh, dt) for mesh, (label, scheme), dt in grid_of_runs]
     sought = [name for name in quantities if name not in exact]
     fine = _fine(grid, min(steps), finer) if sought else []
     for mesh in [*grid, *(run.mesh for run in fine[:1])]:
@@ -129,8 +128,8 @@ def study(
     if results is not None:
         prepare(results)
     found = Precision(
-        t_end=t_end,
-        repetitions=repetitions,
+        t_end,
+        repetitions,
         references={name: np.nan if name in sought else None for name in quantities},
         origin=f"{fine[0].name}, {fine[0].mesh}, dt = {fine[0].dt:.3g} s" if sought else "",
         runs=[],
@@ -156,18 +155,18 @@ def study(
 
 def _check(quantities, exact, t_end, steps, meshes, repetitions) -> None:
     """Check the arguments before anything is computed."""
-    for name, given in (("quantities", quantities), ("exact", exact)):
-        require(isinstance(given, Mapping), name, given, "a dict by name")
+    require(isinstance(quantities, Mapping), "quantities", quantities, "a dict by name")
+    require(isinstance(exact, Mapping), "exact", exact, "a dict by name of a quantity")
     for name in candidates.several("quantities", list(quantities)):
         if not callable(quantities[name]):
             raise SceneError(f"quantity {name!r} must be a function of the solution")
     if unknown := [name for name in exact if name not in quantities]:
         raise SceneError(f"exact value of {unknown[0]!r}, which is none of {list(quantities)}")
     require(is_number(t_end) and t_end > 0, "t_end", t_end, "a positive number")
+    require(is_whole(repetitions, 1), "repetitions", repetitions, "a whole number, at least 1")
     for dt in candidates.several("steps", steps):
         fits = is_number(dt) and 0 < dt <= t_end
         require(fits, "step", dt, f"a positive number, at most t_end = {t_end:g}")
-    require(is_whole(repetitions, 1), "repetitions", repetitions, "a whole number, at least 1")
     for mesh in candidates.several("meshes", meshes):
         fits = np.shape(mesh) == (2,) and all(is_whole(n, 1) for n in mesh)
         require(fits, "mesh", mesh, "a pair of elements and degree, as (8, 1)")
@@ -175,17 +174,15 @@ def _check(quantities, exact, t_end, steps, meshes, repetitions) -> None:
 
 def _fine(grid: list[Mesh], dt: float, finer: tuple[int, int]) -> list[Run]:
     """The reference, a coarser one that checks it, and a solution with a fine step on each mesh."""
-    finest = max(grid, key=lambda mesh: (mesh.degree, mesh.elements))
-    settings = [
-        (Mesh(finest.elements * finer[1] // k, finest.degree), dt / finer[0] * k) for k in (1, 2)
-    ]
-    settings += [(mesh, dt / FINE_STEP) for mesh in grid]
-    return [Run(_REFERENCE, EnergyMomentum().name, mesh, step) for mesh, step in settings]
+    best = max(grid, key=lambda mesh: (mesh.degree, mesh.elements))
+    pairs = [(Mesh(best.elements * finer[1] // k, best.degree), dt / finer[0] * k) for k in (1, 2)]
+    pairs += [(mesh, dt / FINE_STEP) for mesh in grid]
+    return [Run(_REFERENCE, EnergyMomentum().name, mesh, step) for mesh, step in pairs]
 
 
 @dataclass
 class _Motion:
-    """The scene on its meshes and the state from which each starts, as the user's functions say."""
+    """The scene on its meshes, and the state from which each starts."""
 
     scene: Callable[[int, int], Scene]
     start: Callable[[int, int], Solution] | None
@@ -202,25 +199,21 @@ class _Motion:
         """The scene of a mesh, made once, and its start."""
         if mesh not in self.made:
             size = mesh.elements, mesh.degree
-            require(callable(self.scene), "scene", self.scene, "a function scene(elements, degree)")
             scene = accuracy.called(f"scene{size}", self.scene, *size)
             if not isinstance(scene, Scene):
                 raise SceneError(f"scene{size} gives {scene!r:.40}, which is not a Scene")
-            start = accuracy.called(f"start{size}", self.start, *size) if self.start else None
+            start = self.start and accuracy.called(f"start{size}", self.start, *size)
             self.made[mesh] = scene, start
         return self.made[mesh]
 
     def solve(self, run: Run) -> tuple[Solution, float, float]:
         """The solution, up to a step that fails; time and processor time of the call [s]."""
         scene, start = self.at(run.mesh)
-        scheme, halvings = (
-            self.schemes[run.scheme],
-            12 if run.scheme == _REFERENCE else MAX_HALVINGS,
-        )
+        halvings = MAX_HALVINGS if run.scheme != _REFERENCE else 12
         how: dict[str, Any] = {"start": start, "max_halvings": halvings, "progress": False}
         clock, used = perf_counter(), process_time()
         try:
-            found = simulate(scene, scheme, dt=run.dt, t_end=self.t_end, **how)
+            found = simulate(scene, self.schemes[run.scheme], dt=run.dt, t_end=self.t_end, **how)
         except StepError as failed:
             if failed.solution is None:  # no step failed: the scene or the start is wrong
                 raise
@@ -240,12 +233,11 @@ class _Motion:
         # Without energy nothing moves, and no energy is lost.
         run.energy_error = float(abs(energy.gained).max() / size) if size else 0.0
         histories = {}
-        for name, quantity in self.quantities.items():
-            if not run.failure:
-                try:
-                    histories[name] = accuracy.measure(name, quantity, solution)
-                except SceneError as wrong:
-                    run.notes[name] = str(wrong)
+        for name, quantity in self.quantities.items() if not run.failure else ():
+            try:
+                histories[name] = accuracy.measure(name, quantity, solution)
+            except SceneError as wrong:
+                run.notes[name] = str(wrong)
         return run, histories
 
 
@@ -254,9 +246,9 @@ class _Motion:
 
 def _errors(found: Precision, motion: _Motion, runs, fine, exact, executor, bar) -> None:
     """All runs, the cheapest first, then the fine solutions; and the errors of the runs."""
-    every, places, names = [*runs, *fine], range(len(runs) + len(fine)), found.references
+    number, every = len(runs), [*runs, *fine]
     cost = [run.mesh.elements * run.mesh.degree / run.dt for run in runs]
-    queue = sorted(places[: len(runs)], key=lambda k: cost[k]) + [*places[len(runs) :]]
+    queue = [*sorted(range(number), key=cost.__getitem__), *range(number, len(every))]
     done: dict[int, Measured] = {}
     completed = 0
     try:
@@ -266,20 +258,51 @@ def _errors(found: Precision, motion: _Motion, runs, fine, exact, executor, bar)
                 run.failure = run.failure or error
                 if error and len(done) == 1:
                     raise SceneError(error)
+                if not run.failure and not completed:  # wrong quantities are refused at once
+                    _compare(found, [(run, histories)], [], exact)
+                    for note in run.notes.values():
+                        raise SceneError(f"{note} ({run.scheme}, {run.mesh}, dt = {run.dt:.4g} s)")
+                completed += not run.failure
                 if executor is not None:
                     run.first_seconds = np.nan
-                if not run.failure:
-                    run.errors = {q: _error(run, histories, q, exact.get(q)) for q in names}
-                    run.step_errors = dict(run.errors)
-                if run.notes and not completed:
-                    note = next(iter(run.notes.values()))
-                    raise SceneError(f"{note} ({run.scheme}, {run.mesh}, dt = {run.dt:.4g} s)")
-                completed += not run.failure
                 bar.update()
     finally:
-        measured = [done[k] for k in places[: len(runs)] if k in done]
-        found.runs.extend(run for run, _ in measured)
-        _compare(found, measured, [done.get(k) for k in places[len(runs) :]])
+        found.runs.extend(done[k][0] for k in range(number) if k in done)
+        measured = [done[k] for k in range(number) if k in done and not done[k][0].failure]
+        both = {number, number + 1} <= done.keys()
+        solved = [done[k] for k in range(number, len(every)) if k in done and both]
+        _compare(found, measured, solved, exact)
+
+
+def _compare(found: Precision, measured, fine, exact: dict[str, Reference]) -> None:
+    """Errors relative to the references, and relative to a fine step on the same mesh.
+
+    `fine` has the solutions of `_fine`, or nothing where the first two are missing.
+    """
+    references = dict(exact)
+    for name in list(found.missing) if fine else ():
+        try:
+            if lacking := "".join(_lacking(run, own, name) for run, own in fine[:2]):
+                raise SceneError(f"the reference, {lacking}")
+            references[name] = accuracy.computed(name, fine[0][1][name], fine[1][1][name])
+            found.references[name] = references[name].error
+            del found.missing[name]
+        except SceneError as wrong:
+            found.missing[name] = str(wrong)
+    for run, histories in measured:
+        run.errors = {q: _error(run, histories, q, references.get(q)) for q in found.references}
+        run.step_errors = dict(run.errors)
+    for best, on_mesh in fine[2:]:
+        sought = [name for name in references if name not in exact]
+        known = {name: on_mesh[name] for name in sought if name in on_mesh}
+        for name in sought:
+            if name not in known:
+                found.missing[str(best.mesh)] = _lacking(best, on_mesh, name)
+        found.mesh_errors[best.mesh] = {q: _error(best, on_mesh, q, references[q]) for q in known}
+        own = {name: Reference(h.at, references[name].size) for name, h in known.items()}
+        for run, histories in measured:
+            if run.mesh == best.mesh:
+                run.step_errors |= {q: _error(run, histories, q, own[q]) for q in own}
 
 
 def _error(run: Run, histories: Mapping[str, History], name: str, reference) -> float:
@@ -292,40 +315,10 @@ def _error(run: Run, histories: Mapping[str, History], name: str, reference) -> 
     return np.nan
 
 
-def _compare(found: Precision, measured: list[Measured], fine: list[Measured | None]) -> None:
-    """Errors relative to the references, and relative to a fine step on the same mesh."""
-    if None in fine[:2]:
-        return
-    solved = [own for own in fine if own is not None]
-    for name in list(found.missing):
-        try:
-            for run, histories in solved[:2]:
-                if name not in histories:
-                    raise SceneError(f"the reference, {_why(run, name)}")
-            reference = accuracy.computed(name, *(histories[name] for _, histories in solved[:2]))
-        except SceneError as wrong:
-            found.missing[name] = str(wrong)
-            continue
-        del found.missing[name]
-        found.references[name] = reference.error
-        for run, histories in measured:
-            if not run.failure:
-                run.errors[name] = _error(run, histories, name, reference)
-        for best, on_mesh in solved[2:]:
-            errors = found.mesh_errors.setdefault(best.mesh, {})
-            if name not in on_mesh:
-                found.missing[str(best.mesh)] = _why(best, name)
-                continue
-            errors[name] = _error(best, on_mesh, name, reference)
-            own = Reference(on_mesh[name].at, reference.size)
-            for run, histories in measured:
-                if run.mesh == best.mesh and not run.failure:
-                    run.step_errors[name] = _error(run, histories, name, own)
-
-
-def _why(run: Run, name: str) -> str:
-    """Why a fine solution has not a quantity."""
-    return f"{run.mesh} with dt = {run.dt:.3g} s: {run.failure or run.notes[name]}"
+def _lacking(run: Run, histories: Mapping[str, History], name: str) -> str:
+    """Why a fine solution has not a quantity; empty if it has."""
+    why = "" if name in histories else run.failure or run.notes[name]
+    return why and f"{run.mesh} with dt = {run.dt:.3g} s: {why}"
 
 
 # -- Run times -----------------------------------------------------------------------------------
@@ -347,8 +340,7 @@ def _time(runs: list[Run], motion: _Motion, repetitions: int, bar) -> None:
     for turn, run in itertools.product(range(repetitions), runs):
         if run.steps:
             solution, _, used = motion.solve(run)
-            times = used, min(used, solution.stats.seconds)
-            if turn:
-                times = min(times[0], run.seconds), min(times[1], run.step_seconds)
-            run.seconds, run.step_seconds = times
+            before = (run.seconds, run.step_seconds) if turn else (np.inf, np.inf)
+            run.seconds = min(used, before[0])
+            run.step_seconds = min(used, solution.stats.seconds, before[1])
         bar.update()
