@@ -105,8 +105,7 @@ class Precision:
     repetitions : int
         Number of timed runs of which the least time is taken.
     references : dict
-        Estimated relative error of the reference, by quantity; None if the reference is exact, NaN
-        if there is none.
+        Estimated relative error of the reference, by quantity; None if exact, NaN if there is none.
     origin : str
         Scheme, mesh and step of the computed references; empty if all references are exact.
     runs : list of Run
@@ -114,11 +113,9 @@ class Precision:
     mesh_errors : dict
         Relative errors with a fine time step, by mesh and then by quantity.
     start : str
-        Name of the function that gave the states from which the motions start; empty for the
-        reference configuration.
+        Name of the function that gave the states at the start; empty for the reference state.
     missing : dict
-        Reasons for a missing reference, by quantity, and for a missing solution with a fine step,
-        by mesh.
+        Why there is no reference, by quantity, or no solution with a fine step, by mesh.
     """
 
     t_end: float

@@ -139,7 +139,7 @@ def _tables(found: Precision) -> dict[str, list[dict[str, Any]]]:
     reasons |= {why: f"{scheme}, the first run that broke off" for scheme, why in broken.items()}
     return {
         "Fastest run of each scheme for an error": [
-            {"quantity": name, "error": short(level), **_candidate(run), **_times(run)}
+            {"quantity": name, "error": short(level), **_candidate(run)}
             for name in names
             for level in LEVELS
             for run in found.cheapest(name, level).values()
@@ -175,22 +175,23 @@ def _tables(found: Precision) -> dict[str, list[dict[str, Any]]]:
     }
 
 
-def _candidate(run: Run) -> dict[str, Any]:
-    return {"scheme": run.scheme, **asdict(run.mesh), "dt [s]": run.dt}
-
-
-def _times(run: Run) -> dict[str, float]:
-    return {"whole call [ms]": 1e3 * run.seconds, "steps alone [ms]": 1e3 * run.step_seconds}
-
-
 def _row(found: Precision, run: Run) -> dict[str, Any]:
     steps, lost = run.steps or np.nan, "energy" if run.lost else None
-    iterations = {"Newton it/step": run.newton_iterations / steps, "halvings": run.halvings}
-    first = {"us/step": 1e6 * run.step_seconds / steps, "first call [ms]": 1e3 * run.first_seconds}
-    errors = {name: _known(found, name, run.errors.get(name)) for name in found.references}
-    lost = f"broke off at {run.reached:.3g} s" if run.failure else lost
-    unknowns = {"unknowns": run.unknowns}
-    return _candidate(run) | unknowns | iterations | _times(run) | first | errors | {"lost": lost}
+    return {
+        **_candidate(run),
+        "unknowns": run.unknowns,
+        "Newton it/step": run.newton_iterations / steps,
+        "halvings": run.halvings,
+        "us/step": 1e6 * run.step_seconds / steps,
+        "first call [ms]": 1e3 * run.first_seconds,
+        **{name: _known(found, name, run.errors.get(name)) for name in found.references},
+        "lost": f"broke off at {run.reached:.3g} s" if run.failure else lost,
+    }
+
+
+def _candidate(run: Run) -> dict[str, Any]:
+    times = {"whole call [ms]": 1e3 * run.seconds, "steps alone [ms]": 1e3 * run.step_seconds}
+    return {"scheme": run.scheme, **asdict(run.mesh), "dt [s]": run.dt} | times
 
 
 def _known(found: Precision, name: str, error: float | None) -> float | str | None:

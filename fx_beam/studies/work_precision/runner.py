@@ -30,12 +30,12 @@ from .report import prepare, write
 
 #: Time step of the solutions that give the error of a mesh: the smallest step over this number.
 FINE_STEP = 8
-
-
 # A run and the quantities that were measured in it.
 Measured = tuple[Run, dict[str, History]]
-# Label of the fine solutions.
-_REFERENCE = "reference"
+
+
+class Fine(Run):
+    """A fine solution, by `EnergyMomentum`; its failing steps are halved as often as usual."""
 
 
 def study(
@@ -58,22 +58,21 @@ def study(
     Every scheme runs with every time step on every mesh. An error is the largest distance from the
     reference at all times of the run, over the largest magnitude of the reference. References that
     are not exact are solutions by `EnergyMomentum`, by default with a 16th of the smallest step and
-    4 times the elements of the finest mesh of the highest degree. A second solution with twice the
-    step and half the elements checks them: the difference is taken as their error. Solutions with a
+    4 times the elements of the finest mesh of the highest degree. Their difference from a second
+    solution with twice the step and half the elements is taken as their error. Solutions with a
     fine step on each mesh separate the error of the time step from that of the mesh.
 
-    The first round of runs compiles the forms and gives the errors. Further rounds are timed; in
-    each round the candidates take turns. The cheapest run is the first of all, and a wrong quantity
-    raises an error after it. Later errors do not end the study: a run that broke off is a row with
-    its reason, a quantity without a value has a note, and so has a failed reference.
+    The first round gives the errors, beginning with the cheapest run; a wrong quantity raises an
+    error after it. In further rounds, which are timed, the candidates take turns. A run that breaks
+    off is a row with its reason; a quantity or a reference that cannot be had has a note.
 
     Parameters
     ----------
     scene : callable
         ``scene(elements, degree)`` gives the `Scene`.
     quantities : dict
-        Quantities of interest by name. ``quantity(solution)`` gives a number; a history (n,) or
-        (n, k) at `Solution.t`; a pair of times and such a history; or None if there is no value.
+        Quantities of interest by name. ``quantity(solution)`` gives a number, a history (n,) or
+        (n, k) at `Solution.t`, a pair of times and such a history, or None if there is no value.
     t_end : float
         End of the simulations [s].
     steps : sequence of float
@@ -83,8 +82,7 @@ def study(
     schemes : dict or sequence of Scheme
         Time schemes, by label or by their names.
     exact : dict, optional
-        Exact references by name of their quantity: a number, or a function of times (n,) that
-        gives (n,) or (n, k).
+        Exact references by name: a number, or a function of times (n,) that gives (n,) or (n, k).
     start : callable, optional
         ``start(elements, degree)`` gives the `Solution` to start from, as `simulate` takes it; by
         default the motions start from the reference configuration.
@@ -96,9 +94,9 @@ def study(
     results : path, optional
         Files to write, without their endings: JSON, CSV, and a Markdown page with its pictures.
     executor : concurrent.futures.Executor or int, optional
-        What computes the errors and the references, as for `sweep`: an executor or a number of
-        processes, to which the functions are sent; by default this process alone. Timed runs take
-        place here, one after another, and times of first calls are not known.
+        What computes errors and references, as for `sweep`: an executor or a number of processes,
+        to which the functions are sent; by default this process alone. Timed runs take place here,
+        one after another; times of first calls are then not known.
 
     Returns
     -------
@@ -108,18 +106,20 @@ def study(
     Raises
     ------
     SceneError
-        For wrong arguments, before the first long run. A later error has the results so far as its
-        attribute `precision`.
+        For wrong arguments, before the first long run.
     KeyboardInterrupt
-        If interrupted. It has the attribute `precision` as well, and `results` are written.
+        If interrupted; `results` are written. This and every later error has the results so far as
+        its attribute `precision`.
     """
     exact = exact or {}
     require(callable(scene), "scene", scene, "a function scene(elements, degree)")
     _check(quantities, exact, t_end, steps, meshes, repetitions)
     labelled, grid = candidates.labelled(schemes), [Mesh(*mesh) for mesh in meshes]
-    motion = _Motion(scene, start, t_end, quantities, {_REFERENCE: EnergyMomentum()} | labelled)
-    grid_of_runs = itertools.product(grid, labelled.items(), steps)
-    runs = [Run(label, scheme.name, mesh, dt) for mesh, (label, scheme), dt in grid_of_runs]
+    motion = _Motion(scene, start, t_end, quantities, labelled)
+    runs = [
+        Run(label, scheme.name, mesh, dt)
+        for mesh, (label, scheme), dt in itertools.product(grid, labelled.items(), steps)
+    ]
     sought = [name for name in quantities if name not in exact]
     fine = _fine(grid, min(steps), finer) if sought else []
     for mesh in [*grid, *(run.mesh for run in fine[:1])]:
@@ -172,12 +172,12 @@ def _check(quantities, exact, t_end, steps, meshes, repetitions) -> None:
         require(fits, "mesh", mesh, "a pair of elements and degree, as (8, 1)")
 
 
-def _fine(grid: list[Mesh], dt: float, finer: tuple[int, int]) -> list[Run]:
+def _fine(grid: list[Mesh], dt: float, finer: tuple[int, int]) -> list[Fine]:
     """The reference, a coarser one that checks it, and a solution with a fine step on each mesh."""
     best = max(grid, key=lambda mesh: (mesh.degree, mesh.elements))
     pairs = [(Mesh(best.elements * finer[1] // k, best.degree), dt / finer[0] * k) for k in (1, 2)]
     pairs += [(mesh, dt / FINE_STEP) for mesh in grid]
-    return [Run(_REFERENCE, EnergyMomentum().name, mesh, step) for mesh, step in pairs]
+    return [Fine("", EnergyMomentum().name, mesh, step) for mesh, step in pairs]
 
 
 @dataclass
@@ -209,11 +209,12 @@ class _Motion:
     def solve(self, run: Run) -> tuple[Solution, float, float]:
         """The solution, up to a step that fails; time and processor time of the call [s]."""
         scene, start = self.at(run.mesh)
-        halvings = MAX_HALVINGS if run.scheme != _REFERENCE else 12
-        how: dict[str, Any] = {"start": start, "max_halvings": halvings, "progress": False}
+        how: dict[str, Any] = {"dt": run.dt, "t_end": self.t_end, "start": start}
+        how |= {} if isinstance(run, Fine) else {"max_halvings": MAX_HALVINGS}
+        scheme = EnergyMomentum() if isinstance(run, Fine) else self.schemes[run.scheme]
         clock, used = perf_counter(), process_time()
         try:
-            found = simulate(scene, self.schemes[run.scheme], dt=run.dt, t_end=self.t_end, **how)
+            found = simulate(scene, scheme, progress=False, **how)
         except StepError as failed:
             if failed.solution is None:  # no step failed: the scene or the start is wrong
                 raise
