@@ -241,7 +241,7 @@ def arm(label, scene=lambda: pendulum(1e4)[0]):
 @pytest.mark.parametrize(
     ("schemes", "cases", "reason"),
     [
-        ([fb.Newmark()], [arm("1"), arm("1")], "same group and label"),
+        ([fb.Newmark()], [arm("1"), arm("1")], "cases: 'EA: 1' is given twice"),
         ([fb.Newmark()], [], "a study needs cases; none"),
         ([fb.Newmark()], ["1"], "'1' is no fx_beam.stability.Case"),
         ({}, [arm("1")], "a study needs schemes; none"),

@@ -39,7 +39,7 @@ def machine() -> dict[str, Any]:
     }
 
 
-def write(path: Path | str, page: Iterable[str], numbers: Row, rows: Iterable[Row]) -> None:
+def write_report(path: Path | str, page: Iterable[str], numbers: Row, rows: Iterable[Row]) -> None:
     """Write a report: the paragraphs as a Markdown page, all numbers as JSON, the rows as CSV."""
     write_json(beside(path, ".json"), {"machine": machine(), **numbers})
     write_csv(beside(path, ".csv"), rows)

@@ -34,20 +34,17 @@ def symbol(verdict: Verdict) -> str:
     return signs[kind] + short(amount) if kind in signs else "?"
 
 
-# -- The heat map --------------------------------------------------------------------------------
-
-
 def draw_map(path: Path, cells: list[Cell], slots: int = 27) -> None:
     """Write the heat map; `slots` is the number of cases and gaps side by side."""
     # Imported here: a study without pictures needs neither matplotlib nor pyvista.
     from fx_beam import plot
 
-    schemes, bands = list(grouped(cells, "scheme")), _bands(cells, slots)
-    figure, axes = plot.figure(len(bands), 1, height=0.65 + 0.18 * len(schemes))
+    bands = _bands(cells, slots)
+    figure, axes = plot.figure(len(bands), 1, height=0.65 + 0.18 * len(grouped(cells, "scheme")))
     figure.set_figwidth(0.48 * slots)
     for ax, band in zip(axes.flat, bands, strict=True):
-        _draw_band(ax, band, schemes)
-        ax.set(xlim=(-0.55, slots - 0.45), ylim=(len(schemes) - 0.45, -0.55))
+        _draw_band(ax, band, list(grouped(cells, "scheme")))
+        ax.set_xlim(-0.55, slots - 0.45)
     found = grouped(cells, "verdict.kind")
     legend: dict = {kind: ("s", look) for kind, look in COLOURS.items() if kind in found}
     legend["steps halved often"] = ((-1, 1), (1, 1), (-1, -1)), "black"
@@ -64,8 +61,8 @@ def _bands(cells: list[Cell], slots: int) -> list[dict[int, list[Cell]]]:
     bands: list[dict[int, list[Cell]]] = [{}]
     left = 0
     for group, own in grouped(cells, "case.group").items():
-        title = max(map(len, group.split(": ")))
-        width = max(len(grouped(own, "case.label")) + 1, -(-title // 7))  # 7 letters to a slot
+        letters = max(map(len, group.split(": ")))  # of the title, 7 to a slot
+        width = max(len(grouped(own, "case.label")) + 1, -(-letters // 7))
         if left and left + width > slots + 1:
             bands.append({})
             left = 0
@@ -77,14 +74,15 @@ def _bands(cells: list[Cell], slots: int) -> list[dict[int, list[Cell]]]:
 def _draw_band(ax, band: dict[int, list[Cell]], schemes: list[str]) -> None:
     labels = {}
     for left, group in band.items():
+        title = group[0].case.group.replace(": ", "\n")
+        ax.text(left - 0.5, -0.7, title, fontsize=7, va="bottom", linespacing=1.1)
         for x, (label, case) in enumerate(grouped(group, "case.label").items(), left):
             labels[x] = label.replace(" ", "\n")
             for cell in case:
                 _draw_cell(ax, x, schemes.index(cell.scheme), cell)
-        title = group[0].case.group.replace(": ", "\n")
-        ax.text(left - 0.5, -0.7, title, fontsize=7, va="bottom", linespacing=1.1)
     ax.set_xticks(list(labels), list(labels.values()), fontsize=6.5, linespacing=0.95)
     ax.set_yticks(range(len(schemes)), schemes, fontsize=7)
+    ax.set_ylim(len(schemes) - 0.45, -0.55)
     ax.tick_params(length=0, pad=2)
     ax.spines[:].set_visible(False)
     ax.grid(visible=False)
@@ -104,9 +102,6 @@ def _draw_cell(ax, x: int, y: int, cell: Cell) -> None:
     # The text lies in its cell: the layout need not measure it.
     look = {"color": ink, "fontsize": 6, "ha": "center", "va": "center_baseline"}
     ax.text(x - stripe / 2, y, text, **look).set_in_layout(False)
-
-
-# -- Curves --------------------------------------------------------------------------------------
 
 
 def telling(cells: list[Cell]) -> list[list[Cell]]:

@@ -11,8 +11,7 @@ from typing import Any
 import numpy as np
 
 from fx_beam.errors import SceneError
-from fx_beam.studies import reporting
-from fx_beam.studies.reporting import section, short, table
+from fx_beam.studies.reporting import beside, section, short, table, write_report
 
 from .case import OFTEN, SAME, Cell, grouped
 from .picture import draw_curves, draw_map, symbol
@@ -42,11 +41,7 @@ its colour at the right end of a cell.
 
 
 def write(
-    path: Path | str,
-    cells: list[Cell],
-    title: str,
-    remarks: str = "",
-    findings: Sequence[str] = (),
+    path: Path | str, cells: list[Cell], title: str, remarks: str = "", findings: Sequence[str] = ()
 ) -> None:
     """Write a study as JSON, its cells as CSV, and a Markdown page with two pictures.
 
@@ -72,8 +67,8 @@ def write(
         raise SceneError("a report on stability needs cells of a study; none are given")
     name, tally, limits = Path(path).name, counts(cells), {cell.max_halvings for cell in cells}
     repeats = max(len(cell.others) for cell in cells)
-    draw_map(reporting.beside(path, ".png"), cells)
-    draw_curves(reporting.beside(path, "_curves.png"), cells)
+    draw_map(beside(path, ".png"), cells)
+    draw_curves(beside(path, "_curves.png"), cells)
     page = [
         f"# Stability: {title}\n",
         _CRITERIA.format(limits=" or ".join(map(str, sorted(limits))), repeats=repeats),
@@ -95,7 +90,7 @@ def write(
     }
     rows = [_row(cell) for cell in cells]
     numbers = {"criteria": criteria, "verdicts": tally, "what was found": findings, "cells": rows}
-    reporting.write(path, page, numbers, rows)
+    write_report(path, page, numbers, rows)
 
 
 def counts(cells: Iterable[Cell]) -> dict[str, dict[str, float]]:
@@ -138,9 +133,6 @@ def _row(cell: Cell) -> dict[str, Any]:
     row |= {"dt": cell.case.dt, "t_end": cell.case.t_end, "scheme": cell.scheme}
     row |= asdict(cell.verdict) | {"with other rounding": others, "seconds": cell.seconds}
     return row | {"drift": cell.drift and asdict(cell.drift), "turns": cell.turns}
-
-
-# -- Tables of the page --------------------------------------------------------------------------
 
 
 def _tables(cells: list[Cell]) -> list[str]:

@@ -89,7 +89,9 @@ def study(
     >>> fb.stability.write("results/arm", cells, "an arm")  # .json, .csv, .md, .png
     """
     labelled, cases = candidates.labelled(schemes), list(cases)
-    _check(cases)
+    if wrong := [case for case in cases if not isinstance(case, Case)]:
+        raise SceneError(f"{wrong[0]!r} is no fx_beam.stability.Case")
+    candidates.several("cases", [case.name for case in cases])
     none = Verdict("no verdict")
     items = [
         (Cell(case, label, scheme.name, none, max_halvings=max_halvings), scheme)
@@ -110,15 +112,6 @@ def study(
         stop.cells = [found[place] for place in sorted(found)]  # type: ignore[attr-defined]
         raise
     return [found[place] for place in sorted(found)]
-
-
-def _check(cases: list[Case]) -> None:
-    if not cases:
-        raise SceneError("a study needs cases; none are given")
-    if wrong := [case for case in cases if not isinstance(case, Case)]:
-        raise SceneError(f"{wrong[0]!r} is no fx_beam.stability.Case")
-    if len({case.name for case in cases}) < len(cases):
-        raise SceneError("two cases have the same group and label; give them different ones")
 
 
 def _judged(item: tuple[Cell, Scheme], repeats: int) -> Cell:

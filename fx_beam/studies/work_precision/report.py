@@ -9,8 +9,7 @@ from typing import Any
 import numpy as np
 
 from fx_beam.errors import SceneError
-from fx_beam.studies import reporting
-from fx_beam.studies.reporting import section, short
+from fx_beam.studies.reporting import beside, machine, section, short, write_json, write_report
 
 from .accuracy import MARGIN, ROUND_OFF, STEADY, observed_order
 from .picture import CLOCKS, draw
@@ -77,7 +76,7 @@ def prepare(path: Path | str) -> None:
     from fx_beam import plot  # noqa: F401  the import of `draw`
 
     try:
-        reporting.write_json(reporting.beside(path, ".json"), reporting.machine())
+        write_json(beside(path, ".json"), machine())
     except (OSError, TypeError) as wrong:
         raise SceneError(f"results = {path!r} cannot be written: {wrong}") from wrong
 
@@ -101,7 +100,7 @@ def write(path: Path | str, found: Precision) -> None:
     ]
     # The steps alone for the first quantity only: for all others, points move in the same way.
     for clock, ending, shown in ("seconds", "", names), ("step_seconds", "_steps", names[:1]):
-        picture = reporting.beside(path, f"{ending}.png")
+        picture = beside(path, f"{ending}.png")
         draw(picture, [(name, found, name) for name in shown], clock)
         page += [f"\n![Error against run time, {CLOCKS[clock]}]({picture.name})\n"]
     tables = _tables(found)
@@ -121,10 +120,7 @@ def write(path: Path | str, found: Precision) -> None:
         "Errors with a fine time step": [asdict(m) | e for m, e in found.mesh_errors.items()],
         "Runs": runs,
     }
-    reporting.write(path, page, numbers, runs)
-
-
-# -- Tables --------------------------------------------------------------------------------------
+    write_report(path, page, numbers, runs)
 
 
 def _tables(found: Precision) -> dict[str, list[dict[str, Any]]]:
