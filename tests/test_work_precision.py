@@ -95,20 +95,21 @@ def test_a_force_is_compared_only_at_times_at_which_the_reference_has_it():
 def test_fit_recovers_the_order_from_the_three_finest_steps(order):
     steps = [0.05, 0.4, 0.1, 0.2, 0.8]
     errors = [0.5 * h**order if h < 0.3 else 0.9 for h in steps]
-    assert accuracy.observed_order(steps, errors, 0.0) == approx(order)
+    assert accuracy.observed_order(zip(steps, errors, strict=True), 0.0) == approx(order)
 
 
 def test_fit_leaves_out_round_off_and_what_is_no_approximation():
     steps, errors = [0.1, 0.2, 0.4, 0.8, 1.6], [3e-12, 1e-4, 4e-4, 1.6e-3, np.nan]
-    assert accuracy.observed_order(steps, errors, 1e-10) == approx(2)
-    assert accuracy.observed_order(steps, [1e-12, 1e-4, 4e-4, 5.0, np.inf], 1e-10) is None
+    assert accuracy.observed_order(zip(steps, errors, strict=True), 1e-10) == approx(2)
+    errors = [1e-12, 1e-4, 4e-4, 5.0, np.inf]
+    assert accuracy.observed_order(zip(steps, errors, strict=True), 1e-10) is None
 
 
 @pytest.mark.parametrize(
     "errors", [(4e-4, 1e-4, 3e-4), (1e-4, 2e-4, 4e-4), (4e-4, 3e-4, 1e-5), (4e-4, 1e-4, 1e-4)]
 )
 def test_errors_that_do_not_fall_steadily_have_no_order(errors):
-    assert accuracy.observed_order([0.4, 0.2, 0.1], errors, 0.0) is None
+    assert accuracy.observed_order(zip([0.4, 0.2, 0.1], errors, strict=True), 0.0) is None
 
 
 @pytest.mark.parametrize("order", [1, 2, 3, 4])

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from typing import Any
 
@@ -109,13 +109,13 @@ def error(name: str, found: History, reference: Reference) -> float:
     return _size(found.values[inside] - expected[inside]) / reference.size
 
 
-def observed_order(steps: Sequence[float], errors: Sequence[float], floor: float) -> float | None:
+def observed_order(errors: Iterable[tuple[float, float]], floor: float) -> float | None:
     """Slope of log(error) over log(step), fitted to the three smallest steps; None if unclear.
 
     Errors above 1 or below `floor` are left out. The errors must fall with the step, and the
     slopes between neighbours must not differ by more than `STEADY`.
     """
-    points = sorted((h, e) for h, e in zip(steps, errors, strict=True) if floor < e <= 1)[:3]
+    points = sorted((h, e) for h, e in errors if floor < e <= 1)[:3]
     if len(points) < 3:
         return None
     log_h, log_e = np.log(points).T

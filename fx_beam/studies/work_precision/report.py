@@ -199,16 +199,14 @@ def _known(found: Precision, name: str, error: float | None) -> float | str | No
 def step_order(found: Precision, quantity: str, scheme: str, mesh: Mesh) -> float | None:
     """Observed order in the time step; None if the errors have no clear order."""
     runs = [run for run in found.runs if (run.scheme, run.mesh) == (scheme, mesh)]
-    errors = [run.step_errors.get(quantity, np.nan) for run in runs]
-    return observed_order([run.dt for run in runs], errors, ROUND_OFF)
+    return observed_order([(r.dt, r.step_errors.get(quantity, np.nan)) for r in runs], ROUND_OFF)
 
 
 def mesh_order(found: Precision, quantity: str, degree: int) -> float | None:
     """Observed order in the size of the elements, with a fine time step; None if not clear."""
-    own = {mesh: e for mesh, e in found.mesh_errors.items() if mesh.degree == degree}
-    errors = [error.get(quantity, np.nan) for error in own.values()]
-    known = max(floor(found, quantity), ROUND_OFF)
-    return observed_order([1 / mesh.elements for mesh in own], errors, known)
+    left = [(mesh, error) for mesh, error in found.mesh_errors.items() if mesh.degree == degree]
+    errors = [(1 / mesh.elements, error.get(quantity, np.nan)) for mesh, error in left]
+    return observed_order(errors, max(floor(found, quantity), ROUND_OFF))
 
 
 def _ratio(found: Precision, scheme: str, degree: int, clock: str) -> float:
