@@ -527,7 +527,10 @@ def test_a_reference_that_fails_is_said_and_exact_quantities_keep_their_errors(t
     (run,) = found.runs
     assert run.errors["energy"] < 1e-12 and run.seconds > 0
     assert np.isnan(run.errors["tip"]) and np.isnan(found.references["tip"])
-    assert "there is no reference: the reference, 4 elements of degree 1" in sentence(found, "tip")
+    assert (
+        "there is no reference: EnergyMomentum, dt = 0.00625 s, 4 elements of degree 1: "
+        in sentence(found, "tip")
+    )
     assert found.missing["tip"] in (tmp_path / "lost.md").read_text()
 
 
@@ -695,6 +698,6 @@ def test_a_wrong_quantity_is_refused_by_name_after_the_cheapest_run(monkeypatch,
     monkeypatch.setattr(runner, "simulate", simulate)
     with pytest.raises(fb.SceneError, match=message) as refused:
         sensible(quantities={"tip": quantity}, steps=[0.05, 0.1])
-    assert runs == [0.1] and "EnergyMomentum, 1 element of degree 1, dt = 0.1 s" in str(
+    assert runs == [0.1] and "(EnergyMomentum, dt = 0.1 s, 1 element of degree 1)" in str(
         refused.value
     )

@@ -39,13 +39,12 @@ def machine() -> dict[str, Any]:
     }
 
 
-def write_report(path: Path | str, page: Iterable[str], numbers: Row, rows: Iterable[Row]) -> None:
-    """Write a report: the paragraphs as a Markdown page, all numbers as JSON, the rows as CSV."""
+def write_report(path: Path | str, page: str, numbers: Row, rows: Iterable[Row]) -> None:
+    """Write a report: a page in Markdown, all numbers as JSON, the rows as CSV."""
     write_json(beside(path, ".json"), {"machine": machine(), **numbers})
     write_csv(beside(path, ".csv"), rows)
     stated = ", ".join(f"{key} {value}" for key, value in machine().items())
-    text = "\n".join([*filter(None, page), f"Computed on: {stated}.\n"])
-    beside(path, ".md").write_text(text, "utf-8")
+    beside(path, ".md").write_text(f"{page}\nComputed on: {stated}.\n", "utf-8")
 
 
 def beside(path: Path | str, ending: str) -> Path:

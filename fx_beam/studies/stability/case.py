@@ -27,16 +27,12 @@ class Case:
 
     Parameters
     ----------
-    group : str
-        What is varied.
-    label : str
-        Its value in this case, a few characters.
+    group, label : str
+        What is varied, and its value in this case, a few characters.
     scene : callable
         ``scene()`` gives the `Scene`.
-    dt : float
-        Time step [s].
-    t_end : float
-        End of the run [s].
+    dt, t_end : float
+        Time step and end of the run [s].
     newton : NewtonOptions, optional
         Tolerance and limits of Newton's method.
     drifts : bool
@@ -77,10 +73,8 @@ class Cell:
     ----------
     case : Case
         The case.
-    scheme : str
-        Name of the scheme.
-    family : str
-        The scheme's own name, which decides its line style.
+    scheme, family : str
+        Label of the scheme, and its own name, which decides its line style.
     verdict : Verdict
         Verdict on the energy.
     others : tuple of Verdict

@@ -13,31 +13,14 @@ import numpy as np
 from fx_beam.errors import SceneError
 from fx_beam.studies.reporting import beside, section, short, table, write_report
 
-from .case import OFTEN, SAME, Cell, grouped
+from . import case, verdict
+from .case import Cell, grouped
 from .picture import draw_curves, draw_map, symbol
-from .verdict import BLOWN_UP, KEPT, KINDS
+from .verdict import KINDS
 
 #: Verdicts on a motion that is wrong.
 LOST_MOTION = "gained", "blew up", "failed"
-_CRITERIA = f"""The energy ratio is 1 + (E - E(0) - W) / E0. E is the energy and W the work of all
-loads less what dampers took; what the scheme takes counts as lost. E0 is the largest kinetic and
-strain energy that the motion should have: the energy at the start, plus what loads and weight have
-added. The verdict is the first of these that applies:
-
-- **blew up**: the ratio exceeded {BLOWN_UP:g};
-- **failed**: Newton's method did not converge, after {{limits}} halvings of the step;
-- **kept**: the ratio always differed from 1 by at most {short(KEPT)};
-- **gained** or **lost**: the larger of the two differences.
-
-The number is the largest error if the energy was kept; the part that was lost or gained; the energy
-ratio if it blew up; the part of the time that was reached if the run failed. "Steps x1.2" is the
-number of steps taken per step of the time grid; a black corner marks {OFTEN:g} or more.
-
-Runs that did not keep the energy or took so many steps are repeated with {{repeats}} time steps
-that differ in the last digit. A ~ marks a run whose verdict changes, or whose number changes by
-more than {100 * SAME:g} %: it is sensitive to round-off. The other verdict stands after the ~, and
-its colour at the right end of a cell.
-"""
+_PAGE = Path(__file__).with_name("page.md").read_text("utf-8")
 
 
 def write(
@@ -65,28 +48,27 @@ def write(
     """
     if not cells:
         raise SceneError("a report on stability needs cells of a study; none are given")
-    name, tally, limits = Path(path).name, counts(cells), {cell.max_halvings for cell in cells}
-    repeats = max(len(cell.others) for cell in cells)
+    tally, limits = counts(cells), sorted({cell.max_halvings for cell in cells})
     draw_map(beside(path, ".png"), cells)
     draw_curves(beside(path, "_curves.png"), cells)
-    page = [
-        f"# Stability: {title}\n",
-        _CRITERIA.format(limits=" or ".join(map(str, sorted(limits))), repeats=repeats),
-        table([{"scheme": scheme} | row for scheme, row in tally.items()]),
-        "".join(f"- {finding}\n" for finding in findings),
-        f"![Verdicts]({name}.png)\n",
-        f"![Energy over time]({name}_curves.png)\n",
-        "*The cases in which the schemes differ most, one of each group. A cross marks a failure "
-        "of Newton's method.*\n",
-        *_tables(cells),
-        remarks,
-    ]
+    page = _PAGE.format(
+        case=case,
+        verdict=verdict,
+        title=title,
+        name=Path(path).name,
+        limits=" or ".join(map(str, limits)),
+        repeats=max(len(cell.others) for cell in cells),
+        verdicts=table([{"scheme": scheme} | row for scheme, row in tally.items()]),
+        findings="".join(f"- {finding}\n" for finding in findings),
+        tables="\n".join(filter(None, _tables(cells))),
+        remarks=remarks,
+    )
     criteria = {
-        "kept": KEPT,
-        "blew up": BLOWN_UP,
-        "halvings of a step at most": sorted(limits),
-        "halved often, from steps taken for each": OFTEN,
-        "the same with other rounding, up to": SAME,
+        "kept": verdict.KEPT,
+        "blew up": verdict.BLOWN_UP,
+        "halvings of a step at most": limits,
+        "halved often, from steps taken for each": case.OFTEN,
+        "the same with other rounding, up to": case.SAME,
     }
     rows = [_row(cell) for cell in cells]
     numbers = {"criteria": criteria, "verdicts": tally, "what was found": findings, "cells": rows}

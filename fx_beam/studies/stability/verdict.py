@@ -33,10 +33,8 @@ class Verdict:
     ----------
     kind : str
         One of `KINDS`.
-    time : float
-        Time reached [s].
-    reached : float
-        Part of the requested time.
+    time, reached : float
+        Time reached [s], and as a part of the requested time.
     highest, lowest : float
         Extremes of `energy_ratio`; NaN if there is no verdict.
     steps, substeps : int

@@ -20,10 +20,8 @@ class Mesh:
 
     Parameters
     ----------
-    elements : int
-        Number of elements, as given to the scene function.
-    degree : int
-        Degree of the elements.
+    elements, degree : int
+        Number and degree of the elements, as given to the scene function.
     """
 
     elements: int
@@ -42,10 +40,8 @@ class Run:
 
     Parameters
     ----------
-    scheme : str
-        Label of the scheme.
-    name : str
-        Its name, as in `Stats`.
+    scheme, name : str
+        Label of the scheme, and its name as in `Stats`.
     mesh : Mesh
         Elements and their degree.
     dt : float
@@ -87,6 +83,9 @@ class Run:
     notes: dict[str, str] = field(default_factory=dict)
     seconds: float = np.nan
     step_seconds: float = np.nan
+
+    def __str__(self):
+        return f"{self.scheme}, dt = {self.dt:.3g} s, {self.mesh}"
 
     @property
     def lost(self) -> bool:

@@ -11,36 +11,15 @@ import numpy as np
 from fx_beam.errors import SceneError
 from fx_beam.studies.reporting import beside, machine, section, short, write_json, write_report
 
-from .accuracy import MARGIN, ROUND_OFF, STEADY, observed_order
+from . import accuracy, precision
+from .accuracy import ROUND_OFF, observed_order
 from .picture import CLOCKS, draw
-from .precision import LOST, MAX_HALVINGS, Mesh, Precision, Run, counted, floor
+from .precision import Mesh, Precision, Run, counted, floor
 
 #: Relative errors for which the cheapest runs are listed.
 LEVELS = 1e-2, 1e-4, 1e-6, 1e-8, 1e-10
 
-_PAGE = f"""# Error against run time: {{title}}
-
-{{t_end:g}} s of motion{{start}}. An error is the largest distance from the reference over time,
-divided by the largest magnitude of the reference (absolute if that is 0). An error below
-{MARGIN:g} times that of the reference is not known, and is given as "< ...". The run time is the
-least processor time of {{repetitions}} whole calls of `simulate`, set-up included, with compiled
-forms in the cache. The candidates take turns.
-
-A run *has* an error of 1e-4 if its own error and those of all runs of its scheme with smaller steps
-on its mesh are at most 1e-4, and so are those of solutions with a fine step on its mesh and on
-finer ones. So no run is good by chance. A run that broke off, as a step failed that had been halved
-{MAX_HALVINGS} times, or that gained or lost more than {LOST:g} of its kinetic and strain energy,
-has none of them.
-
-Orders in the time step are fits to the three smallest steps, with errors relative to a fine step on
-the same mesh; those in the size of the elements are fits to the meshes, with a fine time step. A
-cell is empty if errors are not known or do not fall with the step, or if their slopes differ by
-more than {STEADY:g}: the steps are too large, or an error changes its sign.
-
-In the pictures a line joins the runs of a scheme that have a smaller error, in this sense, than all
-faster ones. Points show the runs' own errors. Runs that broke off or err by more than 1 stand at
-the top.
-"""
+_PAGE = Path(__file__).with_name("page.md").read_text("utf-8")
 
 
 def sentence(found: Precision, quantity: str) -> str:
@@ -62,11 +41,11 @@ def sentence(found: Precision, quantity: str) -> str:
         return f"{quantity}: there is no reference: {found.missing[quantity]}"
     best = min(found.runs, key=lambda run: (counted(found, quantity, run), run.seconds))
     known = found.references[quantity]
+    reference = "exact" if known is None else f"known to {short(known)}"
     astray = sum(not run.errors.get(quantity, np.nan) <= 1 for run in found.runs)
     return (
-        f"{quantity}: the smallest error is {short(counted(found, quantity, best))}, by "
-        f"{best.scheme}, dt = {best.dt:.3g} s, {best.mesh}, in {1e3 * best.seconds:.3g} ms. The "
-        f"reference is {'exact' if known is None else f'known to {short(known)}'}. "
+        f"{quantity}: the smallest error is {short(counted(found, quantity, best))}, by {best}, in "
+        f"{1e3 * best.seconds:.3g} ms. The reference is {reference}. "
         f"{astray} of {len(found.runs)} runs broke off or have an error above 1."
     )
 
@@ -91,20 +70,21 @@ def write(path: Path | str, found: Precision) -> None:
     found : Precision
         A study.
     """
-    title, names = Path(path).name.replace("_", " "), list(found.references)
-    start = f", from the solutions that `{found.start}` gives" if found.start else ""
+    names, tables = list(found.references), _tables(found)
     sentences = {name: sentence(found, name) for name in names}
-    page = [
-        _PAGE.format(title=title, t_end=found.t_end, start=start, repetitions=found.repetitions),
-        *(f"- {words}" for words in sentences.values()),
-    ]
     # The steps alone for the first quantity only: for all others, points move in the same way.
     for clock, ending, shown in ("seconds", "", names), ("step_seconds", "_steps", names[:1]):
-        picture = beside(path, f"{ending}.png")
-        draw(picture, [(name, found, name) for name in shown], clock)
-        page += [f"\n![Error against run time, {CLOCKS[clock]}]({picture.name})\n"]
-    tables = _tables(found)
-    page += [section(name, rows) for name, rows in tables.items()]
+        draw(beside(path, f"{ending}.png"), [(name, found, name) for name in shown], clock)
+    page = _PAGE.format(
+        accuracy=accuracy,
+        precision=precision,
+        found=found,
+        name=Path(path).name,
+        title=Path(path).name.replace("_", " "),
+        start=f", from the solutions that `{found.start}` gives" if found.start else "",
+        sentences="\n".join(f"- {words}" for words in sentences.values()),
+        tables="\n".join(section(name, rows) for name, rows in tables.items() if rows),
+    )
     runs = [
         asdict(run) | {"lost": run.lost, "counts with": {q: counted(found, q, run) for q in names}}
         for run in found.runs

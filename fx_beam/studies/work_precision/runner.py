@@ -131,7 +131,7 @@ def study(
         t_end,
         repetitions,
         references={name: np.nan if name in sought else None for name in quantities},
-        origin=f"{fine[0].name}, {fine[0].mesh}, dt = {fine[0].dt:.3g} s" if sought else "",
+        origin=str(fine[0]) if sought else "",
         runs=[],
         start=getattr(start, "__name__", repr(start)) if start else "",
         missing=dict.fromkeys(sought, "not computed before the study ended"),
@@ -177,7 +177,8 @@ def _fine(grid: list[Mesh], dt: float, finer: tuple[int, int]) -> list[Fine]:
     best = max(grid, key=lambda mesh: (mesh.degree, mesh.elements))
     pairs = [(Mesh(best.elements * finer[1] // k, best.degree), dt / finer[0] * k) for k in (1, 2)]
     pairs += [(mesh, dt / FINE_STEP) for mesh in grid]
-    return [Fine("", EnergyMomentum().name, mesh, step) for mesh, step in pairs]
+    name = EnergyMomentum().name
+    return [Fine(name, name, mesh, step) for mesh, step in pairs]
 
 
 @dataclass
@@ -262,7 +263,7 @@ def _errors(found: Precision, motion: _Motion, runs, fine, exact, executor, bar)
                 if not run.failure and not completed:  # wrong quantities are refused at once
                     _compare(found, [(run, histories)], [], exact)
                     for note in run.notes.values():
-                        raise SceneError(f"{note} ({run.scheme}, {run.mesh}, dt = {run.dt:.4g} s)")
+                        raise SceneError(f"{note} ({run})")
                 completed += not run.failure
                 if executor is not None:
                     run.first_seconds = np.nan
@@ -283,8 +284,8 @@ def _compare(found: Precision, measured, fine, exact: dict[str, Reference]) -> N
     references = dict(exact)
     for name in list(found.missing) if fine else ():
         try:
-            if lacking := "".join(_lacking(run, own, name) for run, own in fine[:2]):
-                raise SceneError(f"the reference, {lacking}")
+            for run in (run for run, histories in fine[:2] if name not in histories):
+                raise SceneError(_why(run, name))
             references[name] = accuracy.computed(name, fine[0][1][name], fine[1][1][name])
             found.references[name] = references[name].error
             del found.missing[name]
@@ -293,17 +294,16 @@ def _compare(found: Precision, measured, fine, exact: dict[str, Reference]) -> N
     for run, histories in measured:
         run.errors = {q: _error(run, histories, q, references.get(q)) for q in found.references}
         run.step_errors = dict(run.errors)
+    computed = [name for name in references if name not in exact]
     for best, on_mesh in fine[2:]:
-        sought = [name for name in references if name not in exact]
-        known = {name: on_mesh[name] for name in sought if name in on_mesh}
-        for name in sought:
-            if name not in known:
-                found.missing[str(best.mesh)] = _lacking(best, on_mesh, name)
+        for name in (name for name in computed if name not in on_mesh):
+            found.missing[str(best.mesh)] = _why(best, name)
+        known = [name for name in computed if name in on_mesh]
         found.mesh_errors[best.mesh] = {q: _error(best, on_mesh, q, references[q]) for q in known}
-        own = {name: Reference(h.at, references[name].size) for name, h in known.items()}
+        own = {q: Reference(on_mesh[q].at, references[q].size) for q in known}
         for run, histories in measured:
             if run.mesh == best.mesh:
-                run.step_errors |= {q: _error(run, histories, q, own[q]) for q in own}
+                run.step_errors |= {q: _error(run, histories, q, own[q]) for q in known}
 
 
 def _error(run: Run, histories: Mapping[str, History], name: str, reference) -> float:
@@ -316,10 +316,9 @@ def _error(run: Run, histories: Mapping[str, History], name: str, reference) -> 
     return np.nan
 
 
-def _lacking(run: Run, histories: Mapping[str, History], name: str) -> str:
-    """Why a fine solution has not a quantity; empty if it has."""
-    why = "" if name in histories else run.failure or run.notes[name]
-    return why and f"{run.mesh} with dt = {run.dt:.3g} s: {why}"
+def _why(run: Run, name: str) -> str:
+    """Why a fine solution has not a quantity."""
+    return f"{run}: {run.failure or run.notes[name]}"
 
 
 # -- Run times -----------------------------------------------------------------------------------
