@@ -284,41 +284,43 @@ def _compare(found: Precision, measured, fine, exact: dict[str, Reference]) -> N
     references = dict(exact)
     for name in list(found.missing) if fine else ():
         try:
-            for run in (run for run, histories in fine[:2] if name not in histories):
-                raise SceneError(_why(run, name))
-            references[name] = accuracy.computed(name, fine[0][1][name], fine[1][1][name])
+            references[name] = accuracy.computed(name, *(_history(own, name) for own in fine[:2]))
             found.references[name] = references[name].error
             del found.missing[name]
         except SceneError as wrong:
             found.missing[name] = str(wrong)
-    for run, histories in measured:
-        run.errors = {q: _error(run, histories, q, references.get(q)) for q in found.references}
-        run.step_errors = dict(run.errors)
-    computed = [name for name in references if name not in exact]
-    for best, on_mesh in fine[2:]:
-        for name in (name for name in computed if name not in on_mesh):
-            found.missing[str(best.mesh)] = _why(best, name)
-        known = [name for name in computed if name in on_mesh]
-        found.mesh_errors[best.mesh] = {q: _error(best, on_mesh, q, references[q]) for q in known}
-        own = {q: Reference(on_mesh[q].at, references[q].size) for q in known}
-        for run, histories in measured:
-            if run.mesh == best.mesh:
-                run.step_errors |= {q: _error(run, histories, q, own[q]) for q in known}
+    for own in measured:
+        own[0].errors = {q: _error(own, q, references.get(q)) for q in found.references}
+        own[0].step_errors = dict(own[0].errors)
+    for best in fine[2:]:
+        mesh, errors = best[0].mesh, found.mesh_errors.setdefault(best[0].mesh, {})
+        for name in (name for name in references if name not in exact):
+            try:
+                on_mesh = Reference(_history(best, name).at, references[name].size)
+            except SceneError as wrong:
+                found.missing[str(mesh)] = str(wrong)
+                continue
+            errors[name] = _error(best, name, references[name])
+            for own in (own for own in measured if own[0].mesh == mesh):
+                own[0].step_errors[name] = _error(own, name, on_mesh)
 
 
-def _error(run: Run, histories: Mapping[str, History], name: str, reference) -> float:
+def _history(measured: Measured, name: str) -> History:
+    run, histories = measured
+    if name not in histories:
+        raise SceneError(f"{run}: {run.failure or run.notes[name]}")
+    return histories[name]
+
+
+def _error(measured: Measured, name: str, reference: Reference | None) -> float:
     """Error of a quantity of a run; NaN if there is none, with a note if one was expected."""
+    run, histories = measured
     try:
         if name in histories and reference is not None:
             return accuracy.error(name, histories[name], reference)
     except SceneError as wrong:
         run.notes[name] = str(wrong)
     return np.nan
-
-
-def _why(run: Run, name: str) -> str:
-    """Why a fine solution has not a quantity."""
-    return f"{run}: {run.failure or run.notes[name]}"
 
 
 # -- Run times -----------------------------------------------------------------------------------
