@@ -349,7 +349,7 @@ def test_errors_below_that_of_the_reference_are_not_shown_as_known(tmp_path):
     assert [counted(found, "q", run) for run in found.runs] == [5e-2, 5e-3, 4e-2, 3e-3, 3e-3]
     assert seconds_at(found, 1e-3) == {} and set(seconds_at(found, 1e-2)) == {"A", "B"}
     assert "the smallest error is 3e-3, by B, dt = 0.01 s" in sentence(found, "q")
-    assert "The reference is known to 1e-3." in sentence(found, "q")
+    assert "The reference is known to 0.001." in sentence(found, "q")
     work_precision.write(tmp_path / "q", found)
     rows = [line.split("|") for line in (tmp_path / "q.md").read_text().splitlines()]
     errors = [row[-3].strip() for row in rows if len(row) > 12 and row[1].strip() in "AB"]
@@ -682,7 +682,7 @@ def test_what_makes_no_sense_is_refused_by_name_before_anything_runs(monkeypatch
         (lambda s: (0.1, 0.2), "'tip': a tuple"),
         (lambda s: (s.t, s.t, s.t), "'tip': a tuple"),
         (lambda s: s.t[1:], "'tip' has 2 rows for 3 times"),
-        (lambda s: s.t, "'tip' has 1 values at a time, but its reference has 2"),
+        (lambda s: s.t, "'tip' has 1 values at a time, its reference 2"),
         (lambda s: s.t * 1j, "'tip' must be a real number or .* of complex128"),
         (lambda s: s.v, r"'tip' must be .* with the shape \(3, 2, 3\)"),
         (lambda s: "left", "'tip' must be a real number .*, not 'left'"),

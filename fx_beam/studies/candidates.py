@@ -14,7 +14,7 @@ from fx_beam.mechanics.schemes import Scheme
 def labelled(schemes: Any) -> dict[str, Scheme]:
     """Schemes of a dict by label, those of a sequence by their names."""
     named = isinstance(schemes, Mapping)
-    given = several("schemes", list(schemes.items()) if named else schemes, distinct=False)
+    given = several("schemes", list(schemes.items()) if named else schemes)
     pairs = given if named else [(getattr(scheme, "name", ""), scheme) for scheme in given]
     for label, scheme in pairs:
         if not isinstance(scheme, Scheme):
@@ -25,13 +25,13 @@ def labelled(schemes: Any) -> dict[str, Scheme]:
     return dict(pairs)
 
 
-def several(name: str, given, distinct: bool = True) -> list[Any]:
+def several(name: str, given) -> list[Any]:
     """The entries of a sequence that is not empty and has no entry twice."""
     if isinstance(given, str) or not isinstance(given, Sequence | np.ndarray):
         raise SceneError(f"{name} must be a sequence, as [...], not {given!r:.60}")
     entries = list(given)
     if not entries:
         raise SceneError(f"a study needs {name}; none are given")
-    if distinct and (twice := [entry for entry in entries if entries.count(entry) > 1]):
+    if twice := [entry for entry in entries if entries.count(entry) > 1]:
         raise SceneError(f"{name}: {twice[0]!r} is given twice")
     return entries

@@ -109,17 +109,16 @@ def telling(cells: list[Cell]) -> list[list[Cell]]:
 
     First those with the most different verdicts, then those with the widest range of errors.
     """
+
+    def differences(case: list[Cell]) -> tuple[int, float]:
+        worst = np.clip([cell.verdict.worst for cell in case], 1e-16, 1e16)
+        return len(grouped(case, "verdict.kind")), float(np.ptp(np.log10(worst)))
+
     judged = [cell for cell in cells if cell.verdict.kind != "no verdict"]
-    ranked = sorted(grouped(judged, "case.name").values(), key=_differences, reverse=True)
     first: dict[str, list[Cell]] = {}
-    for case in ranked:
+    for case in sorted(grouped(judged, "case.name").values(), key=differences, reverse=True):
         first.setdefault(case[0].case.group, case)
     return list(first.values())[:TELLING]
-
-
-def _differences(case: list[Cell]) -> tuple[int, float]:
-    worst = np.clip([cell.verdict.worst for cell in case], 1e-16, 1e16)
-    return len(grouped(case, "verdict.kind")), float(np.ptp(np.log10(worst)))
 
 
 def draw_curves(path: Path, cells: list[Cell]) -> None:

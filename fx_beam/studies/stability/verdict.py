@@ -172,9 +172,6 @@ def classify(run: Solution | StepError, t_end: float) -> Verdict:
     return Verdict(kind, time, time / t_end, highest, lowest, *numbers, reason)
 
 
-# -- Drift ---------------------------------------------------------------------------------------
-
-
 @dataclass(frozen=True)
 class Drift:
     """Growth of an error with the number of steps.

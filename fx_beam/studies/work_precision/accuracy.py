@@ -33,8 +33,7 @@ class History:
 
     def at(self, t: np.ndarray) -> np.ndarray:
         """Values (m, k) at other times (m,), linear in between; NaN before and after."""
-        outside = {"left": np.nan, "right": np.nan}
-        return np.column_stack([np.interp(t, self.t, own, **outside) for own in self.values.T])
+        return np.column_stack([np.interp(t, self.t, v, np.nan, np.nan) for v in self.values.T])
 
 
 @dataclass(frozen=True)
@@ -101,11 +100,8 @@ def error(name: str, found: History, reference: Reference) -> float:
     if not inside.any():
         first, last = found.t[[0, -1]]
         raise SceneError(f"the reference of {name!r} has no time between {first:g} and {last:g} s")
-    if expected.shape != found.values.shape:
-        raise SceneError(
-            f"quantity {name!r} has {found.values.shape[1]} values at a time, but its reference "
-            f"has {expected.shape[1]}"
-        )
+    if (own := found.values.shape[1]) != (other := expected.shape[1]):
+        raise SceneError(f"quantity {name!r} has {own} values at a time, its reference {other}")
     return _size(found.values[inside] - expected[inside]) / reference.size
 
 

@@ -41,7 +41,7 @@ def sentence(found: Precision, quantity: str) -> str:
         return f"{quantity}: there is no reference: {found.missing[quantity]}"
     best = min(found.runs, key=lambda run: (counted(found, quantity, run), run.seconds))
     known = found.references[quantity]
-    reference = "exact" if known is None else f"known to {short(known)}"
+    reference = "exact" if known is None else f"known to {known:.3g}"
     astray = sum(not run.errors.get(quantity, np.nan) <= 1 for run in found.runs)
     return (
         f"{quantity}: the smallest error is {short(counted(found, quantity, best))}, by {best}, in "
@@ -82,6 +82,7 @@ def write(path: Path | str, found: Precision) -> None:
         name=Path(path).name,
         title=Path(path).name.replace("_", " "),
         start=f", from the solutions that `{found.start}` gives" if found.start else "",
+        origin=found.origin or "none",
         sentences="\n".join(f"- {words}" for words in sentences.values()),
         tables="\n".join(section(name, rows) for name, rows in tables.items() if rows),
     )
@@ -89,17 +90,11 @@ def write(path: Path | str, found: Precision) -> None:
         asdict(run) | {"lost": run.lost, "counts with": {q: counted(found, q, run) for q in names}}
         for run in found.runs
     ]
-    numbers = {
-        "t_end": found.t_end,
-        "start": found.start,
-        "timed runs of each": found.repetitions,
-        "relative errors of the references": found.references,
-        "why there is no reference": found.missing,
-        "sentences": sentences,
-        **tables,
-        "Errors with a fine time step": [asdict(m) | e for m, e in found.mesh_errors.items()],
-        "Runs": runs,
-    }
+    errors = [asdict(mesh) | own for mesh, own in found.mesh_errors.items()]
+    numbers = {"t_end": found.t_end, "start": found.start, "timed runs of each": found.repetitions}
+    numbers |= {"relative errors of the references": found.references, "reference": found.origin}
+    numbers |= {"why there is no reference": found.missing, "sentences": sentences, **tables}
+    numbers |= {"Errors with a fine time step": errors, "Runs": runs}
     write_report(path, page, numbers, runs)
 
 
@@ -119,11 +114,6 @@ def _tables(found: Precision) -> dict[str, list[dict[str, Any]]]:
             for name in names
             for level in LEVELS
             for run in found.cheapest(name, level).values()
-        ],
-        "References": [
-            {"quantity": name, "reference": "exact" if error is None else found.origin}
-            | {"estimated error": error}
-            for name, error in found.references.items()
         ],
         "Runs": [_row(found, run) for run in found.runs],
         f"Run times divided by those of {schemes[0]}, same step and mesh, median": [

@@ -243,9 +243,6 @@ class _Motion:
         return run, histories
 
 
-# -- Errors --------------------------------------------------------------------------------------
-
-
 def _errors(found: Precision, motion: _Motion, runs, fine, exact, executor, bar) -> None:
     """All runs, the cheapest first, then the fine solutions; and the errors of the runs."""
     number, every = len(runs), [*runs, *fine]
@@ -268,6 +265,8 @@ def _errors(found: Precision, motion: _Motion, runs, fine, exact, executor, bar)
                 if executor is not None:
                     run.first_seconds = np.nan
                 bar.update()
+                if not completed and done.keys() >= set(range(number)):
+                    break  # all runs broke off: no reference is needed
     finally:
         found.runs.extend(done[k][0] for k in range(number) if k in done)
         measured = [done[k] for k in range(number) if k in done and not done[k][0].failure]
@@ -321,9 +320,6 @@ def _error(measured: Measured, name: str, reference: Reference | None) -> float:
     except SceneError as wrong:
         run.notes[name] = str(wrong)
     return np.nan
-
-
-# -- Run times -----------------------------------------------------------------------------------
 
 
 def _load(runs: list[Run], motion: _Motion) -> None:
