@@ -122,7 +122,7 @@ def _tables(cells: list[Cell]) -> list[str]:
     lost = "Number of cases in which energy was gained, or a run blew up or failed"
     drifts = [
         {"case": cell.case.label, "scheme": cell.scheme, "exponent": drift.exponent}
-        | {"law": drift.law, "turns": cell.turns}
+        | {"law": drift.law if cell.verdict.kind == "kept" else None, "turns": cell.turns}
         | {f"error after {short(n)} steps": error for n, error in drift.steps.items()}
         for cell in cells
         if (drift := cell.drift)
