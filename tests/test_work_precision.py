@@ -14,7 +14,7 @@ from pytest import approx
 import fx_beam as fb
 from fx_beam import work_precision
 from fx_beam.studies.work_precision import Mesh, Precision, Run, accuracy, runner, sentence, study
-from fx_beam.studies.work_precision.accuracy import History, Reference
+from fx_beam.studies.work_precision.accuracy import History
 from fx_beam.studies.work_precision.picture import draw
 from fx_beam.studies.work_precision.precision import counted
 from fx_beam.studies.work_precision.report import mesh_order, step_order
@@ -81,7 +81,7 @@ def test_a_computed_reference_is_itself_where_it_has_the_time():
 
 def test_a_force_is_compared_only_at_times_at_which_the_reference_has_it():
     # A mid-point scheme has its last force half a step before the end.
-    reference = Reference(History(T[:-1] + 0.025, T[:-1, None] + 0.025).at, size=2.0)
+    reference = History(T[:-1] + 0.025, T[:-1, None] + 0.025, size=2.0)
     found = History(T, T[:, None] + np.where(T == 1, 0.5, 0)[:, None])
     assert accuracy.error("q", found, reference) == approx(0.25)
     with pytest.raises(fb.SceneError, match="no time between"):

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -26,26 +26,22 @@ STEADY = 0.5
 
 @dataclass(frozen=True)
 class History:
-    """Values (n, k) of a quantity at times (n,) [s]; a single number has one row."""
+    """Values (n, k) of a quantity at times (n,) [s]; a single number has one row.
+
+    A reference has a `size` that divides errors, and its own `error`, None if it is exact.
+    """
 
     t: np.ndarray
     values: np.ndarray
+    size: float = 1.0
+    error: float | None = None
+    function: Callable[[np.ndarray], np.ndarray] | None = None
 
     def at(self, t: np.ndarray) -> np.ndarray:
-        """Values (m, k) at other times (m,), linear in between; NaN before and after."""
+        """Values (m, k) at other times (m,): exact, or linear in between and NaN outside."""
+        if self.function:
+            return self.function(t)
         return np.column_stack([np.interp(t, self.t, v, np.nan, np.nan) for v in self.values.T])
-
-
-@dataclass(frozen=True)
-class Reference:
-    """``at(t)`` gives values (n, k), NaN where there are none; `size` divides errors.
-
-    `error` is its own estimated error, None if it is exact.
-    """
-
-    at: Callable[[np.ndarray], np.ndarray]
-    size: float
-    error: float | None = None
 
 
 def called(what: str, function: Callable, *arguments) -> Any:
@@ -69,28 +65,29 @@ def measure(name: str, quantity: Quantity, solution: Solution) -> History:
     return History(np.asarray(t), _rows(what, found, np.size(t)))
 
 
-def exact(name: str, value: Exact, t_end: float) -> Reference:
+def exact(name: str, value: Exact, t_end: float) -> History:
     """Exact reference: a number, or a function of times (n,) up to `t_end`."""
     what, times = f"exact value of {name!r}", np.linspace(0, t_end, 1001)
 
     def at(t):
         return _rows(what, called(what, value, t) if callable(value) else [value] * len(t), len(t))
 
-    return Reference(at, _complete(what, History(times, at(times))))
+    found = History(times, at(times), function=at)
+    return replace(found, size=_complete(what, found))
 
 
-def computed(name: str, fine: History, coarse: History) -> Reference:
+def computed(name: str, fine: History, coarse: History) -> History:
     """Reference from a fine solution; a second one with twice the step and element gives its error.
 
     The difference of the two is three times the error for second order (Roache 1994,
     doi 10.1115/1.2910291) and equal to it for first order. The whole difference is used.
     """
     _complete(f"the reference of {name!r}", coarse)
-    size = _complete(f"the reference of {name!r}", fine)
-    return Reference(fine.at, size, error(name, coarse, Reference(fine.at, size)))
+    found = replace(fine, size=_complete(f"the reference of {name!r}", fine))
+    return replace(found, error=error(name, coarse, found))
 
 
-def error(name: str, found: History, reference: Reference) -> float:
+def error(name: str, found: History, reference: History) -> float:
     """Largest distance from the reference at its times, over its largest magnitude.
 
     Absolute if the reference is 0, NaN if a value is not finite.

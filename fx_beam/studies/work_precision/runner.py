@@ -24,7 +24,7 @@ from fx_beam.studies import candidates
 from fx_beam.validation import is_number, is_whole, require
 
 from . import accuracy
-from .accuracy import Exact, History, Quantity, Reference
+from .accuracy import Exact, History, Quantity
 from .precision import MAX_HALVINGS, Mesh, Precision, Run
 from .report import prepare, write
 
@@ -275,7 +275,7 @@ def _errors(found: Precision, motion: _Motion, runs, fine, exact, executor, bar)
         _compare(found, measured, solved, exact)
 
 
-def _compare(found: Precision, measured, fine, exact: dict[str, Reference]) -> None:
+def _compare(found: Precision, measured, fine, exact: dict[str, History]) -> None:
     """Errors relative to the references, and relative to a fine step on the same mesh.
 
     `fine` has the solutions of `_fine`, or nothing where the first two are missing.
@@ -295,7 +295,7 @@ def _compare(found: Precision, measured, fine, exact: dict[str, Reference]) -> N
         mesh, errors = best[0].mesh, found.mesh_errors.setdefault(best[0].mesh, {})
         for name in (name for name in references if name not in exact):
             try:
-                on_mesh = Reference(_history(best, name).at, references[name].size)
+                on_mesh = replace(_history(best, name), size=references[name].size)
             except SceneError as wrong:
                 found.missing[str(mesh)] = str(wrong)
                 continue
@@ -311,7 +311,7 @@ def _history(measured: Measured, name: str) -> History:
     return histories[name]
 
 
-def _error(measured: Measured, name: str, reference: Reference | None) -> float:
+def _error(measured: Measured, name: str, reference: History | None) -> float:
     """Error of a quantity of a run; NaN if there is none, with a note if one was expected."""
     run, histories = measured
     try:
