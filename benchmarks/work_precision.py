@@ -291,21 +291,18 @@ EXAMPLES += [pinned_beam, pinned_beam_to_2_s]
 def cheapest(found):
     """Rows of the cheapest run of each example for each error of its path, its first quantity."""
     rows = []
-    for name, study in found.items():
+    for (name, study), level in itertools.product(found.items(), LEVELS):
         quantity = next(iter(study.references))
-        for level in LEVELS:
-            row = {"example": title(name, study, quantity), "error": short(level)}
-            runs = list(study.cheapest(quantity, level).values())
-            if not runs:
-                known = floor(study, quantity) <= level
-                why = "no run" if known else f"not known below {short(floor(study, quantity))}"
-                rows.append(row | {"why none": why})
-                continue
+        row = {"example": title(name, study, quantity), "error": short(level)}
+        if runs := list(study.cheapest(quantity, level).values()):
             alike = [run.scheme for run in runs[1:] if run.seconds < ALIKE * runs[0].seconds]
-            if len(alike) > 2:
-                alike = [f"{len(alike)} others"]
+            others = "; ".join(alike) if len(alike) < 3 else f"{len(alike)} others"
             row |= {"scheme": runs[0].scheme, "dt": runs[0].dt, **vars(runs[0].mesh)}
-            rows.append(row | {"seconds": runs[0].seconds, "about the same": "; ".join(alike)})
+            row |= {"seconds": runs[0].seconds, "about the same": others}
+        else:
+            known = floor(study, quantity)
+            row["why none"] = "no run" if known <= level else f"not known below {short(known)}"
+        rows.append(row)
     return rows
 
 
@@ -314,10 +311,9 @@ def in_words(row):
     if "scheme" not in row:
         return row["why none"]
     alike = f" or {row['about the same']}" if row["about the same"] else ""
-    step, time = 1e3 * row["dt"], 1e3 * row["seconds"]
     return (
-        f"**{row['scheme']}**{alike}<br>dt = {step:.3g} ms, {row['elements']} of degree "
-        f"{row['degree']}<br>in {time:.3g} ms"
+        f"**{row['scheme']}**{alike}<br>dt = {1e3 * row['dt']:.3g} ms, {row['elements']} of degree "
+        f"{row['degree']}<br>in {1e3 * row['seconds']:.3g} ms"
     )
 
 
