@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import scipy.sparse
 
+from fx_beam.kept import kept
 from fx_beam.mechanics.rates import Rates
 
 from .graph import Couplings
@@ -85,7 +86,8 @@ class JointReduction(WithoutLoops):
                 second += [(a, b, m, kind, s * o) for a, _, s in hats for b, _, o in values]
         third = self._actuators.pairs(self._index)
 
-        source, left, right = self._products(matrix)
+        moves = self._index[self._col] >= 0
+        source, left, right = _products(self._row, moves, matrix.indptr, matrix.indices)
         others = np.array([p[:2] for p in (*second, *third)], dtype=int).reshape(-1, 2)
         pairs = np.vstack([np.column_stack([self._col[left], self._col[right]]), others])
         place = self._set_pattern(*self._index[pairs.T])
@@ -110,19 +112,6 @@ class JointReduction(WithoutLoops):
         self.pattern, _ = sparsity(i, j, free)
         self._tangent = np.zeros(len(sliders.keys) + 1)
         return sliders.places(rows, columns)
-
-    def _products(self, matrix) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Entries of K, and the entries of That and T by which each is multiplied."""
-        moves = np.flatnonzero(self._index[self._col] >= 0)
-        count = np.bincount(self._row[moves], minlength=self._size)
-        first = np.cumsum(count) - count
-        i, j = np.repeat(np.arange(self._size), np.diff(matrix.indptr)), matrix.indices
-        products = count[i] * count[j]
-        source = np.repeat(np.arange(len(j)), products)
-        number = np.arange(len(source)) - np.repeat(np.cumsum(products) - products, products)
-        i, j = i[source], j[source]
-        left, right = first[i] + number // count[j], first[j] + number % count[j]
-        return source, moves[left], moves[right]
 
     def places(self) -> np.ndarray:
         """Places of the entries that `fill` finds in the pattern."""
@@ -306,6 +295,26 @@ class JointReduction(WithoutLoops):
         on_nodes = carriers >= 0
         np.add.at(total, carriers[on_nodes], moments[on_nodes])
         return total
+
+
+@kept
+def _products(
+    row: np.ndarray, moves: np.ndarray, indptr: np.ndarray, indices: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Entries of K, in compressed rows, and the entries of That and T by which each is multiplied.
+
+    From the rows of That's entries, and whether they move.
+    """
+    moving, size = np.flatnonzero(moves), len(indptr) - 1
+    count = np.bincount(row[moving], minlength=size)
+    first = np.cumsum(count) - count
+    i, j = np.repeat(np.arange(size), np.diff(indptr)), indices
+    products = count[i] * count[j]
+    source = np.repeat(np.arange(len(j)), products)
+    number = np.arange(len(source)) - np.repeat(np.cumsum(products) - products, products)
+    i, j = i[source], j[source]
+    left, right = first[i] + number // count[j], first[j] + number % count[j]
+    return source, moving[left], moving[right]
 
 
 def _turn(psi: np.ndarray, a: np.ndarray) -> np.ndarray:
