@@ -42,7 +42,7 @@ def _in_slices(K, M, n: int, sizes: np.ndarray) -> tuple[np.ndarray, np.ndarray,
     # A slice is complete when it has as many eigenvalues as Sylvester's law counts. A Krylov space
     # may lack copies of multiple eigenvalues; they are found after deflation of the others.
     pencil = (K + 1j * M).tocsc()  # both in one sparsity
-    below = functools.cache(functools.partial(_below, pencil))
+    below = functools.cache(functools.partial(_below, pencil.real, pencil.data))
     levels = _levels(below, sizes)
 
     def reach(k):
@@ -93,15 +93,16 @@ def _quotients(K, M, vectors: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return values, 2 * np.finfo(float).eps * sizes
 
 
-def _below(pencil: scipy.sparse.csc_matrix, x: float) -> int:
+def _below(shifted: scipy.sparse.csc_matrix, pencil: np.ndarray, x: float) -> int:
     """Number of eigenvalues below x: negative pivots of K - x M, by Sylvester's law of inertia.
 
-    The pencil is K + i M. -1 if a pivot is zero: x is an eigenvalue.
+    The pencil has the entries of K + i M, in the sparsity of the shifted matrix, which is set here.
+    -1 if a pivot is zero: x is an eigenvalue.
     """
-    values = pencil.data.real - x * pencil.data.imag
+    shifted.data = pencil.real - x * pencil.imag
     try:
         factors = splu(
-            scipy.sparse.csc_matrix((values, pencil.indices, pencil.indptr), pencil.shape),
+            shifted,
             permc_spec="MMD_AT_PLUS_A",
             diag_pivot_thresh=0.0,
             options={"SymmetricMode": True},
