@@ -77,7 +77,7 @@ def test_an_energy_whose_data_change_is_asked_again():
 
 
 def test_two_models_of_a_kind_do_not_share_their_fields():
-    (first, beam), (other, _) = arm(), arm(EA=2e4, force=3.0)
+    (first, beam), (other, _) = arm(), arm(EA=2e4, length=2.0, force=3.0)
     solution = fb.simulate(first, dt=0.01, t_end=0.05)
     fb.simulate(other, dt=0.01, t_end=0.05)
     late = solution.resultants(beam).N  # evaluated after the other motion
