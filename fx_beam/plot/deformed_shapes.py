@@ -160,7 +160,7 @@ def animate(
         canvas.restore_region(still)
         for artist in sorted([*moving, *drawn], key=lambda artist: artist.get_zorder()):
             ax.draw_artist(artist)
-        frames.append(np.array(canvas.buffer_rgba())[..., :3])
+        frames.append(np.array(canvas.buffer_rgba()))
         for artist in drawn:
             artist.remove()
     write_frames(frames, path, fps)

@@ -23,7 +23,7 @@ def check_frames(path: Path | str) -> Path:
 
 
 def write_frames(frames: list[np.ndarray], path: Path, fps: int) -> None:
-    """Write frames (height, width, 3) of an animation, `fps` per second."""
+    """Write frames (height, width, 4) of an animation, `fps` per second."""
     if path.suffix.lower() == ".mp4":
         return _write_mp4(frames, path, fps)
     first, *others = _in_one_palette(frames)
@@ -37,7 +37,7 @@ def _write_mp4(frames: list[np.ndarray], path: Path, fps: int) -> None:
     height, width = (size // 2 * 2 for size in frames[0].shape[:2])
     even = [np.ascontiguousarray(frame[:height, :width]) for frame in frames]
     film = imageio_ffmpeg.write_frames(
-        str(path), (width, height), fps=fps, quality=8, macro_block_size=2
+        str(path), (width, height), "rgba", fps=fps, quality=8, macro_block_size=2
     )
     film.send(None)
     for frame in even:
@@ -51,10 +51,15 @@ def _in_one_palette(frames: list[np.ndarray]) -> list[Image.Image]:
     The palette is chosen from samples of all frames, in which rare colours have the same weight.
     """
     some = np.concatenate([frame[k % 3 :: 3, ::3] for k, frame in enumerate(frames)])
-    palette = Image.fromarray(some).quantize(256, method=Image.Quantize.MAXCOVERAGE)
+    palette = _image(some).quantize(256, method=Image.Quantize.MAXCOVERAGE)
     # Keep the background white: colours are matched approximately.
     colours = np.array(palette.getpalette()).reshape(-1, 3)
     colours[colours.min(axis=1) >= 245] = 255
     palette.putpalette(colours.ravel().tolist())
     plain = Image.Dither.NONE
-    return [Image.fromarray(frame).quantize(palette=palette, dither=plain) for frame in frames]
+    return [_image(frame).quantize(palette=palette, dither=plain) for frame in frames]
+
+
+def _image(frame: np.ndarray) -> Image.Image:
+    # Pillow drops the fourth number much faster than numpy.
+    return Image.fromarray(frame).convert("RGB")
