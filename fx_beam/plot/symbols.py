@@ -205,7 +205,8 @@ def draw_parts(ax, drawing: Drawing, k: int, colour: Any = "black", small: bool 
     drawn += _draw_friction(ax, drawing, k, colour)
     heavy = sorted({node for node, mass, _ in scene.masses if mass})
     look = {"color": colour if small else "#D55E00", "markersize": 7 if small else 9, "zorder": 3}
-    drawn += ax.plot(*drawing.places(heavy, k).T, "o", **look)
+    if heavy:
+        drawn += ax.plot(*drawing.places(heavy, k).T, "o", **look)
     look = _JOINT | {"markeredgecolor": colour, "markersize": 3.5 if small else 5, "zorder": 5}
     for kind, marker in _JOINT_MARKERS.items():
         nodes = [
@@ -214,7 +215,8 @@ def draw_parts(ax, drawing: Drawing, k: int, colour: Any = "black", small: bool 
             # A hinge on the ground is drawn as a support.
             if joint.kind == kind and not (_is_grounded(joint) and joint.direction is None)
         ]
-        drawn += ax.plot(*drawing.places(nodes, k).T, marker, **look)
+        if nodes:
+            drawn += ax.plot(*drawing.places(nodes, k).T, marker, **look)
     return drawn
 
 
