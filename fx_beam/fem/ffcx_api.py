@@ -8,9 +8,11 @@ from __future__ import annotations
 import ctypes
 import functools
 import inspect
+import os
 from collections.abc import Callable
 from importlib import import_module
-from importlib.util import find_spec
+from importlib.machinery import EXTENSION_SUFFIXES
+from importlib.util import find_spec, module_from_spec, spec_from_file_location
 from pathlib import Path
 from typing import Any
 
@@ -32,20 +34,36 @@ _begun: set[Path] = set()
 
 
 def _loaded_once(find: Callable) -> Callable:
-    """FFCx's search for a compiled module, which reads the whole cache folder, once for each."""
+    """FFCx's search for a compiled module, once for each, without reading the whole cache folder.
+
+    `find` waits for a module that another process compiles, and begins one that is missing.
+    """
     found: dict[tuple[str, str], Any] = {}  # nothing that Python would unload
 
     @functools.wraps(find)
     def wrapper(module_name, object_names, cache_dir, timeout):
-        key = module_name, str(cache_dir)
-        objects, module = found.get(key) or find(module_name, object_names, cache_dir, timeout)
+        key, path = (module_name, str(cache_dir)), Path(cache_dir, module_name)
+        objects, module = found.get(key) or _ready(path, object_names)
+        if module is None:
+            objects, module = find(module_name, object_names, cache_dir, timeout)
         if module is not None:
             found[key] = objects, module
         else:  # it is to be compiled
-            _begun.add(Path(cache_dir, module_name).with_suffix(".c"))
+            _begun.add(path.with_suffix(".c"))
         return objects, module
 
     return wrapper
+
+
+def _ready(path: Path, names: list[str]) -> tuple[list | None, Any]:
+    """Objects and module of a complete entry of the cache; None without it."""
+    library = next(filter(os.path.exists, (f"{path}{end}" for end in EXTENSION_SUFFIXES)), None)
+    if library is None or not path.with_suffix(".c.cached").exists():
+        return None, None
+    spec = spec_from_file_location(path.name, library)
+    module = module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return [getattr(module.lib, name) for name in names], module
 
 
 def discard_unfinished() -> None:

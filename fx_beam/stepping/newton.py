@@ -184,7 +184,7 @@ class Newton:
                 predicted = -correction
             step[:free] *= self.shortening(correction)
             y = y - step[:free]
-            size = (abs(correction) / model.unit).max()
+            size = float((abs(correction) / model.unit).max())
             self.check_finite(size, residuals)
             small, stalled = size <= options.tolerance, size > 0.5 * sizes.last
             gained = float(residual @ step[:free])
@@ -262,10 +262,10 @@ class _Sequence:
 
     def next_after(self, value: float) -> float:
         """Add a value; returns a bound of the one after it."""
-        with np.errstate(divide="ignore", invalid="ignore"):
-            self._slowest = np.fmax(self._slowest, np.float64(value) / self.last**2)
-            self.last = value
-            return float(self._slowest * value**2)
+        square = self.last * self.last
+        ratio = value / square if square else np.inf * value
+        self._slowest, self.last = max(self._slowest, ratio), value
+        return self._slowest * (value * value)
 
 
 class Predictor:
