@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 import fx_beam as fb
-from fx_beam.fem import dolfinx_api, intervals
+from fx_beam.fem import dolfinx_api, ffcx_api, intervals, weak_form
+from fx_beam.fem.fields import Fields
 from fx_beam.kept import kept
 
 
@@ -122,3 +123,13 @@ def test_only_the_last_results_of_small_arrays_are_kept():
     for factor in range(100):
         doubled(np.arange(3.0), 10 + factor)
     assert doubled(np.arange(3.0), 2) is not first
+
+
+def test_a_form_does_not_depend_on_the_forms_that_a_process_has_built_before():
+    fields = Fields(2, curved=False)  # as in a new process
+    tapered = [
+        weak_form.WeakForm(fields, fb.EnergyMomentum(), [(None, None)], (2, (3,)), None)
+        for _ in range(2)
+    ]
+    first, second = (ffcx_api.signature(form.tangent) for form in tapered)
+    assert first == second

@@ -9,6 +9,7 @@ import ctypes
 import functools
 import inspect
 import os
+import time
 from collections.abc import Callable
 from importlib import import_module
 from importlib.machinery import EXTENSION_SUFFIXES
@@ -43,7 +44,11 @@ def _loaded_once(find: Callable) -> Callable:
     @functools.wraps(find)
     def wrapper(module_name, object_names, cache_dir, timeout):
         key, path = (module_name, str(cache_dir)), Path(cache_dir, module_name)
+        until = time.monotonic() + timeout
         objects, module = found.get(key) or _ready(path, object_names)
+        while module is None and path.with_suffix(".c").exists() and time.monotonic() < until:
+            time.sleep(0.01)  # `find` itself would look again after a second
+            objects, module = _ready(path, object_names)
         if module is None:
             objects, module = find(module_name, object_names, cache_dir, timeout)
         if module is not None:

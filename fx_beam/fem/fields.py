@@ -38,15 +38,17 @@ class Fields:
         #: Coordinate on each cell, from 0 to the degree, of `with_nodal_rotations`.
         self.coordinate: Any = None
         self._set_unknowns(space)
+        #: The same fields, but with the rotations of the unknowns at the nodes of the element. They
+        #: are older than all data: UFL orders fields by age, and finds a compiled form only if
+        #: their order does not depend on the forms before it.
+        self.with_nodal_rotations = self._nodal()
 
     def _set_unknowns(self, space) -> None:
         #: Increments of displacements and rotations.
         self.increment = dolfinx_api.Coefficient(space)
         self.test, self.trial = ufl.TestFunction(space), ufl.TrialFunction(space)
 
-    @functools.cached_property
-    def with_nodal_rotations(self) -> Fields:
-        """The same fields, but with the rotations of the unknowns at the nodes of the element."""
+    def _nodal(self) -> Fields:
         other = copy.copy(self)
         other.coordinate = dolfinx_api.ufl_coordinate(self._domain)
         other._set_unknowns(dolfinx_api.ufl_space(self._domain, self.degree, nodal=True))
