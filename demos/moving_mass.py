@@ -85,7 +85,7 @@ def series(speed, steps=STEPS, mass=MASS):
     modal = PER_LENGTH * LENGTH / 2
 
     def rates(t, state):
-        q, rate = np.split(state, 2)
+        q, rate = state.reshape(2, -1)
         sine, cosine = np.sin(wave * speed * t), np.cos(wave * speed * t)
         carried = 2 * speed * wave * cosine @ rate - (speed * wave) ** 2 * sine @ q
         free = -(frequency**2) * q

@@ -1,6 +1,7 @@
 """Imports point one way, versions and drawing stay at the edge, files stay short."""
 
 import ast
+import functools
 import importlib
 import inspect
 import subprocess
@@ -218,6 +219,7 @@ FACES = {"", *(room for room, files in HOUSE.items() if room and "" not in files
 every_module = pytest.mark.parametrize("module", SOURCES)
 
 
+@functools.cache
 def imports(module):
     """Dotted names of all modules that a module imports, inside functions as well."""
     path, names = SOURCES[module], set()

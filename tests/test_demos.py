@@ -66,7 +66,7 @@ def test_script_hands_its_argument_to_main(name):
 
 def test_a_demo_runs_as_a_script(tmp_path):
     # The quickest; the others differ in what main does, which the tests above have run.
-    command = [sys.executable, DEMOS["own_physics"], tmp_path]
+    command = [sys.executable, DEMOS["relaxation"], tmp_path]
     script = subprocess.run(command, capture_output=True, text=True, timeout=300)
     assert script.returncode == 0, script.stderr
     assert (tmp_path / "summary.json").exists()
