@@ -62,6 +62,11 @@ class ArcLength:
         self._weight = 1 / (self.model.unit**2 * len(self.model.turns))
         #: Rows and columns of the entries of the tangent and of the bordering column and row.
         self._places = self._bordered()
+        rows, columns = (part.astype(np.int32) for part in self._places)
+        #: The order of these entries by columns; then their rows, and where each column starts.
+        self._order = order = np.lexsort((rows, columns))
+        ends = np.arange(self._reduction.free + 2, dtype=np.int32)
+        self._by_columns = rows[order], np.searchsorted(columns[order], ends).astype(np.int32)
 
     def follow(self, states: list[State], steps: int, max_cuts: int, max_steps: int) -> None:
         """Append the states on the path from the last one to load factor 1.
@@ -254,7 +259,8 @@ class ArcLength:
     ) -> tuple[np.ndarray, float]:
         """Solution of the tangent system bordered by the load column and the plane's row."""
         reduction, free = self._reduction, self._reduction.free
-        values = self._equations.tangent(r).data
+        values = np.empty(len(reduction.pattern[1]))
+        self._equations.fill_tangent(r, values)
         across = reduction.coupling().T @ (self._weight * normal.D)
         corner = normal.load + across[free : free + reduction.driven] @ self._drive.goal
         # Scaled by the units of the scene: the pivots do not depend on the user's units.
@@ -265,7 +271,8 @@ class ArcLength:
         entries = np.concatenate(
             [values / size, unit * column / size, across[:free] * unit, [corner]]
         )
-        bordered = scipy.sparse.csc_matrix((entries, self._places), (free + 1, free + 1))
+        entries = entries[self._order], *self._by_columns
+        bordered = scipy.sparse.csc_matrix(entries, (free + 1, free + 1))
         try:
             x = scipy.sparse.linalg.splu(bordered).solve(b)
         except RuntimeError:  # exactly singular
