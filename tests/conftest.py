@@ -1,14 +1,20 @@
 """Shared set-up: the tests' own helpers can be imported, and hypothesis knows no deadline."""
 
+import functools
 import gc
+import importlib.metadata
 import os
+import subprocess
 import sys
+import sysconfig
+import tempfile
 from pathlib import Path
 
 import pytest
 from hypothesis import settings
 
-from fx_beam.fem import intervals
+from fx_beam.compiled import build
+from fx_beam.fem import ffcx_api, intervals
 
 sys.path.insert(0, str(Path(__file__).parent))
 
@@ -24,8 +30,30 @@ settings.load_profile("fx_beam")
 # the time.
 gc.set_threshold(20_000, 20, 50)
 
+# setuptools, by which cffi starts the compiler, asks for them several times for each form.
+importlib.metadata.entry_points = functools.cache(importlib.metadata.entry_points)
+
+
+def _with_headers(flags):
+    """Flags for the C code of a form, with all that it includes compiled before, once."""
+    header = build.cache_directory() / "headers_of_forms.h"
+    compiled = header.with_name(f"{header.name}.gch")
+    if not compiled.exists():
+        header.parent.mkdir(parents=True, exist_ok=True)
+        names = "Python.h", "ufcx.h", "math.h", "stdalign.h", "stdlib.h", "string.h"
+        header.write_text("".join(f"#include <{name}>\n" for name in names))
+        folders = [f"-I{sysconfig.get_path('include')}", f"-I{ffcx_api.ufcx_folder()}"]
+        usual = [*sysconfig.get_config_var("CFLAGS").split(), "-fPIC", *flags, *folders]
+        with tempfile.TemporaryDirectory(dir=header.parent) as scratch:
+            out = Path(scratch, "headers")
+            subprocess.run([*build.compiler(), *usual, "-x", "c-header", header, "-o", out])
+            if out.exists():  # without it the compiler reads the header itself
+                out.replace(compiled)
+    return [*flags, "-include", str(header)]
+
+
 # A form compiled without optimisation takes a fifth less time. The compiled loop stays optimised.
-intervals.JIT["cffi_extra_compile_args"] = ["-O0", "-g0"]
+intervals.JIT["cffi_extra_compile_args"] = _with_headers(["-O0", "-g0", "-w"])
 
 _DEMOS = {path.stem for path in (Path(__file__).parents[1] / "demos").glob("*.py")}
 # Groups that take longest, which start first: otherwise one process would end with them alone.

@@ -74,13 +74,10 @@ def load_batches(
     # -fwhole-program drops the unused part of FFCx's code.
     flags = ["-fwhole-program", f"-I{ffcx_api.ufcx_folder()}"]
     path = _build(f"{name!r} for several elements", key + sizes, text, flags)
-    library = _open(path)
+    library = ctypes.CDLL(str(path))
     found = [library[f"batch_{i}"] for i in range(functions)]
     _loaded[asked] = [ctypes.cast(function, ctypes.c_void_p).value or 0 for function in found]
     return _loaded[asked]
-
-
-_open = functools.cache(ctypes.CDLL)  # which would ask the linker again for each scene
 
 
 def _build(what: str, key: str, source: Callable[[], str], more: Sequence[str] = ()) -> Path:
@@ -174,9 +171,8 @@ def _check_target(target: str, flags: list[str]) -> None:
 
 @functools.cache
 def _headers() -> str:
-    """Identifier of the headers that each library includes."""
-    text = "\n".join(path.read_text() for path in sorted(_SOURCES.glob("*.h")))
-    return hashlib.sha256(text.encode()).hexdigest()
+    """Text of the headers that each library includes."""
+    return "\n".join(path.read_text() for path in sorted(_SOURCES.glob("*.h")))
 
 
 @functools.cache

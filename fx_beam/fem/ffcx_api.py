@@ -66,6 +66,7 @@ def _ready(path: Path, names: list[str]) -> tuple[list | None, Any]:
     if library is None or not path.with_suffix(".c.cached").exists():
         return None, None
     spec = spec_from_file_location(path.name, library)
+    assert spec is not None and spec.loader is not None
     module = module_from_spec(spec)
     spec.loader.exec_module(module)
     return [getattr(module.lib, name) for name in names], module
