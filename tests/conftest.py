@@ -60,9 +60,14 @@ _DEMOS = {path.stem for path in (Path(__file__).parents[1] / "demos").glob("*.py
 _SLOWEST = (
     "test_stability_report",
     "test_loop",
-    "test_demo_damping_scan",
+    "test_sweep",
+    "test_docs",
     "test_start",
+    "test_internal_variables",
+    "test_own_physics",
+    "test_modes",
     "test_reports",
+    "test_demo_parallelogram",
     "test_demo_lee_frame",
     "test_demo_multibody",
 )
