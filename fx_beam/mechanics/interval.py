@@ -25,6 +25,8 @@ class Interval(NamedTuple):
 
 def divided(t0: np.ndarray, t1: np.ndarray, fractions: Sequence[float]):
     """Starts and ends (n * m,) of the m sub-steps of each step from t0 to t1 (n,)."""
+    if len(fractions) == 1:
+        return t0, t1
     inner = t0[:, None] + (t1 - t0)[:, None] * np.cumsum(fractions)[:-1]
     places = np.column_stack([t0, inner, t1])
     return places[:, :-1].ravel(), places[:, 1:].ravel()

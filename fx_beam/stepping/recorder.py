@@ -327,7 +327,7 @@ class Recorder:
                 (arrays[f"before_{name}"][k] if kept else arrays[name][k - 1]).reshape(count, -1)
                 for name in ("qva" if forms.resultants_need_rates else "q")
             )
-            D = np.diff(q, axis=0, append=arrays["q"][k : k + 1])
+            D = np.concatenate([q[1:], arrays["q"][k : k + 1]]) - q
             internal = None
             if "internal" in arrays:
                 found = arrays["before_internal"][k] if kept else arrays["internal"][k - 1]
