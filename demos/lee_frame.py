@@ -26,6 +26,7 @@ consistent set will do.
 
 import json
 import logging
+import math
 import sys
 from pathlib import Path
 
@@ -78,12 +79,13 @@ def shoot(psi, reaction_x, reaction_y, load):
 
 
 def _along(start, n, direction, length):
+    nx, ny = n
+
     def slope(_, y):
-        angle = direction + y[2]
-        t = np.array([np.cos(angle), np.sin(angle)])
-        normal = np.array([-t[1], t[0]])
-        dphi = (1 + n @ t / SECTION.EA) * t + (n @ normal / SECTION.GA) * normal
-        return *dphi, y[3] / SECTION.EI, dphi[1] * n[0] - dphi[0] * n[1]
+        c, s = math.cos(direction + y[2]), math.sin(direction + y[2])
+        along, across = 1 + (nx * c + ny * s) / SECTION.EA, (ny * c - nx * s) / SECTION.GA
+        dx, dy = along * c - across * s, along * s + across * c
+        return dx, dy, y[3] / SECTION.EI, dy * nx - dx * ny
 
     options = {"method": "DOP853", "rtol": 1e-9, "atol": 1e-9}
     return scipy.integrate.solve_ivp(slope, (0, length), start, **options).y[:, -1]
