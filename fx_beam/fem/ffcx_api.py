@@ -50,7 +50,8 @@ def _loaded_once(find: Callable) -> Callable:
             time.sleep(0.01)  # `find` itself would look again after a second
             objects, module = _ready(path, object_names)
         if module is None:
-            objects, module = find(module_name, object_names, cache_dir, timeout)
+            left = max(1, round(until - time.monotonic()))
+            objects, module = find(module_name, object_names, cache_dir, left)
         if module is not None:
             found[key] = objects, module
         else:  # it is to be compiled

@@ -167,7 +167,7 @@ class MidPointRates(Rates):
 
     def work_increment(self, D, turns):
         """Displacement increment and Dtheta = 2 tan(Dpsi/2) (eqs 32 and 33)."""
-        work, slope = D.copy(), np.ones_like(D)
+        work, slope = D.copy(), np.ones(len(D))
         tangent = np.tan(D[turns] / 2)
         work[turns] = 2 * tangent
         slope[turns] = 1 + tangent**2
@@ -244,7 +244,7 @@ class NewmarkRates(Rates):
 
     def work_increment(self, D, turns):
         """The increment itself."""
-        return D, np.ones_like(D)
+        return D, np.ones(len(D))
 
     def slope_derivative(self, Dpsi):
         """Zero: the work increment is linear."""
@@ -298,7 +298,7 @@ class AtRest(Rates):
 
     def work_increment(self, D, turns):
         """The increment itself."""
-        return D, np.ones_like(D)
+        return D, np.ones(len(D))
 
     def slope_derivative(self, Dpsi):
         """Zero: the work increment is linear."""
