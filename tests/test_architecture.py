@@ -108,6 +108,7 @@ HOUSE = {
     ],
     "model": ["model", "joint_forces", "equations"],
     "stepping": [
+        "interrupts",
         "forcing",
         "held_inputs",
         "initial_state",
@@ -141,6 +142,7 @@ HOUSE = {
     ],
     "analyses": [
         "evaluation",
+        "open_record",
         "progress",
         "mpi_ranks",
         "controlled_steps",

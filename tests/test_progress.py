@@ -6,10 +6,15 @@ import signal
 import numpy as np
 import pytest
 from scenes import FLYING
+from test_start import whirling
 
 import fx_beam as fb
+from fx_beam.compiled.loop import CompiledLoop
+from fx_beam.compiled.stride import CompiledStride
 from fx_beam.stepping.arc_length import ArcLength
 from fx_beam.stepping.load_steps import LoadStepper
+from fx_beam.stepping.recorder import Recorder
+from fx_beam.stepping.stride import Stride
 
 
 def arm(stop_at, how, follower=False):
@@ -64,11 +69,141 @@ def test_an_interrupted_motion_hands_over_its_steps(solver, how, follower):
     assert kept.resultants(beam).M.shape == (rows, 3)
 
 
+# -- Going on ----------------------------------------------------------------------------------
+
+# Without rounding, so that two runs may be equal to the last digit.
+DT = 1 / 16
+
+
+@pytest.mark.parametrize("follower", [False, True], ids=["dead", "follower"])
+@pytest.mark.parametrize("solver", ["compiled", "petsc"])
+def test_an_interrupted_motion_goes_on_as_if_it_had_not_ended(solver, follower, tmp_path):
+    options = {"dt": DT, "t_end": 1.0, "solver": solver}
+    with pytest.raises(KeyboardInterrupt) as stop:
+        fb.simulate(arm(0.4, signalled, follower)[0], **options)
+    stop.value.solution.save(tmp_path / "kept.npz")
+    kept = fb.load(tmp_path / "kept.npz")
+    scene, _ = arm(9.0, raised, follower)
+    whole, rest = fb.simulate(scene, **options), fb.simulate(scene, start=kept, **options)
+    assert kept.t[-1] == rest.t[0] == 0.375
+    for name in ("t", "q", "v", "a"):
+        both = np.concatenate([getattr(kept, name), getattr(rest, name)[1:]])
+        np.testing.assert_array_equal(both, getattr(whole, name))
+    assert kept.stats.newton_iterations + rest.stats.newton_iterations == (
+        whole.stats.newton_iterations
+    )
+    assert rest.energy.work[-1] == pytest.approx(whole.energy.work[-1], rel=1e-12)
+
+
+@pytest.mark.parametrize("tolerance", [None, 1e-3], ids=["grid", "tolerance"])
+@pytest.mark.parametrize(
+    ("solver", "taker", "method"),
+    [("compiled", CompiledLoop, "_run"), ("petsc", Recorder, "record")],
+)
+def test_steps_that_end_when_ctrl_c_comes_are_not_lost(
+    solver, taker, method, tolerance, monkeypatch
+):
+    scene, _ = arm(9.0, raised)
+    done = getattr(taker, method)
+
+    def interrupted(self, *arguments):
+        found = done(self, *arguments)
+        recorder = self if isinstance(self, Recorder) else arguments[3]
+        if recorder.rows > 4:
+            signalled()
+        return found
+
+    monkeypatch.setattr(taker, method, interrupted)
+    options = {"solver": solver, "tolerance": tolerance, "t_end": 1.0}
+    options |= {"dt": DT} if tolerance is None else {}
+    with pytest.raises(KeyboardInterrupt) as stop:
+        fb.simulate(scene, **options)
+    monkeypatch.undo()
+    kept = stop.value.solution
+    assert kept.end.t == kept.t[-1] and len(kept.t) == kept.stats.steps + 1 >= 5
+    if kept.t[-1] < 1.0:  # else C has taken all steps at once
+        rest = fb.simulate(scene, start=kept, **options)
+        assert (rest.q[0] == kept.q[-1]).all()
+        assert rest.energy.balance_error[-1] == pytest.approx(0, abs=1e-12)
+
+
+def test_an_interrupted_motion_keeps_its_full_turns():
+    # Turns are taken off every 1000 steps.
+    def spinning(stop_at):
+        scene = fb.Scene()
+        beam = scene.add_beam([(0, 0), (1, 0)], FLYING)
+        scene.set_velocity(beam, lambda x, y: (-100 * y, 100 * x), spin=100)
+
+        def force(t):
+            if t > stop_at:
+                signalled()
+            return 0.0, 0.0
+
+        scene.add_force(beam.start, force)
+        return scene
+
+    options = {"dt": 1 / 1024, "t_end": 1.5}
+    with pytest.raises(KeyboardInterrupt) as stop:
+        fb.simulate(spinning(1.2), **options)
+    rest = fb.simulate(spinning(9.0), start=stop.value.solution, **options)
+    whole = fb.simulate(spinning(9.0), **options)
+    np.testing.assert_allclose(rest.q[-1], whole.q[-1], rtol=1e-9)
+
+
+@pytest.mark.parametrize("solver", ["compiled", "petsc"])
+def test_an_interrupted_part_of_a_step_goes_on_after_it(solver):
+    def interrupted(stop_at):
+        scene = whirling(1)
+
+        def force(t):
+            if t > stop_at:
+                raise KeyboardInterrupt
+            return 0.0, 0.0
+
+        scene.add_force(scene.beams[0].end, force)
+        return scene
+
+    options = {"dt": 1 / 4, "solver": solver}
+    with pytest.raises(KeyboardInterrupt) as stop:
+        fb.simulate(interrupted(1.2), t_end=2.0, **options)
+    kept = stop.value.solution
+    assert kept.stats.halvings and kept.t[-1] == 1.0 < kept.end.t < 1.25
+    rest = fb.simulate(interrupted(9.0), t_end=2.0, start=kept, **options)
+    assert rest.t[0] == kept.end.t
+    assert rest.energy.total == pytest.approx(kept.energy.total[0], rel=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("solver", "taker"),
+    [("compiled", CompiledStride), ("petsc", Stride)],
+    ids=["compiled", "petsc"],
+)
+def test_ctrl_c_stops_a_motion_between_two_steps(solver, taker, monkeypatch):
+    take = taker.take
+
+    def interrupted(self, t1, *arguments):
+        take(self, t1, *arguments)
+        if t1 == 5 * DT:
+            signalled()
+
+    options = {"dt": DT, "solver": solver, "record": fb.Record()}
+    whole = fb.Motion(arm(9.0, raised)[0], **options)
+    whole.run(0.5)
+    motion = fb.Motion(arm(9.0, raised)[0], **options)
+    monkeypatch.setattr(taker, "take", interrupted)
+    with pytest.raises(KeyboardInterrupt):
+        motion.run(0.5)
+    assert motion.t == 5 * DT
+    motion.run(0.5)
+    np.testing.assert_array_equal(motion.solution().q, whole.solution().q)
+
+
 def test_an_interrupt_says_where_the_steps_are(tmp_path):
     with pytest.raises(KeyboardInterrupt) as stop:
         fb.simulate(arm(0.22, raised)[0], dt=0.05, t_end=0.5)
     (note,) = stop.value.__notes__
     assert "attribute `solution`" in note and "sys.last_value.solution" in note
+    assert "start=solution" in note
     stop.value.solution.save(tmp_path / "run.npz")
     assert fb.load(tmp_path / "run.npz").stats.failure.kind == "interrupted"
 

@@ -386,10 +386,24 @@ def test_a_state_that_a_joint_cannot_be_in_is_refused_and_the_joint_named():
         assert (motion.q[0] == state.q[-1]).all()
 
 
-def test_a_run_that_broke_off_is_no_start():
+@pytest.mark.parametrize("solver", ["compiled", "petsc"])
+def test_a_run_that_broke_off_goes_on_from_its_last_step(solver):
     scene, _ = pinned_beam(4)
-    scene.add_force(scene.beams[0].end, lambda t: (1 / (0.05 - t), 0.0) if t < 0.05 else 1 / 0)
+    scene.add_force(scene.beams[0].end, lambda t: (0.0, 0.0) if t < 0.07 else 1 / 0)
+    options = {"dt": 1 / 64, "t_end": 0.125, "solver": solver}
     with pytest.raises(fb.StepError) as caught:
-        fb.simulate(scene, dt=0.01, t_end=0.1)
-    with pytest.raises(fb.SceneError, match="ended early and has no last state"):
-        fb.simulate(scene, dt=0.01, t_end=0.1, start=caught.value.solution)
+        fb.simulate(scene, **options)
+    rest = fb.simulate(pinned_beam(4)[0], start=caught.value.solution, **options)
+    assert rest.t[0] == caught.value.solution.t[-1] == 1 / 16
+    whole = fb.simulate(pinned_beam(4)[0], **options)
+    np.testing.assert_array_equal(rest.q, whole.q[4:])
+
+
+def test_a_file_without_a_last_state_is_no_start(tmp_path):
+    scene, _ = pinned_beam(4)
+    fb.simulate(scene, dt=0.01, t_end=0.02).save(tmp_path / "new.npz")
+    with np.load(tmp_path / "new.npz") as file:
+        old = {name: file[name] for name in file if not name.startswith("end_")}
+    np.savez(tmp_path / "old.npz", **old)
+    with pytest.raises(fb.SceneError, match="has no last state"):
+        fb.simulate(scene, dt=0.01, t_end=0.1, start=fb.load(tmp_path / "old.npz"))

@@ -19,11 +19,12 @@ from fx_beam.results.solution import Solution
 from fx_beam.results.state import State
 from fx_beam.scene.inputs import values_at, with_functions
 from fx_beam.scene.scene import Scene
+from fx_beam.stepping.interrupts import ctrl_c_between_blocks, uninterrupted
 from fx_beam.stepping.local_error import order_and_constant
 from fx_beam.stepping.newton import NewtonOptions
 from fx_beam.stepping.recorder import Record, Recorder
 from fx_beam.stepping.stepper import Stepper
-from fx_beam.stepping.substeps import LARGE_TURN
+from fx_beam.stepping.substeps import LARGE_TURN, Halving
 from fx_beam.validation import is_number, require
 
 from .controlled_steps import Tolerance
@@ -124,7 +125,8 @@ def simulate(
     StepError
         If a step fails. Its attribute `solution` has all steps before it.
     KeyboardInterrupt
-        After Ctrl-C. Its attribute `solution` has the steps so far.
+        After Ctrl-C. Its attribute `solution` has the steps so far. As the `start` of another call
+        it goes on from there.
 
     Examples
     --------
@@ -162,21 +164,24 @@ def simulate(
 
     warn_of_equal_work()
     clock = time.perf_counter()
-    engine = Engine(scene, scheme, newton, max_halvings, solver)
-    model, stats, integrator, windings = (
-        engine.model,
-        engine.stats,
-        engine.integrator,
-        engine.windings,
-    )
-    recorder = Recorder(model, times, record or Record())
+    halving = Halving(max_halvings, dt if control is None else None)
+    engine = Engine(scene, scheme, newton, halving, solver)
+    stats, integrator, windings = engine.stats, engine.integrator, engine.windings
+    recorder = Recorder(engine.model, times, record or Record())
     rows_at = None if record is None or record.times is None else np.array(record.times, float)
     first = float(times[1] - times[0]) if control is None else control.first
-    state = engine.first_state(first, start)
-    if dt is not None and control is None:
-        engine.stepper.halving.resume(state.parts, dt)
-    recorder.record(0, state)
+    recorder.record(0, engine.first_state(first, start))
     stats.setup_seconds = time.perf_counter() - clock
+
+    def found() -> Solution:
+        stats.seconds = time.perf_counter() - clock
+        end = replace(
+            windings.with_turns(recorder.end),
+            parts=halving.memory,
+            past=integrator.past,
+            inputs=values_at(named, inputs, recorder.end.t),
+        )
+        return solution_of(engine.model, recorder, stats, end, rows_at, breaks)
 
     clock = time.perf_counter()
     try:
@@ -184,24 +189,22 @@ def simulate(
             marched = _steps_of_grid(integrator, times, recorder)
         else:
             marched = control.run(integrator, engine.stepper, recorder, max_halvings).advance
-        with progress_bar(t_end - t0, progress, **_BAR) as bar:
-            while state.t < t_end:
-                rows, t = recorder.rows, state.t
+        with progress_bar(t_end - t0, progress, **_BAR) as bar, ctrl_c_between_blocks():
+            while recorder.end.t < t_end:
+                rows, t = recorder.rows, recorder.end.t
                 try:
-                    state = marched(windings.without_turns(state))
+                    with uninterrupted:
+                        recorder.end = windings.without_turns(recorder.end)
+                    marched(recorder.end)
                 finally:
                     recorder.add_turns(rows, windings.removed)
-                bar.update(state.t - t)
+                bar.update(recorder.end.t - t)
     except (StepError, KeyboardInterrupt) as error:
-        stats.seconds = time.perf_counter() - clock
-        stats.failure = failure_of(error, state.t)
-        keep(error, solution_of(model, recorder, stats, None, rows_at, breaks))
+        stats.failure = failure_of(error, recorder.end.t)
+        keep(error, found())
         raise
-    stats.seconds = time.perf_counter() - clock
-    parts = None
     if control is None:
         _warn_of_parts(stats, first)
-        parts = engine.stepper.halving.memory(first)
     if stats.amplified:
         _log.warning(
             "%s: in %d of %d steps damping gave energy, since the sub-step that goes back in time "
@@ -210,19 +213,17 @@ def simulate(
             *(stats.scheme, stats.amplified, stats.substeps),
             f" = {3 / first:.3g} /s" if control is None else "",
         )
-    end = replace(state, q=state.q + windings.removed, parts=parts, past=integrator.past)
-    end.inputs = values_at(named, inputs, t_end)
-    return solution_of(model, recorder, stats, end, rows_at, breaks)
+    return found()
 
 
 def _steps_of_grid(integrator: Stepper | CompiledLoop, times: np.ndarray, recorder: Recorder):
-    """A function that advances a state by a block of steps of a grid."""
+    """A function that takes the next block of steps of a grid."""
     steps = max(1, min(1000, _BLOCK // recorder.model.size))
     starts = iter(range(1, len(times), steps))
 
-    def advance(state: State) -> State:
+    def advance(state: State) -> None:
         first = next(starts)
-        return integrator.march(state, times[first : first + steps], first, recorder)
+        integrator.march(state, times[first : first + steps], first, recorder)
 
     return advance
 

@@ -20,7 +20,7 @@ from fx_beam.stepping.linear_solver import petsc
 from fx_beam.stepping.newton import NewtonOptions
 from fx_beam.stepping.recorder import Record
 from fx_beam.stepping.stepper import Stepper
-from fx_beam.stepping.substeps import MOST_HALVINGS
+from fx_beam.stepping.substeps import MOST_HALVINGS, Halving
 from fx_beam.validation import is_whole, require
 
 
@@ -32,7 +32,7 @@ class Engine:
         scene: Scene,
         scheme: Scheme,
         newton: NewtonOptions | None,
-        max_halvings: int,
+        halving: Halving,
         solver: str,
     ):
         self.model = model = Model(scene, scheme)
@@ -46,7 +46,7 @@ class Engine:
         )
         options = newton or NewtonOptions()
         self.drive = Drive(model)
-        self.stepper = Stepper(model, self.drive, options, self.stats, max_halvings)
+        self.stepper = Stepper(model, self.drive, options, self.stats, halving)
         self.integrator = _choose_integrator(solver, self.stepper, options)
         self.windings = Windings(model)
 
@@ -61,6 +61,7 @@ class Engine:
             same = start.stats.scheme == model.scheme.name
             state = resumed_state(model, drive, dt, state_of(model, start), same)
         self.integrator.past = state.past
+        self.stepper.halving.resume(state.parts)
         return state
 
 
@@ -85,7 +86,8 @@ def end_of(start: Solution) -> State:
         raise SceneError(f"start must be a Solution, not {start!r}")
     if start.end is None:
         raise SceneError(
-            "start: the solution ended early and has no last state. Start from a complete one"
+            "start: the solution has no last state. It is from a run that ended early, saved by an "
+            "earlier version of fx_beam. Start from another solution"
         )
     return start.end
 
@@ -117,10 +119,11 @@ def state_of(model: Model, start: Solution) -> State:
     check_joints(model, state)
     if state.held is not None and len(state.held) != model.reduction.columns - model.reduction.free:
         state = replace(state, held=None)  # other supports
-    if len(start.joint_forces):
-        state = replace(state, joint_forces=start.joint_forces[-1])
-    if len(start.contact_forces) and start.contact_forces.shape[1] == model.forms.contacts:
-        state = replace(state, contact_forces=start.contact_forces[-1])
+    if start.stats.static or start.t[-1] == end.t:  # else the record has no row of the end
+        if len(start.joint_forces):
+            state = replace(state, joint_forces=start.joint_forces[-1])
+        if len(start.contact_forces) and start.contact_forces.shape[1] == model.forms.contacts:
+            state = replace(state, contact_forces=start.contact_forces[-1])
     return state
 
 

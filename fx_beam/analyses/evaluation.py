@@ -20,11 +20,11 @@ def solution_of(
     model: Model,
     recorder: Recorder,
     stats: Stats,
-    end: State | None = None,
+    end: State,
     times: np.ndarray | None = None,
     breaks: Sequence[float] = (),
 ) -> Solution:
-    """Solution from a record; `end` is the last state, None if the run ended early.
+    """Solution from a record; `end` is the last state.
 
     With `times` its rows are at these times, otherwise those of the record; the motion is smooth
     between `breaks`.
@@ -63,7 +63,7 @@ def solution_of(
         internal_of_joint=_internal_of_joint(model, of_springs),
         bodies={body.name: body for body in scene.bodies},
         obstacles=list(scene.obstacles),
-        end=end and end.renumbered(model.to_nodes, mesh.to_elements),
+        end=end.renumbered(model.to_nodes, mesh.to_elements),
     )
 
 

@@ -20,18 +20,21 @@ from fx_beam.results.state import State
 from fx_beam.scene.outputs import Output, check_outputs
 from fx_beam.scene.scene import Scene
 from fx_beam.stepping.held_inputs import HeldInputs
+from fx_beam.stepping.interrupts import ctrl_c_between_blocks, uninterrupted
 from fx_beam.stepping.newton import NewtonOptions
-from fx_beam.stepping.recorder import Record, Recorder, Unrecorded
+from fx_beam.stepping.recorder import Record, Recorder
 from fx_beam.stepping.stride import Stride
+from fx_beam.stepping.substeps import Halving
 from fx_beam.validation import is_number, require
 
 from .engine import Engine, check_options, checked_scheme, state_of
 from .evaluation import solution_of
 from .measurement import reading
+from .open_record import OpenRecord
 from .snapshot import Snapshot
 
-# Steps between two counts of full turns, as in `simulate`; and steps for which rows are planned.
-_TURNS, _ROWS = 1000, 1024
+# Steps between two counts of full turns, as in `simulate`.
+_TURNS = 1000
 
 Controller = Callable[[float, dict[str, Any]], Mapping[str, Any] | None]
 
@@ -135,8 +138,8 @@ class Motion:
             "solver": solver,
         }
         self._dt, self._record = float(dt), record
-        self._held = HeldInputs(scene)
-        self._engine = engine = Engine(self._held.scene, scheme, newton, max_halvings, solver)
+        self._held, halving = HeldInputs(scene), Halving(max_halvings, self._dt)
+        self._engine = engine = Engine(self._held.scene, scheme, newton, halving, solver)
         if start is not None:
             state = state_of(engine.model, start)
             self._held.resume(engine.drive, state, state.inputs)
@@ -145,7 +148,7 @@ class Motion:
             forces = any(output.quantity == "force" for output in outputs.values())
             self._stride = CompiledStride(engine.integrator, engine.stepper, self._dt, forces)
         else:
-            self._stride = Stride(engine.stepper, self._dt)
+            self._stride = Stride(engine.stepper)
         turns = engine.windings.removed
         self._readings = {
             name: reading(engine.model, self._stride, turns, output)
@@ -161,11 +164,12 @@ class Motion:
         self._t = state.t
         state = self._engine.windings.without_turns(state)
         self._stride.load(state)
-        self._recorder: Recorder | Unrecorded = Unrecorded()
-        self._first, self._turned, self._planned = self._number, 0, 0
-        if self._record is not None:
-            self._recorder = Recorder(self._engine.model, np.array([state.t]), self._record)
-            self._recorder.record(0, state)
+        self._first, origin, dt = self._number, self._origin, self._dt
+
+        def times(rows):
+            return origin + (self._first + rows) * dt
+
+        self._rows = OpenRecord(self._engine.model, self._record, state, times)
 
     # -- Steps ------------------------------------------------------------------------------------
 
@@ -195,11 +199,10 @@ class Motion:
         number = self._number + 1
         t1 = self._origin + number * self._dt
         row = number - self._first
-        if row > self._planned:
-            self._plan(row)
+        self._rows.make_room(row)
         self._held.begin(self._t, t1)
         try:
-            self._stride.take(t1, row, self._recorder)
+            self._stride.take(t1, row, self._rows.recorder)
         except BaseException:
             self._held.set(before)
             raise
@@ -233,35 +236,27 @@ class Motion:
             For a `t_end` that is not a number, or inputs that do not fit.
         StepError
             If a step fails. The motion stays in the state before it.
+        KeyboardInterrupt
+            After Ctrl-C. The motion stays in the state after the last step.
         """
         require(is_number(t_end), "Motion.run: t_end", t_end, "a finite number")
         fits = controller is None or callable(controller)
         require(fits, "Motion.run: controller", controller, "a function of time and outputs")
         found = self.outputs
-        while self._t < t_end - 1e-6 * self._dt:
-            found = self.step(None if controller is None else controller(self._t, found))
+        with ctrl_c_between_blocks():
+            while self._t < t_end - 1e-6 * self._dt:
+                inputs = None if controller is None else controller(self._t, found)
+                with uninterrupted:
+                    found = self.step(inputs)
         return found
-
-    def _plan(self, row: int) -> None:
-        """Make room in the record for more steps."""
-        self._planned = row + _ROWS - 1
-        if isinstance(self._recorder, Recorder):
-            numbers = self._first + np.arange(row, self._planned + 1)
-            self._recorder.plan(row, self._origin + numbers * self._dt, last=False)
 
     def _count_turns(self) -> None:
         """Count full turns separately, so that they do not add to rounding errors."""
-        self._add_turns()
+        self._rows.add_turns(self._engine.windings.removed)
         state = self._stride.state()
         turned = self._engine.windings.without_turns(state)
         if turned.q is not state.q:
             self._stride.load(turned)
-
-    def _add_turns(self) -> None:
-        """Add the full turns that are missing in the last rows."""
-        if isinstance(self._recorder, Recorder):
-            self._recorder.add_turns(self._turned, self._engine.windings.removed)
-            self._turned = self._recorder.rows
 
     # -- What is known ----------------------------------------------------------------------------
 
@@ -330,17 +325,12 @@ class Motion:
         SceneError
             If nothing is recorded.
         """
-        if not isinstance(self._recorder, Recorder):
-            raise SceneError(
-                "Motion.solution: nothing was recorded. Create the motion with record=fb.Record()"
-            )
-        self._add_turns()
-        return solution_of(self._engine.model, self._recorder, self.stats, self._end())
+        recorder = self._rows.complete(self._engine.windings.removed)
+        return solution_of(self._engine.model, recorder, self.stats, self._end())
 
     def _end(self) -> State:
-        state, turns = self._stride.state(), self._engine.windings.removed
-        before = None if state.before is None else state.before + turns
-        return replace(state, q=state.q + turns, before=before, inputs=self._held.all)
+        state = self._engine.windings.with_turns(self._stride.state())
+        return replace(state, inputs=self._held.all)
 
     # -- Snapshots --------------------------------------------------------------------------------
 

@@ -17,7 +17,7 @@ _NO_BARS: ContextVar[bool] = ContextVar("no bars", default=False)
 _KEPT = (
     "fx_beam: the steps so far are in the attribute `solution` of this KeyboardInterrupt. In a "
     "script: `except KeyboardInterrupt as stop: solution = stop.solution`; at a prompt: "
-    "`import sys; solution = sys.last_value.solution`"
+    "`import sys; solution = sys.last_value.solution`. To go on: `simulate(..., start=solution)`"
 )
 
 

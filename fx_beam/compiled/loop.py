@@ -12,6 +12,7 @@ import numpy as np
 from fx_beam.errors import StepError
 from fx_beam.mechanics.interval import divided
 from fx_beam.results.state import Past, State
+from fx_beam.stepping.interrupts import uninterrupted
 from fx_beam.stepping.local_error import order_and_constant
 from fx_beam.stepping.newton import NewtonOptions, StepFailed
 from fx_beam.stepping.recorder import Recorder, Unrecorded
@@ -58,6 +59,11 @@ class CompiledLoop:
             for values, found in zip(self._past, (past.ages, past.differences, y), strict=True):
                 values[:known] = found
 
+    def forget_past(self) -> None:
+        """Begin anew: the next step has no prediction."""
+        p = self._problem
+        p.known_steps, p.orders[0 : p.sub_steps] = 0, [0] * p.sub_steps
+
     def march(
         self, state: State, times: np.ndarray, first: int, recorder: Recorder | Unrecorded
     ) -> State:
@@ -85,15 +91,20 @@ class CompiledLoop:
                 ends = halving.ends(grid[done:])
                 now = self.inputs(state.t, ends)
             parts = halving.parts
-            taken = self._run(state, ends, first + done, recorder, now)
-            if taken:
-                state = self.state(float(ends[taken - 1]))
-            steps = halving.take(taken)
+            with uninterrupted:
+                taken = self._run(state, ends, first + done, recorder, now)
+                steps = halving.take(taken)
+                stats.steps += steps
+                if halving.parts != parts:  # as in `Stepper.part`
+                    self.forget_past()
+                if taken:
+                    state = self.state(float(ends[taken - 1]))
+                    recorder.end = state
             done, inputs = done + steps, inputs.after(steps * p.sub_steps)
-            stats.steps += steps
             if p.failure:
                 if halving.fail():
                     stats.halvings += 1
+                    self.forget_past()
                 else:  # in Python, which reports the cause, or succeeds
                     start, end = grid[done : done + 2]
                     self._stepper.past = self.past
@@ -101,11 +112,8 @@ class CompiledLoop:
                     self.past = self._stepper.past
                     if state.t == end:
                         done, inputs = done + 1, inputs.after(p.sub_steps)
-                        stats.steps += 1
             elif now.error is not None:
                 raise now.error
-            if halving.parts != parts:  # as in `Stepper.part`
-                p.known_steps, p.orders[0 : p.sub_steps] = 0, [0] * p.sub_steps
         return state
 
     # -- Steps whose local errors are controlled --------------------------------------------------
@@ -130,9 +138,12 @@ class CompiledLoop:
         p.lowest, p.highest = control.band(dt)
         inputs = self.inputs(state.t, ends)
         known = len(inputs.driven) // p.sub_steps
-        taken = self._run(state, ends[:known], first, recorder, inputs) if known else 0
-        if taken:
-            state = self.state(float(ends[taken - 1]))
+        with uninterrupted:
+            taken = self._run(state, ends[:known], first, recorder, inputs) if known else 0
+            if taken:
+                self._stepper.stats.steps += taken
+                state = self.state(float(ends[taken - 1]))
+                recorder.end = state
         if taken == known and inputs.error is not None:
             raise inputs.error
         rejected = p.failure == self._library.TOO_INACCURATE

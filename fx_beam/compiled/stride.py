@@ -86,14 +86,14 @@ class CompiledStride:
             self.now.held[:] = 0.0
         if self.now.joint_forces is not None and state.joint_forces is None:
             self.now.joint_forces[:] = 0.0
-        self._p.known_steps, self._p.orders[0 : self._p.sub_steps] = 0, [0] * self._p.sub_steps
+        self._loop.forget_past()
         self._loop.past = state.past
-        self._stepper.halving.resume(state.parts, self._dt)
+        self._stepper.halving.resume(state.parts)
         self._t, self._known, self._next = state.t, self._known.after(len(self._known.driven)), 0
 
     def state(self) -> State:
         """The present state, with all on which the next step depends."""
-        parts = self._stepper.halving.memory(self._dt)
+        parts = self._stepper.halving.memory
         return replace(self._loop.state(self._t), parts=parts, past=self._loop.past)
 
     def take(self, t1: float, number: int, recorder: Recorder | Unrecorded) -> None:

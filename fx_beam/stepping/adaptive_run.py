@@ -74,8 +74,8 @@ class AdaptiveRun:
     def _stats(self) -> Stats:
         return self._single.stats
 
-    def advance(self, state: State) -> State:
-        """State after some steps, at most up to the next break."""
+    def advance(self, state: State) -> None:
+        """Take some steps from a state, at most up to the next break."""
         control, stats, recorder = self._control, self._stats, self._recorder
         until = self._breaks[self._next]
         if not self._started:
@@ -85,7 +85,6 @@ class AdaptiveRun:
         last = self._next == len(self._breaks) - 1
         recorder.plan(first, ends, last and ends[-1] == until)
         found = self._integrator.attempt(state, ends, first, recorder, control)
-        stats.steps += found.taken
         if found.taken:
             self._halvings = 0
         length = control.length
@@ -102,7 +101,6 @@ class AdaptiveRun:
         self._block = min(2 * self._block, _LARGEST_BLOCK) if kept else _FIRST_BLOCK
         if found.state.t == until:
             self._next, self._started = self._next + 1, False
-        return found.state
 
     def _start(self, state: State, until: float) -> None:
         """Find the first length by trial steps, which are not part of the run."""
@@ -115,13 +113,15 @@ class AdaptiveRun:
             counts["ended_by"] = dict(stats.ended_by)
             integrator.forget_errors()
             ratio, failed = None, False
-            while ratio is None and not failed:
-                number = round((now.t - state.t) / dt)
-                ends = state.t + dt * np.arange(number + 1, self._order + AVERAGED + 1)
-                found = integrator.attempt(now, ends, 1, Unrecorded(), control)
-                now, ratio, failed = found.state, found.ratio, found.failed
-            integrator.past = past
-            vars(stats).update(counts)
+            try:
+                while ratio is None and not failed:
+                    number = round((now.t - state.t) / dt)
+                    ends = state.t + dt * np.arange(number + 1, self._order + AVERAGED + 1)
+                    found = integrator.attempt(now, ends, 1, Unrecorded(), control)
+                    now, ratio, failed = found.state, found.ratio, found.failed
+            finally:
+                integrator.past = past
+                vars(stats).update(counts)
             stats.rejected += self._order + AVERAGED
             if failed:
                 self._fail(state, dt)

@@ -40,6 +40,11 @@ class Windings:
             before = before + (q - state.q)
         return replace(state, q=q, before=before)
 
+    def with_turns(self, state: State) -> State:
+        """The state with the turns that were subtracted."""
+        before = None if state.before is None else state.before + self.removed
+        return replace(state, q=state.q + self.removed, before=before)
+
 
 def _members(model: Model) -> list[np.ndarray]:
     """Rotations of groups of nodes that turn together, if full turns have no effect on them."""

@@ -290,18 +290,27 @@ class Predictor:
         self._next = 0
 
     @property
+    def memory(self) -> tuple:
+        """All on which the next predictions depend."""
+        return self._ages, self._past, self._past_y, self._orders, self._next
+
+    @memory.setter
+    def memory(self, memory: tuple) -> None:
+        self._ages, self._past, self._past_y, self._orders, self._next = memory
+
+    @property
     def past(self) -> Past:
         """The last motion, in a form that does not depend on the numbering of unknowns."""
         model, known = self._model, len(self._past)
         y = np.reshape(self._past_y, (known, model.reduction.free))
         slides = model.couplings.free_slides(y, len(model.scene.joints))
         differences = np.reshape(self._past, (known, model.size))
-        return Past(self._ages, self._orders.copy(), differences, slides)
+        return Past(self._ages, self._orders, differences, slides)
 
     @past.setter
     def past(self, past: Past | None) -> None:
         if past is not None:
-            self._ages, self._orders, self._next = past.ages, past.orders.copy(), 0
+            self._ages, self._orders, self._next = past.ages, past.orders, 0
             self._past = list(past.differences)
             self._past_y = list(self._model.couplings.unknowns(past.differences, past.slides))
 
@@ -328,6 +337,7 @@ class Predictor:
             if (error := self._size(now[-1]) * abs(product)) <= best:
                 best, order = error, len(now) - 1
         self._past, self._past_y, self._ages = now[:_PAST], now_y[:_PAST], ages[:_PAST]
+        self._orders = self._orders.copy()  # `memory` may have the one before
         self._orders[self._next] = order
         self._next = (self._next + 1) % len(self._orders)
 

@@ -86,6 +86,7 @@ class Unrecorded:
     """In place of a `Recorder`, for trial steps."""
 
     every, last, rows = np.iinfo(np.int32).max, -1, 0
+    end: State
 
     def next_rows(self, parts: int) -> dict[str, np.ndarray]:
         """No arrays."""
@@ -115,6 +116,8 @@ class Recorder:
         #: Times at the ends of all steps, and numbers of the steps that have a row.
         self._times, self._steps = np.empty(0), np.empty(0, dtype=int)
         self.rows = 0
+        #: The last state.
+        self.end: State
         self._first: State
         #: Sub-steps (n,) in the step before each row, if all were as long as the last one.
         self._parts = np.empty(0, dtype=int)
@@ -199,7 +202,7 @@ class Recorder:
         if not self._wants(step):
             return
         if step == 0:
-            self._first = state
+            self._first = self.end = state
         model = self.model
         momentum = state.v if model.scheme.rates.at_rest else model.mass @ state.v
         q, p = model.to_nodes(state.q), model.to_nodes(momentum)

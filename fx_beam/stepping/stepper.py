@@ -13,6 +13,7 @@ from fx_beam.results.audit import Stats
 from fx_beam.results.state import Past, State
 
 from .forcing import Drive
+from .interrupts import uninterrupted
 from .local_error import LocalError
 from .newton import NewtonOptions, StepFailed
 from .recorder import Recorder, Unrecorded
@@ -36,14 +37,14 @@ class Attempt(NamedTuple):
 
 
 class Stepper:
-    """Takes time steps; a step that fails is halved at most `max_halvings` times."""
+    """Takes time steps; a step that fails is halved."""
 
     def __init__(
-        self, model: Model, drive: Drive, options: NewtonOptions, stats: Stats, max_halvings: int
+        self, model: Model, drive: Drive, options: NewtonOptions, stats: Stats, halving: Halving
     ):
         self.model, self.drive, self.stats = model, drive, stats
         self.single = SingleStep(model, drive, options, stats)
-        self.halving = Halving(max_halvings)
+        self.halving = halving
         self.facing = FacingCheck(model, stats)
         self._errors: LocalError | None = None
 
@@ -67,7 +68,6 @@ class Stepper:
             start = state.t
             while state.t < t:
                 state = self.part(state, start, t, number, recorder)
-            self.stats.steps += 1
         return state
 
     def part(
@@ -88,18 +88,19 @@ class Stepper:
                     raise self._error(state, t1, failure) from failure
                 self.stats.halvings += 1
                 continue
-            self.stats.substeps += 1
-            self.stats.amplified += self._amplifies(before, state)
-            self.facing.check(state.t, state.q)
             parts = self.halving.parts
-            if parts > 1:
-                turn = abs(state.q - before.q)[self.model.turns].max()
-                self.stats.too_large += int(turn * parts > LARGE_TURN)
-            if self.halving.take(1):
-                recorder.record(number, state, starts, parts)
-            if self.halving.parts != parts:
-                # Where steps fail, predictions from steps of another length lead astray.
-                predictor.forget()
+            with uninterrupted:
+                self._count(before, state)
+                if parts > 1:
+                    turn = abs(state.q - before.q)[self.model.turns].max()
+                    self.stats.too_large += int(turn * parts > LARGE_TURN)
+                if self.halving.take(1):
+                    recorder.record(number, state, starts, parts)
+                    self.stats.steps += 1
+                if self.halving.parts != parts:
+                    # Where steps fail, predictions from steps of another length lead astray.
+                    predictor.forget()
+                recorder.end = state
             return state
 
     # -- Steps whose local errors are controlled --------------------------------------------------
@@ -117,48 +118,49 @@ class Stepper:
         control: StepControl,
     ) -> Attempt:
         """Take the first of some steps of equal length, number `first`, if its error is small."""
-        errors, past = self._errors, self.past
+        errors, predictor, stats = self._errors, self.single.newton.predictor, self.stats
         assert errors is not None
-        t1, memory, stats = float(ends[0]), errors.memory, self.stats
+        t1, memory, prediction = float(ends[0]), errors.memory, predictor.memory
         dt, counted = t1 - state.t, (stats.newton_iterations, dict(stats.ended_by))
         try:
             starts, new = self._take(state, t1)
         except StepFailed:
-            self.past = past
             return Attempt(state, 0, failed=True)
         ratio = errors.add(new.q - state.q, dt, *control.factors(dt))
         if ratio is not None and ratio > 1:
-            self.past, errors.memory = past, memory
+            predictor.memory, errors.memory = prediction, memory
             stats.newton_iterations, stats.ended_by = counted
             return Attempt(state, 0, ratio=ratio)
-        stats.substeps += 1
-        stats.amplified += self._amplifies(state, new)
-        self.facing.check(new.t, new.q)
-        recorder.record(first, new, starts)
+        with uninterrupted:
+            self._count(state, new)
+            recorder.record(first, new, starts)
+            stats.steps += 1
+            recorder.end = new
         return Attempt(new, 1, ratio=ratio)
 
     def failure(self, state: State, t1: float) -> StepFailed:
         """Why Newton's method fails in a step to t1 [s]."""
-        past = self.past
         try:
             self._take(state, t1)
         except StepFailed as failure:
             return failure
-        finally:
-            self.past = past
         return StepFailed("no convergence", "no convergence", np.zeros(self.model.size), [])
 
     # -- Steps of all kinds -----------------------------------------------------------------------
 
     def _take(self, state: State, t1: float) -> tuple[list[State], State]:
         """States at the starts of all sub-steps of the scheme up to t1 [s], and at their end."""
-        fractions = self.model.scheme.fractions
-        states, solves = [state], []
+        fractions, predictor = self.model.scheme.fractions, self.single.newton.predictor
+        states, solves, prediction = [state], [], predictor.memory
         grid = zip(*divided(np.array([state.t]), np.array([t1]), fractions), strict=True)
-        for self.single.equations.sub_step, ends in enumerate(grid):
-            new, solve = self.single.take(states[-1], Interval(*map(float, ends)))
-            states.append(new)
-            solves.append(solve)
+        try:
+            for self.single.equations.sub_step, ends in enumerate(grid):
+                new, solve = self.single.take(states[-1], Interval(*map(float, ends)))
+                states.append(new)
+                solves.append(solve)
+        except BaseException:
+            predictor.memory = prediction
+            raise
         for solve in solves:
             self.stats.add_solve(solve.iterations, solve.ended_by)
         *starts, end = states
@@ -171,11 +173,15 @@ class Stepper:
                     setattr(end, name, np.tensordot(fractions, parts, 1))
         return starts, end
 
-    def _amplifies(self, start: State, end: State) -> bool:
-        """Whether damping gives energy in a step, in the sub-step that goes back in time."""
+    def _count(self, start: State, end: State) -> None:
+        """Count a step that succeeded, and what is wrong with its end."""
+        self.stats.substeps += 1
+        # Damping may give energy in the sub-step that goes back in time. Beyond rounding: damping
+        # at rest takes next to nothing.
         given = start.dissipated - end.dissipated
-        # Beyond rounding: damping at rest takes next to nothing.
-        return len(self.model.scheme.fractions) > 1 and given > 1e-14 * abs(start.dissipated)
+        several = len(self.model.scheme.fractions) > 1
+        self.stats.amplified += several and given > 1e-14 * abs(start.dissipated)
+        self.facing.check(end.t, end.q)
 
     def _error(self, state: State, t1: float, failure: StepFailed) -> StepError:
         halvings = self.halving.most

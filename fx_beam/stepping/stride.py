@@ -13,23 +13,23 @@ from .stepper import Stepper
 
 
 class Stride:
-    """Takes single steps of the length dt [s]."""
+    """Takes single steps."""
 
     #: The present state.
     now: State
 
-    def __init__(self, stepper: Stepper, dt: float):
-        self._stepper, self._dt = stepper, dt
+    def __init__(self, stepper: Stepper):
+        self._stepper = stepper
 
     def load(self, state: State) -> None:
         """Begin from a state."""
         self.now, self._stepper.past = state, state.past
-        self._stepper.halving.resume(state.parts, self._dt)
+        self._stepper.halving.resume(state.parts)
 
     def state(self) -> State:
         """The present state, with all on which the next step depends."""
-        parts = self._stepper.halving.memory(self._dt)
-        return replace(self.now, parts=parts, past=self._stepper.past)
+        stepper = self._stepper
+        return replace(self.now, parts=stepper.halving.memory, past=stepper.past)
 
     def take(self, t1: float, number: int, recorder: Recorder | Unrecorded) -> None:
         """Take step `number` up to t1 [s]. After an error the state is that before it."""

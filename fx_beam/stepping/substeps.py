@@ -24,22 +24,30 @@ class Halving:
     The length is kept from step to step, so that not every step first fails with a larger one.
     """
 
-    def __init__(self, most: int):
+    def __init__(self, most: int, dt: float | None = None):
         self.most = most
+        #: Length of whole steps [s]; None where they have no common one.
+        self._dt = dt
         self.times = self.done = 0
         self._required, self._succeeded, self._doubled = _SUCCESSES, 0, False
 
-    def memory(self, dt: float) -> np.ndarray:
+    @property
+    def memory(self) -> np.ndarray | None:
         """State (5,) of the control, from which another run can continue.
 
-        It has the step's length dt [s], the number of halvings, and the counts for doubling.
+        It has the length of whole steps [s], the number of halvings, and the counts for doubling.
         """
-        return np.array([dt, self.times, self._required, self._succeeded, self._doubled], float)
+        if self._dt is None:
+            return None
+        counts = self.times, self._required, self._succeeded, self._doubled
+        return np.array([self._dt, *counts], float)
 
-    def resume(self, memory: np.ndarray | None, dt: float) -> None:
+    def resume(self, memory: np.ndarray | None) -> None:
         """Continue with the memory of another run, if its steps have the same length."""
         self.done = 0
-        if memory is None or abs(memory[0] - dt) > 1e-6 * dt or memory[1] > self.most:
+        if memory is None or self._dt is None or memory[1] > self.most:
+            return
+        if abs(memory[0] - self._dt) > 1e-6 * self._dt:
             return
         self.times, self._required, self._succeeded = map(int, memory[1:4])
         self._doubled = bool(memory[4])
