@@ -156,6 +156,7 @@ def test_load_steps_follow_the_flow_exactly(degree):
     motion = fb.simulate(scene, dt=0.05, t_end=0.5, start=solution)
     assert abs(np.diff(motion.internal(beam, "plastic curvature"), axis=0)).max() < 1e-12
     assert motion.energy.kinetic.max() < 1e-20
+    assert abs(motion.a[0]).max() < 1e-6
 
 
 def test_a_load_step_of_statics_is_the_time_of_the_update():

@@ -1,5 +1,7 @@
 """The coupling of joints against differences, dense products, and what it has to reproduce."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from jointed import AXIS, BENDING, KINDS, MEMBER, OFFSET, W, pair, rotation
@@ -7,7 +9,9 @@ from jointed import AXIS, BENDING, KINDS, MEMBER, OFFSET, W, pair, rotation
 import fx_beam as fb
 from fx_beam.coupling.index_reduction import IndexReduction
 from fx_beam.coupling.joint_reduction import JointReduction
+from fx_beam.mechanics.interval import Interval
 from fx_beam.model.model import Model
+from fx_beam.stepping.initial_state import reference_state
 
 SCHEMES = [fb.EnergyMomentum(), fb.Newmark(), fb.HHT(-0.2), fb.GeneralizedAlpha(0.6)]
 DT = 0.1
@@ -134,13 +138,18 @@ class Moved:
         self.q = np.zeros(self.model.size)
         self.slides = np.array([joint.start()[0] for joint in scene.joints])
         z = np.concatenate([random.uniform(-0.7, 0.7, k) for k in n])
-        self.reduction.begin(self.q, self.slides, DT)
+        self.begin()
         self.q = self.expand(z)
         self.slides = self.slides + self.slide_increments(z)
-        self.reduction.begin(self.q, self.slides, DT)
+        self.begin()
         self.z = np.concatenate([random.uniform(-0.7, 0.7, k) for k in n])
         self.D = self.expand(self.z)
         self.r = random.uniform(-1, 1, self.model.size)
+
+    def begin(self):
+        start = replace(reference_state(self.model), q=self.q, slides=self.slides)
+        self.model.actuators.begin(start, DT)
+        self.reduction.begin(self.q, self.slides)
 
     def expand(self, z):
         return self.reduction.expand(z[: self.reduction.free], z[self.reduction.free :]).copy()
@@ -333,7 +342,7 @@ def test_tangent_is_the_derivative_of_the_whole_residual(scheme):
     assert isinstance(reduction, JointReduction)
     random = np.random.default_rng(4)
     v, a, load = (random.uniform(-1, 1, model.size) for _ in range(3))
-    model.forms.set_step(0.0, DT, moved.q, v, a)
+    model.forms.set_step(Interval(0.0, DT), moved.q, v, a)
     free = reduction.free
 
     def forces(z):

@@ -289,7 +289,7 @@ def test_projected_velocities_satisfy_the_joint_and_are_the_nearest(kind, massle
         assert relative_rates(solution, other) == pytest.approx([0, 0, 0], abs=1e-13)
 
     model = Model(scene, fb.EnergyMomentum())
-    model.reduction.begin(np.zeros(model.size), np.array([j.start()[0] for j in scene.joints]), 1.0)
+    model.reduction.begin(np.zeros(model.size), np.array([j.start()[0] for j in scene.joints]))
     model.reduction.expand(np.zeros(model.reduction.free), np.zeros(0))
     v = np.zeros((len(model.mesh.X), 3))
     for n in solution.nodes_of_beam[second.name]:

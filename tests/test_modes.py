@@ -12,6 +12,7 @@ from scenes import FLYING, demo
 
 import fx_beam as fb
 from fx_beam.analyses.linearisation import linearised
+from fx_beam.mechanics.interval import Interval
 from fx_beam.model.model import Model
 
 DEGREES = pytest.mark.parametrize("degree", [1, 2, 3])
@@ -215,7 +216,7 @@ def test_shapes_have_the_modal_mass_one_and_are_orthogonal(free):
     assert vectors @ model.mass @ vectors.T == pytest.approx(np.eye(8), abs=1e-9)
     stiffness = found.angular_frequencies**2
     forms = model.forms
-    forms.set_step(0.0, 1.0, *(np.zeros(model.size) for _ in range(3)))
+    forms.set_step(Interval(0.0, 1.0), *(np.zeros(model.size) for _ in range(3)))
     forms.internal_force(np.zeros(model.size))
     forms.assemble_stiffness()
     energies = vectors @ forms.stiffness @ vectors.T

@@ -7,6 +7,7 @@ import pytest
 from scenes import FLYING, pinned_beam
 
 import fx_beam as fb
+from fx_beam.mechanics.interval import Interval
 from fx_beam.model.model import Model
 
 SCHEMES = [
@@ -32,7 +33,7 @@ def model_of(scheme, degree, energy=None, curved=False):
     model = Model(scene, scheme)
     random = np.random.default_rng(1)
     q, D, v, a = (random.uniform(-0.7, 0.7, model.size) for _ in range(4))
-    model.forms.set_step(0.0, 0.1, q, v, a)
+    model.forms.set_step(Interval(0.0, 0.1), q, v, a)
     return model, D
 
 
@@ -139,7 +140,9 @@ def test_residual_and_tangent_are_the_papers_matrices():
         f[dofs] += fe
         K[np.ix_(dofs, dofs)] += Ke
 
-    model.forms.set_step(0.0, 0.1, model.from_nodes(q0), np.zeros(model.size), np.zeros(model.size))
+    model.forms.set_step(
+        Interval(0.0, 0.1), model.from_nodes(q0), np.zeros(model.size), np.zeros(model.size)
+    )
     force = model.forms.internal_force(model.from_nodes(D))
     model.forms.assemble_stiffness()
     assert abs(force - f).max() < 1e-12 * abs(f).max()

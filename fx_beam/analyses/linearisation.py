@@ -9,7 +9,7 @@ import numpy as np
 import scipy.sparse
 
 from fx_beam.errors import SceneError
-from fx_beam.mechanics.interval import Interval
+from fx_beam.mechanics.interval import Interval, moment
 from fx_beam.mechanics.schemes import EnergyMomentum, Equilibrium
 from fx_beam.model.equations import Equations
 from fx_beam.model.model import Model
@@ -59,14 +59,10 @@ class Linearisation(NamedTuple):
         """Derivative (free, free) of the forces by the rates, at rest; errors say `what` asks."""
         # A step's tangent is stiffness/2 + damping/dt: the same forms as those of the motion.
         model, start = Model(self.model.scene, EnergyMomentum()), self.start
-        reduction, forms = model.reduction, model.forms
-        forms.set_internal(start.internal)
+        reduction, forms, equations = model.reduction, model.forms, Equations(model)
         values = np.empty((2, len(reduction.pattern[1])))
         for dt, row in zip((_MOMENT, 2 * _MOMENT), values, strict=True):
-            model.actuators.set_rates(start.q, start.v, start.slides)
-            model.actuators.set_internal(start.spring_internal, dt)
-            forms.set_step(start.t, dt, start.q, start.v, start.a)
-            reduction.begin(start.q, start.slides, dt)
+            equations.begin(moment(start.t, dt), start)
             D = reduction.expand(np.zeros(reduction.free), np.zeros(reduction.driven))
             r = forms.internal_force(D)
             forms.assemble_stiffness()

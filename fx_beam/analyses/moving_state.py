@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from fx_beam.errors import SceneError
-from fx_beam.mechanics.interval import Interval
+from fx_beam.mechanics.interval import Interval, moment
 from fx_beam.mechanics.schemes import EnergyMomentum
 from fx_beam.model.model import Model
 from fx_beam.results.solution import Solution
@@ -99,8 +99,7 @@ def deviations(scene: Scene, at: Solution | None, what: str) -> Deviations:
     w = rates_from @ state.v
     (dT, dS), (ddT, _) = map(coupling.parts, coupling.derivatives(w))
     f, K, C = _forces(model, state)
-    model.actuators.begin(state.q, state.slides, _MOMENT)
-    model.actuators.set_internal(state.spring_internal, _MOMENT)
+    model.actuators.begin(state, _MOMENT)
     stiff, viscous, pushes = model.actuators.linear(
         state.q, state.v, state.slides, model.reduction.columns
     )
@@ -167,7 +166,7 @@ class _Coupling:
     def __init__(self, model: Model, state: State):
         self._model, self._reduction = model, model.reduction
         free, driven = model.reduction.free, model.reduction.driven
-        model.reduction.begin(state.q, state.slides, 1.0)
+        model.reduction.begin(state.q, state.slides)
         #: Numbers (count,) of the columns z.
         self.columns = np.append(model.reduction.independent, free + np.arange(driven))
         self.count = len(self.columns)
@@ -215,7 +214,7 @@ def _forces(model: Model, state: State):
     forms.set_internal(state.internal)
 
     def step(dt: float, rates: np.ndarray, shift: float = 0.0):
-        forms.set_step(state.t - shift * dt, dt, q - shift * dt * rates, v, state.a)
+        forms.set_step(moment(state.t - shift * dt, dt), q - shift * dt * rates, v, state.a)
         D = dt * rates
         f = forms.internal_force(D).copy()
         forms.assemble_stiffness()

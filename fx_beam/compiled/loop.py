@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 
 from fx_beam.errors import StepError
-from fx_beam.mechanics.interval import divided
+from fx_beam.mechanics.interval import Interval, divided
 from fx_beam.results.state import Past, State
 from fx_beam.stepping.interrupts import uninterrupted
 from fx_beam.stepping.local_error import order_and_constant
@@ -106,11 +106,11 @@ class CompiledLoop:
                     stats.halvings += 1
                     self.forget_past()
                 else:  # in Python, which reports the cause, or succeeds
-                    start, end = grid[done : done + 2]
+                    step = Interval(*grid[done : done + 2])
                     self._stepper.past = self.past
-                    state = self._stepper.part(state, start, end, first + done, recorder)
+                    state = self._stepper.part(state, step, first + done, recorder)
                     self.past = self._stepper.past
-                    if state.t == end:
+                    if state.t == step.end:
                         done, inputs = done + 1, inputs.after(p.sub_steps)
             elif now.error is not None:
                 raise now.error

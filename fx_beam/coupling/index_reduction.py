@@ -60,8 +60,8 @@ class Reduction(Protocol):
     def independent(self) -> np.ndarray:
         """Unknowns that follow no others: all, but for those that close loops."""
 
-    def begin(self, q: np.ndarray, slides: np.ndarray, dt: float) -> None:
-        """Set the start of a step: displacements and rotations, slides, and its length."""
+    def begin(self, q: np.ndarray, slides: np.ndarray) -> None:
+        """Set the start of a step: displacements and rotations, and slides."""
 
     def expand(self, y: np.ndarray, driven: np.ndarray) -> np.ndarray:
         """Increment of all degrees of freedom from increments of unknowns and driven columns: g.
@@ -155,7 +155,7 @@ class IndexReduction(WithoutLoops):
         found = _sums_of_dofs_and_entries(column, matrix.indptr, matrix.indices, free)
         self.pattern, self._dofs, self._entries = found
 
-    def begin(self, q, slides, dt) -> None:
+    def begin(self, q, slides) -> None:
         """Nothing depends on the step."""
 
     def expand(self, y, driven):

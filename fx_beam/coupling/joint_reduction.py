@@ -145,14 +145,13 @@ class JointReduction(WithoutLoops):
 
     # -- A step -----------------------------------------------------------------------------------
 
-    def begin(self, q, slides, dt) -> None:
+    def begin(self, q, slides) -> None:
         """Set the start of a step."""
         guide = self._guide
         self._psi0 = np.where(guide >= 0, q[guide], 0.0) if len(guide) else np.empty(0)
         self._d0 = slides[[joint.number for joint in self._moving]]
         self._rho0 = _turn(self._psi0, self._offset + self._d0[:, None] * self._axis)
         self._t0 = _turn(self._psi0, self._axis)
-        self._actuators.begin(q, slides, dt)
         if self.sliders is not None:
             self.sliders.begin(q, slides)
 

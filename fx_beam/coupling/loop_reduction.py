@@ -107,9 +107,9 @@ class LoopReduction(JointReduction):
 
     # -- A step -----------------------------------------------------------------------------------
 
-    def begin(self, q, slides, dt) -> None:
+    def begin(self, q, slides) -> None:
         """Set the start of a step, and choose the unknowns that follow."""
-        super().begin(q, slides, dt)
+        super().begin(q, slides)
         gap = self._ends @ q
         k, joint, component = self._arms
         gap[k] -= (self._rho0 - self._rho_at_rest)[joint, component]

@@ -7,6 +7,7 @@ from collections.abc import Callable
 import numpy as np
 
 from fx_beam.mechanics.rates import Rates
+from fx_beam.results.state import State
 from fx_beam.scene.beam import Node
 from fx_beam.scene.joints import GROUND, Joint, axial_rate
 from fx_beam.scene.sliders import SlidingJoint
@@ -29,6 +30,8 @@ class Actuators:
 
     def __init__(self, joints: list[Joint], couplings: Couplings, rates: Rates, dofs: np.ndarray):
         self._rates, self._dofs = rates, dofs
+        #: Length of the step [s].
+        self._dt = 1.0
         self._all: list[Actuator] = []
         #: Number of internal variables of all springs.
         self.width = 0
@@ -117,36 +120,25 @@ class Actuators:
         ]
         return lambda part: sum(s * a.deviation((1 - part) * s) for a, s in pushed)
 
-    def set_internal(self, internal: np.ndarray | None, length: float) -> None:
-        """Set the internal variables (width,) at the start of a step, and its length.
-
-        The length is a time, or the increment of the load factor.
-        """
-        for actuator in self._all:
-            if actuator.elastic is not None:
-                actuator.given[2] = length
-                if internal is not None:
-                    actuator.given[3:] = internal[actuator.inside]
-
     def evolve(self) -> np.ndarray | None:
         """Internal variables (width,) at the end of the step; None without any."""
         if not self.width:
             return None
         return np.concatenate([a.found[4:] for a in self._all if a.elastic is not None])
 
-    def begin(self, q: np.ndarray, slides: np.ndarray, dt: float) -> None:
-        """Set the start of a step from displacements and rotations q and the slides [m]."""
-        self._dt = dt
+    def begin(self, start: State, length: float) -> None:
+        """Set the start of a step, and its length [s], in statics the increment of the load."""
+        rates, self._dt = self._rates, 1.0 if self._rates.at_rest else length
         for actuator in self._all:
-            actuator.start = self._coordinate(actuator, q, slides)
+            actuator.start = self._coordinate(actuator, start.q, start.slides)
             actuator.last = actuator.last_stop = None
-
-    def set_rates(self, q: np.ndarray, v: np.ndarray, slides: np.ndarray) -> None:
-        """Set the rates at the start of a step; dampers interpolate from them to their level."""
-        if self._rates.level == 0.5:
-            return  # the mean rate does not depend on the rate at the start
-        for actuator in self._all:
-            actuator.rate = self._rate(actuator, q, v, slides)
+            # Dampers interpolate from it to their level; the mean rate does not depend on it.
+            if rates.level != 0.5 and not rates.at_rest:
+                actuator.rate = self._rate(actuator, start.q, start.v, start.slides)
+            if actuator.elastic is not None:
+                actuator.given[2] = length
+                if start.spring_internal is not None:
+                    actuator.given[3:] = start.spring_internal[actuator.inside]
 
     def _rate(self, actuator: Actuator, q: np.ndarray, v: np.ndarray, slides: np.ndarray) -> float:
         """Rate of a coordinate in a state."""
@@ -193,7 +185,7 @@ class Actuators:
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Stiffness and damping (columns, columns) of all in a state, and their forces (columns,).
 
-        After `begin` and `set_internal`.
+        After `begin`.
         """
         K, C, total = np.zeros((columns, columns)), np.zeros((columns, columns)), np.zeros(columns)
         for actuator in self._all:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import scipy.sparse
 
-from fx_beam.mechanics.interval import just_inside
+from fx_beam.mechanics.interval import Interval, just_inside
 from fx_beam.scene.scene import Scene
 from fx_beam.validation import Constant, series
 
@@ -36,13 +36,9 @@ class Followers:
         """Whether all forces are constant in time."""
         return all(isinstance(load.value, Constant) for load in self._loads)
 
-    def set_step(self, t: float, dt: float) -> None:
-        """Set start and length of a step [s]."""
-        self._F = self.at(t, t + dt)
-
-    def at(self, t0: float, t1: float) -> np.ndarray:
-        """Forces (n, 2) [N] at the scheme's level in a step, in the frame of the section."""
-        return self.series(np.array([t0]), np.array([t1]))[0]
+    def set_step(self, interval: Interval) -> None:
+        """Set the interval of a step."""
+        self._F = self.series(np.array([interval.start]), np.array([interval.end]))[0]
 
     def series(self, t0: np.ndarray, t1: np.ndarray) -> np.ndarray:
         """Forces (steps, n, 2) [N] at the scheme's level in each step, in the section's frame."""

@@ -7,6 +7,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from fx_beam.mechanics.interval import Interval
 from fx_beam.mechanics.schemes import Scheme
 from fx_beam.scene.beam import Beam, Node
 from fx_beam.scene.scene import Scene
@@ -27,9 +28,7 @@ from .weak_form import Material, WeakForm, sections_facing_backwards, weak_form
 class Part(NamedTuple):
     """A completed step, or a part of a halved one."""
 
-    #: Start and length [s].
-    t: float
-    dt: float
+    interval: Interval
     #: Increment (size,), and displacements and rotations (size,) at the start.
     D: np.ndarray
     q: np.ndarray
@@ -233,13 +232,13 @@ class Forms:
 
     # -- Evaluation -----------------------------------------------------------------------------
 
-    def set_step(self, t: float, dt: float, q: np.ndarray, v: np.ndarray, a: np.ndarray) -> None:
-        """Set start and length of a step [s], with displacements, rates and accelerations."""
-        self._set_start(t, dt, q)
+    def set_step(self, interval: Interval, q: np.ndarray, v: np.ndarray, a: np.ndarray) -> None:
+        """Set the interval of a step, and displacements, rates and accelerations at its start."""
+        self._set_start(interval, q)
         if self.followers is not None:
-            self.followers.set_step(t, dt)
+            self.followers.set_step(interval)
         for part in self.resistances:
-            part.set_step(dt, q, v)
+            part.set_step(interval.length, q, v)
         if self._weak.needs_rates or self.beam_drag is not None:
             self._set_rates(v, a)
 
@@ -248,9 +247,9 @@ class Forms:
         """Number of nodes that obstacles may stop."""
         return 0 if self.contact is None else len(self.contact.dofs)
 
-    def _set_start(self, t: float, dt: float, q: np.ndarray) -> None:
-        self.time.value = t + self._scheme.rates.level * dt
-        self.dt.value = dt
+    def _set_start(self, interval: Interval, q: np.ndarray) -> None:
+        self.time.value = interval.start + self._scheme.rates.level * interval.length
+        self.dt.value = interval.length
         self._set(self._start, q)
         self._q = q
 
@@ -384,7 +383,7 @@ class Forms:
         ]
         rows = []
         for part in parts:
-            self._set_start(part.t, part.dt, part.q)
+            self._set_start(part.interval, part.q)
             self._set_increment(part.D)
             if self.resultants_need_rates:
                 self._set_rates(*part.rates)

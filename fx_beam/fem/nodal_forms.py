@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from fx_beam.errors import SceneError
+from fx_beam.mechanics.interval import Interval
 from fx_beam.scene.scene import Scene
 
 from .forms import Forms
@@ -37,7 +38,7 @@ class NodalForms(Forms):
         """Nothing."""
         return []
 
-    def _set_start(self, t: float, dt: float, q: np.ndarray) -> None:
+    def _set_start(self, interval: Interval, q: np.ndarray) -> None:
         self._q = q
 
     def _set_increment(self, D: np.ndarray) -> None:

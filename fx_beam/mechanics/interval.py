@@ -16,11 +16,18 @@ class Interval(NamedTuple):
 
     start: float
     end: float
+    #: Given only where rounding of the end would falsify it.
+    own_length: float | None = None
 
     @property
     def length(self) -> float:
         """End minus start."""
-        return self.end - self.start
+        return self.end - self.start if self.own_length is None else self.own_length
+
+
+def moment(t: float, length: float) -> Interval:
+    """An interval from t on that is short compared with t [s]."""
+    return Interval(t, t + length, length)
 
 
 def divided(t0: np.ndarray, t1: np.ndarray, fractions: Sequence[float]):

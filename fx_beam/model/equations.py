@@ -44,18 +44,15 @@ class Equations:
         model, q = self.model, start.q
         self._start, self._length = start, interval.length
         model.forms.set_internal(start.internal)
-        model.actuators.set_internal(start.spring_internal, interval.length)
+        model.actuators.begin(start, interval.length)
+        model.reduction.begin(q, start.slides)
         if model.scheme.rates.at_rest:
             # The interval is one of load factors; only internal variables depend on its length.
             model.forms.load_factor.value = interval.end
             model.forms.load_increment.value = interval.length
-            model.forms.set_step(self.time, 0.0, q, start.v, start.a)
-            model.reduction.begin(q, start.slides, 1.0)
-        else:
-            model.actuators.set_rates(q, start.v, start.slides)
-            model.forms.set_step(interval.start, interval.length, q, start.v, start.a)
-            model.forms.set_memory(start.before, start.memory(interval.length))
-            model.reduction.begin(q, start.slides, interval.length)
+            interval = Interval(self.time, self.time)
+        model.forms.set_step(interval, q, start.v, start.a)
+        model.forms.set_memory(start.before, start.memory(interval.length))
 
     def at(self, y: np.ndarray, driven: np.ndarray, force: np.ndarray) -> Balance:
         """Evaluate at increments of the unknowns y (free,) and of driven motion (driven,).

@@ -144,7 +144,7 @@ class Model:
                 unit = self.unit_of_unknowns
                 self.reduction = loops = LoopReduction(*parts, unit, sliders)
                 slides = np.array([joint.start()[0] for joint in scene.joints])
-                loops.begin(np.zeros(self.size), slides, 1.0)
+                loops.begin(np.zeros(self.size), slides)
                 check_loops(scene, self.couplings, loops)
             else:
                 self.reduction = JointReduction(*parts, sliders)

@@ -40,7 +40,7 @@ class Drive:
 
     def forces(self, step: Interval) -> tuple[np.ndarray, np.ndarray]:
         """Dead forces (size,) at the start and at the end of a step, weight included [N, N m]."""
-        start, end = just_inside(*step)
+        start, end = just_inside(step.start, step.end)
         before = self._dead(start)
         return before, before if self.model.loads.constant else self._dead(end)
 

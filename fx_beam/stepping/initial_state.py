@@ -9,7 +9,7 @@ import scipy.sparse
 import scipy.sparse.linalg
 
 from fx_beam.errors import SceneError
-from fx_beam.mechanics.interval import Interval
+from fx_beam.mechanics.interval import Interval, moment
 from fx_beam.model.model import Model
 from fx_beam.results.state import State
 from fx_beam.scene.beam import COMPONENTS
@@ -113,7 +113,7 @@ def _begin(model: Model, drive: Drive, state: State, dt: float) -> tuple[np.ndar
     drive.check_start(state)
     h = 1e-3 * dt
     rates, bend = drive.derivatives(state.t, h)
-    model.reduction.begin(state.q, state.slides, 10 * h)
+    model.reduction.begin(state.q, state.slides)
     if trouble := model.reduction.trouble:
         raise SceneError(f"start: {trouble}. Start from a position beside it")
     model.reduction.expand(np.zeros(model.reduction.free), np.zeros(len(rates)))
@@ -136,7 +136,8 @@ def _acceleration(
     forms = model.forms
     moving = forms.has_added or forms.resistances or forms.resultants_move
     D = h * state.v if moving else np.zeros(model.size)
-    model.forms.set_step(state.t, h, state.q, state.v, np.zeros(model.size))
+    model.forms.set_internal(state.internal)
+    model.forms.set_step(moment(state.t, h), state.q, state.v, np.zeros(model.size))
     free, moved = reduction.free, slice(reduction.free, reduction.free + reduction.driven)
     a = np.zeros(reduction.columns)
     a[moved] = driven
@@ -150,9 +151,7 @@ def _acceleration(
     reduced, mass, T = _reduced(model.mass, T), _handy(model.mass), _handy(T)
     force = drive.forces(Interval(state.t, state.t + dt))[0] - model.forms.internal_force(D)
     force -= mass @ (T @ a + curved)
-    model.actuators.set_rates(state.q, state.v, state.slides)
-    model.actuators.set_internal(state.spring_internal, h)
-    model.actuators.begin(state.q, state.slides, h)
+    model.actuators.begin(state, h)
     model.actuators.set_increment(h * state.v, h * w)
     b = T.T @ force - model.actuators.forces(reduction.columns)
     a[:free] = acceleration_of(reduced[:free, :free], b[:free])

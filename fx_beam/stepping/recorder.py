@@ -11,7 +11,7 @@ import numpy as np
 
 from fx_beam.errors import SceneError
 from fx_beam.fem.forms import Part
-from fx_beam.mechanics.interval import divided
+from fx_beam.mechanics.interval import Interval, divided, moment
 from fx_beam.model.model import Model
 from fx_beam.results.audit import Energy
 from fx_beam.results.state import State
@@ -319,7 +319,8 @@ class Recorder:
         arrays, forms, first = self.arrays, self.model.forms, self._first
         dt = _SHORT * np.diff(self._times[:2]).sum() or 1.0
         D = dt * first.v if forms.resultants_move else np.zeros(self.model.size)
-        yield Part(first.t, dt, D, arrays["q"][0], (first.v, first.a), internal=first.internal)
+        short = moment(first.t, dt)
+        yield Part(short, D, arrays["q"][0], (first.v, first.a), internal=first.internal)
         times, count = self._times[self._steps[: self.rows]], len(self._fractions)
         ends = divided(times - self._lengths(), times, self._fractions)
         t0, t1 = (np.reshape(places, (-1, count)) for places in ends)
@@ -337,8 +338,8 @@ class Recorder:
                 internal = found.reshape(forms.internal_shape)
             for i in range(count):
                 of_rates = tuple(rate[i] for rate in rates)
-                length = t1[k, i] - t0[k, i]
-                part = Part(t0[k, i], length, D[i], q[i], of_rates, internal=internal)
+                interval = Interval(t0[k, i], t1[k, i])
+                part = Part(interval, D[i], q[i], of_rates, internal=internal)
                 if earlier:
                     part = part._replace(before=earlier[0][k], memory=float(earlier[1][k, 0]))
                 yield part

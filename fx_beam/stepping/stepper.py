@@ -65,27 +65,27 @@ class Stepper:
         StepError if a step fails after all halvings, or if a function of time fails.
         """
         for number, t in enumerate(map(float, times), start=first):
-            start = state.t
+            step = Interval(state.t, t)
             while state.t < t:
-                state = self.part(state, start, t, number, recorder)
+                state = self.part(state, step, number, recorder)
         return state
 
     def part(
-        self, state: State, start: float, end: float, number: int, recorder: Recorder | Unrecorded
+        self, state: State, step: Interval, number: int, recorder: Recorder | Unrecorded
     ) -> State:
-        """State after the next successful sub-step of step `number`, from `start` to `end`.
+        """State after the next successful sub-step of a step and its number.
 
         StepError if a step fails after all halvings, or if a function of time fails.
         """
         before, predictor = state, self.single.newton.predictor
         while True:
-            t1 = float(self.halving.ends(np.array([start, end]))[0])
+            part = Interval(before.t, float(self.halving.ends(np.array(step[:2]))[0]))
             try:
-                starts, state = self._take(before, t1)
+                starts, state = self._take(before, part)
             except StepFailed as failure:
                 predictor.forget()
                 if not self.halving.fail():
-                    raise self._error(state, t1, failure) from failure
+                    raise self._error(part, failure) from failure
                 self.stats.halvings += 1
                 continue
             parts = self.halving.parts
@@ -120,13 +120,14 @@ class Stepper:
         """Take the first of some steps of equal length, number `first`, if its error is small."""
         errors, predictor, stats = self._errors, self.single.newton.predictor, self.stats
         assert errors is not None
-        t1, memory, prediction = float(ends[0]), errors.memory, predictor.memory
-        dt, counted = t1 - state.t, (stats.newton_iterations, dict(stats.ended_by))
+        step = Interval(state.t, float(ends[0]))
+        memory, prediction = errors.memory, predictor.memory
+        counted = stats.newton_iterations, dict(stats.ended_by)
         try:
-            starts, new = self._take(state, t1)
+            starts, new = self._take(state, step)
         except StepFailed:
             return Attempt(state, 0, failed=True)
-        ratio = errors.add(new.q - state.q, dt, *control.factors(dt))
+        ratio = errors.add(new.q - state.q, step.length, *control.factors(step.length))
         if ratio is not None and ratio > 1:
             predictor.memory, errors.memory = prediction, memory
             stats.newton_iterations, stats.ended_by = counted
@@ -141,18 +142,19 @@ class Stepper:
     def failure(self, state: State, t1: float) -> StepFailed:
         """Why Newton's method fails in a step to t1 [s]."""
         try:
-            self._take(state, t1)
+            self._take(state, Interval(state.t, t1))
         except StepFailed as failure:
             return failure
         return StepFailed("no convergence", "no convergence", np.zeros(self.model.size), [])
 
     # -- Steps of all kinds -----------------------------------------------------------------------
 
-    def _take(self, state: State, t1: float) -> tuple[list[State], State]:
-        """States at the starts of all sub-steps of the scheme up to t1 [s], and at their end."""
+    def _take(self, state: State, step: Interval) -> tuple[list[State], State]:
+        """States at the starts of all sub-steps of the scheme in a step, and at their end."""
         fractions, predictor = self.model.scheme.fractions, self.single.newton.predictor
         states, solves, prediction = [state], [], predictor.memory
-        grid = zip(*divided(np.array([state.t]), np.array([t1]), fractions), strict=True)
+        t0, t1 = np.array(step[:2])[:, None]
+        grid = zip(*divided(t0, t1, fractions), strict=True)
         try:
             for self.single.equations.sub_step, ends in enumerate(grid):
                 new, solve = self.single.take(states[-1], Interval(*map(float, ends)))
@@ -166,7 +168,7 @@ class Stepper:
         *starts, end = states
         if len(fractions) > 1:  # means over the step, as for a scheme without sub-steps
             if self.model.nodal_rules is None:
-                end.a = (end.v - state.v) / (t1 - state.t)
+                end.a = (end.v - state.v) / step.length
             for name in ("held", "joint_forces", "contact_forces"):
                 parts = [getattr(sub_step, name) for sub_step in states[1:]]
                 if parts[0] is not None:
@@ -183,7 +185,7 @@ class Stepper:
         self.stats.amplified += several and given > 1e-14 * abs(start.dissipated)
         self.facing.check(end.t, end.q)
 
-    def _error(self, state: State, t1: float, failure: StepFailed) -> StepError:
+    def _error(self, step: Interval, failure: StepFailed) -> StepError:
         halvings = self.halving.most
         advice = (
             f"Try a smaller dt{'' if halvings else ' or max_halvings > 0'}. If this does not help, "
@@ -194,5 +196,5 @@ class Stepper:
                 "The steps before are kept. Use a longer beam, an earlier t_end, or a stop on the "
                 "slide that turns the node back"
             )
-        what = f"the step from t = {state.t:.6g} to {t1:.6g} failed"
-        return self.single.error(what, halvings, state.t, failure, advice)
+        what = f"the step from t = {step.start:.6g} to {step.end:.6g} failed"
+        return self.single.error(what, halvings, step.start, failure, advice)
