@@ -183,9 +183,11 @@ def test_a_start_without_what_decides_parts_is_one_from_an_older_file(tmp_path):
     first.save(tmp_path / "new.npz")
     with np.load(tmp_path / "new.npz") as file:
         old = {name: file[name] for name in file if not name.startswith(("past_", "end_parts"))}
+    forces = old["end_held"] = old.pop("end_constraint_forces")
     np.savez(tmp_path / "old.npz", **old)
     rest = fb.simulate(whirling(1), dt=1 / 4, t_end=2.0, start=fb.load(tmp_path / "old.npz"))
     assert len(rest.t) == 5
+    assert (fb.load(tmp_path / "old.npz").end.constraint_forces == forces).all()
 
 
 def test_the_predictor_is_saved_and_begins_anew_from_an_older_file(tmp_path):

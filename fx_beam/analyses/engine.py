@@ -117,8 +117,11 @@ def state_of(model: Model, start: Solution) -> State:
         )
     state = end.renumbered(model.from_nodes, model.mesh.from_elements)
     check_joints(model, state)
-    if state.held is not None and len(state.held) != model.reduction.columns - model.reduction.free:
-        state = replace(state, held=None)  # other supports
+    if (
+        state.constraint_forces is not None
+        and len(state.constraint_forces) != model.reduction.columns - model.reduction.free
+    ):
+        state = replace(state, constraint_forces=None)  # other supports
     if start.stats.static or start.t[-1] == end.t:  # else the record has no row of the end
         if len(start.joint_forces):
             state = replace(state, joint_forces=start.joint_forces[-1])

@@ -57,8 +57,8 @@ def _reaction(model: Model, source: Source, number: int) -> Reading:
 
     def read():
         force = np.zeros(3)
-        if source.now.held is not None:
-            force[components[own]] = source.now.held[places[own]]
+        if source.now.constraint_forces is not None:
+            force[components[own]] = source.now.constraint_forces[places[own]]
         return force
 
     return read
@@ -96,7 +96,7 @@ def _of_joint(model: Model, source: Source, turns: np.ndarray, output: Output) -
         "spin": lambda: between(source.now.v, 2),
         "rate": rate,
         "force": lambda: _row(source.now.joint_forces, number, np.zeros(3)).copy(),
-        "motor_force": lambda: float(_row(source.now.held, motor, 0.0)),
+        "motor_force": lambda: float(_row(source.now.constraint_forces, motor, 0.0)),
     }
     return found[output.quantity]
 

@@ -286,10 +286,10 @@ class Problem:
         if (groups := factors.groups) is not None:
             p.groups = len(groups.group_first) - 1
             self._ints(**groups._asdict())
-        added = place[t.plain["source"]] >= stored
-        plain = {key: values[added] for key, values in t.plain.items()}
-        tables = {"plain": plain, "mixed": t.mixed, "second": t.second, "third": t.third}
-        for name, table in tables.items():
+        added = place[t.direct["source"]] >= stored
+        parts = t._replace(direct={key: values[added] for key, values in t.direct.items()})
+        for name in ("direct", "coupled", "geometric", "restoring"):
+            table = getattr(parts, name)
             setattr(p, name, len(table["to"]))
             for key, values in table.items():
                 if key == "sign":
@@ -340,17 +340,17 @@ class Problem:
         on_nodes = np.flatnonzero(carriers >= 0)
         levers = turning[:, carriers[on_nodes]].tocsr()
         levers.sort_indices()
-        twists = self.model.actuators.twists(turning)
-        self.c.twists = len(twists["of"])
+        moments = self.model.actuators.moment_terms(turning)
+        self.c.moments = len(moments["of"])
         self._ints(
             sum_start=sums.indptr,
             sum_of=sums.indices,
             lever_joint_start=levers.indptr,
             lever_joint=on_nodes[levers.indices],
-            twist_joint=twists["joint"],
-            twist_of=twists["of"],
+            moment_joint=moments["joint"],
+            moment_of=moments["of"],
         )
-        self._doubles(sum_sign=sums.data, lever_sign=levers.data, twist_sign=twists["sign"])
+        self._doubles(sum_sign=sums.data, lever_sign=levers.data, moment_sign=moments["sign"])
 
     def _allocate(self) -> None:
         model, reduction = self.model, self.model.reduction
@@ -360,8 +360,8 @@ class Problem:
             "a": model.size,
             "slide": len(model.scene.joints),
             "driven_now": reduction.driven,
-            "held": reduction.columns - reduction.free,
-            "added_force": model.size,
+            "constraint_forces": reduction.columns - reduction.free,
+            "added_forces": model.size,
             "before": model.size if model.keeps_before else 0,
             "internals": int(np.prod(model.forms.internal_shape)),
             "spring_internals": model.actuators.width,

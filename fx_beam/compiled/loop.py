@@ -184,11 +184,11 @@ class CompiledLoop:
         arrays["q"][:], arrays["v"][:], arrays["a"][:] = state.q, state.v, state.a
         arrays["slide"][:] = state.slides
         arrays["driven_now"][len(model.prescribed) :] = state.motors
-        p.steps_done = state.held is not None
-        if state.held is not None:
-            arrays["held"][:] = state.held
-        if state.added is not None:
-            arrays["added_force"][:] = state.added
+        p.steps_done = state.constraint_forces is not None
+        if state.constraint_forces is not None:
+            arrays["constraint_forces"][:] = state.constraint_forces
+        if state.added_forces is not None:
+            arrays["added_forces"][:] = state.added_forces
         if state.internal is not None:
             arrays["internals"][:] = state.internal.ravel()
         if state.spring_internal is not None:
@@ -269,8 +269,8 @@ class CompiledLoop:
             arrays["a"],
             arrays["slide"],
             arrays["driven_now"][len(self.model.prescribed) :],
-            held=arrays["held"] if taken else None,
-            added=arrays["added_force"] if taken and p.has_added else None,
+            constraint_forces=arrays["constraint_forces"] if taken else None,
+            added_forces=arrays["added_forces"] if taken and p.has_added else None,
             work=p.work,
             dissipated=p.dissipated,
             numerical=p.numerical,

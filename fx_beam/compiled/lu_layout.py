@@ -221,7 +221,7 @@ def places_of_entries(
     """
     direct = np.repeat(alone, np.diff(tangent.indptr)) & alone[tangent.indices]
     place = np.empty(tangent.nnz, dtype=int)
-    place[t.plain["source"]] = at[t.plain["to"]]
+    place[t.direct["source"]] = at[t.direct["to"]]
     others = np.flatnonzero(~direct)
     place[others] = behind + np.arange(len(others))
     return place, behind + len(others)

@@ -37,7 +37,7 @@ class CompiledStride:
         arrays = problem.state_arrays
         #: The present state: arrays of C.
         self.now = SimpleNamespace(
-            **{name: arrays[name] for name in ("q", "v", "a", "held")},
+            **{name: arrays[name] for name in ("q", "v", "a", "constraint_forces")},
             slides=arrays["slide"],
             joint_forces=loop.joint_forces,
         )
@@ -82,8 +82,8 @@ class CompiledStride:
     def load(self, state: State) -> None:
         """Begin from a state."""
         self._loop.load(state)
-        if state.held is None:
-            self.now.held[:] = 0.0
+        if state.constraint_forces is None:
+            self.now.constraint_forces[:] = 0.0
         if self.now.joint_forces is not None and state.joint_forces is None:
             self.now.joint_forces[:] = 0.0
         self._loop.forget_past()

@@ -24,14 +24,14 @@ class Tables(NamedTuple):
     joints: dict
     #: Degrees of freedom (dof) that follow through joint j: through is 2 j for x and 2 j + 1 for y.
     followers: dict
-    #: Entries of the full tangent that are added to reduced ones: to and source.
-    plain: dict
+    #: Entries of the full tangent that are added to reduced ones as they are: to and source.
+    direct: dict
     #: Entries that are multiplied by entries of That (hat) and T (value): also with a sign.
-    mixed: dict
-    #: Derivatives of That: to, joint, kind and sign.
-    second: dict
+    coupled: dict
+    #: Geometric stiffness, the derivatives of That: to, joint, kind and sign.
+    geometric: dict
     #: Derivatives of the forces of springs and dampers: to, of, side and sign.
-    third: dict
+    restoring: dict
 
 
 class LoopTables(NamedTuple):
@@ -218,10 +218,10 @@ class IndexReduction(WithoutLoops):
                 "number": none,
             },
             followers={"dof": none, "through": none},
-            plain={"to": to, "source": source},
-            mixed={"to": none, "source": none, "hat": none, "value": none, "sign": none},
-            second={"to": none, "joint": none, "kind": none, "sign": none},
-            third={"to": none, "of": none, "side": none, "sign": none},
+            direct={"to": to, "source": source},
+            coupled={"to": none, "source": none, "hat": none, "value": none, "sign": none},
+            geometric={"to": none, "joint": none, "kind": none, "sign": none},
+            restoring={"to": none, "of": none, "side": none, "sign": none},
         )
 
 

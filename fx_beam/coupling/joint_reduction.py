@@ -76,30 +76,30 @@ class JointReduction(WithoutLoops):
     def _build_products(self, couplings: Couplings, matrix) -> None:
         """Positions of all products That[i, a] K[i, j] T[j, b] in the reduced tangent."""
         free = self.free
-        second = []
+        geometric = []
         for m, joint in enumerate(self._moving):
             turn = [
                 e for e in couplings.entries_of_guide(joint, self._dofs) if self._index[e[0]] >= 0
             ]
             slide = [(self._slide[m], 0, 1.0)] if 0 <= self._slide[m] < free else []
             for kind, hats, values in ((0, turn, turn), (1, turn, slide), (2, slide, turn)):
-                second += [(a, b, m, kind, s * o) for a, _, s in hats for b, _, o in values]
-        third = self._actuators.pairs(self._index)
+                geometric += [(a, b, m, kind, s * o) for a, _, s in hats for b, _, o in values]
+        restoring = self._actuators.pairs(self._index)
 
         moves = self._index[self._col] >= 0
         source, left, right = _products(self._row, moves, matrix.indptr, matrix.indices)
-        others = np.array([p[:2] for p in (*second, *third)], dtype=int).reshape(-1, 2)
+        others = np.array([p[:2] for p in (*geometric, *restoring)], dtype=int).reshape(-1, 2)
         pairs = np.vstack([np.column_stack([self._col[left], self._col[right]]), others])
         place = self._set_pattern(*self._index[pairs.T])
-        cuts = np.cumsum([len(source), len(second)])
-        place, self._second_place, self._actuator_place = np.split(place, cuts)
+        cuts = np.cumsum([len(source), len(geometric)])
+        place, self._geometric_place, self._restoring_place = np.split(place, cuts)
         hats, values = self._place[left], self._place[right]
         signs = self._sign[left] * self._sign[right]
-        plain = (hats == 0) & (values == 0) & (signs == 1)
-        self._plain = place[plain], source[plain]
-        self._mixed = tuple(part[~plain] for part in (place, source, hats, values, signs))
-        table = np.array([(m, kind, sign) for _, _, m, kind, sign in second]).reshape(-1, 3)
-        self._second = table[:, 0].astype(int), table[:, 1].astype(int), table[:, 2]
+        direct = (hats == 0) & (values == 0) & (signs == 1)
+        self._direct = place[direct], source[direct]
+        self._coupled = tuple(part[~direct] for part in (place, source, hats, values, signs))
+        table = np.array([(m, kind, sign) for _, _, m, kind, sign in geometric]).reshape(-1, 3)
+        self._geometric = table[:, 0].astype(int), table[:, 1].astype(int), table[:, 2]
 
     def _set_pattern(self, rows: np.ndarray, columns: np.ndarray) -> np.ndarray:
         """Set the pattern; returns the places of entries in the tangent before the elimination."""
@@ -119,8 +119,8 @@ class JointReduction(WithoutLoops):
 
     def tables(self):
         """Entries, joints and products."""
-        to, source, hat, value, sign = self._mixed
-        joint, kind, second_sign = self._second
+        to, source, hat, value, sign = self._coupled
+        joint, kind, signs = self._geometric
         return Tables(
             entries={
                 "row": self._row,
@@ -137,10 +137,10 @@ class JointReduction(WithoutLoops):
                 "number": np.array([joint.number for joint in self._moving], dtype=int),
             },
             followers={"dof": self._below, "through": self._through},
-            plain={"to": self._plain[0], "source": self._plain[1]},
-            mixed={"to": to, "source": source, "hat": hat, "value": value, "sign": sign},
-            second={"to": self._second_place, "joint": joint, "kind": kind, "sign": second_sign},
-            third={"to": self._actuator_place, **self._actuators.terms()},
+            direct={"to": self._direct[0], "source": self._direct[1]},
+            coupled={"to": to, "source": source, "hat": hat, "value": value, "sign": sign},
+            geometric={"to": self._geometric_place, "joint": joint, "kind": kind, "sign": signs},
+            restoring={"to": self._restoring_place, **self._actuators.stiffness_terms()},
         )
 
     # -- A step -----------------------------------------------------------------------------------
@@ -253,17 +253,17 @@ class JointReduction(WithoutLoops):
         out[:] = self._tangent[self.sliders.kept]
 
     def _fill(self, values, r, out) -> None:
-        place, k = self._plain
+        place, k = self._direct
         out[:] = np.bincount(place, values[k], len(out))
-        at, source, hat, value, sign = self._mixed
+        at, source, hat, value, sign = self._coupled
         products = values[source] * self._hat[hat] * self._values[value] * sign
         out += np.bincount(at, products, len(out))
-        if len(self._second_place):
-            joint, kind, signs = self._second
+        if len(self._geometric_place):
+            joint, kind, signs = self._geometric
             terms = self._second_order(r)[kind, joint] * signs
-            out += np.bincount(self._second_place, terms, len(out))
-        if len(self._actuator_place):
-            out += np.bincount(self._actuator_place, self._actuators.stiffness(), len(out))
+            out += np.bincount(self._geometric_place, terms, len(out))
+        if len(self._restoring_place):
+            out += np.bincount(self._restoring_place, self._actuators.stiffness(), len(out))
 
     def _second_order(self, r):
         """Derivatives of That^T r of each joint: (psi, psi), (psi, d) and (d, psi)."""

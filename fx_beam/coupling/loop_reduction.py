@@ -242,7 +242,8 @@ class LoopReduction(JointReduction):
         tables, at = super().tables(), self.places()
         if self.sliders is not None:
             return tables  # theirs is another pattern, which is stored in these places
-        parts = {name: getattr(tables, name) for name in ("plain", "mixed", "second", "third")}
+        names = "direct", "coupled", "geometric", "restoring"
+        parts = {name: getattr(tables, name) for name in names}
         return tables._replace(**{n: {**part, "to": at[part["to"]]} for n, part in parts.items()})
 
     def places(self) -> np.ndarray:

@@ -287,15 +287,15 @@ class Actuators:
                 pushes += [(column, number, side * sign) for column, _, sign in own]
         return rows, _table(("column", "of", "sign"), pushes)
 
-    def terms(self) -> dict[str, list]:
+    def stiffness_terms(self) -> dict[str, list]:
         """The terms of `stiffness`: actuator, side and sign of each entry."""
         numbers = {id(actuator): number for number, actuator in enumerate(self._all)}
         terms = [(numbers[id(a)], side, row * column) for a, side, row, column in self._terms]
         return _table(("of", "side", "sign"), terms)
 
-    def twists(self, turning) -> dict[str, list]:
+    def moment_terms(self, turning) -> dict[str, list]:
         """Their terms in the moments of joints; `turning` gives the moments of nodes in those."""
-        twists, columns = [], turning.tocsc()
+        terms, columns = [], turning.tocsc()
         for number, actuator in enumerate(self._all):
             if actuator.turns is None:
                 continue
@@ -305,8 +305,8 @@ class Actuators:
                     own = slice(*columns.indptr[node.number : node.number + 2])
                     for joint, turns in zip(columns.indices[own], columns.data[own], strict=True):
                         part[joint] = part.get(joint, 0.0) + sign * turns
-            twists += [(joint, number, part[joint]) for joint in sorted(part) if part[joint]]
-        return _table(("joint", "of", "sign"), twists)
+            terms += [(joint, number, part[joint]) for joint in sorted(part) if part[joint]]
+        return _table(("joint", "of", "sign"), terms)
 
     # -- Moments --------------------------------------------------------------------------------
 

@@ -97,6 +97,9 @@ def _read(path) -> Solution:
         # Missing in files of earlier versions.
         later = "dissipated", "numerical", "algorithmic", "length"
         parts |= {name: float(data.get(f"end_{name}", 0.0)) for name in later}
+        for name, former in (("constraint_forces", "held"), ("added_forces", "added")):
+            if f"end_{former}" in data:
+                parts[name] = data[f"end_{former}"]
         if "past_ages" in data:  # files of earlier versions lack it: prediction begins anew
             parts["past"] = Past(**{f.name: data[f"past_{f.name}"] for f in fields(Past)})
         end = State(**parts)

@@ -38,8 +38,8 @@ class State:
     motors: np.ndarray
     #: In the step that ended here: forces of driven and fixed columns, of added virtual works
     #: (size,), of the joints on their nodes b (joints, 3) and of obstacles (contacts, 2) [N, N m].
-    held: np.ndarray | None = None
-    added: np.ndarray | None = None
+    constraint_forces: np.ndarray | None = None
+    added_forces: np.ndarray | None = None
     joint_forces: np.ndarray | None = None
     contact_forces: np.ndarray | None = None
     #: Work and dissipated energy since the start [J].
@@ -65,14 +65,15 @@ class State:
     def renumbered(self, change: _Renumbering, change_cells: _Renumbering) -> State:
         """The state in another numbering of degrees of freedom and of cells."""
         added, before = (
-            None if vector is None else change(vector) for vector in (self.added, self.before)
+            None if vector is None else change(vector)
+            for vector in (self.added_forces, self.before)
         )
         past = self.past
         if past is not None and len(past.differences):
             past = replace(past, differences=np.array([change(D) for D in past.differences]))
         q, v, a = (change(vector) for vector in (self.q, self.v, self.a))
         inside = None if self.internal is None else change_cells(self.internal)
-        new = replace(self, q=q, v=v, a=a, added=added, before=before, past=past)
+        new = replace(self, q=q, v=v, a=a, added_forces=added, before=before, past=past)
         return replace(new, internal=inside)
 
     def memory(self, length: float) -> float:

@@ -64,7 +64,7 @@ class LoadStepper:
         balance = equations.at_start(np.zeros(self.model.size))
         tension = balance.residual[: self.model.reduction.free]
         if self.model.forms.has_added:
-            start.added = self.model.forms.added_force()
+            start.added_forces = self.model.forms.added_force()
 
         def release(state: State, before: float, after: float) -> State:
             self._hold = (1 - before) * tension, (1 - after) * tension

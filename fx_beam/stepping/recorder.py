@@ -124,7 +124,7 @@ class Recorder:
         n, size, joints = 0, model.size, len(model.scene.joints)
         self._fractions = model.scheme.fractions
         starts = len(self._fractions) * size
-        held = model.reduction.columns - model.reduction.free
+        constrained = model.reduction.columns - model.reduction.free
         #: Rows (n, ...) by name, vectors in the order of the degrees of freedom.
         self.arrays = {"energies": np.zeros((n, 8)), "momenta": np.zeros((n, 3))}
         if joints:
@@ -147,7 +147,7 @@ class Recorder:
         if record.rates:
             self.arrays |= {"v": np.zeros((n, size)), "a": np.zeros((n, size))}
         if record.forces:
-            self.arrays["held"] = np.zeros((n, held))
+            self.arrays["constraint_forces"] = np.zeros((n, constrained))
             if joints:
                 self.arrays["joint_forces"] = np.zeros((n, 3 * joints))
             if (contact := model.forms.contact) is not None:
@@ -216,7 +216,7 @@ class Recorder:
             "spring_internal": state.spring_internal,
             "v": state.v,
             "a": state.a,
-            "held": state.held,
+            "constraint_forces": state.constraint_forces,
             "slides": state.slides,
             "joint_forces": state.joint_forces,
             "contact_forces": state.contact_forces,
@@ -263,15 +263,17 @@ class Recorder:
             return kept[name][:, model.mesh.dofs] if name in kept else none
 
         reactions = none
-        if "held" in kept:
+        if "constraint_forces" in kept:
             reactions = np.zeros((n, nodes, 3))
             supported, components, places = model.supports
-            reactions[:, supported, components] = kept["held"][:, places]
-        motors = np.zeros((n if "held" in kept else 0, joints))
-        if "held" in kept:
+            reactions[:, supported, components] = kept["constraint_forces"][:, places]
+        motors = np.zeros((n if "constraint_forces" in kept else 0, joints))
+        if "constraint_forces" in kept:
             first, numbers = len(model.prescribed), [joint.number for joint, _ in model.motors]
-            motors[:, numbers] = kept["held"][:, first : first + len(numbers)]
-        forces = kept.get("joint_forces", np.empty((0 if "held" not in kept else n, 3 * joints)))
+            motors[:, numbers] = kept["constraint_forces"][:, first : first + len(numbers)]
+        forces = kept.get(
+            "joint_forces", np.empty((0 if "constraint_forces" not in kept else n, 3 * joints))
+        )
         contacts = model.forms.contacts
         pushes = kept.get("contact_forces", np.empty((len(forces), 2 * contacts)))
         t = self._times[self._steps[:n]]

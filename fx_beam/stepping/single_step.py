@@ -84,14 +84,14 @@ class SingleStep:
         lost, taken, new.algorithmic = model.forms.losses(step.D)
         new.dissipated = old.dissipated + model.actuators.dissipated() + lost + taken
         new.numerical = old.numerical + taken
-        new.held = model.reduction.project(step.r)[model.reduction.free :]
+        new.constraint_forces = model.reduction.project(step.r)[model.reduction.free :]
         if self.model.reduction.driven:
             drive = np.concatenate([path[model.prescribed], self._motor_paths(path, new, old)])
-            work += self._mid(new.held, old.held)[: len(drive)] @ drive
+            work += self._mid(new.constraint_forces, old.constraint_forces)[: len(drive)] @ drive
         if model.forms.has_added:
             model.forms.internal_force(step.D)
-            new.added = model.forms.added_force()
-            work += self._mid(new.added, old.added) @ path
+            new.added_forces = model.forms.added_force()
+            work += self._mid(new.added_forces, old.added_forces) @ path
         if self.joint_forces is not None:
             new.joint_forces = self.joint_forces.evaluate(step.r)
         if model.forms.contact is not None:

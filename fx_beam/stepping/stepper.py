@@ -169,7 +169,7 @@ class Stepper:
         if len(fractions) > 1:  # means over the step, as for a scheme without sub-steps
             if self.model.nodal_rules is None:
                 end.a = (end.v - state.v) / step.length
-            for name in ("held", "joint_forces", "contact_forces"):
+            for name in ("constraint_forces", "joint_forces", "contact_forces"):
                 parts = [getattr(sub_step, name) for sub_step in states[1:]]
                 if parts[0] is not None:
                     setattr(end, name, np.tensordot(fractions, parts, 1))

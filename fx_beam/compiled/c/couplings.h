@@ -128,27 +128,27 @@ static void transmitted(const Problem *p, const Work *w, const double *r) {
 /* Completes the reduced tangent, in the storage of its factors, after `project` of r. */
 static void reduce_tangent(const Problem *p, const Work *w, const double *r) {
   double *K = w->tangent;
-  for (int k = 0; k < p->plain; ++k) K[p->plain_to[k]] += K[p->plain_from[k]];
-  for (int k = 0; k < p->mixed; ++k)
-    K[p->mixed_to[k]] += K[p->mixed_from[k]] * w->hat[p->mixed_hat[k]] *
-                         w->values[p->mixed_value[k]] * p->mixed_sign[k];
-  if (p->second) transmitted(p, w, p->sliders ? w->loaded : r);
-  for (int k = 0; k < p->second; ++k) {
-    int j = p->second_joint[k];
+  for (int k = 0; k < p->direct; ++k) K[p->direct_to[k]] += K[p->direct_from[k]];
+  for (int k = 0; k < p->coupled; ++k)
+    K[p->coupled_to[k]] += K[p->coupled_from[k]] * w->hat[p->coupled_hat[k]] *
+                         w->values[p->coupled_value[k]] * p->coupled_sign[k];
+  if (p->geometric) transmitted(p, w, p->sliders ? w->loaded : r);
+  for (int k = 0; k < p->geometric; ++k) {
+    int j = p->geometric_joint[k];
     double F0 = w->passing[2 * j], F1 = w->passing[2 * j + 1];
     double turned = p->level * (F1 * w->t1[2 * j] - F0 * w->t1[2 * j + 1]), term;
-    if (p->second_kind[k] == 0)
+    if (p->geometric_kind[k] == 0)
       term = -p->level * (F0 * w->rho1[2 * j] + F1 * w->rho1[2 * j + 1]);
-    else if (p->second_kind[k] == 1)
+    else if (p->geometric_kind[k] == 1)
       term = turned;
     else
       term = w->guide_bend[j] * (F0 * w->mean_t[2 * j] + F1 * w->mean_t[2 * j + 1]) +
              w->guide_slope[j] * turned;
-    K[p->second_to[k]] += p->second_sign[k] * term;
+    K[p->geometric_to[k]] += p->geometric_sign[k] * term;
   }
-  for (int k = 0; k < p->third; ++k) {
-    const Actuator *a = p->actuator + p->third_of[k];
-    K[p->third_to[k]] += p->third_sign[k] * (p->third_side[k] ? a->slope_b : a->slope_a);
+  for (int k = 0; k < p->restoring; ++k) {
+    const Actuator *a = p->actuator + p->restoring_of[k];
+    K[p->restoring_to[k]] += p->restoring_sign[k] * (p->restoring_side[k] ? a->slope_b : a->slope_a);
   }
   eliminate_sliders(p, w);
 }

@@ -40,7 +40,7 @@ static double energy_of(const Problem *p, const Work *w, const Form *form) {
 /* Adds the work of dead loads, driven motion and added forces, and the losses of dampers, material,
    drag and contact. The forces that are recorded are means over the sub-steps. */
 static void audit(Problem *p, const Work *w, const double *change, int sub_step) {
-  int n = p->dofs, held = p->columns - p->free;
+  int n = p->dofs, constrained = p->columns - p->free;
   work_increment(p, w);
   p->work += dot(n, w->dead, w->path);
   for (int i = 0; i < p->actuators; ++i) p->dissipated += p->actuator[i].lost;
@@ -59,16 +59,16 @@ static void audit(Problem *p, const Work *w, const double *change, int sub_step)
       along = change[i];
     else
       along = at(w->path, p->motor_b[i]) - at(w->path, p->motor_a[i]);
-    p->work += mid(p, w->columns[p->free + i], p->held[i]) * along;
+    p->work += mid(p, w->columns[p->free + i], p->constraint_forces[i]) * along;
   }
-  for (int i = 0; i < held; ++i)
-    p->held[i] = p->fractions[sub_step] * w->columns[p->free + i] + (sub_step ? p->held[i] : 0);
+  for (int i = 0; i < constrained; ++i)
+    p->constraint_forces[i] = p->fractions[sub_step] * w->columns[p->free + i] + (sub_step ? p->constraint_forces[i] : 0);
   if (p->has_added) {
     memset(w->f, 0, n * sizeof(double));
     assemble_vector(p, &p->added, w->fields, w->f);
     add_thrusts(p, w, 1, w->f);
-    for (int i = 0; i < n; ++i) p->work += mid(p, w->f[i], p->added_force[i]) * w->path[i];
-    memcpy(p->added_force, w->f, n * sizeof(double));
+    for (int i = 0; i < n; ++i) p->work += mid(p, w->f[i], p->added_forces[i]) * w->path[i];
+    memcpy(p->added_forces, w->f, n * sizeof(double));
   }
 }
 

@@ -172,12 +172,12 @@ typedef struct {
   /* Groups of up to three rows: the groups that are subtracted from them, and the columns behind them
      in runs of successive ones. */
   int groups, *group_first, *source_start, *source, *run_start, *run_column, *run_length;
-  int plain, mixed, second;
-  int *plain_to, *plain_from;
-  int *mixed_to, *mixed_from, *mixed_hat, *mixed_value;
-  double *mixed_sign;
-  int *second_to, *second_joint, *second_kind;
-  double *second_sign;
+  int direct, coupled, geometric;
+  int *direct_to, *direct_from;
+  int *coupled_to, *coupled_from, *coupled_hat, *coupled_value;
+  double *coupled_sign;
+  int *geometric_to, *geometric_joint, *geometric_kind;
+  double *geometric_sign;
 
   /* Closed loops: gaps of the joints that close them. Entries of their derivatives, with indices among
      the loops' columns, of which the first are unknowns; degrees of freedom of b and a (-1: ground),
@@ -192,14 +192,14 @@ typedef struct {
 
   /* Springs and dampers: columns on which they act, their entries in the reduced tangent, and their
      contributions to the moments of the joints. */
-  int actuators, pushes, third, twists, spring_width; /* width: internal variables of all springs */
+  int actuators, pushes, restoring, moments, spring_width; /* width: internal variables of all springs */
   Actuator *actuator;
   int *push_column, *push_of;
   double *push_sign;
-  int *third_to, *third_of, *third_side;
-  double *third_sign;
-  int *twist_joint, *twist_of;
-  double *twist_sign;
+  int *restoring_to, *restoring_of, *restoring_side;
+  double *restoring_sign;
+  int *moment_joint, *moment_of;
+  double *moment_sign;
 
   /* Follower forces: x, y and rotation of their nodes, and storage indices of their tangent. */
   int thrusts, *thrust_dofs, *thrust_places;
@@ -244,7 +244,7 @@ typedef struct {
   double *memory;
   long memory_size;
   double t, work, dissipated, numerical, algorithmic;
-  double *q, *v, *a, *slide, *driven_now, *held, *added_force;
+  double *q, *v, *a, *slide, *driven_now, *constraint_forces, *added_forces;
   double *internals;    /* [cell][internal variable of a cell] */
   double *spring_internals; /* [spring_width] */
   double *before, length, ratio; /* start and length of the last step; `memory` of this one */
@@ -282,7 +282,7 @@ typedef struct {
   double *before_q, *before_v, *before_a; /* at the starts of the sub-steps of the last part */
   double *before_internal;
   double *earlier_q, *memory;   /* start of the part before that, and ratio of their lengths */
-  double *q, *v, *a, *internal, *spring_internal, *held, *slides, *joint_forces, *contact_forces;
+  double *q, *v, *a, *internal, *spring_internal, *constraint_forces, *slides, *joint_forces, *contact_forces;
   double *energies, *momenta;
 } Record;
 

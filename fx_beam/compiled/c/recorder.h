@@ -16,9 +16,9 @@ static void add_joint_forces(const Problem *p, const Work *w, int sub_step, doub
     for (int k = p->sum_start[i]; k < p->sum_start[i + 1]; ++k)
       out[i] += fraction * p->sum_sign[k] * r[p->sum_of[k]];
   for (int k = 0; k < p->closures; ++k) out[p->gap_force[k]] += fraction * w->closing[k];
-  for (int k = 0; k < p->twists; ++k)
-    out[3 * p->twist_joint[k] + 2] +=
-        fraction * p->twist_sign[k] * p->actuator[p->twist_of[k]].force;
+  for (int k = 0; k < p->moments; ++k)
+    out[3 * p->moment_joint[k] + 2] +=
+        fraction * p->moment_sign[k] * p->actuator[p->moment_of[k]].force;
   if (!p->joints) return;
   transmitted(p, w, given);
   for (int i = 0; i < p->scene_joints; ++i)
@@ -47,7 +47,7 @@ static void record_start(const Problem *p, int sub_step, Record *to) {
 }
 
 static void record(Problem *p, const Work *w, Record *to) {
-  long n = p->dofs, held = p->columns - p->free, k = to->rows++;
+  long n = p->dofs, constrained = p->columns - p->free, k = to->rows++;
   if (to->q) memcpy(to->q + k * n, p->q, n * sizeof(double));
   if (to->v) memcpy(to->v + k * n, p->v, n * sizeof(double));
   if (to->a) memcpy(to->a + k * n, p->a, n * sizeof(double));
@@ -56,7 +56,8 @@ static void record(Problem *p, const Work *w, Record *to) {
   long springs = p->spring_width;
   if (to->spring_internal)
     memcpy(to->spring_internal + k * springs, p->spring_internals, springs * sizeof(double));
-  if (to->held) memcpy(to->held + k * held, p->held, held * sizeof(double));
+  if (to->constraint_forces)
+    memcpy(to->constraint_forces + k * constrained, p->constraint_forces, constrained * sizeof(double));
   if (to->slides) memcpy(to->slides + k * p->slides, p->slide, p->slides * sizeof(double));
   double *momentum = w->left, *energy = to->energies + 8 * k, *sums = to->momenta + 3 * k;
   times_mass(p, p->v, momentum);
