@@ -38,7 +38,7 @@ def test_the_stored_energy_along_the_members_adds_up_to_that_of_the_solution(cur
     solution, rows = fb.simulate(scene, dt=0.02, t_end=0.2), [4, 10]
     # Of a curve the lengths along it are taken, which those of its elements come near to.
     weights = np.outer(np.diff(beam.s), np.polynomial.legendre.leggauss(degree)[1] / 2)
-    total = np.einsum("rep,ep->r", energy_density(solution, "arm", rows), weights)
+    total = np.einsum("rep,ep->r", energy_density(solution, ["arm"], rows), weights)
     assert (total > 1e-3).all()
     assert total == pytest.approx(solution.energy.strain[rows], rel=off)
 

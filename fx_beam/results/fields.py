@@ -9,7 +9,7 @@ import ufl
 
 import numpy as np
 
-from fx_beam.scene.beam import arc_lengths, lagrange
+from fx_beam.scene.beam import arc_lengths, lagrange, lagrange_and_slopes
 
 RESULTANTS = ("N", "Q", "M")
 _STIFFNESSES = ("EA", "GA", "EI")
@@ -25,43 +25,24 @@ def along(solution: Any, name: str, quantity: str, rows, places: np.ndarray) -> 
     But for the speed, they are polynomials through the values at the Gauss points, and may jump.
     """
     rows, beam = list(rows), solution.beams[name]
+    if quantity == "strain energy":
+        return _energies(solution, [name], rows, places)
     if quantity == "speed":
         nodes = nodes_of_elements(solution, name)
         v = solution.recorded("v")[rows][:, nodes, :2]
         v = np.einsum("pn,renc->repc", lagrange(np.linspace(0, 1, beam.degree + 1), places), v)
         return np.hypot(v[..., 0], v[..., 1])
-    if quantity == "strain energy":
-        values = energy_density(solution, name, rows)
-    else:
-        values = _at_points(solution, name, quantity)[rows]
-        values = values.reshape(len(rows), beam.elements, beam.degree)
+    values = _at_points(solution, name, quantity)[rows]
+    values = values.reshape(len(rows), beam.elements, beam.degree)
     return values @ lagrange(_gauss(beam.degree), places).T
 
 
 def along_all(solution: Any, quantity: str, rows, places: np.ndarray) -> np.ndarray:
-    """The same for all beams of a solution (rows, elements, places), quickly for frames."""
-    rows, beams = list(rows), solution.beams
-    sections = {id(beam.section): beam.section for beam in beams.values()}
-    if quantity == "strain energy" and all(map(_is_constant, sections.values())):
-        degree = next(iter(beams.values())).degree
-        nodes = np.concatenate([nodes_of_elements(solution, name) for name in beams])
-        known = {
-            key: [section.values(kind, np.array([0.5]))[0] for kind in _STIFFNESSES]
-            for key, section in sections.items()
-        }
-        stiffness = np.array([known[id(beam.section)] for beam in beams.values()])
-        stiffness = np.repeat(stiffness, [beam.elements for beam in beams.values()], axis=0)
-        strains = _strains(solution, nodes, degree, rows)
-        density = np.einsum("ek,krep->rep", stiffness, strains**2) / 2
-        return density @ lagrange(_gauss(degree), places).T
-    return np.concatenate([along(solution, name, quantity, rows, places) for name in beams], axis=1)
-
-
-def _is_constant(section: Any) -> bool:
-    """Whether a beam's stored energy is quadratic, with the same stiffness all along it."""
-    if section is None or section.strain_energy is not None:
-        return False
-    return not any(section.varies(kind) for kind in _STIFFNESSES)
+    """The same for all beams of a solution (rows, elements, places)."""
+    names = list(solution.beams)
+    if quantity == "strain energy":  # at once, quickly for frames
+        return _energies(solution, names, list(rows), places)
+    return np.concatenate([along(solution, name, quantity, rows, places) for name in names], axis=1)
 
 
 def _at_points(solution: Any, name: str, quantity: str) -> np.ndarray:
@@ -72,45 +53,61 @@ def _at_points(solution: Any, name: str, quantity: str) -> np.ndarray:
     return solution.internal_of_beam.get(name, {}).get(quantity, np.zeros_like(resultants.N))
 
 
-def energy_density(solution: Any, name: str, rows) -> np.ndarray:
-    """Stored energy per length (rows, elements, degree) of a beam at its Gauss points [J/m]."""
-    beam = solution.beams[name]
-    if beam.section is None:
+def _energies(solution: Any, names: list[str], rows, places: np.ndarray) -> np.ndarray:
+    degree = solution.beams[names[0]].degree
+    return energy_density(solution, names, rows) @ lagrange(_gauss(degree), places).T
+
+
+def energy_density(solution: Any, names: list[str], rows) -> np.ndarray:
+    """Stored energy per length (rows, elements, degree) of beams at their Gauss points [J/m]."""
+    beams = [solution.beams[name] for name in names]
+    if any(beam.section is None for beam in beams):
         raise ValueError(
             "the strain energy along a member needs its section, which a saved file does not hold; "
             "take the solution as simulate gave it, or N, Q, M or speed"
         )
-    strains = _strains(solution, nodes_of_elements(solution, name), beam.degree, list(rows))
-    if beam.section.strain_energy is not None:
-        internal = solution.internal_of_beam.get(name, {}).values()
-        columns = [*strains.reshape(3, -1), *(rows_of[rows].ravel() for rows_of in internal)]
-        found = [
-            _stored(beam.section.strain_energy, *point) for point in zip(*columns, strict=True)
-        ]
-        return np.array(found).reshape(strains.shape[1:])
+    nodes = np.concatenate([nodes_of_elements(solution, name) for name in names])
+    strains = _strains(solution, nodes, beams[0].degree, list(rows))
+    stiffness, constant = np.empty((3, *strains.shape[2:])), dict[int, np.ndarray]()
+    ends = np.cumsum([beam.elements for beam in beams]).tolist()
+    of_beams = [slice(end - beam.elements, end) for beam, end in zip(beams, ends, strict=True)]
+    for beam, own in zip(beams, of_beams, strict=True):
+        stiffness[:, own] = _stiffness(beam, constant)
+    density = np.einsum("kep,krep->rep", stiffness, strains**2) / 2
+    for beam, own in zip(beams, of_beams, strict=True):
+        if beam.section.strain_energy is not None:
+            internal = solution.internal_of_beam.get(beam.name, {}).values()
+            columns = [*strains[:, :, own].reshape(3, -1), *(of[rows].ravel() for of in internal)]
+            points = zip(*columns, strict=True)
+            found = [_stored(beam.section.strain_energy, *point) for point in points]
+            density[:, own] = np.reshape(found, density[:, own].shape)
+    return density
+
+
+def _stiffness(beam: Any, constant: dict[int, np.ndarray]) -> np.ndarray:
+    """EA, GA and EI of a beam (3, elements, degree); those of constant sections are kept."""
+    section = beam.section
+    if id(section) in constant:
+        return constant[id(section)]
     fractions = arc_lengths(beam, _gauss(beam.degree)) / beam.length
-    stiffness = np.array([beam.section.values(kind, fractions) for kind in _STIFFNESSES])
-    return np.sum(stiffness[:, None] * strains**2, axis=0) / 2
+    found = np.array([section.values(kind, fractions) for kind in _STIFFNESSES])
+    if not any(map(section.varies, _STIFFNESSES)):
+        constant[id(section)] = found = found[:, :1, :1]
+    return found
 
 
+# In NumPy, beside mechanics/kinematics.py: pictures are also drawn of solutions that come from
+# another process or a copy, without the compiled forms.
 def _strains(solution: Any, nodes: np.ndarray, degree: int, rows: list[int]) -> np.ndarray:
     """Axial strain, shear strain and curvature (3, rows, elements, degree) (eqs 9 and 10)."""
-    powers = np.arange(degree + 1)
-    polynomials = np.linalg.inv(np.linspace(0, 1, degree + 1)[:, None] ** powers)
-    places = _gauss(degree)[:, None]
-    values = places**powers @ polynomials
-    slopes = powers * places ** np.maximum(powers - 1, 0) @ polynomials
+    values, slopes = lagrange_and_slopes(np.linspace(0, 1, degree + 1), _gauss(degree))
     X, q = solution.X[nodes], solution.recorded("q")[rows][:, nodes]
-    tangent = np.einsum("pn,enc->epc", slopes, X)
-    J = np.hypot(tangent[..., 0], tangent[..., 1])
-    t = tangent / J[..., None]
-    stretched = np.einsum("pn,renc->repc", slopes, X + q[..., :2]) / J[..., None]
-    psi = np.einsum("pn,ren->rep", values, q[..., 2])
+    (X, Y), (u, v, psi) = np.moveaxis(X, -1, 0), np.moveaxis(q, -1, 0)
+    x, y, dx, dy, curvature = (f @ slopes.T for f in (X, Y, X + u, Y + v, psi))
+    J, psi = np.hypot(x, y), psi @ values.T
     c, s = np.cos(psi), np.sin(psi)
-    turned = np.stack([c * t[..., 0] - s * t[..., 1], s * t[..., 0] + c * t[..., 1]], axis=-1)
-    normal = np.stack([-turned[..., 1], turned[..., 0]], axis=-1)
-    curvature = np.einsum("pn,ren->rep", slopes, q[..., 2]) / J
-    return np.stack([(stretched * turned).sum(-1) - 1, (stretched * normal).sum(-1), curvature])
+    tx, ty = (c * x - s * y) / J, (s * x + c * y) / J
+    return np.stack([(dx * tx + dy * ty) / J - 1, (dy * tx - dx * ty) / J, curvature / J])
 
 
 def nodes_of_elements(solution: Any, name: str) -> np.ndarray:

@@ -182,12 +182,20 @@ def inner_positions(beam: Beam) -> np.ndarray:
 
 def lagrange(nodes: np.ndarray, places: np.ndarray) -> np.ndarray:
     """Values (places, nodes) of the Lagrange polynomials of `nodes` at `places`."""
-    nodes, places = np.asarray(nodes, dtype=float), np.asarray(places, dtype=float)
-    values = np.ones((len(places), len(nodes)))
-    for i, own in enumerate(nodes):
-        for other in np.delete(nodes, i):
-            values[:, i] *= (places - other) / (own - other)
-    return values
+    return lagrange_and_slopes(nodes, places)[0]
+
+
+def lagrange_and_slopes(nodes: np.ndarray, places: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """The same and their derivatives; the nodes (k,), or (n, k) for each of the places (n,)."""
+    nodes, x = np.atleast_2d(np.asarray(nodes, dtype=float)), np.asarray(places, dtype=float)
+    count = nodes.shape[1]
+    values, slopes = np.ones((len(x), count)), np.zeros((len(x), count))
+    for i in range(count):
+        for j in (j for j in range(count) if j != i):
+            gap, away = nodes[:, i] - nodes[:, j], x - nodes[:, j]
+            slopes[:, i] = slopes[:, i] * away / gap + values[:, i] / gap
+            values[:, i] *= away / gap
+    return values, slopes
 
 
 def _strut(points: Any, elements: Any) -> Layout | None:

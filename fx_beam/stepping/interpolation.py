@@ -14,6 +14,7 @@ import numpy as np
 
 from fx_beam.model.model import Model
 from fx_beam.results.audit import Energy
+from fx_beam.scene.beam import lagrange_and_slopes
 from fx_beam.scene.sliders import SlidingJoint
 
 
@@ -64,27 +65,13 @@ def _polynomials(t, q, times, row, breaks, points: int) -> tuple[np.ndarray, np.
         known = min(points, last - first + 1)
         start = np.clip(row[inside] - known // 2, first, last + 1 - known)
         rows = start[:, None] + np.arange(known)
-        at, slope = _lagrange(t[rows], times[inside])
+        at, slope = lagrange_and_slopes(t[rows], times[inside])
         values[inside], rates[inside] = (
             np.einsum("nk,nk...->n...", w, q[rows]) for w in (at, slope)
         )
     if len(edges) == 1:
         values[:], rates[:] = q[0], 0.0
     return values, rates
-
-
-def _lagrange(t: np.ndarray, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Lagrange's polynomials (n, k) of the places t (n, k) at x (n,), and their derivatives."""
-    values, slopes = np.ones_like(t), np.zeros_like(t)
-    places = range(t.shape[1])
-    for j in places:
-        for k in places:
-            if k == j:
-                continue
-            gap = t[:, j] - t[:, k]
-            slopes[:, j] = slopes[:, j] * (x - t[:, k]) / gap + values[:, j] / gap
-            values[:, j] *= (x - t[:, k]) / gap
-    return values, slopes
 
 
 def _slides(model: Model, q: np.ndarray, slides: np.ndarray) -> np.ndarray:
