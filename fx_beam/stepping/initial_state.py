@@ -111,8 +111,7 @@ def check_joints(model: Model, state: State) -> None:
 def _begin(model: Model, drive: Drive, state: State, dt: float) -> tuple[np.ndarray, np.ndarray]:
     """Set the reduction to the start; rates and accelerations (driven,) of driven motion."""
     drive.check_start(state)
-    h = 1e-3 * dt
-    rates, bend = drive.derivatives(state.t, h)
+    rates, bend = drive.derivatives(state.t, 1e-3 * dt)
     model.reduction.begin(state.q, state.slides)
     if trouble := model.reduction.trouble:
         raise SceneError(f"start: {trouble}. Start from a position beside it")
