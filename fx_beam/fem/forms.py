@@ -6,21 +6,18 @@ from collections.abc import Iterable, Mapping
 from typing import Any, NamedTuple
 
 import numpy as np
+import scipy.sparse
 
 from fx_beam.mechanics.interval import Interval
-from fx_beam.mechanics.schemes import Scheme
-from fx_beam.scene.beam import Beam, Node
+from fx_beam.scene.loads import Drag
 from fx_beam.scene.scene import Scene
 
 from . import dolfinx_api, intervals
 from .beam_drag import BeamDrag, DragForms
 from .dolfinx_api import CompiledForm
 from .fields import Fields, fields_of
-from .follower_loads import Followers
 from .free_nodes import fill_blocks, with_blocks
-from .mesh import Mesh
-from .node_contact import NodeContact
-from .node_drag import NodeDrag
+from .nodal_forms import NodalForms
 from .section_fields import Data, distinct, on_beam, section_data
 from .weak_form import Material, WeakForm, sections_facing_backwards, weak_form
 
@@ -41,34 +38,17 @@ class Part(NamedTuple):
     internal: np.ndarray | None = None
 
 
-class Forms:
-    """Internal forces, tangent and energies of the beams of a scene for a scheme.
-
-    Vectors contain all degrees of freedom, dolfinx's first; `Mesh.dofs` gives those of a node.
-    """
-
-    def __init__(self, scene: Scene, scheme: Scheme, mesh: Mesh):
-        self._scheme, self._mesh = scheme, mesh
-        self.size = mesh.dofs.size
-        #: Degrees of freedom that are rotations.
-        self.turns = np.sort(mesh.dofs[:, 2])
-        #: Forms by name: on the mesh, and as compiled.
-        self.bound: dict[str, tuple[Any, CompiledForm]] = {}
-        #: Their names, in order.
-        self.names: list[str] = []
-        self._build_forms(scene)
-        self.followers = None
-        if any(load.follower for load in scene.loads):
-            self.followers = Followers(scene, mesh, self.stiffness, scheme.rates.level)
-        self._build_resistances(scene)
+class Forms(NodalForms):
+    """Internal forces, tangent and energies of the beams of a scene, and forces at its nodes."""
 
     # -- Construction ---------------------------------------------------------------------------
 
-    def _build_forms(self, scene: Scene) -> None:
+    def _build_forms(self, scene: Scene) -> scipy.sparse.csr_matrix:
         self._weak = weak = self._weak_form(scene)
         #: UFL's fields, and what is in their places on this mesh.
         self.fields = weak.fields
         self._data |= self._fields(bool(scene.drags))
+        self.moving = [self._data.get(field) for field in (*self.fields.moving, weak.internal)]
         self.increment, self._start, *self._start_rates = self.moving[:4]
         if weak.added is not None:
             self._added = self._bind(weak.added)
@@ -77,17 +57,12 @@ class Forms:
         self._losses = [form and self._bind(form) for form in weak.losses]
         if weak.evolution is not None:
             self._bind_evolution(weak.evolution)
-        #: Whether the forces depend on the start of the last step.
-        self.needs_before = weak.needs_before
-        #: Whether the resultants depend on rates at the start of a step, and on any rates.
+        self.needs_before, self.needs_rates = weak.needs_before, weak.needs_rates
         self.resultants_need_rates = weak.resultants_need_rates
         self.resultants_move = weak.resultants_move
-
+        self.internal_shape = len(self._tags), self.fields.degree, weak.width
         self.matrix = dolfinx_api.create_matrix(self._tangent, self._mesh.mesh)
-        pattern = self.matrix.indices, self.matrix.indptr
-        #: Tangent of the internal forces: the assembled values, then those of nodes alone.
-        self.stiffness = with_blocks(self.matrix.data, *pattern, self.size)
-        self._force = np.zeros(self.size)
+        return with_blocks(self.matrix.data, self.matrix.indices, self.matrix.indptr, self.size)
 
     def _fields(self, damps: bool) -> dict[Any, Any]:
         """Constants and functions in the place of UFL's fields, for drag if it `damps`."""
@@ -118,39 +93,12 @@ class Forms:
             found[fields.coordinate] = dolfinx_api.coordinate_on_cells(mesh, fields.degree)
         return space, found | {fields.increment: dolfinx_api.function(space)}
 
-    def _build_resistances(self, scene: Scene) -> None:
-        """The drag on beams and on nodes, and the contact with obstacles, each None without it."""
-        mesh, scheme, stiffness = self._mesh, self._scheme, self.stiffness
-        drags = [] if scheme.rates.at_rest else scene.drags
-        of_beams = [drag for drag in drags if isinstance(drag.target, Beam)]
-        of_nodes = [drag for drag in drags if isinstance(drag.target, Node)]
-        self.beam_drag = self.node_drag = self.contact = None
-        if of_beams:
-            plan = DragForms(scene, of_beams, mesh, scheme, self.fields.plain)
-            space, unknowns = self._unknowns(plan.fields)
-            data = self._data | unknowns | plan.data
-            forms = [self._bound(form, space, data) for form in plan.compiled]
-            self.beam_drag = BeamDrag(mesh.mesh, unknowns[plan.fields.increment], *forms)
-        if of_nodes:
-            self.node_drag = NodeDrag(scene, of_nodes, mesh, stiffness, scheme.rates)
-        if scene.obstacles:
-            self.contact = NodeContact(scene, mesh, stiffness, scheme.rates)
-        every = self.beam_drag, self.node_drag, self.contact
-        #: All of them, where there are.
-        self.resistances = [part for part in every if part is not None]
-
-    @property
-    def moving(self) -> list:
-        """Functions that change: the first in every iteration, the others in every step.
-
-        They are numbered as the kinds of coefficients in problem.h; None is missing.
-        """
-        return [self._data.get(field) for field in (*self.fields.moving, self._weak.internal)]
-
-    @property
-    def internal_shape(self) -> tuple[int, int, int]:
-        """Shape (cells, degree, width) of the internal variables; the width is zero without any."""
-        return len(self._tags), self.fields.degree, self._weak.width
+    def _drag_on_beams(self, scene: Scene, drags: list[Drag]) -> BeamDrag:
+        plan = DragForms(scene, drags, self._mesh, self._scheme, self.fields.plain)
+        space, unknowns = self._unknowns(plan.fields)
+        data = self._data | unknowns | plan.data
+        forms = [self._bound(form, space, data) for form in plan.compiled]
+        return BeamDrag(self._mesh.mesh, unknowns[plan.fields.increment], *forms)
 
     def _weak_form(self, scene: Scene) -> WeakForm:
         """The weak form of the scene; the data of the sections are those of the forms."""
@@ -218,12 +166,7 @@ class Forms:
     @property
     def has_added(self) -> bool:
         """Whether the scene has added virtual works or follower forces."""
-        return self._weak.added is not None or self.followers is not None
-
-    @property
-    def needs_rates(self) -> bool:
-        """Whether the forces depend on the rates at the start of a step."""
-        return self._weak.needs_rates
+        return self._weak.added is not None or super().has_added
 
     def cells_of(self, tag: int) -> np.ndarray:
         """Cells of a subdomain of the forms; -1 for all."""
@@ -235,17 +178,9 @@ class Forms:
     def set_step(self, interval: Interval, q: np.ndarray, v: np.ndarray, a: np.ndarray) -> None:
         """Set the interval of a step, and displacements, rates and accelerations at its start."""
         self._set_start(interval, q)
-        if self.followers is not None:
-            self.followers.set_step(interval)
-        for part in self.resistances:
-            part.set_step(interval.length, q, v)
-        if self._weak.needs_rates or self.beam_drag is not None:
+        super().set_step(interval, q, v, a)
+        if self.needs_rates or self.beam_drag is not None:
             self._set_rates(v, a)
-
-    @property
-    def contacts(self) -> int:
-        """Number of nodes that obstacles may stop."""
-        return 0 if self.contact is None else len(self.contact.dofs)
 
     def _set_start(self, interval: Interval, q: np.ndarray) -> None:
         self.time.value = interval.start + self._scheme.rates.level * interval.length
@@ -256,10 +191,6 @@ class Forms:
     def _set_rates(self, *rates: np.ndarray) -> None:
         for function, rate in zip(self._start_rates, rates, strict=True):
             self._set(function, rate)
-
-    def _set_increment(self, D: np.ndarray) -> None:
-        self._set(self.increment, D)
-        self._D = D
 
     def _set(self, function, values: np.ndarray) -> None:
         """Set a function to the values (size,) at the nodes of beams."""
@@ -280,7 +211,7 @@ class Forms:
         """Internal variables (cells, degree, width) at the end of the step; None without any."""
         if self._weak.evolution is None:
             return None
-        self._set_increment(D)
+        self._set(self.increment, D)
         grown = np.zeros(self._internal.size)
         dolfinx_api.assemble_vector(grown, self._evolution)
         at_points = grown.reshape(self._internal.shape)[self._cell_points]
@@ -288,66 +219,28 @@ class Forms:
 
     def losses(self, D: np.ndarray) -> list[float]:
         """Energies [J] that material, drag and contact take; that the scheme takes, and holds."""
-        self._set_increment(D)
+        self._set(self.increment, D)
         lost, *of_scheme = (
             dolfinx_api.assemble_scalar(form) if form is not None else 0.0 for form in self._losses
         )
-        return [lost + sum(part.loss(D) for part in self.resistances), *of_scheme]
+        return [lost + super().losses(D)[0], *of_scheme]
 
-    def internal_force(self, D: np.ndarray) -> np.ndarray:
-        """Internal forces (size,) [N, N m] for the increment D (eq. 53).
-
-        With drag, minus forces of contact and added ones. The next call overwrites the result.
-        """
-        self._set_increment(D)
-        self._force[:] = 0.0
+    def _add_force_of_beams(self) -> None:
+        self._set(self.increment, self._D)
         dolfinx_api.assemble_vector(self._force[: self._mesh.in_beams], self._residual)
-        self._add_at_nodes()
-        return self._force
 
-    def _add_at_nodes(self) -> None:
-        """Add drag, and subtract forces of followers and obstacles."""
-        if self.followers is not None:
-            self.followers.add_force(*self._motion, -self._factor, self._force)
-        for part in self.resistances:
-            part.add_force(self._D, self._force)
-
-    def assemble_stiffness(self) -> None:
-        """Assemble `stiffness` at the increment of the last `internal_force` (eq. 54)."""
+    def _set_tangent_of_beams(self, data: np.ndarray) -> None:
         dolfinx_api.assemble_matrix(self.matrix, self._tangent)
-        fill_blocks(self.stiffness.data, self.matrix.data)
-        self._add_tangent_at_nodes()
-
-    def _add_tangent_at_nodes(self) -> None:
-        if self.followers is not None:
-            self.followers.subtract_tangent(*self._motion, self._factor, self.stiffness.data)
-        for part in self.resistances:
-            part.add_tangent(self._D, self.stiffness.data)
+        fill_blocks(data, self.matrix.data)
 
     def added_force(self) -> np.ndarray:
         """Forces (size,) of added virtual works and followers at the last increment [N, N m]."""
-        force = np.zeros(self.size)
+        force = super().added_force()
         if self._weak.added is not None:
-            dolfinx_api.assemble_vector(force[: self._mesh.in_beams], self._added)
-        if self.followers is not None:
-            self.followers.add_force(*self._motion, self._factor, force)
+            added = np.empty(self._mesh.in_beams)
+            dolfinx_api.assemble_vector(added, self._added)
+            force[: len(added)] += added
         return force
-
-    def added_per_load(self) -> np.ndarray:
-        """Derivative (size,) of `added_force` by the load factor, assumed to be linear."""
-        now = self.added_force()
-        self.load_factor.value += 1.0
-        more = self.added_force()
-        self.load_factor.value -= 1.0
-        return more - now
-
-    @property
-    def _motion(self) -> tuple[np.ndarray, np.ndarray]:
-        return self._q, self._D
-
-    @property
-    def _factor(self) -> float:
-        return float(self.load_factor.value)
 
     def strain_energy(self, q: np.ndarray, internal: np.ndarray | None = None) -> float:
         """Stored energy [J] of q (size,) and internal variables, integrated by the reduced rule."""
@@ -384,7 +277,7 @@ class Forms:
         rows = []
         for part in parts:
             self._set_start(part.interval, part.q)
-            self._set_increment(part.D)
+            self._set(self.increment, part.D)
             if self.resultants_need_rates:
                 self._set_rates(*part.rates)
             self.set_memory(part.before, part.memory)

@@ -1,4 +1,4 @@
-"""What forms are for a scene without beams: only terms at its nodes, and no mesh."""
+"""Forces at the nodes of a scene: all there are without beams."""
 
 from __future__ import annotations
 
@@ -6,63 +6,171 @@ from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
+import scipy.sparse
 
 from fx_beam.errors import SceneError
 from fx_beam.mechanics.interval import Interval
+from fx_beam.mechanics.schemes import Scheme
+from fx_beam.scene.beam import Beam, Node
+from fx_beam.scene.loads import Drag
 from fx_beam.scene.scene import Scene
 
-from .forms import Forms
+from .beam_drag import BeamDrag
+from .dolfinx_api import CompiledForm
+from .follower_loads import Followers
 from .free_nodes import with_blocks
+from .mesh import Mesh
+from .node_contact import NodeContact
+from .node_drag import NodeDrag
 
 
-class NodalForms(Forms):
-    """Forces at the nodes of a scene without beams: follower forces, and drag on nodes."""
+class NodalForms:
+    """Follower forces, drag on nodes and contact of a scene for a scheme; `Forms` adds its beams.
 
-    def _build_forms(self, scene: Scene) -> None:
-        if scene.virtual_works:
-            raise SceneError("add_virtual_work acts on beams, but the scene has none. Add a beam")
-        self.fields: Any = SimpleNamespace(degree=1)
-        self._weak: Any = SimpleNamespace(
-            width=0, added=None, evolution=None, needs_rates=False, needs_before=False
-        )
-        self.needs_before = self.resultants_need_rates = self.resultants_move = False
+    Vectors contain all degrees of freedom, dolfinx's first; `Mesh.dofs` gives those of a node.
+    """
+
+    #: Whether the forces depend on the start of the last step, and on rates at the start of a step.
+    needs_before = needs_rates = False
+    #: Whether the resultants depend on rates at the start of a step, and on any rates.
+    resultants_need_rates = resultants_move = False
+    #: Shape (cells, degree, width) of the internal variables; the width is zero without any.
+    internal_shape: tuple[int, int, int] = 0, 1, 0
+
+    def __init__(self, scene: Scene, scheme: Scheme, mesh: Mesh):
+        self._scheme, self._mesh = scheme, mesh
+        self.size = mesh.dofs.size
+        #: Degrees of freedom that are rotations.
+        self.turns = np.sort(mesh.dofs[:, 2])
+        #: Forms by name: on the mesh, and as compiled.
+        self.bound: dict[str, tuple[Any, CompiledForm]] = {}
+        #: Their names, in order.
+        self.names: list[str] = []
+        #: Functions that change: the first in every iteration, the others in every step. They are
+        #: numbered as the kinds of coefficients in problem.h; None is missing.
+        self.moving: list[Any] = []
         self.load_factor: Any = SimpleNamespace(value=1.0)
         self.load_increment: Any = SimpleNamespace(value=0.0)
-        self._tags, self._losses = np.empty(0, int), [None] * 3
-        none = np.empty(0, dtype=np.int32)
-        self.stiffness = with_blocks(np.empty(0), none, np.zeros(1, np.int32), self.size)
+        #: Tangent of the internal forces: the assembled values, then those of nodes alone.
+        self.stiffness = self._build_forms(scene)
         self._force = np.zeros(self.size)
+        self.followers = None
+        if any(load.follower for load in scene.loads):
+            self.followers = Followers(scene, mesh, self.stiffness, scheme.rates.level)
+        self._build_resistances(scene)
+
+    def _build_forms(self, scene: Scene) -> scipy.sparse.csr_matrix:
+        """Build the forms of beams; returns the matrix of their tangent."""
+        if scene.virtual_works:
+            raise SceneError("add_virtual_work acts on beams, but the scene has none. Add a beam")
+        none = np.empty(0, dtype=np.int32)
+        return with_blocks(np.empty(0), none, np.zeros(1, np.int32), self.size)
+
+    def _build_resistances(self, scene: Scene) -> None:
+        """The drag on beams and on nodes, and the contact with obstacles, each None without it."""
+        mesh, rates, stiffness = self._mesh, self._scheme.rates, self.stiffness
+        drags = [] if rates.at_rest else scene.drags
+        of_beams = [drag for drag in drags if isinstance(drag.target, Beam)]
+        of_nodes = [drag for drag in drags if isinstance(drag.target, Node)]
+        self.beam_drag = self._drag_on_beams(scene, of_beams) if of_beams else None
+        self.node_drag = NodeDrag(scene, of_nodes, mesh, stiffness, rates) if of_nodes else None
+        self.contact = NodeContact(scene, mesh, stiffness, rates) if scene.obstacles else None
+        every = self.beam_drag, self.node_drag, self.contact
+        #: All of them, where there are.
+        self.resistances = [part for part in every if part is not None]
+
+    def _drag_on_beams(self, scene: Scene, drags: list[Drag]) -> BeamDrag:
+        raise NotImplementedError  # there are no beams
 
     @property
-    def moving(self) -> list:
-        """Nothing."""
-        return []
+    def has_added(self) -> bool:
+        """Whether the scene has added virtual works or follower forces."""
+        return self.followers is not None
 
-    def _set_start(self, interval: Interval, q: np.ndarray) -> None:
-        self._q = q
-
-    def _set_increment(self, D: np.ndarray) -> None:
-        self._D = D
-
-    def internal_force(self, D: np.ndarray) -> np.ndarray:
-        """Drag minus follower forces (size,) [N, N m]."""
-        self._D = D
-        self._force[:] = 0.0
-        self._add_at_nodes()
-        return self._force
-
-    def assemble_stiffness(self) -> None:
-        """Set `stiffness` at the increment of the last `internal_force`."""
-        self.stiffness.data[:] = 0.0
-        self._add_tangent_at_nodes()
-
-    def strain_energy(self, q: np.ndarray, internal: np.ndarray | None = None) -> float:
-        """None is stored."""
-        return 0.0
+    @property
+    def contacts(self) -> int:
+        """Number of nodes that obstacles may stop."""
+        return 0 if self.contact is None else len(self.contact.dofs)
 
     def bind_facing(self) -> None:
-        """There is no section."""
+        """Bind the form that `faces_backwards` takes."""
+
+    # -- Evaluation -----------------------------------------------------------------------------
+
+    def set_step(self, interval: Interval, q: np.ndarray, v: np.ndarray, a: np.ndarray) -> None:
+        """Set the interval of a step, and displacements, rates and accelerations at its start."""
+        self._q = q
+        if self.followers is not None:
+            self.followers.set_step(interval)
+        for part in self.resistances:
+            part.set_step(interval.length, q, v)
+
+    def set_memory(self, before: np.ndarray | None, memory: float) -> None:
+        """Set the start of the last step (size,), and `Step.memory`, for schemes that need them."""
+
+    def set_internal(self, internal: np.ndarray | None) -> None:
+        """Set the internal variables (cells, degree, width) at the start of the step."""
+
+    def evolve(self, D: np.ndarray) -> np.ndarray | None:
+        """Internal variables (cells, degree, width) at the end of the step; None without any."""
+        return None
+
+    def losses(self, D: np.ndarray) -> list[float]:
+        """Energies [J] that material, drag and contact take; that the scheme takes, and holds."""
+        return [sum(part.loss(D) for part in self.resistances), 0.0, 0.0]
+
+    def internal_force(self, D: np.ndarray) -> np.ndarray:
+        """Internal forces (size,) [N, N m] for the increment D (eq. 53).
+
+        With drag, minus forces of contact and added ones. The next call overwrites the result.
+        """
+        self._D = D
+        self._force[:] = 0.0
+        self._add_force_of_beams()
+        if self.followers is not None:
+            self.followers.add_force(self._q, D, -self._factor, self._force)
+        for part in self.resistances:
+            part.add_force(D, self._force)
+        return self._force
+
+    def _add_force_of_beams(self) -> None:
+        """Add the internal forces of beams."""
+
+    def assemble_stiffness(self) -> None:
+        """Assemble `stiffness` at the increment of the last `internal_force` (eq. 54)."""
+        data = self.stiffness.data
+        self._set_tangent_of_beams(data)
+        if self.followers is not None:
+            self.followers.subtract_tangent(self._q, self._D, self._factor, data)
+        for part in self.resistances:
+            part.add_tangent(self._D, data)
+
+    def _set_tangent_of_beams(self, data: np.ndarray) -> None:
+        data[:] = 0.0
+
+    def added_force(self) -> np.ndarray:
+        """Forces (size,) of added virtual works and followers at the last increment [N, N m]."""
+        force = np.zeros(self.size)
+        if self.followers is not None:
+            self.followers.add_force(self._q, self._D, self._factor, force)
+        return force
+
+    def added_per_load(self) -> np.ndarray:
+        """Derivative (size,) of `added_force` by the load factor, assumed to be linear."""
+        now = self.added_force()
+        self.load_factor.value += 1.0
+        more = self.added_force()
+        self.load_factor.value -= 1.0
+        return more - now
+
+    @property
+    def _factor(self) -> float:
+        return float(self.load_factor.value)
+
+    def strain_energy(self, q: np.ndarray, internal: np.ndarray | None = None) -> float:
+        """Stored energy [J] of q (size,) and internal variables, integrated by the reduced rule."""
+        return 0.0
 
     def faces_backwards(self, q: np.ndarray) -> bool:
-        """There is no section."""
+        """Whether t . phi' > 0 (eq. 4) is violated at any Gauss point, for q (size,)."""
         return False

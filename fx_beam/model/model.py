@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import functools
+from typing import Any
 
 import numpy as np
 import scipy.sparse
@@ -39,7 +40,9 @@ class Model:
         self.scene = scene
         self.scheme = scheme
         self.mesh = build_mesh(scene)
-        self.forms = (Forms if scene.beams else NodalForms)(scene, scheme, self.mesh)
+        forms: Any = Forms if scene.beams else NodalForms
+        # What these lack is asked of beams only.
+        self.forms: Forms = forms(scene, scheme, self.mesh)
         self.size, self.turns = self.forms.size, self.forms.turns
         #: Size of a unit increment: the size of the scene for displacements, 1 for rotations.
         self.unit = np.full(self.size, self.mesh.size)
