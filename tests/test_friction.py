@@ -253,10 +253,10 @@ def field(rate):
 @pytest.mark.parametrize(
     ("law", "reason"),
     [
-        (lambda rate: -rate, r"\(1e-06\) = -1e-06 drives"),
-        (lambda rate: rate**2, r"\(-1e-06\) = 1e-12 drives"),
-        (lambda rate: 0.1 + rate, "drives"),
-        (lambda rate: rate - 0.1 * rate**3, r"\(10\) = -90 drives"),
+        (lambda rate: -rate, r"\(1e-06\) = -1e-06 adds energy"),
+        (lambda rate: rate**2, r"\(-1e-06\) = 1e-12 adds energy"),
+        (lambda rate: 0.1 + rate, "adds energy"),
+        (lambda rate: rate - 0.1 * rate**3, r"\(10\) = -90 adds energy"),
         (lambda rate: 2.0, "depends on the rate"),
         (lambda rate: ufl.as_vector((rate, rate)), "must be a scalar"),
         (lambda rate: np.tanh(rate), "UFL expression"),

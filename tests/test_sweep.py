@@ -326,7 +326,7 @@ def test_what_cannot_be_written_is_an_error_of_its_row(tmp_path, thread, lists):
 def test_a_file_that_is_none_of_a_sweep_is_left_alone(tmp_path, thread):
     for text in ("x,y\n1,2\n", '{"x": 1}\n', "[1]\n", "a letter"):
         (tmp_path / "table").write_text(text)
-        with pytest.raises(fb.SceneError, match="line 1 of .* is no row of a sweep"):
+        with pytest.raises(fb.SceneError, match="line 1 of .* is not a row of a sweep"):
             fb.sweep(square, [{"x": 1}], thread, tmp_path / "table")
         assert (tmp_path / "table").read_text() == text
 

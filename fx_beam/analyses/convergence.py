@@ -222,7 +222,7 @@ class _Runs:
                 "not converged",
                 f"converge: the quantity is not known to the tolerance after {self._most} runs",
                 self.last.t[-1],
-                where=f"The last ones by elements and tolerance of the steps: {found}",
+                where=f"The last values, by elements and tolerance of the steps: {found}",
                 advice="Try a larger tolerance, a shorter time, or more runs (max_runs)",
             )
         )

@@ -207,9 +207,9 @@ def simulate(
         _warn_of_parts(stats, first)
     if stats.amplified:
         _log.warning(
-            "%s: in %d of %d steps damping gave energy, since the sub-step that goes back in time "
-            "amplifies what it damps. This happens if the damping rate is about 3 / dt%s. "
-            "Try another dt, or order=2",
+            "%s: in %d of %d steps damping added energy to the motion. One sub-step of the scheme "
+            "goes back in time, and there damping amplifies. This happens if the damping rate is "
+            "about 3 / dt%s. Try another dt, or order=2",
             *(stats.scheme, stats.amplified, stats.substeps),
             f" = {3 / first:.3g} /s" if control is None else "",
         )

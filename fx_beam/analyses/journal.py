@@ -59,7 +59,7 @@ class Journal:
                 self._rows.setdefault(key(row["case"]), []).append(row)
                 _ = row["result"], row["seconds"], row["error"]
             except (ValueError, LookupError, TypeError) as error:
-                raise SceneError(f"line {number} of {path} is no row of a sweep") from error
+                raise SceneError(f"line {number} of {path} is not a row of a sweep") from error
         self._file.truncate(self._file.tell() - len(rest))
 
     def finished(self, case: Mapping[str, Any]) -> dict | None:
@@ -105,4 +105,4 @@ def _text(value: Any, **options) -> str:
 def _of_numpy(value: Any) -> Any:
     if isinstance(value, np.ndarray | np.generic):
         return value.tolist()
-    raise TypeError(f"{value!r:.40} is a {type(value).__name__}, which JSON has not")
+    raise TypeError(f"{value!r:.40} is a {type(value).__name__}, which JSON cannot hold")

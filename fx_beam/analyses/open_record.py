@@ -9,7 +9,7 @@ import numpy as np
 from fx_beam.errors import SceneError
 from fx_beam.model.model import Model
 from fx_beam.results.state import State
-from fx_beam.stepping.recorder import Record, Recorder, Unrecorded
+from fx_beam.stepping.recorder import Record, Recorder, Rows, Unrecorded
 
 # Steps for which room is made at once.
 _ROWS = 1024
@@ -25,7 +25,7 @@ class OpenRecord:
         state: State,
         times: Callable[[np.ndarray], np.ndarray],
     ):
-        self.recorder: Recorder | Unrecorded = Unrecorded()
+        self.recorder: Rows = Unrecorded()
         self._times, self._planned, self._turned = times, 0, 0
         if record is not None:
             self.recorder = Recorder(model, np.array([state.t]), record)

@@ -153,7 +153,7 @@ def static(
         raise
     if states[-1].t < 1:
         factor = states[-1].t
-        reason = f"static: load factor {factor:g} after max_steps = {max_steps} steps, below 1"
+        reason = f"static: load factor {factor:g}, below 1, after max_steps = {max_steps} steps"
         stats.failure = Failure("too many steps", reason, factor)
         _log.warning(reason)
     return _solution(stepper, facing, states, clock, values)

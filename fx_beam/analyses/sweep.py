@@ -137,7 +137,9 @@ def _run(function, cases: list[dict], executor):
                 result = dict(value) if isinstance(value, Mapping) else {"result": value}
                 if twice := [name for name in result if name in (*case, *_OWN)]:
                     what = "a column of its own" if twice[0] in _OWN else "a parameter of the case"
-                    error = f"the function gives {twice[0]!r}, which is {what}; call it otherwise"
+                    error = (
+                        f"the function gives {twice[0]!r}, which is {what}; give it another name"
+                    )
                     result = None
             yield place, {"case": case, "result": result, "seconds": seconds, "error": error}
 

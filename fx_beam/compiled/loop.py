@@ -15,7 +15,7 @@ from fx_beam.results.state import Past, State
 from fx_beam.stepping.interrupts import uninterrupted
 from fx_beam.stepping.local_error import order_and_constant
 from fx_beam.stepping.newton import NewtonOptions, StepFailed
-from fx_beam.stepping.recorder import Recorder, Unrecorded
+from fx_beam.stepping.recorder import Rows
 from fx_beam.stepping.step_control import StepControl
 from fx_beam.stepping.stepper import Attempt, Stepper
 
@@ -64,9 +64,7 @@ class CompiledLoop:
         p = self._problem
         p.known_steps, p.orders[0 : p.sub_steps] = 0, [0] * p.sub_steps
 
-    def march(
-        self, state: State, times: np.ndarray, first: int, recorder: Recorder | Unrecorded
-    ) -> State:
+    def march(self, state: State, times: np.ndarray, first: int, recorder: Rows) -> State:
         """State at the last of `times`, the ends of steps from number `first` on.
 
         StepError if a step fails after all halvings, or if a function of time fails.
@@ -78,9 +76,7 @@ class CompiledLoop:
             done += len(grid)
         return state
 
-    def _equal(
-        self, state: State, times: np.ndarray, first: int, recorder: Recorder | Unrecorded
-    ) -> State:
+    def _equal(self, state: State, times: np.ndarray, first: int, recorder: Rows) -> State:
         """State after steps of equal length; steps that fail are divided into sub-steps."""
         p, stats, halving = self._problem, self._stepper.stats, self._stepper.halving
         inputs = self.inputs(state.t, times)
@@ -125,12 +121,7 @@ class CompiledLoop:
         p.known_errors, p.controlled, p.ratios = 0, True, [-1.0, -1.0]
 
     def attempt(
-        self,
-        state: State,
-        ends: np.ndarray,
-        first: int,
-        recorder: Recorder | Unrecorded,
-        control: StepControl,
+        self, state: State, ends: np.ndarray, first: int, recorder: Rows, control: StepControl
     ) -> Attempt:
         """Take steps of equal length from number `first` on, as long as this length is right."""
         p, dt = self._problem, float(ends[0]) - state.t
@@ -160,12 +151,7 @@ class CompiledLoop:
     # -- Steps of all kinds -----------------------------------------------------------------------
 
     def _run(
-        self,
-        state: State,
-        ends: np.ndarray,
-        first: int,
-        recorder: Recorder | Unrecorded,
-        inputs: StepInputs,
+        self, state: State, ends: np.ndarray, first: int, recorder: Rows, inputs: StepInputs
     ) -> int:
         """Take steps or parts of steps of equal length; returns the number that succeeded."""
         p = self._problem
@@ -209,7 +195,7 @@ class CompiledLoop:
         c_inputs.thrust_stride = inputs.thrust.strides[0] // inputs.thrust.itemsize
         return c_inputs
 
-    def c_record(self, recorder: Recorder | Unrecorded, first: int):
+    def c_record(self, recorder: Rows, first: int):
         """Rows of a recorder for C, from its next one on, for steps from number `first` on."""
         to, halving = self._ffi.new("Record *"), self._stepper.halving
         to.every, to.first, to.last = recorder.every, first, recorder.last

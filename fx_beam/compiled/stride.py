@@ -11,7 +11,7 @@ import numpy as np
 from fx_beam.fem.dead_loads import places_of
 from fx_beam.results.state import State
 from fx_beam.stepping.held_inputs import Hold, Ramp
-from fx_beam.stepping.recorder import Recorder, Unrecorded
+from fx_beam.stepping.recorder import Recorder, Rows, Unrecorded
 from fx_beam.stepping.stepper import Stepper
 from fx_beam.validation import Constant
 
@@ -96,7 +96,7 @@ class CompiledStride:
         parts = self._stepper.halving.memory
         return replace(self._loop.state(self._t), parts=parts, past=self._loop.past)
 
-    def take(self, t1: float, number: int, recorder: Recorder | Unrecorded) -> None:
+    def take(self, t1: float, number: int, recorder: Rows) -> None:
         """Take step `number` up to t1 [s]. After an error the state is that before it."""
         if self._stepper.halving.times or not self._succeeds(t1, number, recorder):
             self.count()
@@ -109,7 +109,7 @@ class CompiledStride:
             self._loop.load(after)
         self._t = t1
 
-    def _succeeds(self, t1: float, number: int, recorder: Recorder | Unrecorded) -> bool:
+    def _succeeds(self, t1: float, number: int, recorder: Rows) -> bool:
         """Whether a whole step succeeds in C; otherwise the state is that before it."""
         p, to = self._p, self._unrecorded
         if self._varies:

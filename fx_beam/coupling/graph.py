@@ -313,7 +313,7 @@ def _forest(
             closing.append(joint)
             continue
         if closed:
-            _refuse(scene, loop, f"they close a loop in which each {what} is coupled")
+            _refuse(scene, loop, f"they close a loop in which each joint couples the {what}")
         if tree(a) in anchors:
             anchors.setdefault(tree(b), anchors[tree(a)])
         trees[tree(a)] = tree(b)

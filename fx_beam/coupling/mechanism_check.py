@@ -34,9 +34,8 @@ def check_no_massless_mechanism(
 ) -> None:
     """Refuse a scene that can move as a mechanism of rigid bodies without mass or support.
 
-    Every rigid motion that supports, joints, motors, springs and dampers allow must have mass or
-    linear drag. In statics (`mass` is None) no such motion may exist, and neither dampers nor drag
-    restrain it.
+    Each such motion must have mass or linear drag. In statics (`mass` is None) none may exist, and
+    neither dampers nor drag restrain it.
     """
     parts = _parts(mesh, stiffness, None if mass is None else _inertia(scene, mesh, mass))
     if parts is None or not parts.free.any():

@@ -38,8 +38,8 @@ def check_loops(scene: Scene, couplings: Couplings, reduction: LoopReduction) ->
     raise SceneError(
         f"over-constrained: {'; '.join(map(str, joints))}: they close loops, and {redundant} of "
         f"them {'is' if redundant == 1 else 'are'} redundant: the motion is the same without, but "
-        "forces are not determined. Remove one of them, or let it give way: by "
-        f"{_slide(joints[-1], forces[joints[-1].number])}, or with a beam in place of a body"
+        "the forces cannot be computed. Remove one of them, or let it yield: use "
+        f"{_slide(joints[-1], forces[joints[-1].number])}, or a beam in place of a body"
     )
 
 

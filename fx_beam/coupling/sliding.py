@@ -92,7 +92,7 @@ class Sliding:
         self._omega = omega = _W @ rbar / self._square
         self._turn = (_W / 2 - np.outer(omega, rbar)) / self._square
         self._Dalpha = omega @ self._Dr
-        self._zeta = zeta = _W @ (w.quotient @ self._Dp) / 4
+        zeta = _W @ (w.quotient @ self._Dp) / 4
         self._pbar = (p0 + p1) / 2
         for i in (0, 1):
             row = self.hat[i, : 2 * n].reshape(2, n)

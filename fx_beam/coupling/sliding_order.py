@@ -69,8 +69,8 @@ def with_order(scene: Scene, mesh: Mesh, couplings: Any, forests: list[list]) ->
         if not ready:
             names = "; ".join(map(str, left))
             raise SceneError(
-                f"over-constrained: {names}: the beams on which they slide hang on their own "
-                "nodes. Remove one of them"
+                f"over-constrained: {names}: each node slides on a beam that the other nodes "
+                "carry. Remove one of them"
             )
         order += ready
         left = [j for j in left if j not in ready]

@@ -80,7 +80,7 @@ class Scheme:
             if len(self.rates.rules) not in (1, len(self.fractions)):
                 raise SceneError(
                     f"Scheme: {self.name} has {len(self.fractions)} sub-steps, but its NodalRates "
-                    f"{len(self.rates.rules)} rules. Give one rule, or one for each of `fractions`"
+                    f"have {len(self.rates.rules)} rules. Give one rule, or one for each fraction"
                 )
         elif len(self.fractions) > 1 and self.rates.level != 0.5:
             raise SceneError(

@@ -36,7 +36,7 @@ class Colouring:
 
     def __init__(self, drawing: Drawing, quantity: str, length_unit: str):
         if not drawing.solution.beams:
-            raise ValueError(f"colour = {quantity!r} is one of beams, but the solution has none")
+            raise ValueError(f"colour = {quantity!r} needs beams, but the solution has none")
         internal = {name for own in drawing.solution.internal_of_beam.values() for name in own}
         if quantity not in {*QUANTITIES, *internal}:
             known = ", ".join(repr(name) for name in [*QUANTITIES, *sorted(internal)])

@@ -41,7 +41,7 @@ def to_paraview(solution, path) -> None:
     path = writable(path, ("pvd",))
     solution.recorded("q")
     if not solution.beams:
-        raise ValueError("the solution has no beams; ParaView's grids are those of beams")
+        raise ValueError("the solution has no beams, of which the files for ParaView are made")
     folder = path.with_suffix("")
     folder.mkdir(exist_ok=True)
     grid = _Grid(solution)

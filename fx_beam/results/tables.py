@@ -63,7 +63,7 @@ def to_pandas(solution, nodes: dict[str, Node] | None = None):
 
 def data_frame(columns: dict[str, np.ndarray]):
     """Columns (n,) by their names as pandas.DataFrame; the first is the index."""
-    _require("pandas", "to_pandas", "to_csv writes the same columns without it")
+    _require("pandas", "to_pandas", "to_csv writes the same columns")
     import pandas
 
     name = next(iter(columns))
@@ -91,7 +91,7 @@ def to_xarray(solution):
     RuntimeError
         Where xarray is not installed.
     """
-    _require("xarray", "to_xarray", "the solution's own arrays are those of NumPy")
+    _require("xarray", "to_xarray", "the solution itself has NumPy arrays")
     import xarray
 
     columns = _columns(solution, {})
@@ -120,7 +120,7 @@ def of_rows(rows: list[dict]):
 
 def _require(package: str, what: str, instead: str) -> None:
     if importlib.util.find_spec(package) is None:
-        raise RuntimeError(f"{what} needs {package}: pip install {package}. Else {instead}")
+        raise RuntimeError(f"{what} needs {package}: pip install {package}. Without it: {instead}")
 
 
 def _columns(solution, nodes: dict[str, Node]) -> dict[str, np.ndarray]:

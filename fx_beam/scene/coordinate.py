@@ -263,8 +263,8 @@ def _check_law(law: Callable[[Any], Any]) -> None:
                 )
             if force * at < 0:
                 raise SceneError(
-                    f"Damper: law({at:g}) = {force:g} drives: it must have the sign of the rate, "
-                    "and be zero without it. Subtract law(0), or change its sign"
+                    f"Damper: law({at:g}) = {force:g} adds energy: the force must have the sign of "
+                    "the rate, and be zero at the rate 0. Subtract law(0), or change its sign"
                 )
 
 

@@ -88,7 +88,7 @@ class InternalVariables:
         names = self.names
         fits = isinstance(names, tuple) and all(isinstance(n, str) and n for n in names)
         fits = fits and 0 < len(set(names)) == len(names)
-        require(fits, "InternalVariables: names", names, 'different texts such as ("creep",)')
+        require(fits, "InternalVariables: names", names, 'different names such as ("creep",)')
         wanted = "a function of old, strains0, strains and dt"
         require(callable(self.update), "InternalVariables: update", self.update, wanted)
         fits = self.level is None or (is_number(self.level) and 0.5 <= self.level <= 1)

@@ -81,8 +81,8 @@ class Drag:
             values.append(vector(given, 2 if pair else 1, f"{what}: {field.name}"))
             if values[-1].min() < 0:
                 raise SceneError(
-                    f"{what}: {field.name} = {given!r} must be zero or positive. A force that "
-                    "drives needs add_force or add_virtual_work"
+                    f"{what}: {field.name} = {given!r} must be zero or positive. For a force "
+                    "along the motion use add_force or add_virtual_work"
                 )
             object.__setattr__(self, field.name, values[-1])
         if not any(value.any() for value in values):

@@ -13,7 +13,7 @@ from fx_beam.results.state import Past, State
 
 from .local_error import AVERAGED, order_and_constant
 from .newton import StepFailed
-from .recorder import Recorder, Unrecorded
+from .recorder import Recorder, Rows, Unrecorded
 from .single_step import SingleStep
 from .step_control import StepControl
 from .stepper import Attempt
@@ -33,12 +33,7 @@ class Integrator(Protocol):
         """Do not compare the next steps with those before."""
 
     def attempt(
-        self,
-        state: State,
-        ends: np.ndarray,
-        first: int,
-        recorder: Recorder | Unrecorded,
-        control: StepControl,
+        self, state: State, ends: np.ndarray, first: int, recorder: Rows, control: StepControl
     ) -> Attempt:
         """Take steps of equal length."""
 

@@ -203,8 +203,8 @@ class LoadStepper:
             cuts,
             0.0,
             failure,
-            "Check for a part without support, or a spring far from its rest position. The "
-            f"fraction {self._goal:.3g} of the springs' tension was tried",
+            "Check for a part without support, or a spring far from its rest position. The last "
+            f"step was to {self._goal:.3g} times the springs' tension",
         )
 
     def _error(self, state: State, failure: StepFailed, cuts: int) -> StepError:

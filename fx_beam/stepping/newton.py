@@ -139,7 +139,7 @@ class Newton:
         """
         self.equations.begin(interval, start)
         if trouble := self.model.reduction.trouble:
-            reason = f"{trouble}; with another dt no step begins there"
+            reason = f"{trouble}. With another dt no step begins there"
             raise StepFailed("singular", reason, np.zeros(self.model.size), [])
         at_rest = self.model.scheme.rates.at_rest
         predicted_y = None if at_rest else self.predictor.predict(interval.length)

@@ -79,7 +79,7 @@ class Record:
         if not rising or (np.diff(times) <= 0).any():
             raise SceneError(f"Record: times = {self.times!r} must be increasing finite times")
         if not (self.every == 1 and self.motion):
-            raise SceneError("Record: times need every step, with motion")
+            raise SceneError("Record: times need every=1 and motion=True")
 
 
 class Unrecorded:
@@ -345,3 +345,7 @@ class Recorder:
                 if earlier:
                     part = part._replace(before=earlier[0][k], memory=float(earlier[1][k, 0]))
                 yield part
+
+
+#: What takes the rows of steps.
+Rows = Recorder | Unrecorded

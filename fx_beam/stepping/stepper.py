@@ -16,7 +16,7 @@ from .forcing import Drive
 from .interrupts import uninterrupted
 from .local_error import LocalError
 from .newton import NewtonOptions, StepFailed
-from .recorder import Recorder, Unrecorded
+from .recorder import Rows
 from .section_facing import FacingCheck
 from .single_step import SingleStep
 from .step_control import StepControl
@@ -57,9 +57,7 @@ class Stepper:
     def past(self, past: Past | None) -> None:
         self.single.newton.predictor.past = past
 
-    def march(
-        self, state: State, times: np.ndarray, first: int, recorder: Recorder | Unrecorded
-    ) -> State:
+    def march(self, state: State, times: np.ndarray, first: int, recorder: Rows) -> State:
         """State at the last of `times`, the ends of steps from number `first` on.
 
         StepError if a step fails after all halvings, or if a function of time fails.
@@ -70,9 +68,7 @@ class Stepper:
                 state = self.part(state, step, number, recorder)
         return state
 
-    def part(
-        self, state: State, step: Interval, number: int, recorder: Recorder | Unrecorded
-    ) -> State:
+    def part(self, state: State, step: Interval, number: int, recorder: Rows) -> State:
         """State after the next successful sub-step of a step and its number.
 
         StepError if a step fails after all halvings, or if a function of time fails.
@@ -110,12 +106,7 @@ class Stepper:
         self._errors = LocalError(self.model)
 
     def attempt(
-        self,
-        state: State,
-        ends: np.ndarray,
-        first: int,
-        recorder: Recorder | Unrecorded,
-        control: StepControl,
+        self, state: State, ends: np.ndarray, first: int, recorder: Rows, control: StepControl
     ) -> Attempt:
         """Take the first of some steps of equal length, number `first`, if its error is small."""
         errors, predictor, stats = self._errors, self.single.newton.predictor, self.stats

@@ -8,7 +8,7 @@ import numpy as np
 
 from fx_beam.results.state import State
 
-from .recorder import Recorder, Unrecorded
+from .recorder import Rows
 from .stepper import Stepper
 
 
@@ -31,7 +31,7 @@ class Stride:
         stepper = self._stepper
         return replace(self.now, parts=stepper.halving.memory, past=stepper.past)
 
-    def take(self, t1: float, number: int, recorder: Recorder | Unrecorded) -> None:
+    def take(self, t1: float, number: int, recorder: Rows) -> None:
         """Take step `number` up to t1 [s]. After an error the state is that before it."""
         before = self.state()
         try:
