@@ -21,7 +21,7 @@ from fx_beam.stepping.initial_state import reference_state
 from fx_beam.validation import require
 
 # Length of the steps whose tangents give the damping: so short that stiffness has no part in them.
-_MOMENT = 1e-30
+MOMENT = 1e-30
 
 
 class Linearisation(NamedTuple):
@@ -61,24 +61,37 @@ class Linearisation(NamedTuple):
         model, start = Model(self.model.scene, EnergyMomentum()), self.start
         reduction, forms, equations = model.reduction, model.forms, Equations(model)
         values = np.empty((2, len(reduction.pattern[1])))
-        for dt, row in zip((_MOMENT, 2 * _MOMENT), values, strict=True):
+        for dt, row in zip((MOMENT, 2 * MOMENT), values, strict=True):
             equations.begin(moment(start.t, dt), start)
             D = reduction.expand(np.zeros(reduction.free), np.zeros(reduction.driven))
             r = forms.internal_force(D)
             forms.assemble_stiffness()
             reduction.fill(forms.stiffness.data, r, row)
-        data = 2 * _MOMENT * (values[0] - values[1])
-        if not np.isfinite(data).all():
-            raise SceneError(
-                f"{what}: the damping at rest is not finite, since the derivative of an added "
-                "virtual work by the velocity is not. Smooth it there, such as "
-                "ufl.sqrt(v**2 + 1e-12) for the speed"
-            )
+        data = 2 * MOMENT * (values[0] - values[1])
+        check_damping(data, f"{what}: the damping at rest")
         indptr, indices = reduction.pattern
         C = scipy.sparse.csr_matrix((data, indices, indptr), (reduction.free,) * 2)
         C = C[self.unknowns][:, self.unknowns]
         C.eliminate_zeros()
         return C
+
+
+def check_unknowns(model: Model, what: str) -> None:
+    """Refuse a scene in which nothing can move."""
+    if not len(model.reduction.independent):
+        raise SceneError(
+            f"{what}: the scene has no unknowns: supports, joints and motors fix all degrees of "
+            "freedom. Release one of them"
+        )
+
+
+def check_damping(values: np.ndarray, which: str) -> None:
+    """Refuse damping that is not finite; errors say `which` it is."""
+    if not np.isfinite(values).all():
+        raise SceneError(
+            f"{which} is not finite, since the derivative of an added virtual work by the velocity "
+            "is not. Smooth it there, such as ufl.sqrt(v**2 + 1e-12) for the speed"
+        )
 
 
 def linearised(scene: Scene, state: Solution | None, what: str) -> Linearisation:
@@ -95,11 +108,7 @@ def linearised(scene: Scene, state: Solution | None, what: str) -> Linearisation
     if state is not None:
         factor, start = _last(model, start, state, what)
     reduction = model.reduction
-    if not len(reduction.independent):
-        raise SceneError(
-            f"{what}: the scene has no unknowns: supports, joints and motors fix all degrees of "
-            "freedom. Release one of them"
-        )
+    check_unknowns(model, what)
     equations, force = Equations(model, start.t), factor * model.loads.at(start.t)
     if model.weight is not None:
         force += factor * model.weight

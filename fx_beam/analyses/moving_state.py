@@ -22,11 +22,10 @@ from fx_beam.stepping.initial_state import acceleration_of, reference_state
 from fx_beam.validation import Constant
 
 from .engine import end_of, state_of
+from .linearisation import MOMENT, check_damping, check_unknowns
 
 # Weight of rates without mass, relative to the largest.
 _LITTLE = 1e-10
-# Length of steps in which nothing moves, but rates are seen [s].
-_MOMENT = 1e-30
 # Largest increment, in units of the scene, of the steps that give the stiffness of a moving state:
 # its square is their error, and damping over their length a rounding error. Internal variables
 # evolve meanwhile: with them the steps are short [s].
@@ -81,11 +80,7 @@ def deviations(scene: Scene, at: Solution | None, what: str) -> Deviations:
         end_of(at)
         end_factor = float(at.t[-1]) if at.stats.static else 1.0
     model = Model(held.scene, EnergyMomentum())
-    if not len(model.reduction.independent):
-        raise SceneError(
-            f"{what}: the scene has no unknowns: supports, joints and motors fix all degrees of "
-            "freedom. Release one of them"
-        )
+    check_unknowns(model, what)
     drive = Drive(model)
     state = reference_state(model)
     if at is not None:
@@ -99,7 +94,7 @@ def deviations(scene: Scene, at: Solution | None, what: str) -> Deviations:
     w = rates_from @ state.v
     (dT, dS), (ddT, _) = map(coupling.parts, coupling.derivatives(w))
     f, K, C = _forces(model, state)
-    model.actuators.begin(state, _MOMENT)
+    model.actuators.begin(state, MOMENT)
     stiff, viscous, pushes = model.actuators.linear(
         state.q, state.v, state.slides, model.reduction.columns
     )
@@ -222,21 +217,16 @@ def _forces(model: Model, state: State):
 
     moving = forms.has_added or forms.resistances or forms.resultants_move
     if not moving:
-        f, half = step(_MOMENT, np.zeros(model.size))
+        f, half = step(MOMENT, np.zeros(model.size))
         return f, 2 * half, 0 * half
-    f, at_once = step(_MOMENT, v)
-    C = 2 * _MOMENT * (at_once - step(2 * _MOMENT, v)[1])
+    f, at_once = step(MOMENT, v)
+    C = 2 * MOMENT * (at_once - step(2 * MOMENT, v)[1])
     size = abs(v / model.unit).max()
     h = _SMALL / size if size else 1.0
     if state.internal is not None:
         h = min(h, _SHORT)
     K = 2 * (step(h, v, 0.5)[1] - C / h)
-    if not (np.isfinite(K.data).all() and np.isfinite(C.data).all()):
-        raise SceneError(
-            "linearise: the damping in this state is not finite, since the derivative of an added "
-            "virtual work by the velocity is not. Smooth it there, such as "
-            "ufl.sqrt(v**2 + 1e-12) for the speed"
-        )
+    check_damping(np.append(K.data, C.data), "linearise: the damping in this state")
     return f, K, C
 
 

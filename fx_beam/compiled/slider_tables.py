@@ -33,7 +33,7 @@ def hand_over_sliders(
     ffi: Any, problem: Any, reduction: Reduction, at: np.ndarray, pointer: Callable
 ) -> Any:
     """Set the sliding nodes of a C struct Problem; returns what must be kept."""
-    sliders = _sliders_of(reduction)
+    sliders = reduction.sliders if isinstance(reduction, JointReduction) else None
     if sliders is None:
         return None
     at[-1] = problem.places  # behind all, where padding lanes are added as well
@@ -44,10 +44,6 @@ def hand_over_sliders(
         _set_columns(array[k], k, sliders, at, pointer)
         _set_windows(array[k], k, sliders, at, pointer)
     return array
-
-
-def _sliders_of(reduction: Reduction) -> Sliders | None:
-    return reduction.sliders if isinstance(reduction, JointReduction) else None
 
 
 def _set_path(to: Any, slide: Slide, pointer: Callable) -> None:

@@ -32,7 +32,7 @@ class Sheet:
 
     def line(self, points, **look) -> None:
         """A line through points (n, 2)."""
-        self._seen(points)
+        self._lines.append(np.reshape(np.asarray(points, dtype=float), (-1, 2)))
         self.ax.plot(*np.transpose(points), **{"color": "black", "linewidth": 1.0} | look)
 
     def strokes(self, starts, ends, **look) -> None:
@@ -98,9 +98,6 @@ class Sheet:
         return self.figure
 
     # -- Labels ---------------------------------------------------------------------------------
-
-    def _seen(self, points) -> None:
-        self._lines.append(np.reshape(np.asarray(points, dtype=float), (-1, 2)))
 
     def _write(self) -> None:
         """Write each label where it covers the least."""

@@ -173,9 +173,6 @@ class Recorder:
         for name, array in self.arrays.items():
             self.arrays[name] = _grown(array, rows, self.rows)
 
-    def _wants(self, step: int) -> bool:
-        return step % self.every == 0 or step == self.last
-
     def next_rows(self, parts: int) -> dict[str, np.ndarray]:
         """Arrays from the next row on, by name, to be written by the compiled loop."""
         kept = self._starts_kept(parts)
@@ -199,7 +196,7 @@ class Recorder:
 
         `starts` are those of the scheme's sub-steps in the last of the step's equal `parts`.
         """
-        if not self._wants(step):
+        if step % self.every and step != self.last:
             return
         if step == 0:
             self._first = self.end = state
