@@ -114,8 +114,8 @@ def linearised(scene: Scene, state: Solution | None, what: str) -> Linearisation
         force += factor * model.weight
     equations.begin(Interval(factor, factor), start)
     K = equations.tangent(equations.at_start(force).r)
-    if reduction.trouble:
-        raise SceneError(f"{what}: {reduction.trouble}. Take a state beside it")
+    if reduction.singularity:
+        raise SceneError(f"{what}: {reduction.singularity}. Take a state beside it")
     unknowns = reduction.independent
     K = K[unknowns][:, unknowns] if len(unknowns) < reduction.free else K
     T = reduction.coupling()[:, unknowns]

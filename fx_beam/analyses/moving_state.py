@@ -87,8 +87,8 @@ def deviations(scene: Scene, at: Solution | None, what: str) -> Deviations:
         state = state_of(model, at)
         held.resume(drive, state, state.inputs)
     coupling = _Coupling(model, state)
-    if trouble := model.reduction.trouble:
-        raise SceneError(f"{what}: {trouble}. Take a state beside it")
+    if singularity := model.reduction.singularity:
+        raise SceneError(f"{what}: {singularity}. Take a state beside it")
     T, S = coupling.parts(coupling.X)
     rates_from = _rates_from(model, T)
     w = rates_from @ state.v

@@ -52,7 +52,7 @@ class Actuator:
     last: tuple[float, float, float] | None = None
     #: The same for the loss of the stops; the sum of both stops' forces, and its derivative.
     last_stop: tuple[float, float, float] | None = None
-    pushing: tuple[float, float] = (0.0, 0.0)
+    stop_force: tuple[float, float] = (0.0, 0.0)
     given: np.ndarray = field(init=False)
     found: np.ndarray = field(init=False)
     #: Change of the coordinate, force and slope of the own energy, where the tangent is from.
@@ -71,12 +71,12 @@ class Actuator:
             self.found = self.elastic(self.given)
             force, slope = force + self.found[0], slope + self.found[1]
         if self.stop is not None:
-            pushed, by_change = self._pushes(level)
+            pushed, by_change = self._stop_forces(level)
             force, slope = force + pushed[1] - pushed[0], slope + by_change[1] - by_change[0]
-            self.pushing = float(pushed.sum()), float(by_change.sum())
+            self.stop_force = float(pushed.sum()), float(by_change.sum())
         return float(force), float(slope)
 
-    def _pushes(self, level: float) -> tuple[np.ndarray, np.ndarray]:
+    def _stop_forces(self, level: float) -> tuple[np.ndarray, np.ndarray]:
         """Forces (2,) of the lower and the upper stop, and their derivatives."""
         assert self.stop is not None
         signs, limits = np.array([1.0, -1.0]), limits_of(self.stop)
@@ -116,18 +116,18 @@ class Actuator:
         if self.friction is not None:
             force += self.friction.force * math.tanh(rate / self.friction.speed)
         if self.loss:
-            force += self.loss * self.pushing[0] * self._sense(rate)
+            force += self.loss * self.stop_force[0] * self._sense(rate)
         return force
 
     def _sense(self, rate: float) -> float:
         assert self.stop is not None
         return math.tanh(rate / (self.stop.speed or 1.0))
 
-    def stiffening(self, rate: float) -> float:
+    def tangent_stiffness(self, rate: float) -> float:
         """Derivative of the resistance by the coordinate: the loss of stops grows with them."""
-        return self.loss * self.pushing[1] * self._sense(rate) if self.loss else 0.0
+        return self.loss * self.stop_force[1] * self._sense(rate) if self.loss else 0.0
 
-    def steepness(self, rate: float) -> float:
+    def tangent_damping(self, rate: float) -> float:
         """Derivative of the resistance for the next iteration."""
         slope = self.c if self.law is None else self.c + self.law(rate)[1]
         if self.friction is not None:
@@ -137,7 +137,7 @@ class Actuator:
             assert self.stop is not None
             speed = self.stop.speed or 1.0
             self.last_stop = friction_slope(rate / speed, self.last_stop)
-            slope += self.loss * self.pushing[0] / speed * self.last_stop[2]
+            slope += self.loss * self.stop_force[0] / speed * self.last_stop[2]
         return slope
 
 

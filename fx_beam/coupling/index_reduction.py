@@ -54,7 +54,7 @@ class Reduction(Protocol):
     #: Sparsity (indptr, indices) of the reduced matrix in compressed rows.
     pattern: tuple[np.ndarray, np.ndarray]
     #: Why no step can begin here; empty if it can.
-    trouble: str
+    singularity: str
 
     @property
     def independent(self) -> np.ndarray:
@@ -114,7 +114,7 @@ class WithoutLoops:
 
     free: int
     columns: int
-    trouble = ""
+    singularity = ""
 
     @property
     def independent(self) -> np.ndarray:

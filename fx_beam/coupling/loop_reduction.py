@@ -117,10 +117,10 @@ class LoopReduction(JointReduction):
         self.gap(np.zeros(self.free), np.zeros(self.driven))
         columns, regular = _pivots(self.scaled_derivative())
         self._following = self.loop[columns]
-        self.trouble = ""
+        self.singularity = ""
         if not regular:
             names = "; ".join(dict.fromkeys(str(one.joint) for one in self._closures))
-            self.trouble = (
+            self.singularity = (
                 f"the loops that {names} close are in a singular position, such as bars in one "
                 "line, from which the motion may go on in several ways"
             )

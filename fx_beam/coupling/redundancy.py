@@ -28,7 +28,7 @@ def check_loops(scene: Scene, couplings: Couplings, reduction: LoopReduction) ->
     if not redundant:
         return
     if len(right) and _rank_near_by(reduction, right) > rank:
-        raise SceneError(f"start: {reduction.trouble}. Start from a position beside it")
+        raise SceneError(f"start: {reduction.singularity}. Start from a position beside it")
     forces = _forces(scene, couplings, left)
     sizes = np.linalg.norm(forces, axis=(1, 2))
     carrying = [joint for joint in scene.joints if sizes[joint.number] > _ROUNDING * sizes.max()]

@@ -174,7 +174,7 @@ class Actuators:
             a.dissipated = a.resistance(path / dt) * path
             if a.elastic is not None:
                 a.dissipated += float(a.found[2])
-            steep, grows = 2 * level * a.steepness(rate) / dt, a.stiffening(rate)
+            steep, grows = 2 * level * a.tangent_damping(rate) / dt, a.tangent_stiffness(rate)
             a.slopes = (
                 -stiff * ratio + elastic * by_a - steep * slope_a - grows,
                 stiff * ratio + elastic * by_b + steep * slope_b + grows,
@@ -196,8 +196,8 @@ class Actuators:
             actuator.change, rate = 0.0, self._rate(actuator, q, v, slides)
             # At its start the mean over a step depends on half of the step's increment.
             elastic, half = actuator.spring(0.5)
-            K += 2 * (half + actuator.stiffening(rate)) * np.outer(along, along)
-            C += actuator.steepness(rate) * np.outer(along, along)
+            K += 2 * (half + actuator.tangent_stiffness(rate)) * np.outer(along, along)
+            C += actuator.tangent_damping(rate) * np.outer(along, along)
             total += (elastic + actuator.resistance(rate)) * along
         return K, C, total
 

@@ -113,8 +113,8 @@ def _begin(model: Model, drive: Drive, state: State, dt: float) -> tuple[np.ndar
     drive.check_start(state)
     rates, bend = drive.derivatives(state.t, 1e-3 * dt)
     model.reduction.begin(state.q, state.slides)
-    if trouble := model.reduction.trouble:
-        raise SceneError(f"start: {trouble}. Start from a position beside it")
+    if singularity := model.reduction.singularity:
+        raise SceneError(f"start: {singularity}. Start from a position beside it")
     model.reduction.expand(np.zeros(model.reduction.free), np.zeros(len(rates)))
     return rates, bend
 

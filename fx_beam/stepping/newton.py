@@ -138,8 +138,8 @@ class Newton:
         StepFailed if it does not converge.
         """
         self.equations.begin(interval, start)
-        if trouble := self.model.reduction.trouble:
-            reason = f"{trouble}. With another dt no step begins there"
+        if singularity := self.model.reduction.singularity:
+            reason = f"{singularity}. With another dt no step begins there"
             raise StepFailed("singular", reason, np.zeros(self.model.size), [])
         at_rest = self.model.scheme.rates.at_rest
         predicted_y = None if at_rest else self.predictor.predict(interval.length)
