@@ -13,7 +13,7 @@ from fx_beam.results.audit import Stats
 from fx_beam.results.solution import Solution
 from fx_beam.results.state import State
 from fx_beam.scene.scene import Scene
-from fx_beam.stepping.forcing import Drive
+from fx_beam.stepping.forcing import Forcing
 from fx_beam.stepping.full_turns import Windings
 from fx_beam.stepping.initial_state import check_joints, initial_state, resumed_state
 from fx_beam.stepping.linear_solver import petsc
@@ -45,21 +45,21 @@ class Engine:
             assembled=model.assembled,
         )
         options = newton or NewtonOptions()
-        self.drive = Drive(model)
-        self.stepper = Stepper(model, self.drive, options, self.stats, halving)
+        self.forcing = Forcing(model)
+        self.stepper = Stepper(model, self.forcing, options, self.stats, halving)
         self.integrator = _choose_integrator(solver, self.stepper, options)
         self.windings = Windings(model)
 
     def first_state(self, dt: float, start: Solution | None) -> State:
         """Initial state of a motion, in the numbering of the model."""
-        model, drive = self.model, self.drive
+        model, forcing = self.model, self.forcing
         if start is None:
-            state = initial_state(model, drive, dt)
+            state = initial_state(model, forcing, dt)
         elif start.stats.static:
-            state = initial_state(model, drive, dt, state_of(model, start))
+            state = initial_state(model, forcing, dt, state_of(model, start))
         else:
             same = start.stats.scheme == model.scheme.name
-            state = resumed_state(model, drive, dt, state_of(model, start), same)
+            state = resumed_state(model, forcing, dt, state_of(model, start), same)
         self.integrator.past = state.past
         self.stepper.halving.resume(state.parts)
         return state

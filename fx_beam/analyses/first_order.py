@@ -40,7 +40,7 @@ class InputColumns:
             if isinstance(parts[0], Ramp):
                 ramps = [
                     (i, function.factor)
-                    for i, function in enumerate(about.drive.functions)
+                    for i, function in enumerate(about.forcing.functions)
                     if isinstance(function, Ramp) and function.name == name
                 ]
                 column = np.zeros(count)

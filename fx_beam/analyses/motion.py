@@ -142,7 +142,7 @@ class Motion:
         self._engine = engine = Engine(self._held.scene, scheme, newton, halving, solver)
         if start is not None:
             state = state_of(engine.model, start)
-            self._held.resume(engine.drive, state, state.inputs)
+            self._held.resume(engine.forcing, state, state.inputs)
         self._stride: Stride | CompiledStride
         if isinstance(engine.integrator, CompiledLoop):
             forces = any(output.quantity == "force" for output in outputs.values())
@@ -368,7 +368,7 @@ class Motion:
         model, state = self._engine.model, snapshot.state
         snapshot.check(model, sum(self._held.widths.values()))
         self._engine.windings.removed[:] = snapshot.turns
-        self._held.resume(self._engine.drive, state, state.inputs)
+        self._held.resume(self._engine.forcing, state, state.inputs)
         self._origin, self._number = snapshot.step
         self._begin(state)
         return self.outputs

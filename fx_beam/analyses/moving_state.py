@@ -16,7 +16,7 @@ from fx_beam.results.state import State
 from fx_beam.scene.beam import Node
 from fx_beam.scene.joints import GROUND
 from fx_beam.scene.scene import Scene
-from fx_beam.stepping.forcing import Drive
+from fx_beam.stepping.forcing import Forcing
 from fx_beam.stepping.held_inputs import HeldInputs, Hold, Ramp
 from fx_beam.stepping.initial_state import acceleration_of, reference_state
 from fx_beam.validation import Constant
@@ -40,7 +40,7 @@ class Deviations(NamedTuple):
 
     model: Model
     held: HeldInputs
-    drive: Drive
+    forcing: Forcing
     #: The state, in the numbering of the model, and the matrix (columns, size) that gives rates of
     #: z from those of the nodes.
     state: State
@@ -81,11 +81,11 @@ def deviations(scene: Scene, at: Solution | None, what: str) -> Deviations:
         end_factor = float(at.t[-1]) if at.stats.static else 1.0
     model = Model(held.scene, EnergyMomentum())
     check_unknowns(model, what)
-    drive = Drive(model)
+    forcing = Forcing(model)
     state = reference_state(model)
     if at is not None:
         state = state_of(model, at)
-        held.resume(drive, state, state.inputs)
+        held.resume(forcing, state, state.inputs)
     coupling = _Coupling(model, state)
     if singularity := model.reduction.singularity:
         raise SceneError(f"{what}: {singularity}. Take a state beside it")
@@ -99,16 +99,16 @@ def deviations(scene: Scene, at: Solution | None, what: str) -> Deviations:
         state.q, state.v, state.slides, model.reduction.columns
     )
     mass = model.mass
-    dead = end_factor * drive.forces(Interval(state.t, state.t))[0]
+    dead = end_factor * forcing.forces(Interval(state.t, state.t))[0]
     r = f - dead + mass @ (dT @ w)
-    a = _accelerations(model, drive, state, T, r, S.T @ pushes, dT @ w)
+    a = _accelerations(model, forcing, state, T, r, S.T @ pushes, dT @ w)
     r += mass @ (T @ a)
     turning, _ = coupling.parts(coupling.derivatives(a)[0])
     geometric = coupling.of_forces(np.concatenate([r, pushes]))
     return Deviations(
         model,
         held,
-        drive,
+        forcing,
         state,
         rates_from,
         w,
@@ -232,7 +232,7 @@ def _forces(model: Model, state: State):
 
 def _accelerations(
     model: Model,
-    drive: Drive,
+    forcing: Forcing,
     state: State,
     T: np.ndarray,
     r: np.ndarray,
@@ -249,7 +249,7 @@ def _accelerations(
         unit = model.unit
         a = np.linalg.lstsq(T / unit[:, None], (state.a - turning) / unit, rcond=None)[0]
         a[:free] = 0.0
-    for i, function in enumerate(drive.functions):
+    for i, function in enumerate(forcing.functions):
         if isinstance(function, Ramp):
             a[free + i] = 0.0
     force = -(T.T @ (r + mass @ (T @ a)) + of_springs)[:free]

@@ -19,7 +19,7 @@ from fx_beam.results.state import State
 from fx_beam.scene.inputs import values_at, with_functions
 from fx_beam.scene.scene import Scene
 from fx_beam.stepping.arc_length import ArcLength
-from fx_beam.stepping.forcing import LoadDrive
+from fx_beam.stepping.forcing import LoadForcing
 from fx_beam.stepping.linear_solver import petsc
 from fx_beam.stepping.load_steps import LoadStepper
 from fx_beam.stepping.newton import NewtonOptions
@@ -134,8 +134,8 @@ def static(
         assembled=model.assembled,
         static=True,
     )
-    drive = LoadDrive(model, float(t))
-    stepper = LoadStepper(model, drive, newton or NewtonOptions(), stats)
+    forcing = LoadForcing(model, float(t))
+    stepper = LoadStepper(model, forcing, newton or NewtonOptions(), stats)
     facing = FacingCheck(model, stats)
     stats.setup_seconds = time.perf_counter() - clock
     clock = time.perf_counter()
@@ -179,7 +179,7 @@ def _solution(
     for step, state in enumerate(states):
         recorder.record(step, state)
         facing.check(state.t, state.q)
-    end = replace(states[-1], t=stepper.drive.time, inputs=inputs)
+    end = replace(states[-1], t=stepper.forcing.time, inputs=inputs)
     return solution_of(model, recorder, stats, end)
 
 

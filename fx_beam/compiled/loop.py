@@ -229,15 +229,15 @@ class CompiledLoop:
         """Inputs of all sub-steps; if a function of time fails, only of the steps before."""
         starts = np.concatenate([[t], times[:-1]])
         t0, t1 = divided(starts, times, self.model.scheme.fractions)
-        drive, follow = self._stepper.drive, self.model.forms.followers
+        forcing, follow = self._stepper.forcing, self.model.forms.followers
         try:
             first = slice(1 if self.model.loads.constant else None)
-            loads = _of_each_step(drive.loads(t0[first], t1[first]), len(t1))
+            loads = _of_each_step(forcing.loads(t0[first], t1[first]), len(t1))
             thrust = np.empty((len(t1), 0))
             if follow is not None:
                 first = slice(1 if follow.constant else None)
                 thrust = _of_each_step(follow.series(t0[first], t1[first]), len(t1))
-            return StepInputs(loads, drive.series(t1), thrust)
+            return StepInputs(loads, forcing.series(t1), thrust)
         except (StepError, KeyboardInterrupt) as raised:
             before = int(np.searchsorted(times, getattr(raised, "time", t)))
             inputs = self.inputs(t, times[:before]) if before else StepInputs(*np.empty((3, 0, 2)))

@@ -49,7 +49,7 @@ class CompiledStride:
     def _build_inputs(self) -> None:
         """Arrays of the loads and driven motions of a step, with views for those that are held."""
         model, p = self._loop.model, self._p
-        drive, steps = self._stepper.drive, p.sub_steps
+        forcing, steps = self._stepper.forcing, p.sub_steps
         thrusts = 0 if model.forms.followers is None else len(model.forms.followers.dofs)
         self._inputs = StepInputs(
             np.zeros((steps, 2, p.loads)),
@@ -67,7 +67,7 @@ class CompiledStride:
                 self._holds.append((function, place))
             elif not isinstance(function, Constant):
                 self._varies = True
-        for i, function in enumerate(drive.functions):
+        for i, function in enumerate(forcing.functions):
             if isinstance(function, Ramp):
                 self._ramps.append((function, driven[:, i]))
             else:

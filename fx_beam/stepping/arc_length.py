@@ -55,7 +55,7 @@ class ArcLength:
 
     def __init__(self, stepper: LoadStepper):
         self.stepper, self.model = stepper, stepper.model
-        self._newton, self._drive = stepper.single.newton, stepper.drive
+        self._newton, self._forcing = stepper.single.newton, stepper.forcing
         self._equations = stepper.single.equations
         self._reduction = self.model.reduction
         #: Weights of the degrees of freedom in the inner product.
@@ -159,8 +159,8 @@ class ArcLength:
 
     def _finish(self, state: State, t1: float, step: StepSolution) -> State:
         self.stepper.note(step)
-        interval, drive = Interval(state.t, t1), self._drive
-        forces, positions = drive.forces(interval), drive.positions(t1)
+        interval, forcing = Interval(state.t, t1), self._forcing
+        forces, positions = forcing.forces(interval), forcing.positions(t1)
         return self.stepper.single.finish(state, interval, step, forces, positions)
 
     def _correct(
@@ -219,26 +219,26 @@ class ArcLength:
         return self._reduction.expand(y, self._driven(state, load))
 
     def _driven(self, state: State, load: float) -> np.ndarray:
-        return self._drive.positions(state.t + load) - self._drive.current(state)
+        return self._forcing.positions(state.t + load) - self._forcing.current(state)
 
     def _spread(self, dy: np.ndarray, dload: float) -> np.ndarray:
         """Small change of all degrees of freedom."""
         fixed = np.zeros(self._reduction.columns - self._reduction.free - self._reduction.driven)
-        return self._reduction.spread(np.concatenate([dy, dload * self._drive.goal, fixed]))
+        return self._reduction.spread(np.concatenate([dy, dload * self._forcing.goal, fixed]))
 
     def _balance(
         self, state: State, y: np.ndarray, load: float
     ) -> tuple[Balance, np.ndarray, np.ndarray]:
         """The equations, and their derivative with respect to the load factor: full and reduced."""
-        forms, drive, reduction = self.model.forms, self._drive, self._reduction
+        forms, forcing, reduction = self.model.forms, self._forcing, self._reduction
         forms.load_factor.value = state.t + load
-        force = (state.t + load) * drive.full
+        force = (state.t + load) * forcing.full
         balance = self._equations.at(y, self._driven(state, load), force)
-        per_load = forms.stiffness @ self._spread(np.zeros_like(y), 1.0) - drive.full
+        per_load = forms.stiffness @ self._spread(np.zeros_like(y), 1.0) - forcing.full
         if forms.has_added:
             per_load -= forms.added_per_load()
         column = reduction.project(per_load) - reduction.project(np.zeros_like(per_load))
-        if self.model.scene.joints and drive.goal.any():
+        if self.model.scene.joints and forcing.goal.any():
             # Driven motion rotates the joints, and with them the directions of their forces.
             h = 1e-6
             for sign in (1, -1):
@@ -262,7 +262,7 @@ class ArcLength:
         values = np.empty(len(reduction.pattern[1]))
         self._equations.fill_tangent(r, values)
         across = reduction.coupling().T @ (self._weight * normal.D)
-        corner = normal.load + across[free : free + reduction.driven] @ self._drive.goal
+        corner = normal.load + across[free : free + reduction.driven] @ self._forcing.goal
         # Scaled by the units of the scene: the pivots do not depend on the user's units.
         unit, (at_row, at_column) = self.model.unit_of_unknowns, self._places
         values *= unit[at_row[: len(values)]] * unit[at_column[: len(values)]]

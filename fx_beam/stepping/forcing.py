@@ -12,7 +12,7 @@ from fx_beam.scene.beam import COMPONENTS
 from fx_beam.validation import TimeFunction, evaluate, series
 
 
-class Drive:
+class Forcing:
     """Evaluates dead loads, prescribed motions and motors."""
 
     #: In statics, the time at which functions of time are evaluated [s].
@@ -99,7 +99,7 @@ class Drive:
         return force if self.model.weight is None else force + self.model.weight
 
 
-class LoadDrive(Drive):
+class LoadForcing(Forcing):
     """Loads and driven motions at one time [s], scaled by the load factor in place of time."""
 
     def __init__(self, model: Model, time: float):

@@ -13,7 +13,7 @@ from fx_beam.scene.inputs import Socket, check_names, connected, sockets, widths
 from fx_beam.scene.scene import Scene
 from fx_beam.validation import require, vector
 
-from .forcing import Drive
+from .forcing import Forcing
 
 
 class Hold:
@@ -115,12 +115,12 @@ class HeldInputs:
         for ramp in self._ramps:
             ramp.start = ramp.end
 
-    def resume(self, drive: Drive, state: State, values: np.ndarray | None) -> None:
+    def resume(self, forcing: Forcing, state: State, values: np.ndarray | None) -> None:
         """Start from a state: loads with these values of all inputs, motions where they are."""
         if values is not None and len(values) == sum(self.widths.values()):
             of_all = iter(values)
             self.set({name: [next(of_all) for _ in range(n)] for name, n in self.widths.items()})
-        for function, place in zip(drive.functions, drive.current(state), strict=True):
+        for function, place in zip(forcing.functions, forcing.current(state), strict=True):
             if isinstance(function, Ramp):
                 self.set({function.name: float(place) / function.factor})
         self.arrive()

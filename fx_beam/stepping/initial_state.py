@@ -16,7 +16,7 @@ from fx_beam.scene.beam import COMPONENTS
 from fx_beam.scene.joints import Joint
 from fx_beam.scene.sliders import SlidingJoint
 
-from .forcing import Drive
+from .forcing import Forcing
 
 # Up to so many rows matrices are arrays: an operation on sparse ones costs 0.1 ms.
 _SMALL = 200
@@ -25,29 +25,29 @@ _TINY = 40
 _ADVICE = "Give compatible velocities to all members, or call scene.make_velocities_compatible()"
 
 
-def initial_state(model: Model, drive: Drive, dt: float, start: State | None = None) -> State:
+def initial_state(model: Model, forcing: Forcing, dt: float, start: State | None = None) -> State:
     """State with the scene's initial velocities and the accelerations of dynamic equilibrium.
 
     At `start`, or in the reference configuration. SceneError for incompatible velocities.
     """
     state = reference_state(model) if start is None else start
-    rates, accelerations = _begin(model, drive, state, dt)
+    rates, accelerations = _begin(model, forcing, state, dt)
     T = model.reduction.coupling()
     w = initial_rates(model, state, T, rates)
     state = replace(state, v=model.reduction.spread(w))
-    return replace(state, a=_acceleration(model, drive, state, T, w, accelerations, dt))
+    return replace(state, a=_acceleration(model, forcing, state, T, w, accelerations, dt))
 
 
 def resumed_state(
-    model: Model, drive: Drive, dt: float, start: State, same_scheme: bool = True
+    model: Model, forcing: Forcing, dt: float, start: State, same_scheme: bool = True
 ) -> State:
     """State to continue from: velocities are kept, accelerations only for the same scheme."""
-    rates, accelerations = _begin(model, drive, start, dt)
+    rates, accelerations = _begin(model, forcing, start, dt)
     if same_scheme:
         return start
     T = model.reduction.coupling()
     w = nearest_rates(model, T, start.v, rates)
-    a = _acceleration(model, drive, start, T, w, accelerations, dt)
+    a = _acceleration(model, forcing, start, T, w, accelerations, dt)
     # What the last step of another scheme leaves to the next one does not count.
     start = replace(start, a=a, parts=None, past=None)
     return replace(start, before=None, algorithmic=0.0, length=0.0)
@@ -108,10 +108,12 @@ def check_joints(model: Model, state: State) -> None:
                 )
 
 
-def _begin(model: Model, drive: Drive, state: State, dt: float) -> tuple[np.ndarray, np.ndarray]:
+def _begin(
+    model: Model, forcing: Forcing, state: State, dt: float
+) -> tuple[np.ndarray, np.ndarray]:
     """Set the reduction to the start; rates and accelerations (driven,) of driven motion."""
-    drive.check_start(state)
-    rates, bend = drive.derivatives(state.t, 1e-3 * dt)
+    forcing.check_start(state)
+    rates, bend = forcing.derivatives(state.t, 1e-3 * dt)
     model.reduction.begin(state.q, state.slides)
     if singularity := model.reduction.singularity:
         raise SceneError(f"start: {singularity}. Start from a position beside it")
@@ -121,7 +123,7 @@ def _begin(model: Model, drive: Drive, state: State, dt: float) -> tuple[np.ndar
 
 def _acceleration(
     model: Model,
-    drive: Drive,
+    forcing: Forcing,
     state: State,
     T: scipy.sparse.csr_matrix,
     w: np.ndarray,
@@ -148,7 +150,7 @@ def _acceleration(
         curved = (ahead + back) / k**2
         reduction.expand(np.zeros(free), np.zeros(reduction.driven))
     reduced, mass, T = _reduced(model.mass, T), _handy(model.mass), _handy(T)
-    force = drive.forces(Interval(state.t, state.t + dt))[0] - model.forms.internal_force(D)
+    force = forcing.forces(Interval(state.t, state.t + dt))[0] - model.forms.internal_force(D)
     force -= mass @ (T @ a + curved)
     model.actuators.begin(state, h)
     model.actuators.set_increment(h * state.v, h * w)
@@ -187,8 +189,8 @@ def initial_rates(model: Model, state: State, T, driven: np.ndarray) -> np.ndarr
     v[model.prescribed] = kept[model.prescribed]
     # Rates of driven motion are finite differences, hence the second tolerance.
     driven_v = model.reduction.spread(_driven_rates(model, driven))
-    speed, drive = (abs(model.to_nodes(rates) / unit).max() for rates in (v, driven_v))
-    tolerance = 1e-9 * speed + 1e-5 * drive
+    speed, moved = (abs(model.to_nodes(rates) / unit).max() for rates in (v, driven_v))
+    tolerance = 1e-9 * speed + 1e-5 * moved
     if gap.max() > tolerance:
         _check_joints(model, state, v, driven, tolerance)
         node, component = np.unravel_index(np.argmax(gap), gap.shape)

@@ -12,7 +12,7 @@ from fx_beam.model.model import Model
 from fx_beam.results.audit import Stats
 from fx_beam.results.state import State
 
-from .forcing import LoadDrive
+from .forcing import LoadForcing
 from .initial_state import reference_state
 from .newton import NewtonOptions, StepFailed, StepSolution
 from .single_step import SingleStep
@@ -39,9 +39,9 @@ _SOFTENING = 4.0
 class LoadStepper:
     """Takes load steps; the states of a model have the load factor in place of time."""
 
-    def __init__(self, model: Model, drive: LoadDrive, options: NewtonOptions, stats: Stats):
-        self.model, self.drive, self.stats = model, drive, stats
-        self.single = SingleStep(model, drive, options, stats)
+    def __init__(self, model: Model, forcing: LoadForcing, options: NewtonOptions, stats: Stats):
+        self.model, self.forcing, self.stats = model, forcing, stats
+        self.single = SingleStep(model, forcing, options, stats)
         #: Deviation of the last step from its predictor, relative to this, and its corrections.
         self.deviation, self.iterations = 0.0, 0
         #: Whether a step whose work is too inaccurate may be cut.
@@ -114,7 +114,7 @@ class LoadStepper:
 
     def _check_path(self, old: State, new: State, step: StepSolution, softer: bool) -> None:
         """Reject a step that deviates from its predictor, or whose work differs from its energy."""
-        D, forces = step.D, self.drive.forces(Interval(old.t, new.t))
+        D, forces = step.D, self.forcing.forces(Interval(old.t, new.t))
         if self.is_still(D):
             return  # its deviation is a rounding error
         if self.deviation > _MAX_DEVIATION:

@@ -14,25 +14,25 @@ from fx_beam.results.state import State
 from fx_beam.scene.beam import COMPONENTS
 from fx_beam.scene.joints import GROUND
 
-from .forcing import Drive
+from .forcing import Forcing
 from .newton import Newton, NewtonOptions, StepFailed, StepSolution
 
 
 class SingleStep:
     """Takes one step of time, or of the load factor in statics."""
 
-    def __init__(self, model: Model, drive: Drive, options: NewtonOptions, stats: Stats):
-        self.model, self.drive, self.stats = model, drive, stats
-        self.equations = Equations(model, drive.time)
+    def __init__(self, model: Model, forcing: Forcing, options: NewtonOptions, stats: Stats):
+        self.model, self.forcing, self.stats = model, forcing, stats
+        self.equations = Equations(model, forcing.time)
         self.newton = Newton(self.equations, options)
         self.joint_forces = JointForces(model) if model.scene.joints else None
 
     def take(self, state: State, interval: Interval) -> tuple[State, StepSolution]:
         """State at the end of a step, and its increment; StepFailed if it does not converge."""
         level = self.model.scheme.rates.level
-        forces, positions = self.drive.forces(interval), self.drive.positions(interval.end)
+        forces, positions = self.forcing.forces(interval), self.forcing.positions(interval.end)
         force = (1 - level) * forces[0] + level * forces[1]
-        step = self.newton.solve(interval, state, force, positions - self.drive.current(state))
+        step = self.newton.solve(interval, state, force, positions - self.forcing.current(state))
         return self.finish(state, interval, step, forces, positions), step
 
     def finish(
@@ -56,7 +56,8 @@ class SingleStep:
             free = model.massless
             v[free] = path[free] / dt
             a[free] = (v - state.v)[free] / dt
-        slides = state.slides + self._slide_increments(step, positions - self.drive.current(state))
+        driven = positions - self.forcing.current(state)
+        slides = state.slides + self._slide_increments(step, driven)
         motors = positions[len(model.prescribed) :]
         new = State(interval.end, state.q + step.D, v, a, slides, motors)
         if model.keeps_before:
@@ -86,8 +87,8 @@ class SingleStep:
         new.numerical = old.numerical + taken
         new.constraint_forces = model.reduction.project(step.r)[model.reduction.free :]
         if self.model.reduction.driven:
-            drive = np.concatenate([path[model.prescribed], self._motor_paths(path, new, old)])
-            work += self._mid(new.constraint_forces, old.constraint_forces)[: len(drive)] @ drive
+            driven = np.concatenate([path[model.prescribed], self._motor_paths(path, new, old)])
+            work += self._mid(new.constraint_forces, old.constraint_forces)[: len(driven)] @ driven
         if model.forms.has_added:
             model.forms.internal_force(step.D)
             new.added_forces = model.forms.added_force()

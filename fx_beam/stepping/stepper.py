@@ -12,7 +12,7 @@ from fx_beam.model.model import Model
 from fx_beam.results.audit import Stats
 from fx_beam.results.state import Past, State
 
-from .forcing import Drive
+from .forcing import Forcing
 from .interrupts import uninterrupted
 from .local_error import LocalError
 from .newton import NewtonOptions, StepFailed
@@ -40,10 +40,10 @@ class Stepper:
     """Takes time steps; a step that fails is halved."""
 
     def __init__(
-        self, model: Model, drive: Drive, options: NewtonOptions, stats: Stats, halving: Halving
+        self, model: Model, forcing: Forcing, options: NewtonOptions, stats: Stats, halving: Halving
     ):
-        self.model, self.drive, self.stats = model, drive, stats
-        self.single = SingleStep(model, drive, options, stats)
+        self.model, self.forcing, self.stats = model, forcing, stats
+        self.single = SingleStep(model, forcing, options, stats)
         self.halving = halving
         self.facing = FacingCheck(model, stats)
         self._errors: LocalError | None = None
