@@ -225,11 +225,13 @@ class Forms(NodalForms):
         )
         return [lost + super().losses(D)[0], *of_scheme]
 
-    def _add_force_of_beams(self) -> None:
+    def add_beam_forces(self) -> None:
+        """Add the internal forces of beams (eq. 53), by the reduced rule."""
         self._set(self.increment, self._D)
         dolfinx_api.assemble_vector(self._force[: self._mesh.in_beams], self._residual)
 
-    def _set_tangent_of_beams(self, data: np.ndarray) -> None:
+    def set_beam_tangent(self, data: np.ndarray) -> None:
+        """Set the values of `stiffness` to those of beams (eq. 54), derived by UFL."""
         dolfinx_api.assemble_matrix(self.matrix, self._tangent)
         fill_blocks(data, self.matrix.data)
 

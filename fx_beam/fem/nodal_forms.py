@@ -120,32 +120,33 @@ class NodalForms:
         return [sum(part.loss(D) for part in self.resistances), 0.0, 0.0]
 
     def internal_force(self, D: np.ndarray) -> np.ndarray:
-        """Internal forces (size,) [N, N m] for the increment D (eq. 53).
+        """Internal forces (size,) [N, N m] for the increment D.
 
         With drag, minus forces of contact and added ones. The next call overwrites the result.
         """
         self._D = D
         self._force[:] = 0.0
-        self._add_force_of_beams()
+        self.add_beam_forces()
         if self.followers is not None:
             self.followers.add_force(self._q, D, -self._factor, self._force)
         for part in self.resistances:
             part.add_force(D, self._force)
         return self._force
 
-    def _add_force_of_beams(self) -> None:
+    def add_beam_forces(self) -> None:
         """Add the internal forces of beams."""
 
     def assemble_stiffness(self) -> None:
-        """Assemble `stiffness` at the increment of the last `internal_force` (eq. 54)."""
+        """Assemble `stiffness` at the increment of the last `internal_force`."""
         data = self.stiffness.data
-        self._set_tangent_of_beams(data)
+        self.set_beam_tangent(data)
         if self.followers is not None:
             self.followers.subtract_tangent(self._q, self._D, self._factor, data)
         for part in self.resistances:
             part.add_tangent(self._D, data)
 
-    def _set_tangent_of_beams(self, data: np.ndarray) -> None:
+    def set_beam_tangent(self, data: np.ndarray) -> None:
+        """Set the values of `stiffness` to those of beams."""
         data[:] = 0.0
 
     def added_force(self) -> np.ndarray:
