@@ -32,9 +32,7 @@ def frequency_response(
         components = [name for name in found.names if found.component(name).any()]
     values = {name: found.component(name) for name in components}
     if not values:
-        raise ValueError(
-            f"components = {components!r}: nothing to draw. Give some of {list(found.names)}"
-        )
+        raise ValueError(f"components = {components!r}: nothing to draw; use {list(found.names)}")
     units = {name: found.units[found.names.index(name)] for name in values}
     kinds = sorted(set(units.values()))
     fig, axes = figure(len(kinds) + 1, 1)
