@@ -48,6 +48,8 @@ class Kernel(NamedTuple):
             f"INLINED void element_{i}({arguments}) {{\n{''.join(bodies[tag])}}}"
             for i, tag in enumerate(tags)
         ]
+        # Forms of one module have the same text.
+        texts = list(dict.fromkeys(texts))
         return "\n".join([*declared, "#define for UNROLLED for", *texts, *own, "#undef for"])
 
     def _call(self, number: int, name: str, unused: str) -> str:

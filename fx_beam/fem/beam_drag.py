@@ -105,4 +105,4 @@ def _compiled(
     force, loss = drag_work(step, at) * dx, drag_loss(step, at) * dx
     tangent = ufl.derivative(force, fields.increment, fields.trial)
     forms = {"drag": force, "tangent of drag": tangent, "loss to drag": loss}
-    return [dolfinx_api.compile_form(form, name) for name, form in forms.items()], at
+    return dolfinx_api.compile_forms(forms), at

@@ -26,7 +26,7 @@ import numpy as np
 
 from . import ffcx_api
 from .elements import OF_UFL, beam, lagrange, values_at_points
-from .intervals import OPTIONS_OF_JIT, WITH_JIT, coordinate_space, gauss_space, quietly
+from .intervals import JIT, OPTIONS_OF_JIT, WITH_JIT, coordinate_space, gauss_space, quietly
 
 _log = logging.getLogger("fx_beam")
 
@@ -47,8 +47,10 @@ REFUSALS: tuple[type[BaseException], ...] = (Exception, ArityMismatch)
 if _FORM_IS_OF_CPP:
     _FORM_OF_CPP: Any = type("Form", (fem.FormMetaClass, dolfinx.cpp.fem.Form_float64), {})
 
+_HAS_OPTIONS = hasattr(dolfinx.jit, "get_options")
 _KINDS_OF_INTEGRALS = list(fem.IntegralType.__members__.values())
 _REAL: Any = np.float64  # also if PETSc is built for complex numbers
+_SCALAR = {"scalar_type": "double" if OF_UFL else _REAL}
 
 
 @functools.cache
@@ -134,16 +136,33 @@ class CompiledForm(NamedTuple):
     #: FFCx's module, which must stay in memory, and its source if it has just been compiled.
     module: Any
     code: Any
+    #: All forms of the module.
+    together: tuple[Any, ...]
+
+
+def compile_forms(forms: Mapping[str, Any]) -> list[CompiledForm]:
+    """Compile UFL forms by name through FFCx, as one module: for those always used together.
+
+    Forms that were not in the cache are logged.
+    """
+    together = tuple(forms.values())
+    settings = dolfinx.jit.get_options if _HAS_OPTIONS else dolfinx.jit.get_parameters
+    objects, module, code = quietly(ffcx_api.compile_forms)(together, _SCALAR, settings(JIT))
+    for name in forms if any(code) else ():
+        _log.info("compiled the form %r, once", name)
+    return [
+        CompiledForm(name, form, ufcx, module, code, together)
+        for (name, form), ufcx in zip(forms.items(), objects, strict=True)
+    ]
 
 
 def compile_form(form, name: str) -> CompiledForm:
-    """Compile a UFL form through FFCx; forms that were not in the cache are logged."""
-    scalar = {"scalar_type": "double" if OF_UFL else _REAL}
-    options = {_OPTIONS_OF_FORMS: scalar, **WITH_JIT}
+    """The same for a single form, or for an expression with its points."""
+    options = {_OPTIONS_OF_FORMS: _SCALAR, **WITH_JIT}
     compiled = quietly(dolfinx.jit.ffcx_jit)(MPI.COMM_SELF, form, **options)
     if any(compiled[2]):
         _log.info("compiled the form %r, once", name)
-    return CompiledForm(name, form, *compiled)
+    return CompiledForm(name, form, *compiled, (form,))
 
 
 def bind(compiled: CompiledForm, mesh, space=None, data: Mapping | None = None, tags=None):
@@ -151,7 +170,7 @@ def bind(compiled: CompiledForm, mesh, space=None, data: Mapping | None = None, 
 
     `data` has the functions and constants in the place of UFL's; `tags` number the subdomains.
     """
-    _, form, ufcx, module, code = compiled
+    form, ufcx, module, code = compiled[1:5]
     replaced = data or {}
     # The position in the form of each coefficient that the generated code has.
     plural = "original_coefficient_position" + "s" * hasattr(ufcx, "original_coefficient_positions")

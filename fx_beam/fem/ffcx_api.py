@@ -10,13 +10,13 @@ import functools
 import inspect
 import os
 import time
-from collections.abc import Callable
-from importlib import import_module
+from collections.abc import Callable, Sequence
 from importlib.machinery import EXTENSION_SUFFIXES
 from importlib.util import find_spec, module_from_spec, spec_from_file_location
 from pathlib import Path
 from typing import Any
 
+import ffcx
 import ffcx.codegeneration
 import ffcx.codegeneration.jit
 import ffcx.compiler
@@ -24,7 +24,9 @@ import ffcx.compiler
 import cffi
 
 _FFI = cffi.FFI()
-_PARAMETERS = find_spec("ffcx.parameters") is not None  # called options in later versions
+# What later versions call options.
+_OPTIONS = "parameters" if find_spec("ffcx.parameters") else "options"
+_options = getattr(ffcx, f"get_{_OPTIONS}")
 # The name of a parameter.
 _PREFIX = (
     {"prefix", "namespace"} & set(inspect.signature(ffcx.compiler.compile_ufl_objects).parameters)
@@ -85,6 +87,12 @@ def discard_unfinished() -> None:
 ffcx.codegeneration.jit.get_cached_module = _loaded_once(ffcx.codegeneration.jit.get_cached_module)
 
 
+def compile_forms(forms: Sequence, scalar: dict[str, Any], settings: dict[str, Any]) -> Any:
+    """Compiled forms of one module, the module, and its code if it was not in the cache."""
+    named: dict[str, Any] = {_OPTIONS: _options(scalar)}
+    return ffcx.codegeneration.jit.compile_forms(list(forms), **named, **settings)
+
+
 def _integrals(form) -> list[tuple[int, Any]]:
     """Cell integrals of a compiled form, ordered by subdomain (-1: all cells)."""
     cell, ufcx = 0, form.ufcx  # cell integrals are type 0
@@ -123,7 +131,7 @@ def element_functions(form) -> tuple[str, list[str], int]:
     _, source = form.code  # empty unless it has just been compiled
     if not source:
         # Function names derive from the module's name, so they are the same again.
-        source = _generated(form.form, Path(module).name.partition(".")[0])
+        source = _generated(form.together, Path(module).name.partition(".")[0])
     return source, names, len(_FFI.typeof(functions[0]).args)
 
 
@@ -154,12 +162,9 @@ def _symbol(address: int) -> tuple[str, str]:
     return found.file.decode(), found.name.decode()
 
 
-def _generated(ufl_form, prefix: str) -> str:
-    """C that FFCx generates for a form."""
-    if _PARAMETERS:
-        options = {"parameters": import_module("ffcx.parameters").get_parameters()}
-    else:
-        options = {"options": import_module("ffcx.options").get_options()}
+def _generated(forms: Sequence, prefix: str) -> str:
+    """C that FFCx generates for the forms of a module."""
+    named: dict[str, Any] = {_PREFIX: prefix, _OPTIONS: _options()}
     # Header and code, or a list of these with file name extensions.
-    made: Any = ffcx.compiler.compile_ufl_objects([ufl_form], **{_PREFIX: prefix}, **options)
+    made: Any = ffcx.compiler.compile_ufl_objects(list(forms), **named)
     return made[1] if isinstance(made[1], str) else made[0][1]

@@ -167,9 +167,9 @@ class WeakForm:
 
     def _compile(self) -> None:
         fields, residual = self.fields, self._residual
-        self.force = dolfinx_api.compile_form(residual, "internal forces")
         tangent = ufl.derivative(residual, fields.increment, fields.trial)
-        self.tangent = dolfinx_api.compile_form(tangent, "tangent")
+        forms = {"internal forces": residual, "tangent": tangent}
+        self.force, self.tangent = dolfinx_api.compile_forms(forms)
         self.energy = dolfinx_api.compile_form(self._stored, "strain energy")
         #: Energies that the material and the scheme take in a step, and that the scheme holds for
         #: the next one; None where there is none.
