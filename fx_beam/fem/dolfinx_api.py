@@ -159,10 +159,10 @@ def compile_forms(forms: Mapping[str, Any]) -> list[CompiledForm]:
 def compile_form(form, name: str) -> CompiledForm:
     """The same for a single form, or for an expression with its points."""
     options = {_OPTIONS_OF_FORMS: _SCALAR, **WITH_JIT}
-    compiled = quietly(dolfinx.jit.ffcx_jit)(MPI.COMM_SELF, form, **options)
-    if any(compiled[2]):
+    ufcx, module, code = quietly(dolfinx.jit.ffcx_jit)(MPI.COMM_SELF, form, **options)
+    if any(code):
         _log.info("compiled the form %r, once", name)
-    return CompiledForm(name, form, *compiled, (form,))
+    return CompiledForm(name, form, ufcx, module, code, (form,))
 
 
 def bind(compiled: CompiledForm, mesh, space=None, data: Mapping | None = None, tags=None):
