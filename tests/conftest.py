@@ -14,7 +14,7 @@ import pytest
 from hypothesis import settings
 
 from fx_beam.compiled import build
-from fx_beam.fem import ffcx_api, intervals
+from fx_beam.fem import ffcx_api, interval_mesh
 
 sys.path.insert(0, str(Path(__file__).parent))
 
@@ -53,7 +53,7 @@ def _with_headers(flags):
 
 
 # A form compiled without optimisation takes a fifth less time. The compiled loop stays optimised.
-intervals.JIT["cffi_extra_compile_args"] = _with_headers(["-O0", "-g0", "-w"])
+interval_mesh.JIT["cffi_extra_compile_args"] = _with_headers(["-O0", "-g0", "-w"])
 
 _DEMOS = {path.stem for path in (Path(__file__).parents[1] / "demos").glob("*.py")}
 # Groups that take longest, which start first: otherwise one process would end with them alone.

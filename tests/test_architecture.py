@@ -72,7 +72,7 @@ HOUSE = {
         "mpi",
         "elements",
         "ffcx_api",
-        "intervals",
+        "interval_mesh",
         "dolfinx_api",
         "point_functions",
         "nodal_rules",
@@ -301,7 +301,7 @@ def test_the_model_knows_nothing_of_solutions():
     ("packages", "home"),
     [
         ({"mpi4py"}, {"fem.mpi"}),
-        ({"dolfinx", "basix"}, {"fem.dolfinx_api", "fem.intervals", "fem.elements"}),
+        ({"dolfinx", "basix"}, {"fem.dolfinx_api", "fem.interval_mesh", "fem.elements"}),
         ({"ffcx"}, {"fem.ffcx_api"}),
         ({"petsc4py"}, {"fem.mpi", "stepping.linear_solver"}),
         ({"slepc4py"}, {"analyses.undamped_modes"}),

@@ -9,9 +9,9 @@ import pytest
 from jointed import MEMBER
 
 import fx_beam as fb
-from fx_beam.fem import dolfinx_api, intervals
+from fx_beam.fem import dolfinx_api, interval_mesh
 
-LINE, _ = intervals.interval_mesh(np.array([(0.0, 0.0), (1.0, 0.0)]), np.array([(0, 1)]))
+LINE, _ = interval_mesh.mesh_between(np.array([(0.0, 0.0), (1.0, 0.0)]), np.array([(0, 1)]))
 FIELDS = {
     "Constant": dolfinx_api.constant(LINE, 2.0),
     "Function": dolfinx_api.at_gauss_points(LINE, np.ones((1, 1))),

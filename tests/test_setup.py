@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import fx_beam as fb
-from fx_beam.fem import dolfinx_api, ffcx_api, intervals, weak_form
+from fx_beam.fem import dolfinx_api, ffcx_api, interval_mesh, weak_form
 from fx_beam.fem.fields import Fields
 from fx_beam.kept import kept
 
@@ -92,12 +92,14 @@ def test_meshes_of_equal_connectivity_have_positions_of_their_own(degree):
     inner = 6 + np.arange(len(ends) * (degree - 1)).reshape(len(ends), -1)
     cells = np.hstack([ends, inner])
     places = [np.random.default_rng(seed).random((6 + inner.size, 2)) for seed in range(2)]
-    meshes, orders = zip(*(intervals.interval_mesh(X, cells, degree) for X in places), strict=True)
+    meshes, orders = zip(
+        *(interval_mesh.mesh_between(X, cells, degree) for X in places), strict=True
+    )
     assert (orders[0] == orders[1]).all()
     for X, mesh in zip(places, meshes, strict=True):  # those of the first one as well
         found = dolfinx_api.element_coordinates(mesh).reshape(len(cells), -1, 3)
         np.testing.assert_array_equal(found[..., :2], X[cells[orders[0]]])
-    functions = [dolfinx_api.function(intervals.beam_space(mesh, degree)) for mesh in meshes]
+    functions = [dolfinx_api.function(interval_mesh.beam_space(mesh, degree)) for mesh in meshes]
     functions[0].x.array[:] = 1.0
     assert not functions[1].x.array.any()
 

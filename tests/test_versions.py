@@ -13,13 +13,13 @@ from scenes import pinned_beam
 
 import fx_beam as fb
 from fx_beam.compiled import build
-from fx_beam.fem import dolfinx_api, ffcx_api, intervals
+from fx_beam.fem import dolfinx_api, ffcx_api, interval_mesh
 
 # -- Quadrature ----------------------------------------------------------------------------------
 
 
 def interval(length=1.0):
-    mesh, _ = intervals.interval_mesh(np.array([[0.0, 0.0], [length, 0.0]]), np.array([[0, 1]]))
+    mesh, _ = interval_mesh.mesh_between(np.array([[0.0, 0.0], [length, 0.0]]), np.array([[0, 1]]))
     return mesh
 
 
@@ -113,7 +113,7 @@ def test_each_law_has_its_own_coefficients_in_the_loop(laws):
 
 def test_coefficients_of_a_subdomain_are_those_of_its_cells():
     points = np.column_stack([np.arange(4.0), np.zeros(4)])
-    mesh, _ = intervals.interval_mesh(points, np.array([[0, 1], [1, 2], [2, 3]]))
+    mesh, _ = interval_mesh.mesh_between(points, np.array([[0, 1], [1, 2], [2, 3]]))
     tags = np.array([2, 0, 1])
     of_cell = dolfinx_api.at_gauss_points(mesh, 10.0 + np.arange(3)[:, None])
     dx = dolfinx_api.measure(mesh, 1)

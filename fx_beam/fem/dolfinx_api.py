@@ -26,7 +26,7 @@ import numpy as np
 
 from . import ffcx_api
 from .elements import OF_UFL, beam, lagrange, values_at_points
-from .intervals import JIT, OPTIONS_OF_JIT, WITH_JIT, coordinate_space, gauss_space, quietly
+from .interval_mesh import JIT, OPTIONS_OF_JIT, WITH_JIT, coordinate_space, gauss_space, quietly
 
 _log = logging.getLogger("fx_beam")
 

@@ -12,7 +12,7 @@ from fx_beam.mechanics.interval import Interval
 from fx_beam.scene.loads import Drag
 from fx_beam.scene.scene import Scene
 
-from . import dolfinx_api, intervals
+from . import dolfinx_api, interval_mesh
 from .beam_drag import BeamDrag, DragForms
 from .dolfinx_api import CompiledForm
 from .fields import Fields, fields_of
@@ -76,7 +76,7 @@ class Forms(NodalForms):
         self.load_increment = dolfinx_api.constant(mesh, 0.0)
         found[fields.load_increment] = self.load_increment
         if self._weak.internal is not None:
-            places = intervals.gauss_space(mesh, fields.degree, self._weak.width)
+            places = interval_mesh.gauss_space(mesh, fields.degree, self._weak.width)
             found[self._weak.internal] = dolfinx_api.function(places)
             self._cell_points = dolfinx_api.element_dofs(places)
         found |= {field: dolfinx_api.function(space) for field in self._weak.given(damps)}
@@ -89,7 +89,7 @@ class Forms(NodalForms):
         mesh, space = self._mesh.mesh, self._mesh.space
         found: dict[Any, Any] = {}
         if fields.coordinate is not None:
-            space = intervals.nodal_rotations(space, fields.degree)
+            space = interval_mesh.nodal_rotations(space, fields.degree)
             found[fields.coordinate] = dolfinx_api.coordinate_on_cells(mesh, fields.degree)
         return space, found | {fields.increment: dolfinx_api.function(space)}
 

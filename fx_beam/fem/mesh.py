@@ -13,7 +13,7 @@ from fx_beam.kept import kept
 from fx_beam.scene.beam import Beam, inner_positions
 from fx_beam.scene.scene import Scene
 
-from . import dolfinx_api, intervals
+from . import dolfinx_api, interval_mesh
 
 
 @dataclass(frozen=True)
@@ -95,10 +95,10 @@ def build_mesh(scene: Scene) -> Mesh:
     nodes_of_element = np.hstack([ends, inner])
     curved = degree > 1 and any(beam.inner is not None for beam in scene.beams)
     if curved:
-        mesh, order = intervals.interval_mesh(X, nodes_of_element, degree)
+        mesh, order = interval_mesh.mesh_between(X, nodes_of_element, degree)
     else:
-        mesh, order = intervals.interval_mesh(points, ends)
-    space = intervals.beam_space(mesh, degree)
+        mesh, order = interval_mesh.mesh_between(points, ends)
+    space = interval_mesh.beam_space(mesh, degree)
     of_cells = dolfinx_api.dofs_of_cells(space)
     counts = np.array([beam.elements for beam in scene.beams])
     numbers = _numbers(len(X), nodes_of_element, order, of_cells, counts)

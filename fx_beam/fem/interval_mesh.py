@@ -101,7 +101,7 @@ class IntervalMesh(dolfinx.mesh.Mesh):
         return fem.FunctionSpace(self, element, own)
 
 
-def interval_mesh(
+def mesh_between(
     points: np.ndarray, cells: np.ndarray, degree: int = 1
 ) -> tuple[IntervalMesh, np.ndarray]:
     """Mesh of intervals between points (n, 2) [m], and the row of `cells` of each mesh cell.
