@@ -63,7 +63,7 @@ def in_lanes(rows: np.ndarray, lanes: int, behind: int | None = None) -> np.ndar
 class NodeRows(NamedTuple):
     """Where entries of element tangents go in a chain: rows of three of a node, and single ones."""
 
-    #: Storage index of the first entry of each row (cells, n * n / 3).
+    #: Storage index of the first entry of each row (cells, n * n / 3), also of missing cells.
     run: np.ndarray
     #: Single entries: first one of each block of elements, tensor entry, storage index.
     single_start: np.ndarray
@@ -80,10 +80,13 @@ def rows_of_nodes(places: np.ndarray, behind: int, lanes: int) -> NodeRows:
     columns = np.column_stack([number[: 2 * nodes].reshape(nodes, 2), number[2 * nodes :]])
     to = places.reshape(cells, n, n)[:, :, columns]  # (cells, n, nodes, 3)
     together = (np.diff(to, axis=-1) == 1).all(axis=-1)
-    lane = np.arange(cells) % lanes
-    run = np.where(together, to[..., 0], behind + 4 * lane[:, None, None])
+    # Rows behind the end lie apart: the processor waits where stored rows overlap.
+    lane = np.arange(cells + -cells % lanes) % lanes
+    run = np.empty((len(lane), n, nodes), dtype=int)
+    run[:] = behind + 4 * lane[:, None, None]
+    run[:cells][together] = to[together][:, 0]
     cell, row, node = np.nonzero(~together)
     source = (row[:, None] * n + columns[node]) * lanes + lane[cell, None]
     start = np.searchsorted(cell, np.arange(0, cells + lanes, lanes))
     single = to[cell, row, node]
-    return NodeRows(run.reshape(cells, -1), 3 * start, source.ravel(), single.ravel())
+    return NodeRows(run.reshape(len(lane), -1), 3 * start, source.ravel(), single.ravel())

@@ -195,7 +195,8 @@ static void substitute_sparse(const Problem *p, const double *A, double *b) {
    loops. */
 static int solve_band(const Problem *p, const Work *w) {
   switch (p->band) {
-    case 6: return solve(p->free, 6, w->tangent, w->y); /* degree 1 with joints */
+    case 5: return solve(p->free, 5, w->tangent, w->y); /* degree 1 with joints */
+    case 6: return solve(p->free, 6, w->tangent, w->y);
     case 8: return solve(p->free, 8, w->tangent, w->y); /* degree 2 */
     case 11: return solve(p->free, 11, w->tangent, w->y); /* degree 3 */
     default: return solve(p->free, p->band, w->tangent, w->y);
