@@ -14,8 +14,15 @@ from statistics import median
 from time import thread_time
 
 ROOT = Path(__file__).resolve().parents[1]
-# Number of elements, step, number of steps, and whether everything is recorded.
-CASES = ((8, 0.01, 1000, False), (8, 0.001, 2000, True), (2048, 0.001, 60, False))
+# Scene of a demo, its arguments, step, number of steps, and whether everything is recorded.
+CASES = (
+    ("pinned_beam", (8,), 0.01, 1000, False),
+    ("pinned_beam", (8,), 0.001, 2000, True),
+    ("pinned_beam", (2048,), 0.001, 60, False),
+    ("pendulum", (), 0.01, 2000, False),
+    ("multibody", (), 0.001, 1000, False),
+    ("slider_crank", (), 0.005, 300, False),
+)
 
 
 def serve():
@@ -35,11 +42,11 @@ def serve():
 
     loop.CompiledLoop.march = timed
     for line in sys.stdin:
-        elements, dt, steps, recorded = CASES[int(line)]
+        name, arguments, dt, steps, recorded = CASES[int(line)]
         seconds.clear()
         record = fb.Record() if recorded else fb.Record(every=steps)
-        beam = scene("pinned_beam", elements)
-        stats = fb.simulate(beam, dt=dt, t_end=steps * dt, record=record).stats
+        made = scene(name, *arguments)
+        stats = fb.simulate(made, dt=dt, t_end=steps * dt, record=record).stats
         print(1e6 * sum(seconds) / steps, stats.newton_iterations / steps, flush=True)
 
 
@@ -58,15 +65,16 @@ def ask(process, case):
 
 def main(other, runs=15):
     processes = start(other), start(ROOT)
-    print(f"{'elements, dt':>16}{'before':>10}{'now':>10}  us   least  median ratio  iterations")
-    for number, (elements, dt, *_) in enumerate(CASES):
+    print(f"{'scene, dt':>27}{'before':>10}{'now':>10}  us   least  median ratio  iterations")
+    for number, (name, arguments, dt, *_) in enumerate(CASES):
         for process in processes:
             ask(process, number)  # compiles
         rows = [[ask(process, number) for process in processes] for _ in range(runs)]
         before, now = (min(row[k][0] for row in rows) for k in range(2))
         ratio = median(row[1][0] / row[0][0] for row in rows)
         iterations = ", ".join(f"{of:.2f}" for _, of in rows[0])
-        print(f"{elements:9}, {dt:5}{before:10.2f}{now:10.2f}", end="")
+        what = " ".join(map(str, (name, *arguments)))
+        print(f"{what:>20}, {dt:5}{before:10.2f}{now:10.2f}", end="")
         print(f"{now / before:10.3f}{ratio:9.3f}         {iterations}")
     for process in processes:
         process.stdin.close()
