@@ -100,7 +100,8 @@ def test_restitution_returns_its_part_of_the_speed(e, more):
     assert rate < 0
     assert rate**2 == pytest.approx((e * v) ** 2 + more * w**2, rel=2e-4)
     energy = solution.energy
-    assert energy.dissipated[-1] == pytest.approx(v**2 - rate**2, rel=1e-11)
+    # Within the round-off of the energy v^2, not of the loss: the loop for x86-64 misses that.
+    assert energy.dissipated[-1] == pytest.approx(v**2 - rate**2, abs=1e-11 * v**2)
     assert np.diff(energy.dissipated).min() >= 0
     assert abs(energy.balance_error).max() < 1e-11
 

@@ -67,7 +67,8 @@ INLINED void add_to_chain(int n, const Integral *of, long block, const double *t
   const int *run = of->run + block * n * (n / 3) * LANES;
   for (int i = 0; i < n; ++i)
     for (int node = 0; node < n / 3; ++node, run += LANES) {
-      const double *x = tensors + (i * n + 2 * node) * LANES, *turn = tensors + (i * n + 2 * n / 3 + node) * LANES;
+      const double *row = tensors + i * n * LANES;
+      const double *x = row + 2 * node * LANES, *turn = row + (2 * n / 3 + node) * LANES;
 #pragma GCC unroll 8
       for (int l = 0; l < LANES; ++l)
         *(Four *)(K + run[l]) += (Four){x[l], x[LANES + l], turn[l], 0};

@@ -11,9 +11,9 @@ enum { BEFORE = 0, OWN = 4, AFTER = 8, ROW = 12, GROUP = 3 * ROW, RIGHT = OWN + 
 
 INLINED Four load(const double *from) { return *(const Four *)from; }
 
-/* Eliminates a group with these own rows and right sides from the group that it is coupled with. In the
-   place of the couplings are then the factors of the other group's unknowns, and the solution without
-   them; they are returned in u as well. Returns 0 if a pivot is zero. */
+/* Solves the equations of a group, with these own rows and right sides, for its unknowns. They depend on
+   those of the group with these couplings: its factors, and behind them the part without it, take the
+   place of the couplings and are returned in u. Returns 0 if a pivot is zero. */
 INLINED int eliminate_group(const Four *own, double *couplings, Four *u) {
   Four a = own[0], b = own[1], c = own[2], row[3];
   for (int i = 0; i < 3; ++i) row[i] = load(couplings + i * ROW), row[i][3] = own[i][3];
