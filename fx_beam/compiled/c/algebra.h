@@ -34,8 +34,8 @@ static double dot_of_sizes(int n, const double *x, const double *y) {
   return rest + sum_of(sum);
 }
 
-/* Largest |x| / unit; not finite if an x is not finite. By their bits, as integers, which vectorises:
-   numbers without sign have the order of their bits, and what is no number is the largest. */
+/* Largest |x| / unit; not finite if an x is not finite. The bits of sizes are compared as integers, as
+   the compiler vectorises that: they are in the same order, and NaN is above all numbers. */
 static double largest(int n, const double *x, const double *per_unit) {
   int64_t top = 0;
   for (int i = 0; i < n; ++i) {

@@ -62,7 +62,8 @@ INLINED void add(int entries, const int *to, const double *tensors, double *out)
     for (int l = 0; l < LANES; ++l) out[to[j + l]] += tensors[j + l];
 }
 
-/* Adds the element tangents of a block to a chain, in whose storage a row of three has a free place. */
+/* Adds the element tangents of a block to a chain. Three entries of a node are added at once, with a zero
+   for the free place behind them. */
 INLINED void add_to_chain(int n, const Integral *of, long block, const double *tensors, double *K) {
   const int *run = of->run + block * n * (n / 3) * LANES;
   for (int i = 0; i < n; ++i)

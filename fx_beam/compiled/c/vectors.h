@@ -19,7 +19,7 @@ FOR_VECTORS double tan(double);
 #endif
 #endif
 
-/* fmax and fmin without their calls, which the compiler does not vectorise, as they pass over what is
-   no number; here that must come first. */
+/* fmax and fmin without a function call, so that the compiler can vectorise them. If a or b is NaN, the
+   result is b: a value that may be NaN must be the first one. */
 INLINED double larger(double a, double b) { return a > b ? a : b; }
 INLINED double smaller(double a, double b) { return a < b ? a : b; }
