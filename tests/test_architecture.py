@@ -111,6 +111,8 @@ HOUSE = {
         "interrupts",
         "forcing",
         "held_inputs",
+        "mass_solver",
+        "massless_start",
         "initial_state",
         "recorder",
         "interpolation",

@@ -9,7 +9,7 @@ import fx_beam as fb
 from fx_beam.coupling.index_reduction import IndexReduction
 from fx_beam.coupling.joint_reduction import JointReduction
 from fx_beam.model.model import Model
-from fx_beam.stepping.initial_state import acceleration_of
+from fx_beam.stepping.mass_solver import acceleration_of
 
 NEWMARK_FAMILY = [fb.Newmark(), fb.HHT(-0.2), fb.GeneralizedAlpha(0.6)]
 

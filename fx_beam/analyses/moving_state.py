@@ -18,7 +18,8 @@ from fx_beam.scene.joints import GROUND
 from fx_beam.scene.scene import Scene
 from fx_beam.stepping.forcing import Forcing
 from fx_beam.stepping.held_inputs import HeldInputs, Hold, Ramp
-from fx_beam.stepping.initial_state import acceleration_of, reference_state
+from fx_beam.stepping.initial_state import reference_state
+from fx_beam.stepping.mass_solver import acceleration_of
 from fx_beam.validation import Constant
 
 from .engine import end_of, state_of

@@ -17,11 +17,15 @@ from fx_beam.scene.joints import Joint
 from fx_beam.scene.sliders import SlidingJoint
 
 from .forcing import Forcing
+from .mass_solver import acceleration_of
+from .massless_start import settled
 
 # Up to so many rows matrices are arrays: an operation on sparse ones costs 0.1 ms.
 _SMALL = 200
 # Up to so many rows products of arrays are faster than those of a sparse matrix and an array.
 _TINY = 40
+# Forces where there is no mass that are round-off, relative to the largest force.
+_NONE = 1e-9
 _ADVICE = "Give compatible velocities to all members, or call scene.make_velocities_compatible()"
 
 
@@ -31,11 +35,21 @@ def initial_state(model: Model, forcing: Forcing, dt: float, start: State | None
     At `start`, or in the reference configuration. SceneError for incompatible velocities.
     """
     state = reference_state(model) if start is None else start
+    state, unbalanced = _moving_state(model, forcing, state, dt)
+    if unbalanced:
+        force = forcing.forces(Interval(state.t, state.t + dt))[0]
+        state, _ = _moving_state(model, forcing, settled(model, force, state, dt), dt)
+    return state
+
+
+def _moving_state(model: Model, forcing: Forcing, state: State, dt: float) -> tuple[State, bool]:
+    """The state with rates and accelerations, and whether parts without mass are unbalanced."""
     rates, accelerations = _begin(model, forcing, state, dt)
     T = model.reduction.coupling()
     w = initial_rates(model, state, T, rates)
     state = replace(state, v=model.reduction.spread(w))
-    return replace(state, a=_acceleration(model, forcing, state, T, w, accelerations, dt))
+    a, rest = _acceleration(model, forcing, state, T, w, accelerations, dt)
+    return replace(state, a=a), rest
 
 
 def resumed_state(
@@ -47,7 +61,7 @@ def resumed_state(
         return start
     T = model.reduction.coupling()
     w = nearest_rates(model, T, start.v, rates)
-    a = _acceleration(model, forcing, start, T, w, accelerations, dt)
+    a, _ = _acceleration(model, forcing, start, T, w, accelerations, dt)
     # What the last step of another scheme leaves to the next one does not count.
     start = replace(start, a=a, parts=None, past=None)
     return replace(start, before=None, algorithmic=0.0, length=0.0)
@@ -129,8 +143,8 @@ def _acceleration(
     w: np.ndarray,
     driven: np.ndarray,
     dt: float,
-) -> np.ndarray:
-    """Accelerations from T^T M a = T^T (F - f); zero where there is no mass."""
+) -> tuple[np.ndarray, bool]:
+    """Accelerations from T^T M a = T^T (F - f), zero without mass; whether forces are left there."""
     reduction = model.reduction
     h = 1e-9 * dt
     # Forces may depend on velocity: they see it as the increment over a very short step.
@@ -150,13 +164,17 @@ def _acceleration(
         curved = (ahead + back) / k**2
         reduction.expand(np.zeros(free), np.zeros(reduction.driven))
     reduced, mass, T = _reduced(model.mass, T), _handy(model.mass), _handy(T)
-    force = forcing.forces(Interval(state.t, state.t + dt))[0] - model.forms.internal_force(D)
+    loads = forcing.forces(Interval(state.t, state.t + dt))
+    force = loads[0] - model.forms.internal_force(D)
     force -= mass @ (T @ a + curved)
     model.actuators.begin(state, h)
     model.actuators.set_increment(h * state.v, h * w)
     b = T.T @ force - model.actuators.forces(reduction.columns)
     a[:free] = acceleration_of(reduced[:free, :free], b[:free])
-    return T @ a + curved
+    rest = b[:free] - reduced[:free, :free] @ a[:free]
+    # A load that grows from zero has a little of its first step already.
+    largest = max(abs(part).max() for part in (force, b, *loads))
+    return T @ a + curved, bool(abs(rest).max(initial=0.0) > _NONE * largest)
 
 
 def _reduced(mass: scipy.sparse.csr_matrix, T: scipy.sparse.csr_matrix):
@@ -234,50 +252,6 @@ def _driven_rates(model: Model, driven: np.ndarray) -> np.ndarray:
     w = np.zeros(reduction.columns)
     w[reduction.free : reduction.free + reduction.driven] = driven
     return w
-
-
-def acceleration_of(mass, force: np.ndarray) -> np.ndarray:
-    """Accelerations (n,) under generalised forces (n,); zero where there is no mass.
-
-    If several unknowns move one mass, they are the accelerations of least norm.
-    """
-    a = np.zeros(len(force))
-    diagonal = mass.diagonal()
-    moving = np.flatnonzero(diagonal > 0)
-    if len(moving):
-        scale = diagonal[moving] ** -0.5
-        b = scale * force[moving]
-        if isinstance(mass, np.ndarray):
-            scaled = scale[:, None] * mass[np.ix_(moving, moving)] * scale
-            solution = _solve_dense(scaled, b)
-        else:
-            S = scipy.sparse.diags(scale)
-            scaled = (S @ mass.tocsr()[moving][:, moving] @ S).tocsc()
-            solution = _solve_sparse(scaled, b)
-        if solution is None:
-            full = scaled if isinstance(scaled, np.ndarray) else scaled.toarray()
-            solution = np.linalg.lstsq(full, b, rcond=1e-10)[0]
-        a[moving] = scale * solution
-    return a
-
-
-def _solve_dense(A: np.ndarray, b: np.ndarray) -> np.ndarray | None:
-    """Solution for a positive definite matrix; None if it is singular."""
-    try:
-        pivots = np.linalg.cholesky(A).diagonal() ** 2
-    except np.linalg.LinAlgError:
-        return None
-    return None if pivots.min() < 1e-10 else np.linalg.solve(A, b)
-
-
-def _solve_sparse(A: scipy.sparse.csc_matrix, b: np.ndarray) -> np.ndarray | None:
-    """The same for a sparse matrix."""
-    A.eliminate_zeros()  # the masses have the stiffness' pattern
-    try:
-        factors = scipy.sparse.linalg.splu(A, "MMD_AT_PLUS_A", options={"SymmetricMode": True})
-    except RuntimeError:
-        return None
-    return None if abs(factors.U.diagonal()).min() < 1e-10 else factors.solve(b)
 
 
 def _given_velocity(model: Model) -> np.ndarray:
