@@ -144,7 +144,7 @@ def _acceleration(
     driven: np.ndarray,
     dt: float,
 ) -> tuple[np.ndarray, bool]:
-    """Accelerations from T^T M a = T^T (F - f), zero without mass; whether forces are left there."""
+    """Accelerations from T^T M a = T^T (F - f), zero without mass; whether forces stay there."""
     reduction = model.reduction
     h = 1e-9 * dt
     # Forces may depend on velocity: they see it as the increment over a very short step.
