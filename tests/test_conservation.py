@@ -150,6 +150,7 @@ def test_momenta_are_kept_in_free_flight(scheme, degree):
     assert relative_drift(solution.angular_momentum[after]) < 1e-10
 
 
+@pytest.mark.exact_times
 @pytest.mark.parametrize("dt", [0.1, 0.05, 0.01, 2.5 / 7])
 @pytest.mark.parametrize("last", [lambda t: t < 2.5, lambda t: t <= 2.5])
 def test_a_load_that_ends_with_a_step_gives_its_whole_impulse(dt, last):

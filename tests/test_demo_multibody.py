@@ -21,6 +21,15 @@ def test_multibody_keeps_its_energy_after_the_moment(dt):
     assert run["balance error"] < 1e-11 * run["energy after the pulse"]
 
 
+def test_multibody_keeps_its_energy_whatever_the_last_digit_of_its_step():
+    module = demo("multibody")
+    for k in range(20):
+        solution, _ = module.simulate(fb.EnergyMomentum(), 0.01 * (1 + 2e-15 * k))
+        assert solution.stats.failure is None
+        _, ratio = module.energy_ratio(solution)
+        assert ratio == pytest.approx(1, abs=1e-11)
+
+
 @pytest.mark.parametrize("dt", [0.01, 0.005, 0.0025])
 def test_multibody_published_scheme_drifts_a_little(dt):
     run = multibody("ModifiedMidPoint (as published)", dt)

@@ -75,6 +75,7 @@ def test_an_interrupted_motion_hands_over_its_steps(solver, how, follower):
 DT = 1 / 16
 
 
+@pytest.mark.exact_times
 @pytest.mark.parametrize("follower", [False, True], ids=["dead", "follower"])
 @pytest.mark.parametrize("solver", ["compiled", "petsc"])
 def test_an_interrupted_motion_goes_on_as_if_it_had_not_ended(solver, follower, tmp_path):
@@ -150,6 +151,7 @@ def test_an_interrupted_motion_keeps_its_full_turns():
     np.testing.assert_allclose(rest.q[-1], whole.q[-1], rtol=1e-9)
 
 
+@pytest.mark.exact_times
 @pytest.mark.parametrize("solver", ["compiled", "petsc"])
 def test_an_interrupted_part_of_a_step_goes_on_after_it(solver):
     def interrupted(stop_at):
@@ -173,6 +175,7 @@ def test_an_interrupted_part_of_a_step_goes_on_after_it(solver):
     assert rest.energy.total == pytest.approx(kept.energy.total[0], rel=1e-9)
 
 
+@pytest.mark.exact_times
 @pytest.mark.parametrize(
     ("solver", "taker"),
     [("compiled", CompiledStride), ("petsc", Stride)],

@@ -546,6 +546,7 @@ def test_a_time_that_is_no_finite_number_is_refused(name, value):
         run(scene, **{name: value})
 
 
+@pytest.mark.exact_times
 @pytest.mark.parametrize("dt", [0, -0.1])
 def test_a_step_that_is_not_positive_is_refused(dt):
     scene, _ = small_scene()
@@ -733,6 +734,7 @@ FAILURES = {
 }
 
 
+@pytest.mark.exact_times
 @pytest.mark.parametrize("failure", FAILURES)
 @pytest.mark.parametrize("kind", LOADS)
 def test_a_function_of_time_that_fails_later_ends_the_run_there(kind, failure):

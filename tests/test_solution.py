@@ -551,6 +551,7 @@ def test_a_failed_run_keeps_the_beginning_of_a_successful_one(tmp_path):
     np.testing.assert_array_equal(fb.load(tmp_path / "part.npz").q, part.q)
 
 
+@pytest.mark.exact_times
 def test_an_interrupt_keeps_the_steps_before_it():
     def force(t):
         if t > 0.22:

@@ -146,6 +146,7 @@ def whirling(degree):
     return scene
 
 
+@pytest.mark.exact_times
 @pytest.mark.parametrize("scheme", [fb.EnergyMomentum(), fb.HHT(-0.1)], ids=lambda s: s.name)
 @pytest.mark.parametrize("degree", [1, 2])
 @pytest.mark.parametrize("solver", ["compiled", "petsc"])
@@ -388,6 +389,7 @@ def test_a_state_that_a_joint_cannot_be_in_is_refused_and_the_joint_named():
         assert (motion.q[0] == state.q[-1]).all()
 
 
+@pytest.mark.exact_times
 @pytest.mark.parametrize("solver", ["compiled", "petsc"])
 def test_a_run_that_broke_off_goes_on_from_its_last_step(solver):
     scene, _ = pinned_beam(4)

@@ -38,6 +38,7 @@ def case(request):
     return request.param, scene(), t_end, jumps, kinks, reference(scene(), t_end)
 
 
+@pytest.mark.exact_times
 def test_the_reached_error_follows_the_tolerance_over_four_decades(case):
     name, scene, t_end, jumps, _, exact = case
     for tolerance in TOLERANCES:
@@ -49,6 +50,7 @@ def test_the_reached_error_follows_the_tolerance_over_four_decades(case):
         assert abs(energy.balance_error).max() < 1e-11 * abs(energy.total).max()
 
 
+@pytest.mark.exact_times
 def test_order_four_keeps_the_tolerance_with_fewer_sub_steps(case):
     name, scene, t_end, jumps, kinks, exact = case
     for tolerance in TOLERANCES[1:]:
