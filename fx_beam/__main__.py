@@ -10,6 +10,7 @@ from importlib import metadata
 from importlib.util import find_spec
 from pathlib import Path
 
+from fx_beam import library_cache
 from fx_beam.compiled import build
 
 #: What is imported, by the distribution that has its version.
@@ -29,7 +30,7 @@ _PACKAGES = {
 
 
 def info() -> dict[str, str]:
-    """Versions, where they lie, what can solve, the compiler and the caches."""
+    """Versions, where they lie, what can solve, the compiler and the cache."""
     found = {"Python": f"{platform.python_version()}, {sys.executable}", "system": _system()}
     found["fx_beam"] = f"{sys.modules['fx_beam'].__version__}, {Path(__file__).parent}"
     found |= {name: _package(name, distribution) for name, distribution in _PACKAGES.items()}
@@ -39,9 +40,7 @@ def info() -> dict[str, str]:
     compiler, (target, flags) = build.compiler(), build.target_flags()
     found["compiler"] = f"{' '.join(compiler)}: {_first_line([*compiler, '--version'])}"
     found["compiled for"] = f"{target or 'the compiler default'}, {' '.join(flags)}"
-    own = build.cache_directory()
-    found["cache of the loop"] = _folder(own)
-    found["cache of forms"] = _folder(own.with_name("fenics"))
+    found["cache"] = _folder(library_cache.folder())
     return found
 
 
@@ -90,7 +89,7 @@ def main() -> None:
     """The one command there is."""
     parser = argparse.ArgumentParser(prog="python -m fx_beam")
     commands = parser.add_subparsers(required=True, metavar="command")
-    commands.add_parser("info", help="versions, solvers, compiler and caches, for bug reports")
+    commands.add_parser("info", help="versions, solvers, compiler and cache, for bug reports")
     parser.parse_args()
     lines = info()
     width = max(map(len, lines)) + 2

@@ -10,10 +10,12 @@ import sys
 import sysconfig
 import tempfile
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 from hypothesis import settings
 
+from fx_beam import library_cache
 from fx_beam.analyses import dynamics, motion
 from fx_beam.compiled import build
 from fx_beam.fem import ffcx_api, interval_mesh
@@ -38,7 +40,7 @@ importlib.metadata.entry_points = functools.cache(importlib.metadata.entry_point
 
 def _with_headers(flags):
     """Flags for the C code of a form, with all that it includes compiled before, once."""
-    header = build.cache_directory() / "headers_of_forms.h"
+    header = library_cache.folder() / "headers_of_forms.h"
     compiled = header.with_name(f"{header.name}.gch")
     if not compiled.exists():
         header.parent.mkdir(parents=True, exist_ok=True)
@@ -80,6 +82,29 @@ def _stretched(function):
 if _STRETCH != 1:
     dynamics._time_grid = _stretched(dynamics._time_grid)
     motion.Motion.__init__ = _stretched(motion.Motion.__init__)
+
+
+@pytest.fixture
+def no_libraries(monkeypatch, tmp_path):
+    """An empty cache for the loop and its libraries; forms come from where they always are."""
+
+    def in_own_folder(function):
+        def wrapper(*arguments):
+            with monkeypatch.context() as patch:
+                patch.setattr(library_cache, "folder", lambda: tmp_path / "libraries")
+                return function(*arguments)
+
+        return wrapper
+
+    own = {
+        name: in_own_folder(getattr(library_cache, name)) for name in ("load", "build", "folder")
+    }
+    monkeypatch.setattr(build, "library_cache", SimpleNamespace(**own))
+    monkeypatch.setattr(build, "_loaded", {})
+    build.load_library.cache_clear()
+    yield
+    build.load_library.cache_clear()
+
 
 _DEMOS = {path.stem for path in (Path(__file__).parents[1] / "demos").glob("*.py")}
 # Groups that take longest, which start first: otherwise one process would end with them alone.

@@ -77,7 +77,7 @@ runpy.run_module("fx_beam", run_name="__main__")
     assert re.match(r"\d+\.\d+\.\d+", lines["dolfinx"])
     assert lines["numpy"] != "not installed"
     assert {"Python", "system", "petsc4py", "compiled loop", "modes", "compiler"} <= set(lines)
-    assert "fx_beam, " in lines["cache of the loop"]
+    assert "fx_beam, " in lines["cache"]
 
 
 def test_without_dolfinx_an_import_says_in_one_sentence_how_to_get_it(script):

@@ -303,14 +303,12 @@ def test_an_unknown_solver_is_refused():
 
 @pytest.mark.parametrize("built", ["nothing", "the loop"])
 def test_without_a_compiler_python_takes_over_with_one_warning(
-    built, monkeypatch, tmp_path, caplog
+    built, monkeypatch, no_libraries, caplog
 ):
     def no_compiler(*_, **__):
         raise FileNotFoundError("cc")
 
-    build.load_library.cache_clear()
     build._warn.cache_clear()
-    monkeypatch.setattr(build, "cache_directory", lambda: tmp_path)
     monkeypatch.setattr(build, "_FLAGS", [*build._FLAGS, "-O0"])  # compiled here, and never run
     if built == "the loop":
         build.load_library()
@@ -318,45 +316,43 @@ def test_without_a_compiler_python_takes_over_with_one_warning(
     scene, _ = pendulum()
     with caplog.at_level(logging.WARNING, logger="fx_beam"):
         solutions = [fb.simulate(scene, dt=0.01, t_end=0.1) for _ in range(2)]
-    build.load_library.cache_clear()
     assert all(s.stats.solver == "petsc lu (it cannot be built)" for s in solutions)
     assert [r.levelname for r in caplog.records] == ["WARNING"]
     assert "cannot be built" in caplog.text
 
 
-def test_a_cache_that_cannot_be_written_is_no_obstacle(monkeypatch, tmp_path, caplog):
-    file = tmp_path / "file"
-    file.write_text("")
-    build.load_library.cache_clear()
-    monkeypatch.setattr(build, "cache_directory", lambda: file / "below")
-    scene, _ = pendulum()
-    solution = fb.simulate(scene, dt=0.01, t_end=0.1)
-    build.load_library.cache_clear()
-    assert solution.stats.solver.startswith("petsc")
-
-
 @pytest.mark.skipif(platform.machine() != "x86_64", reason="names of processors are those of x86")
-def test_a_loop_is_built_for_the_processor_that_is_asked_for(monkeypatch, tmp_path):
-    monkeypatch.setattr(build, "cache_directory", lambda: tmp_path)
-    built = []
+def test_a_loop_is_built_for_the_processor_that_is_asked_for(monkeypatch, no_libraries):
+    def built(source="double one(void) { return 1; }"):
+        return build._library("a test", "", lambda: source, lambda path: path.name)
+
+    names = []
     for target in ("", "x86-64", "x86-64-v2", "x86-64"):
         monkeypatch.setenv("FX_BEAM_MARCH", target)
-        built.append(build._build("a test", "", lambda: "double one(void) { return 1; }"))
-    assert len(set(built)) == 3 and built[1] == built[3]
+        names.append(built())
+    assert len(set(names)) == 3 and names[1] == names[3]
     # One that was built for a name serves all machines; a native one its own kind.
     monkeypatch.setattr(build, "_processor", lambda: "another")
     monkeypatch.setenv("FX_BEAM_MARCH", "x86-64")
-    assert build._build("a test", "", lambda: "none") == built[1]
+    assert built("none") == names[1]
     monkeypatch.delenv("FX_BEAM_MARCH")
-    assert build._build("a test", "", lambda: "double one(void) { return 1; }") not in built
+    assert built() not in names
 
 
-def test_a_processor_that_the_compiler_does_not_know_is_refused(monkeypatch, tmp_path):
-    build.load_library.cache_clear()
-    monkeypatch.setattr(build, "cache_directory", lambda: tmp_path)
+def test_a_processor_that_the_compiler_does_not_know_is_refused(monkeypatch, no_libraries):
     monkeypatch.setenv("FX_BEAM_MARCH", "abacus")
     scene, _ = pendulum()
     with pytest.raises(fb.SceneError, match="FX_BEAM_MARCH = 'abacus' is not known to"):
+        fb.simulate(scene, dt=0.01, t_end=0.1)
+
+
+@pytest.mark.skipif("fma4" in build._processor().split(), reason="the processor has all of these")
+@pytest.mark.skipif(platform.machine() != "x86_64", reason="names of processors are those of x86")
+def test_a_processor_that_this_one_is_not_is_refused_before_a_step(monkeypatch, no_libraries):
+    monkeypatch.setattr(build, "_FLAGS", [*build._FLAGS, "-O0"])
+    monkeypatch.setenv("FX_BEAM_MARCH", "bdver4")
+    scene, _ = pendulum()
+    with pytest.raises(fb.SceneError, match="'bdver4' is for processors with FMA4, which this"):
         fb.simulate(scene, dt=0.01, t_end=0.1)
 
 

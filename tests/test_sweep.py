@@ -7,7 +7,6 @@ import signal
 import subprocess
 import sys
 import threading
-import time
 from concurrent.futures import BrokenExecutor, Executor, Future, ThreadPoolExecutor
 from contextlib import closing, suppress
 from pathlib import Path
@@ -18,8 +17,6 @@ import sweep_cases
 
 import fx_beam as fb
 from fx_beam.analyses import mpi_ranks, workers
-from fx_beam.compiled import build
-from fx_beam.fem import ffcx_api
 from fx_beam.results import tables
 from fx_beam.studies.work_precision import runner
 
@@ -338,37 +335,6 @@ def test_two_sweeps_do_not_write_to_one_file(tmp_path, thread, lists):
         return 1
 
     assert fb.sweep(inner, [{"x": 1}], thread, tmp_path / "rows")[0]["error"] == ""
-
-
-# -- The caches ----------------------------------------------------------------------------------
-
-
-def test_no_two_processes_compile_the_same(monkeypatch, tmp_path):
-    compiled = []
-
-    def compiler(command, **keywords):
-        compiled.append(command)
-        time.sleep(0.1)
-        Path(command[command.index("-o") + 1]).write_text("a library")
-
-    monkeypatch.setattr(build, "cache_directory", lambda: tmp_path)
-    monkeypatch.setattr(build.subprocess, "run", compiler)
-    # Locks are of open files: for them two threads are two processes.
-    with ThreadPoolExecutor(2) as both:
-        found = {both.submit(build._build, "a test", "key", lambda: "source") for _ in range(2)}
-    assert len({future.result() for future in found}) == len(compiled) == 1
-    assert [path.suffix for path in tmp_path.iterdir()] == [".so"]
-
-
-def test_an_interrupt_leaves_no_form_for_which_others_would_wait(tmp_path):
-    find = ffcx_api.ffcx.codegeneration.jit.get_cached_module
-    for name in ("one", "other"):
-        assert find(name, [], tmp_path, 1) == (None, None)
-    (tmp_path / "one.c.cached").write_text("it is compiled")
-    ffcx_api.discard_unfinished()
-    assert {path.name for path in tmp_path.iterdir()} == {"one.c", "one.c.cached"}
-    assert find("other", [], tmp_path, 1) == (None, None)
-    ffcx_api.discard_unfinished()
 
 
 # -- Studies -------------------------------------------------------------------------------------

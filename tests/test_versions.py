@@ -143,34 +143,29 @@ def test_functions_have_the_names_that_the_linker_knows():
     assert parameters >= 6
 
 
-def test_functions_without_names_leave_the_steps_to_python(monkeypatch, tmp_path, caplog):
+def test_functions_without_names_leave_the_steps_to_python(monkeypatch, no_libraries, caplog):
     def nameless(_):
         raise LookupError("no names")
 
     monkeypatch.setattr(ffcx_api, "_symbol", nameless)
-    monkeypatch.setattr(build, "cache_directory", lambda: tmp_path)
-    monkeypatch.setattr(build, "_loaded", {})
     build._warn.cache_clear()
     solution = fb.simulate(pinned_beam()[0], dt=0.01, t_end=0.1)
     assert solution.stats.solver == "petsc lu (it cannot be built)"
     assert "no names" in caplog.text
 
 
-def test_the_compiler_is_that_of_the_environment(monkeypatch, tmp_path):
+def test_the_compiler_is_that_of_the_environment(monkeypatch, tmp_path, no_libraries):
     said = tmp_path / "said"
     compiler = tmp_path / "other-cc"
     compiler.write_text(f'#!/bin/sh\necho "$1" >>{said}\nshift\nexec cc "$@" -O0\n')
     compiler.chmod(0o755)
     monkeypatch.setenv("CC", f"{compiler} first")
-    monkeypatch.setattr(build, "cache_directory", lambda: tmp_path)
-    build.load_library.cache_clear()
     build.load_library()
-    build.load_library.cache_clear()
     assert said.read_text() == "first\n"
 
 
 @pytest.mark.skipif(not shutil.which("aarch64-linux-gnu-gcc"), reason="no compiler for aarch64")
-def test_all_c_compiles_for_aarch64_as_well(monkeypatch, tmp_path):
+def test_all_c_compiles_for_aarch64_as_well(monkeypatch, tmp_path, no_libraries):
     commands, run = [], subprocess.run
 
     def noted(command, **options):
@@ -179,10 +174,7 @@ def test_all_c_compiles_for_aarch64_as_well(monkeypatch, tmp_path):
         return run(command, **options)
 
     monkeypatch.setattr(build.subprocess, "run", noted)
-    monkeypatch.setattr(build, "cache_directory", lambda: tmp_path)
-    build.load_library.cache_clear()
     assert fb.simulate(pinned_beam()[0], dt=0.01, t_end=0.1).stats.solver == "compiled, chain"
-    build.load_library.cache_clear()
     # The loop; forces with tangents, energies and eq. 4 of several elements.
     assert len(commands) == 4
     for command, source in commands:

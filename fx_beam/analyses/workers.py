@@ -22,7 +22,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from fx_beam.errors import SceneError, StepError
-from fx_beam.fem import ffcx_api, mpi
+from fx_beam.fem import mpi
 from fx_beam.validation import is_whole
 
 from .progress import without_bars
@@ -267,8 +267,7 @@ def _begin(log_level: int, cpus: SimpleQueue | None) -> None:
 
 
 def _end(*_) -> None:
-    """End this worker at once. A form that it compiles would keep others waiting."""
-    ffcx_api.discard_unfinished()
+    """End this worker at once."""
     os._exit(1)
 
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import ctypes
-import fcntl
 import functools
 import hashlib
 import logging
@@ -11,16 +10,17 @@ import os
 import platform
 import shlex
 import subprocess
-import tempfile
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager, suppress
+from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import cffi
 
+from fx_beam import library_cache
 from fx_beam.errors import SceneError
 from fx_beam.fem import ffcx_api
+
+T = TypeVar("T")
 
 _log = logging.getLogger("fx_beam")
 _SOURCES = Path(__file__).parent / "c"
@@ -51,7 +51,11 @@ def load_library(*definitions: str) -> tuple[Any, Any]:
     ffi.cdef((_SOURCES / "problem.h").read_text().replace("#pragma once", ""))
     source = (_SOURCES / "loop.c").read_text()
     source = "".join(f"#define {name}\n" for name in definitions) + source
-    return ffi, ffi.dlopen(str(_build("the loop over time steps", source, lambda: source)))
+    library = _library(
+        "the loop over time steps", source, lambda: source, lambda path: ffi.dlopen(str(path))
+    )
+    _check_processor(ffi.string(library.fx_missing()).decode())
+    return ffi, library
 
 
 def load_batches(
@@ -66,67 +70,56 @@ def load_batches(
     asked = key, sizes, *target_flags()[1]
     if asked in _loaded:
         return _loaded[asked]
-    batches = [f"BATCH(batch_{i}, element_{i}, {sizes})" for i in range(functions)]
+    names = [f"batch_{i}" for i in range(functions)]
+    batches = [f"BATCH({batch}, element_{i}, {sizes})" for i, batch in enumerate(names)]
 
     def text() -> str:
         return "\n".join(['#include "batch.h"', source(), *batches, ""])
 
+    def loader(path: Path) -> list[int]:
+        library = ctypes.CDLL(str(path))
+        return [ctypes.cast(library[batch], ctypes.c_void_p).value or 0 for batch in names]
+
     # -fwhole-program drops the unused part of FFCx's code.
     flags = ["-fwhole-program", f"-I{ffcx_api.ufcx_folder()}"]
-    path = _build(f"{name!r} for several elements", key + sizes, text, flags)
-    library = ctypes.CDLL(str(path))
-    found = [library[f"batch_{i}"] for i in range(functions)]
-    _loaded[asked] = [ctypes.cast(function, ctypes.c_void_p).value or 0 for function in found]
+    _loaded[asked] = _library(f"{name!r} for several elements", key + sizes, text, loader, flags)
     return _loaded[asked]
 
 
-def _build(what: str, key: str, source: Callable[[], str], more: Sequence[str] = ()) -> Path:
-    """Path of the compiled shared library; `source` is called only if it is not in the cache."""
+def _library(
+    what: str,
+    key: str,
+    source: Callable[[], str],
+    loader: Callable[[Path], T],
+    more: Sequence[str] = (),
+) -> T:
+    """What the loader makes of a compiled library; `source` is called only to compile it."""
     target, flags = target_flags()
     flags = [*flags, *more]
     # Libraries for "native" are valid only for processors with the same features.
     machine = [_processor()] if target == "native" else []
     digest = hashlib.sha256("\n".join([key, _headers(), *flags, *machine]).encode())
-    cache = cache_directory()
-    library = cache / f"{digest.hexdigest()[:32]}.so"
+    name = f"{digest.hexdigest()[:32]}.so"
+
+    def builder(folder: Path) -> T:
+        _log.info("compiling %s, once", what)
+        command = [*compiler(), *flags, f"-I{_SOURCES}", "-x", "c", "-"]
+        command += ["-o", str(folder / name), "-lm"]
+        subprocess.run(command, check=True, capture_output=True, text=True, input=source())
+        return loader(folder / name)
+
+    def search() -> T | None:
+        return library_cache.load(name, loader)
+
     try:
-        if not library.exists():
-            cache.mkdir(parents=True, exist_ok=True)
-            with _one_at_a_time(library.with_suffix(".lock")):
-                if not library.exists():
-                    _log.info("compiling %s, once", what)
-                    _compile(source(), library, [*compiler(), *flags, f"-I{_SOURCES}"])
-    except (OSError, LookupError, subprocess.CalledProcessError) as error:
+        found = search()
+        return library_cache.build(name, search, builder) if found is None else found
+    except (OSError, LookupError, AttributeError, subprocess.CalledProcessError) as error:
         if isinstance(error, subprocess.CalledProcessError):
             _check_target(target, flags)
         said = str(getattr(error, "stderr", None) or error)
         _warn(next((line for line in said.splitlines() if "error" in line), said))
         raise LoopUnavailable("it cannot be built") from error
-    return library
-
-
-def _compile(source: str, library: Path, command: Sequence[str]) -> None:
-    # Renamed when complete: a process that is killed leaves nothing that another one would load.
-    with tempfile.TemporaryDirectory(dir=library.parent) as scratch:
-        out = Path(scratch) / "built.so"
-        command = [*command, "-x", "c", "-", "-o", str(out), "-lm"]
-        subprocess.run(command, check=True, capture_output=True, text=True, input=source)
-        out.replace(library)
-
-
-@contextmanager
-def _one_at_a_time(path: Path) -> Iterator[None]:
-    """Let other processes wait, except where the file system has no locks.
-
-    The file goes before the lock does: who waited for it looks for the library first.
-    """
-    with open(path, "w") as file:
-        with suppress(OSError):
-            fcntl.flock(file, fcntl.LOCK_EX)
-        try:
-            yield
-        finally:
-            path.unlink(missing_ok=True)
 
 
 @functools.cache
@@ -136,13 +129,8 @@ def _warn(reason: str) -> None:
         "the compiled loop cannot be built: %s. Steps run in Python, which is slower. Check the C "
         "compiler (environment variable CC) and the cache folder %s",
         reason,
-        cache_directory(),
+        library_cache.folder(),
     )
-
-
-def cache_directory() -> Path:
-    """Folder of the compiled libraries, next to FEniCSx's cache of compiled forms."""
-    return Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "fx_beam"
 
 
 def compiler() -> list[str]:
@@ -166,6 +154,15 @@ def _check_target(target: str, flags: list[str]) -> None:
         raise SceneError(
             f"FX_BEAM_MARCH = {target!r} is not known to the compiler. Give a value of its option "
             f"{_OPTION or '-march'}, such as 'native' or 'x86-64-v3'"
+        )
+
+
+def _check_processor(missing: str) -> None:
+    """SceneError if the library may use what this processor does not have."""
+    if missing:
+        raise SceneError(
+            f"FX_BEAM_MARCH = {target_flags()[0]!r} is for processors with {missing}, which this "
+            "one does not have. Give 'native', or a processor that both machines support"
         )
 
 

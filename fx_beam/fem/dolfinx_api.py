@@ -26,7 +26,7 @@ import numpy as np
 
 from . import ffcx_api
 from .elements import OF_UFL, beam, lagrange, values_at_points
-from .interval_mesh import JIT, OPTIONS_OF_JIT, WITH_JIT, coordinate_space, gauss_space, quietly
+from .interval_mesh import OPTIONS_OF_JIT, compiled, coordinate_space, gauss_space
 
 _log = logging.getLogger("fx_beam")
 
@@ -147,7 +147,11 @@ def compile_forms(forms: Mapping[str, Any]) -> list[CompiledForm]:
     """
     together = tuple(forms.values())
     settings = dolfinx.jit.get_options if _HAS_OPTIONS else dolfinx.jit.get_parameters
-    objects, module, code = quietly(ffcx_api.compile_forms)(together, _SCALAR, settings(JIT))
+
+    def jit(**options):
+        return ffcx_api.compile_forms(together, _SCALAR, settings(options[OPTIONS_OF_JIT]))
+
+    objects, module, code = compiled(jit)
     for name in forms if any(code) else ():
         _log.info("compiled the form %r, once", name)
     return [
@@ -158,8 +162,8 @@ def compile_forms(forms: Mapping[str, Any]) -> list[CompiledForm]:
 
 def compile_form(form, name: str) -> CompiledForm:
     """The same for a single form, or for an expression with its points."""
-    options = {_OPTIONS_OF_FORMS: _SCALAR, **WITH_JIT}
-    ufcx, module, code = quietly(dolfinx.jit.ffcx_jit)(MPI.COMM_SELF, form, **options)
+    options = {_OPTIONS_OF_FORMS: _SCALAR}
+    ufcx, module, code = compiled(dolfinx.jit.ffcx_jit, MPI.COMM_SELF, form, **options)
     if any(code):
         _log.info("compiled the form %r, once", name)
     return CompiledForm(name, form, ufcx, module, code, (form,))
@@ -212,7 +216,6 @@ def gauss_points(points: int) -> np.ndarray:
     return found
 
 
-@quietly
 def compile_expression(expression, points: np.ndarray, mesh=None, data: Mapping | None = None):
     """Compile a UFL expression for evaluation at reference points of all cells.
 
@@ -222,7 +225,7 @@ def compile_expression(expression, points: np.ndarray, mesh=None, data: Mapping 
         kinds, domains = (ufl.Jacobian, ufl.SpatialCoordinate), extract_domains(expression)
         theirs = {kind(domain): kind(mesh) for kind in kinds for domain in domains}
         expression = ufl.replace(expression, {**theirs, **(data or {})})
-    return fem.Expression(expression, points, dtype=_REAL, **WITH_JIT)
+    return compiled(fem.Expression, expression, points, dtype=_REAL)
 
 
 def evaluate(expression, mesh, cells: np.ndarray) -> np.ndarray:

@@ -9,12 +9,12 @@ import ctypes
 import functools
 import inspect
 import os
-import time
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 from importlib.machinery import EXTENSION_SUFFIXES
 from importlib.util import find_spec, module_from_spec, spec_from_file_location
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import ffcx
 import ffcx.codegeneration
@@ -22,6 +22,10 @@ import ffcx.codegeneration.jit
 import ffcx.compiler
 
 import cffi
+
+from fx_beam import library_cache
+
+T = TypeVar("T")
 
 _FFI = cffi.FFI()
 # What later versions call options.
@@ -32,59 +36,76 @@ _PREFIX = (
     {"prefix", "namespace"} & set(inspect.signature(ffcx.compiler.compile_ufl_objects).parameters)
 ).pop()
 
-# C files that this process has made and compiles, or has compiled.
-_begun: set[Path] = set()
+# Modules of this process, which Python does not unload.
+_loaded: dict[str, Any] = {}
+# In the place of a folder: FFCx shall look for a module, and compile nothing.
+_SEARCH = Path(os.devnull)
 
 
-def _loaded_once(find: Callable) -> Callable:
-    """FFCx's search for a compiled module, once for each, without reading the whole cache folder.
+class _Missing(Exception):
+    """The cache has no module of this name."""
 
-    `find` waits for a module that another process compiles, and begins one that is missing.
-    """
-    found: dict[tuple[str, str], Any] = {}  # nothing that Python would unload
+
+def from_cache(jit: Callable[[Path], T]) -> T:
+    """What FFCx makes in a folder, or has made before."""
+    try:
+        return jit(_SEARCH)
+    except _Missing as missing:
+        name = str(missing)
+
+    def search() -> T | None:
+        with suppress(_Missing):
+            return jit(_SEARCH)
+        return None
+
+    def builder(scratch: Path) -> T:
+        found = jit(scratch)
+        built = (scratch / f"{name}{end}" for end in EXTENSION_SUFFIXES)
+        next(filter(Path.exists, built)).rename(scratch / _file(name))
+        return found
+
+    return library_cache.build(_file(name), search, builder)
+
+
+def _file(name: str) -> str:
+    """Name of a module's file, with the version of Python and the system."""
+    return name + EXTENSION_SUFFIXES[0]
+
+
+def _from_own_cache(find: Callable) -> Callable:
+    """FFCx's search for a compiled module, in the package's own cache where it is asked for."""
 
     @functools.wraps(find)
     def wrapper(module_name, object_names, cache_dir, timeout):
-        key, path = (module_name, str(cache_dir)), Path(cache_dir, module_name)
-        until = time.monotonic() + timeout
-        objects, module = found.get(key) or _ready(path, object_names)
-        while module is None and path.with_suffix(".c").exists() and time.monotonic() < until:
-            time.sleep(0.01)  # `find` itself would look again after a second
-            objects, module = _ready(path, object_names)
-        if module is None:
-            left = max(1, round(until - time.monotonic()))
-            objects, module = find(module_name, object_names, cache_dir, left)
-        if module is not None:
-            found[key] = objects, module
-        else:  # it is to be compiled
-            _begun.add(path.with_suffix(".c"))
-        return objects, module
+        if Path(cache_dir) != _SEARCH:
+            return find(module_name, object_names, cache_dir, timeout)
+        if module_name not in _loaded:
+            loader = functools.partial(_module, module_name, object_names)
+            module = library_cache.load(_file(module_name), loader)
+            if module is None:
+                raise _Missing(module_name)
+            _loaded[module_name] = module
+        module = _loaded[module_name]
+        return [getattr(module.lib, name) for name in object_names], module
 
     return wrapper
 
 
-def _ready(path: Path, names: list[str]) -> tuple[list | None, Any]:
-    """Objects and module of a complete entry of the cache; None without it."""
-    library = next(filter(os.path.exists, (f"{path}{end}" for end in EXTENSION_SUFFIXES)), None)
-    if library is None or not path.with_suffix(".c.cached").exists():
-        return None, None
-    spec = spec_from_file_location(path.name, library)
+def _module(name: str, object_names: list[str], path: Path) -> Any:
+    spec = spec_from_file_location(name, path)
     assert spec is not None and spec.loader is not None
     module = module_from_spec(spec)
     spec.loader.exec_module(module)
-    return [getattr(module.lib, name) for name in names], module
+    for each in object_names:
+        getattr(module.lib, each)
+    return module
 
 
-def discard_unfinished() -> None:
-    """Remove from the cache what this process began and did not finish: others would wait."""
-    for source in _begun:
-        if not source.with_suffix(".c.cached").exists():
-            source.unlink(missing_ok=True)
-    _begun.clear()
-
-
-# In the place of FFCx's own, as dolfinx lets nobody hand it another.
-ffcx.codegeneration.jit.get_cached_module = _loaded_once(ffcx.codegeneration.jit.get_cached_module)
+# In the place of FFCx's own, as dolfinx lets nobody hand it another: that one waits in vain for a
+# process that was killed, and loads whatever lies there.
+ffcx.codegeneration.jit.get_cached_module = _from_own_cache(
+    ffcx.codegeneration.jit.get_cached_module
+)
 
 
 def compile_forms(forms: Sequence, scalar: dict[str, Any], settings: dict[str, Any]) -> Any:

@@ -6,6 +6,7 @@ import functools
 import inspect
 import logging
 from collections.abc import Callable
+from pathlib import Path
 from typing import Any, TypeVar
 
 # Before dolfinx, which would start MPI itself, and slowly.
@@ -24,14 +25,14 @@ from . import ffcx_api
 from .elements import OF_UFL, beam, lagrange, values_at_points
 
 F = TypeVar("F", bound=Callable)
+T = TypeVar("T")
 
 _FUNCTION_SPACE: Any = getattr(fem, "FunctionSpace" if OF_UFL else "functionspace")
 OPTIONS_OF_JIT = (
     "jit_options" if "jit_options" in inspect.signature(fem.form).parameters else "jit_params"
 )
-#: Processes that need the same form wait for the first one, which may be slow [s].
-JIT: dict[str, Any] = {"timeout": 30}
-WITH_JIT: dict[str, Any] = {OPTIONS_OF_JIT: JIT}
+#: Options of all compilations.
+JIT: dict[str, Any] = {}
 
 
 def quietly(compiling: F) -> F:
@@ -47,15 +48,22 @@ def quietly(compiling: F) -> F:
         logging.disable(max(disabled, logging.INFO))
         try:
             return compiling(*args, **kwargs)
-        except KeyboardInterrupt:
-            ffcx_api.discard_unfinished()
-            raise
         finally:
             root.setLevel(level)
             root.handlers[:] = handlers
             logging.disable(disabled)
 
     return wrapper  # type: ignore[return-value]
+
+
+@quietly
+def compiled(jit: Callable[..., T], *arguments, **options) -> T:
+    """What dolfinx makes with a compiled module, which comes from the cache if it is there."""
+
+    def call(folder: Path) -> T:
+        return jit(*arguments, **options, **{OPTIONS_OF_JIT: {**JIT, "cache_dir": folder}})
+
+    return ffcx_api.from_cache(call)
 
 
 class IntervalMesh(dolfinx.mesh.Mesh):
@@ -88,8 +96,8 @@ class IntervalMesh(dolfinx.mesh.Mesh):
     def space(self, element):
         """Space of a finite element of this mesh."""
         if element not in self.spaces:
-            options = WITH_JIT if OF_UFL else {}
-            made = quietly(_FUNCTION_SPACE)(self, element, **options)
+            make = functools.partial(compiled, _FUNCTION_SPACE) if OF_UFL else _FUNCTION_SPACE
+            made = make(self, element)
             self.spaces[element] = made._cpp_object
         found = self.spaces[element]
         return self.space_with(element, found, found.dofmap)

@@ -2,6 +2,7 @@
    equations are in the functions that FFCx generates from the weak form. */
 
 #include "local_error.h"
+#include "processor.h"
 #include "recorder.h"
 
 static double mid(const Problem *p, double force, double previous) {

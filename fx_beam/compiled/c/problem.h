@@ -297,3 +297,4 @@ typedef struct {
 int fx_run(Problem *p, int steps, double dt, const Inputs *inputs, Record *to);
 long fx_scratch(const Problem *p);
 double *fx_phases(void); /* seconds in all phases of phases.h, if they are measured */
+const char *fx_missing(void); /* processor.h */

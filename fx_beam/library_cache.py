@@ -1,0 +1,154 @@
+"""The cache of compiled libraries: many processes may share it, and it repairs itself.
+
+Who builds a library holds a lock, which ends with the process, and builds in a folder of its own.
+The library then enters the cache by one renaming, with a checksum at its end. It is loaded only if
+it is complete and no other user could have written it.
+"""
+
+from __future__ import annotations
+
+import fcntl
+import functools
+import hashlib
+import logging
+import multiprocessing
+import os
+import shutil
+import tempfile
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
+from pathlib import Path
+from typing import TypeVar
+
+T = TypeVar("T")
+
+_log = logging.getLogger("fx_beam")
+_DIGEST = 16
+# Free space without which nothing is compiled [bytes].
+_ROOM = 1 << 22
+# Folders in which libraries are built; those of processes that were killed go after so long [s].
+_SCRATCH, _FORGOTTEN = "building-", 86400.0
+# Write permission of others than the owner.
+_OTHERS_WRITE = 0o022
+
+
+def folder() -> Path:
+    """The cache folder."""
+    return Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache").absolute() / "fx_beam"
+
+
+def _folders() -> tuple[Path, Path]:
+    """The cache folder, and the one for when it cannot be written."""
+    return folder(), Path(tempfile.gettempdir()) / f"fx_beam-{os.geteuid()}"
+
+
+def load(name: str, loader: Callable[[Path], T]) -> T | None:
+    """What the loader makes of a library of the cache; None if there is none that it can load."""
+    for place in _folders():
+        path = place / name
+        try:
+            if _is_ours(place) and _is_ours(path) and _is_complete(path):
+                return loader(path)
+        except Exception as error:  # whatever is wrong with it, it can be built again
+            _log.debug("not loaded: %s", error)
+    return None
+
+
+def build(name: str, search: Callable[[], T | None], builder: Callable[[Path], T]) -> T:
+    """What the builder returns, which makes a library of this name in a folder.
+
+    Or what `search` finds, if another process has just built it.
+    """
+    place = _writable_folder()
+    with _one_at_a_time(place / f"{name}.lock"):
+        found = search()
+        return _built(place, name, builder) if found is None else found
+
+
+def _is_ours(path: Path) -> bool:
+    """Whether no other user but the administrator can write a file or in a folder."""
+    found = path.stat()
+    return found.st_uid in (0, os.geteuid()) and not found.st_mode & _OTHERS_WRITE
+
+
+def _is_complete(path: Path) -> bool:
+    content = path.read_bytes()
+    return content[-_DIGEST:] == _checksum(content[:-_DIGEST])
+
+
+def _checksum(content: bytes) -> bytes:
+    return hashlib.blake2b(content, digest_size=_DIGEST).digest()
+
+
+def _writable_folder() -> Path:
+    """The first folder in which libraries can be built; OSError if there is none."""
+    cache, other = _folders()
+    try:
+        return _prepared(cache)
+    except OSError as error:
+        reason = error.strerror or str(error)
+    advice = "Set XDG_CACHE_HOME to a folder that you alone can write"
+    try:
+        _prepared(other)
+    except OSError as error:
+        raise OSError(
+            f"nothing can be compiled: neither in {cache} ({reason}) nor in {other} "
+            f"({error.strerror or error}). {advice}"
+        ) from error
+    _warn(f"the cache folder {cache} cannot be used ({reason}), but {other} can. {advice}")
+    return other
+
+
+def _prepared(place: Path) -> Path:
+    place.mkdir(mode=0o755, parents=True, exist_ok=True)
+    found = place.stat()
+    if found.st_uid == os.geteuid() and found.st_mode & _OTHERS_WRITE:
+        place.chmod(found.st_mode & 0o7777 & ~_OTHERS_WRITE)
+    if not _is_ours(place):
+        raise PermissionError("another user can write it")
+    with tempfile.TemporaryFile(dir=place) as file:
+        os.posix_fallocate(file.fileno(), 0, _ROOM)
+    return place
+
+
+@functools.cache
+def _warn(sentence: str) -> None:
+    """Warn once, and not in each worker process of a sweep."""
+    if multiprocessing.parent_process() is None:
+        _log.warning("%s", sentence)
+
+
+@contextmanager
+def _one_at_a_time(path: Path) -> Iterator[None]:
+    """Let other processes wait, except where the file system has no locks.
+
+    The file goes before the lock does: who waited for it looks for the library first.
+    """
+    with open(path, "w") as file:
+        with suppress(OSError):
+            fcntl.flock(file, fcntl.LOCK_EX)
+        try:
+            yield
+        finally:
+            path.unlink(missing_ok=True)
+
+
+def _built(place: Path, name: str, builder: Callable[[Path], T]) -> T:
+    for old in place.glob(f"{_SCRATCH}*"):
+        with suppress(OSError):
+            if time.time() - old.stat().st_mtime > _FORGOTTEN:
+                shutil.rmtree(old)
+    # On NFS a library that is in use cannot be removed.
+    own = tempfile.TemporaryDirectory(prefix=_SCRATCH, dir=place, ignore_cleanup_errors=True)
+    with own as scratch:
+        found = builder(Path(scratch))
+        content = Path(scratch, name).read_bytes()
+        complete = Path(scratch, "complete")
+        try:
+            complete.write_bytes(content + _checksum(content))
+            complete.chmod(0o755)
+            complete.replace(place / name)
+        except OSError as error:  # this process has what it needs
+            _log.debug("not kept: %s", error)
+    return found

@@ -1,0 +1,234 @@
+"""The cache of compiled libraries repairs itself, is shared, and is nobody else's."""
+
+import ctypes
+import errno
+import os
+import signal
+import subprocess
+import sys
+import tempfile
+import time
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+
+import ufl
+
+import _cffi_backend
+import numpy as np
+import pytest
+
+from fx_beam import library_cache
+from fx_beam.compiled import build
+from fx_beam.fem import ffcx_api
+from fx_beam.fem.point_functions import PointFunction
+
+
+@pytest.fixture(autouse=True)
+def cache(monkeypatch, tmp_path):
+    """An empty cache, and an empty folder for when it cannot be written."""
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
+    (tmp_path / "temporary").mkdir()
+    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path / "temporary"))
+    library_cache._warn.cache_clear()
+    forget(monkeypatch)
+    return tmp_path / "cache" / "fx_beam"
+
+
+def forget(monkeypatch):
+    """As in a process that has loaded nothing."""
+    monkeypatch.setattr(ffcx_api, "_loaded", {})
+    build.load_library.cache_clear()
+
+
+def form():
+    """3, by a form that FFCx compiles."""
+    twice = PointFunction(lambda x: ufl.as_vector([2 * x[0]]), 1, "twice")
+    return twice(np.array([1.5]))[0]
+
+
+def loop():
+    """3, by a library as those of the loop."""
+
+    def loader(path):
+        library = ctypes.CDLL(str(path))
+        library.three.restype = ctypes.c_double
+        return library.three()
+
+    return build._library("three", "", lambda: "double three(void) { return 3; }", loader)
+
+
+KINDS = pytest.mark.parametrize("of", [form, loop])
+
+
+def library_in(folder):
+    (found,) = folder.glob("*.so")
+    return found
+
+
+@pytest.fixture
+def compiled(monkeypatch):
+    """What is compiled, instead of taken from the cache."""
+    names, built = [], library_cache._built
+
+    def noted(place, name, builder):
+        names.append(name)
+        return built(place, name, builder)
+
+    monkeypatch.setattr(library_cache, "_built", noted)
+    return names
+
+
+# -- What lies there -----------------------------------------------------------------------------
+
+
+def foreign(path):
+    """A library of something else, complete with its checksum."""
+    content = Path(_cffi_backend.__file__).read_bytes()
+    path.write_bytes(content + library_cache._checksum(content))
+
+
+DAMAGE = {
+    "empty": lambda path: path.write_bytes(b""),
+    "truncated": lambda path: os.truncate(path, path.stat().st_size // 2),
+    "of other contents": lambda path: path.write_bytes(bytes(path.stat().st_size)),
+    "foreign": foreign,
+    "of any writer": lambda path: path.chmod(0o666),
+}
+
+
+@KINDS
+@pytest.mark.parametrize("damage", DAMAGE)
+def test_a_library_that_is_not_as_it_was_built_is_built_again(
+    of, damage, cache, compiled, monkeypatch
+):
+    assert of() == 3
+    library = library_in(cache)
+    size = library.stat().st_size
+    DAMAGE[damage](library)
+    forget(monkeypatch)
+    assert of() == 3
+    assert compiled == [library.name] * 2
+    assert len(library.read_bytes()) == size
+    assert not library.stat().st_mode & 0o022
+
+
+def test_a_folder_that_others_could_write_is_closed_before_more_goes_there(cache):
+    assert form() == 3
+    cache.chmod(0o777)
+    assert loop() == 3
+    assert not cache.stat().st_mode & 0o022
+
+
+@KINDS
+def test_a_library_is_not_loaded_from_another_user(of, cache, compiled, monkeypatch, tmp_path):
+    assert of() == 3
+    other = tmp_path / "temporary" / "fx_beam-4321"
+    other.mkdir()
+    if os.getuid() == 0:  # what belongs to the administrator is trusted
+        for path in (library_in(cache), cache, other):
+            os.chown(path, 1234, 1234)
+    monkeypatch.setattr(os, "geteuid", lambda: 4321)
+    forget(monkeypatch)
+    with pytest.raises((OSError, build.LoopUnavailable), match="another user can write it|built"):
+        of()
+    assert len(compiled) == 1
+
+
+# -- Processes that are killed, and several at once ------------------------------------------------
+
+COMPILER = """#!/bin/sh
+case "$*" in *-shared*) ;; *-c*) ;; *) exec cc "$@" ;; esac
+kill -KILL $PPID
+"""
+SCRIPT = f"""
+import sys
+sys.path.insert(0, {str(Path(__file__).parent)!r})
+import test_library_cache
+print(test_library_cache.{{of}}())
+"""
+
+
+def script(of, **environment):
+    """The function in a process of its own."""
+    command = [sys.executable, "-c", SCRIPT.format(of=of.__name__)]
+    return subprocess.run(
+        command, env=os.environ | environment, capture_output=True, text=True, timeout=60
+    )
+
+
+@KINDS
+def test_a_process_that_is_killed_while_it_compiles_is_in_nobodys_way(of, cache, tmp_path):
+    killer = tmp_path / "cc"
+    killer.write_text(COMPILER)
+    killer.chmod(0o755)
+    done = script(of, CC=str(killer))
+    assert done.returncode == -signal.SIGKILL, done.stderr
+    (scratch,) = cache.glob("building-*")
+    assert not list(cache.glob("*.so"))
+    # A day later also what it left goes.
+    os.utime(scratch, (0, 0))
+    done = script(of)
+    assert done.stdout == "3.0\n", done.stderr
+    assert [path.suffix for path in cache.iterdir()] == [".so"]
+
+
+def test_no_two_processes_compile_the_same(cache, compiled, monkeypatch):
+    run = subprocess.run
+    monkeypatch.setattr(
+        build.subprocess, "run", lambda *args, **options: (time.sleep(0.1), run(*args, **options))
+    )
+    # Locks are of open files: for them two threads are two processes.
+    with ThreadPoolExecutor(2) as both:
+        assert [future.result() for future in [both.submit(loop) for _ in range(2)]] == [3, 3]
+    assert len(compiled) == 1
+    assert [path.suffix for path in cache.iterdir()] == [".so"]
+
+
+# -- A cache that cannot be written ----------------------------------------------------------------
+
+
+def full(cache, monkeypatch):
+    def no_space(file, start, size):
+        if str(cache) in os.readlink(f"/proc/self/fd/{file}"):
+            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+    monkeypatch.setattr(os, "posix_fallocate", no_space)
+
+
+def file(cache, monkeypatch):
+    cache.parent.write_text("no folder")
+
+
+def others(cache, monkeypatch):
+    cache.mkdir(parents=True)
+    if os.getuid():
+        pytest.skip("only the administrator can give a folder away")
+    os.chown(cache, 1234, 1234)
+
+
+@KINDS
+@pytest.mark.parametrize("obstacle", [full, file, others])
+def test_a_cache_that_cannot_be_used_gets_a_substitute_and_one_warning(
+    of, obstacle, cache, compiled, monkeypatch, tmp_path, caplog
+):
+    obstacle(cache, monkeypatch)
+    assert of() == 3
+    forget(monkeypatch)
+    assert of() == 3
+    assert len(compiled) == 1
+    (said,) = (record.getMessage() for record in caplog.records if record.levelname == "WARNING")
+    assert "XDG_CACHE_HOME" in said and str(cache) in said
+    library_in(tmp_path / "temporary" / f"fx_beam-{os.geteuid()}")
+
+
+def test_without_any_folder_a_sentence_says_what_to_set(cache, monkeypatch, tmp_path):
+    file(cache, monkeypatch)
+    (tmp_path / "temporary" / f"fx_beam-{os.geteuid()}").write_text("no folder")
+    with pytest.raises(OSError, match="nothing can be compiled: .* Set XDG_CACHE_HOME to a folder"):
+        form()
+
+
+def test_ffcx_has_its_own_cache_for_others(tmp_path):
+    find = ffcx_api.ffcx.codegeneration.jit.get_cached_module
+    assert find("one", [], tmp_path / "fenics", 1) == (None, None)
+    assert (tmp_path / "fenics" / "one.c").exists()
