@@ -114,6 +114,7 @@ HOUSE = {
         "mass_solver",
         "massless_start",
         "initial_state",
+        "sub_step_starts",
         "recorder",
         "interpolation",
         "linear_solver",

@@ -1,4 +1,4 @@
-"""Stress resultants belong to the time and to the part of a step that the reactions belong to."""
+"""Stress resultants belong to the same time and step as reactions and joint forces."""
 
 import ufl
 
@@ -37,7 +37,7 @@ def reaction(solution, node):
 
 @records
 @solvers
-def test_resultants_of_a_step_in_parts_are_those_of_its_last_part(solver, every, tmp_path):
+def test_resultants_and_reactions_of_a_step_in_parts_are_means_over_it(solver, every, tmp_path):
     scene, arm = rotor()
     record = fb.Record(every=every)
     run = fb.simulate(scene, dt=0.1, t_end=1.0, solver=solver, record=record)
@@ -46,12 +46,11 @@ def test_resultants_of_a_step_in_parts_are_those_of_its_last_part(solver, every,
     for solution in (run, fb.load(tmp_path / "run.npz")):
         N = solution.resultants("beam 1").N[1:, 0]
         assert pytest.approx(CENTRIPETAL, rel=0.01) == N
-        # N acts on the mean of both directors, which is shorter than 1 by the cosine of half the
-        # turn; tan(turn/2) is half of spin times length, of which t_level is the middle.
-        length = 2 * (solution.t - solution.t_level)[1:]
-        assert length == pytest.approx(np.full(len(N), 0.05))
-        mean = np.cos(np.arctan(SPIN * length / 2))
-        assert reaction(solution, arm.start)[1:] == pytest.approx(N * mean, rel=2e-3)
+        assert (solution.t - solution.t_level)[1:] == pytest.approx(np.full(len(N), 0.05))
+        # The impulse is the change of momentum: the chord of the turn in both halves, in each of
+        # which tan(turn/2) is half of spin times length.
+        gained = 2 * MASS * SPIN * LENGTH * np.sin(2 * np.arctan(SPIN * 0.05 / 2))
+        assert reaction(solution, arm.start)[1:] == pytest.approx(gained / 0.1, rel=1e-3)
 
 
 @records
@@ -62,17 +61,29 @@ def test_a_joint_bears_the_resultants_of_its_row(solver, every):
     joint = scene.add_joint(fb.Revolute(arm.end, tip.start))
     scene.add_mass(tip.end, MASS)
     scene.set_velocity(tip, lambda x, y: (0.0, SPIN * x), spin=SPIN)
-    record = fb.Record(every=every)
-    run = fb.simulate(scene, dt=0.1, t_end=0.8, solver=solver, record=record)
-    assert run.stats.halvings
+    run = fb.simulate(scene, dt=0.05, t_end=0.8, solver=solver)
+    assert not run.stats.halvings
     # No bending moment at either end of the massless tip: its force is along its mean director.
     r, psi = run.resultants(tip), run.rotation(tip.start)
     force = np.hypot(*run.joint_force(joint)[1:, :2].T)
     assert abs(r.M[1:]).max() < 1e-6 * force.max()
-    spin = run.spin(tip.start)[1:]  # without inertia the mean over the last part
+    spin = run.spin(tip.start)[1:]  # without inertia the mean over the step
     mean = np.cos(np.arctan(spin * (run.t - run.t_level)[1:]))
     assert force == pytest.approx(np.hypot(r.N[1:, 0], r.Q[1:, 0]) * mean, rel=1e-6)
-    assert abs(np.diff(psi)).max() > 2.0  # more than a whole step may turn
+    assert abs(psi[2:] - psi[:-2]).max() > 2.0  # more than a step may turn
+    # Steps of twice the length are halved: their rows are means over two of these.
+    record = fb.Record(every=every)
+    halved = fb.simulate(scene, dt=0.1, t_end=0.8, solver=solver, record=record)
+    assert halved.stats.substeps == run.stats.steps
+    for name in ("N", "Q"):
+        pairs = getattr(r, name)[1:].reshape(8, 2, -1).mean(axis=1)[every - 1 :: every]
+        assert getattr(halved.resultants(tip), name)[1:] == pytest.approx(pairs, rel=1e-6)
+    for found, each in (
+        (halved.joint_force(joint), run.joint_force(joint)),
+        (halved.reaction(arm.start), run.reaction(arm.start)),
+    ):
+        pairs = each[1:].reshape(8, 2, 3).mean(axis=1)[every - 1 :: every]
+        assert found[1:] == pytest.approx(pairs, abs=1e-6 * force.max())
 
 
 def test_full_turns_that_are_counted_apart_are_in_the_starts_of_parts_as_well():

@@ -44,7 +44,7 @@ def solution_of(
                 "recorded; simulate with record=Record(rates=True)"
             )
         if not cache:
-            every = recorder.means(model.forms.resultants(recorder.last_parts()))
+            every = recorder.means(model.forms.resultants(recorder.sub_steps()))
             cache.append(every[rows])
         number = [beam.name for beam in scene.beams].index(name)
         beam, values = scene.beams[number], cache[0][:, mesh.cells[number]]

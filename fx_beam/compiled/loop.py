@@ -11,7 +11,7 @@ import numpy as np
 
 from fx_beam.errors import StepError
 from fx_beam.mechanics.interval import Interval, divided
-from fx_beam.results.state import Past, State
+from fx_beam.results.state import FORCES, Past, State
 from fx_beam.stepping.interrupts import uninterrupted
 from fx_beam.stepping.local_error import order_and_constant
 from fx_beam.stepping.newton import NewtonOptions, StepFailed
@@ -35,8 +35,6 @@ class CompiledLoop:
             problem.state_arrays,
             problem.past,
         )
-        #: Forces (joints, 3) of the joints in the last step, where they are kept.
-        self.joint_forces: np.ndarray | None = None
         problem.c.least_energy = stepper.facing.least_energy
         stepper.stats.solver = f"compiled, {problem.factors}"
 
@@ -157,10 +155,10 @@ class CompiledLoop:
         p = self._problem
         self.load(state)
         c_inputs = self.c_inputs(inputs)
-        to = self.c_record(recorder, first)
+        to = self.c_record(recorder, first, len(ends))
         dt = (ends[-1] - state.t) / len(ends)
         taken = self._library.fx_run(p, len(inputs.driven) // p.sub_steps, dt, c_inputs, to)
-        recorder.add(to.rows, to.parts)
+        recorder.add(to.rows, to.starts)
         self.count(taken)
         return taken
 
@@ -171,8 +169,9 @@ class CompiledLoop:
         arrays["slide"][:] = state.slides
         arrays["driven_now"][len(model.prescribed) :] = state.motors
         p.steps_done = state.constraint_forces is not None
-        if state.constraint_forces is not None:
-            arrays["constraint_forces"][:] = state.constraint_forces
+        for name in FORCES:
+            force = getattr(state, name)
+            arrays[name][:] = 0.0 if force is None else force.ravel()
         if state.added_forces is not None:
             arrays["added_forces"][:] = state.added_forces
         if state.internal is not None:
@@ -183,8 +182,6 @@ class CompiledLoop:
         p.algorithmic, p.numerical, p.length = state.algorithmic, state.numerical, state.length
         if p.keeps_before:
             arrays["before"][:] = state.q if state.before is None else state.before
-        if self.joint_forces is not None and state.joint_forces is not None:
-            self.joint_forces[:] = state.joint_forces
 
     def c_inputs(self, inputs: StepInputs):
         """The inputs for C; they must be kept as long as C uses them."""
@@ -195,13 +192,17 @@ class CompiledLoop:
         c_inputs.thrust_stride = inputs.thrust.strides[0] // inputs.thrust.itemsize
         return c_inputs
 
-    def c_record(self, recorder: Rows, first: int):
-        """Rows of a recorder for C, from its next one on, for steps from number `first` on."""
+    def c_record(self, recorder: Rows, first: int, steps: int):
+        """Rows of a recorder for C, from its next one on, for parts of steps from `first` on."""
         to, halving = self._ffi.new("Record *"), self._stepper.halving
         to.every, to.first, to.last = recorder.every, first, recorder.last
         to.parts, to.part = halving.parts, halving.done
-        for name, rows in recorder.next_rows(to.parts).items():
-            setattr(to, name, self._ffi.cast("double *", rows.ctypes.data))
+        to.keeps_starts = recorder.keeps_starts(to.parts)
+        to.starts, to.complete = recorder.starts, recorder.complete
+        most = steps * self._problem.sub_steps if to.keeps_starts else 0
+        for name, rows in recorder.next_rows(most).items():
+            kind = "int *" if rows.dtype == np.int32 else "double *"
+            setattr(to, name, self._ffi.cast(kind, rows.ctypes.data))
         return to
 
     def count(self, taken: int) -> None:
@@ -218,12 +219,6 @@ class CompiledLoop:
             if count:
                 stats.ended_by[name] = stats.ended_by.get(name, 0) + count
         p.iterations = p.by_round_off = p.too_large = p.inside_out = p.amplified = 0
-
-    def keep_joint_forces(self) -> None:
-        """Compute the forces of joints in every step, recorded or not."""
-        self.joint_forces = np.zeros((len(self.model.scene.joints), 3))
-        address = self.joint_forces.ctypes.data
-        self._problem.joint_forces = self._ffi.cast("double *", address)
 
     def inputs(self, t: float, times: np.ndarray) -> StepInputs:
         """Inputs of all sub-steps; if a function of time fails, only of the steps before."""
@@ -248,6 +243,8 @@ class CompiledLoop:
         p = self._problem
         arrays = {name: values.copy() for name, values in self._state_arrays.items()}
         taken, shape = p.steps_done > 0, self.model.forms.internal_shape
+        # Those of joints and obstacles are not computed in steps that are not recorded.
+        known = taken and (p.keeps_joint_forces or self._stepper.halving.done > 0)
         return State(
             t,
             arrays["q"],
@@ -265,7 +262,8 @@ class CompiledLoop:
             internal=arrays["internals"].reshape(shape) if p.cell_internal else None,
             spring_internal=arrays["spring_internals"] if p.spring_width else None,
             length=p.length,
-            joint_forces=None if self.joint_forces is None else self.joint_forces.copy(),
+            joint_forces=arrays["joint_forces"].reshape(-1, 3) if known else None,
+            contact_forces=arrays["contact_forces"].reshape(-1, 2) if known else None,
         )
 
 

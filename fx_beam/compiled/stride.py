@@ -32,18 +32,18 @@ class CompiledStride:
         problem = loop.problem
         self._p, self._run = problem.c, problem.library.fx_run
         if forces:
-            loop.keep_joint_forces()
-        self._unrecorded = loop.c_record(Unrecorded(), 1)
+            problem.c.keeps_joint_forces = True
+        self._unrecorded = loop.c_record(Unrecorded(), 1, 1)
         arrays = problem.state_arrays
         #: The present state: arrays of C.
         self.now = SimpleNamespace(
             **{name: arrays[name] for name in ("q", "v", "a", "constraint_forces")},
             slides=arrays["slide"],
-            joint_forces=loop.joint_forces,
+            joint_forces=arrays["joint_forces"].reshape(-1, 3),
         )
         self._taken = 0
-        #: Rows of a recorder for C, and one of the arrays to which they belong.
-        self._rows, self._energies = self._unrecorded, np.empty(0)
+        #: Rows of a recorder for C, and the number of the plan to which they belong.
+        self._rows, self._plan = self._unrecorded, -1
         self._build_inputs()
 
     def _build_inputs(self) -> None:
@@ -82,14 +82,15 @@ class CompiledStride:
     def load(self, state: State) -> None:
         """Begin from a state."""
         self._loop.load(state)
-        if state.constraint_forces is None:
-            self.now.constraint_forces[:] = 0.0
-        if self.now.joint_forces is not None and state.joint_forces is None:
-            self.now.joint_forces[:] = 0.0
         self._loop.forget_past()
         self._loop.past = state.past
         self._stepper.halving.resume(state.parts)
-        self._t, self._known, self._next = state.t, self._known.after(len(self._known.driven)), 0
+        self._t = state.t
+        self._forget_inputs()
+
+    def _forget_inputs(self) -> None:
+        """Evaluate functions of time anew: those that are known are of other steps."""
+        self._known, self._next = self._known.after(len(self._known.driven)), 0
 
     def state(self) -> State:
         """The present state, with all on which the next step depends."""
@@ -107,6 +108,7 @@ class CompiledStride:
                 self.load(before)
                 raise
             self._loop.load(after)
+            self._forget_inputs()
         self._t = t1
 
     def _succeeds(self, t1: float, number: int, recorder: Rows) -> bool:
@@ -128,18 +130,20 @@ class CompiledStride:
             return False
         self._taken += 1
         if recorded:
-            recorder.add(1, 1)
+            recorder.add(1, to.starts)
         if p.inside_out:
             self.count()
         return True
 
     def _rows_of(self, recorder: Recorder):
         """The record of C, from the recorder's next row on."""
-        if recorder.arrays["energies"] is not self._energies:
-            self._energies = recorder.arrays["energies"]
-            self._rows = self._loop.c_record(recorder, 1)
+        if recorder.plans != self._plan:
+            room = len(recorder.arrays["energies"]) - recorder.rows
+            self._rows = self._loop.c_record(recorder, 1, room)
+            self._plan = recorder.plans
             self._first = recorder.rows
         self._rows.rows = recorder.rows - self._first
+        self._rows.starts, self._rows.complete = recorder.starts, recorder.complete
         return self._rows
 
     def _evaluate(self, t1: float) -> None:

@@ -100,9 +100,9 @@ class JointMotion:
     def motor_power(self) -> np.ndarray:
         """Mean power (n,) of the motor over the step that ends at t[k] [W]; 0 in row 0.
 
-        The sum of power times step length is the motor's work: exact for a slide, of second order
-        in the step for a rotation. For a halved step the force is that of its last part. A row for
-        every step is required.
+        The sum of power times step length is the motor's work: exact for a slide in a step without
+        sub-steps, of second order in the step for a rotation, for `order=4` and for a halved step.
+        A row for every step is required.
         """
         solution, force = self.solution, self.motor_force
         if len(solution.t) != solution.stats.steps + 1:

@@ -29,17 +29,19 @@ class Solution:
     """Motion of a scene over time, or its equilibria over the load factor.
 
     Its arrays are read-only. At nodes without mass, velocities are means over the step that ends at
-    t[k]; the same holds for spins at nodes without rotary inertia. For a halved step, its last part
-    counts instead of the whole step, also in `t_level`.
+    t[k], or over the last part of a halved step; the same holds for spins at nodes without rotary
+    inertia.
 
     Parameters
     ----------
     t : (n,) float
         Times [s]; in a static solution load factors.
     t_level : (n,) float
-        Times at which the rows of `resultants`, `reaction` and `joint_force` hold [s]: the scheme's
-        level in the step that ends at t[k]. Row 0 is the start: reactions and joint forces are zero
-        there or, after `simulate(start=...)`, those of the last step before.
+        Times at which the rows of `resultants`, `reaction`, `joint_force` and `Contact.force` hold
+        [s]: the scheme's level in the step that ends at t[k]. At mid-step they are means over the
+        whole step, whatever its parts: times the step's length they are impulses. Otherwise they
+        are values, for a halved step in its last part. Row 0 is the start: reactions and joint
+        forces are zero there or, after `simulate(start=...)`, those of the last step before.
     X : (n_node, 2) float
         Reference positions [m].
     q, v, a : (n, n_node, 3) float

@@ -7,6 +7,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+#: Forces of a state that are means over the step so far, where the scheme has them at mid-step.
+FORCES = "constraint_forces", "joint_forces", "contact_forces"
+
 _Renumbering = Callable[[np.ndarray], np.ndarray]
 
 
@@ -36,12 +39,13 @@ class State:
     #: Slides of the joints (joints,), and motion of the motors since the start (motors,) [m, rad].
     slides: np.ndarray
     motors: np.ndarray
-    #: In the step that ended here: forces of driven and fixed columns, of added virtual works
-    #: (size,), of the joints on their nodes b (joints, 3) and of obstacles (contacts, 2) [N, N m].
+    #: In the step so far: forces of driven and fixed columns, of the joints on their nodes b
+    #: (joints, 3) and of obstacles (contacts, 2); of added virtual works (size,) in its last part
+    #: [N, N m].
     constraint_forces: np.ndarray | None = None
-    added_forces: np.ndarray | None = None
     joint_forces: np.ndarray | None = None
     contact_forces: np.ndarray | None = None
+    added_forces: np.ndarray | None = None
     #: Work and dissipated energy since the start [J].
     work: float = 0.0
     dissipated: float = 0.0

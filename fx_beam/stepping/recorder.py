@@ -11,10 +11,12 @@ import numpy as np
 
 from fx_beam.errors import SceneError
 from fx_beam.fem.forms import Part
-from fx_beam.mechanics.interval import Interval, divided, moment
+from fx_beam.mechanics.interval import Interval, moment
 from fx_beam.model.model import Model
 from fx_beam.results.audit import Energy
 from fx_beam.results.state import State
+
+from .sub_step_starts import SubStepStarts, grown
 
 # Length of the short step for the forces of row 0, relative to the first step.
 _SHORT = 1e-9
@@ -27,7 +29,8 @@ class Record:
     Parameters
     ----------
     every : int
-        Steps between two rows; the start and the last step are always recorded.
+        Steps between two rows; the start and the last step are always recorded. Forces are those of
+        the step that ends with the row, not means since the row before.
     motion : bool
         Whether to record displacements and rotations; stress resultants need them as well.
     rates : bool
@@ -85,27 +88,27 @@ class Record:
 class Unrecorded:
     """In place of a `Recorder`, for trial steps."""
 
-    every, last, rows = np.iinfo(np.int32).max, -1, 0
+    every, last, rows, starts, complete = np.iinfo(np.int32).max, -1, 0, 0, 0
     end: State
 
-    def next_rows(self, parts: int) -> dict[str, np.ndarray]:
+    def keeps_starts(self, parts: int) -> bool:
+        """None."""
+        return False
+
+    def next_rows(self, most: int) -> dict[str, np.ndarray]:
         """No arrays."""
         return {}
 
-    def add(self, rows: int, parts: int) -> None:
+    def add(self, rows: int, starts: int) -> None:
         """Nothing."""
 
-    def record(self, step: int, state: State, starts: Sequence[State] = (), parts: int = 1) -> None:
+    def keep(
+        self, step: int, starts: Sequence[State], end: State, part: tuple[int, int] = (0, 1)
+    ) -> None:
         """Nothing."""
 
-
-def _grown(array: np.ndarray, rows: int, used: int) -> np.ndarray:
-    """An array with at least some rows, of which those used are kept."""
-    if len(array) >= rows:
-        return array
-    grown = np.zeros((max(rows, 2 * len(array)), *array.shape[1:]), dtype=array.dtype)
-    grown[:used] = array[:used]
-    return grown
+    def record(self, step: int, state: State) -> None:
+        """Nothing."""
 
 
 class Recorder:
@@ -116,34 +119,26 @@ class Recorder:
         #: Times at the ends of all steps, and numbers of the steps that have a row.
         self._times, self._steps = np.empty(0), np.empty(0, dtype=int)
         self.rows = 0
+        #: How often the arrays were replaced.
+        self.plans = 0
         #: The last state.
         self.end: State
         self._first: State
-        #: Sub-steps (n,) in the step before each row, if all were as long as the last one.
-        self._parts = np.empty(0, dtype=int)
         n, size, joints = 0, model.size, len(model.scene.joints)
-        self._fractions = model.scheme.fractions
-        starts = len(self._fractions) * size
         constrained = model.reduction.columns - model.reduction.free
         #: Rows (n, ...) by name, vectors in the order of the degrees of freedom.
         self.arrays = {"energies": np.zeros((n, 8)), "momenta": np.zeros((n, 3))}
         if joints:
             self.arrays["slides"] = np.zeros((n, joints))
+        #: Starts of sub-steps; `up_to_row` has their number up to each row.
+        self._starts = SubStepStarts(model, record.motion, record.rates)
+        self.arrays["up_to_row"] = np.zeros(n, dtype=np.int32)
         if record.motion:
-            # An array of zeros takes no memory until it is written: starts of the last sub-steps
-            # are written only if they differ from the previous row.
-            self.arrays |= {"q": np.zeros((n, size)), "before_q": np.zeros((n, starts))}
-            if record.rates and model.forms.resultants_need_rates:
-                self.arrays |= {f"before_{name}": np.zeros((n, starts)) for name in "va"}
+            self.arrays["q"] = np.zeros((n, size))
             if width := math.prod(model.forms.internal_shape):
-                self.arrays |= {
-                    "internal": np.zeros((n, width)),
-                    "before_internal": np.zeros((n, width)),
-                }
+                self.arrays["internal"] = np.zeros((n, width))
             if model.actuators.width:
                 self.arrays["spring_internal"] = np.zeros((n, model.actuators.width))
-            if model.forms.needs_before:
-                self.arrays |= {"earlier_q": np.zeros((n, size)), "memory": np.zeros((n, 1))}
         if record.rates:
             self.arrays |= {"v": np.zeros((n, size)), "a": np.zeros((n, size))}
         if record.forces:
@@ -160,43 +155,69 @@ class Recorder:
         With `last` the run ends with them. Steps that are planned again replace those before.
         """
         stop = first + len(ends)
-        self._times = _grown(self._times, stop, first)
+        self._times = grown(self._times, stop, first)
         self._times[first:stop] = ends
         self.last = stop - 1 if last else -1
         steps = np.arange(first, stop)
         steps = steps[(steps % self.every == 0) | (steps == self.last)]
         rows = self.rows + len(steps)
-        self._steps, self._parts = (
-            _grown(numbers, rows, self.rows) for numbers in (self._steps, self._parts)
-        )
+        self._steps = grown(self._steps, rows, self.rows)
         self._steps[self.rows : rows] = steps
         for name, array in self.arrays.items():
-            self.arrays[name] = _grown(array, rows, self.rows)
+            self.arrays[name] = grown(array, rows, self.rows)
+        whole = len(self.model.scheme.fractions) if self.keeps_starts(1) else 0
+        self._starts.make_room(whole * len(steps))
+        self.plans += 1
 
-    def next_rows(self, parts: int) -> dict[str, np.ndarray]:
-        """Arrays from the next row on, by name, to be written by the compiled loop."""
-        kept = self._starts_kept(parts)
-        return {
-            name: rows[self.rows :]
-            for name, rows in self.arrays.items()
-            if kept or not name.startswith("before")
-        }
+    def next_rows(self, most: int) -> dict[str, np.ndarray]:
+        """Arrays by name to be written by the compiled loop, with room for some sub-steps.
 
-    def add(self, rows: int, parts: int) -> None:
-        """Count rows that were written, of steps of `parts` sub-steps."""
-        self._parts[self.rows : self.rows + rows] = parts
+        Those of rows begin with the next row.
+        """
+        self._starts.make_room(most)
+        self.plans += 1
+        return {name: rows[self.rows :] for name, rows in self.arrays.items()} | self._starts.arrays
+
+    def add(self, rows: int, starts: int) -> None:
+        """Count rows that were written, and the number of all starts."""
         self.rows += rows
+        self._starts.count = starts
 
-    def _starts_kept(self, parts):
-        """Whether the start of the last sub-step differs from the previous row."""
-        return self.every > 1 or len(self._fractions) > 1 or parts > 1
+    @property
+    def starts(self) -> int:
+        """Number of starts of sub-steps that are kept."""
+        return self._starts.count
 
-    def record(self, step: int, state: State, starts: Sequence[State] = (), parts: int = 1) -> None:
+    @property
+    def complete(self) -> int:
+        """Number of those of the rows so far; there are more within a step."""
+        return self._up_to(self.rows - 1)
+
+    def _up_to(self, row: int) -> int:
+        return int(self.arrays["up_to_row"][row]) if row >= 0 else 0
+
+    def keeps_starts(self, parts: int) -> bool:
+        """Whether starts of a step in parts are kept: the last one is not the previous row."""
+        return self._starts.kept(parts, self.every)
+
+    def _selects(self, step: int) -> bool:
+        return step % self.every == 0 or step == self.last
+
+    def keep(
+        self, step: int, starts: Sequence[State], end: State, part: tuple[int, int] = (0, 1)
+    ) -> None:
+        """Keep the starts of the scheme's sub-steps in a step's part: number, of how many."""
+        number, parts = part
+        self._starts.begin(self.complete, number)
+        if self._selects(step) and self.keeps_starts(parts):
+            self._starts.add(starts, end, parts)
+
+    def record(self, step: int, state: State) -> None:
         """Add a row for the end of a step of the grid, if `every` selects it; step 0 is the start.
 
-        `starts` are those of the scheme's sub-steps in the last of the step's equal `parts`.
+        The starts of its sub-steps were kept before.
         """
-        if step % self.every and step != self.last:
+        if not self._selects(step):
             return
         if step == 0:
             self._first = self.end = state
@@ -229,25 +250,17 @@ class Recorder:
             ),
             "momenta": (*p[:, :2].sum(axis=0), angular),
         }
-        if starts and self._starts_kept(parts):
-            for name in ("q", "v", "a", "internal"):
-                values[f"before_{name}"] = [getattr(start, name) for start in starts]
-        if starts and starts[0].before is not None:
-            values |= {"earlier_q": starts[0].before, "memory": starts[0].memory(state.length)}
+        values["up_to_row"] = self.starts
         for name, rows in self.arrays.items():
             if values.get(name) is not None:
-                rows[self.rows] = np.ravel(values[name])
-        self.add(1, parts)
+                rows[self.rows] = np.ravel(values[name]) if rows.ndim > 1 else values[name]
+        self.add(1, self.starts)
 
     def add_turns(self, first: int, turns: np.ndarray) -> None:
         """Add the full turns (size,) [rad] that are missing in the rows from `first` on."""
         if "q" in self.arrays and turns.any():
-            rows = np.arange(first, self.rows)
             self.arrays["q"][first : self.rows] += turns
-            kept = rows[self._starts_kept(self._parts[rows])]
-            self.arrays["before_q"][kept] += np.tile(turns, len(self._fractions))
-            if "earlier_q" in self.arrays:
-                self.arrays["earlier_q"][rows] += turns
+            self._starts.add_turns(self._up_to(first - 1), turns)
 
     def histories(self) -> dict:
         """Recorded histories by their names in `Solution`; empty if not recorded."""
@@ -299,19 +312,33 @@ class Recorder:
         return self.arrays["internal"][: self.rows].reshape(-1, *self.model.forms.internal_shape)
 
     def _lengths(self) -> np.ndarray:
-        """Length (n,) of the last sub-step before each row; 0 for row 0."""
-        steps = self._steps[: self.rows]
-        grid = self._times[steps] - self._times[np.maximum(steps - 1, 0)]
-        return grid / self._parts[: self.rows]
+        """Length (n,) of the step or last part that a row's forces belong to; 0 for row 0."""
+        steps, counts = self._steps[: self.rows], self._counts()
+        of_step = self._times[steps] - self._times[np.maximum(steps - 1, 0)]
+        rows, shares = np.repeat(np.arange(self.rows), counts), self._starts.arrays["share"]
+        return of_step * np.bincount(rows, shares[: len(rows)], self.rows) + of_step * (counts == 0)
+
+    def _counts(self) -> np.ndarray:
+        """Number (n,) of the starts that are kept for each row."""
+        return np.diff(self.arrays["up_to_row"][: self.rows], prepend=0)
+
+    def _shares(self, row: int) -> np.ndarray:
+        """Shares (m,) of the sub-steps before a row in its step."""
+        own = self._starts_of_row(row)
+        return self._starts.arrays["share"][own] if own.stop > own.start else np.ones(1)
+
+    def _starts_of_row(self, row: int) -> slice:
+        return slice(self._up_to(row - 1), self._up_to(row))
 
     def means(self, values: np.ndarray) -> np.ndarray:
-        """Forces (n, ...) of the rows, from those of `last_parts`: means over the sub-steps."""
-        first, rest = values[:1], values[1:]
-        rest = rest.reshape(self.rows - 1, len(self._fractions), *values.shape[1:])
-        return np.concatenate([first, np.tensordot(self._fractions, rest, (0, 1))])
+        """Forces (n, ...) of the rows, from those of `sub_steps`: means over the steps."""
+        shares = [self._shares(row) for row in range(self.rows)]
+        weights = np.concatenate([own / sum(own) for own in shares])
+        first = np.cumsum([0, *map(len, shares[:-1])])
+        return np.add.reduceat(weights.reshape(-1, *[1] * (values.ndim - 1)) * values, first)
 
-    def last_parts(self) -> Iterator[Part]:
-        """The scheme's sub-steps before each row, for which its forces are evaluated.
+    def sub_steps(self) -> Iterator[Part]:
+        """The sub-steps before each row, for which its forces are evaluated.
 
         Row 0 has a single one, so short that its forces depend on the rates, but not on a motion.
         """
@@ -320,28 +347,33 @@ class Recorder:
         D = dt * first.v if forms.resultants_move else np.zeros(self.model.size)
         short = moment(first.t, dt)
         yield Part(short, D, arrays["q"][0], (first.v, first.a), internal=first.internal)
-        times, count = self._times[self._steps[: self.rows]], len(self._fractions)
-        ends = divided(times - self._lengths(), times, self._fractions)
-        t0, t1 = (np.reshape(places, (-1, count)) for places in ends)
-        earlier = [arrays[name] for name in ("earlier_q", "memory") if name in arrays]
-        for k in range(1, self.rows):
-            kept = self._starts_kept(self._parts[k])
-            q, *rates = (
-                (arrays[f"before_{name}"][k] if kept else arrays[name][k - 1]).reshape(count, -1)
-                for name in ("qva" if forms.resultants_need_rates else "q")
-            )
-            D = np.concatenate([q[1:], arrays["q"][k : k + 1]]) - q
-            internal = None
-            if "internal" in arrays:
-                found = arrays["before_internal"][k] if kept else arrays["internal"][k - 1]
-                internal = found.reshape(forms.internal_shape)
-            for i in range(count):
-                of_rates = tuple(rate[i] for rate in rates)
-                interval = Interval(t0[k, i], t1[k, i])
-                part = Part(interval, D[i], q[i], of_rates, internal=internal)
-                if earlier:
-                    part = part._replace(before=earlier[0][k], memory=float(earlier[1][k, 0]))
-                yield part
+        for row in range(1, self.rows):
+            yield from self._of_row(row)
+
+    def _of_row(self, row: int) -> Iterator[Part]:
+        arrays, forms, own = self.arrays, self.model.forms, self._starts_of_row(row)
+        names = [*("q", "v", "a")[: 3 if forms.resultants_need_rates else 1]]
+        names += ["internal"] * ("internal" in arrays)
+        if own.stop > own.start:
+            starts = {name: self._starts.arrays[f"before_{name}"][own] for name in names}
+        else:
+            starts = {name: arrays[name][row - 1 : row] for name in names}
+        t0, t1 = self._times[self._steps[row] - 1 : self._steps[row] + 1]
+        rest = np.cumsum(self._shares(row)[::-1])[::-1]
+        times = [*(t1 - (t1 - t0) * rest), t1]
+        D = np.diff(starts["q"], axis=0, append=arrays["q"][row : row + 1])
+        for i, q in enumerate(starts["q"]):
+            part = Part(Interval(*times[i : i + 2]), D[i], q)
+            if forms.resultants_need_rates:
+                part = part._replace(rates=(starts["v"][i], starts["a"][i]))
+            if "internal" in names:
+                part = part._replace(internal=starts["internal"][i].reshape(forms.internal_shape))
+            if forms.needs_before:
+                before, memory = (
+                    self._starts.arrays[name][own][i] for name in ("earlier_q", "memory")
+                )
+                part = part._replace(before=before, memory=float(memory))
+            yield part
 
 
 #: What takes the rows of steps.

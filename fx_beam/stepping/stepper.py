@@ -8,9 +8,10 @@ import numpy as np
 
 from fx_beam.errors import StepError
 from fx_beam.mechanics.interval import Interval, divided
+from fx_beam.mechanics.rates import MidPointRates
 from fx_beam.model.model import Model
 from fx_beam.results.audit import Stats
-from fx_beam.results.state import Past, State
+from fx_beam.results.state import FORCES, Past, State
 
 from .forcing import Forcing
 from .interrupts import uninterrupted
@@ -90,8 +91,10 @@ class Stepper:
                 if parts > 1:
                     turn = abs(state.q - before.q)[self.model.turns].max()
                     self.stats.too_large += int(turn * parts > LARGE_TURN)
+                self._average(before, state, self.halving.done)
+                recorder.keep(number, starts, state, (self.halving.done, parts))
                 if self.halving.take(1):
-                    recorder.record(number, state, starts, parts)
+                    recorder.record(number, state)
                     self.stats.steps += 1
                 if self.halving.parts != parts:
                     # Where steps fail, predictions from steps of another length lead astray.
@@ -125,7 +128,8 @@ class Stepper:
             return Attempt(state, 0, ratio=ratio)
         with uninterrupted:
             self._count(state, new)
-            recorder.record(first, new, starts)
+            recorder.keep(first, starts, new)
+            recorder.record(first, new)
             stats.steps += 1
             recorder.end = new
         return Attempt(new, 1, ratio=ratio)
@@ -160,11 +164,23 @@ class Stepper:
         if len(fractions) > 1:  # means over the step, as for a scheme without sub-steps
             if self.model.nodal_rules is None:
                 end.a = (end.v - state.v) / step.length
-            for name in ("constraint_forces", "joint_forces", "contact_forces"):
+            for name in FORCES:
                 parts = [getattr(sub_step, name) for sub_step in states[1:]]
                 if parts[0] is not None:
                     setattr(end, name, np.tensordot(fractions, parts, 1))
         return starts, end
+
+    def _average(self, start: State, end: State, done: int) -> None:
+        """Make forces of a part means over the step so far, of which some parts are done."""
+        rates = self.model.scheme.rates
+        if not done or rates.level != 0.5:
+            return
+        held = isinstance(rates, MidPointRates) and self.model.nodal_rules is None
+        for name in (*FORCES, "a") if held else FORCES:
+            now = getattr(end, name)
+            if now is not None:
+                before = getattr(start, name)
+                setattr(end, name, before + (now - before) / (done + 1))
 
     def _count(self, start: State, end: State) -> None:
         """Count a step that succeeded, and what is wrong with its end."""

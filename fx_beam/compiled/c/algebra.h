@@ -15,6 +15,12 @@ static inline double sum_of(const double *lanes) {
   return sum;
 }
 
+/* Multiplies a vector by a factor; by zero also if it is not finite. */
+static void scale(long n, double factor, double *x) {
+  if (factor == 0) memset(x, 0, n * sizeof(double));
+  for (long i = 0; i < n && factor != 0 && factor != 1; ++i) x[i] *= factor;
+}
+
 static double dot(int n, const double *x, const double *y) {
   double sum[LANES] = {0}, rest = 0;
   int i = 0;

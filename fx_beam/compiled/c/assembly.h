@@ -16,6 +16,11 @@ static void pack(const Problem *p, const Integral *of, const Form *form, long bl
   }
 }
 
+/* Length of a sub-step relative to the step before, at most 1; 0 without one. */
+static double ratio_of_lengths(const Problem *p, double dt) {
+  return p->length > 0 ? fmin(1, dt / p->length) : 0;
+}
+
 static void set_time(const Problem *p, const Form *form, double t, double dt) {
   if (form->integrals && form->time_at >= 0) form->constants[form->time_at] = t;
   if (form->integrals && form->dt_at >= 0) form->constants[form->dt_at] = dt;

@@ -81,12 +81,11 @@ static double stored_in_contacts(const Problem *p) {
 }
 
 /* Adds the forces of a sub-step to their mean over the step. */
-static void record_contacts(const Problem *p, const Work *w, int sub_step, Record *to) {
-  if (!to->contact_forces) return;
-  double *out = to->contact_forces + to->rows * 2L * p->contacts;
+static void add_contact_forces(const Problem *p, const Work *w) {
+  double *out = p->contact_forces;
+  scale(2 * p->contacts, p->earlier, out);
   for (int i = 0; i < p->contacts; ++i) {
     Push f = touch(p, w, p->contact + i);
-    for (int k = 0; k < 2; ++k)
-      out[2 * i + k] = (sub_step ? out[2 * i + k] : 0) + p->fractions[sub_step] * f.force * f.along[k];
+    for (int k = 0; k < 2; ++k) out[2 * i + k] += p->share * f.force * f.along[k];
   }
 }

@@ -39,8 +39,8 @@ static double energy_of(const Problem *p, const Work *w, const Form *form) {
 }
 
 /* Adds the work of dead loads, driven motion and added forces, and the losses of dampers, material,
-   drag and contact. The forces that are recorded are means over the sub-steps. */
-static void audit(Problem *p, const Work *w, const double *change, int sub_step) {
+   drag and contact. */
+static void audit(Problem *p, const Work *w, const double *change) {
   int n = p->dofs, constrained = p->columns - p->free;
   work_increment(p, w);
   p->work += dot(n, w->dead, w->path);
@@ -62,8 +62,8 @@ static void audit(Problem *p, const Work *w, const double *change, int sub_step)
       along = at(w->path, p->motor_b[i]) - at(w->path, p->motor_a[i]);
     p->work += mid(p, w->columns[p->free + i], p->constraint_forces[i]) * along;
   }
-  for (int i = 0; i < constrained; ++i)
-    p->constraint_forces[i] = p->fractions[sub_step] * w->columns[p->free + i] + (sub_step ? p->constraint_forces[i] : 0);
+  scale(constrained, p->earlier, p->constraint_forces);
+  for (int i = 0; i < constrained; ++i) p->constraint_forces[i] += p->share * w->columns[p->free + i];
   if (p->has_added) {
     memset(w->f, 0, n * sizeof(double));
     assemble_vector(p, &p->added, w->fields, w->f);
@@ -86,7 +86,7 @@ static int take_step(Problem *p, Work *w, double dt, int sub_step, const Inputs 
     int dof = p->driven_dof[i];
     change[i] = target[i] - (dof >= 0 ? p->q[dof] : p->driven_now[i]);
   }
-  p->ratio = p->length > 0 ? fmin(1, dt / p->length) : 0;
+  p->ratio = ratio_of_lengths(p, dt);
   if (begin_internal(p, w->fields, t, dt, look)) count_inside_out(p);
   begin_form(p, &p->drag, w->fields, t, dt);
   begin_form(p, &p->added, w->fields, t, dt);
@@ -103,7 +103,7 @@ static int take_step(Problem *p, Work *w, double dt, int sub_step, const Inputs 
   LAP(CHECKS);
   *order = update_predictor(p, w);
   LAP(PREDICTOR);
-  audit(p, w, change, sub_step);
+  audit(p, w, change);
   return 1;
 }
 
@@ -122,15 +122,24 @@ static void advance(Problem *p, const Work *w, const double *driven) {
   p->steps_done += 1;
 }
 
-/* After the sub-steps of a step of length dt: its mean acceleration, and its largest rotation. */
-static double summarise(Problem *p, const Work *w, double dt) {
-  if (p->sub_steps == 1) return widest_turn(p, w->D);
-  const double *q = w->saved, *v = q + p->dofs;
+/* After the sub-steps of a part of length dt, with others before it: the mean acceleration of the step so
+   far, and the largest rotation of the part. */
+static double summarise(Problem *p, const Work *w, double dt, int before) {
+  if (p->sub_steps == 1 && before == 0) return widest_turn(p, w->D);
+  const double *q = w->saved, *v = q + p->dofs, *a = v + p->dofs;
+  int means = p->rule == 0 && !p->rules;
   for (int i = 0; i < p->dofs; ++i) {
-    if (!p->rules) p->a[i] = (p->v[i] - v[i]) / dt;
+    if (means) p->a[i] = ((p->v[i] - v[i]) / dt + before * a[i]) / (before + 1);
     w->left[i] = p->q[i] - q[i];
   }
   return widest_turn(p, w->left);
+}
+
+/* Shares of a sub-step and of the parts before in the means over the step so far. */
+static void set_shares(Problem *p, int sub_step, int before) {
+  if (p->level != 0.5) before = 0;
+  p->share = p->fractions[sub_step] / (before + 1);
+  p->earlier = sub_step > 0 ? 1 : before / (before + 1.0);
 }
 
 /* Returns to the state before a step that failed; counts of what was seen are kept. */
@@ -148,23 +157,27 @@ int fx_run(Problem *p, int steps, double dt, const Inputs *inputs, Record *to) {
   LAP(PHASES_IN_ALL);
   int unchecked = 0;
   for (int k = 0; k < steps; ++k) {
-    int part = to->part + k, step = to->first + part / to->parts;
-    int wanted = (part + 1) % to->parts == 0 && (step % to->every == 0 || step == to->last);
+    int part = (to->part + k) % to->parts, step = to->first + (to->part + k) / to->parts;
+    int of_row = step % to->every == 0 || step == to->last, wanted = of_row && part + 1 == to->parts;
+    if (part == 0 || p->level != 0.5) to->starts = to->complete;
+    int starts = to->starts;
     double lost = p->dissipated;
     Problem before;
-    if (p->sub_steps > 1 || p->controlled) {
+    if (p->sub_steps > 1 || p->controlled || to->parts > 1) {
       before = *p;
       memcpy(w->saved, p->memory, p->memory_size * sizeof(double));
     }
     for (int i = 0; i < p->sub_steps; ++i) {
       long number = (long)k * p->sub_steps + i;
-      if (wanted) record_start(p, i, to);
+      set_shares(p, i, part);
+      if (of_row && to->keeps_starts) record_start(p, dt * p->fractions[i], i, to);
       if (!take_step(p, w, dt * p->fractions[i], i, inputs, number, unchecked && i == 0)) {
         if (i > 0) undo(p, w, before);
+        to->starts = starts;
         return k;
       }
-      if (wanted) record_joint_forces(p, w, i, to), record_contacts(p, w, i, to);
-      if (p->joint_forces) add_joint_forces(p, w, i, p->joint_forces);
+      if (p->keeps_joint_forces || (of_row && to->joint_forces)) add_joint_forces(p, w);
+      if (of_row && to->contact_forces) add_contact_forces(p, w);
       advance(p, w, inputs->driven + number * p->driven);
     }
     if (p->controlled) {
@@ -173,12 +186,13 @@ int fx_run(Problem *p, int steps, double dt, const Inputs *inputs, Record *to) {
       if (ratio > 1) {
         p->failure = TOO_INACCURATE;
         undo(p, w, before);
+        to->starts = starts;
         return k;
       }
       int low = ratio >= 0 && fmax(ratio, p->ratios[0]) < p->lowest;
       if (low || ratio > p->highest) steps = k + 1;
     }
-    double turn = summarise(p, w, dt);
+    double turn = summarise(p, w, dt, part);
     /* Beyond rounding: damping at rest takes next to nothing. */
     p->amplified += p->sub_steps > 1 && lost - p->dissipated > 1e-14 * fabs(lost);
     if (to->parts > 1) p->too_large += turn * to->parts > p->large_turn;

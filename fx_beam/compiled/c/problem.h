@@ -238,13 +238,16 @@ typedef struct {
   double *lever_sign;
   double *position;     /* (nodes, 2) */
   int nodes, *node_dofs;
-  double *joint_forces; /* of the last step, recorded or not; may be null */
+  int keeps_joint_forces; /* whether they are computed in every step, recorded or not */
 
   /* State. Its arrays and those of the predictor are in one piece of memory. */
   double *memory;
   long memory_size;
   double t, work, dissipated, numerical, algorithmic;
-  double *q, *v, *a, *slide, *driven_now, *constraint_forces, *added_forces;
+  double *q, *v, *a, *slide, *driven_now, *added_forces;
+  /* Means over the step so far, of which the parts before are the share `earlier`, this sub-step `share`;
+     values of the last part where forces are not at mid-step. */
+  double *constraint_forces, *joint_forces, *contact_forces, earlier, share;
   double *internals;    /* [cell][internal variable of a cell] */
   double *spring_internals; /* [spring_width] */
   double *before, length, ratio; /* start and length of the last step; `memory` of this one */
@@ -279,9 +282,10 @@ typedef struct {
 typedef struct {
   int every, first, last, rows; /* number of the first step of this call, and of the last step of all */
   int parts, part;              /* parts of a halved step, and those of the first step already taken */
-  double *before_q, *before_v, *before_a; /* at the starts of the sub-steps of the last part */
-  double *before_internal;
-  double *earlier_q, *memory;   /* start of the part before that, and ratio of their lengths */
+  /* Starts of the sub-steps of recorded steps, if they are kept: their number, that of complete rows,
+     and up to each row. Their shares of the step; the start before, and the ratio of their lengths. */
+  int keeps_starts, starts, complete, *up_to_row;
+  double *share, *before_q, *before_v, *before_a, *before_internal, *earlier_q, *memory;
   double *q, *v, *a, *internal, *spring_internal, *constraint_forces, *slides, *joint_forces, *contact_forces;
   double *energies, *momenta;
 } Record;

@@ -7,10 +7,10 @@
 #include "couplings.h"
 
 /* Adds the joint forces of a sub-step to their mean over the step. */
-static void add_joint_forces(const Problem *p, const Work *w, int sub_step, double *out) {
+static void add_joint_forces(const Problem *p, const Work *w) {
   long n = 3 * p->scene_joints;
-  double fraction = p->fractions[sub_step];
-  if (sub_step == 0) memset(out, 0, n * sizeof(double));
+  double fraction = p->share, *out = p->joint_forces;
+  scale(n, p->earlier, out);
   const double *given = p->sliders ? w->loaded : w->r, *r = closed(p, w, given);
   for (int i = 0; i < n; ++i)
     for (int k = p->sum_start[i]; k < p->sum_start[i + 1]; ++k)
@@ -30,17 +30,13 @@ static void add_joint_forces(const Problem *p, const Work *w, int sub_step, doub
     }
 }
 
-static void record_joint_forces(const Problem *p, const Work *w, int sub_step, Record *to) {
-  if (to->joint_forces)
-    add_joint_forces(p, w, sub_step, to->joint_forces + 3 * (long)p->scene_joints * to->rows);
-}
-
-/* Start of a sub-step of a step, for which its forces are evaluated. */
-static void record_start(const Problem *p, int sub_step, Record *to) {
-  long n = p->dofs, at = (to->rows * p->sub_steps + sub_step) * n;
+/* Start of a sub-step of length dt, for which forces of elements are evaluated. */
+static void record_start(const Problem *p, double dt, int sub_step, Record *to) {
+  long n = p->dofs, k = to->starts++, at = k * n, m = (long)p->cells * p->cell_internal;
+  to->share[k] = p->fractions[sub_step] / to->parts;
+  if (to->memory) to->memory[k] = ratio_of_lengths(p, dt);
   if (to->before_q) memcpy(to->before_q + at, p->q, n * sizeof(double));
-  long m = (long)p->cells * p->cell_internal;
-  if (to->before_internal) memcpy(to->before_internal + to->rows * m, p->internals, m * sizeof(double));
+  if (to->before_internal) memcpy(to->before_internal + k * m, p->internals, m * sizeof(double));
   if (to->earlier_q) memcpy(to->earlier_q + at, p->before, n * sizeof(double));
   if (to->before_v) memcpy(to->before_v + at, p->v, n * sizeof(double));
   if (to->before_a) memcpy(to->before_a + at, p->a, n * sizeof(double));
@@ -48,6 +44,7 @@ static void record_start(const Problem *p, int sub_step, Record *to) {
 
 static void record(Problem *p, const Work *w, Record *to) {
   long n = p->dofs, constrained = p->columns - p->free, k = to->rows++;
+  to->up_to_row[k] = to->complete = to->starts;
   if (to->q) memcpy(to->q + k * n, p->q, n * sizeof(double));
   if (to->v) memcpy(to->v + k * n, p->v, n * sizeof(double));
   if (to->a) memcpy(to->a + k * n, p->a, n * sizeof(double));
@@ -58,6 +55,11 @@ static void record(Problem *p, const Work *w, Record *to) {
     memcpy(to->spring_internal + k * springs, p->spring_internals, springs * sizeof(double));
   if (to->constraint_forces)
     memcpy(to->constraint_forces + k * constrained, p->constraint_forces, constrained * sizeof(double));
+  long joints = 3 * p->scene_joints, contacts = 2 * p->contacts;
+  if (to->joint_forces)
+    memcpy(to->joint_forces + k * joints, p->joint_forces, joints * sizeof(double));
+  if (to->contact_forces)
+    memcpy(to->contact_forces + k * contacts, p->contact_forces, contacts * sizeof(double));
   if (to->slides) memcpy(to->slides + k * p->slides, p->slide, p->slides * sizeof(double));
   double *momentum = w->left, *energy = to->energies + 8 * k, *sums = to->momenta + 3 * k;
   times_mass(p, p->v, momentum);
@@ -69,7 +71,6 @@ static void record(Problem *p, const Work *w, Record *to) {
     energy[2] = -dot(n, p->weight, p->q);
   energy[3] = p->work, energy[4] = stored(p) + stored_in_contacts(p), energy[5] = p->dissipated;
   energy[6] = p->algorithmic, energy[7] = p->numerical;
-  if (to->memory) to->memory[k] = p->ratio;
   for (int i = 0; i < p->nodes; ++i) {
     const int *dof = p->node_dofs + 3 * i;
     double x = p->position[2 * i] + p->q[dof[0]], y = p->position[2 * i + 1] + p->q[dof[1]];
