@@ -106,7 +106,7 @@ HOUSE = {
         "redundancy",
         "mechanism_check",
     ],
-    "model": ["model", "joint_forces", "equations"],
+    "model": ["model", "joint_forces", "turning_frame", "equations"],
     "stepping": [
         "interrupts",
         "forcing",
@@ -157,6 +157,7 @@ HOUSE = {
         "convergence",
         "statics",
         "linearisation",
+        "equilibrium_check",
         "moving_state",
         "first_order",
         "linear_system",

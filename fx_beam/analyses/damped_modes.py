@@ -1,4 +1,7 @@
-"""Modes of (lambda^2 M + lambda C + K) x = 0, from a subspace that begins with undamped ones."""
+"""Modes of (lambda^2 M + lambda C + K) x = 0, from a subspace that begins with undamped ones.
+
+C may have Coriolis forces, which are skew; K is symmetric and need not be positive.
+"""
 
 from __future__ import annotations
 
@@ -34,11 +37,12 @@ class Damped(NamedTuple):
 
 def lowest_damped(K, C, M, n: int):
     """Angular frequencies, rigid modes, damping ratios, roots and vectors of the n lowest modes."""
-    # All rigid modes, at least one that is not, and more in which damping may show.
+    # All rigid and unstable modes, some that are neither, and more in which damping may show:
+    # Coriolis forces may carry what is unstable without them.
     count = 2 * n + 10
     while True:
         omega, rigid, vectors = lowest(K, M, count)
-        if not rigid.all() or len(omega) < count:
+        if (omega > 0).sum() > n // 2 or len(omega) < count:
             break
         count *= 2
     unit = 0.7 * abs(omega[~rigid]).min(initial=np.inf)
@@ -69,12 +73,11 @@ def _not_rigid(K, C, M, n: int, undamped: np.ndarray, rigid: np.ndarray, unit: f
     method; inverse iteration at the roots extends its subspace.
     """
     shifted = splu((K + unit * C + unit**2 * M).tocsc())
-    Z = _untouched(C, shifted, rigid)
+    Z, zeros = _untouched(C, shifted, rigid, unit)
     held, scale = M @ Z, (abs(K.diagonal()) + unit**2 * M.diagonal()) ** -0.5
     start = [undamped, shifted.solve(C @ undamped), rigid]
     whole = K.shape[0] <= 40 + sum(part.shape[1] for part in start)
     V = np.diag(scale) if whole else _independent(start, scale)
-    zeros = rigid.shape[1] - Z.shape[1]
     values: np.ndarray = np.empty(0)
     for _ in range(_ROUNDS):
         k, c, m = (V.T @ (A @ V) for A in (K, C, M))
@@ -108,14 +111,21 @@ def _rounding(K, C, found: Damped) -> np.ndarray:
     return 100 * np.finfo(float).eps * work / slope
 
 
-def _untouched(C, shifted, R: np.ndarray) -> np.ndarray:
-    """Those combinations of rigid modes R (size, m) that damping leaves alone."""
+def _untouched(C, shifted, R: np.ndarray, unit: float) -> tuple[np.ndarray, int]:
+    """Combinations of rigid modes R (size, m) that C leaves alone, and roots at zero of the others.
+
+    One that is damped has a single root at zero; one that Coriolis forces turn has two, since
+    another spin is another steady turn.
+    """
     if not R.size:
-        return R
+        return R, 0
     force = C @ R
     # Squares of damping rates, relative to the unit of angular frequencies.
-    squares, turned = scipy.linalg.eigh(force.T @ shifted.solve(force))
-    return R @ turned[:, squares < 1e-10]
+    _, squares, turned = scipy.linalg.svd(force.T @ shifted.solve(force))
+    alone = squares < 1e-10
+    moved = R @ turned[~alone].T
+    own = scipy.linalg.svdvals(moved.T @ (C @ moved)) if moved.size else squares[:0]
+    return R @ turned[alone].T, moved.shape[1] + int((own < 1e-5 * unit).sum())
 
 
 def _independent(parts: list[np.ndarray], scale: np.ndarray) -> np.ndarray:
@@ -160,7 +170,7 @@ def _roots(k, c, m, unit: float, zeros: int) -> Damped:
     grows = real & (root.real > 0)
     natural = np.where(real, np.sqrt(abs(k / m)), abs(root))
     ratio = np.where(real, c.real / (2 * m * natural), -root.real / natural)
-    still = abs(ratio) < 1e-12  # rounding must not look like growth
+    still = ~real & (abs(ratio) < 1e-12)  # rounding must not look like growth
     ratio, root = np.where(still, 0.0, ratio), np.where(still, 1j * root.imag, root)
     natural, ratio = np.where(grows, -root.real, natural), np.where(grows, np.nan, ratio)
     order = np.argsort(natural)

@@ -138,16 +138,19 @@ class FirstOrder:
         """Fewer states."""
         return Projected(self, W)
 
-    def deviation(self, q: np.ndarray, v: np.ndarray, slides: np.ndarray) -> np.ndarray:
-        """States of a motion: displacements (nodes, 3), their rates, and slides (joints,)."""
+    def deviation(self, q: np.ndarray, v: np.ndarray, slides: np.ndarray, t: float) -> np.ndarray:
+        """States of a motion: displacements (nodes, 3), rates, slides (joints,), and time [s]."""
         about, model = self._about, self._about.model
         free, state = len(about.unknowns), about.state
-        D = model.from_nodes(q) - state.q
+        q, v = model.from_nodes(q), model.from_nodes(v)
+        if about.frame is not None:
+            q, v = about.frame.seen(q, v, about.factor, t - state.t)
+        D = q - state.q
         y = model.couplings.unknowns(D, slides - state.slides)[about.unknowns]
         changes = driven_of(model, model.to_nodes(D), slides - state.slides)
         z = np.concatenate([y, changes])
         known = about.T @ about.rates + about.dT @ z
-        rates = about.rates_from @ (model.from_nodes(v) - known)
+        rates = about.rates_from @ (v - known)
         p, dp = (
             np.array([values[number] / factor for number, factor in self._inputs.driven])
             for values in (changes, rates[free:])
@@ -165,9 +168,9 @@ class Projected:
         self.shape: tuple[int, int] = whole.shape
         self.joints: int = whole.joints
 
-    def deviation(self, q: np.ndarray, v: np.ndarray, slides: np.ndarray) -> np.ndarray:
+    def deviation(self, q: np.ndarray, v: np.ndarray, slides: np.ndarray, t: float) -> np.ndarray:
         """States of a motion."""
-        return self._W @ self._whole.deviation(q, v, slides)
+        return self._W @ self._whole.deviation(q, v, slides, t)
 
     def projected(self, W: np.ndarray) -> Projected:
         """Fewer states."""

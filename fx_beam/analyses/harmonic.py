@@ -19,6 +19,7 @@ from fx_beam.scene.loads import check_node
 from fx_beam.scene.scene import Scene
 from fx_beam.validation import require
 
+from .equilibrium_check import check_equilibrium
 from .linearisation import Linearisation, linearised
 
 # Units of the columns of a response.
@@ -168,8 +169,9 @@ def frequency_response(
     frequencies : (n,) float
         Frequencies of the load [Hz], zero or positive.
     state : Solution, optional
-        A solution whose last row is the configuration, which should be an equilibrium; by default
-        the reference configuration without loads, as for `modes`.
+        A solution whose last row is the configuration, an equilibrium, at rest or in a steady turn;
+        by default the reference configuration without loads, as for `modes`. In a turn the load and
+        the motion are those seen in the frame that turns.
 
     Returns
     -------
@@ -179,7 +181,8 @@ def frequency_response(
     Raises
     ------
     SceneError
-        For a node, load, joint or frequency that is not one, or if the scene has no unknowns.
+        For a node, load, joint or frequency that is not one, a state that is no equilibrium, or if
+        the scene has no unknowns.
         If the motion has no bound: at a natural frequency without damping, or at 0 Hz for a scene
         that moves freely.
 
@@ -201,11 +204,14 @@ def frequency_response(
     """
     what = "frequency_response"
     about = linearised(scene, state, what)
+    check_equilibrium(about, state, what)
     force = _force(about, load, f"{what}: load")
     names, rows = _rows(about, at, f"{what}: at")
     f = _checked_frequencies(frequencies, f"{what}: frequencies")
     K, M = about.K, about.M
     C = about.damping(what) if about.may_be_damped else 0 * K
+    if about.coriolis is not None:
+        C = C + about.coriolis
     values = np.empty((len(f), len(names)), dtype=complex)
     scale = np.sqrt(abs(K.diagonal()) + (2 * np.pi * f.max()) ** 2 * M.diagonal())
     scale[scale == 0] = 1.0

@@ -17,7 +17,7 @@ from fx_beam.scene.outputs import Output, check_outputs
 from fx_beam.scene.scene import Scene
 from fx_beam.validation import is_whole, require
 
-from .engine import checked_scheme
+from .engine import checked_scheme, end_of
 from .first_order import FirstOrder, InputColumns
 from .motion import Motion
 from .moving_state import Deviations, deviations
@@ -183,12 +183,13 @@ class LinearSystem:
         """
         fits = isinstance(of, Motion | Solution)
         require(fits, "deviation: of", of, "a Motion or a Solution of the scene")
-        q, v, slides = of.q, of.v, of.slides
+        q, v, slides, t = of.q, of.v, of.slides, of.t
         if isinstance(of, Solution):
             q, v, slides = of.recorded("q")[-1], of.recorded("v")[-1], slides[-1]
+            t = end_of(of).t
         if q.shape != self.reduction.shape or len(slides) != self.reduction.joints:
             raise SceneError("deviation: the motion is one of another scene")
-        return self.reduction.deviation(q, v, slides)
+        return self.reduction.deviation(q, v, slides, t)
 
 
 def linearise(
@@ -203,18 +204,21 @@ def linearise(
     supports eliminated. All forces that depend on positions and rates are differentiated: stiffness
     (also geometric), springs, dampers, drag, retardation. About a state in motion, M, C and K also
     have the terms of joints whose coupling changes (centrifugal and gyroscopic), and the system is
-    that of the moment: its coefficients are kept constant, although the state moves on. Unknowns
-    without mass are eliminated if they have no damping, and are of first order otherwise. The
-    matrices are dense: for scenes with up to some hundred unknowns.
+    that of the moment: its coefficients are kept constant, although the state moves on, and its
+    unknowns are measured in space. About a static state that turns (``static(scene, spin=...)``)
+    all is seen in the frame that turns: deviations, and the directions of forces and outputs. Its
+    axes are those of space at the time of the state, and the system is the same at all times.
+    Unknowns without mass are eliminated if they have no damping, and are of first order otherwise.
+    The matrices are dense: for scenes with up to some hundred unknowns.
 
     Parameters
     ----------
     scene : Scene
         The scene.
     at : Solution or Motion, optional
-        Where: the last row of a static solution or of a motion over time with its velocities, or
-        the present state of a `Motion`, each with its values of the inputs. By default the
-        reference configuration at rest without loads, as for `modes`.
+        Where: the last row of a static solution, which may turn, or of a motion over time with its
+        velocities, or the present state of a `Motion`, each with its values of the inputs. By
+        default the reference configuration at rest without loads, as for `modes`.
     inputs : sequence of str, optional
         Names of inputs of the scene; by default all.
     outputs : dict, optional

@@ -13,6 +13,7 @@ from fx_beam.mechanics.interval import Interval, moment
 from fx_beam.mechanics.schemes import EnergyMomentum, Equilibrium
 from fx_beam.model.equations import Equations
 from fx_beam.model.model import Model
+from fx_beam.model.turning_frame import TurningFrame, check_turns
 from fx_beam.results.solution import Solution
 from fx_beam.results.state import State
 from fx_beam.scene.inputs import with_values
@@ -39,8 +40,14 @@ class Linearisation(NamedTuple):
     #: all columns (columns, free) from the unknowns.
     unknowns: np.ndarray
     columns: scipy.sparse.csr_matrix
-    #: The configuration, at rest.
+    #: The configuration, at rest in its frame.
     start: State
+    #: Forces of the unknowns that nothing balances, and the largest work of a force at a node in a
+    #: unit motion of the scene [J].
+    unbalanced: np.ndarray
+    largest: float
+    #: Coriolis forces by rates (free, free), for a frame that turns; None for one at rest.
+    coriolis: scipy.sparse.csr_matrix | None = None
 
     @property
     def may_be_damped(self) -> bool:
@@ -109,19 +116,37 @@ def linearised(scene: Scene, state: Solution | None, what: str) -> Linearisation
         factor, start = _last(model, start, state, what)
     reduction = model.reduction
     check_unknowns(model, what)
-    equations, force = Equations(model, start.t), factor * model.loads.at(start.t)
+    frame = None if state is None else turning_frame_of(model, state, what)
+    equations = Equations(model, start.t, frame)
+    force = factor * model.loads.at(start.t)
     if model.weight is not None:
         force += factor * model.weight
     equations.begin(Interval(factor, factor), start)
-    K = equations.tangent(equations.at_start(force).r)
+    balance = equations.at_start(force)
+    K = equations.tangent(balance.r)
     if reduction.singularity:
         raise SceneError(f"{what}: {reduction.singularity}. Take a state beside it")
     unknowns = reduction.independent
     K = K[unknowns][:, unknowns] if len(unknowns) < reduction.free else K
     T = reduction.coupling()[:, unknowns]
     M = (T.T @ model.mass @ T).tocsr()
+    G = None if frame is None else (np.sqrt(factor) * T.T @ frame.gyroscopic @ T).tocsr()
     columns = reduction.completion()[:, unknowns]
-    return Linearisation(scene, model, K, M, T, unknowns, columns, start)
+    rest = balance.residual[unknowns]
+    largest = max(abs(part * model.unit).max() for part in (balance.f, balance.r, force))
+    return Linearisation(scene, model, K, M, T, unknowns, columns, start, rest, largest, G)
+
+
+def turning_frame_of(model: Model, state: Solution, what: str) -> TurningFrame | None:
+    """The frame in which a static state turns, of load factor 1; None if it does not turn."""
+    if not state.stats.static or not state.v[-1].any():
+        return None
+    check_turns(model.scene, what)
+    v, x = state.v[-1], state.X + state.q[-1, :, :2]
+    spin = v[0, 2]
+    # v = spin W (x - pivot)
+    pivot = x[0] + np.array([-v[0, 1], v[0, 0]]) / spin
+    return TurningFrame(model, spin / np.sqrt(state.t[-1]), pivot)
 
 
 def _last(model: Model, start: State, state: Solution, what: str) -> tuple[float, State]:

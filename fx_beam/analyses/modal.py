@@ -15,6 +15,7 @@ from fx_beam.scene.scene import Scene
 from fx_beam.validation import is_whole, require
 
 from .damped_modes import lowest_damped
+from .equilibrium_check import check_equilibrium
 from .linearisation import linearised
 from .undamped_modes import lowest
 
@@ -161,14 +162,18 @@ def modes(scene: Scene, state: Solution | None = None, n: int = 6, damping: bool
     at rest in the state: retardation of members, drag, dampers and friction of joints, and added
     forces against the velocity. Prescribed motions, motors and internal variables are fixed.
 
+    Of a state that turns the modes are those seen in its turning frame, with centrifugal and
+    Coriolis forces; damping is by the rates seen there. A free turn is a rigid mode.
+
     Parameters
     ----------
     scene : Scene
         The scene.
     state : Solution, optional
-        A solution whose last row is the configuration, which should be an equilibrium; by default
-        the reference configuration without loads. It may be a solution of another scene with the
-        same nodes, such as one in which a mechanism is supported.
+        A solution whose last row is the configuration, an equilibrium, at rest or in a steady turn
+        (``static(scene, spin=...)``); by default the reference configuration without loads. It may
+        be a solution of another scene with the same nodes, such as one in which a mechanism is
+        supported.
     n : int
         Number of modes; fewer are returned if the scene has fewer degrees of freedom with mass.
     damping : bool
@@ -182,7 +187,8 @@ def modes(scene: Scene, state: Solution | None = None, n: int = 6, damping: bool
     Raises
     ------
     SceneError
-        If the scene cannot vibrate: it has no mass, no unknowns, or forces that depend on the
+        If the state is no equilibrium; the message says what has no balance. If the scene cannot
+        vibrate: it has no mass, no unknowns, or forces that depend on the
         motion and have no potential; or if its damping at rest is infinite.
     RuntimeError
         If PETSc or SLEPc is missing, if SLEPc fails, or if damped modes do not converge.
@@ -203,6 +209,7 @@ def modes(scene: Scene, state: Solution | None = None, n: int = 6, damping: bool
     require(is_whole(n, 1), "modes: n", n, "a whole number from 1 on")
     require(isinstance(damping, bool), "modes: damping", damping, "True or False")
     about = linearised(scene, state, "modes")
+    check_equilibrium(about, state, "modes")
     model, K, M = about.model, about.K, about.M
     if not M.data.any():
         raise SceneError("modes: the scene has no mass. Give a section rhoA or add a mass")
@@ -213,7 +220,9 @@ def modes(scene: Scene, state: Solution | None = None, n: int = 6, damping: bool
         )
     K = (K + K.T) / 2
     C = about.damping("modes") if damping and about.may_be_damped else None
-    if C is None or not C.nnz:
+    if about.coriolis is not None:
+        C = about.coriolis if C is None else C + about.coriolis
+    if C is None or not abs(C).max():
         omega, rigid, vectors = lowest(K, M, n)
         ratios, roots = np.zeros(len(omega)), np.where(omega < 0, -omega, 1j * omega)
     else:

@@ -11,6 +11,7 @@ from fx_beam.errors import SceneError
 from fx_beam.mechanics.interval import Interval, moment
 from fx_beam.mechanics.schemes import EnergyMomentum
 from fx_beam.model.model import Model
+from fx_beam.model.turning_frame import TurningFrame
 from fx_beam.results.solution import Solution
 from fx_beam.results.state import State
 from fx_beam.scene.beam import Node
@@ -23,7 +24,7 @@ from fx_beam.stepping.mass_solver import acceleration_of
 from fx_beam.validation import Constant
 
 from .engine import end_of, state_of
-from .linearisation import MOMENT, check_damping, check_unknowns
+from .linearisation import MOMENT, check_damping, check_unknowns, turning_frame_of
 
 # Weight of rates without mass, relative to the largest.
 _LITTLE = 1e-10
@@ -60,13 +61,16 @@ class Deviations(NamedTuple):
     #: The same (all, columns) for all columns of the model.
     S: np.ndarray
     dS: np.ndarray
+    #: The frame in which the state is at rest and z is measured, if it turns, and the load factor.
+    frame: TurningFrame | None
+    factor: float
 
 
 def deviations(scene: Scene, at: Solution | None, what: str) -> Deviations:
     """Deviations from the last row of a solution, or from the reference without loads.
 
     T^T (M x'' + f(x, x') - F) = 0 with x = g(z) and T = dg/dz; rates and accelerations of the state
-    are kept while its equations are differentiated.
+    are kept while its equations are differentiated. A static state that turns rests in its frame.
     """
     held = HeldInputs(scene)
     if at is None:
@@ -80,13 +84,16 @@ def deviations(scene: Scene, at: Solution | None, what: str) -> Deviations:
     else:
         end_of(at)
         end_factor = float(at.t[-1]) if at.stats.static else 1.0
-    model = Model(held.scene, EnergyMomentum())
+    model, frame = Model(held.scene, EnergyMomentum()), None
     check_unknowns(model, what)
     forcing = Forcing(model)
     state = reference_state(model)
     if at is not None:
         state = state_of(model, at)
         held.resume(forcing, state, state.inputs)
+        frame = turning_frame_of(model, at, what)
+    if frame is not None:
+        state = replace(state, v=0 * state.v, a=0 * state.a)
     coupling = _Coupling(model, state)
     if singularity := model.reduction.singularity:
         raise SceneError(f"{what}: {singularity}. Take a state beside it")
@@ -101,6 +108,10 @@ def deviations(scene: Scene, at: Solution | None, what: str) -> Deviations:
     )
     mass = model.mass
     dead = end_factor * forcing.forces(Interval(state.t, state.t))[0]
+    if frame is not None:
+        dead += end_factor * frame.force(state.q)
+        K = K - end_factor * frame.spin**2 * frame.mass
+        C = C + np.sqrt(end_factor) * frame.gyroscopic
     r = f - dead + mass @ (dT @ w)
     a = _accelerations(model, forcing, state, T, r, S.T @ pushes, dT @ w)
     r += mass @ (T @ a)
@@ -123,6 +134,8 @@ def deviations(scene: Scene, at: Solution | None, what: str) -> Deviations:
         dT=dT,
         S=S,
         dS=dS,
+        frame=frame,
+        factor=end_factor,
     )
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import logging
 import time
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -13,6 +13,7 @@ import numpy as np
 from fx_beam.errors import Failure, SceneError, StepError
 from fx_beam.mechanics.schemes import Equilibrium
 from fx_beam.model.model import Model
+from fx_beam.model.turning_frame import TurningFrame, check_turns
 from fx_beam.results.audit import Stats
 from fx_beam.results.solution import Solution
 from fx_beam.results.state import State
@@ -26,7 +27,7 @@ from fx_beam.stepping.newton import NewtonOptions
 from fx_beam.stepping.recorder import Record, Recorder
 from fx_beam.stepping.section_facing import FacingCheck
 from fx_beam.stepping.substeps import MOST_HALVINGS
-from fx_beam.validation import is_number, is_whole, require
+from fx_beam.validation import is_number, is_whole, require, vector
 
 from .evaluation import solution_of
 from .mpi_ranks import warn_of_equal_work
@@ -47,6 +48,8 @@ def static(
     max_steps: int = 1000,
     progress: bool | None = None,
     inputs: Mapping[str, Any] | None = None,
+    spin: float = 0.0,
+    pivot: Sequence[float] = (0.0, 0.0),
 ) -> Solution:
     """Compute equilibria of a scene while its loads rise from zero.
 
@@ -84,6 +87,13 @@ def static(
     inputs : dict, optional
         For names of inputs of the scene (`Input`) a constant or a function of time. The others are
         zero.
+    spin : float
+        Spin Omega [rad/s] of a frame in which the scene rests: a steady turn, with the centrifugal
+        forces of all masses. Supports, obstacles and loads turn with the frame. The forces rise
+        with the load factor l, so that a row has the spin Omega sqrt(l), and velocities. `modes`
+        and `linearise` about the state, and motions from it, go on with this turn.
+    pivot : (float, float)
+        Place about which the frame turns [m].
 
     Returns
     -------
@@ -116,6 +126,7 @@ def static(
     True
     """
     _check(scene, steps, t, continuation, newton, max_cuts, max_steps, progress)
+    _check_turn(scene, spin, pivot)
     petsc("fx_beam.static")
     warn_of_equal_work()
     scene, values = (
@@ -134,7 +145,8 @@ def static(
         assembled=model.assembled,
         static=True,
     )
-    forcing = LoadForcing(model, float(t))
+    turning = TurningFrame(model, float(spin), pivot) if spin else None
+    forcing = LoadForcing(model, float(t), turning)
     stepper = LoadStepper(model, forcing, newton or NewtonOptions(), stats)
     facing = FacingCheck(model, stats)
     stats.setup_seconds = time.perf_counter() - clock
@@ -175,12 +187,29 @@ def _solution(
 ) -> Solution:
     model, stats = stepper.model, stepper.stats
     stats.seconds, stats.substeps = time.perf_counter() - clock, stats.steps
+    if stepper.forcing.turning is not None:
+        states = [_turning(model, stepper.forcing.turning, state) for state in states]
     recorder = Recorder(model, np.array([state.t for state in states]), Record())
     for step, state in enumerate(states):
         recorder.record(step, state)
         facing.check(state.t, state.q)
     end = replace(states[-1], t=stepper.forcing.time, inputs=inputs)
     return solution_of(model, recorder, stats, end)
+
+
+def _turning(model: Model, frame: TurningFrame, state: State) -> State:
+    """A state in its turn, with the work that made it turn."""
+    v = frame.rates(state.q, state.t)
+    a = -state.t * frame.spin**2 * frame.arms(state.q)
+    return replace(state, v=v, a=a, work=state.work + float(v @ (model.mass @ v)) / 2)
+
+
+def _check_turn(scene: Scene, spin, pivot) -> None:
+    """Refuse a spin or pivot that is none, and what cannot turn with the scene."""
+    require(is_number(spin), "static: spin", spin, "a finite number [rad/s]")
+    vector(pivot, 2, "static: pivot")
+    if spin:
+        check_turns(scene, "static: spin")
 
 
 def _check(scene, steps, t, continuation, newton, max_cuts, max_steps, progress) -> None:

@@ -12,6 +12,7 @@ from fx_beam.mechanics.interval import Interval
 from fx_beam.results.state import State
 
 from .model import Model
+from .turning_frame import TurningFrame
 
 
 class Balance(NamedTuple):
@@ -30,11 +31,12 @@ class Balance(NamedTuple):
 class Equations:
     """That^T r = 0 with r = M a(D) + f(D) - F (eqs 43 and 46), at the scheme's level of a step.
 
-    In statics, functions of time are evaluated at one `time` [s].
+    In statics, functions of time are evaluated at one `time` [s], and the scene may rest in a frame
+    that turns.
     """
 
-    def __init__(self, model: Model, time: float = 0.0):
-        self.model, self.time = model, time
+    def __init__(self, model: Model, time: float = 0.0, turning: TurningFrame | None = None):
+        self.model, self.time, self._turning = model, time, turning
         self._reduction = model.reduction
         #: Number of the sub-step of the scheme.
         self.sub_step = 0
@@ -66,6 +68,10 @@ class Equations:
         r = f - force
         if not rates.at_rest:
             r += model.mass @ self._inertia(D, K)
+        elif (frame := self._turning) is not None:
+            factor = float(model.forms.load_factor.value)
+            r -= factor * frame.force(self._start.q + D)
+            K.data -= factor * frame.spin**2 * frame.mass.data
         return Balance(D, f, r, self._reduction.project(r))
 
     def _inertia(self, D: np.ndarray, K: scipy.sparse.csr_matrix) -> np.ndarray:

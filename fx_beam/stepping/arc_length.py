@@ -235,6 +235,8 @@ class ArcLength:
         force = (state.t + load) * forcing.full
         balance = self._equations.at(y, self._driven(state, load), force)
         per_load = forms.stiffness @ self._spread(np.zeros_like(y), 1.0) - forcing.full
+        if forcing.turning is not None:
+            per_load -= forcing.turning.force(state.q + balance.D)
         if forms.has_added:
             per_load -= forms.added_per_load()
         column = reduction.project(per_load) - reduction.project(np.zeros_like(per_load))

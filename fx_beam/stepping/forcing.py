@@ -7,6 +7,7 @@ import numpy as np
 from fx_beam.errors import SceneError
 from fx_beam.mechanics.interval import Interval, just_inside
 from fx_beam.model.model import Model
+from fx_beam.model.turning_frame import TurningFrame
 from fx_beam.results.state import State
 from fx_beam.scene.beam import COMPONENTS
 from fx_beam.validation import TimeFunction, evaluate, series
@@ -17,6 +18,7 @@ class Forcing:
 
     #: In statics, the time at which functions of time are evaluated [s].
     time = 0.0
+    turning: TurningFrame | None = None
 
     def __init__(self, model: Model):
         self.model = model
@@ -100,11 +102,14 @@ class Forcing:
 
 
 class LoadForcing(Forcing):
-    """Loads and driven motions at one time [s], scaled by the load factor in place of time."""
+    """Loads and driven motions at one time [s], scaled by the load factor in place of time.
 
-    def __init__(self, model: Model, time: float):
+    And centrifugal forces, if the scene rests in a frame that turns.
+    """
+
+    def __init__(self, model: Model, time: float, turning: TurningFrame | None = None):
         super().__init__(model)
-        self.time = time
+        self.time, self.turning = time, turning
         #: All dead loads (size,) [N, N m] and driven motions (driven,) [m, rad].
         self.full, self.goal = self._dead(time), super().positions(time)
 

@@ -32,7 +32,8 @@ _ADVICE = "Give compatible velocities to all members, or call scene.make_velocit
 def initial_state(model: Model, forcing: Forcing, dt: float, start: State | None = None) -> State:
     """State with the scene's initial velocities and the accelerations of dynamic equilibrium.
 
-    At `start`, or in the reference configuration. SceneError for incompatible velocities.
+    At `start`, whose rates are kept if it turns, or in the reference configuration. SceneError for
+    incompatible velocities.
     """
     state = reference_state(model) if start is None else start
     state, unbalanced = _moving_state(model, forcing, state, dt)
@@ -192,7 +193,7 @@ def initial_rates(model: Model, state: State, T, driven: np.ndarray) -> np.ndarr
 
     SceneError if they violate a support or a joint and the scene does not project them.
     """
-    v = _given_velocity(model)
+    v = state.v.copy() if state.v.any() else _given_velocity(model)
     scene = model.scene
     if scene.projects_velocities:
         return nearest_rates(model, T, v, driven, model.mass + _small_mass(model))

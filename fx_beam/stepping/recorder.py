@@ -222,7 +222,7 @@ class Recorder:
         if step == 0:
             self._first = self.end = state
         model = self.model
-        momentum = state.v if model.scheme.rates.at_rest else model.mass @ state.v
+        momentum = model.mass @ state.v if state.v.any() else state.v
         q, p = model.to_nodes(state.q), model.to_nodes(momentum)
         x = model.mesh.X + q[:, :2]
         potential = 0.0 if model.weight is None else -(model.weight @ state.q)

@@ -23,7 +23,7 @@ class SingleStep:
 
     def __init__(self, model: Model, forcing: Forcing, options: NewtonOptions, stats: Stats):
         self.model, self.forcing, self.stats = model, forcing, stats
-        self.equations = Equations(model, forcing.time)
+        self.equations = Equations(model, forcing.time, forcing.turning)
         self.newton = Newton(self.equations, options)
         self.joint_forces = JointForces(model) if model.scene.joints else None
 
@@ -93,6 +93,9 @@ class SingleStep:
             model.forms.internal_force(step.D)
             new.added_forces = model.forms.added_force()
             work += self._mid(new.added_forces, old.added_forces) @ path
+        if (frame := self.forcing.turning) is not None:
+            pushes = (state.t * frame.force(state.q) for state in (old, new))
+            work += sum(pushes) / 2 @ path
         if self.joint_forces is not None:
             new.joint_forces = self.joint_forces.evaluate(step.r)
         if model.forms.contact is not None:

@@ -1,0 +1,91 @@
+"""A frame that turns at a constant spin, in which a scene is at rest."""
+
+from __future__ import annotations
+
+import functools
+from collections.abc import Sequence
+
+import numpy as np
+import scipy.sparse
+
+from fx_beam.errors import SceneError
+from fx_beam.scene.scene import Scene
+
+from .model import Model
+
+
+def check_turns(scene: Scene, what: str) -> None:
+    """Refuse a scene with forces that do not turn with it; errors say `what` asks."""
+    for there, of in (
+        (scene.gravity is not None and any(scene.gravity), "gravity"),
+        (bool(scene.drags), "drag in air at rest"),
+    ):
+        if there:
+            raise SceneError(
+                f"{what}: {of} does not turn with the scene, so that it has no steady turn. Leave "
+                "it out, or simulate the motion"
+            )
+
+
+class TurningFrame:
+    r"""Forces in a frame that turns about a pivot, x = p + R(t) xi, from the load factor 1 on.
+
+    The mass has :math:`M (\ddot\xi + 2 \Omega S \dot\xi + \Omega^2 S^2 \xi)`, with S the quarter
+    turn of displacements. At a load factor l the spin is :math:`\sqrt{l} \Omega`.
+    """
+
+    def __init__(self, model: Model, spin: float, pivot: Sequence[float]):
+        self._model, self.spin, self.pivot = model, spin, np.array(pivot, dtype=float)
+
+    @functools.cached_property
+    def mass(self) -> scipy.sparse.csr_matrix:
+        """Mass (size, size) of displacements, in the sparsity of all."""
+        mass = self._model.mass.copy()
+        turns = np.zeros(self._model.size)
+        turns[self._model.turns] = 1.0
+        mass.data[turns[mass.indices] > 0] = 0.0
+        return mass
+
+    @functools.cached_property
+    def quarter_turn(self) -> scipy.sparse.csr_matrix:
+        """S (size, size): displacements turned by a quarter, no rotations."""
+        x, y, _ = self._model.mesh.dofs.T
+        one, size = np.ones(len(x)), self._model.size
+        at = np.concatenate([x, y]), np.concatenate([y, x])
+        return scipy.sparse.csr_matrix((np.concatenate([-one, one]), at), (size, size))
+
+    def arms(self, q: np.ndarray) -> np.ndarray:
+        """Places (size,) seen from the pivot; zero for rotations."""
+        values = self._model.to_nodes(q).copy()
+        values[:, :2] += self._model.mesh.X - self.pivot
+        values[:, 2] = 0.0
+        return self._model.from_nodes(values)
+
+    def force(self, q: np.ndarray) -> np.ndarray:
+        """Centrifugal force (size,) at the full spin."""
+        return self.spin**2 * (self.mass @ self.arms(q))
+
+    def rates(self, q: np.ndarray, factor: float) -> np.ndarray:
+        """Rates (size,) of the turn at a load factor."""
+        rates = self.quarter_turn @ self.arms(q)
+        rates[self._model.turns] = 1.0
+        return np.sqrt(factor) * self.spin * rates
+
+    def seen(
+        self, q: np.ndarray, v: np.ndarray, factor: float, duration: float
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Displacements and rates (size,) seen in the frame after it turned for a duration [s]."""
+        spin = np.sqrt(factor) * self.spin
+        quarter, turns = self.quarter_turn, self._model.turns
+        c, s = np.cos(spin * duration), np.sin(spin * duration)
+        v, arms = v - self.rates(q, factor), self.arms(q)
+        back = q + (c - 1) * arms - s * (quarter @ arms)
+        back[turns] -= spin * duration
+        rates = c * v - s * (quarter @ v)
+        rates[turns] = v[turns]
+        return back, rates
+
+    @property
+    def gyroscopic(self) -> scipy.sparse.csr_matrix:
+        """Coriolis forces by rates (size, size)."""
+        return 2 * self.spin * (self.mass @ self.quarter_turn)
