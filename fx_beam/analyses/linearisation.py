@@ -67,17 +67,15 @@ class Linearisation(NamedTuple):
         # A step's tangent is stiffness/2 + damping/dt: the same forms as those of the motion.
         model, start = Model(self.model.scene, EnergyMomentum()), self.start
         reduction, forms, equations = model.reduction, model.forms, Equations(model)
-        values = np.empty((2, len(reduction.pattern[1])))
-        for dt, row in zip((MOMENT, 2 * MOMENT), values, strict=True):
+        tangents = []
+        for dt in (MOMENT, 2 * MOMENT):
             equations.begin(moment(start.t, dt), start)
             D = reduction.expand(np.zeros(reduction.free), np.zeros(reduction.driven))
             r = forms.internal_force(D)
             forms.assemble_stiffness()
-            reduction.fill(forms.stiffness.data, r, row)
-        data = 2 * MOMENT * (values[0] - values[1])
-        check_damping(data, f"{what}: the damping at rest")
-        indptr, indices = reduction.pattern
-        C = scipy.sparse.csr_matrix((data, indices, indptr), (reduction.free,) * 2)
+            tangents.append(equations.tangent(r))
+        C = (2 * MOMENT * (tangents[0] - tangents[1])).tocsr()
+        check_damping(C.data, f"{what}: the damping at rest")
         C = C[self.unknowns][:, self.unknowns]
         C.eliminate_zeros()
         return C

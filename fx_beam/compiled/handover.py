@@ -11,11 +11,11 @@ from typing import Any
 
 import numpy as np
 
-from fx_beam.coupling.index_reduction import Tables
+from fx_beam.coupling.index_reduction import Tables, TieTables
 from fx_beam.fem import dolfinx_api, ffcx_api
 from fx_beam.fem.nodal_rules import NodalRules
 from fx_beam.mechanics.rates import MidPointRates, NewmarkRates
-from fx_beam.model.joint_forces import JointForces
+from fx_beam.model.joint_forces import JointForces, Passing
 from fx_beam.model.model import Model
 from fx_beam.stepping.newton import NewtonOptions
 
@@ -67,7 +67,7 @@ class Problem:
         self._hand_over_motors()
         self._hand_over_actuators()
         if joint_forces is not None:
-            self._hand_over_joint_forces(tables, joint_forces)
+            self._hand_over_joint_forces(joint_forces)
         hand_over_tolerances(self.c, options)
         self._allocate()
 
@@ -256,7 +256,8 @@ class Problem:
             raise LoopUnavailable("the scene has no unknowns")
         loops = reduction.loop_tables()
         # Rows of unknowns that close loops are no forces, by which errors are judged.
-        self.factors = factors = factors_of(*reduction.pattern, loops is None)
+        ties = reduction.dependent if reduction.dependent.size else None
+        self.factors = factors = factors_of(*reduction.pattern, loops is None, ties)
         at, stored = factors.at, factors.size
         if not factors.band:  # the tangent is stored apart
             indptr, indices = reduction.pattern
@@ -265,20 +266,23 @@ class Problem:
             self._ints(tangent_start=indptr, tangent_column=indices, factor_at=factors.at)
         alone = alone_in_column(t, self.model.size, reduction.free)
         alone[self.model.actuators.turns()] = False  # springs and dampers act there as well
+        if t.ties:
+            alone[np.isin(self.model.couplings.column, t.ties.ints["tie_column"])] = False
         if loops is not None:
             alone[np.isin(self.model.couplings.column, loops.ints["loop_column"])] = False
             for name, value in loops.numbers.items():
                 setattr(p, name, value)
             self._ints(**loops.ints, **{name: at[k] for name, k in loops.places.items()})
             self._doubles(**loops.doubles)
+        padding = [*factors.padding, *self._hand_over_ties(t.ties, at)]
         at, stored = storage_of(reduction, at, stored)
         place, p.places = places_of_entries(t, self.model.forms.stiffness, alone, at, stored)
         self._kept(hand_over_sliders(self.ffi, p, reduction, at, self._pointer))
         p.band, p.chain, p.reacting = factors.band, factors.chain, np.count_nonzero(~alone)
-        p.paddings = len(factors.padding)
+        p.paddings = len(padding)
         self._ints(
             order=factors.order,
-            padding=factors.padding,
+            padding=padding,
             factor_start=factors.starts,
             factor_diagonal=factors.diagonals,
             reacts=np.flatnonzero(~alone),
@@ -301,6 +305,22 @@ class Problem:
                 else:
                     self._ints(**{f"{name}_{key}": values})
         return place
+
+    def _hand_over_ties(self, ties: TieTables | None, at: np.ndarray) -> np.ndarray:
+        """Hand over the ties; returns the storage indices of their diagonals, which are 1.
+
+        `at` has those of the entries of the pattern.
+        """
+        p = self.c
+        p.unknowns = p.free
+        if ties is None:
+            return np.empty(0, int)
+        for name, value in ties.numbers.items():
+            setattr(p, name, value)
+        at = np.append(at, -1)  # for what is no unknown
+        self._ints(**ties.ints, **{name: at[k] for name, k in ties.places.items()})
+        self._doubles(tie_sign=ties.sign)
+        return at[ties.ones]
 
     def _hand_over_motors(self) -> None:
         model = self.model
@@ -331,26 +351,13 @@ class Problem:
         self._ints(push_column=pushes["column"], push_of=pushes["of"])
         self._doubles(push_sign=pushes["sign"])
 
-    def _hand_over_joint_forces(self, t: Tables, joint_forces: JointForces) -> None:
-        joints = self.model.scene.joints
-        self.c.scene_joints = len(joints)
-        sums, turning = joint_forces.tables
-        # Joints that depend on the motion, by their guiding node.
-        carriers = np.array([joints[n].a.number for n in t.joints["number"]], dtype=int)
-        on_nodes = np.flatnonzero(carriers >= 0)
-        levers = turning[:, carriers[on_nodes]].tocsr()
-        levers.sort_indices()
-        moments = self.model.actuators.moment_terms(turning)
-        self.c.moments = len(moments["of"])
-        self._ints(
-            sum_start=sums.indptr,
-            sum_of=sums.indices,
-            lever_joint_start=levers.indptr,
-            lever_joint=on_nodes[levers.indices],
-            moment_joint=moments["joint"],
-            moment_of=moments["of"],
-        )
-        self._doubles(sum_sign=sums.data, lever_sign=levers.data, moment_sign=moments["sign"])
+    def _hand_over_joint_forces(self, joint_forces: JointForces) -> None:
+        self.c.scene_joints = len(self.model.scene.joints)
+        both = joint_forces.displacements, joint_forces.rotations
+        parts = {name: np.concatenate([getattr(p, name) for p in both]) for name in Passing._fields}
+        self.c.passes, self.c.passes_of_forces = len(parts["dof"]), len(both[0].dof)
+        self._ints(pass_dof=parts["dof"], pass_to=parts["to"], pass_of=parts["of"])
+        self._doubles(pass_sign=parts["sign"])
 
     def _allocate(self) -> None:
         model, reduction = self.model, self.model.reduction

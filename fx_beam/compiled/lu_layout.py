@@ -10,6 +10,7 @@ from scipy.sparse.csgraph import reverse_cuthill_mckee
 from scipy.sparse.linalg import splu
 
 from fx_beam.coupling.index_reduction import Tables
+from fx_beam.coupling.tied_order import tied_fill_in
 from fx_beam.kept import kept
 
 # Up to this half bandwidth a band is always faster: the compiler unrolls its loops.
@@ -72,12 +73,22 @@ class Factors(NamedTuple):
 
 
 @kept
-def factors_of(indptr: np.ndarray, indices: np.ndarray, keep: bool = True) -> Factors:
-    """Band storage if the bandwidth is small enough, otherwise sparse rows, to keep if it pays."""
+def factors_of(
+    indptr: np.ndarray,
+    indices: np.ndarray,
+    keep: bool = True,
+    dependent: np.ndarray | None = None,
+) -> Factors:
+    """Band storage if the bandwidth is small enough, otherwise sparse rows, to keep if it pays.
+
+    With ties (`Reduction.dependent`): sparse rows, from the leaves of trees to the roots.
+    """
     n = len(indptr) - 1
     graph = scipy.sparse.csr_matrix((np.ones(len(indices)), indices, indptr), (n, n))
     graph = (graph + graph.T + scipy.sparse.identity(n)).tocsr()
     rows = np.repeat(np.arange(n), np.diff(indptr))
+    if dependent is not None:
+        return _in_rows(graph, rows, indices, dependent)
     banded = _in_band(graph, rows, indices)
     if banded.band <= _NARROW:
         return banded
@@ -117,12 +128,21 @@ def _in_chain(order: np.ndarray, rows: np.ndarray, columns: np.ndarray) -> Facto
     return Factors(order, at, size, 2 * _GROUP - 1, none, none, chain, padding)
 
 
-def _in_rows(graph: scipy.sparse.csr_matrix, rows: np.ndarray, columns: np.ndarray) -> Factors:
+def _in_rows(
+    graph: scipy.sparse.csr_matrix,
+    rows: np.ndarray,
+    columns: np.ndarray,
+    dependent: np.ndarray | None = None,
+) -> Factors:
     """Sparse rows in minimum-degree order, with room for exactly the fill-in."""
-    n, group_of = graph.shape[0], _alike(graph)
+    n, group_of = graph.shape[0], _alike(graph, dependent)
     count = int(group_of.max()) + 1
     members = scipy.sparse.csr_matrix((np.ones(n), group_of, np.arange(n + 1)), (n, count))
-    place, starts, filled = _fill_in(members.T @ graph @ members)
+    of_groups = (members.T @ graph @ members).tocsr()
+    if dependent is None:
+        place, starts, filled = _fill_in(of_groups)
+    else:
+        place, starts, filled = tied_fill_in(of_groups, np.bincount(group_of), group_of[dependent])
     group_of = place[group_of]
     sizes = np.bincount(group_of).astype(np.int32)
     first, order = _starts(sizes), np.empty(n, dtype=np.int32)
@@ -162,13 +182,15 @@ def _groups(first: np.ndarray, of: np.ndarray, filled: np.ndarray) -> Groups:
     return Groups(first, source_starts, filled[below], run_starts, columns, ends - columns)
 
 
-def _alike(graph: scipy.sparse.csr_matrix) -> np.ndarray:
-    """Group (n,) of each unknown: up to three that are coupled with the same ones."""
+def _alike(graph: scipy.sparse.csr_matrix, dependent: np.ndarray | None) -> np.ndarray:
+    """Group (n,) of each unknown: up to three, all ties or none, coupled with the same ones."""
     n = graph.shape[0]
     # Sums of random numbers of the columns: equal for equal columns, else hardly ever.
     number = np.random.default_rng(0).integers(1, 2**62, n, dtype=np.int64)
     sums = np.concatenate([[0], np.cumsum(number[graph.indices])])  # modulo 2^64
     sums = sums[graph.indptr[1:]] - sums[graph.indptr[:-1]]
+    if dependent is not None:
+        sums[np.unique(dependent[0])] += 1
     by_sum = np.argsort(sums, kind="stable")
     new = np.diff(sums[by_sum], prepend=sums[by_sum[0]] - 1) != 0
     since = np.arange(n) - np.maximum.accumulate(np.where(new, np.arange(n), 0))

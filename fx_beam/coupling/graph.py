@@ -1,8 +1,7 @@
-"""Which degrees of freedom the joints eliminate: trees of coupled nodes, columns of unknowns."""
+"""Which degrees of freedom the joints eliminate: columns of unknowns, and sums over trees."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -14,26 +13,17 @@ from fx_beam.scene.joints import GROUND, Joint
 from fx_beam.scene.scene import Scene
 from fx_beam.scene.sliders import SlidingJoint, sliding_joints
 
-from .sliding_order import hold_sliding_nodes, with_order
+from .forest import Branch, grown_forests
+from .sliding_order import with_order
 
 #: An entry of a coupling: column, position of its value (0 is the constant 1), and sign.
 Entry = tuple[int, int, float]
+# Trees in which a degree of freedom would be a sum of more entries than the first number are tied:
+# sums then have as many entries as the second, or the few more of one joint. More entries make more
+# products in the tangent, more ties make it larger.
+_LONG, _REACH = 14, 6
 # Key of the ground's column, which is fixed.
 _GROUND = ("ground",)
-
-
-@dataclass(frozen=True)
-class Branch:
-    """A node that a joint couples to its parent in a tree."""
-
-    node: int
-    parent: int
-    joint: Joint
-
-    @property
-    def sign(self) -> float:
-        """1 where b follows a, -1 where a follows b."""
-        return 1.0 if self.node == self.joint.b.number else -1.0
 
 
 @dataclass(frozen=True)
@@ -48,14 +38,30 @@ class Closure:
 
 
 @dataclass(frozen=True)
+class Tie:
+    """A degree of freedom in a long tree that has a column of its own, which depends on others.
+
+    What follows it refers to this column, not to all columns on the way from the root. Newton's
+    method does not know it; its linear system has it as an unknown, with the sum as an equation.
+    """
+
+    dof: int
+    #: Entries of its sum; those of columns of ties are of earlier ones.
+    entries: list[Entry]
+    #: Arms of joints in it: 2 m for x and 2 m + 1 for y, for joint m of `Couplings.moving`.
+    arms: list[int]
+
+
+@dataclass(frozen=True)
 class Couplings:
     """All degrees of freedom as functions of the remaining columns.
 
     Order of columns: free degrees of freedom and slides; driven (prescribed motions, then motors);
     fixed, with one for the ground; those of nodes that slide on beams, which depend on the others.
+    Behind them are those of ties.
     """
 
-    #: Number of free columns, of driven ones, and of all.
+    #: Number of free columns, of driven ones, and of all but the ties.
     free: int
     driven: int
     columns: int
@@ -69,8 +75,12 @@ class Couplings:
     moving: list[Joint]
     #: For x, y and rotation (3, joints): 1 if b follows a, -1 if a follows b, 0 if neither does.
     sign: np.ndarray
-    #: For x, y and rotation, and for each joint: the nodes that follow through it.
-    subtree: list[list[np.ndarray]]
+    #: Arms of joints in each sum of `sums`, as in `Tie`.
+    arms: dict[int, list[int]]
+    #: Ties, those of rotations first.
+    ties: list[Tie]
+    #: For x, y and rotation: the nodes that follow others through joints, parents first.
+    forests: list[list[Branch]]
     #: Joints of nodes that slide on beams: each after those on whose nodes its beam depends.
     sliding: list[SlidingJoint]
     #: Columns of the nodes that slide, by the number of the joint.
@@ -136,76 +146,120 @@ class Couplings:
 
 def couple(scene: Scene, mesh: Mesh) -> Couplings:
     """Couplings of a scene; SceneError for joints that over-constrain, with their names."""
-    forests, closing = _forests(scene)
+    forests, closing = grown_forests(scene)
     columns = _Columns(scene, mesh, forests)
     moving = [b.joint for b in forests[0] if not b.joint.is_index]
     moving += [joint for joint in closing[0] if not joint.is_index]
-    place = {joint.number: 1 + 4 * m for m, joint in enumerate(moving)}
-    ground = [(columns.of[_GROUND], 0, 1.0)] if _GROUND in columns.of else []
-    #: Entries of the nodes that follow through a joint.
-    entries: dict[tuple[int, int], list[Entry]] = {(GROUND.number, i): ground for i in range(3)}
-
-    def entries_of(node: int, component: int) -> list[Entry]:
-        root = int(columns.of_roots[node, component]) if node >= 0 else -1
-        return entries[node, component] if root < 0 else [(root, 0, 1.0)]
-
-    for branch in forests[2]:
-        own = list(entries_of(branch.parent, 2))
-        if branch.joint.rotation is not None:
-            own.append((columns.of["motor", branch.joint.number], 0, branch.sign))
-        entries[branch.node, 2] = own
-
-    def entries_of_arm(joint: Joint, i: int, side: float) -> list[Entry]:
-        if joint.number not in place:
-            return []
-        first = place[joint.number] + i
-        turn = entries_of(joint.a.number, 2)
-        own = [(column, first, sign * side) for column, _, sign in turn]
-        if joint.slide is not None:
-            own.append((columns.slides[joint.number], first + 2, side))
-        return own
-
-    for i in (0, 1):
-        for branch in forests[i]:
-            arm = entries_of_arm(branch.joint, i, branch.sign)
-            entries[branch.node, i] = [*entries_of(branch.parent, i), *arm]
-    closures = []
-    for i in (0, 1):
-        for joint in closing[i]:
-            total: dict[tuple[int, int], float] = {}
-            ends = (1.0, entries_of(joint.b.number, i)), (-1.0, entries_of(joint.a.number, i))
-            for side, own in (*ends, (1.0, entries_of_arm(joint, i, -1.0))):
-                for *key, sign in own:
-                    total[key[0], key[1]] = total.get((key[0], key[1]), 0.0) + side * sign
-            gap = [(at, value, sign) for (at, value), sign in total.items() if sign]
-            closures.append(Closure(joint, i, gap))
-
+    whole = any(closing[:2]) or columns.carried
+    sums = _Sums(mesh, columns, forests, moving, tied=not whole)
     column = np.empty(mesh.dofs.size, dtype=int)
     column[mesh.dofs] = columns.of_roots
-    sums = {}
-    for (node, component), own in entries.items():
-        if node < 0:
+    of_sums, arms = {}, {}
+    for key, (own, through) in sums.of.items():
+        if key[0] < 0:
             continue
-        dof = int(mesh.dofs[node, component])
+        dof = int(mesh.dofs[key])
         if len(own) == 1 and own[0][1:] == (0, 1.0):
             column[dof] = own[0][0]
         else:
-            sums[dof] = own
+            column[dof], of_sums[dof], arms[dof] = -1, own, through
     couplings = Couplings(
         free=columns.free,
         driven=columns.driven,
         columns=columns.count,
         column=column,
-        sums=sums,
+        sums=of_sums,
         slides=columns.slides,
         moving=moving,
         sign=np.array([_signs(forest, len(scene.joints)) for forest in forests]),
-        subtree=[_descendants(forest, len(scene.joints)) for forest in forests],
+        arms=arms,
+        ties=sums.ties,
+        forests=forests,
         sliding=sliding_joints(scene.joints),
         carried=columns.carried,
-        closures=closures,
+        closures=[sums.closure(joint, i) for i in (0, 1) for joint in closing[i]],
     )
-    return with_order(scene, mesh, couplings, forests) if couplings.sliding else couplings
+    return with_order(scene, mesh, couplings) if couplings.sliding else couplings
+
+
+class _Sums:
+    """The sums of entries that the nodes of trees are, and the ties that keep them short."""
+
+    def __init__(
+        self,
+        mesh: Mesh,
+        columns: _Columns,
+        forests: list[list[Branch]],
+        moving: list[Joint],
+        tied: bool,
+    ):
+        self._dofs, self._columns, self._tied = mesh.dofs, columns, tied
+        self._number = {joint.number: m for m, joint in enumerate(moving)}
+        ground = [(columns.of[_GROUND], 0, 1.0)] if _GROUND in columns.of else []
+        #: Entries and arms of the nodes that follow through a joint, by node and component.
+        self.of: dict[tuple[int, int], tuple[list[Entry], list[int]]] = {
+            (GROUND.number, i): (ground, []) for i in range(3)
+        }
+        self.ties: list[Tie] = []
+        for i in (2, 0, 1):
+            long = self._in_long_trees(forests[i], i)
+            for branch in forests[i]:
+                own, arms = self._at(branch.parent, i)
+                more, through = self._of_joint(branch.joint, i, branch.sign)
+                self._set((branch.node, i), own + more, arms + through, branch.node in long)
+
+    def _at(self, node: int, component: int) -> tuple[list[Entry], list[int]]:
+        root = int(self._columns.of_roots[node, component]) if node >= 0 else -1
+        return self.of[node, component] if root < 0 else ([(root, 0, 1.0)], [])
+
+    def _of_joint(self, joint: Joint, i: int, side: float) -> tuple[list[Entry], list[int]]:
+        """Entries that a joint adds: of a motor's rotation, or of the arm between its nodes."""
+        if i == 2:
+            if joint.rotation is None:
+                return [], []
+            return [(self._columns.of["motor", joint.number], 0, side)], []
+        if joint.number not in self._number:
+            return [], []
+        m = self._number[joint.number]
+        first = 1 + 4 * m + i
+        turn, _ = self._at(joint.a.number, 2)
+        own = [(column, first, sign * side) for column, _, sign in turn]
+        if joint.slide is not None:
+            own.append((self._columns.slides[joint.number], first + 2, side))
+        return own, [2 * m + i]
+
+    def _set(
+        self, key: tuple[int, int], own: list[Entry], arms: list[int], in_long_tree: bool
+    ) -> None:
+        if in_long_tree and len(own) > _REACH:
+            self.ties.append(Tie(int(self._dofs[key]), own, arms))
+            own, arms = [(self._columns.count + len(self.ties) - 1, 0, 1.0)], []
+        self.of[key] = own, arms
+
+    def _in_long_trees(self, forest: list[Branch], i: int) -> set[int]:
+        """Nodes of trees in which a sum has many entries without ties."""
+        if not self._tied:
+            return set()
+        entries, roots = dict[int, int](), dict[int, int]()
+        most = dict[int, int]()
+        for branch in forest:
+            node, parent = branch.node, branch.parent
+            # What hangs on the ground are trees of their own.
+            roots[node] = root = roots.get(parent, node if parent == GROUND.number else parent)
+            added = len(self._of_joint(branch.joint, i, 1.0)[0])
+            entries[node] = entries.get(parent, 1) + added
+            most[root] = max(most.get(root, 0), entries[node])
+        return {node for node, root in roots.items() if most[root] > _LONG}
+
+    def closure(self, joint: Joint, i: int) -> Closure:
+        """The equation by which a joint closes a loop in a component."""
+        total: dict[tuple[int, int], float] = {}
+        a, b = (self._at(node.number, i)[0] for node in (joint.a, joint.b))
+        for side, own in ((1.0, b), (-1.0, a), (1.0, self._of_joint(joint, i, -1.0)[0])):
+            for *key, sign in own:
+                total[key[0], key[1]] = total.get((key[0], key[1]), 0.0) + side * sign
+        gap = [(at, value, sign) for (at, value), sign in total.items() if sign]
+        return Closure(joint, i, gap)
 
 
 class _Columns:
@@ -264,135 +318,8 @@ def motors(scene: Scene) -> list[tuple[Joint, str]]:
     return found
 
 
-def _forests(scene: Scene) -> tuple[list[list[Branch]], list[list[Joint]]]:
-    """Trees of x, y and rotation, and the joints that close loops in each.
-
-    Of two joined nodes, one may be fixed in x and the other in y. If only one component of a tree
-    is fixed, the other component has the same root.
-    """
-    held = [{n for n, part in {*scene.fixed, *scene.prescribed} if part == i} for i in range(3)]
-    sliding = hold_sliding_nodes(scene.joints, held)
-    joints = [joint for joint in scene.joints if joint not in sliding]
-    turning = [joint for joint in joints if joint.turns_together]
-    found = [
-        _forest(scene, joints, held[0], held[1], "displacement in x"),
-        _forest(scene, joints, held[1], held[0], "displacement in y"),
-        _forest(scene, turning, held[2], set(), "rotation"),
-    ]
-    forests, closing = zip(*found, strict=True)
-    return list(forests), list(closing)
-
-
-def _forest(
-    scene: Scene, joints: Iterable[Joint], supported: set[int], preferred: set[int], what: str
-) -> tuple[list[Branch], list[Joint]]:
-    """Joints as branches of trees, parents first; a supported node or the ground is a root.
-
-    Otherwise the root is a preferred node, or the one with the smallest number. Also the joints
-    that close loops with an arm that turns or slides; other loops are over-constrained.
-    """
-    neighbours: dict[int, list[tuple[int, Joint]]] = {}
-    trees: dict[int, int] = {}
-    anchors = {node: node for node in {*supported, GROUND.number}}
-    closing: list[Joint] = []
-
-    def tree(node: int) -> int:
-        while (above := trees.setdefault(node, node)) != node:
-            trees[node] = trees[above]  # halves the path for the next search
-            node = above
-        return node
-
-    for joint in joints:
-        a, b = joint.a.number, joint.b.number
-        closed = tree(a) == tree(b)
-        loop = [*_path(neighbours, a, b), joint] if closed else []
-        if not closed and tree(a) in anchors and tree(b) in anchors:
-            loop = [*_path(neighbours, anchors[tree(a)], a), joint]
-            loop += _path(neighbours, b, anchors[tree(b)])
-        if what != "rotation" and not all(other.is_index for other in loop):
-            closing.append(joint)
-            continue
-        if closed:
-            _refuse(scene, loop, f"they close a loop in which each joint couples the {what}")
-        if tree(a) in anchors:
-            anchors.setdefault(tree(b), anchors[tree(a)])
-        trees[tree(a)] = tree(b)
-        neighbours.setdefault(a, []).append((b, joint))
-        neighbours.setdefault(b, []).append((a, joint))
-
-    branches: list[Branch] = []
-    reached: set[int] = set()
-
-    def grow(root: int) -> None:
-        reached.add(root)
-        queue = [root]
-        for parent in queue:
-            for node, joint in neighbours.get(parent, []):
-                if node in reached:
-                    continue
-                if node in supported or node == GROUND.number:
-                    path = _path(neighbours, root, node)
-                    first, second = (
-                        GROUND if n == GROUND.number else scene.nodes[n] for n in (root, node)
-                    )
-                    reason = (
-                        f"the {what} of {first} and of {second} are both supported; support one of "
-                        "them only"
-                    )
-                    _refuse(scene, path, reason)
-                reached.add(node)
-                branches.append(Branch(node, parent, joint))
-                queue.append(node)
-
-    found = sorted(neighbours)
-    roots = [n for n in found if n in supported or n == GROUND.number]
-    for root in [*roots, *(n for n in found if n in preferred), *found]:
-        if root not in reached:
-            grow(root)
-    return branches, closing
-
-
-def _path(neighbours, start: int, end: int) -> list[Joint]:
-    """Joints between two nodes of a tree."""
-    came: dict[int, tuple[int, Joint] | None] = {start: None}
-    queue = [start]
-    for node in queue:
-        for other, joint in neighbours.get(node, []):
-            if other not in came:
-                came[other] = (node, joint)
-                queue.append(other)
-    joints = []
-    step = came[end]
-    while step is not None:
-        joints.append(step[1])
-        step = came[step[0]]
-    return joints
-
-
-def _refuse(scene: Scene, joints, reason: str) -> None:
-    names = "; ".join(str(joint) for joint in joints)
-    if sliding_joints(scene.joints) and "both supported" in reason:
-        reason += ", where a beam supports the node that slides on it"
-    raise SceneError(
-        f"over-constrained: {names}: {reason}. Remove one of them, or release a degree of freedom "
-        "by a slide, a free rotation, or a beam between the nodes"
-    )
-
-
 def _signs(branches: list[Branch], joints: int) -> np.ndarray:
     signs = np.zeros(joints)
     for branch in branches:
         signs[branch.joint.number] = branch.sign
     return signs
-
-
-def _descendants(branches: list[Branch], joints: int) -> list[np.ndarray]:
-    """Nodes that follow through each joint, the branch's node included."""
-    below: dict[int, list[int]] = {b.node: [b.node] for b in branches}
-    for branch in reversed(branches):
-        if branch.parent in below:
-            below[branch.parent] += below[branch.node]
-    found: list[np.ndarray] = [np.empty(0, dtype=int)] * joints
-    for branch in branches:
-        found[branch.joint.number] = np.array(below[branch.node])
-    return found

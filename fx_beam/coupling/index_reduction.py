@@ -14,6 +14,17 @@ import scipy.sparse
 from fx_beam.kept import kept
 
 
+class TieTables(NamedTuple):
+    """Ties for the compiled loop, by the names in problem.h."""
+
+    numbers: dict[str, int]
+    ints: dict[str, np.ndarray]
+    sign: np.ndarray
+    #: Entries of the reduced tangent, -1 for none; those that are 1.
+    places: dict[str, np.ndarray]
+    ones: np.ndarray
+
+
 class Tables(NamedTuple):
     """Couplings for the compiled loop: dictionaries of arrays of equal length."""
 
@@ -32,6 +43,7 @@ class Tables(NamedTuple):
     geometric: dict
     #: Derivatives of the forces of springs and dampers: to, of, side and sign.
     restoring: dict
+    ties: TieTables | None
 
 
 class LoopTables(NamedTuple):
@@ -51,8 +63,11 @@ class Reduction(Protocol):
     free: int
     driven: int
     columns: int
-    #: Sparsity (indptr, indices) of the reduced matrix in compressed rows.
+    #: Sparsity (indptr, indices) of the reduced matrix in compressed rows: of the unknowns, and
+    #: of what `Ties` adds behind them.
     pattern: tuple[np.ndarray, np.ndarray]
+    #: Unknowns (2, m) of ties in it, and those on which they depend.
+    dependent: np.ndarray
     #: Why no step can begin here; empty if it can.
     singularity: str
 
@@ -96,8 +111,11 @@ class Reduction(Protocol):
     def carried(self, r: np.ndarray) -> np.ndarray:
         """Forces (size,) with those of sliding nodes on their beams."""
 
-    def guide_moments(self, r: np.ndarray) -> np.ndarray | None:
-        """Moments of offset and sliding joints on their nodes a, for forces r."""
+    def guide_moments(self, forces: np.ndarray) -> np.ndarray | None:
+        """Moments of offset and sliding joints on their nodes a, for their forces (joints, 2)."""
+
+    def condensed(self, tangent: scipy.sparse.csr_matrix) -> scipy.sparse.csr_matrix:
+        """The tangent (free, free) of the unknowns, from one with the sparsity of `pattern`."""
 
     def loop_tables(self) -> LoopTables | None:
         """The closed loops as lists of numbers, for the compiled loop; None without any."""
@@ -114,6 +132,7 @@ class WithoutLoops:
 
     free: int
     columns: int
+    dependent = np.empty((2, 0), int)
     singularity = ""
 
     @property
@@ -189,7 +208,11 @@ class IndexReduction(WithoutLoops):
         """The forces: no node slides on a beam."""
         return r
 
-    def guide_moments(self, r):
+    def condensed(self, tangent):
+        """The tangent as it is."""
+        return tangent
+
+    def guide_moments(self, forces):
         """None: without offsets and slides there are no lever arms."""
         return None
 
@@ -222,6 +245,7 @@ class IndexReduction(WithoutLoops):
             coupled={"to": none, "source": none, "hat": none, "value": none, "sign": none},
             geometric={"to": none, "joint": none, "kind": none, "sign": none},
             restoring={"to": none, "of": none, "side": none, "sign": none},
+            ties=None,
         )
 
 

@@ -12,6 +12,7 @@ from .graph import Couplings
 from .index_reduction import Tables, WithoutLoops, sparsity
 from .sliders import Slide, Sliders
 from .spring_dampers import Actuators
+from .ties import Ties
 
 # Signs of the components of W a, exchanged.
 _QUARTER_TURN = np.array([-1.0, 1.0])
@@ -20,7 +21,9 @@ _QUARTER_TURN = np.array([-1.0, 1.0])
 class JointReduction(WithoutLoops):
     """Reduction for joints whose coupling changes with the motion, motors, springs and dampers.
 
-    `matrix` has the sparsity of the full tangent.
+    `matrix` has the sparsity of the full tangent. In the linear system each tie has two unknowns,
+    its displacement u and the force on what it follows. Their rows are the tie's equation, and the
+    balance of u.
     """
 
     def __init__(
@@ -33,16 +36,18 @@ class JointReduction(WithoutLoops):
         sliders: Sliders | None = None,
     ):
         self.sliders = sliders
-        #: Index of each column in the tangent; -1 where it is no unknown.
-        self._index = np.arange(couplings.columns)
-        self._index[couplings.free :] = -1
-        if sliders is not None:
-            self._index = sliders.index
         self.free, self.driven = couplings.free, couplings.driven
         self.columns = couplings.columns
+        self.ties = Ties(couplings)
+        self.dependent = self.ties.dependent
+        #: Column of the tangent that belongs to each column, and row of its forces; -1 where it is
+        #: no unknown.
+        self._index, self._row_index = self.ties.columns_of_unknowns, self.ties.rows_of_unknowns
+        if sliders is not None:
+            self._index = self._row_index = sliders.index
         self._rates, self._actuators, self._dofs = rates, actuators, dofs
         self._size = matrix.shape[0]
-        self._z = np.zeros(self.columns)
+        self._z = np.zeros(self.columns + len(self.ties))
         rows, columns, places, signs = couplings.all_entries()
         self._row, self._col, self._place = rows, columns, places
         self._sign = signs
@@ -66,11 +71,8 @@ class JointReduction(WithoutLoops):
         )
         self._slide = np.array([couplings.slides.get(j.number, -1) for j in moving], dtype=int)
         # Rows that follow through joint m: 2 m for those in x, 2 m + 1 for those in y.
-        below = [
-            self._dofs[couplings.subtree[i][joint.number], i] for joint in moving for i in (0, 1)
-        ]
-        self._below = np.concatenate([np.empty(0, int), *below])
-        self._through = np.repeat(np.arange(len(below)), [len(rows) for rows in below])
+        pairs = [(dof, arm) for dof, arms in couplings.arms.items() for arm in arms]
+        self._below, self._through = np.array(pairs, dtype=int).reshape(-1, 2).T
         self._values, self._hat = (np.ones(1 + 4 * len(moving)) for _ in range(2))
 
     def _build_products(self, couplings: Couplings, matrix) -> None:
@@ -90,9 +92,13 @@ class JointReduction(WithoutLoops):
         source, left, right = _products(self._row, moves, matrix.indptr, matrix.indices)
         others = np.array([p[:2] for p in (*geometric, *restoring)], dtype=int).reshape(-1, 2)
         pairs = np.vstack([np.column_stack([self._col[left], self._col[right]]), others])
-        place = self._set_pattern(*self._index[pairs.T])
-        cuts = np.cumsum([len(source), len(geometric)])
-        place, self._geometric_place, self._restoring_place = np.split(place, cuts)
+        rows, columns = self._row_index[pairs[:, 0]], self._index[pairs[:, 1]]
+        place = self._set_pattern(
+            np.concatenate([rows, self.ties.rows]), np.concatenate([columns, self.ties.columns])
+        )
+        cuts = np.cumsum([len(source), len(geometric), len(restoring)])
+        parts = np.split(place, cuts)
+        place, self._geometric_place, self._restoring_place, self._tied_place = parts
         hats, values = self._place[left], self._place[right]
         signs = self._sign[left] * self._sign[right]
         direct = (hats == 0) & (values == 0) & (signs == 1)
@@ -105,7 +111,7 @@ class JointReduction(WithoutLoops):
         """Set the pattern; returns the places of entries in the tangent before the elimination."""
         sliders, free = self.sliders, self.free
         if sliders is None:
-            self.pattern, place = sparsity(rows, columns, free)
+            self.pattern, place = sparsity(rows, columns, free + 2 * len(self.ties))
             return place
         sliders.add_to_pattern(rows, columns)
         i, j = np.divmod(sliders.keys[sliders.kept], sliders.size)
@@ -141,6 +147,7 @@ class JointReduction(WithoutLoops):
             coupled={"to": to, "source": source, "hat": hat, "value": value, "sign": sign},
             geometric={"to": self._geometric_place, "joint": joint, "kind": kind, "sign": signs},
             restoring={"to": self._restoring_place, **self._actuators.stiffness_terms()},
+            ties=self.ties.tables(self._tied_place),
         )
 
     # -- A step -----------------------------------------------------------------------------------
@@ -149,6 +156,7 @@ class JointReduction(WithoutLoops):
         """Set the start of a step."""
         guide = self._guide
         self._psi0 = np.where(guide >= 0, q[guide], 0.0) if len(guide) else np.empty(0)
+        self._arm_steps = np.zeros(2 * len(guide))
         self._d0 = slides[[joint.number for joint in self._moving]]
         self._rho0 = _turn(self._psi0, self._offset + self._d0[:, None] * self._axis)
         self._t0 = _turn(self._psi0, self._axis)
@@ -160,7 +168,13 @@ class JointReduction(WithoutLoops):
         z = self._z
         z[: self.free] = y
         z[self.free : self.free + self.driven] = driven
-        D = self._expand(z)
+        if len(self.ties):
+            # First those of rotations, on which the arms of joints depend.
+            for _ in range(2):
+                self.ties.set_increments(z, self._arm_steps)
+                D = self._expand(z)
+        else:
+            D = self._expand(z)
         for slide in self._sliding:  # a beam may hang on a node that slides on another one
             slide.relation.set(D[slide.dofs], float(z[slide.column]))
             z[slide.columns] = slide.relation.increment
@@ -178,8 +192,8 @@ class JointReduction(WithoutLoops):
             psi1, d1 = self._psi0 + Dpsi, self._d0 + Dd
             self._rho1 = _turn(psi1, self._offset + d1[:, None] * self._axis)
             self._t1 = _turn(psi1, self._axis)
-            step = self._joint_sign * (self._rho1 - self._rho0)
-            np.add.at(D, self._below, step.ravel()[self._through])
+            self._arm_steps = (self._joint_sign * (self._rho1 - self._rho0)).ravel()
+            np.add.at(D, self._below, self._arm_steps[self._through])
 
             # Virtual displacements that reproduce the step's increment and a rigid rotation:
             # W (rho0 + rho1)/2, and (t0 + t1)/2 times 1 + Dtheta^2/4 = dDtheta/dDpsi.
@@ -206,14 +220,44 @@ class JointReduction(WithoutLoops):
         return self._spread(z)
 
     def _spread(self, z):
+        if len(self.ties):
+            z = np.append(z, np.zeros(len(self.ties)))
+            self.ties.set_changes(z, self._values)
         weights = z[self._col] * self._values[self._place] * self._sign
         return np.bincount(self._row, weights, self._size)
+
+    def gather(self, r):
+        """Forces on all columns without That, springs and sliding nodes: T^T r, in a tree."""
+        weights = r[self._row] * self._values[self._place] * self._sign
+        out = np.bincount(self._col, weights, self.columns + len(self.ties))
+        self.ties.collect(out, self._values)
+        return out[: self.columns]
+
+    def normal(self, weight):
+        """T^T W T of the unknowns for a matrix W (size, size), as the linear system with ties.
+
+        Its first unknowns x solve T^T W T x = b, if b is followed by zeros.
+        """
+        moves = self._index[self._col] >= 0
+        rows, columns, places, signs = (
+            part[moves] for part in (self._row, self._col, self._place, self._sign)
+        )
+        shape = (self._size, self.columns + len(self.ties))
+        T = scipy.sparse.csr_matrix((self._values[places] * signs, (rows, columns)), shape)
+        A, n = (T.T @ weight @ T).tocoo(), self.ties.unknowns
+        rows = np.concatenate([self._row_index[A.row], self.ties.rows])
+        columns = np.concatenate([self._index[A.col], self.ties.columns])
+        entries = np.concatenate([A.data, self.ties.entries(self._values, self._values)])
+        return scipy.sparse.csc_matrix((entries, (rows, columns)), (n, n))
 
     def coupling(self):
         """The matrix of `spread`."""
         values = self._values[self._place] * self._sign
-        shape = (self._size, self.columns)
-        T = before = scipy.sparse.csr_matrix((values, (self._row, self._col)), shape)
+        shape = (self._size, self.columns + len(self.ties))
+        T = scipy.sparse.csr_matrix((values, (self._row, self._col)), shape)
+        if len(self.ties):
+            T = (T @ self.ties.completion(self._values)).tocsr()
+        before = T
         for slide in self._sliding[::-1]:  # its columns by those of its beam
             relation, place = slide.relation, np.arange(len(slide.columns))
             local = slide.local_dofs(relation.weights.first)
@@ -224,6 +268,13 @@ class JointReduction(WithoutLoops):
             others[slide.columns] = 0.0
             T = T @ scipy.sparse.diags(others) + T[:, slide.columns] @ own
         return T.tocsr()
+
+    def moves(self, dofs: np.ndarray) -> np.ndarray:
+        """Whether each unknown (free,) moves one of some degrees of freedom (size,)."""
+        own = (self._values[self._place] != 0) & dofs[self._row]
+        found = np.bincount(self._col[own], minlength=self.columns + len(self.ties)) * 1.0
+        self.ties.collect_whether(found, self._values)
+        return found[: self.free] > 0
 
     def carried(self, r):
         """Forces (size,) with those of sliding nodes on their beams."""
@@ -237,11 +288,19 @@ class JointReduction(WithoutLoops):
 
     def project(self, r):
         """Generalised forces at all columns."""
-        forces = self._actuators.forces(self.columns)
+        return self._project(r)[: self.columns]
+
+    def _project(self, r):
+        """Generalised forces at all columns and ties."""
+        count = self.columns + len(self.ties)
+        forces = self._actuators.forces(count)
         if self.sliders is not None:
             r = self.sliders.carry(r, self._hat, forces)
         weights = r[self._row] * self._hat[self._place] * self._sign
-        return np.bincount(self._col, weights, self.columns) + forces
+        out = np.bincount(self._col, weights, count) + forces
+        if len(self.ties):
+            self.ties.collect(out, self._hat)
+        return out
 
     def fill(self, values, r, out) -> None:
         """Values of the reduced tangent."""
@@ -264,6 +323,9 @@ class JointReduction(WithoutLoops):
             out += np.bincount(self._geometric_place, terms, len(out))
         if len(self._restoring_place):
             out += np.bincount(self._restoring_place, self._actuators.stiffness(), len(out))
+        if len(self.ties):
+            tied = self.ties.entries(self._values, self._hat)
+            out += np.bincount(self._tied_place, tied, len(out))
 
     def _second_order(self, r):
         """Derivatives of That^T r of each joint: (psi, psi), (psi, d) and (d, psi)."""
@@ -281,14 +343,22 @@ class JointReduction(WithoutLoops):
 
     def transmitted(self, r):
         """Forces (joints, 2) [N] of the joints on b: sums over the nodes that follow."""
-        n = len(self._moving)
-        sums = np.bincount(self._through, r[self._below], 2 * n).reshape(n, 2)
-        return sums * self._joint_sign
+        n, ties = len(self._moving), self.ties
+        sums = np.bincount(self._through, r[self._below], 2 * n)
+        if len(ties):
+            forces = self._project(r)[self.columns :]
+            sums += np.bincount(ties.arm, forces[ties.arm_tie], 2 * n)
+        return sums.reshape(n, 2) * self._joint_sign
 
-    def guide_moments(self, r):
-        """Moments (n_node,) [N m] of these joints on their nodes a."""
+    def condensed(self, tangent):
+        """The tangent (free, free) of the unknowns alone."""
+        return self.ties.condensed(tangent, self._values, self._hat)
+
+    def guide_moments(self, forces):
+        """Moments (n_node,) [N m] of these joints on their nodes a, from their forces on b."""
         lever = self._hat[1:].reshape(-1, 4)[:, :2]
-        moments = np.einsum("ij,ij->i", lever, self.transmitted(r))
+        own = forces[[joint.number for joint in self._moving]]
+        moments = np.einsum("ij,ij->i", lever, own)
         carriers = np.array([joint.a.number for joint in self._moving], dtype=int)
         total = np.zeros(len(self._dofs))
         on_nodes = carriers >= 0

@@ -71,11 +71,10 @@ def _forces(scene: Scene, couplings: Couplings, left: np.ndarray) -> np.ndarray:
         forces[one.joint.number, one.component] += own
         on_nodes[one.joint.b.number, one.component] -= own
         on_nodes[one.joint.a.number, one.component] += own  # that of the ground is the last
-    for joint in scene.joints:
-        for i in (0, 1):
-            followers = couplings.subtree[i][joint.number]
-            sign = couplings.sign[i, joint.number]
-            forces[joint.number, i] += sign * on_nodes[followers, i].sum(axis=0)
+    for i in (0, 1):
+        for branch in reversed(couplings.forests[i]):
+            forces[branch.joint.number, i] += branch.sign * on_nodes[branch.node, i]
+            on_nodes[branch.parent, i] += on_nodes[branch.node, i]
     return forces
 
 

@@ -6,8 +6,6 @@ from collections.abc import Iterable
 from dataclasses import replace
 from typing import Any
 
-import numpy as np
-
 from fx_beam.errors import SceneError
 from fx_beam.fem.mesh import Mesh
 from fx_beam.scene.beam import COMPONENTS
@@ -42,16 +40,8 @@ def hold_sliding_nodes(joints: Iterable[Joint], held: list[set[int]]) -> list[Sl
     return sliding
 
 
-def with_order(scene: Scene, mesh: Mesh, couplings: Any, forests: list[list]) -> Any:
-    """The `Couplings` whose sliding joints are in order, with what follows through them."""
-    for joint in couplings.sliding:
-        for i in range(len(couplings.carried[joint.number])):
-            below = {joint.b.number}
-            for branch in forests[i]:  # parents come first
-                if branch.parent in below:
-                    below.add(branch.node)
-            couplings.sign[i, joint.number] = 1.0
-            couplings.subtree[i][joint.number] = np.array(sorted(below))
+def with_order(scene: Scene, mesh: Mesh, couplings: Any) -> Any:
+    """The `Couplings` whose sliding joints are in order."""
     owner = {c: number for number, own in couplings.carried.items() for c in own}
     needs = {
         joint.number: {

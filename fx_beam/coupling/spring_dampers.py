@@ -261,6 +261,7 @@ class Actuators:
             joint, slides, stop = actuator.joint, actuator.turns is None, actuator.stop
             rows.append(
                 {
+                    "joint": joint.number,
                     "slide": joint.number if slides else -1,
                     "slider": sliders.index(joint.number) if joint.number in sliders else -1,
                     "column": actuator.columns[1][0][0] if slides else -1,
@@ -292,21 +293,6 @@ class Actuators:
         numbers = {id(actuator): number for number, actuator in enumerate(self._all)}
         terms = [(numbers[id(a)], side, row * column) for a, side, row, column in self._terms]
         return _table(("of", "side", "sign"), terms)
-
-    def moment_terms(self, turning) -> dict[str, list]:
-        """Their terms in the moments of joints; `turning` gives the moments of nodes in those."""
-        terms, columns = [], turning.tocsc()
-        for number, actuator in enumerate(self._all):
-            if actuator.turns is None:
-                continue
-            part = {actuator.joint.number: -1.0}
-            for node, sign in ((actuator.joint.a, -1.0), (actuator.joint.b, 1.0)):
-                if node is not GROUND:
-                    own = slice(*columns.indptr[node.number : node.number + 2])
-                    for joint, turns in zip(columns.indices[own], columns.data[own], strict=True):
-                        part[joint] = part.get(joint, 0.0) + sign * turns
-            terms += [(joint, number, part[joint]) for joint in sorted(part) if part[joint]]
-        return _table(("joint", "of", "sign"), terms)
 
     # -- Moments --------------------------------------------------------------------------------
 

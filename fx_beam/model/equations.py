@@ -116,4 +116,5 @@ class Equations:
         indptr, indices = self._reduction.pattern
         values = np.empty(len(indices))
         self.fill_tangent(r, values)
-        return scipy.sparse.csr_matrix((values, indices, indptr), (self._reduction.free,) * 2)
+        n = len(indptr) - 1
+        return self._reduction.condensed(scipy.sparse.csr_matrix((values, indices, indptr), (n, n)))

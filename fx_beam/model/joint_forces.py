@@ -2,10 +2,22 @@
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
-import scipy.sparse
 
 from .model import Model
+
+
+class Passing(NamedTuple):
+    """How forces pass through the joints of trees, from the leaves to the roots."""
+
+    #: Degree of freedom that follows through a joint, and the one that it follows; -1 for none.
+    dof: np.ndarray
+    to: np.ndarray
+    #: Index in the joint forces (joints, 3), and sign of the force on b in that on the follower.
+    of: np.ndarray
+    sign: np.ndarray
 
 
 class JointForces:
@@ -13,40 +25,52 @@ class JointForces:
 
     def __init__(self, model: Model):
         self._model = model
-        couplings, dofs = model.couplings, model.mesh.dofs
-        joints = range(len(model.scene.joints))
-        columns = [dofs[couplings.subtree[i][j], i] for j in joints for i in range(3)]
-        counts = [len(followers) for followers in columns]
-        signs = np.repeat(couplings.sign.T.ravel(), counts)
-        sums = signs, np.concatenate(columns), np.cumsum([0, *counts])
-        self._sums = scipy.sparse.csr_matrix(sums, (3 * len(joints), model.size))
-        self._sums.sort_indices()
-        turning = couplings.subtree[2]
-        counts = [len(nodes) for nodes in turning]
-        nodes = np.concatenate([np.empty(0, int), *turning])
-        turned = np.repeat(couplings.sign[2], counts), nodes, np.cumsum([0, *counts])
-        self._turning = scipy.sparse.csr_matrix(turned, (len(joints), len(dofs)))
+        #: For displacements, and for rotations.
+        self.displacements, self.rotations = self._passing((0, 1)), self._passing((2,))
 
-    @property
-    def tables(self) -> tuple[scipy.sparse.csr_matrix, scipy.sparse.csr_matrix]:
-        """Sums over nodal forces, three rows per joint, and over moments of the guiding nodes."""
-        return self._sums, self._turning
+    def _passing(self, components: tuple[int, ...]) -> Passing:
+        couplings, dofs = self._model.couplings, self._model.mesh.dofs
+        rows = [
+            (dofs[b.node, i], dofs[b.parent, i] if b.parent >= 0 else -1, b.joint.number, i, b.sign)
+            for i in components
+            for b in reversed(couplings.forests[i])
+        ]
+        rows += [
+            (dofs[joint.b.number, i], -1, joint.number, i, 1.0)
+            for joint in couplings.sliding
+            for i in components
+            if i < len(couplings.carried[joint.number])
+        ]
+        dof, to, joint, component, sign = np.array(rows, dtype=float).reshape(-1, 5).T
+        return Passing(dof.astype(int), to.astype(int), (3 * joint + component).astype(int), sign)
 
     def evaluate(self, r: np.ndarray) -> np.ndarray:
         """Force [N] and moment [N m] of each joint (joints, 3).
 
         `r` (size,) has the forces and couples of supports and joints on the nodes.
         """
-        reduction = self._model.reduction
-        r = reduction.closed(reduction.carried(r))
-        out = (self._sums @ r).reshape(-1, 3)
+        model, reduction = self._model, self._model.reduction
+        r = reduction.closed(reduction.carried(r)).copy()
+        out = np.zeros((len(model.scene.joints), 3))
+        _pass(self.displacements, r, out)
         if (closing := reduction.closing()) is not None:
             out[: len(closing), :2] += closing
         # Joints with an offset or a slide exert a moment on their guiding node, rotational springs
-        # on both of their nodes. The sums contain these moments of other joints; subtract them.
-        carried = reduction.guide_moments(r)
+        # on both of their nodes. These are no moments of other joints.
+        carried = reduction.guide_moments(out[:, :2])
         if carried is not None:
-            actuators = self._model.actuators
-            carried = carried - actuators.node_moments(len(carried))
-            out[:, 2] += self._turning @ carried + actuators.moments(len(out))
+            r[model.mesh.dofs[:, 2]] += carried - model.actuators.node_moments(len(carried))
+            out[:, 2] += model.actuators.moments(len(out))
+        _pass(self.rotations, r, out)
         return out
+
+
+def _pass(passing: Passing, r: np.ndarray, out: np.ndarray) -> None:
+    """Add to the joint forces, and to the forces r of the nodes that others follow."""
+    forces, found = r.tolist(), out.ravel().tolist()
+    rows = (part.tolist() for part in passing)
+    for dof, to, of, sign in zip(*rows, strict=True):
+        found[of] += sign * forces[dof]
+        if to >= 0:
+            forces[to] += forces[dof]
+    out[:] = np.reshape(found, out.shape)

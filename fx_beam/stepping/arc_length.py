@@ -65,7 +65,7 @@ class ArcLength:
         rows, columns = (part.astype(np.int32) for part in self._places)
         #: The order of these entries by columns; then their rows, and where each column starts.
         self._order = order = np.lexsort((rows, columns))
-        ends = np.arange(self._reduction.free + 2, dtype=np.int32)
+        ends = np.arange(len(self._reduction.pattern[0]) + 1, dtype=np.int32)
         self._by_columns = rows[order], np.searchsorted(columns[order], ends).astype(np.int32)
 
     def follow(self, states: list[State], steps: int, max_cuts: int, max_steps: int) -> None:
@@ -251,10 +251,10 @@ class ArcLength:
 
     def _bordered(self) -> tuple[np.ndarray, np.ndarray]:
         indptr, indices = self._reduction.pattern
-        free = self._reduction.free
-        each, last = np.arange(free), np.full(free, free)
-        rows = np.repeat(each, np.diff(indptr)), each, last, [free]
-        return np.concatenate(rows), np.concatenate([indices, last, each, [free]])
+        n = len(indptr) - 1
+        each, last = np.arange(n), np.full(n, n)
+        rows = np.repeat(each, np.diff(indptr)), each, last, [n]
+        return np.concatenate(rows), np.concatenate([indices, last, each, [n]])
 
     def _solve(
         self, r: np.ndarray, column: np.ndarray, normal: Tangent, b: np.ndarray
@@ -266,20 +266,20 @@ class ArcLength:
         across = reduction.coupling().T @ (self._weight * normal.D)
         corner = normal.load + across[free : free + reduction.driven] @ self._forcing.goal
         # Scaled by the units of the scene: the pivots do not depend on the user's units.
-        unit, (at_row, at_column) = self.model.unit_of_unknowns, self._places
+        n, (at_row, at_column) = len(reduction.pattern[0]) - 1, self._places
+        unit, zero = np.append(self.model.unit_of_unknowns, np.ones(n - free)), np.zeros(n - free)
+        column, across_all = np.append(column, zero), np.append(across[:free], zero)
         values *= unit[at_row[: len(values)]] * unit[at_column[: len(values)]]
         size = abs(values).max(initial=0.0) or 1.0
-        b = np.append(unit * b[:free] / size, b[free])
-        entries = np.concatenate(
-            [values / size, unit * column / size, across[:free] * unit, [corner]]
-        )
+        b = np.concatenate([unit[:free] * b[:free] / size, zero, b[free:]])
+        entries = np.concatenate([values / size, unit * column / size, across_all * unit, [corner]])
         entries = entries[self._order], *self._by_columns
-        bordered = scipy.sparse.csc_matrix(entries, (free + 1, free + 1))
+        bordered = scipy.sparse.csc_matrix(entries, (n + 1, n + 1))
         try:
             x = scipy.sparse.linalg.splu(bordered).solve(b)
         except RuntimeError:  # exactly singular
-            x = np.full(free + 1, np.nan)
-        return unit * x[:free], float(x[free])
+            x = np.full(n + 1, np.nan)
+        return unit[:free] * x[:free], float(x[n])
 
     def _error(self, state: State, failure: StepFailed, cuts: int) -> StepError:
         return self.stepper.single.error(

@@ -16,14 +16,10 @@ from fx_beam.scene.beam import COMPONENTS
 from fx_beam.scene.joints import Joint
 from fx_beam.scene.sliders import SlidingJoint
 
+from .coupled_rates import CoupledRates, coupled_rates
 from .forcing import Forcing
-from .mass_solver import acceleration_of
 from .massless_start import settled
 
-# Up to so many rows matrices are arrays: an operation on sparse ones costs 0.1 ms.
-_SMALL = 200
-# Up to so many rows products of arrays are faster than those of a sparse matrix and an array.
-_TINY = 40
 # Forces where there is no mass that are round-off, relative to the largest force.
 _NONE = 1e-9
 _ADVICE = "Give compatible velocities to all members, or call scene.make_velocities_compatible()"
@@ -46,10 +42,10 @@ def initial_state(model: Model, forcing: Forcing, dt: float, start: State | None
 def _moving_state(model: Model, forcing: Forcing, state: State, dt: float) -> tuple[State, bool]:
     """The state with rates and accelerations, and whether parts without mass are unbalanced."""
     rates, accelerations = _begin(model, forcing, state, dt)
-    T = model.reduction.coupling()
-    w = initial_rates(model, state, T, rates)
+    coupled = coupled_rates(model)
+    w = initial_rates(model, state, coupled, rates)
     state = replace(state, v=model.reduction.spread(w))
-    a, rest = _acceleration(model, forcing, state, T, w, accelerations, dt)
+    a, rest = _acceleration(model, forcing, state, coupled, w, accelerations, dt)
     return replace(state, a=a), rest
 
 
@@ -60,9 +56,9 @@ def resumed_state(
     rates, accelerations = _begin(model, forcing, start, dt)
     if same_scheme:
         return start
-    T = model.reduction.coupling()
-    w = nearest_rates(model, T, start.v, rates)
-    a, _ = _acceleration(model, forcing, start, T, w, accelerations, dt)
+    coupled = coupled_rates(model)
+    w = nearest_rates(model, coupled, start.v, rates)
+    a, _ = _acceleration(model, forcing, start, coupled, w, accelerations, dt)
     # What the last step of another scheme leaves to the next one does not count.
     start = replace(start, a=a, parts=None, past=None)
     return replace(start, before=None, algorithmic=0.0, length=0.0)
@@ -140,7 +136,7 @@ def _acceleration(
     model: Model,
     forcing: Forcing,
     state: State,
-    T: scipy.sparse.csr_matrix,
+    coupled: CoupledRates,
     w: np.ndarray,
     driven: np.ndarray,
     dt: float,
@@ -164,31 +160,23 @@ def _acceleration(
         ahead, back = (reduction.expand(s * k * w[:free], s * k * w[moved]) for s in (1, -1))
         curved = (ahead + back) / k**2
         reduction.expand(np.zeros(free), np.zeros(reduction.driven))
-    reduced, mass, T = _reduced(model.mass, T), _handy(model.mass), _handy(T)
+    mass = model.mass
     loads = forcing.forces(Interval(state.t, state.t + dt))
     force = loads[0] - model.forms.internal_force(D)
-    force -= mass @ (T @ a + curved)
+    force -= mass @ (coupled.spread(a) + curved)
     model.actuators.begin(state, h)
     model.actuators.set_increment(h * state.v, h * w)
-    b = T.T @ force - model.actuators.forces(reduction.columns)
-    a[:free] = acceleration_of(reduced[:free, :free], b[:free])
-    rest = b[:free] - reduced[:free, :free] @ a[:free]
+    b = -reduction.project(-force)[:free]
+    a[:free] = coupled.accelerations(mass, b)
+    rest = b - coupled.gather(mass @ coupled.spread(np.append(a[:free], 0 * a[free:])))[:free]
     # A load that grows from zero has a little of its first step already.
     largest = max(abs(part).max() for part in (force, b, *loads))
-    return T @ a + curved, bool(abs(rest).max(initial=0.0) > _NONE * largest)
+    return coupled.spread(a) + curved, bool(abs(rest).max(initial=0.0) > _NONE * largest)
 
 
-def _reduced(mass: scipy.sparse.csr_matrix, T: scipy.sparse.csr_matrix):
-    """T^T M T, an array if it is small."""
-    if T.shape[0] > _SMALL:
-        return T.T @ mass @ T
-    full = T.toarray()
-    if T.shape[0] > _TINY:
-        return (T.T @ (mass.T @ full)).T
-    return full.T @ mass.toarray() @ full
-
-
-def initial_rates(model: Model, state: State, T, driven: np.ndarray) -> np.ndarray:
+def initial_rates(
+    model: Model, state: State, coupled: CoupledRates, driven: np.ndarray
+) -> np.ndarray:
     """Rates (columns,) from the initial velocities of the scene and from driven motion.
 
     SceneError if they violate a support or a joint and the scene does not project them.
@@ -196,8 +184,8 @@ def initial_rates(model: Model, state: State, T, driven: np.ndarray) -> np.ndarr
     v = state.v.copy() if state.v.any() else _given_velocity(model)
     scene = model.scene
     if scene.projects_velocities:
-        return nearest_rates(model, T, v, driven, model.mass + _small_mass(model))
-    w = nearest_rates(model, T, v, driven)
+        return nearest_rates(model, coupled, v, driven, model.mass + _small_mass(model))
+    w = nearest_rates(model, coupled, v, driven)
     unit = [1.0, 1.0, 1 / model.mesh.size]
     kept = model.reduction.spread(w)
     gap = model.to_nodes(abs(kept - v)) / unit
@@ -217,34 +205,20 @@ def initial_rates(model: Model, state: State, T, driven: np.ndarray) -> np.ndarr
     return w
 
 
-def nearest_rates(model: Model, T, v: np.ndarray, driven: np.ndarray, weight=None) -> np.ndarray:
+def nearest_rates(
+    model: Model, coupled: CoupledRates, v: np.ndarray, driven: np.ndarray, weight=None
+) -> np.ndarray:
     """Rates (columns,) closest to given rates v (size,), in the norm of a weight (size, size).
 
     The default weight scales displacements by the size of the scene.
     """
     reduction = model.reduction
     free, w = reduction.independent, _driven_rates(model, driven)
-    T = _handy(T)
-    missing = v - T @ w
+    missing = v - coupled.spread(w)
     if len(free) and missing.any():
-        free_T = T[:, free]
-        if weight is not None:
-            weighted, right = free_T.T @ weight, free_T.T @ (weight @ missing)
-        else:
-            each = model.unit**-2.0
-            right, is_array = free_T.T @ (each * missing), isinstance(T, np.ndarray)
-            weighted = free_T.T * each if is_array else free_T.T @ scipy.sparse.diags(each)
-        normal = weighted @ free_T
-        if isinstance(normal, np.ndarray):
-            w[free] = np.linalg.solve(normal, right)
-        else:
-            w[free] = scipy.sparse.linalg.spsolve(normal.tocsc(), right)
+        weight = scipy.sparse.diags(model.unit**-2.0) if weight is None else weight
+        w[free] = coupled.nearest(weight, missing)
     return reduction.completed(w)
-
-
-def _handy(matrix: scipy.sparse.csr_matrix):
-    """A small sparse matrix as an array."""
-    return matrix.toarray() if matrix.shape[0] <= _SMALL else matrix
 
 
 def _driven_rates(model: Model, driven: np.ndarray) -> np.ndarray:

@@ -9,6 +9,8 @@ import numpy as np
 import scipy.sparse
 from scipy.sparse.csgraph import reverse_cuthill_mckee
 
+from fx_beam.coupling.index_reduction import Reduction
+from fx_beam.coupling.tied_order import tied_fill_in
 from fx_beam.kept import kept
 from fx_beam.model.equations import Equations
 
@@ -43,10 +45,17 @@ def _bandwidth(indptr: np.ndarray, indices: np.ndarray) -> int:
 class LinearSolver:
     """LU factorisation of the reduced tangent; its sparsity pattern is constant."""
 
-    def __init__(self, pattern: tuple[np.ndarray, np.ndarray]):
+    def __init__(self, reduction: Reduction):
         PETSc = petsc("a step in Python")
-        indptr, indices = (part.astype(PETSc.IntType) for part in pattern)
+        indptr, indices = reduction.pattern
         n = len(indptr) - 1
+        self._filled = np.zeros(len(indices))
+        #: Position of each unknown of the linear system, and place of each value.
+        self._position, self._from = np.arange(n), np.arange(len(indices))
+        if tied := reduction.dependent.size > 0:
+            found = _tied(indptr, indices, reduction.dependent)
+            self._position, indptr, indices, self._from = found
+        indptr, indices = (part.astype(PETSc.IntType) for part in (indptr, indices))
         self._values = np.zeros(len(indices))
         # PETSc uses these arrays directly, without copies.
         self._matrix = PETSc.Mat().createAIJWithArrays(
@@ -62,15 +71,34 @@ class LinearSolver:
         pc.setType(PETSc.PC.Type.LU)
         kinds = PETSc.Mat.OrderingType
         # Chains have a narrow band; in frames nested dissection leaves far less fill-in.
-        pc.setFactorOrdering(kinds.RCM if _bandwidth(indptr, indices) < _NARROW else kinds.ND)
+        if tied:
+            pc.setFactorOrdering(kinds.NATURAL)
+        else:
+            pc.setFactorOrdering(kinds.RCM if _bandwidth(indptr, indices) < _NARROW else kinds.ND)
         # PETSc's default refuses pivots below 2e-14, which depends on the units of the scene.
         pc.setFactorPivot(zeropivot=0.0)
         self._ksp.setOperators(self._matrix)
 
     def solve(self, equations: Equations, r: np.ndarray, b: np.ndarray) -> np.ndarray:
-        """Solution for the reduced tangent; not finite if it is singular."""
-        equations.fill_tangent(r, self._values)
+        """Solution (free,) for the reduced tangent; not finite if it is singular."""
+        equations.fill_tangent(r, self._filled)
+        np.take(self._filled, self._from, out=self._values)
         self._matrix.stateIncrease()
-        self._b[:] = b
+        own = self._position[: len(b)]
+        self._b[own] = b
         self._ksp.solve(*self._vectors)
-        return self._x
+        return self._x[own]
+
+
+@kept
+def _tied(indptr: np.ndarray, indices: np.ndarray, dependent: np.ndarray) -> tuple[np.ndarray, ...]:
+    """Positions (n,) for unknowns of ties, with the rows in this order and where they are from."""
+    n = len(indptr) - 1
+    of = np.arange(1, len(indices) + 1)
+    matrix = scipy.sparse.csr_matrix((of, indices, indptr), (n, n))
+    graph = (matrix + matrix.T + scipy.sparse.identity(n)).tocsr()
+    position, _, _ = tied_fill_in(graph, np.ones(n, int), dependent)
+    order = np.argsort(position)
+    matrix = matrix[order][:, order].tocsr()
+    matrix.sort_indices()
+    return position, matrix.indptr, matrix.indices, matrix.data - 1

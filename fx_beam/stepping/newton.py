@@ -128,7 +128,7 @@ class Newton:
                 D,
                 [],
             )
-        return LinearSolver(self.model.reduction.pattern)
+        return LinearSolver(self.model.reduction)
 
     def solve(
         self, interval: Interval, start: State, force: np.ndarray, driven: np.ndarray

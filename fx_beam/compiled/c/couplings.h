@@ -19,13 +19,47 @@ static int begin_couplings(const Problem *p, const Work *w) {
   return begin_loops(p, w);
 }
 
-/* Increment of all degrees of freedom for the columns z, and the values of T and That for it. */
-static void expand_columns(const Problem *p, const Work *w) {
-  double *D = w->D, level = p->level;
+/* Columns of the ties in increments, for the arms of the joints. */
+static void increase_ties(const Problem *p, const Work *w) {
+  double *tie = w->z + p->columns;
+  memset(tie, 0, p->ties * sizeof *tie);
+  for (int k = 0; k < p->tie_arms; ++k) {
+    int i = p->tie_arm[k];
+    tie[p->tie_arm_of[k]] += p->joint_sign[i] * (w->rho1[i] - w->rho0[i]);
+  }
+  for (int k = 0; k < p->tie_entries; ++k)
+    if (p->tie_value[k] == 0) tie[p->tie_of[k]] += p->tie_sign[k] * w->z[p->tie_column[k]];
+}
+
+/* Columns of the ties in small changes z. */
+static void change_ties(const Problem *p, const Work *w, double *z) {
+  double *tie = z + p->columns;
+  memset(tie, 0, p->ties * sizeof *tie);
+  for (int k = 0; k < p->tie_entries; ++k)
+    tie[p->tie_of[k]] += p->tie_sign[k] * w->values[p->tie_value[k]] * z[p->tie_column[k]];
+}
+
+/* Adds the forces on the ties to those on the columns before. */
+static void collect_ties(const Problem *p, const Work *w, double *out) {
+  const double *tie = out + p->columns;
+  for (int k = p->tie_entries - 1; k >= 0; --k)
+    out[p->tie_column[k]] += p->tie_sign[k] * w->hat[p->tie_value[k]] * tie[p->tie_of[k]];
+}
+
+/* Increments without the arms of the joints. */
+static void sum_columns(const Problem *p, const Work *w) {
+  double *D = w->D;
   memset(D, 0, p->dofs * sizeof *D);
   for (int k = 0; k < p->equal; ++k) D[p->entry_row[k]] += w->z[p->entry_column[k]];
   for (int k = p->equal; k < p->entries; ++k)
     if (p->entry_value[k] == 0) D[p->entry_row[k]] += p->entry_sign[k] * w->z[p->entry_column[k]];
+}
+
+/* Increment of all degrees of freedom for the columns z, and the values of T and That for it. */
+static void expand_columns(const Problem *p, const Work *w) {
+  double *D = w->D, level = p->level;
+  if (p->ties) increase_ties(p, w); /* first those of rotations, on which the arms depend */
+  sum_columns(p, w);
   for (int j = 0; j < p->joints; ++j) {
     const double *o = p->offset + 2 * j, *e = p->axis + 2 * j;
     double Dpsi = at(D, p->guide[j]);
@@ -46,6 +80,7 @@ static void expand_columns(const Problem *p, const Work *w) {
     value[0] = -rho1[1], value[1] = rho1[0], value[2] = t1[0], value[3] = t1[1];
     hat[0] = -mean_rho[1], hat[1] = mean_rho[0], hat[2] = slope * mean_t[0], hat[3] = slope * mean_t[1];
   }
+  if (p->ties) increase_ties(p, w), sum_columns(p, w);
   for (int k = 0; k < p->followers; ++k) {
     int i = p->through[k];
     D[p->follower[k]] += p->joint_sign[i] * (w->rho1[i] - w->rho0[i]);
@@ -78,7 +113,8 @@ static int expand(const Problem *p, const Work *w) {
   return left > 0;
 }
 
-static void spread_columns(const Problem *p, const Work *w, const double *z, double *out) {
+static void spread_columns(const Problem *p, const Work *w, double *z, double *out) {
+  if (p->ties) change_ties(p, w, z);
   memset(out, 0, p->dofs * sizeof *out);
   for (int k = 0; k < p->equal; ++k) out[p->entry_row[k]] += z[p->entry_column[k]];
   for (int k = p->equal; k < p->entries; ++k)
@@ -101,7 +137,7 @@ static void push_columns(const Problem *p, double *out) {
 }
 
 static void project(const Problem *p, const Work *w, const double *r, double *out) {
-  memset(out, 0, p->columns * sizeof *out);
+  memset(out, 0, (p->columns + p->ties) * sizeof *out);
   if (p->sliders) {
     push_columns(p, out);
     memcpy(w->loaded, r, p->dofs * sizeof *r);
@@ -112,15 +148,18 @@ static void project(const Problem *p, const Work *w, const double *r, double *ou
   for (int k = p->equal; k < p->entries; ++k)
     out[p->entry_column[k]] += p->entry_sign[k] * w->hat[p->entry_value[k]] * r[p->entry_row[k]];
   if (!p->sliders) push_columns(p, out);
+  if (p->ties) collect_ties(p, w, out);
   if (p->closures) close_residual(p, w, out);
 }
 
-/* Forces of the joints on b, for the forces that the last residual was from. */
+/* Forces of the joints on b, for the forces that the last residual `reduced` was from. */
 static void transmitted(const Problem *p, const Work *w, const double *r) {
   r = closed(p, w, r);
   memset(w->passing, 0, 2 * p->joints * sizeof(double));
   for (int k = 0; k < p->followers; ++k)
     w->passing[p->through[k]] += p->joint_sign[p->through[k]] * r[p->follower[k]];
+  for (int k = 0; k < p->tie_arms; ++k)
+    w->passing[p->tie_arm[k]] += p->joint_sign[p->tie_arm[k]] * w->reduced[p->columns + p->tie_arm_of[k]];
   for (int k = 0; k < p->closures; ++k)
     if (p->gap_arm[k] >= 0) w->passing[p->gap_arm[k]] = w->closing[k];
 }
@@ -149,6 +188,11 @@ static void reduce_tangent(const Problem *p, const Work *w, const double *r) {
   for (int k = 0; k < p->restoring; ++k) {
     const Actuator *a = p->actuator + p->restoring_of[k];
     K[p->restoring_to[k]] += p->restoring_sign[k] * (p->restoring_side[k] ? a->slope_b : a->slope_a);
+  }
+  for (int k = 0; k < p->tie_entries; ++k) {
+    if (p->tie_equation[k] < 0) continue;
+    K[p->tie_equation[k]] -= p->tie_sign[k] * w->values[p->tie_value[k]];
+    K[p->tie_force[k]] -= p->tie_sign[k] * w->hat[p->tie_value[k]];
   }
   eliminate_sliders(p, w);
 }

@@ -109,10 +109,10 @@ INLINED int finish(const Problem *p, double *A, int g, int size, double *const *
 }
 
 /* LU factorisation of sparse rows in place, in groups of up to three with equal columns, usually those
-   of a node; returns 0 if a pivot is zero. `rows` is the work space (3, free) for the current group. */
+   of a node; returns 0 if a pivot is zero. `rows` is the work space (3, unknowns) for the current group. */
 static int factorise_sparse(const Problem *p, double *A, double *rows) {
   const int *start = p->factor_start, *diagonal = p->factor_diagonal, *first = p->group_first;
-  double *row[3] = {rows, rows + p->free, rows + 2 * p->free};
+  double *row[3] = {rows, rows + p->unknowns, rows + 2 * p->unknowns};
   for (int g = 0; g < p->groups; ++g) {
     int i = first[g], size = first[g + 1] - i, lower = 0;
     unpack(p, A, g, size, row);

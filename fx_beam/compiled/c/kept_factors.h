@@ -43,13 +43,14 @@ static double size_of(const Problem *p, const Work *w, const double *x) {
 
 static void by_factors(const Problem *p, const Work *w, const double *b, double *x) {
   for (int i = 0; i < p->free; ++i) w->y[p->order[i]] = b[i];
+  for (int i = p->free; i < p->unknowns; ++i) w->y[p->order[i]] = 0;
   substitute_sparse(p, w->factors, w->y);
   for (int i = 0; i < p->free; ++i) x[i] = w->y[p->order[i]];
 }
 
 static int factorise(Problem *p, const Work *w) {
   memset(w->factors, 0, p->factor_size * sizeof(double));
-  for (int k = 0; k < p->tangent_start[p->free]; ++k) w->factors[p->factor_at[k]] = w->tangent[k];
+  for (int k = 0; k < p->tangent_start[p->unknowns]; ++k) w->factors[p->factor_at[k]] = w->tangent[k];
   p->kept.steps = p->kept.all = p->kept.now = 0, ++p->kept.made;
   return p->kept.present = factorise_sparse(p, w->factors, w->row);
 }

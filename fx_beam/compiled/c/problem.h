@@ -71,6 +71,7 @@ typedef struct {
 
 /* A spring, damper, friction and stops on the slide of a joint, or on the angle between its nodes. */
 typedef struct {
+  int joint;           /* number */
   int slide, column;   /* number of the joint and its column, or -1 */
   int slider;          /* of a node that slides on a beam: its number, or -1 */
   int a[3], b[3];      /* degrees of freedom of the nodes; -1 for the ground */
@@ -155,14 +156,22 @@ typedef struct {
   int *guide, *slide_column, *slide_of; /* rotation (-1: ground), column (-1: none), joint */
   int followers;
   int *follower, *through;
+  /* Degrees of freedom in long trees with columns of their own, behind all others (ties.py): entries of
+     their sums, with the places of their equations and forces in the tangent (-1: no unknown), and the
+     arms of joints in them. */
+  int ties, tie_entries, tie_arms;
+  int *tie_of, *tie_column, *tie_value, *tie_equation, *tie_force, *tie_arm_of, *tie_arm;
+  double *tie_sign;
   int sliders;
   Slider *slider;
 
-  /* Reduced tangent, in an order with little fill-in: as a chain, as a band matrix or in sparse rows. */
+  /* Reduced tangent, in an order with little fill-in: as a chain, as a band matrix or in sparse rows; its
+     number of unknowns with the two of each tie. */
+  int unknowns;
   int *order;           /* position of each unknown in the elimination */
   int band;             /* half bandwidth; 0 for sparse rows */
   int chain;            /* groups of three unknowns in a row (chain.h); 0 if they are more entangled */
-  int paddings, *padding; /* diagonal entries of groups that have fewer */
+  int paddings, *padding; /* diagonal entries that are 1: of groups that have fewer, and of ties */
   long factor_size;
   int *factor_start, *factor_diagonal;
   /* With sparse factors the tangent is stored apart, in compressed rows of the unknowns: `factor_at` has
@@ -190,16 +199,13 @@ typedef struct {
      [loop column]; near ones are all with entries of the loops. */
   int near, *near_loop, *loop_near, *loop_loop;
 
-  /* Springs and dampers: columns on which they act, their entries in the reduced tangent, and their
-     contributions to the moments of the joints. */
-  int actuators, pushes, restoring, moments, spring_width; /* width: internal variables of all springs */
+  /* Springs and dampers: columns on which they act, and their entries in the reduced tangent. */
+  int actuators, pushes, restoring, spring_width; /* width: internal variables of all springs */
   Actuator *actuator;
   int *push_column, *push_of;
   double *push_sign;
   int *restoring_to, *restoring_of, *restoring_side;
   double *restoring_sign;
-  int *moment_joint, *moment_of;
-  double *moment_sign;
 
   /* Follower forces: x, y and rotation of their nodes, and storage indices of their tangent. */
   int thrusts, *thrust_dofs, *thrust_places;
@@ -230,12 +236,11 @@ typedef struct {
   /* Driven columns: prescribed degrees of freedom (-1: a motor), then motors. */
   int *driven_dof, *motor_a, *motor_b, *motor_slide;
 
-  /* Joint forces: sums over the nodes that follow through a joint. */
+  /* Joint forces: how forces pass through joints from the nodes that follow to those that lead (-1: none),
+     the former first; first displacements, then rotations. */
   int scene_joints;
-  int *sum_start, *sum_of;
-  double *sum_sign;
-  int *lever_joint_start, *lever_joint; /* moving joints whose guiding nodes follow through a joint */
-  double *lever_sign;
+  int passes, passes_of_forces, *pass_dof, *pass_to, *pass_of;
+  double *pass_sign;
   double *position;     /* (nodes, 2) */
   int nodes, *node_dofs;
   int keeps_joint_forces; /* whether they are computed in every step, recorded or not */

@@ -6,28 +6,41 @@
 #include "contact.h"
 #include "couplings.h"
 
+/* Adds forces on nodes to those of the joints through which they pass, and to the leading nodes. */
+static void pass_forces(const Problem *p, int first, int end, double *on_nodes, double *found) {
+  for (int k = first; k < end; ++k) {
+    double force = on_nodes[p->pass_dof[k]];
+    found[p->pass_of[k]] += p->pass_sign[k] * force;
+    if (p->pass_to[k] >= 0) on_nodes[p->pass_to[k]] += force;
+  }
+}
+
 /* Adds the joint forces of a sub-step to their mean over the step. */
 static void add_joint_forces(const Problem *p, const Work *w) {
   long n = 3 * p->scene_joints;
   double fraction = p->share, *out = p->joint_forces;
   scale(n, p->earlier, out);
   const double *given = p->sliders ? w->loaded : w->r, *r = closed(p, w, given);
-  for (int i = 0; i < n; ++i)
-    for (int k = p->sum_start[i]; k < p->sum_start[i + 1]; ++k)
-      out[i] += fraction * p->sum_sign[k] * r[p->sum_of[k]];
-  for (int k = 0; k < p->closures; ++k) out[p->gap_force[k]] += fraction * w->closing[k];
-  for (int k = 0; k < p->moments; ++k)
-    out[3 * p->moment_joint[k] + 2] +=
-        fraction * p->moment_sign[k] * p->actuator[p->moment_of[k]].force;
-  if (!p->joints) return;
-  transmitted(p, w, given);
-  for (int i = 0; i < p->scene_joints; ++i)
-    for (int k = p->lever_joint_start[i]; k < p->lever_joint_start[i + 1]; ++k) {
-      int j = p->lever_joint[k];
-      const double *lever = w->hat + 1 + 4 * j, *F = w->passing + 2 * j;
-      double moment = lever[0] * F[0] + lever[1] * F[1];
-      out[3 * i + 2] += fraction * p->lever_sign[k] * moment;
-    }
+  double *on_nodes = w->passed, *found = w->joint_forces;
+  memcpy(on_nodes, r, p->dofs * sizeof(double));
+  memset(found, 0, n * sizeof(double));
+  pass_forces(p, 0, p->passes_of_forces, on_nodes, found);
+  for (int k = 0; k < p->closures; ++k) found[p->gap_force[k]] += w->closing[k];
+  /* Joints with an offset or a slide exert a moment on their guiding node, rotational springs on both of
+     their nodes. These are no moments of other joints. */
+  for (int j = 0; j < p->joints; ++j) {
+    const double *lever = w->hat + 1 + 4 * j, *F = found + 3 * p->slide_of[j];
+    if (p->guide[j] >= 0) on_nodes[p->guide[j]] += lever[0] * F[0] + lever[1] * F[1];
+  }
+  for (int i = 0; i < p->actuators; ++i) {
+    const Actuator *a = p->actuator + i;
+    if (a->slide >= 0) continue;
+    if (a->a[2] >= 0) on_nodes[a->a[2]] -= a->force;
+    if (a->b[2] >= 0) on_nodes[a->b[2]] += a->force;
+    found[3 * a->joint + 2] -= a->force;
+  }
+  pass_forces(p, p->passes_of_forces, p->passes, on_nodes, found);
+  for (int i = 0; i < n; ++i) out[i] += fraction * found[i];
 }
 
 /* Start of a sub-step of length dt, for which forces of elements are evaluated. */

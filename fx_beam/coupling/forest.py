@@ -1,0 +1,142 @@
+"""Trees of coupled nodes: which node follows which through a joint."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+from fx_beam.errors import SceneError
+from fx_beam.scene.joints import GROUND, Joint
+from fx_beam.scene.scene import Scene
+from fx_beam.scene.sliders import sliding_joints
+
+from .sliding_order import hold_sliding_nodes
+
+
+@dataclass(frozen=True)
+class Branch:
+    """A node that a joint couples to its parent in a tree."""
+
+    node: int
+    parent: int
+    joint: Joint
+
+    @property
+    def sign(self) -> float:
+        """1 where b follows a, -1 where a follows b."""
+        return 1.0 if self.node == self.joint.b.number else -1.0
+
+
+def grown_forests(scene: Scene) -> tuple[list[list[Branch]], list[list[Joint]]]:
+    """Trees of x, y and rotation, and the joints that close loops in each.
+
+    Of two joined nodes, one may be fixed in x and the other in y. If only one component of a tree
+    is fixed, the other component has the same root.
+    """
+    held = [{n for n, part in {*scene.fixed, *scene.prescribed} if part == i} for i in range(3)]
+    sliding = hold_sliding_nodes(scene.joints, held)
+    joints = [joint for joint in scene.joints if joint not in sliding]
+    turning = [joint for joint in joints if joint.turns_together]
+    found = [
+        _forest(scene, joints, held[0], held[1], "displacement in x"),
+        _forest(scene, joints, held[1], held[0], "displacement in y"),
+        _forest(scene, turning, held[2], set(), "rotation"),
+    ]
+    forests, closing = zip(*found, strict=True)
+    return list(forests), list(closing)
+
+
+def _forest(
+    scene: Scene, joints: Iterable[Joint], supported: set[int], preferred: set[int], what: str
+) -> tuple[list[Branch], list[Joint]]:
+    """Joints as branches of trees, parents first; a supported node or the ground is a root.
+
+    Otherwise the root is a preferred node, or the one with the smallest number. Also the joints
+    that close loops with an arm that turns or slides; other loops are over-constrained.
+    """
+    neighbours: dict[int, list[tuple[int, Joint]]] = {}
+    trees: dict[int, int] = {}
+    anchors = {node: node for node in {*supported, GROUND.number}}
+    closing: list[Joint] = []
+
+    def tree(node: int) -> int:
+        while (above := trees.setdefault(node, node)) != node:
+            trees[node] = trees[above]  # halves the path for the next search
+            node = above
+        return node
+
+    for joint in joints:
+        a, b = joint.a.number, joint.b.number
+        closed = tree(a) == tree(b)
+        loop = [*_path(neighbours, a, b), joint] if closed else []
+        if not closed and tree(a) in anchors and tree(b) in anchors:
+            loop = [*_path(neighbours, anchors[tree(a)], a), joint]
+            loop += _path(neighbours, b, anchors[tree(b)])
+        if what != "rotation" and not all(other.is_index for other in loop):
+            closing.append(joint)
+            continue
+        if closed:
+            _refuse(scene, loop, f"they close a loop in which each joint couples the {what}")
+        if tree(a) in anchors:
+            anchors.setdefault(tree(b), anchors[tree(a)])
+        trees[tree(a)] = tree(b)
+        neighbours.setdefault(a, []).append((b, joint))
+        neighbours.setdefault(b, []).append((a, joint))
+
+    branches: list[Branch] = []
+    reached: set[int] = set()
+
+    def grow(root: int) -> None:
+        reached.add(root)
+        queue = [root]
+        for parent in queue:
+            for node, joint in neighbours.get(parent, []):
+                if node in reached:
+                    continue
+                if node in supported or node == GROUND.number:
+                    path = _path(neighbours, root, node)
+                    first, second = (
+                        GROUND if n == GROUND.number else scene.nodes[n] for n in (root, node)
+                    )
+                    reason = (
+                        f"the {what} of {first} and of {second} are both supported; support one of "
+                        "them only"
+                    )
+                    _refuse(scene, path, reason)
+                reached.add(node)
+                branches.append(Branch(node, parent, joint))
+                queue.append(node)
+
+    found = sorted(neighbours)
+    roots = [n for n in found if n in supported or n == GROUND.number]
+    for root in [*roots, *(n for n in found if n in preferred), *found]:
+        if root not in reached:
+            grow(root)
+    return branches, closing
+
+
+def _path(neighbours, start: int, end: int) -> list[Joint]:
+    """Joints between two nodes of a tree."""
+    came: dict[int, tuple[int, Joint] | None] = {start: None}
+    queue = [start]
+    for node in queue:
+        for other, joint in neighbours.get(node, []):
+            if other not in came:
+                came[other] = (node, joint)
+                queue.append(other)
+    joints = []
+    step = came[end]
+    while step is not None:
+        joints.append(step[1])
+        step = came[step[0]]
+    return joints
+
+
+def _refuse(scene: Scene, joints, reason: str) -> None:
+    names = "; ".join(str(joint) for joint in joints)
+    if sliding_joints(scene.joints) and "both supported" in reason:
+        reason += ", where a beam supports the node that slides on it"
+    raise SceneError(
+        f"over-constrained: {names}: {reason}. Remove one of them, or release a degree of freedom "
+        "by a slide, a free rotation, or a beam between the nodes"
+    )

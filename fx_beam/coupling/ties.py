@@ -1,0 +1,147 @@
+"""Ties: degrees of freedom in long trees that are unknowns of the linear system.
+
+With the displacements u of ties, u = B y + N u in small changes of the columns y, and the forces h
+that what follows them exerts on them, the reduced tangent A of y and u becomes
+
+    [A_yy  A_yu  -Bhat^T ] [dy]   [R]
+    [A_uy  A_uu  1-Nhat^T] [du] = [0]
+    [-B    1-N     0     ] [-h]   [0]
+
+with few entries in each row, where the tangent of y alone is full.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import scipy.sparse
+
+from .graph import Couplings
+from .index_reduction import TieTables
+
+
+class Ties:
+    """The ties of a scene, in the order of `Couplings.ties`."""
+
+    def __init__(self, couplings: Couplings):
+        ties, free, first = couplings.ties, couplings.free, couplings.columns
+        self._count, self._free, self._first = len(ties), free, first
+        #: Unknowns of the linear system.
+        self.unknowns = free + 2 * len(ties)
+        numbers = free + 2 * np.arange(len(ties))
+        none = np.full(first - free, -1)
+        #: For all columns: the column of the linear system for a change, and the row for forces.
+        #: The tie's equation is in the row of its displacement, the balance in that of its force:
+        #: the diagonals are 1.
+        self.columns_of_unknowns = np.concatenate([np.arange(free), none, numbers])
+        self.rows_of_unknowns = np.concatenate([np.arange(free), none, numbers + 1])
+        entries = [(k, *entry) for k, tie in enumerate(ties) for entry in tie.entries]
+        tie, column, place, sign = np.array(entries, dtype=float).reshape(-1, 4).T
+        #: Tie, column, position of the value, and sign of each entry.
+        self.tie, self.column, self.place = tie.astype(int), column.astype(int), place.astype(int)
+        self.sign = sign
+        arms = [(k, arm) for k, tie in enumerate(ties) for arm in tie.arms]
+        #: Tie and arm of each arm of a joint in their sums.
+        self.arm_tie, self.arm = np.array(arms, dtype=int).reshape(-1, 2).T
+        self._moves = np.flatnonzero(self.columns_of_unknowns[self.column] >= 0)
+        of, column = numbers[self.tie[self._moves]], self.column[self._moves]
+        #: Entries that ties add to the linear system: diagonals, equations, forces.
+        self.rows = np.concatenate([numbers, numbers + 1, of, self.rows_of_unknowns[column]])
+        self.columns = np.concatenate(
+            [numbers, numbers + 1, self.columns_of_unknowns[column], of + 1]
+        )
+
+        #: As `Reduction.dependent`.
+        needs = np.tile(self.columns_of_unknowns[column], 2)
+        self.dependent = np.array([np.concatenate([of, of + 1]), needs])
+
+    def __len__(self):
+        return self._count
+
+    def entries(self, values: np.ndarray, hat: np.ndarray) -> np.ndarray:
+        """Values of the entries at `rows` and `columns`, for the values of T and That."""
+        place, sign = self.place[self._moves], self.sign[self._moves]
+        return np.concatenate([np.ones(2 * self._count), -sign * values[place], -sign * hat[place]])
+
+    def tables(self, at: np.ndarray) -> TieTables | None:
+        """The ties as lists of numbers, for the places of the entries; None without any."""
+        if not self._count:
+            return None
+        places = np.full((2, len(self.tie)), -1)
+        ones, places[:, self._moves] = at[: 2 * self._count], at[2 * self._count :].reshape(2, -1)
+        return TieTables(
+            numbers={
+                "ties": self._count,
+                "unknowns": self.unknowns,
+                "tie_entries": len(self.tie),
+                "tie_arms": len(self.arm),
+            },
+            ints={
+                "tie_of": self.tie,
+                "tie_column": self.column,
+                "tie_value": self.place,
+                "tie_arm_of": self.arm_tie,
+                "tie_arm": self.arm,
+            },
+            sign=self.sign,
+            places=dict(zip(("tie_equation", "tie_force"), places, strict=True)),
+            ones=ones,
+        )
+
+    # -- Sums over the trees --------------------------------------------------------------------
+
+    def set_increments(self, z: np.ndarray, steps: np.ndarray) -> None:
+        """Set the columns of the ties in the increments z, for those of the joints' arms."""
+        constant = self.place == 0
+        own = np.bincount(self.arm_tie, steps[self.arm], self._count)
+        self._add_down(z, np.where(constant, self.sign, 0.0), own)
+
+    def set_changes(self, z: np.ndarray, values: np.ndarray) -> None:
+        """Set the columns of the ties in small changes z, for the values of T."""
+        self._add_down(z, self.sign * values[self.place], np.zeros(self._count))
+
+    def _add_down(self, z: np.ndarray, weights: np.ndarray, own: np.ndarray) -> None:
+        found, first = z.tolist(), self._first
+        found[first:] = own.tolist()
+        terms = self.tie.tolist(), self.column.tolist(), weights.tolist()
+        for tie, column, weight in zip(*terms, strict=True):
+            found[first + tie] += weight * found[column]
+        z[first:] = found[first:]
+
+    def collect(self, out: np.ndarray, hat: np.ndarray) -> None:
+        """Add the forces on the ties, in `out`, to those on the columns before, for That."""
+        self._collect(out, self.sign * hat[self.place])
+
+    def collect_whether(self, out: np.ndarray, values: np.ndarray) -> None:
+        """The same for what is positive if anything moves."""
+        self._collect(out, 1.0 * (values[self.place] != 0))
+
+    def _collect(self, out: np.ndarray, weights: np.ndarray) -> None:
+        forces, first = out.tolist(), self._first
+        terms = self.tie.tolist(), self.column.tolist(), weights.tolist()
+        for tie, column, weight in reversed(list(zip(*terms, strict=True))):
+            forces[column] += weight * forces[first + tie]
+        out[:] = forces
+
+    def completion(self, values: np.ndarray) -> scipy.sparse.csr_matrix:
+        """Matrix (columns and ties, columns) that gives all columns, for the values of T or That.
+
+        It is full: for small motions, not for steps.
+        """
+        found = np.zeros((self._first + self._count, self._first))
+        found[: self._first] = np.eye(self._first)
+        weights = self.sign * values[self.place]
+        for tie, column, weight in zip(self.tie, self.column, weights, strict=True):
+            found[self._first + tie] += weight * found[column]
+        return scipy.sparse.csr_matrix(found)
+
+    def condensed(
+        self, tangent: scipy.sparse.csr_matrix, values: np.ndarray, hat: np.ndarray
+    ) -> scipy.sparse.csr_matrix:
+        """The tangent (free, free) of the unknowns alone."""
+        if not self._count:
+            return tangent
+        free, of = self._free, self.columns_of_unknowns >= 0
+        S, S_hat = (self.completion(part)[of][:, :free] for part in (values, hat))
+        rows, columns = self.rows_of_unknowns[of], self.columns_of_unknowns[of]
+        forces = tangent[rows][:, columns]
+        return (S_hat.T @ forces @ S).tocsr()

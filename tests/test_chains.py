@@ -1,0 +1,217 @@
+"""Long chains and trees of rigid bodies: cost in proportion to the bodies, the same mechanics."""
+
+import numpy as np
+import pytest
+import scipy.integrate
+import scipy.sparse
+import scipy.sparse.linalg
+
+import fx_beam as fb
+from fx_beam.compiled.lu_layout import factors_of
+from fx_beam.coupling import graph
+from fx_beam.model.joint_forces import JointForces
+from fx_beam.model.model import Model
+from fx_beam.stepping.initial_state import reference_state
+
+MASS, LENGTH, GRAVITY = 2.0, 0.1, 10.0
+
+
+def add_link(scene, start, end, inertia):
+    middle = ((start[0] + end[0]) / 2, (start[1] + end[1]) / 2)
+    return scene.add_body(middle, MASS, inertia, points={"start": start, "end": end})
+
+
+def chain(n, along=(1.0, 0.0), inertia=1e-3, hang=True, joint=fb.Revolute, **options):
+    """A chain of links from the origin, with the points at its end."""
+    scene, last, ends = fb.Scene(gravity=(0, -GRAVITY) if hang else (0, 0)), None, []
+    step = LENGTH * np.array(along)
+    for k in range(n):
+        link = add_link(scene, tuple(k * step), tuple((k + 1) * step), inertia)
+        if last is not None:
+            scene.add_joint(joint(last, link["start"], **options))
+        elif hang:
+            scene.pin(link["start"])
+        last = link["end"]
+        ends.append(last)
+    return scene, ends
+
+
+def tree(n):
+    """A chain in which every third link is a branch of its own."""
+    scene, ends, nodes = fb.Scene(gravity=(0, -GRAVITY)), [(0.0, 0.0)], [None]
+    for k in range(n):
+        parent = k - 1 if k > 1 and k % 3 == 0 else k
+        x, y = ends[parent]
+        end = (x + LENGTH, y - LENGTH * (k % 3))
+        link = add_link(scene, (x, y), end, 1e-3)
+        if parent == 0:
+            scene.pin(link["start"])
+        else:
+            scene.add_joint(fb.Revolute(nodes[parent], link["start"]))
+        ends.append(end)
+        nodes.append(link["end"])
+    return scene
+
+
+def telescope(n):
+    """Sleeves that slide in each other, with springs."""
+    held = {"spring": fb.Spring(1e3), "damper": fb.Damper(1.0)}
+    return chain(n, joint=fb.Prismatic, axis=(1, 0), **held)[0]
+
+
+def driven(n):
+    """Links that motors turn."""
+    return chain(n, joint=fb.Revolute, motor=lambda t: 0.1 * t)[0]
+
+
+def with_beams(n):
+    """A beam hangs on each link."""
+    scene, ends = chain(n)
+    section = fb.Section(EA=1e5, EI=1.0, GA=1e5, rhoA=0.1, rhoI=1e-4)
+    for end in ends:
+        beam = scene.add_beam([(end.x, end.y), (end.x, -0.3)], section, elements=2)
+        scene.add_joint(fb.Revolute(end, beam.start))
+    return scene
+
+
+MADE = {
+    "chain": lambda n: chain(n)[0],
+    "tree": tree,
+    "telescope": telescope,
+    "driven": driven,
+    "with beams": with_beams,
+}
+
+
+def counts(scene):
+    """Sizes of all tables on which the cost of set-up and of a step depends."""
+    model = Model(scene, fb.EnergyMomentum())
+    tables, joints = model.reduction.tables(), JointForces(model)
+    factors = factors_of(*model.reduction.pattern, True, model.reduction.dependent)
+    above = factors.starts[1:] - factors.diagonals - 1
+    return {
+        "entries of the tangent": len(model.reduction.pattern[1]),
+        "products": len(tables.coupled["to"]) + len(tables.direct["to"]),
+        "entries": len(tables.entries["row"]) + len(tables.ties.ints["tie_of"]),
+        "arms": len(tables.followers["dof"]) + len(tables.ties.ints["tie_arm"]),
+        "second derivatives": len(tables.geometric["to"]),
+        "factors": factors.size,
+        "operations": int(above @ above),
+        "passing forces": len(joints.displacements.dof) + len(joints.rotations.dof),
+    }
+
+
+@pytest.mark.parametrize("made", MADE)
+def test_the_cost_of_long_chains_and_trees_grows_in_proportion_to_the_bodies(made):
+    few, many = counts(MADE[made](60)), counts(MADE[made](120))
+    for what, count in many.items():
+        assert count < 2.2 * few[what], what
+
+
+def step_from_rest(made):
+    """The reduction in a large increment, its tangent, and what it gives for random vectors."""
+    model = Model(made(25), fb.EnergyMomentum())
+    reduction, random = model.reduction, np.random.default_rng(1)
+    state = reference_state(model)
+    reduction.begin(state.q, state.slides)
+    model.actuators.begin(state, 0.01)
+    y = random.uniform(-0.3, 0.3, reduction.free)
+    D = reduction.expand(y, random.uniform(-0.3, 0.3, reduction.driven))
+    r, z = random.uniform(-1, 1, model.size), random.uniform(-1, 1, reduction.columns)
+    stiffness = random.uniform(-1, 1, model.forms.stiffness.nnz)
+    indptr, indices = reduction.pattern
+    values, n = np.empty(len(indices)), len(indptr) - 1
+    reduction.fill(stiffness, r, values)
+    tangent = scipy.sparse.csr_matrix((values, indices, indptr), (n, n))
+    b = np.zeros(n)
+    b[: reduction.free] = r[: reduction.free]
+    found = {
+        "expand": D,
+        "spread": reduction.spread(z),
+        "coupling": reduction.coupling() @ z,
+        "gather": reduction.gather(r),
+        "project": reduction.project(r),
+        "transmitted": reduction.transmitted(r),
+        "tangent": reduction.condensed(tangent).toarray(),
+        "solution": scipy.sparse.linalg.spsolve(tangent.tocsc(), b)[: reduction.free],
+    }
+    return len(reduction.dependent[0]), found
+
+
+@pytest.mark.parametrize("made", MADE.values(), ids=MADE)
+def test_a_step_with_ties_is_that_of_sums_over_all_ancestors(made, monkeypatch):
+    ties, found = step_from_rest(made)
+    assert ties
+    monkeypatch.setattr(graph, "_LONG", 10**6)
+    ties, expected = step_from_rest(made)
+    assert not ties
+    for name, value in expected.items():
+        bound = 1e-7 if name == "solution" else 1e-11
+        assert found[name] == pytest.approx(value, rel=0, abs=bound * abs(value).max()), name
+
+
+def accelerations(angles, rates, inertia):
+    """Of a chain of links that hangs on a pin, from Lagrange's equations for its angles."""
+    n, length = len(angles), LENGTH
+    i = np.arange(n)
+    # Mass that follows the end of link max(i, j), and half of that link's own.
+    coupled = MASS * length**2 * (n - np.maximum.outer(i, i) - 0.5)
+    np.fill_diagonal(coupled, MASS * length**2 * (n - i - 0.75) + inertia)
+    off = np.subtract.outer(angles, angles)
+    torque = -(coupled * np.sin(off)) @ rates**2
+    torque -= MASS * GRAVITY * length * (n - i - 0.5) * np.cos(angles)
+    return np.linalg.solve(coupled * np.cos(off), torque)
+
+
+@pytest.mark.parametrize("inertia", [2e-3, 0.0])
+def test_a_long_chain_starts_with_the_accelerations_of_lagrange(inertia):
+    n, rates = 40, np.random.default_rng(0).uniform(-1, 1, 40)
+    scene, _ = chain(n, along=(0.6, 0.8), inertia=inertia)
+    start = np.zeros(2)
+    for body, rate in zip(scene.bodies, rates, strict=True):
+        step = LENGTH * rate * np.array([-0.8, 0.6])
+        for node, part in ((body.centre, 0.5), (body["start"], 0.0), (body["end"], 1.0)):
+            scene.set_velocity(node, tuple(start + part * step), spin=rate)
+        start = start + step
+    solution = fb.simulate(scene, dt=1e-4, t_end=1e-4)
+    centres = [body.centre.number for body in scene.bodies]
+    angles = np.full(n, np.arctan2(0.8, 0.6))
+    expected = accelerations(angles, rates, inertia)
+    assert solution.a[0, centres, 2] == pytest.approx(expected, abs=1e-6 * abs(expected).max())
+
+
+def test_a_long_chain_moves_as_lagrange_says():
+    n, t_end, inertia = 20, 0.2, 2e-3
+    scene, _ = chain(n, inertia=inertia)
+
+    def rates(t, z):
+        return np.append(z[n:], accelerations(z[:n], z[n:], inertia))
+
+    start, tight = np.zeros(2 * n), {"rtol": 1e-11, "atol": 1e-12}
+    exact = scipy.integrate.solve_ivp(rates, (0, t_end), start, "DOP853", **tight)
+    centres = [body.centre.number for body in scene.bodies]
+    found = fb.simulate(scene, fb.EnergyMomentum(order=4), dt=0.002, t_end=t_end)
+    assert "sparse" in found.stats.solver
+    assert found.q[-1, centres, 2] == pytest.approx(exact.y[:n, -1], abs=1e-7)
+    assert abs(found.energy.balance_error).max() < 1e-11 * MASS * n * GRAVITY * LENGTH
+
+
+def test_a_free_chain_keeps_energy_and_momenta():
+    scene, _ = chain(30, hang=False)
+    for body in scene.bodies:
+        for node in body.nodes:
+            scene.set_velocity(node, (0.3, 2.0 * node.x), spin=2.0)
+    solution = fb.simulate(scene, dt=0.01, t_end=1.0)
+    assert np.ptp(solution.energy.total) < 1e-11 * solution.energy.total[0]
+    for momentum in (solution.linear_momentum, solution.angular_momentum):
+        assert np.ptp(momentum, axis=0).max() < 1e-11 * abs(momentum).max()
+
+
+@pytest.mark.parametrize("solver", ["compiled", "petsc"])
+def test_joints_of_a_hanging_chain_carry_the_weight_below(solver):
+    scene, _ = chain(30, along=(0.0, -1.0))
+    solution = fb.simulate(scene, dt=0.01, t_end=0.05, solver=solver)
+    hinges = [joint for joint in scene.joints if joint.kind == "Revolute"]
+    for below, joint in enumerate(reversed(hinges), start=1):
+        force, weight = solution.joint(joint).force, below * MASS * GRAVITY
+        assert force[1:] == pytest.approx(np.tile([0, weight, 0], (5, 1)), abs=1e-9)
