@@ -4,11 +4,14 @@ from __future__ import annotations
 
 import inspect
 import math
-from collections.abc import Callable, Iterable
+import threading
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import contextmanager
+from decimal import Decimal
 from numbers import Integral, Real
 
 from ufl.algorithms.analysis import extract_coefficients, extract_constants
-from ufl.core.expr import Expr
+from ufl.constantvalue import RealValue, Zero
 
 import numpy as np
 
@@ -17,52 +20,118 @@ from .errors import Failure, SceneError, StepError
 TimeFunction = Callable[[float], np.ndarray]
 # Parameter names, in lower case, that show a function of position instead of time.
 _PLACES = {"s", "x", "y", "xi", "place", "position", "point", "fraction", "arc_length"}
+#: Largest size of a number: products of a few such numbers are finite.
+LARGEST = 1e75
+_REAL = Real, Decimal, RealValue, Zero
+# Characters of a value in a message.
+_SHOWN = 200
 #: Immutable types of values.
 _IMMUTABLE = float, tuple, int
 
 
 def is_number(value) -> bool:
-    """Whether a value is a finite number. Booleans and arrays are not."""
+    """Whether a value is a number of a size with which one can compute; see `as_float`."""
+    return abs(as_float(value)) <= LARGEST
+
+
+def as_float(value) -> float:
+    """A real number of Python or NumPy, also a fraction or a decimal; nan for anything else.
+
+    Booleans, texts and times are no numbers; an array without axes is one.
+    """
+    found = _scalar(value)
     try:
-        return isinstance(value, Real) and not isinstance(value, bool) and math.isfinite(value)
-    except OverflowError:  # an integer too large for a float
-        return False
+        return float(found) if _is_real(found) else math.nan
+    except (OverflowError, ValueError):  # an integer too large for a float, a signalling decimal
+        return math.nan
 
 
-def is_whole(value, least: int, most: float = math.inf) -> bool:
+def _scalar(value):
+    """The entry of an array without axes; other values are returned as they are."""
+    return value[()] if isinstance(value, np.ndarray) and value.ndim == 0 else value
+
+
+def _is_real(value) -> bool:
+    """Whether a value is real; UFL functions of numbers may give numbers of UFL."""
+    return isinstance(value, _REAL) and not isinstance(value, bool | np.timedelta64)
+
+
+def is_whole(value, least: int, most: float = 1e9) -> bool:
     """Whether a value is an integer in a range. Booleans are not."""
-    whole = isinstance(value, Integral) and not isinstance(value, bool)
-    return whole and least <= value <= most
+    found = _scalar(value)
+    return isinstance(found, Integral) and _is_real(found) and least <= int(found) <= most
+
+
+def is_flag(value) -> bool:
+    """Whether a value is True or False."""
+    return isinstance(value, bool | np.bool_)
+
+
+def is_name(value) -> bool:
+    """Whether a value is a text that is not empty."""
+    return isinstance(value, str) and bool(value.strip())
+
+
+def is_one_of(value, choices: Iterable) -> bool:
+    """Whether a value is one of some texts or numbers; arrays are not."""
+    return (isinstance(value, str) or _is_real(value)) and value in choices
+
+
+def shown(value) -> str:
+    """A value in a message."""
+    try:
+        text = repr(value)
+    except ValueError:  # Python writes no integers of many thousand digits
+        return "a very long integer"
+    return text if len(text) <= _SHOWN else f"{text[:_SHOWN]} ..."
 
 
 def require(fits: bool, what: str, value, wanted: str) -> None:
     """Raise a SceneError unless the value is allowed; the message says what is allowed."""
     if not fits:
-        raise SceneError(f"{what} = {value!r} must be {wanted}")
+        raise SceneError(f"{what} = {shown(value)} must be {wanted}")
 
 
 def vector(value, size: int, what: str) -> np.ndarray:
     """Read-only array of `size` finite numbers."""
     array = shaped(value, size, what)
-    if not np.isfinite(array).all():
-        raise SceneError(f"{what}: {value!r} is not finite; give finite numbers")
+    if not (abs(array) <= LARGEST).all():
+        raise SceneError(
+            f"{what}: {shown(value)} is not finite, or too large; give finite numbers of at most "
+            f"{LARGEST:g}"
+        )
     array.setflags(write=False)
     return array
 
 
 def shaped(value, size: int, what: str) -> np.ndarray:
     """New array of `size` numbers, finite or not."""
-    try:
-        parts = value if isinstance(value, list | tuple) else [value]
-        if any(isinstance(part, Expr) for part in parts):
-            raise TypeError("converting a UFL symbol to float never ends")
-        array = np.array(value, dtype=float, ndmin=1)
-    except (TypeError, ValueError):
-        array = np.empty(0)
+    array = np.atleast_1d(numbers(value))
     if array.shape != (size,):
         wanted = "a number" if size == 1 else f"{size} numbers"
-        raise SceneError(f"{what}: {value!r} has the wrong shape; it must be {wanted}")
+        raise SceneError(f"{what}: {shown(value)} has the wrong type or shape; it must be {wanted}")
     return array
+
+
+def numbers(value) -> np.ndarray:
+    """New array of real numbers (see `as_float`), finite or not; of shape (0, 0) if one is not.
+
+    The entries of a masked array that are masked are no numbers.
+    """
+    parts = value if isinstance(value, list | tuple) else [value]
+    if any(isinstance(part, np.ma.MaskedArray) and np.ma.is_masked(part) for part in parts):
+        return np.empty((0, 0))
+    if isinstance(value, np.ndarray) and value.dtype.kind in "iuf":
+        return np.array(value, dtype=float)
+    try:
+        # As objects, as NumPy would take texts and booleans among numbers for numbers.
+        entries = np.array(value, dtype=object)
+        found = [_scalar(entry) for entry in entries.flat]
+        if all(map(_is_real, found)):
+            return np.array([float(entry) for entry in found]).reshape(entries.shape)
+    except Exception:  # a sequence of its own kind, or an integer too large for a float
+        pass
+    return np.empty((0, 0))
 
 
 def fields_in(expression) -> list:
@@ -139,6 +208,35 @@ def checked_function(value, size: int, what: str, *sample: float) -> CheckedFunc
     return _CheckedFunction(value, size, what)
 
 
+class _EndlessError(SceneError):
+    """A function that calls itself for ever."""
+
+
+class _Calls(threading.local):
+    """Functions of the user that this thread is calling."""
+
+    def __init__(self):
+        self.now: set[int] = set()
+
+
+_calls = _Calls()
+
+
+@contextmanager
+def _calling(function: Callable, what: str) -> Iterator[None]:
+    """Refuse to call a function while it is called: it would never end."""
+    if id(function) in _calls.now:
+        raise _EndlessError(
+            f"{what}: the function runs an analysis of the scene to which it belongs, and would be "
+            "called for ever. Let it use a scene without this function"
+        )
+    _calls.now.add(id(function))
+    try:
+        yield
+    finally:
+        _calls.now.discard(id(function))
+
+
 class _CheckedFunction:
     """A user's function; its values get their shape or are refused."""
 
@@ -147,7 +245,8 @@ class _CheckedFunction:
 
     def __call__(self, *arguments) -> np.ndarray:
         try:
-            return shaped(self.function(*arguments), self.size, self._what)
+            with _calling(self.function, self._what):
+                return shaped(self.function(*arguments), self.size, self._what)
         except SceneError:
             raise
         except Exception as error:
@@ -157,7 +256,8 @@ class _CheckedFunction:
         """Values (n, size) for n tuples of arguments."""
         try:
             # All values are checked at once: one by one, the checks cost more than most functions.
-            found = [_kept(self.function(*own)) for own in arguments]
+            with _calling(self.function, self._what):
+                found = [_kept(self.function(*own)) for own in arguments]
             values = np.array(found, dtype=float)
             if values.size == len(arguments) * self.size:
                 return values.reshape(-1, self.size)
@@ -185,8 +285,9 @@ def series(function: TimeFunction, times: np.ndarray, what: str) -> np.ndarray:
         # At once, as in `each`.
         found: list = []
         try:
-            for t in times.tolist():
-                found.append(_kept(function.function(t)))  # noqa: PERF401 (an interrupt counts)
+            with _calling(function.function, what):
+                for t in times.tolist():
+                    found.append(_kept(function.function(t)))  # noqa: PERF401 (an interrupt counts)
             values = np.array(found, dtype=float)
             if values.size == len(times) * function.size and np.isfinite(values).all():
                 return values.reshape(len(times), function.size)
@@ -204,6 +305,11 @@ def evaluate(function: TimeFunction, t: float, what: str) -> np.ndarray:
         value = function(t)
     except Exception as error:
         reason = f"{what}: evaluating it at t = {t:.6g} raised {error!r}"
+        cause: BaseException | None = error
+        while cause is not None:
+            if isinstance(cause, _EndlessError):
+                reason = str(cause)
+            cause = cause.__cause__
         raise StepError(Failure("function", reason, t)) from error
     if not np.isfinite(value).all():
         reason = f"{what}: its value at t = {t:.6g} is {value}, which is not finite"

@@ -367,7 +367,7 @@ def test_a_load_of_the_wrong_shape_is_refused(kind, value, as_function):
     scene, beam = small_scene()
     size, add = LOADS[kind]
     wanted = "a number" if size == 1 else "2 numbers"
-    with refused(f"{kind} o[nf] .*: .* has the wrong shape; it must be {wanted}"):
+    with refused(f"{kind} o[nf] .*: .* has the wrong type or shape; it must be {wanted}"):
         add(scene, beam, (lambda t: value) if as_function else value)
 
 
@@ -404,7 +404,7 @@ def test_a_mass_or_inertia_that_is_negative_or_no_finite_number_is_refused(name,
 
 @pytest.mark.parametrize("gravity", [9.81, (0, -9.81, 0), "down", (0, math.nan)])
 def test_gravity_that_is_no_finite_pair_is_refused(gravity):
-    with refused("gravity: .*(wrong shape|not finite)"):
+    with refused("gravity: .*(wrong type or shape|not finite)"):
         fb.Scene(gravity=gravity)
 
 
@@ -459,13 +459,13 @@ def test_a_virtual_work_that_is_not_linear_is_refused_and_named(term):
 @pytest.mark.parametrize("velocity", [1.0, (1.0, 2.0, 3.0), lambda x, y: x, lambda x, y: (x, y, 0)])
 def test_a_velocity_of_the_wrong_shape_is_refused(velocity):
     scene, beam = small_scene()
-    with refused("velocity of beam 'arm': .*wrong shape; it must be 2 numbers"):
+    with refused("velocity of beam 'arm': .*wrong type or shape; it must be 2 numbers"):
         scene.set_velocity(beam, velocity)
 
 
 def test_a_spin_of_the_wrong_shape_is_refused():
     scene, beam = small_scene()
-    with refused("spin of node 2 .*wrong shape; it must be a number"):
+    with refused("spin of node 2 .*wrong type or shape; it must be a number"):
         scene.set_velocity(beam.end, spin=(1.0, 2.0))
 
 
@@ -730,7 +730,7 @@ FAILURES = {
     "nan": (lambda size: [math.nan] * size, "not finite"),
     "infinite": (lambda size: [math.inf] * size, "not finite"),
     "raises": (lambda size: raised(), "raised KeyError"),
-    "shape": (lambda size: [0.0] * 3, "wrong shape"),
+    "shape": (lambda size: [0.0] * 3, "wrong type or shape"),
 }
 
 

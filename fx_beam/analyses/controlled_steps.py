@@ -12,10 +12,12 @@ from fx_beam.stepping.local_error import order_and_constant
 from fx_beam.stepping.recorder import Recorder
 from fx_beam.stepping.step_control import StepControl
 from fx_beam.stepping.stepper import Stepper
-from fx_beam.validation import is_number, require
+from fx_beam.validation import LARGEST, as_float, is_number, numbers, require
 
 # Limits of the tolerance. Newton's method and rounding disturb smaller errors.
 _LEAST, _MOST = 1e-9, 0.1
+# Shortest first or largest step that may be given, relative to the whole time.
+_SHORTEST = 1e-10
 # Largest step by default, relative to the whole time.
 _LONGEST = 0.1
 
@@ -31,28 +33,30 @@ class Tolerance:
         breaks: Sequence[float],
         times: tuple[float, float],
     ):
-        t0, t_end = times
-        fits = is_number(tolerance) and _LEAST <= tolerance <= _MOST
+        t0, t_end = times[0], as_float(times[1])
+        fits = _LEAST <= as_float(tolerance) <= _MOST
         require(fits, "tolerance", tolerance, f"a number from {_LEAST:g} to {_MOST:g}")
-        require(is_number(t_end), "t_end", t_end, "a finite number")
-        if t_end <= t0:
+        require(is_number(times[1]), "t_end", times[1], "a finite number")
+        if not t_end - t0 >= 1 / LARGEST:
             since = f"the start at t = {t0:g}" if t0 else "0"
             raise SceneError(f"t_end = {t_end!r} must be after {since}")
+        shortest = _SHORTEST * (t_end - t0)
         for name, value in (("dt", dt), ("dt_max", dt_max)):
-            fits = value is None or (is_number(value) and value > 0)
-            require(fits, name, value, "a positive number")
-        try:
-            inner = sorted(float(t) for t in breaks)
-        except (TypeError, ValueError):
-            inner = [np.nan]
-        require(bool(np.isfinite(inner).all()), "breaks", breaks, "a sequence of finite times")
-        self.tolerance, self._t0, self._t_end = tolerance, t0, float(t_end)
-        self._longest = min(dt_max or _LONGEST * (t_end - t0), t_end - t0)
+            fits = value is None or (is_number(value) and as_float(value) >= shortest)
+            wanted = f"a positive number, at least {_SHORTEST:g} of the whole time"
+            require(fits, name, value, wanted)
+        inner = numbers(breaks)
+        fits = inner.ndim == 1 and bool(np.isfinite(inner).all())
+        require(fits, "breaks", breaks, "a sequence of finite times")
+        self.tolerance, self._t0, self._t_end = as_float(tolerance), t0, t_end
+        given = _LONGEST * (t_end - t0) if dt_max is None else as_float(dt_max)
+        self._longest = min(given, t_end - t0)
         self._search = dt is None
+        first = (t_end - t0) / 1000 if dt is None else as_float(dt)
         #: Length of the first step to be tried [s].
-        self.first = min(dt or (t_end - t0) / 1000, self._longest)
+        self.first = min(first, self._longest)
         least = 1e-9 * (t_end - t0)
-        self._breaks = [t for t in dict.fromkeys(inner) if t0 + least < t < t_end - least]
+        self._breaks = [t for t in np.unique(inner).tolist() if t0 + least < t < t_end - least]
 
     def run(self, integrator, stepper: Stepper, recorder: Recorder, max_halvings: int):
         """The run of an integrator, from which it can be advanced."""

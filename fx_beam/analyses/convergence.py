@@ -11,12 +11,14 @@ from fx_beam.errors import Failure, SceneError, StepError
 from fx_beam.mechanics.schemes import Scheme
 from fx_beam.results.solution import Solution
 from fx_beam.scene.scene import Scene
-from fx_beam.validation import is_number, is_whole, require
+from fx_beam.validation import as_float, is_number, is_whole, numbers, require
 
 from .dynamics import simulate
 
 # Tolerance of the steps at first, and its factor in a refinement; the elements are doubled.
 _FIRST, _FACTOR = 1e-2, 0.25
+# Largest number of elements at first.
+_MOST = 10_000
 # Error of the finer of two runs, relative to their difference: at second order it is a third.
 _SHARE = 0.5
 
@@ -151,13 +153,15 @@ def converge(
     for name, given, fits, wanted in (
         ("scene_of", scene_of, callable(scene_of), "a function of elements and degree"),
         ("quantity", quantity, callable(quantity), "a function of the solution"),
-        ("tolerance", tolerance, is_number(tolerance) and tolerance > 0, "a positive number"),
-        ("elements", elements, is_whole(elements, 1), "a positive whole number"),
+        ("tolerance", tolerance, is_number(tolerance) and as_float(tolerance) > 0, "positive"),
+        ("elements", elements, is_whole(elements, 1, _MOST), f"a whole number from 1 to {_MOST}"),
+        ("degree", degree, is_whole(degree, 1, 3), "1, 2 or 3"),
         ("max_runs", max_runs, is_whole(max_runs, 4), "a whole number from 4 on"),
     ):
         require(fits, f"converge: {name}", given, wanted)
-    runs = _Runs(scene_of, quantity, degree, max_runs, t_end, scheme, breaks)
-    mesh, step = elements, _FIRST
+    runs = _Runs(scene_of, quantity, int(degree), max_runs, t_end, scheme, breaks)
+    mesh, step = int(elements), _FIRST
+    tolerance = as_float(tolerance)
     while True:
         value, finer_mesh, finer_step = (
             runs.value(*options)
@@ -204,7 +208,10 @@ class _Runs:
                 raise self._unknown()
             scene = self._scene_of(elements, self._degree)
             self.last = simulate(scene, tolerance=tolerance, **self._options)
-            value = np.asarray(self._quantity(self.last), dtype=float)
+            given = self._quantity(self.last)
+            value = numbers(given)
+            wanted = "a number, or an array of numbers"
+            require(value.size > 0, "converge: the quantity", given, wanted)
             if not np.isfinite(value).all():
                 raise SceneError(
                     f"converge: the quantity is {value} with {elements} elements; it must be finite"

@@ -25,10 +25,10 @@ from fx_beam.stepping.newton import NewtonOptions
 from fx_beam.stepping.recorder import Record, Recorder
 from fx_beam.stepping.stepper import Stepper
 from fx_beam.stepping.substeps import LARGE_TURN, Halving
-from fx_beam.validation import is_number, require
+from fx_beam.validation import as_float, is_flag, is_number, require
 
 from .controlled_steps import Tolerance
-from .engine import Engine, check_options, checked_scheme, end_of
+from .engine import MOST_STEPS, Engine, check_options, checked_scheme, end_of
 from .evaluation import solution_of
 from .mpi_ranks import warn_of_equal_work
 from .progress import failure_of, keep, progress_bar
@@ -37,8 +37,6 @@ _log = logging.getLogger("fx_beam")
 
 #: Steps times degrees of freedom between two updates of the progress bar and checks for Ctrl-C.
 _BLOCK = 500_000
-# Largest number of steps; their times alone take 8 GB.
-_MOST_STEPS = 1e9
 # The progress bar counts the time of the simulation.
 _BAR = {"unit": "s", "bar_format": "{l_bar}{bar}| {n:.4g}/{total:.4g} s [{elapsed}<{remaining}]"}
 
@@ -149,19 +147,21 @@ def simulate(
     """
     scheme = checked_scheme(scene, scheme, "simulate")
     check_options("simulate", newton, max_halvings, record, solver)
-    wanted = "True, False or None"
-    require(isinstance(progress, bool | None), "simulate: progress", progress, wanted)
+    fits = progress is None or is_flag(progress)
+    require(fits, "simulate: progress", progress, "True, False or None")
     scene, named = with_functions(scene, inputs, "simulate: inputs"), scene
     t0 = 0.0 if start is None else end_of(start).t
     control, times = None, np.array([t0])
     if tolerance is None:
         times = _time_grid(dt, t_end, t0)
-        for name, value in (("dt_max", dt_max), ("breaks", breaks or None)):
-            require(value is None, f"simulate: {name}", value, "given with a tolerance only")
+        without = isinstance(breaks, tuple | list) and not breaks
+        for name, value, fits in (("dt_max", dt_max, dt_max is None), ("breaks", breaks, without)):
+            require(fits, f"simulate: {name}", value, "given with a tolerance only")
     else:
         control = Tolerance(tolerance, dt, dt_max, breaks, (t0, t_end))
         order_and_constant(scheme)  # refuses a scheme whose local errors are not known
 
+    t_end, dt = as_float(t_end), None if dt is None else as_float(dt)
     warn_of_equal_work()
     clock = time.perf_counter()
     halving = Halving(max_halvings, dt if control is None else None)
@@ -244,21 +244,21 @@ def _warn_of_parts(stats: Stats, dt: float) -> None:
 
 def _time_grid(dt: float | None, t_end: float, t0: float) -> np.ndarray:
     choice = ", or give a tolerance, which chooses the steps" if dt is None else ""
-    require(dt is not None and is_number(dt), "dt", dt, f"a finite number{choice}")
+    require(is_number(dt), "dt", dt, f"a finite number{choice}")
     require(is_number(t_end), "t_end", t_end, "a finite number")
-    assert dt is not None
+    dt, t_end = as_float(dt), as_float(t_end)
     if dt <= 0:
-        raise SceneError(f"dt = {dt!r} must be positive")
+        raise SceneError(f"dt = {dt:g} must be positive")
     if t_end - t0 < dt * (1 - 1e-6):
         since = f" after the start at t = {t0:g}" if t0 else ""
         raise SceneError(f"t_end = {t_end!r} must be at least one step dt = {dt!r}{since}")
-    if (t_end - t0) / dt > _MOST_STEPS:
+    if (t_end - t0) / dt > MOST_STEPS:
         raise SceneError(
             f"dt = {dt!r}: {(t_end - t0) / dt:.3g} steps to t_end = {t_end!r} are more than the "
-            f"largest number, {_MOST_STEPS:.0e}. Try a larger dt"
+            f"largest number, {MOST_STEPS:.0e}. Try a larger dt"
         )
     # A remainder below 1e-6 steps is a rounding error of t_end / dt, not a step.
     steps = math.ceil((t_end - t0) / dt - 1e-6)
-    times = t0 + float(dt) * np.arange(steps + 1)
+    times = t0 + dt * np.arange(steps + 1)
     times[-1] = t_end
     return times

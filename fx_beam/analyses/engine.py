@@ -21,7 +21,10 @@ from fx_beam.stepping.newton import NewtonOptions
 from fx_beam.stepping.recorder import Record
 from fx_beam.stepping.stepper import Stepper
 from fx_beam.stepping.substeps import MOST_HALVINGS, Halving
-from fx_beam.validation import is_whole, require
+from fx_beam.validation import is_one_of, is_whole, require, shown
+
+#: Largest number of steps; their times alone take 8 GB.
+MOST_STEPS = 1e9
 
 
 class Engine:
@@ -69,10 +72,10 @@ def checked_scheme(scene, scheme, what: str) -> Scheme:
     """The scheme of a motion, by default `EnergyMomentum`; SceneError if `what` cannot use it."""
     scheme = EnergyMomentum() if scheme is None else scheme
     if not isinstance(scene, Scene):
-        raise SceneError(f"{what} needs an fx_beam.Scene, not {scene!r}")
+        raise SceneError(f"{what} needs an fx_beam.Scene, not {shown(scene)}")
     if not isinstance(scheme, Scheme):
         raise SceneError(
-            f"unknown scheme {scheme!r}; give an instance such as fx_beam.EnergyMomentum() or "
+            f"unknown scheme {shown(scheme)}; give an instance such as fx_beam.EnergyMomentum() or "
             "fx_beam.Newmark(), with parentheses, or an fx_beam.Scheme of your own"
         )
     if scheme.rates.at_rest:
@@ -83,7 +86,7 @@ def checked_scheme(scene, scheme, what: str) -> Scheme:
 def end_of(start: Solution) -> State:
     """Last state of a solution, with vectors numbered by nodes."""
     if not isinstance(start, Solution):
-        raise SceneError(f"start must be a Solution, not {start!r}")
+        raise SceneError(f"start must be a Solution, not {shown(start)}")
     if start.end is None:
         raise SceneError(
             "start: the solution has no last state. It is from a run that ended early, saved by an "
@@ -161,7 +164,7 @@ def check_options(what: str, newton, max_halvings, record, solver) -> None:
         (
             "solver",
             solver,
-            isinstance(solver, str) and solver in ("auto", "compiled", "petsc"),
+            is_one_of(solver, ("auto", "compiled", "petsc")),
             '"auto", "compiled" or "petsc"',
         ),
     ):

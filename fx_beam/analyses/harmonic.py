@@ -17,7 +17,7 @@ from fx_beam.scene.beam import COMPONENTS, Node
 from fx_beam.scene.joints import GROUND, Joint
 from fx_beam.scene.loads import check_node
 from fx_beam.scene.scene import Scene
-from fx_beam.validation import require
+from fx_beam.validation import LARGEST, is_one_of, numbers, require
 
 from .equilibrium_check import check_equilibrium
 from .linearisation import Linearisation, linearised
@@ -106,7 +106,7 @@ class FrequencyResponse:
         SceneError
             If there is no such component.
         """
-        require(name in self.names, "component", name, f"one of {list(self.names)}")
+        require(is_one_of(name, self.names), "component", name, f"one of {list(self.names)}")
         return self.values[:, self.names.index(name)]
 
     def to_csv(self, path: Path | str) -> None:
@@ -231,11 +231,8 @@ def frequency_response(
 
 
 def _checked_frequencies(frequencies, what: str) -> np.ndarray:
-    try:
-        f = np.array(frequencies, dtype=float)
-    except (TypeError, ValueError):
-        f = np.empty(0)
-    fits = f.ndim == 1 and f.size and np.isfinite(f).all() and (f >= 0).all()
+    f = numbers(frequencies)
+    fits = f.ndim == 1 and f.size and (f >= 0).all() and (f <= LARGEST).all()
     require(bool(fits), what, frequencies, "a list of numbers [Hz], zero or positive")
     return f
 
@@ -247,12 +244,11 @@ def _force(about: Linearisation, load, what: str) -> np.ndarray:
     require(fits, what, load, wanted)
     node, components = load
     check_node(about.scene, node, what)
-    try:
-        amplitudes = np.array(components, dtype=complex)
-    except (TypeError, ValueError):
-        amplitudes = np.empty(0)
-    fits = amplitudes.shape in ((2,), (3,)) and np.isfinite(amplitudes).all()
-    require(bool(fits), f"{what} on {node}", components, "(fx, fy) or (fx, fy, moment)")
+    given = components if isinstance(components, list | tuple) or np.ndim(components) else ()
+    parts = numbers([(x.real, x.imag) if np.iscomplexobj(x) else (x, 0.0) for x in given])
+    fits = parts.shape in ((2, 2), (3, 2)) and bool((abs(parts) <= LARGEST).all())
+    require(fits, f"{what} on {node}", components, "(fx, fy) or (fx, fy, moment)")
+    amplitudes = parts @ (1, 1j)
     full = np.zeros(about.model.size, dtype=complex)
     full[about.model.mesh.dofs[node.number][: len(amplitudes)]] = amplitudes
     force = about.T.T @ full

@@ -12,7 +12,7 @@ from fx_beam.results.solution import Solution
 from fx_beam.scene.beam import Beam
 from fx_beam.scene.body import Body
 from fx_beam.scene.scene import Scene
-from fx_beam.validation import is_whole, require
+from fx_beam.validation import as_float, is_flag, is_number, is_whole, require, shown
 
 from .damped_modes import lowest_damped
 from .equilibrium_check import check_equilibrium
@@ -137,21 +137,23 @@ class Modes:
             If there is no such beam or mode.
         """
         name = beam.name if isinstance(beam, Beam) else beam
+        for what, value in (("size", size), ("phase", phase)):
+            require(is_number(value), f"shape: {what}", value, "a finite number")
         if isinstance(beam, Body):
             nodes = np.array([node.number for node in beam.nodes])
-        elif name not in self.nodes_of_beam:
+        elif not isinstance(name, str) or name not in self.nodes_of_beam:
             raise SceneError(
-                f"{name!r} is not a beam of these modes; they have {list(self.nodes_of_beam)}"
+                f"{shown(name)} is not a beam of these modes; they have {list(self.nodes_of_beam)}"
             )
         else:
             nodes = self.nodes_of_beam[name]
-        if mode not in range(-len(self), len(self)):
-            raise SceneError(f"mode {mode!r}: there are {len(self)} modes, numbered from 0")
+        if not is_whole(mode, -len(self), len(self) - 1):
+            raise SceneError(f"mode {shown(mode)}: there are {len(self)} modes, numbered from 0")
         moved = self.shapes[mode, :, :2]
         # The largest half-axis of the ellipses on which the nodes move.
         squares = (abs(moved) ** 2).sum(axis=1) + abs((moved**2).sum(axis=1))
-        scale = size / np.sqrt(squares.max() / 2)
-        return self.positions[nodes] + scale * (moved[nodes] * np.exp(1j * phase)).real
+        scale = as_float(size) / np.sqrt(squares.max() / 2)
+        return self.positions[nodes] + scale * (moved[nodes] * np.exp(1j * as_float(phase))).real
 
 
 def modes(scene: Scene, state: Solution | None = None, n: int = 6, damping: bool = True) -> Modes:
@@ -207,7 +209,7 @@ def modes(scene: Scene, state: Solution | None = None, n: int = 6, damping: bool
     3.5
     """
     require(is_whole(n, 1), "modes: n", n, "a whole number from 1 on")
-    require(isinstance(damping, bool), "modes: damping", damping, "True or False")
+    require(is_flag(damping), "modes: damping", damping, "True or False")
     about = linearised(scene, state, "modes")
     check_equilibrium(about, state, "modes")
     model, K, M = about.model, about.K, about.M

@@ -25,9 +25,9 @@ from fx_beam.stepping.newton import NewtonOptions
 from fx_beam.stepping.recorder import Record, Recorder
 from fx_beam.stepping.stride import Stride
 from fx_beam.stepping.substeps import Halving
-from fx_beam.validation import is_number, require
+from fx_beam.validation import LARGEST, as_float, is_number, require
 
-from .engine import Engine, check_options, checked_scheme, state_of
+from .engine import MOST_STEPS, Engine, check_options, checked_scheme, state_of
 from .evaluation import solution_of
 from .measurement import reading
 from .open_record import OpenRecord
@@ -56,7 +56,7 @@ class Motion:
     Parameters
     ----------
     scene : Scene
-        The scene; later changes of it have no effect.
+        The scene. What is added to it later has no part in the motion: `step` refuses to go on.
     scheme : Scheme, optional
         Time scheme; `EnergyMomentum()` by default.
     dt : float
@@ -122,7 +122,8 @@ class Motion:
         clock = perf_counter()
         scheme = checked_scheme(scene, scheme, "Motion")
         check_options("Motion", newton, max_halvings, record, solver)
-        require(is_number(dt) and dt > 0, "Motion: dt", dt, "a positive number")
+        fits = is_number(dt) and as_float(dt) >= 1 / LARGEST
+        require(fits, "Motion: dt", dt, "a positive number")
         if record is not None and record.times is not None:
             raise SceneError("Motion: a record at times is not possible; use Record(every=...)")
         outputs = {} if outputs is None else outputs
@@ -130,14 +131,14 @@ class Motion:
         self._arguments = {
             "scene": scene,
             "scheme": scheme,
-            "dt": dt,
+            "dt": as_float(dt),
             "outputs": dict(outputs),
             "record": record,
             "newton": newton,
             "max_halvings": max_halvings,
             "solver": solver,
         }
-        self._dt, self._record = float(dt), record
+        self._dt, self._record = as_float(dt), record
         self._held, halving = HeldInputs(scene), Halving(max_halvings, self._dt)
         self._engine = engine = Engine(self._held.scene, scheme, newton, halving, solver)
         if start is not None:
@@ -190,7 +191,8 @@ class Motion:
         Raises
         ------
         SceneError
-            For an input that is unknown, has the wrong size or is not finite. Nothing is changed.
+            For an input that is unknown, has the wrong size or is not finite, or if something was
+            added to the scene since the motion was created. Nothing is changed.
         StepError
             If the step fails. The motion stays in the state before the step, with its inputs.
         """
@@ -239,12 +241,15 @@ class Motion:
         KeyboardInterrupt
             After Ctrl-C. The motion stays in the state after the last step.
         """
-        require(is_number(t_end), "Motion.run: t_end", t_end, "a finite number")
+        fits = is_number(t_end) and (as_float(t_end) - self._t) / self._dt <= MOST_STEPS
+        wanted = f"a finite number, at most {MOST_STEPS:.0e} steps away"
+        require(fits, "Motion.run: t_end", t_end, wanted)
+        last = as_float(t_end) - 1e-6 * self._dt
         fits = controller is None or callable(controller)
         require(fits, "Motion.run: controller", controller, "a function of time and outputs")
         found = self.outputs
         with ctrl_c_between_blocks():
-            while self._t < t_end - 1e-6 * self._dt:
+            while self._t < last:
                 inputs = None if controller is None else controller(self._t, found)
                 with uninterrupted:
                     found = self.step(inputs)

@@ -27,13 +27,24 @@ from fx_beam.stepping.newton import NewtonOptions
 from fx_beam.stepping.recorder import Record, Recorder
 from fx_beam.stepping.section_facing import FacingCheck
 from fx_beam.stepping.substeps import MOST_HALVINGS
-from fx_beam.validation import is_number, is_whole, require, vector
+from fx_beam.validation import (
+    as_float,
+    is_flag,
+    is_number,
+    is_one_of,
+    is_whole,
+    require,
+    shown,
+    vector,
+)
 
 from .evaluation import solution_of
 from .mpi_ranks import warn_of_equal_work
 from .progress import failure_of, keep, progress_bar
 
 _log = logging.getLogger("fx_beam")
+# Largest number of load steps.
+_MOST_STEPS = 10_000_000
 _BAR = "{percentage:3.0f}%|{bar}| load factor {n:.3g} [{elapsed}]"
 
 
@@ -131,7 +142,7 @@ def static(
     warn_of_equal_work()
     scene, values = (
         with_functions(scene, inputs, "static: inputs"),
-        values_at(scene, inputs, float(t)),
+        values_at(scene, inputs, as_float(t)),
     )
     clock = time.perf_counter()
     scheme = Equilibrium()
@@ -145,8 +156,8 @@ def static(
         assembled=model.assembled,
         static=True,
     )
-    turning = TurningFrame(model, float(spin), pivot) if spin else None
-    forcing = LoadForcing(model, float(t), turning)
+    turning = TurningFrame(model, as_float(spin), pivot) if spin else None
+    forcing = LoadForcing(model, as_float(t), turning)
     stepper = LoadStepper(model, forcing, newton or NewtonOptions(), stats)
     facing = FacingCheck(model, stats)
     stats.setup_seconds = time.perf_counter() - clock
@@ -214,17 +225,18 @@ def _check_turn(scene: Scene, spin, pivot) -> None:
 
 def _check(scene, steps, t, continuation, newton, max_cuts, max_steps, progress) -> None:
     if not isinstance(scene, Scene):
-        raise SceneError(f"static needs an fx_beam.Scene, not {scene!r}")
-    for name, value, least in (("steps", steps, 1), ("max_steps", max_steps, 1)):
-        wanted = f"a whole number from {least} on"
-        require(is_whole(value, least), f"static: {name}", value, wanted)
+        raise SceneError(f"static needs an fx_beam.Scene, not {shown(scene)}")
+    for name, value in (("steps", steps), ("max_steps", max_steps)):
+        fits = is_whole(value, 1, _MOST_STEPS)
+        wanted = f"a whole number from 1 to {_MOST_STEPS:,}"
+        require(fits, f"static: {name}", value, wanted)
     fits = is_whole(max_cuts, 0, MOST_HALVINGS)
     wanted = f"a whole number from 0 to {MOST_HALVINGS}"
     require(fits, "static: max_cuts", max_cuts, wanted)
     require(is_number(t), "static: t", t, "a finite number")
-    fits = continuation is None or (isinstance(continuation, str) and continuation == "arc-length")
+    fits = continuation is None or is_one_of(continuation, ("arc-length",))
     require(fits, "static: continuation", continuation, '"arc-length" or None')
     fits = isinstance(newton, NewtonOptions | None)
     require(fits, "static: newton", newton, "an fx_beam.NewtonOptions")
-    wanted = "True, False or None"
-    require(isinstance(progress, bool | None), "static: progress", progress, wanted)
+    fits = progress is None or is_flag(progress)
+    require(fits, "static: progress", progress, "True, False or None")

@@ -10,6 +10,7 @@ from typing import Any
 
 from fx_beam.errors import SceneError
 from fx_beam.results import tables
+from fx_beam.validation import require, shown
 
 from . import workers
 from .journal import Journal
@@ -84,6 +85,7 @@ def sweep(
     >>> print(table["error"][2])
     beam 'beam 1': the points 0 and 1 coincide at (0, 0). Remove one of them
     """
+    require(callable(function), "sweep: function", function, "a function of a case")
     given = _listed(cases)
     if executor is None:
         executor = workers.cores()
@@ -113,17 +115,24 @@ def _listed(cases: Any) -> list[dict]:
     """Cases as dicts; SceneError for anything else."""
     if hasattr(cases, "to_dict"):  # a table of pandas
         cases = cases.to_dict("records")
-    if isinstance(cases, Mapping | str) or not isinstance(cases, Iterable):
-        raise SceneError(f"cases must be a sequence of dicts or a table, not {cases!r:.60}")
-    given = list(cases)
+    given = _entries(cases)
+    if given is None or isinstance(cases, Mapping | str):
+        raise SceneError(f"cases must be a sequence of dicts or a table, not {shown(cases)}")
     if not given:
         raise SceneError("a sweep needs cases; none are given")
     for case in given:
         if not isinstance(case, Mapping):
-            raise SceneError(f"the case {case!r:.60} must be a dict of parameters by name")
+            raise SceneError(f"the case {shown(case)} must be a dict of parameters by name")
         if own := [name for name in _OWN if name in case]:
             raise SceneError(f"{own[0]!r} is a column of the results; rename it in the cases")
     return [dict(case) for case in given]
+
+
+def _entries(cases: Any) -> list | None:
+    try:
+        return list(cases)
+    except Exception:  # numbers, arrays without axes and UFL expressions have none
+        return None
 
 
 def _run(function, cases: list[dict], executor):

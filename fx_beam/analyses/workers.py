@@ -23,13 +23,15 @@ import numpy as np
 
 from fx_beam.errors import SceneError, StepError
 from fx_beam.fem import mpi
-from fx_beam.validation import is_whole
+from fx_beam.validation import is_whole, shown
 
 from .progress import without_bars
 
 _log = logging.getLogger("fx_beam")
 # One thread a worker, whatever BLAS there is; read when numpy is imported.
 _ONE_THREAD = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"), "1")
+# Largest number of processes.
+_MOST = 10_000
 # Time for processes to end by themselves before they are killed [s].
 _GRACE = 2.0
 _DIED = "its worker process died: it was killed, ran out of memory or crashed"
@@ -71,13 +73,13 @@ def run(function: Callable, items: Sequence, executor: Executor | int | None) ->
     """
     if executor is None:
         return ((place, call(function, item)) for place, item in enumerate(items))
-    if is_whole(executor, 1):
+    if is_whole(executor, 1, _MOST):
         _check_pickles(function, items)
         return _on_processes(int(executor), function, items)  # type: ignore[arg-type]
     if isinstance(executor, int) or not hasattr(executor, "submit"):
         raise SceneError(
-            f"executor = {executor!r} must be an executor of concurrent.futures, or the number of "
-            "processes"
+            f"executor = {shown(executor)} must be an executor of concurrent.futures, or the "
+            "number of processes"
         )
     if isinstance(executor, ProcessPoolExecutor):
         _check_pickles(function, items)

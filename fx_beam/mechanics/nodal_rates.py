@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from fx_beam.errors import SceneError
-from fx_beam.validation import is_number, require
+from fx_beam.validation import as_float, require
 
 from .rates import MidPointRates, NewmarkRates, Rates
 
@@ -62,8 +62,9 @@ class NodalRates(Rates):
     def __post_init__(self):
         fits = bool(self.rules) and all(map(callable, self.rules))
         require(fits, "NodalRates: rule", self.rule, "a function of D, v0, a0, before and dt")
-        fits = is_number(self.level) and self.level in (0.5, 1.0)
+        fits = as_float(self.level) in (0.5, 1.0)
         require(fits, "NodalRates: level", self.level, "0.5 or 1.0")
+        object.__setattr__(self, "level", as_float(self.level))
 
     @property
     def rules(self) -> tuple[Rule, ...]:

@@ -10,7 +10,10 @@ import ufl
 
 import numpy as np
 
-from fx_beam.validation import is_number, require
+from fx_beam.validation import as_float, is_number, require
+
+# With less, the acceleration overflows.
+_LEAST_BETA = 1e-9
 
 
 class Rates(Protocol):
@@ -228,14 +231,16 @@ class NewmarkRates(Rates):
 
     def __post_init__(self):
         for name, low, high in (
-            ("beta", 0, math.inf),
+            ("beta", _LEAST_BETA, math.inf),
             ("gamma", -math.inf, math.inf),
             ("alpha_m", -math.inf, 1),
             ("alpha_f", -math.inf, 1),
         ):
             value = getattr(self, name)
+            fits = is_number(value) and low < as_float(value) < high
             wanted = f"a number between {low} and {high}"
-            require(is_number(value) and low < value < high, f"NewmarkRates: {name}", value, wanted)
+            require(fits, f"NewmarkRates: {name}", value, wanted)
+            object.__setattr__(self, name, as_float(value))
 
     @property
     def level(self) -> float:

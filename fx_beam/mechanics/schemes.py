@@ -8,7 +8,7 @@ from itertools import accumulate
 
 from fx_beam.errors import SceneError
 from fx_beam.scene.law import Law
-from fx_beam.validation import is_number, require
+from fx_beam.validation import as_float, is_number, is_one_of, require, shown
 
 from .decaying import Decaying, DecayingResultants
 from .kinematics import Step
@@ -110,10 +110,10 @@ def _divide_a_step(fractions) -> bool:
 
 def _of_order(order: int, scheme: Scheme) -> Scheme:
     """A scheme of second order that is symmetric in time, or its composition of order 4."""
-    require(order in (2, 4), f"{scheme.name}: order", order, "2 or 4")
+    require(is_one_of(order, (2, 4)), f"{scheme.name}: order", order, "2 or 4")
     if order == 2:
         return scheme
-    return replace(scheme, name=f"{scheme.name}(order={order})", fractions=_FRACTIONS[order])
+    return replace(scheme, name=f"{scheme.name}(order=4)", fractions=_FRACTIONS[4])
 
 
 def MidPoint(order: int = 2) -> Scheme:
@@ -243,10 +243,10 @@ def EnergyDecaying(damping: float = 0.1, order: int = 2) -> Scheme:
     >>> bool(abs(energy.balance_error).max() < 1e-12)
     True
     """
-    _check_parameter("EnergyDecaying", "damping", damping, 0, 1, low_open=True)
-    require(order in (1, 2), "EnergyDecaying: order", order, "1 or 2")
+    damping = _checked("EnergyDecaying", "damping", damping, 0, 1, low_open=True)
+    require(is_one_of(order, (1, 2)), "EnergyDecaying: order", order, "1 or 2")
     name = "EnergyDecaying" if order == 2 else "EnergyDecaying(order=1)"
-    return Scheme(name, Decaying(float(damping), int(order)), MidPointRates())
+    return Scheme(name, Decaying(damping, int(order)), MidPointRates())
 
 
 def Newmark(beta: float = 0.25, gamma: float = 0.5) -> Scheme:
@@ -268,9 +268,9 @@ def Newmark(beta: float = 0.25, gamma: float = 0.5) -> Scheme:
     >>> fb.Newmark().rates.beta
     0.25
     """
-    _check_parameter("Newmark", "beta", beta, 0, 1, low_open=True)
-    _check_parameter("Newmark", "gamma", gamma, 0, 1)
-    return _newmark_family("Newmark", NewmarkRates(float(beta), float(gamma)))
+    beta = _checked("Newmark", "beta", beta, 0, 1, low_open=True)
+    gamma = _checked("Newmark", "gamma", gamma, 0, 1)
+    return _newmark_family("Newmark", NewmarkRates(beta, gamma))
 
 
 def HHT(alpha: float = -0.1) -> Scheme:
@@ -296,7 +296,7 @@ def HHT(alpha: float = -0.1) -> Scheme:
     >>> round(fb.HHT(alpha=-0.1).rates.gamma, 6)
     0.6
     """
-    _check_parameter("HHT", "alpha", alpha, -1 / 3, 0)
+    alpha = _checked("HHT", "alpha", alpha, -1 / 3, 0)
     rates = NewmarkRates((1 - alpha) ** 2 / 4, 0.5 - alpha, alpha_f=-alpha)
     return _newmark_family("HHT", rates)
 
@@ -324,7 +324,7 @@ def GeneralizedAlpha(rho_inf: float = 0.9) -> Scheme:
     >>> round(fb.GeneralizedAlpha(rho_inf=0.5).rates.alpha_f, 4)
     0.3333
     """
-    _check_parameter("GeneralizedAlpha", "rho_inf", rho_inf, 0, 1)
+    rho_inf = _checked("GeneralizedAlpha", "rho_inf", rho_inf, 0, 1)
     alpha_m, alpha_f = (2 * rho_inf - 1) / (rho_inf + 1), rho_inf / (rho_inf + 1)
     beta, gamma = (1 - alpha_m + alpha_f) ** 2 / 4, 0.5 - alpha_m + alpha_f
     return _newmark_family("GeneralizedAlpha", NewmarkRates(beta, gamma, alpha_m, alpha_f))
@@ -355,9 +355,13 @@ def _newmark_family(name: str, rates: NewmarkRates) -> Scheme:
     return Scheme(name, AtEnds(rates.level), rates)
 
 
-def _check_parameter(scheme, name, value, low, high, low_open=False):
-    inside = is_number(value) and (low < value <= high or (value == low and not low_open))
+def _checked(scheme: str, name: str, value, low: float, high: float, low_open=False) -> float:
+    """A parameter as a number in its range."""
+    number = as_float(value)
+    inside = low < number <= high or (number == low and not low_open)
     if not inside:
+        bracket = "(" if low_open else "["
         raise SceneError(
-            f"{scheme}: {name} = {value!r} must lie in {'(' if low_open else '['}{low:.4g}, {high}]"
+            f"{scheme}: {name} = {shown(value)} must lie in {bracket}{low:.4g}, {high}]"
         )
+    return number

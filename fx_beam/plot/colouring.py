@@ -11,6 +11,7 @@ from matplotlib.collections import LineCollection
 from matplotlib.colors import LinearSegmentedColormap, Normalize
 
 from fx_beam.results.fields import QUANTITIES, RESULTANTS, along_all
+from fx_beam.validation import is_one_of, shown
 
 from .symbols import Drawing
 
@@ -38,9 +39,9 @@ class Colouring:
         if not drawing.solution.beams:
             raise ValueError(f"colour = {quantity!r} needs beams, but the solution has none")
         internal = {name for own in drawing.solution.internal_of_beam.values() for name in own}
-        if quantity not in {*QUANTITIES, *internal}:
+        if not is_one_of(quantity, {*QUANTITIES, *internal}):
             known = ", ".join(repr(name) for name in [*QUANTITIES, *sorted(internal)])
-            raise ValueError(f"colour = {quantity!r} must be one of {known}, or None")
+            raise ValueError(f"colour = {shown(quantity)} must be one of {known}, or None")
         self._drawing = drawing
         elements = sum(beam.elements for beam in drawing.solution.beams.values())
         self._pieces = max(1, min(_PIECES, _MANY // elements))

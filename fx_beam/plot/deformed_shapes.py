@@ -18,6 +18,7 @@ from fx_beam.analyses.modal import Modes
 from fx_beam.results.files import writable
 from fx_beam.results.solution import Solution
 from fx_beam.scene.beam import Node
+from fx_beam.validation import as_float, is_name, is_whole, require
 
 from .colouring import SEQUENTIAL, Colouring
 from .frames import check_frames, write_frames
@@ -83,7 +84,7 @@ def shapes(
     for k, shade in zip(steps, shades, strict=True):
         draw_symbols(ax, drawing, k, shade, small=True)
     draw_supports(ax, drawing)
-    draw_marks(ax, drawing, steps[0], marks or {})
+    draw_marks(ax, drawing, steps[0], {} if marks is None else marks)
     fig.savefig(path, dpi=200, bbox_inches="tight")
 
 
@@ -131,6 +132,9 @@ def animate(
         For an MP4 if imageio-ffmpeg is not installed.
     """
     path = check_frames(path)
+    require(is_whole(fps, 1, 1000), "fps", fps, "a whole number from 1 to 1000")
+    fits = scenery is None or callable(scenery)
+    require(fits, "scenery", scenery, "a function of axes and row")
     drawing = _drawing(solution, steps, magnify)
     low, high = drawing.window
     flat = high[0] - low[0] > 1.6 * (high[1] - low[1])
@@ -155,7 +159,9 @@ def animate(
         if trace is not None:
             solution.position(trace)  # refuses what is no node of the solution
             past.set_data(*drawing.places(trace.number, slice(steps[0], k + 1)).T)
-        drawn = draw_symbols(ax, drawing, k) + draw_marks(ax, drawing, k, marks or {})
+        drawn = draw_symbols(ax, drawing, k) + draw_marks(
+            ax, drawing, k, {} if marks is None else marks
+        )
         drawn += scenery(ax, k) if scenery else []
         canvas.restore_region(still)
         for artist in sorted([*moving, *drawn], key=lambda artist: artist.get_zorder()):
@@ -182,9 +188,11 @@ def modes(found: Modes, path: Path | str, count: int | None = None) -> None:
         Number of modes to draw, from the lowest; all by default.
     """
     path = writable(path, _PICTURES)
+    require(isinstance(found, Modes), "found", found, "what fx_beam.modes returned")
     count = len(found) if count is None else count
-    if count not in range(1, len(found) + 1):
-        raise ValueError(f"count = {count!r} must be from 1 to {len(found)}, the number of modes")
+    wanted = f"from 1 to {len(found)}, the number of modes"
+    require(is_whole(count, 1, len(found)), "count", count, wanted)
+    count = int(count)
     low, high = found.positions.min(axis=0), found.positions.max(axis=0)
     size = 0.15 * max(high - low)
     columns = min(count, 3)
@@ -240,9 +248,8 @@ def _members(fig: Figure, ax, drawing: Drawing, colour: str | None, length_unit:
 
 
 def _drawing(solution: Solution, steps: Sequence[int], magnify: float) -> Drawing:
-    drawing = Drawing(solution, steps, magnify)
-    drawing.check()
-    return drawing
+    Drawing(solution, steps, magnify).check()
+    return Drawing(solution, steps, as_float(magnify))
 
 
 def _title(drawing: Drawing) -> str:
@@ -308,6 +315,7 @@ def _tubes(drawing: Drawing, shades: np.ndarray) -> np.ndarray:
 
 def _plane(low: np.ndarray, high: np.ndarray, length_unit: str, width: float):
     """Figure with equal axes over a window of the plane."""
+    require(is_name(length_unit), "length_unit", length_unit, "a text")
     size = high - low
     # Labels and a colour bar need about a seventh of the width.
     fig = Figure((width, 0.86 * width * size[1] / size[0] + 0.5), layout="constrained")

@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from fx_beam.analyses.harmonic import FrequencyResponse
+from fx_beam.validation import require
 
 from .time_curves import figure, quantities, save
 
@@ -28,11 +29,14 @@ def frequency_response(
     components : sequence of str, optional
         The components to draw, of `FrequencyResponse.names`; by default all that move.
     """
+    wanted = "what fx_beam.frequency_response returned"
+    require(isinstance(found, FrequencyResponse), "found", found, wanted)
     if components is None:
         components = [name for name in found.names if found.component(name).any()]
+    wanted = f"names to draw, of {list(found.names)}"
+    fits = isinstance(components, Sequence) and not isinstance(components, str)
+    require(fits and len(components) > 0, "components", components, wanted)
     values = {name: found.component(name) for name in components}
-    if not values:
-        raise ValueError(f"components = {components!r}: nothing to draw; use {list(found.names)}")
     units = {name: found.units[found.names.index(name)] for name in values}
     kinds = sorted(set(units.values()))
     fig, axes = figure(len(kinds) + 1, 1)

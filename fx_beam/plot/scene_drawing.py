@@ -14,6 +14,7 @@ from fx_beam.errors import SceneError
 from fx_beam.results.files import writable
 from fx_beam.scene.beam import Node, inner_positions
 from fx_beam.scene.scene import Scene
+from fx_beam.validation import is_flag, is_name, require, shown
 
 from .actions import draw_actions
 from .grounds import draw_grounds, draw_guides
@@ -73,11 +74,13 @@ def scene(
         If it is not a scene, or a scene without beams and bodies.
     """
     if not isinstance(scene, Scene):
-        raise SceneError(f"plot.scene needs an fx_beam.Scene, not {scene!r}")
+        raise SceneError(f"plot.scene needs an fx_beam.Scene, not {shown(scene)}")
     if not scene.nodes:
         raise SceneError("plot.scene: the scene has no beams; add one with scene.add_beam")
     if path is not None:
         path = writable(path, sorted(FigureCanvasAgg.filetypes))
+    require(is_flag(dimensions), "dimensions", dimensions, "True or False")
+    require(is_name(length_unit), "length_unit", length_unit, "a text")
     drawing = Drawing(Reference(scene), [0])
     axes = {beam.name: drawing.axis(beam.name, 0) for beam in scene.beams}
     ends = [(node.x, node.y) for body in scene.bodies for node in body.nodes]
@@ -89,7 +92,7 @@ def scene(
     draw_guides(sheet, scene)
     sheet.see(draw_parts(sheet.ax, drawing, 0))
     draw_actions(sheet, scene, si=length_unit == "m")
-    _names(sheet, scene, axes, marks or {}, si=length_unit == "m")
+    _names(sheet, scene, axes, {} if marks is None else marks, si=length_unit == "m")
     if dimensions:
         _dimensions(sheet, scene, everything)
     figure = sheet.finish(length_unit)
@@ -158,9 +161,10 @@ def _members(sheet: Sheet, scene: Scene, axes: dict[str, np.ndarray], width: flo
 
 def _names(sheet: Sheet, scene: Scene, axes, marks: dict[str, Node], si: bool) -> None:
     """Labels of masses, marked nodes and members, in the order of their priority."""
+    require(isinstance(marks, dict), "marks", marks, "a dict of nodes by the names to write")
     for name, node in marks.items():
         if getattr(node, "scene", None) is not scene:
-            raise SceneError(f"mark {name!r}: {node!r} is not a node of the scene")
+            raise SceneError(f"mark {name!r}: {shown(node)} is not a node of the scene")
         sheet.dots([(node.x, node.y)], ".", color="black", markersize=5, zorder=4)
         sheet.label(name, (node.x, node.y))
     for number, mass, inertia in scene.masses:

@@ -10,9 +10,11 @@ from typing import Any
 import numpy as np
 
 from fx_beam.results.fields import nodes_of_elements
+from fx_beam.results.solution import Solution
 from fx_beam.scene.beam import Node, lagrange
 from fx_beam.scene.joints import GROUND, Joint
 from fx_beam.scene.loads import Load
+from fx_beam.validation import as_float, is_number, is_whole, numbers, require
 
 from .slide_direction import slide_direction
 
@@ -170,19 +172,13 @@ class Drawing:
 
     def check(self) -> None:
         """Raise an error for rows that the solution does not have."""
+        require(isinstance(self.solution, Solution), "solution", self.solution, "a Solution")
         rows = len(self.solution.t)
-        try:
-            known = [k for k in self.rows if k in range(rows)]
-            wrong = len(known) != len(self.rows) or not known
-        except TypeError:
-            wrong = True
-        if wrong:
-            raise ValueError(
-                f"steps = {self.rows!r} must be rows of the solution, such as "
-                f"range(0, {rows}, {max(1, rows // 10)})"
-            )
-        if not (np.ndim(self.magnify) == 0 and 0 < self.magnify < np.inf):
-            raise ValueError(f"magnify = {self.magnify!r} must be a positive number")
+        fits = numbers(self.rows).ndim == 1 and all(is_whole(k, 0, rows - 1) for k in self.rows)
+        wanted = f"rows of the solution, such as range(0, {rows}, {max(1, rows // 10)})"
+        require(fits and len(self.rows) > 0, "steps", self.rows, wanted)
+        fits = is_number(self.magnify) and as_float(self.magnify) > 0
+        require(fits, "magnify", self.magnify, "a positive number")
 
 
 # -- Symbols of one row ----------------------------------------------------------------------------
@@ -240,6 +236,7 @@ def draw_bodies(ax, drawing: Drawing, k: int, colour: Any, small: bool) -> list:
 def draw_marks(ax, drawing: Drawing, k: int, marks: dict[str, Node]) -> list:
     """Write names beside nodes in row k; returns the artists."""
     drawn: list = []
+    require(isinstance(marks, dict), "marks", marks, "a dict of nodes by the names to write")
     for name, node in marks.items():
         drawing.solution.position(node)  # raises an error if it is not a node of the solution
         place = drawing.places(node.number, k)

@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 
 from fx_beam.scene.beam import Beam
+from fx_beam.validation import is_one_of, shown
 
 from .audit import BeamResultants
 from .lookup import beam_name
@@ -82,8 +83,8 @@ def internal(solution: Any, beam: Beam | str, variable: str) -> np.ndarray:
     name = beam_name(solution, beam)
     solution.recorded("q")  # internal variables are recorded with the motion
     known = solution.internal_of_beam.get(name, {})
-    if variable not in known:
+    if not is_one_of(variable, known):
         raise ValueError(
-            f"beam {name!r} has no internal variable {variable!r}; it has {list(known)}"
+            f"beam {name!r} has no internal variable {shown(variable)}; it has {list(known)}"
         )
     return known[variable]

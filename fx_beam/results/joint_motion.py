@@ -10,6 +10,7 @@ import numpy as np
 from fx_beam.scene.beam import Node
 from fx_beam.scene.joints import GROUND, Joint, axial_rate
 from fx_beam.scene.sliders import SlidingJoint
+from fx_beam.validation import is_one_of, shown
 
 from . import sliding_motion
 
@@ -136,9 +137,9 @@ class JointMotion:
         """
         self.solution.recorded("q")  # internal variables are recorded with the motion
         known = self.solution.internal_of_joint.get(self.joint.number, {})
-        if variable not in known:
+        if not is_one_of(variable, known):
             raise ValueError(
-                f"{self.joint} has no internal variable {variable!r}; it has {list(known)}"
+                f"{self.joint} has no internal variable {shown(variable)}; it has {list(known)}"
             )
         return known[variable]
 

@@ -7,13 +7,14 @@ from typing import Any
 from fx_beam.scene.beam import Beam, Node
 from fx_beam.scene.joints import GROUND, Joint
 from fx_beam.scene.obstacles import Obstacle
+from fx_beam.validation import is_one_of, shown
 
 
 def node_number(solution: Any, node: Node) -> int:
     """Number of a node of a solution."""
     if not isinstance(node, Node):
         raise ValueError(
-            f"{node!r} is not a node; take one from a beam: beam.start, beam.end or "
+            f"{shown(node)} is not a node; take one from a beam: beam.start, beam.end or "
             "beam.node(fraction)"
         )
     X = solution.X
@@ -26,7 +27,7 @@ def joint_number(solution: Any, joint: Joint) -> int:
     """Number of a joint of a solution."""
     if not isinstance(joint, Joint) or not 0 <= joint.number < solution.slides.shape[1]:
         raise ValueError(
-            f"{joint!r} is not a joint of this solution; take the one that add_joint returned"
+            f"{shown(joint)} is not a joint of this solution; take the one that add_joint returned"
         )
     for node in (joint.a, joint.b):
         if node is not GROUND:
@@ -39,8 +40,8 @@ def obstacle_of(solution: Any, obstacle: Obstacle) -> Obstacle:
     known = solution.obstacles
     if not isinstance(obstacle, Obstacle) or not 0 <= obstacle.number < len(known):
         raise ValueError(
-            f"{obstacle!r} is not an obstacle of this solution; take the one that add_obstacle "
-            "returned"
+            f"{shown(obstacle)} is not an obstacle of this solution; take the one that "
+            "add_obstacle returned"
         )
     own = known[obstacle.number]
     if str(own) != str(obstacle) or own.shape != obstacle.shape:
@@ -51,6 +52,7 @@ def obstacle_of(solution: Any, obstacle: Obstacle) -> Obstacle:
 def beam_name(solution: Any, beam: Beam | str) -> str:
     """Name of a beam of a solution."""
     name, beams = beam.name if isinstance(beam, Beam) else beam, solution.beams
-    if name not in beams or (isinstance(beam, Beam) and beam.nodes != beams[name].nodes):
-        raise ValueError(f"{name!r} is not a beam of this solution; it has {list(beams)}")
+    known = is_one_of(name, beams)
+    if not known or (isinstance(beam, Beam) and beam.nodes != beams[name].nodes):
+        raise ValueError(f"{shown(name)} is not a beam of this solution; it has {list(beams)}")
     return name

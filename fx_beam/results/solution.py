@@ -11,6 +11,7 @@ from fx_beam.scene.body import Body
 from fx_beam.scene.joints import Joint
 from fx_beam.scene.obstacles import Obstacle
 from fx_beam.scene.summary import html_table
+from fx_beam.validation import is_one_of, shown
 
 from . import beam_histories, export, paraview, tables
 from .audit import BeamResultants, Energy, Stats, read_only
@@ -386,6 +387,8 @@ class Solution:
         (n, ...) float
             The history.
         """
+        if not is_one_of(name, _KINDS):
+            raise ValueError(f"name = {shown(name)} must be one of {list(_KINDS)}")
         rows, kind = getattr(self, name), _KINDS[name]
         if len(rows) != len(self.t):
             raise ValueError(f"{kind} not recorded; simulate with record=Record({kind}=True)")

@@ -8,6 +8,7 @@ import importlib.util
 import numpy as np
 
 from fx_beam.scene.beam import COMPONENTS, Node
+from fx_beam.validation import is_name, shown
 
 from .files import writable
 
@@ -26,7 +27,7 @@ def to_csv(solution, path, nodes: dict[str, Node] | None = None) -> None:
     nodes : dict, optional
         Nodes by the names that their columns shall have.
     """
-    write_csv(_columns(solution, nodes or {}), path)
+    write_csv(_columns(solution, {} if nodes is None else nodes), path)
 
 
 def write_csv(columns: dict[str, np.ndarray], path) -> None:
@@ -58,7 +59,7 @@ def to_pandas(solution, nodes: dict[str, Node] | None = None):
     RuntimeError
         Where pandas is not installed.
     """
-    return data_frame(_columns(solution, nodes or {}))
+    return data_frame(_columns(solution, {} if nodes is None else nodes))
 
 
 def data_frame(columns: dict[str, np.ndarray]):
@@ -125,10 +126,10 @@ def _require(package: str, what: str, instead: str) -> None:
 
 def _columns(solution, nodes: dict[str, Node]) -> dict[str, np.ndarray]:
     """Columns (n,) by their names, times or load factors first."""
-    if not isinstance(nodes, dict):
+    if not isinstance(nodes, dict) or not all(map(is_name, nodes)):
         raise ValueError(
-            f"nodes = {nodes!r} must be a dict of nodes by the names of their columns, such as "
-            "{'tip': beam.end}"
+            f"nodes = {shown(nodes)} must be a dict of nodes by the names of their columns, "
+            "such as {'tip': beam.end}"
         )
     columns = {"load factor" if solution.stats.static else "t": solution.t}
     columns |= {f"energy {name}": value for name, value in vars(solution.energy).items()}

@@ -9,10 +9,12 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from fx_beam.errors import SceneError
-from fx_beam.validation import is_whole
+from fx_beam.validation import LARGEST, as_float, is_whole, numbers, require, shown
 
 #: Components of a node's motion, in the order used in all arrays.
 COMPONENTS = ("x", "y", "rotation")
+#: Largest number of elements of a beam.
+MOST_ELEMENTS = 1_000_000
 
 
 @dataclass(frozen=True)
@@ -138,12 +140,13 @@ class Beam:
             If no element ends there.
         """
         fractions = self.s / self.length
-        nearest = int(np.argmin(abs(fractions - fraction)))
-        if not abs(fractions[nearest] - fraction) < 1e-9:
+        away = abs(fractions - as_float(fraction))
+        nearest = int(np.argmin(away))
+        if not away[nearest] < 1e-9:
             places = np.array2string(fractions, precision=4, threshold=12, separator=", ")
             raise SceneError(
-                f"beam {self.name!r} has no node at the fraction {fraction!r} of its length; its "
-                f"elements end at {places}. Use one of these, or change the number of elements"
+                f"beam {self.name!r} has no node at the fraction {shown(fraction)} of its length; "
+                f"its elements end at {places}. Use one of these, or change the number of elements"
             )
         return self.nodes[nearest]
 
@@ -207,9 +210,11 @@ def _strut(points: Any, elements: Any) -> Layout | None:
     (x0, y0), (x1, y1) = map(place, points)
     if not all(type(x) is float or type(x) is int for x in (x0, y0, x1, y1)):
         return None
+    if not (largest := max(map(abs, (x0, y0, x1, y1)))) <= LARGEST:
+        return None
     length = abs(complex(x1 - x0, y1 - y0))
     # Whether they coincide is decided where there is time for it.
-    if not 1e-9 * max(map(abs, (x0, y0, x1, y1))) < length < np.inf:
+    if not 1e-9 * largest < length:
         return None
     return Layout(points, np.array([0.0, length]))
 
@@ -223,17 +228,15 @@ def polyline(points: Sequence, elements: int | Sequence[int], name: str) -> Layo
         return strut
     try:
         points = list(points)
-    except TypeError:
+    except Exception:  # a UFL expression has no length
         raise SceneError(
-            f"beam {name!r}: points must be pairs (x, y) or nodes, not {points!r}"
+            f"beam {name!r}: points must be pairs (x, y) or nodes, not {shown(points)}"
         ) from None
-    try:
-        corners = np.array([place(point) for point in points], dtype=float)
-    except (TypeError, ValueError):
-        corners = np.empty(0)
-    if corners.ndim != 2 or corners.shape[1] != 2 or not np.isfinite(corners).all():
+    corners = numbers([place(point) for point in points])
+    fits = corners.ndim == 2 and corners.shape[1] == 2
+    if not fits or not (abs(corners) <= LARGEST).all():
         raise SceneError(
-            f"beam {name!r}: points must be finite pairs (x, y) or nodes, not {points!r}"
+            f"beam {name!r}: points must be finite pairs (x, y) or nodes, not {shown(points)}"
         )
     if len(corners) < 2:
         raise SceneError(f"beam {name!r}: a beam needs at least two points, not {len(corners)}")
@@ -258,16 +261,20 @@ def polyline(points: Sequence, elements: int | Sequence[int], name: str) -> Layo
 def _spread(elements, lengths: np.ndarray, name: str) -> list[int]:
     """Number of elements of each piece: as given, or in proportion to its length."""
     pieces = len(lengths)
-    counts = [elements] if np.ndim(elements) == 0 else list(elements)
-    if not all(is_whole(n, 1) for n in counts):
-        raise SceneError(f"beam {name!r}: elements = {elements!r} must be positive whole numbers")
-    if np.ndim(elements) != 0:
+    several = isinstance(elements, list | tuple) or np.ndim(elements) > 0
+    given = elements if several else [elements]
+    fits = all(is_whole(n, 1, MOST_ELEMENTS) for n in given)
+    wanted = f"positive whole numbers, at most {MOST_ELEMENTS:,}"
+    require(fits, f"beam {name!r}: elements", elements, wanted)
+    counts = [int(n) for n in given]
+    if several:
         if len(counts) != pieces:
             raise SceneError(
                 f"beam {name!r}: {len(counts)} numbers of elements for {pieces} straight pieces. "
                 "Give one number for each piece"
             )
         return counts
+    (elements,) = counts
     if elements < pieces:
         raise SceneError(
             f"beam {name!r}: {elements} elements are too few for {pieces} straight pieces. Give "

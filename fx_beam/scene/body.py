@@ -7,7 +7,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
 from fx_beam.errors import SceneError
-from fx_beam.validation import vector
+from fx_beam.validation import is_name, require, vector
 
 from . import loads
 from .beam import Node
@@ -48,7 +48,7 @@ class Body:
     inertia: float
 
     def __getitem__(self, name: str) -> Node:
-        if name not in self.points:
+        if not isinstance(name, str) or name not in self.points:
             raise SceneError(f"{self.name} has no point {name!r}; it has {list(self.points)}")
         return self.points[name]
 
@@ -121,11 +121,10 @@ class Bodies(Geometry):
         """
         name = self._name_of_body(name)
         x, y = vector(position, 2, f"{name}: position")
-        for what, value in (("mass", mass), ("inertia", inertia)):
-            if not vector(value, 1, f"{name}: {what}")[0] >= 0:
-                raise SceneError(f"{name}: {what} = {value!r} must be zero or positive")
-        if not isinstance(points, Mapping | None):
-            raise SceneError(f"{name}: points = {points!r} must be a dict of names and positions")
+        given = (("mass", mass), ("inertia", inertia))
+        m, J = (loads.not_negative(value, f"{name}: {what}") for what, value in given)
+        fits = isinstance(points, Mapping | None) and all(map(is_name, points or ()))
+        require(fits, f"{name}: points", points, "a dict of positions by their names")
         ends: list[Node | tuple[float, float]] = [(float(x), float(y))]
         for key, point in (points or {}).items():
             if isinstance(point, Node):
@@ -138,10 +137,10 @@ class Bodies(Geometry):
         for node in nodes:
             offset = (node.x - centre.x, node.y - centre.y)
             self.add_joint(Rigid(centre, node, offset=offset))
-        if mass or inertia:
-            self.add_mass(centre, mass, inertia)
+        if m or J:
+            self.add_mass(centre, m, J)
         named = dict(zip(points or {}, nodes, strict=True))
-        self.bodies.append(Body(name, centre, named, float(mass), float(inertia)))
+        self.bodies.append(Body(name, centre, named, m, J))
         return self.bodies[-1]
 
     def _name_of_body(self, name: str | None) -> str:
@@ -149,6 +148,7 @@ class Bodies(Geometry):
         if name is None:
             numbers = itertools.count(len(self.bodies) + 1)
             name = next(free for n in numbers if (free := f"body {n}") not in names)
+        require(is_name(name), "add_body: name", name, "a text that is not empty")
         if name in names:
             raise SceneError(f"two bodies are called {name!r}; use different names")
         return name

@@ -13,9 +13,9 @@ from ufl.corealg.traversal import unique_pre_traversal
 import numpy as np
 
 from fx_beam.errors import SceneError
-from fx_beam.validation import fields_in, is_number, refuse_fields
+from fx_beam.validation import as_float, fields_in, is_number, refuse_fields, require
 
-from .inputs import time_function
+from .inputs import Input, time_function
 from .internal_variables import InternalVariables
 from .law import Energy, check_energy, check_internal
 from .stop import Stop, as_stop
@@ -211,6 +211,17 @@ class Coordinate:
     friction: Friction | None = None
     stop: Stop | None = None
 
+    def __post_init__(self):
+        parts = (("spring", Spring), ("damper", Damper), ("friction", Friction))
+        for name, wanted in parts:
+            value = getattr(self, name)
+            fits = value is None or isinstance(value, wanted)
+            require(fits, name, value, f"an fx_beam.{wanted.__name__}")
+        object.__setattr__(self, "stop", as_stop(self.stop))
+        fits = self.motor is None or isinstance(self.motor, Input) or callable(self.motor)
+        fits = fits or is_number(self.motor)
+        require(fits, "motor", self.motor, "a function of time, or an fx_beam.Input")
+
     @property
     def acts(self) -> bool:
         """Whether it has a spring, a damper, friction or stops."""
@@ -220,22 +231,18 @@ class Coordinate:
 
 def checked_coordinate(what: str, spring, damper, motor, friction=None, stop=None) -> Coordinate:
     """Coordinate of checked parts."""
-    parts = (("spring", spring, Spring), ("damper", damper, Damper))
-    for name, value, wanted in (*parts, ("friction", friction, Friction)):
-        if value is not None and not isinstance(value, wanted):
-            raise SceneError(f"{name} = {value!r} must be an fx_beam.{wanted.__name__}")
     if motor is not None:
         motor = time_function(motor, 1, what)
-    return Coordinate(spring, damper, motor, friction, as_stop(stop))
+    return Coordinate(spring, damper, motor, friction, stop)
 
 
 def _check(part: Spring | Damper | Friction, name: str, lowest: float = 0.0) -> None:
     """Refuse a value that is not a number in range; keep it as a float."""
     value = getattr(part, name)
-    if not (is_number(value) and value >= lowest):
-        wanted = "finite" if lowest < 0 else "finite and not negative"
-        raise SceneError(f"{type(part).__name__}: {name} = {value!r} must be {wanted}")
-    object.__setattr__(part, name, float(value))
+    wanted = "finite" if lowest < 0 else "finite and not negative"
+    fits = is_number(value) and as_float(value) >= lowest
+    require(fits, f"{type(part).__name__}: {name}", value, wanted)
+    object.__setattr__(part, name, as_float(value))
 
 
 def _check_law(law: Callable[[Any], Any]) -> None:

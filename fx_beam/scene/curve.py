@@ -29,9 +29,9 @@ from numpy.polynomial.chebyshev import (
 )
 
 from fx_beam.errors import SceneError
-from fx_beam.validation import checked_function, is_whole, vector
+from fx_beam.validation import checked_function, is_whole, numbers, require, shown, vector
 
-from .beam import Layout, Node, lagrange, place, polyline
+from .beam import MOST_ELEMENTS, Layout, Node, lagrange, place, polyline
 
 # Degrees of the interpolating polynomials of a piece of a curve, and of its speed.
 _CURVE_DEGREE, _SPEED_DEGREE = 14, 20
@@ -96,15 +96,13 @@ class Curve:
         for end in (self.start, self.end):
             if not (end is None or isinstance(end, Node)):
                 raise SceneError(
-                    f"Curve: {end!r} is not a node; start and end must be nodes of other beams or "
-                    "None"
+                    f"Curve: {shown(end)} is not a node; start and end must be nodes of other "
+                    "beams or None"
                 )
-        try:
-            breaks = np.array(self.breaks, dtype=float)
-        except (TypeError, ValueError):
-            breaks = np.array(math.nan)
-        if breaks.ndim != 1 or not ((breaks >= 0) & (breaks <= 1)).all():
-            raise SceneError(f"Curve: breaks = {self.breaks!r} must be fractions between 0 and 1")
+        require(callable(self.function), "Curve: function", self.function, "a function")
+        breaks = numbers(self.breaks)
+        fits = breaks.ndim == 1 and ((breaks >= 0) & (breaks <= 1)).all()
+        require(bool(fits), "Curve: breaks", self.breaks, "fractions between 0 and 1")
         object.__setattr__(self, "breaks", tuple(breaks.tolist()))
 
 
@@ -198,8 +196,8 @@ def spline(points: Sequence) -> Curve:
     """
     try:
         points = list(points)
-    except TypeError:
-        raise SceneError(f"spline: {points!r} must be points (x, y) or nodes") from None
+    except Exception:
+        raise SceneError(f"spline: {shown(points)} must be points (x, y) or nodes") from None
     if any(isinstance(point, Node) for point in points[1:-1]):
         raise SceneError(
             "spline: only its ends can be nodes of other beams. Make two splines that meet there"
@@ -240,10 +238,9 @@ def layout(points, elements, degree: int, name: str) -> Layout:
 
 def along_curve(curve: Curve, elements: Any, degree: int, name: str) -> Layout:
     """Elements of equal arc length along a curve, with degree - 1 nodes inside each."""
-    if not is_whole(elements, 1):
-        raise SceneError(
-            f"beam {name!r}: elements = {elements!r} must be one positive whole number for a curve"
-        )
+    wanted = f"one positive whole number for a curve, at most {MOST_ELEMENTS:,}"
+    require(is_whole(elements, 1, MOST_ELEMENTS), f"beam {name!r}: elements", elements, wanted)
+    elements = int(elements)
     function = checked_function(curve.function, 2, f"beam {name!r}: curve", 0.0)
 
     def position(fraction: float) -> np.ndarray:

@@ -7,9 +7,8 @@ import itertools
 import math
 from collections.abc import Callable, Sequence
 
-import numpy as np
-
 from fx_beam.errors import SceneError
+from fx_beam.validation import is_name, is_whole, require
 
 from . import loads
 from .beam import Beam, Node
@@ -52,12 +51,13 @@ class Geometry:
         if name is None:
             numbers = itertools.count(len(self.beams) + 1)
             name = next(free for n in numbers if (free := f"beam {n}") not in self._names)
+        require(is_name(name), "add_beam: name", name, "a text that is not empty")
         if name in self._names:
             raise SceneError(f"two beams are called {name!r}; use different names")
         if not isinstance(section, Section):
             raise SceneError(f"beam {name!r}: section must be an fx_beam.Section, not {section!r}")
-        if degree not in (1, 2, 3) or not isinstance(degree, int | np.integer):
-            raise SceneError(f"beam {name!r}: degree = {degree!r} must be 1, 2 or 3")
+        require(is_whole(degree, 1, 3), f"beam {name!r}: degree", degree, "1, 2 or 3")
+        degree = int(degree)
         if self.beams and degree != self.beams[0].degree:
             raise SceneError(
                 f"beam {name!r}: degree {degree} differs from degree {self.beams[0].degree} of "

@@ -54,10 +54,10 @@ class Input:
     factor: Any = None
 
     def __post_init__(self):
-        named = isinstance(self.name, str) and bool(self.name.strip())
+        named = validation.is_name(self.name)
         validation.require(named, "Input: name", self.name, "a text that is not empty")
         if self.factor is not None:
-            size = 2 if np.size(self.factor) == 2 else 1
+            size = 2 if validation.numbers(self.factor).size == 2 else 1
             factor = validation.vector(self.factor, size, f"{self}: factor")
             validation.require(
                 bool(factor.any()), f"{self}: factor", self.factor, "different from zero"

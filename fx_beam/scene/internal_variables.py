@@ -10,7 +10,7 @@ import ufl
 from ufl.corealg.traversal import unique_pre_traversal
 
 from fx_beam.errors import SceneError
-from fx_beam.validation import fields_in, is_number, refuse_fields, require
+from fx_beam.validation import as_float, fields_in, refuse_fields, require
 
 
 @dataclass(frozen=True)
@@ -91,11 +91,11 @@ class InternalVariables:
         require(fits, "InternalVariables: names", names, 'different names such as ("creep",)')
         wanted = "a function of old, strains0, strains and dt"
         require(callable(self.update), "InternalVariables: update", self.update, wanted)
-        fits = self.level is None or (is_number(self.level) and 0.5 <= self.level <= 1)
+        fits = self.level is None or 0.5 <= as_float(self.level) <= 1
         require(fits, "InternalVariables: level", self.level, "a number from 0.5 to 1, or None")
         takes_time = self._check_update()
-        if self.level is None:
-            object.__setattr__(self, "level", 0.5 if takes_time else 1.0)
+        level = (0.5 if takes_time else 1.0) if self.level is None else as_float(self.level)
+        object.__setattr__(self, "level", level)
 
     def _check_update(self) -> bool:
         """Refuse an update that does not fit; returns whether it depends on dt."""

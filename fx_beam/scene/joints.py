@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from fx_beam.errors import SceneError
-from fx_beam.validation import vector
+from fx_beam.validation import require, shown, vector
 
 from .beam import Node
 from .coordinate import Coordinate, Damper, Friction, Spring, checked_coordinate
@@ -88,6 +88,12 @@ class Joint:
         return tuple(name for s in springs if s.internal for name in s.internal.names)
 
     @property
+    def coupling(self) -> tuple:
+        """What it couples: of joints for which this is equal, one is enough."""
+        axis = None if self.axis is None else tuple(self.axis)
+        return self.kind, self.a.number, self.b.number, tuple(self.offset), axis
+
+    @property
     def is_index(self) -> bool:
         """Whether the displacements of a and b are equal."""
         return self.axis is None and not self.offset.any()
@@ -149,6 +155,12 @@ class Joint:
             if coordinate is not None and coordinate.stop is not None:
                 place = slide if name == "slide" else 0.0
                 coordinate.stop.check_start(place, 1e-9 * unit, f"{self}: its {name}")
+
+
+def check_new(joint: Joint, known: dict[tuple, Joint]) -> None:
+    """Refuse a joint whose coupling is known."""
+    if (twin := known.get(joint.coupling)) is not None:
+        raise SceneError(f"{joint}: the scene has it already, as {twin}. Add each joint once")
 
 
 def axial_rate(joint: Joint, slide, psi, spin, x, y):
@@ -288,7 +300,7 @@ def Prismatic(
     -1.25
     """
     slide = checked_coordinate("motor of a prismatic joint", spring, damper, motor, friction, stop)
-    return _joint("Prismatic", a, b, offset, axis, slide)
+    return _joint("Prismatic", a, b, offset, _direction("Prismatic", axis), slide)
 
 
 def PinInSlot(
@@ -341,25 +353,32 @@ def PinInSlot(
     array([0.707, 0.707])
     """
     slide = checked_coordinate("motor of a pin in slot", spring, damper, motor, friction, stop)
-    hinge = hinge or Coordinate()
+    hinge = Coordinate() if hinge is None else hinge
+    require(isinstance(hinge, Coordinate), "PinInSlot: hinge", hinge, "an fx_beam.Coordinate")
     parts = hinge.spring, hinge.damper, hinge.motor, hinge.friction, hinge.stop
     rotation = checked_coordinate("hinge of a pin in slot", *parts)
-    return _joint("PinInSlot", a, b, offset, axis, slide, rotation)
+    return _joint("PinInSlot", a, b, offset, _direction("PinInSlot", axis), slide, rotation)
+
+
+def _direction(kind: str, axis) -> np.ndarray:
+    """Unit vector (2,) of an axis."""
+    given = vector(axis, 2, f"{kind}: axis")
+    length = np.hypot(*given)
+    if length == 0:
+        raise SceneError(f"{kind}: axis = {given} has no direction. Give a nonzero vector")
+    unit = given / length
+    unit.setflags(write=False)
+    return unit
 
 
 def _joint(kind, a, b, offset, axis=None, slide=None, rotation=None) -> Joint:
     for node in (a, b):
         if not isinstance(node, Node):
-            raise SceneError(f"{kind}: {node!r} is not a node; take one from a beam, or GROUND")
+            raise SceneError(
+                f"{kind}: {shown(node)} is not a node; take one from a beam, or GROUND"
+            )
     if a is b:
         raise SceneError(f"{kind}: both of its nodes are {a}. Give two different nodes")
-    if axis is not None:
-        axis = vector(axis, 2, f"{kind}: axis")
-        length = np.hypot(*axis)
-        if length == 0:
-            raise SceneError(f"{kind}: axis = {axis} has no direction. Give a nonzero vector")
-        axis = axis / length
-        axis.setflags(write=False)
     offset = vector(offset, 2, f"{kind}: offset")
     if a is GROUND and offset.any():
         raise SceneError(

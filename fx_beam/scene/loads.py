@@ -15,6 +15,11 @@ from fx_beam.validation import (
     TimeFunction,
     check_takes_time,
     checked_function,
+    is_flag,
+    is_one_of,
+    numbers,
+    require,
+    shown,
     vector,
 )
 
@@ -40,16 +45,30 @@ class Load:
         return f"{'follower ' if self.follower else ''}{self.kind} on {label(self.target)}"
 
 
+def nodal_force(node: Node, force, follower) -> Load:
+    """Force on a node, dead or follower: a constant or a function of time."""
+    what = f"force on {node}"
+    require(is_flag(follower), f"{what}: follower", follower, "True or False")
+    return Load("force", node, time_function(force, 2, what), bool(follower))
+
+
 def line_load(beam: Beam, load, of: str) -> Load:
     """Line load on a beam: a constant, a function of time, or a function of the arc length."""
     what = f"line load on {label(beam)}"
+    known = is_one_of(of, ("time", "arc length"))
+    require(known, f"{what}: of", of, "'time' or 'arc length'")
     if of == "time":
         check_takes_time(load, what)
         return Load("line load", beam, time_function(load, 2, what))
-    if of == "arc length":
-        along = checked_function(load, 2, what, 0.0)
-        return Load("line load", beam, Constant(np.ones(1)), along=along)
-    raise SceneError(f"{what}: of = {of!r} must be 'time' or 'arc length'")
+    along = checked_function(load, 2, what, 0.0)
+    return Load("line load", beam, Constant(np.ones(1)), along=along)
+
+
+def not_negative(value, what: str) -> float:
+    """A number that is zero or positive; SceneError otherwise."""
+    (number,) = vector(value, 1, what)
+    require(number >= 0, what, value, "zero or positive")
+    return float(number)
 
 
 @dataclass(frozen=True)
@@ -70,7 +89,7 @@ class Drag:
         what, values = f"drag on {label(self.target)}", []
         for field in fields(self)[1:]:
             given = getattr(self, field.name)
-            pair = isinstance(given, list | tuple | np.ndarray) and np.size(given) == 2
+            pair = isinstance(given, list | tuple | np.ndarray) and numbers(given).shape == (2,)
             if pair and field.name == "rotation":
                 raise SceneError(f"{what}: rotation = {given!r} must be one number")
             if pair and not isinstance(self.target, Beam):
@@ -130,7 +149,7 @@ def check_node(scene, node, what: str) -> None:
     """Refuse a value that is not a node of the scene."""
     if not isinstance(node, Node):
         raise SceneError(
-            f"{what}: {node!r} is not a node; take one from a beam: beam.start, beam.end or "
+            f"{what}: {shown(node)} is not a node; take one from a beam: beam.start, beam.end or "
             "beam.node(fraction), or from a body: body.centre or body[name]"
         )
     if node.scene is not scene:
@@ -140,6 +159,14 @@ def check_node(scene, node, what: str) -> None:
 def check_beam(scene, beam, what: str) -> None:
     """Refuse a value that is not a beam of the scene."""
     if not isinstance(beam, Beam):
-        raise SceneError(f"{what}: {beam!r} is not a beam; take the one that add_beam returned")
+        raise SceneError(
+            f"{what}: {shown(beam)} is not a beam; take the one that add_beam returned"
+        )
     if beam not in scene.beams or beam.start.scene is not scene:
         raise SceneError(f"{what}: {label(beam)} belongs to another scene; take a beam of this one")
+
+
+def check_target(scene, target, what: str) -> None:
+    """Refuse a value that is neither a beam nor a node of the scene."""
+    check = check_beam if isinstance(target, Beam) else check_node
+    check(scene, target, what)

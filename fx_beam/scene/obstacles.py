@@ -8,11 +8,11 @@ from typing import Any
 import numpy as np
 
 from fx_beam.errors import SceneError
-from fx_beam.validation import is_number, vector
+from fx_beam.validation import as_float, is_flag, is_number, numbers, require, shown, vector
 
 from .beam import Beam, Node, inner_positions
-from .loads import check_beam, check_node, label
-from .stop import check_impact, loss_of
+from .loads import check_target, label
+from .stop import checked_impact, loss_of
 
 
 @dataclass(frozen=True)
@@ -66,7 +66,7 @@ class Line:
         (...) float
             Distance [m]; negative behind the wall.
         """
-        return (np.asarray(places) - self.point) @ np.array(self.normal)
+        return (_positions("Line", places) - self.point) @ np.array(self.normal)
 
 
 @dataclass(frozen=True)
@@ -99,11 +99,10 @@ class Circle:
     inside: bool = False
 
     def __post_init__(self):
-        if not (is_number(self.radius) and self.radius > 0):
-            raise SceneError(f"Circle: radius = {self.radius!r} must be finite and positive")
-        if not isinstance(self.inside, bool | np.bool_):
-            raise SceneError(f"Circle: inside = {self.inside!r} must be True or False")
-        object.__setattr__(self, "radius", float(self.radius))
+        fits = is_number(self.radius) and as_float(self.radius) > 0
+        require(fits, "Circle: radius", self.radius, "finite and positive")
+        require(is_flag(self.inside), "Circle: inside", self.inside, "True or False")
+        object.__setattr__(self, "radius", as_float(self.radius))
         centre = vector(self.centre, 2, "Circle: centre")
         object.__setattr__(self, "centre", tuple(centre.tolist()))
 
@@ -120,9 +119,17 @@ class Circle:
         (...) float
             Distance [m]; negative on the side that is not allowed.
         """
-        x, y = np.moveaxis(np.asarray(places) - self.centre, -1, 0)
+        x, y = np.moveaxis(_positions("Circle", places) - self.centre, -1, 0)
         distance = np.hypot(x, y) - self.radius
         return -distance if self.inside else distance
+
+
+def _positions(what: str, places) -> np.ndarray:
+    """Positions (..., 2) as an array."""
+    found = numbers(places)
+    fits = found.ndim > 0 and found.shape[-1] == 2
+    require(fits, f"{what}.gap: places", places, "positions (x, y)")
+    return found
 
 
 @dataclass(frozen=True, eq=False)
@@ -227,16 +234,13 @@ def add_obstacle(
     >>> bool(abs(solution.energy.balance_error).max() < 1e-11)
     True
     """
-    check = check_beam if isinstance(target, Beam) else check_node
-    check(scene, target, "obstacle")
+    check_target(scene, target, "obstacle")
     if not isinstance(obstacle, Line | Circle):
         raise SceneError(
-            f"add_obstacle needs an fx_beam.Line or an fx_beam.Circle, not {obstacle!r}"
+            f"add_obstacle needs an fx_beam.Line or an fx_beam.Circle, not {shown(obstacle)}"
         )
-    check_impact(f"obstacle for {label(target)}", stiffness, restitution, speed)
-    added = Obstacle(
-        target, obstacle, float(stiffness), float(restitution), speed, len(scene.obstacles)
-    )
+    impact = checked_impact(f"obstacle for {label(target)}", stiffness, restitution, speed)
+    added = Obstacle(target, obstacle, *impact, len(scene.obstacles))
     nodes = target.nodes if isinstance(target, Beam) else (target,)
     places = np.array([(node.x, node.y) for node in nodes])
     if isinstance(target, Beam):

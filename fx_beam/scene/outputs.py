@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 
-from fx_beam.validation import require
+from fx_beam.validation import is_one_of, require
 
 from .beam import Node
 from .joints import Joint
@@ -76,7 +76,7 @@ class Output:
         named = isinstance(self.quantity, str) and self.quantity in known
         require(named, "Output: quantity", self.quantity, wanted)
         parts = known[self.quantity]
-        fits = self.component is None or self.component in parts
+        fits = self.component is None or is_one_of(self.component, parts)
         wanted = f"one of {list(parts)}" if parts else "left out: it is a single number"
         require(fits, f"Output: component of {self.quantity!r}", self.component, wanted)
 

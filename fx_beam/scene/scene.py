@@ -7,14 +7,14 @@ from dataclasses import replace
 from typing import Any
 
 from fx_beam.errors import SceneError
-from fx_beam.validation import TimeFunction, require, vector
+from fx_beam.validation import TimeFunction, is_one_of, require, shown, vector
 
 from . import loads, obstacles
 from .beam import COMPONENTS, Beam, Node
 from .body import Bodies, Body, check_body, velocities_of
 from .curve import Curve
 from .inputs import time_function
-from .joints import GROUND, Joint
+from .joints import GROUND, Joint, check_new
 from .section import Section
 from .summary import facts, html_table
 
@@ -61,6 +61,7 @@ class Scene(Bodies):
         self.velocities: list[loads.Velocity] = []
         self.virtual_works: list[loads.VirtualWork] = []
         self.joints: list[Joint] = []
+        self._couplings: dict[tuple, Joint] = {}
         self.obstacles: list[obstacles.Obstacle] = []
         #: Whether incompatible initial velocities are projected instead of refused.
         self.projects_velocities = False
@@ -205,13 +206,15 @@ class Scene(Bodies):
         """
         if not isinstance(joint, Joint):
             raise SceneError(
-                f"add_joint needs a joint such as fx_beam.Revolute(a, b), not {joint!r}"
+                f"add_joint needs a joint such as fx_beam.Revolute(a, b), not {shown(joint)}"
             )
         for node in (joint.a, joint.b):
             if node is not GROUND:
                 loads.check_node(self, node, joint.kind)
         joint.check_start(self._size)
+        check_new(joint, self._couplings)
         joint = replace(joint, number=len(self.joints))
+        self._couplings[joint.coupling] = joint
         self.joints.append(joint)
         return joint
 
@@ -242,10 +245,9 @@ class Scene(Bodies):
             For a negative or non-finite value.
         """
         loads.check_node(self, node, "mass")
-        for name, value in (("mass", mass), ("inertia", inertia)):
-            if not (vector(value, 1, f"{name} of {node}")[0] >= 0):
-                raise SceneError(f"{name} = {value!r} of {node} must be zero or positive")
-        self.masses.append((node.number, float(mass), float(inertia)))
+        given = (("mass", mass), ("inertia", inertia))
+        m, J = (loads.not_negative(value, f"{name} of {node}") for name, value in given)
+        self.masses.append((node.number, m, J))
 
     def add_force(self, node: Node, force, follower: bool = False) -> None:
         """Add a force.
@@ -261,8 +263,7 @@ class Scene(Bodies):
             in the reference configuration. A dead force keeps its direction.
         """
         loads.check_node(self, node, "force")
-        function = time_function(force, 2, f"force on {node}")
-        self.loads.append(loads.Load("force", node, function, bool(follower)))
+        self.loads.append(loads.nodal_force(node, force, follower))
 
     def add_moment(self, node: Node, moment) -> None:
         """Add a moment.
@@ -338,8 +339,7 @@ class Scene(Bodies):
         >>> print(f"{solution.velocity(beam.end)[-1, 1]:.3f} m/s")
         1.500 m/s
         """
-        check = loads.check_beam if isinstance(on, Beam) else loads.check_node
-        check(self, on, "drag")
+        loads.check_target(self, on, "drag")
         self.drags.append(loads.Drag(on, linear, quadratic, rotation))
 
     def add_virtual_work(self, term: Callable[[Any], Any], beam: Beam | None = None) -> None:
@@ -388,12 +388,12 @@ class Scene(Bodies):
             check_body(self, target, "velocity")
             self.velocities += velocities_of(target, velocity, spin)
             return
-        check = loads.check_beam if isinstance(target, Beam) else loads.check_node
-        check(self, target, "velocity")
+        loads.check_target(self, target, "velocity")
         self.velocities.append(loads.initial_velocity(target, velocity, spin))
 
     def _free_component(self, node: Node, component: str) -> tuple[int, int]:
-        require(component in COMPONENTS, f"support of {node}", component, f"one of {COMPONENTS}")
+        known = is_one_of(component, COMPONENTS)
+        require(known, f"support of {node}", component, f"one of {COMPONENTS}")
         key = (node.number, COMPONENTS.index(component))
         if key in self.fixed or key in self.prescribed:
             raise SceneError(f"{component} of {node} is supported twice; remove one support")

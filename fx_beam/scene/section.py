@@ -14,7 +14,17 @@ import ufl
 import numpy as np
 
 from fx_beam.errors import SceneError
-from fx_beam.validation import fields_in, is_number, refuse_fields, shaped
+from fx_beam.validation import (
+    as_float,
+    fields_in,
+    is_number,
+    is_one_of,
+    numbers,
+    refuse_fields,
+    require,
+    shaped,
+    shown,
+)
 
 from .internal_variables import InternalVariables
 from .law import Energy, check_energy, check_internal
@@ -22,6 +32,7 @@ from .law import Energy, check_energy, check_internal
 #: A number, or a function of the fraction of the arc length.
 Datum = float | Callable[[float], Any]
 
+_DATA = "EA", "GA", "EI", "rhoA", "rhoI", "retardation"
 _MAY_BE_ZERO = "rhoA", "rhoI", "rho", "retardation"
 
 
@@ -138,6 +149,10 @@ class Section:
         SceneError
             For a stiffness that is not positive and finite, or a negative or non-finite inertia.
         """
+        _check_name(name, "values")
+        places = numbers(fractions)
+        require(places.size > 0, "Section.values: fractions", fractions, "an array of numbers")
+        fractions = places
         if name == "retardation":
             return np.stack([_values(name, x, fractions) for x in self._times], axis=-1)
         datum = getattr(self, name)
@@ -176,6 +191,7 @@ class Section:
         bool
             True for a function, False for a number.
         """
+        _check_name(name, "varies")
         data = self._times if name == "retardation" else (getattr(self, name),)
         return any(map(callable, data))
 
@@ -287,10 +303,9 @@ class Section:
         Section
             EA, GA, EI, rhoA and rhoI.
         """
-        if not (is_number(nu) and -1 < nu <= 0.5):
-            raise SceneError(f"Section: nu = {nu!r} must be a number in (-1, 0.5]")
+        require(-1 < as_float(nu) <= 0.5, "Section: nu", nu, "a number in (-1, 0.5]")
         A, J = {"area": area}, {"second_moment": second_moment}
-        shear = functools.partial(_shear_stiffness, nu)
+        shear = functools.partial(_shear_stiffness, as_float(nu))
         return cls(
             EA=_combined(operator.mul, E=E, **A),
             GA=_combined(shear, shear_factor=shear_factor, E=E, **A),
@@ -298,6 +313,11 @@ class Section:
             rhoA=_combined(operator.mul, rho=rho, **A),
             rhoI=_combined(operator.mul, rho=rho, **J),
         )
+
+
+def _check_name(name, what: str) -> None:
+    wanted = f"one of {list(_DATA)}"
+    require(is_one_of(name, _DATA), f"Section.{what}: name", name, wanted)
 
 
 def _values(name: str, datum: Datum, fractions: np.ndarray) -> np.ndarray:
@@ -341,10 +361,11 @@ def _value(name: str, datum: Datum, fraction: float = 0.0) -> float:
         where = f" at the fraction {fraction:.4g} of the length"
         datum = _evaluated(datum, fraction, f"Section: {name}{where}")
     may_be_zero = name in _MAY_BE_ZERO
-    if not (is_number(datum) and (datum > 0 or (may_be_zero and datum == 0))):
+    number = as_float(datum)
+    if not (is_number(datum) and (number > 0 or (may_be_zero and number == 0))):
         wanted = "zero or positive and finite" if may_be_zero else "positive and finite"
-        raise SceneError(f"Section: {name} = {datum!r}{where} must be {wanted}")
-    return float(datum)
+        raise SceneError(f"Section: {name} = {shown(datum)}{where} must be {wanted}")
+    return number
 
 
 def _evaluated(datum: Callable, fraction: float, what: str) -> float:

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from fx_beam.errors import SceneError
-from fx_beam.validation import is_number, require
+from fx_beam.validation import as_float, require
 
 from .beam import Beam, Node
 from .coordinate import Coordinate, Damper, Friction, Spring, checked_coordinate
@@ -31,6 +31,11 @@ class SlidingJoint(Joint):
     def __str__(self):
         number = "" if self.number < 0 else f"joint {self.number}, "
         return f"{number}{self.kind} of {self.b} on beam {self.beam.name!r}"
+
+    @property
+    def coupling(self) -> tuple:
+        """The beam and the node."""
+        return self.kind, self.beam.name, self.b.number
 
     @property
     def is_index(self) -> bool:
@@ -257,8 +262,9 @@ def _sliding(kind, beam, node, fraction, parts, rotation) -> SlidingJoint:
             f"{kind}: {node} belongs to beam {beam.name!r}. Take a node of another one"
         )
     if fraction is not None:
-        fits = is_number(fraction) and 0 <= fraction <= 1
+        fits = 0 <= as_float(fraction) <= 1
         require(fits, f"{kind}: fraction", fraction, "a number from 0 to 1")
+        fraction = as_float(fraction)
     slide = checked_coordinate(f"motor of a {kind.lower()}", *parts)
     return SlidingJoint(
         kind, beam.start, node, np.zeros(2), None, slide, rotation, beam=beam, fraction=fraction

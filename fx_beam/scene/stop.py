@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from fx_beam.errors import SceneError
-from fx_beam.validation import is_number
+from fx_beam.validation import as_float, is_number, require, shown
 
 # With less a contact opens without a force, and Newton's method has no slope: of 1000 steps of an
 # elastic ring on a plane 94 had to be halved with 0, none with 0.02.
@@ -67,8 +67,9 @@ class Stop:
     def __post_init__(self):
         for name in ("lower", "upper"):
             value = getattr(self, name)
-            if not (value is None or is_number(value)):
-                raise SceneError(f"Stop: {name} = {value!r} must be finite, or None")
+            if value is not None:
+                require(is_number(value), f"Stop: {name}", value, "finite, or None")
+                object.__setattr__(self, name, as_float(value))
         if self.lower is None and self.upper is None:
             raise SceneError("Stop: give a lower limit, an upper limit or both")
         if self.lower is not None and self.upper is not None and self.lower >= self.upper:
@@ -76,7 +77,9 @@ class Stop:
                 f"Stop: lower = {self.lower!r} must be below upper = {self.upper!r}; the order is "
                 "(lower, upper, stiffness)"
             )
-        check_impact("Stop", self.stiffness, self.restitution, self.speed)
+        impact = checked_impact("Stop", self.stiffness, self.restitution, self.speed)
+        for name, value in zip(("stiffness", "restitution", "speed"), impact, strict=True):
+            object.__setattr__(self, name, value)
 
     def check_start(self, place: float, tolerance: float, what: str) -> None:
         """Refuse a start of the coordinate beyond a limit.
@@ -117,7 +120,7 @@ def as_stop(given) -> Stop | None:
         return given
     if isinstance(given, tuple | list) and len(given) == 3:
         return Stop(*given)
-    raise SceneError(f"stop = {given!r} must be (lower, upper, stiffness) or an fx_beam.Stop")
+    raise SceneError(f"stop = {shown(given)} must be (lower, upper, stiffness) or an fx_beam.Stop")
 
 
 def loss_of(restitution: float) -> float:
@@ -126,16 +129,18 @@ def loss_of(restitution: float) -> float:
     return (1 - e**2) / (1 + e**2)
 
 
-def check_impact(what: str, stiffness, restitution, speed) -> None:
-    """Refuse a stiffness, a restitution or a speed of a contact that is out of range."""
-    if not (is_number(stiffness) and stiffness > 0):
-        raise SceneError(f"{what}: stiffness = {stiffness!r} must be finite and positive")
-    if not (is_number(restitution) and 0 <= restitution <= 1):
-        raise SceneError(f"{what}: restitution = {restitution!r} must be a number from 0 to 1")
-    if speed is not None and not (is_number(speed) and speed > 0):
-        raise SceneError(f"{what}: speed = {speed!r} must be finite and positive")
-    if restitution < 1 and speed is None:
+def checked_impact(what: str, stiffness, restitution, speed) -> tuple[float, float, float | None]:
+    """Stiffness, restitution and speed of a contact; SceneError if one is out of range."""
+    k, e = as_float(stiffness), as_float(restitution)
+    fits = is_number(stiffness) and k > 0
+    require(fits, f"{what}: stiffness", stiffness, "finite and positive")
+    require(0 <= e <= 1, f"{what}: restitution", restitution, "a number from 0 to 1")
+    if speed is not None:
+        fits = is_number(speed) and as_float(speed) > 0
+        require(fits, f"{what}: speed", speed, "finite and positive")
+    elif e < 1:
         raise SceneError(
             f"{what}: a restitution below 1 needs a speed, the rate below which the loss is "
             "viscous. Try a hundredth of the speed of the impacts"
         )
+    return k, e, None if speed is None else as_float(speed)

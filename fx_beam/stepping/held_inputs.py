@@ -8,12 +8,19 @@ from typing import Any
 
 import numpy as np
 
+from fx_beam.errors import SceneError
 from fx_beam.results.state import State
 from fx_beam.scene.inputs import Socket, check_names, connected, sockets, widths
 from fx_beam.scene.scene import Scene
 from fx_beam.validation import require, vector
 
 from .forcing import Forcing
+
+# Parts of a scene on which its motion depends.
+_PARTS = (
+    *("beams", "nodes", "fixed", "prescribed", "masses"),
+    *("loads", "drags", "virtual_works", "joints", "obstacles"),
+)
 
 
 class Hold:
@@ -66,6 +73,9 @@ class HeldInputs:
     """The inputs of a scene and their present values."""
 
     def __init__(self, scene: Scene):
+        #: What the scene has, to notice what is added to it later.
+        self._watched = [getattr(scene, name) for name in _PARTS]
+        self._count = sum(map(len, self._watched))
         #: Number of values of each input, by name.
         self.widths = widths(scene)
         self.values = {name: np.zeros(width) for name, width in self.widths.items()}
@@ -84,8 +94,15 @@ class HeldInputs:
     def set(self, given: Mapping) -> dict[str, Any]:
         """Set some inputs for the next steps; returns the values that they had.
 
-        SceneError for what is no input or no value of it, before any is set.
+        SceneError for what is no input or no value of it, before any is set, and for a scene that
+        has more than at the start.
         """
+        if sum(map(len, self._watched)) != self._count:
+            raise SceneError(
+                "Motion: something was added to the scene since the motion was created, and has no "
+                "part in it. Create another motion, which goes on: fb.Motion(scene, dt=..., "
+                "start=motion.state)"
+            )
         if not isinstance(given, Mapping):
             require(False, "inputs", given, f"a dictionary of {list(self.widths)}")
         found: dict[str, Any] = {}

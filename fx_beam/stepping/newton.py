@@ -12,7 +12,7 @@ from fx_beam.mechanics.interval import Interval
 from fx_beam.model.equations import Balance, Equations
 from fx_beam.model.model import Model
 from fx_beam.results.state import Past, State
-from fx_beam.validation import is_number, is_whole, require
+from fx_beam.validation import as_float, is_whole, require
 
 from .linear_solver import LinearSolver
 from .overshoot import without_overshoot
@@ -70,17 +70,16 @@ class NewtonOptions:
     max_turn: float = 2.0
 
     def __post_init__(self):
-        tolerance, most, turn = self.tolerance, self.max_iterations, self.max_turn
+        tolerance, turn = as_float(self.tolerance), as_float(self.max_turn)
         for name, fits, wanted in (
-            ("tolerance", is_number(tolerance) and 0 < tolerance < 1, "a number between 0 and 1"),
-            ("max_iterations", is_whole(most, 1), "a whole number from 1 on"),
-            (
-                "max_turn",
-                is_number(turn) and 0 < turn < np.pi,
-                "a number between 0 and pi, a half turn [rad]",
-            ),
+            ("tolerance", 0 < tolerance < 1, "a number between 0 and 1"),
+            ("max_iterations", is_whole(self.max_iterations, 1), "a whole number from 1 on"),
+            ("max_turn", 0 < turn < np.pi, "a number between 0 and pi, a half turn [rad]"),
         ):
             require(fits, f"NewtonOptions: {name}", getattr(self, name), wanted)
+        kept = (tolerance, int(self.max_iterations), turn)
+        for name, value in zip(("tolerance", "max_iterations", "max_turn"), kept, strict=True):
+            object.__setattr__(self, name, value)
 
 
 @dataclass

@@ -15,6 +15,7 @@ from fx_beam.mechanics.interval import Interval, moment
 from fx_beam.model.model import Model
 from fx_beam.results.audit import Energy
 from fx_beam.results.state import State
+from fx_beam.validation import is_flag, is_whole, numbers, require
 
 from .sub_step_starts import SubStepStarts, grown
 
@@ -66,21 +67,18 @@ class Record:
     times: Sequence[float] | None = None
 
     def __post_init__(self):
-        whole = isinstance(self.every, int | np.integer) and not isinstance(self.every, bool)
-        if not whole or self.every < 1:
-            raise SceneError(f"Record: every = {self.every!r} must be a positive whole number")
+        fits = is_whole(self.every, 1)
+        require(fits, "Record: every", self.every, "a positive whole number, at most 1e9")
+        object.__setattr__(self, "every", int(self.every))
         for name in ("motion", "rates", "forces"):
-            if not isinstance(getattr(self, name), bool | np.bool_):
-                raise SceneError(f"Record: {name} = {getattr(self, name)!r} must be True or False")
+            value = getattr(self, name)
+            require(is_flag(value), f"Record: {name}", value, "True or False")
         if self.times is None:
             return
-        try:
-            times = np.array(self.times, dtype=float)
-        except (TypeError, ValueError):
-            times = np.empty(0)
-        rising = times.ndim == 1 and len(times) and np.isfinite(times).all()
-        if not rising or (np.diff(times) <= 0).any():
-            raise SceneError(f"Record: times = {self.times!r} must be increasing finite times")
+        times = numbers(self.times)
+        rising = times.ndim == 1 and times.size > 0 and bool((np.diff(times) > 0).all())
+        fits = rising and bool(np.isfinite(times).all())
+        require(fits, "Record: times", self.times, "increasing finite times")
         if not (self.every == 1 and self.motion):
             raise SceneError("Record: times need every=1 and motion=True")
 
