@@ -85,6 +85,16 @@ def test_all_that_is_public_is_in_the_interface_once():
     assert sorted(listed) == sorted(public())
 
 
+def test_the_first_page_of_the_interface_names_all_that_its_pages_have():
+    folder = DOCS / "interface"
+    for page in set(folder.glob("*.md")) - {folder / "index.md"}:
+        listed = re.findall(r"^\.\. auto\w+:: fx_beam\.(\S+)", pages.text(page), flags=re.MULTILINE)
+        row = re.search(rf"\({page.name}\) \|(.*)\|", pages.text(folder / "index.md"))[1]
+        assert sorted(re.findall(r"`(\S+)`", row)) == sorted(
+            name.removeprefix("studies.") for name in listed
+        )
+
+
 def test_every_equation_of_the_paper_is_in_the_table():
     rows = re.findall(r"^\| ([\d, to]+) \|", pages.text(DOCS / "theory" / "equations.md"), re.M)
     found = set()

@@ -8,7 +8,7 @@ import subprocess
 import sys
 import threading
 from concurrent.futures import BrokenExecutor, Executor, Future, ThreadPoolExecutor
-from contextlib import closing, suppress
+from contextlib import ExitStack, closing, suppress
 from pathlib import Path
 
 import numpy as np
@@ -202,6 +202,23 @@ def test_under_mpirun_each_process_does_not_start_processes_of_its_own(monkeypat
 
 
 # -- Executors -----------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("package", ["joblib", "distributed"])
+def test_executors_of_joblib_and_dask_give_what_one_process_gives(package, lists):
+    found = pytest.importorskip(package)
+    cases = [{"EA": EA, "speed": 10.0} for EA in (4e7, 8e7, -1.0)]
+    with ExitStack() as stack:
+        if package == "joblib":
+            executor = found.externals.loky.get_reusable_executor(max_workers=1)
+            stack.enter_context(executor)
+        else:
+            options = {"n_workers": 1, "threads_per_worker": 1, "dashboard_address": None}
+            executor = stack.enter_context(found.Client(**options)).get_executor()
+        *rows, failed = fb.sweep(sweep_cases.arm, cases, executor)
+    for row, case in zip(rows, cases, strict=False):
+        assert not row["error"] and {name: row[name] for name in "xy"} == sweep_cases.arm(case)
+    assert failed["error"] == "Section: EA = -1.0 must be positive and finite"
 
 
 class Breaking(Executor):

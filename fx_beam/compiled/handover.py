@@ -1,7 +1,7 @@
 """Converts a model for the compiled loop: forms, matrices and couplings as arrays.
 
-The beam equations are in the functions that FFCx generates from the UFL; the C files contain only
-Newton's method, the couplings and the nodal rates.
+FFCx generates the integrals along beams from the UFL, and functions of points of laws in UFL. All
+else is in the C files: Newton's method, couplings, nodal rates, and the forces at nodes and joints.
 """
 
 from __future__ import annotations
