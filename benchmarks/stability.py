@@ -401,6 +401,58 @@ def stops(quick):
         yield Case(group, f"{restitution:g}", scene, RING.DT, 2.0)
 
 
+def bars(corners, gravity=None):
+    """Rigid bars of 1 kg/m between corners, hinged to each other and at the first to the ground."""
+    scene, made = fb.Scene(gravity=gravity), []
+    for a, b in zip(corners[:-1], corners[1:], strict=True):
+        length = np.hypot(*np.subtract(b, a))
+        points = {"a": a, "b": b}
+        made.append(scene.add_body(np.add(a, b) / 2, length, length**3 / 12, points=points))
+        if len(made) > 1:
+            scene.add_joint(fb.Revolute(made[-2]["b"], made[-1]["a"]))
+    scene.add_joint(fb.Revolute(fb.GROUND, made[0]["a"]))
+    return scene, made
+
+
+def crank_rocker():
+    """A crank of 0.3 m that turns at 10 rad/s at the start, and rocks a bar; without weight."""
+    scene, made = bars([(0, 0), (0, 0.3), (1.0, 0.9), (1.2, 0.0)])
+    scene.add_joint(fb.Revolute(made[-1]["b"], fb.GROUND))
+    scene.set_velocity(made[0], lambda x, y: (-10 * y, 10 * x), spin=10.0)
+    scene.make_velocities_compatible()
+    return scene
+
+
+def swinging_four_bar():
+    """A four-bar linkage that swings under its weight."""
+    scene, made = bars([(0, 0), (0.3, 0.9), (2.0, 1.3), (1.8, 0.0)], (0, -9.81))
+    scene.add_joint(fb.Revolute(made[-1]["b"], fb.GROUND))
+    return scene
+
+
+def swinging_slider_crank():
+    """A crank and a rod, whose end slides on the ground, under their weight."""
+    scene, made = bars([(0, 0), (0.2, 0.2), (1.0, 0.0)], (0, -9.81))
+    scene.fix(made[-1]["b"], "y")
+    return scene
+
+
+# Scenes of rigid bars, and the time for each.
+LOOPS = {
+    "Slider crank": (swinging_slider_crank, 12.0),
+    "Four-bar linkage": (swinging_four_bar, 12.0),
+    "Crank and rocker": (crank_rocker, 25.0),
+}
+LOOP_STEPS = (0.01, 0.005, 0.0025)
+
+
+def rigid_loops(quick, steps=LOOP_STEPS):
+    """Closed loops of rigid bars in smooth motion."""
+    for name, (scene, t_end) in [*LOOPS.items()][: 1 if quick else None]:
+        for dt in steps[:: 2 if quick else 1]:
+            yield Case(f"{name} of rigid bars: dt [s]", f"{dt:g}", scene, dt, t_end)
+
+
 GROUPS = (
     stiffness,
     frequency,
@@ -413,6 +465,7 @@ GROUPS = (
     sliders,
     long_runs,
     stops,
+    rigid_loops,
 )
 
 
@@ -454,6 +507,23 @@ def dampings(quick):
     for name, (module, _, t_end, steps) in SCAN.EXAMPLES.items():
         for dt in steps[1:2] if quick else steps:
             yield Case(f"{name}: dt [s]", f"{dt:g}", scene_in(module), dt, t_end)
+
+
+# -- Free parameters -----------------------------------------------------------------------------
+
+
+def family(quick):
+    """Newmark's family over its free parameters, by labels."""
+    betas, gammas = (0.25, 0.26, 0.3, 0.5, 1.0), (0.505, 0.51, 0.55, 0.6)
+    alphas, radii = (-0.01, -0.05, -0.1, -0.2, -1 / 3), (1.0, 0.99, 0.9, 0.8, 0.5, 0.0)
+    if quick:
+        betas, gammas, alphas, radii = betas[:2], gammas[:1], alphas[:2], radii[:1]
+    return (
+        {f"Newmark, beta = {beta:g}": fb.Newmark(beta, 0.5) for beta in betas}
+        | {f"Newmark, gamma = {g:g}": fb.Newmark((g + 0.5) ** 2 / 4, g) for g in gammas}
+        | {f"HHT, alpha = {alpha:.2g}": fb.HHT(alpha) for alpha in alphas}
+        | {f"Generalized alpha, {rho:g}": fb.GeneralizedAlpha(rho) for rho in radii}
+    )
 
 
 # -- Units -----------------------------------------------------------------------------------------
@@ -543,7 +613,7 @@ def studied(path, schemes, cases, title, how, remarks=lambda cells: ""):
 
 
 def main(quick=False, results=ROOT / "results" / "stability", jobs=1):
-    """Cells of the cases and of Newton's tolerance, units, and cells of numerical damping.
+    """Cells of the cases and of Newton's tolerance, units, cells of damping and of parameters.
 
     They are also written to files in a directory. With more jobs, so many processes compute them.
     """
@@ -558,6 +628,9 @@ def main(quick=False, results=ROOT / "results" / "stability", jobs=1):
     few = {"alphas": (0.0, -0.05, -0.1), "radii": (0.9,)} if quick else {}
     title = "effect of numerical damping"
     by_damping = studied(results / "damping", SCAN.schemes(**few), dampings(quick), title, how)
+    title = "rigid loops over the free parameters of Newmark's family"
+    loops = [*rigid_loops(quick, LOOP_STEPS[::2])][: 1 if quick else None]
+    by_parameter = studied(results / "parameters", family(quick), loops, title, how)
     questions = {group.__name__: list(group(quick)) for group in GROUPS}
     cases = [case for own in questions.values() for case in own]
     title = "stiff and extreme cases"
@@ -567,7 +640,7 @@ def main(quick=False, results=ROOT / "results" / "stability", jobs=1):
         found = [cell for cell in cells if cell.case.name in names]
         draw_map(results / f"cases_{name}.png", found, slots=16)
     print(f"{perf_counter() - clock:.0f} s")
-    return cells, by_tolerance, units, by_damping
+    return cells, by_tolerance, units, by_damping, by_parameter
 
 
 if __name__ == "__main__":

@@ -81,6 +81,7 @@ def test_the_cases_cover_what_is_stiff_and_extreme(report):
         "Bead",
         "Many steps",
         "stiffness of the peg",
+        "rigid bars",
     ):
         assert any(kind in group for group in groups), kind
 
@@ -123,6 +124,26 @@ def test_hht_postpones_the_blow_up_of_the_pendulum_and_then_loses_energy(report)
     assert verdict.kind == "lost" and verdict.amount > 0.2
 
 
+def test_newmarks_rule_blows_up_on_a_rigid_loop_however_small_the_steps(report):
+    on_loops = [cell for cell in report[0] if "Slider crank of rigid" in cell.case.name]
+    ours = [cell.verdict for cell in on_loops if cell.scheme == OURS]
+    assert [verdict.kind for verdict in ours] == ["kept", "kept"]
+    newmark = [cell for cell in on_loops if cell.scheme == NEWMARK]
+    assert [cell.case.dt for cell in newmark] == [0.01, 0.0025]
+    assert [cell.verdict.kind for cell in newmark] == ["blew up", "blew up"]
+    # Steps a quarter as long postpone it little.
+    late, later = (cell.t[np.argmax(cell.ratio > 2)] for cell in newmark)
+    assert 1.5 < late < later < 2 * late
+
+
+def test_on_rigid_loops_another_beta_or_enough_damping_is_stable(report):
+    verdicts = {cell.scheme: cell.verdict for cell in report[4]}
+    for scheme in ("Newmark, beta = 0.25", "Newmark, gamma = 0.505", "HHT, alpha = -0.01"):
+        assert verdicts[scheme].kind == "blew up", scheme
+    for scheme in ("Newmark, beta = 0.26", "HHT, alpha = -0.05", "Generalized alpha, 1"):
+        assert verdicts[scheme].gain < 1e-3 and verdicts[scheme].lowest > 0.99, scheme
+
+
 def test_our_scheme_drifts_with_rounding_only(report):
     drifts = [cell.drift for cell in report[0] if cell.drift and cell.scheme == OURS]
     assert [max(drift.steps) for drift in drifts] == [10_000, 1000]
@@ -140,7 +161,7 @@ def test_units_do_not_matter(report):
 
 
 def test_the_report_is_written_in_full(report):
-    cells, _, _, _, directory = report
+    cells, *_, directory = report
 
     def refuse(constant):
         raise AssertionError(f"{constant} is not JSON")
@@ -158,7 +179,7 @@ def test_the_report_is_written_in_full(report):
     for group in {cell.case.group for cell in cells}:
         assert f"## {group}\n" in page
     assert "## Other units" in page and "## Reasons for failed runs" in page
-    assert {"tolerances.md", "damping.md", "units.json"} <= {
+    assert {"tolerances.md", "damping.md", "parameters.md", "units.json"} <= {
         path.name for path in directory.iterdir()
     }
 
