@@ -157,6 +157,7 @@ HOUSE = {
         "dynamics",
         "measurement",
         "snapshot",
+        "open_motion",
         "motion",
         "convergence",
         "statics",

@@ -191,13 +191,13 @@ def simulate(
             marched = control.run(integrator, engine.stepper, recorder, max_halvings).advance
         with progress_bar(t_end - t0, progress, **_BAR) as bar, ctrl_c_between_blocks():
             while recorder.end.t < t_end:
-                rows, t = recorder.rows, recorder.end.t
-                try:
+                t, turns = recorder.end.t, windings.turns_of(recorder.end)
+                if turns.any():
                     with uninterrupted:
-                        recorder.end = windings.without_turns(recorder.end)
-                    marched(recorder.end)
-                finally:
-                    recorder.add_turns(rows, windings.removed)
+                        recorder.end = windings.without(turns, recorder.end)
+                        windings.removed += turns
+                        recorder.turns[recorder.rows] = windings.removed.copy()
+                marched(recorder.end)
                 bar.update(recorder.end.t - t)
     except (StepError, KeyboardInterrupt) as error:
         stats.failure = failure_of(error, recorder.end.t)

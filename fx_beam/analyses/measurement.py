@@ -19,8 +19,9 @@ Reading = Callable[[], Any]
 class Source(Protocol):
     """What takes the steps."""
 
-    #: The present state, with the arrays of a `State`; forces may be missing at the start.
-    now: Any
+    @property
+    def now(self) -> Any:
+        """The present state, with the arrays of a `State`; forces may be missing at the start."""
 
 
 def reading(model: Model, source: Source, turns: np.ndarray, output: Output) -> Reading:

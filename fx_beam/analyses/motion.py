@@ -4,37 +4,30 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from copy import copy
-from dataclasses import replace
 from time import perf_counter
 from typing import Any
 
 import numpy as np
 
-from fx_beam.compiled.loop import CompiledLoop
-from fx_beam.compiled.stride import CompiledStride
 from fx_beam.errors import SceneError
 from fx_beam.mechanics.schemes import Scheme
 from fx_beam.results.audit import Stats
 from fx_beam.results.solution import Solution
-from fx_beam.results.state import State
 from fx_beam.scene.outputs import Output, check_outputs
 from fx_beam.scene.scene import Scene
 from fx_beam.stepping.held_inputs import HeldInputs
 from fx_beam.stepping.interrupts import ctrl_c_between_blocks, uninterrupted
 from fx_beam.stepping.newton import NewtonOptions
 from fx_beam.stepping.recorder import Record, Recorder
-from fx_beam.stepping.stride import Stride
+from fx_beam.stepping.stride import Grid
 from fx_beam.stepping.substeps import Halving
 from fx_beam.validation import LARGEST, as_float, is_number, require
 
 from .engine import MOST_STEPS, Engine, check_options, checked_scheme, state_of
 from .evaluation import solution_of
 from .measurement import reading
-from .open_record import OpenRecord
+from .open_motion import OpenMotion
 from .snapshot import Snapshot
-
-# Steps between two counts of full turns, as in `simulate`.
-_TURNS = 1000
 
 Controller = Callable[[float, dict[str, Any]], Mapping[str, Any] | None]
 
@@ -52,6 +45,9 @@ class Motion:
 
     A copied or unpickled motion continues from the same state, with a scene of its own; its record
     begins anew.
+
+    After Ctrl-C, or another exception that a signal brings, a step is taken or it is not: state,
+    time, inputs and record agree, and the motion goes on from there.
 
     Parameters
     ----------
@@ -138,39 +134,22 @@ class Motion:
             "max_halvings": max_halvings,
             "solver": solver,
         }
-        self._dt, self._record = as_float(dt), record
-        self._held, halving = HeldInputs(scene), Halving(max_halvings, self._dt)
-        self._engine = engine = Engine(self._held.scene, scheme, newton, halving, solver)
+        self._dt, held = as_float(dt), HeldInputs(scene)
+        halving = Halving(max_halvings, self._dt)
+        self._engine = engine = Engine(held.scene, scheme, newton, halving, solver)
         if start is not None:
             state = state_of(engine.model, start)
-            self._held.resume(engine.forcing, state, state.inputs)
-        self._stride: Stride | CompiledStride
-        if isinstance(engine.integrator, CompiledLoop):
-            forces = any(output.quantity == "force" for output in outputs.values())
-            self._stride = CompiledStride(engine.integrator, engine.stepper, self._dt, forces)
-        else:
-            self._stride = Stride(engine.stepper)
+            held.resume(engine.forcing, state, state.inputs)
+        forces = any(output.quantity == "force" for output in outputs.values())
+        self._open = OpenMotion(engine, held, self._dt, record, forces)
         turns = engine.windings.removed
         self._readings = {
-            name: reading(engine.model, self._stride, turns, output)
+            name: reading(engine.model, self._open.stride, turns, output)
             for name, output in outputs.items()
         }
         state = engine.first_state(self._dt, start)
-        self._origin, self._number = state.t, 0
-        self._begin(state)
+        self._open.begin(state, np.zeros(engine.model.size), Grid(state.t, 0, self._dt))
         engine.stats.setup_seconds = perf_counter() - clock
-
-    def _begin(self, state: State) -> None:
-        """Begin to step and to record from a state."""
-        self._t = state.t
-        state = self._engine.windings.without_turns(state)
-        self._stride.load(state)
-        self._first, origin, dt = self._number, self._origin, self._dt
-
-        def times(rows):
-            return origin + (self._first + rows) * dt
-
-        self._rows = OpenRecord(self._engine.model, self._record, state, times)
 
     # -- Steps ------------------------------------------------------------------------------------
 
@@ -197,21 +176,7 @@ class Motion:
             If the step fails. The motion stays in the state before the step, with its inputs.
         """
         clock = perf_counter()
-        before = self._held.set({} if inputs is None else inputs)
-        number = self._number + 1
-        t1 = self._origin + number * self._dt
-        row = number - self._first
-        self._rows.make_room(row)
-        self._held.begin(self._t, t1)
-        try:
-            self._stride.take(t1, row, self._rows.recorder)
-        except BaseException:
-            self._held.set(before)
-            raise
-        self._held.arrive()
-        self._number, self._t = number, t1
-        if number % _TURNS == 0:
-            self._count_turns()
+        self._open.step({} if inputs is None else inputs)
         found = {name: read() for name, read in self._readings.items()}
         self._engine.stats.seconds += perf_counter() - clock
         return found
@@ -241,7 +206,7 @@ class Motion:
         KeyboardInterrupt
             After Ctrl-C. The motion stays in the state after the last step.
         """
-        fits = is_number(t_end) and (as_float(t_end) - self._t) / self._dt <= MOST_STEPS
+        fits = is_number(t_end) and (as_float(t_end) - self.t) / self._dt <= MOST_STEPS
         wanted = f"a finite number, at most {MOST_STEPS:.0e} steps away"
         require(fits, "Motion.run: t_end", t_end, wanted)
         last = as_float(t_end) - 1e-6 * self._dt
@@ -249,26 +214,20 @@ class Motion:
         require(fits, "Motion.run: controller", controller, "a function of time and outputs")
         found = self.outputs
         with ctrl_c_between_blocks():
-            while self._t < last:
-                inputs = None if controller is None else controller(self._t, found)
-                with uninterrupted:
+            motion = self._open
+            while motion.t < last:
+                with uninterrupted:  # what the controller remembers belongs to the step
+                    inputs = None if controller is None else controller(motion.t, found)
                     found = self.step(inputs)
         return found
-
-    def _count_turns(self) -> None:
-        """Count full turns separately, so that they do not add to rounding errors."""
-        self._rows.add_turns(self._engine.windings.removed)
-        state = self._stride.state()
-        turned = self._engine.windings.without_turns(state)
-        if turned.q is not state.q:
-            self._stride.load(turned)
 
     # -- What is known ----------------------------------------------------------------------------
 
     @property
     def t(self) -> float:
         """Present time [s]."""
-        return self._t
+        self._open.settle()
+        return self._open.t
 
     @property
     def dt(self) -> float:
@@ -278,42 +237,48 @@ class Motion:
     @property
     def q(self) -> np.ndarray:
         """Present displacements and rotations of the nodes, (n_node, 3) [m, rad]."""
-        return self._engine.model.to_nodes(self._stride.now.q + self._engine.windings.removed)
+        self._open.settle()
+        return self._engine.model.to_nodes(self._open.stride.now.q + self._engine.windings.removed)
 
     @property
     def v(self) -> np.ndarray:
         """Their rates, (n_node, 3) [m/s, rad/s]."""
-        return self._engine.model.to_nodes(self._stride.now.v)
+        self._open.settle()
+        return self._engine.model.to_nodes(self._open.stride.now.v)
 
     @property
     def slides(self) -> np.ndarray:
         """Present slides of the joints, (joints,) [m]."""
-        return self._stride.now.slides.copy()
+        self._open.settle()
+        return self._open.stride.now.slides.copy()
 
     @property
     def inputs(self) -> dict[str, Any]:
         """Present values of the inputs: a number, or an array (2,) of an input without factor."""
+        self._open.settle()
         return {
             name: value.copy() if len(value) > 1 else float(value[0])
-            for name, value in self._held.values.items()
+            for name, value in self._open.held.values.items()
         }
 
     @property
     def outputs(self) -> dict[str, Any]:
         """The outputs in the present state; forces are those of the last step, at first zero."""
+        self._open.settle()
         return {name: read() for name, read in self._readings.items()}
 
     @property
     def stats(self) -> Stats:
         """Statistics of all steps so far."""
-        self._stride.count()
+        self._open.settle()
+        self._open.stride.count()
         return copy(self._engine.stats)
 
     @property
     def state(self) -> Solution:
         """The present state, a solution of one row: for `start`, `modes`, `linearise`, pictures."""
-        recorder = Recorder(self._engine.model, np.array([self._t]), Record())
-        end = self._end()
+        recorder = Recorder(self._engine.model, np.array([self.t]), Record())
+        end = self._open.end()
         recorder.record(0, end)
         return solution_of(self._engine.model, recorder, self.stats, end)
 
@@ -330,12 +295,9 @@ class Motion:
         SceneError
             If nothing is recorded.
         """
-        recorder = self._rows.complete(self._engine.windings.removed)
-        return solution_of(self._engine.model, recorder, self.stats, self._end())
-
-    def _end(self) -> State:
-        state = self._engine.windings.with_turns(self._stride.state())
-        return replace(state, inputs=self._held.all)
+        self._open.settle()
+        recorder = self._open.rows.complete()
+        return solution_of(self._engine.model, recorder, self.stats, self._open.end())
 
     # -- Snapshots --------------------------------------------------------------------------------
 
@@ -347,9 +309,7 @@ class Motion:
         Snapshot
             The present state.
         """
-        state = replace(self._stride.state(), inputs=self._held.all)
-        turns, dofs = self._engine.windings.removed.copy(), self._engine.model.mesh.dofs
-        return Snapshot(self._t, state, (self._origin, self._number), turns, dofs)
+        return self._open.snapshot()
 
     def restore(self, snapshot: Snapshot) -> dict[str, Any]:
         """Return to a snapshot. The next steps are the same, to round-off; the record begins anew.
@@ -370,12 +330,8 @@ class Motion:
             For a snapshot of another scene.
         """
         require(isinstance(snapshot, Snapshot), "Motion.restore", snapshot, "a snapshot")
-        model, state = self._engine.model, snapshot.state
-        snapshot.check(model, sum(self._held.widths.values()))
-        self._engine.windings.removed[:] = snapshot.turns
-        self._held.resume(self._engine.forcing, state, state.inputs)
-        self._origin, self._number = snapshot.step
-        self._begin(state)
+        snapshot.check(self._engine.model, sum(self._open.held.widths.values()))
+        self._open.restore(snapshot)
         return self.outputs
 
     def __reduce__(self):
@@ -383,8 +339,8 @@ class Motion:
 
     def __repr__(self):
         return (
-            f"<Motion: {self._engine.stats.scheme}, dt = {self._dt:g}, at t = {self._t:g}, inputs "
-            f"{list(self._held.widths)}, outputs {list(self._readings)}>"
+            f"<Motion: {self._engine.stats.scheme}, dt = {self._dt:g}, at t = {self.t:g}, inputs "
+            f"{list(self._open.held.widths)}, outputs {list(self._readings)}>"
         )
 
 

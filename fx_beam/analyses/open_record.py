@@ -16,39 +16,46 @@ _ROWS = 1024
 
 
 class OpenRecord:
-    """Rows of steps from a state on; there may be none. `times` gives those of their ends."""
+    """Rows of steps from a state on; there may be none. `times` gives those of their ends.
+
+    Full turns (size,) [rad] are missing in the state.
+    """
 
     def __init__(
         self,
         model: Model,
         record: Record | None,
         state: State,
+        turns: np.ndarray,
         times: Callable[[np.ndarray], np.ndarray],
     ):
         self.recorder: Rows = Unrecorded()
-        self._times, self._planned, self._turned = times, 0, 0
+        self._times, self._planned = times, 0
         if record is not None:
             self.recorder = Recorder(model, np.array([state.t]), record)
+            self.miss(turns)
             self.recorder.record(0, state)
 
     def make_room(self, step: int) -> None:
         """Make room for a row of a step; the first one has the number 1."""
         if step > self._planned and isinstance(self.recorder, Recorder):
-            self._planned = step + _ROWS - 1
-            ends = self._times(np.arange(step, self._planned + 1))
-            self.recorder.plan(step, ends, last=False)
+            last = step + _ROWS - 1
+            self.recorder.plan(step, self._times(np.arange(step, last + 1)), last=False)
+            self._planned = last
 
-    def add_turns(self, turns: np.ndarray) -> None:
-        """Add the full turns (size,) [rad] that are missing in the last rows."""
+    def settle(self, steps: int) -> None:
+        """Have the rows of some steps; what was begun after them is forgotten."""
+        self.recorder.settle(1 + steps // self.recorder.every)
+
+    def miss(self, turns: np.ndarray) -> None:
+        """Note that full turns (size,) [rad] are missing in the rows from here on."""
         if isinstance(self.recorder, Recorder):
-            self.recorder.add_turns(self._turned, turns)
-            self._turned = self.recorder.rows
+            self.recorder.turns[self.recorder.rows] = turns.copy()
 
-    def complete(self, turns: np.ndarray) -> Recorder:
-        """The recorder, with full turns in all rows; SceneError without one."""
+    def complete(self) -> Recorder:
+        """The recorder; SceneError without one."""
         if not isinstance(self.recorder, Recorder):
             raise SceneError(
                 "Motion.solution: nothing was recorded. Create the motion with record=fb.Record()"
             )
-        self.add_turns(turns)
         return self.recorder

@@ -30,6 +30,9 @@ class CompiledLoop:
         #: Owns the arrays to which C points.
         self.problem = problem = Problem(self.model, stepper.single.joint_forces, options)
         self._ffi, self._library = problem.ffi, problem.library
+        # Read here: an interrupt while cffi reads the name of a type breaks its parser for good.
+        names = "double *", "int *", "Inputs *", "Record *"
+        self._types = {name: problem.ffi.typeof(name) for name in names}
         self._problem, self._state_arrays, self._past = (
             problem.c,
             problem.state_arrays,
@@ -185,16 +188,16 @@ class CompiledLoop:
 
     def c_inputs(self, inputs: StepInputs):
         """The inputs for C; they must be kept as long as C uses them."""
-        c_inputs = self._ffi.new("Inputs *")
+        c_inputs, doubles = self._ffi.new(self._types["Inputs *"]), self._types["double *"]
         for name in ("loads", "driven", "thrust"):
-            setattr(c_inputs, name, self._ffi.cast("double *", getattr(inputs, name).ctypes.data))
+            setattr(c_inputs, name, self._ffi.cast(doubles, getattr(inputs, name).ctypes.data))
         c_inputs.load_stride = inputs.loads.strides[0] // inputs.loads.itemsize
         c_inputs.thrust_stride = inputs.thrust.strides[0] // inputs.thrust.itemsize
         return c_inputs
 
     def c_record(self, recorder: Rows, first: int, steps: int):
         """Rows of a recorder for C, from its next one on, for parts of steps from `first` on."""
-        to, halving = self._ffi.new("Record *"), self._stepper.halving
+        to, halving = self._ffi.new(self._types["Record *"]), self._stepper.halving
         to.every, to.first, to.last = recorder.every, first, recorder.last
         to.parts, to.part = halving.parts, halving.done
         to.keeps_starts = recorder.keeps_starts(to.parts)
@@ -202,7 +205,7 @@ class CompiledLoop:
         most = steps * self._problem.sub_steps if to.keeps_starts else 0
         for name, rows in recorder.next_rows(most).items():
             kind = "int *" if rows.dtype == np.int32 else "double *"
-            setattr(to, name, self._ffi.cast(kind, rows.ctypes.data))
+            setattr(to, name, self._ffi.cast(self._types[kind], rows.ctypes.data))
         return to
 
     def count(self, taken: int) -> None:

@@ -13,6 +13,7 @@ from fx_beam.results.state import State
 from fx_beam.stepping.held_inputs import Hold, Ramp
 from fx_beam.stepping.recorder import Recorder, Rows, Unrecorded
 from fx_beam.stepping.stepper import Stepper
+from fx_beam.stepping.stride import Grid
 from fx_beam.validation import Constant
 
 from .loop import CompiledLoop, StepInputs
@@ -24,7 +25,8 @@ _BLOCK = 64
 class CompiledStride:
     """Takes single steps of the length dt [s]; compare `stepping.stride.Stride`.
 
-    Steps that fail, and those that are taken in parts, are left to the loop.
+    Steps that fail, and those that are taken in parts, are left to the loop. An interrupt may come
+    anywhere between two lines of Python: C takes a step as a whole, and counts it.
     """
 
     def __init__(self, loop: CompiledLoop, stepper: Stepper, dt: float, forces: bool):
@@ -41,7 +43,10 @@ class CompiledStride:
             slides=arrays["slide"],
             joint_forces=arrays["joint_forces"].reshape(-1, 3),
         )
-        self._taken = 0
+        #: Number of steps that the statistics have.
+        self._counted = 0
+        #: While a step is taken in parts: the last state, and the number of steps to it.
+        self._last: tuple[State, int] | None = None
         #: Rows of a recorder for C, and the number of the plan to which they belong.
         self._rows, self._plan = self._unrecorded, -1
         self._build_inputs()
@@ -74,48 +79,63 @@ class CompiledStride:
                 self._varies = True
         self._parts = np.cumsum(model.scheme.fractions)
         self._parts[-1] = 1.0
-        self._known = StepInputs(*np.empty((3, 0, 2)))
-        self._next = 0
         if not self._varies:
             self._fill(self._loop.inputs(0.0, np.array([self._dt])), 0)
 
-    def load(self, state: State) -> None:
+    def load(self, state: State, grid: Grid) -> None:
         """Begin from a state."""
+        #: Times of the ends of steps.
+        self.grid = grid
+        self._known = StepInputs(*np.empty((3, 0, 2))), 0
+        self._load(state, 0)
+
+    def go_on_from(self, state: State) -> None:
+        """Go on from another form of the present state."""
+        self._last = state, self.number
+        self.settle()
+
+    def _load(self, state: State, number: int) -> None:
+        """Return to a state and the number of steps to it."""
         self._loop.load(state)
         self._loop.forget_past()
         self._loop.past = state.past
         self._stepper.halving.resume(state.parts)
-        self._t = state.t
-        self._forget_inputs()
+        self._p.completed = self._counted = number
+        self._last = None
 
-    def _forget_inputs(self) -> None:
-        """Evaluate functions of time anew: those that are known are of other steps."""
-        self._known, self._next = self._known.after(len(self._known.driven)), 0
+    @property
+    def number(self) -> int:
+        """Number of steps since `load`."""
+        return self._p.completed
 
     def state(self) -> State:
         """The present state, with all on which the next step depends."""
-        parts = self._stepper.halving.memory
-        return replace(self._loop.state(self._t), parts=parts, past=self._loop.past)
+        return self._complete(self._loop.state(self.grid(self.number)))
 
-    def take(self, t1: float, number: int, recorder: Rows) -> None:
-        """Take step `number` up to t1 [s]. After an error the state is that before it."""
-        if self._stepper.halving.times or not self._succeeds(t1, number, recorder):
+    def _complete(self, state: State) -> State:
+        return replace(state, parts=self._stepper.halving.memory, past=self._loop.past)
+
+    def settle(self) -> int:
+        """Return to the last state, if a step was begun in parts; gives the number of steps."""
+        if self._last is not None:
+            self._load(*self._last)
+        return self._p.completed
+
+    def take(self, number: int, t0: float, t1: float, recorder: Rows) -> None:
+        """Take a step from t0 to t1 [s]. After an error or an interrupt, call `settle`."""
+        if self._stepper.halving.times or not self._succeeds(t0, t1, number, recorder):
             self.count()
             before = self.state()
-            try:
-                after = self._loop.march(before, np.array([t1]), number, recorder)
-            except BaseException:
-                self.load(before)
-                raise
-            self._loop.load(after)
-            self._forget_inputs()
-        self._t = t1
+            self._last = before, number - 1
+            after = self._loop.march(before, np.array([t1]), number, recorder)
+            self._last = self._complete(after), number
+            self.settle()
 
-    def _succeeds(self, t1: float, number: int, recorder: Rows) -> bool:
+    def _succeeds(self, t0: float, t1: float, number: int, recorder: Rows) -> bool:
         """Whether a whole step succeeds in C; otherwise the state is that before it."""
         p, to = self._p, self._unrecorded
         if self._varies:
-            self._evaluate(t1)
+            self._evaluate(t0, t1, number)
         for hold, place in self._holds:
             place[...] = hold.value
         for ramp, place in self._ramps:
@@ -125,12 +145,9 @@ class CompiledStride:
             assert isinstance(recorder, Recorder)  # the other one takes no row
             to = self._rows_of(recorder)
             to.first = number
-        p.t = self._t
-        if not self._run(p, 1, t1 - self._t, self._c_inputs, to):
+        p.t = t0
+        if not self._run(p, 1, t1 - t0, self._c_inputs, to):
             return False
-        self._taken += 1
-        if recorded:
-            recorder.add(1, to.starts)
         if p.inside_out:
             self.count()
         return True
@@ -140,21 +157,23 @@ class CompiledStride:
         if recorder.plans != self._plan:
             room = len(recorder.arrays["energies"]) - recorder.rows
             self._rows = self._loop.c_record(recorder, 1, room)
-            self._plan = recorder.plans
             self._first = recorder.rows
+            self._plan = recorder.plans
         self._rows.rows = recorder.rows - self._first
         self._rows.starts, self._rows.complete = recorder.starts, recorder.complete
         return self._rows
 
-    def _evaluate(self, t1: float) -> None:
-        """Evaluate the functions of time for this step; for some steps at once."""
-        if self._next * self._p.sub_steps >= len(self._known.driven):
+    def _evaluate(self, t0: float, t1: float, number: int) -> None:
+        """Evaluate the functions of time for a step and its number; for some steps at once."""
+        known, first = self._known
+        if (number - first) * self._p.sub_steps >= len(known.driven):
             ends = t1 + self._dt * np.arange(_BLOCK)
-            self._known, self._next = self._loop.inputs(self._t, ends), 0
-            if not len(self._known.driven) and self._known.error is not None:
-                raise self._known.error
-        self._fill(self._known, self._next)
-        self._next += 1
+            known, first = self._loop.inputs(t0, ends), number
+            now = isinstance(known.error, KeyboardInterrupt) or not len(known.driven)
+            if known.error is not None and now:
+                raise known.error
+            self._known = known, first
+        self._fill(known, number - first)
 
     def _fill(self, inputs: StepInputs, step: int) -> None:
         """Copy the inputs of the sub-steps of one step."""
@@ -164,9 +183,10 @@ class CompiledStride:
 
     def count(self) -> None:
         """Add what C has counted to the statistics."""
-        self._stepper.stats.steps += self._taken
-        self._loop.count(self._taken)
-        self._taken = 0
+        taken = self._p.completed - self._counted
+        self._stepper.stats.steps += taken
+        self._loop.count(taken)
+        self._counted += taken
 
 
 def _places(scene, loads: np.ndarray, thrust: np.ndarray) -> Iterator[tuple]:

@@ -27,18 +27,18 @@ class Windings:
         #: Rotations (size,) subtracted so far [rad].
         self.removed = np.zeros(model.size)
 
-    def without_turns(self, state: State) -> State:
-        """The state without full turns, where these have no effect on the equations."""
-        q, before = state.q, state.before
+    def turns_of(self, state: State) -> np.ndarray:
+        """Full turns (size,) [rad] of a state, where these have no effect on the equations."""
+        turns = np.zeros_like(self.removed)
         for member in self._members:
-            turns = 2 * np.pi * np.round(q[member].mean() / (2 * np.pi))
-            if turns:
-                q = q.copy() if q is state.q else q
-                q[member] -= turns
-                self.removed[member] += turns
-        if before is not None:
-            before = before + (q - state.q)
-        return replace(state, q=q, before=before)
+            turns[member] = 2 * np.pi * np.round(state.q[member].mean() / (2 * np.pi))
+        return turns
+
+    @staticmethod
+    def without(turns: np.ndarray, state: State) -> State:
+        """The state without turns."""
+        before = None if state.before is None else state.before - turns
+        return replace(state, q=state.q - turns, before=before)
 
     def with_turns(self, state: State) -> State:
         """The state with the turns that were subtracted."""

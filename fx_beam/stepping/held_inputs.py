@@ -78,6 +78,7 @@ class HeldInputs:
         self._count = sum(map(len, self._watched))
         #: Number of values of each input, by name.
         self.widths = widths(scene)
+        #: Present values by name, in arrays that do not change.
         self.values = {name: np.zeros(width) for name, width in self.widths.items()}
         self._parts: dict[int, Hold | Ramp] = {
             id(socket): Ramp(socket) if driven else Hold(socket)
@@ -91,11 +92,11 @@ class HeldInputs:
         }
         self._ramps = [part for part in self._parts.values() if isinstance(part, Ramp)]
 
-    def set(self, given: Mapping) -> dict[str, Any]:
-        """Set some inputs for the next steps; returns the values that they had.
+    def checked(self, given: Mapping) -> dict[str, Any]:
+        """Values of some inputs.
 
-        SceneError for what is no input or no value of it, before any is set, and for a scene that
-        has more than at the start.
+        SceneError for what is no input or no value of it, and for a scene that has more than at the
+        start.
         """
         if sum(map(len, self._watched)) != self._count:
             raise SceneError(
@@ -111,12 +112,15 @@ class HeldInputs:
                 check_names([name], self.widths, "inputs")
                 value = vector(value, self.widths[name], f"input {name!r}")
             found[name] = value
-        before = {name: self.values[name].copy() for name in found}
-        for name, value in found.items():
-            self.values[name][:] = value
+        return found
+
+    def set(self, values: Mapping[str, Any]) -> None:
+        """Set some inputs for the next steps."""
+        new = {name: np.array(value, float, ndmin=1) for name, value in values.items()}
+        self.values = self.values | new
+        for name, value in new.items():
             for part in self._of[name]:
-                part.set(self.values[name])
-        return before
+                part.set(value)
 
     def parts_of(self, name: str) -> list[Hold | Ramp]:
         """All places of an input."""

@@ -9,20 +9,34 @@ from contextlib import contextmanager
 from typing import Any
 
 
+class _Blocks:
+    """How many blocks have been entered, and the Ctrl-C that waits for their end."""
+
+    def __init__(self) -> None:
+        self.depth = 0
+        self.waiting: Any = None
+
+    def deliver(self) -> None:
+        """Let Ctrl-C take effect."""
+        interrupt, self.waiting = self.waiting, None
+        if interrupt is not None:
+            interrupt()
+
+
 class _Uninterrupted(threading.local):
     """A block at whose end Ctrl-C takes effect. It costs little, so that each step may have one."""
 
-    depth = 0
-    waiting: Any = None
+    def __init__(self) -> None:
+        self.blocks = _Blocks()
 
     def __enter__(self) -> None:
-        self.depth += 1
+        self.blocks.depth += 1
 
     def __exit__(self, *_) -> None:
-        self.depth -= 1
-        if self.waiting is not None and not self.depth:
-            interrupt, self.waiting = self.waiting, None
-            interrupt()
+        blocks = self.blocks
+        blocks.depth -= 1
+        if blocks.waiting is not None and not blocks.depth:
+            blocks.deliver()
 
 
 uninterrupted = _Uninterrupted()
@@ -30,20 +44,26 @@ uninterrupted = _Uninterrupted()
 
 @contextmanager
 def ctrl_c_between_blocks() -> Iterator[None]:
-    """Let Ctrl-C wait until the end of `uninterrupted` blocks."""
+    """Let Ctrl-C wait until the end of `uninterrupted` blocks; a second one does not wait."""
     handler = signal.getsignal(signal.SIGINT)
     if not callable(handler) or threading.current_thread() is not threading.main_thread():
         yield  # no interrupt comes here
         return
+    # Counted anew: another exception may have come in the midst of `__enter__` or `__exit__`.
+    outer, blocks = uninterrupted.blocks, _Blocks()
 
     def handle(*arguments) -> None:
-        if uninterrupted.depth:
-            uninterrupted.waiting = lambda: handler(*arguments)
+        if blocks.depth and blocks.waiting is None:
+            blocks.waiting = lambda: handler(*arguments)
         else:
+            blocks.waiting = None
             handler(*arguments)
 
-    signal.signal(signal.SIGINT, handle)
     try:
+        uninterrupted.blocks = blocks
+        signal.signal(signal.SIGINT, handle)
         yield
     finally:
         signal.signal(signal.SIGINT, handler)
+        uninterrupted.blocks = outer
+        blocks.deliver()

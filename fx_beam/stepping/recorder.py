@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import bisect
+import itertools
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
@@ -108,6 +110,9 @@ class Unrecorded:
     def record(self, step: int, state: State) -> None:
         """Nothing."""
 
+    def settle(self, rows: int) -> None:
+        """Nothing."""
+
 
 class Recorder:
     """Histories of motion, forces, energies and momenta at the times (n,) of a grid."""
@@ -122,6 +127,8 @@ class Recorder:
         #: The last state.
         self.end: State
         self._first: State
+        #: Full turns (size,) [rad] that are missing in the rows from a number on.
+        self.turns: dict[int, np.ndarray] = {}
         n, size, joints = 0, model.size, len(model.scene.joints)
         constrained = model.reduction.columns - model.reduction.free
         #: Rows (n, ...) by name, vectors in the order of the degrees of freedom.
@@ -180,6 +187,11 @@ class Recorder:
         """Count rows that were written, and the number of all starts."""
         self.rows += rows
         self._starts.count = starts
+
+    def settle(self, rows: int) -> None:
+        """Have some rows, which are written; what was begun after them is forgotten."""
+        self.rows = rows
+        self._starts.count = self.complete
 
     @property
     def starts(self) -> int:
@@ -254,11 +266,10 @@ class Recorder:
                 rows[self.rows] = np.ravel(values[name]) if rows.ndim > 1 else values[name]
         self.add(1, self.starts)
 
-    def add_turns(self, first: int, turns: np.ndarray) -> None:
-        """Add the full turns (size,) [rad] that are missing in the rows from `first` on."""
-        if "q" in self.arrays and turns.any():
-            self.arrays["q"][first : self.rows] += turns
-            self._starts.add_turns(self._up_to(first - 1), turns)
+    def _missing(self, row: int) -> np.ndarray | float:
+        """Full turns (size,) [rad] that are missing in a row."""
+        at = bisect.bisect_right([*self.turns], row)
+        return [*self.turns.values()][at - 1] if at else 0.0
 
     def histories(self) -> dict:
         """Recorded histories by their names in `Solution`; empty if not recorded."""
@@ -269,6 +280,10 @@ class Recorder:
 
         def at_nodes(name):
             return kept[name][:, model.mesh.dofs] if name in kept else none
+
+        q = at_nodes("q")
+        for first, stop in itertools.pairwise([*self.turns, n] if len(q) else []):
+            q[first:stop] += self.turns[first][model.mesh.dofs]
 
         reactions = none
         if "constraint_forces" in kept:
@@ -288,7 +303,7 @@ class Recorder:
         return {
             "t": t,
             "t_level": t - (1 - model.scheme.rates.level) * self._lengths(),
-            "q": at_nodes("q"),
+            "q": q,
             "v": at_nodes("v"),
             "a": at_nodes("a"),
             "reactions": reactions,
@@ -356,10 +371,12 @@ class Recorder:
             starts = {name: self._starts.arrays[f"before_{name}"][own] for name in names}
         else:
             starts = {name: arrays[name][row - 1 : row] for name in names}
+        turns = self._missing(row)
+        starts["q"] = starts["q"] + (turns if own.stop > own.start else self._missing(row - 1))
         t0, t1 = self._times[self._steps[row] - 1 : self._steps[row] + 1]
         rest = np.cumsum(self._shares(row)[::-1])[::-1]
         times = [*(t1 - (t1 - t0) * rest), t1]
-        D = np.diff(starts["q"], axis=0, append=arrays["q"][row : row + 1])
+        D = np.diff(starts["q"], axis=0, append=arrays["q"][row : row + 1] + turns)
         for i, q in enumerate(starts["q"]):
             part = Part(Interval(*times[i : i + 2]), D[i], q)
             if forms.resultants_need_rates:
@@ -370,7 +387,7 @@ class Recorder:
                 before, memory = (
                     self._starts.arrays[name][own][i] for name in ("earlier_q", "memory")
                 )
-                part = part._replace(before=before, memory=float(memory))
+                part = part._replace(before=before + turns, memory=float(memory))
             yield part
 
 

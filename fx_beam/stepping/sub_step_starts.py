@@ -68,8 +68,3 @@ class SubStepStarts:
             for name, array in self.arrays.items():
                 array[self.count] = np.ravel(values[name]) if array.ndim > 1 else values[name]
             self.count += 1
-
-    def add_turns(self, first: int, turns: np.ndarray) -> None:
-        """Add the full turns (size,) [rad] that are missing from the start `first` on."""
-        for name in {"before_q", "earlier_q"} & set(self.arrays):
-            self.arrays[name][first : self.count] += turns

@@ -197,6 +197,7 @@ int fx_run(Problem *p, int steps, double dt, const Inputs *inputs, Record *to) {
     p->amplified += p->sub_steps > 1 && lost - p->dissipated > 1e-14 * fabs(lost);
     if (to->parts > 1) p->too_large += turn * to->parts > p->large_turn;
     if (wanted) record(p, w, to);
+    ++p->completed;
     unchecked = !wanted || to->energies[8 * to->rows - 7] >= p->least_energy;
     LAP(AUDIT);
   }

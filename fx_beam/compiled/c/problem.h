@@ -257,6 +257,7 @@ typedef struct {
   double *spring_internals; /* [spring_width] */
   double *before, length, ratio; /* start and length of the last step; `memory` of this one */
   int steps_done;       /* 0 if there is no previous step */
+  long completed;       /* steps or parts; Python knows by it what an interrupt leaves */
   double *ages;         /* [PAST] times since the configurations before the last one, the latest first */
   int known_steps;      /* number of previous sub-steps */
   int orders[SUB_STEPS]; /* of the prediction of each sub-step; 0: none */

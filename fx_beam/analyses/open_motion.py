@@ -1,0 +1,131 @@
+"""A motion whose end is open: its state, inputs and record."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from fx_beam.compiled.loop import CompiledLoop
+from fx_beam.compiled.stride import CompiledStride
+from fx_beam.results.state import State
+from fx_beam.stepping.held_inputs import HeldInputs
+from fx_beam.stepping.recorder import Record
+from fx_beam.stepping.stride import Grid, Stride
+
+from .engine import Engine
+from .open_record import OpenRecord
+from .snapshot import Snapshot
+
+# Steps between two counts of full turns, as in `simulate`.
+_TURNS = 1000
+
+
+class OpenMotion:
+    """Takes steps of the length dt [s]. State, time, inputs and record agree after all interrupts.
+
+    What changes several of them first says how it is completed or undone; `settle` does so.
+    """
+
+    def __init__(
+        self, engine: Engine, held: HeldInputs, dt: float, record: Record | None, forces: bool
+    ):
+        self._engine, self._dt, self._record = engine, dt, record
+        #: What completes or undoes what an interrupt may have broken off, and its arguments.
+        self._pending: tuple[Callable[..., None], tuple] | None = None
+        self.held = held
+        self.stride: Stride | CompiledStride
+        if isinstance(engine.integrator, CompiledLoop):
+            self.stride = CompiledStride(engine.integrator, engine.stepper, dt, forces)
+        else:
+            self.stride = Stride(engine.stepper)
+
+    def begin(self, state: State, removed: np.ndarray, grid: Grid) -> None:
+        """Begin to step and to record from a state, in which full turns are missing."""
+        windings = self._engine.windings
+        turns = windings.turns_of(state)
+        state = windings.without(turns, state)
+        windings.removed[:] = removed + turns
+        self.stride.load(state, grid)
+        self.rows = OpenRecord(self._engine.model, self._record, state, windings.removed, grid)
+        #: Present time [s].
+        self.t = grid(0)
+
+    def settle(self) -> None:
+        """Complete or undo what an interrupt has broken off."""
+        if self._pending is not None:
+            mend, arguments = self._pending
+            mend(*arguments)  # which may be interrupted, and called again
+            self._pending = None
+
+    def step(self, inputs: Mapping[str, Any]) -> None:
+        """Take a step with some new inputs."""
+        if self._pending is not None:
+            self.settle()
+        held, stride, rows = self.held, self.stride, self.rows
+        number, given = stride.number + 1, held.checked(inputs)
+        t0, t1 = self.t, stride.grid(number)
+        rows.make_room(number)
+        self._pending = self._end_step, (number, t0, t1, held.values)
+        held.set(given)
+        held.begin(t0, t1)
+        stride.take(number, t0, t1, rows.recorder)
+        self._end_step(number, t0, t1, {})
+        self._pending = None
+        if number % _TURNS == 0:
+            self._count_turns()
+
+    def _end_step(self, number: int, t0: float, t1: float, before: Mapping[str, Any]) -> None:
+        """End a step, whether it was taken or not; otherwise with the inputs before it."""
+        taken = self.stride.settle()
+        if taken == number:
+            self.held.arrive()
+            self.t = t1
+        else:
+            self.held.set(before)
+            self.t = t0
+        self.rows.settle(taken)
+
+    def _count_turns(self) -> None:
+        """Count full turns separately, so that they do not add to rounding errors."""
+        windings, state = self._engine.windings, self.stride.state()
+        turns = windings.turns_of(state)
+        if turns.any():
+            state, removed = windings.without(turns, state), windings.removed + turns
+            self._pending = self._turn_back, (state, removed)
+            self.settle()
+
+    def _turn_back(self, state: State, removed: np.ndarray) -> None:
+        """Go on from the present state without its full turns; `removed` are all that miss."""
+        self._engine.windings.removed[:] = removed
+        self.rows.miss(removed)
+        self.stride.go_on_from(state)
+
+    def end(self) -> State:
+        """The present state, with all on which the next step depends."""
+        self.settle()
+        state = self._engine.windings.with_turns(self.stride.state())
+        return replace(state, inputs=self.held.all)
+
+    def snapshot(self) -> Snapshot:
+        """The present state, to return to."""
+        self.settle()
+        stride = self.stride
+        state = replace(stride.state(), inputs=self.held.all)
+        turns, dofs = self._engine.windings.removed.copy(), self._engine.model.mesh.dofs
+        step = stride.grid.origin, stride.grid.first + stride.number
+        return Snapshot(self.t, state, step, turns, dofs)
+
+    def restore(self, snapshot: Snapshot) -> None:
+        """Return to a snapshot of the same scene."""
+        self.settle()
+        self.stride.count()
+        self._pending = self._return_to, (snapshot,)
+        self.settle()
+
+    def _return_to(self, snapshot: Snapshot) -> None:
+        state = snapshot.state
+        self.held.resume(self._engine.forcing, state, state.inputs)
+        self.begin(state, snapshot.turns, Grid(*snapshot.step, self._dt))

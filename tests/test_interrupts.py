@@ -1,0 +1,201 @@
+"""An interrupt may come anywhere: a step is taken or it is not, and what was computed is kept."""
+
+import itertools
+import signal
+
+import numpy as np
+import pytest
+from interrupting import call_stopped_at
+
+import fx_beam as fb
+from fx_beam.analyses import open_motion
+from fx_beam.compiled import stride as stride_module
+from fx_beam.stepping.interrupts import uninterrupted
+
+DT = 1 / 64
+SECTION = fb.Section(EA=1e4, GA=1e4, EI=5.0, rhoA=1.0, rhoI=1e-2)
+
+
+def whirling():
+    """Two arms that turn fast: a motor between them; loads that are held, of time, and follow."""
+    scene = fb.Scene(gravity=(0.0, -9.81))
+    arm = scene.add_beam([(0, 0), (1, 0)], SECTION, elements=2)
+    tip = scene.add_beam([(1, 0), (1.5, 0.2)], SECTION)
+    hinge = scene.add_joint(fb.Revolute(fb.GROUND, arm.start))
+    scene.add_joint(fb.Revolute(arm.end, tip.start, motor=fb.Input("place")))
+    scene.set_velocity(arm, lambda x, y: (-20 * y, 20 * x), spin=20)
+    scene.set_velocity(tip, lambda x, y: (-20 * y, 20 * x), spin=20)
+    scene.add_force(tip.end, fb.Input("push"))
+    scene.add_force(arm.end, lambda t: (np.cos(9 * t), 2 * np.sin(5 * t)))
+    scene.add_force(arm.end, (0.3, 0.0), follower=True)
+    return scene, {"tip": fb.Output("position", tip.end), "force": fb.Output("force", hinge)}
+
+
+def agree(motion, twin):
+    """Assert that two motions are in the same state."""
+    assert motion.t == twin.t
+    for name, value in twin.inputs.items():
+        np.testing.assert_array_equal(motion.inputs[name], value)
+    for found, value in (
+        (motion.v, twin.v),
+        *zip(motion.outputs.values(), twin.outputs.values(), strict=True),
+    ):
+        np.testing.assert_allclose(found, value, rtol=0, atol=1e-7 * (1 + abs(value).max()))
+
+
+@pytest.mark.parametrize(
+    ("solver", "opcodes", "every", "bumps", "scheme"),
+    [
+        ("compiled", True, 3, False, fb.EnergyMomentum()),
+        ("compiled", False, 1, False, fb.EnergyMomentum(order=4)),
+        ("compiled", False, 13, True, fb.EnergyMomentum()),
+        ("petsc", False, 61, False, fb.EnergyMomentum()),
+        ("petsc", False, 173, True, fb.EnergyMomentum()),
+    ],
+    ids=["compiled", "sub-steps", "parts", "petsc", "parts-petsc"],
+)
+def test_a_step_is_taken_or_not_wherever_it_is_interrupted(
+    solver, opcodes, every, bumps, scheme, monkeypatch
+):
+    monkeypatch.setattr(open_motion, "_TURNS", 3)
+    monkeypatch.setattr(stride_module, "_BLOCK", 2)
+    motion, twin = (
+        fb.Motion(scene, scheme, dt=DT, outputs=outputs, solver=solver, record=fb.Record(every=2))
+        for scene, outputs in (whirling(), whirling())
+    )
+    steps = broken = unbroken = 0
+    for place in itertools.count(step=every):
+        push = 3e3 if bumps and steps % 4 == 2 else 0.1
+        given = {"place": np.sin(0.1 * steps), "push": (push, 0.2)}
+        reached = call_stopped_at(place, lambda given=given: motion.step(given), opcodes)
+        broken += reached
+        if motion.t > twin.t:
+            twin.step(given)
+            steps += 1
+        agree(motion, twin)
+        unbroken = 0 if reached else unbroken + 1
+        if unbroken == 6:  # no step is as long
+            break
+    assert broken > 50 and steps > 5
+    assert bool(twin.stats.halvings) is bumps
+    found, expected = motion.solution(), twin.solution()
+    np.testing.assert_array_equal(found.t, expected.t)
+    np.testing.assert_allclose(found.q, expected.q, rtol=0, atol=1e-7 * abs(expected.q).max())
+    assert abs(found.energy.balance_error).max() < 1e-9 * abs(found.energy.total).max()
+
+
+@pytest.fixture
+def ctrl_c():
+    """Ctrl-C, which a shell lets processes in the background ignore."""
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)
+    yield lambda: signal.raise_signal(signal.SIGINT)
+    signal.signal(signal.SIGINT, before)
+
+
+def test_ctrl_c_while_c_takes_a_step_leaves_the_step_taken(ctrl_c):
+    motion, twin = (
+        fb.Motion(scene, dt=DT, outputs=outputs, record=fb.Record())
+        for scene, outputs in (whirling(), whirling())
+    )
+    run = motion._open.stride._run
+
+    def interrupted(*arguments):
+        try:
+            return run(*arguments)
+        finally:
+            ctrl_c()
+
+    for _ in range(20):
+        motion._open.stride._run = interrupted
+        with pytest.raises(KeyboardInterrupt):
+            motion.step()
+        motion._open.stride._run = run
+        twin.step()
+        agree(motion, twin)
+        motion.step()
+        twin.step()
+    np.testing.assert_array_equal(motion.solution().q, twin.solution().q)
+
+
+@pytest.mark.parametrize("solver", ["compiled", "petsc"])
+def test_what_a_controller_remembers_agrees_with_the_steps_after_ctrl_c(solver, ctrl_c):
+    motion, twin = (
+        fb.Motion(scene, dt=DT, outputs=outputs, solver=solver)
+        for scene, outputs in (whirling(), whirling())
+    )
+
+    def controller(memory, stops=False):
+        def push(t, outputs):
+            memory.append(t)
+            if stops and len(memory) % 3 == 0:
+                ctrl_c()
+            return {"push": (0.0, 1e-2 * len(memory))}
+
+        return push
+
+    seen, whole = [], []
+    of_motion = controller(seen, stops=True)
+    while motion.t < 0.5:
+        try:
+            motion.run(0.5, of_motion)
+        except KeyboardInterrupt:
+            assert len(seen) == round(motion.t / DT)
+    twin.run(0.5, controller(whole))
+    assert seen == whole
+    agree(motion, twin)
+
+
+def test_ctrl_c_comes_also_after_another_exception_in_the_end_of_a_block(ctrl_c):
+    scene, _ = whirling()
+    motion = fb.Motion(scene, dt=DT)
+    uninterrupted.__enter__()  # as if another exception had come in its `__exit__`
+    with pytest.raises(KeyboardInterrupt):
+        motion.run(0.5, lambda t, y: ctrl_c() if t == 3 * DT else None)
+    assert motion.t == 4 * DT
+
+
+def test_a_second_ctrl_c_stops_a_controller_that_does_not_end(ctrl_c):
+    def endless(t, outputs):
+        for _ in range(1000):
+            ctrl_c()
+        raise AssertionError
+
+    motion = fb.Motion(whirling()[0], dt=DT)
+    with pytest.raises(KeyboardInterrupt):
+        motion.run(0.5, endless)
+    assert motion.t == 0.0
+
+
+def test_a_motion_returns_to_a_snapshot_also_if_it_is_interrupted():
+    motion, twin = (
+        fb.Motion(scene, dt=DT, outputs=outputs, record=fb.Record())
+        for scene, outputs in (whirling(), whirling())
+    )
+    twin.run(0.3)
+    start = twin.snapshot()
+    now = motion.snapshot()
+    for place in itertools.count():
+        motion.restore(now)
+        motion.step()
+        if not call_stopped_at(place, lambda: motion.restore(start)):
+            break
+        if motion.t == start.t:
+            agree(motion, twin)
+        else:
+            assert motion.t == DT
+    assert place > 50
+
+
+@pytest.mark.parametrize("solver", ["compiled", "petsc"])
+def test_functions_of_time_keep_their_times_after_halved_steps(solver):
+    scene = fb.Scene()
+    bar = scene.add_beam([(0, 0), (1, 0)], SECTION)
+    scene.add_force(bar.start, lambda t: (4 * t, 0.0))
+    motion = fb.Motion(scene, dt=DT, solver=solver)
+    motion.run(3 * DT)
+    halving = motion._engine.stepper.halving
+    halving.resume(np.array([DT, 2, 16, 0, 0]))  # as after failures: quarters of steps, 16 of them
+    motion.run(0.75)
+    assert motion.stats.substeps > 55 and not halving.times
+    # The mean of a force that grows evenly is its impulse.
+    assert motion.state.linear_momentum[-1, 0] == pytest.approx(2 * 0.75**2, rel=1e-12)
