@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import inspect
 import math
+import sys
 import threading
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from decimal import Decimal
 from numbers import Integral, Real
+from types import FrameType
 
 from ufl.algorithms.analysis import extract_coefficients, extract_constants
 from ufl.constantvalue import RealValue, Zero
@@ -216,7 +218,15 @@ class _Calls(threading.local):
     """Functions of the user that this thread is calling."""
 
     def __init__(self):
-        self.now: set[int] = set()
+        #: For each the frame of its call. An interrupt may leave some that have ended.
+        self.now: dict[int, FrameType] = {}
+
+    def goes_on(self, function: Callable) -> bool:
+        """Whether a call of the function has not ended."""
+        call, frame = self.now.get(id(function)), sys._getframe()
+        while call is not None and frame is not None and frame is not call:
+            frame = frame.f_back  # type: ignore[assignment]
+        return call is not None and frame is call
 
 
 _calls = _Calls()
@@ -225,16 +235,16 @@ _calls = _Calls()
 @contextmanager
 def _calling(function: Callable, what: str) -> Iterator[None]:
     """Refuse to call a function while it is called: it would never end."""
-    if id(function) in _calls.now:
+    if _calls.goes_on(function):
         raise _EndlessError(
             f"{what}: the function runs an analysis of the scene to which it belongs, and would be "
             "called for ever. Let it use a scene without this function"
         )
-    _calls.now.add(id(function))
     try:
+        _calls.now[id(function)] = sys._getframe(2)  # with this block
         yield
     finally:
-        _calls.now.discard(id(function))
+        _calls.now.pop(id(function), None)
 
 
 class _CheckedFunction:
