@@ -132,6 +132,8 @@ HOUSE = {
         "stepper",
         "stride",
         "adaptive_run",
+        "bordered",
+        "path_equations",
         "load_steps",
         "arc_length",
         "full_turns",

@@ -5,14 +5,13 @@ import pytest
 from scenes import demo
 
 import fx_beam as fb
-from fx_beam.mechanics.interval import Interval
 from fx_beam.model.model import Model
 from fx_beam.results.audit import Stats
-from fx_beam.stepping.arc_length import ArcLength, Tangent
 from fx_beam.stepping.forcing import LoadForcing
 from fx_beam.stepping.initial_state import reference_state
 from fx_beam.stepping.load_steps import LoadStepper
 from fx_beam.stepping.newton import NewtonOptions
+from fx_beam.stepping.path_equations import Tangent
 
 RISE, EA = 0.2, 1e4
 
@@ -211,8 +210,7 @@ def test_the_bordered_system_is_the_derivative_of_the_equations():
     scene, _ = linkage()
     model = Model(scene, fb.Equilibrium())
     stats = Stats("", 1.0, "", model.reduction.free)
-    stepper = LoadStepper(model, LoadForcing(model, 1.0), NewtonOptions(), stats)
-    arc = ArcLength(stepper)
+    path = LoadStepper(model, LoadForcing(model, 1.0), NewtonOptions(), stats).path
     state = reference_state(model)
     random = np.random.default_rng(4)
     free = model.reduction.free
@@ -220,9 +218,9 @@ def test_the_bordered_system_is_the_derivative_of_the_equations():
     normal = Tangent(z[:free], random.uniform(-1, 1, model.size), 0.7)
 
     def equations(z):
-        stepper.single.equations.begin(Interval(0.0, 0.0), state)
-        balance, _, column = arc._balance(state, z[:free], z[free])
-        plane = normal.D @ (arc._weight * balance.D) + normal.load * z[free]
+        path.begin(state)
+        balance, _, column = path.balance(z[:free], z[free])
+        plane = normal.D @ (path.weight * balance.D) + normal.load * z[free]
         return np.append(balance.residual[:free], plane), balance.r, column
 
     def derivative(direction, h=1e-4):
@@ -232,7 +230,7 @@ def test_the_bordered_system_is_the_derivative_of_the_equations():
     differences = np.array([derivative(e) for e in np.eye(free + 1)]).T
     _, r, column = equations(z)
     b = random.uniform(-1, 1, free + 1)
-    dy, dload = arc._solve(r, column, normal, b)
+    dy, dload = path.factors(r, column, normal).solve(b)
     assert differences @ np.append(dy, dload) == pytest.approx(b, abs=1e-6 * abs(b).max())
 
 

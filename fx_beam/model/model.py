@@ -79,6 +79,18 @@ class Model:
         return self.forms.internal_shape[-1] > 0 or (at_rest and self.has_contact)
 
     @property
+    def flows(self) -> bool:
+        """Whether members or springs have internal variables."""
+        return self.forms.internal_shape[-1] > 0 or self.actuators.width > 0
+
+    @property
+    def may_have_kinks(self) -> bool:
+        """Whether the slopes of forces may change at once: flow, contact, functions of a user."""
+        own = any(beam.section.strain_energy for beam in self.scene.beams)
+        own = own or self.actuators.have_laws or bool(self.scene.virtual_works)
+        return own or self.flows or self.has_contact
+
+    @property
     def has_contact(self) -> bool:
         """Whether there are obstacles or stops."""
         return self.forms.contact is not None or self.actuators.have_stops

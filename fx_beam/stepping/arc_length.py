@@ -6,7 +6,9 @@ Keller's pseudo-arclength method: the predictor is a step of length ds along the
     R(y, l) = 0,    <D', D> + l' (l - l0) = ds,    <A, B> = mean over the nodes of A.B in units.
 
 The system bordered by this plane is regular at limit points. The angle between the tangents of two
-successive steps is acute; this gives the direction of a tangent.
+successive steps is acute; this gives the direction of a tangent. Where plastic flow starts, a
+contact closes or a law of springs has a kink, the path has a corner: a step ends there, and the
+next one goes along the tangent behind it.
 """
 
 from __future__ import annotations
@@ -14,22 +16,28 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-import scipy.sparse
-import scipy.sparse.linalg
 
 from fx_beam.errors import Failure, StepError
 from fx_beam.mechanics.interval import Interval
-from fx_beam.model.equations import Balance
 from fx_beam.results.state import State
 
 from .load_steps import LoadStepper
 from .newton import ENERGY_FLOOR, StepFailed, StepSolution
+from .path_equations import Tangent
 
 # Target deviation of a step from its tangent, relative to its length, for few load steps; on a
 # circle it is half the angle of the step. A step is rejected at the given multiple of the target.
 _TARGET, _REJECTED = 0.1, 4.0
 # Target number of corrections in a step.
 _CORRECTIONS = 10
+# A step to a corner ends so far before it, relative to the step.
+_MARGIN = 1e-7
+# Largest length of a step round a corner, relative to its length along the tangent.
+_LONG = 2.0
+# A corner nearer to the start or the end of a step than this part of it is there.
+_NEAR = 1e-4
+# Slope of the load factor that is zero within rounding errors: a plastic mechanism.
+_FLAT = 1e-9
 # Load factor at which a path is abandoned. Of 43 arches that snap through, three reached load
 # factors between -1 and -1.5 before their full load.
 _LOWEST = -10.0
@@ -39,12 +47,23 @@ _PLACE = 1e-5
 
 
 @dataclass
-class Tangent:
-    """Unit tangent of the path: of the unknowns, of all degrees of freedom, of the load factor."""
+class Advance:
+    """A step along the path: its end, the tangent there, its turn and number of corrections."""
 
-    y: np.ndarray
-    D: np.ndarray
-    load: float
+    state: State
+    ahead: Tangent
+    turn: float
+    corrections: int
+    #: Load factor of a limit point in the step.
+    limit: float | None
+
+
+@dataclass
+class Corner:
+    """A corner of the path: its distance from the start of a step, and the step behind it if 0."""
+
+    distance: float
+    step: Advance | None = None
 
 
 class ArcLength:
@@ -54,19 +73,10 @@ class ArcLength:
     """
 
     def __init__(self, stepper: LoadStepper):
-        self.stepper, self.model = stepper, stepper.model
+        self.stepper, self.model, self._path = stepper, stepper.model, stepper.path
         self._newton, self._forcing = stepper.single.newton, stepper.forcing
-        self._equations = stepper.single.equations
-        self._reduction = self.model.reduction
-        #: Weights of the degrees of freedom in the inner product.
-        self._weight = 1 / (self.model.unit**2 * len(self.model.turns))
-        #: Rows and columns of the entries of the tangent and of the bordering column and row.
-        self._places = self._bordered()
-        rows, columns = (part.astype(np.int32) for part in self._places)
-        #: The order of these entries by columns; then their rows, and where each column starts.
-        self._order = order = np.lexsort((rows, columns))
-        ends = np.arange(len(self._reduction.pattern[0]) + 1, dtype=np.int32)
-        self._by_columns = rows[order], np.searchsorted(columns[order], ends).astype(np.int32)
+        #: 1 where the load factor rises along the path, else -1.
+        self._rising = 1.0
 
     def follow(self, states: list[State], steps: int, max_cuts: int, max_steps: int) -> None:
         """Append the states on the path from the last one to load factor 1.
@@ -76,49 +86,70 @@ class ArcLength:
         stats = self.stepper.stats
         # The error of the work is then of second order in the steps.
         target = min(_TARGET, 1 / steps)
-        tangent = self._tangent(states[-1], None)
-        ds, rising, cuts = 1 / (steps * tangent.load), 1.0, 0
+        self._path.begin(states[-1])
+        tangent = self._path.with_the_load(np.zeros(self.model.reduction.free), 0.0)
+        ds, cuts, behind = 1 / (steps * tangent.load), 0, 0.0
         while states[-1].t < 1 and stats.steps < max_steps:
             try:
-                state, ahead = self._step(states[-1], tangent, ds)
-                corrections = self.stepper.iterations
-                off = self._turn(states[-1], state, tangent, ahead, ds)
-                if off > _REJECTED * target:
-                    D = state.q - states[-1].q
-                    raise StepFailed(
-                        "off the path", "the path deviates too far from its tangent", D, []
-                    )
-                turns = ahead.load * rising < 0
-                if turns:
-                    state, ahead = self._limit_point(states[-1], tangent, ds, ahead)
-                if state.t >= 1:
-                    state = self._last_step(states[-1], tangent)
-                elif turns:
-                    rising = -rising
-                    stats.limit_points.append(state.t)
+                step = self._advance(states[-1], tangent, ds, target)
             except StepFailed as failure:
-                if cuts == max_cuts:
-                    raise self._error(states[-1], failure, cuts) from failure
-                ds, cuts = ds / 2, cuts + 1
-                stats.halvings += 1
-                continue
-            states.append(state)
+                corner = self._corner(states[-1], tangent, ds, target)
+                if corner is None or corner.step is None:
+                    if cuts == max_cuts:
+                        raise self._error(states[-1], failure, cuts) from failure
+                    cuts, stats.halvings = cuts + 1, stats.halvings + 1
+                    if corner and not behind:
+                        # From the corner on a step may be as long as the one that has failed.
+                        behind, ds = ds, (1 - _MARGIN) * min(ds, corner.distance)
+                    else:
+                        behind, ds = 0.0, ds / 2
+                    continue
+                step = corner.step
+            states.append(step.state)
             stats.steps += 1
-            if state.t < _LOWEST:
-                raise self._lost(state)
-            tangent, cuts = ahead, 0
-            ratio = min(target / max(off, 1e-6), _CORRECTIONS / corrections)
-            ds *= min(2.0, max(0.5, ratio))
+            if step.limit is not None:
+                self._rising = -self._rising
+                stats.limit_points.append(step.limit)
+            if step.state.t < _LOWEST:
+                raise self._lost(step.state)
+            tangent, cuts = step.ahead, 0
+            ratio = min(target / max(step.turn, 1e-6), _CORRECTIONS / step.corrections)
+            ds = max(ds * min(2.0, max(0.5, ratio)), behind)
             # The load factor changes at most as much as in a load step.
-            ds = min(ds, 1 / (steps * max(abs(tangent.load), 1e-6)))
+            ds, behind = min(ds, 1 / (steps * max(abs(tangent.load), 1e-6))), 0.0
 
     # -- Steps ----------------------------------------------------------------------------------
+
+    def _advance(self, state: State, tangent: Tangent, ds: float, target: float) -> Advance:
+        """An arc-length step ds that ends at a limit point or at load factor 1 if it meets them."""
+        new, ahead = self._step(state, tangent, ds)
+        if ahead.sense != tangent.sense:
+            # At a bifurcation it is so on the way back, too; where flow begins it is not.
+            if self._at_start(new, tangent, -_NEAR * ds).sense == tangent.sense:
+                raise StepFailed("off the path", "the path turns back", new.q - state.q, [])
+        corrections = self.stepper.iterations
+        turn = self._turn(state, new, tangent, ahead, ds)
+        if turn > _REJECTED * target:
+            D = new.q - state.q
+            legs = self._path.legs(D, new.t - state.t, tangent, ahead)
+            if legs is None or legs[1] > _NEAR * ds:
+                reason = "the path deviates too far from its tangent"
+                raise StepFailed("off the path", reason, D, [])
+            turn = target  # the path has a corner at the end of the step
+        limit = None
+        if ahead.load * self._rising < -_FLAT:
+            new, ahead = self._limit_point(state, tangent, ds, ahead)
+            limit = new.t
+        if new.t >= 1:
+            new, limit = self._last_step(state, tangent), None
+        return Advance(new, ahead, turn, corrections, limit)
 
     def _step(self, state: State, tangent: Tangent, ds: float) -> tuple[State, Tangent]:
         """State after an arc-length step ds along a tangent, and the tangent there."""
         step, load = self._correct(state, tangent, ds, tangent, ds)
-        new = self._finish(state, state.t + load, step)
-        return new, self._tangent(new, tangent)
+        # The tangent of this step: at the start of the next one flow would not have begun.
+        ahead = self._path.tangent(step.y, load, tangent)
+        return self._finish(state, state.t + load, step), ahead
 
     def _turn(self, old: State, new: State, tangent: Tangent, ahead: Tangent, ds: float) -> float:
         """Turn of the path in a step, estimated from the tangents at its start and end."""
@@ -170,28 +201,28 @@ class ArcLength:
 
         The predictor is a length `along` the tangent. StepFailed if it does not converge.
         """
-        newton, free = self._newton, self._reduction.free
-        self._equations.begin(Interval(state.t, state.t), state)
+        newton, free = self._newton, self.model.reduction.free
+        self._path.begin(state)
         y, load, predicted = along * tangent.y, along * tangent.load, along * tangent.D
         residuals: list[float] = []
         previous = np.inf
         for iteration in range(1, newton.options.max_iterations + 1):
-            (D, f, r, residual), per_load, column = self._balance(state, y, load)
+            (D, f, r, residual), per_load, column = self._path.balance(y, load)
             residual = residual[:free]
             residuals.append(abs(residual).max(initial=0.0))
-            missing = normal.D @ (self._weight * D) + normal.load * load - distance
-            dy, dload = self._solve(r, column, normal, -np.append(residual, missing))
-            correction = self._spread(dy, dload)
+            missing = normal.D @ (self._path.weight * D) + normal.load * load - distance
+            dy, dload = self._path.factors(r, column, normal).solve(-np.append(residual, missing))
+            correction = self._path.spread(dy, dload)
             factor = newton.shortening(correction)
             y, load = y + factor * dy, load + factor * dload
             size = max((abs(correction) / self.model.unit).max(), abs(dload))
             newton.check_finite(size, residuals)
-            D = self._expand(state, y, load)
+            D = self._path.expand(y, load)
             newton.check_turn(D, residuals)
             work, energy = residual @ dy, abs(f) @ abs(D)
             stuck = size > 0.5 * previous and abs(work) <= ENERGY_FLOOR * energy
             if size <= newton.options.tolerance or stuck:
-                r = r + self.model.forms.stiffness @ self._spread(dy, 0.0) + dload * per_load
+                r = r + self.model.forms.stiffness @ self._path.spread(dy, 0.0) + dload * per_load
                 newton.check_slides(D, residuals)
                 ended_by = "round-off" if stuck else "increment"
                 return StepSolution(D, y, r, iteration, ended_by, predicted), load
@@ -199,87 +230,41 @@ class ArcLength:
         reason = f"no convergence in {newton.options.max_iterations} iterations"
         raise StepFailed("no convergence", reason, D, residuals)
 
-    def _tangent(self, state: State, previous: Tangent | None) -> Tangent:
-        """Unit tangent at a state, in the direction of the previous tangent or of rising load."""
-        zero = np.zeros(self._reduction.free)
-        normal = previous or Tangent(zero, np.zeros(self.model.size), 1.0)
-        self._equations.begin(Interval(state.t, state.t), state)
-        balance, _, column = self._balance(state, zero, 0.0)
-        dy, dload = self._solve(balance.r, column, normal, np.append(zero, 1.0))
-        D = self._spread(dy, dload)
-        length = np.sqrt(D @ (self._weight * D) + dload**2)
-        if not np.isfinite(length):
-            raise StepFailed("singular", "the bordered tangent is singular", D, [])
-        return Tangent(dy / length, D / length, dload / length)
+    def _at_start(self, state: State, tangent: Tangent, ds: float) -> Tangent:
+        """The tangent at the start of a step, or a length ds from it along another one."""
+        self._path.begin(state)
+        return self._path.tangent(ds * tangent.y, ds * tangent.load, tangent)
 
-    # -- Equations ------------------------------------------------------------------------------
+    # -- Corners --------------------------------------------------------------------------------
 
-    def _expand(self, state: State, y: np.ndarray, load: float) -> np.ndarray:
-        """Increment of all degrees of freedom."""
-        return self._reduction.expand(y, self._driven(state, load))
+    def _corner(self, state: State, tangent: Tangent, ds: float, target: float) -> Corner | None:
+        """The corner of the path in a step ds, and if it starts there the step behind it; or None.
 
-    def _driven(self, state: State, load: float) -> np.ndarray:
-        return self._forcing.positions(state.t + load) - self._forcing.current(state)
-
-    def _spread(self, dy: np.ndarray, dload: float) -> np.ndarray:
-        """Small change of all degrees of freedom."""
-        fixed = np.zeros(self._reduction.columns - self._reduction.free - self._reduction.driven)
-        return self._reduction.spread(np.concatenate([dy, dload * self._forcing.goal, fixed]))
-
-    def _balance(
-        self, state: State, y: np.ndarray, load: float
-    ) -> tuple[Balance, np.ndarray, np.ndarray]:
-        """The equations, and their derivative with respect to the load factor: full and reduced."""
-        forms, forcing, reduction = self.model.forms, self._forcing, self._reduction
-        forms.load_factor.value = state.t + load
-        force = (state.t + load) * forcing.full
-        balance = self._equations.at(y, self._driven(state, load), force)
-        per_load = forms.stiffness @ self._spread(np.zeros_like(y), 1.0) - forcing.full
-        if forcing.turning is not None:
-            per_load -= forcing.turning.force(state.q + balance.D)
-        if forms.has_added:
-            per_load -= forms.added_per_load()
-        column = reduction.project(per_load) - reduction.project(np.zeros_like(per_load))
-        if self.model.scene.joints and forcing.goal.any():
-            # Driven motion rotates the joints, and with them the directions of their forces.
-            h = 1e-6
-            for sign in (1, -1):
-                self._expand(state, y, load + sign * h)
-                column += sign / (2 * h) * reduction.project(balance.r)
-            self._expand(state, y, load)
-        return balance, per_load, column[: reduction.free]
-
-    def _bordered(self) -> tuple[np.ndarray, np.ndarray]:
-        indptr, indices = self._reduction.pattern
-        n = len(indptr) - 1
-        each, last = np.arange(n), np.full(n, n)
-        rows = np.repeat(each, np.diff(indptr)), each, last, [n]
-        return np.concatenate(rows), np.concatenate([indices, last, each, [n]])
-
-    def _solve(
-        self, r: np.ndarray, column: np.ndarray, normal: Tangent, b: np.ndarray
-    ) -> tuple[np.ndarray, float]:
-        """Solution of the tangent system bordered by the load column and the plane's row."""
-        reduction, free = self._reduction, self._reduction.free
-        values = np.empty(len(reduction.pattern[1]))
-        self._equations.fill_tangent(r, values)
-        across = reduction.coupling().T @ (self._weight * normal.D)
-        corner = normal.load + across[free : free + reduction.driven] @ self._forcing.goal
-        # Scaled by the units of the scene: the pivots do not depend on the user's units.
-        n, (at_row, at_column) = len(reduction.pattern[0]) - 1, self._places
-        unit, zero = np.append(self.model.unit_of_unknowns, np.ones(n - free)), np.zeros(n - free)
-        column, across_all = np.append(column, zero), np.append(across[:free], zero)
-        values *= unit[at_row[: len(values)]] * unit[at_column[: len(values)]]
-        size = abs(values).max(initial=0.0) or 1.0
-        b = np.concatenate([unit[:free] * b[:free] / size, zero, b[free:]])
-        entries = np.concatenate([values / size, unit * column / size, across_all * unit, [corner]])
-        entries = entries[self._order], *self._by_columns
-        bordered = scipy.sparse.csc_matrix(entries, (n + 1, n + 1))
+        Such a step consists of a part along the tangent and a part along the tangent at its end.
+        The tangent behind a corner has the same sense: one leaves by another way than one comes.
+        """
+        if not self.model.may_have_kinks:
+            return None
         try:
-            x = scipy.sparse.linalg.splu(bordered).solve(b)
-        except RuntimeError:  # exactly singular
-            x = np.full(n + 1, np.nan)
-        return unit[:free] * x[:free], float(x[n])
+            # Beyond the corner flow has begun.
+            behind = self._at_start(state, tangent, 2 * ds)
+            behind = behind if behind.sense == tangent.sense else -behind
+            step, load = self._correct(state, behind, ds, behind, ds)
+            ahead = self._path.tangent(step.y, load, behind)
+        except StepFailed:
+            return None
+        legs = self._path.legs(step.D, load, tangent, ahead)
+        if legs is None or legs.sum() > _LONG * ds or ahead.sense != tangent.sense:
+            return None
+        if legs[0] > _NEAR * ds:
+            return Corner(legs[0])
+        new = self._finish(state, state.t + load, step)
+        if behind.D @ (self._path.weight * tangent.D) + behind.load * tangent.load < 0:
+            # Back on the way one has come, unless the tangent changes at the start.
+            if self._at_start(state, tangent, 2 * _NEAR * ds).sense == tangent.sense:
+                return None
+        limit = state.t if ahead.load * self._rising < -_FLAT else None
+        return Corner(0.0, Advance(new, ahead, target, step.iterations, limit))
 
     def _error(self, state: State, failure: StepFailed, cuts: int) -> StepError:
         return self.stepper.single.error(

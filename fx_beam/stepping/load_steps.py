@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Callable, Iterator
 
 import numpy as np
@@ -15,6 +16,7 @@ from fx_beam.results.state import State
 from .forcing import LoadForcing
 from .initial_state import reference_state
 from .newton import NewtonOptions, StepFailed, StepSolution
+from .path_equations import PathEquations
 from .single_step import SingleStep
 
 # Largest deviation of a step from its predictor, relative to the predictor. Near a limit point the
@@ -30,6 +32,8 @@ _MAX_DEVIATION = 1.0
 _SHORT, _ON_PATH = 0.2, 1.0
 # The same for driven motion and follower forces, as fractions of their work.
 _SHORT_OTHER, _ON_PATH_OTHER = 0.1, 0.7
+# Largest deviation of half of the path behind a kink.
+_OFF_KINK = 0.1
 # The step is doubled at most at this deviation and this number of corrections.
 _EASY_DEVIATION, _EASY_ITERATIONS = 0.25, 10
 # Growth of the displacement per load, relative to the first step, that indicates a limit point.
@@ -42,6 +46,7 @@ class LoadStepper:
     def __init__(self, model: Model, forcing: LoadForcing, options: NewtonOptions, stats: Stats):
         self.model, self.forcing, self.stats = model, forcing, stats
         self.single = SingleStep(model, forcing, options, stats)
+        self.path = PathEquations(self.single.equations, forcing)
         #: Deviation of the last step from its predictor, relative to this, and its corrections.
         self.deviation, self.iterations = 0.0, 0
         #: Whether a step whose work is too inaccurate may be cut.
@@ -92,6 +97,8 @@ class LoadStepper:
         new, step = self.single.take(state, interval)
         new.work += float((self._hold[0] + self._hold[1]) @ step.y / 2)
         self.note(step)
+        if self.model.flows or self.model.has_contact:
+            self.deviation = 0.0  # the predictor does not know what begins in the step
         response = self.response
         if interval.length:
             response = [*response[:1], self.size(step.predicted) / interval.length]
@@ -104,9 +111,6 @@ class LoadStepper:
         self.stats.add_solve(step.iterations, step.ended_by)
         self.iterations = step.iterations
         self.deviation = self.size(step.D - step.predicted) / (self.size(step.predicted) or 1.0)
-        model = self.model
-        if model.forms.internal_shape[-1] or model.actuators.width or model.has_contact:
-            self.deviation = 0.0  # flow, or a contact that closes, may leave the predictor at once
 
     def is_still(self, D: np.ndarray) -> bool:
         """Whether an increment (size,) is zero within the tolerance of Newton's method."""
@@ -117,7 +121,8 @@ class LoadStepper:
         D, forces = step.D, self.forcing.forces(Interval(old.t, new.t))
         if self.is_still(D):
             return  # its deviation is a rounding error
-        if self.deviation > _MAX_DEVIATION:
+        kinked = functools.cache(lambda: self._has_kink(old, new, step))
+        if self.deviation > _MAX_DEVIATION and not kinked():
             reason = (
                 f"the step deviates from its predictor by {self.deviation:.2g} times the "
                 "predictor's length, and so has reached another path"
@@ -131,7 +136,7 @@ class LoadStepper:
         other = work - (at_start + at_end) / 2
         gained = energy - self._energy(old)
         snapped = softer and work > gained
-        short = self._may_be_cut or snapped
+        short = self._may_be_cut or (snapped and not kinked())
         moved = abs(old.q) + abs(D)
         rounding = 1e-14 * abs(D) @ (abs(self.model.forms.stiffness) @ moved) + 1e-12 * abs(energy)
         allowed = (_SHORT if short else _ON_PATH) * abs(at_end - at_start) / 2
@@ -142,6 +147,30 @@ class LoadStepper:
                 "the step is too long or has reached another path"
             )
             raise StepFailed("off the path", reason, D, [])
+
+    def _has_kink(self, old: State, new: State, step: StepSolution) -> bool:
+        """Whether a step that can be cut no more goes along a path of two straight parts.
+
+        The step along the first part and half of the second one must be on it as well, and the
+        determinant of the tangent must keep its sign.
+        """
+        load = new.t - old.t
+        if self._may_be_cut or not load or not self.model.may_have_kinks:
+            return False
+        path = self.path
+        try:
+            path.begin(old)
+            before, behind = path.with_the_load(0 * step.y, 0.0), path.with_the_load(step.y, load)
+            legs = path.legs(step.D, load, before, behind)
+            if legs is None or before.sense != behind.sense:
+                return False
+            between, ahead = legs[0] * before.load, legs[1] / 2 * behind.load
+            middle = Interval(old.t, old.t + between + ahead)
+            D = self.single.take(old, middle)[1].D - legs[0] * before.D
+        except StepFailed:
+            return False
+        half = legs[1] / 2 * behind.D
+        return self.size(D - half) <= _OFF_KINK * self.size(half)
 
     def _energy(self, state: State) -> float:
         """Stored and dissipated energy [J]."""
