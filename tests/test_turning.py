@@ -263,6 +263,23 @@ def test_a_blade_vibrates_in_its_turn_with_its_frequency():
     assert abs(system.deviation(state)).max() < 1e-12
 
 
+def test_a_linear_system_of_a_turning_motion_says_where_to_find_that_of_its_turn(caplog):
+    spin = 5.0
+    scene, beam = blade(spin=spin, elements=4)
+    turning = fb.simulate(scene, dt=1e-3, t_end=0.05, start=fb.static(scene, spin=spin))
+    fb.linearise(scene, turning)
+    assert "turns as a whole, at 5 rad/s about" in caplog.text and "spin=..." in caplog.text
+    caplog.clear()
+    # The angle of a rigid body is the same in every frame.
+    single = fb.Scene()
+    body = single.add_body((1, 0), mass=1.0, inertia=0.1, points={"pin": (0, 0)})
+    single.add_joint(fb.Revolute(fb.GROUND, body["pin"]))
+    single.set_velocity(body, lambda x, y: (-spin * y, spin * x), spin=spin)
+    fb.linearise(single, fb.simulate(single, dt=1e-3, t_end=0.05))
+    fb.linearise(scene, fb.static(scene, spin=spin))
+    assert not caplog.text
+
+
 def test_modes_of_a_saved_turn_about_another_pivot_are_the_same(tmp_path):
     scene, _ = blade()
     state = fb.static(scene, spin=7.0, pivot=(0.2, -0.3))

@@ -86,10 +86,11 @@ def simulate(
     start : Solution, optional
         Solution whose end is the initial state; by default the reference configuration. From a
         static solution the scene starts deformed, with its initial velocities, at the time `t` of
-        `static`. From an earlier motion the simulation continues without interruption, including
-        the work done so far and, for the same scheme and `dt`, the length of sub-steps. The scene
-        must have the same nodes and the same numbers of joints and motors, and its joints must be
-        satisfied in this state. Loads, masses and supports may differ.
+        `static`; from one with a spin it goes on turning, without other velocities. From an earlier
+        motion the simulation continues without interruption, including the work done so far and,
+        for the same scheme and `dt`, the length of sub-steps. The scene must have the same nodes
+        and the same numbers of joints and motors, and its joints must be satisfied in this state.
+        Loads, masses and supports may differ.
     newton : NewtonOptions, optional
         Convergence criteria of Newton's method.
     max_halvings : int

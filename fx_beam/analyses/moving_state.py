@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 from dataclasses import replace
 from typing import NamedTuple
 
@@ -26,6 +27,10 @@ from fx_beam.validation import Constant
 from .engine import end_of, state_of
 from .linearisation import MOMENT, check_damping, check_unknowns, turning_frame_of
 
+_log = logging.getLogger("fx_beam")
+
+# Rates that differ from those of a turn by less, relative to it, are rigid.
+_RIGID = 1e-2
 # Weight of rates without mass, relative to the largest.
 _LITTLE = 1e-10
 # Largest increment, in units of the scene, of the steps that give the stiffness of a moving state:
@@ -101,6 +106,7 @@ def deviations(scene: Scene, at: Solution | None, what: str) -> Deviations:
     rates_from = _rates_from(model, T)
     w = rates_from @ state.v
     (dT, dS), (ddT, _) = map(coupling.parts, coupling.derivatives(w))
+    _warn_of_turn(model, state, T, dT, what)
     f, K, C = _forces(model, state)
     model.actuators.begin(state, MOMENT)
     stiff, viscous, pushes = model.actuators.linear(
@@ -137,6 +143,27 @@ def deviations(scene: Scene, at: Solution | None, what: str) -> Deviations:
         frame=frame,
         factor=end_factor,
     )
+
+
+def _warn_of_turn(model: Model, state: State, T: np.ndarray, dT: np.ndarray, what: str) -> None:
+    """Warn where the scene turns as a whole, but z is measured in space."""
+    v = model.to_nodes(state.v)
+    spin = float(np.median(v[:, 2]))
+    if not spin:
+        return
+    x = (model.mesh.X + model.to_nodes(state.q)[:, :2]) @ [1, 1j]
+    rates = v @ [1, 1j, 0]
+    pivot = np.mean(x + 1j * rates / spin)
+    frame = TurningFrame(model, spin, (pivot.real, pivot.imag))
+    apart = abs(state.v - frame.rates(state.q, 1.0)) / model.unit
+    in_space = abs(frame.spin * (frame.quarter_turn @ T) - dT).max(initial=0.0)
+    if apart.max() < _RIGID * abs(spin) and in_space > _RIGID * abs(spin):
+        _log.warning(
+            "%s: the scene turns as a whole, at %.4g rad/s about (%.4g, %.4g), but the linear "
+            "system is that of the moment, in places measured in space: its eigenvalues are not "
+            "the frequencies seen in the turn. Take the state from static(scene, spin=...)",
+            *(what, spin, pivot.real, pivot.imag),
+        )
 
 
 def _rates_from(model: Model, T: np.ndarray) -> np.ndarray:
