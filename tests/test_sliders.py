@@ -2,6 +2,7 @@
 
 import copy
 import pickle
+import re
 
 import ufl
 
@@ -555,11 +556,11 @@ def test_bad_sliders_are_refused_with_their_names():
         (lambda: fb.Slider(rod, post.start, damper=3.0), "damper = 3.0 must be"),
         (
             lambda: scene.add_joint(fb.Slider(rod, away.start)),
-            r"not on the beam, but 0.25 away. The nearest point of the beam is \(2, 0\)",
+            r"on the axis of the beam, but 0.25 away. The nearest point of the axis is \(2, 0\)",
         ),
         (
             lambda: scene.add_joint(fb.Slider(rod, post.start, fraction=0.5)),
-            "not on the beam at the fraction 0.5, but 1.5 away",
+            "not on the axis of the beam at the fraction 0.5, but 1.5 away",
         ),
         (lambda: scene.add_joint(fb.Slider(rod, other.start)), "another scene"),
         (lambda: scene.add_joint(fb.Slider(other, post.start)), "another scene"),
@@ -643,3 +644,46 @@ def test_a_bead_that_nothing_holds_is_found_before_the_run():
     scene.fix(post.end, "rotation")
     with pytest.raises(fb.SceneError, match=r"can move along \(1, 0\)"):
         fb.simulate(scene, dt=0.01, t_end=0.01)
+
+
+@pytest.mark.parametrize("degree", [1, 2, 3])
+def test_a_point_of_a_circle_is_told_where_the_axis_of_the_elements_is(degree):
+    scene = fb.Scene()
+    ring = scene.add_beam(fb.arc((1, 0), (0, 1), (-1, 0)), SOFT, elements=16, degree=degree)
+    place = np.cos(1), np.sin(1)
+    with pytest.raises(
+        fb.SceneError, match="nearer with more elements or a higher degree"
+    ) as error:
+        scene.add_joint(fb.Slider(ring, scene.add_body(place, 1.0).centre))
+    # What it says helps.
+    numbers = re.search(r"axis is \((.*), (.*)\), at", str(error.value))
+    nearest = float(numbers[1]), float(numbers[2])
+    assert 1e-8 < np.hypot(*np.subtract(nearest, place)) < 1e-5
+    scene.add_joint(fb.Slider(ring, scene.add_body(nearest, 1.0).centre))
+
+
+def mass_on_a_string(points):
+    """A mass on the lowest point of a string, which it pulls down."""
+    scene = fb.Scene(gravity=(0, -9.81))
+    section = fb.Section(EA=1e5, GA=1e5, EI=1e-3, rhoA=0.01, rhoI=1e-6)
+    string = scene.add_beam(points, section, elements=20, name="string")
+    scene.pin(string.start)
+    scene.pin(string.end)
+    scene.add_joint(fb.Slider(string, scene.add_body((1, -1), 1.0, 0.01).centre))
+    return scene
+
+
+@pytest.mark.parametrize("solver", ["compiled", "petsc"])
+def test_a_step_that_fails_at_a_corner_says_so(solver):
+    corner = r"at a corner of its beam, at \(1, -1\) .* Round the corner by an fx_beam.spline"
+    points = [(0, 0), (1, -1), (2, 0)]
+    with pytest.raises(fb.StepError, match=corner):
+        fb.simulate(mass_on_a_string(points), dt=0.01, t_end=0.1, max_halvings=1, solver=solver)
+    fb.simulate(mass_on_a_string(fb.spline(points)), dt=0.01, t_end=0.1, solver=solver)
+
+
+def test_tolerances_for_a_single_body_are_relative_to_1_metre():
+    scene = fb.Scene()
+    body = scene.add_body((0, 0), 1.0, 1.0)
+    motor = fb.Prismatic(fb.GROUND, body.centre, (1, 0), motor=lambda t: 1e-17 + t**2)
+    assert scene.add_joint(motor).number == 0

@@ -73,10 +73,11 @@ def simulate(
         tolerance it is the first length that is tried, and optional.
     tolerance : float, optional
         With a tolerance, the steps are chosen such that the errors of displacements over time are
-        about as large, relative to the size of the scene. No local error of a displacement or of a
-        rotation [rad] is above half of the tolerance. Smaller errors of displacements add up from
-        step to step; those of vibrations that are too fast for the steps do not. It applies to
-        schemes of order 2 and 4; where motions are sensitive, errors grow with time.
+        about as large, relative to the size of the scene (1 m for a single node). No local error of
+        a displacement or of a rotation [rad] is above half of the tolerance. Smaller errors of
+        displacements add up from step to step; those of vibrations that are too fast for the steps
+        do not. It applies to schemes of order 2 and 4; where motions are sensitive, errors grow
+        with time.
     dt_max : float, optional
         Largest step with a tolerance [s]; by default a tenth of the whole time. A load that acts
         for a shorter time may be overlooked.

@@ -36,8 +36,8 @@ class Geometry:
 
     @property
     def _size(self) -> float:
-        """Larger side of the box around all nodes [m]."""
-        return max(high - low for low, high in zip(*self._corners, strict=True))
+        """Larger side of the box around all nodes [m]; 1 for a single node, as in `Mesh.size`."""
+        return max(high - low for low, high in zip(*self._corners, strict=True)) or 1.0
 
     def _add(
         self,

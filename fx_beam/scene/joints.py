@@ -157,9 +157,10 @@ class Joint:
                 coordinate.stop.check_start(place, 1e-9 * unit, f"{self}: its {name}")
 
 
-def check_new(joint: Joint, known: dict[tuple, Joint]) -> None:
-    """Refuse a joint whose coupling is known."""
-    if (twin := known.get(joint.coupling)) is not None:
+def check_new(joint: Joint, known: dict[tuple, Joint], joints: list[Joint]) -> None:
+    """Refuse a joint whose coupling is known as that of one of the joints."""
+    twin = known.get(joint.coupling)
+    if twin is not None and any(twin is own for own in joints[twin.number :][:1]):
         raise SceneError(f"{joint}: the scene has it already, as {twin}. Add each joint once")
 
 

@@ -103,6 +103,12 @@ class Path:
         """Whether the beam is a polyline with corners."""
         return bool(self._corners().any())
 
+    def corner_near(self, s: float) -> np.ndarray | None:
+        """Position (2,) of a corner within a hundredth of an element from an arc length [m]."""
+        inner, h = self.s[1:-1], np.minimum(self.h[1:], self.h[:-1])
+        near = np.flatnonzero(self._corners() & (abs(inner - s) <= 0.01 * h))
+        return self.X[self.degree * (near[0] + 1)] if near.size else None
+
     def angles(self) -> np.ndarray:
         """Angles (nodes,) of the reference tangent at the nodes, without jumps [rad]."""
         p = self.degree

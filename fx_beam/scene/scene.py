@@ -212,7 +212,7 @@ class Scene(Bodies):
             if node is not GROUND:
                 loads.check_node(self, node, joint.kind)
         joint.check_start(self._size)
-        check_new(joint, self._couplings)
+        check_new(joint, self._couplings, self.joints)
         joint = replace(joint, number=len(self.joints))
         self._couplings[joint.coupling] = joint
         self.joints.append(joint)

@@ -86,17 +86,28 @@ class SlidingJoint(Joint):
         start = path.over(path.angles()[None], np.array([self.start()[0]]))
         return path.over(psi + path.angles(), np.atleast_1d(s)) - start
 
+    def _off_the_beam(self) -> str:
+        """What is wrong with a node that is not on the beam."""
+        s, gap = self.path.nearest(np.array([self.b.x, self.b.y]))
+        x, y = self.path.position(s)
+        where = about = away = ""
+        if self.fraction is not None:
+            where, away = f" at the fraction {self.fraction:g}", f", {gap:.4g} away"
+        if self.beam.inner is not None:
+            about = (
+                ". On a curve the axis is that of the elements, which is near the curve, and "
+                "nearer with more elements or a higher degree"
+            )
+        return (
+            f"{self}: the node is not on the axis of the beam{where}, but {self.start()[1]:.4g} "
+            f"away{about}. The nearest point of the axis is ({x:.12g}, {y:.12g}), at the fraction "
+            f"{s / self.path.length:.6g} of its length{away}. Move the node there"
+        )
+
     def check_start(self, size: float) -> None:
         """Refuse a node that is not on the beam, and a motor that does not start from zero."""
         if self.start()[1] > 1e-9 * size:
-            s, gap = self.path.nearest(np.array([self.b.x, self.b.y]))
-            x, y = self.path.position(s)
-            where = "" if self.fraction is None else f" at the fraction {self.fraction:g}"
-            raise SceneError(
-                f"{self}: the node is not on the beam{where}, but {self.start()[1]:.4g} away. The "
-                f"nearest point of the beam is ({x:.12g}, {y:.12g}), at the fraction "
-                f"{s / self.path.length:.6g} of its length, {gap:.4g} away. Move the node there"
-            )
+            raise SceneError(self._off_the_beam())
         if self.turns_together and self.path.has_corners:
             raise SceneError(
                 f"{self}: the beam has corners, at which the rotation of a sleeve would jump. Use "
@@ -110,6 +121,18 @@ class SlidingJoint(Joint):
                 f"{self}: the motor of its slide is {place:g} at t = 0; it must start from 0. "
                 "Subtract the start value"
             )
+
+
+def corner_advice(joints: Iterable[Joint], slides: np.ndarray) -> str:
+    """What to do about a node that slides through a corner of a beam; empty if none does."""
+    for joint in sliding_joints(joints):
+        if (place := joint.path.corner_near(slides[joint.number])) is not None:
+            return (
+                f"{joint} is at a corner of its beam, at ({place[0]:g}, {place[1]:g}) in the "
+                "reference configuration: the direction of the beam jumps there, and the forces on "
+                "the node have no balance. Round the corner by an fx_beam.spline or arc"
+            )
+    return ""
 
 
 def Slider(

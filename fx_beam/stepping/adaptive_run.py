@@ -141,7 +141,7 @@ class AdaptiveRun:
             raise self._single.error(
                 f"the step from t = {state.t:.6g} to {state.t + dt:.6g} failed",
                 self._halvings,
-                state.t,
+                state,
                 failure,
                 "Check the units of loads, velocities and stiffnesses, or try another scheme",
             ) from failure

@@ -270,7 +270,7 @@ class ArcLength:
         return self.stepper.single.error(
             f"the step along the arc length from load factor {state.t:.6g} failed",
             cuts,
-            state.t,
+            state,
             failure,
             "Try more steps or more cuts (max_cuts). If this does not help, check the units of "
             "loads and stiffnesses",

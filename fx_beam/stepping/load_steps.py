@@ -86,7 +86,7 @@ class LoadStepper:
             try:
                 *_, state = self._in_steps(start, release, steps, max_cuts)
             except StepFailed as failure:
-                raise self._error_of_first(failure, max_cuts) from failure
+                raise self._error_of_first(start, failure, max_cuts) from failure
         self._hold = np.zeros_like(tension), np.zeros_like(tension)
         state.work = 0.0
         return state
@@ -226,11 +226,11 @@ class LoadStepper:
             if easy and 2 * stride <= longest and at % (2 * stride) == 0:
                 stride *= 2
 
-    def _error_of_first(self, failure: StepFailed, cuts: int) -> StepError:
+    def _error_of_first(self, start: State, failure: StepFailed, cuts: int) -> StepError:
         return self.single.error(
             "no equilibrium without loads was found",
             cuts,
-            0.0,
+            start,
             failure,
             "Check for a part without support, or a spring far from its rest position. The last "
             f"step was to {self._goal:.3g} times the springs' tension",
@@ -248,4 +248,4 @@ class LoadStepper:
                 "times that of the first step, which indicates a limit point. Use "
                 'continuation="arc-length" to pass it'
             )
-        return self.single.error(what, cuts, state.t, failure, advice)
+        return self.single.error(what, cuts, state, failure, advice)

@@ -13,6 +13,7 @@ from fx_beam.results.audit import Stats
 from fx_beam.results.state import State
 from fx_beam.scene.beam import COMPONENTS
 from fx_beam.scene.joints import GROUND
+from fx_beam.scene.sliders import corner_advice
 
 from .forcing import Forcing
 from .newton import Newton, NewtonOptions, StepFailed, StepSolution
@@ -125,7 +126,7 @@ class SingleStep:
         return force + (0.5 - level) * (force - previous)
 
     def error(
-        self, what: str, tries: int, time: float, failed: StepFailed, advice: str
+        self, what: str, tries: int, start: State, failed: StepFailed, advice: str
     ) -> StepError:
         """StepError for a step that failed after some cuts: what, why, the worst node, advice."""
         model = self.model
@@ -141,4 +142,5 @@ class SingleStep:
         who, cuts = ("static", "cuts") if static else (model.scheme.name, "halvings")
         after = f" after {tries} {cuts}" if tries else ""
         reason = f"{who}: {what}{after}: {failed.reason}"
-        return StepError(Failure(failed.kind, reason, time, where, advice))
+        advice = corner_advice(model.scene.joints, start.slides) or advice
+        return StepError(Failure(failed.kind, reason, start.t, where, advice))

@@ -82,7 +82,7 @@ class Stepper:
             except StepFailed as failure:
                 predictor.forget()
                 if not self.halving.fail():
-                    raise self._error(part, failure) from failure
+                    raise self._error(before, part, failure) from failure
                 self.stats.halvings += 1
                 continue
             parts = self.halving.parts
@@ -192,7 +192,7 @@ class Stepper:
         self.stats.amplified += several and given > 1e-14 * abs(start.dissipated)
         self.facing.check(end.t, end.q)
 
-    def _error(self, step: Interval, failure: StepFailed) -> StepError:
+    def _error(self, start: State, step: Interval, failure: StepFailed) -> StepError:
         halvings = self.halving.most
         advice = (
             f"Try a smaller dt{'' if halvings else ' or max_halvings > 0'}. If this does not help, "
@@ -204,4 +204,4 @@ class Stepper:
                 "slide that turns the node back"
             )
         what = f"the step from t = {step.start:.6g} to {step.end:.6g} failed"
-        return self.single.error(what, halvings, step.start, failure, advice)
+        return self.single.error(what, halvings, start, failure, advice)
