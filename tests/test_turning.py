@@ -209,22 +209,23 @@ def ritz(eta, hub=0.0, terms=14):
 PUBLISHED = {0: 3.5160, 1: 3.6816, 2: 4.1373, 3: 4.7973, 4: 5.5850, 5: 6.4495, 6: 7.3604}
 
 
-def test_our_ritz_method_has_the_published_table_of_a_turning_cantilever():
-    found = {eta: ritz(eta)[1][0] for eta in PUBLISHED}
-    assert found == pytest.approx(PUBLISHED, abs=1.1e-4)
+def test_a_turning_cantilever_has_the_published_table():
+    for eta, published in PUBLISHED.items():
+        scene, _ = blade(SLENDER, elements=10, degree=3)
+        found = fb.modes(scene, fb.static(scene, steps=2, spin=float(eta)), n=1)
+        # Out of the plane the frame takes nothing from the square.
+        across = np.hypot(found.angular_frequencies[0], eta)
+        assert across == pytest.approx(published, abs=6e-5)
+        assert ritz(eta)[1][0] == pytest.approx(published, abs=6e-5)
 
 
-@pytest.mark.parametrize(("eta", "hub"), [(1, 0.0), (3, 0.0), (6, 0.0), (6, 1.0)])
+@pytest.mark.parametrize(("eta", "hub"), [(3, 0.0), (6, 0.0), (6, 1.0)])
 def test_a_slender_blade_has_the_frequencies_of_the_ritz_method(eta, hub):
     scene, _ = blade(SLENDER, elements=10, degree=3)
     state = fb.static(scene, steps=2, spin=float(eta), pivot=(-hub, 0.0))
     found = fb.modes(scene, state, n=2)
     # Axial elasticity of 1e-7 of the stiffness and Coriolis forces change the last digits.
     assert found.angular_frequencies == pytest.approx(ritz(eta, hub)[0], rel=2e-5)
-    # A frame that does not turn back has the frequency of bending out of the plane.
-    assert (found.angular_frequencies**2 + eta**2) ** 0.5 == pytest.approx(
-        ritz(eta, hub)[1], rel=2e-5
-    )
 
 
 def test_a_blade_vibrates_in_its_turn_with_its_frequency():
