@@ -5,6 +5,7 @@ from __future__ import annotations
 import fcntl
 import json
 from collections.abc import Mapping
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -84,7 +85,8 @@ class Journal:
     def close(self) -> None:
         """Close the file, so that another sweep may write to it."""
         if self._file is not None:
-            self._file.close()
+            with suppress(OSError):  # a disk that is full has said so before
+                self._file.close()
 
 
 def key(case: Mapping[str, Any]) -> str:

@@ -15,7 +15,7 @@ from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
 
 from fx_beam.analyses.modal import Modes
-from fx_beam.results.files import writable
+from fx_beam.results.files import replacing, writable
 from fx_beam.results.solution import Solution
 from fx_beam.scene.beam import Node
 from fx_beam.validation import as_float, is_name, is_whole, require
@@ -85,7 +85,8 @@ def shapes(
         draw_symbols(ax, drawing, k, shade, small=True)
     draw_supports(ax, drawing)
     draw_marks(ax, drawing, steps[0], {} if marks is None else marks)
-    fig.savefig(path, dpi=200, bbox_inches="tight")
+    with replacing(path) as new:
+        fig.savefig(new, dpi=200, bbox_inches="tight")
 
 
 def animate(
@@ -169,7 +170,8 @@ def animate(
         frames.append(np.array(canvas.buffer_rgba()))
         for artist in drawn:
             artist.remove()
-    write_frames(frames, path, fps)
+    with replacing(path) as new:
+        write_frames(frames, new, fps)
 
 
 def modes(found: Modes, path: Path | str, count: int | None = None) -> None:
@@ -226,7 +228,8 @@ def modes(found: Modes, path: Path | str, count: int | None = None) -> None:
         ax.set_title(f"mode {mode}: {kind}", fontsize="small")
         (left, bottom), (right, top) = low - 1.2 * size, high + 1.2 * size
         ax.set(xlim=(left, right), ylim=(bottom, top), aspect="equal")
-    fig.savefig(path, dpi=200)
+    with replacing(path) as new:
+        fig.savefig(new, dpi=200)
 
 
 def _members(fig: Figure, ax, drawing: Drawing, colour: str | None, length_unit: str) -> list:

@@ -11,7 +11,7 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
 from fx_beam.errors import SceneError
-from fx_beam.results.files import writable
+from fx_beam.results.files import replacing, writable
 from fx_beam.scene.beam import Node, inner_positions
 from fx_beam.scene.scene import Scene
 from fx_beam.validation import is_flag, is_name, require, shown
@@ -97,7 +97,8 @@ def scene(
         _dimensions(sheet, scene, everything)
     figure = sheet.finish(length_unit)
     if path is not None:
-        figure.savefig(path, dpi=160)
+        with replacing(path) as new:
+            figure.savefig(new, dpi=160)
     return figure
 
 

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from matplotlib.figure import Figure
 
-from fx_beam.results.files import writable
+from fx_beam.results.files import replacing
 from fx_beam.results.solution import Solution
 
 # Colours of Okabe and Ito, safe for colour-blind readers; line styles differ in grey prints.
@@ -159,4 +159,5 @@ def save(figure: Figure, path: Path | str) -> None:
     columns = len(handles) if len(handles) < 4 else 2
     look: dict[str, Any] = {"loc": "outside upper center", "frameon": False, "handlelength": 3.2}
     figure.legend(handles.values(), handles.keys(), ncols=columns, **look)
-    figure.savefig(writable(path, sorted(figure.canvas.get_supported_filetypes())), dpi=200)
+    with replacing(path, sorted(figure.canvas.get_supported_filetypes())) as new:
+        figure.savefig(new, dpi=200)

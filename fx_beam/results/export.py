@@ -10,7 +10,7 @@ import numpy as np
 from fx_beam.scene.beam import Beam
 from fx_beam.scene.obstacles import Obstacle
 
-from .files import writable
+from .files import replacing
 
 #: Format of saved files, and the arrays in them that bear their own name.
 FORMAT = "fx_beam solution 1"
@@ -31,7 +31,6 @@ def save(solution, path) -> None:
     path : str or path
         File to write, in NumPy's npz format: arrays and a JSON text, no pickled objects.
     """
-    path = writable(path)
     arrays = {name: getattr(solution, name) for name in HISTORIES}
     arrays |= {f"energy_{name}": value for name, value in vars(solution.energy).items()}
     if solution.end is not None:
@@ -64,8 +63,16 @@ def save(solution, path) -> None:
     ]
     meta = {"format": FORMAT, "stats": stats, "beams": beams, "joints": joints, "bodies": bodies}
     meta["obstacles"] = [_described(obstacle) for obstacle in solution.obstacles]
-    with open(path, "wb") as file:
-        np.savez_compressed(file, meta=np.array(json.dumps(meta)), **arrays)
+    text = json.dumps(meta, default=_plain)
+    with replacing(path) as new, open(new, "wb") as file:
+        np.savez_compressed(file, meta=np.array(text), **arrays)
+
+
+def _plain(value):
+    """A number of NumPy as JSON has it."""
+    if isinstance(value, np.generic):
+        return value.item()
+    raise ValueError(f"cannot save {value!r:.80}, a {type(value).__name__}: JSON does not know it")
 
 
 def _described(obstacle: Obstacle) -> dict:

@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import os
+import secrets
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 
 from fx_beam.validation import shown
@@ -18,3 +21,44 @@ def writable(path: Path | str, endings: Sequence[str] = ()) -> Path:
     if endings and file.suffix.lower().lstrip(".") not in endings:
         raise ValueError(f"cannot write {file}: its name must end with .{', .'.join(endings)}")
     return file
+
+
+@contextmanager
+def replacing(
+    path: Path | str, endings: Sequence[str] = (), durable: bool = True
+) -> Iterator[Path]:
+    """A new file to be written, which takes the place of `path` at the end of the block.
+
+    An earlier file is whole until then, and after a failure. Links are followed, permissions kept.
+    With `durable` the file is on the disk, also after a power cut.
+    """
+    target = Path(os.path.realpath(writable(path, endings)))
+    if target.is_dir():
+        raise ValueError(f"cannot write {path}: it is a folder")
+    if target.exists() and not target.is_file():  # such as /dev/stdout
+        yield target
+        return
+    if target.exists() and not os.access(target, os.W_OK):
+        raise PermissionError(f"cannot write {path}: the file is write-protected")
+    new = target.with_name(f".{target.stem[:50]}-{secrets.token_hex(8)}{target.suffix}")
+    try:
+        new.touch(exist_ok=False)
+        if target.exists():
+            _like(new, target)
+        yield new
+        if durable:
+            with open(new, "rb") as file:
+                os.fsync(file.fileno())
+        new.replace(target)
+    finally:
+        new.unlink(missing_ok=True)
+
+
+def _like(new: Path, old: Path) -> None:
+    """Give a file the permissions of another one, and its owner where this is allowed."""
+    has = old.stat()
+    try:
+        os.chown(new, has.st_uid, has.st_gid)
+    except OSError:
+        pass
+    new.chmod(has.st_mode & 0o777)

@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 import base64
+from contextlib import ExitStack
+from pathlib import Path
 from typing import Any
 from xml.etree import ElementTree as xml
 
 import numpy as np
 
 from .fields import RESULTANTS, along, nodes_of_elements
-from .files import writable
+from .files import replacing, writable
 
 #: VTK's numbers of the line, and of the curves of degree 2 and 3.
 _CELLS = {1: 3, 2: 21, 3: 35}
@@ -42,19 +44,32 @@ def to_paraview(solution, path) -> None:
     solution.recorded("q")
     if not solution.beams:
         raise ValueError("the solution has no beams, of which the files for ParaView are made")
-    folder = path.with_suffix("")
+    folder, grid = path.with_suffix(""), _Grid(solution)
+    made = not folder.exists()
     folder.mkdir(exist_ok=True)
-    grid = _Grid(solution)
+    try:
+        _write(grid, path, folder)
+    except BaseException:
+        if made:
+            folder.rmdir()
+        raise
+
+
+def _write(grid: _Grid, path: Path, folder: Path) -> None:
+    """Write all grids of a folder, and their collection; all replace earlier ones at the end."""
+    solution = grid.solution
     # A static path may come to a load factor again: its rows are counted.
     times = solution.t if (np.diff(solution.t) > 0).all() else np.arange(len(solution.t))
     root = xml.Element("VTKFile", type="Collection", version="1.0")
     collection = xml.SubElement(root, "Collection")
-    for k, t in enumerate(times):
-        file = folder / f"{folder.name}_{k:05d}.vtu"
-        xml.ElementTree(grid.row(k)).write(file)
-        name = f"{folder.name}/{file.name}"
-        xml.SubElement(collection, "DataSet", timestep=repr(float(t)), file=name)
-    xml.ElementTree(root).write(path)
+    with ExitStack() as files:
+        for k, t in enumerate(times):
+            file = folder / f"{folder.name}_{k:05d}.vtu"
+            new = files.enter_context(replacing(file, durable=False))
+            xml.ElementTree(grid.row(k)).write(new)
+            name = f"{folder.name}/{file.name}"
+            xml.SubElement(collection, "DataSet", timestep=repr(float(t)), file=name)
+        xml.ElementTree(root).write(files.enter_context(replacing(path, durable=False)))
 
 
 class _Grid:

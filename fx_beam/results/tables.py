@@ -10,7 +10,7 @@ import numpy as np
 from fx_beam.scene.beam import COMPONENTS, Node
 from fx_beam.validation import is_name, shown
 
-from .files import writable
+from .files import replacing
 
 
 def to_csv(solution, path, nodes: dict[str, Node] | None = None) -> None:
@@ -32,8 +32,7 @@ def to_csv(solution, path, nodes: dict[str, Node] | None = None) -> None:
 
 def write_csv(columns: dict[str, np.ndarray], path) -> None:
     """Write columns (n,) by their names as comma-separated values."""
-    path = writable(path)
-    with open(path, "w", newline="", encoding="utf-8") as file:
+    with replacing(path) as new, open(new, "w", newline="", encoding="utf-8") as file:
         writer = csv.writer(file)
         writer.writerow(columns)
         writer.writerows(zip(*(column.tolist() for column in columns.values()), strict=True))

@@ -14,6 +14,8 @@ from typing import Any
 
 import numpy as np
 
+from fx_beam.results.files import replacing
+
 _VERSIONS = {"dolfinx": "fenics-dolfinx", "petsc": "petsc4py", "numpy": "numpy"}
 _VERSIONS |= {"fx_beam": "fx-beam"}
 # How strict JSON has numbers that are not finite.
@@ -44,7 +46,8 @@ def write_report(path: Path | str, page: str, numbers: Row, rows: Iterable[Row])
     write_json(beside(path, ".json"), {"machine": machine(), **numbers})
     write_csv(beside(path, ".csv"), rows)
     stated = ", ".join(f"{key} {value}" for key, value in machine().items())
-    beside(path, ".md").write_text(f"{page}\nComputed on: {stated}.\n", "utf-8")
+    with replacing(beside(path, ".md")) as new:
+        new.write_text(f"{page}\nComputed on: {stated}.\n", "utf-8")
 
 
 def beside(path: Path | str, ending: str) -> Path:
@@ -57,13 +60,14 @@ def beside(path: Path | str, ending: str) -> Path:
 def write_json(path: Path | str, numbers: Any) -> None:
     """Write strict JSON: NaN becomes null, infinity the text "inf" or "-inf"."""
     text = json.dumps(_plain(numbers), indent=2, allow_nan=False)
-    beside(path, "").write_text(text + "\n", "utf-8")
+    with replacing(beside(path, "")) as new:
+        new.write_text(text + "\n", "utf-8")
 
 
 def write_csv(path: Path | str, rows: Iterable[Row]) -> None:
     """Write rows as CSV, nested entries as columns with a point, as pandas.json_normalize does."""
     flat = [_flat(_plain(row)) for row in rows]
-    with beside(path, "").open("w", encoding="utf-8", newline="") as file:
+    with replacing(beside(path, "")) as new, new.open("w", encoding="utf-8", newline="") as file:
         columns = list(dict.fromkeys(itertools.chain.from_iterable(flat)))
         writer = csv.DictWriter(file, columns, lineterminator="\n")
         writer.writeheader()

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
+from fx_beam.results.files import replacing
 from fx_beam.studies.reporting import short
 
 from .case import Cell, grouped
@@ -53,7 +54,8 @@ def draw_map(path: Path, cells: list[Cell], slots: int = 27) -> None:
         look = {"marker": marker, "color": colour, "linestyle": "none", "markersize": 9}
         axes[0, 0].plot([], [], label=label, **look)
     figure.legend(ncols=slots // 3, loc="outside upper center", frameon=False)
-    figure.savefig(path, dpi=150)
+    with replacing(path) as new:
+        figure.savefig(new, dpi=150)
 
 
 def _bands(cells: list[Cell], slots: int) -> list[dict[int, list[Cell]]]:

@@ -1,0 +1,120 @@
+"""Files are written as a whole: a failure leaves the earlier one, and nothing beside it."""
+
+import os
+import resource
+import stat
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import contextmanager
+
+import numpy as np
+import pytest
+from scenes import FLYING
+
+import fx_beam as fb
+from fx_beam.results.files import replacing
+from fx_beam.studies.reporting import write_csv, write_json
+
+EARLIER = b"what was there before"
+
+
+@contextmanager
+def full_disk():
+    """No file may become larger than 1 kB."""
+    soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (1000, hard))
+    try:
+        yield
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
+
+
+@pytest.fixture(scope="module")
+def fall():
+    scene = fb.Scene(gravity=(0.0, -9.81))
+    arm = scene.add_beam([(0, 0), (1, 0)], FLYING, elements=8, name="arm")
+    scene.clamp(arm.start)
+    return fb.simulate(scene, dt=0.02, t_end=1.0)
+
+
+NUMBERS = {"numbers": list(range(1000))}
+WRITERS = {
+    "run.npz": lambda solution, path: solution.save(path),
+    "run.csv": lambda solution, path: solution.to_csv(path, {"tip": solution.beams["arm"].end}),
+    "run.pvd": lambda solution, path: solution.to_paraview(path),
+    "curves.png": lambda solution, path: fb.plot.save(_figure(solution), path),
+    "arm.gif": lambda solution, path: fb.plot.animate(solution, [0, 9], path),
+    "study.json": lambda solution, path: write_json(path, NUMBERS),
+    "study.csv": lambda solution, path: write_csv(path, [NUMBERS] * 100),
+}
+
+
+def _figure(solution):
+    figure, axes = fb.plot.figure(1, 1)
+    axes[0, 0].plot(solution.t, solution.q[:, -1])
+    return figure
+
+
+@pytest.mark.plot
+@pytest.mark.filterwarnings("ignore:Exception ignored")  # of a ZipFile that cannot be closed
+@pytest.mark.parametrize("name", WRITERS)
+def test_a_full_disk_leaves_the_earlier_file_and_nothing_else(name, fall, tmp_path):
+    file = tmp_path / name
+    file.write_bytes(EARLIER)
+    with full_disk(), pytest.raises(OSError, match="File too large"):
+        WRITERS[name](fall, file)
+    assert [path.name for path in tmp_path.iterdir()] == [name]
+    assert file.read_bytes() == EARLIER
+    WRITERS[name](fall, file)
+    assert file.read_bytes() != EARLIER
+    assert {path.name for path in tmp_path.iterdir()} <= {name, file.stem}
+
+
+def test_grids_of_an_earlier_run_are_kept_if_a_new_one_cannot_be_written(fall, tmp_path):
+    fall.to_paraview(tmp_path / "run.pvd")
+    before = {path: path.read_bytes() for path in tmp_path.rglob("*.*")}
+    with full_disk(), pytest.raises(OSError, match="File too large"):
+        fall.to_paraview(tmp_path / "run.pvd")
+    assert {path: path.read_bytes() for path in tmp_path.rglob("*.*")} == before
+
+
+def test_links_are_followed_and_permissions_kept(fall, tmp_path):
+    file, link = tmp_path / "file.npz", tmp_path / "link.npz"
+    file.write_bytes(EARLIER)
+    file.chmod(0o640)
+    link.symlink_to(file)
+    fall.save(link)
+    assert link.is_symlink() and stat.S_IMODE(file.stat().st_mode) == 0o640
+    np.testing.assert_array_equal(fb.load(file).q, fall.q)
+    # A new file has the permissions that files have here.
+    fall.save(tmp_path / "new.npz")
+    (tmp_path / "plain").touch()
+    assert (tmp_path / "new.npz").stat().st_mode == (tmp_path / "plain").stat().st_mode
+
+
+def test_what_is_no_file_is_written_to_or_refused(fall, tmp_path):
+    fall.to_csv(os.devnull)
+    assert not os.path.isfile(os.devnull)
+    with pytest.raises(ValueError, match="it is a folder"):
+        fall.save(tmp_path)
+
+
+def test_an_interrupt_leaves_the_earlier_file(tmp_path):
+    file = tmp_path / "run.txt"
+    file.write_bytes(EARLIER)
+    with pytest.raises(KeyboardInterrupt), replacing(file) as new:
+        new.write_text("half")
+        raise KeyboardInterrupt
+    assert [path.read_bytes() for path in tmp_path.iterdir()] == [EARLIER]
+
+
+def rows(case):
+    return {"text": "x" * 400}
+
+
+def test_a_sweep_on_a_full_disk_hands_over_its_rows_and_goes_on(tmp_path):
+    cases = [{"k": k} for k in range(5)]
+    with full_disk(), pytest.raises(OSError, match="File too large") as stop:
+        fb.sweep(rows, cases, executor=ThreadPoolExecutor(1), results=tmp_path / "rows")
+    assert len(stop.value.rows) == 2
+    table = fb.sweep(rows, cases, executor=ThreadPoolExecutor(1), results=tmp_path / "rows")
+    assert len(table) == 5
