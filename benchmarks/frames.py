@@ -2,6 +2,7 @@
 
     .venv/bin/python benchmarks/frames.py [cells ...]   (200: 80 400 struts, 2 minutes)
     .venv/bin/python benchmarks/frames.py turning       steps with kept factors and with new ones
+    .venv/bin/python benchmarks/frames.py storage       steps with a band and with sparse rows
 
 Each strut is one element; the struts are rigidly joined. The lattice is clamped at one side and
 loaded at the other, or free and turning. Times are those of the processor in seconds, of a step the
@@ -12,34 +13,36 @@ import resource
 import sys
 import tempfile
 from pathlib import Path
+from statistics import median
 from time import process_time
 
 import fx_beam as fb
-from fx_beam.compiled import loop, lu_layout
+from fx_beam.compiled import handover, loop, lu_layout
 
 
-def struts(cells):
-    """A free square lattice with `cells` on each side, and its nodes by their places."""
-    scene, nodes = fb.Scene(), {}
+def struts(cells, high=None, degree=1, elements=1):
+    """A free lattice of `cells` by as many or `high` ones, and its nodes by their places."""
+    scene, nodes, high = fb.Scene(), {}, high or cells
     section = fb.Section(EA=1e6, GA=1e6, EI=1e2, rhoA=1.0, rhoI=1e-2)
 
     def strut(a, b):
-        beam = scene.add_beam([nodes.get(a, a), nodes.get(b, b)], section)
+        ends = [nodes.get(a, a), nodes.get(b, b)]
+        beam = scene.add_beam(ends, section, elements=elements, degree=degree)
         nodes[a], nodes[b] = beam.start, beam.end
 
     for i in range(cells + 1):
-        for j in range(cells + 1):
+        for j in range(high + 1):
             if i < cells:
                 strut((i, j), (i + 1, j))
-            if j < cells:
+            if j < high:
                 strut((i, j), (i, j + 1))
     return scene, nodes
 
 
-def lattice(cells):
+def lattice(cells, high=None, **kind):
     """The lattice with supports and loads."""
-    scene, nodes = struts(cells)
-    for j in range(cells + 1):
+    scene, nodes = struts(cells, high, **kind)
+    for j in range((high or cells) + 1):
         scene.clamp(nodes[0, j])
         scene.add_force(nodes[cells, j], (0.0, 20.0))
     return scene
@@ -123,8 +126,46 @@ def compare_turning(cells=60, dt=0.01, steps=15):
     lu_layout._LEAST_WORTH = kept
 
 
+def middle_frames():
+    """Frames of some hundred to 9500 unknowns by their names."""
+    squares = [(n, n) for n in (4, 5, 6, 8, 10, 12, 16, 20, 28, 36, 40)]
+    long = [(20, 3), (20, 4), (60, 6), (40, 8), (60, 10), (100, 10), (50, 20), (40, 25), (150, 20)]
+    scenes = {f"{a} x {b} cells": lattice(a, b) for a, b in [*squares, *long]}
+    for kind in ({"degree": 2}, {"degree": 3}, {"elements": 4}):
+        scenes |= {f"{n} x {n} cells, {kind}": lattice(n, **kind) for n in (3, 8)}
+    for turn in (0.001, 0.05, 0.2):
+        scenes |= {f"{n} x {n} cells, {turn} rad a step": turning(n, turn / 0.01) for n in (6, 12)}
+    return scenes
+
+
+def compare_storage(runs=5, steps=20, dt=0.01):
+    """Steps of frames with a band and with sparse rows, in turns, and which of them is chosen."""
+    usual, worst, seconds, record = lu_layout._cheaper, 0.0, [], fb.Record(every=steps)
+    forced = {"band": lambda *both: both[0], "sparse": lambda *both: both[1]}
+    handover.factors_of = lu_layout.factors_of.__wrapped__  # which forgets
+    loop.CompiledLoop.march = timed(loop.CompiledLoop.march, seconds)
+    for name, scene in middle_frames().items():
+        lu_layout._cheaper = usual
+        stats = fb.simulate(scene, dt=dt, t_end=dt).stats
+        chosen = "sparse" if "sparse" in stats.solver else "band"
+        found = {storage: [] for storage in forced}
+        for storage in [*forced] * runs:
+            lu_layout._cheaper = forced[storage]
+            seconds.clear()
+            fb.simulate(scene, dt=dt, t_end=steps * dt, record=record)
+            found[storage].append(1e3 * sum(seconds) / steps)
+        times = {storage: median(each) for storage, each in found.items()}
+        ratio = times[chosen] / min(times.values())
+        worst = max(worst, ratio)
+        said = ", ".join(f"{storage} {time:.3f} ms" for storage, time in times.items())
+        print(f"{name}, {stats.unknowns} unknowns: {said}; {chosen}: {ratio:.2f} of the better")
+    print(f"worst choice: {worst:.2f} of the better")
+
+
 if __name__ == "__main__":
     if sys.argv[1:] == ["turning"]:
         compare_turning()
+    elif sys.argv[1:] == ["storage"]:
+        compare_storage()
     else:
         measure([int(cells) for cells in sys.argv[1:]] or [60, 120, 200])

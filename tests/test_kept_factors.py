@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+import scipy.sparse
 from scenes import pendulum
 from test_loop import SCENES, lattice
 
@@ -34,7 +35,7 @@ def keep(monkeypatch):
 
     def set_worth(kept):
         monkeypatch.setattr(lu_layout, "_NARROW", 0)
-        monkeypatch.setattr(lu_layout, "_INDIRECT", 0)
+        monkeypatch.setattr(lu_layout, "_cheaper", lambda banded, sparse: sparse)
         monkeypatch.setattr(lu_layout, "_SUBSTITUTION", 0.05)
         monkeypatch.setattr(lu_layout, "_LEAST_WORTH", 0 if kept else 10**9)
 
@@ -114,3 +115,29 @@ def test_a_run_that_goes_on_with_new_factors_is_equal_within_the_tolerance(keep)
     half = fb.simulate(lattice(), dt=0.005, t_end=0.1)
     rest = fb.simulate(lattice(), dt=0.005, t_end=0.2, start=half)
     assert abs(rest.q[-1] - whole.q[-1]).max() < 1e-10 * abs(whole.q[-1]).max()
+
+
+# -- Band or sparse rows ---------------------------------------------------------------------------
+
+
+def storage(cells, high):
+    """Storage of a frame of single elements, clamped at one side, from its pattern alone."""
+    nodes = np.arange(cells * (high + 1)).reshape(cells, high + 1)
+    ends = [(nodes[1:], nodes[:-1]), (nodes[:, 1:], nodes[:, :-1])]
+    a, b = (np.concatenate([end.ravel() for end in each]) for each in zip(*ends, strict=True))
+    graph = scipy.sparse.coo_matrix((np.ones(len(a)), (a, b)), (nodes.size, nodes.size))
+    graph = graph + graph.T + scipy.sparse.identity(nodes.size)
+    pattern = scipy.sparse.kron(graph, np.ones((3, 3))).tocsr()
+    return lu_layout.factors_of.__wrapped__(pattern.indptr, pattern.indices)
+
+
+# `benchmarks/frames.py storage` measures both: a band takes less time for the first ones, and more
+# than twice as long for the others.
+@pytest.mark.parametrize("cells", [(3, 3), (20, 1), (100, 2), (500, 2), (100, 3)])
+def test_a_narrow_frame_has_a_band(cells):
+    assert storage(*cells).band
+
+
+@pytest.mark.parametrize("cells", [(12, 12), (20, 20), (40, 25), (36, 28), (50, 20), (150, 20)])
+def test_a_wide_frame_has_sparse_rows_which_are_kept(cells):
+    assert storage(*cells).worth and not storage(*cells).band

@@ -19,13 +19,13 @@ _NARROW = 11
 _GROUP = 3
 # Values of a row of a chain, and place of its couplings with its own group (chain.h).
 _ROW, _OWN = 12, 4
-# Time of a multiplication in sparse rows, by indirect addressing, relative to one in a band.
-_INDIRECT = 4
-# Time of a multiplication in a substitution, which waits for memory, relative to one in a
-# factorisation: 1.6 to 5 for 1000 to 120 000 unknowns.
-_SUBSTITUTION = 3
-# Factors are kept if making them costs as much as so many substitutions.
-_LEAST_WORTH = 5
+# Times, relative to that of a multiplication in a factorisation: besides the multiplications, for
+# each entry of half a band and of sparse rows; in a substitution for each entry of factors and
+# tangent. Measured with 18 to 9500 unknowns (`benchmarks/frames.py storage`).
+_BAND_ENTRY, _ROW_ENTRY, _SUBSTITUTION = 17, 31, 7
+# Factors are kept if making them costs as much as so many substitutions; a correction then costs
+# about as much as so many, also for the new factors now and then.
+_LEAST_WORTH, _CORRECTION = 3, 2.5
 
 
 class Groups(NamedTuple):
@@ -62,6 +62,8 @@ class Factors(NamedTuple):
     groups: Groups | None = None
     #: Substitutions that cost as much as a factorisation; 0 if factors are not kept.
     worth: int = 0
+    #: Time of a correction by Newton's method, relative to that of a multiplication.
+    cost: float = 0.0
 
     def __str__(self):
         if self.chain:
@@ -79,7 +81,7 @@ def factors_of(
     keep: bool = True,
     dependent: np.ndarray | None = None,
 ) -> Factors:
-    """Band storage if the bandwidth is small enough, otherwise sparse rows, to keep if it pays.
+    """Storage in which a correction costs least: a band, or sparse rows, to keep if it pays.
 
     With ties (`Reduction.dependent`): sparse rows, from the leaves of trees to the roots.
     """
@@ -92,13 +94,22 @@ def factors_of(
     banded = _in_band(graph, rows, indices)
     if banded.band <= _NARROW:
         return banded
-    sparse = _in_rows(graph, rows, indices)
+    return _cheaper(banded, _with_cost(_in_rows(graph, rows, indices), len(indices), keep))
+
+
+def _cheaper(banded: Factors, sparse: Factors) -> Factors:
+    return min(banded, sparse, key=lambda factors: factors.cost)
+
+
+def _with_cost(sparse: Factors, entries: int, keep: bool) -> Factors:
+    """Sparse rows with their cost, to keep if it pays; the tangent has so many entries."""
     above = sparse.starts[1:] - sparse.diagonals - 1.0
-    products = above @ (above + 1)
-    if _INDIRECT * products >= n * banded.band * (banded.band + 1):
-        return banded
-    worth = int(products / (_SUBSTITUTION * (sparse.size + len(indices))))
-    return sparse._replace(worth=worth if keep and worth >= _LEAST_WORTH else 0)
+    factorisation = above @ (above + 1) + _ROW_ENTRY * sparse.size
+    substitution = _SUBSTITUTION * (sparse.size + entries)
+    worth = int(factorisation / substitution)
+    if keep and worth >= _LEAST_WORTH:
+        return sparse._replace(worth=worth, cost=_CORRECTION * substitution)
+    return sparse._replace(cost=factorisation)
 
 
 def _in_band(graph: scipy.sparse.csr_matrix, rows: np.ndarray, columns: np.ndarray) -> Factors:
@@ -112,7 +123,8 @@ def _in_band(graph: scipy.sparse.csr_matrix, rows: np.ndarray, columns: np.ndarr
         if abs((i + before) // _GROUP - (j + before) // _GROUP).max(initial=0) <= 1:
             return _in_chain(order + before, rows, columns)
     width, none = 2 * band + 1, np.empty(0, dtype=int)
-    return Factors(order, i * width + band + j - i, n * width, band, none, none)
+    at, cost = i * width + band + j - i, n * band * (band + 1 + _BAND_ENTRY)
+    return Factors(order, at, n * width, band, none, none, cost=cost)
 
 
 def _in_chain(order: np.ndarray, rows: np.ndarray, columns: np.ndarray) -> Factors:
