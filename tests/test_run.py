@@ -1,8 +1,10 @@
-"""`./run` knows the systems it serves, and installs nothing on others."""
+"""`./run` knows its commands and the systems it serves, and a set-up can be interrupted."""
 
 import os
 import shutil
+import signal
 import subprocess
+import time
 import tomllib
 from pathlib import Path
 
@@ -104,3 +106,122 @@ def test_only_the_documentation_has_sphinx_installed():
         "optional-dependencies"
     ]
     assert {name for name, wanted in extras.items() if "sphinx" in wanted} == {"docs"}
+
+
+# -- Commands ------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("command", "reason"),
+    [
+        ("demos --quick", "no demo '--quick'; there are:"),
+        ("demos one nothing", "no demo 'nothing'; there are:"),
+        ("report", "no report ''"),
+        ("report everything", "no report 'everything'"),
+        ("docs --fast", "no option '--fast'"),
+        ("lint --fix", "no option '--fix'"),
+        ("build", "no command 'build'"),
+        ("--quick", "no command '--quick'"),
+    ],
+)
+def test_what_is_not_known_gets_a_sentence_and_the_usage(call, tmp_path, command, reason):
+    done = subprocess.run(
+        [tmp_path / "run", *command.split()], capture_output=True, text=True, check=False
+    )
+    assert done.returncode == 2 and done.stdout == ""
+    first, *others = done.stderr.splitlines()
+    assert first == f"run: {reason}"
+    assert "usage: ./run demos" in done.stderr and "basename" not in done.stderr
+    assert ("one" in others) == ("demo" in reason)
+
+
+# -- A set-up that is interrupted ------------------------------------------------------------------
+
+# In the place of Debian's Python: it makes a .venv, whose pip waits if there is a file for that.
+PYTHON = r"""#!/bin/sh
+case $* in *" venv "*) ;; *) exit ;; esac
+mkdir -p .venv/bin .venv/lib/python3/site-packages
+cat >.venv/bin/python <<'END'
+#!/bin/sh
+echo "$*" >>pips
+[ -f wait ] || exit 0
+echo $$ >pid
+exec sleep 60
+END
+chmod +x .venv/bin/python
+"""
+
+
+@pytest.fixture
+def set_up(tmp_path):
+    """Starts `./run` with a command, in a clone of its own with the packages of Debian."""
+    (tmp_path / "demos").mkdir()
+    (tmp_path / "demos" / "one.py").write_text("")
+    shutil.copy(ROOT / "pyproject.toml", tmp_path)
+    python, script = tmp_path / "python3", tmp_path / "run"
+    script.write_text((ROOT / "run").read_text().replace("/usr/bin/python3", str(python)))
+    query = 'case $* in *Version*) echo "1:0.9.0-1" ;; *) echo installed ;; esac'
+    stubs = {python: PYTHON, tmp_path / "dpkg-query": f"#!/bin/sh\n{query}\n", script: None}
+    stubs[tmp_path / "apt-get"] = "#!/bin/sh\n"
+    for path, text in stubs.items():
+        if text is not None:
+            path.write_text(text)
+        path.chmod(0o755)
+
+    def start(*command):
+        environment = os.environ | {"PATH": f"{tmp_path}:{os.environ['PATH']}"}
+        return subprocess.Popen([script, *command], env=environment, cwd=tmp_path)
+
+    return start
+
+
+def is_running(pid):
+    try:
+        return "sleep" in Path(f"/proc/{pid}/cmdline").read_text()
+    except OSError:
+        return False
+
+
+def wait_until(condition):
+    for _ in range(1000):
+        if condition():
+            return
+        time.sleep(0.01)
+    raise AssertionError("it does not happen")
+
+
+def extras(tmp_path):
+    """Extras that each call of pip was to install."""
+    calls = (tmp_path / "pips").read_text().splitlines()
+    return [call.partition("[")[2].rstrip("]") for call in calls if "install" in call]
+
+
+@pytest.mark.parametrize("how", [signal.SIGTERM, signal.SIGINT, signal.SIGKILL])
+def test_a_set_up_that_is_killed_leaves_nothing_behind_and_forgets_nothing(set_up, tmp_path, how):
+    assert set_up("test").wait() == 0
+    (tmp_path / "wait").touch()
+    killed = set_up("docs")
+    wait_until(lambda: (tmp_path / "pid").exists() and (tmp_path / "pid").read_text())
+    pid = int((tmp_path / "pid").read_text())
+    wait_until(lambda: is_running(pid))
+    (tmp_path / ".venv" / "partly").touch()
+    killed.send_signal(how)
+    killed.wait()
+    wait_until(lambda: not is_running(pid))
+    (tmp_path / "wait").unlink()
+    # The lock is free, and all that was asked for is installed, in an empty folder.
+    assert set_up("demos", "one").wait(timeout=20) == 0
+    assert extras(tmp_path) == ["plot,test", "docs,plot,test", "docs,plot,test"]
+    assert not (tmp_path / ".venv" / "partly").exists()
+    assert set_up("docs").wait() == 0
+    assert len(extras(tmp_path)) == 3
+
+
+def test_another_project_file_installs_again_all_that_was_there(set_up, tmp_path):
+    assert set_up("docs").wait() == 0
+    with open(tmp_path / "pyproject.toml", "a") as file:
+        file.write("\n# changed\n")
+    (tmp_path / ".venv" / "kept").touch()
+    assert set_up("test").wait() == 0
+    assert extras(tmp_path) == ["docs,plot", "docs,plot,test"]
+    assert (tmp_path / ".venv" / "kept").exists()

@@ -72,9 +72,16 @@ def run(function: Callable, items: Sequence, executor: Executor | int | None) ->
     it compiles for all. To be closed (`contextlib.closing`), which ends what still runs.
     """
     if executor is None:
-        return ((place, call(function, item)) for place, item in enumerate(items))
+        return _here(function, items)
     if is_whole(executor, 1, _MOST):
         _check_pickles(function, items)
+        if reason := _no_locks():
+            _log.warning(
+                "worker processes cannot start (%s): they need a /dev/shm that can be written. The "
+                "cases run in this process, one after another",
+                reason,
+            )
+            return _here(function, items)
         return _on_processes(int(executor), function, items)  # type: ignore[arg-type]
     if isinstance(executor, int) or not hasattr(executor, "submit"):
         raise SceneError(
@@ -84,6 +91,19 @@ def run(function: Callable, items: Sequence, executor: Executor | int | None) ->
     if isinstance(executor, ProcessPoolExecutor):
         _check_pickles(function, items)
     return _on_executor(executor, function, items)
+
+
+def _here(function: Callable, items: Sequence) -> Outcomes:
+    yield from ((place, call(function, item)) for place, item in enumerate(items))
+
+
+def _no_locks() -> str:
+    """Why processes cannot share locks; empty if they can."""
+    try:
+        multiprocessing.get_context("spawn").Lock()
+    except OSError as error:
+        return str(error)
+    return ""
 
 
 def cores() -> int:
