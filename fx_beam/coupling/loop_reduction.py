@@ -46,7 +46,7 @@ class LoopReduction(JointReduction):
         sliders: Sliders | None = None,
     ):
         super().__init__(couplings, actuators, rates, dofs, matrix, sliders)
-        self._closures = couplings.closures
+        self._closures, self._places = couplings.closures, couplings.places
         rows = [(k, *entry) for k, one in enumerate(self._closures) for entry in one.entries]
         k, columns, places, signs = np.array(rows, dtype=float).reshape(-1, 4).T
         if (columns >= couplings.independent).any():
@@ -108,13 +108,17 @@ class LoopReduction(JointReduction):
     # -- A step -----------------------------------------------------------------------------------
 
     def begin(self, q, slides) -> None:
-        """Set the start of a step, and choose the unknowns that follow."""
+        """Set the start of a step, and choose the unknowns that follow there."""
         super().begin(q, slides)
         gap = self._ends @ q
         k, joint, component = self._arms
         gap[k] -= (self._rho0 - self._rho_at_rest)[joint, component]
         self._gap0 = gap
-        self.gap(np.zeros(self.free), np.zeros(self.driven))
+        self.choose(np.zeros(self.free), np.zeros(self.driven))
+
+    def choose(self, y, driven) -> None:
+        """Choose the unknowns that follow by the place after increments, and set `singularity`."""
+        self.gap(y, driven)
         columns, regular = _pivots(self.scaled_derivative())
         self._following = self.loop[columns]
         self.singularity = ""
@@ -266,7 +270,11 @@ class LoopReduction(JointReduction):
                     ends[side, i] = self._dofs[node.number, one.component]
         arms = np.full(len(self._closures), -1)
         arms[self._arms[0]] = 2 * self._arms[1] + self._arms[2]
+        column, dof, _, _ = self._places
+        dofs = np.full(self.columns, -1)
+        dofs[column] = dof
         ints = {
+            "loop_dof": dofs[self.loop],
             "following": np.zeros(len(self._closures), dtype=int),
             "gap_row": k,
             "gap_at": number[columns],

@@ -138,11 +138,10 @@ class Newton:
         StepFailed if it does not converge.
         """
         self.equations.begin(interval, start)
-        if singularity := self.model.reduction.singularity:
-            reason = f"{singularity}. With another dt no step begins there"
-            raise StepFailed("singular", reason, np.zeros(self.model.size), [])
         at_rest = self.model.scheme.rates.at_rest
         predicted_y = None if at_rest else self.predictor.predict(interval.length)
+        if self.model.reduction.singularity:
+            return self._out_of_line(interval, start, force, driven, predicted_y)
         moving = 0.0 if at_rest else float(start.v @ (self.model.mass @ start.v))
         try:
             step = self._solve(force, driven, moving, predicted_y)
@@ -152,6 +151,25 @@ class Newton:
             step = self._solve(force, driven, moving, None)
         if not at_rest:
             self.predictor.update(interval.length, step)
+        return step
+
+    def _out_of_line(self, interval, start, force, driven, predicted_y) -> StepSolution:
+        """Step from a singular position of loops: it goes on with the motion.
+
+        The loops are closed by unknowns that can do so at the end of the step.
+        """
+        model, reduction = self.model, self.model.reduction
+        at_rest = model.scheme.rates.at_rest
+        if predicted_y is None and not at_rest:
+            slides = np.zeros(len(model.scene.joints))
+            predicted_y = model.couplings.unknowns(interval.length * start.v, slides)
+        if predicted_y is not None:
+            reduction.choose(predicted_y, driven)
+        if reduction.singularity:
+            D = np.zeros(model.size)
+            raise StepFailed("singular", reduction.singularity, D, [])
+        step = self._solve(force, driven, float(start.v @ (model.mass @ start.v)), predicted_y)
+        self.predictor.update(interval.length, step)
         return step
 
     def _solve(self, force, driven, moving: float, predicted_y: np.ndarray | None) -> StepSolution:

@@ -203,5 +203,10 @@ class Stepper:
                 "The steps before are kept. Use a longer beam, an earlier t_end, or a stop on the "
                 "slide that turns the node back"
             )
+        if self.model.reduction.singularity:
+            advice = (
+                "Its velocity does not take it out of there. Let it not come to rest in this "
+                "position, or let a member yield: a beam in place of a body"
+            )
         what = f"the step from t = {step.start:.6g} to {step.end:.6g} failed"
         return self.single.error(what, halvings, start, failure, advice)

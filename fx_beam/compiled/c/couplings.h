@@ -99,6 +99,13 @@ static void expand_trees(const Problem *p, const Work *w) {
   }
 }
 
+/* Chooses the unknowns that close loops by the place at the end of a step; returns 0 if it is singular. */
+static int choose_ahead(const Problem *p, const Work *w) {
+  expand_trees(p, w);
+  derive_gaps(p, w->values, w->G);
+  return choose_following(p, w->G);
+}
+
 /* The same with the unknowns that close loops corrected. Returns 0 if loops cannot be closed. */
 static int expand(const Problem *p, const Work *w) {
   double last = HUGE_VAL;

@@ -186,7 +186,12 @@ static int newton(Problem *p, const Work *w, const double *driven, int order) {
     for (int i = 0; i < p->driven; ++i) w->z[free + i] = driven[i];
   }
   begin_contacts(p);
-  if (!begin_couplings(p, w)) return SINGULAR;
+  if (!begin_couplings(p, w)) {
+    if (!order) go_on(p, w);
+    order = 1;
+    for (int i = 0; i < p->driven; ++i) w->z[free + i] = driven[i];
+    if (!choose_ahead(p, w)) return SINGULAR;
+  }
   if (!expand(p, w)) return NO_CONVERGENCE;
   LAP(COUPLINGS);
   for (int iteration = 1; iteration <= p->max_iterations; ++iteration) {

@@ -192,7 +192,7 @@ typedef struct {
      the loops' columns, of which the first are unknowns; degrees of freedom of b and a (-1: ground),
      arm (2 times the joint plus component; -1: none), and entry in the joint forces. */
   int closures, gap_entries, loop_columns, loop_free;
-  int *gap_row, *gap_at, *gap_value, *loop_column, *gap_b, *gap_a, *gap_arm, *gap_force;
+  int *gap_row, *gap_at, *gap_value, *loop_column, *loop_dof, *gap_b, *gap_a, *gap_arm, *gap_force;
   double *gap_sign, *loop_unit, *arm_at_rest, gap_closed;
   int *following;       /* [closures] the columns that follow, chosen in each step */
   /* Storage indices in the tangent: of [near row][loop column], [near column][loop row] and [loop row]
