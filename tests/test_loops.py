@@ -358,7 +358,7 @@ def test_a_driven_step_that_begins_with_bars_in_line_goes_on(solver):
 @SOLVERS
 @pytest.mark.parametrize("order", [2, 4])
 def test_a_parallelogram_goes_through_its_line_from_any_distance(solver, order):
-    # Without forces both cranks turn at a constant rate; the ninth step begins so far from the line.
+    # Without forces both cranks turn at a constant rate; the ninth step begins at the distance.
     def turned(start, steps, spin=2.0, dt=0.01):
         crank, coupler = np.array([np.cos(start), np.sin(start)]), np.array([2.0, 0.0])
         scene = fb.Scene()

@@ -78,6 +78,9 @@ class Reduction(Protocol):
     def begin(self, q: np.ndarray, slides: np.ndarray) -> None:
         """Set the start of a step: displacements and rotations, and slides."""
 
+    def choose(self, y: np.ndarray, driven: np.ndarray) -> None:
+        """Choose the unknowns that close loops by the place after increments."""
+
     def expand(self, y: np.ndarray, driven: np.ndarray) -> np.ndarray:
         """Increment of all degrees of freedom from increments of unknowns and driven columns: g.
 
@@ -139,6 +142,9 @@ class WithoutLoops:
     def independent(self) -> np.ndarray:
         """All unknowns."""
         return np.arange(self.free)
+
+    def choose(self, y: np.ndarray, driven: np.ndarray) -> None:
+        """None closes a loop."""
 
     def completion(self) -> scipy.sparse.csr_matrix:
         """The identity."""
