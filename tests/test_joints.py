@@ -171,6 +171,16 @@ def test_gaps_stay_closed_over_10_000_steps_without_stabilisation():
 # -- Forces of the joints ----------------------------------------------------------------------
 
 
+@pytest.fixture
+def forces_of_steps(monkeypatch):
+    """The forces with which steps are in balance, without those that make rates fit at their ends.
+
+    Of the former these tests hold to round-off. The latter are impulses at the ends of steps, with
+    the arms that joints have there, so that of the sum the tests hold to second order.
+    """
+    monkeypatch.setattr(Model, "fitted_rates", None)
+
+
 def work_of(solution, joint):
     """Work of a joint's forces on both of its nodes in each step."""
     force, moment = np.split(solution.joint_force(joint)[1:], [2], axis=1)
@@ -187,7 +197,7 @@ def work_of(solution, joint):
 
 @pytest.mark.parametrize("degree", [1, 2])
 @pytest.mark.parametrize("kind", KINDS)
-def test_a_joint_does_no_work(kind, degree):
+def test_a_joint_does_no_work(kind, degree, forces_of_steps):
     scene, joint = thrown(kind, degree, gravity=(0, -9.81))
     solution = fb.simulate(scene, dt=0.01, t_end=0.5)
     assert abs(solution.joint_force(joint)).max() > 0.5
@@ -195,7 +205,7 @@ def test_a_joint_does_no_work(kind, degree):
 
 
 @pytest.mark.parametrize("kind", SLIDING)
-def test_a_guide_has_no_force_along_its_axis_and_a_slot_no_moment(kind):
+def test_a_guide_has_no_force_along_its_axis_and_a_slot_no_moment(kind, forces_of_steps):
     scene, joint = thrown(kind)
     solution = fb.simulate(scene, dt=0.01, t_end=0.5)
     axes = np.array([rotation(psi) @ joint.axis for psi in solution.rotation(joint.a)])
@@ -220,7 +230,9 @@ def momenta_of(scene, solution, beam):
 
 @pytest.mark.parametrize("backwards", [False, True])
 @pytest.mark.parametrize("kind", KINDS)
-def test_the_impulse_of_the_joint_is_what_changes_the_momenta_of_a_member(kind, backwards):
+def test_the_impulse_of_the_joint_is_what_changes_the_momenta_of_a_member(
+    kind, backwards, forces_of_steps
+):
     # Backwards, a follows b: the second beam's start is supported, and so retained.
     scene, first, second, joint = pair(kind)
     throw(scene, first, second, joint)

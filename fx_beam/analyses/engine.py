@@ -125,11 +125,27 @@ def state_of(model: Model, start: Solution) -> State:
         and len(state.constraint_forces) != model.reduction.columns - model.reduction.free
     ):
         state = replace(state, constraint_forces=None)  # other supports
+    return _with_last_forces(model, state, start)
+
+
+def _with_last_forces(model: Model, state: State, start: Solution) -> State:
+    """The state with the forces of the last row, which are those of rates that fit the joints."""
+    end = end_of(start)
     if start.stats.static or start.t[-1] == end.t:  # else the record has no row of the end
         if len(start.joint_forces):
             state = replace(state, joint_forces=start.joint_forces[-1])
         if len(start.contact_forces) and start.contact_forces.shape[1] == model.forms.contacts:
             state = replace(state, contact_forces=start.contact_forces[-1])
+        constraints = state.constraint_forces
+        if constraints is not None and model.fitted_rates is not None and len(start.reactions):
+            nodes, components, places = model.supports
+            constraints, first = constraints.copy(), len(model.prescribed)
+            constraints[places] = start.reactions[-1, nodes, components]
+            for i, (joint, _) in enumerate(model.motors):
+                constraints[first + i] = start.motor_forces[-1, joint.number]
+            state = replace(state, constraint_forces=constraints)
+        if model.fitted_rates is not None and len(start.a):
+            state = replace(state, a=model.from_nodes(start.a[-1]))
     return state
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 
@@ -13,59 +13,53 @@ from fx_beam.scene.joints import GROUND, Joint, axial_rate
 from fx_beam.scene.outputs import Output
 from fx_beam.scene.sliders import SlidingJoint
 
+from .fitted_state import FittedState
+
 Reading = Callable[[], Any]
 
 
-class Source(Protocol):
-    """What takes the steps."""
-
-    @property
-    def now(self) -> Any:
-        """The present state, with the arrays of a `State`; forces may be missing at the start."""
-
-
-def reading(model: Model, source: Source, turns: np.ndarray, output: Output) -> Reading:
+def reading(model: Model, now: FittedState, turns: np.ndarray, output: Output) -> Reading:
     """A function that reads an output; `turns` (size,) are missing in the rotations [rad]."""
     if isinstance(output.of, Joint):
-        read = _of_joint(model, source, turns, output)
+        read = _of_joint(model, now, turns, output)
     else:
-        read = _of_node(model, source, turns, output)
+        read = _of_node(model, now, turns, output)
     place = output.place
     return read if place is None else lambda: float(read()[place])
 
 
-def _of_node(model: Model, source: Source, turns: np.ndarray, output: Output) -> Reading:
+def _of_node(model: Model, now: FittedState, turns: np.ndarray, output: Output) -> Reading:
     number = output.of.number
     x, y, turn = model.mesh.dofs[number].tolist()
     plane = np.array([x, y])
     if output.quantity == "reaction":
-        return _reaction(model, source, number)
+        return _reaction(model, now, number)
     place = model.mesh.X[number]
     found: dict[str, Reading] = {
-        "position": lambda: place + source.now.q[plane],
-        "displacement": lambda: source.now.q[plane],
-        "rotation": lambda: float(source.now.q[turn] + turns[turn]),
-        "velocity": lambda: source.now.v[plane],
-        "spin": lambda: float(source.now.v[turn]),
-        "acceleration": lambda: source.now.a[plane],
+        "position": lambda: place + now.q[plane],
+        "displacement": lambda: now.q[plane],
+        "rotation": lambda: float(now.q[turn] + turns[turn]),
+        "velocity": lambda: now.v[plane],
+        "spin": lambda: float(now.v[turn]),
+        "acceleration": lambda: now.a[plane],
     }
     return found[output.quantity]
 
 
-def _reaction(model: Model, source: Source, number: int) -> Reading:
+def _reaction(model: Model, now: FittedState, number: int) -> Reading:
     nodes, components, places = model.supports
     own = np.flatnonzero(nodes == number)
 
     def read():
-        force = np.zeros(3)
-        if source.now.constraint_forces is not None:
-            force[components[own]] = source.now.constraint_forces[places[own]]
+        force, forces = np.zeros(3), now.constraint_forces
+        if forces is not None:
+            force[components[own]] = forces[places[own]]
         return force
 
     return read
 
 
-def _of_joint(model: Model, source: Source, turns: np.ndarray, output: Output) -> Reading:
+def _of_joint(model: Model, now: FittedState, turns: np.ndarray, output: Output) -> Reading:
     joint = output.of
     assert isinstance(joint, Joint)
     number, dofs = joint.number, model.mesh.dofs
@@ -79,25 +73,25 @@ def _of_joint(model: Model, source: Source, turns: np.ndarray, output: Output) -
         if isinstance(joint, SlidingJoint):
             own, s = (
                 dofs[model.mesh.nodes_of(model.scene, joint.beam), :2],
-                source.now.slides[number],
+                now.slides[number],
             )
-            v_node = source.now.v[dofs[joint.b.number, :2]]
-            return rate_along(joint.path, s, source.now.q[own], source.now.v[own], v_node)
+            v_node = now.v[dofs[joint.b.number, :2]]
+            return rate_along(joint.path, s, now.q[own], now.v[own], v_node)
         if joint.axis is None:
-            return between(source.now.v, 2)
-        x, y = between(source.now.v, 0), between(source.now.v, 1)
-        psi, spin = (0.0, 0.0) if a is None else (source.now.q[a[2]], source.now.v[a[2]])
-        return float(axial_rate(joint, source.now.slides[number], psi, spin, x, y))
+            return between(now.v, 2)
+        x, y = between(now.v, 0), between(now.v, 1)
+        psi, spin = (0.0, 0.0) if a is None else (now.q[a[2]], now.v[a[2]])
+        return float(axial_rate(joint, now.slides[number], psi, spin, x, y))
 
     motors = [j.number for j, _ in model.motors]
     motor = len(model.prescribed) + motors.index(number) if number in motors else -1
     found: dict[str, Reading] = {
-        "angle": lambda: between(source.now.q, 2) + between(turns, 2),
-        "slide": lambda: float(source.now.slides[number]),
-        "spin": lambda: between(source.now.v, 2),
+        "angle": lambda: between(now.q, 2) + between(turns, 2),
+        "slide": lambda: float(now.slides[number]),
+        "spin": lambda: between(now.v, 2),
         "rate": rate,
-        "force": lambda: _row(source.now.joint_forces, number, np.zeros(3)).copy(),
-        "motor_force": lambda: float(_row(source.now.constraint_forces, motor, 0.0)),
+        "force": lambda: _row(now.joint_forces, number, np.zeros(3)).copy(),
+        "motor_force": lambda: float(_row(now.constraint_forces, motor, 0.0)),
     }
     return found[output.quantity]
 

@@ -144,7 +144,7 @@ class Motion:
         self._open = OpenMotion(engine, held, self._dt, record, forces)
         turns = engine.windings.removed
         self._readings = {
-            name: reading(engine.model, self._open.stride, turns, output)
+            name: reading(engine.model, self._open.now, turns, output)
             for name, output in outputs.items()
         }
         state = engine.first_state(self._dt, start)
@@ -244,7 +244,7 @@ class Motion:
     def v(self) -> np.ndarray:
         """Their rates, (n_node, 3) [m/s, rad/s]."""
         self._open.settle()
-        return self._engine.model.to_nodes(self._open.stride.now.v)
+        return self._engine.model.to_nodes(self._open.now.v)
 
     @property
     def slides(self) -> np.ndarray:

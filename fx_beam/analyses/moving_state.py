@@ -96,6 +96,7 @@ def deviations(scene: Scene, at: Solution | None, what: str) -> Deviations:
     if at is not None:
         state = state_of(model, at)
         held.resume(forcing, state, state.inputs)
+        state = _with_fitted_rates(model, state, at)
         frame = turning_frame_of(model, at, what)
     if frame is not None:
         state = replace(state, v=0 * state.v, a=0 * state.a)
@@ -164,6 +165,17 @@ def _warn_of_turn(model: Model, state: State, T: np.ndarray, dT: np.ndarray, wha
             "the frequencies seen in the turn. Take the state from static(scene, spin=...)",
             *(what, spin, pivot.real, pivot.imag),
         )
+
+
+def _with_fitted_rates(model: Model, state: State, at: Solution) -> State:
+    """The state with rates that fit the joints: those of the last row, if they were recorded."""
+    if at.has_rates and at.t[-1] == state.t:
+        state = replace(state, v=model.from_nodes(at.v[-1]))
+    if model.fitted_rates is None:
+        return state
+    given = np.full((1, model.reduction.driven), np.nan)
+    found = model.fitted_rates.fit(state.q[None], state.v[None], state.slides[None], given)
+    return replace(state, v=found.rates[0])
 
 
 def _rates_from(model: Model, T: np.ndarray) -> np.ndarray:

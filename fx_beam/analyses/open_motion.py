@@ -16,6 +16,7 @@ from fx_beam.stepping.recorder import Record
 from fx_beam.stepping.stride import Grid, Stride
 
 from .engine import Engine
+from .fitted_state import FittedState
 from .open_record import OpenRecord
 from .snapshot import Snapshot
 
@@ -41,6 +42,8 @@ class OpenMotion:
             self.stride = CompiledStride(engine.integrator, engine.stepper, dt, forces)
         else:
             self.stride = Stride(engine.stepper)
+        #: The present state as it is shown.
+        self.now = FittedState(engine.model, engine.forcing, self.stride)
 
     def begin(self, state: State, removed: np.ndarray, grid: Grid) -> None:
         """Begin to step and to record from a state, in which full turns are missing."""
@@ -49,6 +52,7 @@ class OpenMotion:
         state = windings.without(turns, state)
         windings.removed[:] = removed + turns
         self.stride.load(state, grid)
+        self.now.begin(state)
         self.rows = OpenRecord(self._engine.model, self._record, state, windings.removed, grid)
         #: Present time [s].
         self.t = grid(0)
@@ -69,6 +73,7 @@ class OpenMotion:
         t0, t1 = self.t, stride.grid(number)
         rows.make_room(number)
         self._pending = self._end_step, (number, t0, t1, held.values)
+        self.now.leave()
         held.set(given)
         held.begin(t0, t1)
         stride.take(number, t0, t1, rows.recorder)
@@ -106,14 +111,14 @@ class OpenMotion:
     def end(self) -> State:
         """The present state, with all on which the next step depends."""
         self.settle()
-        state = self._engine.windings.with_turns(self.stride.state())
+        state = self._engine.windings.with_turns(self.now.state())
         return replace(state, inputs=self.held.all)
 
     def snapshot(self) -> Snapshot:
         """The present state, to return to."""
         self.settle()
         stride = self.stride
-        state = replace(stride.state(), inputs=self.held.all)
+        state = replace(self.now.state(), inputs=self.held.all)
         turns, dofs = self._engine.windings.removed.copy(), self._engine.model.mesh.dofs
         step = stride.grid.origin, stride.grid.first + stride.number
         return Snapshot(self.t, state, step, turns, dofs)

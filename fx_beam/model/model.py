@@ -8,12 +8,15 @@ from typing import Any
 import numpy as np
 import scipy.sparse
 
+from fx_beam.coupling.fitted_rates import FittedRates
 from fx_beam.coupling.graph import couple, motors
 from fx_beam.coupling.index_reduction import IndexReduction, Reduction
 from fx_beam.coupling.joint_reduction import JointReduction
 from fx_beam.coupling.loop_reduction import LoopReduction
 from fx_beam.coupling.mechanism_check import check_no_massless_mechanism
+from fx_beam.coupling.rate_equations import RateEquations, turns_with_motion
 from fx_beam.coupling.redundancy import check_loops
+from fx_beam.coupling.rigid_points import RigidPoints
 from fx_beam.coupling.sliders import Sliders
 from fx_beam.coupling.spring_dampers import Actuators
 from fx_beam.errors import SceneError
@@ -24,6 +27,7 @@ from fx_beam.fem.mesh import build_mesh
 from fx_beam.fem.nodal_forms import NodalForms
 from fx_beam.fem.nodal_rules import NodalRules
 from fx_beam.mechanics.nodal_rates import NodalRates
+from fx_beam.mechanics.rates import MidPointRates
 from fx_beam.mechanics.schemes import Scheme
 from fx_beam.results.state import State
 from fx_beam.scene.scene import Scene
@@ -123,6 +127,22 @@ class Model:
         turning = [entry[0] for dof in self.turns for entry in self.couplings.entries(dof)]
         unit[turning] = 1.0
         return unit[: self.couplings.free]
+
+    @functools.cached_property
+    def fitted_rates(self) -> FittedRates | None:
+        """Fits rates to joints and driven motions; None if those of steps fit by themselves."""
+        scene, mesh, driven = self.scene, self.mesh, len(self.prescribed)
+        by_mean = isinstance(self.scheme.rates, MidPointRates)
+        turning = any(map(turns_with_motion, scene.joints))
+        if not by_mean or not (turning or self.couplings.driven):
+            return None
+        motored = {joint.number: driven + i for i, (joint, _) in enumerate(self.motors)}
+        nodes, components, columns = self.supports
+        supported = np.column_stack([mesh.dofs[nodes, components], columns])
+        constrained = self.reduction.columns - self.reduction.free
+        equations = RateEquations(scene, mesh, motored, supported, constrained)
+        points = RigidPoints(scene, mesh, self.massless, equations)
+        return FittedRates(equations, points, self.mass, self.unit)
 
     def _build_reduction(self) -> None:
         """Build the unknowns and the reduction to them, by supports and joints."""

@@ -24,7 +24,8 @@ class Energy:
     Parameters
     ----------
     kinetic : (n,) float
-        1/2 v.M v (eq. 8).
+        1/2 v.M v (eq. 8), with the rates of the scheme. Those of `Solution.v` fit the joints; where
+        couplings change with the motion, their energy is smaller, by the order of dt^4.
     strain : (n,) float
         Stored energy of the beams (eq. 10).
     potential : (n,) float

@@ -67,7 +67,10 @@ class JointMotion:
 
     @property
     def spin(self) -> np.ndarray:
-        """Rate (n,) of the angle [rad/s]; at nodes without rotary inertia its mean over a step."""
+        """Rate (n,) of the angle [rad/s].
+
+        At nodes without rotary inertia that move freely it is a mean over a step.
+        """
         if isinstance(self.joint, SlidingJoint):
             return sliding_motion.spin(self.solution, self.joint, self.slide)
         return self._of(self.joint.b, "v", 2) - self._of(self.joint.a, "v", 2)
@@ -101,9 +104,8 @@ class JointMotion:
     def motor_power(self) -> np.ndarray:
         """Mean power (n,) of the motor over the step that ends at t[k] [W]; 0 in row 0.
 
-        The sum of power times step length is the motor's work: exact for a slide in a step without
-        sub-steps, of second order in the step for a rotation, for `order=4` and for a halved step.
-        A row for every step is required.
+        The sum of power times step length is the motor's work, to second order in the step. The
+        work in `Solution.energy` is exact. A row for every step is required.
         """
         solution, force = self.solution, self.motor_force
         if len(solution.t) != solution.stats.steps + 1:

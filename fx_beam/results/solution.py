@@ -29,9 +29,10 @@ _KINDS |= dict.fromkeys(("reactions", "joint_forces", "motor_forces", "contact_f
 class Solution:
     """Motion of a scene over time, or its equilibria over the load factor.
 
-    Its arrays are read-only. At nodes without mass, velocities are means over the step that ends at
-    t[k], or over the last part of a halved step; the same holds for spins at nodes without rotary
-    inertia.
+    Its arrays are read-only. Rates by the mid-point rule are the nearest ones, in the norm of the
+    mass, that fit the joints and driven motions; mean forces of a step are those that belong to
+    them. At nodes without mass that move freely, velocities are means over the step that ends at
+    t[k], or over the last part of a halved step; so are spins at nodes without rotary inertia.
 
     Parameters
     ----------

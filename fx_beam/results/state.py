@@ -64,6 +64,8 @@ class State:
     parts: np.ndarray | None = None
     #: Set at the end of a run: the past, and the values of the inputs in the scene's order.
     past: Past | None = None
+    #: Rates of driven motions (driven,) at the end of a `Motion`, whose inputs are not known after.
+    driven_rates: np.ndarray | None = None
     inputs: np.ndarray | None = None
 
     def renumbered(self, change: _Renumbering, change_cells: _Renumbering) -> State:

@@ -166,6 +166,13 @@ class Path:
         found = np.take_along_axis(values, nodes.reshape(*nodes.shape, *[1] * (values.ndim - 2)), 1)
         return np.einsum("na,na...->n...", weights, found)
 
+    def nearest_over(self, places: np.ndarray, points: np.ndarray, s: np.ndarray) -> np.ndarray:
+        """Arc lengths (n,) nearest to points (n, 2), from ones near by, for nodes (n, nodes, 2)."""
+        for _ in range(3):  # the method of Gauss and Newton
+            apart, along = points - self.over(places, s), self.over(places, s, 1)
+            s = s + np.sum(apart * along, axis=1) / np.sum(along**2, axis=1)
+        return s
+
     def first_of(self, low: int) -> int:
         """First element of the window for a step whose first element along the beam is `low`."""
         return int(np.clip(low - 1, 0, len(self.h) - self.window))

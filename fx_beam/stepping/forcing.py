@@ -69,6 +69,19 @@ class Forcing:
         bend[abs(bend) <= 10 * np.finfo(float).eps * (abs(f0) + abs(d3))] = 0.0
         return rates, bend / h**2
 
+    def end_rates(self, ends: np.ndarray, lengths: np.ndarray) -> np.ndarray:
+        """Rates (n, driven) of driven motion at the ends of steps, from values in these steps.
+
+        By differences of order four; steps of negative length start at these times.
+        """
+        if not self._driven:
+            return np.empty((len(ends), 0))
+        h = lengths / 8
+        places = self.series((ends[:, None] - h[:, None] * np.arange(5)).ravel())
+        differences = np.diff(places.reshape(len(ends), 5, -1), axis=1)
+        weights = np.array([-25, 23, -13, 3]) / 12
+        return np.einsum("k,nkd->nd", weights, differences) / h[:, None]
+
     def loads(self, t0: np.ndarray, t1: np.ndarray) -> np.ndarray:
         """Factors (steps, 2, loads) of the unit loads at the starts and ends of steps."""
         ends = [self.model.loads.series(times) for times in just_inside(t0, t1)]

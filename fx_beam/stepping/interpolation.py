@@ -81,12 +81,9 @@ def _slides(model: Model, q: np.ndarray, slides: np.ndarray) -> np.ndarray:
     for joint in model.scene.joints:
         if isinstance(joint, SlidingJoint):
             path, nodes = joint.path, model.mesh.nodes_of(model.scene, joint.beam)
-            s, places = slides[:, joint.number], X[nodes] + q[:, nodes, :2]
-            for _ in range(3):  # the nearest point of the beam, by the method of Gauss and Newton
-                apart = X[joint.b.number] + q[:, joint.b.number, :2] - path.over(places, s)
-                along = path.over(places, s, 1)
-                s = s + np.sum(apart * along, axis=1) / np.sum(along**2, axis=1)
-            slides[:, joint.number] = s
+            b, places = joint.b.number, X[nodes] + q[:, nodes, :2]
+            near = slides[:, joint.number]
+            slides[:, joint.number] = path.nearest_over(places, X[b] + q[:, b, :2], near)
             continue
         if joint.axis is None:
             continue

@@ -19,6 +19,7 @@ from fx_beam.results.audit import Energy
 from fx_beam.results.state import State
 from fx_beam.validation import is_flag, is_whole, numbers, require
 
+from .fitted_histories import fitted, sums_of
 from .sub_step_starts import SubStepStarts, grown
 
 # Length of the short step for the forces of row 0, relative to the first step.
@@ -152,6 +153,9 @@ class Recorder:
                 self.arrays["joint_forces"] = np.zeros((n, 3 * joints))
             if (contact := model.forms.contact) is not None:
                 self.arrays["contact_forces"] = np.zeros((n, 2 * len(contact.dofs)))
+        #: Names of the rows that only serve the others.
+        self._serving = {"q", "v"} - set(self.arrays) if model.fitted_rates is not None else set()
+        self.arrays |= {name: np.zeros((n, size)) for name in self._serving}
         self.plan(0, times, last=True)
 
     def plan(self, first: int, ends: np.ndarray, last: bool) -> None:
@@ -233,12 +237,9 @@ class Recorder:
             self._first = self.end = state
         model = self.model
         momentum = model.mass @ state.v if state.v.any() else state.v
-        q, p = model.to_nodes(state.q), model.to_nodes(momentum)
-        x = model.mesh.X + q[:, :2]
         potential = 0.0 if model.weight is None else -(model.weight @ state.q)
-        strain = model.forms.strain_energy(state.q, state.internal)
-        angular = x[:, 0] @ p[:, 1] - x[:, 1] @ p[:, 0] + p[:, 2].sum()
         values: dict[str, Any] = {
+            "up_to_row": self.starts,
             "q": state.q,
             "internal": state.internal,
             "spring_internal": state.spring_internal,
@@ -250,7 +251,7 @@ class Recorder:
             "contact_forces": state.contact_forces,
             "energies": (
                 state.v @ momentum / 2,
-                strain,
+                model.forms.strain_energy(state.q, state.internal),
                 potential,
                 state.work,
                 model.spring_energy(state),
@@ -258,9 +259,8 @@ class Recorder:
                 state.algorithmic,
                 state.numerical,
             ),
-            "momenta": (*p[:, :2].sum(axis=0), angular),
+            "momenta": sums_of(model, state.q[None], momentum[None]),
         }
-        values["up_to_row"] = self.starts
         for name, rows in self.arrays.items():
             if values.get(name) is not None:
                 rows[self.rows] = np.ravel(values[name]) if rows.ndim > 1 else values[name]
@@ -275,6 +275,11 @@ class Recorder:
         """Recorded histories by their names in `Solution`; empty if not recorded."""
         model, n = self.model, self.rows
         kept = {name: rows[:n] for name, rows in self.arrays.items()}
+        if model.fitted_rates is not None:
+            starts = None if self.every == 1 else self._starts.of_rows(kept["up_to_row"])
+            grid, driven = (self._times, self._steps[:n]), self._first.driven_rates
+            kept = fitted(model, kept, starts, grid, driven)
+            kept = {name: kept[name] for name in kept if name not in self._serving}
         joints, nodes = len(model.scene.joints), len(model.mesh.X)
         none = np.empty((0, nodes, 3))
 

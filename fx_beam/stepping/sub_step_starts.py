@@ -39,6 +39,8 @@ class SubStepStarts:
                 self.arrays["before_internal"] = np.zeros((n, width))
             if model.forms.needs_before:
                 self.arrays |= {"earlier_q": np.zeros((n, size)), "memory": np.zeros(n)}
+        if model.fitted_rates is not None:
+            self.arrays |= {f"before_{name}": np.zeros((n, size)) for name in "qv"}
         #: Their number.
         self.count = 0
 
@@ -68,3 +70,11 @@ class SubStepStarts:
             for name, array in self.arrays.items():
                 array[self.count] = np.ravel(values[name]) if array.ndim > 1 else values[name]
             self.count += 1
+
+    def of_rows(self, up_to_row: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Displacements and rotations, and rates, (n - 1, size) at the starts of the rows' steps.
+
+        `up_to_row` (n,) has the numbers of the starts up to each row, the first of them the start.
+        """
+        q, v = (self.arrays[f"before_{name}"][up_to_row[:-1]] for name in "qv")
+        return q, v

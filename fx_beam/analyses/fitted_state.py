@@ -1,0 +1,144 @@
+"""The present state of a motion that is taken step by step, with rates that fit its joints."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from fx_beam.coupling.fitted_rates import Fit
+from fx_beam.model.model import Model
+from fx_beam.results.state import State
+from fx_beam.stepping.fitted_histories import driven_ways
+from fx_beam.stepping.forcing import Forcing
+from fx_beam.stepping.held_inputs import Ramp
+
+
+class _Moment(NamedTuple):
+    """The state after some steps."""
+
+    #: Number of steps.
+    number: int
+    q: np.ndarray
+    v: np.ndarray
+    slides: np.ndarray
+    #: Rates (driven,) of driven inputs, by which they went straight in the step; NaN without one.
+    inputs: np.ndarray
+
+
+class FittedState:
+    """The present state; rates, and what depends on them, are found when they are asked for.
+
+    Forces and accelerations of a state that was loaded are those that it has. An interrupt may come
+    anywhere: the number of steps of `stride` says which start belongs to the present state.
+    """
+
+    def __init__(self, model: Model, forcing: Forcing, stride: Any):
+        self._model, self._fits, self._forcing = model, model.fitted_rates, forcing
+        self._stride = stride
+        inputs = [isinstance(function, Ramp) for function in forcing.functions]
+        #: Driven motions that are inputs.
+        self._inputs = np.array(inputs, dtype=bool)
+
+    def begin(self, state: State) -> None:
+        """Begin at a state that was loaded."""
+        #: Starts of the last step and of that before; a fit, and the number of steps of its state.
+        self._starts: tuple[_Moment | None, _Moment | None] = None, None
+        self._found: tuple[Fit, int] | None = None
+        self._first = state.driven_rates
+
+    def leave(self) -> None:
+        """A step begins in the present state."""
+        if self._fits is not None:
+            now = self._present()
+            copies = now._replace(q=now.q.copy(), v=now.v.copy(), slides=now.slides.copy())
+            self._starts = copies, self._start()
+
+    def state(self) -> State:
+        """The present state with these forces; its rates are those of the steps."""
+        state = self._stride.state()
+        if self._fits is None:
+            return state
+        return replace(
+            state,
+            a=self._with_change(state.a, "corrections"),
+            joint_forces=self._with_change(state.joint_forces, "joints"),
+            constraint_forces=self._with_change(state.constraint_forces, "constraints"),
+            driven_rates=self._driven(self._present()),
+        )
+
+    @property
+    def q(self) -> np.ndarray:
+        """Displacements and rotations (size,)."""
+        return self._stride.now.q
+
+    @property
+    def slides(self) -> np.ndarray:
+        """Slides of the joints (joints,) [m]."""
+        return self._stride.now.slides
+
+    @property
+    def v(self) -> np.ndarray:
+        """Rates (size,)."""
+        return self._stride.now.v if self._fits is None else self._fit().rates[-1]
+
+    @property
+    def a(self) -> np.ndarray:
+        """Accelerations (size,), means over the step."""
+        return self._with_change(self._stride.now.a, "corrections")
+
+    @property
+    def joint_forces(self) -> np.ndarray | None:
+        """Forces of the joints (joints, 3) [N, N m]."""
+        return self._with_change(self._stride.now.joint_forces, "joints")
+
+    @property
+    def constraint_forces(self) -> np.ndarray | None:
+        """Forces of driven and fixed columns [N, N m]."""
+        return self._with_change(self._stride.now.constraint_forces, "constraints")
+
+    def _with_change(self, mean, name: str):
+        """A mean of the step, with the change of a part of the fit over it."""
+        if self._fits is None or mean is None or self._start() is None:
+            return mean
+        before, after = getattr(self._fit(), name)
+        return mean + (after - before) / self._stride.grid.dt
+
+    def _fit(self) -> Fit:
+        """Fit of the start of the step, if there was one, and of the present state."""
+        number = self._stride.number
+        if self._found is None or self._found[1] != number:
+            moments = [m for m in (self._start(), self._present()) if m is not None]
+            q, v, slides, driven = (
+                np.array(each)
+                for each in zip(
+                    *((m.q, m.v, m.slides, self._driven(m)) for m in moments), strict=True
+                )
+            )
+            assert self._fits is not None
+            self._found = self._fits.fit(q, v, slides, driven), number
+        return self._found[0]
+
+    def _start(self) -> _Moment | None:
+        """The start of the last step that was taken."""
+        before = self._stride.number - 1
+        return next((m for m in self._starts if m is not None and m.number == before), None)
+
+    def _present(self) -> _Moment:
+        number, now = self._stride.number, self._stride.now
+        inputs = np.full(len(self._inputs), np.nan)
+        start = self._start() if self._inputs.any() else None
+        if start is not None:
+            q, slides = np.array([start.q, now.q]), np.array([start.slides, now.slides])
+            inputs = driven_ways(self._model, q, slides)[0] / self._stride.grid.dt
+        return _Moment(number, now.q, now.v, now.slides, inputs)
+
+    def _driven(self, moment: _Moment) -> np.ndarray:
+        """Rates (driven,) of driven motions; NaN where they are not known."""
+        if moment.number == 0 and self._first is not None:
+            return self._first
+        grid = self._stride.grid
+        length = grid.dt if moment.number else -grid.dt
+        rates = self._forcing.end_rates(np.array([grid(moment.number)]), np.array([length]))[0]
+        return np.where(self._inputs, moment.inputs, rates)

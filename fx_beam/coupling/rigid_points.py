@@ -1,0 +1,133 @@
+"""Massless nodes that rigid joints hold, such as points of bodies, out of equations of rates.
+
+Node b moves with node a at the arm rho, and what acts on b acts on a:
+
+    v_b = v_a + omega_a W rho,    omega_b = omega_a
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+import scipy.sparse
+
+from fx_beam.fem.mesh import Mesh
+from fx_beam.scene.joints import GROUND, Joint
+from fx_beam.scene.scene import Scene
+from fx_beam.scene.sliders import SlidingJoint
+
+from .rate_equations import RateEquations
+
+
+class _Level(NamedTuple):
+    """Nodes that move with nodes of the levels before."""
+
+    #: Degrees of freedom (nodes, 3) of the nodes and of those with which they move.
+    b: np.ndarray
+    a: np.ndarray
+    #: Arms (nodes, 2) in the reference configuration, and rows (nodes, 3) of the joints.
+    apart: np.ndarray
+    rows: np.ndarray
+    #: Entries at x and at y of the nodes, and the nodes to which they belong.
+    at: tuple[np.ndarray, np.ndarray]
+    of: tuple[np.ndarray, np.ndarray]
+
+
+class RigidPoints:
+    """Equations of rates without massless nodes that move rigidly with others."""
+
+    def __init__(self, scene: Scene, mesh: Mesh, massless: np.ndarray, equations: RateEquations):
+        found = _levels(scene, mesh, massless)
+        rows = [np.array([equations.rows_of(j) for j in joints], int) for joints in found]
+        #: Rows that remain.
+        self.kept = np.setdiff1d(
+            np.arange(equations.count), np.concatenate([[], *map(np.ravel, rows)])
+        )
+        self._entries = np.flatnonzero(np.isin(equations.row, self.kept))
+        row, dof = equations.row[self._entries], equations.dof[self._entries]
+        each = np.ones(len(row)), (np.arange(len(row)), dof)
+        self._to_dofs = scipy.sparse.csr_matrix(each, (len(row), equations.size))
+        self._row, self._levels = row, []
+        for joints, own in zip(found[::-1], rows[::-1], strict=True):
+            a, b = (mesh.dofs[[getattr(j, name).number for j in joints]] for name in "ab")
+            number = np.full((3, equations.size), -1)
+            for i in range(3):
+                number[i, b[:, i]] = np.arange(len(joints))
+            x, y, turn = number[:, dof]
+            at = np.flatnonzero(x >= 0), np.flatnonzero(y >= 0)
+            of = x[at[0]], y[at[1]]
+            apart = np.array([(j.b.x - j.a.x, j.b.y - j.a.y) for j in joints]).reshape(-1, 2)
+            self._levels.append(_Level(b, a, apart, own, at, of))
+            for i, n in enumerate((x, y, turn)):
+                dof = np.where(n >= 0, a[n, i], dof)
+            dof = np.concatenate([dof, a[of[0], 2], a[of[1], 2]])
+            row = np.concatenate([row, row[at[0]], row[at[1]]])
+        keys, place = np.unique(
+            np.searchsorted(self.kept, row) * equations.size + dof, return_inverse=True
+        )
+        each = np.ones(len(place)), (np.arange(len(place)), place)
+        self._sums = scipy.sparse.csr_matrix(each, (len(place), len(keys)))
+        #: Rows among those that remain, and degrees of freedom (entries,) of the entries.
+        self.row, self.dof = np.divmod(keys, equations.size)
+
+    def arms(self, q: np.ndarray) -> list[np.ndarray]:
+        """Arms (n, nodes, 2) of the levels."""
+        return [one.apart + q[:, one.b[:, :2]] - q[:, one.a[:, :2]] for one in self._levels]
+
+    def condensed(self, entries: np.ndarray, arms: list[np.ndarray]) -> np.ndarray:
+        """Entries (n, entries) at `row` and `dof`, from those of all equations."""
+        values = entries[:, self._entries]
+        for one, arm in zip(self._levels, arms, strict=True):
+            x, y = (values[:, at] for at in one.at)
+            turned = -arm[:, one.of[0], 1] * x, arm[:, one.of[1], 0] * y
+            values = np.concatenate([values, *turned], axis=1)
+        return values @ self._sums
+
+    def move(self, v: np.ndarray, arms: list[np.ndarray]) -> None:
+        """Write the rates of the massless nodes to v (n, size), from those of the others."""
+        for one, arm in zip(self._levels[::-1], arms[::-1], strict=True):
+            spin = v[:, one.a[:, 2]]
+            v[:, one.b[:, 0]] = v[:, one.a[:, 0]] - spin * arm[..., 1]
+            v[:, one.b[:, 1]] = v[:, one.a[:, 1]] + spin * arm[..., 0]
+            v[:, one.b[:, 2]] = spin
+
+    def complete(
+        self, entries: np.ndarray, multipliers: np.ndarray, arms: list[np.ndarray]
+    ) -> None:
+        """Write the multipliers (n, rows) of the rigid joints: those balance the others at b."""
+        forces = (entries[:, self._entries] * multipliers[:, self._row]) @ self._to_dofs
+        for one, arm in zip(self._levels, arms, strict=True):
+            of_b = forces[:, one.b]
+            multipliers[:, one.rows] = -of_b
+            x, y, moment = np.moveaxis(of_b, -1, 0)
+            moment = moment + arm[..., 0] * y - arm[..., 1] * x
+            carried = np.stack([x, y, moment])
+            np.add.at(forces.T, one.a.T, carried.swapaxes(1, 2))
+
+
+def _levels(scene: Scene, mesh: Mesh, massless: np.ndarray) -> list[list[Joint]]:
+    """The rigid joints of massless nodes b, those first whose node a is none of them."""
+    of_b: dict[int, Joint] = {}
+    for joint in scene.joints:
+        node = joint.b.number
+        if not _is_rigid(joint) or node in of_b or not massless[mesh.dofs[node]].all():
+            continue
+        carrier = joint.a.number
+        while carrier in of_b:
+            carrier = of_b[carrier].a.number
+        if carrier != node:
+            of_b[node] = joint
+    levels: list[list[Joint]] = []
+    for joint in of_b.values():
+        depth, carrier = 0, joint.a.number
+        while carrier in of_b:
+            depth, carrier = depth + 1, of_b[carrier].a.number
+        levels += [[] for _ in range(depth + 1 - len(levels))]
+        levels[depth].append(joint)
+    return levels
+
+
+def _is_rigid(joint: Joint) -> bool:
+    fixed = joint.slide is None and joint.rotation is None and not isinstance(joint, SlidingJoint)
+    return fixed and GROUND not in (joint.a, joint.b)

@@ -1,0 +1,390 @@
+"""Rates and forces of bodies and of other couplings that change with the motion."""
+
+import numpy as np
+import pytest
+from scipy.integrate import solve_ivp
+
+import fx_beam as fb
+from fx_beam.coupling import fitted_rates
+from fx_beam.model.model import Model
+
+G = 9.81
+SOLVERS = pytest.mark.parametrize("solver", ["compiled", "petsc"])
+# A rigid pendulum: mass, moment of inertia, distance of the centre from the pin, first spin.
+M, J, A, SPIN = 2.0, 0.3, 0.8, 4.0
+
+
+def pendulum():
+    scene = fb.Scene(gravity=(0, -G))
+    body = scene.add_body((A, 0), M, J, points={"pin": (0, 0)})
+    pin = scene.add_joint(fb.Revolute(fb.GROUND, body["pin"]))
+    scene.set_velocity(body, (0, A * SPIN), SPIN)
+    return scene, body, pin
+
+
+def errors(scheme, dt, solver="auto", t_end=0.4):
+    """Largest errors of the pendulum's rates, and those (n, 2) of the mean force of its pin."""
+    scene, body, pin = pendulum()
+    found = fb.simulate(scene, scheme, dt=dt, t_end=t_end, solver=solver)
+
+    def slope(t, y):
+        return y[1], -M * G * A * np.cos(y[0]) / (J + M * A**2)
+
+    exact = solve_ivp(slope, (0, found.t[-1]), (0, SPIN), "DOP853", found.t, rtol=1e-13, atol=1e-14)
+    psi, spin = exact.y
+    v = A * spin[:, None] * np.column_stack([-np.sin(psi), np.cos(psi)])
+    rates = {
+        "velocity": found.velocity(body.centre) - v,
+        "spin": found.spin(body.centre) - spin,
+        "spin of the joint": found.joint(pin).spin - spin,
+        "momentum": found.linear_momentum - M * v,
+        "angular momentum": found.angular_momentum - (J + M * A**2) * spin,
+    }
+    mean = M * np.diff(v, axis=0) / dt + (0, M * G)
+    forces = found.joint(pin).force[1:, :2] - mean
+    assert abs(found.energy.balance_error).max() < 1e-12 * found.energy.kinetic[0]
+    return {name: abs(error).max() for name, error in rates.items()}, forces
+
+
+def alternating(errors):
+    """The part that changes its sign from row to row."""
+    return abs(errors[2:] - 2 * errors[1:-1] + errors[:-2]).max() / 4
+
+
+@pytest.mark.parametrize(
+    ("scheme", "solver"),
+    [
+        (fb.EnergyMomentum(), "compiled"),
+        (fb.EnergyMomentum(), "petsc"),
+        (fb.MidPoint(), "compiled"),
+        (fb.ModifiedMidPoint(), "compiled"),
+        (fb.EnergyDecaying(0.5), "compiled"),
+    ],
+)
+def test_rates_and_forces_of_a_rigid_pendulum_are_of_order_two_and_do_not_alternate(scheme, solver):
+    coarse, fine = (errors(scheme, dt, solver) for dt in (0.01, 0.005))
+    for name, error in coarse[0].items():
+        assert np.log2(error / fine[0][name]) > 1.9, name
+    assert np.log2(abs(coarse[1]).max() / abs(fine[1]).max()) > 1.9
+    assert abs(fine[1]).max() < 1e-3  # of 26 N
+    assert alternating(fine[1]) < 0.03 * abs(fine[1]).max()
+
+
+@pytest.mark.parametrize("scheme", [fb.EnergyMomentum(order=4), fb.MidPoint(order=4)])
+def test_all_rates_of_a_rigid_pendulum_are_of_order_four_with_order_four(scheme):
+    coarse, fine = (errors(scheme, dt) for dt in (0.01, 0.005))
+    for name, error in coarse[0].items():
+        assert np.log2(error / fine[0][name]) > 3.8, name
+    assert np.log2(abs(coarse[1]).max() / abs(fine[1]).max()) > 2.8
+    assert abs(fine[1]).max() < 5e-6
+
+
+def driven_pendulum(motor):
+    """A pendulum on a support that moves along x, by a prescribed motion or a motor."""
+    scene = fb.Scene(gravity=(0, -G))
+    carriage = scene.add_body((0, 0), 1.0, 0.1)
+    body = scene.add_body((0, -A), M, J, points={"pin": (0, 0)})
+    scene.add_joint(fb.Revolute(carriage.centre, body["pin"]))
+    rail = fb.Prismatic(fb.GROUND, carriage.centre, axis=(1, 0), motor=place if motor else None)
+    rail = scene.add_joint(rail)
+    if not motor:
+        scene.prescribe(carriage.centre, x=place)
+    return scene, body, rail, carriage
+
+
+def place(t):
+    return 0.1 * (1 - np.cos(3 * t)) * t
+
+
+@pytest.mark.parametrize("motor", [True])
+def test_the_force_of_a_motor_is_of_order_two_and_does_not_alternate(motor):
+    found = {}
+    for dt in (0.02, 0.01):
+        scene, body, rail, _ = driven_pendulum(motor)
+        solution = fb.simulate(scene, dt=dt, t_end=0.8)
+        t = solution.t
+
+        def slope(t, y):
+            h = 1e-4
+            bend = (place(t + h) - 2 * place(t) + place(t - h)) / h**2
+            return y[1], -M * A * (G * np.sin(y[0]) + bend * np.cos(y[0])) / (J + M * A**2)
+
+        exact = solve_ivp(slope, (0, t[-1]), (0, 0), "DOP853", t, rtol=1e-12, atol=1e-13)
+        psi, spin = exact.y
+        h = 1e-5
+        rate = np.append(0.0, [(place(s + h) - place(s - h)) / (2 * h) for s in t[1:]])
+        momentum = (1 + M) * rate + M * A * np.cos(psi) * spin
+        found[dt] = solution.joint(rail).motor_force[1:] - np.diff(momentum) / dt
+    assert np.log2(abs(found[0.02]).max() / abs(found[0.01]).max()) > 1.8
+    assert alternating(found[0.01]) < 0.05 * abs(found[0.01]).max()
+
+
+def double_pendulum():
+    """Two bodies with a damper between them; the first starts with spin."""
+    scene = fb.Scene(gravity=(0, -G))
+    first = scene.add_body((0.4, 0), 2.0, 0.1, points={"o": (0, 0), "p": (0.8, 0)})
+    second = scene.add_body((1.1, 0), 1.0, 0.05, points={"q": (0.8, 0)})
+    scene.add_joint(fb.Revolute(fb.GROUND, first["o"]))
+    scene.add_joint(fb.Revolute(first["p"], second["q"], damper=fb.Damper(0.05)))
+    scene.set_velocity(first, (0, 1.2), 3.0)
+    scene.set_velocity(second, (0, 1.5), -3.0)
+    return scene
+
+
+def four_bar():
+    scene = fb.Scene(gravity=(0, -G))
+    ends = [(0, 0), (0.3, 0.4), (1.0, 0.5), (1.0, 0)]
+    bars = [
+        scene.add_body((np.array(a) + b) / 2, 1.0, 0.05, points={"a": a, "b": b})
+        for a, b in zip(ends[:-1], ends[1:], strict=True)
+    ]
+    scene.add_joint(fb.Revolute(fb.GROUND, bars[0]["a"]))
+    for one, other in zip(bars[:-1], bars[1:], strict=True):
+        scene.add_joint(fb.Revolute(one["b"], other["a"]))
+    scene.add_joint(fb.Revolute(fb.GROUND, bars[-1]["b"]))
+    return scene
+
+
+def free_chain():
+    scene = fb.Scene()
+    bars = [
+        scene.add_body((x + 0.5, 0), 1.0 + x / 3, 0.1, points={"a": (x, 0), "b": (x + 1, 0)})
+        for x in range(3)
+    ]
+    for one, other in zip(bars[:-1], bars[1:], strict=True):
+        scene.add_joint(fb.Revolute(one["b"], other["a"]))
+    scene.set_velocity(bars[0], (0, 1), 2.0)
+    scene.make_velocities_compatible()
+    return scene
+
+
+def slider_crank():
+    """A motor turns a crank; its rod moves a slide."""
+    scene = fb.Scene(gravity=(0, -G))
+    crank = scene.add_body((0.1, 0), 1.0, 0.01, points={"o": (0, 0), "p": (0.2, 0)})
+    rod = scene.add_body((0.5, 0), 2.0, 0.05, points={"q": (0.2, 0), "r": (0.8, 0)})
+    slide = scene.add_body((0.8, 0), 1.5, 0.01)
+    scene.add_joint(fb.Revolute(fb.GROUND, crank["o"], motor=lambda t: 5 * t + t**2))
+    scene.add_joint(fb.Revolute(crank["p"], rod["q"]))
+    scene.add_joint(fb.Revolute(rod["r"], slide.centre))
+    scene.add_joint(fb.Prismatic(fb.GROUND, slide.centre, axis=(1, 0)))
+    scene.make_velocities_compatible()
+    return scene
+
+
+SCENES = (double_pendulum, four_bar, free_chain, slider_crank)
+KINDS = ("v", "linear_momentum", "angular_momentum", "joint_forces", "motor_forces")
+
+
+@pytest.mark.parametrize("build", SCENES)
+def test_rates_and_forces_of_bodies_converge_with_the_order_of_the_scheme(build):
+    def rows(dt, order):
+        found = fb.simulate(build(), fb.EnergyMomentum(order=order), dt=dt, t_end=0.2)
+        energy, each = found.energy, round(0.01 / dt)
+        if dt > 1e-3:  # round-off grows with the number of steps
+            assert abs(energy.balance_error).max() < 1e-12 * (1 + energy.kinetic.max())
+        means = (
+            getattr(found, name)[1:].reshape(-1, each, *getattr(found, name).shape[1:]).mean(1)
+            for name in KINDS[3:]
+        )
+        return *(getattr(found, name)[::each] for name in KINDS[:3]), *means
+
+    exact = rows(0.000625, 4)
+    for order, least in ((2, 1.9), (4, 2.8)):
+        coarse, fine = (
+            [abs(one - other).max() for one, other in zip(rows(dt, order), exact, strict=True)]
+            for dt in (0.01, 0.005)
+        )
+        for name, large, small in zip(KINDS, coarse, fine, strict=True):
+            if small > 1e-8:  # what is kept, and where round-off remains
+                wanted = least if "forces" in name else min(order, 3.7) - 0.1
+                assert np.log2(large / small) > wanted, (order, name)
+
+
+@pytest.mark.parametrize("build", SCENES)
+def test_points_of_bodies_move_with_their_centres_and_joints_stay_together(build):
+    scene = build()
+    found = fb.simulate(scene, dt=0.01, t_end=0.5)
+    for body in scene.bodies:
+        v, spin = found.velocity(body.centre), found.spin(body.centre)
+        for point in body.points.values():
+            x, y = (found.position(point) - found.position(body.centre)).T
+            expected = v + spin[:, None] * np.column_stack([-y, x])
+            assert found.velocity(point) == pytest.approx(expected, abs=1e-12)
+            assert found.spin(point) == pytest.approx(spin, abs=1e-12)
+    for joint in scene.joints:
+        if joint.kind == "Revolute":
+            ends = [0 if n is fb.GROUND else found.velocity(n) for n in (joint.a, joint.b)]
+            assert abs(ends[1] - ends[0]).max() < 1e-11
+
+
+def sleeves():
+    """Two bodies that slide on a swinging beam, one of which turns with it; a beam on an arm."""
+    scene = fb.Scene(gravity=(0, -G))
+    made = fb.Section(EA=1e3, GA=1e3, EI=10.0, rhoA=1.0, rhoI=1e-2)
+    bar = scene.add_beam([(0, 0), (1, 0)], made, elements=4)
+    scene.pin(bar.start)
+    beads = [scene.add_body((x, 0), 0.5, 0.01) for x in (0.25, 0.5)]
+    scene.add_joint(fb.Sleeve(bar, beads[0].centre, motor=lambda t: t**2))
+    scene.add_joint(fb.Slider(bar, beads[1].centre))
+    tail = scene.add_beam([(1, 0.2), (1.5, 0.2)], made, elements=2)
+    scene.add_joint(fb.Revolute(bar.end, tail.start, offset=(0, 0.2)))
+    return scene
+
+
+@pytest.mark.parametrize("build", [sleeves, *SCENES])
+def test_fitted_rates_change_neither_momentum_that_is_free_nor_take_work(build):
+    """c = v* - v is orthogonal in the mass to all rates that joints and supports allow."""
+    scene = build()
+    model = Model(scene, fb.EnergyMomentum())
+    found = fb.simulate(scene, dt=0.01, t_end=0.12)
+    q, fits = model.from_nodes(found.q[-1]), model.fitted_rates
+    v = np.cos(np.arange(model.size) ** 2)
+    driven = np.ones((1, model.reduction.driven))
+    fit = fits.fit(q[None], v[None], found.slides[-1:], driven)
+    model.reduction.begin(q, found.slides[-1])
+    model.reduction.expand(np.zeros(model.reduction.free), np.zeros(model.reduction.driven))
+    T, free = model.reduction.coupling(), model.reduction.free
+    own = model.reduction.independent
+    assert abs(T.T @ (model.mass @ fit.corrections[0]))[own].max(initial=0.0) < 1e-10
+    w = np.linalg.lstsq(T.toarray(), fit.rates[0], rcond=None)[0]
+    assert T @ w == pytest.approx(fit.rates[0], abs=1e-9)
+    assert w[free : free + model.reduction.driven] == pytest.approx(driven[0], abs=1e-8)
+
+
+@pytest.mark.parametrize("build", [double_pendulum, four_bar, slider_crank])
+def test_all_ways_to_solve_for_fitted_rates_agree(build, monkeypatch):
+    scene = build()
+    found = fb.simulate(scene, dt=0.01, t_end=0.1)
+    fits = []
+    for small, widest in ((fitted_rates._SMALL, 0), ((0, 0), 60), ((0, 0), 0)):
+        monkeypatch.setattr(fitted_rates, "_SMALL", small)
+        monkeypatch.setattr(fitted_rates, "_WIDEST", widest)
+        model = Model(scene, fb.EnergyMomentum())
+        q = np.array([model.from_nodes(row) for row in found.q])
+        v = np.cos(np.arange(q.size)).reshape(q.shape)
+        driven = np.ones((len(q), model.reduction.driven))
+        fits.append(model.fitted_rates.fit(q, v, found.slides, driven))
+        assert (
+            model.fitted_rates._solve.__name__
+            == f"_by_{('full_matrices', 'bands', 'sparse_matrices')[len(fits) - 1]}"
+        )
+    for other in fits[1:]:
+        for one, two in zip(fits[0], other, strict=True):
+            assert two == pytest.approx(one, abs=1e-10)
+
+
+@SOLVERS
+def test_a_restart_from_a_file_has_the_rates_and_forces_of_an_unbroken_run(solver, tmp_path):
+    whole = fb.simulate(slider_crank(), dt=0.004, t_end=0.2, solver=solver)
+    half = fb.simulate(slider_crank(), dt=0.004, t_end=0.1, solver=solver)
+    half.save(tmp_path / "half.npz")
+    rest = fb.simulate(
+        slider_crank(), dt=0.004, t_end=0.2, solver=solver, start=fb.load(tmp_path / "half.npz")
+    )
+    for name in ("q", "v", "a", *KINDS[1:]):
+        ours, theirs = getattr(rest, name), getattr(whole, name)[25:]
+        assert ours == pytest.approx(theirs, abs=1e-8), name
+
+
+def test_rows_of_some_steps_without_motion_have_the_same_forces():
+    whole = fb.simulate(slider_crank(), dt=0.004, t_end=0.1)
+    record = fb.Record(every=4, motion=False, rates=False)
+    some = fb.simulate(slider_crank(), dt=0.004, t_end=0.1, record=record)
+    assert not some.has_motion
+    assert not some.has_rates
+    for name in KINDS[1:]:
+        rows = getattr(whole, name)[[*range(0, 25, 4), 25]]
+        assert getattr(some, name) == pytest.approx(rows, abs=1e-9), name
+
+
+@SOLVERS
+@pytest.mark.parametrize("build", [double_pendulum, slider_crank])
+def test_outputs_of_a_motion_are_those_of_its_record_also_after_a_return(build, solver):
+    scene = build()
+    joint, body = scene.joints[-1], scene.bodies[-1]
+    outputs = {
+        "force": fb.Output("force", joint),
+        "velocity": fb.Output("velocity", body.centre),
+        "acceleration": fb.Output("acceleration", body.centre),
+        "spin": fb.Output("spin", joint),
+    }
+    motion = fb.Motion(scene, dt=0.004, outputs=outputs, record=fb.Record(), solver=solver)
+    rows = [motion.outputs, *(motion.step() for _ in range(10))]
+    snapshot, state = motion.snapshot(), motion.state
+    rows += [motion.step() for _ in range(10)]
+    found = motion.solution()
+    expected = {
+        "force": found.joint(joint).force,
+        "velocity": found.velocity(body.centre),
+        "acceleration": found.acceleration(body.centre),
+        "spin": found.joint(joint).spin,
+    }
+    for name, values in expected.items():
+        assert np.array([row[name] for row in rows]) == pytest.approx(values, abs=1e-9), name
+    assert state.v[-1] == pytest.approx(found.v[10], abs=1e-9)
+    assert state.joint_forces[-1] == pytest.approx(found.joint_forces[10], abs=1e-9)
+    motion.restore(snapshot)
+    for row in rows[11:]:
+        again = motion.step()
+        assert all(np.allclose(again[name], row[name], atol=1e-8) for name in outputs)
+
+
+def test_a_driven_input_gives_the_forces_of_the_same_motion_along_straight_lines():
+    places = 0.1 * (0.01 * np.maximum(np.arange(21) - 1, 0)) ** 2  # at rest in the first step
+    moved = []
+    for given in (fb.Input("x"), lambda t: np.interp(t, 0.01 * np.arange(21), places)):
+        scene = fb.Scene(gravity=(0, -G))
+        cart = scene.add_body((0, 0), 1.0, 0.1)
+        bob = scene.add_body((0, -0.5), 1.0, 0.05, points={"q": (0, 0)})
+        rail = fb.Prismatic(fb.GROUND, cart.centre, axis=(1, 0), motor=given)
+        rail = scene.add_joint(rail)
+        scene.add_joint(fb.Revolute(cart.centre, bob["q"]))
+        moved.append((scene, rail))
+    (scene, rail), (known, same) = moved
+    motion = fb.Motion(
+        scene, dt=0.01, outputs={"push": fb.Output("motor_force", rail)}, record=fb.Record()
+    )
+    pushes = [motion.step({"x": x})["push"] for x in places[1:]]
+    found = fb.simulate(known, dt=0.01, t_end=0.2)
+    assert pushes[1:] == pytest.approx(found.joint(same).motor_force[2:], abs=1e-8)
+    assert motion.solution().joint(rail).motor_force[1:] == pytest.approx(pushes, abs=1e-10)
+
+
+def jacobian(x):
+    """Of the double pendulum's accelerations, by angles and spins, by complex steps."""
+    m1, j1, l1, a1, m2, j2, a2, c = 2.0, 0.1, 0.8, 0.4, 1.0, 0.05, 0.3, 0.05
+
+    def slopes(x):
+        p1, p2, w1, w2 = x
+        m11, m22 = j1 + m1 * a1**2 + m2 * l1**2, j2 + m2 * a2**2
+        m12, h = (m2 * l1 * a2 * part(p2 - p1) for part in (np.cos, np.sin))
+        f1 = h * w2**2 - (m1 * a1 + m2 * l1) * G * np.cos(p1) + c * (w2 - w1)
+        f2 = -h * w1**2 - m2 * a2 * G * np.cos(p2) - c * (w2 - w1)
+        return np.array([w1, w2, *np.linalg.solve([[m11, m12], [m12, m22]], [f1, f2])])
+
+    return np.array([slopes(x + 1e-30j * unit).imag / 1e-30 for unit in np.eye(4)]).T
+
+
+@pytest.mark.parametrize("stepwise", [False, True])
+def test_a_double_pendulum_of_bodies_with_a_damper_is_linearised_as_by_hand(stepwise):
+    scene = double_pendulum()
+    if stepwise:
+        motion = fb.Motion(scene, dt=0.004)
+        motion.run(0.4)
+        at, last = motion, motion.state
+    else:
+        at = last = fb.simulate(scene, dt=0.004, t_end=0.4)
+    first, second = (body.centre for body in scene.bodies)
+    outputs = {
+        f"{what}{i}": fb.Output(what, node)
+        for what in ("rotation", "spin")
+        for i, node in enumerate((first, second))
+    }
+    system = fb.linearise(scene, at, outputs=outputs)
+    x = np.array(
+        [getattr(last, what)(node)[-1] for what in ("rotation", "spin") for node in (first, second)]
+    )
+    found = system.C @ system.A @ np.linalg.inv(system.C)
+    assert found == pytest.approx(jacobian(x), abs=1e-9)
+    assert abs(system.deviation(at)).max() < 1e-9
