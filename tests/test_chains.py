@@ -215,3 +215,37 @@ def test_joints_of_a_hanging_chain_carry_the_weight_below(solver):
     for below, joint in enumerate(reversed(hinges), start=1):
         force, weight = solution.joint(joint).force, below * MASS * GRAVITY
         assert force[1:] == pytest.approx(np.tile([0, weight, 0], (5, 1)), abs=1e-9)
+
+
+def add_parallelogram(scene, x):
+    """Four bars of bodies in a loop."""
+    corners = [(x, 0.0), (x, 0.2), (x + 0.3, 0.2), (x + 0.3, 0.0)]
+    bars = [add_link(scene, *ends, 1e-3) for ends in zip(corners, corners[1:], strict=False)]
+    scene.pin(bars[0]["start"])
+    for one, other in zip(bars, bars[1:], strict=False):
+        scene.add_joint(fb.Revolute(one["end"], other["start"]))
+    scene.add_joint(fb.Revolute(fb.GROUND, bars[2]["end"]))
+
+
+def add_slider(scene, x):
+    """A body that slides on a beam."""
+    section = fb.Section(EA=1e5, EI=1.0, GA=1e5, rhoA=0.1, rhoI=1e-4)
+    line = scene.add_beam([(x, 1.0), (x + 1, 1.0)], section, elements=4)
+    scene.pin(line.start)
+    scene.pin(line.end)
+    body = scene.add_body((x + 0.5, 0.9), MASS, 1e-3, points={"hook": (x + 0.5, 1.0)})
+    scene.add_joint(fb.Slider(line, body["hook"]))
+
+
+@pytest.mark.parametrize("add", [add_parallelogram, add_slider])
+@pytest.mark.parametrize("solver", ["compiled", "petsc"])
+def test_a_chain_moves_alike_beside_loops_and_sliders(add, solver):
+    alone, ends = chain(15)
+    expected = fb.simulate(alone, dt=0.002, t_end=0.02).position(ends[-1])
+    scene, ends = chain(15)
+    add(scene, 5.0)
+    add(scene, 7.0)
+    assert len(Model(scene, fb.EnergyMomentum()).couplings.ties)
+    found = fb.simulate(scene, dt=0.002, t_end=0.02, solver=solver)
+    assert found.position(ends[-1]) == pytest.approx(expected, abs=1e-11)
+    assert abs(found.energy.balance_error).max() < 1e-11 * found.energy.kinetic.max()

@@ -274,8 +274,8 @@ class Problem:
                 setattr(p, name, value)
             self._ints(**loops.ints, **{name: at[k] for name, k in loops.places.items()})
             self._doubles(**loops.doubles)
-        padding = [*factors.padding, *self._hand_over_ties(t.ties, at)]
         at, stored = storage_of(reduction, at, stored)
+        padding = [*factors.padding, *self._hand_over_ties(t.ties, at)]
         place, p.places = places_of_entries(t, self.model.forms.stiffness, alone, at, stored)
         self._kept(hand_over_sliders(self.ffi, p, reduction, at, self._pointer))
         p.band, p.chain, p.reacting = factors.band, factors.chain, np.count_nonzero(~alone)

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
+import scipy.sparse
 
 from fx_beam.errors import SceneError
 from fx_beam.fem.mesh import Mesh
@@ -150,8 +151,11 @@ def couple(scene: Scene, mesh: Mesh) -> Couplings:
     columns = _Columns(scene, mesh, forests)
     moving = [b.joint for b in forests[0] if not b.joint.is_index]
     moving += [joint for joint in closing[0] if not joint.is_index]
-    whole = any(closing[:2]) or columns.carried
-    sums = _Sums(mesh, columns, forests, moving, tied=not whole)
+    # What closes loops or slides on beams refers to all columns on which it depends.
+    whole = {node.number for joints in closing for joint in joints for node in (joint.a, joint.b)}
+    for joint in sliding_joints(scene.joints):
+        whole |= {joint.b.number, *mesh.nodes_of(scene, joint.beam).tolist()}
+    sums = _Sums(mesh, columns, forests, moving, whole)
     column = np.empty(mesh.dofs.size, dtype=int)
     column[mesh.dofs] = columns.of_roots
     of_sums, arms = {}, {}
@@ -191,9 +195,9 @@ class _Sums:
         columns: _Columns,
         forests: list[list[Branch]],
         moving: list[Joint],
-        tied: bool,
+        whole: set[int],
     ):
-        self._dofs, self._columns, self._tied = mesh.dofs, columns, tied
+        self._dofs, self._columns = mesh.dofs, columns
         self._number = {joint.number: m for m, joint in enumerate(moving)}
         ground = [(columns.of[_GROUND], 0, 1.0)] if _GROUND in columns.of else []
         #: Entries and arms of the nodes that follow through a joint, by node and component.
@@ -201,12 +205,13 @@ class _Sums:
             (GROUND.number, i): (ground, []) for i in range(3)
         }
         self.ties: list[Tie] = []
+        whole = _connected(forests, whole)
         for i in (2, 0, 1):
-            long = self._in_long_trees(forests[i], i)
+            tied = self._in_long_trees(forests[i], i) - whole
             for branch in forests[i]:
                 own, arms = self._at(branch.parent, i)
                 more, through = self._of_joint(branch.joint, i, branch.sign)
-                self._set((branch.node, i), own + more, arms + through, branch.node in long)
+                self._set((branch.node, i), own + more, arms + through, branch.node in tied)
 
     def _at(self, node: int, component: int) -> tuple[list[Entry], list[int]]:
         root = int(self._columns.of_roots[node, component]) if node >= 0 else -1
@@ -238,8 +243,6 @@ class _Sums:
 
     def _in_long_trees(self, forest: list[Branch], i: int) -> set[int]:
         """Nodes of trees in which a sum has many entries without ties."""
-        if not self._tied:
-            return set()
         entries, roots = dict[int, int](), dict[int, int]()
         most = dict[int, int]()
         for branch in forest:
@@ -260,6 +263,18 @@ class _Sums:
                 total[key[0], key[1]] = total.get((key[0], key[1]), 0.0) + side * sign
         gap = [(at, value, sign) for (at, value), sign in total.items() if sign]
         return Closure(joint, i, gap)
+
+
+def _connected(forests: list[list[Branch]], nodes: set[int]) -> set[int]:
+    """Nodes of trees that contain one of these nodes; the ground connects nothing."""
+    pairs = [(b.node, b.parent) for forest in forests for b in forest if b.parent >= 0]
+    if not nodes or not pairs:
+        return set()
+    size = 1 + max(map(max, pairs))
+    matrix = scipy.sparse.coo_matrix((np.ones(len(pairs)), np.transpose(pairs)), (size, size))
+    _, tree = scipy.sparse.csgraph.connected_components(matrix, directed=False)
+    found = np.isin(tree, tree[[node for node in nodes if 0 <= node < size]])
+    return set(np.flatnonzero(found).tolist())
 
 
 class _Columns:

@@ -21,7 +21,8 @@ _QUARTER_TURN = np.array([-1.0, 1.0])
 class JointReduction(WithoutLoops):
     """Reduction for joints whose coupling changes with the motion, motors, springs and dampers.
 
-    `matrix` has the sparsity of the full tangent. In the linear system each tie has two unknowns,
+    `matrix` has the sparsity of the full tangent; those of its entries that are not `used` remain
+    zero. In the linear system each tie has two unknowns,
     its displacement u and the force on what it follows. Their rows are the tie's equation, and the
     balance of u.
     """
@@ -33,6 +34,7 @@ class JointReduction(WithoutLoops):
         rates: Rates,
         dofs: np.ndarray,
         matrix,
+        used: np.ndarray,
         sliders: Sliders | None = None,
     ):
         self.sliders = sliders
@@ -44,7 +46,8 @@ class JointReduction(WithoutLoops):
         #: no unknown.
         self._index, self._row_index = self.ties.columns_of_unknowns, self.ties.rows_of_unknowns
         if sliders is not None:
-            self._index = self._row_index = sliders.index
+            for index in (self._index, self._row_index):
+                index[couplings.independent : self.columns] = sliders.index[couplings.independent :]
         self._rates, self._actuators, self._dofs = rates, actuators, dofs
         self._size = matrix.shape[0]
         self._z = np.zeros(self.columns + len(self.ties))
@@ -54,7 +57,7 @@ class JointReduction(WithoutLoops):
         constant = places == 0
         self._linear = tuple(part[constant] for part in (rows, columns, signs))
         self._build_joints(couplings)
-        self._build_products(couplings, matrix)
+        self._build_products(couplings, matrix, used)
 
     def _build_joints(self, couplings: Couplings) -> None:
         moving = couplings.moving
@@ -75,7 +78,7 @@ class JointReduction(WithoutLoops):
         self._below, self._through = np.array(pairs, dtype=int).reshape(-1, 2).T
         self._values, self._hat = (np.ones(1 + 4 * len(moving)) for _ in range(2))
 
-    def _build_products(self, couplings: Couplings, matrix) -> None:
+    def _build_products(self, couplings: Couplings, matrix, used: np.ndarray) -> None:
         """Positions of all products That[i, a] K[i, j] T[j, b] in the reduced tangent."""
         free = self.free
         geometric = []
@@ -89,7 +92,7 @@ class JointReduction(WithoutLoops):
         restoring = self._actuators.pairs(self._index)
 
         moves = self._index[self._col] >= 0
-        source, left, right = _products(self._row, moves, matrix.indptr, matrix.indices)
+        source, left, right = _products(self._row, moves, used, matrix.indptr, matrix.indices)
         others = np.array([p[:2] for p in (*geometric, *restoring)], dtype=int).reshape(-1, 2)
         pairs = np.vstack([np.column_stack([self._col[left], self._col[right]]), others])
         rows, columns = self._row_index[pairs[:, 0]], self._index[pairs[:, 1]]
@@ -109,13 +112,13 @@ class JointReduction(WithoutLoops):
 
     def _set_pattern(self, rows: np.ndarray, columns: np.ndarray) -> np.ndarray:
         """Set the pattern; returns the places of entries in the tangent before the elimination."""
-        sliders, free = self.sliders, self.free
+        sliders, n = self.sliders, self.ties.unknowns
         if sliders is None:
-            self.pattern, place = sparsity(rows, columns, free + 2 * len(self.ties))
+            self.pattern, place = sparsity(rows, columns, n)
             return place
         sliders.add_to_pattern(rows, columns)
         i, j = np.divmod(sliders.keys[sliders.kept], sliders.size)
-        self.pattern, _ = sparsity(i, j, free)
+        self.pattern, _ = sparsity(i, j, n)
         self._tangent = np.zeros(len(sliders.keys) + 1)
         return sliders.places(rows, columns)
 
@@ -368,9 +371,9 @@ class JointReduction(WithoutLoops):
 
 @kept
 def _products(
-    row: np.ndarray, moves: np.ndarray, indptr: np.ndarray, indices: np.ndarray
+    row: np.ndarray, moves: np.ndarray, used: np.ndarray, indptr: np.ndarray, indices: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Entries of K, in compressed rows, and the entries of That and T by which each is multiplied.
+    """Used entries of K, in compressed rows, and the entries of That and T by which to multiply.
 
     From the rows of That's entries, and whether they move.
     """
@@ -378,7 +381,7 @@ def _products(
     count = np.bincount(row[moving], minlength=size)
     first = np.cumsum(count) - count
     i, j = np.repeat(np.arange(size), np.diff(indptr)), indices
-    products = count[i] * count[j]
+    products = count[i] * count[j] * used
     source = np.repeat(np.arange(len(j)), products)
     number = np.arange(len(source)) - np.repeat(np.cumsum(products) - products, products)
     i, j = i[source], j[source]

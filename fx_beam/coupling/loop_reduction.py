@@ -42,10 +42,11 @@ class LoopReduction(JointReduction):
         rates: Rates,
         dofs: np.ndarray,
         matrix,
+        used: np.ndarray,
         unit: np.ndarray,
         sliders: Sliders | None = None,
     ):
-        super().__init__(couplings, actuators, rates, dofs, matrix, sliders)
+        super().__init__(couplings, actuators, rates, dofs, matrix, used, sliders)
         self._closures, self._places = couplings.closures, couplings.places
         rows = [(k, *entry) for k, one in enumerate(self._closures) for entry in one.entries]
         k, columns, places, signs = np.array(rows, dtype=float).reshape(-1, 4).T
@@ -88,17 +89,18 @@ class LoopReduction(JointReduction):
         """Sparsity with the products that the loops add, and the place of each entry in it."""
         self._inner = self.pattern
         ones = np.ones(len(self._inner[1]))
-        A = scipy.sparse.csr_matrix((ones, self._inner[1], self._inner[0]), (self.free,) * 2)
+        n = self.ties.unknowns
+        A = scipy.sparse.csr_matrix((ones, self._inner[1], self._inner[0]), (n, n))
         loop = self.loop
-        full = scipy.sparse.lil_matrix((self.free, self.free))
+        full = scipy.sparse.lil_matrix((n, n))
         full.setdiag(1.0)
         full[np.ix_(loop, loop)] = 1.0
         full = full.tocsr()
         pattern = (full.T @ A @ full + full).tocoo()
-        self.pattern, _ = sparsity(pattern.row, pattern.col, self.free)
+        self.pattern, _ = sparsity(pattern.row, pattern.col, n)
         indptr, indices = self.pattern
-        #: Numbers of the entries in increasing order: row times free plus column.
-        self._keys = np.repeat(np.arange(self.free), np.diff(indptr)) * self.free + indices
+        #: Numbers of the entries in increasing order: row times unknowns plus column.
+        self._keys = np.repeat(np.arange(n), np.diff(indptr)) * n + indices
 
     @property
     def independent(self) -> np.ndarray:
@@ -227,15 +229,19 @@ class LoopReduction(JointReduction):
         indptr, indices = self._inner
         inner = np.empty(len(indices))
         super().fill(values, self.closed(r), inner)
-        free, d = self.free, self._following
-        A = scipy.sparse.csr_matrix((inner, indices, indptr), (free, free))
-        S, hat = (self._completion(v)[:free, :free] for v in (self._values, self._hat))
+        free, n, d = self.free, self.ties.unknowns, self._following
+        A = scipy.sparse.csr_matrix((inner, indices, indptr), (n, n))
+        others = scipy.sparse.identity(n - free)
+        S, hat = (
+            scipy.sparse.block_diag([self._completion(v)[:free, :free], others], "csr")
+            for v in (self._values, self._hat)
+        )
         A = (hat.T @ A @ S).tocoo()
         out[:] = 0.0
-        out[np.searchsorted(self._keys, A.row * free + A.col)] = A.data
-        out[np.searchsorted(self._keys, d * free + d)] = 1.0
+        out[np.searchsorted(self._keys, A.row * n + A.col)] = A.data
+        out[np.searchsorted(self._keys, d * n + d)] = 1.0
         W = self._ratios(self._values)[:, self.loop]
-        at = d[:, None] * free + self.loop
+        at = d[:, None] * n + self.loop
         others = np.isin(self.loop, d, invert=True)
         out[np.searchsorted(self._keys, at[:, others])] = -W[:, others]
 
@@ -248,13 +254,15 @@ class LoopReduction(JointReduction):
             return tables  # theirs is another pattern, which is stored in these places
         names = "direct", "coupled", "geometric", "restoring"
         parts = {name: getattr(tables, name) for name in names}
-        return tables._replace(**{n: {**part, "to": at[part["to"]]} for n, part in parts.items()})
+        moved = {n: {**part, "to": at[part["to"]]} for n, part in parts.items()}
+        return tables._replace(**moved, ties=self.ties.tables(at[self._tied_place]))
 
     def places(self) -> np.ndarray:
         """Places of the entries of the trees' pattern in that with the loops."""
         indptr, indices = self._inner
-        rows = np.repeat(np.arange(self.free), np.diff(indptr))
-        return np.searchsorted(self._keys, rows * self.free + indices)
+        n = len(indptr) - 1
+        rows = np.repeat(np.arange(n), np.diff(indptr))
+        return np.searchsorted(self._keys, rows * n + indices)
 
     def loop_tables(self):
         """The closed loops as lists of numbers."""
@@ -290,12 +298,12 @@ class LoopReduction(JointReduction):
             "loop_unit": self.unit[self.loop],
             "arm_at_rest": self._rho_at_rest,
         }
-        free, loop = self.free, self.loop
-        rows, columns = self._keys // free, self._keys % free
+        n, loop = self.ties.unknowns, self.loop
+        rows, columns = self._keys // n, self._keys % n
         near = np.unique(columns[np.isin(rows, loop)])
 
         def places(i, j):
-            return np.searchsorted(self._keys, i * free + j)
+            return np.searchsorted(self._keys, i * n + j)
 
         at = {
             "near_loop": places(near[:, None], loop),

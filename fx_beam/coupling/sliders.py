@@ -79,12 +79,14 @@ class Sliders:
             Slide(joint, couplings, rates, mesh, mesh.nodes_of(scene, joint.beam))
             for joint in couplings.sliding
         ]
-        #: Index of each column among the unknowns and, behind them, the sliding columns; or -1.
+        #: Index of each column among the unknowns and, behind them and the ties, the sliding
+        #: columns; or -1.
         free, first = couplings.free, couplings.independent
+        self._unknowns = free + 2 * len(couplings.ties)
         self.index = np.full(couplings.columns, -1)
         self.index[:free] = np.arange(free)
-        self.index[first:] = free + np.arange(couplings.columns - first)
-        self.size = free + couplings.columns - first
+        self.index[first:] = self._unknowns + np.arange(couplings.columns - first)
+        self.size = self._unknowns + couplings.columns - first
         rows, columns, places, signs = couplings.all_entries()
         #: Entries of the sliding columns: rows, positions of values, signs.
         self._entries = [
@@ -96,7 +98,7 @@ class Sliders:
 
     def add_to_pattern(self, rows: np.ndarray, columns: np.ndarray) -> np.ndarray:
         """Sorted keys (row * size + column) of all entries that the elimination meets."""
-        n, free = self.size, self._couplings.free
+        n = self.size
         pattern = _pattern(rows, columns, n)
         self._neighbours: list[np.ndarray] = [np.empty(0, int)] * len(self.all)
         for k, slide in reversed(list(enumerate(self.all))):
@@ -119,7 +121,7 @@ class Sliders:
         i = np.repeat(np.arange(n), np.diff(pattern.indptr))
         self.keys = i * n + pattern.indices
         #: The entries of the unknowns, whose pattern has these rows and columns.
-        self.kept = np.flatnonzero((i < free) & (pattern.indices < free))
+        self.kept = np.flatnonzero((i < self._unknowns) & (pattern.indices < self._unknowns))
         self._known: list[dict[int, Window]] = [{} for _ in self.all]
         return self.keys
 

@@ -62,6 +62,7 @@ class Forms(NodalForms):
         self.resultants_move = weak.resultants_move
         self.internal_shape = len(self._tags), self.fields.degree, weak.width
         self.matrix = dolfinx_api.create_matrix(self._tangent, self._mesh.mesh)
+        self.entries_of_beams = len(self.matrix.data)
         return with_blocks(self.matrix.data, self.matrix.indices, self.matrix.indptr, self.size)
 
     def _fields(self, damps: bool) -> dict[Any, Any]:

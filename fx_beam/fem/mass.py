@@ -49,7 +49,7 @@ class Mass:
         self.assembled += [_WORDS[name] for name in data]
         if self._scene.masses:
             row = np.repeat(np.arange(len(mass.indptr) - 1), np.diff(mass.indptr))
-            mass.data[row == mass.indices] += self._mesh.from_nodes(self._lumped())
+            mass.data[row == mass.indices] += self._mesh.from_nodes(self.lumped)
             self.assembled.append("lumped mass")
         return mass
 
@@ -62,7 +62,7 @@ class Mass:
         gravity = np.array([*self._scene.gravity, 0.0])
         if not self._at_rest:
             return self.matrix @ self._mesh.from_nodes(np.tile(gravity, (len(self._mesh.X), 1)))
-        return self._mesh.from_nodes(self._lumped() * gravity) + self._distributed_weight()
+        return self._mesh.from_nodes(self.lumped * gravity) + self._distributed_weight()
 
     def _distributed_weight(self) -> np.ndarray:
         """Weight (size,) of the beams, as a load, which needs no mass matrix."""
@@ -83,7 +83,8 @@ class Mass:
         """Distributed mass or inertia."""
         return section_data(self._mesh, self._scene, (name,), self._forms.fields.full_rule)
 
-    def _lumped(self) -> np.ndarray:
+    @functools.cached_property
+    def lumped(self) -> np.ndarray:
         """Lumped masses and inertias (n_node, 3) by the components that they resist."""
         lumped = np.zeros((len(self._mesh.X), 3))
         for node, mass, inertia in self._scene.masses:

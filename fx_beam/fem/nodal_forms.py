@@ -36,6 +36,8 @@ class NodalForms:
     resultants_need_rates = resultants_move = False
     #: Shape (cells, degree, width) of the internal variables; the width is zero without any.
     internal_shape: tuple[int, int, int] = 0, 1, 0
+    #: Number of entries of the tangent that belong to beams: the first ones.
+    entries_of_beams = 0
 
     def __init__(self, scene: Scene, scheme: Scheme, mesh: Mesh):
         self._scheme, self._mesh = scheme, mesh

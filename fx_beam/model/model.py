@@ -174,7 +174,8 @@ class Model:
             if self.couplings.sliding:
                 sliders = Sliders(scene, self.couplings, self.scheme.rates, self.mesh)
                 self.actuators.set_sliding({s.joint.number: s.dofs for s in sliders.all})
-            parts = self.couplings, self.actuators, self.scheme.rates, dofs, matrix
+            used = self._used_entries()
+            parts = self.couplings, self.actuators, self.scheme.rates, dofs, matrix, used
             if self.couplings.closures:
                 unit = self.unit_of_unknowns
                 self.reduction = loops = LoopReduction(*parts, unit, sliders)
@@ -184,6 +185,22 @@ class Model:
             else:
                 self.reduction = JointReduction(*parts, sliders)
             self.assembled.append("joints")
+
+    def _used_entries(self) -> np.ndarray:
+        """Whether an entry of the tangent may be other than zero: at many points of bodies none is.
+
+        The sparsity has all entries of nodes without beams.
+        """
+        forms, K = self.forms, self.forms.stiffness
+        used = np.arange(K.nnz) < forms.entries_of_beams
+        if type(self.scheme.rates) is NodalRates:  # they may couple the components at a node
+            return np.ones_like(used)
+        row = np.repeat(np.arange(self.size), np.diff(K.indptr))
+        used |= (row == K.indices) & (self.mesh.from_nodes(self._mass.lumped)[row] != 0)
+        for part in (forms.followers, forms.node_drag, forms.contact):
+            if part is not None:
+                used[part.places.ravel()] = True
+        return used
 
     # -- Numbering ------------------------------------------------------------------------------
 

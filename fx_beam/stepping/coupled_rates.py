@@ -40,7 +40,8 @@ class CoupledRates(Protocol):
 def coupled_rates(model: Model) -> CoupledRates:
     """The rates of a model, by the matrix T, or along its trees if they are long."""
     reduction = model.reduction
-    if isinstance(reduction, JointReduction) and len(reduction.ties):
+    # Along the trees alone: not with loops and sliding nodes.
+    if type(reduction) is JointReduction and reduction.sliders is None and len(reduction.ties):
         return TiedRates(reduction)
     return RatesByMatrix(reduction)
 

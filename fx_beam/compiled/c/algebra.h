@@ -77,7 +77,10 @@ static double row_times(const Problem *p, const double *tangent, int row, const 
 /* Value at a degree of freedom; zero for the ground, -1. */
 static inline double at(const double *x, int dof) { return dof < 0 ? 0 : x[dof]; }
 
-static void turn(double psi, double x, double y, double *out) {
-  double c = cos(psi), s = sin(psi);
+INLINED void rotate(double c, double s, double x, double y, double *out) {
   out[0] = c * x - s * y, out[1] = s * x + c * y;
+}
+
+static void turn(double psi, double x, double y, double *out) {
+  rotate(cos(psi), sin(psi), x, y, out);
 }

@@ -66,8 +66,9 @@ static void expand_columns(const Problem *p, const Work *w) {
     double d = at(p->slide, p->slide_of[j]);
     if (p->slide_column[j] >= 0) d += w->z[p->slide_column[j]];
     double *rho0 = w->rho0 + 2 * j, *rho1 = w->rho1 + 2 * j, *t0 = w->t0 + 2 * j, *t1 = w->t1 + 2 * j;
-    turn(w->psi0[j] + Dpsi, o[0] + d * e[0], o[1] + d * e[1], rho1);
-    turn(w->psi0[j] + Dpsi, e[0], e[1], t1);
+    double c = cos(w->psi0[j] + Dpsi), s = sin(w->psi0[j] + Dpsi);
+    rotate(c, s, o[0] + d * e[0], o[1] + d * e[1], rho1);
+    rotate(c, s, e[0], e[1], t1);
     double tangent = tan(Dpsi / 2), slope = p->rule == 0 ? 1 + tangent * tangent : 1;
     w->guide_slope[j] = slope;
     w->guide_bend[j] = p->rule == 0 ? tangent * slope : 0;

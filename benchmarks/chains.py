@@ -1,0 +1,120 @@
+"""Set-up, memory and time per step of chains, trees and loops of rigid bodies.
+
+    .venv/bin/python benchmarks/chains.py
+
+Each row runs in a process of its own. Processor times; the memory is what the run adds, with its
+record of all steps.
+"""
+
+import resource
+import subprocess
+import sys
+from math import cos, pi, sin
+from time import process_time
+
+import fx_beam as fb
+
+LENGTH, DT, STEPS = 0.1, 1e-3, 100
+SIZES = (1, 30, 100, 1000)
+
+
+def add_link(scene, start, end):
+    middle = ((start[0] + end[0]) / 2, (start[1] + end[1]) / 2)
+    return scene.add_body(middle, 1.0, 1e-3, points={"start": start, "end": end})
+
+
+def tree(parents, drop=0.0):
+    """Links, each of which hangs on the end of another (from 1 on), or on a pin (0)."""
+    scene, places, ends = fb.Scene(gravity=(0, -9.81)), [(0.0, 0.0)], [None]
+    for k, parent in enumerate(parents):
+        x, y = places[parent]
+        places.append((x + LENGTH, y - drop * (k % 2)))
+        link = add_link(scene, (x, y), places[-1])
+        if parent == 0:
+            scene.pin(link["start"])
+        else:
+            scene.add_joint(fb.Revolute(ends[parent], link["start"]))
+        ends.append(link["end"])
+    return scene
+
+
+def chain(n):
+    return tree(range(n))
+
+
+def binary_tree(n):
+    return tree([k // 2 for k in range(1, n + 1)], drop=LENGTH)
+
+
+def comb(n):
+    """A chain with a link of its own at every second one."""
+    return tree([max(0, k - 1) if k % 2 else k for k in range(n)], drop=LENGTH)
+
+
+def loop(n):
+    """A ring of links, pinned at one of its hinges."""
+    n = max(3, n)
+    corners = [
+        (n * LENGTH / 6 * cos(2 * pi * k / n), n * LENGTH / 6 * sin(2 * pi * k / n))
+        for k in range(n)
+    ]
+    scene = fb.Scene(gravity=(0, -9.81))
+    links = [add_link(scene, corners[k - 1], corners[k]) for k in range(n)]
+    scene.pin(links[0]["start"])
+    for k in range(n):
+        scene.add_joint(fb.Revolute(links[k - 1]["end"], links[k]["start"]))
+    return scene
+
+
+def four_bars(n):
+    """Mechanisms of three links and the ground, beside each other."""
+    scene = fb.Scene(gravity=(0, -9.81))
+    for k in range((n + 2) // 3):
+        x = 5.0 * k * LENGTH
+        corners = [(x, 0), (x, LENGTH), (x + 2 * LENGTH, 1.2 * LENGTH), (x + 2 * LENGTH, 0)]
+        links = [add_link(scene, corners[i], corners[i + 1]) for i in range(3)]
+        scene.pin(links[0]["start"])
+        for one, other in ((0, 1), (1, 2)):
+            scene.add_joint(fb.Revolute(links[one]["end"], links[other]["start"]))
+        scene.add_joint(fb.Revolute(links[2]["end"], fb.GROUND))
+    return scene
+
+
+# With the most bodies for which the row is run.
+MADE = {
+    "chain": (chain, 1000),
+    "comb": (comb, 1000),
+    "binary tree": (binary_tree, 1000),
+    "loop": (loop, 100),
+    "four-bars": (four_bars, 100),
+}
+
+
+def used():
+    """Largest memory so far [MB]."""
+    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
+
+
+def measure(name, n):
+    make, _ = MADE[name]
+    fb.simulate(make(3), dt=DT, t_end=DT)  # compiles and imports
+    before, start = used(), process_time()
+    scene = make(n)
+    made = process_time()
+    fb.simulate(scene, dt=DT, t_end=DT)
+    set_up, memory = process_time(), used()
+    stats = fb.simulate(scene, dt=DT, t_end=STEPS * DT).stats
+    step = (process_time() - set_up - (set_up - made)) / STEPS
+    times = f"{made - start:8.3f} {set_up - made:8.3f} {1e3 * step:10.3f}"
+    print(f"{name:>12} {n:6} {times} {memory - before:10.0f} {used() - before:8.0f}", stats.solver)
+
+
+if __name__ == "__main__":
+    if len(sys.argv) > 1:
+        measure(sys.argv[1], int(sys.argv[2]))
+    else:
+        print("              bodies   scene   set-up   ms a step  MB set-up   MB in all")
+        for name, (_, most) in MADE.items():
+            for n in SIZES:
+                if n <= most:
+                    subprocess.run([sys.executable, __file__, name, str(n)], check=True)
