@@ -66,6 +66,7 @@ HOUSE = {
         "joint_motion",
         "contact",
         "solution",
+        "saved_arrays",
         "saved",
     ],
     "fem": [

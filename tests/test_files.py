@@ -11,6 +11,7 @@ import pytest
 from scenes import FLYING
 
 import fx_beam as fb
+from fx_beam.results.export import HISTORIES
 from fx_beam.results.files import replacing
 from fx_beam.studies.reporting import write_csv, write_json
 
@@ -118,3 +119,62 @@ def test_a_sweep_on_a_full_disk_hands_over_its_rows_and_goes_on(tmp_path):
     assert len(stop.value.rows) == 2
     table = fb.sweep(rows, cases, executor=ThreadPoolExecutor(1), results=tmp_path / "rows")
     assert len(table) == 5
+
+
+# -- Damaged files ---------------------------------------------------------------------------------
+
+
+def test_a_damaged_file_is_refused_by_its_name_or_holds_all_that_was_saved(fall, tmp_path):
+    fall.save(tmp_path / "run.npz")
+    whole, damaged = (tmp_path / "run.npz").read_bytes(), tmp_path / "damaged.npz"
+    random = np.random.default_rng(1)
+    refused = 0
+    for k in range(400):
+        place = int(random.integers(len(whole)))
+        content = bytearray(whole)
+        if k % 4:
+            content[place] ^= 1 << int(random.integers(8))
+        damaged.write_bytes(content if k % 4 else content[:place])
+        try:
+            found = fb.load(damaged)
+        except ValueError as error:
+            assert str(error) == f"{damaged} is not a solution saved by fx_beam"
+            refused += 1
+        else:  # bits of zip that no one reads, such as dates
+            for name in HISTORIES:
+                np.testing.assert_array_equal(getattr(found, name), getattr(fall, name))
+    assert refused > 300
+
+
+@pytest.mark.parametrize(
+    ("name", "change"),
+    [
+        ("q", lambda q: q[:-1]),
+        ("q", lambda q: np.full_like(q, np.nan)),
+        ("X", lambda X: np.hstack([X, X])),
+        ("v", lambda v: v[..., :2]),
+        ("t", lambda t: t.astype(str)),
+        ("energy_work", lambda work: work[:-1]),
+        ("beam0_nodes", lambda nodes: nodes + 1),
+        ("beam0_nodes", lambda nodes: nodes - 1),
+        ("beam0_nodes", lambda nodes: nodes[:-1]),
+        ("beam0_M", lambda M: M.T),
+        ("end_q", lambda q: q[:2]),
+        ("meta", lambda text: np.array("[" * 100_000)),
+    ],
+)
+def test_arrays_that_do_not_fit_together_are_refused(name, change, fall, tmp_path):
+    fall.save(tmp_path / "run.npz")
+    with np.load(tmp_path / "run.npz") as file:
+        arrays = dict(file)
+    arrays[name] = change(arrays[name])
+    np.savez(tmp_path / "other.npz", **arrays)
+    with pytest.raises(ValueError, match="other.npz is not a solution saved by fx_beam"):
+        fb.load(tmp_path / "other.npz")
+
+
+@pytest.mark.parametrize("path", [1, True, None, b"run.npz", ""])
+def test_what_is_no_path_is_refused_before_it_is_opened(path):
+    with pytest.raises(ValueError, match="path = .* must be the name of a file"):
+        fb.load(path)
+    assert os.fstat(1)  # an open file's number would have been closed

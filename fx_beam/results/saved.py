@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import json
-import zipfile
 from dataclasses import fields
-from typing import Any
+from pathlib import Path
+from typing import Any, BinaryIO
 
 import numpy as np
 
@@ -13,9 +13,11 @@ from fx_beam.errors import Failure
 from fx_beam.scene.beam import Beam, Node
 from fx_beam.scene.body import Body
 from fx_beam.scene.obstacles import Circle, Line, Obstacle
+from fx_beam.validation import shown
 
 from .audit import BeamResultants, Energy, Stats
 from .export import FORMAT, HISTORIES
+from .saved_arrays import check_arrays
 from .solution import Solution
 from .state import Past, State
 
@@ -36,7 +38,7 @@ def load(path) -> Solution:
     Raises
     ------
     ValueError
-        If the file is not a saved solution.
+        If the file is not a saved solution, or is damaged.
 
     Examples
     --------
@@ -50,21 +52,30 @@ def load(path) -> Solution:
     >>> len(solution.t), list(solution.beams)
     (6, ['arm'])
     """
-    try:
-        return _read(path)
-    except (KeyError, ValueError, TypeError, EOFError, zipfile.BadZipFile) as error:
-        raise ValueError(f"{path} is not a solution saved by fx_beam") from error
-
-
-def _read(path) -> Solution:
+    if not isinstance(path, str | Path) or not str(path):
+        raise ValueError(f"path = {shown(path)} must be the name of a file, or a Path")
     # Opened here: NumPy leaves a damaged file open.
-    with open(path, "rb") as raw, np.load(raw, allow_pickle=False) as file:
+    with open(path, "rb") as raw:
+        try:
+            return _read(raw)
+        except Exception as error:  # a damaged file may raise nearly any
+            raise ValueError(f"{path} is not a solution saved by fx_beam") from error
+
+
+def _read(raw: BinaryIO) -> Solution:
+    with np.load(raw, allow_pickle=False) as file:
         data = dict(file)
     meta = json.loads(str(data["meta"]))
     if meta["format"] != FORMAT:
         raise KeyError("format")
+    # Missing in files of earlier versions.
+    data.setdefault("motor_forces", np.empty((0, data["slides"].shape[1])))
+    data.setdefault("contact_forces", np.empty((0, 0, 2)))
+    check_arrays(data, meta["beams"])
 
     def node(number: int) -> Node:
+        if not 0 <= number < len(data["X"]):
+            raise IndexError(number)
         return Node(int(number), *map(float, data["X"][number]))
 
     beams: dict[str, Beam] = {}
@@ -103,11 +114,8 @@ def _read(path) -> Solution:
         if "past_ages" in data:  # files of earlier versions lack it: prediction begins anew
             parts["past"] = Past(**{f.name: data[f"past_{f.name}"] for f in fields(Past)})
         end = State(**parts)
-    # Files of earlier versions lack the forces of motors; their strain energy has that of springs,
-    # and their work what dampers took.
+    # Of earlier versions the strain energy has that of springs, the work what dampers took.
     known = [f.name for f in fields(Energy) if f"energy_{f.name}" in data]
-    data.setdefault("motor_forces", np.empty((0, data["slides"].shape[1])))
-    data.setdefault("contact_forces", np.empty((0, 0, 2)))
     return Solution(
         **{name: data[name] for name in HISTORIES},
         energy=Energy(**{name: data[f"energy_{name}"] for name in known}),
