@@ -12,6 +12,7 @@ from pathlib import Path
 
 from fx_beam import library_cache
 from fx_beam.compiled import build
+from fx_beam.errors import SceneError
 
 #: What is imported, by the distribution that has its version.
 _PACKAGES = {
@@ -66,7 +67,7 @@ def _package(name: str, distribution: str) -> str:
 def _loop() -> str:
     try:
         build.load_library()
-    except build.LoopUnavailable as error:
+    except (build.LoopUnavailable, SceneError) as error:
         return f"not available: {error}"
     return "available"
 

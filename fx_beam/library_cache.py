@@ -38,9 +38,11 @@ def folder() -> Path:
     return Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache").absolute() / "fx_beam"
 
 
-def _folders() -> tuple[Path, Path]:
-    """The cache folder, and the one for when it cannot be written."""
-    return folder(), Path(tempfile.gettempdir()) / f"fx_beam-{os.geteuid()}"
+def _folders() -> Iterator[Path]:
+    """The cache folder, and the one for when it cannot be written, if there is any."""
+    yield folder()
+    with suppress(FileNotFoundError):
+        yield Path(tempfile.gettempdir()) / f"fx_beam-{os.geteuid()}"
 
 
 def load(name: str, loader: Callable[[Path], T]) -> T | None:
@@ -83,21 +85,17 @@ def _checksum(content: bytes) -> bytes:
 
 def _writable_folder() -> Path:
     """The first folder in which libraries can be built; OSError if there is none."""
-    cache, other = _folders()
-    try:
-        return _prepared(cache)
-    except OSError as error:
-        reason = error.strerror or str(error)
-    advice = "Set XDG_CACHE_HOME to a folder that you alone can write"
-    try:
-        _prepared(other)
-    except OSError as error:
-        raise OSError(
-            f"nothing can be compiled: neither in {cache} ({reason}) nor in {other} "
-            f"({error.strerror or error}). {advice}"
-        ) from error
-    _warn(f"the cache folder {cache} cannot be used ({reason}), but {other} can. {advice}")
-    return other
+    unusable, advice = "", "Set XDG_CACHE_HOME to a folder that you alone can write"
+    for place in _folders():
+        try:
+            found = _prepared(place)
+        except OSError as error:
+            unusable += f" {place} cannot be used ({error.strerror or error})."
+            continue
+        if unusable:
+            _warn(f"the cache folder{unusable} What is compiled goes to {place}. {advice}")
+        return found
+    raise OSError(f"nothing can be compiled:{unusable} {advice}")
 
 
 def _prepared(place: Path) -> Path:

@@ -72,7 +72,10 @@ import runpy, sys
 sys.argv = ["fx_beam", "info"]
 runpy.run_module("fx_beam", run_name="__main__")
 """
-    lines = dict(re.split(r":\s+", line, maxsplit=1) for line in script(code).splitlines())
+    # Also of a processor that the compiler does not know.
+    said = script(code, FX_BEAM_MARCH="abacus")
+    lines = dict(re.split(r":\s+", line, maxsplit=1) for line in said.splitlines())
+    assert lines["compiled loop"].startswith("not available: FX_BEAM_MARCH = 'abacus'")
     assert lines["fx_beam"].startswith(f"{fx_beam.__version__}, ")
     assert re.match(r"\d+\.\d+\.\d+", lines["dolfinx"])
     assert lines["numpy"] != "not installed"
