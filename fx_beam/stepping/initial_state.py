@@ -170,7 +170,7 @@ def _acceleration(
     a[:free] = coupled.accelerations(mass, b)
     rest = b - coupled.gather(mass @ coupled.spread(np.append(a[:free], 0 * a[free:])))[:free]
     # A load that grows from zero has a little of its first step already.
-    largest = max(abs(part).max() for part in (force, b, *loads))
+    largest = max(abs(part).max(initial=0.0) for part in (force, b, *loads))
     return coupled.spread(a) + curved, bool(abs(rest).max(initial=0.0) > _NONE * largest)
 
 
