@@ -20,7 +20,7 @@ import scipy.sparse
 import scipy.sparse.csgraph
 import scipy.sparse.linalg
 
-from .rate_equations import RateEquations
+from .rate_equations import RateEquations, summing
 from .rigid_points import RigidPoints
 
 # Up to so many equations, and degrees of freedom in them, they are full matrices.
@@ -63,10 +63,8 @@ class FittedRates:
         self._massless = massless[self._used]
         self._little = _little_mass(mass, unit)
         self._mass = (mass + scipy.sparse.diags(self._little)).tocsc()
-        each = np.ones(len(points.row)), (np.arange(len(points.row)), points.row)
-        used = np.ones(len(points.row)), (np.arange(len(points.row)), self._at)
-        self._to_used = scipy.sparse.csr_matrix(used, (len(points.row), len(self._used)))
-        self._to_rows = scipy.sparse.csr_matrix(each, (len(points.row), self._count))
+        self._to_used = summing(self._at, len(self._used))
+        self._to_rows = summing(points.row, self._count)
         self._solve = self._by_sparse_matrices
         if self._count <= _SMALL[0] and len(self._used) <= _SMALL[1]:
             self._solve = self._by_full_matrices

@@ -11,15 +11,20 @@ G^T times the multipliers of these equations are the forces of joints and suppor
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
+import scipy.sparse
 
 from fx_beam.fem.mesh import Mesh
 from fx_beam.scene.beam import Node
 from fx_beam.scene.joints import GROUND, Joint
 from fx_beam.scene.scene import Scene
 from fx_beam.scene.sliders import SlidingJoint, sliding_joints
+
+# Products with sparse matrices cost 60 us however small they are; up to so many numbers full ones
+# are faster.
+_FULL = 1 << 14
 
 
 class Coefficients(NamedTuple):
@@ -31,6 +36,16 @@ class Coefficients(NamedTuple):
     given: np.ndarray
     #: Force (n, rows, 2) on node b of a unit multiplier.
     push: np.ndarray
+
+
+def summing(place: np.ndarray, count: int) -> Any:
+    """Matrix (n, count) by which n values are summed at their places; a full one if it is small."""
+    n = len(place)
+    if n * count <= _FULL:
+        matrix = np.zeros((n, count))
+        matrix[np.arange(n), place] = 1.0
+        return matrix
+    return scipy.sparse.csr_matrix((np.ones(n), (np.arange(n), place)), (n, count))
 
 
 def turns_with_motion(joint: Joint) -> bool:

@@ -10,14 +10,13 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-import scipy.sparse
 
 from fx_beam.fem.mesh import Mesh
 from fx_beam.scene.joints import GROUND, Joint
 from fx_beam.scene.scene import Scene
 from fx_beam.scene.sliders import SlidingJoint
 
-from .rate_equations import RateEquations
+from .rate_equations import RateEquations, summing
 
 
 class _Level(NamedTuple):
@@ -46,8 +45,7 @@ class RigidPoints:
         )
         self._entries = np.flatnonzero(np.isin(equations.row, self.kept))
         row, dof = equations.row[self._entries], equations.dof[self._entries]
-        each = np.ones(len(row)), (np.arange(len(row)), dof)
-        self._to_dofs = scipy.sparse.csr_matrix(each, (len(row), equations.size))
+        self._to_dofs = summing(dof, equations.size)
         self._row, self._levels = row, []
         for joints, own in zip(found[::-1], rows[::-1], strict=True):
             a, b = (mesh.dofs[[getattr(j, name).number for j in joints]] for name in "ab")
@@ -66,8 +64,7 @@ class RigidPoints:
         keys, place = np.unique(
             np.searchsorted(self.kept, row) * equations.size + dof, return_inverse=True
         )
-        each = np.ones(len(place)), (np.arange(len(place)), place)
-        self._sums = scipy.sparse.csr_matrix(each, (len(place), len(keys)))
+        self._sums = summing(place, len(keys))
         #: Rows among those that remain, and degrees of freedom (entries,) of the entries.
         self.row, self.dof = np.divmod(keys, equations.size)
 
