@@ -85,7 +85,7 @@ MADE = {
     "chain": (chain, 1000),
     "comb": (comb, 1000),
     "binary tree": (binary_tree, 1000),
-    "loop": (loop, 100),
+    "loop": (loop, 1000),
     "four-bars": (four_bars, 100),
 }
 

@@ -106,6 +106,7 @@ HOUSE = {
         "ties",
         "sliders",
         "joint_reduction",
+        "gap_borders",
         "loop_reduction",
         "rate_equations",
         "rigid_points",

@@ -74,6 +74,18 @@ def with_beams(n):
     return scene
 
 
+def ring(n, inertia=1e-3):
+    """A closed ring of links that hangs on one of its hinges."""
+    scene, radius = fb.Scene(gravity=(0, -GRAVITY)), n * LENGTH / 6
+    angles = 2 * np.pi * np.arange(n) / n
+    corners = radius * np.column_stack([np.cos(angles), np.sin(angles)])
+    links = [add_link(scene, tuple(corners[k - 1]), tuple(corners[k]), inertia) for k in range(n)]
+    scene.pin(links[0]["start"])
+    for k in range(n):
+        scene.add_joint(fb.Revolute(links[k - 1]["end"], links[k]["start"]))
+    return scene
+
+
 MADE = {
     "chain": lambda n: chain(n)[0],
     "tree": tree,
@@ -101,9 +113,9 @@ def counts(scene):
     }
 
 
-@pytest.mark.parametrize("made", MADE)
-def test_the_cost_of_long_chains_and_trees_grows_in_proportion_to_the_bodies(made):
-    few, many = counts(MADE[made](60)), counts(MADE[made](120))
+@pytest.mark.parametrize("made", [*MADE.values(), ring], ids=[*MADE, "ring"])
+def test_the_cost_of_long_chains_trees_and_loops_grows_in_proportion_to_the_bodies(made):
+    few, many = counts(made(60)), counts(made(120))
     for what, count in many.items():
         assert count < 2.2 * few[what], what
 
@@ -249,3 +261,46 @@ def test_a_chain_moves_alike_beside_loops_and_sliders(add, solver):
     found = fb.simulate(scene, dt=0.002, t_end=0.02, solver=solver)
     assert found.position(ends[-1]) == pytest.approx(expected, abs=1e-11)
     assert abs(found.energy.balance_error).max() < 1e-11 * found.energy.kinetic.max()
+
+
+def ladder(n):
+    """Cells of bars beside each other, of which each closes a loop, on two pins."""
+    scene = fb.Scene(gravity=(0, -GRAVITY))
+    sides = [[], []]
+    for k in range(n):
+        for side, y in zip(sides, (0.0, 0.2), strict=True):
+            side.append(add_link(scene, (0.2 * k, y), (0.2 * (k + 1), y), 1e-3))
+            if k:
+                scene.add_joint(fb.Revolute(side[-2]["end"], side[-1]["start"]))
+            else:
+                scene.pin(side[0]["start"])
+    for k in range(n):
+        rung = add_link(scene, (0.2 * (k + 1), 0.0), (0.2 * (k + 1), 0.2), 1e-3)
+        for side, end in zip(sides, ("start", "end"), strict=True):
+            scene.add_joint(fb.Revolute(side[k]["end"], rung[end]))
+    return scene
+
+
+@pytest.mark.parametrize("made", [ring, ladder])
+@pytest.mark.parametrize("solver", ["compiled", "petsc"])
+def test_long_loops_move_as_with_a_full_tangent(made, solver, monkeypatch):
+    def moved(solver):
+        scene = made(12)
+        solution = fb.simulate(scene, dt=0.005, t_end=0.1, solver=solver)
+        return solution, np.array([solution.joint(joint).force[1:] for joint in scene.joints])
+
+    tied, forces = moved(solver)
+    monkeypatch.setattr(graph, "_LONG", 10**6)
+    whole, expected = moved("compiled")
+    assert tied.q == pytest.approx(whole.q, abs=1e-10)
+    assert forces == pytest.approx(expected, abs=1e-7 * abs(expected).max())
+    assert abs(tied.energy.balance_error).max() < 1e-11 * tied.energy.kinetic.max()
+    assert tied.stats.newton_iterations <= whole.stats.newton_iterations + 2
+
+
+def test_the_tangent_of_long_loops_is_regular_without_rotary_inertia():
+    scene = ring(12, inertia=0.0)
+    solution = fb.simulate(scene, dt=0.005, t_end=0.1)
+    assert "sparse" in solution.stats.solver and not solution.stats.halvings
+    assert abs(solution.energy.balance_error).max() < 1e-11 * solution.energy.kinetic.max()
+    assert max(abs(solution.joint(joint).gap).max() for joint in scene.joints) < 1e-14

@@ -151,8 +151,8 @@ def couple(scene: Scene, mesh: Mesh) -> Couplings:
     columns = _Columns(scene, mesh, forests)
     moving = [b.joint for b in forests[0] if not b.joint.is_index]
     moving += [joint for joint in closing[0] if not joint.is_index]
-    # What closes loops or slides on beams refers to all columns on which it depends.
-    whole = {node.number for joints in closing for joint in joints for node in (joint.a, joint.b)}
+    # What slides on beams refers to all columns on which it depends.
+    whole = set[int]()
     for joint in sliding_joints(scene.joints):
         whole |= {joint.b.number, *mesh.nodes_of(scene, joint.beam).tolist()}
     sums = _Sums(mesh, columns, forests, moving, whole)

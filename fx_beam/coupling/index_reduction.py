@@ -117,6 +117,9 @@ class Reduction(Protocol):
     def guide_moments(self, forces: np.ndarray) -> np.ndarray | None:
         """Moments of offset and sliding joints on their nodes a, for their forces (joints, 2)."""
 
+    def borders(self) -> np.ndarray | None:
+        """Ghat and G (2, closures, unknowns) of loops that border the linear system; or None."""
+
     def condensed(self, tangent: scipy.sparse.csr_matrix) -> scipy.sparse.csr_matrix:
         """The tangent (free, free) of the unknowns, from one with the sparsity of `pattern`."""
 
@@ -160,6 +163,10 @@ class WithoutLoops:
 
     def closing(self) -> np.ndarray | None:
         """No forces."""
+        return None
+
+    def borders(self) -> np.ndarray | None:
+        """None."""
         return None
 
     def loop_tables(self) -> LoopTables | None:

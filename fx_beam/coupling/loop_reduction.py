@@ -18,6 +18,7 @@ import scipy.sparse
 from fx_beam.errors import SceneError
 from fx_beam.mechanics.rates import Rates
 
+from .gap_borders import GapBorders
 from .graph import Couplings
 from .index_reduction import LoopTables, sparsity
 from .joint_reduction import JointReduction
@@ -50,7 +51,7 @@ class LoopReduction(JointReduction):
         self._closures, self._places = couplings.closures, couplings.places
         rows = [(k, *entry) for k, one in enumerate(self._closures) for entry in one.entries]
         k, columns, places, signs = np.array(rows, dtype=float).reshape(-1, 4).T
-        if (columns >= couplings.independent).any():
+        if ((columns >= couplings.independent) & (columns < couplings.columns)).any():
             names = "; ".join(dict.fromkeys(str(one.joint) for one in self._closures))
             raise SceneError(
                 f"{names}: a closed loop of rigid members contains a node that slides on a beam. "
@@ -58,9 +59,13 @@ class LoopReduction(JointReduction):
             )
         self._gap_entries = k.astype(int), columns.astype(int), places.astype(int), signs
         self.unit, self._size_of_scene = unit, float(unit.max())
-        #: Unknowns of the loops.
-        used = np.unique(columns.astype(int))
-        self.loop = used[used < self.free]
+        #: Unknowns of the loops, and other columns on which their gaps depend.
+        used = np.zeros(self.columns + len(self.ties))
+        used[columns.astype(int)] = 1.0
+        self.ties.collect_whether(used, np.ones_like(self._values))
+        used_columns = np.flatnonzero(used[: self.columns])
+        self.loop = used_columns[used_columns < self.free]
+        self._others = used_columns[used_columns >= self.free]
         self._build_gaps()
         self._build_pattern()
 
@@ -88,6 +93,12 @@ class LoopReduction(JointReduction):
     def _build_pattern(self) -> None:
         """Sparsity with the products that the loops add, and the place of each entry in it."""
         self._inner = self.pattern
+        self._borders = None
+        if len(self.ties):
+            index = self._row_index, self._index
+            self._borders = GapBorders(self._gap_entries, *index, self.pattern, self.unit)
+            self.pattern = self._borders.pattern
+            return
         ones = np.ones(len(self._inner[1]))
         n = self.ties.unknowns
         A = scipy.sparse.csr_matrix((ones, self._inner[1], self._inner[0]), (n, n))
@@ -157,9 +168,9 @@ class LoopReduction(JointReduction):
 
     def _of_gaps(self, values: np.ndarray) -> np.ndarray:
         k, columns, places, signs = self._gap_entries
-        G = np.zeros((len(self._closures), self.columns))
+        G = np.zeros((len(self._closures), self.columns + len(self.ties)))
         np.add.at(G, (k, columns), values[places] * signs)
-        return G
+        return self.ties.by_columns(G, values) if len(self.ties) else G
 
     def _ratios(self, values: np.ndarray) -> np.ndarray:
         """Changes (closures, columns) of the unknowns that follow, by the other columns."""
@@ -225,25 +236,41 @@ class LoopReduction(JointReduction):
         return F
 
     def fill(self, values, r, out) -> None:
-        """Values of the reduced tangent; rows of d say that they follow."""
-        indptr, indices = self._inner
-        inner = np.empty(len(indices))
+        """Values of the reduced tangent; rows of d say that they follow.
+
+        With ties: of the tangent of open loops, which `borders` close.
+        """
+        inner = np.empty(len(self._inner[1]))
         super().fill(values, self.closed(r), inner)
-        free, n, d = self.free, self.ties.unknowns, self._following
-        A = scipy.sparse.csr_matrix((inner, indices, indptr), (n, n))
-        others = scipy.sparse.identity(n - free)
-        S, hat = (
-            scipy.sparse.block_diag([self._completion(v)[:free, :free], others], "csr")
-            for v in (self._values, self._hat)
-        )
-        A = (hat.T @ A @ S).tocoo()
+        if self._borders is not None:
+            out[:] = 0.0
+            out[self._borders.inner] = inner
+            self._borders.stiffen(out, self._values, self._hat)
+            return
+        indptr, indices = self._inner
+        A = scipy.sparse.csr_matrix((inner, indices, indptr), (self.free, self.free))
+        A = self._closed_tangent(A).tocoo()
         out[:] = 0.0
-        out[np.searchsorted(self._keys, A.row * n + A.col)] = A.data
-        out[np.searchsorted(self._keys, d * n + d)] = 1.0
-        W = self._ratios(self._values)[:, self.loop]
-        at = d[:, None] * n + self.loop
-        others = np.isin(self.loop, d, invert=True)
-        out[np.searchsorted(self._keys, at[:, others])] = -W[:, others]
+        out[np.searchsorted(self._keys, A.row * self.free + A.col)] = A.data
+
+    def _closed_tangent(self, tangent):
+        """A tangent (free, free) of open loops with the loops closed."""
+        free, d = self.free, self._following
+        S, hat = (self._completion(v)[:free, :free] for v in (self._values, self._hat))
+        W = scipy.sparse.lil_matrix((free, free))
+        W[d] = -self._ratios(self._values)[:, :free]
+        W[d, d] = 1.0
+        return (hat.T @ tangent @ S + W).tocsr()
+
+    def condensed(self, tangent):
+        """The tangent (free, free) of the unknowns alone."""
+        return self._closed_tangent(super().condensed(tangent)) if len(self.ties) else tangent
+
+    def borders(self):
+        """What closes the loops in the linear system with ties; or None."""
+        if self._borders is None:
+            return None
+        return self._borders.of(self._values, self._hat)
 
     # -- For the compiled loop ------------------------------------------------------------------
 
@@ -259,6 +286,8 @@ class LoopReduction(JointReduction):
 
     def places(self) -> np.ndarray:
         """Places of the entries of the trees' pattern in that with the loops."""
+        if self._borders is not None:
+            return self._borders.inner
         indptr, indices = self._inner
         n = len(indptr) - 1
         rows = np.repeat(np.arange(n), np.diff(indptr))
@@ -267,8 +296,7 @@ class LoopReduction(JointReduction):
     def loop_tables(self):
         """The closed loops as lists of numbers."""
         k, columns, values, signs = self._gap_entries
-        others = np.setdiff1d(columns, self.loop)
-        of_loops = np.concatenate([self.loop, others])
+        of_loops = np.concatenate([self.loop, self._others])
         number = np.empty(self.columns, dtype=int)
         number[of_loops] = np.arange(len(of_loops))
         ends = np.full((2, len(self._closures)), -1)
@@ -285,7 +313,7 @@ class LoopReduction(JointReduction):
             "loop_dof": dofs[self.loop],
             "following": np.zeros(len(self._closures), dtype=int),
             "gap_row": k,
-            "gap_at": number[columns],
+            "gap_at": number[np.minimum(columns, self.columns - 1)],
             "gap_value": values,
             "loop_column": of_loops,
             "gap_b": ends[0],
@@ -298,7 +326,17 @@ class LoopReduction(JointReduction):
             "loop_unit": self.unit[self.loop],
             "arm_at_rest": self._rho_at_rest,
         }
-        n, loop = self.ties.unknowns, self.loop
+        numbers = {
+            "closures": len(self._closures),
+            "gap_entries": len(k),
+            "loop_columns": len(of_loops),
+            "loop_free": len(self.loop),
+            "gap_closed": _CLOSED * self._size_of_scene,
+        }
+        if self._borders is not None:
+            more = self._borders.tables()
+            return LoopTables(numbers | more[0], ints | more[1], doubles | more[2], more[3])
+        n, loop = self.free, self.loop
         rows, columns = self._keys // n, self._keys % n
         near = np.unique(columns[np.isin(rows, loop)])
 
@@ -310,14 +348,7 @@ class LoopReduction(JointReduction):
             "loop_near": places(loop, near[:, None]),
             "loop_loop": places(loop[:, None], loop),
         }
-        numbers = {
-            "closures": len(self._closures),
-            "gap_entries": len(k),
-            "loop_columns": len(of_loops),
-            "loop_free": len(loop),
-            "near": len(near),
-            "gap_closed": _CLOSED * self._size_of_scene,
-        }
+        numbers["near"] = len(near)
         return LoopTables(numbers, ints, doubles, at)
 
 

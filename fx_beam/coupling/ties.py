@@ -122,6 +122,13 @@ class Ties:
             forces[column] += weight * forces[first + tie]
         out[:] = forces
 
+    def by_columns(self, rows: np.ndarray, values: np.ndarray) -> np.ndarray:
+        """Rows (n, columns) from those by columns and ties, for the values of T or That."""
+        out, weights = rows.T.copy(), self.sign * values[self.place]
+        for tie, column, weight in reversed(list(zip(self.tie, self.column, weights, strict=True))):
+            out[column] += weight * out[self._first + tie]
+        return out[: self._first].T
+
     def completion(self, values: np.ndarray) -> scipy.sparse.csr_matrix:
         """Matrix (columns and ties, columns) that gives all columns, for the values of T or That.
 

@@ -85,9 +85,20 @@ class LinearSolver:
         np.take(self._filled, self._from, out=self._values)
         self._matrix.stateIncrease()
         own = self._position[: len(b)]
-        self._b[own] = b
+        borders = equations.model.reduction.borders()
+        if borders is None:
+            return self._solved(own, b)[own]
+        columns, rows = borders
+        x, forced = self._solved(own, b), [self._solved(self._position, c) for c in columns]
+        rows = rows[:, np.argsort(self._position)]
+        forces = np.linalg.solve(rows @ np.transpose(forced), rows @ x)
+        return (x - forces @ forced)[own]
+
+    def _solved(self, places: np.ndarray, b: np.ndarray) -> np.ndarray:
+        self._b[:] = 0.0
+        self._b[places] = b
         self._ksp.solve(*self._vectors)
-        return self._x[own]
+        return self._x.copy()
 
 
 @kept

@@ -52,7 +52,12 @@ class PathEquations:
         self._reduction = self.model.reduction
         #: Weights of the degrees of freedom in the inner product.
         self.weight = 1 / (self.model.unit**2 * len(self.model.turns))
-        self._bordering = Bordering(self._reduction.pattern, self.model.unit_of_unknowns)
+        free, pattern = self._reduction.free, self._reduction.pattern
+        #: Whether long loops border the tangent: here they are eliminated, which fills it.
+        self._fills = self._reduction.borders() is not None
+        if self._fills:
+            pattern = free * np.arange(free + 1), np.tile(np.arange(free), free)
+        self._bordering = Bordering(pattern, self.model.unit_of_unknowns)
 
     def begin(self, start: State) -> None:
         """Set the state at the start of a step. No time passes for internal variables."""
@@ -95,7 +100,10 @@ class PathEquations:
         """The derivative of the equations, bordered by that of the load and the plane's row."""
         reduction, free = self._reduction, self._reduction.free
         values = np.empty(len(reduction.pattern[1]))
-        self._equations.fill_tangent(r, values)
+        if self._fills:
+            values = self._equations.tangent(r).toarray().ravel()
+        else:
+            self._equations.fill_tangent(r, values)
         across = reduction.coupling().T @ (self.weight * normal.D)
         corner = normal.load + across[free : free + reduction.driven] @ self._forcing.goal
         return self._bordering.factors(values, column, across[:free], corner)

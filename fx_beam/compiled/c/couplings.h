@@ -19,33 +19,6 @@ static int begin_couplings(const Problem *p, const Work *w) {
   return begin_loops(p, w);
 }
 
-/* Columns of the ties in increments, for the arms of the joints. */
-static void increase_ties(const Problem *p, const Work *w) {
-  double *tie = w->z + p->columns;
-  memset(tie, 0, p->ties * sizeof *tie);
-  for (int k = 0; k < p->tie_arms; ++k) {
-    int i = p->tie_arm[k];
-    tie[p->tie_arm_of[k]] += p->joint_sign[i] * (w->rho1[i] - w->rho0[i]);
-  }
-  for (int k = 0; k < p->tie_entries; ++k)
-    if (p->tie_value[k] == 0) tie[p->tie_of[k]] += p->tie_sign[k] * w->z[p->tie_column[k]];
-}
-
-/* Columns of the ties in small changes z. */
-static void change_ties(const Problem *p, const Work *w, double *z) {
-  double *tie = z + p->columns;
-  memset(tie, 0, p->ties * sizeof *tie);
-  for (int k = 0; k < p->tie_entries; ++k)
-    tie[p->tie_of[k]] += p->tie_sign[k] * w->values[p->tie_value[k]] * z[p->tie_column[k]];
-}
-
-/* Adds the forces on the ties to those on the columns before. */
-static void collect_ties(const Problem *p, const Work *w, double *out) {
-  const double *tie = out + p->columns;
-  for (int k = p->tie_entries - 1; k >= 0; --k)
-    out[p->tie_column[k]] += p->tie_sign[k] * w->hat[p->tie_value[k]] * tie[p->tie_of[k]];
-}
-
 /* Increments without the arms of the joints. */
 static void sum_columns(const Problem *p, const Work *w) {
   double *D = w->D;
@@ -103,7 +76,7 @@ static void expand_trees(const Problem *p, const Work *w) {
 /* Chooses the unknowns that close loops by the place at the end of a step; returns 0 if it is singular. */
 static int choose_ahead(const Problem *p, const Work *w) {
   expand_trees(p, w);
-  derive_gaps(p, w->values, w->G);
+  derive_gaps(p, w, w->values, w->G);
   return choose_following(p, w->G);
 }
 
@@ -144,6 +117,13 @@ static void push_columns(const Problem *p, double *out) {
     out[p->push_column[k]] += p->push_sign[k] * p->actuator[p->push_of[k]].force;
 }
 
+/* Adds That^T r. */
+static void add_rows(const Problem *p, const Work *w, const double *r, double *out) {
+  for (int k = 0; k < p->equal; ++k) out[p->entry_column[k]] += r[p->entry_row[k]];
+  for (int k = p->equal; k < p->entries; ++k)
+    out[p->entry_column[k]] += p->entry_sign[k] * w->hat[p->entry_value[k]] * r[p->entry_row[k]];
+}
+
 static void project(const Problem *p, const Work *w, const double *r, double *out) {
   memset(out, 0, (p->columns + p->ties) * sizeof *out);
   if (p->sliders) {
@@ -152,22 +132,26 @@ static void project(const Problem *p, const Work *w, const double *r, double *ou
     carry(p, w, w->loaded, out);
     r = w->loaded;
   }
-  for (int k = 0; k < p->equal; ++k) out[p->entry_column[k]] += r[p->entry_row[k]];
-  for (int k = p->equal; k < p->entries; ++k)
-    out[p->entry_column[k]] += p->entry_sign[k] * w->hat[p->entry_value[k]] * r[p->entry_row[k]];
+  add_rows(p, w, r, out);
   if (!p->sliders) push_columns(p, out);
-  if (p->ties) collect_ties(p, w, out);
+  if (p->ties) collect_ties(p, w->hat, out);
   if (p->closures) close_residual(p, w, out);
 }
 
 /* Forces of the joints on b, for the forces that the last residual `reduced` was from. */
 static void transmitted(const Problem *p, const Work *w, const double *r) {
+  const double *forces = w->reduced;
   r = closed(p, w, r);
+  if (p->closures && p->ties) {
+    memset(w->columns, 0, (p->columns + p->ties) * sizeof(double));
+    add_rows(p, w, r, w->columns), collect_ties(p, w->hat, w->columns);
+    forces = w->columns;
+  }
   memset(w->passing, 0, 2 * p->joints * sizeof(double));
   for (int k = 0; k < p->followers; ++k)
     w->passing[p->through[k]] += p->joint_sign[p->through[k]] * r[p->follower[k]];
   for (int k = 0; k < p->tie_arms; ++k)
-    w->passing[p->tie_arm[k]] += p->joint_sign[p->tie_arm[k]] * w->reduced[p->columns + p->tie_arm_of[k]];
+    w->passing[p->tie_arm[k]] += p->joint_sign[p->tie_arm[k]] * forces[p->columns + p->tie_arm_of[k]];
   for (int k = 0; k < p->closures; ++k)
     if (p->gap_arm[k] >= 0) w->passing[p->gap_arm[k]] = w->closing[k];
 }
@@ -202,5 +186,6 @@ static void reduce_tangent(const Problem *p, const Work *w, const double *r) {
     K[p->tie_equation[k]] -= p->tie_sign[k] * w->values[p->tie_value[k]];
     K[p->tie_force[k]] -= p->tie_sign[k] * w->hat[p->tie_value[k]];
   }
+  if (p->stiffened) stiffen_loops(p, w);
   eliminate_sliders(p, w);
 }

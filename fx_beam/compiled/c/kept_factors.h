@@ -114,6 +114,34 @@ static void begin_kept(Kept *kept) {
   kept->now = 0;
 }
 
+/* Solution of a tangent that the derivatives of the loops' gaps border, for the right side `reduced`;
+   returns 0 if it is singular. */
+static int solve_bordered(Problem *p, const Work *w) {
+  int m = p->closures, n = p->unknowns;
+  const int *order = p->order;
+  if (!factorise(p, w)) return 0;
+  memset(w->borders, 0, (long)m * n * sizeof(double));
+  for (int k = 0; k < p->gap_entries; ++k)
+    if (p->gap_force_row[k] >= 0)
+      w->borders[(long)p->gap_row[k] * n + order[p->gap_force_row[k]]] +=
+          p->gap_sign[k] * w->hat[p->gap_value[k]];
+  for (int k = 0; k < m; ++k) substitute_sparse(p, w->factors, w->borders + (long)k * n);
+  for (int i = 0; i < n; ++i) w->y[order[i]] = i < p->free ? w->reduced[i] : 0;
+  substitute_sparse(p, w->factors, w->y);
+  memset(w->part, 0, (long)m * m * sizeof(double)), memset(w->gap, 0, m * sizeof(double));
+  for (int k = 0; k < p->gap_entries; ++k) {
+    if (p->gap_unknown[k] < 0) continue;
+    int row = p->gap_row[k], at = order[p->gap_unknown[k]];
+    double by = p->gap_sign[k] * w->values[p->gap_value[k]];
+    for (int j = 0; j < m; ++j) w->part[row * m + j] += by * w->borders[(long)j * n + at];
+    w->gap[row] += by * w->y[at];
+  }
+  solve_dense(m, w->part, 1, w->gap);
+  for (int j = 0; j < m; ++j) add_times(n, -w->gap[j], w->borders + (long)j * n, w->y);
+  for (int i = 0; i < p->free; ++i) w->step[i] = w->y[order[i]];
+  return 1;
+}
+
 /* The correction `step` of the unknowns for the residual `reduced`; returns 0 if the tangent is
    singular. `rest` is as in `iterate`. */
 static int solve_reduced(Problem *p, const Work *w, const Wanted *wanted, double *rest) {
@@ -125,6 +153,7 @@ static int solve_reduced(Problem *p, const Work *w, const Wanted *wanted, double
     for (int i = 0; i < p->free; ++i) w->step[i] = w->y[p->order[i]];
     return 1;
   }
+  if (p->closures && p->ties) return solve_bordered(p, w);
   if (p->kept.worth && p->kept.present && !p->kept.exact && iterate(p, w, wanted, rest)) return 1;
   if (!factorise(p, w)) return 0;
   by_factors(p, w, w->reduced, w->step);

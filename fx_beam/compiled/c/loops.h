@@ -2,15 +2,30 @@
 
 #pragma once
 
-#include "algebra.h"
+#include "ties.h"
 
 /* Largest number of corrections that close the loops, and least ratio of pivots. */
 enum { CLOSINGS = 30 };
 static const double LEAST_PIVOT = 1e-6;
 
+static void derive_gaps_along_ties(const Problem *p, const Work *w, const double *values, double *G) {
+  double *row = w->columns;
+  for (int i = 0, k = 0; i < p->closures; ++i) {
+    memset(row, 0, (p->columns + p->ties) * sizeof *row);
+    for (; k < p->gap_entries && p->gap_row[k] == i; ++k)
+      row[p->gap_column[k]] += p->gap_sign[k] * values[p->gap_value[k]];
+    collect_ties(p, values, row);
+    for (int j = 0; j < p->loop_columns; ++j) G[(long)i * p->loop_columns + j] = row[p->loop_column[j]];
+  }
+}
+
 /* Derivatives of the gaps [closure][loop column], for values of T or That. */
-static void derive_gaps(const Problem *p, const double *values, double *G) {
+static void derive_gaps(const Problem *p, const Work *w, const double *values, double *G) {
   int n = p->loop_columns;
+  if (p->ties) {
+    derive_gaps_along_ties(p, w, values, G);
+    return;
+  }
   memset(G, 0, (long)p->closures * n * sizeof(double));
   for (int k = 0; k < p->gap_entries; ++k)
     G[p->gap_row[k] * n + p->gap_at[k]] += p->gap_sign[k] * values[p->gap_value[k]];
@@ -95,7 +110,7 @@ static int begin_loops(const Problem *p, const Work *w) {
     value[0] = -w->rho0[2 * j + 1], value[1] = w->rho0[2 * j];
     value[2] = w->t0[2 * j], value[3] = w->t0[2 * j + 1];
   }
-  derive_gaps(p, w->values, w->G);
+  derive_gaps(p, w, w->values, w->G);
   return choose_following(p, w->G);
 }
 
@@ -118,7 +133,7 @@ static int correct_loops(const Problem *p, const Work *w, double *last) {
   }
   if (size <= p->gap_closed || (*last < size && size <= 1e3 * p->gap_closed)) return 1;
   *last = size;
-  derive_gaps(p, w->values, w->G);
+  derive_gaps(p, w, w->values, w->G);
   following_part(p, w->G, w->part);
   solve_dense(m, w->part, 1, gap);
   for (int k = 0; k < m; ++k) w->z[p->loop_column[p->following[k]]] -= gap[k];
@@ -129,7 +144,7 @@ static int correct_loops(const Problem *p, const Work *w, double *last) {
    of the part of G that belongs to them is stored as well if it is asked for. */
 static void find_ratios(const Problem *p, const Work *w, const double *values, double *W, double *inverse) {
   int m = p->closures, n = p->loop_columns;
-  derive_gaps(p, values, W);
+  derive_gaps(p, w, values, W);
   if (inverse) {
     following_part(p, W, w->part);
     memset(inverse, 0, (long)m * m * sizeof(double));
@@ -203,5 +218,18 @@ static void reduce_loops(const Problem *p, const Work *w) {
     const int *row = p->loop_loop + (long)p->following[k] * f;
     for (int j = 0; j < f; ++j) K[row[j]] = -w->W[k * n + j];
     K[row[p->following[k]]] = 1;
+  }
+}
+
+/* Adds to a tangent with ties a stiffness of the gaps. It does no work where they are closed, and keeps
+   the tangent of open loops regular. */
+static void stiffen_loops(const Problem *p, const Work *w) {
+  double stiff = 0, *K = w->tangent;
+  for (int i = 0; i < p->scales; ++i)
+    stiff = fmax(stiff, fabs(K[p->scale_at[i]]) / (p->scale_unit[i] * p->scale_unit[i]));
+  for (int k = 0; k < p->stiffened; ++k) {
+    int a = p->stiff_left[k], b = p->stiff_right[k];
+    K[p->stiff_to[k]] += stiff * p->gap_sign[a] * w->hat[p->gap_value[a]] * p->gap_sign[b] *
+                         w->values[p->gap_value[b]];
   }
 }

@@ -207,7 +207,7 @@ static int newton(Problem *p, const Work *w, const double *driven, int order) {
         w->left[i] = w->r[i] - row_times(p, w->tangent, i, w->correction);
       project(p, w, w->left, w->reduced);
     }
-    if (p->closures) reduce_loops(p, w);
+    if (p->closures && !p->ties) reduce_loops(p, w);
     LAP(COUPLINGS);
     if (p->kept.worth) wanted = accuracy(p, w, &sizes, &errors);
     if (!solve_reduced(p, w, &wanted, rest)) return SINGULAR;

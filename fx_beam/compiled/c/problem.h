@@ -198,6 +198,12 @@ typedef struct {
   /* Storage indices in the tangent: of [near row][loop column], [near column][loop row] and [loop row]
      [loop column]; near ones are all with entries of the loops. */
   int near, *near_loop, *loop_near, *loop_loop;
+  /* With ties the gaps' derivatives border the reduced tangent instead: columns of their entries, with the
+     rows and columns of the tangent to which they belong (-1: none). Products of two entries, by a
+     stiffness from the diagonals at these storage indices, with a unit of each unknown. */
+  int *gap_column, *gap_force_row, *gap_unknown;
+  int stiffened, *stiff_to, *stiff_left, *stiff_right, scales, *scale_at;
+  double *scale_unit;
 
   /* Springs and dampers: columns on which they act, and their entries in the reduced tangent. */
   int actuators, pushes, restoring, spring_width; /* width: internal variables of all springs */

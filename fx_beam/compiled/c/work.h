@@ -9,7 +9,7 @@ typedef struct {
   double *tangent, *inertia, *values, *hat, *psi0, *rho0, *t0, *rho1, *t1, *mean_t, *guide_slope;
   double *guide_bend, *passing, *columns, *y, *row, *start, *force, *dead, *left;
   double *saved, *rule, *loaded, *factors, *residual, *direction, *image, *guess;
-  double *G, *W, *What, *part, *inverse, *gap, *gap0, *closing, *closed; /* of loops */
+  double *G, *W, *What, *part, *inverse, *gap, *gap0, *closing, *closed, *borders; /* of loops */
   double *passed, *joint_forces;
   const double *fields[6]; /* by the kinds of Form */
   double dt;
@@ -47,6 +47,7 @@ static long lay_out(const Problem *p, Work *w, double *at) {
   w->G = take(&at, loop), w->W = take(&at, loop), w->What = take(&at, loop);
   w->part = take(&at, m * m), w->inverse = take(&at, m * m), w->gap = take(&at, m);
   w->gap0 = take(&at, m), w->closing = take(&at, m), w->closed = take(&at, m ? n : 0);
+  w->borders = take(&at, p->ties ? m * p->unknowns : 0);
   w->passed = take(&at, n), w->joint_forces = take(&at, 3 * p->scene_joints);
   const double *fields[] = {w->D, p->q, p->v, p->a, p->before, p->internals};
   memcpy(w->fields, fields, sizeof fields);
