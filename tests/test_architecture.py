@@ -133,6 +133,7 @@ HOUSE = {
         "single_step",
         "substeps",
         "section_facing",
+        "events",
         "step_control",
         "local_error",
         "stepper",

@@ -62,7 +62,8 @@ class Tolerance:
         """The run of an integrator, from which it can be advanced."""
         order, constant = order_and_constant(stepper.model.scheme)
         span = self._t_end - self._t0
-        control = StepControl(self.tolerance, order, constant, span, self._longest)
+        kinks = stepper.model.has_unseen_kinks
+        control = StepControl(self.tolerance, order, constant, span, self._longest, kinks)
         control.begin(self.first)
         breaks = [*self._breaks, self._t_end]
         return AdaptiveRun(

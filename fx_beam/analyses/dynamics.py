@@ -183,14 +183,15 @@ def simulate(
             past=integrator.past,
             inputs=values_at(named, inputs, recorder.end.t),
         )
-        return solution_of(engine.model, recorder, stats, end, rows_at, breaks)
+        return solution_of(engine.model, recorder, stats, end, rows_at, [*breaks, *events])
 
-    clock = time.perf_counter()
+    clock, events = time.perf_counter(), list[float]()
     try:
         if control is None:
             marched = _steps_of_grid(integrator, times, recorder)
         else:
-            marched = control.run(integrator, engine.stepper, recorder, max_halvings).advance
+            run = control.run(integrator, engine.stepper, recorder, max_halvings)
+            marched, events = run.advance, run.events
         with progress_bar(t_end - t0, progress, **_BAR) as bar, ctrl_c_between_blocks():
             while recorder.end.t < t_end:
                 t, turns = recorder.end.t, windings.turns_of(recorder.end)

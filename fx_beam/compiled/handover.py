@@ -343,7 +343,7 @@ class Problem:
         self.c.actuators, self.c.pushes = len(rows), len(pushes["of"])
         self.c.spring_width, self.c.may_overshoot = actuators.width, self.model.may_overshoot
         for row in rows:
-            for name in ("law", "elastic"):
+            for name in ("law", "elastic", "switch_"):
                 row[name] = self.ffi.cast("Law *", row[name])
             for name in ("given", "found"):
                 row[name] = self._pointer(np.zeros(4 + row["variables"]), np.float64)

@@ -15,9 +15,9 @@ from fx_beam.results.state import FORCES, Past, State
 from fx_beam.stepping.interrupts import uninterrupted
 from fx_beam.stepping.local_error import order_and_constant
 from fx_beam.stepping.newton import NewtonOptions, StepFailed
-from fx_beam.stepping.recorder import Rows
+from fx_beam.stepping.recorder import Rows, Unrecorded
 from fx_beam.stepping.step_control import StepControl
-from fx_beam.stepping.stepper import Attempt, Stepper
+from fx_beam.stepping.stepper import Attempt, Stepper, Trial
 
 from .handover import Problem
 
@@ -39,6 +39,12 @@ class CompiledLoop:
             problem.past,
         )
         problem.c.least_energy = stepper.facing.least_energy
+        coordinates = problem.c.actuator[0 : problem.c.actuators]
+        values = sum(2 * (a.stop != 0) + a.conditions for a in coordinates)
+        problem.c.switches = problem.c.contacts + values
+        #: Values of the switches at both ends of a sub-step.
+        self._sides = np.zeros((2, problem.c.switches))
+        problem.c.sides = self._ffi.cast("double *", self._sides.ctypes.data)
         stepper.stats.solver = f"compiled, {problem.factors}"
 
     @property
@@ -119,13 +125,34 @@ class CompiledLoop:
         """Do not compare the next steps with those before, for example after a jump of a load."""
         p = self._problem
         p.scheme_order, _ = order_and_constant(self.model.scheme)
-        p.known_errors, p.controlled, p.ratios = 0, True, [-1.0, -1.0]
+        p.known_errors, p.ratios = 0, [-1.0, -1.0]
+
+    def trial(self, state: State, t1: float, watch: bool = False) -> Trial:
+        """One step to t1 [s] that is not part of the run; with `watch` also its switches."""
+        p, past = self._problem, self.past
+        p.controlled, p.watches = False, watch
+        inputs = self.inputs(state.t, np.array([t1]))
+        with uninterrupted:
+            taken = self._run(state, np.array([t1]), 1, Unrecorded(), inputs)
+            self.past = past
+        known = watch and (taken or p.failure == self._library.SWITCHED)
+        return Trial(
+            self.state(t1) if taken else None,
+            self._sides[1].copy() if known else None,
+        )
 
     def attempt(
-        self, state: State, ends: np.ndarray, first: int, recorder: Rows, control: StepControl
+        self,
+        state: State,
+        ends: np.ndarray,
+        first: int,
+        recorder: Rows,
+        control: StepControl,
+        watch: bool = False,
     ) -> Attempt:
         """Take steps of equal length from number `first` on, as long as this length is right."""
         p, dt = self._problem, float(ends[0]) - state.t
+        p.controlled, p.watches = True, watch and p.switches > 0
         p.smooth, p.raw = control.factors(dt)
         p.lowest, p.highest = control.band(dt)
         inputs = self.inputs(state.t, ends)
@@ -138,6 +165,8 @@ class CompiledLoop:
                 recorder.end = state
         if taken == known and inputs.error is not None:
             raise inputs.error
+        if p.failure == self._library.SWITCHED:
+            return Attempt(state, taken, switched=True)
         rejected = p.failure == self._library.TOO_INACCURATE
         ratios = [ratio if ratio >= 0 else None for ratio in p.ratios]
         if p.failure and not rejected:

@@ -96,6 +96,16 @@ class Actuator:
         given[1] = given[0] + now
         return float(self.elastic(given)[0]) - force - slope * (now - change)
 
+    def switches(self, place: float) -> list[float]:
+        """Distances from the stops at a coordinate, and the switches of the own energy."""
+        found: list[float] = []
+        if self.stop is not None:
+            low, high = limits_of(self.stop)
+            found += [place - low, high - place]
+        if self.elastic is not None:
+            found += self.elastic.switches(place - self.rest)
+        return found
+
     def stored(self, place: float, internal: np.ndarray | None) -> float:
         """Energy stored in the spring [J] at a coordinate, with internal variables of all."""
         stretch = place - self.rest

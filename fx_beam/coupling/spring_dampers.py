@@ -94,6 +94,11 @@ class Actuators:
         """Whether a coordinate has stops."""
         return any(actuator.stop for actuator in self._all)
 
+    @property
+    def have_losses(self) -> bool:
+        """Whether a coordinate has friction, a stop with a loss, or a damper with its own law."""
+        return any(a.friction or a.loss or a.law for a in self._all)
+
     def remember(self) -> None:
         """Keep the tangents of the springs' own energies for `deviation`."""
         for actuator in self._all:
@@ -244,6 +249,10 @@ class Actuators:
         """Energy stored in springs and stops [J] for displacements and rotations q and slides."""
         return sum(a.stored(self._coordinate(a, q, slides), internal) for a in self._all)
 
+    def switches(self, q: np.ndarray, slides: np.ndarray) -> list[float]:
+        """Values that change their sign where a stop opens or closes, or a law switches."""
+        return [value for a in self._all for value in a.switches(self._coordinate(a, q, slides))]
+
     def dissipated(self) -> float:
         """Energy dissipated by dampers, friction, springs and stops in this step [J]."""
         return sum(actuator.dissipated for actuator in self._all)
@@ -280,6 +289,8 @@ class Actuators:
                     "stop_speed": (stop and stop.speed) or 1.0,
                     "law": actuator.law.address if actuator.law else 0,
                     "elastic": actuator.elastic.address if actuator.elastic else 0,
+                    "conditions": actuator.elastic.conditions if actuator.elastic else 0,
+                    "switch_": actuator.elastic.switch_address if actuator.elastic else 0,
                     "variables": actuator.inside.stop - actuator.inside.start,
                     "first": actuator.inside.start,
                 }

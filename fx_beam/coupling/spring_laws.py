@@ -9,11 +9,12 @@ import ufl
 import numpy as np
 
 from fx_beam.errors import SceneError
+from fx_beam.fem import dolfinx_api
 from fx_beam.fem.point_functions import PointFunction
 from fx_beam.mechanics.evolution import evolution_loss, evolved
 from fx_beam.mechanics.rates import Rates
 from fx_beam.scene.internal_variables import InternalVariables
-from fx_beam.scene.law import Energy, is_quadratic
+from fx_beam.scene.law import Energy, is_quadratic, switches
 
 # Shortest path, relative to the coordinates, over which the force is the quotient of energy and
 # path. On a shorter one round-off of the energy exceeds the error of the force in its middle.
@@ -34,6 +35,16 @@ class SpringLaw:
         self._function = PointFunction(self._expressions, 3 + self.variables, "law of a spring")
         #: Address of the function.
         self.address = self._function.address
+        #: Number of conditions in the energy, and address of the function with their values.
+        self.conditions, self.switch_address = 0, 0
+        if not self.variables:
+            at = ufl.Constant(dolfinx_api.domain(1), shape=(1,))
+            self.conditions = len(switches(energy(at[0])))
+        if self.conditions:
+            self._switch = PointFunction(
+                lambda given: ufl.as_vector(switches(energy(given[0]))), 1, "switches of a spring"
+            )
+            self.switch_address = self._switch.address
         found = self(np.zeros(3 + self.variables))
         if not np.isfinite(found).all():
             raise SceneError(
@@ -75,6 +86,10 @@ class SpringLaw:
         gained = self._stored(x1, a) - self._stored(x0, a)
         quotient = gained / ufl.conditional(long_enough, path, 1)
         return ufl.conditional(long_enough, quotient, middle)
+
+    def switches(self, x: float) -> list[float]:
+        """Values (conditions,) of the conditions in the energy at a coordinate since its rest."""
+        return self._switch(np.array([x])).tolist() if self.conditions else []
 
     def __call__(self, given: np.ndarray) -> np.ndarray:
         """What is found (4 + variables,), from what is given (3 + variables,)."""

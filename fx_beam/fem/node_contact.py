@@ -138,9 +138,13 @@ class NodeContact:
         rows = zip(*(values.tolist() for values in columns.values()), strict=True)
         return [dict(zip(columns, row, strict=True)) for row in rows]
 
+    def gaps(self, q: np.ndarray) -> np.ndarray:
+        """Distances (n,) of the nodes in a configuration (size,) [m]; negative behind obstacles."""
+        return self._gap(self._arms(q))
+
     def energy(self, q: np.ndarray) -> float:
         """Stored energy [J] of a configuration (size,)."""
-        return float(self.stiffness @ np.minimum(self._gap(self._arms(q)), 0.0) ** 2 / 2)
+        return float(self.stiffness @ np.minimum(self.gaps(q), 0.0) ** 2 / 2)
 
     def _found(self, D: np.ndarray) -> _Found:
         r0, level = self._r0, self._level

@@ -30,6 +30,7 @@ from fx_beam.mechanics.nodal_rates import NodalRates
 from fx_beam.mechanics.rates import MidPointRates
 from fx_beam.mechanics.schemes import Scheme
 from fx_beam.results.state import State
+from fx_beam.scene.law import has_pieces
 from fx_beam.scene.scene import Scene
 
 
@@ -98,6 +99,25 @@ class Model:
     def has_contact(self) -> bool:
         """Whether there are obstacles or stops."""
         return self.forms.contact is not None or self.actuators.have_stops
+
+    def switches(self, state: State) -> np.ndarray:
+        """Values that change their sign where a contact or stop opens or closes, or a law switches.
+
+        Those of obstacles first, then those of the joints' coordinates.
+        """
+        contact = self.forms.contact
+        gaps = np.empty(0) if contact is None else contact.gaps(state.q)
+        return np.append(gaps, self.actuators.switches(state.q, state.slides))
+
+    @property
+    def has_unseen_kinks(self) -> bool:
+        """Whether forces may change quickly where no switch tells: sections' laws, flow, losses."""
+        laws = [beam.section.strain_energy for beam in self.scene.beams]
+        flow = self.forms.internal_shape[-1] > 0 or self.actuators.width > 0
+        contact = self.forms.contact
+        losses = self.actuators.have_losses or (contact is not None and contact.share.any())
+        pieces = any(law is not None and has_pieces(law) for law in laws)
+        return bool(flow or losses or pieces)
 
     def spring_energy(self, state: State) -> float:
         """Energy stored in springs, stops and obstacles [J]."""

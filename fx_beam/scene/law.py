@@ -9,7 +9,7 @@ from typing import Any
 import ufl
 from ufl.algorithms.apply_algebra_lowering import apply_algebra_lowering
 from ufl.algorithms.apply_derivatives import apply_derivatives
-from ufl.classes import Abs, Conditional, MaxValue, MinValue
+from ufl.classes import EQ, GE, GT, LE, LT, NE, Abs, Conditional, MaxValue, MinValue
 from ufl.constantvalue import Zero
 from ufl.corealg.traversal import unique_pre_traversal
 
@@ -22,6 +22,8 @@ Energy = Callable[..., Any]
 
 # Operators of functions that are defined piece by piece.
 _OF_PIECES = Abs, Conditional, MaxValue, MinValue
+# Comparisons of two numbers, of which conditions are made.
+_COMPARISONS = EQ, GE, GT, LE, LT, NE
 
 
 @dataclass(frozen=True)
@@ -136,6 +138,24 @@ def is_quadratic(energy: Energy) -> bool:
     for _ in range(3):
         third = ufl.diff(third, s)
     return isinstance(apply_derivatives(apply_algebra_lowering(third)), Zero)
+
+
+def switches(expression: Any) -> list[Any]:
+    """Values that change their sign where pieces of an expression meet."""
+    found = []
+    for part in unique_pre_traversal(ufl.as_ufl(expression)):
+        operands = part.ufl_operands
+        if isinstance(part, Abs):
+            found.append(operands[0])
+        elif isinstance(part, (*_COMPARISONS, MaxValue, MinValue)):
+            found.append(operands[0] - operands[1])
+    return found
+
+
+def has_pieces(energy: Energy) -> bool:
+    """Whether the stored energy of a section, without internal variables, has pieces."""
+    strains = [ufl.variable(ufl.as_ufl(0.1)) for _ in range(3)]
+    return bool(switches(energy(*strains)))
 
 
 def check_energy(

@@ -11,17 +11,20 @@ from fx_beam.errors import Failure, StepError
 from fx_beam.results.audit import Stats
 from fx_beam.results.state import Past, State
 
+from .events import end_behind_event
 from .local_error import AVERAGED, order_and_constant
 from .newton import StepFailed
 from .recorder import Recorder, Rows, Unrecorded
 from .single_step import SingleStep
 from .step_control import StepControl
-from .stepper import Attempt
+from .stepper import Attempt, Trial
 
 # Steps that are prepared at once: at first, after a change of their length, and at most.
 _FIRST_BLOCK, _LARGEST_BLOCK = 16, 1024
 # Trials of a first length.
 _TRIALS = 40
+# Shortest steps for a short contact, relative to the end of the run.
+_LEAST = 1e-8
 
 
 class Integrator(Protocol):
@@ -32,10 +35,19 @@ class Integrator(Protocol):
     def forget_errors(self) -> None:
         """Do not compare the next steps with those before."""
 
+    def trial(self, state: State, t1: float, watch: bool = False) -> Trial:
+        """One step to t1 [s] that is not part of the run; with `watch` also its switches."""
+
     def attempt(
-        self, state: State, ends: np.ndarray, first: int, recorder: Rows, control: StepControl
+        self,
+        state: State,
+        ends: np.ndarray,
+        first: int,
+        recorder: Rows,
+        control: StepControl,
+        watch: bool = False,
     ) -> Attempt:
-        """Take steps of equal length."""
+        """Take steps of equal length, with `watch` only up to where a contact or law switches."""
 
     def failure(self, state: State, t1: float) -> StepFailed:
         """Why a step to t1 [s] fails."""
@@ -62,8 +74,14 @@ class AdaptiveRun:
         #: Whether a larger first length than that of the control is looked for.
         self._search = search
         self._order, _ = order_and_constant(single.model.scheme)
+        # The local error of a scheme of order 2 is right also where accelerations have a kink.
+        self._watch = self._order > 2
+        #: Segments of motion between events are not divided further [s].
+        self._least = _LEAST * breaks[-1]
         self._started = False
         self._next, self._block, self._halvings = 0, _FIRST_BLOCK, 0
+        #: Ends of steps at which a contact or a law has switched [s].
+        self.events: list[float] = []
 
     @property
     def _stats(self) -> Stats:
@@ -79,7 +97,9 @@ class AdaptiveRun:
         first, dt = stats.steps + 1, float(ends[0]) - state.t
         last = self._next == len(self._breaks) - 1
         recorder.plan(first, ends, last and ends[-1] == until)
-        found = self._integrator.attempt(state, ends, first, recorder, control)
+        found = self._attempt(state, ends, first, recorder)
+        if self._watch and (found.switched or (found.ratio or 0.0) > 1):
+            found, dt = self._up_to_event(found, dt)
         if found.taken:
             self._halvings = 0
         length = control.length
@@ -97,6 +117,60 @@ class AdaptiveRun:
         if found.state.t == until:
             self._next, self._started = self._next + 1, False
 
+    def _attempt(self, state: State, ends: np.ndarray, first: int, recorder: Rows) -> Attempt:
+        """Take steps of equal length, up to where something switches that matters."""
+        integrator, control = self._integrator, self._control
+        found = integrator.attempt(state, ends, first, recorder, control, self._watch)
+        if not found.switched:
+            return found
+        now, next_one = found.state, ends[found.taken : found.taken + 1]
+        if self._matters(now, float(next_one[0])):
+            return found
+        step = integrator.attempt(now, next_one, first + found.taken, recorder, control)
+        return step._replace(taken=found.taken + step.taken)
+
+    def _matters(self, state: State, t1: float) -> bool:
+        """Whether a step to t1 [s] and two steps of half its length end at different places."""
+        whole = self._trial(state, t1).state
+        middle = self._trial(state, (state.t + t1) / 2).state
+        halves = middle and self._trial(middle, t1).state
+        if whole is None or halves is None:
+            return True
+        model = self._single.model
+        difference = abs(whole.q - halves.q) / model.unit
+        difference[model.turns] = 0.0  # as vibrations hardly displace
+        return self._control.matters(float(difference.max()))
+
+    def _trial(self, state: State, t1: float, watch: bool = False) -> Trial:
+        """A step that is not part of the run; it is counted as rejected."""
+        stats, counts = self._stats, copy(vars(self._stats))
+        counts["ended_by"] = dict(stats.ended_by)
+        found = self._integrator.trial(state, t1, watch)
+        vars(stats).update(counts)
+        stats.rejected += 1
+        return found
+
+    def _up_to_event(self, found: Attempt, dt: float) -> tuple[Attempt, float]:
+        """Take a step of at most the length dt up to where a contact or a law switches in it."""
+        integrator, recorder, stats = self._integrator, self._recorder, self._stats
+        state = found.state
+        first = self._single.model.switches(state)
+        if not len(first):
+            return found, dt
+        end = end_behind_event(
+            first, lambda t: self._trial(state, t, True).switches, state.t, state.t + dt
+        )
+        if end is None and not found.switched:
+            return found, dt
+        end = end or state.t + dt
+        number = stats.steps + 1
+        recorder.plan(number, np.array([end]), end == self._breaks[-1])
+        step = integrator.attempt(state, np.array([end]), number, recorder, self._control)
+        if step.taken:
+            self.events.append(end)
+            self._started = False
+        return step._replace(taken=found.taken + step.taken), end - state.t
+
     def _start(self, state: State, until: float) -> None:
         """Find the first length by trial steps, which are not part of the run."""
         integrator, control, stats = self._integrator, self._control, self._stats
@@ -112,14 +186,22 @@ class AdaptiveRun:
                 while ratio is None and not failed:
                     number = round((now.t - state.t) / dt)
                     ends = state.t + dt * np.arange(number + 1, self._order + AVERAGED + 1)
-                    found = integrator.attempt(now, ends, 1, Unrecorded(), control)
+                    found = self._attempt(now, ends, 1, Unrecorded())
                     now, ratio, failed = found.state, found.ratio, found.failed
+                    if found.switched:
+                        break
             finally:
                 integrator.past = past
                 vars(stats).update(counts)
             stats.rejected += self._order + AVERAGED
             if failed:
                 self._fail(state, dt)
+                continue
+            if found.switched and dt > self._least:
+                # Fewer steps would have no error that is known up to there.
+                taken = round((now.t - state.t) / dt)
+                control.begin(dt * min((taken + 0.5) / (self._order + AVERAGED + 1), 0.5))
+                longest = min(longest, control.length)
                 continue
             # Only the first length may be far too small; at breaks a trial is lost time.
             search = self._search and stats.steps == 0

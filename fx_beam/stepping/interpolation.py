@@ -1,8 +1,8 @@
 """Histories at chosen times, between the ends of the steps.
 
 Displacements and rotations are those of polynomials through the nearest ends of steps, of one
-degree more than the scheme's order. The rates are their derivatives: those at the ends of steps
-contain vibrations that the steps do not resolve.
+degree more than the scheme's order, on the side of a contact where the motion is smooth. The rates
+are their derivatives: those at the ends of steps contain vibrations that the steps do not resolve.
 """
 
 from __future__ import annotations
@@ -16,6 +16,9 @@ from fx_beam.model.model import Model
 from fx_beam.results.audit import Energy
 from fx_beam.scene.beam import lagrange_and_slopes
 from fx_beam.scene.sliders import SlidingJoint
+
+# Ratio of divided differences from which on the row of the larger one is avoided.
+_MUCH = 4.0
 
 
 def at_times(
@@ -33,9 +36,8 @@ def at_times(
     before = np.maximum(row - 1, 0)
     x = (times - t[before]) / np.where(row > before, t[row] - t[before], 1.0)
     found = dict(steps)
-    q, v = _polynomials(
-        t, steps["q"], times, row, breaks, 4 if len(model.scheme.fractions) == 1 else 6
-    )
+    points = 4 if len(model.scheme.fractions) == 1 else 6
+    q, v = _polynomials(t, steps["q"], model.to_nodes(model.unit), times, row, breaks, points)
     found |= {"t": times, "q": q, "v": v if len(steps["v"]) else steps["v"]}
     for name in ("t_level", "a", "reactions", "joint_forces", "motor_forces", "contact_forces"):
         found[name] = steps[name][row] if len(steps[name]) else steps[name]
@@ -54,7 +56,7 @@ def at_times(
     return found, row
 
 
-def _polynomials(t, q, times, row, breaks, points: int) -> tuple[np.ndarray, np.ndarray]:
+def _polynomials(t, q, unit, times, row, breaks, points: int) -> tuple[np.ndarray, np.ndarray]:
     """Values and derivatives at some times, which lie in the steps that end in some rows."""
     near = 1e-9 * (t[-1] - t[0])
     inner = [b for b in breaks if t[0] + near < b < t[-1] - near]
@@ -63,7 +65,9 @@ def _polynomials(t, q, times, row, breaks, points: int) -> tuple[np.ndarray, np.
     for first, last in zip(edges[:-1], edges[1:], strict=True):
         inside = np.flatnonzero((row > first) & (row <= last) | (row == first) & (first == 0))
         known = min(points, last - first + 1)
-        start = np.clip(row[inside] - known // 2, first, last + 1 - known)
+        smooth = slice(first, last + 1)
+        ends = np.maximum(row[inside], first + 1) - first
+        start = first + _smoothest(t[smooth], q[smooth] / unit, ends, known)
         rows = start[:, None] + np.arange(known)
         at, slope = lagrange_and_slopes(t[rows], times[inside])
         values[inside], rates[inside] = (
@@ -72,6 +76,29 @@ def _polynomials(t, q, times, row, breaks, points: int) -> tuple[np.ndarray, np.
     if len(edges) == 1:
         values[:], rates[:] = q[0], 0.0
     return values, rates
+
+
+def _smoothest(t, q, ends: np.ndarray, known: int) -> np.ndarray:
+    """First ones (n,) of so many rows about the steps that end in some rows.
+
+    Beginning with those of the step, a row is added on one side or the other: in turns, unless the
+    divided difference with it is much larger. So polynomials do not reach over a contact, or
+    whatever else changes the accelerations at once (Harten and others 1987, doi
+    10.1016/0021-9991(87)90031-3).
+    """
+    start, last = ends - 1, len(t) - 1
+    differences = q
+    for number in range(1, known):
+        ages = (t[number:] - t[:-number]).reshape(-1, *[1] * (q.ndim - 1))
+        differences = (differences[1:] - differences[:-1]) / ages
+        if number == 1:
+            continue
+        sizes = abs(differences).max(axis=tuple(range(1, q.ndim)), initial=0.0)
+        sizes = np.concatenate([[np.inf], sizes, [np.inf]])
+        before, after = sizes[start], sizes[start + 1]
+        left = 2 * (ends - start) <= number
+        start = start - np.where(left, before <= _MUCH * after, _MUCH * before < after)
+    return np.clip(start, 0, last + 1 - known)
 
 
 def _slides(model: Model, q: np.ndarray, slides: np.ndarray) -> np.ndarray:

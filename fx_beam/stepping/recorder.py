@@ -44,9 +44,9 @@ class Record:
     times : sequence of float, optional
         Increasing times of the rows [s], in place of the ends of steps. Displacements and rotations
         are those of polynomials through the nearest ends of steps, cubic for schemes of order 2, of
-        degree 5 for order 4; velocities are their derivatives. Energies and momenta are linear.
-        Forces and accelerations are those of the step. All steps are kept until the end of the run;
-        the motion must be recorded. Times before the start and after the end are left out.
+        degree 5 for order 4, on the smooth side of a contact; velocities are their derivatives.
+        Energies and momenta are linear; forces and accelerations are those of the step. All steps
+        are kept to the end; the motion must be recorded. Other times than the run's are left out.
 
     Examples
     --------

@@ -8,6 +8,11 @@ import numpy as np
 
 # Largest single local error, relative to the tolerance.
 _SINGLE = 0.5
+# Local error where accelerations have a kink, as a fraction of what is not predicted: measured with
+# balls that bounce on one-sided springs.
+_KINKED = 0.25
+# Largest effect of an event within a step, relative to the tolerance.
+_EVENT = 0.01
 # Reference for the error of a step: a motion that takes 7 / tolerance^(1/order) steps.
 _REFERENCE = 0.15
 # Desired ratio of the error to what is allowed; between the two others the length is kept.
@@ -31,9 +36,19 @@ class StepControl:
     the tolerance) and error per step (the fewest steps for the sum of the errors).
     """
 
-    def __init__(self, tolerance: float, order: int, constant: float, span: float, longest: float):
+    def __init__(
+        self,
+        tolerance: float,
+        order: int,
+        constant: float,
+        span: float,
+        longest: float,
+        kinks: bool = False,
+    ):
         self._tolerance, self._order, self._constant = tolerance, order, constant
         self._span, self._longest = span, longest
+        #: The same for single differences; these are of lower order where there may be kinks.
+        self._single = max(constant, _KINKED) if kinks and order > 2 else constant
         #: The ratio of error and limit grows with this power of the length.
         self._power = order + 0.5
         #: Length of the next steps [s].
@@ -45,7 +60,7 @@ class StepControl:
         """Factors that make ratios of error and limit of averaged and of single differences."""
         share = _REFERENCE * self._tolerance ** (1 / self._order) * dt / self._span
         limits = self._tolerance * math.sqrt(share), _SINGLE * self._tolerance
-        return self._constant / limits[0], self._constant / limits[1]
+        return self._constant / limits[0], self._single / limits[1]
 
     def band(self, dt: float) -> tuple[float, float]:
         """Ratios between which steps of length dt [s] are kept.
@@ -92,6 +107,10 @@ class StepControl:
     def fail(self, dt: float) -> None:
         """Halve the steps after one of length dt in which Newton's method failed."""
         self.length, self._before = dt / 2, 0.0
+
+    def matters(self, difference: float) -> bool:
+        """Whether an event may not be passed that moves the end of a step, relative to the size."""
+        return difference > _EVENT * self._tolerance
 
     def retry(self, dt: float, ratio: float, at_most: float) -> bool:
         """Choose the first length from the ratio of trial steps; whether to try again with it.

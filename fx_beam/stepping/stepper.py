@@ -13,6 +13,7 @@ from fx_beam.model.model import Model
 from fx_beam.results.audit import Stats
 from fx_beam.results.state import FORCES, Past, State
 
+from .events import switched
 from .forcing import Forcing
 from .interrupts import uninterrupted
 from .local_error import LocalError
@@ -35,6 +36,18 @@ class Attempt(NamedTuple):
     ratio: float | None = None
     #: Whether Newton's method failed in the step after them; a ratio above 1 rejects the last step.
     failed: bool = False
+    #: Whether a contact or a law switches in the step after them.
+    switched: bool = False
+
+
+class Trial(NamedTuple):
+    """A step that is not part of a run."""
+
+    #: State at its end; None if it fails, and perhaps where something switches in it.
+    state: State | None = None
+    #: `Model.switches` at its end, or after the first of its sub-steps in which one changes its
+    #: sign; None if it fails.
+    switches: np.ndarray | None = None
 
 
 class Stepper:
@@ -108,10 +121,39 @@ class Stepper:
         """Do not compare the next steps with those before, for example after a jump of a load."""
         self._errors = LocalError(self.model)
 
+    def trial(self, state: State, t1: float, watch: bool = False) -> Trial:
+        """One step to t1 [s] that is not part of the run; with `watch` also its switches."""
+        predictor = self.single.newton.predictor
+        prediction = predictor.memory
+        try:
+            starts, end = self._take(state, Interval(state.t, t1))
+            return Trial(end, self._switches(state, starts, end) if watch else None)
+        except StepFailed:
+            return Trial()
+        finally:
+            predictor.memory = prediction
+
+    def _switches(self, start: State, starts: list[State], end: State) -> np.ndarray:
+        first = self.model.switches(start)
+        for state in (*starts[1:], end):
+            found = self.model.switches(state)
+            if switched(first, found):
+                break
+        return found
+
     def attempt(
-        self, state: State, ends: np.ndarray, first: int, recorder: Rows, control: StepControl
+        self,
+        state: State,
+        ends: np.ndarray,
+        first: int,
+        recorder: Rows,
+        control: StepControl,
+        watch: bool = False,
     ) -> Attempt:
-        """Take the first of some steps of equal length, number `first`, if its error is small."""
+        """Take the first of some steps of equal length, number `first`, if its error is small.
+
+        With `watch` it is not taken if a contact or a law switches in it.
+        """
         errors, predictor, stats = self._errors, self.single.newton.predictor, self.stats
         assert errors is not None
         step = Interval(state.t, float(ends[0]))
@@ -121,11 +163,13 @@ class Stepper:
             starts, new = self._take(state, step)
         except StepFailed:
             return Attempt(state, 0, failed=True)
+        sides = self.model.switches(state) if watch else np.empty(0)
+        event = len(sides) > 0 and switched(sides, self._switches(state, starts, new))
         ratio = errors.add(new.q - state.q, step.length, *control.factors(step.length))
-        if ratio is not None and ratio > 1:
+        if event or (ratio is not None and ratio > 1):
             predictor.memory, errors.memory = prediction, memory
             stats.newton_iterations, stats.ended_by = counted
-            return Attempt(state, 0, ratio=ratio)
+            return Attempt(state, 0, ratio=ratio, switched=event)
         with uninterrupted:
             self._count(state, new)
             recorder.keep(first, starts, new)

@@ -150,11 +150,42 @@ static void undo(Problem *p, const Work *w, Problem before) {
   memcpy(p->memory, w->saved, p->memory_size * sizeof(double));
 }
 
+/* Values of Model.switches in the present state. */
+static void find_sides(const Problem *p, double *out) {
+  double gradient[2];
+  for (int i = 0; i < p->contacts; ++i) {
+    const Contact *c = p->contact + i;
+    double r[2];
+    for (int k = 0; k < 2; ++k) r[k] = c->X[k] + p->q[c->dof[k]] - c->point[k];
+    *out++ = gap_of(c, r, gradient);
+  }
+  for (int i = 0; i < p->actuators; ++i) {
+    const Actuator *a = p->actuator + i;
+    double place = coordinate(p, a), since_rest = place - a->rest;
+    if (a->stop != 0) *out++ = place - a->limit[0], *out++ = a->limit[1] - place;
+    if (a->conditions) {
+      memset(out, 0, a->conditions * sizeof(double));
+      a->switch_(out, 0, &since_rest, 0, 0, 0, 0);
+      out += a->conditions;
+    }
+  }
+}
+
+/* Whether a value changed its sign since the sub-step before; those now are in the second half. */
+static int switched(const Problem *p) {
+  double *before = p->sides, *now = before + p->switches;
+  int found = 0;
+  find_sides(p, now);
+  for (int i = 0; i < p->switches; ++i) found |= (before[i] < 0) != (now[i] < 0), before[i] = now[i];
+  return found;
+}
+
 int fx_run(Problem *p, int steps, double dt, const Inputs *inputs, Record *to) {
   Work work, *w = &work;
   lay_out(p, w, p->scratch);
   w->dt = 0;
   LAP(PHASES_IN_ALL);
+  if (p->watches) find_sides(p, p->sides);
   int unchecked = 0;
   for (int k = 0; k < steps; ++k) {
     int part = (to->part + k) % to->parts, step = to->first + (to->part + k) / to->parts;
@@ -163,7 +194,7 @@ int fx_run(Problem *p, int steps, double dt, const Inputs *inputs, Record *to) {
     int starts = to->starts;
     double lost = p->dissipated;
     Problem before;
-    if (p->sub_steps > 1 || p->controlled || to->parts > 1) {
+    if (p->sub_steps > 1 || p->controlled || p->watches || to->parts > 1) {
       before = *p;
       memcpy(w->saved, p->memory, p->memory_size * sizeof(double));
     }
@@ -179,6 +210,12 @@ int fx_run(Problem *p, int steps, double dt, const Inputs *inputs, Record *to) {
       if (p->keeps_joint_forces || (of_row && to->joint_forces)) add_joint_forces(p, w);
       if (of_row && to->contact_forces) add_contact_forces(p, w);
       advance(p, w, inputs->driven + number * p->driven);
+      if (p->watches && switched(p)) {
+        p->failure = SWITCHED;
+        undo(p, w, before);
+        to->starts = starts;
+        return k;
+      }
     }
     if (p->controlled) {
       double ratio = local_error(p, w, dt);

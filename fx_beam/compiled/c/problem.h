@@ -13,7 +13,7 @@ enum {
 };
 
 /* Why a step failed. */
-enum { OK, NO_CONVERGENCE, SINGULAR, TURNED_TOO_FAR, TOO_INACCURATE, SLID_TOO_FAR };
+enum { OK, NO_CONVERGENCE, SINGULAR, TURNED_TOO_FAR, TOO_INACCURATE, SLID_TOO_FAR, SWITCHED };
 
 /* Element tensors from coefficients, constants and coordinates. All arrays except the constants are
    for LANES elements, with entry k of lane l at [k][l]. */
@@ -79,6 +79,8 @@ typedef struct {
   double k, rest, c, friction, speed;
   double stop, limit[2], loss, stop_speed; /* stiffness of the stops, or 0; lower and upper limit */
   Law *law, *elastic;   /* of the damper, of the spring's own energy; may be null */
+  Law *switch_;         /* values that change their sign where its energy switches; their number */
+  int conditions;
   int variables, first; /* internal variables of the spring, and the first of them among all */
   double *given, *found; /* coordinates, length of the step, variables; force, slope, loss, energy, variables */
   double start, rate, force, lost, slope_a, slope_b; /* in the present step */
@@ -278,6 +280,8 @@ typedef struct {
   double *error_past;   /* [scheme_order] divided differences from order 1 on */
   double *error_highest; /* [2] the last two differences of the next order */
   int known_errors;     /* number of previous steps */
+  int watches, switches; /* whether a run ends before a step in which a contact or law switches */
+  double *sides;        /* [2][switches] values whose signs tell it, at both ends of a sub-step */
   double ratios[2];     /* of the last two steps; negative if unknown */
 
   /* Work space and results of a run. */
