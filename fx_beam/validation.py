@@ -302,7 +302,8 @@ def series(function: TimeFunction, times: np.ndarray, what: str) -> np.ndarray:
             if values.size == len(times) * function.size and np.isfinite(values).all():
                 return values.reshape(len(times), function.size)
         except KeyboardInterrupt as interrupt:
-            interrupt.time = times[len(found)]  # type: ignore[attr-defined]
+            all_known = len(found) == len(times)
+            interrupt.time = math.inf if all_known else times[len(found)]  # type: ignore[attr-defined]
             raise
         except Exception:
             pass  # the line below finds the time of the failure

@@ -2,6 +2,7 @@
 
 import itertools
 import signal
+import sys
 
 import numpy as np
 import pytest
@@ -199,3 +200,66 @@ def test_functions_of_time_keep_their_times_after_halved_steps(solver):
     assert motion.stats.substeps > 55 and not halving.times
     # The mean of a force that grows evenly is its impulse.
     assert motion.state.linear_momentum[-1, 0] == pytest.approx(2 * 0.75**2, rel=1e-12)
+
+
+# -- Whole runs --------------------------------------------------------------------------------
+
+
+def lines_of(call):
+    """Number of lines of Python in a call."""
+    count = 0
+
+    def trace(frame, event, _):
+        nonlocal count
+        count += event == "line"
+        return trace
+
+    sys.settrace(trace)
+    try:
+        call()
+    finally:
+        sys.settrace(None)
+    return count
+
+
+def motion_by(**options):
+    scene, _ = whirling()
+    return lambda: fb.simulate(scene, t_end=0.125, **options)
+
+
+def bent():
+    scene = fb.Scene()
+    arm = scene.add_beam([(0, 0), (1, 0)], SECTION, elements=2)
+    scene.clamp(arm.start)
+    scene.add_force(arm.end, (0.0, 5.0))
+    return lambda: fb.static(scene, steps=3)
+
+
+RUNS = {
+    "grid": lambda: motion_by(dt=DT),
+    "tolerance": lambda: motion_by(tolerance=1e-2),
+    "petsc": lambda: motion_by(dt=DT, solver="petsc"),
+    "static": bent,
+}
+
+
+@pytest.mark.parametrize("name", RUNS)
+def test_every_ctrl_c_leaves_the_steps_before_it_or_says_that_there_are_none(name, ctrl_c):
+    run = RUNS[name]()
+    whole = run()
+    lines, kept = lines_of(run), 0
+    for place in np.linspace(0, lines, 60, endpoint=False).astype(int):
+        try:
+            call_stopped_at(place, run, how=ctrl_c)
+        except KeyboardInterrupt as stop:
+            if place < 2:  # in the lines that call
+                continue
+            if stop.solution is None:
+                assert kept == 0 and "interrupted before its first step" in stop.__notes__[0]
+                continue
+            found, kept = stop.solution, kept + 1
+            rows = len(found.t)
+            np.testing.assert_array_equal(found.t, whole.t[:rows])
+            np.testing.assert_allclose(found.q, whole.q[:rows], rtol=0, atol=1e-9)
+            assert found.end is not None and found.stats.failure.kind == "interrupted"
+    assert kept > 5

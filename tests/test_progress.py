@@ -238,7 +238,7 @@ def test_an_interrupted_path_hands_over_its_equilibria(continuation, taker, meth
     assert kept.stats.failure.kind == "interrupted" and stop.value.__notes__
 
 
-def test_an_interrupt_before_the_first_equilibrium_has_no_solution(monkeypatch):
+def test_an_interrupt_before_the_first_equilibrium_says_that_there_is_no_solution(monkeypatch):
     scene, _ = arm(9.0, raised)
 
     def interrupted(*_):
@@ -247,7 +247,8 @@ def test_an_interrupt_before_the_first_equilibrium_has_no_solution(monkeypatch):
     monkeypatch.setattr(LoadStepper, "first_state", interrupted)
     with pytest.raises(KeyboardInterrupt) as stop:
         fb.static(scene)
-    assert stop.value.solution is None and not hasattr(stop.value, "__notes__")
+    assert stop.value.solution is None
+    assert stop.value.__notes__ == ["fx_beam: static was interrupted before its first step"]
 
 
 # -- Bars --------------------------------------------------------------------------------------

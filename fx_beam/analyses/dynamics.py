@@ -31,7 +31,7 @@ from .controlled_steps import Tolerance
 from .engine import MOST_STEPS, Engine, check_options, checked_scheme, end_of
 from .evaluation import solution_of
 from .mpi_ranks import warn_of_equal_work
-from .progress import failure_of, keep, progress_bar
+from .progress import failure_of, keep, keeping_steps, progress_bar
 
 _log = logging.getLogger("fx_beam")
 
@@ -41,6 +41,7 @@ _BLOCK = 500_000
 _BAR = {"unit": "s", "bar_format": "{l_bar}{bar}| {n:.4g}/{total:.4g} s [{elapsed}<{remaining}]"}
 
 
+@keeping_steps
 def simulate(
     scene: Scene,
     scheme: Scheme | None = None,
@@ -125,8 +126,8 @@ def simulate(
     StepError
         If a step fails. Its attribute `solution` has all steps before it.
     KeyboardInterrupt
-        After Ctrl-C. Its attribute `solution` has the steps so far. As the `start` of another call
-        it goes on from there.
+        After Ctrl-C. Its attribute `solution` has the steps so far, or is None before the first
+        one. As the `start` of another call it goes on from there.
 
     Examples
     --------
@@ -202,21 +203,14 @@ def simulate(
                         recorder.turns[recorder.rows] = windings.removed.copy()
                 marched(recorder.end)
                 bar.update(recorder.end.t - t)
+        if control is None:
+            _warn_of_parts(stats, first)
+        _warn_of_damping(stats, first if control is None else None)
+        return found()
     except (StepError, KeyboardInterrupt) as error:
         stats.failure = failure_of(error, recorder.end.t)
-        keep(error, found())
+        keep(error, found)
         raise
-    if control is None:
-        _warn_of_parts(stats, first)
-    if stats.amplified:
-        _log.warning(
-            "%s: in %d of %d steps damping added energy to the motion. One sub-step of the scheme "
-            "goes back in time, and there damping amplifies. This happens if the damping rate is "
-            "about 3 / dt%s. Try another dt, or order=2",
-            *(stats.scheme, stats.amplified, stats.substeps),
-            f" = {3 / first:.3g} /s" if control is None else "",
-        )
-    return found()
 
 
 def _steps_of_grid(integrator: Stepper | CompiledLoop, times: np.ndarray, recorder: Recorder):
@@ -243,6 +237,18 @@ def _warn_of_parts(stats: Stats, dt: float) -> None:
             "rounding errors. Try a smaller dt"
         )
     _log.warning("%s: %s", stats.scheme, text)
+
+
+def _warn_of_damping(stats: Stats, dt: float | None) -> None:
+    """Warn if sub-steps that go back in time amplified the motion."""
+    if stats.amplified:
+        _log.warning(
+            "%s: in %d of %d steps damping added energy to the motion. One sub-step of the scheme "
+            "goes back in time, and there damping amplifies. This happens if the damping rate is "
+            "about 3 / dt%s. Try another dt, or order=2",
+            *(stats.scheme, stats.amplified, stats.substeps),
+            "" if dt is None else f" = {3 / dt:.3g} /s",
+        )
 
 
 def _time_grid(dt: float | None, t_end: float, t0: float) -> np.ndarray:

@@ -2,14 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+import functools
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from contextvars import ContextVar
+from typing import ParamSpec
 
 from tqdm import tqdm
 
 from fx_beam.errors import Failure, StepError
 from fx_beam.results.solution import Solution
+from fx_beam.stepping.interrupts import without_ctrl_c
+
+_P = ParamSpec("_P")
 
 # Delay of a progress bar that was not requested [s].
 _SOON = 2.0
@@ -50,8 +55,25 @@ def failure_of(stop: StepError | KeyboardInterrupt, time: float) -> Failure:
     return Failure("interrupted", "interrupted", time)
 
 
-def keep(stop: StepError | KeyboardInterrupt, solution: Solution | None) -> None:
+def keep(stop: StepError | KeyboardInterrupt, found: Callable[[], Solution]) -> None:
     """Attach the partial solution to an exception; a note tells users of Ctrl-C about it."""
-    stop.solution = solution  # type: ignore[union-attr]
-    if solution is not None and isinstance(stop, KeyboardInterrupt):
+    with without_ctrl_c():
+        stop.solution = found()  # type: ignore[union-attr]
+    if isinstance(stop, KeyboardInterrupt):
         stop.add_note(_KEPT)
+
+
+def keeping_steps(function: Callable[_P, Solution]) -> Callable[_P, Solution]:
+    """An analysis that says so if Ctrl-C comes before its first step."""
+
+    @functools.wraps(function)
+    def run(*arguments: _P.args, **named: _P.kwargs) -> Solution:
+        try:
+            return function(*arguments, **named)
+        except KeyboardInterrupt as stop:
+            if not hasattr(stop, "solution"):
+                stop.solution = None  # type: ignore[attr-defined]
+                stop.add_note(f"fx_beam: {function.__name__} was interrupted before its first step")
+            raise
+
+    return run

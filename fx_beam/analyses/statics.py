@@ -40,7 +40,7 @@ from fx_beam.validation import (
 
 from .evaluation import solution_of
 from .mpi_ranks import warn_of_equal_work
-from .progress import failure_of, keep, progress_bar
+from .progress import failure_of, keep, keeping_steps, progress_bar
 
 _log = logging.getLogger("fx_beam")
 # Largest number of load steps.
@@ -48,6 +48,7 @@ _MOST_STEPS = 10_000_000
 _BAR = "{percentage:3.0f}%|{bar}| load factor {n:.3g} [{elapsed}]"
 
 
+@keeping_steps
 def static(
     scene: Scene,
     steps: int = 10,
@@ -121,7 +122,8 @@ def static(
     StepError
         If a step fails. Its attribute `solution` has all steps before it, `time` the load factor.
     KeyboardInterrupt
-        After Ctrl-C. Its attribute `solution` has the steps so far.
+        After Ctrl-C. Its attribute `solution` has the steps so far, or is None before the first
+        one.
 
     Examples
     --------
@@ -170,16 +172,17 @@ def static(
                 stepper.raise_load(states, steps, max_cuts)
             else:
                 ArcLength(stepper).follow(states, steps, max_cuts, max_steps)
+        if states[-1].t < 1:
+            factor = states[-1].t
+            reason = f"static: load factor {factor:g}, below 1, after max_steps = {max_steps} steps"
+            stats.failure = Failure("too many steps", reason, factor)
+            _log.warning(reason)
+        return _solution(stepper, facing, states, clock, values)
     except (StepError, KeyboardInterrupt) as error:
         stats.failure = failure_of(error, states[-1].t if states else 0.0)
-        keep(error, _solution(stepper, facing, states, clock) if states else None)
+        if states:
+            keep(error, lambda: _solution(stepper, facing, states, clock))
         raise
-    if states[-1].t < 1:
-        factor = states[-1].t
-        reason = f"static: load factor {factor:g}, below 1, after max_steps = {max_steps} steps"
-        stats.failure = Failure("too many steps", reason, factor)
-        _log.warning(reason)
-    return _solution(stepper, facing, states, clock, values)
 
 
 class _Path(list[State]):

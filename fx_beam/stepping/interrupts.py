@@ -43,6 +43,20 @@ uninterrupted = _Uninterrupted()
 
 
 @contextmanager
+def without_ctrl_c() -> Iterator[None]:
+    """Take no notice of Ctrl-C: what follows the first one is short."""
+    handler = signal.getsignal(signal.SIGINT)
+    if not callable(handler) or threading.current_thread() is not threading.main_thread():
+        yield
+        return
+    try:
+        signal.signal(signal.SIGINT, signal.SIG_IGN)
+        yield
+    finally:
+        signal.signal(signal.SIGINT, handler)
+
+
+@contextmanager
 def ctrl_c_between_blocks() -> Iterator[None]:
     """Let Ctrl-C wait until the end of `uninterrupted` blocks; a second one does not wait."""
     handler = signal.getsignal(signal.SIGINT)
