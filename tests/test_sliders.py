@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 import scipy.integrate
 from jointed import W, drift
+from scipy.optimize import brentq
 
 import fx_beam as fb
 from fx_beam.coupling.sliding import Sliding
@@ -687,3 +688,51 @@ def test_tolerances_for_a_single_body_are_relative_to_1_metre():
     body = scene.add_body((0, 0), 1.0, 1.0)
     motor = fb.Prismatic(fb.GROUND, body.centre, (1, 0), motor=lambda t: 1e-17 + t**2)
     assert scene.add_joint(motor).number == 0
+
+
+# -- Pulleys on cables ---------------------------------------------------------------------------
+
+
+def tensions_beside_a_pulley(length, elements, degree=2, stiffness=50.0):
+    """Relative difference of both tensions, where those of an ideal cable are equal.
+
+    The cable is stretched between two heights; `length` is sqrt(EI / T). Equal tensions T make
+    equal angles: 2 T sin a = W. A spring rests where the pulley then is.
+    """
+    span, height, W, EA = 1.0, 0.3, 1.0, 5.0
+    L = np.hypot(span, height)
+
+    def wide(T):
+        return L * (1 + T / EA) * np.sqrt(1 - (W / 2 / T) ** 2) - span
+
+    T = brentq(wide, 0.501 * W, 20 * W)
+    place = L / 2 - height * T / W / (1 + T / EA)
+    scene = fb.Scene()
+    section = fb.Section(EA=EA, GA=EA, EI=T * length**2)
+    cable = scene.add_beam([(0, 0), (span, height)], section, elements, degree)
+    scene.pin(cable.start)
+    scene.pin(cable.end)
+    pulley = scene.add_body((0.3 * span, 0.3 * height), 1.0, 0.01)
+    scene.add_joint(fb.Slider(cable, pulley.centre, spring=fb.Spring(stiffness, rest=place)))
+    scene.fix(pulley.centre, "rotation")
+    scene.add_force(pulley.centre, (0.0, -W))
+    solution = fb.static(scene, steps=5)
+    left, right = (np.hypot(*solution.reaction(end)[-1, :2]) for end in (cable.start, cable.end))
+    return abs(left - right) / T
+
+
+def test_a_pulley_on_a_cable_comes_to_equal_tensions_as_bending_and_elements_shrink():
+    found = [tensions_beside_a_pulley(0.08 / k, 20 * k) for k in (1, 2, 4)]
+    assert found[0] < 0.04
+    assert np.log2(found[0] / np.array(found[1:])) == pytest.approx([1, 2], abs=0.25)
+
+
+def test_elements_longer_than_the_bend_under_a_pulley_hold_it_as_friction_would():
+    coarse = max(tensions_beside_a_pulley(0.005, n) for n in (8, 9, 10))
+    fine = max(tensions_beside_a_pulley(0.005, n) for n in (64, 65))
+    assert coarse > 4 * fine
+
+
+def test_load_steps_that_lose_a_pulley_name_the_length_of_elements_and_a_simulation():
+    with pytest.raises(fb.StepError, match="simulation with dampers.*sqrt.EI / N.*friction"):
+        tensions_beside_a_pulley(0.05, 32, degree=1, stiffness=0.2)

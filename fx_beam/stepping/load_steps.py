@@ -248,4 +248,10 @@ class LoadStepper:
                 "times that of the first step, which indicates a limit point. Use "
                 'continuation="arc-length" to pass it'
             )
+        if self.model.couplings.sliding:
+            advice += (
+                ". A node that slides on a slack cable moves far under a small load: find its "
+                "place by a simulation with dampers. Elements longer than sqrt(EI / N), with the "
+                "axial force N, hold it as friction would"
+            )
         return self.single.error(what, cuts, state, failure, advice)
