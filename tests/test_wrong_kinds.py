@@ -203,6 +203,12 @@ def test_lengths_of_steps_that_are_no_lengths_are_refused():
         assert next(iter(option)) in sentence(lambda given=given: Parts().simulate(**given))
 
 
+def test_a_mass_that_is_next_to_nothing_is_refused():
+    for size in (1e-320, -1e-320):
+        parts = Parts()
+        assert "mass of node 2" in sentence(parts.scene.add_mass, parts.end, size)
+
+
 def test_a_level_is_kept_as_a_float():
     def update(old, strains0, strains, dt):
         return [old[0] + 0 * strains[0]]

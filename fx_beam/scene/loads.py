@@ -10,6 +10,7 @@ import numpy as np
 
 from fx_beam.errors import SceneError
 from fx_beam.validation import (
+    LARGEST,
     CheckedFunction,
     Constant,
     TimeFunction,
@@ -67,7 +68,8 @@ def line_load(beam: Beam, load, of: str) -> Load:
 def not_negative(value, what: str) -> float:
     """A number that is zero or positive; SceneError otherwise."""
     (number,) = vector(value, 1, what)
-    require(number >= 0, what, value, "zero or positive")
+    fits = number == 0 or number >= 1 / LARGEST
+    require(fits, what, value, "zero or positive")
     return float(number)
 
 
