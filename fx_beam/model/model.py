@@ -88,7 +88,7 @@ class Model:
         """Whether members or springs have internal variables."""
         return self.forms.internal_shape[-1] > 0 or self.actuators.width > 0
 
-    @property
+    @functools.cached_property
     def may_have_kinks(self) -> bool:
         """Whether the slopes of forces may change at once: flow, contact, functions of a user."""
         own = any(beam.section.strain_energy for beam in self.scene.beams)

@@ -162,11 +162,13 @@ class ArcLength:
         self, state: State, tangent: Tangent, ds: float, ahead: Tangent
     ) -> tuple[State, Tangent]:
         """Limit point in a step: its state and the tangent there."""
-        if tangent.load * ahead.load > 0:
+        # On a plateau, as of a plastic mechanism, the slope's sign is round-off.
+        before = tangent.load if abs(tangent.load) > _FLAT else self._rising * _FLAT
+        if before * ahead.load > 0:
             raise StepFailed(
                 "off the path", "the step contains two limit points", ds * tangent.D, []
             )
-        slopes = {0.0: tangent.load, ds: ahead.load}
+        slopes = {0.0: before, ds: ahead.load}
         found: dict[float, tuple[State, Tangent]] = {}
 
         def slope(length: float) -> float:

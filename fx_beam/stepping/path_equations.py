@@ -34,7 +34,8 @@ class Tangent:
     y: np.ndarray
     D: np.ndarray
     load: float
-    #: Sign of the determinant of the equations' derivative bordered by the tangent.
+    #: Sign of the determinant of the equations' derivative bordered by the tangent; 1 for paths
+    #: that have no corners.
     sense: float = 1.0
 
     def __neg__(self) -> Tangent:
@@ -117,7 +118,8 @@ class PathEquations:
         length = self.length(D, dload)
         if not np.isfinite(length):
             raise StepFailed("singular", "the bordered tangent is singular", D, [])
-        return Tangent(dy / length, D / length, dload / length, bordered.sign)
+        sense = bordered.sign if self.model.may_have_kinks else 1.0
+        return Tangent(dy / length, D / length, dload / length, sense)
 
     def with_the_load(self, y: np.ndarray, load: float) -> Tangent:
         """Unit tangent after increments, in the direction of rising load."""
