@@ -184,7 +184,11 @@ def initial_rates(
     v = state.v.copy() if state.v.any() else _given_velocity(model)
     scene = model.scene
     if scene.projects_velocities:
-        return nearest_rates(model, coupled, v, driven, model.mass + _small_mass(model))
+        weight = model.mass + _small_mass(model)
+        w = nearest_rates(model, coupled, v, driven, weight)
+        # Once more from these rates of massless parts: then their small mass has no effect.
+        v = np.where(model.massless, model.reduction.spread(w), v)
+        return nearest_rates(model, coupled, v, driven, weight)
     w = nearest_rates(model, coupled, v, driven)
     unit = [1.0, 1.0, 1 / model.mesh.size]
     kept = model.reduction.spread(w)
@@ -316,7 +320,7 @@ def _parting(
 
 
 def _small_mass(model: Model) -> scipy.sparse.spmatrix:
-    """A tiny mass for massless degrees of freedom; it has no effect on other rates."""
+    """A tiny mass for massless degrees of freedom."""
     diagonal = model.mass.diagonal()
     size = np.full(model.size, 1.0)
     size[model.turns] = model.mesh.size**2
