@@ -2,7 +2,9 @@
 
 import numpy as np
 import pytest
+from scenes import FLYING
 
+import fx_beam as fb
 from fx_beam.stepping.substeps import Halving
 
 
@@ -59,3 +61,30 @@ def test_a_step_may_be_halved_no_more_than_it_may():
     halving = Halving(2)
     assert halving.fail() and halving.fail() and not halving.fail()
     assert halving.parts == 4
+
+
+@pytest.mark.parametrize("solver", ["compiled", "petsc"])
+@pytest.mark.parametrize("size", [1e150, 1e300])
+def test_a_load_that_overflows_ends_the_run_after_its_halvings(size, solver):
+    scene = fb.Scene()
+    arm = scene.add_beam([(0, 0), (1, 0)], FLYING, elements=4)
+    scene.clamp(arm.start)
+    scene.add_force(arm.end, lambda t: (0.0, size * (t > 0.05)))
+    with pytest.raises(fb.StepError, match="failed after 12 halvings") as stop:
+        fb.simulate(scene, dt=0.01, t_end=1.0, solver=solver)
+    assert stop.value.solution.t[-1] == pytest.approx(0.05)
+
+
+@pytest.mark.parametrize("size", [1e76, 1e308, 10**400], ids=["1e76", "1e308", "1e400"])
+def test_numbers_whose_products_overflow_are_refused(size):
+    scene = fb.Scene()
+    arm = scene.add_beam([(0, 0), (1, 0)], FLYING)
+    for add in (
+        lambda: scene.add_mass(arm.end, size),
+        lambda: scene.add_drag(arm.end, quadratic=size),
+        lambda: scene.add_force(arm.end, (0.0, size)),
+        lambda: fb.Section(EA=size, GA=1.0, EI=1.0),
+        lambda: fb.Spring(size),
+    ):
+        with pytest.raises(fb.SceneError):
+            add()

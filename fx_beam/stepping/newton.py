@@ -130,6 +130,7 @@ class Newton:
             )
         return LinearSolver(self.model.reduction)
 
+    @np.errstate(over="ignore", invalid="ignore")  # a step that overflows fails, and says so
     def solve(
         self, interval: Interval, start: State, force: np.ndarray, driven: np.ndarray
     ) -> StepSolution:
