@@ -102,18 +102,24 @@ def measure(name, n):
     scene = make(n)
     made = process_time()
     fb.simulate(scene, dt=DT, t_end=DT)
-    set_up, memory = process_time(), used()
-    stats = fb.simulate(scene, dt=DT, t_end=STEPS * DT).stats
-    step = (process_time() - set_up - (set_up - made)) / STEPS
-    times = f"{made - start:8.3f} {set_up - made:8.3f} {1e3 * step:10.3f}"
-    print(f"{name:>12} {n:6} {times} {memory - before:10.0f} {used() - before:8.0f}", stats.solver)
+    first, memory = process_time() - made, used()
+    seconds = []
+    for every in (STEPS, 1):  # the last row only, then all rows
+        begun = process_time()
+        stats = fb.simulate(scene, dt=DT, t_end=STEPS * DT, record=fb.Record(every=every)).stats
+        seconds.append(process_time() - begun - first)
+    step, row = seconds[0] / STEPS, (seconds[1] - seconds[0]) / STEPS
+    times = f"{made - start:8.3f} {first:8.3f} {1e3 * step:8.3f} {1e3 * row:8.3f}"
+    print(f"{name:>12} {n:6} {times} {memory - before:9.0f} {used() - before:9.0f} ", stats.solver)
 
 
 if __name__ == "__main__":
     if len(sys.argv) > 1:
         measure(sys.argv[1], int(sys.argv[2]))
     else:
-        print("              bodies   scene   set-up   ms a step  MB set-up   MB in all")
+        print(
+            "              bodies   scene   set-up  ms/step   ms/row MB set-up MB in all   solver"
+        )
         for name, (_, most) in MADE.items():
             for n in SIZES:
                 if n <= most:

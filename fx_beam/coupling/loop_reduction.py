@@ -193,6 +193,19 @@ class LoopReduction(JointReduction):
         z[self._following] = self._ratios(self._values) @ z
         return super().spread(z)
 
+    def gather(self, r):
+        """Forces on all columns, as `project` without That and springs; zero at d."""
+        R, d = super().gather(r), self._following
+        R += self._ratios(self._values).T @ R[d]
+        R[d] = 0.0
+        return R
+
+    def moves(self, dofs):
+        """Whether an unknown moves some degrees of freedom, or a loop."""
+        found = super().moves(dofs)
+        found[self.loop] = True
+        return found
+
     def coupling(self):
         """The matrix of `spread`."""
         return (super().coupling() @ self.completion()).tocsr()

@@ -40,8 +40,7 @@ class CoupledRates(Protocol):
 def coupled_rates(model: Model) -> CoupledRates:
     """The rates of a model, by the matrix T, or along its trees if they are long."""
     reduction = model.reduction
-    # Along the trees alone: not with loops and sliding nodes.
-    if type(reduction) is JointReduction and reduction.sliders is None and len(reduction.ties):
+    if isinstance(reduction, JointReduction) and len(reduction.ties) and reduction.sliders is None:
         return TiedRates(reduction)
     return RatesByMatrix(reduction)
 
@@ -93,11 +92,12 @@ class TiedRates:
 
     def nearest(self, weight, missing):
         """By the system with ties."""
-        right = self.gather(weight @ missing)[: self._reduction.free]
-        return self._solved(self._reduction.normal(weight), right)
+        reduction = self._reduction
+        right = self.gather(weight @ missing)[: reduction.free]
+        return self._solved(reduction.normal(weight), right)[reduction.independent]
 
     def accelerations(self, mass, force):
-        """The same, without unknowns that move no mass."""
+        """The same, without unknowns that move no mass and no loop."""
         reduction, n = self._reduction, self._reduction.free
         still = ~reduction.moves(mass.diagonal() > 0)
         matrix = reduction.normal(mass)
@@ -114,8 +114,10 @@ class TiedRates:
             return a
         return RatesByMatrix(reduction).accelerations(mass, force)
 
-    @staticmethod
-    def _solved(matrix, right: np.ndarray) -> np.ndarray:
+    def _solved(self, matrix, right: np.ndarray) -> np.ndarray:
+        if (borders := self._reduction.borders()) is not None:
+            columns, rows = (scipy.sparse.csr_matrix(part) for part in borders)
+            matrix = scipy.sparse.bmat([[matrix, columns.T], [rows, None]], format="csc")
         b = np.zeros(matrix.shape[0])
         b[: len(right)] = right
         return scipy.sparse.linalg.splu(matrix).solve(b)[: len(right)]
