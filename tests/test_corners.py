@@ -226,3 +226,20 @@ def test_no_load_step_reaches_the_other_branch_of_a_column(side):
         except fb.StepError as error:
             found = error.solution
         assert found.position(column.end)[-1, 1] > -1e-3
+
+
+def test_the_path_of_an_arch_passes_its_bifurcation_with_a_law_of_its_own_too():
+    # Loaded at its middle, the arch could sway before the limit point: the determinant changes
+    # its sign there, as at a corner that turns the path back.
+    def limits(section):
+        scene = fb.Scene()
+        arch = scene.add_beam(lambda f: (f, 0.08 * np.sin(np.pi * f)), section, 8)
+        scene.pin(arch.start)
+        scene.pin(arch.end)
+        scene.add_force(arch.node(0.5), (0.0, -100.0))
+        path = fb.static(scene, continuation="arc-length")
+        assert path.load_factor[-1] == 1
+        return path.stats.limit_points
+
+    smooth = limits(fb.Section(EA=1e5, GA=5e4, EI=1.0))
+    assert limits(own(1e5, 5e4, 1.0)) == pytest.approx(smooth, rel=1e-9)
