@@ -20,7 +20,7 @@ static int begin_couplings(const Problem *p, const Work *w) {
 }
 
 /* Increments without the arms of the joints. */
-static void sum_columns(const Problem *p, const Work *w) {
+INLINED void sum_columns(const Problem *p, const Work *w) {
   double *D = w->D;
   memset(D, 0, p->dofs * sizeof *D);
   for (int k = 0; k < p->equal; ++k) D[p->entry_row[k]] += w->z[p->entry_column[k]];
@@ -118,7 +118,7 @@ static void push_columns(const Problem *p, double *out) {
 }
 
 /* Adds That^T r. */
-static void add_rows(const Problem *p, const Work *w, const double *r, double *out) {
+INLINED void add_rows(const Problem *p, const Work *w, const double *r, double *out) {
   for (int k = 0; k < p->equal; ++k) out[p->entry_column[k]] += r[p->entry_row[k]];
   for (int k = p->equal; k < p->entries; ++k)
     out[p->entry_column[k]] += p->entry_sign[k] * w->hat[p->entry_value[k]] * r[p->entry_row[k]];
