@@ -112,12 +112,12 @@ class Model:
     @property
     def has_unseen_kinks(self) -> bool:
         """Whether forces may change quickly where no switch tells: sections' laws, flow, losses."""
-        laws = [beam.section.strain_energy for beam in self.scene.beams]
-        flow = self.forms.internal_shape[-1] > 0 or self.actuators.width > 0
         contact = self.forms.contact
         losses = self.actuators.have_losses or (contact is not None and contact.share.any())
-        pieces = any(law is not None and has_pieces(law) for law in laws)
-        return bool(flow or losses or pieces)
+        if self.flows or losses:
+            return True
+        laws = [beam.section.strain_energy for beam in self.scene.beams]
+        return any(law is not None and has_pieces(law) for law in laws)
 
     def spring_energy(self, state: State) -> float:
         """Energy stored in springs, stops and obstacles [J]."""
