@@ -5,6 +5,7 @@ import functools
 import numpy as np
 import pytest
 import scipy.integrate
+import scipy.linalg
 import scipy.sparse
 import scipy.sparse.linalg
 
@@ -311,3 +312,33 @@ def test_the_tangent_of_long_loops_is_regular_without_rotary_inertia():
     assert "sparse" in solution.stats.solver and not solution.stats.halvings
     assert abs(solution.energy.balance_error).max() < 1e-11 * solution.energy.kinetic.max()
     assert max(abs(solution.joint(joint).gap).max() for joint in scene.joints) < 1e-14
+
+
+def spring_chain(n):
+    """Links with springs in their hinges, behind one that is clamped."""
+    scene, ends = chain(n, hang=False, spring=fb.Spring(40.0))
+    scene.clamp(scene.bodies[0]["start"])
+    return scene, ends
+
+
+@pytest.mark.parametrize("options", [{}, {"continuation": "arc-length"}])
+def test_springs_of_a_long_chain_carry_the_moments_of_its_load(options):
+    scene, ends = spring_chain(20)
+    scene.add_force(ends[-1], (0.0, -10.0))
+    solution = fb.static(scene, steps=10, **options)
+    turns = solution.q[-1, [body.centre.number for body in scene.bodies], 2]
+    across = np.array([solution.position(end)[-1, 0] for end in ends])
+    assert turns[-1] < -0.3
+    assert 40.0 * np.diff(turns) == pytest.approx(-10.0 * (across[-1] - across[:-1]), abs=1e-7)
+
+
+def test_a_long_chain_of_springs_has_the_frequencies_of_lagrange():
+    scene, _ = spring_chain(21)
+    n = 20
+    i = np.arange(n)
+    coupled = MASS * LENGTH**2 * (n - np.maximum.outer(i, i) - 0.5)
+    np.fill_diagonal(coupled, MASS * LENGTH**2 * (n - i - 0.75) + 1e-3)
+    apart = np.eye(n) - np.eye(n, k=-1)
+    expected = scipy.linalg.eigh(40.0 * apart.T @ apart, coupled, eigvals_only=True) ** 0.5
+    found = fb.modes(scene, n=5).angular_frequencies
+    assert found == pytest.approx(expected[:5], rel=1e-8)

@@ -125,7 +125,9 @@ def _nearest(K, M, n: int, shift: float, deflated: np.ndarray) -> np.ndarray:
 
     # A tiny mass for massless unknowns, so that no vector has zero norm.
     trace = scipy.sparse.diags(1e-20 * (M.diagonal() == 0))
-    A, B = handed_over(K.tocsr()), handed_over((M + trace).tocsr())
+    # Both in one sparsity: SLEPc's shift fails where the mass has entries that the stiffness lacks.
+    pencil = (K + 1j * (M + trace)).tocsr()
+    A, B = handed_over(pencil.real), handed_over(pencil.imag)
     solver = SLEPc.EPS().create(PETSc.COMM_SELF)
     solver.setOperators(A, B)
     solver.setProblemType(SLEPc.EPS.ProblemType.GHEP)
