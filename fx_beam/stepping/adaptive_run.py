@@ -160,9 +160,10 @@ class AdaptiveRun:
         end = end_behind_event(
             first, lambda t: self._trial(state, t, True).switches, state.t, state.t + dt
         )
-        if end is None and not found.switched:
-            return found, dt
-        end = end or state.t + dt
+        if end is None:
+            if not found.switched:
+                return found, dt
+            end = state.t + dt
         number = stats.steps + 1
         recorder.plan(number, np.array([end]), end == self._breaks[-1])
         step = integrator.attempt(state, np.array([end]), number, recorder, self._control)
