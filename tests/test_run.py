@@ -170,9 +170,15 @@ def set_up(tmp_path):
 
     def start(*command):
         environment = os.environ | {"PATH": f"{tmp_path}:{os.environ['PATH']}"}
-        return subprocess.Popen([script, *command], env=environment, cwd=tmp_path)
+        how = {"env": environment, "cwd": tmp_path, "preexec_fn": heed_ctrl_c}
+        return subprocess.Popen([script, *command], **how)
 
     return start
+
+
+def heed_ctrl_c():
+    """Tests in the background of a shell ignore SIGINT, and so would what they start."""
+    signal.signal(signal.SIGINT, signal.SIG_DFL)
 
 
 def is_running(pid):
