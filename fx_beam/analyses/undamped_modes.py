@@ -90,7 +90,9 @@ def _quotients(K, M, vectors: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     vectors /= np.sqrt(np.einsum("ij,ij->j", vectors, M @ vectors))
     values = np.einsum("ij,ij->j", vectors, K @ vectors)
     sizes = np.einsum("ij,ij->j", abs(vectors), abs(K) @ abs(vectors))
-    return values, 2 * np.finfo(float).eps * sizes
+    # Of the sum, and of the vectors: the latter counts where nothing else has stiffness.
+    eps = np.finfo(float).eps
+    return values, 2 * eps * sizes + (10 * eps) ** 2 * (vectors**2).sum(axis=0)
 
 
 def _below(shifted: scipy.sparse.csc_matrix, pencil: np.ndarray, x: float) -> int:
