@@ -2,6 +2,7 @@
 
 import importlib
 import importlib.util
+import warnings
 
 if importlib.util.find_spec("dolfinx") is None:
     raise ImportError(
@@ -23,7 +24,7 @@ from .analyses.sweep import sweep
 from .errors import Failure, SceneError, StepError
 from .mechanics.kinematics import Step
 from .mechanics.nodal_rates import NodalRates
-from .mechanics.rates import AtRest, MidPointRates, NewmarkRates, Rates
+from .mechanics.rates import AtRest, MidPointRates, NewmarkRates, UpdateRule
 from .mechanics.resultants import Resultants, WeightedResultants
 from .mechanics.schemes import (
     HHT,
@@ -102,7 +103,6 @@ __all__ = [
     "Output",
     "PinInSlot",
     "Prismatic",
-    "Rates",
     "Record",
     "Resultants",
     "Revolute",
@@ -120,6 +120,7 @@ __all__ = [
     "Step",
     "StepError",
     "Stop",
+    "UpdateRule",
     "WeightedResultants",
     "arc",
     "converge",
@@ -143,7 +144,15 @@ _ON_DEMAND = {
 }
 
 
+#: Former names, which still work.
+_RENAMED = {"Rates": "UpdateRule"}
+
+
 def __getattr__(name: str):
+    if name in _RENAMED:
+        new = _RENAMED[name]
+        warnings.warn(f"fx_beam.{name} is now fx_beam.{new}", DeprecationWarning, stacklevel=2)
+        return globals()[new]
     if name in _ON_DEMAND:
         return importlib.import_module(_ON_DEMAND[name])
     raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

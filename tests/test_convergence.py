@@ -70,7 +70,7 @@ def test_a_quantity_that_does_not_converge_is_reported_with_the_last_solution():
         ({"quantity": lambda solution: np.nan}, "finite"),
     ],
 )
-def test_options_that_are_none_are_refused(options, message):
+def test_invalid_options_are_refused(options, message):
     given = {"scene_of": cantilever, "quantity": tip, "tolerance": 1e-2, "t_end": 0.1} | options
     with pytest.raises(fb.SceneError, match=message):
         fb.converge(**given)

@@ -209,7 +209,7 @@ def test_a_curve_shares_the_nodes_it_is_given(kind):
         (lambda b: fb.arc((0, 0), b.end, (6, 4)), "arc: only its ends"),
     ],
 )
-def test_a_curve_that_is_none_is_refused_and_leaves_the_scene_as_it_was(make, message, monkeypatch):
+def test_an_invalid_curve_is_refused_and_leaves_the_scene_as_it_was(make, message, monkeypatch):
     monkeypatch.setattr("fx_beam.scene.curve._MOST_PIECES", 1000)  # ten times sooner
     scene = fb.Scene()
     beam = scene.add_beam([(0, 0), (5, 0)], FLYING)

@@ -266,7 +266,7 @@ def field(rate):
         (field, "Constant of your own"),
     ],
 )
-def test_a_law_that_drives_or_is_none_is_refused(law, reason):
+def test_a_law_that_drives_or_is_invalid_is_refused(law, reason):
     with pytest.raises(fb.SceneError, match=f"Damper: law.*({reason})"):
         fb.Damper(law=law)
 

@@ -164,7 +164,7 @@ class Moved:
         """Columns that are not fixed."""
         return np.eye(self.reduction.free + self.reduction.driven)
 
-    def hat(self):
+    def virtual_map(self):
         """The matrix That (size, columns)."""
         return np.array([self.reduction.project(e) for e in np.eye(self.model.size)])
 
@@ -257,7 +257,7 @@ def test_reduced_tangent_is_the_dense_product(scene):
     second = differences(forces, moved.z, moved.moving()[:free])
     moved.expand(moved.z)
     T = moved.reduction.coupling().toarray()[:, :free]
-    dense = moved.hat()[:, :free].T @ K.toarray() @ T + second
+    dense = moved.virtual_map()[:, :free].T @ K.toarray() @ T + second
     assert abs(moved.tangent(K.data, moved.r) - dense).max() < 1e-10 * abs(dense).max()
 
 
@@ -269,7 +269,7 @@ def test_index_reduction_is_the_dense_product(kind):
     K.data = np.random.default_rng(3).uniform(-1, 1, len(K.data))
     T = moved.reduction.coupling().toarray()[:, : moved.reduction.free]
     assert abs(T - differences(moved.expand, moved.z, moved.moving())).max() < 1e-11
-    assert abs(moved.hat() - T).max() == 0.0
+    assert abs(moved.virtual_map() - T).max() == 0.0
     assert abs(moved.tangent(K.data, moved.r) - T.T @ K @ T).max() < 1e-14
 
 
@@ -295,7 +295,7 @@ def test_virtual_displacements_reproduce_the_increment_of_the_step(name):
     z = column_values(moved, work)
     for column in moved.model.couplings.slides.values():
         z[column] = moved.z[column]
-    assert abs(moved.hat() @ z - work).max() < 1e-13
+    assert abs(moved.virtual_map() @ z - work).max() < 1e-13
 
 
 @pytest.mark.parametrize("name", [name for name in SCENES if "ground" not in name])
@@ -305,7 +305,7 @@ def test_virtual_displacements_contain_every_rigid_rotation(name):
     q0, D = moved.model.to_nodes(moved.q), moved.model.to_nodes(moved.D)
     mean = moved.model.mesh.X + q0[:, :2] + D[:, :2] / 2
     turned = moved.model.from_nodes(np.column_stack([mean @ W.T, np.ones(len(mean))]))
-    assert abs(moved.hat() @ column_values(moved, turned) - turned).max() < 1e-13
+    assert abs(moved.virtual_map() @ column_values(moved, turned) - turned).max() < 1e-13
 
 
 # -- The whole equation of motion ----------------------------------------------------------------

@@ -75,7 +75,7 @@ def test_only_the_distance_from_a_guide_is_a_gap(make):
         (lambda a, b: fb.Damper(-1.0), "Damper: viscosity = -1.0 must be finite and not negative"),
     ],
 )
-def test_a_joint_that_is_none_is_refused(build, message):
+def test_an_invalid_joint_is_refused(build, message):
     _, (a, b, _) = beams()
     with refused(re.escape(message)):
         build(a.start, b.start)

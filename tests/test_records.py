@@ -1,4 +1,4 @@
-"""What was not recorded is left out of files, and options that are none are refused."""
+"""What was not recorded is left out of files, and invalid options are refused."""
 
 import csv
 import pickle
@@ -97,7 +97,7 @@ def test_springs_and_beams_have_their_energies_apart(solver):
         ({"forces": 2}, "forces = 2 must"),
     ],
 )
-def test_a_record_that_is_none_is_refused(options, message):
+def test_an_invalid_record_is_refused(options, message):
     with pytest.raises(fb.SceneError, match=f"Record: {message}"):
         fb.Record(**options)
 

@@ -74,7 +74,7 @@ def test_a_density_that_is_negative_or_not_finite_is_refused(name, value):
         ({"shear_factor": 0.0}, "shear_factor"),
     ],
 )
-def test_a_rectangle_that_is_none_is_refused(changed, name):
+def test_an_invalid_rectangle_is_refused(changed, name):
     with refused(f"Section: {name}"):
         fb.Section.rectangle(**{"height": 0.1, "width": 0.1, "E": 1e9} | changed)
 
@@ -176,7 +176,7 @@ def test_points_that_are_no_pairs_are_refused(points):
 
 
 @pytest.mark.parametrize("elements", [0, -3, 2.0, 2.5, None, "two", [2, 0], [2, 2.0], []])
-def test_numbers_of_elements_that_are_none_are_refused(elements):
+def test_invalid_numbers_of_elements_are_refused(elements):
     with refused("'arm': .*elements"):
         fb.Scene().add_beam([(0, 0), (1, 0), (1, 1)], SECTION, elements=elements, name="arm")
 
@@ -213,7 +213,7 @@ def test_two_beams_of_one_name_are_refused(name):
 
 
 @pytest.mark.parametrize("section", [None, STIFFNESS, fb.Section])
-def test_a_section_that_is_none_is_refused(section):
+def test_an_invalid_section_is_refused(section):
     with refused("'arm': section must be an fx_beam.Section"):
         fb.Scene().add_beam([(0, 0), (1, 0)], section, name="arm")
 

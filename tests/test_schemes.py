@@ -1,6 +1,7 @@
 """Orders of convergence, and relations between the schemes."""
 
 import functools
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -122,3 +123,19 @@ def test_schemes_agree_on_the_equations_that_they_discretise():
     for end in ends[1:]:
         # The energy-momentum couple differs by the square of the step only.
         assert np.linalg.norm(end - ends[0]) < 2e-4
+
+
+@pytest.mark.parametrize(
+    "scheme",
+    [*SCHEMES, fb.Equilibrium(), fb.MidPoint(4), fb.EnergyMomentum(order=4)]
+    + [fb.EnergyDecaying(0.25, order=1), fb.Newmark(0.3, 0.6)],
+    ids=repr,
+)
+def test_a_scheme_is_shown_as_it_is_typed(scheme):
+    again = eval(repr(scheme), vars(fb))
+    assert again == scheme and repr(again) == repr(scheme)
+
+
+def test_a_scheme_that_was_changed_is_shown_as_what_it_is():
+    changed = replace(fb.MidPoint(), name="mine", rates=fb.Newmark().rates)
+    assert repr(changed).startswith("Scheme('mine', at_mid_step, NewmarkRates(")

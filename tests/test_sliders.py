@@ -66,14 +66,18 @@ def test_the_virtual_displacement_has_the_increment_and_rigid_motions(degree, sh
         step = local(np.column_stack([D[:, :2], 2 * np.tan(D[:, 2] / 2)]), relation)
         step[-1] = s1 - s0
         Dx, Dy, Dpsi = relation.increment
-        assert relation.hat @ step == pytest.approx([Dx, Dy, 2 * np.tan(Dpsi / 2)], abs=1e-13)
+        assert relation.virtual_map @ step == pytest.approx(
+            [Dx, Dy, 2 * np.tan(Dpsi / 2)], abs=1e-13
+        )
         middle = path.X + q[:, :2] + D[:, :2] / 2
         turn = local(np.column_stack([middle @ W.T, np.ones(len(path))]), relation)
         weights, now = relation.weights, path.X + q[:, :2]
         places = [
             w @ p[relation.nodes] for w, p in ((weights.at0, now), (weights.at1, now + D[:, :2]))
         ]
-        assert relation.hat @ turn == pytest.approx([*(W @ sum(places) / 2), 1.0], abs=1e-12)
+        assert relation.virtual_map @ turn == pytest.approx(
+            [*(W @ sum(places) / 2), 1.0], abs=1e-12
+        )
 
 
 @pytest.mark.parametrize("level, by_tangent", [(0.5, True), (0.5, False), (0.8, False)])
@@ -103,7 +107,7 @@ def test_derivatives_of_the_relation_are_those_of_differences(degree, level, by_
             ahead, behind = at(start + h * unit), at(start - h * unit)
             T = (ahead.increment - behind.increment) / (2 * h)
             assert relation.T[:, k] == pytest.approx(T, abs=1e-7)
-            second = (force @ ahead.hat - force @ behind.hat) / (2 * h)
+            second = (force @ ahead.virtual_map - force @ behind.virtual_map) / (2 * h)
             assert relation.second(force)[:, k] == pytest.approx(second, abs=1e-6)
 
 

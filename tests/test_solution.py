@@ -451,7 +451,7 @@ def test_only_what_the_pendulum_has_is_compiled_and_assembled():
         "internal forces",
         "tangent",
         "strain energy",
-        "sections facing backwards",
+        "inverted sections",
     }
     assert set(stats.assembled) == {"lumped mass", "gravity"}
     assert stats.unknowns == 3 * 2 - 2
@@ -465,7 +465,7 @@ def test_only_what_the_pinned_beam_has_is_compiled_and_assembled():
         "internal forces",
         "tangent",
         "strain energy",
-        "sections facing backwards",
+        "inverted sections",
         "mass",
     }
     assert set(stats.assembled) == {"distributed mass", "distributed rotary inertia"}

@@ -292,7 +292,7 @@ def test_nothing_of_inertia_is_compiled_or_assembled():
         "internal forces",
         "tangent",
         "strain energy",
-        "sections facing backwards",
+        "inverted sections",
         "weight",
     }
     assert set(stats.assembled) == {"gravity"}
@@ -303,7 +303,7 @@ def test_nothing_of_inertia_is_compiled_or_assembled():
         "internal forces",
         "tangent",
         "strain energy",
-        "sections facing backwards",
+        "inverted sections",
     }
     assert stats.assembled == [str(bare.loads[0])]
 

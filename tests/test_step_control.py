@@ -240,7 +240,7 @@ def test_newmarks_scheme_follows_a_tolerance_and_schemes_of_order_one_are_refuse
         ({"tolerance": 1e-3, "t_end": 0.0}, "t_end"),
     ],
 )
-def test_options_that_are_none_are_refused(options, message):
+def test_invalid_options_are_refused(options, message):
     with pytest.raises(fb.SceneError, match=message):
         fb.simulate(pendulum()[0], **{"t_end": 1.0, **options})
 
@@ -249,7 +249,7 @@ def test_options_that_are_none_are_refused(options, message):
     "options",
     [{"times": []}, {"times": [1.0, 0.5]}, {"times": "now"}, {"times": [0.5], "motion": False}],
 )
-def test_times_of_a_record_that_are_none_are_refused(options):
+def test_invalid_times_of_a_record_are_refused(options):
     with pytest.raises(fb.SceneError, match="times"):
         fb.Record(**options)
 

@@ -349,7 +349,7 @@ def test_a_state_that_moves_on_is_refused():
         ({"spin": 1.0, "pivot": (0, 0, 0)}, "static: pivot"),
     ],
 )
-def test_a_turn_that_is_none_is_refused(given, words):
+def test_an_invalid_turn_is_refused(given, words):
     with pytest.raises(fb.SceneError, match=words):
         fb.static(blade()[0], **given)
 

@@ -28,10 +28,10 @@ from fx_beam.stepping.substeps import LARGE_TURN, Halving
 from fx_beam.validation import as_float, is_flag, is_number, require
 
 from .controlled_steps import Tolerance
-from .engine import MOST_STEPS, Engine, check_options, checked_scheme, end_of
 from .evaluation import solution_of
 from .mpi_ranks import warn_of_equal_work
 from .progress import failure_of, keep, keeping_steps, progress_bar
+from .run_setup import MOST_STEPS, RunSetup, check_options, checked_scheme, end_of
 
 _log = logging.getLogger("fx_beam")
 
@@ -142,7 +142,7 @@ def simulate(
     >>> round(float(solution.displacement(bar.end)[-1, 1]), 2)
     -0.42
 
-    The same with steps that choose themselves.
+    The same with adaptive steps.
 
     >>> solution = fb.simulate(scene, t_end=0.3, tolerance=1e-3)
     >>> round(float(solution.displacement(bar.end)[-1, 1]), 2), len(solution.t) < 30
@@ -168,39 +168,39 @@ def simulate(
     warn_of_equal_work()
     clock = time.perf_counter()
     halving = Halving(max_halvings, dt if control is None else None)
-    engine = Engine(scene, scheme, newton, halving, solver)
-    stats, integrator, windings = engine.stats, engine.integrator, engine.windings
-    recorder = Recorder(engine.model, times, record or Record())
+    setup = RunSetup(scene, scheme, newton, halving, solver)
+    stats, integrator, counter = setup.stats, setup.integrator, setup.turn_counter
+    recorder = Recorder(setup.model, times, record or Record())
     rows_at = None if record is None or record.times is None else np.array(record.times, float)
     first = float(times[1] - times[0]) if control is None else control.first
-    recorder.record(0, engine.first_state(first, start))
+    recorder.record(0, setup.first_state(first, start))
     stats.setup_seconds = time.perf_counter() - clock
 
     def found() -> Solution:
         stats.seconds = time.perf_counter() - clock
         end = replace(
-            windings.with_turns(recorder.end),
+            counter.with_turns(recorder.end),
             parts=halving.memory,
             past=integrator.past,
             inputs=values_at(named, inputs, recorder.end.t),
         )
-        return solution_of(engine.model, recorder, stats, end, rows_at, [*breaks, *events])
+        return solution_of(setup.model, recorder, stats, end, rows_at, [*breaks, *events])
 
     clock, events = time.perf_counter(), list[float]()
     try:
         if control is None:
             marched = _steps_of_grid(integrator, times, recorder)
         else:
-            run = control.run(integrator, engine.stepper, recorder, max_halvings)
+            run = control.run(integrator, setup.stepper, recorder, max_halvings)
             marched, events = run.advance, run.events
         with progress_bar(t_end - t0, progress, **_BAR) as bar, ctrl_c_between_blocks():
             while recorder.end.t < t_end:
-                t, turns = recorder.end.t, windings.turns_of(recorder.end)
+                t, turns = recorder.end.t, counter.turns_of(recorder.end)
                 if turns.any():
                     with uninterrupted:
-                        recorder.end = windings.without(turns, recorder.end)
-                        windings.removed += turns
-                        recorder.turns[recorder.rows] = windings.removed.copy()
+                        recorder.end = counter.without(turns, recorder.end)
+                        counter.removed += turns
+                        recorder.turns[recorder.rows] = counter.removed.copy()
                 marched(recorder.end)
                 bar.update(recorder.end.t - t)
         if control is None:

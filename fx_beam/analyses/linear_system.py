@@ -17,10 +17,10 @@ from fx_beam.scene.outputs import Output, check_outputs
 from fx_beam.scene.scene import Scene
 from fx_beam.validation import is_whole, require
 
-from .engine import checked_scheme, end_of
 from .first_order import FirstOrder, InputColumns
 from .motion import Motion
 from .moving_state import Deviations, deviations
+from .run_setup import checked_scheme, end_of
 
 # Jump of a rate with an input, relative to the outputs, that is round-off.
 _NONE = 1e-12

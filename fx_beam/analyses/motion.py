@@ -23,10 +23,10 @@ from fx_beam.stepping.stride import Grid
 from fx_beam.stepping.substeps import Halving
 from fx_beam.validation import LARGEST, as_float, is_number, require
 
-from .engine import MOST_STEPS, Engine, check_options, checked_scheme, state_of
 from .evaluation import solution_of
 from .measurement import reading
 from .open_motion import OpenMotion
+from .run_setup import MOST_STEPS, RunSetup, check_options, checked_scheme, state_of
 from .snapshot import Snapshot
 
 Controller = Callable[[float, dict[str, Any]], Mapping[str, Any] | None]
@@ -136,20 +136,20 @@ class Motion:
         }
         self._dt, held = as_float(dt), HeldInputs(scene)
         halving = Halving(max_halvings, self._dt)
-        self._engine = engine = Engine(held.scene, scheme, newton, halving, solver)
+        self._setup = setup = RunSetup(held.scene, scheme, newton, halving, solver)
         if start is not None:
-            state = state_of(engine.model, start)
-            held.resume(engine.forcing, state, state.inputs)
+            state = state_of(setup.model, start)
+            held.resume(setup.forcing, state, state.inputs)
         forces = any(output.quantity == "force" for output in outputs.values())
-        self._open = OpenMotion(engine, held, self._dt, record, forces)
-        turns = engine.windings.removed
+        self._open = OpenMotion(setup, held, self._dt, record, forces)
+        turns = setup.turn_counter.removed
         self._readings = {
-            name: reading(engine.model, self._open.now, turns, output)
+            name: reading(setup.model, self._open.now, turns, output)
             for name, output in outputs.items()
         }
-        state = engine.first_state(self._dt, start)
-        self._open.begin(state, np.zeros(engine.model.size), Grid(state.t, 0, self._dt))
-        engine.stats.setup_seconds = perf_counter() - clock
+        state = setup.first_state(self._dt, start)
+        self._open.begin(state, np.zeros(setup.model.size), Grid(state.t, 0, self._dt))
+        setup.stats.setup_seconds = perf_counter() - clock
 
     # -- Steps ------------------------------------------------------------------------------------
 
@@ -178,7 +178,7 @@ class Motion:
         clock = perf_counter()
         self._open.step({} if inputs is None else inputs)
         found = {name: read() for name, read in self._readings.items()}
-        self._engine.stats.seconds += perf_counter() - clock
+        self._setup.stats.seconds += perf_counter() - clock
         return found
 
     def run(self, t_end: float, controller: Controller | None = None) -> dict[str, Any]:
@@ -238,13 +238,15 @@ class Motion:
     def q(self) -> np.ndarray:
         """Present displacements and rotations of the nodes, (n_node, 3) [m, rad]."""
         self._open.settle()
-        return self._engine.model.to_nodes(self._open.stride.now.q + self._engine.windings.removed)
+        return self._setup.model.to_nodes(
+            self._open.stride.now.q + self._setup.turn_counter.removed
+        )
 
     @property
     def v(self) -> np.ndarray:
         """Their rates, (n_node, 3) [m/s, rad/s]."""
         self._open.settle()
-        return self._engine.model.to_nodes(self._open.now.v)
+        return self._setup.model.to_nodes(self._open.now.v)
 
     @property
     def slides(self) -> np.ndarray:
@@ -272,15 +274,15 @@ class Motion:
         """Statistics of all steps so far."""
         self._open.settle()
         self._open.stride.count()
-        return copy(self._engine.stats)
+        return copy(self._setup.stats)
 
     @property
     def state(self) -> Solution:
         """The present state, a solution of one row: for `start`, `modes`, `linearise`, pictures."""
-        recorder = Recorder(self._engine.model, np.array([self.t]), Record())
+        recorder = Recorder(self._setup.model, np.array([self.t]), Record())
         end = self._open.end()
         recorder.record(0, end)
-        return solution_of(self._engine.model, recorder, self.stats, end)
+        return solution_of(self._setup.model, recorder, self.stats, end)
 
     def solution(self) -> Solution:
         """What was recorded since the start or since the last `restore`.
@@ -297,7 +299,7 @@ class Motion:
         """
         self._open.settle()
         recorder = self._open.rows.complete()
-        return solution_of(self._engine.model, recorder, self.stats, self._open.end())
+        return solution_of(self._setup.model, recorder, self.stats, self._open.end())
 
     # -- Snapshots --------------------------------------------------------------------------------
 
@@ -330,7 +332,7 @@ class Motion:
             For a snapshot of another scene.
         """
         require(isinstance(snapshot, Snapshot), "Motion.restore", snapshot, "a snapshot")
-        snapshot.check(self._engine.model, sum(self._open.held.widths.values()))
+        snapshot.check(self._setup.model, sum(self._open.held.widths.values()))
         self._open.restore(snapshot)
         return self.outputs
 
@@ -339,7 +341,7 @@ class Motion:
 
     def __repr__(self):
         return (
-            f"<Motion: {self._engine.stats.scheme}, dt = {self._dt:g}, at t = {self.t:g}, inputs "
+            f"<Motion: {self._setup.stats.scheme}, dt = {self._dt:g}, at t = {self.t:g}, inputs "
             f"{list(self._open.held.widths)}, outputs {list(self._readings)}>"
         )
 

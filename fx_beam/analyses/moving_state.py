@@ -24,8 +24,8 @@ from fx_beam.stepping.initial_state import reference_state
 from fx_beam.stepping.mass_solver import acceleration_of
 from fx_beam.validation import Constant
 
-from .engine import end_of, state_of
 from .linearisation import MOMENT, check_damping, check_unknowns, turning_frame_of
+from .run_setup import end_of, state_of
 
 _log = logging.getLogger("fx_beam")
 

@@ -15,9 +15,9 @@ from fx_beam.stepping.held_inputs import HeldInputs
 from fx_beam.stepping.recorder import Record
 from fx_beam.stepping.stride import Grid, Stride
 
-from .engine import Engine
 from .fitted_state import FittedState
 from .open_record import OpenRecord
+from .run_setup import RunSetup
 from .snapshot import Snapshot
 
 # Steps between two counts of full turns, as in `simulate`.
@@ -31,29 +31,29 @@ class OpenMotion:
     """
 
     def __init__(
-        self, engine: Engine, held: HeldInputs, dt: float, record: Record | None, forces: bool
+        self, setup: RunSetup, held: HeldInputs, dt: float, record: Record | None, forces: bool
     ):
-        self._engine, self._dt, self._record = engine, dt, record
+        self._setup, self._dt, self._record = setup, dt, record
         #: What completes or undoes what an interrupt may have broken off, and its arguments.
         self._pending: tuple[Callable[..., None], tuple] | None = None
         self.held = held
         self.stride: Stride | CompiledStride
-        if isinstance(engine.integrator, CompiledLoop):
-            self.stride = CompiledStride(engine.integrator, engine.stepper, dt, forces)
+        if isinstance(setup.integrator, CompiledLoop):
+            self.stride = CompiledStride(setup.integrator, setup.stepper, dt, forces)
         else:
-            self.stride = Stride(engine.stepper)
+            self.stride = Stride(setup.stepper)
         #: The present state as it is shown.
-        self.now = FittedState(engine.model, engine.forcing, self.stride)
+        self.now = FittedState(setup.model, setup.forcing, self.stride)
 
     def begin(self, state: State, removed: np.ndarray, grid: Grid) -> None:
         """Begin to step and to record from a state, in which full turns are missing."""
-        windings = self._engine.windings
-        turns = windings.turns_of(state)
-        state = windings.without(turns, state)
-        windings.removed[:] = removed + turns
+        counter = self._setup.turn_counter
+        turns = counter.turns_of(state)
+        state = counter.without(turns, state)
+        counter.removed[:] = removed + turns
         self.stride.load(state, grid)
         self.now.begin(state)
-        self.rows = OpenRecord(self._engine.model, self._record, state, windings.removed, grid)
+        self.rows = OpenRecord(self._setup.model, self._record, state, counter.removed, grid)
         #: Present time [s].
         self.t = grid(0)
 
@@ -95,23 +95,23 @@ class OpenMotion:
 
     def _count_turns(self) -> None:
         """Count full turns separately, so that they do not add to rounding errors."""
-        windings, state = self._engine.windings, self.stride.state()
-        turns = windings.turns_of(state)
+        counter, state = self._setup.turn_counter, self.stride.state()
+        turns = counter.turns_of(state)
         if turns.any():
-            state, removed = windings.without(turns, state), windings.removed + turns
+            state, removed = counter.without(turns, state), counter.removed + turns
             self._pending = self._turn_back, (state, removed)
             self.settle()
 
     def _turn_back(self, state: State, removed: np.ndarray) -> None:
         """Go on from the present state without its full turns; `removed` are all that miss."""
-        self._engine.windings.removed[:] = removed
+        self._setup.turn_counter.removed[:] = removed
         self.rows.miss(removed)
         self.stride.go_on_from(state)
 
     def end(self) -> State:
         """The present state, with all on which the next step depends."""
         self.settle()
-        state = self._engine.windings.with_turns(self.now.state())
+        state = self._setup.turn_counter.with_turns(self.now.state())
         return replace(state, inputs=self.held.all)
 
     def snapshot(self) -> Snapshot:
@@ -119,7 +119,7 @@ class OpenMotion:
         self.settle()
         stride = self.stride
         state = replace(self.now.state(), inputs=self.held.all)
-        turns, dofs = self._engine.windings.removed.copy(), self._engine.model.mesh.dofs
+        turns, dofs = self._setup.turn_counter.removed.copy(), self._setup.model.mesh.dofs
         step = stride.grid.origin, stride.grid.first + stride.number
         return Snapshot(self.t, state, step, turns, dofs)
 
@@ -132,5 +132,5 @@ class OpenMotion:
 
     def _return_to(self, snapshot: Snapshot) -> None:
         state = snapshot.state
-        self.held.resume(self._engine.forcing, state, state.inputs)
+        self.held.resume(self._setup.forcing, state, state.inputs)
         self.begin(state, snapshot.turns, Grid(*snapshot.step, self._dt))

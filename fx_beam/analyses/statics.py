@@ -21,11 +21,11 @@ from fx_beam.scene.inputs import values_at, with_functions
 from fx_beam.scene.scene import Scene
 from fx_beam.stepping.arc_length import ArcLength
 from fx_beam.stepping.forcing import LoadForcing
+from fx_beam.stepping.inverted_sections import InversionCheck
 from fx_beam.stepping.linear_solver import petsc
 from fx_beam.stepping.load_steps import LoadStepper
 from fx_beam.stepping.newton import NewtonOptions
 from fx_beam.stepping.recorder import Record, Recorder
-from fx_beam.stepping.section_facing import FacingCheck
 from fx_beam.stepping.substeps import MOST_HALVINGS
 from fx_beam.validation import (
     as_float,
@@ -161,7 +161,7 @@ def static(
     turning = TurningFrame(model, as_float(spin), pivot) if spin else None
     forcing = LoadForcing(model, as_float(t), turning)
     stepper = LoadStepper(model, forcing, newton or NewtonOptions(), stats)
-    facing = FacingCheck(model, stats)
+    inversion = InversionCheck(model, stats)
     stats.setup_seconds = time.perf_counter() - clock
     clock = time.perf_counter()
     states = _Path(progress_bar(1.0, progress, bar_format=_BAR))
@@ -177,11 +177,11 @@ def static(
             reason = f"static: load factor {factor:g}, below 1, after max_steps = {max_steps} steps"
             stats.failure = Failure("too many steps", reason, factor)
             _log.warning(reason)
-        return _solution(stepper, facing, states, clock, values)
+        return _solution(stepper, inversion, states, clock, values)
     except (StepError, KeyboardInterrupt) as error:
         stats.failure = failure_of(error, states[-1].t if states else 0.0)
         if states:
-            keep(error, lambda: _solution(stepper, facing, states, clock))
+            keep(error, lambda: _solution(stepper, inversion, states, clock))
         raise
 
 
@@ -197,7 +197,7 @@ class _Path(list[State]):
 
 
 def _solution(
-    stepper: LoadStepper, facing: FacingCheck, states: list[State], clock: float, inputs=None
+    stepper: LoadStepper, inversion: InversionCheck, states: list[State], clock: float, inputs=None
 ) -> Solution:
     model, stats = stepper.model, stepper.stats
     stats.seconds, stats.substeps = time.perf_counter() - clock, stats.steps
@@ -206,7 +206,7 @@ def _solution(
     recorder = Recorder(model, np.array([state.t for state in states]), Record())
     for step, state in enumerate(states):
         recorder.record(step, state)
-        facing.check(state.t, state.q)
+        inversion.check(state.t, state.q)
     end = replace(states[-1], t=stepper.forcing.time, inputs=inputs)
     return solution_of(model, recorder, stats, end)
 

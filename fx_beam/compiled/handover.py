@@ -30,7 +30,7 @@ from .tolerances import hand_over_tolerances
 _FORMS = {
     "internal": ("internal forces", "tangent"),
     "energy": ("strain energy",),
-    "backwards": ("sections facing backwards",),
+    "inversion": ("inverted sections",),
     "added": ("added virtual work",),
     "lost": ("lost energy",),
     "taken": ("scheme's loss",),
@@ -393,8 +393,8 @@ class Problem:
         ages[:] = of_errors[0][:] = 1.0
         #: Past of the predictor: ages, divided differences of nodes (size,) and unknowns (free,).
         self.past = ages, *(d.reshape(known, -1) for d in (differences, differences_y))
-        #: First configuration with sections that face backwards.
-        self.out_q = np.zeros(model.size)
-        self._doubles(out_q=self.out_q)
+        #: First configuration with inverted sections.
+        self.inverted_q = np.zeros(model.size)
+        self._doubles(inverted_q=self.inverted_q)
         self._doubles(ages=self.past[0], past=self.past[1], past_y=self.past[2])
         self._doubles(scratch=aligned(np.zeros(self.library.fx_scratch(self.c))))

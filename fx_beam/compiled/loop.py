@@ -38,7 +38,7 @@ class CompiledLoop:
             problem.state_arrays,
             problem.past,
         )
-        problem.c.least_energy = stepper.facing.least_energy
+        problem.c.least_energy = stepper.inversion.least_energy
         coordinates = problem.c.actuator[0 : problem.c.actuators]
         values = sum(2 * (a.stop != 0) + a.conditions for a in coordinates)
         problem.c.switches = problem.c.contacts + values
@@ -244,13 +244,13 @@ class CompiledLoop:
         stats.newton_iterations += p.iterations
         stats.too_large += p.too_large
         stats.amplified += p.amplified
-        if p.inside_out:
-            self._stepper.facing.count(p.inside_out, p.out_t, self.problem.out_q)
+        if p.inverted:
+            self._stepper.inversion.count(p.inverted, p.inverted_t, self.problem.inverted_q)
         solves = taken * p.sub_steps
         for name, count in (("increment", solves - p.by_round_off), ("round-off", p.by_round_off)):
             if count:
                 stats.ended_by[name] = stats.ended_by.get(name, 0) + count
-        p.iterations = p.by_round_off = p.too_large = p.inside_out = p.amplified = 0
+        p.iterations = p.by_round_off = p.too_large = p.inverted = p.amplified = 0
 
     def inputs(self, t: float, times: np.ndarray) -> StepInputs:
         """Inputs of all sub-steps; if a function of time fails, only of the steps before."""

@@ -87,6 +87,6 @@ def _set_windows(to: Any, k: int, sliders: Sliders, at: np.ndarray, pointer: Cal
     to.above = pointer(np.concatenate([at[w.above.T].ravel() for w in windows]), np.int32)
     to.inside = pointer(np.concatenate([at[w.inside].ravel() for w in windows]), np.int32)
     room = len(slide.columns) * int(sizes.max())
-    for name in ("entry_T", "entry_hat", "entry_KT"):
+    for name in ("entry_T", "entry_virtual", "entry_KT"):
         setattr(to, name, pointer(np.zeros(room), np.float64))
     to.entry_factor = pointer(np.zeros(2 * int(sizes.max())), np.float64)

@@ -148,7 +148,7 @@ class CompiledStride:
         p.t = t0
         if not self._run(p, 1, t1 - t0, self._c_inputs, to):
             return False
-        if p.inside_out:
+        if p.inverted:
             self.count()
         return True
 

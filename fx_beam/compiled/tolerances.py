@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
+from fx_beam.stepping.line_search import OVERSHOOT, SEARCHES
 from fx_beam.stepping.newton import (
     ENERGY_FLOOR,
     ENERGY_SHARE,
@@ -12,7 +13,6 @@ from fx_beam.stepping.newton import (
     PREDICTOR_ERROR,
     NewtonOptions,
 )
-from fx_beam.stepping.overshoot import OVERSHOOT, SEARCHES
 from fx_beam.stepping.substeps import LARGE_TURN
 
 

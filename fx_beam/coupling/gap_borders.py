@@ -47,16 +47,18 @@ class GapBorders:
         self._diagonal = np.flatnonzero((row == indices) & (row < len(unit)))
         self._unit = unit[row[self._diagonal]]
 
-    def stiffen(self, out: np.ndarray, values: np.ndarray, hat: np.ndarray) -> None:
+    def stiffen(self, out: np.ndarray, values: np.ndarray, virtual_map: np.ndarray) -> None:
         """Add the stiffness to a tangent, whose diagonal gives its size; for T and That."""
         stiff = (abs(out[self._diagonal]) / self._unit**2).max()
-        left, right = self._sign * hat[self._place], self._sign * values[self._place]
+        left, right = self._sign * virtual_map[self._place], self._sign * values[self._place]
         np.add.at(out, self._pairs, stiff * left[self._left] * right[self._right])
 
-    def of(self, values: np.ndarray, hat: np.ndarray) -> np.ndarray:
+    def of(self, values: np.ndarray, virtual_map: np.ndarray) -> np.ndarray:
         """Ghat and G (2, closures, unknowns) in the linear system."""
         found, on = np.zeros((2, self._count, self._n)), self._columns >= 0
-        for out, at, entries in zip(found, (self._rows, self._columns), (hat, values), strict=True):
+        for out, at, entries in zip(
+            found, (self._rows, self._columns), (virtual_map, values), strict=True
+        ):
             np.add.at(out, (self._gap[on], at[on]), (self._sign * entries[self._place])[on])
         return found
 

@@ -37,7 +37,7 @@ class Tables(NamedTuple):
     followers: dict
     #: Entries of the full tangent that are added to reduced ones as they are: to and source.
     direct: dict
-    #: Entries that are multiplied by entries of That (hat) and T (value): also with a sign.
+    #: Entries that are multiplied by entries of That (virtual) and T (value): also with a sign.
     coupled: dict
     #: Geometric stiffness, the derivatives of That: to, joint, kind and sign.
     geometric: dict
@@ -255,7 +255,7 @@ class IndexReduction(WithoutLoops):
             },
             followers={"dof": none, "through": none},
             direct={"to": to, "source": source},
-            coupled={"to": none, "source": none, "hat": none, "value": none, "sign": none},
+            coupled={"to": none, "source": none, "virtual": none, "value": none, "sign": none},
             geometric={"to": none, "joint": none, "kind": none, "sign": none},
             restoring={"to": none, "of": none, "side": none, "sign": none},
             ties=None,

@@ -6,7 +6,7 @@ import numpy as np
 import scipy.sparse
 
 from fx_beam.kept import kept
-from fx_beam.mechanics.rates import Rates
+from fx_beam.mechanics.rates import UpdateRule
 
 from .graph import Couplings
 from .index_reduction import Tables, WithoutLoops, sparsity
@@ -31,7 +31,7 @@ class JointReduction(WithoutLoops):
         self,
         couplings: Couplings,
         actuators: Actuators,
-        rates: Rates,
+        rates: UpdateRule,
         dofs: np.ndarray,
         matrix,
         used: np.ndarray,
@@ -76,7 +76,7 @@ class JointReduction(WithoutLoops):
         # Rows that follow through joint m: 2 m for those in x, 2 m + 1 for those in y.
         pairs = [(dof, arm) for dof, arms in couplings.arms.items() for arm in arms]
         self._below, self._through = np.array(pairs, dtype=int).reshape(-1, 2).T
-        self._values, self._hat = (np.ones(1 + 4 * len(moving)) for _ in range(2))
+        self._values, self._virtual_map = (np.ones(1 + 4 * len(moving)) for _ in range(2))
 
     def _build_products(self, couplings: Couplings, matrix, used: np.ndarray) -> None:
         """Positions of all products That[i, a] K[i, j] T[j, b] in the reduced tangent."""
@@ -87,8 +87,8 @@ class JointReduction(WithoutLoops):
                 e for e in couplings.entries_of_guide(joint, self._dofs) if self._index[e[0]] >= 0
             ]
             slide = [(self._slide[m], 0, 1.0)] if 0 <= self._slide[m] < free else []
-            for kind, hats, values in ((0, turn, turn), (1, turn, slide), (2, slide, turn)):
-                geometric += [(a, b, m, kind, s * o) for a, _, s in hats for b, _, o in values]
+            for kind, maps, values in ((0, turn, turn), (1, turn, slide), (2, slide, turn)):
+                geometric += [(a, b, m, kind, s * o) for a, _, s in maps for b, _, o in values]
         restoring = self._actuators.pairs(self._index)
 
         moves = self._index[self._col] >= 0
@@ -102,11 +102,11 @@ class JointReduction(WithoutLoops):
         cuts = np.cumsum([len(source), len(geometric), len(restoring)])
         parts = np.split(place, cuts)
         place, self._geometric_place, self._restoring_place, self._tied_place = parts
-        hats, values = self._place[left], self._place[right]
+        maps, values = self._place[left], self._place[right]
         signs = self._sign[left] * self._sign[right]
-        direct = (hats == 0) & (values == 0) & (signs == 1)
+        direct = (maps == 0) & (values == 0) & (signs == 1)
         self._direct = place[direct], source[direct]
-        self._coupled = tuple(part[~direct] for part in (place, source, hats, values, signs))
+        self._coupled = tuple(part[~direct] for part in (place, source, maps, values, signs))
         table = np.array([(m, kind, sign) for _, _, m, kind, sign in geometric]).reshape(-1, 3)
         self._geometric = table[:, 0].astype(int), table[:, 1].astype(int), table[:, 2]
 
@@ -128,7 +128,7 @@ class JointReduction(WithoutLoops):
 
     def tables(self):
         """Entries, joints and products."""
-        to, source, hat, value, sign = self._coupled
+        to, source, virtual, value, sign = self._coupled
         joint, kind, signs = self._geometric
         return Tables(
             entries={
@@ -147,7 +147,7 @@ class JointReduction(WithoutLoops):
             },
             followers={"dof": self._below, "through": self._through},
             direct={"to": self._direct[0], "source": self._direct[1]},
-            coupled={"to": to, "source": source, "hat": hat, "value": value, "sign": sign},
+            coupled={"to": to, "source": source, "virtual": virtual, "value": value, "sign": sign},
             geometric={"to": self._geometric_place, "joint": joint, "kind": kind, "sign": signs},
             restoring={"to": self._restoring_place, **self._actuators.stiffness_terms()},
             ties=self.ties.tables(self._tied_place),
@@ -204,9 +204,9 @@ class JointReduction(WithoutLoops):
             self._slope_derivative = self._rates.slope_derivative(Dpsi)
             self._mean_t = (1 - level) * self._t0 + level * self._t1
             mean_rho = (1 - level) * self._rho0 + level * self._rho1
-            of_joints, hats = self._values[1:].reshape(-1, 4), self._hat[1:].reshape(-1, 4)
+            of_joints, maps = self._values[1:].reshape(-1, 4), self._virtual_map[1:].reshape(-1, 4)
             of_joints[:, :2], of_joints[:, 2:] = _perp(self._rho1), self._t1
-            hats[:, :2], hats[:, 2:] = _perp(mean_rho), self._slope[:, None] * self._mean_t
+            maps[:, :2], maps[:, 2:] = _perp(mean_rho), self._slope[:, None] * self._mean_t
         return D
 
     @property
@@ -283,7 +283,7 @@ class JointReduction(WithoutLoops):
         """Forces (size,) with those of sliding nodes on their beams."""
         if self.sliders is None:
             return r
-        return self.sliders.carry(r, self._hat, self._actuators.forces(self.columns))
+        return self.sliders.carry(r, self._virtual_map, self._actuators.forces(self.columns))
 
     def fault(self):
         """Kind and reason of a step in which a node leaves the beam on which it slides."""
@@ -298,11 +298,11 @@ class JointReduction(WithoutLoops):
         count = self.columns + len(self.ties)
         forces = self._actuators.forces(count)
         if self.sliders is not None:
-            r = self.sliders.carry(r, self._hat, forces)
-        weights = r[self._row] * self._hat[self._place] * self._sign
+            r = self.sliders.carry(r, self._virtual_map, forces)
+        weights = r[self._row] * self._virtual_map[self._place] * self._sign
         out = np.bincount(self._col, weights, count) + forces
         if len(self.ties):
-            self.ties.collect(out, self._hat)
+            self.ties.collect(out, self._virtual_map)
         return out
 
     def fill(self, values, r, out) -> None:
@@ -311,14 +311,14 @@ class JointReduction(WithoutLoops):
             self._fill(values, r, out)
             return
         self._fill(values, self.carried(r), self._tangent)
-        self.sliders.eliminate(self._tangent, self._values, self._hat)
+        self.sliders.eliminate(self._tangent, self._values, self._virtual_map)
         out[:] = self._tangent[self.sliders.kept]
 
     def _fill(self, values, r, out) -> None:
         place, k = self._direct
         out[:] = np.bincount(place, values[k], len(out))
-        at, source, hat, value, sign = self._coupled
-        products = values[source] * self._hat[hat] * self._values[value] * sign
+        at, source, virtual, value, sign = self._coupled
+        products = values[source] * self._virtual_map[virtual] * self._values[value] * sign
         out += np.bincount(at, products, len(out))
         if len(self._geometric_place):
             joint, kind, signs = self._geometric
@@ -327,7 +327,7 @@ class JointReduction(WithoutLoops):
         if len(self._restoring_place):
             out += np.bincount(self._restoring_place, self._actuators.stiffness(), len(out))
         if len(self.ties):
-            tied = self.ties.entries(self._values, self._hat)
+            tied = self.ties.entries(self._values, self._virtual_map)
             out += np.bincount(self._tied_place, tied, len(out))
 
     def _second_order(self, r):
@@ -355,11 +355,11 @@ class JointReduction(WithoutLoops):
 
     def condensed(self, tangent):
         """The tangent (free, free) of the unknowns alone."""
-        return self.ties.condensed(tangent, self._values, self._hat)
+        return self.ties.condensed(tangent, self._values, self._virtual_map)
 
     def guide_moments(self, forces):
         """Moments (n_node,) [N m] of these joints on their nodes a, from their forces on b."""
-        lever = self._hat[1:].reshape(-1, 4)[:, :2]
+        lever = self._virtual_map[1:].reshape(-1, 4)[:, :2]
         own = forces[[joint.number for joint in self._moving]]
         moments = np.einsum("ij,ij->i", lever, own)
         carriers = np.array([joint.a.number for joint in self._moving], dtype=int)

@@ -16,7 +16,7 @@ import numpy as np
 import scipy.sparse
 
 from fx_beam.errors import SceneError
-from fx_beam.mechanics.rates import Rates
+from fx_beam.mechanics.rates import UpdateRule
 
 from .gap_borders import GapBorders
 from .graph import Couplings
@@ -40,7 +40,7 @@ class LoopReduction(JointReduction):
         self,
         couplings: Couplings,
         actuators: Actuators,
-        rates: Rates,
+        rates: UpdateRule,
         dofs: np.ndarray,
         matrix,
         used: np.ndarray,
@@ -223,7 +223,7 @@ class LoopReduction(JointReduction):
     def project(self, r):
         """Generalised forces at all columns, with those of the closing joints; zero at d."""
         R = super().project(r)
-        G, d = self._of_gaps(self._hat), self._following
+        G, d = self._of_gaps(self._virtual_map), self._following
         self._forces = _solved(G[:, d].T, R[d])
         R -= G.T @ self._forces
         R[d] = 0.0
@@ -258,7 +258,7 @@ class LoopReduction(JointReduction):
         if self._borders is not None:
             out[:] = 0.0
             out[self._borders.inner] = inner
-            self._borders.stiffen(out, self._values, self._hat)
+            self._borders.stiffen(out, self._values, self._virtual_map)
             return
         indptr, indices = self._inner
         A = scipy.sparse.csr_matrix((inner, indices, indptr), (self.free, self.free))
@@ -269,11 +269,13 @@ class LoopReduction(JointReduction):
     def _closed_tangent(self, tangent):
         """A tangent (free, free) of open loops with the loops closed."""
         free, d = self.free, self._following
-        S, hat = (self._completion(v)[:free, :free] for v in (self._values, self._hat))
+        S, virtual_map = (
+            self._completion(v)[:free, :free] for v in (self._values, self._virtual_map)
+        )
         W = scipy.sparse.lil_matrix((free, free))
         W[d] = -self._ratios(self._values)[:, :free]
         W[d, d] = 1.0
-        return (hat.T @ tangent @ S + W).tocsr()
+        return (virtual_map.T @ tangent @ S + W).tocsr()
 
     def condensed(self, tangent):
         """The tangent (free, free) of the unknowns alone."""
@@ -283,7 +285,7 @@ class LoopReduction(JointReduction):
         """What closes the loops in the linear system with ties; or None."""
         if self._borders is None:
             return None
-        return self._borders.of(self._values, self._hat)
+        return self._borders.of(self._values, self._virtual_map)
 
     # -- For the compiled loop ------------------------------------------------------------------
 

@@ -13,7 +13,7 @@ import numpy as np
 import scipy.sparse
 
 from fx_beam.fem.mesh import Mesh
-from fx_beam.mechanics.rates import Rates
+from fx_beam.mechanics.rates import UpdateRule
 from fx_beam.scene.scene import Scene
 from fx_beam.scene.sliders import SlidingJoint
 
@@ -43,7 +43,12 @@ class Slide:
     """One sliding node: its relation, the degrees of freedom of its beam, and its columns."""
 
     def __init__(
-        self, joint: SlidingJoint, couplings: Couplings, rates: Rates, mesh: Mesh, nodes: np.ndarray
+        self,
+        joint: SlidingJoint,
+        couplings: Couplings,
+        rates: UpdateRule,
+        mesh: Mesh,
+        nodes: np.ndarray,
     ):
         self.joint, self.path = joint, joint.path
         self.columns = np.array(couplings.carried[joint.number])
@@ -73,7 +78,7 @@ class Slide:
 class Sliders:
     """All sliding nodes of a scene, in the order of `Couplings.sliding`."""
 
-    def __init__(self, scene: Scene, couplings: Couplings, rates: Rates, mesh: Mesh):
+    def __init__(self, scene: Scene, couplings: Couplings, rates: UpdateRule, mesh: Mesh):
         self._couplings = couplings
         self.all = [
             Slide(joint, couplings, rates, mesh, mesh.nodes_of(scene, joint.beam))
@@ -190,7 +195,7 @@ class Sliders:
                 )
         return None
 
-    def carry(self, r: np.ndarray, hat: np.ndarray, forces: np.ndarray) -> np.ndarray:
+    def carry(self, r: np.ndarray, virtual_map: np.ndarray, forces: np.ndarray) -> np.ndarray:
         """Forces (size,) with those of the sliding nodes on their beams.
 
         `forces` (columns,) are generalised forces; those on the slides are added to them.
@@ -199,28 +204,36 @@ class Sliders:
         for k, slide in reversed(list(enumerate(self.all))):
             relation = slide.relation
             slide.force = forces[slide.columns] + [
-                (r[rows] * hat[places]) @ signs for rows, places, signs in self._entries[k]
+                (r[rows] * virtual_map[places]) @ signs for rows, places, signs in self._entries[k]
             ]
-            *on_beam, along = slide.force @ relation.hat
+            *on_beam, along = slide.force @ relation.virtual_map
             np.add.at(r, slide.local_dofs(relation.weights.first), on_beam)
             forces[slide.column] += along
         return r
 
-    def eliminate(self, tangent: np.ndarray, values: np.ndarray, hat: np.ndarray) -> None:
+    def eliminate(self, tangent: np.ndarray, values: np.ndarray, virtual_map: np.ndarray) -> None:
         """Eliminate the sliding columns from a tangent with the keys of `add_to_pattern`."""
         for k, slide in reversed(list(enumerate(self.all))):
             relation = slide.relation
             window = self.window(k, relation.weights.first)
-            of_T, of_hat = window.sign * values[window.value], window.sign * hat[window.value]
-            T, T_hat = relation.T[:, window.local] * of_T, relation.hat[:, window.local] * of_hat
+            of_T, of_virtual = (
+                window.sign * values[window.value],
+                window.sign * virtual_map[window.value],
+            )
+            T, T_virtual = (
+                relation.T[:, window.local] * of_T,
+                relation.virtual_map[:, window.local] * of_virtual,
+            )
             own, around = self.index[slide.columns], self._neighbours[k]
             K = tangent[self.places(own[:, None], own)]
             to_left = tangent[self.places(around[:, None], own)]
             to_right = tangent[self.places(own[:, None], around)]
             second = relation.second(slide.force)[np.ix_(window.local, window.local)]
             np.add.at(tangent, window.beside, to_left @ T)
-            np.add.at(tangent, window.above, T_hat.T @ to_right)
-            np.add.at(tangent, window.inside, T_hat.T @ K @ T + of_hat[:, None] * second * of_T)
+            np.add.at(tangent, window.above, T_virtual.T @ to_right)
+            np.add.at(
+                tangent, window.inside, T_virtual.T @ K @ T + of_virtual[:, None] * second * of_T
+            )
 
 
 def _pattern(rows: np.ndarray, columns: np.ndarray, n: int) -> scipy.sparse.csr_matrix:

@@ -58,7 +58,7 @@ class Sliding:
         self.along = w.slope1 @ p1
         #: Increments (components,) of the node, their derivatives, and the virtual ones.
         self.increment = np.zeros(self.components)
-        self.T, self.hat = np.zeros((2, self.components, self.components * n + 1))
+        self.T, self.virtual_map = np.zeros((2, self.components, self.components * n + 1))
         self.increment[:2] = w.at1 @ p1 - w.at0 @ self._p0
         for i in (0, 1):
             self.T[i, i * n : (i + 1) * n] = w.at1
@@ -79,9 +79,9 @@ class Sliding:
         level, n, p0 = self._level, self.path.width, self._p0
         mean = (1 - level) * w.at0 + level * w.at1
         for i in (0, 1):
-            self.hat[i, i * n : (i + 1) * n] = mean
+            self.virtual_map[i, i * n : (i + 1) * n] = mean
         if level != 0.5:
-            self.hat[:2, -1] = (1 - level) * (w.slope0 @ p0) + level * self.along
+            self.virtual_map[:2, -1] = (1 - level) * (w.slope0 @ p0) + level * self.along
             return
         degree = self.path.degree
         first = degree * self.path.element(self.s0) - w.first
@@ -95,9 +95,9 @@ class Sliding:
         zeta = _W @ (w.quotient @ self._Dp) / 4
         self._pbar = (p0 + p1) / 2
         for i in (0, 1):
-            row = self.hat[i, : 2 * n].reshape(2, n)
+            row = self.virtual_map[i, : 2 * n].reshape(2, n)
             row[:, self._ends] += np.outer(self.Ds * zeta[i] * omega, (-1.0, 1.0))
-        self.hat[:2, -1] = w.quotient @ self._pbar - zeta * self._Dalpha
+        self.virtual_map[:2, -1] = w.quotient @ self._pbar - zeta * self._Dalpha
 
     def _set_rotation(self, w: Weights, psi0: np.ndarray, Dpsi: np.ndarray) -> None:
         level, n = self._level, self.path.width
@@ -107,12 +107,12 @@ class Sliding:
         mean = (1 - level) * w.at0 + level * w.at1
         self._psibar = (psi0 + psi1) / 2
         if level != 0.5:
-            self.hat[2, 2 * n : 3 * n] = mean
-            self.hat[2, -1] = (1 - level) * (w.slope0 @ psi0) + level * (w.slope1 @ psi1)
+            self.virtual_map[2, 2 * n : 3 * n] = mean
+            self.virtual_map[2, -1] = (1 - level) * (w.slope0 @ psi0) + level * (w.slope1 @ psi1)
             return
         self._q = q = w.quotient @ self._psibar
         if not self._by_tangent:
-            self.hat[2, 2 * n : 3 * n], self.hat[2, -1] = mean, q
+            self.virtual_map[2, 2 * n : 3 * n], self.virtual_map[2, -1] = mean, q
             return
         x = Dpsi / 2
         y = mean @ x
@@ -120,13 +120,13 @@ class Sliding:
         self._turns = x, y, y_c
         c = _over_sine(x - y) * np.cos(x)
         self._total = total = mean @ c
-        self.hat[2, 2 * n : 3 * n] = mean * c / total
-        self.hat[2, -1] = q / _over_sine(y_c - y) / (np.cos(y_c) * np.cos(y))
+        self.virtual_map[2, 2 * n : 3 * n] = mean * c / total
+        self.virtual_map[2, -1] = q / _over_sine(y_c - y) / (np.cos(y_c) * np.cos(y))
 
     # -- Derivatives of the virtual displacement --------------------------------------------------
 
     def second(self, F: np.ndarray) -> np.ndarray:
-        """Derivatives of hat^T F for a force F (components,), by the local degrees of freedom."""
+        """Derivatives of virtual_map^T F for a force F (components,),."""
         n, w, level = self.path.width, self.weights, self._level
         size = self.components * n + 1
         H = np.zeros((size, size))
@@ -182,7 +182,7 @@ class Sliding:
         c_by = (k_slope * np.cos(x))[:, None] * (x_by - y_by) - (k * np.sin(x))[:, None] * x_by
         mc_by = mean[:, None] * c_by
         mc_by[:, -1] += w.slope1 * c / 2
-        B = self.hat[2, own]
+        B = self.virtual_map[2, own]
         B_by = (mc_by - np.outer(B, mc_by.sum(axis=0))) / self._total
         u, q = y_c - y, self._q
         q_by = np.append(M / 2, q_s)
@@ -191,7 +191,7 @@ class Sliding:
         cosines = np.cos(y_c) * np.cos(y)
         beta_by = q_by / (_over_sine(u) * cosines)
         beta_by -= q * _over_sine_slope(u) / _over_sine(u) ** 2 / cosines * u_by
-        beta_by += self.hat[2, -1] * (np.tan(y_c) * (y_by + u_by) + np.tan(y) * y_by)
+        beta_by += self.virtual_map[2, -1] * (np.tan(y_c) * (y_by + u_by) + np.tan(y) * y_by)
         H[own, own] = moment * B_by[:, :-1]
         H[own, -1] = moment * B_by[:, -1]
         H[-1, own] = moment * beta_by[:-1]

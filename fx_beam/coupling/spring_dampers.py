@@ -6,7 +6,7 @@ from collections.abc import Callable
 
 import numpy as np
 
-from fx_beam.mechanics.rates import Rates
+from fx_beam.mechanics.rates import UpdateRule
 from fx_beam.results.state import State
 from fx_beam.scene.beam import Node
 from fx_beam.scene.joints import GROUND, Joint, axial_rate
@@ -28,7 +28,9 @@ class Actuators:
     stops.
     """
 
-    def __init__(self, joints: list[Joint], couplings: Couplings, rates: Rates, dofs: np.ndarray):
+    def __init__(
+        self, joints: list[Joint], couplings: Couplings, rates: UpdateRule, dofs: np.ndarray
+    ):
         self._rates, self._dofs = rates, dofs
         #: Length of the step [s].
         self._dt = 1.0

@@ -12,7 +12,7 @@ from fx_beam.errors import SceneError
 from fx_beam.fem import dolfinx_api
 from fx_beam.fem.point_functions import PointFunction
 from fx_beam.mechanics.evolution import evolution_loss, evolved
-from fx_beam.mechanics.rates import Rates
+from fx_beam.mechanics.rates import UpdateRule
 from fx_beam.scene.internal_variables import InternalVariables
 from fx_beam.scene.law import Energy, is_quadratic, switches
 
@@ -28,7 +28,7 @@ class SpringLaw:
     variables at the start; found are force, slope, loss, energy at the start, and new variables.
     """
 
-    def __init__(self, energy: Energy, internal: InternalVariables | None, rates: Rates):
+    def __init__(self, energy: Energy, internal: InternalVariables | None, rates: UpdateRule):
         #: Number of internal variables.
         self.variables = len(internal.names) if internal else 0
         self._energy, self._internal, self._rates = energy, internal, rates

@@ -57,10 +57,12 @@ class Ties:
     def __len__(self):
         return self._count
 
-    def entries(self, values: np.ndarray, hat: np.ndarray) -> np.ndarray:
+    def entries(self, values: np.ndarray, virtual_map: np.ndarray) -> np.ndarray:
         """Values of the entries at `rows` and `columns`, for the values of T and That."""
         place, sign = self.place[self._moves], self.sign[self._moves]
-        return np.concatenate([np.ones(2 * self._count), -sign * values[place], -sign * hat[place]])
+        return np.concatenate(
+            [np.ones(2 * self._count), -sign * values[place], -sign * virtual_map[place]]
+        )
 
     def tables(self, at: np.ndarray) -> TieTables | None:
         """The ties as lists of numbers, for the places of the entries; None without any."""
@@ -107,9 +109,9 @@ class Ties:
             found[first + tie] += weight * found[column]
         z[first:] = found[first:]
 
-    def collect(self, out: np.ndarray, hat: np.ndarray) -> None:
+    def collect(self, out: np.ndarray, virtual_map: np.ndarray) -> None:
         """Add the forces on the ties, in `out`, to those on the columns before, for That."""
-        self._collect(out, self.sign * hat[self.place])
+        self._collect(out, self.sign * virtual_map[self.place])
 
     def collect_whether(self, out: np.ndarray, values: np.ndarray) -> None:
         """The same for what is positive if anything moves."""
@@ -142,13 +144,13 @@ class Ties:
         return scipy.sparse.csr_matrix(found)
 
     def condensed(
-        self, tangent: scipy.sparse.csr_matrix, values: np.ndarray, hat: np.ndarray
+        self, tangent: scipy.sparse.csr_matrix, values: np.ndarray, virtual_map: np.ndarray
     ) -> scipy.sparse.csr_matrix:
         """The tangent (free, free) of the unknowns alone."""
         if not self._count:
             return tangent
         free, of = self._free, self.columns_of_unknowns >= 0
-        S, S_hat = (self.completion(part)[of][:, :free] for part in (values, hat))
+        S, S_virtual = (self.completion(part)[of][:, :free] for part in (values, virtual_map))
         rows, columns = self.rows_of_unknowns[of], self.columns_of_unknowns[of]
         forces = tangent[rows][:, columns]
-        return (S_hat.T @ forces @ S).tocsr()
+        return (S_virtual.T @ forces @ S).tocsr()

@@ -10,7 +10,7 @@ import ufl
 
 from fx_beam.mechanics.exact_work import Nodes, lagrange
 from fx_beam.mechanics.kinematics import Step
-from fx_beam.mechanics.rates import Rates
+from fx_beam.mechanics.rates import UpdateRule
 from fx_beam.validation import fields_in, refuse_fields
 
 from . import dolfinx_api
@@ -93,7 +93,7 @@ class Fields:
         """Trial functions of displacement and rotation, and the virtual ones."""
         return *ufl.split(self.trial), *ufl.split(self.test)
 
-    def step(self, rates: Rates, what: str) -> Step:
+    def step(self, rates: UpdateRule, what: str) -> Step:
         """A step with its rates, those of a scheme; errors say `what` they are."""
         # Tangent vector from the Jacobian; each form has a single quadrature rule.
         J = self.jacobian

@@ -19,7 +19,7 @@ from .fields import Fields, fields_of
 from .free_nodes import fill_blocks, with_blocks
 from .nodal_forms import NodalForms
 from .section_fields import Data, distinct, on_beam, section_data
-from .weak_form import Material, WeakForm, sections_facing_backwards, weak_form
+from .weak_form import Material, WeakForm, inverted_sections, weak_form
 
 
 class Part(NamedTuple):
@@ -251,20 +251,20 @@ class Forms(NodalForms):
         self.set_internal(internal)
         return dolfinx_api.assemble_scalar(self._energy)
 
-    def bind_facing(self) -> None:
-        """Bind the form that `faces_backwards` takes."""
-        self._backwards = self._bind(sections_facing_backwards(self.fields.plain))
+    def bind_inversion(self) -> None:
+        """Bind the form that `is_inverted` takes."""
+        self._inversion = self._bind(inverted_sections(self.fields.plain))
 
-    def faces_backwards(self, q: np.ndarray) -> bool:
+    def is_inverted(self, q: np.ndarray) -> bool:
         """Whether t . phi' > 0 (eq. 4) is violated at any Gauss point, for q (size,)."""
         self._set(self._start, q)
-        return dolfinx_api.assemble_scalar(self._backwards) > 0
+        return dolfinx_api.assemble_scalar(self._inversion) > 0
 
-    def facing(self, q: np.ndarray) -> np.ndarray:
+    def normal_stretch(self, q: np.ndarray) -> np.ndarray:
         """t . phi' (cells, degree) of eq. 4 at the Gauss points, for q (size,)."""
         self._set(self._start, q)
         return dolfinx_api.evaluate(
-            self._expression(self._weak.facing), self._mesh.mesh, self.cells_of(-1)
+            self._expression(self._weak.normal_stretch), self._mesh.mesh, self.cells_of(-1)
         )
 
     def _expression(self, expression):

@@ -94,8 +94,8 @@ class NodalForms:
         """Number of nodes that obstacles may stop."""
         return 0 if self.contact is None else len(self.contact.dofs)
 
-    def bind_facing(self) -> None:
-        """Bind the form that `faces_backwards` takes."""
+    def bind_inversion(self) -> None:
+        """Bind the form that `is_inverted` takes."""
 
     # -- Evaluation -----------------------------------------------------------------------------
 
@@ -174,6 +174,6 @@ class NodalForms:
         """Stored energy [J] of q (size,) and internal variables, integrated by the reduced rule."""
         return 0.0
 
-    def faces_backwards(self, q: np.ndarray) -> bool:
+    def is_inverted(self, q: np.ndarray) -> bool:
         """Whether t . phi' > 0 (eq. 4) is violated at any Gauss point, for q (size,)."""
         return False

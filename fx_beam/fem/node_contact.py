@@ -8,7 +8,7 @@ import numpy as np
 import scipy.sparse
 
 from fx_beam.mechanics.impact import friction_slope, push
-from fx_beam.mechanics.rates import Rates
+from fx_beam.mechanics.rates import UpdateRule
 from fx_beam.scene.beam import Beam
 from fx_beam.scene.obstacles import Circle, Obstacle
 from fx_beam.scene.scene import Scene
@@ -47,7 +47,9 @@ class NodeContact:
     of the gap, so that the work is exact, and the force has no moment about the centre.
     """
 
-    def __init__(self, scene: Scene, mesh: Mesh, stiffness: scipy.sparse.csr_matrix, rates: Rates):
+    def __init__(
+        self, scene: Scene, mesh: Mesh, stiffness: scipy.sparse.csr_matrix, rates: UpdateRule
+    ):
         self._level = rates.level
         numbers, obstacles = [], scene.obstacles
         factors: list[np.ndarray] = []

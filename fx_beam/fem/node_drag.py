@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 import scipy.sparse
 
-from fx_beam.mechanics.rates import Rates
+from fx_beam.mechanics.rates import UpdateRule
 from fx_beam.scene.loads import Drag
 from fx_beam.scene.scene import Scene
 
@@ -26,7 +26,7 @@ class NodeDrag:
         drags: Sequence[Drag],
         mesh: Mesh,
         stiffness: scipy.sparse.csr_matrix,
-        rates: Rates,
+        rates: UpdateRule,
     ):
         self._rates = rates
         #: Degrees of freedom (n, 3) of their nodes.

@@ -215,7 +215,7 @@ class WeakForm:
         return form
 
     @property
-    def facing(self):
+    def normal_stretch(self):
         """t . phi' of eq. 4 at the start of the step: 1 and the axial strain."""
         return 1 + self.step.strains0[0]
 
@@ -246,11 +246,11 @@ def _kept(fields: Fields, scheme: Scheme, place: Place | None, times: Place | No
 
 
 @functools.cache
-def sections_facing_backwards(fields: Fields) -> CompiledForm:
+def inverted_sections(fields: Fields) -> CompiledForm:
     """A functional of the start of a step, positive where t . phi' > 0 (eq. 4) is violated."""
     # The derivative along the element's own coordinate has the same sign and is cheaper.
     X = fields.jacobian
     u0, psi0 = ufl.split(fields.start)
     along = ufl.dot(director(psi0, X), X + arc_derivative(u0, X))
-    backwards = (abs(along) - along) * fields.measure(fields.degree)
-    return dolfinx_api.compile_form(backwards, "sections facing backwards")
+    inverted = (abs(along) - along) * fields.measure(fields.degree)
+    return dolfinx_api.compile_form(inverted, "inverted sections")

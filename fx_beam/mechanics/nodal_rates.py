@@ -9,13 +9,13 @@ from typing import Any
 from fx_beam.errors import SceneError
 from fx_beam.validation import as_float, require
 
-from .rates import MidPointRates, NewmarkRates, Rates
+from .rates import MidPointRates, NewmarkRates, UpdateRule
 
 Rule = Callable[[Any, Any, Any, Any, Any], tuple[Any, Any, Any]]
 
 
 @dataclass(frozen=True)
-class NodalRates(Rates):
+class NodalRates(UpdateRule):
     """Nodal rule of your own in UFL, which the compiled loop takes; it may couple all components.
 
     All arguments but `dt` are UFL vectors of one node: x, y and rotation.

@@ -16,11 +16,11 @@ from fx_beam.validation import as_float, is_number, require
 _LEAST_BETA = 1e-9
 
 
-class Rates(Protocol):
+class UpdateRule(Protocol):
     """Nodal rule: velocities and accelerations from the increment over a step.
 
-    Arrays contain all degrees of freedom, (size,); `turns` lists the rotations among them. Custom
-    `Rates` fall back to the slower Python/PETSc stepper.
+    Arrays contain all degrees of freedom, (size,); `turns` lists the rotations among them. A
+    custom `UpdateRule` falls back to the slower Python/PETSc stepper.
 
     Examples
     --------
@@ -149,7 +149,7 @@ class Rates(Protocol):
 
 
 @dataclass(frozen=True)
-class MidPointRates(Rates):
+class MidPointRates(UpdateRule):
     """Mid-point rule for displacements and for the rotation matrix (eqs 27 to 30).
 
     Examples
@@ -205,7 +205,7 @@ class MidPointRates(Rates):
 
 
 @dataclass(frozen=True)
-class NewmarkRates(Rates):
+class NewmarkRates(UpdateRule):
     """Newmark's formulas with the weights of the generalized-alpha method.
 
     Inertia is evaluated at level 1 - alpha_m of the step, forces at level 1 - alpha_f.
@@ -281,7 +281,7 @@ class NewmarkRates(Rates):
 
 
 @dataclass(frozen=True)
-class AtRest(Rates):
+class AtRest(UpdateRule):
     """No rates and no inertia: the forces are in equilibrium at the end of each step.
 
     Examples

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from itertools import accumulate
 
 from fx_beam.errors import SceneError
@@ -13,7 +13,7 @@ from fx_beam.validation import as_float, is_number, is_one_of, require, shown
 from .decaying import Decaying, DecayingResultants
 from .kinematics import Step
 from .nodal_rates import NodalRates
-from .rates import AtRest, MidPointRates, NewmarkRates, Rates
+from .rates import AtRest, MidPointRates, NewmarkRates, UpdateRule
 from .resultants import (
     AtEnds,
     Resultants,
@@ -28,7 +28,7 @@ _S = 1 / (4 - 4 ** (1 / 3))
 _FRACTIONS = {2: (1.0,), 4: (_S, _S, 1 - 4 * _S, _S, _S)}
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Scheme:
     """A time scheme: its stress resultants and its rule for the rates.
 
@@ -39,7 +39,7 @@ class Scheme:
     resultants : callable
         ``resultants(step, law)`` gives the `Resultants` of a step as UFL expressions, or the
         `WeightedResultants` of its two ends.
-    rates : Rates
+    rates : UpdateRule
         Nodal rule that gives velocities and accelerations from the increment.
     fractions : tuple of float, optional
         Lengths of the sub-steps of a composition, relative to the step; some may go back in time.
@@ -61,14 +61,21 @@ class Scheme:
 
     name: str
     resultants: Callable[[Step, Law], Resultants | WeightedResultants | DecayingResultants]
-    rates: Rates
+    rates: UpdateRule
     fractions: tuple[float, ...] = (1.0,)
+    #: The call that made it, if it was one of those below; `replace` forgets it.
+    _call: str = field(default="", init=False, compare=False)
+
+    def __repr__(self):
+        function = getattr(self.resultants, "__name__", repr(self.resultants))
+        rest = f", {self.fractions!r}" if len(self.fractions) > 1 else ""
+        return self._call or f"Scheme({self.name!r}, {function}, {self.rates!r}{rest})"
 
     def __post_init__(self):
         for name, fits, wanted in (
             ("name", isinstance(self.name, str), "a string"),
             ("resultants", callable(self.resultants), "a function of step and law"),
-            ("rates", _are_rates(self.rates), "fx_beam.Rates such as MidPointRates()"),
+            ("rates", _are_rates(self.rates), "fx_beam.UpdateRule such as MidPointRates()"),
             (
                 "fractions",
                 _divide_a_step(self.fractions),
@@ -112,8 +119,16 @@ def _of_order(order: int, scheme: Scheme) -> Scheme:
     """A scheme of second order that is symmetric in time, or its composition of order 4."""
     require(is_one_of(order, (2, 4)), f"{scheme.name}: order", order, "2 or 4")
     if order == 2:
-        return scheme
-    return replace(scheme, name=f"{scheme.name}(order=4)", fractions=_FRACTIONS[4])
+        return _called(scheme, scheme.name)
+    name = f"{scheme.name}(order=4)"
+    return _called(replace(scheme, name=name, fractions=_FRACTIONS[4]), scheme.name, order=4)
+
+
+def _called(scheme: Scheme, function: str, **arguments: float) -> Scheme:
+    """The scheme, which from now on says by which call it was made."""
+    given = ", ".join(f"{name}={value!r}" for name, value in arguments.items())
+    object.__setattr__(scheme, "_call", f"{function}({given})")
+    return scheme
 
 
 def MidPoint(order: int = 2) -> Scheme:
@@ -246,7 +261,9 @@ def EnergyDecaying(damping: float = 0.1, order: int = 2) -> Scheme:
     damping = _checked("EnergyDecaying", "damping", damping, 0, 1, low_open=True)
     require(is_one_of(order, (1, 2)), "EnergyDecaying: order", order, "1 or 2")
     name = "EnergyDecaying" if order == 2 else "EnergyDecaying(order=1)"
-    return Scheme(name, Decaying(damping, int(order)), MidPointRates())
+    scheme = Scheme(name, Decaying(damping, int(order)), MidPointRates())
+    lower = {"order": 1} if order == 1 else {}
+    return _called(scheme, "EnergyDecaying", damping=damping, **lower)
 
 
 def Newmark(beta: float = 0.25, gamma: float = 0.5) -> Scheme:
@@ -270,7 +287,7 @@ def Newmark(beta: float = 0.25, gamma: float = 0.5) -> Scheme:
     """
     beta = _checked("Newmark", "beta", beta, 0, 1, low_open=True)
     gamma = _checked("Newmark", "gamma", gamma, 0, 1)
-    return _newmark_family("Newmark", NewmarkRates(beta, gamma))
+    return _newmark_family("Newmark", NewmarkRates(beta, gamma), beta=beta, gamma=gamma)
 
 
 def HHT(alpha: float = -0.1) -> Scheme:
@@ -298,7 +315,7 @@ def HHT(alpha: float = -0.1) -> Scheme:
     """
     alpha = _checked("HHT", "alpha", alpha, -1 / 3, 0)
     rates = NewmarkRates((1 - alpha) ** 2 / 4, 0.5 - alpha, alpha_f=-alpha)
-    return _newmark_family("HHT", rates)
+    return _newmark_family("HHT", rates, alpha=alpha)
 
 
 def GeneralizedAlpha(rho_inf: float = 0.9) -> Scheme:
@@ -327,7 +344,8 @@ def GeneralizedAlpha(rho_inf: float = 0.9) -> Scheme:
     rho_inf = _checked("GeneralizedAlpha", "rho_inf", rho_inf, 0, 1)
     alpha_m, alpha_f = (2 * rho_inf - 1) / (rho_inf + 1), rho_inf / (rho_inf + 1)
     beta, gamma = (1 - alpha_m + alpha_f) ** 2 / 4, 0.5 - alpha_m + alpha_f
-    return _newmark_family("GeneralizedAlpha", NewmarkRates(beta, gamma, alpha_m, alpha_f))
+    rates = NewmarkRates(beta, gamma, alpha_m, alpha_f)
+    return _newmark_family("GeneralizedAlpha", rates, rho_inf=rho_inf)
 
 
 def Equilibrium() -> Scheme:
@@ -344,15 +362,15 @@ def Equilibrium() -> Scheme:
     >>> fb.Equilibrium().rates.at_rest
     True
     """
-    return Scheme("Equilibrium", AtEnds(1.0), AtRest())
+    return _called(Scheme("Equilibrium", AtEnds(1.0), AtRest()), "Equilibrium")
 
 
 def _exact(step: Step, law: Law) -> Resultants:
     return with_exact_work(step, averaged(step, law))
 
 
-def _newmark_family(name: str, rates: NewmarkRates) -> Scheme:
-    return Scheme(name, AtEnds(rates.level), rates)
+def _newmark_family(name: str, rates: NewmarkRates, **arguments: float) -> Scheme:
+    return _called(Scheme(name, AtEnds(rates.level), rates), name, **arguments)
 
 
 def _checked(scheme: str, name: str, value, low: float, high: float, low_open=False) -> float:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from fx_beam.scene.beam import Beam, Node
-from fx_beam.scene.inputs import Socket
+from fx_beam.scene.inputs import InputSlot
 from fx_beam.scene.joints import GROUND
 from fx_beam.scene.loads import Load, label
 from fx_beam.scene.scene import Scene
@@ -37,7 +37,7 @@ def _shown(load: Load) -> np.ndarray:
     """The largest value of a load at the sampled times."""
     if isinstance(load.value, Constant):
         return load.value(0.0)
-    if isinstance(load.value, Socket):
+    if isinstance(load.value, InputSlot):
         return load.value.factor.sum(axis=1)
     found = [load.value(0.0)]
     for t in _TIMES[1:]:
@@ -50,7 +50,7 @@ def _shown(load: Load) -> np.ndarray:
 
 
 def _words(symbol: str, load: Load, value: float, unit: str, si: bool) -> str:
-    if isinstance(load.value, Socket):
+    if isinstance(load.value, InputSlot):
         return f"{load.value.name}{', follower' if load.follower else ''}"
     constant = isinstance(load.value, Constant) and load.along is None
     of = "(s)" if load.along is not None else "(t)"

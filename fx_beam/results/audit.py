@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -130,9 +131,9 @@ class Stats:
     too_large : int
         Parts of halved steps in which a node rotated by more than half a radian per step of the
         grid. Then `dt` is too large for the motion, and the result may depend on round-off.
-    inside_out : int
+    inverted : int
         Steps, each part of a halved step counted, that end with a Gauss point at which a section
-        faces backwards: t . phi' > 0 (eq. 4) is violated.
+        is inverted: t . phi' > 0 (eq. 4) is violated.
     amplified : int
         Steps, each part of a halved step counted, in which dampers, friction or drag gave energy.
         Only schemes of order 4 have such steps: they have a sub-step that goes back in time.
@@ -177,7 +178,7 @@ class Stats:
     halvings: int = 0
     substeps: int = 0
     too_large: int = 0
-    inside_out: int = 0
+    inverted: int = 0
     amplified: int = 0
     rejected: int = 0
     ended_by: dict[str, int] = field(default_factory=dict)
@@ -188,6 +189,12 @@ class Stats:
     failure: Failure | None = None
     static: bool = False
     limit_points: list[float] = field(default_factory=list)
+
+    @property
+    def inside_out(self) -> int:
+        """Former name of `inverted`."""
+        warnings.warn("Stats.inside_out is now Stats.inverted", DeprecationWarning, stacklevel=2)
+        return self.inverted
 
     def add_solve(self, iterations: int, ended_by: str) -> None:
         """Count a Newton solve.

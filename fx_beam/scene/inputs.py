@@ -68,7 +68,7 @@ class Input:
         return f"input {self.name!r}"
 
 
-class Socket:
+class InputSlot:
     """An `Input` at a place with values (size,); zero as a function of time."""
 
     def __init__(self, given: Input, size: int, what: str):
@@ -95,20 +95,20 @@ class Socket:
 def time_function(value, size: int, what: str) -> TimeFunction:
     """A function of time with values (size,): from a constant, a function or an `Input`."""
     if isinstance(value, Input):
-        return Socket(value, size, what)
+        return InputSlot(value, size, what)
     return validation.time_function(value, size, what)
 
 
-def sockets(scene) -> Iterator[tuple[Socket, bool]]:
-    """All sockets of a scene, each with whether it drives a motion."""
+def input_slots(scene) -> Iterator[tuple[InputSlot, bool]]:
+    """All slots of a scene, each with whether it drives a motion."""
     for load in scene.loads:
-        if isinstance(load.value, Socket):
+        if isinstance(load.value, InputSlot):
             yield load.value, False
     driven = list(scene.prescribed.values())
     for joint in scene.joints:
         driven += [part.motor for part in (joint.slide, joint.rotation) if part is not None]
     for function in driven:
-        if isinstance(function, Socket):
+        if isinstance(function, InputSlot):
             yield function, True
 
 
@@ -117,20 +117,20 @@ def widths(scene) -> dict[str, int]:
 
     SceneError for a name with different numbers of values, or for both loads and motions.
     """
-    found: dict[str, tuple[Socket, bool]] = {}
-    for socket, driven in sockets(scene):
-        first, drives = found.setdefault(socket.name, (socket, driven))
-        if first.width != socket.width:
+    found: dict[str, tuple[InputSlot, bool]] = {}
+    for slot, driven in input_slots(scene):
+        first, drives = found.setdefault(slot.name, (slot, driven))
+        if first.width != slot.width:
             raise SceneError(
-                f"input {socket.name!r} has {first.width} value(s) as {first.what}, but "
-                f"{socket.width} as {socket.what}. Give a factor, or use two names"
+                f"input {slot.name!r} has {first.width} value(s) as {first.what}, but "
+                f"{slot.width} as {slot.what}. Give a factor, or use two names"
             )
         if driven != drives:
             raise SceneError(
-                f"input {socket.name!r} is a load as well as a motion: {first.what}, and "
-                f"{socket.what}. Use two names"
+                f"input {slot.name!r} is a load as well as a motion: {first.what}, and "
+                f"{slot.what}. Use two names"
             )
-    return {name: socket.width for name, (socket, _) in found.items()}
+    return {name: slot.width for name, (slot, _) in found.items()}
 
 
 def check_names(names, known, what: str) -> None:
@@ -141,11 +141,11 @@ def check_names(names, known, what: str) -> None:
             raise SceneError(f"{what}: the scene has no input {name!r}; {has}")
 
 
-def connected(scene, function_of: Callable[[Socket], TimeFunction]):
-    """The scene with functions in the place of its sockets; nodes and beams are the same."""
+def connected(scene, function_of: Callable[[InputSlot], TimeFunction]):
+    """The scene with functions in the place of its slots; nodes and beams are the same."""
 
     def replaced(function):
-        return function_of(function) if isinstance(function, Socket) else function
+        return function_of(function) if isinstance(function, InputSlot) else function
 
     new = object.__new__(type(scene))
     new.__dict__.update(scene.__dict__)
@@ -177,13 +177,13 @@ def with_functions(scene, given: Mapping | None, what: str):
         for name, value in given.items()
     }
 
-    def function_of(socket: Socket) -> TimeFunction:
-        if socket.name not in functions:
-            return socket
-        of_time = functions[socket.name]
+    def function_of(slot: InputSlot) -> TimeFunction:
+        if slot.name not in functions:
+            return slot
+        of_time = functions[slot.name]
         if isinstance(of_time, validation.Constant):
-            return validation.Constant(socket.factor @ of_time(0.0))
-        return lambda t: socket.factor @ of_time(t)
+            return validation.Constant(slot.factor @ of_time(0.0))
+        return lambda t: slot.factor @ of_time(t)
 
     return connected(scene, function_of)
 

@@ -16,7 +16,7 @@ from fx_beam.scene.joints import GROUND
 _ROTATION = 2  # among the components of a node
 
 
-class Windings:
+class TurnCounter:
     """Full turns that were subtracted from the rotations of a state.
 
     Without this, rounding errors grow with the turns: they are 1e-12 at a rotation of 5000 rad.

@@ -10,7 +10,7 @@ import numpy as np
 
 from fx_beam.errors import SceneError
 from fx_beam.results.state import State
-from fx_beam.scene.inputs import Socket, check_names, connected, sockets, widths
+from fx_beam.scene.inputs import InputSlot, check_names, connected, input_slots, widths
 from fx_beam.scene.scene import Scene
 from fx_beam.validation import require, vector
 
@@ -26,10 +26,10 @@ _PARTS = (
 class Hold:
     """Values (size,) of a load, constant over the step."""
 
-    def __init__(self, socket: Socket):
-        self.name, self.value = socket.name, socket(0.0)
+    def __init__(self, slot: InputSlot):
+        self.name, self.value = slot.name, slot(0.0)
         #: Values are these times the input; an input of two numbers is the value itself.
-        self._factor = socket.factor[:, 0] if socket.width == 1 else 1.0
+        self._factor = slot.factor[:, 0] if slot.width == 1 else 1.0
 
     def set(self, value: np.ndarray) -> None:
         """Set the input (width,) for the next steps."""
@@ -47,8 +47,8 @@ class Hold:
 class Ramp:
     """A driven motion: from its place at the start of the step straight to that at the end."""
 
-    def __init__(self, socket: Socket):
-        self.name, self.factor = socket.name, float(socket.factor[0, 0])
+    def __init__(self, slot: InputSlot):
+        self.name, self.factor = slot.name, float(slot.factor[0, 0])
         self._t0, self._t1 = -math.inf, math.inf
         #: Places at the start and at the end of the step [m or rad].
         self.start = self.end = 0.0
@@ -81,11 +81,10 @@ class HeldInputs:
         #: Present values by name, in arrays that do not change.
         self.values = {name: np.zeros(width) for name, width in self.widths.items()}
         self._parts: dict[int, Hold | Ramp] = {
-            id(socket): Ramp(socket) if driven else Hold(socket)
-            for socket, driven in sockets(scene)
+            id(slot): Ramp(slot) if driven else Hold(slot) for slot, driven in input_slots(scene)
         }
         #: The scene with the held functions in the place of its inputs.
-        self.scene = connected(scene, lambda socket: self._parts[id(socket)])
+        self.scene = connected(scene, lambda slot: self._parts[id(slot)])
         self._of = {
             name: [part for part in self._parts.values() if part.name == name]
             for name in self.widths

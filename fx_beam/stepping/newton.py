@@ -14,8 +14,8 @@ from fx_beam.model.model import Model
 from fx_beam.results.state import Past, State
 from fx_beam.validation import as_float, is_whole, require
 
+from .line_search import line_search
 from .linear_solver import LinearSolver
-from .overshoot import without_overshoot
 
 # A correction that rotates a node further than this [rad] is shortened to it. The first correction
 # overshoots if the axial force makes the tangent nearly singular. For the pinned beam at dt 0.02
@@ -187,7 +187,7 @@ class Newton:
             balance = self._balance(y, driven_now, force)
             if iteration > 1 and model.may_overshoot:
                 at = functools.partial(self._balance, driven=driven_now, force=force)
-                y, balance = without_overshoot(model, y, step[:free], gained, balance, at)
+                y, balance = line_search(model, y, step[:free], gained, balance, at)
             model.actuators.remember()
             D, f, r, residual = balance
             residuals.append(abs(residual).max(initial=0.0))

@@ -16,10 +16,10 @@ from fx_beam.results.state import FORCES, Past, State
 from .events import switched
 from .forcing import Forcing
 from .interrupts import uninterrupted
+from .inverted_sections import InversionCheck
 from .local_error import LocalError
 from .newton import NewtonOptions, StepFailed
 from .recorder import Rows
-from .section_facing import FacingCheck
 from .single_step import SingleStep
 from .step_control import StepControl
 from .substeps import LARGE_TURN, Halving
@@ -59,7 +59,7 @@ class Stepper:
         self.model, self.forcing, self.stats = model, forcing, stats
         self.single = SingleStep(model, forcing, options, stats)
         self.halving = halving
-        self.facing = FacingCheck(model, stats)
+        self.inversion = InversionCheck(model, stats)
         self._errors: LocalError | None = None
 
     @property
@@ -234,7 +234,7 @@ class Stepper:
         given = start.dissipated - end.dissipated
         several = len(self.model.scheme.fractions) > 1
         self.stats.amplified += several and given > 1e-14 * abs(start.dissipated)
-        self.facing.check(end.t, end.q)
+        self.inversion.check(end.t, end.q)
 
     def _error(self, start: State, step: Interval, failure: StepFailed) -> StepError:
         halvings = self.halving.most

@@ -36,11 +36,11 @@ static void begin_form(const Problem *p, const Form *form, const double *const *
   set_time(p, form, t, dt);
 }
 
-/* The same for the internal forces. With `look`, returns whether a section faces backwards (eq. 4)
+/* The same for the internal forces. With `look`, returns whether a section is inverted (eq. 4)
    at the start of the step: its displacements and rotations are in the cache then. The padding of
    the last block repeats an element and has no effect. */
 static int begin_internal(const Problem *p, const double *const *fields, double t, double dt, int look) {
-  const Form *form = &p->internal, *backwards = &p->backwards;
+  const Form *form = &p->internal, *inversion = &p->inversion;
   int start = 0;
   if (!form->integrals) return 0; /* there are no beams */
   while (form->kind[start] != START) ++start;
@@ -50,8 +50,8 @@ static int begin_internal(const Problem *p, const double *const *fields, double 
     for (long block = 0; block * LANES < of->cells; ++block) {
       pack(p, of, form, block, fields, form->changing, form->moving);
       if (!look) continue;
-      backwards->of->batch(A, of->packed + (block * form->width + form->offset[start]) * LANES,
-                           backwards->constants, of->coordinates + block * p->cell_coordinates * LANES);
+      inversion->of->batch(A, of->packed + (block * form->width + form->offset[start]) * LANES,
+                           inversion->constants, of->coordinates + block * p->cell_coordinates * LANES);
       for (int l = 0; l < LANES; ++l) sums[l] += A[l];
     }
   }

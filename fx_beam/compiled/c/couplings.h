@@ -7,7 +7,7 @@
 
 /* Returns 0 in a singular position. */
 static int begin_couplings(const Problem *p, const Work *w) {
-  w->values[0] = w->hat[0] = 1;
+  w->values[0] = w->virtual_map[0] = 1;
   begin_actuators(p);
   for (int j = 0; j < p->joints; ++j) {
     double d = at(p->slide, p->slide_of[j]);
@@ -50,9 +50,10 @@ static void expand_columns(const Problem *p, const Work *w) {
       mean_rho[i] = (1 - level) * rho0[i] + level * rho1[i];
       mean_t[i] = (1 - level) * t0[i] + level * t1[i];
     }
-    double *value = w->values + 1 + 4 * j, *hat = w->hat + 1 + 4 * j;
+    double *value = w->values + 1 + 4 * j, *virtual_map = w->virtual_map + 1 + 4 * j;
     value[0] = -rho1[1], value[1] = rho1[0], value[2] = t1[0], value[3] = t1[1];
-    hat[0] = -mean_rho[1], hat[1] = mean_rho[0], hat[2] = slope * mean_t[0], hat[3] = slope * mean_t[1];
+    virtual_map[0] = -mean_rho[1], virtual_map[1] = mean_rho[0];
+    virtual_map[2] = slope * mean_t[0], virtual_map[3] = slope * mean_t[1];
   }
   if (p->ties) increase_ties(p, w), sum_columns(p, w);
   for (int k = 0; k < p->followers; ++k) {
@@ -88,7 +89,7 @@ static int expand(const Problem *p, const Work *w) {
   if (p->closures) {
     for (; left && !correct_loops(p, w, &last); --left) expand_trees(p, w);
     find_ratios(p, w, w->values, w->W, 0);
-    find_ratios(p, w, w->hat, w->What, w->inverse);
+    find_ratios(p, w, w->virtual_map, w->What, w->inverse);
   }
   actuate(p, w);
   return left > 0;
@@ -121,7 +122,7 @@ static void push_columns(const Problem *p, double *out) {
 INLINED void add_rows(const Problem *p, const Work *w, const double *r, double *out) {
   for (int k = 0; k < p->equal; ++k) out[p->entry_column[k]] += r[p->entry_row[k]];
   for (int k = p->equal; k < p->entries; ++k)
-    out[p->entry_column[k]] += p->entry_sign[k] * w->hat[p->entry_value[k]] * r[p->entry_row[k]];
+    out[p->entry_column[k]] += p->entry_sign[k] * w->virtual_map[p->entry_value[k]] * r[p->entry_row[k]];
 }
 
 static void project(const Problem *p, const Work *w, const double *r, double *out) {
@@ -134,7 +135,7 @@ static void project(const Problem *p, const Work *w, const double *r, double *ou
   }
   add_rows(p, w, r, out);
   if (!p->sliders) push_columns(p, out);
-  if (p->ties) collect_ties(p, w->hat, out);
+  if (p->ties) collect_ties(p, w->virtual_map, out);
   if (p->closures) close_residual(p, w, out);
 }
 
@@ -144,7 +145,7 @@ static void transmitted(const Problem *p, const Work *w, const double *r) {
   r = closed(p, w, r);
   if (p->closures && p->ties) {
     memset(w->columns, 0, (p->columns + p->ties) * sizeof(double));
-    add_rows(p, w, r, w->columns), collect_ties(p, w->hat, w->columns);
+    add_rows(p, w, r, w->columns), collect_ties(p, w->virtual_map, w->columns);
     forces = w->columns;
   }
   memset(w->passing, 0, 2 * p->joints * sizeof(double));
@@ -161,7 +162,7 @@ static void reduce_tangent(const Problem *p, const Work *w, const double *r) {
   double *K = w->tangent;
   for (int k = 0; k < p->direct; ++k) K[p->direct_to[k]] += K[p->direct_from[k]];
   for (int k = 0; k < p->coupled; ++k)
-    K[p->coupled_to[k]] += K[p->coupled_from[k]] * w->hat[p->coupled_hat[k]] *
+    K[p->coupled_to[k]] += K[p->coupled_from[k]] * w->virtual_map[p->coupled_virtual[k]] *
                          w->values[p->coupled_value[k]] * p->coupled_sign[k];
   if (p->geometric) transmitted(p, w, p->sliders ? w->loaded : r);
   for (int k = 0; k < p->geometric; ++k) {
@@ -184,7 +185,7 @@ static void reduce_tangent(const Problem *p, const Work *w, const double *r) {
   for (int k = 0; k < p->tie_entries; ++k) {
     if (p->tie_equation[k] < 0) continue;
     K[p->tie_equation[k]] -= p->tie_sign[k] * w->values[p->tie_value[k]];
-    K[p->tie_force[k]] -= p->tie_sign[k] * w->hat[p->tie_value[k]];
+    K[p->tie_force[k]] -= p->tie_sign[k] * w->virtual_map[p->tie_value[k]];
   }
   if (p->stiffened) stiffen_loops(p, w);
   eliminate_sliders(p, w);

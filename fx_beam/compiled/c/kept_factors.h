@@ -37,8 +37,8 @@ static void times_tangent(const Problem *p, const Work *w, const double *x, doub
 static double size_of(const Problem *p, const Work *w, const double *x) {
   memcpy(w->columns, x, p->free * sizeof(double));
   memset(w->columns + p->free, 0, (p->columns - p->free) * sizeof(double));
-  spread(p, w, w->columns, w->left);
-  return largest(p->dofs, w->left, p->per_unit);
+  spread(p, w, w->columns, w->scratch);
+  return largest(p->dofs, w->scratch, p->per_unit);
 }
 
 static void by_factors(const Problem *p, const Work *w, const double *b, double *x) {
@@ -124,7 +124,7 @@ static int solve_bordered(Problem *p, const Work *w) {
   for (int k = 0; k < p->gap_entries; ++k)
     if (p->gap_force_row[k] >= 0)
       w->borders[(long)p->gap_row[k] * n + order[p->gap_force_row[k]]] +=
-          p->gap_sign[k] * w->hat[p->gap_value[k]];
+          p->gap_sign[k] * w->virtual_map[p->gap_value[k]];
   for (int k = 0; k < m; ++k) substitute_sparse(p, w->factors, w->borders + (long)k * n);
   for (int i = 0; i < n; ++i) w->y[order[i]] = i < p->free ? w->reduced[i] : 0;
   substitute_sparse(p, w->factors, w->y);

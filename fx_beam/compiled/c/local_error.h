@@ -5,10 +5,10 @@
 #include "newton.h"
 
 /* What a polynomial through the last configurations does not predict of a step of length dt, divided
-   by the product that is returned, in w->left. Without sub-steps the predictor knows it. */
+   by the product that is returned, in w->scratch. Without sub-steps the predictor knows it. */
 static double unpredicted(Problem *p, const Work *w, double dt) {
   int n = p->dofs, order = p->scheme_order;
-  double ages[MAX_ORDER + 1] = {dt}, product = dt, *now = w->left;
+  double ages[MAX_ORDER + 1] = {dt}, product = dt, *now = w->scratch;
   if (p->sub_steps == 1) {
     memcpy(now, p->past + order * n, n * sizeof(double));
     for (int k = 1; k <= order; ++k) product *= p->ages[k];
@@ -25,7 +25,7 @@ static double unpredicted(Problem *p, const Work *w, double dt) {
    which is in `saved`, and at its end; negative in the first steps. */
 static double local_error(Problem *p, const Work *w, double dt) {
   int n = p->dofs;
-  double product = unpredicted(p, w, dt), *now = w->left;
+  double product = unpredicted(p, w, dt), *now = w->scratch;
   double raw = largest(n, now, p->per_unit), *last = p->error_highest, *before = last + n;
   for (int i = 0; i < n; ++i) {
     double sum = now[i] + 2 * last[i] + before[i];

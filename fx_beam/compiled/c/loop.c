@@ -25,11 +25,11 @@ static void begin_loads(const Problem *p, const Work *w, const double *loads) {
   }
 }
 
-/* Counts steps that end with sections facing backwards, and stores the first configuration. */
-static void count_inside_out(Problem *p) {
-  if (p->inside_out++ > 0) return;
-  p->out_t = p->t;
-  memcpy(p->out_q, p->q, p->dofs * sizeof(double));
+/* Counts steps that end with inverted sections, and stores the first configuration. */
+static void count_inverted(Problem *p) {
+  if (p->inverted++ > 0) return;
+  p->inverted_t = p->t;
+  memcpy(p->inverted_q, p->q, p->dofs * sizeof(double));
 }
 
 /* An energy of the step; zero without a form for it. */
@@ -74,7 +74,7 @@ static void audit(Problem *p, const Work *w, const double *change) {
 }
 
 /* Takes a sub-step with the inputs number `k`; returns 0 if it fails. With `look`, counts sections
-   that face backwards at its start. */
+   that are inverted at its start. */
 static int take_step(Problem *p, Work *w, double dt, int sub_step, const Inputs *inputs, long k, int look) {
   p->sub_step = sub_step;
   const double *target = inputs->driven + k * p->driven;
@@ -87,7 +87,7 @@ static int take_step(Problem *p, Work *w, double dt, int sub_step, const Inputs 
     change[i] = target[i] - (dof >= 0 ? p->q[dof] : p->driven_now[i]);
   }
   p->ratio = ratio_of_lengths(p, dt);
-  if (begin_internal(p, w->fields, t, dt, look)) count_inside_out(p);
+  if (begin_internal(p, w->fields, t, dt, look)) count_inverted(p);
   begin_form(p, &p->drag, w->fields, t, dt);
   begin_form(p, &p->added, w->fields, t, dt);
   LAP(AUDIT);
@@ -130,9 +130,9 @@ static double summarise(Problem *p, const Work *w, double dt, int before) {
   int means = p->rule == 0 && !p->rules;
   for (int i = 0; i < p->dofs; ++i) {
     if (means) p->a[i] = ((p->v[i] - v[i]) / dt + before * a[i]) / (before + 1);
-    w->left[i] = p->q[i] - q[i];
+    w->scratch[i] = p->q[i] - q[i];
   }
-  return widest_turn(p, w->left);
+  return widest_turn(p, w->scratch);
 }
 
 /* Shares of a sub-step and of the parts before in the means over the step so far. */
@@ -144,7 +144,7 @@ static void set_shares(Problem *p, int sub_step, int before) {
 
 /* Returns to the state before a step that failed; counts of what was seen are kept. */
 static void undo(Problem *p, const Work *w, Problem before) {
-  before.failure = p->failure, before.inside_out = p->inside_out, before.out_t = p->out_t;
+  before.failure = p->failure, before.inverted = p->inverted, before.inverted_t = p->inverted_t;
   before.ratios[1] = p->ratios[1], before.kept = p->kept;
   *p = before;
   memcpy(p->memory, w->saved, p->memory_size * sizeof(double));
@@ -238,6 +238,6 @@ int fx_run(Problem *p, int steps, double dt, const Inputs *inputs, Record *to) {
     unchecked = !wanted || to->energies[8 * to->rows - 7] >= p->least_energy;
     LAP(AUDIT);
   }
-  if (unchecked && begin_internal(p, w->fields, p->t, dt, 1)) count_inside_out(p);
+  if (unchecked && begin_internal(p, w->fields, p->t, dt, 1)) count_inverted(p);
   return steps;
 }

@@ -229,7 +229,7 @@ static void stiffen_loops(const Problem *p, const Work *w) {
     stiff = fmax(stiff, fabs(K[p->scale_at[i]]) / (p->scale_unit[i] * p->scale_unit[i]));
   for (int k = 0; k < p->stiffened; ++k) {
     int a = p->stiff_left[k], b = p->stiff_right[k];
-    K[p->stiff_to[k]] += stiff * p->gap_sign[a] * w->hat[p->gap_value[a]] * p->gap_sign[b] *
+    K[p->stiff_to[k]] += stiff * p->gap_sign[a] * w->virtual_map[p->gap_value[a]] * p->gap_sign[b] *
                          w->values[p->gap_value[b]];
   }
 }

@@ -13,8 +13,8 @@
 
 /* Twice the kinetic energy at the start of the step. */
 static double kinetic(const Problem *p, const Work *w) {
-  times_mass(p, p->v, w->left);
-  return dot(p->dofs, p->v, w->left);
+  times_mass(p, p->v, w->scratch);
+  return dot(p->dofs, p->v, w->scratch);
 }
 
 /* Internal forces f, and the tangent of internal and inertia forces. */
@@ -51,12 +51,12 @@ static void begin_inertia(const Problem *p, const Work *w) {
 
 /* Forces of supports and joints after the last correction, to first order; zero elsewhere. */
 static void update_reactions(const Problem *p, const Work *w) {
-  memset(w->left, 0, p->dofs * sizeof(double));
+  memset(w->scratch, 0, p->dofs * sizeof(double));
   for (int k = 0; k < p->reacting; ++k) {
     int i = p->reacts[k];
-    w->left[i] = w->r[i] - row_times(p, w->tangent, i, w->correction);
+    w->scratch[i] = w->r[i] - row_times(p, w->tangent, i, w->correction);
   }
-  memcpy(w->r, w->left, p->dofs * sizeof(double));
+  memcpy(w->r, w->scratch, p->dofs * sizeof(double));
 }
 
 /* x becomes (x - old) / age, and old becomes x. */
@@ -72,7 +72,7 @@ static void difference(int n, double age, double *restrict x, double *restrict o
    extrapolation with the least error in this step. */
 static int update_predictor(Problem *p, const Work *w) {
   int n = p->dofs, free = p->free, order = 0;
-  double dt = w->dt, ages[PAST + 1] = {dt}, product = dt, *left = w->left;
+  double dt = w->dt, ages[PAST + 1] = {dt}, product = dt, *left = w->scratch;
   double best = p->predictor_error * largest(n, w->D, p->per_unit);
   for (int k = 0; k < PAST; ++k) ages[k + 1] = p->ages[k] + dt;
   for (int i = 0; i < n; ++i) left[i] = w->D[i] / dt;
@@ -148,8 +148,8 @@ static void retake(const Problem *p, const Work *w, double *taken, double part) 
 }
 
 /* Goes back along a correction that was too long, to where the residual does no more work on it, by
-   regula falsi (overshoot.py). `gained` is the work at its start. */
-static void shorten_overshoot(const Problem *p, const Work *w, double gained) {
+   regula falsi (line_search.py). `gained` is the work at its start. */
+static void line_search(const Problem *p, const Work *w, double gained) {
   int springs = !p->cell_internal;
   if (springs) begin_deviation(p, w);
   double at_high = springs ? deviation(p, w, 1) : along_step(p, w);
@@ -196,7 +196,7 @@ static int newton(Problem *p, const Work *w, const double *driven, int order) {
   LAP(COUPLINGS);
   for (int iteration = 1; iteration <= p->max_iterations; ++iteration) {
     balance(p, w);
-    if (iteration > 1 && p->may_overshoot) shorten_overshoot(p, w, gained);
+    if (iteration > 1 && p->may_overshoot) line_search(p, w, gained);
     remember_tangents(p);
     memset(w->step, 0, p->columns * sizeof(double));
     reduce_tangent(p, w, w->r);
@@ -204,8 +204,8 @@ static int newton(Problem *p, const Work *w, const double *driven, int order) {
       for (int i = 0; i < p->driven; ++i) w->step[free + i] = -driven[i];
       spread(p, w, w->step, w->correction);
       for (int i = 0; i < n; ++i)
-        w->left[i] = w->r[i] - row_times(p, w->tangent, i, w->correction);
-      project(p, w, w->left, w->reduced);
+        w->scratch[i] = w->r[i] - row_times(p, w->tangent, i, w->correction);
+      project(p, w, w->scratch, w->reduced);
     }
     if (p->closures && !p->ties) reduce_loops(p, w);
     LAP(COUPLINGS);

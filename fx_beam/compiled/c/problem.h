@@ -113,11 +113,11 @@ typedef struct {
   /* Entries of windows: local degree of freedom, value and sign; storage indices [around][entry] and
      [entry][entry]. */
   int *window_start, *local, *value, *beside, *above, *inside_start, *inside;
-  double *sign, *entry_T, *entry_hat, *entry_KT, *entry_factor;
+  double *sign, *entry_T, *entry_virtual, *entry_KT, *entry_factor;
   /* In the present iteration: arc lengths, window and its first node, increment, T and That, force. */
   double s0, s1;
   int at_window, first;
-  double increment[3], T[3][LOCAL], hat[3][LOCAL], force[3];
+  double increment[3], T[3][LOCAL], virtual_map[3][LOCAL], force[3];
 } Slider;
 
 typedef struct {
@@ -127,7 +127,7 @@ typedef struct {
   double *per_unit;     /* 1 / size of a unit correction of each degree of freedom */
 
   Form internal;        /* internal forces, then their tangent */
-  Form energy, backwards, added;
+  Form energy, inversion, added;
   Form drag, lost_to_drag; /* of beams: forces, then their tangent; energy lost to it */
   Form lost, taken, held_by_scheme; /* energies lost to the material and to the scheme, and held by it */
   int has_added, keeps_before;
@@ -185,7 +185,7 @@ typedef struct {
   int groups, *group_first, *source_start, *source, *run_start, *run_column, *run_length;
   int direct, coupled, geometric;
   int *direct_to, *direct_from;
-  int *coupled_to, *coupled_from, *coupled_hat, *coupled_value;
+  int *coupled_to, *coupled_from, *coupled_virtual, *coupled_value;
   double *coupled_sign;
   int *geometric_to, *geometric_joint, *geometric_kind;
   double *geometric_sign;
@@ -288,10 +288,10 @@ typedef struct {
   double *scratch;
   int iterations, failure, by_round_off;
   int too_large;        /* parts of steps with rotations above large_turn per step */
-  int inside_out;       /* steps or parts that end with sections facing backwards */
+  int inverted;         /* steps or parts that end with inverted sections */
   int amplified;        /* steps or parts in which dampers give energy */
-  double out_t, *out_q; /* time and configuration of the first of them */
-  double least_energy;  /* with less strain energy no section faces backwards */
+  double inverted_t, *inverted_q; /* time and configuration of the first of them */
+  double least_energy;  /* with less strain energy no section is inverted */
 } Problem;
 
 /* Histories: a row for every `every`-th step and for the last. A null pointer is not recorded. */

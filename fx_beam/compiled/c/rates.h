@@ -5,7 +5,7 @@
 #include "algebra.h"
 
 static void work_increment(const Problem *p, const Work *w) {
-  double *D = w->D, *path = w->path, *slope = w->slope, *tangent = w->left;
+  double *D = w->D, *path = w->path, *slope = w->slope, *tangent = w->scratch;
   memcpy(path, D, p->dofs * sizeof *D);
   for (int i = 0; i < p->dofs; ++i) slope[i] = 1;
   if (p->rule != 0) return;
@@ -70,7 +70,7 @@ static double steepness(const Problem *p, double dt) {
 
 static void advance_rates(Problem *p, const Work *w, double dt) {
   if (p->rules) {
-    memcpy(w->left, p->v, p->dofs * sizeof(double));
+    memcpy(w->scratch, p->v, p->dofs * sizeof(double));
     evaluate_rule(p, w, dt);
     take_values(p, w, 12, p->v), take_values(p, w, 15, p->a);
   }
@@ -82,10 +82,10 @@ static void advance_rates(Problem *p, const Work *w, double dt) {
       double a1 = newmark_end(p, w->D[i], v0, p->a[i], dt);
       p->v[i] = v0 + dt * ((1 - p->gamma) * p->a[i] + p->gamma * a1), p->a[i] = a1;
     }
-    w->left[i] = v0;
+    w->scratch[i] = v0;
   }
   for (int k = 0; k < p->massless_count; ++k) {
     int i = p->massless[k];
-    p->v[i] = w->path[i] / dt, p->a[i] = (p->v[i] - w->left[i]) / dt;
+    p->v[i] = w->path[i] / dt, p->a[i] = (p->v[i] - w->scratch[i]) / dt;
   }
 }

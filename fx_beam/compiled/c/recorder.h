@@ -29,7 +29,7 @@ static void add_joint_forces(const Problem *p, const Work *w) {
   /* Joints with an offset or a slide exert a moment on their guiding node, rotational springs on both of
      their nodes. These are no moments of other joints. */
   for (int j = 0; j < p->joints; ++j) {
-    const double *lever = w->hat + 1 + 4 * j, *F = found + 3 * p->slide_of[j];
+    const double *lever = w->virtual_map + 1 + 4 * j, *F = found + 3 * p->slide_of[j];
     if (p->guide[j] >= 0) on_nodes[p->guide[j]] += lever[0] * F[0] + lever[1] * F[1];
   }
   for (int i = 0; i < p->actuators; ++i) {
@@ -74,7 +74,7 @@ static void record(Problem *p, const Work *w, Record *to) {
   if (to->contact_forces)
     memcpy(to->contact_forces + k * contacts, p->contact_forces, contacts * sizeof(double));
   if (to->slides) memcpy(to->slides + k * p->slides, p->slide, p->slides * sizeof(double));
-  double *momentum = w->left, *energy = to->energies + 8 * k, *sums = to->momenta + 3 * k;
+  double *momentum = w->scratch, *energy = to->energies + 8 * k, *sums = to->momenta + 3 * k;
   times_mass(p, p->v, momentum);
   memset(energy, 0, 5 * sizeof(double)), memset(sums, 0, 3 * sizeof(double));
   energy[0] = dot(n, p->v, momentum) / 2;

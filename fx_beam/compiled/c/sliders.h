@@ -111,8 +111,9 @@ static void slide_rotation(const Problem *p, Slider *a, const Weights *w, const 
   double q_s = product_of(n, w->quotient_slope, psibar);
   if (!H) {
     a->increment[2] = Dpsi, a->T[2][s] = product_of(n, w->slope1, psi1);
-    memcpy(a->T[2] + o, w->at1, n * sizeof(double)), memcpy(a->hat[2] + o, mean, n * sizeof(double));
-    a->hat[2][s] = exact ? q : (1 - l) * product_of(n, w->slope0, psi0) + l * a->T[2][s];
+    memcpy(a->T[2] + o, w->at1, n * sizeof(double));
+    memcpy(a->virtual_map[2] + o, mean, n * sizeof(double));
+    a->virtual_map[2][s] = exact ? q : (1 - l) * product_of(n, w->slope0, psi0) + l * a->T[2][s];
   } else if (!exact || p->rule != 0) {
     for (int k = 0; k < n; ++k) {
       H[o + k][s] = l * moment * w->slope1[k];
@@ -125,8 +126,8 @@ static void slide_rotation(const Problem *p, Slider *a, const Weights *w, const 
   for (int k = 0; k < n; ++k) c[k] = over_sine(x[k] - y) * cos(x[k]);
   double total = product_of(n, mean, c), cosines = cos(y_c) * cos(y), beta = q / over_sine(u) / cosines;
   if (!H) {
-    for (int k = 0; k < n; ++k) a->hat[2][o + k] = mean[k] * c[k] / total;
-    a->hat[2][s] = beta;
+    for (int k = 0; k < n; ++k) a->virtual_map[2][o + k] = mean[k] * c[k] / total;
+    a->virtual_map[2][s] = beta;
     return;
   }
   double tilt[WINDOW_NODES], x_part[WINDOW_NODES], all = 0, bend = over_sine_slope(u) / over_sine(u);
@@ -152,7 +153,7 @@ static void slide_rotation(const Problem *p, Slider *a, const Weights *w, const 
 }
 
 /* Increment of the node for that of its beam and of the arc length, the derivatives T and the virtual
-   increment. With H: the derivatives of hat^T F for the force F of the node. */
+   increment. With H: the derivatives of virtual_map^T F for the force F of the node. */
 static void slide_on(const Problem *p, Slider *a, const double *D, double (*H)[LOCAL]) {
   int n = a->width, s = a->components * n, e0 = element_of(a, a->s0), e1 = element_of(a, a->s1);
   int low, limit = a->elements - a->window;
@@ -170,13 +171,13 @@ static void slide_on(const Problem *p, Slider *a, const double *D, double (*H)[L
     for (int i = 0; i < 2; ++i) p1[k][i] = p0[k][i] + Dp[k][i], pbar[k][i] = p0[k][i] + Dp[k][i] / 2;
   }
   if (!H) {
-    memset(a->T, 0, sizeof a->T), memset(a->hat, 0, sizeof a->hat);
+    memset(a->T, 0, sizeof a->T), memset(a->virtual_map, 0, sizeof a->virtual_map);
     for (int i = 0; i < 2; ++i) {
       a->increment[i] = weigh(n, w->at1, p1, i) - weigh(n, w->at0, p0, i);
       memcpy(a->T[i] + i * n, w->at1, n * sizeof(double));
-      memcpy(a->hat[i] + i * n, mean, n * sizeof(double));
+      memcpy(a->virtual_map[i] + i * n, mean, n * sizeof(double));
       a->T[i][s] = weigh(n, w->slope1, p1, i);
-      a->hat[i][s] = (1 - l) * weigh(n, w->slope0, p0, i) + l * a->T[i][s];
+      a->virtual_map[i][s] = (1 - l) * weigh(n, w->slope0, p0, i) + l * a->T[i][s];
     }
   } else {
     memset(H, 0, LOCAL * sizeof *H);
@@ -199,10 +200,10 @@ static void slide_on(const Problem *p, Slider *a, const double *D, double (*H)[L
     if (!H)
       for (int i = 0; i < 2; ++i) {
         for (int j = 0; j < 2; ++j) {
-          a->hat[i][j * n + to] += Ds * zeta[i] * omega[j];
-          a->hat[i][j * n + from] -= Ds * zeta[i] * omega[j];
+          a->virtual_map[i][j * n + to] += Ds * zeta[i] * omega[j];
+          a->virtual_map[i][j * n + from] -= Ds * zeta[i] * omega[j];
         }
-        a->hat[i][s] = weigh(n, w->quotient, pbar, i) - zeta[i] * Dalpha;
+        a->virtual_map[i][s] = weigh(n, w->quotient, pbar, i) - zeta[i] * Dalpha;
       }
     else {
       const double *F = a->force;
@@ -256,12 +257,12 @@ static void carry(const Problem *p, const Work *w, double *r, double *out) {
     for (int c = 0; c < a->components; ++c) {
       double force = out[a->carried[c]];
       for (int k = a->entry_start[c]; k < a->entry_start[c + 1]; ++k)
-        force += a->entry_sign[k] * w->hat[a->entry_value[k]] * r[a->entry_row[k]];
+        force += a->entry_sign[k] * w->virtual_map[a->entry_value[k]] * r[a->entry_row[k]];
       a->force[c] = force;
     }
     for (int c = 0; c < a->components; ++c) {
-      for (int k = 0; k < s; ++k) r[local_dof(a, k)] += a->force[c] * a->hat[c][k];
-      out[a->column] += a->force[c] * a->hat[c][s];
+      for (int k = 0; k < s; ++k) r[local_dof(a, k)] += a->force[c] * a->virtual_map[c][k];
+      out[a->column] += a->force[c] * a->virtual_map[c][s];
     }
   }
 }
@@ -276,18 +277,19 @@ static void eliminate_sliders(const Problem *p, const Work *w) {
     long square = a->inside_start[a->at_window];
     const int *local = a->local + start, *above = a->above + (long)around * start;
     const int *beside = a->beside + (long)around * start, *inside = a->inside + square;
-    double *T = a->entry_T, *hat = a->entry_hat, *KT = a->entry_KT, own[3][3];
+    double *T = a->entry_T, *virtual_map = a->entry_virtual, *KT = a->entry_KT, own[3][3];
     slide_on(p, a, w->D, H);
     for (int c = 0; c < m; ++c)
       for (int d = 0; d < m; ++d) own[c][d] = K[a->own_place[c * m + d]];
     for (int e = 0; e < L; ++e) {
       double of_T = a->sign[start + e] * w->values[a->value[start + e]];
-      double of_hat = a->sign[start + e] * w->hat[a->value[start + e]];
+      double of_virtual = a->sign[start + e] * w->virtual_map[a->value[start + e]];
       for (int c = 0; c < m; ++c) {
-        T[c * L + e] = of_T * a->T[c][local[e]], hat[c * L + e] = of_hat * a->hat[c][local[e]];
+        T[c * L + e] = of_T * a->T[c][local[e]];
+        virtual_map[c * L + e] = of_virtual * a->virtual_map[c][local[e]];
         KT[c * L + e] = 0;
       }
-      a->entry_factor[2 * e] = of_T, a->entry_factor[2 * e + 1] = of_hat;
+      a->entry_factor[2 * e] = of_T, a->entry_factor[2 * e + 1] = of_virtual;
     }
     for (int c = 0; c < m; ++c)
       for (int d = 0; d < m; ++d)
@@ -297,13 +299,13 @@ static void eliminate_sliders(const Problem *p, const Work *w) {
         double left = K[a->left_place[k * m + c]], right = K[a->right_place[k * m + c]];
         for (int e = 0; e < L; ++e) {
           K[beside[k * L + e]] += left * T[c * L + e];
-          K[above[k * L + e]] += right * hat[c * L + e];
+          K[above[k * L + e]] += right * virtual_map[c * L + e];
         }
       }
     for (int e = 0; e < L; ++e)
       for (int f = 0; f < L; ++f) {
         double total = a->entry_factor[2 * e + 1] * H[local[e]][local[f]] * a->entry_factor[2 * f];
-        for (int c = 0; c < m; ++c) total += hat[c * L + e] * KT[c * L + f];
+        for (int c = 0; c < m; ++c) total += virtual_map[c * L + e] * KT[c * L + f];
         K[inside[e * L + f]] += total;
       }
   }

@@ -25,8 +25,8 @@ static void change_ties(const Problem *p, const Work *w, double *z) {
 }
 
 /* Adds the forces on the ties to those on the columns before, for values of T or That. */
-static void collect_ties(const Problem *p, const double *hat, double *out) {
+static void collect_ties(const Problem *p, const double *virtual_map, double *out) {
   const double *tie = out + p->columns;
   for (int k = p->tie_entries - 1; k >= 0; --k)
-    out[p->tie_column[k]] += p->tie_sign[k] * hat[p->tie_value[k]] * tie[p->tie_of[k]];
+    out[p->tie_column[k]] += p->tie_sign[k] * virtual_map[p->tie_value[k]] * tie[p->tie_of[k]];
 }

@@ -6,8 +6,8 @@
 
 typedef struct {
   double *D, *path, *slope, *acc, *f, *r, *reduced, *step, *correction, *z;
-  double *tangent, *inertia, *values, *hat, *psi0, *rho0, *t0, *rho1, *t1, *mean_t, *guide_slope;
-  double *guide_bend, *passing, *columns, *y, *row, *start, *force, *dead, *left;
+  double *tangent, *inertia, *values, *virtual_map, *psi0, *rho0, *t0, *rho1, *t1, *mean_t, *guide_slope;
+  double *guide_bend, *passing, *columns, *y, *row, *start, *force, *dead, *scratch;
   double *saved, *rule, *loaded, *factors, *residual, *direction, *image, *guess;
   double *G, *W, *What, *part, *inverse, *gap, *gap0, *closing, *closed, *borders; /* of loops */
   double *passed, *joint_forces;
@@ -16,7 +16,7 @@ typedef struct {
   const double *thrust;
 } Work;
 
-static double *take(double **at, long n) {
+static double *allocate(double **at, long n) {
   double *p = *at;
   *at += (n + LANES - 1) / LANES * LANES;
   return p;
@@ -25,30 +25,32 @@ static double *take(double **at, long n) {
 static long lay_out(const Problem *p, Work *w, double *at) {
   double *begin = at;
   long n = p->dofs, c = p->columns + p->ties, j = p->joints, u = p->unknowns;
-  w->D = take(&at, n), w->path = take(&at, n), w->slope = take(&at, n);
-  w->acc = take(&at, n), w->f = take(&at, n + LANES), w->r = take(&at, n);
-  w->correction = take(&at, n), w->force = take(&at, n), w->dead = take(&at, n), w->left = take(&at, n);
-  w->reduced = take(&at, c), w->step = take(&at, c), w->z = take(&at, c), w->columns = take(&at, c);
-  w->y = take(&at, u), w->row = take(&at, p->groups ? 3 * u : 0), w->start = take(&at, c);
-  w->tangent = take(&at, p->places + 4 * LANES), w->inertia = take(&at, p->places);
-  w->values = take(&at, 1 + 4 * j), w->hat = take(&at, 1 + 4 * j);
-  w->psi0 = take(&at, j), w->rho0 = take(&at, 2 * j), w->t0 = take(&at, 2 * j);
-  w->rho1 = take(&at, 2 * j), w->t1 = take(&at, 2 * j), w->mean_t = take(&at, 2 * j);
-  w->rule = take(&at, p->rules ? RULE_VALUES * (long)p->nodes : 0);
-  w->saved = take(&at, p->memory_size);
-  w->factors = take(&at, p->factor_size);
+  w->D = allocate(&at, n), w->path = allocate(&at, n), w->slope = allocate(&at, n);
+  w->acc = allocate(&at, n), w->f = allocate(&at, n + LANES), w->r = allocate(&at, n);
+  w->correction = allocate(&at, n), w->force = allocate(&at, n), w->dead = allocate(&at, n);
+  w->scratch = allocate(&at, n);
+  w->reduced = allocate(&at, c), w->step = allocate(&at, c), w->z = allocate(&at, c);
+  w->columns = allocate(&at, c);
+  w->y = allocate(&at, u), w->row = allocate(&at, p->groups ? 3 * u : 0), w->start = allocate(&at, c);
+  w->tangent = allocate(&at, p->places + 4 * LANES), w->inertia = allocate(&at, p->places);
+  w->values = allocate(&at, 1 + 4 * j), w->virtual_map = allocate(&at, 1 + 4 * j);
+  w->psi0 = allocate(&at, j), w->rho0 = allocate(&at, 2 * j), w->t0 = allocate(&at, 2 * j);
+  w->rho1 = allocate(&at, 2 * j), w->t1 = allocate(&at, 2 * j), w->mean_t = allocate(&at, 2 * j);
+  w->rule = allocate(&at, p->rules ? RULE_VALUES * (long)p->nodes : 0);
+  w->saved = allocate(&at, p->memory_size);
+  w->factors = allocate(&at, p->factor_size);
   long d = p->kept.worth ? DIRECTIONS : 0;
   u = p->factor_size ? p->free : 0;
-  w->residual = take(&at, u), w->guess = take(&at, u);
-  w->direction = take(&at, d * u), w->image = take(&at, d * u);
-  w->loaded = take(&at, p->sliders ? n : 0);
-  w->guide_slope = take(&at, j), w->guide_bend = take(&at, j), w->passing = take(&at, 2 * j);
+  w->residual = allocate(&at, u), w->guess = allocate(&at, u);
+  w->direction = allocate(&at, d * u), w->image = allocate(&at, d * u);
+  w->loaded = allocate(&at, p->sliders ? n : 0);
+  w->guide_slope = allocate(&at, j), w->guide_bend = allocate(&at, j), w->passing = allocate(&at, 2 * j);
   long m = p->closures, loop = m * p->loop_columns;
-  w->G = take(&at, loop), w->W = take(&at, loop), w->What = take(&at, loop);
-  w->part = take(&at, m * m), w->inverse = take(&at, m * m), w->gap = take(&at, m);
-  w->gap0 = take(&at, m), w->closing = take(&at, m), w->closed = take(&at, m ? n : 0);
-  w->borders = take(&at, p->ties ? m * p->unknowns : 0);
-  w->passed = take(&at, n), w->joint_forces = take(&at, 3 * p->scene_joints);
+  w->G = allocate(&at, loop), w->W = allocate(&at, loop), w->What = allocate(&at, loop);
+  w->part = allocate(&at, m * m), w->inverse = allocate(&at, m * m), w->gap = allocate(&at, m);
+  w->gap0 = allocate(&at, m), w->closing = allocate(&at, m), w->closed = allocate(&at, m ? n : 0);
+  w->borders = allocate(&at, p->ties ? m * p->unknowns : 0);
+  w->passed = allocate(&at, n), w->joint_forces = allocate(&at, 3 * p->scene_joints);
   const double *fields[] = {w->D, p->q, p->v, p->a, p->before, p->internals};
   memcpy(w->fields, fields, sizeof fields);
   return at - begin;

@@ -1,4 +1,4 @@
-"""Check of eq. 4, t . phi' > 0 at every Gauss point: no section may face backwards."""
+"""Check of eq. 4, t . phi' > 0 at every Gauss point: no section may be inverted."""
 
 from __future__ import annotations
 
@@ -14,37 +14,37 @@ from fx_beam.scene.beam import arc_lengths
 _log = logging.getLogger("fx_beam")
 
 
-class FacingCheck:
-    """Checks at the end of each step that no section of a beam faces backwards."""
+class InversionCheck:
+    """Checks at the end of each step that no section of a beam is inverted."""
 
     def __init__(self, model: Model, stats: Stats):
         self._model, self._stats = model, stats
-        model.forms.bind_facing()
+        model.forms.bind_inversion()
         self.least_energy = _least_energy(model)
 
     def check(self, t: float, q: np.ndarray) -> None:
         """Check a state: time t [s] or load factor, displacements and rotations q (size,)."""
-        if self._model.forms.faces_backwards(q):
+        if self._model.forms.is_inverted(q):
             self.count(1, t, q)
 
     def count(self, number: int, t: float, q: np.ndarray) -> None:
-        """Count steps with sections that face backwards; a warning reports the first, at t."""
-        if not self._stats.inside_out:
+        """Count steps with inverted sections; a warning reports the first, at t."""
+        if not self._stats.inverted:
             self._warn(t, q)
-        self._stats.inside_out += number
+        self._stats.inverted += number
 
     def _warn(self, t: float, q: np.ndarray) -> None:
         """Warn, with the beam and the position of the worst section."""
         model = self._model
-        facing = model.forms.facing(q)
-        cell, point = np.unravel_index(np.argmin(facing), facing.shape)
+        stretch = model.forms.normal_stretch(q)
+        cell, point = np.unravel_index(np.argmin(stretch), stretch.shape)
         number = model.mesh.beam_of_cell[cell]
         beam = model.scene.beams[number]
         element = int(np.flatnonzero(model.mesh.cells[number] == cell)[0])
         start, end = beam.s[element : element + 2]
         s = start + (end - start) * dolfinx_api.gauss_points(beam.degree)[point, 0]
         _log.warning(
-            "%s: beam %r is turned inside out at its arc length %.4g m and %s = %.6g: there "
+            "%s: beam %r has an inverted section at its arc length %.4g m and %s = %.6g: there "
             "t . phi' is %.3g, but must be positive (eq. 4). Check the units of loads, velocities "
             "and stiffnesses, or make the section stiffer",
             self._stats.scheme,
@@ -52,7 +52,7 @@ class FacingCheck:
             s,
             "load factor" if self._stats.static else "t",
             t,
-            facing[cell, point],
+            stretch[cell, point],
         )
 
 

@@ -14,7 +14,7 @@ from fx_beam.results.solution import Solution
 from fx_beam.results.state import State
 from fx_beam.scene.scene import Scene
 from fx_beam.stepping.forcing import Forcing
-from fx_beam.stepping.full_turns import Windings
+from fx_beam.stepping.full_turns import TurnCounter
 from fx_beam.stepping.initial_state import check_joints, initial_state, resumed_state
 from fx_beam.stepping.linear_solver import petsc
 from fx_beam.stepping.newton import NewtonOptions
@@ -27,7 +27,7 @@ from fx_beam.validation import is_one_of, is_whole, require, shown
 MOST_STEPS = 1e9
 
 
-class Engine:
+class RunSetup:
     """Takes the steps of a motion of a scene, compiled or in Python."""
 
     def __init__(
@@ -51,7 +51,7 @@ class Engine:
         self.forcing = Forcing(model)
         self.stepper = Stepper(model, self.forcing, options, self.stats, halving)
         self.integrator = _choose_integrator(solver, self.stepper, options)
-        self.windings = Windings(model)
+        self.turn_counter = TurnCounter(model)
 
     def first_state(self, dt: float, start: Solution | None) -> State:
         """Initial state of a motion, in the numbering of the model."""
@@ -167,7 +167,7 @@ def _choose_integrator(
 
 
 def check_options(what: str, newton, max_halvings, record, solver) -> None:
-    """Refuse options of a motion that are none."""
+    """Refuse invalid options of a motion."""
     for name, value, fits, wanted in (
         ("newton", newton, isinstance(newton, NewtonOptions | None), "an fx_beam.NewtonOptions"),
         (

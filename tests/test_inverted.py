@@ -1,4 +1,4 @@
-"""Sections that face backwards, t . phi' <= 0 at a Gauss point (eq. 4), are reported."""
+"""Inverted sections, t . phi' <= 0 at a Gauss point (eq. 4), are reported."""
 
 import logging
 
@@ -15,7 +15,7 @@ degrees = pytest.mark.parametrize("degree", [1, 2, 3])
 solvers = pytest.mark.parametrize("solver", ["compiled", "petsc"])
 
 
-def facing(solution, beam, degree):
+def stretch(solution, beam, degree):
     """t . phi' times squares of lengths, (n, elements * degree), from nodal values in numpy."""
     at_nodes = np.vander(np.linspace(-1, 1, degree + 1), increasing=True)
     xi = np.array(GAUSS[degree])
@@ -55,27 +55,27 @@ def test_a_bar_pushed_through_its_clamp_is_reported(degree, way, caplog):
     solution = fb.static(scene, steps=10, continuation=way)
     assert solution.resultants(beam).N[-1] == pytest.approx(np.full(degree, -1.5 * EA))
     # The strain is -1.5 of the load factor, and -1 at two thirds.
-    assert solution.stats.inside_out == np.count_nonzero(solution.load_factor > 2 / 3) > 2
-    (message,) = [r.getMessage() for r in caplog.records if "inside out" in r.getMessage()]
+    assert solution.stats.inverted == np.count_nonzero(solution.load_factor > 2 / 3) > 2
+    (message,) = [r.getMessage() for r in caplog.records if "inverted" in r.getMessage()]
     first = solution.load_factor[solution.load_factor > 2 / 3][0]
-    assert "beam 'bar' is turned inside out at its arc length" in message
+    assert "beam 'bar' has an inverted section at its arc length" in message
     assert f"load factor = {first:.6g}: there t . phi' is {1 - 1.5 * first:.3g}" in message
 
 
 @solvers
 @degrees
-def test_every_step_that_ends_inside_out_is_counted_recorded_or_not(degree, solver, caplog):
+def test_every_step_that_ends_inverted_is_counted_recorded_or_not(degree, solver, caplog):
     scene, beam = bar(degree, speed=14.0)
     options = {"dt": 0.005, "t_end": 0.2, "solver": solver}
     full = fb.simulate(scene, **options)
     assert full.stats.halvings == 0
-    backwards = (facing(full, beam, degree) <= 0).any(axis=1)
-    assert 5 < np.count_nonzero(backwards) < 35
-    assert full.stats.inside_out == np.count_nonzero(backwards)
+    inverted = (stretch(full, beam, degree) <= 0).any(axis=1)
+    assert 5 < np.count_nonzero(inverted) < 35
+    assert full.stats.inverted == np.count_nonzero(inverted)
     (message,) = [r.getMessage() for r in caplog.records]
-    assert f" t = {full.t[backwards][0]:.6g}:" in message
+    assert f" t = {full.t[inverted][0]:.6g}:" in message
     thin = fb.simulate(scene, record=fb.Record(every=30, motion=False), **options)
-    assert thin.stats.inside_out == full.stats.inside_out
+    assert thin.stats.inverted == full.stats.inverted
 
 
 @solvers
@@ -84,15 +84,15 @@ def test_the_place_is_named_on_curved_elements_as_well(degree, solver, caplog):
     points = fb.arc((0, 0), (0.7, 0.2), (1.4, 0))
     scene, beam = bar(degree, elements=4, points=points, speed=25.0)
     full = fb.simulate(scene, dt=0.002, t_end=0.12, solver=solver)
-    values = facing(full, beam, degree)
-    backwards = (values <= 0).any(axis=1)
-    assert full.stats.inside_out == np.count_nonzero(backwards) > 3
+    values = stretch(full, beam, degree)
+    inverted = (values <= 0).any(axis=1)
+    assert full.stats.inverted == np.count_nonzero(inverted) > 3
     # Near the end that is hit.
-    message = next(r.getMessage() for r in caplog.records if "inside out" in r.getMessage())
+    message = next(r.getMessage() for r in caplog.records if "inverted" in r.getMessage())
     s = full.resultants(beam).s
-    out = s[values[backwards][0] <= 0]
+    at = s[values[inverted][0] <= 0]
     named = float(message.split("arc length ")[1].split(" m")[0])
-    assert abs(out - named).min() < 1e-3
+    assert abs(at - named).min() < 1e-3
 
 
 @solvers
@@ -106,7 +106,7 @@ def test_parts_of_steps_are_looked_at_as_well(solver):
     run = fb.simulate(scene, dt=0.05, newton=fb.NewtonOptions(max_turn=0.1), **options)
     assert run.stats.substeps == 32
     whole = fb.simulate(scene, dt=0.05 / 8, **options)
-    assert run.stats.inside_out == whole.stats.inside_out > run.stats.steps == 4
+    assert run.stats.inverted == whole.stats.inverted > run.stats.steps == 4
 
 
 def test_beams_that_bend_and_turn_are_not_reported(caplog):
@@ -119,5 +119,5 @@ def test_beams_that_bend_and_turn_are_not_reported(caplog):
     with caplog.at_level(logging.WARNING, logger="fx_beam"):
         solution = fb.simulate(scene, dt=0.01, t_end=2.0)
     assert abs(solution.rotation(beam.end)).max() > 10.0
-    assert solution.stats.inside_out == 0
+    assert solution.stats.inverted == 0
     assert not caplog.records

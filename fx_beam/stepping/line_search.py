@@ -1,4 +1,4 @@
-"""Corrections of Newton's method that are far too long, and their shortening."""
+"""Line search: corrections of Newton's method that are far too long are shortened."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from fx_beam.model.model import Model
 OVERSHOOT, SEARCHES = 0.1, 20
 
 
-def without_overshoot(
+def line_search(
     model: Model,
     y: np.ndarray,
     step: np.ndarray,
@@ -29,7 +29,7 @@ def without_overshoot(
     """
     start = y + step
     if not model.may_overshoot_anywhere:
-        # Springs alone: stiff members that turn do work as well, which is none of their business.
+        # Springs alone: stiff members that turn do work as well, which does not count here.
         deviation = model.actuators.deviation(step)
 
         def of_springs(part: float) -> float:

@@ -6,7 +6,7 @@ from scenes import pinned_beam, relative_drift
 
 import fx_beam as fb
 from fx_beam.model.model import Model
-from fx_beam.stepping.full_turns import Windings
+from fx_beam.stepping.full_turns import TurnCounter
 
 STIFF = fb.Section(EA=1e6, GA=1e6, EI=1e4, rhoA=1.0, rhoI=0.1)
 
@@ -20,7 +20,7 @@ def rotor(**rotation):
 
 
 def members(scene):
-    return Windings(Model(scene, fb.EnergyMomentum()))._members
+    return TurnCounter(Model(scene, fb.EnergyMomentum()))._members
 
 
 @pytest.mark.parametrize("solver", ["compiled", "petsc"])
