@@ -1,17 +1,55 @@
-"""Formulas as MathML, which browsers draw by themselves: no script, no fonts, no network."""
+"""Formulas as MathML, which browsers draw by themselves, with the font of the site: no script."""
+
+import re
 
 from docutils.nodes import SkipNode
 from docutils.utils.math.latex2mathml import tex2mathml
 
+# Signs without space around them; a prime in the place of an apostrophe, a macron that the font has.
+_CLOSE = {
+    '<mo stretchy="false">/</mo>': '<mo stretchy="false" lspace="0" rspace="0">/</mo>',
+    "<mo>'</mo>": '<mo lspace="0" rspace="0">′</mo>',
+    "ˉ": "¯",
+}
 
-def _visit(as_block):
+# Browsers set no space at the name of a function: a thin one before it, and one after it unless an
+# argument in brackets or an exponent follows.
+_FUNCTION = re.compile(
+    r"<mi>((?:sin|cos|tan|exp|ln|log|sgn)h?)</mi>(\s*<mo>&ApplyFunction;</mo>)?(\s*<mo[^>]*>\()?"
+)
+_THIN = '<mspace width="0.1667em"/>'
+
+
+def _spaced(match):
+    name, applied, bracket = match.groups()
+    after = bracket or (_THIN if applied else "")
+    # A row is one thing, also as the base of an exponent.
+    return f"<mrow>{_THIN}<mi>{name}</mi></mrow>{after}"
+
+
+def mathml(formula, as_block):
+    """A formula in LaTeX as MathML."""
+    text = tex2mathml(formula, as_block=as_block)
+    for latex, better in _CLOSE.items():
+        text = text.replace(latex, better)
+    return _FUNCTION.sub(_spaced, text)
+
+
+def inline(formula):
+    """A formula within a line."""
+    return mathml(formula, as_block=False)
+
+
+def block(formula):
+    """A formula on a line of its own; rows are aligned at their signs &."""
+    if "\\\\" in formula and "\\begin" not in formula:
+        formula = f"\\begin{{align}}{formula}\\end{{align}}"
+    return f'<div class="formula">{mathml(formula, as_block=True)}</div>'
+
+
+def _visitor(draw):
     def visit(self, node):
-        formula = node.astext()
-        if as_block and "\\\\" in formula and "\\begin" not in formula:
-            formula = f"\\begin{{align}}{formula}\\end{{align}}"
-        self.body.append('<div class="formula">' if as_block else "")
-        self.body.append(tex2mathml(formula, as_block=as_block))
-        self.body.append("</div>" if as_block else "")
+        self.body.append(draw(node.astext()))
         raise SkipNode
 
     return visit
@@ -20,6 +58,6 @@ def _visit(as_block):
 def setup(app):
     """Register the renderer under the name that conf.py asks for."""
     app.add_html_math_renderer(
-        "mathml", inline_renderers=(_visit(False), None), block_renderers=(_visit(True), None)
+        "mathml", inline_renderers=(_visitor(inline), None), block_renderers=(_visitor(block), None)
     )
     return {"parallel_read_safe": True, "parallel_write_safe": True}

@@ -1,0 +1,81 @@
+"""The formulas of the site, drawn by a browser that has no font for mathematics."""
+
+import importlib
+import json
+import re
+import shutil
+import subprocess
+from pathlib import Path
+
+import pages
+import pytest
+
+DOCS = pages.ROOT / "docs"
+CHROMIUM = shutil.which("chromium") or shutil.which("google-chrome")
+LONG = r"\int_0^L \frac{\bar R}{1 + \tan^2(\Delta\psi/2)} \sqrt{\frac{a}{b}}\, ds"
+
+# What is measured: 1 if the font of the site is there, the height of an integral over that of a
+# letter, and for each formula what is cut above or below.
+SCRIPT = """
+document.fonts.load('16px "fx_beam Math"').then(async fonts => {
+  await document.fonts.ready;
+  const height = one => one.getBoundingClientRect().height;
+  const symbol = name => [...document.querySelectorAll('.formula mo, .formula mi')]
+    .find(one => one.textContent == name);
+  document.title = JSON.stringify({
+    fonts: fonts.length,
+    integral: height(symbol('∫')) / height(symbol('L')),
+    cut: [...document.querySelectorAll('.formula')]
+      .map(one => one.scrollHeight - one.clientHeight),
+  });
+});
+"""
+
+
+def formulas():
+    """Formulas on lines of their own, of all pages."""
+    for page in sorted(DOCS.rglob("*.md")):
+        prose = re.sub(r"```.*?```|`[^`]*`", "", pages.text(page), flags=re.DOTALL)
+        yield from re.findall(r"\$\$(.*?)\$\$", prose, flags=re.DOTALL)
+
+
+@pytest.fixture
+def drawn(monkeypatch):
+    """The extension that makes MathML of LaTeX."""
+    pytest.importorskip("docutils.utils.math.latex2mathml")
+    monkeypatch.syspath_prepend(str(DOCS / "extensions"))
+    return importlib.import_module("mathml").block
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(CHROMIUM is None, reason="there is no Chromium")
+def test_formulas_are_whole_where_the_system_has_no_font_for_them(drawn, tmp_path, monkeypatch):
+    matplotlib = pytest.importorskip("matplotlib")
+    letters = Path(matplotlib.get_data_path()) / "fonts" / "ttf"
+    (tmp_path / "fonts.conf").write_text(f"<fontconfig><dir>{letters}</dir></fontconfig>")
+    monkeypatch.setenv("FONTCONFIG_FILE", str(tmp_path / "fonts.conf"))
+    for name in ("style.css", "math.woff2"):
+        shutil.copy(DOCS / "_static" / name, tmp_path)
+    found = [LONG, *formulas()]
+    page = tmp_path / "page.html"
+    page.write_text(
+        '<!DOCTYPE html><meta charset="utf-8"><link rel="stylesheet" href="style.css">'
+        + "".join(map(drawn, found))
+        + f"<script>{SCRIPT}</script>"
+    )
+    command = [CHROMIUM, "--headless", "--no-sandbox", "--disable-gpu", "--dump-dom"]
+    command += [f"--user-data-dir={tmp_path}", "--allow-file-access-from-files"]
+    command += ["--window-size=900,900", "--virtual-time-budget=10000", page.as_uri()]
+    dom = subprocess.run(command, capture_output=True, text=True, check=True, timeout=120).stdout
+    measured = json.loads(re.search("<title>(.*?)</title>", dom)[1])
+    assert measured["fonts"] == 1
+    assert measured["integral"] > 1.5
+    assert len(measured["cut"]) == len(found) > 20
+    assert max(measured["cut"]) <= 0
+
+
+def test_a_function_is_set_apart_from_the_number_before_it(drawn):
+    tan = r"<mrow><mspace[^>]*/><mi>tan</mi></mrow>"
+    assert re.search(rf"<mn>2</mn>\s*{tan}\s*<mo[^>]*>\(", drawn(r"2\tan(x)"))
+    assert re.search(rf"{tan}\s*<mspace[^>]*/>\s*<mi>x</mi>", drawn(r"\tan x"))
+    assert re.search(rf"<msup>\s*{tan}\s*<mn>2</mn>\s*</msup>", drawn(r"\tan^2 x"))
