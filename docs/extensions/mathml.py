@@ -5,7 +5,7 @@ import re
 from docutils.nodes import SkipNode
 from docutils.utils.math.latex2mathml import tex2mathml
 
-# Signs without space around them; a prime in the place of an apostrophe, a macron that the font has.
+# Signs without space around them; a prime in place of an apostrophe, a macron that the font has.
 _CLOSE = {
     '<mo stretchy="false">/</mo>': '<mo stretchy="false" lspace="0" rspace="0">/</mo>',
     "<mo>'</mo>": '<mo lspace="0" rspace="0">′</mo>',
