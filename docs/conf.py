@@ -17,6 +17,7 @@ version = release = fx_beam.__version__
 extensions = [
     "myst_parser",
     "sphinx.ext.autodoc",
+    "sphinx.ext.autosummary",
     "sphinx.ext.linkcode",
     "numpydoc",
     # Our own: the demos' pages, pages of the sources, and formulas without a script from outside.
@@ -33,6 +34,7 @@ suppress_warnings = ["config.cache"]  # linkcode_resolve is a function
 
 default_role = "py:obj"
 autodoc_typehints = "none"
+autosummary_generate = False  # tables only
 autodoc_member_order = "bysource"
 numpydoc_show_class_members = False
 numpydoc_class_members_toctree = False

@@ -85,6 +85,13 @@ def test_all_that_is_public_is_in_the_interface_once():
     assert sorted(listed) == sorted(public())
 
 
+@pytest.mark.parametrize("kind", [fb.Scene, fb.Solution])
+def test_each_method_is_in_a_table_of_its_page(kind):
+    page = pages.text(DOCS / "interface" / f"{kind.__name__.lower()}.md")
+    listed = re.findall(rf"^   ~fx_beam\.{kind.__name__}\.(\w+)$", page, flags=re.MULTILINE)
+    assert sorted(listed) == [name for name in dir(kind) if not name.startswith("_")]
+
+
 def test_the_first_page_of_the_interface_names_all_that_its_pages_have():
     folder = DOCS / "interface"
     for page in set(folder.glob("*.md")) - {folder / "index.md"}:

@@ -50,11 +50,11 @@ class Scene(Bodies):
     def __init__(self, gravity: Sequence[float] | None = None):
         self.gravity = None if gravity is None else vector(gravity, 2, "gravity")
         super().__init__()
-        #: Fixed components: (node number, component number).
+        # Fixed components: (node number, component number).
         self.fixed: set[tuple[int, int]] = set()
-        #: Components prescribed as functions of time.
+        # Components prescribed as functions of time.
         self.prescribed: dict[tuple[int, int], TimeFunction] = {}
-        #: Lumped masses: node number, mass [kg], inertia [kg m^2].
+        # Lumped masses: node number, mass [kg], inertia [kg m^2].
         self.masses: list[tuple[int, float, float]] = []
         self.loads: list[loads.Load] = []
         self.drags: list[loads.Drag] = []
@@ -63,7 +63,7 @@ class Scene(Bodies):
         self.joints: list[Joint] = []
         self._couplings: dict[tuple, Joint] = {}
         self.obstacles: list[obstacles.Obstacle] = []
-        #: Whether incompatible initial velocities are projected instead of refused.
+        # Whether incompatible initial velocities are projected instead of refused.
         self.projects_velocities = False
 
     def _repr_html_(self):
