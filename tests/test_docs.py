@@ -85,6 +85,16 @@ def test_all_that_is_public_is_in_the_interface_once():
     assert sorted(listed) == sorted(public())
 
 
+def test_the_tables_of_the_interface_name_what_follows_them():
+    for page in (DOCS / "interface").glob("*.md"):
+        text = pages.text(page)
+        listed = re.findall(r"^   ~(\S+)$", text, flags=re.MULTILINE)
+        entries = re.findall(r"^\.\. auto\w+:: (\S+)", text, flags=re.MULTILINE)
+        assert sorted(name for name in listed if not re.search(r"[A-Z]\w+\.", name)) == sorted(
+            entries
+        )
+
+
 @pytest.mark.parametrize("kind", [fb.Scene, fb.Solution])
 def test_each_method_is_in_a_table_of_its_page(kind):
     page = pages.text(DOCS / "interface" / f"{kind.__name__.lower()}.md")
