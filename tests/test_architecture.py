@@ -237,6 +237,7 @@ TREES = {name: ast.parse(path.read_text(encoding="utf-8")) for name, path in SOU
 #: The face of the package and of rooms which only say what is in them.
 FACES = {"", *(room for room, files in HOUSE.items() if room and "" not in files)}
 
+
 @functools.cache
 def imports(module):
     """Dotted names of all modules that a module imports, inside functions as well."""
