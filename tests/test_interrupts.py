@@ -194,7 +194,7 @@ def test_functions_of_time_keep_their_times_after_halved_steps(solver):
     scene.add_force(bar.start, lambda t: (4 * t, 0.0))
     motion = fb.Motion(scene, dt=DT, solver=solver)
     motion.run(3 * DT)
-    halving = motion._engine.stepper.halving
+    halving = motion._setup.stepper.halving
     halving.resume(np.array([DT, 2, 16, 0, 0]))  # as after failures: quarters of steps, 16 of them
     motion.run(0.75)
     assert motion.stats.substeps > 55 and not halving.times
