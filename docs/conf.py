@@ -44,10 +44,17 @@ html_title = f"fx_beam {release}"
 html_static_path = ["_static"]
 html_css_files = ["style.css"]
 html_copy_source = html_show_sourcelink = False
-html_sidebars = {"first_steps": [], "gallery": [], "limits": [], "related": [], "changelog": []}
+html_sidebars = {
+    "first_steps": [],
+    "tasks": [],
+    "gallery": [],
+    "limits": [],
+    "related": [],
+    "changelog": [],
+}
 html_theme_options = {
     "navbar_align": "left",
-    "header_links_before_dropdown": 6,
+    "header_links_before_dropdown": 7,
     "show_prev_next": False,
     "footer_start": ["copyright"],
     "footer_end": [],

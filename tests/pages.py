@@ -26,6 +26,12 @@ def links(page):
             yield (page.parent / file).resolve(), name
 
 
+def headings(page):
+    """Headings of a page, as links name them."""
+    titles = re.findall(r"^#+ (.*)$", text(page), flags=re.MULTILINE)
+    return {re.sub(r"[^\w -]", "", title).strip().lower().replace(" ", "-") for title in titles}
+
+
 def missing(page):
     """Links of a page that lead nowhere. Pages of the gallery are made from the demos."""
     lost = []
@@ -34,6 +40,8 @@ def missing(page):
             file = ROOT / "demos" / f"{file.stem}.py"
         if not file.is_file():
             lost.append(str(file))
+        elif file.suffix == ".md":
+            lost += [f"{file}#{name}"] if name and name not in headings(file) else []
         elif name and not re.search(rf"\b(?:def|class) {name}\b|\w {name}\(", text(file)):
             lost.append(f"{file}#{name}")
     return lost

@@ -127,7 +127,7 @@ def test_links_to_sources_lead_to_their_lines(monkeypatch):
     sources = importlib.import_module("sources")
     for page in PAGES:
         for file, name in pages.links(page):
-            if name:
+            if name and file.suffix != ".md":
                 assert sources.line_of(str(file.relative_to(pages.ROOT)), name), (page, name)
 
 
