@@ -137,6 +137,7 @@ HOUSE = {
         "step_control",
         "local_error",
         "stepper",
+        "smooth_start",
         "stride",
         "adaptive_run",
         "bordered",

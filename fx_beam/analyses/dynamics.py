@@ -173,7 +173,7 @@ def simulate(
     recorder = Recorder(setup.model, times, record or Record())
     rows_at = None if record is None or record.times is None else np.array(record.times, float)
     first = float(times[1] - times[0]) if control is None else control.first
-    recorder.record(0, setup.first_state(first, start))
+    recorder.record(0, setup.first_state(first, start, steady=control is None))
     stats.setup_seconds = time.perf_counter() - clock
 
     def found() -> Solution:

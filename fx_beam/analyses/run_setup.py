@@ -19,6 +19,7 @@ from fx_beam.stepping.initial_state import check_joints, initial_state, resumed_
 from fx_beam.stepping.linear_solver import petsc
 from fx_beam.stepping.newton import NewtonOptions
 from fx_beam.stepping.recorder import Record
+from fx_beam.stepping.smooth_start import smooth_start
 from fx_beam.stepping.stepper import Stepper
 from fx_beam.stepping.substeps import MOST_HALVINGS, Halving
 from fx_beam.validation import is_one_of, is_whole, require, shown
@@ -53,13 +54,17 @@ class RunSetup:
         self.integrator = _choose_integrator(solver, self.stepper, options)
         self.turn_counter = TurnCounter(model)
 
-    def first_state(self, dt: float, start: Solution | None) -> State:
-        """Initial state of a motion, in the numbering of the model."""
+    def first_state(self, dt: float, start: Solution | None, steady: bool = True) -> State:
+        """Initial state of a motion, in the numbering of the model.
+
+        Steps have the length dt [s] if they are `steady`.
+        """
         model, forcing = self.model, self.forcing
-        if start is None:
-            state = initial_state(model, forcing, dt)
-        elif start.stats.static:
-            state = initial_state(model, forcing, dt, state_of(model, start))
+        if start is None or start.stats.static:
+            before = None if start is None else state_of(model, start)
+            state = initial_state(model, forcing, dt, before)
+            if steady:
+                state = smooth_start(model, forcing, self.integrator, self.stats, state, dt)
         else:
             same = start.stats.scheme == model.scheme.name
             state = resumed_state(model, forcing, dt, state_of(model, start), same)
