@@ -17,7 +17,8 @@ from statistics import median
 from time import process_time
 
 import fx_beam as fb
-from fx_beam.compiled import handover, loop, lu_layout
+from fx_beam.compiled import handover, loop
+from fx_beam.compiled.lu_layout import COSTS
 
 
 def struts(cells, high=None, degree=1, elements=1):
@@ -113,17 +114,16 @@ def measure(sizes):
 
 def compare_turning(cells=60, dt=0.01, steps=15):
     """Steps of a free lattice with kept factors, and with new ones in each iteration."""
-    kept = lu_layout._LEAST_WORTH
     for turn in (0.001, 0.05, 0.2):
         found = []
-        for least in (kept, sys.maxsize):
-            lu_layout._LEAST_WORTH = least
+        for least in (COSTS.least_worth, sys.maxsize):
+            handover.COSTS = COSTS._replace(least_worth=least)
             scene = turning(cells, turn / dt)
             record = fb.Record(every=steps)
             stats = fb.simulate(scene, dt=dt, t_end=steps * dt, record=record).stats
             found.append(f"{1e3 * stats.seconds / stats.steps:.1f}")
         print(f"{turn:g} rad a step: {found[0]} ms kept, {found[1]} ms new", flush=True)
-    lu_layout._LEAST_WORTH = kept
+    handover.COSTS = COSTS
 
 
 def middle_frames():
@@ -140,17 +140,17 @@ def middle_frames():
 
 def compare_storage(runs=5, steps=20, dt=0.01):
     """Steps of frames with a band and with sparse rows, in turns, and which of them is chosen."""
-    usual, worst, seconds, record = lu_layout._cheaper, 0.0, [], fb.Record(every=steps)
-    forced = {"band": lambda *both: both[0], "sparse": lambda *both: both[1]}
-    handover.factors_of = lu_layout.factors_of.__wrapped__  # which forgets
+    worst, seconds, record = 0.0, [], fb.Record(every=steps)
+    sparse = COSTS._replace(narrow=0, band_entry=sys.maxsize)
+    forced = {"band": COSTS._replace(narrow=sys.maxsize), "sparse": sparse}
     loop.CompiledLoop.march = timed(loop.CompiledLoop.march, seconds)
     for name, scene in middle_frames().items():
-        lu_layout._cheaper = usual
+        handover.COSTS = COSTS
         stats = fb.simulate(scene, dt=dt, t_end=dt).stats
         chosen = "sparse" if "sparse" in stats.solver else "band"
         found = {storage: [] for storage in forced}
         for storage in [*forced] * runs:
-            lu_layout._cheaper = forced[storage]
+            handover.COSTS = forced[storage]
             seconds.clear()
             fb.simulate(scene, dt=dt, t_end=steps * dt, record=record)
             found[storage].append(1e3 * sum(seconds) / steps)

@@ -13,7 +13,9 @@ from fx_beam.mechanics.interval import Interval
 from fx_beam.model.model import Model
 from fx_beam.stepping.initial_state import reference_state
 
-SCHEMES = [fb.EnergyMomentum(), fb.Newmark(), fb.HHT(-0.2), fb.GeneralizedAlpha(0.6)]
+# One of each kind of virtual map: exact work, and weighted ends of the step, of which Newmark and
+# HHT are members with other weights.
+SCHEMES = [fb.EnergyMomentum(), fb.GeneralizedAlpha(0.6)]
 DT = 0.1
 
 
@@ -335,7 +337,7 @@ def machine():
     return scene
 
 
-@pytest.mark.parametrize("scheme", [*SCHEMES, fb.MidPoint()], ids=lambda s: s.name)
+@pytest.mark.parametrize("scheme", [*SCHEMES, fb.Newmark(), fb.MidPoint()], ids=lambda s: s.name)
 def test_tangent_is_the_derivative_of_the_whole_residual(scheme):
     moved = Moved(machine(), scheme)
     model, reduction = moved.model, moved.reduction

@@ -1,13 +1,16 @@
 """Sparse factors that serve several steps: same motion, exact energy, renewed when poor."""
 
+import math
+
 import numpy as np
 import pytest
 import scipy.sparse
 from scenes import pendulum
-from test_loop import SCENES, lattice
+from test_loop import SCENES, SPARSE, lattice
 
 import fx_beam as fb
-from fx_beam.compiled import handover, loop, lu_layout
+from fx_beam.compiled import handover, loop
+from fx_beam.compiled.lu_layout import factors_of
 
 STRUT = fb.Section(EA=1e6, GA=1e6, EI=1e2, rhoA=1.0, rhoI=1e-2)
 
@@ -30,14 +33,11 @@ def problems(monkeypatch):
 def keep(monkeypatch):
     """Let every scene keep its factors, or none."""
 
-    # Without layouts of earlier tests.
-    monkeypatch.setattr(handover, "factors_of", lu_layout.factors_of.__wrapped__)
-
     def set_worth(kept):
-        monkeypatch.setattr(lu_layout, "_NARROW", 0)
-        monkeypatch.setattr(lu_layout, "_cheaper", lambda banded, sparse: sparse)
-        monkeypatch.setattr(lu_layout, "_SUBSTITUTION", 0.05)
-        monkeypatch.setattr(lu_layout, "_LEAST_WORTH", 0 if kept else 10**9)
+        least = 0 if kept else math.inf
+        monkeypatch.setattr(
+            handover, "COSTS", SPARSE._replace(substitution=0.05, least_worth=least)
+        )
 
     return set_worth
 
@@ -128,7 +128,7 @@ def storage(cells, high):
     graph = scipy.sparse.coo_matrix((np.ones(len(a)), (a, b)), (nodes.size, nodes.size))
     graph = graph + graph.T + scipy.sparse.identity(nodes.size)
     pattern = scipy.sparse.kron(graph, np.ones((3, 3))).tocsr()
-    return lu_layout.factors_of.__wrapped__(pattern.indptr, pattern.indices)
+    return factors_of(pattern.indptr, pattern.indices)
 
 
 # `benchmarks/frames.py storage` measures both: a band takes less time for the first ones, and more

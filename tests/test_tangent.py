@@ -15,7 +15,6 @@ SCHEMES = [
     fb.ModifiedMidPoint(),
     fb.MidPoint(),
     fb.Newmark(),
-    fb.HHT(-0.2),
     fb.GeneralizedAlpha(0.6),
 ]
 

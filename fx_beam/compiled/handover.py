@@ -22,7 +22,7 @@ from fx_beam.stepping.newton import NewtonOptions
 from .build import LoopUnavailable, load_batches, load_library
 from .element_data import aligned, element_data, in_lanes, rows_of_nodes
 from .kernels import Kernel
-from .lu_layout import alone_in_column, factors_of, places_of_entries
+from .lu_layout import COSTS, alone_in_column, factors_of, places_of_entries
 from .slider_tables import hand_over_sliders, storage_of
 from .tolerances import hand_over_tolerances
 
@@ -257,7 +257,7 @@ class Problem:
         loops = reduction.loop_tables()
         # Rows of unknowns that close loops are no forces, by which errors are judged.
         ties = reduction.dependent if reduction.dependent.size else None
-        self.factors = factors = factors_of(*reduction.pattern, loops is None, ties)
+        self.factors = factors = factors_of(*reduction.pattern, loops is None, ties, COSTS)
         at, stored = factors.at, factors.size
         if not factors.band:  # the tangent is stored apart
             indptr, indices = reduction.pattern

@@ -13,19 +13,33 @@ from fx_beam.coupling.index_reduction import Tables
 from fx_beam.coupling.tied_order import tied_fill_in
 from fx_beam.kept import kept
 
-# Up to this half bandwidth a band is always faster: the compiler unrolls its loops.
-_NARROW = 11
 # Rows in a group: the degrees of freedom of a node.
 _GROUP = 3
 # Values of a row of a chain, and place of its couplings with its own group (chain.h).
 _ROW, _OWN = 12, 4
-# Times, relative to that of a multiplication in a factorisation: besides the multiplications, for
-# each entry of half a band and of sparse rows; in a substitution for each entry of factors and
-# tangent. Measured with 18 to 9500 unknowns (`benchmarks/frames.py storage`).
-_BAND_ENTRY, _ROW_ENTRY, _SUBSTITUTION = 17, 31, 7
-# Factors are kept if making them costs as much as so many substitutions; a correction then costs
-# about as much as so many, also for the new factors now and then.
-_LEAST_WORTH, _CORRECTION = 3, 2.5
+
+
+class Costs(NamedTuple):
+    """What decides between a band and sparse rows, and whether factors are kept.
+
+    Times are relative to that of a multiplication in a factorisation. Measured with 18 to 9500
+    unknowns (`benchmarks/frames.py storage`).
+    """
+
+    #: Up to this half bandwidth a band is always faster: the compiler unrolls its loops.
+    narrow: float = 11
+    #: Besides the multiplications, time of each entry of half a band and of sparse rows.
+    band_entry: float = 17
+    row_entry: float = 31
+    #: Time of each entry of factors and tangent in a substitution.
+    substitution: float = 7
+    #: Factors are kept if making them costs as much as so many substitutions; a correction then
+    #: costs about as much as so many, also for the new factors now and then.
+    least_worth: float = 3
+    correction: float = 2.5
+
+
+COSTS = Costs()
 
 
 class Groups(NamedTuple):
@@ -80,6 +94,7 @@ def factors_of(
     indices: np.ndarray,
     keep: bool = True,
     dependent: np.ndarray | None = None,
+    costs: Costs = COSTS,
 ) -> Factors:
     """Storage in which a correction costs least: a band, or sparse rows, to keep if it pays.
 
@@ -92,23 +107,21 @@ def factors_of(
     if dependent is not None:
         return _in_rows(graph, rows, indices, dependent)
     banded = _in_band(graph, rows, indices)
-    if banded.band <= _NARROW:
+    if banded.band <= costs.narrow:
         return banded
-    return _cheaper(banded, _with_cost(_in_rows(graph, rows, indices), len(indices), keep))
+    band_cost = n * banded.band * (banded.band + 1 + costs.band_entry)
+    sparse = _with_cost(_in_rows(graph, rows, indices), len(indices), keep, costs)
+    return banded if band_cost <= sparse.cost else sparse
 
 
-def _cheaper(banded: Factors, sparse: Factors) -> Factors:
-    return min(banded, sparse, key=lambda factors: factors.cost)
-
-
-def _with_cost(sparse: Factors, entries: int, keep: bool) -> Factors:
+def _with_cost(sparse: Factors, entries: int, keep: bool, costs: Costs) -> Factors:
     """Sparse rows with their cost, to keep if it pays; the tangent has so many entries."""
     above = sparse.starts[1:] - sparse.diagonals - 1.0
-    factorisation = above @ (above + 1) + _ROW_ENTRY * sparse.size
-    substitution = _SUBSTITUTION * (sparse.size + entries)
+    factorisation = above @ (above + 1) + costs.row_entry * sparse.size
+    substitution = costs.substitution * (sparse.size + entries)
     worth = int(factorisation / substitution)
-    if keep and worth >= _LEAST_WORTH:
-        return sparse._replace(worth=worth, cost=_CORRECTION * substitution)
+    if keep and worth >= costs.least_worth:
+        return sparse._replace(worth=worth, cost=costs.correction * substitution)
     return sparse._replace(cost=factorisation)
 
 
@@ -123,8 +136,7 @@ def _in_band(graph: scipy.sparse.csr_matrix, rows: np.ndarray, columns: np.ndarr
         if abs((i + before) // _GROUP - (j + before) // _GROUP).max(initial=0) <= 1:
             return _in_chain(order + before, rows, columns)
     width, none = 2 * band + 1, np.empty(0, dtype=int)
-    at, cost = i * width + band + j - i, n * band * (band + 1 + _BAND_ENTRY)
-    return Factors(order, at, n * width, band, none, none, cost=cost)
+    return Factors(order, i * width + band + j - i, n * width, band, none, none)
 
 
 def _in_chain(order: np.ndarray, rows: np.ndarray, columns: np.ndarray) -> Factors:
