@@ -29,7 +29,7 @@ linkcode_resolve = sources.place_of
 html_math_renderer = "mathml"
 myst_enable_extensions = ["dollarmath", "attrs_block"]
 myst_heading_anchors = 3
-exclude_patterns = ["_build"]
+exclude_patterns = ["_build", "outcomes"]
 suppress_warnings = ["config.cache"]  # linkcode_resolve is a function
 
 default_role = "py:obj"

@@ -1,4 +1,6 @@
-"""A page for each demo: what it says, the pictures it draws, what it prints, and its code.
+"""A page for each demo: what it says, results, pictures, what it prints, and its code in pieces.
+
+Formulas of its docstring are set as such; the text on its results is in docs/outcomes.
 
 Sphinx-Gallery would want the demos cut into blocks of comments; they are scripts with a docstring
 and functions, so that tests can import them. Each is run once, into docs/_build/demos, and again
@@ -13,6 +15,7 @@ import subprocess
 import sys
 from pathlib import Path
 
+import formulas
 from sphinx.errors import ExtensionError
 from sphinx.util import logging
 
@@ -27,23 +30,19 @@ PAGE = """\
 
 {text}
 
-## Pictures
+## Results
+
+{outcome}
 
 {pictures}
 
-## What it prints
-
-```text
 {printed}
-```
 
 ## Code
 
 `demos/{name}.py`, run by `./run demos {name}`.
 
-```{{literalinclude}} ../../demos/{name}.py
-:language: python
-```
+{code}
 """
 
 
@@ -66,11 +65,44 @@ def run(demo):
     return results
 
 
+def prose(text):
+    """Text whose indented lines are formulas, as Markdown; a drawing stays as it is."""
+    parts = []
+    for block in text.split("\n\n"):
+        if not block.startswith("    "):
+            parts.append(block)
+        elif "---" in block:
+            parts.append(f"```text\n{block}\n```")
+        else:
+            lines = [formulas.latex(line) for line in block.splitlines()]
+            parts += [f"$$\n{line}\n$$" for line in lines]
+    return "\n\n".join(parts)
+
+
+def pieces(source):
+    """The code of a script without its docstrings, each function after what it says."""
+    tree, lines = ast.parse(source), source.splitlines()
+    starts = [
+        min([node.lineno, *(one.lineno for one in getattr(node, "decorator_list", []))]) - 1
+        for node in tree.body[1:]
+    ]
+    text, code = "", []
+    for node, start, end in zip(tree.body[1:], starts, [*starts[1:], len(lines)], strict=True):
+        says = ast.get_docstring(node) if isinstance(node, ast.FunctionDef) else None
+        if says:
+            yield text, code
+            text, first = f"**{node.name}**: {says}", node.body[0]
+            code = lines[start : first.lineno - 1] + lines[first.end_lineno : end]
+        else:
+            code = [*code, *lines[start:end]]
+    yield text, code
+
+
 def page(demo, folder):
     """Markdown page of a demo, whose pictures are copied beside it."""
     results = run(demo)
-    text = ast.get_docstring(ast.parse(demo.read_text(encoding="utf-8")))
-    title, _, text = text.partition("\n")
+    source = demo.read_text(encoding="utf-8")
+    title, _, text = ast.get_docstring(ast.parse(source)).partition("\n")
     pictures = sorted(results.glob("*.png")) + sorted(results.glob("*.gif"))
     if not pictures:
         pictures = sorted((ROOT / "demos" / "pictures").glob(f"{demo.stem}_*.png"))
@@ -82,14 +114,25 @@ def page(demo, folder):
     moving = [image for path, image in images.items() if path.suffix == ".gif"]
     still = [image for image in images.values() if image not in moving]
     printed = results / "printed.txt"
+    outcome = ROOT / "docs" / "outcomes" / f"{demo.stem}.md"
     return PAGE.format(
         name=demo.stem,
         title=title.rstrip("."),
-        text=text.strip(),
+        text=prose(text.strip()),
         animation="\n\n".join(moving),
+        outcome=outcome.read_text(encoding="utf-8"),
         pictures="\n\n".join(still),
-        printed=printed.read_text("utf-8").rstrip() if printed.exists() else "not run yet",
+        printed=f"It prints\n\n```text\n{printed.read_text('utf-8').rstrip()}\n```"
+        if printed.exists()
+        else "",
+        code="\n\n".join(
+            f"{says}\n\n```python\n{_joined(code)}\n```" for says, code in pieces(source) if code
+        ),
     )
+
+
+def _joined(lines):
+    return "\n".join(lines).strip("\n")
 
 
 def write(app):

@@ -1,5 +1,6 @@
-"""The formulas of the site, drawn by a browser that has no font for mathematics."""
+"""The site: its formulas, drawn by a browser that has no font for them, and its pages of demos."""
 
+import ast
 import importlib
 import json
 import re
@@ -40,11 +41,17 @@ def formulas():
 
 
 @pytest.fixture
-def drawn(monkeypatch):
-    """The extension that makes MathML of LaTeX."""
+def extension(monkeypatch):
+    """Imports an extension of the site."""
     pytest.importorskip("docutils.utils.math.latex2mathml")
     monkeypatch.syspath_prepend(str(DOCS / "extensions"))
-    return importlib.import_module("mathml").block
+    return importlib.import_module
+
+
+@pytest.fixture
+def drawn(extension):
+    """What makes MathML of LaTeX."""
+    return extension("mathml").block
 
 
 @pytest.mark.slow
@@ -79,3 +86,41 @@ def test_a_function_is_set_apart_from_the_number_before_it(drawn):
     assert re.search(rf"<mn>2</mn>\s*{tan}\s*<mo[^>]*>\(", drawn(r"2\tan(x)"))
     assert re.search(rf"{tan}\s*<mspace[^>]*/>\s*<mi>x</mi>", drawn(r"\tan x"))
     assert re.search(rf"<msup>\s*{tan}\s*<mn>2</mn>\s*</msup>", drawn(r"\tan^2 x"))
+
+
+@pytest.mark.parametrize(
+    ("plain", "latex"),
+    [
+        ("sqrt(E I/(rho A))", r"\sqrt{\frac{E I}{\rho A}}"),
+        ("x' = -r cos(theta)/(l cos(beta)),", r"x' = - \frac{r \cos (\theta)}{l \cos (\beta)},"),
+        ("energy  1/2 int E.C E ds", r"\text{ energy }\qquad \frac{1}{2} \int E \cdot C E ds"),
+        ("k/2 <-g>^2", r"\frac{k}{2} \langle - g\rangle ^{2}"),
+        ("theta_tt + k_goal t0, ...", r"\theta _{tt} + k_{\mathrm{goal}} t_{0} , \ldots"),
+    ],
+)
+def test_formulas_of_plain_text_are_set_as_formulas(extension, plain, latex):
+    found = re.sub(r"\s+", " ", extension("formulas").latex(plain))
+    assert found.replace(" ", "") == latex.replace(" ", "")
+
+
+def test_formulas_of_all_demos_can_be_drawn(extension, drawn):
+    pytest.importorskip("sphinx")
+    gallery = extension("gallery")
+    for demo in (pages.ROOT / "demos").glob("*.py"):
+        says = gallery.prose(ast.get_docstring(ast.parse(pages.text(demo))))
+        for formula in re.findall(r"\$\$(.*?)\$\$", says, flags=re.DOTALL):
+            assert "<math" in drawn(formula)
+        assert not re.search(r"^    \S", re.sub("```.*?```", "", says, flags=re.DOTALL), re.M)
+
+
+def test_a_page_of_the_gallery_has_all_code_of_its_demo(extension):
+    pytest.importorskip("sphinx")
+    for demo in (pages.ROOT / "demos").glob("*.py"):
+        code = "\n".join(
+            "\n".join(code) for _, code in extension("gallery").pieces(pages.text(demo))
+        )
+        for tree in (found := ast.parse(code), wanted := ast.parse(pages.text(demo))):
+            for node in ast.walk(tree):
+                if isinstance(node, (ast.Module, ast.FunctionDef)) and ast.get_docstring(node):
+                    node.body = node.body[1:]
+        assert ast.dump(found) == ast.dump(wanted), demo
