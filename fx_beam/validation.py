@@ -260,20 +260,36 @@ class _CheckedFunction:
         except SceneError:
             raise
         except Exception as error:
-            raise SceneError(f"{self._what}: calling it at {arguments} raised {error!r}") from error
+            raise self._failure(arguments, error) from error
 
     def each(self, arguments) -> np.ndarray:
         """Values (n, size) for n tuples of arguments."""
+        found: list = []
         try:
-            # All values are checked at once: one by one, the checks cost more than most functions.
-            with _calling(self.function, self._what):
-                found = [_kept(self.function(*own)) for own in arguments]
-            values = np.array(found, dtype=float)
-            if values.size == len(arguments) * self.size:
-                return values.reshape(-1, self.size)
-        except Exception:
-            pass  # the line below finds the arguments of the failure
-        return np.array([self(*own) for own in arguments])
+            values = self.collect(found, arguments)
+        except SceneError:
+            raise
+        except Exception as error:
+            own = arguments[min(len(found), len(arguments) - 1)]
+            raise self._failure(own, error) from error
+        # Else the line below finds the arguments whose value is wrong.
+        return np.array([self(*own) for own in arguments]) if values is None else values
+
+    def collect(self, found: list, arguments) -> np.ndarray | None:
+        """Call the function, with its values in `found`; gives them (n, size), if all fit.
+
+        They are checked at once: one by one, the checks cost more than most functions.
+        """
+        with _calling(self.function, self._what):
+            for own in arguments:
+                found.append(_kept(self.function(*own)))  # noqa: PERF401 (an exception counts)
+        try:
+            return np.array(found, dtype=float).reshape(len(found), self.size)
+        except (TypeError, ValueError, OverflowError):
+            return None
+
+    def _failure(self, arguments: tuple, error: Exception) -> SceneError:
+        return SceneError(f"{self._what}: calling it at {arguments} raised {error!r}")
 
 
 CheckedFunction = Constant | _CheckedFunction
@@ -289,24 +305,21 @@ def _kept(value):
 def series(function: TimeFunction, times: np.ndarray, what: str) -> np.ndarray:
     """Finite values (n, size) of a `time_function` at n times [s].
 
-    Raises StepError otherwise. The `time` of the error, or of an interrupt, says when.
+    Raises StepError otherwise. The `time` of the error, or of another exception, says when.
     """
     if isinstance(function, _CheckedFunction):
-        # At once, as in `each`.
         found: list = []
         try:
-            with _calling(function.function, what):
-                for t in times.tolist():
-                    found.append(_kept(function.function(t)))  # noqa: PERF401 (an interrupt counts)
-            values = np.array(found, dtype=float)
-            if values.size == len(times) * function.size and np.isfinite(values).all():
-                return values.reshape(len(times), function.size)
-        except KeyboardInterrupt as interrupt:
+            values = function.collect(found, zip(times.tolist()))
+        except Exception as error:
+            raise _failed(float(times[min(len(found), len(times) - 1)]), error, what) from error
+        except BaseException as stop:
             all_known = len(found) == len(times)
-            interrupt.time = math.inf if all_known else times[len(found)]  # type: ignore[attr-defined]
+            stop.time = math.inf if all_known else times[len(found)]  # type: ignore[attr-defined]
             raise
-        except Exception:
-            pass  # the line below finds the time of the failure
+        if values is not None and np.isfinite(values).all():
+            return values
+        # Else the line below finds the time of the failure.
     return np.array([evaluate(function, float(t), what) for t in times])
 
 
@@ -315,14 +328,19 @@ def evaluate(function: TimeFunction, t: float, what: str) -> np.ndarray:
     try:
         value = function(t)
     except Exception as error:
-        reason = f"{what}: evaluating it at t = {t:.6g} raised {error!r}"
-        cause: BaseException | None = error
-        while cause is not None:
-            if isinstance(cause, _EndlessError):
-                reason = str(cause)
-            cause = cause.__cause__
-        raise StepError(Failure("function", reason, t)) from error
+        raise _failed(t, error, what) from error
     if not np.isfinite(value).all():
         reason = f"{what}: its value at t = {t:.6g} is {value}, which is not finite"
         raise StepError(Failure("function", reason, t))
     return value
+
+
+def _failed(t: float, error: Exception, what: str) -> StepError:
+    """The error of a function of time that raised one."""
+    reason = f"{what}: evaluating it at t = {t:.6g} raised {error!r}"
+    cause: BaseException | None = error
+    while cause is not None:
+        if isinstance(cause, _EndlessError):
+            reason = str(cause)
+        cause = cause.__cause__
+    return StepError(Failure("function", reason, t))

@@ -243,23 +243,82 @@ RUNS = {
 }
 
 
+class Alarm(BaseException):
+    """What another handler of signals may raise."""
+
+
+def alarm():
+    raise Alarm
+
+
+@pytest.mark.parametrize("kind", [KeyboardInterrupt, Alarm])
 @pytest.mark.parametrize("name", RUNS)
-def test_every_ctrl_c_leaves_the_steps_before_it_or_says_that_there_are_none(name, ctrl_c):
+def test_every_interrupt_leaves_the_steps_before_it_or_says_that_there_are_none(name, kind, ctrl_c):
     run = RUNS[name]()
     whole = run()
-    lines, kept = lines_of(run), 0
-    for place in np.linspace(0, lines, 60, endpoint=False).astype(int):
+    lines, kept, handler = lines_of(run), 0, signal.getsignal(signal.SIGINT)
+    for place in np.linspace(2, lines, 60, endpoint=False).astype(int):  # from the call on
         try:
-            call_stopped_at(place, run, how=ctrl_c)
-        except KeyboardInterrupt as stop:
-            if place < 2:  # in the lines that call
+            call_stopped_at(place, run, how=alarm if kind is Alarm else ctrl_c)
+        except kind as error:
+            assert signal.getsignal(signal.SIGINT) is handler
+            if error.solution is None:
+                notes = getattr(error, "__notes__", [""])
+                assert kept == 0 and ("before its first step" in notes[0]) is (kind is not Alarm)
                 continue
-            if stop.solution is None:
-                assert kept == 0 and "interrupted before its first step" in stop.__notes__[0]
-                continue
-            found, kept = stop.solution, kept + 1
+            found, kept = error.solution, kept + 1
             rows = len(found.t)
             np.testing.assert_array_equal(found.t, whole.t[:rows])
             np.testing.assert_allclose(found.q, whole.q[:rows], rtol=0, atol=1e-9)
             assert found.end is not None and found.stats.failure.kind == "interrupted"
     assert kept > 5
+
+
+@pytest.mark.parametrize("raised", [MemoryError, TimeoutError, SystemExit, KeyboardInterrupt])
+def test_what_a_function_of_time_raises_once_ends_the_run_with_the_steps_before(raised):
+    scene, late = fb.Scene(), []
+    bar = scene.add_beam([(0, 0), (1, 0)], SECTION)
+
+    def push(t):
+        if t > 6 * DT and not late:  # at the start of the seventh step
+            late.append(t)
+            raise raised
+        return (1.0, 0.0)
+
+    scene.add_force(bar.start, push)
+    with pytest.raises((fb.StepError, raised)) as caught:
+        fb.simulate(scene, dt=DT, t_end=10 * DT)
+    assert raised in (type(caught.value), type(caught.value.__cause__))
+    np.testing.assert_array_equal(caught.value.solution.t, DT * np.arange(7))
+
+
+def cantilever(elements, degree):
+    scene = fb.Scene(gravity=(0.0, -9.81))
+    scene.clamp(scene.add_beam([(0, 0), (1, 0)], SECTION, elements, degree).start)
+    return scene
+
+
+def test_runs_that_ended_are_kept_whatever_ends_converge_and_studies():
+    calls = []
+
+    def scene_of(elements, degree):
+        calls.append(elements)
+        if len(calls) == 3:
+            raise KeyboardInterrupt
+        return cantilever(elements, degree)
+
+    with pytest.raises(KeyboardInterrupt) as interrupted:
+        fb.converge(scene_of, lambda solution: solution.q[-1, -1], 1e-9, t_end=0.05, elements=1)
+    assert list(interrupted.value.values) == [(1, 1e-2), (2, 1e-2)]
+
+    class Quits(fb.Scene):
+        def __init__(self):
+            raise SystemExit
+
+    cases = [
+        fb.stability.Case("arm", name, made, dt=DT, t_end=2 * DT)
+        for name, made in (("1", lambda: cantilever(1, 1)), ("2", Quits))
+    ]
+    with pytest.raises(SystemExit) as left:
+        fb.stability.study([fb.EnergyMomentum()], cases, repeats=0)
+    assert [cell.case.label for cell in left.value.cells] == ["1"]

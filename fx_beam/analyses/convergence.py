@@ -131,7 +131,9 @@ def converge(
         If an option or a scene is invalid.
     StepError
         If a run fails, or if the quantity is not known after `max_runs` runs. Its attribute
-        `solution` is that of the last run.
+        `solution` is that of the last run. This and every other exception, such as
+        KeyboardInterrupt after Ctrl-C, has `values`: the quantity by elements and tolerance of the
+        steps, in the runs that ended.
 
     Examples
     --------
@@ -160,8 +162,16 @@ def converge(
     ):
         require(fits, f"converge: {name}", given, wanted)
     runs = _Runs(scene_of, quantity, int(degree), max_runs, t_end, scheme, breaks)
-    mesh, step = int(elements), _FIRST
-    tolerance = as_float(tolerance)
+    try:
+        return _refined(runs, int(elements), as_float(tolerance))
+    except BaseException as stop:
+        stop.values = runs.values  # type: ignore[attr-defined]
+        raise
+
+
+def _refined(runs: _Runs, mesh: int, tolerance: float) -> Converged:
+    """The quantity, known to the tolerance; from a number of elements on."""
+    step = _FIRST
     while True:
         value, finer_mesh, finer_step = (
             runs.value(*options)

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from fx_beam.compiled.loop import CompiledLoop
-from fx_beam.errors import SceneError, StepError
+from fx_beam.errors import SceneError
 from fx_beam.mechanics.schemes import Scheme
 from fx_beam.results.audit import Stats
 from fx_beam.results.solution import Solution
@@ -127,7 +127,8 @@ def simulate(
         If a step fails. Its attribute `solution` has all steps before it.
     KeyboardInterrupt
         After Ctrl-C. Its attribute `solution` has the steps so far, or is None before the first
-        one. As the `start` of another call it goes on from there.
+        one. As the `start` of another call it goes on from there. Every other exception, such as
+        one that a handler of signals raises, has `solution` as well.
 
     Examples
     --------
@@ -207,7 +208,8 @@ def simulate(
             _warn_of_parts(stats, first)
         _warn_of_damping(stats, first if control is None else None)
         return found()
-    except (StepError, KeyboardInterrupt) as error:
+    except BaseException as error:
+        recorder.settle_at_end()
         stats.failure = failure_of(error, recorder.end.t)
         keep(error, found)
         raise

@@ -48,17 +48,18 @@ def in_sweep() -> bool:
     return _NO_BARS.get()
 
 
-def failure_of(stop: StepError | KeyboardInterrupt, time: float) -> Failure:
+def failure_of(stop: BaseException, time: float) -> Failure:
     """The cause of an early end, at a time or load factor."""
     if isinstance(stop, StepError):
         return stop.failure
-    return Failure("interrupted", "interrupted", time)
+    by = "" if isinstance(stop, KeyboardInterrupt) else f" by {stop!r}"
+    return Failure("interrupted", f"interrupted{by}", time)
 
 
-def keep(stop: StepError | KeyboardInterrupt, found: Callable[[], Solution]) -> None:
+def keep(stop: BaseException, found: Callable[[], Solution]) -> None:
     """Attach the partial solution to an exception; a note tells users of Ctrl-C about it."""
     with without_ctrl_c():
-        stop.solution = found()  # type: ignore[union-attr]
+        stop.solution = found()  # type: ignore[attr-defined]
     if isinstance(stop, KeyboardInterrupt):
         stop.add_note(_KEPT)
 
@@ -70,9 +71,10 @@ def keeping_steps(function: Callable[_P, Solution]) -> Callable[_P, Solution]:
     def run(*arguments: _P.args, **named: _P.kwargs) -> Solution:
         try:
             return function(*arguments, **named)
-        except KeyboardInterrupt as stop:
+        except BaseException as stop:
             if not hasattr(stop, "solution"):
                 stop.solution = None  # type: ignore[attr-defined]
+            if isinstance(stop, KeyboardInterrupt) and stop.solution is None:  # type: ignore[attr-defined]
                 stop.add_note(f"fx_beam: {function.__name__} was interrupted before its first step")
             raise
 

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from fx_beam.errors import Failure, SceneError, StepError
+from fx_beam.errors import Failure, SceneError
 from fx_beam.mechanics.schemes import Equilibrium
 from fx_beam.model.model import Model
 from fx_beam.model.turning_frame import TurningFrame, check_turns
@@ -123,7 +123,7 @@ def static(
         If a step fails. Its attribute `solution` has all steps before it, `time` the load factor.
     KeyboardInterrupt
         After Ctrl-C. Its attribute `solution` has the steps so far, or is None before the first
-        one.
+        one. Every other exception has `solution` as well.
 
     Examples
     --------
@@ -178,7 +178,7 @@ def static(
             stats.failure = Failure("too many steps", reason, factor)
             _log.warning(reason)
         return _solution(stepper, inversion, states, clock, values)
-    except (StepError, KeyboardInterrupt) as error:
+    except BaseException as error:
         stats.failure = failure_of(error, states[-1].t if states else 0.0)
         if states:
             keep(error, lambda: _solution(stepper, inversion, states, clock))

@@ -103,12 +103,12 @@ def sweep(
             for k, row in runs:
                 rows[left[k]] = journal.append(row)
                 bar.update()
+        return _table(rows)
     except BaseException as stop:
         stop.rows = _table(rows)  # type: ignore[attr-defined]
         raise
     finally:
         journal.close()
-    return _table(rows)
 
 
 def _listed(cases: Any) -> list[dict]:

@@ -9,7 +9,6 @@ from typing import NamedTuple
 
 import numpy as np
 
-from fx_beam.errors import StepError
 from fx_beam.mechanics.interval import Interval, divided
 from fx_beam.results.state import FORCES, Past, State
 from fx_beam.stepping.interrupts import uninterrupted
@@ -265,7 +264,7 @@ class CompiledLoop:
                 first = slice(1 if follow.constant else None)
                 thrust = _of_each_step(follow.series(t0[first], t1[first]), len(t1))
             return StepInputs(loads, forcing.series(t1), thrust)
-        except (StepError, KeyboardInterrupt) as raised:
+        except BaseException as raised:
             before = int(np.searchsorted(times, getattr(raised, "time", t)))
             inputs = self.inputs(t, times[:before]) if before else StepInputs(*np.empty((3, 0, 2)))
             return inputs._replace(error=inputs.error or raised)

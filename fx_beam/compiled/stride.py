@@ -8,6 +8,7 @@ from types import SimpleNamespace
 
 import numpy as np
 
+from fx_beam.errors import StepError
 from fx_beam.fem.dead_loads import places_of
 from fx_beam.results.state import State
 from fx_beam.stepping.held_inputs import Hold, Ramp
@@ -169,7 +170,7 @@ class CompiledStride:
         if (number - first) * self._p.sub_steps >= len(known.driven):
             ends = t1 + self._dt * np.arange(_BLOCK)
             known, first = self._loop.inputs(t0, ends), number
-            now = isinstance(known.error, KeyboardInterrupt) or not len(known.driven)
+            now = not (isinstance(known.error, StepError) and len(known.driven))
             if known.error is not None and now:
                 raise known.error
             self._known = known, first

@@ -66,12 +66,20 @@ def ctrl_c_between_blocks() -> Iterator[None]:
     # Counted anew: another exception may have come in the midst of `__enter__` or `__exit__`.
     outer, blocks = uninterrupted.blocks, _Blocks()
 
+    def interrupt(*arguments) -> None:
+        try:
+            handler(*arguments)
+        except BaseException:
+            # Here: it may come in the `finally` below, before this is done.
+            signal.signal(signal.SIGINT, handler)
+            raise
+
     def handle(*arguments) -> None:
         if blocks.depth and blocks.waiting is None:
-            blocks.waiting = lambda: handler(*arguments)
+            blocks.waiting = lambda: interrupt(*arguments)
         else:
             blocks.waiting = None
-            handler(*arguments)
+            interrupt(*arguments)
 
     try:
         uninterrupted.blocks = blocks

@@ -197,6 +197,11 @@ class Recorder:
         self.rows = rows
         self._starts.count = self.complete
 
+    def settle_at_end(self) -> None:
+        """Have the rows up to the last state: an exception may have come between the two."""
+        times = self._times[self._steps[: self.rows]]
+        self.settle(int(np.searchsorted(times, self.end.t, side="right")))
+
     @property
     def starts(self) -> int:
         """Number of starts of sub-steps that are kept."""

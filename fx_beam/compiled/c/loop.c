@@ -184,6 +184,7 @@ int fx_run(Problem *p, int steps, double dt, const Inputs *inputs, Record *to) {
   Work work, *w = &work;
   lay_out(p, w, p->scratch);
   w->dt = 0;
+  p->failure = 0;  // also where no step is to be taken
   LAP(PHASES_IN_ALL);
   if (p->watches) find_sides(p, p->sides);
   int unchecked = 0;

@@ -74,7 +74,8 @@ def study(
     SceneError
         Before anything runs, if there are no cases or schemes, or if two have the same name.
     KeyboardInterrupt
-        If interrupted. Its attribute `cells` holds the runs that are done, for `write`.
+        If interrupted. Its attribute `cells` holds the runs that are done, for `write`; so does
+        that of every other exception.
 
     Examples
     --------
@@ -108,10 +109,10 @@ def study(
                 cell = found[place] = judged or blank
                 _log.info("%s, %s: %s", cell.case.name, cell.scheme, cell.verdict.kind)
                 bar.update()
-    except KeyboardInterrupt as stop:
+        return [found[place] for place in sorted(found)]
+    except BaseException as stop:
         stop.cells = [found[place] for place in sorted(found)]  # type: ignore[attr-defined]
         raise
-    return [found[place] for place in sorted(found)]
 
 
 def _judged(item: tuple[Cell, Scheme], repeats: int) -> Cell:
