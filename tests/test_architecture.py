@@ -427,6 +427,36 @@ def code_lines(module):
     return {n for n, line in lines if line.strip() and not line.strip().startswith("#")} - texts
 
 
+def test_no_file_needs_what_is_private_in_another():
+    """Else the two are one concept that was cut."""
+    tuples, outside = {"_replace", "_asdict", "_fields"}, {"os._exit", "sys._getframe"}
+    for module, tree in TREES.items():
+        nodes = list(ast.walk(tree))
+        own = {node.name for node in nodes if isinstance(node, ast.FunctionDef | ast.ClassDef)}
+        own |= {node.attr for node in nodes if isinstance(node, ast.Attribute) and _stored(node)}
+        own |= {node.id for node in nodes if isinstance(node, ast.Name) and _stored(node)}
+        read = [node for node in nodes if isinstance(node, ast.Attribute) and not _stored(node)]
+        names = {
+            ast.unparse(node)
+            for node in read
+            if node.attr.startswith("_") and not node.attr.startswith("__")
+            if node.attr not in own | tuples and ast.unparse(node.value) not in ("self", "cls")
+        }
+        names |= {
+            alias.name
+            for node in nodes
+            if isinstance(node, ast.ImportFrom)
+            for alias in node.names
+            if alias.name.startswith("_")
+        }
+        foreign = {name for name in names - outside if not name.endswith("._cpp_object")}
+        assert foreign == set(), module
+
+
+def _stored(node):
+    return isinstance(node.ctx, ast.Store)
+
+
 def test_files_are_of_one_concept():
     """By their code; what explains it is not counted, so that it need not be cut."""
     sizes = {module: len(code_lines(module)) for module in SOURCES}

@@ -11,7 +11,7 @@ from fx_beam.errors import SceneError
 from fx_beam.validation import as_float, is_flag, is_number, numbers, require, shown, vector
 
 from .beam import Beam, Node, inner_positions
-from .loads import check_target, label
+from .loads import label
 from .stop import checked_impact, loss_of
 
 
@@ -179,79 +179,26 @@ class Obstacle:
         return loss_of(self.restitution)
 
 
-def add_obstacle(
-    scene,
-    target: Beam | Node,
-    obstacle: Line | Circle,
-    stiffness: float,
-    restitution: float = 1.0,
-    speed: float | None = None,
+def checked_obstacle(
+    target: Beam | Node, shape: Line | Circle, impact: tuple, number: int, size: float
 ) -> Obstacle:
-    """Add a fixed line or circle that a node, or all nodes of a beam, cannot enter.
-
-    A node that is behind it by d is pushed back along the normal, without friction, by k d (1 + r
-    tanh(rate of d / speed)), r = (1 - e^2) / (1 + e^2), as by a `Stop`. The energy k d^2 / 2 is
-    stored. A beam is stopped at its nodes, those inside its elements included, in proportion to the
-    length of beam that belongs to each; between its nodes it may cut a corner.
-
-    Parameters
-    ----------
-    scene : Scene
-        The scene.
-    target : Beam or Node
-        What is stopped. Other members pass.
-    obstacle : Line or Circle
-        The fixed line or circle.
-    stiffness : float
-        Stiffness k of a node [N/m], of a beam per length [N/m^2].
-    restitution : float
-        Coefficient of restitution e from 0 to 1 of each node, as of a `Stop`; 1 returns all energy.
-    speed : float, optional
-        Speed below which the loss is viscous [m/s]; required for e < 1.
-
-    Returns
-    -------
-    Obstacle
-        The numbered obstacle, for `Solution.contact`.
-
-    Raises
-    ------
-    SceneError
-        For a target of another scene, a value out of range, or a node that starts behind it.
-
-    Examples
-    --------
-    A bar that falls on a floor and bounces.
-
-    >>> import fx_beam as fb
-    >>> scene = fb.Scene(gravity=(0, -10))
-    >>> section = fb.Section(EA=1e5, GA=1e5, EI=1e3, rhoA=1.0, rhoI=0.01)
-    >>> bar = scene.add_beam([(0, 0.2), (1, 0.2)], section, elements=2)
-    >>> floor = scene.add_obstacle(bar, fb.Line((0, 0), normal=(0, 1)), stiffness=1e5)
-    >>> solution = fb.simulate(scene, dt=1e-3, t_end=0.4)
-    >>> bool(solution.contact(floor).gap.min() > -0.01)
-    True
-    >>> bool(abs(solution.energy.balance_error).max() < 1e-11)
-    True
-    """
-    check_target(scene, target, "obstacle")
-    if not isinstance(obstacle, Line | Circle):
+    """An obstacle of a scene of this size [m]; SceneError if the target starts behind it."""
+    if not isinstance(shape, Line | Circle):
         raise SceneError(
-            f"add_obstacle needs an fx_beam.Line or an fx_beam.Circle, not {shown(obstacle)}"
+            f"add_obstacle needs an fx_beam.Line or an fx_beam.Circle, not {shown(shape)}"
         )
-    impact = checked_impact(f"obstacle for {label(target)}", stiffness, restitution, speed)
-    added = Obstacle(target, obstacle, *impact, len(scene.obstacles))
+    impact = checked_impact(f"obstacle for {label(target)}", *impact)
+    made = Obstacle(target, shape, *impact, number)
     nodes = target.nodes if isinstance(target, Beam) else (target,)
     places = np.array([(node.x, node.y) for node in nodes])
     if isinstance(target, Beam):
         places = np.concatenate([places, inner_positions(target)])
-    gaps = obstacle.gap(places)
+    gaps = shape.gap(places)
     deepest = int(np.argmin(gaps))
-    if gaps[deepest] < -1e-9 * max(scene._size, float(np.ptp(places, axis=0).max())):
+    if gaps[deepest] < -1e-9 * max(size, float(np.ptp(places, axis=0).max())):
         x, y = places[deepest]
         raise SceneError(
-            f"{added}: the node at ({x:.6g}, {y:.6g}) starts {-gaps[deepest]:.4g} behind it. Move "
+            f"{made}: the node at ({x:.6g}, {y:.6g}) starts {-gaps[deepest]:.4g} behind it. Move "
             "it, or give the other side: the opposite normal of a Line, or inside of a Circle"
         )
-    scene.obstacles.append(added)
-    return added
+    return made

@@ -2,24 +2,26 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
 from fx_beam.errors import SceneError
-from fx_beam.validation import TimeFunction, is_one_of, require, shown, vector
+from fx_beam.validation import TimeFunction, is_name, is_one_of, require, shown, vector
 
-from . import loads, obstacles
+from . import loads
 from .beam import COMPONENTS, Beam, Node
-from .body import Bodies, Body, check_body, velocities_of
+from .body import Body, check_body, name_of, velocities_of
 from .curve import Curve
+from .geometry import Geometry
 from .inputs import time_function
-from .joints import GROUND, Joint, check_new
+from .joints import GROUND, Joint, Rigid, check_new
+from .obstacles import Circle, Line, Obstacle, checked_obstacle
 from .section import Section
 from .summary import facts, html_table
 
 
-class Scene(Bodies):
+class Scene(Geometry):
     """Beams, rigid bodies, supports, joints, masses, loads, drag and initial velocities.
 
     Lengths in metres, masses in kilograms, times in seconds and angles in radians, or any other
@@ -60,9 +62,10 @@ class Scene(Bodies):
         self.drags: list[loads.Drag] = []
         self.velocities: list[loads.Velocity] = []
         self.virtual_works: list[loads.VirtualWork] = []
+        self.bodies: list[Body] = []
         self.joints: list[Joint] = []
         self._couplings: dict[tuple, Joint] = {}
-        self.obstacles: list[obstacles.Obstacle] = []
+        self.obstacles: list[Obstacle] = []
         # Whether incompatible initial velocities are projected instead of refused.
         self.projects_velocities = False
 
@@ -115,6 +118,78 @@ class Scene(Bodies):
         <Beam 'girder': 2 elements from node 4 at (0, 1) to node 6 at (2, 1)>
         """
         return self._add(points, section, elements, degree, name)
+
+    def add_body(
+        self,
+        position: Sequence[float],
+        mass: float,
+        inertia: float = 0.0,
+        points: Mapping[str, Sequence[float] | Node] | None = None,
+        name: str | None = None,
+    ) -> Body:
+        """Add a rigid body; joints and beams take its points.
+
+        Each point is joined to the centre by a `Rigid` joint with an offset, without error and
+        without unknowns of its own: the body has three.
+
+        Parameters
+        ----------
+        position : (x, y)
+            Centre of mass in the reference configuration [m].
+        mass : float
+            Mass m [kg].
+        inertia : float
+            Moment of inertia J about the centre [kg m^2].
+        points : dict, optional
+            Points by name: positions (x, y) in the reference configuration [m], not relative to
+            the centre; or nodes of beams and of other bodies, which then follow this body.
+        name : str, optional
+            Name in messages.
+
+        Returns
+        -------
+        Body
+            The body: ``body.centre`` and ``body["A"]`` are its nodes.
+
+        Raises
+        ------
+        SceneError
+            For a position, mass, inertia or point that is invalid, or a name that is in use.
+
+        Examples
+        --------
+        A compound pendulum: one radian per second squared for small angles, m g a / (J + m a^2).
+
+        >>> import fx_beam as fb
+        >>> scene = fb.Scene(gravity=(0, -10))
+        >>> body = scene.add_body((0, -0.2), mass=3.0, inertia=0.48, points={"pin": (0, 0)})
+        >>> pin = scene.add_joint(fb.Revolute(fb.GROUND, body["pin"]))
+        >>> round(float(fb.modes(scene, state=fb.static(scene, steps=1)).omega[0] ** 2), 9)
+        10.0
+        """
+        name = name_of(self.bodies, name)
+        x, y = vector(position, 2, f"{name}: position")
+        given = (("mass", mass), ("inertia", inertia))
+        m, J = (loads.not_negative(value, f"{name}: {what}") for what, value in given)
+        fits = isinstance(points, Mapping | None) and all(map(is_name, points or ()))
+        require(fits, f"{name}: points", points, "a dict of positions by their names")
+        ends: list[Node | tuple[float, float]] = [(float(x), float(y))]
+        for key, point in (points or {}).items():
+            if isinstance(point, Node):
+                loads.check_node(self, point, f"{name}: point {key!r}")
+                ends.append(point)
+            else:
+                at = vector(point, 2, f"{name}: point {key!r}")
+                ends.append((float(at[0]), float(at[1])))
+        centre, *nodes = self._nodes_at(ends, name)
+        for node in nodes:
+            offset = (node.x - centre.x, node.y - centre.y)
+            self.add_joint(Rigid(centre, node, offset=offset))
+        if m or J:
+            self.add_mass(centre, m, J)
+        named = dict(zip(points or {}, nodes, strict=True))
+        self.bodies.append(Body(name, centre, named, m, J))
+        return self.bodies[-1]
 
     # -- Supports and joints ------------------------------------------------------------------
 
@@ -225,7 +300,66 @@ class Scene(Bodies):
         """
         self.projects_velocities = True
 
-    add_obstacle = obstacles.add_obstacle
+    def add_obstacle(
+        self,
+        target: Beam | Node,
+        obstacle: Line | Circle,
+        stiffness: float,
+        restitution: float = 1.0,
+        speed: float | None = None,
+    ) -> Obstacle:
+        """Add a fixed line or circle that a node, or all nodes of a beam, cannot enter.
+
+        A node that is behind it by d is pushed back along the normal, without friction, by
+        k d (1 + r tanh(rate of d / speed)), r = (1 - e^2) / (1 + e^2), as by a `Stop`. The energy
+        k d^2 / 2 is stored. A beam is stopped at its nodes, those inside its elements included, in
+        proportion to the length of beam that belongs to each; between its nodes it may cut a
+        corner.
+
+        Parameters
+        ----------
+        target : Beam or Node
+            What is stopped. Other members pass.
+        obstacle : Line or Circle
+            The fixed line or circle.
+        stiffness : float
+            Stiffness k of a node [N/m], of a beam per length [N/m^2].
+        restitution : float
+            Coefficient of restitution e from 0 to 1 of each node, as of a `Stop`; 1 returns all
+            energy.
+        speed : float, optional
+            Speed below which the loss is viscous [m/s]; required for e < 1.
+
+        Returns
+        -------
+        Obstacle
+            The numbered obstacle, for `Solution.contact`.
+
+        Raises
+        ------
+        SceneError
+            For a target of another scene, a value out of range, or a node that starts behind it.
+
+        Examples
+        --------
+        A bar that falls on a floor and bounces.
+
+        >>> import fx_beam as fb
+        >>> scene = fb.Scene(gravity=(0, -10))
+        >>> section = fb.Section(EA=1e5, GA=1e5, EI=1e3, rhoA=1.0, rhoI=0.01)
+        >>> bar = scene.add_beam([(0, 0.2), (1, 0.2)], section, elements=2)
+        >>> floor = scene.add_obstacle(bar, fb.Line((0, 0), normal=(0, 1)), stiffness=1e5)
+        >>> solution = fb.simulate(scene, dt=1e-3, t_end=0.4)
+        >>> bool(solution.contact(floor).gap.min() > -0.01)
+        True
+        >>> bool(abs(solution.energy.balance_error).max() < 1e-11)
+        True
+        """
+        loads.check_target(self, target, "obstacle")
+        impact = stiffness, restitution, speed
+        number = len(self.obstacles)
+        self.obstacles.append(checked_obstacle(target, obstacle, impact, number, self._size))
+        return self.obstacles[-1]
 
     # -- Masses and loads -----------------------------------------------------------------------
 
