@@ -111,8 +111,8 @@ def counts(scene):
     return {
         "entries of the tangent": len(model.reduction.pattern[1]),
         "products": len(tables.coupled["to"]) + len(tables.direct["to"]),
-        "entries": len(tables.entries["row"]) + len(tables.ties.ints["tie_of"]),
-        "arms": len(tables.followers["dof"]) + len(tables.ties.ints["tie_arm"]),
+        "entries": len(tables.entries["row"]) + len(tables.ties.values["tie_of"]),
+        "arms": len(tables.followers["dof"]) + len(tables.ties.values["tie_arm"]),
         "second derivatives": len(tables.geometric["to"]),
         "factors": factors.size,
         "operations": int(above @ above),

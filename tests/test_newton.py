@@ -8,7 +8,7 @@ import pytest
 from scenes import demo, pendulum, pinned_beam, relative_drift
 
 import fx_beam as fb
-from fx_beam.compiled import tolerances
+from fx_beam.compiled import handover
 from fx_beam.stepping import newton
 
 SOLVERS = pytest.mark.parametrize("solver", ["compiled", "petsc"])
@@ -141,7 +141,7 @@ def test_large_steps_of_the_pinned_beam_converge_without_halving():
 
 def bound_of_predictor(monkeypatch, bound):
     """Use the predictor up to this relative error in the previous step."""
-    for module in (newton, tolerances):
+    for module in (newton, handover):
         monkeypatch.setattr(module, "PREDICTOR_ERROR", bound)
 
 

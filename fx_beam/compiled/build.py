@@ -42,13 +42,19 @@ class LoopUnavailable(Exception):
 
 
 @functools.cache
+def declarations() -> str:
+    """The declarations of problem.h."""
+    return (_SOURCES / "problem.h").read_text().replace("#pragma once", "")
+
+
+@functools.cache
 def load_library(*definitions: str) -> tuple[Any, Any]:
     """The cffi.FFI with the declarations of problem.h, and the compiled library of the loop.
 
     `definitions` are macros, such as PHASES, which measures the time of each phase.
     """
     ffi = cffi.FFI()
-    ffi.cdef((_SOURCES / "problem.h").read_text().replace("#pragma once", ""))
+    ffi.cdef(declarations())
     source = (_SOURCES / "loop.c").read_text()
     source = "".join(f"#define {name}\n" for name in definitions) + source
     library = _library(

@@ -12,31 +12,26 @@ from typing import Any
 import numpy as np
 
 from fx_beam.coupling.index_reduction import Tables, TieTables
-from fx_beam.fem import dolfinx_api, ffcx_api
-from fx_beam.fem.nodal_rules import NodalRules
 from fx_beam.mechanics.rates import MidPointRates, NewmarkRates
 from fx_beam.model.joint_forces import JointForces, Passing
 from fx_beam.model.model import Model
-from fx_beam.stepping.newton import NewtonOptions
+from fx_beam.stepping.line_search import OVERSHOOT, SEARCHES
+from fx_beam.stepping.newton import (
+    ENERGY_FLOOR,
+    ENERGY_SHARE,
+    LONGEST_TURN,
+    NEGLIGIBLE,
+    PREDICTOR_ERROR,
+    NewtonOptions,
+)
+from fx_beam.stepping.substeps import LARGE_TURN
 
-from .build import LoopUnavailable, load_batches, load_library
-from .element_data import aligned, element_data, in_lanes, rows_of_nodes
-from .kernels import Kernel
+from .build import LoopUnavailable, declarations, load_library
+from .element_data import aligned, element_data
+from .form_tables import FormTables
 from .lu_layout import COSTS, alone_in_column, factors_of, places_of_entries
-from .slider_tables import hand_over_sliders, storage_of
-from .tolerances import hand_over_tolerances
-
-# Forms that are evaluated together, by their names in C.
-_FORMS = {
-    "internal": ("internal forces", "tangent"),
-    "energy": ("strain energy",),
-    "inversion": ("inverted sections",),
-    "added": ("added virtual work",),
-    "lost": ("lost energy",),
-    "taken": ("scheme's loss",),
-    "held_by_scheme": ("scheme's energy",),
-    "evolution": ("internal variables",),
-}
+from .slider_tables import sliders_of, storage_of
+from .structs import Structs
 
 
 class Problem:
@@ -48,70 +43,46 @@ class Problem:
     def __init__(self, model: Model, joint_forces: JointForces | None, options: NewtonOptions):
         self.model = model
         self.ffi, self.library = load_library()
-        self._keep: list[Any] = []
-        #: Pointers to the data of cells by cells, since forms have them in common.
-        self._shared: dict[Any, Any] = {}
+        self._structs = Structs(self.ffi, declarations())
         self.c = self.ffi.new("Problem *")
-        tables = model.reduction.tables()
-        place = self._hand_over_couplings(tables)
+        place = self._hand_over_couplings(model.reduction.tables())
         self._hand_over_mesh(place)
-        for name, forms in _FORMS.items():
-            if forms[0] in model.forms.bound:
-                self._hand_over_forms(getattr(self.c, name), forms, model.forms.moving)
-        self.c.has_added, self.c.keeps_before = model.forms.has_added, model.keeps_before
+        self._set(has_added=model.forms.has_added, keeps_before=model.keeps_before)
         self._hand_over_rates(place)
         self._hand_over_nodal_forces(place)
-        if (follow := model.forms.followers) is not None:
-            self.c.thrusts = len(follow.dofs)
-            self._ints(thrust_dofs=follow.dofs, thrust_places=place[follow.places])
         self._hand_over_motors()
         self._hand_over_actuators()
         if joint_forces is not None:
             self._hand_over_joint_forces(joint_forces)
-        hand_over_tolerances(self.c, options)
+        self._hand_over_tolerances(options)
         self._allocate()
+        self._structs.check(self.c)
 
-    def _ints(self, **arrays) -> None:
-        for name, values in arrays.items():
-            setattr(self.c, name, self._pointer(values, np.int32))
-
-    def _doubles(self, **arrays) -> None:
-        for name, values in arrays.items():
-            setattr(self.c, name, self._pointer(values, np.float64))
-
-    def _pointer(self, values, dtype):
-        kind, array = "int[]" if dtype == np.int32 else "double[]", np.asarray(values, dtype, "C")
-        return self._kept(self.ffi.from_buffer(kind, array))
-
-    def _kept(self, data):
-        """Keep a reference to data of C, so that Python does not free them."""
-        self._keep.append(data)
-        return data
+    def _set(self, **values: Any) -> None:
+        self._structs.set(self.c, **values)
 
     def _hand_over_mesh(self, place: np.ndarray) -> None:
         model, p = self.model, self.c
         mesh, K, mass = model.mesh, model.forms.stiffness, model.mass
         dofs, coordinates, entries = element_data(mesh, K)
-        p.dofs, p.nodes = model.size, len(mesh.X)
-        p.cells, p.cell_internal = len(dofs), int(np.prod(model.forms.internal_shape[1:]))
-        p.cell_dofs, p.cell_coordinates = dofs.shape[1], coordinates.shape[1]
         massless = np.flatnonzero(model.massless)
-        p.turning, p.massless_count = len(model.turns), len(massless)
-        #: Degrees of freedom and coordinates of each cell; with the first index for the lanes that
-        #: have no cell. Storage indices.
-        self._of_cells = {
-            "dofs": (dofs, None),
-            "to": (dofs, p.dofs),
-            "coordinates": (coordinates, None),
-        }
-        self._places = place[entries]
+        self._set(
+            dofs=model.size,
+            nodes=len(mesh.X),
+            cells=len(dofs),
+            cell_internal=int(np.prod(model.forms.internal_shape[1:])),
+            cell_dofs=dofs.shape[1],
+            cell_coordinates=coordinates.shape[1],
+        )
         turns = np.zeros(model.size, dtype=bool)
         turns[model.turns] = True
         heavy = mass.data != 0
         turning = heavy & turns[mass.indices]
-        p.turning_masses = np.count_nonzero(turning)
-        self._ints(
+        columns = model.loads.columns
+        self._set(
+            turning=len(model.turns),
             turns=model.turns,
+            massless_count=len(massless),
             massless=massless,
             row_start=K.indptr,
             column_of=K.indices,
@@ -119,138 +90,82 @@ class Problem:
             mass_start=np.concatenate([[0], np.cumsum(heavy)])[mass.indptr],
             mass_column=mass.indices[heavy],
             mass_place=place[heavy],
+            mass=mass.data[heavy],
+            turning_masses=np.count_nonzero(turning),
             turning_column=mass.indices[turning],
             turning_place=place[turning],
+            turning_mass=mass.data[turning],
             node_dofs=mesh.dofs,
-        )
-        self._doubles(
+            position=mesh.X,
             per_unit=1 / model.unit,
             per_displacement=np.where(turns, 0, 1 / model.unit),
-            mass=mass.data[heavy],
-            turning_mass=mass.data[turning],
-            position=mesh.X,
+            loads=columns.shape[1],
+            load_start=columns.indptr,
+            load_dof=columns.indices,
+            load_force=columns.data,
         )
         if p.cell_internal:
-            internal, width = np.arange(p.cells * p.cell_internal), model.forms.internal_shape[-1]
-            self._of_cells["internal"] = internal.reshape(p.cells, -1), None
-            self._doubles(per_weight=np.repeat(1 / model.forms.point_weights, width))
+            width = model.forms.internal_shape[-1]
+            self._set(per_weight=np.repeat(1 / model.forms.point_weights, width))
+        tables = FormTables(model.forms, dofs, coordinates, place[entries], p, self.library.LANES)
+        self._set(**tables.all())
         if model.weight is not None:
-            self._doubles(weight=model.weight)
-        columns = model.loads.columns
-        p.loads = columns.shape[1]
-        self._ints(load_start=columns.indptr, load_dof=columns.indices)
-        self._doubles(load_force=columns.data)
-
-    def _hand_over_forms(self, out, names: tuple[str, ...], fields: list) -> None:
-        """Hand over forms of fields that change, in the order of `Forms.moving`."""
-        ffi, p, forms = self.ffi, self.c, self.model.forms
-        found = [forms.bound[name] for name in names if name in forms.bound]
-        form, compiled = found[0]
-        packed, tags = dolfinx_api.packed_coefficients(form, compiled), ffcx_api.integrals(compiled)
-        of_cell = p.cell_internal if out == p.evolution else p.cell_dofs
-        kernel = Kernel(found, of_cell)
-        out.integrals, out.width = len(tags), packed[tags[0]].shape[1]
-        numbers = kernel.size, out.width, p.cell_coordinates
-        # Named after the form that takes longest to compile.
-        name = names[min(1, len(found) - 1)]
-        batches = load_batches(name, kernel.key, kernel.source, len(tags), numbers)
-        out.of = integrals = self._kept(ffi.new("Integral[]", len(tags)))
-        moving = sorted(dolfinx_api.coefficient_offsets(form, fields))
-        out.moving, out.changing = len(moving), sum(kind == 0 for kind, _ in moving)
-        for of, tag, batch in zip(integrals, tags, batches, strict=True):
-            cells = forms.cells_of(tag)
-            of.batch, of.cells = ffi.cast("Batch *", batch), len(cells)
-            of.packed = self._lanes(packed[tag])
-            for name, pointer in self._pointers_of(cells).items():
-                setattr(of, name, pointer)
-        out.kind = self._pointer([kind for kind, _ in moving], np.int32)
-        out.offset = self._pointer([offset for _, offset in moving], np.int32)
-        sought = forms.fields.time, forms.fields.dt, forms.fields.memory
-        constants, places = dolfinx_api.packed_constants(form, compiled, sought)
-        out.constants = self._pointer(constants, np.float64)
-        out.time_at, out.dt_at, out.memory_at = places
-
-    def _pointers_of(self, cells: np.ndarray) -> dict[str, Any]:
-        """Pointers to the data of some cells, by their names in C."""
-        key, places, p = cells.tobytes(), self._places[cells], self.c
-        if key in self._shared:
-            return self._shared[key]
-        found = {name: self._lanes(rows[cells], at) for name, (rows, at) in self._of_cells.items()}
-        if p.chain:
-            rows = rows_of_nodes(places, p.places, self.library.LANES)
-            found["run"] = self._lanes(rows.run, p.places)
-            for name in ("single_start", "single_from", "single_to"):
-                found[name] = self._pointer(getattr(rows, name), np.int32)
-        else:
-            found["place"] = self._lanes(places, p.places)
-        self._shared[key] = found
-        return found
-
-    def _lanes(self, rows: np.ndarray, behind: int | None = None):
-        """Pointer to rows as `in_lanes` arranges them."""
-        blocks = in_lanes(rows, self.library.LANES, behind)
-        return self._pointer(blocks, blocks.dtype)
+            self._set(weight=model.weight)
 
     def _hand_over_nodal_forces(self, place: np.ndarray) -> None:
-        p, forms = self.c, self.model.forms
-        if forms.beam_drag is not None:
-            fields = [forms.beam_drag.increment, *forms.moving[1:]]
-            self._hand_over_forms(p.drag, ("drag", "tangent of drag"), fields)
-            self._hand_over_forms(p.lost_to_drag, ("loss to drag",), fields)
-        if forms.node_drag is not None:
-            p.drags = len(forms.node_drag.dofs)
-            self._ints(drag_dofs=forms.node_drag.dofs, drag_places=place[forms.node_drag.places])
-            self._doubles(drag_factors=forms.node_drag.factors)
+        forms = self.model.forms
+        if (drag := forms.node_drag) is not None:
+            self._set(drags=len(drag.dofs), drag_dofs=drag.dofs)
+            self._set(drag_places=place[drag.places], drag_factors=drag.factors)
         if forms.contact is not None:
             rows = forms.contact.table(place)
-            p.contacts, p.contact = len(rows), self._kept(self.ffi.new("Contact[]", rows))
+            self._set(contacts=len(rows), contact=rows)
+        if (follow := forms.followers) is not None:
+            self._set(thrusts=len(follow.dofs), thrust_dofs=follow.dofs)
+            self._set(thrust_places=place[follow.places])
 
     def _hand_over_rates(self, place: np.ndarray) -> None:
-        p, rates = self.c, self.model.scheme.rates
-        p.level = rates.level
+        rates, fractions = self.model.scheme.rates, self.model.scheme.fractions
+        self._set(level=rates.level)
         if type(rates) is NewmarkRates:
-            p.rule, p.beta, p.gamma, p.alpha_m = 1, rates.beta, rates.gamma, rates.alpha_m
+            self._set(rule=1, beta=rates.beta, gamma=rates.gamma, alpha_m=rates.alpha_m)
         elif (rules := self.model.nodal_rules) is not None:
-            self._hand_over_rules(rules, place)
+            addresses = [function.address for function in rules.functions]
+            self._set(
+                rule=0 if rates.level == 0.5 else 1,
+                rules=len(addresses),
+                nodal_rule=addresses,
+                column_at_node=rules.columns,
+                rule_places=place[rules.places],
+            )
         elif type(rates) is not MidPointRates:
             raise LoopUnavailable(f"custom rates {type(rates).__name__}")
-        fractions = self.model.scheme.fractions
         if len(fractions) > self.library.SUB_STEPS:
             raise LoopUnavailable(f"more than {self.library.SUB_STEPS} sub-steps")
-        p.sub_steps, p.fractions[0 : len(fractions)] = len(fractions), fractions
-
-    def _hand_over_rules(self, rules: NodalRules, place: np.ndarray) -> None:
-        p = self.c
-        p.rule = 0 if p.level == 0.5 else 1
-        addresses = [function.address for function in rules.functions]
-        p.rules = len(addresses)
-        p.nodal_rule = self._kept(self.ffi.new("Law *[]", p.rules))
-        for i, address in enumerate(addresses):
-            p.nodal_rule[i] = self.ffi.cast("Law *", address)
-        self._ints(column_at_node=rules.columns, rule_places=place[rules.places])
+        self._set(sub_steps=len(fractions), fractions=fractions)
 
     def _hand_over_couplings(self, t: Tables) -> np.ndarray:
         """Hand over the couplings; returns the storage index of each entry of the full tangent."""
         p, reduction = self.c, self.model.reduction
-        p.columns, p.free, p.driven = reduction.columns, reduction.free, reduction.driven
         equal = (t.entries["value"] == 0) & (t.entries["sign"] == 1)
         first = np.argsort(~equal, kind="stable")
-        entries = {key: values[first] for key, values in t.entries.items()}
-        p.entries, p.equal = len(equal), np.count_nonzero(equal)
-        p.joints, p.followers = len(t.joints["number"]), len(t.followers["through"])
-        self._ints(
-            **{f"entry_{name}": entries[name] for name in ("row", "column", "value")},
+        self._set(
+            columns=reduction.columns,
+            free=reduction.free,
+            driven=reduction.driven,
+            entries=len(equal),
+            equal=np.count_nonzero(equal),
+            **{f"entry_{name}": values[first] for name, values in t.entries.items()},
+            joints=len(t.joints["number"]),
             guide=t.joints["guide"],
             slide_column=t.joints["slide_column"],
             slide_of=t.joints["number"],
-            follower=t.followers["dof"],
-            through=t.followers["through"],
-        )
-        self._doubles(
-            entry_sign=entries["sign"],
             offset=t.joints["offset"],
             axis=t.joints["axis"],
             joint_sign=t.joints["sign"],
+            followers=len(t.followers["through"]),
+            follower=t.followers["dof"],
+            through=t.followers["through"],
         )
         if not reduction.free:
             raise LoopUnavailable("the scene has no unknowns")
@@ -262,48 +177,43 @@ class Problem:
         if not factors.band:  # the tangent is stored apart
             indptr, indices = reduction.pattern
             at, stored = np.arange(len(indices)), len(indices)
-            p.factor_size, p.kept.worth = factors.size, factors.worth
-            self._ints(tangent_start=indptr, tangent_column=indices, factor_at=factors.at)
+            self._set(tangent_start=indptr, tangent_column=indices, factor_at=factors.at)
+            self._set(factor_size=factors.size, kept={"worth": factors.worth})
         alone = alone_in_column(t, self.model.size, reduction.free)
         alone[self.model.actuators.turns()] = False  # springs and dampers act there as well
         if t.ties:
-            alone[np.isin(self.model.couplings.column, t.ties.ints["tie_column"])] = False
+            alone[np.isin(self.model.couplings.column, t.ties.values["tie_column"])] = False
         if loops is not None:
-            alone[np.isin(self.model.couplings.column, loops.ints["loop_column"])] = False
-            for name, value in loops.numbers.items():
-                setattr(p, name, value)
-            self._ints(**loops.ints, **{name: at[k] for name, k in loops.places.items()})
-            self._doubles(**loops.doubles)
+            alone[np.isin(self.model.couplings.column, loops.values["loop_column"])] = False
+            self._set(**loops.values)
+            self._set(**{name: at[k] for name, k in loops.places.items()})
         at, stored = storage_of(reduction, at, stored)
         padding = [*factors.padding, *self._hand_over_ties(t.ties, at)]
         place, p.places = places_of_entries(t, self.model.forms.stiffness, alone, at, stored)
-        self._kept(hand_over_sliders(self.ffi, p, reduction, at, self._pointer))
-        p.band, p.chain, p.reacting = factors.band, factors.chain, np.count_nonzero(~alone)
-        p.paddings = len(padding)
-        self._ints(
+        if (sliders := sliders_of(reduction, at, p.places)) is not None:
+            self._set(sliders=len(sliders), slider=sliders)
+        self._set(
+            band=factors.band,
+            chain=factors.chain,
             order=factors.order,
+            paddings=len(padding),
             padding=padding,
             factor_start=factors.starts,
             factor_diagonal=factors.diagonals,
+            reacting=np.count_nonzero(~alone),
             reacts=np.flatnonzero(~alone),
         )
         if (groups := factors.groups) is not None:
-            p.groups = len(groups.group_first) - 1
-            self._ints(**groups._asdict())
+            self._set(groups=len(groups.group_first) - 1, **groups._asdict())
         added = place[t.direct["source"]] >= stored
         parts = t._replace(direct={key: values[added] for key, values in t.direct.items()})
         for name in ("direct", "coupled", "geometric", "restoring"):
-            table = getattr(parts, name)
-            setattr(p, name, len(table["to"]))
-            for key, values in table.items():
-                if key == "sign":
-                    self._doubles(**{f"{name}_sign": values})
-                elif key == "to":
-                    self._ints(**{f"{name}_to": at[values]})
-                elif key == "source":
-                    self._ints(**{f"{name}_from": place[values]})
-                else:
-                    self._ints(**{f"{name}_{key}": values})
+            table = dict(getattr(parts, name))
+            to = table.pop("to")
+            self._set(**{name: len(to), f"{name}_to": at[to]})
+            if "source" in table:
+                self._set(**{f"{name}_from": place[table.pop("source")]})
+            self._set(**{f"{name}_{key}": values for key, values in table.items()})
         return place
 
     def _hand_over_ties(self, ties: TieTables | None, at: np.ndarray) -> np.ndarray:
@@ -311,15 +221,12 @@ class Problem:
 
         `at` has those of the entries of the pattern.
         """
-        p = self.c
-        p.unknowns = p.free
+        self._set(unknowns=self.c.free)
         if ties is None:
             return np.empty(0, int)
-        for name, value in ties.numbers.items():
-            setattr(p, name, value)
         at = np.append(at, -1)  # for what is no unknown
-        self._ints(**ties.ints, **{name: at[k] for name, k in ties.places.items()})
-        self._doubles(tie_sign=ties.sign)
+        self._set(**ties.values)
+        self._set(**{name: at[k] for name, k in ties.places.items()})
         return at[ties.ones]
 
     def _hand_over_motors(self) -> None:
@@ -329,35 +236,58 @@ class Problem:
             return -1 if node.number < 0 else model.mesh.dofs[node.number, 2]
 
         none = [-1] * len(model.prescribed)
-        self._ints(
+        self._set(
+            slides=len(model.scene.joints),
             driven_dof=[*model.prescribed, *[-1] * len(model.motors)],
             motor_a=none + [turn(joint.a) for joint, _ in model.motors],
             motor_b=none + [turn(joint.b) for joint, _ in model.motors],
             motor_slide=none + [j.number if on == "slide" else -1 for j, on in model.motors],
         )
-        self.c.slides = len(model.scene.joints)
 
     def _hand_over_actuators(self) -> None:
         actuators = self.model.actuators
         rows, pushes = actuators.tables()
-        self.c.actuators, self.c.pushes = len(rows), len(pushes["of"])
-        self.c.spring_width, self.c.may_overshoot = actuators.width, self.model.may_overshoot
         for row in rows:
-            for name in ("law", "elastic", "switch_"):
-                row[name] = self.ffi.cast("Law *", row[name])
-            for name in ("given", "found"):
-                row[name] = self._pointer(np.zeros(4 + row["variables"]), np.float64)
-        self.c.actuator = self._kept(self.ffi.new("Actuator[]", rows))
-        self._ints(push_column=pushes["column"], push_of=pushes["of"])
-        self._doubles(push_sign=pushes["sign"])
+            row["given"], row["found"] = np.zeros((2, 4 + row["variables"]))
+        self._set(
+            actuators=len(rows),
+            actuator=rows,
+            pushes=len(pushes["of"]),
+            push_column=pushes["column"],
+            push_of=pushes["of"],
+            push_sign=pushes["sign"],
+            spring_width=actuators.width,
+            may_overshoot=self.model.may_overshoot,
+        )
 
     def _hand_over_joint_forces(self, joint_forces: JointForces) -> None:
-        self.c.scene_joints = len(self.model.scene.joints)
         both = joint_forces.displacements, joint_forces.rotations
-        parts = {name: np.concatenate([getattr(p, name) for p in both]) for name in Passing._fields}
-        self.c.passes, self.c.passes_of_forces = len(parts["dof"]), len(both[0].dof)
-        self._ints(pass_dof=parts["dof"], pass_to=parts["to"], pass_of=parts["of"])
-        self._doubles(pass_sign=parts["sign"])
+        parts = {
+            f"pass_{name}": np.concatenate([getattr(p, name) for p in both])
+            for name in Passing._fields
+        }
+        self._set(
+            scene_joints=len(self.model.scene.joints),
+            passes=len(parts["pass_dof"]),
+            passes_of_forces=len(both[0].dof),
+            **parts,
+        )
+
+    def _hand_over_tolerances(self, options: NewtonOptions) -> None:
+        tolerance = options.tolerance
+        self._set(
+            tolerance=tolerance,
+            negligible=NEGLIGIBLE * tolerance,
+            energy_tolerance=ENERGY_SHARE * tolerance,
+            energy_floor=ENERGY_FLOOR,
+            max_turn=options.max_turn,
+            longest_turn=LONGEST_TURN,
+            large_turn=LARGE_TURN,
+            max_iterations=options.max_iterations,
+            predictor_error=PREDICTOR_ERROR,
+            overshoot=OVERSHOOT,
+            searches=SEARCHES,
+        )
 
     def _allocate(self) -> None:
         model, reduction = self.model, self.model.reduction
@@ -379,22 +309,25 @@ class Problem:
         known, past = self.library.PAST, (1, model.size, reduction.free)
         order = self.library.MAX_ORDER if self.c.sub_steps > 1 else 0
         errors = order, order * model.size, (self.library.AVERAGED - 1) * model.size
-        memory = self._kept(np.zeros(sum(sizes.values()) + known * sum(past) + sum(errors)))
-        self.c.memory = self.ffi.cast("double *", memory.ctypes.data)
-        self.c.memory_size = len(memory)
+        memory = np.zeros(sum(sizes.values()) + known * sum(past) + sum(errors))
+        self._set(memory=memory, memory_size=len(memory))
         ends = [0, *itertools.accumulate([*sizes.values(), *(known * n for n in past), *errors])]
         arrays = [memory[start:end] for start, end in itertools.pairwise(ends)]
         states, of_errors = arrays[:-6], arrays[-3:]
         ages, differences, differences_y = arrays[-6:-3]
         self.state_arrays = dict(zip(sizes, states, strict=True))
-        self._doubles(**self.state_arrays)
+        self._set(**self.state_arrays)
         names = "error_ages", "error_past", "error_highest"
-        self._doubles(**dict(zip(names, of_errors, strict=True)))
+        self._set(**dict(zip(names, of_errors, strict=True)))
         ages[:] = of_errors[0][:] = 1.0
         #: Past of the predictor: ages, divided differences of nodes (size,) and unknowns (free,).
         self.past = ages, *(d.reshape(known, -1) for d in (differences, differences_y))
         #: First configuration with inverted sections.
         self.inverted_q = np.zeros(model.size)
-        self._doubles(inverted_q=self.inverted_q)
-        self._doubles(ages=self.past[0], past=self.past[1], past_y=self.past[2])
-        self._doubles(scratch=aligned(np.zeros(self.library.fx_scratch(self.c))))
+        coordinates = self.c.actuator[0 : self.c.actuators]
+        switches = self.c.contacts + sum(2 * (a.stop != 0) + a.conditions for a in coordinates)
+        #: Values of the switches at both ends of a sub-step.
+        self.sides = np.zeros((2, switches))
+        self._set(inverted_q=self.inverted_q, switches=switches, sides=self.sides)
+        self._set(ages=self.past[0], past=self.past[1], past_y=self.past[2])
+        self._set(scratch=aligned(np.zeros(self.library.fx_scratch(self.c))))

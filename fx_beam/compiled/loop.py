@@ -38,12 +38,6 @@ class CompiledLoop:
             problem.past,
         )
         problem.c.least_energy = stepper.inversion.least_energy
-        coordinates = problem.c.actuator[0 : problem.c.actuators]
-        values = sum(2 * (a.stop != 0) + a.conditions for a in coordinates)
-        problem.c.switches = problem.c.contacts + values
-        #: Values of the switches at both ends of a sub-step.
-        self._sides = np.zeros((2, problem.c.switches))
-        problem.c.sides = self._ffi.cast("double *", self._sides.ctypes.data)
         stepper.stats.solver = f"compiled, {problem.factors}"
 
     @property
@@ -137,7 +131,7 @@ class CompiledLoop:
         known = watch and (taken or p.failure == self._library.SWITCHED)
         return Trial(
             self.state(t1) if taken else None,
-            self._sides[1].copy() if known else None,
+            self.problem.sides[1].copy() if known else None,
         )
 
     def attempt(

@@ -1,8 +1,7 @@
-"""Hands nodes that slide on beams over to the compiled loop: the struct Slider of c/problem.h."""
+"""Nodes that slide on beams, for the compiled loop."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -16,7 +15,7 @@ def storage_of(reduction: Reduction, at: np.ndarray, stored: int) -> tuple[np.nd
     """Storage indices of the tangent's entries before the elimination, and the number of values.
 
     Given are those of the pattern. Entries of sliding columns are behind them. The last index is
-    for what is no unknown; `hand_over_sliders` sets it.
+    for what is no unknown; `sliders_of` sets it.
     """
     if not isinstance(reduction, JointReduction) or reduction.sliders is None:
         return at, stored
@@ -29,64 +28,72 @@ def storage_of(reduction: Reduction, at: np.ndarray, stored: int) -> tuple[np.nd
     return of_all, stored + len(others)
 
 
-def hand_over_sliders(
-    ffi: Any, problem: Any, reduction: Reduction, at: np.ndarray, pointer: Callable
-) -> Any:
-    """Set the sliding nodes of a C struct Problem; returns what must be kept."""
+def sliders_of(reduction: Reduction, at: np.ndarray, behind: int) -> list[dict[str, Any]] | None:
+    """Sliding nodes as ``Slider`` of c/problem.h; None without any.
+
+    Sets the last storage index: behind all, where padding lanes are added as well.
+    """
     sliders = reduction.sliders if isinstance(reduction, JointReduction) else None
     if sliders is None:
         return None
-    at[-1] = problem.places  # behind all, where padding lanes are added as well
-    problem.sliders = len(sliders.all)
-    problem.slider = array = ffi.new("Slider[]", len(sliders.all))
-    for k, slide in enumerate(sliders.all):
-        _set_path(array[k], slide, pointer)
-        _set_columns(array[k], k, sliders, at, pointer)
-        _set_windows(array[k], k, sliders, at, pointer)
-    return array
+    at[-1] = behind
+    return [
+        _path_of(slide) | _columns_of(k, sliders, at) | _windows_of(k, sliders, at)
+        for k, slide in enumerate(sliders.all)
+    ]
 
 
-def _set_path(to: Any, slide: Slide, pointer: Callable) -> None:
-    path, joint = slide.path, slide.joint
-    to.joint, to.column = joint.number, slide.column
-    to.components = len(slide.columns)
-    to.carried[0 : len(slide.columns)] = slide.columns.tolist()
-    to.node[0:3] = slide.node_dofs.tolist()
-    to.degree, to.elements, to.window = path.degree, len(path.h), path.window
-    to.most, to.width = path.most, path.width
-    to.ends = pointer(path.s, np.float64)
-    to.coefficients = pointer(path.coefficients, np.float64)
-    to.position = pointer(path.X, np.float64)
-    to.angle = pointer(slide.relation.angles, np.float64)
-    to.dofs = pointer(slide.dofs, np.int32)
+def _path_of(slide: Slide) -> dict[str, Any]:
+    path = slide.path
+    return {
+        "joint": slide.joint.number,
+        "column": slide.column,
+        "components": len(slide.columns),
+        "carried": slide.columns,
+        "node": slide.node_dofs,
+        "degree": path.degree,
+        "elements": len(path.h),
+        "window": path.window,
+        "most": path.most,
+        "width": path.width,
+        "ends": path.s,
+        "coefficients": path.coefficients,
+        "position": path.X,
+        "angle": slide.relation.angles,
+        "dofs": slide.dofs,
+    }
 
 
-def _set_columns(to: Any, k: int, sliders: Sliders, at: np.ndarray, pointer: Callable) -> None:
+def _columns_of(k: int, sliders: Sliders, at: np.ndarray) -> dict[str, Any]:
     entries, own = sliders.entries(k), sliders.index[sliders.all[k].columns]
     rows, values, signs = (np.concatenate(part) for part in zip(*entries, strict=True))
-    to.entry_start = pointer(np.cumsum([0, *(len(part[0]) for part in entries)]), np.int32)
-    to.entry_row, to.entry_value = pointer(rows, np.int32), pointer(values, np.int32)
-    to.entry_sign = pointer(signs, np.float64)
     around = sliders.neighbours(k)
-    to.around = len(around)
-    to.own_place = pointer(at[sliders.places(own[:, None], own)], np.int32)
-    to.left_place = pointer(at[sliders.places(around[:, None], own)], np.int32)
-    to.right_place = pointer(at[sliders.places(own, around[:, None])], np.int32)
+    return {
+        "entry_start": np.cumsum([0, *(len(part[0]) for part in entries)]),
+        "entry_row": rows,
+        "entry_value": values,
+        "entry_sign": signs,
+        "around": len(around),
+        "own_place": at[sliders.places(own[:, None], own)],
+        "left_place": at[sliders.places(around[:, None], own)],
+        "right_place": at[sliders.places(own, around[:, None])],
+    }
 
 
-def _set_windows(to: Any, k: int, sliders: Sliders, at: np.ndarray, pointer: Callable) -> None:
+def _windows_of(k: int, sliders: Sliders, at: np.ndarray) -> dict[str, Any]:
     slide = sliders.all[k]
     windows = [sliders.window(k, first) for first in slide.windows]
     sizes = np.array([len(w.local) for w in windows])
-    to.window_start = pointer(np.cumsum([0, *sizes]), np.int32)
-    to.inside_start = pointer(np.cumsum([0, *sizes**2]), np.int32)
-    for name in ("local", "value"):
-        setattr(to, name, pointer(np.concatenate([getattr(w, name) for w in windows]), np.int32))
-    to.sign = pointer(np.concatenate([w.sign for w in windows]), np.float64)
-    to.beside = pointer(np.concatenate([at[w.beside].ravel() for w in windows]), np.int32)
-    to.above = pointer(np.concatenate([at[w.above.T].ravel() for w in windows]), np.int32)
-    to.inside = pointer(np.concatenate([at[w.inside].ravel() for w in windows]), np.int32)
-    room = len(slide.columns) * int(sizes.max())
+    found = {
+        "window_start": np.cumsum([0, *sizes]),
+        "inside_start": np.cumsum([0, *sizes**2]),
+        "beside": np.concatenate([at[w.beside].ravel() for w in windows]),
+        "above": np.concatenate([at[w.above.T].ravel() for w in windows]),
+        "inside": np.concatenate([at[w.inside].ravel() for w in windows]),
+        "entry_factor": np.zeros(2 * int(sizes.max())),
+    }
+    for name in ("local", "value", "sign"):
+        found[name] = np.concatenate([getattr(w, name) for w in windows])
     for name in ("entry_T", "entry_virtual", "entry_KT"):
-        setattr(to, name, pointer(np.zeros(room), np.float64))
-    to.entry_factor = pointer(np.zeros(2 * int(sizes.max())), np.float64)
+        found[name] = np.zeros(len(slide.columns) * int(sizes.max()))
+    return found

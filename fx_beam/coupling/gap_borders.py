@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from .index_reduction import sparsity
+from .index_reduction import LoopTables, sparsity
 
 
 class GapBorders:
@@ -62,15 +62,16 @@ class GapBorders:
             np.add.at(out, (self._gap[on], at[on]), (self._sign * entries[self._place])[on])
         return found
 
-    def tables(self) -> tuple[dict, dict, dict, dict]:
-        """Numbers, integers, units and places, by the names in problem.h."""
-        numbers = {"stiffened": len(self._pairs), "scales": len(self._diagonal)}
-        ints = {
+    def tables(self) -> LoopTables:
+        """What the gaps' derivatives border."""
+        values = {
+            "stiffened": len(self._pairs),
+            "scales": len(self._diagonal),
             "gap_column": self._column,
             "gap_force_row": self._rows,
             "gap_unknown": self._columns,
             "stiff_left": self._left,
             "stiff_right": self._right,
+            "scale_unit": self._unit,
         }
-        places = {"stiff_to": self._pairs, "scale_at": self._diagonal}
-        return numbers, ints, {"scale_unit": self._unit}, places
+        return LoopTables(values, {"stiff_to": self._pairs, "scale_at": self._diagonal})

@@ -6,7 +6,7 @@ That^T r(g(z)) = 0; the tangent is That^T K T + (dThat/dz)^T r with T = dg/dz.
 
 from __future__ import annotations
 
-from typing import NamedTuple, Protocol
+from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 import scipy.sparse
@@ -17,9 +17,7 @@ from fx_beam.kept import kept
 class TieTables(NamedTuple):
     """Ties for the compiled loop, by the names in problem.h."""
 
-    numbers: dict[str, int]
-    ints: dict[str, np.ndarray]
-    sign: np.ndarray
+    values: dict[str, Any]
     #: Entries of the reduced tangent, -1 for none; those that are 1.
     places: dict[str, np.ndarray]
     ones: np.ndarray
@@ -49,9 +47,7 @@ class Tables(NamedTuple):
 class LoopTables(NamedTuple):
     """Closed loops for the compiled loop, by the names in problem.h."""
 
-    numbers: dict[str, float]
-    ints: dict[str, np.ndarray]
-    doubles: dict[str, np.ndarray]
+    values: dict[str, Any]
     #: Entries of the reduced tangent.
     places: dict[str, np.ndarray]
 

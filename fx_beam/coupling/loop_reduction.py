@@ -310,7 +310,7 @@ class LoopReduction(JointReduction):
 
     def loop_tables(self):
         """The closed loops as lists of numbers."""
-        k, columns, values, signs = self._gap_entries
+        k, columns, at_values, signs = self._gap_entries
         of_loops = np.concatenate([self.loop, self._others])
         number = np.empty(self.columns, dtype=int)
         number[of_loops] = np.arange(len(of_loops))
@@ -324,33 +324,29 @@ class LoopReduction(JointReduction):
         column, dof, _, _ = self._places
         dofs = np.full(self.columns, -1)
         dofs[column] = dof
-        ints = {
-            "loop_dof": dofs[self.loop],
-            "following": np.zeros(len(self._closures), dtype=int),
-            "gap_row": k,
-            "gap_at": number[np.minimum(columns, self.columns - 1)],
-            "gap_value": values,
-            "loop_column": of_loops,
-            "gap_b": ends[0],
-            "gap_a": ends[1],
-            "gap_arm": arms,
-            "gap_force": np.array([3 * one.joint.number + one.component for one in self._closures]),
-        }
-        doubles = {
-            "gap_sign": signs,
-            "loop_unit": self.unit[self.loop],
-            "arm_at_rest": self._rho_at_rest,
-        }
-        numbers = {
+        values = {
             "closures": len(self._closures),
             "gap_entries": len(k),
             "loop_columns": len(of_loops),
             "loop_free": len(self.loop),
             "gap_closed": _CLOSED * self._size_of_scene,
+            "loop_dof": dofs[self.loop],
+            "following": np.zeros(len(self._closures), dtype=int),
+            "gap_row": k,
+            "gap_at": number[np.minimum(columns, self.columns - 1)],
+            "gap_value": at_values,
+            "loop_column": of_loops,
+            "gap_b": ends[0],
+            "gap_a": ends[1],
+            "gap_arm": arms,
+            "gap_force": np.array([3 * one.joint.number + one.component for one in self._closures]),
+            "gap_sign": signs,
+            "loop_unit": self.unit[self.loop],
+            "arm_at_rest": self._rho_at_rest,
         }
         if self._borders is not None:
             more = self._borders.tables()
-            return LoopTables(numbers | more[0], ints | more[1], doubles | more[2], more[3])
+            return more._replace(values=values | more.values)
         n, loop = self.free, self.loop
         rows, columns = self._keys // n, self._keys % n
         near = np.unique(columns[np.isin(rows, loop)])
@@ -363,8 +359,7 @@ class LoopReduction(JointReduction):
             "loop_near": places(loop, near[:, None]),
             "loop_loop": places(loop[:, None], loop),
         }
-        numbers["near"] = len(near)
-        return LoopTables(numbers, ints, doubles, at)
+        return LoopTables(values | {"near": len(near)}, at)
 
 
 def _solved(A: np.ndarray, b: np.ndarray) -> np.ndarray:

@@ -71,20 +71,18 @@ class Ties:
         places = np.full((2, len(self.tie)), -1)
         ones, places[:, self._moves] = at[: 2 * self._count], at[2 * self._count :].reshape(2, -1)
         return TieTables(
-            numbers={
+            values={
                 "ties": self._count,
                 "unknowns": self.unknowns,
                 "tie_entries": len(self.tie),
                 "tie_arms": len(self.arm),
-            },
-            ints={
                 "tie_of": self.tie,
                 "tie_column": self.column,
                 "tie_value": self.place,
                 "tie_arm_of": self.arm_tie,
                 "tie_arm": self.arm,
+                "tie_sign": self.sign,
             },
-            sign=self.sign,
             places=dict(zip(("tie_equation", "tie_force"), places, strict=True)),
             ones=ones,
         )

@@ -1,4 +1,5 @@
-/* Data of a scene for the loop, its inputs and its output. build.py reads this file as well. */
+/* Data of a scene for the loop, its inputs and its output. build.py reads this file as well. Of the
+   members in a `struct { };` either all are set or none; all other pointers are always set. */
 
 #pragma once
 
@@ -27,12 +28,12 @@ typedef struct {
   int cells;
   int *dofs;           /* [block][cell dof][lane] */
   int *to;             /* [block][cell dof][lane]: indices in a vector */
-  int *place;          /* [block][cell dof, cell dof][lane]: indices in the tangent */
+  struct { int *place; }; /* [block][cell dof, cell dof][lane]: indices in the tangent */
   /* In a chain instead, for rows of three entries, those of a node: [block][cell dof, node][lane] index
      of the first. Entries that do not lie in a row: where those of each block begin, their indices
      among the element tensors, and in the tangent. */
-  int *run, *single_start, *single_from, *single_to;
-  int *internal;       /* [block][internal variable][lane]: indices in those of all cells */
+  struct { int *run, *single_start, *single_from, *single_to; };
+  struct { int *internal; }; /* [block][internal variable][lane]: indices in those of all cells */
   double *coordinates; /* [block][coordinate][lane] */
   double *packed;      /* [block][coefficient][lane]; changing ones are updated */
 } Integral;
@@ -78,9 +79,12 @@ typedef struct {
   double axis[2], offset[2];
   double k, rest, c, friction, speed;
   double stop, limit[2], loss, stop_speed; /* stiffness of the stops, or 0; lower and upper limit */
-  Law *law, *elastic;   /* of the damper, of the spring's own energy; may be null */
-  Law *switch_;         /* values that change their sign where its energy switches; their number */
-  int conditions;
+  struct { Law *law; };  /* of the damper */
+  struct { Law *elastic; }; /* of the spring's own energy */
+  struct {
+    Law *switch_;        /* values that change their sign where it switches; their number */
+    int conditions;
+  };
   int variables, first; /* internal variables of the spring, and the first of them among all */
   double *given, *found; /* coordinates, length of the step, variables; force, slope, loss, energy, variables */
   double start, rate, force, lost, slope_a, slope_b; /* in the present step */
@@ -132,9 +136,11 @@ typedef struct {
   Form lost, taken, held_by_scheme; /* energies lost to the material and to the scheme, and held by it */
   int has_added, keeps_before;
   Form evolution;       /* increments of the internal variables, each times the weight of its point */
-  int cell_internal;    /* internal variables of a cell */
-  double *per_weight;   /* [internal variable of a cell] */
-  double *weight;       /* may be null */
+  struct {
+    int cell_internal;  /* internal variables of a cell */
+    double *per_weight; /* [internal variable of a cell] */
+  };
+  struct { double *weight; };
   int loads, *load_start, *load_dof; /* forces of unit loads, in compressed rows */
   double *load_force;
 
@@ -161,11 +167,15 @@ typedef struct {
   /* Degrees of freedom in long trees with columns of their own, behind all others (ties.py): entries of
      their sums, with the places of their equations and forces in the tangent (-1: no unknown), and the
      arms of joints in them. */
-  int ties, tie_entries, tie_arms;
-  int *tie_of, *tie_column, *tie_value, *tie_equation, *tie_force, *tie_arm_of, *tie_arm;
-  double *tie_sign;
-  int sliders;
-  Slider *slider;
+  struct {
+    int ties, tie_entries, tie_arms;
+    int *tie_of, *tie_column, *tie_value, *tie_equation, *tie_force, *tie_arm_of, *tie_arm;
+    double *tie_sign;
+  };
+  struct {
+    int sliders;
+    Slider *slider;
+  };
 
   /* Reduced tangent, in an order with little fill-in: as a chain, as a band matrix or in sparse rows; its
      number of unknowns with the two of each tie. */
@@ -178,11 +188,11 @@ typedef struct {
   int *factor_start, *factor_diagonal;
   /* With sparse factors the tangent is stored apart, in compressed rows of the unknowns: `factor_at` has
      the place of each value among the factors. */
-  int *tangent_start, *tangent_column, *factor_at;
+  struct { int *tangent_start, *tangent_column, *factor_at; };
   Kept kept;
   /* Groups of up to three rows: the groups that are subtracted from them, and the columns behind them
      in runs of successive ones. */
-  int groups, *group_first, *source_start, *source, *run_start, *run_column, *run_length;
+  struct { int groups, *group_first, *source_start, *source, *run_start, *run_column, *run_length; };
   int direct, coupled, geometric;
   int *direct_to, *direct_from;
   int *coupled_to, *coupled_from, *coupled_virtual, *coupled_value;
@@ -193,19 +203,23 @@ typedef struct {
   /* Closed loops: gaps of the joints that close them. Entries of their derivatives, with indices among
      the loops' columns, of which the first are unknowns; degrees of freedom of b and a (-1: ground),
      arm (2 times the joint plus component; -1: none), and entry in the joint forces. */
-  int closures, gap_entries, loop_columns, loop_free;
-  int *gap_row, *gap_at, *gap_value, *loop_column, *loop_dof, *gap_b, *gap_a, *gap_arm, *gap_force;
-  double *gap_sign, *loop_unit, *arm_at_rest, gap_closed;
-  int *following;       /* [closures] the columns that follow, chosen in each step */
+  struct {
+    int closures, gap_entries, loop_columns, loop_free;
+    int *gap_row, *gap_at, *gap_value, *loop_column, *loop_dof, *gap_b, *gap_a, *gap_arm, *gap_force;
+    double *gap_sign, *loop_unit, *arm_at_rest, gap_closed;
+    int *following;     /* [closures] the columns that follow, chosen in each step */
+  };
   /* Storage indices in the tangent: of [near row][loop column], [near column][loop row] and [loop row]
      [loop column]; near ones are all with entries of the loops. */
-  int near, *near_loop, *loop_near, *loop_loop;
+  struct { int near, *near_loop, *loop_near, *loop_loop; };
   /* With ties the gaps' derivatives border the reduced tangent instead: columns of their entries, with the
      rows and columns of the tangent to which they belong (-1: none). Products of two entries, by a
      stiffness from the diagonals at these storage indices, with a unit of each unknown. */
-  int *gap_column, *gap_force_row, *gap_unknown;
-  int stiffened, *stiff_to, *stiff_left, *stiff_right, scales, *scale_at;
-  double *scale_unit;
+  struct {
+    int *gap_column, *gap_force_row, *gap_unknown;
+    int stiffened, *stiff_to, *stiff_left, *stiff_right, scales, *scale_at;
+    double *scale_unit;
+  };
 
   /* Springs and dampers: columns on which they act, and their entries in the reduced tangent. */
   int actuators, pushes, restoring, spring_width; /* width: internal variables of all springs */
@@ -216,15 +230,19 @@ typedef struct {
   double *restoring_sign;
 
   /* Follower forces: x, y and rotation of their nodes, and storage indices of their tangent. */
-  int thrusts, *thrust_dofs, *thrust_places;
+  struct { int thrusts, *thrust_dofs, *thrust_places; };
 
   /* Drag on nodes: x, y and rotation of each; storage indices of xx, xy, yx, yy and of the rotation;
      linear, quadratic and rotational coefficients. */
-  int drags, *drag_dofs, *drag_places;
-  double *drag_factors;
+  struct {
+    int drags, *drag_dofs, *drag_places;
+    double *drag_factors;
+  };
 
-  int contacts;
-  Contact *contact;
+  struct {
+    int contacts;
+    Contact *contact;
+  };
 
   /* Rule for the rates: 0 mid-point, 1 Newmark. Sub-steps, relative to a step. */
   int rule;
@@ -233,8 +251,11 @@ typedef struct {
   double fractions[SUB_STEPS];
   /* Rules of a user, of which the sub-steps take turns. For each entry of the mass: 3 times the node
      of its column, plus its component, and the entries of the tangent (3). */
-  int rules, sub_step, *column_at_node, *rule_places;
-  Law **nodal_rule;
+  struct {
+    int rules, *column_at_node, *rule_places;
+    Law **nodal_rule;
+  };
+  int sub_step;
 
   /* Newton's method. */
   double tolerance, negligible, energy_tolerance, energy_floor, predictor_error;
@@ -246,9 +267,10 @@ typedef struct {
 
   /* Joint forces: how forces pass through joints from the nodes that follow to those that lead (-1: none),
      the former first; first displacements, then rotations. */
-  int scene_joints;
-  int passes, passes_of_forces, *pass_dof, *pass_to, *pass_of;
-  double *pass_sign;
+  struct {
+    int scene_joints, passes, passes_of_forces, *pass_dof, *pass_to, *pass_of;
+    double *pass_sign;
+  };
   double *position;     /* (nodes, 2) */
   int nodes, *node_dofs;
   int keeps_joint_forces; /* whether they are computed in every step, recorded or not */

@@ -1,0 +1,118 @@
+"""Compiled forms and the elements on which they are integrated, for the compiled loop."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from fx_beam.fem import dolfinx_api, ffcx_api
+from fx_beam.fem.forms import Forms
+
+from .build import load_batches
+from .element_data import in_lanes, rows_of_nodes
+from .kernels import Kernel
+
+# Forms that are evaluated together, by their names in C.
+_FORMS = {
+    "internal": ("internal forces", "tangent"),
+    "energy": ("strain energy",),
+    "inversion": ("inverted sections",),
+    "added": ("added virtual work",),
+    "lost": ("lost energy",),
+    "taken": ("scheme's loss",),
+    "held_by_scheme": ("scheme's energy",),
+    "evolution": ("internal variables",),
+    "drag": ("drag", "tangent of drag"),
+    "lost_to_drag": ("loss to drag",),
+}
+
+
+class FormTables:
+    """Forms as ``Form`` of c/problem.h.
+
+    Given are degrees of freedom and coordinates of each cell, and storage indices of its tangent.
+    """
+
+    def __init__(
+        self,
+        forms: Forms,
+        dofs: np.ndarray,
+        coordinates: np.ndarray,
+        places: np.ndarray,
+        problem: Any,
+        lanes: int,
+    ):
+        self._forms, self._places, self._problem, self._lanes = forms, places, problem, lanes
+        #: Rows of each cell by their names in C; the first index for lanes without a cell.
+        self._rows: dict[str, tuple[np.ndarray, int | None]] = {
+            "dofs": (dofs, None),
+            "to": (dofs, problem.dofs),
+            "coordinates": (coordinates, None),
+        }
+        if inside := problem.cell_internal:
+            self._rows["internal"] = np.arange(len(dofs) * inside).reshape(-1, inside), None
+        #: Data of cells by cells, since forms have them in common.
+        self._shared: dict[bytes, dict[str, np.ndarray]] = {}
+
+    def all(self) -> dict[str, dict]:
+        """The forms of the model by their names in C."""
+        bound, moving = self._forms.bound, self._forms.moving
+        drag = self._forms.beam_drag
+        fields = dict.fromkeys(_FORMS, moving)
+        if drag is not None:
+            fields |= dict.fromkeys(("drag", "lost_to_drag"), [drag.increment, *moving[1:]])
+        return {
+            name: self._table(name, names, fields[name])
+            for name, names in _FORMS.items()
+            if names[0] in bound
+        }
+
+    def _table(self, to: str, names: tuple[str, ...], fields: list) -> dict[str, Any]:
+        """Forms of fields that change, in the order of `Forms.moving`."""
+        p, forms = self._problem, self._forms
+        found = [forms.bound[name] for name in names if name in forms.bound]
+        form, compiled = found[0]
+        packed, tags = dolfinx_api.packed_coefficients(form, compiled), ffcx_api.integrals(compiled)
+        kernel = Kernel(found, p.cell_internal if to == "evolution" else p.cell_dofs)
+        width = packed[tags[0]].shape[1]
+        numbers = kernel.size, width, p.cell_coordinates
+        # Named after the form that takes longest to compile.
+        name = names[min(1, len(found) - 1)]
+        batches = load_batches(name, kernel.key, kernel.source, len(tags), numbers)
+        cells = [forms.cells_of(tag) for tag in tags]
+        moving = sorted(dolfinx_api.coefficient_offsets(form, fields))
+        sought = forms.fields.time, forms.fields.dt, forms.fields.memory
+        constants, places = dolfinx_api.packed_constants(form, compiled, sought)
+        return {
+            "integrals": len(tags),
+            "width": width,
+            "of": [
+                {"batch": batch, "cells": len(own), "packed": self._blocks(packed[tag])}
+                | self._data_of(own)
+                for tag, batch, own in zip(tags, batches, cells, strict=True)
+            ],
+            "moving": len(moving),
+            "changing": sum(kind == 0 for kind, _ in moving),
+            "kind": [kind for kind, _ in moving],
+            "offset": [offset for _, offset in moving],
+            "constants": constants,
+            **dict(zip(("time_at", "dt_at", "memory_at"), places, strict=True)),
+        }
+
+    def _data_of(self, cells: np.ndarray) -> dict[str, np.ndarray]:
+        """Data of some cells, by their names in C."""
+        key, places, behind = cells.tobytes(), self._places[cells], self._problem.places
+        if key in self._shared:
+            return self._shared[key]
+        found = {name: self._blocks(rows[cells], at) for name, (rows, at) in self._rows.items()}
+        if self._problem.chain:
+            rows = rows_of_nodes(places, behind, self._lanes)
+            found |= rows._asdict() | {"run": self._blocks(rows.run, behind)}
+        else:
+            found["place"] = self._blocks(places, behind)
+        self._shared[key] = found
+        return found
+
+    def _blocks(self, rows: np.ndarray, behind: int | None = None) -> np.ndarray:
+        return in_lanes(rows, self._lanes, behind)

@@ -1,0 +1,75 @@
+"""What Python hands over to C: by the declarations, and as a whole."""
+
+import cffi
+import numpy as np
+import pytest
+
+from fx_beam.compiled import build
+from fx_beam.compiled.structs import Structs
+
+DECLARED = """
+typedef double Law(double);
+typedef struct {
+  int ends[2];
+  double *length;
+} Bar;
+typedef struct {
+  int nodes, *dofs;
+  double *mass; /* of *all */
+  struct {
+    int bars;
+    Bar *bar;
+    Law *law;
+  };
+  Bar ground;
+} Frame;
+"""
+
+
+@pytest.fixture
+def frame():
+    ffi = cffi.FFI()
+    ffi.cdef(DECLARED)
+    return Structs(ffi, DECLARED), ffi.new("Frame *")
+
+
+def test_arrays_have_the_type_of_the_declaration(frame):
+    structs, c = frame
+    structs.set(c, nodes=2, dofs=np.arange(2), mass=[1, 2])
+    structs.check(c)
+    assert (c.dofs[1], c.mass[1]) == (1, 2.0)
+    with pytest.raises(TypeError, match="float64 for C's int"):
+        structs.set(c, dofs=np.array([0.5]))
+
+
+def test_a_pointer_that_is_not_set_is_named(frame):
+    structs, c = frame
+    structs.set(c, dofs=[0])
+    with pytest.raises(ValueError, match="Frame: not set: mass"):
+        structs.check(c)
+
+
+@pytest.mark.parametrize("given", [{"bars": 1}, {"bar": []}, {"law": 64}])
+def test_members_that_belong_together_are_set_all_or_none(frame, given):
+    structs, c = frame
+    structs.set(c, dofs=[0], mass=[1.0])
+    structs.check(c)
+    structs.set(c, **given)
+    with pytest.raises(ValueError, match="not set"):
+        structs.check(c)
+
+
+def test_structs_inside_take_what_they_declare(frame):
+    structs, c = frame
+    structs.set(c, dofs=[], mass=[], bars=1, law=64, bar=[{"ends": (3, 4), "length": [0.5]}])
+    structs.set(c, ground={"length": [2.0]})
+    structs.check(c)
+    assert (list(c.bar[0].ends), c.bar[0].length[0], c.ground.length[0]) == ([3, 4], 0.5, 2.0)
+    with pytest.raises(ValueError, match="Bar: not set: length"):
+        structs.set(c, bar=[{"ends": (3, 4)}])
+
+
+def test_a_problem_without_data_is_refused():
+    ffi, _ = build.load_library()
+    with pytest.raises(ValueError, match=r"Problem: not set: .*\bmass\b.*\bq\b"):
+        Structs(ffi, build.declarations()).check(ffi.new("Problem *"))
