@@ -196,6 +196,7 @@ HOUSE = {
         "sheet",
         "obstacles",
         "deformed_shapes",
+        "browser_page",
         "grounds",
         "actions",
         "scene_drawing",

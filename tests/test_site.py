@@ -5,14 +5,13 @@ import importlib
 import json
 import re
 import shutil
-import subprocess
 from pathlib import Path
 
+import browser
 import pages
 import pytest
 
 DOCS = pages.ROOT / "docs"
-CHROMIUM = shutil.which("chromium") or shutil.which("google-chrome")
 LONG = r"\int_0^L \frac{\bar R}{1 + \tan^2(\Delta\psi/2)} \sqrt{\frac{a}{b}}\, ds"
 
 # What is measured: 1 if the font of the site is there, the height of an integral over that of a
@@ -55,7 +54,7 @@ def drawn(extension):
 
 
 @pytest.mark.slow
-@pytest.mark.skipif(CHROMIUM is None, reason="there is no Chromium")
+@browser.needed
 def test_formulas_are_whole_where_the_system_has_no_font_for_them(drawn, tmp_path, monkeypatch):
     matplotlib = pytest.importorskip("matplotlib")
     letters = Path(matplotlib.get_data_path()) / "fonts" / "ttf"
@@ -70,10 +69,7 @@ def test_formulas_are_whole_where_the_system_has_no_font_for_them(drawn, tmp_pat
         + "".join(map(drawn, found))
         + f"<script>{SCRIPT}</script>"
     )
-    command = [CHROMIUM, "--headless", "--no-sandbox", "--disable-gpu", "--dump-dom"]
-    command += [f"--user-data-dir={tmp_path}", "--allow-file-access-from-files"]
-    command += ["--window-size=900,900", "--virtual-time-budget=10000", page.as_uri()]
-    dom = subprocess.run(command, capture_output=True, text=True, check=True, timeout=120).stdout
+    dom = browser.dom(page, tmp_path)
     measured = json.loads(re.search("<title>(.*?)</title>", dom)[1])
     assert measured["fonts"] == 1
     assert measured["integral"] > 1.5

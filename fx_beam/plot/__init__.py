@@ -8,6 +8,7 @@ import os
 if not (os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")):
     os.environ.setdefault("VTK_DEFAULT_OPENGL_WINDOW", "vtkEGLRenderWindow")
 
+from .browser_page import Page, interactive
 from .deformed_shapes import animate, modes, shapes
 from .response_curves import frequency_response
 from .scene_drawing import scene
@@ -15,11 +16,13 @@ from .symbols import axis
 from .time_curves import curves, figure, quantities, save, style
 
 __all__ = [
+    "Page",
     "animate",
     "axis",
     "curves",
     "figure",
     "frequency_response",
+    "interactive",
     "modes",
     "quantities",
     "save",

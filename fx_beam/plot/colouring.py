@@ -8,7 +8,7 @@ import matplotlib
 import numpy as np
 from matplotlib.cm import ScalarMappable
 from matplotlib.collections import LineCollection
-from matplotlib.colors import LinearSegmentedColormap, Normalize
+from matplotlib.colors import LinearSegmentedColormap, Normalize, to_hex
 
 from fx_beam.results.fields import QUANTITIES, RESULTANTS, along_all
 from fx_beam.validation import is_one_of, shown
@@ -20,8 +20,8 @@ SEQUENTIAL = LinearSegmentedColormap.from_list(
     "sequential", matplotlib.colormaps["viridis"](np.linspace(0, 0.92, 256))
 )
 # Blue below zero and red above; grey and not white in between.
-_SIGNED = matplotlib.colormaps["coolwarm"]
-_WORDS = {
+SIGNED = matplotlib.colormaps["coolwarm"]
+WORDS = {
     "N": "axial force $N$",
     "Q": "shear force $Q$",
     "M": "bending moment $M$",
@@ -30,6 +30,11 @@ _WORDS = {
 }
 _PIECES = 12  # per element, each with one colour
 _MANY = 40_000  # pieces of all elements, of which there are no more if an element has several
+
+
+def hexadecimal(scale, count: int) -> list[str]:
+    """Colours of a scale from one end to the other, as pages write them."""
+    return [to_hex(scale(i / (count - 1))) for i in range(count)]
 
 
 class Colouring:
@@ -53,10 +58,10 @@ class Colouring:
         signed = quantity in RESULTANTS or quantity in internal
         norm = Normalize(-largest if signed else 0.0, largest)
         #: The scale, for a colour bar, and its label.
-        self.scale = ScalarMappable(norm, _SIGNED if signed else SEQUENTIAL)
+        self.scale = ScalarMappable(norm, SIGNED if signed else SEQUENTIAL)
         known_unit = quantity in QUANTITIES and length_unit == "m"
         unit = f" [{QUANTITIES[quantity]}]" if known_unit else ""
-        self.label = _WORDS.get(quantity, quantity) + unit
+        self.label = WORDS.get(quantity, quantity) + unit
 
     def lines(self, width: float, zorder: float = 2) -> LineCollection:
         """Lines for the members, which `paint` colours."""

@@ -20,7 +20,7 @@ _LOOK: dict[str, Any] = {"color": "0.35", "zorder": 1}
 
 def obstacles_on_sheet(sheet: Sheet, obstacles: Iterable[Obstacle], places: np.ndarray) -> None:
     """Draw obstacles near the places (n, 2) of the members."""
-    for line, starts, ends in _outlines(obstacles, places, sheet.size):
+    for line, starts, ends in outlines(obstacles, places, sheet.size):
         sheet.line(line, linewidth=1.4, **_LOOK)
         sheet.strokes(starts, ends, linewidth=0.7, **_LOOK)
 
@@ -28,13 +28,13 @@ def obstacles_on_sheet(sheet: Sheet, obstacles: Iterable[Obstacle], places: np.n
 def obstacles_on_axes(ax, drawing: Drawing) -> None:
     """Draw the obstacles of a solution near its shapes."""
     obstacles = drawing.solution.obstacles
-    for line, starts, ends in _outlines(obstacles, drawing.points, drawing.size):
+    for line, starts, ends in outlines(obstacles, drawing.points, drawing.size):
         ax.plot(*line.T, linewidth=1.4, **_LOOK)
         strokes = np.stack([starts, ends, np.full_like(starts, np.nan)], axis=1).reshape(-1, 2)
         ax.plot(*strokes.T, linewidth=0.7, **_LOOK)
 
 
-def _outlines(
+def outlines(
     obstacles: Iterable[Obstacle], places: np.ndarray, size: float
 ) -> Iterator[tuple[np.ndarray, ...]]:
     """Points (n, 2) of the line, and starts and ends (m, 2) of the strokes, of each shape."""

@@ -248,26 +248,35 @@ def draw_marks(ax, drawing: Drawing, k: int, marks: dict[str, Node]) -> list:
 
 def draw_supports(ax, drawing: Drawing) -> list:
     """A ring at a pin, a square at a clamp, a triangle at other supports; dotted guides."""
-    scene = drawing.scene
-    if scene is None:
+    if drawing.scene is None:
         return []
     drawn: list = []
-    held: dict[int, set[int]] = {}
-    for node, component in scene.fixed:
-        held.setdefault(node, set()).add(component)
-    for joint in filter(_is_grounded, scene.joints):
-        node = joint.a if joint.b is GROUND else joint.b
-        if joint.axis is None:
-            held[node.number] = {0, 1} if joint.kind == "Revolute" else {0, 1, 2}
-        else:
+    for joint in filter(_is_grounded, drawing.scene.joints):
+        if joint.axis is not None:
+            node = joint.a if joint.b is GROUND else joint.b
             path = drawing.places(node.number, slice(None))
             along = (path - path[0]) @ joint.axis
             drawn += ax.plot(*path[[along.argmin(), along.argmax()]].T, color="0.5", **_GUIDE)
-    for number, components in held.items():
-        marker = "s" if len(components) == 3 else "o" if components == {0, 1} else "^"
-        look = _JOINT | {"markersize": 7, "zorder": 5}
+    look = _JOINT | {"markersize": 7, "zorder": 5}
+    for number, marker in supports(drawing):
         drawn += ax.plot(*drawing.solution.X[number], marker, **look)
     return drawn
+
+
+def supports(drawing: Drawing) -> list[tuple[int, str]]:
+    """Numbers of the nodes that are held, each with its marker."""
+    held: dict[int, set[int]] = {}
+    scene = drawing.scene
+    for node, component in () if scene is None else scene.fixed:
+        held.setdefault(node, set()).add(component)
+    for joint in () if scene is None else filter(_is_grounded, scene.joints):
+        if joint.axis is None:
+            node = joint.a if joint.b is GROUND else joint.b
+            held[node.number] = {0, 1} if joint.kind == "Revolute" else {0, 1, 2}
+    return [
+        (number, "s" if len(components) == 3 else "o" if components == {0, 1} else "^")
+        for number, components in held.items()
+    ]
 
 
 def _is_grounded(joint: Joint) -> bool:

@@ -28,10 +28,7 @@ def along(solution: Any, name: str, quantity: str, rows, places: np.ndarray) -> 
     if quantity == "strain energy":
         return _energies(solution, [name], rows, places)
     if quantity == "speed":
-        nodes = nodes_of_elements(solution, name)
-        v = solution.recorded("v")[rows][:, nodes, :2]
-        v = np.einsum("pn,renc->repc", lagrange(np.linspace(0, 1, beam.degree + 1), places), v)
-        return np.hypot(v[..., 0], v[..., 1])
+        return _speeds(solution, [name], rows, places)
     values = _at_points(solution, name, quantity)[rows]
     values = values.reshape(len(rows), beam.elements, beam.degree)
     return values @ lagrange(_gauss(beam.degree), places).T
@@ -40,8 +37,9 @@ def along(solution: Any, name: str, quantity: str, rows, places: np.ndarray) -> 
 def along_all(solution: Any, quantity: str, rows, places: np.ndarray) -> np.ndarray:
     """The same for all beams of a solution (rows, elements, places)."""
     names = list(solution.beams)
-    if quantity == "strain energy":  # at once, quickly for frames
-        return _energies(solution, names, list(rows), places)
+    if quantity in ("strain energy", "speed"):  # at once, quickly for frames
+        found = _energies if quantity == "strain energy" else _speeds
+        return found(solution, names, list(rows), places)
     return np.concatenate([along(solution, name, quantity, rows, places) for name in names], axis=1)
 
 
@@ -51,6 +49,13 @@ def _at_points(solution: Any, name: str, quantity: str) -> np.ndarray:
     if quantity in RESULTANTS:
         return getattr(resultants, quantity)
     return solution.internal_of_beam.get(name, {}).get(quantity, np.zeros_like(resultants.N))
+
+
+def _speeds(solution: Any, names: list[str], rows, places: np.ndarray) -> np.ndarray:
+    nodes = np.concatenate([nodes_of_elements(solution, name) for name in names])
+    values = lagrange(np.linspace(0, 1, nodes.shape[1]), places)
+    v = np.einsum("pn,renc->repc", values, solution.recorded("v")[rows][:, nodes, :2])
+    return np.hypot(v[..., 0], v[..., 1])
 
 
 def _energies(solution: Any, names: list[str], rows, places: np.ndarray) -> np.ndarray:

@@ -1,0 +1,255 @@
+"""A motion as a page for a browser: one file, which needs no network."""
+
+from __future__ import annotations
+
+import base64
+import html
+import json
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from fx_beam.results.fields import QUANTITIES, RESULTANTS, along_all
+from fx_beam.results.files import replacing, writable
+from fx_beam.results.solution import Solution
+from fx_beam.scene.beam import Node, arc_lengths
+from fx_beam.validation import as_float, numbers, require
+
+from .colouring import SEQUENTIAL, SIGNED, WORDS, hexadecimal
+from .obstacles import outlines
+from .symbols import Drawing, axis, supports
+
+_TEMPLATE = Path(__file__).with_suffix(".html")
+_ROWS = 200  # that are shown if none are named
+_MANY = 6_000  # straight pieces of all elements, if an element has several
+_SHADES = 64
+_FINEST = 32_767  # places and values are whole numbers up to this one
+
+
+class Page:
+    """A page for a browser; notebooks show it in their own.
+
+    Attributes
+    ----------
+    text : str
+        The page, in HTML.
+    """
+
+    def __init__(self, text: str):
+        self.text = text
+
+    def __repr__(self):
+        return f"<Page: {len(self.text) / 1e6:.1f} MB>"
+
+    def _repr_html_(self):
+        frame = 'style="width:100%;height:42rem;border:0"'
+        return f'<iframe srcdoc="{html.escape(self.text)}" {frame}></iframe>'
+
+
+def interactive(
+    solution: Solution,
+    path: Path | str | None = None,
+    steps: Sequence[int] | None = None,
+    trace: Node | Sequence[Node] = (),
+    series: dict[str, np.ndarray] | None = None,
+    length_unit: str = "m",
+    magnify: float = 1.0,
+) -> Page:
+    """Page on which one plays a motion, and looks at its shapes, values and curves.
+
+    The page has a slider and a play button, shapes coloured by a quantity that one chooses, names
+    and values of the place under the pointer, paths of points that one clicks, and curves over
+    time. The wheel zooms, dragging moves, a double click shows all. It is one file, which needs no
+    network; 2000 members with 200 rows take 10 MB.
+
+    Parameters
+    ----------
+    solution : Solution
+        The motion, or the equilibria.
+    path : str or path, optional
+        File to write; its name ends with .html. In a notebook none is needed: the page is shown.
+    steps : sequence of int, optional
+        Rows of `Solution.t` to show; by default at most 200, evenly spaced.
+    trace : Node or sequence of Node, optional
+        Nodes whose paths are drawn from the start.
+    series : dict, optional
+        Curves by name, (n,) values each, one for each row of `Solution.t`; by default the energies.
+    length_unit : str
+        Unit of length, for places.
+    magnify : float
+        Factor on displacements.
+
+    Returns
+    -------
+    Page
+        The page, whose `text` is what the file has.
+
+    Raises
+    ------
+    ValueError
+        For rows, nodes or series that the solution does not have, or a path that cannot be written.
+
+    Examples
+    --------
+    >>> import fx_beam as fb
+    >>> scene = fb.Scene(gravity=(0, -9.81))
+    >>> rope = fb.Section(EA=1e4, GA=1e4, EI=1.0, rhoA=1.0, rhoI=1e-3)
+    >>> beam = scene.add_beam([(0, 0), (1, 0)], rope, elements=8)
+    >>> scene.pin(beam.start)
+    >>> solution = fb.simulate(scene, dt=0.01, t_end=1.0)
+    >>> page = fb.plot.interactive(solution, trace=beam.end)
+    >>> "<canvas" in page.text
+    True
+    """
+    path = None if path is None else writable(path, ("html", "htm"))
+    if steps is None and isinstance(solution, Solution):
+        last = len(solution.t) - 1
+        steps = np.unique(np.linspace(0, last, min(_ROWS, last + 1)).round().astype(int)).tolist()
+    Drawing(solution, steps or (), magnify).check()
+    drawing = Drawing(solution, list(steps or ()), as_float(magnify))
+    data = {
+        "title": drawing.title().replace(r"$\Delta t$", "dt"),
+        "unit": length_unit,
+        "static": solution.stats.static,
+        "t": [float(solution.t[k]) for k in drawing.rows],
+        "window": [corner.tolist() for corner in drawing.window],
+        "finest": _FINEST,
+        **_members(drawing),
+        "bodies": _bodies(drawing),
+        "obstacles": [
+            line.tolist()
+            for line, _, _ in outlines(solution.obstacles, drawing.points, drawing.size)
+        ],
+        "supports": [[*solution.X[node].tolist(), kind] for node, kind in supports(drawing)],
+        "traces": _traces(drawing, [trace] if isinstance(trace, Node) else list(trace)),
+        "series": _series(drawing, series),
+    }
+    # No text of the user's may end the element that holds the data.
+    text = json.dumps(data, allow_nan=False).replace("<", "\\u003c")
+    page = Page(_TEMPLATE.read_text("utf-8").replace("/* DATA */", text))
+    if path is not None:
+        with replacing(path) as new:
+            new.write_text(page.text, "utf-8")
+    return page
+
+
+def _members(drawing: Drawing) -> dict[str, Any]:
+    """Points of the axes of all beams in all rows, and values of their pieces."""
+    solution = drawing.solution
+    beams = solution.beams
+    if not beams:
+        return {"beams": [], "points": "", "nodes": "", "s": "", "quantities": []}
+    degree = next(iter(beams.values())).degree
+    pieces = 1 if degree == 1 else _pieces(sum(beam.elements for beam in beams.values()))
+    everywhere = drawing.places(np.arange(len(solution.X)), list(drawing.rows))
+    places, nodes, s = [], [], []
+    for name, beam in beams.items():
+        points = axis(everywhere[:, solution.nodes_of_beam[name]], degree)
+        places.append(points[:, :: (points.shape[1] - 1) // (beam.elements * pieces)])
+        of_points = np.full(beam.elements * pieces + 1, -1)
+        of_points[::pieces] = solution.nodes_of_beam[name][::degree]
+        nodes.append(of_points)
+        s.append(np.append(arc_lengths(beam, np.arange(pieces) / pieces), beam.length))
+    middles = (np.arange(pieces) + 0.5) / pieces
+    return {
+        "beams": [[name, beam.elements * pieces] for name, beam in beams.items()],
+        "points": _whole(_fractions(drawing, np.concatenate(places, axis=1)), np.uint16),
+        "nodes": _text(np.concatenate(nodes).astype(np.int32)),
+        "s": _text(np.concatenate(s).astype(np.float32)),
+        "quantities": [_quantity(drawing, name, middles) for name in _known(solution)],
+    }
+
+
+def _pieces(elements: int) -> int:
+    """Straight pieces of an element of degree 2 or 3: a divisor of the lines that are drawn."""
+    return next((n for n in (12, 6, 4, 3, 2) if n * elements <= _MANY), 1)
+
+
+def _known(solution: Any) -> list[str]:
+    """Quantities along the members that the solution has."""
+    known = [*RESULTANTS]
+    if all(beam.section is not None for beam in solution.beams.values()):
+        known.append("strain energy")
+    if solution.has_rates and not solution.stats.static:
+        known.append("speed")
+    return known + sorted({name for own in solution.internal_of_beam.values() for name in own})
+
+
+def _quantity(drawing: Drawing, name: str, places: np.ndarray) -> dict[str, Any]:
+    values = along_all(drawing.solution, name, drawing.rows, places)
+    values = values.reshape(len(drawing.rows), -1)
+    largest = float(abs(values).max()) or 1.0
+    signed = name not in ("strain energy", "speed")
+    scale = SIGNED if signed else SEQUENTIAL
+    return {
+        "name": WORDS.get(name, name).replace("$", ""),
+        "unit": QUANTITIES.get(name, ""),
+        "largest": largest,
+        "signed": signed,
+        "colours": hexadecimal(scale, _SHADES),
+        "values": _whole(values / largest, np.int16),
+    }
+
+
+def _bodies(drawing: Drawing) -> list[dict[str, Any]]:
+    rows = list(drawing.rows)
+    return [
+        {
+            "name": name,
+            "nodes": [node.number for node in body.nodes],
+            "points": _whole(
+                _fractions(drawing, drawing.places([node.number for node in body.nodes], rows)),
+                np.uint16,
+            ),
+        }
+        for name, body in drawing.solution.bodies.items()
+    ]
+
+
+def _traces(drawing: Drawing, nodes: list[Node]) -> list[str]:
+    for node in nodes:
+        drawing.solution.position(node)  # refuses what is no node of the solution
+    rows = list(drawing.rows)
+    return [
+        _whole(_fractions(drawing, drawing.places(node.number, rows)), np.uint16) for node in nodes
+    ]
+
+
+def _series(drawing: Drawing, series: dict[str, np.ndarray] | None) -> list[dict[str, Any]]:
+    solution = drawing.solution
+    if series is None:
+        energy = solution.energy
+        stored = {"strain": energy.strain, "potential": energy.potential, "springs": energy.springs}
+        kinetic = {} if solution.stats.static else {"kinetic": energy.kinetic}
+        series = {
+            f"{name} energy [J]": values
+            for name, values in (kinetic | stored | {"total": energy.total}).items()
+            if name == "total" or np.any(values)
+        }
+    require(isinstance(series, dict), "series", series, "a dict of values by name")
+    found = []
+    for name, given in series.items():
+        values = numbers(given)
+        wanted = f"{len(solution.t)} finite numbers, one for each row of the solution"
+        fits = values.shape == solution.t.shape and bool(np.isfinite(values).all())
+        require(fits, f"series[{name!r}]", given, wanted)
+        found.append({"name": str(name), "values": values[list(drawing.rows)].tolist()})
+    return found
+
+
+def _fractions(drawing: Drawing, places: np.ndarray) -> np.ndarray:
+    """Places as fractions of the window."""
+    low, high = drawing.window
+    return (places - low) / (high - low)
+
+
+def _whole(values: np.ndarray, kind: Any) -> str:
+    """Values up to 1 in size as whole numbers of two bytes, in base 64."""
+    return _text(np.clip(np.rint(values * _FINEST), -_FINEST, 2 * _FINEST).astype(kind))
+
+
+def _text(values: np.ndarray) -> str:
+    little = values.astype(values.dtype.newbyteorder("<"))
+    return base64.b64encode(np.ascontiguousarray(little).tobytes()).decode("ascii")

@@ -1,0 +1,155 @@
+"""The page on which one plays a motion: what it holds, and what a browser makes of it."""
+
+import base64
+import json
+import re
+
+import browser
+import numpy as np
+import pytest
+
+import fx_beam as fb
+
+pytestmark = pytest.mark.plot
+ROPE = fb.Section(EA=1e4, GA=1e4, EI=1.0, rhoA=1.0, rhoI=1e-3)
+
+
+def data(page):
+    """What the page holds."""
+    return json.loads(
+        re.search('<script type="application/json" id="data">(.*?)</script>', page.text)[1]
+    )
+
+
+def decoded(text, kind, *shape):
+    return np.frombuffer(base64.b64decode(text), kind).reshape(shape).astype(float)
+
+
+@pytest.fixture(scope="module", params=[1, 2])
+def swing(request):
+    """A rope with a body, and its motion."""
+    scene = fb.Scene(gravity=(0, -9.81))
+    rope = scene.add_beam([(0, 0), (1, 0)], ROPE, 6, request.param, name="rope </script> & more")
+    scene.pin(rope.start)
+    disc = scene.add_body((1.1, 0.0), 0.5, 0.01, {"pin": (1.0, 0.0)}, name="disc")
+    scene.add_joint(fb.Revolute(rope.end, disc.points["pin"]))
+    scene.add_obstacle(rope, fb.Line((0, -3), (0, 1)), 1e4)
+    return scene, rope, disc, fb.simulate(scene, dt=0.01, t_end=0.5)
+
+
+def test_places_and_values_are_those_of_the_solution(swing):
+    _, rope, disc, solution = swing
+    steps = range(0, 51, 5)
+    held = data(fb.plot.interactive(solution, steps=steps))
+    low, high = map(np.array, held["window"])
+    nodes = decoded(held["nodes"], "<i4", -1).astype(int)
+    points = decoded(held["points"], "<u2", len(steps), len(nodes), 2)
+    places = low + points / held["finest"] * (high - low)
+    finest = (high - low).max() / held["finest"]
+    for node in rope.nodes:
+        own = places[:, nodes == node.number][:, 0]
+        assert abs(own - solution.position(node)[list(steps)]).max() <= finest
+    body = decoded(held["bodies"][0]["points"], "<u2", len(steps), 2, 2)
+    own = (low + body / held["finest"] * (high - low))[:, 0]
+    assert abs(own - solution.position(disc.centre)[list(steps)]).max() <= finest
+    axial = held["quantities"][0]
+    largest = abs(solution.resultants(rope.name).N[list(steps)]).max()
+    assert axial["unit"] == "N"
+    # Between Gauss points of elements of degree 2 the force is extrapolated.
+    assert axial["largest"] == pytest.approx(largest, rel=1e-12 if rope.degree == 1 else 0.5)
+    assert held["t"] == solution.t[list(steps)].tolist()
+    assert held["series"][-1]["values"] == solution.energy.total[list(steps)].tolist()
+
+
+def test_a_page_needs_no_network_and_no_text_ends_its_data(swing):
+    page = fb.plot.interactive(swing[3])
+    assert not re.search(r"https?://|src=|@import|url\(", page.text)
+    assert page.text.count("</script>") == 2
+    assert data(page)["beams"][0][0] == "rope </script> & more"
+    assert "<iframe srcdoc=" in page._repr_html_()
+
+
+def test_two_thousand_members_with_two_hundred_rows_are_less_than_20_mb():
+    scene = fb.Scene(gravity=(0, -9.81))
+    for i in range(40):
+        bar = scene.add_beam([(i, 0), (i, 1)], ROPE, elements=1)
+        scene.clamp(bar.start)
+    page = fb.plot.interactive(fb.simulate(scene, dt=0.001, t_end=0.05))
+    empty = fb.plot.interactive(fb.simulate(scene, dt=0.001, t_end=0.001))
+    each = (len(page.text) - len(empty.text)) / (40 * 49)
+    assert 2000 * 200 * each < 20e6
+
+
+def test_equilibria_and_scenes_of_bodies_have_pages_too():
+    scene = fb.Scene()
+    beam = scene.add_beam([(0, 0), (1, 0)], ROPE, elements=4)
+    scene.clamp(beam.start)
+    scene.add_force(beam.end, (0, -1.0))
+    assert data(fb.plot.interactive(fb.static(scene, steps=3)))["static"]
+    scene = fb.Scene(gravity=(0, -9.81))
+    body = scene.add_body((0, 0), 1.0, 0.1, {"edge": (0.1, 0)}, name="stone")
+    page = fb.plot.interactive(fb.simulate(scene, dt=0.1, t_end=0.5), trace=body.centre)
+    assert data(page)["quantities"] == [] and len(data(page)["traces"]) == 1
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        ({"path": "motion.txt"}, "must end with .html"),
+        ({"steps": [99]}, "rows of the solution"),
+        ({"series": {"tip": [1.0, 2.0]}}, "one for each row"),
+        ({"series": 3}, "a dict of values by name"),
+        ({"magnify": 0}, "a positive number"),
+    ],
+)
+def test_what_cannot_be_shown_is_refused(swing, options, words, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    with pytest.raises(ValueError, match=re.escape(words)):
+        fb.plot.interactive(swing[3], **options)
+    assert not list(tmp_path.iterdir())
+
+
+# Played to row 20 by the slider, with colours, and the pointer at the end of the rope.
+SCRIPT = """
+find("quantity").value = "2"; find("quantity").dispatchEvent(new Event("change"));
+find("row").value = "20"; find("row").dispatchEvent(new Event("input"));
+const box = find("shapes").getBoundingClientRect(), last = 2 * (row * perRow + perRow - 1);
+find("shapes").dispatchEvent(new PointerEvent("pointermove", {
+  clientX: box.left + toX(points[last]), clientY: box.top + toY(points[last + 1]) }));
+const pixels = id => { const c = find(id);
+  return c.getContext("2d").getImageData(0, 0, c.width, c.height).data; };
+const coloured = id => { let n = 0; const p = pixels(id);
+  for (let i = 0; i < p.length; i += 4) {
+    const rgb = [p[i], p[i + 1], p[i + 2]];
+    if (p[i + 3] && Math.max(...rgb) - Math.min(...rgb) > 40) n++;
+  }
+  return n; };
+const seen = { row, time: find("time").textContent, tip: find("tip").textContent,
+  shapes: coloured("shapes"), curves: coloured("curves") };
+let next = null;
+window.requestAnimationFrame = one => { next = one; return 1; };
+play();
+next(0); next(600);
+document.title = JSON.stringify({ ...seen, played: row });
+"""
+
+
+@pytest.mark.slow
+@browser.needed
+def test_a_browser_plays_it_and_tells_what_is_under_the_pointer(swing, tmp_path):
+    _, rope, _, solution = swing
+    file = tmp_path / "motion.html"
+    page = fb.plot.interactive(solution, file, trace=rope.end)
+    assert file.read_text("utf-8") == page.text
+    file.write_text(page.text.replace("</body>", f"<script>{SCRIPT}</script></body>"), "utf-8")
+    title = re.search("<title>(.*?)</title>", browser.dom(file, tmp_path / "profile"))[1]
+    seen = json.loads(title)
+    assert seen["row"] == 20 and seen["time"] == "t = 0.2 s"
+    x, y = solution.position(rope.end)[20]
+    assert f"node {rope.end.number}, s = 1" in seen["tip"]
+    found = re.search(r"x = (\S+), y = (\S+) m", seen["tip"])
+    assert [float(found[1]), float(found[2])] == pytest.approx([x, y], abs=1e-3)
+    assert "bending moment M = " in seen["tip"]
+    assert seen["shapes"] > 500 and seen["curves"] > 500
+    # The whole motion in 6 s: 0.6 s later it is a tenth further on.
+    assert abs(seen["played"] - 25) <= 1
