@@ -7,11 +7,10 @@ from typing import Any
 
 import numpy as np
 
-from fx_beam.coupling.sliding import rate_along
 from fx_beam.model.model import Model
-from fx_beam.scene.joints import GROUND, Joint, axial_rate
+from fx_beam.scene.joint_kinematics import NodalMotion
+from fx_beam.scene.joints import GROUND, Joint
 from fx_beam.scene.outputs import Output
-from fx_beam.scene.sliders import SlidingJoint
 
 from .fitted_state import FittedState
 
@@ -62,26 +61,20 @@ def _reaction(model: Model, now: FittedState, number: int) -> Reading:
 def _of_joint(model: Model, now: FittedState, turns: np.ndarray, output: Output) -> Reading:
     joint = output.of
     assert isinstance(joint, Joint)
-    number, dofs = joint.number, model.mesh.dofs
+    number, dofs, kinematics = joint.number, model.mesh.dofs, joint.kinematics
     a, b = (dofs[n.number].tolist() if n is not GROUND else None for n in (joint.a, joint.b))
 
     def between(values: np.ndarray, i: int) -> float:
         after = 0.0 if b is None else values[b[i]]
         return float(after if a is None else after - values[a[i]])
 
+    at = NodalMotion(
+        lambda name, node: getattr(now, name)[dofs[node.number]].tolist(),
+        lambda name, beam: getattr(now, name)[dofs[model.mesh.nodes_of(model.scene, beam)]][None],
+    )
+
     def rate():
-        if isinstance(joint, SlidingJoint):
-            own, s = (
-                dofs[model.mesh.nodes_of(model.scene, joint.beam), :2],
-                now.slides[number],
-            )
-            v_node = now.v[dofs[joint.b.number, :2]]
-            return rate_along(joint.path, s, now.q[own], now.v[own], v_node)
-        if joint.axis is None:
-            return between(now.v, 2)
-        x, y = between(now.v, 0), between(now.v, 1)
-        psi, spin = (0.0, 0.0) if a is None else (now.q[a[2]], now.v[a[2]])
-        return float(axial_rate(joint, now.slides[number], psi, spin, x, y))
+        return np.asarray(kinematics.rate(at, now.slides[number : number + 1])).item()
 
     motors = [j.number for j, _ in model.motors]
     motor = len(model.prescribed) + motors.index(number) if number in motors else -1

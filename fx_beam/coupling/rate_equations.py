@@ -48,11 +48,6 @@ def summing(place: np.ndarray, count: int) -> Any:
     return scipy.sparse.csr_matrix((np.ones(n), (np.arange(n), place)), (n, count))
 
 
-def turns_with_motion(joint: Joint) -> bool:
-    """Whether the coupling of a joint changes with the motion."""
-    return isinstance(joint, SlidingJoint) or not (joint.is_index or joint.a is GROUND)
-
-
 class RateEquations:
     """The equations of a scene.
 

@@ -33,7 +33,7 @@ def check_loops(scene: Scene, couplings: Couplings, reduction: LoopReduction) ->
     sizes = np.linalg.norm(forces, axis=(1, 2))
     carrying = [joint for joint in scene.joints if sizes[joint.number] > _ROUNDING * sizes.max()]
     centres = {body.centre.number for body in scene.bodies}
-    inside = [j for j in carrying if j.kind == "Rigid" and j.a.number in centres]
+    inside = [j for j in carrying if j.is_rigid and j.a.number in centres]
     joints = [joint for joint in carrying if joint not in inside] or carrying
     raise SceneError(
         f"over-constrained: {'; '.join(map(str, joints))}: they close loops, and {redundant} of "

@@ -14,7 +14,6 @@ import numpy as np
 from fx_beam.fem.mesh import Mesh
 from fx_beam.scene.joints import GROUND, Joint
 from fx_beam.scene.scene import Scene
-from fx_beam.scene.sliders import SlidingJoint
 
 from .rate_equations import RateEquations, summing
 
@@ -126,5 +125,4 @@ def _levels(scene: Scene, mesh: Mesh, massless: np.ndarray) -> list[list[Joint]]
 
 
 def _is_rigid(joint: Joint) -> bool:
-    fixed = joint.slide is None and joint.rotation is None and not isinstance(joint, SlidingJoint)
-    return fixed and GROUND not in (joint.a, joint.b)
+    return joint.is_rigid and GROUND not in (joint.a, joint.b)

@@ -9,7 +9,8 @@ import numpy as np
 from fx_beam.mechanics.rates import UpdateRule
 from fx_beam.results.state import State
 from fx_beam.scene.beam import Node
-from fx_beam.scene.joints import GROUND, Joint, axial_rate
+from fx_beam.scene.joint_kinematics import axial_rate
+from fx_beam.scene.joints import GROUND, Joint
 from fx_beam.scene.sliders import SlidingJoint
 
 from .actuator import Actuator, limits_of

@@ -14,7 +14,7 @@ from fx_beam.coupling.index_reduction import IndexReduction, Reduction
 from fx_beam.coupling.joint_reduction import JointReduction
 from fx_beam.coupling.loop_reduction import LoopReduction
 from fx_beam.coupling.mechanism_check import check_no_massless_mechanism
-from fx_beam.coupling.rate_equations import RateEquations, turns_with_motion
+from fx_beam.coupling.rate_equations import RateEquations
 from fx_beam.coupling.redundancy import check_loops
 from fx_beam.coupling.rigid_points import RigidPoints
 from fx_beam.coupling.sliders import Sliders
@@ -30,6 +30,7 @@ from fx_beam.mechanics.nodal_rates import NodalRates
 from fx_beam.mechanics.rates import MidPointRates
 from fx_beam.mechanics.schemes import Scheme
 from fx_beam.results.state import State
+from fx_beam.scene.joint_kinematics import NodalMotion
 from fx_beam.scene.law import has_pieces
 from fx_beam.scene.scene import Scene
 
@@ -153,7 +154,7 @@ class Model:
         """Fits rates to joints and driven motions; None if those of steps fit by themselves."""
         scene, mesh, driven = self.scene, self.mesh, len(self.prescribed)
         by_mean = isinstance(self.scheme.rates, MidPointRates)
-        turning = any(map(turns_with_motion, scene.joints))
+        turning = any(joint.turns_with_motion for joint in scene.joints)
         if not by_mean or not (turning or self.couplings.driven):
             return None
         motored = {joint.number: driven + i for i, (joint, _) in enumerate(self.motors)}
@@ -231,3 +232,10 @@ class Model:
     def from_nodes(self, values: np.ndarray) -> np.ndarray:
         """Vector (size,) of nodal values (n_node, 3)."""
         return self.mesh.from_nodes(values)
+
+    def motion(self, **histories: np.ndarray) -> NodalMotion:
+        """How joints read the motion: histories (n, n_node, 3) "q" and "v" of the nodes."""
+        return NodalMotion(
+            lambda name, node: histories[name][:, node.number].T,
+            lambda name, beam: histories[name][:, self.mesh.nodes_of(self.scene, beam)],
+        )

@@ -25,7 +25,7 @@ def draw_grounds(sheet: Sheet, scene: Scene) -> None:
             if joint.axis is not None:
                 _ground_guide(sheet, _place(scene, node.number), joint.axis)
             else:
-                held[node.number] = {0, 1} if joint.kind == "Revolute" else {0, 1, 2}
+                held[node.number] = {0, 1, 2} if joint.is_rigid else {0, 1}
     leaving = _leaving(scene, set(held))
     for number, components in held.items():
         _support(sheet, _place(scene, number), components, np.array(leaving[number]))

@@ -6,13 +6,10 @@ from typing import Any
 
 import numpy as np
 
-from fx_beam.scene.joints import Joint
-from fx_beam.scene.sliders import SlidingJoint
 
-
-def slide_direction(drawing: Any, joint: Joint, k: int) -> np.ndarray:
+def slide_direction(drawing: Any, joint: Any, k: int) -> np.ndarray:
     """Unit vector (2,) of a slide in row k; on a beam that of the nodes beside the sliding node."""
-    if not isinstance(joint, SlidingJoint):
+    if joint.axis is not None:
         return drawing.turned(joint.a, k, joint.axis)
     places = drawing.places(drawing.solution.nodes_of_beam[joint.beam.name], k)
     nearest = int(np.argmin(np.hypot(*(places - drawing.places(joint.b.number, k)).T)))

@@ -18,9 +18,6 @@ from fx_beam.validation import as_float, is_number, is_whole, numbers, require
 
 from .slide_direction import slide_direction
 
-# A ring for a hinge, a square for a slide; rigid joints are not marked.
-_SLIDES = "Prismatic", "PinInSlot", "Slider", "Sleeve"
-_JOINT_MARKERS = {"Revolute": "o"} | dict.fromkeys(_SLIDES, "s")
 _JOINT: dict[str, Any] = {"color": "white", "markeredgecolor": "black"}
 _GUIDE: dict[str, Any] = {"linestyle": ":", "linewidth": 1.2, "zorder": 1}
 _ARROW: dict[str, Any] = {"arrowstyle": "-|>", "shrinkA": 0, "shrinkB": 0, "linewidth": 1.2}
@@ -204,12 +201,14 @@ def draw_parts(ax, drawing: Drawing, k: int, colour: Any = "black", small: bool 
     if heavy:
         drawn += ax.plot(*drawing.places(heavy, k).T, "o", **look)
     look = _JOINT | {"markeredgecolor": colour, "markersize": 3.5 if small else 5, "zorder": 5}
-    for kind, marker in _JOINT_MARKERS.items():
+    # A square for a slide, a ring for a hinge; rigid joints are not marked.
+    for marker in "os":
         nodes = [
             (joint.a if joint.b is GROUND else joint.b).number
             for joint in scene.joints
             # A hinge on the ground is drawn as a support.
-            if joint.kind == kind and not (_is_grounded(joint) and joint.direction is None)
+            if not joint.is_rigid and marker == ("o" if joint.slide is None else "s")
+            if not (_is_grounded(joint) and joint.slide is None)
         ]
         if nodes:
             drawn += ax.plot(*drawing.places(nodes, k).T, marker, **look)
@@ -272,7 +271,7 @@ def supports(drawing: Drawing) -> list[tuple[int, str]]:
     for joint in () if scene is None else filter(_is_grounded, scene.joints):
         if joint.axis is None:
             node = joint.a if joint.b is GROUND else joint.b
-            held[node.number] = {0, 1} if joint.kind == "Revolute" else {0, 1, 2}
+            held[node.number] = {0, 1, 2} if joint.is_rigid else {0, 1}
     return [
         (number, "s" if len(components) == 3 else "o" if components == {0, 1} else "^")
         for number, components in held.items()
@@ -303,7 +302,7 @@ def _draw_arms(ax, drawing: Drawing, k: int, colour) -> list:
     drawn: list = []
     centres = {body.centre for body in drawing.solution.bodies.values()}
     for joint in drawing.scene.joints:
-        of_body = joint.kind == "Rigid" and joint.a in centres
+        of_body = joint.is_rigid and joint.a in centres
         if joint.offset.any() and not (of_body or _is_grounded(joint)):
             ends = drawing.places(joint.a.number, k), _place_on_a(drawing, joint, k)
             drawn += ax.plot(*np.array(ends).T, color=colour, linewidth=2.0, zorder=2)

@@ -7,12 +7,9 @@ from typing import Any
 
 import numpy as np
 
-from fx_beam.scene.beam import Node
-from fx_beam.scene.joints import GROUND, Joint, axial_rate
-from fx_beam.scene.sliders import SlidingJoint
+from fx_beam.scene.joint_kinematics import NodalMotion
+from fx_beam.scene.joints import Joint
 from fx_beam.validation import is_one_of, shown
-
-from . import sliding_motion
 
 
 @dataclass(frozen=True, repr=False)
@@ -52,9 +49,7 @@ class JointMotion:
 
         Of a node that slides on a beam: relative to the beam where it is.
         """
-        if isinstance(self.joint, SlidingJoint):
-            return sliding_motion.angle(self.solution, self.joint, self.slide)
-        return self._of(self.joint.b, "q", 2) - self._of(self.joint.a, "q", 2)
+        return self.joint.kinematics.angle(*self._motion)
 
     @property
     def slide(self) -> np.ndarray:
@@ -71,21 +66,12 @@ class JointMotion:
 
         At nodes without rotary inertia that move freely it is a mean over a step.
         """
-        if isinstance(self.joint, SlidingJoint):
-            return sliding_motion.spin(self.solution, self.joint, self.slide)
-        return self._of(self.joint.b, "v", 2) - self._of(self.joint.a, "v", 2)
+        return self.joint.kinematics.spin(*self._motion)
 
     @property
     def rate(self) -> np.ndarray:
         """Rate (n,) of the slide [m/s] if the joint has one, else of the angle [rad/s]."""
-        joint = self.joint
-        if isinstance(joint, SlidingJoint):
-            return sliding_motion.rate(self.solution, joint, self.slide)
-        if joint.axis is None:
-            return self.spin
-        x, y = (self._of(joint.b, "v", i) - self._of(joint.a, "v", i) for i in (0, 1))
-        psi, spin = (self._of(joint.a, name, 2) for name in "qv")
-        return axial_rate(joint, self.slide, psi, spin, x, y)
+        return self.joint.kinematics.rate(*self._motion)
 
     @property
     def force(self) -> np.ndarray:
@@ -148,26 +134,17 @@ class JointMotion:
     @property
     def gap(self) -> np.ndarray:
         """Distance (n,) of b from its position on a, or on its beam [m]; zero to round-off."""
-        if isinstance(self.joint, SlidingJoint):
-            return sliding_motion.gap(self.solution, self.joint, self.slide)
-        joint, X, q = self.joint, self.solution.X, self.solution.recorded("q")
-        arm = np.broadcast_to(joint.offset, (len(q), 2))
-        if joint.axis is not None:
-            arm = arm + self.slide[:, None] * joint.axis
-        psi = self._of(joint.a, "q", 2)
-        c, s = np.cos(psi), np.sin(psi)
-        place = np.column_stack([c * arm[:, 0] - s * arm[:, 1], s * arm[:, 0] + c * arm[:, 1]])
-        for node, sign in ((joint.a, 1), (joint.b, -1)):
-            if node is not GROUND:
-                place += sign * (X[node.number] + q[:, node.number, :2])
-        if GROUND in (joint.a, joint.b):
-            place -= place[0]
-        return np.hypot(*place.T)
+        return self.joint.kinematics.gap(*self._motion)
 
-    def _of(self, node: Node, name: str, component: int) -> np.ndarray:
-        """History (n,) of one component of a node; zero on the ground."""
-        values = self.solution.recorded(name)
-        return np.zeros(len(values)) if node is GROUND else values[:, node.number, component]
+    @property
+    def _motion(self) -> tuple[NodalMotion, np.ndarray]:
+        """Motion of the nodes, and the slide (n,)."""
+        solution = self.solution
+        motion = NodalMotion(
+            lambda name, node: solution.recorded(name)[:, node.number].T,
+            lambda name, beam: solution.recorded(name)[:, solution.nodes_of_beam[beam.name]],
+        )
+        return motion, solution.slides[:, self.joint.number]
 
     def _check(self, there: bool, what: str) -> None:
         if not there:

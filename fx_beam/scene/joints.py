@@ -12,6 +12,7 @@ from fx_beam.validation import require, shown, vector
 
 from .beam import Node
 from .coordinate import Coordinate, Damper, Friction, Spring, checked_coordinate
+from .joint_kinematics import JointKinematics
 from .stop import Stop
 
 
@@ -108,6 +109,39 @@ class Joint:
         """Unit vector (2,) of the slide in the reference configuration; None without a slide."""
         return self.axis
 
+    @property
+    def kinematics(self) -> JointKinematics:
+        """Its gap, angle and rates, from the motion of nodes."""
+        return JointKinematics(self)
+
+    @property
+    def is_rigid(self) -> bool:
+        """Whether b neither slides nor turns relative to a."""
+        return self.slide is None and self.rotation is None
+
+    @property
+    def turns_with_motion(self) -> bool:
+        """Whether its coupling changes with the motion."""
+        return not (self.is_index or self.a is GROUND)
+
+    def lacks(self, quantity: str) -> str:
+        """What an `Output` of a quantity must be of, if not of this joint.
+
+        Parameters
+        ----------
+        quantity : str
+            Name of the quantity.
+
+        Returns
+        -------
+        str
+            The joint that is wanted; empty if this one has the quantity.
+        """
+        if quantity == "slide" and self.slide is None:
+            return "of a joint with a slide"
+        driven = any(part and part.motor for part in (self.slide, self.rotation))
+        return "of a joint with a motor" if quantity == "motor_force" and not driven else ""
+
     def start(self) -> tuple[float, float]:
         """Slide and gap at the start.
 
@@ -162,17 +196,6 @@ def check_new(joint: Joint, known: dict[tuple, Joint], joints: list[Joint]) -> N
     twin = known.get(joint.coupling)
     if twin is not None and any(twin is own for own in joints[twin.number :][:1]):
         raise SceneError(f"{joint}: the scene has it already, as {twin}. Add each joint once")
-
-
-def axial_rate(joint: Joint, slide, psi, spin, x, y):
-    """Rate of a slide [m/s], for rotation and spin of a and the velocity (x, y) of b less a's."""
-    assert joint.axis is not None  # sliding joints have an axis
-    (offset_x, offset_y), (axis_x, axis_y) = joint.offset, joint.axis
-    c, s = np.cos(psi), np.sin(psi)
-    # The velocity of b relative to its position on a, in the frame of a.
-    along_x = c * x + s * y + spin * (offset_y + slide * axis_y)
-    along_y = c * y - s * x - spin * (offset_x + slide * axis_x)
-    return along_x * axis_x + along_y * axis_y
 
 
 def Rigid(a: Node, b: Node, offset=(0.0, 0.0)) -> Joint:

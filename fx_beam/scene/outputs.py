@@ -10,7 +10,6 @@ from fx_beam.validation import is_one_of, require
 from .beam import Node
 from .joints import Joint
 from .loads import check_node
-from .sliders import SlidingJoint
 
 _PLANE, _FORCE = ("x", "y"), ("x", "y", "moment")
 #: Components of the quantities of nodes and of joints; none for a single number.
@@ -109,11 +108,5 @@ def check_outputs(scene, outputs, what: str) -> None:
             continue
         theirs = any(joint is one for one in scene.joints)
         require(theirs, own, str(output), "of a joint that add_joint of this scene returned")
-        if output.quantity == "slide":
-            require(joint.slide is not None, own, str(output), "of a joint with a slide")
-        if output.quantity in ("angle", "spin"):
-            wanted = "of another joint; measure the rotation of the node that slides"
-            require(not isinstance(joint, SlidingJoint), own, str(output), wanted)
-        if output.quantity == "motor_force":
-            driven = any(part and part.motor for part in (joint.slide, joint.rotation))
-            require(driven, own, str(output), "of a joint with a motor")
+        lacking = joint.lacks(output.quantity)
+        require(not lacking, own, str(output), lacking)

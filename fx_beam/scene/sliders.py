@@ -13,6 +13,7 @@ from fx_beam.validation import as_float, require
 
 from .beam import Beam, Node
 from .coordinate import Coordinate, Damper, Friction, Spring, checked_coordinate
+from .joint_kinematics import SlidingKinematics
 from .joints import GROUND, Joint
 from .path import Path
 from .stop import Stop
@@ -51,6 +52,17 @@ class SlidingJoint(Joint):
     def carried(self) -> list[tuple[str, int, int]]:
         """Keys of the components of b that depend on the beam: "carried", node, component."""
         return [("carried", self.b.number, i) for i in range(3 if self.turns_together else 2)]
+
+    @property
+    def kinematics(self) -> SlidingKinematics:
+        """Its gap, angle and rates, from the motion of the beam and the node."""
+        return SlidingKinematics(self)
+
+    def lacks(self, quantity: str) -> str:
+        """What an `Output` of a quantity must be of, if not of this joint."""
+        if quantity in ("angle", "spin"):
+            return "of another joint; measure the rotation of the node that slides"
+        return super().lacks(quantity)
 
     @functools.cached_property
     def path(self) -> Path:

@@ -13,8 +13,6 @@ from fx_beam.mechanics.interval import Interval, moment
 from fx_beam.model.model import Model
 from fx_beam.results.state import State
 from fx_beam.scene.beam import COMPONENTS
-from fx_beam.scene.joints import Joint
-from fx_beam.scene.sliders import SlidingJoint
 
 from .coupled_rates import CoupledRates, coupled_rates
 from .forcing import Forcing
@@ -79,32 +77,15 @@ def reference_state(model: Model) -> State:
 
 def check_joints(model: Model, state: State) -> None:
     """Refuse a state that violates a joint."""
-    zero = np.zeros((1, 3))
-    q = np.vstack([model.to_nodes(state.q), zero])  # the ground's last
-    X = np.vstack([model.mesh.X, zero[:, :2]])
     moved = {(j.number, name): m for (j, name), m in zip(model.motors, state.motors, strict=True)}
-
-    def parted(joint: Joint, q: np.ndarray, slide: float) -> np.ndarray:
-        if isinstance(joint, SlidingJoint):
-            nodes = model.mesh.nodes_of(model.scene, joint.beam)
-            place = joint.path.over((X + q[:, :2])[nodes][None], np.array([slide]))[0]
-            return place - X[joint.b.number] - q[joint.b.number, :2]
-        a, b = joint.a.number, joint.b.number
-        arm = joint.offset + (0.0 if joint.axis is None else slide * joint.axis)
-        c, s = np.cos(q[a, 2]), np.sin(q[a, 2])
-        arm = np.array([c * arm[0] - s * arm[1], s * arm[0] + c * arm[1]])
-        return X[a] + q[a, :2] + arm - X[b] - q[b, :2]
-
+    at = model.motion(q=model.to_nodes(state.q)[None])
     for joint in model.scene.joints:
-        number, start = joint.number, joint.start()[0]
-        slide = float(state.slides[number])
-        gap = np.hypot(*(parted(joint, q, slide) - parted(joint, 0 * q, start)))
+        number, slide = joint.number, state.slides[joint.number : joint.number + 1]
+        gap = float(joint.kinematics.gap(at, slide)[0])
         if joint.slide is not None and joint.slide.motor is not None:
-            gap += abs(slide - start - moved[number, "slide"])
-        turn = q[joint.b.number, 2] - q[joint.a.number, 2] - moved.get((number, "rotation"), 0.0)
-        if isinstance(joint, SlidingJoint):
-            psi = joint.turn(q[model.mesh.nodes_of(model.scene, joint.beam), 2][None], slide)
-            turn = q[joint.b.number, 2] - float(psi[0])
+            gap += abs(float(slide[0]) - joint.start()[0] - moved[number, "slide"])
+        turn = float(joint.kinematics.angle(at, slide)[0])
+        turn -= moved.get((number, "rotation"), 0.0)
         for size, what in (
             (gap / model.mesh.size, f"its nodes have a gap of {gap:.3g} m"),
             (
@@ -274,23 +255,15 @@ def _check_joints(
 ) -> None:
     """Refuse velocities that violate a joint; the message names the worst joint."""
     scene = model.scene
-    nodes, places = (np.vstack([model.to_nodes(x), np.zeros(3)]) for x in (v, state.q))  # ground
+    at = model.motion(q=model.to_nodes(state.q)[None], v=model.to_nodes(v)[None])
     rates = driven[len(model.prescribed) :]
     motors = {(j.number, name): r for (j, name), r in zip(model.motors, rates, strict=True)}
     worst, text = tolerance, ""
     for joint in scene.joints:
-        a, b = nodes[joint.a.number], nodes[joint.b.number]
-        c, s = np.cos(places[joint.a.number, 2]), np.sin(places[joint.a.number, 2])
-        R = np.array([[c, -s], [s, c]])
-        arm, axis = R @ joint.offset, np.zeros(2)
-        if joint.axis is not None:
-            axis = R @ joint.axis
-            arm = arm + state.slides[joint.number] * axis
-        gap = b[:2] - a[:2] - a[2] * np.array([-arm[1], arm[0]])
-        turn = b[2] - a[2] - motors.get((joint.number, "rotation"), 0.0)
-        if isinstance(joint, SlidingJoint):
-            at = float(state.slides[joint.number])
-            gap, axis, turn = _parting(model, joint, nodes, places, at)
+        slide = state.slides[joint.number : joint.number + 1]
+        gap, axis = (part[:, 0] for part in joint.kinematics.parting_rate(at, slide))
+        turn = float(joint.kinematics.spin(at, slide)[0])
+        turn -= motors.get((joint.number, "rotation"), 0.0)
         gap = gap - motors.get((joint.number, "slide"), gap @ axis) * axis
         for size, what in (
             (np.hypot(*gap), f"its nodes separate at {np.hypot(*gap):.3g} m/s"),
@@ -303,20 +276,6 @@ def _check_joints(
                 worst, text = size, f"{joint}: {what}"
     if text:
         raise SceneError(f"the initial velocities violate {text}. {_ADVICE}")
-
-
-def _parting(
-    model: Model, joint: SlidingJoint, v: np.ndarray, q: np.ndarray, s: float
-) -> tuple[np.ndarray, np.ndarray, float]:
-    """Velocity and spin of a sliding node relative to its beam, and the unit tangent there."""
-    path, nodes, b = joint.path, model.mesh.nodes_of(model.scene, joint.beam), joint.b.number
-    at = np.array([s])
-    along = path.over((path.X + q[nodes, :2])[None], at, 1)[0]
-    seen = v[b] - path.over(v[nodes][None], at)[0]
-    length = np.hypot(*along)
-    bend = path.over((path.angles() + q[nodes, 2])[None], at, 1)[0]
-    rate = seen[:2] @ along / length**2
-    return seen[:2], along / length, float(seen[2] - bend * rate)
 
 
 def _small_mass(model: Model) -> scipy.sparse.spmatrix:

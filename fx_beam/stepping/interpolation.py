@@ -15,7 +15,6 @@ import numpy as np
 from fx_beam.model.model import Model
 from fx_beam.results.audit import Energy
 from fx_beam.scene.beam import lagrange_and_slopes
-from fx_beam.scene.sliders import SlidingJoint
 
 # Ratio of divided differences from which on the row of the larger one is avoided.
 _MUCH = 4.0
@@ -103,24 +102,8 @@ def _smoothest(t, q, ends: np.ndarray, known: int) -> np.ndarray:
 
 def _slides(model: Model, q: np.ndarray, slides: np.ndarray) -> np.ndarray:
     """Slides (n, joints) of the joints [m] in the configurations q (n, n_node, 3)."""
-    q, X = np.concatenate([q, 0 * q[:, :1]], axis=1), np.vstack([model.mesh.X, [0.0, 0.0]])
-    slides = slides.copy()
+    slides, at = slides.copy(), model.motion(q=q)
     for joint in model.scene.joints:
-        if isinstance(joint, SlidingJoint):
-            path, nodes = joint.path, model.mesh.nodes_of(model.scene, joint.beam)
-            b, places = joint.b.number, X[nodes] + q[:, nodes, :2]
-            near = slides[:, joint.number]
-            slides[:, joint.number] = path.nearest_over(places, X[b] + q[:, b, :2], near)
-            continue
-        if joint.axis is None:
-            continue
-        a, b = joint.a.number, joint.b.number  # the ground's is -1
-
-        def apart(q, a=a, b=b):
-            x, y = np.moveaxis(X[b] + q[:, b, :2] - X[a] - q[:, a, :2], -1, 0)
-            c, s = np.cos(q[:, a, 2]), np.sin(q[:, a, 2])
-            return np.stack([c * x + s * y, c * y - s * x], axis=-1)
-
-        moved = apart(q) - apart(0 * q[:1])
-        slides[:, joint.number] = joint.start()[0] + moved @ joint.axis
+        own = slides[:, joint.number]
+        own[:] = joint.kinematics.slide(at, own)
     return slides
