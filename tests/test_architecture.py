@@ -197,6 +197,7 @@ HOUSE = {
         "obstacles",
         "deformed_shapes",
         "browser_page",
+        "force_diagrams",
         "grounds",
         "actions",
         "scene_drawing",

@@ -10,6 +10,7 @@ if not (os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")):
 
 from .browser_page import Page, interactive
 from .deformed_shapes import animate, modes, shapes
+from .force_diagrams import diagrams
 from .response_curves import frequency_response
 from .scene_drawing import scene
 from .symbols import axis
@@ -20,6 +21,7 @@ __all__ = [
     "animate",
     "axis",
     "curves",
+    "diagrams",
     "figure",
     "frequency_response",
     "interactive",
