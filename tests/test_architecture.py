@@ -329,6 +329,7 @@ def test_the_model_knows_nothing_of_solutions():
                 "plot.time_curves",
                 "plot.colouring",
                 "plot.deformed_shapes",
+                "plot.force_diagrams",
                 "plot.sheet",
                 "plot.scene_drawing",
             },
