@@ -17,8 +17,8 @@ from statistics import median
 from time import process_time
 
 import fx_beam as fb
+from fx_beam.algebra.lu_layout import COSTS
 from fx_beam.compiled import handover, loop
-from fx_beam.compiled.lu_layout import COSTS
 
 
 def struts(cells, high=None, degree=1, elements=1):

@@ -10,7 +10,7 @@ from importlib import metadata
 from importlib.util import find_spec
 from pathlib import Path
 
-from fx_beam import library_cache
+from fx_beam import c_library, library_cache
 from fx_beam.compiled import build
 from fx_beam.errors import SceneError
 
@@ -21,7 +21,6 @@ _PACKAGES = {
     "basix": "fenics-basix",
     "ufl": "fenics-ufl",
     "petsc4py": "petsc4py",
-    "slepc4py": "slepc4py",
     "mpi4py": "mpi4py",
     "numpy": "numpy",
     "scipy": "scipy",
@@ -36,9 +35,8 @@ def info() -> dict[str, str]:
     found["fx_beam"] = f"{sys.modules['fx_beam'].__version__}, {Path(__file__).parent}"
     found |= {name: _package(name, distribution) for name, distribution in _PACKAGES.items()}
     found["compiled loop"] = _loop()
-    found["steps in Python, static"] = "available" if find_spec("petsc4py") else "needs petsc4py"
-    found["modes"] = "available" if find_spec("slepc4py") else "needs slepc4py"
-    compiler, (target, flags) = build.compiler(), build.target_flags()
+    found["reference"] = "available" if find_spec("petsc4py") else "needs petsc4py"
+    compiler, (target, flags) = c_library.compiler(), c_library.target_flags()
     found["compiler"] = f"{' '.join(compiler)}: {_first_line([*compiler, '--version'])}"
     found["compiled for"] = f"{target or 'the compiler default'}, {' '.join(flags)}"
     found["cache"] = _folder(library_cache.folder())

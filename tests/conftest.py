@@ -15,7 +15,7 @@ from types import SimpleNamespace
 import pytest
 from hypothesis import settings
 
-from fx_beam import library_cache
+from fx_beam import c_library, library_cache
 from fx_beam.analyses import dynamics, motion
 from fx_beam.compiled import build
 from fx_beam.fem import ffcx_api, interval_mesh
@@ -50,7 +50,7 @@ def _with_headers(flags):
         usual = [*sysconfig.get_config_var("CFLAGS").split(), "-fPIC", *flags, *folders]
         with tempfile.TemporaryDirectory(dir=header.parent) as scratch:
             out = Path(scratch, "headers")
-            subprocess.run([*build.compiler(), *usual, "-x", "c-header", header, "-o", out])
+            subprocess.run([*c_library.compiler(), *usual, "-x", "c-header", header, "-o", out])
             if out.exists():  # without it the compiler reads the header itself
                 out.replace(compiled)
     return [*flags, "-include", str(header)]
@@ -99,7 +99,7 @@ def no_libraries(monkeypatch, tmp_path):
     own = {
         name: in_own_folder(getattr(library_cache, name)) for name in ("load", "build", "folder")
     }
-    monkeypatch.setattr(build, "library_cache", SimpleNamespace(**own))
+    monkeypatch.setattr(c_library, "library_cache", SimpleNamespace(**own))
     monkeypatch.setattr(build, "_loaded", {})
     build.load_library.cache_clear()
     yield

@@ -10,7 +10,7 @@ import scipy.sparse
 import scipy.sparse.linalg
 
 import fx_beam as fb
-from fx_beam.compiled.lu_layout import factors_of
+from fx_beam.algebra.lu_layout import factors_of
 from fx_beam.coupling import graph
 from fx_beam.model.joint_forces import JointForces
 from fx_beam.model.model import Model

@@ -79,7 +79,7 @@ runpy.run_module("fx_beam", run_name="__main__")
     assert lines["fx_beam"].startswith(f"{fx_beam.__version__}, ")
     assert re.match(r"\d+\.\d+\.\d+", lines["dolfinx"])
     assert lines["numpy"] != "not installed"
-    assert {"Python", "system", "petsc4py", "compiled loop", "modes", "compiler"} <= set(lines)
+    assert {"Python", "system", "petsc4py", "compiled loop", "reference", "compiler"} <= set(lines)
     assert "fx_beam, " in lines["cache"]
 
 

@@ -9,8 +9,8 @@ from scenes import pendulum
 from test_loop import SCENES, SPARSE, lattice
 
 import fx_beam as fb
+from fx_beam.algebra.lu_layout import factors_of
 from fx_beam.compiled import handover, loop
-from fx_beam.compiled.lu_layout import factors_of
 
 STRUT = fb.Section(EA=1e6, GA=1e6, EI=1e2, rhoA=1.0, rhoI=1e-2)
 

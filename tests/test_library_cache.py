@@ -17,7 +17,7 @@ import _cffi_backend
 import numpy as np
 import pytest
 
-from fx_beam import library_cache
+from fx_beam import c_library, library_cache
 from fx_beam.compiled import build
 from fx_beam.fem import ffcx_api
 from fx_beam.fem.point_functions import PointFunction
@@ -54,7 +54,7 @@ def loop():
         library.three.restype = ctypes.c_double
         return library.three()
 
-    return build._library("three", "", lambda: "double three(void) { return 3; }", loader)
+    return c_library.load("three", "", lambda: "double three(void) { return 3; }", loader)
 
 
 KINDS = pytest.mark.parametrize("of", [form, loop])
@@ -129,7 +129,7 @@ def test_a_library_is_not_loaded_from_another_user(of, cache, compiled, monkeypa
             os.chown(path, 1234, 1234)
     monkeypatch.setattr(os, "geteuid", lambda: 4321)
     forget(monkeypatch)
-    with pytest.raises((OSError, build.LoopUnavailable), match="another user can write it|built"):
+    with pytest.raises((OSError, c_library.CannotBuild), match="another user can write it|built"):
         of()
     assert len(compiled) == 1
 
@@ -175,7 +175,9 @@ def test_a_process_that_is_killed_while_it_compiles_is_in_nobodys_way(of, cache,
 def test_no_two_processes_compile_the_same(cache, compiled, monkeypatch):
     run = subprocess.run
     monkeypatch.setattr(
-        build.subprocess, "run", lambda *args, **options: (time.sleep(0.1), run(*args, **options))
+        c_library.subprocess,
+        "run",
+        lambda *args, **options: (time.sleep(0.1), run(*args, **options)),
     )
     # Locks are of open files: for them two threads are two processes.
     with ThreadPoolExecutor(2) as both:

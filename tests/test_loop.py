@@ -14,8 +14,9 @@ import pytest
 from scenes import FLYING, demo, free_flight, pendulum, pinned_beam, relative_drift
 
 import fx_beam as fb
+from fx_beam import c_library
+from fx_beam.algebra.lu_layout import COSTS
 from fx_beam.compiled import build, handover
-from fx_beam.compiled.lu_layout import COSTS
 from fx_beam.mechanics.rates import MidPointRates
 
 SCHEMES = [
@@ -290,7 +291,7 @@ def test_a_rule_of_ones_own_runs_in_python_and_says_so():
     scheme = fb.Scheme("Own", ready.resultants, OwnRates())
     scene, beam = pinned_beam()
     own = fb.simulate(scene, scheme, dt=0.01, t_end=0.1)
-    assert own.stats.solver == "petsc lu (custom rates OwnRates)"
+    assert own.stats.solver == "Python, sparse lu (custom rates OwnRates)"
     usual = fb.simulate(scene, ready, dt=0.01, t_end=0.1)
     assert abs(own.q - usual.q).max() < 1e-9 * 100
     with pytest.raises(fb.SceneError, match="OwnRates"):
@@ -311,14 +312,16 @@ def test_without_a_compiler_python_takes_over_with_one_warning(
         raise FileNotFoundError("cc")
 
     build._warn.cache_clear()
-    monkeypatch.setattr(build, "_FLAGS", [*build._FLAGS, "-O0"])  # compiled here, and never run
+    monkeypatch.setattr(
+        c_library, "_FLAGS", [*c_library._FLAGS, "-O0"]
+    )  # compiled here, and never run
     if built == "the loop":
         build.load_library()
-    monkeypatch.setattr(build.subprocess, "run", no_compiler)
+    monkeypatch.setattr(c_library.subprocess, "run", no_compiler)
     scene, _ = pendulum()
     with caplog.at_level(logging.WARNING, logger="fx_beam"):
         solutions = [fb.simulate(scene, dt=0.01, t_end=0.1) for _ in range(2)]
-    assert all(s.stats.solver == "petsc lu (it cannot be built)" for s in solutions)
+    assert all(s.stats.solver == "Python, sparse lu (it cannot be built)" for s in solutions)
     assert [r.levelname for r in caplog.records] == ["WARNING"]
     assert "cannot be built" in caplog.text
 
@@ -326,7 +329,7 @@ def test_without_a_compiler_python_takes_over_with_one_warning(
 @pytest.mark.skipif(platform.machine() != "x86_64", reason="names of processors are those of x86")
 def test_a_loop_is_built_for_the_processor_that_is_asked_for(monkeypatch, no_libraries):
     def built(source="double one(void) { return 1; }"):
-        return build._library("a test", "", lambda: source, lambda path: path.name)
+        return c_library.load("a test", "", lambda: source, lambda path: path.name)
 
     names = []
     for target in ("", "x86-64", "x86-64-v2", "x86-64"):
@@ -334,7 +337,7 @@ def test_a_loop_is_built_for_the_processor_that_is_asked_for(monkeypatch, no_lib
         names.append(built())
     assert len(set(names)) == 3 and names[1] == names[3]
     # One that was built for a name serves all machines; a native one its own kind.
-    monkeypatch.setattr(build, "_processor", lambda: "another")
+    monkeypatch.setattr(c_library, "_processor", lambda: "another")
     monkeypatch.setenv("FX_BEAM_MARCH", "x86-64")
     assert built("none") == names[1]
     monkeypatch.delenv("FX_BEAM_MARCH")
@@ -348,10 +351,12 @@ def test_a_processor_that_the_compiler_does_not_know_is_refused(monkeypatch, no_
         fb.simulate(scene, dt=0.01, t_end=0.1)
 
 
-@pytest.mark.skipif("fma4" in build._processor().split(), reason="the processor has all of these")
+@pytest.mark.skipif(
+    "fma4" in c_library._processor().split(), reason="the processor has all of these"
+)
 @pytest.mark.skipif(platform.machine() != "x86_64", reason="names of processors are those of x86")
 def test_a_processor_that_this_one_is_not_is_refused_before_a_step(monkeypatch, no_libraries):
-    monkeypatch.setattr(build, "_FLAGS", [*build._FLAGS, "-O0"])
+    monkeypatch.setattr(c_library, "_FLAGS", [*c_library._FLAGS, "-O0"])
     monkeypatch.setenv("FX_BEAM_MARCH", "bdver4")
     scene, _ = pendulum()
     with pytest.raises(fb.SceneError, match="'bdver4' is for processors with FMA4, which this"):

@@ -4,8 +4,9 @@ import cffi
 import numpy as np
 import pytest
 
+from fx_beam import c_library
 from fx_beam.compiled import build
-from fx_beam.compiled.structs import Structs
+from fx_beam.structs import Structs
 
 DECLARED = """
 typedef double Law(double);
@@ -72,4 +73,4 @@ def test_structs_inside_take_what_they_declare(frame):
 def test_a_problem_without_data_is_refused():
     ffi, _ = build.load_library()
     with pytest.raises(ValueError, match=r"Problem: not set: .*\bmass\b.*\bq\b"):
-        Structs(ffi, build.declarations()).check(ffi.new("Problem *"))
+        Structs(ffi, c_library.declarations("problem.h")).check(ffi.new("Problem *"))

@@ -102,8 +102,8 @@ def simulate(
         What is recorded; by default everything of every step.
     solver : {"auto", "compiled", "petsc"}
         How steps are computed: by a compiled loop, with a banded or sparse linear solver, or in
-        Python with PETSc, which is slower but supports any scheme. By default the compiled loop if
-        it is available.
+        Python with PETSc, the reference. By default the compiled loop if it is available, else
+        slower steps in Python with the same solver, for any scheme.
     progress : bool, optional
         Whether to show a progress bar; by default on a terminal if the run takes longer than two
         seconds.
@@ -122,7 +122,7 @@ def simulate(
     SceneError
         Before the first step, if the scene, the scheme or the time grid is invalid.
     RuntimeError
-        If steps in Python are requested or needed, but PETSc is missing.
+        If `solver` is "petsc", but PETSc is missing.
     StepError
         If a step fails. Its attribute `solution` has all steps before it.
     KeyboardInterrupt

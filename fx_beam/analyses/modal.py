@@ -194,7 +194,7 @@ def modes(scene: Scene, state: Solution | None = None, n: int = 6, damping: bool
         vibrate: it has no mass, no unknowns, or forces that depend on the
         motion and have no potential; or if its damping at rest is infinite.
     RuntimeError
-        If PETSc or SLEPc is missing, if SLEPc fails, or if damped modes do not converge.
+        If no modes are found, or damped ones do not converge.
 
     Examples
     --------
@@ -221,7 +221,7 @@ def modes(scene: Scene, state: Solution | None = None, n: int = 6, damping: bool
             "modes: the stiffness is not symmetric, since a load or an added virtual work depends "
             "on the motion and has no potential. Simulate the scene instead, or remove this load"
         )
-    K = (K + K.T) / 2
+    K = _symmetric(K)
     C = about.damping("modes") if damping and about.may_be_damped else None
     if about.coriolis is not None:
         C = about.coriolis if C is None else C + about.coriolis
@@ -237,6 +237,15 @@ def modes(scene: Scene, state: Solution | None = None, n: int = 6, damping: bool
     degree = scene.beams[0].degree if scene.beams else 1
     bodies = {body.name: body for body in scene.bodies}
     return Modes(omega, rigid, shapes, positions, nodes, degree, ratios, roots, bodies)
+
+
+def _symmetric(K):
+    """The symmetric part; entries that are zero stay if the pattern is symmetric."""
+    other = K.T.tocsr()
+    if np.array_equal(K.indptr, other.indptr) and np.array_equal(K.indices, other.indices):
+        other.data = (K.data + other.data) / 2
+        return other
+    return (K + other) / 2
 
 
 def _asymmetry(K, unit: np.ndarray) -> float:

@@ -76,7 +76,7 @@ class Motion:
     SceneError
         Before the first step, if the scene, an option or an output is invalid.
     RuntimeError
-        If steps in Python are requested or needed, but PETSc is missing.
+        If `solver` is "petsc", but PETSc is missing.
 
     Examples
     --------

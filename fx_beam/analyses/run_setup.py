@@ -4,9 +4,11 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+from fx_beam.algebra.petsc_lu import PetscLU
 from fx_beam.compiled.build import LoopUnavailable
 from fx_beam.compiled.loop import CompiledLoop
 from fx_beam.errors import SceneError
+from fx_beam.fem.mpi import petsc
 from fx_beam.mechanics.schemes import EnergyMomentum, Scheme
 from fx_beam.model.model import Model
 from fx_beam.results.audit import Stats
@@ -16,7 +18,6 @@ from fx_beam.scene.scene import Scene
 from fx_beam.stepping.forcing import Forcing
 from fx_beam.stepping.full_turns import TurnCounter
 from fx_beam.stepping.initial_state import check_joints, initial_state, resumed_state
-from fx_beam.stepping.linear_solver import petsc
 from fx_beam.stepping.newton import NewtonOptions
 from fx_beam.stepping.recorder import Record
 from fx_beam.stepping.smooth_start import smooth_start
@@ -43,7 +44,7 @@ class RunSetup:
         self.stats = Stats(
             scheme=scheme.name,
             level=scheme.rates.level,
-            solver="petsc lu",
+            solver="petsc lu" if solver == "petsc" else "Python, sparse lu",
             unknowns=len(model.reduction.independent),
             compiled=model.compiled,
             assembled=model.assembled,
@@ -159,14 +160,14 @@ def _choose_integrator(
 ) -> Stepper | CompiledLoop:
     """The compiled loop if it can run the model and is not excluded, otherwise the stepper."""
     if solver == "petsc":
-        petsc('solver = "petsc"')
+        petsc()
+        stepper.single.newton.lu = PetscLU
         return stepper
     try:
         return CompiledLoop(stepper, options)
     except LoopUnavailable as reason:
         if solver == "compiled":
             raise SceneError(f'solver = "compiled" is not available: {reason}') from reason
-        petsc(f"a scene that the compiled loop cannot run ({reason})")
         stepper.stats.solver += f" ({reason})"
         return stepper
 

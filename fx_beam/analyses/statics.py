@@ -22,7 +22,6 @@ from fx_beam.scene.scene import Scene
 from fx_beam.stepping.arc_length import ArcLength
 from fx_beam.stepping.forcing import LoadForcing
 from fx_beam.stepping.inverted_sections import InversionCheck
-from fx_beam.stepping.linear_solver import petsc
 from fx_beam.stepping.load_steps import LoadStepper
 from fx_beam.stepping.newton import NewtonOptions
 from fx_beam.stepping.recorder import Record, Recorder
@@ -117,8 +116,6 @@ def static(
     ------
     SceneError
         Before the first step, if the scene cannot be in equilibrium.
-    RuntimeError
-        If PETSc is missing.
     StepError
         If a step fails. Its attribute `solution` has all steps before it, `time` the load factor.
     KeyboardInterrupt
@@ -140,7 +137,6 @@ def static(
     """
     _check(scene, steps, t, continuation, newton, max_cuts, max_steps, progress)
     _check_turn(scene, spin, pivot)
-    petsc("fx_beam.static")
     warn_of_equal_work()
     scene, values = (
         with_functions(scene, inputs, "static: inputs"),
@@ -152,7 +148,7 @@ def static(
     stats = Stats(
         scheme=scheme.name,
         level=scheme.rates.level,
-        solver="petsc lu" if continuation is None else "superlu",
+        solver="sparse lu" if continuation is None else "superlu",
         unknowns=len(model.reduction.independent),
         compiled=model.compiled,
         assembled=model.assembled,

@@ -1,19 +1,20 @@
-"""Modes of K x = omega^2 M x, by SLEPc."""
+"""Modes of K x = omega^2 M x."""
 
 from __future__ import annotations
 
 import bisect
 import functools
 from collections.abc import Callable
-from importlib.util import find_spec
 
 import numpy as np
 import scipy.linalg
 import scipy.sparse
-from scipy.sparse.linalg import splu
 
+from fx_beam.algebra.sparse_lu import sparse_lu
 from fx_beam.errors import SceneError
-from fx_beam.stepping.linear_solver import petsc
+
+# Largest error of a vector in its iteration.
+_EXACT = 1e-12
 
 
 def lowest(K, M, n: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -25,15 +26,26 @@ def lowest(K, M, n: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     ratios = abs(K.diagonal()[massive]) / M.diagonal()[massive]
     # Scaled so that stiffnesses are of order 1 and eigenvalues below 1.
     unit = ratios.max() or 1.0
-    scale = scipy.sparse.diags((abs(K.diagonal()) + unit * M.diagonal()) ** -0.5)
-    K, M = scale @ K @ scale, unit * scale @ M @ scale
+    scale = (abs(K.diagonal()) + unit * M.diagonal()) ** -0.5
+    K, M = _scaled(K, scale), unit * _scaled(M, scale)
     # Smaller eigenvalues are rounding errors, even in the softest direction.
     least = 1e4 * np.finfo(float).eps * ratios.min(where=ratios > 1e-20 * unit, initial=unit) / unit
     values, rounding, vectors = _in_slices(K, M, n, 10.0 ** np.arange(np.log10(least), 4, 0.25))
-    vectors = np.sqrt(unit) * (scale @ vectors)
+    vectors = np.sqrt(unit) * scale[:, None] * vectors
     vectors *= np.sign(vectors[abs(vectors).argmax(axis=0), np.arange(vectors.shape[1])])
     values, rigid = unit * values, abs(values) <= rounding
     return np.where(rigid, 0.0, np.sign(values) * np.sqrt(abs(values))), rigid, vectors
+
+
+def _scaled(matrix, scale: np.ndarray):
+    """A matrix in compressed rows with scaled rows and columns; entries that are zero stay."""
+    rows = np.repeat(np.arange(len(scale)), np.diff(matrix.indptr))
+    return _with(matrix, matrix.data * scale[rows] * scale[matrix.indices])
+
+
+def _with(matrix, data: np.ndarray) -> scipy.sparse.csr_matrix:
+    """A matrix with other data."""
+    return scipy.sparse.csr_matrix((data, matrix.indices, matrix.indptr), matrix.shape)
 
 
 def _in_slices(K, M, n: int, sizes: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -41,8 +53,8 @@ def _in_slices(K, M, n: int, sizes: np.ndarray) -> tuple[np.ndarray, np.ndarray,
     # Each slice has its own shift, since eigenvalues far below a shift are lost to rounding errors.
     # A slice is complete when it has as many eigenvalues as Sylvester's law counts. A Krylov space
     # may lack copies of multiple eigenvalues; they are found after deflation of the others.
-    pencil = (K + 1j * M).tocsc()  # both in one sparsity
-    below = functools.cache(functools.partial(_below, pencil.real, pencil.data))
+    pencil = _Pencil(K, M)
+    below = functools.cache(pencil.below)
     levels = _levels(below, sizes)
 
     def reach(k):
@@ -56,7 +68,7 @@ def _in_slices(K, M, n: int, sizes: np.ndarray) -> tuple[np.ndarray, np.ndarray,
         bottom, noise = reach(found + 1), rounding.max(initial=levels[levels > 0][0])
         top = min(last, max(1e4 * bottom, 1e-4 * bottom, noise))
         shift = -max(top, -10 * bottom, 10 * noise)  # below the slice, not an eigenvalue
-        new = _nearest(K, M, max(below(top) - found, 1), shift, vectors)
+        new = pencil.nearest(max(below(top) - found, 1), shift, vectors)
         # Rayleigh-Ritz method, orthogonal to the slices below.
         new -= vectors @ (vectors.T @ (M @ new))
         new = new @ scipy.linalg.eigh(new.T @ (K @ new), new.T @ (M @ new))[1]
@@ -95,74 +107,87 @@ def _quotients(K, M, vectors: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return values, 2 * eps * sizes + (10 * eps) ** 2 * (vectors**2).sum(axis=0)
 
 
-def _below(shifted: scipy.sparse.csc_matrix, pencil: np.ndarray, x: float) -> int:
-    """Number of eigenvalues below x: negative pivots of K - x M, by Sylvester's law of inertia.
+class _Pencil:
+    """K - x M, of whose factors all have one sparsity: they count eigenvalues and give vectors."""
 
-    The pencil has the entries of K + i M, in the sparsity of the shifted matrix, which is set here.
-    -1 if a pivot is zero: x is an eigenvalue.
-    """
-    shifted.data = pencil.real - x * pencil.imag
-    try:
-        factors = splu(
-            shifted,
-            permc_spec="MMD_AT_PLUS_A",
-            diag_pivot_thresh=0.0,
-            options={"SymmetricMode": True},
+    def __init__(self, K, M):
+        # Also entries that are zero belong to it: whole nodes are factorised faster.
+        places = _with(K, np.arange(1, K.nnz + 1)) + 1j * _with(M, np.arange(1, M.nnz + 1))
+        places.sort_indices()
+        places_in = (part.astype(int) - 1 for part in (places.data.real, places.data.imag))
+        self._K, self._M = (
+            np.append(A.data, 0.0)[k] for A, k in zip((K, M), places_in, strict=True)
         )
-    except RuntimeError:
-        return -1
-    return int((factors.U.diagonal() < 0).sum())
+        self._mass, self._lu = M, sparse_lu((places.indptr, places.indices))
+
+    def below(self, x: float) -> int:
+        """Number of eigenvalues below x: negative pivots of K - x M, by Sylvester's law of inertia.
+
+        -1 if a pivot is zero: x is an eigenvalue.
+        """
+        return self._lu.negative_pivots() if self._lu.factorise(self._K - x * self._M) else -1
+
+    def nearest(self, n: int, shift: float, deflated: np.ndarray) -> np.ndarray:
+        """Eigenvectors (size, n or fewer) nearest to a shift, except the deflated ones.
+
+        By Lanczos' method for the inverse of K - shift M, in the inner product of M, with vectors
+        that are all made orthogonal to one another.
+        """
+        if not self._lu.factorise(self._K - shift * self._M):
+            raise _failure()
+        size, first = deflated.shape
+        basis = np.concatenate([deflated.T, np.empty((2 * n + 20, size))])
+        # Other starts each time: those before have no part in a copy that was missed.
+        starts = np.random.default_rng(first)
+        # Nothing would bound the motion of what has no mass; it follows from that of the masses.
+        massive = self._mass.diagonal() > 0
+        diagonal, beside, m = list[float](), list[float](), first
+        x, new = self._inverse(starts.standard_normal(size)), True
+        while True:
+            x = massive * x
+            length = self._length(x)
+            for _ in range(2):  # after once there are rounding errors
+                x = x - (basis[:m] @ (self._mass @ x)) @ basis[:m]
+            left = self._length(x)
+            if not np.isfinite(left):
+                raise _failure()
+            complete = left <= _EXACT * length
+            if complete or m == len(basis):
+                values, parts = _ritz(diagonal, beside)
+                lowest = np.argsort(-abs(values))[:n]
+                errors = left * abs(parts[-1:, lowest])
+                if new or (len(lowest) == n and (errors <= _EXACT * abs(values[lowest])).all()):
+                    break
+                if complete:  # the other copies are found from another start
+                    x, new = self._inverse(starts.standard_normal(size)), True
+                    continue
+                basis = np.concatenate([basis, np.empty((n + 20, size))])
+            beside.append(0.0 if new else left)
+            basis[m], new = x / left, False
+            x = self._inverse(basis[m])
+            diagonal.append(float(x @ (self._mass @ basis[m])))
+            m += 1
+        if not len(lowest):
+            raise _failure()
+        vectors = parts[:, lowest].T @ basis[first:m]
+        return np.column_stack([self._inverse(vector) for vector in vectors])
+
+    def _inverse(self, x: np.ndarray) -> np.ndarray:
+        return self._lu.solve(self._mass @ x)
+
+    def _length(self, x: np.ndarray) -> float:
+        return float(np.sqrt(abs(x @ (self._mass @ x))))
 
 
-def _nearest(K, M, n: int, shift: float, deflated: np.ndarray) -> np.ndarray:
-    """Eigenvectors (size, n or fewer) nearest to a shift, except the deflated ones."""
-    PETSc = petsc("fx_beam.modes")
-    if find_spec("slepc4py") is None:
-        raise RuntimeError("fx_beam.modes needs SLEPc. Install Debian's python3-slepc4py")
-    from slepc4py import SLEPc
-
-    def handed_over(matrix):
-        rows = matrix.indptr.astype(PETSc.IntType), matrix.indices.astype(PETSc.IntType)
-        return PETSc.Mat().createAIJ(matrix.shape, csr=(*rows, matrix.data), comm=PETSc.COMM_SELF)
-
-    # A tiny mass for massless unknowns, so that no vector has zero norm.
-    trace = scipy.sparse.diags(1e-20 * (M.diagonal() == 0))
-    # Both in one sparsity: SLEPc's shift fails where the mass has entries that the stiffness lacks.
-    pencil = (K + 1j * (M + trace)).tocsr()
-    A, B = handed_over(pencil.real), handed_over(pencil.imag)
-    solver = SLEPc.EPS().create(PETSc.COMM_SELF)
-    solver.setOperators(A, B)
-    solver.setProblemType(SLEPc.EPS.ProblemType.GHEP)
-    solver.setDimensions(n, min(K.shape[0], 2 * n + 20))
-    solver.setTolerances(1e-12, 1000)
-    solver.setTarget(shift)
-    solver.setWhichEigenpairs(SLEPc.EPS.Which.TARGET_MAGNITUDE)
-    solver.setDeflationSpace(
-        [PETSc.Vec().createWithArray(x, comm=PETSc.COMM_SELF) for x in deflated.T.copy()]
-    )
-    transform = solver.getST()
-    transform.setType(SLEPc.ST.Type.SINVERT)
-    # Pivots of a slender beam in bending are small relative to its axial stiffness, but not zero.
-    transform.getKSP().setType(PETSc.KSP.Type.PREONLY)
-    factorisation = transform.getKSP().getPC()
-    factorisation.setType(PETSc.PC.Type.LU)
-    factorisation.setFactorPivot(zeropivot=1e-100)
-    try:
-        solver.solve()
-        found = min(solver.getConverged(), n)
-    except PETSc.Error as error:
-        raise _failure(f"failed ({error})") from error
-    if found == 0:
-        raise _failure("found no mode")
-    vectors, x = np.empty((K.shape[0], found)), A.createVecLeft()
-    for k in range(found):
-        solver.getEigenvector(k, x)
-        vectors[:, k] = x.array
-    return vectors
+def _ritz(diagonal: list[float], beside: list[float]) -> tuple[np.ndarray, np.ndarray]:
+    """Eigenvalues and vectors of the tridiagonal matrix of a basis."""
+    if not diagonal:
+        return np.empty(0), np.empty((1, 0))
+    return np.linalg.eigh(np.diag(diagonal) + np.diag(beside[1:], -1))  # reads the lower half
 
 
-def _failure(what: str) -> RuntimeError:
+def _failure() -> RuntimeError:
     return RuntimeError(
-        f"modes: SLEPc {what}. Try fewer modes, and check the units of stiffnesses and masses: "
-        "SLEPc may fail for very different magnitudes"
+        "modes: no mode was found. Try fewer modes, and check the units of stiffnesses and masses: "
+        "very different magnitudes are lost in rounding errors"
     )

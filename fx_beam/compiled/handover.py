@@ -11,6 +11,8 @@ from typing import Any
 
 import numpy as np
 
+from fx_beam.algebra.lu_layout import COSTS, factors_of
+from fx_beam.c_library import declarations
 from fx_beam.coupling.index_reduction import Tables, TieTables
 from fx_beam.mechanics.rates import MidPointRates, NewmarkRates
 from fx_beam.model.joint_forces import JointForces, Passing
@@ -25,13 +27,13 @@ from fx_beam.stepping.newton import (
     NewtonOptions,
 )
 from fx_beam.stepping.substeps import LARGE_TURN
+from fx_beam.structs import Structs
 
-from .build import LoopUnavailable, declarations, load_library
+from .build import LoopUnavailable, load_library
 from .element_data import aligned, element_data
 from .form_tables import FormTables
-from .lu_layout import COSTS, alone_in_column, factors_of, places_of_entries
 from .slider_tables import sliders_of, storage_of
-from .structs import Structs
+from .tangent_places import alone_in_column, places_of_entries
 
 
 class Problem:
@@ -43,7 +45,7 @@ class Problem:
     def __init__(self, model: Model, joint_forces: JointForces | None, options: NewtonOptions):
         self.model = model
         self.ffi, self.library = load_library()
-        self._structs = Structs(self.ffi, declarations())
+        self._structs = Structs(self.ffi, declarations("problem.h"))
         self.c = self.ffi.new("Problem *")
         place = self._hand_over_couplings(model.reduction.tables())
         self._hand_over_mesh(place)
@@ -198,13 +200,10 @@ class Problem:
             order=factors.order,
             paddings=len(padding),
             padding=padding,
-            factor_start=factors.starts,
-            factor_diagonal=factors.diagonals,
             reacting=np.count_nonzero(~alone),
             reacts=np.flatnonzero(~alone),
+            rows=factors.rows(),
         )
-        if (groups := factors.groups) is not None:
-            self._set(groups=len(groups.group_first) - 1, **groups._asdict())
         added = place[t.direct["source"]] >= stored
         parts = t._replace(direct={key: values[added] for key, values in t.direct.items()})
         for name in ("direct", "coupled", "geometric", "restoring"):

@@ -1,4 +1,4 @@
-"""The start of MPI, which dolfinx needs also in a single process."""
+"""The start of MPI, which dolfinx needs also in a single process, and of PETSc."""
 
 from __future__ import annotations
 
@@ -6,6 +6,8 @@ import os
 import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
+from importlib.util import find_spec
+from typing import Any
 
 # Open MPI's variable for how messages are sent; mpirun and the user may have set it.
 _WAY = "OMPI_MCA_pml"
@@ -29,8 +31,8 @@ def _no_search_for_networks() -> Iterator[None]:
 with _no_search_for_networks():
     from mpi4py import MPI
 
-if "mpi4py.futures" in sys.modules:
-    # PETSc would start on all processes at once, but those of a pool wait for calls.
+if "mpi4py.futures" in sys.modules and find_spec("petsc4py"):
+    # dolfinx may start PETSc, on all processes at once, but those of a pool wait for calls.
     import petsc4py
 
     petsc4py.init(comm=MPI.COMM_SELF)
@@ -44,3 +46,15 @@ def under_mpirun() -> bool:
 def rank_and_size() -> tuple[int, int]:
     """Number of this process, and number of processes, among those that mpirun started."""
     return MPI.COMM_WORLD.rank, MPI.COMM_WORLD.size
+
+
+def petsc() -> Any:
+    """The module PETSc of petsc4py; RuntimeError if it is missing."""
+    if find_spec("petsc4py") is None:
+        raise RuntimeError(
+            'solver = "petsc" needs PETSc, which is not installed. Install petsc4py (Debian\'s '
+            "python3-petsc4py), or leave the choice of the solver to fx_beam"
+        )
+    from petsc4py import PETSc
+
+    return PETSc

@@ -20,7 +20,7 @@ class UpdateRule(Protocol):
     """Nodal rule: velocities and accelerations from the increment over a step.
 
     Arrays contain all degrees of freedom, (size,); `turns` lists the rotations among them. A
-    custom `UpdateRule` falls back to the slower Python/PETSc stepper.
+    custom `UpdateRule` falls back to the slower steps in Python.
 
     Examples
     --------

@@ -1,13 +1,14 @@
-"""Newton's method for the increment of one time step, on PETSc."""
+"""Newton's method for the increment of one step of time or load."""
 
 from __future__ import annotations
 
 import functools
+from collections.abc import Callable
 from dataclasses import dataclass
-from importlib.util import find_spec
 
 import numpy as np
 
+from fx_beam.algebra.sparse_lu import LU, sparse_lu
 from fx_beam.mechanics.interval import Interval
 from fx_beam.model.equations import Balance, Equations
 from fx_beam.model.model import Model
@@ -115,20 +116,14 @@ class Newton:
     def __init__(self, equations: Equations, options: NewtonOptions):
         self.equations, self.model, self.options = equations, equations.model, options
         self.predictor = Predictor(self.model)
+        #: What factorises the tangent.
+        self.lu: Callable[..., LU] = sparse_lu
         #: Holding forces (free,) on the unknowns, in addition to the forces of the model.
         self.hold: np.ndarray = np.zeros(self.model.reduction.free)
 
     @functools.cached_property
     def _linear(self) -> LinearSolver:
-        if find_spec("petsc4py") is None:  # the compiled loop has failed in this step
-            D = np.full(self.model.size, np.nan)
-            raise StepFailed(
-                "no convergence",
-                "no convergence (install petsc4py to see the residuals)",
-                D,
-                [],
-            )
-        return LinearSolver(self.model.reduction)
+        return LinearSolver(self.model.reduction, self.lu)
 
     @np.errstate(over="ignore", invalid="ignore")  # a step that overflows fails, and says so
     def solve(

@@ -1,4 +1,4 @@
-"""Time steps in Python with PETSc: the reference, and the fallback of the compiled loop."""
+"""Time steps in Python: with PETSc the reference, and the fallback of the compiled loop."""
 
 from __future__ import annotations
 

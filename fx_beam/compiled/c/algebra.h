@@ -55,8 +55,6 @@ static double largest(int n, const double *x, const double *per_unit) {
   return found;
 }
 
-static inline int is_pivot(double x) { return fabs(x) > 1e-300; }
-
 static void times_mass(const Problem *p, const double *x, double *out) {
   for (int i = 0; i < p->dofs; ++i) {
     double sum = 0;

@@ -4,6 +4,7 @@
 #pragma once
 
 #include "algebra.h"
+#include "sparse_lu.h"
 
 /* Row of an unknown: three couplings with the group before, with its own and with the group after, each
    followed by a free place. The right side, later the solution, is behind the own ones. */

@@ -5,9 +5,9 @@
 
 #pragma once
 
+#include "band.h"
 #include "chain.h"
 #include "couplings.h"
-#include "factors.h"
 
 /* How exact a correction must be: what may remain to be corrected, relative to the squares of the
    correction and of the root of its work, or absolute; and the root of the energy of the step. */
@@ -44,7 +44,7 @@ static double size_of(const Problem *p, const Work *w, const double *x) {
 static void by_factors(const Problem *p, const Work *w, const double *b, double *x) {
   for (int i = 0; i < p->free; ++i) w->y[p->order[i]] = b[i];
   for (int i = p->free; i < p->unknowns; ++i) w->y[p->order[i]] = 0;
-  substitute_sparse(p, w->factors, w->y);
+  substitute_sparse(&p->rows, w->factors, w->y);
   for (int i = 0; i < p->free; ++i) x[i] = w->y[p->order[i]];
 }
 
@@ -52,7 +52,7 @@ static int factorise(Problem *p, const Work *w) {
   memset(w->factors, 0, p->factor_size * sizeof(double));
   for (int k = 0; k < p->tangent_start[p->unknowns]; ++k) w->factors[p->factor_at[k]] = w->tangent[k];
   p->kept.steps = p->kept.all = p->kept.now = 0, ++p->kept.made;
-  return p->kept.present = factorise_sparse(p, w->factors, w->row);
+  return p->kept.present = factorise_sparse(&p->rows, w->factors, w->row);
 }
 
 /* The error that a correction of this size may have. */
@@ -125,9 +125,9 @@ static int solve_bordered(Problem *p, const Work *w) {
     if (p->gap_force_row[k] >= 0)
       w->borders[(long)p->gap_row[k] * n + order[p->gap_force_row[k]]] +=
           p->gap_sign[k] * w->virtual_map[p->gap_value[k]];
-  for (int k = 0; k < m; ++k) substitute_sparse(p, w->factors, w->borders + (long)k * n);
+  for (int k = 0; k < m; ++k) substitute_sparse(&p->rows, w->factors, w->borders + (long)k * n);
   for (int i = 0; i < n; ++i) w->y[order[i]] = i < p->free ? w->reduced[i] : 0;
-  substitute_sparse(p, w->factors, w->y);
+  substitute_sparse(&p->rows, w->factors, w->y);
   memset(w->part, 0, (long)m * m * sizeof(double)), memset(w->gap, 0, m * sizeof(double));
   for (int k = 0; k < p->gap_entries; ++k) {
     if (p->gap_unknown[k] < 0) continue;

@@ -1,7 +1,9 @@
-/* Data of a scene for the loop, its inputs and its output. build.py reads this file as well. Of the
+/* Data of a scene for the loop, its inputs and its output. c_library.py reads this file as well. Of the
    members in a `struct { };` either all are set or none; all other pointers are always set. */
 
 #pragma once
+
+#include "sparse_rows.h"
 
 /* Elements per call of a Batch, values of a nodal rule, largest order of the predictor, largest number
    of sub-steps of a scheme, places of the displacements and rotations at the start of the step and of
@@ -185,14 +187,11 @@ typedef struct {
   int chain;            /* groups of three unknowns in a row (chain.h); 0 if they are more entangled */
   int paddings, *padding; /* diagonal entries that are 1: of groups that have fewer, and of ties */
   long factor_size;
-  int *factor_start, *factor_diagonal;
+  SparseRows rows;
   /* With sparse factors the tangent is stored apart, in compressed rows of the unknowns: `factor_at` has
      the place of each value among the factors. */
   struct { int *tangent_start, *tangent_column, *factor_at; };
   Kept kept;
-  /* Groups of up to three rows: the groups that are subtracted from them, and the columns behind them
-     in runs of successive ones. */
-  struct { int groups, *group_first, *source_start, *source, *run_start, *run_column, *run_length; };
   int direct, coupled, geometric;
   int *direct_to, *direct_from;
   int *coupled_to, *coupled_from, *coupled_virtual, *coupled_value;

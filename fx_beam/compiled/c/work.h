@@ -31,7 +31,7 @@ static long lay_out(const Problem *p, Work *w, double *at) {
   w->scratch = allocate(&at, n);
   w->reduced = allocate(&at, c), w->step = allocate(&at, c), w->z = allocate(&at, c);
   w->columns = allocate(&at, c);
-  w->y = allocate(&at, u), w->row = allocate(&at, p->groups ? 3 * u : 0), w->start = allocate(&at, c);
+  w->y = allocate(&at, u), w->row = allocate(&at, p->rows.groups ? 3 * u : 0), w->start = allocate(&at, c);
   w->tangent = allocate(&at, p->places + 4 * LANES), w->inertia = allocate(&at, p->places);
   w->values = allocate(&at, 1 + 4 * j), w->virtual_map = allocate(&at, 1 + 4 * j);
   w->psi0 = allocate(&at, j), w->rho0 = allocate(&at, 2 * j), w->t0 = allocate(&at, 2 * j);

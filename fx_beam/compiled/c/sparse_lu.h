@@ -1,60 +1,12 @@
-/* LU factorisation of the reduced tangent, as a band matrix or in sparse rows (lu_layout.py). */
+/* LU factorisation in sparse rows (lu_layout.py). */
 
 #pragma once
 
-#include "algebra.h"
+#include <string.h>
+#include "sparse_rows.h"
+#include "vectors.h"
 
-/* Eliminates a column from the next `reach` rows, downwards (way 1) or upwards (way -1). */
-INLINED void eliminate(int band, int reach, int way, double *restrict pivot, double *restrict b) {
-  double inverse = pivot[0] = 1 / pivot[0], above = b[0];
-#pragma GCC unroll 12
-  for (int i = 1; i <= reach; ++i) {
-    double *restrict row = pivot + way * i * 2 * band;
-    double factor = row[0] * inverse;
-#pragma GCC unroll 12
-    for (int j = 1; j <= reach; ++j) row[way * j] -= factor * pivot[way * j];
-    b[way * i] -= factor * above;
-  }
-}
-
-/* Unknown of a row from the next `reach` unknowns; the nearest last, since it is the latest result. */
-INLINED void substitute(int reach, int way, const double *restrict row, double *restrict b) {
-  double sum = b[0];
-#pragma GCC unroll 12
-  for (int j = reach; j > 0; --j) sum -= row[way * j] * b[way * j];
-  b[0] = sum * row[0];
-}
-
-/* LU factorisation in place without pivoting, and the solution in place of b; returns 0 if a pivot is
-   zero. Proceeds from both ends to the middle: the processor can overlap the two divisions. */
-INLINED int solve(int n, int band, double *A, double *b) {
-  int half = n > 4 * band ? n / 2 - band : 0, last = n - 1 - half;
-  long row = 2 * band + 1;
-  double *top = A + band, *bottom = A + band + (n - 1) * row, *end = b + n - 1;
-  for (int k = 0; k < half; ++k) {
-    if (!is_pivot(top[k * row]) || !is_pivot(bottom[-k * row])) return 0;
-    eliminate(band, band, 1, top + k * row, b + k);
-    eliminate(band, band, -1, bottom - k * row, end - k);
-  }
-  for (int k = half; k <= last; ++k) {
-    if (!is_pivot(top[k * row])) return 0;
-    /* Separate, so that the loops have a constant length except at the end. */
-    if (k + band <= last)
-      eliminate(band, band, 1, top + k * row, b + k);
-    else
-      eliminate(band, last - k, 1, top + k * row, b + k);
-  }
-  for (int k = last; k >= half; --k)
-    if (k + band <= last)
-      substitute(band, 1, top + k * row, b + k);
-    else
-      substitute(last - k, 1, top + k * row, b + k);
-  for (int k = half - 1; k >= 0; --k) {
-    substitute(band, 1, top + k * row, b + k);
-    substitute(band, -1, bottom - k * row, end - k);
-  }
-  return 1;
-}
+static inline int is_pivot(double x) { return fabs(x) > 1e-300; }
 
 /* Subtracts multiples of three rows from three others. */
 INLINED void subtract_rows(int n, double (*f)[3], const double *const *from, double *const *to) {
@@ -69,10 +21,10 @@ INLINED void subtract_rows(int n, double (*f)[3], const double *const *from, dou
 }
 
 /* Copies stored rows of a group to rows with a place for each column, or their upper part back. */
-INLINED void unpack(const Problem *p, const double *A, int g, int size, double *const *row) {
-  const int *first = p->group_first;
+INLINED void unpack(const SparseRows *p, const double *A, int g, int size, double *const *row) {
+  const int *first = p->first;
   for (int x = 0; x < size; ++x) {
-    const double *from = A + p->factor_start[first[g] + x];
+    const double *from = A + p->start[first[g] + x];
     for (int s = p->source_start[g]; s < p->source_start[g + 1]; ++s)
       for (int k = first[p->source[s]]; k < first[p->source[s] + 1]; ++k) row[x][k] = *from++;
     for (int y = 0; y < size; ++y) row[x][first[g] + y] = *from++;
@@ -82,15 +34,15 @@ INLINED void unpack(const Problem *p, const double *A, int g, int size, double *
 }
 
 /* Elimination within a group, from the rows that `unpack` filled; returns 0 if a pivot is zero. */
-INLINED int finish(const Problem *p, double *A, int g, int size, double *const *row) {
-  int i = p->group_first[g];
+INLINED int finish(const SparseRows *p, double *A, int g, int size, double *const *row) {
+  int i = p->first[g];
   for (int x = 0; x < size; ++x) {
-    double *upper = A + p->factor_diagonal[i + x], factor[3];
+    double *upper = A + p->diagonal[i + x], factor[3];
     if (!is_pivot(row[x][i + x])) return 0;
     *upper++ = 1 / row[x][i + x];
     for (int z = x + 1; z < size; ++z) {
       factor[z] = row[z][i + x] * upper[-1];
-      A[p->factor_diagonal[i + z] - z + x] = factor[z];
+      A[p->diagonal[i + z] - z + x] = factor[z];
       for (int y = x + 1; y < size; ++y) row[z][i + y] -= factor[z] * row[x][i + y];
     }
     for (int y = x + 1; y < size; ++y) *upper++ = row[x][i + y];
@@ -110,8 +62,8 @@ INLINED int finish(const Problem *p, double *A, int g, int size, double *const *
 
 /* LU factorisation of sparse rows in place, in groups of up to three with equal columns, usually those
    of a node; returns 0 if a pivot is zero. `rows` is the work space (3, unknowns) for the current group. */
-static int factorise_sparse(const Problem *p, double *A, double *rows) {
-  const int *start = p->factor_start, *diagonal = p->factor_diagonal, *first = p->group_first;
+static int factorise_sparse(const SparseRows *p, double *A, double *rows) {
+  const int *start = p->start, *diagonal = p->diagonal, *first = p->first;
   double *row[3] = {rows, rows + p->unknowns, rows + 2 * p->unknowns};
   for (int g = 0; g < p->groups; ++g) {
     int i = first[g], size = first[g + 1] - i, lower = 0;
@@ -143,8 +95,8 @@ static int factorise_sparse(const Problem *p, double *A, double *rows) {
 }
 
 /* Subtracts the known unknowns from `size` right sides, by the lower factors of a group. */
-INLINED void forward(const Problem *p, const double *A, int g, int size, double *b) {
-  const int *start = p->factor_start, *first = p->group_first;
+INLINED void forward(const SparseRows *p, const double *A, int g, int size, double *b) {
+  const int *start = p->start, *first = p->first;
   int i = first[g];
   double sum[3] = {0};
   const double *row[3];
@@ -161,26 +113,26 @@ INLINED void forward(const Problem *p, const double *A, int g, int size, double 
 }
 
 /* The unknowns of a group from those behind it, by its upper factors. */
-INLINED void backward(const Problem *p, const double *A, int g, int size, double *b) {
-  int i = p->group_first[g];
+INLINED void backward(const SparseRows *p, const double *A, int g, int size, double *b) {
+  int i = p->first[g];
   double sum[3] = {0};
   const double *row[3];
-  for (int x = 0; x < size; ++x) row[x] = A + p->factor_diagonal[i + x] + size - x;
+  for (int x = 0; x < size; ++x) row[x] = A + p->diagonal[i + x] + size - x;
   for (int k = p->run_start[g]; k < p->run_start[g + 1]; ++k) {
     const double *known = b + p->run_column[k];
     for (int j = 0; j < p->run_length[k]; ++j)
       for (int x = 0; x < size; ++x) sum[x] += *row[x]++ * known[j];
   }
   for (int x = size - 1; x >= 0; --x) {
-    const double *upper = A + p->factor_diagonal[i + x];
+    const double *upper = A + p->diagonal[i + x];
     for (int z = x + 1; z < size; ++z) sum[x] += upper[z - x] * b[i + z];
     b[i + x] = (b[i + x] - sum[x]) * upper[0];
   }
 }
 
 /* Solution by sparse factors, in the place of b. */
-static void substitute_sparse(const Problem *p, const double *A, double *b) {
-  const int *first = p->group_first;
+static void substitute_sparse(const SparseRows *p, const double *A, double *b) {
+  const int *first = p->first;
   for (int g = 0; g < p->groups; ++g) {
     int size = first[g + 1] - first[g];
     if (size == 3) forward(p, A, g, 3, b); else forward(p, A, g, size, b);
@@ -188,17 +140,5 @@ static void substitute_sparse(const Problem *p, const double *A, double *b) {
   for (int g = p->groups - 1; g >= 0; --g) {
     int size = first[g + 1] - first[g];
     if (size == 3) backward(p, A, g, 3, b); else backward(p, A, g, size, b);
-  }
-}
-
-/* Solution by a band matrix, with constant bandwidths of beams, for which the compiler can unroll the
-   loops. */
-static int solve_band(const Problem *p, const Work *w) {
-  switch (p->band) {
-    case 5: return solve(p->free, 5, w->tangent, w->y); /* degree 1 with joints */
-    case 6: return solve(p->free, 6, w->tangent, w->y);
-    case 8: return solve(p->free, 8, w->tangent, w->y); /* degree 2 */
-    case 11: return solve(p->free, 11, w->tangent, w->y); /* degree 3 */
-    default: return solve(p->free, p->band, w->tangent, w->y);
   }
 }

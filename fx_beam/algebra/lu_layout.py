@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import scipy.sparse
 from scipy.sparse.csgraph import reverse_cuthill_mckee
 from scipy.sparse.linalg import splu
 
-from fx_beam.coupling.index_reduction import Tables
 from fx_beam.coupling.tied_order import tied_fill_in
 from fx_beam.kept import kept
 
@@ -46,7 +45,7 @@ class Groups(NamedTuple):
     """Groups of up to three successive sparse rows with equal columns, usually those of a node."""
 
     #: First rows (groups + 1,).
-    group_first: np.ndarray
+    first: np.ndarray
     #: Groups that are subtracted from the rows of each, in one list, and where each begins in it.
     source_start: np.ndarray
     source: np.ndarray
@@ -79,6 +78,13 @@ class Factors(NamedTuple):
     #: Time of a correction by Newton's method, relative to that of a multiplication.
     cost: float = 0.0
 
+    def rows(self) -> dict[str, Any]:
+        """The sparse rows by the names of sparse_rows.h; empty for others."""
+        if self.groups is None:
+            return {}
+        sizes = {"unknowns": len(self.order), "groups": len(self.groups.first) - 1}
+        return {**sizes, "start": self.starts, "diagonal": self.diagonals, **self.groups._asdict()}
+
     def __str__(self):
         if self.chain:
             return "chain"
@@ -100,18 +106,32 @@ def factors_of(
 
     With ties (`Reduction.dependent`): sparse rows, from the leaves of trees to the roots.
     """
-    n = len(indptr) - 1
-    graph = scipy.sparse.csr_matrix((np.ones(len(indices)), indices, indptr), (n, n))
-    graph = (graph + graph.T + scipy.sparse.identity(n)).tocsr()
-    rows = np.repeat(np.arange(n), np.diff(indptr))
+    graph, rows = _graph(indptr, indices)
     if dependent is not None:
         return _in_rows(graph, rows, indices, dependent)
     banded = _in_band(graph, rows, indices)
     if banded.band <= costs.narrow:
         return banded
-    band_cost = n * banded.band * (banded.band + 1 + costs.band_entry)
+    band_cost = len(banded.order) * banded.band * (banded.band + 1 + costs.band_entry)
     sparse = _with_cost(_in_rows(graph, rows, indices), len(indices), keep, costs)
     return banded if band_cost <= sparse.cost else sparse
+
+
+@kept
+def in_sparse_rows(
+    indptr: np.ndarray, indices: np.ndarray, dependent: np.ndarray | None = None
+) -> Factors:
+    """Storage in sparse rows; with ties (`Reduction.dependent`) as in `factors_of`."""
+    graph, rows = _graph(indptr, indices)
+    return _in_rows(graph, rows, indices, dependent)
+
+
+def _graph(indptr: np.ndarray, indices: np.ndarray) -> tuple[scipy.sparse.csr_matrix, np.ndarray]:
+    """The symmetric graph of a pattern, with diagonal, and the row of each entry of the pattern."""
+    n = len(indptr) - 1
+    graph = scipy.sparse.csr_matrix((np.ones(len(indices)), indices, indptr), (n, n))
+    graph = (graph + graph.T + scipy.sparse.identity(n)).tocsr()
+    return graph, np.repeat(np.arange(n), np.diff(indptr))
 
 
 def _with_cost(sparse: Factors, entries: int, keep: bool, costs: Costs) -> Factors:
@@ -229,10 +249,11 @@ def _alike(graph: scipy.sparse.csr_matrix, dependent: np.ndarray | None) -> np.n
 
 def _fill_in(graph: scipy.sparse.spmatrix) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Positions (n,) in minimum-degree order, and the pattern of L + U in it: starts, columns."""
-    n = graph.shape[0]
     # Factors of a matrix with this graph show the fill-in: it is dominated by its diagonal, so that
-    # rows are not exchanged. Without relaxed supernodes SuperLU stores what may differ from zero.
-    dominant = scipy.sparse.diags(np.full(n, 2.0 * n)) - (graph != 0)
+    # rows are not exchanged, but hardly: else fill-in would decay from node to node, and vanish.
+    # Without relaxed supernodes SuperLU stores what may differ from zero.
+    coupled = (graph != 0).astype(float)
+    dominant = scipy.sparse.diags(np.diff(graph.indptr) + 1e-6) - coupled
     options = {"SymmetricMode": True}
     lu = splu(
         dominant.tocsc(),
@@ -246,28 +267,3 @@ def _fill_in(graph: scipy.sparse.spmatrix) -> tuple[np.ndarray, np.ndarray, np.n
     pattern = (lower + upper).tocsr()
     pattern.sort_indices()
     return lu.perm_c, pattern.indptr, pattern.indices
-
-
-def alone_in_column(t: Tables, size: int, free: int) -> np.ndarray:
-    """Whether a degree of freedom equals an unknown on which no other depends, (size,)."""
-    row, column = t.entries["row"], t.entries["column"]
-    equal = (t.entries["value"] == 0) & (t.entries["sign"] == 1) & (column < free)
-    single = np.bincount(row)[row] * np.bincount(column)[column] == 1
-    alone = np.zeros(size, dtype=bool)
-    alone[row[equal & single]] = True
-    return alone
-
-
-def places_of_entries(
-    t: Tables, tangent, alone: np.ndarray, at: np.ndarray, behind: int
-) -> tuple[np.ndarray, int]:
-    """Storage index of each entry of the full tangent, and number of stored values.
-
-    Entries that are entries of the reduced tangent share its storage; the others are behind it.
-    """
-    direct = np.repeat(alone, np.diff(tangent.indptr)) & alone[tangent.indices]
-    place = np.empty(tangent.nnz, dtype=int)
-    place[t.direct["source"]] = at[t.direct["to"]]
-    others = np.flatnonzero(~direct)
-    place[others] = behind + np.arange(len(others))
-    return place, behind + len(others)

@@ -1,0 +1,1 @@
+"""Linear systems: the storage of their factors, and what factorises them."""

@@ -1,0 +1,150 @@
+"""Compiles C files once for each type of processor and keeps the libraries in a cache."""
+
+from __future__ import annotations
+
+import functools
+import hashlib
+import logging
+import os
+import platform
+import shlex
+import subprocess
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any, TypeVar
+
+import cffi
+
+from fx_beam import library_cache
+from fx_beam.errors import SceneError
+
+T = TypeVar("T")
+
+_log = logging.getLogger("fx_beam")
+#: Folder of the C files.
+SOURCES = Path(__file__).parent / "compiled" / "c"
+_FLAGS = [
+    *("-O3", "-fno-math-errno", "-fno-trapping-math", "-shared", "-fPIC"),
+    # The full vector width: by default, compilers use half of it on some processors.
+    *(["-mprefer-vector-width=512"] if platform.machine() == "x86_64" else []),
+    # GCC would merge sin and cos of one angle into a complex function, which it cannot vectorise.
+    *("-fno-builtin-sin", "-fno-builtin-cos"),
+]
+# Compiler option for the processor, on architectures where it accepts "native".
+_OPTION = {"x86_64": "-march", "aarch64": "-mcpu"}.get(platform.machine())
+
+
+class CannotBuild(Exception):
+    """A C file cannot be compiled, or its library not be loaded; the message is the reason."""
+
+
+def open_library(
+    what: str, file: str, header: str, definitions: Sequence[str] = ()
+) -> tuple[Any, Any]:
+    """The cffi.FFI with the declarations of a header, and the library of a C file; see `load`.
+
+    `definitions` are macros. The library says by `fx_missing` what the processor lacks.
+    """
+    ffi = cffi.FFI()
+    ffi.cdef(declarations(header))
+    source = "".join(f"#define {name}\n" for name in definitions) + (SOURCES / file).read_text()
+    library = load(what, source, lambda: source, lambda path: ffi.dlopen(str(path)))
+    _check_processor(ffi.string(library.fx_missing()).decode())
+    return ffi, library
+
+
+def load(
+    what: str,
+    key: str,
+    source: Callable[[], str],
+    loader: Callable[[Path], T],
+    more: Sequence[str] = (),
+) -> T:
+    """What the loader makes of a compiled library; `source` is called only to compile it.
+
+    CannotBuild, with the reason, if it cannot be compiled or loaded.
+    """
+    target, flags = target_flags()
+    flags = [*flags, *more]
+    # Libraries for "native" are valid only for processors with the same features.
+    machine = [_processor()] if target == "native" else []
+    digest = hashlib.sha256("\n".join([key, _headers(), *flags, *machine]).encode())
+    name = f"{digest.hexdigest()[:32]}.so"
+
+    def builder(folder: Path) -> T:
+        _log.info("compiling %s, once", what)
+        command = [*compiler(), *flags, f"-I{SOURCES}", "-x", "c", "-"]
+        command += ["-o", str(folder / name), "-lm"]
+        subprocess.run(command, check=True, capture_output=True, text=True, input=source())
+        return loader(folder / name)
+
+    def search() -> T | None:
+        return library_cache.load(name, loader)
+
+    try:
+        found = search()
+        return library_cache.build(name, search, builder) if found is None else found
+    except (OSError, LookupError, AttributeError, subprocess.CalledProcessError) as error:
+        if isinstance(error, subprocess.CalledProcessError):
+            _check_target(target, flags)
+        said = str(getattr(error, "stderr", None) or error)
+        reason = next((line for line in said.splitlines() if "error" in line), said)
+        raise CannotBuild(reason) from error
+
+
+def compiler() -> list[str]:
+    """Command of the C compiler; the same as FFCx uses."""
+    return shlex.split(os.environ.get("CC") or "cc")
+
+
+def target_flags() -> tuple[str, list[str]]:
+    """Target processor, empty for the compiler's default, and all compiler flags."""
+    target = os.environ.get("FX_BEAM_MARCH") or ("native" if _OPTION else "")
+    return target, [*_FLAGS, f"{_OPTION or '-march'}={target}"] if target else _FLAGS
+
+
+def _check_target(target: str, flags: list[str]) -> None:
+    """SceneError if the compiler does not know the processor in FX_BEAM_MARCH."""
+    command = [*compiler(), *flags, "-x", "c", "-", "-o", os.devnull]
+    if (
+        os.environ.get("FX_BEAM_MARCH")
+        and subprocess.run(command, capture_output=True, text=True, input="").returncode
+    ):
+        raise SceneError(
+            f"FX_BEAM_MARCH = {target!r} is not known to the compiler. Give a value of its option "
+            f"{_OPTION or '-march'}, such as 'native' or 'x86-64-v3'"
+        )
+
+
+def _check_processor(missing: str) -> None:
+    """SceneError if the library may use what this processor does not have."""
+    if missing:
+        raise SceneError(
+            f"FX_BEAM_MARCH = {target_flags()[0]!r} is for processors with {missing}, which this "
+            "one does not have. Give 'native', or a processor that both machines support"
+        )
+
+
+@functools.cache
+def declarations(header: str) -> str:
+    """Text of a header and of those that it includes, without directives."""
+    lines = (SOURCES / header).read_text().splitlines()
+    included = [line.split('"')[1] for line in lines if line.startswith('#include "')]
+    plain = [line for line in lines if not line.startswith("#")]
+    return "\n".join([*map(declarations, included), *plain])
+
+
+@functools.cache
+def _headers() -> str:
+    """Text of the headers that each library includes."""
+    return "\n".join(path.read_text() for path in sorted(SOURCES.glob("*.h")))
+
+
+@functools.cache
+def _processor() -> str:
+    """Features of this processor, which decide what "native" means."""
+    try:
+        lines = Path("/proc/cpuinfo").read_text().splitlines()
+    except OSError:
+        return ""
+    return next((line for line in lines if line.startswith(("flags", "Features"))), "")
