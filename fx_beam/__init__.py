@@ -159,4 +159,4 @@ def __getattr__(name: str):
 
 
 def __dir__():
-    return sorted({*globals(), *_ON_DEMAND})
+    return sorted({*__all__, *_ON_DEMAND, *(name for name in globals() if name.startswith("__"))})

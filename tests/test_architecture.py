@@ -18,6 +18,7 @@ PACKAGE = Path(fx_beam.__file__).parent
 HOUSE = {
     "": ["errors", "validation", "kept", "library_cache", "c_library", "structs"],
     "scene": [
+        "notebook",
         "beam",
         "path",
         "curve",

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from html import escape
 
 import numpy as np
 import scipy.sparse
@@ -11,6 +12,7 @@ from fx_beam.errors import SceneError
 from fx_beam.results.solution import Solution
 from fx_beam.scene.beam import Beam
 from fx_beam.scene.body import Body
+from fx_beam.scene.notebook import sketch
 from fx_beam.scene.scene import Scene
 from fx_beam.validation import as_float, is_flag, is_number, is_whole, require, shown
 
@@ -102,6 +104,25 @@ class Modes:
 
     def __len__(self):
         return len(self.rigid)
+
+    def __repr__(self):
+        low, high = self.frequencies.min(), self.frequencies.max()
+        return f"<Modes: {len(self)} from {low:.4g} to {high:.4g} Hz>"
+
+    def _repr_html_(self):
+        shown = range(min(4, len(self)))
+        size = 0.15 * float(np.ptp(self.positions, axis=0).max())
+        shapes = [
+            sketch(
+                [
+                    *(self.positions[nodes] for nodes in self.nodes_of_beam.values()),
+                    *(self.shape(name, mode, size) for name in self.nodes_of_beam),
+                ],
+                ["#bbb"] * len(self.nodes_of_beam) + ["#0072B2"] * len(self.nodes_of_beam),
+            )
+            for mode in shown
+        ]
+        return f"<pre>{escape(str(self))}</pre>{' '.join(shapes)}"
 
     def __str__(self):
         kinds = [self.rigid, self.unstable, self.overdamped]

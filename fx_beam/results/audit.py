@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from fx_beam.errors import Failure
+from fx_beam.scene.notebook import html_table, sketch
 
 
 def read_only(values: np.ndarray) -> np.ndarray:
@@ -71,6 +72,28 @@ class Energy:
             if getattr(self, name) is None:
                 object.__setattr__(self, name, np.zeros_like(self.kinetic))
         _lock(self)
+
+    def __repr__(self):
+        total, error = self.total, abs(self.balance_error).max()
+        return (
+            f"<Energy: {len(total)} rows, total {total[0]:.6g} to {total[-1]:.6g} J, "
+            f"largest balance error {error:.2g} J>"
+        )
+
+    def _repr_html_(self):
+        curves = {
+            "total": "#000",
+            "kinetic": "#0072B2",
+            "strain": "#D55E00",
+            "potential": "#009E73",
+        }
+        values = {name: getattr(self, name) for name in curves}
+        largest = max(abs(of).max() for of in values.values()) or 1.0
+        x = np.linspace(0, 3, len(self.total))
+        lines = [np.column_stack([x, of / largest]) for of in values.values()]
+        ends = {name: f"{of[0]:.6g} to {of[-1]:.6g}" for name, of in values.items()}
+        error = {"largest balance error": f"{abs(self.balance_error).max():.2g}"}
+        return html_table("Energy [J]", ends | error) + sketch(lines, curves.values())
 
     @property
     def stored(self) -> np.ndarray:
@@ -191,6 +214,19 @@ class Stats:
     static: bool = False
     limit_points: list[float] = field(default_factory=list)
 
+    def __repr__(self):
+        each = self.newton_iterations / max(1, self.substeps)
+        ended = f", ended early: {self.failure}" if self.failure else ""
+        return (
+            f"<Stats: {self.scheme}, {self.solver}, {self.unknowns} unknowns, {self.steps} steps "
+            f"with {self.halvings} halvings, {each:.2g} iterations each, "
+            f"{self.seconds:.3g} s{ended}>"
+        )
+
+    def _repr_html_(self):
+        known = {name: value for name, value in vars(self).items() if value}
+        return html_table("Stats", {name.replace("_", " "): str(of) for name, of in known.items()})
+
     @property
     def inside_out(self) -> int:
         """Former name of `inverted`."""
@@ -249,6 +285,11 @@ class BeamResultants:
     N: np.ndarray
     Q: np.ndarray
     M: np.ndarray
+
+    def __repr__(self):
+        rows, points = self.N.shape
+        peaks = (f"{name} to {abs(getattr(self, name)).max():.4g}" for name in "NQM")
+        return f"<BeamResultants: {rows} rows, {points} points, {', '.join(peaks)}>"
 
     def __post_init__(self):
         _lock(self)

@@ -9,8 +9,8 @@ import numpy as np
 from fx_beam.scene.beam import Beam, Node
 from fx_beam.scene.body import Body
 from fx_beam.scene.joints import Joint
+from fx_beam.scene.notebook import html_table, sketch
 from fx_beam.scene.obstacles import Obstacle
-from fx_beam.scene.summary import html_table
 from fx_beam.validation import is_one_of, shown
 
 from . import beam_histories, export, paraview, tables
@@ -154,7 +154,11 @@ class Solution:
         )
 
     def _repr_html_(self):
-        return html_table("Solution", facts(self))
+        rows = np.unique(np.linspace(0, len(self.q) - 1, 5).astype(int)) if self.has_motion else []
+        lines = [self.X[of] + self.q[k, of, :2] for k in rows for of in self.nodes_of_beam.values()]
+        shades = [f"hsl(205 100% {85 - 50 * (k + 1) / len(self.q):.0f}%)" for k in rows]
+        shades = [shade for shade in shades for _ in self.nodes_of_beam]
+        return html_table("Solution", facts(self)) + sketch(lines, shades)
 
     @property
     def load_factor(self) -> np.ndarray:

@@ -13,6 +13,7 @@ from fx_beam.validation import require, shown, vector
 from .beam import Node
 from .coordinate import Coordinate, Damper, Friction, Spring, checked_coordinate
 from .joint_kinematics import JointKinematics
+from .notebook import html_table
 from .stop import Stop
 
 
@@ -72,6 +73,14 @@ class Joint:
     slide: Coordinate | None = None
     rotation: Coordinate | None = None
     number: int = field(default=-1)
+
+    def __repr__(self):
+        return f"<{self}>"
+
+    def _repr_html_(self):
+        held = {"slide": self.slide, "rotation": self.rotation}
+        rows = {name: str(value) for name, value in held.items() if value is not None}
+        return html_table(str(self), {"offset": str(self.offset)} | rows)
 
     def __str__(self):
         number = "" if self.number < 0 else f"joint {self.number}, "

@@ -169,6 +169,9 @@ class Obstacle:
     speed: float | None = None
     number: int = -1
 
+    def __repr__(self):
+        return f"<{self}, stiffness {self.stiffness:g} N/m>"
+
     def __str__(self):
         number = "" if self.number < 0 else f"obstacle {self.number}, "
         return f"{number}{type(self.shape).__name__} for {label(self.target)}"

@@ -16,9 +16,10 @@ from .curve import Curve
 from .geometry import Geometry
 from .inputs import time_function
 from .joints import GROUND, Joint, Rigid, check_new
+from .notebook import html_table, sketch
 from .obstacles import Circle, Line, Obstacle, checked_obstacle
 from .section import Section
-from .summary import facts, html_table
+from .summary import facts
 
 
 class Scene(Geometry):
@@ -69,8 +70,18 @@ class Scene(Geometry):
         # Whether incompatible initial velocities are projected instead of refused.
         self.projects_velocities = False
 
+    def __repr__(self):
+        return f"<Scene: {', '.join(f'{name} {value}' for name, value in facts(self).items())}>"
+
     def _repr_html_(self):
-        return html_table("Scene", facts(self))
+        beams = [[(node.x, node.y) for node in beam.nodes] for beam in self.beams]
+        arms = [
+            [(body.centre.x, body.centre.y), (point.x, point.y)]
+            for body in self.bodies
+            for point in body.nodes[1:]
+        ]
+        shades = ["#0072B2"] * len(beams) + ["#444"] * len(arms)
+        return html_table("Scene", facts(self)) + sketch([*beams, *arms], shades)
 
     def add_beam(
         self,

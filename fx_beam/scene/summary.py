@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from html import escape
 from typing import Any
 
 from .joints import Joint
@@ -30,12 +29,6 @@ def facts(scene: Any) -> dict[str, str]:
     if scene.gravity is not None:
         found["gravity"] = f"({scene.gravity[0]:g}, {scene.gravity[1]:g})"
     return found
-
-
-def html_table(title: str, rows: dict[str, str]) -> str:
-    """Table with a title, of two columns."""
-    cells = "".join(f"<tr><th>{escape(a)}</th><td>{escape(b)}</td></tr>" for a, b in rows.items())
-    return f"<table><caption>{escape(title)}</caption>{cells}</table>"
 
 
 def _listed(names: list[str]) -> str:

@@ -1,0 +1,81 @@
+"""What a terminal and a notebook show of objects: a line, and a table with a small picture."""
+
+import re
+
+import pytest
+
+import fx_beam as fb
+
+SECTION = fb.Section(EA=1e4, GA=1e4, EI=10.0, rhoA=1.0, rhoI=0.01)
+
+
+@pytest.fixture(scope="module")
+def objects():
+    """Each object that users look at, by its name."""
+    scene = fb.Scene(gravity=(0, -9.81))
+    upper = scene.add_beam([(0, 0), (1, 0)], SECTION, elements=4, name="upper")
+    lower = scene.add_beam([(1, 0), (2, 0)], SECTION, elements=4, name="<lower>")
+    pin = scene.add_joint(fb.Revolute(upper.end, lower.start, spring=fb.Spring(3.0)))
+    scene.clamp(upper.start)
+    scene.add_obstacle(lower, fb.Line((0, -3), (0, 1)), 1e3)
+    solution = fb.simulate(scene, dt=0.01, t_end=0.1)
+    return {
+        "Scene": scene,
+        "Joint": pin,
+        "Obstacle": scene.obstacles[0],
+        "Solution": solution,
+        "Energy": solution.energy,
+        "Stats": solution.stats,
+        "BeamResultants": solution.resultants("upper"),
+        "Modes": fb.modes(scene),
+    }
+
+
+KINDS = "Scene", "Joint", "Obstacle", "Solution", "Energy", "Stats", "BeamResultants", "Modes"
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_a_terminal_shows_a_line_and_no_arrays(objects, kind):
+    text = repr(objects[kind])
+    assert "\n" not in text and len(text) < 300 and "array(" not in text
+    assert text[0] == "<" and text[-1] == ">"
+
+
+def test_the_line_has_the_numbers_of_the_object(objects):
+    assert "members 2: upper, <lower>" in repr(objects["Scene"])
+    assert re.search("joint 0, Revolute of node 4", repr(objects["Joint"]))
+    energy = objects["Energy"]
+    assert f"total {energy.total[0]:.6g} to {energy.total[-1]:.6g} J" in repr(energy)
+    assert "10 steps with 0 halvings" in repr(objects["Stats"])
+    frequencies = objects["Modes"].frequencies
+    assert f"from {frequencies.min():.4g} to {frequencies.max():.4g} Hz" in repr(objects["Modes"])
+
+
+@pytest.mark.parametrize("kind", ["Scene", "Joint", "Solution", "Energy", "Stats", "Modes"])
+def test_a_notebook_shows_a_table_without_what_users_named_as_html(objects, kind):
+    text = objects[kind]._repr_html_()
+    assert "<lower>" not in text
+    assert "<table>" in text or "<pre>" in text
+
+
+@pytest.mark.parametrize(("kind", "lines"), [("Scene", 2), ("Solution", 10), ("Energy", 4)])
+def test_a_notebook_shows_a_small_picture(objects, kind, lines):
+    text = objects[kind]._repr_html_()
+    assert text.count("<polyline") == lines
+    width, height = map(int, re.search('<svg width="(\\d+)" height="(\\d+)"', text).groups())
+    assert 0 < width <= 240 and 0 < height <= 240
+    places = re.findall(r"(-?[\d.]+),(-?[\d.]+)", text[text.index("<polyline") :])
+    assert all(-1 <= float(x) <= width + 1 and -1 <= float(y) <= height + 1 for x, y in places)
+
+
+def test_an_empty_scene_and_a_solution_without_motion_are_shown_too():
+    assert "<svg" not in fb.Scene()._repr_html_()
+    scene = fb.Scene()
+    scene.clamp(scene.add_beam([(0, 0), (1, 0)], SECTION).start)
+    solution = fb.simulate(scene, dt=0.1, t_end=0.2, record=fb.Record(motion=False))
+    assert "<table>" in solution._repr_html_()
+
+
+def test_dir_has_what_is_public():
+    names = [name for name in dir(fb) if not name.startswith("__")]
+    assert sorted(names) == sorted({*fb.__all__, "plot", "stability", "work_precision"})
