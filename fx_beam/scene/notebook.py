@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from html import escape
+from typing import Any
 
 import numpy as np
 
@@ -14,7 +15,7 @@ def html_table(title: str, rows: dict[str, str]) -> str:
     return f"<table><caption>{escape(title)}</caption>{cells}</table>"
 
 
-def sketch(lines: Iterable[np.ndarray], shades: Iterable[str]) -> str:
+def sketch(lines: Iterable[Any], shades: Iterable[str]) -> str:
     """Small picture in SVG of lines (n, 2), each in its colour, as high as wide or lower."""
     lines = [np.asarray(line, dtype=float) for line in lines]
     points = np.concatenate(lines) if lines else np.empty((0, 2))
