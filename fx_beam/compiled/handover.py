@@ -132,7 +132,7 @@ class Problem:
         if type(rates) is NewmarkRates:
             self._set(rule=1, beta=rates.beta, gamma=rates.gamma, alpha_m=rates.alpha_m)
         elif (rules := self.model.nodal_rules) is not None:
-            addresses = [function.address for function in rules.functions]
+            addresses = np.array([function.address for function in rules.functions], np.uintp)
             self._set(
                 rule=0 if rates.level == 0.5 else 1,
                 rules=len(addresses),
