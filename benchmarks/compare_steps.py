@@ -30,9 +30,9 @@ def serve():
     from demo_scenes import scene
 
     import fx_beam as fb
-    from fx_beam.compiled import loop
+    from fx_beam.stepping import stepper
 
-    march, seconds = loop.CompiledLoop.march, []
+    march, seconds = stepper.Stepper.march, []
 
     def timed(*arguments):
         started = thread_time()
@@ -40,7 +40,7 @@ def serve():
         seconds.append(thread_time() - started)
         return state
 
-    loop.CompiledLoop.march = timed
+    stepper.Stepper.march = timed
     for line in sys.stdin:
         name, arguments, dt, steps, recorded = CASES[int(line)]
         seconds.clear()

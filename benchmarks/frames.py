@@ -18,7 +18,8 @@ from time import process_time
 
 import fx_beam as fb
 from fx_beam.algebra.lu_layout import COSTS
-from fx_beam.compiled import handover, loop
+from fx_beam.compiled import handover
+from fx_beam.stepping import stepper
 
 
 def struts(cells, high=None, degree=1, elements=1):
@@ -87,7 +88,7 @@ def draw(scene, motion):
 
 def measure(sizes):
     marching: list[float] = []
-    loop.CompiledLoop.march = timed(loop.CompiledLoop.march, marching)
+    stepper.Stepper.march = timed(stepper.Stepper.march, marching)
     for cells in sizes:
         clock = process_time()
         scene = lattice(cells)
@@ -143,7 +144,7 @@ def compare_storage(runs=5, steps=20, dt=0.01):
     worst, seconds, record = 0.0, [], fb.Record(every=steps)
     sparse = COSTS._replace(narrow=0, band_entry=sys.maxsize)
     forced = {"band": COSTS._replace(narrow=sys.maxsize), "sparse": sparse}
-    loop.CompiledLoop.march = timed(loop.CompiledLoop.march, seconds)
+    stepper.Stepper.march = timed(stepper.Stepper.march, seconds)
     for name, scene in middle_frames().items():
         handover.COSTS = COSTS
         stats = fb.simulate(scene, dt=dt, t_end=dt).stats

@@ -12,7 +12,7 @@ from time import thread_time
 import ufl
 
 import fx_beam as fb
-from fx_beam.compiled import loop
+from fx_beam.stepping import stepper
 
 INERTIA = {"rhoA": 1.0, "rhoI": 0.01}
 EI, SOFT, TAU, MOMENT, HARDENING = 6.0, 2.0, 0.5, 0.3, 1.5
@@ -57,7 +57,7 @@ def step(section, elements, steps):
     arm = scene.add_beam([(0, 0), (1, 0)], section, elements=elements)
     scene.clamp(arm.start)
     scene.add_force(arm.end, (0.0, 2.0))
-    march, taken = loop.CompiledLoop.march, []
+    march, taken = stepper.Stepper.march, []
 
     def timed(*arguments):
         clock = thread_time()
@@ -65,12 +65,12 @@ def step(section, elements, steps):
         taken.append(thread_time() - clock)
         return state
 
-    loop.CompiledLoop.march = timed
+    stepper.Stepper.march = timed
     try:
         record = fb.Record(every=steps)
         stats = fb.simulate(scene, dt=0.002, t_end=0.002 * steps, record=record).stats
     finally:
-        loop.CompiledLoop.march = march
+        stepper.Stepper.march = march
     return 1e6 * sum(taken) / steps, stats.newton_iterations / steps
 
 

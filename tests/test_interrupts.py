@@ -10,7 +10,7 @@ from interrupting import call_stopped_at
 
 import fx_beam as fb
 from fx_beam.analyses import open_motion
-from fx_beam.compiled import stride as stride_module
+from fx_beam.compiled import single_steps
 from fx_beam.stepping.interrupts import uninterrupted
 
 DT = 1 / 64
@@ -59,7 +59,7 @@ def test_a_step_is_taken_or_not_wherever_it_is_interrupted(
     solver, opcodes, every, bumps, scheme, monkeypatch
 ):
     monkeypatch.setattr(open_motion, "_TURNS", 3)
-    monkeypatch.setattr(stride_module, "_BLOCK", 2)
+    monkeypatch.setattr(single_steps, "_BLOCK", 2)
     motion, twin = (
         fb.Motion(scene, scheme, dt=DT, outputs=outputs, solver=solver, record=fb.Record(every=2))
         for scene, outputs in (whirling(), whirling())
@@ -98,7 +98,7 @@ def test_ctrl_c_while_c_takes_a_step_leaves_the_step_taken(ctrl_c):
         fb.Motion(scene, dt=DT, outputs=outputs, record=fb.Record())
         for scene, outputs in (whirling(), whirling())
     )
-    run = motion._open.stride._run
+    run = motion._open.stepper._steps._run
 
     def interrupted(*arguments):
         try:
@@ -107,10 +107,10 @@ def test_ctrl_c_while_c_takes_a_step_leaves_the_step_taken(ctrl_c):
             ctrl_c()
 
     for _ in range(20):
-        motion._open.stride._run = interrupted
+        motion._open.stepper._steps._run = interrupted
         with pytest.raises(KeyboardInterrupt):
             motion.step()
-        motion._open.stride._run = run
+        motion._open.stepper._steps._run = run
         twin.step()
         agree(motion, twin)
         motion.step()

@@ -11,7 +11,6 @@ from typing import Any
 
 import numpy as np
 
-from fx_beam.compiled.loop import CompiledLoop
 from fx_beam.errors import SceneError
 from fx_beam.mechanics.schemes import Scheme
 from fx_beam.results.audit import Stats
@@ -19,15 +18,16 @@ from fx_beam.results.solution import Solution
 from fx_beam.results.state import State
 from fx_beam.scene.inputs import values_at, with_functions
 from fx_beam.scene.scene import Scene
+from fx_beam.stepping.adaptive_run import AdaptiveRun
 from fx_beam.stepping.interrupts import ctrl_c_between_blocks, uninterrupted
 from fx_beam.stepping.local_error import order_and_constant
 from fx_beam.stepping.newton import NewtonOptions
 from fx_beam.stepping.recorder import Record, Recorder
 from fx_beam.stepping.stepper import Stepper
 from fx_beam.stepping.substeps import LARGE_TURN, Halving
+from fx_beam.stepping.tolerance import Tolerance
 from fx_beam.validation import as_float, is_flag, is_number, require
 
-from .controlled_steps import Tolerance
 from .evaluation import solution_of
 from .mpi_ranks import warn_of_equal_work
 from .progress import failure_of, keep, keeping_steps, progress_bar
@@ -170,7 +170,7 @@ def simulate(
     clock = time.perf_counter()
     halving = Halving(max_halvings, dt if control is None else None)
     setup = RunSetup(scene, scheme, newton, halving, solver)
-    stats, integrator, counter = setup.stats, setup.integrator, setup.turn_counter
+    stats, stepper, counter = setup.stats, setup.stepper, setup.turn_counter
     recorder = Recorder(setup.model, times, record or Record())
     rows_at = None if record is None or record.times is None else np.array(record.times, float)
     first = float(times[1] - times[0]) if control is None else control.first
@@ -182,7 +182,7 @@ def simulate(
         end = replace(
             counter.with_turns(recorder.end),
             parts=halving.memory,
-            past=integrator.past,
+            past=stepper.integrator.past,
             inputs=values_at(named, inputs, recorder.end.t),
         )
         return solution_of(setup.model, recorder, stats, end, rows_at, [*breaks, *events])
@@ -190,9 +190,9 @@ def simulate(
     clock, events = time.perf_counter(), list[float]()
     try:
         if control is None:
-            marched = _steps_of_grid(integrator, times, recorder)
+            marched = _steps_of_grid(stepper, times, recorder)
         else:
-            run = control.run(integrator, setup.stepper, recorder, max_halvings)
+            run = AdaptiveRun(stepper, recorder, control)
             marched, events = run.advance, run.events
         with progress_bar(t_end - t0, progress, **_BAR) as bar, ctrl_c_between_blocks():
             while recorder.end.t < t_end:
@@ -215,14 +215,14 @@ def simulate(
         raise
 
 
-def _steps_of_grid(integrator: Stepper | CompiledLoop, times: np.ndarray, recorder: Recorder):
+def _steps_of_grid(stepper: Stepper, times: np.ndarray, recorder: Recorder):
     """A function that takes the next block of steps of a grid."""
     steps = max(1, min(1000, _BLOCK // recorder.model.size))
     starts = iter(range(1, len(times), steps))
 
     def advance(state: State) -> None:
         first = next(starts)
-        integrator.march(state, times[first : first + steps], first, recorder)
+        stepper.march(state, times[first : first + steps], first, recorder)
 
     return advance
 

@@ -31,12 +31,12 @@ class FittedState:
     """The present state; rates, and what depends on them, are found when they are asked for.
 
     Forces and accelerations of a state that was loaded are those that it has. An interrupt may come
-    anywhere: the number of steps of `stride` says which start belongs to the present state.
+    anywhere: the number of steps of `stepper` says which start belongs to the present state.
     """
 
-    def __init__(self, model: Model, forcing: Forcing, stride: Any):
+    def __init__(self, model: Model, forcing: Forcing, stepper: Any):
         self._model, self._fits, self._forcing = model, model.fitted_rates, forcing
-        self._stride = stride
+        self._stepper = stepper
         inputs = [isinstance(function, Ramp) for function in forcing.functions]
         #: Driven motions that are inputs.
         self._inputs = np.array(inputs, dtype=bool)
@@ -57,7 +57,7 @@ class FittedState:
 
     def state(self) -> State:
         """The present state with these forces; its rates are those of the steps."""
-        state = self._stride.state()
+        state = self._stepper.state()
         if self._fits is None:
             return state
         return replace(
@@ -71,43 +71,43 @@ class FittedState:
     @property
     def q(self) -> np.ndarray:
         """Displacements and rotations (size,)."""
-        return self._stride.now.q
+        return self._stepper.now.q
 
     @property
     def slides(self) -> np.ndarray:
         """Slides of the joints (joints,) [m]."""
-        return self._stride.now.slides
+        return self._stepper.now.slides
 
     @property
     def v(self) -> np.ndarray:
         """Rates (size,)."""
-        return self._stride.now.v if self._fits is None else self._fit().rates[-1]
+        return self._stepper.now.v if self._fits is None else self._fit().rates[-1]
 
     @property
     def a(self) -> np.ndarray:
         """Accelerations (size,), means over the step."""
-        return self._with_change(self._stride.now.a, "corrections")
+        return self._with_change(self._stepper.now.a, "corrections")
 
     @property
     def joint_forces(self) -> np.ndarray | None:
         """Forces of the joints (joints, 3) [N, N m]."""
-        return self._with_change(self._stride.now.joint_forces, "joints")
+        return self._with_change(self._stepper.now.joint_forces, "joints")
 
     @property
     def constraint_forces(self) -> np.ndarray | None:
         """Forces of driven and fixed columns [N, N m]."""
-        return self._with_change(self._stride.now.constraint_forces, "constraints")
+        return self._with_change(self._stepper.now.constraint_forces, "constraints")
 
     def _with_change(self, mean, name: str):
         """A mean of the step, with the change of a part of the fit over it."""
         if self._fits is None or mean is None or self._start() is None:
             return mean
         before, after = getattr(self._fit(), name)
-        return mean + (after - before) / self._stride.grid.dt
+        return mean + (after - before) / self._stepper.grid.dt
 
     def _fit(self) -> Fit:
         """Fit of the start of the step, if there was one, and of the present state."""
-        number = self._stride.number
+        number = self._stepper.number
         if self._found is None or self._found[1] != number:
             moments = [m for m in (self._start(), self._present()) if m is not None]
             q, v, slides, driven = (
@@ -122,23 +122,23 @@ class FittedState:
 
     def _start(self) -> _Moment | None:
         """The start of the last step that was taken."""
-        before = self._stride.number - 1
+        before = self._stepper.number - 1
         return next((m for m in self._starts if m is not None and m.number == before), None)
 
     def _present(self) -> _Moment:
-        number, now = self._stride.number, self._stride.now
+        number, now = self._stepper.number, self._stepper.now
         inputs = np.full(len(self._inputs), np.nan)
         start = self._start() if self._inputs.any() else None
         if start is not None:
             q, slides = np.array([start.q, now.q]), np.array([start.slides, now.slides])
-            inputs = driven_ways(self._model, q, slides)[0] / self._stride.grid.dt
+            inputs = driven_ways(self._model, q, slides)[0] / self._stepper.grid.dt
         return _Moment(number, now.q, now.v, now.slides, inputs)
 
     def _driven(self, moment: _Moment) -> np.ndarray:
         """Rates (driven,) of driven motions; NaN where they are not known."""
         if moment.number == 0 and self._first is not None:
             return self._first
-        grid = self._stride.grid
+        grid = self._stepper.grid
         length = grid.dt if moment.number else -grid.dt
         rates = self._forcing.end_rates(np.array([grid(moment.number)]), np.array([length]))[0]
         return np.where(self._inputs, moment.inputs, rates)

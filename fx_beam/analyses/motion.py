@@ -19,7 +19,7 @@ from fx_beam.stepping.held_inputs import HeldInputs
 from fx_beam.stepping.interrupts import ctrl_c_between_blocks, uninterrupted
 from fx_beam.stepping.newton import NewtonOptions
 from fx_beam.stepping.recorder import Record, Recorder
-from fx_beam.stepping.stride import Grid
+from fx_beam.stepping.single_stepper import Grid
 from fx_beam.stepping.substeps import Halving
 from fx_beam.validation import LARGEST, as_float, is_number, require
 
@@ -239,7 +239,7 @@ class Motion:
         """Present displacements and rotations of the nodes, (n_node, 3) [m, rad]."""
         self._open.settle()
         return self._setup.model.to_nodes(
-            self._open.stride.now.q + self._setup.turn_counter.removed
+            self._open.stepper.now.q + self._setup.turn_counter.removed
         )
 
     @property
@@ -252,7 +252,7 @@ class Motion:
     def slides(self) -> np.ndarray:
         """Present slides of the joints, (joints,) [m]."""
         self._open.settle()
-        return self._open.stride.now.slides.copy()
+        return self._open.stepper.now.slides.copy()
 
     @property
     def inputs(self) -> dict[str, Any]:
@@ -273,7 +273,7 @@ class Motion:
     def stats(self) -> Stats:
         """Statistics of all steps so far."""
         self._open.settle()
-        self._open.stride.count()
+        self._open.stepper.count()
         return copy(self._setup.stats)
 
     @property

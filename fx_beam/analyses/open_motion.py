@@ -9,11 +9,12 @@ from typing import Any
 import numpy as np
 
 from fx_beam.compiled.loop import CompiledLoop
-from fx_beam.compiled.stride import CompiledStride
+from fx_beam.compiled.single_steps import CompiledSingleSteps
 from fx_beam.results.state import State
 from fx_beam.stepping.held_inputs import HeldInputs
+from fx_beam.stepping.python_loop import PythonSingleSteps
 from fx_beam.stepping.recorder import Record
-from fx_beam.stepping.stride import Grid, Stride
+from fx_beam.stepping.single_stepper import Grid, SingleStepper, SingleSteps
 
 from .fitted_state import FittedState
 from .open_record import OpenRecord
@@ -37,13 +38,13 @@ class OpenMotion:
         #: What completes or undoes what an interrupt may have broken off, and its arguments.
         self._pending: tuple[Callable[..., None], tuple] | None = None
         self.held = held
-        self.stride: Stride | CompiledStride
-        if isinstance(setup.integrator, CompiledLoop):
-            self.stride = CompiledStride(setup.integrator, setup.stepper, dt, forces)
-        else:
-            self.stride = Stride(setup.stepper)
+        integrator = setup.stepper.integrator
+        steps: SingleSteps = PythonSingleSteps(setup.stepper.python)
+        if isinstance(integrator, CompiledLoop):
+            steps = CompiledSingleSteps(integrator, dt, forces)
+        self.stepper = SingleStepper(setup.stepper, steps)
         #: The present state as it is shown.
-        self.now = FittedState(setup.model, setup.forcing, self.stride)
+        self.now = FittedState(setup.model, setup.forcing, self.stepper)
 
     def begin(self, state: State, removed: np.ndarray, grid: Grid) -> None:
         """Begin to step and to record from a state, in which full turns are missing."""
@@ -51,7 +52,7 @@ class OpenMotion:
         turns = counter.turns_of(state)
         state = counter.without(turns, state)
         counter.removed[:] = removed + turns
-        self.stride.load(state, grid)
+        self.stepper.load(state, grid)
         self.now.begin(state)
         self.rows = OpenRecord(self._setup.model, self._record, state, counter.removed, grid)
         #: Present time [s].
@@ -68,15 +69,15 @@ class OpenMotion:
         """Take a step with some new inputs."""
         if self._pending is not None:
             self.settle()
-        held, stride, rows = self.held, self.stride, self.rows
-        number, given = stride.number + 1, held.checked(inputs)
-        t0, t1 = self.t, stride.grid(number)
+        held, stepper, rows = self.held, self.stepper, self.rows
+        number, given = stepper.number + 1, held.checked(inputs)
+        t0, t1 = self.t, stepper.grid(number)
         rows.make_room(number)
         self._pending = self._end_step, (number, t0, t1, held.values)
         self.now.leave()
         held.set(given)
         held.begin(t0, t1)
-        stride.take(number, t0, t1, rows.recorder)
+        stepper.take(number, t0, t1, rows.recorder)
         self._end_step(number, t0, t1, {})
         self._pending = None
         if number % _TURNS == 0:
@@ -84,7 +85,7 @@ class OpenMotion:
 
     def _end_step(self, number: int, t0: float, t1: float, before: Mapping[str, Any]) -> None:
         """End a step, whether it was taken or not; otherwise with the inputs before it."""
-        taken = self.stride.settle()
+        taken = self.stepper.settle()
         if taken == number:
             self.held.arrive()
             self.t = t1
@@ -95,7 +96,7 @@ class OpenMotion:
 
     def _count_turns(self) -> None:
         """Count full turns separately, so that they do not add to rounding errors."""
-        counter, state = self._setup.turn_counter, self.stride.state()
+        counter, state = self._setup.turn_counter, self.stepper.state()
         turns = counter.turns_of(state)
         if turns.any():
             state, removed = counter.without(turns, state), counter.removed + turns
@@ -106,7 +107,7 @@ class OpenMotion:
         """Go on from the present state without its full turns; `removed` are all that miss."""
         self._setup.turn_counter.removed[:] = removed
         self.rows.miss(removed)
-        self.stride.go_on_from(state)
+        self.stepper.go_on_from(state)
 
     def end(self) -> State:
         """The present state, with all on which the next step depends."""
@@ -117,16 +118,16 @@ class OpenMotion:
     def snapshot(self) -> Snapshot:
         """The present state, to return to."""
         self.settle()
-        stride = self.stride
+        stepper = self.stepper
         state = replace(self.now.state(), inputs=self.held.all)
         turns, dofs = self._setup.turn_counter.removed.copy(), self._setup.model.mesh.dofs
-        step = stride.grid.origin, stride.grid.first + stride.number
+        step = stepper.grid.origin, stepper.grid.first + stepper.number
         return Snapshot(self.t, state, step, turns, dofs)
 
     def restore(self, snapshot: Snapshot) -> None:
         """Return to a snapshot of the same scene."""
         self.settle()
-        self.stride.count()
+        self.stepper.count()
         self._pending = self._return_to, (snapshot,)
         self.settle()
 

@@ -1,4 +1,4 @@
-"""What takes the steps of a motion: the model, its integrator, and their first state."""
+"""The model of a motion and what takes its steps, from the first state on."""
 
 from __future__ import annotations
 
@@ -19,6 +19,7 @@ from fx_beam.stepping.forcing import Forcing
 from fx_beam.stepping.full_turns import TurnCounter
 from fx_beam.stepping.initial_state import check_joints, initial_state, resumed_state
 from fx_beam.stepping.newton import NewtonOptions
+from fx_beam.stepping.python_loop import PythonLoop
 from fx_beam.stepping.recorder import Record
 from fx_beam.stepping.smooth_start import smooth_start
 from fx_beam.stepping.stepper import Stepper
@@ -51,8 +52,8 @@ class RunSetup:
         )
         options = newton or NewtonOptions()
         self.forcing = Forcing(model)
-        self.stepper = Stepper(model, self.forcing, options, self.stats, halving)
-        self.integrator = _choose_integrator(solver, self.stepper, options)
+        python = PythonLoop(model, self.forcing, options, self.stats)
+        self.stepper = Stepper(_integrator_of(solver, python, options), python, halving)
         self.turn_counter = TurnCounter(model)
 
     def first_state(self, dt: float, start: Solution | None, steady: bool = True) -> State:
@@ -65,12 +66,11 @@ class RunSetup:
             before = None if start is None else state_of(model, start)
             state = initial_state(model, forcing, dt, before)
             if steady:
-                state = smooth_start(model, forcing, self.integrator, self.stats, state, dt)
+                state = smooth_start(model, forcing, self.stepper, self.stats, state, dt)
         else:
             same = start.stats.scheme == model.scheme.name
             state = resumed_state(model, forcing, dt, state_of(model, start), same)
-        self.integrator.past = state.past
-        self.stepper.halving.resume(state.parts)
+        self.stepper.load(state)
         return state
 
 
@@ -155,21 +155,21 @@ def _with_last_forces(model: Model, state: State, start: Solution) -> State:
     return state
 
 
-def _choose_integrator(
-    solver: str, stepper: Stepper, options: NewtonOptions
-) -> Stepper | CompiledLoop:
-    """The compiled loop if it can run the model and is not excluded, otherwise the stepper."""
+def _integrator_of(
+    solver: str, python: PythonLoop, options: NewtonOptions
+) -> PythonLoop | CompiledLoop:
+    """The compiled loop if it can run the model and is not excluded, otherwise that in Python."""
     if solver == "petsc":
         petsc()
-        stepper.single.newton.lu = PetscLU
-        return stepper
+        python.single.newton.lu = PetscLU
+        return python
     try:
-        return CompiledLoop(stepper, options)
+        return CompiledLoop(python, options)
     except LoopUnavailable as reason:
         if solver == "compiled":
             raise SceneError(f'solver = "compiled" is not available: {reason}') from reason
-        stepper.stats.solver += f" ({reason})"
-        return stepper
+        python.stats.solver += f" ({reason})"
+        return python
 
 
 def check_options(what: str, newton, max_halvings, record, solver) -> None:

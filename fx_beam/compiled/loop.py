@@ -1,33 +1,31 @@
-"""Runs the compiled time loop in blocks of steps.
-
-Loads and driven motions are evaluated in Python before each block.
-"""
+"""Time steps in C, in blocks: loads and driven motions are evaluated in Python before each."""
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
 
-from fx_beam.mechanics.interval import Interval, divided
+from fx_beam.mechanics.interval import divided
 from fx_beam.results.state import FORCES, Past, State
 from fx_beam.stepping.interrupts import uninterrupted
 from fx_beam.stepping.local_error import order_and_constant
-from fx_beam.stepping.newton import NewtonOptions, StepFailed
-from fx_beam.stepping.recorder import Rows, Unrecorded
-from fx_beam.stepping.step_control import StepControl
-from fx_beam.stepping.stepper import Attempt, Stepper, Trial
+from fx_beam.stepping.newton import NewtonOptions
+from fx_beam.stepping.python_loop import Attempt, PythonLoop, Steps
+from fx_beam.stepping.recorder import Rows
 
 from .handover import Problem
 
 
 class CompiledLoop:
-    """Takes time steps in C. A step that fails after all halvings is repeated in Python."""
+    """Tries many steps at once; like `PythonLoop`, which has the same model."""
 
-    def __init__(self, stepper: Stepper, options: NewtonOptions):
-        self._stepper, self.model = stepper, stepper.model
+    def __init__(self, python: PythonLoop, options: NewtonOptions):
+        self.model, self.forcing, self.stats = python.model, python.forcing, python.stats
+        self._inversion = python.inversion
         #: Owns the arrays to which C points.
-        self.problem = problem = Problem(self.model, stepper.single.joint_forces, options)
+        self.problem = problem = Problem(self.model, python.single.joint_forces, options)
         self._ffi, self._library = problem.ffi, problem.library
         # Read here: an interrupt while cffi reads the name of a type breaks its parser for good.
         names = "double *", "int *", "Inputs *", "Record *"
@@ -37,8 +35,10 @@ class CompiledLoop:
             problem.state_arrays,
             problem.past,
         )
-        problem.c.least_energy = stepper.inversion.least_energy
-        stepper.stats.solver = f"compiled, {problem.factors}"
+        problem.c.least_energy = python.inversion.least_energy
+        C = problem.library
+        self._no_failures = C.OK, C.SWITCHED, C.TOO_INACCURATE
+        self.stats.solver = f"compiled, {problem.factors}"
 
     @property
     def past(self) -> Past:
@@ -60,127 +60,57 @@ class CompiledLoop:
                 values[:known] = found
 
     def forget_past(self) -> None:
-        """Begin anew: the next step has no prediction."""
+        """Predict nothing in the next step."""
         p = self._problem
         p.known_steps, p.orders[0 : p.sub_steps] = 0, [0] * p.sub_steps
 
-    def march(self, state: State, times: np.ndarray, first: int, recorder: Rows) -> State:
-        """State at the last of `times`, the ends of steps from number `first` on.
-
-        StepError if a step fails after all halvings, or if a function of time fails.
-        """
-        done = 0
-        while done < len(times):
-            grid = times[done : done + _equal_steps(state.t, times[done:])]
-            state = self._equal(state, grid, first + done, recorder)
-            done += len(grid)
-        return state
-
-    def _equal(self, state: State, times: np.ndarray, first: int, recorder: Rows) -> State:
-        """State after steps of equal length; steps that fail are divided into sub-steps."""
-        p, stats, halving = self._problem, self._stepper.stats, self._stepper.halving
-        inputs = self.inputs(state.t, times)
-        done, grid = 0, np.concatenate([[state.t], times])
-        while done < len(times):
-            ends, now = times[done:], inputs
-            if halving.times:
-                ends = halving.ends(grid[done:])
-                now = self.inputs(state.t, ends)
-            parts = halving.parts
-            with uninterrupted:
-                taken = self._run(state, ends, first + done, recorder, now)
-                steps = halving.take(taken)
-                stats.steps += steps
-                if halving.parts != parts:  # as in `Stepper.part`
-                    self.forget_past()
-                if taken:
-                    state = self.state(float(ends[taken - 1]))
-                    recorder.end = state
-            done, inputs = done + steps, inputs.after(steps * p.sub_steps)
-            if p.failure:
-                if halving.fail():
-                    stats.halvings += 1
-                    self.forget_past()
-                else:  # in Python, which reports the cause, or succeeds
-                    step = Interval(*grid[done : done + 2])
-                    self._stepper.past = self.past
-                    state = self._stepper.part(state, step, first + done, recorder)
-                    self.past = self._stepper.past
-                    if state.t == step.end:
-                        done, inputs = done + 1, inputs.after(p.sub_steps)
-            elif now.error is not None:
-                raise now.error
-        return state
-
-    # -- Steps whose local errors are controlled --------------------------------------------------
-
     def forget_errors(self) -> None:
-        """Do not compare the next steps with those before, for example after a jump of a load."""
+        """Do not compare the next steps with those before."""
         p = self._problem
         p.scheme_order, _ = order_and_constant(self.model.scheme)
         p.known_errors, p.ratios = 0, [-1.0, -1.0]
 
-    def trial(self, state: State, t1: float, watch: bool = False) -> Trial:
-        """One step to t1 [s] that is not part of the run; with `watch` also its switches."""
-        p, past = self._problem, self.past
-        p.controlled, p.watches = False, watch
-        inputs = self.inputs(state.t, np.array([t1]))
-        with uninterrupted:
-            taken = self._run(state, np.array([t1]), 1, Unrecorded(), inputs)
-            self.past = past
-        known = watch and (taken or p.failure == self._library.SWITCHED)
-        return Trial(
-            self.state(t1) if taken else None,
-            self.problem.sides[1].copy() if known else None,
-        )
-
-    def attempt(
+    def take(
         self,
         state: State,
         ends: np.ndarray,
-        first: int,
+        inputs: StepInputs,
+        steps: Steps,
         recorder: Rows,
-        control: StepControl,
-        watch: bool = False,
+        count: Callable[[Attempt], None],
     ) -> Attempt:
-        """Take steps of equal length from number `first` on, as long as this length is right."""
-        p, dt = self._problem, float(ends[0]) - state.t
-        p.controlled, p.watches = True, watch and p.switches > 0
-        p.smooth, p.raw = control.factors(dt)
-        p.lowest, p.highest = control.band(dt)
-        inputs = self.inputs(state.t, ends)
-        known = len(inputs.driven) // p.sub_steps
+        """Take steps or parts of equal length, as long as they succeed and this length is right."""
+        p = self._problem
+        p.controlled, p.watches = steps.control is not None, steps.watch and p.switches > 0
+        if steps.control is not None:
+            dt = float(ends[0]) - state.t
+            p.smooth, p.raw = steps.control.factors(dt)
+            p.lowest, p.highest = steps.control.band(dt)
+        found = Attempt(state, 0)
         with uninterrupted:
-            taken = self._run(state, ends[:known], first, recorder, inputs) if known else 0
+            taken = self._run(state, ends, inputs, steps, recorder)
             if taken:
-                self._stepper.stats.steps += taken
-                state = self.state(float(ends[taken - 1]))
-                recorder.end = state
-        if taken == known and inputs.error is not None:
-            raise inputs.error
-        if p.failure == self._library.SWITCHED:
-            return Attempt(state, taken, switched=True)
-        rejected = p.failure == self._library.TOO_INACCURATE
-        ratios = [ratio if ratio >= 0 else None for ratio in p.ratios]
-        if p.failure and not rejected:
-            return Attempt(state, taken, failed=True)
-        return Attempt(state, taken, ratios[0] if taken > 1 else None, ratios[1])
-
-    def failure(self, state: State, t1: float) -> StepFailed:
-        """Why Newton's method fails in a step to t1 [s]."""
-        self._stepper.past = self.past
-        return self._stepper.failure(state, t1)
-
-    # -- Steps of all kinds -----------------------------------------------------------------------
+                within = (steps.done + taken) % steps.parts > 0
+                found = Attempt(self.state(float(ends[taken - 1]), within), taken)
+                count(found)
+        if steps.watch and (taken or p.failure == self._library.SWITCHED):
+            switches = self.problem.sides[1].copy()
+            found = found._replace(switches=switches, switched=p.failure == self._library.SWITCHED)
+        if p.failure in (self._library.OK, self._library.TOO_INACCURATE) and steps.control:
+            before, ratio = (ratio if ratio >= 0 else None for ratio in p.ratios)
+            found = found._replace(before=before if taken > 1 else None, ratio=ratio)
+        return found._replace(
+            failed=p.failure not in self._no_failures,
+            error=inputs.error if taken == len(inputs.driven) // p.sub_steps else None,
+        )
 
     def _run(
-        self, state: State, ends: np.ndarray, first: int, recorder: Rows, inputs: StepInputs
+        self, state: State, ends: np.ndarray, inputs: StepInputs, steps: Steps, recorder: Rows
     ) -> int:
-        """Take steps or parts of steps of equal length; returns the number that succeeded."""
+        """Number of steps or parts of equal length that succeeded."""
         p = self._problem
         self.load(state)
-        c_inputs = self.c_inputs(inputs)
-        to = self.c_record(recorder, first, len(ends))
+        c_inputs, to = self.c_inputs(inputs), self.c_record(recorder, steps, len(ends))
         dt = (ends[-1] - state.t) / len(ends)
         taken = self._library.fx_run(p, len(inputs.driven) // p.sub_steps, dt, c_inputs, to)
         recorder.add(to.rows, to.starts)
@@ -217,14 +147,14 @@ class CompiledLoop:
         c_inputs.thrust_stride = inputs.thrust.strides[0] // inputs.thrust.itemsize
         return c_inputs
 
-    def c_record(self, recorder: Rows, first: int, steps: int):
-        """Rows of a recorder for C, from its next one on, for parts of steps from `first` on."""
-        to, halving = self._ffi.new(self._types["Record *"]), self._stepper.halving
-        to.every, to.first, to.last = recorder.every, first, recorder.last
-        to.parts, to.part = halving.parts, halving.done
+    def c_record(self, recorder: Rows, steps: Steps, number: int):
+        """Rows of a recorder for C, from its next one on, for a number of steps or parts."""
+        to = self._ffi.new(self._types["Record *"])
+        to.every, to.first, to.last = recorder.every, steps.first, recorder.last
+        to.parts, to.part = steps.parts, steps.done
         to.keeps_starts = recorder.keeps_starts(to.parts)
         to.starts, to.complete = recorder.starts, recorder.complete
-        most = steps * self._problem.sub_steps if to.keeps_starts else 0
+        most = number * self._problem.sub_steps if to.keeps_starts else 0
         for name, rows in recorder.next_rows(most).items():
             kind = "int *" if rows.dtype == np.int32 else "double *"
             setattr(to, name, self._ffi.cast(self._types[kind], rows.ctypes.data))
@@ -232,13 +162,13 @@ class CompiledLoop:
 
     def count(self, taken: int) -> None:
         """Add what C has counted in some steps or parts to the statistics."""
-        p, stats = self._problem, self._stepper.stats
+        p, stats = self._problem, self.stats
         stats.substeps += taken
         stats.newton_iterations += p.iterations
         stats.too_large += p.too_large
         stats.amplified += p.amplified
         if p.inverted:
-            self._stepper.inversion.count(p.inverted, p.inverted_t, self.problem.inverted_q)
+            self._inversion.count(p.inverted, p.inverted_t, self.problem.inverted_q)
         solves = taken * p.sub_steps
         for name, count in (("increment", solves - p.by_round_off), ("round-off", p.by_round_off)):
             if count:
@@ -249,7 +179,7 @@ class CompiledLoop:
         """Inputs of all sub-steps; if a function of time fails, only of the steps before."""
         starts = np.concatenate([[t], times[:-1]])
         t0, t1 = divided(starts, times, self.model.scheme.fractions)
-        forcing, follow = self._stepper.forcing, self.model.forms.followers
+        forcing, follow, parts = self.forcing, self.model.forms.followers, self._problem.sub_steps
         try:
             first = slice(1 if self.model.loads.constant else None)
             loads = _of_each_step(forcing.loads(t0[first], t1[first]), len(t1))
@@ -257,19 +187,19 @@ class CompiledLoop:
             if follow is not None:
                 first = slice(1 if follow.constant else None)
                 thrust = _of_each_step(follow.series(t0[first], t1[first]), len(t1))
-            return StepInputs(loads, forcing.series(t1), thrust)
+            return StepInputs(loads, forcing.series(t1), thrust, parts)
         except BaseException as raised:
             before = int(np.searchsorted(times, getattr(raised, "time", t)))
-            inputs = self.inputs(t, times[:before]) if before else StepInputs(*np.empty((3, 0, 2)))
+            inputs = self.inputs(t, times[:before]) if before else no_inputs(parts)
             return inputs._replace(error=inputs.error or raised)
 
-    def state(self, t: float) -> State:
-        """The state in the memory of C, at the time t [s]."""
+    def state(self, t: float, within: bool = False) -> State:
+        """The state in the memory of C, at the time t [s]; `within` a step that is in parts."""
         p = self._problem
         arrays = {name: values.copy() for name, values in self._state_arrays.items()}
         taken, shape = p.steps_done > 0, self.model.forms.internal_shape
         # Those of joints and obstacles are not computed in steps that are not recorded.
-        known = taken and (p.keeps_joint_forces or self._stepper.halving.done > 0)
+        known = taken and (p.keeps_joint_forces or within)
         return State(
             t,
             arrays["q"],
@@ -298,21 +228,22 @@ class StepInputs(NamedTuple):
     loads: np.ndarray
     driven: np.ndarray
     thrust: np.ndarray
+    #: Sub-steps of a step.
+    parts: int
     error: BaseException | None = None
 
     def after(self, steps: int) -> StepInputs:
-        """The inputs without the first sub-steps."""
-        loads, driven, thrust = (part[steps:] for part in self[:3])
-        return StepInputs(loads, driven, thrust, self.error)
+        """The inputs of the steps after some."""
+        loads, driven, thrust = (part[steps * self.parts :] for part in self[:3])
+        return self._replace(loads=loads, driven=driven, thrust=thrust)
+
+
+def no_inputs(parts: int) -> StepInputs:
+    """Those of no steps."""
+    none = np.empty((0, 2))
+    return StepInputs(none, none, none, parts)
 
 
 def _of_each_step(rows: np.ndarray, steps: int) -> np.ndarray:
     """Rows of all steps; a single row is repeated without copies."""
     return np.broadcast_to(rows[0], (steps, *rows.shape[1:])) if len(rows) == 1 else rows
-
-
-def _equal_steps(t: float, times: np.ndarray) -> int:
-    """Number of steps from the first on that have equal length, up to rounding."""
-    steps = np.diff(times, prepend=t)
-    different = abs(steps / steps[0] - 1) > 1e-6
-    return int(np.argmax(different)) if different.any() else len(steps)

@@ -3,21 +3,19 @@
 from __future__ import annotations
 
 from copy import copy
-from typing import Protocol
 
 import numpy as np
 
 from fx_beam.errors import Failure, StepError
-from fx_beam.results.audit import Stats
-from fx_beam.results.state import Past, State
+from fx_beam.results.state import State
 
 from .events import end_behind_event
 from .local_error import AVERAGED, order_and_constant
-from .newton import StepFailed
+from .python_loop import Attempt
 from .recorder import Recorder, Rows, Unrecorded
-from .single_step import SingleStep
 from .step_control import StepControl
-from .stepper import Attempt, Trial
+from .stepper import Stepper, Trial
+from .tolerance import Tolerance
 
 # Steps that are prepared at once: at first, after a change of their length, and at most.
 _FIRST_BLOCK, _LARGEST_BLOCK = 16, 1024
@@ -25,32 +23,8 @@ _FIRST_BLOCK, _LARGEST_BLOCK = 16, 1024
 _TRIALS = 40
 # Shortest steps for a short contact, relative to the end of the run.
 _LEAST = 1e-8
-
-
-class Integrator(Protocol):
-    """Takes the steps: `Stepper` or `CompiledLoop`."""
-
-    past: Past
-
-    def forget_errors(self) -> None:
-        """Do not compare the next steps with those before."""
-
-    def trial(self, state: State, t1: float, watch: bool = False) -> Trial:
-        """One step to t1 [s] that is not part of the run; with `watch` also its switches."""
-
-    def attempt(
-        self,
-        state: State,
-        ends: np.ndarray,
-        first: int,
-        recorder: Rows,
-        control: StepControl,
-        watch: bool = False,
-    ) -> Attempt:
-        """Take steps of equal length, with `watch` only up to where a contact or law switches."""
-
-    def failure(self, state: State, t1: float) -> StepFailed:
-        """Why a step to t1 [s] fails."""
+# What may help where Newton's method fails.
+_ADVICE = "Check the units of loads, velocities and stiffnesses, or try another scheme"
 
 
 class AdaptiveRun:
@@ -59,33 +33,28 @@ class AdaptiveRun:
     After each break, trial steps find the first length.
     """
 
-    def __init__(
-        self,
-        integrator: Integrator,
-        single: SingleStep,
-        recorder: Recorder,
-        control: StepControl,
-        breaks: list[float],
-        max_halvings: int,
-        search: bool,
-    ):
-        self._integrator, self._single, self._recorder = integrator, single, recorder
-        self._control, self._breaks, self._max_halvings = control, breaks, max_halvings
+    def __init__(self, stepper: Stepper, recorder: Recorder, tolerance: Tolerance):
+        self._stepper, self._recorder, self._stats = stepper, recorder, stepper.stats
+        self._order, constant = order_and_constant(stepper.model.scheme)
+        self._control = StepControl(
+            tolerance.value,
+            self._order,
+            constant,
+            tolerance.span,
+            tolerance.longest,
+            stepper.model.has_unseen_kinks,
+        )
+        self._control.begin(tolerance.first)
         #: Whether a larger first length than that of the control is looked for.
-        self._search = search
-        self._order, _ = order_and_constant(single.model.scheme)
+        self._search, self._breaks = tolerance.search, tolerance.breaks
         # The local error of a scheme of order 2 is right also where accelerations have a kink.
         self._watch = self._order > 2
         #: Segments of motion between events are not divided further [s].
-        self._least = _LEAST * breaks[-1]
+        self._least = _LEAST * self._breaks[-1]
         self._started = False
         self._next, self._block, self._halvings = 0, _FIRST_BLOCK, 0
         #: Ends of steps at which a contact or a law has switched [s].
         self.events: list[float] = []
-
-    @property
-    def _stats(self) -> Stats:
-        return self._single.stats
 
     def advance(self, state: State) -> None:
         """Take some steps from a state, at most up to the next break."""
@@ -119,14 +88,14 @@ class AdaptiveRun:
 
     def _attempt(self, state: State, ends: np.ndarray, first: int, recorder: Rows) -> Attempt:
         """Take steps of equal length, up to where something switches that matters."""
-        integrator, control = self._integrator, self._control
-        found = integrator.attempt(state, ends, first, recorder, control, self._watch)
+        stepper, control = self._stepper, self._control
+        found = stepper.attempt(state, ends, first, recorder, control, self._watch)
         if not found.switched:
             return found
         now, next_one = found.state, ends[found.taken : found.taken + 1]
         if self._matters(now, float(next_one[0])):
             return found
-        step = integrator.attempt(now, next_one, first + found.taken, recorder, control)
+        step = stepper.attempt(now, next_one, first + found.taken, recorder, control)
         return step._replace(taken=found.taken + step.taken)
 
     def _matters(self, state: State, t1: float) -> bool:
@@ -136,7 +105,7 @@ class AdaptiveRun:
         halves = middle and self._trial(middle, t1).state
         if whole is None or halves is None:
             return True
-        model = self._single.model
+        model = self._stepper.model
         difference = abs(whole.q - halves.q) / model.unit
         difference[model.turns] = 0.0  # as vibrations hardly displace
         return self._control.matters(float(difference.max()))
@@ -145,16 +114,16 @@ class AdaptiveRun:
         """A step that is not part of the run; it is counted as rejected."""
         stats, counts = self._stats, copy(vars(self._stats))
         counts["ended_by"] = dict(stats.ended_by)
-        found = self._integrator.trial(state, t1, watch)
+        found = self._stepper.trial(state, t1, watch)
         vars(stats).update(counts)
         stats.rejected += 1
         return found
 
     def _up_to_event(self, found: Attempt, dt: float) -> tuple[Attempt, float]:
         """Take a step of at most the length dt up to where a contact or a law switches in it."""
-        integrator, recorder, stats = self._integrator, self._recorder, self._stats
+        stepper, recorder, stats = self._stepper, self._recorder, self._stats
         state = found.state
-        first = self._single.model.switches(state)
+        first = stepper.model.switches(state)
         if not len(first):
             return found, dt
         end = end_behind_event(
@@ -166,7 +135,7 @@ class AdaptiveRun:
             end = state.t + dt
         number = stats.steps + 1
         recorder.plan(number, np.array([end]), end == self._breaks[-1])
-        step = integrator.attempt(state, np.array([end]), number, recorder, self._control)
+        step = stepper.attempt(state, np.array([end]), number, recorder, self._control)
         if step.taken:
             self.events.append(end)
             self._started = False
@@ -174,7 +143,7 @@ class AdaptiveRun:
 
     def _start(self, state: State, until: float) -> None:
         """Find the first length by trial steps, which are not part of the run."""
-        integrator, control, stats = self._integrator, self._control, self._stats
+        integrator, control, stats = self._stepper.integrator, self._control, self._stats
         number = self._order + AVERAGED
         longest = (until - state.t) / number
         for _ in range(_TRIALS):
@@ -219,15 +188,8 @@ class AdaptiveRun:
 
     def _fail(self, state: State, dt: float) -> None:
         """Halve the steps after a failure of Newton's method; StepError if this is not allowed."""
-        if self._halvings == self._max_halvings:
-            failure = self._integrator.failure(state, state.t + dt)
-            raise self._single.error(
-                f"the step from t = {state.t:.6g} to {state.t + dt:.6g} failed",
-                self._halvings,
-                state,
-                failure,
-                "Check the units of loads, velocities and stiffnesses, or try another scheme",
-            ) from failure
+        if self._halvings == self._stepper.halving.most:
+            raise self._stepper.error(state, state.t + dt, _ADVICE)
         self._halvings += 1
         self._stats.halvings += 1
         self._control.fail(dt)

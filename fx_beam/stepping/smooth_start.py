@@ -10,7 +10,6 @@ from __future__ import annotations
 
 from copy import copy
 from dataclasses import replace
-from typing import Protocol
 
 import numpy as np
 
@@ -19,16 +18,11 @@ from fx_beam.results.audit import Stats
 from fx_beam.results.state import State
 
 from .forcing import Forcing
-from .stepper import Trial
-
-
-class _Tries(Protocol):
-    def trial(self, state: State, t1: float) -> Trial:
-        """One step to t1 [s] that is not part of the run."""
+from .stepper import Stepper
 
 
 def smooth_start(
-    model: Model, forcing: Forcing, integrator: _Tries, stats: Stats, state: State, dt: float
+    model: Model, forcing: Forcing, stepper: Stepper, stats: Stats, state: State, dt: float
 ) -> State:
     """The state of initial rates with the slow part, found by a step of the length dt [s].
 
@@ -38,7 +32,7 @@ def smooth_start(
     if fits is None or len(model.scheme.fractions) == 1:
         return state
     counts = copy(vars(stats)) | {"ended_by": dict(stats.ended_by)}
-    end = integrator.trial(state, state.t + dt).state
+    end = stepper.trial(state, state.t + dt).state
     vars(stats).update(counts)
     if end is None:
         return state

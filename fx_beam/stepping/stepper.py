@@ -1,145 +1,171 @@
-"""Time steps in Python: with PETSc the reference, and the fallback of the compiled loop."""
+"""Time steps: halved where they fail, counted, recorded, and as a whole where Ctrl-C comes."""
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from collections.abc import Callable
+from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 
 from fx_beam.errors import StepError
-from fx_beam.mechanics.interval import Interval, divided
-from fx_beam.mechanics.rates import MidPointRates
-from fx_beam.model.model import Model
-from fx_beam.results.audit import Stats
-from fx_beam.results.state import FORCES, Past, State
+from fx_beam.results.state import State
 
-from .events import switched
-from .forcing import Forcing
-from .interrupts import uninterrupted
-from .inverted_sections import InversionCheck
-from .local_error import LocalError
-from .newton import NewtonOptions, StepFailed
-from .recorder import Rows
-from .single_step import SingleStep
+from .newton import StepFailed
+from .python_loop import Attempt, PythonLoop, Steps
+from .recorder import Rows, Unrecorded
 from .step_control import StepControl
-from .substeps import LARGE_TURN, Halving
+from .substeps import Halving
 
 
-class Attempt(NamedTuple):
-    """What came of steps of equal length whose local errors are controlled."""
+class Inputs(Protocol):
+    """What is known of steps before they are taken: values of the functions of time."""
 
-    #: State at the end of the steps that succeeded, and their number.
-    state: State
-    taken: int
-    #: Ratios of error and limit in the last step but one and in the last one, if they are known.
-    before: float | None = None
-    ratio: float | None = None
-    #: Whether Newton's method failed in the step after them; a ratio above 1 rejects the last step.
-    failed: bool = False
-    #: Whether a contact or a law switches in the step after them.
-    switched: bool = False
+    def after(self, steps: int) -> Any:
+        """Those of the steps after some."""
+
+
+class Integrator(Protocol):
+    """Tries steps: `PythonLoop` or `CompiledLoop`."""
+
+    #: The last configurations, from which the next increment is predicted.
+    past: Any
+
+    def inputs(self, t: float, ends: np.ndarray) -> Any:
+        """`Inputs` of steps from t to `ends` [s]."""
+
+    def take(
+        self,
+        state: State,
+        ends: np.ndarray,
+        inputs: Any,
+        steps: Steps,
+        recorder: Rows,
+        count: Callable[[Attempt], None],
+    ) -> Attempt:
+        """Take steps or parts of equal length up to the first that fails, or only the first one.
+
+        They are recorded and counted without an interrupt, and `count` is called after some.
+        """
+
+    def forget_past(self) -> None:
+        """Predict nothing in the next step."""
+
+    def forget_errors(self) -> None:
+        """Do not compare the next steps with those before, for example after a jump of a load."""
 
 
 class Trial(NamedTuple):
     """A step that is not part of a run."""
 
-    #: State at its end; None if it fails, and perhaps where something switches in it.
+    #: State at its end; None if it fails, or if something that is watched switches in it.
     state: State | None = None
     #: `Model.switches` at its end, or after the first of its sub-steps in which one changes its
-    #: sign; None if it fails.
+    #: sign; None if it fails, or if they are not watched.
     switches: np.ndarray | None = None
 
 
 class Stepper:
-    """Takes time steps; a step that fails is halved."""
+    """Takes time steps; a step that fails is halved, and at last tried in Python."""
 
-    def __init__(
-        self, model: Model, forcing: Forcing, options: NewtonOptions, stats: Stats, halving: Halving
-    ):
-        self.model, self.forcing, self.stats = model, forcing, stats
-        self.single = SingleStep(model, forcing, options, stats)
-        self.halving = halving
-        self.inversion = InversionCheck(model, stats)
-        self._errors: LocalError | None = None
+    def __init__(self, integrator: Integrator, python: PythonLoop, halving: Halving):
+        self.integrator, self.python, self.halving = integrator, python, halving
+        self.model, self.stats = python.model, python.stats
 
-    @property
-    def past(self) -> Past:
-        """The last configurations, from which the next increment is predicted."""
-        return self.single.newton.predictor.past
-
-    @past.setter
-    def past(self, past: Past | None) -> None:
-        self.single.newton.predictor.past = past
+    def load(self, state: State) -> None:
+        """Begin with the past of a state, and with the parts of its steps."""
+        self.integrator.forget_past()
+        self.integrator.past = state.past
+        self.halving.resume(state.parts)
 
     def march(self, state: State, times: np.ndarray, first: int, recorder: Rows) -> State:
         """State at the last of `times`, the ends of steps from number `first` on.
 
         StepError if a step fails after all halvings, or if a function of time fails.
         """
-        for number, t in enumerate(map(float, times), start=first):
-            step = Interval(state.t, t)
-            while state.t < t:
-                state = self.part(state, step, number, recorder)
+        done = 0
+        while done < len(times):
+            grid = times[done : done + _equal_steps(state.t, times[done:])]
+            state = self._equal(state, grid, first + done, recorder)
+            done += len(grid)
         return state
 
-    def part(self, state: State, step: Interval, number: int, recorder: Rows) -> State:
-        """State after the next successful sub-step of a step and its number.
+    def _equal(self, state: State, times: np.ndarray, first: int, recorder: Rows) -> State:
+        """State after steps of equal length."""
+        integrator, halving = self.integrator, self.halving
+        inputs, grid = integrator.inputs(state.t, times), np.concatenate([[state.t], times])
+        done = 0
+        while done < len(times):
+            ends, now = times[done:], inputs
+            if halving.times:
+                ends = halving.ends(grid[done:])
+                now = integrator.inputs(state.t, ends)
+            found, steps = self._take(integrator, state, ends, now, first + done, recorder)
+            if found.failed and not self._halve():
+                end = halving.ends(grid[done + steps :])[0]
+                found, more = self._in_python(found, end, first + done + steps, recorder)
+                steps += more
+            state, done, inputs = found.state, done + steps, inputs.after(steps)
+            if found.error is not None:
+                raise found.error
+        return state
 
-        StepError if a step fails after all halvings, or if a function of time fails.
-        """
-        before, predictor = state, self.single.newton.predictor
-        while True:
-            part = Interval(before.t, float(self.halving.ends(np.array(step[:2]))[0]))
-            try:
-                starts, state = self._take(before, part)
-            except StepFailed as failure:
-                predictor.forget()
-                if not self.halving.fail():
-                    raise self._error(before, part, failure) from failure
-                self.stats.halvings += 1
-                continue
-            parts = self.halving.parts
-            with uninterrupted:
-                self._count(before, state)
-                if parts > 1:
-                    turn = abs(state.q - before.q)[self.model.turns].max()
-                    self.stats.too_large += int(turn * parts > LARGE_TURN)
-                self._average(before, state, self.halving.done)
-                recorder.keep(number, starts, state, (self.halving.done, parts))
-                if self.halving.take(1):
-                    recorder.record(number, state)
-                    self.stats.steps += 1
-                if self.halving.parts != parts:
-                    # Where steps fail, predictions from steps of another length lead astray.
-                    predictor.forget()
-                recorder.end = state
-            return state
+    def _take(
+        self,
+        integrator: Integrator,
+        state: State,
+        ends: np.ndarray,
+        inputs: Inputs,
+        first: int,
+        recorder: Rows,
+    ) -> tuple[Attempt, int]:
+        """What came of steps or parts of steps, and the number of steps that are complete."""
+        halving = self.halving
+        parts = halving.parts
+        before = self.stats.steps
+
+        def count(found: Attempt) -> None:
+            self.stats.steps += halving.take(found.taken)
+            if halving.parts != parts:
+                # Where steps fail, predictions from steps of another length lead astray.
+                integrator.forget_past()
+            recorder.end = found.state
+
+        steps = Steps(first, halving.done, parts)
+        found = integrator.take(state, ends, inputs, steps, recorder, count)
+        return found, self.stats.steps - before
+
+    def _halve(self) -> bool:
+        """Halve the steps after a failure; False if this is no longer allowed."""
+        self.integrator.forget_past()
+        halved = self.halving.fail()
+        self.stats.halvings += halved
+        return halved
+
+    def _in_python(
+        self, found: Attempt, end: float, number: int, recorder: Rows
+    ) -> tuple[Attempt, int]:
+        """The same for a step that C failed to take: it succeeds, or the cause is known."""
+        steps, start = 0, found.state
+        if found.reason is None:
+            self.python.forget_past()
+            inputs, ends = self.python.inputs(start.t, np.array([end])), np.array([end])
+            found, steps = self._take(self.python, start, ends, inputs, number, recorder)
+        if found.reason is not None:
+            raise self._error(start, end, found.reason)
+        return found, steps
 
     # -- Steps whose local errors are controlled --------------------------------------------------
 
-    def forget_errors(self) -> None:
-        """Do not compare the next steps with those before, for example after a jump of a load."""
-        self._errors = LocalError(self.model)
-
     def trial(self, state: State, t1: float, watch: bool = False) -> Trial:
         """One step to t1 [s] that is not part of the run; with `watch` also its switches."""
-        predictor = self.single.newton.predictor
-        prediction = predictor.memory
+        integrator, ends = self.integrator, np.array([t1])
+        past, inputs = integrator.past, integrator.inputs(state.t, ends)
+        steps = Steps(1, watch=watch)
         try:
-            starts, end = self._take(state, Interval(state.t, t1))
-            return Trial(end, self._switches(state, starts, end) if watch else None)
-        except StepFailed:
-            return Trial()
+            found = integrator.take(state, ends, inputs, steps, Unrecorded(), lambda found: None)
         finally:
-            predictor.memory = prediction
-
-    def _switches(self, start: State, starts: list[State], end: State) -> np.ndarray:
-        first = self.model.switches(start)
-        for state in (*starts[1:], end):
-            found = self.model.switches(state)
-            if switched(first, found):
-                break
-        return found
+            integrator.past = past
+        return Trial(found.state if found.taken else None, found.switches)
 
     def attempt(
         self,
@@ -150,93 +176,35 @@ class Stepper:
         control: StepControl,
         watch: bool = False,
     ) -> Attempt:
-        """Take the first of some steps of equal length, number `first`, if its error is small.
+        """Take steps of equal length from number `first` on, as long as this length is right.
 
-        With `watch` it is not taken if a contact or a law switches in it.
+        With `watch` only up to where a contact or a law switches.
         """
-        errors, predictor, stats = self._errors, self.single.newton.predictor, self.stats
-        assert errors is not None
-        step = Interval(state.t, float(ends[0]))
-        memory, prediction = errors.memory, predictor.memory
-        counted = stats.newton_iterations, dict(stats.ended_by)
-        try:
-            starts, new = self._take(state, step)
-        except StepFailed:
-            return Attempt(state, 0, failed=True)
-        sides = self.model.switches(state) if watch else np.empty(0)
-        event = len(sides) > 0 and switched(sides, self._switches(state, starts, new))
-        ratio = errors.add(new.q - state.q, step.length, *control.factors(step.length))
-        if event or (ratio is not None and ratio > 1):
-            predictor.memory, errors.memory = prediction, memory
-            stats.newton_iterations, stats.ended_by = counted
-            return Attempt(state, 0, ratio=ratio, switched=event)
-        with uninterrupted:
-            self._count(state, new)
-            recorder.keep(first, starts, new)
-            recorder.record(first, new)
-            stats.steps += 1
-            recorder.end = new
-        return Attempt(new, 1, ratio=ratio)
+        inputs = self.integrator.inputs(state.t, ends)
+        steps = Steps(first, control=control, watch=watch)
 
-    def failure(self, state: State, t1: float) -> StepFailed:
-        """Why Newton's method fails in a step to t1 [s]."""
-        try:
-            self._take(state, Interval(state.t, t1))
-        except StepFailed as failure:
-            return failure
-        return StepFailed("no convergence", "no convergence", np.zeros(self.model.size), [])
+        def count(found: Attempt) -> None:
+            self.stats.steps += found.taken
+            recorder.end = found.state
 
-    # -- Steps of all kinds -----------------------------------------------------------------------
+        found = self.integrator.take(state, ends, inputs, steps, recorder, count)
+        if found.error is not None:
+            raise found.error
+        return found
 
-    def _take(self, state: State, step: Interval) -> tuple[list[State], State]:
-        """States at the starts of all sub-steps of the scheme in a step, and at their end."""
-        fractions, predictor = self.model.scheme.fractions, self.single.newton.predictor
-        states, solves, prediction = [state], [], predictor.memory
-        t0, t1 = np.array(step[:2])[:, None]
-        grid = zip(*divided(t0, t1, fractions), strict=True)
-        try:
-            for self.single.equations.sub_step, ends in enumerate(grid):
-                new, solve = self.single.take(states[-1], Interval(*map(float, ends)))
-                states.append(new)
-                solves.append(solve)
-        except BaseException:
-            predictor.memory = prediction
-            raise
-        for solve in solves:
-            self.stats.add_solve(solve.iterations, solve.ended_by)
-        *starts, end = states
-        if len(fractions) > 1:  # means over the step, as for a scheme without sub-steps
-            if self.model.nodal_rules is None:
-                end.a = (end.v - state.v) / step.length
-            for name in FORCES:
-                parts = [getattr(sub_step, name) for sub_step in states[1:]]
-                if parts[0] is not None:
-                    setattr(end, name, np.tensordot(fractions, parts, 1))
-        return starts, end
+    # -- Errors -----------------------------------------------------------------------------------
 
-    def _average(self, start: State, end: State, done: int) -> None:
-        """Make forces of a part means over the step so far, of which some parts are done."""
-        rates = self.model.scheme.rates
-        if not done or rates.level != 0.5:
-            return
-        held = isinstance(rates, MidPointRates) and self.model.nodal_rules is None
-        for name in (*FORCES, "a") if held else FORCES:
-            now = getattr(end, name)
-            if now is not None:
-                before = getattr(start, name)
-                setattr(end, name, before + (now - before) / (done + 1))
+    def error(self, state: State, t1: float, advice: str) -> StepError:
+        """StepError for a step to t1 [s] that fails after all halvings."""
+        return self._error_of(state, t1, self.python.failure(state, t1), advice)
 
-    def _count(self, start: State, end: State) -> None:
-        """Count a step that succeeded, and what is wrong with its end."""
-        self.stats.substeps += 1
-        # Damping may give energy in the sub-step that goes back in time. Beyond rounding: damping
-        # at rest takes next to nothing.
-        given = start.dissipated - end.dissipated
-        several = len(self.model.scheme.fractions) > 1
-        self.stats.amplified += several and given > 1e-14 * abs(start.dissipated)
-        self.inversion.check(end.t, end.q)
+    def _error_of(self, start: State, end: float, failure: StepFailed, advice: str) -> StepError:
+        what = f"the step from t = {start.t:.6g} to {end:.6g} failed"
+        error = self.python.single.error(what, self.halving.most, start, failure, advice)
+        error.__cause__ = failure
+        return error
 
-    def _error(self, start: State, step: Interval, failure: StepFailed) -> StepError:
+    def _error(self, start: State, end: float, failure: StepFailed) -> StepError:
         halvings = self.halving.most
         advice = (
             f"Try a smaller dt{'' if halvings else ' or max_halvings > 0'}. If this does not help, "
@@ -252,5 +220,11 @@ class Stepper:
                 "Its velocity does not take it out of there. Let it not come to rest in this "
                 "position, or let a member yield: a beam in place of a body"
             )
-        what = f"the step from t = {step.start:.6g} to {step.end:.6g} failed"
-        return self.single.error(what, halvings, start, failure, advice)
+        return self._error_of(start, end, failure, advice)
+
+
+def _equal_steps(t: float, times: np.ndarray) -> int:
+    """Number of steps from the first on that have equal length, up to rounding."""
+    steps = np.diff(times, prepend=t)
+    different = abs(steps / steps[0] - 1) > 1e-6
+    return int(np.argmax(different)) if different.any() else len(steps)

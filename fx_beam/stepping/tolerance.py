@@ -1,4 +1,4 @@
-"""Runs whose steps are chosen by a tolerance: checks of the options, and the run."""
+"""What a run is given whose steps are chosen by a tolerance."""
 
 from __future__ import annotations
 
@@ -7,11 +7,6 @@ from collections.abc import Sequence
 import numpy as np
 
 from fx_beam.errors import SceneError
-from fx_beam.stepping.adaptive_run import AdaptiveRun
-from fx_beam.stepping.local_error import order_and_constant
-from fx_beam.stepping.recorder import Recorder
-from fx_beam.stepping.step_control import StepControl
-from fx_beam.stepping.stepper import Stepper
 from fx_beam.validation import LARGEST, as_float, is_number, numbers, require
 
 # Limits of the tolerance. Newton's method and rounding disturb smaller errors.
@@ -48,24 +43,15 @@ class Tolerance:
         inner = numbers(breaks)
         fits = inner.ndim == 1 and bool(np.isfinite(inner).all())
         require(fits, "breaks", breaks, "a sequence of finite times")
-        self.tolerance, self._t0, self._t_end = as_float(tolerance), t0, t_end
-        given = _LONGEST * (t_end - t0) if dt_max is None else as_float(dt_max)
-        self._longest = min(given, t_end - t0)
-        self._search = dt is None
-        first = (t_end - t0) / 1000 if dt is None else as_float(dt)
-        #: Length of the first step to be tried [s].
-        self.first = min(first, self._longest)
-        least = 1e-9 * (t_end - t0)
-        self._breaks = [t for t in np.unique(inner).tolist() if t0 + least < t < t_end - least]
-
-    def run(self, integrator, stepper: Stepper, recorder: Recorder, max_halvings: int):
-        """The run of an integrator, from which it can be advanced."""
-        order, constant = order_and_constant(stepper.model.scheme)
-        span = self._t_end - self._t0
-        kinks = stepper.model.has_unseen_kinks
-        control = StepControl(self.tolerance, order, constant, span, self._longest, kinks)
-        control.begin(self.first)
-        breaks = [*self._breaks, self._t_end]
-        return AdaptiveRun(
-            integrator, stepper.single, recorder, control, breaks, max_halvings, self._search
-        )
+        #: The tolerance, and the whole time [s].
+        self.value, self.span = as_float(tolerance), t_end - t0
+        given = _LONGEST * self.span if dt_max is None else as_float(dt_max)
+        #: Length of the largest step, and of the first one that is tried [s].
+        self.longest = min(given, self.span)
+        self.first = min(self.span / 1000 if dt is None else as_float(dt), self.longest)
+        #: Whether a better first length is looked for.
+        self.search = dt is None
+        least = 1e-9 * self.span
+        inside = [t for t in np.unique(inner).tolist() if t0 + least < t < t_end - least]
+        #: Times at which steps end and the control begins anew, the last of them the end [s].
+        self.breaks = [*inside, t_end]

@@ -1,4 +1,4 @@
-"""One step at a time in C, where the state stays between the steps."""
+"""Single steps in C, where the state stays between them."""
 
 from __future__ import annotations
 
@@ -12,31 +12,30 @@ from fx_beam.errors import StepError
 from fx_beam.fem.dead_loads import places_of
 from fx_beam.results.state import State
 from fx_beam.stepping.held_inputs import Hold, Ramp
+from fx_beam.stepping.python_loop import Steps
 from fx_beam.stepping.recorder import Recorder, Rows, Unrecorded
-from fx_beam.stepping.stepper import Stepper
-from fx_beam.stepping.stride import Grid
 from fx_beam.validation import Constant
 
-from .loop import CompiledLoop, StepInputs
+from .loop import CompiledLoop, StepInputs, no_inputs
 
 # Steps whose functions of time are evaluated at once.
 _BLOCK = 64
 
 
-class CompiledStride:
-    """Takes single steps of the length dt [s]; compare `stepping.stride.Stride`.
+class CompiledSingleSteps:
+    """Tries single steps of the length dt [s] from the present state, with `forces` if needed.
 
-    Steps that fail, and those that are taken in parts, are left to the loop. An interrupt may come
-    anywhere between two lines of Python: C takes a step as a whole, and counts it.
+    An interrupt may come anywhere between two lines of Python: C takes a step as a whole, and
+    counts it.
     """
 
-    def __init__(self, loop: CompiledLoop, stepper: Stepper, dt: float, forces: bool):
-        self._loop, self._stepper, self._dt = loop, stepper, dt
+    def __init__(self, loop: CompiledLoop, dt: float, forces: bool):
+        self._loop, self._dt = loop, dt
         problem = loop.problem
         self._p, self._run = problem.c, problem.library.fx_run
         if forces:
             problem.c.keeps_joint_forces = True
-        self._unrecorded = loop.c_record(Unrecorded(), 1, 1)
+        self._unrecorded = loop.c_record(Unrecorded(), Steps(1), 1)
         arrays = problem.state_arrays
         #: The present state: arrays of C.
         self.now = SimpleNamespace(
@@ -44,10 +43,6 @@ class CompiledStride:
             slides=arrays["slide"],
             joint_forces=arrays["joint_forces"].reshape(-1, 3),
         )
-        #: Number of steps that the statistics have.
-        self._counted = 0
-        #: While a step is taken in parts: the last state, and the number of steps to it.
-        self._last: tuple[State, int] | None = None
         #: Rows of a recorder for C, and the number of the plan to which they belong.
         self._rows, self._plan = self._unrecorded, -1
         self._build_inputs()
@@ -55,12 +50,13 @@ class CompiledStride:
     def _build_inputs(self) -> None:
         """Arrays of the loads and driven motions of a step, with views for those that are held."""
         model, p = self._loop.model, self._p
-        forcing, steps = self._stepper.forcing, p.sub_steps
+        forcing, steps = self._loop.forcing, p.sub_steps
         thrusts = 0 if model.forms.followers is None else len(model.forms.followers.dofs)
         self._inputs = StepInputs(
             np.zeros((steps, 2, p.loads)),
             np.zeros((steps, p.driven)),
             np.zeros((steps, thrusts, 2)),
+            steps,
         )
         self._c_inputs = self._loop.c_inputs(self._inputs)
         loads, driven, thrust = self._inputs[:3]
@@ -83,57 +79,23 @@ class CompiledStride:
         if not self._varies:
             self._fill(self._loop.inputs(0.0, np.array([self._dt])), 0)
 
-    def load(self, state: State, grid: Grid) -> None:
-        """Begin from a state."""
-        #: Times of the ends of steps.
-        self.grid = grid
-        self._known = StepInputs(*np.empty((3, 0, 2))), 0
-        self._load(state, 0)
-
-    def go_on_from(self, state: State) -> None:
-        """Go on from another form of the present state."""
-        self._last = state, self.number
-        self.settle()
-
-    def _load(self, state: State, number: int) -> None:
-        """Return to a state and the number of steps to it."""
+    def load(self, state: State, number: int) -> None:
+        """Begin with a state after some steps."""
+        self._known = no_inputs(1), 0
         self._loop.load(state)
-        self._loop.forget_past()
-        self._loop.past = state.past
-        self._stepper.halving.resume(state.parts)
-        self._p.completed = self._counted = number
-        self._last = None
+        self._p.completed = number
 
     @property
-    def number(self) -> int:
-        """Number of steps since `load`."""
+    def completed(self) -> int:
+        """Number of steps to the present state."""
         return self._p.completed
 
-    def state(self) -> State:
-        """The present state, with all on which the next step depends."""
-        return self._complete(self._loop.state(self.grid(self.number)))
+    def state(self, t: float) -> State:
+        """The present state, with its past."""
+        return replace(self._loop.state(t), past=self._loop.past)
 
-    def _complete(self, state: State) -> State:
-        return replace(state, parts=self._stepper.halving.memory, past=self._loop.past)
-
-    def settle(self) -> int:
-        """Return to the last state, if a step was begun in parts; gives the number of steps."""
-        if self._last is not None:
-            self._load(*self._last)
-        return self._p.completed
-
-    def take(self, number: int, t0: float, t1: float, recorder: Rows) -> None:
-        """Take a step from t0 to t1 [s]. After an error or an interrupt, call `settle`."""
-        if self._stepper.halving.times or not self._succeeds(t0, t1, number, recorder):
-            self.count()
-            before = self.state()
-            self._last = before, number - 1
-            after = self._loop.march(before, np.array([t1]), number, recorder)
-            self._last = self._complete(after), number
-            self.settle()
-
-    def _succeeds(self, t0: float, t1: float, number: int, recorder: Rows) -> bool:
-        """Whether a whole step succeeds in C; otherwise the state is that before it."""
+    def take(self, number: int, t0: float, t1: float, recorder: Rows) -> bool:
+        """Whether a step succeeds; otherwise the state is that before it."""
         p, to = self._p, self._unrecorded
         if self._varies:
             self._evaluate(t0, t1, number)
@@ -150,14 +112,14 @@ class CompiledStride:
         if not self._run(p, 1, t1 - t0, self._c_inputs, to):
             return False
         if p.inverted:
-            self.count()
+            self._loop.count(0)  # which warns
         return True
 
     def _rows_of(self, recorder: Recorder):
         """The record of C, from the recorder's next row on."""
         if recorder.plans != self._plan:
             room = len(recorder.arrays["energies"]) - recorder.rows
-            self._rows = self._loop.c_record(recorder, 1, room)
+            self._rows = self._loop.c_record(recorder, Steps(1), room)
             self._first = recorder.rows
             self._plan = recorder.plans
         self._rows.rows = recorder.rows - self._first
@@ -182,12 +144,9 @@ class CompiledStride:
         for target, source in zip(self._inputs[:3], inputs[:3], strict=True):
             target[...] = source[own].reshape(target.shape)
 
-    def count(self) -> None:
-        """Add what C has counted to the statistics."""
-        taken = self._p.completed - self._counted
-        self._stepper.stats.steps += taken
+    def count(self, taken: int) -> None:
+        """Add what C has counted in some steps to the statistics."""
         self._loop.count(taken)
-        self._counted += taken
 
 
 def _places(scene, loads: np.ndarray, thrust: np.ndarray) -> Iterator[tuple]:
