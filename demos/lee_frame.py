@@ -189,7 +189,7 @@ def draw(results, path, loaded, hinge, rows):
     # Imported here: the numbers need neither matplotlib nor pyvista.
     from fx_beam import plot
 
-    plot.scene(scene()[0], results / "scene.png", length_unit="-", dimensions=True)
+    plot.scene(scene()[0], results / "scene.png", scene_unit="-", dimensions=True)
     load, moved = LOAD * path.load_factor / 1e3, path.displacement(loaded)
     figure, axes = plot.figure(1, 2, height=3.6)
     shot = [k for k in range(2, len(load), 4) if min(abs(k - row) for row in rows) > 1]
@@ -211,10 +211,10 @@ def draw(results, path, loaded, hinge, rows):
     # The three unloaded states on the path, both limit points, and the end.
     unloaded = [int(np.argmin(abs(part))) for part in np.split(load, rows)]
     shown = sorted([*np.add(unloaded, [0, *rows]), *rows, len(load) - 1])
-    plot.shapes(path, shown, results / "shapes.png", length_unit="-")
-    plot.shapes(path, shown, results / "moments.png", length_unit="-", colour="M")
+    plot.shapes(path, shown, results / "shapes.png", scene_unit="-")
+    plot.shapes(path, shown, results / "moments.png", scene_unit="-", colour="M")
     plot.animate(
-        path, range(len(load)), results / "motion.gif", fps=8, trace=loaded, length_unit="-"
+        path, range(len(load)), results / "motion.gif", fps=8, trace=loaded, scene_unit="-"
     )
 
 

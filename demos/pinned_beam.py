@@ -214,13 +214,13 @@ def draw(results, solutions, fine):
     # Imported here: the numbers need neither matplotlib nor pyvista.
     from fx_beam import plot
 
-    plot.scene(scene()[0], results / "scene.png", length_unit="in", dimensions=True)
+    plot.scene(scene()[0], results / "scene.png", scene_unit="in", dimensions=True)
     solution = solutions["EnergyMomentum"]
     until = max(T_TIP)
     first = range(round(until / DT) + 1)
-    plot.shapes(solution, first[::3], results / "shapes.png", length_unit="in")
+    plot.shapes(solution, first[::3], results / "shapes.png", scene_unit="in")
     node = solution.beams["beam"].end
-    plot.animate(solution, first, results / "motion.gif", trace=node, length_unit="in")
+    plot.animate(solution, first, results / "motion.gif", trace=node, scene_unit="in")
 
     # Left: the first 1.4 s, where diverging curves can be distinguished. Right: the whole run.
     figure, axes = plot.figure(2, 2)

@@ -16,7 +16,7 @@ PACKAGE = Path(fx_beam.__file__).parent
 # From the ground up. A room imports from the rooms before it only, and within a room a file imports
 # from the files before it only.
 HOUSE = {
-    "": ["errors", "validation", "kept", "library_cache", "c_library", "structs"],
+    "": ["errors", "deprecation", "validation", "kept", "library_cache", "c_library", "structs"],
     "scene": [
         "notebook",
         "beam",

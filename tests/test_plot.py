@@ -118,7 +118,13 @@ def test_pictures_of_shapes_modes_and_motion_are_written(tmp_path):
 
     plot.animate(solution, [0, 5, 10], tmp_path / "motion.gif", marks=marks, scenery=scenery)
     assert drawn == [0, 5, 10]
-    plot.modes(fb.modes(scene, n=4), tmp_path / "modes.png", count=3)
+    found = fb.modes(scene, n=4)
+    plot.modes(found, tmp_path / "modes.png", count=3)
+    # Without a path the figures are what is returned, for notebooks and for changes.
+    assert len(plot.modes(found, count=3).axes) == 3
+    assert plot.shapes(solution, [0, 5]).axes[0].get_xlabel() == "$x$ [m]"
+    with pytest.warns(DeprecationWarning, match="length_unit is now scene_unit"):
+        assert plot.shapes(solution, [0], length_unit="mm").axes[0].get_xlabel() == "$x$ [mm]"
     for name, least in (("shapes.png", 20e3), ("motion.gif", 5e3), ("modes.png", 10e3)):
         assert (tmp_path / name).stat().st_size > least
 

@@ -56,7 +56,7 @@ def test_all_that_a_scene_has_is_written():
 
 
 def test_units_that_are_not_the_scenes_are_not_written():
-    assert {"F = 5, follower", "M = -30"} <= words(plot.scene(crane()[0], length_unit="in"))
+    assert {"F = 5, follower", "M = -30"} <= words(plot.scene(crane()[0], scene_unit="in"))
 
 
 def test_labels_lie_in_the_frame_and_apart_from_each_other():

@@ -54,7 +54,7 @@ def interactive(
     steps: Sequence[int] | None = None,
     trace: Node | Sequence[Node] = (),
     series: dict[str, np.ndarray] | None = None,
-    length_unit: str = "m",
+    scene_unit: str = "m",
     magnify: float = 1.0,
 ) -> Page:
     """Page on which one plays a motion, and looks at its shapes, values and curves.
@@ -76,8 +76,8 @@ def interactive(
         Nodes whose paths are drawn from the start.
     series : dict, optional
         Curves by name, (n,) values each, one for each row of `Solution.t`; by default the energies.
-    length_unit : str
-        Unit of length, for places.
+    scene_unit : str
+        Unit of length in which the scene is given, for labels; nothing is scaled.
     magnify : float
         Factor on displacements.
 
@@ -111,7 +111,7 @@ def interactive(
     drawing = Drawing(solution, list(steps or ()), as_float(magnify))
     data = {
         "title": drawing.title().replace(r"$\Delta t$", "dt"),
-        "unit": length_unit,
+        "unit": scene_unit,
         "static": solution.stats.static,
         "t": [float(solution.t[k]) for k in drawing.rows],
         "window": [corner.tolist() for corner in drawing.window],

@@ -40,7 +40,7 @@ def hexadecimal(scale, count: int) -> list[str]:
 class Colouring:
     """Colours of the members for one quantity, on the same scale in all rows of a drawing."""
 
-    def __init__(self, drawing: Drawing, quantity: str, length_unit: str):
+    def __init__(self, drawing: Drawing, quantity: str, scene_unit: str):
         if not drawing.solution.beams:
             raise ValueError(f"colour = {quantity!r} needs beams, but the solution has none")
         internal = {name for own in drawing.solution.internal_of_beam.values() for name in own}
@@ -59,7 +59,7 @@ class Colouring:
         norm = Normalize(-largest if signed else 0.0, largest)
         #: The scale, for a colour bar, and its label.
         self.scale = ScalarMappable(norm, SIGNED if signed else SEQUENTIAL)
-        known_unit = quantity in QUANTITIES and length_unit == "m"
+        known_unit = quantity in QUANTITIES and scene_unit == "m"
         unit = f" [{QUANTITIES[quantity]}]" if known_unit else ""
         self.label = WORDS.get(quantity, quantity) + unit
 

@@ -15,6 +15,7 @@ from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
 
 from fx_beam.analyses.modal import Modes
+from fx_beam.deprecation import formerly
 from fx_beam.results.files import replacing, writable
 from fx_beam.results.solution import Solution
 from fx_beam.scene.beam import Node
@@ -30,15 +31,16 @@ _MANY = 1000  # members above which their tubes have six sides
 _PICTURES = "png", "pdf", "svg", "jpg"
 
 
+@formerly(length_unit="scene_unit")
 def shapes(
     solution: Solution,
     steps: Sequence[int],
-    path: Path | str,
-    length_unit: str = "m",
+    path: Path | str | None = None,
+    scene_unit: str = "m",
     magnify: float = 1.0,
     marks: dict[str, Node] | None = None,
     colour: str | None = None,
-) -> None:
+) -> Figure:
     """Picture of superposed deformed shapes, coloured by time or by the order of load steps.
 
     Discs are lumped masses, white rings are hinges, squares on dotted lines are slides, arrows are
@@ -51,10 +53,10 @@ def shapes(
         The motion.
     steps : sequence of int
         Rows of `Solution.t` to draw.
-    path : str or path
+    path : str or path, optional
         Picture to write; its ending gives the format.
-    length_unit : str
-        Unit of length, for the axes.
+    scene_unit : str
+        Unit of length in which the scene is given, for labels; nothing is scaled.
     magnify : float
         Factor on displacements; the title shows it if it is not 1.
     marks : dict, optional
@@ -64,11 +66,16 @@ def shapes(
         quantity that the colours show instead of the time: axial force, shear force or bending
         moment, as in `Solution.resultants`, stored energy per length, or speed. Its unit is given
         if the unit of length is "m".
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+        The picture.
     """
-    path = writable(path, _PICTURES)
+    path = None if path is None else writable(path, _PICTURES)
     drawing = _drawing(solution, steps, magnify)
     low, high = drawing.window
-    fig, ax = _plane(low, high, length_unit, width=6.4)
+    fig, ax = _plane(low, high, scene_unit, width=6.4)
     ax.set_title(_title(drawing), fontsize="medium")
     obstacles_on_axes(ax, drawing)
     bar = ax.inset_axes((1.03, 0, 0.03, 1))
@@ -77,7 +84,7 @@ def shapes(
         shades = _by_time(fig, ax, bar, drawing)
     else:
         width = 2.2 * drawing.thinness
-        colouring, shades = Colouring(drawing, colour, length_unit), ["0.35"] * len(steps)
+        colouring, shades = Colouring(drawing, colour, scene_unit), ["0.35"] * len(steps)
         for order, k in enumerate(steps):
             ax.add_collection(colouring.paint(colouring.lines(width, 2 + 1e-4 * order), k))
         fig.colorbar(colouring.scale, cax=bar, label=colouring.label, format="%.3g")
@@ -85,17 +92,20 @@ def shapes(
         draw_symbols(ax, drawing, k, shade, small=True)
     draw_supports(ax, drawing)
     draw_marks(ax, drawing, steps[0], {} if marks is None else marks)
-    with replacing(path) as new:
-        fig.savefig(new, dpi=200, bbox_inches="tight")
+    if path is not None:
+        with replacing(path) as new:
+            fig.savefig(new, dpi=200, bbox_inches="tight")
+    return fig
 
 
+@formerly(length_unit="scene_unit")
 def animate(
     solution: Solution,
     steps: Sequence[int],
     path: Path | str,
     fps: int = 20,
     trace: Node | None = None,
-    length_unit: str = "m",
+    scene_unit: str = "m",
     magnify: float = 1.0,
     marks: dict[str, Node] | None = None,
     scenery: Callable[[Any, int], list] | None = None,
@@ -115,8 +125,8 @@ def animate(
         Frames per second [1/s].
     trace : Node, optional
         Node whose path is drawn.
-    length_unit : str
-        Unit of length, for the axes.
+    scene_unit : str
+        Unit of length in which the scene is given, for labels; nothing is scaled.
     magnify : float
         Factor on displacements; the title shows it if it is not 1.
     marks : dict, optional
@@ -139,12 +149,12 @@ def animate(
     drawing = _drawing(solution, steps, magnify)
     low, high = drawing.window
     flat = high[0] - low[0] > 1.6 * (high[1] - low[1])
-    fig, ax = _plane(low, high, length_unit, width=7.0 if flat else 5.0)
+    fig, ax = _plane(low, high, scene_unit, width=7.0 if flat else 5.0)
     ax.set_title(_title(drawing), loc="right", fontsize="small")
     obstacles_on_axes(ax, drawing)
     clock = ax.set_title(" ", loc="left", family="monospace", fontsize="small")
     (past,) = ax.plot([], [], color="0.65", linewidth=1.0, zorder=1)
-    members = _members(fig, ax, drawing, colour, length_unit)
+    members = _members(fig, ax, drawing, colour, scene_unit)
     moving = [clock, past, *(artist for artist, _ in members), *draw_supports(ax, drawing)]
     for artist in moving:
         artist.set_animated(True)  # left out of the static part of a frame
@@ -174,7 +184,7 @@ def animate(
         write_frames(frames, new, fps)
 
 
-def modes(found: Modes, path: Path | str, count: int | None = None) -> None:
+def modes(found: Modes, path: Path | str | None = None, count: int | None = None) -> Figure:
     """Picture of mode shapes, side by side, over the configuration to which they belong.
 
     Where the nodes of a mode do not move in phase, because of dampers, a dashed line is the shape a
@@ -184,12 +194,17 @@ def modes(found: Modes, path: Path | str, count: int | None = None) -> None:
     ----------
     found : Modes
         Result of `fx_beam.modes`.
-    path : str or path
+    path : str or path, optional
         Picture to write; its ending gives the format.
     count : int, optional
         Number of modes to draw, from the lowest; all by default.
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+        The picture.
     """
-    path = writable(path, _PICTURES)
+    path = None if path is None else writable(path, _PICTURES)
     require(isinstance(found, Modes), "found", found, "what fx_beam.modes returned")
     count = len(found) if count is None else count
     wanted = f"from 1 to {len(found)}, the number of modes"
@@ -228,14 +243,16 @@ def modes(found: Modes, path: Path | str, count: int | None = None) -> None:
         ax.set_title(f"mode {mode}: {kind}", fontsize="small")
         (left, bottom), (right, top) = low - 1.2 * size, high + 1.2 * size
         ax.set(xlim=(left, right), ylim=(bottom, top), aspect="equal")
-    with replacing(path) as new:
-        fig.savefig(new, dpi=200)
+    if path is not None:
+        with replacing(path) as new:
+            fig.savefig(new, dpi=200)
+    return fig
 
 
-def _members(fig: Figure, ax, drawing: Drawing, colour: str | None, length_unit: str) -> list:
+def _members(fig: Figure, ax, drawing: Drawing, colour: str | None, scene_unit: str) -> list:
     """Lines for the members, each with a function that moves it to its position in a row."""
     if colour is not None:
-        colouring = Colouring(drawing, colour, length_unit)
+        colouring = Colouring(drawing, colour, scene_unit)
         words = colouring.label
         fig.colorbar(colouring.scale, ax=ax, fraction=0.05, label=words, format="%.3g")
         return [(ax.add_collection(colouring.lines(2.5 * drawing.thinness)), colouring.paint)]
@@ -316,13 +333,13 @@ def _tubes(drawing: Drawing, shades: np.ndarray) -> np.ndarray:
     return picture
 
 
-def _plane(low: np.ndarray, high: np.ndarray, length_unit: str, width: float):
+def _plane(low: np.ndarray, high: np.ndarray, scene_unit: str, width: float):
     """Figure with equal axes over a window of the plane."""
-    require(is_name(length_unit), "length_unit", length_unit, "a text")
+    require(is_name(scene_unit), "scene_unit", scene_unit, "a text")
     size = high - low
     # Labels and a colour bar need about a seventh of the width.
     fig = Figure((width, 0.86 * width * size[1] / size[0] + 0.5), layout="constrained")
     ax = fig.add_subplot()
     ax.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]), aspect="equal")
-    ax.set(xlabel=f"$x$ [{length_unit}]", ylabel=f"$y$ [{length_unit}]")
+    ax.set(xlabel=f"$x$ [{scene_unit}]", ylabel=f"$y$ [{scene_unit}]")
     return fig, ax

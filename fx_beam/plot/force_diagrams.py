@@ -25,11 +25,11 @@ _NAMED = 12  # members up to which each has its extreme value written beside it
 def diagrams(
     solution: Solution,
     row: int,
-    path: Path | str,
+    path: Path | str | None = None,
     quantities: Sequence[str] = RESULTANTS,
     deformed: bool = True,
-    length_unit: str = "m",
-) -> None:
+    scene_unit: str = "m",
+) -> Figure:
     """Picture of the stress resultants along the members: a panel for N, Q and M each.
 
     A value is drawn normal to the axis: N and Q to the left of the beam's direction if they are
@@ -44,21 +44,26 @@ def diagrams(
     row : int
         Row of `Solution.t`. In a motion the values are means over the step that ends there, see
         `Solution.t_level`.
-    path : str or path
+    path : str or path, optional
         Picture to write; its ending gives the format.
     quantities : sequence of {"N", "Q", "M"}
         The panels, from left to right.
     deformed : bool
         Whether the diagrams stand on the deformed members, or on those of the start.
-    length_unit : str
-        Unit of length, for the axes.
+    scene_unit : str
+        Unit of length in which the scene is given, for labels; nothing is scaled.
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+        The picture.
 
     Raises
     ------
     ValueError
         For a row or quantities that the solution does not have, or one without beams.
     """
-    path = writable(path, _PICTURES)
+    path = None if path is None else writable(path, _PICTURES)
     Drawing(solution, [row], 1.0).check()
     if not solution.beams:
         raise ValueError("diagrams need beams, but the solution has none")
@@ -68,7 +73,7 @@ def diagrams(
             f"quantities = {shown(quantities)} must be some of {', '.join(RESULTANTS)}"
         )
     require(is_flag(deformed), "deformed", deformed, "True or False")
-    require(is_name(length_unit), "length_unit", length_unit, "a text")
+    require(is_name(scene_unit), "scene_unit", scene_unit, "a text")
     drawing = Drawing(solution, [row], 1.0 if deformed else 0.0)
     low, high = drawing.window
     margin = 1.3 * _TALLEST * drawing.size
@@ -78,14 +83,16 @@ def diagrams(
     fig = Figure(size, layout="constrained")
     for ax, name in zip(fig.subplots(1, len(names), squeeze=False).flat, names, strict=True):
         _panel(ax, drawing, name, row)
-        unit = f" [{QUANTITIES[name]}]" if length_unit == "m" else ""
+        unit = f" [{QUANTITIES[name]}]" if scene_unit == "m" else ""
         ax.set_title(WORDS[name] + unit, fontsize="medium")
-        ax.set(xlabel=f"$x$ [{length_unit}]", ylabel=f"$y$ [{length_unit}]", aspect="equal")
+        ax.set(xlabel=f"$x$ [{scene_unit}]", ylabel=f"$y$ [{scene_unit}]", aspect="equal")
         ax.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]))
     static, t = solution.stats.static, solution.t_level[row]
     fig.suptitle(f"load factor {t:.4g}" if static else f"t = {t:.4g} s", fontsize="medium")
-    with replacing(path) as new:
-        fig.savefig(new, dpi=200, bbox_inches="tight")
+    if path is not None:
+        with replacing(path) as new:
+            fig.savefig(new, dpi=200, bbox_inches="tight")
+    return fig
 
 
 def _panel(ax, drawing: Drawing, quantity: str, row: int) -> None:

@@ -10,12 +10,14 @@ import numpy as np
 from fx_beam.analyses.harmonic import FrequencyResponse
 from fx_beam.validation import require
 
-from .time_curves import figure, quantities, save
+from .time_curves import Figure, figure, quantities, save
 
 
 def frequency_response(
-    found: FrequencyResponse, path: Path | str, components: Sequence[str] | None = None
-) -> None:
+    found: FrequencyResponse,
+    path: Path | str | None = None,
+    components: Sequence[str] | None = None,
+) -> Figure:
     """Picture of amplitudes and phases over the frequency of the load.
 
     Amplitudes have a logarithmic scale, with a panel for each unit.
@@ -24,10 +26,15 @@ def frequency_response(
     ----------
     found : FrequencyResponse
         Result of `fx_beam.frequency_response`.
-    path : str or path
+    path : str or path, optional
         Picture to write; its ending gives the format.
     components : sequence of str, optional
         The components to draw, of `FrequencyResponse.names`; by default all that move.
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+        The picture.
     """
     wanted = "what fx_beam.frequency_response returned"
     require(isinstance(found, FrequencyResponse), "found", found, wanted)
@@ -59,4 +66,6 @@ def frequency_response(
     if 0 < 100 * low < high:
         for ax in axes[:, 0]:
             ax.set_xscale("log")
-    save(fig, path)
+    if path is not None:
+        save(fig, path)
+    return fig

@@ -10,6 +10,7 @@ import numpy as np
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
+from fx_beam.deprecation import formerly
 from fx_beam.errors import SceneError
 from fx_beam.results.files import replacing, writable
 from fx_beam.scene.beam import Node, inner_positions
@@ -30,10 +31,11 @@ _MANY = 15  # number of members above which their names are small
 _CROWD = 500  # number of members above which they have neither names nor dots
 
 
+@formerly(length_unit="scene_unit")
 def scene(
     scene: Scene,
     path: Path | str | None = None,
-    length_unit: str = "m",
+    scene_unit: str = "m",
     dimensions: bool = False,
     marks: dict[str, Node] | None = None,
 ) -> Figure:
@@ -56,8 +58,9 @@ def scene(
         Scene to draw.
     path : str or path, optional
         Picture to write; its ending gives the format.
-    length_unit : str
-        Unit of length, for the axes. With "m" masses and loads have SI units, otherwise none.
+    scene_unit : str
+        Unit of length in which the scene is given, for labels; nothing is scaled. With "m"
+        masses and loads have SI units, otherwise none.
     dimensions : bool
         Whether to write the distances between the ends of members.
     marks : dict, optional
@@ -80,7 +83,7 @@ def scene(
     if path is not None:
         path = writable(path, sorted(FigureCanvasAgg.filetypes))
     require(is_flag(dimensions), "dimensions", dimensions, "True or False")
-    require(is_name(length_unit), "length_unit", length_unit, "a text")
+    require(is_name(scene_unit), "scene_unit", scene_unit, "a text")
     drawing = Drawing(Reference(scene), [0])
     axes = {beam.name: drawing.axis(beam.name, 0) for beam in scene.beams}
     ends = [(node.x, node.y) for body in scene.bodies for node in body.nodes]
@@ -91,11 +94,11 @@ def scene(
     draw_grounds(sheet, scene)
     draw_guides(sheet, scene)
     sheet.see(draw_parts(sheet.ax, drawing, 0))
-    draw_actions(sheet, scene, si=length_unit == "m")
-    _names(sheet, scene, axes, {} if marks is None else marks, si=length_unit == "m")
+    draw_actions(sheet, scene, si=scene_unit == "m")
+    _names(sheet, scene, axes, {} if marks is None else marks, si=scene_unit == "m")
     if dimensions:
         _dimensions(sheet, scene, everything)
-    figure = sheet.finish(length_unit)
+    figure = sheet.finish(scene_unit)
     if path is not None:
         with replacing(path) as new:
             figure.savefig(new, dpi=160)

@@ -75,7 +75,7 @@ class Sheet:
         """A text near one of some points (n, 2); its position is chosen at the end."""
         self._labels.append((text, np.atleast_2d(places), colour, size))
 
-    def finish(self, length_unit: str) -> Figure:
+    def finish(self, scene_unit: str) -> Figure:
         """Frame the drawing, and write the labels."""
         points = np.concatenate([*self._lines, *self._dots])
         low, high = np.nanmin(points, axis=0), np.nanmax(points, axis=0)
@@ -83,7 +83,7 @@ class Sheet:
         margin = np.maximum(0.1 * self.size, (0.35 * self.size - (high - low)) / 2)
         low, high = low - margin, high + margin
         self.ax.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]))
-        self.ax.set(xlabel=f"$x$ [{length_unit}]", ylabel=f"$y$ [{length_unit}]")
+        self.ax.set(xlabel=f"$x$ [{scene_unit}]", ylabel=f"$y$ [{scene_unit}]")
         self.ax.tick_params(labelsize="small")
         self.ax.spines[:].set_color("0.7")
         border, other = np.array(_BORDER)
