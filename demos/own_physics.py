@@ -42,7 +42,6 @@ import ufl
 import numpy as np
 
 import fx_beam as fb
-from fx_beam.mechanics.resultants import averaged, with_exact_work
 
 log = logging.getLogger("fx_beam.demo")
 
@@ -100,13 +99,13 @@ def dissipating(chi):
     """Scheme that dissipates chi/2 times the work of the increments of the resultants."""
 
     def resultants(step, law):
-        r = averaged(step, law)
+        r = fb.EnergyMomentum().resultants(step, law)
         before, after = law.resultants(*step.strains0), law.resultants(*step.strains1)
         N, Q, M = (
             mean + chi / 2 * (b - a)
             for mean, a, b in zip((r.N, r.Q, r.M), before, after, strict=True)
         )
-        return with_exact_work(step, r._replace(N=N, Q=Q, M=M))
+        return r._replace(N=N, Q=Q, M=M, m=M)
 
     return fb.Scheme("Dissipating", resultants, fb.MidPointRates())
 

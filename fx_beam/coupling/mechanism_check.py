@@ -116,44 +116,41 @@ def _parts(mesh: Mesh, stiffness, inertia: np.ndarray | None) -> _Parts | None:
 
 def _rows(scene: Scene, mesh: Mesh, parts: _Parts, at_rest: bool):
     """Linear constraints of supports and joints on the free rates: an array (rows, free) if few."""
-    arms: list[list[float]] = ((mesh.X - parts.point[parts.of_node]) / mesh.size).tolist()
-    part_of_node = [int(part) for part in parts.of_node]
-    entries: list[tuple[int, int, float]] = []
-    row = -1
-
-    def add(node: int, component: int, factor: float, lever: float = 0.0) -> None:
-        """Add a node's rate, and the displacement at a lever of the rotation, to the row."""
-        if node < 0:
-            return
-        first = 3 * part_of_node[node]
-        if component == 2:
-            entries.append((row, first + 2, factor))
-            return
-        x, y = arms[node]
-        entries.append((row, first + component, factor))
-        entries.append((row, first + 2, factor * ((-y, x)[component] + lever)))
-
+    # Nodes a and b, -1 for the ground: along a direction the displacement of b is that of the end
+    # of an arm on a; or they turn together.
+    together: list[tuple] = []
+    turning: list[tuple] = []
     for node, component in (*scene.fixed, *scene.prescribed):
-        row += 1
-        add(node, component, 1.0)
+        if component == 2:
+            turning.append((-1, node))
+        else:
+            together.append((-1, node, 1 - component, component, 0.0, 0.0))
     for joint in scene.joints:
-        a, b = joint.a.number, joint.b.number
-        across = joint.arm[::-1] * (-1, 1) / mesh.size
-        gaps, along = [(1.0, 0.0), (0.0, 1.0)], joint.direction
-        if along is not None and not _is_held(joint.slide, at_rest):
-            gaps = [(-along[1], along[0])]
-        for gap in gaps:
-            row += 1
-            for component in (0, 1):
-                add(b, component, gap[component])
-                add(a, component, -gap[component], across[component])
+        nodes, along = (joint.a.number, joint.b.number), joint.direction
+        if along is None or _is_held(joint.slide, at_rest):
+            together += [(*nodes, 1.0, 0.0, *joint.arm), (*nodes, 0.0, 1.0, *joint.arm)]
+        else:
+            together.append((*nodes, -along[1], along[0], *joint.arm))
         if joint.turns_together or _is_held(joint.rotation, at_rest):
-            row += 1
-            add(b, 2, 1.0)
-            add(a, 2, -1.0)
-    i, j, values = np.array(entries).reshape(-1, 3).T
-    shape, free = (row + 1, parts.free.size), parts.free.ravel()
-    rows = scipy.sparse.coo_matrix((values, (i.astype(int), j.astype(int))), shape)
+            turning.append(nodes)
+    given = np.array(together).reshape(-1, 6)
+    pairs, along, arm = given[:, :2].astype(int), given[:, 2:4], given[:, 4:] / mesh.size
+    turned = np.array(turning, dtype=int).reshape(-1, 2)
+    entries = []
+    for end, sign in ((0, -1.0), (1, 1.0)):
+        of_row = np.flatnonzero(pairs[:, end] >= 0)
+        node, direction = pairs[of_row, end], sign * along[of_row]
+        part = parts.of_node[node]
+        x, y = ((mesh.X[node] - parts.point[part]) / mesh.size + (1 - end) * arm[of_row]).T
+        for component in (0, 1):
+            entries.append((of_row, 3 * part + component, direction[:, component]))
+        entries.append((of_row, 3 * part + 2, direction[:, 1] * x - direction[:, 0] * y))
+        of_row = np.flatnonzero(turned[:, end] >= 0)
+        part = parts.of_node[turned[of_row, end]]
+        entries.append((len(pairs) + of_row, 3 * part + 2, np.full(len(part), sign)))
+    i, j, values = map(np.concatenate, zip(*entries, strict=True))
+    shape, free = (len(pairs) + len(turned), parts.free.size), parts.free.ravel()
+    rows = scipy.sparse.coo_matrix((values, (i, j)), shape)
     return rows.toarray()[:, free] if free.sum() <= _FEW else rows.tocsr()[:, free]
 
 

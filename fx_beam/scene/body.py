@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Sequence
+from collections.abc import Set
 from dataclasses import dataclass
 
 from fx_beam.errors import SceneError
@@ -59,11 +59,10 @@ class Body:
         return [self.centre, *self.points.values()]
 
 
-def name_of(bodies: Sequence[Body], name: str | None) -> str:
+def name_of(names: Set[str], name: str | None) -> str:
     """Name of a new body; SceneError if one of the bodies has it."""
-    names = {body.name for body in bodies}
     if name is None:
-        numbers = itertools.count(len(bodies) + 1)
+        numbers = itertools.count(len(names) + 1)
         name = next(free for n in numbers if (free := f"body {n}") not in names)
     require(is_name(name), "add_body: name", name, "a text that is not empty")
     if name in names:

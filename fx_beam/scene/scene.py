@@ -64,6 +64,7 @@ class Scene(Geometry):
         self.velocities: list[loads.Velocity] = []
         self.virtual_works: list[loads.VirtualWork] = []
         self.bodies: list[Body] = []
+        self._names_of_bodies: set[str] = set()
         self.joints: list[Joint] = []
         self._couplings: dict[tuple, Joint] = {}
         self.obstacles: list[Obstacle] = []
@@ -178,7 +179,7 @@ class Scene(Geometry):
         >>> round(float(fb.modes(scene, state=fb.static(scene, steps=1)).omega[0] ** 2), 9)
         10.0
         """
-        name = name_of(self.bodies, name)
+        name = name_of(self._names_of_bodies, name)
         x, y = vector(position, 2, f"{name}: position")
         given = (("mass", mass), ("inertia", inertia))
         m, J = (loads.not_negative(value, f"{name}: {what}") for what, value in given)
@@ -200,6 +201,7 @@ class Scene(Geometry):
             self.add_mass(centre, m, J)
         named = dict(zip(points or {}, nodes, strict=True))
         self.bodies.append(Body(name, centre, named, m, J))
+        self._names_of_bodies.add(name)
         return self.bodies[-1]
 
     # -- Supports and joints ------------------------------------------------------------------
