@@ -57,7 +57,9 @@ class JointKinematics:
         spin = self._of(at, "v", self.joint.a)[2]
         arm_x, arm_y = self._turned(at, self._arm(slide))
         axis = np.zeros(2) if self.joint.axis is None else self.joint.axis
-        return np.array([x + spin * arm_y, y - spin * arm_x]), np.array(self._turned(at, axis))
+        velocity = np.array([x + spin * arm_y, y - spin * arm_x])
+        along = np.reshape(self._turned(at, axis), (2, -1))  # the ground's does not turn
+        return velocity, np.broadcast_to(along, velocity.shape)
 
     def slide(self, at: NodalMotion, near: np.ndarray) -> np.ndarray:
         """The slide (n,) [m] in a motion, from one near by; that one for a joint without."""
