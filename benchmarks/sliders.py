@@ -1,17 +1,20 @@
-"""Cost of a node that slides: time of a Newton iteration with and without a slider.
+"""Cost of nodes that slide: set-up, and time of a Newton iteration, with and without them.
 
 A mass at the end of a small beam slides along a simply supported beam, or is clamped beside it. Two
-masses that a stiff beam joins, the wheels of a carriage, make the matrix full.
+masses that a stiff beam joins are a carriage; two carriages follow each other.
 
     .venv/bin/python benchmarks/sliders.py [elements ...]
+
+Processor times: the least of several runs, in which the scenes take turns.
 """
 
 import sys
+from time import process_time
 
 import fx_beam as fb
 
 SECTION = fb.Section(EA=1e4, GA=1e4, EI=50.0, rhoA=1.0, rhoI=0.01)
-MOST_NODES = 600
+SPEED, STEPS, RUNS = 1.0, 200, 3
 
 
 def guide(elements, degree):
@@ -29,40 +32,61 @@ def mass(elements, degree, slides):
     scene.add_mass(small.start, 0.8, inertia=0.05)
     if slides:
         scene.add_joint(fb.Slider(beam, small.start))
-        scene.set_velocity(small, (2.0, 0.0))
+        scene.set_velocity(small, (SPEED, 0.0))
     else:
         scene.clamp(small.start)
     return scene
 
 
-def carriage(elements, degree):
+def carriages(elements, degree, number, make=fb.Slider):
     scene, beam = guide(elements, degree)
-    axle = scene.add_beam([(0.5, 0), (1.1, 0)], SECTION, degree=degree)
-    for wheel in (axle.start, axle.end):
-        scene.add_mass(wheel, 0.4)
-        scene.add_joint(fb.Slider(beam, wheel))
-    scene.set_velocity(axle, (2.0, 0.0))
+    for k in range(number):
+        axle = scene.add_beam([(0.5 + 1.2 * k, 0), (1.1 + 1.2 * k, 0)], SECTION, degree=degree)
+        for wheel in (axle.start, axle.end):
+            scene.add_mass(wheel, 0.4, inertia=0.05)
+            scene.add_joint(make(beam, wheel))
+        scene.set_velocity(axle, (SPEED, 0.0))
     return scene
 
 
-def iteration(scene):
-    """Milliseconds of an iteration."""
-    stats = fb.simulate(scene, dt=0.002, t_end=1.0, record=fb.Record(every=100)).stats
-    return 1e3 * stats.seconds / stats.newton_iterations
+SCENES = {
+    "without": lambda *size: mass(*size, False),
+    "one": lambda *size: mass(*size, True),
+    "two": lambda *size: carriages(*size, 1),
+    "four": lambda *size: carriages(*size, 2),
+    "sleeves": lambda *size: carriages(*size, 1, fb.Sleeve),
+}
+
+
+def seconds(scene, steps, elements):
+    """Processor time, and number of iterations; a step passes at most half an element."""
+    dt, start = min(0.002, 3.0 / elements / SPEED), process_time()
+    solution = fb.simulate(scene, dt=dt, t_end=steps * dt, record=fb.Record(every=steps))
+    return process_time() - start, solution.stats.newton_iterations
 
 
 def main(*sizes):
-    print("degree elements   without   with one   carriage   [ms an iteration]")
+    print("degree elements " + "".join(f"{name:>17}" for name in SCENES))
+    print(" " * 16 + "   set-up [s]  ms" * len(SCENES))
     for degree in (1, 2, 3):
-        for elements in sizes or (10, 50, 200, 500):
-            if elements * degree > MOST_NODES:
+        for elements in sizes or (10, 50, 200, 500, 2000):
+            if elements * degree > 2000:
                 continue
-            scenes = mass(elements, degree, False), mass(elements, degree, True)
-            if elements <= 200:
-                scenes = *scenes, carriage(elements, degree)
-            print(
-                f"{degree:6} {elements:8}", *(f"{iteration(s):10.3f}" for s in scenes), flush=True
-            )
+            set_up, scenes, best = {}, {}, {}
+            for name, made in SCENES.items():
+                start = process_time()
+                scenes[name] = made(elements, degree)
+                seconds(scenes[name], 1, elements)
+                set_up[name] = process_time() - start
+            for _ in range(RUNS):
+                for name, scene in scenes.items():
+                    (few, at_first), (all_, iterations) = (
+                        seconds(scene, n, elements) for n in (STEPS // 4, STEPS)
+                    )
+                    found = 1e3 * (all_ - few) / (iterations - at_first)
+                    best[name] = min(best.get(name, found), found)
+            row = "".join(f"{set_up[n]:10.2f}{best[n]:7.3f}" for n in SCENES)
+            print(f"{degree:6} {elements:8} {row}", flush=True)
 
 
 if __name__ == "__main__":

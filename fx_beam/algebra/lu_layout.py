@@ -152,11 +152,37 @@ def _in_band(graph: scipy.sparse.csr_matrix, rows: np.ndarray, columns: np.ndarr
     order[reverse_cuthill_mckee(graph, symmetric_mode=True)] = np.arange(n)
     i, j = order[rows], order[columns]
     band = max(1, int(abs(i - j).max(initial=0)))
-    for before in range(_GROUP if band < 2 * _GROUP else 0):
-        if abs((i + before) // _GROUP - (j + before) // _GROUP).max(initial=0) <= 1:
-            return _in_chain(order + before, rows, columns)
+    if band < 2 * _GROUP and (chained := _chained(graph, order, rows, columns)) is not None:
+        return _in_chain(chained, rows, columns)
     width, none = 2 * band + 1, np.empty(0, dtype=int)
     return Factors(order, i * width + band + j - i, n * width, band, none, none)
+
+
+def _chained(
+    graph: scipy.sparse.csr_matrix, order: np.ndarray, rows: np.ndarray, columns: np.ndarray
+) -> np.ndarray | None:
+    """Positions in an order in which each group of three is coupled with the next one only."""
+    none, (_, parts) = (
+        np.zeros(len(order), dtype=int),
+        scipy.sparse.csgraph.connected_components(graph),
+    )
+    for part in (none, parts):  # first without gaps, then each part for itself
+        count = int(part.max()) + 1
+        first = np.full(count, len(order))
+        np.minimum.at(first, part, order)
+        i, j = (order[k] - first[part[k]] for k in (rows, columns))
+        apart = np.zeros((_GROUP, count), dtype=int)
+        for before in range(_GROUP):
+            distance = abs((i + before) // _GROUP - (j + before) // _GROUP)
+            np.maximum.at(apart[before], part[rows], distance)
+        if (apart.min(axis=0) > 1).any():
+            continue
+        before = np.argmax(apart <= 1, axis=0)
+        groups = -(-(np.bincount(part) + before) // _GROUP)
+        by_place, start = np.argsort(first), np.empty(count, dtype=int)
+        start[by_place] = _GROUP * (np.cumsum(groups[by_place]) - groups[by_place])
+        return order + (start + before - first)[part]
+    return None
 
 
 def _in_chain(order: np.ndarray, rows: np.ndarray, columns: np.ndarray) -> Factors:

@@ -14,6 +14,7 @@ import numpy as np
 from fx_beam.algebra.lu_layout import COSTS, factors_of
 from fx_beam.c_library import declarations
 from fx_beam.coupling.index_reduction import Tables, TieTables
+from fx_beam.coupling.joint_reduction import JointReduction
 from fx_beam.mechanics.rates import MidPointRates, NewmarkRates
 from fx_beam.model.joint_forces import JointForces, Passing
 from fx_beam.model.model import Model
@@ -29,10 +30,10 @@ from fx_beam.stepping.newton import (
 from fx_beam.stepping.substeps import LARGE_TURN
 from fx_beam.structs import Structs
 
+from .border_tables import BorderTables, ones_of, storage_of
 from .build import LoopUnavailable, load_library
 from .element_data import aligned, element_data
 from .form_tables import FormTables
-from .slider_tables import sliders_of, storage_of
 from .tangent_places import alone_in_column, places_of_entries
 
 
@@ -174,10 +175,11 @@ class Problem:
         loops = reduction.loop_tables()
         # Rows of unknowns that close loops are no forces, by which errors are judged.
         ties = reduction.dependent if reduction.dependent.size else None
-        self.factors = factors = factors_of(*reduction.pattern, loops is None, ties, COSTS)
+        keep = loops is None and not self.model.couplings.sliding
+        self.factors = factors = factors_of(*reduction.factored, keep, ties, COSTS)
         at, stored = factors.at, factors.size
         if not factors.band:  # the tangent is stored apart
-            indptr, indices = reduction.pattern
+            indptr, indices = reduction.factored
             at, stored = np.arange(len(indices)), len(indices)
             self._set(tangent_start=indptr, tangent_column=indices, factor_at=factors.at)
             self._set(factor_size=factors.size, kept={"worth": factors.worth})
@@ -189,14 +191,18 @@ class Problem:
             alone[np.isin(self.model.couplings.column, loops.values["loop_column"])] = False
             self._set(**loops.values)
             self._set(**{name: at[k] for name, k in loops.places.items()})
+        padding = [*factors.padding, *ones_of(reduction, at)]
         at, stored = storage_of(reduction, at, stored)
-        padding = [*factors.padding, *self._hand_over_ties(t.ties, at)]
+        padding += [*self._hand_over_ties(t.ties, at)]
         place, p.places = places_of_entries(t, self.model.forms.stiffness, alone, at, stored)
-        if (sliders := sliders_of(reduction, at, p.places)) is not None:
-            self._set(sliders=len(sliders), slider=sliders)
+        if isinstance(reduction, JointReduction):
+            first = self.library.ON_BORDER
+            borders = BorderTables(reduction, factors, at, self.model.massless, first)
+            self._set(**borders.all(loops))
         self._set(
             band=factors.band,
             chain=factors.chain,
+            positions=3 * factors.chain or p.unknowns,
             order=factors.order,
             paddings=len(padding),
             padding=padding,

@@ -164,6 +164,7 @@ class FittedRates:
         """Matrix of the rates and of the negative multipliers."""
         at, shape = (self._points.row, self._points.dof), (self._count, len(self._little))
         G = scipy.sparse.csr_matrix((entries, at), shape)
+        G.eliminate_zeros()  # a node that slides has entries of the whole beam
         return scipy.sparse.bmat([[self._mass, G.T], [G, None]], format="csc")
 
 

@@ -41,7 +41,7 @@ class GapBorders:
         all_columns = np.concatenate([indices, self._columns[self._right]])
         #: The pattern with the stiffness; the places of the entries of the given one in it.
         self.pattern, place = sparsity(all_rows, all_columns, n)
-        self.inner, self._pairs = np.split(place, [len(inner)])
+        self.places, self._pairs = np.split(place, [len(inner)])
         indptr, indices = self.pattern
         row = np.repeat(np.arange(n), np.diff(indptr))
         self._diagonal = np.flatnonzero((row == indices) & (row < len(unit)))
@@ -68,8 +68,6 @@ class GapBorders:
             "stiffened": len(self._pairs),
             "scales": len(self._diagonal),
             "gap_column": self._column,
-            "gap_force_row": self._rows,
-            "gap_unknown": self._columns,
             "stiff_left": self._left,
             "stiff_right": self._right,
             "scale_unit": self._unit,

@@ -59,13 +59,21 @@ class Reduction(Protocol):
     free: int
     driven: int
     columns: int
-    #: Sparsity (indptr, indices) of the reduced matrix in compressed rows: of the unknowns, and
-    #: of what `Ties` adds behind them.
-    pattern: tuple[np.ndarray, np.ndarray]
     #: Unknowns (2, m) of ties in it, and those on which they depend.
     dependent: np.ndarray
     #: Why no step can begin here; empty if it can.
     singularity: str
+
+    @property
+    def pattern(self) -> tuple[np.ndarray, np.ndarray]:
+        """Sparsity (indptr, indices) of the reduced matrix in compressed rows.
+
+        Of the unknowns, and of what `Ties` adds behind them.
+        """
+
+    @property
+    def factored(self) -> tuple[np.ndarray, np.ndarray]:
+        """The same for the compiled loop, in which nodes that slide on beams border it."""
 
     @property
     def independent(self) -> np.ndarray:
@@ -182,6 +190,7 @@ class IndexReduction(WithoutLoops):
         self._z = np.zeros(columns)
         found = _sums_of_dofs_and_entries(column, matrix.indptr, matrix.indices, free)
         self.pattern, self._dofs, self._entries = found
+        self.factored = self.pattern
 
     def begin(self, q, slides) -> None:
         """Nothing depends on the step."""

@@ -111,20 +111,39 @@ class JointReduction(WithoutLoops):
         self._geometric = table[:, 0].astype(int), table[:, 1].astype(int), table[:, 2]
 
     def _set_pattern(self, rows: np.ndarray, columns: np.ndarray) -> np.ndarray:
-        """Set the pattern; returns the places of entries in the tangent before the elimination."""
-        sliders, n = self.sliders, self.ties.unknowns
-        if sliders is None:
-            self.pattern, place = sparsity(rows, columns, n)
-            return place
-        sliders.add_to_pattern(rows, columns)
-        i, j = np.divmod(sliders.keys[sliders.kept], sliders.size)
-        self.pattern, _ = sparsity(i, j, n)
-        self._tangent = np.zeros(len(sliders.keys) + 1)
-        return sliders.places(rows, columns)
+        """Set the pattern of open loops; returns the places of entries before sliders are gone."""
+        if self.sliders is not None:
+            return self.sliders.set_tangent(rows, columns)
+        self._open, place = sparsity(rows, columns, self.ties.unknowns)
+        return place
+
+    @property
+    def _opened(self) -> tuple[np.ndarray, np.ndarray]:
+        """Sparsity of the reduced matrix while loops are open."""
+        return self._open if self.sliders is None else self.sliders.pattern
+
+    @property
+    def _opened_factored(self) -> tuple[np.ndarray, np.ndarray]:
+        """The same without what slides."""
+        return self._open if self.sliders is None else self.sliders.bordered.pattern
+
+    @property
+    def pattern(self):
+        """Sparsity of the reduced matrix."""
+        return self._opened
+
+    @property
+    def factored(self):
+        """The same without what borders it in the compiled loop."""
+        return self._opened_factored
+
+    def system(self) -> tuple[np.ndarray, np.ndarray]:
+        """Rows and columns of the linear system for all columns and ties; -1 for none."""
+        return self._row_index, self._index
 
     def places(self) -> np.ndarray:
-        """Places of the entries that `fill` finds in the pattern."""
-        return np.arange(len(self.pattern[1]))
+        """Places of the entries of `factored` with open loops in that with closed ones."""
+        return np.arange(len(self.factored[1]))
 
     def tables(self):
         """Entries, joints and products."""
@@ -310,9 +329,9 @@ class JointReduction(WithoutLoops):
         if self.sliders is None:
             self._fill(values, r, out)
             return
-        self._fill(values, self.carried(r), self._tangent)
-        self.sliders.eliminate(self._tangent, self._values, self._virtual_map)
-        out[:] = self._tangent[self.sliders.kept]
+        before = np.empty(self.sliders.entries_before)
+        self._fill(values, self.carried(r), before)
+        out[:] = self.sliders.eliminate(before, self._values, self._virtual_map)
 
     def _fill(self, values, r, out) -> None:
         place, k = self._direct

@@ -12,15 +12,18 @@ The forces do no work and leave both momenta, since they are forces of joints li
 
 from __future__ import annotations
 
+import functools
+
 import numpy as np
 import scipy.sparse
 
 from fx_beam.errors import SceneError
 from fx_beam.mechanics.rates import UpdateRule
 
+from .closed_pattern import ClosedPattern
 from .gap_borders import GapBorders
 from .graph import Couplings
-from .index_reduction import LoopTables, sparsity
+from .index_reduction import LoopTables
 from .joint_reduction import JointReduction
 from .sliders import Sliders
 from .spring_dampers import Actuators
@@ -67,7 +70,6 @@ class LoopReduction(JointReduction):
         self.loop = used_columns[used_columns < self.free]
         self._others = used_columns[used_columns >= self.free]
         self._build_gaps()
-        self._build_pattern()
 
     def _build_gaps(self) -> None:
         """The gaps as differences of displacements, less the arm of the joint."""
@@ -90,28 +92,31 @@ class LoopReduction(JointReduction):
         #: Arms of the joints in the reference configuration.
         self._rho_at_rest = self._offset + slid
 
-    def _build_pattern(self) -> None:
-        """Sparsity with the products that the loops add, and the place of each entry in it."""
-        self._inner = self.pattern
-        self._borders = None
+    @functools.cached_property
+    def _closed(self) -> ClosedPattern | GapBorders:
+        """The sparsity with the products that the loops add."""
+        return self._close(self._opened)
+
+    @functools.cached_property
+    def _closed_factored(self) -> ClosedPattern | GapBorders:
+        """The same without what slides."""
+        return self._closed if self.sliders is None else self._close(self._opened_factored)
+
+    def _close(self, pattern: tuple[np.ndarray, np.ndarray]) -> ClosedPattern | GapBorders:
         if len(self.ties):
             index = self._row_index, self._index
-            self._borders = GapBorders(self._gap_entries, *index, self.pattern, self.unit)
-            self.pattern = self._borders.pattern
-            return
-        ones = np.ones(len(self._inner[1]))
-        n = self.ties.unknowns
-        A = scipy.sparse.csr_matrix((ones, self._inner[1], self._inner[0]), (n, n))
-        loop = self.loop
-        full = scipy.sparse.lil_matrix((n, n))
-        full.setdiag(1.0)
-        full[np.ix_(loop, loop)] = 1.0
-        full = full.tocsr()
-        pattern = (full.T @ A @ full + full).tocoo()
-        self.pattern, _ = sparsity(pattern.row, pattern.col, n)
-        indptr, indices = self.pattern
-        #: Numbers of the entries in increasing order: row times unknowns plus column.
-        self._keys = np.repeat(np.arange(n), np.diff(indptr)) * n + indices
+            return GapBorders(self._gap_entries, *index, pattern, self.unit)
+        return ClosedPattern(pattern, self.loop)
+
+    @property
+    def pattern(self):
+        """Sparsity with the products that the loops add."""
+        return self._closed.pattern
+
+    @property
+    def factored(self):
+        """The same without what slides."""
+        return self._closed_factored.pattern
 
     @property
     def independent(self) -> np.ndarray:
@@ -253,18 +258,17 @@ class LoopReduction(JointReduction):
 
         With ties: of the tangent of open loops, which `borders` close.
         """
-        inner = np.empty(len(self._inner[1]))
+        (indptr, indices), closed = self._opened, self._closed
+        inner = np.empty(len(indices))
         super().fill(values, self.closed(r), inner)
-        if self._borders is not None:
-            out[:] = 0.0
-            out[self._borders.inner] = inner
-            self._borders.stiffen(out, self._values, self._virtual_map)
+        out[:] = 0.0
+        if isinstance(closed, GapBorders):
+            out[closed.places] = inner
+            closed.stiffen(out, self._values, self._virtual_map)
             return
-        indptr, indices = self._inner
         A = scipy.sparse.csr_matrix((inner, indices, indptr), (self.free, self.free))
         A = self._closed_tangent(A).tocoo()
-        out[:] = 0.0
-        out[np.searchsorted(self._keys, A.row * self.free + A.col)] = A.data
+        out[closed.at(A.row, A.col)] = A.data
 
     def _closed_tangent(self, tangent):
         """A tangent (free, free) of open loops with the loops closed."""
@@ -283,9 +287,10 @@ class LoopReduction(JointReduction):
 
     def borders(self):
         """What closes the loops in the linear system with ties; or None."""
-        if self._borders is None:
+        closed = self._closed
+        if not isinstance(closed, GapBorders):
             return None
-        return self._borders.of(self._values, self._virtual_map)
+        return closed.of(self._values, self._virtual_map)
 
     # -- For the compiled loop ------------------------------------------------------------------
 
@@ -301,12 +306,7 @@ class LoopReduction(JointReduction):
 
     def places(self) -> np.ndarray:
         """Places of the entries of the trees' pattern in that with the loops."""
-        if self._borders is not None:
-            return self._borders.inner
-        indptr, indices = self._inner
-        n = len(indptr) - 1
-        rows = np.repeat(np.arange(n), np.diff(indptr))
-        return np.searchsorted(self._keys, rows * n + indices)
+        return self._closed_factored.places
 
     def loop_tables(self):
         """The closed loops as lists of numbers."""
@@ -344,20 +344,15 @@ class LoopReduction(JointReduction):
             "loop_unit": self.unit[self.loop],
             "arm_at_rest": self._rho_at_rest,
         }
-        if self._borders is not None:
-            more = self._borders.tables()
+        closed = self._closed_factored
+        if isinstance(closed, GapBorders):
+            more = closed.tables()
             return more._replace(values=values | more.values)
-        n, loop = self.free, self.loop
-        rows, columns = self._keys // n, self._keys % n
-        near = np.unique(columns[np.isin(rows, loop)])
-
-        def places(i, j):
-            return np.searchsorted(self._keys, i * n + j)
-
+        near = closed.near
         at = {
-            "near_loop": places(near[:, None], loop),
-            "loop_near": places(loop, near[:, None]),
-            "loop_loop": places(loop[:, None], loop),
+            "near_loop": closed.at(near[:, None], self.loop),
+            "loop_near": closed.at(self.loop, near[:, None]),
+            "loop_loop": closed.at(self.loop[:, None], self.loop),
         }
         return LoopTables(values | {"near": len(near)}, at)
 

@@ -1,11 +1,13 @@
 """Nodes that slide on beams: their columns are eliminated from the equations after all others.
 
 The columns of such a node are functions of the other columns, z_c = sum T_e z_e over the entries e
-of a window of nodes around it. The pattern of the tangent has room for every window on the way.
+of a window of nodes around it. Here the pattern of the tangent has room for every window on the
+way; in the compiled loop they border a tangent without them (borders.h).
 """
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Sequence
 from typing import NamedTuple
 
@@ -18,6 +20,7 @@ from fx_beam.scene.scene import Scene
 from fx_beam.scene.sliders import SlidingJoint
 
 from .graph import Couplings
+from .index_reduction import sparsity
 from .sliding import Sliding
 
 # A node at rest on the end of a beam may be beyond it, by this part of the length.
@@ -37,6 +40,21 @@ class Window(NamedTuple):
     beside: np.ndarray
     above: np.ndarray
     inside: np.ndarray
+
+
+class Bordered(NamedTuple):
+    """A tangent before the elimination, as one of the unknowns and what borders it."""
+
+    #: Sparsity (indptr, indices) of the unknowns; the entries before the elimination that belong
+    #: to it, and their places; those of diagonals of slides, which are 1.
+    pattern: tuple[np.ndarray, np.ndarray]
+    inside: np.ndarray
+    places: np.ndarray
+    ones: np.ndarray
+    #: The other entries, with their rows and columns as columns of the scene.
+    beside: np.ndarray
+    rows: np.ndarray
+    columns: np.ndarray
 
 
 class Slide:
@@ -101,15 +119,103 @@ class Sliders:
 
     # -- The pattern of the tangent -------------------------------------------------------------
 
-    def add_to_pattern(self, rows: np.ndarray, columns: np.ndarray) -> np.ndarray:
+    def set_tangent(self, rows: np.ndarray, columns: np.ndarray) -> np.ndarray:
+        """Set the entries of the tangent before the elimination; returns the places of entries."""
+        self._given, place = np.unique(rows * self.size + columns, return_inverse=True)
+        self._known: list[dict[int, Window]] = [{} for _ in self.all]
+        return place
+
+    @property
+    def entries_before(self) -> int:
+        """Number of entries of the tangent before the elimination."""
+        return len(self._given)
+
+    @functools.cached_property
+    def pattern(self) -> tuple[np.ndarray, np.ndarray]:
+        """Sparsity of the tangent after the elimination."""
+        i, j = np.divmod(self._keys[self._kept], self.size)
+        found, _ = sparsity(i, j, self._unknowns)
+        return found
+
+    @property
+    def outside(self) -> np.ndarray:
+        """Columns of the scene that border the others: free slides and all sliding columns."""
+        slides = np.array([slide.column for slide in self.all])
+        sliding = np.arange(self._couplings.independent, self._couplings.columns)
+        return np.concatenate([slides[slides < self._couplings.free], sliding])
+
+    @functools.cached_property
+    def bordered(self) -> Bordered:
+        """The tangent of the compiled loop, in which what slides borders the other unknowns."""
+        n, rows, columns = self._unknowns, *np.divmod(self._given, self.size)
+        slides = self.outside[self.outside < self._couplings.free]
+        outside = np.zeros(self.size, dtype=bool)
+        outside[n:] = outside[slides] = True
+        on_border = outside[rows] | outside[columns]
+        inside = np.flatnonzero(~on_border)
+        # What slides is an unknown of the other equations that is zero there.
+        all_rows = np.concatenate([rows[inside], slides])
+        all_columns = np.concatenate([columns[inside], slides])
+        pattern, place = sparsity(all_rows, all_columns, n)
+        beside = np.flatnonzero(on_border)
+        return Bordered(
+            pattern=pattern,
+            inside=inside,
+            places=place[: len(inside)],
+            ones=place[len(inside) :],
+            beside=beside,
+            rows=self._column_of(rows[beside]),
+            columns=self._column_of(columns[beside]),
+        )
+
+    def _column_of(self, index: np.ndarray) -> np.ndarray:
+        """Columns of the scene that belong to rows or columns of the tangent."""
+        free, c = self._couplings.free, self._couplings
+        ties, sliding = c.columns + (index - free) // 2, c.independent + index - self._unknowns
+        return np.where(index < free, index, np.where(index < self._unknowns, ties, sliding))
+
+    def diagonals(self, slide: Slide) -> tuple[np.ndarray, np.ndarray]:
+        """Unknowns (nodes, 3) that degrees of freedom of a beam equal, or -1 for others.
+
+        Also their diagonals among the entries before the elimination, and those of what slides.
+        """
+        column = self._couplings.column[slide.dofs]
+        index = np.where(column >= 0, self.index[column], -1)
+        place = np.searchsorted(self._given, index * (self.size + 1))
+        alone = (index >= 0) & (column < self._couplings.free)
+        return np.where(alone, column, -1), np.where(index >= 0, place, -1)
+
+    @functools.cached_property
+    def _neighbours(self) -> list[np.ndarray]:
+        """Indices of what the sliding columns of each node are coupled with."""
+        return self._eliminated[1]
+
+    @functools.cached_property
+    def _keys(self) -> np.ndarray:
         """Sorted keys (row * size + column) of all entries that the elimination meets."""
+        return self._eliminated[0]
+
+    @functools.cached_property
+    def _kept(self) -> np.ndarray:
+        """The entries of the unknowns among them."""
+        i, j = np.divmod(self._keys, self.size)
+        return np.flatnonzero((i < self._unknowns) & (j < self._unknowns))
+
+    @functools.cached_property
+    def _places_given(self) -> np.ndarray:
+        """Places of the entries before the elimination among them."""
+        return np.asarray(np.searchsorted(self._keys, self._given))
+
+    @functools.cached_property
+    def _eliminated(self) -> tuple[np.ndarray, list[np.ndarray]]:
+        """Keys and neighbours, for all windows."""
         n = self.size
-        pattern = _pattern(rows, columns, n)
-        self._neighbours: list[np.ndarray] = [np.empty(0, int)] * len(self.all)
+        pattern = _pattern(*np.divmod(self._given, n), n)
+        neighbours: list[np.ndarray] = [np.empty(0, int)] * len(self.all)
         for k, slide in reversed(list(enumerate(self.all))):
             own = self.index[slide.columns]
             near = pattern[own].indices, pattern.T.tocsr()[own].indices
-            self._neighbours[k] = around = np.setdiff1d(np.concatenate(near), own)
+            neighbours[k] = around = np.setdiff1d(np.concatenate(near), own)
             windows = [self.index[self._entries_of(slide, first)[1]] for first in slide.windows]
             kept = [np.unique(w[w >= 0]) for w in windows]
             counts = [len(w) for w in kept]
@@ -124,11 +230,7 @@ class Sliders:
             pattern.data[:] = 1.0
         pattern.sort_indices()
         i = np.repeat(np.arange(n), np.diff(pattern.indptr))
-        self.keys = i * n + pattern.indices
-        #: The entries of the unknowns, whose pattern has these rows and columns.
-        self.kept = np.flatnonzero((i < self._unknowns) & (pattern.indices < self._unknowns))
-        self._known: list[dict[int, Window]] = [{} for _ in self.all]
-        return self.keys
+        return i * n + pattern.indices, neighbours
 
     def _entries_of(self, slide: Slide, first: int) -> tuple[np.ndarray, ...]:
         """Local degrees of freedom, columns, positions and signs of the entries of a window."""
@@ -141,15 +243,21 @@ class Sliders:
         local, column, value, sign = np.array(found).T
         return local.astype(int), column.astype(int), value.astype(int), sign
 
-    def neighbours(self, k: int) -> np.ndarray:
-        """Indices of what the sliding columns of node k are coupled with."""
-        return self._neighbours[k]
-
     def entries(self, k: int) -> Sequence[tuple[np.ndarray, ...]]:
         """Rows, positions of values and signs of the entries of each sliding column of node k."""
         return self._entries[k]
 
-    def window(self, k: int, first: int) -> Window:
+    def parts(self, slide: Slide) -> tuple[np.ndarray, ...]:
+        """Entries of the degrees of freedom of a beam, one after the other.
+
+        Where those of each begin; columns, positions of values and signs.
+        """
+        found = [self._couplings.entries(dof) for dof in slide.dofs.ravel().tolist()]
+        column, value, sign = np.array([e for own in found for e in own]).reshape(-1, 3).T
+        starts = np.concatenate([[0], np.cumsum([len(own) for own in found])])
+        return starts, column.astype(int), value.astype(int), sign
+
+    def _window(self, k: int, first: int) -> Window:
         """The window of node k that begins with a node of its beam."""
         if first not in self._known[k]:
             local, column, value, sign = self._entries_of(self.all[k], first)
@@ -159,16 +267,16 @@ class Sliders:
                 column,
                 value,
                 sign,
-                beside=self.places(around[:, None], index),
-                above=self.places(index[:, None], around),
-                inside=self.places(index[:, None], index),
+                beside=self._places(around[:, None], index),
+                above=self._places(index[:, None], around),
+                inside=self._places(index[:, None], index),
             )
         return self._known[k][first]
 
-    def places(self, rows: np.ndarray, columns: np.ndarray) -> np.ndarray:
+    def _places(self, rows: np.ndarray, columns: np.ndarray) -> np.ndarray:
         """Places of entries in the tangent; behind the last where there is none."""
-        place = np.searchsorted(self.keys, rows * self.size + columns)
-        return np.where((rows >= 0) & (columns >= 0), place, len(self.keys))
+        place = np.searchsorted(self._keys, rows * self.size + columns)
+        return np.where((rows >= 0) & (columns >= 0), place, len(self._keys))
 
     # -- A step ---------------------------------------------------------------------------------
 
@@ -211,11 +319,15 @@ class Sliders:
             forces[slide.column] += along
         return r
 
-    def eliminate(self, tangent: np.ndarray, values: np.ndarray, virtual_map: np.ndarray) -> None:
-        """Eliminate the sliding columns from a tangent with the keys of `add_to_pattern`."""
+    def eliminate(
+        self, before: np.ndarray, values: np.ndarray, virtual_map: np.ndarray
+    ) -> np.ndarray:
+        """Entries of the unknowns after the elimination, from those before."""
+        tangent = np.zeros(len(self._keys) + 1)
+        tangent[self._places_given] = before
         for k, slide in reversed(list(enumerate(self.all))):
             relation = slide.relation
-            window = self.window(k, relation.weights.first)
+            window = self._window(k, relation.weights.first)
             of_T, of_virtual = (
                 window.sign * values[window.value],
                 window.sign * virtual_map[window.value],
@@ -225,15 +337,16 @@ class Sliders:
                 relation.virtual_map[:, window.local] * of_virtual,
             )
             own, around = self.index[slide.columns], self._neighbours[k]
-            K = tangent[self.places(own[:, None], own)]
-            to_left = tangent[self.places(around[:, None], own)]
-            to_right = tangent[self.places(own[:, None], around)]
+            K = tangent[self._places(own[:, None], own)]
+            to_left = tangent[self._places(around[:, None], own)]
+            to_right = tangent[self._places(own[:, None], around)]
             second = relation.second(slide.force)[np.ix_(window.local, window.local)]
             np.add.at(tangent, window.beside, to_left @ T)
             np.add.at(tangent, window.above, T_virtual.T @ to_right)
             np.add.at(
                 tangent, window.inside, T_virtual.T @ K @ T + of_virtual[:, None] * second * of_T
             )
+        return tangent[self._kept]
 
 
 def _pattern(rows: np.ndarray, columns: np.ndarray, n: int) -> scipy.sparse.csr_matrix:

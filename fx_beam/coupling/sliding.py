@@ -37,7 +37,7 @@ class Sliding:
 
     def __init__(self, path: Path, components: int, level: float, by_tangent: bool):
         self.path, self.components = path, components
-        self._level, self._by_tangent = level, by_tangent
+        self.level, self._by_tangent = level, by_tangent
         self.angles = path.angles() if components == 3 else np.zeros(len(path))
 
     def begin(self, q: np.ndarray, s: float) -> None:
@@ -76,7 +76,7 @@ class Sliding:
         return max(-self.s1, self.s1 - self.path.length, 0.0)
 
     def _set_virtual(self, w: Weights, p1: np.ndarray) -> None:
-        level, n, p0 = self._level, self.path.width, self._p0
+        level, n, p0 = self.level, self.path.width, self._p0
         mean = (1 - level) * w.at0 + level * w.at1
         for i in (0, 1):
             self.virtual_map[i, i * n : (i + 1) * n] = mean
@@ -100,7 +100,7 @@ class Sliding:
         self.virtual_map[:2, -1] = w.quotient @ self._pbar - zeta * self._Dalpha
 
     def _set_rotation(self, w: Weights, psi0: np.ndarray, Dpsi: np.ndarray) -> None:
-        level, n = self._level, self.path.width
+        level, n = self.level, self.path.width
         psi1 = psi0 + Dpsi
         self.increment[2] = w.at1 @ psi1 - w.at0 @ psi0
         self.T[2, 2 * n : 3 * n], self.T[2, -1] = w.at1, w.slope1 @ psi1
@@ -126,8 +126,8 @@ class Sliding:
     # -- Derivatives of the virtual displacement --------------------------------------------------
 
     def second(self, F: np.ndarray) -> np.ndarray:
-        """Derivatives of virtual_map^T F for a force F (components,),."""
-        n, w, level = self.path.width, self.weights, self._level
+        """Derivatives of virtual_map^T F, for a force F (components,), by all local ones."""
+        n, w, level = self.path.width, self.weights, self.level
         size = self.components * n + 1
         H = np.zeros((size, size))
         for i in (0, 1):

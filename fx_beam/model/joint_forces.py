@@ -50,7 +50,7 @@ class JointForces:
         `r` (size,) has the forces and couples of supports and joints on the nodes.
         """
         model, reduction = self._model, self._model.reduction
-        r = reduction.closed(reduction.carried(r)).copy()
+        r = reduction.carried(reduction.closed(r)).copy()
         out = np.zeros((len(model.scene.joints), 3))
         _pass(self.displacements, r, out)
         if (closing := reduction.closing()) is not None:

@@ -236,7 +236,8 @@ class Path:
     def nearest(self, point: np.ndarray) -> tuple[float, float]:
         """Arc length of the nearest point of the reference path, and the distance to it [m]."""
         best = (np.inf, 0.0)
-        for e, h in enumerate(self.h):
+        for e in self._near(point):
+            h = self.h[e]
             c = self.coefficients[e].T @ self._nodes(e) - np.outer([1, 0, 0, 0], point)
             # The square of the distance, a polynomial of degree 6, is stationary.
             square = np.zeros(7)
@@ -252,6 +253,17 @@ class Path:
                 if gap < best[0] * (1 - 1e-9) - 1e-15 * self.length:
                     best = gap, float(self.s[e] + h * x)
         return best[1], best[0]
+
+    def _near(self, point: np.ndarray) -> np.ndarray:
+        """Elements that may have the nearest point of the reference path."""
+        p, e = self.degree, np.arange(len(self.h))[:, None]
+        nodes = np.clip(p * (e - 1) + np.arange(3 * p + 1), 0, len(self) - 1)
+        c = np.einsum("eak,eax->ekx", self.coefficients, self.X[nodes])  # others: weight 0
+        powers = np.array([0.0, 0.5, 1.0])[:, None] ** np.arange(4)
+        found = np.linalg.norm(powers @ c - point, axis=2).min(axis=1)
+        # No point is farther from one of these than a quarter of the largest slope.
+        reach = np.linalg.norm(c[:, 1:], axis=2) @ [0.25, 0.5, 0.75]
+        return np.flatnonzero(found - reach <= found.min() * (1 + 1e-6) + 1e-12 * self.length)
 
     @staticmethod
     def _polish(c: np.ndarray, x: float) -> float:

@@ -26,18 +26,35 @@ INLINED void substitute(int reach, int way, const double *restrict row, double *
   b[0] = sum * row[0];
 }
 
-/* LU factorisation in place without pivoting, and the solution in place of b; returns 0 if a pivot is
+/* Rows of a band matrix that are eliminated downwards from its start, and those that are eliminated upwards
+   from its end, around this one; between them are at least twice the bandwidth. */
+typedef struct {
+  int top, bottom;
+} Ends;
+
+INLINED Ends ends_around(int n, int band, int middle) {
+  int top = middle - band, bottom = n - middle - band;
+  if (n <= 4 * band) return (Ends){0, 0};
+  return (Ends){top < 0 ? 0 : top, bottom < 0 ? 0 : bottom};
+}
+
+/* LU factorisation in place without pivoting, with the same of a right side b; returns 0 if a pivot is
    zero. Proceeds from both ends to the middle: the processor can overlap the two divisions. */
-INLINED int solve(int n, int band, double *A, double *b) {
-  int half = n > 4 * band ? n / 2 - band : 0, last = n - 1 - half;
+INLINED int eliminate_band(int n, int band, Ends of, double *A, double *b) {
+  int most = of.top > of.bottom ? of.top : of.bottom, last = n - 1 - of.bottom;
   long row = 2 * band + 1;
   double *top = A + band, *bottom = A + band + (n - 1) * row, *end = b + n - 1;
-  for (int k = 0; k < half; ++k) {
-    if (!is_pivot(top[k * row]) || !is_pivot(bottom[-k * row])) return 0;
-    eliminate(band, band, 1, top + k * row, b + k);
-    eliminate(band, band, -1, bottom - k * row, end - k);
+  for (int k = 0; k < most; ++k) {
+    if (k < of.top) {
+      if (!is_pivot(top[k * row])) return 0;
+      eliminate(band, band, 1, top + k * row, b + k);
+    }
+    if (k < of.bottom) {
+      if (!is_pivot(bottom[-k * row])) return 0;
+      eliminate(band, band, -1, bottom - k * row, end - k);
+    }
   }
-  for (int k = half; k <= last; ++k) {
+  for (int k = of.top; k <= last; ++k) {
     if (!is_pivot(top[k * row])) return 0;
     /* Separate, so that the loops have a constant length except at the end. */
     if (k + band <= last)
@@ -45,26 +62,82 @@ INLINED int solve(int n, int band, double *A, double *b) {
     else
       eliminate(band, last - k, 1, top + k * row, b + k);
   }
-  for (int k = last; k >= half; --k)
+  return 1;
+}
+
+/* The solution in place of b. Those that are `reached` are known already. */
+INLINED void substitute_band(int n, int band, Ends of, const double *A, double *b, const int *reached) {
+  int most = of.top > of.bottom ? of.top : of.bottom, last = n - 1 - of.bottom;
+  long row = 2 * band + 1;
+  const double *top = A + band, *bottom = A + band + (n - 1) * row;
+  for (int k = last; k >= of.top; --k) {
+    if (reached && reached[k]) continue;
     if (k + band <= last)
       substitute(band, 1, top + k * row, b + k);
     else
       substitute(last - k, 1, top + k * row, b + k);
-  for (int k = half - 1; k >= 0; --k) {
-    substitute(band, 1, top + k * row, b + k);
-    substitute(band, -1, bottom - k * row, end - k);
   }
+  for (int k = most - 1; k >= 0; --k) {
+    if (k < of.top && !(reached && reached[k])) substitute(band, 1, top + k * row, b + k);
+    if (k < of.bottom && !(reached && reached[n - 1 - k]))
+      substitute(band, -1, bottom - k * row, b + n - 1 - k);
+  }
+}
+
+INLINED int solve(int n, int band, double *A, double *b) {
+  int half = n > 4 * band ? n / 2 - band : 0;
+  Ends of = {half, half};
+  if (!eliminate_band(n, band, of, A, b)) return 0;
+  substitute_band(n, band, of, A, b, 0);
   return 1;
 }
 
-/* Solution by a band matrix, with constant bandwidths of beams, for which the compiler can unroll the
+/* Subtracts a multiple of a row of the block (work.h) from another one, without the first `from`. */
+INLINED void subtract_in_block(const Problem *p, const Work *w, int from, int row, double factor, int of) {
+  double *restrict to = w->block + (long)row * p->block, *restrict by = w->block + (long)of * p->block;
+  for (int j = from; j < p->block; ++j) to[j] -= factor * by[j];
+}
+
+/* The block from its right sides and factors of a band matrix; its first column, and the right side b, is
+   eliminated already. */
+static void solve_band_block(const Problem *p, const Work *w, Ends of) {
+  int n = p->free, band = p->band, last = n - 1 - of.bottom;
+  long width = 2 * band + 1;
+  const double *A = w->tangent + band;
+  for (int part = 0; part < 2; ++part)
+    for (int i = 0; i < (part ? last + 1 : of.bottom); ++i) {
+      int k = part ? i : n - 1 - i, way = part ? 1 : -1, reach_of = k >= of.top && part ? last - k : band;
+      const double *pivot = A + k * width;
+      if (!w->reached[k]) continue;
+      w->block[(long)k * p->block] = w->y[k];
+      for (int j = 1; j <= band && j <= reach_of; ++j) {
+        double below = pivot[way * j * 2 * band];
+        if (below == 0 && pivot[way * j] == 0) continue;
+        reach(p, w, k + way * j);
+        subtract_in_block(p, w, 1, k + way * j, below * pivot[0], k);
+      }
+    }
+  for (int part = 1; part >= 0; --part)
+    for (int i = (part ? last + 1 : of.bottom) - 1; i >= 0; --i) {
+      int k = part ? i : n - 1 - i, way = part ? 1 : -1, reach_of = k >= of.top && part ? last - k : band;
+      const double *pivot = A + k * width;
+      double *row = w->block + (long)k * p->block;
+      if (!w->reached[k]) continue;
+      for (int j = 1; j <= band && j <= reach_of; ++j)
+        if (pivot[way * j] != 0) subtract_in_block(p, w, 0, k, pivot[way * j], k + way * j);
+      for (int j = 0; j < p->block; ++j) row[j] *= pivot[0];
+    }
+}
+
+/* Functions of a band matrix with constant bandwidths of beams, for which the compiler can unroll the
    loops. */
+#define OF_BAND(p, function, n, ...)                       \
+  ((p)->band == 5    ? function(n, 5, __VA_ARGS__)  /* degree 1 with joints */ \
+   : (p)->band == 6  ? function(n, 6, __VA_ARGS__)         \
+   : (p)->band == 8  ? function(n, 8, __VA_ARGS__)  /* degree 2 */ \
+   : (p)->band == 11 ? function(n, 11, __VA_ARGS__) /* degree 3 */ \
+                     : function(n, (p)->band, __VA_ARGS__))
+
 static int solve_band(const Problem *p, const Work *w) {
-  switch (p->band) {
-    case 5: return solve(p->free, 5, w->tangent, w->y); /* degree 1 with joints */
-    case 6: return solve(p->free, 6, w->tangent, w->y);
-    case 8: return solve(p->free, 8, w->tangent, w->y); /* degree 2 */
-    case 11: return solve(p->free, 11, w->tangent, w->y); /* degree 3 */
-    default: return solve(p->free, p->band, w->tangent, w->y);
-  }
+  return OF_BAND(p, solve, p->free, w->tangent, w->y);
 }

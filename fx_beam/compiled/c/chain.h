@@ -54,33 +54,132 @@ INLINED void own_rows(const double *group, Four *own) {
   for (int i = 0; i < 3; ++i) own[i] = load(group + OWN + i * ROW);
 }
 
-/* Solution for the right side `reduced`; returns 0 if a pivot is zero. Proceeds from both ends to the
-   middle: the processor can overlap the two divisions. */
-static int solve_chain(const Problem *p, const Work *w) {
-  int middle = p->chain / 2, last = p->chain - 1;
-  double *A = w->tangent, none[GROUP] = {0}, x[3], y[3];
+/* Stores the rows of a group for further right sides, in its own place. */
+INLINED void store_own(double *group, const Four *own) {
+  for (int i = 0; i < 3; ++i) *(Four *)(group + OWN + i * ROW) = own[i];
+}
+
+/* Elimination for the right side `reduced`; returns 0 if a pivot is zero. Proceeds from both ends to the
+   group `middle`: the processor can overlap the two divisions. With `keep` for further right sides. */
+INLINED int eliminate_chain(const Problem *p, const Work *w, int middle, int keep) {
+  int last = p->chain - 1, most = middle > last - middle ? middle : last - middle;
+  double *A = w->tangent, none[GROUP] = {0};
   Four down[3], up[3], own[3], u[3], v[3];
   for (int i = 0; i < p->free; ++i) A[p->order[i] * ROW + RIGHT] = w->reduced[i];
   own_rows(A, down), own_rows(A + last * GROUP, up);
-  for (int k = 0; k < middle; ++k) {
+  for (int k = 0; k < most; ++k) {
     double *top = A + k * GROUP, *bottom = A + (last - k) * GROUP;
-    if (!eliminate_group(down, top + AFTER, u)) return 0;
-    own_rows(top + GROUP, down);
-    subtract_group(down, top + GROUP + BEFORE, u);
-    if (last - k == middle) break;
-    if (!eliminate_group(up, bottom + BEFORE, v)) return 0;
-    own_rows(bottom - GROUP, up);
-    subtract_group(up, bottom - GROUP + AFTER, v);
+    if (k < middle) {
+      if (!eliminate_group(down, top + AFTER, u)) return 0;
+      if (keep) store_own(top, down);
+      own_rows(top + GROUP, down);
+      subtract_group(down, top + GROUP + BEFORE, u);
+    }
+    if (last - k > middle) {
+      if (!eliminate_group(up, bottom + BEFORE, v)) return 0;
+      if (keep) store_own(bottom, up);
+      own_rows(bottom - GROUP, up);
+      subtract_group(up, bottom - GROUP + AFTER, v);
+    }
   }
   /* Both have the own rows of the group in the middle, with one side's contribution each. */
   own_rows(A + middle * GROUP, own);
   for (int i = 0; i < 3; ++i) own[i] = down[i] + (up[i] - own[i]);
+  if (keep) store_own(A + middle * GROUP, own);
   if (!eliminate_group(own, none, u)) return 0;
-  for (int i = 0; i < 3; ++i) A[middle * GROUP + i * ROW + RIGHT] = x[i] = y[i] = u[i][3];
+  for (int i = 0; i < 3; ++i) A[middle * GROUP + i * ROW + (keep ? AFTER + 3 : RIGHT)] = u[i][3];
+  return 1;
+}
+
+/* Solution for the right side `reduced`; returns 0 if a pivot is zero. */
+static int solve_chain(const Problem *p, const Work *w) {
+  int middle = p->chain / 2, last = p->chain - 1;
+  double *A = w->tangent, x[3], y[3];
+  if (!eliminate_chain(p, w, middle, 0)) return 0;
+  for (int i = 0; i < 3; ++i) x[i] = y[i] = A[middle * GROUP + i * ROW + RIGHT];
   for (int k = 1; k <= middle; ++k) {
     substitute_group(A + (middle - k) * GROUP, AFTER, x);
     if (middle + k <= last) substitute_group(A + (middle + k) * GROUP, BEFORE, y);
   }
   for (int i = 0; i < p->free; ++i) w->step[i] = A[p->order[i] * ROW + RIGHT];
   return 1;
+}
+
+/* Rows of the block (work.h) of a group: solves its own equations, which `store_own` kept. */
+INLINED void solve_group(int n, const double *group, double *rows) {
+  const double *a = group + OWN, *b = a + ROW, *c = b + ROW;
+  double first = 1 / a[0], in_b = b[0] * first, in_c = c[0] * first;
+  double b1 = b[1] - in_b * a[1], b2 = b[2] - in_b * a[2];
+  double c1 = c[1] - in_c * a[1], c2 = c[2] - in_c * a[2];
+  double second = 1 / b1, b_in_c = c1 * second, last = 1 / (c2 - b_in_c * b2);
+  double *restrict x = rows, *restrict y = rows + n, *restrict z = rows + 2 * n;
+  for (int j = 1; j < n; ++j) {
+    double q = y[j] - in_b * x[j];
+    z[j] = (z[j] - in_c * x[j] - b_in_c * q) * last;
+    y[j] = (q - b2 * z[j]) * second;
+    x[j] = (x[j] - a[2] * z[j] - a[1] * y[j]) * first;
+  }
+}
+
+/* Subtracts multiples of three rows of the block, by couplings, from three others. */
+INLINED void subtract_coupled(int n, const double *couplings, const double *from, double *to) {
+  for (int i = 0; i < 3; ++i) {
+    const double *k = couplings + i * ROW;
+    double *restrict row = to + i * n;
+    for (int j = 0; j < n; ++j) row[j] -= k[0] * from[j] + k[1] * from[n + j] + k[2] * from[2 * n + j];
+  }
+}
+
+static int are_coupled(const double *one, const double *other) {
+  double sum = 0;
+  for (int i = 0; i < 3; ++i)
+    for (int j = 0; j < 3; ++j) sum += fabs(one[i * ROW + j]) + fabs(other[i * ROW + j]);
+  return sum != 0;
+}
+
+/* The block from its right sides, after `eliminate_chain` that kept its rows. */
+static void solve_chain_block(const Problem *p, const Work *w, int middle) {
+  double *A = w->tangent;
+  int n = p->block, last = p->chain - 1;
+  long rows = 3 * (long)n;
+  for (int side = 0; side < 2; ++side) {
+    int way = side ? -1 : 1, to_middle = side ? BEFORE : AFTER, back = side ? AFTER : BEFORE;
+    for (int k = side ? last : 0; k != middle; k += way) {
+      double *group = A + k * GROUP, *next = group + way * GROUP;
+      if (!w->reached[3 * k]) continue;
+      solve_group(n, group, w->block + k * rows);
+      /* The first column is solved already. */
+      for (int i = 0; i < 3; ++i) w->block[k * rows + i * n] = group[to_middle + i * ROW + 3];
+      if (!are_coupled(next + back, group + to_middle)) continue;
+      reach(p, w, 3 * (k + way));
+      subtract_coupled(n, next + back, w->block + k * rows, w->block + (k + way) * rows);
+    }
+  }
+  if (w->reached[3 * middle]) {
+    solve_group(n, A + middle * GROUP, w->block + middle * rows);
+    for (int i = 0; i < 3; ++i) w->block[middle * rows + i * n] = A[middle * GROUP + i * ROW + AFTER + 3];
+  }
+  for (int side = 0; side < 2; ++side) {
+    int way = side ? -1 : 1, to_middle = side ? BEFORE : AFTER;
+    for (int k = middle - way; side ? k <= last : k >= 0; k -= way)
+      if (w->reached[3 * k] && w->reached[3 * (k + way)])
+        subtract_coupled(n, A + k * GROUP + to_middle, w->block + (k + way) * rows, w->block + k * rows);
+  }
+}
+
+/* The solution, from the first column of the block as far as it is reached. */
+static void finish_chain(const Problem *p, const Work *w, int middle) {
+  double *A = w->tangent, x[3];
+  int n = p->block, last = p->chain - 1;
+  for (int side = 0; side < 2; ++side)
+    for (int k = middle; side ? k <= last : k >= 0; k += side ? 1 : -1) {
+      double *group = A + k * GROUP;
+      if (w->reached[3 * k])
+        for (int i = 0; i < 3; ++i) group[i * ROW + RIGHT] = x[i] = w->block[(3L * k + i) * n];
+      else if (k == middle)
+        for (int i = 0; i < 3; ++i) group[i * ROW + RIGHT] = x[i] = group[AFTER + i * ROW + 3];
+      else
+        substitute_group(group, side ? BEFORE : AFTER, x);
+    }
+  for (int i = 0; i < p->free; ++i) w->step[i] = A[p->order[i] * ROW + RIGHT];
 }

@@ -3,7 +3,7 @@
 #pragma once
 
 #include "actuators.h"
-#include "loops.h"
+#include "borders.h"
 
 /* Returns 0 in a singular position. */
 static int begin_couplings(const Problem *p, const Work *w) {
@@ -188,5 +188,5 @@ static void reduce_tangent(const Problem *p, const Work *w, const double *r) {
     K[p->tie_force[k]] -= p->tie_sign[k] * w->virtual_map[p->tie_value[k]];
   }
   if (p->stiffened) stiffen_loops(p, w);
-  eliminate_sliders(p, w);
+  if (p->borders) fill_borders(p, w);
 }

@@ -5,8 +5,6 @@
 
 #pragma once
 
-#include "band.h"
-#include "chain.h"
 #include "couplings.h"
 
 /* How exact a correction must be: what may remain to be corrected, relative to the squares of the
@@ -114,31 +112,46 @@ static void begin_kept(Kept *kept) {
   kept->now = 0;
 }
 
-/* Solution of a tangent that the derivatives of the loops' gaps border, for the right side `reduced`;
-   returns 0 if it is singular. */
+/* Position in the elimination of the beam about the first node that slides, or the middle. */
+static int middle_of_elimination(const Problem *p) {
+  const Slider *a = p->slider;
+  for (int dof = p->sliders ? 3 * (a->first + a->width / 2) : 0; p->sliders && dof >= 0; --dof)
+    for (int e = a->part_start[dof]; e < a->part_start[dof + 1]; ++e)
+      if (p->unknown_at[a->part_column[e]] >= 0) return p->unknown_at[a->part_column[e]];
+  return p->positions / 2;
+}
+
+/* Solution of a tangent with borders, for the right side `reduced`; returns 0 if it is singular. */
 static int solve_bordered(Problem *p, const Work *w) {
-  int m = p->closures, n = p->unknowns;
-  const int *order = p->order;
-  if (!factorise(p, w)) return 0;
-  memset(w->borders, 0, (long)m * n * sizeof(double));
-  for (int k = 0; k < p->gap_entries; ++k)
-    if (p->gap_force_row[k] >= 0)
-      w->borders[(long)p->gap_row[k] * n + order[p->gap_force_row[k]]] +=
-          p->gap_sign[k] * w->virtual_map[p->gap_value[k]];
-  for (int k = 0; k < m; ++k) substitute_sparse(&p->rows, w->factors, w->borders + (long)k * n);
-  for (int i = 0; i < n; ++i) w->y[order[i]] = i < p->free ? w->reduced[i] : 0;
-  substitute_sparse(&p->rows, w->factors, w->y);
-  memset(w->part, 0, (long)m * m * sizeof(double)), memset(w->gap, 0, m * sizeof(double));
-  for (int k = 0; k < p->gap_entries; ++k) {
-    if (p->gap_unknown[k] < 0) continue;
-    int row = p->gap_row[k], at = order[p->gap_unknown[k]];
-    double by = p->gap_sign[k] * w->values[p->gap_value[k]];
-    for (int j = 0; j < m; ++j) w->part[row * m + j] += by * w->borders[(long)j * n + at];
-    w->gap[row] += by * w->y[at];
+  int middle = middle_of_elimination(p), n = p->unknowns;
+  Ends of = ends_around(n, p->band, middle);
+  begin_right_sides(p, w);
+  for (int i = 0; i < n; ++i) w->y[p->order[i] * !p->chain] = i < p->free ? w->reduced[i] : 0;
+  if (p->chain) {
+    if (!eliminate_chain(p, w, middle / 3, 1)) return 0;
+    solve_chain_block(p, w, middle / 3);
+  } else if (p->band) {
+    if (!OF_BAND(p, eliminate_band, n, of, w->tangent, w->y)) return 0;
+    solve_band_block(p, w, of);
+  } else {
+    if (!factorise(p, w)) return 0;
+    substitute_forward(&p->rows, w->factors, w->y);
+    solve_sparse_block(p, w);
   }
-  solve_dense(m, w->part, 1, w->gap);
-  for (int j = 0; j < m; ++j) add_times(n, -w->gap[j], w->borders + (long)j * n, w->y);
-  for (int i = 0; i < p->free; ++i) w->step[i] = w->y[order[i]];
+  solve_borders(p, w);
+  if (p->chain) {
+    finish_chain(p, w, middle / 3);
+  } else {
+    for (int i = 0; i < n; ++i)
+      if (w->reached[i]) w->y[i] = w->block[(long)i * p->block];
+    if (p->band) OF_BAND(p, substitute_band, n, of, w->tangent, w->y, w->reached);
+    else substitute_backward(&p->rows, w->factors, w->y, w->reached);
+    for (int i = 0; i < p->free; ++i) w->step[i] = w->y[p->order[i]];
+  }
+  for (int i = 0; i < p->sliders; ++i) {
+    int column = p->slider[i].column, row = p->row_at[column];
+    if (row < -1) w->step[column] = w->border_right[ON_BORDER - row];
+  }
   return 1;
 }
 
@@ -146,6 +159,7 @@ static int solve_bordered(Problem *p, const Work *w) {
    singular. `rest` is as in `iterate`. */
 static int solve_reduced(Problem *p, const Work *w, const Wanted *wanted, double *rest) {
   rest[0] = rest[1] = 0;
+  if (p->borders) return solve_bordered(p, w);
   if (p->chain) return solve_chain(p, w);
   if (p->band) {
     for (int i = 0; i < p->free; ++i) w->y[p->order[i]] = w->reduced[i];
@@ -153,7 +167,6 @@ static int solve_reduced(Problem *p, const Work *w, const Wanted *wanted, double
     for (int i = 0; i < p->free; ++i) w->step[i] = w->y[p->order[i]];
     return 1;
   }
-  if (p->closures && p->ties) return solve_bordered(p, w);
   if (p->kept.worth && p->kept.present && !p->kept.exact && iterate(p, w, wanted, rest)) return 1;
   if (!factorise(p, w)) return 0;
   by_factors(p, w, w->reduced, w->step);

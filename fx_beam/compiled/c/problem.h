@@ -8,11 +8,12 @@
 /* Elements per call of a Batch, values of a nodal rule, largest order of the predictor, largest number
    of sub-steps of a scheme, places of the displacements and rotations at the start of the step and of
    the internal variables among the changing coefficients, largest order of a scheme, number of
-   averaged differences in local errors, number of directions of an iteration with kept factors, and
-   largest numbers of nodes and of local degrees of freedom in a window of a sliding node. */
+   averaged differences in local errors, number of directions of an iteration with kept factors,
+   largest numbers of nodes and of local degrees of freedom in a window of a sliding node, and of products
+   in the derivatives of its forces; borders are numbered downwards from ON_BORDER. */
 enum {
   LANES = 8, RULE_VALUES = 18, PAST = 4, SUB_STEPS = 32, START = 1, INTERNAL = 5, MAX_ORDER = 4,
-  AVERAGED = 3, DIRECTIONS = 12, WINDOW_NODES = 16, LOCAL = 49
+  AVERAGED = 3, DIRECTIONS = 12, WINDOW_NODES = 16, LOCAL = 49, PRODUCTS = 4, ON_BORDER = -2
 };
 
 /* Why a step failed. */
@@ -102,7 +103,7 @@ typedef struct {
   double r0[2], g0, rate0; /* at the start of the step */
   Rubbing last;
 } Contact;
-/* A node that slides on a beam (sliders.py). Its columns are eliminated from the reduced tangent. */
+/* A node that slides on a beam (sliders.py). Its columns border the reduced tangent (borders.h). */
 typedef struct {
   int joint, column;    /* number of the joint, and column of the arc length */
   int components, carried[3], node[3]; /* columns of the node, and its degrees of freedom */
@@ -114,15 +115,17 @@ typedef struct {
   /* Entries of its columns: rows, values and signs, from entry_start[component] on. */
   int *entry_start, *entry_row, *entry_value;
   double *entry_sign;
-  /* What its columns are coupled with: storage indices [.][component] of both triangles. */
-  int around, *own_place, *left_place, *right_place;
-  /* Entries of windows: local degree of freedom, value and sign; storage indices [around][entry] and
-     [entry][entry]. */
-  int *window_start, *local, *value, *beside, *above, *inside_start, *inside;
-  double *sign, *entry_T, *entry_virtual, *entry_KT, *entry_factor;
-  /* In the present iteration: arc lengths, window and its first node, increment, T and That, force. */
+  /* Entries of the beam's degrees of freedom [node][3]: columns, values and signs, from part_start on;
+     storage indices of the diagonal of its rotations. */
+  int *part_start, *part_column, *part_value, *turn_place;
+  double *part_sign;
+  int border, products; /* first border that is no column; number of products */
+  /* Of a beam without mass that only sliding nodes may hold: columns of one of its nodes, and storage indices
+     of their diagonals. */
+  int anchors, anchor_column[3], anchor_at[3];
+  /* In the present iteration: arc lengths, first node of the window, increment, T and That, force. */
   double s0, s1;
-  int at_window, first;
+  int first;
   double increment[3], T[3][LOCAL], virtual_map[3][LOCAL], force[3];
 } Slider;
 
@@ -192,6 +195,12 @@ typedef struct {
      the place of each value among the factors. */
   struct { int *tangent_start, *tangent_column, *factor_at; };
   Kept kept;
+  /* What borders it (borders.h): their number, that of the columns of a block of right sides, and of the
+     positions in the elimination; most entries of their rows. Row and column of the system for each column
+     of the scene: a position, -1 for none, or a border; entries of the tangent on borders. */
+  struct { int borders, block, most_border_entries, *row_at, *unknown_at; };
+  int positions;
+  struct { int beside, *beside_row, *beside_column, *beside_at; };
   int direct, coupled, geometric;
   int *direct_to, *direct_from;
   int *coupled_to, *coupled_from, *coupled_virtual, *coupled_value;
@@ -211,11 +220,11 @@ typedef struct {
   /* Storage indices in the tangent: of [near row][loop column], [near column][loop row] and [loop row]
      [loop column]; near ones are all with entries of the loops. */
   struct { int near, *near_loop, *loop_near, *loop_loop; };
-  /* With ties the gaps' derivatives border the reduced tangent instead: columns of their entries, with the
-     rows and columns of the tangent to which they belong (-1: none). Products of two entries, by a
-     stiffness from the diagonals at these storage indices, with a unit of each unknown. */
+  /* With ties the gaps' derivatives border the reduced tangent instead: columns of their entries. Products
+     of two entries, by a stiffness from the diagonals at these storage indices, with a unit of each
+     unknown. */
   struct {
-    int *gap_column, *gap_force_row, *gap_unknown;
+    int *gap_column;
     int stiffened, *stiff_to, *stiff_left, *stiff_right, scales, *scale_at;
     double *scale_unit;
   };

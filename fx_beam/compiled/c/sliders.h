@@ -71,6 +71,13 @@ static double over_sine_slope(double x) {
   return fabs(x) < 1e-2 ? x / 3 + 7 * x * x * x / 90 : (1 - x / tan(x)) / sin(x);
 }
 
+/* Derivatives of virtual_map^T F by the local degrees of freedom, for the force F of the node: those by the arc
+   length and of the force along it; of the others the products of left and right parts, and entries of
+   the diagonal. */
+typedef struct {
+  double by_s[LOCAL], of_s[LOCAL], square, left[PRODUCTS][LOCAL], right[PRODUCTS][LOCAL], turn[LOCAL];
+} Second;
+
 /* Positions, relative to a node of the window, at the start, and increments, of the window. */
 static void nodes_of(const Problem *p, const Slider *a, const double *D, double (*p0)[2],
                      double (*Dp)[2]) {
@@ -94,10 +101,10 @@ static double product_of(int n, const double *a, const double *b) {
   return total;
 }
 
-/* Rotation of the node: increment, its derivatives, virtual ones, and with H the derivatives of
+/* Rotation of the node: increment, its derivatives, virtual ones, and with h the derivatives of
    these, times the moment (sliding.py). */
 static void slide_rotation(const Problem *p, Slider *a, const Weights *w, const double *D, double moment,
-                           double (*H)[LOCAL]) {
+                           Second *h) {
   int n = a->width, o = 2 * n, s = 3 * n, exact = p->level == 0.5;
   double psi0[WINDOW_NODES], psi1[WINDOW_NODES], psibar[WINDOW_NODES], x[WINDOW_NODES];
   double mean[WINDOW_NODES], Ds = a->s1 - a->s0, l = p->level;
@@ -109,23 +116,23 @@ static void slide_rotation(const Problem *p, Slider *a, const Weights *w, const 
   double Dpsi = product_of(n, w->at1, psi1) - product_of(n, w->at0, psi0);
   double q = product_of(n, w->quotient, psibar);
   double q_s = product_of(n, w->quotient_slope, psibar);
-  if (!H) {
+  if (!h) {
     a->increment[2] = Dpsi, a->T[2][s] = product_of(n, w->slope1, psi1);
     memcpy(a->T[2] + o, w->at1, n * sizeof(double));
     memcpy(a->virtual_map[2] + o, mean, n * sizeof(double));
     a->virtual_map[2][s] = exact ? q : (1 - l) * product_of(n, w->slope0, psi0) + l * a->T[2][s];
   } else if (!exact || p->rule != 0) {
     for (int k = 0; k < n; ++k) {
-      H[o + k][s] = l * moment * w->slope1[k];
-      H[s][o + k] = l * moment * (exact ? w->quotient[k] : w->slope1[k]);
+      h->by_s[o + k] = l * moment * w->slope1[k];
+      h->of_s[o + k] = l * moment * (exact ? w->quotient[k] : w->slope1[k]);
     }
-    H[s][s] += moment * (exact ? q_s : l * product_of(n, w->bend1, psi1));
+    h->square += moment * (exact ? q_s : l * product_of(n, w->bend1, psi1));
   }
   if (!exact || p->rule != 0) return;
   double y = product_of(n, mean, x), y_c = Dpsi / 2, u = y_c - y, c[WINDOW_NODES];
   for (int k = 0; k < n; ++k) c[k] = over_sine(x[k] - y) * cos(x[k]);
   double total = product_of(n, mean, c), cosines = cos(y_c) * cos(y), beta = q / over_sine(u) / cosines;
-  if (!H) {
+  if (!h) {
     for (int k = 0; k < n; ++k) a->virtual_map[2][o + k] = mean[k] * c[k] / total;
     a->virtual_map[2][s] = beta;
     return;
@@ -136,31 +143,31 @@ static void slide_rotation(const Problem *p, Slider *a, const Weights *w, const 
     x_part[k] = (tilt[k] - mean[k] * over_sine(x[k] - y) * sin(x[k])) / 2;
     all += tilt[k];
   }
-  for (int j = 0; j <= n; ++j) { /* by the rotation of node j, and last by s */
-    double y_by = j < n ? mean[j] / 2 : product_of(n, w->slope1, x) / 2;
-    double total_by = (j < n ? x_part[j] : product_of(n, w->slope1, c) / 2) - all * y_by;
-    double q_by = j < n ? w->quotient[j] / 2 : q_s, u_by = Ds / 2 * q_by + (j < n ? 0 : q / 2);
-    int column = j < n ? o + j : s;
-    for (int k = 0; k < n; ++k) {
-      double by = (j == k) * x_part[k] - tilt[k] * y_by + (j == n) * w->slope1[k] * c[k] / 2;
-      H[o + k][column] = moment * (by - mean[k] * c[k] / total * total_by) / total;
-    }
-    double beta_by = q_by / (over_sine(u) * cosines) - beta * bend * u_by;
-    beta_by += beta * (tan(y_c) * (y_by + u_by) + tan(y) * y_by);
-    if (j < n) H[s][column] = moment * beta_by;
-    else H[s][s] += moment * beta_by;
+  double by_length = product_of(n, w->slope1, x) / 2;
+  double all_by_length = product_of(n, w->slope1, c) / 2 - all * by_length;
+  for (int k = 0; k < n; ++k) {
+    double y_by = mean[k] / 2, q_by = w->quotient[k] / 2, u_by = Ds / 2 * q_by, share = mean[k] * c[k] / total;
+    double of_k = q_by / (over_sine(u) * cosines) - beta * bend * u_by;
+    h->of_s[o + k] = moment * (of_k + beta * (tan(y_c) * (y_by + u_by) + tan(y) * y_by));
+    h->turn[o + k] = moment * x_part[k] / total;
+    h->left[2][o + k] = tilt[k], h->right[2][o + k] = -moment * y_by / total;
+    h->left[3][o + k] = share, h->right[3][o + k] = -moment * (x_part[k] - all * y_by) / total;
+    double by_s = w->slope1[k] * c[k] / 2 - tilt[k] * by_length;
+    h->by_s[o + k] = moment * (by_s - share * all_by_length) / total;
   }
+  double u_by = Ds / 2 * q_s + q / 2, beta_by = q_s / (over_sine(u) * cosines) - beta * bend * u_by;
+  beta_by += beta * (tan(y_c) * (by_length + u_by) + tan(y) * by_length);
+  h->square += moment * beta_by;
 }
 
 /* Increment of the node for that of its beam and of the arc length, the derivatives T and the virtual
-   increment. With H: the derivatives of virtual_map^T F for the force F of the node. */
-static void slide_on(const Problem *p, Slider *a, const double *D, double (*H)[LOCAL]) {
+   increment. With h: the derivatives of virtual_map^T F for the force F of the node. */
+static void slide_on(const Problem *p, Slider *a, const double *D, Second *h) {
   int n = a->width, s = a->components * n, e0 = element_of(a, a->s0), e1 = element_of(a, a->s1);
   int low, limit = a->elements - a->window;
   e1 = e1 > e0 + a->most ? e0 + a->most : e1 < e0 - a->most ? e0 - a->most : e1;
   low = (e0 < e1 ? e0 : e1) - 1;
-  a->at_window = low < 0 ? 0 : low > limit ? limit : low;
-  a->first = a->degree * a->at_window;
+  a->first = a->degree * (low < 0 ? 0 : low > limit ? limit : low);
   Weights weights, *w = &weights;
   set_weights(a, e0, e1, a->s0, a->s1, w);
   double p0[WINDOW_NODES][2], Dp[WINDOW_NODES][2], mean[WINDOW_NODES], Ds = a->s1 - a->s0, l = p->level;
@@ -170,7 +177,7 @@ static void slide_on(const Problem *p, Slider *a, const double *D, double (*H)[L
     mean[k] = (1 - l) * w->at0[k] + l * w->at1[k];
     for (int i = 0; i < 2; ++i) p1[k][i] = p0[k][i] + Dp[k][i], pbar[k][i] = p0[k][i] + Dp[k][i] / 2;
   }
-  if (!H) {
+  if (!h) {
     memset(a->T, 0, sizeof a->T), memset(a->virtual_map, 0, sizeof a->virtual_map);
     for (int i = 0; i < 2; ++i) {
       a->increment[i] = weigh(n, w->at1, p1, i) - weigh(n, w->at0, p0, i);
@@ -180,14 +187,14 @@ static void slide_on(const Problem *p, Slider *a, const double *D, double (*H)[L
       a->virtual_map[i][s] = (1 - l) * weigh(n, w->slope0, p0, i) + l * a->T[i][s];
     }
   } else {
-    memset(H, 0, LOCAL * sizeof *H);
+    memset(h, 0, sizeof *h);
     for (int i = 0; i < 2; ++i)
-      for (int k = 0; k < n; ++k) H[i * n + k][s] = l * a->force[i] * w->slope1[k];
+      for (int k = 0; k < n; ++k) h->by_s[i * n + k] = l * a->force[i] * w->slope1[k];
   }
   if (l != 0.5) {
-    for (int i = 0; H && i < 2; ++i) {
-      for (int k = 0; k < n; ++k) H[s][i * n + k] = l * a->force[i] * w->slope1[k];
-      H[s][s] += l * a->force[i] * weigh(n, w->bend1, p1, i);
+    for (int i = 0; h && i < 2; ++i) {
+      for (int k = 0; k < n; ++k) h->of_s[i * n + k] = l * a->force[i] * w->slope1[k];
+      h->square += l * a->force[i] * weigh(n, w->bend1, p1, i);
     }
   } else {
     int from = a->degree * e0 - a->first, to = from + a->degree, end[2] = {from, to};
@@ -197,7 +204,7 @@ static void slide_on(const Problem *p, Slider *a, const double *D, double (*H)[L
     omega[0] = -r[1] / square, omega[1] = r[0] / square;
     Dalpha = omega[0] * Dr[0] + omega[1] * Dr[1];
     zeta[0] = -weigh(n, w->quotient, Dp, 1) / 4, zeta[1] = weigh(n, w->quotient, Dp, 0) / 4;
-    if (!H)
+    if (!h)
       for (int i = 0; i < 2; ++i) {
         for (int j = 0; j < 2; ++j) {
           a->virtual_map[i][j * n + to] += Ds * zeta[i] * omega[j];
@@ -214,23 +221,24 @@ static void slide_on(const Problem *p, Slider *a, const double *D, double (*H)[L
           turn[i][j] = ((i > j) * 0.5 - (i < j) * 0.5 - omega[i] * r[j]) / square;
       for (int j = 0; j < 2; ++j) by_r[j] = omega[j] + turn[0][j] * Dr[0] + turn[1][j] * Dr[1];
       for (int i = 0; i < 2; ++i) {
-        for (int k = 0; k < n; ++k) H[s][i * n + k] = (F[i] / 2 - G[i] * Dalpha) * w->quotient[k];
-        H[s][s] += F[i] * weigh(n, w->quotient_slope, pbar, i);
+        for (int k = 0; k < n; ++k) h->of_s[i * n + k] = (F[i] / 2 - G[i] * Dalpha) * w->quotient[k];
+        h->square += F[i] * weigh(n, w->quotient_slope, pbar, i);
         for (int f = 0; f < 2; ++f) {
-          double *row = H[i * n + end[f]], sign = f ? 1 : -1;
-          H[s][i * n + end[f]] -= sign * Z * by_r[i];
-          row[s] += sign * omega[i] * (Z + Ds * Z_s);
-          for (int j = 0; j < 2; ++j) {
-            for (int k = 0; k < n; ++k) row[j * n + k] += sign * Ds * omega[i] * G[j] * w->quotient[k];
-            row[j * n + to] += sign * Ds * Z * turn[i][j];
-            row[j * n + from] -= sign * Ds * Z * turn[i][j];
-          }
+          double sign = f ? 1 : -1;
+          h->of_s[i * n + end[f]] -= sign * Z * by_r[i];
+          h->by_s[i * n + end[f]] += sign * omega[i] * (Z + Ds * Z_s);
+          h->left[i][i * n + end[f]] = sign;
+        }
+        for (int j = 0; j < 2; ++j) {
+          for (int k = 0; k < n; ++k) h->right[i][j * n + k] = Ds * omega[i] * G[j] * w->quotient[k];
+          h->right[i][j * n + to] += Ds * Z * turn[i][j];
+          h->right[i][j * n + from] -= Ds * Z * turn[i][j];
         }
       }
-      H[s][s] -= Dalpha * Z_s;
+      h->square -= Dalpha * Z_s;
     }
   }
-  if (a->components == 3) slide_rotation(p, a, w, D, a->force[2], H);
+  if (a->components == 3) slide_rotation(p, a, w, D, a->force[2], h);
 }
 
 /* Degree of freedom that belongs to a local one; -1 for the arc length. */
@@ -264,50 +272,6 @@ static void carry(const Problem *p, const Work *w, double *r, double *out) {
       for (int k = 0; k < s; ++k) r[local_dof(a, k)] += a->force[c] * a->virtual_map[c][k];
       out[a->column] += a->force[c] * a->virtual_map[c][s];
     }
-  }
-}
-
-/* Eliminates the columns of the sliding nodes from the tangent. */
-static void eliminate_sliders(const Problem *p, const Work *w) {
-  double *K = w->tangent, H[LOCAL][LOCAL];
-  for (int i = p->sliders - 1; i >= 0; --i) {
-    Slider *a = p->slider + i;
-    int m = a->components, around = a->around, start = a->window_start[a->at_window];
-    int L = a->window_start[a->at_window + 1] - start;
-    long square = a->inside_start[a->at_window];
-    const int *local = a->local + start, *above = a->above + (long)around * start;
-    const int *beside = a->beside + (long)around * start, *inside = a->inside + square;
-    double *T = a->entry_T, *virtual_map = a->entry_virtual, *KT = a->entry_KT, own[3][3];
-    slide_on(p, a, w->D, H);
-    for (int c = 0; c < m; ++c)
-      for (int d = 0; d < m; ++d) own[c][d] = K[a->own_place[c * m + d]];
-    for (int e = 0; e < L; ++e) {
-      double of_T = a->sign[start + e] * w->values[a->value[start + e]];
-      double of_virtual = a->sign[start + e] * w->virtual_map[a->value[start + e]];
-      for (int c = 0; c < m; ++c) {
-        T[c * L + e] = of_T * a->T[c][local[e]];
-        virtual_map[c * L + e] = of_virtual * a->virtual_map[c][local[e]];
-        KT[c * L + e] = 0;
-      }
-      a->entry_factor[2 * e] = of_T, a->entry_factor[2 * e + 1] = of_virtual;
-    }
-    for (int c = 0; c < m; ++c)
-      for (int d = 0; d < m; ++d)
-        for (int e = 0; e < L; ++e) KT[c * L + e] += own[c][d] * T[d * L + e];
-    for (int k = 0; k < around; ++k)
-      for (int c = 0; c < m; ++c) {
-        double left = K[a->left_place[k * m + c]], right = K[a->right_place[k * m + c]];
-        for (int e = 0; e < L; ++e) {
-          K[beside[k * L + e]] += left * T[c * L + e];
-          K[above[k * L + e]] += right * virtual_map[c * L + e];
-        }
-      }
-    for (int e = 0; e < L; ++e)
-      for (int f = 0; f < L; ++f) {
-        double total = a->entry_factor[2 * e + 1] * H[local[e]][local[f]] * a->entry_factor[2 * f];
-        for (int c = 0; c < m; ++c) total += virtual_map[c * L + e] * KT[c * L + f];
-        K[inside[e * L + f]] += total;
-      }
   }
 }
 

@@ -130,15 +130,26 @@ INLINED void backward(const SparseRows *p, const double *A, int g, int size, dou
   }
 }
 
-/* Solution by sparse factors, in the place of b. */
-static void substitute_sparse(const SparseRows *p, const double *A, double *b) {
+static void substitute_forward(const SparseRows *p, const double *A, double *b) {
   const int *first = p->first;
   for (int g = 0; g < p->groups; ++g) {
     int size = first[g + 1] - first[g];
     if (size == 3) forward(p, A, g, 3, b); else forward(p, A, g, size, b);
   }
+}
+
+/* Those that are `reached` are known already. */
+static void substitute_backward(const SparseRows *p, const double *A, double *b, const int *reached) {
+  const int *first = p->first;
   for (int g = p->groups - 1; g >= 0; --g) {
     int size = first[g + 1] - first[g];
+    if (reached && reached[first[g]]) continue;
     if (size == 3) backward(p, A, g, 3, b); else backward(p, A, g, size, b);
   }
+}
+
+/* Solution by sparse factors, in the place of b. */
+static void substitute_sparse(const SparseRows *p, const double *A, double *b) {
+  substitute_forward(p, A, b);
+  substitute_backward(p, A, b, 0);
 }

@@ -2,14 +2,24 @@
 
 #pragma once
 
+#include <string.h>
 #include "problem.h"
+
+/* An entry in the rows of borders, and its position in the elimination. */
+typedef struct {
+  int border, column;
+  double value;
+} BorderEntry;
 
 typedef struct {
   double *D, *path, *slope, *acc, *f, *r, *reduced, *step, *correction, *z;
   double *tangent, *inertia, *values, *virtual_map, *psi0, *rho0, *t0, *rho1, *t1, *mean_t, *guide_slope;
   double *guide_bend, *passing, *columns, *y, *row, *start, *force, *dead, *scratch;
   double *saved, *rule, *loaded, *factors, *residual, *direction, *image, *guess;
-  double *G, *W, *What, *part, *inverse, *gap, *gap0, *closing, *closed, *borders; /* of loops */
+  double *G, *W, *What, *part, *inverse, *gap, *gap0, *closing, *closed; /* of loops */
+  double *block, *corner, *border_right; /* of borders: rows of right sides by position, D, right sides */
+  int *reached, *border_entries;         /* rows of the block that are not zero; number of entries */
+  BorderEntry *border_entry;
   double *passed, *joint_forces;
   const double *fields[6]; /* by the kinds of Form */
   double dt;
@@ -49,7 +59,11 @@ static long lay_out(const Problem *p, Work *w, double *at) {
   w->G = allocate(&at, loop), w->W = allocate(&at, loop), w->What = allocate(&at, loop);
   w->part = allocate(&at, m * m), w->inverse = allocate(&at, m * m), w->gap = allocate(&at, m);
   w->gap0 = allocate(&at, m), w->closing = allocate(&at, m), w->closed = allocate(&at, m ? n : 0);
-  w->borders = allocate(&at, p->ties ? m * p->unknowns : 0);
+  long b = p->borders;
+  w->block = allocate(&at, (long)p->positions * p->block);
+  w->corner = allocate(&at, b * b), w->border_right = allocate(&at, b);
+  w->reached = (int *)allocate(&at, p->positions), w->border_entries = (int *)allocate(&at, 1);
+  w->border_entry = (BorderEntry *)allocate(&at, 2 * (long)p->most_border_entries);
   w->passed = allocate(&at, n), w->joint_forces = allocate(&at, 3 * p->scene_joints);
   const double *fields[] = {w->D, p->q, p->v, p->a, p->before, p->internals};
   memcpy(w->fields, fields, sizeof fields);
@@ -59,4 +73,12 @@ static long lay_out(const Problem *p, Work *w, double *at) {
 long fx_scratch(const Problem *p) {
   Work w;
   return lay_out(p, &w, 0);
+}
+
+/* Sets rows of the block to zero that were not yet reached: one, or those of a group of a chain. */
+static inline void reach(const Problem *p, const Work *w, int row) {
+  int first = p->chain ? row / 3 * 3 : row, end = first + (p->chain ? 3 : 1);
+  if (w->reached[row]) return;
+  memset(w->block + (long)first * p->block, 0, (long)(end - first) * p->block * sizeof(double));
+  for (int i = first; i < end; ++i) w->reached[i] = 1;
 }

@@ -1,0 +1,158 @@
+"""What borders the factorised tangent of the compiled loop (c/borders.h), as lists of numbers."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from fx_beam.algebra.lu_layout import Factors
+from fx_beam.coupling.index_reduction import LoopTables, Reduction
+from fx_beam.coupling.joint_reduction import JointReduction
+from fx_beam.coupling.sliders import Slide, Sliders
+
+# Columns of the block of right sides are computed in such lanes.
+_LANES = 4
+
+
+def storage_of(reduction: Reduction, at: np.ndarray, stored: int) -> tuple[np.ndarray, int]:
+    """Storage indices of the entries of a tangent with its borders, and the number of values.
+
+    Given are those of `Reduction.factored`. Entries on borders are behind them.
+    """
+    if not isinstance(reduction, JointReduction) or (sliders := reduction.sliders) is None:
+        return at, stored
+    bordered = sliders.bordered
+    of_all = np.empty(sliders.entries_before, dtype=int)
+    of_all[bordered.inside] = at[reduction.places()[bordered.places]]
+    of_all[bordered.beside] = stored + np.arange(len(bordered.beside))
+    return of_all, stored + len(bordered.beside)
+
+
+def ones_of(reduction: Reduction, at: np.ndarray) -> np.ndarray:
+    """Storage indices of diagonals of slides in the factorised tangent, which are 1."""
+    if not isinstance(reduction, JointReduction) or (sliders := reduction.sliders) is None:
+        return at[:0]
+    return at[reduction.places()[sliders.bordered.ones]]
+
+
+class BorderTables:
+    """The borders of a scene: gaps of loops in long trees, columns, and what belongs to sliders.
+
+    `at` are the storage indices of `storage_of`; `massless` (size,) are degrees of freedom.
+    """
+
+    def __init__(
+        self,
+        reduction: JointReduction,
+        factors: Factors,
+        at: np.ndarray,
+        massless: np.ndarray,
+        first: int,
+    ):
+        self._reduction, self._factors, self._at = reduction, factors, at
+        self._massless, self._first = massless, first
+
+    def all(self, loops: LoopTables | None) -> dict[str, Any]:
+        """Members of ``Problem``; empty without borders."""
+        sliders = self._reduction.sliders
+        gaps = loops.values["closures"] if loops and len(self._reduction.ties) else 0
+        if not gaps and sliders is None:
+            return {}
+        behind = np.full(1 + self._reduction.columns - self._reduction.free, -1)
+        order = np.append(self._factors.order, behind)
+        rows, columns = (order[index] for index in self._reduction.system())
+        found: dict[str, Any] = {"row_at": rows, "unknown_at": columns}
+        borders, entries = gaps, loops.values["gap_entries"] if loops and gaps else 0
+        if sliders is not None:
+            outside, bordered = sliders.outside, sliders.bordered
+            rows[outside] = columns[outside] = self._first - borders - np.arange(len(outside))
+            found["slider"] = tables = self._tables(sliders, borders + len(outside))
+            found["sliders"] = len(tables)
+            found["beside"] = len(bordered.beside)
+            found["beside_row"], found["beside_column"] = bordered.rows, bordered.columns
+            found["beside_at"] = self._at[bordered.beside]
+            own = [t["components"] + t["products"] for t in tables]
+            borders += len(outside) + sum(own) + sum(t["anchors"] for t in tables)
+            longest = [t.pop("longest") for t in tables]
+            entries += len(bordered.beside) + 3 * len(tables)
+            entries += sum(n * (1 + k) for n, k in zip(longest, own, strict=True))
+        if loops and not gaps:
+            entries *= loops.values["loop_columns"]  # what closes loops may follow all others
+        block = -(-(1 + borders) // _LANES) * _LANES
+        return found | {"borders": borders, "block": block, "most_border_entries": entries}
+
+    def _tables(self, sliders: Sliders, border: int) -> list[dict[str, Any]]:
+        """Sliding nodes as ``Slider``; each also with the largest number of parts of a window."""
+        tables, anchored = [], set()
+        for k, slide in enumerate(sliders.all):
+            beam, rule = slide.joint.beam, slide.relation
+            table = _path_of(slide) | _entries_of(k, sliders) | self._parts_of(slide, sliders)
+            # Products of the derivatives of the virtual displacement and rotation (sliding.py).
+            table["products"] = 0 if rule.level != 0.5 else 2 if len(slide.columns) == 2 else 4
+            table["anchors"] = 0
+            if beam not in anchored and self._massless[slide.dofs[:, :2]].any():
+                anchored.add(beam)
+                table |= self._anchor_of(slide, sliders)
+            table["border"] = border
+            border += table["components"] + table["products"] + table["anchors"]
+            tables.append(table)
+        return tables
+
+    def _parts_of(self, slide: Slide, sliders: Sliders) -> dict[str, Any]:
+        start, column, value, sign = sliders.parts(slide)
+        turns, width = sliders.diagonals(slide)[1][:, 2], 3 * slide.path.width
+        firsts = np.arange(0, len(start) - width, 3)
+        return {
+            "part_start": start,
+            "part_column": column,
+            "part_value": value,
+            "part_sign": sign,
+            "turn_place": np.where(turns < 0, -1, self._at[turns]),
+            "longest": int((start[firsts + width] - start[firsts]).max()),
+        }
+
+    def _anchor_of(self, slide: Slide, sliders: Sliders) -> dict[str, Any]:
+        """A node near the middle of a beam that no joint holds, if there is one."""
+        columns, places = sliders.diagonals(slide)
+        alone = np.flatnonzero((columns >= 0).all(axis=1))
+        if not len(alone):
+            return {}
+        node = alone[np.argmin(abs(alone - len(columns) // 2))]
+        return {
+            "anchors": 3,
+            "anchor_column": columns[node],
+            "anchor_at": self._at[places[node]],
+        }
+
+
+def _path_of(slide: Slide) -> dict[str, Any]:
+    path = slide.path
+    return {
+        "joint": slide.joint.number,
+        "column": slide.column,
+        "components": len(slide.columns),
+        "carried": slide.columns,
+        "node": slide.node_dofs,
+        "degree": path.degree,
+        "elements": len(path.h),
+        "window": path.window,
+        "most": path.most,
+        "width": path.width,
+        "ends": path.s,
+        "coefficients": path.coefficients,
+        "position": path.X,
+        "angle": slide.relation.angles,
+        "dofs": slide.dofs,
+    }
+
+
+def _entries_of(k: int, sliders: Sliders) -> dict[str, Any]:
+    entries = sliders.entries(k)
+    rows, values, signs = (np.concatenate(part) for part in zip(*entries, strict=True))
+    return {
+        "entry_start": np.cumsum([0, *(len(part[0]) for part in entries)]),
+        "entry_row": rows,
+        "entry_value": values,
+        "entry_sign": signs,
+    }

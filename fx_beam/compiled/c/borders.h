@@ -1,0 +1,188 @@
+/* Unknowns that border the factorised matrix A: what slides on beams (sliders.h), and the forces that close
+   loops in long trees. With their rows C and columns B, which have few entries,
+
+       [A  B] [x]   [b]
+       [C  D] [y] = [g],    (D - C A^-1 B) y = g - C A^-1 b,    A x = b - B y.
+
+   A stays what it is without them: what slides changes no order of elimination. Of A^-1 B only the part is
+   computed that C and B reach on the way of the elimination. */
+
+#pragma once
+
+#include "band.h"
+#include "chain.h"
+#include "loops.h"
+#include "sliders.h"
+
+static void begin_borders(const Problem *p, const Work *w) {
+  memset(w->reached, 0, p->positions * sizeof *w->reached);
+  memset(w->corner, 0, (long)p->borders * p->borders * sizeof(double));
+  *w->border_entries = 0;
+}
+
+/* Adds a number in a row and a column of the system: positions in the elimination, or ON_BORDER less the
+   number of a border. Nothing for -1, and nothing is added to A. */
+INLINED void add_at(const Problem *p, const Work *w, int row, int column, double x) {
+  if (x == 0 || row == -1 || column == -1) return;
+  if (row >= 0) {
+    reach(p, w, row);
+    w->block[(long)row * p->block + 1 + ON_BORDER - column] += x;
+  } else if (column >= 0) {
+    reach(p, w, column);
+    w->border_entry[(*w->border_entries)++] = (BorderEntry){ON_BORDER - row, column, x};
+  } else {
+    w->corner[(ON_BORDER - row) * p->borders + ON_BORDER - column] += x;
+  }
+}
+
+/* Number of the closure that a column follows, or -1. */
+static int followed(const Problem *p, int column) {
+  for (int k = 0; k < (p->ties ? 0 : p->closures); ++k)
+    if (p->loop_column[p->following[k]] == column) return k;
+  return -1;
+}
+
+/* Adds a derivative of the force on a column by a place; what closes loops follows the others. */
+static void add_of_column(const Problem *p, const Work *w, int column, int place, double x) {
+  int k = followed(p, column);
+  if (k < 0) add_at(p, w, p->row_at[column], place, x);
+  for (int j = 0; k >= 0 && j < p->loop_columns; ++j)
+    add_at(p, w, p->row_at[p->loop_column[j]], place, x * w->What[(long)k * p->loop_columns + j]);
+}
+
+/* Adds a derivative by a column in a row of the system. */
+static void add_by_column(const Problem *p, const Work *w, int row, int column, double x) {
+  int k = followed(p, column);
+  if (k < 0) add_at(p, w, row, p->unknown_at[column], x);
+  for (int j = 0; k >= 0 && j < p->loop_columns; ++j)
+    add_at(p, w, row, p->unknown_at[p->loop_column[j]], x * w->W[(long)k * p->loop_columns + j]);
+}
+
+/* A node that slides: its columns c, the forces f that hold it on the beam, and the products of which the
+   derivatives of That consist. */
+static void border_slider(const Problem *p, const Work *w, Slider *a) {
+  int n = a->width, m = a->components, force = ON_BORDER - a->border, product = force - m;
+  int row_s = p->row_at[a->column], column_s = p->unknown_at[a->column];
+  Second h;
+  slide_on(p, a, w->D, &h);
+  for (int l = 0; l < m * n; ++l) {
+    int dof = 3 * (a->first + l % n) + l / n;
+    if (h.turn[l] != 0) w->tangent[a->turn_place[dof / 3]] += h.turn[l];
+    for (int e = a->part_start[dof]; e < a->part_start[dof + 1]; ++e) {
+      int column = a->part_column[e];
+      double of_T = a->part_sign[e] * w->values[a->part_value[e]];
+      double of_virtual = a->part_sign[e] * w->virtual_map[a->part_value[e]];
+      for (int c = 0; c < m; ++c) {
+        add_by_column(p, w, force - c, column, -of_T * a->T[c][l]);
+        add_of_column(p, w, column, force - c, -of_virtual * a->virtual_map[c][l]);
+      }
+      add_of_column(p, w, column, column_s, of_virtual * h.by_s[l]);
+      add_by_column(p, w, row_s, column, of_T * h.of_s[l]);
+      for (int r = 0; r < a->products; ++r) {
+        add_of_column(p, w, column, product - r, of_virtual * h.left[r][l]);
+        add_by_column(p, w, product - r, column, of_T * h.right[r][l]);
+      }
+    }
+  }
+  for (int c = 0; c < m; ++c) {
+    add_at(p, w, force - c, column_s, -a->T[c][m * n]);
+    add_at(p, w, row_s, force - c, -a->virtual_map[c][m * n]);
+    add_at(p, w, force - c, p->unknown_at[a->carried[c]], 1);
+    add_at(p, w, p->row_at[a->carried[c]], force - c, 1);
+  }
+  add_at(p, w, row_s, column_s, h.square);
+  for (int r = 0; r < a->products; ++r) add_at(p, w, product - r, product - r, -1);
+}
+
+/* A node of the beam is held in A, and set free by borders: otherwise A may be singular. */
+static void anchor_beam(const Problem *p, const Work *w, const Slider *a) {
+  for (int i = 0; i < a->anchors; ++i) {
+    int border = ON_BORDER - a->border - a->components - a->products - i, column = a->anchor_column[i];
+    double k = fabs(w->tangent[a->anchor_at[i]]);
+    w->tangent[a->anchor_at[i]] += k;
+    add_of_column(p, w, column, border, -k);
+    add_by_column(p, w, border, column, 1);
+    add_at(p, w, border, border, -1);
+  }
+}
+
+/* The borders, and what they change of A, for the tangent of a step. */
+static void fill_borders(const Problem *p, const Work *w) {
+  begin_borders(p, w);
+  for (int i = 0; i < p->sliders; ++i)
+    border_slider(p, w, p->slider + i), anchor_beam(p, w, p->slider + i);
+  for (int k = 0; k < p->beside; ++k) {
+    int row = p->beside_row[k], column = p->beside_column[k];
+    double x = w->tangent[p->beside_at[k]];
+    if (p->row_at[row] < -1) add_by_column(p, w, p->row_at[row], column, x);
+    else add_of_column(p, w, row, p->unknown_at[column], x);
+  }
+  if (!p->ties) return;
+  for (int k = 0; k < p->gap_entries; ++k) {
+    int gap = ON_BORDER - p->gap_row[k], column = p->gap_column[k];
+    add_at(p, w, p->row_at[column], gap, p->gap_sign[k] * w->virtual_map[p->gap_value[k]]);
+    add_at(p, w, gap, p->unknown_at[column], p->gap_sign[k] * w->values[p->gap_value[k]]);
+  }
+}
+
+/* The block from its right sides and sparse factors; its first column is the right side b, which is
+   eliminated already. */
+static void solve_sparse_block(const Problem *p, const Work *w) {
+  const SparseRows *rows = &p->rows;
+  const int *first = rows->first;
+  const double *A = w->factors;
+  for (int g = 0; g < rows->groups; ++g) {
+    int at = first[g], size = first[g + 1] - at, any = 0;
+    for (int x = 0; x < size; ++x) any |= w->reached[at + x];
+    for (int s = rows->source_start[g]; !any && s < rows->source_start[g + 1]; ++s)
+      any = w->reached[first[rows->source[s]]];
+    for (int x = 0; any && x < size; ++x) {
+      const double *row = A + rows->start[at + x];
+      reach(p, w, at + x);
+      w->block[(long)(at + x) * p->block] = w->y[at + x];
+      for (int s = rows->source_start[g]; s < rows->source_start[g + 1]; ++s)
+        for (int k = first[rows->source[s]]; k < first[rows->source[s] + 1]; ++k, ++row)
+          if (w->reached[k] && *row != 0) subtract_in_block(p, w, 1, at + x, *row, k);
+      for (int z = 0; z < x; ++z) subtract_in_block(p, w, 1, at + x, row[z], at + z);
+    }
+  }
+  for (int g = rows->groups - 1; g >= 0; --g) {
+    int at = first[g], size = first[g + 1] - at;
+    for (int x = size - 1; w->reached[at] && x >= 0; --x) {
+      const double *upper = A + rows->diagonal[at + x], *right = upper + size - x;
+      double *row = w->block + (long)(at + x) * p->block;
+      for (int z = x + 1; z < size; ++z) subtract_in_block(p, w, 0, at + x, upper[z - x], at + z);
+      for (int k = rows->run_start[g]; k < rows->run_start[g + 1]; right += rows->run_length[k++])
+        for (int j = 0; j < rows->run_length[k]; ++j)
+          if (right[j] != 0) subtract_in_block(p, w, 0, at + x, right[j], rows->run_column[k] + j);
+      for (int j = 0; j < p->block; ++j) row[j] *= upper[0];
+    }
+  }
+}
+
+/* Unknowns y of the borders from the first column of the block, A^-1 b, and the others, A^-1 B. The first
+   column becomes x, as far as the borders reach. */
+static void solve_borders(const Problem *p, const Work *w) {
+  int m = p->borders, n = p->block;
+  double *g = w->border_right, *D = w->corner;
+  for (int k = 0; k < *w->border_entries; ++k) {
+    const BorderEntry *c = w->border_entry + k;
+    const double *row = w->block + (long)c->column * n;
+    g[c->border] -= c->value * row[0];
+    for (int j = 0; j < m; ++j) D[c->border * m + j] -= c->value * row[1 + j];
+  }
+  solve_dense(m, D, 1, g);
+  for (int i = 0; i < p->positions; ++i) {
+    double *row = w->block + (long)i * n;
+    for (int j = 0; w->reached[i] && j < m; ++j) row[0] -= row[1 + j] * g[j];
+  }
+}
+
+/* Right sides of the borders: the forces on slides; zero elsewhere. */
+static void begin_right_sides(const Problem *p, const Work *w) {
+  memset(w->border_right, 0, p->borders * sizeof(double));
+  for (int i = 0; i < p->sliders; ++i) {
+    int column = p->slider[i].column, row = p->row_at[column];
+    if (row < -1) w->border_right[ON_BORDER - row] = w->reduced[column];
+  }
+}
