@@ -19,6 +19,7 @@ HOUSE = {
     "": ["errors", "deprecation", "validation", "kept", "library_cache", "c_library", "structs"],
     "scene": [
         "notebook",
+        "symbols",
         "beam",
         "path",
         "curve",

@@ -395,6 +395,7 @@ def test_a_body_bounces_on_its_points(solver, tmp_path):
         (lambda s, b: s.add_obstacle(b, fb.Circle((0.5, 1), 0.6), 1.0), "starts 0.6 behind"),
         (lambda s, b: fb.Line((0, 0), (0, 0)), "no direction"),
         (lambda s, b: fb.Line((0, math.inf), (0, 1)), "not finite"),
+        (lambda s, b: fb.Circle(b.end, 1.0), "obstacles are fixed"),
         (lambda s, b: fb.Circle((0, 0), -1.0), "radius = -1.0"),
         (lambda s, b: fb.Circle((0, 0), 1.0, inside=2), "True or False"),
     ],
@@ -422,19 +423,19 @@ def test_an_obstacle_of_another_scene_has_no_contact_here():
 
 @pytest.mark.plot
 def test_pictures_show_the_obstacles_that_are_near(tmp_path):
-    from fx_beam.plot.obstacles import _outlines
+    from fx_beam.plot.obstacles import outlines
 
     scene, bar, _ = roller(fb.Circle((0, 0), 0.8, inside=True))
     for shape in (fb.Line((0, -0.4), (0, 1)), fb.Circle((0, -9), 9.0), fb.Line((0, -50), (0, 1))):
         scene.add_obstacle(bar, shape, 1e3)
     places, size = np.array([(-0.5, 0.3), (0.5, 0.2)]), 1.0
-    ring, floor, hill = [line for line, *_ in _outlines(scene.obstacles, places, size)]
+    ring, floor, hill = [line for line, *_ in outlines(scene.obstacles, places, size)]
     assert np.hypot(*ring.T) == pytest.approx(0.8)
     assert floor[:, 1] == pytest.approx(-0.4)
     assert np.ptp(floor[:, 0]) == pytest.approx(1.2)
     assert np.hypot(*(hill - (0, -9)).T) == pytest.approx(9.0)
     assert np.ptp(hill[:, 0]) < 1.5
-    for line, starts, ends in _outlines(scene.obstacles, places, size):
+    for line, starts, ends in outlines(scene.obstacles, places, size):
         shape = next(o.shape for o in scene.obstacles if abs(o.shape.gap(line)).max() < 1e-9)
         assert shape.gap(starts) == pytest.approx(0, abs=1e-3)
         assert (shape.gap(ends) < 0).all()

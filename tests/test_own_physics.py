@@ -1,5 +1,7 @@
 """A researcher's own stored energy, virtual work and scheme."""
 
+import math
+
 import ufl
 
 import numpy as np
@@ -222,3 +224,33 @@ def test_a_scheme_of_ones_own_damps_stretching_and_keeps_momentum():
     assert lost.energy.total[-1] < 0.9 * lost.energy.total[0]
     assert lost.angular_momentum == pytest.approx(lost.angular_momentum[0], rel=1e-10)
     assert lost.stats.scheme == "Damped"
+
+
+@pytest.mark.parametrize(
+    "term",
+    [
+        lambda step: math.sin(step.t) * step.virtual_u[1],
+        lambda step: np.interp(step.t, [0, 1], [0, 1]) * step.virtual_u[1],
+        lambda step: np.sin(step.t) * step.virtual_u[1],
+        lambda step: fb.Input("wind") * step.virtual_u[1],
+    ],
+    ids=["math", "interp", "numpy", "input"],
+)
+def test_what_needs_numbers_is_refused_at_once(term):
+    scene = fb.Scene()
+    scene.clamp(scene.add_beam([(0, 0), (1, 0)], FLYING).start)
+    scene.add_virtual_work(term)
+    with pytest.raises(fb.SceneError, match="use ufl.sin, ufl.conditional"):
+        fb.simulate(scene, dt=0.1, t_end=0.1)
+    assert float(ufl.as_ufl(2.0)) == 2.0  # UFL is as before
+
+
+def test_rules_that_need_numbers_are_refused_at_once():
+    def rule(D, v0, a0, before, dt):
+        return ufl.as_vector((math.sin(D[0]), D[1], D[2])), v0, a0
+
+    scheme = fb.Scheme("own", fb.EnergyMomentum().resultants, fb.NodalRates(rule))
+    scene = fb.Scene()
+    scene.clamp(scene.add_beam([(0, 0), (1, 0)], FLYING).start)
+    with pytest.raises(fb.SceneError, match="must give three UFL vectors"):
+        fb.simulate(scene, scheme, dt=0.1, t_end=0.1)

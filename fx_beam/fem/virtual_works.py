@@ -11,6 +11,7 @@ from ufl.algorithms.check_arities import check_integrand_arity
 from fx_beam.errors import SceneError
 from fx_beam.mechanics.kinematics import Step
 from fx_beam.scene.loads import VirtualWork
+from fx_beam.scene.symbols import not_numbers
 from fx_beam.validation import fields_in, refuse_fields
 
 from .dolfinx_api import REFUSALS
@@ -28,9 +29,14 @@ def added_virtual_work(
     for number, (work, inside) in enumerate(zip(works, indicators, strict=True), start=1):
         what = f"virtual work {number}"
         try:
-            term = ufl.as_ufl(work.term(step))
+            with not_numbers():
+                term = ufl.as_ufl(work.term(step))
         except Exception as error:
-            raise SceneError(f"{what}: calling it with the step raised {error!r}") from error
+            raise SceneError(
+                f"{what}: calling it with the step raised {error!r}. The step has UFL symbols, not "
+                "numbers: use ufl.sin, ufl.conditional, ... in place of functions of math and "
+                "NumPy, and numbers in place of an Input"
+            ) from error
         refuse_fields(fields_in(term), what, fields.known)
         if term.ufl_shape != () or ufl.algorithms.extract_arguments(term) != [fields.test]:
             raise SceneError(

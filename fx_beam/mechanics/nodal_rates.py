@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from fx_beam.errors import SceneError
+from fx_beam.scene.symbols import not_numbers
 from fx_beam.validation import as_float, require
 
 from .rates import MidPointRates, NewmarkRates, UpdateRule
@@ -95,7 +96,8 @@ class NodalRates(UpdateRule):
         """
         what = "NodalRates: rule(D, v0, a0, before, dt)"
         try:
-            found = tuple(rule(D, v0, a0, before, dt))
+            with not_numbers():
+                found = tuple(rule(D, v0, a0, before, dt))
             shapes = [value.ufl_shape for value in found]
         except Exception as error:
             raise SceneError(

@@ -14,6 +14,8 @@ from .beam import Beam, Node, inner_positions
 from .loads import label
 from .stop import checked_impact, loss_of
 
+_FIXED = "2 numbers: obstacles are fixed, they do not move with a node"
+
 
 @dataclass(frozen=True)
 class Line:
@@ -50,6 +52,7 @@ class Line:
         if abs(length - 1) > 4e-16:  # a unit vector stays as it is, to the last digit
             normal = normal / length
         object.__setattr__(self, "normal", tuple(normal.tolist()))
+        require(not isinstance(self.point, Node), "Line: point", self.point, _FIXED)
         place = vector(self.point, 2, "Line: point")
         object.__setattr__(self, "point", tuple(place.tolist()))
 
@@ -103,6 +106,7 @@ class Circle:
         require(fits, "Circle: radius", self.radius, "finite and positive")
         require(is_flag(self.inside), "Circle: inside", self.inside, "True or False")
         object.__setattr__(self, "radius", as_float(self.radius))
+        require(not isinstance(self.centre, Node), "Circle: centre", self.centre, _FIXED)
         centre = vector(self.centre, 2, "Circle: centre")
         object.__setattr__(self, "centre", tuple(centre.tolist()))
 
