@@ -95,7 +95,7 @@ def series(speed, steps=STEPS, mass=MASS):
         return np.concatenate([rate, free + sine * force / modal])
 
     found = solve_ivp(
-        rates, (0, t[-1]), np.zeros(2 * MODES), "DOP853", t, rtol=1e-8, atol=1e-8 * STATIC
+        rates, (0, t[-1]), np.zeros(2 * MODES), "DOP853", t, rtol=1e-6, atol=1e-8 * STATIC
     )
     return np.sum(np.sin(np.outer(wave, speed * t)) * found.y[:MODES], axis=0)
 

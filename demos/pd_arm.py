@@ -103,8 +103,8 @@ def controlled(kp, kd):
 
 def driven():
     """The motion with a motor of given angle."""
-    system, arm, hub = scene(fb.Input("angle"))
-    motion = fb.Motion(system, dt=DT, outputs=outputs(arm, hub), record=fb.Record())
+    system, _, _ = scene(fb.Input("angle"))
+    motion = fb.Motion(system, dt=DT, record=fb.Record())
     motion.run(T_END, lambda t, y: {"angle": goal(t + DT)})
     return motion.solution()
 

@@ -4,8 +4,11 @@ import functools
 import tempfile
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
+from unittest import mock
 
 from scenes import demo
+
+import fx_beam as fb
 
 PICTURES = {
     "pinned_beam": ("scene.png", "shapes.png", "invariants.png", "tip.png", "motion.gif"),
@@ -65,7 +68,19 @@ SMALL = {
 RESULTS = tempfile.TemporaryDirectory(prefix="fx_beam_demos_")  # goes with the process
 
 
+#: Of each film: the frames that it has, how many of them are drawn here, and how many a second.
+FILMS = {}
+
+
 @functools.cache
 def numbers(name):
-    """What a demo's main returns, which draws its pictures as well, once."""
-    return demo(name).main(Path(RESULTS.name) / name, **SMALL.get(name, {}))
+    """What a demo's main returns, which draws its pictures as well, once; films with few frames."""
+
+    def animate(solution, steps, path, fps=20, **options):
+        few = steps[:: max(1, len(steps) // 10)]
+        FILMS[name] = len(steps), len(few), fps
+        whole(solution, few, path, fps, **options)
+
+    whole = fb.plot.animate
+    with mock.patch.object(fb.plot, "animate", animate):
+        return demo(name).main(Path(RESULTS.name) / name, **SMALL.get(name, {}))
