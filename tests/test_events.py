@@ -7,6 +7,8 @@ import pytest
 
 import fx_beam as fb
 from fx_beam.scene.law import switches
+from fx_beam.stepping import adaptive_run
+from fx_beam.stepping.events import end_behind_event
 
 HEIGHT, MASS, GRAVITY, T_END = 0.5, 1.0, 9.81, 2.0
 TOLERANCES = 1e-2, 1e-3, 1e-4, 1e-5
@@ -168,3 +170,50 @@ def test_the_switches_of_an_expression_change_sign_where_its_pieces_meet(express
 def _Number(x):
     """A number that UFL does not evaluate."""
     return ufl.variable(ufl.as_ufl(x))
+
+
+@pytest.mark.parametrize("of", ["obstacle", "stop"])
+def test_order_four_warns_of_losses_at_impacts(of, caplog):
+    for order, loss in ((4, 0.5), (4, 1.0), (2, 0.5)):
+        scene, node = ball()
+        if of == "obstacle":
+            scene.add_obstacle(
+                node, fb.Line((0, 0), normal=(0, 1)), 1e4, restitution=loss, speed=0.1
+            )
+        else:
+            end = fb.Stop(-HEIGHT, None, 1e4, restitution=loss, speed=0.1)
+            scene.add_joint(fb.Prismatic(fb.GROUND, node, axis=(0, 1), stop=end))
+        caplog.clear()
+        fb.simulate(scene, fb.EnergyMomentum(order), t_end=0.05, tolerance=1e-3)
+        assert ("losses at impacts" in caplog.text) is (order == 4 and loss < 1)
+
+
+@pytest.mark.parametrize("k", [1e4, 1e6])
+def test_an_event_is_found_in_a_few_trial_steps(k, monkeypatch):
+    trials = []
+
+    def counted(first, values, t0, t1):
+        found = []
+
+        def value(t):
+            found.append(values(t))
+            return found[-1]
+
+        end = end_behind_event(first, value, t0, t1)
+        if end is not None:
+            trials.append(len(found))
+        return end
+
+    monkeypatch.setattr(adaptive_run, "end_behind_event", counted)
+    errors(floor, k, 1e-5, 4)
+    assert len(trials) == 6 and max(trials) <= 10
+
+
+def test_the_end_of_a_step_lies_just_behind_the_first_event():
+    def gaps(t):  # falls on a stiff floor; a slower one; one that never meets
+        return np.array([1 - t**2 if t < 1 else (1 - t) / 100, 1.5 - t, 1 + t])
+
+    for end in (1.1, 1.4, 2.0, 3.0):
+        found = end_behind_event(gaps(0.0), gaps, 0.0, end)
+        assert 1 < found < 1 + 3e-5 * end
+    assert end_behind_event(gaps(0.0), gaps, 0.0, 0.9) is None

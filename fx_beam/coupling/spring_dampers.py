@@ -98,9 +98,14 @@ class Actuators:
         return any(actuator.stop for actuator in self._all)
 
     @property
-    def have_losses(self) -> bool:
-        """Whether a coordinate has friction, a stop with a loss, or a damper with its own law."""
-        return any(a.friction or a.loss or a.law for a in self._all)
+    def rub(self) -> bool:
+        """Whether a coordinate has friction or a damper with its own law."""
+        return any(a.friction or a.law for a in self._all)
+
+    @property
+    def lose_at_stops(self) -> bool:
+        """Whether a stop takes energy."""
+        return any(a.loss for a in self._all)
 
     def remember(self) -> None:
         """Keep the tangents of the springs' own energies for `deviation`."""

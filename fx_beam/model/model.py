@@ -111,11 +111,15 @@ class Model:
         return np.append(gaps, self.actuators.switches(state.q, state.slides))
 
     @property
+    def loses_at_impacts(self) -> bool:
+        """Whether obstacles or stops take energy."""
+        contact = self.forms.contact
+        return self.actuators.lose_at_stops or (contact is not None and bool(contact.share.any()))
+
+    @property
     def has_unseen_kinks(self) -> bool:
         """Whether forces may change quickly where no switch tells: sections' laws, flow, losses."""
-        contact = self.forms.contact
-        losses = self.actuators.have_losses or (contact is not None and contact.share.any())
-        if self.flows or losses:
+        if self.flows or self.actuators.rub or self.loses_at_impacts:
             return True
         laws = [beam.section.strain_energy for beam in self.scene.beams]
         return any(law is not None and has_pieces(law) for law in laws)

@@ -5,12 +5,11 @@ from __future__ import annotations
 from collections.abc import Callable
 
 import numpy as np
-from scipy.optimize import brentq
 
 # How close behind the event the end of a step lies, relative to the step in which it was noticed.
 _CLOSE = 1e-5
-# How often the end is put further behind the event if rounding hides it.
-_TRIES = 10
+# Largest number of trials.
+_TRIALS = 60
 
 
 def switched(before: np.ndarray, after: np.ndarray) -> bool:
@@ -26,24 +25,42 @@ def end_behind_event(
     `first` are the values at the start; `values` gives those after a step to a time, or where one
     of its sub-steps has changed a sign, and None if the step fails. Then the result is None.
     """
-
-    def distance(t: float) -> float:
-        """Positive before the first event, negative behind it."""
-        if t == t0:
-            return float(np.finfo(float).tiny)
-        now = values(t)
-        if now is None:
-            raise ArithmeticError
-        behind = (now < 0) != (first < 0)
-        return float(-abs(now[behind]).max() if behind.any() else abs(now).min())
-
-    close = _CLOSE * (t1 - t0)
-    try:
-        end = brentq(distance, t0, t1, xtol=close, rtol=1e-15)
-        for number in range(_TRIES):
-            end = min(end + 2**number * close, t1)
-            if distance(end) <= 0:
-                return end
-    except (ArithmeticError, ValueError):  # the latter from brentq, without a change of the sign
+    now = values(t1)
+    if now is None or not switched(first, now):
         return None
-    return t1
+    # The motion is smooth up to the event; a stiff contact bends it behind.
+    before, end, close = [(t0, first)], t1, _CLOSE * (t1 - t0)
+    changing, last = (first < 0) != (now < 0), np.inf
+    for _ in range(_TRIALS):
+        start = before[-1][0]
+        if end - start < 2 * close:
+            break
+        t = _zero([(at, value[changing]) for at, value in before]) + close / 2
+        if len(before) > 2 and abs(t - end) < close / 4:  # just behind the event, as it seems
+            t = end - close
+        if not start < t < end - close / 4 or t == last:
+            t = (start + end) / 2
+        now, last = values(t), t
+        if now is None:
+            return None
+        if switched(first, now):
+            changing |= (first < 0) != (now < 0)
+            end = t
+        else:
+            before = [*before[-2:], (t, now)]
+    return end
+
+
+def _zero(points: list[tuple[float, np.ndarray]]) -> float:
+    """Time of the next zero of the parabolas through values at times; inf without one."""
+    times, values = map(np.array, zip(*points, strict=True))
+    if len(times) < 2:
+        return np.inf
+    unit = times[-1] - times[0]
+    zeros = [
+        root.real
+        for column in values.T
+        for root in np.roots(np.polyfit((times - times[-1]) / unit, column, len(times) - 1))
+        if abs(root.imag) < 1e-6 and root.real > 0
+    ]
+    return times[-1] + unit * min(zeros, default=np.inf)
