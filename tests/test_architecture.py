@@ -114,6 +114,7 @@ HOUSE = {
         "rate_equations",
         "rigid_points",
         "fitted_rates",
+        "compiled_rates",
         "redundancy",
         "mechanism_check",
     ],

@@ -5,7 +5,9 @@ import pytest
 from scipy.integrate import solve_ivp
 
 import fx_beam as fb
-from fx_beam.coupling import fitted_rates
+from fx_beam import c_library
+from fx_beam.coupling import compiled_rates
+from fx_beam.coupling.compiled_rates import CompiledRates
 from fx_beam.model.model import Model
 
 G = 9.81
@@ -291,26 +293,73 @@ def test_fitted_rates_change_neither_momentum_that_is_free_nor_take_work(build):
     assert w[free : free + model.reduction.driven] == pytest.approx(driven[0], abs=1e-8)
 
 
-@pytest.mark.parametrize("build", [double_pendulum, four_bar, slider_crank])
-def test_all_ways_to_solve_for_fitted_rates_agree(build, monkeypatch):
-    scene = build()
-    found = fb.simulate(scene, dt=0.01, t_end=0.1)
-    fits = []
-    for small, widest in ((fitted_rates._SMALL, 0), ((0, 0), 60), ((0, 0), 0)):
-        monkeypatch.setattr(fitted_rates, "_SMALL", small)
-        monkeypatch.setattr(fitted_rates, "_WIDEST", widest)
-        model = Model(scene, fb.EnergyMomentum())
-        q = np.array([model.from_nodes(row) for row in found.q])
-        v = np.cos(np.arange(q.size)).reshape(q.shape)
-        driven = np.ones((len(q), model.reduction.driven))
-        fits.append(model.fitted_rates.fit(q, v, found.slides, driven))
-        assert (
-            model.fitted_rates._solve.__name__
-            == f"_by_{('full_matrices', 'bands', 'sparse_matrices')[len(fits) - 1]}"
-        )
-    for other in fits[1:]:
-        for one, two in zip(fits[0], other, strict=True):
-            assert two == pytest.approx(one, abs=1e-10)
+def hung_beams():
+    """Beams without rotary inertia on bodies, with offsets."""
+    scene = fb.Scene(gravity=(0, -G))
+    section = fb.Section(EA=1e3, GA=1e3, EI=10.0, rhoA=1.0)
+    body = scene.add_body((0, 0), 1.0, 0.1, points={"p": (0.1, 0.1), "q": (0.2, 0)})
+    scene.fix(body.centre, "x")
+    beam = scene.add_beam([(0.1, 0.1), (1, 0.1)], section, elements=3)
+    scene.add_joint(fb.Revolute(body["p"], beam.start))
+    other = scene.add_beam([(1, 0), (2, 0)], section, elements=2)
+    scene.add_joint(fb.Revolute(beam.end, other.start, offset=(0, -0.1)))
+    scene.add_joint(fb.PinInSlot(body["q"], beam.nodes[2], axis=(1, 0), offset=(0, 0.1)))
+    return scene
+
+
+def ways_to_fit(scene, monkeypatch):
+    """Rates by bands where masses are lumped, by full matrices, and without a C compiler."""
+
+    def cannot(*of):
+        raise c_library.CannotBuild("no compiler")
+
+    ways = [Model(scene, fb.EnergyMomentum()).fitted_rates]
+    monkeypatch.setattr(compiled_rates, "_WIDEST", 0)
+    ways.append(Model(scene, fb.EnergyMomentum()).fitted_rates)
+    monkeypatch.setattr(compiled_rates, "_library", cannot)
+    ways.append(Model(scene, fb.EnergyMomentum()).fitted_rates)
+    assert [isinstance(way, CompiledRates) for way in ways[::2]] == [True, False]
+    return ways
+
+
+def thrown_body():
+    scene = fb.Scene(gravity=(0, -G))
+    scene.add_body((0, 0), 1.0, 0.1, points={"p": (1, 0), "q": (0, 1)})
+    return scene
+
+
+@pytest.mark.parametrize(
+    "build",
+    [*SCENES, sleeves, hung_beams, thrown_body, lambda: pushed_pendulum(True)[0]],
+)
+def test_all_ways_to_fit_rates_agree(build, monkeypatch):
+    model = Model(build(), fb.EnergyMomentum())
+    shape = 3, model.size
+    q = 0.1 * np.sin(np.arange(3 * model.size)).reshape(shape)
+    v = np.cos(np.arange(3 * model.size)).reshape(shape)
+    slides = np.array([joint.start()[0] for joint in model.scene.joints]) + np.full((3, 1), 0.01)
+    driven = np.ones((3, model.reduction.driven))
+    driven[0] = np.nan  # they are those of v
+    ways = ways_to_fit(model.scene, monkeypatch)
+    *others, expected = (way.fit(q, v, slides, driven) for way in ways)
+    for other in others:
+        for one, two in zip(expected, other, strict=True):
+            assert two == pytest.approx(one, abs=1e-9 * (1 + abs(one).max(initial=0.0)))
+
+
+def test_the_rates_of_a_long_chain_are_fitted_by_bands(monkeypatch):
+    scene = fb.Scene(gravity=(0, -G))
+    before = None
+    for i in range(40):
+        body = scene.add_body((i + 0.5, 0), 1.0, 0.1, points={"a": (i, 0), "b": (i + 1, 0)})
+        scene.add_joint(fb.Revolute(before["b"] if before else fb.GROUND, body["a"]))
+        before = body
+    by_bands, too_many, expected = ways_to_fit(scene, monkeypatch)
+    assert not isinstance(too_many, CompiledRates)
+    size = Model(scene, fb.EnergyMomentum()).size
+    given = np.zeros((1, size)), np.cos(np.arange(size))[None], np.zeros((1, 40)), np.empty((1, 0))
+    for one, two in zip(expected.fit(*given), by_bands.fit(*given), strict=True):
+        assert two == pytest.approx(one, abs=1e-9)
 
 
 @SOLVERS

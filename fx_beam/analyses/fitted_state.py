@@ -43,9 +43,9 @@ class FittedState:
 
     def begin(self, state: State) -> None:
         """Begin at a state that was loaded."""
-        #: Starts of the last step and of that before; a fit, and the number of steps of its state.
+        #: Starts of the last step and of that before; fits by the number of steps to the state.
         self._starts: tuple[_Moment | None, _Moment | None] = None, None
-        self._found: tuple[Fit, int] | None = None
+        self._found: dict[int, Fit] = {}
         self._first = state.driven_rates
 
     def leave(self) -> None:
@@ -81,7 +81,7 @@ class FittedState:
     @property
     def v(self) -> np.ndarray:
         """Rates (size,)."""
-        return self._stepper.now.v if self._fits is None else self._fit().rates[-1]
+        return self._stepper.now.v if self._fits is None else self._fit().rates[0]
 
     @property
     def a(self) -> np.ndarray:
@@ -100,25 +100,21 @@ class FittedState:
 
     def _with_change(self, mean, name: str):
         """A mean of the step, with the change of a part of the fit over it."""
-        if self._fits is None or mean is None or self._start() is None:
+        if self._fits is None or mean is None or (start := self._start()) is None:
             return mean
-        before, after = getattr(self._fit(), name)
+        before, after = (getattr(self._fit(moment), name)[0] for moment in (start, None))
         return mean + (after - before) / self._stepper.grid.dt
 
-    def _fit(self) -> Fit:
-        """Fit of the start of the step, if there was one, and of the present state."""
-        number = self._stepper.number
-        if self._found is None or self._found[1] != number:
-            moments = [m for m in (self._start(), self._present()) if m is not None]
-            q, v, slides, driven = (
-                np.array(each)
-                for each in zip(
-                    *((m.q, m.v, m.slides, self._driven(m)) for m in moments), strict=True
-                )
-            )
+    def _fit(self, moment: _Moment | None = None) -> Fit:
+        """Fit of a state, by default of the present one."""
+        number = self._stepper.number if moment is None else moment.number
+        if (found := self._found.get(number)) is None:
             assert self._fits is not None
-            self._found = self._fits.fit(q, v, slides, driven), number
-        return self._found[0]
+            m = self._present() if moment is None else moment
+            found = self._fits.fit(m.q[None], m.v[None], m.slides[None], self._driven(m)[None])
+            last = {k: fit for k, fit in self._found.items() if number - 2 < k < number + 2}
+            self._found = last | {number: found}
+        return found
 
     def _start(self) -> _Moment | None:
         """The start of the last step that was taken."""
@@ -136,6 +132,8 @@ class FittedState:
 
     def _driven(self, moment: _Moment) -> np.ndarray:
         """Rates (driven,) of driven motions; NaN where they are not known."""
+        if not len(self._inputs):
+            return moment.inputs
         if moment.number == 0 and self._first is not None:
             return self._first
         grid = self._stepper.grid

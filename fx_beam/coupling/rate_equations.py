@@ -22,10 +22,6 @@ from fx_beam.scene.joints import GROUND, Joint
 from fx_beam.scene.scene import Scene
 from fx_beam.scene.sliders import SlidingJoint, sliding_joints
 
-# Products with sparse matrices cost 60 us however small they are; up to so many numbers full ones
-# are faster.
-_FULL = 1 << 14
-
 
 class Coefficients(NamedTuple):
     """The equations in n configurations."""
@@ -38,13 +34,9 @@ class Coefficients(NamedTuple):
     push: np.ndarray
 
 
-def summing(place: np.ndarray, count: int) -> Any:
-    """Matrix (n, count) by which n values are summed at their places; a full one if it is small."""
+def summing(place: np.ndarray, count: int) -> scipy.sparse.csr_matrix:
+    """Matrix (n, count) by which n values are summed at their places."""
     n = len(place)
-    if n * count <= _FULL:
-        matrix = np.zeros((n, count))
-        matrix[np.arange(n), place] = 1.0
-        return matrix
     return scipy.sparse.csr_matrix((np.ones(n), (np.arange(n), place)), (n, count))
 
 
@@ -83,9 +75,10 @@ class RateEquations:
             [i + part.row for i, part in zip(starts, self._parts, strict=False)]
         )
         self.dof = np.concatenate([part.dof for part in self._parts])
-        # The ground has no rates.
-        self._moves = self.dof >= 0
-        self.row, self.dof = self.row[self._moves], self.dof[self._moves]
+        #: Which of all entries these are: the ground has no rates.
+        self.moving = np.flatnonzero(self.dof >= 0)
+        self._all_entries = len(self.dof)
+        self.row, self.dof = self.row[self.moving], self.dof[self.moving]
         #: Joint of each equation, and its driven or fixed column; -1 without one.
         self._joint = np.concatenate([part.joint for part in self._parts])
         self._turns = np.concatenate([part.turns for part in self._parts])
@@ -99,7 +92,32 @@ class RateEquations:
             np.concatenate(values, axis=1) for values in zip(*found, strict=True)
         )
         given[:, self._column < 0] = 0.0
-        return Coefficients(entries[:, self._moves], given, push)
+        return Coefficients(entries[:, self.moving], given, push)
+
+    def tables(self) -> dict[str, Any]:
+        """What `at`, `driven` and `forces` need, by the names of RateFit in C."""
+        pins, slots, turns, *on_beams, _ = self._parts
+        assert isinstance(pins, _Arms)
+        assert isinstance(slots, _Arms)
+        assert isinstance(turns, _Turns)
+        arms = [part.tables() for part in (pins, slots)]
+        return {
+            "pins": len(pins.numbers),
+            "slots": len(slots.numbers),
+            "turns": len(turns.joint),
+            "turned": turns.given,
+            "beams": len(on_beams),
+            "beam": [part.tables() for part in on_beams if isinstance(part, _OnBeam)],
+            "joint": self._joint,
+            "column": self._column,
+            "turning": self._turns,
+            "size": self.size,
+            "joints": self.joints,
+            "columns": self.columns,
+            "count": self.count,
+            "all_entries": self._all_entries,
+            **{name: np.concatenate([part[name] for part in arms]) for name in arms[0]},
+        }
 
     def rows_of(self, joint: Joint) -> np.ndarray:
         """Rows of a joint: of forces, then of the moment."""
@@ -154,6 +172,16 @@ class _Arms(_Part):
         axes = [(0.0, 0.0) if joint.axis is None else joint.axis for joint in joints]
         self._axis = np.array(axes).reshape(-1, 2)
         self.numbers = np.array([joint.number for joint in joints], dtype=int)
+
+    def tables(self) -> dict[str, np.ndarray]:
+        """What `arm` and `along` need."""
+        return {
+            "arm_a": self.a,
+            "arm_b": self.b,
+            "apart": self._apart,
+            "slide_axis": self._axis,
+            "has_arm": self._has_arm,
+        }
 
     def arm(self, q: np.ndarray) -> np.ndarray:
         """From a to b (n, joints, 2)."""
@@ -217,13 +245,15 @@ class _Turns(_Part):
         self.joint = np.array([joint.number for joint in joints], dtype=int)
         self.turns = np.ones(len(joints))
         motor = [joint.rotation is not None for joint in joints]
-        self._given, self._signs = np.array(motor, dtype=float), np.repeat([1.0, -1.0], len(joints))
+        #: Whether a motor drives the angle.
+        self.given = np.array(motor, dtype=float)
+        self._signs = np.repeat([1.0, -1.0], len(joints))
 
     def at(self, q, slides):
         """b - a."""
         n, count = len(q), len(self.joint)
         entries = np.broadcast_to(self._signs, (n, 2 * count))
-        return entries, np.broadcast_to(self._given, (n, count)), np.zeros((n, count, 2))
+        return entries, np.broadcast_to(self.given, (n, count)), np.zeros((n, count, 2))
 
 
 class _OnBeam(_Part):
@@ -245,6 +275,23 @@ class _OnBeam(_Part):
         self.joint = np.full(rows, joint.number)
         self.turns = np.zeros(rows)
         self.turns[rows - self._sleeve :] = 1.0
+
+    def tables(self) -> dict[str, Any]:
+        """What `at` needs."""
+        path = self._path
+        return {
+            "joint": self._number,
+            "free": self._free,
+            "sleeve": self._sleeve,
+            "degree": path.degree,
+            "elements": len(path.h),
+            "nodes": len(path),
+            "dofs": self._beam,
+            "ends": path.s,
+            "coefficients": path.coefficients,
+            "position": path.X,
+            "angle": path.angles(),
+        }
 
     def at(self, q, slides):
         """Across the beam, or along x and y; then the rotation."""

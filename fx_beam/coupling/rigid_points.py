@@ -7,7 +7,7 @@ Node b moves with node a at the arm rho, and what acts on b acts on a:
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -44,8 +44,10 @@ class RigidPoints:
         )
         self._entries = np.flatnonzero(np.isin(equations.row, self.kept))
         row, dof = equations.row[self._entries], equations.dof[self._entries]
+        #: Their numbers among all of the equations, also those of the ground.
+        self._numbers = equations.moving[self._entries]
         self._to_dofs = summing(dof, equations.size)
-        self._row, self._levels = row, []
+        self._row, self._dof, self._levels = row, dof, []
         for joints, own in zip(found[::-1], rows[::-1], strict=True):
             a, b = (mesh.dofs[[getattr(j, name).number for j in joints]] for name in "ab")
             number = np.full((3, equations.size), -1)
@@ -64,8 +66,45 @@ class RigidPoints:
             np.searchsorted(self.kept, row) * equations.size + dof, return_inverse=True
         )
         self._sums = summing(place, len(keys))
+        #: The entry to which each one adds, those of `condensed` in turn.
+        self._place = place
         #: Rows among those that remain, and degrees of freedom (entries,) of the entries.
         self.row, self.dof = np.divmod(keys, equations.size)
+
+    def tables(self) -> dict[str, Any]:
+        """What `condensed`, `move` and `complete` need, by the names of RateFit in C."""
+        levels = self._levels
+        starts = np.cumsum([0, *(len(one.b) for one in levels)])
+        carried = [
+            (at, 2 * (start + of) + 1 - i, np.full(len(at), 2.0 * i - 1))
+            for start, one in zip(starts, levels, strict=False)
+            for i, (at, of) in enumerate(zip(one.at, one.of, strict=True))
+        ]
+        none = np.empty((0, 3), dtype=int)
+        source, arm, sign = (
+            np.concatenate([none[:, 0], *(part[i] for part in carried)]) for i in range(3)
+        )
+        return {
+            "kept": len(self.kept),
+            "kept_row": self.kept,
+            "raw": len(self._entries),
+            "raw_entry": self._numbers,
+            "raw_row": self._row,
+            "raw_dof": self._dof,
+            "carries": len(source),
+            "carry_from": source,
+            "carry_arm": arm,
+            "carry_sign": sign,
+            "entry_of": self._place,
+            "entries": len(self.row),
+            "row": self.row,
+            "dof": self.dof,
+            "points": int(starts[-1]),
+            "point_a": np.concatenate([none, *(one.a for one in levels)]),
+            "point_b": np.concatenate([none, *(one.b for one in levels)]),
+            "point_rows": np.concatenate([none, *(one.rows for one in levels)]),
+            "point_apart": np.concatenate([none[:, :2], *(one.apart for one in levels)]),
+        }
 
     def arms(self, q: np.ndarray) -> list[np.ndarray]:
         """Arms (n, nodes, 2) of the levels."""

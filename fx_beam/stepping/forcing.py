@@ -12,6 +12,9 @@ from fx_beam.results.state import State
 from fx_beam.scene.beam import COMPONENTS
 from fx_beam.validation import TimeFunction, evaluate, series
 
+# Weights of the differences between five places, backwards in time, in the rate at the first one.
+_OF_DIFFERENCES = np.array([-25, 23, -13, 3]) / 12
+
 
 class Forcing:
     """Evaluates dead loads, prescribed motions and motors."""
@@ -78,9 +81,8 @@ class Forcing:
             return np.empty((len(ends), 0))
         h = lengths / 8
         places = self.series((ends[:, None] - h[:, None] * np.arange(5)).ravel())
-        differences = np.diff(places.reshape(len(ends), 5, -1), axis=1)
-        weights = np.array([-25, 23, -13, 3]) / 12
-        return np.einsum("k,nkd->nd", weights, differences) / h[:, None]
+        places = places.reshape(len(ends), 5, -1)
+        return _OF_DIFFERENCES @ (places[:, 1:] - places[:, :-1]) / h[:, None]
 
     def loads(self, t0: np.ndarray, t1: np.ndarray) -> np.ndarray:
         """Factors (steps, 2, loads) of the unit loads at the starts and ends of steps."""
