@@ -697,11 +697,12 @@ def test_tolerances_for_a_single_body_are_relative_to_1_metre():
 # -- Pulleys on cables ---------------------------------------------------------------------------
 
 
-def tensions_beside_a_pulley(length, elements, degree=2, stiffness=50.0):
+def tensions_beside_a_pulley(length, elements, degree=2, stiffness=50.0, moving=False):
     """Relative difference of both tensions, where those of an ideal cable are equal.
 
     The cable is stretched between two heights; `length` is sqrt(EI / T). Equal tensions T make
-    equal angles: 2 T sin a = W. A spring rests where the pulley then is.
+    equal angles: 2 T sin a = W. A spring rests where the pulley then is; `moving`, the pulley
+    comes to rest by a damper and drag in its place.
     """
     span, height, W, EA = 1.0, 0.3, 1.0, 5.0
     L = np.hypot(span, height)
@@ -712,15 +713,23 @@ def tensions_beside_a_pulley(length, elements, degree=2, stiffness=50.0):
     T = brentq(wide, 0.501 * W, 20 * W)
     place = L / 2 - height * T / W / (1 + T / EA)
     scene = fb.Scene()
-    section = fb.Section(EA=EA, GA=EA, EI=T * length**2)
+    section = fb.Section(EA=EA, GA=EA, EI=T * length**2, rhoA=0.02, rhoI=2e-6)
     cable = scene.add_beam([(0, 0), (span, height)], section, elements, degree)
     scene.pin(cable.start)
     scene.pin(cable.end)
     pulley = scene.add_body((0.3 * span, 0.3 * height), 1.0, 0.01)
-    scene.add_joint(fb.Slider(cable, pulley.centre, spring=fb.Spring(stiffness, rest=place)))
+    holds = {"spring": fb.Spring(stiffness, rest=place)}
+    if moving:
+        holds = {"damper": fb.Damper(3.0)}
+        scene.add_drag(cable, linear=(1.0, 1.0))
+    scene.add_joint(fb.Slider(cable, pulley.centre, **holds))
     scene.fix(pulley.centre, "rotation")
     scene.add_force(pulley.centre, (0.0, -W))
-    solution = fb.static(scene, steps=5)
+    if moving:
+        solution = fb.simulate(scene, fb.EnergyDecaying(), dt=0.02, t_end=20.0)
+        assert abs(solution.v[-1]).max() < 0.05
+    else:
+        solution = fb.static(scene, steps=5)
     left, right = (np.hypot(*solution.reaction(end)[-1, :2]) for end in (cable.start, cable.end))
     return abs(left - right) / T
 
@@ -740,3 +749,9 @@ def test_elements_longer_than_the_bend_under_a_pulley_hold_it_as_friction_would(
 def test_load_steps_that_lose_a_pulley_name_the_length_of_elements_and_a_simulation():
     with pytest.raises(fb.StepError, match="simulation with dampers.*sqrt.EI / N.*friction"):
         tensions_beside_a_pulley(0.05, 32, degree=1, stiffness=0.2)
+
+
+def test_a_simulation_finds_where_a_free_pulley_comes_to_rest_on_a_slack_cable():
+    with pytest.raises(fb.StepError, match="simulation with dampers"):
+        tensions_beside_a_pulley(0.02, 32, stiffness=0.05)
+    assert tensions_beside_a_pulley(0.02, 32, moving=True) < 0.02
