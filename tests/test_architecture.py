@@ -118,7 +118,7 @@ HOUSE = {
         "redundancy",
         "mechanism_check",
     ],
-    "algebra": ["lu_layout", "sparse_lu", "petsc_lu"],
+    "algebra": ["lu_layout", "sparse_lu", "kept_factors", "petsc_lu"],
     "model": ["model", "joint_forces", "turning_frame", "equations"],
     "stepping": [
         "interrupts",

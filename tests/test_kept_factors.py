@@ -10,7 +10,9 @@ from test_loop import SCENES, SPARSE, lattice
 
 import fx_beam as fb
 from fx_beam.algebra.lu_layout import factors_of
+from fx_beam.algebra.sparse_lu import CompiledLU
 from fx_beam.compiled import handover, loop
+from fx_beam.stepping import linear_solver
 
 STRUT = fb.Section(EA=1e6, GA=1e6, EI=1e2, rhoA=1.0, rhoI=1e-2)
 
@@ -141,3 +143,27 @@ def test_a_narrow_frame_has_a_band(cells):
 @pytest.mark.parametrize("cells", [(12, 12), (20, 20), (40, 25), (36, 28), (50, 20), (150, 20)])
 def test_a_wide_frame_has_sparse_rows_which_are_kept(cells):
     assert storage(*cells).worth and not storage(*cells).band
+
+
+def test_load_steps_of_a_large_frame_keep_factors_and_are_those_with_new_ones(monkeypatch):
+    made = []
+    factorise = CompiledLU.factorise
+    monkeypatch.setattr(
+        CompiledLU, "factorise", lambda self, values: made.append(1) or factorise(self, values)
+    )
+    scene, nodes = flying(32, 0.0)
+    for j in range(33):
+        scene.clamp(nodes[0, j])
+        scene.add_force(nodes[32, j], (0.0, 2e4))
+
+    def run():
+        made.clear()
+        return fb.static(scene, steps=4), len(made)
+
+    kept, few = run()
+    monkeypatch.setattr(linear_solver, "_LEAST_WORTH", math.inf)
+    new, many = run()
+    assert abs(kept.q[-1, :, 2]).max() > 0.1
+    assert few <= many / 3
+    assert kept.stats.newton_iterations == new.stats.newton_iterations == many
+    assert abs(kept.q - new.q).max() < 1e-9 * abs(new.q).max()

@@ -123,7 +123,7 @@ def in_sparse_rows(
 ) -> Factors:
     """Storage in sparse rows; with ties (`Reduction.dependent`) as in `factors_of`."""
     graph, rows = _graph(indptr, indices)
-    return _in_rows(graph, rows, indices, dependent)
+    return _with_cost(_in_rows(graph, rows, indices, dependent), len(indices), True, COSTS)
 
 
 def _graph(indptr: np.ndarray, indices: np.ndarray) -> tuple[scipy.sparse.csr_matrix, np.ndarray]:

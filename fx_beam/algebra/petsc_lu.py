@@ -14,6 +14,8 @@ from .sparse_lu import Pattern
 class PetscLU:
     """Factors in the order of `lu_layout`."""
 
+    worth = 0
+
     def __init__(self, pattern: Pattern, dependent: np.ndarray | None = None):
         PETSc = petsc()
         indptr, indices = pattern

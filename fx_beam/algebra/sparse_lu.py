@@ -8,7 +8,7 @@ from typing import Any, Protocol
 
 import numpy as np
 from scipy.sparse import csr_matrix
-from scipy.sparse.linalg import splu
+from scipy.sparse.linalg import SuperLU, splu
 
 from fx_beam import c_library
 from fx_beam.structs import Structs
@@ -21,6 +21,9 @@ Pattern = tuple[np.ndarray, np.ndarray]
 
 class LU(Protocol):
     """Factors of matrices of one pattern."""
+
+    #: Solutions that cost as much as a factorisation; 0 if it is unknown.
+    worth: int
 
     def factorise(self, values: np.ndarray) -> bool:
         """Factorise the matrix with these values; returns whether it is regular."""
@@ -42,6 +45,15 @@ def sparse_lu(pattern: Pattern, dependent: np.ndarray | None = None) -> Compiled
     return CompiledLU(ffi, library, pattern, dependent)
 
 
+def pivoted_lu(matrix: Any) -> SuperLU:
+    """Factors by SciPy of a sparse matrix whose pattern is symmetric, also a complex one.
+
+    Rows are exchanged where a pivot is small. RuntimeError if it is exactly singular.
+    """
+    options = {"SymmetricMode": True}
+    return splu(matrix.tocsc(), permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.1, options=options)
+
+
 @functools.cache
 def _library() -> tuple[Any, Any]:
     return c_library.open_library("factors of sparse matrices", "lu.c", "lu.h")
@@ -57,6 +69,8 @@ class CompiledLU:
         self._structs = Structs(ffi, c_library.declarations("lu.h"))
         self._structs.set(self._rows, **layout.rows())
         self._at, self._order = self._ints(layout.at), self._ints(layout.order)
+        #: Solutions that cost as much as a factorisation.
+        self.worth = layout.worth
         self._entries, self._factors = len(layout.at), np.empty(layout.size)
         self._at_factors = self._doubles(self._factors)
 
@@ -89,7 +103,7 @@ class ScipyLU:
 
     def __init__(self, pattern: Pattern):
         indptr, indices = pattern
-        n = len(indptr) - 1
+        self.worth, n = 0, len(indptr) - 1
         numbered = csr_matrix((np.arange(len(indices)), indices, indptr), (n, n)).tocsc()
         self._from, self._matrix = numbered.data, numbered.astype(float)
 

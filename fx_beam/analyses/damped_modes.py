@@ -9,7 +9,8 @@ from typing import NamedTuple
 
 import numpy as np
 import scipy.linalg
-from scipy.sparse.linalg import splu
+
+from fx_beam.algebra.sparse_lu import pivoted_lu
 
 from .undamped_modes import lowest
 
@@ -72,7 +73,7 @@ def _not_rigid(K, C, M, n: int, undamped: np.ndarray, rigid: np.ndarray, unit: f
     `unit` [rad/s] has the size of the lowest angular frequency, but is no root. A Rayleigh-Ritz
     method; inverse iteration at the roots extends its subspace.
     """
-    shifted = splu((K + unit * C + unit**2 * M).tocsc())
+    shifted = pivoted_lu(K + unit * C + unit**2 * M)
     Z, zeros = _untouched(C, shifted, rigid, unit)
     held, scale = M @ Z, (abs(K.diagonal()) + unit**2 * M.diagonal()) ** -0.5
     start = [undamped, shifted.solve(C @ undamped), rigid]
@@ -141,7 +142,7 @@ def _independent(parts: list[np.ndarray], scale: np.ndarray) -> np.ndarray:
 def _nearer(K, C, M, root: complex, x: np.ndarray) -> np.ndarray:
     """Real and imaginary part (size, 2) after a step of inverse iteration at a root."""
     try:
-        factors = splu((K + root * C + root**2 * M).astype(complex).tocsc())
+        factors = pivoted_lu((K + root * C + root**2 * M).astype(complex))
     except RuntimeError:  # the root is exact
         return np.column_stack([x.real, x.imag])
     x = factors.solve(2 * root * (M @ x) + C @ x)

@@ -8,8 +8,8 @@ from pathlib import Path
 
 import numpy as np
 import scipy.sparse
-from scipy.sparse.linalg import splu
 
+from fx_beam.algebra.sparse_lu import pivoted_lu
 from fx_beam.errors import SceneError
 from fx_beam.results.solution import Solution
 from fx_beam.results.tables import data_frame, write_csv
@@ -217,7 +217,7 @@ def frequency_response(
     scale[scale == 0] = 1.0
     for k, w in enumerate(2 * np.pi * f):
         try:
-            x = splu((K + 1j * w * C - w**2 * M).tocsc()).solve(force)
+            x = pivoted_lu(K + 1j * w * C - w**2 * M).solve(force)
         except RuntimeError:  # a pivot is zero
             x = np.full(len(scale), np.inf)
         if not np.linalg.norm(scale * x) < _UNBOUNDED * np.linalg.norm(force / scale):

@@ -61,24 +61,36 @@ def _in_slices(K, M, n: int, sizes: np.ndarray) -> tuple[np.ndarray, np.ndarray,
         return levels[bisect.bisect_left(levels, k, hi=len(levels) - 1, key=below)]
 
     n = min(n, below(levels[-1]))  # the others are infinite, for unknowns without mass
+    least = levels[levels > 0][0]
+    if below(least) == 0 and (all_of_them := _at_once(pencil, K, M, n, least)) is not None:
+        return all_of_them
     last = reach(n)
     values: np.ndarray = np.empty(0)
     rounding, vectors = values, np.empty((K.shape[0], 0))
     while (found := len(values)) < max(n, below(last)):
-        bottom, noise = reach(found + 1), rounding.max(initial=levels[levels > 0][0])
+        bottom, noise = reach(found + 1), rounding.max(initial=least)
         top = min(last, max(1e4 * bottom, 1e-4 * bottom, noise))
         shift = -max(top, -10 * bottom, 10 * noise)  # below the slice, not an eigenvalue
         new = pencil.nearest(max(below(top) - found, 1), shift, vectors)
-        # Rayleigh-Ritz method, orthogonal to the slices below.
-        new -= vectors @ (vectors.T @ (M @ new))
-        new = new @ scipy.linalg.eigh(new.T @ (K @ new), new.T @ (M @ new))[1]
-        squares, errors = _quotients(K, M, new)
+        new -= vectors @ (vectors.T @ (M @ new))  # orthogonal to the slices below
+        squares, errors, new = _ritz_vectors(K, M, new)
         # Vectors above the slice took the place of copies that are not found yet.
         inside = squares <= max(top + 1e-8 * abs(top), squares[0])
         values, rounding = np.append(values, squares[inside]), np.append(rounding, errors[inside])
         vectors = np.column_stack([vectors, new[:, inside]])
     order = np.argsort(values)[:n]
     return values[order], rounding[order], vectors[:, order]
+
+
+def _at_once(pencil: _Pencil, K, M, n: int, least: float):
+    """The same if all, above a bound, lie within four decades; otherwise None."""
+    new = pencil.nearest(n, -least, np.empty((K.shape[0], 0)))
+    squares, errors, new = _ritz_vectors(K, M, new)
+    if len(squares) < n or (squares <= errors).any() or squares[-1] > 1e4 * squares[0]:
+        return None
+    beneath = (1 - 1e-8) * squares[-1]  # the last one may have copies
+    complete = pencil.below(beneath) == (squares < beneath).sum()
+    return (squares, errors, new) if complete else None
 
 
 def _levels(below: Callable[[float], int], sizes: np.ndarray) -> np.ndarray:
@@ -97,14 +109,15 @@ def _levels(below: Callable[[float], int], sizes: np.ndarray) -> np.ndarray:
     return np.concatenate([-sizes[least:][::-1], sizes[least:]])
 
 
-def _quotients(K, M, vectors: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Rayleigh quotients of vectors and their rounding errors; scales vectors to modal mass 1."""
+def _ritz_vectors(K, M, vectors: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Rayleigh quotients in the span of vectors, their rounding errors, and vectors of mass 1."""
+    vectors = vectors @ scipy.linalg.eigh(vectors.T @ (K @ vectors), vectors.T @ (M @ vectors))[1]
     vectors /= np.sqrt(np.einsum("ij,ij->j", vectors, M @ vectors))
     values = np.einsum("ij,ij->j", vectors, K @ vectors)
     sizes = np.einsum("ij,ij->j", abs(vectors), abs(K) @ abs(vectors))
     # Of the sum, and of the vectors: the latter counts where nothing else has stiffness.
     eps = np.finfo(float).eps
-    return values, 2 * eps * sizes + (10 * eps) ** 2 * (vectors**2).sum(axis=0)
+    return values, 2 * eps * sizes + (10 * eps) ** 2 * (vectors**2).sum(axis=0), vectors
 
 
 class _Pencil:

@@ -6,9 +6,13 @@ from collections.abc import Callable
 
 import numpy as np
 
+from fx_beam.algebra.kept_factors import KeptFactors
 from fx_beam.algebra.sparse_lu import LU, sparse_lu
 from fx_beam.coupling.index_reduction import Reduction
 from fx_beam.model.equations import Equations
+
+# Factors are kept if making them costs as much as so many solutions.
+_LEAST_WORTH = 6
 
 
 class LinearSolver:
@@ -18,6 +22,10 @@ class LinearSolver:
         if reduction.free:  # else there is nothing to solve
             dependent = reduction.dependent if reduction.dependent.size else None
             self._lu = lu(reduction.pattern, dependent)
+            #: None with ties, or where new factors are cheap.
+            self._kept = None
+            if self._lu.worth >= _LEAST_WORTH and dependent is None:
+                self._kept = KeptFactors(reduction.pattern, self._lu)
         self._values = np.zeros(len(reduction.pattern[1]))
         self._size = len(reduction.pattern[0]) - 1
 
@@ -26,6 +34,8 @@ class LinearSolver:
         if not (free := len(b)):
             return b
         equations.fill_tangent(r, self._values)
+        if self._kept is not None:
+            return self._kept.solve(self._values, b)
         if not self._lu.factorise(self._values):
             return np.full(free, np.nan)
         x = self._lu.solve(np.concatenate([b, np.zeros(self._size - free)]))
