@@ -16,8 +16,8 @@ _NUMBERS = {"int": np.int32, "double": np.float64}
 class Structs:
     """Sets members of C structs, and keeps the data to which they point.
 
-    A member takes, by its declaration, a number, an array, the address of a function, a dict for a
-    struct, or a list of dicts for a pointer to structs.
+    A member takes, by its declaration, a number, an array, the address of a function or of data, a
+    dict for a struct, or a list of dicts for a pointer to structs.
     """
 
     def __init__(self, ffi: Any, declarations: str):
@@ -49,6 +49,8 @@ class Structs:
 
     def _pointer(self, kind: Any, value: Any) -> Any:
         if kind.kind == "function":
+            return self._ffi.cast(kind, value)
+        if isinstance(value, int):
             return self._ffi.cast(kind, value)
         if kind.item.kind == "struct":
             return self._array(kind.item, value)

@@ -209,8 +209,8 @@ def test_damping_is_the_derivative_of_the_forces_by_the_rates_in_a_stressed_scen
     reduction, zero = model.reduction, np.zeros(model.size)
 
     def forces(rate):
-        model.actuators.begin(about.start, dt)
         model.forms.set_step(moment(0.5, dt), about.start.q, zero, zero)
+        model.begin_points(about.start, dt)
         reduction.begin(about.start.q, about.start.slides)
         D = reduction.expand(dt * rate, np.zeros(reduction.driven))
         return reduction.project(model.forms.internal_force(D))[: reduction.free]

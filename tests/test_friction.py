@@ -12,7 +12,10 @@ from jointed import drift, pair, throw
 
 import fx_beam as fb
 from fx_beam.fem import dolfinx_api
-from fx_beam.mechanics.impact import friction_slope
+from fx_beam.fem.compiled_laws import compiled_law
+from fx_beam.mechanics.coordinates import SLIDE
+from fx_beam.mechanics.point_laws import REMEMBERED, StepRule
+from fx_beam.mechanics.scalar_laws import friction
 
 SOLVERS = pytest.mark.parametrize("solver", ["compiled", "petsc"])
 SCHEMES = [fb.EnergyMomentum(), fb.EnergyDecaying(0.1), fb.Newmark(), fb.HHT(-0.2)]
@@ -185,9 +188,17 @@ def test_no_step_fails_where_a_joint_stops(scheme, solver):
 
 
 def test_the_slope_of_friction_is_the_derivative_where_the_iterations_settle():
-    for x in (0.0, 1e-6, -2e-4, 0.03, -0.7, 3.0, -15.0, 400.0):
-        for last in (None, (x - 1e-9, *friction_slope(x - 1e-9, None)[1:])):
-            slope = friction_slope(x, last)[2]
+    law = compiled_law(friction(SLIDE), StepRule(0.5, True, False))
+
+    def found(x, remembered):
+        """Force, slope and what is remembered; force and speed are 1, as the step is."""
+        return law(np.array([0.0, x, 0.0, 1.0, *remembered, 1.0, 1.0]))
+
+    for x in (0.0, 1e-6, -2e-4, 0.03, -0.7, 3.0, -15.0, 400.0, 1e4):
+        none = np.zeros(REMEMBERED)
+        for last in (none, found(x - 1e-9, none)[2:]):
+            force, slope, *_ = found(x, last)
+            assert force == pytest.approx(np.tanh(x), rel=1e-15, abs=0)
             assert slope == pytest.approx(1 - np.tanh(x) ** 2, rel=1e-6, abs=1e-12)
 
 

@@ -8,9 +8,12 @@ import numpy as np
 import pytest
 
 import fx_beam as fb
-from fx_beam.fem.node_contact import _lengths
-from fx_beam.mechanics.impact import push
+from fx_beam.fem.compiled_laws import compiled_law
+from fx_beam.fem.scene_forces import lengths_at_nodes
+from fx_beam.mechanics.coordinates import SLIDE
 from fx_beam.mechanics.interval import Interval
+from fx_beam.mechanics.point_laws import StepRule
+from fx_beam.mechanics.scalar_laws import contact
 from fx_beam.model.equations import Equations
 from fx_beam.model.model import Model
 from fx_beam.stepping.initial_state import reference_state
@@ -135,11 +138,18 @@ def test_a_stiff_contact_costs_few_iterations_and_no_halved_step(dt):
 
 
 def test_the_force_over_a_step_is_the_mean_over_its_way():
+    law = compiled_law(contact(SLIDE), StepRule(0.5, True, False))
+
+    def found(g0, g1):
+        """The force that opens the gap, and its derivative by the gap at the end."""
+        start, increment, rate, dt, k = g0, g1 - g0, 0.0, 0.1, 7.0
+        return -law(np.array([start, increment, rate, dt, k]))
+
     way = np.linspace(0, 1, 200_001)
     for g0, g1 in [(0.3, -0.2), (-0.2, 0.3), (-0.1, -0.4), (-0.4, -0.4), (0.0, -0.1), (0.2, 0.1)]:
-        force, slope = push(7.0, np.array(g0), np.array(g1), 0.5)
+        force, slope = found(g0, g1)
         assert force == pytest.approx(7.0 * np.maximum(-g0 - way * (g1 - g0), 0).mean(), abs=1e-4)
-        more, less = (push(7.0, np.array(g0), np.array(g1 + h), 0.5)[0] for h in (1e-7, -1e-7))
+        more, less = (found(g0, g1 + h)[0] for h in (1e-7, -1e-7))
         assert slope == pytest.approx((more - less) / 2e-7, abs=1e-5)
 
 
@@ -331,7 +341,7 @@ def test_steps_are_short_in_the_contact_and_long_between():
 def test_the_stiffness_of_a_beam_is_shared_by_its_nodes(degree):
     scene = fb.Scene()
     bar = scene.add_beam([(0, 0), (1, 0), (1, 2)], SOFT, elements=[1, 3], degree=degree)
-    lengths = _lengths(scene.add_obstacle(bar, fb.Line((0, -1), (0, 1)), 1.0))
+    lengths = lengths_at_nodes(bar)
     assert len(lengths) == 4 * degree + 1
     assert lengths.sum() == pytest.approx(3.0)
     s = np.concatenate(
@@ -349,7 +359,7 @@ def test_the_stiffness_of_a_beam_is_shared_by_its_nodes(degree):
 def test_scenes_without_obstacles_have_no_contact():
     scene, _ = cantilever(0.0)
     solution = fb.static(scene, steps=1)
-    assert Model(scene, fb.EnergyMomentum(), mobile=True).forms.contact is None
+    assert Model(scene, fb.EnergyMomentum(), mobile=True).points.contacts == 0
     assert solution.contact_forces.shape == (2, 0, 2)
     assert solution.obstacles == []
 

@@ -108,11 +108,7 @@ def deviations(scene: Scene, at: Solution | None, what: str) -> Deviations:
     w = rates_from @ state.v
     (dT, dS), (ddT, _) = map(coupling.parts, coupling.derivatives(w))
     _warn_of_turn(model, state, T, dT, what)
-    f, K, C = _forces(model, state)
-    model.actuators.begin(state, MOMENT)
-    stiff, viscous, pushes = model.actuators.linear(
-        state.q, state.v, state.slides, model.reduction.columns
-    )
+    f, K, C, pushes, stiff, viscous = _forces(model, state)
     mass = model.mass
     dead = end_factor * forcing.forces(Interval(state.t, state.t))[0]
     if frame is not None:
@@ -133,9 +129,9 @@ def deviations(scene: Scene, at: Solution | None, what: str) -> Deviations:
         w,
         model.reduction.independent,
         M=T.T @ (mass @ T),
-        C=T.T @ (C @ T + 2 * (mass @ dT)) + S.T @ (viscous @ S),
+        C=T.T @ (C @ T + 2 * (mass @ dT)) + S.T @ (viscous[:, None] * S),
         K=T.T @ (K @ T + C @ dT + mass @ (turning + ddT))
-        + S.T @ (stiff @ S + viscous @ dS)
+        + S.T @ (stiff[:, None] * S + viscous[:, None] * dS)
         + geometric,
         T=T,
         dT=dT,
@@ -257,30 +253,43 @@ class _Coupling:
 
 
 def _forces(model: Model, state: State):
-    """Internal forces (size,), their stiffness and their damping, without those of joints."""
-    forms, q, v = model.forms, state.q, state.v
+    """Internal forces (size,), stiffness and damping; the same (columns,) of those on slides."""
+    forms, points = model.forms, model.points
     forms.set_internal(state.internal)
+    slide_rates = model.slide_rates(state)
+    count = model.reduction.columns
 
-    def step(dt: float, rates: np.ndarray, shift: float = 0.0):
-        forms.set_step(moment(state.t - shift * dt, dt), q - shift * dt * rates, v, state.a)
-        D = dt * rates
+    def step(dt: float, moving: bool, shift: float = 0.0):
+        D, slid = moving * dt * state.v, moving * dt * slide_rates
+        start = replace(state, q=state.q - shift * D, slides=state.slides - shift * slid)
+        forms.set_step(moment(state.t - shift * dt, dt), start.q, state.v, state.a)
+        model.begin_points(start, dt)
         f = forms.internal_force(D).copy()
         forms.assemble_stiffness()
-        return f, forms.stiffness.copy()
+        z = np.zeros(count)
+        z[points.columns] = slid[points.slides]
+        points.evaluate_slides(z)
+        found = (np.bincount(points.columns, points.on_slides(k), count) for k in (0, 1))
+        return f, forms.stiffness.copy(), *found
 
-    moving = forms.has_added or forms.resistances or forms.resultants_move
-    if not moving:
-        f, half = step(MOMENT, np.zeros(model.size))
-        return f, 2 * half, 0 * half
-    f, at_once = step(MOMENT, v)
-    C = 2 * MOMENT * (at_once - step(2 * MOMENT, v)[1])
-    size = abs(v / model.unit).max()
+    if not forms.depend_on_rates:
+        f, half, pushes, half_slides = step(MOMENT, False)
+        return f, 2 * half, 0 * half, pushes, 2 * half_slides, 0 * half_slides
+    f, at_once, pushes, slides_at_once = step(MOMENT, True)
+    _, later, _, slides_later = step(2 * MOMENT, True)
+    C, viscous = (2 * MOMENT * d for d in (at_once - later, slides_at_once - slides_later))
+    size = abs(state.v / model.unit).max()
     h = _SMALL / size if size else 1.0
-    if state.internal is not None:
+    if state.internal is not None or state.spring_internal is not None:
         h = min(h, _SHORT)
-    K = 2 * (step(h, v, 0.5)[1] - C / h)
+        _, ahead, _, slides_ahead = step(h, True, 0.5)
+        K, stiff = 2 * (ahead - C / h), 2 * (slides_ahead - viscous / h)
+    else:  # damping over the length has the opposite sign in a step back
+        _, ahead, _, slides_ahead = step(h, True, 0.5)
+        _, back, _, slides_back = step(-h, True, 0.5)
+        K, stiff = ahead + back, slides_ahead + slides_back
     check_damping(np.append(K.data, C.data), "linearise: the damping in this state")
-    return f, K, C
+    return f, K, C, pushes, stiff, viscous
 
 
 def _accelerations(

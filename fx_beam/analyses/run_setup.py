@@ -119,7 +119,7 @@ def state_of(model: Model, start: Solution) -> State:
         raise SceneError(
             "start: the solution has other internal variables than the sections of the scene"
         )
-    springs, width = end.spring_internal, model.actuators.width
+    springs, width = end.spring_internal, model.points.width
     if (0 if springs is None else len(springs)) != width:
         raise SceneError(
             "start: the solution has other internal variables than the springs of the scene"
@@ -140,7 +140,7 @@ def _with_last_forces(model: Model, state: State, start: Solution) -> State:
     if start.stats.static or start.t[-1] == end.t:  # else the record has no row of the end
         if len(start.joint_forces):
             state = replace(state, joint_forces=start.joint_forces[-1])
-        if len(start.contact_forces) and start.contact_forces.shape[1] == model.forms.contacts:
+        if len(start.contact_forces) and start.contact_forces.shape[1] == model.points.contacts:
             state = replace(state, contact_forces=start.contact_forces[-1])
         constraints = state.constraint_forces
         if constraints is not None and model.fitted_rates is not None and len(start.reactions):

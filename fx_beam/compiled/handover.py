@@ -1,7 +1,7 @@
 """Converts a model for the compiled loop: forms, matrices and couplings as arrays.
 
-FFCx generates the integrals along beams from the UFL, and functions of points of laws in UFL. All
-else is in the C files: Newton's method, couplings, nodal rates, and the forces at nodes and joints.
+FFCx generates the integrals along beams from the UFL, and the laws of forces at points. All else is
+in the C files: Newton's method, couplings and nodal rates.
 """
 
 from __future__ import annotations
@@ -18,6 +18,8 @@ from fx_beam.coupling.joint_reduction import JointReduction
 from fx_beam.mechanics.rates import MidPointRates, NewmarkRates
 from fx_beam.model.joint_forces import JointForces, Passing
 from fx_beam.model.model import Model
+from fx_beam.scene.beam import Node
+from fx_beam.scene.joints import GROUND
 from fx_beam.stepping.line_search import OVERSHOOT, SEARCHES
 from fx_beam.stepping.newton import (
     ENERGY_FLOOR,
@@ -52,9 +54,8 @@ class Problem:
         self._hand_over_mesh(place)
         self._set(has_added=model.forms.has_added, keeps_before=model.keeps_before)
         self._hand_over_rates(place)
-        self._hand_over_nodal_forces(place)
+        self._hand_over_points(place)
         self._hand_over_motors()
-        self._hand_over_actuators()
         if joint_forces is not None:
             self._hand_over_joint_forces(joint_forces)
         self._hand_over_tolerances(options)
@@ -115,17 +116,40 @@ class Problem:
         if model.weight is not None:
             self._set(weight=model.weight)
 
-    def _hand_over_nodal_forces(self, place: np.ndarray) -> None:
-        forms = self.model.forms
-        if (drag := forms.node_drag) is not None:
-            self._set(drags=len(drag.dofs), drag_dofs=drag.dofs)
-            self._set(drag_places=place[drag.places], drag_factors=drag.factors)
-        if forms.contact is not None:
-            rows = forms.contact.table(place)
-            self._set(contacts=len(rows), contact=rows)
-        if (follow := forms.followers) is not None:
-            self._set(thrusts=len(follow.dofs), thrust_dofs=follow.dofs)
-            self._set(thrust_places=place[follow.places])
+    def _hand_over_points(self, place: np.ndarray) -> None:
+        model, points = self.model, self.model.points
+        self._set(spring_width=points.width, may_overshoot=model.may_overshoot)
+        if not len(points):
+            self._set(points=[{}])
+            return
+        places = np.where(points.places >= 0, place[points.places], -1)
+        # Each force on a slide has one entry, the last ones.
+        to, of = self._on_slides
+        places[len(places) - len(points.slides) + of] = to
+        self._set(points=points.address, point_places=places)
+        if rows := self._slide_rates():
+            rates = np.zeros(len(model.scene.joints))
+            self._set(rated=len(rows), rated_slide=rows, slide_rate=rates)
+
+    def _slide_rates(self) -> list[dict[str, Any]]:
+        """Slides with forces as ``SlideRate`` of c/problem.h: what their rates depend on."""
+        model = self.model
+        sliders = [joint.number for joint in model.couplings.sliding]
+
+        def dofs(node: Node) -> np.ndarray:
+            return np.full(3, -1) if node is GROUND else model.mesh.dofs[node.number]
+
+        return [
+            {
+                "joint": joint.number,
+                "slider": sliders.index(joint.number) if joint.number in sliders else -1,
+                "a": dofs(joint.a),
+                "b": dofs(joint.b),
+                "axis": np.zeros(2) if joint.axis is None else joint.axis,
+                "offset": joint.offset,
+            }
+            for joint in (model.scene.joints[i] for i in np.unique(model.points.slides))
+        ]
 
     def _hand_over_rates(self, place: np.ndarray) -> None:
         rates, fractions = self.model.scheme.rates, self.model.scheme.fractions
@@ -184,7 +208,6 @@ class Problem:
             self._set(tangent_start=indptr, tangent_column=indices, factor_at=factors.at)
             self._set(factor_size=factors.size, kept={"worth": factors.worth})
         alone = alone_in_column(t, self.model.size, reduction.free)
-        alone[self.model.actuators.turns()] = False  # springs and dampers act there as well
         if t.ties:
             alone[np.isin(self.model.couplings.column, t.ties.values["tie_column"])] = False
         if loops is not None:
@@ -212,13 +235,15 @@ class Problem:
         )
         added = place[t.direct["source"]] >= stored
         parts = t._replace(direct={key: values[added] for key, values in t.direct.items()})
-        for name in ("direct", "coupled", "geometric", "restoring"):
+        for name in ("direct", "coupled", "geometric"):
             table = dict(getattr(parts, name))
             to = table.pop("to")
             self._set(**{name: len(to), f"{name}_to": at[to]})
             if "source" in table:
                 self._set(**{f"{name}_from": place[table.pop("source")]})
             self._set(**{f"{name}_{key}": values for key, values in table.items()})
+        #: Storage indices of the forces on slides, and which these are.
+        self._on_slides = at[t.restoring["to"]], t.restoring["of"]
         return place
 
     def _hand_over_ties(self, ties: TieTables | None, at: np.ndarray) -> np.ndarray:
@@ -247,22 +272,6 @@ class Problem:
             motor_a=none + [turn(joint.a) for joint, _ in model.motors],
             motor_b=none + [turn(joint.b) for joint, _ in model.motors],
             motor_slide=none + [j.number if on == "slide" else -1 for j, on in model.motors],
-        )
-
-    def _hand_over_actuators(self) -> None:
-        actuators = self.model.actuators
-        rows, pushes = actuators.tables()
-        for row in rows:
-            row["given"], row["found"] = np.zeros((2, 4 + row["variables"]))
-        self._set(
-            actuators=len(rows),
-            actuator=rows,
-            pushes=len(pushes["of"]),
-            push_column=pushes["column"],
-            push_of=pushes["of"],
-            push_sign=pushes["sign"],
-            spring_width=actuators.width,
-            may_overshoot=self.model.may_overshoot,
         )
 
     def _hand_over_joint_forces(self, joint_forces: JointForces) -> None:
@@ -305,10 +314,10 @@ class Problem:
             "added_forces": model.size,
             "constraint_forces": reduction.columns - reduction.free,
             "joint_forces": 3 * len(model.scene.joints),
-            "contact_forces": 2 * model.forms.contacts,
+            "contact_forces": 2 * model.points.contacts,
             "before": model.size if model.keeps_before else 0,
             "internals": int(np.prod(model.forms.internal_shape)),
-            "spring_internals": model.actuators.width,
+            "spring_internals": model.points.width,
         }
         # One piece of memory, which the loop copies before a step with sub-steps.
         known, past = self.library.PAST, (1, model.size, reduction.free)
@@ -329,8 +338,7 @@ class Problem:
         self.past = ages, *(d.reshape(known, -1) for d in (differences, differences_y))
         #: First configuration with inverted sections.
         self.inverted_q = np.zeros(model.size)
-        coordinates = self.c.actuator[0 : self.c.actuators]
-        switches = self.c.contacts + sum(2 * (a.stop != 0) + a.conditions for a in coordinates)
+        switches = model.points.conditions
         #: Values of the switches at both ends of a sub-step.
         self.sides = np.zeros((2, switches))
         self._set(inverted_q=self.inverted_q, switches=switches, sides=self.sides)

@@ -262,7 +262,7 @@ class IndexReduction(WithoutLoops):
             direct={"to": to, "source": source},
             coupled={"to": none, "source": none, "virtual": none, "value": none, "sign": none},
             geometric={"to": none, "joint": none, "kind": none, "sign": none},
-            restoring={"to": none, "of": none, "side": none, "sign": none},
+            restoring={"to": none, "of": none},
             ties=None,
         )
 

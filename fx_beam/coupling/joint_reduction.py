@@ -5,13 +5,13 @@ from __future__ import annotations
 import numpy as np
 import scipy.sparse
 
+from fx_beam.fem.point_forces import PointForces
 from fx_beam.kept import kept
 from fx_beam.mechanics.rates import UpdateRule
 
 from .graph import Couplings
 from .index_reduction import Tables, WithoutLoops, sparsity
 from .sliders import Slide, Sliders
-from .spring_dampers import Actuators
 from .ties import Ties
 
 # Signs of the components of W a, exchanged.
@@ -30,7 +30,7 @@ class JointReduction(WithoutLoops):
     def __init__(
         self,
         couplings: Couplings,
-        actuators: Actuators,
+        points: PointForces,
         rates: UpdateRule,
         dofs: np.ndarray,
         matrix,
@@ -48,7 +48,7 @@ class JointReduction(WithoutLoops):
         if sliders is not None:
             for index in (self._index, self._row_index):
                 index[couplings.independent : self.columns] = sliders.index[couplings.independent :]
-        self._rates, self._actuators, self._dofs = rates, actuators, dofs
+        self._rates, self._points, self._dofs = rates, points, dofs
         self._size = matrix.shape[0]
         self._z = np.zeros(self.columns + len(self.ties))
         rows, columns, places, signs = couplings.all_entries()
@@ -89,7 +89,9 @@ class JointReduction(WithoutLoops):
             slide = [(self._slide[m], 0, 1.0)] if 0 <= self._slide[m] < free else []
             for kind, maps, values in ((0, turn, turn), (1, turn, slide), (2, slide, turn)):
                 geometric += [(a, b, m, kind, s * o) for a, _, s in maps for b, _, o in values]
-        restoring = self._actuators.pairs(self._index)
+        #: Slides with forces that are unknowns, among all with forces.
+        self._sprung = np.flatnonzero(self._index[self._points.columns] >= 0)
+        restoring = [(c, c) for c in self._points.columns[self._sprung].tolist()]
 
         moves = self._index[self._col] >= 0
         source, left, right = _products(self._row, moves, used, matrix.indptr, matrix.indices)
@@ -168,7 +170,7 @@ class JointReduction(WithoutLoops):
             direct={"to": self._direct[0], "source": self._direct[1]},
             coupled={"to": to, "source": source, "virtual": virtual, "value": value, "sign": sign},
             geometric={"to": self._geometric_place, "joint": joint, "kind": kind, "sign": signs},
-            restoring={"to": self._restoring_place, **self._actuators.stiffness_terms()},
+            restoring={"to": self._restoring_place, "of": self._sprung},
             ties=self.ties.tables(self._tied_place),
         )
 
@@ -201,7 +203,7 @@ class JointReduction(WithoutLoops):
             slide.relation.set(D[slide.dofs], float(z[slide.column]))
             z[slide.columns] = slide.relation.increment
             D = self._expand(z)
-        self._actuators.set_increment(D, z)
+        self._points.evaluate_slides(z)
         return D
 
     def _expand(self, z):
@@ -302,7 +304,13 @@ class JointReduction(WithoutLoops):
         """Forces (size,) with those of sliding nodes on their beams."""
         if self.sliders is None:
             return r
-        return self.sliders.carry(r, self._virtual_map, self._actuators.forces(self.columns))
+        return self.sliders.carry(r, self._virtual_map, self._on_slides(self.columns))
+
+    def _on_slides(self, count: int) -> np.ndarray:
+        """Forces (count,) on slides."""
+        forces = np.zeros(count)
+        np.add.at(forces, self._points.columns, self._points.on_slides(0))
+        return forces
 
     def fault(self):
         """Kind and reason of a step in which a node leaves the beam on which it slides."""
@@ -315,7 +323,7 @@ class JointReduction(WithoutLoops):
     def _project(self, r):
         """Generalised forces at all columns and ties."""
         count = self.columns + len(self.ties)
-        forces = self._actuators.forces(count)
+        forces = self._on_slides(count)
         if self.sliders is not None:
             r = self.sliders.carry(r, self._virtual_map, forces)
         weights = r[self._row] * self._virtual_map[self._place] * self._sign
@@ -344,7 +352,8 @@ class JointReduction(WithoutLoops):
             terms = self._second_order(r)[kind, joint] * signs
             out += np.bincount(self._geometric_place, terms, len(out))
         if len(self._restoring_place):
-            out += np.bincount(self._restoring_place, self._actuators.stiffness(), len(out))
+            slopes = self._points.on_slides(1)[self._sprung]
+            out += np.bincount(self._restoring_place, slopes, len(out))
         if len(self.ties):
             tied = self.ties.entries(self._values, self._virtual_map)
             out += np.bincount(self._tied_place, tied, len(out))

@@ -18,6 +18,7 @@ import numpy as np
 import scipy.sparse
 
 from fx_beam.errors import SceneError
+from fx_beam.fem.point_forces import PointForces
 from fx_beam.mechanics.rates import UpdateRule
 
 from .closed_pattern import ClosedPattern
@@ -26,7 +27,6 @@ from .graph import Couplings
 from .index_reduction import LoopTables
 from .joint_reduction import JointReduction
 from .sliders import Sliders
-from .spring_dampers import Actuators
 
 # Largest number of corrections that close the loops, and the gap that is left, relative to the
 # size of the scene.
@@ -42,7 +42,7 @@ class LoopReduction(JointReduction):
     def __init__(
         self,
         couplings: Couplings,
-        actuators: Actuators,
+        points: PointForces,
         rates: UpdateRule,
         dofs: np.ndarray,
         matrix,
@@ -50,7 +50,7 @@ class LoopReduction(JointReduction):
         unit: np.ndarray,
         sliders: Sliders | None = None,
     ):
-        super().__init__(couplings, actuators, rates, dofs, matrix, used, sliders)
+        super().__init__(couplings, points, rates, dofs, matrix, used, sliders)
         self._closures, self._places = couplings.closures, couplings.places
         rows = [(k, *entry) for k, one in enumerate(self._closures) for entry in one.entries]
         k, columns, places, signs = np.array(rows, dtype=float).reshape(-1, 4).T

@@ -198,15 +198,6 @@ class Sliding:
         H[-1, -1] += moment * beta_by[-1]
 
 
-def rate_along(path: Path, s: float, q: np.ndarray, v: np.ndarray, of_node: np.ndarray) -> float:
-    """Rate of the arc length, from q and v (nodes, 2) of the beam and the node's velocity (2,)."""
-    first, weights = path.at(s)
-    _, slopes = path.at(s, 1)
-    own = slice(first, first + path.width)
-    along = slopes @ (path.X[own] + q[own])
-    return float((of_node - weights @ v[own]) @ along / (along @ along))
-
-
 def _over_sine(x):
     """x / sin(x), smooth at 0."""
     return 1 / np.sinc(np.asarray(x) / np.pi)

@@ -55,9 +55,6 @@ class BeamDrag:
         self._matrix = dolfinx_api.create_matrix(tangent, mesh)
         self._vector = np.zeros(len(increment.x.array))
 
-    def set_step(self, dt: float, q: np.ndarray, v: np.ndarray) -> None:
-        """Nothing: the start of the step and its length are those of the internal forces."""
-
     def add_force(self, D: np.ndarray, out: np.ndarray) -> None:
         """Add the resisting forces (size,) for the increment D."""
         self._set(D)
@@ -67,11 +64,11 @@ class BeamDrag:
     def _set(self, D: np.ndarray) -> None:
         self.increment.x.array[:] = D[: len(self._vector)]
 
-    def add_tangent(self, D: np.ndarray, values: np.ndarray) -> None:
-        """Add their derivative by D to the entries of the stiffness."""
+    def add_tangent(self, D: np.ndarray, values: np.ndarray, at: slice | np.ndarray) -> None:
+        """Add their derivative by D to the entries of the stiffness at some places."""
         self._set(D)
         dolfinx_api.assemble_matrix(self._matrix, self._tangent)
-        values[: len(self._matrix.data)] += self._matrix.data
+        values[at] += self._matrix.data
 
     def loss(self, D: np.ndarray) -> float:
         """Energy that they take in the step [J]."""

@@ -16,7 +16,7 @@ from . import dolfinx_api, interval_mesh
 from .beam_drag import BeamDrag, DragForms
 from .dolfinx_api import CompiledForm
 from .fields import Fields, fields_of
-from .free_nodes import fill_blocks, with_blocks
+from .free_nodes import with_blocks
 from .nodal_forms import NodalForms
 from .section_fields import Data, distinct, on_beam, section_data
 from .weak_form import Material, WeakForm, inverted_sections, weak_form
@@ -62,7 +62,6 @@ class Forms(NodalForms):
         self.resultants_move = weak.resultants_move
         self.internal_shape = len(self._tags), self.fields.degree, weak.width
         self.matrix = dolfinx_api.create_matrix(self._tangent, self._mesh.mesh)
-        self.entries_of_beams = len(self.matrix.data)
         return with_blocks(self.matrix.data, self.matrix.indices, self.matrix.indptr, self.size)
 
     def _fields(self, damps: bool) -> dict[Any, Any]:
@@ -231,10 +230,17 @@ class Forms(NodalForms):
         self._set(self.increment, self._D)
         dolfinx_api.assemble_vector(self._force[: self._mesh.in_beams], self._residual)
 
+    @property
+    def _assembled(self) -> int:
+        """Number of assembled values of the tangent."""
+        return len(self.matrix.data)
+
     def set_beam_tangent(self, data: np.ndarray) -> None:
         """Set the values of `stiffness` to those of beams (eq. 54), derived by UFL."""
         dolfinx_api.assemble_matrix(self.matrix, self._tangent)
-        fill_blocks(data, self.matrix.data)
+        if len(data) > self._assembled:  # else it is a view
+            data[:] = 0.0
+            data[self.assembled] = self.matrix.data
 
     def added_force(self) -> np.ndarray:
         """Forces (size,) of added virtual works and followers at the last increment [N, N m]."""

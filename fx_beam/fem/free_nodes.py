@@ -1,4 +1,4 @@
-"""Nodes that belong to no beam, such as those of bodies: their rows in vectors and matrices."""
+"""Rows and entries of matrices that belong to no beam: of nodes alone, and between nodes."""
 
 from __future__ import annotations
 
@@ -24,8 +24,24 @@ def with_blocks(
     return scipy.sparse.csr_matrix((values, indices, indptr), (size, size), copy=False)
 
 
-def fill_blocks(data: np.ndarray, assembled: np.ndarray) -> None:
-    """Copy assembled values to those of `with_blocks`, unless it is a view; blocks become zero."""
-    if len(data) > len(assembled):
-        data[: len(assembled)] = assembled
-        data[len(assembled) :] = 0.0
+def with_pairs(
+    matrix: scipy.sparse.csr_matrix, pairs: np.ndarray
+) -> tuple[scipy.sparse.csr_matrix, np.ndarray | None]:
+    """A matrix with entries at some rows and columns (n, 2), and where its own values are.
+
+    If it has all of them, the matrix itself and None.
+    """
+    size = matrix.shape[0]
+    row = np.repeat(np.arange(size), np.diff(matrix.indptr))
+    own = row * size + matrix.indices
+    missing = np.setdiff1d(pairs[:, 0] * size + pairs[:, 1], own)
+    if not len(missing):
+        return matrix, None
+    keys = np.sort(np.concatenate([own, missing]))
+    rows, columns = np.divmod(keys, size)
+    indptr = np.concatenate([[0], np.cumsum(np.bincount(rows, minlength=size))])
+    places = np.searchsorted(keys, own)
+    values = np.zeros(len(keys))
+    values[places] = matrix.data
+    indices = columns.astype(matrix.indices.dtype), indptr.astype(matrix.indptr.dtype)
+    return scipy.sparse.csr_matrix((values, *indices), matrix.shape, copy=False), places

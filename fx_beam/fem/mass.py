@@ -45,7 +45,7 @@ class Mass:
             own = {place: data[name].on(self._mesh) for name, place in densities.items()}
             form, matrix = self._forms.bind(compiled, own), self._forms.matrix
             values = dolfinx_api.entries(form, matrix)
-            mass.data[: len(values)] = values
+            mass.data[self._forms.assembled] = values
         self.assembled += [_WORDS[name] for name in data]
         if self._scene.masses:
             row = np.repeat(np.arange(len(mass.indptr) - 1), np.diff(mass.indptr))

@@ -10,22 +10,23 @@ import scipy.sparse
 
 from fx_beam.errors import SceneError
 from fx_beam.mechanics.interval import Interval
+from fx_beam.mechanics.point_laws import StepRule
 from fx_beam.mechanics.schemes import Scheme
-from fx_beam.scene.beam import Beam, Node
+from fx_beam.scene.beam import Beam
 from fx_beam.scene.loads import Drag
 from fx_beam.scene.scene import Scene
 
 from .beam_drag import BeamDrag
 from .dolfinx_api import CompiledForm
 from .follower_loads import Followers
-from .free_nodes import with_blocks
+from .free_nodes import with_blocks, with_pairs
 from .mesh import Mesh
-from .node_contact import NodeContact
-from .node_drag import NodeDrag
+from .point_forces import PointForces
+from .scene_forces import point_forces
 
 
 class NodalForms:
-    """Follower forces, drag on nodes and contact of a scene for a scheme; `Forms` adds its beams.
+    """Forces at the points of a scene for a scheme; `Forms` adds its beams.
 
     Vectors contain all degrees of freedom, dolfinx's first; `Mesh.dofs` gives those of a node.
     """
@@ -36,8 +37,6 @@ class NodalForms:
     resultants_need_rates = resultants_move = False
     #: Shape (cells, degree, width) of the internal variables; the width is zero without any.
     internal_shape: tuple[int, int, int] = 0, 1, 0
-    #: Number of entries of the tangent that belong to beams: the first ones.
-    entries_of_beams = 0
 
     def __init__(self, scene: Scene, scheme: Scheme, mesh: Mesh):
         self._scheme, self._mesh = scheme, mesh
@@ -53,13 +52,28 @@ class NodalForms:
         self.moving: list[Any] = []
         self.load_factor: Any = SimpleNamespace(value=1.0)
         self.load_increment: Any = SimpleNamespace(value=0.0)
-        #: Tangent of the internal forces: the assembled values, then those of nodes alone.
-        self.stiffness = self._build_forms(scene)
+        #: Forces at points: of contact, drag, followers, and the coordinates of joints.
+        self.points = PointForces(
+            point_forces(scene, mesh, scheme.rates), StepRule.of(scheme.rates)
+        )
+        #: Matrix with the entries of members and of each node: the assembled values first.
+        self.of_members = self._build_forms(scene)
+        #: Tangent of all forces, and the places of the assembled values.
+        self.stiffness, places = with_pairs(self.of_members, self.points.pairs_of_nodes)
+        self._spread = places is not None
+        assembled = slice(0, self._assembled)
+        self.assembled: slice | np.ndarray = assembled if places is None else places[assembled]
+        self.points.set_places(self.stiffness)
         self._force = np.zeros(self.size)
         self.followers = None
         if any(load.follower for load in scene.loads):
-            self.followers = Followers(scene, mesh, self.stiffness, scheme.rates.level)
+            self.followers = Followers(scene, scheme.rates.level)
         self._build_resistances(scene)
+
+    @property
+    def _assembled(self) -> int:
+        """Number of assembled values of the tangent."""
+        return 0
 
     def _build_forms(self, scene: Scene) -> scipy.sparse.csr_matrix:
         """Build the forms of beams; returns the matrix of their tangent."""
@@ -69,17 +83,10 @@ class NodalForms:
         return with_blocks(np.empty(0), none, np.zeros(1, np.int32), self.size)
 
     def _build_resistances(self, scene: Scene) -> None:
-        """The drag on beams and on nodes, and the contact with obstacles, each None without it."""
-        mesh, rates, stiffness = self._mesh, self._scheme.rates, self.stiffness
-        drags = [] if rates.at_rest else scene.drags
+        """The drag on beams, None without it."""
+        drags = [] if self._scheme.rates.at_rest else scene.drags
         of_beams = [drag for drag in drags if isinstance(drag.target, Beam)]
-        of_nodes = [drag for drag in drags if isinstance(drag.target, Node)]
         self.beam_drag = self._drag_on_beams(scene, of_beams) if of_beams else None
-        self.node_drag = NodeDrag(scene, of_nodes, mesh, stiffness, rates) if of_nodes else None
-        self.contact = NodeContact(scene, mesh, stiffness, rates) if scene.obstacles else None
-        every = self.beam_drag, self.node_drag, self.contact
-        #: All of them, where there are.
-        self.resistances = [part for part in every if part is not None]
 
     def _drag_on_beams(self, scene: Scene, drags: list[Drag]) -> BeamDrag:
         raise NotImplementedError  # there are no beams
@@ -90,9 +97,10 @@ class NodalForms:
         return self.followers is not None
 
     @property
-    def contacts(self) -> int:
-        """Number of nodes that obstacles may stop."""
-        return 0 if self.contact is None else len(self.contact.dofs)
+    def depend_on_rates(self) -> bool:
+        """Whether forces may depend on rates."""
+        others = self.has_added or self.beam_drag is not None or self.resultants_move
+        return others or self.points.any_have("loss")
 
     def bind_inversion(self) -> None:
         """Bind the form that `is_inverted` takes."""
@@ -101,11 +109,9 @@ class NodalForms:
 
     def set_step(self, interval: Interval, q: np.ndarray, v: np.ndarray, a: np.ndarray) -> None:
         """Set the interval of a step, and displacements, rates and accelerations at its start."""
-        self._q = q
         if self.followers is not None:
-            self.followers.set_step(interval)
-        for part in self.resistances:
-            part.set_step(interval.length, q, v)
+            self._thrust = self.followers.at(interval)
+        self.points.begin(q, v, interval.length)
 
     def set_memory(self, before: np.ndarray | None, memory: float) -> None:
         """Set the start of the last step (size,), and `Step.memory`, for schemes that need them."""
@@ -119,21 +125,28 @@ class NodalForms:
 
     def losses(self, D: np.ndarray) -> list[float]:
         """Energies [J] that material, drag and contact take; that the scheme takes, and holds."""
-        return [sum(part.loss(D) for part in self.resistances), 0.0, 0.0]
+        lost = self.points.loss()
+        return [lost if self.beam_drag is None else lost + self.beam_drag.loss(D), 0.0, 0.0]
 
     def internal_force(self, D: np.ndarray) -> np.ndarray:
-        """Internal forces (size,) [N, N m] for the increment D.
+        """Internal forces (size,) [N, N m] for the increment D, with all others against the motion.
 
-        With drag, minus forces of contact and added ones. The next call overwrites the result.
+        The next call overwrites the result.
         """
         self._D = D
         self._force[:] = 0.0
         self.add_beam_forces()
-        if self.followers is not None:
-            self.followers.add_force(self._q, D, -self._factor, self._force)
-        for part in self.resistances:
-            part.add_force(D, self._force)
+        if self.beam_drag is not None:
+            self.beam_drag.add_force(D, self._force)
+        self.evaluate_points(D)
+        self.points.add_forces(self._force)
         return self._force
+
+    def evaluate_points(self, D: np.ndarray) -> None:
+        """Evaluate the forces at nodes for the increment D."""
+        if self.followers is not None:
+            self.points.set_parameters(self.points.external, self._factor * self._thrust)
+        self.points.evaluate(D)
 
     def add_beam_forces(self) -> None:
         """Add the internal forces of beams."""
@@ -142,10 +155,9 @@ class NodalForms:
         """Assemble `stiffness` at the increment of the last `internal_force`."""
         data = self.stiffness.data
         self.set_beam_tangent(data)
-        if self.followers is not None:
-            self.followers.subtract_tangent(self._q, self._D, self._factor, data)
-        for part in self.resistances:
-            part.add_tangent(self._D, data)
+        if self.beam_drag is not None:
+            self.beam_drag.add_tangent(self._D, data, self.assembled)
+        self.points.add_tangent(data)
 
     def set_beam_tangent(self, data: np.ndarray) -> None:
         """Set the values of `stiffness` to those of beams."""
@@ -155,7 +167,8 @@ class NodalForms:
         """Forces (size,) of added virtual works and followers at the last increment [N, N m]."""
         force = np.zeros(self.size)
         if self.followers is not None:
-            self.followers.add_force(self._q, self._D, self._factor, force)
+            self.evaluate_points(self._D)
+            self.points.add_forces(force, self.points.external, -1.0)
         return force
 
     def added_per_load(self) -> np.ndarray:

@@ -46,7 +46,6 @@ class Equations:
         model, q = self.model, start.q
         self._start, self._length = start, interval.length
         model.forms.set_internal(start.internal)
-        model.actuators.begin(start, interval.length)
         model.reduction.begin(q, start.slides)
         if model.scheme.rates.at_rest:
             # The interval is one of load factors; only internal variables depend on its length.
@@ -54,6 +53,7 @@ class Equations:
             model.forms.load_increment.value = interval.length
             interval = Interval(self.time, self.time)
         model.forms.set_step(interval, q, start.v, start.a)
+        model.begin_points(start, self._length)
         model.forms.set_memory(start.before, start.memory(interval.length))
 
     def at(self, y: np.ndarray, driven: np.ndarray, force: np.ndarray) -> Balance:

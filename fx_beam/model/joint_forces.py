@@ -55,12 +55,12 @@ class JointForces:
         _pass(self.displacements, r, out)
         if (closing := reduction.closing()) is not None:
             out[: len(closing), :2] += closing
-        # Joints with an offset or a slide exert a moment on their guiding node, rotational springs
-        # on both of their nodes. These are no moments of other joints.
+        # Joints with an offset or a slide exert a moment on their guiding node, which is no moment
+        # of another joint.
         carried = reduction.guide_moments(out[:, :2])
         if carried is not None:
-            r[model.mesh.dofs[:, 2]] += carried - model.actuators.node_moments(len(carried))
-            out[:, 2] += model.actuators.moments(len(out))
+            r[model.mesh.dofs[:, 2]] += carried
+        out[:, 2] += model.points.moments(len(out))
         _pass(self.rotations, r, out)
         return out
 

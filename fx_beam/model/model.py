@@ -19,7 +19,6 @@ from fx_beam.coupling.rate_equations import RateEquations
 from fx_beam.coupling.redundancy import check_loops
 from fx_beam.coupling.rigid_points import RigidPoints
 from fx_beam.coupling.sliders import Sliders
-from fx_beam.coupling.spring_dampers import Actuators
 from fx_beam.errors import SceneError
 from fx_beam.fem.dead_loads import Loads
 from fx_beam.fem.forms import Forms
@@ -27,6 +26,7 @@ from fx_beam.fem.mass import Mass
 from fx_beam.fem.mesh import build_mesh
 from fx_beam.fem.nodal_forms import NodalForms
 from fx_beam.fem.nodal_rules import NodalRules
+from fx_beam.fem.point_forces import PointForces
 from fx_beam.mechanics.nodal_rates import NodalRates
 from fx_beam.mechanics.rates import MidPointRates
 from fx_beam.mechanics.schemes import Scheme
@@ -64,7 +64,29 @@ class Model:
         self._build_reduction()
         if not scene.virtual_works:
             mass = None if scheme.rates.at_rest and not mobile else self.mass
-            check_no_massless_mechanism(scene, self.mesh, self.forms.stiffness, mass)
+            check_no_massless_mechanism(scene, self.mesh, self.forms.of_members, mass)
+
+    @property
+    def points(self) -> PointForces:
+        """The forces at points."""
+        return self.forms.points
+
+    def begin_points(self, start: State, length: float) -> None:
+        """Set the start of a step of the forces at points, and its length [s]."""
+        # At mid-step forces depend on mean rates alone.
+        needed = self.scheme.rates.level != 0.5 and not self.scheme.rates.at_rest
+        rates = self.slide_rates(start) if needed else 0 * start.slides
+        self.points.begin(start.q, start.v, length, start.slides, rates, start.spring_internal)
+
+    def slide_rates(self, state: State) -> np.ndarray:
+        """Rates (joints,) of the slides on which forces act; zero for others."""
+        rates = np.zeros(len(state.slides))
+        if len(self.points.slides):
+            motion = self.motion(q=self.to_nodes(state.q)[None], v=self.to_nodes(state.v)[None])
+            for number in set(self.points.slides.tolist()):
+                kinematics = self.scene.joints[number].kinematics
+                (rates[number],) = kinematics.rate(motion, state.slides[[number]])
+        return rates
 
     @property
     def mass(self) -> scipy.sparse.csr_matrix:
@@ -74,7 +96,7 @@ class Model:
     @property
     def may_overshoot(self) -> bool:
         """Whether corrections of Newton's method may be far too long."""
-        return self.may_overshoot_anywhere or self.actuators.have_laws
+        return self.may_overshoot_anywhere or self.points.any_have("overshoots")
 
     @property
     def may_overshoot_anywhere(self) -> bool:
@@ -88,47 +110,40 @@ class Model:
     @property
     def flows(self) -> bool:
         """Whether members or springs have internal variables."""
-        return self.forms.internal_shape[-1] > 0 or self.actuators.width > 0
+        return self.forms.internal_shape[-1] > 0 or self.points.width > 0
 
     @functools.cached_property
     def may_have_kinks(self) -> bool:
         """Whether the slopes of forces may change at once: flow, contact, functions of a user."""
         own = any(beam.section.strain_energy for beam in self.scene.beams)
-        own = own or self.actuators.have_laws or bool(self.scene.virtual_works)
+        own = own or self.points.any_have("overshoots") or bool(self.scene.virtual_works)
         return own or self.flows or self.has_contact
 
     @property
     def has_contact(self) -> bool:
         """Whether there are obstacles or stops."""
-        return self.forms.contact is not None or self.actuators.have_stops
+        return self.points.any_have("opens")
 
     def switches(self, state: State) -> np.ndarray:
-        """Values that change their sign where a contact or stop opens or closes, or a law switches.
-
-        Those of obstacles first, then those of the joints' coordinates.
-        """
-        contact = self.forms.contact
-        gaps = np.empty(0) if contact is None else contact.gaps(state.q)
-        return np.append(gaps, self.actuators.switches(state.q, state.slides))
+        """Values that change their sign where a contact opens or closes, or a law switches."""
+        return self.points.switches(state.q, state.slides)
 
     @property
     def loses_at_impacts(self) -> bool:
         """Whether obstacles or stops take energy."""
-        contact = self.forms.contact
-        return self.actuators.lose_at_stops or (contact is not None and bool(contact.share.any()))
+        return self.points.lose_at_impacts
 
     @property
     def has_unseen_kinks(self) -> bool:
         """Whether forces may change quickly where no switch tells: sections' laws, flow, losses."""
-        if self.flows or self.actuators.rub or self.loses_at_impacts:
+        if self.flows or self.points.have_quick_losses:
             return True
         laws = [beam.section.strain_energy for beam in self.scene.beams]
         return any(law is not None and has_pieces(law) for law in laws)
 
     def spring_energy(self, state: State) -> float:
         """Energy stored in springs, stops and obstacles [J]."""
-        stored = self.actuators.energy(state.q, state.slides, state.spring_internal)
-        return stored + (self.forms.contact.energy(state.q) if self.forms.contact else 0.0)
+        return self.points.energy(state.q, state.slides, state.spring_internal)
 
     @functools.cached_property
     def nodal_rules(self) -> NodalRules | None:
@@ -186,22 +201,21 @@ class Model:
             np.array([component for _, component in keys], dtype=int),
             np.arange(len(keys)) + motors_between * len(self.motors),
         )
-        self.actuators = Actuators(scene.joints, self.couplings, self.scheme.rates, dofs)
-        if self.actuators.width and len(self.scheme.fractions) > 1:
+        self.points.set_columns(self.couplings.slides)
+        if self.points.width and len(self.scheme.fractions) > 1:
             raise SceneError(
                 f"{self.scheme.name}: the sub-step that goes back in time would give back what "
                 "internal variables of a spring have dissipated. Use order=2"
             )
         self.reduction: Reduction
-        if self.couplings.is_index and not self.actuators:
+        if self.couplings.is_index and not len(self.points.columns):
             self.reduction = IndexReduction(self.couplings.column, *counts, matrix)
         else:
             sliders = None
             if self.couplings.sliding:
                 sliders = Sliders(scene, self.couplings, self.scheme.rates, self.mesh)
-                self.actuators.set_sliding({s.joint.number: s.dofs for s in sliders.all})
             used = self._used_entries()
-            parts = self.couplings, self.actuators, self.scheme.rates, dofs, matrix, used
+            parts = self.couplings, self.points, self.scheme.rates, dofs, matrix, used
             if self.couplings.closures:
                 unit = self.unit_of_unknowns
                 self.reduction = loops = LoopReduction(*parts, unit, sliders)
@@ -218,14 +232,14 @@ class Model:
         The sparsity has all entries of nodes without beams.
         """
         forms, K = self.forms, self.forms.stiffness
-        used = np.arange(K.nnz) < forms.entries_of_beams
+        used = np.zeros(K.nnz, dtype=bool)
+        used[forms.assembled] = True
         if type(self.scheme.rates) is NodalRates:  # they may couple the components at a node
             return np.ones_like(used)
         row = np.repeat(np.arange(self.size), np.diff(K.indptr))
         used |= (row == K.indices) & (self.mesh.from_nodes(self._mass.lumped)[row] != 0)
-        for part in (forms.followers, forms.node_drag, forms.contact):
-            if part is not None:
-                used[part.places.ravel()] = True
+        places = forms.points.places
+        used[places[places >= 0]] = True
         return used
 
     # -- Numbering ------------------------------------------------------------------------------

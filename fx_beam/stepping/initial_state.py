@@ -70,8 +70,8 @@ def reference_state(model: Model) -> State:
     shape = model.forms.internal_shape
     if shape[-1]:
         state.internal = np.zeros(shape)
-    if model.actuators.width:
-        state.spring_internal = np.zeros(model.actuators.width)
+    if model.points.width:
+        state.spring_internal = np.zeros(model.points.width)
     return state
 
 
@@ -126,11 +126,10 @@ def _acceleration(
     reduction = model.reduction
     h = 1e-9 * dt
     # Forces may depend on velocity: they see it as the increment over a very short step.
-    forms = model.forms
-    moving = forms.has_added or forms.resistances or forms.resultants_move
-    D = h * state.v if moving else np.zeros(model.size)
+    D = h * state.v if model.forms.depend_on_rates else np.zeros(model.size)
     model.forms.set_internal(state.internal)
     model.forms.set_step(moment(state.t, h), state.q, state.v, np.zeros(model.size))
+    model.begin_points(state, h)
     free, moved = reduction.free, slice(reduction.free, reduction.free + reduction.driven)
     a = np.zeros(reduction.columns)
     a[moved] = driven
@@ -145,8 +144,7 @@ def _acceleration(
     loads = forcing.forces(Interval(state.t, state.t + dt))
     force = loads[0] - model.forms.internal_force(D)
     force -= mass @ (coupled.spread(a) + curved)
-    model.actuators.begin(state, h)
-    model.actuators.set_increment(h * state.v, h * w)
+    model.points.evaluate_slides(h * w)
     b = -reduction.project(-force)[:free]
     a[:free] = coupled.accelerations(mass, b)
     rest = b - coupled.gather(mass @ coupled.spread(np.append(a[:free], 0 * a[free:])))[:free]

@@ -30,10 +30,12 @@ def line_search(
     start = y + step
     if not model.may_overshoot_anywhere:
         # Springs alone: stiff members that turn do work as well, which does not count here.
-        deviation = model.actuators.deviation(step)
+        moved = np.zeros(model.reduction.columns)
+        moved[: len(step)] = step
+        correction = model.reduction.spread(moved)
 
         def of_springs(part: float) -> float:
-            return gained * (1 - part) + deviation(part)
+            return gained * (1 - part) + model.points.deviation(correction, moved, part)
 
         part = _part(of_springs, gained, of_springs(1.0))
         return (y, balance) if part == 1 else (start - part * step, at(start - part * step))

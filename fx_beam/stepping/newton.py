@@ -183,7 +183,7 @@ class Newton:
             if iteration > 1 and model.may_overshoot:
                 at = functools.partial(self._balance, driven=driven_now, force=force)
                 y, balance = line_search(model, y, step[:free], gained, balance, at)
-            model.actuators.remember()
+            model.points.remember()
             D, f, r, residual = balance
             residuals.append(abs(residual).max(initial=0.0))
             step = np.zeros(reduction.columns)

@@ -143,16 +143,16 @@ class Recorder:
             self.arrays["q"] = np.zeros((n, size))
             if width := math.prod(model.forms.internal_shape):
                 self.arrays["internal"] = np.zeros((n, width))
-            if model.actuators.width:
-                self.arrays["spring_internal"] = np.zeros((n, model.actuators.width))
+            if model.points.width:
+                self.arrays["spring_internal"] = np.zeros((n, model.points.width))
         if record.rates:
             self.arrays |= {"v": np.zeros((n, size)), "a": np.zeros((n, size))}
         if record.forces:
             self.arrays["constraint_forces"] = np.zeros((n, constrained))
             if joints:
                 self.arrays["joint_forces"] = np.zeros((n, 3 * joints))
-            if (contact := model.forms.contact) is not None:
-                self.arrays["contact_forces"] = np.zeros((n, 2 * len(contact.dofs)))
+            if model.points.contacts:
+                self.arrays["contact_forces"] = np.zeros((n, 2 * model.points.contacts))
         #: Names of the rows that only serve the others.
         self._serving = {"q", "v"} - set(self.arrays) if model.fitted_rates is not None else set()
         self.arrays |= {name: np.zeros((n, size)) for name in self._serving}
@@ -307,7 +307,7 @@ class Recorder:
         forces = kept.get(
             "joint_forces", np.empty((0 if "constraint_forces" not in kept else n, 3 * joints))
         )
-        contacts = model.forms.contacts
+        contacts = model.points.contacts
         pushes = kept.get("contact_forces", np.empty((len(forces), 2 * contacts)))
         t = self._times[self._steps[:n]]
         return {

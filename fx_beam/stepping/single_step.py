@@ -64,7 +64,8 @@ class SingleStep:
         if model.keeps_before:
             new.before, new.length = state.q, dt
         new.internal = model.forms.evolve(step.D)
-        new.spring_internal = model.actuators.evolve()
+        model.forms.evaluate_points(step.D)
+        new.spring_internal = model.points.evolve()
         self._add_work(state, step, (forces[0] + forces[1]) / 2, path, new)
         return new
 
@@ -84,7 +85,7 @@ class SingleStep:
             dead = dead - model.weight
         work = old.work + dead @ path
         lost, taken, new.algorithmic = model.forms.losses(step.D)
-        new.dissipated = old.dissipated + model.actuators.dissipated() + lost + taken
+        new.dissipated = old.dissipated + lost + taken
         new.numerical = old.numerical + taken
         new.constraint_forces = model.reduction.project(step.r)[model.reduction.free :]
         if self.model.reduction.driven:
@@ -99,8 +100,8 @@ class SingleStep:
             work += sum(pushes) / 2 @ path
         if self.joint_forces is not None:
             new.joint_forces = self.joint_forces.evaluate(step.r)
-        if model.forms.contact is not None:
-            new.contact_forces = model.forms.contact.forces(step.D)
+        if model.points.contacts:
+            new.contact_forces = model.points.contact_forces()
         new.work = float(work)
 
     def _motor_paths(self, path: np.ndarray, new: State, old: State) -> np.ndarray:

@@ -2,13 +2,26 @@
 
 #pragma once
 
-#include "actuators.h"
 #include "borders.h"
+#include "point_forces.h"
+#include "slide_rates.h"
+
+static void begin_points(const Problem *p, const Work *w) {
+  const PointForces *points = p->points;
+  find_slide_rates(p);
+  fx_begin_points(points, p->q, p->v, p->slide, p->slide_rate, w->dt, p->spring_internals);
+  for (int i = points->external; i < points->nodal; ++i)
+    memcpy(points->of[i].parameters, w->thrust + 2 * (i - points->external), 2 * sizeof(double));
+}
+
+static void evaluate_slides(const Problem *p, const Work *w) {
+  fx_evaluate_points(p->points, p->points->nodal, p->points->all, w->D, w->z);
+}
 
 /* Returns 0 in a singular position. */
 static int begin_couplings(const Problem *p, const Work *w) {
   w->values[0] = w->virtual_map[0] = 1;
-  begin_actuators(p);
+  begin_points(p, w);
   for (int j = 0; j < p->joints; ++j) {
     double d = at(p->slide, p->slide_of[j]);
     const double *o = p->offset + 2 * j, *e = p->axis + 2 * j;
@@ -91,7 +104,7 @@ static int expand(const Problem *p, const Work *w) {
     find_ratios(p, w, w->values, w->W, 0);
     find_ratios(p, w, w->virtual_map, w->What, w->inverse);
   }
-  actuate(p, w);
+  evaluate_slides(p, w);
   return left > 0;
 }
 
@@ -114,8 +127,8 @@ static void spread(const Problem *p, const Work *w, double *z, double *out) {
 }
 
 static void push_columns(const Problem *p, double *out) {
-  for (int k = 0; k < p->pushes; ++k)
-    out[p->push_column[k]] += p->push_sign[k] * p->actuator[p->push_of[k]].force;
+  for (int i = p->points->nodal; i < p->points->all; ++i)
+    out[p->points->of[i].column] += p->points->of[i].found[0];
 }
 
 /* Adds That^T r. */
@@ -177,10 +190,6 @@ static void reduce_tangent(const Problem *p, const Work *w, const double *r) {
       term = w->guide_bend[j] * (F0 * w->mean_t[2 * j] + F1 * w->mean_t[2 * j + 1]) +
              w->guide_slope[j] * turned;
     K[p->geometric_to[k]] += p->geometric_sign[k] * term;
-  }
-  for (int k = 0; k < p->restoring; ++k) {
-    const Actuator *a = p->actuator + p->restoring_of[k];
-    K[p->restoring_to[k]] += p->restoring_sign[k] * (p->restoring_side[k] ? a->slope_b : a->slope_a);
   }
   for (int k = 0; k < p->tie_entries; ++k) {
     if (p->tie_equation[k] < 0) continue;

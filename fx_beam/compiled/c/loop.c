@@ -44,11 +44,10 @@ static void audit(Problem *p, const Work *w, const double *change) {
   int n = p->dofs, constrained = p->columns - p->free;
   work_increment(p, w);
   p->work += dot(n, w->dead, w->path);
-  for (int i = 0; i < p->actuators; ++i) p->dissipated += p->actuator[i].lost;
+  p->dissipated += fx_lost_at_points(p->points, w->D, w->z);
   double taken = energy_of(p, w, &p->taken);
   p->dissipated += energy_of(p, w, &p->lost) + taken;
-  p->dissipated += energy_of(p, w, &p->lost_to_drag) + lost_to_drags(p, w);
-  p->dissipated += lost_in_contacts(p, w);
+  p->dissipated += energy_of(p, w, &p->lost_to_drag);
   p->numerical += taken;
   p->algorithmic = energy_of(p, w, &p->held_by_scheme);
   project(p, w, w->r, w->columns);
@@ -67,7 +66,8 @@ static void audit(Problem *p, const Work *w, const double *change) {
   if (p->has_added) {
     memset(w->f, 0, n * sizeof(double));
     assemble_vector(p, &p->added, w->fields, w->f);
-    add_thrusts(p, w, 1, w->f);
+    fx_evaluate_points(p->points, p->points->external, p->points->nodal, w->D, w->z);
+    fx_add_points(p->points, p->points->external, p->points->nodal, -1, w->f);
     for (int i = 0; i < n; ++i) p->work += mid(p, w->f[i], p->added_forces[i]) * w->path[i];
     memcpy(p->added_forces, w->f, n * sizeof(double));
   }
@@ -110,7 +110,7 @@ static int take_step(Problem *p, Work *w, double dt, int sub_step, const Inputs 
 /* The state at the end of a sub-step. */
 static void advance(Problem *p, const Work *w, const double *driven) {
   evolve(p, w->fields, p->t + p->level * w->dt, w->dt);
-  evolve_springs(p);
+  fx_evolve_points(p->points, w->D, w->z, p->spring_internals);
   advance_rates(p, w, w->dt);
   if (p->keeps_before) memcpy(p->before, p->q, p->dofs * sizeof(double)), p->length = w->dt;
   for (int i = 0; i < p->dofs; ++i) p->q[i] += w->D[i];
@@ -152,23 +152,7 @@ static void undo(Problem *p, const Work *w, Problem before) {
 
 /* Values of Model.switches in the present state. */
 static void find_sides(const Problem *p, double *out) {
-  double gradient[2];
-  for (int i = 0; i < p->contacts; ++i) {
-    const Contact *c = p->contact + i;
-    double r[2];
-    for (int k = 0; k < 2; ++k) r[k] = c->X[k] + p->q[c->dof[k]] - c->point[k];
-    *out++ = gap_of(c, r, gradient);
-  }
-  for (int i = 0; i < p->actuators; ++i) {
-    const Actuator *a = p->actuator + i;
-    double place = coordinate(p, a), since_rest = place - a->rest;
-    if (a->stop != 0) *out++ = place - a->limit[0], *out++ = a->limit[1] - place;
-    if (a->conditions) {
-      memset(out, 0, a->conditions * sizeof(double));
-      a->switch_(out, 0, &since_rest, 0, 0, 0, 0);
-      out += a->conditions;
-    }
-  }
+  fx_find_switches(p->points, p->q, p->slide, out);
 }
 
 /* Whether a value changed its sign since the sub-step before; those now are in the second half. */
@@ -208,8 +192,11 @@ int fx_run(Problem *p, int steps, double dt, const Inputs *inputs, Record *to) {
         to->starts = starts;
         return k;
       }
-      if (p->keeps_joint_forces || (of_row && to->joint_forces)) add_joint_forces(p, w);
-      if (of_row && to->contact_forces) add_contact_forces(p, w);
+      int joints = p->keeps_joint_forces || (of_row && to->joint_forces);
+      int contacts = of_row && to->contact_forces;
+      if (joints || contacts) evaluate_nodes(p, w);
+      if (joints) add_joint_forces(p, w);
+      if (contacts) add_contact_forces(p);
       advance(p, w, inputs->driven + number * p->driven);
       if (p->watches && switched(p)) {
         p->failure = SWITCHED;

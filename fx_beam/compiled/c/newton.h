@@ -3,10 +3,7 @@
 #pragma once
 
 #include "assembly.h"
-#include "contact.h"
 #include "couplings.h"
-#include "drag.h"
-#include "followers.h"
 #include "kept_factors.h"
 #include "phases.h"
 #include "rates.h"
@@ -17,6 +14,10 @@ static double kinetic(const Problem *p, const Work *w) {
   return dot(p->dofs, p->v, w->scratch);
 }
 
+static void evaluate_nodes(const Problem *p, const Work *w) {
+  fx_evaluate_points(p->points, 0, p->points->nodal, w->D, w->z);
+}
+
 /* Internal forces f, and the tangent of internal and inertia forces. */
 static void assemble(const Problem *p, const Work *w) {
   double *K = w->tangent;
@@ -24,10 +25,9 @@ static void assemble(const Problem *p, const Work *w) {
   memcpy(K, w->inertia, p->places * sizeof(double));
   assemble_forces(p, &p->internal, w->fields, w->f, K);
   assemble_forces(p, &p->drag, w->fields, w->f, K);
-  add_drags(p, w, w->f, K);
-  add_contacts(p, w, w->f, K);
-  add_thrusts(p, w, -1, w->f);
-  add_thrust_tangent(p, w, K);
+  evaluate_nodes(p, w);
+  fx_add_points(p->points, 0, p->points->nodal, 1, w->f);
+  fx_add_point_tangents(p->points, p->point_places, K);
   if (p->rules)
     for (int k = 0; k < 3 * p->mass_start[p->dofs]; ++k) {
       int at = p->column_at_node[k / 3];
@@ -147,6 +147,16 @@ static void retake(const Problem *p, const Work *w, double *taken, double part) 
   balance(p, w);
 }
 
+/* The motion of all nodes in the last correction. */
+static void begin_deviation(const Problem *p, const Work *w) {
+  memset(w->step + p->free, 0, (p->columns - p->free) * sizeof(double));
+  spread(p, w, w->step, w->correction);
+}
+
+static double deviation(const Problem *p, const Work *w, double part) {
+  return fx_point_deviation(p->points, w->correction, w->step, part);
+}
+
 /* Goes back along a correction that was too long, to where the residual does no more work on it, by
    regula falsi (line_search.py). `gained` is the work at its start. */
 static void line_search(const Problem *p, const Work *w, double gained) {
@@ -185,7 +195,6 @@ static int newton(Problem *p, const Work *w, const double *driven, int order) {
       for (int i = 0; i < free; ++i) w->z[i] += factor * p->past_y[k * free + i];
     for (int i = 0; i < p->driven; ++i) w->z[free + i] = driven[i];
   }
-  begin_contacts(p);
   if (!begin_couplings(p, w)) {
     if (!order) go_on(p, w);
     order = 1;
@@ -197,7 +206,7 @@ static int newton(Problem *p, const Work *w, const double *driven, int order) {
   for (int iteration = 1; iteration <= p->max_iterations; ++iteration) {
     balance(p, w);
     if (iteration > 1 && p->may_overshoot) line_search(p, w, gained);
-    remember_tangents(p);
+    fx_keep_points(p->points);
     memset(w->step, 0, p->columns * sizeof(double));
     reduce_tangent(p, w, w->r);
     if (iteration == 1 && drive > 0 && !order) {

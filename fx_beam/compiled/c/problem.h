@@ -4,6 +4,7 @@
 #pragma once
 
 #include "sparse_rows.h"
+#include "point_force.h"
 
 /* Elements per call of a Batch, values of a nodal rule, largest order of the predictor, largest number
    of sub-steps of a scheme, places of the displacements and rotations at the start of the step and of
@@ -62,47 +63,13 @@ typedef struct {
   double slowest_size, slowest_error; /* of Newton's quadratic convergence in the last step */
 } Kept;
 
-/* A law as FFCx compiles it, with what is given in the place of the constants. Of a damper: force and
-   slope from the rate. Of a spring's own energy: spring_laws.py. */
-typedef void Law(double *, const double *, const double *, const double *, const int *,
-                 const unsigned char *, void *);
-
-/* Friction in the last iteration: whether there was one, rate / speed, force / friction, derivative. */
+/* A slide with forces, whose rate at the start of a step they may need. */
 typedef struct {
-  int repeated;
-  double x, y, slope;
-} Rubbing;
-
-/* A spring, damper, friction and stops on the slide of a joint, or on the angle between its nodes. */
-typedef struct {
-  int joint;           /* number */
-  int slide, column;   /* number of the joint and its column, or -1 */
-  int slider;          /* of a node that slides on a beam: its number, or -1 */
+  int joint, slider;   /* its number; that of the slider of a node on a beam, or -1 */
   int a[3], b[3];      /* degrees of freedom of the nodes; -1 for the ground */
   double axis[2], offset[2];
-  double k, rest, c, friction, speed;
-  double stop, limit[2], loss, stop_speed; /* stiffness of the stops, or 0; lower and upper limit */
-  struct { Law *law; };  /* of the damper */
-  struct { Law *elastic; }; /* of the spring's own energy */
-  struct {
-    Law *switch_;        /* values that change their sign where it switches; their number */
-    int conditions;
-  };
-  int variables, first; /* internal variables of the spring, and the first of them among all */
-  double *given, *found; /* coordinates, length of the step, variables; force, slope, loss, energy, variables */
-  double start, rate, force, lost, slope_a, slope_b; /* in the present step */
-  double change, along;  /* of the coordinate: in the step, and by the last correction */
-  double tangent[3];     /* change, force and slope of the own energy where the tangent is from */
-  Rubbing last, last_stop;
-} Actuator;
+} SlideRate;
 
-/* Contact of a node with a line, or with the outside (side 1) or inside (-1) of a circle. */
-typedef struct {
-  int dof[2], place[4]; /* storage indices of xx, xy, yx, yy */
-  double X[2], point[2], normal[2], radius, side, k, loss, speed;
-  double r0[2], g0, rate0; /* at the start of the step */
-  Rubbing last;
-} Contact;
 /* A node that slides on a beam (sliders.py). Its columns border the reduced tangent (borders.h). */
 typedef struct {
   int joint, column;    /* number of the joint, and column of the arc length */
@@ -229,27 +196,15 @@ typedef struct {
     double *scale_unit;
   };
 
-  /* Springs and dampers: columns on which they act, and their entries in the reduced tangent. */
-  int actuators, pushes, restoring, spring_width; /* width: internal variables of all springs */
-  Actuator *actuator;
-  int *push_column, *push_of;
-  double *push_sign;
-  int *restoring_to, *restoring_of, *restoring_side;
-  double *restoring_sign;
-
-  /* Follower forces: x, y and rotation of their nodes, and storage indices of their tangent. */
-  struct { int thrusts, *thrust_dofs, *thrust_places; };
-
-  /* Drag on nodes: x, y and rotation of each; storage indices of xx, xy, yx, yy and of the rotation;
-     linear, quadratic and rotational coefficients. */
+  /* Forces at points; internal variables of all; places of the entries of their tangents, -1 for none.
+     Slides with forces, and the rates of the slides of all joints. */
+  PointForces *points;
+  int spring_width;
+  struct { int *point_places; };
   struct {
-    int drags, *drag_dofs, *drag_places;
-    double *drag_factors;
-  };
-
-  struct {
-    int contacts;
-    Contact *contact;
+    int rated;
+    SlideRate *rated_slide;
+    double *slide_rate;
   };
 
   /* Rule for the rates: 0 mid-point, 1 Newmark. Sub-steps, relative to a step. */
@@ -292,7 +247,7 @@ typedef struct {
      values of the last part where forces are not at mid-step. */
   double *constraint_forces, *joint_forces, *contact_forces, earlier, share;
   double *internals;    /* [cell][internal variable of a cell] */
-  double *spring_internals; /* [spring_width] */
+  double *spring_internals; /* [spring_width], of forces at points */
   double *before, length, ratio; /* start and length of the last step; `memory` of this one */
   int steps_done;       /* 0 if there is no previous step */
   long completed;       /* steps or parts; Python knows by it what an interrupt leaves */
@@ -347,4 +302,3 @@ typedef struct {
 int fx_run(Problem *p, int steps, double dt, const Inputs *inputs, Record *to);
 long fx_scratch(const Problem *p);
 double *fx_phases(void); /* seconds in all phases of phases.h, if they are measured */
-const char *fx_missing(void); /* processor.h */

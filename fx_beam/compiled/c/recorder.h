@@ -3,7 +3,6 @@
 #pragma once
 
 #include "assembly.h"
-#include "contact.h"
 #include "couplings.h"
 
 /* Adds forces on nodes to those of the joints through which they pass, and to the leading nodes. */
@@ -26,21 +25,23 @@ static void add_joint_forces(const Problem *p, const Work *w) {
   memset(found, 0, n * sizeof(double));
   pass_forces(p, 0, p->passes_of_forces, on_nodes, found);
   for (int k = 0; k < p->closures; ++k) found[p->gap_force[k]] += w->closing[k];
-  /* Joints with an offset or a slide exert a moment on their guiding node, rotational springs on both of
-     their nodes. These are no moments of other joints. */
+  /* Joints with an offset or a slide exert a moment on their guiding node, which is no moment of another
+     joint. */
   for (int j = 0; j < p->joints; ++j) {
     const double *lever = w->virtual_map + 1 + 4 * j, *F = found + 3 * p->slide_of[j];
     if (p->guide[j] >= 0) on_nodes[p->guide[j]] += lever[0] * F[0] + lever[1] * F[1];
   }
-  for (int i = 0; i < p->actuators; ++i) {
-    const Actuator *a = p->actuator + i;
-    if (a->slide >= 0) continue;
-    if (a->a[2] >= 0) on_nodes[a->a[2]] -= a->force;
-    if (a->b[2] >= 0) on_nodes[a->b[2]] += a->force;
-    found[3 * a->joint + 2] -= a->force;
-  }
+  for (const PointForce *e = p->points->of; e < p->points->of + p->points->nodal; ++e)
+    if (e->joint >= 0) found[3 * e->joint + 2] -= e->found[1];
   pass_forces(p, p->passes_of_forces, p->passes, on_nodes, found);
   for (int i = 0; i < n; ++i) out[i] += fraction * found[i];
+}
+
+/* Adds the forces of contact of a sub-step to their mean over the step. */
+static void add_contact_forces(const Problem *p) {
+  double *out = p->contact_forces;
+  scale(2 * p->points->contacts, p->earlier, out);
+  for (int i = 0; i < 2 * p->points->contacts; ++i) out[i] -= p->share * p->points->of[i / 2].found[i % 2];
 }
 
 /* Start of a sub-step of length dt, for which forces of elements are evaluated. */
@@ -68,7 +69,7 @@ static void record(Problem *p, const Work *w, Record *to) {
     memcpy(to->spring_internal + k * springs, p->spring_internals, springs * sizeof(double));
   if (to->constraint_forces)
     memcpy(to->constraint_forces + k * constrained, p->constraint_forces, constrained * sizeof(double));
-  long joints = 3 * p->scene_joints, contacts = 2 * p->contacts;
+  long joints = 3 * p->scene_joints, contacts = 2 * p->points->contacts;
   if (to->joint_forces)
     memcpy(to->joint_forces + k * joints, p->joint_forces, joints * sizeof(double));
   if (to->contact_forces)
@@ -82,7 +83,8 @@ static void record(Problem *p, const Work *w, Record *to) {
   energy[1] = assemble_scalar(p, &p->energy, w->fields);
   if (p->weight)
     energy[2] = -dot(n, p->weight, p->q);
-  energy[3] = p->work, energy[4] = stored(p) + stored_in_contacts(p), energy[5] = p->dissipated;
+  energy[3] = p->work, energy[4] = fx_stored_at_points(p->points, p->q, p->slide, p->spring_internals);
+  energy[5] = p->dissipated;
   energy[6] = p->algorithmic, energy[7] = p->numerical;
   for (int i = 0; i < p->nodes; ++i) {
     const int *dof = p->node_dofs + 3 * i;

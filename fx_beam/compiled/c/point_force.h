@@ -1,0 +1,51 @@
+/* Forces at points, by laws in UFL (point_laws.py). The steps in Python and in C call them here. */
+
+#pragma once
+
+/* A function as FFCx compiles it: values, and what is given in the place of the constants. */
+typedef void Law(double *, const double *, const double *, const double *, const int *,
+                 const unsigned char *, void *);
+
+/* A force at nodes, or on the slide of a joint. */
+typedef struct {
+  Law *law;           /* forces, entries of their tangent, internal variables, what is remembered */
+  struct { Law *energy; };   /* stored at the start */
+  struct { Law *loss; };     /* lost in the step */
+  struct { Law *switches; }; /* values that change their sign where it switches */
+  int size, entries, internal, remembered, conditions, keeps;
+  int *dof;           /* [size] degrees of freedom; -1 for the ground */
+  int slide, column;  /* joint of a slide and its column, or -1 */
+  int joint;          /* to whose moment it belongs, or -1 */
+  int first_internal, first_entry; /* among those of all forces */
+  int *entry_row, *entry_column;   /* [entries] */
+  /* Given: start, increment and rate [size], dt, internal variables, remembered, parameters. */
+  double *given, *parameters, *found;
+  double *kept;       /* increment and found, where the tangent is from */
+} PointForce;
+
+/* Forces at nodes: those of contact, others, external ones; then those on slides. */
+typedef struct {
+  int contacts, external, nodal, all;
+  struct {
+    PointForce *of;
+    double *probe;    /* room for what one force finds, and for a correction */
+  };
+} PointForces;
+
+const char *fx_missing(void); /* processor.h */
+
+/* The start of a step. Slides and their rates are those of all joints. */
+void fx_begin_points(const PointForces *p, const double *q, const double *v, const double *slide,
+                     const double *slide_rate, double dt, const double *internal);
+/* Forces at the increments D of nodes and z of columns. */
+void fx_evaluate_points(const PointForces *p, int first, int end, const double *D, const double *z);
+void fx_add_points(const PointForces *p, int first, int end, double factor, double *f);
+void fx_add_point_tangents(const PointForces *p, const int *place, double *K);
+double fx_lost_at_points(const PointForces *p, const double *D, const double *z);
+double fx_stored_at_points(const PointForces *p, const double *q, const double *slide, const double *internal);
+void fx_evolve_points(const PointForces *p, const double *D, const double *z, double *internal);
+void fx_find_switches(const PointForces *p, const double *q, const double *slide, double *out);
+/* Of forces with functions of a user: keeps the tangent; the work, on a part of the last correction, of
+   what the forces deviate from it. */
+void fx_keep_points(const PointForces *p);
+double fx_point_deviation(const PointForces *p, const double *correction, const double *step, double part);

@@ -1,0 +1,4 @@
+/* For the steps in Python. */
+
+#include "point_forces.h"
+#include "processor.h"

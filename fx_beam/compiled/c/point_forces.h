@@ -1,0 +1,133 @@
+/* Gathers what forces at points are given, calls their laws, and scatters what they find. */
+
+#pragma once
+
+#include <string.h>
+#include "point_force.h"
+
+static inline double coordinate(const PointForce *e, int k, const double *nodes, const double *slides, int at) {
+  if (e->slide >= 0) return slides[at];
+  return e->dof[k] < 0 ? 0 : nodes[e->dof[k]];
+}
+
+static void call(Law *law, const double *given, double *found, int values) {
+  memset(found, 0, values * sizeof(double));
+  law(found, 0, given, 0, 0, 0, 0);
+}
+
+static int values_of(const PointForce *e) { return e->size + e->entries + e->internal + e->remembered; }
+
+static void place_at(const PointForce *e, const double *q, const double *slide) {
+  for (int k = 0; k < e->size; ++k) e->given[k] = coordinate(e, k, q, slide, e->slide);
+}
+
+void fx_begin_points(const PointForces *p, const double *q, const double *v, const double *slide,
+                     const double *slide_rate, double dt, const double *internal) {
+  for (PointForce *e = p->of; e < p->of + p->all; ++e) {
+    int n = e->size;
+    double *to = e->given + 3 * n;
+    place_at(e, q, slide);
+    for (int k = 0; k < n; ++k) e->given[2 * n + k] = coordinate(e, k, v, slide_rate, e->slide);
+    *to++ = dt;
+    for (int i = 0; i < e->internal; ++i) *to++ = internal[e->first_internal + i];
+    for (int i = 0; i < e->remembered; ++i) *to++ = 0;
+  }
+}
+
+static void move_to(const PointForce *e, const double *D, const double *z) {
+  for (int k = 0; k < e->size; ++k) e->given[e->size + k] = coordinate(e, k, D, z, e->column);
+}
+
+void fx_evaluate_points(const PointForces *p, int first, int end, const double *D, const double *z) {
+  for (PointForce *e = p->of + first; e < p->of + end; ++e) {
+    int values = values_of(e);
+    move_to(e, D, z);
+    call(e->law, e->given, e->found, values);
+    for (int i = 1; i <= e->remembered; ++i) e->parameters[-i] = e->found[values - i];
+  }
+}
+
+void fx_add_points(const PointForces *p, int first, int end, double factor, double *f) {
+  for (const PointForce *e = p->of + first; e < p->of + end; ++e)
+    for (int k = 0; k < e->size; ++k)
+      if (e->dof[k] >= 0) f[e->dof[k]] += factor * e->found[k];
+}
+
+void fx_add_point_tangents(const PointForces *p, const int *place, double *K) {
+  for (const PointForce *e = p->of; e < p->of + p->all; ++e) {
+    const int *to = place + e->first_entry;
+    for (int i = 0; i < e->entries; ++i)
+      if (to[i] >= 0) K[to[i]] += e->found[e->size + i];
+  }
+}
+
+double fx_lost_at_points(const PointForces *p, const double *D, const double *z) {
+  double sum = 0;
+  for (const PointForce *e = p->of; e < p->of + p->all; ++e) {
+    if (!e->loss) continue;
+    move_to(e, D, z);
+    call(e->loss, e->given, p->probe, 1);
+    sum += *p->probe;
+  }
+  return sum;
+}
+
+double fx_stored_at_points(const PointForces *p, const double *q, const double *slide, const double *internal) {
+  double sum = 0;
+  for (const PointForce *e = p->of; e < p->of + p->all; ++e) {
+    if (!e->energy) continue;
+    place_at(e, q, slide);
+    for (int i = 0; i < e->internal; ++i) e->given[3 * e->size + 1 + i] = internal[e->first_internal + i];
+    call(e->energy, e->given, p->probe, 1);
+    sum += *p->probe;
+  }
+  return sum;
+}
+
+void fx_evolve_points(const PointForces *p, const double *D, const double *z, double *internal) {
+  for (const PointForce *e = p->of; e < p->of + p->all; ++e) {
+    if (!e->internal) continue;
+    move_to(e, D, z);
+    call(e->law, e->given, e->found, values_of(e));
+    memcpy(internal + e->first_internal, e->found + e->size + e->entries, e->internal * sizeof(double));
+  }
+}
+
+void fx_find_switches(const PointForces *p, const double *q, const double *slide, double *out) {
+  for (const PointForce *e = p->of; e < p->of + p->all; out += e++->conditions) {
+    if (!e->conditions) continue;
+    place_at(e, q, slide);
+    call(e->switches, e->given, out, e->conditions);
+  }
+}
+
+void fx_keep_points(const PointForces *p) {
+  for (const PointForce *e = p->of; e < p->of + p->all; ++e) {
+    if (!e->keeps) continue;
+    memcpy(e->kept, e->given + e->size, e->size * sizeof(double));
+    memcpy(e->kept + e->size, e->found, (e->size + e->entries) * sizeof(double));
+  }
+}
+
+double fx_point_deviation(const PointForces *p, const double *correction, const double *step, double part) {
+  double sum = 0;
+  for (const PointForce *e = p->of; e < p->of + p->all; ++e) {
+    if (!e->keeps) continue;
+    int n = e->size, values = values_of(e);
+    double *D = e->given + n, *now = p->probe, *along = now + values, *before = along + n;
+    const double *from = e->kept, *force = from + n, *slope = force + n;
+    memcpy(before, D, n * sizeof(double));
+    for (int k = 0; k < n; ++k) {
+      along[k] = coordinate(e, k, correction, step, e->column);
+      D[k] += (1 - part) * along[k];
+    }
+    call(e->law, e->given, now, values);
+    for (int k = 0; k < n; ++k) sum += along[k] * (now[k] - force[k]);
+    for (int i = 0; i < e->entries; ++i) {
+      int column = e->entry_column[i];
+      sum -= along[e->entry_row[i]] * slope[i] * (D[column] - from[column]);
+    }
+    memcpy(D, before, n * sizeof(double));
+  }
+  return sum;
+}

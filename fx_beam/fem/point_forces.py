@@ -1,0 +1,333 @@
+"""The forces at points in a step: gathered, called and scattered in C, also for steps in Python."""
+
+from __future__ import annotations
+
+import enum
+import functools
+from collections.abc import Mapping, Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+import scipy.sparse
+
+from fx_beam import c_library
+from fx_beam.errors import SceneError
+from fx_beam.mechanics.point_laws import PointLaw, StepRule, arguments
+from fx_beam.structs import Structs
+
+from .compiled_laws import compiled_law
+
+_NONE = np.empty(0)
+_HEADER = "point_force.h"
+
+
+class Role(enum.IntEnum):
+    """What a force is recorded or counted as; in the order in which they are evaluated."""
+
+    CONTACT, OTHER, EXTERNAL, SLIDE = range(4)
+
+
+class PointForce(NamedTuple):
+    """A force at points: its law, and what belongs to it alone."""
+
+    law: PointLaw
+    #: Parameters of the law.
+    numbers: Sequence[float]
+    #: Degrees of freedom of its coordinates, -1 for the ground; or the joint of its slide.
+    dofs: Sequence[int] = ()
+    slide: int = -1
+    #: Joint to whose moment it belongs, or -1.
+    joint: int = -1
+    role: Role = Role.OTHER
+
+
+class _Library(NamedTuple):
+    """The functions of point_force.h, for Python."""
+
+    ffi: Any
+    c: Any
+    #: Types of arrays. An interrupt while cffi reads their names would break its parser for good.
+    doubles: Any
+    ints: Any
+
+
+@functools.cache
+def _library() -> _Library:
+    try:
+        ffi, library = c_library.open_library("forces at points", "point_forces.c", _HEADER)
+    except c_library.CannotBuild as error:
+        raise SceneError(
+            f"springs, dampers, friction, stops, obstacles, drag of nodes and follower forces need "
+            f"a C compiler: {error}. Check the environment variable CC"
+        ) from error
+    return _Library(ffi, library, ffi.typeof("double[]"), ffi.typeof("int[]"))
+
+
+class PointForces:
+    """All forces at points of a scene. Their data lie in C, where both kinds of steps use them."""
+
+    def __init__(self, forces: Sequence[PointForce], rule: StepRule):
+        laws = {id(force.law): force.law for force in forces}
+        compiled = {key: compiled_law(law, rule) for key, law in laws.items()}
+        counts = [force.law.internal for force in forces]
+        firsts = np.cumsum([0, *counts])[:-1].tolist()
+        order = sorted(range(len(forces)), key=lambda i: forces[i].role)
+        #: Place of the internal variables of each force among all.
+        self._first_internal = [firsts[i] for i in order]
+        self._forces = forces = [forces[i] for i in order]
+        self._laws = [compiled[id(force.law)] for force in forces]
+        roles = np.array([force.role for force in forces], dtype=int)
+        #: Numbers of forces up to the end of each role.
+        self.ends = [int(np.searchsorted(roles, role, "right")) for role in Role]
+        #: Number of all internal variables.
+        self.width = sum(counts)
+        #: Joints of the slides, and their columns, once they are known.
+        self.slides = np.array([force.slide for force in forces[self._nodal :]], dtype=int)
+        self.columns = np.full(len(self.slides), -1)
+        #: Increments at which the forces were evaluated, of nodes and of columns.
+        self._D = self._z = _NONE
+        self._build_pairs()
+        #: What each force is given, and finds.
+        self._given: list[np.ndarray] = []
+        self._found: list[np.ndarray] = []
+        if forces:
+            self._build()
+
+    def __len__(self):
+        return len(self._forces)
+
+    @property
+    def contacts(self) -> int:
+        """Number of nodes that obstacles may stop."""
+        return self.ends[Role.CONTACT]
+
+    @property
+    def external(self) -> slice:
+        """Those whose work is that of loads."""
+        return slice(self.ends[Role.OTHER], self._nodal)
+
+    @property
+    def _nodal(self) -> int:
+        return self.ends[Role.EXTERNAL]
+
+    def any_have(self, name: str) -> bool:
+        """Whether a law has an attribute, such as a "loss"."""
+        return any(bool(getattr(law.law, name)) for law in self._laws)
+
+    @property
+    def lose_at_impacts(self) -> bool:
+        """Whether a contact has a loss."""
+        return any(law.law.opens and law.law.loss for law in self._laws)
+
+    @property
+    def have_quick_losses(self) -> bool:
+        """Whether there are friction, contact with a loss, or dampers with laws of a user."""
+        return any(law.law.remembered or (law.law.loss and law.law.own) for law in self._laws)
+
+    @property
+    def conditions(self) -> int:
+        """Number of all `switches`."""
+        return sum(law.conditions for law in self._laws)
+
+    @property
+    def pairs_of_nodes(self) -> np.ndarray:
+        """Rows and columns (n, 2) of all entries of the tangents at nodes."""
+        return self.pairs[self.pairs[:, 0] >= 0]
+
+    # -- Data in C ------------------------------------------------------------------------------
+
+    def _build_pairs(self) -> None:
+        """Degrees of freedom of the entries of all tangents, in order; -1 for none."""
+        pairs = [np.empty((0, 2), dtype=int)]
+        for force, law in zip(self._forces, self._laws, strict=True):
+            dofs = np.array(force.dofs or [-1], dtype=int)
+            pairs.append(dofs[law.entries])
+        found = np.concatenate(pairs)
+        found[(found < 0).any(axis=1)] = -1
+        #: Rows and columns (entries, 2) of the tangent; -1 for the ground and slides.
+        self.pairs = found
+        #: Their places in the tangent; `set_places` finds them.
+        self.places = np.full(len(found), -1, dtype=np.int32)
+
+    def _build(self) -> None:
+        ffi, self._c, *_ = _library()
+        self._structs = structs = Structs(ffi, c_library.declarations(_HEADER))
+        laws = self._laws
+        self._given = _parts([arguments(law.law) for law in laws])
+        self._found = _parts([law.values for law in laws])
+        first_entries = np.cumsum([0, *(len(law.entries) for law in laws)])
+        rows = [self._row(i, int(first)) for i, first in enumerate(first_entries[:-1])]
+        self._all = ffi.new("PointForces *")
+        structs.set(
+            self._all,
+            contacts=self.contacts,
+            external=self.external.start,
+            nodal=self._nodal,
+            all=len(rows),
+            of=rows,
+            probe=np.zeros(max(law.values + 2 * law.law.size for law in laws)),
+        )
+        structs.check(self._all)
+        #: Address of the C struct PointForces.
+        self.address = int(ffi.cast("uintptr_t", self._all))
+
+    def _row(self, i: int, first_entry: int) -> dict[str, Any]:
+        """A force as ``PointForce`` of c/point_force.h."""
+        force, law, given = self._forces[i], self._laws[i], self._given[i]
+        of, row, column = law.law, *law.entries.T
+        given[len(given) - of.numbers :] = force.numbers
+        return {
+            "law": law.address("law"),
+            "energy": law.address("energy"),
+            "loss": law.address("loss"),
+            "switches": law.address("switches"),
+            "size": of.size,
+            "entries": len(law.entries),
+            "internal": of.internal,
+            "remembered": of.remembered,
+            "conditions": law.conditions,
+            "keeps": of.overshoots,
+            "dof": np.array(force.dofs or [-1]),
+            "slide": force.slide,
+            "column": -1,
+            "joint": force.joint,
+            "first_internal": self._first_internal[i],
+            "first_entry": first_entry,
+            "entry_row": row,
+            "entry_column": column,
+            "given": given,
+            "parameters": given[len(given) - of.numbers :],
+            "found": self._found[i],
+            "kept": np.zeros(2 * of.size + len(law.entries)),
+        }
+
+    def set_columns(self, of_joints: Mapping[int, int]) -> None:
+        """Set the columns of the slides, by the number of the joint."""
+        self.columns = np.array([of_joints[joint] for joint in self.slides], dtype=int)
+        for i, column in enumerate(self.columns.tolist(), start=self._nodal):
+            self._all.of[i].column = column
+
+    def set_places(self, K: scipy.sparse.csr_matrix) -> None:
+        """Find the entries in the values of a matrix."""
+        rows, columns = self.pairs_of_nodes.T
+        if len(rows):
+            numbered = K.copy()
+            numbered.data = np.arange(1, K.nnz + 1)
+            self.places[self.pairs[:, 0] >= 0] = np.asarray(numbered[rows, columns]).ravel() - 1
+
+    # -- A step ---------------------------------------------------------------------------------
+
+    def begin(self, q, v, dt: float, slides=_NONE, slide_rates=_NONE, internal=None) -> None:
+        """Set the start of a step: configuration and rates (size,), its length [s], and slides.
+
+        In statics the length is the increment of the load.
+        """
+        if not self._forces:
+            return
+        missing = np.zeros(len(slides) or int(self.slides.max(initial=-1)) + 1)
+        slides = slides if len(slides) else missing
+        rates = slide_rates if len(slide_rates) else missing
+        variables = np.zeros(self.width) if internal is None else internal
+        vectors = (self._of(x) for x in (q, v, slides, rates))
+        self._c.fx_begin_points(self._all, *vectors, dt, self._of(variables))
+
+    def evaluate(self, D: np.ndarray) -> None:
+        """Evaluate the forces at nodes for the increment D (size,)."""
+        self._D = D
+        if self._forces:
+            self._c.fx_evaluate_points(self._all, 0, self._nodal, self._of(D), self._of(_NONE))
+
+    def evaluate_slides(self, z: np.ndarray) -> None:
+        """Evaluate the forces on slides for the increments of all columns (columns,)."""
+        self._z = z
+        if len(self.slides):
+            ends = self._nodal, len(self._forces)
+            self._c.fx_evaluate_points(self._all, *ends, self._of(_NONE), self._of(z))
+
+    def add_forces(self, out: np.ndarray, of: slice = slice(None), factor: float = 1.0) -> None:
+        """Add forces (size,) at nodes against the motion."""
+        if self._forces:
+            first, end, _ = of.indices(self._nodal)
+            self._c.fx_add_points(self._all, first, end, factor, self._of(out))
+
+    def add_tangent(self, values: np.ndarray) -> None:
+        """Add their derivatives by the increments to the entries of the stiffness."""
+        if self._forces:
+            places = _library().ffi.from_buffer(_library().ints, self.places)
+            self._c.fx_add_point_tangents(self._all, places, self._of(values))
+
+    def on_slides(self, entry: int) -> np.ndarray:
+        """Forces (0) on the slides, or their slopes (1)."""
+        return np.array([found[entry] for found in self._found[self._nodal :]])
+
+    def loss(self) -> float:
+        """Energy [J] that is lost in the step, at its mean rates."""
+        if not self._forces:
+            return 0.0
+        return self._c.fx_lost_at_points(self._all, self._of(self._D), self._of(self._z))
+
+    def energy(self, q: np.ndarray, slides: np.ndarray, internal: np.ndarray | None) -> float:
+        """Energy [J] that is stored in a configuration."""
+        if not self._forces:
+            return 0.0
+        variables = np.zeros(self.width) if internal is None else internal
+        vectors = (self._of(x) for x in (q, slides, variables))
+        return self._c.fx_stored_at_points(self._all, *vectors)
+
+    def evolve(self) -> np.ndarray | None:
+        """Internal variables (width,) at the end of the step; None without any."""
+        if not self.width:
+            return None
+        variables = np.zeros(self.width)
+        increments = self._of(self._D), self._of(self._z)
+        self._c.fx_evolve_points(self._all, *increments, self._of(variables))
+        return variables
+
+    def switches(self, q: np.ndarray, slides: np.ndarray) -> np.ndarray:
+        """Values that change their sign where a contact opens or closes, or a law switches."""
+        found = np.zeros(self.conditions)
+        if len(found):
+            vectors = (self._of(x) for x in (q, slides, found))
+            self._c.fx_find_switches(self._all, *vectors)
+        return found
+
+    def contact_forces(self) -> np.ndarray:
+        """Forces (contacts, 2) of obstacles on nodes [N]."""
+        return -np.array([found[:2] for found in self._found[: self.contacts]]).reshape(-1, 2)
+
+    def moments(self, joints: int) -> np.ndarray:
+        """Moments (joints,) of springs and dampers between the nodes of joints, on b [N m]."""
+        total = np.zeros(joints)
+        for force, found in zip(self._forces, self._found, strict=True):
+            if force.joint >= 0:
+                total[force.joint] -= found[1]
+        return total
+
+    def set_parameters(self, of: slice, values: np.ndarray) -> None:
+        """Set the parameters (forces, numbers) of some forces."""
+        for i, row in zip(range(*of.indices(len(self._forces))), values, strict=True):
+            self._given[i][-len(row) :] = row
+
+    # -- Shorter corrections ----------------------------------------------------------------------
+
+    def remember(self) -> None:
+        """Keep the tangents of the forces with which Newton's method may go too far."""
+        if self._forces:
+            self._c.fx_keep_points(self._all)
+
+    def deviation(self, correction: np.ndarray, step: np.ndarray, part: float) -> float:
+        """Work on a part of the last correction of what the forces deviate from the tangent.
+
+        Given are the correction of all nodes (size,), and that of all columns.
+        """
+        vectors = self._of(correction), self._of(step)
+        return self._c.fx_point_deviation(self._all, *vectors, part) if self._forces else 0.0
+
+    @staticmethod
+    def _of(values: np.ndarray) -> Any:
+        return _library().ffi.from_buffer(_library().doubles, values)
+
+
+def _parts(sizes: list[int]) -> list[np.ndarray]:
+    """Parts of one array of zeros."""
+    return np.split(np.zeros(sum(sizes)), np.cumsum(sizes)[:-1])

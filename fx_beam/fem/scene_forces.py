@@ -1,0 +1,133 @@
+"""The forces at points of a scene: of its obstacles, drag, followers, and joints' coordinates."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Any
+
+import numpy as np
+
+from fx_beam.mechanics import scalar_laws as laws
+from fx_beam.mechanics.coordinates import ANGLE, CIRCLE, LINE, SLIDE, Kind
+from fx_beam.mechanics.node_laws import DRAG, FOLLOWER, SPIN_DRAG
+from fx_beam.mechanics.point_laws import PointLaw
+from fx_beam.mechanics.rates import UpdateRule
+from fx_beam.scene.beam import Beam, Node
+from fx_beam.scene.coordinate import Coordinate
+from fx_beam.scene.obstacles import Circle, Obstacle
+from fx_beam.scene.scene import Scene
+from fx_beam.scene.stop import Stop
+
+from .mesh import Mesh
+from .point_forces import PointForce, Role
+
+# Lengths that belong to the nodes of an element, by its degree, relative to its own: the weights of
+# the rule that integrates the nodes' polynomials.
+_SHARES = {
+    1: np.array([1, 1]) / 2,
+    2: np.array([1, 4, 1]) / 6,
+    3: np.array([1, 3, 3, 1]) / 8,
+}
+
+
+def point_forces(scene: Scene, mesh: Mesh, rates: UpdateRule) -> list[PointForce]:
+    """All forces at points; in statics those without rates."""
+    found = [
+        *(force for o in scene.obstacles for force in _contacts(o, scene, mesh, rates.at_rest)),
+        *_followers(scene, mesh),
+        *_of_joints(scene, mesh, rates.at_rest),
+    ]
+    return found if rates.at_rest else [*found, *_drags(scene, mesh)]
+
+
+def _contacts(obstacle: Obstacle, scene: Scene, mesh: Mesh, at_rest: bool) -> Iterator[PointForce]:
+    shape, loses = obstacle.shape, bool(obstacle.loss) and not at_rest
+    if isinstance(shape, Circle):
+        kind, centre, more = CIRCLE, shape.centre, (shape.radius, -1.0 if shape.inside else 1.0)
+    else:
+        kind, centre, more = LINE, shape.point, shape.normal
+    of_loss = (obstacle.loss, obstacle.speed) if loses else ()
+    law, nodes = laws.contact(kind, loses), mesh.nodes_of(scene, obstacle.target)
+    stiffness = obstacle.stiffness * lengths_at_nodes(obstacle.target)
+    for node, k in zip(nodes, stiffness, strict=True):
+        place = mesh.X[node] - np.array(centre)
+        numbers = [*place, *more, k, *of_loss]
+        yield PointForce(law, numbers, mesh.dofs[node, :2].tolist(), role=Role.CONTACT)
+
+
+def _followers(scene: Scene, mesh: Mesh) -> Iterator[PointForce]:
+    """Forces that turn with the section of their node; their values change in time."""
+    for load in scene.loads:
+        if load.follower:
+            assert isinstance(load.target, Node)  # only forces on nodes turn
+            dofs = mesh.dofs[load.target.number].tolist()
+            yield PointForce(FOLLOWER, (0.0, 0.0), dofs, role=Role.EXTERNAL)
+
+
+def _drags(scene: Scene, mesh: Mesh) -> Iterator[PointForce]:
+    for drag in scene.drags:
+        if isinstance(drag.target, Node):
+            dofs, along = mesh.dofs[drag.target.number].tolist(), [*drag.linear, *drag.quadratic]
+            if any(along):
+                yield PointForce(DRAG, along, dofs[:2])
+            if drag.rotation.any():
+                yield PointForce(SPIN_DRAG, drag.rotation.tolist(), dofs[2:])
+
+
+def _of_joints(scene: Scene, mesh: Mesh, at_rest: bool) -> Iterator[PointForce]:
+    """Springs, dampers, friction and stops on the coordinates of joints."""
+    own: dict[tuple, PointLaw] = {}
+    for joint in scene.joints:
+        if joint.slide is not None:
+            for law, numbers in _of_coordinate(joint.slide, SLIDE, at_rest, own):
+                yield PointForce(law, numbers, slide=joint.number, role=Role.SLIDE)
+        if joint.rotation is not None:
+            dofs = [
+                int(mesh.dofs[n.number, 2]) if n.number >= 0 else -1 for n in (joint.a, joint.b)
+            ]
+            for law, numbers in _of_coordinate(joint.rotation, ANGLE, at_rest, own):
+                yield PointForce(law, numbers, dofs, joint=joint.number)
+
+
+def _of_coordinate(
+    of: Coordinate, kind: Kind, at_rest: bool, own: dict[tuple, PointLaw]
+) -> Iterator[tuple[PointLaw, list[float]]]:
+    """Laws and parameters; those with the same function of a user share a law."""
+    spring, damper = of.spring, None if at_rest else of.damper
+    k, rest = (spring.stiffness, spring.rest) if spring else (0.0, 0.0)
+    c = damper.viscosity if damper else 0.0
+    if k or c:
+        yield laws.spring(kind, bool(c)), [k, rest, c] if c else [k, rest]
+    if spring is not None and spring.strain_energy is not None:
+        key = id(spring.strain_energy), id(spring.internal), kind.name
+        if key not in own:
+            own[key] = laws.stored_energy(kind, spring.strain_energy, spring.internal)
+        yield own[key], [rest]
+    if of.stop is not None:
+        yield from _stops(of.stop, kind, at_rest)
+    if damper is not None and damper.law is not None:
+        of_law = id(damper.law), kind.name
+        if of_law not in own:
+            own[of_law] = laws.damper_law(kind, damper.law)
+        yield own[of_law], []
+    if of.friction is not None and not at_rest:
+        yield laws.friction(kind), [of.friction.force, of.friction.speed]
+
+
+def _stops(stop: Stop, kind: Kind, at_rest: bool) -> Iterator[tuple[PointLaw, list[float]]]:
+    loses = bool(stop.loss) and not at_rest
+    of_loss: list[Any] = [stop.loss, stop.speed] if loses else []
+    for sign, limit in ((1, stop.lower), (-1, stop.upper)):
+        if limit is not None:
+            yield laws.stop(kind, sign, loses), [stop.stiffness, *of_loss, limit]
+
+
+def lengths_at_nodes(target: Node | Beam) -> np.ndarray:
+    """Length of beam that belongs to each node; 1 for a single node."""
+    if not isinstance(target, Beam):
+        return np.ones(1)
+    lengths = np.zeros(target.elements * target.degree + 1)
+    for element, length in enumerate(np.diff(target.s)):
+        first = element * target.degree
+        lengths[first : first + target.degree + 1] += length * _SHARES[target.degree]
+    return lengths

@@ -1,0 +1,93 @@
+"""Coordinates on which forces act: gaps of nodes, angles and slides of joints, in UFL."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import Any, NamedTuple
+
+import ufl
+
+from .point_laws import TINY, Coordinate, Motion
+
+
+class Kind(NamedTuple):
+    """A kind of coordinate: its number of entries and of parameters, and the coordinate."""
+
+    name: str
+    size: int
+    numbers: int
+    #: From the motion, increments and parameters.
+    of: Callable[[Motion, Sequence[Any], Sequence[Any]], Coordinate]
+
+
+def _slide(motion: Motion, D: Sequence[Any], numbers: Sequence[Any]) -> Coordinate:
+    start, one = motion.start[0], [ufl.as_ufl(1.0)]
+    return Coordinate(start, start + D[0], one, one, D[0], motion.rates[0])
+
+
+def _angle(motion: Motion, D: Sequence[Any], numbers: Sequence[Any]) -> Coordinate:
+    """The rotation of the second node minus that of the first.
+
+    A moment with a potential is multiplied by (Dpsi_b - Dpsi_a) / (Dtheta_b - Dtheta_a), so that
+    its work on Dtheta is the increment of the potential.
+    """
+    (a, b), (Da, Db) = motion.start, D
+    start, path, ratio = b - a, Db - Da, ufl.as_ufl(1.0)
+    if motion.rule.turning:
+        by_a, by_b = motion.path(Da), motion.path(Db)
+        path = by_b - by_a
+        # For small differences the same with cosines, as 1 / cos^2 = 1 + tan^2.
+        x = (Db - Da) / 2
+        near = ufl.lt(x * x, 4e-4)
+        secants = ufl.sqrt((1 + 0.25 * by_a * by_a) * (1 + 0.25 * by_b * by_b))
+        above = ufl.conditional(near, _x_over_sin(x), 2 * x)
+        ratio = above / ufl.conditional(near, secants, path)
+    sides = [ufl.as_ufl(-1.0), ufl.as_ufl(1.0)]
+    rate = motion.rates[1] - motion.rates[0]
+    return Coordinate(start, start + (Db - Da), [-ratio, ratio], sides, path, rate)
+
+
+def _x_over_sin(x: Any) -> Any:
+    """x / sin(x) for x below 0.02, by a series that is exact to round-off."""
+    x2 = x * x
+    return 1 + (1 / 6) * x2 * (1 + (7 / 60) * x2 * (1 + (31 / 294) * x2))
+
+
+def _line(motion: Motion, D: Sequence[Any], numbers: Sequence[Any]) -> Coordinate:
+    """Gap of a node from a line; numbers: its place, relative to the line, and the normal."""
+    place, normal = numbers[:2], numbers[2:]
+    start = _dot(normal, [x + q for x, q in zip(place, motion.start, strict=True)])
+    change = _dot(normal, D)
+    return Coordinate(start, start + change, normal, normal, change, _dot(normal, motion.rates))
+
+
+def _circle(motion: Motion, D: Sequence[Any], numbers: Sequence[Any]) -> Coordinate:
+    """Gap of a node from a circle; numbers: place relative to the centre, radius, side.
+
+    The direction is (r0 + r1) / (|r0| + |r1|): its product with Dr is the change of the gap, and it
+    has no moment about the centre.
+    """
+    place, (radius, side) = numbers[:2], numbers[2:]
+    r0 = [x + q for x, q in zip(place, motion.start, strict=True)]
+    return _distance(motion, r0, D, motion.rates, radius, side)
+
+
+def _distance(motion: Motion, r0, Dr, rates, rest: Any, side: Any) -> Coordinate:
+    """The length of an arm, from a rest, times a side."""
+    level, r1 = motion.rule.level, [x + d for x, d in zip(r0, Dr, strict=True)]
+    size0, size1 = (ufl.sqrt(_dot(r, r) + TINY) for r in (r0, r1))
+    mean = (1 - level) * size0 + level * size1
+    along = [side * ((1 - level) * x + level * y) / mean for x, y in zip(r0, r1, strict=True)]
+    start, end = side * (size0 - rest), side * (size1 - rest)
+    rate = side * _dot(r0, rates) / size0
+    return Coordinate(start, end, along, along, end - start, rate)
+
+
+def _dot(a: Sequence[Any], b: Sequence[Any]) -> Any:
+    return a[0] * b[0] + a[1] * b[1]
+
+
+SLIDE = Kind("a slide", 1, 0, _slide)
+ANGLE = Kind("an angle", 2, 0, _angle)
+LINE = Kind("the gap of a line", 2, 4, _line)
+CIRCLE = Kind("the gap of a circle", 2, 4, _circle)

@@ -1,0 +1,167 @@
+"""Forces at points: what their laws are given over a step, and what they find, in UFL."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+import ufl
+
+from .kinematics import tan
+from .rates import UpdateRule
+
+#: Added to the square of a length or a speed, whose root then has a derivative at zero.
+TINY = 1e-300
+# Values that friction remembers from the last iteration: whether there was one, x, y and the slope.
+REMEMBERED = 4
+
+
+class StepRule(NamedTuple):
+    """What forces at points need to know of the rates of a scheme."""
+
+    level: float
+    #: Whether forces do work on 2 tan(Dpsi/2).
+    turning: bool
+    at_rest: bool
+
+    @staticmethod
+    def of(rates: UpdateRule) -> StepRule:
+        """The rule of some rates."""
+        turning = rates.turn_ratio(0.2, 0.1)[0] != 1.0
+        return StepRule(float(rates.level), turning, bool(rates.at_rest))
+
+
+class Motion:
+    """The coordinates of a force over a step, as UFL scalars, in the order of `arguments`."""
+
+    def __init__(self, given: Any, law: PointLaw, rule: StepRule):
+        n, values = law.size, iter(range(arguments(law)))
+
+        def take(count: int) -> list[Any]:
+            return [given[next(values)] for _ in range(count)]
+
+        self.rule = rule
+        #: Values at the start of the step.
+        self.start = take(n)
+        #: Increments for which derivatives are taken, and the same ones for which they are not.
+        self.still = take(n)
+        self.increment = [ufl.variable(D) for D in self.still]
+        #: UpdateRule at the start of the step, and its length.
+        self.rates = take(n)
+        (self.dt,) = take(1)
+        self._per_dt = 1 / self.dt
+        #: Internal variables at the start of the step, and what the last iteration left.
+        self.internal = take(law.internal)
+        self.remembered = take(law.remembered)
+        #: Parameters of this force.
+        self.numbers = take(law.numbers)
+
+    def at_level(self, start: Any, increment: Any) -> Any:
+        """A quantity at the scheme's level in the step."""
+        return start + self.rule.level * increment
+
+    def rate_at_level(self, start: Any, mean: Any) -> Any:
+        """A rate at the scheme's level, from that at the start and the mean one."""
+        if self.rule.level == 0.5:
+            return mean
+        return start + 2 * self.rule.level * (mean - start)
+
+    def mean_rate(self, path: Any) -> Any:
+        """The mean rate over the step, from the increment."""
+        return path * self._per_dt
+
+    def path(self, D: Any) -> Any:
+        """The increment of a rotation with which moments do work."""
+        return 2 * tan(D / 2) if self.rule.turning else D
+
+
+class Found(NamedTuple):
+    """What a law finds in a step."""
+
+    #: Forces (size,) against the motion, as UFL scalars.
+    forces: Sequence[Any]
+    #: Internal variables at the end, and what the next iteration remembers.
+    internal: Sequence[Any] = ()
+    remembered: Sequence[Any] = ()
+
+
+@dataclass(frozen=True)
+class PointLaw:
+    """A force at points: at nodes, with x, y and rotation of each, or on the slide of a joint."""
+
+    name: str
+    #: Number of coordinates, and of parameters.
+    size: int
+    numbers: int
+    forces: Callable[[Motion], Found]
+    #: Energy stored at the start of a step, and lost in it.
+    energy: Callable[[Motion], Any] | None = None
+    loss: Callable[[Motion], Any] | None = None
+    #: Values at the start of a step that change their sign where the force switches.
+    switches: Callable[[Motion], list] | None = None
+    #: Number of internal variables, and of what iterations remember.
+    internal: int = 0
+    remembered: int = 0
+    #: Whether it has functions of a user, which may have changed since another scene.
+    own: bool = False
+    #: Whether it is one-sided: a contact that opens.
+    opens: bool = False
+    #: Whether Newton's method may go far too far with it, and is shortened.
+    overshoots: bool = False
+    #: What to say if it is not finite where all coordinates are zero; empty if that may be.
+    at_zero: str = ""
+
+
+def arguments(law: PointLaw) -> int:
+    """Number of values that a law is given: three for each coordinate, dt, and what it needs."""
+    return 3 * law.size + 1 + law.internal + law.remembered + law.numbers
+
+
+class Coordinate(NamedTuple):
+    """A scalar over a step, on which a force acts: a gap, a distance, an angle or a slide."""
+
+    start: Any
+    end: Any
+    #: Directions (size,) of a force with a potential, whose product with the increments is exactly
+    #: the change of the coordinate.
+    along: Sequence[Any]
+    #: Directions (size,) of other forces, and the increment with which they do work.
+    across: Sequence[Any]
+    path: Any
+    #: Rate at the start.
+    rate: Any
+
+    def beyond(self, limit: Any, sign: float) -> Coordinate:
+        """The distance from a limit, on the side of a sign."""
+        return Coordinate(
+            sign * (self.start - limit),
+            sign * (self.end - limit),
+            [sign * a for a in self.along],
+            [sign * a for a in self.across],
+            sign * self.path,
+            sign * self.rate,
+        )
+
+
+def smooth_sign(x: Any, still: Any, remembered: Sequence[Any]) -> tuple[Any, list[Any]]:
+    """Tanh of x, with a derivative with which Newton's method does not jump to and fro.
+
+    With s = x / y the friction is s y = x, whose linear form has the derivative (1 - y s') / s. For
+    y it takes what the last iteration expected, limited to 1 (Chan, Golub and Mulet 1999, doi
+    10.1137/S1064827596299767). Where both agree it is that of tanh. `still` is x without a
+    derivative.
+    """
+    again, last_x, last_y, last_slope = remembered
+    y = ufl.tanh(still)
+    near = ufl.lt(abs(still), 1e-4)
+    safe = ufl.conditional(near, 1.0, y)
+    s = ufl.conditional(near, 1.0, still / safe)
+    bend = ufl.conditional(near, 2 * still / 3, (1 - (1 - y * y) * s) / safe)
+    guess = last_y + last_slope * (still - last_x)
+    bounded = ufl.conditional(
+        ufl.gt(guess, 1), 1.0, ufl.conditional(ufl.lt(guess, -1), -1.0, guess)
+    )
+    expected = ufl.conditional(ufl.gt(again, 0), bounded, y)
+    slope = (1 - expected * bend) / s
+    return y + slope * (x - still), [ufl.as_ufl(1.0), still, y, slope]

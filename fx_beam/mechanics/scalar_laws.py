@@ -1,0 +1,310 @@
+"""Forces on a coordinate in UFL: springs, dampers, friction, contact. Each law is written once."""
+
+from __future__ import annotations
+
+import functools
+from collections.abc import Callable, Sequence
+from typing import Any, NamedTuple
+
+import ufl
+
+from fx_beam.scene.internal_variables import InternalVariables
+from fx_beam.scene.law import Energy, is_quadratic, switches
+
+from .coordinates import Kind
+from .evolution import evolution_loss, evolved
+from .point_laws import REMEMBERED, Coordinate, Found, Motion, PointLaw, smooth_sign
+
+# Shortest path, relative to the coordinates, over which the force is the quotient of energy and
+# path. On a shorter one round-off of the energy exceeds the error of the force in its middle.
+_SHORT = 6e-6
+
+
+class _Step(NamedTuple):
+    """A coordinate over a step, the same without derivatives, and the parameters of its force."""
+
+    motion: Motion
+    x: Coordinate
+    still: Coordinate
+    numbers: Sequence[Any]
+
+    @property
+    def rate(self) -> Any:
+        """Its rate at the scheme's level."""
+        return self._rate(self.x)
+
+    @property
+    def mean(self) -> Any:
+        """Its mean rate over the step."""
+        return self.motion.mean_rate(self.x.path)
+
+    def sign(self, speed: Any) -> tuple[Any, list[Any]]:
+        """The smooth sign of the rate, and what the next iteration remembers."""
+        still = self._rate(self.still) / speed
+        return smooth_sign(self.rate / speed, still, self.motion.remembered)
+
+    def _rate(self, x: Coordinate) -> Any:
+        return self.motion.rate_at_level(x.rate, self.motion.mean_rate(x.path))
+
+
+class _Forces(NamedTuple):
+    """A force with a potential and another one, both against an increase of the coordinate."""
+
+    elastic: Any = 0.0
+    other: Any = 0.0
+    internal: Sequence[Any] = ()
+    remembered: Sequence[Any] = ()
+
+
+def _on(
+    kind: Kind,
+    name: str,
+    numbers: int,
+    forces: Callable[[_Step], _Forces],
+    energy: Callable[[_Step], Any] | None = None,
+    loss: Callable[[_Step], Any] | None = None,
+    switches: Callable[[_Step], list] | None = None,
+    **options: Any,
+) -> PointLaw:
+    """A law on a kind of coordinate, whose parameters follow those of the coordinate."""
+
+    def of(function: Callable[[_Step], Any]) -> Callable[[Motion], Any]:
+        return lambda motion: function(step(motion))
+
+    def step(motion: Motion) -> _Step:
+        of_kind, own = motion.numbers[: kind.numbers], motion.numbers[kind.numbers :]
+        x, still = (kind.of(motion, D, of_kind) for D in (motion.increment, motion.still))
+        return _Step(motion, x, still, own)
+
+    def found(motion: Motion) -> Found:
+        given = step(motion)
+        elastic, other, internal, remembered = forces(given)
+        pairs = zip(given.x.along, given.x.across, strict=True)
+        return Found([elastic * a + other * b for a, b in pairs], internal, remembered)
+
+    return PointLaw(
+        f"{name} on {kind.name}",
+        kind.size,
+        kind.numbers + numbers,
+        found,
+        energy and of(energy),
+        loss and of(loss),
+        switches and of(switches),
+        **options,
+    )
+
+
+# -- Springs ------------------------------------------------------------------------------------
+
+
+@functools.cache
+def spring(kind: Kind, damped: bool) -> PointLaw:
+    """A linear spring; numbers: stiffness, rest, and viscosity if it is `damped`."""
+
+    def forces(step: _Step) -> _Forces:
+        k, rest, *c = step.numbers
+        stretch = step.motion.at_level(step.x.start, step.x.end - step.x.start) - rest
+        return _Forces(k * stretch, c[0] * step.rate if damped else 0.0)
+
+    def energy(step: _Step) -> Any:
+        k, rest, *_ = step.numbers
+        stretch = step.x.start - rest
+        return k / 2 * stretch * stretch
+
+    def loss(step: _Step) -> Any:
+        return step.numbers[2] * step.mean * step.x.path
+
+    return _on(kind, "spring", 2 + damped, forces, energy, loss if damped else None)
+
+
+def stored_energy(kind: Kind, energy: Energy, internal: InternalVariables | None) -> PointLaw:
+    """A spring with a stored energy, a function of the coordinate since its rest; number: rest."""
+    count = len(internal.names) if internal else 0
+
+    def stored(x: Any, a: Any) -> Any:
+        return energy(x, a) if internal else energy(x)
+
+    def force(x: Any, a: Any) -> Any:
+        x = ufl.variable(x)
+        return ufl.diff(stored(x, a), x)
+
+    def ends(step: _Step) -> tuple[Any, Any]:
+        (rest,) = step.numbers
+        return step.x.start - rest, step.x.end - rest
+
+    def variables(step: _Step) -> tuple[Any, Any]:
+        """Internal variables at both ends of the step."""
+        x0, x1 = ends(step)
+        old = ufl.as_vector(step.motion.internal or [0.0])
+        if not internal:
+            return old, old
+        at_rest = step.motion.rule.at_rest
+        return old, evolved(internal, old, (x0,), (x1,), step.motion.dt, at_rest)
+
+    def forces(step: _Step) -> _Forces:
+        x0, x1 = ends(step)
+        old, new = variables(step)
+        level = step.motion.rule.level
+        if level == 0.5:
+            mean = _discrete_gradient(stored, force, x0, x1, (old + new) / 2)
+        else:
+            mean = (1 - level) * force(x0, old) + level * force(x1, new)
+        return _Forces(mean, internal=[new[i] for i in range(count)])
+
+    def at_start(step: _Step) -> Any:
+        return stored(ends(step)[0], variables(step)[0])
+
+    def loss(step: _Step) -> Any:
+        x0, x1 = ends(step)
+        return evolution_loss(energy, *variables(step), (x0,), (x1,), step.motion.rule.at_rest)
+
+    def pieces(step: _Step) -> list:
+        return switches(energy(ends(step)[0]))
+
+    return _on(
+        kind,
+        "stored energy",
+        1,
+        forces,
+        at_start,
+        loss if internal else None,
+        None if internal else pieces,
+        internal=count,
+        own=True,
+        overshoots=True,
+        at_zero="Spring: at its rest the force, its derivative and the internal variables must be "
+        "finite. Write ufl.sqrt(x**2 + 1e-12) for abs(x), for example",
+    )
+
+
+def _discrete_gradient(stored: Callable, force: Callable, x0: Any, x1: Any, a: Any) -> Any:
+    """Force whose work over the step is the increment of the energy at the mean variables."""
+    middle = force((x0 + x1) / 2, a)
+    if is_quadratic(lambda x: stored(x, a)):
+        return middle
+    path = x1 - x0
+    long_enough = ufl.gt(abs(path), _SHORT * (abs(x0) + abs(x1)))
+    quotient = (stored(x1, a) - stored(x0, a)) / ufl.conditional(long_enough, path, 1)
+    return ufl.conditional(long_enough, quotient, middle)
+
+
+# -- Dampers and friction -----------------------------------------------------------------------
+
+
+def damper_law(kind: Kind, law: Callable[[Any], Any]) -> PointLaw:
+    """A damper with a law of its own."""
+
+    def forces(step: _Step) -> _Forces:
+        return _Forces(other=law(step.rate))
+
+    return _on(
+        kind,
+        "law of a damper",
+        0,
+        forces,
+        loss=lambda step: law(step.mean) * step.x.path,
+        own=True,
+        at_zero="Damper: law at the rate 0 and its derivative must be finite. Write "
+        "ufl.sqrt(rate**2 + 1e-4) for abs(rate), for example",
+    )
+
+
+@functools.cache
+def friction(kind: Kind) -> PointLaw:
+    """Coulomb's friction, regularised: F tanh(rate / speed); numbers: F, speed."""
+
+    def forces(step: _Step) -> _Forces:
+        F, speed = step.numbers
+        sign, remembered = step.sign(speed)
+        return _Forces(other=F * sign, remembered=remembered)
+
+    def loss(step: _Step) -> Any:
+        F, speed = step.numbers
+        return F * ufl.tanh(step.mean / speed) * step.x.path
+
+    return _on(kind, "friction", 2, forces, loss=loss, remembered=REMEMBERED)
+
+
+# -- Contact ------------------------------------------------------------------------------------
+
+
+@functools.cache
+def contact(kind: Kind, loses: bool = False) -> PointLaw:
+    """A one-sided spring on a gap, k g^2 / 2 where g < 0; number: k.
+
+    If it `loses` energy, the force is k <-g> (1 + r tanh(-rate / speed)); numbers: k, r, speed.
+    """
+    return _one_sided(kind, "contact", lambda step: step, loses, 0)
+
+
+@functools.cache
+def stop(kind: Kind, sign: int, loses: bool = False) -> PointLaw:
+    """A stop of a coordinate at its lower (sign 1) or upper (-1) limit: a contact.
+
+    Its parameters are those of a contact, then the limit.
+    """
+
+    def gap(step: _Step) -> _Step:
+        *numbers, limit = step.numbers
+        x, still = (x.beyond(limit, sign) for x in (step.x, step.still))
+        return step._replace(x=x, still=still, numbers=numbers)
+
+    return _one_sided(kind, f"stop {sign}", gap, loses, 1, sign)
+
+
+def _one_sided(
+    kind: Kind, name: str, gap: Callable[[_Step], _Step], loses: bool, more: int, sign: int = 1
+) -> PointLaw:
+    """Contact, from the gap that belongs to a coordinate, and the sign of its growth."""
+
+    def push(step: _Step) -> Any:
+        return step.numbers[0] * mean_depth(step.x, step.motion.rule.level)
+
+    def forces(step: _Step) -> _Forces:
+        step = gap(step)
+        other: Any = 0.0
+        remembered: list[Any] = []
+        if loses:
+            _, r, speed = step.numbers
+            direction, remembered = step.sign(speed)
+            other = r * push(step) * direction
+        return _Forces(-sign * push(step), sign * other, remembered=remembered)
+
+    def energy(step: _Step) -> Any:
+        step = gap(step)
+        return step.numbers[0] / 2 * _depth(step.x.start) ** 2
+
+    def loss(step: _Step) -> Any:
+        step = gap(step)
+        _, r, speed = step.numbers
+        return r * push(step) * ufl.tanh(step.mean / speed) * step.x.path
+
+    return _on(
+        kind,
+        name,
+        (3 if loses else 1) + more,
+        forces,
+        energy,
+        loss if loses else None,
+        lambda step: [gap(step).x.start],
+        remembered=REMEMBERED if loses else 0,
+        opens=True,
+    )
+
+
+def _depth(gap: Any) -> Any:
+    return ufl.conditional(ufl.lt(gap, 0), -gap, 0.0)
+
+
+def mean_depth(gap: Coordinate, level: float) -> Any:
+    """Depth whose product with the change of the gap is that of depth^2 / 2, if at mid-step.
+
+    A convex function of the gap at the end, with a continuous slope.
+    """
+    g0, g1 = gap.start, gap.end
+    if level != 0.5:
+        return _depth(g0 + level * (g1 - g0))
+    both, crosses = _depth(g0) + _depth(g1), ufl.lt(g0 * g1, 0)
+    # The part of the way behind the obstacle.
+    part = both / ufl.conditional(crosses, abs(g1 - g0), 1.0)
+    return both / 2 * ufl.conditional(crosses, part, 1.0)
