@@ -267,7 +267,7 @@ def test_drags_on_one_bar_add_up():
     assert runs[0].q == pytest.approx(runs[1].q, rel=1e-12)
 
 
-def test_a_run_goes_on_as_if_it_had_not_ended_and_steps_choose_themselves():
+def test_a_run_goes_on_as_if_it_had_not_ended_and_with_adaptive_steps():
     scene, bar, _ = tumbling(PLAIN)
     whole = fb.simulate(scene, dt=0.02, t_end=0.6)
     half = fb.simulate(scene, dt=0.02, t_end=0.3)

@@ -202,7 +202,7 @@ def test_the_slope_of_friction_is_the_derivative_where_the_iterations_settle():
             assert slope == pytest.approx(1 - np.tanh(x) ** 2, rel=1e-6, abs=1e-12)
 
 
-def test_a_run_goes_on_as_if_it_had_not_ended_and_steps_choose_themselves():
+def test_a_run_goes_on_as_if_it_had_not_ended_and_with_adaptive_steps():
     whole = fb.simulate(double_pendulum(1.0, 0.1), dt=0.01, t_end=1.0)
     half = fb.simulate(double_pendulum(1.0, 0.1), dt=0.01, t_end=0.5)
     rest = fb.simulate(double_pendulum(1.0, 0.1), dt=0.01, t_end=1.0, start=half)

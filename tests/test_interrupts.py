@@ -47,8 +47,8 @@ def agree(motion, twin):
 @pytest.mark.parametrize(
     ("solver", "opcodes", "every", "bumps", "scheme"),
     [
-        ("compiled", True, 3, False, fb.EnergyMomentum()),
-        ("compiled", False, 1, False, fb.EnergyMomentum(order=4)),
+        ("compiled", True, 7, False, fb.EnergyMomentum()),
+        ("compiled", False, 3, False, fb.EnergyMomentum(order=4)),
         ("compiled", False, 13, True, fb.EnergyMomentum()),
         ("petsc", False, 61, False, fb.EnergyMomentum()),
         ("petsc", False, 173, True, fb.EnergyMomentum()),

@@ -164,7 +164,8 @@ def test_a_loop_in_flight_keeps_energy_and_both_momenta():
     "made", [four_bar, trammel, quick_return, slider_crank, guided, loop_in_flight]
 )
 def test_both_solvers_take_the_same_steps(made, scheme):
-    found = [run(made()[0], scheme, t_end=0.1, solver=solver) for solver in ("petsc", "compiled")]
+    t_end = 0.1 if len(scheme.fractions) == 1 else 0.05
+    found = [run(made()[0], scheme, t_end=t_end, solver=solver) for solver in ("petsc", "compiled")]
     for name in ("q", "v", "reactions", "joint_forces"):
         a, b = (getattr(solution, name)[1:] for solution in found)
         assert b == pytest.approx(a, rel=0, abs=1e-7 * largest(a) + 1e-12)
@@ -185,7 +186,7 @@ def test_the_middle_of_a_ladder_runs_on_a_circle():
     assert np.hypot(*solution.position(bar.centre).T) == pytest.approx(np.sqrt(0.41), abs=1e-14)
 
 
-def test_steps_that_choose_themselves_close_loops():
+def test_adaptive_steps_close_loops():
     scene, bars, _ = four_bar()
     exact = run(scene, dt=0.001, t_end=1.0).position(bars[1].centre)[-1]
     solution = fb.simulate(scene, t_end=1.0, tolerance=1e-4)
@@ -355,8 +356,7 @@ def test_a_driven_step_that_begins_with_bars_in_line_goes_on(solver):
     assert largest(solution.energy.balance_error) < 1e-11 * solution.energy.kinetic.max()
 
 
-@SOLVERS
-@pytest.mark.parametrize("order", [2, 4])
+@pytest.mark.parametrize(("solver", "order"), [("compiled", 2), ("compiled", 4), ("petsc", 2)])
 def test_a_parallelogram_goes_through_its_line_from_any_distance(solver, order):
     # Without forces both cranks turn at a constant rate; the ninth step begins at the distance.
     def turned(start, steps, spin=2.0, dt=0.01):
