@@ -11,7 +11,7 @@ from jointed import KINDS, pair
 
 import fx_beam as fb
 from fx_beam.analyses.linearisation import linearised
-from fx_beam.mechanics.interval import moment
+from fx_beam.mechanics.interval import instant
 from fx_beam.model.model import Model
 
 
@@ -209,7 +209,7 @@ def test_damping_is_the_derivative_of_the_forces_by_the_rates_in_a_stressed_scen
     reduction, zero = model.reduction, np.zeros(model.size)
 
     def forces(rate):
-        model.forms.set_step(moment(0.5, dt), about.start.q, zero, zero)
+        model.forms.set_step(instant(0.5, dt), about.start.q, zero, zero)
         model.begin_points(about.start, dt)
         reduction.begin(about.start.q, about.start.slides)
         D = reduction.expand(dt * rate, np.zeros(reduction.driven))

@@ -181,8 +181,8 @@ def test_rates_of_motors_and_prescribed_motions_are_inputs():
     )
 
 
-def errors_of_systems_of_the_moment(scene, outputs, name, given, first, means, rates, **held):
-    """Largest errors by which systems of the moment, step by step, miss small differences.
+def errors_of_systems(scene, outputs, name, given, first, means, rates, **held):
+    """Largest errors by which systems of the instant, step by step, miss small differences.
 
     Those of a motion, whose input `name` is given(k) in step k, and of one whose input from step
     `first` + 1 on is larger by small `means`, which are inputs `rates` of the systems. Relative to
@@ -226,7 +226,7 @@ def bump(steps):
 
 
 @pytest.mark.parametrize("motor", [False, True])
-def test_systems_of_the_moment_add_up_to_small_differences_of_a_fast_motion(motor):
+def test_systems_of_the_instant_add_up_to_small_differences_of_a_fast_motion(motor):
     scene, outputs = swinging(motor)
     ends, means = bump(40)
     if motor:
@@ -238,11 +238,11 @@ def test_systems_of_the_moment_add_up_to_small_differences_of_a_fast_motion(moto
         return 0.05 * (1 - np.cos(15 * k * DT)) if motor else 20 * np.sin(20 * k * DT)
 
     others = {"torque": 3.0, "thrust": (2.0, 1.0)}
-    found = errors_of_systems_of_the_moment(scene, outputs, name, given, 300, more, rates, **others)
+    found = errors_of_systems(scene, outputs, name, given, 300, more, rates, **others)
     assert max(found) < 0.05
 
 
-def test_systems_of_the_moment_of_a_closed_loop_in_motion():
+def test_systems_of_the_instant_of_a_closed_loop_in_motion():
     scene = fb.Scene(gravity=(0.0, -9.81))
     crank = scene.add_body((0.1, 0.5), 1.0, 0.01, points={"O": (0, 0.5), "P": (0.2, 0.5)})
     arm = scene.add_body((0.1, 0.3), 1.0, 0.2, points={"O": (0, -0.2)})
@@ -257,9 +257,7 @@ def test_systems_of_the_moment_of_a_closed_loop_in_motion():
         "spin": fb.Output("spin", arm.centre),
     }
     _, means = bump(40)
-    found = errors_of_systems_of_the_moment(
-        scene, outputs, "torque", lambda k: 2.0, 400, means, means
-    )
+    found = errors_of_systems(scene, outputs, "torque", lambda k: 2.0, 400, means, means)
     assert max(found) < 5e-3
 
 

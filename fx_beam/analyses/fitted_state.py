@@ -15,7 +15,7 @@ from fx_beam.stepping.forcing import Forcing
 from fx_beam.stepping.held_inputs import Ramp
 
 
-class _Moment(NamedTuple):
+class _Instant(NamedTuple):
     """The state after some steps."""
 
     #: Number of steps.
@@ -44,7 +44,7 @@ class FittedState:
     def begin(self, state: State) -> None:
         """Begin at a state that was loaded."""
         #: Starts of the last step and of that before; fits by the number of steps to the state.
-        self._starts: tuple[_Moment | None, _Moment | None] = None, None
+        self._starts: tuple[_Instant | None, _Instant | None] = None, None
         self._found: dict[int, Fit] = {}
         self._first = state.driven_rates
 
@@ -102,41 +102,41 @@ class FittedState:
         """A mean of the step, with the change of a part of the fit over it."""
         if self._fits is None or mean is None or (start := self._start()) is None:
             return mean
-        before, after = (getattr(self._fit(moment), name)[0] for moment in (start, None))
+        before, after = (getattr(self._fit(instant), name)[0] for instant in (start, None))
         return mean + (after - before) / self._stepper.grid.dt
 
-    def _fit(self, moment: _Moment | None = None) -> Fit:
+    def _fit(self, instant: _Instant | None = None) -> Fit:
         """Fit of a state, by default of the present one."""
-        number = self._stepper.number if moment is None else moment.number
+        number = self._stepper.number if instant is None else instant.number
         if (found := self._found.get(number)) is None:
             assert self._fits is not None
-            m = self._present() if moment is None else moment
+            m = self._present() if instant is None else instant
             found = self._fits.fit(m.q[None], m.v[None], m.slides[None], self._driven(m)[None])
             last = {k: fit for k, fit in self._found.items() if number - 2 < k < number + 2}
             self._found = last | {number: found}
         return found
 
-    def _start(self) -> _Moment | None:
+    def _start(self) -> _Instant | None:
         """The start of the last step that was taken."""
         before = self._stepper.number - 1
         return next((m for m in self._starts if m is not None and m.number == before), None)
 
-    def _present(self) -> _Moment:
+    def _present(self) -> _Instant:
         number, now = self._stepper.number, self._stepper.now
         inputs = np.full(len(self._inputs), np.nan)
         start = self._start() if self._inputs.any() else None
         if start is not None:
             q, slides = np.array([start.q, now.q]), np.array([start.slides, now.slides])
             inputs = driven_ways(self._model, q, slides)[0] / self._stepper.grid.dt
-        return _Moment(number, now.q, now.v, now.slides, inputs)
+        return _Instant(number, now.q, now.v, now.slides, inputs)
 
-    def _driven(self, moment: _Moment) -> np.ndarray:
+    def _driven(self, instant: _Instant) -> np.ndarray:
         """Rates (driven,) of driven motions; NaN where they are not known."""
         if not len(self._inputs):
-            return moment.inputs
-        if moment.number == 0 and self._first is not None:
+            return instant.inputs
+        if instant.number == 0 and self._first is not None:
             return self._first
         grid = self._stepper.grid
-        length = grid.dt if moment.number else -grid.dt
-        rates = self._forcing.end_rates(np.array([grid(moment.number)]), np.array([length]))[0]
-        return np.where(self._inputs, moment.inputs, rates)
+        length = grid.dt if instant.number else -grid.dt
+        rates = self._forcing.end_rates(np.array([grid(instant.number)]), np.array([length]))[0]
+        return np.where(self._inputs, instant.inputs, rates)

@@ -204,7 +204,7 @@ def linearise(
     supports eliminated. All forces that depend on positions and rates are differentiated: stiffness
     (also geometric), springs, dampers, drag, retardation. About a state in motion, M, C and K also
     have the terms of joints whose coupling changes (centrifugal and gyroscopic), and the system is
-    that of the moment: its coefficients are kept constant, although the state moves on, and its
+    that of the instant: its coefficients are kept constant, although the state moves on, and its
     unknowns are measured in space. About a static state that turns (``static(scene, spin=...)``)
     all is seen in the frame that turns: deviations, and the directions of forces and outputs. Its
     axes are those of space at the time of the state, and the system is the same at all times.

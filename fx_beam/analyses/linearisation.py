@@ -9,7 +9,7 @@ import numpy as np
 import scipy.sparse
 
 from fx_beam.errors import SceneError
-from fx_beam.mechanics.interval import Interval, moment
+from fx_beam.mechanics.interval import Interval, instant
 from fx_beam.mechanics.schemes import EnergyMomentum, Equilibrium
 from fx_beam.model.equations import Equations
 from fx_beam.model.model import Model
@@ -22,7 +22,7 @@ from fx_beam.stepping.initial_state import reference_state
 from fx_beam.validation import require
 
 # Length of the steps whose tangents give the damping: so short that stiffness has no part in them.
-MOMENT = 1e-30
+INSTANT = 1e-30
 
 
 class Linearisation(NamedTuple):
@@ -68,13 +68,13 @@ class Linearisation(NamedTuple):
         model, start = Model(self.model.scene, EnergyMomentum()), self.start
         reduction, forms, equations = model.reduction, model.forms, Equations(model)
         tangents = []
-        for dt in (MOMENT, 2 * MOMENT):
-            equations.begin(moment(start.t, dt), start)
+        for dt in (INSTANT, 2 * INSTANT):
+            equations.begin(instant(start.t, dt), start)
             D = reduction.expand(np.zeros(reduction.free), np.zeros(reduction.driven))
             r = forms.internal_force(D)
             forms.assemble_stiffness()
             tangents.append(equations.tangent(r))
-        C = (2 * MOMENT * (tangents[0] - tangents[1])).tocsr()
+        C = (2 * INSTANT * (tangents[0] - tangents[1])).tocsr()
         check_damping(C.data, f"{what}: the damping at rest")
         C = C[self.unknowns][:, self.unknowns]
         C.eliminate_zeros()

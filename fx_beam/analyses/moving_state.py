@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 
 from fx_beam.errors import SceneError
-from fx_beam.mechanics.interval import Interval, moment
+from fx_beam.mechanics.interval import Interval, instant
 from fx_beam.mechanics.schemes import EnergyMomentum
 from fx_beam.model.model import Model
 from fx_beam.model.turning_frame import TurningFrame
@@ -24,7 +24,7 @@ from fx_beam.stepping.initial_state import reference_state
 from fx_beam.stepping.mass_solver import acceleration_of
 from fx_beam.validation import Constant
 
-from .linearisation import MOMENT, check_damping, check_unknowns, turning_frame_of
+from .linearisation import INSTANT, check_damping, check_unknowns, turning_frame_of
 from .run_setup import end_of, state_of
 
 _log = logging.getLogger("fx_beam")
@@ -157,7 +157,7 @@ def _warn_of_turn(model: Model, state: State, T: np.ndarray, dT: np.ndarray, wha
     if apart.max() < _RIGID * abs(spin) and in_space > _RIGID * abs(spin):
         _log.warning(
             "%s: the scene turns as a whole, at %.4g rad/s about (%.4g, %.4g), but the linear "
-            "system is that of the moment, in places measured in space: its eigenvalues are not "
+            "system is that of the instant, in places measured in space: its eigenvalues are not "
             "the frequencies seen in the turn. Take the state from static(scene, spin=...)",
             *(what, spin, pivot.real, pivot.imag),
         )
@@ -262,7 +262,7 @@ def _forces(model: Model, state: State):
     def step(dt: float, moving: bool, shift: float = 0.0):
         D, slid = moving * dt * state.v, moving * dt * slide_rates
         start = replace(state, q=state.q - shift * D, slides=state.slides - shift * slid)
-        forms.set_step(moment(state.t - shift * dt, dt), start.q, state.v, state.a)
+        forms.set_step(instant(state.t - shift * dt, dt), start.q, state.v, state.a)
         model.begin_points(start, dt)
         f = forms.internal_force(D).copy()
         forms.assemble_stiffness()
@@ -273,11 +273,11 @@ def _forces(model: Model, state: State):
         return f, forms.stiffness.copy(), *found
 
     if not forms.depend_on_rates:
-        f, half, pushes, half_slides = step(MOMENT, False)
+        f, half, pushes, half_slides = step(INSTANT, False)
         return f, 2 * half, 0 * half, pushes, 2 * half_slides, 0 * half_slides
-    f, at_once, pushes, slides_at_once = step(MOMENT, True)
-    _, later, _, slides_later = step(2 * MOMENT, True)
-    C, viscous = (2 * MOMENT * d for d in (at_once - later, slides_at_once - slides_later))
+    f, at_once, pushes, slides_at_once = step(INSTANT, True)
+    _, later, _, slides_later = step(2 * INSTANT, True)
+    C, viscous = (2 * INSTANT * d for d in (at_once - later, slides_at_once - slides_later))
     size = abs(state.v / model.unit).max()
     h = _SMALL / size if size else 1.0
     if state.internal is not None or state.spring_internal is not None:

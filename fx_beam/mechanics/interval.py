@@ -25,7 +25,7 @@ class Interval(NamedTuple):
         return self.end - self.start if self.own_length is None else self.own_length
 
 
-def moment(t: float, length: float) -> Interval:
+def instant(t: float, length: float) -> Interval:
     """An interval from t on that is short compared with t [s]."""
     return Interval(t, t + length, length)
 

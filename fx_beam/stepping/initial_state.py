@@ -9,7 +9,7 @@ import scipy.sparse
 import scipy.sparse.linalg
 
 from fx_beam.errors import SceneError
-from fx_beam.mechanics.interval import Interval, moment
+from fx_beam.mechanics.interval import Interval, instant
 from fx_beam.model.model import Model
 from fx_beam.results.state import State
 from fx_beam.scene.beam import COMPONENTS
@@ -128,7 +128,7 @@ def _acceleration(
     # Forces may depend on velocity: they see it as the increment over a very short step.
     D = h * state.v if model.forms.depend_on_rates else np.zeros(model.size)
     model.forms.set_internal(state.internal)
-    model.forms.set_step(moment(state.t, h), state.q, state.v, np.zeros(model.size))
+    model.forms.set_step(instant(state.t, h), state.q, state.v, np.zeros(model.size))
     model.begin_points(state, h)
     free, moved = reduction.free, slice(reduction.free, reduction.free + reduction.driven)
     a = np.zeros(reduction.columns)

@@ -1,4 +1,4 @@
-"""Ctrl-C at the right moment: not between changes that belong together."""
+"""Ctrl-C at the right instant: not between changes that belong together."""
 
 from __future__ import annotations
 

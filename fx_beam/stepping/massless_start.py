@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 import scipy.sparse.linalg
 
-from fx_beam.mechanics.interval import moment
+from fx_beam.mechanics.interval import instant
 from fx_beam.model.equations import Balance, Equations
 from fx_beam.model.model import Model
 from fx_beam.results.state import State
@@ -60,7 +60,7 @@ class _Settling:
 
     def balance(self, state: State) -> Balance:
         """The equations of a short step from a state, at its start."""
-        self._equations.begin(moment(state.t, self._length), state)
+        self._equations.begin(instant(state.t, self._length), state)
         return self._equations.at_start(self._force)
 
     def solved(self, state: State, hold: np.ndarray) -> State | None:

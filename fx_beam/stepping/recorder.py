@@ -13,7 +13,7 @@ import numpy as np
 
 from fx_beam.errors import SceneError
 from fx_beam.fem.forms import Part
-from fx_beam.mechanics.interval import Interval, moment
+from fx_beam.mechanics.interval import Interval, instant
 from fx_beam.model.model import Model
 from fx_beam.results.audit import Energy
 from fx_beam.results.state import State
@@ -368,7 +368,7 @@ class Recorder:
         arrays, forms, first = self.arrays, self.model.forms, self._first
         dt = _SHORT * np.diff(self._times[:2]).sum() or 1.0
         D = dt * first.v if forms.resultants_move else np.zeros(self.model.size)
-        short = moment(first.t, dt)
+        short = instant(first.t, dt)
         yield Part(short, D, arrays["q"][0], (first.v, first.a), internal=first.internal)
         for row in range(1, self.rows):
             yield from self._of_row(row)
