@@ -111,8 +111,8 @@ def test_obstacles_stops_and_laws_with_pieces_keep_the_tolerance_with_order_four
         for times in (None, TIMES) if solver == "compiled" else (TIMES,):
             place, velocity, _ = errors(make, 1e4, tolerance, 4, times, solver=solver)
             assert place < 2 * tolerance
-            # An error of place in the contact, of the frequency 100 /s, and of its force.
-            assert velocity < 500 * tolerance
+            # An error of place in the contact, of the frequency 100 /s; a section has no events.
+            assert velocity < (500 if make is rod else 100) * tolerance
 
 
 def test_steps_of_order_four_end_where_a_contact_begins_and_ends():

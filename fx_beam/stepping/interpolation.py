@@ -3,6 +3,7 @@
 Displacements and rotations are those of polynomials through the nearest ends of steps, of one
 degree more than the scheme's order, on the side of a contact where the motion is smooth. The rates
 are their derivatives: those at the ends of steps contain vibrations that the steps do not resolve.
+Only next to breaks, where few steps may turn the motion, are these better.
 """
 
 from __future__ import annotations
@@ -36,7 +37,8 @@ def at_times(
     x = (times - t[before]) / np.where(row > before, t[row] - t[before], 1.0)
     found = dict(steps)
     points = 4 if len(model.scheme.fractions) == 1 else 6
-    q, v = _polynomials(t, steps["q"], model.to_nodes(model.unit), times, row, breaks, points)
+    unit = model.to_nodes(model.unit)
+    q, v = _polynomials(t, steps["q"], steps["v"], unit, times, row, breaks, points)
     found |= {"t": times, "q": q, "v": v if len(steps["v"]) else steps["v"]}
     for name in ("t_level", "a", "reactions", "joint_forces", "motor_forces", "contact_forces"):
         found[name] = steps[name][row] if len(steps[name]) else steps[name]
@@ -55,7 +57,7 @@ def at_times(
     return found, row
 
 
-def _polynomials(t, q, unit, times, row, breaks, points: int) -> tuple[np.ndarray, np.ndarray]:
+def _polynomials(t, q, v, unit, times, row, breaks, points: int) -> tuple[np.ndarray, np.ndarray]:
     """Values and derivatives at some times, which lie in the steps that end in some rows."""
     near = 1e-9 * (t[-1] - t[0])
     inner = [b for b in breaks if t[0] + near < b < t[-1] - near]
@@ -72,9 +74,26 @@ def _polynomials(t, q, unit, times, row, breaks, points: int) -> tuple[np.ndarra
         values[inside], rates[inside] = (
             np.einsum("nk,nk...->n...", w, q[rows]) for w in (at, slope)
         )
+        if len(v) and last - first < len(t) - 1 and points > 4:  # between events, long steps
+            own = first + ends + np.array([[-1], [0]])
+            slopes = (lagrange_and_slopes(t[rows], end)[1] for end in t[own])
+            missing = v[own] - [np.einsum("nk,nk...->n...", slope, q[rows]) for slope in slopes]
+            value, rate = _bend(t[own], times[inside], missing)
+            values[inside] += value
+            rates[inside] += rate
     if len(edges) == 1:
         values[:], rates[:] = q[0], 0.0
     return values, rates
+
+
+def _bend(ends, times, rates) -> tuple[np.ndarray, np.ndarray]:
+    """Cubics at times (n,) with rates (2, n, ...) and no values at ends (2, n), and their rates."""
+    length = ends[1] - ends[0]
+    x, length = (
+        a.reshape(-1, *[1] * (rates.ndim - 2)) for a in ((times - ends[0]) / length, length)
+    )
+    value = length * x * (1 - x) * ((1 - x) * rates[0] - x * rates[1])
+    return value, (1 - x) * (1 - 3 * x) * rates[0] + x * (3 * x - 2) * rates[1]
 
 
 def _smoothest(t, q, ends: np.ndarray, known: int) -> np.ndarray:
