@@ -227,6 +227,25 @@ def test_rates_and_forces_of_bodies_are_of_order_four_with_order_four(build, dt)
         assert small < coarse[name] / 8**3.7 + round_off, name
 
 
+@pytest.mark.parametrize("order", [2, 4])
+@pytest.mark.parametrize("build", [slider_crank, lambda: pushed_pendulum(False)[0]])
+def test_the_kinetic_energy_of_driven_bodies_is_that_of_their_rates_to_order_four(build, order):
+    errors = []
+    for dt in (0.02, 0.01):
+        scene = build()
+        found = fb.simulate(scene, fb.EnergyMomentum(order=order), dt=dt, t_end=0.4)
+        kinetic = sum(
+            body.mass * (found.velocity(body.centre) ** 2).sum(axis=1) / 2
+            + body.inertia * found.spin(body.centre) ** 2 / 2
+            for body in scene.bodies
+        )
+        errors.append(abs(found.energy.kinetic - kinetic).max() / kinetic.max())
+        assert found.energy.work[0] == pytest.approx(0, abs=1e-12)
+        assert abs(found.energy.balance_error).max() < 1e-13 * (1 + kinetic.max())
+    assert errors[1] < 1e-5
+    assert np.log2(errors[0] / errors[1]) > 3.8
+
+
 @SOLVERS
 def test_the_rates_of_the_first_row_are_those_given_with_all_their_momentum(solver):
     scene = free_chain()

@@ -27,8 +27,7 @@ class Energy:
     ----------
     kinetic : (n,) float
         1/2 v.M v (eq. 8), with the rates of the scheme. Those of `Solution.v` fit the joints; where
-        couplings change with the motion, their energy differs, by the order of dt^4, or of dt^2 if
-        motions are driven.
+        couplings change with the motion, their energy is smaller, by the order of dt^4.
     strain : (n,) float
         Stored energy of the beams (eq. 10).
     potential : (n,) float

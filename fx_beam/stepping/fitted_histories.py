@@ -2,16 +2,21 @@
 
 from __future__ import annotations
 
+from dataclasses import fields
 from typing import NamedTuple
 
 import numpy as np
 
 from fx_beam.coupling.fitted_rates import Fit
 from fx_beam.model.model import Model
+from fx_beam.results.audit import Energy
 from fx_beam.scene.sliders import sliding_joints
 
 from .forcing import Forcing
 from .held_inputs import Ramp
+
+# Which energies have the work of driven motions.
+_BY_DRIVEN = [float(field.name in ("kinetic", "work")) for field in fields(Energy)]
 
 
 class Ends(NamedTuple):
@@ -54,7 +59,11 @@ def fitted(
         first = Ends(times[at], _lengths(times, at), q, v, near)
         before = fits.fit(q, v, near, _driven(model, first, False))
     found["v"] = now.rates
-    found["momenta"] = rows["momenta"] + sums_of(model, ends.q, (model.mass @ now.corrections.T).T)
+    impulses = (model.mass @ now.corrections.T).T
+    found["momenta"] = rows["momenta"] + sums_of(model, ends.q, impulses)
+    if model.couplings.driven:  # at rates that fit, other impulses do no work
+        given = np.einsum("ni,ni->n", now.rates, impulses)
+        found["energies"] = rows["energies"] + np.outer(given, _BY_DRIVEN)
     changes = ("a", "corrections"), ("joint_forces", "joints"), ("constraint_forces", "constraints")
     for name, change in changes:
         if name in rows:

@@ -42,4 +42,6 @@ def smooth_start(
     # joints allow there.
     at_rest = np.zeros((1, model.couplings.driven))
     slow = fits.fit(state.q[None], swing / 2, state.slides[None], at_rest).corrections[0]
-    return replace(state, v=state.v + slow)
+    # Driven motions give it; as the record has their work, that at the start is zero.
+    given = state.v @ (model.mass @ slow) if model.couplings.driven else 0.0
+    return replace(state, v=state.v + slow, work=state.work + given)
