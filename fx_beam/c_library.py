@@ -7,6 +7,7 @@ import hashlib
 import logging
 import os
 import platform
+import re
 import shlex
 import subprocess
 from collections.abc import Callable, Sequence
@@ -45,8 +46,10 @@ def open_library(
 
     `definitions` are macros. The library says by `fx_missing` what the processor lacks.
     """
-    ffi = cffi.FFI()
-    ffi.cdef(declarations(header))
+    ffi, text = cffi.FFI(), declarations(header)
+    for name, _, value in (definition.partition(" ") for definition in definitions):
+        text = re.sub(rf"\b{name}\b", value, text)
+    ffi.cdef(text)
     source = "".join(f"#define {name}\n" for name in definitions) + (SOURCES / file).read_text()
     library = load(what, source, lambda: source, lambda path: ffi.dlopen(str(path)))
     _check_processor(ffi.string(library.fx_missing()).decode())

@@ -61,6 +61,7 @@ HOUSE = {
         "files",
         "audit",
         "state",
+        "histories",
         "export",
         "fields",
         "paraview",

@@ -58,19 +58,6 @@ def test_a_table_has_the_columns_that_were_recorded(tmp_path):
     assert columns["forces"] - columns["motion"] == {f"tip {c}" for c in ("x", "y", "rotation")}
 
 
-def test_a_file_of_an_earlier_version_is_read_with_the_springs_in_the_strain_energy(tmp_path):
-    solution, _, _ = sprung()
-    solution.save(tmp_path / "run.npz")
-    with np.load(tmp_path / "run.npz") as file:
-        data = dict(file)
-    data["energy_strain"] = data["energy_strain"] + data.pop("energy_springs")
-    np.savez(tmp_path / "old.npz", **data)
-    old = fb.load(tmp_path / "old.npz")
-    assert old.energy.stored == pytest.approx(solution.energy.stored, rel=1e-14)
-    assert old.energy.total == pytest.approx(solution.energy.total, rel=1e-14, abs=1e-14)
-    assert not old.energy.springs.any()
-
-
 @pytest.mark.parametrize("solver", ["compiled", "petsc"])
 def test_springs_and_beams_have_their_energies_apart(solver):
     scene, first, second, joint = pair("prismatic", spring=fb.Spring(20.0, rest=0.3))

@@ -187,30 +187,12 @@ def test_parts_are_not_taken_over_to_steps_of_another_length():
         fb.simulate(whirling(1), dt=1 / 4, t_end=6.0, start=first, max_halvings=0)
 
 
-def test_a_start_without_what_decides_parts_is_one_from_an_older_file(tmp_path):
-    first = fb.simulate(whirling(1), dt=1 / 4, t_end=1.0)
-    first.save(tmp_path / "new.npz")
-    with np.load(tmp_path / "new.npz") as file:
-        old = {name: file[name] for name in file if not name.startswith(("past_", "end_parts"))}
-    forces = old["end_held"] = old.pop("end_constraint_forces")
-    np.savez(tmp_path / "old.npz", **old)
-    rest = fb.simulate(whirling(1), dt=1 / 4, t_end=2.0, start=fb.load(tmp_path / "old.npz"))
-    assert len(rest.t) == 5
-    assert (fb.load(tmp_path / "old.npz").end.constraint_forces == forces).all()
-
-
-def test_the_predictor_is_saved_and_begins_anew_from_an_older_file(tmp_path):
-    # Earlier versions kept differences of increments of equal steps.
+def test_the_predictor_is_saved(tmp_path):
     solution = fb.simulate(whirling(1), dt=1 / 512, t_end=1 / 8)
-    solution.save(tmp_path / "new.npz")
-    with np.load(tmp_path / "new.npz") as file:
-        old = dict(file)
-    del old["past_ages"]
-    np.savez(tmp_path / "old.npz", **old)
-    past = fb.load(tmp_path / "new.npz").end.past
+    solution.save(tmp_path / "run.npz")
+    past = fb.load(tmp_path / "run.npz").end.past
     assert past.orders == solution.end.past.orders > 0
     assert (past.differences == solution.end.past.differences).all()
-    assert fb.load(tmp_path / "old.npz").end.past is None
 
 
 @pytest.mark.parametrize("solver", ["compiled", "petsc"])

@@ -53,8 +53,9 @@ def solution_of(
         return BeamResultants(s.ravel(), N, Q, M)
 
     return Solution(
+        histories,
         X=mesh.X,
-        **histories,
+        energy=histories["energy"],
         stats=stats,
         beams={beam.name: beam for beam in scene.beams},
         nodes_of_beam={b.name: n for b, n in zip(scene.beams, mesh.nodes, strict=True)},

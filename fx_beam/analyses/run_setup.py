@@ -12,8 +12,9 @@ from fx_beam.fem.mpi import petsc
 from fx_beam.mechanics.schemes import EnergyMomentum, Scheme
 from fx_beam.model.model import Model
 from fx_beam.results.audit import Stats
+from fx_beam.results.histories import HISTORIES
 from fx_beam.results.solution import Solution
-from fx_beam.results.state import State
+from fx_beam.results.state import ARRAYS, FORCES, State
 from fx_beam.scene.scene import Scene
 from fx_beam.stepping.forcing import Forcing
 from fx_beam.stepping.full_turns import TurnCounter
@@ -94,10 +95,7 @@ def end_of(start: Solution) -> State:
     if not isinstance(start, Solution):
         raise SceneError(f"start must be a Solution, not {shown(start)}")
     if start.end is None:
-        raise SceneError(
-            "start: the solution has no last state. It is from a run that ended early, saved by an "
-            "earlier version of fx_beam. Start from another solution"
-        )
+        raise SceneError("start: the solution has no last state. Start from another solution")
     return start.end
 
 
@@ -138,10 +136,10 @@ def _with_last_forces(model: Model, state: State, start: Solution) -> State:
     """The state with the forces of the last row, which are those of rates that fit the joints."""
     end = end_of(start)
     if start.stats.static or start.t[-1] == end.t:  # else the record has no row of the end
-        if len(start.joint_forces):
-            state = replace(state, joint_forces=start.joint_forces[-1])
-        if len(start.contact_forces) and start.contact_forces.shape[1] == model.points.contacts:
-            state = replace(state, contact_forces=start.contact_forces[-1])
+        for name in (name for name in FORCES if name in HISTORIES):
+            rows = getattr(start, name)
+            if len(rows) and rows.shape[1:] == ARRAYS[name].lengths(model.sizes):
+                state = replace(state, **{name: rows[-1]})
         constraints = state.constraint_forces
         if constraints is not None and model.fitted_rates is not None and len(start.reactions):
             nodes, components, places = model.supports

@@ -12,6 +12,7 @@ from typing import Any
 
 from fx_beam import c_library, library_cache
 from fx_beam.fem import ffcx_api
+from fx_beam.results.state import MACROS
 
 _log = logging.getLogger("fx_beam")
 # Addresses in the libraries that this process has loaded, which Python does not unload.
@@ -30,7 +31,7 @@ def load_library(*definitions: str) -> tuple[Any, Any]:
     """
     with _in_python_otherwise():
         return c_library.open_library(
-            "the loop over time steps", "loop.c", "problem.h", definitions
+            "the loop over time steps", "loop.c", "problem.h", [*MACROS, *definitions]
         )
 
 
@@ -50,7 +51,8 @@ def load_batches(
     batches = [f"BATCH({batch}, element_{i}, {sizes})" for i, batch in enumerate(names)]
 
     def text() -> str:
-        return "\n".join(['#include "batch.h"', source(), *batches, ""])
+        state = [f"#define {definition}" for definition in MACROS]
+        return "\n".join([*state, '#include "batch.h"', source(), *batches, ""])
 
     def loader(path: Path) -> list[int]:
         library = ctypes.CDLL(str(path))

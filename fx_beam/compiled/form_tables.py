@@ -15,7 +15,7 @@ from .kernels import Kernel
 
 # Forms that are evaluated together, by their names in C.
 _FORMS = {
-    "internal": ("internal forces", "tangent"),
+    "internal_forces": ("internal forces", "tangent"),
     "energy": ("strain energy",),
     "inversion": ("inverted sections",),
     "added": ("added virtual work",),

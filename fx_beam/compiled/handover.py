@@ -7,6 +7,7 @@ in the C files: Newton's method, couplings and nodal rates.
 from __future__ import annotations
 
 import itertools
+import math
 from typing import Any
 
 import numpy as np
@@ -18,6 +19,7 @@ from fx_beam.coupling.joint_reduction import JointReduction
 from fx_beam.mechanics.rates import MidPointRates, NewmarkRates
 from fx_beam.model.joint_forces import JointForces, Passing
 from fx_beam.model.model import Model
+from fx_beam.results.state import ARRAYS
 from fx_beam.scene.beam import Node
 from fx_beam.scene.joints import GROUND
 from fx_beam.stepping.line_search import OVERSHOOT, SEARCHES
@@ -267,7 +269,6 @@ class Problem:
 
         none = [-1] * len(model.prescribed)
         self._set(
-            slides=len(model.scene.joints),
             driven_dof=[*model.prescribed, *[-1] * len(model.motors)],
             motor_a=none + [turn(joint.a) for joint, _ in model.motors],
             motor_b=none + [turn(joint.b) for joint, _ in model.motors],
@@ -305,20 +306,8 @@ class Problem:
 
     def _allocate(self) -> None:
         model, reduction = self.model, self.model.reduction
-        sizes = {
-            "q": model.size,
-            "v": model.size,
-            "a": model.size,
-            "slide": len(model.scene.joints),
-            "driven_now": reduction.driven,
-            "added_forces": model.size,
-            "constraint_forces": reduction.columns - reduction.free,
-            "joint_forces": 3 * len(model.scene.joints),
-            "contact_forces": 2 * model.points.contacts,
-            "before": model.size if model.keeps_before else 0,
-            "internals": int(np.prod(model.forms.internal_shape)),
-            "spring_internals": model.points.width,
-        }
+        sizes = {name: math.prod(array.lengths(model.sizes)) for name, array in ARRAYS.items()}
+        sizes["driven_now"] = reduction.driven
         # One piece of memory, which the loop copies before a step with sub-steps.
         known, past = self.library.PAST, (1, model.size, reduction.free)
         order = self.library.MAX_ORDER if self.c.sub_steps > 1 else 0

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import weakref
 from collections.abc import Callable
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from fx_beam.mechanics.interval import divided
-from fx_beam.results.state import FORCES, Past, State
+from fx_beam.results.state import ARRAYS, NUMBERS, ROWS, Past, State
 from fx_beam.stepping.interrupts import uninterrupted
 from fx_beam.stepping.local_error import order_and_constant
 from fx_beam.stepping.newton import NewtonOptions
@@ -28,13 +29,21 @@ class CompiledLoop:
         self.problem = problem = Problem(self.model, python.single.joint_forces, options)
         self._ffi, self._library = problem.ffi, problem.library
         # Read here: an interrupt while cffi reads the name of a type breaks its parser for good.
-        names = "double *", "int *", "Inputs *", "Record *"
+        names = "double *", "int *", "Inputs *", "Record *", "Rows[]"
         self._types = {name: problem.ffi.typeof(name) for name in names}
         self._problem, self._state_arrays, self._past = (
             problem.c,
             problem.state_arrays,
             problem.past,
         )
+        #: Shapes of the arrays of a state.
+        self.shapes = {name: array.lengths(self.model.sizes) for name, array in ARRAYS.items()}
+        #: Where C has what is recorded, by the names of rows and of starts of sub-steps.
+        self._sources = {name: getattr(problem.c, name) for name in ROWS}
+        self._sources |= {f"before_{name}": self._sources[name] for name in ("q", "v", "a")}
+        self._sources |= {"before_internal": problem.c.internal, "earlier_q": problem.c.before}
+        #: Rows by the records to which they belong.
+        self._rows_of: weakref.WeakKeyDictionary = weakref.WeakKeyDictionary()
         problem.c.least_energy = python.inversion.least_energy
         C = problem.library
         self._no_failures = C.OK, C.SWITCHED, C.TOO_INACCURATE
@@ -119,24 +128,16 @@ class CompiledLoop:
 
     def load(self, state: State) -> None:
         """Write a state into the memory of C."""
-        p, model, arrays = self._problem, self.model, self._state_arrays
-        arrays["q"][:], arrays["v"][:], arrays["a"][:] = state.q, state.v, state.a
-        arrays["slide"][:] = state.slides
-        arrays["driven_now"][len(model.prescribed) :] = state.motors
+        p, arrays = self._problem, self._state_arrays
+        for name in ARRAYS:
+            value = getattr(state, name)
+            arrays[name][:] = 0.0 if value is None else value.ravel()
+        if p.keeps_before and state.before is None:
+            arrays["before"][:] = state.q
+        arrays["driven_now"][len(self.model.prescribed) :] = state.motors
         p.steps_done = state.constraint_forces is not None
-        for name in FORCES:
-            force = getattr(state, name)
-            arrays[name][:] = 0.0 if force is None else force.ravel()
-        if state.added_forces is not None:
-            arrays["added_forces"][:] = state.added_forces
-        if state.internal is not None:
-            arrays["internals"][:] = state.internal.ravel()
-        if state.spring_internal is not None:
-            arrays["spring_internals"][:] = state.spring_internal
-        p.t, p.work, p.dissipated = state.t, state.work, state.dissipated
-        p.algorithmic, p.numerical, p.length = state.algorithmic, state.numerical, state.length
-        if p.keeps_before:
-            arrays["before"][:] = state.q if state.before is None else state.before
+        for name in NUMBERS:
+            setattr(p, name, getattr(state, name))
 
     def c_inputs(self, inputs: StepInputs):
         """The inputs for C; they must be kept as long as C uses them."""
@@ -154,11 +155,28 @@ class CompiledLoop:
         to.parts, to.part = steps.parts, steps.done
         to.keeps_starts = recorder.keeps_starts(to.parts)
         to.starts, to.complete = recorder.starts, recorder.complete
-        most = number * self._problem.sub_steps if to.keeps_starts else 0
-        for name, rows in recorder.next_rows(most).items():
-            kind = "int *" if rows.dtype == np.int32 else "double *"
-            setattr(to, name, self._ffi.cast(self._types[kind], rows.ctypes.data))
+        rows, starts = recorder.next_rows(number * self._problem.sub_steps * to.keeps_starts)
+        if "up_to_row" in rows:
+            to.up_to_row = self._address("int *", rows.pop("up_to_row"))
+        for name in ("share", "memory"):
+            if name in starts:
+                setattr(to, name, self._address("double *", starts.pop(name)))
+        to.forces = "constraint_forces" in rows
+        histories, kept = self._rows(rows), self._rows(starts)
+        to.histories, to.history, to.kept, to.start = len(histories), histories, len(kept), kept
+        self._rows_of[to] = histories, kept
         return to
+
+    def _rows(self, arrays: dict[str, np.ndarray]):
+        """Rows of arrays, which C writes from those of the same names."""
+        rows = self._ffi.new(self._types["Rows[]"], len(arrays))
+        for row, (name, array) in zip(rows, arrays.items(), strict=True):
+            row.source, row.size = self._sources[name], array.shape[1]
+            row.target = self._address("double *", array)
+        return rows
+
+    def _address(self, kind: str, array: np.ndarray):
+        return self._ffi.cast(self._types[kind], array.ctypes.data)
 
     def count(self, taken: int) -> None:
         """Add what C has counted in some steps or parts to the statistics."""
@@ -196,30 +214,16 @@ class CompiledLoop:
     def state(self, t: float, within: bool = False) -> State:
         """The state in the memory of C, at the time t [s]; `within` a step that is in parts."""
         p = self._problem
-        arrays = {name: values.copy() for name, values in self._state_arrays.items()}
-        taken, shape = p.steps_done > 0, self.model.forms.internal_shape
-        # Those of joints and obstacles are not computed in steps that are not recorded.
-        known = taken and (p.keeps_joint_forces or within)
-        return State(
-            t,
-            arrays["q"],
-            arrays["v"],
-            arrays["a"],
-            arrays["slide"],
-            arrays["driven_now"][len(self.model.prescribed) :],
-            constraint_forces=arrays["constraint_forces"] if taken else None,
-            added_forces=arrays["added_forces"] if taken and p.has_added else None,
-            work=p.work,
-            dissipated=p.dissipated,
-            numerical=p.numerical,
-            algorithmic=p.algorithmic,
-            before=arrays["before"] if p.keeps_before else None,
-            internal=arrays["internals"].reshape(shape) if p.cell_internal else None,
-            spring_internal=arrays["spring_internals"] if p.spring_width else None,
-            length=p.length,
-            joint_forces=arrays["joint_forces"].reshape(-1, 3) if known else None,
-            contact_forces=arrays["contact_forces"].reshape(-1, 2) if known else None,
-        )
+        taken, found = p.steps_done > 0, dict[str, Any]()
+        for name, quantity in ARRAYS.items():
+            # Forces of joints and obstacles are not computed in steps that are not recorded.
+            known = name == "constraint_forces" or p.keeps_joint_forces or within
+            array = self._state_arrays[name]
+            if (taken and known) if quantity.mean else (quantity.required or array.size):
+                found[name] = array.reshape(self.shapes[name]).copy()
+        numbers = {name: getattr(p, name) for name in NUMBERS} | {"t": t}
+        motors = self._state_arrays["driven_now"][len(self.model.prescribed) :].copy()
+        return State(**numbers, **found, motors=motors)
 
 
 class StepInputs(NamedTuple):

@@ -10,7 +10,7 @@ import numpy as np
 
 from fx_beam.errors import StepError
 from fx_beam.fem.dead_loads import places_of
-from fx_beam.results.state import State
+from fx_beam.results.state import ARRAYS, State
 from fx_beam.stepping.held_inputs import Hold, Ramp
 from fx_beam.stepping.python_loop import Steps
 from fx_beam.stepping.recorder import Recorder, Rows, Unrecorded
@@ -36,12 +36,9 @@ class CompiledSingleSteps:
         if forces:
             problem.c.keeps_joint_forces = True
         self._unrecorded = loop.c_record(Unrecorded(), Steps(1), 1)
-        arrays = problem.state_arrays
         #: The present state: arrays of C.
         self.now = SimpleNamespace(
-            **{name: arrays[name] for name in ("q", "v", "a", "constraint_forces")},
-            slides=arrays["slide"],
-            joint_forces=arrays["joint_forces"].reshape(-1, 3),
+            **{name: problem.state_arrays[name].reshape(loop.shapes[name]) for name in ARRAYS}
         )
         #: Rows of a recorder for C, and the number of the plan to which they belong.
         self._rows, self._plan = self._unrecorded, -1

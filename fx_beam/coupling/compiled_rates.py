@@ -13,6 +13,7 @@ import scipy.sparse.linalg
 
 from fx_beam import c_library
 from fx_beam.kept import kept
+from fx_beam.results.state import MACROS
 from fx_beam.structs import Structs
 
 from .fitted_rates import Fit, FittedRates
@@ -40,7 +41,7 @@ def compiled_rates(rates: FittedRates) -> FittedRates | CompiledRates:
 
 @functools.cache
 def _library() -> tuple[Any, Any]:
-    return c_library.open_library("rates of joints", "fitted_rates.c", "fitted_rates.h")
+    return c_library.open_library("rates of joints", "fitted_rates.c", "fitted_rates.h", MACROS)
 
 
 class CompiledRates:

@@ -146,6 +146,23 @@ class Model:
         return self.points.energy(state.q, state.slides, state.spring_internal)
 
     @functools.cached_property
+    def sizes(self) -> dict[str, int]:
+        """Lengths of the arrays of a state, by their names in `Quantity.shape`."""
+        cells, points, variables = self.forms.internal_shape
+        return {
+            "dofs": self.size,
+            "joints": len(self.scene.joints),
+            "constraints": self.reduction.columns - self.reduction.free,
+            "contacts": self.points.contacts,
+            "added dofs": self.size if self.forms.has_added else 0,
+            "kept dofs": self.size if self.keeps_before else 0,
+            "cells": cells,
+            "points": points,
+            "variables": variables,
+            "spring variables": self.points.width,
+        }
+
+    @functools.cached_property
     def nodal_rules(self) -> NodalRules | None:
         """The nodal rules of the rates, if they are those of a user."""
         rates = self.scheme.rates

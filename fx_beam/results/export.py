@@ -11,14 +11,10 @@ from fx_beam.scene.beam import Beam
 from fx_beam.scene.obstacles import Obstacle
 
 from .files import replacing
+from .histories import HISTORIES
 
-#: Format of saved files, and the arrays in them that bear their own name.
+#: Format of saved files.
 FORMAT = "fx_beam solution 1"
-HISTORIES = (
-    *("t", "t_level", "X", "q", "v", "a", "reactions", "slides", "joint_forces", "motor_forces"),
-    "contact_forces",
-    *("linear_momentum", "angular_momentum"),
-)
 
 
 def save(solution, path) -> None:
@@ -31,7 +27,7 @@ def save(solution, path) -> None:
     path : str or path
         File to write, in NumPy's npz format: arrays and a JSON text, no pickled objects.
     """
-    arrays = {name: getattr(solution, name) for name in HISTORIES}
+    arrays = {name: getattr(solution, name) for name in ("X", *HISTORIES)}
     arrays |= {f"energy_{name}": value for name, value in vars(solution.energy).items()}
     if solution.end is not None:
         known = {name: value for name, value in vars(solution.end).items() if value is not None}

@@ -16,10 +16,11 @@ from fx_beam.scene.obstacles import Circle, Line, Obstacle
 from fx_beam.validation import shown
 
 from .audit import BeamResultants, Energy, Stats
-from .export import FORMAT, HISTORIES
+from .export import FORMAT
+from .histories import HISTORIES
 from .saved_arrays import check_arrays
 from .solution import Solution
-from .state import Past, State
+from .state import NUMBERS, Past, State
 
 
 def load(path) -> Solution:
@@ -68,9 +69,6 @@ def _read(raw: BinaryIO) -> Solution:
     meta = json.loads(str(data["meta"]))
     if meta["format"] != FORMAT:
         raise KeyError("format")
-    # Missing in files of earlier versions.
-    data.setdefault("motor_forces", np.empty((0, data["slides"].shape[1])))
-    data.setdefault("contact_forces", np.empty((0, 0, 2)))
     check_arrays(data, meta["beams"])
 
     def node(number: int) -> Node:
@@ -85,40 +83,33 @@ def _read(raw: BinaryIO) -> Solution:
         ends = tuple(node(n) for n in numbers[:: item["degree"]])
         beams[name] = Beam(name, ends, item["degree"], np.array(item["s"]))
         nodes_of_beam[name] = numbers
-        if names := item.get("internal"):  # files of earlier versions have none
+        if names := item["internal"]:
             internal[name] = {
                 variable: data[f"beam{i}_internal{k}"] for k, variable in enumerate(names)
             }
         if len(data["q"]) == len(data["t"]):  # else there was no motion recorded to compute them of
             resultants[name] = BeamResultants(*(data[f"beam{i}_{part}"] for part in "sNQM"))
     bodies = {}
-    for item in meta.get("bodies", []):  # files of earlier versions have none
+    for item in meta["bodies"]:
         points = {name: node(number) for name, number in item["points"].items()}
         bodies[item["name"]] = Body(
             item["name"], node(item["centre"]), points, item["mass"], item["inertia"]
         )
     springs = {
         int(number): {name: data[f"joint{number}_internal{i}"] for i, name in enumerate(names)}
-        for number, names in meta.get("joints", {}).items()
+        for number, names in meta["joints"].items()
     }
     end = None
     if "end_t" in data:
         parts: dict[str, Any] = {f.name: data.get(f"end_{f.name}") for f in fields(State)}
-        parts |= {name: float(data[f"end_{name}"]) for name in ("t", "work")}
-        # Missing in files of earlier versions.
-        later = "dissipated", "numerical", "algorithmic", "length"
-        parts |= {name: float(data.get(f"end_{name}", 0.0)) for name in later}
-        for name, former in (("constraint_forces", "held"), ("added_forces", "added")):
-            if f"end_{former}" in data:
-                parts[name] = data[f"end_{former}"]
-        if "past_ages" in data:  # files of earlier versions lack it: prediction begins anew
+        parts |= {name: float(data[f"end_{name}"]) for name in NUMBERS}
+        if "past_ages" in data:  # that of a motion
             parts["past"] = Past(**{f.name: data[f"past_{f.name}"] for f in fields(Past)})
         end = State(**parts)
-    # Of earlier versions the strain energy has that of springs, the work what dampers took.
-    known = [f.name for f in fields(Energy) if f"energy_{f.name}" in data]
     return Solution(
-        **{name: data[name] for name in HISTORIES},
-        energy=Energy(**{name: data[f"energy_{name}"] for name in known}),
+        {name: data[name] for name in HISTORIES},
+        X=data["X"],
+        energy=Energy(**{f.name: data[f"energy_{f.name}"] for f in fields(Energy)}),
         stats=_stats(meta["stats"]),
         beams=beams,
         nodes_of_beam=nodes_of_beam,
@@ -126,7 +117,7 @@ def _read(raw: BinaryIO) -> Solution:
         internal_of_beam=internal,
         internal_of_joint=springs,
         bodies=bodies,
-        obstacles=_obstacles(meta.get("obstacles", []), beams, data["X"]),
+        obstacles=_obstacles(meta["obstacles"], beams, data["X"]),
         end=end,
     )
 
@@ -143,6 +134,4 @@ def _obstacles(saved: list[dict], beams: dict[str, Beam], X: np.ndarray) -> list
 
 def _stats(saved: dict[str, Any]) -> Stats:
     failure = saved.pop("failure")
-    if isinstance(failure, str) and failure:  # in files of earlier versions
-        failure = {"kind": "", "reason": failure, "time": np.nan}
     return Stats(**saved, failure=Failure(**failure) if failure else None)

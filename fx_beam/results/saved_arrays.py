@@ -7,35 +7,29 @@ from typing import Any
 
 import numpy as np
 
-# Lengths by letters: n rows, k nodes, j joints, c contacts; "n?" are rows that may be missing.
+from .histories import HISTORIES
+
+# Lengths by name; those of rows that may be missing begin with "n?".
 _SHAPES: dict[str, tuple] = {
-    **dict.fromkeys(("t", "t_level", "angular_momentum"), ("n",)),
-    **dict.fromkeys(("q", "v", "a", "reactions"), ("n?", "k", 3)),
-    "X": ("k", 2),
-    "slides": ("n", "j"),
-    "joint_forces": ("n?", "j", 3),
-    "motor_forces": ("n?", "j"),
-    "contact_forces": ("n?", "c", 2),
-    "linear_momentum": ("n", 2),
-    **dict.fromkeys(("end_q", "end_v", "end_a"), ("k", 3)),
-    "end_slides": ("j",),
+    name: ("n" if history.record == "always" else "n?", *history.shape)
+    for name, history in HISTORIES.items()
 }
+_SHAPES |= {"X": ("nodes", 2), **dict.fromkeys(("end_q", "end_v", "end_a"), ("nodes", 3))}
+_SHAPES["end_slides"] = ("joints",)
 # A lost motion may have infinite rates and energies, but not these.
 _FINITE = "t", "X", "q", "slides"
 
 
 def check_arrays(data: Mapping[str, np.ndarray], beams: list[dict[str, Any]]) -> None:
     """Refuse arrays that do not fit together, or to the beams of a file, by a ValueError."""
-    sizes = {
-        "n": len(data["t"]),
-        "k": len(data["X"]),
-        "j": data["slides"].shape[1],
-        "c": data["contact_forces"].shape[1],
-    }
-    shapes = {name: shape for name, shape in _SHAPES.items() if name in data}
+    sizes = {"n": len(data["t"]), "nodes": len(data["X"])}
+    shapes = {name: shape for name, shape in _SHAPES.items() if name in data or name in HISTORIES}
+    for name, shape in shapes.items():
+        if len(shape) > 1 and shape[1] not in sizes and isinstance(shape[1], str):
+            sizes[shape[1]] = data[name].shape[1]
     shapes |= {name: ("n",) for name in data if name.startswith("energy_")}
     for i, beam in enumerate(beams):
-        _check_beam(beam, data[f"beam{i}_nodes"], sizes["k"])
+        _check_beam(beam, data[f"beam{i}_nodes"], sizes["nodes"])
         if f"beam{i}_s" in data:
             sizes[f"p{i}"] = beam["degree"] * (len(beam["s"]) - 1)
             shapes[f"beam{i}_s"] = (f"p{i}",)

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import textwrap
+from collections.abc import Callable, Mapping
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -16,14 +18,14 @@ from fx_beam.validation import is_one_of, shown
 from . import beam_histories, export, paraview, tables
 from .audit import BeamResultants, Energy, Stats, read_only
 from .contact import Contact
+from .histories import HISTORIES
 from .joint_motion import JointMotion
 from .lookup import joint_number, node_number, obstacle_of
 from .state import State
 from .summary import facts
 
 # Histories that a `Record` may omit, with its name for them.
-_KINDS = {"q": "motion", "v": "rates", "a": "rates"}
-_KINDS |= dict.fromkeys(("reactions", "joint_forces", "motor_forces", "contact_forces"), "forces")
+_KINDS = {name: of.record for name, of in HISTORIES.items() if of.record != "always"}
 
 
 class Solution:
@@ -36,35 +38,12 @@ class Solution:
 
     Parameters
     ----------
-    t : (n,) float
-        Times [s]; in a static solution load factors.
-    t_level : (n,) float
-        Times at which the rows of `resultants`, `reaction`, `joint_force` and `Contact.force` hold
-        [s]: the scheme's level in the step that ends at t[k]. At mid-step they are means over the
-        whole step, whatever its parts: times the step's length they are impulses. Otherwise they
-        are values, for a halved step in its last part. Row 0 is the start: reactions and joint
-        forces are zero there or, after `simulate(start=...)`, those of the last step before.
+    histories : dict
+        The histories below, by name.
     X : (n_node, 2) float
         Reference positions [m].
-    q, v, a : (n, n_node, 3) float
-        Displacements and rotation, their rates and accelerations [m, rad, s]; rates and
-        accelerations are zero in a static solution.
-    reactions : (n, n_node, 3) float
-        Forces and moments of the supports on the nodes [N, N m].
-    slides : (n, joints) float
-        Slides of the joints [m].
-    joint_forces : (n, joints, 3) float
-        Forces and moments of the joints on their nodes b [N, N m].
-    motor_forces : (n, joints) float
-        Forces and moments of the joints' motors [N, N m].
-    contact_forces : (n, contacts, 2) float
-        Forces of obstacles on nodes, one obstacle after the other [N].
     energy : Energy
         Energies and work.
-    linear_momentum : (n, 2) float
-        Linear momentum [kg m/s].
-    angular_momentum : (n,) float
-        Angular momentum about the origin [kg m^2/s].
     stats : Stats
         Statistics of the simulation.
     beams : dict
@@ -84,6 +63,10 @@ class Solution:
     end : State, optional
         The last state, its vectors by nodes, for `simulate(start=...)`; None after a failed run.
 
+    Attributes
+    ----------
+    HISTORIES
+
     Examples
     --------
     A bar that rotates about a pin.
@@ -100,20 +83,9 @@ class Solution:
 
     def __init__(
         self,
-        t: np.ndarray,
-        t_level: np.ndarray,
+        histories: Mapping[str, np.ndarray],
         X: np.ndarray,
-        q: np.ndarray,
-        v: np.ndarray,
-        a: np.ndarray,
-        reactions: np.ndarray,
-        slides: np.ndarray,
-        joint_forces: np.ndarray,
-        motor_forces: np.ndarray,
-        contact_forces: np.ndarray,
         energy: Energy,
-        linear_momentum: np.ndarray,
-        angular_momentum: np.ndarray,
         stats: Stats,
         beams: dict[str, Beam],
         nodes_of_beam: dict[str, np.ndarray],
@@ -124,20 +96,20 @@ class Solution:
         bodies: dict[str, Body] | None = None,
         end: State | None = None,
     ):
-        self.t, self.t_level, self.X = map(read_only, (t, t_level, X))
-        self.q, self.v, self.a = map(read_only, (q, v, a))
-        self.reactions, self.slides = map(read_only, (reactions, slides))
-        self.joint_forces, self.motor_forces = map(read_only, (joint_forces, motor_forces))
-        self.contact_forces, self.obstacles = read_only(contact_forces), obstacles
-        self.energy = energy
-        self.linear_momentum = read_only(linear_momentum)
-        self.angular_momentum = read_only(angular_momentum)
+        for name in HISTORIES:
+            setattr(self, name, read_only(histories[name]))
+        self.X, self.energy, self.obstacles = read_only(X), energy, obstacles
         self.stats = stats
         self.beams, self.bodies = beams, bodies or {}
         self.nodes_of_beam = {name: read_only(nodes) for name, nodes in nodes_of_beam.items()}
         self.resultants_of_beam = resultants_of_beam
         self.internal_of_beam, self.internal_of_joint = internal_of_beam, internal_of_joint
         self.end = end
+
+    if TYPE_CHECKING:
+
+        def __getattr__(self, name: str) -> np.ndarray:
+            """A history."""
 
     def __getstate__(self):
         # The function for the resultants holds the compiled model: copies get computed values.
@@ -398,3 +370,21 @@ class Solution:
         if len(rows) != len(self.t):
             raise ValueError(f"{kind} not recorded; simulate with record=Record({kind}=True)")
         return rows
+
+
+def _attributes() -> str:
+    """The histories as numpydoc lists attributes."""
+    lines = []
+    for name, history in HISTORIES.items():
+        lengths = ", ".join(map(str, ("n", *history.shape)))
+        lines += [f"{name} : ({lengths}{'' if history.shape else ','}) float"]
+        lines += textwrap.wrap(
+            f"{history.says}.", 90, initial_indent="    ", subsequent_indent="    "
+        )
+    return "\n".join(lines)
+
+
+if Solution.__doc__ is not None:  # else Python runs without docstrings
+    Solution.__doc__ = Solution.__doc__.replace(
+        "    HISTORIES", textwrap.indent(_attributes(), "    ")
+    )

@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Mapping
+from dataclasses import MISSING, dataclass, field, fields, replace
+from typing import Any, NamedTuple
 
 import numpy as np
-
-#: Forces of a state that are means over the step so far, where the scheme has them at mid-step.
-FORCES = "constraint_forces", "joint_forces", "contact_forces"
 
 _Renumbering = Callable[[np.ndarray], np.ndarray]
 
@@ -27,39 +25,82 @@ class Past:
     slides: np.ndarray
 
 
+class Quantity(NamedTuple):
+    """An array of the state."""
+
+    #: Its lengths, by their names in `Model.sizes`.
+    shape: tuple[str | int, ...]
+    #: What of a `Record` selects its rows: "motion", "rates", "forces", or "always"; "" for none.
+    record: str = ""
+    #: Whether it is a mean over the step so far, where the scheme has it at mid-step.
+    mean: bool = False
+    #: Whether every state has it.
+    required: bool = False
+    #: What a history of it in a `Solution` is; "" if it is none.
+    says: str = ""
+
+    def lengths(self, sizes: Mapping[str, int]) -> tuple[int, ...]:
+        """The lengths of a model."""
+        return tuple(size if isinstance(size, int) else sizes[size] for size in self.shape)
+
+
+def _array(*shape: str | int, **facts: Any) -> Any:
+    """An array of the state: lengths by their names in `Model.sizes`, and facts of `Quantity`."""
+    default: Any = MISSING if facts.get("required") else None
+    return field(default=default, metadata={"quantity": Quantity(shape, **facts)})
+
+
+def _number() -> Any:
+    return field(default=0.0, metadata={"number": True})
+
+
 @dataclass
 class State:
-    """The system at one time, and what the next step needs from the last one."""
+    """The system at one time, and what the next step needs from the last one.
+
+    This is the schema: its arrays and numbers are the members of the state in C, and the rows of a
+    record, of a solution and of files.
+    """
 
     t: float
-    #: Displacements and rotations, rates, accelerations, each (size,).
-    q: np.ndarray
-    v: np.ndarray
-    a: np.ndarray
-    #: Slides of the joints (joints,), and motion of the motors since the start (motors,) [m, rad].
-    slides: np.ndarray
+    #: Motion of the motors since the start (motors,) [m, rad].
     motors: np.ndarray
-    #: In the step so far: forces of driven and fixed columns, of the joints on their nodes b
-    #: (joints, 3) and of obstacles (contacts, 2); of added virtual works (size,) in its last part
-    #: [N, N m].
-    constraint_forces: np.ndarray | None = None
-    joint_forces: np.ndarray | None = None
-    contact_forces: np.ndarray | None = None
-    added_forces: np.ndarray | None = None
+    #: Displacements and rotations, rates, accelerations.
+    q: np.ndarray = _array("dofs", record="motion", required=True)
+    v: np.ndarray = _array("dofs", record="rates", required=True)
+    a: np.ndarray = _array("dofs", record="rates", required=True)
+    slides: np.ndarray = _array(
+        "joints", record="always", required=True, says="Slides of the joints [m]"
+    )
+    #: In the step so far: forces of driven and fixed columns, of joints, and of obstacles; of added
+    #: virtual works in its last part [N, N m].
+    constraint_forces: np.ndarray | None = _array("constraints", record="forces", mean=True)
+    joint_forces: np.ndarray | None = _array(
+        *("joints", 3),
+        record="forces",
+        mean=True,
+        says="Forces and moments of the joints on their nodes b [N, N m]",
+    )
+    contact_forces: np.ndarray | None = _array(
+        *("contacts", 2),
+        record="forces",
+        mean=True,
+        says="Forces of obstacles on nodes, one obstacle after the other [N]",
+    )
+    added_forces: np.ndarray | None = _array("added dofs")
     #: Work and dissipated energy since the start [J].
-    work: float = 0.0
-    dissipated: float = 0.0
+    work: float = _number()
+    dissipated: float = _number()
     #: Part of it that the scheme took, and energy that the scheme holds for the next step [J].
-    numerical: float = 0.0
-    algorithmic: float = 0.0
-    #: The configuration (size,) at the start of the step that ended here, and its length [s]; only
-    #: for schemes that need them.
-    before: np.ndarray | None = None
-    length: float = 0.0
-    #: Internal variables (cells, degree, width) at the Gauss points; None without any.
-    internal: np.ndarray | None = None
-    #: Internal variables (width,) of the springs of joints, in their order; None without any.
-    spring_internal: np.ndarray | None = None
+    numerical: float = _number()
+    algorithmic: float = _number()
+    #: The configuration at the start of the step that ended here, and its length [s]; only for
+    #: schemes that need them.
+    before: np.ndarray | None = _array("kept dofs")
+    length: float = _number()
+    #: Internal variables at the Gauss points, and of the springs of joints in their order.
+    internal: np.ndarray | None = _array("cells", "points", "variables", record="motion")
+    spring_internal: np.ndarray | None = _array("spring variables", record="motion")
     #: Memory of `Halving` (5,): the number of parts of the next steps. Set at the end of a run.
     parts: np.ndarray | None = None
     #: Set at the end of a run: the past, and the values of the inputs in the scene's order.
@@ -70,18 +111,34 @@ class State:
 
     def renumbered(self, change: _Renumbering, change_cells: _Renumbering) -> State:
         """The state in another numbering of degrees of freedom and of cells."""
-        added, before = (
-            None if vector is None else change(vector)
-            for vector in (self.added_forces, self.before)
-        )
+        new: dict[str, Any] = {}
         past = self.past
         if past is not None and len(past.differences):
             past = replace(past, differences=np.array([change(D) for D in past.differences]))
-        q, v, a = (change(vector) for vector in (self.q, self.v, self.a))
-        inside = None if self.internal is None else change_cells(self.internal)
-        new = replace(self, q=q, v=v, a=a, added_forces=added, before=before, past=past)
-        return replace(new, internal=inside)
+        for name, quantity in ARRAYS.items():
+            value, of = getattr(self, name), str(quantity.shape[0])
+            if value is not None and (of.endswith("dofs") or of == "cells"):
+                new[name] = change(value) if of.endswith("dofs") else change_cells(value)
+        return replace(self, **new, past=past)
 
     def memory(self, length: float) -> float:
         """`Step.memory` of a step of this length [s] from here."""
         return min(1.0, length / self.length) if self.length else 0.0
+
+
+#: The arrays and numbers of the state by name; forces that are means over the step so far.
+ARRAYS: dict[str, Quantity] = {
+    part.name: part.metadata["quantity"] for part in fields(State) if "quantity" in part.metadata
+}
+NUMBERS = "t", *(part.name for part in fields(State) if "number" in part.metadata)
+FORCES = tuple(name for name, quantity in ARRAYS.items() if quantity.mean)
+#: What a record has of the state at the end of a step, and of its sums.
+ROWS = {name: quantity for name, quantity in ARRAYS.items() if quantity.record} | {
+    "energies": Quantity((8,), "always"),
+    "momenta": Quantity((3,), "always"),
+}
+#: Members of the state in C, as macros of problem.h.
+MACROS = (
+    f"STATE_NUMBERS {', '.join(NUMBERS)}",
+    f"STATE_ARRAYS {', '.join(f'*{name}' for name in ARRAYS)}",
+)

@@ -66,7 +66,7 @@ def reference_state(model: Model) -> State:
     """The reference configuration at t = 0."""
     slides = np.array([joint.start()[0] for joint in model.scene.joints])
     q, v, a = (np.zeros(model.size) for _ in range(3))
-    state = State(0.0, q, v, a, slides, np.zeros(len(model.motors)))
+    state = State(0.0, np.zeros(len(model.motors)), q, v, a, slides)
     shape = model.forms.internal_shape
     if shape[-1]:
         state.internal = np.zeros(shape)

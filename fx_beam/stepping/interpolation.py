@@ -15,6 +15,7 @@ import numpy as np
 
 from fx_beam.model.model import Model
 from fx_beam.results.audit import Energy
+from fx_beam.results.histories import HISTORIES
 from fx_beam.scene.beam import lagrange_and_slopes
 
 # Ratio of divided differences from which on the row of the larger one is avoided.
@@ -40,20 +41,19 @@ def at_times(
     unit = model.to_nodes(model.unit)
     q, v = _polynomials(t, steps["q"], steps["v"], unit, times, row, breaks, points)
     found |= {"t": times, "q": q, "v": v if len(steps["v"]) else steps["v"]}
-    for name in ("t_level", "a", "reactions", "joint_forces", "motor_forces", "contact_forces"):
-        found[name] = steps[name][row] if len(steps[name]) else steps[name]
 
     def linear(values):
         weight = x.reshape(-1, *[1] * (values.ndim - 1))
         return (1 - weight) * values[before] + weight * values[row]
 
-    for name in ("linear_momentum", "angular_momentum"):
-        found[name] = linear(steps[name])
+    for name, history in HISTORIES.items():
+        if history.between and len(steps[name]):
+            found[name] = linear(steps[name]) if history.between == "linear" else steps[name][row]
     for name in ("internal", "spring_internal"):
         if steps[name] is not None:
             found[name] = linear(steps[name])
     found["energy"] = Energy(*(linear(part) for part in vars(steps["energy"]).values()))
-    found["slides"] = _slides(model, q, linear(steps["slides"]))
+    found["slides"] = _slides(model, q, found["slides"])
     return found, row
 
 

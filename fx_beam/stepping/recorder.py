@@ -16,12 +16,14 @@ from fx_beam.fem.forms import Part
 from fx_beam.mechanics.interval import Interval, instant
 from fx_beam.model.model import Model
 from fx_beam.results.audit import Energy
-from fx_beam.results.state import State
+from fx_beam.results.state import ROWS, State
 from fx_beam.validation import is_flag, is_whole, numbers, require
 
 from .fitted_histories import fitted, sums_of
 from .sub_step_starts import SubStepStarts, grown
 
+# What may be recorded.
+_KINDS = "motion", "rates", "forces"
 # Length of the short step for the forces of row 0, relative to the first step.
 _SHORT = 1e-9
 
@@ -73,7 +75,7 @@ class Record:
         fits = is_whole(self.every, 1)
         require(fits, "Record: every", self.every, "a positive whole number, at most 1e9")
         object.__setattr__(self, "every", int(self.every))
-        for name in ("motion", "rates", "forces"):
+        for name in _KINDS:
             value = getattr(self, name)
             require(is_flag(value), f"Record: {name}", value, "True or False")
         if self.times is None:
@@ -96,9 +98,9 @@ class Unrecorded:
         """None."""
         return False
 
-    def next_rows(self, most: int) -> dict[str, np.ndarray]:
+    def next_rows(self, most: int) -> tuple[dict[str, np.ndarray], dict[str, np.ndarray]]:
         """No arrays."""
-        return {}
+        return {}, {}
 
     def add(self, rows: int, starts: int) -> None:
         """Nothing."""
@@ -130,32 +132,19 @@ class Recorder:
         self._first: State
         #: Full turns (size,) [rad] that are missing in the rows from a number on.
         self.turns: dict[int, np.ndarray] = {}
-        n, size, joints = 0, model.size, len(model.scene.joints)
-        constrained = model.reduction.columns - model.reduction.free
+        kinds = {"always"} | {kind for kind in _KINDS if getattr(record, kind)}
         #: Rows (n, ...) by name, vectors in the order of the degrees of freedom.
-        self.arrays = {"energies": np.zeros((n, 8)), "momenta": np.zeros((n, 3))}
-        if joints:
-            self.arrays["slides"] = np.zeros((n, joints))
+        self.arrays = {
+            name: np.zeros((0, math.prod(quantity.lengths(model.sizes))))
+            for name, quantity in ROWS.items()
+            if quantity.record in kinds
+        }
         #: Starts of sub-steps; `up_to_row` has their number up to each row.
         self._starts = SubStepStarts(model, record.motion, record.rates)
-        self.arrays["up_to_row"] = np.zeros(n, dtype=np.int32)
-        if record.motion:
-            self.arrays["q"] = np.zeros((n, size))
-            if width := math.prod(model.forms.internal_shape):
-                self.arrays["internal"] = np.zeros((n, width))
-            if model.points.width:
-                self.arrays["spring_internal"] = np.zeros((n, model.points.width))
-        if record.rates:
-            self.arrays |= {"v": np.zeros((n, size)), "a": np.zeros((n, size))}
-        if record.forces:
-            self.arrays["constraint_forces"] = np.zeros((n, constrained))
-            if joints:
-                self.arrays["joint_forces"] = np.zeros((n, 3 * joints))
-            if model.points.contacts:
-                self.arrays["contact_forces"] = np.zeros((n, 2 * model.points.contacts))
+        self.arrays["up_to_row"] = np.zeros(0, dtype=np.int32)
         #: Names of the rows that only serve the others.
         self._serving = {"q", "v"} - set(self.arrays) if model.fitted_rates is not None else set()
-        self.arrays |= {name: np.zeros((n, size)) for name in self._serving}
+        self.arrays |= {name: np.zeros((0, model.size)) for name in self._serving}
         self.plan(0, times, last=True)
 
     def plan(self, first: int, ends: np.ndarray, last: bool) -> None:
@@ -178,14 +167,15 @@ class Recorder:
         self._starts.make_room(whole * len(steps))
         self.plans += 1
 
-    def next_rows(self, most: int) -> dict[str, np.ndarray]:
-        """Arrays by name to be written by the compiled loop, with room for some sub-steps.
+    def next_rows(self, most: int) -> tuple[dict[str, np.ndarray], dict[str, np.ndarray]]:
+        """Arrays by name that the compiled loop writes: from the next row on, and of sub-steps.
 
-        Those of rows begin with the next row.
+        There is room for some more sub-steps.
         """
         self._starts.make_room(most)
         self.plans += 1
-        return {name: rows[self.rows :] for name, rows in self.arrays.items()} | self._starts.arrays
+        rows = {name: rows[self.rows :] for name, rows in self.arrays.items()}
+        return rows, dict(self._starts.arrays)
 
     def add(self, rows: int, starts: int) -> None:
         """Count rows that were written, and the number of all starts."""
@@ -244,16 +234,8 @@ class Recorder:
         momentum = model.mass @ state.v if state.v.any() else state.v
         potential = 0.0 if model.weight is None else -(model.weight @ state.q)
         values: dict[str, Any] = {
+            **vars(state),
             "up_to_row": self.starts,
-            "q": state.q,
-            "internal": state.internal,
-            "spring_internal": state.spring_internal,
-            "v": state.v,
-            "a": state.a,
-            "constraint_forces": state.constraint_forces,
-            "slides": state.slides,
-            "joint_forces": state.joint_forces,
-            "contact_forces": state.contact_forces,
             "energies": (
                 state.v @ momentum / 2,
                 model.forms.strain_energy(state.q, state.internal),
@@ -285,54 +267,40 @@ class Recorder:
             grid, driven = (self._times, self._steps[:n]), self._first.driven_rates
             kept = fitted(model, kept, starts, grid, driven)
             kept = {name: kept[name] for name in kept if name not in self._serving}
-        joints, nodes = len(model.scene.joints), len(model.mesh.X)
-        none = np.empty((0, nodes, 3))
-
-        def at_nodes(name):
-            return kept[name][:, model.mesh.dofs] if name in kept else none
-
-        q = at_nodes("q")
-        for first, stop in itertools.pairwise([*self.turns, n] if len(q) else []):
-            q[first:stop] += self.turns[first][model.mesh.dofs]
-
-        reactions = none
-        if "constraint_forces" in kept:
-            reactions = np.zeros((n, nodes, 3))
-            supported, components, places = model.supports
-            reactions[:, supported, components] = kept["constraint_forces"][:, places]
-        motors = np.zeros((n if "constraint_forces" in kept else 0, joints))
-        if "constraint_forces" in kept:
-            first, numbers = len(model.prescribed), [joint.number for joint, _ in model.motors]
-            motors[:, numbers] = kept["constraint_forces"][:, first : first + len(numbers)]
-        forces = kept.get(
-            "joint_forces", np.empty((0 if "constraint_forces" not in kept else n, 3 * joints))
-        )
-        contacts = model.points.contacts
-        pushes = kept.get("contact_forces", np.empty((len(forces), 2 * contacts)))
         t = self._times[self._steps[:n]]
-        return {
+        found = {
             "t": t,
             "t_level": t - (1 - model.scheme.rates.level) * self._lengths(),
-            "q": q,
-            "v": at_nodes("v"),
-            "a": at_nodes("a"),
-            "reactions": reactions,
-            "slides": kept.get("slides", np.empty((n, 0))),
-            "joint_forces": forces.reshape(len(forces), joints, 3),
-            "motor_forces": motors,
-            "contact_forces": pushes.reshape(len(pushes), contacts, 2),
-            "internal": self._internal(),
-            "spring_internal": kept.get("spring_internal"),
             "energy": Energy(*kept["energies"].T),
             "linear_momentum": kept["momenta"][:, :2],
             "angular_momentum": kept["momenta"][:, 2],
         }
+        for name, quantity in ROWS.items():
+            lengths = quantity.lengths(model.sizes)
+            rows = kept.get(name, np.empty((0, math.prod(lengths))))
+            if quantity.shape == ("dofs",):
+                found[name] = rows[:, model.mesh.dofs]
+            else:
+                found[name] = rows.reshape(len(rows), *lengths)
+        q = found["q"]
+        for first, stop in itertools.pairwise([*self.turns, n] if len(q) else []):
+            q[first:stop] += self.turns[first][model.mesh.dofs]
+        for name in ("internal", "spring_internal"):
+            if not found[name].size:
+                found[name] = None
+        del found["energies"], found["momenta"]
+        return found | self._by_supports(found.pop("constraint_forces"))
 
-    def _internal(self) -> np.ndarray | None:
-        """Internal variables (n, cells, degree, width); None without any, or unrecorded."""
-        if "internal" not in self.arrays:
-            return None
-        return self.arrays["internal"][: self.rows].reshape(-1, *self.model.forms.internal_shape)
+    def _by_supports(self, forces: np.ndarray) -> dict[str, np.ndarray]:
+        """Forces of the supports on nodes, and those of motors, from rows of all of them."""
+        model = self.model
+        reactions = np.zeros((len(forces), len(model.mesh.X), 3))
+        supported, components, places = model.supports
+        reactions[:, supported, components] = forces[:, places]
+        motors = np.zeros((len(forces), len(model.scene.joints)))
+        first, numbers = len(model.prescribed), [joint.number for joint, _ in model.motors]
+        motors[:, numbers] = forces[:, first : first + len(numbers)]
+        return {"reactions": reactions, "motor_forces": motors}
 
     def _lengths(self) -> np.ndarray:
         """Length (n,) of the step or last part that a row's forces belong to; 0 for row 0."""
@@ -376,7 +344,7 @@ class Recorder:
     def _of_row(self, row: int) -> Iterator[Part]:
         arrays, forms, own = self.arrays, self.model.forms, self._starts_of_row(row)
         names = [*("q", "v", "a")[: 3 if forms.resultants_need_rates else 1]]
-        names += ["internal"] * ("internal" in arrays)
+        names += ["internal"] * (forms.internal_shape[-1] > 0)
         if own.stop > own.start:
             starts = {name: self._starts.arrays[f"before_{name}"][own] for name in names}
         else:

@@ -60,7 +60,7 @@ class SingleStep:
         driven = positions - self.forcing.current(state)
         slides = state.slides + self._slide_increments(step, driven)
         motors = positions[len(model.prescribed) :]
-        new = State(interval.end, state.q + step.D, v, a, slides, motors)
+        new = State(interval.end, motors, state.q + step.D, v, a, slides)
         if model.keeps_before:
             new.before, new.length = state.q, dt
         new.internal = model.forms.evolve(step.D)

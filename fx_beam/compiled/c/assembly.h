@@ -40,7 +40,7 @@ static void begin_form(const Problem *p, const Form *form, const double *const *
    at the start of the step: its displacements and rotations are in the cache then. The padding of
    the last block repeats an element and has no effect. */
 static int begin_internal(const Problem *p, const double *const *fields, double t, double dt, int look) {
-  const Form *form = &p->internal, *inversion = &p->inversion;
+  const Form *form = &p->internal_forces, *inversion = &p->inversion;
   int start = 0;
   if (!form->integrals) return 0; /* there are no beams */
   while (form->kind[start] != START) ++start;
@@ -144,7 +144,7 @@ static void evolve(const Problem *p, const double *const *fields, double t, doub
       evaluate(p, form, of, block, fields, A);
       for (int l = 0; l < LANES && block * LANES + l < of->cells; ++l)
         for (int k = 0; k < n; ++k)
-          p->internals[of->internal[(block * n + k) * LANES + l]] += p->per_weight[k] * A[k * LANES + l];
+          p->internal[of->internal[(block * n + k) * LANES + l]] += p->per_weight[k] * A[k * LANES + l];
     }
   }
 }

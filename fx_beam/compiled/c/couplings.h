@@ -9,7 +9,7 @@
 static void begin_points(const Problem *p, const Work *w) {
   const PointForces *points = p->points;
   find_slide_rates(p);
-  fx_begin_points(points, p->q, p->v, p->slide, p->slide_rate, w->dt, p->spring_internals);
+  fx_begin_points(points, p->q, p->v, p->slides, p->slide_rate, w->dt, p->spring_internal);
   for (int i = points->external; i < points->nodal; ++i)
     memcpy(points->of[i].parameters, w->thrust + 2 * (i - points->external), 2 * sizeof(double));
 }
@@ -23,7 +23,7 @@ static int begin_couplings(const Problem *p, const Work *w) {
   w->values[0] = w->virtual_map[0] = 1;
   begin_points(p, w);
   for (int j = 0; j < p->joints; ++j) {
-    double d = at(p->slide, p->slide_of[j]);
+    double d = at(p->slides, p->slide_of[j]);
     const double *o = p->offset + 2 * j, *e = p->axis + 2 * j;
     w->psi0[j] = at(p->q, p->guide[j]);
     turn(w->psi0[j], o[0] + d * e[0], o[1] + d * e[1], w->rho0 + 2 * j);
@@ -49,7 +49,7 @@ static void expand_columns(const Problem *p, const Work *w) {
   for (int j = 0; j < p->joints; ++j) {
     const double *o = p->offset + 2 * j, *e = p->axis + 2 * j;
     double Dpsi = at(D, p->guide[j]);
-    double d = at(p->slide, p->slide_of[j]);
+    double d = at(p->slides, p->slide_of[j]);
     if (p->slide_column[j] >= 0) d += w->z[p->slide_column[j]];
     double *rho0 = w->rho0 + 2 * j, *rho1 = w->rho1 + 2 * j, *t0 = w->t0 + 2 * j, *t1 = w->t1 + 2 * j;
     double c = cos(w->psi0[j] + Dpsi), s = sin(w->psi0[j] + Dpsi);
@@ -80,7 +80,7 @@ static void expand_trees(const Problem *p, const Work *w) {
   expand_columns(p, w);
   for (int i = 0; i < p->sliders; ++i) { /* a beam may hang on a node that slides on another one */
     Slider *a = p->slider + i;
-    a->s0 = p->slide[a->joint], a->s1 = a->s0 + w->z[a->column];
+    a->s0 = p->slides[a->joint], a->s1 = a->s0 + w->z[a->column];
     slide_on(p, a, w->D, 0);
     for (int c = 0; c < a->components; ++c) w->z[a->carried[c]] = a->increment[c];
     expand_columns(p, w);

@@ -110,13 +110,13 @@ static int take_step(Problem *p, Work *w, double dt, int sub_step, const Inputs 
 /* The state at the end of a sub-step. */
 static void advance(Problem *p, const Work *w, const double *driven) {
   evolve(p, w->fields, p->t + p->level * w->dt, w->dt);
-  fx_evolve_points(p->points, w->D, w->z, p->spring_internals);
+  fx_evolve_points(p->points, w->D, w->z, p->spring_internal);
   advance_rates(p, w, w->dt);
   if (p->keeps_before) memcpy(p->before, p->q, p->dofs * sizeof(double)), p->length = w->dt;
   for (int i = 0; i < p->dofs; ++i) p->q[i] += w->D[i];
   for (int j = 0; j < p->joints; ++j)
-    if (p->slide_column[j] >= 0) p->slide[p->slide_of[j]] += w->z[p->slide_column[j]];
-  for (int i = 0; i < p->sliders; ++i) p->slide[p->slider[i].joint] += w->z[p->slider[i].column];
+    if (p->slide_column[j] >= 0) p->slides[p->slide_of[j]] += w->z[p->slide_column[j]];
+  for (int i = 0; i < p->sliders; ++i) p->slides[p->slider[i].joint] += w->z[p->slider[i].column];
   memcpy(p->driven_now, driven, p->driven * sizeof(double));
   p->t += w->dt;
   p->steps_done += 1;
@@ -152,7 +152,7 @@ static void undo(Problem *p, const Work *w, Problem before) {
 
 /* Values of Model.switches in the present state. */
 static void find_sides(const Problem *p, double *out) {
-  fx_find_switches(p->points, p->q, p->slide, out);
+  fx_find_switches(p->points, p->q, p->slides, out);
 }
 
 /* Whether a value changed its sign since the sub-step before; those now are in the second half. */
@@ -192,8 +192,8 @@ int fx_run(Problem *p, int steps, double dt, const Inputs *inputs, Record *to) {
         to->starts = starts;
         return k;
       }
-      int joints = p->keeps_joint_forces || (of_row && to->joint_forces);
-      int contacts = of_row && to->contact_forces;
+      int joints = p->scene_joints && (p->keeps_joint_forces || (of_row && to->forces));
+      int contacts = of_row && to->forces && p->points->contacts;
       if (joints || contacts) evaluate_nodes(p, w);
       if (joints) add_joint_forces(p, w);
       if (contacts) add_contact_forces(p);
@@ -223,7 +223,7 @@ int fx_run(Problem *p, int steps, double dt, const Inputs *inputs, Record *to) {
     if (to->parts > 1) p->too_large += turn * to->parts > p->large_turn;
     if (wanted) record(p, w, to);
     ++p->completed;
-    unchecked = !wanted || to->energies[8 * to->rows - 7] >= p->least_energy;
+    unchecked = !wanted || p->energies[1] >= p->least_energy;
     LAP(AUDIT);
   }
   if (unchecked && begin_internal(p, w->fields, p->t, dt, 1)) count_inverted(p);

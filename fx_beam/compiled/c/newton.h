@@ -23,7 +23,7 @@ static void assemble(const Problem *p, const Work *w) {
   double *K = w->tangent;
   memset(w->f, 0, p->dofs * sizeof(double));
   memcpy(K, w->inertia, p->places * sizeof(double));
-  assemble_forces(p, &p->internal, w->fields, w->f, K);
+  assemble_forces(p, &p->internal_forces, w->fields, w->f, K);
   assemble_forces(p, &p->drag, w->fields, w->f, K);
   evaluate_nodes(p, w);
   fx_add_points(p->points, 0, p->points->nodal, 1, w->f);

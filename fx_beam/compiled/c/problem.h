@@ -102,7 +102,7 @@ typedef struct {
   int *massless, massless_count;
   double *per_unit;     /* 1 / size of a unit correction of each degree of freedom */
 
-  Form internal;        /* internal forces, then their tangent */
+  Form internal_forces; /* internal forces, then their tangent */
   Form energy, inversion, added;
   Form drag, lost_to_drag; /* of beams: forces, then their tangent; energy lost to it */
   Form lost, taken, held_by_scheme; /* energies lost to the material and to the scheme, and held by it */
@@ -131,7 +131,7 @@ typedef struct {
   int entries, equal;
   int *entry_row, *entry_column, *entry_value;
   double *entry_sign;
-  int joints, slides;
+  int joints;
   double *offset, *axis, *joint_sign;
   int *guide, *slide_column, *slide_of; /* rotation (-1: ground), column (-1: none), joint */
   int followers;
@@ -241,14 +241,13 @@ typedef struct {
   /* State. Its arrays and those of the predictor are in one piece of memory. */
   double *memory;
   long memory_size;
-  double t, work, dissipated, numerical, algorithmic;
-  double *q, *v, *a, *slide, *driven_now, *added_forces;
-  /* Means over the step so far, of which the parts before are the share `earlier`, this sub-step `share`;
-     values of the last part where forces are not at mid-step. */
-  double *constraint_forces, *joint_forces, *contact_forces, earlier, share;
-  double *internals;    /* [cell][internal variable of a cell] */
-  double *spring_internals; /* [spring_width], of forces at points */
-  double *before, length, ratio; /* start and length of the last step; `memory` of this one */
+  double STATE_NUMBERS, STATE_ARRAYS; /* by their names in results/state.py */
+  double *driven_now;
+  /* Forces are means over the step so far, of which the parts before are the share `earlier`, this sub-step
+     `share`; values of the last part where forces are not at mid-step. */
+  double earlier, share;
+  double ratio;         /* of the lengths of the last step and of this one, `memory` of a record */
+  double energies[8], momenta[3]; /* of the last row */
   int steps_done;       /* 0 if there is no previous step */
   long completed;       /* steps or parts; Python knows by it what an interrupt leaves */
   double *ages;         /* [PAST] times since the configurations before the last one, the latest first */
@@ -279,16 +278,25 @@ typedef struct {
   double least_energy;  /* with less strain energy no section is inverted */
 } Problem;
 
-/* Histories: a row for every `every`-th step and for the last. A null pointer is not recorded. */
+/* Rows of an array. */
+typedef struct {
+  const double *source;
+  double *target;
+  long size;
+} Rows;
+
+/* Histories: a row for every `every`-th step and for the last. */
 typedef struct {
   int every, first, last, rows; /* number of the first step of this call, and of the last step of all */
   int parts, part;              /* parts of a halved step, and those of the first step already taken */
+  int histories, *up_to_row;    /* arrays of which rows are recorded */
+  Rows *history;
+  int forces;                   /* whether forces of joints and obstacles are recorded */
   /* Starts of the sub-steps of recorded steps, if they are kept: their number, that of complete rows,
-     and up to each row. Their shares of the step; the start before, and the ratio of their lengths. */
-  int keeps_starts, starts, complete, *up_to_row;
-  double *share, *before_q, *before_v, *before_a, *before_internal, *earlier_q, *memory;
-  double *q, *v, *a, *internal, *spring_internal, *constraint_forces, *slides, *joint_forces, *contact_forces;
-  double *energies, *momenta;
+     and up to each row. Their shares of the step, and the ratio of the lengths of steps. */
+  int keeps_starts, starts, complete, kept;
+  Rows *start;
+  double *share, *memory;
 } Record;
 
 /* Inputs of each sub-step; with a stride of 0 all have those of the first. */

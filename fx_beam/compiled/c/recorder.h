@@ -44,38 +44,24 @@ static void add_contact_forces(const Problem *p) {
   for (int i = 0; i < 2 * p->points->contacts; ++i) out[i] -= p->share * p->points->of[i / 2].found[i % 2];
 }
 
-/* Start of a sub-step of length dt, for which forces of elements are evaluated. */
-static void record_start(const Problem *p, double dt, int sub_step, Record *to) {
-  long n = p->dofs, k = to->starts++, at = k * n, m = (long)p->cells * p->cell_internal;
-  to->share[k] = p->fractions[sub_step] / to->parts;
-  if (to->memory) to->memory[k] = ratio_of_lengths(p, dt);
-  if (to->before_q) memcpy(to->before_q + at, p->q, n * sizeof(double));
-  if (to->before_internal) memcpy(to->before_internal + k * m, p->internals, m * sizeof(double));
-  if (to->earlier_q) memcpy(to->earlier_q + at, p->before, n * sizeof(double));
-  if (to->before_v) memcpy(to->before_v + at, p->v, n * sizeof(double));
-  if (to->before_a) memcpy(to->before_a + at, p->a, n * sizeof(double));
+static void add_row(const Rows *rows, int count, long k) {
+  for (const Rows *r = rows; r < rows + count; ++r)
+    memcpy(r->target + k * r->size, r->source, r->size * sizeof(double));
 }
 
+/* Start of a sub-step of length dt, for which forces of elements are evaluated. */
+static void record_start(const Problem *p, double dt, int sub_step, Record *to) {
+  long k = to->starts++;
+  to->share[k] = p->fractions[sub_step] / to->parts;
+  if (to->memory) to->memory[k] = ratio_of_lengths(p, dt);
+  add_row(to->start, to->kept, k);
+}
+
+/* Energies, momenta and the other quantities at the end of a step. */
 static void record(Problem *p, const Work *w, Record *to) {
-  long n = p->dofs, constrained = p->columns - p->free, k = to->rows++;
+  long n = p->dofs, k = to->rows++;
   to->up_to_row[k] = to->complete = to->starts;
-  if (to->q) memcpy(to->q + k * n, p->q, n * sizeof(double));
-  if (to->v) memcpy(to->v + k * n, p->v, n * sizeof(double));
-  if (to->a) memcpy(to->a + k * n, p->a, n * sizeof(double));
-  long m = (long)p->cells * p->cell_internal;
-  if (to->internal) memcpy(to->internal + k * m, p->internals, m * sizeof(double));
-  long springs = p->spring_width;
-  if (to->spring_internal)
-    memcpy(to->spring_internal + k * springs, p->spring_internals, springs * sizeof(double));
-  if (to->constraint_forces)
-    memcpy(to->constraint_forces + k * constrained, p->constraint_forces, constrained * sizeof(double));
-  long joints = 3 * p->scene_joints, contacts = 2 * p->points->contacts;
-  if (to->joint_forces)
-    memcpy(to->joint_forces + k * joints, p->joint_forces, joints * sizeof(double));
-  if (to->contact_forces)
-    memcpy(to->contact_forces + k * contacts, p->contact_forces, contacts * sizeof(double));
-  if (to->slides) memcpy(to->slides + k * p->slides, p->slide, p->slides * sizeof(double));
-  double *momentum = w->scratch, *energy = to->energies + 8 * k, *sums = to->momenta + 3 * k;
+  double *momentum = w->scratch, *energy = p->energies, *sums = p->momenta;
   times_mass(p, p->v, momentum);
   memset(energy, 0, 5 * sizeof(double)), memset(sums, 0, 3 * sizeof(double));
   energy[0] = dot(n, p->v, momentum) / 2;
@@ -83,7 +69,7 @@ static void record(Problem *p, const Work *w, Record *to) {
   energy[1] = assemble_scalar(p, &p->energy, w->fields);
   if (p->weight)
     energy[2] = -dot(n, p->weight, p->q);
-  energy[3] = p->work, energy[4] = fx_stored_at_points(p->points, p->q, p->slide, p->spring_internals);
+  energy[3] = p->work, energy[4] = fx_stored_at_points(p->points, p->q, p->slides, p->spring_internal);
   energy[5] = p->dissipated;
   energy[6] = p->algorithmic, energy[7] = p->numerical;
   for (int i = 0; i < p->nodes; ++i) {
@@ -92,4 +78,5 @@ static void record(Problem *p, const Work *w, Record *to) {
     sums[0] += momentum[dof[0]], sums[1] += momentum[dof[1]];
     sums[2] += x * momentum[dof[1]] - y * momentum[dof[0]] + momentum[dof[2]];
   }
+  add_row(to->history, to->histories, k);
 }

@@ -8,7 +8,7 @@ static double rate_of_slide(const Problem *p, const SlideRate *a) {
   if (a->slider >= 0) return slider_rate(p, p->slider + a->slider);
   double v[2], seen[2];
   for (int i = 0; i < 2; ++i) v[i] = at(p->v, a->b[i]) - at(p->v, a->a[i]);
-  double d = p->slide[a->joint], spin = at(p->v, a->a[2]);
+  double d = p->slides[a->joint], spin = at(p->v, a->a[2]);
   turn(-at(p->q, a->a[2]), v[0], v[1], seen);
   seen[0] += spin * (a->offset[1] + d * a->axis[1]);
   seen[1] -= spin * (a->offset[0] + d * a->axis[0]);

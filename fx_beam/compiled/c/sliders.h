@@ -288,7 +288,7 @@ static int leaves_beam(const Problem *p) {
 
 /* Rate of the arc length at the start of the step. */
 static double slider_rate(const Problem *p, const Slider *a) {
-  double s = p->slide[a->joint], along[2] = {0}, apart[2], square;
+  double s = p->slides[a->joint], along[2] = {0}, apart[2], square;
   Weights weights;
   Slider at = *a;
   int e = element_of(a, s), low = e - 1, limit = a->elements - a->window;

@@ -65,7 +65,7 @@ static long lay_out(const Problem *p, Work *w, double *at) {
   w->reached = (int *)allocate(&at, p->positions), w->border_entries = (int *)allocate(&at, 1);
   w->border_entry = (BorderEntry *)allocate(&at, 2 * (long)p->most_border_entries);
   w->passed = allocate(&at, n), w->joint_forces = allocate(&at, 3 * p->scene_joints);
-  const double *fields[] = {w->D, p->q, p->v, p->a, p->before, p->internals};
+  const double *fields[] = {w->D, p->q, p->v, p->a, p->before, p->internal};
   memcpy(w->fields, fields, sizeof fields);
   return at - begin;
 }
