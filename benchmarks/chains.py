@@ -15,7 +15,7 @@ from time import process_time
 import fx_beam as fb
 
 LENGTH, DT, STEPS = 0.1, 1e-3, 100
-SIZES = (1, 30, 100, 1000)
+SIZES = (1, 30, 100, 300, 1000)
 
 
 def add_link(scene, start, end):
@@ -71,12 +71,53 @@ def four_bars(n):
     scene = fb.Scene(gravity=(0, -9.81))
     for k in range((n + 2) // 3):
         x = 5.0 * k * LENGTH
-        corners = [(x, 0), (x, LENGTH), (x + 2 * LENGTH, 1.2 * LENGTH), (x + 2 * LENGTH, 0)]
+        right = x + 2 * LENGTH
+        corners = [(x, 0), (x + 0.3 * LENGTH, LENGTH), (right, 1.2 * LENGTH), (right, 0)]
         links = [add_link(scene, corners[i], corners[i + 1]) for i in range(3)]
         scene.pin(links[0]["start"])
         for one, other in ((0, 1), (1, 2)):
             scene.add_joint(fb.Revolute(links[one]["end"], links[other]["start"]))
         scene.add_joint(fb.Revolute(links[2]["end"], fb.GROUND))
+    return scene
+
+
+def scissors(n):
+    """A lift: cells of two crossing bars above each other, on a pin and a slide."""
+    scene, ends = fb.Scene(gravity=(0, -9.81)), None
+    for k in range((n + 1) // 2):
+        low, high, middle = LENGTH * k, LENGTH * (k + 1), (LENGTH, LENGTH * (k + 0.5))
+        places = ((0, low), (2 * LENGTH, high)), ((2 * LENGTH, low), (0, high))
+        rising, falling = (
+            scene.add_body(middle, 1.0, 1e-3, points={"start": a, "end": b, "middle": middle})
+            for a, b in places
+        )
+        scene.add_joint(fb.Revolute(rising["middle"], falling["middle"]))
+        if ends is None:
+            scene.pin(rising["start"])
+            scene.add_joint(fb.PinInSlot(fb.GROUND, falling["start"], axis=(1, 0)))
+        else:
+            scene.add_joint(fb.Revolute(ends[1], rising["start"]))
+            scene.add_joint(fb.Revolute(ends[0], falling["start"]))
+        ends = rising["end"], falling["end"]
+    return scene
+
+
+def ladder(n):
+    """Two chains on pins, with rungs between them: loops with two links in common."""
+    scene, sides = fb.Scene(gravity=(0, -9.81)), [[], []]
+    cells = (n + 2) // 3
+    for k in range(cells):
+        for side, y in zip(sides, (0.0, LENGTH), strict=True):
+            side.append(add_link(scene, (LENGTH * k, y), (LENGTH * (k + 1), y)))
+            if k:
+                scene.add_joint(fb.Revolute(side[-2]["end"], side[-1]["start"]))
+            else:
+                scene.pin(side[0]["start"])
+    for k in range(cells):
+        x = LENGTH * (k + 1)
+        rung = add_link(scene, (x, 0.0), (x, LENGTH))
+        for side, end in zip(sides, ("start", "end"), strict=True):
+            scene.add_joint(fb.Revolute(side[k]["end"], rung[end]))
     return scene
 
 
@@ -86,7 +127,9 @@ MADE = {
     "comb": (comb, 1000),
     "binary tree": (binary_tree, 1000),
     "loop": (loop, 1000),
-    "four-bars": (four_bars, 100),
+    "four-bars": (four_bars, 300),
+    "scissors": (scissors, 300),
+    "ladder": (ladder, 300),
 }
 
 

@@ -111,6 +111,7 @@ HOUSE = {
         "joint_reduction",
         "gap_borders",
         "closed_pattern",
+        "gap_rows",
         "loop_reduction",
         "rate_equations",
         "rigid_points",

@@ -10,7 +10,7 @@ import scipy.sparse
 import scipy.sparse.linalg
 
 import fx_beam as fb
-from fx_beam.algebra.lu_layout import factors_of
+from fx_beam.algebra.lu_layout import COSTS, factors_of
 from fx_beam.coupling import graph
 from fx_beam.model.joint_forces import JointForces
 from fx_beam.model.model import Model
@@ -298,12 +298,96 @@ def test_long_loops_move_as_with_a_full_tangent(made, solver, monkeypatch):
 
     tied, forces = moved(solver)
     monkeypatch.setattr(graph, "_LONG", 10**6)
-    whole, expected = moved("compiled")
+    # Steps in Python eliminate what closes the loops.
+    whole, expected = moved("petsc")
     assert tied.q == pytest.approx(whole.q, abs=1e-10)
     assert tied.a[0] == pytest.approx(whole.a[0], abs=1e-8 * abs(whole.a[0]).max())
     assert forces == pytest.approx(expected, abs=1e-7 * abs(expected).max())
     assert abs(tied.energy.balance_error).max() < 1e-11 * tied.energy.kinetic.max()
     assert tied.stats.newton_iterations <= whole.stats.newton_iterations + 2
+
+
+def four_bars(n):
+    """Mechanisms of three links and the ground, beside each other."""
+    scene = fb.Scene(gravity=(0, -GRAVITY))
+    for k in range(n):
+        x = 0.5 * k
+        corners = [(x, 0), (x + 0.03, 0.1), (x + 0.2, 0.12), (x + 0.2, 0)]
+        links = [add_link(scene, *corners[i : i + 2], 1e-3) for i in range(3)]
+        scene.pin(links[0]["start"])
+        for one, other in zip(links[:-1], links[1:], strict=True):
+            scene.add_joint(fb.Revolute(one["end"], other["start"]))
+        scene.add_joint(fb.Revolute(links[2]["end"], fb.GROUND))
+    return scene
+
+
+def scissors(n):
+    """Cells of two crossing bars above each other, on a pin and a slide."""
+    scene, ends = fb.Scene(gravity=(0, -GRAVITY)), None
+    for k in range(n):
+        y, middle = 0.1 * k, (0.1, 0.1 * k + 0.05)
+        rising, falling = (
+            scene.add_body(middle, MASS, 1e-3, points={"start": a, "end": b, "middle": middle})
+            for a, b in (((0, y), (0.2, y + 0.1)), ((0.2, y), (0, y + 0.1)))
+        )
+        scene.add_joint(fb.Revolute(rising["middle"], falling["middle"]))
+        if ends is None:
+            scene.pin(rising["start"])
+            scene.add_joint(fb.PinInSlot(fb.GROUND, falling["start"], axis=(1, 0)))
+        else:
+            scene.add_joint(fb.Revolute(ends[1], rising["start"]))
+            scene.add_joint(fb.Revolute(ends[0], falling["start"]))
+        ends = rising["end"], falling["end"]
+    return scene
+
+
+def loop_counts(scene):
+    """Sizes of all on which the cost of the loops in an iteration depends, but for full parts."""
+    reduction = Model(scene, fb.EnergyMomentum()).reduction
+    tables, ties = reduction.loop_tables().values, reduction.dependent
+    dependent = ties if ties.size else None
+    factors = factors_of(*reduction.factored, False, dependent, COSTS, reduction.forces)
+    above = factors.starts[1:] - factors.diagonals - 1
+    return {
+        "entries of the tangent": len(reduction.factored[1]),
+        "factors": factors.size,
+        "operations": int(above @ above),
+        "entries of gaps": len(tables["gap_column"]) + len(tables["gap_tie"]),
+        "derivatives of gaps": len(tables["gap_near"]),
+    }, tables["part_size"]
+
+
+@pytest.mark.parametrize("made", [four_bars, ladder, scissors])
+def test_the_cost_of_many_loops_grows_in_proportion_to_them(made):
+    (few, part), (many, parts) = loop_counts(made(40)), loop_counts(made(80))
+    if made is ladder:  # its loops are closed all the way along both sides
+        few = {what: few[what] for what in ("entries of the tangent", "factors", "operations")}
+    for what, count in few.items():
+        assert many[what] < 2.2 * count, what
+    # Only loops with members in common are solved together.
+    assert parts == (2 if made is four_bars else 4) * part
+
+
+def test_mechanisms_beside_each_other_move_as_one_alone():
+    def angles(n):
+        scene = four_bars(n)
+        solution = fb.simulate(scene, dt=0.005, t_end=1.0)
+        assert abs(solution.energy.balance_error).max() < 1e-11 * solution.energy.kinetic.max()
+        return [solution.rotation(body.centre) for body in scene.bodies]
+
+    alone, beside = angles(1), angles(5)
+    assert np.ptp(alone[0]) > 0.5
+    for k, found in enumerate(beside):
+        assert found == pytest.approx(alone[k % 3], abs=1e-8)
+
+
+@pytest.mark.parametrize("made", [scissors, four_bars])
+def test_loops_in_c_are_those_in_python(made):
+    found, exact = (
+        fb.simulate(made(6), dt=0.005, t_end=0.2, solver=solver) for solver in ("compiled", "petsc")
+    )
+    assert found.q == pytest.approx(exact.q, abs=1e-9)
+    assert found.stats.newton_iterations == exact.stats.newton_iterations
 
 
 def test_the_tangent_of_long_loops_is_regular_without_rotary_inertia():

@@ -101,14 +101,16 @@ def factors_of(
     keep: bool = True,
     dependent: np.ndarray | None = None,
     costs: Costs = COSTS,
+    forces: int = 0,
 ) -> Factors:
     """Storage in which a correction costs least: a band, or sparse rows, to keep if it pays.
 
-    With ties (`Reduction.dependent`): sparse rows, from the leaves of trees to the roots.
+    With ties (`Reduction.dependent`): sparse rows, from the leaves of trees to the roots. The last
+    unknowns may be forces without a stiffness, which come after all with which they are coupled.
     """
     graph, rows = _graph(indptr, indices)
-    if dependent is not None:
-        return _in_rows(graph, rows, indices, dependent)
+    if dependent is not None or forces:
+        return _in_rows(graph, rows, indices, dependent, forces)
     banded = _in_band(graph, rows, indices)
     if banded.band <= costs.narrow:
         return banded
@@ -203,16 +205,19 @@ def _in_rows(
     rows: np.ndarray,
     columns: np.ndarray,
     dependent: np.ndarray | None = None,
+    forces: int = 0,
 ) -> Factors:
     """Sparse rows in minimum-degree order, with room for exactly the fill-in."""
-    n, group_of = graph.shape[0], _alike(graph, dependent)
+    n, group_of = graph.shape[0], _alike(graph, dependent, forces)
     count = int(group_of.max()) + 1
     members = scipy.sparse.csr_matrix((np.ones(n), group_of, np.arange(n + 1)), (n, count))
     of_groups = (members.T @ graph @ members).tocsr()
+    last = np.unique(group_of[n - forces :])
     if dependent is None:
-        place, starts, filled = _fill_in(of_groups)
+        place, starts, filled = _fill_in(of_groups, last)
     else:
-        place, starts, filled = tied_fill_in(of_groups, np.bincount(group_of), group_of[dependent])
+        parts = np.bincount(group_of), group_of[dependent], last
+        place, starts, filled = tied_fill_in(of_groups, *parts)
     group_of = place[group_of]
     sizes = np.bincount(group_of).astype(np.int32)
     first, order = _starts(sizes), np.empty(n, dtype=np.int32)
@@ -252,8 +257,8 @@ def _groups(first: np.ndarray, of: np.ndarray, filled: np.ndarray) -> Groups:
     return Groups(first, source_starts, filled[below], run_starts, columns, ends - columns)
 
 
-def _alike(graph: scipy.sparse.csr_matrix, dependent: np.ndarray | None) -> np.ndarray:
-    """Group (n,) of each unknown: up to three, all ties or none, coupled with the same ones."""
+def _alike(graph: scipy.sparse.csr_matrix, dependent: np.ndarray | None, forces: int) -> np.ndarray:
+    """Group (n,) of each unknown: up to three of a kind, coupled with the same ones."""
     n = graph.shape[0]
     # Sums of random numbers of the columns: equal for equal columns, else hardly ever.
     number = np.random.default_rng(0).integers(1, 2**62, n, dtype=np.int64)
@@ -261,6 +266,7 @@ def _alike(graph: scipy.sparse.csr_matrix, dependent: np.ndarray | None) -> np.n
     sums = sums[graph.indptr[1:]] - sums[graph.indptr[:-1]]
     if dependent is not None:
         sums[np.unique(dependent[0])] += 1
+    sums[n - forces :] += 2
     by_sum = np.argsort(sums, kind="stable")
     new = np.diff(sums[by_sum], prepend=sums[by_sum[0]] - 1) != 0
     since = np.arange(n) - np.maximum.accumulate(np.where(new, np.arange(n), 0))
@@ -273,23 +279,42 @@ def _alike(graph: scipy.sparse.csr_matrix, dependent: np.ndarray | None) -> np.n
     return group_of
 
 
-def _fill_in(graph: scipy.sparse.spmatrix) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Positions (n,) in minimum-degree order, and the pattern of L + U in it: starts, columns."""
-    # Factors of a matrix with this graph show the fill-in: it is dominated by its diagonal, so that
-    # rows are not exchanged, but hardly: else fill-in would decay from node to node, and vanish.
-    # Without relaxed supernodes SuperLU stores what may differ from zero.
-    coupled = (graph != 0).astype(float)
-    dominant = scipy.sparse.diags(np.diff(graph.indptr) + 1e-6) - coupled
-    options = {"SymmetricMode": True}
-    lu = splu(
-        dominant.tocsc(),
-        permc_spec="MMD_AT_PLUS_A",
-        diag_pivot_thresh=0.0,
-        relax=1,
-        options=options,
-    )
+def _fill_in(
+    graph: scipy.sparse.csr_matrix, last: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Positions (n,) in minimum-degree order, and the pattern of L + U in it: starts, columns.
+
+    Those of `last` come after all with which they are coupled.
+    """
+    lu = _factors_of_graph(graph, "MMD_AT_PLUS_A")
+    place = lu.perm_c
+    if len(last):
+        after = place.astype(float)
+        for k in last.tolist():
+            near = graph.indices[graph.indptr[k] : graph.indptr[k + 1]]
+            after[k] = place[near[near != k]].max(initial=-1) + 0.5
+        order = np.argsort(after, kind="stable")
+        # The pattern's own order of equal fill-in leaves what is coupled in its order.
+        lu = _factors_of_graph(graph[order][:, order], "NATURAL")
+        place = lu.perm_c[np.argsort(order)]
     lower, upper = lu.L, lu.U
     lower.data[:] = upper.data[:] = 1.0  # small ones may have become zero
     pattern = (lower + upper).tocsr()
     pattern.sort_indices()
-    return lu.perm_c, pattern.indptr, pattern.indices
+    return place, pattern.indptr, pattern.indices
+
+
+def _factors_of_graph(graph: scipy.sparse.csr_matrix, order: str) -> scipy.sparse.linalg.SuperLU:
+    """Factors of a matrix with a graph, which show the fill-in."""
+    # It is dominated by its diagonal, so that rows are not exchanged, but hardly: else fill-in
+    # would decay from node to node, and vanish. Without relaxed supernodes SuperLU stores what may
+    # differ from zero.
+    coupled = (graph != 0).astype(float)
+    dominant = scipy.sparse.diags(np.diff(graph.indptr) + 1e-6) - coupled
+    return splu(
+        dominant.tocsc(),
+        permc_spec=order,
+        diag_pivot_thresh=0.0,
+        relax=1,
+        options={"SymmetricMode": True},
+    )

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from fx_beam.algebra.lu_layout import Factors
-from fx_beam.coupling.index_reduction import LoopTables, Reduction
+from fx_beam.coupling.index_reduction import Reduction
 from fx_beam.coupling.joint_reduction import JointReduction
 from fx_beam.coupling.sliders import Slide, Sliders
 
@@ -37,7 +37,7 @@ def ones_of(reduction: Reduction, at: np.ndarray) -> np.ndarray:
 
 
 class BorderTables:
-    """The borders of a scene: gaps of loops in long trees, columns, and what belongs to sliders.
+    """The borders of a scene: columns of what slides, and what belongs to them.
 
     `at` are the storage indices of `storage_of`; `massless` (size,) are degrees of freedom.
     """
@@ -53,34 +53,32 @@ class BorderTables:
         self._reduction, self._factors, self._at = reduction, factors, at
         self._massless, self._first = massless, first
 
-    def all(self, loops: LoopTables | None) -> dict[str, Any]:
+    def all(self) -> dict[str, Any]:
         """Members of ``Problem``; empty without borders."""
-        sliders = self._reduction.sliders
-        gaps = loops.values["closures"] if loops and len(self._reduction.ties) else 0
-        if not gaps and sliders is None:
+        if (sliders := self._reduction.sliders) is None:
             return {}
-        behind = np.full(1 + self._reduction.columns - self._reduction.free, -1)
-        order = np.append(self._factors.order, behind)
+        order = np.append(self._factors.order, np.full(1 + self._reduction.columns, -1))
         rows, columns = (order[index] for index in self._reduction.system())
-        found: dict[str, Any] = {"row_at": rows, "unknown_at": columns}
-        borders, entries = gaps, loops.values["gap_entries"] if loops and gaps else 0
-        if sliders is not None:
-            outside, bordered = sliders.outside, sliders.bordered
-            rows[outside] = columns[outside] = self._first - borders - np.arange(len(outside))
-            found["slider"] = tables = self._tables(sliders, borders + len(outside))
-            found["sliders"] = len(tables)
-            found["beside"] = len(bordered.beside)
-            found["beside_row"], found["beside_column"] = bordered.rows, bordered.columns
-            found["beside_at"] = self._at[bordered.beside]
-            own = [t["components"] + t["products"] for t in tables]
-            borders += len(outside) + sum(own) + sum(t["anchors"] for t in tables)
-            longest = [t.pop("longest") for t in tables]
-            entries += len(bordered.beside) + 3 * len(tables)
-            entries += sum(n * (1 + k) for n, k in zip(longest, own, strict=True))
-        if loops and not gaps:
-            entries *= loops.values["loop_columns"]  # what closes loops may follow all others
-        block = -(-(1 + borders) // _LANES) * _LANES
-        return found | {"borders": borders, "block": block, "most_border_entries": entries}
+        outside, bordered = sliders.outside, sliders.bordered
+        rows[outside] = columns[outside] = self._first - np.arange(len(outside))
+        tables = self._tables(sliders, len(outside))
+        longest = [table.pop("longest") for table in tables]
+        own = [table["components"] + table["products"] for table in tables]
+        borders = len(outside) + sum(own) + sum(table["anchors"] for table in tables)
+        entries = sum(n * (1 + k) for n, k in zip(longest, own, strict=True))
+        return {
+            "row_at": rows,
+            "unknown_at": columns,
+            "sliders": len(tables),
+            "slider": tables,
+            "beside": len(bordered.beside),
+            "beside_row": bordered.rows,
+            "beside_column": bordered.columns,
+            "beside_at": self._at[bordered.beside],
+            "borders": borders,
+            "block": -(-(1 + borders) // _LANES) * _LANES,
+            "most_border_entries": entries + len(bordered.beside) + 3 * len(tables),
+        }
 
     def _tables(self, sliders: Sliders, border: int) -> list[dict[str, Any]]:
         """Sliding nodes as ``Slider``; each also with the largest number of parts of a window."""

@@ -202,7 +202,9 @@ class Problem:
         # Rows of unknowns that close loops are no forces, by which errors are judged.
         ties = reduction.dependent if reduction.dependent.size else None
         keep = loops is None and not self.model.couplings.sliding
-        self.factors = factors = factors_of(*reduction.factored, keep, ties, COSTS)
+        self.factors = factors = factors_of(
+            *reduction.factored, keep, ties, COSTS, reduction.forces
+        )
         at, stored = factors.at, factors.size
         if not factors.band:  # the tangent is stored apart
             indptr, indices = reduction.factored
@@ -223,12 +225,13 @@ class Problem:
         if isinstance(reduction, JointReduction):
             first = self.library.ON_BORDER
             borders = BorderTables(reduction, factors, at, self.model.massless, first)
-            self._set(**borders.all(loops))
+            self._set(**borders.all())
         self._set(
             band=factors.band,
             chain=factors.chain,
-            positions=3 * factors.chain or p.unknowns,
+            positions=3 * factors.chain or len(factors.order),
             order=factors.order,
+            unknowns=len(factors.order),
             paddings=len(padding),
             padding=padding,
             reacting=np.count_nonzero(~alone),

@@ -1,4 +1,4 @@
-"""Loops in long trees: the derivatives of their gaps border the linear system with ties.
+"""Loops: the derivatives of their gaps, with the closing forces, border the linear system.
 
     [A + k Ghat^T G   Ghat^T] [dy]   [R]
     [G                0     ] [F ] = [0]
@@ -9,9 +9,21 @@ no inertia against a motion that the loops do not allow.
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
+import scipy.sparse
 
 from .index_reduction import LoopTables, sparsity
+
+
+class ClosedSystem(NamedTuple):
+    """A linear system in which forces close the loops."""
+
+    #: Sparsity (indptr, indices), and the places of the entries of open loops in it.
+    pattern: tuple[np.ndarray, np.ndarray]
+    places: np.ndarray
+    tables: LoopTables
 
 
 class GapBorders:
@@ -30,10 +42,9 @@ class GapBorders:
         self._rows, self._columns = rows[self._column], columns[self._column]
         self._count = int(self._gap.max()) + 1
         moves = np.flatnonzero(self._columns >= 0)
-        left, right = (part.ravel() for part in np.meshgrid(moves, moves, indexing="ij"))
-        same = self._gap[left] == self._gap[right]
+        of_gap = scipy.sparse.csr_matrix((np.ones(len(moves)), (moves, self._gap[moves])))
         #: Pairs of entries of one gap.
-        self._left, self._right = left[same], right[same]
+        self._left, self._right = (of_gap @ of_gap.T).nonzero()
         indptr, indices = pattern
         self._n = n = len(indptr) - 1
         inner = np.repeat(np.arange(n), np.diff(indptr))
@@ -62,14 +73,28 @@ class GapBorders:
             np.add.at(out, (self._gap[on], at[on]), (self._sign * entries[self._place])[on])
         return found
 
-    def tables(self) -> LoopTables:
-        """What the gaps' derivatives border."""
+    def system(self) -> ClosedSystem:
+        """The linear system in which the forces are unknowns behind the others."""
+        n, on = self._n, np.flatnonzero(self._columns >= 0)
+        indptr, indices = self.pattern
+        of_forces = n + self._gap[on]
+        rows = [np.repeat(np.arange(n), np.diff(indptr)), of_forces, self._rows[on]]
+        columns = [indices, self._columns[on], of_forces]
+        pattern, place = sparsity(np.concatenate(rows), np.concatenate(columns), n + self._count)
+        inner, equation, balance = np.split(place, np.cumsum([len(indices), len(on)]))
         values = {
+            "gap_unknowns": len(on),
+            "gap_entry": on,
             "stiffened": len(self._pairs),
-            "scales": len(self._diagonal),
-            "gap_column": self._column,
             "stiff_left": self._left,
             "stiff_right": self._right,
+            "scales": len(self._diagonal),
             "scale_unit": self._unit,
         }
-        return LoopTables(values, {"stiff_to": self._pairs, "scale_at": self._diagonal})
+        at = {
+            "gap_equation": equation,
+            "gap_balance": balance,
+            "stiff_to": inner[self._pairs],
+            "scale_at": inner[self._diagonal],
+        }
+        return ClosedSystem(pattern, inner[self.places], LoopTables(values, at))

@@ -63,6 +63,8 @@ class Reduction(Protocol):
     dependent: np.ndarray
     #: Why no step can begin here; empty if it can.
     singularity: str
+    #: Number of forces that close loops, which are unknowns of the compiled loop behind the others.
+    forces: int
 
     @property
     def pattern(self) -> tuple[np.ndarray, np.ndarray]:
@@ -144,6 +146,7 @@ class WithoutLoops:
     columns: int
     dependent = np.empty((2, 0), int)
     singularity = ""
+    forces = 0
 
     @property
     def independent(self) -> np.ndarray:

@@ -22,9 +22,9 @@ from fx_beam.fem.point_forces import PointForces
 from fx_beam.mechanics.rates import UpdateRule
 
 from .closed_pattern import ClosedPattern
-from .gap_borders import GapBorders
+from .gap_borders import ClosedSystem, GapBorders
+from .gap_rows import blocks_of, gap_rows
 from .graph import Couplings
-from .index_reduction import LoopTables
 from .joint_reduction import JointReduction
 from .sliders import Sliders
 
@@ -62,14 +62,23 @@ class LoopReduction(JointReduction):
             )
         self._gap_entries = k.astype(int), columns.astype(int), places.astype(int), signs
         self.unit, self._size_of_scene = unit, float(unit.max())
+        self._rows = gap_rows(couplings, len(self._values))
+        used_columns = np.unique([column for row in self._rows for column in row.columns])
         #: Unknowns of the loops, and other columns on which their gaps depend.
-        used = np.zeros(self.columns + len(self.ties))
-        used[columns.astype(int)] = 1.0
-        self.ties.collect_whether(used, np.ones_like(self._values))
-        used_columns = np.flatnonzero(used[: self.columns])
-        self.loop = used_columns[used_columns < self.free]
-        self._others = used_columns[used_columns >= self.free]
+        self.loop = used_columns[used_columns < self.free].astype(int)
+        self._others = used_columns[used_columns >= self.free].astype(int)
+        #: Closures of loops that share unknowns, and these among those of all loops.
+        self.blocks = [
+            (own, np.searchsorted(self.loop, self._unknowns_of(own)))
+            for own in blocks_of(self._rows, self.free)
+        ]
+        #: Forces that are unknowns of the compiled loop, behind all others.
+        self.forces = len(self._closures)
         self._build_gaps()
+
+    def _unknowns_of(self, closures: np.ndarray) -> np.ndarray:
+        found = {column for k in closures for column in self._rows[k].columns}
+        return np.array(sorted(column for column in found if column < self.free), dtype=int)
 
     def _build_gaps(self) -> None:
         """The gaps as differences of displacements, less the arm of the joint."""
@@ -98,9 +107,14 @@ class LoopReduction(JointReduction):
         return self._close(self._opened)
 
     @functools.cached_property
-    def _closed_factored(self) -> ClosedPattern | GapBorders:
-        """The same without what slides."""
-        return self._closed if self.sliders is None else self._close(self._opened_factored)
+    def _system(self) -> ClosedSystem:
+        """The linear system of the compiled loop, with closures block by block."""
+        order = np.argsort(np.concatenate([own for own, _ in self.blocks]))
+        closure, *parts = self._gap_entries
+        by_block = np.argsort(order[closure], kind="stable")
+        self._entries = tuple(part[by_block] for part in (order[closure], *parts))
+        index = self._row_index, self._index
+        return GapBorders(self._entries, *index, self._opened_factored, self.unit).system()
 
     def _close(self, pattern: tuple[np.ndarray, np.ndarray]) -> ClosedPattern | GapBorders:
         if len(self.ties):
@@ -116,7 +130,7 @@ class LoopReduction(JointReduction):
     @property
     def factored(self):
         """The same without what slides."""
-        return self._closed_factored.pattern
+        return self._system.pattern
 
     @property
     def independent(self) -> np.ndarray:
@@ -137,10 +151,11 @@ class LoopReduction(JointReduction):
     def choose(self, y, driven) -> None:
         """Choose the unknowns that follow by the place after increments, and set `singularity`."""
         self.gap(y, driven)
-        columns, regular = _pivots(self.scaled_derivative())
-        self._following = self.loop[columns]
+        G = self.scaled_derivative()
+        parts = [(own, _pivots(G[np.ix_(rows, own)])) for rows, own in self.blocks]
+        self._following = self.loop[np.concatenate([own[found] for own, (found, _) in parts])]
         self.singularity = ""
-        if not regular:
+        if not all(regular for _, (_, regular) in parts):
             names = "; ".join(dict.fromkeys(str(one.joint) for one in self._closures))
             self.singularity = (
                 f"the loops that {names} close are in a singular position, such as bars in one "
@@ -306,55 +321,69 @@ class LoopReduction(JointReduction):
 
     def places(self) -> np.ndarray:
         """Places of the entries of the trees' pattern in that with the loops."""
-        return self._closed_factored.places
+        return self._system.places
 
     def loop_tables(self):
         """The closed loops as lists of numbers."""
-        k, columns, at_values, signs = self._gap_entries
-        of_loops = np.concatenate([self.loop, self._others])
+        of_system, (closure, entry_columns, values, signs) = self._system.tables, self._entries
+        order = np.concatenate([own for own, _ in self.blocks])
+        rows = [self._rows[k] for k in order]
+        # The loops' columns: unknowns block by block, then others.
+        block_columns = [self.loop[own] for _, own in self.blocks]
+        of_loops = np.concatenate([*block_columns, self._others]).astype(int)
         number = np.empty(self.columns, dtype=int)
         number[of_loops] = np.arange(len(of_loops))
-        ends = np.full((2, len(self._closures)), -1)
-        for i, one in enumerate(self._closures):
+        closures = [self._closures[k] for k in order]
+        ends = np.full((2, len(closures)), -1)
+        for i, one in enumerate(closures):
             for side, node in enumerate((one.joint.b, one.joint.a)):
                 if node.number >= 0:
                     ends[side, i] = self._dofs[node.number, one.component]
-        arms = np.full(len(self._closures), -1)
-        arms[self._arms[0]] = 2 * self._arms[1] + self._arms[2]
+        arms = np.full(len(closures), -1)
+        arms[np.argsort(order)[self._arms[0]]] = 2 * self._arms[1] + self._arms[2]
         column, dof, _, _ = self._places
         dofs = np.full(self.columns, -1)
         dofs[column] = dof
-        values = {
-            "closures": len(self._closures),
-            "gap_entries": len(k),
+        sizes = np.array([len(own) for own, _ in self.blocks])
+        widths = np.array([len(own) for own in block_columns])
+        of_rows = {
+            "gap_near": ([number[row.columns] for row in rows], "gap_start"),
+            "gap_tie": ([row.ties for row in rows], "gap_tie_start"),
+        }
+        values_of = {
+            "closures": len(closures),
             "loop_columns": len(of_loops),
             "loop_free": len(self.loop),
-            "gap_closed": _CLOSED * self._size_of_scene,
-            "loop_dof": dofs[self.loop],
-            "following": np.zeros(len(self._closures), dtype=int),
-            "gap_row": k,
-            "gap_at": number[np.minimum(columns, self.columns - 1)],
-            "gap_value": at_values,
+            "blocks": len(sizes),
+            "part_size": int(sizes @ sizes),
+            "pivoting_size": int((sizes * (widths + 1)).max()),
             "loop_column": of_loops,
+            "loop_dof": dofs[of_loops[: len(self.loop)]],
+            "loop_unit": self.unit[of_loops[: len(self.loop)]],
+            "following": np.zeros(len(closures), dtype=int),
             "gap_b": ends[0],
             "gap_a": ends[1],
             "gap_arm": arms,
-            "gap_force": np.array([3 * one.joint.number + one.component for one in self._closures]),
+            "gap_force": np.array([3 * one.joint.number + one.component for one in closures]),
+            "gap_entry_start": _starts(np.bincount(closure, minlength=len(closures))),
+            "gap_column": entry_columns,
+            "gap_value": values,
             "gap_sign": signs,
-            "loop_unit": self.unit[self.loop],
+            "block_closure": _starts(sizes),
+            "block_column": _starts(widths),
+            "block_part": _starts(sizes**2),
             "arm_at_rest": self._rho_at_rest,
+            "gap_closed": _CLOSED * self._size_of_scene,
         }
-        closed = self._closed_factored
-        if isinstance(closed, GapBorders):
-            more = closed.tables()
-            return more._replace(values=values | more.values)
-        near = closed.near
-        at = {
-            "near_loop": closed.at(near[:, None], self.loop),
-            "loop_near": closed.at(self.loop, near[:, None]),
-            "loop_loop": closed.at(self.loop[:, None], self.loop),
-        }
-        return LoopTables(values | {"near": len(near)}, at)
+        for name, (parts, start) in of_rows.items():
+            values_of[name] = np.concatenate([np.empty(0, int), *parts]).astype(int)
+            values_of[start] = _starts([len(part) for part in parts])
+        return of_system._replace(values=values_of | of_system.values)
+
+
+def _starts(counts) -> np.ndarray:
+    """Where each of several parts begins, and the last one ends."""
+    return np.concatenate([[0], np.cumsum(counts)]).astype(int)
 
 
 def _solved(A: np.ndarray, b: np.ndarray) -> np.ndarray:

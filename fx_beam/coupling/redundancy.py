@@ -45,9 +45,19 @@ def check_loops(scene: Scene, couplings: Couplings, reduction: LoopReduction) ->
 
 def _rank(reduction: LoopReduction) -> tuple[int, np.ndarray, np.ndarray]:
     """Rank of the gaps, combinations (n, closures) that vanish, and motions (n, loop)."""
-    left, values, right = np.linalg.svd(reduction.scaled_derivative())
-    rank = int(np.count_nonzero(values > _ROUNDING * max(values.max(initial=0.0), 1e-300)))
-    return rank, left.T[rank:], right[rank:]
+    G = reduction.scaled_derivative()
+    parts = [np.linalg.svd(G[np.ix_(rows, columns)]) for rows, columns in reduction.blocks]
+    largest = max([1e-300, *(values.max(initial=0.0) for _, values, _ in parts)])
+    ranks = [int(np.count_nonzero(values > _ROUNDING * largest)) for _, values, _ in parts]
+    combinations, motions = np.zeros((len(G), 0)), np.zeros((0, G.shape[1]))
+    for (rows, columns), (left, _, right), rank in zip(reduction.blocks, parts, ranks, strict=True):
+        own, moving = (
+            np.zeros((len(G), len(rows) - rank)),
+            np.zeros((len(columns) - rank, len(G.T))),
+        )
+        own[rows], moving[:, columns] = left[:, rank:], right[rank:]
+        combinations, motions = np.hstack([combinations, own]), np.vstack([motions, moving])
+    return sum(ranks), combinations.T, motions
 
 
 def _rank_near_by(reduction: LoopReduction, motions: np.ndarray) -> int:

@@ -14,12 +14,13 @@ import scipy.sparse
 
 
 def tied_fill_in(
-    graph: scipy.sparse.csr_matrix, sizes: np.ndarray, dependent: np.ndarray
+    graph: scipy.sparse.csr_matrix, sizes: np.ndarray, dependent: np.ndarray, last: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Positions (n,) in an order of minimum degree, and the pattern of L + U: starts, columns.
 
     From a symmetric graph of n groups of unknowns with these sizes. Of the groups of `dependent`
-    (2, m) the first contain ties that depend on the second, and come before them.
+    (2, m) the first contain ties that depend on the second, and come before them; those of `last`
+    come after all with which they are coupled.
     """
     n, (of, on) = graph.shape[0], dependent
     near = [set(row.tolist()) for row in np.split(graph.indices, graph.indptr[1:-1])]
@@ -30,6 +31,9 @@ def tied_fill_in(
     for tie, other in zip(of.tolist(), on.tolist(), strict=True):
         if tie != other:
             needs[tie].add(other)
+    for force in last.tolist():
+        for k in near[force]:
+            needs[k].add(force)
     waits = np.bincount([k for own in needs for k in own], minlength=n).tolist()
     weights = sizes.tolist()
 

@@ -1,5 +1,5 @@
-/* Unknowns that border the factorised matrix A: what slides on beams (sliders.h), and the forces that close
-   loops in long trees. With their rows C and columns B, which have few entries,
+/* Unknowns that border the factorised matrix A: what slides on beams (sliders.h). With their rows C and
+   columns B, which have few entries,
 
        [A  B] [x]   [b]
        [C  D] [y] = [g],    (D - C A^-1 B) y = g - C A^-1 b,    A x = b - B y.
@@ -35,29 +35,6 @@ INLINED void add_at(const Problem *p, const Work *w, int row, int column, double
   }
 }
 
-/* Number of the closure that a column follows, or -1. */
-static int followed(const Problem *p, int column) {
-  for (int k = 0; k < (p->ties ? 0 : p->closures); ++k)
-    if (p->loop_column[p->following[k]] == column) return k;
-  return -1;
-}
-
-/* Adds a derivative of the force on a column by a place; what closes loops follows the others. */
-static void add_of_column(const Problem *p, const Work *w, int column, int place, double x) {
-  int k = followed(p, column);
-  if (k < 0) add_at(p, w, p->row_at[column], place, x);
-  for (int j = 0; k >= 0 && j < p->loop_columns; ++j)
-    add_at(p, w, p->row_at[p->loop_column[j]], place, x * w->What[(long)k * p->loop_columns + j]);
-}
-
-/* Adds a derivative by a column in a row of the system. */
-static void add_by_column(const Problem *p, const Work *w, int row, int column, double x) {
-  int k = followed(p, column);
-  if (k < 0) add_at(p, w, row, p->unknown_at[column], x);
-  for (int j = 0; k >= 0 && j < p->loop_columns; ++j)
-    add_at(p, w, row, p->unknown_at[p->loop_column[j]], x * w->W[(long)k * p->loop_columns + j]);
-}
-
 /* A node that slides: its columns c, the forces f that hold it on the beam, and the products of which the
    derivatives of That consist. */
 static void border_slider(const Problem *p, const Work *w, Slider *a) {
@@ -73,14 +50,14 @@ static void border_slider(const Problem *p, const Work *w, Slider *a) {
       double of_T = a->part_sign[e] * w->values[a->part_value[e]];
       double of_virtual = a->part_sign[e] * w->virtual_map[a->part_value[e]];
       for (int c = 0; c < m; ++c) {
-        add_by_column(p, w, force - c, column, -of_T * a->T[c][l]);
-        add_of_column(p, w, column, force - c, -of_virtual * a->virtual_map[c][l]);
+        add_at(p, w, force - c, p->unknown_at[column], -of_T * a->T[c][l]);
+        add_at(p, w, p->row_at[column], force - c, -of_virtual * a->virtual_map[c][l]);
       }
-      add_of_column(p, w, column, column_s, of_virtual * h.by_s[l]);
-      add_by_column(p, w, row_s, column, of_T * h.of_s[l]);
+      add_at(p, w, p->row_at[column], column_s, of_virtual * h.by_s[l]);
+      add_at(p, w, row_s, p->unknown_at[column], of_T * h.of_s[l]);
       for (int r = 0; r < a->products; ++r) {
-        add_of_column(p, w, column, product - r, of_virtual * h.left[r][l]);
-        add_by_column(p, w, product - r, column, of_T * h.right[r][l]);
+        add_at(p, w, p->row_at[column], product - r, of_virtual * h.left[r][l]);
+        add_at(p, w, product - r, p->unknown_at[column], of_T * h.right[r][l]);
       }
     }
   }
@@ -100,8 +77,8 @@ static void anchor_beam(const Problem *p, const Work *w, const Slider *a) {
     int border = ON_BORDER - a->border - a->components - a->products - i, column = a->anchor_column[i];
     double k = fabs(w->tangent[a->anchor_at[i]]);
     w->tangent[a->anchor_at[i]] += k;
-    add_of_column(p, w, column, border, -k);
-    add_by_column(p, w, border, column, 1);
+    add_at(p, w, p->row_at[column], border, -k);
+    add_at(p, w, border, p->unknown_at[column], 1);
     add_at(p, w, border, border, -1);
   }
 }
@@ -111,18 +88,8 @@ static void fill_borders(const Problem *p, const Work *w) {
   begin_borders(p, w);
   for (int i = 0; i < p->sliders; ++i)
     border_slider(p, w, p->slider + i), anchor_beam(p, w, p->slider + i);
-  for (int k = 0; k < p->beside; ++k) {
-    int row = p->beside_row[k], column = p->beside_column[k];
-    double x = w->tangent[p->beside_at[k]];
-    if (p->row_at[row] < -1) add_by_column(p, w, p->row_at[row], column, x);
-    else add_of_column(p, w, row, p->unknown_at[column], x);
-  }
-  if (!p->ties) return;
-  for (int k = 0; k < p->gap_entries; ++k) {
-    int gap = ON_BORDER - p->gap_row[k], column = p->gap_column[k];
-    add_at(p, w, p->row_at[column], gap, p->gap_sign[k] * w->virtual_map[p->gap_value[k]]);
-    add_at(p, w, gap, p->unknown_at[column], p->gap_sign[k] * w->values[p->gap_value[k]]);
-  }
+  for (int k = 0; k < p->beside; ++k)
+    add_at(p, w, p->row_at[p->beside_row[k]], p->unknown_at[p->beside_column[k]], w->tangent[p->beside_at[k]]);
 }
 
 /* The block from its right sides and sparse factors; its first column is the right side b, which is

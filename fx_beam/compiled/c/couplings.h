@@ -91,7 +91,7 @@ static void expand_trees(const Problem *p, const Work *w) {
 static int choose_ahead(const Problem *p, const Work *w) {
   expand_trees(p, w);
   derive_gaps(p, w, w->values, w->G);
-  return choose_following(p, w->G);
+  return choose_following(p, w);
 }
 
 /* The same with the unknowns that close loops corrected. Returns 0 if loops cannot be closed. */
@@ -101,8 +101,7 @@ static int expand(const Problem *p, const Work *w) {
   expand_trees(p, w);
   if (p->closures) {
     for (; left && !correct_loops(p, w, &last); --left) expand_trees(p, w);
-    find_ratios(p, w, w->values, w->W, 0);
-    find_ratios(p, w, w->virtual_map, w->What, w->inverse);
+    linearise_loops(p, w);
   }
   evaluate_slides(p, w);
   return left > 0;
@@ -196,6 +195,6 @@ static void reduce_tangent(const Problem *p, const Work *w, const double *r) {
     K[p->tie_equation[k]] -= p->tie_sign[k] * w->values[p->tie_value[k]];
     K[p->tie_force[k]] -= p->tie_sign[k] * w->virtual_map[p->tie_value[k]];
   }
-  if (p->stiffened) stiffen_loops(p, w);
+  if (p->closures) close_tangent(p, w);
   if (p->borders) fill_borders(p, w);
 }

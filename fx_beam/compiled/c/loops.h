@@ -1,4 +1,5 @@
-/* Closed loops of joints: unknowns that follow others (loop_reduction.py). */
+/* Closed loops of joints: unknowns that follow others (loop_reduction.py). Loops that share no unknowns are
+   blocks for themselves, and the gap of a closure depends on few unknowns, also in long trees. */
 
 #pragma once
 
@@ -8,27 +9,25 @@
 enum { CLOSINGS = 30 };
 static const double LEAST_PIVOT = 1e-6;
 
-static void derive_gaps_along_ties(const Problem *p, const Work *w, const double *values, double *G) {
-  double *row = w->columns;
-  for (int i = 0, k = 0; i < p->closures; ++i) {
-    memset(row, 0, (p->columns + p->ties) * sizeof *row);
-    for (; k < p->gap_entries && p->gap_row[k] == i; ++k)
-      row[p->gap_column[k]] += p->gap_sign[k] * values[p->gap_value[k]];
-    collect_ties(p, values, row);
-    for (int j = 0; j < p->loop_columns; ++j) G[(long)i * p->loop_columns + j] = row[p->loop_column[j]];
-  }
-}
-
-/* Derivatives of the gaps [closure][loop column], for values of T or That. */
+/* Derivatives G of the gaps by the loops' columns, in compressed rows, for values of T or That. */
 static void derive_gaps(const Problem *p, const Work *w, const double *values, double *G) {
-  int n = p->loop_columns;
-  if (p->ties) {
-    derive_gaps_along_ties(p, w, values, G);
-    return;
+  double *row = w->gap_row;
+  for (int i = 0; i < p->closures; ++i) {
+    int first = p->gap_entry_start[i], end = p->gap_entry_start[i + 1];
+    int first_tie = p->gap_tie_start[i], last_tie = p->gap_tie_start[i + 1];
+    for (int k = first; k < end; ++k) row[p->gap_column[k]] += p->gap_sign[k] * values[p->gap_value[k]];
+    for (int k = first_tie; k < last_tie; ++k) {
+      int t = p->gap_tie[k];
+      double of_tie = row[p->columns + p->tie_of[t]];
+      row[p->tie_column[t]] += p->tie_sign[t] * values[p->tie_value[t]] * of_tie;
+    }
+    for (int k = p->gap_start[i]; k < p->gap_start[i + 1]; ++k) G[k] = row[p->loop_column[p->gap_near[k]]];
+    for (int k = first; k < end; ++k) row[p->gap_column[k]] = 0;
+    for (int k = first_tie; k < last_tie; ++k) {
+      row[p->columns + p->tie_of[p->gap_tie[k]]] = 0;
+      row[p->tie_column[p->gap_tie[k]]] = 0;
+    }
   }
-  memset(G, 0, (long)p->closures * n * sizeof(double));
-  for (int k = 0; k < p->gap_entries; ++k)
-    G[p->gap_row[k] * n + p->gap_at[k]] += p->gap_sign[k] * values[p->gap_value[k]];
 }
 
 /* Solves A x = B for n rows, with columns of B in place, by elimination with row exchange. */
@@ -57,39 +56,119 @@ static void solve_dense(int n, double *A, int columns, double *B) {
   }
 }
 
-/* The columns of G of the unknowns that follow. */
-static void following_part(const Problem *p, const double *G, double *part) {
-  int m = p->closures;
-  for (int k = 0; k < m; ++k)
-    for (int j = 0; j < m; ++j) part[k * m + j] = G[k * p->loop_columns + p->following[j]];
-}
-
-/* Chooses the unknowns that follow by the largest pivots of G; returns 0 in a singular position. */
-static int choose_following(const Problem *p, double *G) {
-  int m = p->closures, n = p->loop_columns;
-  double first = 0;
-  for (int k = 0; k < m; ++k)
-    for (int j = 0; j < p->loop_free; ++j) G[k * n + j] *= p->loop_unit[j];
-  for (int k = 0; k < m; ++k) {
-    int row = k, column = 0;
-    double largest = -1;
-    for (int i = k; i < m; ++i)
-      for (int j = 0; j < p->loop_free; ++j)
-        if (fabs(G[i * n + j]) > largest) largest = fabs(G[i * n + j]), row = i, column = j;
-    if (k == 0) first = largest;
-    if (!(largest > LEAST_PIVOT * first)) return 0;
-    p->following[k] = column;
-    for (int j = 0; j < p->loop_free; ++j) {
-      double x = G[k * n + j];
-      G[k * n + j] = G[row * n + j], G[row * n + j] = x;
+/* Chooses the unknowns that follow by the largest pivots of G, block by block; returns 0 in a singular
+   position. Most rows of G have no entry of a pivot's column: they keep their largest entries. */
+static int choose_following(const Problem *p, const Work *w) {
+  for (int j = 0; j < p->loop_columns; ++j) w->follows[j] = -1;
+  for (int b = 0; b < p->blocks; ++b) {
+    int begin = p->block_closure[b], m = p->block_closure[b + 1] - begin;
+    int from = p->block_column[b], n = p->block_column[b + 1] - from;
+    double *M = w->pivoting, *largest = M + (long)m * n, first = 0;
+    int *at = w->largest_at;
+    memset(M, 0, (long)m * n * sizeof(double));
+    for (int i = 0; i < m; ++i) {
+      for (int k = p->gap_start[begin + i]; k < p->gap_start[begin + i + 1]; ++k)
+        if (p->gap_near[k] < p->loop_free)
+          M[i * n + p->gap_near[k] - from] = w->G[k] * p->loop_unit[p->gap_near[k]];
+      largest[i] = -1;
+      for (int j = 0; j < n; ++j)
+        if (fabs(M[i * n + j]) > largest[i]) largest[i] = fabs(M[i * n + j]), at[i] = j;
     }
-    for (int i = k + 1; i < m; ++i) {
-      double factor = G[i * n + column] / G[k * n + column];
-      for (int j = 0; j < p->loop_free; ++j) G[i * n + j] -= factor * G[k * n + j];
-      G[i * n + column] = 0;
+    for (int k = 0; k < m; ++k) {
+      int row = 0;
+      for (int i = 1; i < m; ++i)
+        if (largest[i] > largest[row]) row = i;
+      if (k == 0) first = largest[row];
+      if (!(largest[row] > LEAST_PIVOT * first)) return 0;
+      int column = at[row];
+      const double *pivot = M + (long)row * n;
+      p->following[begin + k] = from + column, w->follows[from + column] = begin + k;
+      largest[row] = -2; /* done */
+      for (int i = 0; i < m; ++i) {
+        double *other = M + (long)i * n;
+        if (largest[i] < -1 || other[column] == 0) continue;
+        double factor = other[column] / pivot[column];
+        largest[i] = -1;
+        for (int j = 0; j < n; ++j) {
+          other[j] = j == column ? 0 : other[j] - factor * pivot[j];
+          if (fabs(other[j]) > largest[i]) largest[i] = fabs(other[j]), at[i] = j;
+        }
+      }
     }
   }
   return 1;
+}
+
+/* LU factors, with exchange of rows, of the part of G that belongs to the unknowns that follow, block by block.
+   Few of its entries differ from zero. */
+static void factorise_gaps(const Problem *p, const Work *w, const double *G, double *factors, int *order) {
+  for (int b = 0; b < p->blocks; ++b) {
+    int begin = p->block_closure[b], m = p->block_closure[b + 1] - begin, *row = order + begin;
+    double *A = factors + p->block_part[b];
+    memset(A, 0, (long)m * m * sizeof(double));
+    for (int i = 0; i < m; ++i) {
+      row[i] = i;
+      for (int k = p->gap_start[begin + i]; k < p->gap_start[begin + i + 1]; ++k) {
+        int at = w->follows[p->gap_near[k]];
+        if (at >= 0) A[(long)i * m + at - begin] = G[k];
+      }
+    }
+    for (int k = 0; k < m; ++k) {
+      int best = k;
+      for (int i = k + 1; i < m; ++i)
+        if (fabs(A[(long)row[i] * m + k]) > fabs(A[(long)row[best] * m + k])) best = i;
+      int chosen = row[best];
+      row[best] = row[k], row[k] = chosen;
+      const double *pivot = A + (long)chosen * m;
+      for (int i = k + 1; i < m; ++i) {
+        double *other = A + (long)row[i] * m;
+        if (other[k] == 0) continue;
+        double factor = other[k] /= pivot[k];
+        for (int j = k + 1; j < m; ++j) other[j] -= factor * pivot[j];
+      }
+    }
+  }
+}
+
+/* Solves G_d x = b for the part G_d of the unknowns that follow, in place of b. */
+static void solve_gaps(const Problem *p, const Work *w, const double *factors, const int *order, double *x) {
+  for (int b = 0; b < p->blocks; ++b) {
+    int begin = p->block_closure[b], m = p->block_closure[b + 1] - begin;
+    const double *A = factors + p->block_part[b];
+    double *y = w->gap_scratch, *of = x + begin;
+    for (int i = 0; i < m; ++i) {
+      const double *row = A + (long)order[begin + i] * m;
+      y[i] = of[order[begin + i]];
+      for (int j = 0; j < i; ++j) y[i] -= row[j] * y[j];
+    }
+    for (int i = m - 1; i >= 0; --i) {
+      const double *row = A + (long)order[begin + i] * m;
+      for (int j = i + 1; j < m; ++j) y[i] -= row[j] * y[j];
+      y[i] /= row[i];
+    }
+    memcpy(of, y, m * sizeof(double));
+  }
+}
+
+/* The same for the transposed part. */
+static void solve_gaps_transposed(const Problem *p, const Work *w, const double *factors, const int *order,
+                                  double *x) {
+  for (int b = 0; b < p->blocks; ++b) {
+    int begin = p->block_closure[b], m = p->block_closure[b + 1] - begin;
+    const double *A = factors + p->block_part[b];
+    double *y = w->gap_scratch, *of = x + begin;
+    memcpy(y, of, m * sizeof(double));
+    for (int i = 0; i < m; ++i) {
+      const double *row = A + (long)order[begin + i] * m;
+      y[i] /= row[i];
+      for (int j = i + 1; j < m; ++j) y[j] -= row[j] * y[i];
+    }
+    for (int i = m - 1; i >= 0; --i) {
+      const double *row = A + (long)order[begin + i] * m;
+      for (int j = 0; j < i; ++j) y[j] -= row[j] * y[i];
+      of[order[begin + i]] = y[i];
+    }
+  }
 }
 
 /* Gaps of displacements, less the arms of the joints between two places. */
@@ -111,7 +190,7 @@ static int begin_loops(const Problem *p, const Work *w) {
     value[2] = w->t0[2 * j], value[3] = w->t0[2 * j + 1];
   }
   derive_gaps(p, w, w->values, w->G);
-  return choose_following(p, w->G);
+  return choose_following(p, w);
 }
 
 /* Out of a singular position a step goes on with the motion: increments of the loops' unknowns. */
@@ -134,52 +213,40 @@ static int correct_loops(const Problem *p, const Work *w, double *last) {
   if (size <= p->gap_closed || (*last < size && size <= 1e3 * p->gap_closed)) return 1;
   *last = size;
   derive_gaps(p, w, w->values, w->G);
-  following_part(p, w->G, w->part);
-  solve_dense(m, w->part, 1, gap);
+  factorise_gaps(p, w, w->G, w->part, w->part_order);
+  solve_gaps(p, w, w->part, w->part_order, gap);
   for (int k = 0; k < m; ++k) w->z[p->loop_column[p->following[k]]] -= gap[k];
   return 0;
 }
 
-/* Changes W [closure][loop column] of the unknowns that follow, for values of T or That. The inverse
-   of the part of G that belongs to them is stored as well if it is asked for. */
-static void find_ratios(const Problem *p, const Work *w, const double *values, double *W, double *inverse) {
-  int m = p->closures, n = p->loop_columns;
-  derive_gaps(p, w, values, W);
-  if (inverse) {
-    following_part(p, W, w->part);
-    memset(inverse, 0, (long)m * m * sizeof(double));
-    for (int k = 0; k < m; ++k) inverse[k * m + k] = 1;
-    solve_dense(m, w->part, m, inverse);
-  }
-  following_part(p, W, w->part);
-  solve_dense(m, w->part, n, W);
-  for (int k = 0; k < m * n; ++k) W[k] = -W[k];
-  for (int k = 0; k < m; ++k)
-    for (int j = 0; j < m; ++j) W[k * n + p->following[j]] = 0;
+/* Derivatives of the gaps at the present increment. */
+static void linearise_loops(const Problem *p, const Work *w) {
+  derive_gaps(p, w, w->values, w->G);
+  factorise_gaps(p, w, w->G, w->part, w->part_order);
+  derive_gaps(p, w, w->virtual_map, w->G_virtual);
+  factorise_gaps(p, w, w->G_virtual, w->part_virtual, w->order_virtual);
 }
 
 /* Small changes of the unknowns that follow. */
 static void complete(const Problem *p, const Work *w, double *z) {
-  for (int k = 0; k < p->closures; ++k) {
-    double sum = 0;
-    for (int j = 0; j < p->loop_columns; ++j)
-      sum += w->W[k * p->loop_columns + j] * z[p->loop_column[j]];
-    w->gap[k] = sum;
+  for (int k = 0; k < p->closures; ++k) z[p->loop_column[p->following[k]]] = 0;
+  for (int i = 0; i < p->closures; ++i) {
+    w->gap[i] = 0;
+    for (int k = p->gap_start[i]; k < p->gap_start[i + 1]; ++k)
+      w->gap[i] += w->G[k] * z[p->loop_column[p->gap_near[k]]];
   }
-  for (int k = 0; k < p->closures; ++k) z[p->loop_column[p->following[k]]] = w->gap[k];
+  if (p->closures) solve_gaps(p, w, w->part, w->part_order, w->gap);
+  for (int k = 0; k < p->closures; ++k) z[p->loop_column[p->following[k]]] = -w->gap[k];
 }
 
 /* Forces of the closing joints, those that leave no residual of the unknowns that follow. */
 static void close_residual(const Problem *p, const Work *w, double *R) {
-  int m = p->closures, n = p->loop_columns;
-  for (int k = 0; k < m; ++k) w->gap[k] = R[p->loop_column[p->following[k]]];
-  for (int j = 0; j < m; ++j) {
-    w->closing[j] = 0;
-    for (int k = 0; k < m; ++k) w->closing[j] += w->inverse[k * m + j] * w->gap[k];
-  }
-  for (int k = 0; k < m; ++k)
-    for (int j = 0; j < n; ++j) R[p->loop_column[j]] += w->What[k * n + j] * w->gap[k];
-  for (int k = 0; k < m; ++k) R[p->loop_column[p->following[k]]] = 0;
+  for (int k = 0; k < p->closures; ++k) w->closing[k] = R[p->loop_column[p->following[k]]];
+  solve_gaps_transposed(p, w, w->part_virtual, w->order_virtual, w->closing);
+  for (int i = 0; i < p->closures; ++i)
+    for (int k = p->gap_start[i]; k < p->gap_start[i + 1]; ++k)
+      R[p->loop_column[p->gap_near[k]]] -= w->G_virtual[k] * w->closing[i];
+  for (int k = 0; k < p->closures; ++k) R[p->loop_column[p->following[k]]] = 0;
 }
 
 /* Nodal forces with those of the closing joints, of the last residual. */
@@ -193,37 +260,9 @@ static const double *closed(const Problem *p, const Work *w, const double *r) {
   return w->closed;
 }
 
-/* The tangent of the independent unknowns; rows of the others say that they follow. `near` rows and
-   columns have entries of the loops' unknowns. */
-static void reduce_loops(const Problem *p, const Work *w) {
-  int m = p->closures, n = p->loop_columns, f = p->loop_free;
-  double *K = w->tangent;
-  for (int i = 0; i < p->near; ++i) {
-    const int *row = p->near_loop + (long)i * f;
-    for (int k = 0; k < m; ++k) {
-      double x = K[row[p->following[k]]];
-      for (int j = 0; j < f; ++j) K[row[j]] += x * w->W[k * n + j];
-      K[row[p->following[k]]] = 0;
-    }
-  }
-  for (int i = 0; i < p->near; ++i) {
-    const int *column = p->loop_near + (long)i * f;
-    for (int k = 0; k < m; ++k) {
-      double x = K[column[p->following[k]]];
-      for (int j = 0; j < f; ++j) K[column[j]] += x * w->What[k * n + j];
-      K[column[p->following[k]]] = 0;
-    }
-  }
-  for (int k = 0; k < m; ++k) {
-    const int *row = p->loop_loop + (long)p->following[k] * f;
-    for (int j = 0; j < f; ++j) K[row[j]] = -w->W[k * n + j];
-    K[row[p->following[k]]] = 1;
-  }
-}
-
-/* Adds to a tangent with ties a stiffness of the gaps. It does no work where they are closed, and keeps
-   the tangent of open loops regular. */
-static void stiffen_loops(const Problem *p, const Work *w) {
+/* The gaps in the tangent: their derivatives, with the closing forces as unknowns behind all others, and a
+   stiffness. It does no work where they are closed, and keeps the tangent of open loops regular. */
+static void close_tangent(const Problem *p, const Work *w) {
   double stiff = 0, *K = w->tangent;
   for (int i = 0; i < p->scales; ++i)
     stiff = fmax(stiff, fabs(K[p->scale_at[i]]) / (p->scale_unit[i] * p->scale_unit[i]));
@@ -231,5 +270,10 @@ static void stiffen_loops(const Problem *p, const Work *w) {
     int a = p->stiff_left[k], b = p->stiff_right[k];
     K[p->stiff_to[k]] += stiff * p->gap_sign[a] * w->virtual_map[p->gap_value[a]] * p->gap_sign[b] *
                          w->values[p->gap_value[b]];
+  }
+  for (int k = 0; k < p->gap_unknowns; ++k) {
+    int e = p->gap_entry[k];
+    K[p->gap_equation[k]] += p->gap_sign[e] * w->values[p->gap_value[e]];
+    K[p->gap_balance[k]] += p->gap_sign[e] * w->virtual_map[p->gap_value[e]];
   }
 }

@@ -216,7 +216,6 @@ static int newton(Problem *p, const Work *w, const double *driven, int order) {
         w->scratch[i] = w->r[i] - row_times(p, w->tangent, i, w->correction);
       project(p, w, w->scratch, w->reduced);
     }
-    if (p->closures && !p->ties) reduce_loops(p, w);
     LAP(COUPLINGS);
     if (p->kept.worth) wanted = accuracy(p, w, &sizes, &errors);
     if (!solve_reduced(p, w, &wanted, rest)) return SINGULAR;

@@ -175,23 +175,22 @@ typedef struct {
   int *geometric_to, *geometric_joint, *geometric_kind;
   double *geometric_sign;
 
-  /* Closed loops: gaps of the joints that close them. Entries of their derivatives, with indices among
-     the loops' columns, of which the first are unknowns; degrees of freedom of b and a (-1: ground),
-     arm (2 times the joint plus component; -1: none), and entry in the joint forces. */
+  /* Closed loops: gaps of the joints that close them, those of a block one after the other. Of each:
+     degrees of freedom of b and a (-1: ground), arm (2 times the joint plus component; -1: none), entry in
+     the joint forces; entries of its derivative, and those of ties on which it depends, in the order in which
+     they are collected; in compressed rows the loops' columns on which it depends, the first of which are
+     unknowns, those of a block one after the other. */
   struct {
-    int closures, gap_entries, loop_columns, loop_free;
-    int *gap_row, *gap_at, *gap_value, *loop_column, *loop_dof, *gap_b, *gap_a, *gap_arm, *gap_force;
+    int closures, loop_columns, loop_free, blocks, part_size, pivoting_size;
+    int *gap_b, *gap_a, *gap_arm, *gap_force, *gap_entry_start, *gap_column, *gap_value;
+    int *gap_tie_start, *gap_tie, *gap_start, *gap_near, *loop_column, *loop_dof;
+    int *block_closure, *block_column, *block_part; /* [blocks + 1] where each begins; in the factors */
     double *gap_sign, *loop_unit, *arm_at_rest, gap_closed;
     int *following;     /* [closures] the columns that follow, chosen in each step */
-  };
-  /* Storage indices in the tangent: of [near row][loop column], [near column][loop row] and [loop row]
-     [loop column]; near ones are all with entries of the loops. */
-  struct { int near, *near_loop, *loop_near, *loop_loop; };
-  /* With ties the gaps' derivatives border the reduced tangent instead: columns of their entries. Products
-     of two entries, by a stiffness from the diagonals at these storage indices, with a unit of each
-     unknown. */
-  struct {
-    int *gap_column;
+    /* Storage indices in the tangent of entries of the derivatives by unknowns, as equations and in the
+       balance. Products of two entries, by a stiffness from the diagonals at these storage indices, with a unit
+       of each unknown. */
+    int gap_unknowns, *gap_entry, *gap_equation, *gap_balance;
     int stiffened, *stiff_to, *stiff_left, *stiff_right, scales, *scale_at;
     double *scale_unit;
   };

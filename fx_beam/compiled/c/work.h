@@ -16,7 +16,9 @@ typedef struct {
   double *tangent, *inertia, *values, *virtual_map, *psi0, *rho0, *t0, *rho1, *t1, *mean_t, *guide_slope;
   double *guide_bend, *passing, *columns, *y, *row, *start, *force, *dead, *scratch;
   double *saved, *rule, *loaded, *factors, *residual, *direction, *image, *guess;
-  double *G, *W, *What, *part, *inverse, *gap, *gap0, *closing, *closed; /* of loops */
+  double *G, *G_virtual, *part, *part_virtual, *gap, *gap0, *gap_row, *gap_scratch, *pivoting; /* of loops */
+  double *closing, *closed;
+  int *follows, *largest_at, *part_order, *order_virtual; /* closure that each loop column follows, or -1 */
   double *block, *corner, *border_right; /* of borders: rows of right sides by position, D, right sides */
   int *reached, *border_entries;         /* rows of the block that are not zero; number of entries */
   BorderEntry *border_entry;
@@ -55,10 +57,14 @@ static long lay_out(const Problem *p, Work *w, double *at) {
   w->direction = allocate(&at, d * u), w->image = allocate(&at, d * u);
   w->loaded = allocate(&at, p->sliders ? n : 0);
   w->guide_slope = allocate(&at, j), w->guide_bend = allocate(&at, j), w->passing = allocate(&at, 2 * j);
-  long m = p->closures, loop = m * p->loop_columns;
-  w->G = allocate(&at, loop), w->W = allocate(&at, loop), w->What = allocate(&at, loop);
-  w->part = allocate(&at, m * m), w->inverse = allocate(&at, m * m), w->gap = allocate(&at, m);
-  w->gap0 = allocate(&at, m), w->closing = allocate(&at, m), w->closed = allocate(&at, m ? n : 0);
+  long m = p->closures, g = p->closures ? p->gap_start[p->closures] : 0;
+  w->G = allocate(&at, g), w->G_virtual = allocate(&at, g);
+  w->part = allocate(&at, p->part_size), w->part_virtual = allocate(&at, p->part_size);
+  w->gap = allocate(&at, m), w->gap0 = allocate(&at, m), w->gap_row = allocate(&at, m ? c : 0);
+  w->gap_scratch = allocate(&at, m), w->pivoting = allocate(&at, p->pivoting_size);
+  w->closing = allocate(&at, m), w->closed = allocate(&at, m ? n : 0);
+  w->follows = (int *)allocate(&at, p->loop_columns), w->largest_at = (int *)allocate(&at, m);
+  w->part_order = (int *)allocate(&at, m), w->order_virtual = (int *)allocate(&at, m);
   long b = p->borders;
   w->block = allocate(&at, (long)p->positions * p->block);
   w->corner = allocate(&at, b * b), w->border_right = allocate(&at, b);
