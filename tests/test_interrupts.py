@@ -206,12 +206,14 @@ def test_functions_of_time_keep_their_times_after_halved_steps(solver):
 
 
 def lines_of(call):
-    """Number of lines of Python in a call."""
-    count = 0
+    """Number of lines of Python in a call, up to its progress bar and in all."""
+    before = count = 0
 
     def trace(frame, event, _):
-        nonlocal count
+        nonlocal before, count
         count += event == "line"
+        if frame.f_code.co_name == "progress_bar":
+            before = count
         return trace
 
     sys.settrace(trace)
@@ -219,7 +221,7 @@ def lines_of(call):
         call()
     finally:
         sys.settrace(None)
-    return count
+    return before, count
 
 
 def motion_by(**options):
@@ -256,8 +258,10 @@ def alarm():
 def test_every_interrupt_leaves_the_steps_before_it_or_says_that_there_are_none(name, kind, ctrl_c):
     run = RUNS[name]()
     whole = run()
-    lines, kept, handler = lines_of(run), 0, signal.getsignal(signal.SIGINT)
-    for place in np.linspace(2, lines, 60, endpoint=False).astype(int):  # from the call on
+    steps, end = lines_of(run)
+    places = *np.linspace(2, steps, 20), *np.linspace(steps, end, 40, endpoint=False)
+    kept, handler = 0, signal.getsignal(signal.SIGINT)
+    for place in map(int, places):
         try:
             call_stopped_at(place, run, how=alarm if kind is Alarm else ctrl_c)
         except kind as error:
