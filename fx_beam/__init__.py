@@ -46,6 +46,7 @@ from .scene.beam import Beam, Node
 from .scene.body import Body
 from .scene.coordinate import Coordinate, Damper, Friction, Spring
 from .scene.curve import Curve, arc, spline
+from .scene.forces_between import ForceBetween
 from .scene.inputs import Input
 from .scene.internal_variables import InternalVariables
 from .scene.joints import GROUND, Joint, PinInSlot, Prismatic, Revolute, Rigid
@@ -80,6 +81,7 @@ __all__ = [
     "Equilibrium",
     "Failure",
     "FrequencyResponse",
+    "ForceBetween",
     "Friction",
     "GeneralizedAlpha",
     "Input",

@@ -30,6 +30,7 @@ HOUSE = {
         "section",
         "stop",
         "coordinate",
+        "forces_between",
         "joint_kinematics",
         "joints",
         "obstacles",

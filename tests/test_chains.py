@@ -133,7 +133,7 @@ def step_from_rest(made):
     reduction, random = model.reduction, np.random.default_rng(1)
     state = reference_state(model)
     reduction.begin(state.q, state.slides)
-    model.begin_points(state, 0.01)
+    model.begin_points(state, 0.0, 0.01)
     y = random.uniform(-0.3, 0.3, reduction.free)
     D = reduction.expand(y, random.uniform(-0.3, 0.3, reduction.driven))
     r, z = random.uniform(-1, 1, model.size), random.uniform(-1, 1, reduction.columns)

@@ -210,7 +210,7 @@ def test_damping_is_the_derivative_of_the_forces_by_the_rates_in_a_stressed_scen
 
     def forces(rate):
         model.forms.set_step(instant(0.5, dt), about.start.q, zero, zero)
-        model.begin_points(about.start, dt)
+        model.begin_points(about.start, 0.5, dt)
         reduction.begin(about.start.q, about.start.slides)
         D = reduction.expand(dt * rate, np.zeros(reduction.driven))
         return reduction.project(model.forms.internal_force(D))[: reduction.free]

@@ -192,7 +192,7 @@ def test_the_slope_of_friction_is_the_derivative_where_the_iterations_settle():
 
     def found(x, remembered):
         """Force, slope and what is remembered; force and speed are 1, as the step is."""
-        return law(np.array([0.0, x, 0.0, 1.0, *remembered, 1.0, 1.0]))
+        return law(np.array([0.0, x, 0.0, 0.0, 1.0, *remembered, 1.0, 1.0]))
 
     for x in (0.0, 1e-6, -2e-4, 0.03, -0.7, 3.0, -15.0, 400.0, 1e4):
         none = np.zeros(REMEMBERED)

@@ -150,7 +150,7 @@ class Moved:
 
     def begin(self):
         start = replace(reference_state(self.model), q=self.q, slides=self.slides)
-        self.model.begin_points(start, DT)
+        self.model.begin_points(start, 0.0, DT)
         self.reduction.begin(self.q, self.slides)
 
     def expand(self, z):

@@ -142,8 +142,8 @@ def test_the_force_over_a_step_is_the_mean_over_its_way():
 
     def found(g0, g1):
         """The force that opens the gap, and its derivative by the gap at the end."""
-        start, increment, rate, dt, k = g0, g1 - g0, 0.0, 0.1, 7.0
-        return -law(np.array([start, increment, rate, dt, k]))
+        start, increment, rate, t, dt, k = g0, g1 - g0, 0.0, 0.0, 0.1, 7.0
+        return -law(np.array([start, increment, rate, t, dt, k]))
 
     way = np.linspace(0, 1, 200_001)
     for g0, g1 in [(0.3, -0.2), (-0.2, 0.3), (-0.1, -0.4), (-0.4, -0.4), (0.0, -0.1), (0.2, 0.1)]:

@@ -54,11 +54,13 @@ class Linearisation(NamedTuple):
         """Whether the scene has anything whose forces depend on rates."""
         scene = self.model.scene
         coordinates = [c for joint in scene.joints for c in (joint.slide, joint.rotation) if c]
+        coordinates += [force.on for force in scene.forces_between]
         return (
             any(beam.section.damped for beam in scene.beams)
             or any(c.damper or c.friction or (c.stop and c.stop.loss) for c in coordinates)
             or any(obstacle.loss for obstacle in scene.obstacles)
             or bool(scene.drags)
+            or any(force.force for force in scene.forces_between)
             or self.model.forms.needs_rates  # in statics those of added virtual works
         )
 

@@ -263,7 +263,7 @@ def _forces(model: Model, state: State):
         D, slid = moving * dt * state.v, moving * dt * slide_rates
         start = replace(state, q=state.q - shift * D, slides=state.slides - shift * slid)
         forms.set_step(instant(state.t - shift * dt, dt), start.q, state.v, state.a)
-        model.begin_points(start, dt)
+        model.begin_points(start, state.t, dt)
         f = forms.internal_force(D).copy()
         forms.assemble_stiffness()
         z = np.zeros(count)

@@ -120,7 +120,9 @@ class Problem:
 
     def _hand_over_points(self, place: np.ndarray) -> None:
         model, points = self.model, self.model.points
+        follow = model.forms.followers
         self._set(spring_width=points.width, may_overshoot=model.may_overshoot)
+        self._set(thrusts=0 if follow is None else len(follow))
         if not len(points):
             self._set(points=[{}])
             return

@@ -133,6 +133,10 @@ def _rows(scene: Scene, mesh: Mesh, parts: _Parts, at_rest: bool):
             together.append((*nodes, -along[1], along[0], *joint.arm))
         if joint.turns_together or _is_held(joint.rotation, at_rest):
             turning.append(nodes)
+    for force in scene.forces_between:
+        if _is_held(force.on, at_rest):
+            nodes = force.between
+            together.append((*nodes, *(force.apart / np.hypot(*force.apart)), 0.0, 0.0))
     given = np.array(together).reshape(-1, 6)
     pairs, along, arm = given[:, :2].astype(int), given[:, 2:4], given[:, 4:] / mesh.size
     turned = np.array(turning, dtype=int).reshape(-1, 2)

@@ -78,7 +78,7 @@ class CompiledLaw:
     def _check(self) -> None:
         """Refuse a law that is not finite where all coordinates are zero."""
         given = np.zeros(arguments(self.law))
-        given[3 * self.law.size] = 1.0
+        given[3 * self.law.size + 1] = 1.0  # the length of the step
         if not np.isfinite(self(given)).all():
             raise SceneError(self.law.at_zero)
 

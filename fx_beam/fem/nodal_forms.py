@@ -65,7 +65,7 @@ class NodalForms:
         self.assembled: slice | np.ndarray = assembled if places is None else places[assembled]
         self.points.set_places(self.stiffness)
         self._force = np.zeros(self.size)
-        self.followers = None
+        self.followers, self._thrust = None, np.empty((0, 2))
         if any(load.follower for load in scene.loads):
             self.followers = Followers(scene, scheme.rates.level)
         self._build_resistances(scene)
@@ -94,7 +94,7 @@ class NodalForms:
     @property
     def has_added(self) -> bool:
         """Whether the scene has added virtual works or follower forces."""
-        return self.followers is not None
+        return self.points.has_external
 
     @property
     def depend_on_rates(self) -> bool:
@@ -111,7 +111,8 @@ class NodalForms:
         """Set the interval of a step, and displacements, rates and accelerations at its start."""
         if self.followers is not None:
             self._thrust = self.followers.at(interval)
-        self.points.begin(q, v, interval.length)
+        t = interval.start + self._scheme.rates.level * interval.length
+        self.points.begin(q, v, t, interval.length)
 
     def set_memory(self, before: np.ndarray | None, memory: float) -> None:
         """Set the start of the last step (size,), and `Step.memory`, for schemes that need them."""
@@ -144,8 +145,8 @@ class NodalForms:
 
     def evaluate_points(self, D: np.ndarray) -> None:
         """Evaluate the forces at nodes for the increment D."""
-        if self.followers is not None:
-            self.points.set_parameters(self.points.external, self._factor * self._thrust)
+        if self.points.has_external:
+            self.points.set_loads(self._factor, self._thrust)
         self.points.evaluate(D)
 
     def add_beam_forces(self) -> None:
@@ -166,7 +167,7 @@ class NodalForms:
     def added_force(self) -> np.ndarray:
         """Forces (size,) of added virtual works and followers at the last increment [N, N m]."""
         force = np.zeros(self.size)
-        if self.followers is not None:
+        if self.points.has_external:
             self.evaluate_points(self._D)
             self.points.add_forces(force, self.points.external, -1.0)
         return force

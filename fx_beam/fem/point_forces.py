@@ -107,6 +107,11 @@ class PointForces:
         return slice(self.ends[Role.OTHER], self._nodal)
 
     @property
+    def has_external(self) -> bool:
+        """Whether there are any."""
+        return self.external.stop > self.external.start
+
+    @property
     def _nodal(self) -> int:
         return self.ends[Role.EXTERNAL]
 
@@ -217,8 +222,8 @@ class PointForces:
 
     # -- A step ---------------------------------------------------------------------------------
 
-    def begin(self, q, v, dt: float, slides=_NONE, slide_rates=_NONE, internal=None) -> None:
-        """Set the start of a step: configuration and rates (size,), its length [s], and slides.
+    def begin(self, q, v, t, dt, slides=_NONE, slide_rates=_NONE, internal=None) -> None:
+        """Set the start of a step: configuration and rates (size,), time, length [s], and slides.
 
         In statics the length is the increment of the load.
         """
@@ -229,7 +234,7 @@ class PointForces:
         rates = slide_rates if len(slide_rates) else missing
         variables = np.zeros(self.width) if internal is None else internal
         vectors = (self._of(x) for x in (q, v, slides, rates))
-        self._c.fx_begin_points(self._all, *vectors, dt, self._of(variables))
+        self._c.fx_begin_points(self._all, *vectors, t, dt, self._of(variables))
 
     def evaluate(self, D: np.ndarray) -> None:
         """Evaluate the forces at nodes for the increment D (size,)."""
@@ -303,10 +308,13 @@ class PointForces:
                 total[force.joint] -= found[1]
         return total
 
-    def set_parameters(self, of: slice, values: np.ndarray) -> None:
-        """Set the parameters (forces, numbers) of some forces."""
-        for i, row in zip(range(*of.indices(len(self._forces))), values, strict=True):
-            self._given[i][-len(row) :] = row
+    def set_loads(self, factor: float, followers: np.ndarray) -> None:
+        """Set the load factor of external forces, and the first ones, which follow nodes (n, 2)."""
+        first = self.external.start
+        for i in range(first, self.external.stop):
+            self._given[i][-1] = factor
+        for i, force in enumerate(followers, start=first):
+            self._given[i][-3:-1] = force
 
     # -- Shorter corrections ----------------------------------------------------------------------
 

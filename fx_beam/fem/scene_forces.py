@@ -8,12 +8,13 @@ from typing import Any
 import numpy as np
 
 from fx_beam.mechanics import scalar_laws as laws
-from fx_beam.mechanics.coordinates import ANGLE, CIRCLE, LINE, SLIDE, Kind
+from fx_beam.mechanics.coordinates import ANGLE, CIRCLE, DISTANCE, FROM_POINT, LINE, SLIDE, Kind
 from fx_beam.mechanics.node_laws import DRAG, FOLLOWER, SPIN_DRAG
 from fx_beam.mechanics.point_laws import PointLaw
 from fx_beam.mechanics.rates import UpdateRule
 from fx_beam.scene.beam import Beam, Node
 from fx_beam.scene.coordinate import Coordinate
+from fx_beam.scene.forces_between import ForceBetween
 from fx_beam.scene.obstacles import Circle, Obstacle
 from fx_beam.scene.scene import Scene
 from fx_beam.scene.stop import Stop
@@ -35,7 +36,9 @@ def point_forces(scene: Scene, mesh: Mesh, rates: UpdateRule) -> list[PointForce
     found = [
         *(force for o in scene.obstacles for force in _contacts(o, scene, mesh, rates.at_rest)),
         *_followers(scene, mesh),
+        *_pulls(scene, mesh),
         *_of_joints(scene, mesh, rates.at_rest),
+        *_between(scene, mesh, rates.at_rest),
     ]
     return found if rates.at_rest else [*found, *_drags(scene, mesh)]
 
@@ -48,6 +51,8 @@ def _contacts(obstacle: Obstacle, scene: Scene, mesh: Mesh, at_rest: bool) -> It
         kind, centre, more = LINE, shape.point, shape.normal
     of_loss = (obstacle.loss, obstacle.speed) if loses else ()
     law, nodes = laws.contact(kind, loses), mesh.nodes_of(scene, obstacle.target)
+    if obstacle.energy is not None:
+        law = laws.contact_law(kind, obstacle.energy, loses)
     stiffness = obstacle.stiffness * lengths_at_nodes(obstacle.target)
     for node, k in zip(nodes, stiffness, strict=True):
         place = mesh.X[node] - np.array(centre)
@@ -61,7 +66,7 @@ def _followers(scene: Scene, mesh: Mesh) -> Iterator[PointForce]:
         if load.follower:
             assert isinstance(load.target, Node)  # only forces on nodes turn
             dofs = mesh.dofs[load.target.number].tolist()
-            yield PointForce(FOLLOWER, (0.0, 0.0), dofs, role=Role.EXTERNAL)
+            yield PointForce(FOLLOWER, (0.0, 0.0, 1.0), dofs, role=Role.EXTERNAL)
 
 
 def _drags(scene: Scene, mesh: Mesh) -> Iterator[PointForce]:
@@ -89,6 +94,29 @@ def _of_joints(scene: Scene, mesh: Mesh, at_rest: bool) -> Iterator[PointForce]:
                 yield PointForce(law, numbers, dofs, joint=joint.number)
 
 
+def _between(scene: Scene, mesh: Mesh, at_rest: bool) -> Iterator[PointForce]:
+    own: dict[tuple, PointLaw] = {}
+    for force in scene.forces_between:
+        kind, dofs = _distance(force, mesh)
+        for law, numbers in _of_coordinate(force.on, kind, at_rest, own):
+            yield PointForce(law, [*force.apart, *numbers], dofs)
+
+
+def _pulls(scene: Scene, mesh: Mesh) -> Iterator[PointForce]:
+    for force in scene.forces_between:
+        if force.force is not None:
+            kind, dofs = _distance(force, mesh)
+            numbers = [*force.apart, 1.0]
+            yield PointForce(laws.pull(kind, force.force), numbers, dofs, role=Role.EXTERNAL)
+
+
+def _distance(force: ForceBetween, mesh: Mesh) -> tuple[Kind, list[int]]:
+    """The kind of a distance, and its degrees of freedom."""
+    if not isinstance(force.b, Node):
+        return FROM_POINT, mesh.dofs[force.a.number, :2].tolist()
+    return DISTANCE, mesh.dofs[[force.a.number, force.b.number], :2].ravel().tolist()
+
+
 def _of_coordinate(
     of: Coordinate, kind: Kind, at_rest: bool, own: dict[tuple, PointLaw]
 ) -> Iterator[tuple[PointLaw, list[float]]]:
@@ -111,7 +139,10 @@ def _of_coordinate(
             own[of_law] = laws.damper_law(kind, damper.law)
         yield own[of_law], []
     if of.friction is not None and not at_rest:
-        yield laws.friction(kind), [of.friction.force, of.friction.speed]
+        if callable(of.friction.force):
+            yield laws.friction_law(kind, of.friction.force), [of.friction.speed]
+        else:
+            yield laws.friction(kind), [of.friction.speed, of.friction.force]
 
 
 def _stops(stop: Stop, kind: Kind, at_rest: bool) -> Iterator[tuple[PointLaw, list[float]]]:

@@ -18,6 +18,8 @@ class Kind(NamedTuple):
     numbers: int
     #: From the motion, increments and parameters.
     of: Callable[[Motion, Sequence[Any], Sequence[Any]], Coordinate]
+    #: Whether it is zero where all that it is given is zero, and regular there.
+    starts_at_zero: bool = False
 
 
 def _slide(motion: Motion, D: Sequence[Any], numbers: Sequence[Any]) -> Coordinate:
@@ -83,11 +85,32 @@ def _distance(motion: Motion, r0, Dr, rates, rest: Any, side: Any) -> Coordinate
     return Coordinate(start, end, along, along, end - start, rate)
 
 
+def _between_nodes(motion: Motion, D: Sequence[Any], numbers: Sequence[Any]) -> Coordinate:
+    """Distance of two nodes; numbers: that from the first to the second in the reference."""
+    a, b, Da, Db, va, vb = (x[i : i + 2] for x in (motion.start, D, motion.rates) for i in (0, 2))
+    r0 = [x + q - p for x, p, q in zip(numbers, a, b, strict=True)]
+    Dr, rates = (
+        [after - before for before, after in zip(of_a, of_b, strict=True)]
+        for of_a, of_b in ((Da, Db), (va, vb))
+    )
+    found = _distance(motion, r0, Dr, rates, 0.0, 1.0)
+    along = [*(-x for x in found.along), *found.along]
+    return found._replace(along=along, across=along)
+
+
+def _from_point(motion: Motion, D: Sequence[Any], numbers: Sequence[Any]) -> Coordinate:
+    """Distance of a node from a fixed point; numbers: from the point to the node."""
+    r0 = [x + q for x, q in zip(numbers, motion.start, strict=True)]
+    return _distance(motion, r0, D, motion.rates, 0.0, 1.0)
+
+
 def _dot(a: Sequence[Any], b: Sequence[Any]) -> Any:
     return a[0] * b[0] + a[1] * b[1]
 
 
-SLIDE = Kind("a slide", 1, 0, _slide)
-ANGLE = Kind("an angle", 2, 0, _angle)
+SLIDE = Kind("a slide", 1, 0, _slide, starts_at_zero=True)
+ANGLE = Kind("an angle", 2, 0, _angle, starts_at_zero=True)
 LINE = Kind("the gap of a line", 2, 4, _line)
 CIRCLE = Kind("the gap of a circle", 2, 4, _circle)
+DISTANCE = Kind("a distance", 4, 2, _between_nodes)
+FROM_POINT = Kind("a distance from a point", 2, 2, _from_point)

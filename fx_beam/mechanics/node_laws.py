@@ -39,8 +39,8 @@ def _drag(name: str, size: int, numbers: int, against: Callable, path: Callable)
 
 def _follower(motion: Motion) -> Found:
     psi = motion.at_level(motion.start[2], motion.increment[2])
-    x, y = motion.numbers
-    c, s = ufl.cos(psi), ufl.sin(psi)
+    x, y, factor = motion.numbers
+    c, s = factor * ufl.cos(psi), factor * ufl.sin(psi)
     return Found([s * y - c * x, -s * x - c * y, ufl.as_ufl(0.0)])
 
 
@@ -48,6 +48,6 @@ def _follower(motion: Motion) -> Found:
 DRAG = _drag("drag", 2, 2, _against_velocity, lambda motion, D: D)
 #: A moment against the spin; number: its coefficient.
 SPIN_DRAG = _drag("drag of the spin", 1, 1, _against_spin, Motion.path)
-#: R(psi) F, with psi and F at the scheme's level; numbers: F. It has no potential, and its tangent
-#: is not symmetric.
-FOLLOWER = PointLaw("follower force", 3, 2, _follower)
+#: R(psi) F, with psi and F at the scheme's level; numbers: F, load factor. It has no potential,
+#: and its tangent is not symmetric.
+FOLLOWER = PointLaw("follower force", 3, 3, _follower)

@@ -47,9 +47,9 @@ class Motion:
         #: Increments for which derivatives are taken, and the same ones for which they are not.
         self.still = take(n)
         self.increment = [ufl.variable(D) for D in self.still]
-        #: UpdateRule at the start of the step, and its length.
+        #: Rates at the start of the step, the time of its forces, and its length.
         self.rates = take(n)
-        (self.dt,) = take(1)
+        self.t, self.dt = take(2)
         self._per_dt = 1 / self.dt
         #: Internal variables at the start of the step, and what the last iteration left.
         self.internal = take(law.internal)
@@ -114,8 +114,8 @@ class PointLaw:
 
 
 def arguments(law: PointLaw) -> int:
-    """Number of values that a law is given: three for each coordinate, dt, and what it needs."""
-    return 3 * law.size + 1 + law.internal + law.remembered + law.numbers
+    """Number of values that a law is given: three for each coordinate, t, dt, what it needs."""
+    return 3 * law.size + 2 + law.internal + law.remembered + law.numbers
 
 
 class Coordinate(NamedTuple):

@@ -124,10 +124,6 @@ def stored_energy(kind: Kind, energy: Energy, internal: InternalVariables | None
     def stored(x: Any, a: Any) -> Any:
         return energy(x, a) if internal else energy(x)
 
-    def force(x: Any, a: Any) -> Any:
-        x = ufl.variable(x)
-        return ufl.diff(stored(x, a), x)
-
     def ends(step: _Step) -> tuple[Any, Any]:
         (rest,) = step.numbers
         return step.x.start - rest, step.x.end - rest
@@ -146,9 +142,11 @@ def stored_energy(kind: Kind, energy: Energy, internal: InternalVariables | None
         old, new = variables(step)
         level = step.motion.rule.level
         if level == 0.5:
-            mean = _discrete_gradient(stored, force, x0, x1, (old + new) / 2)
+            mean = _discrete_gradient(lambda x: stored(x, (old + new) / 2), x0, x1)
         else:
-            mean = (1 - level) * force(x0, old) + level * force(x1, new)
+            start = _slope(lambda x: stored(x, old), x0)
+            end = _slope(lambda x: stored(x, new), x1)
+            mean = (1 - level) * start + level * end
         return _Forces(mean, internal=[new[i] for i in range(count)])
 
     def at_start(step: _Step) -> Any:
@@ -173,18 +171,25 @@ def stored_energy(kind: Kind, energy: Energy, internal: InternalVariables | None
         own=True,
         overshoots=True,
         at_zero="Spring: at its rest the force, its derivative and the internal variables must be "
-        "finite. Write ufl.sqrt(x**2 + 1e-12) for abs(x), for example",
+        "finite. Write ufl.sqrt(x**2 + 1e-12) for abs(x), for example"
+        if kind.starts_at_zero
+        else "",
     )
 
 
-def _discrete_gradient(stored: Callable, force: Callable, x0: Any, x1: Any, a: Any) -> Any:
-    """Force whose work over the step is the increment of the energy at the mean variables."""
-    middle = force((x0 + x1) / 2, a)
-    if is_quadratic(lambda x: stored(x, a)):
+def _slope(energy: Callable[[Any], Any], x: Any) -> Any:
+    x = ufl.variable(x)
+    return ufl.diff(energy(x), x)
+
+
+def _discrete_gradient(energy: Callable[[Any], Any], x0: Any, x1: Any) -> Any:
+    """Force whose work over the step is the increment of the energy."""
+    middle = _slope(energy, (x0 + x1) / 2)
+    if is_quadratic(energy):
         return middle
     path = x1 - x0
     long_enough = ufl.gt(abs(path), _SHORT * (abs(x0) + abs(x1)))
-    quotient = (stored(x1, a) - stored(x0, a)) / ufl.conditional(long_enough, path, 1)
+    quotient = (energy(x1) - energy(x0)) / ufl.conditional(long_enough, path, 1)
     return ufl.conditional(long_enough, quotient, middle)
 
 
@@ -211,18 +216,42 @@ def damper_law(kind: Kind, law: Callable[[Any], Any]) -> PointLaw:
 
 @functools.cache
 def friction(kind: Kind) -> PointLaw:
-    """Coulomb's friction, regularised: F tanh(rate / speed); numbers: F, speed."""
+    """Coulomb's friction, regularised: F tanh(rate / speed); numbers: speed, F."""
+    return _friction(kind, lambda rate, F: F, 1)
 
+
+def friction_law(kind: Kind, magnitude: Callable[[Any], Any]) -> PointLaw:
+    """The same with a magnitude that depends on the rate; number: speed."""
+    return _friction(kind, magnitude, 0, own=True)
+
+
+def _friction(kind: Kind, magnitude: Callable, more: int, **options: Any) -> PointLaw:
     def forces(step: _Step) -> _Forces:
-        F, speed = step.numbers
+        speed, *numbers = step.numbers
         sign, remembered = step.sign(speed)
-        return _Forces(other=F * sign, remembered=remembered)
+        return _Forces(other=magnitude(step.rate, *numbers) * sign, remembered=remembered)
 
     def loss(step: _Step) -> Any:
-        F, speed = step.numbers
-        return F * ufl.tanh(step.mean / speed) * step.x.path
+        speed, *numbers = step.numbers
+        force = magnitude(step.mean, *numbers) * ufl.tanh(step.mean / speed)
+        return force * step.x.path
 
-    return _on(kind, "friction", 2, forces, loss=loss, remembered=REMEMBERED)
+    options["remembered"] = REMEMBERED
+    return _on(kind, "friction", 1 + more, forces, loss=loss, **options)
+
+
+# -- Forces of a user ---------------------------------------------------------------------------
+
+
+def pull(kind: Kind, force: Callable[[Any, Any, Any], Any]) -> PointLaw:
+    """A force against an increase, from the coordinate, its rate and time; number: load factor."""
+
+    def forces(step: _Step) -> _Forces:
+        motion, x, (factor,) = step.motion, step.x, step.numbers
+        place = motion.at_level(x.start, x.end - x.start)
+        return _Forces(other=factor * force(place, step.rate, motion.t))
+
+    return _on(kind, "force", 1, forces, own=True)
 
 
 # -- Contact ------------------------------------------------------------------------------------
@@ -235,6 +264,11 @@ def contact(kind: Kind, loses: bool = False) -> PointLaw:
     If it `loses` energy, the force is k <-g> (1 + r tanh(-rate / speed)); numbers: k, r, speed.
     """
     return _one_sided(kind, "contact", lambda step: step, loses, 0)
+
+
+def contact_law(kind: Kind, energy: Energy, loses: bool) -> PointLaw:
+    """Contact with a stored energy of the depth; numbers: its factor, and those of the loss."""
+    return _one_sided(kind, "law of contact", lambda step: step, loses, 0, energy=energy)
 
 
 @functools.cache
@@ -253,12 +287,22 @@ def stop(kind: Kind, sign: int, loses: bool = False) -> PointLaw:
 
 
 def _one_sided(
-    kind: Kind, name: str, gap: Callable[[_Step], _Step], loses: bool, more: int, sign: int = 1
+    kind: Kind,
+    name: str,
+    gap: Callable[[_Step], _Step],
+    loses: bool,
+    more: int,
+    sign: int = 1,
+    energy: Energy | None = None,
 ) -> PointLaw:
     """Contact, from the gap that belongs to a coordinate, and the sign of its growth."""
 
+    def unit(depth: Any) -> Any:
+        """The stored energy over the first parameter."""
+        return depth * depth / 2 if energy is None else energy(depth)
+
     def push(step: _Step) -> Any:
-        return step.numbers[0] * mean_depth(step.x, step.motion.rule.level)
+        return step.numbers[0] * _mean_push(unit, step.x, step.motion.rule.level)
 
     def forces(step: _Step) -> _Forces:
         step = gap(step)
@@ -270,9 +314,10 @@ def _one_sided(
             other = r * push(step) * direction
         return _Forces(-sign * push(step), sign * other, remembered=remembered)
 
-    def energy(step: _Step) -> Any:
+    def stored(step: _Step) -> Any:
         step = gap(step)
-        return step.numbers[0] / 2 * _depth(step.x.start) ** 2
+        depth = _depth(step.x.start)
+        return step.numbers[0] * ufl.conditional(ufl.gt(depth, 0), unit(depth), 0.0)
 
     def loss(step: _Step) -> Any:
         step = gap(step)
@@ -284,10 +329,11 @@ def _one_sided(
         name,
         (3 if loses else 1) + more,
         forces,
-        energy,
+        stored,
         loss if loses else None,
         lambda step: [gap(step).x.start],
         remembered=REMEMBERED if loses else 0,
+        own=energy is not None,
         opens=True,
     )
 
@@ -296,15 +342,18 @@ def _depth(gap: Any) -> Any:
     return ufl.conditional(ufl.lt(gap, 0), -gap, 0.0)
 
 
-def mean_depth(gap: Coordinate, level: float) -> Any:
-    """Depth whose product with the change of the gap is that of depth^2 / 2, if at mid-step.
+def _mean_push(energy: Callable[[Any], Any], gap: Coordinate, level: float) -> Any:
+    """Force whose work over the step is the change of the energy of the depth, if at mid-step.
 
-    A convex function of the gap at the end, with a continuous slope.
+    A convex function of the gap at the end, with a continuous slope, for k depth^2 / 2.
     """
     g0, g1 = gap.start, gap.end
     if level != 0.5:
-        return _depth(g0 + level * (g1 - g0))
-    both, crosses = _depth(g0) + _depth(g1), ufl.lt(g0 * g1, 0)
+        depth = _depth(g0 + level * (g1 - g0))
+        return ufl.conditional(ufl.gt(depth, 0), _slope(energy, depth), 0.0)
+    depth0, depth1 = _depth(g0), _depth(g1)
     # The part of the way behind the obstacle.
-    part = both / ufl.conditional(crosses, abs(g1 - g0), 1.0)
-    return both / 2 * ufl.conditional(crosses, part, 1.0)
+    both, crosses = depth0 + depth1, ufl.lt(g0 * g1, 0)
+    part = ufl.conditional(crosses, both / ufl.conditional(crosses, abs(g1 - g0), 1.0), 1.0)
+    push = part * _discrete_gradient(energy, depth0, depth1)
+    return push if is_quadratic(energy) else ufl.conditional(ufl.gt(both, 0), push, 0.0)

@@ -53,7 +53,8 @@ class Equations:
             model.forms.load_increment.value = interval.length
             interval = Interval(self.time, self.time)
         model.forms.set_step(interval, q, start.v, start.a)
-        model.begin_points(start, self._length)
+        t = interval.start + model.scheme.rates.level * interval.length
+        model.begin_points(start, t, self._length)
         model.forms.set_memory(start.before, start.memory(interval.length))
 
     def at(self, y: np.ndarray, driven: np.ndarray, force: np.ndarray) -> Balance:

@@ -71,12 +71,12 @@ class Model:
         """The forces at points."""
         return self.forms.points
 
-    def begin_points(self, start: State, length: float) -> None:
-        """Set the start of a step of the forces at points, and its length [s]."""
+    def begin_points(self, start: State, t: float, length: float) -> None:
+        """Set the start of a step of the forces at points, their time, and its length [s]."""
         # At mid-step forces depend on mean rates alone.
         needed = self.scheme.rates.level != 0.5 and not self.scheme.rates.at_rest
         rates = self.slide_rates(start) if needed else 0 * start.slides
-        self.points.begin(start.q, start.v, length, start.slides, rates, start.spring_internal)
+        self.points.begin(start.q, start.v, t, length, start.slides, rates, start.spring_internal)
 
     def slide_rates(self, state: State) -> np.ndarray:
         """Rates (joints,) of the slides on which forces act; zero for others."""

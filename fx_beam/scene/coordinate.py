@@ -140,8 +140,9 @@ class Friction:
 
     Parameters
     ----------
-    force : float
-        Magnitude F of the force on a slide [N], or of the moment on a relative rotation [N m].
+    force : float or callable
+        Magnitude F of the force on a slide [N], or of the moment on a relative rotation [N m]; or
+        ``force(rate)``, a UFL expression of the rate that is not negative, such as Stribeck's.
     speed : float
         Rate [m/s or rad/s], small compared with those of the motion. A body that is braked from the
         rate v stops in a distance that is longer by the fraction pi^2/6 (speed/v)^2.
@@ -167,11 +168,14 @@ class Friction:
     1.0
     """
 
-    force: float
+    force: float | Callable[[Any], Any]
     speed: float
 
     def __post_init__(self):
-        _check(self, "force")
+        if callable(self.force):
+            _check_magnitude(self.force)
+        else:
+            _check(self, "force")
         _check(self, "speed")
         if not self.speed:
             raise SceneError(
@@ -243,6 +247,22 @@ def _check(part: Spring | Damper | Friction, name: str, lowest: float = 0.0) -> 
     fits = is_number(value) and as_float(value) >= lowest
     require(fits, f"{type(part).__name__}: {name}", value, wanted)
     object.__setattr__(part, name, as_float(value))
+
+
+def _check_magnitude(force: Callable[[Any], Any]) -> None:
+    """Refuse a magnitude of friction that is no UFL expression of the rate, or negative."""
+    for rate in (sign * 10.0**k for k in range(-6, 5) for sign in (1, -1)):
+        try:
+            value = ufl.as_ufl(force(ufl.as_ufl(rate)))(())
+        except Exception as error:
+            raise SceneError(
+                "Friction: force(rate) must give a UFL expression that is finite. Use abs and "
+                "ufl.exp, ufl.sqrt, ... in place of functions of math or NumPy. It raised "
+                f"{error!r}"
+            ) from error
+        if isinstance(value, complex) or not value >= 0:
+            raise SceneError(f"Friction: force({rate:g}) = {value:g} must not be negative")
+    refuse_fields(fields_in(ufl.as_ufl(force(ufl.as_ufl(0.1)))), "Friction: force")
 
 
 def _check_law(law: Callable[[Any], Any]) -> None:

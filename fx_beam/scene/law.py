@@ -163,6 +163,7 @@ def check_energy(
     internal: InternalVariables | None,
     part: str = "Section",
     strains: tuple[str, ...] = ("eps", "gamma", "kappa"),
+    name: str = "strain_energy",
 ) -> None:
     """Refuse a stored energy that is no scalar UFL expression of all its arguments."""
     # UFL numbers, not symbols: a function of `math` would try forever to convert a symbol.
@@ -172,7 +173,7 @@ def check_energy(
     if internal is not None:
         a = [ufl.variable(ufl.as_ufl(0.0)) for _ in internal.names]
         e, names, arguments = [*e, *a], [*names, *internal.names], [*e, ufl.as_vector(a)]
-    call = f"strain_energy({', '.join(strains)}{'' if internal is None else ', a'})"
+    call = f"{name}({', '.join(strains)}{'' if internal is None else ', a'})"
     try:
         W = ufl.as_ufl(strain_energy(*arguments))
     except Exception as error:
@@ -180,15 +181,13 @@ def check_energy(
             f"{part}: {call} must give a UFL expression. Use ufl.sqrt, "
             f"ufl.exp, ... in place of functions of math or NumPy. It raised {error!r}"
         ) from error
-    refuse_fields(fields_in(W), f"{part}: strain_energy")
+    refuse_fields(fields_in(W), f"{part}: {name}")
     met = set(unique_pre_traversal(W))
     missing = [n for n, x in zip(names, e, strict=True) if x not in met]
     if W.ufl_shape == () and missing:
-        raise SceneError(
-            f"{part}: strain_energy does not depend on {missing}. Use ufl.cos, not math.cos"
-        )
+        raise SceneError(f"{part}: {name} does not depend on {missing}. Use ufl.cos, not math.cos")
     if W.ufl_shape != ():
-        raise SceneError(f"{part}: strain_energy must be a scalar, not of shape {W.ufl_shape}")
+        raise SceneError(f"{part}: {name} must be a scalar, not of shape {W.ufl_shape}")
     if internal is not None:
         check_dissipation(strain_energy, internal, len(strains))
 

@@ -11,6 +11,7 @@ from fx_beam.errors import SceneError
 from fx_beam.validation import as_float, is_flag, is_number, numbers, require, shown, vector
 
 from .beam import Beam, Node, inner_positions
+from .law import Energy, check_energy
 from .loads import label
 from .stop import checked_impact, loss_of
 
@@ -149,13 +150,15 @@ class Obstacle:
     shape : Line or Circle
         The line or circle.
     stiffness : float
-        Stiffness of a node [N/m], of a beam per length [N/m^2].
+        Stiffness of a node [N/m], of a beam per length [N/m^2]; 1 with an energy.
     restitution : float
         Coefficient of restitution e.
     speed : float, optional
         Speed below which the loss is viscous [m/s].
     number : int
         Index in the scene's obstacles.
+    energy : callable, optional
+        Stored energy of the depth, in the place of a stiffness.
 
     Examples
     --------
@@ -172,6 +175,7 @@ class Obstacle:
     restitution: float = 1.0
     speed: float | None = None
     number: int = -1
+    energy: Energy | None = None
 
     def __repr__(self):
         return f"<{self}, stiffness {self.stiffness:g} N/m>"
@@ -194,8 +198,14 @@ def checked_obstacle(
         raise SceneError(
             f"add_obstacle needs an fx_beam.Line or an fx_beam.Circle, not {shown(shape)}"
         )
-    impact = checked_impact(f"obstacle for {label(target)}", *impact)
-    made = Obstacle(target, shape, *impact, number)
+    what, (stiffness, restitution, speed, energy) = f"obstacle for {label(target)}", impact
+    if (stiffness is None) == (energy is None):
+        raise SceneError(f"{what}: give either a stiffness or an energy")
+    if energy is not None:
+        check_energy(energy, None, what, ("d",), "energy")
+        stiffness = 1.0
+    impact = checked_impact(what, stiffness, restitution, speed)
+    made = Obstacle(target, shape, *impact, number, energy)
     nodes = target.nodes if isinstance(target, Beam) else (target,)
     places = np.array([(node.x, node.y) for node in nodes])
     if isinstance(target, Beam):

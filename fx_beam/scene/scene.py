@@ -12,13 +12,16 @@ from fx_beam.validation import TimeFunction, is_name, is_one_of, require, shown,
 from . import loads
 from .beam import COMPONENTS, Beam, Node
 from .body import Body, check_body, name_of, velocities_of
+from .coordinate import Damper, Friction, Spring, checked_coordinate
 from .curve import Curve
+from .forces_between import ForceBetween, Pull, checked_force
 from .geometry import Geometry
 from .inputs import time_function
 from .joints import GROUND, Joint, Rigid, check_new
 from .notebook import html_table, sketch
 from .obstacles import Circle, Line, Obstacle, checked_obstacle
 from .section import Section
+from .stop import Stop
 from .summary import facts
 
 
@@ -68,6 +71,7 @@ class Scene(Geometry):
         self.joints: list[Joint] = []
         self._couplings: dict[tuple, Joint] = {}
         self.obstacles: list[Obstacle] = []
+        self.forces_between: list[ForceBetween] = []
         # Whether incompatible initial velocities are projected instead of refused.
         self.projects_velocities = False
 
@@ -317,9 +321,10 @@ class Scene(Geometry):
         self,
         target: Beam | Node,
         obstacle: Line | Circle,
-        stiffness: float,
+        stiffness: float | None = None,
         restitution: float = 1.0,
         speed: float | None = None,
+        energy: Callable[[Any], Any] | None = None,
     ) -> Obstacle:
         """Add a fixed line or circle that a node, or all nodes of a beam, cannot enter.
 
@@ -335,13 +340,17 @@ class Scene(Geometry):
             What is stopped. Other members pass.
         obstacle : Line or Circle
             The fixed line or circle.
-        stiffness : float
+        stiffness : float, optional
             Stiffness k of a node [N/m], of a beam per length [N/m^2].
         restitution : float
             Coefficient of restitution e from 0 to 1 of each node, as of a `Stop`; 1 returns all
             energy.
         speed : float, optional
             Speed below which the loss is viscous [m/s]; required for e < 1.
+        energy : callable, optional
+            In place of the stiffness ``energy(d)``, the stored energy of a node [J], of a beam per
+            length [J/m], as a UFL expression of the depth d [m]; zero at d = 0. Its derivative is
+            in the place of k d.
 
         Returns
         -------
@@ -369,10 +378,75 @@ class Scene(Geometry):
         True
         """
         loads.check_target(self, target, "obstacle")
-        impact = stiffness, restitution, speed
+        impact = stiffness, restitution, speed, energy
         number = len(self.obstacles)
         self.obstacles.append(checked_obstacle(target, obstacle, impact, number, self._size))
         return self.obstacles[-1]
+
+    def add_force_between(
+        self,
+        a: Node,
+        b: Any,
+        spring: Spring | None = None,
+        damper: Damper | None = None,
+        friction: Friction | None = None,
+        stop: Stop | tuple | None = None,
+        force: Pull | None = None,
+    ) -> ForceBetween:
+        """Add a force along the line between two nodes, or between a node and a fixed point.
+
+        It depends on their distance r and its rate. Both points feel it, with opposite signs. A
+        spring pulls with the derivative of its energy by r; in schemes that conserve energy its
+        work is the change of this energy exactly, and it keeps both momenta.
+
+        Parameters
+        ----------
+        a : Node
+            A node of this scene.
+        b : Node or (x, y)
+            Another node, or a fixed point [m].
+        spring : Spring, optional
+            Spring on r, linear or with a ``strain_energy(x)`` of x = r - rest.
+        damper : Damper, optional
+            Damper on the rate of r, linear or with a law of its own.
+        friction : Friction, optional
+            Friction on the rate of r.
+        stop : Stop or (lower, upper, stiffness), optional
+            Limits of r: a rope has an upper one, a strut a lower one.
+        force : callable, optional
+            ``force(distance, rate, t)``, a further pull [N] as a UFL expression of r [m], its rate
+            [m/s] and the time [s]. Its work is part of `Energy.work`. In statics it is multiplied
+            by the load factor.
+
+        Returns
+        -------
+        ForceBetween
+            The numbered force.
+
+        Raises
+        ------
+        SceneError
+            For points at the same place, or a law that is no UFL expression or not finite there.
+
+        Examples
+        --------
+        Two balls on a spring: they swing against each other at sqrt(k / m + k / m).
+
+        >>> import numpy as np, fx_beam as fb
+        >>> scene = fb.Scene()
+        >>> left, right = (scene.add_body((x, 0), mass=2.0, inertia=0.1).centre for x in (0, 1))
+        >>> force = scene.add_force_between(left, right, spring=fb.Spring(100.0, rest=1.0))
+        >>> scene.set_velocity(right, (0.1, 0.0))
+        >>> turn = fb.simulate(scene, dt=1e-3, t_end=0.2 * np.pi).position(right)[-1]
+        >>> bool(abs(turn[0] - (1 + 0.05 * 0.2 * np.pi)) < 1e-6)
+        True
+        """
+        for node in (a, b) if isinstance(b, Node) else (a,):
+            loads.check_node(self, node, "force between points")
+        on = checked_coordinate("force between points", spring, damper, None, friction, stop)
+        number = len(self.forces_between)
+        self.forces_between.append(checked_force(a, b, on, force, number, self._size))
+        return self.forces_between[-1]
 
     # -- Masses and loads -----------------------------------------------------------------------
 

@@ -23,9 +23,9 @@ def facts(scene: Any) -> dict[str, str]:
         found["unknowns"] = str(3 * nodes - held)
     for name in ("joints", "masses", "loads"):
         found[name] = str(len(getattr(scene, name)))
-    for name in ("drags", "obstacles"):
+    for name in ("drags", "obstacles", "forces_between"):
         if getattr(scene, name):
-            found[name] = str(len(getattr(scene, name)))
+            found[name.replace("_", " ")] = str(len(getattr(scene, name)))
     if scene.gravity is not None:
         found["gravity"] = f"({scene.gravity[0]:g}, {scene.gravity[1]:g})"
     return found

@@ -129,7 +129,7 @@ def _acceleration(
     D = h * state.v if model.forms.depend_on_rates else np.zeros(model.size)
     model.forms.set_internal(state.internal)
     model.forms.set_step(instant(state.t, h), state.q, state.v, np.zeros(model.size))
-    model.begin_points(state, h)
+    model.begin_points(state, state.t, h)
     free, moved = reduction.free, slice(reduction.free, reduction.free + reduction.driven)
     a = np.zeros(reduction.columns)
     a[moved] = driven

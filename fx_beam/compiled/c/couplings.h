@@ -9,9 +9,10 @@
 static void begin_points(const Problem *p, const Work *w) {
   const PointForces *points = p->points;
   find_slide_rates(p);
-  fx_begin_points(points, p->q, p->v, p->slides, p->slide_rate, w->dt, p->spring_internal);
-  for (int i = points->external; i < points->nodal; ++i)
-    memcpy(points->of[i].parameters, w->thrust + 2 * (i - points->external), 2 * sizeof(double));
+  double t = p->t + p->level * w->dt;
+  fx_begin_points(points, p->q, p->v, p->slides, p->slide_rate, t, w->dt, p->spring_internal);
+  for (int i = 0; i < p->thrusts; ++i)
+    memcpy(points->of[points->external + i].parameters, w->thrust + 2 * i, 2 * sizeof(double));
 }
 
 static void evaluate_slides(const Problem *p, const Work *w) {

@@ -18,7 +18,7 @@ typedef struct {
   int joint;          /* to whose moment it belongs, or -1 */
   int first_internal, first_entry; /* among those of all forces */
   int *entry_row, *entry_column;   /* [entries] */
-  /* Given: start, increment and rate [size], dt, internal variables, remembered, parameters. */
+  /* Given: start, increment and rate [size], t, dt, internal variables, remembered, parameters. */
   double *given, *parameters, *found;
   double *kept;       /* increment and found, where the tangent is from */
 } PointForce;
@@ -34,9 +34,10 @@ typedef struct {
 
 const char *fx_missing(void); /* processor.h */
 
-/* The start of a step. Slides and their rates are those of all joints. */
+/* The start of a step, its length, and the time of its forces. Slides and their rates are those of all
+   joints. */
 void fx_begin_points(const PointForces *p, const double *q, const double *v, const double *slide,
-                     const double *slide_rate, double dt, const double *internal);
+                     const double *slide_rate, double t, double dt, const double *internal);
 /* Forces at the increments D of nodes and z of columns. */
 void fx_evaluate_points(const PointForces *p, int first, int end, const double *D, const double *z);
 void fx_add_points(const PointForces *p, int first, int end, double factor, double *f);

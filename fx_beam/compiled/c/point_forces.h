@@ -22,13 +22,13 @@ static void place_at(const PointForce *e, const double *q, const double *slide) 
 }
 
 void fx_begin_points(const PointForces *p, const double *q, const double *v, const double *slide,
-                     const double *slide_rate, double dt, const double *internal) {
+                     const double *slide_rate, double t, double dt, const double *internal) {
   for (PointForce *e = p->of; e < p->of + p->all; ++e) {
     int n = e->size;
     double *to = e->given + 3 * n;
     place_at(e, q, slide);
     for (int k = 0; k < n; ++k) e->given[2 * n + k] = coordinate(e, k, v, slide_rate, e->slide);
-    *to++ = dt;
+    *to++ = t, *to++ = dt;
     for (int i = 0; i < e->internal; ++i) *to++ = internal[e->first_internal + i];
     for (int i = 0; i < e->remembered; ++i) *to++ = 0;
   }
@@ -77,7 +77,7 @@ double fx_stored_at_points(const PointForces *p, const double *q, const double *
   for (const PointForce *e = p->of; e < p->of + p->all; ++e) {
     if (!e->energy) continue;
     place_at(e, q, slide);
-    for (int i = 0; i < e->internal; ++i) e->given[3 * e->size + 1 + i] = internal[e->first_internal + i];
+    for (int i = 0; i < e->internal; ++i) e->given[3 * e->size + 2 + i] = internal[e->first_internal + i];
     call(e->energy, e->given, p->probe, 1);
     sum += *p->probe;
   }

@@ -198,7 +198,7 @@ typedef struct {
   /* Forces at points; internal variables of all; places of the entries of their tangents, -1 for none.
      Slides with forces, and the rates of the slides of all joints. */
   PointForces *points;
-  int spring_width;
+  int spring_width, thrusts; /* thrusts: follower forces, the first external ones */
   struct { int *point_places; };
   struct {
     int rated;

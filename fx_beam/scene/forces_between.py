@@ -1,0 +1,112 @@
+"""Forces between two nodes, or between a node and a fixed point, as plain data."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import ufl
+
+import numpy as np
+
+from fx_beam.errors import SceneError
+from fx_beam.validation import fields_in, refuse_fields, vector
+
+from .beam import Node
+from .coordinate import Coordinate
+
+#: ``force(distance, rate, t)`` in UFL.
+Pull = Callable[[Any, Any, Any], Any]
+
+
+@dataclass(frozen=True, eq=False)
+class ForceBetween:
+    """A force along the line between two points; created by `Scene.add_force_between`.
+
+    Parameters
+    ----------
+    a : Node
+        A node.
+    b : Node or (2,) float array
+        Another node, or a fixed point [m].
+    on : Coordinate
+        Spring, damper, friction and stops on the distance.
+    force : callable, optional
+        ``force(distance, rate, t)``, a pull [N].
+    number : int
+        Index in the scene's forces between points.
+
+    Examples
+    --------
+    >>> import fx_beam as fb
+    >>> scene = fb.Scene()
+    >>> ball = scene.add_body((0, -2), mass=1.0, inertia=0.1, name="ball").centre
+    >>> print(scene.add_force_between(ball, (0, 0), spring=fb.Spring(100.0, rest=2.0)))
+    force 0, between node 0 at (0, -2) and (0, 0)
+    """
+
+    a: Node
+    b: Any
+    on: Coordinate
+    force: Pull | None = None
+    number: int = -1
+
+    def __str__(self):
+        number = "" if self.number < 0 else f"force {self.number}, "
+        end = self.b if isinstance(self.b, Node) else "({:g}, {:g})".format(*self.b)
+        return f"{number}between {self.a} and {end}"
+
+    @property
+    def between(self) -> tuple[int, int]:
+        """Numbers of the nodes, from the first to the second; -1 for a fixed point, the first."""
+        return (self.a.number, self.b.number) if isinstance(self.b, Node) else (-1, self.a.number)
+
+    @property
+    def apart(self) -> np.ndarray:
+        """Vector (2,) from the first point of `between` to the second, at the start [m]."""
+        start = np.array([self.a.x, self.a.y])
+        return (
+            np.array([self.b.x, self.b.y]) - start if isinstance(self.b, Node) else start - self.b
+        )
+
+
+def checked_force(a: Node, b: Any, on: Coordinate, force: Any, number: int, size: float):
+    """A force of a scene of this size [m]; SceneError if its laws are not finite at the start."""
+    if not isinstance(b, Node):
+        b = vector(b, 2, "force between points: b, a node or a fixed point,")
+    made = ForceBetween(a, b, on, force, number)
+    distance = math.hypot(*made.apart)
+    if distance <= 1e-12 * size:
+        raise SceneError(f"{made}: the points are at the same place, so that no direction is known")
+    if not (on.acts or force is not None):
+        raise SceneError(f"{made}: give a spring, damper, friction, stop or force")
+    if on.stop is not None:
+        on.stop.check_start(distance, 1e-9 * size, f"{made}: the distance")
+    if on.spring is not None and on.spring.strain_energy is not None and not on.spring.internal:
+        _check(on.spring.strain_energy, (distance - on.spring.rest,), made, "strain_energy(x)")
+    if force is not None:
+        _check(force, (distance, 0.0, 0.0), made, "force(distance, rate, t)")
+    return made
+
+
+def _check(function: Callable, at: tuple[float, ...], what: ForceBetween, call: str) -> None:
+    """Refuse a function that is no scalar UFL expression, or not finite at the start."""
+    try:
+        # UFL numbers, not symbols: a function of `math` would try forever to convert a symbol.
+        expression = ufl.as_ufl(function(*(ufl.variable(ufl.as_ufl(x)) for x in at)))
+    except Exception as error:
+        raise SceneError(
+            f"{what}: {call} must give a UFL expression. Use ufl.sqrt, ufl.exp, ... in place of "
+            f"functions of math or NumPy. It raised {error!r}"
+        ) from error
+    refuse_fields(fields_in(expression), f"{what}: {call}")
+    if expression.ufl_shape != ():
+        raise SceneError(f"{what}: {call} must be a scalar, not of shape {expression.ufl_shape}")
+    try:
+        value = expression(())
+    except (ArithmeticError, ValueError):
+        value = math.nan
+    if isinstance(value, complex) or not math.isfinite(value):
+        raise SceneError(f"{what}: {call} is {value} at the start, at {at[0]:.6g}")
