@@ -23,7 +23,7 @@ class Structs:
     def __init__(self, ffi: Any, declarations: str):
         self._ffi = ffi
         self._groups = _groups(declarations)
-        self._kept: list[Any] = []
+        self._referenced: list[Any] = []
 
     def set(self, struct: Any, **values: Any) -> None:
         """Set members of a struct, or of the one to which a pointer points."""
@@ -59,12 +59,12 @@ class Structs:
         if value.size and not np.can_cast(value.dtype, wanted, "same_kind"):
             raise TypeError(f"an array of {value.dtype} for C's {kind.cname}")
         value = np.asarray(value, wanted, "C")
-        self._kept.append(value)
+        self._referenced.append(value)
         return self._ffi.cast(kind, value.ctypes.data)
 
     def _array(self, kind: Any, rows: list[dict[str, Any]]) -> Any:
         array = self._ffi.new(self._ffi.getctype(kind, "[]"), len(rows))
-        self._kept.append(array)
+        self._referenced.append(array)
         for number, row in enumerate(rows):
             self.set(array[number], **row)
             self.check(array[number])

@@ -282,7 +282,7 @@ class _CheckedFunction:
         """
         with _calling(self.function, self._what):
             for own in arguments:
-                found.append(_kept(self.function(*own)))  # noqa: PERF401 (an exception counts)
+                found.append(_copied(self.function(*own)))  # noqa: PERF401 (an exception counts)
         try:
             return np.array(found, dtype=float).reshape(len(found), self.size)
         except (TypeError, ValueError, OverflowError):
@@ -295,7 +295,7 @@ class _CheckedFunction:
 CheckedFunction = Constant | _CheckedFunction
 
 
-def _kept(value):
+def _copied(value):
     """A function's value, copied where the function may fill and return the same array again."""
     if isinstance(value, _IMMUTABLE):
         return value

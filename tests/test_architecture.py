@@ -16,7 +16,15 @@ PACKAGE = Path(fx_beam.__file__).parent
 # From the ground up. A room imports from the rooms before it only, and within a room a file imports
 # from the files before it only.
 HOUSE = {
-    "": ["errors", "deprecation", "validation", "kept", "library_cache", "c_library", "structs"],
+    "": [
+        "errors",
+        "deprecation",
+        "validation",
+        "content_cache",
+        "library_cache",
+        "c_library",
+        "structs",
+    ],
     "scene": [
         "notebook",
         "symbols",

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 import fx_beam as fb
+from fx_beam.content_cache import cached_by_content
 from fx_beam.fem import dolfinx_api, ffcx_api, interval_mesh, weak_form
 from fx_beam.fem.fields import Fields
-from fx_beam.kept import kept
 
 
 def arm(elements=3, length=1.0, EA=1e4, force=1.0, degree=1, second=None, **more):
@@ -107,7 +107,7 @@ def test_meshes_of_equal_connectivity_have_positions_of_their_own(degree):
 def test_only_the_last_results_of_small_arrays_are_kept():
     calls = []
 
-    @kept
+    @cached_by_content
     def doubled(values, factor):
         calls.append(len(values))
         return values * factor

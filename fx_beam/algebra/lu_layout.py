@@ -9,8 +9,8 @@ import scipy.sparse
 from scipy.sparse.csgraph import reverse_cuthill_mckee
 from scipy.sparse.linalg import splu
 
+from fx_beam.content_cache import cached_by_content
 from fx_beam.coupling.tied_order import tied_fill_in
-from fx_beam.kept import kept
 
 # Rows in a group: the degrees of freedom of a node.
 _GROUP = 3
@@ -94,7 +94,7 @@ class Factors(NamedTuple):
         return f"sparse, {self.size} entries{kept}"
 
 
-@kept
+@cached_by_content
 def factors_of(
     indptr: np.ndarray,
     indices: np.ndarray,
@@ -119,7 +119,7 @@ def factors_of(
     return banded if band_cost <= sparse.cost else sparse
 
 
-@kept
+@cached_by_content
 def in_sparse_rows(
     indptr: np.ndarray, indices: np.ndarray, dependent: np.ndarray | None = None
 ) -> Factors:

@@ -30,7 +30,7 @@ from fx_beam.validation import as_float, is_flag, is_number, require
 
 from .evaluation import solution_of
 from .mpi_ranks import warn_of_equal_work
-from .progress import failure_of, keep, keeping_steps, progress_bar
+from .progress import attach, failure_of, keeping_steps, progress_bar
 from .run_setup import MOST_STEPS, RunSetup, check_options, checked_scheme, end_of
 
 _log = logging.getLogger("fx_beam")
@@ -218,7 +218,7 @@ def simulate(
     except BaseException as error:
         recorder.settle_at_end()
         stats.failure = failure_of(error, recorder.end.t)
-        keep(error, found)
+        attach(error, found)
         raise
 
 

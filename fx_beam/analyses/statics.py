@@ -39,7 +39,7 @@ from fx_beam.validation import (
 
 from .evaluation import solution_of
 from .mpi_ranks import warn_of_equal_work
-from .progress import failure_of, keep, keeping_steps, progress_bar
+from .progress import attach, failure_of, keeping_steps, progress_bar
 
 _log = logging.getLogger("fx_beam")
 # Largest number of load steps.
@@ -177,7 +177,7 @@ def static(
     except BaseException as error:
         stats.failure = failure_of(error, states[-1].t if states else 0.0)
         if states:
-            keep(error, lambda: _solution(stepper, inversion, states, clock))
+            attach(error, lambda: _solution(stepper, inversion, states, clock))
         raise
 
 

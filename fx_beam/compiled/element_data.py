@@ -8,9 +8,9 @@ from typing import NamedTuple
 import numpy as np
 import scipy.sparse
 
+from fx_beam.content_cache import cached_by_content
 from fx_beam.fem import dolfinx_api
 from fx_beam.fem.mesh import Mesh
-from fx_beam.kept import kept
 
 
 def element_data(
@@ -24,7 +24,7 @@ def element_data(
     return dofs, dolfinx_api.element_coordinates(mesh.mesh), entries
 
 
-@kept
+@cached_by_content
 def _entries(dofs: np.ndarray, indptr: np.ndarray, indices: np.ndarray) -> np.ndarray:
     """Indices (cells, n * n) of the entries of each cell in compressed rows."""
     # Plus 1: explicit zeros would be lost.
@@ -71,7 +71,7 @@ class NodeRows(NamedTuple):
     single_to: np.ndarray
 
 
-@kept
+@cached_by_content
 def rows_of_nodes(places: np.ndarray, behind: int, lanes: int) -> NodeRows:
     """Rows of the entries (cells, n * n) of element tangents; those of single ones go behind."""
     cells, n = len(places), math.isqrt(places.shape[1])

@@ -153,9 +153,9 @@ class CompiledLoop:
         to = self._ffi.new(self._types["Record *"])
         to.every, to.first, to.last = recorder.every, steps.first, recorder.last
         to.parts, to.part = steps.parts, steps.done
-        to.keeps_starts = recorder.keeps_starts(to.parts)
+        to.stores_starts = recorder.stores_starts(to.parts)
         to.starts, to.complete = recorder.starts, recorder.complete
-        rows, starts = recorder.next_rows(number * self._problem.sub_steps * to.keeps_starts)
+        rows, starts = recorder.next_rows(number * self._problem.sub_steps * to.stores_starts)
         if "up_to_row" in rows:
             to.up_to_row = self._address("int *", rows.pop("up_to_row"))
         for name in ("share", "memory"):

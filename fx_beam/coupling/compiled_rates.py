@@ -12,7 +12,7 @@ import scipy.sparse.csgraph
 import scipy.sparse.linalg
 
 from fx_beam import c_library
-from fx_beam.kept import kept
+from fx_beam.content_cache import cached_by_content
 from fx_beam.results.state import MACROS
 from fx_beam.structs import Structs
 
@@ -122,7 +122,7 @@ class _Bands(NamedTuple):
     to: np.ndarray
 
 
-@kept
+@cached_by_content
 def _bands_of(row: np.ndarray, place: np.ndarray) -> _Bands:
     """Bands for entries at `row` and, of the degrees of freedom that are used, at `place`."""
     of_place = scipy.sparse.csr_matrix((np.ones(len(row)), (place, np.arange(len(row)))))

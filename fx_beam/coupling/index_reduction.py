@@ -11,7 +11,7 @@ from typing import Any, NamedTuple, Protocol
 import numpy as np
 import scipy.sparse
 
-from fx_beam.kept import kept
+from fx_beam.content_cache import cached_by_content
 
 
 class TieTables(NamedTuple):
@@ -297,7 +297,7 @@ class _Sums:
             out[place] += values[source]
 
 
-@kept
+@cached_by_content
 def _sums_of_dofs_and_entries(
     column: np.ndarray, indptr: np.ndarray, indices: np.ndarray, free: int
 ) -> tuple[tuple[np.ndarray, np.ndarray], _Sums, _Sums]:
@@ -308,7 +308,7 @@ def _sums_of_dofs_and_entries(
     return pattern, _Sums(column), _Sums(place, inside)
 
 
-@kept
+@cached_by_content
 def sparsity(rows: np.ndarray, columns: np.ndarray, n: int):
     """Compressed rows of the given pairs, and the position of each pair in them."""
     keys, place = np.unique(rows * n + columns, return_inverse=True)

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import scipy.sparse
 
+from fx_beam.content_cache import cached_by_content
 from fx_beam.fem.point_forces import PointForces
-from fx_beam.kept import kept
 from fx_beam.mechanics.rates import UpdateRule
 
 from .graph import Couplings
@@ -397,7 +397,7 @@ class JointReduction(WithoutLoops):
         return total
 
 
-@kept
+@cached_by_content
 def _products(
     row: np.ndarray, moves: np.ndarray, used: np.ndarray, indptr: np.ndarray, indices: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

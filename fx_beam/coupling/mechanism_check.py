@@ -9,9 +9,9 @@ import numpy as np
 import scipy.sparse
 from scipy.sparse.linalg import splu
 
+from fx_beam.content_cache import cached_by_content
 from fx_beam.errors import SceneError
 from fx_beam.fem.mesh import Mesh
-from fx_beam.kept import kept
 from fx_beam.scene.coordinate import Coordinate
 from fx_beam.scene.scene import Scene
 
@@ -81,7 +81,7 @@ def _inertia(scene: Scene, mesh: Mesh, mass: scipy.sparse.csr_matrix) -> np.ndar
     return diagonal
 
 
-@kept
+@cached_by_content
 def _connected(indptr: np.ndarray, indices: np.ndarray) -> tuple[int, np.ndarray]:
     """Number of the parts that a sparsity couples, and the part of each row."""
     graph = scipy.sparse.csr_matrix((np.ones(len(indices)), indices, indptr))

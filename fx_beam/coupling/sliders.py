@@ -133,7 +133,7 @@ class Sliders:
     @functools.cached_property
     def pattern(self) -> tuple[np.ndarray, np.ndarray]:
         """Sparsity of the tangent after the elimination."""
-        i, j = np.divmod(self._keys[self._kept], self.size)
+        i, j = np.divmod(self._keys[self._of_unknowns], self.size)
         found, _ = sparsity(i, j, self._unknowns)
         return found
 
@@ -196,7 +196,7 @@ class Sliders:
         return self._eliminated[0]
 
     @functools.cached_property
-    def _kept(self) -> np.ndarray:
+    def _of_unknowns(self) -> np.ndarray:
         """The entries of the unknowns among them."""
         i, j = np.divmod(self._keys, self.size)
         return np.flatnonzero((i < self._unknowns) & (j < self._unknowns))
@@ -346,7 +346,7 @@ class Sliders:
             np.add.at(
                 tangent, window.inside, T_virtual.T @ K @ T + of_virtual[:, None] * second * of_T
             )
-        return tangent[self._kept]
+        return tangent[self._of_unknowns]
 
 
 def _pattern(rows: np.ndarray, columns: np.ndarray, n: int) -> scipy.sparse.csr_matrix:

@@ -88,10 +88,10 @@ def _derivative(force: Any, D: Any) -> Any:
 
 
 @functools.cache
-def _kept(law: PointLaw, rule: StepRule) -> CompiledLaw:
+def _cached(law: PointLaw, rule: StepRule) -> CompiledLaw:
     return CompiledLaw(law, rule)
 
 
 def compiled_law(law: PointLaw, rule: StepRule) -> CompiledLaw:
     """A compiled law; without functions of a user it is kept."""
-    return CompiledLaw(law, rule) if law.own else _kept(law, rule)
+    return CompiledLaw(law, rule) if law.own else _cached(law, rule)

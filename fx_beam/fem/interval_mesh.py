@@ -19,7 +19,7 @@ from dolfinx import fem
 
 import numpy as np
 
-from fx_beam.kept import kept
+from fx_beam.content_cache import cached_by_content
 
 from . import ffcx_api
 from .elements import OF_UFL, beam, lagrange, values_at_points
@@ -120,7 +120,7 @@ def mesh_between(
     return mesh.between(points), order
 
 
-@kept
+@cached_by_content
 @quietly
 def _intervals(count: int, cells: np.ndarray, degree: int) -> tuple[IntervalMesh, np.ndarray]:
     """A mesh of so many points, somewhere: their places do not count in its numbering."""

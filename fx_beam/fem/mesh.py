@@ -8,8 +8,8 @@ from typing import Any
 
 import numpy as np
 
+from fx_beam.content_cache import cached_by_content
 from fx_beam.errors import SceneError
-from fx_beam.kept import kept
 from fx_beam.scene.beam import Beam, inner_positions
 from fx_beam.scene.scene import Scene
 
@@ -105,7 +105,7 @@ def build_mesh(scene: Scene) -> Mesh:
     return Mesh(mesh, space, X, *numbers, curved)
 
 
-@kept
+@cached_by_content
 def _numbers(
     count: int, elements: np.ndarray, order: np.ndarray, of_cells: np.ndarray, counts: np.ndarray
 ) -> tuple[np.ndarray, int, np.ndarray, list[np.ndarray], list[np.ndarray]]:

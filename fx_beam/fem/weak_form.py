@@ -233,7 +233,7 @@ def weak_form(
     Functions of the user are asked again: the data that they use may have changed.
     """
     if scheme.built_in and not works and materials == [_ELASTIC]:
-        return _kept(fields, scheme, place, times)
+        return _cached(fields, scheme, place, times)
     return WeakForm(fields, scheme, materials, place, times, works)
 
 
@@ -241,7 +241,7 @@ _ELASTIC: Material = (None, None)
 
 
 @functools.lru_cache(maxsize=32)
-def _kept(fields: Fields, scheme: Scheme, place: Place | None, times: Place | None) -> WeakForm:
+def _cached(fields: Fields, scheme: Scheme, place: Place | None, times: Place | None) -> WeakForm:
     return WeakForm(fields, scheme, [_ELASTIC], place, times)
 
 

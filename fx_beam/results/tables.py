@@ -99,8 +99,8 @@ def to_xarray(solution):
     data: dict = {name: (time, values) for name, values in columns.items() if name != time}
     coordinates = {time: columns[time], "component": list(COMPONENTS)}
     coordinates |= {"x": ("node", solution.X[:, 0]), "y": ("node", solution.X[:, 1])}
-    kept = {"q": solution.has_motion, "v": solution.has_rates, "a": solution.has_rates}
-    for name in (name for name, known in kept.items() if known):
+    recorded = {"q": solution.has_motion, "v": solution.has_rates, "a": solution.has_rates}
+    for name in (name for name, known in recorded.items() if known):
         data[name] = (time, "node", "component"), getattr(solution, name)
     for beam in solution.beams if solution.has_motion else ():
         found = solution.resultants(beam)

@@ -8,7 +8,7 @@ import numpy as np
 import scipy.sparse
 from scipy.sparse.csgraph import connected_components
 
-from fx_beam.kept import kept
+from fx_beam.content_cache import cached_by_content
 from fx_beam.model.model import Model
 from fx_beam.results.state import State
 from fx_beam.scene.joints import GROUND
@@ -69,7 +69,7 @@ def _members(model: Model) -> list[np.ndarray]:
     return [mesh.dofs[nodes, _ROTATION] for nodes in free]
 
 
-@kept
+@cached_by_content
 def _turning(n: int, i: np.ndarray, j: np.ndarray, counted: tuple[int, ...]) -> list[np.ndarray]:
     """Groups of n nodes that pairs i, j connect, without those of nodes whose turns count."""
     graph = scipy.sparse.coo_matrix((np.ones(len(i)), (i, j)), (n, n))

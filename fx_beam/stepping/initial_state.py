@@ -170,13 +170,13 @@ def initial_rates(
         return nearest_rates(model, coupled, v, driven, weight)
     w = nearest_rates(model, coupled, v, driven)
     unit = [1.0, 1.0, 1 / model.mesh.size]
-    kept = model.reduction.spread(w)
-    gap = model.to_nodes(abs(kept - v)) / unit
+    compatible = model.reduction.spread(w)
+    gap = model.to_nodes(abs(compatible - v)) / unit
     # Prescribed motion overrides an initial velocity at its own degree of freedom.
     for key in scene.prescribed:
         gap[key] = 0.0
-        _check_prescribed(model, key, v, kept)
-    v[model.prescribed] = kept[model.prescribed]
+        _check_prescribed(model, key, v, compatible)
+    v[model.prescribed] = compatible[model.prescribed]
     # Rates of driven motion are finite differences, hence the second tolerance.
     driven_v = model.reduction.spread(_driven_rates(model, driven))
     speed, moved = (abs(model.to_nodes(rates) / unit).max() for rates in (v, driven_v))
@@ -184,7 +184,7 @@ def initial_rates(
     if gap.max() > tolerance:
         _check_joints(model, state, v, driven, tolerance)
         node, component = np.unravel_index(np.argmax(gap), gap.shape)
-        raise SceneError(_message(model, int(node), int(component), v, kept))
+        raise SceneError(_message(model, int(node), int(component), v, compatible))
     return w
 
 
@@ -237,8 +237,10 @@ def _given_velocity(model: Model) -> np.ndarray:
     return model.from_nodes(np.nan_to_num(v))
 
 
-def _check_prescribed(model: Model, key: tuple[int, int], v: np.ndarray, kept: np.ndarray) -> None:
-    given, moved = model.to_nodes(v)[key], model.to_nodes(kept)[key]
+def _check_prescribed(
+    model: Model, key: tuple[int, int], v: np.ndarray, compatible: np.ndarray
+) -> None:
+    given, moved = model.to_nodes(v)[key], model.to_nodes(compatible)[key]
     if given != 0 and abs(given - moved) > 1e-3 * max(abs(given), abs(moved)):
         node, component = key
         raise SceneError(
@@ -285,9 +287,9 @@ def _small_mass(model: Model) -> scipy.sparse.spmatrix:
     return scipy.sparse.diags(np.where(model.massless, 1e-10 * (scale or 1.0) * size, 0.0))
 
 
-def _message(model: Model, node: int, component: int, v: np.ndarray, kept: np.ndarray) -> str:
+def _message(model: Model, node: int, component: int, v: np.ndarray, compatible: np.ndarray) -> str:
     scene = model.scene
-    given, found = model.to_nodes(v)[node, component], model.to_nodes(kept)[node, component]
+    given, found = model.to_nodes(v)[node, component], model.to_nodes(compatible)[node, component]
     x, y = model.mesh.X[node]
     where = f"node {node} at ({x:g}, {y:g})"
     if (node, component) in scene.fixed:

@@ -79,8 +79,8 @@ class NewtonOptions:
             ("max_turn", 0 < turn < np.pi, "a number between 0 and pi, a half turn [rad]"),
         ):
             require(fits, f"NewtonOptions: {name}", getattr(self, name), wanted)
-        kept = (tolerance, int(self.max_iterations), turn)
-        for name, value in zip(("tolerance", "max_iterations", "max_turn"), kept, strict=True):
+        checked = (tolerance, int(self.max_iterations), turn)
+        for name, value in zip(("tolerance", "max_iterations", "max_turn"), checked, strict=True):
             object.__setattr__(self, name, value)
 
 

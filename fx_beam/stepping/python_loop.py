@@ -133,7 +133,7 @@ class PythonLoop:
         with uninterrupted:
             self._count(state, new, steps.parts)
             self._average(state, new, steps.done)
-            recorder.keep(steps.first, starts, new, (steps.done, steps.parts))
+            recorder.store_starts(steps.first, starts, new, (steps.done, steps.parts))
             if steps.done + 1 == steps.parts:
                 recorder.record(steps.first, new)
             count(found)

@@ -48,7 +48,7 @@ class Record:
         are those of polynomials through the nearest ends of steps, cubic for schemes of order 2, of
         degree 5 for order 4, on the smooth side of a contact; velocities are their derivatives.
         Energies and momenta are linear; forces and accelerations are those of the step. All steps
-        are kept to the end; the motion must be recorded. Other times than the run's are left out.
+        are stored to the end; the motion must be recorded. Other times than the run's are left out.
 
     Examples
     --------
@@ -94,7 +94,7 @@ class Unrecorded:
     every, last, rows, starts, complete = np.iinfo(np.int32).max, -1, 0, 0, 0
     end: State
 
-    def keeps_starts(self, parts: int) -> bool:
+    def stores_starts(self, parts: int) -> bool:
         """None."""
         return False
 
@@ -105,7 +105,7 @@ class Unrecorded:
     def add(self, rows: int, starts: int) -> None:
         """Nothing."""
 
-    def keep(
+    def store_starts(
         self, step: int, starts: Sequence[State], end: State, part: tuple[int, int] = (0, 1)
     ) -> None:
         """Nothing."""
@@ -163,7 +163,7 @@ class Recorder:
         self._steps[self.rows : rows] = steps
         for name, array in self.arrays.items():
             self.arrays[name] = grown(array, rows, self.rows)
-        whole = len(self.model.scheme.fractions) if self.keeps_starts(1) else 0
+        whole = len(self.model.scheme.fractions) if self.stores_starts(1) else 0
         self._starts.make_room(whole * len(steps))
         self.plans += 1
 
@@ -194,7 +194,7 @@ class Recorder:
 
     @property
     def starts(self) -> int:
-        """Number of starts of sub-steps that are kept."""
+        """Number of starts of sub-steps that are stored."""
         return self._starts.count
 
     @property
@@ -205,26 +205,26 @@ class Recorder:
     def _up_to(self, row: int) -> int:
         return int(self.arrays["up_to_row"][row]) if row >= 0 else 0
 
-    def keeps_starts(self, parts: int) -> bool:
-        """Whether starts of a step in parts are kept: the last one is not the previous row."""
-        return self._starts.kept(parts, self.every)
+    def stores_starts(self, parts: int) -> bool:
+        """Whether starts of a step in parts are stored: the last one is not the previous row."""
+        return self._starts.stored(parts, self.every)
 
     def _selects(self, step: int) -> bool:
         return step % self.every == 0 or step == self.last
 
-    def keep(
+    def store_starts(
         self, step: int, starts: Sequence[State], end: State, part: tuple[int, int] = (0, 1)
     ) -> None:
-        """Keep the starts of the scheme's sub-steps in a step's part: number, of how many."""
+        """Store the starts of the scheme's sub-steps in a step's part: number, of how many."""
         number, parts = part
         self._starts.begin(self.complete, number)
-        if self._selects(step) and self.keeps_starts(parts):
+        if self._selects(step) and self.stores_starts(parts):
             self._starts.add(starts, end, parts)
 
     def record(self, step: int, state: State) -> None:
         """Add a row for the end of a step of the grid, if `every` selects it; step 0 is the start.
 
-        The starts of its sub-steps were kept before.
+        The starts of its sub-steps were stored before.
         """
         if not self._selects(step):
             return
@@ -261,23 +261,23 @@ class Recorder:
     def histories(self) -> dict:
         """Recorded histories by their names in `Solution`; empty if not recorded."""
         model, n = self.model, self.rows
-        kept = {name: rows[:n] for name, rows in self.arrays.items()}
+        recorded = {name: rows[:n] for name, rows in self.arrays.items()}
         if model.fitted_rates is not None:
-            starts = None if self.every == 1 else self._starts.of_rows(kept["up_to_row"])
+            starts = None if self.every == 1 else self._starts.of_rows(recorded["up_to_row"])
             grid, driven = (self._times, self._steps[:n]), self._first.driven_rates
-            kept = fitted(model, kept, starts, grid, driven)
-            kept = {name: kept[name] for name in kept if name not in self._serving}
+            recorded = fitted(model, recorded, starts, grid, driven)
+            recorded = {name: recorded[name] for name in recorded if name not in self._serving}
         t = self._times[self._steps[:n]]
         found = {
             "t": t,
             "t_level": t - (1 - model.scheme.rates.level) * self._lengths(),
-            "energy": Energy(*kept["energies"].T),
-            "linear_momentum": kept["momenta"][:, :2],
-            "angular_momentum": kept["momenta"][:, 2],
+            "energy": Energy(*recorded["energies"].T),
+            "linear_momentum": recorded["momenta"][:, :2],
+            "angular_momentum": recorded["momenta"][:, 2],
         }
         for name, quantity in ROWS.items():
             lengths = quantity.lengths(model.sizes)
-            rows = kept.get(name, np.empty((0, math.prod(lengths))))
+            rows = recorded.get(name, np.empty((0, math.prod(lengths))))
             if quantity.shape == ("dofs",):
                 found[name] = rows[:, model.mesh.dofs]
             else:
@@ -310,7 +310,7 @@ class Recorder:
         return of_step * np.bincount(rows, shares[: len(rows)], self.rows) + of_step * (counts == 0)
 
     def _counts(self) -> np.ndarray:
-        """Number (n,) of the starts that are kept for each row."""
+        """Number (n,) of the starts that are stored for each row."""
         return np.diff(self.arrays["up_to_row"][: self.rows], prepend=0)
 
     def _shares(self, row: int) -> np.ndarray:

@@ -44,8 +44,8 @@ class SubStepStarts:
         #: Their number.
         self.count = 0
 
-    def kept(self, parts: int, every: int) -> bool:
-        """Whether those of a step in parts are kept, if every n-th step has a row."""
+    def stored(self, parts: int, every: int) -> bool:
+        """Whether those of a step in parts are stored, if every n-th step has a row."""
         return self._always or parts > 1 or every > 1
 
     def make_room(self, more: int) -> None:

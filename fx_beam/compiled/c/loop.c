@@ -186,7 +186,7 @@ int fx_run(Problem *p, int steps, double dt, const Inputs *inputs, Record *to) {
     for (int i = 0; i < p->sub_steps; ++i) {
       long number = (long)k * p->sub_steps + i;
       set_shares(p, i, part);
-      if (of_row && to->keeps_starts) record_start(p, dt * p->fractions[i], i, to);
+      if (of_row && to->stores_starts) record_start(p, dt * p->fractions[i], i, to);
       if (!take_step(p, w, dt * p->fractions[i], i, inputs, number, unchecked && i == 0)) {
         if (i > 0) undo(p, w, before);
         to->starts = starts;

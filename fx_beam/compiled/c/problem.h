@@ -293,7 +293,7 @@ typedef struct {
   int forces;                   /* whether forces of joints and obstacles are recorded */
   /* Starts of the sub-steps of recorded steps, if they are kept: their number, that of complete rows,
      and up to each row. Their shares of the step, and the ratio of the lengths of steps. */
-  int keeps_starts, starts, complete, kept;
+  int stores_starts, starts, complete, kept;
   Rows *start;
   double *share, *memory;
 } Record;

@@ -129,8 +129,8 @@ def _judged(item: tuple[Cell, Scheme], repeats: int) -> Cell:
     if cell.case.drifts and end is not None and verdict.kind in ("kept", "lost", "gained"):
         turns = float(abs(end.q[:, 2]).max() / (2 * np.pi))
         cell = replace(cell, drift=drift_of(ratio - 1), turns=turns)
-    kept = _thinned(ratio)
-    return replace(cell, t=solution.t[kept], ratio=ratio[kept], seconds=solution.stats.seconds)
+    rows = _thinned(ratio)
+    return replace(cell, t=solution.t[rows], ratio=ratio[rows], seconds=solution.stats.seconds)
 
 
 def _run(cell: Cell, scheme: Scheme, stretch: float = 1.0) -> tuple[Solution | None, Verdict]:

@@ -22,7 +22,7 @@ class _Contents(NamedTuple):
     data: bytes
 
 
-def kept(function: F) -> F:
+def cached_by_content(function: F) -> F:
     """Keep the last results of a function of arrays and constants, if the arrays are small.
 
     Scenes that differ in numbers only share what follows from their connectivity. The arrays of a
