@@ -162,9 +162,9 @@ class CompiledLoop:
             if name in starts:
                 setattr(to, name, self._address("double *", starts.pop(name)))
         to.forces = "constraint_forces" in rows
-        histories, kept = self._rows(rows), self._rows(starts)
-        to.histories, to.history, to.kept, to.start = len(histories), histories, len(kept), kept
-        self._rows_of[to] = histories, kept
+        histories, stored = self._rows(rows), self._rows(starts)
+        to.histories, to.history, to.stored, to.start = len(histories), histories, len(stored), stored
+        self._rows_of[to] = histories, stored
         return to
 
     def _rows(self, arrays: dict[str, np.ndarray]):

@@ -106,7 +106,7 @@ static int iterate(Problem *p, const Work *w, const Wanted *wanted, double *rest
 
 /* Before the first correction of a step: the factors go if the last step took longer than the average
    step since they were made, the factorisation included. */
-static void begin_kept(Kept *kept) {
+static void begin_kept(KeptFactors *kept) {
   kept->all += kept->now, kept->steps += 1;
   if ((long)kept->now * kept->steps > kept->worth + kept->all) kept->present = 0;
   kept->now = 0;

@@ -61,7 +61,7 @@ typedef struct {
   int exact;           /* whether to make new ones in each iteration, after a failure */
   int steps, all, now; /* steps since they were made; substitutions in these, and in this step */
   double slowest_size, slowest_error; /* of Newton's quadratic convergence in the last step */
-} Kept;
+} KeptFactors;
 
 /* A slide with forces, whose rate at the start of a step they may need. */
 typedef struct {
@@ -161,7 +161,7 @@ typedef struct {
   /* With sparse factors the tangent is stored apart, in compressed rows of the unknowns: `factor_at` has
      the place of each value among the factors. */
   struct { int *tangent_start, *tangent_column, *factor_at; };
-  Kept kept;
+  KeptFactors kept;
   /* What borders it (borders.h): their number, that of the columns of a block of right sides, and of the
      positions in the elimination; most entries of their rows. Row and column of the system for each column
      of the scene: a position, -1 for none, or a border; entries of the tangent on borders. */
@@ -291,9 +291,9 @@ typedef struct {
   int histories, *up_to_row;    /* arrays of which rows are recorded */
   Rows *history;
   int forces;                   /* whether forces of joints and obstacles are recorded */
-  /* Starts of the sub-steps of recorded steps, if they are kept: their number, that of complete rows,
+  /* Starts of the sub-steps of recorded steps, if they are stored: their number, that of complete rows,
      and up to each row. Their shares of the step, and the ratio of the lengths of steps. */
-  int stores_starts, starts, complete, kept;
+  int stores_starts, starts, complete, stored;
   Rows *start;
   double *share, *memory;
 } Record;

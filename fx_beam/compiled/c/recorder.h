@@ -54,7 +54,7 @@ static void record_start(const Problem *p, double dt, int sub_step, Record *to) 
   long k = to->starts++;
   to->share[k] = p->fractions[sub_step] / to->parts;
   if (to->memory) to->memory[k] = ratio_of_lengths(p, dt);
-  add_row(to->start, to->kept, k);
+  add_row(to->start, to->stored, k);
 }
 
 /* Energies, momenta and the other quantities at the end of a step. */
