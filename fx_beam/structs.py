@@ -40,8 +40,7 @@ class Structs:
                 setattr(struct, name, self._pointer(kind, value))
 
     def _members(self, struct: Any) -> dict[str, Any]:
-        kind = self._type(struct)
-        return {name: field.type for name, field in kind.fields}
+        return _types(self._type(struct))
 
     def _type(self, struct: Any) -> Any:
         kind = self._ffi.typeof(struct)
@@ -93,6 +92,12 @@ class Structs:
                 yield from (name for name in pointers if not values[name])
         for name in inner:
             yield from (f"{name}.{n}" for n in self._missing(getattr(struct, name), optional=True))
+
+
+@functools.cache
+def _types(kind: Any) -> dict[str, Any]:
+    """Types of the members of a struct."""
+    return {name: field.type for name, field in kind.fields}
 
 
 @functools.cache

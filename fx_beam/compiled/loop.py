@@ -163,7 +163,8 @@ class CompiledLoop:
                 setattr(to, name, self._address("double *", starts.pop(name)))
         to.forces = "constraint_forces" in rows
         histories, stored = self._rows(rows), self._rows(starts)
-        to.histories, to.history, to.stored, to.start = len(histories), histories, len(stored), stored
+        to.histories, to.history = len(histories), histories
+        to.stored, to.start = len(stored), stored
         self._rows_of[to] = histories, stored
         return to
 
