@@ -17,6 +17,7 @@ from fx_beam.model.model import Model
 from fx_beam.stepping.initial_state import reference_state
 
 MASS, LENGTH, GRAVITY = 2.0, 0.1, 10.0
+SOFT = fb.Section(EA=1e4, GA=1e4, EI=50.0, rhoA=1.0, rhoI=0.01)
 
 
 def add_link(scene, start, end, inertia):
@@ -368,6 +369,44 @@ def test_the_cost_of_many_loops_grows_in_proportion_to_them(made):
     assert parts == (2 if made is four_bars else 4) * part
 
 
+def chain_with_a_bead(n, make=fb.Slider):
+    """A long chain that ends in a beam, on which a mass slides."""
+    scene = chain(n)[0]
+    end = scene.bodies[-1].nodes[-1]
+    beam = scene.add_beam([end, (end.x + 2.0, end.y)], SOFT, elements=12)
+    at = end.x + 0.6
+    bead = scene.add_beam([(at, end.y), (at, end.y + 0.3)], SOFT)
+    scene.add_mass(bead.start, 0.5, inertia=0.05)
+    scene.add_joint(make(beam, bead.start))
+    return scene
+
+
+@pytest.mark.parametrize("make", [fb.Slider, fb.Sleeve])
+@pytest.mark.parametrize("solver", ["compiled", "petsc"])
+def test_what_slides_at_the_end_of_a_long_chain_moves_as_without_ties(make, solver, monkeypatch):
+    def moved(solver):
+        scene = chain_with_a_bead(25, make)
+        solution = fb.simulate(scene, dt=0.005, t_end=0.1, solver=solver)
+        return solution, np.array([solution.joint_force(joint) for joint in scene.joints])
+
+    tied, forces = moved(solver)
+    monkeypatch.setattr(graph, "_LONG", 10**6)
+    whole, expected = moved("petsc")
+    assert tied.q == pytest.approx(whole.q, abs=1e-10)
+    assert forces == pytest.approx(expected, abs=1e-7 * abs(expected).max())
+    assert tied.stats.newton_iterations == whole.stats.newton_iterations
+
+
+def test_the_tangent_of_a_long_chain_grows_with_it_also_below_what_slides():
+    def entries(n):
+        model = Model(chain_with_a_bead(n), fb.EnergyMomentum())
+        assert model.couplings.ties
+        return len(model.reduction.factored[1]), len(model.reduction.pattern[1])
+
+    for few, many in zip(entries(60), entries(120), strict=True):
+        assert many < 2.2 * few
+
+
 def test_mechanisms_beside_each_other_move_as_one_alone():
     def angles(n):
         scene = four_bars(n)
@@ -403,6 +442,21 @@ def spring_chain(n):
     scene, ends = chain(n, hang=False, spring=fb.Spring(40.0))
     scene.clamp(scene.bodies[0]["start"])
     return scene, ends
+
+
+def test_what_slides_at_the_end_of_a_long_chain_has_the_frequencies_without_ties(monkeypatch):
+    def frequencies():
+        scene = spring_chain(20)[0]
+        end = scene.bodies[-1].nodes[-1]
+        beam = scene.add_beam([end, (end.x, end.y - 2.0)], SOFT, elements=12)
+        place = end.y - 0.6
+        bead = scene.add_beam([(end.x, place), (end.x + 0.3, place)], SOFT)
+        scene.add_joint(fb.Sleeve(beam, bead.start, spring=fb.Spring(500.0)))
+        return fb.modes(scene, n=5).angular_frequencies
+
+    tied = frequencies()
+    monkeypatch.setattr(graph, "_LONG", 10**6)
+    assert tied == pytest.approx(frequencies(), rel=1e-8)
 
 
 @pytest.mark.parametrize("options", [{}, {"continuation": "arc-length"}])

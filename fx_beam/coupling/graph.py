@@ -151,10 +151,8 @@ def couple(scene: Scene, mesh: Mesh) -> Couplings:
     columns = _Columns(scene, mesh, forests)
     moving = [b.joint for b in forests[0] if not b.joint.is_index]
     moving += [joint for joint in closing[0] if not joint.is_index]
-    # What slides on beams refers to all columns on which it depends.
-    whole = set[int]()
-    for joint in sliding_joints(scene.joints):
-        whole |= {joint.b.number, *mesh.nodes_of(scene, joint.beam).tolist()}
+    # Ties depend on no columns of nodes that slide.
+    whole = {joint.b.number for joint in sliding_joints(scene.joints)}
     sums = _Sums(mesh, columns, forests, moving, whole)
     column = np.empty(mesh.dofs.size, dtype=int)
     column[mesh.dofs] = columns.of_roots

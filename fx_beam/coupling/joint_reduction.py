@@ -47,7 +47,8 @@ class JointReduction(WithoutLoops):
         self._index, self._row_index = self.ties.columns_of_unknowns, self.ties.rows_of_unknowns
         if sliders is not None:
             for index in (self._index, self._row_index):
-                index[couplings.independent : self.columns] = sliders.index[couplings.independent :]
+                own = slice(couplings.independent, self.columns)
+                index[own] = sliders.index[own]
         self._rates, self._points, self._dofs = rates, points, dofs
         self._size = matrix.shape[0]
         self._z = np.zeros(self.columns + len(self.ties))

@@ -105,10 +105,16 @@ class Sliders:
         #: Index of each column among the unknowns and, behind them and the ties, the sliding
         #: columns; or -1.
         free, first = couplings.free, couplings.independent
-        self._unknowns = free + 2 * len(couplings.ties)
-        self.index = np.full(couplings.columns, -1)
+        ties = free + 2 * np.arange(len(couplings.ties))
+        self._unknowns = free + 2 * len(ties)
+        self.index = np.full(couplings.columns + len(ties), -1)
         self.index[:free] = np.arange(free)
-        self.index[first:] = self._unknowns + np.arange(couplings.columns - first)
+        self.index[first : couplings.columns] = np.arange(couplings.columns - first)
+        self.index[first : couplings.columns] += self._unknowns
+        self.index[couplings.columns :] = ties
+        #: The same of the rows of forces on them (ties.py).
+        self.row_index = self.index.copy()
+        self.row_index[couplings.columns :] += 1
         self.size = self._unknowns + couplings.columns - first
         rows, columns, places, signs = couplings.all_entries()
         #: Entries of the sliding columns: rows, positions of values, signs.
@@ -181,7 +187,7 @@ class Sliders:
         """
         column = self._couplings.column[slide.dofs]
         index = np.where(column >= 0, self.index[column], -1)
-        place = np.searchsorted(self._given, index * (self.size + 1))
+        place = np.searchsorted(self._given, self.row_index[column] * self.size + index)
         alone = (index >= 0) & (column < self._couplings.free)
         return np.where(alone, column, -1), np.where(index >= 0, place, -1)
 
@@ -216,7 +222,8 @@ class Sliders:
             own = self.index[slide.columns]
             near = pattern[own].indices, pattern.T.tocsr()[own].indices
             neighbours[k] = around = np.setdiff1d(np.concatenate(near), own)
-            windows = [self.index[self._entries_of(slide, first)[1]] for first in slide.windows]
+            columns = [self._entries_of(slide, first)[1] for first in slide.windows]
+            windows = [np.append(self.index[c], self.row_index[c]) for c in columns]
             kept = [np.unique(w[w >= 0]) for w in windows]
             counts = [len(w) for w in kept]
             each = np.repeat(np.arange(len(kept)), counts), np.concatenate(kept)
@@ -261,15 +268,16 @@ class Sliders:
         """The window of node k that begins with a node of its beam."""
         if first not in self._known[k]:
             local, column, value, sign = self._entries_of(self.all[k], first)
-            index, around = self.index[column], self._neighbours[k]
+            index, rows = self.index[column], self.row_index[column]
+            around = self._neighbours[k]
             self._known[k][first] = Window(
                 local,
                 column,
                 value,
                 sign,
                 beside=self._places(around[:, None], index),
-                above=self._places(index[:, None], around),
-                inside=self._places(index[:, None], index),
+                above=self._places(rows[:, None], around),
+                inside=self._places(rows[:, None], index),
             )
         return self._known[k][first]
 

@@ -147,7 +147,8 @@ class Ties:
         """The tangent (free, free) of the unknowns alone."""
         if not self._count:
             return tangent
-        free, of = self._free, self.columns_of_unknowns >= 0
+        free, column = self._free, self.columns_of_unknowns
+        of = (column >= 0) & (column < self.unknowns)  # without columns of nodes that slide
         S, S_virtual = (self.completion(part)[of][:, :free] for part in (values, virtual_map))
         rows, columns = self.rows_of_unknowns[of], self.columns_of_unknowns[of]
         forces = tangent[rows][:, columns]
