@@ -6,6 +6,7 @@ import scipy.sparse
 
 from fx_beam.algebra.petsc_lu import PetscLU
 from fx_beam.algebra.sparse_lu import CompiledLU, ScipyLU, sparse_lu
+from fx_beam.stepping.bordered import BorderedLU
 
 KINDS = {"compiled": sparse_lu, "scipy": ScipyLU, "petsc": PetscLU}
 
@@ -58,3 +59,21 @@ def test_a_large_grid_has_all_its_fill_in():
     lu = sparse_lu((A.indptr, A.indices))
     assert isinstance(lu, CompiledLU) and lu.factorise(A.data)
     assert A @ lu.solve(b) == pytest.approx(b, abs=1e-9)
+
+
+# From none to three negative eigenvalues; a simple and nearly simple zero.
+@pytest.mark.parametrize("below", [0.0, 1e-9, 0.5, 1.5, 2.5, 3.0, 3.0 + 1e-11])
+def test_a_bordered_matrix_is_solved_and_has_the_sign_of_its_determinant_also_if_singular(below):
+    random = np.random.default_rng(5)
+    whole = grid(5, 0.0) + scipy.sparse.diags(0.1 * random.random(25))
+    squares, vectors = np.linalg.eigh(whole.toarray())
+    level = np.interp(below, np.arange(25), squares)
+    A = (whole - scipy.sparse.diags(np.full(25, level))).tocsr()
+    row = vectors[:, round(below)] + 0.1 * random.standard_normal(25)
+    column, corner, b = random.standard_normal(25), 0.3, random.standard_normal(26)
+    whole = np.block([[A.toarray(), column[:, None]], [row[None, :], np.array([[corner]])]])
+    lu = BorderedLU((A.indptr, A.indices), np.ones(25))
+    lu.factorise(A.data, column, row, corner)
+    assert lu.sign == np.sign(np.linalg.det(whole))
+    x, load = lu.solve(b)
+    assert whole @ np.append(x, load) == pytest.approx(b, abs=1e-9)

@@ -148,7 +148,7 @@ def static(
     stats = Stats(
         scheme=scheme.name,
         level=scheme.rates.level,
-        solver="sparse lu" if continuation is None else "superlu",
+        solver="sparse lu",
         unknowns=len(model.reduction.independent),
         compiled=model.compiled,
         assembled=model.assembled,

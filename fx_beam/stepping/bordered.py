@@ -1,83 +1,90 @@
-"""The tangent of the equations, bordered by a column and a row: factors, and their determinant."""
+"""The tangent of the equations, bordered by a column and a row: factors, and their determinant.
+
+At a limit point the tangent K is singular. But K + b e e^T is not, where the unit vector e is that
+of the unknown that moves most along the path. With its factors
+
+    [K + b e e^T  c  -b e] [x]   [f]
+    [n^T          d    0 ] [l] = [g]
+    [e^T          0   -1 ] [w]   [0]
+
+gives the solution x, l of the bordered system, and its determinant with the opposite sign.
+"""
 
 from __future__ import annotations
 
-import functools
-
 import numpy as np
-import scipy.sparse
-import scipy.sparse.linalg
-from scipy.sparse.csgraph import connected_components
+from scipy.sparse import csr_matrix
+
+from fx_beam.algebra.sparse_lu import Pattern, sparse_lu
 
 
-class Bordering:
-    """Borders matrices of one pattern; `unit` (free,) are the sizes of unit unknowns.
+class BorderedLU:
+    """Factors of bordered matrices of one pattern; `unit` (free,) are the sizes of unit unknowns.
 
     The pattern may have more rows, behind those of the unknowns: they are zero on the right side.
+    With ties, `dependent` is that of `Reduction`.
     """
 
-    def __init__(self, pattern: tuple[np.ndarray, np.ndarray], unit: np.ndarray):
+    def __init__(self, pattern: Pattern, unit: np.ndarray, dependent: np.ndarray | None = None):
         indptr, indices = pattern
-        n = len(indptr) - 1
-        self._free, self._unit = len(unit), np.append(unit, np.ones(n - len(unit)))
-        each, last = np.arange(n), np.full(n, n)
-        rows = np.concatenate([np.repeat(each, np.diff(indptr)), each, last, [n]])
-        columns = np.concatenate([indices, last, each, [n]])
-        self._inner = rows[: len(indices)], columns[: len(indices)]
-        rows, columns = rows.astype(np.int32), columns.astype(np.int32)
-        #: The order of the entries by columns; then their rows, and where each column starts.
-        self._order = order = np.lexsort((rows, columns))
-        ends = np.arange(n + 2, dtype=np.int32)
-        self._by_columns = rows[order], np.searchsorted(columns[order], ends).astype(np.int32)
+        n, self._free, self._unit = len(indptr) - 1, len(unit), unit
+        self._matrix = csr_matrix((np.zeros(len(indices)), indices, indptr), (n, n))
+        rows = np.repeat(np.arange(n), np.diff(indptr))
+        #: Places of the diagonal of the unknowns.
+        self._diagonal = np.flatnonzero((rows == indices) & (rows < len(unit)))
+        if self._free:
+            self._lu = sparse_lu(pattern, dependent)
+        #: Sign of the determinant.
+        self.sign = 0.0
 
-    def factors(
+    def factorise(
         self, values: np.ndarray, column: np.ndarray, row: np.ndarray, corner: float
-    ) -> BorderedFactors:
-        """Factors of a matrix bordered by a column and a row (free,), and their corner."""
-        # Scaled by the units of the scene: the pivots do not depend on the user's units.
-        unit, (at_row, at_column) = self._unit, self._inner
-        n, zero = len(unit), np.zeros(len(unit) - self._free)
-        column, row = np.append(column, zero), np.append(row, zero)
-        values = values * unit[at_row] * unit[at_column]
-        size = abs(values).max(initial=0.0) or 1.0
-        parts = values / size, unit * column / size, row * unit, [corner]
-        entries = np.concatenate(parts)[self._order], *self._by_columns
-        matrix = scipy.sparse.csc_matrix(entries, (n + 1, n + 1))
-        return BorderedFactors(matrix, unit[: self._free], size)
-
-
-class BorderedFactors:
-    """Factors of a bordered matrix; of an exactly singular one the solution is not finite."""
-
-    def __init__(self, matrix: scipy.sparse.csc_matrix, unit: np.ndarray, size: float):
-        self._unit, self._size = unit, size
-        try:
-            self._lu = scipy.sparse.linalg.splu(matrix)
-        except RuntimeError:  # exactly singular
-            self._lu = None
+    ) -> None:
+        """Factorise a matrix bordered by a column and a row (free,), and their corner."""
+        self._corner, self._regular = corner, True
+        if not self._free:
+            self.sign = float(np.sign(corner))
+            return
+        self._matrix.data = values
+        diagonal, n = values[self._diagonal], self._matrix.shape[0]
+        self._most = most = int(np.argmax(abs(row * self._unit)))
+        largest = abs(diagonal * self._unit**2).max() / self._unit[most] ** 2
+        added = abs(diagonal[most]) or largest or 1.0
+        changed = values.copy()
+        changed[self._diagonal[most]] += added
+        self._regular = self._lu.factorise(changed)
+        if not self._regular:
+            self.sign = 0.0
+            return
+        self._column, self._row, one = np.zeros((3, n))
+        self._column[: self._free], self._row[: self._free], one[most] = column, row, -added
+        self._forced = np.array([self._lu.solve(self._column), self._lu.solve(one)])
+        rows = np.array([self._forced @ self._row, self._forced[:, most]])
+        self._small = np.diag([corner, -1.0]) - rows
+        negative = self._lu.negative_pivots() % 2
+        self.sign = float(np.sign(np.linalg.det(self._small))) * (1 if negative else -1)
 
     def solve(self, b: np.ndarray) -> tuple[np.ndarray, float]:
-        """Solution (free,) and that of the border, for a right side (free + 1,)."""
-        free, unit = len(self._unit), self._unit
-        if self._lu is None:
-            return np.full(free, np.nan), np.nan
-        right = np.zeros(self._lu.shape[0])
-        right[:free], right[-1] = unit * b[:free] / self._size, b[free]
+        """Solution (free,) and that of the border, for a right side (free + 1,).
+
+        Not finite if the bordered matrix is singular.
+        """
+        if not self._free:
+            return b[:-1], b[-1] / self._corner
+        if not self._regular:
+            return np.full(self._free, np.nan), np.nan
+        right = np.zeros_like(self._column)
+        right[: self._free] = b[:-1]
+        x, load = self._once(right, b[-1])
+        # Again, for the rounding errors of an elimination without exchange of rows.
+        rest = right - self._matrix @ x - load * self._column
+        more, load_more = self._once(rest, b[-1] - self._row @ x - self._corner * load)
+        return (x + more)[: self._free], load + load_more
+
+    def _once(self, right: np.ndarray, last: float) -> tuple[np.ndarray, float]:
         x = self._lu.solve(right)
-        return unit * x[:free], float(x[-1])
-
-    @functools.cached_property
-    def sign(self) -> float:
-        """Sign of the determinant."""
-        if self._lu is None:
-            return 0.0
-        sign = np.prod(np.sign(self._lu.U.diagonal()))
-        return float(sign * _parity(self._lu.perm_r) * _parity(self._lu.perm_c))
-
-
-def _parity(order: np.ndarray) -> int:
-    """1 for an even permutation, -1 for an odd one."""
-    n = len(order)
-    graph = scipy.sparse.csr_matrix((np.ones(n), order, np.arange(n + 1)), (n, n))
-    cycles, _ = connected_components(graph)
-    return 1 if (n - cycles) % 2 == 0 else -1
+        try:
+            parts = np.linalg.solve(self._small, [last - self._row @ x, -x[self._most]])
+        except np.linalg.LinAlgError:
+            parts = np.full(2, np.nan)
+        return x - parts @ self._forced, float(parts[0])

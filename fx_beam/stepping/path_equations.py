@@ -11,6 +11,7 @@ and this leaves the tangent's component across that surface.
 
 from __future__ import annotations
 
+import functools
 from dataclasses import dataclass
 
 import numpy as np
@@ -19,7 +20,7 @@ from fx_beam.mechanics.interval import Interval
 from fx_beam.model.equations import Balance, Equations
 from fx_beam.results.state import State
 
-from .bordered import BorderedFactors, Bordering
+from .bordered import BorderedLU
 from .forcing import LoadForcing
 from .newton import StepFailed
 
@@ -53,12 +54,17 @@ class PathEquations:
         self._reduction = self.model.reduction
         #: Weights of the degrees of freedom in the inner product.
         self.weight = 1 / (self.model.unit**2 * len(self.model.turns))
-        free, pattern = self._reduction.free, self._reduction.pattern
         #: Whether long loops border the tangent: here they are eliminated, which fills it.
         self._fills = self._reduction.borders() is not None
+
+    @functools.cached_property
+    def _bordered(self) -> BorderedLU:
+        free, pattern = self._reduction.free, self._reduction.pattern
         if self._fills:
             pattern = free * np.arange(free + 1), np.tile(np.arange(free), free)
-        self._bordering = Bordering(pattern, self.model.unit_of_unknowns)
+        dependent = self._reduction.dependent
+        ties = dependent if dependent.size and not self._fills else None
+        return BorderedLU(pattern, self.model.unit_of_unknowns, ties)
 
     def begin(self, start: State) -> None:
         """Set the state at the start of a step. No time passes for internal variables."""
@@ -97,7 +103,7 @@ class PathEquations:
             self.expand(y, load)
         return balance, per_load, column[: reduction.free]
 
-    def factors(self, r: np.ndarray, column: np.ndarray, normal: Tangent) -> BorderedFactors:
+    def factors(self, r: np.ndarray, column: np.ndarray, normal: Tangent) -> BorderedLU:
         """The derivative of the equations, bordered by that of the load and the plane's row."""
         reduction, free = self._reduction, self._reduction.free
         values = np.empty(len(reduction.pattern[1]))
@@ -107,7 +113,8 @@ class PathEquations:
             self._equations.fill_tangent(r, values)
         across = reduction.coupling().T @ (self.weight * normal.D)
         corner = normal.load + across[free : free + reduction.driven] @ self._forcing.goal
-        return self._bordering.factors(values, column, across[:free], corner)
+        self._bordered.factorise(values, column, across[:free], corner)
+        return self._bordered
 
     def tangent(self, y: np.ndarray, load: float, previous: Tangent) -> Tangent:
         """Unit tangent after increments, in the direction of a previous one."""
