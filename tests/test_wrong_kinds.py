@@ -107,7 +107,7 @@ WITH_A_PAIR = {
     "force": lambda p, x: p.scene.add_force(p.end, x),
     "force of a function": lambda p, x: p.scene.add_force(p.end, lambda t: x),
     "factor": lambda p, x: fb.Input("push", factor=x),
-    "places": lambda p, x: fb.Line((0, 0), (0, 1)).gap(x),
+    "positions": lambda p, x: fb.Line((0, 0), (0, 1)).gap(x),
     "frequencies": lambda p, x: fb.rayleigh(x, (0.1, 0.1)),
     "load": lambda p, x: fb.frequency_response(p.scene, (p.end, x), p.end, [1.0]),
     "times": lambda p, x: fb.Record(times=x),

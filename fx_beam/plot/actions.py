@@ -59,7 +59,7 @@ def _words(symbol: str, load: Load, value: float, unit: str, si: bool) -> str:
 
 
 def _force(sheet: Sheet, load: Load, si: bool) -> None:
-    force, tip = _shown(load), _place(load.target)
+    force, tip = _shown(load), _position(load.target)
     size = np.hypot(*force)
     if size > 0:
         tail = tip - _FORCE * sheet.size * force / size
@@ -70,7 +70,7 @@ def _force(sheet: Sheet, load: Load, si: bool) -> None:
 def _moment(sheet: Sheet, load: Load, si: bool) -> None:
     (moment,) = _shown(load)
     if moment:
-        points = _turn(_place(load.target), sheet.size, np.sign(moment))
+        points = _turn(_position(load.target), sheet.size, np.sign(moment))
         sheet.arrow(points, linewidth=1.4, color=_LOAD)
         sheet.label(_words("M", load, moment, "N m", si), points[::4], _LOAD)
 
@@ -79,8 +79,8 @@ def _line_load(sheet: Sheet, load: Load, si: bool) -> None:
     assert isinstance(load.target, Beam)
     beam, factor = load.target, _shown(load)
     arc = np.linspace(0, beam.length, _ARROWS + 1)
-    places = np.array([[node.x, node.y] for node in beam.nodes])
-    tips = np.column_stack([np.interp(arc, beam.s, places[:, i]) for i in (0, 1)])
+    positions = np.array([[node.x, node.y] for node in beam.nodes])
+    tips = np.column_stack([np.interp(arc, beam.s, positions[:, i]) for i in (0, 1)])
     if load.along is None:
         loads = np.tile(factor, (len(arc), 1))
     else:
@@ -101,38 +101,38 @@ def _drags(sheet: Sheet, scene: Scene) -> None:
     targets = {label(drag.target): drag.target for drag in scene.drags}
     for target in targets.values():
         nodes = target.nodes if isinstance(target, Beam) else (target,)
-        sheet.label("drag", [_place(node) for node in nodes[::-1]], _LOAD)
+        sheet.label("drag", [_position(node) for node in nodes[::-1]], _LOAD)
 
 
 def _prescribed(sheet: Sheet, scene: Scene) -> None:
     for number, component in scene.prescribed:
-        place = _place(scene.nodes[number])
+        position = _position(scene.nodes[number])
         if component == 2:
-            _double_turn(sheet, place, r"$\psi$(t)")
+            _double_turn(sheet, position, r"$\psi$(t)")
         else:
-            _double_arrow(sheet, place, np.eye(2)[component], "xy"[component] + "(t)")
+            _double_arrow(sheet, position, np.eye(2)[component], "xy"[component] + "(t)")
 
 
 def _motors(sheet: Sheet, scene: Scene) -> None:
     for joint in scene.joints:
-        place = _place(joint.a if joint.b is GROUND else joint.b)
+        position = _position(joint.a if joint.b is GROUND else joint.b)
         along = joint.direction
         if joint.slide is not None and joint.slide.motor is not None and along is not None:
-            _double_arrow(sheet, place, along, "motor d(t)")
+            _double_arrow(sheet, position, along, "motor d(t)")
         if joint.rotation is not None and joint.rotation.motor is not None:
-            _double_turn(sheet, place, r"motor $\psi$(t)")
+            _double_turn(sheet, position, r"motor $\psi$(t)")
 
 
-def _double_arrow(sheet: Sheet, place, direction, text: str) -> None:
+def _double_arrow(sheet: Sheet, position, direction, text: str) -> None:
     """An arrow with two heads along a direction, beside a point."""
-    beside = place + 0.04 * sheet.size * np.array([-direction[1], direction[0]])
+    beside = position + 0.04 * sheet.size * np.array([-direction[1], direction[0]])
     ends = beside + _MOTION * sheet.size * np.outer((-1, 1), direction)
     sheet.arrow([ends[0], beside, ends[1]], "<-|>", color=_DRIVEN, linewidth=1.4)
     sheet.label(text, [ends[1], beside, ends[0]], _DRIVEN)
 
 
-def _double_turn(sheet: Sheet, place, text: str) -> None:
-    points = _turn(place, sheet.size, 1.0)
+def _double_turn(sheet: Sheet, position, text: str) -> None:
+    points = _turn(position, sheet.size, 1.0)
     sheet.arrow(points, "<-|>", color=_DRIVEN, linewidth=1.4)
     sheet.label(text, points[::4], _DRIVEN)
 
@@ -148,9 +148,9 @@ def _velocities(sheet: Sheet, scene: Scene) -> None:
     tips = []
     for number, value in found.items():
         if np.hypot(*value) > 0.02 * largest:
-            place = _place(scene.nodes[number])
-            tips.append(place + _FORCE * sheet.size * value / largest)
-            sheet.arrow([place, tips[-1]], color=_INITIAL)
+            position = _position(scene.nodes[number])
+            tips.append(position + _FORCE * sheet.size * value / largest)
+            sheet.arrow([position, tips[-1]], color=_INITIAL)
     if tips:
         sheet.label("v(0)", tips, _INITIAL)
 
@@ -164,12 +164,12 @@ def _weight(sheet: Sheet, gravity, si: bool) -> None:
     sheet.label(f"g = {size:.6g}{' m/s$^2$' if si else ''}", [(tail + tip) / 2], "0.4")
 
 
-def _turn(place, size: float, sense: float) -> np.ndarray:
+def _turn(position, size: float, sense: float) -> np.ndarray:
     """Points (33, 2) of three quarters of a circle about a point."""
     angle = np.pi / 4 + sense * np.linspace(0, 1.5 * np.pi, 33)
-    return place + _TURN * size * np.column_stack([np.cos(angle), np.sin(angle)])
+    return position + _TURN * size * np.column_stack([np.cos(angle), np.sin(angle)])
 
 
-def _place(node: Node | Beam) -> np.ndarray:
+def _position(node: Node | Beam) -> np.ndarray:
     assert isinstance(node, Node)
     return np.array([node.x, node.y])

@@ -25,7 +25,7 @@ _TEMPLATE = Path(__file__).with_suffix(".html")
 _ROWS = 200  # that are shown if none are named
 _MANY = 6_000  # straight pieces of all elements, if an element has several
 _SHADES = 64
-_FINEST = 32_767  # places and values are whole numbers up to this one
+_FINEST = 32_767  # positions and values are whole numbers up to this one
 
 
 class Page:
@@ -143,11 +143,11 @@ def _members(drawing: Drawing) -> dict[str, Any]:
         return {"beams": [], "points": "", "nodes": "", "s": "", "quantities": []}
     degree = next(iter(beams.values())).degree
     pieces = 1 if degree == 1 else _pieces(sum(beam.elements for beam in beams.values()))
-    everywhere = drawing.places(np.arange(len(solution.X)), list(drawing.rows))
-    places, nodes, s = [], [], []
+    everywhere = drawing.positions(np.arange(len(solution.X)), list(drawing.rows))
+    positions, nodes, s = [], [], []
     for name, beam in beams.items():
         points = axis(everywhere[:, solution.nodes_of_beam[name]], degree)
-        places.append(points[:, :: (points.shape[1] - 1) // (beam.elements * pieces)])
+        positions.append(points[:, :: (points.shape[1] - 1) // (beam.elements * pieces)])
         of_points = np.full(beam.elements * pieces + 1, -1)
         of_points[::pieces] = solution.nodes_of_beam[name][::degree]
         nodes.append(of_points)
@@ -155,7 +155,7 @@ def _members(drawing: Drawing) -> dict[str, Any]:
     middles = (np.arange(pieces) + 0.5) / pieces
     return {
         "beams": [[name, beam.elements * pieces] for name, beam in beams.items()],
-        "points": _whole(_fractions(drawing, np.concatenate(places, axis=1)), np.uint16),
+        "points": _whole(_fractions(drawing, np.concatenate(positions, axis=1)), np.uint16),
         "nodes": _text(np.concatenate(nodes).astype(np.int32)),
         "s": _text(np.concatenate(s).astype(np.float32)),
         "quantities": [_quantity(drawing, name, middles) for name in _known(solution)],
@@ -177,8 +177,8 @@ def _known(solution: Any) -> list[str]:
     return known + sorted({name for own in solution.internal_of_beam.values() for name in own})
 
 
-def _quantity(drawing: Drawing, name: str, places: np.ndarray) -> dict[str, Any]:
-    values = along_all(drawing.solution, name, drawing.rows, places)
+def _quantity(drawing: Drawing, name: str, fractions: np.ndarray) -> dict[str, Any]:
+    values = along_all(drawing.solution, name, drawing.rows, fractions)
     values = values.reshape(len(drawing.rows), -1)
     largest = float(abs(values).max()) or 1.0
     signed = name not in ("strain energy", "speed")
@@ -200,7 +200,7 @@ def _bodies(drawing: Drawing) -> list[dict[str, Any]]:
             "name": name,
             "nodes": [node.number for node in body.nodes],
             "points": _whole(
-                _fractions(drawing, drawing.places([node.number for node in body.nodes], rows)),
+                _fractions(drawing, drawing.positions([node.number for node in body.nodes], rows)),
                 np.uint16,
             ),
         }
@@ -213,7 +213,8 @@ def _traces(drawing: Drawing, nodes: list[Node]) -> list[str]:
         drawing.solution.position(node)  # refuses what is no node of the solution
     rows = list(drawing.rows)
     return [
-        _whole(_fractions(drawing, drawing.places(node.number, rows)), np.uint16) for node in nodes
+        _whole(_fractions(drawing, drawing.positions(node.number, rows)), np.uint16)
+        for node in nodes
     ]
 
 
@@ -239,10 +240,10 @@ def _series(drawing: Drawing, series: dict[str, np.ndarray] | None) -> list[dict
     return found
 
 
-def _fractions(drawing: Drawing, places: np.ndarray) -> np.ndarray:
+def _fractions(drawing: Drawing, positions: np.ndarray) -> np.ndarray:
     """Places as fractions of the window."""
     low, high = drawing.window
-    return (places - low) / (high - low)
+    return (positions - low) / (high - low)
 
 
 def _whole(values: np.ndarray, kind: Any) -> str:

@@ -169,7 +169,7 @@ def animate(
             move(artist, k)
         if trace is not None:
             solution.position(trace)  # refuses what is no node of the solution
-            past.set_data(*drawing.places(trace.number, slice(steps[0], k + 1)).T)
+            past.set_data(*drawing.positions(trace.number, slice(steps[0], k + 1)).T)
         drawn = draw_symbols(ax, drawing, k) + draw_marks(
             ax, drawing, k, {} if marks is None else marks
         )

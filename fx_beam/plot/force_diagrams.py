@@ -98,8 +98,8 @@ def diagrams(
 def _panel(ax, drawing: Drawing, quantity: str, row: int) -> None:
     """Draw one quantity along all members."""
     solution = drawing.solution
-    places = np.linspace(0, 1, _PIECES + 1)
-    values = {name: along(solution, name, quantity, [row], places)[0] for name in solution.beams}
+    fractions = np.linspace(0, 1, _PIECES + 1)
+    values = {name: along(solution, name, quantity, [row], fractions)[0] for name in solution.beams}
     largest = max(abs(of).max() for of in values.values())
     scale = _TALLEST * drawing.size / (largest or 1.0)
     points = drawing.pieces(row, _PIECES).reshape(-1, _PIECES, 2, 2)
@@ -125,10 +125,10 @@ def _panel(ax, drawing: Drawing, quantity: str, row: int) -> None:
     if len(peaks) > _NAMED:
         peaks = [max(peaks, key=lambda one: one[0]), min(peaks, key=lambda one: one[0])]
     look = {"boxstyle": "round,pad=0.1", "facecolor": "white", "alpha": 0.8, "linewidth": 0}
-    for value, place, out in peaks:
+    for value, position, out in peaks:
         if abs(value) > 1e-9 * largest:
             words = f"{float(f'{value:.3g}'):g}"
-            beside = place + 0.03 * drawing.size * out
+            beside = position + 0.03 * drawing.size * out
             centred = {"ha": "center", "va": "center", "fontsize": "small", "zorder": 6}
             ax.annotate(words, beside, bbox=look, **centred)
     draw_supports(ax, drawing)

@@ -12,15 +12,15 @@ from fx_beam.scene.obstacles import Circle, Line, Obstacle
 from .sheet import Sheet
 from .symbols import Drawing
 
-# Fractions of the picture's size: what is drawn beyond the nearest places, distance and length of
-# the strokes. An obstacle farther away than the size is not drawn.
+# Fractions of the picture's size: what is drawn beyond the nearest positions, distance and length
+# of the strokes. An obstacle farther away than the size is not drawn.
 _BEYOND, _APART, _STROKE = 0.1, 0.03, 0.016
 _LOOK: dict[str, Any] = {"color": "0.35", "zorder": 1}
 
 
-def obstacles_on_sheet(sheet: Sheet, obstacles: Iterable[Obstacle], places: np.ndarray) -> None:
-    """Draw obstacles near the places (n, 2) of the members."""
-    for line, starts, ends in outlines(obstacles, places, sheet.size):
+def obstacles_on_sheet(sheet: Sheet, obstacles: Iterable[Obstacle], positions: np.ndarray) -> None:
+    """Draw obstacles near the positions (n, 2) of the members."""
+    for line, starts, ends in outlines(obstacles, positions, sheet.size):
         sheet.line(line, linewidth=1.4, **_LOOK)
         sheet.strokes(starts, ends, linewidth=0.7, **_LOOK)
 
@@ -35,16 +35,16 @@ def obstacles_on_axes(ax, drawing: Drawing) -> None:
 
 
 def outlines(
-    obstacles: Iterable[Obstacle], places: np.ndarray, size: float
+    obstacles: Iterable[Obstacle], positions: np.ndarray, size: float
 ) -> Iterator[tuple[np.ndarray, ...]]:
     """Points (n, 2) of the line, and starts and ends (m, 2) of the strokes, of each shape."""
     for shape in dict.fromkeys(obstacle.shape for obstacle in obstacles):
-        if abs(shape.gap(places)).min() > size:
+        if abs(shape.gap(positions)).min() > size:
             continue
         if isinstance(shape, Circle):
-            line, away = _arc(shape, places, size)
+            line, away = _arc(shape, positions, size)
         else:
-            line, away = _straight(shape, places, size)
+            line, away = _straight(shape, positions, size)
         s = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(line, axis=0).T))])
         at = np.arange(0.5 * _APART * size, s[-1], _APART * size)
         starts, out = (
@@ -55,20 +55,20 @@ def outlines(
         yield line, starts, starts + _STROKE * size * (out + aside)
 
 
-def _straight(shape: Line, places: np.ndarray, size: float) -> tuple[np.ndarray, np.ndarray]:
+def _straight(shape: Line, positions: np.ndarray, size: float) -> tuple[np.ndarray, np.ndarray]:
     """Ends (2, 2) of the line, and its directions (2, 2) away from the free side."""
     x, y = shape.normal
     along = np.array([-y, x])
-    s = (places - shape.point) @ along
+    s = (positions - shape.point) @ along
     reach = np.array([s.min() - _BEYOND * size, s.max() + _BEYOND * size])
     return shape.point + reach[:, None] * along, np.tile((-x, -y), (2, 1))
 
 
-def _arc(shape: Circle, places: np.ndarray, size: float) -> tuple[np.ndarray, np.ndarray]:
+def _arc(shape: Circle, positions: np.ndarray, size: float) -> tuple[np.ndarray, np.ndarray]:
     """Points (n, 2) of the circle or of its near part, and directions away from the free side."""
     middle, half = 0.0, np.pi
     if shape.radius > 2 * size:
-        arms = places - shape.centre
+        arms = positions - shape.centre
         middle = np.arctan2(*arms.mean(axis=0)[::-1])
         apart = np.angle(np.exp(1j * (np.arctan2(*arms.T[::-1]) - middle)))
         half = min(np.pi, abs(apart).max() + _BEYOND * size / shape.radius)

@@ -40,10 +40,10 @@ class Sheet:
         gaps = np.full_like(starts, np.nan)
         self.line(np.stack([starts, ends, gaps], axis=1).reshape(-1, 2), **look)
 
-    def dots(self, places, marker: str, **look) -> None:
+    def dots(self, positions, marker: str, **look) -> None:
         """A marker at each of some points (n, 2)."""
-        self._dots.append(np.asarray(places, dtype=float))
-        self.ax.plot(*np.transpose(places), marker, **look)
+        self._dots.append(np.asarray(positions, dtype=float))
+        self.ax.plot(*np.transpose(positions), marker, **look)
 
     def arrow(self, points, style: str = "-|>", **look) -> None:
         """An arrow along points (n, 2), with its head at the last of them."""
@@ -71,9 +71,9 @@ class Sheet:
         """A point (2,) to the upper right of everything drawn so far."""
         return np.nanmax(np.concatenate(self._lines), axis=0) + 0.08 * self.size
 
-    def label(self, text: str, places, colour: str = "black", size: float = 9.0) -> None:
+    def label(self, text: str, positions, colour: str = "black", size: float = 9.0) -> None:
         """A text near one of some points (n, 2); its position is chosen at the end."""
-        self._labels.append((text, np.atleast_2d(places), colour, size))
+        self._labels.append((text, np.atleast_2d(positions), colour, size))
 
     def finish(self, scene_unit: str) -> Figure:
         """Frame the drawing, and write the labels."""
@@ -105,11 +105,11 @@ class Sheet:
         back = self.ax.transData.inverted()
         covered = self._covered()
         look = {"ha": "center", "va": "center", "zorder": 8}
-        for text, places, colour, size in self._merged():
+        for text, positions, colour, size in self._merged():
             written = self.ax.text(0, 0, text, color=colour, fontsize=size, **look)
             extent = written.get_window_extent(renderer)
             half = np.array([extent.width, extent.height]) / 2
-            spots, anchors, distances = _candidates(self.ax.transData.transform(places), half)
+            spots, anchors, distances = _candidates(self.ax.transData.transform(positions), half)
             cost = 10 * self._count(covered, spots, half + 2.0) + distances
             best = int(np.argmin(cost + np.arange(len(cost)) * 1e-6))
             spot, anchor = spots[best], anchors[best]
@@ -123,8 +123,8 @@ class Sheet:
     def _merged(self) -> list[tuple[str, np.ndarray, str, float]]:
         """The labels; one that there is very often, as on a loaded edge, is written once."""
         alike: dict[tuple[str, str, float], list[np.ndarray]] = {}
-        for text, places, colour, size in self._labels:
-            alike.setdefault((text, colour, size), []).append(places)
+        for text, positions, colour, size in self._labels:
+            alike.setdefault((text, colour, size), []).append(positions)
         many = {key: parts for key, parts in alike.items() if len(parts) > _OFTEN}
         once = [(text, np.concatenate(parts), *look) for (text, *look), parts in many.items()]
         return [label for label in self._labels if (label[0], *label[2:]) not in many] + once
@@ -168,5 +168,5 @@ def _candidates(anchors: np.ndarray, half: np.ndarray):
     shifts = [(inside + distance)[:, None] * around for distance in _DISTANCES]
     spots = anchors[None, :, None] + np.array(shifts)[:, None]
     distances = np.broadcast_to(np.array(_DISTANCES)[:, None, None], spots.shape[:3])
-    places = np.broadcast_to(anchors[None, :, None], spots.shape)
-    return spots.reshape(-1, 2), places.reshape(-1, 2), distances.ravel()
+    positions = np.broadcast_to(anchors[None, :, None], spots.shape)
+    return spots.reshape(-1, 2), positions.reshape(-1, 2), distances.ravel()

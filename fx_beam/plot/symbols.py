@@ -84,10 +84,10 @@ class Drawing:
     def points(self) -> np.ndarray:
         """Points (n, 2) of all members and bodies in all rows."""
         solution, rows = self.solution, list(self.rows)
-        places, nodes = self.places(np.arange(len(solution.X)), rows), solution.nodes_of_beam
-        members = [axis(places[:, nodes[name]], b.degree) for name, b in solution.beams.items()]
+        positions, nodes = self.positions(np.arange(len(solution.X)), rows), solution.nodes_of_beam
+        members = [axis(positions[:, nodes[name]], b.degree) for name, b in solution.beams.items()]
         numbers = [n.number for body in solution.bodies.values() for n in body.nodes]
-        return np.concatenate([*members, self.places(numbers, rows)], axis=1).reshape(-1, 2)
+        return np.concatenate([*members, self.positions(numbers, rows)], axis=1).reshape(-1, 2)
 
     @cached_property
     def window(self) -> tuple[np.ndarray, np.ndarray]:
@@ -116,17 +116,17 @@ class Drawing:
 
     def axis(self, beam: str, rows) -> np.ndarray:
         """Points (..., points, 2) of a beam's axis in some rows."""
-        places = self.places(self.solution.nodes_of_beam[beam], rows)
-        return axis(places, self.solution.beams[beam].degree)
+        positions = self.positions(self.solution.nodes_of_beam[beam], rows)
+        return axis(positions, self.solution.beams[beam].degree)
 
     def pieces(self, k: int, count: int) -> np.ndarray:
         """Ends (elements * count, 2, 2) of `count` pieces of each element of all beams."""
         nodes = self._nodes_of_elements
         values = lagrange(np.linspace(0, 1, nodes.shape[1]), np.arange(count + 1) / count)
-        points = values @ self.places(nodes, k)
+        points = values @ self.positions(nodes, k)
         return np.stack([points[:, :-1], points[:, 1:]], axis=2).reshape(-1, 2, 2)
 
-    def places(self, nodes, rows) -> np.ndarray:
+    def positions(self, nodes, rows) -> np.ndarray:
         """Positions (..., 2) of nodes, by their numbers, in some rows."""
         nodes = np.asarray(nodes, dtype=int)
         moved = self.solution.q[rows][..., nodes, :2]
@@ -199,7 +199,7 @@ def draw_parts(ax, drawing: Drawing, k: int, colour: Any = "black", small: bool 
     heavy = sorted({node for node, mass, _ in scene.masses if mass})
     look = {"color": colour if small else "#D55E00", "markersize": 7 if small else 9, "zorder": 3}
     if heavy:
-        drawn += ax.plot(*drawing.places(heavy, k).T, "o", **look)
+        drawn += ax.plot(*drawing.positions(heavy, k).T, "o", **look)
     look = _JOINT | {"markeredgecolor": colour, "markersize": 3.5 if small else 5, "zorder": 5}
     # A square for a slide, a ring for a hinge; rigid joints are not marked.
     for marker in "os":
@@ -211,7 +211,7 @@ def draw_parts(ax, drawing: Drawing, k: int, colour: Any = "black", small: bool 
             if not (_is_grounded(joint) and joint.slide is None)
         ]
         if nodes:
-            drawn += ax.plot(*drawing.places(nodes, k).T, marker, **look)
+            drawn += ax.plot(*drawing.positions(nodes, k).T, marker, **look)
     return drawn
 
 
@@ -219,7 +219,7 @@ def draw_bodies(ax, drawing: Drawing, k: int, colour: Any, small: bool) -> list:
     """Draw bodies in row k: arms from centre to points, and the area between; the artists."""
     drawn: list = []
     for body in drawing.solution.bodies.values():
-        centre, *points = drawing.places([node.number for node in body.nodes], k)
+        centre, *points = drawing.positions([node.number for node in body.nodes], k)
         for point in points:
             drawn += ax.plot(*np.array([centre, point]).T, color=colour, linewidth=2.0, zorder=2)
         if len(points) > 1:
@@ -238,10 +238,10 @@ def draw_marks(ax, drawing: Drawing, k: int, marks: dict[str, Node]) -> list:
     require(isinstance(marks, dict), "marks", marks, "a dict of nodes by the names to write")
     for name, node in marks.items():
         drawing.solution.position(node)  # raises an error if it is not a node of the solution
-        place = drawing.places(node.number, k)
-        drawn += ax.plot(*place, ".", color="black", markersize=5, zorder=6)
+        position = drawing.positions(node.number, k)
+        drawn += ax.plot(*position, ".", color="black", markersize=5, zorder=6)
         offset = {"xytext": (5, 5), "textcoords": "offset points"}
-        drawn.append(ax.annotate(name, place, **offset, fontsize="small", zorder=7))
+        drawn.append(ax.annotate(name, position, **offset, fontsize="small", zorder=7))
     return drawn
 
 
@@ -253,7 +253,7 @@ def draw_supports(ax, drawing: Drawing) -> list:
     for joint in filter(_is_grounded, drawing.scene.joints):
         if joint.axis is not None:
             node = joint.a if joint.b is GROUND else joint.b
-            path = drawing.places(node.number, slice(None))
+            path = drawing.positions(node.number, slice(None))
             along = (path - path[0]) @ joint.axis
             drawn += ax.plot(*path[[along.argmin(), along.argmax()]].T, color="0.5", **_GUIDE)
     look = _JOINT | {"markersize": 7, "zorder": 5}
@@ -287,14 +287,14 @@ def _draw_guides(ax, drawing: Drawing, k: int, colour) -> list:
     drawn: list = []
     for joint in drawing.scene.joints:
         if joint.axis is not None and not _is_grounded(joint):
-            ends = _place_on_a(drawing, joint, k), drawing.places(joint.b.number, k)
+            ends = _position_on_a(drawing, joint, k), drawing.positions(joint.b.number, k)
             drawn += ax.plot(*np.array(ends).T, color=colour, **_GUIDE)
     return drawn
 
 
-def _place_on_a(drawing: Drawing, joint: Joint, k: int) -> np.ndarray:
+def _position_on_a(drawing: Drawing, joint: Joint, k: int) -> np.ndarray:
     """Position of a joint on its node a, in row k."""
-    return drawing.places(joint.a.number, k) + drawing.turned(joint.a, k, joint.offset)
+    return drawing.positions(joint.a.number, k) + drawing.turned(joint.a, k, joint.offset)
 
 
 def _draw_arms(ax, drawing: Drawing, k: int, colour) -> list:
@@ -304,7 +304,7 @@ def _draw_arms(ax, drawing: Drawing, k: int, colour) -> list:
     for joint in drawing.scene.joints:
         of_body = joint.is_rigid and joint.a in centres
         if joint.offset.any() and not (of_body or _is_grounded(joint)):
-            ends = drawing.places(joint.a.number, k), _place_on_a(drawing, joint, k)
+            ends = drawing.positions(joint.a.number, k), _position_on_a(drawing, joint, k)
             drawn += ax.plot(*np.array(ends).T, color=colour, linewidth=2.0, zorder=2)
     return drawn
 
@@ -319,8 +319,8 @@ def _draw_springs(ax, drawing: Drawing, k: int, colour) -> list:
         if joint.rotation is not None and joint.rotation.spring is not None:
             angle = np.linspace(0, 5 * np.pi, 60)
             spiral = angle * np.array([np.cos(angle), np.sin(angle)]) / angle[-1]
-            place = _place_of(drawing, joint, k)
-            drawn += ax.plot(*(place[:, None] + _SPRING_WIDTH * drawing.size * spiral), **look)
+            position = _position_of(drawing, joint, k)
+            drawn += ax.plot(*(position[:, None] + _SPRING_WIDTH * drawing.size * spiral), **look)
     return drawn
 
 
@@ -334,8 +334,8 @@ def _draw_dampers(ax, drawing: Drawing, k: int, colour) -> list:
             parts = _dashpot(*_spring_ends(drawing, joint, k), drawing.size, beside)
             drawn += ax.plot(*parts.T, **look)
         if joint.rotation is not None and joint.rotation.damper is not None:
-            place = _place_of(drawing, joint, k)
-            drawn += ax.plot(*(place + _SPRING_WIDTH * drawing.size * _BENT_CUP).T, **look)
+            position = _position_of(drawing, joint, k)
+            drawn += ax.plot(*(position + _SPRING_WIDTH * drawing.size * _BENT_CUP).T, **look)
     return drawn
 
 
@@ -344,32 +344,32 @@ def _draw_friction(ax, drawing: Drawing, k: int, colour) -> list:
     drawn: list = []
     look = {"color": colour, "linewidth": 2.5, "zorder": 2, "solid_capstyle": "butt"}
     for joint in drawing.scene.joints:
-        place, width = _place_of(drawing, joint, k), _SPRING_WIDTH * drawing.size
+        position, width = _position_of(drawing, joint, k), _SPRING_WIDTH * drawing.size
         if joint.slide is not None and joint.slide.friction is not None:
             along = slide_direction(drawing, joint, k)
             shoes = _SHOES[:, :1] * along + _SHOES[:, 1:] * (-along[1], along[0])
-            on_b = place if joint.b is GROUND else drawing.places(joint.b.number, k)
+            on_b = position if joint.b is GROUND else drawing.positions(joint.b.number, k)
             drawn += ax.plot(*(on_b + width * shoes).T, **look)
         if joint.rotation is not None and joint.rotation.friction is not None:
-            drawn += ax.plot(*(place + width * _BENT_SHOES).T, **look)
+            drawn += ax.plot(*(position + width * _BENT_SHOES).T, **look)
     return drawn
 
 
-def _place_of(drawing: Drawing, joint: Joint, k: int) -> np.ndarray:
+def _position_of(drawing: Drawing, joint: Joint, k: int) -> np.ndarray:
     """Position of a joint's node, in row k."""
-    return drawing.places((joint.a if joint.b is GROUND else joint.b).number, k)
+    return drawing.positions((joint.a if joint.b is GROUND else joint.b).number, k)
 
 
 def _spring_ends(drawing: Drawing, joint: Joint, k: int) -> tuple[np.ndarray, np.ndarray]:
     """Ends of the spring on a slide: its node, and its point on node a or on the ground."""
     if joint.axis is None:  # on a beam: a short one, from the side of its start
-        place = drawing.places(joint.b.number, k)
-        return place - _SPRING_END * drawing.size * slide_direction(drawing, joint, k), place
+        position = drawing.positions(joint.b.number, k)
+        return position - _SPRING_END * drawing.size * slide_direction(drawing, joint, k), position
     if not _is_grounded(joint):
-        return _place_on_a(drawing, joint, k), drawing.places(joint.b.number, k)
+        return _position_on_a(drawing, joint, k), drawing.positions(joint.b.number, k)
     node = joint.a if joint.b is GROUND else joint.b
     far = -_SPRING_END * drawing.size * joint.axis
-    return drawing.solution.X[node.number] + far, drawing.places(node.number, k)
+    return drawing.solution.X[node.number] + far, drawing.positions(node.number, k)
 
 
 def _zigzag(a: np.ndarray, b: np.ndarray, size: float) -> np.ndarray:
@@ -398,7 +398,7 @@ def _draw_forces(ax, drawing: Drawing, k: int, colour) -> list:
     for load, node in drawing.forces:
         force = drawing.force(load, node, k)
         if np.hypot(*force) > 0.02 * drawing.largest_force:
-            tip = drawing.places(node.number, k)
+            tip = drawing.positions(node.number, k)
             tail = tip - _LONGEST_FORCE * drawing.size * force / drawing.largest_force
             look = {"arrowprops": _ARROW | {"color": colour}, "annotation_clip": False}
             drawn.append(ax.annotate("", tip, tail, **look, zorder=4))

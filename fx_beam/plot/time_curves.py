@@ -122,8 +122,8 @@ def _marked(number: int) -> dict:
     if not number:
         return {}
     marker = _MARKERS[1 + (number - 1) % (len(_MARKERS) - 1)]
-    places = (0.03 * number, 0.12)
-    return {"marker": marker, "markevery": places, "fillstyle": "none", "markersize": 5}
+    markers = (0.03 * number, 0.12)
+    return {"marker": marker, "markevery": markers, "fillstyle": "none", "markersize": 5}
 
 
 def quantities(axes, t: np.ndarray, values: dict[str, np.ndarray]) -> None:

@@ -143,10 +143,10 @@ class Beam:
         away = abs(fractions - as_float(fraction))
         nearest = int(np.argmin(away))
         if not away[nearest] < 1e-9:
-            places = np.array2string(fractions, precision=4, threshold=12, separator=", ")
+            ends = np.array2string(fractions, precision=4, threshold=12, separator=", ")
             raise SceneError(
                 f"beam {self.name!r} has no node at the fraction {shown(fraction)} of its length; "
-                f"its elements end at {places}. Use one of these, or change the number of elements"
+                f"its elements end at {ends}. Use one of these, or change the number of elements"
             )
         return self.nodes[nearest]
 
@@ -162,7 +162,7 @@ class Layout(NamedTuple):
     inner: np.ndarray | None = None
 
 
-def place(point):
+def position_of(point):
     """Position (x, y) of a node; a point is returned as it is."""
     return (point.x, point.y) if isinstance(point, Node) else point
 
@@ -207,7 +207,7 @@ def _strut(points: Any, elements: Any) -> Layout | None:
         return None
     if not all(isinstance(p, Node) or (type(p) is tuple and len(p) == 2) for p in points):
         return None
-    (x0, y0), (x1, y1) = map(place, points)
+    (x0, y0), (x1, y1) = map(position_of, points)
     if not all(type(x) is float or type(x) is int for x in (x0, y0, x1, y1)):
         return None
     if not (largest := max(map(abs, (x0, y0, x1, y1)))) <= LARGEST:
@@ -232,7 +232,7 @@ def polyline(points: Sequence, elements: int | Sequence[int], name: str) -> Layo
         raise SceneError(
             f"beam {name!r}: points must be pairs (x, y) or nodes, not {shown(points)}"
         ) from None
-    corners = numbers([place(point) for point in points])
+    corners = numbers([position_of(point) for point in points])
     fits = corners.ndim == 2 and corners.shape[1] == 2
     if not fits or not (abs(corners) <= LARGEST).all():
         raise SceneError(
@@ -254,7 +254,7 @@ def polyline(points: Sequence, elements: int | Sequence[int], name: str) -> Layo
     ends = [points[0]]
     for a, b, count, corner in zip(corners[:-1], corners[1:], counts, points[1:], strict=True):
         ends += [*np.linspace(a, b, count + 1)[1:-1], corner]
-    steps = np.diff([place(end) for end in ends], axis=0)
+    steps = np.diff([position_of(end) for end in ends], axis=0)
     return Layout(ends, np.concatenate(([0.0], np.cumsum(np.hypot(*steps.T)))))
 
 

@@ -74,8 +74,8 @@ def velocities_of(body: Body, velocity, spin) -> list[loads.Velocity]:
     """Initial velocities of the nodes of a body, from that of its centre and its spin."""
     centre = body.centre
     given = loads.initial_velocity(centre, velocity, spin)
-    place = [(centre.x, centre.y)]
-    (vx, vy), w = given.value.each(place)[0], float(given.spin.each(place)[0, 0])
+    position = [(centre.x, centre.y)]
+    (vx, vy), w = given.value.each(position)[0], float(given.spin.each(position)[0, 0])
     return [
         loads.initial_velocity(
             node, (vx - w * (node.y - centre.y), vy + w * (node.x - centre.x)), w

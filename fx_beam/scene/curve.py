@@ -31,7 +31,7 @@ from numpy.polynomial.chebyshev import (
 from fx_beam.errors import SceneError
 from fx_beam.validation import checked_function, is_whole, numbers, require, shown, vector
 
-from .beam import MOST_ELEMENTS, Layout, Node, lagrange, place, polyline
+from .beam import MOST_ELEMENTS, Layout, Node, lagrange, polyline, position_of
 
 # Degrees of the interpolating polynomials of a piece of a curve, and of its speed.
 _CURVE_DEGREE, _SPEED_DEGREE = 14, 20
@@ -141,7 +141,7 @@ def arc(start, through, end) -> Curve:
         raise SceneError(
             "arc: only its ends can be nodes of other beams. Make two arcs that meet at this node"
         )
-    a, b, c = (vector(place(point), 2, "arc") for point in (start, through, end))
+    a, b, c = (vector(position_of(point), 2, "arc") for point in (start, through, end))
     to_b, to_c, across = b - a, c - a, c - b
     area = to_b[0] * to_c[1] - to_b[1] * to_c[0]
     longest = max(to_b @ to_b, to_c @ to_c, across @ across)
@@ -204,7 +204,9 @@ def spline(points: Sequence) -> Curve:
         )
     if len(points) < 2:
         raise SceneError(f"spline: give at least two points, not {len(points)}")
-    xy = np.array([vector(place(point), 2, f"spline, point {i}") for i, point in enumerate(points)])
+    xy = np.array(
+        [vector(position_of(point), 2, f"spline, point {i}") for i, point in enumerate(points)]
+    )
     chords = np.hypot(*np.diff(xy, axis=0).T)
     for i in np.flatnonzero(chords <= 1e-12 * abs(xy).max()):
         raise SceneError(f"spline: points {i} and {i + 1} coincide at {xy[i]}. Remove one")
@@ -248,8 +250,8 @@ def along_curve(curve: Curve, elements: Any, degree: int, name: str) -> Layout:
 
     length, fraction_at = _measure(position, curve.breaks, name)
     met = _LOBATTO[degree]
-    places = (np.arange(elements)[:, None] + met[:-1]).ravel() / elements
-    points = np.array([position(fraction_at(length * x)) for x in (*places, 1.0)])
+    fractions = (np.arange(elements)[:, None] + met[:-1]).ravel() / elements
+    points = np.array([position(fraction_at(length * x)) for x in (*fractions, 1.0)])
     s = length * np.linspace(0, 1, elements + 1)
     _check_followed(points[::degree], s, name)
     ends: list = list(points[::degree])

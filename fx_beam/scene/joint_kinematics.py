@@ -104,8 +104,8 @@ class SlidingKinematics(JointKinematics):
     def parting(self, at: NodalMotion, slide: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """From b to its place on the beam: components x and y (n,) [m]."""
         joint, (x, y, _) = self.joint, at.of_node("q", self.joint.b)
-        place = joint.path.over(self._places(at), slide).T
-        return place[0] - joint.b.x - x, place[1] - joint.b.y - y
+        position = joint.path.over(self._positions(at), slide).T
+        return position[0] - joint.b.x - x, position[1] - joint.b.y - y
 
     def angle(self, at: NodalMotion, slide: np.ndarray) -> np.ndarray:
         """Rotation (n,) of the node relative to the beam where it is, since the start [rad]."""
@@ -133,9 +133,9 @@ class SlidingKinematics(JointKinematics):
         """Arc length (n,) nearest to the node [m], from one near by."""
         x, y, _ = at.of_node("q", self.joint.b)
         node = np.column_stack([self.joint.b.x + x, self.joint.b.y + y])
-        return self.joint.path.nearest_over(self._places(at), node, near)
+        return self.joint.path.nearest_over(self._positions(at), node, near)
 
-    def _places(self, at: NodalMotion) -> np.ndarray:
+    def _positions(self, at: NodalMotion) -> np.ndarray:
         return at.of_beam("q", self.joint.beam)[..., :2] + self.joint.path.X
 
     def _seen(self, at: NodalMotion, slide: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -143,7 +143,7 @@ class SlidingKinematics(JointKinematics):
         path = self.joint.path
         of_beam = path.over(at.of_beam("v", self.joint.beam)[..., :2], slide)
         apart = np.column_stack([*at.of_node("v", self.joint.b)[:2]]) - of_beam
-        return apart, path.over(self._places(at), slide, 1)
+        return apart, path.over(self._positions(at), slide, 1)
 
 
 def axial_rate(joint, slide, psi, spin, x, y):

@@ -189,15 +189,15 @@ class Joint:
             )
         for name, coordinate, unit in (("slide", self.slide, size), ("rotation", self.rotation, 1)):
             if coordinate is not None and coordinate.motor is not None:
-                place = coordinate.motor(0.0)[0]
-                if not abs(place) <= 1e-9 * unit:
+                value = coordinate.motor(0.0)[0]
+                if not abs(value) <= 1e-9 * unit:
                     raise SceneError(
-                        f"{self}: the motor of its {name} is {place:g} at t = 0; it must start "
+                        f"{self}: the motor of its {name} is {value:g} at t = 0; it must start "
                         "from 0. Subtract the start value"
                     )
             if coordinate is not None and coordinate.stop is not None:
-                place = slide if name == "slide" else 0.0
-                coordinate.stop.check_start(place, 1e-9 * unit, f"{self}: its {name}")
+                start = slide if name == "slide" else 0.0
+                coordinate.stop.check_start(start, 1e-9 * unit, f"{self}: its {name}")
 
 
 def check_new(joint: Joint, known: dict[tuple, Joint], joints: list[Joint]) -> None:

@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from fx_beam.deprecation import formerly
 from fx_beam.errors import SceneError
 from fx_beam.validation import as_float, is_flag, is_number, numbers, require, shown, vector
 
@@ -54,15 +55,16 @@ class Line:
             normal = normal / length
         object.__setattr__(self, "normal", tuple(normal.tolist()))
         require(not isinstance(self.point, Node), "Line: point", self.point, _FIXED)
-        place = vector(self.point, 2, "Line: point")
-        object.__setattr__(self, "point", tuple(place.tolist()))
+        point = vector(self.point, 2, "Line: point")
+        object.__setattr__(self, "point", tuple(point.tolist()))
 
-    def gap(self, places) -> np.ndarray:
-        """Distance of places from the wall.
+    @formerly(places="positions")
+    def gap(self, positions) -> np.ndarray:
+        """Distance of positions from the wall.
 
         Parameters
         ----------
-        places : (..., 2) float
+        positions : (..., 2) float
             Positions [m].
 
         Returns
@@ -70,7 +72,7 @@ class Line:
         (...) float
             Distance [m]; negative behind the wall.
         """
-        return (_positions("Line", places) - self.point) @ np.array(self.normal)
+        return (_checked("Line", positions) - self.point) @ np.array(self.normal)
 
 
 @dataclass(frozen=True)
@@ -111,12 +113,13 @@ class Circle:
         centre = vector(self.centre, 2, "Circle: centre")
         object.__setattr__(self, "centre", tuple(centre.tolist()))
 
-    def gap(self, places) -> np.ndarray:
-        """Distance of places from the circle.
+    @formerly(places="positions")
+    def gap(self, positions) -> np.ndarray:
+        """Distance of positions from the circle.
 
         Parameters
         ----------
-        places : (..., 2) float
+        positions : (..., 2) float
             Positions [m].
 
         Returns
@@ -124,16 +127,16 @@ class Circle:
         (...) float
             Distance [m]; negative on the side that is not allowed.
         """
-        x, y = np.moveaxis(_positions("Circle", places) - self.centre, -1, 0)
+        x, y = np.moveaxis(_checked("Circle", positions) - self.centre, -1, 0)
         distance = np.hypot(x, y) - self.radius
         return -distance if self.inside else distance
 
 
-def _positions(what: str, places) -> np.ndarray:
+def _checked(what: str, positions) -> np.ndarray:
     """Positions (..., 2) as an array."""
-    found = numbers(places)
+    found = numbers(positions)
     fits = found.ndim > 0 and found.shape[-1] == 2
-    require(fits, f"{what}.gap: places", places, "positions (x, y)")
+    require(fits, f"{what}.gap: positions", positions, "positions (x, y)")
     return found
 
 
@@ -207,13 +210,13 @@ def checked_obstacle(
     impact = checked_impact(what, stiffness, restitution, speed)
     made = Obstacle(target, shape, *impact, number, energy)
     nodes = target.nodes if isinstance(target, Beam) else (target,)
-    places = np.array([(node.x, node.y) for node in nodes])
+    positions = np.array([(node.x, node.y) for node in nodes])
     if isinstance(target, Beam):
-        places = np.concatenate([places, inner_positions(target)])
-    gaps = shape.gap(places)
+        positions = np.concatenate([positions, inner_positions(target)])
+    gaps = shape.gap(positions)
     deepest = int(np.argmin(gaps))
-    if gaps[deepest] < -1e-9 * max(size, float(np.ptp(places, axis=0).max())):
-        x, y = places[deepest]
+    if gaps[deepest] < -1e-9 * max(size, float(np.ptp(positions, axis=0).max())):
+        x, y = positions[deepest]
         raise SceneError(
             f"{made}: the node at ({x:.6g}, {y:.6g}) starts {-gaps[deepest]:.4g} behind it. Move "
             "it, or give the other side: the opposite normal of a Line, or inside of a Circle"

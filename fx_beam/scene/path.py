@@ -71,8 +71,8 @@ class Path:
     def _set_polynomials(self) -> None:
         p, h, n = self.degree, self.h, len(self.h)
         shapes = np.zeros((p + 1, 4))  # coefficients of 1, x, x^2, x^3
-        places = np.arange(p + 1) / p
-        shapes[:, : p + 1] = np.linalg.inv(places[:, None] ** np.arange(p + 1)).T
+        fractions = np.arange(p + 1) / p
+        shapes[:, : p + 1] = np.linalg.inv(fractions[:, None] ** np.arange(p + 1)).T
         begin, end = shapes[:, 1], shapes @ np.arange(4)
         corner = self._corners()
         #: Coefficients (elements, 3 p + 1, 4) for the nodes of an element and of both neighbours.
@@ -166,10 +166,10 @@ class Path:
         found = np.take_along_axis(values, nodes.reshape(*nodes.shape, *[1] * (values.ndim - 2)), 1)
         return np.einsum("na,na...->n...", weights, found)
 
-    def nearest_over(self, places: np.ndarray, points: np.ndarray, s: np.ndarray) -> np.ndarray:
+    def nearest_over(self, positions: np.ndarray, points: np.ndarray, s: np.ndarray) -> np.ndarray:
         """Arc lengths (n,) nearest to points (n, 2), from ones near by, for nodes (n, nodes, 2)."""
         for _ in range(3):  # the method of Gauss and Newton
-            apart, along = points - self.over(places, s), self.over(places, s, 1)
+            apart, along = points - self.over(positions, s), self.over(positions, s, 1)
             s = s + np.sum(apart * along, axis=1) / np.sum(along**2, axis=1)
         return s
 
@@ -269,8 +269,11 @@ class Path:
     def _polish(c: np.ndarray, x: float) -> float:
         """One step of Gauss and Newton towards the point of least distance, within [0, 1]."""
         for _ in range(2):
-            place, along = c.T @ x ** np.arange(4), c[1:].T @ (np.arange(1, 4) * x ** np.arange(3))
-            x = float(np.clip(x - place @ along / (along @ along), 0, 1))
+            position, along = (
+                c.T @ x ** np.arange(4),
+                c[1:].T @ (np.arange(1, 4) * x ** np.arange(3)),
+            )
+            x = float(np.clip(x - position @ along / (along @ along), 0, 1))
         return x
 
 

@@ -150,9 +150,9 @@ class Section:
             For a stiffness that is not positive and finite, or a negative or non-finite inertia.
         """
         _check_name(name, "values")
-        places = numbers(fractions)
-        require(places.size > 0, "Section.values: fractions", fractions, "an array of numbers")
-        fractions = places
+        values = numbers(fractions)
+        require(values.size > 0, "Section.values: fractions", fractions, "an array of numbers")
+        fractions = values
         if name == "retardation":
             return np.stack([_values(name, x, fractions) for x in self._times], axis=-1)
         datum = getattr(self, name)

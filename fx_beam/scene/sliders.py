@@ -75,11 +75,11 @@ class SlidingJoint(Joint):
 
     @functools.cached_property
     def _start(self) -> tuple[float, float]:
-        place = np.array([self.b.x, self.b.y])
+        position = np.array([self.b.x, self.b.y])
         if self.fraction is None:
-            return self.path.nearest(place)
+            return self.path.nearest(position)
         s = self.fraction * self.path.length
-        return s, float(np.hypot(*(self.path.position(s) - place)))
+        return s, float(np.hypot(*(self.path.position(s) - position)))
 
     @property
     def arm(self) -> np.ndarray:
@@ -128,9 +128,9 @@ class SlidingJoint(Joint):
         if self.slide is not None and self.slide.stop is not None:
             self.slide.stop.check_start(self.start()[0], 1e-9 * size, f"{self}: its slide")
         motor = self.slide.motor if self.slide else None
-        if motor is not None and not abs(place := motor(0.0)[0]) <= 1e-9 * size:
+        if motor is not None and not abs(value := motor(0.0)[0]) <= 1e-9 * size:
             raise SceneError(
-                f"{self}: the motor of its slide is {place:g} at t = 0; it must start from 0. "
+                f"{self}: the motor of its slide is {value:g} at t = 0; it must start from 0. "
                 "Subtract the start value"
             )
 
@@ -138,9 +138,9 @@ class SlidingJoint(Joint):
 def corner_advice(joints: Iterable[Joint], slides: np.ndarray) -> str:
     """What to do about a node that slides through a corner of a beam; empty if none does."""
     for joint in sliding_joints(joints):
-        if (place := joint.path.corner_near(slides[joint.number])) is not None:
+        if (corner := joint.path.corner_near(slides[joint.number])) is not None:
             return (
-                f"{joint} is at a corner of its beam, at ({place[0]:g}, {place[1]:g}) in the "
+                f"{joint} is at a corner of its beam, at ({corner[0]:g}, {corner[1]:g}) in the "
                 "reference configuration: the direction of the beam jumps there, and the forces on "
                 "the node have no balance. Round the corner by an fx_beam.spline or arc"
             )
