@@ -30,9 +30,12 @@ def serve():
     from demo_scenes import scene
 
     import fx_beam as fb
-    from fx_beam.stepping import stepper
+    from fx_beam.compiled.loop import CompiledLoop
+    from fx_beam.stepping.stepper import Stepper
 
-    march, seconds = stepper.Stepper.march, []
+    # Which of them takes the steps depends on the version.
+    taker = CompiledLoop if hasattr(CompiledLoop, "march") else Stepper
+    march, seconds = taker.march, []
 
     def timed(*arguments):
         started = thread_time()
@@ -40,7 +43,7 @@ def serve():
         seconds.append(thread_time() - started)
         return state
 
-    stepper.Stepper.march = timed
+    taker.march = timed
     for line in sys.stdin:
         name, arguments, dt, steps, recorded = CASES[int(line)]
         seconds.clear()

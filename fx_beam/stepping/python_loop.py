@@ -164,8 +164,8 @@ class PythonLoop:
         t0, t1 = np.array(step[:2])[:, None]
         grid = zip(*divided(t0, t1, fractions), strict=True)
         try:
-            for self.single.equations.sub_step, ends in enumerate(grid):
-                new, solve = self.single.take(states[-1], Interval(*map(float, ends)))
+            for number, ends in enumerate(grid):
+                new, solve = self.single.take(states[-1], Interval(*map(float, ends)), number)
                 states.append(new)
                 solves.append(solve)
         except BaseException:

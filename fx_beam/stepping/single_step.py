@@ -28,8 +28,14 @@ class SingleStep:
         self.newton = Newton(self.equations, options)
         self.joint_forces = JointForces(model) if model.scene.joints else None
 
-    def take(self, state: State, interval: Interval) -> tuple[State, StepSolution]:
-        """State at the end of a step, and its increment; StepFailed if it does not converge."""
+    def take(
+        self, state: State, interval: Interval, sub_step: int = 0
+    ) -> tuple[State, StepSolution]:
+        """State at the end of a step or of a sub-step of it, and its increment.
+
+        StepFailed if it does not converge.
+        """
+        self.equations.sub_step = sub_step
         level = self.model.scheme.rates.level
         forces, positions = self.forcing.forces(interval), self.forcing.positions(interval.end)
         force = (1 - level) * forces[0] + level * forces[1]
