@@ -170,7 +170,7 @@ HOUSE = {
         "element_data",
         "form_tables",
         "border_tables",
-        "tangent_places",
+        "tangent_storage",
         "handover",
         "loop",
         "single_steps",

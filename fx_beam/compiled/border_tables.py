@@ -106,7 +106,7 @@ class BorderTables:
             "part_column": column,
             "part_value": value,
             "part_sign": sign,
-            "turn_place": np.where(turns < 0, -1, self._at[turns]),
+            "turn_stored_at": np.where(turns < 0, -1, self._at[turns]),
             "longest": int((start[firsts + width] - start[firsts]).max()),
         }
 

@@ -72,13 +72,13 @@ class NodeRows(NamedTuple):
 
 
 @cached_by_content
-def rows_of_nodes(places: np.ndarray, behind: int, lanes: int) -> NodeRows:
+def rows_of_nodes(stored_at: np.ndarray, behind: int, lanes: int) -> NodeRows:
     """Rows of the entries (cells, n * n) of element tangents; those of single ones go behind."""
-    cells, n = len(places), math.isqrt(places.shape[1])
+    cells, n = len(stored_at), math.isqrt(stored_at.shape[1])
     nodes = n // 3
     number = np.arange(n)
     columns = np.column_stack([number[: 2 * nodes].reshape(nodes, 2), number[2 * nodes :]])
-    to = places.reshape(cells, n, n)[:, :, columns]  # (cells, n, nodes, 3)
+    to = stored_at.reshape(cells, n, n)[:, :, columns]  # (cells, n, nodes, 3)
     together = (np.diff(to, axis=-1) == 1).all(axis=-1)
     # Rows behind the end lie apart: the processor waits where stored rows overlap.
     lane = np.arange(cells + -cells % lanes) % lanes

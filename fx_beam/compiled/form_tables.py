@@ -39,11 +39,11 @@ class FormTables:
         forms: Forms,
         dofs: np.ndarray,
         coordinates: np.ndarray,
-        places: np.ndarray,
+        stored_at: np.ndarray,
         problem: Any,
         lanes: int,
     ):
-        self._forms, self._places, self._problem, self._lanes = forms, places, problem, lanes
+        self._forms, self._stored_at, self._problem, self._lanes = forms, stored_at, problem, lanes
         #: Rows of each cell by their names in C; the first index for lanes without a cell.
         self._rows: dict[str, tuple[np.ndarray, int | None]] = {
             "dofs": (dofs, None),
@@ -102,15 +102,19 @@ class FormTables:
 
     def _data_of(self, cells: np.ndarray) -> dict[str, np.ndarray]:
         """Data of some cells, by their names in C."""
-        key, places, behind = cells.tobytes(), self._places[cells], self._problem.places
+        key, stored_at, behind = (
+            cells.tobytes(),
+            self._stored_at[cells],
+            self._problem.stored_values,
+        )
         if key in self._shared:
             return self._shared[key]
         found = {name: self._blocks(rows[cells], at) for name, (rows, at) in self._rows.items()}
         if self._problem.chain:
-            rows = rows_of_nodes(places, behind, self._lanes)
+            rows = rows_of_nodes(stored_at, behind, self._lanes)
             found |= rows._asdict() | {"run": self._blocks(rows.run, behind)}
         else:
-            found["place"] = self._blocks(places, behind)
+            found["stored_at"] = self._blocks(stored_at, behind)
         self._shared[key] = found
         return found
 

@@ -38,7 +38,7 @@ from .border_tables import BorderTables, ones_of, storage_of
 from .build import LoopUnavailable, load_library
 from .element_data import aligned, element_data
 from .form_tables import FormTables
-from .tangent_places import alone_in_column, places_of_entries
+from .tangent_storage import alone_in_column, storage_of_entries
 
 
 class Problem:
@@ -52,11 +52,11 @@ class Problem:
         self.ffi, self.library = load_library()
         self._structs = Structs(self.ffi, declarations("problem.h"))
         self.c = self.ffi.new("Problem *")
-        place = self._hand_over_couplings(model.reduction.tables())
-        self._hand_over_mesh(place)
+        stored_at = self._hand_over_couplings(model.reduction.tables())
+        self._hand_over_mesh(stored_at)
         self._set(has_added=model.forms.has_added, keeps_before=model.keeps_before)
-        self._hand_over_rates(place)
-        self._hand_over_points(place)
+        self._hand_over_rates(stored_at)
+        self._hand_over_points(stored_at)
         self._hand_over_motors()
         if joint_forces is not None:
             self._hand_over_joint_forces(joint_forces)
@@ -67,7 +67,7 @@ class Problem:
     def _set(self, **values: Any) -> None:
         self._structs.set(self.c, **values)
 
-    def _hand_over_mesh(self, place: np.ndarray) -> None:
+    def _hand_over_mesh(self, stored_at: np.ndarray) -> None:
         model, p = self.model, self.c
         mesh, K, mass = model.mesh, model.forms.stiffness, model.mass
         dofs, coordinates, entries = element_data(mesh, K)
@@ -92,14 +92,14 @@ class Problem:
             massless=massless,
             row_start=K.indptr,
             column_of=K.indices,
-            place=place,
+            stored_at=stored_at,
             mass_start=np.concatenate([[0], np.cumsum(heavy)])[mass.indptr],
             mass_column=mass.indices[heavy],
-            mass_place=place[heavy],
+            mass_stored_at=stored_at[heavy],
             mass=mass.data[heavy],
             turning_masses=np.count_nonzero(turning),
             turning_column=mass.indices[turning],
-            turning_place=place[turning],
+            turning_stored_at=stored_at[turning],
             turning_mass=mass.data[turning],
             node_dofs=mesh.dofs,
             position=mesh.X,
@@ -113,12 +113,14 @@ class Problem:
         if p.cell_internal:
             width = model.forms.internal_shape[-1]
             self._set(per_weight=np.repeat(1 / model.forms.point_weights, width))
-        tables = FormTables(model.forms, dofs, coordinates, place[entries], p, self.library.LANES)
+        tables = FormTables(
+            model.forms, dofs, coordinates, stored_at[entries], p, self.library.LANES
+        )
         self._set(**tables.all())
         if model.weight is not None:
             self._set(weight=model.weight)
 
-    def _hand_over_points(self, place: np.ndarray) -> None:
+    def _hand_over_points(self, stored_at: np.ndarray) -> None:
         model, points = self.model, self.model.points
         follow = model.forms.followers
         self._set(spring_width=points.width, may_overshoot=model.may_overshoot)
@@ -126,11 +128,11 @@ class Problem:
         if not len(points):
             self._set(points=[{}])
             return
-        places = np.where(points.places >= 0, place[points.places], -1)
+        point_stored_at = np.where(points.places >= 0, stored_at[points.places], -1)
         # Each force on a slide has one entry, the last ones.
         to, of = self._on_slides
-        places[len(places) - len(points.slides) + of] = to
-        self._set(points=points.address, point_places=places)
+        point_stored_at[len(point_stored_at) - len(points.slides) + of] = to
+        self._set(points=points.address, point_stored_at=point_stored_at)
         if rows := self._slide_rates():
             rates = np.zeros(len(model.scene.joints))
             self._set(rated=len(rows), rated_slide=rows, slide_rate=rates)
@@ -155,7 +157,7 @@ class Problem:
             for joint in (model.scene.joints[i] for i in np.unique(model.points.slides))
         ]
 
-    def _hand_over_rates(self, place: np.ndarray) -> None:
+    def _hand_over_rates(self, stored_at: np.ndarray) -> None:
         rates, fractions = self.model.scheme.rates, self.model.scheme.fractions
         self._set(level=rates.level)
         if type(rates) is NewmarkRates:
@@ -167,7 +169,7 @@ class Problem:
                 rules=len(addresses),
                 nodal_rule=addresses,
                 column_at_node=rules.columns,
-                rule_places=place[rules.places],
+                rule_stored_at=stored_at[rules.places],
             )
         elif type(rates) is not MidPointRates:
             raise LoopUnavailable(f"custom rates {type(rates).__name__}")
@@ -223,7 +225,9 @@ class Problem:
         padding = [*factors.padding, *ones_of(reduction, at)]
         at, stored = storage_of(reduction, at, stored)
         padding += [*self._hand_over_ties(t.ties, at)]
-        place, p.places = places_of_entries(t, self.model.forms.stiffness, alone, at, stored)
+        stored_at, p.stored_values = storage_of_entries(
+            t, self.model.forms.stiffness, alone, at, stored
+        )
         if isinstance(reduction, JointReduction):
             first = self.library.ON_BORDER
             borders = BorderTables(reduction, factors, at, self.model.massless, first)
@@ -240,18 +244,18 @@ class Problem:
             reacts=np.flatnonzero(~alone),
             rows=factors.rows(),
         )
-        added = place[t.direct["source"]] >= stored
+        added = stored_at[t.direct["source"]] >= stored
         parts = t._replace(direct={key: values[added] for key, values in t.direct.items()})
         for name in ("direct", "coupled", "geometric"):
             table = dict(getattr(parts, name))
             to = table.pop("to")
             self._set(**{name: len(to), f"{name}_to": at[to]})
             if "source" in table:
-                self._set(**{f"{name}_from": place[table.pop("source")]})
+                self._set(**{f"{name}_from": stored_at[table.pop("source")]})
             self._set(**{f"{name}_{key}": values for key, values in table.items()})
         #: Storage indices of the forces on slides, and which these are.
         self._on_slides = at[t.restoring["to"]], t.restoring["of"]
-        return place
+        return stored_at
 
     def _hand_over_ties(self, ties: TieTables | None, at: np.ndarray) -> np.ndarray:
         """Hand over the ties; returns the storage indices of their diagonals, which are 1.

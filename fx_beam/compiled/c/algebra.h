@@ -68,7 +68,7 @@ static void times_mass(const Problem *p, const double *x, double *out) {
 static double row_times(const Problem *p, const double *tangent, int row, const double *x) {
   double sum = 0;
   for (int k = p->row_start[row]; k < p->row_start[row + 1]; ++k)
-    sum += tangent[p->place[k]] * x[p->column_of[k]];
+    sum += tangent[p->stored_at[k]] * x[p->column_of[k]];
   return sum;
 }
 

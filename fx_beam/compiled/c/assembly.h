@@ -103,7 +103,7 @@ static void assemble_forces(const Problem *p, const Form *form, const double *co
       if (of->run)
         add_to_chain(n, of, block, A + n * LANES, K);
       else
-        add(n * n, of->place + block * n * n * LANES, A + n * LANES, K);
+        add(n * n, of->stored_at + block * n * n * LANES, A + n * LANES, K);
     }
   }
 }

@@ -44,7 +44,7 @@ static void border_slider(const Problem *p, const Work *w, Slider *a) {
   slide_on(p, a, w->D, &h);
   for (int l = 0; l < m * n; ++l) {
     int dof = 3 * (a->first + l % n) + l / n;
-    if (h.turn[l] != 0) w->tangent[a->turn_place[dof / 3]] += h.turn[l];
+    if (h.turn[l] != 0) w->tangent[a->turn_stored_at[dof / 3]] += h.turn[l];
     for (int e = a->part_start[dof]; e < a->part_start[dof + 1]; ++e) {
       int column = a->part_column[e];
       double of_T = a->part_sign[e] * w->values[a->part_value[e]];

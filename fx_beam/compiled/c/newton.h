@@ -22,31 +22,31 @@ static void evaluate_nodes(const Problem *p, const Work *w) {
 static void assemble(const Problem *p, const Work *w) {
   double *K = w->tangent;
   memset(w->f, 0, p->dofs * sizeof(double));
-  memcpy(K, w->inertia, p->places * sizeof(double));
+  memcpy(K, w->inertia, p->stored_values * sizeof(double));
   assemble_forces(p, &p->internal_forces, w->fields, w->f, K);
   assemble_forces(p, &p->drag, w->fields, w->f, K);
   evaluate_nodes(p, w);
   fx_add_points(p->points, 0, p->points->nodal, 1, w->f);
-  fx_add_point_tangents(p->points, p->point_places, K);
+  fx_add_point_tangents(p->points, p->point_stored_at, K);
   if (p->rules)
     for (int k = 0; k < 3 * p->mass_start[p->dofs]; ++k) {
       int at = p->column_at_node[k / 3];
       double slope = w->rule[RULE_VALUES * (at / 3) + 3 + 3 * (at % 3) + k % 3];
-      K[p->rule_places[k]] += p->mass[k / 3] * slope;
+      K[p->rule_stored_at[k]] += p->mass[k / 3] * slope;
     }
   if (p->rule != 0 || p->rules) return;
   double steep = steepness(p, w->dt);
   for (int k = 0; k < p->turning_masses; ++k)
-    K[p->turning_place[k]] += p->turning_mass[k] * steep * (w->slope[p->turning_column[k]] - 1);
+    K[p->turning_stored_at[k]] += p->turning_mass[k] * steep * (w->slope[p->turning_column[k]] - 1);
 }
 
 /* The tangent of the inertia forces; `assemble` adds the part that depends on the increment. */
 static void begin_inertia(const Problem *p, const Work *w) {
-  memset(w->inertia, 0, p->places * sizeof(double));
+  memset(w->inertia, 0, p->stored_values * sizeof(double));
   for (int k = 0; k < p->paddings; ++k) w->inertia[p->padding[k]] = 1;
   if (p->rules) return; /* it depends on the increment */
   for (int k = 0; k < p->mass_start[p->dofs]; ++k)
-    w->inertia[p->mass_place[k]] = p->mass[k] * steepness(p, w->dt);
+    w->inertia[p->mass_stored_at[k]] = p->mass[k] * steepness(p, w->dt);
 }
 
 /* Forces of supports and joints after the last correction, to first order; zero elsewhere. */

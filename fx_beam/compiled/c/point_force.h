@@ -41,7 +41,7 @@ void fx_begin_points(const PointForces *p, const double *q, const double *v, con
 /* Forces at the increments D of nodes and z of columns. */
 void fx_evaluate_points(const PointForces *p, int first, int end, const double *D, const double *z);
 void fx_add_points(const PointForces *p, int first, int end, double factor, double *f);
-void fx_add_point_tangents(const PointForces *p, const int *place, double *K);
+void fx_add_point_tangents(const PointForces *p, const int *stored_at, double *K);
 double fx_lost_at_points(const PointForces *p, const double *D, const double *z);
 double fx_stored_at_points(const PointForces *p, const double *q, const double *slide, const double *internal);
 void fx_evolve_points(const PointForces *p, const double *D, const double *z, double *internal);

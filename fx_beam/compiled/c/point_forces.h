@@ -53,9 +53,9 @@ void fx_add_points(const PointForces *p, int first, int end, double factor, doub
       if (e->dof[k] >= 0) f[e->dof[k]] += factor * e->found[k];
 }
 
-void fx_add_point_tangents(const PointForces *p, const int *place, double *K) {
+void fx_add_point_tangents(const PointForces *p, const int *stored_at, double *K) {
   for (const PointForce *e = p->of; e < p->of + p->all; ++e) {
-    const int *to = place + e->first_entry;
+    const int *to = stored_at + e->first_entry;
     for (int i = 0; i < e->entries; ++i)
       if (to[i] >= 0) K[to[i]] += e->found[e->size + i];
   }

@@ -32,7 +32,7 @@ typedef struct {
   int cells;
   int *dofs;           /* [block][cell dof][lane] */
   int *to;             /* [block][cell dof][lane]: indices in a vector */
-  struct { int *place; }; /* [block][cell dof, cell dof][lane]: indices in the tangent */
+  struct { int *stored_at; }; /* [block][cell dof, cell dof][lane]: indices in the tangent */
   /* In a chain instead, for rows of three entries, those of a node: [block][cell dof, node][lane] index
      of the first. Entries that do not lie in a row: where those of each block begin, their indices
      among the element tensors, and in the tangent. */
@@ -84,7 +84,7 @@ typedef struct {
   double *entry_sign;
   /* Entries of the beam's degrees of freedom [node][3]: columns, values and signs, from part_start on;
      storage indices of the diagonal of its rotations. */
-  int *part_start, *part_column, *part_value, *turn_place;
+  int *part_start, *part_column, *part_value, *turn_stored_at;
   double *part_sign;
   int border, products; /* first border that is no column; number of products */
   /* Of a beam without mass that only sliding nodes may hold: columns of one of its nodes, and storage indices
@@ -116,15 +116,15 @@ typedef struct {
   int loads, *load_start, *load_dof; /* forces of unit loads, in compressed rows */
   double *load_force;
 
-  /* The full tangent in compressed rows; `place` has the storage index of each value. Entries that are
+  /* The full tangent in compressed rows; `stored_at` has the storage index of each value. Entries that are
      entries of the reduced tangent share its storage; the others are behind it. */
-  int places;
-  int *row_start, *column_of, *place;
+  int stored_values;
+  int *row_start, *column_of, *stored_at;
   int reacting, *reacts; /* rows with forces of supports and joints */
   /* Nonzero entries of the mass matrix. */
-  int *mass_start, *mass_column, *mass_place;
+  int *mass_start, *mass_column, *mass_stored_at;
   double *mass;
-  int turning_masses, *turning_column, *turning_place; /* entries in columns of rotations */
+  int turning_masses, *turning_column, *turning_stored_at; /* entries in columns of rotations */
   double *turning_mass;
 
   /* Coupling: entries of T and That. The first `equal` entries are 1; value 0 is the constant 1. */
@@ -199,7 +199,7 @@ typedef struct {
      Slides with forces, and the rates of the slides of all joints. */
   PointForces *points;
   int spring_width, thrusts; /* thrusts: follower forces, the first external ones */
-  struct { int *point_places; };
+  struct { int *point_stored_at; };
   struct {
     int rated;
     SlideRate *rated_slide;
@@ -214,7 +214,7 @@ typedef struct {
   /* Rules of a user, of which the sub-steps take turns. For each entry of the mass: 3 times the node
      of its column, plus its component, and the entries of the tangent (3). */
   struct {
-    int rules, *column_at_node, *rule_places;
+    int rules, *column_at_node, *rule_stored_at;
     Law **nodal_rule;
   };
   int sub_step;

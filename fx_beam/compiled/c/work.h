@@ -44,7 +44,7 @@ static long lay_out(const Problem *p, Work *w, double *at) {
   w->reduced = allocate(&at, c), w->step = allocate(&at, c), w->z = allocate(&at, c);
   w->columns = allocate(&at, c);
   w->y = allocate(&at, u), w->row = allocate(&at, p->rows.groups ? 3 * u : 0), w->start = allocate(&at, c);
-  w->tangent = allocate(&at, p->places + 4 * LANES), w->inertia = allocate(&at, p->places);
+  w->tangent = allocate(&at, p->stored_values + 4 * LANES), w->inertia = allocate(&at, p->stored_values);
   w->values = allocate(&at, 1 + 4 * j), w->virtual_map = allocate(&at, 1 + 4 * j);
   w->psi0 = allocate(&at, j), w->rho0 = allocate(&at, 2 * j), w->t0 = allocate(&at, 2 * j);
   w->rho1 = allocate(&at, 2 * j), w->t1 = allocate(&at, 2 * j), w->mean_t = allocate(&at, 2 * j);

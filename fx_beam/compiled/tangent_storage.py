@@ -17,7 +17,7 @@ def alone_in_column(t: Tables, size: int, free: int) -> np.ndarray:
     return alone
 
 
-def places_of_entries(
+def storage_of_entries(
     t: Tables, tangent, alone: np.ndarray, at: np.ndarray, behind: int
 ) -> tuple[np.ndarray, int]:
     """Storage index of each entry of the full tangent, and number of stored values.
@@ -25,8 +25,8 @@ def places_of_entries(
     Entries that are entries of the reduced tangent share its storage; the others are behind it.
     """
     direct = np.repeat(alone, np.diff(tangent.indptr)) & alone[tangent.indices]
-    place = np.empty(tangent.nnz, dtype=int)
-    place[t.direct["source"]] = at[t.direct["to"]]
+    stored_at = np.empty(tangent.nnz, dtype=int)
+    stored_at[t.direct["source"]] = at[t.direct["to"]]
     others = np.flatnonzero(~direct)
-    place[others] = behind + np.arange(len(others))
-    return place, behind + len(others)
+    stored_at[others] = behind + np.arange(len(others))
+    return stored_at, behind + len(others)
