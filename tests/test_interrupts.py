@@ -98,7 +98,7 @@ def test_ctrl_c_while_c_takes_a_step_leaves_the_step_taken(ctrl_c):
         fb.Motion(scene, dt=DT, outputs=outputs, record=fb.Record())
         for scene, outputs in (whirling(), whirling())
     )
-    run = motion._open.stepper._steps._run
+    run = motion._open.stepper.steps._run
 
     def interrupted(*arguments):
         try:
@@ -107,10 +107,10 @@ def test_ctrl_c_while_c_takes_a_step_leaves_the_step_taken(ctrl_c):
             ctrl_c()
 
     for _ in range(20):
-        motion._open.stepper._steps._run = interrupted
+        motion._open.stepper.steps._run = interrupted
         with pytest.raises(KeyboardInterrupt):
             motion.step()
-        motion._open.stepper._steps._run = run
+        motion._open.stepper.steps._run = run
         twin.step()
         agree(motion, twin)
         motion.step()

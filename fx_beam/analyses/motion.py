@@ -239,7 +239,7 @@ class Motion:
         """Present displacements and rotations of the nodes, (n_node, 3) [m, rad]."""
         self._open.settle()
         return self._setup.model.to_nodes(
-            self._open.stepper.now.q + self._setup.turn_counter.removed
+            self._open.stepper.steps.now.q + self._setup.turn_counter.removed
         )
 
     @property
@@ -252,7 +252,7 @@ class Motion:
     def slides(self) -> np.ndarray:
         """Present slides of the joints, (joints,) [m]."""
         self._open.settle()
-        return self._open.stepper.now.slides.copy()
+        return self._open.stepper.steps.now.slides.copy()
 
     @property
     def inputs(self) -> dict[str, Any]:

@@ -57,7 +57,9 @@ class SingleStepper:
     """
 
     def __init__(self, stepper: Stepper, steps: SingleSteps):
-        self._stepper, self._steps = stepper, steps
+        self._stepper, self._halving = stepper, stepper.halving
+        #: What tries the steps, and has the present state.
+        self.steps = steps
         #: Number of steps that the statistics have.
         self._counted = 0
         #: While a step is taken in parts: the last state, and the number of steps to it.
@@ -77,24 +79,19 @@ class SingleStepper:
     def _load(self, state: State, number: int) -> None:
         """Return to a state and the number of steps to it."""
         self._stepper.load(state)
-        self._steps.load(state, number)
+        self.steps.load(state, number)
         self._counted = number
         self._last = None
 
     @property
-    def now(self) -> Any:
-        """The present state."""
-        return self._steps.now
-
-    @property
     def number(self) -> int:
         """Number of steps since `load`."""
-        return self._steps.completed
+        return self.steps.completed
 
     def state(self) -> State:
         """The present state, with all on which the next step depends."""
-        state = self._steps.state(self.grid(self.number))
-        return replace(state, parts=self._stepper.halving.memory)
+        state = self.steps.state(self.grid(self.number))
+        return replace(state, parts=self._halving.memory)
 
     def settle(self) -> int:
         """Return to the last state, if a step was begun in parts; gives the number of steps."""
@@ -104,13 +101,13 @@ class SingleStepper:
 
     def take(self, number: int, t0: float, t1: float, recorder: Rows) -> None:
         """Take a step from t0 to t1 [s]. After an error or an interrupt, call `settle`."""
-        stepper = self._stepper
-        if stepper.halving.times or not self._steps.take(number, t0, t1, recorder):
+        if self._halving.times or not self.steps.take(number, t0, t1, recorder):
+            stepper = self._stepper
             self.count()
             before = self.state()
             self._last = before, number - 1
             after = stepper.march(before, np.array([t1]), number, recorder)
-            memory = stepper.halving.memory
+            memory = self._halving.memory
             self._last = replace(after, parts=memory, past=stepper.integrator.past), number
             self.settle()
 
@@ -118,5 +115,5 @@ class SingleStepper:
         """Add what was counted to the statistics."""
         taken = self.number - self._counted
         self._stepper.stats.steps += taken
-        self._steps.count(taken)
+        self.steps.count(taken)
         self._counted += taken
