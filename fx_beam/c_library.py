@@ -26,6 +26,8 @@ _log = logging.getLogger("fx_beam")
 SOURCES = Path(__file__).parent / "compiled" / "c"
 _FLAGS = [
     *("-O3", "-fno-math-errno", "-fno-trapping-math", "-shared", "-fPIC"),
+    # Functions of one file may be inlined, though a library exports them.
+    "-fno-semantic-interposition",
     # The full vector width: by default, compilers use half of it on some processors.
     *(["-mprefer-vector-width=512"] if platform.machine() == "x86_64" else []),
     # GCC would merge sin and cos of one angle into a complex function, which it cannot vectorise.

@@ -119,10 +119,6 @@ class NodalRates(UpdateRule):
         """Second derivative of the work increment."""
         return self.of_work.slope_derivative(Dpsi)
 
-    def turn_ratio(self, Da, Db):
-        """As by the rule of the work increments."""
-        return self.of_work.turn_ratio(Da, Db)
-
     def fields(self, Du, Dpsi, v0, a0, dt):
         """Mean velocity and mean spin of the step."""
         if self.level == 0.5:

@@ -8,6 +8,8 @@ from typing import Any, NamedTuple
 
 import ufl
 
+import numpy as np
+
 from .kinematics import tan
 from .rates import UpdateRule
 
@@ -28,7 +30,8 @@ class StepRule(NamedTuple):
     @staticmethod
     def of(rates: UpdateRule) -> StepRule:
         """The rule of some rates."""
-        turning = rates.turn_ratio(0.2, 0.1)[0] != 1.0
+        path, _ = rates.work_increment(np.full(1, 0.1), np.zeros(1, dtype=int))
+        turning = bool(path[0] != 0.1)
         return StepRule(float(rates.level), turning, bool(rates.at_rest))
 
 

@@ -71,20 +71,6 @@ class UpdateRule(Protocol):
             d2(work increment)/dDpsi2.
         """
 
-    def turn_ratio(self, Da: float, Db: float) -> tuple[float, float, float]:
-        """Difference of two rotation increments, divided by that of their work increments.
-
-        Parameters
-        ----------
-        Da, Db : float
-            Increments of two rotations [rad].
-
-        Returns
-        -------
-        tuple of float
-            The ratio, smooth at Da = Db, and its derivatives with respect to Da and Db.
-        """
-
     def acceleration(
         self, D: np.ndarray, v0: np.ndarray, a0: np.ndarray, dt: float, turns: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray]:
@@ -181,14 +167,6 @@ class MidPointRates(UpdateRule):
         tangent = np.tan(Dpsi / 2)
         return tangent * (1 + tangent**2)
 
-    def turn_ratio(self, Da, Db):
-        """x/sin(x) cos(Da/2) cos(Db/2) with x = (Db - Da)/2."""
-        x = (Db - Da) / 2
-        ratio = np.cos(Da / 2) * np.cos(Db / 2) * (x / np.sin(x) if x else 1.0)
-        by_x = x / 3 if abs(x) < 1e-3 else 1 / x - 1 / np.tan(x)
-        by_a, by_b = (-by_x - np.tan(Da / 2)) / 2, (by_x - np.tan(Db / 2)) / 2
-        return ratio, ratio * by_a, ratio * by_b
-
     def acceleration(self, D, v0, a0, dt, turns):
         """a = (v1 - v0)/dt, alpha = (omega1 - omega0)/dt (eq. 30)."""
         work, slope = self.work_increment(D, turns)
@@ -255,10 +233,6 @@ class NewmarkRates(UpdateRule):
         """Zero: the work increment is linear."""
         return np.zeros_like(Dpsi)
 
-    def turn_ratio(self, Da, Db):
-        """One: the work increments are the rotation increments."""
-        return 1.0, 0.0, 0.0
-
     def acceleration(self, D, v0, a0, dt, turns):
         """Acceleration at level 1 - alpha_m."""
         a1 = self._end_acceleration(D, v0, a0, dt)
@@ -308,10 +282,6 @@ class AtRest(UpdateRule):
     def slope_derivative(self, Dpsi):
         """Zero: the work increment is linear."""
         return np.zeros_like(Dpsi)
-
-    def turn_ratio(self, Da, Db):
-        """One: the work increments are the rotation increments."""
-        return 1.0, 0.0, 0.0
 
     def acceleration(self, D, v0, a0, dt, turns):
         """Zero."""

@@ -25,9 +25,11 @@ static void assemble(const Problem *p, const Work *w) {
   memcpy(K, w->inertia, p->stored_values * sizeof(double));
   assemble_forces(p, &p->internal_forces, w->fields, w->f, K);
   assemble_forces(p, &p->drag, w->fields, w->f, K);
-  evaluate_nodes(p, w);
-  fx_add_points(p->points, 0, p->points->nodal, 1, w->f);
-  fx_add_point_tangents(p->points, p->point_stored_at, K);
+  if (p->points->all) {
+    evaluate_nodes(p, w);
+    fx_add_points(p->points, 0, p->points->nodal, 1, w->f);
+    fx_add_point_tangents(p->points, p->point_stored_at, K);
+  }
   if (p->rules)
     for (int k = 0; k < 3 * p->mass_start[p->dofs]; ++k) {
       int at = p->column_at_node[k / 3];
@@ -206,7 +208,7 @@ static int newton(Problem *p, const Work *w, const double *driven, int order) {
   for (int iteration = 1; iteration <= p->max_iterations; ++iteration) {
     balance(p, w);
     if (iteration > 1 && p->may_overshoot) line_search(p, w, gained);
-    fx_keep_points(p->points);
+    if (p->may_overshoot) fx_keep_points(p->points);
     memset(w->step, 0, p->columns * sizeof(double));
     reduce_tangent(p, w, w->r);
     if (iteration == 1 && drive > 0 && !order) {

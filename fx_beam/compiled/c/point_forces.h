@@ -10,8 +10,8 @@ static inline double coordinate(const PointForce *e, int k, const double *nodes,
   return e->dof[k] < 0 ? 0 : nodes[e->dof[k]];
 }
 
-static void call(Law *law, const double *given, double *found, int values) {
-  memset(found, 0, values * sizeof(double));
+static inline void call(Law *law, const double *given, double *found, int values) {
+  for (int i = 0; i < values; ++i) found[i] = 0;
   law(found, 0, given, 0, 0, 0, 0);
 }
 
