@@ -93,9 +93,9 @@ def _between_nodes(motion: Motion, D: Sequence[Any], numbers: Sequence[Any]) -> 
         [after - before for before, after in zip(of_a, of_b, strict=True)]
         for of_a, of_b in ((Da, Db), (va, vb))
     )
-    found = _distance(motion, r0, Dr, rates, 0.0, 1.0)
-    along = [*(-x for x in found.along), *found.along]
-    return found._replace(along=along, across=along)
+    distance = _distance(motion, r0, Dr, rates, 0.0, 1.0)
+    along = [*(-x for x in distance.along), *distance.along]
+    return distance._replace(along=along, across=along)
 
 
 def _from_point(motion: Motion, D: Sequence[Any], numbers: Sequence[Any]) -> Coordinate:

@@ -97,8 +97,8 @@ class NodalRates(UpdateRule):
         what = "NodalRates: rule(D, v0, a0, before, dt)"
         try:
             with not_numbers():
-                found = tuple(rule(D, v0, a0, before, dt))
-            shapes = [value.ufl_shape for value in found]
+                parts = tuple(rule(D, v0, a0, before, dt))
+            shapes = [value.ufl_shape for value in parts]
         except Exception as error:
             raise SceneError(
                 f"{what} must give three UFL vectors. Use ufl.as_vector, and functions of ufl in "
@@ -107,9 +107,9 @@ class NodalRates(UpdateRule):
         if shapes != [(3,)] * 3:
             raise SceneError(
                 f"{what} must give three vectors of x, y and rotation: the acceleration, and rates "
-                f"and accelerations at the end; it gave {len(found)} of the shapes {shapes}"
+                f"and accelerations at the end; it gave {len(parts)} of the shapes {shapes}"
             )
-        return found
+        return parts
 
     def work_increment(self, D, turns):
         """As by the mid-point rule, or the increment itself at level 1."""

@@ -38,8 +38,8 @@ def along_all(solution: Any, quantity: str, rows, places: np.ndarray) -> np.ndar
     """The same for all beams of a solution (rows, elements, places)."""
     names = list(solution.beams)
     if quantity in ("strain energy", "speed"):  # at once, quickly for frames
-        found = _energies if quantity == "strain energy" else _speeds
-        return found(solution, names, list(rows), places)
+        evaluate = _energies if quantity == "strain energy" else _speeds
+        return evaluate(solution, names, list(rows), places)
     return np.concatenate([along(solution, name, quantity, rows, places) for name in names], axis=1)
 
 
@@ -84,8 +84,8 @@ def energy_density(solution: Any, names: list[str], rows) -> np.ndarray:
             internal = solution.internal_of_beam.get(beam.name, {}).values()
             columns = [*strains[:, :, own].reshape(3, -1), *(of[rows].ravel() for of in internal)]
             points = zip(*columns, strict=True)
-            found = [_stored(beam.section.strain_energy, *point) for point in points]
-            density[:, own] = np.reshape(found, density[:, own].shape)
+            energies = [_stored(beam.section.strain_energy, *point) for point in points]
+            density[:, own] = np.reshape(energies, density[:, own].shape)
     return density
 
 
@@ -95,10 +95,10 @@ def _stiffness(beam: Any, constant: dict[int, np.ndarray]) -> np.ndarray:
     if id(section) in constant:
         return constant[id(section)]
     fractions = arc_lengths(beam, _gauss(beam.degree)) / beam.length
-    found = np.array([section.values(kind, fractions) for kind in _STIFFNESSES])
+    stiffnesses = np.array([section.values(kind, fractions) for kind in _STIFFNESSES])
     if not any(map(section.varies, _STIFFNESSES)):
-        constant[id(section)] = found = found[:, :1, :1]
-    return found
+        constant[id(section)] = stiffnesses = stiffnesses[:, :1, :1]
+    return stiffnesses
 
 
 # In NumPy, beside mechanics/kinematics.py: pictures are also drawn of solutions that come from

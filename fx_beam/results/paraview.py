@@ -125,11 +125,11 @@ class _Grid:
         names = {"q": ("displacement", "rotation")}
         if self.solution.has_rates:
             names["v"] = "velocity", "spin"
-        found: dict[str, np.ndarray] = {}
+        arrays: dict[str, np.ndarray] = {}
         for history, (vector, angle) in names.items():
             values = getattr(self.solution, history)[k][self.nodes]
-            found |= {vector: _in_space(values[:, :2]), angle: values[:, 2]}
-        return found | {kind: values[k] for kind, values in self.along.items()}
+            arrays |= {vector: _in_space(values[:, :2]), angle: values[:, 2]}
+        return arrays | {kind: values[k] for kind, values in self.along.items()}
 
 
 def _in_space(plane: np.ndarray) -> np.ndarray:

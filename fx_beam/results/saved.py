@@ -123,13 +123,13 @@ def _read(raw: BinaryIO) -> Solution:
 
 
 def _obstacles(saved: list[dict], beams: dict[str, Beam], X: np.ndarray) -> list[Obstacle]:
-    found = []
+    obstacles = []
     for number, item in enumerate(saved):
         on, shape, kind = item.pop("on"), item.pop("shape"), item.pop("kind")
         target = beams[on] if isinstance(on, str) else Node(on, *map(float, X[on]))
         made = Circle(**shape) if kind == "Circle" else Line(**shape)
-        found.append(Obstacle(target, made, **item, number=number))
-    return found
+        obstacles.append(Obstacle(target, made, **item, number=number))
+    return obstacles
 
 
 def _stats(saved: dict[str, Any]) -> Stats:

@@ -9,7 +9,7 @@ def facts(solution: Any) -> dict[str, str]:
     """Range, steps, effort and energy of a solution, by their names."""
     stats, energy = solution.stats, solution.energy
     time = "load factor" if stats.static else "t"
-    found = {
+    entries = {
         "scheme": stats.scheme,
         time: f"{solution.t[0]:g} to {solution.t[-1]:g}, {len(solution.t)} rows",
         "steps": f"{stats.steps}, {stats.halvings} halvings",
@@ -19,4 +19,4 @@ def facts(solution: Any) -> dict[str, str]:
         "total energy": f"{energy.total[0]:.6g} to {energy.total[-1]:.6g}",
         "largest energy error": f"{abs(energy.balance_error).max():.2g}",
     }
-    return found | ({"ended early": str(stats.failure)} if stats.failure else {})
+    return entries | ({"ended early": str(stats.failure)} if stats.failure else {})

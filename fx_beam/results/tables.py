@@ -103,9 +103,11 @@ def to_xarray(solution):
     for name in (name for name, known in recorded.items() if known):
         data[name] = (time, "node", "component"), getattr(solution, name)
     for beam in solution.beams if solution.has_motion else ():
-        found = solution.resultants(beam)
-        coordinates[f"s {beam}"] = found.s
-        data |= {f"{kind} {beam}": ((time, f"s {beam}"), getattr(found, kind)) for kind in "NQM"}
+        resultants = solution.resultants(beam)
+        coordinates[f"s {beam}"] = resultants.s
+        data |= {
+            f"{kind} {beam}": ((time, f"s {beam}"), getattr(resultants, kind)) for kind in "NQM"
+        }
     return xarray.Dataset(data, coordinates, {"scheme": solution.stats.scheme})
 
 

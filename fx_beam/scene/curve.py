@@ -320,7 +320,7 @@ def _pieces(position, cuts: list[float], size: float, name: str) -> list[_Piece]
     if not length > 1e-9 * size:  # less is round-off
         raise SceneError(f"beam {name!r}: its curve has no length; its points coincide")
     negligible = 1e-12 * length + 16 * _ROUNDING * size
-    found: list[_Piece] = []
+    pieces: list[_Piece] = []
     while left:
         whole = left.pop()
         middle = (whole.start + whole.end) / 2
@@ -329,22 +329,22 @@ def _pieces(position, cuts: list[float], size: float, name: str) -> list[_Piece]
         first = whole.length_to(middle)
         change = abs(halves[0].length - first) + abs(halves[1].length - (whole.length - first))
         if change <= negligible:
-            found += halves
+            pieces += halves
         elif whole.end - whole.start > 4 * _ROUNDING * (whole.end + _ROUNDING):
             left += halves[::-1]
         elif whole.length <= 1e-6 * length:  # a corner, or infinite speed at the start
-            found.append(whole)
+            pieces.append(whole)
         else:
             raise SceneError(
                 f"beam {name!r}: its curve jumps at the fraction {round(middle, 9):g}; it must be "
                 "continuous. Make two beams, one on each side of the jump"
             )
-        if len(found) + len(left) > _MOST_PIECES:
+        if len(pieces) + len(left) > _MOST_PIECES:
             raise SceneError(
                 f"beam {name!r}: its curve has too many corners. Give their fractions as breaks of "
                 "an fx_beam.Curve, or use a spline or a polyline"
             )
-    return found
+    return pieces
 
 
 def _piece(position, a: float, b: float) -> _Piece:

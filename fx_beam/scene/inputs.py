@@ -117,9 +117,9 @@ def widths(scene) -> dict[str, int]:
 
     SceneError for a name with different numbers of values, or for both loads and motions.
     """
-    found: dict[str, tuple[InputSlot, bool]] = {}
+    slots: dict[str, tuple[InputSlot, bool]] = {}
     for slot, driven in input_slots(scene):
-        first, drives = found.setdefault(slot.name, (slot, driven))
+        first, drives = slots.setdefault(slot.name, (slot, driven))
         if first.width != slot.width:
             raise SceneError(
                 f"input {slot.name!r} has {first.width} value(s) as {first.what}, but "
@@ -130,7 +130,7 @@ def widths(scene) -> dict[str, int]:
                 f"input {slot.name!r} is a load as well as a motion: {first.what}, and "
                 f"{slot.what}. Use two names"
             )
-    return {name: slot.width for name, (slot, _) in found.items()}
+    return {name: slot.width for name, (slot, _) in slots.items()}
 
 
 def check_names(names, known, what: str) -> None:

@@ -114,15 +114,15 @@ class InternalVariables:
             for size in (1, 2)
         )
         dt = ufl.variable(ufl.as_ufl(1.0))
-        found = self.updated(ufl.as_vector(old), strains0, strains, dt)
-        refuse_fields(fields_in(found), "InternalVariables: update")
+        updated = self.updated(ufl.as_vector(old), strains0, strains, dt)
+        refuse_fields(fields_in(updated), "InternalVariables: update")
         for i, name in enumerate(self.names):
-            if not {*old, *strains0, *strains} & set(unique_pre_traversal(found[i])):
+            if not {*old, *strains0, *strains} & set(unique_pre_traversal(updated[i])):
                 raise SceneError(
                     f"InternalVariables: the update of {name!r} depends neither on old variables "
                     "nor on strains. Use ufl.exp, not math.exp"
                 )
-        return dt in set(unique_pre_traversal(found))
+        return dt in set(unique_pre_traversal(updated))
 
     def updated(self, old, strains0, strains, dt):
         """The variables that belong to given strains, as a UFL vector.
@@ -144,19 +144,19 @@ class InternalVariables:
         """
         what = "InternalVariables: update(old, strains0, strains, dt)"
         try:
-            found = [ufl.as_ufl(value) for value in self.update(old, strains0, strains, dt)]
+            updated = [ufl.as_ufl(value) for value in self.update(old, strains0, strains, dt)]
         except Exception as error:
             raise SceneError(
                 f"{what} must give a UFL expression for each of {list(self.names)}. Use "
                 f"ufl.conditional, ufl.sqrt, ... in place of if, math or NumPy. It raised {error!r}"
             ) from error
-        if len(found) != len(self.names) or any(value.ufl_shape for value in found):
+        if len(updated) != len(self.names) or any(value.ufl_shape for value in updated):
             raise SceneError(
                 f"{what} must give {len(self.names)} scalars, one for each of "
-                f"{list(self.names)}; it gave {len(found)} of the shapes "
-                f"{[value.ufl_shape for value in found]}"
+                f"{list(self.names)}; it gave {len(updated)} of the shapes "
+                f"{[value.ufl_shape for value in updated]}"
             )
-        return ufl.as_vector(found)
+        return ufl.as_vector(updated)
 
 
 def check_dissipation(energy: Callable, variables: InternalVariables, strains_of_part: int) -> None:
@@ -196,8 +196,8 @@ _PATH = [
 def _update(energy, variables, old, strains, dt) -> tuple[list[float], float, float]:
     """New variables, the energy that they take, and the size of its terms."""
     e = tuple(map(ufl.as_ufl, strains))
-    found = variables.updated(ufl.as_vector([*map(ufl.as_ufl, old)]), e, e, ufl.as_ufl(dt))
-    new = [float(found[i](())) for i in range(len(old))]
+    updated = variables.updated(ufl.as_vector([*map(ufl.as_ufl, old)]), e, e, ufl.as_ufl(dt))
+    new = [float(updated[i](())) for i in range(len(old))]
     a = [ufl.variable(ufl.as_ufl(value)) for value in new]
     W = energy(*e, ufl.as_vector(a))
     forces = [float(-ufl.diff(W, value)(())) for value in a]

@@ -142,14 +142,14 @@ def is_quadratic(energy: Energy) -> bool:
 
 def switches(expression: Any) -> list[Any]:
     """Values that change their sign where pieces of an expression meet."""
-    found = []
+    values = []
     for part in unique_pre_traversal(ufl.as_ufl(expression)):
         operands = part.ufl_operands
         if isinstance(part, Abs):
-            found.append(operands[0])
+            values.append(operands[0])
         elif isinstance(part, (*_COMPARISONS, MaxValue, MinValue)):
-            found.append(operands[0] - operands[1])
-    return found
+            values.append(operands[0] - operands[1])
+    return values
 
 
 def has_pieces(energy: Energy) -> bool:

@@ -134,10 +134,10 @@ class Circle:
 
 def _checked(what: str, positions) -> np.ndarray:
     """Positions (..., 2) as an array."""
-    found = numbers(positions)
-    fits = found.ndim > 0 and found.shape[-1] == 2
+    checked = numbers(positions)
+    fits = checked.ndim > 0 and checked.shape[-1] == 2
     require(fits, f"{what}.gap: positions", positions, "positions (x, y)")
-    return found
+    return checked
 
 
 @dataclass(frozen=True, eq=False)

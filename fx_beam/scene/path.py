@@ -163,8 +163,8 @@ class Path:
         weights = weights / self.h[e][:, None] ** order
         nodes = self.degree * (e[:, None] - 1) + np.arange(weights.shape[1])
         nodes = np.clip(nodes, 0, len(self) - 1)  # others have the weight 0
-        found = np.take_along_axis(values, nodes.reshape(*nodes.shape, *[1] * (values.ndim - 2)), 1)
-        return np.einsum("na,na...->n...", weights, found)
+        near = np.take_along_axis(values, nodes.reshape(*nodes.shape, *[1] * (values.ndim - 2)), 1)
+        return np.einsum("na,na...->n...", weights, near)
 
     def nearest_over(self, positions: np.ndarray, points: np.ndarray, s: np.ndarray) -> np.ndarray:
         """Arc lengths (n,) nearest to points (n, 2), from ones near by, for nodes (n, nodes, 2)."""
@@ -260,10 +260,12 @@ class Path:
         nodes = np.clip(p * (e - 1) + np.arange(3 * p + 1), 0, len(self) - 1)
         c = np.einsum("eak,eax->ekx", self.coefficients, self.X[nodes])  # others: weight 0
         powers = np.array([0.0, 0.5, 1.0])[:, None] ** np.arange(4)
-        found = np.linalg.norm(powers @ c - point, axis=2).min(axis=1)
+        distances = np.linalg.norm(powers @ c - point, axis=2).min(axis=1)
         # No point is farther from one of these than a quarter of the largest slope.
         reach = np.linalg.norm(c[:, 1:], axis=2) @ [0.25, 0.5, 0.75]
-        return np.flatnonzero(found - reach <= found.min() * (1 + 1e-6) + 1e-12 * self.length)
+        return np.flatnonzero(
+            distances - reach <= distances.min() * (1 + 1e-6) + 1e-12 * self.length
+        )
 
     @staticmethod
     def _polish(c: np.ndarray, x: float) -> float:

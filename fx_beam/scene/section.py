@@ -324,8 +324,8 @@ def _values(name: str, datum: Datum, fractions: np.ndarray) -> np.ndarray:
     """Values at fractions of the arc length, of the same shape."""
     if not callable(datum):
         return np.full(fractions.shape, _value(name, datum))
-    found = [_value(name, datum, f) for f in map(float, fractions.flat)]
-    return np.array(found).reshape(fractions.shape)
+    values = [_value(name, datum, f) for f in map(float, fractions.flat)]
+    return np.array(values).reshape(fractions.shape)
 
 
 def _combined(function: Callable[..., float], **data: Datum) -> Datum:

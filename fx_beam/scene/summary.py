@@ -10,25 +10,25 @@ from .joints import Joint
 def facts(scene: Any) -> dict[str, str]:
     """Numbers of what a scene is made of, by their names."""
     beams, elements = scene.beams, sum(beam.elements for beam in scene.beams)
-    found = {"members": _listed([beam.name for beam in beams])}
+    entries = {"members": _listed([beam.name for beam in beams])}
     if scene.bodies:
-        found["bodies"] = _listed([body.name for body in scene.bodies])
+        entries["bodies"] = _listed([body.name for body in scene.bodies])
     if scene.nodes:
         degree = beams[0].degree if beams else 1
         if beams:
-            found["elements"] = f"{elements} of degree {degree}"
+            entries["elements"] = f"{elements} of degree {degree}"
         nodes = len(scene.nodes) + elements * (degree - 1)
-        found["nodes"] = str(nodes)
+        entries["nodes"] = str(nodes)
         held = len(scene.fixed) + len(scene.prescribed) + sum(map(_held, scene.joints))
-        found["unknowns"] = str(3 * nodes - held)
+        entries["unknowns"] = str(3 * nodes - held)
     for name in ("joints", "masses", "loads"):
-        found[name] = str(len(getattr(scene, name)))
+        entries[name] = str(len(getattr(scene, name)))
     for name in ("drags", "obstacles", "forces_between"):
         if getattr(scene, name):
-            found[name.replace("_", " ")] = str(len(getattr(scene, name)))
+            entries[name.replace("_", " ")] = str(len(getattr(scene, name)))
     if scene.gravity is not None:
-        found["gravity"] = f"({scene.gravity[0]:g}, {scene.gravity[1]:g})"
-    return found
+        entries["gravity"] = f"({scene.gravity[0]:g}, {scene.gravity[1]:g})"
+    return entries
 
 
 def _listed(names: list[str]) -> str:
