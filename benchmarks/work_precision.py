@@ -30,6 +30,7 @@ momentum are invariants: their errors are computed against exact values.
 """
 
 import argparse
+import dataclasses
 import functools
 import itertools
 import logging
@@ -43,7 +44,7 @@ from scipy.integrate import cumulative_trapezoid
 
 import fx_beam as fb
 from fx_beam.studies.reporting import short, table, write_csv
-from fx_beam.studies.work_precision.picture import draw
+from fx_beam.studies.work_precision.fronts import draw_fronts
 from fx_beam.studies.work_precision.precision import floor
 
 # One line adds a candidate.
@@ -322,42 +323,82 @@ def title(name, study, quantity):
     return f"{name.partition('_to_')[0].replace('_', ' ')} to {study.t_end:g} s: {quantity}"
 
 
+def advice(study, quantity):
+    """What to take for errors of 1e-2 and less, in a sentence."""
+    words = []
+    for level in LEVELS:
+        runs = list(study.cheapest(quantity, level).values())
+        if not runs:
+            known = floor(study, quantity)
+            why = "no run has it" if known <= level else "the reference does not resolve it"
+            words.append(f"{short(level)}: {why}")
+            break
+        alike = sum(run.seconds < ALIKE * runs[0].seconds for run in runs[1:])
+        others = f" or {alike} others" if alike else ""
+        words.append(f"{short(level)}: {runs[0].scheme}{others}, {1e3 * runs[0].seconds:.3g} ms")
+    return "The cheapest whole call for an error of " + "; of ".join(words) + "."
+
+
+def panels_of(found):
+    """Names of pictures, with what they show: by scheme, and by degree where motions are smooth."""
+    for name, study in found.items():
+        quantities = list(study.references)
+        if name == "pendulum":
+            quantities = ["tip path", "axial force"]
+        for quantity in quantities[: 2 if name == "pendulum" else 1]:
+            key = name if quantity == quantities[0] else f"{name}_{quantity.replace(' ', '_')}"
+            yield key, title(name, study, quantity), study, quantity, lambda run: run.scheme
+    for name in "three_bar_swing", "pinned_beam":
+        if name in found:
+            ours = [run for run in found[name].runs if run.name.startswith("EnergyMomentum")]
+            study = dataclasses.replace(found[name], runs=ours)
+            quantity = next(iter(study.references))
+            words = f"{title(name, study, quantity)}, EnergyMomentum of order 2 and 4"
+            yield f"{name}_degrees", words, study, quantity, lambda r: f"degree {r.mesh.degree}"
+
+
 def write_overview(results, found):
-    """The page to read first: a table and two pictures of all examples. Returns the table."""
+    """The page to read first: a table, and a picture and a sentence for each example."""
     rows = cheapest(found)
     write_csv(results / "overview.csv", rows)
     cells = [
         {"example": example} | {f"error {row['error']}": in_words(row) for row in own}
         for example, own in itertools.groupby(rows, lambda row: row["example"])
     ]
-    panels = [(name, study, next(iter(study.references))) for name, study in found.items()]
-    if "pendulum" in found:  # beside its path, as the other examples have two windows each
-        panels.insert(1, ("pendulum", found["pendulum"], "axial force"))
-    panels = [(title(*panel), *panel[1:]) for panel in panels]
-    for clock, picture in ("seconds", "overview.png"), ("step_seconds", "overview_steps.png"):
-        draw(results / picture, panels, clock)
+    pictures = []
+    for key, words, study, quantity, kind in panels_of(found):
+        draw_fronts(results / f"front_{key}.png", words, study, quantity, kind)
+        said = f" {advice(study, quantity)}" if not key.endswith("degrees") else ""
+        pictures.append((key, words, said))
     page = [
         "# Error against run time: the cheapest run for an error\n",
         "In each cell: the scheme whose whole call of `simulate` takes the least processor time, "
         "and others that take at most 20 % more; its time step and elements; the time.\n",
         table(cells),
-        "![Error against the time of the whole call](overview.png)\n",
-        "![Error against the time of the steps alone](overview_steps.png)\n",
+        *(f"![{words}](front_{key}.png)\n\n{said.strip()}\n" for key, words, said in pictures),
         *(f"- [{name.replace('_', ' ')}]({name}.md)" for name in found),
     ]
     (results / "overview.md").write_text("\n".join(page) + "\n", "utf-8")
-    return table(cells)
+    return table(cells), pictures
 
 
-def renew_docs(results, cells):
-    """Renew the table of the page in docs/reports, between its two comments, and its pictures."""
+def renew_docs(results, cells, pictures):
+    """Renew the table and the pictures of the page in docs/reports, between their comments."""
     page = ROOT / "docs" / "reports" / "work_precision.md"
-    before, _, rest = page.read_text("utf-8").partition("<!-- overview -->\n")
-    text = f"{before}<!-- overview -->\n{cells}<!-- end -->{rest.partition('<!-- end -->')[2]}"
+    folder = ROOT / "docs" / "pictures"
+    for old in folder.glob("work_precision_*.png"):
+        old.unlink()
+    shown = ""
+    for key, words, said in pictures:
+        shutil.copy(results / f"front_{key}.png", folder / f"work_precision_{key}.png")
+        shown += f"![{words}](../pictures/work_precision_{key}.png)\n\n"
+        shown += f"{said.strip()}\n\n" if said else ""
+    text = page.read_text("utf-8")
+    for name, new in ("overview", cells), ("pictures", shown):
+        before, _, rest = text.partition(f"<!-- {name} -->\n")
+        text = f"{before}<!-- {name} -->\n{new}<!-- end {name} -->"
+        text += rest.partition(f"<!-- end {name} -->")[2]
     page.write_text(text, "utf-8")
-    for ending in ".png", "_steps.png":
-        picture = ROOT / "docs" / "pictures" / f"work_precision{ending}"
-        shutil.copy(results / f"overview{ending}", picture)
 
 
 def main(quick=False, results=ROOT / "results" / "work_precision", examples=EXAMPLES, docs=False):
@@ -376,9 +417,9 @@ def main(quick=False, results=ROOT / "results" / "work_precision", examples=EXAM
         print(f"== {name}, {perf_counter() - start:.0f} s: {results / name}.md", flush=True)
         for quantity in found[name].references:
             print("  ", fb.work_precision.sentence(found[name], quantity))
-    cells = write_overview(results, found)
+    cells, pictures = write_overview(results, found)
     if docs:
-        renew_docs(results, cells)
+        renew_docs(results, cells, pictures)
     return found
 
 

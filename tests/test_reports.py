@@ -248,7 +248,9 @@ def test_overview_has_the_cheapest_run_of_each_example_for_three_errors(results)
 
 def test_the_docs_have_the_overview_of_the_report():
     page = (ROOT / "docs" / "reports" / "work_precision.md").read_text()
-    table = page.partition("<!-- overview -->")[2].partition("<!-- end -->")[0]
+    table = page.partition("<!-- overview -->")[2].partition("<!-- end overview -->")[0]
+    pictures = page.partition("<!-- pictures -->")[2].partition("<!-- end pictures -->")[0]
+    assert pictures.count("![") == 10 and pictures.count("The cheapest whole call") == 8
     module = benchmark("work_precision")
     rows = [line.split("|")[1].strip() for line in table.splitlines()[3:] if line]
     spans = [(e.__name__.partition("_to_")[0], e(True)) for e in module.EXAMPLES]

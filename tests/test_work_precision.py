@@ -9,12 +9,14 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 import scenes
+from matplotlib.text import Text
 from pytest import approx
 
 import fx_beam as fb
 from fx_beam import work_precision
 from fx_beam.studies.work_precision import Mesh, Precision, Run, accuracy, runner, sentence, study
 from fx_beam.studies.work_precision.accuracy import History
+from fx_beam.studies.work_precision.fronts import draw_fronts, front
 from fx_beam.studies.work_precision.picture import draw
 from fx_beam.studies.work_precision.precision import counted
 from fx_beam.studies.work_precision.report import mesh_order, step_order
@@ -418,6 +420,42 @@ def test_both_axes_have_two_labels_or_more_for_few_runs_alike(monkeypatch, secon
         assert (
             2 <= sum(low <= tick * (1 + 1e-9) and tick <= high * (1 + 1e-9) for tick in ticks) <= 9
         )
+
+
+def ends(monkeypatch, found, kind=lambda run: run.scheme):
+    """Heights of names at the ends of lines, and texts above, of a picture of fronts."""
+    figures = []
+    monkeypatch.setattr(fb.plot, "save", lambda figure, path: figures.append(figure))
+    draw_fronts("none.png", "title", found, "q", kind)
+    return figures[0].axes[0]
+
+
+def test_a_front_has_the_runs_that_err_less_than_all_faster_ones():
+    found = made_up([("A", 1e-3, 1e-2), ("A", 2e-3, 2e-2), ("A", 3e-3, 1e-3), ("A", 4e-3, 5.0)])
+    # A run counts with the errors of its smaller steps: here each is its own mesh.
+    assert (np.diff(front(found, "q", found.runs), axis=0) * (1, -1) > 0).all()
+
+
+@pytest.mark.plot
+def test_lines_are_named_at_their_ends_and_lost_runs_where_they_are(monkeypatch):
+    lost = {"failure": "no convergence", "errors": {}}
+    ax = ends(monkeypatch, made_up([*TWO, ("C", 5e-3, np.nan, lost), ("C", 6e-3, 1e-2)]))
+    texts = {text.get_text().strip(): text for text in ax.texts}
+    assert {"A", "B", "C: 1 of 2 lost"} <= set(texts)
+    assert texts["C: 1 of 2 lost"].xy[1] > 1
+    assert texts["C: 1 of 2 lost"].xy[0] == approx(0.5)  # the steps take a tenth of the call
+
+
+@pytest.mark.plot
+def test_names_of_lines_that_end_at_one_place_do_not_overlap(monkeypatch):
+    names = "ABCDEFGH"
+    ax = ends(monkeypatch, made_up([(name, 1e-3, 1e-2) for name in names]))
+    ax.figure.canvas.draw()
+    # Of the words alone, without the line that leads to them.
+    boxes = [Text.get_window_extent(text) for text in ax.texts if text.get_text() in names]
+    assert len(boxes) == len(names)
+    for i, box in enumerate(boxes):
+        assert not any(box.overlaps(other) for other in boxes[i + 1 :])
 
 
 # -- Running -----------------------------------------------------------------------------------
