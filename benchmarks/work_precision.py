@@ -334,7 +334,7 @@ def advice(study, quantity):
             words.append(f"{short(level)}: {why}")
             break
         alike = sum(run.seconds < ALIKE * runs[0].seconds for run in runs[1:])
-        others = f" or {alike} others" if alike else ""
+        others = f" or {alike} other{'s' if alike > 1 else ''}" if alike else ""
         words.append(f"{short(level)}: {runs[0].scheme}{others}, {1e3 * runs[0].seconds:.3g} ms")
     return "The cheapest whole call for an error of " + "; of ".join(words) + "."
 
