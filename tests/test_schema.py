@@ -1,6 +1,7 @@
 """The schema of the state: what follows from it for C, records, files and the manual."""
 
 import dataclasses
+import inspect
 
 import numpy as np
 import pytest
@@ -42,7 +43,7 @@ def test_histories_of_the_schema_are_in_files_and_in_the_manual(beating, tmp_pat
         rows = getattr(solution, name)
         assert rows.ndim == 1 + len(history.shape) and len(rows) == 11
         np.testing.assert_array_equal(getattr(again, name), rows)
-        assert f"    {name} : (n" in fb.Solution.__doc__
+        assert f"\n{name} : (n" in inspect.getdoc(fb.Solution)
 
 
 def test_histories_of_the_schema_have_rows_between_steps(beating):

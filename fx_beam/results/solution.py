@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import inspect
 import textwrap
 from collections.abc import Callable, Mapping
 from typing import TYPE_CHECKING
@@ -385,6 +386,5 @@ def _attributes() -> str:
 
 
 if Solution.__doc__ is not None:  # else Python runs without docstrings
-    Solution.__doc__ = Solution.__doc__.replace(
-        "    HISTORIES", textwrap.indent(_attributes(), "    ")
-    )
+    # Python takes the indentation away from 3.13 on.
+    Solution.__doc__ = inspect.cleandoc(Solution.__doc__).replace("HISTORIES", _attributes())
