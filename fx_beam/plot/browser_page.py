@@ -11,13 +11,13 @@ from typing import Any
 
 import numpy as np
 
-from fx_beam.results.fields import QUANTITIES, RESULTANTS, along_all
+from fx_beam.results.fields import RESULTANTS, along_all
 from fx_beam.results.files import replacing, writable
 from fx_beam.results.solution import Solution
 from fx_beam.scene.beam import Node, arc_lengths
-from fx_beam.validation import as_float, numbers, require
+from fx_beam.validation import as_float, is_name, numbers, require
 
-from .colouring import SEQUENTIAL, SIGNED, WORDS, hexadecimal
+from .colouring import SEQUENTIAL, SIGNED, WORDS, hexadecimal, is_signed, unit_of
 from .obstacles import outlines
 from .symbols import Drawing, axis, supports
 
@@ -107,8 +107,10 @@ def interactive(
     if steps is None and isinstance(solution, Solution):
         last = len(solution.t) - 1
         steps = np.unique(np.linspace(0, last, min(_ROWS, last + 1)).round().astype(int)).tolist()
-    Drawing(solution, steps or (), magnify).check()
-    drawing = Drawing(solution, list(steps or ()), as_float(magnify))
+    require(is_name(scene_unit), "scene_unit", scene_unit, "a text")
+    rows = () if steps is None else steps
+    Drawing(solution, rows, magnify).check()
+    drawing = Drawing(solution, list(rows), as_float(magnify))
     data = {
         "title": drawing.title().replace(r"$\Delta t$", "dt"),
         "unit": scene_unit,
@@ -116,7 +118,7 @@ def interactive(
         "t": [float(solution.t[k]) for k in drawing.rows],
         "window": [corner.tolist() for corner in drawing.window],
         "finest": _FINEST,
-        **_members(drawing),
+        **_members(drawing, scene_unit),
         "bodies": _bodies(drawing),
         "obstacles": [
             line.tolist()
@@ -124,7 +126,7 @@ def interactive(
         ],
         "supports": [[*solution.X[node].tolist(), kind] for node, kind in supports(drawing)],
         "traces": _traces(drawing, [trace] if isinstance(trace, Node) else list(trace)),
-        "series": _series(drawing, series),
+        "series": _series(drawing, series, scene_unit),
     }
     # No text of the user's may end the element that holds the data.
     text = json.dumps(data, allow_nan=False).replace("<", "\\u003c")
@@ -135,7 +137,7 @@ def interactive(
     return page
 
 
-def _members(drawing: Drawing) -> dict[str, Any]:
+def _members(drawing: Drawing, scene_unit: str) -> dict[str, Any]:
     """Points of the axes of all beams in all rows, and values of their pieces."""
     solution = drawing.solution
     beams = solution.beams
@@ -158,7 +160,7 @@ def _members(drawing: Drawing) -> dict[str, Any]:
         "points": _whole(_fractions(drawing, np.concatenate(positions, axis=1)), np.uint16),
         "nodes": _text(np.concatenate(nodes).astype(np.int32)),
         "s": _text(np.concatenate(s).astype(np.float32)),
-        "quantities": [_quantity(drawing, name, middles) for name in _known(solution)],
+        "quantities": [_quantity(drawing, name, middles, scene_unit) for name in _known(solution)],
     }
 
 
@@ -177,15 +179,17 @@ def _known(solution: Any) -> list[str]:
     return known + sorted({name for own in solution.internal_of_beam.values() for name in own})
 
 
-def _quantity(drawing: Drawing, name: str, fractions: np.ndarray) -> dict[str, Any]:
+def _quantity(
+    drawing: Drawing, name: str, fractions: np.ndarray, scene_unit: str
+) -> dict[str, Any]:
     values = along_all(drawing.solution, name, drawing.rows, fractions)
     values = values.reshape(len(drawing.rows), -1)
     largest = float(abs(values).max()) or 1.0
-    signed = name not in ("strain energy", "speed")
+    signed = is_signed(name)
     scale = SIGNED if signed else SEQUENTIAL
     return {
         "name": WORDS.get(name, name).replace("$", ""),
-        "unit": QUANTITIES.get(name, ""),
+        "unit": unit_of(name, scene_unit),
         "largest": largest,
         "signed": signed,
         "colours": hexadecimal(scale, _SHADES),
@@ -218,14 +222,16 @@ def _traces(drawing: Drawing, nodes: list[Node]) -> list[str]:
     ]
 
 
-def _series(drawing: Drawing, series: dict[str, np.ndarray] | None) -> list[dict[str, Any]]:
+def _series(
+    drawing: Drawing, series: dict[str, np.ndarray] | None, scene_unit: str
+) -> list[dict[str, Any]]:
     solution = drawing.solution
     if series is None:
         energy = solution.energy
         stored = {"strain": energy.strain, "potential": energy.potential, "springs": energy.springs}
         kinetic = {} if solution.stats.static else {"kinetic": energy.kinetic}
         series = {
-            f"{name} energy [J]": values
+            f"{name} energy{' [J]' if scene_unit == 'm' else ''}": values
             for name, values in (kinetic | stored | {"total": energy.total}).items()
             if name == "total" or np.any(values)
         }
@@ -241,7 +247,7 @@ def _series(drawing: Drawing, series: dict[str, np.ndarray] | None) -> list[dict
 
 
 def _fractions(drawing: Drawing, positions: np.ndarray) -> np.ndarray:
-    """Places as fractions of the window."""
+    """Positions as fractions of the window."""
     low, high = drawing.window
     return (positions - low) / (high - low)
 

@@ -32,6 +32,22 @@ _PIECES = 12  # per element, each with one colour
 _MANY = 40_000  # pieces of all elements, of which there are no more if an element has several
 
 
+def is_signed(quantity: str) -> bool:
+    """Whether a quantity has both signs: stress resultants and internal variables."""
+    return quantity in RESULTANTS or quantity not in QUANTITIES
+
+
+def unit_of(quantity: str, scene_unit: str) -> str:
+    """Unit of a quantity; empty if that of the scene is not the metre, as it is not known then."""
+    return QUANTITIES.get(quantity, "") if scene_unit == "m" else ""
+
+
+def words_for(quantity: str, scene_unit: str) -> str:
+    """A quantity in words, with its unit."""
+    unit = unit_of(quantity, scene_unit)
+    return WORDS.get(quantity, quantity) + (f" [{unit}]" if unit else "")
+
+
 def hexadecimal(scale, count: int) -> list[str]:
     """Colours of a scale from one end to the other, as pages write them."""
     return [to_hex(scale(i / (count - 1))) for i in range(count)]
@@ -55,13 +71,11 @@ class Colouring:
         rows = values.reshape(len(drawing.rows), -1)
         self._values = dict(zip(drawing.rows, rows, strict=True))
         largest = abs(values).max() or 1.0
-        signed = quantity in RESULTANTS or quantity in internal
+        signed = is_signed(quantity)
         norm = Normalize(-largest if signed else 0.0, largest)
         #: The scale, for a colour bar, and its label.
         self.scale = ScalarMappable(norm, SIGNED if signed else SEQUENTIAL)
-        known_unit = quantity in QUANTITIES and scene_unit == "m"
-        unit = f" [{QUANTITIES[quantity]}]" if known_unit else ""
-        self.label = WORDS.get(quantity, quantity) + unit
+        self.label = words_for(quantity, scene_unit)
 
     def lines(self, width: float, zorder: float = 2) -> LineCollection:
         """Lines for the members, which `paint` colours."""

@@ -8,12 +8,12 @@ from pathlib import Path
 import numpy as np
 from matplotlib.figure import Figure
 
-from fx_beam.results.fields import QUANTITIES, RESULTANTS, along
+from fx_beam.results.fields import RESULTANTS, along
 from fx_beam.results.files import replacing, writable
 from fx_beam.results.solution import Solution
 from fx_beam.validation import is_flag, is_name, require, shown
 
-from .colouring import SIGNED, WORDS
+from .colouring import SIGNED, words_for
 from .symbols import Drawing, draw_supports
 
 _PICTURES = "png", "pdf", "svg", "jpg"
@@ -83,8 +83,7 @@ def diagrams(
     fig = Figure(size, layout="constrained")
     for ax, name in zip(fig.subplots(1, len(names), squeeze=False).flat, names, strict=True):
         _panel(ax, drawing, name, row)
-        unit = f" [{QUANTITIES[name]}]" if scene_unit == "m" else ""
-        ax.set_title(WORDS[name] + unit, fontsize="medium")
+        ax.set_title(words_for(name, scene_unit), fontsize="medium")
         ax.set(xlabel=f"$x$ [{scene_unit}]", ylabel=f"$y$ [{scene_unit}]", aspect="equal")
         ax.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]))
     static, t = solution.stats.static, solution.t_level[row]
