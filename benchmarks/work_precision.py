@@ -289,6 +289,11 @@ EXAMPLES += [pinned_beam, pinned_beam_to_2_s]
 # -- Overview --------------------------------------------------------------------------------------
 
 
+def about_as_fast(runs):
+    """Runs that cost about the same as the first, the fastest one."""
+    return [run for run in runs[1:] if run.seconds < ALIKE * runs[0].seconds]
+
+
 def cheapest(found):
     """Rows of the cheapest run of each example for each error of its path, its first quantity."""
     rows = []
@@ -296,7 +301,7 @@ def cheapest(found):
         quantity = next(iter(study.references))
         row = {"example": title(name, study, quantity), "error": short(level)}
         if runs := list(study.cheapest(quantity, level).values()):
-            alike = [run.scheme for run in runs[1:] if run.seconds < ALIKE * runs[0].seconds]
+            alike = [run.scheme for run in about_as_fast(runs)]
             others = "; ".join(alike) if len(alike) < 3 else f"{len(alike)} others"
             row |= {"scheme": runs[0].scheme, "dt": runs[0].dt, **vars(runs[0].mesh)}
             row |= {"seconds": runs[0].seconds, "about the same": others}
@@ -333,7 +338,7 @@ def advice(study, quantity):
             why = "no run has it" if known <= level else "the reference does not resolve it"
             words.append(f"{short(level)}: {why}")
             break
-        alike = sum(run.seconds < ALIKE * runs[0].seconds for run in runs[1:])
+        alike = len(about_as_fast(runs))
         others = f" or {alike} other{'s' if alike > 1 else ''}" if alike else ""
         words.append(f"{short(level)}: {runs[0].scheme}{others}, {1e3 * runs[0].seconds:.3g} ms")
     return "The cheapest whole call for an error of " + "; of ".join(words) + "."
@@ -368,14 +373,14 @@ def write_overview(results, found):
     pictures = []
     for key, words, study, quantity, kind in panels_of(found):
         draw_fronts(results / f"front_{key}.png", words, study, quantity, kind)
-        said = f" {advice(study, quantity)}" if not key.endswith("degrees") else ""
+        said = "" if key.endswith("degrees") else f"{advice(study, quantity)}\n\n"
         pictures.append((key, words, said))
     page = [
         "# Error against run time: the cheapest run for an error\n",
         "In each cell: the scheme whose whole call of `simulate` takes the least processor time, "
         "and others that take at most 20 % more; its time step and elements; the time.\n",
         table(cells),
-        *(f"![{words}](front_{key}.png)\n\n{said.strip()}\n" for key, words, said in pictures),
+        *(f"![{words}](front_{key}.png)\n\n{said}" for key, words, said in pictures),
         *(f"- [{name.replace('_', ' ')}]({name}.md)" for name in found),
     ]
     (results / "overview.md").write_text("\n".join(page) + "\n", "utf-8")
@@ -391,8 +396,7 @@ def renew_docs(results, cells, pictures):
     shown = ""
     for key, words, said in pictures:
         shutil.copy(results / f"front_{key}.png", folder / f"work_precision_{key}.png")
-        shown += f"![{words}](../pictures/work_precision_{key}.png)\n\n"
-        shown += f"{said.strip()}\n\n" if said else ""
+        shown += f"![{words}](../pictures/work_precision_{key}.png)\n\n{said}"
     text = page.read_text("utf-8")
     for name, new in ("overview", cells), ("pictures", shown):
         before, _, rest = text.partition(f"<!-- {name} -->\n")

@@ -17,6 +17,13 @@ def blocks(page):
     return re.findall(r"```python\n(.*?)```", text(page), flags=re.DOTALL)
 
 
+def formulas(page):
+    """The formulas of a page in LaTeX: those on lines of their own, and those in lines."""
+    prose = re.sub(r"```.*?```|`[^`]*`", "", text(page), flags=re.DOTALL)
+    found = re.findall(r"\$\$(.*?)\$\$|\$([^$]+)\$", prose, flags=re.DOTALL)
+    return [block for block, _ in found if block], [inline for _, inline in found if inline]
+
+
 def links(page):
     """Files that a page links to, and the names in them; pictures as well."""
     prose = re.sub(r"```.*?```", "", text(page), flags=re.DOTALL)

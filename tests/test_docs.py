@@ -1,6 +1,7 @@
 """The documentation: its code runs, its links lead somewhere, and all that is public is in it."""
 
 import importlib
+import itertools
 import re
 
 import pages
@@ -137,6 +138,5 @@ def test_links_to_sources_lead_to_their_lines(monkeypatch):
 def test_formulas_are_ones_that_can_be_drawn():
     latex = pytest.importorskip("docutils.utils.math.latex2mathml")
     for page in PAGES:
-        prose = re.sub(r"```.*?```|`[^`]*`", "", pages.text(page), flags=re.DOTALL)
-        for formula in re.findall(r"\$\$(.*?)\$\$|\$([^$]+)\$", prose, flags=re.DOTALL):
-            assert latex.tex2mathml("".join(formula))
+        for formula in itertools.chain(*pages.formulas(page)):
+            assert latex.tex2mathml(formula)

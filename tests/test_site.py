@@ -32,13 +32,6 @@ document.fonts.load('16px "fx_beam Math"').then(async fonts => {
 """
 
 
-def formulas():
-    """Formulas on lines of their own, of all pages."""
-    for page in sorted(DOCS.rglob("*.md")):
-        prose = re.sub(r"```.*?```|`[^`]*`", "", pages.text(page), flags=re.DOTALL)
-        yield from re.findall(r"\$\$(.*?)\$\$", prose, flags=re.DOTALL)
-
-
 @pytest.fixture
 def extension(monkeypatch):
     """Imports an extension of the site."""
@@ -62,7 +55,8 @@ def test_formulas_are_whole_where_the_system_has_no_font_for_them(drawn, tmp_pat
     monkeypatch.setenv("FONTCONFIG_FILE", str(tmp_path / "fonts.conf"))
     for name in ("style.css", "math.woff2"):
         shutil.copy(DOCS / "_static" / name, tmp_path)
-    found = [LONG, *formulas()]
+    blocks = [block for page in sorted(DOCS.rglob("*.md")) for block in pages.formulas(page)[0]]
+    found = [LONG, *blocks]
     page = tmp_path / "page.html"
     page.write_text(
         '<!DOCTYPE html><meta charset="utf-8"><link rel="stylesheet" href="style.css">'
