@@ -122,6 +122,8 @@ def test_pictures_of_shapes_modes_and_motion_are_written(tmp_path):
     plot.modes(found, tmp_path / "modes.png", count=3)
     # Without a path the figures are what is returned, for notebooks and for changes.
     assert len(plot.modes(found, count=3).axes) == 3
+    with pytest.warns(DeprecationWarning, match="found is now modes"):
+        assert len(plot.modes(found=found, count=2).axes) == 2
     assert plot.shapes(solution, [0, 5]).axes[0].get_xlabel() == "$x$ [m]"
     with pytest.warns(DeprecationWarning, match="length_unit is now scene_unit"):
         assert plot.shapes(solution, [0], length_unit="mm").axes[0].get_xlabel() == "$x$ [mm]"

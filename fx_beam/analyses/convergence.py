@@ -57,8 +57,8 @@ class Converged:
     ...     return scene
     >>> def tip(solution):
     ...     return solution.displacement(solution.beams["arm"].end)[-1, 1]
-    >>> found = fb.converge(scene_of, tip, 1e-2, t_end=0.2)
-    >>> found.error < 1e-2, found.elements >= 8
+    >>> converged = fb.converge(scene_of, tip, 1e-2, t_end=0.2)
+    >>> converged.error < 1e-2, converged.elements >= 8
     (True, True)
     """
 
@@ -148,8 +148,8 @@ def converge(
     ...     return scene
     >>> def place(solution):
     ...     return solution.position(solution.beams["bar"].end)[-1]
-    >>> found = fb.converge(scene_of, place, 1e-4, t_end=1.0, elements=2)
-    >>> found.error < 1e-4
+    >>> converged = fb.converge(scene_of, place, 1e-4, t_end=1.0, elements=2)
+    >>> converged.error < 1e-4
     True
     """
     for name, given, fits, wanted in (
@@ -230,7 +230,7 @@ class _Runs:
         return self.values[key]
 
     def _unknown(self) -> StepError:
-        found = "; ".join(
+        last_values = "; ".join(
             f"{elements} elements, {tolerance:.2g}: {value}"
             for (elements, tolerance), value in list(self.values.items())[-4:]
         )
@@ -239,7 +239,7 @@ class _Runs:
                 "not converged",
                 f"converge: the quantity is not known to the tolerance after {self._most} runs",
                 self.last.t[-1],
-                where=f"The last values, by elements and tolerance of the steps: {found}",
+                where=f"The last values, by elements and tolerance of the steps: {last_values}",
                 advice="Try a larger tolerance, a shorter time, or more runs (max_runs)",
             )
         )

@@ -50,19 +50,19 @@ def lowest_damped(K, C, M, n: int):
     if np.isinf(unit):
         unit = abs(C.diagonal()).max() / M.diagonal().max()
     still = vectors[:, rigid]
-    found = _not_rigid(K, C, M, n, vectors[:, ~rigid], still, unit)
-    x = found.vectors
+    damped = _not_rigid(K, C, M, n, vectors[:, ~rigid], still, unit)
+    x = damped.vectors
     # The phase in which the imaginary part is smallest, and the sign of undamped modes.
     x = x * np.exp(-0.5j * np.angle(np.einsum("ij,ij->j", x, M @ x)))
     x = x * np.sign(x.real[abs(x).argmax(axis=0), np.arange(x.shape[1])])
     none = np.zeros(still.shape[1])
-    frequencies = np.concatenate([none, found.frequencies])
+    frequencies = np.concatenate([none, damped.frequencies])
     order = np.argsort(frequencies, kind="stable")[:n]
     return (
         frequencies[order],
         order < len(none),
-        np.concatenate([none, found.ratios])[order],
-        np.concatenate([none, found.values])[order],
+        np.concatenate([none, damped.ratios])[order],
+        np.concatenate([none, damped.values])[order],
         np.column_stack([still, x])[:, order],
     )
 
@@ -84,18 +84,18 @@ def _not_rigid(K, C, M, n: int, undamped: np.ndarray, rigid: np.ndarray, unit: f
         k, c, m = (V.T @ (A @ V) for A in (K, C, M))
         # Rigid motions without damping are double roots at zero: moved away, since they are known.
         k += (1e3 * unit) ** 2 * (V.T @ held) @ (held.T @ V)
-        found = _roots(k, c, m, unit, zeros)
-        found = found._replace(vectors=V @ found.vectors)
-        moved = (abs(held.T @ found.vectors) ** 2).sum(axis=0) > 0.5
-        found = found.only(np.flatnonzero(~moved)[:n])
-        close = _CLOSE * abs(found.values) + _rounding(K, C, found)
-        changes = abs(found.values[:, None] - values).min(axis=1, initial=np.inf)
+        damped = _roots(k, c, m, unit, zeros)
+        damped = damped._replace(vectors=V @ damped.vectors)
+        moved = (abs(held.T @ damped.vectors) ** 2).sum(axis=0) > 0.5
+        damped = damped.only(np.flatnonzero(~moved)[:n])
+        close = _CLOSE * abs(damped.values) + _rounding(K, C, damped)
+        changes = abs(damped.values[:, None] - values).min(axis=1, initial=np.inf)
         new = np.flatnonzero(changes > close)
         if whole or not len(new):
-            return found
-        values = found.values
+            return damped
+        values = damped.values
         V = _independent(
-            [V, *(_nearer(K, C, M, values[k], found.vectors[:, k]) for k in new)], scale
+            [V, *(_nearer(K, C, M, values[k], damped.vectors[:, k]) for k in new)], scale
         )
     raise RuntimeError(
         f"modes: {len(new)} of {n} damped modes did not converge. Try fewer modes, or leave "
@@ -103,12 +103,12 @@ def _not_rigid(K, C, M, n: int, undamped: np.ndarray, rigid: np.ndarray, unit: f
     )
 
 
-def _rounding(K, C, found: Damped) -> np.ndarray:
+def _rounding(K, C, damped: Damped) -> np.ndarray:
     """Rounding errors (n,) of the roots."""
-    sizes, root = abs(found.vectors), abs(found.values)
+    sizes, root = abs(damped.vectors), abs(damped.values)
     work = (sizes * (abs(K) @ sizes + root * (abs(C) @ sizes))).sum(axis=0)
     # The derivative of lambda^2 + lambda c + k at its root; bounded near critical damping.
-    slope = np.maximum(2 * abs(found.values.imag), 1e-3 * root)
+    slope = np.maximum(2 * abs(damped.values.imag), 1e-3 * root)
     return 100 * np.finfo(float).eps * work / slope
 
 
@@ -175,5 +175,5 @@ def _roots(k, c, m, unit: float, zeros: int) -> Damped:
     ratio, root = np.where(still, 0.0, ratio), np.where(still, 1j * root.imag, root)
     natural, ratio = np.where(grows, -root.real, natural), np.where(grows, np.nan, ratio)
     order = np.argsort(natural)
-    found = Damped(unit * root, unit * natural, ratio, unit * x / np.sqrt(m))
-    return found.only(order)
+    damped = Damped(unit * root, unit * natural, ratio, unit * x / np.sqrt(m))
+    return damped.only(order)

@@ -184,7 +184,7 @@ def simulate(
     if control is not None and order_and_constant(scheme)[0] > 2 and setup.model.loses_at_impacts:
         _log.warning(_IMPACTS, stats.scheme)
 
-    def found() -> Solution:
+    def solution() -> Solution:
         stats.seconds = time.perf_counter() - clock
         end = replace(
             counter.with_turns(recorder.end),
@@ -214,11 +214,11 @@ def simulate(
         if control is None:
             _warn_of_parts(stats, first)
         _warn_of_damping(stats, first if control is None else None)
-        return found()
+        return solution()
     except BaseException as error:
         recorder.settle_at_end()
         stats.failure = failure_of(error, recorder.end.t)
-        attach(error, found)
+        attach(error, solution)
         raise
 
 

@@ -70,22 +70,22 @@ def solution_of(
 
 def _internal_of_beam(model: Model, rows: np.ndarray | None) -> dict[str, dict[str, np.ndarray]]:
     """Internal variables (n, points) by beam and name, from those of all cells."""
-    found = {}
+    by_beam = {}
     for beam, cells in zip(model.scene.beams, model.mesh.cells, strict=True):
         if beam.section.internal is not None and rows is not None:
             of_beam = rows[:, cells].reshape(len(rows), -1, rows.shape[-1])
             names = enumerate(beam.section.internal.names)
-            found[beam.name] = {name: of_beam[..., i] for i, name in names}
-    return found
+            by_beam[beam.name] = {name: of_beam[..., i] for i, name in names}
+    return by_beam
 
 
 def _internal_of_joint(model: Model, rows: np.ndarray | None) -> dict[int, dict[str, np.ndarray]]:
     """Internal variables (n,) of springs by the joint's number and name, from those of all."""
-    found: dict[int, dict[str, np.ndarray]] = {}
+    by_joint: dict[int, dict[str, np.ndarray]] = {}
     if rows is None:
-        return found
+        return by_joint
     columns = iter(rows.T)
     for joint in model.scene.joints:
         if joint.internal:
-            found[joint.number] = {name: next(columns) for name in joint.internal}
-    return found
+            by_joint[joint.number] = {name: next(columns) for name in joint.internal}
+    return by_joint

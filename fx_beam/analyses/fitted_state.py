@@ -45,7 +45,7 @@ class FittedState:
         """Begin at a state that was loaded."""
         #: Starts of the last step and of that before; fits by the number of steps to the state.
         self._starts: tuple[_Instant | None, _Instant | None] = None, None
-        self._found: dict[int, Fit] = {}
+        self._fit_by_step: dict[int, Fit] = {}
         self._first = state.driven_rates
 
     def leave(self) -> None:
@@ -108,13 +108,13 @@ class FittedState:
     def _fit(self, instant: _Instant | None = None) -> Fit:
         """Fit of a state, by default of the present one."""
         number = self._stepper.number if instant is None else instant.number
-        if (found := self._found.get(number)) is None:
+        if (fit := self._fit_by_step.get(number)) is None:
             assert self._fits is not None
             m = self._present() if instant is None else instant
-            found = self._fits.fit(m.q[None], m.v[None], m.slides[None], self._driven(m)[None])
-            last = {k: fit for k, fit in self._found.items() if number - 2 < k < number + 2}
-            self._found = last | {number: found}
-        return found
+            fit = self._fits.fit(m.q[None], m.v[None], m.slides[None], self._driven(m)[None])
+            last = {k: fit for k, fit in self._fit_by_step.items() if number - 2 < k < number + 2}
+            self._fit_by_step = last | {number: fit}
+        return fit
 
     def _start(self) -> _Instant | None:
         """The start of the last step that was taken."""

@@ -57,8 +57,8 @@ class FrequencyResponse:
     >>> bar = scene.add_beam([(0, 0), (1, 0)], fb.Section(EA=4 * math.pi**2, GA=1.0, EI=1.0))
     >>> scene.fix(bar.start, "x", "y", "rotation")
     >>> scene.add_mass(bar.end, mass=1.0)
-    >>> found = fb.frequency_response(scene, (bar.end, (4 * math.pi**2, 0)), bar.end, [0.0, 0.5])
-    >>> found.amplitude[:, 0].round(3)
+    >>> response = fb.frequency_response(scene, (bar.end, (4 * math.pi**2, 0)), bar.end, [0.0, 0.5])
+    >>> response.amplitude[:, 0].round(3)
     array([1.   , 1.333])
     """
 
@@ -197,8 +197,8 @@ def frequency_response(
     >>> scene.clamp(beam.start)
     >>> lowest = fb.modes(scene, n=1)
     >>> f = float(lowest.frequencies[0])
-    >>> found = fb.frequency_response(scene, (beam.end, (0.0, 0.01)), beam.end, [0.0, f])
-    >>> static, resonant = found.component("y")
+    >>> response = fb.frequency_response(scene, (beam.end, (0.0, 0.01)), beam.end, [0.0, f])
+    >>> static, resonant = response.component("y")
     >>> round(float(abs(static)), 5), round(float(abs(resonant / static)), 1)
     (0.00333, 27.6)
     """

@@ -164,13 +164,13 @@ def _last(model: Model, start: State, state: Solution, what: str) -> tuple[float
     inside: dict[str, Any] = {}
     for name, whose in (("internal", "sections"), ("spring_internal", "springs")):
         if (wanted := getattr(start, name)) is not None:
-            found = getattr(state.end, name, None)
-            if found is None or found.shape != wanted.shape:
+            values = getattr(state.end, name, None)
+            if values is None or values.shape != wanted.shape:
                 raise SceneError(
                     f"{what}: the state has other internal variables than the {whose} of the "
                     "scene. Use a state of this scene"
                 )
-            inside[name] = found
+            inside[name] = values
     if "internal" in inside:
         inside["internal"] = model.mesh.from_elements(inside["internal"])
     q, slides = model.from_nodes(state.q[-1]), state.slides[-1]

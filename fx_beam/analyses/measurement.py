@@ -34,7 +34,7 @@ def _of_node(model: Model, now: FittedState, turns: np.ndarray, output: Output) 
     if output.quantity == "reaction":
         return _reaction(model, now, number)
     place = model.mesh.X[number]
-    found: dict[str, Reading] = {
+    readings: dict[str, Reading] = {
         "position": lambda: place + now.q[plane],
         "displacement": lambda: now.q[plane],
         "rotation": lambda: float(now.q[turn] + turns[turn]),
@@ -42,7 +42,7 @@ def _of_node(model: Model, now: FittedState, turns: np.ndarray, output: Output) 
         "spin": lambda: float(now.v[turn]),
         "acceleration": lambda: now.a[plane],
     }
-    return found[output.quantity]
+    return readings[output.quantity]
 
 
 def _reaction(model: Model, now: FittedState, number: int) -> Reading:
@@ -78,7 +78,7 @@ def _of_joint(model: Model, now: FittedState, turns: np.ndarray, output: Output)
 
     motors = [j.number for j, _ in model.motors]
     motor = len(model.prescribed) + motors.index(number) if number in motors else -1
-    found: dict[str, Reading] = {
+    readings: dict[str, Reading] = {
         "angle": lambda: between(now.q, 2) + between(turns, 2),
         "slide": lambda: float(now.slides[number]),
         "spin": lambda: between(now.v, 2),
@@ -86,7 +86,7 @@ def _of_joint(model: Model, now: FittedState, turns: np.ndarray, output: Output)
         "force": lambda: _row(now.joint_forces, number, np.zeros(3)).copy(),
         "motor_force": lambda: float(_row(now.constraint_forces, motor, 0.0)),
     }
-    return found[output.quantity]
+    return readings[output.quantity]
 
 
 def _row(values: np.ndarray | None, i: int, missing):

@@ -177,9 +177,9 @@ class Motion:
         """
         clock = perf_counter()
         self._open.step({} if inputs is None else inputs)
-        found = {name: read() for name, read in self._readings.items()}
+        outputs = {name: read() for name, read in self._readings.items()}
         self._setup.stats.seconds += perf_counter() - clock
-        return found
+        return outputs
 
     def run(self, t_end: float, controller: Controller | None = None) -> dict[str, Any]:
         """Take steps up to a time.
@@ -212,14 +212,14 @@ class Motion:
         last = as_float(t_end) - 1e-6 * self._dt
         fits = controller is None or callable(controller)
         require(fits, "Motion.run: controller", controller, "a function of time and outputs")
-        found = self.outputs
+        outputs = self.outputs
         with ctrl_c_between_blocks():
             motion = self._open
             while motion.t < last:
                 with uninterrupted:  # what the controller remembers belongs to the step
-                    inputs = None if controller is None else controller(motion.t, found)
-                    found = self.step(inputs)
-        return found
+                    inputs = None if controller is None else controller(motion.t, outputs)
+                    outputs = self.step(inputs)
+        return outputs
 
     # -- What is known ----------------------------------------------------------------------------
 

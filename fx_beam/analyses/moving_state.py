@@ -170,8 +170,8 @@ def _with_fitted_rates(model: Model, state: State, at: Solution) -> State:
     if model.fitted_rates is None:
         return state
     given = np.full((1, model.reduction.driven), np.nan)
-    found = model.fitted_rates.fit(state.q[None], state.v[None], state.slides[None], given)
-    return replace(state, v=found.rates[0])
+    fit = model.fitted_rates.fit(state.q[None], state.v[None], state.slides[None], given)
+    return replace(state, v=fit.rates[0])
 
 
 def _rates_from(model: Model, T: np.ndarray) -> np.ndarray:
@@ -186,14 +186,14 @@ def _rates_from(model: Model, T: np.ndarray) -> np.ndarray:
 
 def driven_of(model: Model, values: np.ndarray, slides: np.ndarray) -> np.ndarray:
     """Prescribed motions and coordinates of motors (driven,), from values (nodes, 3)."""
-    found = [values[key] for key in model.scene.prescribed]
+    driven = [values[key] for key in model.scene.prescribed]
     for joint, name in model.motors:
         if name == "slide":
-            found.append(slides[joint.number])
+            driven.append(slides[joint.number])
         else:
             (a,), (b,) = (_at(node, values) for node in (joint.a, joint.b))
-            found.append(b[2] - a[2])
-    return np.array(found)
+            driven.append(b[2] - a[2])
+    return np.array(driven)
 
 
 def _at(node: Node, *values: np.ndarray) -> list[np.ndarray]:
@@ -269,8 +269,8 @@ def _forces(model: Model, state: State):
         z = np.zeros(count)
         z[points.columns] = slid[points.slides]
         points.evaluate_slides(z)
-        found = (np.bincount(points.columns, points.on_slides(k), count) for k in (0, 1))
-        return f, forms.stiffness.copy(), *found
+        on_slides = (np.bincount(points.columns, points.on_slides(k), count) for k in (0, 1))
+        return f, forms.stiffness.copy(), *on_slides
 
     if not forms.depend_on_rates:
         f, half, pushes, half_slides = step(INSTANT, False)

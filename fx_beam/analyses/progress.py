@@ -56,10 +56,10 @@ def failure_of(stop: BaseException, time: float) -> Failure:
     return Failure("interrupted", f"interrupted{by}", time)
 
 
-def attach(stop: BaseException, found: Callable[[], Solution]) -> None:
+def attach(stop: BaseException, solution: Callable[[], Solution]) -> None:
     """Attach the partial solution to an exception; a note tells users of Ctrl-C about it."""
     with without_ctrl_c():
-        stop.solution = found()  # type: ignore[attr-defined]
+        stop.solution = solution()  # type: ignore[attr-defined]
     if isinstance(stop, KeyboardInterrupt):
         stop.add_note(_KEPT)
 

@@ -67,11 +67,11 @@ def _in_slices(K, M, n: int, sizes: np.ndarray) -> tuple[np.ndarray, np.ndarray,
     last = reach(n)
     values: np.ndarray = np.empty(0)
     rounding, vectors = values, np.empty((K.shape[0], 0))
-    while (found := len(values)) < max(n, below(last)):
-        bottom, noise = reach(found + 1), rounding.max(initial=least)
+    while (known := len(values)) < max(n, below(last)):
+        bottom, noise = reach(known + 1), rounding.max(initial=least)
         top = min(last, max(1e4 * bottom, 1e-4 * bottom, noise))
         shift = -max(top, -10 * bottom, 10 * noise)  # below the slice, not an eigenvalue
-        new = pencil.nearest(max(below(top) - found, 1), shift, vectors)
+        new = pencil.nearest(max(below(top) - known, 1), shift, vectors)
         new -= vectors @ (vectors.T @ (M @ new))  # orthogonal to the slices below
         squares, errors, new = _ritz_vectors(K, M, new)
         # Vectors above the slice took the place of copies that are not found yet.

@@ -71,14 +71,14 @@ class FormTables:
     def _table(self, to: str, names: tuple[str, ...], fields: list) -> dict[str, Any]:
         """Forms of fields that change, in the order of `Forms.moving`."""
         p, forms = self._problem, self._forms
-        found = [forms.bound[name] for name in names if name in forms.bound]
-        form, compiled = found[0]
+        bound = [forms.bound[name] for name in names if name in forms.bound]
+        form, compiled = bound[0]
         packed, tags = dolfinx_api.packed_coefficients(form, compiled), ffcx_api.integrals(compiled)
-        kernel = Kernel(found, p.cell_internal if to == "evolution" else p.cell_dofs)
+        kernel = Kernel(bound, p.cell_internal if to == "evolution" else p.cell_dofs)
         width = packed[tags[0]].shape[1]
         numbers = kernel.size, width, p.cell_coordinates
         # Named after the form that takes longest to compile.
-        name = names[min(1, len(found) - 1)]
+        name = names[min(1, len(bound) - 1)]
         batches = load_batches(name, kernel.key, kernel.source, len(tags), numbers)
         cells = [forms.cells_of(tag) for tag in tags]
         moving = sorted(dolfinx_api.coefficient_offsets(form, fields))
@@ -109,14 +109,14 @@ class FormTables:
         )
         if key in self._shared:
             return self._shared[key]
-        found = {name: self._blocks(rows[cells], at) for name, (rows, at) in self._rows.items()}
+        data = {name: self._blocks(rows[cells], at) for name, (rows, at) in self._rows.items()}
         if self._problem.chain:
             rows = rows_of_nodes(stored_at, behind, self._lanes)
-            found |= rows._asdict() | {"run": self._blocks(rows.run, behind)}
+            data |= rows._asdict() | {"run": self._blocks(rows.run, behind)}
         else:
-            found["stored_at"] = self._blocks(stored_at, behind)
-        self._shared[key] = found
-        return found
+            data["stored_at"] = self._blocks(stored_at, behind)
+        self._shared[key] = data
+        return data
 
     def _blocks(self, rows: np.ndarray, behind: int | None = None) -> np.ndarray:
         return in_lanes(rows, self._lanes, behind)

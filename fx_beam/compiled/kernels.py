@@ -57,10 +57,10 @@ class Kernel(NamedTuple):
         if number == 0:
             return f"{name}(A, w, c, x{unused});\n"
         n = self.cell_dofs
-        places = dolfinx_api.places_in(self.forms[number], self.forms[0])
+        indices = dolfinx_api.indices_in(self.forms[number], self.forms[0])
         lists = (
-            ", ".join(f"{array}[{place}]" for place in found) or "0"
-            for array, found in zip("wc", places, strict=True)
+            ", ".join(f"{array}[{i}]" for i in of_own) or "0"
+            for array, of_own in zip("wc", indices, strict=True)
         )
         own = "double own_w[] = {{{}}}, own_c[] = {{{}}}".format(*lists)
         return f"{{ {own};\n{name}(A + {n}, own_w, own_c, x{unused}); }}\n"

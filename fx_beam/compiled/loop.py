@@ -65,8 +65,8 @@ class CompiledLoop:
             p, known = self._problem, len(past.ages)
             p.known_steps, p.orders[0 : p.sub_steps] = known, past.orders.tolist()
             y = self.model.couplings.unknowns(past.differences, past.slides)
-            for values, found in zip(self._past, (past.ages, past.differences, y), strict=True):
-                values[:known] = found
+            for values, given in zip(self._past, (past.ages, past.differences, y), strict=True):
+                values[:known] = given
 
     def forget_past(self) -> None:
         """Predict nothing in the next step."""
@@ -95,20 +95,22 @@ class CompiledLoop:
             dt = float(ends[0]) - state.t
             p.smooth, p.raw = steps.control.factors(dt)
             p.lowest, p.highest = steps.control.band(dt)
-        found = Attempt(state, 0)
+        attempt = Attempt(state, 0)
         with uninterrupted:
             taken = self._run(state, ends, inputs, steps, recorder)
             if taken:
                 within = (steps.done + taken) % steps.parts > 0
-                found = Attempt(self.state(float(ends[taken - 1]), within), taken)
-                count(found)
+                attempt = Attempt(self.state(float(ends[taken - 1]), within), taken)
+                count(attempt)
         if steps.watch and (taken or p.failure == self._library.SWITCHED):
             switches = self.problem.sides[1].copy()
-            found = found._replace(switches=switches, switched=p.failure == self._library.SWITCHED)
+            attempt = attempt._replace(
+                switches=switches, switched=p.failure == self._library.SWITCHED
+            )
         if p.failure in (self._library.OK, self._library.TOO_INACCURATE) and steps.control:
             before, ratio = (ratio if ratio >= 0 else None for ratio in p.ratios)
-            found = found._replace(before=before if taken > 1 else None, ratio=ratio)
-        return found._replace(
+            attempt = attempt._replace(before=before if taken > 1 else None, ratio=ratio)
+        return attempt._replace(
             failed=p.failure not in self._no_failures,
             error=inputs.error if taken == len(inputs.driven) // p.sub_steps else None,
         )
@@ -215,16 +217,16 @@ class CompiledLoop:
     def state(self, t: float, within: bool = False) -> State:
         """The state in the memory of C, at the time t [s]; `within` a step that is in parts."""
         p = self._problem
-        taken, found = p.steps_done > 0, dict[str, Any]()
+        taken, arrays = p.steps_done > 0, dict[str, Any]()
         for name, quantity in ARRAYS.items():
             # Forces of joints and obstacles are not computed in steps that are not recorded.
             known = name == "constraint_forces" or p.keeps_joint_forces or within
             array = self._state_arrays[name]
             if (taken and known) if quantity.mean else (quantity.required or array.size):
-                found[name] = array.reshape(self.shapes[name]).copy()
+                arrays[name] = array.reshape(self.shapes[name]).copy()
         numbers = {name: getattr(p, name) for name in NUMBERS} | {"t": t}
         motors = self._state_arrays["driven_now"][len(self.model.prescribed) :].copy()
-        return State(**numbers, **found, motors=motors)
+        return State(**numbers, **arrays, motors=motors)
 
 
 class StepInputs(NamedTuple):

@@ -60,7 +60,7 @@ class CompiledRates:
     def fit(self, q: np.ndarray, v: np.ndarray, slides: np.ndarray, driven: np.ndarray) -> Fit:
         """As `FittedRates.fit`."""
         n, size = len(q), self._size
-        found = Fit(
+        fit = Fit(
             np.empty((n, size)),
             np.empty((n, size)),
             np.empty((n, self._joints, 3)),
@@ -68,8 +68,8 @@ class CompiledRates:
         )
         given = map(np.ascontiguousarray, (q, v, slides, driven))
         self._c.driven = driven.shape[1]
-        self._fit(self._c, n, *(self._buffer("double[]", x) for x in (*given, *found)))
-        return found
+        self._fit(self._c, n, *(self._buffer("double[]", x) for x in (*given, *fit)))
+        return fit
 
 
 def _tables_of_masses(
@@ -79,14 +79,14 @@ def _tables_of_masses(
 
     `at` are those of the entries. None if sparse matrices are better.
     """
-    row, massless, kept = rates.points.row, rates.little[used] > 0, len(rates.points.kept)
+    row, massless, remaining = rates.points.row, rates.little[used] > 0, len(rates.points.remaining)
     tables: dict[str, Any] = {
         "massless": massless,
         "used": len(used),
-        "width": kept,
-        "number": np.arange(kept),
+        "width": remaining,
+        "number": np.arange(remaining),
     }
-    if not kept:  # all that joints hold are massless points
+    if not remaining:  # all that joints hold are massless points
         return tables
     if _alone(rates.mass)[used].all() and not massless.any():
         bands = _bands_of(row, at)
@@ -102,7 +102,7 @@ def _tables_of_masses(
                 "pair_weight": inverse[at[bands.left]],
                 "inverse_mass": inverse,
             }
-    if kept > _MOST[0] or len(used) > _MOST[1]:
+    if remaining > _MOST[0] or len(used) > _MOST[1]:
         return None
     impulses = np.zeros((rates.mass.shape[0], len(used)))
     impulses[used, np.arange(len(used))] = 1.0

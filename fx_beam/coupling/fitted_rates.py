@@ -53,7 +53,7 @@ class FittedRates:
         #: Masses with the little ones (size,) of what has none.
         self.little = _little_mass(mass, unit)
         self.mass = (mass + scipy.sparse.diags(self.little)).tocsc()
-        self._to_rows = summing(points.row, len(points.kept))
+        self._to_rows = summing(points.row, len(points.remaining))
 
     def fit(self, q: np.ndarray, v: np.ndarray, slides: np.ndarray, driven: np.ndarray) -> Fit:
         """Rates for v (n, size) at q (n, size) and slides (n, joints).
@@ -71,13 +71,13 @@ class FittedRates:
         equations, points = self.equations, self.points
         of, arms = equations.at(q, slides), points.arms(q)
         entries = points.condensed(of.entries, arms)
-        lacking = equations.driven(of, driven)[:, points.kept]
+        lacking = equations.driven(of, driven)[:, points.remaining]
         lacking = np.nan_to_num(lacking - (entries * v[:, points.dof]) @ self._to_rows)
-        c, found = np.zeros_like(v), lacking
-        if len(points.kept):
-            c, found = self._solve(entries, lacking)
+        c, of_remaining = np.zeros_like(v), lacking
+        if len(points.remaining):
+            c, of_remaining = self._solve(entries, lacking)
         multipliers = np.zeros((len(q), equations.count))
-        multipliers[:, points.kept] = found
+        multipliers[:, points.remaining] = of_remaining
         points.complete(of.entries, multipliers, arms)
         fitted = v + c
         points.move(fitted, arms)
@@ -101,7 +101,10 @@ class FittedRates:
 
     def _saddle(self, entries: np.ndarray) -> scipy.sparse.csc_matrix:
         """Matrix of the rates and of the negative multipliers."""
-        at, shape = (self.points.row, self.points.dof), (len(self.points.kept), len(self.little))
+        at, shape = (
+            (self.points.row, self.points.dof),
+            (len(self.points.remaining), len(self.little)),
+        )
         G = scipy.sparse.csr_matrix((entries, at), shape)
         G.eliminate_zeros()  # a node that slides has entries of the whole beam
         return scipy.sparse.bmat([[self.mass, G.T], [G, None]], format="csc")

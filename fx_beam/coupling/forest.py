@@ -37,12 +37,12 @@ def grown_forests(scene: Scene) -> tuple[list[list[Branch]], list[list[Joint]]]:
     sliding = hold_sliding_nodes(scene.joints, held)
     joints = [joint for joint in scene.joints if joint not in sliding]
     turning = [joint for joint in joints if joint.turns_together]
-    found = [
+    grown = [
         _forest(scene, joints, held[0], held[1], "displacement in x"),
         _forest(scene, joints, held[1], held[0], "displacement in y"),
         _forest(scene, turning, held[2], set(), "rotation"),
     ]
-    forests, closing = zip(*found, strict=True)
+    forests, closing = zip(*grown, strict=True)
     return list(forests), list(closing)
 
 
@@ -107,9 +107,9 @@ def _forest(
                 branches.append(Branch(node, parent, joint))
                 queue.append(node)
 
-    found = sorted(neighbours)
-    roots = [n for n in found if n in supported or n == GROUND.number]
-    for root in [*roots, *(n for n in found if n in preferred), *found]:
+    nodes = sorted(neighbours)
+    roots = [n for n in nodes if n in supported or n == GROUND.number]
+    for root in [*roots, *(n for n in nodes if n in preferred), *nodes]:
         if root not in reached:
             grow(root)
     return branches, closing

@@ -66,12 +66,12 @@ class GapBorders:
 
     def of(self, values: np.ndarray, virtual_map: np.ndarray) -> np.ndarray:
         """Ghat and G (2, closures, unknowns) in the linear system."""
-        found, on = np.zeros((2, self._count, self._n)), self._columns >= 0
+        borders, on = np.zeros((2, self._count, self._n)), self._columns >= 0
         for out, at, entries in zip(
-            found, (self._rows, self._columns), (virtual_map, values), strict=True
+            borders, (self._rows, self._columns), (virtual_map, values), strict=True
         ):
             np.add.at(out, (self._gap[on], at[on]), (self._sign * entries[self._place])[on])
-        return found
+        return borders
 
     def system(self) -> ClosedSystem:
         """The linear system in which the forces are unknowns behind the others."""

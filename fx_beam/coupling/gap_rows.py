@@ -33,7 +33,7 @@ def gap_rows(couplings: Couplings, arms: int) -> list[GapRow]:
 
 
 def _row(one: Closure, couplings: Couplings, values: list[float], starts: list[int]) -> GapRow:
-    first, row, found = couplings.columns, dict[int, float](), list[int]()
+    first, row, used = couplings.columns, dict[int, float](), list[int]()
     waiting: list[int] = []
 
     def add(entry: Entry, factor: float) -> None:
@@ -50,9 +50,9 @@ def _row(one: Closure, couplings: Couplings, values: list[float], starts: list[i
         tie = -heapq.heappop(waiting)  # the latest first: others depend on earlier ones only
         factor = row.pop(first + tie)
         for k, entry in enumerate(couplings.ties[tie].entries if factor else [], starts[tie]):
-            found.append(k)
+            used.append(k)
             add(entry, factor)
-    return GapRow([column for column, factor in row.items() if factor], found)
+    return GapRow([column for column, factor in row.items() if factor], used)
 
 
 def blocks_of(rows: list[GapRow], free: int) -> list[np.ndarray]:

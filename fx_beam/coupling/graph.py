@@ -271,8 +271,8 @@ def _connected(forests: list[list[Branch]], nodes: set[int]) -> set[int]:
     size = 1 + max(map(max, pairs))
     matrix = scipy.sparse.coo_matrix((np.ones(len(pairs)), np.transpose(pairs)), (size, size))
     _, tree = scipy.sparse.csgraph.connected_components(matrix, directed=False)
-    found = np.isin(tree, tree[[node for node in nodes if 0 <= node < size]])
-    return set(np.flatnonzero(found).tolist())
+    connected = np.isin(tree, tree[[node for node in nodes if 0 <= node < size]])
+    return set(np.flatnonzero(connected).tolist())
 
 
 class _Columns:
@@ -318,7 +318,7 @@ class _Columns:
 
 def motors(scene: Scene) -> list[tuple[Joint, str]]:
     """Joints with a motor, each with the name of its coordinate: "slide" or "rotation"."""
-    found = []
+    moved = []
     for joint in scene.joints:
         names = [
             name
@@ -327,8 +327,8 @@ def motors(scene: Scene) -> list[tuple[Joint, str]]:
         ]
         if len(names) == 2:
             raise SceneError(f"{joint}: it has two motors. Move one of them to another joint")
-        found += [(joint, name) for name in names]
-    return found
+        moved += [(joint, name) for name in names]
+    return moved
 
 
 def _signs(branches: list[Branch], joints: int) -> np.ndarray:

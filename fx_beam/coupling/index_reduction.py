@@ -191,8 +191,8 @@ class IndexReduction(WithoutLoops):
         self._column = column
         self.free, self.driven, self.columns = free, driven, columns
         self._z = np.zeros(columns)
-        found = _sums_of_dofs_and_entries(column, matrix.indptr, matrix.indices, free)
-        self.pattern, self._dofs, self._entries = found
+        sums = _sums_of_dofs_and_entries(column, matrix.indptr, matrix.indices, free)
+        self.pattern, self._dofs, self._entries = sums
         self.factored = self.pattern
 
     def begin(self, q, slides) -> None:

@@ -297,9 +297,9 @@ class JointReduction(WithoutLoops):
     def moves(self, dofs: np.ndarray) -> np.ndarray:
         """Whether each unknown (free,) moves one of some degrees of freedom (size,)."""
         own = (self._values[self._place] != 0) & dofs[self._row]
-        found = np.bincount(self._col[own], minlength=self.columns + len(self.ties)) * 1.0
-        self.ties.collect_whether(found, self._values)
-        return found[: self.free] > 0
+        counts = np.bincount(self._col[own], minlength=self.columns + len(self.ties)) * 1.0
+        self.ties.collect_whether(counts, self._values)
+        return counts[: self.free] > 0
 
     def carried(self, r):
         """Forces (size,) with those of sliding nodes on their beams."""

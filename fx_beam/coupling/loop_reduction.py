@@ -77,8 +77,8 @@ class LoopReduction(JointReduction):
         self._build_gaps()
 
     def _unknowns_of(self, closures: np.ndarray) -> np.ndarray:
-        found = {column for k in closures for column in self._rows[k].columns}
-        return np.array(sorted(column for column in found if column < self.free), dtype=int)
+        columns = {column for k in closures for column in self._rows[k].columns}
+        return np.array(sorted(column for column in columns if column < self.free), dtype=int)
 
     def _build_gaps(self) -> None:
         """The gaps as differences of displacements, less the arm of the joint."""
@@ -153,7 +153,7 @@ class LoopReduction(JointReduction):
         self.gap(y, driven)
         G = self.scaled_derivative()
         parts = [(own, _pivots(G[np.ix_(rows, own)])) for rows, own in self.blocks]
-        self._following = self.loop[np.concatenate([own[found] for own, (found, _) in parts])]
+        self._following = self.loop[np.concatenate([own[pivots] for own, (pivots, _) in parts])]
         self.singularity = ""
         if not all(regular for _, (_, regular) in parts):
             names = "; ".join(dict.fromkeys(str(one.joint) for one in self._closures))
@@ -222,9 +222,9 @@ class LoopReduction(JointReduction):
 
     def moves(self, dofs):
         """Whether an unknown moves some degrees of freedom, or a loop."""
-        found = super().moves(dofs)
-        found[self.loop] = True
-        return found
+        moving = super().moves(dofs)
+        moving[self.loop] = True
+        return moving
 
     def coupling(self):
         """The matrix of `spread`."""
@@ -256,10 +256,10 @@ class LoopReduction(JointReduction):
 
     def closing(self):
         """Forces (joints, 2) [N] of the closing joints on b, by the joint's number."""
-        found = np.zeros((1 + max(one.joint.number for one in self._closures), 2))
+        forces = np.zeros((1 + max(one.joint.number for one in self._closures), 2))
         for one, force in zip(self._closures, self._forces, strict=True):
-            found[one.joint.number, one.component] = force
-        return found
+            forces[one.joint.number, one.component] = force
+        return forces
 
     def transmitted(self, r):
         """Forces (joints, 2) [N] of the joints on b, for nodal forces that `closed` gave."""

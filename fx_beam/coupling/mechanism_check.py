@@ -206,11 +206,11 @@ def _some(rows: scipy.sparse.csr_matrix) -> tuple[np.ndarray, Callable]:
             motions = np.linalg.qr(solve(motions))[0]
         return motions
 
-    found = settled(np.random.default_rng(0).standard_normal((n, min(n, _SOUGHT))))
+    motions = settled(np.random.default_rng(0).standard_normal((n, min(n, _SOUGHT))))
     # Zero rows are added, as there may be fewer rows than motions.
-    violated = np.vstack([rows @ found, np.zeros((found.shape[1],) * 2)])
+    violated = np.vstack([rows @ motions, np.zeros((motions.shape[1],) * 2)])
     _, violations, mixed = np.linalg.svd(violated, full_matrices=False)
-    return found @ mixed[violations <= _ROUNDING * np.sqrt(largest)].T, settled
+    return motions @ mixed[violations <= _ROUNDING * np.sqrt(largest)].T, settled
 
 
 def _description(scene: Scene, mesh: Mesh, parts: _Parts, rates: np.ndarray) -> str:

@@ -87,9 +87,9 @@ class RateEquations:
 
     def at(self, q: np.ndarray, slides: np.ndarray) -> Coefficients:
         """Coefficients at displacements and rotations (n, size) and slides (n, joints)."""
-        found = [part.at(q, slides) for part in self._parts]
+        parts = [part.at(q, slides) for part in self._parts]
         entries, given, push = (
-            np.concatenate(values, axis=1) for values in zip(*found, strict=True)
+            np.concatenate(values, axis=1) for values in zip(*parts, strict=True)
         )
         given[:, self._column < 0] = 0.0
         return Coefficients(entries[:, self.moving], given, push)
@@ -132,14 +132,14 @@ class RateEquations:
     def forces(self, of: Coefficients, multipliers: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Forces (n, joints, 3) of joints on b, and (n, columns) of motors and supports."""
         n, joint, column = len(multipliers), self._joint, self._column
-        found, constraints = np.zeros((self.joints, n, 3)), np.zeros((self.columns, n))
+        on_joints, constraints = np.zeros((self.joints, n, 3)), np.zeros((self.columns, n))
         of_joints, driven = np.flatnonzero(joint >= 0), np.flatnonzero(column >= 0)
         on_b = np.empty((n, len(of_joints), 3))
         on_b[..., :2] = of.push[:, of_joints] * multipliers[:, of_joints, None]
         on_b[..., 2] = self._turns[of_joints] * multipliers[:, of_joints]
-        np.add.at(found, joint[of_joints], on_b.swapaxes(0, 1))
+        np.add.at(on_joints, joint[of_joints], on_b.swapaxes(0, 1))
         np.add.at(constraints, column[driven], (of.given * multipliers)[:, driven].T)
-        return found.swapaxes(0, 1), constraints.T
+        return on_joints.swapaxes(0, 1), constraints.T
 
 
 _Values = tuple[np.ndarray, np.ndarray, np.ndarray]

@@ -36,19 +36,19 @@ class RigidPoints:
     """Equations of rates without massless nodes that move rigidly with others."""
 
     def __init__(self, scene: Scene, mesh: Mesh, massless: np.ndarray, equations: RateEquations):
-        found = _levels(scene, mesh, massless)
-        rows = [np.array([equations.rows_of(j) for j in joints], int) for joints in found]
+        levels = _levels(scene, mesh, massless)
+        rows = [np.array([equations.rows_of(j) for j in joints], int) for joints in levels]
         #: Rows that remain.
-        self.kept = np.setdiff1d(
+        self.remaining = np.setdiff1d(
             np.arange(equations.count), np.concatenate([[], *map(np.ravel, rows)])
         )
-        self._entries = np.flatnonzero(np.isin(equations.row, self.kept))
+        self._entries = np.flatnonzero(np.isin(equations.row, self.remaining))
         row, dof = equations.row[self._entries], equations.dof[self._entries]
         #: Their numbers among all of the equations, also those of the ground.
         self._numbers = equations.moving[self._entries]
         self._to_dofs = summing(dof, equations.size)
         self._row, self._dof, self._levels = row, dof, []
-        for joints, own in zip(found[::-1], rows[::-1], strict=True):
+        for joints, own in zip(levels[::-1], rows[::-1], strict=True):
             a, b = (mesh.dofs[[getattr(j, name).number for j in joints]] for name in "ab")
             number = np.full((3, equations.size), -1)
             for i in range(3):
@@ -63,7 +63,7 @@ class RigidPoints:
             dof = np.concatenate([dof, a[of[0], 2], a[of[1], 2]])
             row = np.concatenate([row, row[at[0]], row[at[1]]])
         keys, place = np.unique(
-            np.searchsorted(self.kept, row) * equations.size + dof, return_inverse=True
+            np.searchsorted(self.remaining, row) * equations.size + dof, return_inverse=True
         )
         self._sums = summing(place, len(keys))
         #: The entry to which each one adds, those of `condensed` in turn.
@@ -85,8 +85,8 @@ class RigidPoints:
             np.concatenate([none[:, 0], *(part[i] for part in carried)]) for i in range(3)
         )
         return {
-            "kept": len(self.kept),
-            "kept_row": self.kept,
+            "remaining": len(self.remaining),
+            "remaining_row": self.remaining,
             "raw": len(self._entries),
             "raw_entry": self._numbers,
             "raw_row": self._row,

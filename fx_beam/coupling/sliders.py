@@ -140,8 +140,8 @@ class Sliders:
     def pattern(self) -> tuple[np.ndarray, np.ndarray]:
         """Sparsity of the tangent after the elimination."""
         i, j = np.divmod(self._keys[self._of_unknowns], self.size)
-        found, _ = sparsity(i, j, self._unknowns)
-        return found
+        pattern, _ = sparsity(i, j, self._unknowns)
+        return pattern
 
     @property
     def outside(self) -> np.ndarray:
@@ -241,13 +241,13 @@ class Sliders:
 
     def _entries_of(self, slide: Slide, first: int) -> tuple[np.ndarray, ...]:
         """Local degrees of freedom, columns, positions and signs of the entries of a window."""
-        found = [
+        entries = [
             (k, *entry)
             for k, dof in enumerate(slide.local_dofs(first).tolist())
             for entry in self._couplings.entries(dof)
         ]
-        found.append((len(slide.local_dofs(first)), slide.column, 0, 1.0))
-        local, column, value, sign = np.array(found).T
+        entries.append((len(slide.local_dofs(first)), slide.column, 0, 1.0))
+        local, column, value, sign = np.array(entries).T
         return local.astype(int), column.astype(int), value.astype(int), sign
 
     def entries(self, k: int) -> Sequence[tuple[np.ndarray, ...]]:
@@ -259,9 +259,9 @@ class Sliders:
 
         Where those of each begin; columns, positions of values and signs.
         """
-        found = [self._couplings.entries(dof) for dof in slide.dofs.ravel().tolist()]
-        column, value, sign = np.array([e for own in found for e in own]).reshape(-1, 3).T
-        starts = np.concatenate([[0], np.cumsum([len(own) for own in found])])
+        entries = [self._couplings.entries(dof) for dof in slide.dofs.ravel().tolist()]
+        column, value, sign = np.array([e for own in entries for e in own]).reshape(-1, 3).T
+        starts = np.concatenate([[0], np.cumsum([len(own) for own in entries])])
         return starts, column.astype(int), value.astype(int), sign
 
     def _window(self, k: int, first: int) -> Window:

@@ -62,7 +62,7 @@ def tied_fill_in(
                 heapq.heappush(ready, (degree(j), j))
     counts = [len(row) for row in above]
     row = np.repeat(np.arange(n), counts)
-    column = place[np.array([j for found in above for j in found], dtype=int)]
+    column = place[np.array([j for columns in above for j in columns], dtype=int)]
     each = np.arange(n)
     i, j = np.concatenate([row, column, each]), np.concatenate([column, row, each])
     pattern = scipy.sparse.csr_matrix((np.ones(len(i)), (i, j)), (n, n))

@@ -100,12 +100,12 @@ class Ties:
         self._add_down(z, self.sign * values[self.place], np.zeros(self._count))
 
     def _add_down(self, z: np.ndarray, weights: np.ndarray, own: np.ndarray) -> None:
-        found, first = z.tolist(), self._first
-        found[first:] = own.tolist()
+        changes, first = z.tolist(), self._first
+        changes[first:] = own.tolist()
         terms = self.tie.tolist(), self.column.tolist(), weights.tolist()
         for tie, column, weight in zip(*terms, strict=True):
-            found[first + tie] += weight * found[column]
-        z[first:] = found[first:]
+            changes[first + tie] += weight * changes[column]
+        z[first:] = changes[first:]
 
     def collect(self, out: np.ndarray, virtual_map: np.ndarray) -> None:
         """Add the forces on the ties, in `out`, to those on the columns before, for That."""
@@ -134,12 +134,12 @@ class Ties:
 
         It is full: for small motions, not for steps.
         """
-        found = np.zeros((self._first + self._count, self._first))
-        found[: self._first] = np.eye(self._first)
+        rows = np.zeros((self._first + self._count, self._first))
+        rows[: self._first] = np.eye(self._first)
         weights = self.sign * values[self.place]
         for tie, column, weight in zip(self.tie, self.column, weights, strict=True):
-            found[self._first + tie] += weight * found[column]
-        return scipy.sparse.csr_matrix(found)
+            rows[self._first + tie] += weight * rows[column]
+        return scipy.sparse.csr_matrix(rows)
 
     def condensed(
         self, tangent: scipy.sparse.csr_matrix, values: np.ndarray, virtual_map: np.ndarray

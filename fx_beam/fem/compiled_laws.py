@@ -47,8 +47,8 @@ class CompiledLaw:
 
     def _add(self, name: str, function: Callable[[Motion], Any]) -> None:
         def values(motion: Motion) -> list:
-            found = function(motion)
-            return found if isinstance(found, list) else [found]
+            value = function(motion)
+            return value if isinstance(value, list) else [value]
 
         if name == "switches":
             self.conditions = len(values(self._motion(ufl.as_vector([0.1] * arguments(self.law)))))
@@ -65,15 +65,20 @@ class CompiledLaw:
 
     def _forces(self, motion: Motion) -> list:
         """Forces, entries of their tangent, internal variables and what is remembered."""
-        found = self.law.forces(motion)
+        result = self.law.forces(motion)
         entries = [
             (i, k, derivative)
-            for i, force in enumerate(found.forces)
+            for i, force in enumerate(result.forces)
             for k, D in enumerate(motion.increment)
             if not isinstance(derivative := _derivative(force, D), Zero)
         ]
         self.entries = np.array([entry[:2] for entry in entries], dtype=np.int32).reshape(-1, 2)
-        return [*found.forces, *(entry[2] for entry in entries), *found.internal, *found.remembered]
+        return [
+            *result.forces,
+            *(entry[2] for entry in entries),
+            *result.internal,
+            *result.remembered,
+        ]
 
     def _check(self) -> None:
         """Refuse a law that is not finite where all coordinates are zero."""

@@ -211,9 +211,9 @@ def _subdomains(mesh, compiled: CompiledForm, tags) -> dict:
 @functools.cache
 def gauss_points(points: int) -> np.ndarray:
     """Reference coordinates (points, 1) in [0, 1] of the Gauss rule that `measure` uses."""
-    found = (np.polynomial.legendre.leggauss(points)[0][:, None] + 1) / 2
-    found.flags.writeable = False
-    return found
+    x = (np.polynomial.legendre.leggauss(points)[0][:, None] + 1) / 2
+    x.flags.writeable = False
+    return x
 
 
 def compile_expression(expression, points: np.ndarray, mesh=None, data: Mapping | None = None):
@@ -238,8 +238,8 @@ def create_matrix(form, mesh):
     """Zero matrix in compressed rows, with the sparsity of a bound bilinear form."""
     dofs = _cpp(form).function_spaces[0].element.space_dimension
     if dofs not in mesh.sparsities:
-        found = mesh.sparsities[dofs] = fem.create_sparsity_pattern(form)
-        (found.finalize if hasattr(found, "finalize") else found.assemble)()
+        pattern = mesh.sparsities[dofs] = fem.create_sparsity_pattern(form)
+        (pattern.finalize if hasattr(pattern, "finalize") else pattern.assemble)()
     return dolfinx.la.matrix_csr(mesh.sparsities[dofs], dtype=_REAL)
 
 
@@ -253,8 +253,8 @@ def entries(form, matrix) -> np.ndarray:
     """Entries of a bilinear form in the sparsity of a matrix, which keeps its own values."""
     own = matrix.data.copy()
     assemble_matrix(matrix, form)
-    found, matrix.data[:] = matrix.data.copy(), own
-    return found
+    values, matrix.data[:] = matrix.data.copy(), own
+    return values
 
 
 def assemble_vector(array: np.ndarray, form) -> None:
@@ -293,18 +293,18 @@ def _rows(mesh, numbers) -> np.ndarray:
 def coefficient_offsets(form, functions) -> list[tuple[int, int]]:
     """Which of the functions a bound form has, and their offsets in its packed coefficients."""
     objects = [getattr(function, "_cpp_object", None) for function in functions]
-    found, offset = [], 0
+    offsets, offset = [], 0
     for coefficient in _cpp(form).coefficients:
         if coefficient in objects:
-            found.append((objects.index(coefficient), offset))
+            offsets.append((objects.index(coefficient), offset))
         offset += coefficient.function_space.element.space_dimension
-    return found
+    return offsets
 
 
-def places_in(*forms: tuple[Any, CompiledForm]) -> tuple[list[int], list[int]]:
+def indices_in(*forms: tuple[Any, CompiledForm]) -> tuple[list[int], list[int]]:
     """Indices of a bound form's packed coefficients and constants among those of another one."""
 
-    def places(size: Callable[[Any], int], own, others) -> list[int]:
+    def indices(size: Callable[[Any], int], own, others) -> list[int]:
         starts, at = {}, 0
         for one in others:
             starts[one] = at
@@ -316,7 +316,7 @@ def places_in(*forms: tuple[Any, CompiledForm]) -> tuple[list[int], list[int]]:
 
     coefficients = [_cpp(form).coefficients for form, _ in forms]
     constants = [compiled.form.constants() for _, compiled in forms]
-    return places(entries, *coefficients), places(_size, *constants)
+    return indices(entries, *coefficients), indices(_size, *constants)
 
 
 def _size(constant) -> int:

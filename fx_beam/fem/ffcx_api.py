@@ -59,10 +59,10 @@ def from_cache(jit: Callable[[Path], T]) -> T:
         return None
 
     def builder(scratch: Path) -> T:
-        found = jit(scratch)
+        made = jit(scratch)
         built = (scratch / f"{name}{end}" for end in EXTENSION_SUFFIXES)
         next(filter(Path.exists, built)).rename(scratch / _file(name))
-        return found
+        return made
 
     return library_cache.build(_file(name), search, builder)
 
@@ -176,11 +176,11 @@ class _Symbol(ctypes.Structure):
 
 def _symbol(address: int) -> tuple[str, str]:
     """File and name of a function, from the linker."""
-    found = _Symbol()
-    ctypes.CDLL(None).dladdr(ctypes.c_void_p(address), ctypes.byref(found))
-    if found.address != address:  # the address of an earlier symbol
+    symbol = _Symbol()
+    ctypes.CDLL(None).dladdr(ctypes.c_void_p(address), ctypes.byref(symbol))
+    if symbol.address != address:  # the address of an earlier symbol
         raise LookupError("the functions that FFCx generates have no symbol names")
-    return found.file.decode(), found.name.decode()
+    return symbol.file.decode(), symbol.name.decode()
 
 
 def _generated(forms: Sequence, prefix: str) -> str:

@@ -57,9 +57,9 @@ class Fields:
     @property
     def known(self) -> list:
         """All fields, of which forms may consist."""
-        found = [*self.moving, self.time, self.dt, self.load_factor, self.load_increment]
-        found.append(self.memory)
-        return found if self.coordinate is None else [*found, self.coordinate]
+        known = [*self.moving, self.time, self.dt, self.load_factor, self.load_increment]
+        known.append(self.memory)
+        return known if self.coordinate is None else [*known, self.coordinate]
 
     @property
     def moving(self) -> tuple:

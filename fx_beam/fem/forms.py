@@ -71,27 +71,27 @@ class Forms(NodalForms):
             dolfinx_api.constant(mesh, value) for value in (0.0, 1.0, 1.0)
         )
         self.memory = dolfinx_api.constant(mesh, 0.0)
-        found = {fields.time: self.time, fields.dt: self.dt, fields.load_factor: self.load_factor}
-        found[fields.memory] = self.memory
+        data = {fields.time: self.time, fields.dt: self.dt, fields.load_factor: self.load_factor}
+        data[fields.memory] = self.memory
         self.load_increment = dolfinx_api.constant(mesh, 0.0)
-        found[fields.load_increment] = self.load_increment
+        data[fields.load_increment] = self.load_increment
         if self._weak.internal is not None:
             places = interval_mesh.gauss_space(mesh, fields.degree, self._weak.width)
-            found[self._weak.internal] = dolfinx_api.function(places)
+            data[self._weak.internal] = dolfinx_api.function(places)
             self._cell_points = dolfinx_api.element_dofs(places)
-        found |= {field: dolfinx_api.function(space) for field in self._weak.given(damps)}
+        data |= {field: dolfinx_api.function(space) for field in self._weak.given(damps)}
         #: Space of the increment and of the virtual displacements and rotations.
         self._space, unknowns = self._unknowns(fields)
-        return found | unknowns
+        return data | unknowns
 
     def _unknowns(self, fields: Fields) -> tuple[Any, dict[Any, Any]]:
         """Space of the increment, and the increment in the place of UFL's."""
         mesh, space = self._mesh.mesh, self._mesh.space
-        found: dict[Any, Any] = {}
+        data: dict[Any, Any] = {}
         if fields.coordinate is not None:
             space = interval_mesh.nodal_rotations(space, fields.degree)
-            found[fields.coordinate] = dolfinx_api.coordinate_on_cells(mesh, fields.degree)
-        return space, found | {fields.increment: dolfinx_api.function(space)}
+            data[fields.coordinate] = dolfinx_api.coordinate_on_cells(mesh, fields.degree)
+        return space, data | {fields.increment: dolfinx_api.function(space)}
 
     def _drag_on_beams(self, scene: Scene, drags: list[Drag]) -> BeamDrag:
         plan = DragForms(scene, drags, self._mesh, self._scheme, self.fields.plain)

@@ -99,8 +99,8 @@ class IntervalMesh(dolfinx.mesh.Mesh):
             make = functools.partial(compiled, _FUNCTION_SPACE) if OF_UFL else _FUNCTION_SPACE
             made = make(self, element)
             self.spaces[element] = made._cpp_object
-        found = self.spaces[element]
-        return self.space_with(element, found, found.dofmap)
+        cpp_space = self.spaces[element]
+        return self.space_with(element, cpp_space, cpp_space.dofmap)
 
     def space_with(self, element, like, dofmap):
         """Space of an element, that of the C++ space `like`, with degrees of freedom `dofmap`."""

@@ -33,8 +33,8 @@ class NodalRules:
         self.columns = 3 * self._node + self._component
         number = mass.copy()
         number.data = np.arange(1, len(mass.data) + 1)
-        found = number[np.repeat(rows[self.heavy], 3), dofs[self._node].ravel()]
-        self.places = np.asarray(found).reshape(-1, 3) - 1
+        entries = number[np.repeat(rows[self.heavy], 3), dofs[self._node].ravel()]
+        self.places = np.asarray(entries).reshape(-1, 3) - 1
 
     def at(self, sub_step: int, D, v0, a0, before, dt: float) -> np.ndarray:
         """Values (nodes, VALUES) of the rule of a sub-step."""

@@ -89,7 +89,7 @@ class PointForces:
         self._build_pairs()
         #: What each force is given, and finds.
         self._given: list[np.ndarray] = []
-        self._found: list[np.ndarray] = []
+        self._results: list[np.ndarray] = []
         if forces:
             self._build()
 
@@ -147,19 +147,19 @@ class PointForces:
         for force, law in zip(self._forces, self._laws, strict=True):
             dofs = np.array(force.dofs or [-1], dtype=int)
             pairs.append(dofs[law.entries])
-        found = np.concatenate(pairs)
-        found[(found < 0).any(axis=1)] = -1
+        rows_and_columns = np.concatenate(pairs)
+        rows_and_columns[(rows_and_columns < 0).any(axis=1)] = -1
         #: Rows and columns (entries, 2) of the tangent; -1 for the ground and slides.
-        self.pairs = found
+        self.pairs = rows_and_columns
         #: Their places in the tangent; `set_places` finds them.
-        self.places = np.full(len(found), -1, dtype=np.int32)
+        self.places = np.full(len(rows_and_columns), -1, dtype=np.int32)
 
     def _build(self) -> None:
         ffi, self._c, *_ = _library()
         self._structs = structs = Structs(ffi, c_library.declarations(_HEADER))
         laws = self._laws
         self._given = _parts([arguments(law.law) for law in laws])
-        self._found = _parts([law.values for law in laws])
+        self._results = _parts([law.values for law in laws])
         first_entries = np.cumsum([0, *(len(law.entries) for law in laws)])
         rows = [self._row(i, int(first)) for i, first in enumerate(first_entries[:-1])]
         self._all = ffi.new("PointForces *")
@@ -191,7 +191,7 @@ class PointForces:
             "internal": of.internal,
             "remembered": of.remembered,
             "conditions": law.conditions,
-            "keeps": of.overshoots,
+            "overshoots": of.overshoots,
             "dof": np.array(force.dofs or [-1]),
             "slide": force.slide,
             "column": -1,
@@ -202,8 +202,8 @@ class PointForces:
             "entry_column": column,
             "given": given,
             "parameters": given[len(given) - of.numbers :],
-            "found": self._found[i],
-            "kept": np.zeros(2 * of.size + len(law.entries)),
+            "results": self._results[i],
+            "tangent_at": np.zeros(2 * of.size + len(law.entries)),
         }
 
     def set_columns(self, of_joints: Mapping[int, int]) -> None:
@@ -263,7 +263,7 @@ class PointForces:
 
     def on_slides(self, entry: int) -> np.ndarray:
         """Forces (0) on the slides, or their slopes (1)."""
-        return np.array([found[entry] for found in self._found[self._nodal :]])
+        return np.array([result[entry] for result in self._results[self._nodal :]])
 
     def loss(self) -> float:
         """Energy [J] that is lost in the step, at its mean rates."""
@@ -290,22 +290,22 @@ class PointForces:
 
     def switches(self, q: np.ndarray, slides: np.ndarray) -> np.ndarray:
         """Values that change their sign where a contact opens or closes, or a law switches."""
-        found = np.zeros(self.conditions)
-        if len(found):
-            vectors = (self._of(x) for x in (q, slides, found))
+        values = np.zeros(self.conditions)
+        if len(values):
+            vectors = (self._of(x) for x in (q, slides, values))
             self._c.fx_find_switches(self._all, *vectors)
-        return found
+        return values
 
     def contact_forces(self) -> np.ndarray:
         """Forces (contacts, 2) of obstacles on nodes [N]."""
-        return -np.array([found[:2] for found in self._found[: self.contacts]]).reshape(-1, 2)
+        return -np.array([result[:2] for result in self._results[: self.contacts]]).reshape(-1, 2)
 
     def moments(self, joints: int) -> np.ndarray:
         """Moments (joints,) of springs and dampers between the nodes of joints, on b [N m]."""
         total = np.zeros(joints)
-        for force, found in zip(self._forces, self._found, strict=True):
+        for force, result in zip(self._forces, self._results, strict=True):
             if force.joint >= 0:
-                total[force.joint] -= found[1]
+                total[force.joint] -= result[1]
         return total
 
     def set_loads(self, factor: float, followers: np.ndarray) -> None:
@@ -321,7 +321,7 @@ class PointForces:
     def remember(self) -> None:
         """Keep the tangents of the forces with which Newton's method may go too far."""
         if self._forces:
-            self._c.fx_keep_points(self._all)
+            self._c.fx_note_tangents(self._all)
 
     def deviation(self, correction: np.ndarray, step: np.ndarray, part: float) -> float:
         """Work on a part of the last correction of what the forces deviate from the tangent.

@@ -33,14 +33,14 @@ _SHARES = {
 
 def point_forces(scene: Scene, mesh: Mesh, rates: UpdateRule) -> list[PointForce]:
     """All forces at points; in statics those without rates."""
-    found = [
+    forces = [
         *(force for o in scene.obstacles for force in _contacts(o, scene, mesh, rates.at_rest)),
         *_followers(scene, mesh),
         *_pulls(scene, mesh),
         *_of_joints(scene, mesh, rates.at_rest),
         *_between(scene, mesh, rates.at_rest),
     ]
-    return found if rates.at_rest else [*found, *_drags(scene, mesh)]
+    return forces if rates.at_rest else [*forces, *_drags(scene, mesh)]
 
 
 def _contacts(obstacle: Obstacle, scene: Scene, mesh: Mesh, at_rest: bool) -> Iterator[PointForce]:

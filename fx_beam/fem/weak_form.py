@@ -56,7 +56,7 @@ class WeakForm:
         self.indicators = [fields.data(place) for _, place in works]
         self._materials = materials
         #: Number of internal variables at a Gauss point, and their values at the step's start.
-        self.width = max(len(found.names) if found else 0 for _, found in materials)
+        self.width = max(len(internal.names) if internal else 0 for _, internal in materials)
         self.internal: Any = None
         if self.width:
             if len(scheme.fractions) > 1:
@@ -76,18 +76,20 @@ class WeakForm:
         """The step, and the resultants of each law."""
         what = f"rates of {self.scheme.name}"
         self.step = self.fields.step(self.scheme.rates, what)
-        found = self._of_step()
+        resultants = self._of_step()
         exact = ExactResultants, DecayingResultants
-        if self.step.degree > 1 and any(isinstance(r, exact) for parts in found for r in parts):
+        if self.step.degree > 1 and any(
+            isinstance(r, exact) for parts in resultants for r in parts
+        ):
             self.fields = self.fields.with_nodal_rotations
             self.step = self.fields.step(self.scheme.rates, what)
-            found = self._of_step()
+            resultants = self._of_step()
         #: Resultants of each law: those of the scheme, and the viscous ones.
-        self._of_laws = found
+        self._of_laws = resultants
         #: N, Q and M of each law.
         self.resultants = [
             ufl.as_vector([sum(getattr(r, name) for r in parts) for name in "NQM"])
-            for parts in found
+            for parts in resultants
         ]
 
     def _of_step(self) -> list[list[Any]]:
@@ -97,11 +99,13 @@ class WeakForm:
             self._law(energy, ends)
             for (energy, _), ends in zip(self._materials, self._evolution, strict=True)
         ]
-        found: list[list[Any]] = [[self.scheme.resultants(self.step, law)] for law in self._laws]
+        resultants: list[list[Any]] = [
+            [self.scheme.resultants(self.step, law)] for law in self._laws
+        ]
         if self.times is not None:
-            for law, parts in zip(self._laws, found, strict=True):
+            for law, parts in zip(self._laws, resultants, strict=True):
                 parts.append(viscous(self.step, law, self.times, self.scheme.rates.level))
-        return found
+        return resultants
 
     def _evolved(self, variables: InternalVariables | None) -> tuple[Any, Any] | None:
         if variables is None:
@@ -146,12 +150,12 @@ class WeakForm:
 
     def _refuse_fields(self) -> None:
         # UFL extracts those of the form anyway, and caches them.
-        found = [*self._residual.coefficients(), *self._residual.constants()]
-        found += [field for parts in self._of_laws for field in fields_in(parts[0].M)]
+        used = [*self._residual.coefficients(), *self._residual.constants()]
+        used += [field for parts in self._of_laws for field in fields_in(parts[0].M)]
         known = [*self.fields.known, *(field for law in self._laws for field in law.data)]
         known += [] if self.times is None else fields_in(self.times)
         known.append(self.internal)
-        refuse_fields(found, f"resultants of {self.scheme.name}", known)
+        refuse_fields(used, f"resultants of {self.scheme.name}", known)
 
     def _add(self, works: Sequence[VirtualWork]) -> None:
         """Add the virtual works of further forces."""
@@ -192,10 +196,10 @@ class WeakForm:
         #: Whether the forces depend on rates at the start of a step.
         self.needs_rates = any(rate in residual.coefficients() for rate in fields.start_rates)
         moves = self.needs_rates or fields.dt in residual.constants()
-        found = [part for r in self.resultants for part in fields_in(r)] if moves else []
+        used = [part for r in self.resultants for part in fields_in(r)] if moves else []
         #: Whether the resultants depend on rates at the start of a step, and on any rates.
-        self.resultants_need_rates = any(rate in found for rate in fields.start_rates)
-        self.resultants_move = self.resultants_need_rates or fields.dt in found
+        self.resultants_need_rates = any(rate in used for rate in fields.start_rates)
+        self.resultants_move = self.resultants_need_rates or fields.dt in used
 
     def given(self, damps: bool) -> list:
         """Fields of the start of a step that the forms have, those of drag if it `damps`."""

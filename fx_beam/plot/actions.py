@@ -39,14 +39,14 @@ def _shown(load: Load) -> np.ndarray:
         return load.value(0.0)
     if isinstance(load.value, InputSlot):
         return load.value.factor.sum(axis=1)
-    found = [load.value(0.0)]
+    values = [load.value(0.0)]
     for t in _TIMES[1:]:
         try:
-            found.append(load.value(float(t)))
+            values.append(load.value(float(t)))
         except Exception:  # noqa: BLE001  # a function may be defined for the times of its run only
             continue
-    sizes = [np.hypot(*value) if len(value) == 2 else abs(value[0]) for value in found]
-    return found[int(np.nanargmax(sizes))]
+    sizes = [np.hypot(*value) if len(value) == 2 else abs(value[0]) for value in values]
+    return values[int(np.nanargmax(sizes))]
 
 
 def _words(symbol: str, load: Load, value: float, unit: str, si: bool) -> str:
@@ -139,14 +139,14 @@ def _double_turn(sheet: Sheet, position, text: str) -> None:
 
 def _velocities(sheet: Sheet, scene: Scene) -> None:
     """Initial velocities, with arrows in proportion to them."""
-    found: dict[int, np.ndarray] = {}
+    velocities: dict[int, np.ndarray] = {}
     for velocity in scene.velocities:
         nodes = velocity.target.nodes if isinstance(velocity.target, Beam) else (velocity.target,)
         for node in nodes[:: max(1, len(nodes) // _ARROWS)]:
-            found[node.number] = velocity.value(node.x, node.y)
-    largest = max((np.hypot(*value) for value in found.values()), default=0.0)
+            velocities[node.number] = velocity.value(node.x, node.y)
+    largest = max((np.hypot(*value) for value in velocities.values()), default=0.0)
     tips = []
-    for number, value in found.items():
+    for number, value in velocities.items():
         if np.hypot(*value) > 0.02 * largest:
             position = _position(scene.nodes[number])
             tips.append(position + _FORCE * sheet.size * value / largest)

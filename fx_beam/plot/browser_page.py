@@ -236,14 +236,14 @@ def _series(
             if name == "total" or np.any(values)
         }
     require(isinstance(series, dict), "series", series, "a dict of values by name")
-    found = []
+    entries = []
     for name, given in series.items():
         values = numbers(given)
         wanted = f"{len(solution.t)} finite numbers, one for each row of the solution"
         fits = values.shape == solution.t.shape and bool(np.isfinite(values).all())
         require(fits, f"series[{name!r}]", given, wanted)
-        found.append({"name": str(name), "values": values[list(drawing.rows)].tolist()})
-    return found
+        entries.append({"name": str(name), "values": values[list(drawing.rows)].tolist()})
+    return entries
 
 
 def _fractions(drawing: Drawing, positions: np.ndarray) -> np.ndarray:

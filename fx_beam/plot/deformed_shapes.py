@@ -184,7 +184,8 @@ def animate(
         write_frames(frames, new, fps)
 
 
-def modes(found: Modes, path: Path | str | None = None, count: int | None = None) -> Figure:
+@formerly(found="modes")
+def modes(modes: Modes, path: Path | str | None = None, count: int | None = None) -> Figure:
     """Picture of mode shapes, side by side, over the configuration to which they belong.
 
     Where the nodes of a mode do not move in phase, because of dampers, a dashed line is the shape a
@@ -192,7 +193,7 @@ def modes(found: Modes, path: Path | str | None = None, count: int | None = None
 
     Parameters
     ----------
-    found : Modes
+    modes : Modes
         Result of `fx_beam.modes`.
     path : str or path, optional
         Picture to write; its ending gives the format.
@@ -205,12 +206,12 @@ def modes(found: Modes, path: Path | str | None = None, count: int | None = None
         The picture.
     """
     path = None if path is None else writable(path, _PICTURES)
-    require(isinstance(found, Modes), "found", found, "what fx_beam.modes returned")
-    count = len(found) if count is None else count
-    wanted = f"from 1 to {len(found)}, the number of modes"
-    require(is_whole(count, 1, len(found)), "count", count, wanted)
+    require(isinstance(modes, Modes), "modes", modes, "what fx_beam.modes returned")
+    count = len(modes) if count is None else count
+    wanted = f"from 1 to {len(modes)}, the number of modes"
+    require(is_whole(count, 1, len(modes)), "count", count, wanted)
     count = int(count)
-    low, high = found.positions.min(axis=0), found.positions.max(axis=0)
+    low, high = modes.positions.min(axis=0), modes.positions.max(axis=0)
     size = 0.15 * max(high - low)
     columns = min(count, 3)
     rows = -(-count // columns)
@@ -220,26 +221,26 @@ def modes(found: Modes, path: Path | str | None = None, count: int | None = None
     for ax in panels:
         ax.axis("off")
     for mode, ax in zip(range(count), panels, strict=False):
-        for name, nodes in found.nodes_of_beam.items():
-            rest, moved = found.positions[nodes], found.shape(name, mode, size)
-            ax.plot(*axis(rest, found.degree).T, color="0.7", linewidth=1.0)
-            ax.plot(*axis(moved, found.degree).T, color=_BEAM_COLOURS[0], linewidth=2.0)
-            if abs(found.shapes[mode].imag).max() > 0.01 * abs(found.shapes[mode]).max():
-                later = axis(found.shape(name, mode, size, np.pi / 2), found.degree)
+        for name, nodes in modes.nodes_of_beam.items():
+            rest, moved = modes.positions[nodes], modes.shape(name, mode, size)
+            ax.plot(*axis(rest, modes.degree).T, color="0.7", linewidth=1.0)
+            ax.plot(*axis(moved, modes.degree).T, color=_BEAM_COLOURS[0], linewidth=2.0)
+            if abs(modes.shapes[mode].imag).max() > 0.01 * abs(modes.shapes[mode]).max():
+                later = axis(modes.shape(name, mode, size, np.pi / 2), modes.degree)
                 ax.plot(*later.T, color=_BEAM_COLOURS[0], linewidth=1.0, linestyle="--")
-        for body in found.bodies.values():
-            rest = found.positions[[node.number for node in body.nodes]]
+        for body in modes.bodies.values():
+            rest = modes.positions[[node.number for node in body.nodes]]
             for (centre, *points), shade in (
                 (rest, "0.7"),
-                (found.shape(body, mode, size), _BEAM_COLOURS[0]),
+                (modes.shape(body, mode, size), _BEAM_COLOURS[0]),
             ):
                 for point in points:
                     ax.plot(*np.array([centre, point]).T, color=shade, linewidth=1.5)
-        kind = "rigid" if found.rigid[mode] else f"{abs(found.frequencies[mode]):.4g} Hz"
-        if found.damping_ratios[mode]:
-            kind += f", ratio {found.damping_ratios[mode]:.3g}"
-        if found.unstable[mode]:
-            kind = f"unstable, grows with {found.eigenvalues[mode].real:.4g} 1/s"
+        kind = "rigid" if modes.rigid[mode] else f"{abs(modes.frequencies[mode]):.4g} Hz"
+        if modes.damping_ratios[mode]:
+            kind += f", ratio {modes.damping_ratios[mode]:.3g}"
+        if modes.unstable[mode]:
+            kind = f"unstable, grows with {modes.eigenvalues[mode].real:.4g} 1/s"
         ax.set_title(f"mode {mode}: {kind}", fontsize="small")
         (left, bottom), (right, top) = low - 1.2 * size, high + 1.2 * size
         ax.set(xlim=(left, right), ylim=(bottom, top), aspect="equal")

@@ -38,7 +38,7 @@ def _position(scene: Scene, number: int) -> np.ndarray:
 
 def _leaving(scene: Scene, numbers: set[int]) -> dict[int, list[np.ndarray]]:
     """Directions (2,) in which members leave each of some nodes."""
-    found: dict[int, list[np.ndarray]] = {number: [] for number in numbers}
+    directions: dict[int, list[np.ndarray]] = {number: [] for number in numbers}
     for beam in scene.beams:
         for k, node in enumerate(beam.nodes):
             for other in (k - 1, k + 1) if node.number in numbers else ():
@@ -46,15 +46,15 @@ def _leaving(scene: Scene, numbers: set[int]) -> dict[int, list[np.ndarray]]:
                     along = _position(scene, beam.nodes[other].number) - _position(
                         scene, node.number
                     )
-                    found[node.number].append(along / np.hypot(*along))
+                    directions[node.number].append(along / np.hypot(*along))
     for body in scene.bodies:
         centre = _position(scene, body.centre.number)
         for node in body.points.values():
             along = _position(scene, node.number) - centre
             for number, side in ((node.number, -1.0), (body.centre.number, 1.0)):
                 if number in numbers and along.any():
-                    found[number].append(side * along / np.hypot(*along))
-    return {number: ways or [np.array([0.0, 1.0])] for number, ways in found.items()}
+                    directions[number].append(side * along / np.hypot(*along))
+    return {number: ways or [np.array([0.0, 1.0])] for number, ways in directions.items()}
 
 
 def _support(sheet: Sheet, position, components: set[int], leaving: np.ndarray) -> None:

@@ -8,13 +8,15 @@ from pathlib import Path
 import numpy as np
 
 from fx_beam.analyses.harmonic import FrequencyResponse
+from fx_beam.deprecation import formerly
 from fx_beam.validation import require
 
 from .time_curves import Figure, figure, quantities, save
 
 
+@formerly(found="response")
 def frequency_response(
-    found: FrequencyResponse,
+    response: FrequencyResponse,
     path: Path | str | None = None,
     components: Sequence[str] | None = None,
 ) -> Figure:
@@ -24,7 +26,7 @@ def frequency_response(
 
     Parameters
     ----------
-    found : FrequencyResponse
+    response : FrequencyResponse
         Result of `fx_beam.frequency_response`.
     path : str or path, optional
         Picture to write; its ending gives the format.
@@ -37,14 +39,14 @@ def frequency_response(
         The picture.
     """
     wanted = "what fx_beam.frequency_response returned"
-    require(isinstance(found, FrequencyResponse), "found", found, wanted)
+    require(isinstance(response, FrequencyResponse), "response", response, wanted)
     if components is None:
-        components = [name for name in found.names if found.component(name).any()]
-    wanted = f"names to draw, of {list(found.names)}"
+        components = [name for name in response.names if response.component(name).any()]
+    wanted = f"names to draw, of {list(response.names)}"
     fits = isinstance(components, Sequence) and not isinstance(components, str)
     require(fits and len(components) > 0, "components", components, wanted)
-    values = {name: found.component(name) for name in components}
-    units = {name: found.units[found.names.index(name)] for name in values}
+    values = {name: response.component(name) for name in components}
+    units = {name: response.units[response.names.index(name)] for name in values}
     kinds = sorted(set(units.values()))
     fig, axes = figure(len(kinds) + 1, 1)
     for unit, ax in zip(kinds, axes[:, 0], strict=False):
@@ -53,16 +55,16 @@ def frequency_response(
             name: abs(v) if units[name] == unit else np.full(len(v), np.nan)
             for name, v in values.items()
         }
-        quantities(ax, found.frequencies, shown)
+        quantities(ax, response.frequencies, shown)
         ax.set(yscale="log", ylabel=f"amplitude [{unit}]")
     phases = {name: np.degrees(np.unwrap(np.angle(v))) for name, v in values.items()}
     last = axes[-1, 0]
-    quantities(last, found.frequencies, phases)
+    quantities(last, response.frequencies, phases)
     angles = np.concatenate(list(phases.values())) / 90
     first, end = np.floor(angles.min()), np.ceil(angles.max())
     last.set_yticks(90 * np.arange(first, end + 1, max(1, (end - first) // 4)))
     last.set(ylabel="phase [deg]", xlabel="frequency of the load [Hz]")
-    low, high = found.frequencies.min(), found.frequencies.max()
+    low, high = response.frequencies.min(), response.frequencies.max()
     if 0 < 100 * low < high:
         for ax in axes[:, 0]:
             ax.set_xscale("log")

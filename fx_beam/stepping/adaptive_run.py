@@ -66,37 +66,37 @@ class AdaptiveRun:
         first, dt = stats.steps + 1, float(ends[0]) - state.t
         last = self._next == len(self._breaks) - 1
         recorder.plan(first, ends, last and ends[-1] == until)
-        found = self._attempt(state, ends, first, recorder)
-        if self._watch and (found.switched or (found.ratio or 0.0) > 1):
-            found, dt = self._up_to_event(found, dt)
-        if found.taken:
+        attempt = self._attempt(state, ends, first, recorder)
+        if self._watch and (attempt.switched or (attempt.ratio or 0.0) > 1):
+            attempt, dt = self._up_to_event(attempt, dt)
+        if attempt.taken:
             self._halvings = 0
         length = control.length
-        if found.failed:
-            self._fail(found.state, dt)
-        elif found.ratio is not None and found.ratio > 1:
+        if attempt.failed:
+            self._fail(attempt.state, dt)
+        elif attempt.ratio is not None and attempt.ratio > 1:
             stats.rejected += 1
-            control.reject(dt, found.ratio)
+            control.reject(dt, attempt.ratio)
         else:
-            control.succeed(dt, found.before, found.ratio)
+            control.succeed(dt, attempt.before, attempt.ratio)
         if control.too_short:
-            raise self._too_short(found.state.t)
-        kept = control.length == length and found.taken == len(ends)
+            raise self._too_short(attempt.state.t)
+        kept = control.length == length and attempt.taken == len(ends)
         self._block = min(2 * self._block, _LARGEST_BLOCK) if kept else _FIRST_BLOCK
-        if found.state.t == until:
+        if attempt.state.t == until:
             self._next, self._started = self._next + 1, False
 
     def _attempt(self, state: State, ends: np.ndarray, first: int, recorder: Rows) -> Attempt:
         """Take steps of equal length, up to where something switches that matters."""
         stepper, control = self._stepper, self._control
-        found = stepper.attempt(state, ends, first, recorder, control, self._watch)
-        if not found.switched:
-            return found
-        now, next_one = found.state, ends[found.taken : found.taken + 1]
+        attempt = stepper.attempt(state, ends, first, recorder, control, self._watch)
+        if not attempt.switched:
+            return attempt
+        now, next_one = attempt.state, ends[attempt.taken : attempt.taken + 1]
         if self._matters(now, float(next_one[0])):
-            return found
-        step = stepper.attempt(now, next_one, first + found.taken, recorder, control)
-        return step._replace(taken=found.taken + step.taken)
+            return attempt
+        step = stepper.attempt(now, next_one, first + attempt.taken, recorder, control)
+        return step._replace(taken=attempt.taken + step.taken)
 
     def _matters(self, state: State, t1: float) -> bool:
         """Whether a step to t1 [s] and two steps of half its length end at different places."""
@@ -114,24 +114,24 @@ class AdaptiveRun:
         """A step that is not part of the run; it is counted as rejected."""
         stats, counts = self._stats, copy(vars(self._stats))
         counts["ended_by"] = dict(stats.ended_by)
-        found = self._stepper.trial(state, t1, watch)
+        trial = self._stepper.trial(state, t1, watch)
         vars(stats).update(counts)
         stats.rejected += 1
-        return found
+        return trial
 
-    def _up_to_event(self, found: Attempt, dt: float) -> tuple[Attempt, float]:
+    def _up_to_event(self, attempt: Attempt, dt: float) -> tuple[Attempt, float]:
         """Take a step of at most the length dt up to where a contact or a law switches in it."""
         stepper, recorder, stats = self._stepper, self._recorder, self._stats
-        state = found.state
+        state = attempt.state
         first = stepper.model.switches(state)
         if not len(first):
-            return found, dt
+            return attempt, dt
         end = end_behind_event(
             first, lambda t: self._trial(state, t, True).switches, state.t, state.t + dt
         )
         if end is None:
-            if not found.switched:
-                return found, dt
+            if not attempt.switched:
+                return attempt, dt
             end = state.t + dt
         number = stats.steps + 1
         recorder.plan(number, np.array([end]), end == self._breaks[-1])
@@ -139,7 +139,7 @@ class AdaptiveRun:
         if step.taken:
             self.events.append(end)
             self._started = False
-        return step._replace(taken=found.taken + step.taken), end - state.t
+        return step._replace(taken=attempt.taken + step.taken), end - state.t
 
     def _start(self, state: State, until: float) -> None:
         """Find the first length by trial steps, which are not part of the run."""
@@ -156,9 +156,9 @@ class AdaptiveRun:
                 while ratio is None and not failed:
                     number = round((now.t - state.t) / dt)
                     ends = state.t + dt * np.arange(number + 1, self._order + AVERAGED + 1)
-                    found = self._attempt(now, ends, 1, Unrecorded())
-                    now, ratio, failed = found.state, found.ratio, found.failed
-                    if found.switched:
+                    attempt = self._attempt(now, ends, 1, Unrecorded())
+                    now, ratio, failed = attempt.state, attempt.ratio, attempt.failed
+                    if attempt.switched:
                         break
             finally:
                 integrator.past = past
@@ -167,7 +167,7 @@ class AdaptiveRun:
             if failed:
                 self._fail(state, dt)
                 continue
-            if found.switched and dt > self._least:
+            if attempt.switched and dt > self._least:
                 # Fewer steps would have no error that is known up to there.
                 taken = round((now.t - state.t) / dt)
                 control.begin(dt * min((taken + 0.5) / (self._order + AVERAGED + 1), 0.5))

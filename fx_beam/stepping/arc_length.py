@@ -169,19 +169,19 @@ class ArcLength:
                 "off the path", "the step contains two limit points", ds * tangent.D, []
             )
         slopes = {0.0: before, ds: ahead.load}
-        found: dict[float, tuple[State, Tangent]] = {}
+        reached: dict[float, tuple[State, Tangent]] = {}
 
         def slope(length: float) -> float:
             if length not in slopes:
-                found[length] = self._step(state, tangent, length)
-                slopes[length] = found[length][1].load
+                reached[length] = self._step(state, tangent, length)
+                slopes[length] = reached[length][1].load
             return slopes[length]
 
         # Imported here: most paths have no limit point, and the import takes time.
         from scipy.optimize import brentq
 
         root = brentq(slope, 0.0, ds, xtol=_PLACE * ds)
-        return found.get(root) or self._step(state, tangent, root)
+        return reached.get(root) or self._step(state, tangent, root)
 
     def _last_step(self, state: State, tangent: Tangent) -> State:
         """State at load factor 1, from the last state before it."""

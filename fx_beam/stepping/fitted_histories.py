@@ -49,7 +49,7 @@ def fitted(
     times, steps = grid
     fits = model.fitted_rates
     assert fits is not None
-    found, slides = dict(rows), rows.get("slides", np.empty((len(steps), 0)))
+    histories, slides = dict(rows), rows.get("slides", np.empty((len(steps), 0)))
     lengths = _lengths(times, steps)
     ends = Ends(times[steps], lengths, rows["q"], rows["v"], slides, driven)
     now = fits.fit(ends.q, ends.v, slides, _driven(model, ends, starts is None))
@@ -58,19 +58,19 @@ def fitted(
         (q, v), at, near = starts, steps[1:] - 1, _slides_near(model, starts[0], slides[1:])
         first = Ends(times[at], _lengths(times, at), q, v, near)
         before = fits.fit(q, v, near, _driven(model, first, False))
-    found["v"] = now.rates
+    histories["v"] = now.rates
     impulses = (model.mass @ now.corrections.T).T
-    found["momenta"] = rows["momenta"] + sums_of(model, ends.q, impulses)
+    histories["momenta"] = rows["momenta"] + sums_of(model, ends.q, impulses)
     if model.couplings.driven:  # at rates that fit, other impulses do no work
         given = np.einsum("ni,ni->n", now.rates, impulses)
-        found["energies"] = rows["energies"] + np.outer(given, _BY_DRIVEN)
+        histories["energies"] = rows["energies"] + np.outer(given, _BY_DRIVEN)
     changes = ("a", "corrections"), ("joint_forces", "joints"), ("constraint_forces", "constraints")
     for name, change in changes:
         if name in rows:
             after, start = getattr(now, change)[1:], getattr(before, change)
             mean = (after - start).reshape(rows[name][1:].shape) / lengths[1:, None]
-            found[name] = np.concatenate([rows[name][:1], rows[name][1:] + mean])
-    return found
+            histories[name] = np.concatenate([rows[name][:1], rows[name][1:] + mean])
+    return histories
 
 
 def _lengths(times: np.ndarray, steps: np.ndarray) -> np.ndarray:
@@ -122,10 +122,10 @@ def sums_of(model: Model, q: np.ndarray, p: np.ndarray) -> np.ndarray:
 
 def _slides_near(model: Model, q: np.ndarray, slides: np.ndarray) -> np.ndarray:
     """Slides (n, joints) at q (n, size), from ones near by; only those on beams change."""
-    found, mesh = slides.copy(), model.mesh
+    nearest, mesh = slides.copy(), model.mesh
     for joint in sliding_joints(model.scene.joints):
         nodes = mesh.nodes_of(model.scene, joint.beam)
         places, point = (mesh.X[at] + q[:, mesh.dofs[at, :2]] for at in (nodes, joint.b.number))
         number = joint.number
-        found[:, number] = joint.path.nearest_over(places, point, slides[:, number])
-    return found
+        nearest[:, number] = joint.path.nearest_over(places, point, slides[:, number])
+    return nearest

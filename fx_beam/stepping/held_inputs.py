@@ -105,13 +105,13 @@ class HeldInputs:
             )
         if not isinstance(given, Mapping):
             require(False, "inputs", given, f"a dictionary of {list(self.widths)}")
-        found: dict[str, Any] = {}
+        values: dict[str, Any] = {}
         for name, value in given.items():
             if not _fits(value, self.widths.get(name)):
                 check_names([name], self.widths, "inputs")
                 value = vector(value, self.widths[name], f"input {name!r}")
-            found[name] = value
-        return found
+            values[name] = value
+        return values
 
     def set(self, values: Mapping[str, Any]) -> None:
         """Set some inputs for the next steps."""

@@ -289,7 +289,7 @@ def _small_mass(model: Model) -> scipy.sparse.spmatrix:
 
 def _message(model: Model, node: int, component: int, v: np.ndarray, compatible: np.ndarray) -> str:
     scene = model.scene
-    given, found = model.to_nodes(v)[node, component], model.to_nodes(compatible)[node, component]
+    given, needed = model.to_nodes(v)[node, component], model.to_nodes(compatible)[node, component]
     x, y = model.mesh.X[node]
     where = f"node {node} at ({x:g}, {y:g})"
     if (node, component) in scene.fixed:
@@ -299,5 +299,5 @@ def _message(model: Model, node: int, component: int, v: np.ndarray, compatible:
         )
     return (
         f"the initial velocities violate a support: the rate of {COMPONENTS[component]} of {where} "
-        f"is {given:g}; it must be {found:g}. {_ADVICE}"
+        f"is {given:g}; it must be {needed:g}. {_ADVICE}"
     )

@@ -36,11 +36,11 @@ def at_times(
     row[times > t[0]] = np.maximum(row[times > t[0]], 1)
     before = np.maximum(row - 1, 0)
     x = (times - t[before]) / np.where(row > before, t[row] - t[before], 1.0)
-    found = dict(steps)
+    histories = dict(steps)
     points = 4 if len(model.scheme.fractions) == 1 else 6
     unit = model.to_nodes(model.unit)
     q, v = _polynomials(t, steps["q"], steps["v"], unit, times, row, breaks, points)
-    found |= {"t": times, "q": q, "v": v if len(steps["v"]) else steps["v"]}
+    histories |= {"t": times, "q": q, "v": v if len(steps["v"]) else steps["v"]}
 
     def linear(values):
         weight = x.reshape(-1, *[1] * (values.ndim - 1))
@@ -48,13 +48,15 @@ def at_times(
 
     for name, history in HISTORIES.items():
         if history.between and len(steps[name]):
-            found[name] = linear(steps[name]) if history.between == "linear" else steps[name][row]
+            histories[name] = (
+                linear(steps[name]) if history.between == "linear" else steps[name][row]
+            )
     for name in ("internal", "spring_internal"):
         if steps[name] is not None:
-            found[name] = linear(steps[name])
-    found["energy"] = Energy(*(linear(part) for part in vars(steps["energy"]).values()))
-    found["slides"] = _slides(model, q, found["slides"])
-    return found, row
+            histories[name] = linear(steps[name])
+    histories["energy"] = Energy(*(linear(part) for part in vars(steps["energy"]).values()))
+    histories["slides"] = _slides(model, q, histories["slides"])
+    return histories, row
 
 
 def _polynomials(t, q, v, unit, times, row, breaks, points: int) -> tuple[np.ndarray, np.ndarray]:

@@ -57,11 +57,11 @@ def _part(work: Callable[[float], float], gained: float, at_end: float) -> float
         return part
     for _ in range(SEARCHES):
         part = (low[0] * high[1] - high[0] * low[1]) / (high[1] - low[1])
-        found = work(part)
-        if abs(found) <= OVERSHOOT * gained:
+        at_part = work(part)
+        if abs(at_part) <= OVERSHOOT * gained:
             break
-        if found > 0:
-            low, high = (part, found), (high[0], high[1] / 2)
+        if at_part > 0:
+            low, high = (part, at_part), (high[0], high[1] / 2)
         else:
-            low, high = (low[0], low[1] / 2), (part, found)
+            low, high = (low[0], low[1] / 2), (part, at_part)
     return part

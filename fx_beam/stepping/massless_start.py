@@ -36,9 +36,9 @@ def settled(model: Model, force: np.ndarray, state: State, dt: float) -> State:
     unloaded = settling.balance(start).residual[: model.reduction.free]
     step, reached, halvings = 1.0, 0.0, 0
     while reached < 1:
-        found = settling.solved(now, (1 - min(1.0, reached + step)) * unloaded)
-        if found is not None:
-            now, reached = found, min(1.0, reached + step)
+        solution = settling.solved(now, (1 - min(1.0, reached + step)) * unloaded)
+        if solution is not None:
+            now, reached = solution, min(1.0, reached + step)
             continue
         step, halvings = step / 2, halvings + 1
         if halvings > _MOST_HALVINGS:

@@ -116,28 +116,28 @@ class PythonLoop:
             starts, new = self._take(state, step)
         except StepFailed as failure:
             return Attempt(state, 0, failed=True, reason=failure)
-        found = Attempt(new, 1)
+        attempt = Attempt(new, 1)
         if steps.watch:
             switches, first = self._switches(state, starts, new), self.model.switches(state)
-            found = found._replace(switches=switches, switched=switched(first, switches))
+            attempt = attempt._replace(switches=switches, switched=switched(first, switches))
         if control is not None:
             assert errors is not None
             factors = control.factors(step.length)
-            found = found._replace(ratio=errors.add(new.q - state.q, step.length, *factors))
-        if found.switched or (found.ratio or 0.0) > 1:
+            attempt = attempt._replace(ratio=errors.add(new.q - state.q, step.length, *factors))
+        if attempt.switched or (attempt.ratio or 0.0) > 1:
             predictor.memory = prediction
             if errors is not None and memory is not None:
                 errors.memory = memory
             stats.newton_iterations, stats.ended_by = counted
-            return found._replace(state=state, taken=0)
+            return attempt._replace(state=state, taken=0)
         with uninterrupted:
             self._count(state, new, steps.parts)
             self._average(state, new, steps.done)
             recorder.store_starts(steps.first, starts, new, (steps.done, steps.parts))
             if steps.done + 1 == steps.parts:
                 recorder.record(steps.first, new)
-            count(found)
-        return found
+            count(attempt)
+        return attempt
 
     def failure(self, state: State, t1: float) -> StepFailed:
         """Why Newton's method fails in a step to t1 [s], without a prediction."""
@@ -152,10 +152,10 @@ class PythonLoop:
         """Values at the end of a step, or of its first sub-step in which one changes its sign."""
         first = self.model.switches(start)
         for state in (*starts[1:], end):
-            found = self.model.switches(state)
-            if switched(first, found):
+            switches = self.model.switches(state)
+            if switched(first, switches):
                 break
-        return found
+        return switches
 
     def _take(self, state: State, step: Interval) -> tuple[list[State], State]:
         """States at the starts of all sub-steps of the scheme in a step, and at their end."""
@@ -242,8 +242,8 @@ class PythonSingleSteps:
         loop = self._loop
         loop.past = self.now.past  # also where a step was broken off
 
-        def advance(found: Attempt) -> None:
-            self._last = replace(found.state, past=loop.past), number
+        def advance(attempt: Attempt) -> None:
+            self._last = replace(attempt.state, past=loop.past), number
 
         steps, inputs = Steps(number), LateInputs()
         return not loop.take(self.now, np.array([t1]), inputs, steps, recorder, advance).failed

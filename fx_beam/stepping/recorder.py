@@ -268,7 +268,7 @@ class Recorder:
             recorded = fitted(model, recorded, starts, grid, driven)
             recorded = {name: recorded[name] for name in recorded if name not in self._serving}
         t = self._times[self._steps[:n]]
-        found = {
+        histories = {
             "t": t,
             "t_level": t - (1 - model.scheme.rates.level) * self._lengths(),
             "energy": Energy(*recorded["energies"].T),
@@ -279,17 +279,17 @@ class Recorder:
             lengths = quantity.lengths(model.sizes)
             rows = recorded.get(name, np.empty((0, math.prod(lengths))))
             if quantity.shape == ("dofs",):
-                found[name] = rows[:, model.mesh.dofs]
+                histories[name] = rows[:, model.mesh.dofs]
             else:
-                found[name] = rows.reshape(len(rows), *lengths)
-        q = found["q"]
+                histories[name] = rows.reshape(len(rows), *lengths)
+        q = histories["q"]
         for first, stop in itertools.pairwise([*self.turns, n] if len(q) else []):
             q[first:stop] += self.turns[first][model.mesh.dofs]
         for name in ("internal", "spring_internal"):
-            if not found[name].size:
-                found[name] = None
-        del found["energies"], found["momenta"]
-        return found | self._by_supports(found.pop("constraint_forces"))
+            if not histories[name].size:
+                histories[name] = None
+        del histories["energies"], histories["momenta"]
+        return histories | self._by_supports(histories.pop("constraint_forces"))
 
     def _by_supports(self, forces: np.ndarray) -> dict[str, np.ndarray]:
         """Forces of the supports on nodes, and those of motors, from rows of all of them."""

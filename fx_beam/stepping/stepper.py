@@ -99,14 +99,14 @@ class Stepper:
             if halving.times:
                 ends = halving.ends(grid[done:])
                 now = integrator.inputs(state.t, ends)
-            found, steps = self._take(integrator, state, ends, now, first + done, recorder)
-            if found.failed and not self._halve():
+            attempt, steps = self._take(integrator, state, ends, now, first + done, recorder)
+            if attempt.failed and not self._halve():
                 end = halving.ends(grid[done + steps :])[0]
-                found, more = self._in_python(found, end, first + done + steps, recorder)
+                attempt, more = self._in_python(attempt, end, first + done + steps, recorder)
                 steps += more
-            state, done, inputs = found.state, done + steps, inputs.after(steps)
-            if found.error is not None:
-                raise found.error
+            state, done, inputs = attempt.state, done + steps, inputs.after(steps)
+            if attempt.error is not None:
+                raise attempt.error
         return state
 
     def _take(
@@ -123,16 +123,16 @@ class Stepper:
         parts = halving.parts
         before = self.stats.steps
 
-        def count(found: Attempt) -> None:
-            self.stats.steps += halving.take(found.taken)
+        def count(attempt: Attempt) -> None:
+            self.stats.steps += halving.take(attempt.taken)
             if halving.parts != parts:
                 # Where steps fail, predictions from steps of another length lead astray.
                 integrator.forget_past()
-            recorder.end = found.state
+            recorder.end = attempt.state
 
         steps = Steps(first, halving.done, parts)
-        found = integrator.take(state, ends, inputs, steps, recorder, count)
-        return found, self.stats.steps - before
+        attempt = integrator.take(state, ends, inputs, steps, recorder, count)
+        return attempt, self.stats.steps - before
 
     def _halve(self) -> bool:
         """Halve the steps after a failure; False if this is no longer allowed."""
@@ -142,17 +142,17 @@ class Stepper:
         return halved
 
     def _in_python(
-        self, found: Attempt, end: float, number: int, recorder: Rows
+        self, attempt: Attempt, end: float, number: int, recorder: Rows
     ) -> tuple[Attempt, int]:
         """The same for a step that C failed to take: it succeeds, or the cause is known."""
-        steps, start = 0, found.state
-        if found.reason is None:
+        steps, start = 0, attempt.state
+        if attempt.reason is None:
             self.python.forget_past()
             inputs, ends = self.python.inputs(start.t, np.array([end])), np.array([end])
-            found, steps = self._take(self.python, start, ends, inputs, number, recorder)
-        if found.reason is not None:
-            raise self._error(start, end, found.reason)
-        return found, steps
+            attempt, steps = self._take(self.python, start, ends, inputs, number, recorder)
+        if attempt.reason is not None:
+            raise self._error(start, end, attempt.reason)
+        return attempt, steps
 
     # -- Steps whose local errors are controlled --------------------------------------------------
 
@@ -162,10 +162,12 @@ class Stepper:
         past, inputs = integrator.past, integrator.inputs(state.t, ends)
         steps = Steps(1, watch=watch)
         try:
-            found = integrator.take(state, ends, inputs, steps, Unrecorded(), lambda found: None)
+            attempt = integrator.take(
+                state, ends, inputs, steps, Unrecorded(), lambda attempt: None
+            )
         finally:
             integrator.past = past
-        return Trial(found.state if found.taken else None, found.switches)
+        return Trial(attempt.state if attempt.taken else None, attempt.switches)
 
     def attempt(
         self,
@@ -183,14 +185,14 @@ class Stepper:
         inputs = self.integrator.inputs(state.t, ends)
         steps = Steps(first, control=control, watch=watch)
 
-        def count(found: Attempt) -> None:
-            self.stats.steps += found.taken
-            recorder.end = found.state
+        def count(attempt: Attempt) -> None:
+            self.stats.steps += attempt.taken
+            recorder.end = attempt.state
 
-        found = self.integrator.take(state, ends, inputs, steps, recorder, count)
-        if found.error is not None:
-            raise found.error
-        return found
+        attempt = self.integrator.take(state, ends, inputs, steps, recorder, count)
+        if attempt.error is not None:
+            raise attempt.error
+        return attempt
 
     # -- Errors -----------------------------------------------------------------------------------
 

@@ -50,9 +50,9 @@ static double largest(int n, const double *x, const double *per_unit) {
     memcpy(&bits, &size, sizeof bits);
     top = bits > top ? bits : top;
   }
-  double found;
-  memcpy(&found, &top, sizeof found);
-  return found;
+  double value;
+  memcpy(&value, &top, sizeof value);
+  return value;
 }
 
 static void times_mass(const Problem *p, const double *x, double *out) {

@@ -42,12 +42,12 @@ INLINED void subtract_group(Four *own, const double *couplings, const Four *u) {
 
 /* The unknowns of a group from those of the group on this side, which was eliminated later. */
 INLINED void substitute_group(double *group, int side, double *x) {
-  double found[3];
+  double rest[3];
   for (int i = 0; i < 3; ++i) {
     const double *row = group + side + i * ROW;
-    found[i] = row[3] - row[0] * x[0] - row[1] * x[1] - row[2] * x[2];
+    rest[i] = row[3] - row[0] * x[0] - row[1] * x[1] - row[2] * x[2];
   }
-  for (int i = 0; i < 3; ++i) group[i * ROW + RIGHT] = x[i] = found[i];
+  for (int i = 0; i < 3; ++i) group[i * ROW + RIGHT] = x[i] = rest[i];
 }
 
 INLINED void own_rows(const double *group, Four *own) {

@@ -128,7 +128,7 @@ static void spread(const Problem *p, const Work *w, double *z, double *out) {
 
 static void push_columns(const Problem *p, double *out) {
   for (int i = p->points->nodal; i < p->points->all; ++i)
-    out[p->points->of[i].column] += p->points->of[i].found[0];
+    out[p->points->of[i].column] += p->points->of[i].results[0];
 }
 
 /* Adds That^T r. */

@@ -13,19 +13,20 @@ enum { REPETITIONS = 20 };
    points; entries of the equations that remain, what they lack, their factors and multipliers; those of
    all equations; impulses and corrections of the degrees of freedom in them. */
 typedef struct {
-  double *g, *given, *push, *arm, *carried, *entry, *lacking, *left, *factors, *scale, *found, *all;
+  double *g, *given, *push, *arm, *carried, *entry, *lacking, *left, *factors, *scale, *multiplier, *all;
   double *impulse, *x, *before, *image, *force;
 } FitWork;
 
 static long lay_out_fit(const RateFit *f, FitWork *w, double *at) {
   double *begin = at;
-  long n = f->count, kept = f->kept, used = f->used;
+  long n = f->count, rows = f->remaining, used = f->used;
   w->g = allocate(&at, f->all_entries), w->given = allocate(&at, n), w->push = allocate(&at, 2 * n);
   w->arm = allocate(&at, 2 * f->points), w->carried = allocate(&at, f->raw + f->carries);
-  w->entry = allocate(&at, f->entries), w->lacking = allocate(&at, kept), w->left = allocate(&at, kept);
-  w->factors = allocate(&at, kept * f->width), w->scale = allocate(&at, kept), w->found = allocate(&at, kept);
+  w->entry = allocate(&at, f->entries), w->lacking = allocate(&at, rows), w->left = allocate(&at, rows);
+  w->factors = allocate(&at, rows * f->width), w->scale = allocate(&at, rows);
+  w->multiplier = allocate(&at, rows);
   w->all = allocate(&at, n), w->impulse = allocate(&at, used), w->x = allocate(&at, used);
-  w->before = allocate(&at, used), w->image = allocate(&at, f->inner ? kept * used : 0);
+  w->before = allocate(&at, used), w->image = allocate(&at, f->inner ? rows * used : 0);
   w->force = allocate(&at, f->size);
   return at - begin;
 }
@@ -123,7 +124,7 @@ static void condense(const RateFit *f, const double *q, const FitWork *w) {
 
 /* Cholesky factors of the scaled G M^-1 G^T, column by column of the lower bands. */
 static void factorise_equations(const RateFit *f, const FitWork *w) {
-  int n = f->kept, width = f->width;
+  int n = f->remaining, width = f->width;
   double *S = w->factors, *image = w->image;
   memset(S, 0, (long)n * width * sizeof(double));
   for (int k = 0; k < f->pairs; ++k)
@@ -155,7 +156,7 @@ static void factorise_equations(const RateFit *f, const FitWork *w) {
 
 /* Solves the scaled equations in place of the right side `left`. */
 static void solve_equations(const RateFit *f, const FitWork *w) {
-  int n = f->kept, width = f->width;
+  int n = f->remaining, width = f->width;
   double *b = w->left;
   for (int j = 0; j < n; ++j) b[j] *= w->scale[j];
   for (int j = 0; j < n; ++j) {
@@ -171,11 +172,11 @@ static void solve_equations(const RateFit *f, const FitWork *w) {
   for (int j = 0; j < n; ++j) b[j] *= w->scale[j];
 }
 
-/* Impulses from the multipliers found, and x by them, from the rates of massless nodes before. */
+/* Impulses from the multipliers, and x by them, from the rates of massless nodes before. */
 static void push_masses(const RateFit *f, const FitWork *w) {
   int n = f->used;
   memset(w->impulse, 0, n * sizeof(double));
-  for (int k = 0; k < f->entries; ++k) w->impulse[f->used_of[k]] += w->entry[k] * w->found[f->row[k]];
+  for (int k = 0; k < f->entries; ++k) w->impulse[f->used_of[k]] += w->entry[k] * w->multiplier[f->row[k]];
   for (int i = 0; i < n; ++i) {
     w->x[i] = f->massless[i] ? w->before[i] : 0;
     if (f->inner)
@@ -185,7 +186,7 @@ static void push_masses(const RateFit *f, const FitWork *w) {
   }
 }
 
-/* Multipliers `found` of the equations that remain, and the corrections x of what is in them. */
+/* Multipliers of the equations that remain, and the corrections x of what is in them. */
 static void correct_rates(const RateFit *f, const FitWork *w) {
   int n = f->used, again = 1;
   factorise_equations(f, w);
@@ -193,14 +194,14 @@ static void correct_rates(const RateFit *f, const FitWork *w) {
   for (int k = 0; k < REPETITIONS && again; ++k) {
     double change = 0, size = 0;
     memcpy(w->before, w->x, n * sizeof(double));
-    memset(w->found, 0, f->kept * sizeof(double));
+    memset(w->multiplier, 0, f->remaining * sizeof(double));
     push_masses(f, w);
     for (int twice = 0; twice < 2; ++twice) { /* the second time against round-off */
-      for (int r = 0; r < f->kept; ++r) w->left[f->number[r]] = w->lacking[r];
+      for (int r = 0; r < f->remaining; ++r) w->left[f->number[r]] = w->lacking[r];
       for (int j = 0; j < f->entries; ++j)
         w->left[f->number[f->row[j]]] -= w->entry[j] * w->x[f->used_of[j]];
       solve_equations(f, w);
-      for (int r = 0; r < f->kept; ++r) w->found[r] += w->left[f->number[r]];
+      for (int r = 0; r < f->remaining; ++r) w->multiplier[r] += w->left[f->number[r]];
       push_masses(f, w);
     }
     again = 0;
@@ -215,7 +216,7 @@ static void correct_rates(const RateFit *f, const FitWork *w) {
 /* The multipliers of the joints of rigid points balance what else acts on these. */
 static void balance_points(const RateFit *f, const FitWork *w) {
   memset(w->all, 0, f->count * sizeof(double)), memset(w->force, 0, f->size * sizeof(double));
-  for (int r = 0; r < f->kept; ++r) w->all[f->kept_row[r]] = w->found[r];
+  for (int r = 0; r < f->remaining; ++r) w->all[f->remaining_row[r]] = w->multiplier[r];
   for (int k = 0; k < f->raw; ++k) w->force[f->raw_dof[k]] += w->g[f->raw_entry[k]] * w->all[f->raw_row[k]];
   for (int k = 0; k < f->points; ++k) {
     const int *a = f->point_a + 3 * k, *b = f->point_b + 3 * k;
@@ -252,12 +253,12 @@ void fx_fit(const RateFit *f, int n, const double *q, const double *v, const dou
   for (; n > 0; --n) {
     set_equations(f, q, slide, w);
     condense(f, q, w);
-    for (int r = 0; r < f->kept; ++r) {
-      int row = f->kept_row[r], column = f->column[row];
+    for (int r = 0; r < f->remaining; ++r) {
+      int row = f->remaining_row[r], column = f->column[row];
       w->lacking[r] = column >= 0 && column < f->driven ? w->given[row] * driven[column] : 0;
     }
     for (int k = 0; k < f->entries; ++k) w->lacking[f->row[k]] -= w->entry[k] * v[f->dof[k]];
-    for (int r = 0; r < f->kept; ++r)
+    for (int r = 0; r < f->remaining; ++r)
       if (isnan(w->lacking[r])) w->lacking[r] = 0;
     correct_rates(f, w);
     balance_points(f, w);

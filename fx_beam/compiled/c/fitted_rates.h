@@ -26,7 +26,8 @@ typedef struct {
   double *point_apart;
   /* Equations that remain: rows; their entries among all, with degrees of freedom; entries that move to
      nodes a with an arm; the entry to which each adds. */
-  int kept, raw, carries, *kept_row, *raw_entry, *raw_row, *raw_dof, *carry_from, *carry_arm, *entry_of;
+  int remaining, raw, carries, *remaining_row, *raw_entry, *raw_row, *raw_dof;
+  int *carry_from, *carry_arm, *entry_of;
   double *carry_sign;
   int entries, *row, *dof;
   /* Degrees of freedom in them; for each entry its number among these, and whether they are massless. */

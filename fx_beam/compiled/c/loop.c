@@ -158,10 +158,10 @@ static void find_sides(const Problem *p, double *out) {
 /* Whether a value changed its sign since the sub-step before; those now are in the second half. */
 static int switched(const Problem *p) {
   double *before = p->sides, *now = before + p->switches;
-  int found = 0;
+  int any = 0;
   find_sides(p, now);
-  for (int i = 0; i < p->switches; ++i) found |= (before[i] < 0) != (now[i] < 0), before[i] = now[i];
-  return found;
+  for (int i = 0; i < p->switches; ++i) any |= (before[i] < 0) != (now[i] < 0), before[i] = now[i];
+  return any;
 }
 
 int fx_run(Problem *p, int steps, double dt, const Inputs *inputs, Record *to) {

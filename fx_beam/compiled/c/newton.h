@@ -208,7 +208,7 @@ static int newton(Problem *p, const Work *w, const double *driven, int order) {
   for (int iteration = 1; iteration <= p->max_iterations; ++iteration) {
     balance(p, w);
     if (iteration > 1 && p->may_overshoot) line_search(p, w, gained);
-    if (p->may_overshoot) fx_keep_points(p->points);
+    if (p->may_overshoot) fx_note_tangents(p->points);
     memset(w->step, 0, p->columns * sizeof(double));
     reduce_tangent(p, w, w->r);
     if (iteration == 1 && drive > 0 && !order) {

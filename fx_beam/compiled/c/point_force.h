@@ -12,15 +12,15 @@ typedef struct {
   struct { Law *energy; };   /* stored at the start */
   struct { Law *loss; };     /* lost in the step */
   struct { Law *switches; }; /* values that change their sign where it switches */
-  int size, entries, internal, remembered, conditions, keeps;
+  int size, entries, internal, remembered, conditions, overshoots;
   int *dof;           /* [size] degrees of freedom; -1 for the ground */
   int slide, column;  /* joint of a slide and its column, or -1 */
   int joint;          /* to whose moment it belongs, or -1 */
   int first_internal, first_entry; /* among those of all forces */
   int *entry_row, *entry_column;   /* [entries] */
   /* Given: start, increment and rate [size], t, dt, internal variables, remembered, parameters. */
-  double *given, *parameters, *found;
-  double *kept;       /* increment and found, where the tangent is from */
+  double *given, *parameters, *results;
+  double *tangent_at; /* increment and results where the tangent is evaluated, if it `overshoots` */
 } PointForce;
 
 /* Forces at nodes: those of contact, others, external ones; then those on slides. */
@@ -28,7 +28,7 @@ typedef struct {
   int contacts, external, nodal, all;
   struct {
     PointForce *of;
-    double *probe;    /* room for what one force finds, and for a correction */
+    double *probe;    /* room for results of one force, and for a correction */
   };
 } PointForces;
 
@@ -46,7 +46,7 @@ double fx_lost_at_points(const PointForces *p, const double *D, const double *z)
 double fx_stored_at_points(const PointForces *p, const double *q, const double *slide, const double *internal);
 void fx_evolve_points(const PointForces *p, const double *D, const double *z, double *internal);
 void fx_find_switches(const PointForces *p, const double *q, const double *slide, double *out);
-/* Of forces with functions of a user: keeps the tangent; the work, on a part of the last correction, of
+/* Of forces with functions of a user: notes the tangent; the work, on a part of the last correction, of
    what the forces deviate from it. */
-void fx_keep_points(const PointForces *p);
+void fx_note_tangents(const PointForces *p);
 double fx_point_deviation(const PointForces *p, const double *correction, const double *step, double part);

@@ -10,9 +10,9 @@ static inline double coordinate(const PointForce *e, int k, const double *nodes,
   return e->dof[k] < 0 ? 0 : nodes[e->dof[k]];
 }
 
-static inline void call(Law *law, const double *given, double *found, int values) {
-  for (int i = 0; i < values; ++i) found[i] = 0;
-  law(found, 0, given, 0, 0, 0, 0);
+static inline void call(Law *law, const double *given, double *results, int values) {
+  for (int i = 0; i < values; ++i) results[i] = 0;
+  law(results, 0, given, 0, 0, 0, 0);
 }
 
 static int values_of(const PointForce *e) { return e->size + e->entries + e->internal + e->remembered; }
@@ -42,22 +42,22 @@ void fx_evaluate_points(const PointForces *p, int first, int end, const double *
   for (PointForce *e = p->of + first; e < p->of + end; ++e) {
     int values = values_of(e);
     move_to(e, D, z);
-    call(e->law, e->given, e->found, values);
-    for (int i = 1; i <= e->remembered; ++i) e->parameters[-i] = e->found[values - i];
+    call(e->law, e->given, e->results, values);
+    for (int i = 1; i <= e->remembered; ++i) e->parameters[-i] = e->results[values - i];
   }
 }
 
 void fx_add_points(const PointForces *p, int first, int end, double factor, double *f) {
   for (const PointForce *e = p->of + first; e < p->of + end; ++e)
     for (int k = 0; k < e->size; ++k)
-      if (e->dof[k] >= 0) f[e->dof[k]] += factor * e->found[k];
+      if (e->dof[k] >= 0) f[e->dof[k]] += factor * e->results[k];
 }
 
 void fx_add_point_tangents(const PointForces *p, const int *stored_at, double *K) {
   for (const PointForce *e = p->of; e < p->of + p->all; ++e) {
     const int *to = stored_at + e->first_entry;
     for (int i = 0; i < e->entries; ++i)
-      if (to[i] >= 0) K[to[i]] += e->found[e->size + i];
+      if (to[i] >= 0) K[to[i]] += e->results[e->size + i];
   }
 }
 
@@ -88,8 +88,8 @@ void fx_evolve_points(const PointForces *p, const double *D, const double *z, do
   for (const PointForce *e = p->of; e < p->of + p->all; ++e) {
     if (!e->internal) continue;
     move_to(e, D, z);
-    call(e->law, e->given, e->found, values_of(e));
-    memcpy(internal + e->first_internal, e->found + e->size + e->entries, e->internal * sizeof(double));
+    call(e->law, e->given, e->results, values_of(e));
+    memcpy(internal + e->first_internal, e->results + e->size + e->entries, e->internal * sizeof(double));
   }
 }
 
@@ -101,21 +101,21 @@ void fx_find_switches(const PointForces *p, const double *q, const double *slide
   }
 }
 
-void fx_keep_points(const PointForces *p) {
+void fx_note_tangents(const PointForces *p) {
   for (const PointForce *e = p->of; e < p->of + p->all; ++e) {
-    if (!e->keeps) continue;
-    memcpy(e->kept, e->given + e->size, e->size * sizeof(double));
-    memcpy(e->kept + e->size, e->found, (e->size + e->entries) * sizeof(double));
+    if (!e->overshoots) continue;
+    memcpy(e->tangent_at, e->given + e->size, e->size * sizeof(double));
+    memcpy(e->tangent_at + e->size, e->results, (e->size + e->entries) * sizeof(double));
   }
 }
 
 double fx_point_deviation(const PointForces *p, const double *correction, const double *step, double part) {
   double sum = 0;
   for (const PointForce *e = p->of; e < p->of + p->all; ++e) {
-    if (!e->keeps) continue;
+    if (!e->overshoots) continue;
     int n = e->size, values = values_of(e);
     double *D = e->given + n, *now = p->probe, *along = now + values, *before = along + n;
-    const double *from = e->kept, *force = from + n, *slope = force + n;
+    const double *from = e->tangent_at, *force = from + n, *slope = force + n;
     memcpy(before, D, n * sizeof(double));
     for (int k = 0; k < n; ++k) {
       along[k] = coordinate(e, k, correction, step, e->column);

@@ -6,10 +6,10 @@
 #include "couplings.h"
 
 /* Adds forces on nodes to those of the joints through which they pass, and to the leading nodes. */
-static void pass_forces(const Problem *p, int first, int end, double *on_nodes, double *found) {
+static void pass_forces(const Problem *p, int first, int end, double *on_nodes, double *on_joints) {
   for (int k = first; k < end; ++k) {
     double force = on_nodes[p->pass_dof[k]];
-    found[p->pass_of[k]] += p->pass_sign[k] * force;
+    on_joints[p->pass_of[k]] += p->pass_sign[k] * force;
     if (p->pass_to[k] >= 0) on_nodes[p->pass_to[k]] += force;
   }
 }
@@ -20,28 +20,28 @@ static void add_joint_forces(const Problem *p, const Work *w) {
   double fraction = p->share, *out = p->joint_forces;
   scale(n, p->earlier, out);
   const double *given = p->sliders ? w->loaded : w->r, *r = closed(p, w, given);
-  double *on_nodes = w->passed, *found = w->joint_forces;
+  double *on_nodes = w->passed, *on_joints = w->joint_forces;
   memcpy(on_nodes, r, p->dofs * sizeof(double));
-  memset(found, 0, n * sizeof(double));
-  pass_forces(p, 0, p->passes_of_forces, on_nodes, found);
-  for (int k = 0; k < p->closures; ++k) found[p->gap_force[k]] += w->closing[k];
+  memset(on_joints, 0, n * sizeof(double));
+  pass_forces(p, 0, p->passes_of_forces, on_nodes, on_joints);
+  for (int k = 0; k < p->closures; ++k) on_joints[p->gap_force[k]] += w->closing[k];
   /* Joints with an offset or a slide exert a moment on their guiding node, which is no moment of another
      joint. */
   for (int j = 0; j < p->joints; ++j) {
-    const double *lever = w->virtual_map + 1 + 4 * j, *F = found + 3 * p->slide_of[j];
+    const double *lever = w->virtual_map + 1 + 4 * j, *F = on_joints + 3 * p->slide_of[j];
     if (p->guide[j] >= 0) on_nodes[p->guide[j]] += lever[0] * F[0] + lever[1] * F[1];
   }
   for (const PointForce *e = p->points->of; e < p->points->of + p->points->nodal; ++e)
-    if (e->joint >= 0) found[3 * e->joint + 2] -= e->found[1];
-  pass_forces(p, p->passes_of_forces, p->passes, on_nodes, found);
-  for (int i = 0; i < n; ++i) out[i] += fraction * found[i];
+    if (e->joint >= 0) on_joints[3 * e->joint + 2] -= e->results[1];
+  pass_forces(p, p->passes_of_forces, p->passes, on_nodes, on_joints);
+  for (int i = 0; i < n; ++i) out[i] += fraction * on_joints[i];
 }
 
 /* Adds the forces of contact of a sub-step to their mean over the step. */
 static void add_contact_forces(const Problem *p) {
   double *out = p->contact_forces;
   scale(2 * p->points->contacts, p->earlier, out);
-  for (int i = 0; i < 2 * p->points->contacts; ++i) out[i] -= p->share * p->points->of[i / 2].found[i % 2];
+  for (int i = 0; i < 2 * p->points->contacts; ++i) out[i] -= p->share * p->points->of[i / 2].results[i % 2];
 }
 
 static void add_row(const Rows *rows, int count, long k) {

@@ -126,7 +126,7 @@ class Cell:
 
 def grouped(cells: Iterable[Cell], attribute: str) -> dict[str, list[Cell]]:
     """Cells by an attribute, such as "scheme" or "case.group", in their order."""
-    found: dict[str, list[Cell]] = {}
+    groups: dict[str, list[Cell]] = {}
     for cell in cells:
-        found.setdefault(attrgetter(attribute)(cell), []).append(cell)
-    return found
+        groups.setdefault(attrgetter(attribute)(cell), []).append(cell)
+    return groups

@@ -46,8 +46,8 @@ def draw_map(path: Path, cells: list[Cell], slots: int = 27) -> None:
     for ax, band in zip(axes.flat, bands, strict=True):
         _draw_band(ax, band, list(grouped(cells, "scheme")))
         ax.set_xlim(-0.55, slots - 0.45)
-    found = grouped(cells, "verdict.kind")
-    legend: dict = {kind: ("s", look) for kind, look in COLOURS.items() if kind in found}
+    groups = grouped(cells, "verdict.kind")
+    legend: dict = {kind: ("s", look) for kind, look in COLOURS.items() if kind in groups}
     legend["steps halved often"] = ((-1, 1), (1, 1), (-1, -1)), "black"
     legend["sensitive to round-off"] = r"$\sim$", "black"
     for label, (marker, colour) in legend.items():

@@ -91,12 +91,12 @@ def counts(cells: Iterable[Cell]) -> dict[str, dict[str, float]]:
         energy with "steps halved often", whose number "depends on rounding" (is sensitive to
         round-off), and whose "verdict depends on rounding".
     """
-    found: dict[str, dict[str, float]] = {}
+    rows: dict[str, dict[str, float]] = {}
     for scheme, own in grouped(cells, "scheme").items():
         kinds = Counter(cell.verdict.kind for cell in own)
         kept, lost = ([c for c in own if c.verdict.kind == kind] for kind in ("kept", "lost"))
         turned = [cell.verdict.kind != cell.other.kind for cell in own if cell.other]
-        found[scheme] = {kind: kinds[kind] for kind in KINDS} | {
+        rows[scheme] = {kind: kinds[kind] for kind in KINDS} | {
             "largest error where kept": max((c.verdict.worst for c in kept), default=np.nan),
             "largest loss where lost": max((c.verdict.amount for c in lost), default=np.nan),
             "largest gain": max(0.0, *(cell.verdict.gain for cell in own)),
@@ -104,7 +104,7 @@ def counts(cells: Iterable[Cell]) -> dict[str, dict[str, float]]:
             "depends on rounding": len(turned),
             "verdict depends on rounding": sum(turned),
         }
-    return found
+    return rows
 
 
 def _row(cell: Cell) -> dict[str, Any]:

@@ -98,7 +98,7 @@ def study(
         (Cell(case, label, scheme.name, none, max_halvings=max_halvings), scheme)
         for case, (label, scheme) in itertools.product(cases, labelled.items())
     ]
-    found: dict[int, Cell] = {}
+    cells: dict[int, Cell] = {}
     try:
         with (
             progress_bar(len(items), None, desc="runs") as bar,
@@ -106,12 +106,12 @@ def study(
         ):
             for place, (judged, _, error) in outcomes:
                 blank = replace(items[place][0], verdict=replace(none, reason=error))
-                cell = found[place] = judged or blank
+                cell = cells[place] = judged or blank
                 _log.info("%s, %s: %s", cell.case.name, cell.scheme, cell.verdict.kind)
                 bar.update()
-        return [found[place] for place in sorted(found)]
+        return [cells[place] for place in sorted(cells)]
     except BaseException as stop:
-        stop.cells = [found[place] for place in sorted(found)]  # type: ignore[attr-defined]
+        stop.cells = [cells[place] for place in sorted(cells)]  # type: ignore[attr-defined]
         raise
 
 

@@ -55,14 +55,14 @@ def called(what: str, function: Callable, *arguments) -> Any:
 def measure(name: str, quantity: Quantity, solution: Solution) -> History:
     """History of a quantity of interest of a solution."""
     what = f"quantity {name!r}"
-    found = called(what, quantity, solution)
-    if isinstance(found, tuple):
-        t, found = found if len(found) == 2 else (np.zeros(()), None)
+    values = called(what, quantity, solution)
+    if isinstance(values, tuple):
+        t, values = values if len(values) == 2 else (np.zeros(()), None)
         if np.ndim(t) != 1 or (np.diff(t) <= 0).any():
             raise SceneError(f"{what}: a tuple must be increasing times and an array of values")
     else:
-        t = solution.t if np.ndim(found) else solution.t[-1:]
-    return History(np.asarray(t), _rows(what, found, np.size(t)))
+        t = solution.t if np.ndim(values) else solution.t[-1:]
+    return History(np.asarray(t), _rows(what, values, np.size(t)))
 
 
 def exact(name: str, value: Exact, t_end: float) -> History:
@@ -72,8 +72,8 @@ def exact(name: str, value: Exact, t_end: float) -> History:
     def at(t):
         return _rows(what, called(what, value, t) if callable(value) else [value] * len(t), len(t))
 
-    found = History(times, at(times), function=at)
-    return replace(found, size=_complete(what, found))
+    history = History(times, at(times), function=at)
+    return replace(history, size=_complete(what, history))
 
 
 def computed(name: str, fine: History, coarse: History) -> History:
@@ -83,23 +83,23 @@ def computed(name: str, fine: History, coarse: History) -> History:
     doi 10.1115/1.2910291) and equal to it for first order. The whole difference is used.
     """
     _complete(f"the reference of {name!r}", coarse)
-    found = replace(fine, size=_complete(f"the reference of {name!r}", fine))
-    return replace(found, error=error(name, coarse, found))
+    history = replace(fine, size=_complete(f"the reference of {name!r}", fine))
+    return replace(history, error=error(name, coarse, history))
 
 
-def error(name: str, found: History, reference: History) -> float:
+def error(name: str, history: History, reference: History) -> float:
     """Largest distance from the reference at its times, over its largest magnitude.
 
     Absolute if the reference is 0, NaN if a value is not finite.
     """
-    expected = reference.at(found.t)
+    expected = reference.at(history.t)
     inside = np.isfinite(expected).all(axis=1)
     if not inside.any():
-        first, last = found.t[[0, -1]]
+        first, last = history.t[[0, -1]]
         raise SceneError(f"the reference of {name!r} has no time between {first:g} and {last:g} s")
-    if (own := found.values.shape[1]) != (other := expected.shape[1]):
+    if (own := history.values.shape[1]) != (other := expected.shape[1]):
         raise SceneError(f"quantity {name!r} has {own} values at a time, its reference {other}")
-    return _size(found.values[inside] - expected[inside]) / reference.size
+    return _size(history.values[inside] - expected[inside]) / reference.size
 
 
 def observed_order(errors: Iterable[tuple[float, float]], floor: float) -> float | None:
@@ -118,12 +118,12 @@ def observed_order(errors: Iterable[tuple[float, float]], floor: float) -> float
     return float(np.polyfit(log_h, log_e, 1)[0])
 
 
-def _rows(what: str, found: Any, n: int) -> np.ndarray:
+def _rows(what: str, given: Any, n: int) -> np.ndarray:
     """Values (n, k) of a number, for n = 1, or of a history (n,) or (n, k); None gives NaN."""
-    values = np.atleast_1d(np.nan if found is None else found)
+    values = np.atleast_1d(np.nan if given is None else given)
     if values.dtype.kind not in "fiub" or values.ndim > 2 or values.shape[-1] == 0:
         raise SceneError(
-            f"{what} must be a real number or an array (n,) or (n, k), not {found!r:.40} of "
+            f"{what} must be a real number or an array (n,) or (n, k), not {given!r:.40} of "
             f"{values.dtype} with the shape {values.shape}"
         )
     if len(values) != n:

@@ -24,9 +24,9 @@ _APART = 0.065  # least distance of names, as a fraction of the panel's height
 _ROW = 0.075  # height of a row of lost runs
 
 
-def front(found: Precision, quantity: str, runs: list[Run]) -> np.ndarray:
+def front(study: Precision, quantity: str, runs: list[Run]) -> np.ndarray:
     """Times of the steps [ms] and errors (n, 2) of runs that err less than all faster ones."""
-    points = sorted((1e3 * run.step_seconds, counted(found, quantity, run)) for run in runs)
+    points = sorted((1e3 * run.step_seconds, counted(study, quantity, run)) for run in runs)
     kept: list[tuple[float, float]] = []
     for time, error in points:
         if np.isfinite(time) and error <= 1 and (not kept or error < kept[-1][1]):
@@ -35,7 +35,7 @@ def front(found: Precision, quantity: str, runs: list[Run]) -> np.ndarray:
 
 
 def draw_fronts(
-    path: Path, title: str, found: Precision, quantity: str, kind: Callable[[Run], str]
+    path: Path, title: str, study: Precision, quantity: str, kind: Callable[[Run], str]
 ) -> None:
     """Draw one line for each kind of run, such as its scheme: the best errors over the run time.
 
@@ -45,12 +45,12 @@ def draw_fronts(
     from fx_beam import plot
 
     kinds: dict[str, list[Run]] = {}
-    for run in found.runs:
+    for run in study.runs:
         kinds.setdefault(kind(run), []).append(run)
-    lines = {name: front(found, quantity, runs) for name, runs in kinds.items()}
+    lines = {name: front(study, quantity, runs) for name, runs in kinds.items()}
     lost = {name: [run for run in runs if run.lost] for name, runs in kinds.items()}
     lost = {name: runs for name, runs in lost.items() if runs}
-    known = floor(found, quantity) if found.references[quantity] is not None else None
+    known = floor(study, quantity) if study.references[quantity] is not None else None
 
     figure, axes = plot.figure(1, 1, height=3.2 + 0.22 * len(lost))
     ax = axes[0, 0]

@@ -34,8 +34,8 @@ def draw(path: Path, panels: Sequence[tuple[str, Precision, str]], clock: str) -
     figure, axes = plot.figure(rows, min(len(panels), 2), height=4.2 if rows == 1 else 3.0)
     for ax in axes.flat[len(panels) :]:
         ax.set_visible(False)
-    for ax, (title, found, quantity) in zip(axes.flat, panels, strict=False):
-        _panel(ax, found, quantity, clock, plot.style)
+    for ax, (title, study, quantity) in zip(axes.flat, panels, strict=False):
+        _panel(ax, study, quantity, clock, plot.style)
         ax.set_title(title, fontsize=8, loc="left")
     for ax in axes.flat[max(len(panels) - 2, 0) : len(panels)]:
         ax.set_xlabel(f"{CLOCKS[clock]} [ms]", fontsize=8)
@@ -44,21 +44,21 @@ def draw(path: Path, panels: Sequence[tuple[str, Precision, str]], clock: str) -
     plot.save(figure, path)
 
 
-def _panel(ax, found: Precision, quantity: str, clock: str, style) -> None:
-    known, computed = floor(found, quantity), found.references[quantity] is not None
-    runs = [(r, 1e3 * getattr(r, clock), r.errors.get(quantity, np.nan)) for r in found.runs]
+def _panel(ax, study: Precision, quantity: str, clock: str, style) -> None:
+    known, computed = floor(study, quantity), study.references[quantity] is not None
+    runs = [(r, 1e3 * getattr(r, clock), r.errors.get(quantity, np.nan)) for r in study.runs]
     inside = [max(error, known) for _, _, error in runs if error <= 1]
     bottom = int(np.log10(np.nanmin([0.1, *inside, known if computed else 0.1]) / 1.5) // 1)
     astray = dict.fromkeys(run.scheme for run, _, error in runs if not error <= 1)
     heights = {scheme: 10 ** (-0.07 * bottom * k) for k, scheme in enumerate(astray, 1)}
     looks: dict[str, dict] = {}
     used: list[str] = []
-    for scheme, name in {run.scheme: run.name for run in found.runs}.items():
+    for scheme, name in {run.scheme: run.name for run in study.runs}.items():
         looks[scheme] = style(name)
         if name in used:  # with another parameter: another dotting
             looks[scheme] |= {"linestyle": (0, (1, 1 + used.count(name)))}
         used.append(name)
-        own = sorted((t, counted(found, quantity, r)) for r, t, _ in runs if r.scheme == scheme)
+        own = sorted((t, counted(study, quantity, r)) for r, t, _ in runs if r.scheme == scheme)
         front = [p for k, p in enumerate(own) if p[1] <= 1 and all(p[1] < q[1] for q in own[:k])]
         ax.plot(*np.array(front).reshape(-1, 2).T, label=scheme, **looks[scheme])
     for run, time, error in runs:

@@ -149,28 +149,28 @@ class Precision:
             `Run` by scheme, the fastest scheme first. A scheme that does not reach the error is
             left out.
         """
-        found: dict[str, Run] = {}
+        fastest: dict[str, Run] = {}
         timed = [run for run in self.runs if np.isfinite(run.seconds)]
         for run in sorted(timed, key=lambda run: run.seconds):
-            if run.scheme not in found and counted(self, quantity, run) <= error:
-                found[run.scheme] = run
-        return found
+            if run.scheme not in fastest and counted(self, quantity, run) <= error:
+                fastest[run.scheme] = run
+        return fastest
 
 
-def floor(found: Precision, quantity: str) -> float:
+def floor(study: Precision, quantity: str) -> float:
     """Relative error below which the errors of runs are not known; NaN without a reference."""
-    own = found.references[quantity] or 0.0  # None if it is exact
+    own = study.references[quantity] or 0.0  # None if it is exact
     return float(np.fmax(MARGIN * own, np.finfo(float).eps))
 
 
-def counted(found: Precision, quantity: str, run: Run) -> float:
+def counted(study: Precision, quantity: str, run: Run) -> float:
     """Error assigned to a run, so that none is good by chance: the largest one that confirms it.
 
     See `Precision.cheapest`. At least `floor`; infinite if a run is lost or has no error.
     """
-    ours = [r for r in found.runs if (r.scheme, r.mesh) == (run.scheme, run.mesh)]
+    ours = [r for r in study.runs if (r.scheme, r.mesh) == (run.scheme, run.mesh)]
     errors = [np.nan if r.lost else r.errors.get(quantity, np.nan) for r in ours if r.dt <= run.dt]
-    for mesh, left in found.mesh_errors.items():
+    for mesh, left in study.mesh_errors.items():
         if mesh.degree == run.mesh.degree and mesh.elements >= run.mesh.elements:
             errors += [left[quantity]] if quantity in left else []
-    return max(floor(found, quantity), *errors) if np.isfinite(errors).all() else np.inf
+    return max(floor(study, quantity), *errors) if np.isfinite(errors).all() else np.inf

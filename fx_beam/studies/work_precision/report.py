@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from fx_beam.deprecation import formerly
 from fx_beam.errors import SceneError
 from fx_beam.studies.reporting import beside, machine, section, short, write_json, write_report
 
@@ -22,12 +23,13 @@ LEVELS = 1e-2, 1e-4, 1e-6, 1e-8, 1e-10
 _PAGE = Path(__file__).with_name("page.md").read_text("utf-8")
 
 
-def sentence(found: Precision, quantity: str) -> str:
+@formerly(found="study")
+def sentence(study: Precision, quantity: str) -> str:
     """One sentence that says which run is the most accurate, and how well its error is known.
 
     Parameters
     ----------
-    found : Precision
+    study : Precision
         A study.
     quantity : str
         Name of the quantity.
@@ -37,16 +39,16 @@ def sentence(found: Precision, quantity: str) -> str:
     str
         The sentence.
     """
-    if quantity in found.missing:
-        return f"{quantity}: there is no reference: {found.missing[quantity]}"
-    best = min(found.runs, key=lambda run: (counted(found, quantity, run), run.seconds))
-    known = found.references[quantity]
+    if quantity in study.missing:
+        return f"{quantity}: there is no reference: {study.missing[quantity]}"
+    best = min(study.runs, key=lambda run: (counted(study, quantity, run), run.seconds))
+    known = study.references[quantity]
     reference = "exact" if known is None else f"known to {known:.3g}"
-    astray = sum(not run.errors.get(quantity, np.nan) <= 1 for run in found.runs)
+    astray = sum(not run.errors.get(quantity, np.nan) <= 1 for run in study.runs)
     return (
-        f"{quantity}: the smallest error is {short(counted(found, quantity, best))}, by {best}, in "
+        f"{quantity}: the smallest error is {short(counted(study, quantity, best))}, by {best}, in "
         f"{1e3 * best.seconds:.3g} ms. The reference is {reference}. "
-        f"{astray} of {len(found.runs)} runs broke off or have an error above 1."
+        f"{astray} of {len(study.runs)} runs broke off or have an error above 1."
     )
 
 
@@ -60,88 +62,89 @@ def prepare(path: Path | str) -> None:
         raise SceneError(f"results = {path!r} cannot be written: {wrong}") from wrong
 
 
-def write(path: Path | str, found: Precision) -> None:
+@formerly(found="study")
+def write(path: Path | str, study: Precision) -> None:
     """Write a study as JSON, its runs as CSV, and a Markdown page with two pictures.
 
     Parameters
     ----------
     path : str or path
         Files to write, without their endings.
-    found : Precision
+    study : Precision
         A study.
     """
-    names, tables = list(found.references), _tables(found)
-    sentences = {name: sentence(found, name) for name in names}
+    names, tables = list(study.references), _tables(study)
+    sentences = {name: sentence(study, name) for name in names}
     # The steps alone for the first quantity only: for all others, points move in the same way.
     for clock, ending, shown in ("seconds", "", names), ("step_seconds", "_steps", names[:1]):
-        draw(beside(path, f"{ending}.png"), [(name, found, name) for name in shown], clock)
+        draw(beside(path, f"{ending}.png"), [(name, study, name) for name in shown], clock)
     page = _PAGE.format(
         accuracy=accuracy,
         precision=precision,
-        found=found,
+        study=study,
         name=Path(path).name,
         title=Path(path).name.replace("_", " "),
-        start=f", from the solutions that `{found.start}` gives" if found.start else "",
-        origin=found.origin or "none",
+        start=f", from the solutions that `{study.start}` gives" if study.start else "",
+        origin=study.origin or "none",
         sentences="\n".join(f"- {words}" for words in sentences.values()),
         tables="\n".join(section(name, rows) for name, rows in tables.items() if rows),
     )
     runs = [
-        asdict(run) | {"lost": run.lost, "counts with": {q: counted(found, q, run) for q in names}}
-        for run in found.runs
+        asdict(run) | {"lost": run.lost, "counts with": {q: counted(study, q, run) for q in names}}
+        for run in study.runs
     ]
-    errors = [asdict(mesh) | own for mesh, own in found.mesh_errors.items()]
-    numbers = {"t_end": found.t_end, "start": found.start, "timed runs of each": found.repetitions}
-    numbers |= {"relative errors of the references": found.references, "reference": found.origin}
-    numbers |= {"why there is no reference": found.missing, "sentences": sentences, **tables}
+    errors = [asdict(mesh) | own for mesh, own in study.mesh_errors.items()]
+    numbers = {"t_end": study.t_end, "start": study.start, "timed runs of each": study.repetitions}
+    numbers |= {"relative errors of the references": study.references, "reference": study.origin}
+    numbers |= {"why there is no reference": study.missing, "sentences": sentences, **tables}
     numbers |= {"Errors with a fine time step": errors, "Runs": runs}
     write_report(path, page, numbers, runs)
 
 
-def _tables(found: Precision) -> dict[str, list[dict[str, Any]]]:
+def _tables(study: Precision) -> dict[str, list[dict[str, Any]]]:
     """Rows of the page's tables by title; the JSON file has them too."""
-    names, schemes = list(found.references), found.schemes
-    computed = [name for name, error in found.references.items() if error is not None]
-    meshes = list(dict.fromkeys(run.mesh for run in found.runs))
+    names, schemes = list(study.references), study.schemes
+    computed = [name for name, error in study.references.items() if error is not None]
+    meshes = list(dict.fromkeys(run.mesh for run in study.runs))
     degrees = sorted({mesh.degree for mesh in meshes})
-    reasons = {why: name for name, why in found.missing.items()}
-    reasons |= {why: run.scheme for run in found.runs for why in run.notes.values()}
-    broken = {run.scheme: run.failure for run in reversed(found.runs) if run.failure}
+    reasons = {why: name for name, why in study.missing.items()}
+    reasons |= {why: run.scheme for run in study.runs for why in run.notes.values()}
+    broken = {run.scheme: run.failure for run in reversed(study.runs) if run.failure}
     reasons |= {why: f"{scheme}, the first run that broke off" for scheme, why in broken.items()}
     return {
         "Fastest run of each scheme for an error": [
             {"quantity": name, "error": short(level), **_candidate(run)}
             for name in names
             for level in LEVELS
-            for run in found.cheapest(name, level).values()
+            for run in study.cheapest(name, level).values()
         ],
-        "Runs": [_row(found, run) for run in found.runs],
+        "Runs": [_row(study, run) for run in study.runs],
         f"Run times divided by those of {schemes[0]}, same step and mesh, median": [
             {"scheme": scheme, "time": clock}
-            | {f"degree {degree}": _ratio(found, scheme, degree, name) for degree in degrees}
+            | {f"degree {degree}": _ratio(study, scheme, degree, name) for degree in degrees}
             for scheme in schemes[1:]
             for name, clock in CLOCKS.items()
         ],
         "Observed orders in the time step": [
             {"scheme": scheme, **asdict(mesh)}
-            | {name: step_order(found, name, scheme, mesh) for name in names}
+            | {name: step_order(study, name, scheme, mesh) for name in names}
             for scheme in schemes
             for mesh in meshes
         ],
         "Errors with a fine time step": [
-            asdict(mesh) | {name: _known(found, name, error) for name, error in errors.items()}
-            for mesh, errors in found.mesh_errors.items()
+            asdict(mesh) | {name: _known(study, name, error) for name, error in errors.items()}
+            for mesh, errors in study.mesh_errors.items()
         ],
         "Observed orders in the size of the elements": [
-            {"degree": degree} | {name: mesh_order(found, name, degree) for name in computed}
+            {"degree": degree} | {name: mesh_order(study, name, degree) for name in computed}
             for degree in degrees
-            if found.mesh_errors
+            if study.mesh_errors
         ],
         "Missing results": [{"of": what, "reason": why} for why, what in reasons.items()],
     }
 
 
-def _row(found: Precision, run: Run) -> dict[str, Any]:
+def _row(study: Precision, run: Run) -> dict[str, Any]:
     steps, lost = run.steps or np.nan, "energy" if run.lost else None
     return {
         **_candidate(run),
@@ -150,7 +153,7 @@ def _row(found: Precision, run: Run) -> dict[str, Any]:
         "halvings": run.halvings,
         "us/step": 1e6 * run.step_seconds / steps,
         "first call [ms]": 1e3 * run.first_seconds,
-        **{name: _known(found, name, run.errors.get(name)) for name in found.references},
+        **{name: _known(study, name, run.errors.get(name)) for name in study.references},
         "lost": f"broke off at {run.reached:.3g} s" if run.failure else lost,
     }
 
@@ -160,29 +163,29 @@ def _candidate(run: Run) -> dict[str, Any]:
     return {"scheme": run.scheme, **asdict(run.mesh), "dt [s]": run.dt} | times
 
 
-def _known(found: Precision, name: str, error: float | None) -> float | str | None:
+def _known(study: Precision, name: str, error: float | None) -> float | str | None:
     """An error; one that is not known is given by its limit."""
-    low = floor(found, name)
+    low = floor(study, name)
     return f"< {low:.1g}" if error is not None and error < low else error
 
 
-def step_order(found: Precision, quantity: str, scheme: str, mesh: Mesh) -> float | None:
+def step_order(study: Precision, quantity: str, scheme: str, mesh: Mesh) -> float | None:
     """Observed order in the time step; None if the errors have no clear order."""
-    runs = [run for run in found.runs if (run.scheme, run.mesh) == (scheme, mesh)]
+    runs = [run for run in study.runs if (run.scheme, run.mesh) == (scheme, mesh)]
     return observed_order([(r.dt, r.step_errors.get(quantity, np.nan)) for r in runs], ROUND_OFF)
 
 
-def mesh_order(found: Precision, quantity: str, degree: int) -> float | None:
+def mesh_order(study: Precision, quantity: str, degree: int) -> float | None:
     """Observed order in the size of the elements, with a fine time step; None if not clear."""
-    left = [(mesh, error) for mesh, error in found.mesh_errors.items() if mesh.degree == degree]
+    left = [(mesh, error) for mesh, error in study.mesh_errors.items() if mesh.degree == degree]
     errors = [(1 / mesh.elements, error.get(quantity, np.nan)) for mesh, error in left]
-    return observed_order(errors, max(floor(found, quantity), ROUND_OFF))
+    return observed_order(errors, max(floor(study, quantity), ROUND_OFF))
 
 
-def _ratio(found: Precision, scheme: str, degree: int, clock: str) -> float:
+def _ratio(study: Precision, scheme: str, degree: int, clock: str) -> float:
     """Median ratio of a run time to that of the first scheme."""
-    runs = [run for run in found.runs if run.mesh.degree == degree and not run.failure]
-    first = {(r.mesh, r.dt): getattr(r, clock) for r in runs if r.scheme == found.schemes[0]}
+    runs = [run for run in study.runs if run.mesh.degree == degree and not run.failure]
+    first = {(r.mesh, r.dt): getattr(r, clock) for r in runs if r.scheme == study.schemes[0]}
     here = {(r.mesh, r.dt): getattr(r, clock) for r in runs if r.scheme == scheme}
     both = [here[key] / first[key] for key in here if key in first]
     return float(np.median(both)) if both else np.nan

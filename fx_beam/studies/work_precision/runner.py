@@ -127,7 +127,7 @@ def study(
     references = {name: accuracy.exact(name, value, t_end) for name, value in exact.items()}
     if results is not None:
         prepare(results)
-    found = Precision(
+    precision = Precision(
         t_end,
         repetitions,
         references={name: np.nan if name in sought else None for name in quantities},
@@ -138,19 +138,19 @@ def study(
     )
     try:
         with progress_bar((1 + repetitions) * len(runs) + len(fine), None, desc="runs") as bar:
-            _errors(found, motion, runs, fine, references, executor, bar)
+            _errors(precision, motion, runs, fine, references, executor, bar)
             if executor is not None:
-                _load(found.runs, motion)
-            _time(found.runs, motion, repetitions, bar)
+                _load(precision.runs, motion)
+            _time(precision.runs, motion, repetitions, bar)
         if results is not None:
-            write(results, found)
+            write(results, precision)
     except BaseException as stopped:
-        stopped.precision = found  # type: ignore[attr-defined]
-        if isinstance(stopped, KeyboardInterrupt) and results is not None and found.runs:
-            found.missing["some runs"] = "the study was interrupted"
-            write(results, found)
+        stopped.precision = precision  # type: ignore[attr-defined]
+        if isinstance(stopped, KeyboardInterrupt) and results is not None and precision.runs:
+            precision.missing["some runs"] = "the study was interrupted"
+            write(results, precision)
         raise
-    return found
+    return precision
 
 
 def _check(quantities, exact, t_end, steps, meshes, repetitions) -> None:
@@ -215,12 +215,12 @@ class _Motion:
         scheme = EnergyMomentum() if isinstance(run, Fine) else self.schemes[run.scheme]
         clock, used = perf_counter(), process_time()
         try:
-            found = simulate(scene, scheme, progress=False, **how)
+            solution = simulate(scene, scheme, progress=False, **how)
         except StepError as failed:
             if failed.solution is None:  # no step failed: the scene or the start is wrong
                 raise
-            found = failed.solution
-        return found, perf_counter() - clock, process_time() - used
+            solution = failed.solution
+        return solution, perf_counter() - clock, process_time() - used
 
     def measure(self, run: Run) -> Measured:
         """The run with what its solution says of it, and its quantities; in a worker, if any."""
@@ -243,7 +243,7 @@ class _Motion:
         return run, histories
 
 
-def _errors(found: Precision, motion: _Motion, runs, fine, exact, executor, bar) -> None:
+def _errors(precision: Precision, motion: _Motion, runs, fine, exact, executor, bar) -> None:
     """All runs, the cheapest first, then the fine solutions; and the errors of the runs."""
     number, every = len(runs), [*runs, *fine]
     cost = [run.mesh.elements * run.mesh.degree / run.dt for run in runs]
@@ -258,7 +258,7 @@ def _errors(found: Precision, motion: _Motion, runs, fine, exact, executor, bar)
                 if error and len(done) == 1:
                     raise SceneError(error)
                 if not run.failure and not completed:  # wrong quantities are refused at once
-                    _compare(found, [(run, histories)], [], exact)
+                    _compare(precision, [(run, histories)], [], exact)
                     for note in run.notes.values():
                         raise SceneError(f"{note} ({run})")
                 completed += not run.failure
@@ -268,36 +268,36 @@ def _errors(found: Precision, motion: _Motion, runs, fine, exact, executor, bar)
                 if not completed and done.keys() >= set(range(number)):
                     break  # all runs broke off: no reference is needed
     finally:
-        found.runs.extend(done[k][0] for k in range(number) if k in done)
+        precision.runs.extend(done[k][0] for k in range(number) if k in done)
         measured = [done[k] for k in range(number) if k in done and not done[k][0].failure]
         both = {number, number + 1} <= done.keys()
         solved = [done[k] for k in range(number, len(every)) if k in done and both]
-        _compare(found, measured, solved, exact)
+        _compare(precision, measured, solved, exact)
 
 
-def _compare(found: Precision, measured, fine, exact: dict[str, History]) -> None:
+def _compare(precision: Precision, measured, fine, exact: dict[str, History]) -> None:
     """Errors relative to the references, and relative to a fine step on the same mesh.
 
     `fine` has the solutions of `_fine`, or nothing where the first two are missing.
     """
     references = dict(exact)
-    for name in list(found.missing) if fine else ():
+    for name in list(precision.missing) if fine else ():
         try:
             references[name] = accuracy.computed(name, *(_history(own, name) for own in fine[:2]))
-            found.references[name] = references[name].error
-            del found.missing[name]
+            precision.references[name] = references[name].error
+            del precision.missing[name]
         except SceneError as wrong:
-            found.missing[name] = str(wrong)
+            precision.missing[name] = str(wrong)
     for own in measured:
-        own[0].errors = {q: _error(own, q, references.get(q)) for q in found.references}
+        own[0].errors = {q: _error(own, q, references.get(q)) for q in precision.references}
         own[0].step_errors = dict(own[0].errors)
     for best in fine[2:]:
-        mesh, errors = best[0].mesh, found.mesh_errors.setdefault(best[0].mesh, {})
+        mesh, errors = best[0].mesh, precision.mesh_errors.setdefault(best[0].mesh, {})
         for name in (name for name in references if name not in exact):
             try:
                 on_mesh = replace(_history(best, name), size=references[name].size)
             except SceneError as wrong:
-                found.missing[str(mesh)] = str(wrong)
+                precision.missing[str(mesh)] = str(wrong)
                 continue
             errors[name] = _error(best, name, references[name])
             for own in (own for own in measured if own[0].mesh == mesh):
