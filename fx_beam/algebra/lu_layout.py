@@ -14,7 +14,7 @@ from fx_beam.coupling.tied_order import tied_fill_in
 
 # Rows in a group: the degrees of freedom of a node.
 _GROUP = 3
-# Values of a row of a chain, and place of its couplings with its own group (chain.h).
+# Values of a row of a chain, and position of its couplings with its own group (chain.h).
 _ROW, _OWN = 12, 4
 
 
@@ -181,8 +181,8 @@ def _chained(
             continue
         before = np.argmax(apart <= 1, axis=0)
         groups = -(-(np.bincount(part) + before) // _GROUP)
-        by_place, start = np.argsort(first), np.empty(count, dtype=int)
-        start[by_place] = _GROUP * (np.cumsum(groups[by_place]) - groups[by_place])
+        by_first, start = np.argsort(first), np.empty(count, dtype=int)
+        start[by_first] = _GROUP * (np.cumsum(groups[by_first]) - groups[by_first])
         return order + (start + before - first)[part]
     return None
 
@@ -214,11 +214,11 @@ def _in_rows(
     of_groups = (members.T @ graph @ members).tocsr()
     last = np.unique(group_of[n - forces :])
     if dependent is None:
-        place, starts, filled = _fill_in(of_groups, last)
+        position, starts, filled = _fill_in(of_groups, last)
     else:
         parts = np.bincount(group_of), group_of[dependent], last
-        place, starts, filled = tied_fill_in(of_groups, *parts)
-    group_of = place[group_of]
+        position, starts, filled = tied_fill_in(of_groups, *parts)
+    group_of = position[group_of]
     sizes = np.bincount(group_of).astype(np.int32)
     first, order = _starts(sizes), np.empty(n, dtype=np.int32)
     order[np.argsort(group_of, kind="stable")] = np.arange(n)
@@ -229,7 +229,7 @@ def _in_rows(
     before = before[:-1] - before[starts[of]]
     row_starts = _starts(np.repeat(widths, sizes))
     diagonals = np.arange(n) - np.repeat(first[:-1] - before[filled == of], sizes) + row_starts[:-1]
-    # Rows and their columns are sorted: the entries' places by bisection.
+    # Rows and their columns are sorted: the entries' positions by bisection.
     keys, to = of.astype(np.int64) * count + filled, group_of[columns]
     entry = np.searchsorted(keys, group_of[rows].astype(np.int64) * count + to)
     at = row_starts[order[rows]] + before[entry] + order[columns] - first[to]
@@ -287,21 +287,21 @@ def _fill_in(
     Those of `last` come after all with which they are coupled.
     """
     lu = _factors_of_graph(graph, "MMD_AT_PLUS_A")
-    place = lu.perm_c
+    position = lu.perm_c
     if len(last):
-        after = place.astype(float)
+        after = position.astype(float)
         for k in last.tolist():
             near = graph.indices[graph.indptr[k] : graph.indptr[k + 1]]
-            after[k] = place[near[near != k]].max(initial=-1) + 0.5
+            after[k] = position[near[near != k]].max(initial=-1) + 0.5
         order = np.argsort(after, kind="stable")
         # The pattern's own order of equal fill-in leaves what is coupled in its order.
         lu = _factors_of_graph(graph[order][:, order], "NATURAL")
-        place = lu.perm_c[np.argsort(order)]
+        position = lu.perm_c[np.argsort(order)]
     lower, upper = lu.L, lu.U
     lower.data[:] = upper.data[:] = 1.0  # small ones may have become zero
     pattern = (lower + upper).tocsr()
     pattern.sort_indices()
-    return place, pattern.indptr, pattern.indices
+    return position, pattern.indptr, pattern.indices
 
 
 def _factors_of_graph(graph: scipy.sparse.csr_matrix, order: str) -> scipy.sparse.linalg.SuperLU:

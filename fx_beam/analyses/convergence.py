@@ -137,7 +137,7 @@ def converge(
 
     Examples
     --------
-    The place of a pendulum after a second, to a tenth of a millimetre.
+    The position of a pendulum after a second, to a tenth of a millimetre.
 
     >>> import fx_beam as fb
     >>> def scene_of(elements, degree):
@@ -146,9 +146,9 @@ def converge(
     ...     bar = scene.add_beam([(0, 0), (0.5, 0)], section, elements, degree, name="bar")
     ...     scene.pin(bar.start)
     ...     return scene
-    >>> def place(solution):
+    >>> def position(solution):
     ...     return solution.position(solution.beams["bar"].end)[-1]
-    >>> converged = fb.converge(scene_of, place, 1e-4, t_end=1.0, elements=2)
+    >>> converged = fb.converge(scene_of, position, 1e-4, t_end=1.0, elements=2)
     >>> converged.error < 1e-4
     True
     """

@@ -9,7 +9,7 @@ import numpy as np
 import scipy.linalg
 
 from fx_beam.errors import SceneError
-from fx_beam.fem.dead_loads import places_of
+from fx_beam.fem.dead_loads import columns_of
 from fx_beam.scene.beam import Node
 from fx_beam.stepping.held_inputs import Ramp
 
@@ -20,20 +20,20 @@ _NONE = 1e-12
 
 
 class InputColumns:
-    """Forces F (columns, m) of the inputs, and the places and rates of driven ones.
+    """Forces F (columns, m) of the inputs, and the positions and rates of driven ones.
 
-    Places p (k) of driven inputs move the driven columns by `of_places` (columns, k); their rates
-    are `rates` (k, m) times the inputs.
+    Positions p (k) of driven inputs move the driven columns by `of_positions` (columns, k); their
+    rates are `rates` (k, m) times the inputs.
     """
 
     def __init__(self, about: Deviations, names: Sequence[str]):
         held, free, count = about.held, len(about.unknowns), about.T.shape[1]
         forces: list[np.ndarray] = []
-        places: list[np.ndarray] = []
+        of_driven: list[np.ndarray] = []
         driven: list[int] = []
         #: Name of each input; with its component where it has two.
         self.labels: list[str] = []
-        #: Number and factor of the first driven motion of each place.
+        #: Number and factor of the first driven motion of each position.
         self.driven: list[tuple[int, float]] = []
         for name in names:
             parts, width = held.parts_of(name), held.widths[name]
@@ -49,14 +49,14 @@ class InputColumns:
                 self.driven.append(ramps[0])
                 driven.append(len(forces))
                 forces.append(np.zeros(count))
-                places.append(column)
+                of_driven.append(column)
                 self.labels.append(name)
                 continue
             for k, unit in enumerate(np.eye(width)):
                 forces.append(about.T.T @ _force(about, parts, unit))
                 self.labels.append(name if width == 1 else f"{name}.{'xy'[k]}")
         self.forces = np.array(forces).reshape(-1, count).T
-        self.of_places = np.array(places).reshape(-1, count).T
+        self.of_positions = np.array(of_driven).reshape(-1, count).T
         self.rates = np.eye(len(forces))[driven]
 
 
@@ -74,7 +74,7 @@ def _force(about: Deviations, parts: list, unit: np.ndarray) -> np.ndarray:
                 force[x] += c * value[0] - s * value[1]
                 force[y] += s * value[0] + c * value[1]
             continue
-        width = places_of(load)
+        width = columns_of(load)
         if value is not None:
             force += model.loads.columns[:, column : column + width] @ value
         column += width
@@ -93,8 +93,8 @@ class FirstOrder:
         V, masses, damped = _kinds(about.M[:free, :free], about.C[:free, :free], about, what)
         y = slice(free)
         M, C, K = ((V.T @ part[y, y] @ V) for part in (about.M, about.C, about.K))
-        of_places = inputs.of_places
-        Mp, Cp, Kp = (V.T @ part[y] @ of_places for part in (about.M, about.C, about.K))
+        of_positions = inputs.of_positions
+        Mp, Cp, Kp = (V.T @ part[y] @ of_positions for part in (about.M, about.C, about.K))
         F, G = V.T @ inputs.forces[y], inputs.rates
         one, a, b = slice(masses), slice(masses, masses + damped), slice(masses + damped, free)
         k, m = G.shape
@@ -122,12 +122,12 @@ class FirstOrder:
         ds = solve(M[one, one], force(one) - C[one, a] @ dya) if masses else s
         dyb = -by_1 @ dy1 - by_a @ dya - by_p @ dp
         self.dx = np.vstack([dy1, dya, dp, ds])
-        moved = np.zeros((len(of_places), counts[-1]))
+        moved = np.zeros((len(of_positions), counts[-1]))
         moved[y] = V @ np.vstack([y1, ya, yb])
-        self.z = moved + of_places @ p
+        self.z = moved + of_positions @ p
         rates = np.zeros_like(moved)
         rates[y] = V @ np.vstack([dy1, dya, dyb])
-        self.dz = rates + of_places @ dp
+        self.dz = rates + of_positions @ dp
         #: Jumps (free, m) of the unknowns with the inputs.
         self.jumps = V[:, b] @ jump
         self._inverse, self._one, self._a = np.linalg.inv(V), one, a

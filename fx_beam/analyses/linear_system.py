@@ -33,7 +33,7 @@ class LinearSystem:
     r"""Small deviations from a state: :math:`\dot x = A x + B u`, :math:`y = C x + D u`.
 
     Created by `linearise`. The states x are the deviations of unknowns with mass, of those that
-    have damping but no mass, of the places of motors, and the rates of those with mass. Where
+    have damping but no mass, of the positions of motors, and the rates of those with mass. Where
     motors move masses, these rates are without the part of the motors.
 
     Parameters
@@ -48,7 +48,7 @@ class LinearSystem:
         Direct effect of the inputs on the outputs.
     inputs : tuple of str
         Names of the inputs: forces and moments as they are; of motors and driven motions the rates
-        of their places [m/s, rad/s].
+        of their positions [m/s, rad/s].
     outputs : tuple of str
         Names of the outputs; those with several components have names such as "tip.x".
     reduction : object
@@ -331,8 +331,8 @@ def _rows(about: Deviations, output: Output) -> tuple[np.ndarray, np.ndarray]:
     else:
         own = dofs[at.number]
         own = own[2:] if output.quantity in ("rotation", "spin") else own[:2]
-        if output.place is not None:
-            own = own[output.place :][:1]
+        if output.index is not None:
+            own = own[output.index :][:1]
         moved, rates = T[own], dT[own]
     # The rate of a position T z is T z' + T' z.
     return (rates, moved) if output.quantity in _RATES else (moved, 0 * moved)

@@ -23,8 +23,8 @@ def reading(model: Model, now: FittedState, turns: np.ndarray, output: Output) -
         read = _of_joint(model, now, turns, output)
     else:
         read = _of_node(model, now, turns, output)
-    place = output.place
-    return read if place is None else lambda: float(read()[place])
+    index = output.index
+    return read if index is None else lambda: float(read()[index])
 
 
 def _of_node(model: Model, now: FittedState, turns: np.ndarray, output: Output) -> Reading:
@@ -33,9 +33,9 @@ def _of_node(model: Model, now: FittedState, turns: np.ndarray, output: Output) 
     plane = np.array([x, y])
     if output.quantity == "reaction":
         return _reaction(model, now, number)
-    place = model.mesh.X[number]
+    reference = model.mesh.X[number]
     readings: dict[str, Reading] = {
-        "position": lambda: place + now.q[plane],
+        "position": lambda: reference + now.q[plane],
         "displacement": lambda: now.q[plane],
         "rotation": lambda: float(now.q[turn] + turns[turn]),
         "velocity": lambda: now.v[plane],
@@ -46,13 +46,13 @@ def _of_node(model: Model, now: FittedState, turns: np.ndarray, output: Output) 
 
 
 def _reaction(model: Model, now: FittedState, number: int) -> Reading:
-    nodes, components, places = model.supports
+    nodes, components, columns = model.supports
     own = np.flatnonzero(nodes == number)
 
     def read():
         force, forces = np.zeros(3), now.constraint_forces
         if forces is not None:
-            force[components[own]] = forces[places[own]]
+            force[components[own]] = forces[columns[own]]
         return force
 
     return read

@@ -36,7 +36,7 @@ class Motion:
     """The motion of a scene, one step at a time: inputs are set, outputs are measured.
 
     Inputs of the scene (`Input`) are held: forces and moments are constant over a step, driven
-    motions and motors go straight from their place at its start to the one given for its end. Their
+    motions and motors go straight from their position at its start to that given for its end. Their
     work is in the energy balance. An input that is not given keeps its value; at the start it is
     zero, or that of the solution from which the motion starts.
 
@@ -80,7 +80,7 @@ class Motion:
 
     Examples
     --------
-    A cart that a controller brings to the place x = 1 m:
+    A cart that a controller brings to the position x = 1 m:
 
     >>> import fx_beam as fb
     >>> scene = fb.Scene()
@@ -159,7 +159,7 @@ class Motion:
         Parameters
         ----------
         inputs : dict, optional
-            Values of inputs by their names: forces [N] and moments [N m] in this step, places of
+            Values of inputs by their names: forces [N] and moments [N m] in this step, positions of
             motors and driven motions [m or rad] at its end.
 
         Returns

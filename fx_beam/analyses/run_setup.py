@@ -142,9 +142,9 @@ def _with_last_forces(model: Model, state: State, start: Solution) -> State:
                 state = replace(state, **{name: rows[-1]})
         constraints = state.constraint_forces
         if constraints is not None and model.fitted_rates is not None and len(start.reactions):
-            nodes, components, places = model.supports
+            nodes, components, columns = model.supports
             constraints, first = constraints.copy(), len(model.prescribed)
-            constraints[places] = start.reactions[-1, nodes, components]
+            constraints[columns] = start.reactions[-1, nodes, components]
             for i, (joint, _) in enumerate(model.motors):
                 constraints[first + i] = start.motor_forces[-1, joint.number]
             state = replace(state, constraint_forces=constraints)

@@ -92,13 +92,13 @@ def sweep(
     journal = Journal(results)
     rows: dict[int, dict] = {}
     try:
-        for place, case in enumerate(given):
+        for index, case in enumerate(given):
             if (row := journal.finished(case)) is not None:
-                rows[place] = row
-        left = [place for place in range(len(given)) if place not in rows]
+                rows[index] = row
+        left = [index for index in range(len(given)) if index not in rows]
         with (
             progress_bar(len(given), None, desc="cases", initial=len(rows)) as bar,
-            closing(_run(function, [given[place] for place in left], executor)) as runs,
+            closing(_run(function, [given[index] for index in left], executor)) as runs,
         ):
             for k, row in runs:
                 rows[left[k]] = journal.append(row)
@@ -140,8 +140,8 @@ def _run(function, cases: list[dict], executor):
     if not cases:
         return
     with closing(workers.run(function, cases, executor)) as outcomes:
-        for place, (value, seconds, error) in outcomes:
-            case, result = cases[place], None
+        for index, (value, seconds, error) in outcomes:
+            case, result = cases[index], None
             if not error:
                 result = dict(value) if isinstance(value, Mapping) else {"result": value}
                 if twice := [name for name in result if name in (*case, *_OWN)]:
@@ -150,7 +150,7 @@ def _run(function, cases: list[dict], executor):
                         f"the function gives {twice[0]!r}, which is {what}; give it another name"
                     )
                     result = None
-            yield place, {"case": case, "result": result, "seconds": seconds, "error": error}
+            yield index, {"case": case, "result": result, "seconds": seconds, "error": error}
 
 
 def _table(rows: dict[int, dict]):

@@ -125,13 +125,11 @@ class _Pencil:
 
     def __init__(self, K, M):
         # Also entries that are zero belong to it: whole nodes are factorised faster.
-        places = _with(K, np.arange(1, K.nnz + 1)) + 1j * _with(M, np.arange(1, M.nnz + 1))
-        places.sort_indices()
-        places_in = (part.astype(int) - 1 for part in (places.data.real, places.data.imag))
-        self._K, self._M = (
-            np.append(A.data, 0.0)[k] for A, k in zip((K, M), places_in, strict=True)
-        )
-        self._mass, self._lu = M, sparse_lu((places.indptr, places.indices))
+        numbered = _with(K, np.arange(1, K.nnz + 1)) + 1j * _with(M, np.arange(1, M.nnz + 1))
+        numbered.sort_indices()
+        numbers = (part.astype(int) - 1 for part in (numbered.data.real, numbered.data.imag))
+        self._K, self._M = (np.append(A.data, 0.0)[k] for A, k in zip((K, M), numbers, strict=True))
+        self._mass, self._lu = M, sparse_lu((numbered.indptr, numbered.indices))
 
     def below(self, x: float) -> int:
         """Number of eigenvalues below x: negative pivots of K - x M, by Sylvester's law of inertia.

@@ -94,7 +94,7 @@ def run(function: Callable, items: Sequence, executor: Executor | int | None) ->
 
 
 def _here(function: Callable, items: Sequence) -> Outcomes:
-    yield from ((place, call(function, item)) for place, item in enumerate(items))
+    yield from ((index, call(function, item)) for index, item in enumerate(items))
 
 
 def _no_locks() -> str:
@@ -149,7 +149,7 @@ def _outcome(future: Future) -> Outcome:
 
 def _on_executor(executor: Executor, function: Callable, items: Sequence) -> Outcomes:
     for batch in [0], range(1, len(items)):
-        futures = {executor.submit(call, function, items[place]): place for place in batch}
+        futures = {executor.submit(call, function, items[index]): index for index in batch}
         try:
             for future in as_completed(futures):
                 yield futures[future], _outcome(future)
@@ -181,7 +181,7 @@ def _on_processes(number: int, function: Callable, items: Sequence) -> Outcomes:
         while left:
             batch = alone[:1] or list(left)
             del alone[:1]
-            futures = pool.submit(function, {place: left[place] for place in batch})
+            futures = pool.submit(function, {index: left[index] for index in batch})
             for future in as_completed(futures):
                 if not isinstance(future.exception(), BrokenExecutor):
                     del left[futures[future]]
@@ -240,9 +240,9 @@ class _Pool:
         """Submit calls; a pool that breaks takes no more. It starts further processes as needed."""
         futures: dict[Future, int] = {}
         with self._starting():
-            for place, item in items.items():
+            for index, item in items.items():
                 try:
-                    futures[self._executor.submit(call, function, item)] = place
+                    futures[self._executor.submit(call, function, item)] = index
                 except BrokenExecutor:
                     break
         return futures

@@ -24,7 +24,7 @@ def storage_of(reduction: Reduction, at: np.ndarray, stored: int) -> tuple[np.nd
         return at, stored
     bordered = sliders.bordered
     of_all = np.empty(sliders.entries_before, dtype=int)
-    of_all[bordered.inside] = at[reduction.places()[bordered.places]]
+    of_all[bordered.inside] = at[reduction.open_entries()[bordered.positions]]
     of_all[bordered.beside] = stored + np.arange(len(bordered.beside))
     return of_all, stored + len(bordered.beside)
 
@@ -33,7 +33,7 @@ def ones_of(reduction: Reduction, at: np.ndarray) -> np.ndarray:
     """Storage indices of diagonals of slides in the factorised tangent, which are 1."""
     if not isinstance(reduction, JointReduction) or (sliders := reduction.sliders) is None:
         return at[:0]
-    return at[reduction.places()[sliders.bordered.ones]]
+    return at[reduction.open_entries()[sliders.bordered.ones]]
 
 
 class BorderTables:
@@ -112,7 +112,7 @@ class BorderTables:
 
     def _anchor_of(self, slide: Slide, sliders: Sliders) -> dict[str, Any]:
         """A node near the middle of a beam that no joint holds, if there is one."""
-        columns, places = sliders.diagonals(slide)
+        columns, positions = sliders.diagonals(slide)
         alone = np.flatnonzero((columns >= 0).all(axis=1))
         if not len(alone):
             return {}
@@ -120,7 +120,7 @@ class BorderTables:
         return {
             "anchors": 3,
             "anchor_column": columns[node],
-            "anchor_at": self._at[places[node]],
+            "anchor_at": self._at[positions[node]],
         }
 
 

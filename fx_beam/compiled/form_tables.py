@@ -83,7 +83,7 @@ class FormTables:
         cells = [forms.cells_of(tag) for tag in tags]
         moving = sorted(dolfinx_api.coefficient_offsets(form, fields))
         sought = forms.fields.time, forms.fields.dt, forms.fields.memory
-        constants, places = dolfinx_api.packed_constants(form, compiled, sought)
+        constants, offsets = dolfinx_api.packed_constants(form, compiled, sought)
         return {
             "integrals": len(tags),
             "width": width,
@@ -97,7 +97,7 @@ class FormTables:
             "kind": [kind for kind, _ in moving],
             "offset": [offset for _, offset in moving],
             "constants": constants,
-            **dict(zip(("time_at", "dt_at", "memory_at"), places, strict=True)),
+            **dict(zip(("time_at", "dt_at", "memory_at"), offsets, strict=True)),
         }
 
     def _data_of(self, cells: np.ndarray) -> dict[str, np.ndarray]:

@@ -128,7 +128,7 @@ class Problem:
         if not len(points):
             self._set(points=[{}])
             return
-        point_stored_at = np.where(points.places >= 0, stored_at[points.places], -1)
+        point_stored_at = np.where(points.value_at >= 0, stored_at[points.value_at], -1)
         # Each force on a slide has one entry, the last ones.
         to, of = self._on_slides
         point_stored_at[len(point_stored_at) - len(points.slides) + of] = to
@@ -169,7 +169,7 @@ class Problem:
                 rules=len(addresses),
                 nodal_rule=addresses,
                 column_at_node=rules.columns,
-                rule_stored_at=stored_at[rules.places],
+                rule_stored_at=stored_at[rules.value_at],
             )
         elif type(rates) is not MidPointRates:
             raise LoopUnavailable(f"custom rates {type(rates).__name__}")
@@ -221,7 +221,7 @@ class Problem:
         if loops is not None:
             alone[np.isin(self.model.couplings.column, loops.values["loop_column"])] = False
             self._set(**loops.values)
-            self._set(**{name: at[k] for name, k in loops.places.items()})
+            self._set(**{name: at[k] for name, k in loops.entries.items()})
         padding = [*factors.padding, *ones_of(reduction, at)]
         at, stored = storage_of(reduction, at, stored)
         padding += [*self._hand_over_ties(t.ties, at)]
@@ -267,7 +267,7 @@ class Problem:
             return np.empty(0, int)
         at = np.append(at, -1)  # for what is no unknown
         self._set(**ties.values)
-        self._set(**{name: at[k] for name, k in ties.places.items()})
+        self._set(**{name: at[k] for name, k in ties.entries.items()})
         return at[ties.ones]
 
     def _hand_over_motors(self) -> None:

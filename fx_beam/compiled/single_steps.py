@@ -9,7 +9,7 @@ from types import SimpleNamespace
 import numpy as np
 
 from fx_beam.errors import StepError
-from fx_beam.fem.dead_loads import places_of
+from fx_beam.fem.dead_loads import columns_of
 from fx_beam.results.state import ARRAYS, State
 from fx_beam.stepping.held_inputs import Hold, Ramp
 from fx_beam.stepping.python_loop import Steps
@@ -61,9 +61,9 @@ class CompiledSingleSteps:
         self._holds, self._ramps = [], []
         #: Whether other functions change in time.
         self._varies = False
-        for function, place in (*_places(model.scene, loads, thrust),):
+        for function, view in (*_views(model.scene, loads, thrust),):
             if isinstance(function, Hold):
-                self._holds.append((function, place))
+                self._holds.append((function, view))
             elif not isinstance(function, Constant):
                 self._varies = True
         for i, function in enumerate(forcing.functions):
@@ -96,10 +96,10 @@ class CompiledSingleSteps:
         p, to = self._p, self._unrecorded
         if self._varies:
             self._evaluate(t0, t1, number)
-        for hold, place in self._holds:
-            place[...] = hold.value
-        for ramp, place in self._ramps:
-            place[...] = ramp.start + (ramp.end - ramp.start) * self._parts
+        for hold, view in self._holds:
+            view[...] = hold.value
+        for ramp, view in self._ramps:
+            view[...] = ramp.start + (ramp.end - ramp.start) * self._parts
         recorded = number % recorder.every == 0
         if recorded:
             assert isinstance(recorder, Recorder)  # the other one takes no row
@@ -146,14 +146,14 @@ class CompiledSingleSteps:
         self._loop.count(taken)
 
 
-def _places(scene, loads: np.ndarray, thrust: np.ndarray) -> Iterator[tuple]:
-    """The functions of all loads, each with its place in the arrays of a step."""
+def _views(scene, loads: np.ndarray, thrust: np.ndarray) -> Iterator[tuple]:
+    """The functions of all loads, each with its view of the arrays of a step."""
     column = turning = 0
     for load in scene.loads:
         if load.follower:
             yield load.value, thrust[:, turning]
             turning += 1
         else:
-            width = places_of(load)
+            width = columns_of(load)
             yield load.value, loads[:, :, column : column + width]
             column += width

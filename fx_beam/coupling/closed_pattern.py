@@ -26,8 +26,8 @@ class ClosedPattern:
         self._keys = rows * n + self.pattern[1]
         #: Unknowns with entries of the loops.
         self.near = np.unique(self.pattern[1][np.isin(rows, loop)])
-        #: Places of the entries of the given pattern.
-        self.places = self.at(np.repeat(np.arange(n), np.diff(indptr)), indices)
+        #: Positions of the entries of the given pattern.
+        self.open_entries = self.at(np.repeat(np.arange(n), np.diff(indptr)), indices)
 
     def at(self, rows: np.ndarray, columns: np.ndarray) -> np.ndarray:
         """Places of entries."""

@@ -118,15 +118,15 @@ class _Bands(NamedTuple):
     width: int
     left: np.ndarray
     right: np.ndarray
-    #: Places of the products, column by column of the lower bands.
+    #: Positions of the products, column by column of the lower bands.
     to: np.ndarray
 
 
 @cached_by_content
-def _bands_of(row: np.ndarray, place: np.ndarray) -> _Bands:
-    """Bands for entries at `row` and, of the degrees of freedom that are used, at `place`."""
-    of_place = scipy.sparse.csr_matrix((np.ones(len(row)), (place, np.arange(len(row)))))
-    pairs = (of_place.T @ of_place).tocoo()
+def _bands_of(row: np.ndarray, dof: np.ndarray) -> _Bands:
+    """Bands for entries at `row` and, of the degrees of freedom that are used, at `dof`."""
+    of_dof = scipy.sparse.csr_matrix((np.ones(len(row)), (dof, np.arange(len(row)))))
+    pairs = (of_dof.T @ of_dof).tocoo()
     pattern = scipy.sparse.csr_matrix((np.ones(pairs.nnz), (row[pairs.row], row[pairs.col])))
     number = np.argsort(scipy.sparse.csgraph.reverse_cuthill_mckee(pattern, symmetric_mode=True))
     i, j = number[row[pairs.row]], number[row[pairs.col]]

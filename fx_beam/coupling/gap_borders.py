@@ -1,7 +1,7 @@
 """Loops: the derivatives of their gaps, with the closing forces, border the linear system.
 
-    [A + k Ghat^T G   Ghat^T] [dy]   [R]
-    [G                0     ] [F ] = [0]
+    [A + k Gv^T G   Gv^T] [dy]   [R]
+    [G              0   ] [F ] = [0]
 
 The stiffness k does no work where G dy = 0. With it the first block is regular also if the tree has
 no inertia against a motion that the loops do not allow.
@@ -20,14 +20,14 @@ from .index_reduction import LoopTables, sparsity
 class ClosedSystem(NamedTuple):
     """A linear system in which forces close the loops."""
 
-    #: Sparsity (indptr, indices), and the places of the entries of open loops in it.
+    #: Sparsity (indptr, indices), and the positions of the entries of open loops in it.
     pattern: tuple[np.ndarray, np.ndarray]
-    places: np.ndarray
+    open_entries: np.ndarray
     tables: LoopTables
 
 
 class GapBorders:
-    """The borders, from the entries of the gaps: closure, column, place of the value, and sign."""
+    """The borders, from the entries of the gaps: closure, column, position of value, and sign."""
 
     def __init__(
         self,
@@ -37,7 +37,7 @@ class GapBorders:
         pattern: tuple[np.ndarray, np.ndarray],
         unit: np.ndarray,
     ):
-        self._gap, self._column, self._place, self._sign = entries
+        self._gap, self._column, self._value_at, self._sign = entries
         #: Row and column of each entry in the linear system; -1 if it belongs to no unknown.
         self._rows, self._columns = rows[self._column], columns[self._column]
         self._count = int(self._gap.max()) + 1
@@ -50,27 +50,27 @@ class GapBorders:
         inner = np.repeat(np.arange(n), np.diff(indptr))
         all_rows = np.concatenate([inner, self._rows[self._left]])
         all_columns = np.concatenate([indices, self._columns[self._right]])
-        #: The pattern with the stiffness; the places of the entries of the given one in it.
-        self.pattern, place = sparsity(all_rows, all_columns, n)
-        self.places, self._pairs = np.split(place, [len(inner)])
+        #: The pattern with the stiffness; the positions of the entries of the given one in it.
+        self.pattern, position = sparsity(all_rows, all_columns, n)
+        self.open_entries, self._pairs = np.split(position, [len(inner)])
         indptr, indices = self.pattern
         row = np.repeat(np.arange(n), np.diff(indptr))
         self._diagonal = np.flatnonzero((row == indices) & (row < len(unit)))
         self._unit = unit[row[self._diagonal]]
 
     def stiffen(self, out: np.ndarray, values: np.ndarray, virtual_map: np.ndarray) -> None:
-        """Add the stiffness to a tangent, whose diagonal gives its size; for T and That."""
+        """Add the stiffness to a tangent, whose diagonal gives its size; for T and Tv."""
         stiff = (abs(out[self._diagonal]) / self._unit**2).max()
-        left, right = self._sign * virtual_map[self._place], self._sign * values[self._place]
+        left, right = self._sign * virtual_map[self._value_at], self._sign * values[self._value_at]
         np.add.at(out, self._pairs, stiff * left[self._left] * right[self._right])
 
     def of(self, values: np.ndarray, virtual_map: np.ndarray) -> np.ndarray:
-        """Ghat and G (2, closures, unknowns) in the linear system."""
+        """Gv and G (2, closures, unknowns) in the linear system."""
         borders, on = np.zeros((2, self._count, self._n)), self._columns >= 0
         for out, at, entries in zip(
             borders, (self._rows, self._columns), (virtual_map, values), strict=True
         ):
-            np.add.at(out, (self._gap[on], at[on]), (self._sign * entries[self._place])[on])
+            np.add.at(out, (self._gap[on], at[on]), (self._sign * entries[self._value_at])[on])
         return borders
 
     def system(self) -> ClosedSystem:
@@ -80,8 +80,8 @@ class GapBorders:
         of_forces = n + self._gap[on]
         rows = [np.repeat(np.arange(n), np.diff(indptr)), of_forces, self._rows[on]]
         columns = [indices, self._columns[on], of_forces]
-        pattern, place = sparsity(np.concatenate(rows), np.concatenate(columns), n + self._count)
-        inner, equation, balance = np.split(place, np.cumsum([len(indices), len(on)]))
+        pattern, position = sparsity(np.concatenate(rows), np.concatenate(columns), n + self._count)
+        inner, equation, balance = np.split(position, np.cumsum([len(indices), len(on)]))
         values = {
             "gap_unknowns": len(on),
             "gap_entry": on,
@@ -97,4 +97,4 @@ class GapBorders:
             "stiff_to": inner[self._pairs],
             "scale_at": inner[self._diagonal],
         }
-        return ClosedSystem(pattern, inner[self.places], LoopTables(values, at))
+        return ClosedSystem(pattern, inner[self.open_entries], LoopTables(values, at))

@@ -37,12 +37,12 @@ def _row(one: Closure, couplings: Couplings, values: list[float], starts: list[i
     waiting: list[int] = []
 
     def add(entry: Entry, factor: float) -> None:
-        column, place, sign = entry
+        column, position, sign = entry
         if column not in row:
             row[column] = 0.0
             if column >= first:
                 heapq.heappush(waiting, first - column)
-        row[column] += factor * sign * values[place]
+        row[column] += factor * sign * values[position]
 
     for entry in one.entries:
         add(entry, 1.0)

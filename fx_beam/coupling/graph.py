@@ -34,7 +34,7 @@ class Closure:
     joint: Joint
     #: 0 for x, 1 for y.
     component: int
-    #: Entries of the gap: the displacement of b minus that of its place on a.
+    #: Entries of the gap: the displacement of b minus that of the point of a where it is.
     entries: list[Entry]
 
 
@@ -107,19 +107,19 @@ class Couplings:
         """Degrees of freedom, columns, positions and signs of all entries, in order."""
         alone = np.flatnonzero(self.column >= 0)
         of_sums = [(dof, *entry) for dof, own in self.sums.items() for entry in own]
-        dofs, columns, places, signs = np.array(of_sums).reshape(-1, 4).T
+        dofs, columns, value_at, signs = np.array(of_sums).reshape(-1, 4).T
         dofs = np.concatenate([alone, dofs.astype(int)])
         order = np.argsort(dofs, kind="stable")
         n = len(alone)
         parts = (
             (self.column[alone], columns.astype(int)),
-            (np.zeros(n, int), places.astype(int)),
+            (np.zeros(n, int), value_at.astype(int)),
             (np.ones(n), signs),
         )
         return dofs[order], *(np.concatenate(part)[order] for part in parts)
 
     @cached_property
-    def places(self) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    def free_columns(self) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
         """Free columns of degrees of freedom and of slides, each with its owners."""
         dofs = np.flatnonzero((self.column >= 0) & (self.column < self.free))
         slides = np.array([pair for pair in self.slides.items() if pair[1] < self.free], int)
@@ -129,14 +129,14 @@ class Couplings:
     def unknowns(self, D: np.ndarray, slides: np.ndarray) -> np.ndarray:
         """Unknowns (..., free) from increments (..., size) and slides (..., joints)."""
         y = np.zeros((*D.shape[:-1], self.free))
-        columns, dofs, of_slides, numbers = self.places
+        columns, dofs, of_slides, numbers = self.free_columns
         y[..., columns], y[..., of_slides] = D[..., dofs], slides[..., numbers]
         return y
 
     def free_slides(self, y: np.ndarray, joints: int) -> np.ndarray:
         """Increments of the slides (..., joints) from the unknowns (..., free)."""
         slides = np.zeros((*y.shape[:-1], joints))
-        _, _, columns, numbers = self.places
+        _, _, columns, numbers = self.free_columns
         slides[..., numbers] = y[..., columns]
         return slides
 

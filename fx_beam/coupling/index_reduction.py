@@ -1,7 +1,8 @@
 """From all degrees of freedom to the unknowns: supports, and joints without multipliers.
 
-The nodal vector x is a function g of the columns z, unknowns first. Newton's method solves
-That^T r(g(z)) = 0; the tangent is That^T K T + (dThat/dz)^T r with T = dg/dz.
+The nodal vector x is a function g of the columns z, unknowns first, with T = dg/dz. Virtual
+displacements are Tv times those of the columns (`virtual_map`). Newton's method solves
+Tv^T r(g(z)) = 0; the tangent is Tv^T K T + (dTv/dz)^T r.
 """
 
 from __future__ import annotations
@@ -19,14 +20,14 @@ class TieTables(NamedTuple):
 
     values: dict[str, Any]
     #: Entries of the reduced tangent, -1 for none; those that are 1.
-    places: dict[str, np.ndarray]
+    entries: dict[str, np.ndarray]
     ones: np.ndarray
 
 
 class Tables(NamedTuple):
     """Couplings for the compiled loop: dictionaries of arrays of equal length."""
 
-    #: Entries of T and That: row, column, value (0 is the constant 1) and sign.
+    #: Entries of T and Tv: row, column, value (0 is the constant 1) and sign.
     entries: dict
     #: Joints that depend on the motion: offset, axis, sign (x, y), guide (-1: ground), slide_column
     #: (-1: none) and number.
@@ -35,9 +36,9 @@ class Tables(NamedTuple):
     followers: dict
     #: Entries of the full tangent that are added to reduced ones as they are: to and source.
     direct: dict
-    #: Entries that are multiplied by entries of That (virtual) and T (value): also with a sign.
+    #: Entries that are multiplied by entries of Tv (virtual) and T (value): also with a sign.
     coupled: dict
-    #: Geometric stiffness, the derivatives of That: to, joint, kind and sign.
+    #: Geometric stiffness, the derivatives of Tv: to, joint, kind and sign.
     geometric: dict
     #: Derivatives of the forces of springs and dampers: to, of, side and sign.
     restoring: dict
@@ -49,7 +50,7 @@ class LoopTables(NamedTuple):
 
     values: dict[str, Any]
     #: Entries of the reduced tangent.
-    places: dict[str, np.ndarray]
+    entries: dict[str, np.ndarray]
 
 
 class Reduction(Protocol):
@@ -85,7 +86,7 @@ class Reduction(Protocol):
         """Set the start of a step: displacements and rotations, and slides."""
 
     def choose(self, y: np.ndarray, driven: np.ndarray) -> None:
-        """Choose the unknowns that close loops by the place after increments."""
+        """Choose the unknowns that close loops by the configuration after increments."""
 
     def expand(self, y: np.ndarray, driven: np.ndarray) -> np.ndarray:
         """Increment of all degrees of freedom from increments of unknowns and driven columns: g.
@@ -112,7 +113,7 @@ class Reduction(Protocol):
         """The matrix T (size, columns) of `spread`."""
 
     def project(self, r: np.ndarray) -> np.ndarray:
-        """Generalised forces of all columns: That^T r, with springs and dampers."""
+        """Generalised forces of all columns: Tv^T r, with springs and dampers."""
 
     def fault(self) -> tuple[str, str] | None:
         """Kind and reason of a step in which a node leaves the beam on which it slides; or None."""
@@ -124,7 +125,7 @@ class Reduction(Protocol):
         """Moments of offset and sliding joints on their nodes a, for their forces (joints, 2)."""
 
     def borders(self) -> np.ndarray | None:
-        """Ghat and G (2, closures, unknowns) of loops that border the linear system; or None."""
+        """Gv and G (2, closures, unknowns) of loops that border the linear system; or None."""
 
     def condensed(self, tangent: scipy.sparse.csr_matrix) -> scipy.sparse.csr_matrix:
         """The tangent (free, free) of the unknowns, from one with the sparsity of `pattern`."""
@@ -273,28 +274,28 @@ class IndexReduction(WithoutLoops):
 class _Sums:
     """Sums of vector entries with the same target: one indexed copy, and a few additional terms."""
 
-    def __init__(self, place: np.ndarray, source: np.ndarray | None = None):
-        source = np.arange(len(place)) if source is None else source
-        _, first = np.unique(place, return_index=True)
+    def __init__(self, target: np.ndarray, source: np.ndarray | None = None):
+        source = np.arange(len(target)) if source is None else source
+        _, first = np.unique(target, return_index=True)
         self._first = source[first]
         self._more: list[tuple[np.ndarray, np.ndarray]] = []
-        left = np.setdiff1d(np.arange(len(place)), first)
+        left = np.setdiff1d(np.arange(len(target)), first)
         while len(left):  # once for each additional node on a pin
-            _, i = np.unique(place[left], return_index=True)
-            self._more.append((place[left[i]], source[left[i]]))
+            _, i = np.unique(target[left], return_index=True)
+            self._more.append((target[left[i]], source[left[i]]))
             left = np.delete(left, i)
 
     def pairs(self) -> tuple[np.ndarray, np.ndarray]:
         """Targets and sources of all entries."""
         first = np.arange(len(self._first)), self._first
-        places, sources = zip(first, *self._more, strict=True)
-        return np.concatenate(places), np.concatenate(sources)
+        targets, sources = zip(first, *self._more, strict=True)
+        return np.concatenate(targets), np.concatenate(sources)
 
     def of(self, values: np.ndarray, out: np.ndarray) -> None:
         """Write the sums to `out`."""
         np.take(values, self._first, out=out)
-        for place, source in self._more:
-            out[place] += values[source]
+        for target, source in self._more:
+            out[target] += values[source]
 
 
 @cached_by_content
@@ -304,14 +305,14 @@ def _sums_of_dofs_and_entries(
     """Pattern of the reduced tangent; sums over equal degrees of freedom, and over its entries."""
     row, col = np.repeat(column, np.diff(indptr)), column[indices]
     inside = np.flatnonzero((row < free) & (col < free))
-    pattern, place = sparsity(row[inside], col[inside], free)
-    return pattern, _Sums(column), _Sums(place, inside)
+    pattern, position = sparsity(row[inside], col[inside], free)
+    return pattern, _Sums(column), _Sums(position, inside)
 
 
 @cached_by_content
 def sparsity(rows: np.ndarray, columns: np.ndarray, n: int):
     """Compressed rows of the given pairs, and the position of each pair in them."""
-    keys, place = np.unique(rows * n + columns, return_inverse=True)
+    keys, position = np.unique(rows * n + columns, return_inverse=True)
     counts = np.bincount(keys // n, minlength=n)
     indptr = np.concatenate(([0], np.cumsum(counts)))
-    return (indptr.astype(np.int32), (keys % n).astype(np.int32)), place
+    return (indptr.astype(np.int32), (keys % n).astype(np.int32)), position

@@ -52,10 +52,10 @@ class JointReduction(WithoutLoops):
         self._rates, self._points, self._dofs = rates, points, dofs
         self._size = matrix.shape[0]
         self._z = np.zeros(self.columns + len(self.ties))
-        rows, columns, places, signs = couplings.all_entries()
-        self._row, self._col, self._place = rows, columns, places
+        rows, columns, value_at, signs = couplings.all_entries()
+        self._row, self._col, self._value_at = rows, columns, value_at
         self._sign = signs
-        constant = places == 0
+        constant = value_at == 0
         self._linear = tuple(part[constant] for part in (rows, columns, signs))
         self._build_joints(couplings)
         self._build_products(couplings, matrix, used)
@@ -80,7 +80,7 @@ class JointReduction(WithoutLoops):
         self._values, self._virtual_map = (np.ones(1 + 4 * len(moving)) for _ in range(2))
 
     def _build_products(self, couplings: Couplings, matrix, used: np.ndarray) -> None:
-        """Positions of all products That[i, a] K[i, j] T[j, b] in the reduced tangent."""
+        """Positions of all products Tv[i, a] K[i, j] T[j, b] in the reduced tangent."""
         free = self.free
         geometric = []
         for m, joint in enumerate(self._moving):
@@ -99,26 +99,26 @@ class JointReduction(WithoutLoops):
         others = np.array([p[:2] for p in (*geometric, *restoring)], dtype=int).reshape(-1, 2)
         pairs = np.vstack([np.column_stack([self._col[left], self._col[right]]), others])
         rows, columns = self._row_index[pairs[:, 0]], self._index[pairs[:, 1]]
-        place = self._set_pattern(
+        position = self._set_pattern(
             np.concatenate([rows, self.ties.rows]), np.concatenate([columns, self.ties.columns])
         )
         cuts = np.cumsum([len(source), len(geometric), len(restoring)])
-        parts = np.split(place, cuts)
-        place, self._geometric_place, self._restoring_place, self._tied_place = parts
-        maps, values = self._place[left], self._place[right]
+        parts = np.split(position, cuts)
+        position, self._geometric_to, self._restoring_to, self._tied_to = parts
+        maps, values = self._value_at[left], self._value_at[right]
         signs = self._sign[left] * self._sign[right]
         direct = (maps == 0) & (values == 0) & (signs == 1)
-        self._direct = place[direct], source[direct]
-        self._coupled = tuple(part[~direct] for part in (place, source, maps, values, signs))
+        self._direct = position[direct], source[direct]
+        self._coupled = tuple(part[~direct] for part in (position, source, maps, values, signs))
         table = np.array([(m, kind, sign) for _, _, m, kind, sign in geometric]).reshape(-1, 3)
         self._geometric = table[:, 0].astype(int), table[:, 1].astype(int), table[:, 2]
 
     def _set_pattern(self, rows: np.ndarray, columns: np.ndarray) -> np.ndarray:
-        """Set the pattern of open loops; returns the places of entries before sliders are gone."""
+        """Set the pattern of open loops; returns positions of entries before sliders are gone."""
         if self.sliders is not None:
             return self.sliders.set_tangent(rows, columns)
-        self._open, place = sparsity(rows, columns, self.ties.unknowns)
-        return place
+        self._open, position = sparsity(rows, columns, self.ties.unknowns)
+        return position
 
     @property
     def _opened(self) -> tuple[np.ndarray, np.ndarray]:
@@ -144,8 +144,8 @@ class JointReduction(WithoutLoops):
         """Rows and columns of the linear system for all columns and ties; -1 for none."""
         return self._row_index, self._index
 
-    def places(self) -> np.ndarray:
-        """Places of the entries of `factored` with open loops in that with closed ones."""
+    def open_entries(self) -> np.ndarray:
+        """Positions of the entries of `factored` with open loops in that with closed ones."""
         return np.arange(len(self.factored[1]))
 
     def tables(self):
@@ -156,7 +156,7 @@ class JointReduction(WithoutLoops):
             entries={
                 "row": self._row,
                 "column": self._col,
-                "value": self._place,
+                "value": self._value_at,
                 "sign": self._sign,
             },
             joints={
@@ -170,9 +170,9 @@ class JointReduction(WithoutLoops):
             followers={"dof": self._below, "through": self._through},
             direct={"to": self._direct[0], "source": self._direct[1]},
             coupled={"to": to, "source": source, "virtual": virtual, "value": value, "sign": sign},
-            geometric={"to": self._geometric_place, "joint": joint, "kind": kind, "sign": signs},
-            restoring={"to": self._restoring_place, "of": self._sprung},
-            ties=self.ties.tables(self._tied_place),
+            geometric={"to": self._geometric_to, "joint": joint, "kind": kind, "sign": signs},
+            restoring={"to": self._restoring_to, "of": self._sprung},
+            ties=self.ties.tables(self._tied_to),
         )
 
     # -- A step -----------------------------------------------------------------------------------
@@ -248,12 +248,12 @@ class JointReduction(WithoutLoops):
         if len(self.ties):
             z = np.append(z, np.zeros(len(self.ties)))
             self.ties.set_changes(z, self._values)
-        weights = z[self._col] * self._values[self._place] * self._sign
+        weights = z[self._col] * self._values[self._value_at] * self._sign
         return np.bincount(self._row, weights, self._size)
 
     def gather(self, r):
-        """Forces on all columns without That, springs and sliding nodes: T^T r, in a tree."""
-        weights = r[self._row] * self._values[self._place] * self._sign
+        """Forces on all columns without Tv, springs and sliding nodes: T^T r, in a tree."""
+        weights = r[self._row] * self._values[self._value_at] * self._sign
         out = np.bincount(self._col, weights, self.columns + len(self.ties))
         self.ties.collect(out, self._values)
         return out[: self.columns]
@@ -264,11 +264,11 @@ class JointReduction(WithoutLoops):
         Its first unknowns x solve T^T W T x = b, if b is followed by zeros.
         """
         moves = self._index[self._col] >= 0
-        rows, columns, places, signs = (
-            part[moves] for part in (self._row, self._col, self._place, self._sign)
+        rows, columns, value_at, signs = (
+            part[moves] for part in (self._row, self._col, self._value_at, self._sign)
         )
         shape = (self._size, self.columns + len(self.ties))
-        T = scipy.sparse.csr_matrix((self._values[places] * signs, (rows, columns)), shape)
+        T = scipy.sparse.csr_matrix((self._values[value_at] * signs, (rows, columns)), shape)
         A, n = (T.T @ weight @ T).tocoo(), self.ties.unknowns
         rows = np.concatenate([self._row_index[A.row], self.ties.rows])
         columns = np.concatenate([self._index[A.col], self.ties.columns])
@@ -277,17 +277,17 @@ class JointReduction(WithoutLoops):
 
     def coupling(self):
         """The matrix of `spread`."""
-        values = self._values[self._place] * self._sign
+        values = self._values[self._value_at] * self._sign
         shape = (self._size, self.columns + len(self.ties))
         T = scipy.sparse.csr_matrix((values, (self._row, self._col)), shape)
         if len(self.ties):
             T = (T @ self.ties.completion(self._values)).tocsr()
         before = T
         for slide in self._sliding[::-1]:  # its columns by those of its beam
-            relation, place = slide.relation, np.arange(len(slide.columns))
+            relation, row = slide.relation, np.arange(len(slide.columns))
             local = slide.local_dofs(relation.weights.first)
             own = scipy.sparse.csr_matrix(relation.T[:, :-1]) @ before[local]
-            along = relation.T[:, -1], (place, np.full(len(place), slide.column))
+            along = relation.T[:, -1], (row, np.full(len(row), slide.column))
             own += scipy.sparse.csr_matrix(along, own.shape)
             others = np.ones(self.columns)
             others[slide.columns] = 0.0
@@ -296,7 +296,7 @@ class JointReduction(WithoutLoops):
 
     def moves(self, dofs: np.ndarray) -> np.ndarray:
         """Whether each unknown (free,) moves one of some degrees of freedom (size,)."""
-        own = (self._values[self._place] != 0) & dofs[self._row]
+        own = (self._values[self._value_at] != 0) & dofs[self._row]
         counts = np.bincount(self._col[own], minlength=self.columns + len(self.ties)) * 1.0
         self.ties.collect_whether(counts, self._values)
         return counts[: self.free] > 0
@@ -327,7 +327,7 @@ class JointReduction(WithoutLoops):
         forces = self._on_slides(count)
         if self.sliders is not None:
             r = self.sliders.carry(r, self._virtual_map, forces)
-        weights = r[self._row] * self._virtual_map[self._place] * self._sign
+        weights = r[self._row] * self._virtual_map[self._value_at] * self._sign
         out = np.bincount(self._col, weights, count) + forces
         if len(self.ties):
             self.ties.collect(out, self._virtual_map)
@@ -343,24 +343,24 @@ class JointReduction(WithoutLoops):
         out[:] = self.sliders.eliminate(before, self._values, self._virtual_map)
 
     def _fill(self, values, r, out) -> None:
-        place, k = self._direct
-        out[:] = np.bincount(place, values[k], len(out))
+        to, k = self._direct
+        out[:] = np.bincount(to, values[k], len(out))
         at, source, virtual, value, sign = self._coupled
         products = values[source] * self._virtual_map[virtual] * self._values[value] * sign
         out += np.bincount(at, products, len(out))
-        if len(self._geometric_place):
+        if len(self._geometric_to):
             joint, kind, signs = self._geometric
             terms = self._second_order(r)[kind, joint] * signs
-            out += np.bincount(self._geometric_place, terms, len(out))
-        if len(self._restoring_place):
+            out += np.bincount(self._geometric_to, terms, len(out))
+        if len(self._restoring_to):
             slopes = self._points.on_slides(1)[self._sprung]
-            out += np.bincount(self._restoring_place, slopes, len(out))
+            out += np.bincount(self._restoring_to, slopes, len(out))
         if len(self.ties):
             tied = self.ties.entries(self._values, self._virtual_map)
-            out += np.bincount(self._tied_place, tied, len(out))
+            out += np.bincount(self._tied_to, tied, len(out))
 
     def _second_order(self, r):
-        """Derivatives of That^T r of each joint: (psi, psi), (psi, d) and (d, psi)."""
+        """Derivatives of Tv^T r of each joint: (psi, psi), (psi, d) and (d, psi)."""
         F = self.transmitted(r)
         level = self._rates.level
         turned = np.einsum("ij,ij->i", F, _perp(self._t1))
@@ -402,9 +402,9 @@ class JointReduction(WithoutLoops):
 def _products(
     row: np.ndarray, moves: np.ndarray, used: np.ndarray, indptr: np.ndarray, indices: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Used entries of K, in compressed rows, and the entries of That and T by which to multiply.
+    """Used entries of K, in compressed rows, and the entries of Tv and T by which to multiply.
 
-    From the rows of That's entries, and whether they move.
+    From the rows of Tv's entries, and whether they move.
     """
     moving, size = np.flatnonzero(moves), len(indptr) - 1
     count = np.bincount(row[moving], minlength=size)

@@ -3,9 +3,9 @@
 The trees of joints leave the columns z; a joint that closes a loop gives equations gap(z) = 0. Of
 the unknowns some, d, follow the others, i, by Newton's method on these equations. The closing
 joints' forces on b are those that leave no residual R of d. With G the derivative of the gaps, and
-Ghat as That of the other joints, so that Ghat times the work increments of a step is its gap:
+Gv that of virtual displacements, so that Gv times the work increments of a step is its gap:
 
-    F = Ghat_d^-T R_d,    0 = R_i - Ghat_i^T F,    z_d = -G_d^-1 G_i z_i   (in small changes)
+    F = Gv_d^-T R_d,    0 = R_i - Gv_i^T F,    z_d = -G_d^-1 G_i z_i   (in small changes)
 
 The forces do no work and leave both momenta, since they are forces of joints like all others.
 """
@@ -51,16 +51,16 @@ class LoopReduction(JointReduction):
         sliders: Sliders | None = None,
     ):
         super().__init__(couplings, points, rates, dofs, matrix, used, sliders)
-        self._closures, self._places = couplings.closures, couplings.places
+        self._closures, self._free_columns = couplings.closures, couplings.free_columns
         rows = [(k, *entry) for k, one in enumerate(self._closures) for entry in one.entries]
-        k, columns, places, signs = np.array(rows, dtype=float).reshape(-1, 4).T
+        k, columns, value_at, signs = np.array(rows, dtype=float).reshape(-1, 4).T
         if ((columns >= couplings.independent) & (columns < couplings.columns)).any():
             names = "; ".join(dict.fromkeys(str(one.joint) for one in self._closures))
             raise SceneError(
                 f"{names}: a closed loop of rigid members contains a node that slides on a beam. "
                 "Put a beam in place of one of the members"
             )
-        self._gap_entries = k.astype(int), columns.astype(int), places.astype(int), signs
+        self._gap_entries = k.astype(int), columns.astype(int), value_at.astype(int), signs
         self.unit, self._size_of_scene = unit, float(unit.max())
         self._rows = gap_rows(couplings, len(self._values))
         used_columns = np.unique([column for row in self._rows for column in row.columns])
@@ -149,7 +149,7 @@ class LoopReduction(JointReduction):
         self.choose(np.zeros(self.free), np.zeros(self.driven))
 
     def choose(self, y, driven) -> None:
-        """Choose the unknowns that follow by the place after increments, and set `singularity`."""
+        """Choose the unknowns that follow after increments, and set `singularity`."""
         self.gap(y, driven)
         G = self.scaled_derivative()
         parts = [(own, _pivots(G[np.ix_(rows, own)])) for rows, own in self.blocks]
@@ -187,9 +187,9 @@ class LoopReduction(JointReduction):
         return self._of_gaps(self._values)[:, self.loop] * self.unit[self.loop]
 
     def _of_gaps(self, values: np.ndarray) -> np.ndarray:
-        k, columns, places, signs = self._gap_entries
+        k, columns, value_at, signs = self._gap_entries
         G = np.zeros((len(self._closures), self.columns + len(self.ties)))
-        np.add.at(G, (k, columns), values[places] * signs)
+        np.add.at(G, (k, columns), values[value_at] * signs)
         return self.ties.by_columns(G, values) if len(self.ties) else G
 
     def _ratios(self, values: np.ndarray) -> np.ndarray:
@@ -214,7 +214,7 @@ class LoopReduction(JointReduction):
         return super().spread(z)
 
     def gather(self, r):
-        """Forces on all columns, as `project` without That and springs; zero at d."""
+        """Forces on all columns, as `project` without Tv and springs; zero at d."""
         R, d = super().gather(r), self._following
         R += self._ratios(self._values).T @ R[d]
         R[d] = 0.0
@@ -231,7 +231,7 @@ class LoopReduction(JointReduction):
         return (super().coupling() @ self.completion()).tocsr()
 
     def _completion(self, values: np.ndarray) -> scipy.sparse.csr_matrix:
-        """The same with T or That."""
+        """The same with T or Tv."""
         W, d = self._ratios(values), self._following
         kept = np.setdiff1d(np.arange(self.columns), d)
         k, columns = np.nonzero(W)
@@ -278,7 +278,7 @@ class LoopReduction(JointReduction):
         super().fill(values, self.closed(r), inner)
         out[:] = 0.0
         if isinstance(closed, GapBorders):
-            out[closed.places] = inner
+            out[closed.open_entries] = inner
             closed.stiffen(out, self._values, self._virtual_map)
             return
         A = scipy.sparse.csr_matrix((inner, indices, indptr), (self.free, self.free))
@@ -311,17 +311,17 @@ class LoopReduction(JointReduction):
 
     def tables(self):
         """Entries, joints and products of the trees, for the pattern with the loops."""
-        tables, at = super().tables(), self.places()
+        tables, at = super().tables(), self.open_entries()
         if self.sliders is not None:
-            return tables  # theirs is another pattern, which is stored in these places
+            return tables  # theirs is another pattern, stored at these positions
         names = "direct", "coupled", "geometric", "restoring"
         parts = {name: getattr(tables, name) for name in names}
         moved = {n: {**part, "to": at[part["to"]]} for n, part in parts.items()}
-        return tables._replace(**moved, ties=self.ties.tables(at[self._tied_place]))
+        return tables._replace(**moved, ties=self.ties.tables(at[self._tied_to]))
 
-    def places(self) -> np.ndarray:
+    def open_entries(self) -> np.ndarray:
         """Places of the entries of the trees' pattern in that with the loops."""
-        return self._system.places
+        return self._system.open_entries
 
     def loop_tables(self):
         """The closed loops as lists of numbers."""
@@ -341,7 +341,7 @@ class LoopReduction(JointReduction):
                     ends[side, i] = self._dofs[node.number, one.component]
         arms = np.full(len(closures), -1)
         arms[np.argsort(order)[self._arms[0]]] = 2 * self._arms[1] + self._arms[2]
-        column, dof, _, _ = self._places
+        column, dof, _, _ = self._free_columns
         dofs = np.full(self.columns, -1)
         dofs[column] = dof
         sizes = np.array([len(own) for own, _ in self.blocks])

@@ -34,10 +34,10 @@ class Coefficients(NamedTuple):
     push: np.ndarray
 
 
-def summing(place: np.ndarray, count: int) -> scipy.sparse.csr_matrix:
-    """Matrix (n, count) by which n values are summed at their places."""
-    n = len(place)
-    return scipy.sparse.csr_matrix((np.ones(n), (np.arange(n), place)), (n, count))
+def summing(target: np.ndarray, count: int) -> scipy.sparse.csr_matrix:
+    """Matrix (n, count) that adds each of n values to the sum of the number `target`."""
+    n = len(target)
+    return scipy.sparse.csr_matrix((np.ones(n), (np.arange(n), target)), (n, count))
 
 
 class RateEquations:
@@ -166,7 +166,7 @@ class _Arms(_Part):
 
     def __init__(self, mesh: Mesh, joints: list[Joint]):
         self.a, self.b = (_dofs(mesh, [getattr(j, name) for j in joints]) for name in "ab")
-        #: From a to b in the reference configuration; joints of equal places have no arm.
+        #: From a to b in the reference configuration; joints of nodes that coincide have no arm.
         self._apart = np.array([_apart(joint) for joint in joints]).reshape(-1, 2)
         self._has_arm = np.array([not joint.is_index for joint in joints], dtype=float)[:, None]
         axes = [(0.0, 0.0) if joint.axis is None else joint.axis for joint in joints]
@@ -257,7 +257,7 @@ class _Turns(_Part):
 
 
 class _OnBeam(_Part):
-    """A node that slides on a beam, with place sum N x and rotation sum N psi.
+    """A node that slides on a beam, at sum N x with the rotation sum N psi.
 
     A sleeve turns by the curvature of the beam where it slides.
     """

@@ -13,15 +13,16 @@ from .loop_reduction import LoopReduction
 
 # Below this ratio of singular values gaps depend on each other; forces below this ratio are zero.
 _ROUNDING = 1e-7
-# Motion to a place near by, relative to a unit of each unknown, and corrections that close the
-# loops there.
+# Motion to a configuration near by, relative to a unit of each unknown, and corrections that close
+# the loops there.
 _AWAY, _CORRECTIONS = 0.03, 60
 
 
 def check_loops(scene: Scene, couplings: Couplings, reduction: LoopReduction) -> None:
     """Refuse loops whose equations depend on each other, at the start of a step.
 
-    If they do so also at a place near by, joints are redundant, otherwise the start is singular.
+    If they do so also in a configuration near by, joints are redundant, otherwise the start is
+    singular.
     """
     rank, left, right = _rank(reduction)
     redundant = len(couplings.closures) - rank

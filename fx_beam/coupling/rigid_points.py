@@ -62,12 +62,12 @@ class RigidPoints:
                 dof = np.where(n >= 0, a[n, i], dof)
             dof = np.concatenate([dof, a[of[0], 2], a[of[1], 2]])
             row = np.concatenate([row, row[at[0]], row[at[1]]])
-        keys, place = np.unique(
+        keys, target = np.unique(
             np.searchsorted(self.remaining, row) * equations.size + dof, return_inverse=True
         )
-        self._sums = summing(place, len(keys))
+        self._sums = summing(target, len(keys))
         #: The entry to which each one adds, those of `condensed` in turn.
-        self._place = place
+        self._target = target
         #: Rows among those that remain, and degrees of freedom (entries,) of the entries.
         self.row, self.dof = np.divmod(keys, equations.size)
 
@@ -95,7 +95,7 @@ class RigidPoints:
             "carry_from": source,
             "carry_arm": arm,
             "carry_sign": sign,
-            "entry_of": self._place,
+            "entry_of": self._target,
             "entries": len(self.row),
             "row": self.row,
             "dof": self.dof,

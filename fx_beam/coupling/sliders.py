@@ -28,15 +28,15 @@ _BEYOND = 1e-9
 
 
 class Window(NamedTuple):
-    """Entries of the local degrees of freedom in a window, and their places in the tangent."""
+    """Entries of the local degrees of freedom in a window, and their positions in the tangent."""
 
     #: Local degree of freedom, column, position of the value and sign of each entry (n,).
     local: np.ndarray
     column: np.ndarray
     value: np.ndarray
     sign: np.ndarray
-    #: Places of neighbours and entries (k, n), of entries and neighbours (n, k), and of entries
-    #: (n, n); those that are not unknowns have the place behind the last.
+    #: Positions of neighbours and entries (k, n), of entries and neighbours (n, k), and of entries
+    #: (n, n); those that are not unknowns have the position behind the last.
     beside: np.ndarray
     above: np.ndarray
     inside: np.ndarray
@@ -46,10 +46,10 @@ class Bordered(NamedTuple):
     """A tangent before the elimination, as one of the unknowns and what borders it."""
 
     #: Sparsity (indptr, indices) of the unknowns; the entries before the elimination that belong
-    #: to it, and their places; those of diagonals of slides, which are 1.
+    #: to it, and their positions; those of diagonals of slides, which are 1.
     pattern: tuple[np.ndarray, np.ndarray]
     inside: np.ndarray
-    places: np.ndarray
+    positions: np.ndarray
     ones: np.ndarray
     #: The other entries, with their rows and columns as columns of the scene.
     beside: np.ndarray
@@ -116,20 +116,20 @@ class Sliders:
         self.row_index = self.index.copy()
         self.row_index[couplings.columns :] += 1
         self.size = self._unknowns + couplings.columns - first
-        rows, columns, places, signs = couplings.all_entries()
+        rows, columns, value_at, signs = couplings.all_entries()
         #: Entries of the sliding columns: rows, positions of values, signs.
         self._entries = [
-            [(rows[on], places[on], signs[on]) for on in (columns == c for c in slide.columns)]
+            [(rows[on], value_at[on], signs[on]) for on in (columns == c for c in slide.columns)]
             for slide in self.all
         ]
 
     # -- The pattern of the tangent -------------------------------------------------------------
 
     def set_tangent(self, rows: np.ndarray, columns: np.ndarray) -> np.ndarray:
-        """Set the entries of the tangent before the elimination; returns the places of entries."""
-        self._given, place = np.unique(rows * self.size + columns, return_inverse=True)
+        """Set the entries of the tangent before the elimination; returns their positions."""
+        self._given, position = np.unique(rows * self.size + columns, return_inverse=True)
         self._known: list[dict[int, Window]] = [{} for _ in self.all]
-        return place
+        return position
 
     @property
     def entries_before(self) -> int:
@@ -162,13 +162,13 @@ class Sliders:
         # What slides is an unknown of the other equations that is zero there.
         all_rows = np.concatenate([rows[inside], slides])
         all_columns = np.concatenate([columns[inside], slides])
-        pattern, place = sparsity(all_rows, all_columns, n)
+        pattern, position = sparsity(all_rows, all_columns, n)
         beside = np.flatnonzero(on_border)
         return Bordered(
             pattern=pattern,
             inside=inside,
-            places=place[: len(inside)],
-            ones=place[len(inside) :],
+            positions=position[: len(inside)],
+            ones=position[len(inside) :],
             beside=beside,
             rows=self._column_of(rows[beside]),
             columns=self._column_of(columns[beside]),
@@ -187,9 +187,9 @@ class Sliders:
         """
         column = self._couplings.column[slide.dofs]
         index = np.where(column >= 0, self.index[column], -1)
-        place = np.searchsorted(self._given, self.row_index[column] * self.size + index)
+        position = np.searchsorted(self._given, self.row_index[column] * self.size + index)
         alone = (index >= 0) & (column < self._couplings.free)
-        return np.where(alone, column, -1), np.where(index >= 0, place, -1)
+        return np.where(alone, column, -1), np.where(index >= 0, position, -1)
 
     @functools.cached_property
     def _neighbours(self) -> list[np.ndarray]:
@@ -208,8 +208,8 @@ class Sliders:
         return np.flatnonzero((i < self._unknowns) & (j < self._unknowns))
 
     @functools.cached_property
-    def _places_given(self) -> np.ndarray:
-        """Places of the entries before the elimination among them."""
+    def _given_positions(self) -> np.ndarray:
+        """Positions of the entries before the elimination among them."""
         return np.asarray(np.searchsorted(self._keys, self._given))
 
     @functools.cached_property
@@ -275,16 +275,16 @@ class Sliders:
                 column,
                 value,
                 sign,
-                beside=self._places(around[:, None], index),
-                above=self._places(rows[:, None], around),
-                inside=self._places(rows[:, None], index),
+                beside=self._positions(around[:, None], index),
+                above=self._positions(rows[:, None], around),
+                inside=self._positions(rows[:, None], index),
             )
         return self._known[k][first]
 
-    def _places(self, rows: np.ndarray, columns: np.ndarray) -> np.ndarray:
-        """Places of entries in the tangent; behind the last where there is none."""
-        place = np.searchsorted(self._keys, rows * self.size + columns)
-        return np.where((rows >= 0) & (columns >= 0), place, len(self._keys))
+    def _positions(self, rows: np.ndarray, columns: np.ndarray) -> np.ndarray:
+        """Positions of entries in the tangent; behind the last where there is none."""
+        position = np.searchsorted(self._keys, rows * self.size + columns)
+        return np.where((rows >= 0) & (columns >= 0), position, len(self._keys))
 
     # -- A step ---------------------------------------------------------------------------------
 
@@ -320,7 +320,8 @@ class Sliders:
         for k, slide in reversed(list(enumerate(self.all))):
             relation = slide.relation
             slide.force = forces[slide.columns] + [
-                (r[rows] * virtual_map[places]) @ signs for rows, places, signs in self._entries[k]
+                (r[rows] * virtual_map[value_at]) @ signs
+                for rows, value_at, signs in self._entries[k]
             ]
             *on_beam, along = slide.force @ relation.virtual_map
             np.add.at(r, slide.local_dofs(relation.weights.first), on_beam)
@@ -332,7 +333,7 @@ class Sliders:
     ) -> np.ndarray:
         """Entries of the unknowns after the elimination, from those before."""
         tangent = np.zeros(len(self._keys) + 1)
-        tangent[self._places_given] = before
+        tangent[self._given_positions] = before
         for k, slide in reversed(list(enumerate(self.all))):
             relation = slide.relation
             window = self._window(k, relation.weights.first)
@@ -345,9 +346,9 @@ class Sliders:
                 relation.virtual_map[:, window.local] * of_virtual,
             )
             own, around = self.index[slide.columns], self._neighbours[k]
-            K = tangent[self._places(own[:, None], own)]
-            to_left = tangent[self._places(around[:, None], own)]
-            to_right = tangent[self._places(own[:, None], around)]
+            K = tangent[self._positions(own[:, None], own)]
+            to_left = tangent[self._positions(around[:, None], own)]
+            to_right = tangent[self._positions(own[:, None], around)]
             second = relation.second(slide.force)[np.ix_(window.local, window.local)]
             np.add.at(tangent, window.beside, to_left @ T)
             np.add.at(tangent, window.above, T_virtual.T @ to_right)

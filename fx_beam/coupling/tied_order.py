@@ -42,15 +42,15 @@ def tied_fill_in(
 
     ready = [(degree(k), k) for k in range(n) if not waits[k]]
     heapq.heapify(ready)
-    place, above = np.full(n, -1), list[list[int]]()
+    position, above = np.full(n, -1), list[list[int]]()
     while ready:
         size, k = heapq.heappop(ready)
-        if place[k] >= 0:
+        if position[k] >= 0:
             continue
         if size != (now := degree(k)):
             heapq.heappush(ready, (now, k))
             continue
-        place[k] = len(above)
+        position[k] = len(above)
         above.append(list(near[k]))
         for j in near[k]:
             near[j] |= near[k]
@@ -58,13 +58,13 @@ def tied_fill_in(
         for j in needs[k]:
             waits[j] -= 1
         for j in near[k] | needs[k]:
-            if not waits[j] and place[j] < 0:
+            if not waits[j] and position[j] < 0:
                 heapq.heappush(ready, (degree(j), j))
     counts = [len(row) for row in above]
     row = np.repeat(np.arange(n), counts)
-    column = place[np.array([j for columns in above for j in columns], dtype=int)]
+    column = position[np.array([j for columns in above for j in columns], dtype=int)]
     each = np.arange(n)
     i, j = np.concatenate([row, column, each]), np.concatenate([column, row, each])
     pattern = scipy.sparse.csr_matrix((np.ones(len(i)), (i, j)), (n, n))
     pattern.sort_indices()
-    return place, pattern.indptr, pattern.indices
+    return position, pattern.indptr, pattern.indices

@@ -3,11 +3,12 @@
 With the displacements u of ties, u = B y + N u in small changes of the columns y, and the forces h
 that what follows them exerts on them, the reduced tangent A of y and u becomes
 
-    [A_yy  A_yu  -Bhat^T ] [dy]   [R]
-    [A_uy  A_uu  1-Nhat^T] [du] = [0]
-    [-B    1-N     0     ] [-h]   [0]
+    [A_yy  A_yu  -Bv^T ] [dy]   [R]
+    [A_uy  A_uu  1-Nv^T] [du] = [0]
+    [-B    1-N   0     ] [-h]   [0]
 
-with few entries in each row, where the tangent of y alone is full.
+with Bv and Nv for virtual displacements. There are few entries in each row, where the tangent of y
+alone is full.
 """
 
 from __future__ import annotations
@@ -35,9 +36,13 @@ class Ties:
         self.columns_of_unknowns = np.concatenate([np.arange(free), none, numbers])
         self.rows_of_unknowns = np.concatenate([np.arange(free), none, numbers + 1])
         entries = [(k, *entry) for k, tie in enumerate(ties) for entry in tie.entries]
-        tie, column, place, sign = np.array(entries, dtype=float).reshape(-1, 4).T
+        tie, column, value_at, sign = np.array(entries, dtype=float).reshape(-1, 4).T
         #: Tie, column, position of the value, and sign of each entry.
-        self.tie, self.column, self.place = tie.astype(int), column.astype(int), place.astype(int)
+        self.tie, self.column, self.value_at = (
+            tie.astype(int),
+            column.astype(int),
+            value_at.astype(int),
+        )
         self.sign = sign
         arms = [(k, arm) for k, tie in enumerate(ties) for arm in tie.arms]
         #: Tie and arm of each arm of a joint in their sums.
@@ -58,18 +63,18 @@ class Ties:
         return self._count
 
     def entries(self, values: np.ndarray, virtual_map: np.ndarray) -> np.ndarray:
-        """Values of the entries at `rows` and `columns`, for the values of T and That."""
-        place, sign = self.place[self._moves], self.sign[self._moves]
+        """Values of the entries at `rows` and `columns`, for the values of T and Tv."""
+        value_at, sign = self.value_at[self._moves], self.sign[self._moves]
         return np.concatenate(
-            [np.ones(2 * self._count), -sign * values[place], -sign * virtual_map[place]]
+            [np.ones(2 * self._count), -sign * values[value_at], -sign * virtual_map[value_at]]
         )
 
     def tables(self, at: np.ndarray) -> TieTables | None:
-        """The ties as lists of numbers, for the places of the entries; None without any."""
+        """The ties as lists of numbers, for the positions of the entries; None without any."""
         if not self._count:
             return None
-        places = np.full((2, len(self.tie)), -1)
-        ones, places[:, self._moves] = at[: 2 * self._count], at[2 * self._count :].reshape(2, -1)
+        entries = np.full((2, len(self.tie)), -1)
+        ones, entries[:, self._moves] = at[: 2 * self._count], at[2 * self._count :].reshape(2, -1)
         return TieTables(
             values={
                 "ties": self._count,
@@ -78,12 +83,12 @@ class Ties:
                 "tie_arms": len(self.arm),
                 "tie_of": self.tie,
                 "tie_column": self.column,
-                "tie_value": self.place,
+                "tie_value": self.value_at,
                 "tie_arm_of": self.arm_tie,
                 "tie_arm": self.arm,
                 "tie_sign": self.sign,
             },
-            places=dict(zip(("tie_equation", "tie_force"), places, strict=True)),
+            entries=dict(zip(("tie_equation", "tie_force"), entries, strict=True)),
             ones=ones,
         )
 
@@ -91,13 +96,13 @@ class Ties:
 
     def set_increments(self, z: np.ndarray, steps: np.ndarray) -> None:
         """Set the columns of the ties in the increments z, for those of the joints' arms."""
-        constant = self.place == 0
+        constant = self.value_at == 0
         own = np.bincount(self.arm_tie, steps[self.arm], self._count)
         self._add_down(z, np.where(constant, self.sign, 0.0), own)
 
     def set_changes(self, z: np.ndarray, values: np.ndarray) -> None:
         """Set the columns of the ties in small changes z, for the values of T."""
-        self._add_down(z, self.sign * values[self.place], np.zeros(self._count))
+        self._add_down(z, self.sign * values[self.value_at], np.zeros(self._count))
 
     def _add_down(self, z: np.ndarray, weights: np.ndarray, own: np.ndarray) -> None:
         changes, first = z.tolist(), self._first
@@ -108,12 +113,12 @@ class Ties:
         z[first:] = changes[first:]
 
     def collect(self, out: np.ndarray, virtual_map: np.ndarray) -> None:
-        """Add the forces on the ties, in `out`, to those on the columns before, for That."""
-        self._collect(out, self.sign * virtual_map[self.place])
+        """Add the forces on the ties, in `out`, to those on the columns before, for Tv."""
+        self._collect(out, self.sign * virtual_map[self.value_at])
 
     def collect_whether(self, out: np.ndarray, values: np.ndarray) -> None:
         """The same for what is positive if anything moves."""
-        self._collect(out, 1.0 * (values[self.place] != 0))
+        self._collect(out, 1.0 * (values[self.value_at] != 0))
 
     def _collect(self, out: np.ndarray, weights: np.ndarray) -> None:
         forces, first = out.tolist(), self._first
@@ -123,20 +128,20 @@ class Ties:
         out[:] = forces
 
     def by_columns(self, rows: np.ndarray, values: np.ndarray) -> np.ndarray:
-        """Rows (n, columns) from those by columns and ties, for the values of T or That."""
-        out, weights = rows.T.copy(), self.sign * values[self.place]
+        """Rows (n, columns) from those by columns and ties, for the values of T or Tv."""
+        out, weights = rows.T.copy(), self.sign * values[self.value_at]
         for tie, column, weight in reversed(list(zip(self.tie, self.column, weights, strict=True))):
             out[column] += weight * out[self._first + tie]
         return out[: self._first].T
 
     def completion(self, values: np.ndarray) -> scipy.sparse.csr_matrix:
-        """Matrix (columns and ties, columns) that gives all columns, for the values of T or That.
+        """Matrix (columns and ties, columns) that gives all columns, for the values of T or Tv.
 
         It is full: for small motions, not for steps.
         """
         rows = np.zeros((self._first + self._count, self._first))
         rows[: self._first] = np.eye(self._first)
-        weights = self.sign * values[self.place]
+        weights = self.sign * values[self.value_at]
         for tie, column, weight in zip(self.tie, self.column, weights, strict=True):
             rows[self._first + tie] += weight * rows[column]
         return scipy.sparse.csr_matrix(rows)

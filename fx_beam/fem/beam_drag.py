@@ -21,7 +21,7 @@ from . import dolfinx_api
 from .dolfinx_api import CompiledForm
 from .fields import Fields
 from .mesh import Mesh
-from .section_fields import Data, Place, cell_data
+from .section_fields import Data, DataShape, cell_data
 
 
 class DragForms:
@@ -38,10 +38,10 @@ class DragForms:
             fields = fields.with_nodal_rotations
         self.fields = fields
         compiling: Any = _compiled if scheme.built_in else _compiled.__wrapped__
-        places = tuple((name, part.place) for name, part in data.items())
+        shapes = tuple((name, part.shape) for name, part in data.items())
         #: Forms of force, tangent and loss.
-        self.compiled, at = compiling(fields, scheme.rates, places)
-        #: Coefficients in the place of UFL's.
+        self.compiled, at = compiling(fields, scheme.rates, shapes)
+        #: Coefficients by their symbols in UFL.
         self.data = {at[name]: part.on(mesh) for name, part in data.items()}
 
 
@@ -65,7 +65,7 @@ class BeamDrag:
         self.increment.x.array[:] = D[: len(self._vector)]
 
     def add_tangent(self, D: np.ndarray, values: np.ndarray, at: slice | np.ndarray) -> None:
-        """Add their derivative by D to the entries of the stiffness at some places."""
+        """Add their derivative by D to the entries of the stiffness at some positions."""
         self._set(D)
         dolfinx_api.assemble_matrix(self._matrix, self._tangent)
         values[at] += self._matrix.data
@@ -94,10 +94,10 @@ def _coefficients(scene: Scene, drags: Sequence[Drag], mesh: Mesh) -> dict[str, 
 
 @functools.cache
 def _compiled(
-    fields: Fields, rates: Any, places: tuple[tuple[str, Place], ...]
+    fields: Fields, rates: Any, shapes: tuple[tuple[str, DataShape], ...]
 ) -> tuple[list[CompiledForm], dict[str, Any]]:
-    """Forms of force, tangent and loss, and their places of the coefficients."""
-    at = {name: fields.data(place) for name, place in places}
+    """Forms of force, tangent and loss, and their symbols of the coefficients."""
+    at = {name: fields.data(shape) for name, shape in shapes}
     step, dx = fields.step(rates, "rates of the drag"), fields.measure(fields.full_rule)
     force, loss = drag_work(step, at) * dx, drag_loss(step, at) * dx
     tangent = ufl.derivative(force, fields.increment, fields.trial)

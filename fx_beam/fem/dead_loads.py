@@ -21,7 +21,7 @@ from .dolfinx_api import CompiledForm
 from .fields import Fields
 from .forms import Forms
 from .mesh import Mesh
-from .section_fields import Data, Place, on_beam
+from .section_fields import Data, DataShape, on_beam
 
 
 class Loads:
@@ -57,7 +57,7 @@ class Loads:
         else:
             values = self._at_gauss_points(beam, along)
             data, directions = Data(fields.full_rule, values), np.ones((1, 2))
-        compiled, density, direction = _line_load_form(fields, data.place)
+        compiled, density, direction = _line_load_form(fields, data.shape)
         unit = dolfinx_api.constant(mesh.mesh, np.zeros(2))
         form = self._forms.bind(compiled, {density: data.on(mesh), direction: unit})
         columns = np.zeros((len(directions), self._forms.size))
@@ -92,20 +92,20 @@ class Loads:
         return np.hstack([np.empty((len(times), 0)), *values])
 
 
-def places_of(load: Load) -> int:
+def columns_of(load: Load) -> int:
     """Number of columns of a load."""
     return 1 if load.kind == "moment" or load.along is not None else 2
 
 
 @functools.cache
-def _line_load_form(fields: Fields, place: Place) -> tuple[CompiledForm, Any, Any]:
+def _line_load_form(fields: Fields, shape: DataShape) -> tuple[CompiledForm, Any, Any]:
     """Form of a line load: a scalar density times a direction, or a vector.
 
-    Also the places of the density and of the direction.
+    Also the symbols of the density and of the direction.
     """
-    density, direction = fields.data(place), fields.data((0, (2,)))
+    density, direction = fields.data(shape), fields.data((0, (2,)))
     *_, virtual_u, _ = fields.trial_and_test()
-    is_vector = bool(place[1])
+    is_vector = bool(shape[1])
     force = density if is_vector else density * direction
     form = ufl.dot(force, virtual_u) * fields.measure(fields.full_rule)
     return dolfinx_api.compile_form(form, "line load"), density, direction

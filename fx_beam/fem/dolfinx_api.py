@@ -60,14 +60,14 @@ def domain(degree: int):
 
 
 class Coefficient(ufl.Coefficient):
-    """UFL's place for a function. Its name may stand in C; FFCx 0.5 takes UFL's own, w_{10}."""
+    """UFL's symbol for a function. Its name may stand in C; FFCx 0.5 takes UFL's own, w_{10}."""
 
     def __str__(self):
         return f"w{self.count()}"
 
 
 def data(on, points: int, shape: tuple[int, ...] = ()):
-    """UFL's place for data: a constant for 0 points, else `at_gauss_points` of so many."""
+    """UFL's symbol for data: a constant for 0 points, else `at_gauss_points` of so many."""
     if not points:
         return ufl.Constant(on, shape=shape)
     return Coefficient(ufl_gauss_space(on, points, *shape))
@@ -79,7 +79,7 @@ def ufl_space(on, degree: int, nodal: bool = False):
 
 
 def ufl_coordinate(on):
-    """UFL's place for `coordinate_on_cells`."""
+    """UFL's symbol for `coordinate_on_cells`."""
     return Coefficient(ufl.FunctionSpace(on, lagrange(1, broken=True)))
 
 
@@ -110,10 +110,10 @@ def dofs_of_cells(space) -> np.ndarray:
 
 def at_gauss_points(mesh, values: np.ndarray):
     """Function with values (cells, points, components) or (cells, points) at the Gauss points."""
-    places = function(gauss_space(mesh, *values.shape[1:]))
-    nodal = places.x.array.reshape(-1, *values.shape[2:])
-    nodal[element_dofs(places.function_space)] = values
-    return places
+    field = function(gauss_space(mesh, *values.shape[1:]))
+    nodal = field.x.array.reshape(-1, *values.shape[2:])
+    nodal[element_dofs(field.function_space)] = values
+    return field
 
 
 def constant(mesh, value):
@@ -333,12 +333,12 @@ def packed_coefficients(form, compiled: CompiledForm) -> dict[int, np.ndarray]:
 
 def packed_constants(form, compiled: CompiledForm, sought) -> tuple[np.ndarray, list[int]]:
     """Constants of a bound form, and the positions of UFL's `sought` ones (-1: missing)."""
-    places, at = {}, 0
+    offsets, at = {}, 0
     for constant in compiled.form.constants():
-        places[constant] = at
+        offsets[constant] = at
         at += _size(constant)
     packed = np.array(dolfinx.cpp.fem.pack_constants(_cpp(form)))
-    return packed, [places.get(constant, -1) for constant in sought]
+    return packed, [offsets.get(constant, -1) for constant in sought]
 
 
 def _cpp(wrapped):

@@ -120,8 +120,8 @@ def _integrals(form) -> list[tuple[int, Any]]:
     if hasattr(ufcx, "num_integrals"):
         count, ids, of = ufcx.num_integrals(cell), ufcx.integral_ids(cell), ufcx.integrals(cell)
         return [(ids[i], of[i]) for i in range(count)]
-    places = range(*ufcx.form_integral_offsets[cell : cell + 2])
-    return [(ufcx.form_integral_ids[i], ufcx.form_integrals[i]) for i in places]
+    indices = range(*ufcx.form_integral_offsets[cell : cell + 2])
+    return [(ufcx.form_integral_ids[i], ufcx.form_integrals[i]) for i in indices]
 
 
 def integrals(form) -> list[int]:

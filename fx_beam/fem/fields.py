@@ -14,7 +14,7 @@ from fx_beam.mechanics.rates import UpdateRule
 from fx_beam.validation import fields_in, refuse_fields
 
 from . import dolfinx_api
-from .section_fields import Place
+from .section_fields import DataShape
 
 
 class Fields:
@@ -72,9 +72,9 @@ class Fields:
         J = ufl.Jacobian(self._domain)
         return ufl.as_vector((J[0, 0], J[1, 0]))
 
-    def data(self, place: Place):
-        """UFL's place for data of the sections."""
-        return dolfinx_api.data(self._domain, *place)
+    def data(self, shape: DataShape):
+        """UFL's symbol for data of the sections."""
+        return dolfinx_api.data(self._domain, *shape)
 
     def internal(self, width: int):
         """UFL's space of so many internal variables at the Gauss points."""

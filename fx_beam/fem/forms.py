@@ -45,7 +45,7 @@ class Forms(NodalForms):
 
     def _build_forms(self, scene: Scene) -> scipy.sparse.csr_matrix:
         self._weak = weak = self._weak_form(scene)
-        #: UFL's fields, and what is in their places on this mesh.
+        #: UFL's fields, and what they stand for on this mesh.
         self.fields = weak.fields
         self._data |= self._fields(bool(scene.drags))
         self.moving = [self._data.get(field) for field in (*self.fields.moving, weak.internal)]
@@ -76,9 +76,9 @@ class Forms(NodalForms):
         self.load_increment = dolfinx_api.constant(mesh, 0.0)
         data[fields.load_increment] = self.load_increment
         if self._weak.internal is not None:
-            places = interval_mesh.gauss_space(mesh, fields.degree, self._weak.width)
-            data[self._weak.internal] = dolfinx_api.function(places)
-            self._cell_points = dolfinx_api.element_dofs(places)
+            gauss_space = interval_mesh.gauss_space(mesh, fields.degree, self._weak.width)
+            data[self._weak.internal] = dolfinx_api.function(gauss_space)
+            self._cell_points = dolfinx_api.element_dofs(gauss_space)
         data |= {field: dolfinx_api.function(space) for field in self._weak.given(damps)}
         #: Space of the increment and of the virtual displacements and rotations.
         self._space, unknowns = self._unknowns(fields)
@@ -127,12 +127,12 @@ class Forms(NodalForms):
             fields_of(degree, mesh.curved),
             self._scheme,
             materials,
-            stiffness and stiffness.place,
-            times and times.place,
-            [(work, data.place) for work, data in zip(scene.virtual_works, inside, strict=True)],
+            stiffness and stiffness.shape,
+            times and times.shape,
+            [(work, data.shape) for work, data in zip(scene.virtual_works, inside, strict=True)],
         )
         self._data: dict[Any, Any] = {
-            place: data.on(mesh) for place, data in zip(weak.indicators, inside, strict=True)
+            symbol: data.on(mesh) for symbol, data in zip(weak.indicators, inside, strict=True)
         }
         if stiffness is not None:
             self._data[weak.stiffness] = stiffness.on(mesh)

@@ -40,8 +40,8 @@ def with_pairs(
     keys = np.sort(np.concatenate([own, missing]))
     rows, columns = np.divmod(keys, size)
     indptr = np.concatenate([[0], np.cumsum(np.bincount(rows, minlength=size))])
-    places = np.searchsorted(keys, own)
+    positions = np.searchsorted(keys, own)
     values = np.zeros(len(keys))
-    values[places] = matrix.data
+    values[positions] = matrix.data
     indices = columns.astype(matrix.indices.dtype), indptr.astype(matrix.indptr.dtype)
-    return scipy.sparse.csr_matrix((values, *indices), matrix.shape, copy=False), places
+    return scipy.sparse.csr_matrix((values, *indices), matrix.shape, copy=False), positions

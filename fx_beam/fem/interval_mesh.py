@@ -123,7 +123,7 @@ def mesh_between(
 @cached_by_content
 @quietly
 def _intervals(count: int, cells: np.ndarray, degree: int) -> tuple[IntervalMesh, np.ndarray]:
-    """A mesh of so many points, somewhere: their places do not count in its numbering."""
+    """A mesh of so many points, whose positions do not matter for its numbering."""
     create, domain = dolfinx.mesh.create_mesh, ufl.Mesh(lagrange(degree, 2))
     takes_e = "e" in inspect.signature(create).parameters
     named: dict[str, Any] = {"e" if takes_e else "domain": domain}

@@ -17,7 +17,7 @@ from .dolfinx_api import CompiledForm
 from .fields import Fields
 from .forms import Forms
 from .mesh import Mesh
-from .section_fields import Data, Place, section_data
+from .section_fields import Data, DataShape, section_data
 
 _WORDS = {"rhoA": "distributed mass", "rhoI": "distributed rotary inertia"}
 
@@ -40,9 +40,9 @@ class Mass:
         mass = self._forms.stiffness.copy()
         mass.data[:] = 0.0
         if data:
-            places = (data[name].place if name in data else None for name in ("rhoA", "rhoI"))
-            compiled, densities = _mass_form(self._forms.fields.plain, *places)
-            own = {place: data[name].on(self._mesh) for name, place in densities.items()}
+            shapes = (data[name].shape if name in data else None for name in ("rhoA", "rhoI"))
+            compiled, densities = _mass_form(self._forms.fields.plain, *shapes)
+            own = {symbol: data[name].on(self._mesh) for name, symbol in densities.items()}
             form, matrix = self._forms.bind(compiled, own), self._forms.matrix
             values = dolfinx_api.entries(form, matrix)
             mass.data[self._forms.assembled] = values
@@ -69,7 +69,7 @@ class Mass:
         weight = np.zeros(self._forms.size)
         if self._has("rhoA"):
             data = self._data("rhoA")
-            compiled, density, gravity = _weight_form(self._forms.fields.plain, data.place)
+            compiled, density, gravity = _weight_form(self._forms.fields.plain, data.shape)
             pull = dolfinx_api.constant(self._mesh.mesh, self._scene.gravity)
             form = self._forms.bind(compiled, {density: data.on(self._mesh), gravity: pull})
             dolfinx_api.assemble_vector(weight[: self._mesh.in_beams], form)
@@ -94,11 +94,11 @@ class Mass:
 
 @functools.cache
 def _mass_form(
-    fields: Fields, rhoA: Place | None, rhoI: Place | None
+    fields: Fields, rhoA: DataShape | None, rhoI: DataShape | None
 ) -> tuple[CompiledForm, dict[str, Any]]:
-    """Form of the mass matrix, and its places of rhoA and rhoI, for those that there are."""
-    places = {"rhoA": rhoA, "rhoI": rhoI}
-    data = {name: fields.data(place) for name, place in places.items() if place is not None}
+    """Form of the mass matrix, and its symbols of rhoA and rhoI, for those that there are."""
+    shapes = {"rhoA": rhoA, "rhoI": rhoI}
+    data = {name: fields.data(shape) for name, shape in shapes.items() if shape is not None}
     u, psi, virtual_u, virtual_psi = fields.trial_and_test()
     work: Any = data.get("rhoA", 0) * ufl.dot(virtual_u, u)
     work += data.get("rhoI", 0) * virtual_psi * psi
@@ -107,8 +107,8 @@ def _mass_form(
 
 
 @functools.cache
-def _weight_form(fields: Fields, rhoA: Place) -> tuple[CompiledForm, Any, Any]:
-    """Form of the beams' weight, and its places of rhoA and of gravity."""
+def _weight_form(fields: Fields, rhoA: DataShape) -> tuple[CompiledForm, Any, Any]:
+    """Form of the beams' weight, and its symbols of rhoA and of gravity."""
     density, gravity = fields.data(rhoA), fields.data((0, (2,)))
     *_, virtual_u, _ = fields.trial_and_test()
     form = density * ufl.dot(gravity, virtual_u) * fields.measure(fields.full_rule)

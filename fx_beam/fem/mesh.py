@@ -132,6 +132,6 @@ def _numbers(
 
 
 def _split(values: np.ndarray, at: np.ndarray) -> list[np.ndarray]:
-    """Parts of an array between places that rise from its start to its end."""
-    places = at.tolist()
-    return [values[a:b] for a, b in zip(places[:-1], places[1:], strict=True)]
+    """Parts of an array between bounds that rise from its start to its end."""
+    bounds = at.tolist()
+    return [values[a:b] for a, b in zip(bounds[:-1], bounds[1:], strict=True)]

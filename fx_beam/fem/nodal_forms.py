@@ -58,12 +58,14 @@ class NodalForms:
         )
         #: Matrix with the entries of members and of each node: the assembled values first.
         self.of_members = self._build_forms(scene)
-        #: Tangent of all forces, and the places of the assembled values.
-        self.stiffness, places = with_pairs(self.of_members, self.points.pairs_of_nodes)
-        self._spread = places is not None
+        #: Tangent of all forces, and the positions of the assembled values in it.
+        self.stiffness, positions = with_pairs(self.of_members, self.points.pairs_of_nodes)
+        self._spread = positions is not None
         assembled = slice(0, self._assembled)
-        self.assembled: slice | np.ndarray = assembled if places is None else places[assembled]
-        self.points.set_places(self.stiffness)
+        self.assembled: slice | np.ndarray = (
+            assembled if positions is None else positions[assembled]
+        )
+        self.points.locate_in(self.stiffness)
         self._force = np.zeros(self.size)
         self.followers, self._thrust = None, np.empty((0, 2))
         if any(load.follower for load in scene.loads):

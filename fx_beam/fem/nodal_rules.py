@@ -34,7 +34,7 @@ class NodalRules:
         number = mass.copy()
         number.data = np.arange(1, len(mass.data) + 1)
         entries = number[np.repeat(rows[self.heavy], 3), dofs[self._node].ravel()]
-        self.places = np.asarray(entries).reshape(-1, 3) - 1
+        self.value_at = np.asarray(entries).reshape(-1, 3) - 1
 
     def at(self, sub_step: int, D, v0, a0, before, dt: float) -> np.ndarray:
         """Values (nodes, VALUES) of the rule of a sub-step."""
@@ -52,7 +52,7 @@ class NodalRules:
     def add_tangent(self, values: np.ndarray, data: np.ndarray) -> None:
         """Add the mass times the derivatives of the accelerations to the tangent's values."""
         slopes = values[:, 3:12].reshape(-1, 3, 3)[self._node, self._component]
-        np.add.at(data, self.places, self._mass.data[self.heavy, None] * slopes)
+        np.add.at(data, self.value_at, self._mass.data[self.heavy, None] * slopes)
 
 
 def _compiled(rates: NodalRates, rule) -> PointFunction:

@@ -151,8 +151,8 @@ class PointForces:
         rows_and_columns[(rows_and_columns < 0).any(axis=1)] = -1
         #: Rows and columns (entries, 2) of the tangent; -1 for the ground and slides.
         self.pairs = rows_and_columns
-        #: Their places in the tangent; `set_places` finds them.
-        self.places = np.full(len(rows_and_columns), -1, dtype=np.int32)
+        #: Positions of their values in the tangent; `locate_in` finds them.
+        self.value_at = np.full(len(rows_and_columns), -1, dtype=np.int32)
 
     def _build(self) -> None:
         ffi, self._c, *_ = _library()
@@ -212,13 +212,13 @@ class PointForces:
         for i, column in enumerate(self.columns.tolist(), start=self._nodal):
             self._all.of[i].column = column
 
-    def set_places(self, K: scipy.sparse.csr_matrix) -> None:
+    def locate_in(self, K: scipy.sparse.csr_matrix) -> None:
         """Find the entries in the values of a matrix."""
         rows, columns = self.pairs_of_nodes.T
         if len(rows):
             numbered = K.copy()
             numbered.data = np.arange(1, K.nnz + 1)
-            self.places[self.pairs[:, 0] >= 0] = np.asarray(numbered[rows, columns]).ravel() - 1
+            self.value_at[self.pairs[:, 0] >= 0] = np.asarray(numbered[rows, columns]).ravel() - 1
 
     # -- A step ---------------------------------------------------------------------------------
 
@@ -258,8 +258,8 @@ class PointForces:
     def add_tangent(self, values: np.ndarray) -> None:
         """Add their derivatives by the increments to the entries of the stiffness."""
         if self._forces:
-            places = _library().ffi.from_buffer(_library().ints, self.places)
-            self._c.fx_add_point_tangents(self._all, places, self._of(values))
+            value_at = _library().ffi.from_buffer(_library().ints, self.value_at)
+            self._c.fx_add_point_tangents(self._all, value_at, self._of(values))
 
     def on_slides(self, entry: int) -> np.ndarray:
         """Forces (0) on the slides, or their slopes (1)."""

@@ -55,8 +55,8 @@ def _contacts(obstacle: Obstacle, scene: Scene, mesh: Mesh, at_rest: bool) -> It
         law = laws.contact_law(kind, obstacle.energy, loses)
     stiffness = obstacle.stiffness * lengths_at_nodes(obstacle.target)
     for node, k in zip(nodes, stiffness, strict=True):
-        place = mesh.X[node] - np.array(centre)
-        numbers = [*place, *more, k, *of_loss]
+        relative = mesh.X[node] - np.array(centre)
+        numbers = [*relative, *more, k, *of_loss]
         yield PointForce(law, numbers, mesh.dofs[node, :2].tolist(), role=Role.CONTACT)
 
 

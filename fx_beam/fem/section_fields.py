@@ -16,7 +16,7 @@ from . import dolfinx_api
 from .mesh import Mesh
 
 #: What a form must know of its data: number of Gauss points (0: constant) and shape of a value.
-Place = tuple[int, tuple[int, ...]]
+DataShape = tuple[int, tuple[int, ...]]
 
 
 class Data(NamedTuple):
@@ -26,7 +26,7 @@ class Data(NamedTuple):
     values: np.ndarray
 
     @property
-    def place(self) -> Place:
+    def shape(self) -> DataShape:
         """What a form must know of the data."""
         return self.points, self.values.shape[2 if self.points else 0 :]
 

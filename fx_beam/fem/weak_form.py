@@ -23,7 +23,7 @@ from fx_beam.validation import fields_in, refuse_fields
 from . import dolfinx_api
 from .dolfinx_api import CompiledForm
 from .fields import Fields
-from .section_fields import Place
+from .section_fields import DataShape
 from .virtual_works import added_virtual_work
 
 #: Stored energy of a section, None for the quadratic one, and its internal variables.
@@ -33,9 +33,9 @@ Material = tuple[Energy | None, InternalVariables | None]
 class WeakForm:
     """Internal forces, tangent and energies of beams for a scheme, on no particular mesh.
 
-    `materials` are those of the sections, numbered as subdomains if there are several. `place` has
-    the stiffnesses of the quadratic energy. `times` is the place of the retardation times, None
-    without damping. Each virtual work comes with that of its indicator.
+    `materials` are those of the sections, numbered as subdomains if there are several. Data
+    are known by their shapes: `stiffness` of the quadratic energy, `times` of the retardation, None
+    without damping; each virtual work comes with that of its indicator.
     """
 
     def __init__(
@@ -43,17 +43,17 @@ class WeakForm:
         fields: Fields,
         scheme: Scheme,
         materials: Sequence[Material],
-        place: Place | None,
-        times: Place | None,
-        works: Sequence[tuple[VirtualWork, Place]] = (),
+        stiffness: DataShape | None,
+        times: DataShape | None,
+        works: Sequence[tuple[VirtualWork, DataShape]] = (),
     ):
         self.fields, self.scheme = fields, scheme
         #: Stiffnesses (EA, GA, EI) of the quadratic law.
-        self.stiffness = None if place is None else fields.data(place)
+        self.stiffness = None if stiffness is None else fields.data(stiffness)
         #: Retardation times of axial, shear and bending strains.
         self.times = None if times is None else fields.data(times)
         #: Where each virtual work acts: 1 there, 0 elsewhere.
-        self.indicators = [fields.data(place) for _, place in works]
+        self.indicators = [fields.data(shape) for _, shape in works]
         self._materials = materials
         #: Number of internal variables at a Gauss point, and their values at the step's start.
         self.width = max(len(internal.names) if internal else 0 for _, internal in materials)
@@ -228,25 +228,27 @@ def weak_form(
     fields: Fields,
     scheme: Scheme,
     materials: Sequence[Material],
-    place: Place | None,
-    times: Place | None,
-    works: Sequence[tuple[VirtualWork, Place]],
+    stiffness: DataShape | None,
+    times: DataShape | None,
+    works: Sequence[tuple[VirtualWork, DataShape]],
 ) -> WeakForm:
     """The weak form of a kind of scene, kept if all its functions are those of this package.
 
     Functions of the user are asked again: the data that they use may have changed.
     """
     if scheme.built_in and not works and materials == [_ELASTIC]:
-        return _cached(fields, scheme, place, times)
-    return WeakForm(fields, scheme, materials, place, times, works)
+        return _cached(fields, scheme, stiffness, times)
+    return WeakForm(fields, scheme, materials, stiffness, times, works)
 
 
 _ELASTIC: Material = (None, None)
 
 
 @functools.lru_cache(maxsize=32)
-def _cached(fields: Fields, scheme: Scheme, place: Place | None, times: Place | None) -> WeakForm:
-    return WeakForm(fields, scheme, [_ELASTIC], place, times)
+def _cached(
+    fields: Fields, scheme: Scheme, stiffness: DataShape | None, times: DataShape | None
+) -> WeakForm:
+    return WeakForm(fields, scheme, [_ELASTIC], stiffness, times)
 
 
 @functools.cache

@@ -29,7 +29,7 @@ class Balance(NamedTuple):
 
 
 class Equations:
-    """That^T r = 0 with r = M a(D) + f(D) - F (eqs 43 and 46), at the scheme's level of a step.
+    """Tv^T r = 0 with r = M a(D) + f(D) - F (eqs 43 and 46), at the scheme's level of a step.
 
     In statics, functions of time are evaluated at one `time` [s], and the scene may rest in a frame
     that turns.

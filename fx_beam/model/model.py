@@ -255,8 +255,8 @@ class Model:
             return np.ones_like(used)
         row = np.repeat(np.arange(self.size), np.diff(K.indptr))
         used |= (row == K.indices) & (self.mesh.from_nodes(self._mass.lumped)[row] != 0)
-        places = forms.points.places
-        used[places[places >= 0]] = True
+        value_at = forms.points.value_at
+        used[value_at[value_at >= 0]] = True
         return used
 
     # -- Numbering ------------------------------------------------------------------------------

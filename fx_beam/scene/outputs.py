@@ -89,7 +89,7 @@ class Output:
         return () if self.component else known[self.quantity]
 
     @property
-    def place(self) -> int | None:
+    def index(self) -> int | None:
         """Number of its component; None for all."""
         known = OF_JOINTS if isinstance(self.of, Joint) else OF_NODES
         return None if self.component is None else known[self.quantity].index(self.component)

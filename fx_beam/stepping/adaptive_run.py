@@ -99,7 +99,7 @@ class AdaptiveRun:
         return step._replace(taken=attempt.taken + step.taken)
 
     def _matters(self, state: State, t1: float) -> bool:
-        """Whether a step to t1 [s] and two steps of half its length end at different places."""
+        """Whether a step to t1 [s] and two of half its length end in different configurations."""
         whole = self._trial(state, t1).state
         middle = self._trial(state, (state.t + t1) / 2).state
         halves = middle and self._trial(middle, t1).state

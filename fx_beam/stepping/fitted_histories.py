@@ -101,13 +101,13 @@ def _driven(model: Model, ends: Ends, in_turn: bool) -> np.ndarray:
 
 def driven_ways(model: Model, q: np.ndarray, slides: np.ndarray) -> np.ndarray:
     """Increments (n - 1, driven) of driven motions from row to row, without full turns."""
-    places = [q[:, model.prescribed]]
+    positions = [q[:, model.prescribed]]
     dofs = np.vstack([model.mesh.dofs, np.full((1, 3), model.size)])
     q = np.pad(q, ((0, 0), (0, 1)))  # the ground is the last
     for joint, name in model.motors:
         a, b = (q[:, dofs[node.number, 2]] for node in (joint.a, joint.b))
-        places.append((b - a if name == "rotation" else slides[:, joint.number])[:, None])
-    ways = np.diff(np.hstack(places), axis=0)
+        positions.append((b - a if name == "rotation" else slides[:, joint.number])[:, None])
+    ways = np.diff(np.hstack(positions), axis=0)
     turns = [component == 2 for _, component in model.scene.prescribed]
     turns += [name == "rotation" for _, name in model.motors]
     return ways - np.where(turns, 2 * np.pi * np.round(ways / (2 * np.pi)), 0.0)
@@ -125,7 +125,7 @@ def _slides_near(model: Model, q: np.ndarray, slides: np.ndarray) -> np.ndarray:
     nearest, mesh = slides.copy(), model.mesh
     for joint in sliding_joints(model.scene.joints):
         nodes = mesh.nodes_of(model.scene, joint.beam)
-        places, point = (mesh.X[at] + q[:, mesh.dofs[at, :2]] for at in (nodes, joint.b.number))
+        axis, point = (mesh.X[at] + q[:, mesh.dofs[at, :2]] for at in (nodes, joint.b.number))
         number = joint.number
-        nearest[:, number] = joint.path.nearest_over(places, point, slides[:, number])
+        nearest[:, number] = joint.path.nearest_over(axis, point, slides[:, number])
     return nearest

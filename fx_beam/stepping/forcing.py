@@ -12,7 +12,7 @@ from fx_beam.results.state import State
 from fx_beam.scene.beam import COMPONENTS
 from fx_beam.validation import TimeFunction, evaluate, series
 
-# Weights of the differences between five places, backwards in time, in the rate at the first one.
+# Weights of the differences of five positions, backwards in time, in the rate at the first one.
 _OF_DIFFERENCES = np.array([-25, 23, -13, 3]) / 12
 
 
@@ -80,9 +80,9 @@ class Forcing:
         if not self._driven:
             return np.empty((len(ends), 0))
         h = lengths / 8
-        places = self.series((ends[:, None] - h[:, None] * np.arange(5)).ravel())
-        places = places.reshape(len(ends), 5, -1)
-        return _OF_DIFFERENCES @ (places[:, 1:] - places[:, :-1]) / h[:, None]
+        positions = self.series((ends[:, None] - h[:, None] * np.arange(5)).ravel())
+        positions = positions.reshape(len(ends), 5, -1)
+        return _OF_DIFFERENCES @ (positions[:, 1:] - positions[:, :-1]) / h[:, None]
 
     def loads(self, t0: np.ndarray, t1: np.ndarray) -> np.ndarray:
         """Factors (steps, 2, loads) of the unit loads at the starts and ends of steps."""
@@ -91,8 +91,8 @@ class Forcing:
 
     def series(self, times: np.ndarray) -> np.ndarray:
         """Prescribed motions and positions of motors (n, driven) at several times [m, rad]."""
-        places = [series(function, times, what) for function, what in self._driven]
-        return np.hstack([np.empty((len(times), 0)), *places])
+        positions = [series(function, times, what) for function, what in self._driven]
+        return np.hstack([np.empty((len(times), 0)), *positions])
 
     def current(self, state: State) -> np.ndarray:
         """Prescribed motions and positions of motors (driven,) in a state [m, rad]."""
@@ -100,15 +100,15 @@ class Forcing:
 
     def check_start(self, state: State) -> None:
         """Refuse prescribed motions and motors that would jump at the start."""
-        places = self.positions(state.t)
-        allowed = 1e-9 * (self._unit + abs(places))
-        for value, place, most, (_, what) in zip(
-            places, self.current(state), allowed, self._driven, strict=True
+        given = self.positions(state.t)
+        allowed = 1e-9 * (self._unit + abs(given))
+        for value, start, most, (_, what) in zip(
+            given, self.current(state), allowed, self._driven, strict=True
         ):
-            if abs(value - place) > most:
+            if abs(value - start) > most:
                 raise SceneError(
                     f"{what} is {value:g} at t = {state.t:g}, but the motion starts from "
-                    f"{place:g}. Let the function start from this value"
+                    f"{start:g}. Let the function start from this value"
                 )
 
     def _dead(self, t: float) -> np.ndarray:

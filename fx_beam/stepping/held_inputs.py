@@ -45,7 +45,7 @@ class Hold:
 
 
 class Ramp:
-    """A driven motion: from its place at the start of the step straight to that at the end."""
+    """A driven motion: from its position at the start of the step straight to that at the end."""
 
     def __init__(self, slot: InputSlot):
         self.name, self.factor = slot.name, float(slot.factor[0, 0])
@@ -62,7 +62,7 @@ class Ramp:
         self._t0, self._t1 = t0, t1
 
     def __call__(self, t: float) -> np.ndarray:
-        """The place (1,) in the step; outside it that of its start or end."""
+        """The position (1,) in the step; outside it that of its start or end."""
         if self.start == self.end:
             return np.array([self.end])
         part = (t - self._t0) / (self._t1 - self._t0)
@@ -122,7 +122,7 @@ class HeldInputs:
                 part.set(value)
 
     def parts_of(self, name: str) -> list[Hold | Ramp]:
-        """All places of an input."""
+        """All loads and motions that take the values of an input."""
         return self._of[name]
 
     def begin(self, t0: float, t1: float) -> None:
@@ -140,9 +140,9 @@ class HeldInputs:
         if values is not None and len(values) == sum(self.widths.values()):
             of_all = iter(values)
             self.set({name: [next(of_all) for _ in range(n)] for name, n in self.widths.items()})
-        for function, place in zip(forcing.functions, forcing.current(state), strict=True):
+        for function, position in zip(forcing.functions, forcing.current(state), strict=True):
             if isinstance(function, Ramp):
-                self.set({function.name: float(place) / function.factor})
+                self.set({function.name: float(position) / function.factor})
         self.arrive()
 
     @property

@@ -218,13 +218,13 @@ def _given_velocity(model: Model) -> np.ndarray:
     v, unit = np.full((len(mesh.X), 3), np.nan), np.array([1.0, 1.0, mesh.size])
     for item in scene.velocities:
         nodes = mesh.nodes_of(scene, item.target)
-        places = mesh.X[nodes].tolist()
-        given = np.hstack([item.value.each(places), item.spin.each(places)])
+        positions = mesh.X[nodes].tolist()
+        given = np.hstack([item.value.each(positions), item.spin.each(positions)])
         size = (abs(given) * unit).max(axis=1, keepdims=True)
         infinite = ~np.isfinite(given).all(axis=1)
         differs = (abs(v[nodes] - given) * unit > 1e-9 * size).any(axis=1)
         for bad in np.flatnonzero(infinite | differs):
-            x, y = places[bad]
+            x, y = positions[bad]
             if infinite[bad]:
                 raise SceneError(
                     f"initial velocity at ({x:g}, {y:g}) is {given[bad]}; it must be finite"

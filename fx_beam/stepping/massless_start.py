@@ -1,4 +1,4 @@
-"""The place at which parts without mass start: in equilibrium with the loads at the start."""
+"""Where parts without mass start: in equilibrium with the loads at the start."""
 
 from __future__ import annotations
 
@@ -52,7 +52,7 @@ def settled(model: Model, force: np.ndarray, state: State, dt: float) -> State:
 
 
 class _Settling:
-    """Newton's method for the places of massless parts."""
+    """Newton's method for the positions of massless parts."""
 
     def __init__(self, model: Model, force: np.ndarray, dt: float):
         self._model, self._force, self._length = model, force, 1e-9 * dt

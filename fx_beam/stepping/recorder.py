@@ -295,8 +295,8 @@ class Recorder:
         """Forces of the supports on nodes, and those of motors, from rows of all of them."""
         model = self.model
         reactions = np.zeros((len(forces), len(model.mesh.X), 3))
-        supported, components, places = model.supports
-        reactions[:, supported, components] = forces[:, places]
+        supported, components, columns = model.supports
+        reactions[:, supported, components] = forces[:, columns]
         motors = np.zeros((len(forces), len(model.scene.joints)))
         first, numbers = len(model.prescribed), [joint.number for joint, _ in model.motors]
         motors[:, numbers] = forces[:, first : first + len(numbers)]

@@ -36,7 +36,7 @@ INLINED void add_at(const Problem *p, const Work *w, int row, int column, double
 }
 
 /* A node that slides: its columns c, the forces f that hold it on the beam, and the products of which the
-   derivatives of That consist. */
+   derivatives of Tv consist. */
 static void border_slider(const Problem *p, const Work *w, Slider *a) {
   int n = a->width, m = a->components, force = ON_BORDER - a->border, product = force - m;
   int row_s = p->row_at[a->column], column_s = p->unknown_at[a->column];

@@ -42,7 +42,7 @@ INLINED void sum_columns(const Problem *p, const Work *w) {
     if (p->entry_value[k] == 0) D[p->entry_row[k]] += p->entry_sign[k] * w->z[p->entry_column[k]];
 }
 
-/* Increment of all degrees of freedom for the columns z, and the values of T and That for it. */
+/* Increment of all degrees of freedom for the columns z, and the values of T and Tv for it. */
 static void expand_columns(const Problem *p, const Work *w) {
   double *D = w->D, level = p->level;
   if (p->ties) increase_ties(p, w); /* first those of rotations, on which the arms depend */
@@ -131,7 +131,7 @@ static void push_columns(const Problem *p, double *out) {
     out[p->points->of[i].column] += p->points->of[i].results[0];
 }
 
-/* Adds That^T r. */
+/* Adds Tv^T r. */
 INLINED void add_rows(const Problem *p, const Work *w, const double *r, double *out) {
   for (int k = 0; k < p->equal; ++k) out[p->entry_column[k]] += r[p->entry_row[k]];
   for (int k = p->equal; k < p->entries; ++k)

@@ -9,7 +9,7 @@
 enum { CLOSINGS = 30 };
 static const double LEAST_PIVOT = 1e-6;
 
-/* Derivatives G of the gaps by the loops' columns, in compressed rows, for values of T or That. */
+/* Derivatives G of the gaps by the loops' columns, in compressed rows, for values of T or Tv. */
 static void derive_gaps(const Problem *p, const Work *w, const double *values, double *G) {
   double *row = w->gap_row;
   for (int i = 0; i < p->closures; ++i) {

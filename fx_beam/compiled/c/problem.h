@@ -90,7 +90,7 @@ typedef struct {
   /* Of a beam without mass that only sliding nodes may hold: columns of one of its nodes, and storage indices
      of their diagonals. */
   int anchors, anchor_column[3], anchor_at[3];
-  /* In the present iteration: arc lengths, first node of the window, increment, T and That, force. */
+  /* In the present iteration: arc lengths, first node of the window, increment, T and Tv, force. */
   double s0, s1;
   int first;
   double increment[3], T[3][LOCAL], virtual_map[3][LOCAL], force[3];
@@ -127,7 +127,7 @@ typedef struct {
   int turning_masses, *turning_column, *turning_stored_at; /* entries in columns of rotations */
   double *turning_mass;
 
-  /* Coupling: entries of T and That. The first `equal` entries are 1; value 0 is the constant 1. */
+  /* Coupling: entries of T and Tv. The first `equal` entries are 1; value 0 is the constant 1. */
   int entries, equal;
   int *entry_row, *entry_column, *entry_value;
   double *entry_sign;

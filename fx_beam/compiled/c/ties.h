@@ -24,7 +24,7 @@ static void change_ties(const Problem *p, const Work *w, double *z) {
     tie[p->tie_of[k]] += p->tie_sign[k] * w->values[p->tie_value[k]] * z[p->tie_column[k]];
 }
 
-/* Adds the forces on the ties to those on the columns before, for values of T or That. */
+/* Adds the forces on the ties to those on the columns before, for values of T or Tv. */
 static void collect_ties(const Problem *p, const double *virtual_map, double *out) {
   const double *tie = out + p->columns;
   for (int k = p->tie_entries - 1; k >= 0; --k)

@@ -59,7 +59,7 @@ def draw_map(path: Path, cells: list[Cell], slots: int = 27) -> None:
 
 
 def _bands(cells: list[Cell], slots: int) -> list[dict[int, list[Cell]]]:
-    """Groups that fit side by side, by the place of their first case."""
+    """Groups that fit side by side, by the index of their first case."""
     bands: list[dict[int, list[Cell]]] = [{}]
     left = 0
     for group, own in grouped(cells, "case.group").items():

@@ -104,14 +104,14 @@ def study(
             progress_bar(len(items), None, desc="runs") as bar,
             closing(workers.run(partial(_judged, repeats=repeats), items, executor)) as outcomes,
         ):
-            for place, (judged, _, error) in outcomes:
-                blank = replace(items[place][0], verdict=replace(none, reason=error))
-                cell = cells[place] = judged or blank
+            for index, (judged, _, error) in outcomes:
+                blank = replace(items[index][0], verdict=replace(none, reason=error))
+                cell = cells[index] = judged or blank
                 _log.info("%s, %s: %s", cell.case.name, cell.scheme, cell.verdict.kind)
                 bar.update()
-        return [cells[place] for place in sorted(cells)]
+        return [cells[index] for index in sorted(cells)]
     except BaseException as stop:
-        stop.cells = [cells[place] for place in sorted(cells)]  # type: ignore[attr-defined]
+        stop.cells = [cells[index] for index in sorted(cells)]  # type: ignore[attr-defined]
         raise
 
 

@@ -252,8 +252,8 @@ def _errors(precision: Precision, motion: _Motion, runs, fine, exact, executor, 
     completed = 0
     try:
         with closing(workers.run(motion.measure, [every[k] for k in queue], executor)) as outcomes:
-            for place, (given, _, error) in outcomes:
-                run, histories = done[queue[place]] = given or (every[queue[place]], {})
+            for index, (given, _, error) in outcomes:
+                run, histories = done[queue[index]] = given or (every[queue[index]], {})
                 run.failure = run.failure or error
                 if error and len(done) == 1:
                     raise SceneError(error)
