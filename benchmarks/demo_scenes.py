@@ -1,19 +1,16 @@
 """The demos as modules: benchmarks use their scenes."""
 
-import functools
-import importlib.util
+import importlib
+import sys
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[1]
+sys.path.insert(0, str(ROOT / "demos"))
 
 
-@functools.cache
 def demo(name):
     """A demo as a module, such as demo("pendulum")."""
-    spec = importlib.util.spec_from_file_location(f"demo_{name}", ROOT / "demos" / f"{name}.py")
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return module
+    return importlib.import_module(name)
 
 
 def scene(name, *arguments, **keywords):

@@ -18,14 +18,12 @@ four loops: one is left. The spring lies on a body without mass that turns about
 of K3 slides along it. Units are metre, kilogram and second.
 """
 
-import json
 import logging
-import sys
-from pathlib import Path
 
 import numpy as np
 
 import fx_beam as fb
+from shared import script
 
 log = logging.getLogger("fx_beam.demo")
 
@@ -152,18 +150,13 @@ def audit(solution, bodies):
     }
 
 
-def main(results=None, runs=None):
-    """Compute the numbers; with a directory for results, write the pictures too."""
+def compute(runs=None):
+    """The numbers, and what is drawn."""
     numbers = {
         f"order {order}": {str(n): audit(*simulate(n, order)) for n in steps}
         for order, steps in (runs or RUNS).items()
     }
-    report(numbers)
-    if results is not None:
-        results.mkdir(parents=True, exist_ok=True)
-        (results / "summary.json").write_text(json.dumps(numbers, indent=2) + "\n")
-        draw(results, numbers)
-    return numbers
+    return numbers, (numbers,)
 
 
 def report(numbers):
@@ -213,7 +206,4 @@ def draw(results, numbers):
 
 
 if __name__ == "__main__":
-    logging.basicConfig(format="%(message)s", force=True)
-    logging.getLogger("fx_beam").setLevel("INFO")  # each run, and what is compiled
-    here = Path(__file__).resolve()
-    main(Path(sys.argv[1]) if sys.argv[1:] else here.parents[1] / "results" / here.stem)
+    script.run()

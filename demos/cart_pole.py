@@ -24,15 +24,13 @@ an observer would need A, B and C only.
 Units are metre, kilogram and second.
 """
 
-import json
 import logging
-import sys
-from pathlib import Path
 
 import numpy as np
 import scipy.linalg
 
 import fx_beam as fb
+from shared import script
 
 log = logging.getLogger("fx_beam.demo")
 
@@ -139,8 +137,8 @@ def numbers_of(motion, rows, system, gains):
     return found
 
 
-def main(results=None):
-    """Compute the numbers; with a directory for results, write the pictures too."""
+def compute():
+    """The numbers, and what is drawn."""
     designs = {
         "flexible pole": design(),
         "rigid pole": design(RIGID, 4),
@@ -156,12 +154,7 @@ def main(results=None):
         "growth rate": float(roots.real.max()),
         "first bending, angular frequency": float(np.sort(roots.imag[roots.imag > 1])[0]),
     }
-    report(numbers)
-    if results is not None:
-        results.mkdir(parents=True, exist_ok=True)
-        (results / "summary.json").write_text(json.dumps(numbers, indent=2) + "\n")
-        draw(results, runs)
-    return numbers
+    return numbers, (runs,)
 
 
 def report(numbers):
@@ -223,7 +216,4 @@ def draw(results, runs):
 
 
 if __name__ == "__main__":
-    logging.basicConfig(format="%(message)s", force=True)
-    logging.getLogger("fx_beam").setLevel("INFO")  # each run, and what is compiled
-    here = Path(__file__).resolve()
-    main(Path(sys.argv[1]) if sys.argv[1:] else here.parents[1] / "results" / here.stem)
+    script.run()

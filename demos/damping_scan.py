@@ -19,21 +19,16 @@ that time; the schemes that keep the energy have the default of twelve. The valu
 the time steps are our choice.
 """
 
-import json
 import logging
-import sys
-from pathlib import Path
 
 import fx_beam as fb
+import multibody
+import pendulum
+import pinned_beam
+import three_bar_swing
+from shared import script
 
 log = logging.getLogger("fx_beam.demo")
-
-HERE = Path(__file__).resolve()
-sys.path.append(str(HERE.parent))
-import multibody  # noqa: E402
-import pendulum  # noqa: E402
-import pinned_beam  # noqa: E402
-import three_bar_swing  # noqa: E402
 
 LOST = 1.5  # times the energy at the start of the free motion
 # Scene, end of the loads and of the run [s], and steps [s].
@@ -88,15 +83,10 @@ def scan(alphas=ALPHAS, radii=RADII, examples=EXAMPLES):
     }
 
 
-def main(results=None, alphas=ALPHAS, radii=RADII):
-    """Compute the numbers; with a directory for results, write the pictures too."""
+def compute(alphas=ALPHAS, radii=RADII):
+    """The numbers, and what is drawn."""
     numbers = scan(alphas, radii)
-    report(numbers)
-    if results is not None:
-        results.mkdir(parents=True, exist_ok=True)
-        (results / "summary.json").write_text(json.dumps(numbers, indent=2) + "\n")
-        draw(results, numbers)
-    return numbers
+    return numbers, (numbers,)
 
 
 def cell(found):
@@ -166,7 +156,4 @@ def kind(run):
 
 
 if __name__ == "__main__":
-    logging.basicConfig(format="%(message)s", force=True)
-    logging.getLogger("fx_beam").setLevel("INFO")  # each run, and what is compiled
-    here = Path(__file__).resolve()
-    main(Path(sys.argv[1]) if sys.argv[1:] else here.parents[1] / "results" / here.stem)
+    script.run()

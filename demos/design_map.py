@@ -20,20 +20,15 @@ kilogram and second.
 """
 
 import itertools
-import json
-import logging
-import sys
-from pathlib import Path
 from time import perf_counter
 
 import numpy as np
 
 import fx_beam as fb
-
-sys.path.append(str(Path(__file__).resolve().parent))
-import monte_carlo  # noqa: E402
-import slider_crank  # noqa: E402
-from monte_carlo import NOMINAL, RAMP, STEPS, TURNS  # noqa: E402
+import monte_carlo
+import slider_crank
+from monte_carlo import NOMINAL, RAMP, STEPS, TURNS
+from shared import script
 
 HEIGHTS, SPEEDS = (2.5e-3, 7e-3), (5.0, 20.0)  # h [m]; n [1/s]
 POINTS = 32, 24  # heights, speeds
@@ -50,8 +45,8 @@ def bent(case):
     return {"deflection": abs(slider_crank.deflection(solution)).max() / slider_crank.LENGTH}
 
 
-def main(results=None, points=POINTS, executor=None):
-    """Compute the numbers; with a directory for results, write the picture too."""
+def compute(points=POINTS, executor=None):
+    """The numbers, and what is drawn."""
     heights, speeds = (
         np.linspace(*ends, n) for ends, n in ((HEIGHTS, points[0]), (SPEEDS, points[1]))
     )
@@ -75,12 +70,7 @@ def main(results=None, points=POINTS, executor=None):
         },
         "seconds": seconds,
     }
-    report(numbers)
-    if results is not None:
-        results.mkdir(parents=True, exist_ok=True)
-        (results / "summary.json").write_text(json.dumps(numbers, indent=2) + "\n")
-        draw(results, heights, speeds, deflection)
-    return numbers
+    return numbers, (heights, speeds, deflection)
 
 
 def thinnest(heights, deflection):
@@ -126,6 +116,4 @@ def draw(results, heights, speeds, deflection):
 
 
 if __name__ == "__main__":
-    logging.basicConfig(format="%(message)s", force=True)
-    here = Path(__file__).resolve()
-    main(Path(sys.argv[1]) if sys.argv[1:] else here.parents[1] / "results" / here.stem)
+    script.run("WARNING")

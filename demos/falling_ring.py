@@ -19,14 +19,12 @@ are these balances.
 Units are metre, kilogram and second.
 """
 
-import json
 import logging
-import sys
-from pathlib import Path
 
 import numpy as np
 
 import fx_beam as fb
+from shared import script
 
 log = logging.getLogger("fx_beam.demo")
 
@@ -115,16 +113,11 @@ def audit(solution, floors):
     }
 
 
-def main(results=None):
-    """Compute the numbers; with a directory for results, write the pictures too."""
+def compute():
+    """The numbers, and what is drawn."""
     runs = {e: simulate(e) for e in RESTITUTIONS}
     numbers = {f"e = {e:g}": audit(*run) for e, run in runs.items()}
-    report(numbers)
-    if results is not None:
-        results.mkdir(parents=True, exist_ok=True)
-        (results / "summary.json").write_text(json.dumps(numbers, indent=2) + "\n")
-        draw(results, runs)
-    return numbers
+    return numbers, (runs,)
 
 
 def report(numbers):
@@ -179,7 +172,4 @@ def draw(results, runs):
 
 
 if __name__ == "__main__":
-    logging.basicConfig(format="%(message)s", force=True)
-    logging.getLogger("fx_beam").setLevel("INFO")  # each run, and what is compiled
-    here = Path(__file__).resolve()
-    main(Path(sys.argv[1]) if sys.argv[1:] else here.parents[1] / "results" / here.stem)
+    script.run()

@@ -16,15 +16,13 @@ the rows, whose impulse F T / 2 is the momentum of the lattice from then on. Sce
 mirror images of themselves about the row in the middle, and so is the motion.
 """
 
-import json
 import logging
 import math
-import sys
-from pathlib import Path
 
 import numpy as np
 
 import fx_beam as fb
+from shared import script
 
 log = logging.getLogger("fx_beam.demo")
 
@@ -78,8 +76,8 @@ def run(cells):
     return solution, nodes
 
 
-def main(results=None, cells=CELLS):
-    """Compute the numbers; with a directory for results, write the pictures too."""
+def compute(cells=CELLS):
+    """The numbers, and what is drawn."""
     solution, nodes = run(cells)
     energy, row = solution.energy, speeds_of_row(solution, nodes, cells)
     x = STRUT * np.arange(cells + 1)
@@ -108,12 +106,7 @@ def main(results=None, cells=CELLS):
         "strain energy / sum over struts": float(energy.strain[-1] / parts.sum()),
         "bending share of the strain energy": float(parts[1:].sum() / parts.sum()),
     }
-    report(numbers)
-    if results is not None:
-        results.mkdir(parents=True, exist_ok=True)
-        (results / "summary.json").write_text(json.dumps(numbers, indent=2) + "\n")
-        draw(results, solution, x, row)
-    return numbers
+    return numbers, (solution, x, row)
 
 
 def speeds_of_row(solution, nodes, cells):
@@ -180,7 +173,4 @@ def draw(results, solution, x, row):
 
 
 if __name__ == "__main__":
-    logging.basicConfig(format="%(message)s", force=True)
-    logging.getLogger("fx_beam").setLevel("INFO")  # each run, and what is compiled
-    here = Path(__file__).resolve()
-    main(Path(sys.argv[1]) if sys.argv[1:] else here.parents[1] / "results" / here.stem)
+    script.run()

@@ -24,17 +24,15 @@ pseudo-arc-length method), and steps end exactly at limit points. The data have 
 consistent set will do.
 """
 
-import json
 import logging
 import math
-import sys
-from pathlib import Path
 
 import numpy as np
 import scipy.integrate
 import scipy.optimize
 
 import fx_beam as fb
+from shared import script
 
 log = logging.getLogger("fx_beam.demo")
 
@@ -132,8 +130,8 @@ def start(path, row, hinge):
 # -- The frame -------------------------------------------------------------------------------------
 
 
-def main(results=None):
-    """Compute the numbers; with a directory for results, write the pictures too."""
+def compute():
+    """The numbers, and what is drawn."""
     meshes, runs = {}, {}
     for degree, counts in MESHES.items():
         for elements in counts:
@@ -161,12 +159,7 @@ def main(results=None):
         fb.static(frame, STEPS)
     except fb.StepError as error:
         numbers["load steps alone end at"] = LOAD * error.time
-    report(numbers)
-    if results is not None:
-        results.mkdir(parents=True, exist_ok=True)
-        (results / "summary.json").write_text(json.dumps(numbers, indent=2) + "\n")
-        draw(results, path, loaded, hinge, rows)
-    return numbers
+    return numbers, (path, loaded, hinge, rows)
 
 
 def report(numbers):
@@ -219,7 +212,4 @@ def draw(results, path, loaded, hinge, rows):
 
 
 if __name__ == "__main__":
-    logging.basicConfig(format="%(message)s", force=True)
-    logging.getLogger("fx_beam").setLevel("INFO")  # each run, and what is compiled
-    here = Path(__file__).resolve()
-    main(Path(sys.argv[1]) if sys.argv[1:] else here.parents[1] / "results" / here.stem)
+    script.run()

@@ -21,19 +21,14 @@ Each sample is a case of `fx_beam.sweep`, which uses all cores. A mean of n samp
 error of std/sqrt(n). Units are metre, kilogram and second.
 """
 
-import json
-import logging
-import sys
-from pathlib import Path
 from time import perf_counter
 
 import numpy as np
 
 import fx_beam as fb
-
-sys.path.append(str(Path(__file__).resolve().parent))
-import slider_crank  # noqa: E402
-from slider_crank import CRANK, ELEMENTS, LENGTH, RADIUS, STEEL  # noqa: E402
+import slider_crank
+from shared import script
+from slider_crank import CRANK, ELEMENTS, LENGTH, RADIUS, STEEL
 
 NOMINAL = {"h": 4e-3, "E": STEEL["E"], "m": slider_crank.SLIDER, "T": slider_crank.PERIOD}
 SCATTER = {"h": 0.02, "E": 0.02, "m": 0.03, "T": 0.01}  # standard deviations, relative
@@ -94,8 +89,8 @@ def column(table, name):
     return np.array([row[name] for row in rows])
 
 
-def main(results=None, samples=SAMPLES, executor=None):
-    """Compute the numbers; with a directory for results, write the picture too."""
+def compute(samples=SAMPLES, executor=None):
+    """The numbers, and what is drawn."""
     around = [NOMINAL, *(shifted(name, side) for name in NOMINAL for side in (-1, 1))]
     clock = perf_counter()
     # One sweep: the first of its cases compiles the forms, the others follow on all workers.
@@ -118,12 +113,7 @@ def main(results=None, samples=SAMPLES, executor=None):
         "lowest frequency of the rod": frequency(NOMINAL),
         "seconds": seconds,
     }
-    report(numbers)
-    if results is not None:
-        results.mkdir(parents=True, exist_ok=True)
-        (results / "summary.json").write_text(json.dumps(numbers, indent=2) + "\n")
-        draw(results, scattered, numbers)
-    return numbers
+    return numbers, (scattered, numbers)
 
 
 def frequency(case):
@@ -162,6 +152,4 @@ def draw(results, moments, numbers):
 
 
 if __name__ == "__main__":
-    logging.basicConfig(format="%(message)s", force=True)
-    here = Path(__file__).resolve()
-    main(Path(sys.argv[1]) if sys.argv[1:] else here.parents[1] / "results" / here.stem)
+    script.run("WARNING")

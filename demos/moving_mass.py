@@ -26,15 +26,13 @@ second.
 """
 
 import functools
-import json
 import logging
-import sys
-from pathlib import Path
 
 import numpy as np
 from scipy.integrate import solve_ivp
 
 import fx_beam as fb
+from shared import script
 
 log = logging.getLogger("fx_beam.demo")
 
@@ -130,8 +128,8 @@ def deflection(solution, joint):
     return -solution.displacement(joint.b)[:, 1]
 
 
-def main(results=None):
-    """Compute the numbers; with a directory for results, write the pictures too."""
+def compute():
+    """The numbers, and what is drawn."""
     runs = {}
     for name, speed in SPEEDS.items():
         log.info("%s, %.3g m/s", name, speed)
@@ -146,12 +144,7 @@ def main(results=None):
             for degree, elements in MESHES
         },
     }
-    report(numbers)
-    if results is not None:
-        results.mkdir(parents=True, exist_ok=True)
-        (results / "summary.json").write_text(json.dumps(numbers, indent=2) + "\n")
-        draw(results, runs)
-    return numbers
+    return numbers, (runs,)
 
 
 def report(numbers):
@@ -207,7 +200,4 @@ def draw(results, runs):
 
 
 if __name__ == "__main__":
-    logging.basicConfig(format="%(message)s", force=True)
-    logging.getLogger("fx_beam").setLevel("INFO")
-    here = Path(__file__).resolve()
-    main(Path(sys.argv[1]) if sys.argv[1:] else here.parents[1] / "results" / here.stem)
+    script.run()

@@ -40,14 +40,12 @@ There are no multipliers. The unknowns are 3 per node, minus those that supports
 plus one slide. Units are metre, kilogram and second.
 """
 
-import json
 import logging
-import sys
-from pathlib import Path
 
 import numpy as np
 
 import fx_beam as fb
+from shared import script
 
 log = logging.getLogger("fx_beam.demo")
 
@@ -200,8 +198,8 @@ def count(solution, joints):
     }
 
 
-def main(results=None, steps=STEPS):
-    """Compute the numbers; with a directory for results, write the pictures too."""
+def compute(steps=STEPS):
+    """The numbers, and what is drawn."""
     runs = {(name, dt): simulate(SCHEMES[name], dt) for name in SCHEMES for dt in steps}
     solution, joints = runs["EnergyMomentum", DT]
     bent = [abs(solution.resultants(name).M).max() for name in solution.beams]
@@ -213,12 +211,7 @@ def main(results=None, steps=STEPS):
             name: {f"dt {dt:g}": audit(*runs[name, dt]) for dt in steps} for name in SCHEMES
         },
     }
-    report(numbers)
-    if results is not None:
-        results.mkdir(parents=True, exist_ok=True)
-        (results / "summary.json").write_text(json.dumps(numbers, indent=2) + "\n")
-        draw(results, runs)
-    return numbers
+    return numbers, (runs,)
 
 
 def report(numbers):
@@ -315,7 +308,4 @@ def draw(results, runs):
 
 
 if __name__ == "__main__":
-    logging.basicConfig(format="%(message)s", force=True)
-    logging.getLogger("fx_beam").setLevel("INFO")  # each run, and what is compiled
-    here = Path(__file__).resolve()
-    main(Path(sys.argv[1]) if sys.argv[1:] else here.parents[1] / "results" / here.stem)
+    script.run()

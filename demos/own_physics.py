@@ -32,16 +32,14 @@ balance with each of them.
 Units are metre, kilogram and second.
 """
 
-import json
 import logging
-import sys
-from pathlib import Path
 
 import ufl
 
 import numpy as np
 
 import fx_beam as fb
+from shared import script
 
 log = logging.getLogger("fx_beam.demo")
 
@@ -113,8 +111,8 @@ def dissipating(chi):
 # -- The three runs --------------------------------------------------------------------------------
 
 
-def main(results=None):
-    """Compute the numbers; with a directory for results, write the pictures too."""
+def compute():
+    """The numbers, and what is drawn."""
     alone, _, _ = scene()
     log.info("a stored energy of one's own")
     free = fb.simulate(alone, dt=DT, t_end=T_END)
@@ -147,12 +145,7 @@ def main(results=None):
             "largest energy gain in a step": np.diff(damped.energy.total).max() / scale,
         },
     }
-    report(numbers)
-    if results is not None:
-        results.mkdir(parents=True, exist_ok=True)
-        (results / "summary.json").write_text(json.dumps(numbers, indent=2) + "\n")
-        draw(results, free, forced, damped)
-    return numbers
+    return numbers, (free, forced, damped)
 
 
 def report(numbers):
@@ -207,7 +200,4 @@ def scenery(ax, nozzle):
 
 
 if __name__ == "__main__":
-    logging.basicConfig(format="%(message)s", force=True)
-    logging.getLogger("fx_beam").setLevel("INFO")  # each run, and what is compiled
-    here = Path(__file__).resolve()
-    main(Path(sys.argv[1]) if sys.argv[1:] else here.parents[1] / "results" / here.stem)
+    script.run()

@@ -20,15 +20,13 @@ mechanism has taken a wrong turn. Units are metre, kilogram and second.
 """
 
 import functools
-import json
 import logging
-import sys
-from pathlib import Path
 
 import numpy as np
 from scipy.integrate import solve_ivp
 
 import fx_beam as fb
+from shared import script
 
 log = logging.getLogger("fx_beam.demo")
 
@@ -110,8 +108,8 @@ def scan(scheme):
     ]
 
 
-def main(results=None):
-    """Compute the numbers; with a directory for results, write the pictures too."""
+def compute():
+    """The numbers, and what is drawn."""
     numbers = {"mechanisms": len(STIFFNESSES) * len(STARTS), "schemes": {}}
     for name, scheme in SCHEMES.items():
         log.info("%s, %d mechanisms", name, numbers["mechanisms"])
@@ -121,12 +119,7 @@ def main(results=None):
             "errors below 1e-2": int((errors < GOOD).sum()),
             "median error": float(np.median(errors)),
         }
-    report(numbers)
-    if results is not None:
-        results.mkdir(parents=True, exist_ok=True)
-        (results / "summary.json").write_text(json.dumps(numbers, indent=2) + "\n")
-        draw(results)
-    return numbers
+    return numbers, ()
 
 
 def report(numbers):
@@ -174,8 +167,4 @@ def draw(results):
 
 
 if __name__ == "__main__":
-    logging.basicConfig(format="%(message)s", force=True)
-    logging.getLogger("fx_beam").setLevel("ERROR")  # lost motions turn sections inside out
-    logging.getLogger("fx_beam.demo").setLevel("INFO")
-    here = Path(__file__).resolve()
-    main(Path(sys.argv[1]) if sys.argv[1:] else here.parents[1] / "results" / here.stem)
+    script.run("ERROR")  # lost motions turn sections inside out

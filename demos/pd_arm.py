@@ -21,14 +21,12 @@ gains those are taken whose slowest root decays fastest, for a turning arm with 
 Units are metre, kilogram and second; there is no weight and no damping.
 """
 
-import json
 import logging
-import sys
-from pathlib import Path
 
 import numpy as np
 
 import fx_beam as fb
+from shared import script
 
 log = logging.getLogger("fx_beam.demo")
 
@@ -124,8 +122,8 @@ def decay_of(solution):
     return float(np.log(sizes[0] / sizes[1]) / (second - first))
 
 
-def main(results=None):
-    """Compute the numbers; with a directory for results, write the pictures too."""
+def compute():
+    """The numbers, and what is drawn."""
     kp, kd, roots = best_gains()
     log.info("k_p = %.3g N m/rad, k_d = %.3g N m s/rad", kp, kd)
     solution, rows = controlled(kp, kd)
@@ -145,12 +143,7 @@ def main(results=None):
             max(abs(run.energy.balance_error).max() for run in (solution, prescribed))
         ),
     }
-    report(numbers)
-    if results is not None:
-        results.mkdir(parents=True, exist_ok=True)
-        (results / "summary.json").write_text(json.dumps(numbers, indent=2) + "\n")
-        draw(results, solution, prescribed, rows)
-    return numbers
+    return numbers, (solution, prescribed, rows)
 
 
 def report(numbers):
@@ -195,7 +188,4 @@ def draw(results, solution, prescribed, rows):
 
 
 if __name__ == "__main__":
-    logging.basicConfig(format="%(message)s", force=True)
-    logging.getLogger("fx_beam").setLevel("INFO")  # each run, and what is compiled
-    here = Path(__file__).resolve()
-    main(Path(sys.argv[1]) if sys.argv[1:] else here.parents[1] / "results" / here.stem)
+    script.run()

@@ -28,16 +28,14 @@ and alpha = -0.05. With alpha = -0.1 it does not happen within 10 s; a third of 
 instead. damping_scan.py shows more values of alpha, and of rho of generalized alpha.
 """
 
-import json
 import logging
-import sys
-from pathlib import Path
 
 import numpy as np
 from scipy.interpolate import CubicHermiteSpline
 from scipy.special import ellipj, ellipk
 
 import fx_beam as fb
+from shared import script
 
 log = logging.getLogger("fx_beam.demo")
 
@@ -179,8 +177,8 @@ def audit(solution):
     }
 
 
-def main(results=None, steps=STEPS):
-    """Compute the numbers; with a directory for results, write the pictures too."""
+def compute(steps=STEPS):
+    """The numbers, and what is drawn."""
     runs = {(name, dt): simulate(SCHEMES[name], dt) for name in SCHEMES for dt in steps}
     _, acceleration, force, exact = rigid(np.linspace(0, T_END, 10001))
     numbers = {
@@ -196,12 +194,7 @@ def main(results=None, steps=STEPS):
             name: {f"dt {dt:g}": audit(runs[name, dt]) for dt in steps} for name in SCHEMES
         },
     }
-    report(numbers)
-    if results is not None:
-        results.mkdir(parents=True, exist_ok=True)
-        (results / "summary.json").write_text(json.dumps(numbers, indent=2) + "\n")
-        draw(results, runs, numbers)
-    return numbers
+    return numbers, (runs, numbers)
 
 
 def report(numbers):
@@ -333,7 +326,4 @@ def draw(results, runs, numbers):
 
 
 if __name__ == "__main__":
-    logging.basicConfig(format="%(message)s", force=True)
-    logging.getLogger("fx_beam").setLevel("INFO")  # each run, and what is compiled
-    here = Path(__file__).resolve()
-    main(Path(sys.argv[1]) if sys.argv[1:] else here.parents[1] / "results" / here.stem)
+    script.run()

@@ -22,14 +22,12 @@ mean slope of v on its two sides: omega = 2 V/l left of the middle, 0 in it, -2 
 Units are the paper's: inch, pound and second, thus lb s^2/in for masses.
 """
 
-import json
 import logging
-import sys
-from pathlib import Path
 
 import numpy as np
 
 import fx_beam as fb
+from shared import script
 
 log = logging.getLogger("fx_beam.demo")
 
@@ -143,8 +141,8 @@ def compare_tip(solution, dt, reference):
     return {"position": found.tolist(), "reference": reference, "largest difference": distance}
 
 
-def main(results=None, steps=STEPS):
-    """Compute the numbers; with a directory for results, write the pictures too."""
+def compute(steps=STEPS):
+    """The numbers, and what is drawn."""
     runs = {(name, dt): simulate(SCHEMES[name], dt) for name in SCHEMES for dt in steps}
     fine = {
         (elements, dt): simulate(fb.EnergyMomentum(), dt, max(T_TIP), elements)
@@ -163,12 +161,7 @@ def main(results=None, steps=STEPS):
             for (elements, dt), solution in fine.items()
         },
     }
-    report(numbers)
-    if results is not None:
-        results.mkdir(parents=True, exist_ok=True)
-        (results / "summary.json").write_text(json.dumps(numbers, indent=2) + "\n")
-        draw(results, {name: runs[name, DT] for name in SCHEMES}, fine)
-    return numbers
+    return numbers, ({name: runs[name, DT] for name in SCHEMES}, fine)
 
 
 def report(numbers):
@@ -254,7 +247,4 @@ def draw(results, solutions, fine):
 
 
 if __name__ == "__main__":
-    logging.basicConfig(format="%(message)s", force=True)
-    logging.getLogger("fx_beam").setLevel("INFO")  # each run, and what is compiled
-    here = Path(__file__).resolve()
-    main(Path(sys.argv[1]) if sys.argv[1:] else here.parents[1] / "results" / here.stem)
+    script.run()

@@ -32,16 +32,14 @@ form, compared with exact solutions and with a limit load computed by hand.
 Units are metre, kilogram and second.
 """
 
-import json
 import logging
-import sys
-from pathlib import Path
 
 import ufl
 
 import numpy as np
 
 import fx_beam as fb
+from shared import script
 
 log = logging.getLogger("fx_beam.demo")
 
@@ -246,8 +244,8 @@ def bend_of_ring(solution, halves):
     return float(np.min(found)), float(np.max(found))
 
 
-def main(results=None, elements=ELEMENTS):
-    """Compute the numbers; with a directory for results, write the pictures too."""
+def compute(elements=ELEMENTS):
+    """The numbers, and what is drawn."""
     loops = {}
     for material in (kinematic, isotropic):
         log.info("the bar with %s hardening", material.__name__)
@@ -302,12 +300,7 @@ def main(results=None, elements=ELEMENTS):
             "relative balance error": relative_balance_error(ring),
         },
     }
-    report(numbers)
-    if results is not None:
-        results.mkdir(parents=True, exist_ok=True)
-        (results / "summary.json").write_text(json.dumps(numbers, indent=2) + "\n")
-        draw(results, loops, frames, hinged[1], ring)
-    return numbers
+    return numbers, (loops, frames, hinged[1], ring)
 
 
 def relative_balance_error(solution):
@@ -372,7 +365,4 @@ def draw(results, loops, frames, hinged, ring):
 
 
 if __name__ == "__main__":
-    logging.basicConfig(format="%(message)s", force=True)
-    logging.getLogger("fx_beam").setLevel("INFO")  # each run, and what is compiled
-    here = Path(__file__).resolve()
-    main(Path(sys.argv[1]) if sys.argv[1:] else here.parents[1] / "results" / here.stem)
+    script.run()

@@ -15,14 +15,12 @@ variable with its update in UFL, and the order in which the schemes converge to 
 Units are metre, kilogram and second.
 """
 
-import json
 import logging
-import sys
-from pathlib import Path
 
 import numpy as np
 
 import fx_beam as fb
+from shared import script
 
 log = logging.getLogger("fx_beam.demo")
 
@@ -78,8 +76,8 @@ def run(test, scheme, dt):
     return solution.t_level[1:], solution.resultants(arm).M[1:, 0]
 
 
-def main(results=None):
-    """Compute the numbers; with a directory for results, write the picture too."""
+def compute():
+    """The numbers, and what is drawn."""
     numbers = {}
     for test, exact in EXACT.items():
         for name, scheme in SCHEMES.items():
@@ -90,12 +88,7 @@ def main(results=None):
                 errors.append(abs(found - exact(t)).max() / exact(T_END))
             orders = np.log2(np.divide(errors[:-1], errors[1:]))
             numbers[f"{test}, {name}"] = {"errors": errors, "orders": orders.tolist()}
-    report(numbers)
-    if results is not None:
-        results.mkdir(parents=True, exist_ok=True)
-        (results / "summary.json").write_text(json.dumps(numbers, indent=2) + "\n")
-        draw(results)
-    return numbers
+    return numbers, ()
 
 
 def report(numbers):
@@ -122,7 +115,4 @@ def draw(results):
 
 
 if __name__ == "__main__":
-    logging.basicConfig(format="%(message)s", force=True)
-    logging.getLogger("fx_beam").setLevel("INFO")  # each run, and what is compiled
-    here = Path(__file__).resolve()
-    main(Path(sys.argv[1]) if sys.argv[1:] else here.parents[1] / "results" / here.stem)
+    script.run()

@@ -20,16 +20,14 @@ A cos(n theta), tangential displacement B sin(n theta) and rotation C sin(n thet
 so that its frequencies are those of a system with three degrees of freedom: the exact ones here.
 """
 
-import json
 import logging
 import math
-import sys
-from pathlib import Path
 
 import numpy as np
 import scipy.linalg
 
 import fx_beam as fb
+from shared import script
 
 log = logging.getLogger("fx_beam.demo")
 
@@ -183,8 +181,8 @@ def audit(solution):
     }
 
 
-def main(results=None, steps=STEPS):
-    """Compute the numbers; with a directory for results, write the pictures too."""
+def compute(steps=STEPS):
+    """The numbers, and what is drawn."""
     runs = {(name, dt): fly(SCHEMES[name], dt) for name in SCHEMES for dt in steps}
     flight = runs["EnergyMomentum", DT]
     numbers = {
@@ -197,12 +195,7 @@ def main(results=None, steps=STEPS):
             name: {f"dt {dt:g}": audit(runs[name, dt]) for dt in steps} for name in SCHEMES
         },
     }
-    report(numbers)
-    if results is not None:
-        results.mkdir(parents=True, exist_ok=True)
-        (results / "summary.json").write_text(json.dumps(numbers, indent=2) + "\n")
-        draw(results, runs)
-    return numbers
+    return numbers, (runs,)
 
 
 def report(numbers):
@@ -283,7 +276,4 @@ def draw(results, runs):
 
 
 if __name__ == "__main__":
-    logging.basicConfig(format="%(message)s", force=True)
-    logging.getLogger("fx_beam").setLevel("INFO")  # each run, and what is compiled
-    here = Path(__file__).resolve()
-    main(Path(sys.argv[1]) if sys.argv[1:] else here.parents[1] / "results" / here.stem)
+    script.run()

@@ -20,14 +20,12 @@ starts from the rolled-up state, and the total energy remains the work of the mo
 Units are metre, newton and second.
 """
 
-import json
 import logging
-import sys
-from pathlib import Path
 
 import numpy as np
 
 import fx_beam as fb
+from shared import script
 
 log = logging.getLogger("fx_beam.demo")
 
@@ -73,8 +71,8 @@ def summary(solution, beam, error, turns):
     }
 
 
-def main(results=None):
-    """Compute the numbers; with a directory for results, write the pictures too."""
+def compute():
+    """The numbers, and what is drawn."""
     runs = {name: rolled_up(*given) for name, given in RUNS.items()}
     # At 0.4 turns, because at the full circle the tip is exact on any mesh, by symmetry.
     errors = {
@@ -98,12 +96,7 @@ def main(results=None):
         "largest kinetic energy": energy.kinetic.max(),
         "relative energy error": abs(energy.balance_error).max() / energy.total[0],
     }
-    report(numbers)
-    if results is not None:
-        results.mkdir(parents=True, exist_ok=True)
-        (results / "summary.json").write_text(json.dumps(numbers, indent=2) + "\n")
-        draw(results, runs, errors, motion)
-    return numbers
+    return numbers, (runs, errors, motion)
 
 
 def report(numbers):
@@ -157,7 +150,4 @@ def draw(results, runs, errors, motion):
 
 
 if __name__ == "__main__":
-    logging.basicConfig(format="%(message)s", force=True)
-    logging.getLogger("fx_beam").setLevel("INFO")  # each run, and what is compiled
-    here = Path(__file__).resolve()
-    main(Path(sys.argv[1]) if sys.argv[1:] else here.parents[1] / "results" / here.stem)
+    script.run()

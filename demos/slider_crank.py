@@ -25,14 +25,12 @@ step is M Dtheta with Dtheta = 2 tan(Dpsi/2), where M is the moment that the joi
 Units are metre, kilogram and second. The mechanism moves in a horizontal plane: there is no weight.
 """
 
-import json
 import logging
-import sys
-from pathlib import Path
 
 import numpy as np
 
 import fx_beam as fb
+from shared import script
 
 log = logging.getLogger("fx_beam.demo")
 
@@ -170,20 +168,15 @@ def nearly_rigid():
     }
 
 
-def main(results=None, steps=STEPS):
-    """Compute the numbers; with a directory for results, write the pictures too."""
+def compute(steps=STEPS):
+    """The numbers, and what is drawn."""
     runs = {dt: simulate(dt) for dt in steps}
     numbers = {
         "largest motor moment of the rigid mechanism": abs(rigid(np.arange(0, T_END, DT))[2]).max(),
         "steps": {f"dt {dt:g}": audit(*run) for dt, run in runs.items()},
         "nearly rigid": nearly_rigid(),
     }
-    report(numbers)
-    if results is not None:
-        results.mkdir(parents=True, exist_ok=True)
-        (results / "summary.json").write_text(json.dumps(numbers, indent=2) + "\n")
-        draw(results, *runs[DT])
-    return numbers
+    return numbers, (*runs[DT],)
 
 
 def report(numbers):
@@ -276,7 +269,4 @@ def draw(results, solution, joints):
 
 
 if __name__ == "__main__":
-    logging.basicConfig(format="%(message)s", force=True)
-    logging.getLogger("fx_beam").setLevel("INFO")  # each run, and what is compiled
-    here = Path(__file__).resolve()
-    main(Path(sys.argv[1]) if sys.argv[1:] else here.parents[1] / "results" / here.stem)
+    script.run()

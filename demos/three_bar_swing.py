@@ -26,15 +26,13 @@ them. They are massless here; in one further run they have the beam's mass per l
 effect. There is no gravity. Units are metre, kilogram and second.
 """
 
-import json
 import logging
-import sys
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 
 import fx_beam as fb
+from shared import script
 
 log = logging.getLogger("fx_beam.demo")
 
@@ -194,8 +192,8 @@ def compare(solution, dt):
     return {"found": found.tolist(), "largest difference": difference.max()}
 
 
-def main(results=None, steps=STEPS):
-    """Compute the numbers; with a directory for results, write the pictures too."""
+def compute(steps=STEPS):
+    """The numbers, and what is drawn."""
     runs = {(name, dt): simulate(SCHEMES[name], dt) for name in SCHEMES for dt in steps}
     meshes = {ELEMENTS: runs["EnergyMomentum", DT], 16: simulate(fb.EnergyMomentum(), DT, 16)}
     heavy = simulate(fb.EnergyMomentum(), DT, link=HEAVY_LINK)
@@ -209,12 +207,7 @@ def main(results=None, steps=STEPS):
             name: {f"dt {dt:g}": audit(runs[name, dt]) for dt in steps} for name in SCHEMES
         },
     }
-    report(numbers)
-    if results is not None:
-        results.mkdir(parents=True, exist_ok=True)
-        (results / "summary.json").write_text(json.dumps(numbers, indent=2) + "\n")
-        draw(results, runs, meshes, heavy)
-    return numbers
+    return numbers, (runs, meshes, heavy)
 
 
 def report(numbers):
@@ -328,7 +321,4 @@ def draw(results, runs, meshes, heavy):
 
 
 if __name__ == "__main__":
-    logging.basicConfig(format="%(message)s", force=True)
-    logging.getLogger("fx_beam").setLevel("INFO")  # each run, and what is compiled
-    here = Path(__file__).resolve()
-    main(Path(sys.argv[1]) if sys.argv[1:] else here.parents[1] / "results" / here.stem)
+    script.run()

@@ -19,14 +19,12 @@ only takes energy. The example is our own; the invariants are its reference.
 Units are metre, kilogram and second.
 """
 
-import json
 import logging
-import sys
-from pathlib import Path
 
 import numpy as np
 
 import fx_beam as fb
+from shared import script
 
 log = logging.getLogger("fx_beam.demo")
 
@@ -93,8 +91,8 @@ def audit(solution, hinge, peg):
     }
 
 
-def main(results=None):
-    """Compute the numbers; with a directory for results, write the pictures too."""
+def compute():
+    """The numbers, and what is drawn."""
     runs = {name: simulate(scheme) for name, scheme in SCHEMES.items()}
     numbers = {
         "schemes": {name: audit(*run) for name, run in runs.items()},
@@ -105,12 +103,7 @@ def main(results=None):
             for tolerance in (1e-2, 1e-3)
         },
     }
-    report(numbers)
-    if results is not None:
-        results.mkdir(parents=True, exist_ok=True)
-        (results / "summary.json").write_text(json.dumps(numbers, indent=2) + "\n")
-        draw(results, runs)
-    return numbers
+    return numbers, (runs,)
 
 
 def report(numbers):
@@ -176,7 +169,4 @@ def draw(results, runs):
 
 
 if __name__ == "__main__":
-    logging.basicConfig(format="%(message)s", force=True)
-    logging.getLogger("fx_beam").setLevel("INFO")  # each run, and what is compiled
-    here = Path(__file__).resolve()
-    main(Path(sys.argv[1]) if sys.argv[1:] else here.parents[1] / "results" / here.stem)
+    script.run()

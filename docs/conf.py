@@ -20,6 +20,7 @@ extensions = [
     "sphinx.ext.autosummary",
     "sphinx.ext.linkcode",
     "numpydoc",
+    "sphinx_copybutton",
     # Our own: the demos' pages, pages of the sources, and formulas without a script from outside.
     "gallery",
     "sources",
@@ -38,6 +39,9 @@ autosummary_generate = False  # tables only
 autodoc_member_order = "bysource"
 numpydoc_show_class_members = False
 numpydoc_class_members_toctree = False
+
+# A button on code, not on what a program prints.
+copybutton_selector = "div:not(.highlight-text) > div.highlight > pre"
 
 html_theme = "pydata_sphinx_theme"
 html_title = f"fx_beam {release}"

@@ -9,6 +9,7 @@ from unittest import mock
 from scenes import demo
 
 import fx_beam as fb
+from shared import script
 
 PICTURES = {
     "pinned_beam": ("scene.png", "shapes.png", "invariants.png", "tip.png", "motion.gif"),
@@ -74,7 +75,7 @@ FILMS = {}
 
 @functools.cache
 def numbers(name):
-    """What a demo's main returns, which draws its pictures as well, once; films with few frames."""
+    """What a demo returns, which draws its pictures as well, once; films with few frames."""
 
     def animate(solution, steps, path, fps=20, **options):
         few = steps[:: max(1, len(steps) // 10)]
@@ -83,4 +84,4 @@ def numbers(name):
 
     whole = fb.plot.animate
     with mock.patch.object(fb.plot, "animate", animate):
-        return demo(name).main(Path(RESULTS.name) / name, **SMALL.get(name, {}))
+        return script.main(demo(name), Path(RESULTS.name) / name, **SMALL.get(name, {}))

@@ -1,6 +1,7 @@
 """Each demo runs once, draws its pictures, and its numbers are those it claims."""
 
 import ast
+import importlib
 import json
 import subprocess
 import sys
@@ -51,19 +52,30 @@ def test_demo_draws_its_pictures(name):
                 assert (np.asarray(picture.convert("L")) != first).any(), f"{file} stands still"
 
 
-def test_scripts_hand_their_argument_to_main():
-    guards = {name: ast.parse(path.read_text()).body[-1] for name, path in DEMOS.items()}
-    ends = {ast.unparse(ast.Module(guard.body[-2:], [])) for guard in guards.values()}
-    assert len(ends) == 1, "the scripts start main in the same way"
-    for name, guard in guards.items():
-        assert ast.unparse(guard.test) == "__name__ == '__main__'"
-        assert all(ast.unparse(line).startswith("logging.") for line in guard.body[:-2]), name
+def test_all_scripts_start_in_the_same_way():
+    for name, path in DEMOS.items():
+        *_, guard = ast.parse(path.read_text()).body
+        assert ast.unparse(guard.test) == "__name__ == '__main__'", name
+        (start,) = guard.body
+        assert ast.unparse(start).startswith("script.run("), name
+
+
+@pytest.mark.parametrize("argument", [[], ["somewhere"]])
+def test_results_go_to_a_folder_named_after_the_demo_or_to_the_one_given(
+    monkeypatch, caplog, argument
+):
     given = []
-    names = {"__file__": str(DEMOS["ring"]), "main": given.append, "Path": Path}
-    for arguments in ([], ["somewhere"]):
-        names["sys"] = SimpleNamespace(argv=["ring.py", *arguments])
-        exec(ends.copy().pop(), names)
-    assert given == [DEMOS["ring"].resolve().parents[1] / "results" / "ring", Path("somewhere")]
+    caplog.set_level("INFO", "fx_beam")  # is restored afterwards, as the next one
+    caplog.set_level("INFO", "fx_beam.demo")
+    script = importlib.import_module("shared.script")
+    monkeypatch.setattr(script, "main", lambda demo, folder: given.append((demo, folder)))
+    monkeypatch.setattr(script.logging, "basicConfig", lambda **_: None)
+    ring = SimpleNamespace(__file__=str(DEMOS["ring"]))
+    monkeypatch.setitem(sys.modules, "__main__", ring)
+    monkeypatch.setattr(sys, "argv", ["ring.py", *argument])
+    script.run()
+    usual = DEMOS["ring"].resolve().parents[1] / "results" / "ring"
+    assert given == [(ring, Path("somewhere") if argument else usual)]
 
 
 def test_a_demo_runs_as_a_script(tmp_path):
@@ -72,3 +84,4 @@ def test_a_demo_runs_as_a_script(tmp_path):
     script = subprocess.run(command, capture_output=True, text=True, timeout=300)
     assert script.returncode == 0, script.stderr
     assert (tmp_path / "summary.json").exists()
+    assert (tmp_path / "printed.txt").read_text() == script.stdout

@@ -5,6 +5,8 @@ import importlib
 import json
 import re
 import shutil
+import subprocess
+import sys
 from pathlib import Path
 
 import browser
@@ -28,6 +30,30 @@ document.fonts.load('16px "fx_beam Math"').then(async fonts => {
     cut: [...document.querySelectorAll('.formula')]
       .map(one => one.scrollHeight - one.clientHeight),
   });
+});
+"""
+
+
+# In either mode: for each piece of code whether it has its button, what that would copy, and the
+# difference of lightness between its sign and its ground.
+BUTTONS = """
+addEventListener('load', () => {
+  const light = colour =>
+    colour.match(/[\\d.]+/g).slice(0, 3).reduce((sum, x) => sum + +x, 0) / 765;
+  const look = mode => {
+    document.documentElement.dataset.theme = mode;
+    return [...document.querySelectorAll('pre')].map(code => {
+      const button = code.parentElement.querySelector('button.copybtn');
+      if (!button) return null;
+      const style = getComputedStyle(button);
+      return {
+        shown: style.opacity == 1 && button.getBoundingClientRect().width > 10,
+        contrast: Math.abs(light(style.color) - light(style.backgroundColor)),
+        copies: document.querySelector(button.dataset.clipboardTarget).textContent,
+      };
+    });
+  };
+  document.title = JSON.stringify({light: look('light'), dark: look('dark')});
 });
 """
 
@@ -69,6 +95,27 @@ def test_formulas_are_whole_where_the_system_has_no_font_for_them(drawn, tmp_pat
     assert measured["integral"] > 1.5
     assert len(measured["cut"]) == len(found) > 20
     assert max(measured["cut"]) <= 0
+
+
+@pytest.mark.slow
+@browser.needed
+def test_code_has_a_button_to_copy_it_in_light_and_dark(tmp_path):
+    pytest.importorskip("sphinx_copybutton")
+    pytest.importorskip("pydata_sphinx_theme")
+    page = "# A page\n\n```python\nx = 1\n```\n\n```text\nprinted\n```\n"
+    (tmp_path / "index.md").write_text(page)
+    command = [sys.executable, "-m", "sphinx", "-q", "-c", str(DOCS), str(tmp_path)]
+    command += [str(tmp_path / "html"), "-D", "extensions=myst_parser,sphinx_copybutton,mathml"]
+    subprocess.run(command, check=True, capture_output=True, timeout=120)
+    built = tmp_path / "html" / "index.html"
+    still = "<style>* { transition: none !important; }</style>"
+    script = f"{still}<script>{BUTTONS}</script></body>"
+    built.write_text(built.read_text().replace("</body>", script))
+    dom = browser.dom(built, tmp_path)
+    for code, printed in json.loads(re.search("<title>(.*?)</title>", dom)[1]).values():
+        assert code["shown"] and code["copies"] == "x = 1\n"
+        assert code["contrast"] > 0.25
+        assert printed is None
 
 
 def test_a_function_is_set_apart_from_the_number_before_it(drawn):

@@ -205,13 +205,14 @@ sys.meta_path[sys.meta_path.index(importlib.machinery.PathFinder)] = Finder
 
 import fx_beam as fb
 from scenes import demo, pinned_beam
+from shared import script
 
 class Own(fb.MidPointRates):
     pass
 
 with contextlib.redirect_stdout(io.StringIO()):
     for name in ("roll_up", "ring"):  # load steps, motions, modes
-        demo(name).main()
+        script.main(demo(name))
 scene = fb.Scene()
 beam = scene.add_beam([(0, 0), (1, 0)], fb.Section(EA=1e4, GA=1e4, EI=1.0, rhoA=1.0), elements=4)
 scene.clamp(beam.start)

@@ -9,7 +9,7 @@ SYMBOLS = {name: f"\\{name} " for name in _SAME.split()} | {
     "epsilon": r"\varepsilon ",
     "rhoA": r"\rho A",
     "rhoI": r"\rho I",
-    "sn": r"\mathrm{sn}\,",
+    "sn": r"\,\mathrm{sn}\,",
     "std": r"\mathrm{std}\,",
     "...": r"\ldots ",
     ".": r"\cdot ",

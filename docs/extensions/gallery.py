@@ -5,7 +5,7 @@ Formulas of its docstring are set as such; the text on its results is in docs/ou
 Sphinx-Gallery would want the demos cut into blocks of comments; they are scripts with a docstring
 and functions, so that tests can import them. Each is run once, into docs/_build/demos, and again
 when it or the package has changed. With FX_BEAM_DOCS=quick none is run, and pages show what is
-there.
+there: results of earlier builds, those of `./run demos`, or only the pictures in demos/pictures.
 """
 
 import ast
@@ -40,29 +40,29 @@ PAGE = """\
 
 ## Code
 
-`demos/{name}.py`, run by `./run demos {name}`.
+`demos/{name}.py`, run by `./run demos {name}`. `demos/shared/script.py` starts it.
 
 {code}
 """
 
 
 def run(demo):
-    """Run a demo, unless what it wrote is newer than itself and the package."""
-    results = RESULTS / demo.stem
-    printed = results / "printed.txt"
+    """Folder of a demo's results; it runs, unless they are newer than the demo and the package."""
+    folder = RESULTS / demo.stem
+    if os.environ.get("FX_BEAM_DOCS") == "quick":
+        earlier = folder, ROOT / "results" / demo.stem
+        return next((found for found in earlier if (found / "printed.txt").exists()), folder)
+    printed = folder / "printed.txt"  # the last file that a demo writes
     sources = [demo, *(ROOT / "fx_beam").rglob("*.py"), *(ROOT / "fx_beam").rglob("*.[ch]")]
     newest = max(path.stat().st_mtime for path in sources)
-    if os.environ.get("FX_BEAM_DOCS") == "quick" or (
-        printed.exists() and printed.stat().st_mtime > newest
-    ):
-        return results
+    if printed.exists() and printed.stat().st_mtime > newest:
+        return folder
     _log.info("running demos/%s", demo.name)
-    command = [sys.executable, str(demo), str(results)]
+    command = [sys.executable, str(demo), str(folder)]
     done = subprocess.run(command, capture_output=True, text=True, check=False)
     if done.returncode:
         raise ExtensionError(f"demos/{demo.name} failed:\n{done.stderr}")
-    printed.write_text(done.stdout, encoding="utf-8")
-    return results
+    return folder
 
 
 def prose(text):
