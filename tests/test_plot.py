@@ -10,8 +10,7 @@ import fx_beam as fb
 from fx_beam.results.fields import along
 
 plot = pytest.importorskip("fx_beam.plot")
-Drawing = pytest.importorskip("fx_beam.plot.symbols").Drawing
-deformed_shapes = pytest.importorskip("fx_beam.plot.deformed_shapes")
+Drawing = pytest.importorskip("fx_beam.plot.drawing").Drawing
 Colouring = pytest.importorskip("fx_beam.plot.colouring").Colouring
 Image = pytest.importorskip("PIL.Image")
 pytestmark = pytest.mark.plot
@@ -102,7 +101,7 @@ def test_magnified_shapes_move_the_nodes_by_that_factor():
     plain, large = (Drawing(solution, [10], factor) for factor in (1.0, 5.0))
     moved = plain.axis("bar", 10) - solution.shape(bar)[0]
     np.testing.assert_allclose(large.axis("bar", 10), solution.shape(bar)[0] + 5 * moved)
-    assert "x 5" in deformed_shapes._title(large) and "x" not in deformed_shapes._title(plain)
+    assert "x 5" in large.title() and "x" not in plain.title()
 
 
 def test_pictures_of_shapes_modes_and_motion_are_written(tmp_path):

@@ -61,8 +61,8 @@ class Modes:
     eigenvalues : (n,) complex
         Roots lambda [1/s]: the amplitude changes as e^(Re(lambda) t), the vibration has the angular
         frequency Im(lambda).
-    bodies : dict, optional
-        The bodies by name.
+    bodies, beams : dict, optional
+        The bodies and the beams by name.
 
     Examples
     --------
@@ -86,6 +86,7 @@ class Modes:
     damping_ratios: np.ndarray
     eigenvalues: np.ndarray
     bodies: dict[str, Body] = field(default_factory=dict)
+    beams: dict[str, Beam] = field(default_factory=dict)
 
     @property
     def frequencies(self) -> np.ndarray:
@@ -253,11 +254,11 @@ def modes(scene: Scene, state: Solution | None = None, n: int = 6, damping: bool
         omega, rigid, ratios, roots, vectors = lowest_damped(K, C, M, n)
     shapes = np.array([model.to_nodes(about.T @ vector) for vector in vectors.T])
     positions = model.mesh.X + model.to_nodes(about.start.q)[:, :2]
-    names = [beam.name for beam in scene.beams]
-    nodes = dict(zip(names, model.mesh.nodes, strict=True))
+    beams = {beam.name: beam for beam in scene.beams}
+    nodes = dict(zip(beams, model.mesh.nodes, strict=True))
     degree = scene.beams[0].degree if scene.beams else 1
     bodies = {body.name: body for body in scene.bodies}
-    return Modes(omega, rigid, shapes, positions, nodes, degree, ratios, roots, bodies)
+    return Modes(omega, rigid, shapes, positions, nodes, degree, ratios, roots, bodies, beams)
 
 
 def _symmetric(K):

@@ -8,12 +8,14 @@ import os
 if not (os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")):
     os.environ.setdefault("VTK_DEFAULT_OPENGL_WINDOW", "vtkEGLRenderWindow")
 
+from .animations import animate
 from .browser_page import Page, interactive
-from .deformed_shapes import animate, modes, shapes
+from .deformed_shapes import shapes
+from .drawing import axis
 from .force_diagrams import diagrams
+from .mode_shapes import modes
 from .response_curves import frequency_response
 from .scene_drawing import scene
-from .symbols import axis
 from .time_curves import curves, figure, quantities, save, style
 
 __all__ = [

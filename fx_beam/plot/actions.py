@@ -11,6 +11,7 @@ from fx_beam.scene.loads import Load, label
 from fx_beam.scene.scene import Scene
 from fx_beam.validation import Constant
 
+from .digits import three_digits
 from .sheet import Sheet
 
 # Fractions of the drawing's size: arrows of forces, line loads and motions; radius of rotations.
@@ -54,7 +55,9 @@ def _words(symbol: str, load: Load, value: float, unit: str, si: bool) -> str:
         return f"{load.value.name}{', follower' if load.follower else ''}"
     constant = isinstance(load.value, Constant) and load.along is None
     of = "(s)" if load.along is not None else "(t)"
-    text = f"{symbol} = {value:.6g}{f' {unit}' if si else ''}" if constant else symbol + of
+    text = (
+        f"{symbol} = {three_digits(value)}{f' {unit}' if si else ''}" if constant else symbol + of
+    )
     return text + (", follower" if load.follower else "")
 
 
@@ -161,7 +164,7 @@ def _weight(sheet: Sheet, gravity, si: bool) -> None:
     tip = sheet.corner() + 0.5 * _FORCE * sheet.size * np.asarray(gravity) / size
     tail = tip - _FORCE * sheet.size * np.asarray(gravity) / size
     sheet.arrow([tail, tip], color="0.4")
-    sheet.label(f"g = {size:.6g}{' m/s$^2$' if si else ''}", [(tail + tip) / 2], "0.4")
+    sheet.label(f"g = {three_digits(size)}{' m/s$^2$' if si else ''}", [(tail + tip) / 2], "0.4")
 
 
 def _turn(position, size: float, sense: float) -> np.ndarray:

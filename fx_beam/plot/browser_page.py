@@ -15,11 +15,12 @@ from fx_beam.results.fields import RESULTANTS, along_all
 from fx_beam.results.files import replacing, writable
 from fx_beam.results.solution import Solution
 from fx_beam.scene.beam import Node, arc_lengths
-from fx_beam.validation import as_float, is_name, numbers, require
+from fx_beam.validation import is_name, numbers, require
 
 from .colouring import SEQUENTIAL, SIGNED, WORDS, hexadecimal, is_signed, unit_of
-from .obstacles import outlines
-from .symbols import Drawing, axis, supports
+from .drawing import Drawing, axis, checked_drawing
+from .supports import Supports
+from .symbols import nodes_of_joints
 
 _TEMPLATE = Path(__file__).with_suffix(".html")
 _ROWS = 200  # that are shown if none are named
@@ -60,7 +61,7 @@ def interactive(
     """Page on which one plays a motion, and looks at its shapes, values and curves.
 
     The page has a slider and a play button, shapes coloured by a quantity that one chooses, names
-    and values of the place under the pointer, paths of points that one clicks, and curves over
+    and values of the point under the pointer, paths of points that one clicks, and curves over
     time. The wheel zooms, dragging moves, a double click shows all. It is one file, which needs no
     network; 2000 members with 200 rows take 10 MB.
 
@@ -109,22 +110,24 @@ def interactive(
         steps = np.unique(np.linspace(0, last, min(_ROWS, last + 1)).round().astype(int)).tolist()
     require(is_name(scene_unit), "scene_unit", scene_unit, "a text")
     rows = () if steps is None else steps
-    Drawing(solution, rows, magnify).check()
-    drawing = Drawing(solution, list(rows), as_float(magnify))
+    drawing = checked_drawing(solution, rows, magnify)
     data = {
         "title": drawing.title().replace(r"$\Delta t$", "dt"),
         "unit": scene_unit,
         "static": solution.stats.static,
         "t": [float(solution.t[k]) for k in drawing.rows],
         "window": [corner.tolist() for corner in drawing.window],
+        "thinness": drawing.thinness,
         "finest": _FINEST,
         **_members(drawing, scene_unit),
         "bodies": _bodies(drawing),
-        "obstacles": [
-            line.tolist()
-            for line, _, _ in outlines(solution.obstacles, drawing.points, drawing.size)
+        "obstacles": [line.tolist() for line, *_ in drawing.obstacles],
+        "supports": _supports(drawing),
+        "joints": [
+            {"marker": marker, "count": len(nodes), "points": _places(drawing, nodes)}
+            for marker, nodes in nodes_of_joints(drawing).items()
         ],
-        "supports": [[*solution.X[node].tolist(), kind] for node, kind in supports(drawing)],
+        "forces": _forces(drawing),
         "traces": _traces(drawing, [trace] if isinstance(trace, Node) else list(trace)),
         "series": _series(drawing, series, scene_unit),
     }
@@ -198,28 +201,52 @@ def _quantity(
 
 
 def _bodies(drawing: Drawing) -> list[dict[str, Any]]:
-    rows = list(drawing.rows)
+    numbers = {
+        name: [node.number for node in body.nodes] for name, body in drawing.solution.bodies.items()
+    }
+    return [
+        {"name": name, "nodes": nodes, "points": _places(drawing, nodes)}
+        for name, nodes in numbers.items()
+    ]
+
+
+def _supports(drawing: Drawing) -> list[dict[str, Any]]:
+    """Symbols of the supports, in units of the drawing's size, and their positions in all rows."""
     return [
         {
-            "name": name,
-            "nodes": [node.number for node in body.nodes],
-            "points": _whole(
-                _fractions(drawing, drawing.positions([node.number for node in body.nodes], rows)),
-                np.uint16,
-            ),
+            "points": _places(drawing, [node]),
+            "thick": [line.tolist() for line in strokes.thick],
+            "thin": [line.tolist() for line in strokes.thin],
+            "marker": strokes.marker,
         }
-        for name, body in drawing.solution.bodies.items()
+        for node, strokes in Supports(drawing).symbols.items()
     ]
+
+
+def _forces(drawing: Drawing) -> list[dict[str, Any]]:
+    """Ends of the forces between points in all rows."""
+    forces = [] if drawing.scene is None else drawing.scene.forces_between
+    entries = []
+    for force in forces:
+        a = drawing.positions(force.a.number, list(drawing.rows))
+        is_node = isinstance(force.b, Node)
+        b = drawing.positions(force.b.number, list(drawing.rows)) if is_node else force.b
+        ends = np.stack([a, np.broadcast_to(b, a.shape)], axis=1)
+        spring = force.on.spring is not None
+        entries.append({"spring": spring, "points": _whole(_fractions(drawing, ends), np.uint16)})
+    return entries
 
 
 def _traces(drawing: Drawing, nodes: list[Node]) -> list[str]:
     for node in nodes:
         drawing.solution.position(node)  # refuses what is no node of the solution
-    rows = list(drawing.rows)
-    return [
-        _whole(_fractions(drawing, drawing.positions(node.number, rows)), np.uint16)
-        for node in nodes
-    ]
+    return [_places(drawing, [node.number]) for node in nodes]
+
+
+def _places(drawing: Drawing, nodes: list[int]) -> str:
+    """Positions of some nodes in all rows."""
+    positions = drawing.positions(nodes, list(drawing.rows))
+    return _whole(_fractions(drawing, positions), np.uint16)
 
 
 def _series(

@@ -13,7 +13,7 @@ from matplotlib.colors import LinearSegmentedColormap, Normalize, to_hex
 from fx_beam.results.fields import QUANTITIES, RESULTANTS, along_all
 from fx_beam.validation import is_one_of, shown
 
-from .symbols import Drawing
+from .drawing import Drawing
 
 # Without the palest colours, which are hard to see on white.
 SEQUENTIAL = LinearSegmentedColormap.from_list(

@@ -14,7 +14,8 @@ from fx_beam.results.solution import Solution
 from fx_beam.validation import is_flag, is_name, require, shown
 
 from .colouring import SIGNED, words_for
-from .symbols import Drawing, draw_supports
+from .drawing import Drawing
+from .supports import Supports
 
 _PICTURES = "png", "pdf", "svg", "jpg"
 _TALLEST = 0.15  # of a diagram, as a fraction of the picture's size
@@ -130,7 +131,7 @@ def _panel(ax, drawing: Drawing, quantity: str, row: int) -> None:
             beside = position + 0.03 * drawing.size * out
             centred = {"ha": "center", "va": "center", "fontsize": "small", "zorder": 6}
             ax.annotate(words, beside, bbox=look, **centred)
-    draw_supports(ax, drawing)
+    Supports(drawing).draw(ax, row)
 
 
 def _area(ax, axis: np.ndarray, tips: np.ndarray, values: np.ndarray) -> None:

@@ -3,41 +3,23 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
-from typing import Any
 
 import numpy as np
 
 from fx_beam.scene.obstacles import Circle, Line, Obstacle
 
-from .sheet import Sheet
-from .symbols import Drawing
-
-# Fractions of the picture's size: what is drawn beyond the nearest positions, distance and length
+# Fractions of the scene's size: what is drawn beyond the nearest positions, distance and length
 # of the strokes. An obstacle farther away than the size is not drawn.
 _BEYOND, _APART, _STROKE = 0.1, 0.03, 0.016
-_LOOK: dict[str, Any] = {"color": "0.35", "zorder": 1}
-
-
-def obstacles_on_sheet(sheet: Sheet, obstacles: Iterable[Obstacle], positions: np.ndarray) -> None:
-    """Draw obstacles near the positions (n, 2) of the members."""
-    for line, starts, ends in outlines(obstacles, positions, sheet.size):
-        sheet.line(line, linewidth=1.4, **_LOOK)
-        sheet.strokes(starts, ends, linewidth=0.7, **_LOOK)
-
-
-def obstacles_on_axes(ax, drawing: Drawing) -> None:
-    """Draw the obstacles of a solution near its shapes."""
-    obstacles = drawing.solution.obstacles
-    for line, starts, ends in outlines(obstacles, drawing.points, drawing.size):
-        ax.plot(*line.T, linewidth=1.4, **_LOOK)
-        strokes = np.stack([starts, ends, np.full_like(starts, np.nan)], axis=1).reshape(-1, 2)
-        ax.plot(*strokes.T, linewidth=0.7, **_LOOK)
 
 
 def outlines(
     obstacles: Iterable[Obstacle], positions: np.ndarray, size: float
 ) -> Iterator[tuple[np.ndarray, ...]]:
-    """Points (n, 2) of the line, and starts and ends (m, 2) of the strokes, of each shape."""
+    """Points (n, 2) of the line, and starts and ends (m, 2) of the strokes, of each shape.
+
+    Circles up to the size in radius are whole, larger ones and lines reach past the positions.
+    """
     for shape in dict.fromkeys(obstacle.shape for obstacle in obstacles):
         if abs(shape.gap(positions)).min() > size:
             continue
@@ -67,7 +49,7 @@ def _straight(shape: Line, positions: np.ndarray, size: float) -> tuple[np.ndarr
 def _arc(shape: Circle, positions: np.ndarray, size: float) -> tuple[np.ndarray, np.ndarray]:
     """Points (n, 2) of the circle or of its near part, and directions away from the free side."""
     middle, half = 0.0, np.pi
-    if shape.radius > 2 * size:
+    if shape.radius > size:
         arms = positions - shape.centre
         middle = np.arctan2(*arms.mean(axis=0)[::-1])
         apart = np.angle(np.exp(1j * (np.arctan2(*arms.T[::-1]) - middle)))

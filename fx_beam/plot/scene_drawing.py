@@ -18,10 +18,12 @@ from fx_beam.scene.scene import Scene
 from fx_beam.validation import is_flag, is_name, require, shown
 
 from .actions import draw_actions
-from .grounds import draw_grounds, draw_guides
-from .obstacles import obstacles_on_sheet
+from .digits import three_digits
+from .drawing import Drawing
+from .plane import draw_obstacles
 from .sheet import Sheet
-from .symbols import Drawing, draw_parts
+from .supports import Supports
+from .symbols import draw_joints, draw_moving
 
 _MEMBER = "#0072B2"
 _DIMENSION = {"color": "0.45", "linewidth": 0.6}
@@ -86,18 +88,16 @@ def scene(
     require(is_name(scene_unit), "scene_unit", scene_unit, "a text")
     drawing = Drawing(Reference(scene), [0])
     axes = {beam.name: drawing.axis(beam.name, 0) for beam in scene.beams}
-    ends = [(node.x, node.y) for body in scene.bodies for node in body.nodes]
-    everything = np.concatenate([*axes.values(), np.reshape(ends, (-1, 2))])
-    sheet = Sheet(float(np.ptp(everything, axis=0).max()))
+    sheet = Sheet(drawing.reach)
     _members(sheet, scene, axes, drawing.thinness)
-    obstacles_on_sheet(sheet, scene.obstacles, everything)
-    draw_grounds(sheet, scene)
-    draw_guides(sheet, scene)
-    sheet.see(draw_parts(sheet.ax, drawing, 0))
+    sheet.see(draw_obstacles(sheet.ax, drawing))
+    sheet.see(Supports(drawing).draw(sheet.ax, 0))
+    sheet.see(draw_moving(sheet.ax, drawing, 0))
+    sheet.see(draw_joints(sheet.ax, drawing, 0))
     draw_actions(sheet, scene, si=scene_unit == "m")
     _names(sheet, scene, axes, {} if marks is None else marks, si=scene_unit == "m")
     if dimensions:
-        _dimensions(sheet, scene, everything)
+        _dimensions(sheet, scene, drawing.points)
     figure = sheet.finish(scene_unit)
     if path is not None:
         with replacing(path) as new:
@@ -120,6 +120,11 @@ class Reference:
     def bodies(self):
         """The bodies by name."""
         return {body.name: body for body in self.scene.bodies}
+
+    @property
+    def obstacles(self):
+        """The obstacles."""
+        return self.scene.obstacles
 
     @cached_property
     def nodes_of_beam(self) -> dict[str, np.ndarray]:
@@ -173,8 +178,8 @@ def _names(sheet: Sheet, scene: Scene, axes, marks: dict[str, Node], si: bool) -
         sheet.label(name, (node.x, node.y))
     for number, mass, inertia in scene.masses:
         node = scene.nodes[number]
-        words = [f"m = {mass:.6g}{' kg' if si else ''}"] if mass else []
-        words += [f"J = {inertia:.6g}{' kg m$^2$' if si else ''}"] if inertia else []
+        words = [f"m = {three_digits(mass)}{' kg' if si else ''}"] if mass else []
+        words += [f"J = {three_digits(inertia)}{' kg m$^2$' if si else ''}"] if inertia else []
         if words:
             sheet.label(", ".join(words), (node.x, node.y))
     for body in scene.bodies:
@@ -205,4 +210,4 @@ def _dimensions(sheet: Sheet, scene: Scene, points: np.ndarray) -> None:
             tail, tip = (level + value * np.eye(2)[i] for value in (a, b))
             sheet.arrow([tail, (tail + tip) / 2, tip], "<-|>", **_DIMENSION)
             sheet.strokes(np.array([tail, tip]) - tick, np.array([tail, tip]) + tick, **_DIMENSION)
-            sheet.label(f"{b - a:.6g}", (tail + tip) / 2, "0.3")
+            sheet.label(three_digits(b - a), (tail + tip) / 2, "0.3")

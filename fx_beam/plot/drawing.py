@@ -1,0 +1,212 @@
+"""A solution as pictures show it: positions in some rows, the window, and sizes of symbols."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+
+from fx_beam.results.fields import nodes_of_elements
+from fx_beam.results.solution import Solution
+from fx_beam.scene.beam import Node, lagrange
+from fx_beam.scene.joints import GROUND
+from fx_beam.scene.loads import Load
+from fx_beam.validation import as_float, is_number, is_whole, numbers, require
+
+from .digits import time_unit
+from .obstacles import outlines
+
+# Straight lines per element: over 60 degrees the error is a thousandth of the radius.
+_LINES = 12
+_LONGEST_FORCE = 0.12  # arrow of the largest force, as a fraction of the scene's size
+_DENSE = 1 / 40  # distance of members, as a fraction of the size, below which lines are thinner
+
+
+def axis(nodes: np.ndarray, degree: int) -> np.ndarray:
+    """Points of a beam's axis for drawing, also on curved elements of degree 2 and 3.
+
+    Parameters
+    ----------
+    nodes : (..., elements * degree + 1, 2) float
+        Positions of a beam's nodes, such as `Solution.shape` and `Modes.shape` give [m].
+    degree : int
+        Degree of its elements.
+
+    Returns
+    -------
+    (..., points, 2) float
+        Positions along the beam, including the nodes [m].
+    """
+    if degree == 1:
+        return nodes
+    values = lagrange(np.linspace(0, 1, degree + 1), np.arange(_LINES) / _LINES)
+    elements = (nodes.shape[-2] - 1) // degree
+    of_element = degree * np.arange(elements)[:, None] + np.arange(degree + 1)
+    points = values @ nodes[..., of_element, :]
+    points = points.reshape(*nodes.shape[:-2], elements * _LINES, 2)
+    return np.concatenate([points, nodes[..., -1:, :]], axis=-2)
+
+
+def apart(lines: Iterable[np.ndarray]) -> np.ndarray:
+    """Lines (n, 2) as one, with gaps between them: one line is drawn faster than many."""
+    return np.concatenate([np.empty((0, 2)), *(np.vstack([line, [_GAP]]) for line in lines)])
+
+
+_GAP = np.nan, np.nan
+
+
+@dataclass(frozen=True)
+class Drawing:
+    """A solution with magnified displacements, in the rows that a picture shows.
+
+    `Reference` is the same for a scene before it runs, with a single row.
+    """
+
+    solution: Any
+    rows: Sequence[int]
+    magnify: float = 1.0
+
+    @property
+    def scene(self):
+        """The scene; None for a solution that was read from a file."""
+        nodes = [beam.start for beam in self.solution.beams.values()]
+        return (nodes + [body.centre for body in self.solution.bodies.values()])[0].scene
+
+    # -- The window -----------------------------------------------------------------------------
+
+    @cached_property
+    def points(self) -> np.ndarray:
+        """Points (n, 2) of all members and bodies in all rows."""
+        solution, rows = self.solution, list(self.rows)
+        positions, nodes = self.positions(np.arange(len(solution.X)), rows), solution.nodes_of_beam
+        members = [axis(positions[:, nodes[name]], b.degree) for name, b in solution.beams.items()]
+        numbers = [n.number for body in solution.bodies.values() for n in body.nodes]
+        return np.concatenate([*members, self.positions(numbers, rows)], axis=1).reshape(-1, 2)
+
+    @cached_property
+    def reach(self) -> float:
+        """Larger side of what holds the points [m]."""
+        return float(np.ptp(self.points, axis=0).max()) or 1.0
+
+    @cached_property
+    def obstacles(self) -> list[tuple[np.ndarray, ...]]:
+        """Outlines of the obstacles that are near."""
+        return list(outlines(self.solution.obstacles, self.points, self.reach))
+
+    @cached_property
+    def window(self) -> tuple[np.ndarray, np.ndarray]:
+        """Lower left and upper right corner of the drawing, with a margin."""
+        fixed = [] if self.scene is None else self.scene.forces_between
+        fixed = [force.b for force in fixed if not isinstance(force.b, Node)]
+        arrows = [self.arrow(*load, k) for load in self.forces for k in self.rows]
+        lines = [line for line, *_ in self.obstacles]
+        seen = np.concatenate([self.points, np.reshape(fixed, (-1, 2)), *arrows, *lines])
+        low, high = seen.min(axis=0), seen.max(axis=0)
+        size = max(high - low) or self.reach
+        # Space for symbols; a straight member needs more beside it.
+        margin = np.maximum(0.06 * size, (0.3 * size - (high - low)) / 2)
+        return low - margin, high + margin
+
+    @cached_property
+    def size(self) -> float:
+        """Larger side of the window [m]."""
+        low, high = self.window
+        return float(max(high - low))
+
+    @cached_property
+    def thinness(self) -> float:
+        """Factor of the widths of lines and of symbols: 1, or less where members are dense."""
+        sides = np.maximum(np.ptp(self.points, axis=0), 0.1 * self.reach)
+        length = sum(beam.length for beam in self.solution.beams.values())
+        distance = np.prod(sides) / length if length else self.reach
+        return float(min(1.0, distance / (_DENSE * self.reach)))
+
+    # -- Positions and forces -------------------------------------------------------------------
+
+    @cached_property
+    def _nodes_of_elements(self) -> np.ndarray:
+        beams = self.solution.beams
+        return np.concatenate([nodes_of_elements(self.solution, name) for name in beams])
+
+    def axis(self, beam: str, rows) -> np.ndarray:
+        """Points (..., points, 2) of a beam's axis in some rows."""
+        positions = self.positions(self.solution.nodes_of_beam[beam], rows)
+        return axis(positions, self.solution.beams[beam].degree)
+
+    def pieces(self, k: int, count: int) -> np.ndarray:
+        """Ends (elements * count, 2, 2) of `count` pieces of each element of all beams."""
+        nodes = self._nodes_of_elements
+        values = lagrange(np.linspace(0, 1, nodes.shape[1]), np.arange(count + 1) / count)
+        points = values @ self.positions(nodes, k)
+        return np.stack([points[:, :-1], points[:, 1:]], axis=2).reshape(-1, 2, 2)
+
+    def positions(self, nodes, rows) -> np.ndarray:
+        """Positions (..., 2) of nodes, by their numbers, in some rows."""
+        nodes = np.asarray(nodes, dtype=int)
+        moved = self.solution.q[rows][..., nodes, :2]
+        return self.solution.X[nodes] + self.magnify * moved
+
+    def turned(self, node: Node, k: int, arrow) -> np.ndarray:
+        """A vector (2,) that rotates with a node, in row k."""
+        if node is GROUND:
+            return np.asarray(arrow)
+        psi = self.magnify * self.solution.rotation(node)[k]
+        c, s = np.cos(psi), np.sin(psi)
+        return np.array([c * arrow[0] - s * arrow[1], s * arrow[0] + c * arrow[1]])
+
+    def force(self, load: Load, node: Node, k: int) -> np.ndarray:
+        """A force (2,) on a node in row k [N]."""
+        t = self.solution.t[k]
+        force = np.asarray(load.value(0.0) * t if self.solution.stats.static else load.value(t))
+        return self.turned(node, k, force) if load.follower else force
+
+    def arrow(self, load: Load, node: Node, k: int) -> np.ndarray:
+        """Tail and tip (2, 2) of the arrow of a force in row k, with its tip at the node."""
+        tip, scale = self.positions(node.number, k), _LONGEST_FORCE * self.reach
+        return np.array(
+            [tip - scale * self.force(load, node, k) / (self.largest_force or 1.0), tip]
+        )
+
+    @cached_property
+    def forces(self) -> list[tuple[Load, Node]]:
+        """The forces on nodes, and the nodes, of a solution."""
+        loads = self.scene.loads if isinstance(self.solution, Solution) and self.scene else []
+        return [(load, load.target) for load in loads if load.kind == "force"]
+
+    @cached_property
+    def largest_force(self) -> float:
+        """The largest force in the rows that are drawn [N]."""
+        sizes = [np.hypot(*self.force(*load, k)) for load in self.forces for k in self.rows]
+        return max(sizes, default=0.0)
+
+    # -- Words ----------------------------------------------------------------------------------
+
+    def title(self) -> str:
+        """Scheme and time step, or the kind of analysis, and the factor on displacements."""
+        t, stats = self.solution.t, self.solution.stats
+        magnified = f", displacements x {self.magnify:g}" if self.magnify != 1 else ""
+        if stats.static:
+            return "equilibria" + magnified
+        if len(t) == stats.steps + 1 and np.ptp(np.diff(t)) <= 1e-6 * t[-1]:
+            factor, unit = time_unit(t[-1])
+            return rf"{stats.scheme}, $\Delta t$ = {factor * (t[1] - t[0]):g} {unit}" + magnified
+        return f"{stats.scheme}, {stats.steps} steps to {t[-1]:g} s" + magnified
+
+    def check(self) -> None:
+        """Raise an error for rows that the solution does not have."""
+        require(isinstance(self.solution, Solution), "solution", self.solution, "a Solution")
+        rows = len(self.solution.t)
+        fits = numbers(self.rows).ndim == 1 and all(is_whole(k, 0, rows - 1) for k in self.rows)
+        wanted = f"rows of the solution, such as range(0, {rows}, {max(1, rows // 10)})"
+        require(fits and len(self.rows) > 0, "steps", self.rows, wanted)
+        fits = is_number(self.magnify) and as_float(self.magnify) > 0
+        require(fits, "magnify", self.magnify, "a positive number")
+
+
+def checked_drawing(solution: Solution, steps: Sequence[int], magnify: float) -> Drawing:
+    """A drawing of some rows; ValueError for what the solution does not have."""
+    Drawing(solution, steps, magnify).check()
+    return Drawing(solution, list(steps), as_float(magnify))

@@ -1,0 +1,151 @@
+"""Mode shapes, side by side."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from matplotlib.figure import Figure
+
+from fx_beam.analyses.modal import Modes
+from fx_beam.deprecation import formerly
+from fx_beam.results.files import replacing, writable
+from fx_beam.scene.body import Body
+from fx_beam.validation import is_whole, require
+
+from .digits import three_digits
+from .drawing import Drawing
+from .plane import LARGEST
+from .supports import Supports, draw_lines
+from .symbols import draw_bodies, draw_hinges
+
+_PICTURES = "png", "pdf", "svg", "jpg"
+_MODE = "#0072B2"
+_TITLE = 0.3  # height of a panel's title [inch]
+# Rows of a vibration.
+_AT_REST, _MOVED, _LATER = range(3)
+
+
+@formerly(found="modes")
+def modes(modes: Modes, path: Path | str | None = None, count: int | None = None) -> Figure:
+    """Picture of mode shapes, side by side, over the configuration to which they belong.
+
+    Where the nodes of a mode do not move in phase, because of dampers, a dashed line is the shape a
+    quarter of the period later. Supports are drawn where they are at rest.
+
+    Parameters
+    ----------
+    modes : Modes
+        Result of `fx_beam.modes`.
+    path : str or path, optional
+        Picture to write; its ending gives the format.
+    count : int, optional
+        Number of modes to draw, from the lowest; all by default.
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+        The picture, with a panel for each mode. Their titles have its number, from 0 as in `Modes`,
+        and its frequency.
+    """
+    path = None if path is None else writable(path, _PICTURES)
+    require(isinstance(modes, Modes), "modes", modes, "what fx_beam.modes returned")
+    count = len(modes) if count is None else count
+    wanted = f"from 1 to {len(modes)}, the number of modes"
+    require(is_whole(count, 1, len(modes)), "count", count, wanted)
+    count = int(count)
+    size = 0.15 * float(np.ptp(modes.positions, axis=0).max())
+    low, high = modes.positions.min(axis=0) - 1.2 * size, modes.positions.max(axis=0) + 1.2 * size
+    columns, rows, panel = _grid(count, high - low)
+    fig = Figure((columns * panel[0], rows * (panel[1] + _TITLE)), layout="constrained")
+    panels = list(fig.subplots(rows, columns, squeeze=False).flat)
+    for ax in panels[count:]:
+        ax.remove()
+    for mode, ax in zip(range(count), panels, strict=False):
+        ax.axis("off")
+        ax.set_title(f"mode {mode}: {_kind(modes, mode)}", fontsize="small")
+        ax.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]), aspect="equal")
+        _draw(ax, Drawing(Vibration(modes, mode, size), [_AT_REST]))
+    if path is not None:
+        with replacing(path) as new:
+            fig.savefig(new, dpi=200)
+    return fig
+
+
+@dataclass(frozen=True)
+class Vibration:
+    """A mode in the form of a solution with three rows: at rest, moved, a quarter period later."""
+
+    modes: Modes
+    mode: int
+    size: float
+
+    def __getattr__(self, name: str):
+        """The beams, bodies and nodes are those of the modes."""
+        return getattr(self.modes, name)
+
+    @property
+    def X(self) -> np.ndarray:
+        """Positions (n_node, 2) at rest [m]."""
+        return self.modes.positions
+
+    @property
+    def obstacles(self) -> tuple:
+        """None."""
+        return ()
+
+    @cached_property
+    def q(self) -> np.ndarray:
+        """Displacements (3, n_node, 3), without rotations."""
+        modes, q = self.modes, np.zeros((3, len(self.X), 3))
+        parts: list[tuple[str | Body, Any]] = list(modes.nodes_of_beam.items())
+        parts += [(body, [node.number for node in body.nodes]) for body in modes.bodies.values()]
+        for part, nodes in parts:
+            for row, phase in (_MOVED, 0.0), (_LATER, np.pi / 2):
+                positions = modes.shape(part, self.mode, self.size, phase)
+                q[row, nodes, :2] = positions - self.X[nodes]
+        return q
+
+
+def _draw(ax, drawing: Drawing) -> None:
+    vibration = drawing.solution
+    of_mode = vibration.shapes[vibration.mode]
+    looks: dict[int, dict[str, Any]] = {
+        _AT_REST: {"color": "0.7", "linewidth": 1.0},
+        _MOVED: {"color": _MODE},
+    }
+    if abs(of_mode.imag).max() > 0.01 * abs(of_mode).max():
+        looks[_LATER] = {"color": _MODE, "linewidth": 1.0, "linestyle": "--"}
+    for row, look in looks.items():
+        lines = [drawing.axis(name, row) for name in vibration.nodes_of_beam]
+        draw_lines(ax, lines, **{"linewidth": 2.0 * drawing.thinness, "zorder": 2} | look)
+        if row != _LATER:
+            draw_bodies(ax, drawing, row, look["color"], small=True)
+    draw_hinges(ax, drawing, _MOVED)
+    Supports(drawing).draw(ax, _AT_REST)
+
+
+def _kind(modes: Modes, mode: int) -> str:
+    """Frequency of a mode in words."""
+    if modes.unstable[mode]:
+        return f"unstable, grows with {three_digits(modes.eigenvalues[mode].real)} 1/s"
+    ratio, frequency = modes.damping_ratios[mode], abs(modes.frequencies[mode])
+    kind = "rigid" if modes.rigid[mode] else f"{three_digits(frequency)} Hz"
+    return kind + (f", ratio {three_digits(ratio)}" if ratio else "")
+
+
+def _grid(count: int, extent: np.ndarray) -> tuple[int, int, np.ndarray]:
+    """Columns and rows of panels of this shape, and their size [inch]: large, and few are empty."""
+    best = None
+    for columns in range(1, count + 1):
+        rows = -(-count // columns)
+        room = np.array([LARGEST[0] / columns, LARGEST[1] / rows - _TITLE])
+        panel = extent * min(np.maximum(room, 0.1) / extent)
+        worth = panel[0] * panel[1] * (count / (columns * rows)) ** 2
+        if best is None or worth > best[0]:
+            best = worth, columns, rows, panel
+    assert best is not None
+    return best[1:]

@@ -1,0 +1,87 @@
+"""The plane of a picture: axes of equal scales with a colour bar, and obstacles in it."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from matplotlib.figure import Figure
+
+from fx_beam.validation import is_name, require
+
+from .drawing import Drawing
+from .supports import draw_lines
+
+#: Width and height up to which a picture is drawn [inch].
+LARGEST = 6.4, 5.6
+# Around the axes: left, below, right, above; and what a colour bar needs beside or below them.
+_BORDER, _BESIDE, _BELOW = (0.8, 0.55, 0.2, 0.4), 1.0, 0.75
+_LOW = 2.2  # height of the axes up to which the colour bar lies below them [inch]
+
+
+class Plane:
+    """Axes over the window of a drawing.
+
+    Parameters
+    ----------
+    drawing : Drawing
+        What is drawn.
+    scene_unit : str
+        Unit of length in which the scene is given, for labels.
+    bar : bool
+        Whether there is a colour bar.
+    size : (float, float), optional
+        Width and height [inch], which the axes fill; by default as large as the window asks for.
+    """
+
+    def __init__(
+        self,
+        drawing: Drawing,
+        scene_unit: str,
+        bar: bool,
+        size: tuple[float, float] | None = None,
+    ):
+        require(is_name(scene_unit), "scene_unit", scene_unit, "a text")
+        (low, high), whole = drawing.window, np.array(LARGEST if size is None else size)
+        extent = high - low
+        for below in (False, True) if bar else (False,):
+            left, bottom, right, top = _BORDER
+            right, bottom = right + _BESIDE * (bar and not below), bottom + _BELOW * below
+            room = whole - (left + right, bottom + top)
+            inner = extent * min(room / extent)
+            if below or inner[1] > _LOW:
+                break
+        if size is not None:
+            margin = (room * max(extent / room) - extent) / 2
+            low, high, inner = low - margin, high + margin, room
+        whole = inner + (left + right, bottom + top)
+        self.figure = Figure(tuple(whole))
+        corner = np.array([left, bottom])
+        self.ax: Any = self.figure.add_axes((*(corner / whole), *(inner / whole)))
+        self.ax.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]), aspect="equal")
+        self.ax.set(xlabel=f"$x$ [{scene_unit}]", ylabel=f"$y$ [{scene_unit}]")
+        self.ax.locator_params(axis="x", nbins=max(2, int(inner[0] / 0.7)))
+        self.ax.locator_params(axis="y", nbins=max(2, int(inner[1] / 0.5)))
+        #: Low and high corner of the axes.
+        self.low, self.high = low, high
+        self._bar_below = bar and below
+        start = (left, 0.5) if self._bar_below else (left + inner[0] + 0.12, bottom)
+        sides = (inner[0], 0.14) if self._bar_below else (0.14, inner[1])
+        self._of_bar = (*(np.array(start) / whole), *(np.array(sides) / whole))
+
+    def draw_bar(self, scale, label: str, **look):
+        """Draw the colour bar of a scale."""
+        cax = self.figure.add_axes(self._of_bar)
+        side = "horizontal" if self._bar_below else "vertical"
+        return self.figure.colorbar(scale, cax=cax, label=label, orientation=side, **look)
+
+
+def draw_obstacles(ax, drawing: Drawing) -> list:
+    """Draw the obstacles near the members; returns the artists."""
+    lines = [line for line, *_ in drawing.obstacles]
+    strokes = [
+        pair for _, starts, ends in drawing.obstacles for pair in np.stack([starts, ends], axis=1)
+    ]
+    look: dict[str, Any] = {"color": "0.35", "zorder": 1}
+    thick = draw_lines(ax, lines, linewidth=1.4, **look)
+    return thick + draw_lines(ax, strokes, linewidth=0.7, **look)

@@ -1,0 +1,226 @@
+"""Symbols in pictures: how many there are and where, and that nothing is cut off."""
+
+import numpy as np
+import pytest
+from scenes import FLYING
+
+import fx_beam as fb
+
+plot = pytest.importorskip("fx_beam.plot")
+Figure = pytest.importorskip("matplotlib.figure").Figure
+Image = pytest.importorskip("PIL.Image")
+drawing = pytest.importorskip("fx_beam.plot.drawing")
+digits = pytest.importorskip("fx_beam.plot.digits")
+plane = pytest.importorskip("fx_beam.plot.plane")
+Supports = pytest.importorskip("fx_beam.plot.supports").Supports
+pytestmark = pytest.mark.plot
+
+
+def crank(length=1.0):
+    """A crank on a pin, a rod on a hinge, and its end on a roller, which is driven."""
+    scene = fb.Scene()
+    arm = scene.add_beam([(0, 0), (0, length)], FLYING, 2, name="crank")
+    rod = scene.add_beam([(0, length), (2.0, 0)], FLYING, 2, name="rod")
+    scene.pin(arm.start)
+    scene.add_joint(fb.Revolute(arm.end, rod.start))
+    scene.fix(rod.end, "y")
+    scene.prescribe(rod.end, x=lambda t: -0.5 * t * t)
+    return scene, arm, rod
+
+
+def markers(ax, marker):
+    """Positions (n, 2) of the white markers of a kind."""
+    lines = [line for line in ax.lines if line.get_marker() == marker]
+    white = [line.get_xydata() for line in lines if line.get_markerfacecolor() == "white"]
+    return np.concatenate([np.empty((0, 2)), *white])
+
+
+def holds(figure):
+    """Whether all that is written lies inside the figure."""
+    box, frame = figure.get_tightbbox(), figure.bbox_inches
+    return (box.min >= frame.min - 0.01).all() and (box.max <= frame.max + 0.01).all()
+
+
+# -- Supports and joints ---------------------------------------------------------------------------
+
+
+def test_supports_are_where_their_nodes_are_in_each_row():
+    scene, arm, rod = crank()
+    solution = fb.simulate(scene, dt=0.05, t_end=1.0)
+    supports = Supports(drawing.Drawing(solution, [0, 10, 20]))
+    for k in (0, 10, 20):
+        ax = Figure().add_subplot()
+        supports.draw(ax, k)
+        nodes = [solution.position(node)[k] for node in (arm.start, rod.end)]
+        assert markers(ax, "o") == pytest.approx(np.array(nodes))
+    assert nodes[1][0] == pytest.approx(1.5)
+
+
+def test_superposed_shapes_have_each_joint_once_in_the_last_row():
+    scene, arm, rod = crank()
+    solution = fb.simulate(scene, dt=0.05, t_end=1.0)
+    found = markers(plot.shapes(solution, [0, 5, 10, 20]).axes[0], "o")
+    wanted = [solution.position(node)[20] for node in (arm.start, arm.end, rod.end)]
+    key = np.lexsort(found.T), np.lexsort(np.transpose(wanted))
+    assert found[key[0]] == pytest.approx(np.array(wanted)[key[1]])
+
+
+def test_a_clamp_is_across_a_single_member_and_along_an_axis_under_several():
+    def wall(*ends):
+        scene = fb.Scene()
+        start = (0, 0)
+        for end in ends:
+            beam = scene.add_beam([start, end], FLYING)
+            start = beam.start
+        scene.clamp(start)
+        of_scene = fb.simulate(scene, dt=0.1, t_end=0.1)
+        (strokes,) = Supports(drawing.Drawing(of_scene, [0])).symbols.values()
+        return np.diff(strokes.thick[0], axis=0)[0]
+
+    assert wall((1, 1)) @ (1, 1) == pytest.approx(0)
+    assert wall((0, 1), (1, 1.5))[1] == pytest.approx(0)  # a column with a brace
+
+
+@pytest.mark.parametrize("law", ["spring", "damper", "friction", "force"])
+@pytest.mark.parametrize("fixed", [False, True], ids=["nodes", "point"])
+def test_a_force_between_points_is_drawn_between_them_before_and_in_the_motion(law, fixed):
+    laws = {
+        "spring": fb.Spring(5.0),
+        "damper": fb.Damper(1.0),
+        "friction": fb.Friction(1.0, 0.01),
+        "force": lambda distance, rate, t: 1.0 + 0 * distance,
+    }
+    scene = fb.Scene()
+    left, right = (scene.add_beam([(x, 0), (x, 1)], FLYING) for x in (0.0, 2.0))
+    for beam in (left, right):
+        scene.pin(beam.end)
+    other = (1.0, -1.0) if fixed else right.start
+    scene.add_force_between(left.start, other, **{law: laws[law]})
+    solution = fb.simulate(scene, dt=0.05, t_end=0.5)
+    for figure, k in (plot.scene(scene), 0), (plot.shapes(solution, [0, 10]), 10):
+        a = solution.position(left.start)[k]
+        b = np.array(other) if fixed else solution.position(right.start)[k]
+        lines = [line.get_xydata() for line in figure.axes[0].lines]
+        near = [max(np.nanmin(np.hypot(*(p - q).T)) for p in (a, b)) for q in lines if len(q)]
+        assert min(near) < 1e-9, "a line has both ends"
+        low, high = np.transpose([figure.axes[0].get_xlim(), figure.axes[0].get_ylim()])
+        assert (b > low).all() and (b < high).all()
+
+
+# -- Nothing is cut off ----------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("colour", [None, "M"])
+@pytest.mark.parametrize("end", [(1, 0), (0, 1), (1, 1), (20, 1), (1, 20)], ids=str)
+def test_labels_lie_in_figures_that_fit_a_page(end, colour):
+    scene = fb.Scene(gravity=(0, -9.81))
+    beam = scene.add_beam([(0, 0), end], FLYING, 4)
+    scene.clamp(beam.start)
+    solution = fb.simulate(scene, dt=0.001, t_end=0.002)
+    figure = plot.shapes(solution, [0, 2], colour=colour)
+    assert holds(figure)
+    assert (figure.get_size_inches() <= np.add(plane.LARGEST, 1e-9)).all()
+
+
+def test_animations_of_tall_scenes_are_no_higher_than_others(tmp_path):
+    scene = fb.Scene(gravity=(0, -9.81))
+    beam = scene.add_beam([(0, 0), (0, 20)], FLYING, 4)
+    scene.clamp(beam.start)
+    plot.animate(fb.simulate(scene, dt=0.01, t_end=0.02), [0, 1, 2], tmp_path / "tall.gif")
+    with Image.open(tmp_path / "tall.gif") as film:
+        assert film.size[1] <= 100 * plane.LARGEST[1]
+
+
+def test_obstacles_near_the_motion_are_whole():
+    scene = fb.Scene(gravity=(0, -9.81))
+    beam = scene.add_beam([(-0.5, 0.8), (0.5, 0.8)], FLYING, 4)
+    ball = fb.Circle((0, 0), 0.7)
+    scene.add_obstacle(beam, ball, 1e3)
+    ax = plot.shapes(fb.simulate(scene, dt=0.01, t_end=0.05), [0, 5]).axes[0]
+    for low, high in (ax.get_xlim(), ax.get_ylim()):
+        assert low < -0.7 and high > 0.7
+
+
+def test_arrows_of_forces_are_in_the_window():
+    scene = fb.Scene()
+    beam = scene.add_beam([(0, 0), (1, 0)], FLYING, 4)
+    scene.clamp(beam.start)
+    scene.add_force(beam.end, (-5.0, 0))
+    (arrow,) = (
+        of
+        for of in plot.shapes(fb.static(scene, steps=1), [1]).axes[0].collections
+        if hasattr(of, "U")
+    )
+    tail, right = arrow.X[0], arrow.axes.get_xlim()[1]
+    assert 1.1 < tail < right
+
+
+# -- Modes -----------------------------------------------------------------------------------------
+
+
+def test_modes_have_supports_at_rest_equal_panels_and_the_numbers_of_modes():
+    scene = fb.Scene()
+    column = scene.add_beam([(0, 0), (0, 3)], FLYING, 4)
+    beam = scene.add_beam([column.end, (4, 3)], FLYING, 4)
+    other = scene.add_beam([(4, 3), (4, 0)], FLYING, 4)
+    scene.add_joint(fb.Revolute(beam.end, other.start))
+    scene.clamp(column.start)
+    scene.pin(other.end)
+    found = fb.modes(scene, n=7)
+    figure = plot.modes(found)
+    figure.canvas.draw()
+    assert len(figure.axes) == 7
+    for mode, ax in enumerate(figure.axes):
+        assert ax.get_title().startswith(f"mode {mode}: ")
+        rings = markers(ax, "o")
+        assert abs(rings - (4, 0)).max(axis=1).min() == 0  # the pin
+        moved = found.shape(other, mode, 0.15 * 4)[0]
+        assert abs(rings - moved).max(axis=1).min() < 1e-12  # the hinge
+    sizes = [ax.get_window_extent().size for ax in figure.axes]
+    assert np.ptp(sizes, axis=0) == pytest.approx([0, 0], abs=1)
+    assert holds(figure)
+
+
+@pytest.mark.parametrize(("count", "columns"), [(1, 1), (2, 2), (4, 2), (6, 3)])
+def test_panels_of_modes_are_a_full_grid(count, columns):
+    scene = fb.Scene()
+    arch = scene.add_beam([(0, 0), (0, 2), (2, 2), (2, 0)], FLYING, 12)
+    scene.clamp(arch.start)
+    figure = plot.modes(fb.modes(scene, n=6), count=count)
+    grid = figure.axes[0].get_gridspec()
+    assert grid.ncols == columns and grid.nrows * grid.ncols == count
+
+
+# -- Numbers ---------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("value", "text"),
+    [
+        (0.0598561, "0.0599"),
+        (9.80665, "9.81"),
+        (-2.5, "-2.5"),
+        (1234.0, "1234"),
+        (999.9, "1000"),
+        (45678.9, "45679"),
+        (2.1e11, "2.1e+11"),
+        (0.0, "0"),
+    ],
+)
+def test_numbers_have_three_digits_or_all_before_the_point(value, text):
+    assert digits.three_digits(value) == text
+
+
+@pytest.mark.parametrize("dt", [1e-6, 2.5e-5, 0.005, 0.3, 2.0])
+def test_times_of_rows_are_told_apart(dt):
+    times = digits.clock((dt * np.arange(50)).tolist())
+    assert len(set(times)) == 50
+    assert len({len(time.partition(".")[2]) for time in times}) == 1
+
+
+def test_dimensions_and_loads_of_a_drawing_have_three_digits():
+    scene = fb.Scene(gravity=(0, -9.80665))
+    beam = scene.add_beam([(0, 0), (0.0598561, 0)], FLYING)
+    scene.add_force(beam.end, (0, -1.0 / 3))
+    texts = {text.get_text() for text in plot.scene(scene, dimensions=True).axes[0].texts}
+    assert {"0.0599", "F = 0.333 N", "g = 9.81 m/s$^2$"} <= texts
