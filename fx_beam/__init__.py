@@ -18,6 +18,7 @@ from .analyses.linear_system import LinearSystem, linearise
 from .analyses.modal import Modes, modes
 from .analyses.motion import Motion
 from .analyses.rayleigh import rayleigh
+from .analyses.response import Response
 from .analyses.snapshot import Snapshot
 from .analyses.statics import static
 from .analyses.sweep import sweep
@@ -106,6 +107,7 @@ __all__ = [
     "PinInSlot",
     "Prismatic",
     "Record",
+    "Response",
     "Resultants",
     "Revolute",
     "Rigid",

@@ -48,6 +48,7 @@ HOUSE = {
         "geometry",
         "body",
         "scene",
+        "structure",
     ],
     "mechanics": [
         "interval",
@@ -181,7 +182,9 @@ HOUSE = {
         "progress",
         "mpi_ranks",
         "run_setup",
+        "kept_setup",
         "dynamics",
+        "response",
         "fitted_state",
         "measurement",
         "snapshot",

@@ -29,9 +29,10 @@ from fx_beam.stepping.tolerance import Tolerance
 from fx_beam.validation import as_float, is_flag, is_number, require
 
 from .evaluation import solution_of
+from .kept_setup import kept_setup
 from .mpi_ranks import warn_of_equal_work
 from .progress import attach, failure_of, keeping_steps, progress_bar
-from .run_setup import MOST_STEPS, RunSetup, check_options, checked_scheme, end_of
+from .run_setup import MOST_STEPS, check_options, checked_scheme, end_of
 
 _log = logging.getLogger("fx_beam")
 
@@ -174,13 +175,14 @@ def simulate(
     warn_of_equal_work()
     clock = time.perf_counter()
     halving = Halving(max_halvings, dt if control is None else None)
-    setup = RunSetup(scene, scheme, newton, halving, solver)
+    kept = kept_setup()
+    setup = kept.of(scene, scheme, newton, halving, solver)
     stats, stepper, counter = setup.stats, setup.stepper, setup.turn_counter
     recorder = Recorder(setup.model, times, record or Record())
     rows_at = None if record is None or record.times is None else np.array(record.times, float)
     first = float(times[1] - times[0]) if control is None else control.first
     recorder.record(0, setup.first_state(first, start, steady=control is None))
-    stats.setup_seconds = time.perf_counter() - clock
+    stats.setup_seconds, stats.setup_reason = time.perf_counter() - clock, kept.reason
     if control is not None and order_and_constant(scheme)[0] > 2 and setup.model.loses_at_impacts:
         _log.warning(_IMPACTS, stats.scheme)
 
@@ -192,7 +194,9 @@ def simulate(
             past=stepper.integrator.past,
             inputs=values_at(named, inputs, recorder.end.t),
         )
-        return solution_of(setup.model, recorder, stats, end, rows_at, [*breaks, *events])
+        solution = solution_of(setup.model, recorder, stats, end, rows_at, [*breaks, *events])
+        kept.keep(setup, solution)
+        return solution
 
     clock, events = time.perf_counter(), list[float]()
     try:

@@ -42,20 +42,39 @@ class RunSetup:
         halving: Halving,
         solver: str,
     ):
-        self.model = model = Model(scene, scheme)
+        self.model = Model(scene, scheme)
+        self._options, self._solver = newton or NewtonOptions(), solver
+        self._begin(halving, None)
+
+    def _begin(self, halving: Halving, loop: CompiledLoop | None) -> None:
+        """Begin a run: a loop that there is already serves it as well."""
+        model, scheme, options = self.model, self.model.scheme, self._options
         self.stats = Stats(
             scheme=scheme.name,
             level=scheme.rates.level,
-            solver="petsc lu" if solver == "petsc" else "Python, sparse lu",
+            solver="petsc lu" if self._solver == "petsc" else "Python, sparse lu",
             unknowns=len(model.reduction.independent),
             compiled=model.compiled,
             assembled=model.assembled,
         )
-        options = newton or NewtonOptions()
         self.forcing = Forcing(model)
         python = PythonLoop(model, self.forcing, options, self.stats)
-        self.stepper = Stepper(_integrator_of(solver, python, options), python, halving)
+        if loop is None:
+            integrator = _integrator_of(self._solver, python, options)
+        else:
+            integrator = loop
+            loop.refill(python)
+        self.stepper = Stepper(integrator, python, halving)
         self.turn_counter = TurnCounter(model)
+
+    def refill(self, scene: Scene, halving: Halving) -> None:
+        """Set all numbers to those of another scene, as if it were set up anew.
+
+        OtherStructureError if the scene differs in more; the set-up is useless then.
+        """
+        self.model.refill(scene)
+        loop = self.stepper.integrator
+        self._begin(halving, loop if isinstance(loop, CompiledLoop) else None)
 
     def first_state(self, dt: float, start: Solution | None, steady: bool = True) -> State:
         """Initial state of a motion, in the numbering of the model.

@@ -25,9 +25,11 @@ from fx_beam.errors import SceneError, StepError
 from fx_beam.fem import mpi
 from fx_beam.validation import is_whole, shown
 
+from .kept_setup import KeptSetup, keeping_setup
 from .progress import without_bars
 
 _log = logging.getLogger("fx_beam")
+_THREAD = threading.local()
 # One thread a worker, whatever BLAS there is; read when numpy is imported.
 _ONE_THREAD = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"), "1")
 # Largest number of processes.
@@ -58,7 +60,7 @@ def call(function: Callable, item: Any) -> Outcome:
     clock = perf_counter()
     value, error = None, ""
     try:
-        with without_bars():
+        with without_bars(), keeping_setup(_kept_here()):
             value = function(item)
     except Exception as raised:
         error = _sentence(raised)
@@ -93,8 +95,18 @@ def run(function: Callable, items: Sequence, executor: Executor | int | None) ->
     return _on_executor(executor, function, items)
 
 
+def _kept_here() -> KeptSetup:
+    """The set-up of the last motion of this thread."""
+    if not hasattr(_THREAD, "kept"):
+        _THREAD.kept = KeptSetup()
+    return _THREAD.kept
+
+
 def _here(function: Callable, items: Sequence) -> Outcomes:
-    yield from ((index, call(function, item)) for index, item in enumerate(items))
+    try:
+        yield from ((index, call(function, item)) for index, item in enumerate(items))
+    finally:
+        vars(_THREAD).clear()
 
 
 def _no_locks() -> str:

@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 
 from fx_beam.fem import dolfinx_api, ffcx_api
+from fx_beam.fem.dolfinx_api import CompiledForm
 from fx_beam.fem.forms import Forms
 
 from .build import load_batches
@@ -54,6 +55,19 @@ class FormTables:
             self._rows["internal"] = np.arange(len(dofs) * inside).reshape(-1, inside), None
         #: Data of cells by cells, since forms have them in common.
         self._shared: dict[bytes, dict[str, np.ndarray]] = {}
+        #: Numbers of the scene, which C reads here: coordinates with their cells, and of each form
+        #: coefficients of its integrals and constants.
+        self._coordinates: list[tuple[np.ndarray, np.ndarray]] = []
+        self._packed: list[tuple[Any, CompiledForm, dict[int, np.ndarray], np.ndarray]] = []
+
+    def refill(self, coordinates: np.ndarray) -> None:
+        """Set the numbers to those that the forms have now."""
+        for cells, blocks in self._coordinates:
+            blocks[...] = self._blocks(coordinates[cells])
+        for form, compiled, by_tag, constants in self._packed:
+            for tag, rows in dolfinx_api.packed_coefficients(form, compiled).items():
+                by_tag[tag][...] = self._blocks(rows)
+            constants[...] = dolfinx_api.packed_constants(form, compiled, ())[0]
 
     def all(self) -> dict[str, dict]:
         """The forms of the model by their names in C."""
@@ -84,12 +98,13 @@ class FormTables:
         moving = sorted(dolfinx_api.coefficient_offsets(form, fields))
         sought = forms.fields.time, forms.fields.dt, forms.fields.memory
         constants, offsets = dolfinx_api.packed_constants(form, compiled, sought)
+        blocks = {tag: self._blocks(rows) for tag, rows in packed.items()}
+        self._packed.append((form, compiled, blocks, constants))
         return {
             "integrals": len(tags),
             "width": width,
             "of": [
-                {"batch": batch, "cells": len(own), "packed": self._blocks(packed[tag])}
-                | self._data_of(own)
+                {"batch": batch, "cells": len(own), "packed": blocks[tag]} | self._data_of(own)
                 for tag, batch, own in zip(tags, batches, cells, strict=True)
             ],
             "moving": len(moving),
@@ -110,6 +125,7 @@ class FormTables:
         if key in self._shared:
             return self._shared[key]
         data = {name: self._blocks(rows[cells], at) for name, (rows, at) in self._rows.items()}
+        self._coordinates.append((cells, data["coordinates"]))
         if self._problem.chain:
             rows = rows_of_nodes(stored_at, behind, self._lanes)
             data |= rows._asdict() | {"run": self._blocks(rows.run, behind)}

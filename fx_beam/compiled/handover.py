@@ -16,6 +16,7 @@ from fx_beam.algebra.lu_layout import COSTS, factors_of
 from fx_beam.c_library import declarations
 from fx_beam.coupling.index_reduction import Tables, TieTables
 from fx_beam.coupling.joint_reduction import JointReduction
+from fx_beam.fem import dolfinx_api
 from fx_beam.mechanics.rates import MidPointRates, NewmarkRates
 from fx_beam.model.joint_forces import JointForces, Passing
 from fx_beam.model.model import Model
@@ -61,8 +62,13 @@ class Problem:
         if joint_forces is not None:
             self._hand_over_joint_forces(joint_forces)
         self._hand_over_tolerances(options)
+        #: Members that are numbers of the scene, which C reads here.
+        self._own = {name: np.array(values, float) for name, values in self._numbers().items()}
+        self._set(**self._own)
         self._allocate()
         self._structs.check(self.c)
+        #: The struct before any run.
+        self._fresh = bytes(self.ffi.buffer(self.c))
 
     def _set(self, **values: Any) -> None:
         self._structs.set(self.c, **values)
@@ -96,29 +102,48 @@ class Problem:
             mass_start=np.concatenate([[0], np.cumsum(heavy)])[mass.indptr],
             mass_column=mass.indices[heavy],
             mass_stored_at=stored_at[heavy],
-            mass=mass.data[heavy],
             turning_masses=np.count_nonzero(turning),
             turning_column=mass.indices[turning],
             turning_stored_at=stored_at[turning],
-            turning_mass=mass.data[turning],
             node_dofs=mesh.dofs,
-            position=mesh.X,
-            per_unit=1 / model.unit,
-            per_displacement=np.where(turns, 0, 1 / model.unit),
             loads=columns.shape[1],
             load_start=columns.indptr,
             load_dof=columns.indices,
-            load_force=columns.data,
         )
+        self._heavy, self._turning, self._turns = heavy, turning, turns
         if p.cell_internal:
             width = model.forms.internal_shape[-1]
             self._set(per_weight=np.repeat(1 / model.forms.point_weights, width))
-        tables = FormTables(
+        self._tables = FormTables(
             model.forms, dofs, coordinates, stored_at[entries], p, self.library.LANES
         )
-        self._set(**tables.all())
-        if model.weight is not None:
-            self._set(weight=model.weight)
+        self._set(**self._tables.all())
+
+    def _numbers(self) -> dict[str, np.ndarray]:
+        """The members that are numbers of the scene, besides those of forms and points."""
+        model, joints = self.model, self.model.reduction.joint_tables()
+        found = {
+            "mass": model.mass.data[self._heavy],
+            "turning_mass": model.mass.data[self._turning],
+            "position": model.mesh.X,
+            "per_unit": 1 / model.unit,
+            "per_displacement": np.where(self._turns, 0, 1 / model.unit),
+            "load_force": model.loads.columns.data,
+            "offset": joints["offset"],
+            "axis": joints["axis"],
+        }
+        return found if model.weight is None else {**found, "weight": model.weight}
+
+    def refill(self) -> None:
+        """Set all numbers to those that the model has now, and all else to that before a run."""
+        for name, values in self._numbers().items():
+            self._own[name][...] = values
+        for i, row in enumerate(self._slide_rates()):
+            self._structs.set(self.c.rated_slide[i], axis=row["axis"], offset=row["offset"])
+        if self.model.mesh.mesh is not None:
+            self._tables.refill(dolfinx_api.element_coordinates(self.model.mesh.mesh))
+        self.ffi.memmove(self.c, self._fresh, len(self._fresh))
+        self._clear()
 
     def _hand_over_points(self, stored_at: np.ndarray) -> None:
         model, points = self.model, self.model.points
@@ -193,8 +218,6 @@ class Problem:
             guide=t.joints["guide"],
             slide_column=t.joints["slide_column"],
             slide_of=t.joints["number"],
-            offset=t.joints["offset"],
-            axis=t.joints["axis"],
             joint_sign=t.joints["sign"],
             followers=len(t.followers["through"]),
             follower=t.followers["dof"],
@@ -331,7 +354,7 @@ class Problem:
         self._set(**self.state_arrays)
         names = "error_ages", "error_past", "error_highest"
         self._set(**dict(zip(names, of_errors, strict=True)))
-        ages[:] = of_errors[0][:] = 1.0
+        self._memory, self._ages = memory, (ages, of_errors[0])
         #: Past of the predictor: ages, divided differences of nodes (size,) and unknowns (free,).
         self.past = ages, *(d.reshape(known, -1) for d in (differences, differences_y))
         #: First configuration with inverted sections.
@@ -342,3 +365,10 @@ class Problem:
         self._set(inverted_q=self.inverted_q, switches=switches, sides=self.sides)
         self._set(ages=self.past[0], past=self.past[1], past_y=self.past[2])
         self._set(scratch=aligned(np.zeros(self.library.fx_scratch(self.c))))
+        self._clear()
+
+    def _clear(self) -> None:
+        """Forget the last run."""
+        self._memory[:] = 0.0
+        for ages in self._ages:
+            ages[:] = 1.0

@@ -23,8 +23,7 @@ class CompiledLoop:
     """Tries many steps at once; like `PythonLoop`, which has the same model."""
 
     def __init__(self, python: PythonLoop, options: NewtonOptions):
-        self.model, self.forcing, self.stats = python.model, python.forcing, python.stats
-        self._inversion = python.inversion
+        self.model = python.model
         #: Owns the arrays to which C points.
         self.problem = problem = Problem(self.model, python.single.joint_forces, options)
         self._ffi, self._library = problem.ffi, problem.library
@@ -44,10 +43,19 @@ class CompiledLoop:
         self._sources |= {"before_internal": problem.c.internal, "earlier_q": problem.c.before}
         #: Rows by the records to which they belong.
         self._rows_of: weakref.WeakKeyDictionary = weakref.WeakKeyDictionary()
-        problem.c.least_energy = python.inversion.least_energy
         C = problem.library
         self._no_failures = C.OK, C.SWITCHED, C.TOO_INACCURATE
-        self.stats.solver = f"compiled, {problem.factors}"
+        self._begin(python)
+
+    def _begin(self, python: PythonLoop) -> None:
+        self.forcing, self.stats, self._inversion = python.forcing, python.stats, python.inversion
+        self.problem.c.least_energy = python.inversion.least_energy
+        self.stats.solver = f"compiled, {self.problem.factors}"
+
+    def refill(self, python: PythonLoop) -> None:
+        """Begin another run, with the numbers that the model has now."""
+        self.problem.refill()
+        self._begin(python)
 
     @property
     def past(self) -> Past:

@@ -136,6 +136,9 @@ class Reduction(Protocol):
     def tables(self) -> Tables:
         """The coupling as lists of numbers, for the compiled loop."""
 
+    def joint_tables(self) -> dict:
+        """`Tables.joints`."""
+
     def fill(self, values: np.ndarray, r: np.ndarray, out: np.ndarray) -> None:
         """Compute the reduced tangent `out` from the full one (values) and the nodal forces r."""
 
@@ -242,9 +245,21 @@ class IndexReduction(WithoutLoops):
         """Sums over equal degrees of freedom."""
         self._entries.of(values, out)
 
+    def joint_tables(self):
+        """None depends on the motion."""
+        none, pairs = np.empty(0, int), np.empty((0, 2))
+        return {
+            "offset": pairs,
+            "axis": pairs,
+            "sign": pairs,
+            "guide": none,
+            "slide_column": none,
+            "number": none,
+        }
+
     def tables(self):
         """Columns, and sums of entries."""
-        none, pairs = np.empty(0, int), np.empty((0, 2))
+        none = np.empty(0, int)
         size = len(self._column)
         to, source = self._entries.pairs()
         return Tables(
@@ -254,14 +269,7 @@ class IndexReduction(WithoutLoops):
                 "value": np.zeros(size, int),
                 "sign": np.ones(size),
             },
-            joints={
-                "offset": pairs,
-                "axis": pairs,
-                "sign": pairs,
-                "guide": none,
-                "slide_column": none,
-                "number": none,
-            },
+            joints=self.joint_tables(),
             followers={"dof": none, "through": none},
             direct={"to": to, "source": source},
             coupled={"to": none, "source": none, "virtual": none, "value": none, "sign": none},

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 import scipy.sparse
 
 from fx_beam.content_cache import cached_by_content
 from fx_beam.fem.point_forces import PointForces
 from fx_beam.mechanics.rates import UpdateRule
+from fx_beam.scene.joints import Joint
 
 from .graph import Couplings
 from .index_reduction import Tables, WithoutLoops, sparsity
@@ -62,11 +65,7 @@ class JointReduction(WithoutLoops):
 
     def _build_joints(self, couplings: Couplings) -> None:
         moving = couplings.moving
-        self._moving = moving
-        self._offset = np.array([joint.offset for joint in moving]).reshape(-1, 2)
-        self._axis = np.array(
-            [(0.0, 0.0) if joint.axis is None else joint.axis for joint in moving]
-        ).reshape(-1, 2)
+        self.set_arms(moving)
         #: Signs in x and y.
         self._joint_sign = couplings.sign[:2, [joint.number for joint in moving]].T
         #: Rotation of the guide; -1 for the ground.
@@ -78,6 +77,14 @@ class JointReduction(WithoutLoops):
         pairs = [(dof, arm) for dof, arms in couplings.arms.items() for arm in arms]
         self._below, self._through = np.array(pairs, dtype=int).reshape(-1, 2).T
         self._values, self._virtual_map = (np.ones(1 + 4 * len(moving)) for _ in range(2))
+
+    def set_arms(self, moving: Sequence[Joint]) -> None:
+        """Set the joints that move, in the same order: their offsets and axes."""
+        self._moving = moving
+        self._offset = np.array([joint.offset for joint in moving]).reshape(-1, 2)
+        self._axis = np.array(
+            [(0.0, 0.0) if joint.axis is None else joint.axis for joint in moving]
+        ).reshape(-1, 2)
 
     def _build_products(self, couplings: Couplings, matrix, used: np.ndarray) -> None:
         """Positions of all products Tv[i, a] K[i, j] T[j, b] in the reduced tangent."""
@@ -148,6 +155,17 @@ class JointReduction(WithoutLoops):
         """Positions of the entries of `factored` with open loops in that with closed ones."""
         return np.arange(len(self.factored[1]))
 
+    def joint_tables(self):
+        """Joints that depend on the motion."""
+        return {
+            "offset": self._offset,
+            "axis": self._axis,
+            "sign": self._joint_sign,
+            "guide": self._guide,
+            "slide_column": self._slide,
+            "number": np.array([joint.number for joint in self._moving], dtype=int),
+        }
+
     def tables(self):
         """Entries, joints and products."""
         to, source, virtual, value, sign = self._coupled
@@ -159,14 +177,7 @@ class JointReduction(WithoutLoops):
                 "value": self._value_at,
                 "sign": self._sign,
             },
-            joints={
-                "offset": self._offset,
-                "axis": self._axis,
-                "sign": self._joint_sign,
-                "guide": self._guide,
-                "slide_column": self._slide,
-                "number": np.array([joint.number for joint in self._moving], dtype=int),
-            },
+            joints=self.joint_tables(),
             followers={"dof": self._below, "through": self._through},
             direct={"to": self._direct[0], "source": self._direct[1]},
             coupled={"to": to, "source": source, "virtual": virtual, "value": value, "sign": sign},

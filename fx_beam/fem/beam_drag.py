@@ -21,7 +21,7 @@ from . import dolfinx_api
 from .dolfinx_api import CompiledForm
 from .fields import Fields
 from .mesh import Mesh
-from .section_fields import Data, DataShape, cell_data
+from .section_fields import Data, DataShape, FilledField, cell_data
 
 
 class DragForms:
@@ -33,7 +33,7 @@ class DragForms:
     def __init__(
         self, scene: Scene, drags: Sequence[Drag], mesh: Mesh, scheme: Scheme, fields: Fields
     ):
-        data = _coefficients(scene, drags, mesh)
+        data = coefficients(scene, drags, mesh)
         if "rotation" in data and isinstance(scheme.rates, MidPointRates):
             fields = fields.with_nodal_rotations
         self.fields = fields
@@ -41,8 +41,9 @@ class DragForms:
         shapes = tuple((name, part.shape) for name, part in data.items())
         #: Forms of force, tangent and loss.
         self.compiled, at = compiling(fields, scheme.rates, shapes)
-        #: Coefficients by their symbols in UFL.
-        self.data = {at[name]: part.on(mesh) for name, part in data.items()}
+        #: Coefficients by name, and by their symbols in UFL.
+        self.coefficients = {name: FilledField(part, mesh) for name, part in data.items()}
+        self.data = {at[name]: part.on_mesh for name, part in self.coefficients.items()}
 
 
 class BeamDrag:
@@ -76,7 +77,7 @@ class BeamDrag:
         return dolfinx_api.assemble_scalar(self._loss)
 
 
-def _coefficients(scene: Scene, drags: Sequence[Drag], mesh: Mesh) -> dict[str, Data]:
+def coefficients(scene: Scene, drags: Sequence[Drag], mesh: Mesh) -> dict[str, Data]:
     """Coefficients of `drag_work` on all beams, those that there are."""
     rows: dict[str, np.ndarray] = {}
     for drag in drags:

@@ -14,6 +14,7 @@ import scipy.sparse
 from fx_beam.scene.beam import Beam, arc_lengths
 from fx_beam.scene.loads import Load, label
 from fx_beam.scene.scene import Scene
+from fx_beam.scene.structure import OtherStructureError
 from fx_beam.validation import Constant, evaluate, series, vector
 
 from . import dolfinx_api
@@ -28,7 +29,12 @@ class Loads:
     """Nodal vector of all dead loads, F(t) = sum of constant columns times functions of time."""
 
     def __init__(self, scene: Scene, mesh: Mesh, forms: Forms):
-        self._scene, self._mesh, self._forms = scene, mesh, forms
+        self._mesh, self._forms = mesh, forms
+        #: Nodal forces of unit components of each load, as a matrix (size, n).
+        self.columns = self._read(scene)
+
+    def _read(self, scene: Scene) -> scipy.sparse.csc_matrix:
+        self._scene = scene
         self._loads = [load for load in scene.loads if not load.follower]
         #: Degrees of freedom and nodal forces of a unit of each component of each load.
         dofs, forces = [np.empty(0, dtype=int)], [np.empty(0)]
@@ -39,15 +45,25 @@ class Loads:
                 dofs += own
                 forces += [column[at] for column, at in zip(columns, own, strict=True)]
             else:
-                at = mesh.dofs[load.target.number][
+                at = self._mesh.dofs[load.target.number][
                     slice(2) if load.kind == "force" else slice(2, 3)
                 ]
                 dofs += list(at[:, None])
                 forces += [np.ones(1)] * len(at)
         starts = np.cumsum([len(part) for part in dofs])
         parts = np.concatenate(forces), np.concatenate(dofs), starts
-        #: The same as a matrix (size, n).
-        self.columns = scipy.sparse.csc_matrix(parts, (mesh.dofs.size, len(dofs) - 1))
+        return scipy.sparse.csc_matrix(parts, (self._mesh.dofs.size, len(dofs) - 1))
+
+    def refill(self, scene: Scene) -> None:
+        """Set the loads to those of a scene of the same structure, whose mesh is set.
+
+        OtherStructureError if they act on other degrees of freedom.
+        """
+        columns = self._read(scene)
+        for name in ("indptr", "indices"):
+            if not np.array_equal(getattr(columns, name), getattr(self.columns, name)):
+                raise OtherStructureError("loads act on other degrees of freedom")
+        self.columns = columns
 
     def _line_load(self, beam: Beam, along: Callable | None) -> np.ndarray:
         """Nodal forces (2, size) of a unit line load along x and y, or (1, size) of one along s."""

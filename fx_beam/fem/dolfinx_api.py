@@ -111,9 +111,14 @@ def dofs_of_cells(space) -> np.ndarray:
 def at_gauss_points(mesh, values: np.ndarray):
     """Function with values (cells, points, components) or (cells, points) at the Gauss points."""
     field = function(gauss_space(mesh, *values.shape[1:]))
+    set_at_gauss_points(field, values)
+    return field
+
+
+def set_at_gauss_points(field, values: np.ndarray) -> None:
+    """Set the values (cells, points, ...) of such a function."""
     nodal = field.x.array.reshape(-1, *values.shape[2:])
     nodal[element_dofs(field.function_space)] = values
-    return field
 
 
 def constant(mesh, value):

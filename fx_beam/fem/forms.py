@@ -9,16 +9,17 @@ import numpy as np
 import scipy.sparse
 
 from fx_beam.mechanics.interval import Interval
+from fx_beam.scene.beam import Beam
 from fx_beam.scene.loads import Drag
 from fx_beam.scene.scene import Scene
 
 from . import dolfinx_api, interval_mesh
-from .beam_drag import BeamDrag, DragForms
+from .beam_drag import BeamDrag, DragForms, coefficients
 from .dolfinx_api import CompiledForm
 from .fields import Fields, fields_of
 from .free_nodes import with_blocks
 from .nodal_forms import NodalForms
-from .section_fields import Data, distinct, on_beam, section_data
+from .section_fields import Data, FilledField, distinct, on_beam, refill, section_data
 from .weak_form import Material, WeakForm, inverted_sections, weak_form
 
 
@@ -40,6 +41,10 @@ class Part(NamedTuple):
 
 class Forms(NodalForms):
     """Internal forces, tangent and energies of the beams of a scene, and forces at its nodes."""
+
+    time: Any
+    dt: Any
+    memory: Any
 
     # -- Construction ---------------------------------------------------------------------------
 
@@ -67,14 +72,11 @@ class Forms(NodalForms):
     def _fields(self, damps: bool) -> dict[Any, Any]:
         """Constants and functions in the place of UFL's fields, for drag if it `damps`."""
         mesh, space, fields = self._mesh.mesh, self._mesh.space, self.fields
-        self.time, self.dt, self.load_factor = (
-            dolfinx_api.constant(mesh, value) for value in (0.0, 1.0, 1.0)
-        )
-        self.memory = dolfinx_api.constant(mesh, 0.0)
-        data = {fields.time: self.time, fields.dt: self.dt, fields.load_factor: self.load_factor}
-        data[fields.memory] = self.memory
-        self.load_increment = dolfinx_api.constant(mesh, 0.0)
-        data[fields.load_increment] = self.load_increment
+        names = "time", "dt", "load_factor", "memory", "load_increment"
+        for name in names:
+            setattr(self, name, dolfinx_api.constant(mesh, 0.0))
+        self._reset_constants()
+        data = {getattr(fields, name): getattr(self, name) for name in names}
         if self._weak.internal is not None:
             gauss_space = interval_mesh.gauss_space(mesh, fields.degree, self._weak.width)
             data[self._weak.internal] = dolfinx_api.function(gauss_space)
@@ -83,6 +85,10 @@ class Forms(NodalForms):
         #: Space of the increment and of the virtual displacements and rotations.
         self._space, unknowns = self._unknowns(fields)
         return data | unknowns
+
+    def _reset_constants(self) -> None:
+        self.time.value = self.memory.value = self.load_increment.value = 0.0
+        self.dt.value = self.load_factor.value = 1.0
 
     def _unknowns(self, fields: Fields) -> tuple[Any, dict[Any, Any]]:
         """Space of the increment, and the increment in the place of UFL's."""
@@ -98,6 +104,8 @@ class Forms(NodalForms):
         space, unknowns = self._unknowns(plan.fields)
         data = self._data | unknowns | plan.data
         forms = [self._bound(form, space, data) for form in plan.compiled]
+        #: Coefficients of the drag on beams by name.
+        self.of_drag = plan.coefficients
         return BeamDrag(self._mesh.mesh, unknowns[plan.fields.increment], *forms)
 
     def _weak_form(self, scene: Scene) -> WeakForm:
@@ -112,12 +120,7 @@ class Forms(NodalForms):
         kinds = [materials.index(material) for material in of_beams]
         #: Subdomain of each cell, the number of its material.
         self._tags = np.array(kinds)[mesh.beam_of_cell]
-        stiffness = None
-        if (None, None) in materials:
-            stiffness = section_data(mesh, scene, ("EA", "GA", "EI"), degree)
-        times = None
-        if any(section.damped for section in distinct(sections)) and not self._scheme.rates.at_rest:
-            times = section_data(mesh, scene, ("retardation",), degree)
+        data = self._section_data(scene)
         everywhere = Data(0, np.array(1.0))
         inside = [
             everywhere if work.beam is None else on_beam(mesh, scene, work.beam)
@@ -127,18 +130,39 @@ class Forms(NodalForms):
             fields_of(degree, mesh.curved),
             self._scheme,
             materials,
-            stiffness and stiffness.shape,
-            times and times.shape,
-            [(work, data.shape) for work, data in zip(scene.virtual_works, inside, strict=True)],
+            data["stiffness"].shape if "stiffness" in data else None,
+            data["times"].shape if "times" in data else None,
+            [(work, on.shape) for work, on in zip(scene.virtual_works, inside, strict=True)],
         )
         self._data: dict[Any, Any] = {
             symbol: data.on(mesh) for symbol, data in zip(weak.indicators, inside, strict=True)
         }
-        if stiffness is not None:
-            self._data[weak.stiffness] = stiffness.on(mesh)
-        if times is not None:
-            self._data[weak.times] = times.on(mesh)
+        #: Data of the sections by name.
+        self.of_sections = {name: FilledField(own, mesh) for name, own in data.items()}
+        self._data |= {getattr(weak, name): f.on_mesh for name, f in self.of_sections.items()}
         return weak
+
+    def _section_data(self, scene: Scene) -> dict[str, Data]:
+        """Stiffnesses of the quadratic law, and retardation times, if there are any."""
+        mesh, degree, data = self._mesh, scene.beams[0].degree, {}
+        sections = distinct(beam.section for beam in scene.beams)
+        if any(section.strain_energy is None for section in sections):
+            data["stiffness"] = section_data(mesh, scene, ("EA", "GA", "EI"), degree)
+        if any(section.damped for section in sections) and not self._scheme.rates.at_rest:
+            data["times"] = section_data(mesh, scene, ("retardation",), degree)
+        return data
+
+    def refill(self, scene: Scene) -> None:
+        """Set all numbers to those of a scene of the same structure, whose mesh is set."""
+        super().refill(scene)
+        for field in self.moving:
+            if field is not None:
+                field.x.array[:] = 0.0
+        self._reset_constants()
+        refill(self.of_sections, self._section_data(scene))
+        drags = [drag for drag in scene.drags if isinstance(drag.target, Beam)]
+        if self.beam_drag is not None:
+            refill(self.of_drag, coefficients(scene, drags, self._mesh))
 
     def _bind(self, compiled: CompiledForm):
         """Bind a form of a step's fields."""

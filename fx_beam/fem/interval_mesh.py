@@ -89,9 +89,14 @@ class IntervalMesh(dolfinx.mesh.Mesh):
         """
         own = self.of_cpp
         other = type(own)(MPI.COMM_SELF, own.topology, own.geometry)
-        geometry = other.geometry
+        mesh = IntervalMesh(other, self._degree, self.spaces, self.sparsities)
+        mesh.move(points)
+        return mesh
+
+    def move(self, points: np.ndarray) -> None:
+        """Put the nodes at points (n, 2) [m]."""
+        geometry = self.of_cpp.geometry
         geometry.x[:, :2] = points[geometry.input_global_indices]
-        return IntervalMesh(other, self._degree, self.spaces, self.sparsities)
 
     def space(self, element):
         """Space of a finite element of this mesh."""

@@ -11,13 +11,14 @@ import numpy as np
 import scipy.sparse
 
 from fx_beam.scene.scene import Scene
+from fx_beam.scene.structure import OtherStructureError
 
 from . import dolfinx_api
 from .dolfinx_api import CompiledForm
 from .fields import Fields
 from .forms import Forms
 from .mesh import Mesh
-from .section_fields import Data, DataShape, section_data
+from .section_fields import Data, DataShape, FilledField, refill, section_data
 
 _WORDS = {"rhoA": "distributed mass", "rhoI": "distributed rotary inertia"}
 
@@ -36,22 +37,50 @@ class Mass:
     @functools.cached_property
     def matrix(self) -> scipy.sparse.csr_matrix:
         """Mass matrix (eqs 19 to 21), lumped entries included, of the stiffness' sparsity."""
-        data = {name: self._data(name) for name in ("rhoA", "rhoI") if self._has(name)}
-        mass = self._forms.stiffness.copy()
-        mass.data[:] = 0.0
+        mass, data = self._forms.stiffness.copy(), self._densities()
+        #: Densities by name, on the mesh.
+        self._fields = {name: FilledField(own, self._mesh) for name, own in data.items()}
+        self._form: Any = None
         if data:
             shapes = (data[name].shape if name in data else None for name in ("rhoA", "rhoI"))
             compiled, densities = _mass_form(self._forms.fields.plain, *shapes)
-            own = {symbol: data[name].on(self._mesh) for name, symbol in densities.items()}
-            form, matrix = self._forms.bind(compiled, own), self._forms.matrix
-            values = dolfinx_api.entries(form, matrix)
-            mass.data[self._forms.assembled] = values
+            own = {symbol: self._fields[name].on_mesh for name, symbol in densities.items()}
+            self._form = self._forms.bind(compiled, own)
         self.assembled += [_WORDS[name] for name in data]
         if self._scene.masses:
-            row = np.repeat(np.arange(len(mass.indptr) - 1), np.diff(mass.indptr))
-            mass.data[row == mass.indices] += self._mesh.from_nodes(self.lumped)
             self.assembled.append("lumped mass")
+        self._assemble(mass)
         return mass
+
+    def _assemble(self, mass: scipy.sparse.csr_matrix) -> None:
+        mass.data[:] = 0.0
+        if self._form is not None:
+            values = dolfinx_api.entries(self._form, self._forms.matrix)
+            mass.data[self._forms.assembled] = values
+        if self._scene.masses:
+            mass.data[self._diagonal] += self._mesh.from_nodes(self.lumped)
+
+    @functools.cached_property
+    def _diagonal(self) -> np.ndarray:
+        """Places of the diagonal in the values of the stiffness."""
+        K = self._forms.stiffness
+        row = np.repeat(np.arange(len(K.indptr) - 1), np.diff(K.indptr))
+        return np.flatnonzero(row == K.indices)
+
+    def refill(self, scene: Scene) -> None:
+        """Set mass and weight to those of a scene of the same structure, whose mesh is set.
+
+        OtherStructureError if other entries of the matrix are zero.
+        """
+        mass = self.matrix
+        self._scene, before = scene, mass.data != 0
+        self.__dict__.pop("lumped", None)
+        refill(self._fields, self._densities())
+        self._assemble(mass)
+        if ((mass.data != 0) != before).any():
+            raise OtherStructureError("other nodes have mass")
+        if scene.gravity is not None:
+            self.weight = self._weigh(scene.gravity)
 
     @functools.cached_property
     def weight(self) -> np.ndarray | None:
@@ -59,7 +88,10 @@ class Mass:
         if self._scene.gravity is None:
             return None
         self.assembled.append("gravity")
-        gravity = np.array([*self._scene.gravity, 0.0])
+        return self._weigh(self._scene.gravity)
+
+    def _weigh(self, given: np.ndarray) -> np.ndarray:
+        gravity = np.append(given, 0.0)
         if not self._at_rest:
             return self.matrix @ self._mesh.from_nodes(np.tile(gravity, (len(self._mesh.X), 1)))
         return self._mesh.from_nodes(self.lumped * gravity) + self._distributed_weight()
@@ -78,6 +110,10 @@ class Mass:
     def _has(self, name: str) -> bool:
         """Whether any section has one of the data."""
         return any(getattr(beam.section, name) for beam in self._scene.beams)
+
+    def _densities(self) -> dict[str, Data]:
+        """Distributed mass and inertia, if there are any."""
+        return {name: self._data(name) for name in ("rhoA", "rhoI") if self._has(name)}
 
     def _data(self, name: str) -> Data:
         """Distributed mass or inertia."""

@@ -16,9 +16,9 @@ from fx_beam.scene.scene import Scene
 from . import dolfinx_api, interval_mesh
 
 
-@dataclass(frozen=True)
+@dataclass(eq=False)
 class Mesh:
-    """The mesh of a scene."""
+    """The mesh of a scene. `X` changes if the scene does, and all that is derived from it."""
 
     #: dolfinx mesh of intervals: straight, or of the beams' degree if one of them is curved. None
     #: without beams, as the space.
@@ -44,6 +44,20 @@ class Mesh:
     def size(self) -> float:
         """Largest extent of the scene [m]; 1 for a single node."""
         return float(np.hypot(*np.ptp(self.X, axis=0))) or 1.0
+
+    def refill(self, scene: Scene) -> bool:
+        """Move the nodes to those of a scene with the same structure; whether any moves.
+
+        Arrays that were read from here keep their values.
+        """
+        X = _positions(scene)
+        if (X == self.X).all():
+            return False
+        self.X = X
+        self.__dict__.pop("size", None)
+        if self.mesh is not None:
+            self.mesh.move(X if self.curved else X[: len(scene.nodes)])
+        return True
 
     def to_nodes(self, vector: np.ndarray) -> np.ndarray:
         """Values (n_node, 3) at the nodes of a vector (size,) over all degrees of freedom."""
@@ -76,10 +90,10 @@ def build_mesh(scene: Scene) -> Mesh:
     """Mesh of a scene with at least one beam or body."""
     if not scene.nodes:
         raise SceneError("the scene has no beams. Add one with scene.add_beam, or add_body")
-    points = np.array([(node.x, node.y) for node in scene.nodes])
+    X = _positions(scene)
     if not scene.beams:
-        dofs = np.arange(3 * len(points)).reshape(-1, 3)
-        return Mesh(None, None, points, dofs, 0, np.empty(0, int), [], [], False)
+        dofs = np.arange(3 * len(X)).reshape(-1, 3)
+        return Mesh(None, None, X, dofs, 0, np.empty(0, int), [], [], False)
     degree = scene.beams[0].degree
     pairs = [
         (a.number, b.number)
@@ -87,22 +101,26 @@ def build_mesh(scene: Scene) -> Mesh:
         for a, b in zip(beam.nodes[:-1], beam.nodes[1:], strict=True)
     ]
     ends = np.array(pairs)
-    # Nodes inside elements are numbered after those of the scene, element by element.
-    X = points
-    if degree > 1:
-        X = np.vstack([points, *(inner_positions(beam) for beam in scene.beams)])
-    inner = len(points) + np.arange(len(ends) * (degree - 1)).reshape(len(ends), degree - 1)
+    inner = np.arange(len(ends) * (degree - 1)).reshape(len(ends), degree - 1) + len(scene.nodes)
     nodes_of_element = np.hstack([ends, inner])
     curved = degree > 1 and any(beam.inner is not None for beam in scene.beams)
     if curved:
         mesh, order = interval_mesh.mesh_between(X, nodes_of_element, degree)
     else:
-        mesh, order = interval_mesh.mesh_between(points, ends)
+        mesh, order = interval_mesh.mesh_between(X[: len(scene.nodes)], ends)
     space = interval_mesh.beam_space(mesh, degree)
     of_cells = dolfinx_api.dofs_of_cells(space)
     counts = np.array([beam.elements for beam in scene.beams])
     numbers = _numbers(len(X), nodes_of_element, order, of_cells, counts)
     return Mesh(mesh, space, X, *numbers, curved)
+
+
+def _positions(scene: Scene) -> np.ndarray:
+    """Positions (n, 2): nodes of the scene, then those inside elements, in order."""
+    points = np.array([(node.x, node.y) for node in scene.nodes])
+    if not scene.beams or scene.beams[0].degree == 1:
+        return points
+    return np.vstack([points, *(inner_positions(beam) for beam in scene.beams)])
 
 
 @cached_by_content

@@ -72,6 +72,12 @@ class NodalForms:
             self.followers = Followers(scene, scheme.rates.level)
         self._build_resistances(scene)
 
+    def refill(self, scene: Scene) -> None:
+        """Set all numbers to those of a scene of the same structure, whose mesh is set."""
+        self.points.refill(point_forces(scene, self._mesh, self._scheme.rates))
+        if self.followers is not None:
+            self.followers = Followers(scene, self._scheme.rates.level)
+
     @property
     def _assembled(self) -> int:
         """Number of assembled values of the tangent."""

@@ -13,6 +13,7 @@ import scipy.sparse
 from fx_beam import c_library
 from fx_beam.errors import SceneError
 from fx_beam.mechanics.point_laws import PointLaw, StepRule, arguments
+from fx_beam.scene.structure import OtherStructureError
 from fx_beam.structs import Structs
 
 from .compiled_laws import compiled_law
@@ -175,6 +176,17 @@ class PointForces:
         structs.check(self._all)
         #: Address of the C struct PointForces.
         self.address = int(ffi.cast("uintptr_t", self._all))
+
+    def refill(self, forces: Sequence[PointForce]) -> None:
+        """Set the numbers of all forces; OtherStructureError if these are of other kinds."""
+        order = sorted(range(len(forces)), key=lambda i: forces[i].role)
+        forces = [forces[i] for i in order]
+        known = self._forces
+        if [force[:1] + force[2:] for force in forces] != [of[:1] + of[2:] for of in known]:
+            raise OtherStructureError("forces at points are of other kinds")
+        self._forces = forces
+        for force, given in zip(forces, self._given, strict=True):
+            given[len(given) - len(force.numbers) :] = force.numbers
 
     def _row(self, i: int, first_entry: int) -> dict[str, Any]:
         """A force as ``PointForce`` of c/point_force.h."""

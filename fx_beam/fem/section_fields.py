@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from typing import NamedTuple
 
 import numpy as np
@@ -11,6 +11,7 @@ from fx_beam.errors import SceneError
 from fx_beam.scene.beam import Beam, arc_lengths
 from fx_beam.scene.scene import Scene
 from fx_beam.scene.section import Section
+from fx_beam.scene.structure import OtherStructureError
 
 from . import dolfinx_api
 from .mesh import Mesh
@@ -35,6 +36,30 @@ class Data(NamedTuple):
         if not self.points:
             return dolfinx_api.constant(mesh.mesh, self.values)
         return dolfinx_api.at_gauss_points(mesh.mesh, self.values)
+
+
+class FilledField:
+    """dolfinx's constant or function with data; others of the same shape may replace them."""
+
+    def __init__(self, data: Data, mesh: Mesh):
+        self.shape, self.on_mesh = data.shape, data.on(mesh)
+
+    def refill(self, data: Data) -> None:
+        """Set the data; OtherStructureError if they have another shape."""
+        if data.shape != self.shape:
+            raise OtherStructureError("data of beams that were equal differ, or conversely")
+        if data.points:
+            dolfinx_api.set_at_gauss_points(self.on_mesh, data.values)
+        else:
+            self.on_mesh.value[...] = data.values
+
+
+def refill(fields: Mapping[str, FilledField], data: Mapping[str, Data]) -> None:
+    """Set the data of some fields by name; OtherStructureError if there are others."""
+    if list(fields) != list(data):
+        raise OtherStructureError("beams have other kinds of data")
+    for name, field in fields.items():
+        field.refill(data[name])
 
 
 def section_data(mesh: Mesh, scene: Scene, names: tuple[str, ...], points: int) -> Data:

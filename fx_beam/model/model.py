@@ -32,8 +32,13 @@ from fx_beam.mechanics.rates import MidPointRates
 from fx_beam.mechanics.schemes import Scheme
 from fx_beam.results.state import State
 from fx_beam.scene.joint_kinematics import NodalMotion
+from fx_beam.scene.joints import Joint
 from fx_beam.scene.law import has_pieces
 from fx_beam.scene.scene import Scene
+from fx_beam.scene.structure import OtherStructureError, Structure
+
+# Cached properties that depend on numbers.
+_OF_NUMBERS = "unit", "unit_of_unknowns", "nodal_rules", "fitted_rates"
 
 
 class Model:
@@ -51,9 +56,6 @@ class Model:
         # What these lack is asked of beams only.
         self.forms: Forms = forms(scene, scheme, self.mesh)
         self.size, self.turns = self.forms.size, self.forms.turns
-        #: Size of a unit increment: the size of the scene for displacements, 1 for rotations.
-        self.unit = np.full(self.size, self.mesh.size)
-        self.unit[self.turns] = 1.0
         self._mass = Mass(scene, self.mesh, self.forms, scheme.rates.at_rest)
         #: Names of the compiled forms and of the assembled matrices and vectors.
         self.compiled, self.assembled = self.forms.names, self._mass.assembled
@@ -62,9 +64,49 @@ class Model:
         #: Weight (size,) [N] of all masses; None without gravity.
         self.weight = self._mass.weight
         self._build_reduction()
-        if not scene.virtual_works:
-            mass = None if scheme.rates.at_rest and not mobile else self.mass
-            check_no_massless_mechanism(scene, self.mesh, self.forms.of_members, mass)
+        self._structure, self._joints = Structure(scene), scene.joints[:]
+        self._weightless = scheme.rates.at_rest and not mobile
+        self._check_mechanism()
+
+    def _check_mechanism(self) -> None:
+        if not self.scene.virtual_works:
+            mass = None if self._weightless else self.mass
+            check_no_massless_mechanism(self.scene, self.mesh, self.forms.of_members, mass)
+
+    def refill(self, scene: Scene) -> None:
+        """Set all numbers to those of another scene; OtherStructureError if it differs in more.
+
+        What was assembled for the last scene changes in place.
+        """
+        self._structure.check(scene)
+        moved = self.mesh.refill(scene)
+        last, self.scene = self._joints, scene
+        self.forms.refill(scene)
+        self._mass.refill(scene)
+        self.weight = self._mass.weight
+        self.loads.refill(scene)
+        self.motors = motors(scene)
+        self._refill_reduction(last, moved)
+        self._joints = scene.joints[:]
+        for name in _OF_NUMBERS:
+            self.__dict__.pop(name, None)
+        self._check_mechanism()
+
+    def _refill_reduction(self, last: list[Joint], moved: bool) -> None:
+        """Set the offsets and axes of joints."""
+        arms = [joint for joint in self.scene.joints if not joint.is_index]
+        before = [joint for joint in last if not joint.is_index]
+        if [joint.number for joint in arms] != [joint.number for joint in before]:
+            raise OtherStructureError("other joints have offsets")
+        pairs = [(new.arm, old.arm) for new, old in zip(arms, before, strict=True)]
+        pairs += [(new.offset, old.offset) for new, old in zip(arms, before, strict=True)]
+        if not moved and all((new == old).all() for new, old in pairs):
+            return
+        if isinstance(self.reduction, LoopReduction) or self.couplings.sliding:
+            raise OtherStructureError("joints that close loops, or slide on beams, lie elsewhere")
+        if isinstance(self.reduction, JointReduction):
+            moving = [self.scene.joints[joint.number] for joint in self.couplings.moving]
+            self.reduction.set_arms(moving)
 
     @property
     def points(self) -> PointForces:
@@ -172,6 +214,13 @@ class Model:
     def keeps_before(self) -> bool:
         """Whether a step needs the configuration at the start of the last one."""
         return self.forms.needs_before or type(self.scheme.rates) is NodalRates
+
+    @functools.cached_property
+    def unit(self) -> np.ndarray:
+        """Size (size,) of unit increments: that of the scene for displacements, 1 for rotations."""
+        unit = np.full(self.size, self.mesh.size)
+        unit[self.turns] = 1.0
+        return unit
 
     @functools.cached_property
     def massless(self) -> np.ndarray:

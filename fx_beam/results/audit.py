@@ -170,6 +170,8 @@ class Stats:
         Time of the steps [s].
     setup_seconds : float
         Time for mesh, compilation and constant matrices [s].
+    setup_reason : str
+        Why the scene was set up anew; empty if only its numbers were new, as in a `Response`.
     compiled : list of str
         Compiled forms.
     assembled : list of str
@@ -207,6 +209,7 @@ class Stats:
     ended_by: dict[str, int] = field(default_factory=dict)
     seconds: float = 0.0
     setup_seconds: float = 0.0
+    setup_reason: str = ""
     compiled: list[str] = field(default_factory=list)
     assembled: list[str] = field(default_factory=list)
     failure: Failure | None = None

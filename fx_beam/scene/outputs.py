@@ -102,11 +102,16 @@ def check_outputs(scene, outputs, what: str) -> None:
     for name, output in outputs.items():
         own = f"{what}[{name!r}]"
         require(isinstance(output, Output), own, output, "an fx_beam.Output")
-        joint = output.of
-        if not isinstance(joint, Joint):
-            check_node(scene, joint, own)
-            continue
-        theirs = any(joint is one for one in scene.joints)
-        require(theirs, own, str(output), "of a joint that add_joint of this scene returned")
-        lacking = joint.lacks(output.quantity)
-        require(not lacking, own, str(output), lacking)
+        check_output(scene, output, own)
+
+
+def check_output(scene, output: Output, what: str) -> None:
+    """Refuse an output of a node or joint of another scene, or one that its joint lacks."""
+    joint = output.of
+    if not isinstance(joint, Joint):
+        check_node(scene, joint, what)
+        return
+    theirs = any(joint is one for one in scene.joints)
+    require(theirs, what, str(output), "of a joint that add_joint of this scene returned")
+    lacking = joint.lacks(output.quantity)
+    require(not lacking, what, str(output), lacking)

@@ -1,0 +1,230 @@
+"""A motion as a function of numbers: a scene is built for each, and only its numbers are set."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+from fx_beam.errors import SceneError
+from fx_beam.mechanics.schemes import Scheme
+from fx_beam.results.audit import Stats
+from fx_beam.results.solution import Solution
+from fx_beam.scene.joints import Joint
+from fx_beam.scene.outputs import Output, check_output
+from fx_beam.scene.scene import Scene
+from fx_beam.stepping.newton import NewtonOptions
+from fx_beam.stepping.recorder import Record
+from fx_beam.validation import numbers, require, shown
+
+from .dynamics import simulate
+from .kept_setup import KeptSetup, keeping_setup
+
+#: An output: a quantity of a node or joint, or a function of the solution.
+Wanted = Output | Callable[[Solution], Any]
+_RATES = {"velocity", "acceleration", "spin", "rate"}
+_FORCES = {"reaction", "force", "motor_force"}
+
+
+class Response:
+    """The motion of a scene as a function of numbers.
+
+    ``t, y = run(x)`` builds the scene of the numbers x and simulates it. The first call sets the
+    scene up; the next ones only set the numbers: all that is given as a number, a position, or a
+    function of time or place. Results are those of `simulate`, to the last digit. A scene with
+    other beams, elements, joints, supports or kinds of loads is set up anew, and so is one with
+    functions in UFL; ``run.stats.setup_reason`` says why.
+
+    Parameters
+    ----------
+    build : callable
+        ``build(x)`` gives the scene and its outputs, a dict by names: each an `Output`, or a
+        function of the `Solution` that gives a number or an array, such as
+        ``lambda solution: solution.energy.total``.
+    scheme : Scheme, optional
+        Time scheme; `EnergyMomentum()` by default.
+    t_end : float
+        End of the simulation [s].
+    dt : float, optional
+        Time step [s]; optional with a tolerance.
+    tolerance, dt_max, breaks : optional
+        Steps that are chosen by their errors, as in `simulate`. Different numbers then have
+        different times; `record` with `times` gives the outputs at the same ones.
+    start : Solution or callable, optional
+        Solution whose end is the initial state; or ``start(scene)``, which computes it, such as
+        ``lambda scene: fb.static(scene)``.
+    newton : NewtonOptions, optional
+        Convergence criteria of Newton's method.
+    max_halvings : int
+        How often a failing step is halved.
+    record : Record, optional
+        Rows of the outputs, by `every` or `times`; by default all steps. What the outputs do not
+        need is not recorded in any case.
+    solver : {"auto", "compiled", "petsc"}
+        As in `simulate`.
+    inputs : dict, optional
+        Functions of time of the inputs of the scene, as in `simulate`.
+
+    Attributes
+    ----------
+    stats : Stats
+        Statistics of the last run.
+
+    Raises
+    ------
+    SceneError
+        If `build` is no function; in a call if x are not finite numbers, or if `build` does not
+        give a scene with outputs of the same names as before.
+
+    Examples
+    --------
+    The end of a pendulum that is an elastic bar, for two stiffnesses.
+
+    >>> import fx_beam as fb
+    >>> def build(x):
+    ...     scene = fb.Scene(gravity=(0, -9.81))
+    ...     section = fb.Section(EA=x[0], GA=x[0], EI=1.0, rhoA=x[1], rhoI=1e-4)
+    ...     bar = scene.add_beam([(0, 0), (1, 0)], section, elements=4)
+    ...     scene.pin(bar.start)
+    ...     return scene, {"end": fb.Output("position", bar.end)}
+    >>> run = fb.Response(build, dt=0.01, t_end=0.5)
+    >>> t, y = run([1e3, 1.0])
+    >>> y["end"].shape, run.stats.setup_reason
+    ((51, 2), 'the first scene')
+    >>> t, y = run([2e3, 1.1])
+    >>> run.stats.setup_reason
+    ''
+    """
+
+    def __init__(
+        self,
+        build: Callable[[np.ndarray], tuple[Scene, Mapping[str, Wanted]]],
+        scheme: Scheme | None = None,
+        *,
+        t_end: float,
+        dt: float | None = None,
+        tolerance: float | None = None,
+        dt_max: float | None = None,
+        breaks: Sequence[float] = (),
+        start: Solution | Callable[[Scene], Solution] | None = None,
+        newton: NewtonOptions | None = None,
+        max_halvings: int = 12,
+        record: Record | None = None,
+        solver: str = "auto",
+        inputs: Mapping[str, Any] | None = None,
+    ):
+        require(callable(build), "Response: build", build, "a function of an array of numbers")
+        fits = record is None or isinstance(record, Record)
+        require(fits, "Response: record", record, "an fx_beam.Record")
+        self._build, self._start, self._record = build, start, record or Record()
+        self._options: dict[str, Any] = {
+            "scheme": scheme,
+            "t_end": t_end,
+            "dt": dt,
+            "tolerance": tolerance,
+            "dt_max": dt_max,
+            "breaks": breaks,
+            "newton": newton,
+            "max_halvings": max_halvings,
+            "solver": solver,
+            "inputs": inputs,
+        }
+        self._kept = KeptSetup()
+        self._names: list[str] = []
+        self.stats: Stats
+
+    def __call__(self, x: Sequence[float]) -> tuple[np.ndarray, dict[str, np.ndarray]]:
+        """Simulate the scene of some numbers.
+
+        Parameters
+        ----------
+        x : (m,) float
+            The numbers that `build` takes.
+
+        Returns
+        -------
+        t : (n,) float
+            Times [s].
+        y : dict of (n, ...) float
+            The outputs by name.
+        """
+        scene, outputs = self._built(_checked(x))
+        start = self._start
+        if callable(start):
+            start = start(scene)
+        with keeping_setup(self._kept):
+            solution = simulate(
+                scene,
+                start=start,
+                record=self._recording(outputs),
+                progress=False,
+                **self._options,
+            )
+        self.stats = solution.stats
+        return solution.t, {name: _read(solution, of, name) for name, of in outputs.items()}
+
+    def _built(self, x: np.ndarray) -> tuple[Scene, dict[str, Wanted]]:
+        built = self._build(x)
+        fits = isinstance(built, tuple) and len(built) == 2
+        if not fits or not isinstance(built[0], Scene) or not isinstance(built[1], Mapping):
+            raise SceneError(
+                f"Response: build must give a scene and a dict of outputs, not {shown(built)}"
+            )
+        scene, outputs = built[0], dict(built[1])
+        require(bool(outputs), "Response: outputs", outputs, "at least one output by name")
+        for name, output in outputs.items():
+            what = f"Response: the output {name!r}"
+            if isinstance(output, Output):
+                check_output(scene, output, what)
+            else:
+                require(
+                    callable(output),
+                    what,
+                    output,
+                    "an fx_beam.Output, or a function of the solution",
+                )
+        self._names = self._names or list(outputs)
+        require(
+            list(outputs) == self._names,
+            "Response: outputs",
+            list(outputs),
+            f"as in the first call, {self._names}",
+        )
+        return scene, outputs
+
+    def _recording(self, outputs: Mapping[str, Wanted]) -> Record:
+        """What is recorded: only what the outputs need."""
+        kinds = [output for output in outputs.values() if isinstance(output, Output)]
+        if len(kinds) < len(outputs):
+            return self._record
+        of, given = {output.quantity for output in kinds}, self._record
+        return Record(
+            given.every,
+            motion=given.motion,
+            rates=given.rates and bool(of & _RATES),
+            forces=given.forces and bool(of & _FORCES),
+            times=given.times,
+        )
+
+
+def _checked(x) -> np.ndarray:
+    found = numbers(x)
+    fits = found.ndim == 1 and found.size > 0 and bool(np.isfinite(found).all())
+    require(fits, "Response: x", x, "a sequence of finite numbers")
+    return found
+
+
+def _read(solution: Solution, output: Wanted, name: str) -> np.ndarray:
+    """Values (n, ...) of an output."""
+    if not isinstance(output, Output):
+        values = np.asarray(output(solution))
+        wanted = "a number or an array of numbers"
+        require(values.dtype.kind in "iufb", f"Response: the output {name!r}", values, wanted)
+        return values
+    of = output.of
+    if isinstance(of, Joint):
+        rows = getattr(solution.joint(of), output.quantity)
+    else:
+        rows = getattr(solution, output.quantity)(of)
+    return rows if output.index is None else rows[:, output.index]

@@ -1,0 +1,165 @@
+"""Whether two scenes differ in numbers only: what is set up for one then serves the other.
+
+All that a scene has is structure, and must be equal, except what is listed here as a number. So
+what is added to a scene later counts as structure until it is listed.
+"""
+
+from __future__ import annotations
+
+import copy
+import functools
+from collections.abc import Mapping
+from dataclasses import fields, is_dataclass
+from typing import Any
+
+import numpy as np
+
+from .beam import Beam, Node
+from .body import Body
+from .coordinate import Coordinate, Damper, Friction, Spring
+from .forces_between import ForceBetween
+from .joints import Joint
+from .loads import Drag, Load, Velocity
+from .obstacles import Circle, Line, Obstacle
+from .scene import Scene
+from .section import Section
+from .stop import Stop
+
+#: Attributes of which only the kind must be the same: an array keeps its shape, a function of time
+#: or place stays one or becomes a number, and None stays None.
+NUMBERS: dict[type, tuple[str, ...]] = {
+    Scene: ("gravity", "prescribed", "masses"),
+    Beam: ("s", "inner"),
+    Section: ("EA", "GA", "EI", "rhoA", "rhoI", "retardation"),
+    Body: ("mass", "inertia"),
+    Joint: ("offset", "axis"),
+    Coordinate: ("motor",),
+    Spring: ("stiffness", "rest"),
+    Damper: ("viscosity",),
+    Friction: ("force", "speed"),
+    Stop: ("lower", "upper", "stiffness", "restitution", "speed"),
+    Line: ("point", "normal"),
+    Circle: ("centre", "radius"),
+    Obstacle: ("stiffness", "restitution", "speed"),
+    ForceBetween: ("b",),
+    Load: ("value", "along"),
+    Drag: ("linear", "quadratic", "rotation"),
+    Velocity: ("value", "spin"),
+}
+#: Numbers in the place of which UFL of the user may stand, which is structure.
+_OR_UFL = {(Friction, "force")}
+#: What follows from the rest of a scene.
+_DERIVED: dict[type, tuple[str, ...]] = {
+    Scene: ("nodes", "_corners", "_couplings"),
+}
+
+
+class OtherStructureError(Exception):
+    """A scene cannot use what was set up for another one; the message says why."""
+
+
+class Structure:
+    """The structure of a scene as it is now; something may be added to the scene later."""
+
+    def __init__(self, scene: Scene):
+        self._parts = {
+            name: copy.copy(part) if isinstance(part, list | dict | set) else part
+            for name, part in vars(scene).items()
+            if name not in _DERIVED[Scene]
+        }
+        self._nodes = len(scene.nodes)
+
+    def check(self, scene: Scene) -> None:
+        """OtherStructureError if a scene differs in more than numbers."""
+        if len(scene.nodes) != self._nodes:
+            raise OtherStructureError("another number of nodes")
+        for name, known in self._parts.items():
+            _check_part(name in NUMBERS[Scene], getattr(scene, name), known, f"scene.{name}")
+
+
+def _check_part(is_number: bool, a: Any, b: Any, what: str) -> None:
+    if a is not b or callable(a):
+        (_check_number if is_number else _check)(a, b, what)
+
+
+def _check(a: Any, b: Any, what: str) -> None:
+    kind: Any = type(a)
+    if kind is not type(b):
+        raise OtherStructureError(f"{what} is of another kind")
+    check = _checks(kind)  # type: ignore[arg-type]
+    if check is not None:
+        check(a, b, what)
+    elif a != b or callable(a):  # functions of the user may have changed, even if they are the same
+        raise OtherStructureError(f"{what} differs")
+
+
+@functools.cache
+def _checks(kind: Any) -> Any:
+    """How objects of a kind are compared; None for plain values."""
+    if issubclass(kind, Node):
+        return _nodes
+    if issubclass(kind, list | tuple):
+        return _sequences
+    if issubclass(kind, Mapping):
+        return _mappings
+    if issubclass(kind, np.ndarray):
+        return _arrays
+    own = {of: names for of, names in NUMBERS.items() if issubclass(kind, of)}
+    numbers = {name for names in own.values() for name in names}
+    if not is_dataclass(kind):
+        return None
+    parts = tuple(
+        (field.name, field.name in numbers, any((of, field.name) in _OR_UFL for of in own))
+        for field in fields(kind)
+    )
+
+    def check(a: Any, b: Any, what: str) -> None:
+        for name, is_number, or_ufl in parts:
+            one = getattr(a, name)
+            evaluated = is_number and not (or_ufl and callable(one))
+            _check_part(evaluated, one, getattr(b, name), f"{what}.{name}")
+
+    return check
+
+
+def _nodes(a: Node, b: Node, what: str) -> None:
+    if a.number != b.number:
+        raise OtherStructureError(f"{what} is another node")
+
+
+def _sequences(a: Any, b: Any, what: str) -> None:
+    if len(a) != len(b):
+        raise OtherStructureError(f"{what} has another length")
+    if a and type(a[0]) is Node and type(b[0]) is Node:  # quickly, as in beams of many elements
+        if [node.number for node in a] != [node.number for node in b]:
+            raise OtherStructureError(f"{what} are other nodes")
+        return
+    for i, (one, other) in enumerate(zip(a, b, strict=True)):
+        _check(one, other, f"{what}[{i}]")
+
+
+def _mappings(a: Any, b: Any, what: str) -> None:
+    if list(a) != list(b):
+        raise OtherStructureError(f"{what} has other keys")
+    for key in a:
+        _check(a[key], b[key], f"{what}[{key!r}]")
+
+
+def _arrays(a: np.ndarray, b: np.ndarray, what: str) -> None:
+    if a.shape != b.shape or not (a == b).all():
+        raise OtherStructureError(f"{what} differs")
+
+
+def _check_number(a: Any, b: Any, what: str) -> None:
+    if a is None or b is None:
+        fits = a is b
+    elif isinstance(a, Mapping):  # of functions
+        fits = list(a) == list(b)
+    elif isinstance(a, list):  # lumped masses: first the number of the node
+        fits = [row[0] for row in a] == [row[0] for row in b]
+    elif isinstance(a, Node) or isinstance(b, Node):
+        return _check(a, b, what)
+    else:
+        fits = np.shape(a) == np.shape(b)
+    if not fits:
+        raise OtherStructureError(f"{what} is of another kind")
