@@ -1,5 +1,7 @@
 """Symbols in pictures: how many there are and where, and that nothing is cut off."""
 
+import re
+
 import numpy as np
 import pytest
 from scenes import FLYING
@@ -12,6 +14,7 @@ Image = pytest.importorskip("PIL.Image")
 drawing = pytest.importorskip("fx_beam.plot.drawing")
 digits = pytest.importorskip("fx_beam.plot.digits")
 plane = pytest.importorskip("fx_beam.plot.plane")
+Colouring = pytest.importorskip("fx_beam.plot.colouring").Colouring
 Supports = pytest.importorskip("fx_beam.plot.supports").Supports
 pytestmark = pytest.mark.plot
 
@@ -224,3 +227,150 @@ def test_dimensions_and_loads_of_a_drawing_have_three_digits():
     scene.add_force(beam.end, (0, -1.0 / 3))
     texts = {text.get_text() for text in plot.scene(scene, dimensions=True).axes[0].texts}
     assert {"0.0599", "F = 0.333 N", "g = 9.81 m/s$^2$"} <= texts
+
+
+# -- Thickness, colour scales and frames -----------------------------------------------------------
+
+
+def bands(figure):
+    """Corners (pieces, 4, 2) of the members of a picture."""
+    (bands,) = (of for of in figure.axes[0].collections if len(of.get_paths()) > 1)
+    return np.array([path.vertices[:4] for path in bands.get_paths()])
+
+
+@pytest.mark.parametrize("factor", [1.0, 3.0])
+@pytest.mark.parametrize("degree", [1, 3])
+def test_members_are_as_thick_as_their_sections_and_turn_with_them(degree, factor):
+    scene = fb.Scene()
+    depth = lambda f: 0.2 - 0.1 * f  # noqa: E731
+    steel = fb.Section.rectangle(height=depth, width=0.1, E=210e9, rho=7850.0)
+    beam = scene.add_beam([(0, 0), (2, 0)], steel, 4, degree, name="arm")
+    scene.pin(beam.start)
+    scene.set_velocity(beam, lambda x, y: (0, x), spin=1.0)
+    solution = fb.simulate(scene, dt=0.05, t_end=0.5)
+    corners = bands(plot.shapes(solution, [10], colour="N", thickness=factor))
+    across = corners[:, 0] - corners[:, 3]
+    ends = np.arange(len(corners)) / len(corners)
+    assert np.hypot(*across.T) == pytest.approx(factor * depth(ends), rel=1e-9)
+    psi = np.interp(ends * 2, beam.s, solution.q[10][[node.number for node in beam.nodes], 2])
+    assert np.arctan2(*across.T) == pytest.approx(-psi, abs=1e-4)
+    middles = (corners[:, 0] + corners[:, 3]) / 2
+    assert np.hypot(*middles.T) == pytest.approx(2 * ends, rel=1e-3)
+
+
+def test_thickness_that_is_not_known_is_refused(tmp_path):
+    scene = fb.Scene()
+    energy = fb.Section(
+        strain_energy=lambda eps, gamma, kappa: eps**2 + gamma**2 + kappa**2, rhoA=1
+    )
+    beam = scene.add_beam([(0, 0), (2, 0)], energy, name="arm")
+    scene.clamp(beam.start)
+    solution = fb.simulate(scene, dt=0.05, t_end=0.05)
+    with pytest.raises(ValueError, match="needs EA and EI, or rhoA and rhoI, in the section of 'a"):
+        plot.shapes(solution, [0], thickness=1.0)
+    with pytest.raises(ValueError, match="thickness = -1 must be a positive factor"):
+        plot.shapes(solution, [0], thickness=-1)
+
+
+def bent():
+    """A cantilever under a force at its end: about M = -1 at the clamp, and 0 at the end."""
+    scene = fb.Scene()
+    beam = scene.add_beam([(0, 0), (1, 0)], fb.Section(EA=1e4, GA=1e4, EI=1.0), 10)
+    scene.clamp(beam.start)
+    scene.add_force(beam.end, (0, -1.0))
+    return fb.static(scene, steps=1)
+
+
+@pytest.mark.parametrize(
+    ("options", "ends", "extend"),
+    [
+        ({"colour": "M", "colour_limits": (-0.5, 2.0)}, (-0.5, 2.0), "min"),
+        ({"colour": "M", "colour_limits": (-0.5, 0.5)}, (-0.5, 0.5), "min"),
+        ({"colour": "strain energy", "colour_limits": (0.01, 0.2)}, (0.01, 0.2), "both"),
+        ({"colour": "M", "colour_scale": "log", "colour_limits": (0.1, 10)}, (-10, 10), "neither"),
+    ],
+)
+def test_limits_are_the_ends_of_the_colours_and_arrows_show_what_is_beyond(options, ends, extend):
+    solution = bent()
+    limits, scale = options["colour_limits"], options.get("colour_scale", "linear")
+    of_rows = drawing.Drawing(solution, [1])
+    colouring = Colouring(of_rows, options["colour"], "m", limits, scale)
+    assert colouring.scale.get_clim() == ends
+    assert colouring.bar["extend"] == extend
+    bar = plot.shapes(solution, [1], **options).axes[1]
+    assert (bar.get_ylim() if bar.get_ylabel() else bar.get_xlim()) == ends
+
+
+def test_a_log_scale_tells_weak_values_apart():
+    of_rows = drawing.Drawing(bent(), [0, 1])
+    parts = {}
+    for scale in ("linear", "log"):
+        colouring = Colouring(of_rows, "strain energy", "m", None, scale)
+        lines = colouring.paint(colouring.lines(1.0), 1)
+        parts[scale] = lines.norm(lines.get_array())
+        at_rest = colouring.paint(lines, 0).norm(lines.get_array())
+        assert not np.ma.is_masked(at_rest) and not at_rest.any(), "zero has the lowest colour"
+    weak = parts["linear"] < 0.1
+    assert np.ptp(parts["linear"][weak]) < 0.1 < 0.3 < np.ptp(parts["log"][weak])
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        ({"colour_limits": (1, 1)}, "colour_limits = (1, 1) must be two finite numbers"),
+        ({"colour_limits": 3}, "colour_limits = 3 must be two finite numbers"),
+        ({"colour_limits": (0, 1), "colour_scale": "log"}, "both positive, on a log scale"),
+        ({"colour_scale": "cubic"}, "colour_scale = 'cubic' must be 'linear' or 'log'"),
+    ],
+)
+def test_scales_that_cannot_be_are_refused(options, words):
+    scene, _, _ = crank()
+    solution = fb.simulate(scene, dt=0.05, t_end=0.1)
+    with pytest.raises(ValueError, match=re.escape(words)):
+        plot.shapes(solution, [0], colour="M", **options)
+
+
+@pytest.mark.parametrize("size", [(1920, 1080), (301, 407)])
+@pytest.mark.parametrize("ending", ["gif", "mp4"])
+def test_frames_have_the_size_that_is_asked_for(size, ending, tmp_path):
+    scene, _, _ = crank()
+    solution = fb.simulate(scene, dt=0.05, t_end=0.1)
+    path = tmp_path / f"film.{ending}"
+    if ending == "mp4":
+        ffmpeg = pytest.importorskip("imageio_ffmpeg")
+    plot.animate(solution, [0, 1, 2], path, size=size)
+    if ending == "mp4":
+        reader = ffmpeg.read_frames(str(path))
+        even = tuple(n // 2 * 2 for n in size)
+        assert next(reader)["size"] == even
+        reader.close()
+    else:
+        with Image.open(path) as film:
+            assert film.size == size and film.n_frames == 3
+
+
+@pytest.mark.parametrize("size", [(1920,), 1080, (10, 10), (1e9, 1e9), "1920x1080"], ids=str)
+def test_sizes_that_cannot_be_are_refused(size, tmp_path):
+    scene, _, _ = crank()
+    solution = fb.simulate(scene, dt=0.05, t_end=0.1)
+    with pytest.raises(ValueError, match="size = .* must be width and height"):
+        plot.animate(solution, [0], tmp_path / "film.gif", size=size)
+
+
+def test_lines_are_thinner_where_members_are_dense():
+    def width(count):
+        scene, nodes = fb.Scene(), {}
+        for i in range(count + 1):
+            for j in range(count + 1):
+                for end in ((i + 1, j), (i, j + 1)):
+                    if max(end) <= count:
+                        bar = scene.add_beam([nodes.get(at, at) for at in ((i, j), end)], FLYING)
+                        nodes[i, j], nodes[end] = bar.start, bar.end
+        figure = plot.scene(scene)
+        widest = max(line.get_linewidth() for line in figure.axes[0].lines)
+        cell = figure.axes[0].bbox.width * 72 / figure.dpi / (1.2 * count)
+        return widest, cell
+
+    assert width(2)[0] == pytest.approx(2.5)
+    dense, cell = width(24)
+    assert dense < 0.15 * cell

@@ -195,7 +195,7 @@ def test_colours_are_of_one_scale_in_all_rows():
     colouring = Colouring(Drawing(solution, range(11)), "M", "in")
     values = [along(solution, name, "M", range(11), np.array([0.5])) for name in solution.beams]
     assert colouring.scale.get_clim()[1] == pytest.approx(max(abs(v).max() for v in values))
-    assert colouring.label == "bending moment $M$"  # the unit of force is not known
+    assert colouring.bar["label"] == "bending moment $M$"  # the unit of force is not known
 
 
 @pytest.mark.parametrize("file", ["shapes.png", "motion.gif"])

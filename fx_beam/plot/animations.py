@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -20,7 +20,8 @@ from .colouring import Colouring
 from .digits import clock, three_digits
 from .drawing import Drawing, checked_drawing
 from .frames import check_frames, write_frames
-from .plane import Plane, draw_obstacles
+from .members import Members
+from .plane import LARGEST, Plane, draw_obstacles
 from .supports import Supports
 from .symbols import draw_forces, draw_joints, draw_marks, draw_moving
 
@@ -39,6 +40,10 @@ def animate(
     marks: dict[str, Node] | None = None,
     scenery: Callable[[Any, int], list] | None = None,
     colour: str | None = None,
+    colour_limits: tuple[float, float] | None = None,
+    colour_scale: str = "linear",
+    thickness: float | None = None,
+    size: tuple[int, int] | None = None,
 ) -> None:
     """Animation of the motion as a GIF or MP4, with the symbols of `shapes`.
 
@@ -65,6 +70,11 @@ def animate(
         returns the list of matplotlib artists, which are removed after the frame.
     colour : {"N", "Q", "M", "strain energy", "speed"} or internal variable, optional
         Quantity that the colours show, as in `shapes`; by default each member has its own colour.
+    colour_limits, colour_scale, thickness : optional
+        Ends and kind of the colour scale, and factor on the depth of members, as in `shapes`.
+    size : (int, int), optional
+        Width and height of the frames [pixels], from 100 to 4096, such as (1920, 1080); by
+        default as the scene asks for, up to 640 and 560.
 
     Raises
     ------
@@ -78,15 +88,20 @@ def animate(
     drawing = checked_drawing(solution, steps, magnify)
     if trace is not None:
         solution.position(trace)  # refuses what is no node of the solution
-    plane = Plane(drawing, scene_unit, bar=colour is not None)
+    plane = _plane(drawing, scene_unit, colour is not None, size)
     ax = plane.ax
     look: dict[str, Any] = {"transform": ax.transAxes, "fontsize": "small"}
     ax.text(1, 1.02, drawing.title(), ha="right", **look)
     draw_obstacles(ax, drawing)
     heading = ax.text(0, 1.02, "", family="monospace", **look)
     (past,) = ax.plot([], [], color="0.65", linewidth=1.0, zorder=1)
-    members = _members(plane, drawing, colour, scene_unit)
-    moving = [heading, past, *(artist for artist, _ in members)]
+    if colour is None:
+        lines, move = _members_in_own_colours(drawing, thickness)
+    else:
+        colouring = Colouring(drawing, colour, scene_unit, colour_limits, colour_scale, thickness)
+        plane.draw_bar(colouring.scale, **colouring.bar)
+        lines, move = colouring.lines(2.5), colouring.paint
+    moving = [heading, past, ax.add_collection(lines)]
     for artist in moving:
         artist.set_animated(True)  # left out of the static part of a frame
     canvas = FigureCanvasAgg(plane.figure)
@@ -95,39 +110,48 @@ def animate(
     headings = clock(solution.t[list(steps)].tolist())
     if solution.stats.static:
         headings = [f"load factor {three_digits(t)}" for t in solution.t[list(steps)]]
-    frames = []
-    for k, words in zip(steps, headings, strict=True):
-        heading.set_text(words)
-        for artist, move in members:
-            move(artist, k)
-        if trace is not None:
-            past.set_data(*drawing.positions(trace.number, slice(steps[0], k + 1)).T)
-        drawn = [*draw_moving(ax, drawing, k), *draw_joints(ax, drawing, k)]
-        drawn += [*draw_forces(ax, drawing, k), *supports.draw(ax, k)]
-        drawn += draw_marks(ax, drawing, k, {} if marks is None else marks)
-        drawn += scenery(ax, k) if scenery else []
-        canvas.restore_region(still)
-        for artist in sorted([*moving, *drawn], key=lambda artist: artist.get_zorder()):
-            ax.draw_artist(artist)
-        frames.append(np.array(canvas.buffer_rgba()))
-        for artist in drawn:
-            artist.remove()
+
+    def frames() -> Iterator[np.ndarray]:
+        for k, words in zip(steps, headings, strict=True):
+            heading.set_text(words)
+            move(lines, k)
+            if trace is not None:
+                past.set_data(*drawing.positions(trace.number, slice(steps[0], k + 1)).T)
+            drawn = [*draw_moving(ax, drawing, k), *draw_joints(ax, drawing, k)]
+            drawn += [*draw_forces(ax, drawing, k), *supports.draw(ax, k)]
+            drawn += draw_marks(ax, drawing, k, {} if marks is None else marks)
+            drawn += scenery(ax, k) if scenery else []
+            canvas.restore_region(still)
+            for artist in sorted([*moving, *drawn], key=lambda artist: artist.get_zorder()):
+                ax.draw_artist(artist)
+            yield np.array(canvas.buffer_rgba())
+            for artist in drawn:
+                artist.remove()
+
     with replacing(path) as new:
-        write_frames(frames, new, fps)
+        write_frames(frames(), new, fps)
 
 
-def _members(plane: Plane, drawing: Drawing, colour: str | None, scene_unit: str) -> list:
-    """Lines for the members, each with a function that moves it to its position in a row."""
-    ax, width = plane.ax, 2.5 * drawing.thinness
-    if colour is not None:
-        colouring = Colouring(drawing, colour, scene_unit)
-        plane.draw_bar(colouring.scale, colouring.label, format="%.3g")
-        return [(ax.add_collection(colouring.lines(width)), colouring.paint)]
+def _plane(drawing: Drawing, scene_unit: str, bar: bool, size: Any) -> Plane:
+    """Axes of frames of a size [pixels], in which letters are as large as in other pictures."""
+    if size is None:
+        return Plane(drawing, scene_unit, bar)
+    fits = (
+        isinstance(size, Sequence) and len(size) == 2 and all(is_whole(n, 100, 4096) for n in size)
+    )
+    require(fits, "size", size, "width and height [pixels], such as (1920, 1080)")
+    dpi = min(size[0] / LARGEST[0], size[1] / (0.75 * LARGEST[1]))
+    # A little more, as a fraction of a pixel is cut off.
+    plane = Plane(drawing, scene_unit, bar, ((size[0] + 0.01) / dpi, (size[1] + 0.01) / dpi))
+    plane.figure.set_dpi(dpi)
+    return plane
 
-    def mover(name: str):
-        return lambda line, k: line.set_data(*drawing.axis(name, k).T)
 
-    return [
-        (ax.plot([], [], color=shade, linewidth=width)[0], mover(name))
-        for name, shade in zip(drawing.solution.beams, itertools.cycle(_COLOURS), strict=False)
-    ]
+def _members_in_own_colours(drawing: Drawing, thickness: float | None) -> tuple[Any, Callable]:
+    """Members, each in its own colour, and what moves them to a row."""
+    members = Members(drawing, thickness)
+    shades = list(itertools.islice(itertools.cycle(_COLOURS), len(drawing.solution.beams)))
+    look: dict[str, Any] = {
+        "colors" if thickness is None else "facecolors": members.per_piece(shades)
+    }
+    return members.collection(2.5, **look), members.move

@@ -7,13 +7,14 @@ from typing import Any
 import matplotlib
 import numpy as np
 from matplotlib.cm import ScalarMappable
-from matplotlib.collections import LineCollection
-from matplotlib.colors import LinearSegmentedColormap, Normalize, to_hex
+from matplotlib.collections import LineCollection, PolyCollection
+from matplotlib.colors import LinearSegmentedColormap, LogNorm, Normalize, SymLogNorm, to_hex
 
 from fx_beam.results.fields import QUANTITIES, RESULTANTS, along_all
-from fx_beam.validation import is_one_of, shown
+from fx_beam.validation import as_float, is_one_of, numbers, require, shown
 
 from .drawing import Drawing
+from .members import Members
 
 # Without the palest colours, which are hard to see on white.
 SEQUENTIAL = LinearSegmentedColormap.from_list(
@@ -28,8 +29,8 @@ WORDS = {
     "strain energy": "strain energy per length",
     "speed": "speed",
 }
-_PIECES = 12  # per element, each with one colour
-_MANY = 40_000  # pieces of all elements, of which there are no more if an element has several
+_SCALES = "linear", "log"
+_DECADES = 1e-4  # smallest value on a logarithmic scale, as a fraction of the largest
 
 
 def is_signed(quantity: str) -> bool:
@@ -54,37 +55,77 @@ def hexadecimal(scale, count: int) -> list[str]:
 
 
 class Colouring:
-    """Colours of the members for one quantity, on the same scale in all rows of a drawing."""
+    """Colours of the members for one quantity, on the same scale in all rows of a drawing.
 
-    def __init__(self, drawing: Drawing, quantity: str, scene_unit: str):
+    Attributes
+    ----------
+    scale : ScalarMappable
+        The scale, for a colour bar.
+    bar : dict
+        How the colour bar looks, and its label.
+    """
+
+    def __init__(
+        self,
+        drawing: Drawing,
+        quantity: str,
+        scene_unit: str,
+        limits: tuple[float, float] | None = None,
+        scale: str = "linear",
+        thickness: float | None = None,
+    ):
         if not drawing.solution.beams:
             raise ValueError(f"colour = {quantity!r} needs beams, but the solution has none")
         internal = {name for own in drawing.solution.internal_of_beam.values() for name in own}
         if not is_one_of(quantity, {*QUANTITIES, *internal}):
             known = ", ".join(repr(name) for name in [*QUANTITIES, *sorted(internal)])
             raise ValueError(f"colour = {shown(quantity)} must be one of {known}, or None")
-        self._drawing = drawing
-        elements = sum(beam.elements for beam in drawing.solution.beams.values())
-        self._pieces = max(1, min(_PIECES, _MANY // elements))
-        middles = (np.arange(self._pieces) + 0.5) / self._pieces
+        require(is_one_of(scale, _SCALES), "colour_scale", scale, "'linear' or 'log'")
+        self._members = Members(drawing, thickness)
+        middles = (np.arange(self._members.pieces) + 0.5) / self._members.pieces
         values = along_all(drawing.solution, quantity, drawing.rows, middles)
         rows = values.reshape(len(drawing.rows), -1)
-        self._values = dict(zip(drawing.rows, rows, strict=True))
-        largest = abs(values).max() or 1.0
         signed = is_signed(quantity)
-        norm = Normalize(-largest if signed else 0.0, largest)
-        #: The scale, for a colour bar, and its label.
+        norm, (least, most) = _norm(values, signed, limits, scale == "log")
+        low, high = bool((rows < least).any()), bool((rows > most).any())
+        if isinstance(norm, LogNorm):  # zero has the colour of the low end
+            rows = np.maximum(rows, least)
+        self._values = dict(zip(drawing.rows, rows, strict=True))
         self.scale = ScalarMappable(norm, SIGNED if signed else SEQUENTIAL)
-        self.label = words_for(quantity, scene_unit)
+        beyond = {(True, True): "both", (True, False): "min", (False, True): "max"}
+        self.bar: dict[str, Any] = {"label": words_for(quantity, scene_unit)}
+        self.bar["extend"] = beyond.get((low, high), "neither")
+        if scale == "linear":
+            self.bar["format"] = "%.3g"
 
-    def lines(self, width: float, zorder: float = 2) -> LineCollection:
-        """Lines for the members, which `paint` colours."""
-        look: dict[str, Any] = {"linewidth": width, "capstyle": "round", "zorder": zorder}
-        return LineCollection([], norm=self.scale.norm, cmap=self.scale.cmap, **look)
+    def lines(self, width: float, zorder: float = 2) -> LineCollection | PolyCollection:
+        """Lines or bands for the members, which `paint` colours."""
+        return self._members.collection(width, zorder, norm=self.scale.norm, cmap=self.scale.cmap)
 
-    def paint(self, lines: LineCollection, k: int) -> LineCollection:
+    def paint(self, lines: Any, k: int) -> Any:
         """Move the lines to the members' positions in row k, and colour them."""
-        drawing = self._drawing
-        lines.set_segments(list(drawing.pieces(k, self._pieces)))
+        self._members.move(lines, k)
         lines.set_array(self._values[k])
         return lines
+
+
+def _norm(values: np.ndarray, signed: bool, limits: Any, logarithmic: bool):
+    """The scale, and the values at its ends."""
+    largest = float(abs(values).max()) or 1.0
+    if limits is not None:
+        fits = numbers(limits).shape == (2,) and bool(np.isfinite(numbers(limits)).all())
+        low, high = (as_float(limit) for limit in limits) if fits else (0.0, 0.0)
+        wanted = "two finite numbers, the lower one first"
+        require(fits and low < high, "colour_limits", limits, wanted)
+        if logarithmic:
+            wanted = "the smallest and the largest size, both positive, on a log scale"
+            require(low > 0, "colour_limits", limits, wanted)
+    elif logarithmic:
+        low, high = _DECADES * largest, largest
+    else:
+        low, high = -largest if signed else 0.0, largest
+    if not logarithmic:
+        return Normalize(low, high), (low, high)
+    if signed:
+        return SymLogNorm(low, vmin=-high, vmax=high), (-high, high)
+    return LogNorm(low, high), (low, high)

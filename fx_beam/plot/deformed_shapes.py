@@ -20,6 +20,7 @@ from fx_beam.scene.beam import Node
 from .colouring import SEQUENTIAL, Colouring
 from .digits import three_digits, time_unit
 from .drawing import Drawing, checked_drawing
+from .members import Members
 from .plane import Plane, draw_obstacles
 from .supports import Supports
 from .symbols import draw_forces, draw_joints, draw_marks, draw_moving
@@ -37,6 +38,9 @@ def shapes(
     magnify: float = 1.0,
     marks: dict[str, Node] | None = None,
     colour: str | None = None,
+    colour_limits: tuple[float, float] | None = None,
+    colour_scale: str = "linear",
+    thickness: float | None = None,
 ) -> Figure:
     """Picture of superposed deformed shapes, coloured by time or by the order of load steps.
 
@@ -63,6 +67,16 @@ def shapes(
         quantity that the colours show instead of the time: axial force, shear force or bending
         moment, as in `Solution.resultants`, stored energy per length, or speed. Its unit is given
         if the unit of length is "m".
+    colour_limits : (float, float), optional
+        Values at the ends of the colour scale; by default those that occur. On a log scale the
+        smallest and the largest size.
+    colour_scale : {"linear", "log"}
+        Scale of the colours. "log" shows weak and strong values beside each other; N, Q and M keep
+        their signs, with a linear part up to the smallest size.
+    thickness : float, optional
+        Factor on the depth of the members, which are then drawn as thick as they are: 1 is true.
+        The depth is that of a rectangle, sqrt(12 EI / EA), or sqrt(12 rhoI / rhoA) without EA; a
+        circle's diameter is 1.155 times that. By default members are lines.
 
     Returns
     -------
@@ -77,13 +91,13 @@ def shapes(
     draw_obstacles(ax, drawing)
     shades: Any
     if colour is None:
-        shades = _by_time(plane, drawing)
+        shades = _by_time(plane, drawing, thickness)
     else:
-        width = 2.2 * drawing.thinness
-        colouring, shades = Colouring(drawing, colour, scene_unit), ["0.35"] * len(steps)
+        shades = ["0.35"] * len(steps)
+        colouring = Colouring(drawing, colour, scene_unit, colour_limits, colour_scale, thickness)
         for order, k in enumerate(steps):
-            ax.add_collection(colouring.paint(colouring.lines(width, 2 + 1e-4 * order), k))
-        plane.draw_bar(colouring.scale, colouring.label, format="%.3g")
+            ax.add_collection(colouring.paint(colouring.lines(2.2, 2 + 1e-4 * order), k))
+        plane.draw_bar(colouring.scale, **colouring.bar)
     for k, shade in zip(steps, shades, strict=True):
         draw_moving(ax, drawing, k, shade, small=True)
         draw_forces(ax, drawing, k, shade)
@@ -96,7 +110,7 @@ def shapes(
     return plane.figure
 
 
-def _by_time(plane: Plane, drawing: Drawing) -> np.ndarray:
+def _by_time(plane: Plane, drawing: Drawing, thickness: float | None) -> np.ndarray:
     """Draw the members in the colours of their times, with a colour bar; returns the colours."""
     (low, high), solution, rows = drawing.window, drawing.solution, list(drawing.rows)
     values = solution.t[rows]
@@ -106,10 +120,16 @@ def _by_time(plane: Plane, drawing: Drawing) -> np.ndarray:
     values = np.arange(len(rows)) if static else factor * values
     scale = ScalarMappable(Normalize(values.min(), values.max()), SEQUENTIAL)
     shades = scale.to_rgba(values)
-    # With a parallel projection matplotlib's axes fit the picture exactly.
-    extent = (low[0], high[0], low[1], high[1])
-    plane.ax.imshow(_tubes(drawing, shades), extent=extent, interpolation="antialiased")
-    bar = plane.draw_bar(scale, "load factor, in order" if static else f"time $t$ [{unit}]")
+    if thickness is None:
+        # With a parallel projection matplotlib's axes fit the picture exactly.
+        extent = (low[0], high[0], low[1], high[1])
+        plane.ax.imshow(_tubes(drawing, shades), extent=extent, interpolation="antialiased")
+    else:
+        members = Members(drawing, thickness)
+        for order, (k, shade) in enumerate(zip(rows, shades, strict=True)):
+            bands = members.collection(0.0, 2 + 1e-4 * order, facecolor=shade)
+            members.move(plane.ax.add_collection(bands), k)
+    bar = plane.draw_bar(scale, label="load factor, in order" if static else f"time $t$ [{unit}]")
     if static:
         shown = np.unique(np.linspace(0, len(rows) - 1, 12).round().astype(int)).tolist()
         bar.set_ticks(shown, labels=[three_digits(solution.t[rows[i]]) for i in shown])

@@ -11,7 +11,7 @@ import numpy as np
 
 from fx_beam.results.fields import nodes_of_elements
 from fx_beam.results.solution import Solution
-from fx_beam.scene.beam import Node, lagrange
+from fx_beam.scene.beam import Node, lagrange, lagrange_and_slopes
 from fx_beam.scene.joints import GROUND
 from fx_beam.scene.loads import Load
 from fx_beam.validation import as_float, is_number, is_whole, numbers, require
@@ -117,12 +117,16 @@ class Drawing:
         return float(max(high - low))
 
     @cached_property
-    def thinness(self) -> float:
-        """Factor of the widths of lines and of symbols: 1, or less where members are dense."""
+    def spacing(self) -> float:
+        """Mean distance between members [m]: area by length."""
         sides = np.maximum(np.ptp(self.points, axis=0), 0.1 * self.reach)
         length = sum(beam.length for beam in self.solution.beams.values())
-        distance = np.prod(sides) / length if length else self.reach
-        return float(min(1.0, distance / (_DENSE * self.reach)))
+        return float(np.prod(sides)) / length if length else self.reach
+
+    @property
+    def thinness(self) -> float:
+        """Factor of the widths of lines and of symbols: 1, or less where members are dense."""
+        return min(1.0, self.spacing / (_DENSE * self.reach))
 
     # -- Positions and forces -------------------------------------------------------------------
 
@@ -136,12 +140,21 @@ class Drawing:
         positions = self.positions(self.solution.nodes_of_beam[beam], rows)
         return axis(positions, self.solution.beams[beam].degree)
 
-    def pieces(self, k: int, count: int) -> np.ndarray:
-        """Ends (elements * count, 2, 2) of `count` pieces of each element of all beams."""
+    def along_elements(self, k: int, count: int) -> np.ndarray:
+        """Points (elements, count + 1, 2) at the ends of `count` pieces of each element."""
         nodes = self._nodes_of_elements
         values = lagrange(np.linspace(0, 1, nodes.shape[1]), np.arange(count + 1) / count)
-        points = values @ self.positions(nodes, k)
-        return np.stack([points[:, :-1], points[:, 1:]], axis=2).reshape(-1, 2, 2)
+        return values @ self.positions(nodes, k)
+
+    def normals(self, k: int, count: int) -> np.ndarray:
+        """Unit vectors (elements, count + 1, 2) along the sections there, which turn with them."""
+        nodes = self._nodes_of_elements
+        fractions = np.arange(count + 1) / count
+        values, slopes = lagrange_and_slopes(np.linspace(0, 1, nodes.shape[1]), fractions)
+        x, y = np.moveaxis(slopes @ self.solution.X[nodes], -1, 0)
+        psi = self.magnify * self.solution.q[k][nodes, 2] @ values.T
+        angle = np.arctan2(y, x) + psi
+        return np.stack([-np.sin(angle), np.cos(angle)], axis=-1)
 
     def positions(self, nodes, rows) -> np.ndarray:
         """Positions (..., 2) of nodes, by their numbers, in some rows."""

@@ -6,19 +6,27 @@ from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
+from matplotlib.colors import to_rgba
 from matplotlib.figure import Figure
+from matplotlib.patches import PathPatch
+from matplotlib.path import Path as Area
 
-from fx_beam.results.fields import RESULTANTS, along
+from fx_beam.results.fields import RESULTANTS, along_all
 from fx_beam.results.files import replacing, writable
 from fx_beam.results.solution import Solution
 from fx_beam.validation import is_flag, is_name, require, shown
 
 from .colouring import SIGNED, words_for
+from .digits import three_digits, time_unit
 from .drawing import Drawing
-from .supports import Supports
+from .plane import draw_obstacles, grid
+from .supports import Supports, draw_lines
 
 _PICTURES = "png", "pdf", "svg", "jpg"
 _TALLEST = 0.15  # of a diagram, as a fraction of the picture's size
+_BESIDE = 1.5  # of a diagram, as a multiple of the distance between members
+_BORDER = np.array((0.35, 0.45))  # of a panel, for title and numbers [inch]
+_DENSE = 10.0  # distance between members below which their lines are thinner [points]
 _PIECES = 8  # of an element
 _NAMED = 12  # members up to which each has its extreme value written beside it
 
@@ -34,9 +42,9 @@ def diagrams(
     """Picture of the stress resultants along the members: a panel for N, Q and M each.
 
     A value is drawn normal to the axis: N and Q to the left of the beam's direction if they are
-    positive, M on the side that is in tension. Positive areas are red and negative ones blue. The
-    extreme value of each member is written beside it; in frames of more than 12 members those of
-    the whole.
+    positive, M on the side that is in tension. Positive areas are red, negative ones blue and
+    hatched. The extreme value of each member is written beside it; in frames of more than 12
+    members those of the whole.
 
     Parameters
     ----------
@@ -76,68 +84,78 @@ def diagrams(
     require(is_flag(deformed), "deformed", deformed, "True or False")
     require(is_name(scene_unit), "scene_unit", scene_unit, "a text")
     drawing = Drawing(solution, [row], 1.0 if deformed else 0.0)
+    tallest = min(_TALLEST * drawing.size, _BESIDE * drawing.spacing)
     low, high = drawing.window
-    margin = 1.3 * _TALLEST * drawing.size
-    low, high = low - margin, high + margin
-    shape = (high[1] - low[1]) / (high[0] - low[0])
-    size = 4.2 * len(names) + 0.4, 3.6 * min(max(shape, 0.4), 1.6) + 1.1
-    fig = Figure(size, layout="constrained")
-    for ax, name in zip(fig.subplots(1, len(names), squeeze=False).flat, names, strict=True):
-        _panel(ax, drawing, name, row)
+    low, high = low - 1.3 * tallest, high + 1.3 * tallest
+    columns, rows, panel = grid(len(names), high - low, _BORDER)
+    between = 72 * max(panel) * drawing.spacing / max(high - low)  # members [points]
+    thinness = min(1.0, between / _DENSE)
+    fig = Figure(tuple((columns, rows) * (panel + _BORDER)), layout="constrained")
+    panels = fig.subplots(rows, columns, squeeze=False, sharex=True, sharey=True).flat
+    for number, (ax, name) in enumerate(zip(panels, names, strict=False)):
+        _panel(ax, drawing, name, row, tallest, thinness)
         ax.set_title(words_for(name, scene_unit), fontsize="medium")
-        ax.set(xlabel=f"$x$ [{scene_unit}]", ylabel=f"$y$ [{scene_unit}]", aspect="equal")
-        ax.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]))
-    static, t = solution.stats.static, solution.t_level[row]
-    fig.suptitle(f"load factor {t:.4g}" if static else f"t = {t:.4g} s", fontsize="medium")
+        ax.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]), aspect="equal")
+        lowest, first = number + columns >= len(names), number % columns == 0
+        ax.tick_params(labelbottom=lowest, labelleft=first)
+        ax.set_xlabel(f"$x$ [{scene_unit}]" if lowest else "")
+        ax.set_ylabel(f"$y$ [{scene_unit}]" if first else "")
+    for ax in list(fig.axes)[len(names) :]:
+        ax.remove()
+    t = solution.t_level[row]
+    factor, unit = time_unit(solution.t[-1])
+    words = f"load factor {three_digits(t)}" if solution.stats.static else ""
+    fig.suptitle(words or f"t = {factor * t:.4g} {unit}", fontsize="medium")
     if path is not None:
         with replacing(path) as new:
             fig.savefig(new, dpi=200, bbox_inches="tight")
     return fig
 
 
-def _panel(ax, drawing: Drawing, quantity: str, row: int) -> None:
+def _panel(ax, drawing: Drawing, quantity: str, row: int, tallest: float, thinness: float) -> None:
     """Draw one quantity along all members."""
-    solution = drawing.solution
-    fractions = np.linspace(0, 1, _PIECES + 1)
-    values = {name: along(solution, name, quantity, [row], fractions)[0] for name in solution.beams}
-    largest = max(abs(of).max() for of in values.values())
-    scale = _TALLEST * drawing.size / (largest or 1.0)
-    points = drawing.pieces(row, _PIECES).reshape(-1, _PIECES, 2, 2)
-    # The ends of all pieces: their starts, and the end of the last one.
-    points = np.concatenate([points[:, :, 0], points[:, -1:, 1]], axis=1)
-    first = 0
+    beams = drawing.solution.beams
+    values = along_all(drawing.solution, quantity, [row], np.linspace(0, 1, _PIECES + 1))[0]
+    largest = float(abs(values).max())
+    points = drawing.along_elements(row, _PIECES)
+    slopes = np.gradient(points, axis=1)
+    side = np.stack([-slopes[..., 1], slopes[..., 0]], axis=-1) * (-1 if quantity == "M" else 1)
+    side *= tallest / (largest or 1.0) / np.linalg.norm(side, axis=-1, keepdims=True)
+    for sign, colour, hatch in (1, SIGNED(0.9), None), (-1, SIGNED(0.1), "/////"):
+        tips = points + side * np.where(sign * values > 0, values, 0)[..., None]
+        corners = [points[:, :-1], points[:, 1:], tips[:, 1:], tips[:, :-1], points[:, :-1]]
+        areas = np.stack(corners, axis=2).reshape(-1, 5, 2)
+        # One path for all: hatches of each piece would be slow.
+        codes = np.tile([Area.MOVETO, *3 * [Area.LINETO], Area.CLOSEPOLY], len(areas))
+        pale = to_rgba(colour, 0.45)
+        look = {"facecolor": pale, "edgecolor": pale if hatch else "none", "hatch": hatch}
+        area = Area(areas.reshape(-1, 2), codes)
+        # Not add_patch, which would look at each corner for the limits of the axes.
+        ax.add_artist(PathPatch(area, linewidth=0, zorder=1, in_layout=False, **look))
+    tips = points + side * values[..., None]
+    ends = np.concatenate([[0], np.cumsum([beam.elements for beam in beams.values()])]).tolist()
+    members = list(map(slice, ends[:-1], ends[1:]))
+    edges = [np.stack([points[e], tips[e]]) for of in members for e in _ends(of)]
+    draw_lines(ax, [*tips, *edges], color="0.3", linewidth=0.7 * thinness, zorder=2)
+    axes = [points[of].reshape(-1, 2) for of in members]
+    draw_lines(ax, axes, linewidth=1.5 * thinness, zorder=3)
     peaks = []
-    for name, beam in solution.beams.items():
-        own, of = points[first : first + beam.elements], values[name]
-        first += beam.elements
-        slopes = np.gradient(own, axis=1)
-        left = np.stack([-slopes[..., 1], slopes[..., 0]], axis=-1)
-        left /= np.linalg.norm(left, axis=-1, keepdims=True)
-        tips = own + (-scale if quantity == "M" else scale) * of[..., None] * left
-        for axis, tip, value in zip(own, tips, of, strict=True):
-            _area(ax, axis, tip, value)
-        for end in (0, 0), (-1, -1):
-            ax.plot(*np.array([own[end], tips[end]]).T, color="0.3", linewidth=0.7, zorder=2)
-        ax.plot(*own.reshape(-1, 2).T, color="black", linewidth=1.5, zorder=3)
-        peak = np.unravel_index(abs(of).argmax(), of.shape)
-        out = np.sign(of[peak]) * (-left if quantity == "M" else left)[peak]
-        peaks.append((of[peak], tips[peak], out))
+    for of in members:
+        element, piece = np.unravel_index(abs(values[of]).argmax(), values[of].shape)
+        peaks.append((of.start + int(element), int(piece)))
     if len(peaks) > _NAMED:
-        peaks = [max(peaks, key=lambda one: one[0]), min(peaks, key=lambda one: one[0])]
-    look = {"boxstyle": "round,pad=0.1", "facecolor": "white", "alpha": 0.8, "linewidth": 0}
-    for value, position, out in peaks:
-        if abs(value) > 1e-9 * largest:
-            words = f"{float(f'{value:.3g}'):g}"
-            beside = position + 0.03 * drawing.size * out
-            centred = {"ha": "center", "va": "center", "fontsize": "small", "zorder": 6}
-            ax.annotate(words, beside, bbox=look, **centred)
+        peaks = [max(peaks, key=values.__getitem__), min(peaks, key=values.__getitem__)]
+    box = {"boxstyle": "round,pad=0.1", "facecolor": "white", "alpha": 0.8, "linewidth": 0}
+    for peak in peaks:
+        if abs(values[peak]) > 1e-9 * largest:
+            out = np.sign(values[peak]) * side[peak] / np.linalg.norm(side[peak])
+            beside = tips[peak] + 0.03 * drawing.size * out
+            centred = {"ha": "center", "va": "center", "fontsize": "small", "zorder": 7}
+            ax.annotate(three_digits(values[peak]), beside, bbox=box, **centred)
+    draw_obstacles(ax, drawing)
     Supports(drawing).draw(ax, row)
 
 
-def _area(ax, axis: np.ndarray, tips: np.ndarray, values: np.ndarray) -> None:
-    """Area between the axis of an element and the values on it, split where the sign changes."""
-    for sign, colour in (1, SIGNED(0.9)), (-1, SIGNED(0.1)):
-        part = np.where((sign * values > 0)[:, None], tips, axis)
-        corners = np.concatenate([axis, part[::-1]])
-        ax.fill(*corners.T, facecolor=colour, alpha=0.45, linewidth=0, zorder=1)
-    ax.plot(*tips.T, color="0.3", linewidth=0.7, zorder=2)
+def _ends(of: slice) -> tuple[tuple[int, int], tuple[int, int]]:
+    """First and last point of a member, by element and piece."""
+    return (of.start, 0), (of.stop - 1, _PIECES)

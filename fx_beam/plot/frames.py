@@ -3,12 +3,16 @@
 from __future__ import annotations
 
 import importlib.util
+import zlib
+from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
 from PIL import Image
 
 from fx_beam.results.files import writable
+
+_SAMPLES = 40_000  # pixels of a frame from which the palette is chosen
 
 
 def check_frames(path: Path | str) -> Path:
@@ -22,44 +26,57 @@ def check_frames(path: Path | str) -> Path:
     return path
 
 
-def write_frames(frames: list[np.ndarray], path: Path, fps: int) -> None:
-    """Write frames (height, width, 4) of an animation, `fps` per second."""
-    if path.suffix.lower() == ".mp4":
-        return _write_mp4(frames, path, fps)
-    first, *others = _in_one_palette(frames)
-    return first.save(path, save_all=True, append_images=others, duration=1000 // fps, loop=0)
+def write_frames(frames: Iterator[np.ndarray], path: Path, fps: int) -> None:
+    """Write frames (height, width, 4) of an animation, `fps` per second, one after the other."""
+    (_write_mp4 if path.suffix.lower() == ".mp4" else _write_gif)(frames, path, fps)
 
 
-def _write_mp4(frames: list[np.ndarray], path: Path, fps: int) -> None:
+def _write_mp4(frames: Iterator[np.ndarray], path: Path, fps: int) -> None:
     import imageio_ffmpeg
 
-    # H.264 needs even numbers of pixels.
-    height, width = (size // 2 * 2 for size in frames[0].shape[:2])
-    even = [np.ascontiguousarray(frame[:height, :width]) for frame in frames]
-    film = imageio_ffmpeg.write_frames(
-        str(path), (width, height), "rgba", fps=fps, quality=8, macro_block_size=2
-    )
-    film.send(None)
-    for frame in even:
-        film.send(frame)
-    film.close()
+    film = None
+    for frame in frames:
+        # H.264 needs even numbers of pixels.
+        height, width = (size // 2 * 2 for size in frame.shape[:2])
+        if film is None:
+            look = {"fps": fps, "quality": 8, "macro_block_size": 2}
+            film = imageio_ffmpeg.write_frames(str(path), (width, height), "rgba", **look)
+            film.send(None)
+        film.send(np.ascontiguousarray(frame[:height, :width]))
+    if film is not None:
+        film.close()
 
 
-def _in_one_palette(frames: list[np.ndarray]) -> list[Image.Image]:
+def _write_gif(frames: Iterator[np.ndarray], path: Path, fps: int) -> None:
     """Frames with one palette of 256 colours: one palette per frame would take most of the time.
 
-    The palette is chosen from samples of all frames, in which rare colours have the same weight.
+    The palette is chosen from samples of all frames; until then they are compressed, as 200 frames
+    in full HD would take 1.6 GB.
     """
-    some = np.concatenate([frame[k % 3 :: 3, ::3] for k, frame in enumerate(frames)])
-    palette = _image(some).quantize(256, method=Image.Quantize.MAXCOVERAGE)
+    packed, samples, size = [], [], (0, 0)
+    for k, frame in enumerate(frames):
+        size = frame.shape[1], frame.shape[0]
+        apart = max(3, round((size[0] * size[1] / _SAMPLES) ** 0.5))
+        samples.append(frame[k % apart :: apart, ::apart].reshape(1, -1, 4))
+        packed.append(zlib.compress(frame.tobytes(), 1))
+    palette = _palette(np.concatenate(samples, axis=1))
+    plain = Image.Dither.NONE
+    first, *others = (
+        Image.frombytes("RGBA", size, zlib.decompress(one))
+        .convert("RGB")
+        .quantize(palette=palette, dither=plain)
+        for one in packed
+    )
+    first.save(path, save_all=True, append_images=others, duration=1000 // fps, loop=0)
+
+
+def _palette(pixels: np.ndarray) -> Image.Image:
+    """A palette of 256 colours, in which rare ones have the same weight, and white."""
+    palette = (
+        Image.fromarray(pixels).convert("RGB").quantize(256, method=Image.Quantize.MAXCOVERAGE)
+    )
     # Keep the background white: colours are matched approximately.
     colours = np.array(palette.getpalette()).reshape(-1, 3)
     colours[colours.min(axis=1) >= 245] = 255
     palette.putpalette(colours.ravel().tolist())
-    plain = Image.Dither.NONE
-    return [_image(frame).quantize(palette=palette, dither=plain) for frame in frames]
-
-
-def _image(frame: np.ndarray) -> Image.Image:
-    # Pillow drops the fourth number much faster than numpy.
-    return Image.fromarray(frame).convert("RGB")
+    return palette

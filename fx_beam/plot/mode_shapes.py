@@ -18,13 +18,13 @@ from fx_beam.validation import is_whole, require
 
 from .digits import three_digits
 from .drawing import Drawing
-from .plane import LARGEST
+from .plane import grid
 from .supports import Supports, draw_lines
 from .symbols import draw_bodies, draw_hinges
 
 _PICTURES = "png", "pdf", "svg", "jpg"
 _MODE = "#0072B2"
-_TITLE = 0.3  # height of a panel's title [inch]
+_BORDER = np.array((0.0, 0.3))  # of a panel, for its title [inch]
 # Rows of a vibration.
 _AT_REST, _MOVED, _LATER = range(3)
 
@@ -59,8 +59,8 @@ def modes(modes: Modes, path: Path | str | None = None, count: int | None = None
     count = int(count)
     size = 0.15 * float(np.ptp(modes.positions, axis=0).max())
     low, high = modes.positions.min(axis=0) - 1.2 * size, modes.positions.max(axis=0) + 1.2 * size
-    columns, rows, panel = _grid(count, high - low)
-    fig = Figure((columns * panel[0], rows * (panel[1] + _TITLE)), layout="constrained")
+    columns, rows, panel = grid(count, high - low, _BORDER)
+    fig = Figure(tuple((columns, rows) * (panel + _BORDER)), layout="constrained")
     panels = list(fig.subplots(rows, columns, squeeze=False).flat)
     for ax in panels[count:]:
         ax.remove()
@@ -135,17 +135,3 @@ def _kind(modes: Modes, mode: int) -> str:
     ratio, frequency = modes.damping_ratios[mode], abs(modes.frequencies[mode])
     kind = "rigid" if modes.rigid[mode] else f"{three_digits(frequency)} Hz"
     return kind + (f", ratio {three_digits(ratio)}" if ratio else "")
-
-
-def _grid(count: int, extent: np.ndarray) -> tuple[int, int, np.ndarray]:
-    """Columns and rows of panels of this shape, and their size [inch]: large, and few are empty."""
-    best = None
-    for columns in range(1, count + 1):
-        rows = -(-count // columns)
-        room = np.array([LARGEST[0] / columns, LARGEST[1] / rows - _TITLE])
-        panel = extent * min(np.maximum(room, 0.1) / extent)
-        worth = panel[0] * panel[1] * (count / (columns * rows)) ** 2
-        if best is None or worth > best[0]:
-            best = worth, columns, rows, panel
-    assert best is not None
-    return best[1:]

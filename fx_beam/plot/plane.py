@@ -69,11 +69,25 @@ class Plane:
         sides = (inner[0], 0.14) if self._bar_below else (0.14, inner[1])
         self._of_bar = (*(np.array(start) / whole), *(np.array(sides) / whole))
 
-    def draw_bar(self, scale, label: str, **look):
+    def draw_bar(self, scale, **look):
         """Draw the colour bar of a scale."""
         cax = self.figure.add_axes(self._of_bar)
         side = "horizontal" if self._bar_below else "vertical"
-        return self.figure.colorbar(scale, cax=cax, label=label, orientation=side, **look)
+        return self.figure.colorbar(scale, cax=cax, orientation=side, **look)
+
+
+def grid(count: int, extent: np.ndarray, border: np.ndarray) -> tuple[int, int, np.ndarray]:
+    """Columns and rows of panels of a shape, and their size [inch]: large, and few are empty."""
+    best = None
+    for columns in range(1, count + 1):
+        rows = -(-count // columns)
+        room = np.array(LARGEST) / (columns, rows) - border
+        panel = extent * min(np.maximum(room, 0.1) / extent)
+        worth = panel[0] * panel[1] * (count / (columns * rows)) ** 2
+        if best is None or worth > best[0]:
+            best = worth, columns, rows, panel
+    assert best is not None
+    return best[1:]
 
 
 def draw_obstacles(ax, drawing: Drawing) -> list:

@@ -12,6 +12,7 @@ from .drawing import Drawing, apart
 
 # Fractions of the drawing's size: height of a support, length of a wall, its strokes, half a guide.
 _HEIGHT, _WALL, _STROKE, _GUIDE = 0.032, 0.08, 0.016, 0.12
+_MARKER = 0.016  # size of a marker, as a fraction of the longer side of the axes
 _WHITE: dict[str, Any] = {"color": "white", "markeredgecolor": "black", "zorder": 6}
 _SIDES = np.array([(1.0, 0.0), (-1.0, 0.0), (0.0, -1.0), (0.0, 1.0)])
 
@@ -72,7 +73,7 @@ class Supports:
         drawn += draw_lines(ax, dotted, linewidth=1.2, linestyle=":", zorder=1)
         for marker, of in nodes.items():
             if of:
-                size = 6 * max(0.5, drawing.thinness)
+                size = marker_size(ax, drawing)
                 drawn += ax.plot(*drawing.positions(of, k).T, marker, markersize=size, **_WHITE)
         return drawn
 
@@ -96,6 +97,12 @@ class Supports:
 def draw_lines(ax, lines: list[np.ndarray], **look) -> list:
     """Draw lines (n, 2) as one, black if no colour is given; returns the artists."""
     return ax.plot(*apart(lines).T, **{"color": "black"} | look) if lines else []
+
+
+def marker_size(ax, drawing: Drawing) -> float:
+    """Size of the marker of a support [points], which fits its lines also in small panels."""
+    longest = max(ax.get_window_extent().size) * 72 / ax.figure.dpi
+    return max(2.5, _MARKER * longest * drawing.thinness)
 
 
 def is_grounded(joint: Joint) -> bool:

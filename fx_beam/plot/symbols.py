@@ -14,7 +14,7 @@ from fx_beam.validation import require
 
 from .drawing import Drawing
 from .slide_direction import slide_direction
-from .supports import draw_lines, is_grounded, left_of, on_ground, wall_strokes
+from .supports import draw_lines, is_grounded, left_of, marker_size, on_ground, wall_strokes
 
 _JOINT: dict[str, Any] = {"color": "white", "markeredgecolor": "black"}
 _ARROW: dict[str, Any] = {"angles": "xy", "scale_units": "xy", "scale": 1, "units": "inches"}
@@ -127,7 +127,7 @@ def draw_joints(ax, drawing: Drawing, k: int, colour: Any = "black") -> list:
 
 def draw_hinges(ax, drawing: Drawing, k: int, colour: Any = "black") -> list:
     """Draw a ring at each hinge of row k, and a square at each slide; returns the artists."""
-    drawn, size = [], 5 * max(0.4, drawing.thinness)
+    drawn, size = [], 0.8 * marker_size(ax, drawing)
     look = _JOINT | {"markeredgecolor": colour, "markersize": size, "zorder": 5}
     for marker, nodes in nodes_of_joints(drawing).items():
         drawn += ax.plot(*drawing.positions(nodes, k).T, marker, **look)
