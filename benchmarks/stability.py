@@ -5,7 +5,7 @@
     ./run report stability --jobs 2   on two processes
 
 The scenes are those of the demos, with other constants. A failing step is halved at most 12 times,
-the default of `simulate`. The short form repeats doubtful runs once.
+the default of `simulate`. The short form has five schemes and repeats doubtful runs once.
 """
 
 import argparse
@@ -35,6 +35,14 @@ SCHEMES = {
     "HHT, alpha = -0.1": fb.HHT(-0.1),
     "Generalized alpha, 0.9": fb.GeneralizedAlpha(0.9),
 }
+# Those of the short form.
+FEW = (
+    "EnergyMomentum",
+    "EnergyDecaying",
+    "ModifiedMidPoint",
+    "Newmark (trapezoidal)",
+    "HHT, alpha = -0.1",
+)
 PENDULUM, PINNED, SWING, MULTIBODY = map(
     demo, ("pendulum", "pinned_beam", "three_bar_swing", "multibody")
 )
@@ -619,11 +627,12 @@ def main(quick=False, results=ROOT / "results" / "stability", jobs=1):
     """
     clock = perf_counter()
     how = {"repeats": 1 if quick else 4, "executor": jobs if jobs > 1 else None}
+    schemes = {label: SCHEMES[label] for label in FEW} if quick else SCHEMES
     units = compare_units()
     reporting.write_json(results / "units.json", units)
     title = "effect of Newton's tolerance"
     by_tolerance = studied(
-        results / "tolerances", SCHEMES, tolerances(quick), title, how, tolerances_page
+        results / "tolerances", schemes, tolerances(quick), title, how, tolerances_page
     )
     few = {"alphas": (0.0, -0.05, -0.1), "radii": (0.9,)} if quick else {}
     title = "effect of numerical damping"
@@ -634,7 +643,7 @@ def main(quick=False, results=ROOT / "results" / "stability", jobs=1):
     questions = {group.__name__: list(group(quick)) for group in GROUPS}
     cases = [case for own in questions.values() for case in own]
     title = "stiff and extreme cases"
-    cells = studied(results / "cases", SCHEMES, cases, title, how, lambda _: units_page(units))
+    cells = studied(results / "cases", schemes, cases, title, how, lambda _: units_page(units))
     for name, own in [*questions.items()][: 1 if quick else None]:
         names = {case.name for case in own}
         found = [cell for cell in cells if cell.case.name in names]
