@@ -12,6 +12,7 @@ import scipy.sparse.linalg
 import fx_beam as fb
 from fx_beam.algebra.lu_layout import COSTS, factors_of
 from fx_beam.coupling import graph
+from fx_beam.mechanics.interval import Interval
 from fx_beam.model.joint_forces import JointForces
 from fx_beam.model.model import Model
 from fx_beam.stepping.initial_state import reference_state
@@ -134,7 +135,7 @@ def step_from_rest(made):
     reduction, random = model.reduction, np.random.default_rng(1)
     state = reference_state(model)
     reduction.begin(state.q, state.slides)
-    model.begin_points(state, 0.0, 0.01)
+    model.forms.begin(Interval(0.0, 0.01), model.start_of(state, 0.01))
     y = random.uniform(-0.3, 0.3, reduction.free)
     D = reduction.expand(y, random.uniform(-0.3, 0.3, reduction.driven))
     r, z = random.uniform(-1, 1, model.size), random.uniform(-1, 1, reduction.columns)

@@ -209,8 +209,8 @@ def test_damping_is_the_derivative_of_the_forces_by_the_rates_in_a_stressed_scen
     reduction, zero = model.reduction, np.zeros(model.size)
 
     def forces(rate):
-        model.forms.set_step(instant(0.5, dt), about.start.q, zero, zero)
-        model.begin_points(about.start, 0.5, dt)
+        start = model.start_of(about.start, dt)._replace(v=zero, a=zero)
+        model.forms.begin(instant(0.5, dt), start)
         reduction.begin(about.start.q, about.start.slides)
         D = reduction.expand(dt * rate, np.zeros(reduction.driven))
         return reduction.project(model.forms.internal_force(D))[: reduction.free]

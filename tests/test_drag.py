@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 import fx_beam as fb
+from fx_beam.fem.step_start import StepStart
 from fx_beam.mechanics.interval import Interval
 from fx_beam.model.model import Model
 
@@ -123,7 +124,7 @@ def test_drag_in_proportion_to_the_mass_is_the_mass_matrix(degree):
             scene.add_drag(bar.end, linear=alpha * 2.0, rotation=alpha * 0.3)
         model = Model(scene, fb.EnergyMomentum())
         zero = np.zeros(model.size)
-        model.forms.set_step(Interval(0.0, dt), zero, zero, zero)
+        model.forms.begin(Interval(0.0, dt), StepStart(zero, zero, zero))
         model.forms.internal_force(zero)
         model.forms.assemble_stiffness()
         tangents.append(model.forms.stiffness.toarray())
@@ -237,7 +238,7 @@ def test_the_tangent_is_the_derivative_of_the_forces(scheme, degree):
     model = Model(scene, scheme)
     random = np.random.default_rng(1)
     q, D, v, a = (random.uniform(-0.5, 0.5, model.size) for _ in range(4))
-    model.forms.set_step(Interval(0.3, 0.4), q, v, a)
+    model.forms.begin(Interval(0.3, 0.4), StepStart(q, v, a))
     model.forms.internal_force(D)
     model.forms.assemble_stiffness()
     K, h = model.forms.stiffness.toarray(), 1e-5

@@ -7,6 +7,7 @@ import pytest
 from scenes import FLYING, free_flight, pinned_beam, relative_drift
 
 import fx_beam as fb
+from fx_beam.fem.step_start import StepStart
 from fx_beam.mechanics.interval import Interval
 from fx_beam.mechanics.resultants import averaged, with_exact_work
 from fx_beam.model.model import Model
@@ -37,7 +38,7 @@ def work_and_gain(model, q, D):
     """Work of the internal forces in a step, the energy gained, and the sum of the single works."""
     path, _ = model.scheme.rates.work_increment(D, model.turns)
     zero = np.zeros(model.size)
-    model.forms.set_step(Interval(0.0, 0.1), q, zero, zero)
+    model.forms.begin(Interval(0.0, 0.1), StepStart(q, zero, zero))
     works = model.forms.internal_force(D) * path
     gain = model.forms.strain_energy(q + D) - model.forms.strain_energy(q)
     return works.sum(), gain, abs(works).sum()
@@ -59,7 +60,7 @@ def test_rigid_motions_do_no_work_on_any_step(degree, curved):
     model = model_of(degree, curved=curved)
     q, D = random_step(model, 1.5)
     zero = np.zeros(model.size)
-    model.forms.set_step(Interval(0.0, 0.1), q, zero, zero)
+    model.forms.begin(Interval(0.0, 0.1), StepStart(q, zero, zero))
     force = model.to_nodes(model.forms.internal_force(D))
     x, y = (model.mesh.X + model.to_nodes(q + D / 2)[:, :2]).T
     moments = np.array([x * force[:, 1], -y * force[:, 0], force[:, 2]])

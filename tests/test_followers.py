@@ -6,6 +6,7 @@ import scipy.integrate
 from scenes import FLYING
 
 import fx_beam as fb
+from fx_beam.fem.step_start import StepStart
 from fx_beam.mechanics.interval import Interval
 from fx_beam.model.model import Model
 
@@ -28,7 +29,7 @@ def test_the_tangent_is_the_derivative_of_the_forces(scheme):
     model = Model(scene, scheme)
     random = np.random.default_rng(1)
     q, D, v, a = (random.uniform(-0.7, 0.7, model.size) for _ in range(4))
-    model.forms.set_step(Interval(0.3, 0.4), q, v, a)
+    model.forms.begin(Interval(0.3, 0.4), StepStart(q, v, a))
     model.forms.internal_force(D)
     model.forms.assemble_stiffness()
     K = model.forms.stiffness.toarray()
@@ -89,7 +90,7 @@ def test_becks_column_flutters_beyond_its_load():
         scene.add_force(beam.end, (-load, 0.0), follower=True)
         model = Model(scene, fb.Equilibrium())
         zero = np.zeros(model.size)
-        model.forms.set_step(Interval(0.0, 0.0), zero, zero, zero)
+        model.forms.begin(Interval(0.0, 0.0), StepStart(zero, zero, zero))
         compressed = zero.copy()
         x = model.mesh.X[:, 0]
         compressed[model.mesh.dofs[:, 0]] = -load / 1e6 * x

@@ -9,6 +9,7 @@ from jointed import AXIS, BENDING, KINDS, MEMBER, OFFSET, W, pair, rotation
 import fx_beam as fb
 from fx_beam.coupling.index_reduction import IndexReduction
 from fx_beam.coupling.joint_reduction import JointReduction
+from fx_beam.fem.step_start import StepStart
 from fx_beam.mechanics.interval import Interval
 from fx_beam.model.model import Model
 from fx_beam.stepping.initial_state import reference_state
@@ -150,7 +151,7 @@ class Moved:
 
     def begin(self):
         start = replace(reference_state(self.model), q=self.q, slides=self.slides)
-        self.model.begin_points(start, 0.0, DT)
+        self.model.forms.begin(Interval(0.0, DT), self.model.start_of(start, DT))
         self.reduction.begin(self.q, self.slides)
 
     def expand(self, z):
@@ -344,7 +345,7 @@ def test_tangent_is_the_derivative_of_the_whole_residual(scheme):
     assert isinstance(reduction, JointReduction)
     random = np.random.default_rng(4)
     v, a, load = (random.uniform(-1, 1, model.size) for _ in range(3))
-    model.forms.set_step(Interval(0.0, DT), moved.q, v, a)
+    model.forms.begin(Interval(0.0, DT), StepStart(moved.q, v, a))
     free = reduction.free
 
     def forces(z):

@@ -14,6 +14,7 @@ from test_loop import lattice
 import fx_beam as fb
 from fx_beam.algebra.sparse_lu import CompiledLU
 from fx_beam.analyses.linearisation import linearised
+from fx_beam.fem.step_start import StepStart
 from fx_beam.mechanics.interval import Interval
 from fx_beam.model.model import Model
 
@@ -218,7 +219,7 @@ def test_shapes_have_the_modal_mass_one_and_are_orthogonal(free):
     assert vectors @ model.mass @ vectors.T == pytest.approx(np.eye(8), abs=1e-9)
     stiffness = found.angular_frequencies**2
     forms = model.forms
-    forms.set_step(Interval(0.0, 1.0), *(np.zeros(model.size) for _ in range(3)))
+    forms.begin(Interval(0.0, 1.0), StepStart(*(np.zeros(model.size) for _ in range(3))))
     forms.internal_force(np.zeros(model.size))
     forms.assemble_stiffness()
     energies = vectors @ forms.stiffness @ vectors.T

@@ -7,6 +7,7 @@ import pytest
 from scenes import FLYING, pinned_beam
 
 import fx_beam as fb
+from fx_beam.fem.step_start import StepStart
 from fx_beam.mechanics.interval import Interval
 from fx_beam.model.model import Model
 
@@ -32,7 +33,7 @@ def model_of(scheme, degree, energy=None, curved=False):
     model = Model(scene, scheme)
     random = np.random.default_rng(1)
     q, D, v, a = (random.uniform(-0.7, 0.7, model.size) for _ in range(4))
-    model.forms.set_step(Interval(0.0, 0.1), q, v, a)
+    model.forms.begin(Interval(0.0, 0.1), StepStart(q, v, a))
     return model, D
 
 
@@ -139,9 +140,8 @@ def test_residual_and_tangent_are_the_papers_matrices():
         f[dofs] += fe
         K[np.ix_(dofs, dofs)] += Ke
 
-    model.forms.set_step(
-        Interval(0.0, 0.1), model.from_nodes(q0), np.zeros(model.size), np.zeros(model.size)
-    )
+    zero = np.zeros(model.size)
+    model.forms.begin(Interval(0.0, 0.1), StepStart(model.from_nodes(q0), zero, zero))
     force = model.forms.internal_force(model.from_nodes(D))
     model.forms.assemble_stiffness()
     assert abs(force - f).max() < 1e-12 * abs(f).max()

@@ -168,7 +168,7 @@ def test_only_a_section_that_varies_brings_a_function_into_the_forms():
         scene = fb.Scene()
         for section in sections:
             scene.clamp(scene.add_beam([(0, 0), (1, 0)], section, degree=2).start)
-        forms = Model(scene, fb.EnergyMomentum()).forms
+        forms = Model(scene, fb.EnergyMomentum()).forms.beams
         return len(forms.bound["tangent"][1].form.coefficients())
 
     assert coefficients(FLYING) == 3  # start, increment and path

@@ -38,13 +38,15 @@ def solution_of(
     cache: list[np.ndarray] = []
 
     def resultants_of_beam(name: str) -> BeamResultants:
-        if model.forms.resultants_need_rates and "v" not in recorder.arrays:
+        beams = model.forms.beams
+        assert beams is not None
+        if beams.resultants_need_rates and "v" not in recorder.arrays:
             raise ValueError(
                 f"the stress resultants of {model.scheme.name} depend on rates: rates not "
                 "recorded; simulate with record=Record(rates=True)"
             )
         if not cache:
-            every = recorder.means(model.forms.resultants(recorder.sub_steps()))
+            every = recorder.means(beams.resultants(recorder.sub_steps()))
             cache.append(every[rows])
         number = [beam.name for beam in scene.beams].index(name)
         beam, values = scene.beams[number], cache[0][:, mesh.cells[number]]

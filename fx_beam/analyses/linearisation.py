@@ -52,7 +52,7 @@ class Linearisation(NamedTuple):
     @property
     def may_be_damped(self) -> bool:
         """Whether the scene has anything whose forces depend on rates."""
-        scene = self.model.scene
+        scene, beams = self.model.scene, self.model.forms.beams
         coordinates = [c for joint in scene.joints for c in (joint.slide, joint.rotation) if c]
         coordinates += [force.on for force in scene.forces_between]
         return (
@@ -61,7 +61,7 @@ class Linearisation(NamedTuple):
             or any(obstacle.loss for obstacle in scene.obstacles)
             or bool(scene.drags)
             or any(force.force for force in scene.forces_between)
-            or self.model.forms.needs_rates  # in statics those of added virtual works
+            or (beams is not None and beams.needs_rates)  # in statics: of added virtual works
         )
 
     def damping(self, what: str) -> scipy.sparse.csr_matrix:

@@ -255,15 +255,13 @@ class _Coupling:
 def _forces(model: Model, state: State):
     """Internal forces (size,), stiffness and damping; the same (columns,) of those on slides."""
     forms, points = model.forms, model.points
-    forms.set_internal(state.internal)
     slide_rates = model.slide_rates(state)
     count = model.reduction.columns
 
     def step(dt: float, moving: bool, shift: float = 0.0):
         D, slid = moving * dt * state.v, moving * dt * slide_rates
         start = replace(state, q=state.q - shift * D, slides=state.slides - shift * slid)
-        forms.set_step(instant(state.t - shift * dt, dt), start.q, state.v, state.a)
-        model.begin_points(start, state.t, dt)
+        forms.begin(instant(state.t - shift * dt, dt), model.start_of(start, dt))
         f = forms.internal_force(D).copy()
         forms.assemble_stiffness()
         z = np.zeros(count)

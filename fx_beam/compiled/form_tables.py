@@ -7,8 +7,8 @@ from typing import Any
 import numpy as np
 
 from fx_beam.fem import dolfinx_api, ffcx_api
+from fx_beam.fem.beam_forms import BeamForms
 from fx_beam.fem.dolfinx_api import CompiledForm
-from fx_beam.fem.forms import Forms
 
 from .build import load_batches
 from .element_data import in_lanes, rows_of_nodes
@@ -37,7 +37,7 @@ class FormTables:
 
     def __init__(
         self,
-        forms: Forms,
+        forms: BeamForms,
         dofs: np.ndarray,
         coordinates: np.ndarray,
         stored_at: np.ndarray,
@@ -72,7 +72,7 @@ class FormTables:
     def all(self) -> dict[str, dict]:
         """The forms of the model by their names in C."""
         bound, moving = self._forms.bound, self._forms.moving
-        drag = self._forms.beam_drag
+        drag = self._forms.drag
         fields = dict.fromkeys(_FORMS, moving)
         if drag is not None:
             fields |= dict.fromkeys(("drag", "lost_to_drag"), [drag.increment, *moving[1:]])
@@ -83,7 +83,7 @@ class FormTables:
         }
 
     def _table(self, to: str, names: tuple[str, ...], fields: list) -> dict[str, Any]:
-        """Forms of fields that change, in the order of `Forms.moving`."""
+        """Forms of fields that change, in the order of `BeamForms.moving`."""
         p, forms = self._problem, self._forms
         bound = [forms.bound[name] for name in names if name in forms.bound]
         form, compiled = bound[0]

@@ -111,18 +111,20 @@ class Problem:
             load_dof=columns.indices,
         )
         self._heavy, self._turning, self._turns = heavy, turning, turns
-        if p.cell_internal:
-            width = model.forms.internal_shape[-1]
-            self._set(per_weight=np.repeat(1 / model.forms.point_weights, width))
-        self._tables = FormTables(
-            model.forms, dofs, coordinates, stored_at[entries], p, self.library.LANES
-        )
-        self._set(**self._tables.all())
+        #: Tables of the forms of beams, None without any.
+        self._tables: FormTables | None = None
+        if (beams := model.forms.beams) is not None:
+            stored = stored_at[entries]
+            self._tables = FormTables(beams, dofs, coordinates, stored, p, self.library.LANES)
+            self._set(**self._tables.all())
+            if p.cell_internal:
+                width = beams.internal_shape[-1]
+                self._set(per_weight=np.repeat(1 / beams.point_weights, width))
 
     def _numbers(self) -> dict[str, np.ndarray]:
         """The members that are numbers of the scene, besides those of forms and points."""
         model, joints = self.model, self.model.reduction.joint_tables()
-        found = {
+        numbers = {
             "mass": model.mass.data[self._heavy],
             "turning_mass": model.mass.data[self._turning],
             "position": model.mesh.X,
@@ -132,7 +134,7 @@ class Problem:
             "offset": joints["offset"],
             "axis": joints["axis"],
         }
-        return found if model.weight is None else {**found, "weight": model.weight}
+        return numbers if model.weight is None else {**numbers, "weight": model.weight}
 
     def refill(self) -> None:
         """Set all numbers to those that the model has now, and all else to that before a run."""
@@ -140,16 +142,15 @@ class Problem:
             self._own[name][...] = values
         for i, row in enumerate(self._slide_rates()):
             self._structs.set(self.c.rated_slide[i], axis=row["axis"], offset=row["offset"])
-        if self.model.mesh.mesh is not None:
+        if self._tables is not None:
             self._tables.refill(dolfinx_api.element_coordinates(self.model.mesh.mesh))
         self.ffi.memmove(self.c, self._fresh, len(self._fresh))
         self._clear()
 
     def _hand_over_points(self, stored_at: np.ndarray) -> None:
         model, points = self.model, self.model.points
-        follow = model.forms.followers
         self._set(spring_width=points.width, may_overshoot=model.may_overshoot)
-        self._set(thrusts=0 if follow is None else len(follow))
+        self._set(thrusts=len(points.followers))
         if not len(points):
             self._set(points=[{}])
             return

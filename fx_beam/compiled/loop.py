@@ -208,12 +208,12 @@ class CompiledLoop:
         """Inputs of all sub-steps; if a function of time fails, only of the steps before."""
         starts = np.concatenate([[t], times[:-1]])
         t0, t1 = divided(starts, times, self.model.scheme.fractions)
-        forcing, follow, parts = self.forcing, self.model.forms.followers, self._problem.sub_steps
+        forcing, follow, parts = self.forcing, self.model.points.followers, self._problem.sub_steps
         try:
             first = slice(1 if self.model.loads.constant else None)
             loads = _of_each_step(forcing.loads(t0[first], t1[first]), len(t1))
             thrust = np.empty((len(t1), 0))
-            if follow is not None:
+            if len(follow):
                 first = slice(1 if follow.constant else None)
                 thrust = _of_each_step(follow.series(t0[first], t1[first]), len(t1))
             return StepInputs(loads, forcing.series(t1), thrust, parts)

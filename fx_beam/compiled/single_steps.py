@@ -48,7 +48,7 @@ class CompiledSingleSteps:
         """Arrays of the loads and driven motions of a step, with views for those that are held."""
         model, p = self._loop.model, self._p
         forcing, steps = self._loop.forcing, p.sub_steps
-        thrusts = 0 if model.forms.followers is None else len(model.forms.followers)
+        thrusts = len(model.points.followers)
         self._inputs = StepInputs(
             np.zeros((steps, 2, p.loads)),
             np.zeros((steps, p.driven)),

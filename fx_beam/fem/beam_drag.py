@@ -65,9 +65,8 @@ class BeamDrag:
     def _set(self, D: np.ndarray) -> None:
         self.increment.x.array[:] = D[: len(self._vector)]
 
-    def add_tangent(self, D: np.ndarray, values: np.ndarray, at: slice | np.ndarray) -> None:
-        """Add their derivative by D to the entries of the stiffness at some positions."""
-        self._set(D)
+    def add_tangent(self, values: np.ndarray, at: slice | np.ndarray) -> None:
+        """Add their derivative by the last D to the values of the stiffness at some positions."""
         dolfinx_api.assemble_matrix(self._matrix, self._tangent)
         values[at] += self._matrix.data
 

@@ -18,9 +18,9 @@ from fx_beam.scene.structure import OtherStructureError
 from fx_beam.validation import Constant, evaluate, series, vector
 
 from . import dolfinx_api
+from .beam_forms import BeamForms
 from .dolfinx_api import CompiledForm
 from .fields import Fields
-from .forms import Forms
 from .mesh import Mesh
 from .section_fields import Data, DataShape, on_beam
 
@@ -28,8 +28,8 @@ from .section_fields import Data, DataShape, on_beam
 class Loads:
     """Nodal vector of all dead loads, F(t) = sum of constant columns times functions of time."""
 
-    def __init__(self, scene: Scene, mesh: Mesh, forms: Forms):
-        self._mesh, self._forms = mesh, forms
+    def __init__(self, scene: Scene, mesh: Mesh, beams: BeamForms | None):
+        self._mesh, self._beams = mesh, beams
         #: Nodal forces of unit components of each load, as a matrix (size, n).
         self.columns = self._read(scene)
 
@@ -40,7 +40,8 @@ class Loads:
         dofs, forces = [np.empty(0, dtype=int)], [np.empty(0)]
         for load in self._loads:
             if isinstance(load.target, Beam):
-                columns = self._line_load(load.target, load.along)
+                assert self._beams is not None  # the load is on one
+                columns = self._line_load(self._beams, load.target, load.along)
                 own = [np.flatnonzero(column) for column in columns]
                 dofs += own
                 forces += [column[at] for column, at in zip(columns, own, strict=True)]
@@ -65,25 +66,25 @@ class Loads:
                 raise OtherStructureError("loads act on other degrees of freedom")
         self.columns = columns
 
-    def _line_load(self, beam: Beam, along: Callable | None) -> np.ndarray:
+    def _line_load(self, beams: BeamForms, beam: Beam, along: Callable | None) -> np.ndarray:
         """Nodal forces (2, size) of a unit line load along x and y, or (1, size) of one along s."""
-        mesh, fields = self._mesh, self._forms.fields.plain
+        mesh, fields = self._mesh, beams.fields.plain
         if along is None:
             data, directions = on_beam(mesh, self._scene, beam), np.eye(2)
         else:
-            values = self._at_gauss_points(beam, along)
+            values = self._at_gauss_points(beam, along, fields.full_rule)
             data, directions = Data(fields.full_rule, values), np.ones((1, 2))
         compiled, density, direction = _line_load_form(fields, data.shape)
         unit = dolfinx_api.constant(mesh.mesh, np.zeros(2))
-        form = self._forms.bind(compiled, {density: data.on(mesh), direction: unit})
-        columns = np.zeros((len(directions), self._forms.size))
+        form = beams.bind(compiled, {density: data.on(mesh), direction: unit})
+        columns = np.zeros((len(directions), mesh.dofs.size))
         for column, unit.value in zip(columns, directions, strict=True):
             dolfinx_api.assemble_vector(column[: mesh.in_beams], form)
         return columns
 
-    def _at_gauss_points(self, beam: Beam, along: Callable) -> np.ndarray:
+    def _at_gauss_points(self, beam: Beam, along: Callable, rule: int) -> np.ndarray:
         """A line load (cells, points, 2) where it is integrated [N/m]."""
-        s = arc_lengths(beam, dolfinx_api.gauss_points(self._forms.fields.full_rule))
+        s = arc_lengths(beam, dolfinx_api.gauss_points(rule))
         force = np.zeros((len(self._mesh.beam_of_cell), s.shape[1], 2))
         what = f"line load on {label(beam)}"
         force[self._mesh.cells[self._scene.beams.index(beam)]] = [

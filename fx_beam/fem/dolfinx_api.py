@@ -265,6 +265,11 @@ def entries(form, matrix) -> np.ndarray:
 def assemble_vector(array: np.ndarray, form) -> None:
     """Assemble a linear form; old values of `array` are overwritten."""
     array[:] = 0.0
+    add_vector(array, form)
+
+
+def add_vector(array: np.ndarray, form) -> None:
+    """Assemble a linear form, and add it to `array`."""
     fem.assemble_vector(array, form)
 
 

@@ -14,6 +14,7 @@ from fx_beam.scene.scene import Scene
 from fx_beam.scene.structure import OtherStructureError
 
 from . import dolfinx_api
+from .beam_forms import BeamForms
 from .dolfinx_api import CompiledForm
 from .fields import Fields
 from .forms import Forms
@@ -34,6 +35,11 @@ class Mass:
         #: What was assembled, in words.
         self.assembled: list[str] = []
 
+    @property
+    def _beams(self) -> BeamForms:
+        assert self._forms.beams is not None  # some have distributed mass
+        return self._forms.beams
+
     @functools.cached_property
     def matrix(self) -> scipy.sparse.csr_matrix:
         """Mass matrix (eqs 19 to 21), lumped entries included, of the stiffness' sparsity."""
@@ -43,9 +49,9 @@ class Mass:
         self._form: Any = None
         if data:
             shapes = (data[name].shape if name in data else None for name in ("rhoA", "rhoI"))
-            compiled, densities = _mass_form(self._forms.fields.plain, *shapes)
+            compiled, densities = _mass_form(self._beams.fields.plain, *shapes)
             own = {symbol: self._fields[name].on_mesh for name, symbol in densities.items()}
-            self._form = self._forms.bind(compiled, own)
+            self._form = self._beams.bind(compiled, own)
         self.assembled += [_WORDS[name] for name in data]
         if self._scene.masses:
             self.assembled.append("lumped mass")
@@ -55,14 +61,14 @@ class Mass:
     def _assemble(self, mass: scipy.sparse.csr_matrix) -> None:
         mass.data[:] = 0.0
         if self._form is not None:
-            values = dolfinx_api.entries(self._form, self._forms.matrix)
-            mass.data[self._forms.assembled] = values
+            beams = self._beams
+            mass.data[beams.value_at] = dolfinx_api.entries(self._form, beams.matrix)
         if self._scene.masses:
             mass.data[self._diagonal] += self._mesh.from_nodes(self.lumped)
 
     @functools.cached_property
     def _diagonal(self) -> np.ndarray:
-        """Places of the diagonal in the values of the stiffness."""
+        """Positions of the diagonal in the values of the stiffness."""
         K = self._forms.stiffness
         row = np.repeat(np.arange(len(K.indptr) - 1), np.diff(K.indptr))
         return np.flatnonzero(row == K.indices)
@@ -101,9 +107,9 @@ class Mass:
         weight = np.zeros(self._forms.size)
         if self._has("rhoA"):
             data = self._data("rhoA")
-            compiled, density, gravity = _weight_form(self._forms.fields.plain, data.shape)
+            compiled, density, gravity = _weight_form(self._beams.fields.plain, data.shape)
             pull = dolfinx_api.constant(self._mesh.mesh, self._scene.gravity)
-            form = self._forms.bind(compiled, {density: data.on(self._mesh), gravity: pull})
+            form = self._beams.bind(compiled, {density: data.on(self._mesh), gravity: pull})
             dolfinx_api.assemble_vector(weight[: self._mesh.in_beams], form)
         return weight
 
@@ -117,7 +123,7 @@ class Mass:
 
     def _data(self, name: str) -> Data:
         """Distributed mass or inertia."""
-        return section_data(self._mesh, self._scene, (name,), self._forms.fields.full_rule)
+        return section_data(self._mesh, self._scene, (name,), self._beams.fields.full_rule)
 
     @functools.cached_property
     def lumped(self) -> np.ndarray:

@@ -12,11 +12,14 @@ import scipy.sparse
 
 from fx_beam import c_library
 from fx_beam.errors import SceneError
+from fx_beam.mechanics.interval import Interval
 from fx_beam.mechanics.point_laws import PointLaw, StepRule, arguments
 from fx_beam.scene.structure import OtherStructureError
 from fx_beam.structs import Structs
 
 from .compiled_laws import compiled_law
+from .follower_loads import Followers
+from .step_start import StepStart
 
 _NONE = np.empty(0)
 _HEADER = "point_force.h"
@@ -67,9 +70,12 @@ def _library() -> _Library:
 class PointForces:
     """All forces at points of a scene. Their data lie in C, where both kinds of steps use them."""
 
-    def __init__(self, forces: Sequence[PointForce], rule: StepRule):
+    def __init__(self, forces: Sequence[PointForce], followers: Followers, rule: StepRule):
         laws = {id(force.law): force.law for force in forces}
         compiled = {key: compiled_law(law, rule) for key, law in laws.items()}
+        self._rule = rule
+        #: Values of the external ones over time.
+        self.followers = followers
         counts = [force.law.internal for force in forces]
         firsts = np.cumsum([0, *counts])[:-1].tolist()
         order = sorted(range(len(forces)), key=lambda i: forces[i].role)
@@ -87,6 +93,8 @@ class PointForces:
         self.columns = np.full(len(self.slides), -1)
         #: Increments at which the forces were evaluated, of nodes and of columns.
         self._D = self._z = _NONE
+        #: In statics the increment of the load factor.
+        self._load_increment = 0.0
         self._build_pairs()
         #: What each force is given, and finds.
         self._given: list[np.ndarray] = []
@@ -111,6 +119,11 @@ class PointForces:
     def has_external(self) -> bool:
         """Whether there are any."""
         return self.external.stop > self.external.start
+
+    @property
+    def depend_on_rates(self) -> bool:
+        """Whether forces may depend on rates."""
+        return self.has_external or self.any_have("loss")
 
     @property
     def _nodal(self) -> int:
@@ -177,14 +190,14 @@ class PointForces:
         #: Address of the C struct PointForces.
         self.address = int(ffi.cast("uintptr_t", self._all))
 
-    def refill(self, forces: Sequence[PointForce]) -> None:
+    def refill(self, forces: Sequence[PointForce], followers: Followers) -> None:
         """Set the numbers of all forces; OtherStructureError if these are of other kinds."""
         order = sorted(range(len(forces)), key=lambda i: forces[i].role)
         forces = [forces[i] for i in order]
         known = self._forces
         if [force[:1] + force[2:] for force in forces] != [of[:1] + of[2:] for of in known]:
             raise OtherStructureError("forces at points are of other kinds")
-        self._forces = forces
+        self._forces, self.followers = forces, followers
         for force, given in zip(forces, self._given, strict=True):
             given[len(given) - len(force.numbers) :] = force.numbers
 
@@ -234,19 +247,28 @@ class PointForces:
 
     # -- A step ---------------------------------------------------------------------------------
 
-    def begin(self, q, v, t, dt, slides=_NONE, slide_rates=_NONE, internal=None) -> None:
-        """Set the start of a step: configuration and rates (size,), time, length [s], and slides.
+    def set_load(self, factor: float, increment: float) -> None:
+        """Set the load factor of external forces, and in statics its increment in the step."""
+        for given in self._given[self.external]:
+            given[-1] = factor
+        self._load_increment = increment
 
-        In statics the length is the increment of the load.
-        """
+    def begin(self, interval: Interval, start: StepStart) -> None:
+        """Begin a step. In statics its length is the increment of the load."""
         if not self._forces:
             return
-        missing = np.zeros(len(slides) or int(self.slides.max(initial=-1)) + 1)
-        slides = slides if len(slides) else missing
-        rates = slide_rates if len(slide_rates) else missing
+        t = interval.start + self._rule.level * interval.length
+        dt = self._load_increment if self._rule.at_rest else interval.length
+        missing = np.zeros(int(self.slides.max(initial=-1)) + 1)
+        slides, rates = (x if len(x) else missing for x in (start.slides, start.slide_rates))
+        internal = start.spring_internal
         variables = np.zeros(self.width) if internal is None else internal
-        vectors = (self._of(x) for x in (q, v, slides, rates))
+        vectors = (self._of(x) for x in (start.q, start.v, slides, rates))
         self._c.fx_begin_points(self._all, *vectors, t, dt, self._of(variables))
+        if len(self.followers):
+            loads = self._given[self.external]
+            for given, force in zip(loads, self.followers.at(interval), strict=True):
+                given[-3:-1] = force
 
     def evaluate(self, D: np.ndarray) -> None:
         """Evaluate the forces at nodes for the increment D (size,)."""
@@ -261,11 +283,18 @@ class PointForces:
             ends = self._nodal, len(self._forces)
             self._c.fx_evaluate_points(self._all, *ends, self._of(_NONE), self._of(z))
 
-    def add_forces(self, out: np.ndarray, of: slice = slice(None), factor: float = 1.0) -> None:
-        """Add forces (size,) at nodes against the motion."""
+    def add_force(self, D: np.ndarray, out: np.ndarray) -> None:
+        """Evaluate the forces at nodes for D, and add them (size,) against the motion."""
+        self.evaluate(D)
         if self._forces:
-            first, end, _ = of.indices(self._nodal)
-            self._c.fx_add_points(self._all, first, end, factor, self._of(out))
+            self._c.fx_add_points(self._all, 0, self._nodal, 1.0, self._of(out))
+
+    def add_external(self, out: np.ndarray) -> None:
+        """Evaluate the external ones at the last increment, and add them with the motion."""
+        if self.has_external:
+            self.evaluate(self._D)
+            first, end = self.external.start, self.external.stop
+            self._c.fx_add_points(self._all, first, end, -1.0, self._of(out))
 
     def add_tangent(self, values: np.ndarray) -> None:
         """Add their derivatives by the increments to the entries of the stiffness."""
@@ -319,14 +348,6 @@ class PointForces:
             if force.joint >= 0:
                 total[force.joint] -= result[1]
         return total
-
-    def set_loads(self, factor: float, followers: np.ndarray) -> None:
-        """Set the load factor of external forces, and the first ones, which follow nodes (n, 2)."""
-        first = self.external.start
-        for i in range(first, self.external.stop):
-            self._given[i][-1] = factor
-        for i, force in enumerate(followers, start=first):
-            self._given[i][-3:-1] = force
 
     # -- Shorter corrections ----------------------------------------------------------------------
 

@@ -43,19 +43,14 @@ class Equations:
 
     def begin(self, interval: Interval, start: State) -> None:
         """Set the interval of a step and the state at its start."""
-        model, q = self.model, start.q
+        model = self.model
         self._start, self._length = start, interval.length
-        model.forms.set_internal(start.internal)
-        model.reduction.begin(q, start.slides)
+        model.reduction.begin(start.q, start.slides)
         if model.scheme.rates.at_rest:
             # The interval is one of load factors; only internal variables depend on its length.
-            model.forms.load_factor.value = interval.end
-            model.forms.load_increment.value = interval.length
+            model.forms.set_load(interval.end, interval.length)
             interval = Interval(self.time, self.time)
-        model.forms.set_step(interval, q, start.v, start.a)
-        t = interval.start + model.scheme.rates.level * interval.length
-        model.begin_points(start, t, self._length)
-        model.forms.set_memory(start.before, start.memory(interval.length))
+        model.forms.begin(interval, model.start_of(start, interval.length))
 
     def at(self, y: np.ndarray, driven: np.ndarray, force: np.ndarray) -> Balance:
         """Evaluate at increments of the unknowns y (free,) and of driven motion (driven,).
@@ -70,7 +65,7 @@ class Equations:
         if not rates.at_rest:
             r += model.mass @ self._inertia(D, K)
         elif (frame := self._turning) is not None:
-            factor = float(model.forms.load_factor.value)
+            factor, _ = model.forms.load
             r -= factor * frame.force(self._start.q + D)
             K.data -= factor * frame.spin**2 * frame.mass.data
         return Balance(D, f, r, self._reduction.project(r))

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import functools
-from typing import Any
 
 import numpy as np
 import scipy.sparse
@@ -24,9 +23,9 @@ from fx_beam.fem.dead_loads import Loads
 from fx_beam.fem.forms import Forms
 from fx_beam.fem.mass import Mass
 from fx_beam.fem.mesh import build_mesh
-from fx_beam.fem.nodal_forms import NodalForms
 from fx_beam.fem.nodal_rules import NodalRules
 from fx_beam.fem.point_forces import PointForces
+from fx_beam.fem.step_start import StepStart
 from fx_beam.mechanics.nodal_rates import NodalRates
 from fx_beam.mechanics.rates import MidPointRates
 from fx_beam.mechanics.schemes import Scheme
@@ -52,14 +51,13 @@ class Model:
         self.scene = scene
         self.scheme = scheme
         self.mesh = build_mesh(scene)
-        forms: Any = Forms if scene.beams else NodalForms
-        # What these lack is asked of beams only.
-        self.forms: Forms = forms(scene, scheme, self.mesh)
+        self.forms = Forms(scene, scheme, self.mesh)
         self.size, self.turns = self.forms.size, self.forms.turns
         self._mass = Mass(scene, self.mesh, self.forms, scheme.rates.at_rest)
         #: Names of the compiled forms and of the assembled matrices and vectors.
-        self.compiled, self.assembled = self.forms.names, self._mass.assembled
-        self.loads = Loads(scene, self.mesh, self.forms)
+        self.compiled = [] if self.forms.beams is None else self.forms.beams.names
+        self.assembled = self._mass.assembled
+        self.loads = Loads(scene, self.mesh, self.forms.beams)
         self.assembled += [str(load) for load in scene.loads]
         #: Weight (size,) [N] of all masses; None without gravity.
         self.weight = self._mass.weight
@@ -113,12 +111,21 @@ class Model:
         """The forces at points."""
         return self.forms.points
 
-    def begin_points(self, start: State, t: float, length: float) -> None:
-        """Set the start of a step of the forces at points, their time, and its length [s]."""
-        # At mid-step forces depend on mean rates alone.
+    def start_of(self, state: State, length: float) -> StepStart:
+        """The start of a step of some length [s] from a state, for the forces."""
+        # At mid-step forces at points depend on mean rates alone.
         needed = self.scheme.rates.level != 0.5 and not self.scheme.rates.at_rest
-        rates = self.slide_rates(start) if needed else 0 * start.slides
-        self.points.begin(start.q, start.v, t, length, start.slides, rates, start.spring_internal)
+        return StepStart(
+            state.q,
+            state.v,
+            state.a,
+            state.before,
+            state.memory(length),
+            state.internal,
+            state.slides,
+            self.slide_rates(state) if needed else 0 * state.slides,
+            state.spring_internal,
+        )
 
     def slide_rates(self, state: State) -> np.ndarray:
         """Rates (joints,) of the slides on which forces act; zero for others."""

@@ -127,9 +127,8 @@ def _acceleration(
     h = 1e-9 * dt
     # Forces may depend on velocity: they see it as the increment over a very short step.
     D = h * state.v if model.forms.depend_on_rates else np.zeros(model.size)
-    model.forms.set_internal(state.internal)
-    model.forms.set_step(instant(state.t, h), state.q, state.v, np.zeros(model.size))
-    model.begin_points(state, state.t, h)
+    start = model.start_of(state, h)._replace(a=np.zeros(model.size))
+    model.forms.begin(instant(state.t, h), start)
     free, moved = reduction.free, slice(reduction.free, reduction.free + reduction.driven)
     a = np.zeros(reduction.columns)
     a[moved] = driven

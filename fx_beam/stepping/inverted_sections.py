@@ -18,13 +18,14 @@ class InversionCheck:
     """Checks at the end of each step that no section of a beam is inverted."""
 
     def __init__(self, model: Model, stats: Stats):
-        self._model, self._stats = model, stats
-        model.forms.bind_inversion()
+        self._model, self._stats, self._beams = model, stats, model.forms.beams
+        if self._beams is not None:
+            self._beams.bind_inversion()
         self.least_energy = _least_energy(model)
 
     def check(self, t: float, q: np.ndarray) -> None:
         """Check a state: time t [s] or load factor, displacements and rotations q (size,)."""
-        if self._model.forms.is_inverted(q):
+        if self._beams is not None and self._beams.is_inverted(q):
             self.count(1, t, q)
 
     def count(self, number: int, t: float, q: np.ndarray) -> None:
@@ -35,8 +36,9 @@ class InversionCheck:
 
     def _warn(self, t: float, q: np.ndarray) -> None:
         """Warn, with the beam and the position of the worst section."""
-        model = self._model
-        stretch = model.forms.normal_stretch(q)
+        model, beams = self._model, self._beams
+        assert beams is not None  # sections are those of beams
+        stretch = beams.normal_stretch(q)
         cell, point = np.unravel_index(np.argmin(stretch), stretch.shape)
         number = model.mesh.beam_of_cell[cell]
         beam = model.scene.beams[number]

@@ -86,7 +86,8 @@ class PathEquations:
     def balance(self, y: np.ndarray, load: float) -> tuple[Balance, np.ndarray, np.ndarray]:
         """The equations, and their derivative with respect to the load factor: full and reduced."""
         forms, forcing, reduction = self.model.forms, self._forcing, self._reduction
-        forms.load_factor.value = at = self._start.t + load
+        at = self._start.t + load
+        forms.set_load(at, 0.0)
         balance = self._equations.at(y, self._driven(load), at * forcing.full)
         per_load = forms.stiffness @ self.spread(np.zeros_like(y), 1.0) - forcing.full
         if forcing.turning is not None:

@@ -12,7 +12,8 @@ from typing import Any
 import numpy as np
 
 from fx_beam.errors import SceneError
-from fx_beam.fem.forms import Part
+from fx_beam.fem.beam_forms import BeamForms, Part
+from fx_beam.fem.step_start import StepStart
 from fx_beam.mechanics.interval import Interval, instant
 from fx_beam.model.model import Model
 from fx_beam.results.audit import Energy
@@ -333,18 +334,19 @@ class Recorder:
 
         Row 0 has a single one, so short that its forces depend on the rates, but not on a motion.
         """
-        arrays, forms, first = self.arrays, self.model.forms, self._first
+        beams, first = self.model.forms.beams, self._first
+        assert beams is not None
         dt = _SHORT * np.diff(self._times[:2]).sum() or 1.0
-        D = dt * first.v if forms.resultants_move else np.zeros(self.model.size)
-        short = instant(first.t, dt)
-        yield Part(short, D, arrays["q"][0], (first.v, first.a), internal=first.internal)
+        D = dt * first.v if beams.resultants_move else np.zeros(self.model.size)
+        start = StepStart(self.arrays["q"][0], first.v, first.a, internal=first.internal)
+        yield Part(instant(first.t, dt), D, start)
         for row in range(1, self.rows):
-            yield from self._of_row(row)
+            yield from self._of_row(row, beams)
 
-    def _of_row(self, row: int) -> Iterator[Part]:
-        arrays, forms, own = self.arrays, self.model.forms, self._starts_of_row(row)
-        names = [*("q", "v", "a")[: 3 if forms.resultants_need_rates else 1]]
-        names += ["internal"] * (forms.internal_shape[-1] > 0)
+    def _of_row(self, row: int, beams: BeamForms) -> Iterator[Part]:
+        arrays, own = self.arrays, self._starts_of_row(row)
+        names = [*("q", "v", "a")[: 3 if beams.resultants_need_rates else 1]]
+        names += ["internal"] * (beams.internal_shape[-1] > 0)
         if own.stop > own.start:
             starts = {name: self._starts.arrays[f"before_{name}"][own] for name in names}
         else:
@@ -356,17 +358,17 @@ class Recorder:
         times = [*(t1 - (t1 - t0) * rest), t1]
         D = np.diff(starts["q"], axis=0, append=arrays["q"][row : row + 1] + turns)
         for i, q in enumerate(starts["q"]):
-            part = Part(Interval(*times[i : i + 2]), D[i], q)
-            if forms.resultants_need_rates:
-                part = part._replace(rates=(starts["v"][i], starts["a"][i]))
+            start = StepStart(q)
+            if beams.resultants_need_rates:
+                start = start._replace(v=starts["v"][i], a=starts["a"][i])
             if "internal" in names:
-                part = part._replace(internal=starts["internal"][i].reshape(forms.internal_shape))
-            if forms.needs_before:
+                start = start._replace(internal=starts["internal"][i].reshape(beams.internal_shape))
+            if beams.needs_before:
                 before, memory = (
                     self._starts.arrays[name][own][i] for name in ("earlier_q", "memory")
                 )
-                part = part._replace(before=before + turns, memory=float(memory))
-            yield part
+                start = start._replace(before=before + turns, memory=float(memory))
+            yield Part(Interval(*times[i : i + 2]), D[i], start)
 
 
 #: What takes the rows of steps.

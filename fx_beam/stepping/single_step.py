@@ -70,7 +70,7 @@ class SingleStep:
         if model.keeps_before:
             new.before, new.length = state.q, dt
         new.internal = model.forms.evolve(step.D)
-        model.forms.evaluate_points(step.D)
+        model.points.evaluate(step.D)
         new.spring_internal = model.points.evolve()
         self._add_work(state, step, (forces[0] + forces[1]) / 2, path, new)
         return new

@@ -27,13 +27,13 @@ class SubStepStarts:
     """
 
     def __init__(self, model: Model, motion: bool, rates: bool):
-        self._scheme, n, size = model.scheme, 0, model.size
+        self._scheme, n, size, beams = model.scheme, 0, model.size, model.forms.beams
         self._always = len(self._scheme.fractions) > 1 or model.forms.needs_before
         #: Starts (n, ...) by name, and the shares of the sub-steps in their steps.
         self.arrays = {"share": np.zeros(n)}
         if motion:
             self.arrays["before_q"] = np.zeros((n, size))
-            if rates and model.forms.resultants_need_rates:
+            if rates and beams is not None and beams.resultants_need_rates:
                 self.arrays |= {f"before_{name}": np.zeros((n, size)) for name in "va"}
             if width := math.prod(model.forms.internal_shape):
                 self.arrays["before_internal"] = np.zeros((n, width))

@@ -1,0 +1,326 @@
+"""The weak form of one step on the mesh of a scene: forces, tangent and energies of its beams."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from fx_beam.mechanics.interval import Interval
+from fx_beam.mechanics.schemes import Scheme
+from fx_beam.scene.beam import Beam
+from fx_beam.scene.scene import Scene
+
+from . import dolfinx_api, interval_mesh
+from .beam_drag import BeamDrag, DragForms, coefficients
+from .dolfinx_api import CompiledForm
+from .fields import Fields, fields_of
+from .mesh import Mesh
+from .section_fields import Data, FilledField, distinct, on_beam, refill, section_data
+from .step_start import StepStart
+from .weak_form import Material, WeakForm, inverted_sections, weak_form
+
+
+class Part(NamedTuple):
+    """A completed step, or a part of a halved one."""
+
+    interval: Interval
+    #: Increment (size,).
+    D: np.ndarray
+    #: Its start; rates only if resultants depend on them.
+    start: StepStart
+
+
+class BeamForms:
+    """Forces and energies of the beams of a scene, their drag, and virtual works added by a user.
+
+    Vectors contain all degrees of freedom; those of beams are the first.
+    """
+
+    time: Any
+    dt: Any
+    memory: Any
+    load_factor: Any
+    load_increment: Any
+
+    # -- Construction ---------------------------------------------------------------------------
+
+    def __init__(self, scene: Scene, scheme: Scheme, mesh: Mesh):
+        self._scheme, self._mesh = scheme, mesh
+        #: Forms by name: on the mesh, and as compiled.
+        self.bound: dict[str, tuple[Any, CompiledForm]] = {}
+        #: Their names, in order.
+        self.names: list[str] = []
+        self._weak = weak = self._weak_form(scene)
+        #: UFL's fields, and what they stand for on this mesh.
+        self.fields = weak.fields
+        self._data |= self._fields(bool(scene.drags))
+        #: Functions that change: the first in every iteration, the others in every step. They are
+        #: numbered as the kinds of coefficients in problem.h; None is missing.
+        self.moving = [self._data.get(field) for field in (*self.fields.moving, weak.internal)]
+        self.increment, self._start, *self._start_rates = self.moving[:4]
+        if weak.added is not None:
+            self._added = self._bind(weak.added)
+        self._residual, self._tangent = self._bind(weak.force), self._bind(weak.tangent)
+        self._energy = self._bind(weak.energy)
+        self._losses = [form and self._bind(form) for form in weak.losses]
+        if weak.evolution is not None:
+            self._bind_evolution(weak.evolution)
+        #: Whether the forces depend on the start of the last step, and on rates at the start of a
+        #: step.
+        self.needs_before, self.needs_rates = weak.needs_before, weak.needs_rates
+        #: Whether the resultants depend on rates at the start of a step, and on any rates.
+        self.resultants_need_rates = weak.resultants_need_rates
+        self.resultants_move = weak.resultants_move
+        #: Shape (cells, degree, width) of the internal variables; the width is zero without any.
+        self.internal_shape = len(self._tags), self.fields.degree, weak.width
+        self.matrix = dolfinx_api.create_matrix(self._tangent, mesh.mesh)
+        #: Positions of its values among those of the tangent of all forces.
+        self.value_at: slice | np.ndarray = slice(0, len(self.matrix.data))
+        self.drag = self._drag_on_beams(scene)
+
+    def _fields(self, damps: bool) -> dict[Any, Any]:
+        """Constants and functions in the place of UFL's fields, for drag if it `damps`."""
+        mesh, space, fields = self._mesh.mesh, self._mesh.space, self.fields
+        names = "time", "dt", "load_factor", "memory", "load_increment"
+        for name in names:
+            setattr(self, name, dolfinx_api.constant(mesh, 0.0))
+        self._reset_constants()
+        data = {getattr(fields, name): getattr(self, name) for name in names}
+        if self._weak.internal is not None:
+            gauss_space = interval_mesh.gauss_space(mesh, fields.degree, self._weak.width)
+            data[self._weak.internal] = dolfinx_api.function(gauss_space)
+            self._cell_points = dolfinx_api.element_dofs(gauss_space)
+        data |= {field: dolfinx_api.function(space) for field in self._weak.given(damps)}
+        #: Space of the increment and of the virtual displacements and rotations.
+        self._space, unknowns = self._unknowns(fields)
+        return data | unknowns
+
+    def _reset_constants(self) -> None:
+        self.time.value = self.memory.value = self.load_increment.value = 0.0
+        self.dt.value = self.load_factor.value = 1.0
+
+    def _unknowns(self, fields: Fields) -> tuple[Any, dict[Any, Any]]:
+        """Space of the increment, and the increment in the place of UFL's."""
+        mesh, space = self._mesh.mesh, self._mesh.space
+        data: dict[Any, Any] = {}
+        if fields.coordinate is not None:
+            space = interval_mesh.nodal_rotations(space, fields.degree)
+            data[fields.coordinate] = dolfinx_api.coordinate_on_cells(mesh, fields.degree)
+        return space, data | {fields.increment: dolfinx_api.function(space)}
+
+    def _drag_on_beams(self, scene: Scene) -> BeamDrag | None:
+        drags = [] if self._scheme.rates.at_rest else scene.drags
+        of_beams = [drag for drag in drags if isinstance(drag.target, Beam)]
+        if not of_beams:
+            return None
+        plan = DragForms(scene, of_beams, self._mesh, self._scheme, self.fields.plain)
+        space, unknowns = self._unknowns(plan.fields)
+        data = self._data | unknowns | plan.data
+        forms = [self._bound(form, space, data) for form in plan.compiled]
+        #: Coefficients of the drag on beams by name.
+        self.of_drag = plan.coefficients
+        return BeamDrag(self._mesh.mesh, unknowns[plan.fields.increment], *forms)
+
+    def _weak_form(self, scene: Scene) -> WeakForm:
+        """The weak form of the scene; the data of the sections are those of the forms."""
+        mesh, degree = self._mesh, scene.beams[0].degree
+        sections = [beam.section for beam in scene.beams]
+        of_beams = [(section.strain_energy, section.internal) for section in sections]
+        materials: list[Material] = []
+        for material in of_beams:
+            if material not in materials:
+                materials.append(material)
+        kinds = [materials.index(material) for material in of_beams]
+        #: Subdomain of each cell, the number of its material.
+        self._tags = np.array(kinds)[mesh.beam_of_cell]
+        data = self._section_data(scene)
+        everywhere = Data(0, np.array(1.0))
+        inside = [
+            everywhere if work.beam is None else on_beam(mesh, scene, work.beam)
+            for work in scene.virtual_works
+        ]
+        weak = weak_form(
+            fields_of(degree, mesh.curved),
+            self._scheme,
+            materials,
+            data["stiffness"].shape if "stiffness" in data else None,
+            data["times"].shape if "times" in data else None,
+            [(work, on.shape) for work, on in zip(scene.virtual_works, inside, strict=True)],
+        )
+        self._data: dict[Any, Any] = {
+            symbol: data.on(mesh) for symbol, data in zip(weak.indicators, inside, strict=True)
+        }
+        #: Data of the sections by name.
+        self.of_sections = {name: FilledField(own, mesh) for name, own in data.items()}
+        self._data |= {getattr(weak, name): f.on_mesh for name, f in self.of_sections.items()}
+        return weak
+
+    def _section_data(self, scene: Scene) -> dict[str, Data]:
+        """Stiffnesses of the quadratic law, and retardation times, if there are any."""
+        mesh, degree, data = self._mesh, scene.beams[0].degree, {}
+        sections = distinct(beam.section for beam in scene.beams)
+        if any(section.strain_energy is None for section in sections):
+            data["stiffness"] = section_data(mesh, scene, ("EA", "GA", "EI"), degree)
+        if any(section.damped for section in sections) and not self._scheme.rates.at_rest:
+            data["times"] = section_data(mesh, scene, ("retardation",), degree)
+        return data
+
+    def refill(self, scene: Scene) -> None:
+        """Set all numbers to those of a scene of the same structure, whose mesh is set."""
+        for field in self.moving:
+            if field is not None:
+                field.x.array[:] = 0.0
+        self._reset_constants()
+        refill(self.of_sections, self._section_data(scene))
+        if self.drag is not None:
+            drags = [drag for drag in scene.drags if isinstance(drag.target, Beam)]
+            refill(self.of_drag, coefficients(scene, drags, self._mesh))
+
+    def _bind(self, compiled: CompiledForm):
+        """Bind a form of a step's fields."""
+        return self._bound(compiled, self._space, self._data)
+
+    def _bind_evolution(self, compiled: CompiledForm) -> None:
+        space = self._data[self._weak.internal].function_space
+        self._evolution = self._bound(compiled, space, self._data)
+        self._internal = self._data[self._weak.internal].x.array.reshape(-1, self._weak.width)
+        #: Weights (degree,) of the Gauss points, relative to the element's length.
+        self.point_weights = np.polynomial.legendre.leggauss(self.fields.degree)[1] / 2
+
+    def bind(self, compiled: CompiledForm, data: Mapping):
+        """Bind a form of other data, such as the mass, and keep it by its name."""
+        return self._bound(compiled, self._mesh.space, data)
+
+    def _bound(self, compiled: CompiledForm, space, data: Mapping):
+        tags = self._tags if self._tags.any() else None
+        form = dolfinx_api.bind(compiled, self._mesh.mesh, space, data, tags)
+        if compiled.name not in self.bound:
+            self.names.append(compiled.name)
+        self.bound[compiled.name] = form, compiled
+        return form
+
+    def cells_of(self, tag: int) -> np.ndarray:
+        """Cells of a subdomain of the forms; -1 for all."""
+        every = np.arange(len(self._tags))
+        return every if tag < 0 else np.flatnonzero(self._tags == tag)
+
+    # -- Evaluation -----------------------------------------------------------------------------
+
+    @property
+    def has_external(self) -> bool:
+        """Whether there are virtual works of a user."""
+        return self._weak.added is not None
+
+    @property
+    def depend_on_rates(self) -> bool:
+        """Whether forces may depend on rates."""
+        return self.has_external or self.drag is not None or self.resultants_move
+
+    def set_load(self, factor: float, increment: float) -> None:
+        """Set the load factor, and in statics its increment in the step."""
+        self.load_factor.value, self.load_increment.value = factor, increment
+
+    def begin(self, interval: Interval, start: StepStart) -> None:
+        """Begin a step."""
+        self.time.value = interval.start + self._scheme.rates.level * interval.length
+        self.dt.value = interval.length
+        self._set(self._start, start.q)
+        if (self.needs_rates or self.drag is not None) and len(start.v):
+            for function, rate in zip(self._start_rates, (start.v, start.a), strict=True):
+                self._set(function, rate)
+        if self.needs_before:
+            self.memory.value = start.memory
+            self._set(self.moving[4], start.q if start.before is None else start.before)
+        self._set_internal(start.internal)
+
+    def _set(self, function, values: np.ndarray) -> None:
+        """Set a function to the values (size,) at the nodes of beams."""
+        function.x.array[:] = values[: self._mesh.in_beams]
+
+    def _set_internal(self, internal: np.ndarray | None) -> None:
+        """Set the internal variables (cells, degree, width) at the start of the step."""
+        if internal is not None:
+            self._internal[self._cell_points] = internal
+
+    def evolve(self, D: np.ndarray) -> np.ndarray | None:
+        """Internal variables (cells, degree, width) at the end of the step; None without any."""
+        if self._weak.evolution is None:
+            return None
+        self._set(self.increment, D)
+        grown = np.zeros(self._internal.size)
+        dolfinx_api.assemble_vector(grown, self._evolution)
+        at_points = grown.reshape(self._internal.shape)[self._cell_points]
+        return self._internal[self._cell_points] + at_points / self.point_weights[:, None]
+
+    def losses(self, D: np.ndarray) -> list[float]:
+        """Energies [J] that material and drag take; that the scheme takes, and holds."""
+        self._set(self.increment, D)
+        lost, *of_scheme = (
+            dolfinx_api.assemble_scalar(form) if form is not None else 0.0 for form in self._losses
+        )
+        return [lost if self.drag is None else lost + self.drag.loss(D), *of_scheme]
+
+    def add_force(self, D: np.ndarray, out: np.ndarray) -> None:
+        """Add the internal forces (eq. 53), by the reduced rule, and drag to `out` (size,)."""
+        self._set(self.increment, D)
+        dolfinx_api.add_vector(out[: self._mesh.in_beams], self._residual)
+        if self.drag is not None:
+            self.drag.add_force(D, out)
+
+    def add_tangent(self, values: np.ndarray) -> None:
+        """Add their tangent (eq. 54), derived by UFL, to the values of that of all forces."""
+        dolfinx_api.assemble_matrix(self.matrix, self._tangent)
+        if len(values) > len(self.matrix.data):  # else they are the same
+            values[self.value_at] += self.matrix.data
+        if self.drag is not None:
+            self.drag.add_tangent(values, self.value_at)
+
+    def add_external(self, out: np.ndarray) -> None:
+        """Add the forces of virtual works of a user, with the motion, to `out` (size,)."""
+        if self.has_external:
+            dolfinx_api.add_vector(out[: self._mesh.in_beams], self._added)
+
+    def strain_energy(self, q: np.ndarray, internal: np.ndarray | None = None) -> float:
+        """Stored energy [J] of q (size,) and internal variables, integrated by the reduced rule."""
+        self._set(self._start, q)
+        self._set_internal(internal)
+        return dolfinx_api.assemble_scalar(self._energy)
+
+    def bind_inversion(self) -> None:
+        """Bind the form that `is_inverted` takes."""
+        self._inversion = self._bind(inverted_sections(self.fields.plain))
+
+    def is_inverted(self, q: np.ndarray) -> bool:
+        """Whether t . phi' > 0 (eq. 4) is violated at any Gauss point, for q (size,)."""
+        self._set(self._start, q)
+        return dolfinx_api.assemble_scalar(self._inversion) > 0
+
+    def normal_stretch(self, q: np.ndarray) -> np.ndarray:
+        """t . phi' (cells, degree) of eq. 4 at the Gauss points, for q (size,)."""
+        self._set(self._start, q)
+        return dolfinx_api.evaluate(
+            self._expression(self._weak.normal_stretch), self._mesh.mesh, self.cells_of(-1)
+        )
+
+    def _expression(self, expression):
+        """Compile an expression of the fields for the Gauss points."""
+        points = dolfinx_api.gauss_points(self.fields.degree)
+        return dolfinx_api.compile_expression(expression, points, self._mesh.mesh, self._data)
+
+    def resultants(self, parts: Iterable[Part]) -> np.ndarray:
+        """N, Q and M (n, cells, degree, 3) at the Gauss points, for n steps or parts."""
+        expressions = [
+            (self._expression(r), self.cells_of(tag)) for tag, r in enumerate(self._weak.resultants)
+        ]
+        rows = []
+        for part in parts:
+            self.begin(part.interval, part.start)
+            self._set(self.increment, part.D)
+            out = np.empty((len(self._tags), self.fields.degree, 3))
+            for expression, cells in expressions:
+                values = dolfinx_api.evaluate(expression, self._mesh.mesh, cells)
+                out[cells] = values.reshape(len(cells), -1, 3)
+            rows.append(out)
+        return np.array(rows)

@@ -1,0 +1,28 @@
+"""The start of a step, as far as forces depend on it."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+_NONE = np.empty(0)
+
+
+class StepStart(NamedTuple):
+    """Configuration, rates and memory at the start of a step."""
+
+    #: Displacements and rotations (size,), their rates and accelerations; these may be left out if
+    #: nothing depends on them.
+    q: np.ndarray
+    v: np.ndarray = _NONE
+    a: np.ndarray = _NONE
+    #: Start of the last step, q by default, and `Step.memory`.
+    before: np.ndarray | None = None
+    memory: float = 0.0
+    #: Internal variables (cells, degree, width) of beams.
+    internal: np.ndarray | None = None
+    #: Slides and their rates (joints,), zero by default, and internal variables of springs.
+    slides: np.ndarray = _NONE
+    slide_rates: np.ndarray = _NONE
+    spring_internal: np.ndarray | None = None
