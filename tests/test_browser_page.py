@@ -91,6 +91,36 @@ def test_units_are_those_of_scenes_in_metres_and_none_in_others(swing):
     assert [name.removesuffix(" [J]") for name in names[0]] == names[1] != names[0]
 
 
+def test_symbols_move_with_their_nodes_and_points():
+    scene = fb.Scene()
+    bar = scene.add_beam([(0, 0), (1, 0)], ROPE, 4)
+    scene.fix(bar.start, "y")
+    scene.prescribe(bar.start, x=lambda t: -t)
+    scene.add_mass(bar.end, 1.0)
+    scene.add_force(bar.end, (0.0, 3.0))
+    scene.add_force_between(bar.end, (2.0, 1.0), spring=fb.Spring(1.0))
+    scene.set_velocity(bar, lambda x, y: (-1.0, 0.0))
+    solution = fb.simulate(scene, dt=0.1, t_end=1.0)
+    held = data(fb.plot.interactive(solution))
+    low, high = map(np.array, held["window"])
+
+    def places(one, count):
+        points = decoded(one["points"], "<u2", len(held["t"]), count, 2)
+        return low + points / held["finest"] * (high - low)
+
+    near = {"abs": 1e-4}
+    (support,), (spring,), (force,) = held["supports"], held["between"], held["forces"]
+    (mass,) = (one for one in held["markers"] if one["count"])
+    start, end = solution.position(bar.start), solution.position(bar.end)
+    assert places(support, 1)[:, 0] == pytest.approx(start, **near)
+    assert start[-1][0] == pytest.approx(-1) and support["marker"] == "o" and support["thick"]
+    assert mass["marker"] == "mass" and places(mass, 1)[:, 0] == pytest.approx(end, **near)
+    assert spring["spring"] and places(spring, 2)[:, 0] == pytest.approx(end, **near)
+    assert abs(places(spring, 2)[:, 1] - (2.0, 1.0)).max() < 1e-4
+    assert places(force, 2)[:, 1] == pytest.approx(end, **near)
+    assert (places(force, 2)[:, 0] < places(force, 2)[:, 1] + 1e-4).all()
+
+
 def test_equilibria_and_scenes_of_bodies_have_pages_too():
     scene = fb.Scene()
     beam = scene.add_beam([(0, 0), (1, 0)], ROPE, elements=4)
@@ -136,7 +166,15 @@ const coloured = id => { let n = 0; const p = pixels(id);
     if (p[i + 3] && Math.max(...rgb) - Math.min(...rgb) > 40) n++;
   }
   return n; };
-const seen = { row, time: find("time").textContent, tip: find("tip").textContent,
+const shades = () => { const one = data.quantities[quantity], start = row * first.length;
+  return first.map((_, piece) => shade(one, one.values[start + piece])); };
+const scaled = (most, log) => {
+  find("most").value = most; find("log").checked = log;
+  find("most").dispatchEvent(new Event("change"));
+  return shades(); };
+const scales = { all: shades(), tight: scaled(1e-9, false), log: scaled("", true),
+  back: scaled("", false) };
+const seen = { scales, row, time: find("time").textContent, tip: find("tip").textContent,
   shapes: coloured("shapes"), curves: coloured("curves") };
 let next = null;
 window.requestAnimationFrame = one => { next = one; return 1; };
@@ -165,3 +203,9 @@ def test_a_browser_plays_it_and_tells_what_is_under_the_pointer(swing, tmp_path)
     assert seen["shapes"] > 500 and seen["curves"] > 500
     # The whole motion in 6 s: 0.6 s later it is a tenth further on.
     assert abs(seen["played"] - 25) <= 1
+    # Beyond a tight limit all have the colours of the ends; on a log scale weak values are seen.
+    scales = {name: np.array(shades) for name, shades in seen["scales"].items()}
+    assert set(scales["tight"]) <= {0, 63} | {31, 32}
+    strong = {name: abs(shades - 31.5) for name, shades in scales.items()}
+    assert (strong["log"] >= strong["all"] - 1).all() and strong["log"].min() > strong["all"].min()
+    assert (scales["back"] == scales["all"]).all()

@@ -18,9 +18,10 @@ from fx_beam.scene.beam import Node, arc_lengths
 from fx_beam.validation import is_name, numbers, require
 
 from .colouring import SEQUENTIAL, SIGNED, WORDS, hexadecimal, is_signed, unit_of
+from .digits import time_unit
 from .drawing import Drawing, axis, checked_drawing
 from .supports import Supports
-from .symbols import nodes_of_joints
+from .symbols import nodes_of_joints, nodes_with_mass
 
 _TEMPLATE = Path(__file__).with_suffix(".html")
 _ROWS = 200  # that are shown if none are named
@@ -60,10 +61,10 @@ def interactive(
 ) -> Page:
     """Page on which one plays a motion, and looks at its shapes, values and curves.
 
-    The page has a slider and a play button, shapes coloured by a quantity that one chooses, names
-    and values of the point under the pointer, paths of points that one clicks, and curves over
-    time. The wheel zooms, dragging moves, a double click shows all. It is one file, which needs no
-    network; 2000 members with 200 rows take 10 MB.
+    The page has a slider and a play button, shapes coloured by a quantity that one chooses, with
+    limits and a log scale, names and values of the point under the pointer, paths of points that
+    one clicks, and curves over time. The wheel zooms, dragging moves, a double click shows all. It
+    is one file, which needs no network; 2000 members with 200 rows take 10 MB.
 
     Parameters
     ----------
@@ -111,23 +112,33 @@ def interactive(
     require(is_name(scene_unit), "scene_unit", scene_unit, "a text")
     rows = () if steps is None else steps
     drawing = checked_drawing(solution, rows, magnify)
+    factor, unit = time_unit(solution.t[-1])
+    heavy = nodes_with_mass(drawing)
     data = {
-        "title": drawing.title().replace(r"$\Delta t$", "dt"),
+        "title": _plain(drawing.title()),
         "unit": scene_unit,
         "static": solution.stats.static,
         "t": [float(solution.t[k]) for k in drawing.rows],
+        "clock": [factor, _plain(unit)],
         "window": [corner.tolist() for corner in drawing.window],
         "thinness": drawing.thinness,
         "finest": _FINEST,
         **_members(drawing, scene_unit),
         "bodies": _bodies(drawing),
-        "obstacles": [line.tolist() for line, *_ in drawing.obstacles],
-        "supports": _supports(drawing),
-        "joints": [
-            {"marker": marker, "count": len(nodes), "points": _places(drawing, nodes)}
-            for marker, nodes in nodes_of_joints(drawing).items()
+        "obstacles": [
+            {"line": line.tolist(), "strokes": np.stack([starts, ends], axis=1).tolist()}
+            for line, starts, ends in drawing.obstacles
         ],
-        "forces": _forces(drawing),
+        "supports": _supports(drawing),
+        "markers": [
+            {"marker": marker, "count": len(nodes), "points": _places(drawing, nodes)}
+            for marker, nodes in [("mass", heavy), *nodes_of_joints(drawing).items()]
+        ],
+        "between": _between(drawing),
+        "forces": [
+            {"points": _points(drawing, [drawing.arrow(*load, k) for k in drawing.rows])}
+            for load in drawing.forces
+        ],
         "traces": _traces(drawing, [trace] if isinstance(trace, Node) else list(trace)),
         "series": _series(drawing, series, scene_unit),
     }
@@ -160,7 +171,7 @@ def _members(drawing: Drawing, scene_unit: str) -> dict[str, Any]:
     middles = (np.arange(pieces) + 0.5) / pieces
     return {
         "beams": [[name, beam.elements * pieces] for name, beam in beams.items()],
-        "points": _whole(_fractions(drawing, np.concatenate(positions, axis=1)), np.uint16),
+        "points": _points(drawing, np.concatenate(positions, axis=1)),
         "nodes": _text(np.concatenate(nodes).astype(np.int32)),
         "s": _text(np.concatenate(s).astype(np.float32)),
         "quantities": [_quantity(drawing, name, middles, scene_unit) for name in _known(solution)],
@@ -223,7 +234,7 @@ def _supports(drawing: Drawing) -> list[dict[str, Any]]:
     ]
 
 
-def _forces(drawing: Drawing) -> list[dict[str, Any]]:
+def _between(drawing: Drawing) -> list[dict[str, Any]]:
     """Ends of the forces between points in all rows."""
     forces = [] if drawing.scene is None else drawing.scene.forces_between
     entries = []
@@ -233,7 +244,7 @@ def _forces(drawing: Drawing) -> list[dict[str, Any]]:
         b = drawing.positions(force.b.number, list(drawing.rows)) if is_node else force.b
         ends = np.stack([a, np.broadcast_to(b, a.shape)], axis=1)
         spring = force.on.spring is not None
-        entries.append({"spring": spring, "points": _whole(_fractions(drawing, ends), np.uint16)})
+        entries.append({"spring": spring, "points": _points(drawing, ends)})
     return entries
 
 
@@ -245,8 +256,7 @@ def _traces(drawing: Drawing, nodes: list[Node]) -> list[str]:
 
 def _places(drawing: Drawing, nodes: list[int]) -> str:
     """Positions of some nodes in all rows."""
-    positions = drawing.positions(nodes, list(drawing.rows))
-    return _whole(_fractions(drawing, positions), np.uint16)
+    return _points(drawing, drawing.positions(nodes, list(drawing.rows)))
 
 
 def _series(
@@ -273,10 +283,15 @@ def _series(
     return entries
 
 
-def _fractions(drawing: Drawing, positions: np.ndarray) -> np.ndarray:
-    """Positions as fractions of the window."""
+def _plain(text: str) -> str:
+    """A text of other pictures without the marks of formulas."""
+    return text.replace(r"$\Delta t$", "\u0394t").replace(r"$\mu$", "\u03bc")
+
+
+def _points(drawing: Drawing, positions: Any) -> str:
+    """Positions as whole numbers, as fractions of the window."""
     low, high = drawing.window
-    return (positions - low) / (high - low)
+    return _whole((np.asarray(positions) - low) / (high - low), np.uint16)
 
 
 def _whole(values: np.ndarray, kind: Any) -> str:

@@ -42,11 +42,16 @@ _SPIRAL = (_TURN * np.array([np.cos(_TURN), np.sin(_TURN)]) / _TURN[-1]).T
 def draw_moving(ax, drawing: Drawing, k: int, colour: Any = "black", small: bool = False) -> list:
     """Draw rigid arms, bodies and masses of row k; returns the artists."""
     drawn = _draw_arms(ax, drawing, k, colour) + draw_bodies(ax, drawing, k, colour, small)
-    heavy = sorted({node for node, mass, _ in _of_scene(drawing, "masses") if mass})
+    heavy = nodes_with_mass(drawing)
     if heavy:
         look = {"color": colour if small else "#D55E00", "markersize": 5 if small else 9}
         drawn += ax.plot(*drawing.positions(heavy, k).T, "o", **look, zorder=3)
     return drawn
+
+
+def nodes_with_mass(drawing: Drawing) -> list[int]:
+    """Numbers of the nodes with lumped masses."""
+    return sorted({node for node, mass, _ in _of_scene(drawing, "masses") if mass})
 
 
 def draw_forces(ax, drawing: Drawing, k: int, colour: Any = "black") -> list:
