@@ -54,6 +54,7 @@ from .scene.joints import GROUND, Joint, PinInSlot, Prismatic, Revolute, Rigid
 from .scene.law import Law
 from .scene.obstacles import Circle, Line, Obstacle
 from .scene.outputs import Output
+from .scene.parameters import Parameter
 from .scene.scene import Scene
 from .scene.section import Section
 from .scene.sliders import Sleeve, Slider
@@ -104,6 +105,7 @@ __all__ = [
     "Node",
     "Obstacle",
     "Output",
+    "Parameter",
     "PinInSlot",
     "Prismatic",
     "Record",

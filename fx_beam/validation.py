@@ -153,8 +153,9 @@ def refuse_fields(found: Iterable, what: str, known: Iterable = ()) -> None:
                 f"{what}: it contains {field}, a {type(field).__name__} of your own. It would be "
                 "read only once; later changes would be ignored. Use numbers and UFL expressions "
                 "of the function's arguments: the strains in a stored energy; step.t (time) and "
-                "step.X (position) elsewhere, for example ufl.sin(3 * step.t). For a material with "
-                "a memory use fx_beam.InternalVariables"
+                "step.X (position) elsewhere, for example ufl.sin(3 * step.t). For a number that "
+                "changes use fx_beam.Parameter, for a material with a memory "
+                "fx_beam.InternalVariables"
             )
 
 

@@ -239,9 +239,8 @@ def test_a_scheme_of_ones_own_damps_stretching_and_keeps_momentum():
 def test_what_needs_numbers_is_refused_at_once(term):
     scene = fb.Scene()
     scene.clamp(scene.add_beam([(0, 0), (1, 0)], FLYING).start)
-    scene.add_virtual_work(term)
     with pytest.raises(fb.SceneError, match="use ufl.sin, ufl.conditional"):
-        fb.simulate(scene, dt=0.1, t_end=0.1)
+        scene.add_virtual_work(term)
     assert float(ufl.as_ufl(2.0)) == 2.0  # UFL is as before
 
 

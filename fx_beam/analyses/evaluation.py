@@ -67,6 +67,7 @@ def solution_of(
         bodies={body.name: body for body in scene.bodies},
         obstacles=list(scene.obstacles),
         end=end.renumbered(model.to_nodes, mesh.to_elements),
+        names_of_parameters=model.forms.parameters.names,
     )
 
 

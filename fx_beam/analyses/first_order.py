@@ -13,7 +13,7 @@ from fx_beam.fem.dead_loads import columns_of
 from fx_beam.scene.beam import Node
 from fx_beam.stepping.held_inputs import Ramp
 
-from .moving_state import Deviations, driven_of
+from .moving_state import Deviations, driven_of, force_of_parameter
 
 # Relative size below which a mass or a damping of a combination of unknowns is round-off.
 _NONE = 1e-12
@@ -37,6 +37,10 @@ class InputColumns:
         self.driven: list[tuple[int, float]] = []
         for name in names:
             parts, width = held.parts_of(name), held.widths[name]
+            if any(part is of for of in about.model.forms.parameters.functions for part in parts):
+                forces.append(force_of_parameter(about, name))
+                self.labels.append(name)
+                continue
             if isinstance(parts[0], Ramp):
                 ramps = [
                     (i, function.factor)

@@ -290,6 +290,23 @@ def _forces(model: Model, state: State):
     return f, K, C, pushes, stiff, viscous
 
 
+def force_of_parameter(about: Deviations, name: str) -> np.ndarray:
+    """Forces (columns,) of a unit of an input that sets a parameter, in the state."""
+    held = about.held
+    value, h = held.values[name], _SMALL * max(1.0, abs(held.values[name][0]))
+    forces = []
+    try:
+        for changed in (value - h, value + h):
+            held.set({name: changed})
+            held.arrive()
+            f, _, _, pushes, _, _ = _forces(about.model, about.state)
+            forces.append(-(about.T.T @ f + about.S.T @ pushes))
+    finally:
+        held.set({name: value})
+        held.arrive()
+    return (forces[1] - forces[0]) / (2 * h)
+
+
 def _accelerations(
     model: Model,
     forcing: Forcing,

@@ -9,6 +9,7 @@ from fx_beam.compiled.build import LoopUnavailable
 from fx_beam.compiled.loop import CompiledLoop
 from fx_beam.errors import SceneError
 from fx_beam.fem.mpi import petsc
+from fx_beam.fem.parameter_values import before
 from fx_beam.mechanics.schemes import EnergyMomentum, Scheme
 from fx_beam.model.model import Model
 from fx_beam.results.audit import Stats
@@ -142,6 +143,8 @@ def state_of(model: Model, start: Solution) -> State:
             "start: the solution has other internal variables than the springs of the scene"
         )
     state = end.renumbered(model.from_nodes, model.mesh.from_elements)
+    of_scene = model.forms.parameters
+    state = replace(state, parameters=of_scene.at(before(state.t)) if len(of_scene) else None)
     check_joints(model, state)
     if (
         state.constraint_forces is not None

@@ -97,7 +97,10 @@ class FormTables:
         cells = [forms.cells_of(tag) for tag in tags]
         moving = sorted(dolfinx_api.coefficient_offsets(form, fields))
         sought = forms.fields.time, forms.fields.dt, forms.fields.memory
-        constants, offsets = dolfinx_api.packed_constants(form, compiled, sought)
+        of_scene, parameters = forms.parameters
+        constants, (*offsets, first) = dolfinx_api.packed_constants(
+            form, compiled, (*sought, of_scene)
+        )
         blocks = {tag: self._blocks(rows) for tag, rows in packed.items()}
         self._packed.append((form, compiled, blocks, constants))
         return {
@@ -113,6 +116,8 @@ class FormTables:
             "offset": [offset for _, offset in moving],
             "constants": constants,
             **dict(zip(("time_at", "dt_at", "memory_at"), offsets, strict=True)),
+            "parameters_at": first,
+            **({"parameters": len(parameters), "parameter": parameters} if first >= 0 else {}),
         }
 
     def _data_of(self, cells: np.ndarray) -> dict[str, np.ndarray]:

@@ -151,6 +151,13 @@ class Problem:
         model, points = self.model, self.model.points
         self._set(spring_width=points.width, may_overshoot=model.may_overshoot)
         self._set(thrusts=len(points.followers))
+        if len(of_scene := model.forms.parameters):
+            self._set(
+                parameter_count=len(of_scene),
+                parameters_vary=of_scene.vary,
+                energies_vary=of_scene.in_energies,
+                parameter=of_scene.values,
+            )
         if not len(points):
             self._set(points=[{}])
             return

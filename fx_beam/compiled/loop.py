@@ -152,7 +152,7 @@ class CompiledLoop:
     def c_inputs(self, inputs: StepInputs):
         """The inputs for C; they must be kept as long as C uses them."""
         c_inputs, doubles = self._ffi.new(self._types["Inputs *"]), self._types["double *"]
-        for name in ("loads", "driven", "thrust"):
+        for name in ("loads", "driven", "thrust", "parameters"):
             setattr(c_inputs, name, self._ffi.cast(doubles, getattr(inputs, name).ctypes.data))
         c_inputs.load_stride = inputs.loads.strides[0] // inputs.loads.itemsize
         c_inputs.thrust_stride = inputs.thrust.strides[0] // inputs.thrust.itemsize
@@ -216,7 +216,11 @@ class CompiledLoop:
             if len(follow):
                 first = slice(1 if follow.constant else None)
                 thrust = _of_each_step(follow.series(t0[first], t1[first]), len(t1))
-            return StepInputs(loads, forcing.series(t1), thrust, parts)
+            parameters = self.model.forms.parameters
+            values = np.empty((len(t1), 2, 0))
+            if parameters.vary:
+                values = parameters.over_steps(t0, t1, self.model.scheme.rates.level)
+            return StepInputs(loads, forcing.series(t1), thrust, values, parts)
         except BaseException as raised:
             before = int(np.searchsorted(times, getattr(raised, "time", t)))
             inputs = self.inputs(t, times[:before]) if before else no_inputs(parts)
@@ -238,25 +242,27 @@ class CompiledLoop:
 
 
 class StepInputs(NamedTuple):
-    """Loads, driven motions and follower forces of sub-steps, and the error that ended them."""
+    """Loads, driven motions, follower forces and parameters of sub-steps, and what ended them."""
 
     loads: np.ndarray
     driven: np.ndarray
     thrust: np.ndarray
+    #: Values (sub-steps, 2, n) at the scheme's level and at the end; (..., 0) if none varies.
+    parameters: np.ndarray
     #: Sub-steps of a step.
     parts: int
     error: BaseException | None = None
 
     def after(self, steps: int) -> StepInputs:
         """The inputs of the steps after some."""
-        loads, driven, thrust = (part[steps * self.parts :] for part in self[:3])
-        return self._replace(loads=loads, driven=driven, thrust=thrust)
+        loads, driven, thrust, parameters = (part[steps * self.parts :] for part in self[:4])
+        return self._replace(loads=loads, driven=driven, thrust=thrust, parameters=parameters)
 
 
 def no_inputs(parts: int) -> StepInputs:
     """Those of no steps."""
     none = np.empty((0, 2))
-    return StepInputs(none, none, none, parts)
+    return StepInputs(none, none, none, none, parts)
 
 
 def _of_each_step(rows: np.ndarray, steps: int) -> np.ndarray:

@@ -53,11 +53,17 @@ class CompiledSingleSteps:
             np.zeros((steps, 2, p.loads)),
             np.zeros((steps, p.driven)),
             np.zeros((steps, thrusts, 2)),
+            np.zeros((steps, 2, len(model.forms.parameters))),
             steps,
         )
         self._c_inputs = self._loop.c_inputs(self._inputs)
-        loads, driven, thrust = self._inputs[:3]
-        #: Places of held loads and of driven motions.
+        loads, driven, thrust, parameters = self._inputs[:4]
+        ends = np.cumsum(model.scheme.fractions)
+        ends[-1] = 1.0
+        starts, level = np.append(0.0, ends[:-1]), model.scheme.rates.level
+        in_steps = np.column_stack([starts + level * (ends - starts), ends])
+        #: Arrays of held loads; of driven motions and parameters, with the parts of the step that
+        #: have passed.
         self._holds, self._ramps = [], []
         #: Whether other functions change in time.
         self._varies = False
@@ -68,11 +74,14 @@ class CompiledSingleSteps:
                 self._varies = True
         for i, function in enumerate(forcing.functions):
             if isinstance(function, Ramp):
-                self._ramps.append((function, driven[:, i]))
+                self._ramps.append((function, driven[:, i], ends))
             else:
                 self._varies = True
-        self._parts = np.cumsum(model.scheme.fractions)
-        self._parts[-1] = 1.0
+        for i, function in enumerate(model.forms.parameters.functions):
+            if isinstance(function, Ramp):
+                self._ramps.append((function, parameters[:, :, i], in_steps))
+            elif not isinstance(function, Constant):
+                self._varies = True
         if not self._varies:
             self._fill(self._loop.inputs(0.0, np.array([self._dt])), 0)
 
@@ -98,8 +107,8 @@ class CompiledSingleSteps:
             self._evaluate(t0, t1, number)
         for hold, view in self._holds:
             view[...] = hold.value
-        for ramp, view in self._ramps:
-            view[...] = ramp.start + (ramp.end - ramp.start) * self._parts
+        for ramp, view, passed in self._ramps:
+            view[...] = ramp.start + (ramp.end - ramp.start) * passed
         recorded = number % recorder.every == 0
         if recorded:
             assert isinstance(recorder, Recorder)  # the other one takes no row
@@ -138,8 +147,9 @@ class CompiledSingleSteps:
     def _fill(self, inputs: StepInputs, step: int) -> None:
         """Copy the inputs of the sub-steps of one step."""
         own = slice(step * self._p.sub_steps, (step + 1) * self._p.sub_steps)
-        for target, source in zip(self._inputs[:3], inputs[:3], strict=True):
-            target[...] = source[own].reshape(target.shape)
+        for target, source in zip(self._inputs[:4], inputs[:4], strict=True):
+            if source.size:
+                target[...] = source[own].reshape(target.shape)
 
     def count(self, taken: int) -> None:
         """Add what C has counted in some steps to the statistics."""

@@ -17,6 +17,7 @@ from .beam_drag import BeamDrag, DragForms, coefficients
 from .dolfinx_api import CompiledForm
 from .fields import Fields, fields_of
 from .mesh import Mesh
+from .parameter_values import ParameterValues
 from .section_fields import Data, FilledField, distinct, on_beam, refill, section_data
 from .step_start import StepStart
 from .weak_form import Material, WeakForm, inverted_sections, weak_form
@@ -46,8 +47,11 @@ class BeamForms:
 
     # -- Construction ---------------------------------------------------------------------------
 
-    def __init__(self, scene: Scene, scheme: Scheme, mesh: Mesh):
-        self._scheme, self._mesh = scheme, mesh
+    def __init__(self, scene: Scene, scheme: Scheme, mesh: Mesh, parameters: ParameterValues):
+        self._scheme, self._mesh, self._parameters = scheme, mesh, parameters
+        #: UFL's constant of the parameters in the forms, None without any, and their indices among
+        #: all.
+        self.parameters: tuple[Any, list[int]] = None, []
         #: Forms by name: on the mesh, and as compiled.
         self.bound: dict[str, tuple[Any, CompiledForm]] = {}
         #: Their names, in order.
@@ -155,7 +159,21 @@ class BeamForms:
         #: Data of the sections by name.
         self.of_sections = {name: FilledField(own, mesh) for name, own in data.items()}
         self._data |= {getattr(weak, name): f.on_mesh for name, f in self.of_sections.items()}
+        if weak.names:
+            self._read_parameters(weak)
         return weak
+
+    def _read_parameters(self, weak: WeakForm) -> None:
+        """Let the forms read the values of their parameters."""
+        values = dolfinx_api.constant(self._mesh.mesh, np.zeros(len(weak.names)))
+        self._data[weak.parameters] = values
+        indices = self._parameters.indices(weak.names)
+
+        def read(of_all: np.ndarray) -> None:
+            values.value[:] = of_all[indices]
+
+        self._parameters.add_reader(read, weak.names_in_energies)
+        self.parameters = weak.parameters, indices
 
     def _section_data(self, scene: Scene) -> dict[str, Data]:
         """Stiffnesses of the quadratic law, and retardation times, if there are any."""
@@ -316,7 +334,10 @@ class BeamForms:
         ]
         rows = []
         for part in parts:
-            self.begin(part.interval, part.start)
+            interval, start = part.interval, part.start
+            level = interval.start + self._scheme.rates.level * interval.length
+            self._parameters.begin(level, start.parameters)
+            self.begin(interval, start)
             self._set(self.increment, part.D)
             out = np.empty((len(self._tags), self.fields.degree, 3))
             for expression, cells in expressions:

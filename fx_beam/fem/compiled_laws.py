@@ -15,8 +15,13 @@ import numpy as np
 
 from fx_beam.errors import SceneError
 from fx_beam.mechanics.point_laws import Motion, PointLaw, StepRule, arguments
+from fx_beam.scene.parameters import names_of, parameters_in, replaced
+from fx_beam.scene.symbols import not_numbers
 
+from . import dolfinx_api
 from .point_functions import PointFunction
+
+Values = Callable[[Motion], list]
 
 
 class CompiledLaw:
@@ -26,12 +31,19 @@ class CompiledLaw:
         self.law, self._rule = law, rule
         #: Rows and columns (n, 2) of the entries of the tangent that may be other than zero.
         self.entries = np.empty((0, 2), dtype=np.int32)
+        symbols = ufl.Constant(dolfinx_api.domain(1), shape=(arguments(law),))
+        motion = self._motion(symbols)
+        functions = {name: getattr(law, name) for name in ("energy", "loss", "switches")}
+        others = {name: _listed(of) for name, of in functions.items() if of is not None}
         #: Number of values that change their sign where the force switches.
-        self.conditions = 0
+        self.conditions = len(others["switches"](motion)) if "switches" in others else 0
+        if not self.conditions:
+            others.pop("switches", None)
+        #: Names of the parameters in its functions, whose values are given behind all else.
+        self.parameters = self._names(motion, others) if law.own else []
         self._functions = {"law": self._function(law.name, self._forces)}
-        for name in ("energy", "loss", "switches"):
-            if (function := getattr(law, name)) is not None:
-                self._add(name, function)
+        for name, of in others.items():
+            self._functions[name] = self._function(f"{name} of {law.name}", of)
         #: Number of forces, entries of the tangent, internal variables and what is remembered.
         self.values = law.size + len(self.entries) + law.internal + law.remembered
         if law.at_zero:
@@ -45,23 +57,29 @@ class CompiledLaw:
         """Forces, entries of their tangent, and the rest, of what is given (arguments,)."""
         return self._functions["law"](given)
 
-    def _add(self, name: str, function: Callable[[Motion], Any]) -> None:
-        def values(motion: Motion) -> list:
-            value = function(motion)
-            return value if isinstance(value, list) else [value]
+    @property
+    def given(self) -> int:
+        """Number of values that its functions are given."""
+        return arguments(self.law) + len(self.parameters)
 
-        if name == "switches":
-            self.conditions = len(values(self._motion(ufl.as_vector([0.1] * arguments(self.law)))))
-            if not self.conditions:
-                return
-        self._functions[name] = self._function(f"{name} of {self.law.name}", values)
+    def _names(self, motion: Motion, others: dict[str, Values]) -> list[str]:
+        with not_numbers():
+            law = self.law.forces(motion)
+            parts = [part for of in others.values() for part in of(motion)]
+        return names_of(parameters_in(*law.forces, *law.internal, *parts))
 
     def _motion(self, given: Any) -> Motion:
         return Motion(given, self.law, self._rule)
 
-    def _function(self, name: str, values: Callable[[Motion], list]) -> PointFunction:
-        count = arguments(self.law)
-        return PointFunction(lambda given: ufl.as_vector(values(self._motion(given))), count, name)
+    def _function(self, name: str, values: Values) -> PointFunction:
+        first = arguments(self.law)
+
+        def of(given: Any) -> Any:
+            by_name = {parameter: given[first + i] for i, parameter in enumerate(self.parameters)}
+            with not_numbers():
+                return replaced(ufl.as_vector(values(self._motion(given))), by_name)
+
+        return PointFunction(of, self.given, name)
 
     def _forces(self, motion: Motion) -> list:
         """Forces, entries of their tangent, internal variables and what is remembered."""
@@ -82,10 +100,20 @@ class CompiledLaw:
 
     def _check(self) -> None:
         """Refuse a law that is not finite where all coordinates are zero."""
-        given = np.zeros(arguments(self.law))
+        given = np.zeros(self.given)
         given[3 * self.law.size + 1] = 1.0  # the length of the step
         if not np.isfinite(self(given)).all():
             raise SceneError(self.law.at_zero)
+
+
+def _listed(function: Callable[[Motion], Any]) -> Values:
+    """A function that gives one value or several, always as a list."""
+
+    def values(motion: Motion) -> list:
+        value = function(motion)
+        return value if isinstance(value, list) else [value]
+
+    return values
 
 
 def _derivative(force: Any, D: Any) -> Any:

@@ -16,6 +16,7 @@ from .beam_forms import BeamForms
 from .follower_loads import Followers
 from .free_nodes import with_blocks, with_pairs
 from .mesh import Mesh
+from .parameter_values import ParameterValues
 from .point_forces import PointForce, PointForces
 from .scene_forces import point_forces
 from .step_start import StepStart
@@ -61,10 +62,12 @@ class Forms:
         #: Degrees of freedom that are rotations.
         self.turns = np.sort(mesh.dofs[:, 2])
         self._mesh, self._rates = mesh, scheme.rates
+        #: Parameters of the user's functions.
+        self.parameters = parameters = ParameterValues(scene)
         #: Those of contact, drag of nodes, followers, and the coordinates of joints.
-        self.points = PointForces(*self._at_points(scene), StepRule.of(scheme.rates))
+        self.points = PointForces(*self._at_points(scene), StepRule.of(scheme.rates), parameters)
         #: Those of beams, None without any.
-        self.beams = BeamForms(scene, scheme, mesh) if scene.beams else None
+        self.beams = BeamForms(scene, scheme, mesh, parameters) if scene.beams else None
         self._parts: list[Forces] = [self.points]
         rows = np.empty(0), np.empty(0, dtype=np.int32), np.zeros(1, np.int32)
         if self.beams is not None:
@@ -88,6 +91,7 @@ class Forms:
 
     def refill(self, scene: Scene) -> None:
         """Set all numbers to those of a scene of the same structure, whose mesh is set."""
+        self.parameters.refill(scene)
         self.points.refill(*self._at_points(scene))
         if self.beams is not None:
             self.beams.refill(scene)
@@ -128,6 +132,8 @@ class Forms:
 
     def begin(self, interval: Interval, start: StepStart) -> None:
         """Begin a step."""
+        level = interval.start + self._rates.level * interval.length
+        self.parameters.begin(level, start.parameters)
         for part in self._parts:
             part.begin(interval, start)
 

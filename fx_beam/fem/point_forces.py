@@ -19,6 +19,7 @@ from fx_beam.structs import Structs
 
 from .compiled_laws import compiled_law
 from .follower_loads import Followers
+from .parameter_values import ParameterValues
 from .step_start import StepStart
 
 _NONE = np.empty(0)
@@ -35,7 +36,7 @@ class PointForce(NamedTuple):
     """A force at points: its law, and what belongs to it alone."""
 
     law: PointLaw
-    #: Parameters of the law.
+    #: Numbers of the law.
     numbers: Sequence[float]
     #: Degrees of freedom of its coordinates, -1 for the ground; or the joint of its slide.
     dofs: Sequence[int] = ()
@@ -70,7 +71,14 @@ def _library() -> _Library:
 class PointForces:
     """All forces at points of a scene. Their data lie in C, where both kinds of steps use them."""
 
-    def __init__(self, forces: Sequence[PointForce], followers: Followers, rule: StepRule):
+    def __init__(
+        self,
+        forces: Sequence[PointForce],
+        followers: Followers,
+        rule: StepRule,
+        parameters: ParameterValues,
+    ):
+        self._names = parameters.names
         laws = {id(force.law): force.law for force in forces}
         compiled = {key: compiled_law(law, rule) for key, law in laws.items()}
         self._rule = rule
@@ -96,11 +104,15 @@ class PointForces:
         #: In statics the increment of the load factor.
         self._load_increment = 0.0
         self._build_pairs()
-        #: What each force is given, and finds.
+        #: What each force is given, the numbers of its law among this, and what it finds.
         self._given: list[np.ndarray] = []
+        self._numbers: list[np.ndarray] = []
         self._results: list[np.ndarray] = []
         if forces:
             self._build()
+        laws_with_energy = (law for law in compiled.values() if law.law.energy)
+        in_energies = [name for law in laws_with_energy for name in law.parameters]
+        parameters.add_reader(self.set_parameters, in_energies)
 
     def __len__(self):
         return len(self._forces)
@@ -172,7 +184,12 @@ class PointForces:
         ffi, self._c, *_ = _library()
         self._structs = structs = Structs(ffi, c_library.declarations(_HEADER))
         laws = self._laws
-        self._given = _parts([arguments(law.law) for law in laws])
+        self._given = _parts([law.given for law in laws])
+        ends = [arguments(law.law) for law in laws]
+        self._numbers = [
+            given[end - law.law.numbers : end]
+            for given, end, law in zip(self._given, ends, laws, strict=True)
+        ]
         self._results = _parts([law.values for law in laws])
         first_entries = np.cumsum([0, *(len(law.entries) for law in laws)])
         rows = [self._row(i, int(first)) for i, first in enumerate(first_entries[:-1])]
@@ -198,14 +215,14 @@ class PointForces:
         if [force[:1] + force[2:] for force in forces] != [of[:1] + of[2:] for of in known]:
             raise OtherStructureError("forces at points are of other kinds")
         self._forces, self.followers = forces, followers
-        for force, given in zip(forces, self._given, strict=True):
-            given[len(given) - len(force.numbers) :] = force.numbers
+        for force, numbers in zip(forces, self._numbers, strict=True):
+            numbers[:] = force.numbers
 
     def _row(self, i: int, first_entry: int) -> dict[str, Any]:
         """A force as ``PointForce`` of c/point_force.h."""
         force, law, given = self._forces[i], self._laws[i], self._given[i]
         of, row, column = law.law, *law.entries.T
-        given[len(given) - of.numbers :] = force.numbers
+        self._numbers[i][:] = force.numbers
         return {
             "law": law.address("law"),
             "energy": law.address("energy"),
@@ -226,7 +243,10 @@ class PointForces:
             "entry_row": row,
             "entry_column": column,
             "given": given,
-            "parameters": given[len(given) - of.numbers :],
+            "numbers": self._numbers[i],
+            "parameters": len(law.parameters),
+            "parameter": [self._names.index(name) for name in law.parameters],
+            "parameter_values": given[arguments(of) :],
             "results": self._results[i],
             "tangent_at": np.zeros(2 * of.size + len(law.entries)),
         }
@@ -249,8 +269,8 @@ class PointForces:
 
     def set_load(self, factor: float, increment: float) -> None:
         """Set the load factor of external forces, and in statics its increment in the step."""
-        for given in self._given[self.external]:
-            given[-1] = factor
+        for numbers in self._numbers[self.external]:
+            numbers[-1] = factor
         self._load_increment = increment
 
     def begin(self, interval: Interval, start: StepStart) -> None:
@@ -266,9 +286,14 @@ class PointForces:
         vectors = (self._of(x) for x in (start.q, start.v, slides, rates))
         self._c.fx_begin_points(self._all, *vectors, t, dt, self._of(variables))
         if len(self.followers):
-            loads = self._given[self.external]
-            for given, force in zip(loads, self.followers.at(interval), strict=True):
-                given[-3:-1] = force
+            first = self.external.start
+            for i, force in enumerate(self.followers.at(interval), start=first):
+                self._numbers[i][:2] = force
+
+    def set_parameters(self, values: np.ndarray) -> None:
+        """Set the values (n,) of all parameters of the scene."""
+        if self._forces:
+            self._c.fx_set_parameters(self._all, self._of(values))
 
     def evaluate(self, D: np.ndarray) -> None:
         """Evaluate the forces at nodes for the increment D (size,)."""

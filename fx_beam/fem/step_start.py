@@ -26,3 +26,5 @@ class StepStart(NamedTuple):
     slides: np.ndarray = _NONE
     slide_rates: np.ndarray = _NONE
     spring_internal: np.ndarray | None = None
+    #: Parameters (n,) at the scheme's level, where they are not functions of time.
+    parameters: np.ndarray | None = None

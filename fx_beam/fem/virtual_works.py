@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from typing import Any
 
 import ufl
 from ufl.algorithms.apply_algebra_lowering import apply_algebra_lowering
@@ -11,7 +12,7 @@ from ufl.algorithms.check_arities import check_integrand_arity
 from fx_beam.errors import SceneError
 from fx_beam.mechanics.kinematics import Step
 from fx_beam.scene.loads import VirtualWork
-from fx_beam.scene.symbols import not_numbers
+from fx_beam.scene.parameters import replaced
 from fx_beam.validation import fields_in, refuse_fields
 
 from .dolfinx_api import REFUSALS
@@ -19,25 +20,23 @@ from .fields import Fields
 
 
 def added_virtual_work(
-    works: Sequence[VirtualWork], indicators: Sequence, step: Step, fields: Fields
+    works: Sequence[VirtualWork],
+    indicators: Sequence,
+    step: Step,
+    fields: Fields,
+    parameters: Mapping[str, Any],
 ):
     """Virtual work per length of all added forces, in UFL.
 
-    An indicator is 1 where a force acts. Functions and constants of the user are refused.
+    An indicator is 1 where a force acts. Functions and constants of the user are refused, but for
+    `parameters`, which come with what is in their place.
     """
     total = 0
     for number, (work, inside) in enumerate(zip(works, indicators, strict=True), start=1):
         what = f"virtual work {number}"
-        try:
-            with not_numbers():
-                term = ufl.as_ufl(work.term(step))
-        except Exception as error:
-            raise SceneError(
-                f"{what}: calling it with the step raised {error!r}. The step has UFL symbols, not "
-                "numbers: use ufl.sin, ufl.conditional, ... in place of functions of math and "
-                "NumPy, and numbers in place of an Input"
-            ) from error
-        refuse_fields(fields_in(term), what, fields.known)
+        term = replaced(work.of(step, what), parameters)
+        known = [field for value in parameters.values() for field in fields_in(value)]
+        refuse_fields(fields_in(term), what, [*fields.known, *known])
         if term.ufl_shape != () or ufl.algorithms.extract_arguments(term) != [fields.test]:
             raise SceneError(
                 f"{what}: the result must be a scalar UFL expression linear in step.virtual_u and "

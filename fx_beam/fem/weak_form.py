@@ -16,8 +16,9 @@ from fx_beam.mechanics.resultants import ExactResultants
 from fx_beam.mechanics.retardation import viscous, viscous_loss
 from fx_beam.mechanics.schemes import Scheme
 from fx_beam.scene.internal_variables import InternalVariables
-from fx_beam.scene.law import Energy, Law, own_law, quadratic_law
+from fx_beam.scene.law import Energy, Law, own_law, parameters_of_energy, quadratic_law
 from fx_beam.scene.loads import VirtualWork
+from fx_beam.scene.parameters import names_of, replaced
 from fx_beam.validation import fields_in, refuse_fields
 
 from . import dolfinx_api
@@ -55,6 +56,19 @@ class WeakForm:
         #: Where each virtual work acts: 1 there, 0 elsewhere.
         self.indicators = [fields.data(shape) for _, shape in works]
         self._materials = materials
+        of_energies = [p for material in materials for p in parameters_of_energy(*material, 3)]
+        #: Names of the parameters in stored energies, and of all.
+        self.names_in_energies = names_of(of_energies)
+        self.names = names_of(
+            [*of_energies, *(p for work, _ in works for p in work.parameters_of("virtual work"))]
+        )
+        #: Their values (n,), None without any, and those by name.
+        self.parameters: Any = None
+        if self.names:
+            self.parameters = fields.data((0, (len(self.names),)))
+        self._by_name: dict[str, Any] = {
+            name: self.parameters[i] for i, name in enumerate(self.names)
+        }
         #: Number of internal variables at a Gauss point, and their values at the step's start.
         self.width = max(len(internal.names) if internal else 0 for _, internal in materials)
         self.internal: Any = None
@@ -114,11 +128,16 @@ class WeakForm:
         at_rest = self.scheme.rates.at_rest
         dt = self.fields.load_increment if at_rest else self.fields.dt
         ends = self.step.strains0, self.step.strains1
-        return old, evolved(variables, old, *ends, dt, at_rest)
+        return old, replaced(evolved(variables, old, *ends, dt, at_rest), self._by_name)
+
+    def _with_values(self, energy: Energy) -> Energy:
+        """A stored energy with the values of its parameters."""
+        return lambda *arguments: replaced(energy(*arguments), self._by_name)
 
     def _law(self, energy: Energy | None, ends: tuple[Any, Any] | None) -> Law:
         if energy is None:
             return quadratic_law(self.stiffness)
+        energy = self._with_values(energy)
         return own_law(energy) if ends is None else law_of_step(energy, *ends)
 
     def _build_residual(self) -> None:
@@ -142,7 +161,8 @@ class WeakForm:
                     self.scheme.rates.at_rest,
                     (self.step.strains0, self.step.strains1),
                 )
-                lost += evolution_loss(energy, *ends, *strains, at_rest) * dx_law
+                stored = self._with_values(energy)
+                lost += evolution_loss(stored, *ends, *strains, at_rest) * dx_law
             if self.times is not None:
                 lost += viscous_loss(self.step, law, self.times) * dx_law
         self._losses = {"lost energy": lost, "scheme's loss": taken, "scheme's energy": held}
@@ -154,12 +174,13 @@ class WeakForm:
         used += [field for parts in self._of_laws for field in fields_in(parts[0].M)]
         known = [*self.fields.known, *(field for law in self._laws for field in law.data)]
         known += [] if self.times is None else fields_in(self.times)
-        known.append(self.internal)
+        known += [self.internal, self.parameters]
         refuse_fields(used, f"resultants of {self.scheme.name}", known)
 
     def _add(self, works: Sequence[VirtualWork]) -> None:
         """Add the virtual works of further forces."""
-        per_length = added_virtual_work(works, self.indicators, self.step, self.fields)
+        parts = self.indicators, self.step, self.fields, self._by_name
+        per_length = added_virtual_work(works, *parts)
         added = per_length * self.fields.measure(self.fields.degree)
         try:
             self.added = dolfinx_api.compile_form(added, "added virtual work")

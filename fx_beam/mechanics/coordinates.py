@@ -11,12 +11,12 @@ from .point_laws import TINY, Coordinate, Motion
 
 
 class Kind(NamedTuple):
-    """A kind of coordinate: its number of entries and of parameters, and the coordinate."""
+    """A kind of coordinate: its number of entries and of numbers, and the coordinate."""
 
     name: str
     size: int
     numbers: int
-    #: From the motion, increments and parameters.
+    #: From the motion, increments and numbers.
     of: Callable[[Motion, Sequence[Any], Sequence[Any]], Coordinate]
     #: Whether it is zero where all that it is given is zero, and regular there.
     starts_at_zero: bool = False

@@ -57,7 +57,7 @@ class Motion:
         #: Internal variables at the start of the step, and what the last iteration left.
         self.internal = take(law.internal)
         self.remembered = take(law.remembered)
-        #: Parameters of this force.
+        #: Numbers of this force.
         self.numbers = take(law.numbers)
 
     def at_level(self, start: Any, increment: Any) -> Any:
@@ -94,7 +94,7 @@ class PointLaw:
     """A force at points: at nodes, with x, y and rotation of each, or on the slide of a joint."""
 
     name: str
-    #: Number of coordinates, and of parameters.
+    #: Number of coordinates, and of the numbers of each force.
     size: int
     numbers: int
     forces: Callable[[Motion], Found]

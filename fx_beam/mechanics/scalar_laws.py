@@ -21,7 +21,7 @@ _SHORT = 6e-6
 
 
 class _Step(NamedTuple):
-    """A coordinate over a step, the same without derivatives, and the parameters of its force."""
+    """A coordinate over a step, the same without derivatives, and the numbers of its force."""
 
     motion: Motion
     x: Coordinate
@@ -66,7 +66,7 @@ def _on(
     switches: Callable[[_Step], list] | None = None,
     **options: Any,
 ) -> PointLaw:
-    """A law on a kind of coordinate, whose parameters follow those of the coordinate."""
+    """A law on a kind of coordinate, whose numbers follow those of the coordinate."""
 
     def of(function: Callable[[_Step], Any]) -> Callable[[Motion], Any]:
         return lambda motion: function(step(motion))
@@ -275,7 +275,7 @@ def contact_law(kind: Kind, energy: Energy, loses: bool) -> PointLaw:
 def stop(kind: Kind, sign: int, loses: bool = False) -> PointLaw:
     """A stop of a coordinate at its lower (sign 1) or upper (-1) limit: a contact.
 
-    Its parameters are those of a contact, then the limit.
+    Its numbers are those of a contact, then the limit.
     """
 
     def gap(step: _Step) -> _Step:
@@ -298,7 +298,7 @@ def _one_sided(
     """Contact, from the gap that belongs to a coordinate, and the sign of its growth."""
 
     def unit(depth: Any) -> Any:
-        """The stored energy over the first parameter."""
+        """The stored energy over the first number."""
         return depth * depth / 2 if energy is None else energy(depth)
 
     def push(step: _Step) -> Any:

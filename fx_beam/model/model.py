@@ -203,6 +203,7 @@ class Model:
             "joints": len(self.scene.joints),
             "constraints": self.reduction.columns - self.reduction.free,
             "contacts": self.points.contacts,
+            "parameters": len(self.forms.parameters),
             "added dofs": self.size if self.forms.has_added else 0,
             "kept dofs": self.size if self.keeps_before else 0,
             "cells": cells,

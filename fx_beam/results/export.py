@@ -58,6 +58,7 @@ def save(solution, path) -> None:
         for body in solution.bodies.values()
     ]
     meta = {"format": FORMAT, "stats": stats, "beams": beams, "joints": joints, "bodies": bodies}
+    meta["parameters"] = solution.names_of_parameters
     meta["obstacles"] = [_described(obstacle) for obstacle in solution.obstacles]
     text = json.dumps(meta, default=_plain)
     with replacing(path) as new, open(new, "wb") as file:

@@ -10,6 +10,7 @@ import ufl
 import numpy as np
 
 from fx_beam.scene.beam import arc_lengths, lagrange, lagrange_and_slopes
+from fx_beam.scene.parameters import replaced
 
 RESULTANTS = ("N", "Q", "M")
 _STIFFNESSES = ("EA", "GA", "EI")
@@ -83,8 +84,12 @@ def energy_density(solution: Any, names: list[str], rows) -> np.ndarray:
         if beam.section.strain_energy is not None:
             internal = solution.internal_of_beam.get(beam.name, {}).values()
             columns = [*strains[:, :, own].reshape(3, -1), *(of[rows].ravel() for of in internal)]
-            points = zip(*columns, strict=True)
-            energies = [_stored(beam.section.strain_energy, *point) for point in points]
+            points = np.column_stack(columns).reshape(len(strains[0]), -1, len(columns))
+            energies = [
+                _stored(beam.section.strain_energy, values, *point)
+                for values, of_row in zip(_parameters(solution, list(rows)), points, strict=True)
+                for point in of_row
+            ]
             density[:, own] = np.reshape(energies, density[:, own].shape)
     return density
 
@@ -128,7 +133,14 @@ def _gauss(degree: int) -> np.ndarray:
     return (np.polynomial.legendre.leggauss(degree)[0] + 1) / 2
 
 
-def _stored(energy: Any, eps, gamma, kappa, *a) -> float:
+def _parameters(solution: Any, rows: list[int]) -> list[dict[str, float]]:
+    """Values of the parameters by name in each row."""
+    names = solution.names_of_parameters
+    return [dict(zip(names, solution.parameters[row].tolist(), strict=True)) for row in rows]
+
+
+def _stored(energy: Any, parameters: dict[str, float], eps, gamma, kappa, *a) -> float:
     """Stored energy per length of strains and internal variables [J/m]."""
     numbers = [ufl.as_ufl(float(x)) for x in (eps, gamma, kappa, *a)]
-    return float(energy(*numbers[:3], *([ufl.as_vector(numbers[3:])] if a else []))(()))
+    density = energy(*numbers[:3], *([ufl.as_vector(numbers[3:])] if a else []))
+    return float(replaced(density, parameters)(()))

@@ -69,6 +69,7 @@ def _read(raw: BinaryIO) -> Solution:
     meta = json.loads(str(data["meta"]))
     if meta["format"] != FORMAT:
         raise KeyError("format")
+    data.setdefault("parameters", np.empty((len(data["t"]), 0)))  # files of earlier versions
     check_arrays(data, meta["beams"])
 
     def node(number: int) -> Node:
@@ -119,6 +120,7 @@ def _read(raw: BinaryIO) -> Solution:
         bodies=bodies,
         obstacles=_obstacles(meta["obstacles"], beams, data["X"]),
         end=end,
+        names_of_parameters=meta.get("parameters", []),
     )
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import inspect
 import textwrap
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -63,6 +63,8 @@ class Solution:
         The bodies by name.
     end : State, optional
         The last state, its vectors by nodes, for `simulate(start=...)`; None after a failed run.
+    names_of_parameters : sequence of str
+        Names of the columns of `parameters`.
 
     Attributes
     ----------
@@ -96,6 +98,7 @@ class Solution:
         obstacles: list[Obstacle],
         bodies: dict[str, Body] | None = None,
         end: State | None = None,
+        names_of_parameters: Sequence[str] = (),
     ):
         for name in HISTORIES:
             setattr(self, name, read_only(histories[name]))
@@ -106,6 +109,7 @@ class Solution:
         self.resultants_of_beam = resultants_of_beam
         self.internal_of_beam, self.internal_of_joint = internal_of_beam, internal_of_joint
         self.end = end
+        self.names_of_parameters = list(names_of_parameters)
 
     if TYPE_CHECKING:
 
@@ -320,6 +324,27 @@ class Solution:
             Distance [m]; zero to round-off, as joints eliminate degrees of freedom.
         """
         return self.joint(joint).gap
+
+    # -- Parameters -----------------------------------------------------------------------------
+
+    def parameter(self, name: str) -> np.ndarray:
+        """Values of a parameter over time.
+
+        Parameters
+        ----------
+        name : str
+            Name of the `Parameter`.
+
+        Returns
+        -------
+        (n,) float
+            Its value at each row.
+        """
+        if name not in self.names_of_parameters:
+            raise ValueError(
+                f"the solution has no parameter {name!r}; it has {self.names_of_parameters}"
+            )
+        return self.parameters[:, self.names_of_parameters.index(name)]
 
     # -- Obstacles ------------------------------------------------------------------------------
 

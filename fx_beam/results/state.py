@@ -88,6 +88,11 @@ class State:
         says="Forces of obstacles on nodes, one obstacle after the other [N]",
     )
     added_forces: np.ndarray | None = _array("added dofs")
+    parameters: np.ndarray | None = _array(
+        "parameters",
+        record="always",
+        says="Parameters in functions of your own, in the order of `Scene.parameters`",
+    )
     #: Work and dissipated energy since the start [J].
     work: float = _number()
     dissipated: float = _number()

@@ -17,8 +17,10 @@ from fx_beam.validation import as_float, fields_in, is_number, refuse_fields, re
 
 from .inputs import Input, time_function
 from .internal_variables import InternalVariables
-from .law import Energy, check_energy, check_internal
+from .law import Energy, check_energy, check_internal, parameters_of_energy
+from .parameters import Parameter, parameters_in
 from .stop import Stop, as_stop
+from .symbols import expression_of
 
 
 @dataclass(frozen=True)
@@ -251,39 +253,34 @@ def _check(part: Spring | Damper | Friction, name: str, lowest: float = 0.0) -> 
 
 def _check_magnitude(force: Callable[[Any], Any]) -> None:
     """Refuse a magnitude of friction that is no UFL expression of the rate, or negative."""
+    expression = _law_of(force, 0.1, "Friction: force(rate)")
+    refuse_fields(fields_in(expression), "Friction: force", parameters_in(expression))
     for rate in (sign * 10.0**k for k in range(-6, 5) for sign in (1, -1)):
-        try:
-            value = ufl.as_ufl(force(ufl.as_ufl(rate)))(())
-        except Exception as error:
-            raise SceneError(
-                "Friction: force(rate) must give a UFL expression that is finite. Use abs and "
-                "ufl.exp, ufl.sqrt, ... in place of functions of math or NumPy. It raised "
-                f"{error!r}"
-            ) from error
+        value = _value(force, rate, "Friction: force(rate)")
         if isinstance(value, complex) or not value >= 0:
-            raise SceneError(f"Friction: force({rate:g}) = {value:g} must not be negative")
-    refuse_fields(fields_in(ufl.as_ufl(force(ufl.as_ufl(0.1)))), "Friction: force")
+            raise SceneError(
+                f"Friction: force({rate:g}) = {value:g} must not be negative, and finite"
+            )
+
+
+def _law_of(law: Callable[[Any], Any], rate: float, call: str) -> Any:
+    """The expression of a law at a rate."""
+    return expression_of(law, [ufl.variable(ufl.as_ufl(rate))], call)
 
 
 def _check_law(law: Callable[[Any], Any]) -> None:
     """Refuse a law of a damper that is no scalar UFL expression of the rate, or that drives."""
-    rate = ufl.variable(ufl.as_ufl(0.1))  # a number: math.tanh of a symbol never ends
-    try:
-        force = ufl.as_ufl(law(rate))
-    except Exception as error:
-        raise SceneError(
-            "Damper: law(rate) must give a UFL expression. Use abs and ufl.tanh, ufl.sqrt, ... in "
-            f"place of functions of math or NumPy. It raised {error!r}"
-        ) from error
-    refuse_fields(fields_in(force), "Damper: law")
+    call, rate = "Damper: law(rate)", ufl.variable(ufl.as_ufl(0.1))
+    force = expression_of(law, [rate], call)
+    refuse_fields(fields_in(force), "Damper: law", parameters_in(force))
     if force.ufl_shape != () or rate not in set(unique_pre_traversal(force)):
         raise SceneError(
-            f"Damper: law(rate) must be a scalar that depends on the rate, not {force}. Use "
-            "ufl.tanh, not math.tanh"
+            f"{call} must be a scalar that depends on the rate, not {force}. Use ufl.tanh, not "
+            "math.tanh"
         )
     for size in (10.0**k for k in range(-6, 5)):
         for at in (size, -size):
-            force = _value(law, at)
+            force = _value(law, at, call)
             if isinstance(force, complex):
                 raise SceneError(
                     f"Damper: law({at:g}) is complex. Write abs(rate) in roots and powers"
@@ -295,9 +292,20 @@ def _check_law(law: Callable[[Any], Any]) -> None:
                 )
 
 
-def _value(law: Callable[[Any], Any], rate: float) -> Any:
+def _value(law: Callable[[Any], Any], rate: float, call: str) -> Any:
     """A law's force at a rate; not a number where it is not finite."""
     try:
-        return ufl.as_ufl(law(ufl.as_ufl(rate)))(())
+        return _law_of(law, rate, call)(())
     except (ArithmeticError, ValueError):
         return math.nan
+
+
+def parameters_of(on: Coordinate) -> list[Parameter]:
+    """Parameters in the laws on a coordinate."""
+    found: list[Parameter] = []
+    if on.spring is not None:
+        found += parameters_of_energy(on.spring.strain_energy, on.spring.internal, 1)
+    for law in (on.damper and on.damper.law, on.friction and on.friction.force):
+        if callable(law):
+            found += parameters_in(law(ufl.as_ufl(0.1)))
+    return found

@@ -15,10 +15,23 @@ from fx_beam.errors import SceneError
 from fx_beam.validation import fields_in, refuse_fields, vector
 
 from .beam import Node
-from .coordinate import Coordinate
+from .coordinate import Coordinate, parameters_of
+from .parameters import Parameter, parameters_in
+from .symbols import expression_of
 
 #: ``force(distance, rate, t)`` in UFL.
 Pull = Callable[[Any, Any, Any], Any]
+
+
+@dataclass(frozen=True)
+class GivenPull:
+    """A pull that is a number or an input."""
+
+    pull: Parameter
+
+    def __call__(self, distance, rate, t):
+        """The pull [N]."""
+        return self.pull
 
 
 @dataclass(frozen=True, eq=False)
@@ -71,9 +84,19 @@ class ForceBetween:
             np.array([self.b.x, self.b.y]) - start if isinstance(self.b, Node) else start - self.b
         )
 
+    @property
+    def parameters(self) -> list[Parameter]:
+        """Parameters in its functions."""
+        found = parameters_of(self.on)
+        if self.force is not None:
+            found += parameters_in(self.force(*map(ufl.as_ufl, (0.1, 0.1, 0.1))))
+        return found
+
 
 def checked_force(a: Node, b: Any, on: Coordinate, force: Any, number: int, size: float):
     """A force of a scene of this size [m]; SceneError if its laws are not finite at the start."""
+    if force is not None and not callable(force):
+        force = GivenPull(Parameter(f"force {number} between points", force))
     if not isinstance(b, Node):
         b = vector(b, 2, "force between points: b, a node or a fixed point,")
     made = ForceBetween(a, b, on, force, number)
@@ -93,15 +116,9 @@ def checked_force(a: Node, b: Any, on: Coordinate, force: Any, number: int, size
 
 def _check(function: Callable, at: tuple[float, ...], what: ForceBetween, call: str) -> None:
     """Refuse a function that is no scalar UFL expression, or not finite at the start."""
-    try:
-        # UFL numbers, not symbols: a function of `math` would try forever to convert a symbol.
-        expression = ufl.as_ufl(function(*(ufl.variable(ufl.as_ufl(x)) for x in at)))
-    except Exception as error:
-        raise SceneError(
-            f"{what}: {call} must give a UFL expression. Use ufl.sqrt, ufl.exp, ... in place of "
-            f"functions of math or NumPy. It raised {error!r}"
-        ) from error
-    refuse_fields(fields_in(expression), f"{what}: {call}")
+    arguments = [ufl.variable(ufl.as_ufl(x)) for x in at]
+    expression = expression_of(function, arguments, f"{what}: {call}")
+    refuse_fields(fields_in(expression), f"{what}: {call}", parameters_in(expression))
     if expression.ufl_shape != ():
         raise SceneError(f"{what}: {call} must be a scalar, not of shape {expression.ufl_shape}")
     try:

@@ -15,7 +15,7 @@ from fx_beam.validation import TimeFunction, checked_function
 
 @dataclass(frozen=True)
 class Input:
-    """A load, a prescribed motion or the place of a motor that is set from outside, by its name.
+    """A load, a motion, the position of a motor or a `Parameter` that is set from outside, by name.
 
     It stands where a function of time may stand. Loads and motors with the same name have the same
     input. As long as it is not set, it is zero: `static`, `modes` and `simulate` without `inputs`.
@@ -99,17 +99,20 @@ def time_function(value, size: int, what: str) -> TimeFunction:
     return validation.time_function(value, size, what)
 
 
-def input_slots(scene) -> Iterator[tuple[InputSlot, bool]]:
-    """All slots of a scene, each with whether it drives a motion."""
+def input_slots(scene) -> Iterator[tuple[InputSlot, str]]:
+    """All slots of a scene, each with what it is: a "load", a "motion" or a "parameter"."""
     for load in scene.loads:
         if isinstance(load.value, InputSlot):
-            yield load.value, False
+            yield load.value, "load"
     driven = list(scene.prescribed.values())
     for joint in scene.joints:
         driven += [part.motor for part in (joint.slide, joint.rotation) if part is not None]
     for function in driven:
         if isinstance(function, InputSlot):
-            yield function, True
+            yield function, "motion"
+    for function in scene.parameters.functions.values():
+        if isinstance(function, InputSlot):
+            yield function, "parameter"
 
 
 def widths(scene) -> dict[str, int]:
@@ -117,17 +120,17 @@ def widths(scene) -> dict[str, int]:
 
     SceneError for a name with different numbers of values, or for both loads and motions.
     """
-    slots: dict[str, tuple[InputSlot, bool]] = {}
-    for slot, driven in input_slots(scene):
-        first, drives = slots.setdefault(slot.name, (slot, driven))
+    slots: dict[str, tuple[InputSlot, str]] = {}
+    for slot, kind in input_slots(scene):
+        first, other = slots.setdefault(slot.name, (slot, kind))
         if first.width != slot.width:
             raise SceneError(
                 f"input {slot.name!r} has {first.width} value(s) as {first.what}, but "
                 f"{slot.width} as {slot.what}. Give a factor, or use two names"
             )
-        if driven != drives:
+        if kind != other:
             raise SceneError(
-                f"input {slot.name!r} is a load as well as a motion: {first.what}, and "
+                f"input {slot.name!r} is a {other} as well as a {kind}: {first.what}, and "
                 f"{slot.what}. Use two names"
             )
     return {name: slot.width for name, (slot, _) in slots.items()}
@@ -150,6 +153,7 @@ def connected(scene, function_of: Callable[[InputSlot], TimeFunction]):
     new = object.__new__(type(scene))
     new.__dict__.update(scene.__dict__)
     new.loads = [replace(load, value=replaced(load.value)) for load in scene.loads]
+    new.parameters = scene.parameters.replaced(replaced)
     new.prescribed = {key: replaced(function) for key, function in scene.prescribed.items()}
     new.joints = [
         replace(

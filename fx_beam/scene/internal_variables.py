@@ -12,6 +12,9 @@ from ufl.corealg.traversal import unique_pre_traversal
 from fx_beam.errors import SceneError
 from fx_beam.validation import as_float, fields_in, refuse_fields, require
 
+from .parameters import parameters_in
+from .symbols import not_numbers
+
 
 @dataclass(frozen=True)
 class InternalVariables:
@@ -115,7 +118,7 @@ class InternalVariables:
         )
         dt = ufl.variable(ufl.as_ufl(1.0))
         updated = self.updated(ufl.as_vector(old), strains0, strains, dt)
-        refuse_fields(fields_in(updated), "InternalVariables: update")
+        refuse_fields(fields_in(updated), "InternalVariables: update", parameters_in(updated))
         for i, name in enumerate(self.names):
             if not {*old, *strains0, *strains} & set(unique_pre_traversal(updated[i])):
                 raise SceneError(
@@ -144,7 +147,8 @@ class InternalVariables:
         """
         what = "InternalVariables: update(old, strains0, strains, dt)"
         try:
-            updated = [ufl.as_ufl(value) for value in self.update(old, strains0, strains, dt)]
+            with not_numbers():
+                updated = [ufl.as_ufl(value) for value in self.update(old, strains0, strains, dt)]
         except Exception as error:
             raise SceneError(
                 f"{what} must give a UFL expression for each of {list(self.names)}. Use "

@@ -17,6 +17,8 @@ from fx_beam.errors import SceneError
 from fx_beam.validation import fields_in, refuse_fields, require
 
 from .internal_variables import InternalVariables, check_dissipation
+from .parameters import Parameter, parameters_in
+from .symbols import expression_of
 
 Energy = Callable[..., Any]
 
@@ -166,22 +168,14 @@ def check_energy(
     name: str = "strain_energy",
 ) -> None:
     """Refuse a stored energy that is no scalar UFL expression of all its arguments."""
-    # UFL numbers, not symbols: a function of `math` would try forever to convert a symbol.
-    e = [ufl.variable(ufl.as_ufl(0.1)) for _ in strains]
-    names = [*strains]
+    e, names = [ufl.variable(ufl.as_ufl(0.1)) for _ in strains], [*strains]
     arguments: list[Any] = list(e)
     if internal is not None:
         a = [ufl.variable(ufl.as_ufl(0.0)) for _ in internal.names]
         e, names, arguments = [*e, *a], [*names, *internal.names], [*e, ufl.as_vector(a)]
     call = f"{name}({', '.join(strains)}{'' if internal is None else ', a'})"
-    try:
-        W = ufl.as_ufl(strain_energy(*arguments))
-    except Exception as error:
-        raise SceneError(
-            f"{part}: {call} must give a UFL expression. Use ufl.sqrt, "
-            f"ufl.exp, ... in place of functions of math or NumPy. It raised {error!r}"
-        ) from error
-    refuse_fields(fields_in(W), f"{part}: {name}")
+    W = expression_of(strain_energy, arguments, f"{part}: {call}")
+    refuse_fields(fields_in(W), f"{part}: {name}", parameters_in(W))
     met = set(unique_pre_traversal(W))
     missing = [n for n, x in zip(names, e, strict=True) if x not in met]
     if W.ufl_shape == () and missing:
@@ -190,6 +184,19 @@ def check_energy(
         raise SceneError(f"{part}: {name} must be a scalar, not of shape {W.ufl_shape}")
     if internal is not None:
         check_dissipation(strain_energy, internal, len(strains))
+
+
+def parameters_of_energy(
+    energy: Energy | None, internal: InternalVariables | None, strains: int
+) -> list[Parameter]:
+    """Parameters in a checked stored energy of so many strains, and in the update that it has."""
+    if energy is None:
+        return []
+    e = [ufl.as_ufl(0.1)] * strains
+    if internal is None:
+        return parameters_in(energy(*e))
+    a = ufl.as_vector([ufl.as_ufl(0.1)] * len(internal.names))
+    return parameters_in(energy(*e, a), internal.updated(a, e, e, ufl.as_ufl(1.0)))
 
 
 def check_internal(internal: Any, strain_energy: Energy | None, part: str, arguments: str) -> None:

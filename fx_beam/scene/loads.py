@@ -6,6 +6,8 @@ from collections.abc import Callable
 from dataclasses import dataclass, fields
 from typing import Any
 
+import ufl
+
 import numpy as np
 
 from fx_beam.errors import SceneError
@@ -26,6 +28,9 @@ from fx_beam.validation import (
 
 from .beam import Beam, Node
 from .inputs import time_function
+from .parameters import Parameter, parameters_in
+from .step_symbols import STEP
+from .symbols import not_numbers
 
 
 @dataclass(frozen=True)
@@ -140,6 +145,23 @@ class VirtualWork:
     def __post_init__(self):
         if not callable(self.term):
             raise SceneError(f"add_virtual_work needs a function of the step, not {self.term!r}")
+
+    def of(self, step: Any, what: str) -> Any:
+        """The term of a step, in UFL; SceneError if there is none."""
+        try:
+            with not_numbers():
+                return ufl.as_ufl(self.term(step))
+        except Exception as error:
+            raise SceneError(
+                f"{what}: calling it with the step raised {error!r}. The step has UFL symbols, not "
+                "numbers: use ufl.sin, ufl.conditional, ... in place of functions of math and "
+                "NumPy, and fx_beam.Parameter for a number that changes: Parameter(name, 3.0), "
+                'Parameter(name, lambda t: ...), or Parameter(name, fx_beam.Input("valve"))'
+            ) from error
+
+    def parameters_of(self, what: str) -> list[Parameter]:
+        """Parameters in the term; errors say `what` it is."""
+        return parameters_in(self.of(STEP, what))
 
 
 def label(target: Node | Beam) -> str:

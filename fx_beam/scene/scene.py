@@ -12,14 +12,16 @@ from fx_beam.validation import TimeFunction, is_name, is_one_of, require, shown,
 from . import loads
 from .beam import COMPONENTS, Beam, Node
 from .body import Body, check_body, name_of, velocities_of
-from .coordinate import Damper, Friction, Spring, checked_coordinate
+from .coordinate import Damper, Friction, Spring, checked_coordinate, parameters_of
 from .curve import Curve
 from .forces_between import ForceBetween, Pull, checked_force
 from .geometry import Geometry
-from .inputs import time_function
+from .inputs import Input, time_function
 from .joints import GROUND, Joint, Rigid, check_new
+from .law import parameters_of_energy
 from .notebook import html_table, sketch
 from .obstacles import Circle, Line, Obstacle, checked_obstacle
+from .parameters import Parameters
 from .section import Section
 from .stop import Stop
 from .summary import facts
@@ -66,6 +68,8 @@ class Scene(Geometry):
         self.drags: list[loads.Drag] = []
         self.velocities: list[loads.Velocity] = []
         self.virtual_works: list[loads.VirtualWork] = []
+        #: Numbers in functions of your own by name, which change without compilation: `Parameter`.
+        self.parameters = Parameters()
         self.bodies: list[Body] = []
         self._names_of_bodies: set[str] = set()
         self.joints: list[Joint] = []
@@ -133,6 +137,9 @@ class Scene(Geometry):
         >>> scene.add_beam([post.end, (2, 1)], section, elements=[2], name="girder")
         <Beam 'girder': 2 elements from node 4 at (0, 1) to node 6 at (2, 1)>
         """
+        if isinstance(section, Section):
+            law = section.strain_energy, section.internal
+            self.parameters.add(parameters_of_energy(*law, 3), "add_beam: section")
         return self._add(points, section, elements, degree, name)
 
     def add_body(
@@ -309,6 +316,8 @@ class Scene(Geometry):
                 loads.check_node(self, node, joint.kind)
         joint.check_start(self._size)
         check_new(joint, self._couplings, self.joints)
+        for on in filter(None, (joint.slide, joint.rotation)):
+            self.parameters.add(parameters_of(on), str(joint))
         joint = replace(joint, number=len(self.joints))
         self._couplings[joint.coupling] = joint
         self.joints.append(joint)
@@ -384,8 +393,10 @@ class Scene(Geometry):
         loads.check_target(self, target, "obstacle")
         impact = stiffness, restitution, speed, energy
         number = len(self.obstacles)
-        self.obstacles.append(checked_obstacle(target, obstacle, impact, number, self._size))
-        return self.obstacles[-1]
+        made = checked_obstacle(target, obstacle, impact, number, self._size)
+        self.parameters.add(parameters_of_energy(made.energy, None, 1), str(made))
+        self.obstacles.append(made)
+        return made
 
     def add_force_between(
         self,
@@ -395,7 +406,7 @@ class Scene(Geometry):
         damper: Damper | None = None,
         friction: Friction | None = None,
         stop: Stop | tuple | None = None,
-        force: Pull | None = None,
+        force: Pull | float | Input | None = None,
     ) -> ForceBetween:
         """Add a force along the line between two nodes, or between a node and a fixed point.
 
@@ -417,10 +428,10 @@ class Scene(Geometry):
             Friction on the rate of r.
         stop : Stop or (lower, upper, stiffness), optional
             Limits of r: a rope has an upper one, a strut a lower one.
-        force : callable, optional
+        force : callable, float or Input, optional
             ``force(distance, rate, t)``, a further pull [N] as a UFL expression of r [m], its rate
-            [m/s] and the time [s]. Its work is part of `Energy.work`. In statics it is multiplied
-            by the load factor.
+            [m/s] and the time [s]; or a number or an `Input` for the pull itself. Its work is part
+            of `Energy.work`. In statics it is multiplied by the load factor.
 
         Returns
         -------
@@ -449,8 +460,10 @@ class Scene(Geometry):
             loads.check_node(self, node, "force between points")
         on = checked_coordinate("force between points", spring, damper, None, friction, stop)
         number = len(self.forces_between)
-        self.forces_between.append(checked_force(a, b, on, force, number, self._size))
-        return self.forces_between[-1]
+        made = checked_force(a, b, on, force, number, self._size)
+        self.parameters.add(made.parameters, str(made))
+        self.forces_between.append(made)
+        return made
 
     # -- Masses and loads -----------------------------------------------------------------------
 
@@ -575,15 +588,16 @@ class Scene(Geometry):
         term : callable
             ``term(step)`` gives the virtual work of the force per reference length, a scalar UFL
             expression linear in ``step.virtual_u`` and ``step.virtual_psi``. `step` is an
-            `fx_beam.Step`. The element's reduced Gauss rule integrates it. dolfinx functions and
-            constants are refused, as they would be read only once.
+            `fx_beam.Step`. The element's reduced Gauss rule integrates it. Numbers that change are
+            a `Parameter`; dolfinx functions and constants are refused, as they would be read only
+            once.
         beam : Beam, optional
             Where it acts; on all beams by default.
 
         Raises
         ------
         SceneError
-            If `term` is not a function.
+            If `term` is not a function, or gives no UFL expression.
 
         Examples
         --------
@@ -595,7 +609,10 @@ class Scene(Geometry):
         """
         if beam is not None:
             loads.check_beam(self, beam, "virtual work")
-        self.virtual_works.append(loads.VirtualWork(term, beam))
+        work = loads.VirtualWork(term, beam)
+        what = f"virtual work {len(self.virtual_works) + 1}"
+        self.parameters.add(work.parameters_of(what), what)
+        self.virtual_works.append(work)
 
     def set_velocity(self, target: Beam | Body | Node, velocity=(0.0, 0.0), spin=0.0) -> None:
         """Set the velocity and spin at t = 0.

@@ -28,7 +28,7 @@ from .stop import Stop
 #: Attributes of which only the kind must be the same: an array keeps its shape, a function of time
 #: or place stays one or becomes a number, and None stays None.
 NUMBERS: dict[type, tuple[str, ...]] = {
-    Scene: ("gravity", "prescribed", "masses"),
+    Scene: ("gravity", "prescribed", "masses", "parameters"),
     Beam: ("s", "inner"),
     Section: ("EA", "GA", "EI", "rhoA", "rhoI", "retardation"),
     Body: ("mass", "inertia"),

@@ -26,6 +26,8 @@ def facts(scene: Any) -> dict[str, str]:
     for name in ("drags", "obstacles", "forces_between"):
         if getattr(scene, name):
             entries[name.replace("_", " ")] = str(len(getattr(scene, name)))
+    if scene.parameters:
+        entries["parameters"] = str(scene.parameters)
     if scene.gravity is not None:
         entries["gravity"] = f"({scene.gravity[0]:g}, {scene.gravity[1]:g})"
     return entries

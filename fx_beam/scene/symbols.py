@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
+from typing import Any
 
+import ufl
 from ufl.core.expr import Expr
+
+from fx_beam.errors import SceneError
 
 
 @contextmanager
@@ -16,7 +20,7 @@ def not_numbers() -> Iterator[None]:
     """
 
     def refuse(self):
-        raise TypeError("a UFL symbol is not a number")
+        raise TypeError("a UFL symbol is not a number. Use ufl.exp, not math.exp")
 
     usual = Expr.__float__
     Expr.__float__ = refuse  # numbers of UFL have their own
@@ -24,3 +28,15 @@ def not_numbers() -> Iterator[None]:
         yield
     finally:
         Expr.__float__ = usual
+
+
+def expression_of(function: Callable, arguments: Sequence, call: str) -> Any:
+    """The UFL expression that a user's function gives; SceneError, named by the call, for none."""
+    try:
+        with not_numbers():
+            return ufl.as_ufl(function(*arguments))
+    except Exception as error:
+        raise SceneError(
+            f"{call} must give a UFL expression. Use ufl.sqrt, ufl.exp, ... in place of functions "
+            f"of math or NumPy. It raised {error!r}"
+        ) from error

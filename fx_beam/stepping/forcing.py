@@ -125,6 +125,7 @@ class LoadForcing(Forcing):
     def __init__(self, model: Model, time: float, turning: TurningFrame | None = None):
         super().__init__(model)
         self.time, self.turning = time, turning
+        model.forms.parameters.hold(time)
         #: All dead loads (size,) [N, N m] and driven motions (driven,) [m, rad].
         self.full, self.goal = self._dead(time), super().positions(time)
 

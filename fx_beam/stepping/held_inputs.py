@@ -1,4 +1,4 @@
-"""Inputs of a scene that are held over a step: loads as they are, driven motions as ramps."""
+"""Inputs of a scene over a step: loads are held; driven motions and parameters are ramps."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ class Hold:
 
 
 class Ramp:
-    """A driven motion: from its position at the start of the step straight to that at the end."""
+    """A driven motion or a parameter: straight from its value at the start of a step to the end."""
 
     def __init__(self, slot: InputSlot):
         self.name, self.factor = slot.name, float(slot.factor[0, 0])
@@ -81,7 +81,8 @@ class HeldInputs:
         #: Present values by name, in arrays that do not change.
         self.values = {name: np.zeros(width) for name, width in self.widths.items()}
         self._parts: dict[int, Hold | Ramp] = {
-            id(slot): Ramp(slot) if driven else Hold(slot) for slot, driven in input_slots(scene)
+            id(slot): Hold(slot) if kind == "load" else Ramp(slot)
+            for slot, kind in input_slots(scene)
         }
         #: The scene with the held functions in the place of its inputs.
         self.scene = connected(scene, lambda slot: self._parts[id(slot)])

@@ -67,6 +67,8 @@ def reference_state(model: Model) -> State:
     slides = np.array([joint.start()[0] for joint in model.scene.joints])
     q, v, a = (np.zeros(model.size) for _ in range(3))
     state = State(0.0, np.zeros(len(model.motors)), q, v, a, slides)
+    if len(model.forms.parameters):
+        state.parameters = model.forms.parameters.at(0.0)
     shape = model.forms.internal_shape
     if shape[-1]:
         state.internal = np.zeros(shape)

@@ -21,6 +21,7 @@ from fx_beam.results.state import ROWS, State
 from fx_beam.validation import is_flag, is_whole, numbers, require
 
 from .fitted_histories import fitted, sums_of
+from .held_inputs import Ramp
 from .sub_step_starts import SubStepStarts, grown
 
 # What may be recorded.
@@ -232,6 +233,7 @@ class Recorder:
         if step == 0:
             self._first = self.end = state
         model = self.model
+        model.forms.parameters.use(state.parameters)
         momentum = model.mass @ state.v if state.v.any() else state.v
         potential = 0.0 if model.weight is None else -(model.weight @ state.q)
         values: dict[str, Any] = {
@@ -361,6 +363,9 @@ class Recorder:
             start = StepStart(q)
             if beams.resultants_need_rates:
                 start = start._replace(v=starts["v"][i], a=starts["a"][i])
+            if self._has_ramps:
+                step = Interval(*times[i : i + 2])
+                start = start._replace(parameters=self._parameters_in(row, step))
             if "internal" in names:
                 start = start._replace(internal=starts["internal"][i].reshape(beams.internal_shape))
             if beams.needs_before:
@@ -369,6 +374,18 @@ class Recorder:
                 )
                 start = start._replace(before=before + turns, memory=float(memory))
             yield Part(Interval(*times[i : i + 2]), D[i], start)
+
+    @property
+    def _has_ramps(self) -> bool:
+        """Whether parameters are inputs of a motion, whose earlier values only the rows know."""
+        return any(isinstance(of, Ramp) for of in self.model.forms.parameters.functions)
+
+    def _parameters_in(self, row: int, step: Interval) -> np.ndarray:
+        """Parameters (n,) at the level of a step before a row: linear between the rows."""
+        t0, t1 = self._times[self._steps[row - 1 : row + 1]]
+        part = (step.start + self.model.scheme.rates.level * step.length - t0) / (t1 - t0)
+        before, after = self.arrays["parameters"][row - 1 : row + 1]
+        return before + part * (after - before)
 
 
 #: What takes the rows of steps.

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from fx_beam.errors import Failure, StepError
+from fx_beam.fem.parameter_values import before
 from fx_beam.mechanics.interval import Interval
 from fx_beam.model.equations import Equations
 from fx_beam.model.joint_forces import JointForces
@@ -73,7 +74,25 @@ class SingleStep:
         model.points.evaluate(step.D)
         new.spring_internal = model.points.evolve()
         self._add_work(state, step, (forces[0] + forces[1]) / 2, path, new)
+        new.parameters = state.parameters
+        if model.forms.parameters.vary:
+            self._change_parameters(state, interval, new)
         return new
+
+    def _change_parameters(self, old: State, interval: Interval, new: State) -> None:
+        """Set the parameters at the end; add the work of what changes those of stored energies."""
+        parameters = self.model.forms.parameters
+        level = parameters.at(interval.start + self.model.scheme.rates.level * interval.length)
+        new.parameters = parameters.at(before(interval.end))
+        if parameters.in_energies:
+            new.work += self._stored(old, level) - self._stored(old, old.parameters)
+            new.work += self._stored(new, new.parameters) - self._stored(new, level)
+
+    def _stored(self, state: State, parameters: np.ndarray | None) -> float:
+        """Stored energy of a state with some values of the parameters [J]."""
+        self.model.forms.parameters.use(parameters)
+        elastic = self.model.forms.strain_energy(state.q, state.internal)
+        return elastic + self.model.spring_energy(state)
 
     def _slide_increments(self, step: StepSolution, driven: np.ndarray) -> np.ndarray:
         z = np.concatenate([step.y, driven])

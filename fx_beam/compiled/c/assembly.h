@@ -25,6 +25,8 @@ static void set_time(const Problem *p, const Form *form, double t, double dt) {
   if (form->integrals && form->time_at >= 0) form->constants[form->time_at] = t;
   if (form->integrals && form->dt_at >= 0) form->constants[form->dt_at] = dt;
   if (form->integrals && form->memory_at >= 0) form->constants[form->memory_at] = p->ratio;
+  for (int i = 0; i < form->parameters; ++i)
+    form->constants[form->parameters_at + i] = p->parameter[form->parameter[i]];
 }
 
 /* Sets the time, and the coefficients that change only from step to step. */

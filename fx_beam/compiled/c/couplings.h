@@ -12,7 +12,7 @@ static void begin_points(const Problem *p, const Work *w) {
   double t = p->t + p->level * w->dt;
   fx_begin_points(points, p->q, p->v, p->slides, p->slide_rate, t, w->dt, p->spring_internal);
   for (int i = 0; i < p->thrusts; ++i)
-    memcpy(points->of[points->external + i].parameters, w->thrust + 2 * i, 2 * sizeof(double));
+    memcpy(points->of[points->external + i].numbers, w->thrust + 2 * i, 2 * sizeof(double));
 }
 
 static void evaluate_slides(const Problem *p, const Work *w) {

@@ -38,6 +38,27 @@ static double energy_of(const Problem *p, const Work *w, const Form *form) {
   return assemble_scalar(p, form, w->fields);
 }
 
+/* Evaluates forms and laws with other values of the parameters. */
+static void use_parameters(const Problem *p, const double *values) {
+  memcpy(p->parameter, values, p->parameter_count * sizeof(double));
+  fx_set_parameters(p->points, values);
+}
+
+/* Energy that is stored in the present state, with some values of the parameters. */
+static double stored(const Problem *p, const Work *w, const double *values) {
+  use_parameters(p, values);
+  begin_form(p, &p->energy, w->fields, p->t, 0);
+  return assemble_scalar(p, &p->energy, w->fields) +
+         fx_stored_at_points(p->points, p->q, p->slides, p->spring_internal);
+}
+
+/* Work of what changes parameters of stored energies in the present state. */
+static double work_of_change(const Problem *p, const Work *w, const double *from, const double *to) {
+  if (!p->energies_vary) return 0;
+  double before = stored(p, w, from);
+  return stored(p, w, to) - before;
+}
+
 /* Adds the work of dead loads, driven motion and added forces, and the losses of dampers, material,
    drag and contact. */
 static void audit(Problem *p, const Work *w, const double *change) {
@@ -87,6 +108,8 @@ static int take_step(Problem *p, Work *w, double dt, int sub_step, const Inputs 
     change[i] = target[i] - (dof >= 0 ? p->q[dof] : p->driven_now[i]);
   }
   p->ratio = ratio_of_lengths(p, dt);
+  const double *parameters = inputs->parameters + k * 2 * p->parameter_count;
+  if (p->parameters_vary) use_parameters(p, parameters);
   if (begin_internal(p, w->fields, t, dt, look)) count_inverted(p);
   begin_form(p, &p->drag, w->fields, t, dt);
   begin_form(p, &p->added, w->fields, t, dt);
@@ -104,11 +127,13 @@ static int take_step(Problem *p, Work *w, double dt, int sub_step, const Inputs 
   *order = update_predictor(p, w);
   LAP(PREDICTOR);
   audit(p, w, change);
+  if (p->parameters_vary) p->work += work_of_change(p, w, p->parameters, parameters);
   return 1;
 }
 
 /* The state at the end of a sub-step. */
-static void advance(Problem *p, const Work *w, const double *driven) {
+static void advance(Problem *p, const Work *w, const Inputs *inputs, long k) {
+  const double *driven = inputs->driven + k * p->driven;
   evolve(p, w->fields, p->t + p->level * w->dt, w->dt);
   fx_evolve_points(p->points, w->D, w->z, p->spring_internal);
   advance_rates(p, w, w->dt);
@@ -120,6 +145,12 @@ static void advance(Problem *p, const Work *w, const double *driven) {
   memcpy(p->driven_now, driven, p->driven * sizeof(double));
   p->t += w->dt;
   p->steps_done += 1;
+  if (p->parameters_vary) {
+    const double *level = inputs->parameters + k * 2 * p->parameter_count, *end = level + p->parameter_count;
+    p->work += work_of_change(p, w, level, end);
+    use_parameters(p, end);
+    memcpy(p->parameters, end, p->parameter_count * sizeof(double));
+  }
 }
 
 /* After the sub-steps of a part of length dt, with others before it: the mean acceleration of the step so
@@ -197,7 +228,7 @@ int fx_run(Problem *p, int steps, double dt, const Inputs *inputs, Record *to) {
       if (joints || contacts) evaluate_nodes(p, w);
       if (joints) add_joint_forces(p, w);
       if (contacts) add_contact_forces(p);
-      advance(p, w, inputs->driven + number * p->driven);
+      advance(p, w, inputs, number);
       if (p->watches && switched(p)) {
         p->failure = SWITCHED;
         undo(p, w, before);

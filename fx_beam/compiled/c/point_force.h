@@ -18,8 +18,11 @@ typedef struct {
   int joint;          /* to whose moment it belongs, or -1 */
   int first_internal, first_entry; /* among those of all forces */
   int *entry_row, *entry_column;   /* [entries] */
-  /* Given: start, increment and rate [size], t, dt, internal variables, remembered, parameters. */
-  double *given, *parameters, *results;
+  /* Given: start, increment and rate [size], t, dt, internal variables, remembered, numbers of the law,
+     values of parameters. */
+  double *given, *numbers, *results;
+  int parameters, *parameter; /* which ones of the scene it needs */
+  double *parameter_values;
   double *tangent_at; /* increment and results where the tangent is evaluated, if it `overshoots` */
 } PointForce;
 
@@ -34,6 +37,8 @@ typedef struct {
 
 const char *fx_missing(void); /* processor.h */
 
+/* The values of all parameters of the scene. */
+void fx_set_parameters(const PointForces *p, const double *values);
 /* The start of a step, its length, and the time of its forces. Slides and their rates are those of all
    joints. */
 void fx_begin_points(const PointForces *p, const double *q, const double *v, const double *slide,

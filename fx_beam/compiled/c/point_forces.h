@@ -21,6 +21,11 @@ static void place_at(const PointForce *e, const double *q, const double *slide) 
   for (int k = 0; k < e->size; ++k) e->given[k] = coordinate(e, k, q, slide, e->slide);
 }
 
+void fx_set_parameters(const PointForces *p, const double *values) {
+  for (const PointForce *e = p->of; e < p->of + p->all; ++e)
+    for (int i = 0; i < e->parameters; ++i) e->parameter_values[i] = values[e->parameter[i]];
+}
+
 void fx_begin_points(const PointForces *p, const double *q, const double *v, const double *slide,
                      const double *slide_rate, double t, double dt, const double *internal) {
   for (PointForce *e = p->of; e < p->of + p->all; ++e) {
@@ -43,7 +48,7 @@ void fx_evaluate_points(const PointForces *p, int first, int end, const double *
     int values = values_of(e);
     move_to(e, D, z);
     call(e->law, e->given, e->results, values);
-    for (int i = 1; i <= e->remembered; ++i) e->parameters[-i] = e->results[values - i];
+    for (int i = 1; i <= e->remembered; ++i) e->numbers[-i] = e->results[values - i];
   }
 }
 

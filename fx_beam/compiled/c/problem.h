@@ -52,6 +52,8 @@ typedef struct {
   int *kind, *offset;
   double *constants;
   int time_at, dt_at, memory_at; /* their indices among the constants, or -1 */
+  int parameters_at;   /* that of the first parameter, or -1; which ones of the scene they are */
+  struct { int parameters, *parameter; };
 } Form;
 
 /* Sparse factors that serve several steps (kept_factors.h). */
@@ -198,6 +200,9 @@ typedef struct {
   /* Forces at points; internal variables of all; places of the entries of their tangents, -1 for none.
      Slides with forces, and the rates of the slides of all joints. */
   PointForces *points;
+  /* Parameters of the user's functions: whether they vary, and stored energies with them; the values with
+     which forms and laws are evaluated, those of the state where they do not vary. */
+  struct { int parameter_count, parameters_vary, energies_vary; double *parameter; };
   int spring_width, thrusts; /* thrusts: follower forces, the first external ones */
   struct { int *point_stored_at; };
   struct {
@@ -303,6 +308,7 @@ typedef struct {
   double *loads;  /* [sub-step][start, end][load] */
   double *driven; /* [sub-step][driven column], at the end */
   double *thrust; /* [sub-step][thrust][x, y], at the scheme's level */
+  double *parameters; /* [sub-step][level, end][parameter] */
   long load_stride, thrust_stride;
 } Inputs;
 

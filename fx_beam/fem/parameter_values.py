@@ -1,0 +1,105 @@
+"""The parameters of a scene at one time: one array, which forms and laws read."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+
+import numpy as np
+
+from fx_beam.scene.scene import Scene
+from fx_beam.scene.structure import OtherStructureError
+from fx_beam.validation import Constant, TimeFunction, evaluate, series
+
+
+class ParameterValues:
+    """Values of all parameters of a scene, in its order; forms and laws are told of changes."""
+
+    def __init__(self, scene: Scene):
+        self.names = list(scene.parameters)
+        self.functions: list[TimeFunction] = list(scene.parameters.functions.values())
+        #: Present values (n,).
+        self.values = np.zeros(len(self.names))
+        self._readers: list[Callable[[np.ndarray], None]] = []
+        #: Whether stored energies depend on values that vary.
+        self.in_energies = False
+        self._held = False
+        self.set(0.0)
+
+    def refill(self, scene: Scene) -> None:
+        """Have the values of another scene with the same parameters."""
+        new = list(scene.parameters.functions.values())
+        if [isinstance(of, Constant) for of in new] != [
+            isinstance(of, Constant) for of in self.functions
+        ]:
+            raise OtherStructureError("parameters that were constant vary in time, or conversely")
+        self.functions, self._held = new, False
+        self.set(0.0)
+
+    def __len__(self):
+        return len(self.names)
+
+    @property
+    def vary(self) -> bool:
+        """Whether any changes in time."""
+        return not (self._held or all(isinstance(of, Constant) for of in self.functions))
+
+    def indices(self, names: Sequence[str]) -> list[int]:
+        """Indices of some parameters."""
+        return [self.names.index(name) for name in names]
+
+    def add_reader(self, read: Callable[[np.ndarray], None], in_energies: Sequence[str]) -> None:
+        """Add a function of the values (n,), which is called after each change of them.
+
+        Given are also the names of those on which stored energies depend.
+        """
+        if not self.names:
+            return
+        self._readers.append(read)
+        varies = (self.functions[i] for i in self.indices(in_energies))
+        self.in_energies |= any(not isinstance(of, Constant) for of in varies)
+        read(self.values)
+
+    def hold(self, t: float) -> None:
+        """Keep the values at a time [s], as in statics."""
+        self._held = False
+        self.set(t)
+        self._held = True
+
+    def set(self, t: float) -> None:
+        """Set the values at a time [s]."""
+        if self.names and not self._held:
+            self.use(self.at(t))
+
+    def begin(self, level: float, given: np.ndarray | None = None) -> None:
+        """Set the values for a step: those at its level [s], or given ones (n,)."""
+        if given is None:
+            self.set(level)
+        else:
+            self.use(given)
+
+    def use(self, values: np.ndarray | None) -> None:
+        """Set the values (n,)."""
+        if self.names:
+            self.values[:] = values
+            for reader in self._readers:
+                reader(self.values)
+
+    def at(self, t: float) -> np.ndarray:
+        """The values (n,) at a time [s]; StepError if a function fails."""
+        if self._held:
+            return self.values.copy()
+        pairs = zip(self.functions, self.names, strict=True)
+        return np.array([evaluate(of, t, f"parameter {name!r}")[0] for of, name in pairs])
+
+    def over_steps(self, t0: np.ndarray, t1: np.ndarray, level: float) -> np.ndarray:
+        """Values (steps, 2, n) at the level of steps and at their ends."""
+        return np.stack([self._series(t0 + level * (t1 - t0)), self._series(before(t1))], axis=1)
+
+    def _series(self, times: np.ndarray) -> np.ndarray:
+        pairs = zip(self.functions, self.names, strict=True)
+        return np.hstack([series(of, times, f"parameter {name!r}") for of, name in pairs])
+
+
+def before(t):
+    """Times just before some [s], but not before 0: a jump at that very time has yet to come."""
+    return np.maximum(t - 4 * np.spacing(t), np.minimum(t, 0.0))

@@ -1,0 +1,394 @@
+"""Parameters: numbers in functions of the user that change without compilation."""
+
+import copy
+import dataclasses
+import pickle
+
+import ufl
+
+import numpy as np
+import pytest
+
+import fx_beam as fb
+from fx_beam import library_cache
+from fx_beam.fem.fields import fields_of
+from fx_beam.mechanics.kinematics import Step
+from fx_beam.scene.step_symbols import STEP
+
+EA, GA, EI = 4e3, 2e3, 5.0
+INERTIA = {"rhoA": 1.0, "rhoI": 0.01}
+every_solver = pytest.mark.parametrize("solver", ["auto", "petsc"])
+
+
+def energy_of(k, **options):
+    """A section with EA, GA and EI in proportion to a parameter, 1 for the given ones."""
+
+    def energy(e, g, c):
+        return k / 2 * (EA * e**2 + GA * g**2 + EI * c**2)
+
+    return fb.Section(strain_energy=energy, **INERTIA, **options)
+
+
+def swinging(section=None, elements=4, degree=1):
+    """A heavy arm on a pin, and its end."""
+    scene = fb.Scene(gravity=(0.0, -9.81))
+    section = section or fb.Section(EA, GA, EI, **INERTIA)
+    arm = scene.add_beam([(0, 0), (1, 0)], section, elements=elements, degree=degree)
+    scene.pin(arm.start)
+    return scene, arm
+
+
+def moved(scene, **options):
+    """Displacements of a short motion."""
+    return fb.simulate(scene, dt=0.01, t_end=0.2, **options).q
+
+
+# -- They are the numbers ------------------------------------------------------------------------
+
+
+def with_energy(number):
+    return swinging(energy_of(number))[0]
+
+
+def with_virtual_work(number):
+    scene, _ = swinging()
+    scene.add_virtual_work(lambda step: -number * ufl.dot(step.v, step.virtual_u))
+    return scene
+
+
+def with_spring(number):
+    scene, arm = swinging()
+    spring = fb.Spring(strain_energy=lambda x: 10 * number * x**2, rest=1.5)
+    scene.add_force_between(arm.end, (0.5, 2), spring=spring)
+    return scene
+
+
+def with_damper(number):
+    scene, arm = swinging()
+    scene.add_force_between(arm.end, (0.5, 2), damper=fb.Damper(law=lambda rate: number * rate))
+    return scene
+
+
+def with_friction(number):
+    scene, arm = swinging()
+    friction = fb.Friction(lambda rate: number + 0 * rate, speed=0.1)
+    scene.add_force_between(arm.end, (0.5, 2), friction=friction)
+    return scene
+
+
+def with_obstacle(number):
+    scene, arm = swinging()
+    floor = fb.Line((0, -0.01), normal=(0, 1))
+    scene.add_obstacle(arm.end, floor, energy=lambda d: 1e3 * number * d**2)
+    return scene
+
+
+def with_pull(number):
+    scene, arm = swinging()
+    scene.add_force_between(arm.end, (0.5, 2), force=lambda r, rate, t: number * r)
+    return scene
+
+
+def with_update(number):
+    def relax(old, strains0, strains, dt):
+        return [(old[0] + number * dt * strains[2]) / (1 + number * dt)]
+
+    def energy(e, g, c, a):
+        return (EA * e**2 + GA * g**2 + EI * c**2) / 2 + EI * (c - a[0]) ** 2 / 2
+
+    internal = fb.InternalVariables(("dashpot",), relax)
+    return swinging(fb.Section(strain_energy=energy, internal=internal, **INERTIA))[0]
+
+
+BUILDS = {
+    build.__name__.removeprefix("with_"): build
+    for build in (
+        *(with_energy, with_virtual_work, with_spring, with_damper),
+        *(with_friction, with_obstacle, with_pull, with_update),
+    )
+}
+every_function = pytest.mark.parametrize("build", BUILDS.values(), ids=BUILDS)
+
+
+@every_function
+def test_another_value_compiles_nothing_and_is_the_number_that_would_be_compiled_in(
+    build, monkeypatch
+):
+    moved(build(fb.Parameter("number", 1.0)))
+    with monkeypatch.context() as patch:
+        patch.setattr(library_cache, "build", lambda *_: pytest.fail("compiled"))
+        found = moved(build(fb.Parameter("number", 2.5)))
+        scene = build(fb.Parameter("number", 1.0))
+        scene.parameters["number"] = 2.5
+        changed, reference = moved(scene), moved(scene, solver="petsc")
+    assert (changed == found).all()
+    assert changed == pytest.approx(reference, abs=1e-9)
+    assert found == pytest.approx(moved(build(2.5)), abs=1e-9)
+    assert abs(found - moved(build(fb.Parameter("number", 1.0)))).max() > 1e-4
+
+
+def test_forms_do_not_depend_on_the_order_in_which_parameters_are_made(monkeypatch):
+    def build(*parameters):
+        by_name = {parameter.name: parameter for parameter in parameters}
+        a, b = by_name["a"], by_name["b"]
+        return swinging(
+            fb.Section(
+                strain_energy=lambda e, g, c: a * EA * e**2 + b * GA * g**2 + EI * c**2, **INERTIA
+            )
+        )[0]
+
+    moved(build(fb.Parameter("a", 1.0), fb.Parameter("b", 1.0)))
+    monkeypatch.setattr(library_cache, "build", lambda *_: pytest.fail("compiled"))
+    moved(build(fb.Parameter("b", 2.0), fb.Parameter("a", 2.0)))
+
+
+# -- Functions of time ---------------------------------------------------------------------------
+
+
+def pulse(t):
+    return 1 + 0.5 * np.sin(30 * t)
+
+
+def jump(t):
+    return 1.0 if t < 0.1 else 3.0
+
+
+SCHEMES = {
+    "order 2": fb.EnergyMomentum(),
+    "order 4": fb.EnergyMomentum(order=4),
+}
+
+
+@every_solver
+@pytest.mark.parametrize("value", [pulse, jump], ids=["pulse", "jump"])
+@pytest.mark.parametrize("scheme", SCHEMES.values(), ids=SCHEMES)
+def test_the_balance_of_energy_is_exact_while_stored_energies_change(solver, value, scheme):
+    k = fb.Parameter("k", value)
+    scene, arm = swinging(energy_of(k))
+    spring = fb.Spring(strain_energy=lambda x: 20 * k * (x**2 + x**4))
+    scene.add_force_between(arm.end, (0.5, 2), spring=spring)
+    energy = fb.simulate(scene, scheme, dt=0.01, t_end=0.3, solver=solver).energy
+    assert abs(energy.balance_error).max() < 1e-11 * abs(energy.total).max()
+    assert abs(np.ptp(energy.work)) > 0.1
+
+
+def test_the_work_of_a_jump_is_the_change_of_the_stored_energy():
+    scene = fb.Scene()
+    ball = scene.add_body((1, 0), mass=2.0, inertia=0.1).centre
+    k = fb.Parameter("k", jump)
+    scene.add_force_between(
+        ball, (0, 0), spring=fb.Spring(strain_energy=lambda x: 25 * k * x**2, rest=0.5)
+    )
+    solution = fb.simulate(scene, dt=0.001, t_end=0.2)
+    before = int(np.searchsorted(solution.t, 0.1 - 1e-9))
+    assert solution.energy.work[before] == 0
+    stretch = solution.position(ball)[before, 0] - 0.5
+    assert solution.energy.work[-1] == pytest.approx(50 * stretch**2, rel=1e-9)
+    assert solution.parameter("k")[[before, before + 1]].tolist() == [1.0, 3.0]
+
+
+def test_a_spring_that_stiffens_in_time_swings_as_by_its_equation():
+    """Slow stiffening keeps E / omega of an oscillator (adiabatic invariant)."""
+    scene = fb.Scene()
+    ball = scene.add_body((2, 0), mass=1.0, inertia=0.1).centre
+    scene.add_joint(fb.Prismatic(fb.GROUND, ball, axis=(1, 0)))
+    k = fb.Parameter("k", lambda t: 100 * (1 + t / 20) ** 2)
+    scene.add_force_between(
+        ball, (0, 0), spring=fb.Spring(strain_energy=lambda x: k / 2 * x**2, rest=2.0)
+    )
+    scene.set_velocity(ball, (1.0, 0.0))
+    energy = fb.simulate(scene, dt=0.01, t_end=20.0).energy
+    mean = np.convolve(energy.total + energy.work[0], np.ones(60) / 60, "valid")
+    assert mean[-1] / mean[0] == pytest.approx(2.0, rel=0.03)
+
+
+@every_solver
+def test_a_motion_goes_on_where_it_ended(solver):
+    scene, _ = swinging(energy_of(fb.Parameter("k", pulse)))
+    whole = fb.simulate(scene, dt=0.01, t_end=0.2, solver=solver)
+    half = fb.simulate(scene, dt=0.01, t_end=0.1, solver=solver)
+    rest = fb.simulate(scene, dt=0.01, t_end=0.2, start=half, solver=solver)
+    assert rest.q[-1] == pytest.approx(whole.q[-1], abs=1e-12)
+    assert rest.energy.work[-1] == pytest.approx(whole.energy.work[-1], abs=1e-12)
+
+
+def test_a_tolerance_chooses_steps_by_the_functions_of_time():
+    scene, arm = swinging(energy_of(fb.Parameter("k", pulse)))
+    solution = fb.simulate(scene, tolerance=1e-5, t_end=0.3)
+    exact = fb.simulate(scene, dt=2e-4, t_end=0.3)
+    assert abs(solution.position(arm.end)[-1] - exact.position(arm.end)[-1]).max() < 1e-3
+    assert abs(solution.energy.balance_error).max() < 1e-10
+
+
+def test_resultants_are_those_of_the_values_in_the_run():
+    k = fb.Parameter("k", pulse)
+    scene, arm = swinging(energy_of(k))
+    solution = fb.simulate(scene, dt=0.001, t_end=0.1)
+    scene.parameters["k"] = 100.0
+    of_step = solution.resultants(arm).M
+    scene.parameters["k"] = pulse
+    assert of_step == pytest.approx(
+        fb.simulate(scene, dt=0.001, t_end=0.1).resultants(arm).M, abs=1e-12
+    )
+    rows = solution.t_level
+    curvature = of_step / (EI * pulse(rows))[:, None]
+    nodes = solution.nodes_of_beam[arm.name]
+    turn = np.diff(solution.q[:, nodes, 2], axis=1) * 4
+    assert curvature[1:] == pytest.approx((turn[1:] + turn[:-1]) / 2, abs=1e-9)
+
+
+# -- Inputs ---------------------------------------------------------------------------------------
+
+
+@every_solver
+def test_an_input_sets_a_parameter(solver):
+    valve = fb.Parameter("valve", fb.Input("opening"))
+
+    def build():
+        scene, arm = swinging(energy_of(1 + valve))
+        scene.add_virtual_work(lambda step: -3 * valve * ufl.dot(step.v, step.virtual_u))
+        return scene, arm
+
+    scene, arm = build()
+    given = fb.simulate(
+        scene, dt=0.01, t_end=0.2, inputs={"opening": lambda t: 5 * t}, solver=solver
+    )
+    motion = fb.Motion(scene, dt=0.01, record=fb.Record(), solver=solver)
+    for n in range(1, 21):
+        motion.step({"opening": 0.05 * n})
+    stepped = motion.solution()
+    assert stepped.q == pytest.approx(given.q, abs=1e-11)
+    assert abs(stepped.energy.balance_error).max() < 1e-12
+    assert stepped.parameter("valve") == pytest.approx(5 * stepped.t, abs=1e-12)
+    assert stepped.resultants(arm).M == pytest.approx(given.resultants(arm).M, abs=1e-9)
+
+
+def test_a_force_between_points_is_a_number_or_an_input():
+    scene, arm = swinging()
+    by_number, by_input, by_law = (copy.copy(scene) for _ in range(3))
+    for built, force in ((by_number, 3.0), (by_input, fb.Input("pull"))):
+        built.add_force_between(built.beams[0].end, (0.5, 2), force=force)
+    by_law.add_force_between(by_law.beams[0].end, (0.5, 2), force=lambda r, rate, t: 3.0 + 0 * r)
+    expected = moved(by_law)
+    assert moved(by_number) == pytest.approx(expected, abs=1e-12)
+    assert moved(by_input, inputs={"pull": 3.0}) == pytest.approx(expected, abs=1e-12)
+
+
+def test_linear_systems_have_the_derivative_by_inputs_that_set_parameters():
+    scene, arm = swinging(energy_of(1 + fb.Parameter("k", fb.Input("u")) ** 2))
+    scene.fix(arm.start, "rotation")
+    output = {"y": fb.Output("position", arm.end)}
+    state = fb.static(scene, inputs={"u": 1.0})
+    system = fb.linearise(scene, state, outputs=output)
+    assert system.inputs == ("u",)
+    gain = system.D - system.C @ np.linalg.solve(system.A, system.B)
+    h = 1e-4
+    ahead, back = (fb.static(scene, inputs={"u": 1 + s * h}).position(arm.end)[-1] for s in (1, -1))
+    assert gain[:, 0] == pytest.approx((ahead - back) / (2 * h), rel=1e-5)
+
+
+# -- Statics and modes -----------------------------------------------------------------------------
+
+
+def test_statics_take_the_values_at_their_time():
+    scene, arm = swinging(energy_of(fb.Parameter("k", lambda t: 1 + t)))
+    scene.fix(arm.start, "rotation")
+    at_one = fb.static(scene, t=1.0).displacement(arm.end)[-1]
+    fixed, other = swinging(energy_of(2.0))
+    fixed.fix(other.start, "rotation")
+    assert at_one == pytest.approx(fb.static(fixed).displacement(other.end)[-1], abs=1e-12)
+
+
+def test_frequencies_grow_with_the_root_of_the_stiffness():
+    scene, arm = swinging(energy_of(fb.Parameter("k", 1.0)))
+    scene.gravity = None
+    scene.fix(arm.start, "rotation")
+    first = fb.modes(scene, n=3).frequencies
+    scene.parameters["k"] = 4.0
+    assert fb.modes(scene, n=3).frequencies == pytest.approx(2 * first, rel=1e-9)
+
+
+# -- Scenes and solutions ------------------------------------------------------------------------
+
+
+SHARED = fb.Parameter("shared", 1.0)
+
+
+def shared_energy(e, g, c):
+    return SHARED / 2 * (EA * e**2 + GA * g**2 + EI * c**2)
+
+
+@pytest.mark.parametrize(
+    "copied", [copy.copy, copy.deepcopy, lambda scene: pickle.loads(pickle.dumps(scene))]
+)
+def test_a_copy_has_values_of_its_own(copied):
+    scene, _ = swinging(fb.Section(strain_energy=shared_energy, **INERTIA))
+    scene.parameters["shared"] = 2.0
+    other = copied(scene)
+    other.parameters["shared"] = 3.0
+    assert scene.parameters["shared"] == 2.0
+    assert moved(copied(scene)) == pytest.approx(moved(scene), abs=1e-14)
+    assert abs(moved(other) - moved(scene)).max() > 1e-5
+
+
+def test_a_file_has_the_values(tmp_path):
+    scene, _ = swinging(energy_of(fb.Parameter("k", pulse)))
+    solution = fb.simulate(scene, dt=0.01, t_end=0.1)
+    solution.save(tmp_path / "run.npz")
+    assert (fb.load(tmp_path / "run.npz").parameter("k") == solution.parameter("k")).all()
+    with pytest.raises(ValueError, match="no parameter 'q'; it has \\['k'\\]"):
+        solution.parameter("q")
+
+
+def test_the_strain_energy_along_members_has_the_values_of_each_row():
+    from fx_beam.results.fields import energy_density
+
+    scene, arm = swinging(energy_of(fb.Parameter("k", pulse)))
+    solution = fb.simulate(scene, dt=0.01, t_end=0.1)
+    rows = range(len(solution.t))
+    total = energy_density(solution, [arm.name], rows).sum(axis=(1, 2)) / arm.elements
+    assert total == pytest.approx(solution.energy.strain, abs=1e-12)
+
+
+def test_a_scene_lists_its_parameters():
+    scene, _ = swinging(energy_of(fb.Parameter("k", 2)))
+    scene.add_virtual_work(lambda step: fb.Parameter("c", pulse) * step.virtual_psi)
+    scene.add_virtual_work(lambda step: fb.Parameter("u", fb.Input("valve")) * step.virtual_psi)
+    assert list(scene.parameters) == ["k", "c", "u"]
+    assert str(scene.parameters) == "k = 2, c = a function of time, u = input 'valve'"
+    assert "parameters k = 2" in repr(scene)
+
+
+def test_what_is_no_value_is_refused():
+    scene, arm = swinging(energy_of(fb.Parameter("k", 2.0)))
+    with pytest.raises(fb.SceneError, match="no parameter 'q'; it has \\['k'\\]"):
+        scene.parameters["q"] = 1.0
+    with pytest.raises(fb.SceneError, match="parameter 'k': 'stiff' has the wrong type"):
+        scene.parameters["k"] = "stiff"
+    with pytest.raises(fb.SceneError, match="parameter 'k': its value is .*, not a number"):
+        scene.parameters["k"] = fb.Parameter("k", 1.0)
+    with pytest.raises(fb.SceneError, match="Parameter: name"):
+        fb.Parameter("", 1.0)
+    with pytest.raises(fb.SceneError, match="the parameter 'k' = 3 is 2 elsewhere"):
+        scene.add_beam([(0, 0), (1, 0)], energy_of(fb.Parameter("k", 3.0)))
+    with pytest.raises(fb.SceneError, match="k.* is a UFL symbol, not a number: use ufl.sqrt"):
+        fb.Section(strain_energy=lambda e, g, c: np.sqrt(float(fb.Parameter("k", 1.0))) * e * g * c)
+
+
+def test_parameters_elsewhere_are_refused():
+    k = fb.Parameter("k", 2.0)
+    with pytest.raises(fb.SceneError, match="a Parameter of your own"):
+        fb.Section(EA=lambda fraction: k, GA=1.0, EI=1.0)
+
+
+def test_the_symbols_of_a_step_are_those_of_a_step():
+    step = fields_of(2, False).step(fb.EnergyMomentum().rates, "rates")
+    names = {field.name for field in dataclasses.fields(Step)}
+    names |= {name for name, of in vars(Step).items() if isinstance(of, property)}
+    for name in names:
+        ours, theirs = getattr(STEP, name), getattr(step, name)
+        if isinstance(theirs, list | tuple):
+            assert len(ours) == len(theirs), name
+        elif theirs is not None and name != "degree":
+            assert ours.ufl_shape == ufl.as_ufl(theirs).ufl_shape, name
+    assert STEP.prime(STEP.u).ufl_shape == (2,)
