@@ -27,6 +27,8 @@ LARGEST = 1e75
 _REAL = Real, Decimal, RealValue, Zero
 # Characters of a value in a message.
 _SHOWN = 200
+# Types of real numbers, for which a look is enough.
+_PLAIN = frozenset({float, np.float64})
 #: Immutable types of values.
 _IMMUTABLE = float, tuple, int
 
@@ -41,6 +43,8 @@ def as_float(value) -> float:
 
     Booleans, texts and times are no numbers; an array without axes is one.
     """
+    if type(value) in _PLAIN:
+        return float(value)
     found = _scalar(value)
     try:
         return float(found) if _is_real(found) else math.nan

@@ -187,6 +187,7 @@ HOUSE = {
         "mpi_ranks",
         "run_setup",
         "kept_setup",
+        "numbers",
         "dynamics",
         "response",
         "fitted_state",

@@ -8,7 +8,10 @@ import pytest
 
 import fx_beam as fb
 from fx_beam.analyses.kept_setup import keeping_setup
+from fx_beam.analyses.numbers import numbers_of
+from fx_beam.analyses.run_setup import RunSetup
 from fx_beam.scene.scene import Scene
+from fx_beam.stepping.substeps import Halving
 from fx_beam.validation import Constant, _CheckedFunction
 
 # -- Scenes with many kinds of numbers -------------------------------------------------------
@@ -99,7 +102,7 @@ SCHEMES = {
 # -- Every number of a scene -----------------------------------------------------------------
 
 
-def numbers_of(value, seen, path="scene"):
+def numbers_of_scene(value, seen, path="scene"):
     """Paths of all numbers, and functions that multiply them by 1.01."""
     if id(value) in seen or isinstance(value, str | bool | type(None)):
         return
@@ -116,7 +119,7 @@ def numbers_of(value, seen, path="scene"):
             yield from entry_or_inside(value, i, part, f"{path}[{i}]", seen)
     elif isinstance(value, tuple | set):
         for i, part in enumerate(value):
-            yield from numbers_of(part, seen, f"{path}[{i}]")
+            yield from numbers_of_scene(part, seen, f"{path}[{i}]")
     elif isinstance(value, Scene | Constant | _CheckedFunction) or dataclasses.is_dataclass(value):
         for name, part in vars(value).items():
             yield from entry_or_inside(value, name, part, f"{path}.{name}", seen)
@@ -136,7 +139,7 @@ def entry_or_inside(owner, key, part, path, seen):
             if isinstance(one, float) and one:
                 yield f"{path}[{i}]", (owner, key, i)
     elif not is_number or isinstance(part, tuple):
-        yield from numbers_of(part, seen, path)
+        yield from numbers_of_scene(part, seen, path)
 
 
 def enlarged(value):
@@ -200,7 +203,7 @@ def test_every_number_of_a_scene_is_set(name, scheme, every):
     """Each is enlarged by 1 %: what was set up for the scene before gives what a new one gives."""
     how = {"scheme": SCHEMES[scheme], "dt": 0.01, "t_end": 0.03}
     build = SCENES[name]
-    chosen = range(0, len(list(numbers_of(build(), set()))), every)
+    chosen = range(0, len(list(numbers_of_scene(build(), set()))), every)
     count = len(chosen)
     assert count > 60 / every
     reused, felt, missed = 0, 0, []
@@ -209,7 +212,7 @@ def test_every_number_of_a_scene_is_set(name, scheme, every):
     with keeping_setup() as kept:
         for k in chosen:
             scene = build()
-            path, place = list(numbers_of(scene, set()))[k]
+            path, place = list(numbers_of_scene(scene, set()))[k]
             enlarge(place)
             again = outcome(scene, **how)
             reused += not kept.reason
@@ -220,6 +223,27 @@ def test_every_number_of_a_scene_is_set(name, scheme, every):
     assert missed == []
     assert every > 1 or felt > 0.6 * count  # all but what only was a number on the way to others
     assert reused > 0.7 * count
+
+
+@pytest.mark.parametrize("name", SCENES)
+def test_what_changes_a_motion_changes_the_numbers_of_its_steps(name):
+    """So their differences are all that a derivative needs."""
+    how = {"dt": 0.01, "t_end": 0.02}
+    ends = np.array([0.01, 0.02])
+
+    def numbers(scene):
+        setup = RunSetup(scene, fb.EnergyMomentum(), None, Halving(12, 0.01), "auto")
+        found = numbers_of(setup, setup.first_state(0.01, None), ends - 0.01, ends)
+        return {key: values.tobytes() for key, values in found.items()}
+
+    build = SCENES[name]
+    first, before = outcome(build(), **how), numbers(build())
+    for k in range(0, len(list(numbers_of_scene(build(), set()))), 2):
+        scene = build()
+        path, owner = list(numbers_of_scene(scene, set()))[k]
+        enlarge(owner)
+        if outcome(scene, **how) != first:
+            assert numbers(scene) != before, path
 
 
 # -- Structure --------------------------------------------------------------------------------

@@ -181,7 +181,11 @@ def simulate(
     recorder = Recorder(setup.model, times, record or Record())
     rows_at = None if record is None or record.times is None else np.array(record.times, float)
     first = float(times[1] - times[0]) if control is None else control.first
-    recorder.record(0, setup.first_state(first, start, steady=control is None))
+    rates = record is None or record.rates
+    state = setup.first_state(
+        first, start, control is None, accelerations=rates or control is not None
+    )
+    recorder.record(0, state)
     stats.setup_seconds, stats.setup_reason = time.perf_counter() - clock, kept.reason
     if control is not None and order_and_constant(scheme)[0] > 2 and setup.model.loses_at_impacts:
         _log.warning(_IMPACTS, stats.scheme)

@@ -26,10 +26,25 @@ _KEPT = (
 )
 
 
-def progress_bar(total: float, asked: bool | None, **look) -> tqdm:
+class _NoBar:
+    """In the place of a bar that is not drawn: quick."""
+
+    def __enter__(self) -> _NoBar:
+        return self
+
+    def __exit__(self, *_) -> None:
+        pass
+
+    def update(self, more: float = 1) -> None:
+        """Nothing."""
+
+
+def progress_bar(total: float, asked: bool | None, **look) -> tqdm | _NoBar:
     """A progress bar, removed at the end; by default only on a terminal and for long runs."""
     # For tqdm, None means: only on a terminal.
     hidden = (_NO_BARS.get() or None) if asked is None else not asked
+    if hidden:
+        return _NoBar()
     return tqdm(total=total, disable=hidden, delay=0 if asked else _SOON, leave=False, **look)
 
 

@@ -30,6 +30,7 @@ from fx_beam.validation import is_one_of, is_whole, require, shown
 
 #: Largest number of steps; their times alone take 8 GB.
 MOST_STEPS = 1e9
+_DEFAULT = EnergyMomentum()
 
 
 class RunSetup:
@@ -45,6 +46,7 @@ class RunSetup:
     ):
         self.model = Model(scene, scheme)
         self._options, self._solver = newton or NewtonOptions(), solver
+        self.turn_counter = TurnCounter(self.model)
         self._begin(halving, None)
 
     def _begin(self, halving: Halving, loop: CompiledLoop | None) -> None:
@@ -66,7 +68,6 @@ class RunSetup:
             integrator = loop
             loop.refill(python)
         self.stepper = Stepper(integrator, python, halving)
-        self.turn_counter = TurnCounter(model)
 
     def refill(self, scene: Scene, halving: Halving) -> None:
         """Set all numbers to those of another scene, as if it were set up anew.
@@ -74,18 +75,22 @@ class RunSetup:
         OtherStructureError if the scene differs in more; the set-up is useless then.
         """
         self.model.refill(scene)
+        self.turn_counter.reset()
         loop = self.stepper.integrator
         self._begin(halving, loop if isinstance(loop, CompiledLoop) else None)
 
-    def first_state(self, dt: float, start: Solution | None, steady: bool = True) -> State:
+    def first_state(
+        self, dt: float, start: Solution | None, steady: bool = True, accelerations: bool = True
+    ) -> State:
         """Initial state of a motion, in the numbering of the model.
 
-        Steps have the length dt [s] if they are `steady`.
+        Steps have the length dt [s] if they are `steady`. Without `accelerations` it has them only
+        if steps need them.
         """
         model, forcing = self.model, self.forcing
         if start is None or start.stats.static:
             before = None if start is None else state_of(model, start)
-            state = initial_state(model, forcing, dt, before)
+            state = initial_state(model, forcing, dt, before, accelerations)
             if steady:
                 state = smooth_start(model, forcing, self.stepper, self.stats, state, dt)
         else:
@@ -97,7 +102,7 @@ class RunSetup:
 
 def checked_scheme(scene, scheme, what: str) -> Scheme:
     """The scheme of a motion, by default `EnergyMomentum`; SceneError if `what` cannot use it."""
-    scheme = EnergyMomentum() if scheme is None else scheme
+    scheme = _DEFAULT if scheme is None else scheme
     if not isinstance(scene, Scene):
         raise SceneError(f"{what} needs an fx_beam.Scene, not {shown(scene)}")
     if not isinstance(scheme, Scheme):

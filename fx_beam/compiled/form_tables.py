@@ -60,13 +60,17 @@ class FormTables:
         self._coordinates: list[tuple[np.ndarray, np.ndarray]] = []
         self._packed: list[tuple[Any, CompiledForm, dict[int, np.ndarray], np.ndarray]] = []
 
-    def refill(self, coordinates: np.ndarray) -> None:
-        """Set the numbers to those that the forms have now."""
+    def move(self, coordinates: np.ndarray) -> None:
+        """Set the coordinates of the cells."""
         for cells, blocks in self._coordinates:
             blocks[...] = self._blocks(coordinates[cells])
+
+    def refill(self) -> None:
+        """Set the numbers to those that the forms have now."""
         for form, compiled, by_tag, constants in self._packed:
-            for tag, rows in dolfinx_api.packed_coefficients(form, compiled).items():
-                by_tag[tag][...] = self._blocks(rows)
+            if by_tag:
+                for tag, rows in dolfinx_api.packed_coefficients(form, compiled).items():
+                    by_tag[tag][...] = self._blocks(rows)
             constants[...] = dolfinx_api.packed_constants(form, compiled, ())[0]
 
     def all(self) -> dict[str, dict]:
@@ -102,7 +106,9 @@ class FormTables:
             form, compiled, (*sought, of_scene)
         )
         blocks = {tag: self._blocks(rows) for tag, rows in packed.items()}
-        self._packed.append((form, compiled, blocks, constants))
+        # C sets all coefficients that move.
+        varies = width > dolfinx_api.width_of(form, fields)
+        self._packed.append((form, compiled, blocks if varies else {}, constants))
         return {
             "integrals": len(tags),
             "width": width,

@@ -63,7 +63,8 @@ class Problem:
             self._hand_over_joint_forces(joint_forces)
         self._hand_over_tolerances(options)
         #: Members that are numbers of the scene, which C reads here.
-        self._own = {name: np.array(values, float) for name, values in self._numbers().items()}
+        numbers = self._numbers() | self._positions()
+        self._own = {name: np.array(values, float) for name, values in numbers.items()}
         self._set(**self._own)
         self._allocate()
         self._structs.check(self.c)
@@ -121,29 +122,41 @@ class Problem:
                 width = beams.internal_shape[-1]
                 self._set(per_weight=np.repeat(1 / beams.point_weights, width))
 
-    def _numbers(self) -> dict[str, np.ndarray]:
-        """The members that are numbers of the scene, besides those of forms and points."""
-        model, joints = self.model, self.model.reduction.joint_tables()
-        numbers = {
-            "mass": model.mass.data[self._heavy],
-            "turning_mass": model.mass.data[self._turning],
+    def _positions(self) -> dict[str, np.ndarray]:
+        """The members that change where nodes move."""
+        model = self.model
+        return {
             "position": model.mesh.X,
             "per_unit": 1 / model.unit,
             "per_displacement": np.where(self._turns, 0, 1 / model.unit),
-            "load_force": model.loads.columns.data,
-            "offset": joints["offset"],
-            "axis": joints["axis"],
         }
-        return numbers if model.weight is None else {**numbers, "weight": model.weight}
+
+    def _numbers(self) -> dict[str, np.ndarray]:
+        """The other numbers of the scene, besides those of forms and points."""
+        model = self.model
+        numbers = {
+            "mass": model.mass.data[self._heavy],
+            "turning_mass": model.mass.data[self._turning],
+            "load_force": model.loads.columns.data,
+        }
+        if model.weight is not None:
+            numbers["weight"] = model.weight
+        joints = model.reduction.joint_tables()
+        return numbers | {name: joints[name] for name in ("offset", "axis")}
 
     def refill(self) -> None:
         """Set all numbers to those that the model has now, and all else to that before a run."""
-        for name, values in self._numbers().items():
+        model = self.model
+        numbers = self._numbers() | (self._positions() if model.moved else {})
+        for name, values in numbers.items():
             self._own[name][...] = values
-        for i, row in enumerate(self._slide_rates()):
-            self._structs.set(self.c.rated_slide[i], axis=row["axis"], offset=row["offset"])
+        if len(model.points.slides):
+            for i, row in enumerate(self._slide_rates()):
+                self._structs.set(self.c.rated_slide[i], axis=row["axis"], offset=row["offset"])
         if self._tables is not None:
-            self._tables.refill(dolfinx_api.element_coordinates(self.model.mesh.mesh))
+            if model.moved:
+                self._tables.move(dolfinx_api.element_coordinates(model.mesh.mesh))
+            self._tables.refill()
         self.ffi.memmove(self.c, self._fresh, len(self._fresh))
         self._clear()
 

@@ -7,6 +7,7 @@ Tv^T r(g(z)) = 0; the tangent is Tv^T K T + (dTv/dz)^T r.
 
 from __future__ import annotations
 
+import functools
 from typing import Any, NamedTuple, Protocol
 
 import numpy as np
@@ -198,6 +199,17 @@ class IndexReduction(WithoutLoops):
         sums = _sums_of_dofs_and_entries(column, matrix.indptr, matrix.indices, free)
         self.pattern, self._dofs, self._entries = sums
         self.factored = self.pattern
+
+    @functools.cached_property
+    def counts(self) -> np.ndarray:
+        """Number (columns,) of the degrees of freedom that equal each column; at least 1."""
+        return np.maximum(np.bincount(self._column, minlength=self.columns), 1)
+
+    @functools.cached_property
+    def diagonal(self) -> np.ndarray:
+        """Indices of the diagonal in the values of the reduced matrix."""
+        indptr, indices = self.pattern
+        return np.flatnonzero(np.repeat(np.arange(self.free), np.diff(indptr)) == indices)
 
     def begin(self, q, slides) -> None:
         """Nothing depends on the step."""

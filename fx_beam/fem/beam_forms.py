@@ -196,6 +196,15 @@ class BeamForms:
             drags = [drag for drag in scene.drags if isinstance(drag.target, Beam)]
             refill(self.of_drag, coefficients(scene, drags, self._mesh))
 
+    @property
+    def numbers(self) -> dict[str, np.ndarray]:
+        """Data of sections and of drag by name, as their forms read them."""
+        names = {"times": "retardation"}
+        data = {names.get(name, name): field.values for name, field in self.of_sections.items()}
+        if self.drag is not None:
+            data |= {f"drag {name}": field.values for name, field in self.of_drag.items()}
+        return data
+
     def _bind(self, compiled: CompiledForm):
         """Bind a form of a step's fields."""
         return self._bound(compiled, self._space, self._data)
@@ -308,7 +317,8 @@ class BeamForms:
 
     def bind_inversion(self) -> None:
         """Bind the form that `is_inverted` takes."""
-        self._inversion = self._bind(inverted_sections(self.fields.plain))
+        if "inverted sections" not in self.bound:
+            self._inversion = self._bind(inverted_sections(self.fields.plain))
 
     def is_inverted(self, q: np.ndarray) -> bool:
         """Whether t . phi' > 0 (eq. 4) is violated at any Gauss point, for q (size,)."""

@@ -60,6 +60,9 @@ class Loads:
 
         OtherStructureError if they act on other degrees of freedom.
         """
+        if not any(isinstance(load.target, Beam) for load in self._loads):
+            self._loads = [load for load in scene.loads if not load.follower]
+            return
         columns = self._read(scene)
         for name in ("indptr", "indices"):
             if not np.array_equal(getattr(columns, name), getattr(self.columns, name)):

@@ -333,6 +333,13 @@ def _size(constant) -> int:
     return math.prod(constant.ufl_shape)
 
 
+def width_of(form, functions) -> int:
+    """Number of packed coefficients of a bound form that are those of some functions."""
+    objects = [getattr(function, "_cpp_object", None) for function in functions]
+    own = [coefficient for coefficient in _cpp(form).coefficients if coefficient in objects]
+    return sum(coefficient.function_space.element.space_dimension for coefficient in own)
+
+
 def packed_coefficients(form, compiled: CompiledForm) -> dict[int, np.ndarray]:
     """Coefficients (cells, width) of a bound form on each subdomain."""
     packed = dolfinx.cpp.fem.pack_coefficients(_cpp(form))

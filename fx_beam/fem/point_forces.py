@@ -218,6 +218,11 @@ class PointForces:
         for force, numbers in zip(forces, self._numbers, strict=True):
             numbers[:] = force.numbers
 
+    @property
+    def numbers(self) -> np.ndarray:
+        """Numbers of all forces, one force after the other."""
+        return np.array([number for force in self._forces for number in force.numbers], float)
+
     def _row(self, i: int, first_entry: int) -> dict[str, Any]:
         """A force as ``PointForce`` of c/point_force.h."""
         force, law, given = self._forces[i], self._laws[i], self._given[i]

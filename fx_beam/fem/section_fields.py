@@ -42,12 +42,13 @@ class FilledField:
     """dolfinx's constant or function with data; others of the same shape may replace them."""
 
     def __init__(self, data: Data, mesh: Mesh):
-        self.shape, self.on_mesh = data.shape, data.on(mesh)
+        self.shape, self.on_mesh, self.values = data.shape, data.on(mesh), data.values
 
     def refill(self, data: Data) -> None:
         """Set the data; OtherStructureError if they have another shape."""
         if data.shape != self.shape:
             raise OtherStructureError("data of beams that were equal differ, or conversely")
+        self.values = data.values
         if data.points:
             dolfinx_api.set_at_gauss_points(self.on_mesh, data.values)
         else:
@@ -69,24 +70,19 @@ def section_data(mesh: Mesh, scene: Scene, names: tuple[str, ...], points: int) 
     its beam and its fraction.
     """
     sections = [beam.section for beam in scene.beams]
-    varies = any(section.varies(name) for section in distinct(sections) for name in names)
+    different = distinct(sections)
+    if not any(section.varies(name) for section in different for name in names):
+        constants = {id(section): section.constants(names) for section in different}
+        return cell_data(mesh, np.array([constants[id(section)] for section in sections]))
     gauss = dolfinx_api.gauss_points(points)
     values: list[np.ndarray] = []
-    known: dict[int, int] = {}
     for beam in scene.beams:
-        # Constant data need one value, which other beams of the same section share.
-        if not varies and id(beam.section) in known:
-            continue
-        fractions = arc_lengths(beam, gauss) / beam.length if varies else np.array([[0.5]])
+        fractions = arc_lengths(beam, gauss) / beam.length
         try:
             own = [beam.section.values(name, fractions) for name in names]
         except SceneError as error:
             raise SceneError(f"beam {beam.name!r}: {error}") from None
-        known[id(beam.section)] = len(values)
         values.append(np.stack(own, axis=-1) if len(names) > 1 else own[0])
-    if not varies:
-        of_beam = [known[id(section)] for section in sections]
-        return cell_data(mesh, np.concatenate(values)[of_beam, 0])
     of_cell = np.empty((len(mesh.beam_of_cell), *values[0].shape[1:]))
     for cells, rows in zip(mesh.cells, values, strict=True):
         of_cell[cells] = rows

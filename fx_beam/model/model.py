@@ -7,6 +7,7 @@ import functools
 import numpy as np
 import scipy.sparse
 
+from fx_beam.algebra.sparse_lu import LU, sparse_lu
 from fx_beam.coupling.compiled_rates import CompiledRates, compiled_rates
 from fx_beam.coupling.fitted_rates import FittedRates
 from fx_beam.coupling.graph import couple, motors
@@ -37,7 +38,8 @@ from fx_beam.scene.scene import Scene
 from fx_beam.scene.structure import OtherStructureError, Structure
 
 # Cached properties that depend on numbers.
-_OF_NUMBERS = "unit", "unit_of_unknowns", "nodal_rules", "fitted_rates"
+_OF_MASSES = "nodal_rules", "fitted_rates"
+_OF_NUMBERS = "unit", "unit_of_unknowns", *_OF_MASSES
 
 
 class Model:
@@ -67,7 +69,8 @@ class Model:
         self._check_mechanism()
 
     def _check_mechanism(self) -> None:
-        if not self.scene.virtual_works:
+        heavy = not self._weightless and not self.massless.any()
+        if not self.scene.virtual_works and not heavy:
             mass = None if self._weightless else self.mass
             check_no_massless_mechanism(self.scene, self.mesh, self.forms.of_members, mass)
 
@@ -77,20 +80,21 @@ class Model:
         What was assembled for the last scene changes in place.
         """
         self._structure.check(scene)
-        moved = self.mesh.refill(scene)
+        #: Whether nodes are elsewhere than before.
+        self.moved = self.mesh.refill(scene)
         last, self.scene = self._joints, scene
         self.forms.refill(scene)
         self._mass.refill(scene)
         self.weight = self._mass.weight
         self.loads.refill(scene)
         self.motors = motors(scene)
-        self._refill_reduction(last, moved)
+        self._refill_reduction(last)
         self._joints = scene.joints[:]
-        for name in _OF_NUMBERS:
+        for name in _OF_NUMBERS if self.moved else _OF_MASSES:
             self.__dict__.pop(name, None)
         self._check_mechanism()
 
-    def _refill_reduction(self, last: list[Joint], moved: bool) -> None:
+    def _refill_reduction(self, last: list[Joint]) -> None:
         """Set the offsets and axes of joints."""
         arms = [joint for joint in self.scene.joints if not joint.is_index]
         before = [joint for joint in last if not joint.is_index]
@@ -98,7 +102,7 @@ class Model:
             raise OtherStructureError("other joints have offsets")
         pairs = [(new.arm, old.arm) for new, old in zip(arms, before, strict=True)]
         pairs += [(new.offset, old.offset) for new, old in zip(arms, before, strict=True)]
-        if not moved and all((new == old).all() for new, old in pairs):
+        if not self.moved and all((new == old).all() for new, old in pairs):
             return
         if isinstance(self.reduction, LoopReduction) or self.couplings.sliding:
             raise OtherStructureError("joints that close loops, or slide on beams, lie elsewhere")
@@ -224,11 +228,23 @@ class Model:
         return self.forms.needs_before or type(self.scheme.rates) is NodalRates
 
     @functools.cached_property
+    def factors_of_mass(self) -> LU:
+        """Factors for matrices of the reduced pattern, in which the mass of unknowns is one."""
+        return sparse_lu(self.reduction.pattern)
+
+    @functools.cached_property
     def unit(self) -> np.ndarray:
         """Size (size,) of unit increments: that of the scene for displacements, 1 for rotations."""
         unit = np.full(self.size, self.mesh.size)
         unit[self.turns] = 1.0
         return unit
+
+    @functools.cached_property
+    def needs_accelerations(self) -> bool:
+        """Whether steps, or nodes without mass, need the accelerations at the start."""
+        by_mean, beams = type(self.scheme.rates) is MidPointRates, self.forms.beams
+        read = beams is not None and (beams.needs_rates or beams.resultants_need_rates)
+        return read or not by_mean or len(self.scheme.fractions) > 1 or bool(self.massless.any())
 
     @functools.cached_property
     def massless(self) -> np.ndarray:

@@ -253,7 +253,7 @@ def polyline(points: Sequence, elements: int | Sequence[int], name: str) -> Layo
         return Layout(points, np.concatenate(([0.0], np.cumsum(lengths))))
     ends = [points[0]]
     for a, b, count, corner in zip(corners[:-1], corners[1:], counts, points[1:], strict=True):
-        ends += [*np.linspace(a, b, count + 1)[1:-1], corner]
+        ends += [*map(tuple, np.linspace(a, b, count + 1)[1:-1].tolist()), corner]
     steps = np.diff([position_of(end) for end in ends], axis=0)
     return Layout(ends, np.concatenate(([0.0], np.cumsum(np.hypot(*steps.T)))))
 
@@ -280,6 +280,8 @@ def _spread(elements, lengths: np.ndarray, name: str) -> list[int]:
             f"beam {name!r}: {elements} elements are too few for {pieces} straight pieces. Give "
             "at least one for each piece"
         )
+    if pieces == 1:
+        return [elements]
     counts = [1] * pieces
     for _ in range(elements - pieces):
         counts[int(np.argmax(lengths / counts))] += 1

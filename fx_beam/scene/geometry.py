@@ -73,13 +73,14 @@ class Geometry:
         for end in ends:
             if isinstance(end, Node):
                 loads.check_node(self, end, f"beam {name!r}")
-        nodes = []
+        nodes, first = [], len(self.nodes)
         for end in ends:
             if not isinstance(end, Node):
                 end = Node(len(self.nodes), float(end[0]), float(end[1]), self)
                 self.nodes.append(end)
-                for i, x in enumerate((end.x, end.y)):
-                    self._corners[0][i] = min(self._corners[0][i], x)
-                    self._corners[1][i] = max(self._corners[1][i], x)
             nodes.append(end)
+        lowest, highest = self._corners
+        for i, name in enumerate("xy"):
+            places = [getattr(node, name) for node in self.nodes[first:]]
+            lowest[i], highest[i] = min([lowest[i], *places]), max([highest[i], *places])
         return tuple(nodes)

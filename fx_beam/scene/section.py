@@ -117,12 +117,15 @@ class Section:
                 f"Section: retardation = {self.retardation!r} must be one time for all strains, as "
                 "there is a strain_energy"
             )
-        self.values("retardation", np.array([0.5]))
+        for time in self._times:
+            _value("retardation", time, 0.5)
         for name in ("EA", "GA", "EI", "rhoA", "rhoI"):
-            (value,) = self.values(name, np.array([0.5]))
             datum = getattr(self, name)
-            if datum is not None and not callable(datum):
-                object.__setattr__(self, name, float(value))
+            if datum is None and name not in _MAY_BE_ZERO:
+                continue
+            value = _value(name, datum, 0.5)
+            if not callable(datum):
+                object.__setattr__(self, name, value)
         if self.internal is not None:
             check_internal(self.internal, self.strain_energy, "Section", "eps, gamma, kappa")
         if self.strain_energy is not None:
@@ -159,6 +162,25 @@ class Section:
         if datum is None and name not in _MAY_BE_ZERO:
             return np.zeros(fractions.shape)
         return _values(name, datum, fractions)
+
+    def constants(self, names: tuple[str, ...]) -> Any:
+        """Values of data that do not vary: of several a list, of one itself; zero if omitted.
+
+        Parameters
+        ----------
+        names : tuple of str
+            Their names, as of `values`.
+
+        Returns
+        -------
+        float or list
+            The values; for "retardation" those of axial, shear and bending strains.
+        """
+        values = [
+            [*map(as_float, self._times)] if name == "retardation" else getattr(self, name) or 0.0
+            for name in names
+        ]
+        return values if len(names) > 1 else values[0]
 
     @property
     def _times(self) -> tuple[Datum, ...]:

@@ -8,6 +8,7 @@ import numpy as np
 import scipy.sparse
 import scipy.sparse.linalg
 
+from fx_beam.coupling.index_reduction import IndexReduction
 from fx_beam.coupling.joint_reduction import JointReduction
 from fx_beam.model.model import Model
 
@@ -30,8 +31,13 @@ class CoupledRates(Protocol):
     def gather(self, r: np.ndarray) -> np.ndarray:
         """T^T r (columns,) for forces on nodes."""
 
-    def nearest(self, weight: scipy.sparse.spmatrix, missing: np.ndarray) -> np.ndarray:
-        """Rates of the independent unknowns nearest to v (size,) in the norm of a weight."""
+    def nearest(
+        self, weight: scipy.sparse.spmatrix | np.ndarray, missing: np.ndarray
+    ) -> np.ndarray:
+        """Rates of the independent unknowns nearest to v (size,) in the norm of a weight.
+
+        One of displacements and one of rotations may be given as a diagonal (size,).
+        """
 
     def accelerations(self, mass: scipy.sparse.spmatrix, force: np.ndarray) -> np.ndarray:
         """Accelerations (free,) under generalised forces (free,), as `acceleration_of`."""
@@ -42,7 +48,38 @@ def coupled_rates(model: Model) -> CoupledRates:
     reduction = model.reduction
     if isinstance(reduction, JointReduction) and len(reduction.ties) and reduction.sliders is None:
         return TiedRates(reduction)
-    return RatesByMatrix(reduction)
+    return EqualRates(model) if isinstance(reduction, IndexReduction) else RatesByMatrix(reduction)
+
+
+class EqualRates:
+    """Coupled rates of equal degrees of freedom: sums over them."""
+
+    def __init__(self, model: Model):
+        assert isinstance(model.reduction, IndexReduction)
+        self._model, self._reduction = model, model.reduction
+        self.spread = self._reduction.spread
+
+    def gather(self, r):
+        """T^T r."""
+        return self._reduction.project(r)
+
+    def nearest(self, weight, missing):
+        """Means over equal degrees of freedom, whose weights are equal as well."""
+        reduction = self._reduction
+        if isinstance(weight, np.ndarray):
+            return (reduction.project(missing) / reduction.counts)[: reduction.free]
+        return RatesByMatrix(reduction).nearest(weight, missing)
+
+    def accelerations(self, mass, force):
+        """By the reduced mass; its factors have the pattern of the tangent."""
+        reduction = self._reduction
+        values = np.empty(len(reduction.pattern[1]))
+        reduction.fill(mass.data, force, values)
+        if (values[reduction.diagonal] > 0).all():
+            lu = self._model.factors_of_mass
+            if lu.factorise(values):
+                return lu.solve(force)
+        return RatesByMatrix(reduction).accelerations(mass, force)
 
 
 class RatesByMatrix:
@@ -63,6 +100,8 @@ class RatesByMatrix:
 
     def nearest(self, weight, missing):
         """By the normal equations."""
+        if isinstance(weight, np.ndarray):
+            weight = scipy.sparse.diags(weight)
         T = self._T[:, self._independent]
         right, normal = T.T @ (weight @ missing), T.T @ weight @ T
         if isinstance(normal, np.ndarray):
@@ -93,6 +132,8 @@ class TiedRates:
     def nearest(self, weight, missing):
         """By the system with ties."""
         reduction = self._reduction
+        if isinstance(weight, np.ndarray):
+            weight = scipy.sparse.diags(weight)
         right = self.gather(weight @ missing)[: reduction.free]
         return self._solved(reduction.normal(weight), right)[reduction.independent]
 

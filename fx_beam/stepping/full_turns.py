@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 
 import numpy as np
@@ -27,11 +28,16 @@ class TurnCounter:
         #: Rotations (size,) subtracted so far [rad].
         self.removed = np.zeros(model.size)
 
+    def reset(self) -> None:
+        """Begin again, without turns."""
+        self.removed = np.zeros_like(self.removed)
+
     def turns_of(self, state: State) -> np.ndarray:
         """Full turns (size,) [rad] of a state, where these have no effect on the equations."""
         turns = np.zeros_like(self.removed)
         for member in self._members:
-            turns[member] = 2 * np.pi * np.round(state.q[member].mean() / (2 * np.pi))
+            if number := round(float(state.q[member].mean()) / (2 * math.pi)):
+                turns[member] = 2 * math.pi * number
         return turns
 
     @staticmethod

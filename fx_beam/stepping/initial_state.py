@@ -23,26 +23,37 @@ _NONE = 1e-9
 _ADVICE = "Give compatible velocities to all members, or call scene.make_velocities_compatible()"
 
 
-def initial_state(model: Model, forcing: Forcing, dt: float, start: State | None = None) -> State:
+def initial_state(
+    model: Model,
+    forcing: Forcing,
+    dt: float,
+    start: State | None = None,
+    accelerations: bool = True,
+) -> State:
     """State with the scene's initial velocities and the accelerations of dynamic equilibrium.
 
     At `start`, whose rates are kept if it turns, or in the reference configuration. SceneError for
-    incompatible velocities.
+    incompatible velocities. Without `accelerations` they are zero where steps do not read them.
     """
     state = reference_state(model) if start is None else start
-    state, unbalanced = _moving_state(model, forcing, state, dt)
+    needed = accelerations or model.needs_accelerations
+    state, unbalanced = _moving_state(model, forcing, state, dt, needed)
     if unbalanced:
         force = forcing.forces(Interval(state.t, state.t + dt))[0]
-        state, _ = _moving_state(model, forcing, settled(model, force, state, dt), dt)
+        state, _ = _moving_state(model, forcing, settled(model, force, state, dt), dt, needed)
     return state
 
 
-def _moving_state(model: Model, forcing: Forcing, state: State, dt: float) -> tuple[State, bool]:
+def _moving_state(
+    model: Model, forcing: Forcing, state: State, dt: float, accelerates: bool
+) -> tuple[State, bool]:
     """The state with rates and accelerations, and whether parts without mass are unbalanced."""
     rates, accelerations = _begin(model, forcing, state, dt)
     coupled = coupled_rates(model)
     w = initial_rates(model, state, coupled, rates)
     state = replace(state, v=model.reduction.spread(w))
+    if not accelerates:
+        return state, False
     a, rest = _acceleration(model, forcing, state, coupled, w, accelerations, dt)
     return replace(state, a=a), rest
 
@@ -200,7 +211,7 @@ def nearest_rates(
     free, w = reduction.independent, _driven_rates(model, driven)
     missing = v - coupled.spread(w)
     if len(free) and missing.any():
-        weight = scipy.sparse.diags(model.unit**-2.0) if weight is None else weight
+        weight = model.unit**-2.0 if weight is None else weight
         w[free] = coupled.nearest(weight, missing)
     return reduction.completed(w)
 
@@ -221,6 +232,9 @@ def _given_velocity(model: Model) -> np.ndarray:
         nodes = mesh.nodes_of(scene, item.target)
         positions = mesh.X[nodes].tolist()
         given = np.hstack([item.value.each(positions), item.spin.each(positions)])
+        if np.isfinite(given).all() and np.isnan(v[nodes]).all():
+            v[nodes] = given
+            continue
         size = (abs(given) * unit).max(axis=1, keepdims=True)
         infinite = ~np.isfinite(given).all(axis=1)
         differs = (abs(v[nodes] - given) * unit > 1e-9 * size).any(axis=1)
@@ -235,7 +249,8 @@ def _given_velocity(model: Model) -> np.ndarray:
                 "only one, or equal ones"
             )
         v[nodes] = given
-    return model.from_nodes(np.nan_to_num(v))
+    v[np.isnan(v)] = 0.0
+    return model.from_nodes(v)
 
 
 def _check_prescribed(

@@ -279,12 +279,14 @@ class Recorder:
             "angular_momentum": recorded["momenta"][:, 2],
         }
         for name, quantity in ROWS.items():
-            lengths = quantity.lengths(model.sizes)
-            rows = recorded.get(name, np.empty((0, math.prod(lengths))))
-            if quantity.shape == ("dofs",):
-                histories[name] = rows[:, model.mesh.dofs]
+            at_nodes = quantity.shape == ("dofs",)
+            lengths = model.mesh.dofs.shape if at_nodes else quantity.lengths(model.sizes)
+            if (rows := recorded.get(name)) is None:
+                histories[name] = np.empty((0, *lengths))
             else:
-                histories[name] = rows.reshape(len(rows), *lengths)
+                histories[name] = (
+                    rows[:, model.mesh.dofs] if at_nodes else rows.reshape(len(rows), *lengths)
+                )
         q = histories["q"]
         for first, stop in itertools.pairwise([*self.turns, n] if len(q) else []):
             q[first:stop] += self.turns[first][model.mesh.dofs]
