@@ -40,12 +40,10 @@ def headings(page):
 
 
 def missing(page):
-    """Links of a page that lead nowhere. Pages of the gallery are made from the demos."""
+    """Links of a page that lead nowhere in the repository, as into what is only made from it."""
     lost = []
     for file, name in links(page):
-        if file.parent == ROOT / "docs" / "gallery":
-            file = ROOT / "demos" / f"{file.stem}.py"
-        if not file.is_file():
+        if not file.is_file() or file.is_relative_to(ROOT / "docs" / "gallery"):
             lost.append(str(file))
         elif file.suffix == ".md":
             lost += [f"{file}#{name}"] if name and name not in headings(file) else []

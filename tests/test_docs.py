@@ -79,7 +79,7 @@ def test_each_page_can_be_reached(page):
 
 
 def test_each_demo_is_in_the_gallery():
-    shown = {file.stem for file, _ in pages.links(DOCS / "gallery.md") if file.suffix == ".md"}
+    shown = {file.stem for file, _ in pages.links(DOCS / "gallery.md") if file.suffix == ".py"}
     assert shown == {demo.stem for demo in (pages.ROOT / "demos").glob("*.py")}
 
 

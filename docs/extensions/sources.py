@@ -2,7 +2,7 @@
 
 In a Markdown page `[strains](../../fx_beam/mechanics/kinematics.py#strains)` leads to the
 definition in the page of that file; in the repository it leads to the file. So does
-`demos/ring.py` in code font.
+`demos/ring.py` in code font. A link `[ring](../demos/ring.py)` leads to its page in the gallery.
 """
 
 import functools
@@ -19,6 +19,7 @@ ROOT = Path(__file__).parents[2]
 FOLDERS = "fx_beam", "demos", "benchmarks", "tests"
 _FILE = rf"((?:{'|'.join(FOLDERS)})/[\w/]+\.(?:py|c|h))"
 _LINK = re.compile(rf"\[([^\]]*)\]\((?:\.\./)+{_FILE}(?:#(\w+))?\)")
+_DEMO = re.compile(r"\]\((?:\.\./)+demos/(\w+)\.py\)")
 _NAME = re.compile(rf"`{_FILE}`")
 #: Files to which a page links.
 _linked = set()
@@ -68,6 +69,7 @@ def _link(app, page, text):
         file = match[1]
         return f'<a href="{place(page, file)}">{match[0]}</a>' if file in files() else match[0]
 
+    text[0] = _DEMO.sub(rf"]({'../' * page.count('/')}gallery/\1.md)", text[0])
     if "```{eval-rst}" not in text[0]:
         text[0] = _LINK.sub(named, text[0])
         if page != "changelog":
