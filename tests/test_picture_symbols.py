@@ -110,18 +110,37 @@ def test_a_force_between_points_is_drawn_between_them_before_and_in_the_motion(l
         assert (b > low).all() and (b < high).all()
 
 
+@pytest.mark.parametrize("thickness", [None, 1.0])
+def test_bodies_alone_have_all_pictures(thickness, tmp_path):
+    scene = fb.Scene(gravity=(0, -9.81))
+    stone = scene.add_body((0, 0), 1.0, 0.1, {"edge": (0.1, 0)}, name="stone")
+    wheel = scene.add_body((1, 0), 1.0, 0.1, {"edge": (0.8, 0)}, name="wheel")
+    scene.add_force_between(stone.centre, wheel.centre, spring=fb.Spring(10.0))
+    solution = fb.simulate(scene, dt=0.1, t_end=0.5)
+    plot.animate(solution, range(6), tmp_path / "motion.gif", thickness=thickness)
+    with Image.open(tmp_path / "motion.gif") as film:
+        assert film.n_frames == 6
+    ax = plot.shapes(solution, [0, 5], thickness=thickness).axes[0]
+    centres = [solution.position(body.centre)[k] for k in (0, 5) for body in (stone, wheel)]
+    crosses = [line.get_xydata() for line in ax.lines if line.get_marker() == "+"]
+    assert np.concatenate(crosses) == pytest.approx(np.array(centres))
+
+
 # -- Nothing is cut off ----------------------------------------------------------------------------
 
 
+ENDS = (1, 0), (0, 1), (1, 1), (20, 1), (1, 20), (0.001, 0.002), (1e4, -9e3)
+
+
 @pytest.mark.parametrize("colour", [None, "M"])
-@pytest.mark.parametrize("end", [(1, 0), (0, 1), (1, 1), (20, 1), (1, 20)], ids=str)
+@pytest.mark.parametrize("end", ENDS, ids=str)
 def test_labels_lie_in_figures_that_fit_a_page(end, colour):
     scene = fb.Scene(gravity=(0, -9.81))
     beam = scene.add_beam([(0, 0), end], FLYING, 4)
     scene.clamp(beam.start)
     solution = fb.simulate(scene, dt=0.001, t_end=0.002)
     figure = plot.shapes(solution, [0, 2], colour=colour)
-    assert holds(figure)
+    assert holds(figure) and holds(plot.scene(scene, dimensions=True))
     assert (figure.get_size_inches() <= np.add(plane.LARGEST, 1e-9)).all()
 
 

@@ -133,7 +133,8 @@ class Drawing:
     @cached_property
     def _nodes_of_elements(self) -> np.ndarray:
         beams = self.solution.beams
-        return np.concatenate([nodes_of_elements(self.solution, name) for name in beams])
+        of_beams = [nodes_of_elements(self.solution, name) for name in beams]
+        return np.concatenate(of_beams or [np.empty((0, 2), dtype=int)])
 
     def axis(self, beam: str, rows) -> np.ndarray:
         """Points (..., points, 2) of a beam's axis in some rows."""

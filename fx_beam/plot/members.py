@@ -13,6 +13,7 @@ from fx_beam.validation import as_float, is_number, require
 from .drawing import Drawing
 
 _PIECES = 12  # per element, each with one colour
+_NONE = np.empty((0, 1))
 _MANY = 40_000  # pieces of all elements, of which there are no more if an element has several
 
 
@@ -35,7 +36,7 @@ class Members:
             require(fits, "thickness", thickness, "a positive factor on the depth, or None")
             fractions = np.arange(self.pieces + 1) / self.pieces
             depths = [_depths(beam, fractions) for beam in beams]
-            self._depths = as_float(thickness) * np.concatenate(depths)[..., None]
+            self._depths = as_float(thickness) * np.concatenate(depths or [_NONE])[..., None]
 
     def collection(
         self, width: float, zorder: float = 2, **look

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import math
 from typing import Any
 
 import numpy as np
 from matplotlib.figure import Figure
+from matplotlib.ticker import MaxNLocator
 
 from fx_beam.validation import is_name, require
 
@@ -46,6 +48,7 @@ class Plane:
         extent = high - low
         for below in (False, True) if bar else (False,):
             left, bottom, right, top = _BORDER
+            left += room_for_ticks(low[1], high[1])
             right, bottom = right + _BESIDE * (bar and not below), bottom + _BELOW * below
             room = whole - (left + right, bottom + top)
             inner = extent * min(room / extent)
@@ -74,6 +77,14 @@ class Plane:
         cax = self.figure.add_axes(self._of_bar)
         side = "horizontal" if self._bar_below else "vertical"
         return self.figure.colorbar(scale, cax=cax, orientation=side, **look)
+
+
+def room_for_ticks(low: float, high: float) -> float:
+    """Width that numbers on an axis need beyond five characters [inch]."""
+    step = np.diff(MaxNLocator(10).tick_values(low, high))[0]
+    decimals = max(0, -math.floor(math.log10(step))) + 1
+    digits = max(len(f"{value:.{decimals}f}") for value in (low, high))
+    return 0.075 * max(0, digits - 6)
 
 
 def grid(count: int, extent: np.ndarray, border: np.ndarray) -> tuple[int, int, np.ndarray]:

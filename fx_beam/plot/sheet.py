@@ -8,6 +8,8 @@ import numpy as np
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
+from .plane import room_for_ticks
+
 _INCH = 6.4, 6.4  # the largest width and height of the picture [inch]
 _BORDER = (0.78, 0.5), (0.15, 0.15)  # room for the axes' labels; left and below, right and above
 # Distances of a label from its object, in pixels, and the directions in which it may lie.
@@ -87,6 +89,7 @@ class Sheet:
         self.ax.tick_params(labelsize="small")
         self.ax.spines[:].set_color("0.7")
         border, other = np.array(_BORDER)
+        border[0] += room_for_ticks(low[1], high[1])
         room = np.array(_INCH) - border - other
         inner = (high - low) * min(room / (high - low))
         whole = inner + border + other

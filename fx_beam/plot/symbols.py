@@ -279,6 +279,9 @@ def draw_marks(ax, drawing: Drawing, k: int, marks: dict[str, Node]) -> list:
         drawing.solution.position(node)  # raises an error if it is not a node of the solution
         position = drawing.positions(node.number, k)
         drawn += ax.plot(*position, ".", color="black", markersize=5, zorder=6)
-        offset = {"xytext": (5, 5), "textcoords": "offset points"}
-        drawn.append(ax.annotate(name, position, **offset, fontsize="small", zorder=7))
+        # Towards the middle, where there is room for long names.
+        left = position[0] > np.mean(ax.get_xlim())
+        offset = {"xytext": (-5 if left else 5, 5), "ha": "right" if left else "left"}
+        look = {"textcoords": "offset points", "fontsize": "small", "zorder": 7}
+        drawn.append(ax.annotate(name, position, **offset, **look))
     return drawn
