@@ -6,6 +6,7 @@ import re
 
 import pages
 import pytest
+from PIL import Image
 
 import fx_beam as fb
 
@@ -41,6 +42,11 @@ def test_each_piece_of_code_runs_alone(page, number, tmp_path, monkeypatch, caps
     monkeypatch.chdir(tmp_path)
     names = pages.run(pages.blocks(page)[number], page)
     assert capsys.readouterr().out
+    # Pictures beside the code are those that it draws.
+    for shown, _ in pages.links(page):
+        if (tmp_path / shown.name).is_file():
+            with Image.open(tmp_path / shown.name) as ours, Image.open(shown) as theirs:
+                assert max(abs(a - b) for a, b in zip(ours.size, theirs.size, strict=True)) < 50
     if isinstance(names.get("motion"), fb.Solution):
         assert {path.suffix for path in tmp_path.iterdir()} == {".png", ".gif", ".csv", ".npz"}
         assert (fb.load("motion.npz").q == names["motion"].q).all()
