@@ -50,6 +50,7 @@ HOUSE = {
         "geometry",
         "body",
         "scene",
+        "own_functions",
         "structure",
     ],
     "mechanics": [

@@ -14,6 +14,7 @@ from fx_beam import library_cache
 from fx_beam.fem.fields import fields_of
 from fx_beam.mechanics.kinematics import Step
 from fx_beam.scene.step_symbols import STEP
+from fx_beam.scene.structure import OtherStructureError, Structure
 
 EA, GA, EI = 4e3, 2e3, 5.0
 INERTIA = {"rhoA": 1.0, "rhoI": 0.01}
@@ -125,6 +126,50 @@ def test_another_value_compiles_nothing_and_is_the_number_that_would_be_compiled
     assert changed == pytest.approx(reference, abs=1e-9)
     assert found == pytest.approx(moved(build(2.5)), abs=1e-9)
     assert abs(found - moved(build(fb.Parameter("number", 1.0)))).max() > 1e-4
+
+
+@every_function
+def test_scenes_that_differ_in_parameters_only_share_their_set_up(build):
+    def of(value):
+        scene = build(value)
+        return scene, {"end": fb.Output("position", scene.beams[0].end)}
+
+    run = fb.Response(lambda x: of(fb.Parameter("number", float(x[0]))), dt=0.01, t_end=0.2)
+    run([1.0])
+    _, y = run([2.5])
+    assert run.stats.setup_reason == ""
+    scene = build(fb.Parameter("number", 2.5))
+    end = fb.simulate(scene, dt=0.01, t_end=0.2).position(scene.beams[0].end)
+    assert (y["end"] == end).all()
+    compiled_in = fb.Response(lambda x: of(float(x[0])), dt=0.01, t_end=0.2)
+    compiled_in([1.0])
+    compiled_in([2.5])
+    assert "of your own differs in more than parameters" in compiled_in.stats.setup_reason
+
+
+def test_functions_are_compared_by_what_they_give():
+    def build(term):
+        scene, _ = swinging()
+        scene.add_virtual_work(term)
+        return scene
+
+    def differ(one, other):
+        try:
+            Structure(build(one)).check(build(other))
+        except OtherStructureError:
+            return True
+        return False
+
+    assert not differ(
+        lambda s: -2 * s.omega * s.virtual_psi, lambda s: -2 * s.omega * s.virtual_psi
+    )
+    assert differ(lambda s: -2 * s.omega * s.virtual_psi, lambda s: -3 * s.omega * s.virtual_psi)
+    assert differ(
+        lambda s: s.prime(s.psi) * s.virtual_psi, lambda s: s.prime(s.psi0) * s.virtual_psi
+    )
+    assert differ(
+        lambda s: s.prime(s.psi) * s.virtual_psi, lambda s: ufl.grad(s.psi)[0] * s.virtual_psi
+    )
 
 
 def test_forms_do_not_depend_on_the_order_in_which_parameters_are_made(monkeypatch):

@@ -46,6 +46,14 @@ class PointForce(NamedTuple):
     role: Role = Role.OTHER
 
 
+def _without_numbers(force: PointForce) -> tuple:
+    """A force without its numbers; its functions of a user are compared in the scene."""
+    law: Any = force.law
+    if law.own:
+        law = law.name, law.size, law.numbers, law.internal, law.remembered
+    return law, *force[2:]
+
+
 class _Library(NamedTuple):
     """The functions of point_force.h, for Python."""
 
@@ -212,7 +220,7 @@ class PointForces:
         order = sorted(range(len(forces)), key=lambda i: forces[i].role)
         forces = [forces[i] for i in order]
         known = self._forces
-        if [force[:1] + force[2:] for force in forces] != [of[:1] + of[2:] for of in known]:
+        if list(map(_without_numbers, forces)) != list(map(_without_numbers, known)):
             raise OtherStructureError("forces at points are of other kinds")
         self._forces, self.followers = forces, followers
         for force, numbers in zip(forces, self._numbers, strict=True):

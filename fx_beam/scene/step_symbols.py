@@ -1,4 +1,4 @@
-"""The step that a virtual work is given, as symbols, for when there is no mesh yet."""
+"""Symbols for the arguments of a user's functions: what these give is known before a mesh is."""
 
 from __future__ import annotations
 
@@ -9,17 +9,8 @@ from ufl.domain import AbstractDomain
 
 _NOWHERE = AbstractDomain(1, 2)
 _VECTORS = (
-    "u0",
-    "Du",
-    "u",
-    "v",
-    "virtual_u",
-    "X",
-    "t0",
-    "u_before",
-    "director0",
-    "director1",
-    "director",
+    *("u0", "Du", "u", "v", "virtual_u", "X", "t0", "u_before"),
+    *("director0", "director1", "director"),
 )
 _STRAINS = "strains0", "strains1", "strain_increments", "strains_before"
 _SCALARS = (
@@ -28,22 +19,32 @@ _SCALARS = (
 )
 
 
+class Symbol(ufl.Constant):
+    """A symbol that varies along a beam, so that UFL keeps its derivatives."""
+
+    def __init__(self, *shape: int):
+        super().__init__(_NOWHERE, shape=shape)
+
+    def is_cellwise_constant(self) -> bool:
+        """It is not."""
+        return False
+
+
 class StepSymbols:
     """An `fx_beam.Step` whose fields are symbols of the same shape, on no mesh."""
 
     degree, nodes = 1, None
 
     def __init__(self) -> None:
-        self.__dict__ |= {name: ufl.Constant(_NOWHERE, shape=(2,)) for name in _VECTORS}
-        self.__dict__ |= {name: ufl.Constant(_NOWHERE) for name in _SCALARS}
-        self.__dict__ |= {
-            name: tuple(ufl.Constant(_NOWHERE) for _ in range(3)) for name in _STRAINS
-        }
+        self.__dict__ |= {name: Symbol(2) for name in _VECTORS}
+        self.__dict__ |= {name: Symbol() for name in _SCALARS}
+        self.__dict__ |= {name: (Symbol(), Symbol(), Symbol()) for name in _STRAINS}
 
     def prime(self, field: Any) -> Any:
-        """A symbol in the place of a derivative, which has the same symbols in it."""
-        return 2 * field
+        """Derivative along the reference arc length."""
+        return ufl.dot(ufl.grad(field), self.__dict__["t0"])
 
 
-#: The symbols, made once: each new one would count.
+#: The symbols, made once: they are the same for all functions, so that these can be compared.
 STEP: Any = StepSymbols()
+SCALARS = tuple(Symbol() for _ in range(8))

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import copy
 import functools
+import itertools
 from collections.abc import Mapping
 from dataclasses import fields, is_dataclass
 from typing import Any
@@ -18,9 +19,11 @@ from .beam import Beam, Node
 from .body import Body
 from .coordinate import Coordinate, Damper, Friction, Spring
 from .forces_between import ForceBetween
+from .internal_variables import InternalVariables
 from .joints import Joint
-from .loads import Drag, Load, Velocity
+from .loads import Drag, Load, Velocity, VirtualWork
 from .obstacles import Circle, Line, Obstacle
+from .own_functions import expressions_of
 from .scene import Scene
 from .section import Section
 from .stop import Stop
@@ -46,8 +49,17 @@ NUMBERS: dict[type, tuple[str, ...]] = {
     Drag: ("linear", "quadratic", "rotation"),
     Velocity: ("value", "spin"),
 }
-#: Numbers in the place of which UFL of the user may stand, which is structure.
-_OR_UFL = {(Friction, "force")}
+#: Functions of the user, which are compared by the UFL expressions that they give.
+_OWN: dict[type, tuple[str, ...]] = {
+    Section: ("strain_energy",),
+    InternalVariables: ("update",),
+    Spring: ("strain_energy",),
+    Damper: ("law",),
+    Friction: ("force",),
+    Obstacle: ("energy",),
+    ForceBetween: ("force",),
+    VirtualWork: ("term",),
+}
 #: What follows from the rest of a scene.
 _DERIVED: dict[type, tuple[str, ...]] = {
     Scene: ("nodes", "_corners", "_couplings"),
@@ -68,6 +80,7 @@ class Structure:
             if name not in _DERIVED[Scene]
         }
         self._nodes = len(scene.nodes)
+        self._functions = expressions_of(scene)
 
     def check(self, scene: Scene) -> None:
         """OtherStructureError if a scene differs in more than numbers."""
@@ -78,6 +91,11 @@ class Structure:
             if type(known) is type(part) is list and not known and not part:
                 continue
             _check_part(name in NUMBERS[Scene], part, known, f"scene.{name}")
+        functions = expressions_of(scene)
+        for own, known in itertools.zip_longest(functions, self._functions):
+            if own != known:
+                what = (own or known)[0]
+                raise OtherStructureError(f"{what} of your own differs in more than parameters")
 
 
 def _check_part(is_number: bool, a: Any, b: Any, what: str) -> None:
@@ -92,7 +110,7 @@ def _check(a: Any, b: Any, what: str) -> None:
     check = _checks(kind)  # type: ignore[arg-type]
     if check is not None:
         check(a, b, what)
-    elif a != b or callable(a):  # functions of the user may have changed, even if they are the same
+    elif a != b or callable(a):
         raise OtherStructureError(f"{what} differs")
 
 
@@ -109,18 +127,21 @@ def _checks(kind: Any) -> Any:
         return _arrays
     own = {of: names for of, names in NUMBERS.items() if issubclass(kind, of)}
     numbers = {name for names in own.values() for name in names}
+    functions = {name for of, names in _OWN.items() if issubclass(kind, of) for name in names}
     if not is_dataclass(kind):
         return None
     parts = tuple(
-        (field.name, field.name in numbers, any((of, field.name) in _OR_UFL for of in own))
-        for field in fields(kind)
+        (field.name, field.name in numbers, field.name in functions) for field in fields(kind)
     )
 
     def check(a: Any, b: Any, what: str) -> None:
-        for name, is_number, or_ufl in parts:
-            one = getattr(a, name)
-            evaluated = is_number and not (or_ufl and callable(one))
-            _check_part(evaluated, one, getattr(b, name), f"{what}.{name}")
+        for name, is_number, may_be_function in parts:
+            one, other = getattr(a, name), getattr(b, name)
+            if may_be_function and (callable(one) or callable(other)):
+                if not (callable(one) and callable(other)):
+                    raise OtherStructureError(f"{what}.{name} is of another kind")
+                continue
+            _check_part(is_number, one, other, f"{what}.{name}")
 
     return check
 
