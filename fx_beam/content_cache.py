@@ -11,7 +11,7 @@ import numpy as np
 F = TypeVar("F", bound=Callable)
 
 # Size of all arguments up to which a result is kept [bytes], and number of results of a function.
-_LARGEST, _MOST = 1 << 15, 32
+_LARGEST, _MOST = 1 << 16, 32
 
 
 class _Contents(NamedTuple):

@@ -29,8 +29,10 @@ LAWS = [
     scalar_laws.contact(CIRCLE, True),
     scalar_laws.stop(ANGLE, 1),
     scalar_laws.stop(SLIDE, -1),
-    node_laws.DRAG,
-    node_laws.SPIN_DRAG,
+    node_laws.drag(True, False, False),
+    node_laws.drag(False, True, True),
+    node_laws.drag(True, True, False),
+    node_laws.drag(False, False, True),
     node_laws.FOLLOWER,
 ]
 

@@ -71,6 +71,7 @@ class CompiledLU:
         self._at, self._order = self._ints(layout.at), self._ints(layout.order)
         #: Solutions that cost as much as a factorisation.
         self.worth = layout.worth
+        self._double = ffi.typeof("double[]")
         self._entries, self._factors = len(layout.at), np.empty(layout.size)
         self._at_factors = self._doubles(self._factors)
 
@@ -78,7 +79,7 @@ class CompiledLU:
         return self._ffi.from_buffer("int[]", np.asarray(values, np.int32, "C"))
 
     def _doubles(self, values: np.ndarray) -> Any:
-        return self._ffi.from_buffer("double[]", values)
+        return self._ffi.from_buffer(self._double, values)
 
     def factorise(self, values: np.ndarray) -> bool:
         """By elimination without exchange of rows."""

@@ -31,6 +31,8 @@ def with_pairs(
 
     If it has all of them, the matrix itself and None.
     """
+    if not len(pairs):
+        return matrix, None
     size = matrix.shape[0]
     row = np.repeat(np.arange(size), np.diff(matrix.indptr))
     own = row * size + matrix.indices

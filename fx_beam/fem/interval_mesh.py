@@ -31,8 +31,11 @@ _FUNCTION_SPACE: Any = getattr(fem, "FunctionSpace" if OF_UFL else "functionspac
 OPTIONS_OF_JIT = (
     "jit_options" if "jit_options" in inspect.signature(fem.form).parameters else "jit_params"
 )
+# Vector instructions of a single law or element would read pairs of numbers that were just written
+# one by one, for which processors wait long. The loop computes several elements at once instead.
+_FLAGS = "-O2", "-g0", "-fno-math-errno", "-fno-tree-slp-vectorize"
 #: Options of all compilations.
-JIT: dict[str, Any] = {}
+JIT: dict[str, Any] = {"cffi_extra_compile_args": list(_FLAGS)}
 
 
 def quietly(compiling: F) -> F:

@@ -138,7 +138,7 @@ class PointForces:
     @property
     def has_external(self) -> bool:
         """Whether there are any."""
-        return self.external.stop > self.external.start
+        return self._nodal > self.ends[Role.OTHER]
 
     @property
     def depend_on_rates(self) -> bool:

@@ -9,7 +9,7 @@ import numpy as np
 
 from fx_beam.mechanics import scalar_laws as laws
 from fx_beam.mechanics.coordinates import ANGLE, CIRCLE, DISTANCE, FROM_POINT, LINE, SLIDE, Kind
-from fx_beam.mechanics.node_laws import DRAG, FOLLOWER, SPIN_DRAG
+from fx_beam.mechanics.node_laws import FOLLOWER, drag
 from fx_beam.mechanics.point_laws import PointLaw
 from fx_beam.mechanics.rates import UpdateRule
 from fx_beam.scene.beam import Beam, Node
@@ -70,13 +70,13 @@ def _followers(scene: Scene, mesh: Mesh) -> Iterator[PointForce]:
 
 
 def _drags(scene: Scene, mesh: Mesh) -> Iterator[PointForce]:
-    for drag in scene.drags:
-        if isinstance(drag.target, Node):
-            dofs, along = mesh.dofs[drag.target.number].tolist(), [*drag.linear, *drag.quadratic]
-            if any(along):
-                yield PointForce(DRAG, along, dofs[:2])
-            if drag.rotation.any():
-                yield PointForce(SPIN_DRAG, drag.rotation.tolist(), dofs[2:])
+    for given in scene.drags:
+        if isinstance(given.target, Node):
+            numbers = np.concatenate([given.linear, given.quadratic, given.rotation]).tolist()
+            linear, quadratic, rotation = parts = [number != 0 for number in numbers]
+            first, end = 0 if linear or quadratic else 2, 3 if rotation else 2
+            dofs = mesh.dofs[given.target.number, first:end].tolist()
+            yield PointForce(drag(*parts), [number for number in numbers if number], dofs)
 
 
 def _of_joints(scene: Scene, mesh: Mesh, at_rest: bool) -> Iterator[PointForce]:

@@ -2,29 +2,40 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import functools
+import itertools
 from typing import Any
 
 import ufl
 
 from .point_laws import TINY, Found, Motion, PointLaw
 
-
-def _against_velocity(motion: Motion, v: list[Any]) -> list[Any]:
-    linear, quadratic = motion.numbers
-    along = linear + quadratic * ufl.sqrt(v[0] * v[0] + v[1] * v[1] + TINY)
-    return [along * v[0], along * v[1]]
+_PARTS_OF_DRAG = "linear", "quadratic", "rotation"
 
 
-def _against_spin(motion: Motion, v: list[Any]) -> list[Any]:
-    return [motion.numbers[0] * v[0]]
+@functools.cache
+def drag(linear: bool, quadratic: bool, rotation: bool) -> PointLaw:
+    """(linear + quadratic |v|) v and a moment against the spin, at the scheme's level.
 
+    The law is given only the numbers, and the coordinates, of what it has: without a quadratic part
+    there is no root, and no derivative by the other component.
+    """
+    moves = linear or quadratic
 
-def _drag(name: str, size: int, numbers: int, against: Callable, path: Callable) -> PointLaw:
-    """Forces `against` rates, from the increments with which they do work, the `path`."""
+    def against(motion: Motion, v: list[Any]) -> list[Any]:
+        numbers, forces = iter(motion.numbers), []
+        if moves:
+            along = next(numbers) if linear else ufl.as_ufl(0.0)
+            if quadratic:
+                along += next(numbers) * ufl.sqrt(v[0] * v[0] + v[1] * v[1] + TINY)
+            forces += [along * v[0], along * v[1]]
+        return [*forces, next(numbers) * v[-1]] if rotation else forces
 
     def mean(motion: Motion) -> list[Any]:
-        return [motion.mean_rate(path(motion, D)) for D in motion.increment]
+        paths = list(motion.increment)
+        if rotation:
+            paths[-1] = motion.path(paths[-1])
+        return [motion.mean_rate(path) for path in paths]
 
     def forces(motion: Motion) -> Found:
         rates = zip(motion.rates, mean(motion), strict=True)
@@ -34,7 +45,8 @@ def _drag(name: str, size: int, numbers: int, against: Callable, path: Callable)
         v = mean(motion)
         return sum(f * x for f, x in zip(against(motion, v), v, strict=True)) * motion.dt
 
-    return PointLaw(name, size, numbers, forces, loss=loss)
+    name = "drag " + ", ".join(itertools.compress(_PARTS_OF_DRAG, (linear, quadratic, rotation)))
+    return PointLaw(name, 2 * moves + rotation, linear + quadratic + rotation, forces, loss=loss)
 
 
 def _follower(motion: Motion) -> Found:
@@ -44,10 +56,6 @@ def _follower(motion: Motion) -> Found:
     return Found([s * y - c * x, -s * x - c * y, ufl.as_ufl(0.0)])
 
 
-#: (linear + quadratic |v|) v at the velocity of the scheme's level; numbers: linear, quadratic.
-DRAG = _drag("drag", 2, 2, _against_velocity, lambda motion, D: D)
-#: A moment against the spin; number: its coefficient.
-SPIN_DRAG = _drag("drag of the spin", 1, 1, _against_spin, Motion.path)
 #: R(psi) F, with psi and F at the scheme's level; numbers: F, load factor. It has no potential,
 #: and its tangent is not symmetric.
 FOLLOWER = PointLaw("follower force", 3, 3, _follower)

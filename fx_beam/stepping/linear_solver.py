@@ -38,7 +38,9 @@ class LinearSolver:
             return self._kept.solve(self._values, b)
         if not self._lu.factorise(self._values):
             return np.full(free, np.nan)
-        x = self._lu.solve(np.concatenate([b, np.zeros(self._size - free)]))
+        if self._size > free:  # forces of ties and borders
+            b = np.concatenate([b, np.zeros(self._size - free)])
+        x = self._lu.solve(b)
         borders = equations.model.reduction.borders()
         if borders is not None:
             columns, rows = borders
