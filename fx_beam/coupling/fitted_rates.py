@@ -12,17 +12,22 @@ increment of mu, divided by the length of the step.
 
 from __future__ import annotations
 
-from typing import NamedTuple
+import functools
+from typing import Any, NamedTuple
 
 import numpy as np
 import scipy.sparse
 import scipy.sparse.linalg
 
-from .rate_equations import RateEquations, summing
+from fx_beam import c_library
+from fx_beam.errors import SceneError
+from fx_beam.results.state import MACROS
+from fx_beam.structs import Structs
+
+from .rate_equations import RateEquations
+from .rate_masses import tables_of_masses
 from .rigid_points import RigidPoints
 
-# Numbers in the arrays of the configurations that are solved at once.
-_AT_ONCE = 1 << 20
 # Mass of what has none, relative to the least mass that there is. Repetitions remove its effect: at
 # most so many, until corrections are below round-off.
 _LITTLE, _REPETITIONS, _ROUND_OFF = 1e-6, 20, 1e-14
@@ -39,75 +44,93 @@ class Fit(NamedTuple):
     constraints: np.ndarray
 
 
-class FittedRates:
-    """Finds the nearest rates that fit joints, supports and driven motions.
+@functools.cache
+def _library() -> tuple[Any, Any]:
+    try:
+        return c_library.open_library("rates of joints", "fitted_rates.c", "fitted_rates.h", MACROS)
+    except c_library.CannotBuild as error:
+        raise SceneError(
+            f"rates of joints that turn need a C compiler: {error}. Check the environment "
+            "variable CC"
+        ) from error
 
-    `mass` (size, size) is that of the scene, `unit` (size,) the size of a unit increment. Sparse
-    matrices for each configuration serve all scenes; `compiled_rates` has what is faster.
+
+class FittedRates:
+    """Finds the nearest rates that fit joints, supports and driven motions, by fitted_rates.c.
+
+    `mass` (size, size) is that of the scene, `unit` (size,) the size of a unit increment.
     """
 
     def __init__(
         self, equations: RateEquations, points: RigidPoints, mass: scipy.sparse.csr_matrix, unit
     ):
-        self.equations, self.points = equations, points
         #: Masses with the little ones (size,) of what has none.
-        self.little = _little_mass(mass, unit)
-        self.mass = (mass + scipy.sparse.diags(self.little)).tocsc()
-        self._to_rows = summing(points.row, len(points.remaining))
+        self._little = _little_mass(mass, unit)
+        self._mass = (mass + scipy.sparse.diags(self._little)).tocsc()
+        self._at, self._rows = (points.row, points.dof), len(points.remaining)
+        of_masses = tables_of_masses(*self._at, self._rows, self._mass, self._little)
+        #: Whether C solves the equations. Otherwise each configuration has a sparse matrix.
+        self.in_c = of_masses["width"] > 0 or not self._rows
+        #: Values of the entries, what each equation lacks, and multipliers.
+        self._entry, self._lacking, self._multipliers = (
+            np.zeros(n) for n in (len(points.row), self._rows, self._rows)
+        )
+        ffi, self._library = _library()
+        self._of = functools.partial(ffi.from_buffer, ffi.typeof("double[]"))
+        self._structs = structs = Structs(ffi, c_library.declarations("fitted_rates.h"))
+        self._c = ffi.new("RateFit *")
+        structs.set(
+            self._c,
+            **equations.tables(),
+            **points.tables(),
+            **of_masses,
+            entry=self._entry,
+            lacking=self._lacking,
+            multiplier=self._multipliers,
+        )
+        structs.set(self._c, scratch=np.zeros(self._library.fx_fit_scratch(self._c)))
+        structs.check(self._c)
 
     def fit(self, q: np.ndarray, v: np.ndarray, slides: np.ndarray, driven: np.ndarray) -> Fit:
         """Rates for v (n, size) at q (n, size) and slides (n, joints).
 
         `driven` (n, driven) are the rates of driven motions; those that are NaN are taken from v.
         """
-        rows = max(1, _AT_ONCE // max(v.shape[1], len(self.equations.row)))
-        parts = [
-            self._fit(*(values[k : k + rows] for values in (q, v, slides, driven)))
-            for k in range(0, len(q), rows)
-        ]
-        return parts[0] if len(parts) == 1 else Fit(*map(np.concatenate, zip(*parts, strict=True)))
-
-    def _fit(self, q, v, slides, driven) -> Fit:
-        equations, points = self.equations, self.points
-        of, arms = equations.at(q, slides), points.arms(q)
-        entries = points.condensed(of.entries, arms)
-        lacking = equations.driven(of, driven)[:, points.remaining]
-        lacking = np.nan_to_num(lacking - (entries * v[:, points.dof]) @ self._to_rows)
-        c, of_remaining = np.zeros_like(v), lacking
-        if len(points.remaining):
-            c, of_remaining = self._solve(entries, lacking)
-        multipliers = np.zeros((len(q), equations.count))
-        multipliers[:, points.remaining] = of_remaining
-        points.complete(of.entries, multipliers, arms)
-        fitted = v + c
-        points.move(fitted, arms)
-        return Fit(fitted, fitted - v, *equations.forces(of, multipliers))
-
-    def _solve(self, entries: np.ndarray, lacking: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Corrections (n, size) and multipliers (n, rows)."""
-        n, size, little = len(lacking), len(self.little), self.little
-        c, multipliers = np.zeros((n, size)), np.zeros(lacking.shape)
+        n, c = len(q), self._c
+        c.driven = driven.shape[1]
+        fit = Fit(np.empty(v.shape), np.zeros(v.shape), *self._forces(n))
+        given = [np.ascontiguousarray(x) for x in (q, v, slides, driven)]
+        if self.in_c:
+            self._library.fx_fit(c, n, *map(self._of, (*given, *fit)))
+            return fit
+        factored = np.full(len(self._entry), np.nan)
         for k in range(n):
-            if k == 0 or (entries[k] != entries[k - 1]).any():
-                factors = scipy.sparse.linalg.splu(self._saddle(entries[k]))
-            for _ in range(_REPETITIONS):
-                x = factors.solve(np.append(little * c[k], lacking[k]))
-                before, c[k], multipliers[k] = c[k].copy(), x[:size], -x[size:]
-                if not little.any() or (
-                    abs(c[k] - before)[little > 0].max() <= _ROUND_OFF * abs(c[k]).max()
-                ):
-                    break
-        return c, multipliers
+            self._library.fx_begin_fit(c, *(self._of(x[k]) for x in given))
+            if (self._entry != factored).any():
+                factored = self._entry.copy()
+                factors = scipy.sparse.linalg.splu(self._saddle())
+            self._solve(factors, fit.corrections[k])
+            self._library.fx_end_fit(c, self._of(given[1][k]), *(self._of(x[k]) for x in fit))
+        return fit
 
-    def _saddle(self, entries: np.ndarray) -> scipy.sparse.csc_matrix:
+    def _forces(self, n: int) -> tuple[np.ndarray, np.ndarray]:
+        return np.empty((n, self._c.joints, 3)), np.empty((n, self._c.columns))
+
+    def _solve(self, factors, c: np.ndarray) -> None:
+        """Set the corrections (size,) and the multipliers."""
+        size, little = len(c), self._little
+        for _ in range(_REPETITIONS):
+            x, before = factors.solve(np.append(little * c, self._lacking)), c.copy()
+            c[:], self._multipliers[:] = x[:size], -x[size:]
+            small = _ROUND_OFF * abs(c).max()
+            if not little.any() or abs(c - before)[little > 0].max() <= small:
+                break
+
+    def _saddle(self) -> scipy.sparse.csc_matrix:
         """Matrix of the rates and of the negative multipliers."""
-        at, shape = (
-            (self.points.row, self.points.dof),
-            (len(self.points.remaining), len(self.little)),
-        )
-        G = scipy.sparse.csr_matrix((entries, at), shape)
+        G = scipy.sparse.csr_matrix((self._entry, self._at), (self._rows, len(self._little)))
         G.eliminate_zeros()  # a node that slides has entries of the whole beam
-        return scipy.sparse.bmat([[self.mass, G.T], [G, None]], format="csc")
+        return scipy.sparse.bmat([[self._mass, G.T], [G, None]], format="csc")
 
 
 def _little_mass(mass: scipy.sparse.csr_matrix, unit: np.ndarray) -> np.ndarray:

@@ -7,37 +7,21 @@ With the arm rho from a to b, and unit vectors t along a slide and n across it,
     omega_b - omega_a = phi'                  joints that turn together
 
 G^T times the multipliers of these equations are the forces of joints and supports on the nodes.
+Here are the rows and columns of G, and what its entries depend on; C evaluates them
+(c/fitted_rates.c).
 """
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
-import scipy.sparse
 
 from fx_beam.fem.mesh import Mesh
 from fx_beam.scene.beam import Node
 from fx_beam.scene.joints import GROUND, Joint
 from fx_beam.scene.scene import Scene
 from fx_beam.scene.sliders import SlidingJoint, sliding_joints
-
-
-class Coefficients(NamedTuple):
-    """The equations in n configurations."""
-
-    #: Entries (n, entries) of G, at `RateEquations.row` and `RateEquations.dof`.
-    entries: np.ndarray
-    #: Coefficients (n, rows) of the driven rates in g: g = given w[column].
-    given: np.ndarray
-    #: Force (n, rows, 2) on node b of a unit multiplier.
-    push: np.ndarray
-
-
-def summing(target: np.ndarray, count: int) -> scipy.sparse.csr_matrix:
-    """Matrix (n, count) that adds each of n values to the sum of the number `target`."""
-    n = len(target)
-    return scipy.sparse.csr_matrix((np.ones(n), (np.arange(n), target)), (n, count))
 
 
 class RateEquations:
@@ -85,17 +69,8 @@ class RateEquations:
         self._column = np.array([motors.get(number, -1) for number in self._joint.tolist()], int)
         self._column[starts[-2] :] = supports[:, 1]
 
-    def at(self, q: np.ndarray, slides: np.ndarray) -> Coefficients:
-        """Coefficients at displacements and rotations (n, size) and slides (n, joints)."""
-        parts = [part.at(q, slides) for part in self._parts]
-        entries, given, push = (
-            np.concatenate(values, axis=1) for values in zip(*parts, strict=True)
-        )
-        given[:, self._column < 0] = 0.0
-        return Coefficients(entries[:, self.moving], given, push)
-
     def tables(self) -> dict[str, Any]:
-        """What `at`, `driven` and `forces` need, by the names of RateFit in C."""
+        """The equations by the names of RateFit in C."""
         pins, slots, turns, *on_beams, _ = self._parts
         assert isinstance(pins, _Arms)
         assert isinstance(slots, _Arms)
@@ -123,27 +98,6 @@ class RateEquations:
         """Rows of a joint: of forces, then of the moment."""
         return np.flatnonzero(self._joint == joint.number)
 
-    def driven(self, of: Coefficients, w: np.ndarray) -> np.ndarray:
-        """g (n, rows), for rates (n, driven) of driven motions; supports are at rest."""
-        known = np.zeros((len(w), self.columns + 1))
-        known[:, : w.shape[1]] = w
-        return of.given * known[:, self._column]
-
-    def forces(self, of: Coefficients, multipliers: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Forces (n, joints, 3) of joints on b, and (n, columns) of motors and supports."""
-        n, joint, column = len(multipliers), self._joint, self._column
-        on_joints, constraints = np.zeros((self.joints, n, 3)), np.zeros((self.columns, n))
-        of_joints, driven = np.flatnonzero(joint >= 0), np.flatnonzero(column >= 0)
-        on_b = np.empty((n, len(of_joints), 3))
-        on_b[..., :2] = of.push[:, of_joints] * multipliers[:, of_joints, None]
-        on_b[..., 2] = self._turns[of_joints] * multipliers[:, of_joints]
-        np.add.at(on_joints, joint[of_joints], on_b.swapaxes(0, 1))
-        np.add.at(constraints, column[driven], (of.given * multipliers)[:, driven].T)
-        return on_joints.swapaxes(0, 1), constraints.T
-
-
-_Values = tuple[np.ndarray, np.ndarray, np.ndarray]
-
 
 class _Part:
     """Equations of joints of one kind: row and degree of freedom of each entry, -1 on the ground.
@@ -155,10 +109,6 @@ class _Part:
     dof: np.ndarray
     joint: np.ndarray
     turns: np.ndarray
-
-    def at(self, q: np.ndarray, slides: np.ndarray) -> _Values:
-        """Entries, coefficients of driven rates, and forces on b."""
-        raise NotImplementedError
 
 
 class _Arms(_Part):
@@ -174,7 +124,7 @@ class _Arms(_Part):
         self.numbers = np.array([joint.number for joint in joints], dtype=int)
 
     def tables(self) -> dict[str, np.ndarray]:
-        """What `arm` and `along` need."""
+        """What the arms and axes depend on."""
         return {
             "arm_a": self.a,
             "arm_b": self.b,
@@ -183,37 +133,17 @@ class _Arms(_Part):
             "has_arm": self._has_arm,
         }
 
-    def arm(self, q: np.ndarray) -> np.ndarray:
-        """From a to b (n, joints, 2)."""
-        moved = _of(q, self.b[:, :2]) - _of(q, self.a[:, :2])
-        return (self._apart + moved) * self._has_arm
-
-    def along(self, q: np.ndarray) -> np.ndarray:
-        """Unit vectors (n, joints, 2) along the axes; zero without one."""
-        psi, (x, y) = _of(q, self.a[:, 2]), self._axis.T
-        c, s = np.cos(psi), np.sin(psi)
-        return np.stack([c * x - s * y, s * x + c * y], axis=-1)
-
 
 class _Pins(_Arms):
     """Joints without a slide, or with a driven one: two equations each."""
 
     def __init__(self, mesh: Mesh, joints: list[Joint]):
         super().__init__(mesh, joints)
-        count, i = len(joints), np.arange(len(joints))
+        i = np.arange(len(joints))
         self.row = np.concatenate([2 * i, 2 * i, 2 * i, 2 * i + 1, 2 * i + 1, 2 * i + 1])
         a, b = self.a, self.b
         self.dof = np.concatenate([b[:, 0], a[:, 0], a[:, 2], b[:, 1], a[:, 1], a[:, 2]])
-        self.joint, self.turns = np.repeat(self.numbers, 2), np.zeros(2 * count)
-        self._push = np.tile(np.eye(2), (count, 1))
-
-    def at(self, q, slides):
-        """b - a - W rho."""
-        x, y = np.moveaxis(self.arm(q), -1, 0)
-        one = np.ones_like(x)
-        entries = np.concatenate([one, -one, y, one, -one, -x], axis=1)
-        along = self.along(q).reshape(len(q), -1)
-        return entries, along, np.broadcast_to(self._push, (len(q), *self._push.shape))
+        self.joint, self.turns = np.repeat(self.numbers, 2), np.zeros(2 * len(joints))
 
 
 class _Slots(_Arms):
@@ -225,15 +155,6 @@ class _Slots(_Arms):
         self.row = np.tile(np.arange(len(joints)), 5)
         self.dof = np.concatenate([b[:, 0], b[:, 1], a[:, 0], a[:, 1], a[:, 2]])
         self.joint, self.turns = self.numbers, np.zeros(len(joints))
-
-    def at(self, q, slides):
-        """Across the slide; W rho across it is the part of rho along it."""
-        along = self.along(q)
-        across = _perp(along)
-        x, y = np.moveaxis(across, -1, 0)
-        lever = np.sum(along * self.arm(q), axis=-1)
-        entries = np.concatenate([x, y, -x, -y, -lever], axis=1)
-        return entries, np.zeros_like(x), across
 
 
 class _Turns(_Part):
@@ -247,13 +168,6 @@ class _Turns(_Part):
         motor = [joint.rotation is not None for joint in joints]
         #: Whether a motor drives the angle.
         self.given = np.array(motor, dtype=float)
-        self._signs = np.repeat([1.0, -1.0], len(joints))
-
-    def at(self, q, slides):
-        """b - a."""
-        n, count = len(q), len(self.joint)
-        entries = np.broadcast_to(self._signs, (n, 2 * count))
-        return entries, np.broadcast_to(self.given, (n, count)), np.zeros((n, count, 2))
 
 
 class _OnBeam(_Part):
@@ -277,7 +191,7 @@ class _OnBeam(_Part):
         self.turns[rows - self._sleeve :] = 1.0
 
     def tables(self) -> dict[str, Any]:
-        """What `at` needs."""
+        """As BeamRate in C."""
         path = self._path
         return {
             "joint": self._number,
@@ -293,30 +207,6 @@ class _OnBeam(_Part):
             "angle": path.angles(),
         }
 
-    def at(self, q, slides):
-        """Across the beam, or along x and y; then the rotation."""
-        path, s, n = self._path, slides[:, self._number], len(q)
-        each = np.broadcast_to(np.eye(len(path)), (n, len(path), len(path)))
-        N, slope = path.over(each, s), path.over(each, s, 1)
-        apart = np.column_stack([np.ones(n), -N])
-        along = np.einsum("na,nai->ni", slope, path.X + _of(q, self._beam[:, :2]))
-        square = np.sum(along**2, axis=1)
-        bend = np.einsum("na,na->n", slope, path.angles() + _of(q, self._beam[:, 2]))
-        if self._free:
-            push = (_perp(along) / np.sqrt(square)[:, None])[:, None]
-            given = np.zeros((n, 1))
-        else:
-            push, given = np.broadcast_to(np.eye(2), (n, 2, 2)), along
-        if self._sleeve:
-            turning = -along * (bend / square)[:, None] if self._free else 0 * along
-            push = np.concatenate([push, turning[:, None]], axis=1)
-            given = np.column_stack([given, 0 * bend if self._free else bend])
-        weights = np.concatenate([push, 0 * push[..., :1]], axis=-1)
-        if self._sleeve:
-            weights[:, -1, 2] = 1.0
-        entries = weights[..., None] * apart[:, None, None]
-        return entries.reshape(n, -1), given, push
-
 
 class _Supports(_Part):
     """Components of nodes that are fixed or prescribed."""
@@ -325,12 +215,6 @@ class _Supports(_Part):
         self.dof, self.row = dofs, np.arange(len(dofs))
         self.joint, self.turns = np.full(len(dofs), -1), np.zeros(len(dofs))
 
-    def at(self, q, slides):
-        """The rates themselves."""
-        n, count = len(q), len(self.dof)
-        one = np.ones((n, count))
-        return one, one, np.zeros((n, count, 2))
-
 
 def _dofs(mesh: Mesh, nodes: list[Node]) -> np.ndarray:
     """Degrees of freedom (nodes, 3); -1 on the ground."""
@@ -338,17 +222,8 @@ def _dofs(mesh: Mesh, nodes: list[Node]) -> np.ndarray:
     return known[[node.number for node in nodes]].reshape(-1, 3)
 
 
-def _of(q: np.ndarray, dofs: np.ndarray) -> np.ndarray:
-    """Values (n, ...) at degrees of freedom; zero on the ground."""
-    return np.where(dofs >= 0, q[:, dofs], 0.0)
-
-
 def _apart(joint: Joint) -> np.ndarray:
     """From a to b in the reference configuration (2,); a joint with the ground is at its node."""
     if joint.a is GROUND or joint.b is GROUND:
         return joint.offset
     return np.array([joint.b.x - joint.a.x, joint.b.y - joint.a.y])
-
-
-def _perp(a: np.ndarray) -> np.ndarray:
-    return np.stack([-a[..., 1], a[..., 0]], axis=-1)

@@ -15,7 +15,7 @@ from fx_beam.fem.mesh import Mesh
 from fx_beam.scene.joints import GROUND, Joint
 from fx_beam.scene.scene import Scene
 
-from .rate_equations import RateEquations, summing
+from .rate_equations import RateEquations
 
 
 class _Level(NamedTuple):
@@ -46,7 +46,6 @@ class RigidPoints:
         row, dof = equations.row[self._entries], equations.dof[self._entries]
         #: Their numbers among all of the equations, also those of the ground.
         self._numbers = equations.moving[self._entries]
-        self._to_dofs = summing(dof, equations.size)
         self._row, self._dof, self._levels = row, dof, []
         for joints, own in zip(levels[::-1], rows[::-1], strict=True):
             a, b = (mesh.dofs[[getattr(j, name).number for j in joints]] for name in "ab")
@@ -65,14 +64,13 @@ class RigidPoints:
         keys, target = np.unique(
             np.searchsorted(self.remaining, row) * equations.size + dof, return_inverse=True
         )
-        self._sums = summing(target, len(keys))
-        #: The entry to which each one adds, those of `condensed` in turn.
+        #: The entry to which each one adds, of these equations and of the arms in turn.
         self._target = target
         #: Rows among those that remain, and degrees of freedom (entries,) of the entries.
         self.row, self.dof = np.divmod(keys, equations.size)
 
     def tables(self) -> dict[str, Any]:
-        """What `condensed`, `move` and `complete` need, by the names of RateFit in C."""
+        """The points and the equations that remain, by the names of RateFit in C."""
         levels = self._levels
         starts = np.cumsum([0, *(len(one.b) for one in levels)])
         carried = [
@@ -105,40 +103,6 @@ class RigidPoints:
             "point_rows": np.concatenate([none, *(one.rows for one in levels)]),
             "point_apart": np.concatenate([none[:, :2], *(one.apart for one in levels)]),
         }
-
-    def arms(self, q: np.ndarray) -> list[np.ndarray]:
-        """Arms (n, nodes, 2) of the levels."""
-        return [one.apart + q[:, one.b[:, :2]] - q[:, one.a[:, :2]] for one in self._levels]
-
-    def condensed(self, entries: np.ndarray, arms: list[np.ndarray]) -> np.ndarray:
-        """Entries (n, entries) at `row` and `dof`, from those of all equations."""
-        values = entries[:, self._entries]
-        for one, arm in zip(self._levels, arms, strict=True):
-            x, y = (values[:, at] for at in one.at)
-            turned = -arm[:, one.of[0], 1] * x, arm[:, one.of[1], 0] * y
-            values = np.concatenate([values, *turned], axis=1)
-        return values @ self._sums
-
-    def move(self, v: np.ndarray, arms: list[np.ndarray]) -> None:
-        """Write the rates of the massless nodes to v (n, size), from those of the others."""
-        for one, arm in zip(self._levels[::-1], arms[::-1], strict=True):
-            spin = v[:, one.a[:, 2]]
-            v[:, one.b[:, 0]] = v[:, one.a[:, 0]] - spin * arm[..., 1]
-            v[:, one.b[:, 1]] = v[:, one.a[:, 1]] + spin * arm[..., 0]
-            v[:, one.b[:, 2]] = spin
-
-    def complete(
-        self, entries: np.ndarray, multipliers: np.ndarray, arms: list[np.ndarray]
-    ) -> None:
-        """Write the multipliers (n, rows) of the rigid joints: those balance the others at b."""
-        forces = (entries[:, self._entries] * multipliers[:, self._row]) @ self._to_dofs
-        for one, arm in zip(self._levels, arms, strict=True):
-            of_b = forces[:, one.b]
-            multipliers[:, one.rows] = -of_b
-            x, y, moment = np.moveaxis(of_b, -1, 0)
-            moment = moment + arm[..., 0] * y - arm[..., 1] * x
-            carried = np.stack([x, y, moment])
-            np.add.at(forces.T, one.a.T, carried.swapaxes(1, 2))
 
 
 def _levels(scene: Scene, mesh: Mesh, massless: np.ndarray) -> list[list[Joint]]:

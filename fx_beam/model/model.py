@@ -8,7 +8,6 @@ import numpy as np
 import scipy.sparse
 
 from fx_beam.algebra.sparse_lu import LU, sparse_lu
-from fx_beam.coupling.compiled_rates import CompiledRates, compiled_rates
 from fx_beam.coupling.fitted_rates import FittedRates
 from fx_beam.coupling.graph import couple, motors
 from fx_beam.coupling.index_reduction import IndexReduction, Reduction
@@ -260,7 +259,7 @@ class Model:
         return unit[: self.couplings.free]
 
     @functools.cached_property
-    def fitted_rates(self) -> FittedRates | CompiledRates | None:
+    def fitted_rates(self) -> FittedRates | None:
         """Fits rates to joints and driven motions; None if those of steps fit by themselves."""
         scene, mesh, driven = self.scene, self.mesh, len(self.prescribed)
         by_mean = isinstance(self.scheme.rates, MidPointRates)
@@ -273,7 +272,7 @@ class Model:
         constrained = self.reduction.columns - self.reduction.free
         equations = RateEquations(scene, mesh, motored, supported, constrained)
         points = RigidPoints(scene, mesh, self.massless, equations)
-        return compiled_rates(FittedRates(equations, points, self.mass, self.unit))
+        return FittedRates(equations, points, self.mass, self.unit)
 
     def _build_reduction(self) -> None:
         """Build the unknowns and the reduction to them, by supports and joints."""

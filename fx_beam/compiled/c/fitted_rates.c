@@ -1,4 +1,4 @@
-/* Rates that fit joints and supports (coupling/fitted_rates.py, rate_equations.py, rigid_points.py). */
+/* Rates that fit joints and supports (coupling/fitted_rates.py). */
 
 #include "algebra.h"
 #include "fitted_rates.h"
@@ -10,10 +10,10 @@ static const double REGULAR = 1e-13, LEAST_SQUARE = 1e-14, ROUND_OFF = 1e-14;
 enum { REPETITIONS = 20 };
 
 /* Work space: entries of all equations, their coefficients of driven rates and forces on b; arms of rigid
-   points; entries of the equations that remain, what they lack, their factors and multipliers; those of
-   all equations; impulses and corrections of the degrees of freedom in them. */
+   points; factors of the equations that remain; multipliers of all equations; impulses and corrections of
+   the degrees of freedom in them. */
 typedef struct {
-  double *g, *given, *push, *arm, *carried, *entry, *lacking, *left, *factors, *scale, *multiplier, *all;
+  double *g, *given, *push, *arm, *carried, *left, *factors, *scale, *all;
   double *impulse, *x, *before, *image, *force;
 } FitWork;
 
@@ -22,9 +22,7 @@ static long lay_out_fit(const RateFit *f, FitWork *w, double *at) {
   long n = f->count, rows = f->remaining, used = f->used;
   w->g = allocate(&at, f->all_entries), w->given = allocate(&at, n), w->push = allocate(&at, 2 * n);
   w->arm = allocate(&at, 2 * f->points), w->carried = allocate(&at, f->raw + f->carries);
-  w->entry = allocate(&at, f->entries), w->lacking = allocate(&at, rows), w->left = allocate(&at, rows);
-  w->factors = allocate(&at, rows * f->width), w->scale = allocate(&at, rows);
-  w->multiplier = allocate(&at, rows);
+  w->left = allocate(&at, rows), w->factors = allocate(&at, rows * f->width), w->scale = allocate(&at, rows);
   w->all = allocate(&at, n), w->impulse = allocate(&at, used), w->x = allocate(&at, used);
   w->before = allocate(&at, used), w->image = allocate(&at, f->inner ? rows * used : 0);
   w->force = allocate(&at, f->size);
@@ -109,7 +107,7 @@ static void set_equations(const RateFit *f, const double *q, const double *slide
   for (; row < f->count; ++row) *g++ = 1, set_row(w, row, 1, 0, 0);
 }
 
-/* Arms of rigid points, and the entries without them. */
+/* Arms of massless nodes that move rigidly with others, and the entries without these nodes. */
 static void condense(const RateFit *f, const double *q, const FitWork *w) {
   double *x = w->carried;
   for (int k = 0; k < f->points; ++k)
@@ -118,8 +116,8 @@ static void condense(const RateFit *f, const double *q, const FitWork *w) {
   for (int k = 0; k < f->raw; ++k) x[k] = w->g[f->raw_entry[k]];
   for (int k = 0; k < f->carries; ++k)
     x[f->raw + k] = f->carry_sign[k] * w->arm[f->carry_arm[k]] * x[f->carry_from[k]];
-  memset(w->entry, 0, f->entries * sizeof(double));
-  for (int k = 0; k < f->raw + f->carries; ++k) w->entry[f->entry_of[k]] += x[k];
+  memset(f->entry, 0, f->entries * sizeof(double));
+  for (int k = 0; k < f->raw + f->carries; ++k) f->entry[f->entry_of[k]] += x[k];
 }
 
 /* Cholesky factors of the scaled G M^-1 G^T, column by column of the lower bands. */
@@ -128,17 +126,17 @@ static void factorise_equations(const RateFit *f, const FitWork *w) {
   double *S = w->factors, *image = w->image;
   memset(S, 0, (long)n * width * sizeof(double));
   for (int k = 0; k < f->pairs; ++k)
-    S[f->pair_to[k]] += f->pair_weight[k] * w->entry[f->pair_left[k]] * w->entry[f->pair_right[k]];
+    S[f->pair_to[k]] += f->pair_weight[k] * f->entry[f->pair_left[k]] * f->entry[f->pair_right[k]];
   if (f->inner) {
     memset(image, 0, (long)n * f->used * sizeof(double));
     for (int k = 0; k < f->entries; ++k) {
       const double *inner = f->inner + (long)f->used_of[k] * f->used;
       double *to = image + (long)f->row[k] * f->used;
-      for (int i = 0; i < f->used; ++i) to[i] += w->entry[k] * inner[i];
+      for (int i = 0; i < f->used; ++i) to[i] += f->entry[k] * inner[i];
     }
     for (int k = 0; k < f->entries; ++k)
       for (int i = 0; i <= f->row[k]; ++i)
-        S[i * width + f->row[k] - i] += w->entry[k] * image[(long)i * f->used + f->used_of[k]];
+        S[i * width + f->row[k] - i] += f->entry[k] * image[(long)i * f->used + f->used_of[k]];
   }
   for (int j = 0; j < n; ++j) w->scale[j] = 1 / sqrt(S[(long)j * width]);
   for (int j = 0; j < n; ++j)
@@ -176,7 +174,7 @@ static void solve_equations(const RateFit *f, const FitWork *w) {
 static void push_masses(const RateFit *f, const FitWork *w) {
   int n = f->used;
   memset(w->impulse, 0, n * sizeof(double));
-  for (int k = 0; k < f->entries; ++k) w->impulse[f->used_of[k]] += w->entry[k] * w->multiplier[f->row[k]];
+  for (int k = 0; k < f->entries; ++k) w->impulse[f->used_of[k]] += f->entry[k] * f->multiplier[f->row[k]];
   for (int i = 0; i < n; ++i) {
     w->x[i] = f->massless[i] ? w->before[i] : 0;
     if (f->inner)
@@ -194,14 +192,14 @@ static void correct_rates(const RateFit *f, const FitWork *w) {
   for (int k = 0; k < REPETITIONS && again; ++k) {
     double change = 0, size = 0;
     memcpy(w->before, w->x, n * sizeof(double));
-    memset(w->multiplier, 0, f->remaining * sizeof(double));
+    memset(f->multiplier, 0, f->remaining * sizeof(double));
     push_masses(f, w);
     for (int twice = 0; twice < 2; ++twice) { /* the second time against round-off */
-      for (int r = 0; r < f->remaining; ++r) w->left[f->number[r]] = w->lacking[r];
+      for (int r = 0; r < f->remaining; ++r) w->left[f->number[r]] = f->lacking[r];
       for (int j = 0; j < f->entries; ++j)
-        w->left[f->number[f->row[j]]] -= w->entry[j] * w->x[f->used_of[j]];
+        w->left[f->number[f->row[j]]] -= f->entry[j] * w->x[f->used_of[j]];
       solve_equations(f, w);
-      for (int r = 0; r < f->remaining; ++r) w->multiplier[r] += w->left[f->number[r]];
+      for (int r = 0; r < f->remaining; ++r) f->multiplier[r] += w->left[f->number[r]];
       push_masses(f, w);
     }
     again = 0;
@@ -216,7 +214,7 @@ static void correct_rates(const RateFit *f, const FitWork *w) {
 /* The multipliers of the joints of rigid points balance what else acts on these. */
 static void balance_points(const RateFit *f, const FitWork *w) {
   memset(w->all, 0, f->count * sizeof(double)), memset(w->force, 0, f->size * sizeof(double));
-  for (int r = 0; r < f->remaining; ++r) w->all[f->remaining_row[r]] = w->multiplier[r];
+  for (int r = 0; r < f->remaining; ++r) w->all[f->remaining_row[r]] = f->multiplier[r];
   for (int k = 0; k < f->raw; ++k) w->force[f->raw_dof[k]] += w->g[f->raw_entry[k]] * w->all[f->raw_row[k]];
   for (int k = 0; k < f->points; ++k) {
     const int *a = f->point_a + 3 * k, *b = f->point_b + 3 * k;
@@ -244,6 +242,47 @@ long fx_fit_scratch(const RateFit *f) {
   return lay_out_fit(f, &work, 0);
 }
 
+static void begin_fit(const RateFit *f, const FitWork *w, const double *q, const double *v,
+                      const double *slide, const double *driven) {
+  set_equations(f, q, slide, w);
+  condense(f, q, w);
+  for (int r = 0; r < f->remaining; ++r) {
+    int row = f->remaining_row[r], column = f->column[row];
+    f->lacking[r] = column >= 0 && column < f->driven ? w->given[row] * driven[column] : 0;
+  }
+  for (int k = 0; k < f->entries; ++k) f->lacking[f->row[k]] -= f->entry[k] * v[f->dof[k]];
+  for (int r = 0; r < f->remaining; ++r)
+    if (isnan(f->lacking[r])) f->lacking[r] = 0;
+}
+
+static void end_fit(const RateFit *f, const FitWork *w, const double *v, double *rates,
+                    double *corrections, double *joints, double *constraints) {
+  balance_points(f, w);
+  find_forces(f, w, joints, constraints);
+  for (int k = 0; k < f->size; ++k) rates[k] = v[k] + corrections[k];
+  for (int k = f->points - 1; k >= 0; --k) {
+    const int *a = f->point_a + 3 * k, *b = f->point_b + 3 * k;
+    rates[b[0]] = rates[a[0]] - rates[a[2]] * w->arm[2 * k + 1];
+    rates[b[1]] = rates[a[1]] + rates[a[2]] * w->arm[2 * k];
+    rates[b[2]] = rates[a[2]];
+  }
+  for (int k = 0; k < f->size; ++k) corrections[k] = rates[k] - v[k];
+}
+
+void fx_begin_fit(const RateFit *f, const double *q, const double *v, const double *slide,
+                  const double *driven) {
+  FitWork work;
+  lay_out_fit(f, &work, f->scratch);
+  begin_fit(f, &work, q, v, slide, driven);
+}
+
+void fx_end_fit(const RateFit *f, const double *v, double *rates, double *corrections, double *joints,
+                double *constraints) {
+  FitWork work;
+  lay_out_fit(f, &work, f->scratch);
+  end_fit(f, &work, v, rates, corrections, joints, constraints);
+}
+
 /* Fits the rates of n configurations: displacements and rotations, rates, slides, and driven rates, NaN
    where they are not known; writes rates, their corrections, and the impulses of joints and columns. */
 void fx_fit(const RateFit *f, int n, const double *q, const double *v, const double *slide,
@@ -251,18 +290,8 @@ void fx_fit(const RateFit *f, int n, const double *q, const double *v, const dou
   FitWork work, *w = &work;
   lay_out_fit(f, w, f->scratch);
   for (; n > 0; --n) {
-    set_equations(f, q, slide, w);
-    condense(f, q, w);
-    for (int r = 0; r < f->remaining; ++r) {
-      int row = f->remaining_row[r], column = f->column[row];
-      w->lacking[r] = column >= 0 && column < f->driven ? w->given[row] * driven[column] : 0;
-    }
-    for (int k = 0; k < f->entries; ++k) w->lacking[f->row[k]] -= w->entry[k] * v[f->dof[k]];
-    for (int r = 0; r < f->remaining; ++r)
-      if (isnan(w->lacking[r])) w->lacking[r] = 0;
+    begin_fit(f, w, q, v, slide, driven);
     correct_rates(f, w);
-    balance_points(f, w);
-    find_forces(f, w, joints, constraints);
     memset(corrections, 0, f->size * sizeof(double));
     if (f->inner)
       for (int i = 0; i < f->used; ++i)
@@ -270,14 +299,7 @@ void fx_fit(const RateFit *f, int n, const double *q, const double *v, const dou
           corrections[k] += w->impulse[i] * f->flexible[(long)i * f->size + k];
     for (int i = 0; i < f->used; ++i)
       if (!f->inner || f->massless[i]) corrections[f->used_dof[i]] = w->x[i];
-    for (int k = 0; k < f->size; ++k) rates[k] = v[k] + corrections[k];
-    for (int k = f->points - 1; k >= 0; --k) {
-      const int *a = f->point_a + 3 * k, *b = f->point_b + 3 * k;
-      rates[b[0]] = rates[a[0]] - rates[a[2]] * w->arm[2 * k + 1];
-      rates[b[1]] = rates[a[1]] + rates[a[2]] * w->arm[2 * k];
-      rates[b[2]] = rates[a[2]];
-    }
-    for (int k = 0; k < f->size; ++k) corrections[k] = rates[k] - v[k];
+    end_fit(f, w, v, rates, corrections, joints, constraints);
     q += f->size, v += f->size, rates += f->size, corrections += f->size;
     slide += f->joints, driven += f->driven, joints += 3 * f->joints, constraints += f->columns;
   }

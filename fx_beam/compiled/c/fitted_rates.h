@@ -1,4 +1,4 @@
-/* Equations of rates, for Python (compiled_rates.py). Members in a `struct { };` either all are set or
+/* Equations of rates, for Python (fitted_rates.py). Members in a `struct { };` either all are set or
    none; all other pointers are always set. */
 
 #pragma once
@@ -30,16 +30,23 @@ typedef struct {
   int *carry_from, *carry_arm, *entry_of;
   double *carry_sign;
   int entries, *row, *dof;
+  double *entry, *lacking, *multiplier; /* their values, what each lacks, and the solution */
   /* Degrees of freedom in them; for each entry its number among these, and whether they are massless. */
   int used, *used_dof, *used_of, *massless;
   int width, *number;   /* width of their bands, and place of each equation */
   /* With lumped masses: their inverse, and products of two entries in the bands. */
   struct { int pairs, *pair_left, *pair_right, *pair_to; double *pair_weight, *inverse_mass; };
-  struct { double *flexible, *inner; }; /* otherwise: all and used rates from unit impulses */
+  struct { double *flexible, *inner; }; /* or: all and used rates from unit impulses; else as below */
   double *scratch;
 } RateFit;
 
 long fx_fit_scratch(const RateFit *f);
 void fx_fit(const RateFit *f, int n, const double *q, const double *v, const double *slide,
             const double *driven, double *rates, double *corrections, double *joints, double *constraints);
+/* The same for one configuration in two parts: the equations, and all that follows from the multipliers
+   and corrections, which are given then. */
+void fx_begin_fit(const RateFit *f, const double *q, const double *v, const double *slide,
+                  const double *driven);
+void fx_end_fit(const RateFit *f, const double *v, double *rates, double *corrections, double *joints,
+                double *constraints);
 const char *fx_missing(void); /* processor.h */
