@@ -177,6 +177,22 @@ def test_arrows_of_forces_are_in_the_window():
     assert 1.1 < tail < right
 
 
+@pytest.mark.parametrize("name", ["scene", "shapes", "diagrams", "modes"])
+def test_pictures_are_returned_and_written_into_files_of_the_same_kinds(name, tmp_path):
+    scene = fb.Scene()
+    beam = scene.add_beam([(0, 0), (1, 0)], FLYING, 2)
+    scene.clamp(beam.start)
+    solution = fb.simulate(scene, dt=0.01, t_end=0.02)
+    given = {"scene": (scene,), "shapes": (solution, [0, 2]), "diagrams": (solution, 2)}
+    draw, given = getattr(plot, name), given.get(name) or (fb.modes(scene, n=2),)
+    assert isinstance(draw(*given), Figure)
+    for ending in ("png", "svg", "pdf", "webp"):
+        assert isinstance(draw(*given, tmp_path / f"picture.{ending}"), Figure)
+        assert (tmp_path / f"picture.{ending}").stat().st_size > 1000
+    with pytest.raises(ValueError, match="its name must end with .*png.*svg"):
+        draw(*given, tmp_path / "picture.doc")
+
+
 # -- Modes -----------------------------------------------------------------------------------------
 
 

@@ -13,7 +13,7 @@ from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
 
 from fx_beam.deprecation import formerly
-from fx_beam.results.files import replacing, writable
+from fx_beam.results.files import writable
 from fx_beam.results.solution import Solution
 from fx_beam.scene.beam import Node
 
@@ -21,12 +21,11 @@ from .colouring import SEQUENTIAL, Colouring
 from .digits import three_digits, time_unit
 from .drawing import Drawing, checked_drawing
 from .members import Members
-from .plane import Plane, draw_obstacles
+from .plane import PICTURES, Plane, draw_obstacles, written
 from .supports import Supports
 from .symbols import draw_forces, draw_joints, draw_marks, draw_moving
 
 _MANY = 1000  # members above which their tubes have six sides
-_PICTURES = "png", "pdf", "svg", "jpg"
 
 
 @formerly(length_unit="scene_unit")
@@ -83,7 +82,7 @@ def shapes(
     matplotlib.figure.Figure
         The picture.
     """
-    path = None if path is None else writable(path, _PICTURES)
+    path = None if path is None else writable(path, PICTURES)
     drawing = checked_drawing(solution, steps, magnify)
     plane = Plane(drawing, scene_unit, bar=True)
     ax = plane.ax
@@ -104,10 +103,7 @@ def shapes(
     draw_joints(ax, drawing, steps[-1])
     Supports(drawing).draw(ax, steps[-1])
     draw_marks(ax, drawing, steps[0], {} if marks is None else marks)
-    if path is not None:
-        with replacing(path) as new:
-            plane.figure.savefig(new, dpi=200, bbox_inches="tight")
-    return plane.figure
+    return written(plane.figure, path)
 
 
 def _by_time(plane: Plane, drawing: Drawing, thickness: float | None) -> np.ndarray:

@@ -16,7 +16,7 @@ from fx_beam.scene.joints import GROUND
 from fx_beam.scene.loads import Load
 from fx_beam.validation import as_float, is_number, is_whole, numbers, require
 
-from .digits import time_unit
+from .digits import three_digits, time_unit
 from .obstacles import outlines
 
 # Straight lines per element: over 60 degrees the error is a thousandth of the radius.
@@ -206,7 +206,8 @@ class Drawing:
             return "equilibria" + magnified
         if len(t) == stats.steps + 1 and np.ptp(np.diff(t)) <= 1e-6 * t[-1]:
             factor, unit = time_unit(t[-1])
-            return rf"{stats.scheme}, $\Delta t$ = {factor * (t[1] - t[0]):g} {unit}" + magnified
+            dt = three_digits(factor * (t[1] - t[0]))
+            return rf"{stats.scheme}, $\Delta t$ = {dt} {unit}" + magnified
         return f"{stats.scheme}, {stats.steps} steps to {t[-1]:g} s" + magnified
 
     def check(self) -> None:

@@ -12,17 +12,17 @@ from matplotlib.patches import PathPatch
 from matplotlib.path import Path as Area
 
 from fx_beam.results.fields import RESULTANTS, along_all
-from fx_beam.results.files import replacing, writable
+from fx_beam.results.files import writable
 from fx_beam.results.solution import Solution
 from fx_beam.validation import is_flag, is_name, require, shown
 
 from .colouring import SIGNED, words_for
 from .digits import three_digits, time_unit
 from .drawing import Drawing
-from .plane import draw_obstacles, grid
+from .plane import PICTURES, draw_obstacles, grid, written
 from .supports import Supports, draw_lines
+from .symbols import draw_joints
 
-_PICTURES = "png", "pdf", "svg", "jpg"
 _TALLEST = 0.15  # of a diagram, as a fraction of the picture's size
 _BESIDE = 1.5  # of a diagram, as a multiple of the distance between members
 _BORDER = np.array((0.35, 0.45))  # of a panel, for title and numbers [inch]
@@ -72,7 +72,7 @@ def diagrams(
     ValueError
         For a row or quantities that the solution does not have, or one without beams.
     """
-    path = None if path is None else writable(path, _PICTURES)
+    path = None if path is None else writable(path, PICTURES)
     Drawing(solution, [row], 1.0).check()
     if not solution.beams:
         raise ValueError("diagrams need beams, but the solution has none")
@@ -106,10 +106,7 @@ def diagrams(
     factor, unit = time_unit(solution.t[-1])
     words = f"load factor {three_digits(t)}" if solution.stats.static else ""
     fig.suptitle(words or f"t = {factor * t:.4g} {unit}", fontsize="medium")
-    if path is not None:
-        with replacing(path) as new:
-            fig.savefig(new, dpi=200, bbox_inches="tight")
-    return fig
+    return written(fig, path)
 
 
 def _panel(ax, drawing: Drawing, quantity: str, row: int, tallest: float, thinness: float) -> None:
@@ -153,6 +150,7 @@ def _panel(ax, drawing: Drawing, quantity: str, row: int, tallest: float, thinne
             centred = {"ha": "center", "va": "center", "fontsize": "small", "zorder": 7}
             ax.annotate(three_digits(values[peak]), beside, bbox=box, **centred)
     draw_obstacles(ax, drawing)
+    draw_joints(ax, drawing, row)
     Supports(drawing).draw(ax, row)
 
 

@@ -12,17 +12,16 @@ from matplotlib.figure import Figure
 
 from fx_beam.analyses.modal import Modes
 from fx_beam.deprecation import formerly
-from fx_beam.results.files import replacing, writable
+from fx_beam.results.files import writable
 from fx_beam.scene.body import Body
 from fx_beam.validation import is_whole, require
 
 from .digits import three_digits
 from .drawing import Drawing
-from .plane import grid
+from .plane import PICTURES, grid, written
 from .supports import Supports, draw_lines
 from .symbols import draw_bodies, draw_hinges
 
-_PICTURES = "png", "pdf", "svg", "jpg"
 _MODE = "#0072B2"
 _BORDER = np.array((0.0, 0.3))  # of a panel, for its title [inch]
 # Rows of a vibration.
@@ -51,7 +50,7 @@ def modes(modes: Modes, path: Path | str | None = None, count: int | None = None
         The picture, with a panel for each mode. Their titles have its number, from 0 as in `Modes`,
         and its frequency.
     """
-    path = None if path is None else writable(path, _PICTURES)
+    path = None if path is None else writable(path, PICTURES)
     require(isinstance(modes, Modes), "modes", modes, "what fx_beam.modes returned")
     count = len(modes) if count is None else count
     wanted = f"from 1 to {len(modes)}, the number of modes"
@@ -69,10 +68,7 @@ def modes(modes: Modes, path: Path | str | None = None, count: int | None = None
         ax.set_title(f"mode {mode}: {_kind(modes, mode)}", fontsize="small")
         ax.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]), aspect="equal")
         _draw(ax, Drawing(Vibration(modes, mode, size), [_AT_REST]))
-    if path is not None:
-        with replacing(path) as new:
-            fig.savefig(new, dpi=200)
-    return fig
+    return written(fig, path)
 
 
 @dataclass(frozen=True)

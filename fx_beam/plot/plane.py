@@ -3,17 +3,22 @@
 from __future__ import annotations
 
 import math
+from pathlib import Path
 from typing import Any
 
 import numpy as np
+from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
+from fx_beam.results.files import replacing
 from fx_beam.validation import is_name, require
 
 from .drawing import Drawing
 from .supports import draw_lines
 
+#: Endings of files.
+PICTURES = sorted(FigureCanvasAgg.filetypes)
 #: Width and height up to which a picture is drawn [inch].
 LARGEST = 6.4, 5.6
 # Around the axes: left, below, right, above; and what a colour bar needs beside or below them.
@@ -85,6 +90,14 @@ def room_for_ticks(low: float, high: float) -> float:
     decimals = max(0, -math.floor(math.log10(step))) + 1
     digits = max(len(f"{value:.{decimals}f}") for value in (low, high))
     return 0.075 * max(0, digits - 6)
+
+
+def written(figure: Figure, path: Path | None) -> Figure:
+    """A figure, written into a file if there is a path."""
+    if path is not None:
+        with replacing(path) as new:
+            figure.savefig(new, dpi=200, bbox_inches="tight")
+    return figure
 
 
 def grid(count: int, extent: np.ndarray, border: np.ndarray) -> tuple[int, int, np.ndarray]:

@@ -7,12 +7,11 @@ from functools import cached_property
 from pathlib import Path
 
 import numpy as np
-from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
 from fx_beam.deprecation import formerly
 from fx_beam.errors import SceneError
-from fx_beam.results.files import replacing, writable
+from fx_beam.results.files import writable
 from fx_beam.scene.beam import Node, inner_positions
 from fx_beam.scene.scene import Scene
 from fx_beam.validation import is_flag, is_name, require, shown
@@ -20,7 +19,7 @@ from fx_beam.validation import is_flag, is_name, require, shown
 from .actions import draw_actions
 from .digits import three_digits
 from .drawing import Drawing
-from .plane import draw_obstacles
+from .plane import PICTURES, draw_obstacles, written
 from .sheet import Sheet
 from .supports import Supports
 from .symbols import draw_joints, draw_moving
@@ -82,8 +81,7 @@ def scene(
         raise SceneError(f"plot.scene needs an fx_beam.Scene, not {shown(scene)}")
     if not scene.nodes:
         raise SceneError("plot.scene: the scene has no beams; add one with scene.add_beam")
-    if path is not None:
-        path = writable(path, sorted(FigureCanvasAgg.filetypes))
+    path = None if path is None else writable(path, PICTURES)
     require(is_flag(dimensions), "dimensions", dimensions, "True or False")
     require(is_name(scene_unit), "scene_unit", scene_unit, "a text")
     drawing = Drawing(Reference(scene), [0])
@@ -98,11 +96,7 @@ def scene(
     _names(sheet, scene, axes, {} if marks is None else marks, si=scene_unit == "m")
     if dimensions:
         _dimensions(sheet, scene, drawing.points)
-    figure = sheet.finish(scene_unit)
-    if path is not None:
-        with replacing(path) as new:
-            figure.savefig(new, dpi=160)
-    return figure
+    return written(sheet.finish(scene_unit), path)
 
 
 @dataclass(frozen=True)

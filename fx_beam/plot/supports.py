@@ -10,8 +10,9 @@ from fx_beam.scene.joints import GROUND, Joint
 
 from .drawing import Drawing, apart
 
-# Fractions of the drawing's size: height of a support, length of a wall, its strokes, half a guide.
-_HEIGHT, _WALL, _STROKE, _GUIDE = 0.032, 0.08, 0.016, 0.12
+# Fractions of the drawing's size: height of a support, length of a wall, its strokes, half of the
+# shortest guide, and what guides have beyond the path on them.
+_HEIGHT, _WALL, _STROKE, _GUIDE, _MORE = 0.032, 0.08, 0.016, 0.12, 0.04
 _MARKER = 0.016  # size of a marker, as a fraction of the longer side of the axes
 _WHITE: dict[str, Any] = {"color": "white", "markeredgecolor": "black", "zorder": 6}
 _SIDES = np.array([(1.0, 0.0), (-1.0, 0.0), (0.0, -1.0), (0.0, 1.0)])
@@ -84,7 +85,9 @@ class Supports:
         number = on_ground(joint)
         start = drawing.solution.X[number]
         slides = (drawing.positions(number, list(drawing.rows)) - start) @ axis
-        ends = min(0.0, slides.min()) - _GUIDE * size, max(0.0, slides.max()) + _GUIDE * size
+        low, high = min(0.0, slides.min()), max(0.0, slides.max())
+        more = max(_MORE * size, _GUIDE * size - (high - low) / 2)
+        ends = low - more, high + more
         away = left_of(axis) if axis[0] < -1e-9 else -left_of(axis)
         middle = start + np.mean(ends) * axis + 0.025 * size * away
         wall = wall_strokes(away, (ends[1] - ends[0]) / size)
