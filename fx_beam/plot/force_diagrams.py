@@ -24,7 +24,8 @@ from .supports import Supports, draw_lines
 from .symbols import draw_joints
 
 _TALLEST = 0.15  # of a diagram, as a fraction of the picture's size
-_BESIDE = 1.5  # of a diagram, as a multiple of the distance between members
+_OVER = 1.5  # of a diagram, as a multiple of the distance between members
+_BESIDE_TIP = 0.06  # of a number, as a fraction of the picture's size
 _BORDER = np.array((0.35, 0.45))  # of a panel, for title and numbers [inch]
 _DENSE = 10.0  # distance between members below which their lines are thinner [points]
 _PIECES = 8  # of an element
@@ -84,9 +85,10 @@ def diagrams(
     require(is_flag(deformed), "deformed", deformed, "True or False")
     require(is_name(scene_unit), "scene_unit", scene_unit, "a text")
     drawing = Drawing(solution, [row], 1.0 if deformed else 0.0)
-    tallest = min(_TALLEST * drawing.size, _BESIDE * drawing.spacing)
+    tallest = min(_TALLEST * drawing.size, _OVER * drawing.spacing)
     low, high = drawing.window
-    low, high = low - 1.3 * tallest, high + 1.3 * tallest
+    margin = 1.3 * tallest + _BESIDE_TIP * drawing.size
+    low, high = low - margin, high + margin
     columns, rows, panel = grid(len(names), high - low, _BORDER)
     between = 72 * max(panel) * drawing.spacing / max(high - low)  # members [points]
     thinness = min(1.0, between / _DENSE)
@@ -146,7 +148,7 @@ def _panel(ax, drawing: Drawing, quantity: str, row: int, tallest: float, thinne
     for peak in peaks:
         if abs(values[peak]) > 1e-9 * largest:
             out = np.sign(values[peak]) * side[peak] / np.linalg.norm(side[peak])
-            beside = tips[peak] + 0.03 * drawing.size * out
+            beside = tips[peak] + _BESIDE_TIP / 2 * drawing.size * out
             centred = {"ha": "center", "va": "center", "fontsize": "small", "zorder": 7}
             ax.annotate(three_digits(values[peak]), beside, bbox=box, **centred)
     draw_obstacles(ax, drawing)
