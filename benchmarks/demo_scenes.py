@@ -1,16 +1,21 @@
 """The demos as modules: benchmarks use their scenes."""
 
-import importlib
+import functools
+import importlib.util
 import sys
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[1]
-sys.path.insert(0, str(ROOT / "demos"))
+sys.path.insert(0, str(ROOT / "demos"))  # what demos share, and demos that use others
 
 
+@functools.cache
 def demo(name):
     """A demo as a module, such as demo("pendulum")."""
-    return importlib.import_module(name)
+    spec = importlib.util.spec_from_file_location(f"demo_{name}", ROOT / "demos" / f"{name}.py")
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
 
 
 def scene(name, *arguments, **keywords):
