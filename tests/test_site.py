@@ -97,17 +97,40 @@ def test_formulas_are_whole_where_the_system_has_no_font_for_them(drawn, tmp_pat
     assert max(measured["cut"]) <= 0
 
 
+def built_page(text, folder, *extensions):
+    """Folder of a site of one page with the settings of the whole site."""
+    (folder / "index.md").write_text(text)
+    command = [sys.executable, "-m", "sphinx", "-q", "-c", str(DOCS), str(folder)]
+    chosen = ",".join(["extensions=myst_parser", "mathml", *extensions])
+    subprocess.run(
+        [*command, str(folder / "html"), "-D", chosen],
+        check=True,
+        capture_output=True,
+        timeout=120,
+    )
+    return folder / "html"
+
+
+@pytest.mark.slow
+def test_the_search_knows_the_words_of_other_fields(tmp_path):
+    search = pytest.importorskip("sphinx.search.en").SearchEnglish({})
+    pytest.importorskip("pydata_sphinx_theme")
+    html = built_page(pages.text(DOCS / "tasks.md"), tmp_path)
+    index = re.search(r"\((\{.*\})\)", (html / "searchindex.js").read_text(), re.DOTALL)[1]
+    known = {*json.loads(index)["terms"]}
+    words = (
+        "belt tendon rope cable chain hinge pin Kelvin Voigt Rayleigh Riks linkage muscle bumper"
+    )
+    assert not {word for word in words.split() if search.stem(word.lower()) not in known}
+
+
 @pytest.mark.slow
 @browser.needed
 def test_code_has_a_button_to_copy_it_in_light_and_dark(tmp_path):
     pytest.importorskip("sphinx_copybutton")
     pytest.importorskip("pydata_sphinx_theme")
     page = "# A page\n\n```python\nx = 1\n```\n\n```text\nprinted\n```\n"
-    (tmp_path / "index.md").write_text(page)
-    command = [sys.executable, "-m", "sphinx", "-q", "-c", str(DOCS), str(tmp_path)]
-    command += [str(tmp_path / "html"), "-D", "extensions=myst_parser,sphinx_copybutton,mathml"]
-    subprocess.run(command, check=True, capture_output=True, timeout=120)
-    built = tmp_path / "html" / "index.html"
+    built = built_page(page, tmp_path, "sphinx_copybutton") / "index.html"
     still = "<style>* { transition: none !important; }</style>"
     script = f"{still}<script>{BUTTONS}</script></body>"
     built.write_text(built.read_text().replace("</body>", script))
