@@ -73,20 +73,21 @@ class Mass:
         row = np.repeat(np.arange(len(K.indptr) - 1), np.diff(K.indptr))
         return np.flatnonzero(row == K.indices)
 
-    def refill(self, scene: Scene) -> None:
+    def refill(self, scene: Scene) -> bool:
         """Set mass and weight to those of a scene of the same structure, whose mesh is set.
 
-        OtherStructureError if other entries of the matrix are zero.
+        Returns whether any mass differs. OtherStructureError if other entries are zero.
         """
         mass = self.matrix
-        self._scene, before = scene, mass.data != 0
+        self._scene, before = scene, mass.data.copy()
         self.__dict__.pop("lumped", None)
         refill(self._fields, self._densities())
         self._assemble(mass)
-        if ((mass.data != 0) != before).any():
+        if ((mass.data != 0) != (before != 0)).any():
             raise OtherStructureError("other nodes have mass")
         if scene.gravity is not None:
             self.weight = self._weigh(scene.gravity)
+        return bool((mass.data != before).any())
 
     @functools.cached_property
     def weight(self) -> np.ndarray | None:

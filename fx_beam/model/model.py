@@ -36,9 +36,9 @@ from fx_beam.scene.law import has_pieces
 from fx_beam.scene.scene import Scene
 from fx_beam.scene.structure import OtherStructureError, Structure
 
-# Cached properties that depend on numbers.
+# Cached properties that depend on masses, and on the positions of nodes and joints.
 _OF_MASSES = "nodal_rules", "fitted_rates"
-_OF_NUMBERS = "unit", "unit_of_unknowns", *_OF_MASSES
+_OF_POSITIONS = "unit", "unit_of_unknowns", "fitted_rates", "_rate_equations"
 
 
 class Model:
@@ -83,18 +83,19 @@ class Model:
         self.moved = self.mesh.refill(scene)
         last, self.scene = self._joints, scene
         self.forms.refill(scene)
-        self._mass.refill(scene)
+        heavier = self._mass.refill(scene)
         self.weight = self._mass.weight
         self.loads.refill(scene)
         self.motors = motors(scene)
-        self._refill_reduction(last)
+        elsewhere = self._refill_reduction(last)
         self._joints = scene.joints[:]
-        for name in _OF_NUMBERS if self.moved else _OF_MASSES:
+        for name in (*(_OF_MASSES if heavier else ()), *(_OF_POSITIONS if elsewhere else ())):
             self.__dict__.pop(name, None)
-        self._check_mechanism()
+        if elsewhere or scene.drags:
+            self._check_mechanism()
 
-    def _refill_reduction(self, last: list[Joint]) -> None:
-        """Set the offsets and axes of joints."""
+    def _refill_reduction(self, last: list[Joint]) -> bool:
+        """Set the offsets and axes of joints; returns whether these or any nodes are elsewhere."""
         arms = [joint for joint in self.scene.joints if not joint.is_index]
         before = [joint for joint in last if not joint.is_index]
         if [joint.number for joint in arms] != [joint.number for joint in before]:
@@ -102,12 +103,13 @@ class Model:
         pairs = [(new.arm, old.arm) for new, old in zip(arms, before, strict=True)]
         pairs += [(new.offset, old.offset) for new, old in zip(arms, before, strict=True)]
         if not self.moved and all((new == old).all() for new, old in pairs):
-            return
+            return False
         if isinstance(self.reduction, LoopReduction) or self.couplings.sliding:
             raise OtherStructureError("joints that close loops, or slide on beams, lie elsewhere")
         if isinstance(self.reduction, JointReduction):
             moving = [self.scene.joints[joint.number] for joint in self.couplings.moving]
             self.reduction.set_arms(moving)
+        return True
 
     @property
     def points(self) -> PointForces:
@@ -261,18 +263,21 @@ class Model:
     @functools.cached_property
     def fitted_rates(self) -> FittedRates | None:
         """Fits rates to joints and driven motions; None if those of steps fit by themselves."""
-        scene, mesh, driven = self.scene, self.mesh, len(self.prescribed)
         by_mean = isinstance(self.scheme.rates, MidPointRates)
-        turning = any(joint.turns_with_motion for joint in scene.joints)
+        turning = any(joint.turns_with_motion for joint in self.scene.joints)
         if not by_mean or not (turning or self.couplings.driven):
             return None
+        return FittedRates(*self._rate_equations, self.mass, self.unit)
+
+    @functools.cached_property
+    def _rate_equations(self) -> tuple[RateEquations, RigidPoints]:
+        scene, mesh, driven = self.scene, self.mesh, len(self.prescribed)
         motored = {joint.number: driven + i for i, (joint, _) in enumerate(self.motors)}
         nodes, components, columns = self.supports
         supported = np.column_stack([mesh.dofs[nodes, components], columns])
         constrained = self.reduction.columns - self.reduction.free
         equations = RateEquations(scene, mesh, motored, supported, constrained)
-        points = RigidPoints(scene, mesh, self.massless, equations)
-        return FittedRates(equations, points, self.mass, self.unit)
+        return equations, RigidPoints(scene, mesh, self.massless, equations)
 
     def _build_reduction(self) -> None:
         """Build the unknowns and the reduction to them, by supports and joints."""
