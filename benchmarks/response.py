@@ -2,9 +2,10 @@
 
     .venv/bin/python benchmarks/response.py [calls]
 
-Pinned beams of 8, 128 and 2048 elements, whose stiffness and initial speed differ from call to call,
-and a body on a flexible arm with a motor, a spring and a damper. Of each the lowest processor time
-of many calls, which other programs affect least: of `build`, of the steps in C, and of all else.
+Pinned beams of 8, 128 and 2048 elements, whose stiffness and initial speed differ from call to
+call, and a body on a flexible arm with a motor, a spring and a damper. Of each the lowest processor
+time of many calls, which other programs affect least: of `build`, of the steps in C, and of all
+else, in which functions of position that `build` gives are evaluated.
 """
 
 import sys
