@@ -93,10 +93,10 @@ def converge(
 ) -> Converged:
     """Refine step and mesh until a quantity of a motion is known to a tolerance.
 
-    The runs choose their steps by a tolerance of their own. In turn this is divided by four or the
-    elements are doubled, whichever has changed the quantity more, until half of the last change by
-    the one plus half of that by the other is below the tolerance. So the quantity must converge:
-    after the onset of chaos none does.
+    Each run chooses its steps by a tolerance. From run to run either this tolerance is divided by
+    four or the number of elements is doubled, whichever has changed the quantity more. This ends
+    when half of the last change by the steps plus half of the last change by the mesh is below the
+    `tolerance`. The quantity must converge, which it does not in a chaotic motion.
 
     Parameters
     ----------
@@ -123,7 +123,7 @@ def converge(
     Returns
     -------
     Converged
-        The quantity, its estimated error, and what it took.
+        The quantity, its estimated error, and the number of runs and steps.
 
     Raises
     ------

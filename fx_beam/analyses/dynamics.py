@@ -94,7 +94,7 @@ def simulate(
     start : Solution, optional
         Solution whose end is the initial state; by default the reference configuration. From a
         static solution the scene starts deformed, with its initial velocities, at the time `t` of
-        `static`; from one with a spin it goes on turning, without other velocities. From an earlier
+        `static`; with a spin it continues to turn, without other velocities. From an earlier
         motion the simulation continues without interruption, including the work done so far and,
         for the same scheme and `dt`, the length of sub-steps. The scene must have the same nodes
         and the same numbers of joints and motors, and its joints must be satisfied in this state.
@@ -133,8 +133,8 @@ def simulate(
         If a step fails. Its attribute `solution` has all steps before it.
     KeyboardInterrupt
         After Ctrl-C. Its attribute `solution` has the steps so far, or is None before the first
-        one. As the `start` of another call it goes on from there. Every other exception, such as
-        one that a handler of signals raises, has `solution` as well.
+        one; as the `start` of another call it continues the run. Every other exception, such as
+        one from a signal handler, has `solution` as well.
 
     Examples
     --------

@@ -35,24 +35,24 @@ Controller = Callable[[float, dict[str, Any]], Mapping[str, Any] | None]
 class Motion:
     """The motion of a scene, one step at a time: inputs are set, outputs are measured.
 
-    Inputs of the scene (`Input`) are held: forces and moments are constant over a step, driven
-    motions and motors go straight from their position at its start to that given for its end. Their
-    work is in the energy balance. An input that is not given keeps its value; at the start it is
-    zero, or that of the solution from which the motion starts.
+    Inputs of the scene (`Input`) do not change within a step: forces and moments are constant, and
+    prescribed motions and motors have a constant rate, from their position at the start of the step
+    to that given for its end. Their work is in the energy balance. An input that is not given keeps
+    its value; at the start it is zero, or that of the solution from which the motion starts.
 
-    Functions of time in the scene are evaluated some steps ahead: what depends on the motion must
-    be an input.
+    Functions of time in the scene are evaluated some steps ahead: quantities that depend on the
+    motion must be inputs.
 
     A copied or unpickled motion continues from the same state, with a scene of its own; its record
     begins anew.
 
-    After Ctrl-C, or another exception that a signal brings, a step is taken or it is not: state,
-    time, inputs and record agree, and the motion goes on from there.
+    After Ctrl-C, or another exception from a signal, the last step is either complete or not done:
+    state, time, inputs and record agree, and the motion can continue.
 
     Parameters
     ----------
     scene : Scene
-        The scene. What is added to it later has no part in the motion: `step` refuses to go on.
+        The scene. If something is added to it later, `step` ends with an error.
     scheme : Scheme, optional
         Time scheme; `EnergyMomentum()` by default.
     dt : float
@@ -304,7 +304,7 @@ class Motion:
     # -- Snapshots --------------------------------------------------------------------------------
 
     def snapshot(self) -> Snapshot:
-        """All on which the next steps depend, to return to by `restore`; it can be pickled.
+        """Everything that the next steps depend on, for `restore`; it can be pickled.
 
         Returns
         -------

@@ -13,7 +13,7 @@ from fx_beam.results.state import State
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Snapshot:
-    """All on which the next steps of a motion depend; made by `Motion.snapshot`.
+    """Everything that the next steps of a motion depend on; made by `Motion.snapshot`.
 
     Parameters
     ----------

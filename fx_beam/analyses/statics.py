@@ -75,10 +75,11 @@ def static(
     scene : Scene
         The scene.
     steps : int
-        Number of load steps, if none is cut. A step that fails, or whose work is too inaccurate,
-        is halved; after easy steps the length is doubled again. Springs under tension are released
-        before the first load step, in the same number of steps. An arc-length step changes the load
-        factor by at most 1/`steps`, and its turn is limited in proportion.
+        Number of load steps, if none is divided. A step that fails, or whose work is too
+        inaccurate, is halved; after steps with few iterations the length is doubled again. Springs
+        under tension are released before the first load step, in the same number of steps. An
+        arc-length step changes the load factor by at most 1/`steps`, and its turn is limited in
+        proportion.
     t : float
         Time at which functions of time are evaluated [s].
     continuation : {"arc-length"}, optional
@@ -100,11 +101,11 @@ def static(
         zero.
     spin : float
         Spin Omega [rad/s] of a frame in which the scene rests: a steady turn, with the centrifugal
-        forces of all masses. Supports, obstacles and loads turn with the frame. The forces rise
-        with the load factor l, so that a row has the spin Omega sqrt(l), and velocities. `modes`
-        and `linearise` about the state, and motions from it, go on with this turn.
+        forces of all masses. Supports, obstacles and loads turn with the frame. The centrifugal
+        forces increase with the load factor l, so that a row has the spin Omega sqrt(l), and
+        velocities. `modes`, `linearise` and `simulate` continue with this rotation.
     pivot : (float, float)
-        Place about which the frame turns [m].
+        Point about which the frame turns [m].
 
     Returns
     -------

@@ -26,35 +26,35 @@ def sweep(
     executor: Executor | int | None = None,
     results: Path | str | None = None,
 ):
-    """Call a function for each case, several at a time, and collect what it gives in a table.
+    """Call a function for each case, several at a time, and collect the results in a table.
 
-    The first case runs alone, so that forms are compiled once; then all workers start. A case that
-    fails is a row with the error's sentence. In a script, the call must stand under
+    The first case runs alone, so that forms are compiled once; then all workers start. If a case
+    fails, its row has the message of the error. In a script, write the call below
     ``if __name__ == "__main__":``, as worker processes import the script.
 
     Parameters
     ----------
     function : callable
         ``function(case)`` gives the results of a case: a dict, whose entries become columns, or a
-        value, which becomes the column "result". Worker processes must be able to import it: it
-        stands at the top of a module.
+        value, which becomes the column "result". Worker processes must be able to import it:
+        define it at the top level of a module.
     cases : iterable of dict, or pandas.DataFrame
         Cases: parameters by name, or the rows of a table.
     executor : concurrent.futures.Executor or int, optional
-        What runs the cases: any executor, or the number of processes; by default a process of one
-        thread for each core. If one of these is killed, its case is a failed row and the others go
-        on; an executor of your own decides this itself. Under ``mpirun -n N python -m
+        What runs the cases: any executor, or the number of processes; by default one process with
+        one thread for each core. If one of these is killed, its case fails and the others
+        continue; with your own executor this depends on the executor. Under ``mpirun -n N python -m
         mpi4py.futures`` give an ``mpi4py.futures.MPIPoolExecutor``.
     results : path, optional
         File to which each row is appended as it finishes, a line of JSON with "case", "result",
-        "seconds" and "error". Cases that it has, also failed ones, are not run again: a sweep that
-        was interrupted goes on.
+        "seconds" and "error". Cases in the file, also failed ones, are not run again: so you can
+        continue a sweep that was interrupted.
 
     Returns
     -------
     pandas.DataFrame or list of dict
-        A row for each case, in their order: the case, what the function gave, "seconds" that it
-        took, and "error", which is empty if there is none. A list where pandas is not installed.
+        A row for each case, in their order: the case, the results, the run time in "seconds", and
+        "error", which is empty if there is none. A list if pandas is not installed.
 
     Raises
     ------

@@ -188,8 +188,8 @@ def EnergyMomentum(order: int = 2) -> Scheme:
     ----------
     order : {2, 4}
         Order of convergence. A step of order 4 is a composition of five sub-steps of order 2, with
-        0.41, 0.41, -0.66, 0.41 and 0.41 times its length (Suzuki 1990). It pays for small errors
-        of smooth motions. Kinks and jumps of loads over time must be at ends of steps, otherwise
+        0.41, 0.41, -0.66, 0.41 and 0.41 times its length (Suzuki 1990). Use it for small errors in
+        smooth motions. Kinks and jumps of loads over time must be at ends of steps, otherwise
         the order is lower: choose `dt` or `breaks` accordingly. Dampers are accurate if their
         damping rate is below 1 / dt; near 3 / dt the sub-step that goes back amplifies the motion,
         which is reported in the log. Forces are means over the whole step.
@@ -220,13 +220,13 @@ def EnergyMomentum(order: int = 2) -> Scheme:
 
 
 def EnergyDecaying(damping: float = 0.1, order: int = 2) -> Scheme:
-    """Energy-momentum scheme that takes energy from fast vibrations and keeps both momenta.
+    """Energy-momentum scheme that damps fast vibrations and conserves both momenta.
 
-    For stiff mechanisms, in which conserving schemes keep axial vibrations for ever. The stress
-    resultants of `EnergyMomentum` get the addition damping/2 C (dE - r dE_before): dE are the
+    For stiff mechanisms, in which axial vibrations do not decay with conserving schemes. To the
+    stress resultants of `EnergyMomentum` it adds damping/2 C (dE - r dE_before): dE are the
     increments of the strains in this step, dE_before in the last one, C is the stiffness of the
     undeformed section, and r the ratio of the steps' lengths, at most 1. The energy of the motion
-    plus damping/4 dE.C dE never rises, whatever the step.
+    plus damping/4 dE.C dE never increases, for any step.
 
     Parameters
     ----------
@@ -234,8 +234,8 @@ def EnergyDecaying(damping: float = 0.1, order: int = 2) -> Scheme:
         Factor of the addition, in (0, 1]. The damping is largest for vibrations whose angular
         frequency times the step is about 2/damping. Slow ones are hardly damped.
     order : {1, 2}
-        Order of convergence. With 1, r is 0: the energy itself never rises, and slow motions lose
-        more of it.
+        Order of convergence. With 1, r is 0: the energy itself never increases, and slow motions
+        lose more energy.
 
     Returns
     -------

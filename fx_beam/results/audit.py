@@ -37,15 +37,15 @@ class Energy:
     springs : (n,) float, optional
         Stored energy of springs and stops of joints, and of obstacles; zero by default.
     dissipated : (n,) float, optional
-        Energy taken since the start by dampers and friction of joints, by drag, by the material
-        (`retardation` and `internal` variables of sections and springs), by the restitution of
-        stops and obstacles and by `EnergyDecaying`; it never decreases, except where
+        Energy dissipated since the start by dampers and friction of joints, by drag, by the
+        material (`retardation` and `internal` variables of sections and springs), by the
+        restitution of stops and obstacles and by `EnergyDecaying`; it never decreases, except where
         `Stats.amplified` counts steps. Zero by default.
     algorithmic : (n,) float, optional
-        Energy that `EnergyDecaying` of order 2 holds for the next step; part of the balance, not of
-        `total`. Zero by default.
+        Energy that `EnergyDecaying` of order 2 stores until the next step; part of the balance, not
+        of `total`. Zero by default.
     numerical : (n,) float, optional
-        The part of `dissipated` that `EnergyDecaying` took. Zero by default.
+        The part of `dissipated` that is due to `EnergyDecaying`. Zero by default.
 
     Examples
     --------
@@ -121,9 +121,9 @@ class Energy:
 
     @property
     def gained(self) -> np.ndarray:
-        """Energy that the motion gained without cause since the start, (n,) [J]; negative if lost.
+        """Energy that the motion gained without a physical cause, (n,) [J]; negative if lost.
 
-        Unlike in `balance_error`, what the scheme takes or holds counts as lost.
+        Unlike in `balance_error`, energy that the scheme dissipates or stores counts as lost.
         """
         return self.total - self.total[0] - self.supplied - (self.numerical - self.numerical[0])
 

@@ -17,8 +17,8 @@ from fx_beam.validation import TimeFunction, checked_function
 class Input:
     """A load, a motion, the position of a motor or a `Parameter` that is set from outside, by name.
 
-    It stands where a function of time may stand. Loads and motors with the same name have the same
-    input. As long as it is not set, it is zero: `static`, `modes` and `simulate` without `inputs`.
+    It can be given instead of a function of time. Loads and motors with the same name have the same
+    input. It is zero until it is set: in `static`, `modes` and `simulate` without `inputs`.
 
     Parameters
     ----------

@@ -20,14 +20,15 @@ from .symbols import not_numbers
 class InternalVariables:
     """Internal variables of a section at each Gauss point, or of a spring, and their changes.
 
-    They are zero at the start. The stored energy takes them as its last argument,
+    They are zero at the start. The stored energy has them as its last argument,
     ``strain_energy(eps, gamma, kappa, a)`` of a section or ``strain_energy(x, a)`` of a `Spring`.
-    The resultants are its derivatives with respect to the strains, and what the update takes from
-    it is dissipated.
+    The resultants are its derivatives with respect to the strains, and its decrease by the update
+    is dissipated.
 
-    The update is written as for implicit Euler: from the old variables to those that belong to
-    given strains, in closed form. It is applied from the start of a step to a `level` in it, and
-    then continued linearly to its end. In statics the level is the end of each load step.
+    The update is an implicit Euler step, as an explicit formula without iterations: it gives the
+    new variables from the old ones and the new strains. It is computed from the start of a step to
+    a `level` in it, and then extrapolated linearly to the end of the step. In statics the level is
+    the end of each load step.
 
     Parameters
     ----------
@@ -40,11 +41,11 @@ class InternalVariables:
         between them [s]. A spring has the single strain (x,), its coordinate. In load steps of
         `static`, `dt` is the increment of the load factor, with arc-length continuation zero.
     level : float, optional
-        Part of a step at whose end the update holds, from 1/2 to 1. With 1/2 smooth changes, as of
-        a viscous material, are of second order in time, and no step gains energy. With 1, sudden
-        changes, as of a material that yields, leave no oscillation; a step that begins with flow
-        and ends with flow in the other direction may then gain energy: it is too large. By default
-        1/2 if the update depends on `dt`, otherwise 1.
+        Fraction of a step after which the update holds, from 1/2 to 1. With 1/2 smooth changes, as
+        of a viscous material, are of second order in time, and no step gains energy. With 1, sudden
+        changes, as of a material that yields, cause no oscillation; but a step that begins with
+        plastic flow and ends with flow in the other direction may gain energy: it is too large. By
+        default 1/2 if the update depends on `dt`, otherwise 1.
 
     Raises
     ------

@@ -150,10 +150,9 @@ class Scene(Geometry):
         points: Mapping[str, Sequence[float] | Node] | None = None,
         name: str | None = None,
     ) -> Body:
-        """Add a rigid body; joints and beams take its points.
+        """Add a rigid body, with points for joints and beams.
 
-        Each point is joined to the centre by a `Rigid` joint with an offset, without error and
-        without unknowns of its own: the body has three.
+        The points move with the centre exactly and have no unknowns: the body has three.
 
         Parameters
         ----------
@@ -341,16 +340,16 @@ class Scene(Geometry):
     ) -> Obstacle:
         """Add a fixed line or circle that a node, or all nodes of a beam, cannot enter.
 
-        A node that is behind it by d is pushed back along the normal, without friction, by
-        k d (1 + r tanh(rate of d / speed)), r = (1 - e^2) / (1 + e^2), as by a `Stop`. The energy
-        k d^2 / 2 is stored. A beam is stopped at its nodes, those inside its elements included, in
-        proportion to the length of beam that belongs to each; between its nodes it may cut a
-        corner.
+        If a node enters it by the depth d, the force k d (1 + r tanh(rate of d / speed)) pushes it
+        back along the normal, without friction; r = (1 - e^2) / (1 + e^2), as for a `Stop`. The
+        energy k d^2 / 2 is stored. The contact of a beam acts at its nodes, also those inside its
+        elements, each with its share of the length; between two nodes a beam may enter the
+        obstacle.
 
         Parameters
         ----------
         target : Beam or Node
-            What is stopped. Other members pass.
+            The beam or node that it stops. It does not stop other members.
         obstacle : Line or Circle
             The fixed line or circle.
         stiffness : float, optional
@@ -410,9 +409,9 @@ class Scene(Geometry):
     ) -> ForceBetween:
         """Add a force along the line between two nodes, or between a node and a fixed point.
 
-        It depends on their distance r and its rate. Both points feel it, with opposite signs. A
-        spring pulls with the derivative of its energy by r; in schemes that conserve energy its
-        work is the change of this energy exactly, and it keeps both momenta.
+        It depends on their distance r and its rate, and acts on both points with opposite signs.
+        The force of a spring is the derivative of its energy by r. In schemes that conserve energy
+        its work is exactly the change of this energy, and both momenta are conserved.
 
         Parameters
         ----------
@@ -427,11 +426,11 @@ class Scene(Geometry):
         friction : Friction, optional
             Friction on the rate of r.
         stop : Stop or (lower, upper, stiffness), optional
-            Limits of r: a rope has an upper one, a strut a lower one.
+            Limits of r: a rope has an upper one, a prop a lower one.
         force : callable, float or Input, optional
-            ``force(distance, rate, t)``, a further pull [N] as a UFL expression of r [m], its rate
-            [m/s] and the time [s]; or a number or an `Input` for the pull itself. Its work is part
-            of `Energy.work`. In statics it is multiplied by the load factor.
+            ``force(distance, rate, t)``, an additional tension [N] as a UFL expression of r [m],
+            its rate [m/s] and the time [s]; or a number or an `Input` for the tension. Its work is
+            part of `Energy.work`. In statics it is multiplied by the load factor.
 
         Returns
         -------

@@ -159,10 +159,10 @@ def Slider(
 ) -> SlidingJoint:
     """A node that slides along a flexible beam, over all of its elements; it rotates freely.
 
-    The node lies on the axis of the beam, made smooth where elements meet; the forces act on both,
-    opposite to each other, and keep energy and momenta exactly. It is a node of another beam or of
-    a body, which move with it. `Solution.slide` is its arc length from the start of the beam [m].
-    A node that runs off an end of the beam ends the run with a `StepError` of the kind "off the
+    The node lies on the axis of the beam, which is made smooth where elements meet. It is a node of
+    another beam or of a body. Node and beam have opposite forces, so that momenta are conserved,
+    and these forces do no work. `Solution.slide` is the arc length from the start of the beam [m].
+    If the node reaches an end of the beam, the run ends with a `StepError` of the kind "off the
     end".
 
     Parameters
@@ -228,8 +228,8 @@ def Sleeve(
 ) -> SlidingJoint:
     """A node that slides along a flexible beam and turns with it.
 
-    As `Slider`, but the rotation of the node is that of the beam's section where it is, plus the
-    angle by which the reference tangent of a curved beam turns on the way.
+    As `Slider`, but the node also rotates with the section of the beam at its present position, and
+    with the reference tangent of a curved beam.
 
     Parameters
     ----------

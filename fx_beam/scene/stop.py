@@ -17,8 +17,8 @@ class Stop:
     """Stops at one or both ends of a joint's free coordinate x: one-sided springs.
 
     Beyond a limit by d, the force is k d (1 + r tanh(rate of d / speed)), with r = (1 - e^2) /
-    (1 + e^2). The energy k d^2 / 2 is stored; of what a fast impact stores, e^2 is returned. With
-    e = 1 all of it is returned, exactly, in each scheme that conserves energy.
+    (1 + e^2). The energy k d^2 / 2 is stored, and after a fast impact the part e^2 of it is
+    returned. With e = 1 all of it is returned, exactly, in each scheme that conserves energy.
 
     Parameters
     ----------
@@ -26,8 +26,8 @@ class Stop:
         Limits of the slide [m] or of the relative rotation [rad]; None for no stop at this end.
         The coordinate starts between them.
     stiffness : float
-        Stiffness k [N/m or N m/rad]. A mass m that arrives at the speed v goes v sqrt(m / k) too
-        far and stays pi sqrt(m / k).
+        Stiffness k [N/m or N m/rad]. A mass m with the speed v passes the limit by
+        v sqrt(m / k), for the time pi sqrt(m / k).
     restitution : float
         Coefficient of restitution e from 0 to 1: the speed after an impact, relative to that before
         it; below 0.02 it is 0.02. It holds for impacts at v far above `speed`: the square of the
