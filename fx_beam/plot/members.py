@@ -14,7 +14,7 @@ from .drawing import Drawing
 
 _PIECES = 12  # per element, each with one colour
 _NONE = np.empty((0, 1))
-_MANY = 40_000  # pieces of all elements, of which there are no more if an element has several
+_MANY = 6_000  # pieces of all elements, of which there are no more if an element has several
 
 
 class Members:
