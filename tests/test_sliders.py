@@ -71,12 +71,10 @@ def test_the_virtual_displacement_has_the_increment_and_rigid_motions(degree, sh
         )
         middle = path.X + q[:, :2] + D[:, :2] / 2
         turn = local(np.column_stack([middle @ W.T, np.ones(len(path))]), relation)
-        weights, now = relation.weights, path.X + q[:, :2]
-        places = [
-            w @ p[relation.nodes] for w, p in ((weights.at0, now), (weights.at1, now + D[:, :2]))
-        ]
+        now = path.X + q[:, :2]
+        ends = path.over(np.array([now, now + D[:, :2]]), np.array([s0, s1]))
         assert relation.virtual_map @ turn == pytest.approx(
-            [*(W @ sum(places) / 2), 1.0], abs=1e-12
+            [*(W @ ends.sum(axis=0) / 2), 1.0], abs=1e-12
         )
 
 

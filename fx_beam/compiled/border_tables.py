@@ -125,22 +125,11 @@ class BorderTables:
 
 
 def _path_of(slide: Slide) -> dict[str, Any]:
-    path = slide.path
-    return {
+    return slide.relation.table | {
         "joint": slide.joint.number,
         "column": slide.column,
-        "components": len(slide.columns),
         "carried": slide.columns,
         "node": slide.node_dofs,
-        "degree": path.degree,
-        "elements": len(path.h),
-        "window": path.window,
-        "most": path.most,
-        "width": path.width,
-        "ends": path.s,
-        "coefficients": path.coefficients,
-        "position": path.X,
-        "angle": slide.relation.angles,
         "dofs": slide.dofs,
     }
 

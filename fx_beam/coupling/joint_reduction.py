@@ -251,7 +251,7 @@ class JointReduction(WithoutLoops):
         if self._sliding:
             z = z.copy()
         for slide in self._sliding:
-            change = self._spread(z)[slide.local_dofs(slide.relation.weights.first)]
+            change = self._spread(z)[slide.local_dofs(slide.relation.nodes.start)]
             z[slide.columns] = slide.relation.T @ np.append(change, z[slide.column])
         return self._spread(z)
 
@@ -296,7 +296,7 @@ class JointReduction(WithoutLoops):
         before = T
         for slide in self._sliding[::-1]:  # its columns by those of its beam
             relation, row = slide.relation, np.arange(len(slide.columns))
-            local = slide.local_dofs(relation.weights.first)
+            local = slide.local_dofs(relation.nodes.start)
             own = scipy.sparse.csr_matrix(relation.T[:, :-1]) @ before[local]
             along = relation.T[:, -1], (row, np.full(len(row), slide.column))
             own += scipy.sparse.csr_matrix(along, own.shape)

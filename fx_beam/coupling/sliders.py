@@ -297,8 +297,8 @@ class Sliders:
         """Kind and reason of a step that leaves a beam, or passes too many elements; or None."""
         for slide in self.all:
             relation, joint = slide.relation, slide.joint
-            if (off := relation.off_the_end()) > _BEYOND * slide.path.length:
-                end = "start" if relation.s1 < 0 else "end"
+            off, end = relation.off_the_end()
+            if off > _BEYOND * slide.path.length:
                 return (
                     "off the end",
                     f"{joint}: the node runs off the {end} of the beam, by {off:.3g}",
@@ -324,7 +324,7 @@ class Sliders:
                 for rows, value_at, signs in self._entries[k]
             ]
             *on_beam, along = slide.force @ relation.virtual_map
-            np.add.at(r, slide.local_dofs(relation.weights.first), on_beam)
+            np.add.at(r, slide.local_dofs(relation.nodes.start), on_beam)
             forces[slide.column] += along
         return r
 
@@ -336,7 +336,7 @@ class Sliders:
         tangent[self._given_positions] = before
         for k, slide in reversed(list(enumerate(self.all))):
             relation = slide.relation
-            window = self._window(k, relation.weights.first)
+            window = self._window(k, relation.nodes.start)
             of_T, of_virtual = (
                 window.sign * values[window.value],
                 window.sign * virtual_map[window.value],

@@ -21,191 +21,113 @@ Schemes with another level have the derivatives at both ends, weighted as their 
 
 from __future__ import annotations
 
+import functools
+from typing import Any
+
 import numpy as np
 
-from fx_beam.scene.path import Path, Weights
+from fx_beam import c_library
+from fx_beam.errors import SceneError
+from fx_beam.scene.path import Path
+from fx_beam.structs import Structs
 
-_W = np.array([[0.0, -1.0], [1.0, 0.0]])
+
+@functools.cache
+def _library() -> tuple[Any, Any, Any]:
+    try:
+        ffi, library = c_library.open_library("nodes on beams", "sliding.c", "sliding.h")
+    except c_library.CannotBuild as error:
+        raise SceneError(
+            f"nodes that slide on beams need a C compiler: {error}. Check the environment "
+            "variable CC"
+        ) from error
+    return ffi, library, ffi.typeof("double[]")
 
 
 class Sliding:
-    """Increment of a node on a path, its derivatives, and its virtual displacement.
+    """Increment of a node on a path, its derivatives, and its virtual displacement, in C.
 
     Local degrees of freedom: x and y of the nodes of a window, for a sleeve also their rotations,
     and the arc length; `components` is 2 or 3.
     """
 
     def __init__(self, path: Path, components: int, level: float, by_tangent: bool):
-        self.path, self.components = path, components
-        self.level, self._by_tangent = level, by_tangent
-        self.angles = path.angles() if components == 3 else np.zeros(len(path))
+        self.path, self.components, self.level = path, components, level
+        ffi, self._library, self._doubles = _library()
+        #: What the relation depends on, by the names of Slider in C.
+        self.table = {
+            "components": components,
+            "degree": path.degree,
+            "elements": len(path.h),
+            "window": path.window,
+            "most": path.most,
+            "width": path.width,
+            "ends": path.s,
+            "coefficients": path.coefficients,
+            "position": path.X,
+            "angle": path.angles() if components == 3 else np.zeros(len(path)),
+            "level": level,
+            "by_tangent": by_tangent,
+        }
+        self._structs = Structs(ffi, c_library.declarations("sliding.h"))
+        self._c, self._h = ffi.new("Slider *"), ffi.new("Second *")
+        dofs = np.arange(3 * len(path)).reshape(-1, 3)
+        self._structs.set(self._c, **self.table, dofs=dofs)
+        self._of = ffi.from_buffer
+        local = components * path.width + 1
+        #: Increments (components,) of the node, their derivatives, and the virtual ones.
+        self.increment = self._array(self._c, "increment")[:components]
+        self.T, self.virtual_map = (
+            self._array(self._c, name)[:components, :local] for name in ("T", "virtual_map")
+        )
+        self._force = self._array(self._c, "force")[:components]
+        self._by_s, self._of_s, self._turn, self._left, self._right = (
+            self._array(self._h, name)[..., :local]
+            for name in ("by_s", "of_s", "turn", "left", "right")
+        )
+
+    @staticmethod
+    def _array(struct: Any, name: str) -> np.ndarray:
+        """An array in a struct, which C changes."""
+        ffi, *_ = _library()
+        member = getattr(struct, name)
+        rows = ffi.typeof(member)
+        values = np.frombuffer(ffi.buffer(member))
+        return values if rows.item.kind == "primitive" else values.reshape(rows.length, -1)
 
     def begin(self, q: np.ndarray, s: float) -> None:
         """Set the start of a step: displacements and rotations (nodes, 3), and arc length [m]."""
-        self.s0 = s
-        self._phi0, self._psi0 = self.path.X + q[:, :2], self.angles + q[:, 2]
+        self._q, self._c.s0 = np.ascontiguousarray(q), s
 
     def set(self, D: np.ndarray, Ds: float) -> None:
         """Set the increments (nodes, 3) of the beam's nodes, and that of the arc length."""
-        path, n = self.path, self.path.width
-        self.Ds, self.s1 = Ds, self.s0 + Ds
-        self.weights = w = path.step(self.s0, self.s1)
-        self.nodes = window = slice(w.first, w.first + n)
-        self._p0 = self._phi0[window]
-        self._Dp = D[window, :2]
-        p1 = self._p0 + self._Dp
-        #: Derivative of the position by s at the end.
-        self.along = w.slope1 @ p1
-        #: Increments (components,) of the node, their derivatives, and the virtual ones.
-        self.increment = np.zeros(self.components)
-        self.T, self.virtual_map = np.zeros((2, self.components, self.components * n + 1))
-        self.increment[:2] = w.at1 @ p1 - w.at0 @ self._p0
-        for i in (0, 1):
-            self.T[i, i * n : (i + 1) * n] = w.at1
-        self.T[:2, -1] = self.along
-        self._set_virtual(w, p1)
-        if self.components == 3:
-            self._set_rotation(w, self._psi0[window], D[window, 2])
+        self._D, self._c.s1 = np.ascontiguousarray(D), self._c.s0 + Ds
+        self._library.fx_slide(self._c, *self._motion())
+
+    def _motion(self) -> tuple[Any, Any]:
+        return self._of(self._doubles, self._q), self._of(self._doubles, self._D)
+
+    @property
+    def nodes(self) -> slice:
+        """Nodes of the window."""
+        return slice(self._c.first, self._c.first + self.path.width)
 
     def reaches(self) -> bool:
         """Whether the step ends in the element to which its weights belong, or beyond an end."""
-        return self.path.reach(self.s0, self.s1)[1] == self.path.element(self.s1)
+        passed = self.path.element(self._c.s1) - self.path.element(self._c.s0)
+        return abs(passed) <= self.path.most
 
-    def off_the_end(self) -> float:
-        """Distance beyond an end of the beam at the end of the step [m]."""
-        return max(-self.s1, self.s1 - self.path.length, 0.0)
-
-    def _set_virtual(self, w: Weights, p1: np.ndarray) -> None:
-        level, n, p0 = self.level, self.path.width, self._p0
-        mean = (1 - level) * w.at0 + level * w.at1
-        for i in (0, 1):
-            self.virtual_map[i, i * n : (i + 1) * n] = mean
-        if level != 0.5:
-            self.virtual_map[:2, -1] = (1 - level) * (w.slope0 @ p0) + level * self.along
-            return
-        degree = self.path.degree
-        first = degree * self.path.element(self.s0) - w.first
-        self._ends = [first, first + degree]
-        r0, r1 = (p[first + degree] - p[first] for p in (p0, p1))
-        rbar, self._Dr = (r0 + r1) / 2, r1 - r0
-        self._square = rbar @ rbar
-        self._omega = omega = _W @ rbar / self._square
-        self._turn = (_W / 2 - np.outer(omega, rbar)) / self._square
-        self._Dalpha = omega @ self._Dr
-        zeta = _W @ (w.quotient @ self._Dp) / 4
-        self._pbar = (p0 + p1) / 2
-        for i in (0, 1):
-            row = self.virtual_map[i, : 2 * n].reshape(2, n)
-            row[:, self._ends] += np.outer(self.Ds * zeta[i] * omega, (-1.0, 1.0))
-        self.virtual_map[:2, -1] = w.quotient @ self._pbar - zeta * self._Dalpha
-
-    def _set_rotation(self, w: Weights, psi0: np.ndarray, Dpsi: np.ndarray) -> None:
-        level, n = self.level, self.path.width
-        psi1 = psi0 + Dpsi
-        self.increment[2] = w.at1 @ psi1 - w.at0 @ psi0
-        self.T[2, 2 * n : 3 * n], self.T[2, -1] = w.at1, w.slope1 @ psi1
-        mean = (1 - level) * w.at0 + level * w.at1
-        self._psibar = (psi0 + psi1) / 2
-        if level != 0.5:
-            self.virtual_map[2, 2 * n : 3 * n] = mean
-            self.virtual_map[2, -1] = (1 - level) * (w.slope0 @ psi0) + level * (w.slope1 @ psi1)
-            return
-        self._q = q = w.quotient @ self._psibar
-        if not self._by_tangent:
-            self.virtual_map[2, 2 * n : 3 * n], self.virtual_map[2, -1] = mean, q
-            return
-        x = Dpsi / 2
-        y = mean @ x
-        y_c = self.increment[2] / 2
-        self._turns = x, y, y_c
-        c = _over_sine(x - y) * np.cos(x)
-        self._total = total = mean @ c
-        self.virtual_map[2, 2 * n : 3 * n] = mean * c / total
-        self.virtual_map[2, -1] = q / _over_sine(y_c - y) / (np.cos(y_c) * np.cos(y))
-
-    # -- Derivatives of the virtual displacement --------------------------------------------------
+    def off_the_end(self) -> tuple[float, str]:
+        """Distance beyond an end of the beam at the end of the step [m], and which one it is."""
+        s = self._c.s1
+        return (-s, "start") if s < 0 else (max(s - self.path.length, 0.0), "end")
 
     def second(self, F: np.ndarray) -> np.ndarray:
         """Derivatives of virtual_map^T F, for a force F (components,), by all local ones."""
-        n, w, level = self.path.width, self.weights, self.level
-        size = self.components * n + 1
-        H = np.zeros((size, size))
-        for i in (0, 1):
-            own = slice(i * n, (i + 1) * n)
-            H[own, -1] = level * F[i] * w.slope1
-        if level != 0.5:
-            p1 = self._p0 + self._Dp
-            for i in range(2):
-                H[-1, i * n : (i + 1) * n] = level * F[i] * w.slope1
-            H[-1, -1] = level * (F[:2] @ (w.bend1 @ p1))
-            if self.components == 3:
-                own = slice(2 * n, 3 * n)
-                H[own, -1] = H[-1, own] = level * F[2] * w.slope1
-                psi1 = 2 * self._psibar - self._psi0[self.nodes]
-                H[-1, -1] += level * F[2] * (w.bend1 @ psi1)
-            return H
-        omega, Ds, M, Mp = self._omega, self.Ds, w.quotient, w.quotient_slope
-        G = -_W @ F[:2] / 4
-        Z, Z_s = G @ (M @ self._Dp), G @ (Mp @ self._Dp)
-        ends = np.zeros(n)
-        ends[self._ends] = -1.0, 1.0
-        by_r = omega + self._turn.T @ self._Dr
-        for i in (0, 1):
-            rows = slice(i * n, (i + 1) * n)
-            H[rows, -1] += ends * omega[i] * (Z + Ds * Z_s)
-            H[-1, rows] = F[i] * M / 2 - G[i] * M * self._Dalpha - Z * by_r[i] * ends
-            for j in (0, 1):
-                across = Ds * omega[i] * G[j] * np.outer(ends, M)
-                across += Ds * Z * self._turn[i, j] * np.outer(ends, ends)
-                H[rows, j * n : (j + 1) * n] = across
-        H[-1, -1] = F[:2] @ (Mp @ self._pbar) - self._Dalpha * Z_s
-        if self.components == 3:
-            self._add_second_of_rotation(F[2], H)
+        self._force[:] = F
+        self._library.fx_slide_second(self._c, *self._motion(), self._h)
+        H = self._left.T @ self._right + np.diag(self._turn)
+        H[:, -1] += self._by_s
+        H[-1] += self._of_s
+        H[-1, -1] += self._h.square
         return H
-
-    def _add_second_of_rotation(self, moment: float, H: np.ndarray) -> None:
-        n, w, Ds = self.path.width, self.weights, self.Ds
-        M, Mp = w.quotient, w.quotient_slope
-        own = slice(2 * n, 3 * n)
-        q_s = Mp @ self._psibar
-        if not self._by_tangent:
-            H[own, -1], H[-1, own] = moment * w.slope1 / 2, moment * M / 2
-            H[-1, -1] += moment * q_s
-            return
-        x, y, y_c = self._turns
-        mean = (w.at0 + w.at1) / 2
-        k, k_slope = _over_sine(x - y), _over_sine_slope(x - y)
-        # Derivatives (n, n + 1) by the rotations and by s.
-        y_by = np.append(mean / 2, w.slope1 @ x / 2)
-        x_by = np.hstack([np.eye(n) / 2, np.zeros((n, 1))])
-        c = k * np.cos(x)
-        c_by = (k_slope * np.cos(x))[:, None] * (x_by - y_by) - (k * np.sin(x))[:, None] * x_by
-        mc_by = mean[:, None] * c_by
-        mc_by[:, -1] += w.slope1 * c / 2
-        B = self.virtual_map[2, own]
-        B_by = (mc_by - np.outer(B, mc_by.sum(axis=0))) / self._total
-        u, q = y_c - y, self._q
-        q_by = np.append(M / 2, q_s)
-        u_by = Ds / 2 * q_by
-        u_by[-1] += q / 2
-        cosines = np.cos(y_c) * np.cos(y)
-        beta_by = q_by / (_over_sine(u) * cosines)
-        beta_by -= q * _over_sine_slope(u) / _over_sine(u) ** 2 / cosines * u_by
-        beta_by += self.virtual_map[2, -1] * (np.tan(y_c) * (y_by + u_by) + np.tan(y) * y_by)
-        H[own, own] = moment * B_by[:, :-1]
-        H[own, -1] = moment * B_by[:, -1]
-        H[-1, own] = moment * beta_by[:-1]
-        H[-1, -1] += moment * beta_by[-1]
-
-
-def _over_sine(x):
-    """x / sin(x), smooth at 0."""
-    return 1 / np.sinc(np.asarray(x) / np.pi)
-
-
-def _over_sine_slope(x):
-    """Derivative of x / sin(x), smooth at 0."""
-    x = np.asarray(x, dtype=float)
-    small = abs(x) < 1e-2
-    y = np.where(small, 1.0, x)
-    return np.where(small, x / 3 + 7 * x**3 / 90, (1 - y / np.tan(y)) / np.sin(y))

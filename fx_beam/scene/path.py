@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
-
 import numpy as np
 
 from .beam import Beam, inner_positions
@@ -12,22 +10,6 @@ from .beam import Beam, inner_positions
 _STRAIGHT = 1e-6
 # Cubic functions on [0, 1] with slope 1 at one end, and zero value and slope otherwise.
 _SLOPES = np.array([[0.0, 1.0, -2.0, 1.0], [0.0, 0.0, -1.0, 1.0]])
-
-
-class Weights(NamedTuple):
-    """Weights of the nodes of a window at a place s0, at a place s1, and between the two."""
-
-    #: First node of the window on the path.
-    first: int
-    #: Weights (n,) at both places, and their derivatives by s.
-    at0: np.ndarray
-    at1: np.ndarray
-    slope0: np.ndarray
-    slope1: np.ndarray
-    #: Second derivatives at s1; difference quotients from s0 to s1, and their derivatives by s1.
-    bend1: np.ndarray
-    quotient: np.ndarray
-    quotient_slope: np.ndarray
 
 
 class Path:
@@ -132,7 +114,6 @@ class Path:
         powers = {
             0: (1.0, x, x * x, x**3),
             1: (0.0, 1.0, 2 * x, 3 * x * x),
-            2: (0.0, 0.0, 2.0, 6 * x),
         }
         return self.coefficients[element] @ powers[order] / self.h[element] ** order
 
@@ -179,59 +160,11 @@ class Path:
 
     def _in_window(self, element: int, window: int, x: float, order: int) -> np.ndarray:
         """Weights (width,) in the window that begins with an element, at a coordinate."""
-        return self._placed(element, window, self._of_element(element, x, order))
-
-    def _placed(self, element: int, window: int, weights: np.ndarray) -> np.ndarray:
-        out = np.zeros(self.width)
+        weights, out = self._of_element(element, x, order), np.zeros(self.width)
         first = self.degree * (element - 1 - window)
         low, high = max(first, 0), min(first + len(weights), self.width)
         out[low:high] = weights[low - first : high - first]
         return out
-
-    def reach(self, s0: float, s1: float) -> tuple[int, int]:
-        """Elements at both ends of a step; the second is at most `most` away from the first."""
-        e0 = self.element(s0)
-        return e0, int(np.clip(self.element(s1), e0 - self.most, e0 + self.most))
-
-    def step(self, s0: float, s1: float) -> Weights:
-        """Weights of a step from s0 to s1."""
-        (e0, e1), s, h = self.reach(s0, s1), self.s, self.h
-        window = self.first_of(min(e0, e1))
-        x0, x1 = (s0 - s[e0]) / h[e0], (s1 - s[e1]) / h[e1]
-
-        def weights(e: int, x: float, order: int) -> np.ndarray:
-            return self._in_window(e, window, x, order)
-
-        slope1, bend1 = weights(e1, x1, 1), weights(e1, x1, 2)
-        if e0 == e1:
-            c = self.coefficients[e0]
-            powers = 0.0, 1.0, x0 + x1, x0 * x0 + x0 * x1 + x1 * x1
-            quotient = self._placed(e0, window, c @ powers / h[e0])
-            bends = 0.0, 0.0, 1.0, x0 + 2 * x1
-            quotient_slope = self._placed(e0, window, c @ bends / h[e0] ** 2)
-        else:
-            # Element by element, so that no difference of equal numbers is taken.
-            quotient, quotient_slope, length = np.zeros(self.width), bend1 / 2, s1 - s0
-            way, parts = (1, []) if e1 > e0 else (-1, [])
-            for e in range(e0, e1 + way, way):
-                a = x0 if e == e0 else float(way < 0)
-                b = x1 if e == e1 else float(way > 0)
-                powers = 0.0, 1.0, a + b, a * a + a * b + b * b
-                mean = self._placed(e, window, self.coefficients[e] @ powers / h[e])
-                parts.append(((b - a) * h[e] / length, mean))
-            quotient = sum(share * mean for share, mean in parts)
-            if abs(length) > 1e-6 * h[e0]:
-                quotient_slope = sum(share * (slope1 - mean) for share, mean in parts) / length
-        return Weights(
-            self.degree * window,
-            weights(e0, x0, 0),
-            weights(e1, x1, 0),
-            weights(e0, x0, 1),
-            slope1,
-            bend1,
-            quotient,
-            quotient_slope,
-        )
 
     def nearest(self, point: np.ndarray) -> tuple[float, float]:
         """Arc length of the nearest point of the reference path, and the distance to it [m]."""

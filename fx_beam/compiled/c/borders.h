@@ -41,7 +41,7 @@ static void border_slider(const Problem *p, const Work *w, Slider *a) {
   int n = a->width, m = a->components, force = ON_BORDER - a->border, product = force - m;
   int row_s = p->row_at[a->column], column_s = p->unknown_at[a->column];
   Second h;
-  slide_on(p, a, w->D, &h);
+  slide_on(a, p->q, w->D, &h);
   for (int l = 0; l < m * n; ++l) {
     int dof = 3 * (a->first + l % n) + l / n;
     if (h.turn[l] != 0) w->tangent[a->turn_stored_at[dof / 3]] += h.turn[l];

@@ -82,7 +82,7 @@ static void expand_trees(const Problem *p, const Work *w) {
   for (int i = 0; i < p->sliders; ++i) { /* a beam may hang on a node that slides on another one */
     Slider *a = p->slider + i;
     a->s0 = p->slides[a->joint], a->s1 = a->s0 + w->z[a->column];
-    slide_on(p, a, w->D, 0);
+    slide_on(a, p->q, w->D, 0);
     for (int c = 0; c < a->components; ++c) w->z[a->carried[c]] = a->increment[c];
     expand_columns(p, w);
   }

@@ -5,16 +5,16 @@
 
 #include "sparse_rows.h"
 #include "point_force.h"
+#include "slider.h"
 
 /* Elements per call of a Batch, values of a nodal rule, largest order of the predictor, largest number
    of sub-steps of a scheme, places of the displacements and rotations at the start of the step and of
    the internal variables among the changing coefficients, largest order of a scheme, number of
-   averaged differences in local errors, number of directions of an iteration with kept factors,
-   largest numbers of nodes and of local degrees of freedom in a window of a sliding node, and of products
-   in the derivatives of its forces; borders are numbered downwards from ON_BORDER. */
+   averaged differences in local errors, number of directions of an iteration with kept factors; borders
+   are numbered downwards from ON_BORDER. */
 enum {
   LANES = 8, RULE_VALUES = 18, PAST = 4, SUB_STEPS = 32, START = 1, INTERNAL = 5, MAX_ORDER = 4,
-  AVERAGED = 3, DIRECTIONS = 12, WINDOW_NODES = 16, LOCAL = 49, PRODUCTS = 4, ON_BORDER = -2
+  AVERAGED = 3, DIRECTIONS = 12, ON_BORDER = -2
 };
 
 /* Why a step failed. */
@@ -71,32 +71,6 @@ typedef struct {
   int a[3], b[3];      /* degrees of freedom of the nodes; -1 for the ground */
   double axis[2], offset[2];
 } SlideRate;
-
-/* A node that slides on a beam (sliders.py). Its columns border the reduced tangent (borders.h). */
-typedef struct {
-  int joint, column;    /* number of the joint, and column of the arc length */
-  int components, carried[3], node[3]; /* columns of the node, and its degrees of freedom */
-  /* The path: degree, elements, those of a window, those that a step may pass, and nodes of a window. */
-  int degree, elements, window, most, width;
-  double *ends, *coefficients; /* arc lengths (elements + 1); [element][3 degree + 1][4] */
-  double *position, *angle;    /* of the nodes in the reference configuration */
-  int *dofs;                   /* [node][3] */
-  /* Entries of its columns: rows, values and signs, from entry_start[component] on. */
-  int *entry_start, *entry_row, *entry_value;
-  double *entry_sign;
-  /* Entries of the beam's degrees of freedom [node][3]: columns, values and signs, from part_start on;
-     storage indices of the diagonal of its rotations. */
-  int *part_start, *part_column, *part_value, *turn_stored_at;
-  double *part_sign;
-  int border, products; /* first border that is no column; number of products */
-  /* Of a beam without mass that only sliding nodes may hold: columns of one of its nodes, and storage indices
-     of their diagonals. */
-  int anchors, anchor_column[3], anchor_at[3];
-  /* In the present iteration: arc lengths, first node of the window, increment, T and Tv, force. */
-  double s0, s1;
-  int first;
-  double increment[3], T[3][LOCAL], virtual_map[3][LOCAL], force[3];
-} Slider;
 
 typedef struct {
   int dofs, cells, cell_dofs, cell_coordinates, columns, free, driven;

@@ -1,0 +1,9 @@
+/* Nodes that slide on beams, for Python. */
+
+#include "processor.h"
+#include "slide_relation.h"
+#include "sliding.h"
+
+void fx_slide(Slider *a, const double *q, const double *D) { slide_on(a, q, D, 0); }
+
+void fx_slide_second(Slider *a, const double *q, const double *D, Second *h) { slide_on(a, q, D, h); }
