@@ -84,7 +84,7 @@ class StepError(RuntimeError):
     >>> scene = fb.Scene()
     >>> section = fb.Section(EA=1e4, GA=1e4, EI=100.0, rhoA=1.0, rhoI=0.1)
     >>> beam = scene.add_beam([(0, 0), (1, 0)], section)
-    >>> scene.add_force(beam.end, lambda t: (0.0, 1.0 if t < 0.25 else float("nan")))
+    >>> load = scene.add_force(beam.end, lambda t: (0.0, 1.0 if t < 0.25 else float("nan")))
     >>> try:
     ...     fb.simulate(scene, dt=0.1, t_end=1.0)
     ... except fb.StepError as error:

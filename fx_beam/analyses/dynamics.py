@@ -144,7 +144,7 @@ def simulate(
     >>> scene = fb.Scene(gravity=(0, -9.81))
     >>> bar = scene.add_beam([(0, 0), (1, 0)], fb.Section(EA=1e6, GA=1e6, EI=1e4))
     >>> scene.pin(bar.start)
-    >>> scene.add_mass(bar.end, 2.0)
+    >>> mass = scene.add_mass(bar.end, 2.0)
     >>> solution = fb.simulate(scene, dt=0.01, t_end=0.3)
     >>> round(float(solution.displacement(bar.end)[-1, 1]), 2)
     -0.42

@@ -56,7 +56,7 @@ class FrequencyResponse:
     >>> scene = fb.Scene()
     >>> bar = scene.add_beam([(0, 0), (1, 0)], fb.Section(EA=4 * math.pi**2, GA=1.0, EI=1.0))
     >>> scene.fix(bar.start, "x", "y", "rotation")
-    >>> scene.add_mass(bar.end, mass=1.0)
+    >>> mass = scene.add_mass(bar.end, mass=1.0)
     >>> response = fb.frequency_response(scene, (bar.end, (4 * math.pi**2, 0)), bar.end, [0.0, 0.5])
     >>> response.amplitude[:, 0].round(3)
     array([1.   , 1.333])

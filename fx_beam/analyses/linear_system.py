@@ -63,8 +63,8 @@ class LinearSystem:
     >>> bar = scene.add_beam([(0, 0), (1, 0)], fb.Section(EA=8.0, GA=1.0, EI=1.0))
     >>> scene.fix(bar.start, "x", "y", "rotation")
     >>> scene.fix(bar.end, "y", "rotation")
-    >>> scene.add_mass(bar.end, 2.0)
-    >>> scene.add_force(bar.end, fb.Input("push", factor=(1, 0)))
+    >>> mass = scene.add_mass(bar.end, 2.0)
+    >>> load = scene.add_force(bar.end, fb.Input("push", factor=(1, 0)))
     >>> system = fb.linearise(scene, outputs={"x": fb.Output("displacement", bar.end, "x")})
     >>> system
     <LinearSystem: 2 states, inputs ['push'], outputs ['x']>
@@ -127,7 +127,7 @@ class LinearSystem:
         >>> section = fb.Section(EA=1e6, GA=1e6, EI=1.0, rhoA=1.0, rhoI=1e-4)
         >>> beam = scene.add_beam([(0, 0), (1, 0)], section, elements=8)
         >>> scene.clamp(beam.start)
-        >>> scene.add_force(beam.end, fb.Input("push", factor=(0, 1)))
+        >>> load = scene.add_force(beam.end, fb.Input("push", factor=(0, 1)))
         >>> outputs = {"tip": fb.Output("displacement", beam.end, "y")}
         >>> slow = fb.linearise(scene, outputs=outputs).slowest(2)
         >>> abs(np.linalg.eigvals(slow.A)).round(2)
@@ -246,7 +246,7 @@ def linearise(
     >>> section = fb.Section(EA=1e6, GA=1e6, EI=1e4, rhoA=1.0, rhoI=1e-6)
     >>> rod = scene.add_beam([(0, 0), (0, 1)], section, elements=2)
     >>> hinge = scene.add_joint(fb.Revolute(fb.GROUND, rod.start))
-    >>> scene.add_moment(rod.start, fb.Input("torque"))
+    >>> load = scene.add_moment(rod.start, fb.Input("torque"))
 
     The state is an equilibrium of a copy that is held upright.
 

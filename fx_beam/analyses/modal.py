@@ -70,7 +70,7 @@ class Modes:
     >>> scene = fb.Scene()
     >>> bar = scene.add_beam([(0, 0), (1, 0)], fb.Section(EA=1e4, GA=1e4, EI=1.0))
     >>> scene.fix(bar.start, "x", "y", "rotation")
-    >>> scene.add_mass(bar.end, mass=1.0)
+    >>> mass = scene.add_mass(bar.end, mass=1.0)
     >>> modes = fb.modes(scene, n=2)
     >>> moved = modes.shape(bar, mode=0, size=0.1)[-1] - modes.positions[-1]
     >>> len(modes), abs(moved).round(3)

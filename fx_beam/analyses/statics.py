@@ -40,6 +40,7 @@ from fx_beam.validation import (
 from .evaluation import solution_of
 from .mpi_ranks import warn_of_equal_work
 from .progress import attach, failure_of, keeping_steps, progress_bar
+from .run_setup import state_of
 
 _log = logging.getLogger("fx_beam")
 # Largest number of load steps.
@@ -61,6 +62,7 @@ def static(
     inputs: Mapping[str, Any] | None = None,
     spin: float = 0.0,
     pivot: Sequence[float] = (0.0, 0.0),
+    start: Solution | None = None,
 ) -> Solution:
     """Compute equilibria of a scene while its loads rise from zero.
 
@@ -106,6 +108,12 @@ def static(
         velocities. `modes`, `linearise` and `simulate` continue with this rotation.
     pivot : (float, float)
         Point about which the frame turns [m].
+    start : Solution, optional
+        A solution from whose last state to start: loads one after the other, such as prestress and
+        then a load. The forces that held this state decrease to zero while the loads of the scene
+        increase to their full values, so that loads in both stay constant. Prescribed motions and
+        motors continue from their present position; a new support holds its node where it is.
+        Velocities have no effect. Internal variables, work and dissipated energy continue.
 
     Returns
     -------
@@ -131,13 +139,13 @@ def static(
     >>> scene = fb.Scene()
     >>> beam = scene.add_beam([(0, 0), (1, 0)], fb.Section(EA=1e4, GA=1e4, EI=1.0), elements=8)
     >>> scene.clamp(beam.start)
-    >>> scene.add_moment(beam.end, math.pi / 2)
+    >>> load = scene.add_moment(beam.end, math.pi / 2)
     >>> solution = fb.static(scene, steps=4)
     >>> bool(abs(solution.rotation(beam.end)[-1] - math.pi / 2) < 1e-8)
     True
     """
     _check(scene, steps, t, continuation, newton, max_cuts, max_steps, progress)
-    _check_turn(scene, spin, pivot)
+    _check_turn(scene, spin, pivot, start)
     warn_of_equal_work()
     scene, values = (
         with_functions(scene, inputs, "static: inputs"),
@@ -164,7 +172,10 @@ def static(
     states = _Path(progress_bar(1.0, progress, bar_format=_BAR))
     try:
         with states.bar:
-            states.append(stepper.first_state(steps, max_cuts))
+            if start is None:
+                states.append(stepper.first_state(steps, max_cuts))
+            else:
+                states.append(stepper.start_from(_at_rest(model, start)))
             if continuation is None:
                 stepper.raise_load(states, steps, max_cuts)
             else:
@@ -180,6 +191,12 @@ def static(
         if states:
             attach(error, lambda: _solution(stepper, inversion, states, clock))
         raise
+
+
+def _at_rest(model: Model, start: Solution) -> State:
+    """The last state of a solution, at rest, at load factor 0."""
+    state, rest = state_of(model, start), np.zeros(model.size)
+    return replace(state, t=0.0, v=rest, a=rest.copy(), parts=None, past=None, inputs=None)
 
 
 class _Path(list[State]):
@@ -215,12 +232,17 @@ def _turning(model: Model, frame: TurningFrame, state: State) -> State:
     return replace(state, v=v, a=a, work=state.work + float(v @ (model.mass @ v)) / 2)
 
 
-def _check_turn(scene: Scene, spin, pivot) -> None:
+def _check_turn(scene: Scene, spin, pivot, start) -> None:
     """Refuse a spin or pivot that is none, and what cannot turn with the scene."""
     require(is_number(spin), "static: spin", spin, "a finite number [rad/s]")
     vector(pivot, 2, "static: pivot")
     if spin:
         check_turns(scene, "static: spin")
+        if start is not None:
+            raise SceneError(
+                "static: start with a spin: the loads of a turn rise from zero. Give all loads at "
+                "once, without start"
+            )
 
 
 def _check(scene, steps, t, continuation, newton, max_cuts, max_steps, progress) -> None:

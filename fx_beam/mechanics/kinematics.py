@@ -91,8 +91,8 @@ class Step:
     >>> def wind(step):
     ...     return step.load_factor * ufl.sin(3.0 * step.t) * step.virtual_u[0]
     >>> scene = fb.Scene()
-    >>> scene.add_virtual_work(foundation)
-    >>> scene.add_virtual_work(wind)
+    >>> work = scene.add_virtual_work(foundation)
+    >>> work = scene.add_virtual_work(wind)
     """
 
     u0: Any

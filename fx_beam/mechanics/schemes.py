@@ -250,7 +250,7 @@ def EnergyDecaying(damping: float = 0.1, order: int = 2) -> Scheme:
     >>> scene = fb.Scene()
     >>> rod = scene.add_beam([(0, 0), (1, 0)], fb.Section(EA=1e6, GA=1e6, EI=1e4))
     >>> scene.clamp(rod.start)
-    >>> scene.add_mass(rod.end, 1.0)
+    >>> mass = scene.add_mass(rod.end, 1.0)
     >>> scene.set_velocity(rod.end, (1.0, 0.0))
     >>> energy = fb.simulate(scene, fb.EnergyDecaying(), dt=0.01, t_end=1.0).energy
     >>> bool(energy.kinetic[-1] < 0.01 * energy.kinetic[0])

@@ -30,7 +30,7 @@ class Contact:
     >>> scene = fb.Scene()
     >>> beam = scene.add_beam([(0, 0), (1, 0)], fb.Section(EA=1e6, GA=1e6, EI=1e3), elements=8)
     >>> scene.clamp(beam.start)
-    >>> scene.add_force(beam.end, (0.0, -10.0))
+    >>> load = scene.add_force(beam.end, (0.0, -10.0))
     >>> stop = scene.add_obstacle(beam.end, fb.Line((0, -1e-3), normal=(0, 1)), stiffness=1e9)
     >>> contact = fb.static(scene).contact(stop)
     >>> float(contact.force[-1, 0, 1].round(1)), bool(contact.gap.min() > -1e-8)

@@ -75,7 +75,7 @@ class Spring:
     >>> scene = fb.Scene()
     >>> arm = scene.add_beam([(0, 0), (1, 0)], fb.Section(EA=1e9, GA=1e9, EI=1e9))
     >>> joint = scene.add_joint(fb.Revolute(fb.GROUND, arm.start, spring=hinge))
-    >>> scene.add_moment(arm.end, 4.0)
+    >>> load = scene.add_moment(arm.end, 4.0)
     >>> motion = fb.static(scene, steps=4).joint(joint)
     >>> round(float(motion.internal("plastic angle")[-1]), 6), round(float(motion.angle[-1]), 6)
     (0.1, 0.1004)

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, fields
-from typing import Any
+from dataclasses import dataclass, fields, replace
+from typing import Any, NamedTuple
 
 import ufl
 
@@ -33,7 +33,15 @@ from .step_symbols import STEP
 from .symbols import not_numbers
 
 
-@dataclass(frozen=True)
+class Mass(NamedTuple):
+    """A lumped mass: number of its node, mass [kg] and moment of inertia [kg m^2]."""
+
+    node: int
+    mass: float
+    inertia: float
+
+
+@dataclass(frozen=True, eq=False)
 class Load:
     """A load on a node or along a beam."""
 
@@ -70,6 +78,14 @@ def line_load(beam: Beam, load, of: str) -> Load:
     return Load("line load", beam, Constant(np.ones(1)), along=along)
 
 
+def changed(load: Load, value) -> Load:
+    """The load with another value, of the same kind."""
+    if isinstance(load.target, Beam):
+        return line_load(load.target, value, "time" if load.along is None else "arc length")
+    size = 1 if load.kind == "moment" else 2
+    return replace(load, value=time_function(value, size, str(load)))
+
+
 def not_negative(value, what: str) -> float:
     """A number that is zero or positive; SceneError otherwise."""
     (number,) = vector(value, 1, what)
@@ -78,7 +94,7 @@ def not_negative(value, what: str) -> float:
     return float(number)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Drag:
     """Drag on a beam, per length, or on a node.
 
@@ -135,7 +151,7 @@ def initial_velocity(target: Node | Beam, velocity, spin) -> Velocity:
     )
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class VirtualWork:
     """Virtual work per length of a user's force, on one beam or on all."""
 

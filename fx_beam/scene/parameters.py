@@ -203,6 +203,11 @@ class Parameters(Mapping):
                 self._given[parameter.name] = parameter.given
                 self.functions[parameter.name] = parameter.function
 
+    def forget(self, name: str) -> None:
+        """Remove a parameter."""
+        for values in (self._given, self._first, self.functions):
+            values.pop(name, None)
+
     def replaced(self, function_of: Callable[[TimeFunction], TimeFunction]) -> Parameters:
         """The same parameters with other functions of time."""
         new = copy.copy(self)

@@ -14,7 +14,7 @@ from .beam import COMPONENTS, Beam, Node
 from .body import Body, check_body, name_of, velocities_of
 from .coordinate import Damper, Friction, Spring, checked_coordinate, parameters_of
 from .curve import Curve
-from .forces_between import ForceBetween, Pull, checked_force
+from .forces_between import ForceBetween, GivenPull, Pull, checked_force
 from .geometry import Geometry
 from .inputs import Input, time_function
 from .joints import GROUND, Joint, Rigid, check_new
@@ -49,7 +49,7 @@ class Scene(Geometry):
     >>> scene = fb.Scene()
     >>> beam = scene.add_beam([(0, 0), (2, 0)], fb.Section(EA=1e6, GA=1e6, EI=1e3), elements=16)
     >>> scene.clamp(beam.start)
-    >>> scene.add_force(beam.end, (0.0, -0.3))
+    >>> load = scene.add_force(beam.end, (0.0, -0.3))
     >>> tip = fb.static(scene, steps=1).displacement(beam.end)[-1]
     >>> round(float(tip[1]), 4), round(-0.3 * 2**3 / 3e3, 4)
     (-0.0008, -0.0008)
@@ -62,8 +62,7 @@ class Scene(Geometry):
         self.fixed: set[tuple[int, int]] = set()
         # Components prescribed as functions of time.
         self.prescribed: dict[tuple[int, int], TimeFunction] = {}
-        # Lumped masses: node number, mass [kg], inertia [kg m^2].
-        self.masses: list[tuple[int, float, float]] = []
+        self.masses: list[loads.Mass] = []
         self.loads: list[loads.Load] = []
         self.drags: list[loads.Drag] = []
         self.velocities: list[loads.Velocity] = []
@@ -78,6 +77,8 @@ class Scene(Geometry):
         self.forces_between: list[ForceBetween] = []
         # Whether incompatible initial velocities are projected instead of refused.
         self.projects_velocities = False
+        # Changes of what it has, which the lengths of its lists do not show.
+        self.changes = 0
 
     def __repr__(self):
         return f"<Scene: {', '.join(f'{name} {value}' for name, value in facts(self).items())}>"
@@ -458,7 +459,7 @@ class Scene(Geometry):
         for node in (a, b) if isinstance(b, Node) else (a,):
             loads.check_node(self, node, "force between points")
         on = checked_coordinate("force between points", spring, damper, None, friction, stop)
-        number = len(self.forces_between)
+        number = 1 + max((force.number for force in self.forces_between), default=-1)
         made = checked_force(a, b, on, force, number, self._size)
         self.parameters.add(made.parameters, str(made))
         self.forces_between.append(made)
@@ -466,7 +467,7 @@ class Scene(Geometry):
 
     # -- Masses and loads -----------------------------------------------------------------------
 
-    def add_mass(self, node: Node, mass: float, inertia: float = 0.0) -> None:
+    def add_mass(self, node: Node, mass: float, inertia: float = 0.0) -> loads.Mass:
         """Add a lumped mass.
 
         Parameters
@@ -476,6 +477,11 @@ class Scene(Geometry):
         mass, inertia : float
             Mass [kg] and moment of inertia [kg m^2].
 
+        Returns
+        -------
+        Mass
+            The mass, which `remove` takes away again.
+
         Raises
         ------
         SceneError
@@ -484,9 +490,10 @@ class Scene(Geometry):
         loads.check_node(self, node, "mass")
         given = (("mass", mass), ("inertia", inertia))
         m, J = (loads.not_negative(value, f"{name} of {node}") for name, value in given)
-        self.masses.append((node.number, m, J))
+        self.masses.append(loads.Mass(node.number, m, J))
+        return self.masses[-1]
 
-    def add_force(self, node: Node, force, follower: bool = False) -> None:
+    def add_force(self, node: Node, force, follower: bool = False) -> loads.Load:
         """Add a force.
 
         Parameters
@@ -498,11 +505,17 @@ class Scene(Geometry):
         follower : bool
             Whether the force rotates with the section of its node; then (fx, fy) are its components
             in the reference configuration. A dead force keeps its direction.
+
+        Returns
+        -------
+        Load
+            The load, which `change` and `remove` know.
         """
         loads.check_node(self, node, "force")
         self.loads.append(loads.nodal_force(node, force, follower))
+        return self.loads[-1]
 
-    def add_moment(self, node: Node, moment) -> None:
+    def add_moment(self, node: Node, moment) -> loads.Load:
         """Add a moment.
 
         In the plane its axis does not rotate: dead and follower moments are the same.
@@ -513,11 +526,17 @@ class Scene(Geometry):
             A node of this scene.
         moment : float, callable or Input
             Moment, or ``moment(t)`` [N m].
+
+        Returns
+        -------
+        Load
+            The load, which `change` and `remove` know.
         """
         loads.check_node(self, node, "moment")
         self.loads.append(loads.Load("moment", node, time_function(moment, 1, f"moment on {node}")))
+        return self.loads[-1]
 
-    def add_line_load(self, beam: Beam, load, of: str = "time") -> None:
+    def add_line_load(self, beam: Beam, load, of: str = "time") -> loads.Load:
         """Add a dead load along a beam.
 
         Parameters
@@ -530,6 +549,11 @@ class Scene(Geometry):
         of : {"time", "arc length"}
             The argument of the function.
 
+        Returns
+        -------
+        Load
+            The load, which `change` and `remove` know.
+
         Raises
         ------
         SceneError
@@ -537,8 +561,9 @@ class Scene(Geometry):
         """
         loads.check_beam(self, beam, "line load")
         self.loads.append(loads.line_load(beam, load, of))
+        return self.loads[-1]
 
-    def add_drag(self, on: Beam | Node, linear=0.0, quadratic=0.0, rotation=0.0) -> None:
+    def add_drag(self, on: Beam | Node, linear=0.0, quadratic=0.0, rotation=0.0) -> loads.Drag:
         """Add a drag, a force against the velocity, as in a fluid at rest.
 
         The force is v (linear + quadratic norm(v)). Its loss is in `Energy.dissipated`. In statics
@@ -557,6 +582,11 @@ class Scene(Geometry):
         rotation : float
             Moment per spin [N m s/rad], of a beam per length [N s/rad].
 
+        Returns
+        -------
+        Drag
+            The drag, which `remove` takes away again.
+
         Raises
         ------
         SceneError
@@ -570,7 +600,7 @@ class Scene(Geometry):
         >>> scene, alpha = fb.Scene(), 2.0
         >>> section = fb.Section(EA=1e4, GA=1e4, EI=1e2, rhoA=0.5, rhoI=0.01)
         >>> beam = scene.add_beam([(0, 0), (1, 0)], section)
-        >>> scene.add_drag(beam, linear=alpha * section.rhoA, rotation=alpha * section.rhoI)
+        >>> drag = scene.add_drag(beam, linear=alpha * section.rhoA, rotation=alpha * section.rhoI)
         >>> scene.set_velocity(beam, (0.0, 3.0))
         >>> solution = fb.simulate(scene, dt=0.01, t_end=math.log(2) / alpha)
         >>> print(f"{solution.velocity(beam.end)[-1, 1]:.3f} m/s")
@@ -578,8 +608,11 @@ class Scene(Geometry):
         """
         loads.check_target(self, on, "drag")
         self.drags.append(loads.Drag(on, linear, quadratic, rotation))
+        return self.drags[-1]
 
-    def add_virtual_work(self, term: Callable[[Any], Any], beam: Beam | None = None) -> None:
+    def add_virtual_work(
+        self, term: Callable[[Any], Any], beam: Beam | None = None
+    ) -> loads.VirtualWork:
         """Add a force of your own by its virtual work, in UFL.
 
         Parameters
@@ -593,6 +626,11 @@ class Scene(Geometry):
         beam : Beam, optional
             Where it acts; on all beams by default.
 
+        Returns
+        -------
+        VirtualWork
+            The virtual work, which `remove` takes away again.
+
         Raises
         ------
         SceneError
@@ -604,7 +642,7 @@ class Scene(Geometry):
 
         >>> import ufl, fx_beam as fb
         >>> scene = fb.Scene()
-        >>> scene.add_virtual_work(lambda step: -0.5 * ufl.dot(step.v, step.virtual_u))
+        >>> work = scene.add_virtual_work(lambda step: -0.5 * ufl.dot(step.v, step.virtual_u))
         """
         if beam is not None:
             loads.check_beam(self, beam, "virtual work")
@@ -612,6 +650,99 @@ class Scene(Geometry):
         what = f"virtual work {len(self.virtual_works) + 1}"
         self.parameters.add(work.parameters_of(what), what)
         self.virtual_works.append(work)
+        return work
+
+    def change(self, load: loads.Load, value) -> loads.Load:
+        """Change the value of a load.
+
+        Parameters
+        ----------
+        load : Load
+            What `add_force`, `add_moment` or `add_line_load` returned.
+        value : float, (x, y), callable or Input
+            Its new value, as there.
+
+        Returns
+        -------
+        Load
+            The load with the new value, in the place of the other one.
+
+        Raises
+        ------
+        SceneError
+            For a load that this scene does not have, or a value that does not fit.
+        """
+        at = _position(self.loads, load, "change", "a load")
+        self.loads[at] = loads.changed(load, value)
+        self.changes += 1
+        return self.loads[at]
+
+    def remove(self, *parts) -> None:
+        """Take away loads, masses, drag, virtual works and forces between points.
+
+        Parameters
+        ----------
+        *parts : Load, Mass, Drag, VirtualWork or ForceBetween
+            What the methods that add them returned. For supports there is `free`.
+
+        Raises
+        ------
+        SceneError
+            For a part that this scene does not have, or that cannot be taken away.
+
+        Examples
+        --------
+        A prop that is taken away: the end of the beam sinks by q L^4 / (8 EI).
+
+        >>> import fx_beam as fb
+        >>> scene = fb.Scene()
+        >>> section = fb.Section(EA=1e6, GA=1e8, EI=1e3)
+        >>> beam = scene.add_beam([(0, 0), (2, 0)], section, elements=8, degree=2)
+        >>> load = scene.add_line_load(beam, (0.0, -1.0))
+        >>> scene.clamp(beam.start)
+        >>> scene.fix(beam.end, "y")
+        >>> propped = fb.static(scene)
+        >>> scene.free(beam.end, "y")
+        >>> free = fb.static(scene, start=propped)
+        >>> print(free.displacement(beam.end)[[0, -1], 1].round(5))
+        [ 0.    -0.002]
+        >>> scene.remove(load)
+        >>> unloaded = fb.static(scene, start=free)
+        >>> bool(abs(unloaded.displacement(beam.end)[-1]).max() < 1e-9)
+        True
+        """
+        lists = self.loads, self.masses, self.drags, self.virtual_works, self.forces_between
+        for part in parts:
+            own = next((known for known in lists if any(part is one for one in known)), [])
+            del own[_position(own, part, "remove", "a part")]
+            if isinstance(part, ForceBetween) and isinstance(part.force, GivenPull):
+                self.parameters.forget(part.force.pull.name)
+            self.changes += 2  # also if something else is added
+
+    def free(self, node: Node, *components: str) -> None:
+        """Take supports and prescribed motions away from a node.
+
+        Parameters
+        ----------
+        node : Node
+            A node of this scene.
+        *components : {"x", "y", "rotation"}
+            Components to free; by default all that are supported.
+
+        Raises
+        ------
+        SceneError
+            For a component that is not supported.
+        """
+        loads.check_node(self, node, "support")
+        supported = [*self.fixed, *self.prescribed]
+        held = [name for i, name in enumerate(COMPONENTS) if (node.number, i) in supported]
+        for name in components or held or ["a component"]:
+            require(name in held, f"free {node}", name, f"one that is supported: {held}")
+            key = node.number, COMPONENTS.index(name)
+            self.fixed.discard(key)
+            self.prescribed.pop(key, None)
+            self.changes += 2
 
     def set_velocity(self, target: Beam | Body | Node, velocity=(0.0, 0.0), spin=0.0) -> None:
         """Set the velocity and spin at t = 0.
@@ -639,3 +770,14 @@ class Scene(Geometry):
         if key in self.fixed or key in self.prescribed:
             raise SceneError(f"{component} of {node} is supported twice; remove one support")
         return key
+
+
+def _position(known: Sequence, part: Any, what: str, kind: str) -> int:
+    """Index of a part in a list of a scene; SceneError if it is not there."""
+    for i, one in enumerate(known):
+        if one is part:
+            return i
+    raise SceneError(
+        f"{what}: the scene does not have {shown(part)}. Give {kind} that a method such as "
+        "add_force of this scene returned, and that was not changed or removed since"
+    )

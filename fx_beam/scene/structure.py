@@ -62,7 +62,7 @@ _OWN: dict[type, tuple[str, ...]] = {
 }
 #: What follows from the rest of a scene.
 _DERIVED: dict[type, tuple[str, ...]] = {
-    Scene: ("nodes", "_corners", "_couplings"),
+    Scene: ("nodes", "_corners", "_couplings", "changes"),
 }
 
 

@@ -194,7 +194,9 @@ class ArcLength:
         self.stepper.note(step)
         interval, forcing = Interval(state.t, t1), self._forcing
         forces, positions = forcing.forces(interval), forcing.positions(t1)
-        return self.stepper.single.finish(state, interval, step, forces, positions)
+        new = self.stepper.single.finish(state, interval, step, forces, positions)
+        new.work += (1 - (state.t + t1) / 2) * float(self._path.held @ step.y)
+        return new
 
     def _correct(
         self, state: State, tangent: Tangent, along: float, normal: Tangent, distance: float

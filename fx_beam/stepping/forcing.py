@@ -126,8 +126,14 @@ class LoadForcing(Forcing):
         super().__init__(model)
         self.time, self.turning = time, turning
         model.forms.parameters.hold(time)
-        #: All dead loads (size,) [N, N m] and driven motions (driven,) [m, rad].
+        #: All dead loads (size,) [N, N m], and how far driven motions go (driven,) [m, rad].
         self.full, self.goal = self._dead(time), super().positions(time)
+        self._origin = np.zeros_like(self.goal)
+
+    def start_from(self, state: State) -> None:
+        """Let driven motions start from where they are in a state."""
+        origin = self.current(state)
+        self._origin, self.goal = origin, self._origin + self.goal - origin
 
     def forces(self, step: Interval) -> tuple[np.ndarray, np.ndarray]:
         """Dead forces (size,) at two load factors [N, N m]."""
@@ -135,4 +141,4 @@ class LoadForcing(Forcing):
 
     def positions(self, t: float) -> np.ndarray:
         """Prescribed motions and positions of motors (driven,) at a load factor [m, rad]."""
-        return t * self.goal
+        return self._origin + t * self.goal

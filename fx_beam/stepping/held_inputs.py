@@ -19,7 +19,7 @@ from .forcing import Forcing
 # Parts of a scene on which its motion depends.
 _PARTS = (
     *("beams", "nodes", "fixed", "prescribed", "masses"),
-    *("loads", "drags", "virtual_works", "joints", "obstacles"),
+    *("loads", "drags", "virtual_works", "joints", "obstacles", "forces_between"),
 )
 
 
@@ -75,7 +75,7 @@ class HeldInputs:
     def __init__(self, scene: Scene):
         #: What the scene has, to notice what is added to it later.
         self._watched = [getattr(scene, name) for name in _PARTS]
-        self._count = sum(map(len, self._watched))
+        self._scene, self._count = scene, self._changes(scene)
         #: Number of values of each input, by name.
         self.widths = widths(scene)
         #: Present values by name, in arrays that do not change.
@@ -98,11 +98,11 @@ class HeldInputs:
         SceneError for what is no input or no value of it, and for a scene that has more than at the
         start.
         """
-        if sum(map(len, self._watched)) != self._count:
+        if self._changes(self._scene) != self._count:
             raise SceneError(
-                "Motion: something was added to the scene since the motion was created, and has no "
-                "part in it. Create another motion, which goes on: fb.Motion(scene, dt=..., "
-                "start=motion.state)"
+                "Motion: something was added to the scene since the motion was created, or removed "
+                "from it or changed; the motion does not know it. Create another motion, which "
+                "goes on: fb.Motion(scene, dt=..., start=motion.state)"
             )
         if not isinstance(given, Mapping):
             require(False, "inputs", given, f"a dictionary of {list(self.widths)}")
@@ -113,6 +113,10 @@ class HeldInputs:
                 value = vector(value, self.widths[name], f"input {name!r}")
             values[name] = value
         return values
+
+    def _changes(self, scene: Scene) -> int:
+        """A number that changes with what the scene has."""
+        return sum(map(len, self._watched)) + scene.changes
 
     def set(self, values: Mapping[str, Any]) -> None:
         """Set some inputs for the next steps."""

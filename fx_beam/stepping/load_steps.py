@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import functools
 from collections.abc import Callable, Iterator
+from dataclasses import replace
 
 import numpy as np
 
@@ -90,6 +91,23 @@ class LoadStepper:
         self._hold = np.zeros_like(tension), np.zeros_like(tension)
         state.work = 0.0
         return state
+
+    def start_from(self, state: State) -> State:
+        """A state as the start: the forces that hold it there fade as the loads rise."""
+        equations, model = self.single.equations, self.model
+        self.forcing.start_from(state)
+        equations.begin(Interval(0.0, 0.0), state)
+        balance = equations.at_start(np.zeros(model.size))
+        self.path.held = balance.residual[: model.reduction.free].copy()
+        if model.forms.has_added:
+            state.added_forces = model.forms.added_force()
+        self._hold_between(0.0, 0.0)
+        return replace(self.step(state, 0.0), work=state.work)
+
+    def _hold_between(self, before: float, after: float) -> None:
+        """Set the forces that hold the start, at both ends of a step."""
+        self._hold = (1 - before) * self.path.held, (1 - after) * self.path.held
+        self.single.newton.hold = self._hold[1]
 
     def step(self, state: State, goal: float) -> State:
         """State after one load step; StepFailed if it leaves the path."""
@@ -190,7 +208,8 @@ class LoadStepper:
         A step is halved at most `max_cuts` times; StepError if it still fails.
         """
 
-        def raised(state: State, _: float, goal: float) -> State:
+        def raised(state: State, before: float, goal: float) -> State:
+            self._hold_between(before, goal)
             return self.step(state, goal)
 
         try:

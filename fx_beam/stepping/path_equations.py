@@ -52,6 +52,8 @@ class PathEquations:
     def __init__(self, equations: Equations, forcing: LoadForcing):
         self._equations, self._forcing, self.model = equations, forcing, equations.model
         self._reduction = self.model.reduction
+        #: Forces (free,) in the place of the loads at the start, which fade as these rise.
+        self.held = np.zeros(self._reduction.free)
         #: Weights of the degrees of freedom in the inner product.
         self.weight = 1 / (self.model.unit**2 * len(self.model.turns))
         #: Whether long loops border the tangent: here they are eliminated, which fills it.
@@ -89,6 +91,7 @@ class PathEquations:
         at = self._start.t + load
         forms.set_load(at, 0.0)
         balance = self._equations.at(y, self._driven(load), at * forcing.full)
+        balance.residual[: len(y)] -= (1 - at) * self.held
         per_load = forms.stiffness @ self.spread(np.zeros_like(y), 1.0) - forcing.full
         if forcing.turning is not None:
             per_load -= forcing.turning.force(self._start.q + balance.D)
@@ -102,7 +105,7 @@ class PathEquations:
                 self.expand(y, load + sign * h)
                 column += sign / (2 * h) * reduction.project(balance.r)
             self.expand(y, load)
-        return balance, per_load, column[: reduction.free]
+        return balance, per_load, column[: reduction.free] + self.held
 
     def factors(self, r: np.ndarray, column: np.ndarray, normal: Tangent) -> BorderedLU:
         """The derivative of the equations, bordered by that of the load and the plane's row."""
