@@ -21,12 +21,17 @@ static double ratio_of_lengths(const Problem *p, double dt) {
   return p->length > 0 ? fmin(1, dt / p->length) : 0;
 }
 
+/* Apart from what each step passes, of which the compiler would make a loop with vectors. */
+static __attribute__((noinline)) void set_parameters(const Problem *p, const Form *form) {
+  for (int i = 0; i < form->parameters; ++i)
+    form->constants[form->parameters_at + i] = p->parameter[form->parameter[i]];
+}
+
 static void set_time(const Problem *p, const Form *form, double t, double dt) {
   if (form->integrals && form->time_at >= 0) form->constants[form->time_at] = t;
   if (form->integrals && form->dt_at >= 0) form->constants[form->dt_at] = dt;
   if (form->integrals && form->memory_at >= 0) form->constants[form->memory_at] = p->ratio;
-  for (int i = 0; i < form->parameters; ++i)
-    form->constants[form->parameters_at + i] = p->parameter[form->parameter[i]];
+  if (form->parameters) set_parameters(p, form);
 }
 
 /* Sets the time, and the coefficients that change only from step to step. */
