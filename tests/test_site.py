@@ -148,6 +148,11 @@ def test_a_function_is_set_apart_from_the_number_before_it(drawn):
     assert re.search(rf"<msup>\s*{tan}\s*<mn>2</mn>\s*</msup>", drawn(r"\tan^2 x"))
 
 
+def test_the_index_of_an_accented_symbol_stands_beside_it(drawn):
+    for accented in (r"\bar N_a", r"\hat G_d^{-T}", r"\dot\psi_{ab}"):
+        assert re.search(r"<msub><mover accent=.true.><mi>\w</mi>", drawn(accented))
+
+
 @pytest.mark.parametrize(
     ("plain", "latex"),
     [

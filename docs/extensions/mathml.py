@@ -17,6 +17,10 @@ _CLOSE = {
 _FUNCTION = re.compile(
     r"<mi>((?:sin|cos|tan|exp|ln|log|sgn)h?)</mi>(\s*<mo>&ApplyFunction;</mo>)?(\s*<mo[^>]*>\()?"
 )
+# docutils puts the index of an accented symbol below it.
+_INDEX = re.compile(
+    r"<munderover>\s*(<mi>[^<]*</mi>)\s*(.*?)\s*(<mo[^>]*>[¯ˆ˙¨˜]</mo>)\s*</munderover>", re.DOTALL
+)
 _THIN = '<mspace width="0.1667em"/>'
 
 
@@ -32,6 +36,7 @@ def mathml(formula, as_block):
     text = tex2mathml(formula, as_block=as_block)
     for latex, better in _CLOSE.items():
         text = text.replace(latex, better)
+    text = _INDEX.sub(r'<msub><mover accent="true">\1\3</mover>\2</msub>', text)
     return _FUNCTION.sub(_spaced, text)
 
 
