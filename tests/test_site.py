@@ -178,6 +178,14 @@ def test_formulas_of_all_demos_can_be_drawn(extension, drawn):
         assert not re.search(r"^    \S", re.sub("```.*?```", "", says, flags=re.DOTALL), re.M)
 
 
+def test_a_comment_stands_with_the_code_that_follows_it(extension):
+    pytest.importorskip("sphinx")
+    source = '"""Demo."""\n\nA = 1\n\n\n# -- Forces --\n\n\ndef force():\n    """A force."""\n'
+    (_, first), (says, second) = extension("gallery").pieces(source)
+    assert "A = 1" in first and not any("Forces" in line for line in first)
+    assert says == "**force**: A force." and any("Forces" in line for line in second)
+
+
 def test_a_page_of_the_gallery_has_all_code_of_its_demo(extension):
     pytest.importorskip("sphinx")
     for demo in (pages.ROOT / "demos").glob("*.py"):

@@ -79,13 +79,19 @@ def prose(text):
     return "\n\n".join(parts)
 
 
+def _start(node, lines):
+    """Index of a definition's first line, decorators and the comments before it included."""
+    first = min([node.lineno, *(one.lineno for one in getattr(node, "decorator_list", []))]) - 1
+    before = first
+    while before and (not lines[before - 1] or lines[before - 1].startswith("#")):
+        before -= 1
+    return before if any(lines[before:first]) else first
+
+
 def pieces(source):
     """The code of a script without its docstrings, each function after what it says."""
     tree, lines = ast.parse(source), source.splitlines()
-    starts = [
-        min([node.lineno, *(one.lineno for one in getattr(node, "decorator_list", []))]) - 1
-        for node in tree.body[1:]
-    ]
+    starts = [_start(node, lines) for node in tree.body[1:]]
     text, code = "", []
     for node, start, end in zip(tree.body[1:], starts, [*starts[1:], len(lines)], strict=True):
         says = ast.get_docstring(node) if isinstance(node, ast.FunctionDef) else None
