@@ -90,13 +90,20 @@ class FormTables:
         """Forms of fields that change, in the order of `BeamForms.moving`."""
         p, forms = self._problem, self._forms
         bound = [forms.bound[name] for name in names if name in forms.bound]
-        form, compiled = bound[0]
+        n = p.cell_internal if to == "evolution" else p.cell_dofs
+        sizes = [n ** len(compiled.form.arguments()) for _, compiled in bound]
+        return self.of(names[min(1, len(bound) - 1)], Kernel(bound, sizes), fields)
+
+    def of(self, name: str, kernel: Kernel, fields: list) -> dict[str, Any]:
+        """Forms of a kernel, of fields that change: the first in every evaluation.
+
+        `name` is that of the form that takes longest to compile.
+        """
+        p, forms = self._problem, self._forms
+        form, compiled = kernel.forms[0]
         packed, tags = dolfinx_api.packed_coefficients(form, compiled), ffcx_api.integrals(compiled)
-        kernel = Kernel(bound, p.cell_internal if to == "evolution" else p.cell_dofs)
         width = packed[tags[0]].shape[1]
         numbers = kernel.size, width, p.cell_coordinates
-        # Named after the form that takes longest to compile.
-        name = names[min(1, len(bound) - 1)]
         batches = load_batches(name, kernel.key, kernel.source, len(tags), numbers)
         cells = [forms.cells_of(tag) for tag in tags]
         moving = sorted(dolfinx_api.coefficient_offsets(form, fields))

@@ -11,8 +11,9 @@ import math
 from typing import Any
 
 import numpy as np
+import scipy.sparse
 
-from fx_beam.algebra.lu_layout import COSTS, factors_of
+from fx_beam.algebra.lu_layout import COSTS, Factors, factors_of
 from fx_beam.c_library import declarations
 from fx_beam.coupling.index_reduction import Tables, TieTables
 from fx_beam.coupling.joint_reduction import JointReduction
@@ -113,11 +114,11 @@ class Problem:
         )
         self._heavy, self._turning, self._turns = heavy, turning, turns
         #: Tables of the forms of beams, None without any.
-        self._tables: FormTables | None = None
+        self.tables: FormTables | None = None
         if (beams := model.forms.beams) is not None:
             stored = stored_at[entries]
-            self._tables = FormTables(beams, dofs, coordinates, stored, p, self.library.LANES)
-            self._set(**self._tables.all())
+            self.tables = FormTables(beams, dofs, coordinates, stored, p, self.library.LANES)
+            self._set(**self.tables.all())
             if p.cell_internal:
                 width = beams.internal_shape[-1]
                 self._set(per_weight=np.repeat(1 / beams.point_weights, width))
@@ -153,10 +154,10 @@ class Problem:
         if len(model.points.slides):
             for i, row in enumerate(self._slide_rates()):
                 self._structs.set(self.c.rated_slide[i], axis=row["axis"], offset=row["offset"])
-        if self._tables is not None:
+        if self.tables is not None:
             if model.moved:
-                self._tables.move(dolfinx_api.element_coordinates(model.mesh.mesh))
-            self._tables.refill()
+                self.tables.move(dolfinx_api.element_coordinates(model.mesh.mesh))
+            self.tables.refill()
         self.ffi.memmove(self.c, self._fresh, len(self._fresh))
         self._clear()
 
@@ -247,12 +248,7 @@ class Problem:
         if not reduction.free:
             raise LoopUnavailable("the scene has no unknowns")
         loops = reduction.loop_tables()
-        # Rows of unknowns that close loops are no forces, by which errors are judged.
-        ties = reduction.dependent if reduction.dependent.size else None
-        keep = loops is None and not self.model.couplings.sliding
-        self.factors = factors = factors_of(
-            *reduction.factored, keep, ties, COSTS, reduction.forces
-        )
+        self.factors = factors = self._factors_of(*reduction.factored)
         at, stored = factors.at, factors.size
         if not factors.band:  # the tangent is stored apart
             indptr, indices = reduction.factored
@@ -300,6 +296,24 @@ class Problem:
         #: Storage indices of the forces on slides, and which these are.
         self._on_slides = at[t.restoring["to"]], t.restoring["of"]
         return stored_at
+
+    def _factors_of(self, indptr: np.ndarray, indices: np.ndarray) -> Factors:
+        reduction = self.model.reduction
+        # Rows of unknowns that close loops are no forces, by which errors are judged.
+        ties = reduction.dependent if reduction.dependent.size else None
+        keep = not self.model.couplings.closures and not self.model.couplings.sliding
+        return factors_of(indptr, indices, keep, ties, COSTS, reduction.forces)
+
+    def transposed(self) -> np.ndarray:
+        """Storage index, among sparse factors, of each entry of the tangent in its transpose."""
+        indptr, indices = self.model.reduction.factored
+        n = len(indptr) - 1
+        numbered = scipy.sparse.csr_matrix((np.arange(len(indices)), indices, indptr), (n, n))
+        turned = numbered.T.tocsr()
+        turned.sort_indices()
+        at = np.empty(len(indices), dtype=int)
+        at[turned.data] = self._factors_of(turned.indptr, turned.indices).at
+        return at
 
     def _hand_over_ties(self, ties: TieTables | None, at: np.ndarray) -> np.ndarray:
         """Hand over the ties; returns the storage indices of their diagonals, which are 1.

@@ -9,22 +9,20 @@ from fx_beam.fem.dolfinx_api import CompiledForm
 
 
 class Kernel(NamedTuple):
-    """Forms that are evaluated together: a single form, or internal forces and their tangent.
+    """Forms that are evaluated together, such as internal forces and their tangent.
 
     The compiler evaluates only once what they have in common, such as sines and cosines.
     """
 
     #: Forms on a mesh, each as compiled. The first has all coefficients and constants.
     forms: list[tuple[Any, CompiledForm]]
-    #: Number of degrees of freedom per element, of the space of the test functions.
-    cell_dofs: int
+    #: Number of tensor entries of each, which are in this order.
+    sizes: list[int]
 
     @property
     def size(self) -> int:
-        """Number of tensor entries: of the first form, and of the tangent."""
-        n = self.cell_dofs
-        rank = len(self.forms[0][1].form.arguments())
-        return n**rank + (n * n if len(self.forms) > 1 else 0)
+        """Number of all tensor entries."""
+        return sum(self.sizes)
 
     @property
     def key(self) -> str:
@@ -56,11 +54,11 @@ class Kernel(NamedTuple):
         """Call of the function of a form with its own coefficients and constants."""
         if number == 0:
             return f"{name}(A, w, c, x{unused});\n"
-        n = self.cell_dofs
+        first = sum(self.sizes[:number])
         indices = dolfinx_api.indices_in(self.forms[number], self.forms[0])
         lists = (
             ", ".join(f"{array}[{i}]" for i in of_own) or "0"
             for array, of_own in zip("wc", indices, strict=True)
         )
         own = "double own_w[] = {{{}}}, own_c[] = {{{}}}".format(*lists)
-        return f"{{ {own};\n{name}(A + {n}, own_w, own_c, x{unused}); }}\n"
+        return f"{{ {own};\n{name}(A + {first}, own_w, own_c, x{unused}); }}\n"

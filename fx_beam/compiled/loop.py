@@ -14,9 +14,10 @@ from fx_beam.stepping.interrupts import uninterrupted
 from fx_beam.stepping.local_error import order_and_constant
 from fx_beam.stepping.newton import NewtonOptions
 from fx_beam.stepping.python_loop import Attempt, PythonLoop, Steps
-from fx_beam.stepping.recorder import Rows
+from fx_beam.stepping.recorder import Rows, Unrecorded
 
 from .handover import Problem
+from .tape import Tape
 
 
 class CompiledLoop:
@@ -43,6 +44,8 @@ class CompiledLoop:
         self._sources |= {"before_internal": problem.c.internal, "earlier_q": problem.c.before}
         #: Rows by the records to which they belong.
         self._rows_of: weakref.WeakKeyDictionary = weakref.WeakKeyDictionary()
+        #: Where sub-steps are taped, but for those of trials; None for nowhere.
+        self.tape: Tape | None = None
         C = problem.library
         self._no_failures = C.OK, C.SWITCHED, C.TOO_INACCURATE
         self._begin(python)
@@ -130,6 +133,8 @@ class CompiledLoop:
         p = self._problem
         self.load(state)
         c_inputs, to = self.c_inputs(inputs), self.c_record(recorder, steps, len(ends))
+        if self.tape is not None and not isinstance(recorder, Unrecorded):
+            to.tape = self.tape.with_room(len(inputs.driven))
         dt = (ends[-1] - state.t) / len(ends)
         taken = self._library.fx_run(p, len(inputs.driven) // p.sub_steps, dt, c_inputs, to)
         recorder.add(to.rows, to.starts)

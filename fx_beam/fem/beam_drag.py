@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import functools
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import ufl
@@ -21,6 +21,7 @@ from . import dolfinx_api
 from .dolfinx_api import CompiledForm
 from .fields import Fields
 from .mesh import Mesh
+from .pulled_form import work_and_derivatives
 from .section_fields import Data, DataShape, FilledField, cell_data
 
 
@@ -44,6 +45,21 @@ class DragForms:
         #: Coefficients by name, and by their symbols in UFL.
         self.coefficients = {name: FilledField(part, mesh) for name, part in data.items()}
         self.data = {at[name]: part.on_mesh for name, part in self.coefficients.items()}
+
+
+class PulledDrag:
+    """The work of the drag on weights, and its derivatives, on no particular mesh.
+
+    The fields are those of the drag; its coefficients, by name, vary cell by cell.
+    """
+
+    def __init__(self, fields: Fields, rates: Any, shapes: Mapping[str, DataShape]):
+        #: Symbols of the coefficients, and of the weights in the place of the test function.
+        self.symbols = {name: fields.data(shape) for name, shape in shapes.items()}
+        self.weight = dolfinx_api.Coefficient(fields.test.ufl_function_space())
+        work = drag_work(fields.step(rates, "rates of the drag"), self.symbols)
+        work = ufl.replace(work * fields.measure(fields.full_rule), {fields.test: self.weight})
+        self.forms = work_and_derivatives("work of drag", work, fields, self.symbols)
 
 
 class BeamDrag:

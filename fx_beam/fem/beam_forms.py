@@ -13,12 +13,13 @@ from fx_beam.scene.beam import Beam
 from fx_beam.scene.scene import Scene
 
 from . import dolfinx_api, interval_mesh
-from .beam_drag import BeamDrag, DragForms, coefficients
+from .beam_drag import BeamDrag, DragForms, PulledDrag, coefficients
 from .dolfinx_api import CompiledForm
 from .fields import Fields, fields_of
 from .mesh import Mesh
 from .parameter_values import ParameterValues
-from .section_fields import Data, FilledField, distinct, on_beam, refill, section_data
+from .pulled_form import BoundPull, PulledForm
+from .section_fields import Data, DataShape, FilledField, distinct, on_beam, refill, section_data
 from .step_start import StepStart
 from .weak_form import Material, WeakForm, inverted_sections, weak_form
 
@@ -52,6 +53,8 @@ class BeamForms:
         #: UFL's constant of the parameters in the forms, None without any, and their indices among
         #: all.
         self.parameters: tuple[Any, list[int]] = None, []
+        #: Data of beams, by name, that vary cell by cell for steps backwards.
+        self._by_cells: dict[str, FilledField] = {}
         #: Forms by name: on the mesh, and as compiled.
         self.bound: dict[str, tuple[Any, CompiledForm]] = {}
         #: Their names, in order.
@@ -124,7 +127,7 @@ class BeamForms:
         data = self._data | unknowns | plan.data
         forms = [self._bound(form, space, data) for form in plan.compiled]
         #: Coefficients of the drag on beams by name.
-        self.of_drag = plan.coefficients
+        self.of_drag, self._drag_fields = plan.coefficients, plan.fields
         return BeamDrag(self._mesh.mesh, unknowns[plan.fields.increment], *forms)
 
     def _weak_form(self, scene: Scene) -> WeakForm:
@@ -145,14 +148,11 @@ class BeamForms:
             everywhere if work.beam is None else on_beam(mesh, scene, work.beam)
             for work in scene.virtual_works
         ]
-        weak = weak_form(
-            fields_of(degree, mesh.curved),
-            self._scheme,
-            materials,
-            data["stiffness"].shape if "stiffness" in data else None,
-            data["times"].shape if "times" in data else None,
-            [(work, on.shape) for work, on in zip(scene.virtual_works, inside, strict=True)],
-        )
+        self._kind = fields_of(degree, mesh.curved), self._scheme, materials
+        self._works = [
+            (work, on.shape) for work, on in zip(scene.virtual_works, inside, strict=True)
+        ]
+        weak = weak_form(*self._kind, *_shapes(data), self._works)
         self._data: dict[Any, Any] = {
             symbol: data.on(mesh) for symbol, data in zip(weak.indicators, inside, strict=True)
         }
@@ -191,18 +191,79 @@ class BeamForms:
             if field is not None:
                 field.x.array[:] = 0.0
         self._reset_constants()
-        refill(self.of_sections, self._section_data(scene))
+        data = self._section_data(scene)
+        refill(self.of_sections, data)
         if self.drag is not None:
             drags = [drag for drag in scene.drags if isinstance(drag.target, Beam)]
-            refill(self.of_drag, coefficients(scene, drags, self._mesh))
+            data |= (of_drag := coefficients(scene, drags, self._mesh))
+            refill(self.of_drag, of_drag)
+        for name, field in self._by_cells.items():
+            field.refill(data[name].by_cells(len(self._tags)))
+
+    # -- Steps backwards ------------------------------------------------------------------------
+
+    def pulled(self) -> BoundPull:
+        """The work of the internal forces on weights, and its derivatives."""
+        own = self._vary(self.of_sections)
+        shapes = {name: field.data for name, field in own.items()}
+        weak = PulledForm(*self._kind, *_shapes(shapes), self._works)
+        data = {getattr(weak, name): field.on_mesh for name, field in own.items()}
+        pairs = zip(weak.indicators, self._weak.indicators, strict=True)
+        data |= {symbol: self._data[known] for symbol, known in pairs}
+        spaces = {name: field.on_mesh.function_space for name, field in own.items()}
+        weights: list[Any] = [weak.weight]
+        data[weak.weight] = dolfinx_api.function(self._space)
+        if weak.width:
+            data[weak.internal] = self._data[self._weak.internal]
+            spaces["internal"] = data[weak.internal].function_space
+            data[weak.internal_weight] = dolfinx_api.function(spaces["internal"])
+            weights.append(weak.internal_weight)
+        forms = self._pulled_forms(weak.forms, self._space, spaces, self._data | data)
+        return BoundPull(forms, [*self.moving, *(data[weight] for weight in weights)])
+
+    def pulled_drag(self) -> BoundPull:
+        """The work of the drag on weights, and its derivatives."""
+        assert self.drag is not None
+        fields, own = self._drag_fields, self._vary(self.of_drag)
+        shapes = {name: field.data.shape for name, field in own.items()}
+        plan = PulledDrag(fields, self._scheme.rates, shapes)
+        space, unknowns = self._unknowns(fields)
+        data = {plan.symbols[name]: field.on_mesh for name, field in own.items()}
+        data[plan.weight] = dolfinx_api.function(space)
+        spaces = {name: field.on_mesh.function_space for name, field in own.items()}
+        forms = self._pulled_forms(plan.forms, space, spaces, self._data | unknowns | data)
+        moving = [unknowns[fields.increment], *self.moving[1:]]
+        return BoundPull(forms, [*moving, data[plan.weight]])
+
+    def _vary(self, fields: Mapping[str, FilledField]) -> dict[str, FilledField]:
+        """The same data cell by cell; `refill` sets them as well."""
+        cells = len(self._tags)
+        own = {
+            name: FilledField(field.data.by_cells(cells), self._mesh)
+            for name, field in fields.items()
+        }
+        self._by_cells |= own
+        return own
+
+    def _pulled_forms(
+        self, compiled: Mapping[str, CompiledForm], space, spaces: dict[str, Any], data: Mapping
+    ) -> dict[str, tuple[Any, CompiledForm]]:
+        """Bind a work and its derivatives, those by coefficients in the given spaces."""
+        mesh, tags = self._mesh.mesh, self._tags if self._tags.any() else None
+        nodal = {"increment": space, "start": self._mesh.space, "before": self._mesh.space}
+        spaces = {**spaces, **nodal, "coordinates": interval_mesh.positions_space(mesh)}
+        return {
+            name: (dolfinx_api.bind(form, mesh, spaces.get(name), data, tags), form)
+            for name, form in compiled.items()
+        }
 
     @property
     def numbers(self) -> dict[str, np.ndarray]:
         """Data of sections and of drag by name, as their forms read them."""
         names = {"times": "retardation"}
-        data = {names.get(name, name): field.values for name, field in self.of_sections.items()}
+        data = {names.get(name, name): field.data.values for name, field in self.of_sections.items()}
         if self.drag is not None:
-            data |= {f"drag {name}": field.values for name, field in self.of_drag.items()}
+            data |= {f"drag {name}": field.data.values for name, field in self.of_drag.items()}
         return data
 
     def _bind(self, compiled: CompiledForm):
@@ -355,3 +416,9 @@ class BeamForms:
                 out[cells] = values.reshape(len(cells), -1, 3)
             rows.append(out)
         return np.array(rows)
+
+
+def _shapes(data: Mapping[str, Data]) -> tuple[DataShape | None, DataShape | None]:
+    """Shapes of stiffnesses and retardation times, as `WeakForm` takes them."""
+    stiffness, times = data.get("stiffness"), data.get("times")
+    return stiffness and stiffness.shape, times and times.shape

@@ -62,6 +62,26 @@ class CompiledLaw:
         """Number of values that its functions are given."""
         return arguments(self.law) + len(self.parameters)
 
+    @functools.cached_property
+    def pull(self) -> PointFunction:
+        """Derivatives of the work on weights, of forces and internal variables, by all given.
+
+        The weights are behind what the law is given.
+        """
+        law, count, first = self.law, self.given, arguments(self.law)
+
+        def values(numbers: Any) -> Any:
+            given = ufl.variable(ufl.as_vector([numbers[i] for i in range(count)]))
+            by_name = {parameter: given[first + i] for i, parameter in enumerate(self.parameters)}
+            with not_numbers():
+                of_step = law.forces(self._motion(given))
+                quantities = [*of_step.forces, *of_step.internal]
+                work = sum(numbers[count + i] * value for i, value in enumerate(quantities))
+                return ufl.diff(replaced(work, by_name), given)
+
+        size = count + law.size + law.internal
+        return PointFunction(values, size, f"derivatives of {law.name}")
+
     def _names(self, motion: Motion, others: dict[str, Values]) -> list[str]:
         with not_numbers():
             law = self.law.forces(motion)

@@ -294,10 +294,22 @@ def element_coordinates(mesh) -> np.ndarray:
     return geometry.x[rows].reshape(len(rows), -1)
 
 
+def element_points(mesh) -> np.ndarray:
+    """Numbers (cells, nodes) of the points between which a mesh was made, for all cells."""
+    geometry = mesh.geometry
+    nodes = geometry.dofmaps[0] if hasattr(geometry, "dofmaps") else geometry.dofmap
+    return np.asarray(geometry.input_global_indices)[_rows(mesh, nodes)]
+
+
 def _rows(mesh, numbers) -> np.ndarray:
     """Numbers (cells, n) that belong to each cell: an adjacency list, or already an array."""
     numbers = getattr(numbers, "array", numbers)
     return np.reshape(numbers, (mesh.topology.index_map(1).size_local, -1))
+
+
+def tensor_size(form) -> int:
+    """Number of entries of a bound form's element tensors."""
+    return math.prod(space.element.space_dimension for space in _cpp(form).function_spaces)
 
 
 def coefficient_offsets(form, functions) -> list[tuple[int, int]]:

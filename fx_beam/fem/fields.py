@@ -72,6 +72,12 @@ class Fields:
         J = ufl.Jacobian(self._domain)
         return ufl.as_vector((J[0, 0], J[1, 0]))
 
+    @property
+    def coordinates(self) -> tuple[Any, Any]:
+        """The reference positions, and the space of their changes."""
+        element = self._domain.ufl_coordinate_element()
+        return ufl.SpatialCoordinate(self._domain), ufl.FunctionSpace(self._domain, element)
+
     def data(self, shape: DataShape):
         """UFL's symbol for data of the sections."""
         return dolfinx_api.data(self._domain, *shape)

@@ -74,7 +74,8 @@ class IntervalMesh(dolfinx.mesh.Mesh):
 
     def __init__(self, of_cpp, degree: int, spaces: dict[Any, Any], sparsities: dict[int, Any]):
         super().__init__(of_cpp, ufl.Mesh(lagrange(degree, 2)))
-        self._degree = degree
+        #: Degree of its geometry.
+        self.degree = degree
         #: C++ spaces by element, of this mesh or of one with the same connectivity.
         self.spaces = spaces
         #: Sparsities of bilinear forms by the number of degrees of freedom of a cell.
@@ -92,7 +93,7 @@ class IntervalMesh(dolfinx.mesh.Mesh):
         """
         own = self.of_cpp
         other = type(own)(MPI.COMM_SELF, own.topology, own.geometry)
-        mesh = IntervalMesh(other, self._degree, self.spaces, self.sparsities)
+        mesh = IntervalMesh(other, self.degree, self.spaces, self.sparsities)
         mesh.move(points)
         return mesh
 
@@ -162,6 +163,11 @@ def nodal_rotations(space, degree: int):
     """
     mesh, element = space.mesh, beam(degree, nodal=True)
     return mesh.space_with(element, mesh.space(element)._cpp_object, space._cpp_object.dofmap)
+
+
+def positions_space(mesh: IntervalMesh):
+    """Space of the positions of a mesh's points."""
+    return mesh.space(lagrange(mesh.degree, 2))
 
 
 def coordinate_space(mesh: IntervalMesh):

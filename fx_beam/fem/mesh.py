@@ -79,6 +79,12 @@ class Mesh:
         of_cells[np.concatenate(self.cells)] = values
         return of_cells
 
+    def sum_at_points(self, values: np.ndarray) -> np.ndarray:
+        """Sums (n_node, 2) of values (cells, 2 points) at the points of the cells' geometry."""
+        points, sums = dolfinx_api.element_points(self.mesh), np.zeros_like(self.X)
+        np.add.at(sums, points, values.reshape(*points.shape, 2))
+        return sums
+
     def nodes_of(self, scene: Scene, target) -> np.ndarray:
         """Nodes of a beam, those inside its elements included, or the node itself."""
         if isinstance(target, Beam):

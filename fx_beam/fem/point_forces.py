@@ -264,6 +264,11 @@ class PointForces:
             "tangent_at": np.zeros(2 * of.size + len(law.entries)),
         }
 
+    @property
+    def pulls(self) -> list[tuple[int, int]]:
+        """Of each force the address of its `CompiledLaw.pull`, and what its law is given."""
+        return [(law.pull.address, law.given) for law in self._laws]
+
     def set_columns(self, of_joints: Mapping[int, int]) -> None:
         """Set the columns of the slides, by the number of the joint."""
         self.columns = np.array([of_joints[joint] for joint in self.slides], dtype=int)

@@ -31,6 +31,12 @@ class Data(NamedTuple):
         """What a form must know of the data."""
         return self.points, self.values.shape[2 if self.points else 0 :]
 
+    def by_cells(self, cells: int) -> Data:
+        """The same data as values of each cell."""
+        if self.points:
+            return self
+        return Data(1, np.broadcast_to(self.values, (cells, 1, *self.values.shape)))
+
     def on(self, mesh: Mesh):
         """dolfinx's constant or function with the data."""
         if not self.points:
@@ -42,13 +48,13 @@ class FilledField:
     """dolfinx's constant or function with data; others of the same shape may replace them."""
 
     def __init__(self, data: Data, mesh: Mesh):
-        self.shape, self.on_mesh, self.values = data.shape, data.on(mesh), data.values
+        self.data, self.on_mesh = data, data.on(mesh)
 
     def refill(self, data: Data) -> None:
         """Set the data; OtherStructureError if they have another shape."""
-        if data.shape != self.shape:
+        if data.shape != self.data.shape:
             raise OtherStructureError("data of beams that were equal differ, or conversely")
-        self.values = data.values
+        self.data = data
         if data.points:
             dolfinx_api.set_at_gauss_points(self.on_mesh, data.values)
         else:

@@ -15,6 +15,8 @@ from .rates import UpdateRule
 
 #: Added to the square of a length or a speed, whose root then has a derivative at zero.
 TINY = 1e-300
+# Tanh of more is 1. Its derivative, as UFL writes it, is not finite from 400 on.
+_LARGE = 40.0
 # Values that friction remembers from the last iteration: whether there was one, x, y and the slope.
 REMEMBERED = 4
 
@@ -156,7 +158,7 @@ def smooth_sign(x: Any, still: Any, remembered: Sequence[Any]) -> tuple[Any, lis
     derivative.
     """
     again, last_x, last_y, last_slope = remembered
-    y = ufl.tanh(still)
+    y = ufl.tanh(ufl.conditional(ufl.lt(abs(still), _LARGE), still, _LARGE * ufl.sign(still)))
     near = ufl.lt(abs(still), 1e-4)
     safe = ufl.conditional(near, 1.0, y)
     s = ufl.conditional(near, 1.0, still / safe)

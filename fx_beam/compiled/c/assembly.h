@@ -7,7 +7,7 @@
 static void pack(const Problem *p, const Integral *of, const Form *form, long block,
                  const double *const *fields, int first, int end) {
   for (int m = first; m < end; ++m) {
-    int inside = form->kind[m] == INTERNAL;
+    int inside = form->kind[m] == INTERNAL || form->kind[m] == OF_INTERNAL;
     int entries = (inside ? p->cell_internal : p->cell_dofs) * LANES;
     const int *dofs = (inside ? of->internal : of->dofs) + block * entries;
     const double *field = fields[form->kind[m]];

@@ -4,6 +4,7 @@
 #include "local_error.h"
 #include "processor.h"
 #include "recorder.h"
+#include "tape.h"
 
 static double mid(const Problem *p, double force, double previous) {
   if (p->level == 0.5 || p->steps_done == 0 || p->sub_steps > 1) return force;
@@ -181,6 +182,12 @@ static void undo(Problem *p, const Work *w, Problem before) {
   memcpy(p->memory, w->saved, p->memory_size * sizeof(double));
 }
 
+/* Forgets what was recorded of a step that is not taken. */
+static void forget(Record *to, int starts, long taped) {
+  to->starts = starts;
+  if (to->tape) to->tape->rows = taped;
+}
+
 /* Values of Model.switches in the present state. */
 static void find_sides(const Problem *p, double *out) {
   fx_find_switches(p->points, p->q, p->slides, out);
@@ -208,6 +215,7 @@ int fx_run(Problem *p, int steps, double dt, const Inputs *inputs, Record *to) {
     int of_row = step % to->every == 0 || step == to->last, wanted = of_row && part + 1 == to->parts;
     if (part == 0 || p->level != 0.5) to->starts = to->complete;
     int starts = to->starts;
+    long taped = to->tape ? to->tape->rows : 0;
     double lost = p->dissipated;
     Problem before;
     if (p->sub_steps > 1 || p->controlled || p->watches || to->parts > 1) {
@@ -220,7 +228,7 @@ int fx_run(Problem *p, int steps, double dt, const Inputs *inputs, Record *to) {
       if (of_row && to->stores_starts) record_start(p, dt * p->fractions[i], i, to);
       if (!take_step(p, w, dt * p->fractions[i], i, inputs, number, unchecked && i == 0)) {
         if (i > 0) undo(p, w, before);
-        to->starts = starts;
+        forget(to, starts, taped);
         return k;
       }
       int joints = p->scene_joints && (p->keeps_joint_forces || (of_row && to->forces));
@@ -228,11 +236,14 @@ int fx_run(Problem *p, int steps, double dt, const Inputs *inputs, Record *to) {
       if (joints || contacts) evaluate_nodes(p, w);
       if (joints) add_joint_forces(p, w);
       if (contacts) add_contact_forces(p);
+      if (to->tape)
+        put_on_tape(p, w, to->tape, inputs->loads + number * inputs->load_stride,
+                    inputs->thrust + number * inputs->thrust_stride);
       advance(p, w, inputs, number);
       if (p->watches && switched(p)) {
         p->failure = SWITCHED;
         undo(p, w, before);
-        to->starts = starts;
+        forget(to, starts, taped);
         return k;
       }
     }
@@ -242,7 +253,7 @@ int fx_run(Problem *p, int steps, double dt, const Inputs *inputs, Record *to) {
       if (ratio > 1) {
         p->failure = TOO_INACCURATE;
         undo(p, w, before);
-        to->starts = starts;
+        forget(to, starts, taped);
         return k;
       }
       int low = ratio >= 0 && fmax(ratio, p->ratios[0]) < p->lowest;
@@ -260,3 +271,5 @@ int fx_run(Problem *p, int steps, double dt, const Inputs *inputs, Record *to) {
   if (unchecked && begin_internal(p, w->fields, p->t, dt, 1)) count_inverted(p);
   return steps;
 }
+
+#include "adjoint.h"

@@ -9,12 +9,12 @@
 
 /* Elements per call of a Batch, values of a nodal rule, largest order of the predictor, largest number
    of sub-steps of a scheme, places of the displacements and rotations at the start of the step and of
-   the internal variables among the changing coefficients, largest order of a scheme, number of
-   averaged differences in local errors, number of directions of an iteration with kept factors; borders
+   the internal variables among the changing coefficients, that of weights of these in steps backwards, and
+   how many coefficients change there, largest order of a scheme, number of averaged differences in local errors, number of directions of an iteration with kept factors; borders
    are numbered downwards from ON_BORDER. */
 enum {
-  LANES = 8, RULE_VALUES = 18, PAST = 4, SUB_STEPS = 32, START = 1, INTERNAL = 5, MAX_ORDER = 4,
-  AVERAGED = 3, DIRECTIONS = 12, ON_BORDER = -2
+  LANES = 8, RULE_VALUES = 18, PAST = 4, SUB_STEPS = 32, START = 1, INTERNAL = 5, OF_INTERNAL = 7,
+  PULLED_FIELDS = 8, MAX_ORDER = 4, AVERAGED = 3, DIRECTIONS = 12, ON_BORDER = -2
 };
 
 /* Why a step failed. */
@@ -263,6 +263,12 @@ typedef struct {
   long size;
 } Rows;
 
+/* A tape (tape.h): rows of numbers, one for each sub-step, and how many there may be. */
+typedef struct {
+  long size, rows, room;
+  double *row;
+} Tape;
+
 /* Histories: a row for every `every`-th step and for the last. */
 typedef struct {
   int every, first, last, rows; /* number of the first step of this call, and of the last step of all */
@@ -275,6 +281,7 @@ typedef struct {
   int stores_starts, starts, complete, stored;
   Rows *start;
   double *share, *memory;
+  Tape *tape; /* 0 for none */
 } Record;
 
 /* Inputs of each sub-step; with a stride of 0 all have those of the first. */
@@ -286,6 +293,38 @@ typedef struct {
   long load_stride, thrust_stride;
 } Inputs;
 
+/* The work of forms on a weight: the work itself, then its derivatives, those that there are, by increment, start,
+   configuration before, and internal variables; behind them the `tail`, whose `sums` are kept:
+   [block][number][lane]. */
+typedef struct {
+  Form form;
+  int increment, start, before, internal, tail;
+  struct { double *sums; };
+} Pulled;
+
+/* A run followed backwards (adjoint.h): derivatives of a function of the states at its boundaries, the ends of
+   sub-steps. */
+typedef struct {
+  Pulled internal_forces, drag;
+  /* Of each boundary the number of a row of derivatives by q, v and the slides of joints; -1 for none. */
+  int *weight_at;
+  double *q_weight, *v_weight, *slide_weight;
+  /* By the state: columns, rates, the configuration before, internal variables. */
+  double *columns, *v, *before, *internal, *spring_internal;
+  /* By the numbers of the scene; of each sub-step those of loads, driven motions and follower forces. */
+  double *mass, *weight, *load_force, *loads, *driven, *thrust, *points, *offset, *axis, *rest;
+  double *slide_at_rest; /* in the reference configuration */
+  /* Derivatives of the laws of forces at points, their numbers of arguments, room for what they are given. */
+  Law **pull;
+  int *arguments;
+  double *given, *found;
+  struct { int *transposed_at; }; /* place among sparse factors of each entry of the transposed tangent */
+  double *scratch;
+} Adjoint;
+
 int fx_run(Problem *p, int steps, double dt, const Inputs *inputs, Record *to);
 long fx_scratch(const Problem *p);
+long fx_tape_size(const Problem *p);
+long fx_backward_scratch(const Problem *p);
+long fx_pull(Problem *p, const Tape *tape, const Adjoint *a);
 double *fx_phases(void); /* seconds in all phases of phases.h, if they are measured */

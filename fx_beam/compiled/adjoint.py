@@ -1,0 +1,187 @@
+"""The derivatives of a run: the sub-steps of a tape, followed backwards in C (c/adjoint.h)."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from fx_beam.c_library import declarations
+from fx_beam.coupling.joint_reduction import JointReduction
+from fx_beam.errors import SceneError
+from fx_beam.mechanics.rates import MidPointRates
+from fx_beam.model.model import Model
+from fx_beam.structs import Structs
+
+from .element_data import aligned
+from .loop import CompiledLoop
+from .pulled_work import PulledWork
+from .tape import Tape
+
+
+class Adjoint:
+    """Derivatives of a function of the states of a run by all numbers of its scene."""
+
+    def __init__(self, loop: CompiledLoop):
+        check(loop.model)
+        self._loop, self._model = loop, loop.model
+        problem = loop.problem
+        self._ffi, self._library, self._p = problem.ffi, problem.library, problem.c
+        self._structs = Structs(self._ffi, declarations("problem.h"))
+        self._c = self._ffi.new("Adjoint *")
+        self._works: list[PulledWork] = []
+        self._hand_over_elements()
+        self._hand_over_points()
+        self._results = self._room()
+        if not problem.factors.band:
+            self._structs.set(self._c, transposed_at=problem.transposed())
+        scratch = aligned(np.zeros(self._library.fx_backward_scratch(self._p)))
+        self._structs.set(self._c, scratch=scratch)
+
+    def _hand_over_elements(self) -> None:
+        """The works of elements' forces on weights, and their derivatives."""
+        beams = self._model.forms.beams
+        if beams is None:
+            return
+        self._works.append(PulledWork("internal_forces", beams.pulled()))
+        if beams.drag is not None:
+            self._works.append(PulledWork("drag", beams.pulled_drag()))
+        for work in self._works:
+            given = work.handed_over(self._loop.problem, beams)
+            self._structs.set(self._c, **{work.name: given})
+
+    def _hand_over_points(self) -> None:
+        addresses, arguments = zip(*(self._model.points.pulls or [(0, 0)]), strict=True)
+        most = 2 * max(arguments) + 1
+        self._structs.set(
+            self._c,
+            pull=np.array(addresses, np.uintp),
+            arguments=np.array(arguments),
+            given=np.zeros(most),
+            found=np.zeros(most),
+        )
+
+    def _room(self) -> dict[str, np.ndarray]:
+        """Arrays of derivatives by their names in C, but for those of each sub-step."""
+        model, p = self._model, self._p
+        joints = max(1, p.joints)
+        rest = [joint.start()[0] for joint in getattr(model.couplings, "moving", [])]
+        arrays = {
+            "columns": np.zeros(p.columns + p.ties),
+            "v": np.zeros(p.dofs),
+            "before": np.zeros(p.dofs),
+            "internal": np.zeros(max(1, p.cells * p.cell_internal)),
+            "spring_internal": np.zeros(max(1, p.spring_width)),
+            "mass": np.zeros(p.mass_start[p.dofs] + 1),
+            "weight": np.zeros(p.dofs),
+            "load_force": np.zeros(p.load_start[p.loads] + 1),
+            "points": np.zeros(len(model.points.numbers) + 1),
+            "offset": np.zeros((joints, 2)),
+            "axis": np.zeros((joints, 2)),
+            "rest": np.zeros(joints),
+        }
+        self._structs.set(self._c, **arrays, slide_at_rest=np.array([*rest, 0.0]))
+        return arrays
+
+    def pull(
+        self, tape: Tape, weights: Mapping[str, np.ndarray], rows: np.ndarray
+    ) -> dict[str, Any]:
+        """Derivatives by all numbers.
+
+        `weights` are derivatives by "q" and "v" (m, size) and "slides" (m, joints) at boundaries
+        between sub-steps with the numbers `rows` (m,).
+        """
+        p, n, sub_steps = self._p, self._model.size, len(tape)
+        for array in (*self._results.values(), *(work.sums for work in self._works)):
+            array[...] = 0.0
+        weight_at = np.full(sub_steps + 1, -1)
+        weight_at[rows] = np.arange(len(rows))
+        joints = len(self._model.scene.joints)
+        of_rows = {
+            "q_weight": (len(rows), n),
+            "v_weight": (len(rows), n),
+            "slide_weight": (len(rows), max(1, joints)),
+        }
+        given = {}
+        for (name, shape), key in zip(of_rows.items(), ("q", "v", "slides"), strict=True):
+            given[name] = np.zeros(shape)
+            if key in weights:
+                given[name][:, : weights[key].shape[1]] = weights[key]
+        of_steps = {
+            "loads": np.zeros((sub_steps, 2, p.loads)),
+            "driven": np.zeros((sub_steps, p.driven)),
+            "thrust": np.zeros((sub_steps, p.thrusts, 2)),
+        }
+        structs = Structs(self._ffi, declarations("problem.h"))
+        padded = {name: np.append(array.ravel(), 0.0) for name, array in of_steps.items()}
+        structs.set(self._c, weight_at=weight_at, **given, **padded)
+        left = self._library.fx_pull(p, tape.c, self._c)
+        if left:
+            raise SceneError(
+                f"the tangent of the step from t = {tape.starts[left - 1]:.6g} is singular, so "
+                "that there is no derivative. Try a smaller dt"
+            )
+        steps = {name: padded[name][:-1].reshape(of_steps[name].shape) for name in of_steps}
+        return self._named(steps)
+
+    def _named(self, of_steps: dict[str, np.ndarray]) -> dict[str, Any]:
+        model, p, found = self._model, self._p, self._results
+        columns, dofs, of_slides, joints = model.couplings.free_columns
+        q, slides = np.zeros(p.dofs), np.zeros(len(model.scene.joints))
+        np.add.at(q, dofs, found["columns"][columns])
+        np.add.at(slides, joints, found["columns"][of_slides])
+        driven = found["columns"][p.free : p.free + p.driven]
+        first = len(model.prescribed)
+        np.add.at(q, model.prescribed, driven[:first])
+        mass = np.zeros(model.mass.nnz)
+        mass[model.mass.data != 0] = found["mass"][:-1]
+        named = {
+            "q": q,
+            "v": found["v"].copy(),
+            "slides": slides,
+            "motors": driven[first:].copy(),
+            "mass": mass,
+            "weight": found["weight"].copy(),
+            "columns": found["load_force"][:-1].copy(),
+            "points": found["points"][:-1].copy(),
+            **of_steps,
+        }
+        if isinstance(model.reduction, JointReduction):
+            named |= {name: found[name][: p.joints].copy() for name in ("offset", "axis", "rest")}
+        if model.forms.internal_shape[-1]:
+            named["internal"] = found["internal"].reshape(model.forms.internal_shape).copy()
+        if p.spring_width:
+            named["spring internal"] = found["spring_internal"].copy()
+        return named | self._of_elements()
+
+    def _of_elements(self) -> dict[str, np.ndarray]:
+        """Derivatives by the positions of nodes, and by the data of beams at their points."""
+        named: dict[str, np.ndarray] = {}
+        mesh = self._model.mesh
+        for work in self._works:
+            parts = work.of_cells(len(mesh.beam_of_cell))
+            named["X"] = named.get("X", 0.0) + mesh.sum_at_points(parts.pop("coordinates"))
+            named |= parts
+        return named
+
+
+def check(model: Model) -> None:
+    """Refuse what has no derivatives, by its name."""
+    scheme = model.scheme
+    if type(scheme.rates) is not MidPointRates:
+        raise SceneError(
+            f"{scheme.name}: motions of this scheme have no derivatives. Use EnergyMomentum, "
+            "MidPoint, ModifiedMidPoint or EnergyDecaying"
+        )
+    if len(model.forms.parameters):
+        names = ", ".join(map(repr, model.forms.parameters.names))
+        raise SceneError(
+            f"motions of a scene with parameters ({names}) have no derivatives. Write their values "
+            "as numbers"
+        )
+    if model.couplings.sliding:
+        raise SceneError(
+            f"{model.couplings.sliding[0]}: motions with a node that slides on a beam have no "
+            "derivatives. Use a slide along a straight axis"
+        )

@@ -1,0 +1,373 @@
+/* The derivatives of a run, backwards (docs/theory/derivatives.md): from the derivatives of a function of
+   the states at the ends of sub-steps to those by all numbers of the scene. In the comments J is this function,
+   and "by x" its derivative by x. */
+
+#pragma once
+
+#include "kept_factors.h"
+#include "tape.h"
+
+/* Work space of a sub-step. `end` and `start` are by the configurations at both ends, columns with those of
+   ties behind them. */
+typedef struct {
+  double *end, *start, *by_increment, *by_start, *by_before, *omega, *momentum; /* of nodes */
+  double *end_columns, *start_columns, *mu, *on_ties;                           /* of columns and ties */
+  double *values, *of_map, *at_start, *at_end;                                  /* of joints */
+  double *of_internal, *lost_internal, *of_springs, *lost_springs, *loads, *thrust, *of_gaps;
+} Backward;
+
+static long lay_out_backward(const Problem *p, Backward *b, double *at) {
+  double *begin = at;
+  long n = p->dofs + LANES, c = p->columns + p->ties, internal = (long)p->cells * p->cell_internal;
+  b->end = allocate(&at, n), b->start = allocate(&at, n), b->by_increment = allocate(&at, n);
+  b->by_start = allocate(&at, n), b->by_before = allocate(&at, n);
+  b->omega = allocate(&at, n), b->momentum = allocate(&at, n);
+  b->end_columns = allocate(&at, c), b->start_columns = allocate(&at, c), b->mu = allocate(&at, c);
+  b->on_ties = allocate(&at, c);
+  b->values = allocate(&at, 1 + 4 * p->joints), b->of_map = allocate(&at, 1 + 4 * p->joints);
+  b->at_start = allocate(&at, 2 * p->joints), b->at_end = allocate(&at, 2 * p->joints);
+  b->of_internal = allocate(&at, internal), b->lost_internal = allocate(&at, internal);
+  b->of_springs = allocate(&at, p->spring_width), b->lost_springs = allocate(&at, p->spring_width);
+  b->loads = allocate(&at, 2 * p->loads), b->thrust = allocate(&at, 2 * p->thrusts);
+  b->of_gaps = allocate(&at, p->closures);
+  return at - begin;
+}
+
+long fx_backward_scratch(const Problem *p) {
+  Backward b;
+  return lay_out_backward(p, &b, 0);
+}
+
+/* The transpose of the reduced tangent in its place; sparse factors are made of the transpose. */
+static void swap(double *x, double *y) {
+  double kept = *x;
+  *x = *y, *y = kept;
+}
+
+static void transpose_tangent(const Problem *p, const Work *w) {
+  double *K = w->tangent;
+  if (p->chain) {
+    for (int g = 0; g < p->chain; ++g)
+      for (int i = 0; i < 3; ++i)
+        for (int j = 0; j < 3; ++j) {
+          double *own = K + g * GROUP;
+          if (i < j) swap(own + i * ROW + OWN + j, own + j * ROW + OWN + i);
+          if (g + 1 < p->chain) swap(own + i * ROW + AFTER + j, own + GROUP + j * ROW + BEFORE + i);
+        }
+  } else {
+    long width = 2 * p->band + 1;
+    for (int i = 0; i < p->free; ++i)
+      for (int j = 1; j <= p->band && i + j < p->free; ++j)
+        swap(K + i * width + p->band + j, K + (i + j) * width + p->band - j);
+  }
+}
+
+/* Solves with the transposed tangent: `step` from `reduced`; returns 0 if it is singular. */
+static int solve_transposed(Problem *p, const Work *w, const Adjoint *a) {
+  double rest[2];
+  if (p->band) {
+    transpose_tangent(p, w);
+    return solve_reduced(p, w, 0, rest);
+  }
+  memset(w->factors, 0, p->factor_size * sizeof(double));
+  for (int k = 0; k < p->tangent_start[p->unknowns]; ++k) w->factors[a->transposed_at[k]] = w->tangent[k];
+  p->kept.present = 0;
+  if (!factorise_sparse(&p->rows, w->factors, w->row)) return 0;
+  by_factors(p, w, w->reduced, w->step);
+  return 1;
+}
+
+/* Adds values^T x to columns, and what ties collect; they keep what they have. */
+static void gather(const Problem *p, const double *values, const double *x, double *columns) {
+  memset(columns + p->columns, 0, p->ties * sizeof(double));
+  for (int k = 0; k < p->equal; ++k) columns[p->entry_column[k]] += x[p->entry_row[k]];
+  for (int k = p->equal; k < p->entries; ++k)
+    columns[p->entry_column[k]] += p->entry_sign[k] * values[p->entry_value[k]] * x[p->entry_row[k]];
+  if (p->ties) collect_ties(p, values, columns);
+}
+
+/* omega = Tv mu, with the columns of ties in mu. */
+static void spread_virtual(const Problem *p, const Work *w, double *mu, double *omega) {
+  memset(mu + p->columns, 0, p->ties * sizeof(double));
+  for (int k = 0; k < p->tie_entries; ++k)
+    mu[p->columns + p->tie_of[k]] += p->tie_sign[k] * w->virtual_map[p->tie_value[k]] * mu[p->tie_column[k]];
+  memset(omega, 0, p->dofs * sizeof(double));
+  for (int k = 0; k < p->equal; ++k) omega[p->entry_row[k]] += mu[p->entry_column[k]];
+  for (int k = p->equal; k < p->entries; ++k)
+    omega[p->entry_row[k]] += p->entry_sign[k] * w->virtual_map[p->entry_value[k]] * mu[p->entry_column[k]];
+}
+
+/* Adds the derivatives of the work of elements on omega: nodal ones to vectors, with `last` the others to the
+   sums of each element. */
+static void pull_elements(const Problem *p, const Pulled *of, const double *const *fields, const Backward *b,
+                          double t, double dt, int last) {
+  const Form *form = &of->form;
+  int n = p->cell_dofs, m = of->internal ? p->cell_internal : 0, there[] = {of->increment, of->start, of->before};
+  double A[(1 + 3 * n + m + of->tail) * LANES], *sums = of->sums;
+  double *nodal[] = {b->by_increment, b->by_start, b->by_before};
+  set_time(p, form, t, dt);
+  for (int i = 0; i < form->integrals; ++i) {
+    const Integral *own = form->of + i;
+    for (long block = 0; block * LANES < own->cells; ++block, sums += of->tail * LANES) {
+      evaluate(p, form, own, block, fields, A);
+      const double *rest = A + LANES;
+      for (int k = 0; k < 3; rest += there[k++] * n * LANES)
+        if (there[k]) add(n, own->to + block * n * LANES, rest, nodal[k]);
+      for (int k = 0; k < m; ++k, rest += LANES)
+        for (int l = 0; l < LANES && block * LANES + l < own->cells; ++l)
+          b->lost_internal[own->internal[(block * m + k) * LANES + l]] += rest[l];
+      for (int k = 0; last && k < of->tail * LANES; ++k) sums[k] += rest[k];
+    }
+  }
+}
+
+/* The same for forces at points, and for those on slides with mu; the columns of these are by Y1 and by Y0. */
+static void pull_points(const Problem *p, const Adjoint *a, const Backward *b, double *thrust, int last) {
+  const PointForces *points = p->points;
+  double *numbers = a->points;
+  int thrusts = 0;
+  for (int k = 0; k < points->all; ++k) {
+    const PointForce *e = points->of + k;
+    int n = e->size, all = a->arguments[k], before = 3 * n + 2 + e->internal + e->remembered;
+    double *given = a->given, *found = a->found, *weights = given + all;
+    memcpy(given, e->given, all * sizeof(double));
+    for (int i = 0; i < n; ++i) weights[i] = coordinate(e, i, b->omega, b->mu, e->column);
+    for (int i = 0; i < e->internal; ++i) weights[n + i] = b->of_springs[e->first_internal + i];
+    call(a->pull[k], given, found, all);
+    for (int i = 0; i < n; ++i)
+      if (e->slide >= 0) {
+        b->end_columns[e->column] -= found[n + i];
+        b->start_columns[e->column] -= found[i] - found[n + i];
+      } else if (e->dof[i] >= 0) {
+        b->by_start[e->dof[i]] += found[i], b->by_increment[e->dof[i]] += found[n + i];
+      }
+    for (int i = 0; i < e->internal; ++i) b->lost_springs[e->first_internal + i] += found[3 * n + 2 + i];
+    if (!last) continue;
+    if (k >= points->external && k < points->external + p->thrusts)
+      for (int i = 0; i < 2; ++i) thrust[thrusts++] -= found[before + i], found[before + i] = 0;
+    for (int i = before; i < all - e->parameters; ++i) *numbers++ -= found[i];
+  }
+}
+
+/* All that has a work on omega. The vectors of a Backward begin at zero. */
+static void pull_forces(const Problem *p, const Work *w, const Adjoint *a, const Backward *b, double *thrust,
+                        int last) {
+  const double *fields[PULLED_FIELDS] = {w->D, p->q, p->v, p->a, p->before, p->internal, b->omega, b->of_internal};
+  double t = p->t + p->level * w->dt;
+  memset(b->by_increment, 0, p->dofs * sizeof(double));
+  memset(b->by_start, 0, p->dofs * sizeof(double));
+  memset(b->by_before, 0, p->dofs * sizeof(double));
+  memset(b->lost_internal, 0, (long)p->cells * p->cell_internal * sizeof(double));
+  memset(b->lost_springs, 0, p->spring_width * sizeof(double));
+  pull_elements(p, &a->internal_forces, fields, b, t, w->dt, last);
+  pull_elements(p, &a->drag, fields, b, t, w->dt, last);
+  if (p->points->all) pull_points(p, a, b, thrust, last);
+}
+
+/* The derivatives of mu Tv^T r by the values of Tv, also in the gaps of loops and in ties. */
+static void pull_map(const Problem *p, const Work *w, const Backward *b) {
+  double *on_ties = b->on_ties, *to = b->of_map;
+  memset(to, 0, (1 + 4 * p->joints) * sizeof(double));
+  for (int k = p->equal; k < p->entries; ++k)
+    to[p->entry_value[k]] += p->entry_sign[k] * b->mu[p->entry_column[k]] * w->r[p->entry_row[k]];
+  for (int i = 0; i < p->closures; ++i)
+    for (int k = p->gap_entry_start[i]; k < p->gap_entry_start[i + 1]; ++k)
+      to[p->gap_value[k]] -= p->gap_sign[k] * b->mu[p->gap_column[k]] * w->closing[i];
+  if (!p->ties) return;
+  memset(on_ties, 0, (p->columns + p->ties) * sizeof(double));
+  add_rows(p, w, w->r, on_ties);
+  for (int i = 0; i < p->closures; ++i)
+    for (int k = p->gap_entry_start[i]; k < p->gap_entry_start[i + 1]; ++k)
+      on_ties[p->gap_column[k]] -= p->gap_sign[k] * w->virtual_map[p->gap_value[k]] * w->closing[i];
+  collect_ties(p, w->virtual_map, on_ties);
+  for (int k = 0; k < p->tie_entries; ++k)
+    to[p->tie_value[k]] += p->tie_sign[k] * b->mu[p->tie_column[k]] * on_ties[p->columns + p->tie_of[k]];
+}
+
+/* From these to those by rotations and slides at both ends, which Tv depends on. */
+static void pull_arms(const Problem *p, const Work *w, const Backward *b) {
+  double late = p->level, early = 1 - p->level;
+  for (int j = 0; j < p->joints; ++j) {
+    const double *m = b->of_map + 1 + 4 * j, *mean = w->mean_t + 2 * j;
+    const double *rho0 = w->rho0 + 2 * j, *rho1 = w->rho1 + 2 * j, *t0 = w->t0 + 2 * j, *t1 = w->t1 + 2 * j;
+    double slope = w->guide_slope[j], bend = w->guide_bend[j] * (m[2] * mean[0] + m[3] * mean[1]);
+    if (p->guide[j] >= 0) {
+      b->end[p->guide[j]] -= bend - late * (m[0] * rho1[0] + m[1] * rho1[1]) +
+                             slope * late * (m[3] * t1[0] - m[2] * t1[1]);
+      b->start[p->guide[j]] -= -bend - early * (m[0] * rho0[0] + m[1] * rho0[1]) +
+                               slope * early * (m[3] * t0[0] - m[2] * t0[1]);
+    }
+    if (p->slide_column[j] < 0) continue;
+    b->end_columns[p->slide_column[j]] -= late * (m[1] * t1[0] - m[0] * t1[1]);
+    b->start_columns[p->slide_column[j]] -= early * (m[1] * t0[0] - m[0] * t0[1]);
+  }
+}
+
+/* Adds forces on what follows through the arms of joints. */
+static void add_followers(const Problem *p, const double *x, const double *columns, double *to) {
+  memset(to, 0, 2 * p->joints * sizeof(double));
+  for (int k = 0; k < p->followers; ++k) to[p->through[k]] += p->joint_sign[p->through[k]] * x[p->follower[k]];
+  for (int k = 0; k < p->tie_arms; ++k)
+    to[p->tie_arm[k]] += p->joint_sign[p->tie_arm[k]] * columns[p->columns + p->tie_arm_of[k]];
+}
+
+/* Adds a force on an arm R(psi) (offset + d axis), turned back, to derivatives by offset and axis. */
+static void pull_arm(double psi, double d, double x, double y, double *offset, double *axis) {
+  double back[2];
+  turn(-psi, x, y, back);
+  for (int i = 0; i < 2; ++i) offset[i] += back[i], axis[i] += d * back[i];
+}
+
+/* Derivatives by offsets and axes of the joints: by the arms of what follows, from the reference configuration
+   on, and by Tv. */
+static void pull_offsets(const Problem *p, const Work *w, const Adjoint *a, const Backward *b) {
+  for (int j = 0; j < p->joints; ++j) {
+    const double *m = b->of_map + 1 + 4 * j, *first = b->at_start + 2 * j, *last = b->at_end + 2 * j;
+    double *offset = a->offset + 2 * j, *axis = a->axis + 2 * j, back[2], slope = w->guide_slope[j];
+    double d0 = at(p->slides, p->slide_of[j]), d1 = d0, rest = a->slide_at_rest[j];
+    double psi0 = w->psi0[j], psi1 = psi0 + at(w->D, p->guide[j]), early = 1 - p->level, late = p->level;
+    if (p->slide_column[j] >= 0) d1 += w->z[p->slide_column[j]];
+    pull_arm(psi0, d0, first[0] - early * m[1], first[1] + early * m[0], offset, axis);
+    pull_arm(psi1, d1, last[0] - late * m[1], last[1] + late * m[0], offset, axis);
+    pull_arm(0, rest, -first[0] - last[0], -first[1] - last[1], offset, axis);
+    a->rest[j] -= (first[0] + last[0]) * p->axis[2 * j] + (first[1] + last[1]) * p->axis[2 * j + 1];
+    for (int side = 0; side < 2; ++side) {
+      turn(side ? -psi1 : -psi0, m[2], m[3], back);
+      for (int i = 0; i < 2; ++i) axis[i] -= (side ? late : early) * slope * back[i];
+    }
+  }
+}
+
+/* By the gaps of loops: they hold at the end of the step. */
+static void pull_gaps(const Problem *p, const Work *w, const Backward *b) {
+  for (int k = 0; k < p->closures; ++k) {
+    double nu = b->of_gaps[k];
+    int i = p->gap_arm[k], j = i / 2;
+    if (p->gap_b[k] >= 0) b->end[p->gap_b[k]] -= nu;
+    if (p->gap_a[k] >= 0) b->end[p->gap_a[k]] += nu;
+    if (i < 0) continue;
+    if (p->guide[j] >= 0) b->end[p->guide[j]] += nu * (i % 2 ? w->rho1[i - 1] : -w->rho1[i + 1]);
+    if (p->slide_column[j] >= 0) b->end_columns[p->slide_column[j]] += nu * w->t1[i];
+  }
+}
+
+/* By masses, weights and loads. */
+static void pull_loads(const Problem *p, const Work *w, const Adjoint *a, const Backward *b, double *loads) {
+  const double *omega = b->omega, *given = b->loads;
+  for (int i = 0; i < p->dofs; ++i) {
+    a->weight[i] += omega[i];
+    for (int k = p->mass_start[i]; k < p->mass_start[i + 1]; ++k)
+      a->mass[k] -= omega[i] * w->acc[p->mass_column[k]];
+  }
+  for (int k = 0; k < p->loads; ++k) {
+    double at_level = (1 - p->level) * given[k] + p->level * given[p->loads + k];
+    for (int i = p->load_start[k]; i < p->load_start[k + 1]; ++i) {
+      double along = omega[p->load_dof[i]];
+      a->load_force[i] += along * at_level;
+      loads[k] += (1 - p->level) * along * p->load_force[i];
+      loads[p->loads + k] += p->level * along * p->load_force[i];
+    }
+  }
+}
+
+/* Adds the derivatives of J by the state at a boundary between sub-steps itself. */
+static void add_given(const Problem *p, const Adjoint *a, long boundary, double *q) {
+  long k = a->weight_at[boundary], n = p->dofs;
+  if (k < 0) return;
+  for (int i = 0; i < n; ++i) q[i] += a->q_weight[k * n + i], a->v[i] += a->v_weight[k * n + i];
+  for (int j = 0; j < p->joints; ++j)
+    if (p->slide_column[j] >= 0)
+      a->columns[p->slide_column[j]] += a->slide_weight[k * p->scene_joints + p->slide_of[j]];
+}
+
+/* Takes the derivatives from the end of a sub-step to its start; returns 0 if its tangent is singular. */
+static int pull_step(Problem *p, Work *w, const Adjoint *a, const Backward *b, const Tape *tape, long k) {
+  const double *row = tape->row + k * tape->size;
+  int n = p->dofs, all = p->columns + p->ties;
+  double dt = row[1], per_dt = 2 / dt, *path_bar = b->momentum;
+  take_from_tape(p, w, row, b->loads, b->thrust);
+  if (dt != w->dt) w->dt = dt, begin_inertia(p, w);
+  begin_loads(p, w, b->loads);
+  w->thrust = b->thrust;
+  begin_internal(p, w->fields, p->t + p->level * dt, dt, 0);
+  begin_form(p, &p->drag, w->fields, p->t + p->level * dt, dt);
+  if (!begin_couplings(p, w) && !choose_ahead(p, w)) return 0;
+  if (!expand(p, w)) return 0;
+  balance(p, w);
+  reduce_tangent(p, w, w->r);
+
+  /* By the increment through rates and internal variables, and through what the state itself counts. */
+  memset(b->end, 0, n * sizeof(double));
+  add_given(p, a, k + 1, b->end);
+  for (int i = 0; i < n; ++i) path_bar[i] = per_dt * w->slope[i] * a->v[i];
+  for (int i = 0; i < p->massless_count; ++i) path_bar[p->massless[i]] /= 2;
+  memcpy(b->end_columns, a->columns, p->columns * sizeof(double));
+  memset(b->start_columns, 0, all * sizeof(double));
+  memset(b->omega, 0, n * sizeof(double)), memset(b->mu, 0, all * sizeof(double));
+  for (int i = 0; i < p->spring_width; ++i) b->of_springs[i] = -a->spring_internal[i];
+  long internal = (long)p->cells * p->cell_internal;
+  for (long i = 0; i < internal; ++i) b->of_internal[i] = -a->internal[i] * p->per_weight[i % p->cell_internal];
+  int flows = internal || p->spring_width;
+  memset(b->by_increment, 0, n * sizeof(double));
+  if (flows) pull_forces(p, w, a, b, 0, 0);
+  for (int i = 0; i < n; ++i) w->scratch[i] = b->end[i] + path_bar[i] - b->by_increment[i];
+  memcpy(w->columns, b->end_columns, p->columns * sizeof(double));
+  gather(p, w->values, w->scratch, w->columns);
+  memcpy(w->reduced, w->columns, p->free * sizeof(double));
+  if (!solve_transposed(p, w, a)) return 0;
+  memcpy(b->mu, w->step, p->free * sizeof(double));
+  for (int i = 0; i < p->closures; ++i) b->of_gaps[i] = w->y[p->order[p->unknowns - p->closures + i]];
+  spread_virtual(p, w, b->mu, b->omega);
+
+  memcpy(b->end_columns, a->columns, p->columns * sizeof(double));
+  memset(b->start_columns, 0, all * sizeof(double));
+  pull_forces(p, w, a, b, a->thrust + 2L * k * p->thrusts, 1);
+  pull_loads(p, w, a, b, a->loads + 2L * k * p->loads);
+  for (int i = 0; i < n; ++i) b->start[i] = a->before[i] - path_bar[i] + b->by_increment[i] - b->by_start[i];
+  for (int i = 0; i < n; ++i) b->end[i] += path_bar[i] - b->by_increment[i], a->before[i] = -b->by_before[i];
+  times_mass(p, b->omega, w->scratch);
+  for (int i = 0; i < n; ++i) {
+    double of_inertia = per_dt / dt * w->slope[i] * w->scratch[i];
+    b->end[i] -= of_inertia, b->start[i] += of_inertia;
+    a->v[i] = per_dt * w->scratch[i] - a->v[i];
+  }
+  for (int i = 0; i < p->massless_count; ++i) a->v[p->massless[i]] = 0;
+  for (long i = 0; i < internal; ++i) a->internal[i] -= b->lost_internal[i];
+  for (int i = 0; i < p->spring_width; ++i) a->spring_internal[i] = -b->lost_springs[i];
+
+  if (p->joints) pull_map(p, w, b), pull_arms(p, w, b);
+  if (p->closures) pull_gaps(p, w, b);
+  gather(p, w->values, b->end, b->end_columns);
+  if (p->joints) add_followers(p, b->end, b->end_columns, b->at_end);
+  for (int i = 0; i < p->closures; ++i)
+    if (p->gap_arm[i] >= 0) b->at_end[p->gap_arm[i]] += b->of_gaps[i];
+  for (int i = 0; i < p->driven; ++i) a->driven[k * p->driven + i] += b->end_columns[p->free + i];
+  if (k == 0) {
+    memset(a->columns, 0, p->columns * sizeof(double));
+    add_given(p, a, 0, b->start);
+    for (int i = 0; i < p->columns; ++i) b->start_columns[i] += a->columns[i];
+  }
+  memcpy(b->values, w->values, sizeof(double));
+  for (int j = 0; j < p->joints; ++j) {
+    double *value = b->values + 1 + 4 * j;
+    value[0] = -w->rho0[2 * j + 1], value[1] = w->rho0[2 * j], value[2] = w->t0[2 * j], value[3] = w->t0[2 * j + 1];
+  }
+  gather(p, b->values, b->start, b->start_columns);
+  if (p->joints) {
+    add_followers(p, b->start, b->start_columns, b->at_start);
+    pull_offsets(p, w, a, b);
+  }
+  memcpy(a->columns, b->start_columns, p->columns * sizeof(double));
+  return 1;
+}
+
+/* Follows a tape backwards; returns the number of sub-steps that are left where a tangent is singular. */
+long fx_pull(Problem *p, const Tape *tape, const Adjoint *a) {
+  Work work, *w = &work;
+  Backward b;
+  lay_out(p, w, p->scratch), lay_out_backward(p, &b, a->scratch);
+  w->dt = 0;
+  for (long k = tape->rows - 1; k >= 0; --k)
+    if (!pull_step(p, w, a, &b, tape, k)) return k + 1;
+  return 0;
+}

@@ -1,0 +1,47 @@
+/* What sub-steps were given and found, from which a run can be followed backwards (adjoint.h). */
+
+#pragma once
+
+#include "work.h"
+
+/* Numbers and arrays of a row. */
+enum { TAPED_NUMBERS = 3, TAPED = 9 };
+
+typedef struct {
+  double *of[TAPED];
+  long size[TAPED];
+} TapedArrays;
+
+/* Start of a sub-step, loads at both ends and follower forces in it, and increments of the columns. */
+static TapedArrays taped_arrays(const Problem *p, const Work *w, double *loads, double *thrust) {
+  long n = p->dofs, before = p->keeps_before ? n : 0, internal = (long)p->cells * p->cell_internal;
+  return (TapedArrays){
+      {p->q, p->v, p->before, p->slides, p->internal, p->spring_internal, loads, thrust, w->z},
+      {n, n, before, p->scene_joints, internal, p->spring_width, 2L * p->loads, 2L * p->thrusts, p->columns}};
+}
+
+long fx_tape_size(const Problem *p) {
+  Work none = {0};
+  TapedArrays arrays = taped_arrays(p, &none, 0, 0);
+  long size = TAPED_NUMBERS;
+  for (int i = 0; i < TAPED; ++i) size += arrays.size[i];
+  return size;
+}
+
+/* Adds a sub-step that succeeded, before the state advances. */
+static void put_on_tape(const Problem *p, const Work *w, Tape *tape, double *loads, double *thrust) {
+  double *to = tape->row + tape->rows++ * tape->size;
+  TapedArrays arrays = taped_arrays(p, w, loads, thrust);
+  *to++ = p->t, *to++ = w->dt, *to++ = p->ratio;
+  for (int i = 0; i < TAPED; to += arrays.size[i++])
+    if (arrays.size[i]) memcpy(to, arrays.of[i], arrays.size[i] * sizeof(double));
+}
+
+/* Takes a row back into the state. */
+static void take_from_tape(Problem *p, const Work *w, const double *row, double *loads, double *thrust) {
+  TapedArrays arrays = taped_arrays(p, w, loads, thrust);
+  p->t = row[0], p->ratio = row[2];
+  row += TAPED_NUMBERS;
+  for (int i = 0; i < TAPED; row += arrays.size[i++])
+    if (arrays.size[i]) memcpy(arrays.of[i], row, arrays.size[i] * sizeof(double));
+}

@@ -1,0 +1,74 @@
+"""The work of elements on weights, whose derivatives are summed over the steps of a run."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from fx_beam.fem import dolfinx_api
+from fx_beam.fem.beam_forms import BeamForms
+from fx_beam.fem.pulled_form import BoundPull
+
+from .handover import Problem
+from .kernels import Kernel
+
+# These derivatives come first, in this order; the others are summed for each element.
+_FIRST = "work", "increment", "start", "before", "internal"
+# Names of the others, besides the coefficients of drag.
+_NAMES = {"coordinates": "coordinates", "stiffness": "stiffness", "times": "retardation"}
+
+
+class PulledWork:
+    """A work on weights: its derivatives by the numbers of each element are summed over steps."""
+
+    def __init__(self, name: str, pull: BoundPull):
+        #: Its name in C.
+        self.name, self._pull = name, pull
+        sizes = {name: dolfinx_api.tensor_size(form) for name, (form, _) in pull.forms.items()}
+        self._sizes = sizes
+        #: Numbers of an element by name.
+        self._tail = {name: size for name, size in sizes.items() if name not in _FIRST}
+        #: Sums [block][number][lane], and the cells of each integral.
+        self.sums, self._cells = np.empty((0, 0, 0)), list[np.ndarray]()
+
+    def handed_over(self, problem: Problem, beams: BeamForms) -> dict[str, Any]:
+        """The work as ``Pulled`` of c/problem.h."""
+        assert problem.tables is not None
+        pull, sizes = self._pull, self._sizes
+        kernel = Kernel([*pull.forms.values()], [*sizes.values()])
+        table = problem.tables.of("work by start", kernel, pull.moving)
+        table["changing"] = table["moving"]
+        self._cells = [beams.cells_of(tag) for tag in pull.tags]
+        lanes, total = problem.library.LANES, sum(self._tail.values())
+        blocks = sum(-(-len(cells) // lanes) for cells in self._cells)
+        self.sums = np.zeros((blocks, total, lanes))
+        return {
+            "form": table,
+            **{name: int(name in sizes) for name in _FIRST[1:]},
+            "tail": total,
+            "sums": self.sums,
+        }
+
+    def of_cells(self, cells: int) -> dict[str, np.ndarray]:
+        """Derivatives (cells, points, ...) by name, in the order of the cells."""
+        total, lanes = self.sums.shape[1:]
+        found, first = np.zeros((cells, total)), 0
+        for own in self._cells:
+            end = first + -(-len(own) // lanes)
+            rows = self.sums[first:end].transpose(0, 2, 1).reshape(-1, total)
+            found[own], first = -rows[: len(own)], end
+        ends = np.cumsum([*self._tail.values()])[:-1]
+        parts = dict(zip(self._tail, np.split(found, ends, axis=1), strict=True))
+        return {
+            _NAMES.get(name, f"drag {name}"): self._by_points(name, part)
+            for name, part in parts.items()
+        }
+
+    @staticmethod
+    def _by_points(name: str, part: np.ndarray) -> np.ndarray:
+        if name == "coordinates":
+            return part
+        width = 3 if name in _NAMES else 2 if "across" in name else 1
+        by_points = part.reshape(len(part), -1, width)
+        return by_points if width > 1 else by_points[..., 0]

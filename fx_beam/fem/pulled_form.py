@@ -1,0 +1,71 @@
+"""The work of a step's forces on given weights, and its derivatives: what steps backwards need."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any, NamedTuple
+
+import ufl
+from ufl.algorithms import expand_derivatives
+
+from . import dolfinx_api, ffcx_api
+from .dolfinx_api import CompiledForm
+from .fields import Fields
+from .weak_form import WeakForm
+
+
+class BoundPull(NamedTuple):
+    """A work on a mesh: by name, the work and its derivatives as bound and compiled."""
+
+    forms: dict[str, tuple[Any, CompiledForm]]
+    #: Its fields that change, numbered as in problem.h.
+    moving: list[Any]
+
+    @property
+    def tags(self) -> list[int]:
+        """Subdomain of each integral; -1 for all cells."""
+        return ffcx_api.integrals(self.forms["work"][1])
+
+
+def work_and_derivatives(
+    name: str, work: Any, fields: Fields, by: Mapping[str, Any]
+) -> dict[str, CompiledForm]:
+    """A work and its derivatives by increment and start, by coefficients, and by coordinates.
+
+    Without those that are zero.
+    """
+    by = {"increment": fields.increment, "start": fields.start, **by}
+    forms = {what: ufl.derivative(work, field) for what, field in by.items()}
+    X, of_X = fields.coordinates
+    forms["coordinates"] = ufl.derivative(work, X, ufl.TestFunction(of_X))
+    forms = {what: form for what, form in forms.items() if not expand_derivatives(form).empty()}
+    forms = {"work": work, **forms}
+    compiled = dolfinx_api.compile_forms({f"{name} by {what}": f for what, f in forms.items()})
+    return dict(zip(forms, compiled, strict=True))
+
+
+class PulledForm(WeakForm):
+    """The work of the internal forces of a step on weights in the place of virtual displacements.
+
+    With internal variables, their increments times further weights are added. All data of the
+    sections must vary, cell by cell at least.
+    """
+
+    def _compile(self) -> None:
+        fields, by = self.fields, {}
+        #: Weights in the place of the test function, and of the increments of internal variables.
+        self.weight = dolfinx_api.Coefficient(fields.test.ufl_function_space())
+        self.internal_weight = None
+        work = ufl.replace(self._residual, {fields.test: self.weight})
+        if fields.before in work.coefficients():
+            by["before"] = fields.before
+        if self.width:
+            space = fields.internal(self.width)
+            self.internal_weight = dolfinx_api.Coefficient(space)
+            grown = {ufl.TestFunction(space): self.internal_weight}
+            work += ufl.replace(self._increments(), grown)
+            by["internal"] = self.internal
+        data = {"stiffness": self.stiffness, "times": self.times}
+        by |= {name: symbol for name, symbol in data.items() if symbol is not None}
+        #: The work, and its derivatives in the order of `Pulled` in problem.h.
+        self.forms = work_and_derivatives("work", work, fields, by)

@@ -1,0 +1,80 @@
+"""Runs on a tape, and the numbers of their scenes, for tests of derivatives."""
+
+import numpy as np
+
+import fx_beam as fb
+from fx_beam.analyses.run_setup import RunSetup
+from fx_beam.compiled.adjoint import Adjoint
+from fx_beam.compiled.tape import Tape
+from fx_beam.coupling.joint_reduction import JointReduction
+from fx_beam.stepping.recorder import Record, Recorder
+from fx_beam.stepping.substeps import Halving
+
+
+class Run:
+    """A motion, on a tape if it is asked for."""
+
+    def __init__(self, scene, scheme, dt, steps, taped=False, disturb=None):
+        self.setup = setup = RunSetup(scene, scheme, None, Halving(3, dt), "compiled")
+        self.model, self.loop = setup.model, setup.stepper.integrator
+        self.start = state = setup.first_state(dt, None)
+        if disturb is not None:
+            disturb(state)
+        self.times = dt * np.arange(steps + 1)
+        recorder = Recorder(self.model, self.times, Record())
+        recorder.record(0, state)
+        if taped:
+            self.loop.tape = Tape(self.loop.problem)
+        self.end = setup.stepper.march(state, self.times[1:], 1, recorder)
+        #: Histories (steps + 1, ...).
+        self.rows = {name: recorder.arrays[name][: steps + 1] for name in ("q", "v", "slides")}
+
+    def adjoint(self, weights, steps=None):
+        """Derivatives of the sum of weights times states after some steps, by default all."""
+        at = self.loop.tape.boundaries(self.times if steps is None else self.times[steps])
+        return Adjoint(self.loop).pull(self.loop.tape, weights, at)
+
+
+def numbers(run, starts, lengths):
+    """The numbers of a scene by the names of `Adjoint.pull`, for sub-steps of a tape."""
+    model, state = run.model, run.start
+    joints, forcing, ends = model.reduction.joint_tables(), run.setup.forcing, starts + lengths
+    found = {"mass": model.mass.data, "points": model.points.numbers, "X": model.mesh.X}
+    found |= {"q": state.q, "v": state.v, "slides": state.slides}
+    found |= {"columns": model.loads.columns.data, "loads": forcing.loads(starts, ends)}
+    found |= {"driven": forcing.series(ends)}
+    if model.weight is not None:
+        found["weight"] = model.weight
+    if len(model.points.followers):
+        found["thrust"] = model.points.followers.series(starts, ends)
+    if isinstance(model.reduction, JointReduction):
+        found |= {"offset": joints["offset"], "axis": joints["axis"]}
+        found["rest"] = np.array([joint.start()[0] for joint in model.couplings.moving])
+    if (beams := model.forms.beams) is not None:
+        fields = {name.replace("times", "retardation"): f for name, f in beams.of_sections.items()}
+        if beams.drag is not None:
+            fields |= {f"drag {name}": field for name, field in beams.of_drag.items()}
+        cells = len(model.mesh.beam_of_cell)
+        found |= {name: field.data.by_cells(cells).values for name, field in fields.items()}
+    return {name: np.array(value) for name, value in found.items()}
+
+
+def both(build, scheme=None, dt=0.01, steps=20, h=1e-5):
+    """Derivative of a random function of a motion by the number 1 of `build`, in two ways.
+
+    By the adjoint with differences of the scene's numbers, and by differences of the motion.
+    Returns both, and the size of the parts of the first.
+    """
+    scheme, rng = scheme or fb.EnergyMomentum(), np.random.default_rng(0)
+    run = Run(build(1.0), scheme, dt, steps, taped=True)
+    weights = {name: rng.standard_normal(rows.shape) for name, rows in run.rows.items()}
+    found, tape = run.adjoint(weights), run.loop.tape
+    low, high = (Run(build(x), scheme, dt, steps) for x in (1 - h, 1 + h))
+    ends = [numbers(part, tape.starts, tape.lengths) for part in (low, high)]
+    changes = {name: (ends[1][name] - ends[0][name]) / (2 * h) for name in ends[0]}
+    # The positions of points of rigid bodies count in their offsets alone.
+    parts = [(found.get(name, np.zeros(1)) * change).sum() for name, change in changes.items()]
+    values = [
+        sum((weights[name] * part.rows[name]).sum() for name in weights) for part in (low, high)
+    ]
+    return sum(parts), (values[1] - values[0]) / (2 * h), max(map(abs, parts))
