@@ -261,7 +261,9 @@ class BeamForms:
     def numbers(self) -> dict[str, np.ndarray]:
         """Data of sections and of drag by name, as their forms read them."""
         names = {"times": "retardation"}
-        data = {names.get(name, name): field.data.values for name, field in self.of_sections.items()}
+        data = {
+            names.get(name, name): field.data.values for name, field in self.of_sections.items()
+        }
         if self.drag is not None:
             data |= {f"drag {name}": field.data.values for name, field in self.of_drag.items()}
         return data
