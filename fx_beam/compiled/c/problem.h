@@ -9,9 +9,9 @@
 
 /* Elements per call of a Batch, values of a nodal rule, largest order of the predictor, largest number
    of sub-steps of a scheme, places of the displacements and rotations at the start of the step and of
-   the internal variables among the changing coefficients, that of weights of these in steps backwards, and
-   how many coefficients change there, largest order of a scheme, number of averaged differences in local errors, number of directions of an iteration with kept factors; borders
-   are numbered downwards from ON_BORDER. */
+   the internal variables among the changing coefficients, in steps backwards that of their weights and the
+   number of these coefficients, largest order of a scheme, number of averaged differences in local errors,
+   number of directions of an iteration with kept factors; borders are numbered downwards from ON_BORDER. */
 enum {
   LANES = 8, RULE_VALUES = 18, PAST = 4, SUB_STEPS = 32, START = 1, INTERNAL = 5, OF_INTERNAL = 7,
   PULLED_FIELDS = 8, MAX_ORDER = 4, AVERAGED = 3, DIRECTIONS = 12, ON_BORDER = -2
