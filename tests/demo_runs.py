@@ -42,6 +42,7 @@ PICTURES = {
     "design_map": ("map.png",),
     "ring": ("scene.png", "modes.png", "shapes.png", "energy.png", "motion.gif"),
     "roll_up": ("scene.png", "shapes.png", "convergence_and_energy.png", "motion.gif"),
+    "pull_in": ("scene.png", "pull_in.png", "motion.gif"),
     "lee_frame": (
         "scene.png",
         "load_and_displacement.png",

@@ -153,6 +153,25 @@ def test_animations_of_tall_scenes_are_no_higher_than_others(tmp_path):
         assert film.size[1] <= 100 * plane.LARGEST[1]
 
 
+@pytest.mark.parametrize("end", ENDS, ids=str)
+def test_titles_of_frames_do_not_cover_each_other(end, tmp_path, monkeypatch):
+    from fx_beam.plot import animations
+
+    kept = []
+    monkeypatch.setattr(
+        animations, "Plane", lambda *given: kept.append(plane.Plane(*given)) or kept[0]
+    )
+    scene = fb.Scene(gravity=(0, -9.81))
+    beam = scene.add_beam([(0, 0), end], FLYING, 4)
+    scene.clamp(beam.start)
+    plot.animate(fb.simulate(scene, dt=0.001, t_end=0.002), [0, 1, 2], tmp_path / "film.gif")
+    figure = kept[0].figure
+    first, second = (text.get_window_extent() for text in kept[0].ax.texts[:2])
+    assert holds(figure) and not first.overlaps(second)
+    for box in (first, second):
+        assert (box.min > 0).all() and (box.max < figure.bbox.max).all()
+
+
 def test_obstacles_near_the_motion_are_whole():
     scene = fb.Scene(gravity=(0, -9.81))
     beam = scene.add_beam([(-0.5, 0.8), (0.5, 0.8)], FLYING, 4)

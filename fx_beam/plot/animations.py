@@ -25,6 +25,7 @@ from .plane import LARGEST, Plane, draw_obstacles
 from .supports import Supports
 from .symbols import draw_forces, draw_joints, draw_marks, draw_moving
 
+_BESIDE = 4.0  # width of the axes over which the time and the title are side by side [inch]
 _COLOURS = "#0072B2", "#009E73", "#CC79A7", "#E69F00", "#56B4E9"
 
 
@@ -90,10 +91,13 @@ def animate(
         solution.position(trace)  # refuses what is no node of the solution
     plane = _plane(drawing, scene_unit, colour is not None, size)
     ax = plane.ax
-    look: dict[str, Any] = {"transform": ax.transAxes, "fontsize": "small"}
-    ax.text(1, 1.02, drawing.title(), ha="right", **look)
+    look: dict[str, Any] = {"xycoords": "axes fraction", "textcoords": "offset points"}
+    look |= {"fontsize": "small", "va": "bottom"}
+    # Beside the time, or above it where there is no room.
+    above = 4 if ax.bbox.width > _BESIDE * plane.figure.dpi else 15
+    ax.annotate(drawing.title(), (1, 1), (0, above), ha="right", **look)
     draw_obstacles(ax, drawing)
-    heading = ax.text(0, 1.02, "", family="monospace", **look)
+    heading = ax.annotate("", (0, 1), (0, 4), family="monospace", **look)
     (past,) = ax.plot([], [], color="0.65", linewidth=1.0, zorder=1)
     if colour is None:
         lines, move = _members_in_own_colours(drawing, thickness)

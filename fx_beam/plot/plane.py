@@ -23,6 +23,7 @@ PICTURES = sorted(FigureCanvasAgg.filetypes)
 LARGEST = 6.4, 5.6
 # Around the axes: left, below, right, above; and what a colour bar needs beside or below them.
 _BORDER, _BESIDE, _BELOW = (0.8, 0.55, 0.2, 0.4), 1.0, 0.75
+_NARROW = 2.4  # width of the axes that a title needs [inch]
 _LOW = 2.2  # height of the axes up to which the colour bar lies below them [inch]
 
 
@@ -59,9 +60,10 @@ class Plane:
             inner = extent * min(room / extent)
             if below or inner[1] > _LOW:
                 break
-        if size is not None:
-            margin = (room * max(extent / room) - extent) / 2
-            low, high, inner = low - margin, high + margin, room
+        if size is not None or inner[0] < _NARROW:
+            inner = np.array([_NARROW, inner[1]]) if size is None else room
+            margin = (inner * max(extent / inner) - extent) / 2
+            low, high = low - margin, high + margin
         whole = inner + (left + right, bottom + top)
         self.figure = Figure(tuple(whole))
         corner = np.array([left, bottom])
