@@ -131,7 +131,7 @@ def interactive(
         ],
         "supports": _supports(drawing),
         "markers": [
-            {"marker": marker, "count": len(nodes), "points": _places(drawing, nodes)}
+            {"marker": marker, "count": len(nodes), "points": _points_of(drawing, nodes)}
             for marker, nodes in [("mass", heavy), *nodes_of_joints(drawing).items()]
         ],
         "between": _between(drawing),
@@ -216,7 +216,7 @@ def _bodies(drawing: Drawing) -> list[dict[str, Any]]:
         name: [node.number for node in body.nodes] for name, body in drawing.solution.bodies.items()
     }
     return [
-        {"name": name, "nodes": nodes, "points": _places(drawing, nodes)}
+        {"name": name, "nodes": nodes, "points": _points_of(drawing, nodes)}
         for name, nodes in numbers.items()
     ]
 
@@ -225,7 +225,7 @@ def _supports(drawing: Drawing) -> list[dict[str, Any]]:
     """Symbols of the supports, in units of the drawing's size, and their positions in all rows."""
     return [
         {
-            "points": _places(drawing, [node]),
+            "points": _points_of(drawing, [node]),
             "thick": [line.tolist() for line in strokes.thick],
             "thin": [line.tolist() for line in strokes.thin],
             "marker": strokes.marker,
@@ -251,10 +251,10 @@ def _between(drawing: Drawing) -> list[dict[str, Any]]:
 def _traces(drawing: Drawing, nodes: list[Node]) -> list[str]:
     for node in nodes:
         drawing.solution.position(node)  # refuses what is no node of the solution
-    return [_places(drawing, [node.number]) for node in nodes]
+    return [_points_of(drawing, [node.number]) for node in nodes]
 
 
-def _places(drawing: Drawing, nodes: list[int]) -> str:
+def _points_of(drawing: Drawing, nodes: list[int]) -> str:
     """Positions of some nodes in all rows."""
     return _points(drawing, drawing.positions(nodes, list(drawing.rows)))
 
