@@ -13,14 +13,13 @@ increment of mu, divided by the length of the step.
 from __future__ import annotations
 
 import functools
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 import scipy.sparse
 import scipy.sparse.linalg
 
 from fx_beam import c_library
-from fx_beam.errors import SceneError
 from fx_beam.results.state import MACROS
 from fx_beam.structs import Structs
 
@@ -33,6 +32,9 @@ from .rigid_points import RigidPoints
 _LITTLE, _REPETITIONS, _ROUND_OFF = 1e-6, 20, 1e-14
 
 
+_LIBRARY = "joints that turn", "rates of joints", "fitted_rates.c", "fitted_rates.h", MACROS
+
+
 class Fit(NamedTuple):
     """Rates that fit, and what they take."""
 
@@ -42,17 +44,6 @@ class Fit(NamedTuple):
     #: Impulses (n, joints, 3) of joints on their nodes b, and (n, columns) of motors and supports.
     joints: np.ndarray
     constraints: np.ndarray
-
-
-@functools.cache
-def _library() -> tuple[Any, Any]:
-    try:
-        return c_library.open_library("rates of joints", "fitted_rates.c", "fitted_rates.h", MACROS)
-    except c_library.CannotBuild as error:
-        raise SceneError(
-            f"rates of joints that turn need a C compiler: {error}. Check the environment "
-            "variable CC"
-        ) from error
 
 
 class FittedRates:
@@ -75,7 +66,7 @@ class FittedRates:
         self._entry, self._lacking, self._multipliers = (
             np.zeros(n) for n in (len(points.row), self._rows, self._rows)
         )
-        ffi, self._library = _library()
+        ffi, self._library = c_library.needed_library(*_LIBRARY)
         self._of = functools.partial(ffi.from_buffer, ffi.typeof("double[]"))
         self._structs = structs = Structs(ffi, c_library.declarations("fitted_rates.h"))
         self._c = ffi.new("RateFit *")

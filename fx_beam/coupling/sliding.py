@@ -27,21 +27,10 @@ from typing import Any
 import numpy as np
 
 from fx_beam import c_library
-from fx_beam.errors import SceneError
 from fx_beam.scene.path import Path
 from fx_beam.structs import Structs
 
-
-@functools.cache
-def _library() -> tuple[Any, Any, Any]:
-    try:
-        ffi, library = c_library.open_library("nodes on beams", "sliding.c", "sliding.h")
-    except c_library.CannotBuild as error:
-        raise SceneError(
-            f"nodes that slide on beams need a C compiler: {error}. Check the environment "
-            "variable CC"
-        ) from error
-    return ffi, library, ffi.typeof("double[]")
+_LIBRARY = "nodes that slide on beams", "nodes on beams", "sliding.c", "sliding.h"
 
 
 class Sliding:
@@ -53,7 +42,8 @@ class Sliding:
 
     def __init__(self, path: Path, components: int, level: float, by_tangent: bool):
         self.path, self.components, self.level = path, components, level
-        ffi, self._library, self._doubles = _library()
+        ffi, self._library = c_library.needed_library(*_LIBRARY)
+        self._of = functools.partial(ffi.from_buffer, ffi.typeof("double[]"))
         #: What the relation depends on, by the names of Slider in C.
         self.table = {
             "components": components,
@@ -73,8 +63,9 @@ class Sliding:
         self._c, self._h = ffi.new("Slider *"), ffi.new("Second *")
         dofs = np.arange(3 * len(path)).reshape(-1, 3)
         self._structs.set(self._c, **self.table, dofs=dofs)
-        self._of = ffi.from_buffer
         local = components * path.width + 1
+        #: Displacements and rotations of the beam's nodes at the start, and increments, for C.
+        self._motion: list[Any] = [None, None]
         #: Increments (components,) of the node, their derivatives, and the virtual ones.
         self.increment = self._array(self._c, "increment")[:components]
         self.T, self.virtual_map = (
@@ -89,7 +80,7 @@ class Sliding:
     @staticmethod
     def _array(struct: Any, name: str) -> np.ndarray:
         """An array in a struct, which C changes."""
-        ffi, *_ = _library()
+        ffi, _ = c_library.needed_library(*_LIBRARY)
         member = getattr(struct, name)
         rows = ffi.typeof(member)
         values = np.frombuffer(ffi.buffer(member))
@@ -97,15 +88,14 @@ class Sliding:
 
     def begin(self, q: np.ndarray, s: float) -> None:
         """Set the start of a step: displacements and rotations (nodes, 3), and arc length [m]."""
-        self._q, self._c.s0 = np.ascontiguousarray(q), s
+        self._c.s0 = s
+        self._motion[0] = self._of(np.ascontiguousarray(q))
 
     def set(self, D: np.ndarray, Ds: float) -> None:
         """Set the increments (nodes, 3) of the beam's nodes, and that of the arc length."""
-        self._D, self._c.s1 = np.ascontiguousarray(D), self._c.s0 + Ds
-        self._library.fx_slide(self._c, *self._motion())
-
-    def _motion(self) -> tuple[Any, Any]:
-        return self._of(self._doubles, self._q), self._of(self._doubles, self._D)
+        self._c.s1 = self._c.s0 + Ds
+        self._motion[1] = self._of(np.ascontiguousarray(D))
+        self._library.fx_slide(self._c, *self._motion)
 
     @property
     def nodes(self) -> slice:
@@ -125,7 +115,7 @@ class Sliding:
     def second(self, F: np.ndarray) -> np.ndarray:
         """Derivatives of virtual_map^T F, for a force F (components,), by all local ones."""
         self._force[:] = F
-        self._library.fx_slide_second(self._c, *self._motion(), self._h)
+        self._library.fx_slide_second(self._c, *self._motion, self._h)
         H = self._left.T @ self._right + np.diag(self._turn)
         H[:, -1] += self._by_s
         H[-1] += self._of_s

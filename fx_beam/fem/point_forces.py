@@ -11,7 +11,6 @@ import numpy as np
 import scipy.sparse
 
 from fx_beam import c_library
-from fx_beam.errors import SceneError
 from fx_beam.mechanics.interval import Interval
 from fx_beam.mechanics.point_laws import PointLaw, StepRule, arguments
 from fx_beam.scene.structure import OtherStructureError
@@ -24,6 +23,10 @@ from .step_start import StepStart
 
 _NONE = np.empty(0)
 _HEADER = "point_force.h"
+_LIBRARY = (
+    "springs, dampers, friction, stops, obstacles, drag of nodes and follower forces",
+    *("forces at points", "point_forces.c", _HEADER),
+)
 
 
 class Role(enum.IntEnum):
@@ -52,28 +55,6 @@ def _without_numbers(force: PointForce) -> tuple:
     if law.own:
         law = law.name, law.size, law.numbers, law.internal, law.remembered
     return law, *force[2:]
-
-
-class _Library(NamedTuple):
-    """The functions of point_force.h, for Python."""
-
-    ffi: Any
-    c: Any
-    #: Types of arrays. An interrupt while cffi reads their names would break its parser for good.
-    doubles: Any
-    ints: Any
-
-
-@functools.cache
-def _library() -> _Library:
-    try:
-        ffi, library = c_library.open_library("forces at points", "point_forces.c", _HEADER)
-    except c_library.CannotBuild as error:
-        raise SceneError(
-            f"springs, dampers, friction, stops, obstacles, drag of nodes and follower forces need "
-            f"a C compiler: {error}. Check the environment variable CC"
-        ) from error
-    return _Library(ffi, library, ffi.typeof("double[]"), ffi.typeof("int[]"))
 
 
 class PointForces:
@@ -189,7 +170,9 @@ class PointForces:
         self.value_at = np.full(len(rows_and_columns), -1, dtype=np.int32)
 
     def _build(self) -> None:
-        ffi, self._c, *_ = _library()
+        ffi, self._c = c_library.needed_library(*_LIBRARY)
+        self._of = functools.partial(ffi.from_buffer, ffi.typeof("double[]"))
+        self._of_numbers = functools.partial(ffi.from_buffer, ffi.typeof("int[]"))
         self._structs = structs = Structs(ffi, c_library.declarations(_HEADER))
         laws = self._laws
         self._given = _parts([law.given for law in laws])
@@ -342,7 +325,7 @@ class PointForces:
     def add_tangent(self, values: np.ndarray) -> None:
         """Add their derivatives by the increments to the entries of the stiffness."""
         if self._forces:
-            value_at = _library().ffi.from_buffer(_library().ints, self.value_at)
+            value_at = self._of_numbers(self.value_at)
             self._c.fx_add_point_tangents(self._all, value_at, self._of(values))
 
     def on_slides(self, entry: int) -> np.ndarray:
@@ -404,12 +387,9 @@ class PointForces:
 
         Given are the correction of all nodes (size,), and that of all columns.
         """
-        vectors = self._of(correction), self._of(step)
-        return self._c.fx_point_deviation(self._all, *vectors, part) if self._forces else 0.0
-
-    @staticmethod
-    def _of(values: np.ndarray) -> Any:
-        return _library().ffi.from_buffer(_library().doubles, values)
+        if not self._forces:
+            return 0.0
+        return self._c.fx_point_deviation(self._all, self._of(correction), self._of(step), part)
 
 
 def _parts(sizes: list[int]) -> list[np.ndarray]:
