@@ -17,12 +17,14 @@ def objects():
     lower = scene.add_beam([(1, 0), (2, 0)], SECTION, elements=4, name="<lower>")
     pin = scene.add_joint(fb.Revolute(upper.end, lower.start, spring=fb.Spring(3.0)))
     scene.clamp(upper.start)
+    scene.add_force_between(lower.end, (2, 5), spring=fb.Spring(2.0), damper=fb.Damper(0.5))
     scene.add_obstacle(lower, fb.Line((0, -3), (0, 1)), 1e3)
     solution = fb.simulate(scene, dt=0.01, t_end=0.1)
     return {
         "Scene": scene,
         "Joint": pin,
         "Obstacle": scene.obstacles[0],
+        "ForceBetween": scene.forces_between[0],
         "Solution": solution,
         "Energy": solution.energy,
         "Stats": solution.stats,
@@ -31,7 +33,8 @@ def objects():
     }
 
 
-KINDS = "Scene", "Joint", "Obstacle", "Solution", "Energy", "Stats", "BeamResultants", "Modes"
+KINDS = "Scene", "Joint", "Obstacle", "ForceBetween", "Solution", "Energy", "Stats", "Modes"
+KINDS += ("BeamResultants",)
 
 
 @pytest.mark.parametrize("kind", KINDS)
@@ -47,11 +50,14 @@ def test_the_line_has_the_numbers_of_the_object(objects):
     energy = objects["Energy"]
     assert f"total {energy.total[0]:.6g} to {energy.total[-1]:.6g} J" in repr(energy)
     assert "10 steps with 0 halvings" in repr(objects["Stats"])
+    assert "force 0, between node 9 at (2, 0) and (2, 5)" in repr(objects["ForceBetween"])
     frequencies = objects["Modes"].frequencies
     assert f"from {frequencies.min():.4g} to {frequencies.max():.4g} Hz" in repr(objects["Modes"])
 
 
-@pytest.mark.parametrize("kind", ["Scene", "Joint", "Solution", "Energy", "Stats", "Modes"])
+@pytest.mark.parametrize(
+    "kind", ["Scene", "Joint", "ForceBetween", "Solution", "Energy", "Stats", "Modes"]
+)
 def test_a_notebook_shows_a_table_without_what_users_named_as_html(objects, kind):
     text = objects[kind]._repr_html_()
     assert "<lower>" not in text
@@ -61,11 +67,28 @@ def test_a_notebook_shows_a_table_without_what_users_named_as_html(objects, kind
 @pytest.mark.parametrize(("kind", "lines"), [("Scene", 2), ("Solution", 10), ("Energy", 4)])
 def test_a_notebook_shows_a_small_picture(objects, kind, lines):
     text = objects[kind]._repr_html_()
-    assert text.count("<polyline") == lines
+    assert len(re.findall(r"M-?[\d.]+,", text)) == lines
     width, height = map(int, re.search('<svg width="(\\d+)" height="(\\d+)"', text).groups())
     assert 0 < width <= 240 and 0 < height <= 240
-    places = re.findall(r"(-?[\d.]+),(-?[\d.]+)", text[text.index("<polyline") :])
+    places = re.findall(r"(-?[\d.]+),(-?[\d.]+)", text[text.index("<path") :])
     assert all(-1 <= float(x) <= width + 1 and -1 <= float(y) <= height + 1 for x, y in places)
+
+
+def test_tables_name_what_acts_and_nothing_else(objects):
+    assert "stiffness=3.0" in objects["Joint"]._repr_html_()
+    between = objects["ForceBetween"]._repr_html_()
+    assert "stiffness=2.0" in between and "viscosity=0.5" in between and "motor" not in between
+    numbers = re.findall(r"\d+\.\d+", objects["Stats"]._repr_html_())
+    assert max(map(len, numbers)) < 10
+
+
+def test_pictures_of_many_members_are_short():
+    scene, shades = fb.Scene(), 5
+    for k in range(1000):
+        scene.add_beam([(k, 0), (k, 1)], SECTION)
+    solution = fb.simulate(scene, dt=0.1, t_end=0.4)
+    assert solution._repr_html_().count("<path") == shades
+    assert len(solution._repr_html_()) < 30 * shades * 1000
 
 
 def test_an_empty_scene_and_a_solution_without_motion_are_shown_too():

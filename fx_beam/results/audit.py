@@ -226,8 +226,11 @@ class Stats:
         )
 
     def _repr_html_(self):
-        known = {name: value for name, value in vars(self).items() if value}
-        return html_table("Stats", {name.replace("_", " "): str(of) for name, of in known.items()})
+        known = {name.replace("_", " "): value for name, value in vars(self).items() if value}
+        words = {
+            name: f"{of:.3g}" if isinstance(of, float) else str(of) for name, of in known.items()
+        }
+        return html_table("Stats", words)
 
     @property
     def inside_out(self) -> int:

@@ -217,6 +217,11 @@ class Coordinate:
     friction: Friction | None = None
     stop: Stop | None = None
 
+    def __str__(self):
+        parts = (of for of in vars(self).values() if of is not None)
+        # A motor is a function, whose own text says nothing.
+        return ", ".join("motor" if of is self.motor else str(of) for of in parts) or "free"
+
     def __post_init__(self):
         parts = (("spring", Spring), ("damper", Damper), ("friction", Friction))
         for name, wanted in parts:

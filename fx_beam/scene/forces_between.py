@@ -16,6 +16,7 @@ from fx_beam.validation import fields_in, refuse_fields, vector
 
 from .beam import Node
 from .coordinate import Coordinate, parameters_of
+from .notebook import html_table
 from .parameters import Parameter, parameters_in
 from .symbols import expression_of
 
@@ -65,6 +66,15 @@ class ForceBetween:
     on: Coordinate
     force: Pull | None = None
     number: int = -1
+
+    def __repr__(self):
+        return f"<{self}>"
+
+    def _repr_html_(self):
+        rows = {"laws": str(self.on)} if self.on.acts else {}
+        if self.force is not None:
+            rows["force"] = "a function" if callable(self.force) else str(self.force)
+        return html_table(str(self), rows)
 
     def __str__(self):
         number = "" if self.number < 0 else f"force {self.number}, "

@@ -25,11 +25,15 @@ def sketch(lines: Iterable[Any], shades: Iterable[str]) -> str:
         return ""
     low, high = points.min(axis=0) - 0.05 * size, points.max(axis=0) + 0.05 * size
     width, height = 240 * (high - low) / max(high - low)
+    # One path for each colour: an element for each of thousands of members would be long.
+    paths: dict[str, str] = {}
+    for line, shade in zip(lines, shades, strict=False):
+        points = width * (line - low) / (high - low)[0]
+        corners = " ".join(f"{x:.1f},{height - y:.1f}" for x, y in points)
+        paths[shade] = f"{paths.get(shade, '')}M{corners}"
     drawn = "".join(
-        f'<polyline fill="none" stroke="{shade}" stroke-width="1.5" points="'
-        + " ".join(f"{x:.1f},{height - y:.1f}" for x, y in width * (line - low) / (high - low)[0])
-        + '"/>'
-        for line, shade in zip(lines, shades, strict=False)
+        f'<path fill="none" stroke="{shade}" stroke-width="1.5" d="{path}"/>'
+        for shade, path in paths.items()
     )
     box = f'width="{width:.0f}" height="{max(height, 1):.0f}"'
     return f'<svg {box} style="background:white">{drawn}</svg>'
