@@ -194,6 +194,7 @@ HOUSE = {
         "kept_setup",
         "numbers",
         "dynamics",
+        "output_weights",
         "response",
         "fitted_state",
         "measurement",

@@ -453,3 +453,121 @@ def test_sweeps_set_numbers_only_and_give_the_same():
     assert [row["reason"] for row in rows] == ["the first scene", "", "", ""]
     for row, case in zip(rows, cases, strict=True):
         assert row["end"] == measured(case)["end"]
+
+
+# -- Derivatives ------------------------------------------------------------------------------
+
+
+def arm(x):
+    """A driven flexible arm with a body on a sprung hinge."""
+    scene = fb.Scene(gravity=(0.0, -9.81))
+    section = fb.Section(EA=1e4 * x[0], GA=5e3 * x[0], EI=20 * x[0], rhoA=x[1], rhoI=1e-2)
+    beam = scene.add_beam([(0, 0), (x[2], 0)], section, elements=3)
+    scene.add_joint(fb.Revolute(fb.GROUND, beam.start, motor=lambda t: 2 * x[1] * t**2))
+    place = {"pin": (x[2], 0)}
+    body = scene.add_body((x[2] + 0.2, 0.0), mass=x[1], inertia=0.02, points=place)
+    spring = fb.Spring(stiffness=3 * x[0])
+    hinge = scene.add_joint(fb.Revolute(beam.end, body["pin"], spring=spring))
+    return scene, {
+        "body": fb.Output("position", body.centre),
+        "angle": fb.Output("angle", hinge),
+        "turn": fb.Output("rotation", body.centre),
+    }
+
+
+def free(x):
+    """A free bar with an initial spin, a mass and a load; its rates are outputs as well."""
+    scene = fb.Scene()
+    section = fb.Section(EA=1e4, GA=5e3, EI=lambda s: 20 * x[0] * (1 - s / 2), rhoA=x[1], rhoI=0.01)
+    bar = scene.add_beam(fb.arc((0, 0), (0.5, 0.1 * x[2]), (1, 0)), section, 2, degree=2)
+    scene.add_mass(bar.end, x[1])
+    scene.add_force(bar.start, lambda t: (x[0] * t, x[2]))
+    scene.set_velocity(bar, lambda px, py: (-x[1] * py, x[1] * px), spin=x[1])
+    return scene, {
+        "end": fb.Output("velocity", bar.end, "y"),
+        "spin": fb.Output("spin", bar.start),
+        "start": fb.Output("displacement", bar.start),
+    }
+
+
+def bent(x):
+    """A cantilever that is let go from static equilibrium."""
+    scene = fb.Scene()
+    section = fb.Section(EA=1e4, GA=5e3, EI=20 * x[0], rhoA=x[1], rhoI=1e-2, retardation=1e-3)
+    bar = scene.add_beam([(0, 0), (1, 0)], section, elements=3)
+    scene.clamp(bar.start)
+    scene.add_force(bar.end, lambda t: (0.0, 5 * x[2] * (t <= 0)))
+    return scene, {"end": fb.Output("position", bar.end)}
+
+
+TAPED = {
+    "arm": (arm, {}),
+    "free": (free, {}),
+    "order 4": (free, {"scheme": fb.EnergyMomentum(order=4)}),
+    "decaying": (arm, {"scheme": fb.EnergyDecaying()}),
+    "rows": (arm, {"record": fb.Record(every=3)}),
+    "tolerance": (free, {"dt": None, "tolerance": 1e-3}),
+    "statics": (bent, {"start": lambda scene: fb.static(scene, steps=2)}),
+}
+
+
+@pytest.mark.parametrize("name", TAPED)
+def test_derivatives_are_those_of_the_motion(name):
+    """By differences of motions, whose steps have the same lengths where a tolerance chose them."""
+    build, options = TAPED[name]
+    options = {"dt": 0.01, "t_end": 0.1} | options
+    x, rng = np.array([1.1, 0.9, 1.05]), np.random.default_rng(0)
+    run = fb.Response(build, **options)
+    t, y = run(x)
+    weights = {name: rng.standard_normal(rows.shape) for name, rows in y.items()}
+    gradient = run.vjp(weights)
+    for i in range(3):
+        sides = []
+        for side in (1, -1):
+            moved = x.copy()
+            moved[i] += side * 1e-5
+            times, found = run(moved)
+            assert (times == t).all() or name == "tolerance"
+            sides.append(sum((weights[name] * found[name]).sum() for name in weights))
+        expected = (sides[0] - sides[1]) / 2e-5
+        assert abs(gradient[i] - expected) < 1e-6 * abs(gradient).max() + 1e-8
+    run(x)
+    assert (run.vjp(weights) == gradient).all()  # with the tape of that motion
+
+
+def test_what_has_no_derivatives_is_refused_by_its_name():
+    run = fb.Response(pendulum, dt=0.01, t_end=0.05)
+    with pytest.raises(fb.SceneError, match="called after run"):
+        run.vjp({})
+    _, y = run([1.0, 1.0, 1.0])
+    for weights, message in (
+        ({"energy": y["energy"]}, "'energy' is a function of the solution"),
+        ({"force": y["force"]}, "reaction.y of node 0 at .*, has no derivatives"),
+        ({"end": y["force"]}, "of the shape"),
+        ({"other": y["end"]}, "a dict by names of outputs"),
+    ):
+        with pytest.raises(fb.SceneError, match=message):
+            run.vjp(weights)
+    for options, message in (
+        ({"scheme": fb.Newmark()}, "Newmark"),
+        ({"solver": "petsc"}, "were not compiled"),
+    ):
+        run = fb.Response(pendulum, dt=0.01, t_end=0.05, **options)
+        _, y = run([1.0, 1.0, 1.0])
+        with pytest.raises(fb.SceneError, match=message):
+            run.vjp({"end": y["end"]})
+
+
+def test_a_structure_that_changes_has_no_derivatives():
+    def build(x):
+        scene = fb.Scene()
+        bar = scene.add_beam([(0, 0), (1, 0)], fb.Section(EA=1e3, GA=1e3, EI=1.0, rhoA=1.0, rhoI=1))
+        scene.clamp(bar.start)
+        if x[0] > 1:
+            scene.add_mass(bar.end, 1.0)
+        return scene, {"end": fb.Output("position", bar.end)}
+
+    run = fb.Response(build, dt=0.01, t_end=0.05)
+    _, y = run([1.0])
+    with pytest.raises(fb.SceneError, match="has another structure"):
+        run.vjp(y)

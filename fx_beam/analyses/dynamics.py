@@ -186,6 +186,7 @@ def simulate(
         first, start, control is None, accelerations=rates or control is not None
     )
     recorder.record(0, state)
+    kept.begin(setup)
     stats.setup_seconds, stats.setup_reason = time.perf_counter() - clock, kept.reason
     if control is not None and order_and_constant(scheme)[0] > 2 and setup.model.loses_at_impacts:
         _log.warning(_IMPACTS, stats.scheme)

@@ -8,6 +8,8 @@ from contextlib import contextmanager
 from contextvars import ContextVar
 from typing import Any
 
+from fx_beam.compiled.loop import CompiledLoop
+from fx_beam.compiled.tape import Tape
 from fx_beam.mechanics.schemes import Scheme
 from fx_beam.results.solution import Solution
 from fx_beam.scene.scene import Scene
@@ -29,6 +31,9 @@ class KeptSetup:
         self._lent: Callable[[], Any] = lambda: None
         #: Why the last scene was set up anew; empty if it was not.
         self.reason = ""
+        #: Whether runs are taped, and the tape of the last one.
+        self.tapes = False
+        self.tape: Tape | None = None
 
     def of(
         self,
@@ -59,9 +64,24 @@ class KeptSetup:
         self._options = options
         return RunSetup(scene, scheme, newton, halving, solver)
 
+    def begin(self, setup: RunSetup) -> None:
+        """Begin a run, on a tape if runs are taped."""
+        loop, self.tape = setup.stepper.integrator, None
+        if isinstance(loop, CompiledLoop):
+            loop.tape = self.tape = Tape(loop.problem) if self.tapes else None
+
     def keep(self, setup: RunSetup, solution: Solution) -> None:
         """Keep a set-up after its run. As long as the solution lives, it needs it."""
         self._setup, self._lent = setup, weakref.ref(solution.resultants_of_beam)
+
+    @property
+    def last(self) -> RunSetup | None:
+        """The set-up of the last run."""
+        return self._setup
+
+    def put_back(self, setup: RunSetup) -> None:
+        """Keep a set-up that has not run."""
+        self._setup = setup
 
 
 def kept_setup() -> KeptSetup:

@@ -11,8 +11,8 @@ from fx_beam.results.state import State
 
 from .run_setup import RunSetup
 
-# What is read of the state at the start.
-_OF_STATE = "q", "v", "a", "slides", "motors", "internal", "spring_internal"
+# What steps with mean rates read of the state at the start.
+_OF_STATE = "q", "v", "slides", "motors", "internal", "spring_internal"
 
 
 def numbers_of(
@@ -41,6 +41,11 @@ def numbers_of(
     if isinstance(model.reduction, JointReduction):
         joints = model.reduction.joint_tables()
         numbers |= {name: joints[name] for name in ("offset", "axis")}
+        numbers["rest"] = [
+            model.scene.joints[joint.number].start()[0] for joint in model.couplings.moving
+        ]
     of_state = {name: getattr(state, name) for name in _OF_STATE}
-    numbers |= {name: values for name, values in of_state.items() if values is not None}
+    numbers |= {
+        name.replace("_", " "): values for name, values in of_state.items() if values is not None
+    }
     return {name: np.array(values, float) for name, values in numbers.items()}

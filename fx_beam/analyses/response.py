@@ -7,22 +7,31 @@ from typing import Any
 
 import numpy as np
 
+from fx_beam.compiled.adjoint import Adjoint
+from fx_beam.compiled.loop import CompiledLoop
 from fx_beam.errors import SceneError
 from fx_beam.mechanics.schemes import Scheme
 from fx_beam.results.audit import Stats
 from fx_beam.results.solution import Solution
+from fx_beam.scene.inputs import with_functions
 from fx_beam.scene.joints import Joint
 from fx_beam.scene.outputs import Output, check_output
 from fx_beam.scene.scene import Scene
 from fx_beam.stepping.newton import NewtonOptions
 from fx_beam.stepping.recorder import Record
+from fx_beam.stepping.substeps import Halving
 from fx_beam.validation import numbers, require, shown
 
 from .dynamics import simulate
 from .kept_setup import KeptSetup, keeping_setup
+from .numbers import numbers_of
+from .output_weights import state_weights
+from .run_setup import RunSetup, checked_scheme
 
 #: An output: a quantity of a node or joint, or a function of the solution.
 Wanted = Output | Callable[[Solution], Any]
+# Step of differences of `build`, relative to a number.
+_STEP = 2.0**-17
 _RATES = {"velocity", "acceleration", "spin", "rate"}
 _FORCES = {"reaction", "force", "motor_force"}
 
@@ -132,6 +141,8 @@ class Response:
         }
         self._kept = KeptSetup()
         self._names: list[str] = []
+        self._x: Any = None
+        self._adjoint: tuple[Any, list, Adjoint] | None = None
         self.stats: Stats
 
     def __call__(self, x: Sequence[float]) -> tuple[np.ndarray, dict[str, np.ndarray]]:
@@ -149,20 +160,134 @@ class Response:
         y : dict of (n, ...) float
             The outputs by name.
         """
-        scene, outputs = self._built(_checked(x))
-        start = self._start
-        if callable(start):
-            start = start(scene)
+        self._x = _checked(x)
+        return self._run()
+
+    def _run(self) -> tuple[np.ndarray, dict[str, np.ndarray]]:
+        scene, self._outputs = self._built(self._x)
         with keeping_setup(self._kept):
             solution = simulate(
                 scene,
-                start=start,
-                record=self._recording(outputs),
+                start=self._start_of(scene),
+                record=self._recording(self._outputs),
                 progress=False,
                 **self._options,
             )
-        self.stats = solution.stats
-        return solution.t, {name: _read(solution, of, name) for name, of in outputs.items()}
+        self.stats, self._t = solution.stats, solution.t
+        return solution.t, {name: _read(solution, of, name) for name, of in self._outputs.items()}
+
+    def _start_of(self, scene: Scene) -> Solution | None:
+        return self._start(scene) if callable(self._start) else self._start
+
+    def vjp(self, weights: Mapping[str, np.ndarray]) -> np.ndarray:
+        """Derivatives of a sum of weights times outputs of the last call, by all numbers.
+
+        They are those of the steps as they were taken, to round-off (adjoint method), times those
+        of the scene's numbers, which are differences of `build`, without a motion. The first call
+        of `vjp` repeats the motion; later ones find what motions have left for them.
+
+        Parameters
+        ----------
+        weights : dict of (n, ...) float
+            Weights by the names of outputs, of the shapes that the outputs have.
+
+        Returns
+        -------
+        (m,) float
+            The sum over t of weights times dy/dx.
+
+        Raises
+        ------
+        SceneError
+            Before the first call of the response; for weights of other names or shapes; for an
+            output, a scheme or a part of the scene that has no derivatives.
+        """
+        require(self._x is not None, "Response.vjp", "no motion yet", "called after run(x)")
+        kept = self._kept
+        if not kept.tapes or kept.tape is None:
+            kept.tapes = True
+            self._run()
+        setup, tape = kept.last, kept.tape
+        if setup is None or tape is None:
+            raise SceneError(
+                f"Response.vjp: the steps of this motion were not compiled ({self.stats.solver}), "
+                "and have no derivatives"
+            )
+        outputs = self._checked_weights(weights)
+        of_outputs = {name: np.asarray(given, float) for name, given in weights.items()}
+        of_state = state_weights(setup.model, outputs, of_outputs, len(self._t))
+        rows, direct = tape.boundaries(self._t), of_state.pop("X")
+        by_numbers = self._adjoint_of(setup).pull(tape, of_state, rows)
+        by_numbers["X"] = by_numbers.get("X", 0.0) + direct
+        return self._contracted(by_numbers, tape.starts.copy(), tape.starts + tape.lengths)
+
+    def _adjoint_of(self, setup: RunSetup) -> Adjoint:
+        """The adjoint of a set-up, which serves all scenes whose joints have the same slides."""
+        loop = setup.stepper.integrator
+        assert isinstance(loop, CompiledLoop)  # only it has a tape
+        slides = [joint.start() for joint in setup.model.scene.joints]
+        if self._adjoint is None or self._adjoint[:2] != (loop, slides):
+            self._adjoint = loop, slides, Adjoint(loop)
+        return self._adjoint[2]
+
+    def _checked_weights(self, weights: Mapping[str, np.ndarray]) -> dict[str, Output]:
+        what = "Response.vjp: weights"
+        fits = isinstance(weights, Mapping) and all(name in self._outputs for name in weights)
+        require(fits, what, weights, f"a dict by names of outputs, of {self._names}")
+        outputs: dict[str, Output] = {}
+        for name, given in weights.items():
+            output = self._outputs[name]
+            if not isinstance(output, Output):
+                raise SceneError(
+                    f"{what}: the output {name!r} is a function of the solution, which has no "
+                    "derivatives; take an fx_beam.Output"
+                )
+            shape = len(self._t), *([len(output.components)] if output.components else [])
+            fits = np.shape(given) == tuple(shape)
+            require(fits, f"{what}[{name!r}]", np.shape(given), f"of the shape {tuple(shape)}")
+            outputs[name] = output
+        return outputs
+
+    def _contracted(
+        self, by_numbers: Mapping[str, np.ndarray], t0: np.ndarray, t1: np.ndarray
+    ) -> np.ndarray:
+        """Derivatives (m,) from those by the numbers of the steps, which begin at t0 (n,)."""
+        gradient = np.zeros(len(self._x))
+        for i, x in enumerate(self._x):
+            h = _STEP * (abs(x) or 1.0)
+            low, high = (self._numbers_at(i, x + side * h, t0, t1) for side in (-1, 1))
+            for name, value in high.items():
+                change = (value - low[name]) / (2 * h)
+                if name in by_numbers:
+                    gradient[i] += (by_numbers[name] * change).sum()
+                elif change.any():
+                    raise SceneError(
+                        f"Response: x[{i}] changes {name!r} of the scene, by which motions have no "
+                        "derivatives"
+                    )
+        return gradient
+
+    def _numbers_at(
+        self, i: int, value: float, t0: np.ndarray, t1: np.ndarray
+    ) -> dict[str, np.ndarray]:
+        """Numbers of the steps with another number x[i]."""
+        x, options, kept = self._x.copy(), self._options, self._kept
+        x[i] = value
+        scene, _ = self._built(x)
+        scene = with_functions(scene, options["inputs"], "Response: inputs")
+        steady = options["tolerance"] is None
+        halving = Halving(options["max_halvings"], options["dt"] if steady else None)
+        scheme = checked_scheme(scene, options["scheme"], "Response")
+        setup = kept.of(scene, scheme, options["newton"], halving, options["solver"])
+        if kept.reason:
+            raise SceneError(
+                f"Response: the scene at x[{i}] = {value!r} has another structure than at "
+                f"{self._x[i]!r}: {kept.reason}. There are no derivatives at {self._x[i]!r}"
+            )
+        kept.put_back(setup)
+        first = options["dt"] if steady else t1[len(scheme.fractions) - 1] - t0[0]
+        state = setup.first_state(float(first), self._start_of(scene), steady, False)
+        return numbers_of(setup, state, t0, t1)
 
     def _built(self, x: np.ndarray) -> tuple[Scene, dict[str, Wanted]]:
         built = self._build(x)

@@ -259,14 +259,12 @@ class BeamForms:
 
     @property
     def numbers(self) -> dict[str, np.ndarray]:
-        """Data of sections and of drag by name, as their forms read them."""
-        names = {"times": "retardation"}
-        data = {
-            names.get(name, name): field.data.values for name, field in self.of_sections.items()
-        }
+        """Data of sections and of drag by name, cell by cell."""
+        names, cells = {"times": "retardation"}, len(self._tags)
+        fields = {names.get(name, name): field for name, field in self.of_sections.items()}
         if self.drag is not None:
-            data |= {f"drag {name}": field.data.values for name, field in self.of_drag.items()}
-        return data
+            fields |= {f"drag {name}": field for name, field in self.of_drag.items()}
+        return {name: field.data.by_cells(cells).values for name, field in fields.items()}
 
     def _bind(self, compiled: CompiledForm):
         """Bind a form of a step's fields."""
