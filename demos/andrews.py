@@ -1,8 +1,8 @@
 """Andrews' squeezing mechanism: seven rigid bodies in closed loops, driven by a moment.
 
-Seven bodies, hinged to each other and at three places to the ground, and a spring. A moment turns
-the smallest one, K1, ever faster from rest: sixteen radians in 0.03 s, in which the others are
-thrown to and fro. It is the standard test of solvers for constrained motion. Objective: the
+Seven bodies, hinged to each other and at three points to the ground, and a spring. A moment
+accelerates the smallest body, K1, from rest: it turns by sixteen radians in 0.03 s, and the others
+move back and forth. This is a standard test for solvers of constrained motion. Objective: the
 published angles and speeds at the end, the closing of the loops, and the balance of energy.
 
 The mechanism and its data are from W. Schiehlen (ed.), "Multibody systems handbook", Springer
@@ -13,9 +13,9 @@ initial value problem solvers, release 2.4", University of Bari (2008). Its angl
     beta = K1, Theta = K2 - K1, gamma = K3, Phi = K4 - K5,
     delta = K5, Omega = K6 - K7, epsilon = K7.
 
-Of nine unknowns, seven rotations and the turn and length of the spring, eight follow to close the
-four loops: one is left. The spring lies on a body without mass that turns about the point C; a pin
-of K3 slides along it. Units are metre, kilogram and second.
+There are nine unknowns: seven rotations, and the rotation and length of the spring. The four loops
+have eight equations, so that one degree of freedom is left. The spring lies on a body without mass
+that turns about the point C; a pin of K3 slides along it. Units are metre, kilogram and second.
 """
 
 import logging

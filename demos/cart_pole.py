@@ -1,9 +1,9 @@
 """An inverted flexible pendulum on a cart, kept upright and moved by feedback of its state.
 
-A cart on a straight rail carries a slender pole on a hinge, with a mass at its tip. A horizontal
-force on the cart is all that can be controlled. Objective: find gains from the linearised scene,
-and keep the pole upright through a gust at its tip and while the cart moves by a metre. A second
-set of gains, found for a rigid pole, leaves the pole's bending alone.
+A cart on a straight rail carries a slender pole on a hinge, with a mass at its tip. The only
+control is a horizontal force on the cart. Objective: compute gains from the linearised scene, and
+keep the pole upright in a gust at its tip and while the cart moves by a metre. A second set of
+gains, for a rigid pole, does not damp the bending of the pole.
 
 Reference: R. E. Kalman, Contributions to the theory of optimal control, Boletin de la Sociedad
 Matematica Mexicana 5 (1960) 102-119. The example is our own.
@@ -13,14 +13,14 @@ states x of the slowest modes. The gains K minimise the integral of
 
     q_c c^2 + q_d d^2 + q_b b^2 + r u^2,        u = -K (x - x_goal),
 
-with the places c of the cart and d of the tip, and the bending b = d - c + L phi of the pole, whose
-lower end turns by phi: K = B^T P/r, where P solves the Riccati equation
+with the positions c of the cart and d of the tip, and the bending b = d - c + L phi of the pole,
+whose lower end turns by phi: K = B^T P/r, where P solves the Riccati equation
 
     A^T P + P A - P B B^T P/r + Q = 0.
 
-Each step of the nonlinear motion holds the push that follows from the state at its start. The goal
-is an equilibrium as well: the same state, with the cart elsewhere. All states are taken as known;
-an observer would need A, B and C only.
+In each step of the nonlinear motion the force is constant; it follows from the state at the start
+of the step. The goal is an equilibrium as well: the same state, at another position of the cart.
+All states are assumed to be known; an observer would need A, B and C.
 Units are metre, kilogram and second.
 """
 

@@ -15,8 +15,8 @@ Applied Mechanics 60 (1993) 371-375.
 The two families have members in common: HHT with alpha = -1/3 is generalized alpha with rho = 1/2,
 and HHT with alpha = 0 is generalized alpha with rho = 1. The scenes are those of the other demos.
 If a step of these two families still fails after two halvings, the run stops and counts as lost at
-that time; the schemes that keep the energy have the default of twelve. The values of alpha and of
-the time steps are our choice.
+that time; for the schemes that conserve energy the limit is twelve halvings, the default. The
+values of alpha and of the time steps are our choice.
 """
 
 import logging

@@ -11,8 +11,8 @@ n. It is in resonance where one of them is the lowest frequency of its bending b
     k n = f = pi h/(2 l^2) sqrt(E/(12 rho)),         k = 2, 3, ...
 
 A rod that is far stiffer bends by w ~ (n/h)^2, as its mass is proportional to h and its stiffness
-to h^3: a straight line through the origin of the map is one deflection. At high speeds the crank,
-which stays the same, bends as well, and shakes stiff rods too.
+to h^3: on a straight line through the origin of the map the deflection is constant. At high speeds
+the crank, which is always the same, bends as well, and also shakes stiff rods.
 
 Each point of the map is a case of `fx_beam.sweep`, which uses all cores. Runs in which the rod
 bends so far that a step fails are rows with an error, and blank on the map. Units are metre,

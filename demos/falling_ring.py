@@ -2,13 +2,13 @@
 
 A ring with a velocity along the plane falls on it, flattens to an oval, bounces, and flies on
 vibrating. Without friction the plane exerts no force along itself. Objective: energy and momentum
-along the plane to round-off over all bounces; how much of the fall becomes vibration, which is why
-an elastic ring on an elastic plane does not come back to its height; and the effect of a
-restitution of the contact, which is that of each node, not that of the ring.
+along the plane to round-off over all bounces; the part of the energy that becomes vibration, so
+that even an elastic ring on an elastic plane does not reach its initial height again; and the
+effect of a restitution of the contact, which holds for each node, not for the ring.
 
 The nodes of the ring, at the gap g from the plane, store k/2 <-g>^2 per length, <a> = max(a, 0).
-The force over a step is the change of this energy per way, so that its work is exact. With the
-height h of the centre of mass, its velocity v and the mass m,
+The force in a step is the change of this energy divided by that of the gap: its work is exact. With
+the height h of the centre of mass, its velocity v and the mass m,
 
     energy    T + U + contact + m g h = const,    momentum    m v_x = const,
     vibration = T - m |v|^2 / 2 + U + contact.

@@ -1,8 +1,8 @@
 """Lattice impact: a wave through 20 200 struts.
 
 A free square lattice of 100 x 100 cells, one element a strut, is hit in the middle of its left
-side. Objective: a large frame; the energy and the momentum of a transient motion; where the energy
-goes, strut by strut. The wave stretches the rows, and bends the struts between them, through which
+side. Objective: a large frame; the energy and the momentum of a transient motion; the energy of
+each strut. The wave stretches the rows, and bends the struts between them, through which
 it reaches other rows. These are soft in bending, but have about half of the strain energy.
 
 Reference, by hand: a bar alone carries axial waves at c = sqrt(EA/rhoA). In a row of the lattice

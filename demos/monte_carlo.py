@@ -2,8 +2,8 @@
 
 The slider crank of demos/slider_crank.py is built many times, each time with other dimensions and
 another steel, as a workshop would. Objective: the distribution of the largest bending moment in the
-rod, its mean and standard deviation, and the moment that 99 % of the mechanisms stay below. These
-are compared with what the slopes of the moment at the nominal values say.
+rod, its mean and standard deviation, and the moment that 99 % of the mechanisms do not exceed.
+These are compared with a linear estimate from the slopes of the moment at the nominal values.
 
 This example is our own. The height h of the rod, its modulus E, the mass m of the slider and the
 period T of a turn are normally distributed about their nominal values, independent of one another,

@@ -1,10 +1,10 @@
 """A mass that rolls over a simply supported beam, against the series solution.
 
 A mass M enters a beam at one support and rolls to the other at the speed v, as a vehicle over a
-bridge. It presses on the beam with its weight and its inertia, so that the beam sags under it, and
-most behind the middle. Objective: the deflection under the mass for three speeds, against the
-classical series; the energy, which the joint keeps to round-off while the mass passes from element
-to element; and the force between mass and beam.
+bridge. Its weight and its inertia bend the beam, most after it has passed the middle. Objective:
+the deflection under the mass for three speeds, compared with the classical series; the energy,
+which is conserved to round-off while the mass moves from element to element; and the force between
+mass and beam.
 
 The classical solution, for example in L. Fryba, Vibration of Solids and Structures under Moving
 Loads (1999), is for small deflections and a constant speed. With the modes sin(n pi x/L), the

@@ -4,9 +4,9 @@ Two cranks of equal length and a coupler make a parallelogram, which swings in g
 each swing all bars are in line. There a rigid mechanism may go on as a parallelogram, as its
 inertia demands, or turn into an antiparallelogram. Elastic bars pass the position with a small
 error, unless they carry axial vibrations: these may push the joints to the other side. A step of
-practical length does not resolve such vibrations. A scheme that conserves energy keeps them for
-ever; one that decays removes them. Objective: the error of the path for many mechanisms, by scheme,
-and the axial force of the coupler.
+practical length does not resolve such vibrations. In a scheme that conserves energy they do not
+decay; a decaying scheme removes them. Objective: the error of the path for many mechanisms, by
+scheme, and the axial force of the coupler.
 
 This example is our own. The rigid parallelogram has one coordinate, the angle theta of the cranks.
 With the crank's length a, the coupler's length b, mass per length m, inertia of the section per
@@ -15,7 +15,7 @@ length i, and a mass M at the joint of the left crank,
     J theta_tt = -g a cos(theta) (m a + m b + M),      J = 2/3 m a^3 + 2 i a + (m b + M) a^2.
 
 It is integrated by scipy with a tolerance of 1e-11. The error is the distance between the joint of
-the left crank and its place in the rigid mechanism, divided by a. With an error above 0.1 the
+the left crank and its position in the rigid mechanism, divided by a. With an error above 0.1 the
 mechanism has taken a wrong turn. Units are metre, kilogram and second.
 """
 

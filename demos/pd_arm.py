@@ -1,10 +1,10 @@
 """A flexible arm turned by PD control of its joint, which also damps the vibration of the tip.
 
 An arm of aluminium with a load at its tip turns about a hub in a horizontal plane, by one radian. A
-motor with given angle brings the hub exactly to its goal, and the tip vibrates about it for ever. A
+motor with given angle brings the hub exactly to its goal, but the tip vibrates without decay. A
 motor with a torque, set by proportional and derivative feedback of the hub's angle alone, brings
 both to rest. Objective: gains that damp the slowest modes most, from the linearised scene, and the
-decay of the tip compared with these modes.
+decay of the tip vibration compared with these modes.
 
 Reference: R. H. Cannon, E. Schmitz, Initial experiments on the end-point control of a flexible
 one-link robot, International Journal of Robotics Research 3(3) (1984) 62-75,
@@ -15,9 +15,9 @@ With the hub's angle theta and its goal theta_d(t), a smooth step of the time T,
 
     torque = k_p (theta_d - theta) - k_d theta',
 
-held over each step of the motion. About the arm at rest the scene is x' = A x + B torque, with
-theta = C x; with feedback its roots are the eigenvalues of A - B (k_p C + k_d C A). Of a grid of
-gains those are taken whose slowest root decays fastest, for a turning arm with two vibrations.
+constant in each step of the motion. About the arm at rest the scene is x' = A x + B torque, with
+theta = C x; with feedback its roots are the eigenvalues of A - B (k_p C + k_d C A). From a grid of
+gains those are chosen whose slowest root decays fastest, for a turning arm with two vibrations.
 Units are metre, kilogram and second; there is no weight and no damping.
 """
 

@@ -5,8 +5,8 @@ With the elastic bending moment M = EI (kappa - a), they yield where
 
     |M - H a| = M_p  (kinematic hardening),     |M| = M_p + H b  (isotropic hardening),
 
-where b is the length of the path of a. Objective: internal variables with a return map in closed
-form, compared with exact solutions and with a limit load computed by hand.
+where b is the length of the path of a. Objective: internal variables with an explicit return map,
+compared with exact solutions and with a limit load computed by hand.
 
 1. A bar is bent uniformly to and fro. The loops of bending moment and curvature are compared with
    the exact ones.

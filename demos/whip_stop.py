@@ -2,19 +2,19 @@
 
 A steel strip turns about a hinge at 10 rad/s until the hinge meets its stop. The strip bends on by
 its own inertia, strikes a fixed peg, and its outer half whips around it. Then it springs back, and
-swings to a second stop. Objective: the energy that contacts take is given back, to round-off, for
-every stiffness and step; what other schemes make of the same impacts; a stated loss; and steps that
-become short by themselves at an impact.
+swings to a second stop. Objective: contacts return the energy that they have stored, to round-off,
+for every stiffness and step; the same impacts with other schemes; contacts with a given loss; and
+steps that a tolerance makes short at an impact.
 
 The stop, at the angle x of the hinge, and the peg, at the gap g of each node of the strip, store
 
     k/2 <x - upper>^2 + k/2 <lower - x>^2    and    k/2 <-g>^2,      <a> = max(a, 0).
 
-Over a step from gap g0 to g1 the force is the change of this energy per way, the mean over the way
-(a discrete gradient: Gonzalez 1996, J. Nonlinear Sci. 6, 449-467, doi 10.1007/BF02440162), so that
-the work of a step is the change of the energy, whatever the step. With a restitution e the force
-has a further part, r tanh(rate / speed) times the elastic one with r = (1 - e^2)/(1 + e^2), which
-only takes energy. The example is our own; the invariants are its reference.
+Over a step from gap g0 to g1 the force is the change of this energy divided by that of the gap (a
+discrete gradient: Gonzalez 1996, J. Nonlinear Sci. 6, 449-467, doi 10.1007/BF02440162), so that
+its work is the change of the energy, for any step. With a restitution e the force has a further
+part, r tanh(rate / speed) times the elastic one with r = (1 - e^2)/(1 + e^2), which dissipates
+energy. The example is our own; the invariants are its reference.
 
 Units are metre, kilogram and second.
 """
