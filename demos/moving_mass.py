@@ -116,7 +116,7 @@ def audit(solution, joint, speed):
         "error of the deflection": abs(sag - exact).max() / exact.max(),
         "deflection / static": sag.max() / STATIC,
         "of the force alone": closed_series(speed, solution.t).max() / STATIC,
-        "largest force / weight": solution.joint_force(joint)[:, 1].max() / (MASS * GRAVITY),
+        "largest force / weight": solution.joint(joint).force[:, 1].max() / (MASS * GRAVITY),
         "balance error": abs(energy.balance_error).max() / energy.total.max(),
         "largest gap": solution.joint(joint).gap.max(),
         "iterations per step": solution.stats.newton_iterations / solution.stats.steps,
@@ -182,7 +182,7 @@ def draw(results, runs):
         sag.plot(
             place, deflection(solution, joint) / STATIC, color=colour, linewidth=1.0, label=name
         )
-        weight = solution.joint_force(joint)[1:, 1] / (MASS * GRAVITY)
+        weight = solution.joint(joint).force[1:, 1] / (MASS * GRAVITY)
         force.plot(place[1:], weight, color=colour, linewidth=1.0)
     sag.set(ylabel="deflection under the mass / static")
     sag.invert_yaxis()

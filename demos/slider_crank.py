@@ -122,7 +122,7 @@ def deflection(solution):
 
 
 def motor_moment(solution, joints):
-    return solution.joint_force(joints["motor"])[:, 2]
+    return solution.joint(joints["motor"]).force[:, 2]
 
 
 def motor_work(solution, joints):

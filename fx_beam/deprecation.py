@@ -1,4 +1,4 @@
-"""Former names of parameters, which still work."""
+"""Former names of parameters and attributes, which still work."""
 
 from __future__ import annotations
 
@@ -25,3 +25,13 @@ def formerly(**names: str) -> Callable[[_Function], _Function]:
         return called  # type: ignore[return-value]
 
     return decorate
+
+
+def former(of: Any, name: str, known: dict[str, tuple[str, Callable[[Any], Any]]]) -> Any:
+    """A former attribute of an object, with a warning: what to write now, and what it gives."""
+    if name not in known:
+        raise AttributeError(f"{type(of).__name__!r} object has no attribute {name!r}")
+    present, value = known[name]
+    kind = type(of).__name__
+    warnings.warn(f"{kind}.{name} is now {kind}.{present}", DeprecationWarning, stacklevel=3)
+    return value(of)

@@ -84,6 +84,12 @@ if _STRETCH != 1:
     motion.Motion.__init__ = _stretched(motion.Motion.__init__)
 
 
+@pytest.fixture(autouse=True)
+def warnings_come_again():
+    """What is said once in a process is said once in a test."""
+    dynamics._warn_once.cache_clear()
+
+
 @pytest.fixture
 def no_libraries(monkeypatch, tmp_path):
     """An empty cache for the loop and its libraries; forms come from where they always are."""

@@ -113,7 +113,7 @@ def test_a_slider_sags_by_its_weight_over_the_stiffness():
     solution = fb.simulate(scene, fb.GeneralizedAlpha(0.0), dt=0.02, t_end=10.0)
     assert solution.slide(joint)[-1] == pytest.approx(-0.8 * 2 * 9.81 / 50.0, rel=1e-6)
     # At rest the joint carries the weight, spring included, and the moment about its node.
-    force = solution.joint_force(joint)[-1]
+    force = solution.joint(joint).force[-1]
     assert force == pytest.approx([0, 2 * 9.81, 2 * 9.81], rel=1e-6, abs=1e-6)
 
 
@@ -244,7 +244,7 @@ def test_the_work_of_a_motor_is_that_of_its_force(monkeypatch):
     monkeypatch.setattr(Model, "fitted_rates", None)
     scene, first, second, joint = pair("revolute", motor=smooth(2.0))
     solution = fb.simulate(scene, dt=0.01, t_end=1.0)
-    moment = solution.joint_force(joint)[1:, 2]
+    moment = solution.joint(joint).force[1:, 2]
     turns = [2 * np.tan(np.diff(solution.rotation(n)) / 2) for n in (joint.b, joint.a)]
     work = np.cumsum(moment * (turns[0] - turns[1]))
     assert solution.energy.work[1:] == pytest.approx(work, abs=1e-10 * scale(solution))
@@ -281,9 +281,9 @@ def test_a_rigid_joint_does_not_count_the_spring_of_its_neighbour(neighbour):
     p = np.array([model.to_nodes(model.mass @ model.from_nodes(v))[nodes] for v in solution.v])
     x = solution.shape(b)
     L = np.sum(x[..., 0] * p[..., 1] - x[..., 1] * p[..., 0] + p[..., 2], axis=1)
-    moments = solution.joint_force(joint)[1:, 2] + solution.joint_force(hinge)[1:, 2]
+    moments = solution.joint(joint).force[1:, 2] + solution.joint(hinge).force[1:, 2]
     assert abs(np.diff(L) / 0.01 - moments).max() < 1e-9 * abs(moments).max()
-    assert abs(solution.joint_force(hinge)[1, 2] - 5.0) < 0.5
+    assert abs(solution.joint(hinge).force[1, 2] - 5.0) < 0.5
 
 
 def test_a_massless_arm_may_hang_on_a_spring():
@@ -318,7 +318,7 @@ def test_actuators_turn_with_the_scene(turn):
             )
         )
         solution = fb.simulate(scene, dt=0.01, t_end=1.0)
-        force = solution.joint_force(joint)
+        force = solution.joint(joint).force
         results.append((solution.position(sleeve.end) @ Q, solution.slide(joint), force[:, :2] @ Q))
     for plain, turned in zip(*results, strict=True):
         assert abs(turned - plain).max() < 1e-9 * max(1.0, abs(plain).max())

@@ -388,7 +388,7 @@ def test_what_slides_at_the_end_of_a_long_chain_moves_as_without_ties(make, solv
     def moved(solver):
         scene = chain_with_a_bead(25, make)
         solution = fb.simulate(scene, dt=0.005, t_end=0.1, solver=solver)
-        return solution, np.array([solution.joint_force(joint) for joint in scene.joints])
+        return solution, np.array([solution.joint(joint).force for joint in scene.joints])
 
     tied, forces = moved(solver)
     monkeypatch.setattr(graph, "_LONG", 10**6)

@@ -138,7 +138,7 @@ def test_a_copied_scene_moves_as_the_original(name):
         assert_same(solution, moved)
         own = other.joints[joint.number]
         assert moved.gap(own) == pytest.approx(0 * moved.t, abs=1e-12)
-        assert moved.joint_force(own) == pytest.approx(solution.joint_force(joint), rel=1e-6)
+        assert moved.joint(own).force == pytest.approx(solution.joint(joint).force, rel=1e-6)
 
 
 @every_way
@@ -195,8 +195,8 @@ def test_a_copied_solution_gives_all_that_the_original_gives(copied):
         own = other.beams[beam.name]
         assert (other.position(own.end) == solution.position(beam.end)).all()
         assert (other.resultants(own).M == solution.resultants(beam).M).all()
-    assert (other.joint_force(joint) == solution.joint_force(joint)).all()
-    assert (other.joint_force(pickled(joint)) == solution.joint_force(joint)).all()
+    assert (other.joint(joint).force == solution.joint(joint).force).all()
+    assert (other.joint(pickled(joint)).force == solution.joint(joint).force).all()
     assert str(other) == str(solution)
     assert other.stats == solution.stats
 
@@ -216,7 +216,7 @@ def test_a_solution_without_motion_and_one_of_statics_can_be_copied(copied):
     scene, joint = driven()
     record = fb.Record(motion=False)
     other = copied(fb.simulate(scene, dt=0.02, t_end=0.1, record=record))
-    assert len(other.joint_force(joint)) == 6
+    assert len(other.joint(joint).force) == 6
     with pytest.raises(ValueError, match="motion not recorded"):
         other.resultants(scene.beams[0])
     scene = fb.Scene()

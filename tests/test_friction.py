@@ -171,7 +171,7 @@ def test_both_solvers_agree(scheme):
     assert [run.stats.solver.partition(",")[0] for run in runs] == ["compiled", "petsc lu"]
     assert runs[0].q == pytest.approx(runs[1].q, abs=1e-9)
     assert runs[0].energy.dissipated == pytest.approx(runs[1].energy.dissipated, abs=1e-8)
-    assert runs[0].joint_force(joint) == pytest.approx(runs[1].joint_force(joint), abs=1e-6)
+    assert runs[0].joint(joint).force == pytest.approx(runs[1].joint(joint).force, abs=1e-6)
 
 
 @SOLVERS

@@ -242,7 +242,7 @@ def test_both_solvers_agree(spring, scheme):
         a, b = (getattr(run.energy, part) for run in runs)
         assert a == pytest.approx(b, abs=1e-8)
     for joint in joints:
-        assert runs[0].joint_force(joint) == pytest.approx(runs[1].joint_force(joint), abs=1e-6)
+        assert runs[0].joint(joint).force == pytest.approx(runs[1].joint(joint).force, abs=1e-6)
         if spring is PLASTIC:
             a, b = (run.joint(joint).internal("a") for run in runs)
             assert a == pytest.approx(b, abs=1e-10) and abs(a).max() > 0.01

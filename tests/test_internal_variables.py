@@ -237,7 +237,7 @@ def test_a_scene_may_have_several_materials():
     scene.make_velocities_compatible()
     solution = fb.simulate(scene, dt=0.02, t_end=1.0)
     assert abs(solution.energy.balance_error).max() < 1e-11
-    assert not solution.internal_of_beam.keys() & {arms[0].name}
+    assert not solution.variables_of_beam.keys() & {arms[0].name}
     assert abs(solution.internal(arms[1], "plastic curvature")).max() > 0.1
     assert abs(solution.internal(arms[2], "dashpot")).max() > 0.005
     with pytest.raises(ValueError, match="no internal variable 'dashpot'"):
@@ -317,6 +317,16 @@ def test_pictures_and_files_for_paraview_show_the_variables(tmp_path):
     fb.plot.shapes(solution, [0, 30], tmp_path / "a.png", colour="plastic curvature")
     with pytest.raises(ValueError, match="'plastic curvature', or None"):
         fb.plot.shapes(solution, [0, 30], tmp_path / "a.png", colour="plastic strain")
+
+
+def test_the_variable_may_be_left_out_if_there_is_one_and_joints_are_named():
+    scene, arm = swung()
+    solution = fb.simulate(scene, dt=0.1, t_end=0.2)
+    name = arm.section.internal.names[0]
+    assert (solution.internal(arm) == solution.internal(arm, name)).all()
+    joint = fb.Revolute(fb.GROUND, arm.end)
+    with pytest.raises(ValueError, match=r"is no beam. What belongs to it is in solution.joint"):
+        solution.internal(joint)
 
 
 def test_scenes_without_internal_variables_have_no_form_for_them():

@@ -239,7 +239,7 @@ def test_histories_of_joints_are_refused_for_what_is_no_joint_of_the_solution():
     solution = run(scene)
     with pytest.raises(ValueError, match="joint 0, Revolute of .* has no slide"):
         solution.slide(hinge)
-    for history in (solution.joint_force, solution.gap):
+    for history in (lambda joint: solution.joint(joint).force, solution.gap):
         with pytest.raises(ValueError, match="not a joint of this solution; take the one"):
             history(given)
         with pytest.raises(ValueError, match="not a joint of this solution"):
@@ -247,7 +247,7 @@ def test_histories_of_joints_are_refused_for_what_is_no_joint_of_the_solution():
     other = pair("prismatic with offset")[3]
     assert other.number == hinge.number
     with pytest.raises(ValueError, match="not a node of this solution"):
-        solution.joint_force(other)
+        solution.joint(other)
     with pytest.raises(ValueError, match="not a node of this solution"):
         solution.slide(other)
 

@@ -34,7 +34,7 @@ def test_the_angle_of_a_motor_is_what_it_was_told_and_its_rate_the_derivative():
     np.testing.assert_allclose(motion.angle, turning(solution.t), atol=1e-13)
     np.testing.assert_allclose(motion.rate, 2 * np.sin(4 * solution.t), atol=1e-2)
     np.testing.assert_array_equal(motion.rate, motion.spin)
-    np.testing.assert_array_equal(motion.force, solution.joint_force(hinge))
+    np.testing.assert_array_equal(motion.force, solution.joint(hinge).force)
     np.testing.assert_array_equal(motion.angle, solution.rotation(arm.start))
 
 

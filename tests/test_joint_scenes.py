@@ -31,7 +31,7 @@ def swing(Q=None, order=(0, 1, 2, 3), swapped=False):
     ]
     made = {i: scene.add_joint(joints[i]) for i in order}
     solution = fb.simulate(scene, dt=0.01, t_end=0.6)
-    forces = np.array([solution.joint_force(made[i]) for i in range(4)])
+    forces = np.array([solution.joint(made[i]).force for i in range(4)])
     if swapped:
         forces[2] *= -1  # the action on the other node
     x = np.array([solution.position(beam.node(f)) for beam in scene.beams for f in (0, 0.5, 1)])
@@ -84,7 +84,7 @@ def loaded(prepare, gravity=(1.0, -9.81), velocity=None):
     joint = prepare(scene, beam)
     scene.add_moment(beam.end, lambda t: 3.0 * np.sin(5 * t))
     solution = fb.simulate(scene, dt=0.01, t_end=0.5)
-    reaction = solution.joint_force(joint) if joint else solution.reaction(beam.start)
+    reaction = solution.joint(joint).force if joint else solution.reaction(beam.start)
     return solution.q[:, [node.number for node in beam.nodes]], reaction
 
 
@@ -143,7 +143,7 @@ def test_a_slot_whose_slide_is_locked_is_a_hinge(grounded_joint):
             scene.add_joint(fb.Revolute(fb.GROUND, first.start))
         throw(scene, first, second, joint, velocity=(0, 2), spin=2.0, slide=0.0)
         solution = fb.simulate(scene, dt=0.01, t_end=0.5)
-        motions.append((solution.q, solution.joint_force(joint)))
+        motions.append((solution.q, solution.joint(joint).force))
     (q, force), (same, other) = motions
     assert abs(same - q).max() < 1e-10
     assert abs(other - force).max() < 1e-8 * abs(force).max()
@@ -393,6 +393,6 @@ def test_a_saved_solution_keeps_slides_forces_and_gaps(tmp_path):
     assert np.ptp(read.slide(joint)) > 0.1
     assert (read.slide(joint) == solution.slide(joint)).all()
     for own in (joint, hinge):
-        assert (read.joint_force(own) == solution.joint_force(own)).all()
+        assert (read.joint(own).force == solution.joint(own).force).all()
         assert (read.gap(own) == solution.gap(own)).all()
     assert drift(read.energy.total) < 1e-10

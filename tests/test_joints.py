@@ -184,7 +184,7 @@ def forces_of_steps(monkeypatch):
 
 def work_of(solution, joint):
     """Work of a joint's forces on both of its nodes in each step."""
-    force, moment = np.split(solution.joint_force(joint)[1:], [2], axis=1)
+    force, moment = np.split(solution.joint(joint).force[1:], [2], axis=1)
     total, turns = 0.0, {}
     x = {}
     for name, node in (("a", joint.a), ("b", joint.b)):
@@ -201,7 +201,7 @@ def work_of(solution, joint):
 def test_a_joint_does_no_work(kind, degree, forces_of_steps):
     scene, joint = thrown(kind, degree, gravity=(0, -9.81))
     solution = fb.simulate(scene, dt=0.01, t_end=0.5)
-    assert abs(solution.joint_force(joint)).max() > 0.5
+    assert abs(solution.joint(joint).force).max() > 0.5
     assert abs(work_of(solution, joint)).max() < 1e-10 * scale(solution)
 
 
@@ -210,7 +210,7 @@ def test_a_guide_has_no_force_along_its_axis_and_a_slot_no_moment(kind, forces_o
     scene, joint = thrown(kind)
     solution = fb.simulate(scene, dt=0.01, t_end=0.5)
     axes = np.array([rotation(psi) @ joint.axis for psi in solution.rotation(joint.a)])
-    force = solution.joint_force(joint)[1:]
+    force = solution.joint(joint).force[1:]
     along = np.sum(force[:, :2] * (axes[1:] + axes[:-1]) / 2, axis=1)
     assert abs(along).max() < 1e-9 * abs(force).max()
     if "slot" in kind:
@@ -245,7 +245,7 @@ def test_the_impulse_of_the_joint_is_what_changes_the_momenta_of_a_member(
             scene.set_velocity(beam, lambda x, y: (1.0 - y, 2.0 + x), spin=1.0)
     dt = 0.01
     solution = fb.simulate(scene, dt=dt, t_end=0.5)
-    force = solution.joint_force(joint)[1:]
+    force = solution.joint(joint).force[1:]
     support = solution.reaction(second.start)[1:]
     for beam, node, sign in ((second, joint.b, 1), (first, joint.a, -1)):
         linear, angular = momenta_of(scene, solution, beam)
@@ -282,7 +282,7 @@ def test_the_hinges_of_a_hanging_chain_carry_the_weight_below(make, grounded):
     solution = fb.simulate(scene, fb.GeneralizedAlpha(0.0), dt=0.1, t_end=3.0)
     weights = [3 * 9.81, 9.81, 4 * 9.81]
     for joint, weight in zip(joints, weights, strict=False):
-        assert solution.joint_force(joint)[-1] == pytest.approx([0, weight, 0], abs=1e-6 * weight)
+        assert solution.joint(joint).force[-1] == pytest.approx([0, weight, 0], abs=1e-6 * weight)
     if not grounded:
         reaction = solution.reaction(members[0].start)[-1]
         assert reaction == pytest.approx([0, 4 * 9.81, 0], abs=1e-4)

@@ -262,7 +262,7 @@ def test_a_plank_on_two_supports_has_their_forces_and_cannot_move():
     scene, roller = plank(lambda a, b: fb.PinInSlot(a, b, axis=(1, 0)))
     for solution in (fb.static(scene, steps=1), run(scene, t_end=0.02)):
         assert solution.stats.unknowns == 0
-        assert solution.joint_force(roller)[-1] == pytest.approx([0, 5, 0], abs=1e-12)
+        assert solution.joint(roller).force[-1] == pytest.approx([0, 5, 0], abs=1e-12)
     with pytest.raises(fb.SceneError, match="modes: the scene has no unknowns"):
         fb.modes(scene)
     scene, _ = plank(fb.Revolute)

@@ -143,6 +143,7 @@ def test_rules_that_do_not_fit_are_refused():
         (lambda D, v0, a0, before, dt: (D[0], D, D), "three vectors of x, y and rotation"),
         (lambda D, v0: (D, D, D), "takes 2 positional arguments"),
         (lambda D, v0, a0, before, dt: (math.sqrt(dt), D, D), "math or NumPy"),
+        (lambda D, v0, a0, before, dt: (v0 / dt, v0, a0), "does not depend on the increment D"),
     ):
         with pytest.raises(fb.SceneError, match=text):
             simulate(rule)

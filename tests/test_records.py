@@ -27,7 +27,7 @@ def test_a_record_without_a_part_is_saved_and_read(left_out, tmp_path):
     known = {
         "motion": lambda s: s.position(node),
         "rates": lambda s: s.velocity(node),
-        "forces": lambda s: s.joint_force(joint),
+        "forces": lambda s: s.joint(joint).force,
     }
     for part, get in known.items():
         if part != left_out:

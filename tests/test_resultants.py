@@ -65,7 +65,7 @@ def test_a_joint_bears_the_resultants_of_its_row(solver, every):
     assert not run.stats.halvings
     # No bending moment at either end of the massless tip: its force is along its mean director.
     r, psi = run.resultants(tip), run.rotation(tip.start)
-    force = np.hypot(*run.joint_force(joint)[1:, :2].T)
+    force = np.hypot(*run.joint(joint).force[1:, :2].T)
     assert abs(r.M[1:]).max() < 1e-6 * force.max()
     spin = run.spin(tip.start)[1:]  # without inertia the mean over the step
     mean = np.cos(np.arctan(spin * (run.t - run.t_level)[1:]))
@@ -79,7 +79,7 @@ def test_a_joint_bears_the_resultants_of_its_row(solver, every):
         pairs = getattr(r, name)[1:].reshape(8, 2, -1).mean(axis=1)[every - 1 :: every]
         assert getattr(halved.resultants(tip), name)[1:] == pytest.approx(pairs, rel=1e-6)
     for found, each in (
-        (halved.joint_force(joint), run.joint_force(joint)),
+        (halved.joint(joint).force, run.joint(joint).force),
         (halved.reaction(arm.start), run.reaction(arm.start)),
     ):
         pairs = each[1:].reshape(8, 2, 3).mean(axis=1)[every - 1 :: every]

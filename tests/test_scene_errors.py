@@ -106,6 +106,41 @@ def test_a_strain_energy_that_is_a_vector_is_refused():
         fb.Section(strain_energy=lambda *strains: ufl.as_vector(strains))
 
 
+@pytest.mark.parametrize(
+    ("energy", "strain", "slope"),
+    [
+        (lambda e, g, k: 1e4 * (e**2 + g**2) - 50 * k**2, "kappa", "-100"),
+        (lambda e, g, k: -1e3 * e**2 + g**2 + k**2, "eps", "-2000"),
+    ],
+)
+def test_a_strain_energy_that_falls_from_zero_on_is_refused_with_the_number(energy, strain, slope):
+    with refused(f"falls as {strain} grows .* derivative by {strain} is {slope}, which must be"):
+        fb.Section(strain_energy=energy)
+
+
+@pytest.mark.parametrize(
+    "energy",
+    [
+        lambda e, g, k: e**2 + g**2 - k**2 + k**4,  # two wells: it snaps
+        lambda e, g, k: e**2 + g**2 + k**4,
+        lambda e, g, k: e**2 + g**2 + abs(k) ** 1.5,
+        lambda e, g, k: (1 + e) * ufl.ln(1 + e) - e + g**2 + ufl.sqrt(1 + k**2),
+    ],
+)
+def test_other_strain_energies_that_are_not_convex_everywhere_are_not(energy):
+    assert fb.Section(strain_energy=energy).strain_energy is energy
+
+
+def test_the_time_of_a_force_between_points_is_no_number():
+    scene, arm = small_scene()
+    with refused("force.distance, rate, t. must give a UFL expression.*not math"):
+        scene.add_force_between(arm.end, (5, 5), force=lambda r, rate, t: math.sin(t) * r)
+    with refused("force.distance, rate, t. must give a UFL expression"):
+        scene.add_force_between(
+            arm.end, (5, 5), force=lambda r, rate, t: np.interp(t, [0, 1], [0, 1])
+        )
+
+
 class Hangs(BaseException):
     """Passes through handlers of `Exception`."""
 

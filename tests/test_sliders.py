@@ -314,7 +314,7 @@ def test_a_bead_on_a_circular_wire_swings_as_a_pendulum(degree, error):
     assert abs(solution.energy.balance_error).max() < 1e-10 * solution.energy.kinetic.max()
     # The joint's force on the bead is m (a - g).
     mean = np.diff(solution.velocity(node), axis=0) / 0.001 + (0, 9.81)
-    assert solution.joint_force(joint)[1:, :2] == pytest.approx(2.0 * mean, abs=1e-7)
+    assert solution.joint(joint).force[1:, :2] == pytest.approx(2.0 * mean, abs=1e-7)
 
 
 def test_a_bead_at_rest_on_a_wire_vibrates_as_a_pendulum():
@@ -415,7 +415,7 @@ def test_a_weight_between_two_nodes_bends_a_beam_as_the_formula_says(degree):
     solution = fb.static(scene, steps=2)
     exact = -10.0 * place**2 * (6 - place) ** 2 / (3 * 1e5 * 6)
     assert solution.displacement(post.start)[-1, 1] == pytest.approx(exact, rel=2e-3)
-    assert solution.joint_force(joint)[-1, 1] == pytest.approx(10.0)
+    assert solution.joint(joint).force[-1, 1] == pytest.approx(10.0)
     assert solution.joint(joint).gap.max() < 1e-14
     left, right = (solution.reaction(node)[-1, 1] for node in (beam.start, beam.end))
     assert (left, right) == pytest.approx((10 * (6 - place) / 6, 10 * place / 6), rel=1e-6)
@@ -432,16 +432,16 @@ def test_a_sleeve_carries_the_moment_of_its_load(solver):
     if solver == "static":
         solution = fb.static(scene, steps=1)
         moment, force = -3.0 * 0.5, np.array([-3.0, 10.0])
-        assert solution.joint_force(joint)[-1] == pytest.approx([*force, -moment], rel=1e-2)
+        assert solution.joint(joint).force[-1] == pytest.approx([*force, -moment], rel=1e-2)
         at_wall = solution.reaction(beam.start)[-1]
         assert at_wall == pytest.approx([-3.0, 10.0, 10.0 * 2.3 + 3.0 * 0.5], rel=1e-2)
     else:
         # Impulse and angular momentum of the post about the node, in a short time.
         solution = fb.simulate(scene, dt=1e-3, t_end=0.05, solver=solver)
-        push = solution.joint_force(joint)[1:].sum(axis=0) * 1e-3 + (0.05 * 3, -0.05 * 10, 0)
+        push = solution.joint(joint).force[1:].sum(axis=0) * 1e-3 + (0.05 * 3, -0.05 * 10, 0)
         ends = solution.velocity(post.start)[-1], solution.velocity(post.end)[-1]
         assert push[:2] == pytest.approx(0.5 * (ends[0] + ends[1]) / 2, abs=1e-9)
-        assert abs(solution.joint_force(joint)[1:, 2]).max() > 0.1
+        assert abs(solution.joint(joint).force[1:, 2]).max() > 0.1
 
 
 # -- Runs --------------------------------------------------------------------------------------
@@ -532,7 +532,7 @@ def test_a_motion_measures_slide_and_rate_and_its_linear_system_has_them():
     solution = fb.simulate(scene, dt=0.01, t_end=0.2)
     assert found["slide"] == pytest.approx(solution.slide(joint)[-1], abs=1e-11)
     assert found["rate"] == pytest.approx(solution.joint(joint).rate[-1], abs=1e-9)
-    assert found["force"] == pytest.approx(solution.joint_force(joint)[-1], rel=1e-8)
+    assert found["force"] == pytest.approx(solution.joint(joint).force[-1], rel=1e-8)
     outputs.pop("force")
     system = fb.linearise(scene, at=motion, outputs=outputs)
     slide, rate = np.asarray(system.C)

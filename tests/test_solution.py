@@ -606,7 +606,7 @@ def test_a_solution_says_what_it_is(framed):
 # -- Refusals that name the thing --------------------------------------------------------------
 
 
-@pytest.mark.parametrize("method", ["slide", "joint_force", "gap"])
+@pytest.mark.parametrize("method", ["slide", "joint", "gap"])
 def test_what_is_no_joint_is_refused(method, framed):
     with pytest.raises(ValueError, match="1 is not a joint of this solution; take the one"):
         getattr(framed[0], method)(1)

@@ -62,7 +62,7 @@ def test_forces_balance_where_x_of_a_and_y_of_b_are_held(kind, solver):
     x = solution.X + solution.q[:, :, :2]
     middle = (x[1:] + x[:-1]) / 2
     b, tip = second.start.number, second.end.number
-    on_b = solution.joint_force(joint) + solution.reaction(second.start)
+    on_b = solution.joint(joint).force + solution.reaction(second.start)
     scale = 1e-8 * abs(on_b).max()
     for k, a in enumerate(solution.a[1:]):
         inertia = model.to_nodes(model.mass @ model.from_nodes(a))

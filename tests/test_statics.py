@@ -206,7 +206,7 @@ def test_a_motor_turns_a_crank_against_a_load():
     solution = fb.static(scene, steps=20, t=np.pi / 2)
     assert solution.position(crank.end)[-1] == pytest.approx([0, 1], abs=1e-5)
     factor, angle = solution.load_factor, solution.rotation(crank.end)
-    assert solution.joint_force(joint)[:, 2] == pytest.approx(3 * factor * np.cos(angle), abs=1e-4)
+    assert solution.joint(joint).force[:, 2] == pytest.approx(3 * factor * np.cos(angle), abs=1e-4)
     # What the motor does, the load takes up.
     assert solution.energy.work[-1] == pytest.approx(solution.energy.strain[-1], abs=1e-2)
 

@@ -177,7 +177,7 @@ def test_rows_at_chosen_times_are_as_accurate_as_the_steps(order, tolerance):
     energy = solution.energy
     assert abs(energy.balance_error).max() < 1e-11 * energy.total.max()
     assert solution.resultants("member 2").N.shape == (101, 5)
-    assert solution.joint_force(joints["A"]).shape == (101, 3)
+    assert solution.joint(joints["A"]).force.shape == (101, 3)
     # The velocities are those of the displacements.
     close = fb.Record(times=[0.3 - 1e-6, 0.3, 0.3 + 1e-6])
     near = fb.simulate(scene, scheme, record=close, **options)

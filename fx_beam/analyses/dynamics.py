@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import logging
 import math
 import time
@@ -254,7 +255,13 @@ def _warn_of_parts(stats: Stats, dt: float) -> None:
             f"turned by more than {LARGE_TURN:g} rad per step, so the motion may depend on "
             "rounding errors. Try a smaller dt"
         )
-    _log.warning("%s: %s", stats.scheme, text)
+    _warn_once(f"{stats.scheme}: {text}")
+
+
+@functools.lru_cache(maxsize=256)
+def _warn_once(text: str) -> None:
+    """Warn, but not in each of many equal runs: `Stats` has what the warning says."""
+    _log.warning("%s", text)
 
 
 def _warn_of_damping(stats: Stats, dt: float | None) -> None:

@@ -62,8 +62,8 @@ def solution_of(
         beams={beam.name: beam for beam in scene.beams},
         nodes_of_beam={b.name: n for b, n in zip(scene.beams, mesh.nodes, strict=True)},
         resultants_of_beam=resultants_of_beam,
-        internal_of_beam=_internal_of_beam(model, internal),
-        internal_of_joint=_internal_of_joint(model, of_springs),
+        variables_of_beam=_variables_of_beam(model, internal),
+        variables_of_joint=_variables_of_joint(model, of_springs),
         bodies={body.name: body for body in scene.bodies},
         obstacles=list(scene.obstacles),
         end=end.renumbered(model.to_nodes, mesh.to_elements),
@@ -71,7 +71,7 @@ def solution_of(
     )
 
 
-def _internal_of_beam(model: Model, rows: np.ndarray | None) -> dict[str, dict[str, np.ndarray]]:
+def _variables_of_beam(model: Model, rows: np.ndarray | None) -> dict[str, dict[str, np.ndarray]]:
     """Internal variables (n, points) by beam and name, from those of all cells."""
     by_beam = {}
     for beam, cells in zip(model.scene.beams, model.mesh.cells, strict=True):
@@ -82,7 +82,7 @@ def _internal_of_beam(model: Model, rows: np.ndarray | None) -> dict[str, dict[s
     return by_beam
 
 
-def _internal_of_joint(model: Model, rows: np.ndarray | None) -> dict[int, dict[str, np.ndarray]]:
+def _variables_of_joint(model: Model, rows: np.ndarray | None) -> dict[int, dict[str, np.ndarray]]:
     """Internal variables (n,) of springs by the joint's number and name, from those of all."""
     by_joint: dict[int, dict[str, np.ndarray]] = {}
     if rows is None:

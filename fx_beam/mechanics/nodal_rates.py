@@ -6,7 +6,11 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
+import ufl
+from ufl.corealg.traversal import unique_pre_traversal
+
 from fx_beam.errors import SceneError
+from fx_beam.scene.step_symbols import Symbol
 from fx_beam.scene.symbols import not_numbers
 from fx_beam.validation import as_float, require
 
@@ -37,7 +41,8 @@ class NodalRates(UpdateRule):
     Raises
     ------
     SceneError
-        For rules that are no functions, or another level.
+        For rules that are no functions, that do not give three UFL vectors, or whose acceleration
+        does not depend on the increment; or another level.
 
     Examples
     --------
@@ -66,6 +71,19 @@ class NodalRates(UpdateRule):
         fits = as_float(self.level) in (0.5, 1.0)
         require(fits, "NodalRates: level", self.level, "0.5 or 1.0")
         object.__setattr__(self, "level", as_float(self.level))
+        for rule in self.rules:
+            self._check(rule)
+
+    def _check(self, rule: Rule) -> None:
+        """Refuse a rule whose acceleration does not depend on the increment."""
+        D, v0, a0, before = (ufl.as_vector([Symbol() for _ in range(3)]) for _ in range(4))
+        a, _, _ = self.values(rule, D, v0, a0, before, Symbol())
+        if not set(D.ufl_operands) & set(unique_pre_traversal(a)):
+            raise SceneError(
+                "NodalRates: the acceleration that rule(D, v0, a0, before, dt) gives does not "
+                "depend on the increment D: the mass then has no effect. By the mid-point rule it "
+                "is 2 (D / dt - v0) / dt, for example"
+            )
 
     @property
     def rules(self) -> tuple[Rule, ...]:

@@ -58,7 +58,7 @@ def resultants(solution: Any, beam: Beam | str) -> BeamResultants:
     return solution.resultants_of_beam(beam_name(solution, beam))
 
 
-def internal(solution: Any, beam: Beam | str, variable: str) -> np.ndarray:
+def internal(solution: Any, beam: Beam | str, variable: str | None = None) -> np.ndarray:
     """An internal variable along a beam over time.
 
     Parameters
@@ -67,8 +67,8 @@ def internal(solution: Any, beam: Beam | str, variable: str) -> np.ndarray:
         What is read.
     beam : Beam or str
         A beam or its name.
-    variable : str
-        Name of one of the `InternalVariables` of its section.
+    variable : str, optional
+        Name of one of the `InternalVariables` of its section; not needed if there is only one.
 
     Returns
     -------
@@ -82,7 +82,9 @@ def internal(solution: Any, beam: Beam | str, variable: str) -> np.ndarray:
     """
     name = beam_name(solution, beam)
     solution.recorded("q")  # internal variables are recorded with the motion
-    known = solution.internal_of_beam.get(name, {})
+    known = solution.variables_of_beam.get(name, {})
+    if variable is None and len(known) == 1:
+        (variable,) = known
     if not is_one_of(variable, known):
         raise ValueError(
             f"beam {name!r} has no internal variable {shown(variable)}; it has {list(known)}"

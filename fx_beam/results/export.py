@@ -41,12 +41,12 @@ def save(solution, path) -> None:
             parts = vars(solution.resultants(name))
             arrays |= {f"{key}_{part}": value for part, value in parts.items()}
         arrays[f"{key}_nodes"] = solution.nodes_of_beam[name]
-        internal = solution.internal_of_beam.get(name, {})
+        internal = solution.variables_of_beam.get(name, {})
         arrays |= {f"{key}_internal{i}": rows for i, rows in enumerate(internal.values())}
         item = {"name": name, "degree": beam.degree, "s": beam.s.tolist()}
         beams.append({**item, "internal": list(internal)})
-    joints = {number: list(variables) for number, variables in solution.internal_of_joint.items()}
-    for number, variables in solution.internal_of_joint.items():
+    joints = {number: list(variables) for number, variables in solution.variables_of_joint.items()}
+    for number, variables in solution.variables_of_joint.items():
         arrays |= {f"joint{number}_internal{i}": rows for i, rows in enumerate(variables.values())}
     stats = asdict(solution.stats)
     bodies = [

@@ -49,7 +49,7 @@ def _at_points(solution: Any, name: str, quantity: str) -> np.ndarray:
     resultants = solution.resultants(name)
     if quantity in RESULTANTS:
         return getattr(resultants, quantity)
-    return solution.internal_of_beam.get(name, {}).get(quantity, np.zeros_like(resultants.N))
+    return solution.variables_of_beam.get(name, {}).get(quantity, np.zeros_like(resultants.N))
 
 
 def _speeds(solution: Any, names: list[str], rows, places: np.ndarray) -> np.ndarray:
@@ -82,7 +82,7 @@ def energy_density(solution: Any, names: list[str], rows) -> np.ndarray:
     density = np.einsum("kep,krep->rep", stiffness, strains**2) / 2
     for beam, own in zip(beams, of_beams, strict=True):
         if beam.section.strain_energy is not None:
-            internal = solution.internal_of_beam.get(beam.name, {}).values()
+            internal = solution.variables_of_beam.get(beam.name, {}).values()
             columns = [*strains[:, :, own].reshape(3, -1), *(of[rows].ravel() for of in internal)]
             points = np.column_stack(columns).reshape(len(strains[0]), -1, len(columns))
             energies = [

@@ -75,8 +75,11 @@ class JointMotion:
 
     @property
     def force(self) -> np.ndarray:
-        """Force [N] and moment [N m] (n, 3) of the joint on its node b, at `Solution.t_level`."""
-        return self.solution.joint_force(self.joint)
+        """Force [N] and moment [N m] (n, 3) of the joint on its node b, at `Solution.t_level`.
+
+        Springs, dampers and motors are included.
+        """
+        return self.solution.recorded("joint_forces")[:, self.joint.number]
 
     @property
     def motor_force(self) -> np.ndarray:
@@ -124,7 +127,7 @@ class JointMotion:
             If the motion was not recorded, or the joint has no such variable.
         """
         self.solution.recorded("q")  # internal variables are recorded with the motion
-        known = self.solution.internal_of_joint.get(self.joint.number, {})
+        known = self.solution.variables_of_joint.get(self.joint.number, {})
         if not is_one_of(variable, known):
             raise ValueError(
                 f"{self.joint} has no internal variable {shown(variable)}; it has {list(known)}"

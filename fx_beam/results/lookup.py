@@ -51,6 +51,11 @@ def obstacle_of(solution: Any, obstacle: Obstacle) -> Obstacle:
 
 def beam_name(solution: Any, beam: Beam | str) -> str:
     """Name of a beam of a solution."""
+    if isinstance(beam, Joint):
+        raise ValueError(
+            f"{beam} is no beam. What belongs to it is in solution.joint(joint): angle, slide, "
+            "force, and internal(variable) of its spring"
+        )
     name, beams = beam.name if isinstance(beam, Beam) else beam, solution.beams
     known = is_one_of(name, beams)
     if not known or (isinstance(beam, Beam) and beam.nodes != beams[name].nodes):

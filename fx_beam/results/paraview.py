@@ -86,7 +86,7 @@ class _Grid:
         self.beam = np.repeat(np.arange(len(count)), count)
         self.solution = solution
         rows, places = range(len(solution.t)), np.linspace(0, 1, self.degree + 1)
-        internal = (name for own in solution.internal_of_beam.values() for name in own)
+        internal = (name for own in solution.variables_of_beam.values() for name in own)
         #: Stress resultants and internal variables; those that a beam lacks are zero there.
         self.along = {
             kind: np.concatenate(

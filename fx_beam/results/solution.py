@@ -5,10 +5,11 @@ from __future__ import annotations
 import inspect
 import textwrap
 from collections.abc import Callable, Mapping, Sequence
-from typing import TYPE_CHECKING
+from typing import Any
 
 import numpy as np
 
+from fx_beam.deprecation import former
 from fx_beam.scene.beam import Beam, Node
 from fx_beam.scene.body import Body
 from fx_beam.scene.joints import Joint
@@ -27,6 +28,14 @@ from .summary import facts
 
 # Histories that a `Record` may omit, with its name for them.
 _KINDS = {name: of.record for name, of in HISTORIES.items() if of.record != "always"}
+
+
+#: Former attributes: what to write now, and what they give.
+_FORMER: dict[str, tuple[str, Callable[[Any], Any]]] = {
+    "joint_force": ("joint(joint).force", lambda of: lambda joint: of.joint(joint).force),
+    "internal_of_beam": ("internal(beam, variable)", lambda of: of.variables_of_beam),
+    "internal_of_joint": ("joint(joint).internal(variable)", lambda of: of.variables_of_joint),
+}
 
 
 class Solution:
@@ -53,9 +62,9 @@ class Solution:
         All nodes of each beam in order, those inside elements included.
     resultants_of_beam : callable
         ``resultants_of_beam(name)`` gives the `BeamResultants`.
-    internal_of_beam : dict
+    variables_of_beam : dict
         Internal variables, (n, points) each, by name for each beam that has some.
-    internal_of_joint : dict
+    variables_of_joint : dict
         Internal variables of springs, (n,) each, by name for each number of a joint that has some.
     obstacles : list of Obstacle
         The obstacles of the scene.
@@ -93,8 +102,8 @@ class Solution:
         beams: dict[str, Beam],
         nodes_of_beam: dict[str, np.ndarray],
         resultants_of_beam: Callable[[str], BeamResultants],
-        internal_of_beam: dict[str, dict[str, np.ndarray]],
-        internal_of_joint: dict[int, dict[str, np.ndarray]],
+        variables_of_beam: dict[str, dict[str, np.ndarray]],
+        variables_of_joint: dict[int, dict[str, np.ndarray]],
         obstacles: list[Obstacle],
         bodies: dict[str, Body] | None = None,
         end: State | None = None,
@@ -107,14 +116,13 @@ class Solution:
         self.beams, self.bodies = beams, bodies or {}
         self.nodes_of_beam = {name: read_only(nodes) for name, nodes in nodes_of_beam.items()}
         self.resultants_of_beam = resultants_of_beam
-        self.internal_of_beam, self.internal_of_joint = internal_of_beam, internal_of_joint
+        self.variables_of_beam, self.variables_of_joint = variables_of_beam, variables_of_joint
         self.end = end
         self.names_of_parameters = list(names_of_parameters)
 
-    if TYPE_CHECKING:
-
-        def __getattr__(self, name: str) -> np.ndarray:
-            """A history."""
+    def __getattr__(self, name: str) -> Any:
+        """A history, for type checkers; a former attribute."""
+        return former(self, name, _FORMER)
 
     def __getstate__(self):
         # The function for the resultants holds the compiled model: copies get computed values.
@@ -294,21 +302,6 @@ class Solution:
             Distance along the axis from the joint's position on a to b [m].
         """
         return self.joint(joint).slide
-
-    def joint_force(self, joint: Joint) -> np.ndarray:
-        """Force and moment of a joint on its node b over time.
-
-        Parameters
-        ----------
-        joint : Joint
-            The joint that `Scene.add_joint` returned.
-
-        Returns
-        -------
-        (n, 3) float
-            Force [N] and moment [N m] at `t_level[k]`, springs, dampers and motors included.
-        """
-        return self.recorded("joint_forces")[:, joint_number(self, joint)]
 
     def gap(self, joint: Joint) -> np.ndarray:
         """Distance of a joint's node b from its position on a, over time.

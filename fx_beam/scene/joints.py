@@ -193,7 +193,9 @@ class Joint:
                 if not abs(value) <= 1e-9 * unit:
                     raise SceneError(
                         f"{self}: the motor of its {name} is {value:g} at t = 0; it must start "
-                        "from 0. Subtract the start value"
+                        "from 0. Subtract the start value. To begin elsewhere, let the motor be "
+                        "there at a later time t, find the equilibrium by static(scene, t=t), and "
+                        "start from this solution"
                     )
             if coordinate is not None and coordinate.stop is not None:
                 start = slide if name == "slide" else 0.0

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
@@ -18,12 +19,15 @@ from fx_beam.validation import fields_in, refuse_fields, require
 
 from .internal_variables import InternalVariables, check_dissipation
 from .parameters import Parameter, parameters_in
+from .step_symbols import SCALARS
 from .symbols import expression_of
 
 Energy = Callable[..., Any]
 
 # Operators of functions that are defined piece by piece.
 _OF_PIECES = Abs, Conditional, MaxValue, MinValue
+# Strains at which a stored energy is compared with that of zero strain.
+_SIZES = 1e-3, 1e-2, 0.1, 1.0, 10.0
 # Comparisons of two numbers, of which conditions are made.
 _COMPARISONS = EQ, GE, GT, LE, LT, NE
 
@@ -182,8 +186,33 @@ def check_energy(
         raise SceneError(f"{part}: {name} does not depend on {missing}. Use ufl.cos, not math.cos")
     if W.ufl_shape != ():
         raise SceneError(f"{part}: {name} must be a scalar, not of shape {W.ufl_shape}")
+    if len(strains) == 3:
+        _check_convexity(W, e[:3], f"{part}: {name}", strains)
     if internal is not None:
         check_dissipation(strain_energy, internal, len(strains))
+
+
+def _check_convexity(W: Any, e: list[Any], what: str, strains: tuple[str, ...]) -> None:
+    """Refuse a stored energy that falls along a strain, from zero on and without an end."""
+    symbols = SCALARS[: len(e)]
+    energy = ufl.replace(W, dict(zip(e, symbols, strict=True)))
+
+    def at(name: str, value: float) -> float:
+        """The energy at a value of one strain, the others being zero."""
+        values = [value if name == own else 0.0 for own in strains]
+        try:
+            return float(energy((), dict(zip(symbols, values, strict=True))))
+        except (ArithmeticError, ValueError, TypeError):
+            return math.nan  # it is not defined there
+
+    start = at(strains[0], 0.0)
+    for name in strains:
+        if all(at(name, sign * size) < start for size in _SIZES for sign in (1, -1)):
+            slope = (at(name, _SIZES[0]) + at(name, -_SIZES[0]) - 2 * start) / _SIZES[0] ** 2
+            raise SceneError(
+                f"{what} falls as {name} grows in either direction: at zero strain its second "
+                f"derivative by {name} is {slope:.6g}, which must be positive. Check the signs"
+            )
 
 
 def parameters_of_energy(

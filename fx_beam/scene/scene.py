@@ -299,7 +299,7 @@ class Scene(Geometry):
         Returns
         -------
         Joint
-            The numbered joint of the scene, for `Solution.joint` and `Solution.joint_force`.
+            The numbered joint of the scene, for `Solution.joint`.
 
         Raises
         ------

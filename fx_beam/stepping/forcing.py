@@ -108,7 +108,8 @@ class Forcing:
             if abs(value - start) > most:
                 raise SceneError(
                     f"{what} is {value:g} at t = {state.t:g}, but the motion starts from "
-                    f"{start:g}. Let the function start from this value"
+                    f"{start:g}. Let the function have this value then; or bring the scene to its "
+                    f"value by static(scene, t={state.t:g}), and start from this solution"
                 )
 
     def _dead(self, t: float) -> np.ndarray:
