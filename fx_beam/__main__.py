@@ -31,16 +31,16 @@ _PACKAGES = {
 
 def info() -> dict[str, str]:
     """Versions, where they lie, what can solve, the compiler and the cache."""
-    found = {"Python": f"{platform.python_version()}, {sys.executable}", "system": _system()}
-    found["fx_beam"] = f"{sys.modules['fx_beam'].__version__}, {Path(__file__).parent}"
-    found |= {name: _package(name, distribution) for name, distribution in _PACKAGES.items()}
-    found["compiled loop"] = _loop()
-    found["reference"] = "available" if find_spec("petsc4py") else "needs petsc4py"
+    rows = {"Python": f"{platform.python_version()}, {sys.executable}", "system": _system()}
+    rows["fx_beam"] = f"{sys.modules['fx_beam'].__version__}, {Path(__file__).parent}"
+    rows |= {name: _package(name, distribution) for name, distribution in _PACKAGES.items()}
+    rows["compiled loop"] = _loop()
+    rows["reference"] = "available" if find_spec("petsc4py") else "needs petsc4py"
     compiler, (target, flags) = c_library.compiler(), c_library.target_flags()
-    found["compiler"] = f"{' '.join(compiler)}: {_first_line([*compiler, '--version'])}"
-    found["compiled for"] = f"{target or 'the compiler default'}, {' '.join(flags)}"
-    found["cache"] = _folder(library_cache.folder())
-    return found
+    rows["compiler"] = f"{' '.join(compiler)}: {_first_line([*compiler, '--version'])}"
+    rows["compiled for"] = f"{target or 'the compiler default'}, {' '.join(flags)}"
+    rows["cache"] = _folder(library_cache.folder())
+    return rows
 
 
 def _system() -> str:

@@ -101,8 +101,8 @@ def load(
         return library_cache.load(name, loader)
 
     try:
-        found = search()
-        return library_cache.build(name, search, builder) if found is None else found
+        library = search()
+        return library_cache.build(name, search, builder) if library is None else library
     except (OSError, LookupError, AttributeError, subprocess.CalledProcessError) as error:
         if isinstance(error, subprocess.CalledProcessError):
             _check_target(target, flags)

@@ -64,14 +64,14 @@ def build(name: str, search: Callable[[], T | None], builder: Callable[[Path], T
     """
     place = _writable_folder()
     with _one_at_a_time(place / f"{name}.lock"):
-        found = search()
-        return _built(place, name, builder) if found is None else found
+        library = search()
+        return _built(place, name, builder) if library is None else library
 
 
 def _is_ours(path: Path) -> bool:
     """Whether no other user but the administrator can write a file or in a folder."""
-    found = path.stat()
-    return found.st_uid in (0, os.geteuid()) and not found.st_mode & _OTHERS_WRITE
+    status = path.stat()
+    return status.st_uid in (0, os.geteuid()) and not status.st_mode & _OTHERS_WRITE
 
 
 def _is_complete(path: Path) -> bool:
@@ -88,21 +88,21 @@ def _writable_folder() -> Path:
     unusable, advice = "", "Set XDG_CACHE_HOME to a folder that you alone can write"
     for place in _folders():
         try:
-            found = _prepared(place)
+            folder = _prepared(place)
         except OSError as error:
             unusable += f" {place} cannot be used ({error.strerror or error})."
             continue
         if unusable:
             _warn(f"the cache folder{unusable} What is compiled goes to {place}. {advice}")
-        return found
+        return folder
     raise OSError(f"nothing can be compiled:{unusable} {advice}")
 
 
 def _prepared(place: Path) -> Path:
     place.mkdir(mode=0o755, parents=True, exist_ok=True)
-    found = place.stat()
-    if found.st_uid == os.geteuid() and found.st_mode & _OTHERS_WRITE:
-        place.chmod(found.st_mode & 0o7777 & ~_OTHERS_WRITE)
+    status = place.stat()
+    if status.st_uid == os.geteuid() and status.st_mode & _OTHERS_WRITE:
+        place.chmod(status.st_mode & 0o7777 & ~_OTHERS_WRITE)
     if not _is_ours(place):
         raise PermissionError("another user can write it")
     with tempfile.TemporaryFile(dir=place) as file:
@@ -140,7 +140,7 @@ def _built(place: Path, name: str, builder: Callable[[Path], T]) -> T:
     # On NFS a library that is in use cannot be removed.
     own = tempfile.TemporaryDirectory(prefix=_SCRATCH, dir=place, ignore_cleanup_errors=True)
     with own as scratch:
-        found = builder(Path(scratch))
+        library = builder(Path(scratch))
         content = Path(scratch, name).read_bytes()
         complete = Path(scratch, "complete")
         try:
@@ -149,4 +149,4 @@ def _built(place: Path, name: str, builder: Callable[[Path], T]) -> T:
             complete.replace(place / name)
         except OSError as error:  # this process has what it needs
             _log.debug("not kept: %s", error)
-    return found
+    return library

@@ -45,9 +45,9 @@ def as_float(value) -> float:
     """
     if type(value) in _PLAIN:
         return float(value)
-    found = _scalar(value)
+    scalar = _scalar(value)
     try:
-        return float(found) if _is_real(found) else math.nan
+        return float(scalar) if _is_real(scalar) else math.nan
     except (OverflowError, ValueError):  # an integer too large for a float, a signalling decimal
         return math.nan
 
@@ -64,8 +64,8 @@ def _is_real(value) -> bool:
 
 def is_whole(value, least: int, most: float = 1e9) -> bool:
     """Whether a value is an integer in a range. Booleans are not."""
-    found = _scalar(value)
-    return isinstance(found, Integral) and _is_real(found) and least <= int(found) <= most
+    scalar = _scalar(value)
+    return isinstance(scalar, Integral) and _is_real(scalar) and least <= int(scalar) <= most
 
 
 def is_flag(value) -> bool:
@@ -132,9 +132,9 @@ def numbers(value) -> np.ndarray:
     try:
         # As objects, as NumPy would take texts and booleans among numbers for numbers.
         entries = np.array(value, dtype=object)
-        found = [_scalar(entry) for entry in entries.flat]
-        if all(map(_is_real, found)):
-            return np.array([float(entry) for entry in found]).reshape(entries.shape)
+        scalars = [_scalar(entry) for entry in entries.flat]
+        if all(map(_is_real, scalars)):
+            return np.array([float(entry) for entry in scalars]).reshape(entries.shape)
     except Exception:  # a sequence of its own kind, or an integer too large for a float
         pass
     return np.empty((0, 0))
@@ -145,13 +145,13 @@ def fields_in(expression) -> list:
     return [*extract_coefficients(expression), *extract_constants(expression)]
 
 
-def refuse_fields(found: Iterable, what: str, known: Iterable = ()) -> None:
+def refuse_fields(fields: Iterable, what: str, known: Iterable = ()) -> None:
     """Refuse dolfinx functions and constants of the user in a UFL expression, unless `known`.
 
     They would be read once, before the run; later changes would be ignored.
     """
     ours = {id(field) for field in known}
-    for field in found:
+    for field in fields:
         if id(field) not in ours:
             raise SceneError(
                 f"{what}: it contains {field}, a {type(field).__name__} of your own. It would be "
@@ -269,27 +269,27 @@ class _CheckedFunction:
 
     def each(self, arguments) -> np.ndarray:
         """Values (n, size) for n tuples of arguments."""
-        found: list = []
+        collected: list = []
         try:
-            values = self.collect(found, arguments)
+            values = self.collect(collected, arguments)
         except SceneError:
             raise
         except Exception as error:
-            own = arguments[min(len(found), len(arguments) - 1)]
+            own = arguments[min(len(collected), len(arguments) - 1)]
             raise self._failure(own, error) from error
         # Else the line below finds the arguments whose value is wrong.
         return np.array([self(*own) for own in arguments]) if values is None else values
 
-    def collect(self, found: list, arguments) -> np.ndarray | None:
-        """Call the function, with its values in `found`; gives them (n, size), if all fit.
+    def collect(self, collected: list, arguments) -> np.ndarray | None:
+        """Call the function, with its values in `collected`; gives them (n, size), if all fit.
 
         They are checked at once: one by one, the checks cost more than most functions.
         """
         with _calling(self.function, self._what):
             for own in arguments:
-                found.append(_copied(self.function(*own)))  # noqa: PERF401 (an exception counts)
+                collected.append(_copied(self.function(*own)))  # noqa: PERF401 (an exception counts)
         try:
-            return np.array(found, dtype=float).reshape(len(found), self.size)
+            return np.array(collected, dtype=float).reshape(len(collected), self.size)
         except (TypeError, ValueError, OverflowError):
             return None
 
@@ -313,14 +313,14 @@ def series(function: TimeFunction, times: np.ndarray, what: str) -> np.ndarray:
     Raises StepError otherwise. The `time` of the error, or of another exception, says when.
     """
     if isinstance(function, _CheckedFunction):
-        found: list = []
+        collected: list = []
         try:
-            values = function.collect(found, zip(times.tolist()))
+            values = function.collect(collected, zip(times.tolist()))
         except Exception as error:
-            raise _failed(float(times[min(len(found), len(times) - 1)]), error, what) from error
+            raise _failed(float(times[min(len(collected), len(times) - 1)]), error, what) from error
         except BaseException as stop:
-            all_known = len(found) == len(times)
-            stop.time = math.inf if all_known else times[len(found)]  # type: ignore[attr-defined]
+            all_known = len(collected) == len(times)
+            stop.time = math.inf if all_known else times[len(collected)]  # type: ignore[attr-defined]
             raise
         if values is not None and np.isfinite(values).all():
             return values

@@ -334,10 +334,10 @@ class Response:
 
 
 def _checked(x) -> np.ndarray:
-    found = numbers(x)
-    fits = found.ndim == 1 and found.size > 0 and bool(np.isfinite(found).all())
+    values = numbers(x)
+    fits = values.ndim == 1 and values.size > 0 and bool(np.isfinite(values).all())
     require(fits, "Response: x", x, "a sequence of finite numbers")
-    return found
+    return values
 
 
 def _read(solution: Solution, output: Wanted, name: str) -> np.ndarray:

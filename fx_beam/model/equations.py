@@ -78,9 +78,9 @@ class Equations:
             a, slope = rates.acceleration(D, start.v, start.a, self._length, model.turns)
             K.data += model.mass.data * slope[K.indices]
             return a
-        found = self._nodal(rules, D)
-        rules.add_tangent(found, K.data)
-        return rules.to_vector(found[:, :3])
+        nodal = self._nodal(rules, D)
+        rules.add_tangent(nodal, K.data)
+        return rules.to_vector(nodal[:, :3])
 
     def _nodal(self, rules: NodalRules, D: np.ndarray) -> np.ndarray:
         """Values (nodes, VALUES) of the nodal rules."""
@@ -95,8 +95,8 @@ class Equations:
         if (rules := model.nodal_rules) is None:
             rates = model.scheme.rates
             return rates.end(D, start.v, start.a, self._length, model.turns)
-        found = self._nodal(rules, D)
-        return rules.to_vector(found[:, 12:15]), rules.to_vector(found[:, 15:])
+        nodal = self._nodal(rules, D)
+        return rules.to_vector(nodal[:, 12:15]), rules.to_vector(nodal[:, 15:])
 
     def at_start(self, force: np.ndarray) -> Balance:
         """Evaluate at the start of the step: the increment is zero."""

@@ -67,10 +67,10 @@ class JointForces:
 
 def _pass(passing: Passing, r: np.ndarray, out: np.ndarray) -> None:
     """Add to the joint forces, and to the forces r of the nodes that others follow."""
-    forces, found = r.tolist(), out.ravel().tolist()
+    forces, on_joints = r.tolist(), out.ravel().tolist()
     rows = (part.tolist() for part in passing)
     for dof, to, of, sign in zip(*rows, strict=True):
-        found[of] += sign * forces[dof]
+        on_joints[of] += sign * forces[dof]
         if to >= 0:
             forces[to] += forces[dof]
-    out[:] = np.reshape(found, out.shape)
+    out[:] = np.reshape(on_joints, out.shape)

@@ -307,10 +307,10 @@ def _value(law: Callable[[Any], Any], rate: float, call: str) -> Any:
 
 def parameters_of(on: Coordinate) -> list[Parameter]:
     """Parameters in the laws on a coordinate."""
-    found: list[Parameter] = []
+    parameters: list[Parameter] = []
     if on.spring is not None:
-        found += parameters_of_energy(on.spring.strain_energy, on.spring.internal, 1)
+        parameters += parameters_of_energy(on.spring.strain_energy, on.spring.internal, 1)
     for law in (on.damper and on.damper.law, on.friction and on.friction.force):
         if callable(law):
-            found += parameters_in(law(ufl.as_ufl(0.1)))
-    return found
+            parameters += parameters_in(law(ufl.as_ufl(0.1)))
+    return parameters

@@ -97,10 +97,10 @@ class ForceBetween:
     @property
     def parameters(self) -> list[Parameter]:
         """Parameters in its functions."""
-        found = parameters_of(self.on)
+        parameters = parameters_of(self.on)
         if self.force is not None:
-            found += parameters_in(self.force(*map(ufl.as_ufl, (0.1, 0.1, 0.1))))
-        return found
+            parameters += parameters_in(self.force(*map(ufl.as_ufl, (0.1, 0.1, 0.1))))
+        return parameters
 
 
 def checked_force(a: Node, b: Any, on: Coordinate, force: Any, number: int, size: float):

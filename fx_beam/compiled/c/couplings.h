@@ -88,7 +88,8 @@ static void expand_trees(const Problem *p, const Work *w) {
   }
 }
 
-/* Chooses the unknowns that close loops by the place at the end of a step; returns 0 if it is singular. */
+/* Chooses the unknowns that close loops by the configuration at the end of a step; returns 0 if it is
+   singular. */
 static int choose_ahead(const Problem *p, const Work *w) {
   expand_trees(p, w);
   derive_gaps(p, w, w->values, w->G);

@@ -33,7 +33,7 @@ typedef struct {
   double *entry, *lacking, *multiplier; /* their values, what each lacks, and the solution */
   /* Degrees of freedom in them; for each entry its number among these, and whether they are massless. */
   int used, *used_dof, *used_of, *massless;
-  int width, *number;   /* width of their bands, and place of each equation */
+  int width, *number;   /* width of their bands, and position of each equation */
   /* With lumped masses: their inverse, and products of two entries in the bands. */
   struct { int pairs, *pair_left, *pair_right, *pair_to; double *pair_weight, *inverse_mass; };
   struct { double *flexible, *inner; }; /* or: all and used rates from unit impulses; else as below */

@@ -171,7 +171,7 @@ static void solve_gaps_transposed(const Problem *p, const Work *w, const double 
   }
 }
 
-/* Gaps of displacements, less the arms of the joints between two places. */
+/* Gaps of displacements, less the arms of the joints between two configurations. */
 static void find_gaps(const Problem *p, const double *u, const double *rho0, const double *rho1,
                       double *gap) {
   for (int k = 0; k < p->closures; ++k) {

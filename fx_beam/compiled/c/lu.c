@@ -5,7 +5,7 @@
 #include "processor.h"
 #include "sparse_lu.h"
 
-/* Factors of a matrix, of which `at` has the places of the entries among them; returns 0 if a pivot is
+/* Factors of a matrix, of which `at` has the positions of the entries among them; returns 0 if a pivot is
    zero, or without memory. */
 int fx_factorise(const SparseRows *rows, int entries, const int *at, const double *values, double *factors) {
   double *space = malloc(3 * sizeof(double) * rows->unknowns);
@@ -16,7 +16,7 @@ int fx_factorise(const SparseRows *rows, int entries, const int *at, const doubl
   return regular;
 }
 
-/* Solution x for the right side b, where unknown i has the place order[i] among the rows. */
+/* Solution x for the right side b, where unknown i has the position order[i] among the rows. */
 void fx_solve(const SparseRows *rows, const int *order, const double *factors, const double *b, double *x) {
   double *y = malloc(sizeof(double) * rows->unknowns);
   for (int i = 0; i < rows->unknowns; ++i) y[order[i]] = b[i];

@@ -8,7 +8,7 @@
 #include "slider.h"
 
 /* Elements per call of a Batch, values of a nodal rule, largest order of the predictor, largest number
-   of sub-steps of a scheme, places of the displacements and rotations at the start of the step and of
+   of sub-steps of a scheme, positions of the displacements and rotations at the start of the step and of
    the internal variables among the changing coefficients, in steps backwards that of their weights and the
    number of these coefficients, largest order of a scheme, number of averaged differences in local errors,
    number of directions of an iteration with kept factors; borders are numbered downwards from ON_BORDER. */
@@ -113,7 +113,7 @@ typedef struct {
   int followers;
   int *follower, *through;
   /* Degrees of freedom in long trees with columns of their own, behind all others (ties.py): entries of
-     their sums, with the places of their equations and forces in the tangent (-1: no unknown), and the
+     their sums, with the positions of their equations and forces in the tangent (-1: no unknown), and the
      arms of joints in them. */
   struct {
     int ties, tie_entries, tie_arms;
@@ -135,7 +135,7 @@ typedef struct {
   long factor_size;
   SparseRows rows;
   /* With sparse factors the tangent is stored apart, in compressed rows of the unknowns: `factor_at` has
-     the place of each value among the factors. */
+     the position of each value among the factors. */
   struct { int *tangent_start, *tangent_column, *factor_at; };
   KeptFactors kept;
   /* What borders it (borders.h): their number, that of the columns of a block of right sides, and of the
@@ -171,7 +171,7 @@ typedef struct {
     double *scale_unit;
   };
 
-  /* Forces at points; internal variables of all; places of the entries of their tangents, -1 for none.
+  /* Forces at points; internal variables of all; positions of the entries of their tangents, -1 for none.
      Slides with forces, and the rates of the slides of all joints. */
   PointForces *points;
   /* Parameters of the user's functions: whether they vary, and stored energies with them; the values with
@@ -318,7 +318,7 @@ typedef struct {
   Law **pull;
   int *arguments;
   double *given, *found;
-  struct { int *transposed_at; }; /* place among sparse factors of each entry of the transposed tangent */
+  struct { int *transposed_at; }; /* position among sparse factors of each entry of the transposed tangent */
   double *scratch;
 } Adjoint;
 
