@@ -168,12 +168,29 @@ def test_formulas_of_plain_text_are_set_as_formulas(extension, plain, latex):
     assert found.replace(" ", "") == latex.replace(" ", "")
 
 
+@pytest.mark.parametrize(
+    ("plain", "markdown"),
+    [
+        ("The force is k x = c/(d - x)^2.", r"The force is $k x = \frac{c}{(d - x)^{2}}$."),
+        (
+            "where x = v t of the mass, A = 6, I = 2",
+            "where $x = v t$ of the mass, $A = 6$, $I = 2$",
+        ),
+        ("per length, <a> = max(a, 0).", r"per length, $\langle a\rangle = \max (a , 0)$."),
+        ("steps of 0.01 s in `f(x=1)` are a few", "steps of 0.01 s in `f(x=1)` are a few"),
+    ],
+)
+def test_equations_in_a_line_are_set_as_formulas(extension, plain, markdown):
+    found = extension("formulas").inline(plain)
+    assert found.replace(" ", "") == markdown.replace(" ", "")
+
+
 def test_formulas_of_all_demos_can_be_drawn(extension, drawn):
     pytest.importorskip("sphinx")
     gallery = extension("gallery")
     for demo in (pages.ROOT / "demos").glob("*.py"):
         says = gallery.prose(ast.get_docstring(ast.parse(pages.text(demo))))
-        for formula in re.findall(r"\$\$(.*?)\$\$", says, flags=re.DOTALL):
+        for formula in re.findall(r"\$+(.*?)\$+", says, flags=re.DOTALL):
             assert "<math" in drawn(formula)
         assert not re.search(r"^    \S", re.sub("```.*?```", "", says, flags=re.DOTALL), re.M)
 

@@ -21,6 +21,40 @@ SHORT_WORDS = "of", "on", "in"
 TOKEN = re.compile(r"[A-Za-z]+|\d+(?:\.\d+)?|\.\.\.|\S")
 
 
+_NAMES = sorted((name for name in (*SYMBOLS, *FUNCTIONS, "sqrt") if name.isalpha()), key=len)
+_WORD = rf"D?(?:{'|'.join(_NAMES[::-1])})|[A-Z]{{2}}|[A-Za-z]"
+_SYMBOL = rf"(?<![A-Za-z])(?:{_WORD})(?:\d|_\w+)?'*(?![A-Za-z])"
+_ATOM = rf"(?:{_SYMBOL}|\d+(?:\.\d+)?(?!\w|\.\d)|[][()|+/^<>,-])"
+#: An equation within a line: symbols, an equality sign, and what follows it.
+_EQUATION = re.compile(rf"(?<![`\w.])(?:{_SYMBOL}|[<|])(?:\s?{_ATOM})*\s=\s{_ATOM}(?:\s?{_ATOM})*")
+
+
+def inline(text):
+    """A paragraph in Markdown, with its equations as formulas."""
+    done, at = "", 0
+    while match := _EQUATION.search(text, at):
+        found = _balanced(match[0])
+        start, at = at, match.start() + max(1, len(found))
+        written = f"${latex(found)}$" if "=" in found else match[0][: at - match.start()]
+        done += text[start : match.start()] + written
+    return done + text[at:]
+
+
+def _balanced(text):
+    """The beginning of a formula, up to where no bracket is open and no sign is without operand."""
+    depth, end = 0, len(text)
+    for n, sign in enumerate(text):
+        depth += (sign in "([") - (sign in ")]")
+        if depth < 0 or (not depth and sign == ","):
+            end = n
+            break
+    while end and (
+        text[end - 1] in " \n+-/^<>,|" or text[:end].count("(") != text[:end].count(")")
+    ):
+        end -= 1
+    return text[:end]
+
+
 def latex(text):
     """A formula in LaTeX; columns, which two blanks separate, have a space between them."""
     return r"\qquad ".join(_Column(column).latex() for column in re.split(r"\s{2,}", text.strip()))

@@ -66,11 +66,11 @@ def run(demo):
 
 
 def prose(text):
-    """Text whose indented lines are formulas, as Markdown; a drawing stays as it is."""
+    """Text in Markdown: indented lines and equations as formulas, a drawing as it is."""
     parts = []
     for block in text.split("\n\n"):
         if not block.startswith("    "):
-            parts.append(block)
+            parts.append(formulas.inline(block))
         elif "---" in block:
             parts.append(f"```text\n{block}\n```")
         else:
@@ -97,7 +97,7 @@ def pieces(source):
         says = ast.get_docstring(node) if isinstance(node, ast.FunctionDef) else None
         if says:
             yield text, code
-            text, first = f"**{node.name}**: {says}", node.body[0]
+            text, first = f"**{node.name}**: {formulas.inline(says)}", node.body[0]
             code = lines[start : first.lineno - 1] + lines[first.end_lineno : end]
         else:
             code = [*code, *lines[start:end]]
