@@ -289,6 +289,11 @@ class BeamForms:
         self.bound[compiled.name] = form, compiled
         return form
 
+    @property
+    def rows(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """The tangent in compressed rows: values, which `add_tangent` changes, columns and starts."""
+        return self.matrix.data, self.matrix.indices, self.matrix.indptr
+
     def cells_of(self, tag: int) -> np.ndarray:
         """Cells of a subdomain of the forms; -1 for all."""
         every = np.arange(len(self._tags))

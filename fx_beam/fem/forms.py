@@ -68,14 +68,10 @@ class Forms:
         self.points = PointForces(*self._at_points(scene), StepRule.of(scheme.rates), parameters)
         #: Those of beams, None without any.
         self.beams = BeamForms(scene, scheme, mesh, parameters) if scene.beams else None
-        self._parts: list[Forces] = [self.points]
+        self._parts: list[Forces] = [part for part in (self.beams, self.points) if part is not None]
         rows = np.empty(0), np.empty(0, dtype=np.int32), np.zeros(1, np.int32)
         if self.beams is not None:
-            matrix = self.beams.matrix
-            self._parts, rows = (
-                [self.beams, self.points],
-                (matrix.data, matrix.indices, matrix.indptr),
-            )
+            rows = self.beams.rows
         #: Matrix with the entries of beams and of each node.
         self.of_members = with_blocks(*rows, self.size)
         #: Tangent of all forces, and the positions in it of the values of beams.
