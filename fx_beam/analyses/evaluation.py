@@ -36,6 +36,9 @@ def solution_of(
         histories, rows = at_times(model, histories, times, breaks)
     internal, of_springs = (histories.pop(name) for name in ("internal", "spring_internal"))
     cache: list[np.ndarray] = []
+    of_name = {
+        beam.name: (beam, cells) for beam, cells in zip(scene.beams, mesh.cells, strict=True)
+    }
 
     def resultants_of_beam(name: str) -> BeamResultants:
         beams = model.forms.beams
@@ -48,8 +51,8 @@ def solution_of(
         if not cache:
             every = recorder.means(beams.resultants(recorder.sub_steps()))
             cache.append(every[rows])
-        number = [beam.name for beam in scene.beams].index(name)
-        beam, values = scene.beams[number], cache[0][:, mesh.cells[number]]
+        beam, cells = of_name[name]
+        values = cache[0][:, cells]
         s = arc_lengths(beam, gauss_points(beam.degree))
         N, Q, M = np.moveaxis(values.reshape(len(values), -1, 3), -1, 0)
         return BeamResultants(s.ravel(), N, Q, M)
