@@ -5,6 +5,7 @@ import numpy as np
 import fx_beam as fb
 from fx_beam.analyses.run_setup import RunSetup
 from fx_beam.compiled.adjoint import Adjoint
+from fx_beam.compiled.forward import Forward
 from fx_beam.compiled.tape import Tape
 from fx_beam.coupling.joint_reduction import JointReduction
 from fx_beam.stepping.recorder import Record, Recorder
@@ -78,3 +79,27 @@ def both(build, scheme=None, dt=0.01, steps=20, h=1e-5):
         sum((weights[name] * part.rows[name]).sum() for name in weights) for part in (low, high)
     ]
     return sum(parts), (values[1] - values[0]) / (2 * h), max(map(abs, parts))
+
+
+def forward_and_backward(build, scheme=None, dt=0.01, steps=20):
+    """Derivatives of a random function of a motion in two random directions of all its numbers.
+
+    By changes of the states, and by the adjoint; arrays (2,).
+    """
+    rng = np.random.default_rng(0)
+    run = Run(build(1.0), scheme or fb.EnergyMomentum(), dt, steps, taped=True)
+    tape = run.loop.tape
+    at, adjoint = tape.boundaries(run.times), Adjoint(run.loop)
+    changes = {
+        name: rng.standard_normal((2, *values.shape)) * abs(values).max(initial=0.0)
+        for name, values in numbers(run, tape.starts, tape.lengths).items()
+    }
+    states = Forward(adjoint).push(tape, changes, at)
+    weights = {name: rng.standard_normal(rows.shape) for name, rows in run.rows.items()}
+    found = adjoint.pull(tape, weights, at)
+    forward = [sum((weights[name] * states[name][:, j]).sum() for name in weights) for j in (0, 1)]
+    backward = [
+        sum((found[name] * change[j]).sum() for name, change in changes.items() if name in found)
+        for j in (0, 1)
+    ]
+    return np.array(forward), np.array(backward)

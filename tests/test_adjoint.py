@@ -4,7 +4,7 @@ import ufl
 
 import numpy as np
 import pytest
-from derivatives import Run, both
+from derivatives import Run, both, forward_and_backward
 from jointed import KINDS, throw
 from test_internal_variables import ISOTROPIC, PLASTIC, ZENER
 from test_loops import chain as bars
@@ -218,6 +218,18 @@ def test_adjoint_is_the_derivative_of_the_motion(name):
     found, expected, size = both(SCENES[name])
     # Differences of the motion have the error of Newton's method over h.
     assert found == pytest.approx(expected, rel=0, abs=1e-6 * max(size, abs(expected)) + 1e-7)
+
+
+@pytest.mark.parametrize("name", SCENES)
+def test_forwards_and_backwards_agree(name):
+    forward, backward = forward_and_backward(SCENES[name])
+    assert forward == pytest.approx(backward, rel=1e-9)
+
+
+@pytest.mark.parametrize("scheme", SCHEMES[1:], ids=lambda scheme: scheme.name)
+def test_so_they_do_for_other_schemes(scheme):
+    forward, backward = forward_and_backward(of_sections, scheme)
+    assert forward == pytest.approx(backward, rel=1e-9)
 
 
 @pytest.mark.parametrize("degree", [1, 2, 3])

@@ -184,6 +184,7 @@ HOUSE = {
         "single_steps",
         "pulled_work",
         "adjoint",
+        "forward",
     ],
     "analyses": [
         "evaluation",

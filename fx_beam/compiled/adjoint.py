@@ -25,19 +25,20 @@ class Adjoint:
 
     def __init__(self, loop: CompiledLoop):
         check(loop.model)
-        self._loop, self._model = loop, loop.model
+        self.loop, self._model = loop, loop.model
         problem = loop.problem
         self._ffi, self._library, self._p = problem.ffi, problem.library, problem.c
         self._structs = Structs(self._ffi, declarations("problem.h"))
-        self._c = self._ffi.new("Adjoint *")
+        #: The C struct Adjoint.
+        self.c = self._ffi.new("Adjoint *")
         self._works: list[PulledWork] = []
         self._hand_over_elements()
         self._hand_over_points()
         self._results = self._room()
         if not problem.factors.band:
-            self._structs.set(self._c, transposed_at=problem.transposed())
+            self._structs.set(self.c, transposed_at=problem.transposed())
         scratch = aligned(np.zeros(self._library.fx_backward_scratch(self._p)))
-        self._structs.set(self._c, scratch=scratch)
+        self._structs.set(self.c, scratch=scratch)
 
     def _hand_over_elements(self) -> None:
         """The works of elements' forces on weights, and their derivatives."""
@@ -48,14 +49,14 @@ class Adjoint:
         if beams.drag is not None:
             self._works.append(PulledWork("drag", beams.pulled_drag()))
         for work in self._works:
-            given = work.handed_over(self._loop.problem, beams)
-            self._structs.set(self._c, **{work.name: given})
+            given = work.handed_over(self.loop.problem, beams)
+            self._structs.set(self.c, **{work.name: given})
 
     def _hand_over_points(self) -> None:
         addresses, arguments = zip(*(self._model.points.pulls or [(0, 0)]), strict=True)
         most = 2 * max(arguments) + 1
         self._structs.set(
-            self._c,
+            self.c,
             pull=np.array(addresses, np.uintp),
             arguments=np.array(arguments),
             given=np.zeros(most),
@@ -81,7 +82,9 @@ class Adjoint:
             "axis": np.zeros((joints, 2)),
             "rest": np.zeros(joints),
         }
-        self._structs.set(self._c, **arrays, slide_at_rest=np.array([*rest, 0.0]))
+        #: Slides of the joints of `Couplings.moving` in the reference configuration.
+        self.slide_at_rest = np.array([*rest, 0.0])
+        self._structs.set(self.c, **arrays, slide_at_rest=self.slide_at_rest)
         return arrays
 
     def pull(
@@ -115,13 +118,10 @@ class Adjoint:
         }
         structs = Structs(self._ffi, declarations("problem.h"))
         padded = {name: np.append(array.ravel(), 0.0) for name, array in of_steps.items()}
-        structs.set(self._c, weight_at=weight_at, **given, **padded)
-        left = self._library.fx_pull(p, tape.c, self._c)
+        structs.set(self.c, weight_at=weight_at, **given, **padded)
+        left = self._library.fx_pull(p, tape.c, self.c)
         if left:
-            raise SceneError(
-                f"the tangent of the step from t = {tape.starts[left - 1]:.6g} is singular, so "
-                "that there is no derivative. Try a smaller dt"
-            )
+            raise singular(tape, left - 1)
         steps = {name: padded[name][:-1].reshape(of_steps[name].shape) for name in of_steps}
         return self._named(steps)
 
@@ -155,6 +155,16 @@ class Adjoint:
             named["spring internal"] = found["spring_internal"].copy()
         return named | self._of_elements()
 
+    def of_elements(self, changes: Mapping[str, np.ndarray], count: int) -> list[np.ndarray]:
+        """Changes of the numbers of each element, as its sums in C, of internal forces and drag."""
+        mesh, found = self._model.mesh, [np.zeros((count, 0))] * 2
+        for i, work in enumerate(self._works):
+            own = dict(changes)
+            if "X" in changes:
+                own["coordinates"] = mesh.at_points(np.asarray(changes["X"]))
+            found[i] = work.in_lanes(own, count, len(mesh.beam_of_cell))
+        return found
+
     def _of_elements(self) -> dict[str, np.ndarray]:
         """Derivatives by the positions of nodes, and by the data of beams at their points."""
         named: dict[str, np.ndarray] = {}
@@ -164,6 +174,14 @@ class Adjoint:
             named["X"] = named.get("X", 0.0) + mesh.sum_at_points(parts.pop("coordinates"))
             named |= parts
         return named
+
+
+def singular(tape: Tape, sub_step: int) -> SceneError:
+    """The error for a sub-step whose tangent is singular."""
+    return SceneError(
+        f"the tangent of the step from t = {tape.starts[sub_step]:.6g} is singular, so that there "
+        "is no derivative. Try a smaller dt"
+    )
 
 
 def check(model: Model) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -60,10 +61,25 @@ class PulledWork:
             found[own], first = -rows[: len(own)], end
         ends = np.cumsum([*self._tail.values()])[:-1]
         parts = dict(zip(self._tail, np.split(found, ends, axis=1), strict=True))
-        return {
-            _NAMES.get(name, f"drag {name}"): self._by_points(name, part)
-            for name, part in parts.items()
-        }
+        return {_name_of(name): self._by_points(name, part) for name, part in parts.items()}
+
+    def in_lanes(self, changes: Mapping[str, np.ndarray], count: int, cells: int) -> np.ndarray:
+        """Changes (count, numbers) of the numbers of all elements, in the order of the sums."""
+        parts = [
+            np.broadcast_to(0.0, (count, cells, size))
+            if (change := changes.get(_name_of(name))) is None
+            else np.reshape(change, (count, cells, size))
+            for name, size in self._tail.items()
+        ]
+        rows, (_, total, lanes) = np.concatenate(parts, axis=-1), self.sums.shape
+        found, first = np.zeros((count, *self.sums.shape)), 0
+        for own in self._cells:
+            end = first + -(-len(own) // lanes)
+            padded = np.zeros((count, (end - first) * lanes, total))
+            padded[:, : len(own)] = rows[:, own]
+            found[:, first:end] = padded.reshape(count, -1, lanes, total).swapaxes(-1, -2)
+            first = end
+        return found.reshape(count, -1)
 
     @staticmethod
     def _by_points(name: str, part: np.ndarray) -> np.ndarray:
@@ -72,3 +88,7 @@ class PulledWork:
         width = 3 if name in _NAMES else 2 if "across" in name else 1
         by_points = part.reshape(len(part), -1, width)
         return by_points if width > 1 else by_points[..., 0]
+
+
+def _name_of(name: str) -> str:
+    return _NAMES.get(name, f"drag {name}")

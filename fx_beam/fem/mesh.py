@@ -85,6 +85,11 @@ class Mesh:
         np.add.at(sums, points, values.reshape(*points.shape, 2))
         return sums
 
+    def at_points(self, values: np.ndarray) -> np.ndarray:
+        """Values (m, cells, 2 points) of those (m, n_node, 2) at the points of the geometry."""
+        points = dolfinx_api.element_points(self.mesh)
+        return values[:, points].reshape(len(values), len(points), -1)
+
     def nodes_of(self, scene: Scene, target) -> np.ndarray:
         """Nodes of a beam, those inside its elements included, or the node itself."""
         if isinstance(target, Beam):

@@ -280,21 +280,37 @@ static void add_given(const Problem *p, const Adjoint *a, long boundary, double 
       a->columns[p->slide_column[j]] += a->slide_weight[k * p->scene_joints + p->slide_of[j]];
 }
 
-/* Takes the derivatives from the end of a sub-step to its start; returns 0 if its tangent is singular. */
-static int pull_step(Problem *p, Work *w, const Adjoint *a, const Backward *b, const Tape *tape, long k) {
-  const double *row = tape->row + k * tape->size;
-  int n = p->dofs, all = p->columns + p->ties;
-  double dt = row[1], per_dt = 2 / dt, *path_bar = b->momentum;
+/* The forces of a sub-step of a tape, and its tangent; returns 0 in a singular position. */
+static int begin_taped(Problem *p, Work *w, const double *row, const Backward *b) {
+  double dt = row[1], level;
   take_from_tape(p, w, row, b->loads, b->thrust);
+  level = p->t + p->level * dt;
   if (dt != w->dt) w->dt = dt, begin_inertia(p, w);
   begin_loads(p, w, b->loads);
   w->thrust = b->thrust;
-  begin_internal(p, w->fields, p->t + p->level * dt, dt, 0);
-  begin_form(p, &p->drag, w->fields, p->t + p->level * dt, dt);
+  begin_internal(p, w->fields, level, dt, 0);
+  begin_form(p, &p->drag, w->fields, level, dt);
   if (!begin_couplings(p, w) && !choose_ahead(p, w)) return 0;
   if (!expand(p, w)) return 0;
   balance(p, w);
   reduce_tangent(p, w, w->r);
+  return 1;
+}
+
+/* The values of T at the start. */
+static void values_at_start(const Problem *p, const Work *w, const Backward *b) {
+  b->values[0] = 1;
+  for (int j = 0; j < p->joints; ++j) {
+    double *value = b->values + 1 + 4 * j;
+    value[0] = -w->rho0[2 * j + 1], value[1] = w->rho0[2 * j], value[2] = w->t0[2 * j], value[3] = w->t0[2 * j + 1];
+  }
+}
+
+/* Takes the derivatives from the end of a sub-step to its start; returns 0 if its tangent is singular. */
+static int pull_step(Problem *p, Work *w, const Adjoint *a, const Backward *b, const Tape *tape, long k) {
+  int n = p->dofs, all = p->columns + p->ties;
+  if (!begin_taped(p, w, tape->row + k * tape->size, b)) return 0;
+  double per_dt = 2 / w->dt, *path_bar = b->momentum;
 
   /* By the increment through rates and internal variables, and through what the state itself counts. */
   memset(b->end, 0, n * sizeof(double));
@@ -327,7 +343,7 @@ static int pull_step(Problem *p, Work *w, const Adjoint *a, const Backward *b, c
   for (int i = 0; i < n; ++i) b->end[i] += path_bar[i] - b->by_increment[i], a->before[i] = -b->by_before[i];
   times_mass(p, b->omega, w->scratch);
   for (int i = 0; i < n; ++i) {
-    double of_inertia = per_dt / dt * w->slope[i] * w->scratch[i];
+    double of_inertia = per_dt / w->dt * w->slope[i] * w->scratch[i];
     b->end[i] -= of_inertia, b->start[i] += of_inertia;
     a->v[i] = per_dt * w->scratch[i] - a->v[i];
   }
@@ -347,11 +363,7 @@ static int pull_step(Problem *p, Work *w, const Adjoint *a, const Backward *b, c
     add_given(p, a, 0, b->start);
     for (int i = 0; i < p->columns; ++i) b->start_columns[i] += a->columns[i];
   }
-  memcpy(b->values, w->values, sizeof(double));
-  for (int j = 0; j < p->joints; ++j) {
-    double *value = b->values + 1 + 4 * j;
-    value[0] = -w->rho0[2 * j + 1], value[1] = w->rho0[2 * j], value[2] = w->t0[2 * j], value[3] = w->t0[2 * j + 1];
-  }
+  values_at_start(p, w, b);
   gather(p, b->values, b->start, b->start_columns);
   if (p->joints) {
     add_followers(p, b->start, b->start_columns, b->at_start);

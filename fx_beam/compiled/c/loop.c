@@ -272,4 +272,4 @@ int fx_run(Problem *p, int steps, double dt, const Inputs *inputs, Record *to) {
   return steps;
 }
 
-#include "adjoint.h"
+#include "forward.h"

@@ -1,0 +1,127 @@
+"""The derivatives of a run, forwards: changes of its states with the numbers of its scene."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from fx_beam.c_library import declarations
+from fx_beam.structs import Structs
+
+from .adjoint import Adjoint, singular
+from .element_data import aligned
+from .tape import Tape
+
+# Numbers of a scene that steps read as they are, by their names in C.
+_PLAIN = {
+    "weight": "weight",
+    "columns": "load_force",
+    "points": "points",
+    "offset": "offset",
+    "axis": "axis",
+    "rest": "rest",
+    "internal": "internal",
+    "spring internal": "spring_internal",
+    "v": "v",
+}
+
+
+class Forward:
+    """Changes of the states of a run in several directions, each a change of all numbers."""
+
+    def __init__(self, adjoint: Adjoint):
+        self._adjoint, self._loop, self._model = adjoint, adjoint.loop, adjoint.loop.model
+        problem = self._loop.problem
+        self._ffi, self._library, self._p = problem.ffi, problem.library, problem.c
+        self._scratch = aligned(np.zeros(self._library.fx_forward_scratch(self._p, adjoint.c)))
+
+    def push(
+        self, tape: Tape, changes: Mapping[str, np.ndarray], rows: np.ndarray
+    ) -> dict[str, np.ndarray]:
+        """Changes of "q" and "v" (n, m, size) and "slides" (n, m, joints) at some boundaries.
+
+        `changes` are those of the numbers by their names in `Adjoint.pull`, m of each; `rows` (n,)
+        the numbers of sub-steps before the boundaries.
+        """
+        model, p = self._model, self._p
+        structs = Structs(self._ffi, declarations("problem.h"))
+        count = len(next(iter(changes.values())))
+        row_at = np.full(len(tape) + 1, -1)
+        row_at[rows] = np.arange(len(rows))
+        joints = len(model.scene.joints)
+        results = {
+            "q_rows": np.zeros((len(rows), count, p.dofs)),
+            "v_rows": np.zeros((len(rows), count, p.dofs)),
+            "slide_rows": np.zeros((len(rows), count, joints)),
+        }
+        given = self._given(tape, changes, count)
+        directions = self._ffi.new("Directions *")
+        structs.set(
+            directions,
+            count=count,
+            point_numbers=given["points"].shape[1],
+            element_numbers=given["of_elements"].shape[1],
+            drag_numbers=given["of_drag"].shape[1],
+            at_rest=self._adjoint.slide_at_rest,
+            row_at=row_at,
+            scratch=self._scratch,
+            **{name: _never_empty(array) for name, array in (given | results).items()},
+        )
+        left = self._library.fx_push(p, tape.c, self._adjoint.c, directions)
+        if left:
+            raise singular(tape, len(tape) - left)
+        return {name: results[f"{name[0]}_rows"] for name in ("q", "v")} | {
+            "slides": results["slide_rows"]
+        }
+
+    def _given(
+        self, tape: Tape, changes: Mapping[str, np.ndarray], count: int
+    ) -> dict[str, np.ndarray]:
+        """Arrays of `Directions` in problem.h by name."""
+        model, p, rows = self._model, self._p, len(tape)
+        internal = p.cells * p.cell_internal
+        sizes = {
+            "weight": p.dofs,
+            "load_force": p.load_start[p.loads],
+            "points": len(model.points.numbers),
+            "offset": 2 * p.joints,
+            "axis": 2 * p.joints,
+            "rest": p.joints,
+            "internal": internal,
+            "spring_internal": p.spring_width,
+            "v": p.dofs,
+        }
+        given: dict[str, np.ndarray] = {
+            to: _rows(changes.get(name), count, sizes[to]) for name, to in _PLAIN.items()
+        }
+        for name, size in (("loads", 2 * p.loads), ("driven", p.driven), ("thrust", 2 * p.thrusts)):
+            given[name] = _rows(changes.get(name), count, rows * size)
+        mass = _rows(changes.get("mass"), count, model.mass.nnz)
+        given["mass"] = np.ascontiguousarray(mass[:, model.mass.data != 0])
+        given["before"], given["q"] = (np.zeros((count, p.dofs)) for _ in range(2))
+        given["columns"] = self._columns(changes, count)
+        given["of_elements"], given["of_drag"] = self._adjoint.of_elements(changes, count)
+        return given
+
+    def _columns(self, changes: Mapping[str, np.ndarray], count: int) -> np.ndarray:
+        """Changes of the columns at the start, with those of ties, which follow."""
+        model, p = self._model, self._p
+        q = _rows(changes.get("q"), count, p.dofs)
+        slides = _rows(changes.get("slides"), count, len(model.scene.joints))
+        motors = _rows(changes.get("motors"), count, len(model.motors))
+        found = np.zeros((count, p.columns + p.ties))
+        found[:, : p.free] = model.couplings.unknowns(q, slides)
+        found[:, p.free : p.free + p.driven] = np.hstack([q[:, model.prescribed], motors])
+        return found
+
+
+def _rows(changes: Any, count: int, size: int) -> np.ndarray:
+    if changes is None:
+        return np.zeros((count, size))
+    return np.ascontiguousarray(np.array(changes, float).reshape(count, size))
+
+
+def _never_empty(array: np.ndarray) -> np.ndarray:
+    return array if array.size else np.zeros(1)
