@@ -47,6 +47,7 @@ html_theme = "pydata_sphinx_theme"
 html_title = f"fx_beam {release}"
 html_static_path = ["_static"]
 html_css_files = ["style.css"]
+html_js_files = ["pictures.js"]
 html_copy_source = html_show_sourcelink = False
 html_sidebars = {
     "first_steps": [],

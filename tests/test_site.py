@@ -141,6 +141,17 @@ def test_code_has_a_button_to_copy_it_in_light_and_dark(tmp_path):
         assert printed is None
 
 
+@pytest.mark.slow
+@browser.needed
+def test_pictures_open_in_their_full_size_unless_they_lead_to_a_page(tmp_path):
+    pytest.importorskip("pydata_sphinx_theme")
+    shutil.copy(DOCS / "pictures" / "oscillator.png", tmp_path / "one.png")
+    page = "# A page\n\n![One](one.png)\n\n[![Link](one.png)](https://example.org)\n"
+    dom = browser.dom(built_page(page, tmp_path) / "index.html", tmp_path)
+    links = re.findall(r'<a [^>]*href="([^"]*)"[^>]*><img [^>]*src="([^"]*)"', dom)
+    assert [Path(href).name for href, _ in links] == ["one.png", "example.org"]
+
+
 def test_a_function_is_set_apart_from_the_number_before_it(drawn):
     tan = r"<mrow><mspace[^>]*/><mi>tan</mi></mrow>"
     assert re.search(rf"<mn>2</mn>\s*{tan}\s*<mo[^>]*>\(", drawn(r"2\tan(x)"))

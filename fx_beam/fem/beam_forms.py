@@ -291,7 +291,7 @@ class BeamForms:
 
     @property
     def rows(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """The tangent in compressed rows: values, which `add_tangent` changes, columns and starts."""
+        """The tangent in compressed rows: values (which `add_tangent` sets), columns, starts."""
         return self.matrix.data, self.matrix.indices, self.matrix.indptr
 
     def cells_of(self, tag: int) -> np.ndarray:
