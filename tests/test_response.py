@@ -533,6 +533,10 @@ def test_derivatives_are_those_of_the_motion(name):
         assert abs(gradient[i] - expected) < 1e-6 * abs(gradient).max() + 1e-8
     run(x)
     assert (run.vjp(weights) == gradient).all()  # with the tape of that motion
+    J = run.jacobian()
+    products = [np.tensordot(weights[name], J[name], weights[name].ndim) for name in J]
+    assert abs(np.sum(products, axis=0) - gradient).max() < 1e-10 * abs(gradient).max()
+    assert all(J[name].shape == (*y[name].shape, 3) for name in y)
 
 
 def test_what_has_no_derivatives_is_refused_by_its_name():
@@ -548,6 +552,9 @@ def test_what_has_no_derivatives_is_refused_by_its_name():
     ):
         with pytest.raises(fb.SceneError, match=message):
             run.vjp(weights)
+    with pytest.raises(fb.SceneError, match="'energy' is a function of the solution"):
+        run.jacobian()
+    assert run.jacobian("end")["end"].shape == (*y["end"].shape, 3)
     for options, message in (
         ({"scheme": fb.Newmark()}, "Newmark"),
         ({"solver": "petsc"}, "were not compiled"),

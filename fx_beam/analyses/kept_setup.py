@@ -79,6 +79,10 @@ class KeptSetup:
         """The set-up of the last run."""
         return self._setup
 
+    def forget(self) -> None:
+        """Set the next scene up anew."""
+        self._setup = None
+
     def put_back(self, setup: RunSetup) -> None:
         """Keep a set-up that has not run."""
         self._setup = setup

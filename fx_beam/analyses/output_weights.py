@@ -41,6 +41,27 @@ def state_weights(
     return of_state
 
 
+def output_derivatives(
+    model: Model, output: Output, kind: str, of_state: Mapping[str, np.ndarray]
+) -> np.ndarray:
+    """Derivatives (rows, ..., m) of an output of a kind, from those of states.
+
+    These are "q" and "v" (rows, m, size), "slides" (rows, m, joints), and "X" (m, n_node, 2).
+    """
+    values = of_state[kind]
+    if kind == "slides":
+        return values[..., output.of.number]
+    entries = _entries(model, output)
+    parts = {part: np.zeros(values.shape[:2]) for _, part, _ in entries}
+    for dof, part, sign in entries:
+        parts[part] += sign * values[..., dof]
+    if output.quantity == "position":
+        for part in parts:
+            axis = output.index if part is None else part
+            parts[part] += of_state["X"][:, output.of.number, axis]
+    return np.stack([*parts.values()], axis=1) if None not in parts else parts[None]
+
+
 def kind_of(model: Model, output: Output, name: str) -> str:
     """What of the state an output is read from: "q", "v" or "slides"."""
     quantity = output.quantity

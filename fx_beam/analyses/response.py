@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
 
 from fx_beam.compiled.adjoint import Adjoint
+from fx_beam.compiled.forward import Forward
 from fx_beam.compiled.loop import CompiledLoop
+from fx_beam.compiled.tape import Tape
 from fx_beam.errors import SceneError
 from fx_beam.mechanics.schemes import Scheme
 from fx_beam.results.audit import Stats
@@ -17,6 +19,7 @@ from fx_beam.scene.inputs import with_functions
 from fx_beam.scene.joints import Joint
 from fx_beam.scene.outputs import Output, check_output
 from fx_beam.scene.scene import Scene
+from fx_beam.scene.structure import OtherStructureError
 from fx_beam.stepping.newton import NewtonOptions
 from fx_beam.stepping.recorder import Record
 from fx_beam.stepping.substeps import Halving
@@ -25,7 +28,7 @@ from fx_beam.validation import numbers, require, shown
 from .dynamics import simulate
 from .kept_setup import KeptSetup, keeping_setup
 from .numbers import numbers_of
-from .output_weights import state_weights
+from .output_weights import kind_of, output_derivatives, state_weights
 from .run_setup import RunSetup, checked_scheme
 
 #: An output: a quantity of a node or joint, or a function of the solution.
@@ -143,6 +146,9 @@ class Response:
         self._names: list[str] = []
         self._x: Any = None
         self._adjoint: tuple[Any, list, Adjoint] | None = None
+        # Whether the set-up has the numbers of the last call; derivatives of all by x.
+        self._is_set = False
+        self._known_changes: dict[str, np.ndarray] | None = None
         self.stats: Stats
 
     def __call__(self, x: Sequence[float]) -> tuple[np.ndarray, dict[str, np.ndarray]]:
@@ -174,6 +180,7 @@ class Response:
                 **self._options,
             )
         self.stats, self._t = solution.stats, solution.t
+        self._is_set, self._known_changes = True, None
         return solution.t, {name: _read(solution, of, name) for name, of in self._outputs.items()}
 
     def _start_of(self, scene: Scene) -> Solution | None:
@@ -202,24 +209,71 @@ class Response:
             Before the first call of the response; for weights of other names or shapes; for an
             output, a scheme or a part of the scene that has no derivatives.
         """
-        require(self._x is not None, "Response.vjp", "no motion yet", "called after run(x)")
+        setup, tape = self._taped("vjp")
+        outputs = self._checked_weights(weights)
+        of_outputs = {name: np.asarray(given, float) for name, given in weights.items()}
+        of_state = state_weights(setup.model, outputs, of_outputs, len(self._t))
+        steps, direct = tape.boundaries(self._t), of_state.pop("X")
+        by_numbers = self._adjoint_of(setup).pull(tape, of_state, steps)
+        by_numbers["X"] = by_numbers.get("X", 0.0) + direct
+        gradient = np.zeros(len(self._x))
+        for name, change in self._changes(tape).items():
+            if name in by_numbers:
+                gradient += change.reshape(len(change), -1) @ np.ravel(by_numbers[name])
+            else:
+                self._refuse(name, change)
+        return gradient
+
+    def jacobian(self, *names: str) -> dict[str, np.ndarray]:
+        """Derivatives of outputs of the last call by all numbers, at all times.
+
+        They are those of the steps as they were taken, to round-off (forward sensitivities), times
+        those of the scene's numbers, which are differences of `build`, without a motion.
+
+        Parameters
+        ----------
+        *names : str
+            Names of outputs; by default all.
+
+        Returns
+        -------
+        dict of (n, ..., m) float
+            dy/dx by the names of the outputs.
+
+        Raises
+        ------
+        SceneError
+            As of `vjp`.
+        """
+        setup, tape = self._taped("jacobian")
+        outputs = self._differentiable(names or self._names, "Response.jacobian: names")
+        kinds = {name: kind_of(setup.model, output, name) for name, output in outputs.items()}
+        changes = self._changes(tape)
+        setup, _ = self._taped("jacobian")  # at x again, after differences
+        forward = Forward(self._adjoint_of(setup))
+        of_state = forward.push(tape, changes, tape.boundaries(self._t))
+        of_state["X"] = changes["X"]
+        return {
+            name: output_derivatives(setup.model, output, kinds[name], of_state)
+            for name, output in outputs.items()
+        }
+
+    def _taped(self, what: str) -> tuple[RunSetup, Tape]:
+        """The set-up of the last call, with its numbers, and the tape of its steps."""
+        require(self._x is not None, f"Response.{what}", "no motion yet", "called after run(x)")
         kept = self._kept
         if not kept.tapes or kept.tape is None:
             kept.tapes = True
             self._run()
+        elif not self._is_set:
+            self._set_again()
         setup, tape = kept.last, kept.tape
         if setup is None or tape is None:
             raise SceneError(
-                f"Response.vjp: the steps of this motion were not compiled ({self.stats.solver}), "
-                "and have no derivatives"
+                f"Response.{what}: the steps of this motion were not compiled "
+                f"({self.stats.solver}), and have no derivatives"
             )
-        outputs = self._checked_weights(weights)
-        of_outputs = {name: np.asarray(given, float) for name, given in weights.items()}
-        of_state = state_weights(setup.model, outputs, of_outputs, len(self._t))
-        rows, direct = tape.boundaries(self._t), of_state.pop("X")
-        by_numbers = self._adjoint_of(setup).pull(tape, of_state, rows)
-        by_numbers["X"] = by_numbers.get("X", 0.0) + direct
-        return self._contracted(by_numbers, tape.starts.copy(), tape.starts + tape.lengths)
+        return setup, tape
 
     def _adjoint_of(self, setup: RunSetup) -> Adjoint:
         """The adjoint of a set-up, which serves all scenes whose joints have the same slides."""
@@ -232,62 +286,91 @@ class Response:
 
     def _checked_weights(self, weights: Mapping[str, np.ndarray]) -> dict[str, Output]:
         what = "Response.vjp: weights"
-        fits = isinstance(weights, Mapping) and all(name in self._outputs for name in weights)
-        require(fits, what, weights, f"a dict by names of outputs, of {self._names}")
-        outputs: dict[str, Output] = {}
-        for name, given in weights.items():
-            output = self._outputs[name]
-            if not isinstance(output, Output):
+        require(isinstance(weights, Mapping), what, weights, "a dict by names of outputs")
+        outputs = self._differentiable(weights, what)
+        for name, output in outputs.items():
+            shape = len(self._t), *([len(output.components)] if output.components else [])
+            given = np.shape(weights[name])
+            require(given == shape, f"{what}[{name!r}]", given, f"of the shape {shape}")
+        return outputs
+
+    def _differentiable(self, names: Iterable[str], what: str) -> dict[str, Output]:
+        """Outputs by names; SceneError for functions."""
+        given = list(names)
+        fits = all(name in self._outputs for name in given)
+        require(fits, what, given, f"names of outputs, of {self._names}")
+        for name in given:
+            if not isinstance(self._outputs[name], Output):
                 raise SceneError(
                     f"{what}: the output {name!r} is a function of the solution, which has no "
                     "derivatives; take an fx_beam.Output"
                 )
-            shape = len(self._t), *([len(output.components)] if output.components else [])
-            fits = np.shape(given) == tuple(shape)
-            require(fits, f"{what}[{name!r}]", np.shape(given), f"of the shape {tuple(shape)}")
-            outputs[name] = output
-        return outputs
+        return {name: self._outputs[name] for name in given}
 
-    def _contracted(
-        self, by_numbers: Mapping[str, np.ndarray], t0: np.ndarray, t1: np.ndarray
-    ) -> np.ndarray:
-        """Derivatives (m,) from those by the numbers of the steps, which begin at t0 (n,)."""
-        gradient = np.zeros(len(self._x))
-        for i, x in enumerate(self._x):
-            h = _STEP * (abs(x) or 1.0)
-            low, high = (self._numbers_at(i, x + side * h, t0, t1) for side in (-1, 1))
-            for name, value in high.items():
-                change = (value - low[name]) / (2 * h)
-                if name in by_numbers:
-                    gradient[i] += (by_numbers[name] * change).sum()
-                elif change.any():
-                    raise SceneError(
-                        f"Response: x[{i}] changes {name!r} of the scene, by which motions have no "
-                        "derivatives"
-                    )
-        return gradient
+    # -- Differences of the numbers of scenes -----------------------------------------------------
+
+    def _changes(self, tape: Tape) -> dict[str, np.ndarray]:
+        """Derivatives (m, ...) of all numbers of the steps of a tape by x."""
+        if self._known_changes is None:
+            t0 = tape.starts.copy()
+            t1, parts = t0 + tape.lengths, []
+            for i, x in enumerate(self._x):
+                h = _STEP * (abs(x) or 1.0)
+                ends = [self._numbers_at(i, x + side * h, t0, t1) for side in (-1, 1)]
+                parts.append({name: (ends[1][name] - ends[0][name]) / (2 * h) for name in ends[0]})
+            self._known_changes = {
+                name: np.array([part[name] for part in parts]) for name in parts[0]
+            }
+        return self._known_changes
+
+    @staticmethod
+    def _refuse(name: str, change: np.ndarray) -> None:
+        """SceneError if numbers without derivatives change (m, ...)."""
+        changing = np.flatnonzero(change.reshape(len(change), -1).any(axis=1))
+        if len(changing):
+            raise SceneError(
+                f"Response: x[{changing[0]}] changes {name!r} of the scene, by which motions have "
+                "no derivatives"
+            )
 
     def _numbers_at(
         self, i: int, value: float, t0: np.ndarray, t1: np.ndarray
     ) -> dict[str, np.ndarray]:
         """Numbers of the steps with another number x[i]."""
-        x, options, kept = self._x.copy(), self._options, self._kept
+        x = self._x.copy()
         x[i] = value
+        setup = self._kept.last
+        assert setup is not None
         scene, _ = self._built(x)
+        scene = with_functions(scene, self._options["inputs"], "Response: inputs")
+        self._is_set = False
+        try:
+            setup.refill_model(scene)
+        except BaseException as error:
+            self._kept.forget()
+            if not isinstance(error, OtherStructureError):
+                raise
+            raise SceneError(
+                f"Response: the scene at x[{i}] = {value!r} has another structure than at "
+                f"{self._x[i]!r}: {error}. There are no derivatives at {self._x[i]!r}"
+            ) from None
+        steady = self._options["tolerance"] is None
+        parts = len(setup.model.scheme.fractions)
+        first = self._options["dt"] if steady else t1[parts - 1] - t0[0]
+        state = setup.first_state(float(first), self._start_of(scene), steady, False)
+        return numbers_of(setup, state, t0, t1)
+
+    def _set_again(self) -> None:
+        """Set the numbers of the last call."""
+        options, kept = self._options, self._kept
+        scene, _ = self._built(self._x)
         scene = with_functions(scene, options["inputs"], "Response: inputs")
         steady = options["tolerance"] is None
         halving = Halving(options["max_halvings"], options["dt"] if steady else None)
         scheme = checked_scheme(scene, options["scheme"], "Response")
         setup = kept.of(scene, scheme, options["newton"], halving, options["solver"])
-        if kept.reason:
-            raise SceneError(
-                f"Response: the scene at x[{i}] = {value!r} has another structure than at "
-                f"{self._x[i]!r}: {kept.reason}. There are no derivatives at {self._x[i]!r}"
-            )
         kept.put_back(setup)
-        first = options["dt"] if steady else t1[len(scheme.fractions) - 1] - t0[0]
-        state = setup.first_state(float(first), self._start_of(scene), steady, False)
-        return numbers_of(setup, state, t0, t1)
+        self._is_set = True
 
     def _built(self, x: np.ndarray) -> tuple[Scene, dict[str, Wanted]]:
         built = self._build(x)

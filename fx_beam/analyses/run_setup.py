@@ -76,8 +76,19 @@ class RunSetup:
         """
         self.model.refill(scene)
         self.turn_counter.reset()
+        self._begin(halving, self._loop)
+
+    @property
+    def _loop(self) -> CompiledLoop | None:
         loop = self.stepper.integrator
-        self._begin(halving, loop if isinstance(loop, CompiledLoop) else None)
+        return loop if isinstance(loop, CompiledLoop) else None
+
+    def refill_model(self, scene: Scene) -> None:
+        """Set all numbers but those of the compiled loop: for what they are, not for a run."""
+        self.model.refill(scene)
+        self.forcing = Forcing(self.model)
+        if len(self.model.scheme.fractions) > 1:  # a step of the loop smooths the start
+            self._begin(self.stepper.halving, self._loop)
 
     def first_state(
         self, dt: float, start: Solution | None, steady: bool = True, accelerations: bool = True

@@ -148,14 +148,15 @@ class Problem:
     def refill(self) -> None:
         """Set all numbers to those that the model has now, and all else to that before a run."""
         model = self.model
-        numbers = self._numbers() | (self._positions() if model.moved else {})
+        moved = (self._own["position"] != model.mesh.X).any()
+        numbers = self._numbers() | (self._positions() if moved else {})
         for name, values in numbers.items():
             self._own[name][...] = values
         if len(model.points.slides):
             for i, row in enumerate(self._slide_rates()):
                 self._structs.set(self.c.rated_slide[i], axis=row["axis"], offset=row["offset"])
         if self.tables is not None:
-            if model.moved:
+            if moved:
                 self.tables.move(dolfinx_api.element_coordinates(model.mesh.mesh))
             self.tables.refill()
         self.ffi.memmove(self.c, self._fresh, len(self._fresh))

@@ -79,22 +79,21 @@ class Model:
         What was assembled for the last scene changes in place.
         """
         self._structure.check(scene)
-        #: Whether nodes are elsewhere than before.
-        self.moved = self.mesh.refill(scene)
+        moved = self.mesh.refill(scene)
         last, self.scene = self._joints, scene
         self.forms.refill(scene)
         heavier = self._mass.refill(scene)
         self.weight = self._mass.weight
         self.loads.refill(scene)
         self.motors = motors(scene)
-        elsewhere = self._refill_reduction(last)
+        elsewhere = self._refill_reduction(last, moved)
         self._joints = scene.joints[:]
         for name in (*(_OF_MASSES if heavier else ()), *(_OF_POSITIONS if elsewhere else ())):
             self.__dict__.pop(name, None)
         if elsewhere or scene.drags:
             self._check_mechanism()
 
-    def _refill_reduction(self, last: list[Joint]) -> bool:
+    def _refill_reduction(self, last: list[Joint], moved: bool) -> bool:
         """Set the offsets and axes of joints; returns whether these or any nodes are elsewhere."""
         arms = [joint for joint in self.scene.joints if not joint.is_index]
         before = [joint for joint in last if not joint.is_index]
@@ -102,7 +101,7 @@ class Model:
             raise OtherStructureError("other joints have offsets")
         pairs = [(new.arm, old.arm) for new, old in zip(arms, before, strict=True)]
         pairs += [(new.offset, old.offset) for new, old in zip(arms, before, strict=True)]
-        if not self.moved and all((new == old).all() for new, old in pairs):
+        if not moved and all((new == old).all() for new, old in pairs):
             return False
         if isinstance(self.reduction, LoopReduction) or self.couplings.sliding:
             raise OtherStructureError("joints that close loops, or slide on beams, lie elsewhere")
