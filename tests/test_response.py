@@ -548,7 +548,7 @@ def test_what_has_no_derivatives_is_refused_by_its_name():
         ({"energy": y["energy"]}, "'energy' is a function of the solution"),
         ({"force": y["force"]}, "reaction.y of node 0 at .*, has no derivatives"),
         ({"end": y["force"]}, "of the shape"),
-        ({"other": y["end"]}, "a dict by names of outputs"),
+        ({"other": y["end"]}, "must be names of outputs"),
     ):
         with pytest.raises(fb.SceneError, match=message):
             run.vjp(weights)

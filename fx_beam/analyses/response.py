@@ -299,13 +299,16 @@ class Response:
         given = list(names)
         fits = all(name in self._outputs for name in given)
         require(fits, what, given, f"names of outputs, of {self._names}")
+        outputs: dict[str, Output] = {}
         for name in given:
-            if not isinstance(self._outputs[name], Output):
+            output = self._outputs[name]
+            if not isinstance(output, Output):
                 raise SceneError(
                     f"{what}: the output {name!r} is a function of the solution, which has no "
                     "derivatives; take an fx_beam.Output"
                 )
-        return {name: self._outputs[name] for name in given}
+            outputs[name] = output
+        return outputs
 
     # -- Differences of the numbers of scenes -----------------------------------------------------
 
