@@ -238,6 +238,18 @@ def test_modes_have_supports_at_rest_equal_panels_and_the_numbers_of_modes():
     assert holds(figure)
 
 
+def test_a_body_alone_on_a_spring_has_a_picture_of_its_mode_too():
+    scene = fb.Scene()
+    stone = scene.add_body((0, 0), 1.0, 0.1, name="stone").centre
+    scene.add_force_between(stone, (0, 1), spring=fb.Spring(10.0, rest=1.0))
+    scene.fix(stone, "x", "rotation")
+    ax = plot.modes(fb.modes(scene, n=1)).axes[0]
+    low, high = ax.get_ylim()
+    assert low < 0 and high > 1
+    spring = max((line.get_xydata() for line in ax.lines), key=len)
+    assert np.nanmin(abs(spring - (0, 1)).max(axis=1)) == 0
+
+
 @pytest.mark.parametrize(("count", "columns"), [(1, 1), (2, 2), (4, 2), (6, 3)])
 def test_panels_of_modes_are_a_full_grid(count, columns):
     scene = fb.Scene()

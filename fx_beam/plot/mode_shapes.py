@@ -20,9 +20,10 @@ from .digits import three_digits
 from .drawing import Drawing
 from .plane import PICTURES, grid, written
 from .supports import Supports, draw_lines
-from .symbols import draw_bodies, draw_hinges
+from .symbols import draw_between, draw_bodies, draw_hinges
 
 _MODE = "#0072B2"
+_SIZE = 0.15  # largest displacement, as a fraction of the scene's size
 _BORDER = np.array((0.0, 0.3))  # of a panel, for its title [inch]
 # Rows of a vibration.
 _AT_REST, _MOVED, _LATER = range(3)
@@ -56,8 +57,10 @@ def modes(modes: Modes, path: Path | str | None = None, count: int | None = None
     wanted = f"from 1 to {len(modes)}, the number of modes"
     require(is_whole(count, 1, len(modes)), "count", count, wanted)
     count = int(count)
-    size = 0.15 * float(np.ptp(modes.positions, axis=0).max())
-    low, high = modes.positions.min(axis=0) - 1.2 * size, modes.positions.max(axis=0) + 1.2 * size
+    at_rest = Drawing(Vibration(modes, 0, 0.0), [_AT_REST])
+    size = _SIZE * at_rest.reach
+    low, high = at_rest.window
+    low, high = low - size, high + size
     columns, rows, panel = grid(count, high - low, _BORDER)
     fig = Figure(tuple((columns, rows) * (panel + _BORDER)), layout="constrained")
     panels = list(fig.subplots(rows, columns, squeeze=False).flat)
@@ -120,6 +123,7 @@ def _draw(ax, drawing: Drawing) -> None:
         draw_lines(ax, lines, **{"linewidth": 2.0 * drawing.thinness, "zorder": 2} | look)
         if row != _LATER:
             draw_bodies(ax, drawing, row, look["color"], small=True)
+    draw_between(ax, drawing, _MOVED)
     draw_hinges(ax, drawing, _MOVED)
     Supports(drawing).draw(ax, _AT_REST)
 

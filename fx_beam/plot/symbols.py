@@ -113,21 +113,30 @@ def draw_bodies(ax, drawing: Drawing, k: int, colour: Any, small: bool) -> list:
 def draw_joints(ax, drawing: Drawing, k: int, colour: Any = "black") -> list:
     """Draw joints, springs, dampers, friction, forces between points of row k; the artists."""
     joints: list[Joint] = list(_of_scene(drawing, "joints"))
-    between: list[ForceBetween] = list(_of_scene(drawing, "forces_between"))
-    pairs = [_Pair(drawing, force, k) for force in between]
-    fine: dict[str, Any] = {"color": colour, "linewidth": 0.9, "zorder": 2}
-    thick = {"color": colour, "linewidth": 2.5, "zorder": 2, "solid_capstyle": "butt"}
+    fine, thick = _looks(colour)
     drawn = draw_lines(ax, _guides(drawing, joints, k), **fine | {"linestyle": ":"})
     parts = _springs(drawing, joints, k) + _dampers(drawing, joints, k)
-    parts += [line for pair in pairs for line in pair.parts]
     drawn += draw_lines(ax, parts, **fine)
+    drawn += draw_lines(ax, _shoes(drawing, joints, k), **thick)
+    return drawn + draw_between(ax, drawing, k, colour) + draw_hinges(ax, drawing, k, colour)
+
+
+def draw_between(ax, drawing: Drawing, k: int, colour: Any = "black") -> list:
+    """Draw forces between points of row k; returns the artists."""
+    between: list[ForceBetween] = list(_of_scene(drawing, "forces_between"))
+    pairs = [_Pair(drawing, force, k) for force in between]
+    fine, thick = _looks(colour)
+    parts = [line for pair in pairs for line in [*pair.parts, *(pair.wall or [])]]
+    drawn = draw_lines(ax, parts, **fine)
     pulls = [pair.ends for pair in pairs if not pair.parts]
     drawn += draw_lines(ax, pulls, **fine | {"linestyle": (0, (6, 3))})
-    walls = [pair.wall for pair in pairs if pair.wall is not None]
-    drawn += draw_lines(ax, [line for wall in walls for line in wall], **fine)
-    shoes = _shoes(drawing, joints, k) + [line for pair in pairs for line in pair.shoes]
-    drawn += draw_lines(ax, shoes, **thick)
-    return drawn + draw_hinges(ax, drawing, k, colour)
+    return drawn + draw_lines(ax, [line for pair in pairs for line in pair.shoes], **thick)
+
+
+def _looks(colour: Any) -> tuple[dict[str, Any], dict[str, Any]]:
+    """How lines of symbols look, and shoes of friction."""
+    fine = {"color": colour, "linewidth": 0.9, "zorder": 2}
+    return fine, fine | {"linewidth": 2.5, "solid_capstyle": "butt"}
 
 
 def draw_hinges(ax, drawing: Drawing, k: int, colour: Any = "black") -> list:
