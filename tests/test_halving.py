@@ -88,3 +88,16 @@ def test_numbers_whose_products_overflow_are_refused(size):
     ):
         with pytest.raises(fb.SceneError):
             add()
+
+
+def test_equal_warnings_of_many_runs_come_once(caplog):
+    scene = fb.Scene()
+    body = scene.add_body((0, 0), mass=1.0, inertia=0.1)
+    scene.set_velocity(body, spin=5.0)
+    options = fb.NewtonOptions(max_turn=0.3)
+    for _ in range(3):
+        stats = fb.simulate(scene, dt=0.1, t_end=1.0, newton=options).stats
+        assert stats.halvings
+    assert len([text for text in caplog.messages if "failed and were halved" in text]) == 1
+    fb.simulate(scene, dt=0.1, t_end=1.1, newton=options)
+    assert len([text for text in caplog.messages if "failed and were halved" in text]) == 2

@@ -201,6 +201,8 @@ def jump(t):
 SCHEMES = {
     "order 2": fb.EnergyMomentum(),
     "order 4": fb.EnergyMomentum(order=4),
+    "decaying": fb.EnergyDecaying(),
+    "decaying, order 1": fb.EnergyDecaying(order=1),
 }
 
 

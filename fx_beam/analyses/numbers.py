@@ -32,6 +32,8 @@ def numbers_of(
         "loads": forcing.loads(t0, t1),
         "driven": forcing.series(t1),
     }
+    if len(parameters := model.forms.parameters):
+        numbers["parameters"] = parameters.over_steps(t0, t1, model.scheme.rates.level)
     if len(followers):
         numbers["thrust"] = followers.series(t0, t1)
     if model.weight is not None:

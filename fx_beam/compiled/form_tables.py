@@ -23,6 +23,7 @@ _FORMS = {
     "lost": ("lost energy",),
     "taken": ("scheme's loss",),
     "held_by_scheme": ("scheme's energy",),
+    "held_before": ("scheme's energy at the start",),
     "evolution": ("internal variables",),
     "drag": ("drag", "tangent of drag"),
     "lost_to_drag": ("loss to drag",),

@@ -72,6 +72,7 @@ class BeamForms:
         self._residual, self._tangent = self._bind(weak.force), self._bind(weak.tangent)
         self._energy = self._bind(weak.energy)
         self._losses = [form and self._bind(form) for form in weak.losses]
+        self._held_before = weak.held_before and self._bind(weak.held_before)
         if weak.evolution is not None:
             self._bind_evolution(weak.evolution)
         #: Whether the forces depend on the start of the last step, and on rates at the start of a
@@ -346,6 +347,11 @@ class BeamForms:
         dolfinx_api.assemble_vector(grown, self._evolution)
         at_points = grown.reshape(self._internal.shape)[self._cell_points]
         return self._internal[self._cell_points] + at_points / self.point_weights[:, None]
+
+    def held_before(self, D: np.ndarray) -> float:
+        """Energy [J] that the scheme held at the start, with the parameters of the step."""
+        self._set(self.increment, D)
+        return dolfinx_api.assemble_scalar(self._held_before) if self._held_before else 0.0
 
     def losses(self, D: np.ndarray) -> list[float]:
         """Energies [J] that material and drag take; that the scheme takes, and holds."""

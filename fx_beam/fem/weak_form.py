@@ -147,6 +147,7 @@ class WeakForm:
         lost: Any = 0
         taken: Any = 0
         held: Any = 0
+        held_before: Any = 0
         for tag, (law, parts) in enumerate(zip(self._laws, self._of_laws, strict=True)):
             dx_law = dx(tag) if len(self._laws) > 1 else dx
             for r in parts:
@@ -154,6 +155,7 @@ class WeakForm:
                 if isinstance(r, DecayingResultants):
                     taken += r.loss * dx_law
                     held += 0 if r.held is None else r.held * dx_law
+                    held_before += 0 if r.held_before is None else r.held_before * dx_law
             self._stored += law.start.energy(*self.step.strains0) * dx_law
             energy, ends = self._materials[tag][0], self._evolution[tag]
             if energy is not None and ends is not None:
@@ -166,6 +168,7 @@ class WeakForm:
             if self.times is not None:
                 lost += viscous_loss(self.step, law, self.times) * dx_law
         self._losses = {"lost energy": lost, "scheme's loss": taken, "scheme's energy": held}
+        self._held_before = held_before
         self._refuse_fields()
 
     def _refuse_fields(self) -> None:
@@ -202,6 +205,12 @@ class WeakForm:
             dolfinx_api.compile_form(energy, name) if energy else None
             for name, energy in self._losses.items()
         ]
+        #: The energy that the scheme held at the start, with the parameters of the step; None if it
+        #: holds none, or if no stored energy has parameters.
+        self.held_before = None
+        if self.names_in_energies and self._held_before:
+            name = "scheme's energy at the start"
+            self.held_before = dolfinx_api.compile_form(self._held_before, name)
         #: Increments of the internal variables at the Gauss points, each times its weight; None
         #: without any.
         self.evolution = None

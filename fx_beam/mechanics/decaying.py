@@ -21,6 +21,8 @@ class DecayingResultants:
     #: None if it holds none.
     loss: Any
     held: Any
+    #: What it held at the start, with the stiffness of this step; None likewise.
+    held_before: Any = None
 
     @property
     def N(self):
@@ -56,18 +58,20 @@ class Decaying:
     def __call__(self, step: Step, law: Law) -> DecayingResultants:
         """The resultants of a step."""
         now = step.strain_increments
-        rest, held, lost_before = now, None, 0.0
+        rest, held, held_before, lost_before = now, None, None, 0.0
         if self.order == 2:
             before = [b - a for a, b in zip(step.strains_before, step.strains0, strict=True)]
             rest = [a - step.memory * b for a, b in zip(now, before, strict=True)]
             # The work of the added resultants is the loss plus what the held energy gains:
             # 2 dE.C rest = dE.C dE - r^2 dE_before.C dE_before + rest.C rest
             held = self.damping / 4 * work_of(law.linear(now), now)
-            lost_before = (1 - step.memory**2) * work_of(law.linear(before), before)
+            of_before = work_of(law.linear(before), before)
+            held_before = self.damping / 4 * of_before
+            lost_before = (1 - step.memory**2) * of_before
         taken = law.linear(rest)
         N, Q, M = (self.damping / 2 * force for force in taken)
         share = 2 if self.order == 1 else 1
         loss = self.damping / 4 * (share * work_of(taken, rest) + lost_before)
         mean = averaged(step, law)
         total = mean._replace(N=mean.N + N, Q=mean.Q + Q, M=mean.M + M)
-        return DecayingResultants(with_exact_work(step, total), loss, held)
+        return DecayingResultants(with_exact_work(step, total), loss, held, held_before)

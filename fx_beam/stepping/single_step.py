@@ -76,15 +76,19 @@ class SingleStep:
         self._add_work(state, step, (forces[0] + forces[1]) / 2, path, new)
         new.parameters = state.parameters
         if model.forms.parameters.vary:
-            self._change_parameters(state, interval, new)
+            self._change_parameters(state, interval, step, new)
         return new
 
-    def _change_parameters(self, old: State, interval: Interval, new: State) -> None:
+    def _change_parameters(
+        self, old: State, interval: Interval, step: StepSolution, new: State
+    ) -> None:
         """Set the parameters at the end; add the work of what changes those of stored energies."""
         parameters = self.model.forms.parameters
         level = parameters.at(interval.start + self.model.scheme.rates.level * interval.length)
         new.parameters = parameters.at(before(interval.end))
         if parameters.in_energies:
+            if (beams := self.model.forms.beams) is not None:
+                new.work += beams.held_before(step.D) - old.algorithmic
             new.work += self._stored(old, level) - self._stored(old, old.parameters)
             new.work += self._stored(new, new.parameters) - self._stored(new, level)
 

@@ -71,6 +71,7 @@ static void audit(Problem *p, const Work *w, const double *change) {
   p->dissipated += energy_of(p, w, &p->lost) + taken;
   p->dissipated += energy_of(p, w, &p->lost_to_drag);
   p->numerical += taken;
+  if (p->energies_vary && p->held_before.integrals) p->work += energy_of(p, w, &p->held_before) - p->algorithmic;
   p->algorithmic = energy_of(p, w, &p->held_by_scheme);
   project(p, w, w->r, w->columns);
   for (int i = 0; i < p->driven; ++i) {

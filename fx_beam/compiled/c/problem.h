@@ -82,6 +82,7 @@ typedef struct {
   Form energy, inversion, added;
   Form drag, lost_to_drag; /* of beams: forces, then their tangent; energy lost to it */
   Form lost, taken, held_by_scheme; /* energies lost to the material and to the scheme, and held by it */
+  Form held_before;     /* what it held at the start, with the parameters of the step */
   int has_added, keeps_before;
   Form evolution;       /* increments of the internal variables, each times the weight of its point */
   struct {
