@@ -17,15 +17,26 @@ DOCS = pages.ROOT / "docs"
 LONG = r"\int_0^L \frac{\bar R}{1 + \tan^2(\Delta\psi/2)} \sqrt{\frac{a}{b}}\, ds"
 
 # What is measured: 1 if the font of the site is there, the height of an integral over that of a
-# letter, and for each formula what is cut above or below.
+# letter, for each formula what is cut above or below, and the italic letters, Latin and Greek, that
+# the font lacks: they have the same box without it.
 SCRIPT = """
 document.fonts.load('16px "fx_beam Math"').then(async fonts => {
   await document.fonts.ready;
   const height = one => one.getBoundingClientRect().height;
   const symbol = name => [...document.querySelectorAll('.formula mo, .formula mi')]
     .find(one => one.textContent == name);
+  const pen = document.createElement('canvas').getContext('2d');
+  const box = (letter, font) => {
+    pen.font = `40px ${font}`;
+    const {width, actualBoundingBoxAscent, actualBoundingBoxRight} = pen.measureText(letter);
+    return `${width} ${actualBoundingBoxAscent} ${actualBoundingBoxRight}`;
+  };
+  const range = (first, count) => [...Array(count).keys()].map(n => first + n);
+  const letters = [0x210E, ...range(0x1D434, 52), ...range(0x1D6FC, 25)]
+    .filter(code => code != 0x1D455).map(code => String.fromCodePoint(code));
   document.title = JSON.stringify({
     fonts: fonts.length,
+    missing: letters.filter(one => box(one, '"fx_beam Math", serif') == box(one, 'serif')),
     integral: height(symbol('∫')) / height(symbol('L')),
     cut: [...document.querySelectorAll('.formula')]
       .map(one => one.scrollHeight - one.clientHeight),
@@ -92,6 +103,7 @@ def test_formulas_are_whole_where_the_system_has_no_font_for_them(drawn, tmp_pat
     dom = browser.dom(page, tmp_path)
     measured = json.loads(re.search("<title>(.*?)</title>", dom)[1])
     assert measured["fonts"] == 1
+    assert not measured["missing"]
     assert measured["integral"] > 1.5
     assert len(measured["cut"]) == len(found) > 20
     assert max(measured["cut"]) <= 0
