@@ -176,11 +176,26 @@ const scales = { all: shades(), tight: scaled(1e-9, false), log: scaled("", true
   back: scaled("", false) };
 const seen = { scales, row, time: find("time").textContent, tip: find("tip").textContent,
   shapes: coloured("shapes"), curves: coloured("curves") };
+const at_last = type => find("shapes").dispatchEvent(new PointerEvent(type, {
+  clientX: box.left + toX(points[last]), clientY: box.top + toY(points[last + 1]) }));
+find("shapes").setPointerCapture = () => {};  // there is no real pointer
+const click = () => { at_last("pointerdown"); at_last("pointerup"); return clicked.size; };
+const traced = [click(), click()];
+const under = [toX(points[last]), toY(points[last + 1])];
+find("shapes").dispatchEvent(new WheelEvent("wheel", { deltaY: -500,
+  clientX: box.left + under[0], clientY: box.top + under[1] }));
+const zoomed = [view.scale, toX(points[last]) - under[0], toY(points[last + 1]) - under[1]];
+find("shapes").dispatchEvent(new MouseEvent("dblclick"));
+const curves = find("curves").getBoundingClientRect();
+find("curves").dispatchEvent(new PointerEvent("pointerdown", {
+  clientX: curves.left + EDGE.left + 0.3 * (curves.width - EDGE.left - EDGE.right) }));
+const used = { traced, zoomed, reset: view.scale, picked: row };
+show(20);
 let next = null;
 window.requestAnimationFrame = one => { next = one; return 1; };
 play();
 next(0); next(600);
-document.title = JSON.stringify({ ...seen, played: row });
+document.title = JSON.stringify({ ...seen, ...used, played: row });
 """
 
 
@@ -203,6 +218,13 @@ def test_a_browser_plays_it_and_tells_what_is_under_the_pointer(swing, tmp_path)
     assert seen["shapes"] > 500 and seen["curves"] > 500
     # The whole motion in 6 s: 0.6 s later it is a tenth further on.
     assert abs(seen["played"] - 25) <= 1
+    # A click draws the path of a point, another one removes it; the wheel zooms about the pointer,
+    # whose position a browser gives in whole pixels.
+    assert seen["traced"] == [1, 0] and seen["reset"] == 1
+    assert seen["zoomed"][0] == pytest.approx(np.exp(1))
+    assert seen["zoomed"][1:] == pytest.approx([0, 0], abs=4)
+    # A click on the curves shows the row of that time.
+    assert abs(seen["picked"] - 15) <= 1
     # Beyond a tight limit all have the colours of the ends; on a log scale weak values are seen.
     scales = {name: np.array(shades) for name, shades in seen["scales"].items()}
     assert set(scales["tight"]) <= {0, 63} | {31, 32}
