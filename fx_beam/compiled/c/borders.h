@@ -138,7 +138,7 @@ static void solve_borders(const Problem *p, const Work *w) {
     g[c->border] -= c->value * row[0];
     for (int j = 0; j < m; ++j) D[c->border * m + j] -= c->value * row[1 + j];
   }
-  solve_dense(m, D, 1, g);
+  solve_dense(m, D, g);
   for (int i = 0; i < p->positions; ++i) {
     double *row = w->block + (long)i * n;
     for (int j = 0; w->reached[i] && j < m; ++j) row[0] -= row[1 + j] * g[j];

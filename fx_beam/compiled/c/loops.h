@@ -30,8 +30,8 @@ static void derive_gaps(const Problem *p, const Work *w, const double *values, d
   }
 }
 
-/* Solves A x = B for n rows, with columns of B in place, by elimination with row exchange. */
-static void solve_dense(int n, double *A, int columns, double *B) {
+/* Solves A x = b for n rows, in place of b, by elimination with row exchange. */
+static void solve_dense(int n, double *A, double *b) {
   for (int k = 0; k < n; ++k) {
     int best = k;
     for (int i = k + 1; i < n; ++i)
@@ -40,19 +40,16 @@ static void solve_dense(int n, double *A, int columns, double *B) {
       double x = A[k * n + j];
       A[k * n + j] = A[best * n + j], A[best * n + j] = x;
     }
-    for (int j = 0; j < columns; ++j) {
-      double x = B[k * columns + j];
-      B[k * columns + j] = B[best * columns + j], B[best * columns + j] = x;
-    }
-    double pivot = 1 / A[k * n + k];
+    double right = b[best], pivot = 1 / A[k * n + k];
+    b[best] = b[k];
     for (int i = 0; i < n; ++i) {
       if (i == k) continue;
       double factor = A[i * n + k] * pivot;
       for (int j = k; j < n; ++j) A[i * n + j] -= factor * A[k * n + j];
-      for (int j = 0; j < columns; ++j) B[i * columns + j] -= factor * B[k * columns + j];
+      b[i] -= factor * right;
     }
     for (int j = k; j < n; ++j) A[k * n + j] *= pivot;
-    for (int j = 0; j < columns; ++j) B[k * columns + j] *= pivot;
+    b[k] = right * pivot;
   }
 }
 
