@@ -1,4 +1,4 @@
-/* Assembly of vectors, matrices and scalars from element tensors (forms.py). */
+/* Assembly of vectors, matrices and scalars from element tensors (beam_forms.py). */
 
 #pragma once
 
@@ -97,45 +97,29 @@ static void evaluate(const Problem *p, const Form *form, const Integral *of, lon
             of->coordinates + block * p->cell_coordinates * LANES);
 }
 
-/* Adds forces to a vector and their tangent to matrix entries. */
+/* Adds forces to a vector and, unless K is 0, their tangent to matrix entries. */
 static void assemble_forces(const Problem *p, const Form *form, const double *const *fields, double *f,
                             double *K) {
   int n = p->cell_dofs;
   double A[(12 + 12 * 12) * LANES];
-  for (int i = 0; i < form->integrals; ++i) {
-    const Integral *of = form->of + i;
+  for (const Integral *of = form->of; of < form->of + form->integrals; ++of)
     for (long block = 0; block * LANES < of->cells; ++block) {
       evaluate(p, form, of, block, fields, A);
       add(n, of->to + block * n * LANES, A, f);
-      if (of->run)
+      if (K && of->run)
         add_to_chain(n, of, block, A + n * LANES, K);
-      else
+      else if (K)
         add(n * n, of->stored_at + block * n * n * LANES, A + n * LANES, K);
     }
-  }
-}
-
-static void assemble_vector(const Problem *p, const Form *form, const double *const *fields,
-                            double *out) {
-  double A[12 * LANES];
-  for (int i = 0; i < form->integrals; ++i) {
-    const Integral *of = form->of + i;
-    for (long block = 0; block * LANES < of->cells; ++block) {
-      evaluate(p, form, of, block, fields, A);
-      add(p->cell_dofs, of->to + block * p->cell_dofs * LANES, A, out);
-    }
-  }
 }
 
 static double assemble_scalar(const Problem *p, const Form *form, const double *const *fields) {
   double sum = 0, A[LANES];
-  for (int i = 0; i < form->integrals; ++i) {
-    const Integral *of = form->of + i;
+  for (const Integral *of = form->of; of < form->of + form->integrals; ++of)
     for (long block = 0; block * LANES < of->cells; ++block) {
       evaluate(p, form, of, block, fields, A);
       for (int l = 0; l < LANES && block * LANES + l < of->cells; ++l) sum += A[l];
     }
-  }
   return sum;
 }
 
@@ -145,13 +129,11 @@ static void evolve(const Problem *p, const double *const *fields, double t, doub
   int n = p->cell_internal;
   double A[n * LANES];
   begin_form(p, form, fields, t, dt);
-  for (int i = 0; i < form->integrals; ++i) {
-    const Integral *of = form->of + i;
+  for (const Integral *of = form->of; of < form->of + form->integrals; ++of)
     for (long block = 0; block * LANES < of->cells; ++block) {
       evaluate(p, form, of, block, fields, A);
       for (int l = 0; l < LANES && block * LANES + l < of->cells; ++l)
         for (int k = 0; k < n; ++k)
           p->internal[of->internal[(block * n + k) * LANES + l]] += p->per_weight[k] * A[k * LANES + l];
     }
-  }
 }

@@ -88,7 +88,7 @@ static void audit(Problem *p, const Work *w, const double *change) {
   for (int i = 0; i < constrained; ++i) p->constraint_forces[i] += p->share * w->columns[p->free + i];
   if (p->has_added) {
     memset(w->f, 0, n * sizeof(double));
-    assemble_vector(p, &p->added, w->fields, w->f);
+    assemble_forces(p, &p->added, w->fields, w->f, 0);
     fx_evaluate_points(p->points, p->points->external, p->points->nodal, w->D, w->z);
     fx_add_points(p->points, p->points->external, p->points->nodal, -1, w->f);
     for (int i = 0; i < n; ++i) p->work += mid(p, w->f[i], p->added_forces[i]) * w->path[i];
