@@ -75,7 +75,7 @@ class EqualRates:
         reduction = self._reduction
         values = np.empty(len(reduction.pattern[1]))
         reduction.fill(mass.data, force, values)
-        if (values[reduction.diagonal] > 0).all():
+        if reduction.free and (values[reduction.diagonal] > 0).all():
             lu = self._model.factors_of_mass
             if lu.factorise(values):
                 return lu.solve(force)
