@@ -218,6 +218,19 @@ def test_formulas_of_all_demos_can_be_drawn(extension, drawn):
         assert not re.search(r"^    \S", re.sub("```.*?```", "", says, flags=re.DOTALL), re.M)
 
 
+def test_a_quick_build_shows_what_an_earlier_run_has_printed(extension, tmp_path, monkeypatch):
+    pytest.importorskip("sphinx")
+    gallery = extension("gallery")
+    monkeypatch.setattr(gallery, "ROOT", tmp_path)
+    monkeypatch.setattr(gallery, "RESULTS", tmp_path / "built")
+    monkeypatch.setenv("FX_BEAM_DOCS", "quick")
+    demo = tmp_path / "demos" / "ring.py"
+    assert gallery.run(demo) == tmp_path / "built" / "ring"
+    (tmp_path / "results" / "ring").mkdir(parents=True)
+    (tmp_path / "results" / "ring" / "printed.txt").write_text("1.5 Hz")
+    assert gallery.run(demo) == tmp_path / "results" / "ring"
+
+
 def test_a_comment_stands_with_the_code_that_follows_it(extension):
     pytest.importorskip("sphinx")
     source = '"""Demo."""\n\nA = 1\n\n\n# -- Forces --\n\n\ndef force():\n    """A force."""\n'
