@@ -40,6 +40,7 @@ PICTURES = {
     "moving_mass": ("scene.png", "deflection_and_force.png", "motion.gif"),
     "monte_carlo": ("histogram.png",),
     "design_map": ("map.png",),
+    "identification": ("identified.png",),
     "ring": ("scene.png", "modes.png", "shapes.png", "energy.png", "motion.gif"),
     "roll_up": ("scene.png", "shapes.png", "convergence_and_energy.png", "motion.gif"),
     "pull_in": ("scene.png", "pull_in.png", "motion.gif"),
