@@ -7,15 +7,13 @@ from collections.abc import Callable, Iterable, Iterator, Mapping
 from typing import Any
 
 import ufl
-from ufl.domain import AbstractDomain
 
 from fx_beam.errors import SceneError
 from fx_beam.validation import TimeFunction, as_float, is_name, is_number, require, shown
 
 from .inputs import Input, time_function
+from .symbols import NOWHERE
 
-# UFL needs a domain. In each form the parameters are replaced by constants of its own.
-_NOWHERE = AbstractDomain(1, 2)
 # UFL knows constants by their numbers: those of a name have one, whatever the value.
 _NUMBERS: dict[str, int] = {}
 
@@ -86,10 +84,10 @@ class Parameter(ufl.Constant):
         self.function = checked_value(name, value)
         self.name = name
         if name not in _NUMBERS:
-            super().__init__(_NOWHERE)
+            super().__init__(NOWHERE)
             _NUMBERS[name] = self.count()
         else:
-            super().__init__(_NOWHERE, count=_NUMBERS[name])
+            super().__init__(NOWHERE, count=_NUMBERS[name])
         self._repr = f"Parameter({name!r}, {shown(value)})"
 
     def __str__(self):

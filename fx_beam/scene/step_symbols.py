@@ -5,9 +5,9 @@ from __future__ import annotations
 from typing import Any
 
 import ufl
-from ufl.domain import AbstractDomain
 
-_NOWHERE = AbstractDomain(1, 2)
+from .symbols import NOWHERE
+
 _VECTORS = (
     *("u0", "Du", "u", "v", "virtual_u", "X", "t0", "u_before"),
     *("director0", "director1", "director"),
@@ -23,7 +23,7 @@ class Symbol(ufl.Constant):
     """A symbol that varies along a beam, so that UFL keeps its derivatives."""
 
     def __init__(self, *shape: int):
-        super().__init__(_NOWHERE, shape=shape)
+        super().__init__(NOWHERE, shape=shape)
 
     def is_cellwise_constant(self) -> bool:
         """It is not."""

@@ -1,4 +1,4 @@
-"""UFL symbols in the hands of a user's functions."""
+"""UFL symbols in the hands of a user's functions, and the domain of those without a mesh."""
 
 from __future__ import annotations
 
@@ -8,8 +8,36 @@ from typing import Any
 
 import ufl
 from ufl.core.expr import Expr
+from ufl.domain import AbstractDomain
 
 from fx_beam.errors import SceneError
+
+
+class _Nowhere(AbstractDomain):
+    """A domain that is no mesh, as UFL wants one for each symbol, with what its versions ask."""
+
+    def __init__(self) -> None:
+        super().__init__(1, 2)
+
+    @property
+    def meshes(self) -> tuple[AbstractDomain]:
+        """It is its only part."""
+        return (self,)
+
+    def ufl_cell(self) -> Any:
+        """An interval."""
+        return ufl.interval
+
+    def ufl_id(self) -> int:
+        """No number of a mesh."""
+        return -1
+
+    def _ufl_sort_key_(self) -> tuple[int, str, int]:
+        return 1, "nowhere", -1
+
+
+#: Domain of symbols that belong to no mesh; in forms others are in their place.
+NOWHERE = _Nowhere()
 
 
 @contextmanager
