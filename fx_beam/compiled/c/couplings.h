@@ -16,7 +16,8 @@ static void begin_points(const Problem *p, const Work *w) {
 }
 
 static void evaluate_slides(const Problem *p, const Work *w) {
-  fx_evaluate_points(p->points, p->points->nodal, p->points->all, w->D, w->z);
+  const PointForces *points = p->points;
+  if (points->all > points->nodal) fx_evaluate_points(points, points->nodal, points->all, w->D, w->z);
 }
 
 /* Returns 0 in a singular position. */
