@@ -45,8 +45,9 @@ class Response:
     ``t, y = run(x)`` builds the scene of the numbers x and simulates it. The first call sets the
     scene up; the next ones only set the numbers: all that is given as a number, a position, or a
     function of time or place. Results are those of `simulate`, to the last digit. A scene with
-    other beams, elements, joints, supports or kinds of loads is set up anew, and so is one with
-    functions in UFL; ``run.stats.setup_reason`` says why.
+    other beams, elements, joints, supports or kinds of loads is set up anew, and so is one whose
+    functions in UFL give other expressions, in which a `Parameter` is no number;
+    ``run.stats.setup_reason`` says why.
 
     Parameters
     ----------

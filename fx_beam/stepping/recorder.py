@@ -309,8 +309,11 @@ class Recorder:
 
     def _lengths(self) -> np.ndarray:
         """Length (n,) of the step or last part that a row's forces belong to; 0 for row 0."""
-        steps, counts = self._steps[: self.rows], self._counts()
+        steps = self._steps[: self.rows]
         of_step = self._times[steps] - self._times[np.maximum(steps - 1, 0)]
+        if not self.starts:
+            return of_step
+        counts = self._counts()
         rows, shares = np.repeat(np.arange(self.rows), counts), self._starts.arrays["share"]
         return of_step * np.bincount(rows, shares[: len(rows)], self.rows) + of_step * (counts == 0)
 
