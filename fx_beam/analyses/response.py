@@ -19,7 +19,7 @@ from fx_beam.scene.inputs import with_functions
 from fx_beam.scene.joints import Joint
 from fx_beam.scene.outputs import Output, check_output
 from fx_beam.scene.scene import Scene
-from fx_beam.scene.structure import OtherStructureError
+from fx_beam.scene.structure import ElsewhereError, OtherStructureError
 from fx_beam.stepping.newton import NewtonOptions
 from fx_beam.stepping.recorder import Record
 from fx_beam.stepping.substeps import Halving
@@ -343,26 +343,35 @@ class Response:
         """Numbers of the steps with another number x[i]."""
         x = self._x.copy()
         x[i] = value
-        setup = self._kept.last
-        assert setup is not None
         scene, _ = self._built(x)
         scene = with_functions(scene, self._options["inputs"], "Response: inputs")
         self._is_set = False
         try:
-            setup.refill_model(scene)
-        except BaseException as error:
-            self._kept.forget()
-            if not isinstance(error, OtherStructureError):
-                raise
+            setup = self._with_numbers_of(scene)
+        except OtherStructureError as other:
             raise SceneError(
                 f"Response: the scene at x[{i}] = {value!r} has another structure than at "
-                f"{self._x[i]!r}: {error}. There are no derivatives at {self._x[i]!r}"
+                f"{self._x[i]!r}: {other}. There are no derivatives at {self._x[i]!r}"
             ) from None
         steady = self._options["tolerance"] is None
         parts = len(setup.model.scheme.fractions)
         first = self._options["dt"] if steady else t1[parts - 1] - t0[0]
         state = setup.first_state(float(first), self._start_of(scene), steady, False)
         return numbers_of(setup, state, t0, t1)
+
+    def _with_numbers_of(self, scene: Scene) -> RunSetup:
+        """A set-up whose model has the numbers of a scene, but not its compiled loop."""
+        kept, setup = self._kept, self._kept.last
+        assert setup is not None
+        kept.forget()  # until all is well
+        try:
+            setup.refill_model(scene)
+        except ElsewhereError:
+            model, steps = setup.model, setup.stepper
+            newton, solver = self._options["newton"], self._options["solver"]
+            setup = RunSetup(scene, model.scheme, newton, steps.halving, solver)
+        kept.put_back(setup)
+        return setup
 
     def _set_again(self) -> None:
         """Set the numbers of the last call."""

@@ -34,7 +34,7 @@ from fx_beam.scene.joint_kinematics import NodalMotion
 from fx_beam.scene.joints import Joint
 from fx_beam.scene.law import has_pieces
 from fx_beam.scene.scene import Scene
-from fx_beam.scene.structure import OtherStructureError, Structure
+from fx_beam.scene.structure import ElsewhereError, OtherStructureError, Structure
 
 # Cached properties that depend on masses, and on the positions of nodes and joints.
 _OF_MASSES = "nodal_rules", "fitted_rates"
@@ -104,7 +104,7 @@ class Model:
         if not moved and all((new == old).all() for new, old in pairs):
             return False
         if isinstance(self.reduction, LoopReduction) or self.couplings.sliding:
-            raise OtherStructureError("joints that close loops, or slide on beams, lie elsewhere")
+            raise ElsewhereError("joints that close loops, or slide on beams, lie elsewhere")
         if isinstance(self.reduction, JointReduction):
             moving = [self.scene.joints[joint.number] for joint in self.couplings.moving]
             self.reduction.set_arms(moving)

@@ -70,6 +70,10 @@ class OtherStructureError(Exception):
     """A scene cannot use what was set up for another one; the message says why."""
 
 
+class ElsewhereError(OtherStructureError):
+    """Only positions differ, but for these a scene must be set up anew."""
+
+
 class Structure:
     """The structure of a scene as it is now; something may be added to the scene later."""
 
