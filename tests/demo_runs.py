@@ -6,6 +6,7 @@ from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from unittest import mock
 
+from matplotlib.figure import Figure
 from scenes import demo
 
 import fx_beam as fb
@@ -68,11 +69,17 @@ SMALL = {
     "lattice_impact": {"cells": 30},
     "design_map": {"points": (4, 3), "executor": ThreadPoolExecutor(1)},
 }
+_SAVE = Figure.savefig
 RESULTS = tempfile.TemporaryDirectory(prefix="fx_beam_demos_")  # goes with the process
 
 
 #: Of each film: the frames that it has, how many of them are drawn here, and how many a second.
 FILMS = {}
+
+
+def _coarse(figure, path, **look):
+    """A picture with fewer dots, which are written in less time."""
+    _SAVE(figure, path, **look | {"dpi": 150})
 
 
 @functools.cache
@@ -85,5 +92,6 @@ def numbers(name):
         whole(solution, few, path, fps, **options)
 
     whole = fb.plot.animate
-    with mock.patch.object(fb.plot, "animate", animate):
+    films = mock.patch.object(fb.plot, "animate", animate)
+    with films, mock.patch.object(Figure, "savefig", _coarse):
         return script.main(demo(name), Path(RESULTS.name) / name, **SMALL.get(name, {}))
