@@ -84,9 +84,11 @@ def test_each_page_can_be_reached(page):
     assert re.search(rf"^{entry}$", pages.text(home), flags=re.MULTILINE)
 
 
-def test_each_demo_is_in_the_gallery():
+def test_each_demo_is_in_the_gallery_and_has_a_text_on_its_results():
     shown = {file.stem for file, _ in pages.links(DOCS / "gallery.md") if file.suffix == ".py"}
-    assert shown == {demo.stem for demo in (pages.ROOT / "demos").glob("*.py")}
+    demos = {demo.stem for demo in (pages.ROOT / "demos").glob("*.py")}
+    assert shown == demos
+    assert {page.stem for page in (DOCS / "outcomes").glob("*.md")} == demos  # on their pages
 
 
 def test_all_that_is_public_is_in_the_interface_once():
