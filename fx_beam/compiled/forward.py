@@ -35,7 +35,6 @@ class Forward:
         self._adjoint, self._loop, self._model = adjoint, adjoint.loop, adjoint.loop.model
         problem = self._loop.problem
         self._ffi, self._library, self._p = problem.ffi, problem.library, problem.c
-        self._scratch = aligned(np.zeros(self._library.fx_forward_scratch(self._p, adjoint.c)))
 
     def push(
         self, tape: Tape, changes: Mapping[str, np.ndarray], rows: np.ndarray
@@ -58,15 +57,17 @@ class Forward:
         }
         given = self._given(tape, changes, count)
         directions = self._ffi.new("Directions *")
+        room = self._library.fx_forward_scratch(p, self._adjoint.c, count)
         structs.set(
             directions,
             count=count,
+            changes_mass=given["mass"].any(axis=1),
             point_numbers=given["points"].shape[1],
             element_numbers=given["of_elements"].shape[1],
             drag_numbers=given["of_drag"].shape[1],
             at_rest=self._adjoint.slide_at_rest,
             row_at=row_at,
-            scratch=self._scratch,
+            scratch=aligned(np.zeros(room)),
             **{name: _never_empty(array) for name, array in (given | results).items()},
         )
         left = self._library.fx_push(p, tape.c, self._adjoint.c, directions)
@@ -101,6 +102,7 @@ class Forward:
         mass = _rows(changes.get("mass"), count, model.mass.nnz)
         given["mass"] = np.ascontiguousarray(mass[:, model.mass.data != 0])
         given["before"], given["q"] = (np.zeros((count, p.dofs)) for _ in range(2))
+        given["grown"] = np.zeros((count, internal))
         given["columns"] = self._columns(changes, count)
         given["of_elements"], given["of_drag"] = self._adjoint.of_elements(changes, count)
         return given

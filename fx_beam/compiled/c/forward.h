@@ -6,9 +6,12 @@
 
 #include "adjoint.h"
 
-/* What a direction has at both ends of a sub-step: of nodes, of columns with those of ties, of arms of joints. */
+/* Changes in a sub-step: of each direction those of the configuration at the end, of the increment, and of forces;
+   of one direction those of columns with ties, residual, arms of joints, and values of Tv. The block has right sides
+   and solutions of all directions (work.h), behind a column that is zero. */
 typedef struct {
-  double *start, *end, *force, *columns, *reduced, *arms, *map, *increment, *values, *tangent;
+  double *end, *increment, *force, *columns, *reduced, *arms, *map, *block;
+  int *reached;
 } Change;
 
 /* Derivatives of the forces, their work on unit weights: of elements [block][weight][number][lane], of forces at
@@ -31,14 +34,14 @@ static int weights_of(const Problem *p, const Pulled *of) {
   return p->cell_dofs + (of->internal ? p->cell_internal : 0);
 }
 
-static long lay_out_forward(const Problem *p, const Adjoint *a, Change *c, Slopes *s, double *at) {
+static long lay_out_forward(const Problem *p, const Adjoint *a, int count, Change *c, Slopes *s, double *at) {
   double *begin = at;
   long n = p->dofs + LANES, columns = p->columns + p->ties, points = 0;
   const Pulled *works[] = {&a->internal_forces, &a->drag};
-  c->start = allocate(&at, n), c->end = allocate(&at, n), c->force = allocate(&at, n);
-  c->increment = allocate(&at, n), c->columns = allocate(&at, columns), c->reduced = allocate(&at, columns);
+  c->end = allocate(&at, n * count), c->increment = allocate(&at, n * count), c->force = allocate(&at, n * count);
+  c->columns = allocate(&at, columns), c->reduced = allocate(&at, columns);
   c->arms = allocate(&at, 2 * p->joints), c->map = allocate(&at, 1 + 4 * p->joints);
-  c->values = allocate(&at, 1 + 4 * p->joints), c->tangent = allocate(&at, p->stored_values + 4 * LANES);
+  c->block = allocate(&at, (1L + count) * p->positions), c->reached = (int *)allocate(&at, p->positions);
   for (int i = 0; i < 2; ++i)
     s->of_elements[i] =
         allocate(&at, blocks_of(&works[i]->form) * weights_of(p, works[i]) * numbers_of_element(p, works[i]) * LANES);
@@ -48,10 +51,10 @@ static long lay_out_forward(const Problem *p, const Adjoint *a, Change *c, Slope
   return at - begin;
 }
 
-long fx_forward_scratch(const Problem *p, const Adjoint *a) {
+long fx_forward_scratch(const Problem *p, const Adjoint *a, int count) {
   Change c;
   Slopes s;
-  return lay_out_forward(p, a, &c, &s, 0);
+  return lay_out_forward(p, a, count, &c, &s, 0);
 }
 
 /* The coefficients of a block are packed; its weights are set to one unit after the other. */
@@ -93,42 +96,46 @@ static void find_point_slopes(const Problem *p, const Adjoint *a, double *to) {
   }
 }
 
-/* Adds the change of the forces of elements, or with `grown` that of their internal variables. */
-static void change_elements(const Problem *p, const Pulled *of, const double *slopes, const double *increment,
-                            const double *start, const double *before, const double *internal, const double *tail,
-                            double *force, double *grown) {
+/* Adds the changes of the forces of elements in all directions, or with `grown` those of their internal variables. */
+static void change_elements(const Problem *p, const Pulled *of, const double *slopes, const Directions *d,
+                            const Change *c, const double *tails, long tail_numbers, double *grown) {
   const Form *form = &of->form;
   int n = p->cell_dofs, m = p->cell_internal, all = numbers_of_element(p, of), weights = weights_of(p, of);
-  double x[all * LANES];
-  const double *nodal[] = {increment, start, before};
   int there[] = {of->increment, of->start, of->before};
+  long internal = (long)p->cells * m;
+  double x[all * LANES];
   for (int i = 0; i < form->integrals; ++i) {
     const Integral *own = form->of + i;
     for (long block = 0; block * LANES < own->cells; ++block, slopes += (long)weights * all * LANES) {
       const int *dofs = own->dofs + block * n * LANES, *to = own->to + block * n * LANES;
-      double *at = x;
-      for (int k = 0; k < 3; ++k)
-        if (there[k]) {
-          for (int j = 0; j < n * LANES; ++j) at[j] = nodal[k][dofs[j]];
-          at += n * LANES;
+      for (int j = 0; j < d->count; ++j) {
+        const double *nodal[] = {c->increment + j * (long)(p->dofs + LANES), d->q + (long)j * p->dofs,
+                                 d->before + (long)j * p->dofs};
+        double *at = x, *force = c->force + j * (long)(p->dofs + LANES);
+        for (int k = 0; k < 3; ++k)
+          if (there[k]) {
+            for (int l = 0; l < n * LANES; ++l) at[l] = nodal[k][dofs[l]];
+            at += n * LANES;
+          }
+        if (of->internal) {
+          const int *inside = own->internal + block * m * LANES;
+          for (int l = 0; l < m * LANES; ++l) at[l] = d->internal[j * internal + inside[l]];
+          at += m * LANES;
         }
-      if (of->internal) {
-        for (int j = 0; j < m * LANES; ++j) at[j] = internal[own->internal[block * m * LANES + j]];
-        at += m * LANES;
+        memcpy(at, tails + j * tail_numbers, of->tail * LANES * sizeof(double));
+        for (int k = grown ? n : 0; k < (grown ? weights : n); ++k) {
+          double sum[LANES] = {0};
+          const double *slope = slopes + (long)k * all * LANES;
+          for (int q = 0; q < all; ++q)
+            for (int l = 0; l < LANES; ++l) sum[l] += slope[q * LANES + l] * x[q * LANES + l];
+          for (int l = 0; l < LANES; ++l)
+            if (!grown)
+              force[to[k * LANES + l]] += sum[l];
+            else if (block * LANES + l < own->cells)
+              grown[j * internal + own->internal[(block * m + k - n) * LANES + l]] += p->per_weight[k - n] * sum[l];
+        }
       }
-      memcpy(at, tail, of->tail * LANES * sizeof(double));
-      tail += of->tail * LANES;
-      for (int k = grown ? n : 0; k < (grown ? weights : n); ++k) {
-        double sum[LANES] = {0};
-        const double *slope = slopes + (long)k * all * LANES;
-        for (int j = 0; j < all; ++j)
-          for (int l = 0; l < LANES; ++l) sum[l] += slope[j * LANES + l] * x[j * LANES + l];
-        for (int l = 0; l < LANES; ++l)
-          if (!grown)
-            force[to[k * LANES + l]] += sum[l];
-          else if (block * LANES + l < own->cells)
-            grown[own->internal[(block * m + k - n) * LANES + l]] += p->per_weight[k - n] * sum[l];
-      }
+      tails += of->tail * LANES;
     }
   }
 }
@@ -191,11 +198,11 @@ static void change_nodes(const Problem *p, const Directions *d, int j, const dou
 
 /* The change of the values of Tv. */
 static void change_map(const Problem *p, const Work *w, const Directions *d, int j, const Change *c,
-                       const double *y0) {
+                       const double *y0, const double *q0, const double *q1) {
   double late = p->level, early = 1 - p->level;
   for (int i = 0; i < p->joints; ++i) {
     const double *o = d->offset + 2 * ((long)j * p->joints + i), *e = d->axis + 2 * ((long)j * p->joints + i);
-    double turns[] = {at(c->start, p->guide[i]), at(c->end, p->guide[i])}, slides[] = {0, 0};
+    double turns[] = {at(q0, p->guide[i]), at(q1, p->guide[i])}, slides[] = {0, 0};
     double psi = w->psi0[i], d0 = at(p->slides, p->slide_of[i]), mean[2] = {0}, mean_t[2] = {0}, own[2], along[2];
     double slope = w->guide_slope[i], bend = w->guide_bend[i] * (turns[1] - turns[0]);
     if (p->slide_column[i] >= 0) slides[0] = y0[p->slide_column[i]], slides[1] = c->columns[p->slide_column[i]];
@@ -230,27 +237,33 @@ static void add_change_of_map(const Problem *p, const Work *w, const Change *c, 
 }
 
 /* The change of the gap of a loop at the end. */
-static double change_of_gap(const Problem *p, const Work *w, const Change *c, int k) {
+static double change_of_gap(const Problem *p, const Work *w, const Change *c, const double *q, int k) {
   int i = p->gap_arm[k], j = i / 2;
-  double gap = at(c->end, p->gap_b[k]) - at(c->end, p->gap_a[k]);
+  double gap = at(q, p->gap_b[k]) - at(q, p->gap_a[k]);
   if (i < 0) return gap;
-  gap -= c->arms[i] + (i % 2 ? w->rho1[i - 1] : -w->rho1[i + 1]) * at(c->end, p->guide[j]);
+  gap -= c->arms[i] + (i % 2 ? w->rho1[i - 1] : -w->rho1[i + 1]) * at(q, p->guide[j]);
   return p->slide_column[j] < 0 ? gap : gap - w->t1[i] * c->columns[p->slide_column[j]];
 }
 
-/* The changes of the unknowns from that of the residual, and of gaps. Chains and bands are eliminated anew. */
-static int solve_change(Problem *p, const Work *w, const Change *c) {
-  if (p->band) {
-    double rest[2];
-    for (int i = 0; i < p->free; ++i) w->reduced[i] = c->reduced[i];
-    memcpy(w->tangent, c->tangent, p->stored_values * sizeof(double));
-    return solve_reduced(p, w, 0, rest);
+/* Solves for all right sides of the block, by the tangent's factors. */
+static int solve_block(Problem *p, const Work *w, const Change *c, int count) {
+  Problem all = *p;
+  Work own = *w;
+  int middle = p->positions / 2, n = p->unknowns;
+  Ends of = ends_around(n, p->band, middle);
+  all.block = 1 + count, own.block = c->block, own.reached = c->reached;
+  for (int i = 0; i < p->positions; ++i) c->reached[i] = 1;
+  memset(w->reduced, 0, p->free * sizeof(double)), memset(w->y, 0, n * sizeof(double));
+  if (p->chain) {
+    if (!eliminate_chain(p, w, middle / 3, 1)) return 0;
+    solve_chain_block(&all, &own, middle / 3);
+  } else if (p->band) {
+    if (!OF_BAND(p, eliminate_band, n, of, w->tangent, w->y)) return 0;
+    solve_band_block(&all, &own, of);
+  } else {
+    if (!factorise(p, w)) return 0;
+    solve_sparse_block(&all, &own);
   }
-  for (int i = 0; i < p->unknowns; ++i) w->y[p->order[i]] = i < p->free ? c->reduced[i] : 0;
-  for (int i = 0; i < p->closures; ++i)
-    w->y[p->order[p->unknowns - p->closures + i]] = change_of_gap(p, w, c, i);
-  substitute_sparse(&p->rows, w->factors, w->y);
-  for (int i = 0; i < p->free; ++i) w->step[i] = w->y[p->order[i]];
   return 1;
 }
 
@@ -265,71 +278,107 @@ static void store_change(const Problem *p, const Directions *d, long boundary, i
           d->columns[j * (long)(p->columns + p->ties) + p->slide_column[i]];
 }
 
-/* One direction through a sub-step. */
-static int push_direction(Problem *p, const Work *w, const Adjoint *a, const Slopes *s, const Change *c,
-                          const Directions *d, const Backward *b, long row, long rows, int j) {
-  long n = p->dofs, all = p->columns + p->ties, internal = (long)p->cells * p->cell_internal;
-  double *y0 = d->columns + j * all, *q0 = d->q + j * n, *v0 = d->v + j * n, *before = d->before + j * n;
-  double *inside = d->internal + j * internal, *springs = d->spring_internal + (long)j * p->spring_width;
-  const Pulled *works[] = {&a->internal_forces, &a->drag};
-  const double *tails[] = {d->of_elements + j * d->element_numbers, d->of_drag + j * d->drag_numbers};
-  const double *loads = d->loads + (j * rows + row) * 2 * p->loads, *given = b->loads;
-  const double *driven = d->driven + (j * rows + row) * p->driven, *mass = d->mass + (long)j * p->mass_start[n];
-  const double *load_force = d->load_force + (long)j * p->load_start[p->loads];
-  const double *thrust = d->thrust + (j * rows + row) * 2 * p->thrusts;
-  double psi[p->joints + 1], slide[p->joints + 1], dt = w->dt;
+/* Rotations of the guides of joints, and slides, at the end. */
+static void arms_at_end(const Problem *p, const Work *w, double *psi, double *slide) {
   for (int i = 0; i < p->joints; ++i) {
     psi[i] = w->psi0[i] + at(w->D, p->guide[i]), slide[i] = at(p->slides, p->slide_of[i]);
     if (p->slide_column[i] >= 0) slide[i] += w->z[p->slide_column[i]];
   }
-  memcpy(c->start, q0, n * sizeof(double));
-  memset(c->columns, 0, all * sizeof(double));
-  memcpy(c->columns + p->free, driven, p->driven * sizeof(double));
-  change_nodes(p, d, j, w->values, psi, slide, c->arms, c->columns, c->end);
+}
 
-  /* With the unknowns of the end as they are. */
-  for (int i = 0; i < n; ++i) c->increment[i] = c->end[i] - c->start[i];
-  memset(c->force, 0, n * sizeof(double)), memset(c->reduced, 0, all * sizeof(double));
-  for (int k = 0; k < 2; ++k)
-    change_elements(p, works[k], s->of_elements[k], c->increment, c->start, before, inside, tails[k], c->force, 0);
-  change_points(p, a, s->of_points, d, j, c->increment, c->start, y0, c->columns, thrust, c->force, c->reduced, 0);
-  for (int i = 0; i < n; ++i) w->scratch[i] = 2 / dt * (w->slope[i] * c->increment[i] / dt - v0[i]);
+/* The change of the configuration at the end, and of the increment, from that of the columns. */
+static void change_end(const Problem *p, const Work *w, const Directions *d, const Change *c, int j) {
+  double psi[p->joints + 1], slide[p->joints + 1], *end = c->end + j * (long)(p->dofs + LANES);
+  double *increment = c->increment + j * (long)(p->dofs + LANES);
+  const double *q0 = d->q + (long)j * p->dofs;
+  arms_at_end(p, w, psi, slide);
+  change_nodes(p, d, j, w->values, psi, slide, c->arms, c->columns, end);
+  for (int i = 0; i < p->dofs; ++i) increment[i] = end[i] - q0[i];
+}
+
+static void driven_columns(const Problem *p, const Directions *d, const Change *c, long row, long rows, int j) {
+  memset(c->columns, 0, (p->columns + p->ties) * sizeof(double));
+  memcpy(c->columns + p->free, d->driven + (j * rows + row) * p->driven, p->driven * sizeof(double));
+}
+
+/* The change of the residual, without that of the unknowns at the end: a right side of the block. */
+static void change_residual(const Problem *p, const Work *w, const Adjoint *a, const Slopes *s, const Change *c,
+                            const Directions *d, const Backward *b, long row, long rows, int j) {
+  long n = p->dofs, all = p->columns + p->ties;
+  const double *y0 = d->columns + j * all, *q0 = d->q + j * n, *v0 = d->v + j * n;
+  const double *loads = d->loads + (j * rows + row) * 2 * p->loads, *given = b->loads;
+  const double *mass = d->mass + (long)j * p->mass_start[n], *thrust = d->thrust + (j * rows + row) * 2 * p->thrusts;
+  const double *load_force = d->load_force + (long)j * p->load_start[p->loads];
+  double dt = w->dt, *force = c->force + j * (n + LANES), *increment = c->increment + j * (n + LANES);
+  driven_columns(p, d, c, row, rows, j);
+  change_end(p, w, d, c, j);
+  memset(c->reduced, 0, all * sizeof(double));
+  change_points(p, a, s->of_points, d, j, increment, q0, y0, c->columns, thrust, force, c->reduced, 0);
+  for (int i = 0; i < n; ++i) w->scratch[i] = 2 / dt * (w->slope[i] * increment[i] / dt - v0[i]);
   for (int i = 0; i < n; ++i) {
     double sum = -d->weight[j * n + i];
     for (int k = p->mass_start[i]; k < p->mass_start[i + 1]; ++k)
-      sum += p->mass[k] * w->scratch[p->mass_column[k]] + mass[k] * w->acc[p->mass_column[k]];
-    c->force[i] += sum;
+      sum += p->mass[k] * w->scratch[p->mass_column[k]];
+    for (int k = p->mass_start[i]; d->changes_mass[j] && k < p->mass_start[i + 1]; ++k)
+      sum += mass[k] * w->acc[p->mass_column[k]];
+    force[i] += sum;
   }
   for (int k = 0; k < p->loads; ++k) {
     double now = (1 - p->level) * given[k] + p->level * given[p->loads + k];
     double more = (1 - p->level) * loads[k] + p->level * loads[p->loads + k];
     for (int i = p->load_start[k]; i < p->load_start[k + 1]; ++i)
-      c->force[p->load_dof[i]] -= p->load_force[i] * more + load_force[i] * now;
+      force[p->load_dof[i]] -= p->load_force[i] * more + load_force[i] * now;
   }
-  add_rows(p, w, c->force, c->reduced);
-  if (p->joints) change_map(p, w, d, j, c, y0), add_change_of_map(p, w, c, b->on_ties, c->reduced);
-  else if (p->ties) collect_ties(p, w->virtual_map, c->reduced);
-  if (!solve_change(p, w, c)) return 0;
-  for (int i = 0; i < p->free; ++i) c->columns[i] = -w->step[i];
-  change_nodes(p, d, j, w->values, psi, slide, c->arms, c->columns, c->end);
+  add_rows(p, w, force, c->reduced);
+  double *end = c->end + j * (n + LANES), *to = c->block + 1 + j;
+  if (p->joints) change_map(p, w, d, j, c, y0, q0, end), add_change_of_map(p, w, c, b->on_ties, c->reduced);
+  for (int i = 0; i < p->free; ++i) to[p->order[i] * (1L + d->count)] = c->reduced[i];
+  for (int i = 0; i < p->closures; ++i)
+    to[p->order[p->unknowns - p->closures + i] * (1L + d->count)] = change_of_gap(p, w, c, end, i);
+}
 
-  for (int i = 0; i < n; ++i) c->increment[i] = c->end[i] - c->start[i];
-  if (p->cell_internal) {
-    memset(b->lost_internal, 0, internal * sizeof(double));
-    change_elements(p, works[0], s->of_elements[0], c->increment, c->start, before, inside, tails[0], 0, b->lost_internal);
-    for (long i = 0; i < internal; ++i) inside[i] += b->lost_internal[i];
-  }
+/* The changes of the state at the end, from the solution. */
+static void change_state(const Problem *p, const Work *w, const Adjoint *a, const Slopes *s, const Change *c,
+                         const Directions *d, const Backward *b, long row, long rows, int j) {
+  long n = p->dofs, all = p->columns + p->ties;
+  double *y0 = d->columns + j * all, *q0 = d->q + j * n, *v0 = d->v + j * n, dt = w->dt;
+  double *increment = c->increment + j * (n + LANES);
+  driven_columns(p, d, c, row, rows, j);
+  for (int i = 0; i < p->free; ++i) c->columns[i] = -c->block[p->order[i] * (1L + d->count) + 1 + j];
+  change_end(p, w, d, c, j);
   if (p->spring_width) {
-    change_points(p, a, s->of_points, d, j, c->increment, c->start, y0, c->columns, thrust, 0, 0, b->lost_springs);
-    memcpy(springs, b->lost_springs, p->spring_width * sizeof(double));
+    const double *thrust = d->thrust + (j * rows + row) * 2 * p->thrusts;
+    change_points(p, a, s->of_points, d, j, increment, q0, y0, c->columns, thrust, 0, 0, b->lost_springs);
+    memcpy(d->spring_internal + (long)j * p->spring_width, b->lost_springs, p->spring_width * sizeof(double));
   }
-  for (int i = 0; i < n; ++i) v0[i] = 2 / dt * w->slope[i] * c->increment[i] - v0[i];
+  for (int i = 0; i < n; ++i) v0[i] = 2 / dt * w->slope[i] * increment[i] - v0[i];
   for (int k = 0; k < p->massless_count; ++k) {
     int i = p->massless[k];
-    v0[i] = w->slope[i] * c->increment[i] / dt;
+    v0[i] = w->slope[i] * increment[i] / dt;
   }
-  memcpy(before, q0, n * sizeof(double)), memcpy(q0, c->end, n * sizeof(double));
   memcpy(y0, c->columns, all * sizeof(double));
+}
+
+/* All directions through a sub-step; returns 0 if its tangent is singular. */
+static int push_step(Problem *p, const Work *w, const Adjoint *a, const Slopes *s, const Change *c,
+                     const Directions *d, const Backward *b, long row, long rows) {
+  long n = p->dofs, internal = (long)p->cells * p->cell_internal;
+  memset(c->block, 0, (1L + d->count) * p->positions * sizeof(double));
+  memset(c->force, 0, d->count * (n + LANES) * sizeof(double));
+  for (int j = 0; j < d->count; ++j) driven_columns(p, d, c, row, rows, j), change_end(p, w, d, c, j);
+  change_elements(p, &a->internal_forces, s->of_elements[0], d, c, d->of_elements, d->element_numbers, 0);
+  change_elements(p, &a->drag, s->of_elements[1], d, c, d->of_drag, d->drag_numbers, 0);
+  for (int j = 0; j < d->count; ++j) change_residual(p, w, a, s, c, d, b, row, rows, j);
+  if (!solve_block(p, w, c, d->count)) return 0;
+  for (int j = 0; j < d->count; ++j) change_state(p, w, a, s, c, d, b, row, rows, j);
+  if (internal) {
+    double *grown = d->grown;
+    memset(grown, 0, d->count * internal * sizeof(double));
+    change_elements(p, &a->internal_forces, s->of_elements[0], d, c, d->of_elements, d->element_numbers, grown);
+    for (long i = 0; i < d->count * internal; ++i) d->internal[i] += grown[i];
+  }
+  memcpy(d->before, d->q, d->count * n * sizeof(double));
+  for (int j = 0; j < d->count; ++j) memcpy(d->q + j * n, c->end + j * (n + LANES), n * sizeof(double));
   return 1;
 }
 
@@ -341,7 +390,7 @@ long fx_push(Problem *p, const Tape *tape, const Adjoint *a, const Directions *d
   Change c;
   Slopes s;
   long all = p->columns + p->ties;
-  lay_out(p, w, p->scratch), lay_out_backward(p, &b, a->scratch), lay_out_forward(p, a, &c, &s, d->scratch);
+  lay_out(p, w, p->scratch), lay_out_backward(p, &b, a->scratch), lay_out_forward(p, a, d->count, &c, &s, d->scratch);
   w->dt = 0;
   c.map[0] = 0;
   for (long k = 0; k < tape->rows; ++k) {
@@ -364,12 +413,8 @@ long fx_push(Problem *p, const Tape *tape, const Adjoint *a, const Directions *d
     find_slopes(p, &a->internal_forces, fields, t, w->dt, s.of_elements[0]);
     find_slopes(p, &a->drag, fields, t, w->dt, s.of_elements[1]);
     find_point_slopes(p, a, s.of_points);
-    memcpy(c.tangent, w->tangent, p->stored_values * sizeof(double));
-    if (!p->band && !factorise(p, w)) return tape->rows - k;
-    for (int j = 0; j < d->count; ++j) {
-      if (!push_direction(p, w, a, &s, &c, d, &b, k, tape->rows, j)) return tape->rows - k;
-      store_change(p, d, k + 1, j);
-    }
+    if (!push_step(p, w, a, &s, &c, d, &b, k, tape->rows)) return tape->rows - k;
+    for (int j = 0; j < d->count; ++j) store_change(p, d, k + 1, j);
   }
   p->kept.present = 0;
   return 0;

@@ -326,12 +326,12 @@ typedef struct {
 /* Changes of all numbers of a scene in several directions (forward.h): each array has those of one direction after
    the other. Of elements as the sums of `Pulled`. */
 typedef struct {
-  int count;
+  int count, *changes_mass; /* whether masses change in each direction */
   long point_numbers, element_numbers, drag_numbers;
   double *of_elements, *of_drag, *mass, *weight, *load_force, *loads, *driven, *thrust, *points;
   double *offset, *axis, *rest, *at_rest;
   /* Of the state: columns, configuration, rates, the configuration before, internal variables. */
-  double *columns, *q, *v, *before, *internal, *spring_internal;
+  double *columns, *q, *v, *before, *internal, *spring_internal, *grown;
   /* Of each boundary the number of a row of results; -1 for none. Rows: [row][direction][...]. */
   int *row_at;
   double *q_rows, *v_rows, *slide_rows;
@@ -343,6 +343,6 @@ long fx_scratch(const Problem *p);
 long fx_tape_size(const Problem *p);
 long fx_backward_scratch(const Problem *p);
 long fx_pull(Problem *p, const Tape *tape, const Adjoint *a);
-long fx_forward_scratch(const Problem *p, const Adjoint *a);
+long fx_forward_scratch(const Problem *p, const Adjoint *a, int count);
 long fx_push(Problem *p, const Tape *tape, const Adjoint *a, const Directions *d);
 double *fx_phases(void); /* seconds in all phases of phases.h, if they are measured */
