@@ -44,6 +44,8 @@ def numbers(run, starts, lengths):
     found |= {"q": state.q, "v": state.v, "slides": state.slides}
     found |= {"columns": model.loads.columns.data, "loads": forcing.loads(starts, ends)}
     found |= {"driven": forcing.series(ends)}
+    if len(parameters := model.forms.parameters):
+        found["parameters"] = parameters.over_steps(starts, ends, model.scheme.rates.level)
     if model.weight is not None:
         found["weight"] = model.weight
     if len(model.points.followers):

@@ -175,6 +175,25 @@ def of_material(section, x):
     return scene
 
 
+def with_parameters(x):
+    """In a stored energy, a virtual work and a force at points; one varies in time."""
+    k = fb.Parameter("stiffness", 1e4 * x)
+    c = fb.Parameter("viscosity", lambda t: 0.5 * x * (1 + t))
+    pull = fb.Parameter("pull", lambda t: 10 * x * t)
+
+    def energy(eps, gamma, kappa):
+        return k / 2 * (eps**2 + gamma**2 + kappa**2 / 200) + k * kappa**4
+
+    scene = fb.Scene(gravity=(0.0, -9.81))
+    section = fb.Section(strain_energy=energy, rhoA=1.0, rhoI=0.01)
+    arm = scene.add_beam([(0, 0), (1, 0)], section, elements=3)
+    scene.pin(arm.start)
+    scene.add_virtual_work(lambda step: -c * ufl.dot(step.v, step.virtual_u))
+    spring = fb.Spring(strain_energy=lambda r: pull * (r - 0.5) ** 2)
+    scene.add_force_between(arm.end, (0.5, 1.0), spring=spring)
+    return scene
+
+
 def frame(x, cells):
     """Its tangent is stored in sparse rows, or as a band if it is small."""
     scene, nodes = fb.Scene(gravity=(0, -9.81)), {}
@@ -208,6 +227,7 @@ SCENES = {
     "viscous material": lambda x: of_material(ZENER, x),
     "plastic material": lambda x: of_material(PLASTIC, x),
     "plastic material with length": lambda x: of_material(ISOTROPIC, x),
+    "parameters": with_parameters,
     "small frame": lambda x: frame(x, 3),
     "frame": lambda x: frame(x, 10),
 }

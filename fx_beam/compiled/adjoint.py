@@ -115,10 +115,13 @@ class Adjoint:
             "loads": np.zeros((sub_steps, 2, p.loads)),
             "driven": np.zeros((sub_steps, p.driven)),
             "thrust": np.zeros((sub_steps, p.thrusts, 2)),
+            "parameters": np.zeros((sub_steps, 2, p.parameter_count)),
         }
         structs = Structs(self._ffi, declarations("problem.h"))
         padded = {name: np.append(array.ravel(), 0.0) for name, array in of_steps.items()}
-        structs.set(self.c, weight_at=weight_at, **given, **padded)
+        #: Sizes of the derivatives by the rates at the starts of all sub-steps.
+        self.sizes = np.zeros(sub_steps)
+        structs.set(self.c, weight_at=weight_at, sizes=self.sizes, **given, **padded)
         left = self._library.fx_pull(p, tape.c, self.c)
         if left:
             raise singular(tape, left - 1)
@@ -155,6 +158,17 @@ class Adjoint:
             named["spring internal"] = found["spring_internal"].copy()
         return named | self._of_elements()
 
+    @property
+    def growth(self) -> float:
+        """Largest derivative by rates in the first half of the run relative to that in the second.
+
+        About 2 where later states depend on earlier ones as in a vibration; in chaotic motions it
+        grows without bound, and the derivatives tell nothing about larger changes.
+        """
+        half = len(self.sizes) // 2
+        late = self.sizes[half:].max(initial=0.0)
+        return float(self.sizes[:half].max(initial=0.0) / late) if late else 0.0
+
     def of_elements(self, changes: Mapping[str, np.ndarray], count: int) -> list[np.ndarray]:
         """Changes of the numbers of each element, as its sums in C, of internal forces and drag."""
         mesh, found = self._model.mesh, [np.zeros((count, 0))] * 2
@@ -172,6 +186,7 @@ class Adjoint:
         for work in self._works:
             parts = work.of_cells(len(mesh.beam_of_cell))
             named["X"] = named.get("X", 0.0) + mesh.sum_at_points(parts.pop("coordinates"))
+            parts.pop("parameters of elements", None)  # they are those of steps
             named |= parts
         return named
 
@@ -191,12 +206,6 @@ def check(model: Model) -> None:
         raise SceneError(
             f"{scheme.name}: motions of this scheme have no derivatives. Use EnergyMomentum, "
             "MidPoint, ModifiedMidPoint or EnergyDecaying"
-        )
-    if len(model.forms.parameters):
-        names = ", ".join(map(repr, model.forms.parameters.names))
-        raise SceneError(
-            f"motions of a scene with parameters ({names}) have no derivatives. Write their values "
-            "as numbers"
         )
     if model.couplings.sliding:
         raise SceneError(

@@ -97,7 +97,9 @@ class Forward:
         given: dict[str, np.ndarray] = {
             to: _rows(changes.get(name), count, sizes[to]) for name, to in _PLAIN.items()
         }
-        for name, size in (("loads", 2 * p.loads), ("driven", p.driven), ("thrust", 2 * p.thrusts)):
+        of_steps = {"loads": 2 * p.loads, "driven": p.driven, "thrust": 2 * p.thrusts}
+        of_steps["parameters"] = 2 * p.parameter_count
+        for name, size in of_steps.items():
             given[name] = _rows(changes.get(name), count, rows * size)
         mass = _rows(changes.get("mass"), count, model.mass.nnz)
         given["mass"] = np.ascontiguousarray(mass[:, model.mass.data != 0])

@@ -17,7 +17,12 @@ from .kernels import Kernel
 # These derivatives come first, in this order; the others are summed for each element.
 _FIRST = "work", "increment", "start", "before", "internal"
 # Names of the others, besides the coefficients of drag.
-_NAMES = {"coordinates": "coordinates", "stiffness": "stiffness", "times": "retardation"}
+_NAMES = {
+    "coordinates": "coordinates",
+    "parameters": "parameters of elements",
+    "stiffness": "stiffness",
+    "times": "retardation",
+}
 
 
 class PulledWork:
@@ -47,9 +52,17 @@ class PulledWork:
         return {
             "form": table,
             **{name: int(name in sizes) for name in _FIRST[1:]},
+            "parameters_at": self._first_parameter(),
             "tail": total,
             "sums": self.sums,
         }
+
+    def _first_parameter(self) -> int:
+        """Index of the first parameter in the tail, or -1."""
+        names = list(self._tail)
+        if "parameters" not in names:
+            return -1
+        return sum(self._tail[name] for name in names[: names.index("parameters")])
 
     def of_cells(self, cells: int) -> dict[str, np.ndarray]:
         """Derivatives (cells, points, ...) by name, in the order of the cells."""
@@ -83,7 +96,7 @@ class PulledWork:
 
     @staticmethod
     def _by_points(name: str, part: np.ndarray) -> np.ndarray:
-        if name == "coordinates":
+        if name in ("coordinates", "parameters"):
             return part
         width = 3 if name in _NAMES else 2 if "across" in name else 1
         by_points = part.reshape(len(part), -1, width)

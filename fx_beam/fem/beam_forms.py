@@ -207,7 +207,7 @@ class BeamForms:
         """The work of the internal forces on weights, and its derivatives."""
         own = self._vary(self.of_sections)
         shapes = {name: field.data for name, field in own.items()}
-        weak = PulledForm(*self._kind, *_shapes(shapes), self._works)
+        weak = PulledForm(self._weak.parameters, *self._kind, *_shapes(shapes), self._works)
         data = {getattr(weak, name): field.on_mesh for name, field in own.items()}
         pairs = zip(weak.indicators, self._weak.indicators, strict=True)
         data |= {symbol: self._data[known] for symbol, known in pairs}
@@ -219,6 +219,10 @@ class BeamForms:
             spaces["internal"] = data[weak.internal].function_space
             data[weak.internal_weight] = dolfinx_api.function(spaces["internal"])
             weights.append(weak.internal_weight)
+        if weak.more is not None:
+            values = np.zeros((len(self._tags), 1, len(weak.names)))
+            data[weak.more] = Data(1, values).on(self._mesh)
+            spaces["parameters"] = data[weak.more].function_space
         forms = self._pulled_forms(weak.forms, self._space, spaces, self._data | data)
         return BoundPull(forms, [*self.moving, *(data[weight] for weight in weights)])
 

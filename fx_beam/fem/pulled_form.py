@@ -51,6 +51,11 @@ class PulledForm(WeakForm):
     sections must vary, cell by cell at least.
     """
 
+    def __init__(self, parameters: Any, *arguments: Any):
+        #: UFL's constant of the values of parameters; None without any.
+        self._values = parameters
+        super().__init__(*arguments)
+
     def _compile(self) -> None:
         fields, by = self.fields, {}
         #: Weights in the place of the test function, and of the increments of internal variables.
@@ -65,7 +70,12 @@ class PulledForm(WeakForm):
             grown = {ufl.TestFunction(space): self.internal_weight}
             work += ufl.replace(self._increments(), grown)
             by["internal"] = self.internal
-        data = {"stiffness": self.stiffness, "times": self.times}
+        #: Zero, added to the parameters of each element.
+        self.more = None
+        if self.parameters is not None:
+            self.more = fields.data((1, self.parameters.ufl_shape))
+            work = ufl.replace(work, {self.parameters: self._values + self.more})
+        data = {"stiffness": self.stiffness, "times": self.times, "parameters": self.more}
         by |= {name: symbol for name, symbol in data.items() if symbol is not None}
         #: The work, and its derivatives in the order of `Pulled` in problem.h.
         self.forms = work_and_derivatives("work", work, fields, by)

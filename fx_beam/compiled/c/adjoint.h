@@ -100,7 +100,7 @@ static void spread_virtual(const Problem *p, const Work *w, double *mu, double *
 /* Adds the derivatives of the work of elements on omega: nodal ones to vectors, with `last` the others to the
    sums of each element. */
 static void pull_elements(const Problem *p, const Pulled *of, const double *const *fields, const Backward *b,
-                          double t, double dt, int last) {
+                          double t, double dt, double *parameters, int last) {
   const Form *form = &of->form;
   int n = p->cell_dofs, m = of->internal ? p->cell_internal : 0, there[] = {of->increment, of->start, of->before};
   double A[(1 + 3 * n + m + of->tail) * LANES], *sums = of->sums;
@@ -117,12 +117,16 @@ static void pull_elements(const Problem *p, const Pulled *of, const double *cons
         for (int l = 0; l < LANES && block * LANES + l < own->cells; ++l)
           b->lost_internal[own->internal[(block * m + k) * LANES + l]] += rest[l];
       for (int k = 0; last && k < of->tail * LANES; ++k) sums[k] += rest[k];
+      for (int k = 0; last && of->parameters_at >= 0 && k < form->parameters; ++k)
+        for (int l = 0; l < LANES && block * LANES + l < own->cells; ++l)
+          parameters[form->parameter[k]] -= rest[(of->parameters_at + k) * LANES + l];
     }
   }
 }
 
 /* The same for forces at points, and for those on slides with mu; the columns of these are by Y1 and by Y0. */
-static void pull_points(const Problem *p, const Adjoint *a, const Backward *b, double *thrust, int last) {
+static void pull_points(const Problem *p, const Adjoint *a, const Backward *b, double *thrust, double *parameters,
+                        int last) {
   const PointForces *points = p->points;
   double *numbers = a->points;
   int thrusts = 0;
@@ -146,12 +150,13 @@ static void pull_points(const Problem *p, const Adjoint *a, const Backward *b, d
     if (k >= points->external && k < points->external + p->thrusts)
       for (int i = 0; i < 2; ++i) thrust[thrusts++] -= found[before + i], found[before + i] = 0;
     for (int i = before; i < all - e->parameters; ++i) *numbers++ -= found[i];
+    for (int i = 0; i < e->parameters; ++i) parameters[e->parameter[i]] -= found[all - e->parameters + i];
   }
 }
 
 /* All that has a work on omega. The vectors of a Backward begin at zero. */
 static void pull_forces(const Problem *p, const Work *w, const Adjoint *a, const Backward *b, double *thrust,
-                        int last) {
+                        double *parameters, int last) {
   const double *fields[PULLED_FIELDS] = {w->D, p->q, p->v, p->a, p->before, p->internal, b->omega, b->of_internal};
   double t = p->t + p->level * w->dt;
   memset(b->by_increment, 0, p->dofs * sizeof(double));
@@ -159,9 +164,9 @@ static void pull_forces(const Problem *p, const Work *w, const Adjoint *a, const
   memset(b->by_before, 0, p->dofs * sizeof(double));
   memset(b->lost_internal, 0, (long)p->cells * p->cell_internal * sizeof(double));
   memset(b->lost_springs, 0, p->spring_width * sizeof(double));
-  pull_elements(p, &a->internal_forces, fields, b, t, w->dt, last);
-  pull_elements(p, &a->drag, fields, b, t, w->dt, last);
-  if (p->points->all) pull_points(p, a, b, thrust, last);
+  pull_elements(p, &a->internal_forces, fields, b, t, w->dt, parameters, last);
+  pull_elements(p, &a->drag, fields, b, t, w->dt, parameters, last);
+  if (p->points->all) pull_points(p, a, b, thrust, parameters, last);
 }
 
 /* The derivatives of mu Tv^T r by the values of Tv, also in the gaps of loops and in ties. */
@@ -288,6 +293,7 @@ static int begin_taped(Problem *p, Work *w, const double *row, const Backward *b
   if (dt != w->dt) w->dt = dt, begin_inertia(p, w);
   begin_loads(p, w, b->loads);
   w->thrust = b->thrust;
+  fx_set_parameters(p->points, p->parameter);
   begin_internal(p, w->fields, level, dt, 0);
   begin_form(p, &p->drag, w->fields, level, dt);
   if (!begin_couplings(p, w) && !choose_ahead(p, w)) return 0;
@@ -325,7 +331,7 @@ static int pull_step(Problem *p, Work *w, const Adjoint *a, const Backward *b, c
   for (long i = 0; i < internal; ++i) b->of_internal[i] = -a->internal[i] * p->per_weight[i % p->cell_internal];
   int flows = internal || p->spring_width;
   memset(b->by_increment, 0, n * sizeof(double));
-  if (flows) pull_forces(p, w, a, b, 0, 0);
+  if (flows) pull_forces(p, w, a, b, 0, 0, 0);
   for (int i = 0; i < n; ++i) w->scratch[i] = b->end[i] + path_bar[i] - b->by_increment[i];
   memcpy(w->columns, b->end_columns, p->columns * sizeof(double));
   gather(p, w->values, w->scratch, w->columns);
@@ -337,7 +343,7 @@ static int pull_step(Problem *p, Work *w, const Adjoint *a, const Backward *b, c
 
   memcpy(b->end_columns, a->columns, p->columns * sizeof(double));
   memset(b->start_columns, 0, all * sizeof(double));
-  pull_forces(p, w, a, b, a->thrust + 2L * k * p->thrusts, 1);
+  pull_forces(p, w, a, b, a->thrust + 2L * k * p->thrusts, a->parameters + 2L * k * p->parameter_count, 1);
   pull_loads(p, w, a, b, a->loads + 2L * k * p->loads);
   for (int i = 0; i < n; ++i) b->start[i] = a->before[i] - path_bar[i] + b->by_increment[i] - b->by_start[i];
   for (int i = 0; i < n; ++i) b->end[i] += path_bar[i] - b->by_increment[i], a->before[i] = -b->by_before[i];
@@ -348,6 +354,7 @@ static int pull_step(Problem *p, Work *w, const Adjoint *a, const Backward *b, c
     a->v[i] = per_dt * w->scratch[i] - a->v[i];
   }
   for (int i = 0; i < p->massless_count; ++i) a->v[p->massless[i]] = 0;
+  a->sizes[k] = sqrt(dot(n, a->v, a->v));
   for (long i = 0; i < internal; ++i) a->internal[i] -= b->lost_internal[i];
   for (int i = 0; i < p->spring_width; ++i) a->spring_internal[i] = -b->lost_springs[i];
 

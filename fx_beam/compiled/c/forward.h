@@ -98,7 +98,8 @@ static void find_point_slopes(const Problem *p, const Adjoint *a, double *to) {
 
 /* Adds the changes of the forces of elements in all directions, or with `grown` those of their internal variables. */
 static void change_elements(const Problem *p, const Pulled *of, const double *slopes, const Directions *d,
-                            const Change *c, const double *tails, long tail_numbers, double *grown) {
+                            const Change *c, const double *tails, long tail_numbers, long row, long rows,
+                            double *grown) {
   const Form *form = &of->form;
   int n = p->cell_dofs, m = p->cell_internal, all = numbers_of_element(p, of), weights = weights_of(p, of);
   int there[] = {of->increment, of->start, of->before};
@@ -123,6 +124,10 @@ static void change_elements(const Problem *p, const Pulled *of, const double *sl
           at += m * LANES;
         }
         memcpy(at, tails + j * tail_numbers, of->tail * LANES * sizeof(double));
+        const double *parameters = d->parameters + (j * rows + row) * 2 * p->parameter_count;
+        for (int k = 0; of->parameters_at >= 0 && k < form->parameters; ++k)
+          for (int l = 0; l < LANES; ++l)
+            at[(of->parameters_at + k) * LANES + l] = parameters[form->parameter[k]];
         for (int k = grown ? n : 0; k < (grown ? weights : n); ++k) {
           double sum[LANES] = {0};
           const double *slope = slopes + (long)k * all * LANES;
@@ -144,7 +149,8 @@ static void change_elements(const Problem *p, const Pulled *of, const double *sl
    internal variables. */
 static void change_points(const Problem *p, const Adjoint *a, const double *slopes, const Directions *d, int j,
                           const double *increment, const double *start, const double *y0, const double *y1,
-                          const double *thrust, double *force, double *columns, double *grown) {
+                          const double *thrust, const double *parameters, double *force, double *columns,
+                          double *grown) {
   const double *numbers = d->points + (long)j * d->point_numbers, *internal = d->spring_internal + (long)j * p->spring_width;
   double *x = a->found;
   for (int k = 0; k < p->points->all; ++k) {
@@ -157,6 +163,7 @@ static void change_points(const Problem *p, const Adjoint *a, const double *slop
     }
     for (int i = 0; i < e->internal; ++i) x[3 * n + 2 + i] = internal[e->first_internal + i];
     for (int i = before; i < all - e->parameters; ++i) x[i] = *numbers++;
+    for (int i = 0; i < e->parameters; ++i) x[all - e->parameters + i] = parameters[e->parameter[i]];
     if (k >= p->points->external && k < p->points->external + p->thrusts)
       x[before] = thrust[0], x[before + 1] = thrust[1], thrust += 2;
     for (int i = 0; i < n + e->internal; ++i, slopes += all) {
@@ -313,7 +320,8 @@ static void change_residual(const Problem *p, const Work *w, const Adjoint *a, c
   driven_columns(p, d, c, row, rows, j);
   change_end(p, w, d, c, j);
   memset(c->reduced, 0, all * sizeof(double));
-  change_points(p, a, s->of_points, d, j, increment, q0, y0, c->columns, thrust, force, c->reduced, 0);
+  const double *parameters = d->parameters + (j * rows + row) * 2 * p->parameter_count;
+  change_points(p, a, s->of_points, d, j, increment, q0, y0, c->columns, thrust, parameters, force, c->reduced, 0);
   for (int i = 0; i < n; ++i) w->scratch[i] = 2 / dt * (w->slope[i] * increment[i] / dt - v0[i]);
   for (int i = 0; i < n; ++i) {
     double sum = -d->weight[j * n + i];
@@ -348,7 +356,8 @@ static void change_state(const Problem *p, const Work *w, const Adjoint *a, cons
   change_end(p, w, d, c, j);
   if (p->spring_width) {
     const double *thrust = d->thrust + (j * rows + row) * 2 * p->thrusts;
-    change_points(p, a, s->of_points, d, j, increment, q0, y0, c->columns, thrust, 0, 0, b->lost_springs);
+    const double *parameters = d->parameters + (j * rows + row) * 2 * p->parameter_count;
+    change_points(p, a, s->of_points, d, j, increment, q0, y0, c->columns, thrust, parameters, 0, 0, b->lost_springs);
     memcpy(d->spring_internal + (long)j * p->spring_width, b->lost_springs, p->spring_width * sizeof(double));
   }
   for (int i = 0; i < n; ++i) v0[i] = 2 / dt * w->slope[i] * increment[i] - v0[i];
@@ -366,15 +375,15 @@ static int push_step(Problem *p, const Work *w, const Adjoint *a, const Slopes *
   memset(c->block, 0, (1L + d->count) * p->positions * sizeof(double));
   memset(c->force, 0, d->count * (n + LANES) * sizeof(double));
   for (int j = 0; j < d->count; ++j) driven_columns(p, d, c, row, rows, j), change_end(p, w, d, c, j);
-  change_elements(p, &a->internal_forces, s->of_elements[0], d, c, d->of_elements, d->element_numbers, 0);
-  change_elements(p, &a->drag, s->of_elements[1], d, c, d->of_drag, d->drag_numbers, 0);
+  change_elements(p, &a->internal_forces, s->of_elements[0], d, c, d->of_elements, d->element_numbers, row, rows, 0);
+  change_elements(p, &a->drag, s->of_elements[1], d, c, d->of_drag, d->drag_numbers, row, rows, 0);
   for (int j = 0; j < d->count; ++j) change_residual(p, w, a, s, c, d, b, row, rows, j);
   if (!solve_block(p, w, c, d->count)) return 0;
   for (int j = 0; j < d->count; ++j) change_state(p, w, a, s, c, d, b, row, rows, j);
   if (internal) {
     double *grown = d->grown;
     memset(grown, 0, d->count * internal * sizeof(double));
-    change_elements(p, &a->internal_forces, s->of_elements[0], d, c, d->of_elements, d->element_numbers, grown);
+    change_elements(p, &a->internal_forces, s->of_elements[0], d, c, d->of_elements, d->element_numbers, row, rows, grown);
     for (long i = 0; i < d->count * internal; ++i) d->internal[i] += grown[i];
   }
   memcpy(d->before, d->q, d->count * n * sizeof(double));

@@ -299,7 +299,7 @@ typedef struct {
    [block][number][lane]. */
 typedef struct {
   Form form;
-  int increment, start, before, internal, tail;
+  int increment, start, before, internal, tail, parameters_at; /* first parameter in the tail, or -1 */
   struct { double *sums; };
 } Pulled;
 
@@ -314,6 +314,8 @@ typedef struct {
   double *columns, *v, *before, *internal, *spring_internal;
   /* By the numbers of the scene; of each sub-step those of loads, driven motions and follower forces. */
   double *mass, *weight, *load_force, *loads, *driven, *thrust, *points, *offset, *axis, *rest;
+  double *parameters; /* [sub-step][level, end][parameter] */
+  double *sizes;      /* of the derivatives by the rates at the starts of sub-steps */
   double *slide_at_rest; /* in the reference configuration */
   /* Derivatives of the laws of forces at points, their numbers of arguments, room for what they are given. */
   Law **pull;
@@ -328,7 +330,7 @@ typedef struct {
 typedef struct {
   int count, *changes_mass; /* whether masses change in each direction */
   long point_numbers, element_numbers, drag_numbers;
-  double *of_elements, *of_drag, *mass, *weight, *load_force, *loads, *driven, *thrust, *points;
+  double *of_elements, *of_drag, *mass, *weight, *load_force, *loads, *driven, *thrust, *points, *parameters;
   double *offset, *axis, *rest, *at_rest;
   /* Of the state: columns, configuration, rates, the configuration before, internal variables. */
   double *columns, *q, *v, *before, *internal, *spring_internal, *grown;

@@ -5,19 +5,20 @@
 #include "work.h"
 
 /* Numbers and arrays of a row. */
-enum { TAPED_NUMBERS = 3, TAPED = 9 };
+enum { TAPED_NUMBERS = 3, TAPED = 10 };
 
 typedef struct {
   double *of[TAPED];
   long size[TAPED];
 } TapedArrays;
 
-/* Start of a sub-step, loads at both ends and follower forces in it, and increments of the columns. */
+/* Start of a sub-step, loads at both ends, follower forces and parameters in it, and increments of the columns. */
 static TapedArrays taped_arrays(const Problem *p, const Work *w, double *loads, double *thrust) {
   long n = p->dofs, before = p->keeps_before ? n : 0, internal = (long)p->cells * p->cell_internal;
   return (TapedArrays){
-      {p->q, p->v, p->before, p->slides, p->internal, p->spring_internal, loads, thrust, w->z},
-      {n, n, before, p->scene_joints, internal, p->spring_width, 2L * p->loads, 2L * p->thrusts, p->columns}};
+      {p->q, p->v, p->before, p->slides, p->internal, p->spring_internal, loads, thrust, p->parameter, w->z},
+      {n, n, before, p->scene_joints, internal, p->spring_width, 2L * p->loads, 2L * p->thrusts,
+       p->parameter_count, p->columns}};
 }
 
 long fx_tape_size(const Problem *p) {
