@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import Any
 
@@ -35,6 +36,14 @@ from .run_setup import RunSetup, checked_scheme
 Wanted = Output | Callable[[Solution], Any]
 # Step of differences of `build`, relative to a number.
 _STEP = 2.0**-17
+_log = logging.getLogger("fx_beam")
+# Growth of derivatives towards the start above which they say little about the motion.
+_USEFUL_GROWTH = 1e6
+_CHAOTIC = (
+    "Response.vjp: towards the start the derivatives grow %.1e times: the motion is chaotic, or has "
+    "vibrations that the step does not resolve. They are exact for these steps, but tell only of "
+    "tiny changes. Use a shorter time, or EnergyDecaying"
+)
 _RATES = {"velocity", "acceleration", "spin", "rate"}
 _FORCES = {"reaction", "force", "motor_force"}
 
@@ -215,7 +224,11 @@ class Response:
         of_outputs = {name: np.asarray(given, float) for name, given in weights.items()}
         of_state = state_weights(setup.model, outputs, of_outputs, len(self._t))
         steps, direct = tape.boundaries(self._t), of_state.pop("X")
-        by_numbers = self._adjoint_of(setup).pull(tape, of_state, steps)
+        adjoint = self._adjoint_of(setup)
+        by_numbers = adjoint.pull(tape, of_state, steps)
+        self.stats.gradient_growth = growth = adjoint.growth
+        if growth > _USEFUL_GROWTH:
+            _log.warning(_CHAOTIC, growth)
         by_numbers["X"] = by_numbers.get("X", 0.0) + direct
         gradient = np.zeros(len(self._x))
         for name, change in self._changes(tape).items():

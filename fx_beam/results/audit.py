@@ -182,6 +182,10 @@ class Stats:
         Whether the solution is static: its steps are load factors, not times.
     limit_points : list of float
         Load factors of the limit points on the path.
+    gradient_growth : float
+        After `Response.vjp`: the largest derivative by the rates in the first half of the motion,
+        relative to that in the second half. It is of the order of 1 if later states depend on
+        earlier ones as in a vibration. In a chaotic motion it grows exponentially with time.
 
     Examples
     --------
@@ -215,6 +219,7 @@ class Stats:
     failure: Failure | None = None
     static: bool = False
     limit_points: list[float] = field(default_factory=list)
+    gradient_growth: float = 0.0
 
     def __repr__(self):
         each = self.newton_iterations / max(1, self.substeps)
