@@ -40,9 +40,9 @@ _log = logging.getLogger("fx_beam")
 # Growth of derivatives towards the start above which they say little about the motion.
 _USEFUL_GROWTH = 1e6
 _CHAOTIC = (
-    "Response.vjp: towards the start the derivatives grow %.1e times: the motion is chaotic, or has "
-    "vibrations that the step does not resolve. They are exact for these steps, but tell only of "
-    "tiny changes. Use a shorter time, or EnergyDecaying"
+    "Response.vjp: towards the start the derivatives grow %.1e times: the motion is chaotic, or "
+    "has vibrations that the step does not resolve. They are exact for these steps, but tell only "
+    "of tiny changes. Use a shorter time, or EnergyDecaying"
 )
 _RATES = {"velocity", "acceleration", "spin", "rate"}
 _FORCES = {"reaction", "force", "motor_force"}

@@ -1,0 +1,122 @@
+"""Time of the derivatives of a motion, relative to its steps, and size of its tape.
+
+    .venv/bin/python benchmarks/derivatives.py [tries]
+
+Pinned beams of 8, 128 and 2048 elements, and a chain of flexible arms with bodies and friction.
+Columns: steps with a tape; gradient of a scalar, that is steps with a tape and the adjoint; changes
+of all states for 1, 5 and 20 numbers. All are relative to the steps without a tape: processor
+times, each the least of some tries.
+"""
+
+import sys
+from time import process_time
+
+import numpy as np
+
+import fx_beam as fb
+from fx_beam.analyses.run_setup import RunSetup
+from fx_beam.compiled.adjoint import Adjoint
+from fx_beam.compiled.forward import Forward
+from fx_beam.compiled.tape import Tape
+from fx_beam.stepping.recorder import Record, Recorder
+from fx_beam.stepping.substeps import Halving
+
+NUMBERS = 1, 5, 20
+
+
+def pinned(elements):
+    section = fb.Section(EA=4e7, GA=1e7, EI=1.3e7, rhoA=0.05, rhoI=1 / 60)
+    scene = fb.Scene()
+    beam = scene.add_beam([(0, 0), (100, 0)], section, elements=elements)
+    scene.pin(beam.start)
+    scene.set_velocity(beam, lambda x, y: (0, 12 * min(x, 100 - x)))
+    return scene
+
+
+def arms():
+    """Five arms of four elements, with a body at each end and friction in the hinges."""
+    scene, last = fb.Scene(gravity=(0, -9.81)), None
+    section = fb.Section(EA=1e5, GA=1e5, EI=50.0, rhoA=1.0, rhoI=1e-3)
+    for k in range(5):
+        arm = scene.add_beam([(k, 0), (k + 1, 0)], section, elements=4)
+        body = scene.add_body((k + 1, 0.2), 1.0, 0.05, points={"a": (k + 1, 0)})
+        scene.add_joint(fb.Rigid(arm.end, body["a"]))
+        if last is None:
+            scene.pin(arm.start)
+        else:
+            scene.add_joint(fb.Revolute(last, arm.start, friction=fb.Friction(0.1, 0.1)))
+        last = arm.end
+    return scene
+
+
+CASES = {
+    "8 elements": (lambda: pinned(8), 1e-3, 2000),
+    "128 elements": (lambda: pinned(128), 1e-4, 400),
+    "2048 elements": (lambda: pinned(2048), 1e-5, 100),
+    "arms with bodies": (arms, 1e-3, 1000),
+}
+
+
+class Case:
+    """A motion that can be repeated."""
+
+    def __init__(self, scene, dt, steps):
+        self.setup = RunSetup(scene, fb.EnergyMomentum(), None, Halving(3, dt), "compiled")
+        self.start = self.setup.first_state(dt, None)
+        self.loop, self.times = self.setup.stepper.integrator, dt * np.arange(steps + 1)
+        self.tape = Tape(self.loop.problem)
+
+    def run(self, tape=None):
+        """Processor time of the steps [s]."""
+        record = Record(rates=False, forces=False)
+        recorder = Recorder(self.setup.model, self.times, record)
+        recorder.record(0, self.start)
+        self.setup.stepper.load(self.start)
+        self.loop.tape = tape
+        if tape is not None:
+            tape.clear()
+        clock = process_time()
+        self.setup.stepper.march(self.start, self.times[1:], 1, recorder)
+        return process_time() - clock
+
+
+def least(tries, function):
+    """Least processor time of a function [s]."""
+
+    def once():
+        clock = process_time()
+        function()
+        return process_time() - clock
+
+    return min(once() for _ in range(tries))
+
+
+def measured(build, dt, steps, tries):
+    """Times relative to the steps, and the size of the tape [MB]."""
+    case = Case(build(), dt, steps)
+    pairs = [(case.run(), case.run(case.tape)) for _ in range(tries)]
+    alone, taped = np.min(pairs, axis=0)
+    adjoint, ends = Adjoint(case.loop), case.tape.boundaries(case.times)
+    weights = {"q": np.ones((len(ends), case.setup.model.size))}
+    back = least(tries, lambda: adjoint.pull(case.tape, weights, ends))
+    stiffness = case.setup.model.forms.beams.of_sections["stiffness"].data
+    values = stiffness.by_cells(len(case.setup.model.mesh.beam_of_cell)).values
+    rng, forward, found = np.random.default_rng(0), Forward(adjoint), []
+    for count in NUMBERS:
+        changes = {"stiffness": values * rng.random((count, *values.shape))}
+        push = least(tries, lambda changes=changes: forward.push(case.tape, changes, ends[-1:]))
+        found.append(push / alone)
+    size = 8e-6 * len(case.tape) * case.tape.c.size
+    return [taped / alone, (taped + back) / alone, *found, size]
+
+
+def main(tries=5):
+    head = ["tape", "gradient", *(f"{count} numbers" for count in NUMBERS), "tape [MB]"]
+    print(f"{'':18}" + "".join(f"{name:>12}" for name in head))
+    for name, case in CASES.items():
+        values = measured(*case, tries)
+        print(f"{name:18}" + "".join(f"{value:12.3g}" for value in values), flush=True)
+
+
+if __name__ == "__main__":
+    main(*map(int, sys.argv[1:]))
