@@ -11,12 +11,12 @@ material, and the moment M of the hinge's Coulomb friction, with intervals of 95
 This example is our own. The measurement is a motion that was computed with known numbers, plus
 independent normal noise of the standard deviation sigma. The numbers minimise
 
-    chi^2 = sum over all measured values of (y(x) - measured)^2 / sigma^2
+    chi^2 = sum (y(x) - y_m)^2 / sigma^2
 
-in terms of their logarithms z, x = x0 exp(z), by Gauss's and Newton's method. It needs the
-derivatives J of y/sigma by z. `Response.jacobian` gives them, exact to the steps, from the motion
-that has just been computed; otherwise they are differences of motions, one for each number. Where
-the noise is small, (J^T J)^-1 is the covariance of z.
+over all measured values y_m, in terms of their logarithms z, x = x0 exp(z), by the method of Gauss
+and Newton. It needs the derivatives J of y/sigma by z. `Response.jacobian` gives them, exact to
+the steps, from the motion that has just been computed; otherwise they are differences of motions,
+one for each number. Where the noise is small, (J^T J)^-1 is the covariance of z.
 
 A short time is fitted first: chi^2 of a long motion has many minima, as vibrations come out of
 step. Of this small scene seven directions of J take as long as differences; they need no choice

@@ -2,8 +2,8 @@
 
 import re
 
-_SAME = "alpha beta gamma delta eta theta kappa rho tau chi psi omega pi Theta Phi Omega int sum"
-SYMBOLS = {name: f"\\{name} " for name in _SAME.split()} | {
+_GREEK = "alpha beta gamma delta eta theta kappa rho sigma tau chi psi omega pi Theta Phi Omega"
+SYMBOLS = {name: f"\\{name} " for name in (*_GREEK.split(), "int", "sum")} | {
     "phi": r"\varphi ",
     "eps": r"\varepsilon ",
     "epsilon": r"\varepsilon ",
@@ -109,7 +109,8 @@ class _Column:
         base = SYMBOLS.get(token, token)
         if token[:1] == "D" and token[1:] in SYMBOLS:
             base = rf"\Delta {SYMBOLS[token[1:]]}"
-        if token.isalpha() and self.peek().isdigit() and len(token) == 1 and token != "d":
+        letter = token in _GREEK.split() or (len(token) == 1 and token.isalpha() and token != "d")
+        if letter and self.peek().isdigit():
             base += f"_{{{self.tokens.pop()}}}"  # as in t0
         return base + self.attached()
 
