@@ -312,6 +312,24 @@ def test_a_scene_to_which_something_is_added_is_set_up_anew():
     assert (after != before).any()
 
 
+def test_the_axis_of_a_slide_is_set_if_nothing_else_differs():
+    """The body is at the start of the axis, so that no positions depend on it."""
+
+    def build(x):
+        scene = fb.Scene(gravity=(0, -9.81))
+        section = fb.Section(EA=1e3, GA=1e3, EI=1.0, rhoA=1.0, rhoI=1e-3)
+        bar = scene.add_beam([(0, 0), (1, 0)], section)
+        scene.clamp(bar.start)
+        body = scene.add_body((1, 0), mass=1.0, inertia=0.1)
+        scene.add_joint(fb.Prismatic(bar.end, body.centre, axis=(1, x[0])))
+        return scene, {"body": fb.Output("position", body.centre)}
+
+    run, alone = (fb.Response(build, dt=0.01, t_end=0.05) for _ in range(2))
+    run([0.1])
+    assert (run([0.5])[1]["body"] == alone([0.5])[1]["body"]).all()
+    assert run.stats.setup_reason == ""
+
+
 def test_functions_in_ufl_are_compiled_anew():
     """They may depend on the numbers without showing it."""
 
@@ -521,8 +539,21 @@ def four_bar(x):
     }
 
 
+def guided(x):
+    """A body on a slide of a flexible guide, whose axis and length at the start depend on x."""
+    scene = fb.Scene(gravity=(0.0, -9.81))
+    section = fb.Section(EA=1e4, GA=5e3, EI=20 * x[0], rhoA=1.0, rhoI=1e-2)
+    guide = scene.add_beam([(0, 0), (1, 0)], section, elements=2)
+    scene.clamp(guide.start)
+    axis = np.array([1.0, 0.2 * x[1]])
+    body = scene.add_body((1, 0) + x[2] * 0.1 * axis, 0.5, 0.05)
+    slide = scene.add_joint(fb.Prismatic(guide.end, body.centre, axis, spring=fb.Spring(40.0)))
+    return scene, {"body": fb.Output("position", body.centre), "slide": fb.Output("slide", slide)}
+
+
 TAPED = {
     "loop": (four_bar, {}),
+    "guided": (guided, {}),
     "arm": (arm, {}),
     "free": (free, {}),
     "order 4": (free, {"scheme": fb.EnergyMomentum(order=4)}),
@@ -540,6 +571,7 @@ def test_derivatives_are_those_of_the_motion(name):
     options = {"dt": 0.01, "t_end": 0.1} | options
     x, rng = np.array([1.1, 0.9, 1.05]), np.random.default_rng(0)
     run = fb.Response(build, **options)
+    run(1.02 * x)
     t, y = run(x)
     weights = {name: rng.standard_normal(rows.shape) for name, rows in y.items()}
     gradient = run.vjp(weights)
@@ -584,6 +616,7 @@ def test_what_has_no_derivatives_is_refused_by_its_name():
     for options, message in (
         ({"scheme": fb.Newmark()}, "Newmark"),
         ({"solver": "petsc"}, "were not compiled"),
+        ({"record": fb.Record(times=[0.0, 0.025])}, "t = 0.025 is inside a step"),
     ):
         run = fb.Response(pendulum, dt=0.01, t_end=0.05, **options)
         _, y = run([1.0, 1.0, 1.0])

@@ -67,7 +67,8 @@ class Adjoint:
         """Arrays of derivatives by their names in C, but for those of each sub-step."""
         model, p = self._model, self._p
         joints = max(1, p.joints)
-        rest = [joint.start()[0] for joint in getattr(model.couplings, "moving", [])]
+        moving = [model.scene.joints[joint.number] for joint in model.couplings.moving]
+        rest = [joint.start()[0] for joint in moving]
         arrays = {
             "columns": np.zeros(p.columns + p.ties),
             "v": np.zeros(p.dofs),

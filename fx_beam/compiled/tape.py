@@ -54,7 +54,7 @@ class Tape:
     def boundaries(self, times: np.ndarray) -> np.ndarray:
         """Numbers of sub-steps before the ends of steps at times (n,) [s].
 
-        SceneError if the tape has a gap.
+        SceneError if the tape has a gap, or if a time is inside a step.
         """
         whole = slice(None, None, self._sub_steps)
         ends = (self.starts + self.lengths)[self._sub_steps - 1 :: self._sub_steps]
@@ -65,5 +65,10 @@ class Tape:
                 f"the step after t = {found[:-1][gaps][0]:.6g} failed in the compiled loop, so "
                 "that there is no derivative. Try a smaller dt"
             )
-        middle = (found[1:] + found[:-1]) / 2
-        return self._sub_steps * np.searchsorted(middle, times)
+        rows = np.searchsorted((found[1:] + found[:-1]) / 2, times)
+        if (inside := abs(found[rows] - times) > 1e-3 * least).any():
+            raise SceneError(
+                f"the row at t = {times[inside][0]:.6g} is inside a step, and has no derivative. "
+                "Record at ends of steps"
+            )
+        return self._sub_steps * rows

@@ -101,7 +101,8 @@ class Model:
             raise OtherStructureError("other joints have offsets")
         pairs = [(new.arm, old.arm) for new, old in zip(arms, before, strict=True)]
         pairs += [(new.offset, old.offset) for new, old in zip(arms, before, strict=True)]
-        if not moved and all((new == old).all() for new, old in pairs):
+        pairs += [(new.axis, old.axis) for new, old in zip(arms, before, strict=True)]
+        if not moved and all(np.array_equal(new, old) for new, old in pairs):
             return False
         if isinstance(self.reduction, LoopReduction) or self.couplings.sliding:
             raise ElsewhereError("joints that close loops, or slide on beams, lie elsewhere")
