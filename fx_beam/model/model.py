@@ -99,10 +99,8 @@ class Model:
         before = [joint for joint in last if not joint.is_index]
         if [joint.number for joint in arms] != [joint.number for joint in before]:
             raise OtherStructureError("other joints have offsets")
-        pairs = [(new.arm, old.arm) for new, old in zip(arms, before, strict=True)]
-        pairs += [(new.offset, old.offset) for new, old in zip(arms, before, strict=True)]
-        pairs += [(new.axis, old.axis) for new, old in zip(arms, before, strict=True)]
-        if not moved and all(np.array_equal(new, old) for new, old in pairs):
+        pairs = zip(arms, before, strict=True)
+        if not moved and not any(_lie_elsewhere(new, old) for new, old in pairs):
             return False
         if isinstance(self.reduction, LoopReduction) or self.couplings.sliding:
             raise ElsewhereError("joints that close loops, or slide on beams, lie elsewhere")
@@ -352,3 +350,9 @@ class Model:
             lambda name, node: histories[name][:, node.number].T,
             lambda name, beam: histories[name][:, self.mesh.nodes_of(self.scene, beam)],
         )
+
+
+def _lie_elsewhere(new: Joint, old: Joint) -> bool:
+    """Whether a joint has another arm, offset or axis than the one before."""
+    names = "arm", "offset", "axis"
+    return not all(np.array_equal(getattr(new, name), getattr(old, name)) for name in names)
