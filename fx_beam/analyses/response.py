@@ -265,6 +265,8 @@ class Response:
         changes = self._changes(tape)
         setup, _ = self._taped("jacobian")  # at x again, after differences
         forward = Forward(self._adjoint_of(setup))
+        for name in changes.keys() - forward.names:
+            self._refuse(name, changes[name])
         of_state = forward.push(tape, changes, tape.boundaries(self._t))
         of_state["X"] = changes["X"]
         return {

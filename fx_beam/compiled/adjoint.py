@@ -170,6 +170,11 @@ class Adjoint:
         late = self.sizes[half:].max(initial=0.0)
         return float(self.sizes[:half].max(initial=0.0) / late) if late else 0.0
 
+    @property
+    def of_element_names(self) -> set[str]:
+        """Names of the data of beams of which there are derivatives."""
+        return {name for work in self._works for name in work.names}
+
     def of_elements(self, changes: Mapping[str, np.ndarray], count: int) -> list[np.ndarray]:
         """Changes of the numbers of each element, as its sums in C, of internal forces and drag."""
         mesh, found = self._model.mesh, [np.zeros((count, 0))] * 2

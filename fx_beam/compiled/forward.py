@@ -26,6 +26,8 @@ _PLAIN = {
     "spring internal": "spring_internal",
     "v": "v",
 }
+# Numbers of each sub-step.
+_OF_STEPS = "loads", "driven", "thrust", "parameters"
 
 
 class Forward:
@@ -35,6 +37,9 @@ class Forward:
         self._adjoint, self._loop, self._model = adjoint, adjoint.loop, adjoint.loop.model
         problem = self._loop.problem
         self._ffi, self._library, self._p = problem.ffi, problem.library, problem.c
+        of_start, of_elements = ("q", "slides", "motors", "mass", "X"), adjoint.of_element_names
+        #: Names of the numbers whose changes it follows.
+        self.names = {*_PLAIN, *_OF_STEPS, *of_start, *of_elements}
 
     def push(
         self, tape: Tape, changes: Mapping[str, np.ndarray], rows: np.ndarray
@@ -97,9 +102,8 @@ class Forward:
         given: dict[str, np.ndarray] = {
             to: _rows(changes.get(name), count, sizes[to]) for name, to in _PLAIN.items()
         }
-        of_steps = {"loads": 2 * p.loads, "driven": p.driven, "thrust": 2 * p.thrusts}
-        of_steps["parameters"] = 2 * p.parameter_count
-        for name, size in of_steps.items():
+        widths = 2 * p.loads, p.driven, 2 * p.thrusts, 2 * p.parameter_count
+        for name, size in zip(_OF_STEPS, widths, strict=True):
             given[name] = _rows(changes.get(name), count, rows * size)
         mass = _rows(changes.get("mass"), count, model.mass.nnz)
         given["mass"] = np.ascontiguousarray(mass[:, model.mass.data != 0])

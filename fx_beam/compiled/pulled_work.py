@@ -35,6 +35,8 @@ class PulledWork:
         self._sizes = sizes
         #: Numbers of an element by name.
         self._tail = {name: size for name, size in sizes.items() if name not in _FIRST}
+        #: Names of the derivatives.
+        self.names = [_name_of(name) for name in self._tail]
         #: Sums [block][number][lane], and the cells of each integral.
         self.sums, self._cells = np.empty((0, 0, 0)), list[np.ndarray]()
 
