@@ -624,6 +624,34 @@ def test_what_has_no_derivatives_is_refused_by_its_name():
             run.vjp({"end": y["end"]})
 
 
+def test_a_motion_that_failed_has_no_derivatives():
+    run = fb.Response(pendulum, dt=0.01, t_end=0.1, max_halvings=0)
+    _, y = run([1.0, 1.0, 0.0])
+    weights = {"end": y["end"]}
+    gradient = run.vjp(weights)
+    for x, error in (([1.0, 1.0, 1e4], fb.StepError), ([-1.0, 1.0, 0.0], fb.SceneError)):
+        with pytest.raises(error):
+            run(x)
+        with pytest.raises(fb.SceneError, match="without an error"):
+            run.vjp(weights)
+        run([1.0, 1.0, 0.0])
+        assert (run.vjp(weights) == gradient).all()
+
+
+def test_numbers_at_the_end_of_their_range_have_no_derivatives():
+    def build(x):
+        scene = fb.Scene()
+        section = fb.Section(EA=1e3, GA=1e3, EI=1.0, rhoA=1.0, rhoI=1e-3)
+        bar = scene.add_beam([(0, 0), (1, 0)], section)
+        scene.add_joint(fb.Revolute(fb.GROUND, bar.start, damper=fb.Damper(x[0])))
+        return scene, {"end": fb.Output("position", bar.end)}
+
+    run = fb.Response(build, dt=0.01, t_end=0.05)
+    run([0.0])
+    with pytest.raises(fb.SceneError, match=r"by x\[0\] at 0.0, since there is no scene at -7"):
+        run.jacobian()
+
+
 def test_a_structure_that_changes_has_no_derivatives():
     def build(x):
         scene = fb.Scene()

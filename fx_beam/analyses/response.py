@@ -176,11 +176,13 @@ class Response:
         y : dict of (n, ...) float
             The outputs by name.
         """
-        self._x = _checked(x)
-        return self._run()
+        given, self._x = _checked(x), None  # without derivatives if the motion fails
+        rows = self._run(given)
+        self._x = given
+        return rows
 
-    def _run(self) -> tuple[np.ndarray, dict[str, np.ndarray]]:
-        scene, self._outputs = self._built(self._x)
+    def _run(self, x: np.ndarray) -> tuple[np.ndarray, dict[str, np.ndarray]]:
+        scene, self._outputs = self._built(x)
         with keeping_setup(self._kept):
             solution = simulate(
                 scene,
@@ -276,11 +278,12 @@ class Response:
 
     def _taped(self, what: str) -> tuple[RunSetup, Tape]:
         """The set-up of the last call, with its numbers, and the tape of its steps."""
-        require(self._x is not None, f"Response.{what}", "no motion yet", "called after run(x)")
+        wanted = "called after run(x) without an error"
+        require(self._x is not None, f"Response.{what}", "no motion yet", wanted)
         kept = self._kept
         if not kept.tapes or kept.tape is None:
             kept.tapes = True
-            self._run()
+            self._run(self._x)
         elif not self._is_set:
             self._set_again()
         setup, tape = kept.last, kept.tape
@@ -358,7 +361,13 @@ class Response:
         """Numbers of the steps with another number x[i]."""
         x = self._x.copy()
         x[i] = value
-        scene, _ = self._built(x)
+        try:
+            scene, _ = self._built(x)
+        except SceneError as error:
+            raise SceneError(
+                f"Response: no derivatives by x[{i}] at {self._x[i]!r}, since there is no scene at "
+                f"{value!r}: {error}"
+            ) from error
         scene = with_functions(scene, self._options["inputs"], "Response: inputs")
         self._is_set = False
         try:

@@ -69,6 +69,6 @@ class Tape:
         if (inside := abs(found[rows] - times) > 1e-3 * least).any():
             raise SceneError(
                 f"the row at t = {times[inside][0]:.6g} is inside a step, and has no derivative. "
-                "Record at ends of steps"
+                "Record at ends of steps; `breaks` are such"
             )
         return self._sub_steps * rows
