@@ -3,10 +3,12 @@
 import numpy as np
 import pytest
 from derivatives import Run
-from test_adjoint import DATA
+from test_adjoint import DATA, SCHEMES
 
 import fx_beam as fb
 from fx_beam.analyses import response
+
+OF_ALL_SCHEMES = pytest.mark.parametrize("scheme", SCHEMES, ids=lambda scheme: scheme.name)
 
 
 def gradients(run, y):
@@ -86,9 +88,10 @@ def two_loads(x):
     return scene, {"a": fb.Output("position", a, "y"), "b": fb.Output("position", b, "x")}
 
 
-def test_a_place_answers_to_a_load_elsewhere_as_that_place_to_a_load_here():
+@OF_ALL_SCHEMES
+def test_a_place_answers_to_a_load_elsewhere_as_that_place_to_a_load_here(scheme):
     start = {"start": lambda scene: fb.static(scene, steps=2)}
-    run = fb.Response(two_loads, dt=0.02, t_end=1.0, **start)
+    run = fb.Response(two_loads, scheme, dt=0.02, t_end=1.0, **start)
     _, y = run(np.zeros(2))
     assert np.ptp(y["b"]) < 1e-9  # it stays at rest
     J = run.jacobian()
@@ -149,7 +152,7 @@ def angular_momentum_derivatives(model, state):
     return {"q": model.from_nodes(by_q), "v": model.mass @ model.from_nodes(turn)}
 
 
-@pytest.mark.parametrize("scheme", [fb.EnergyMomentum(), fb.MidPoint()], ids=lambda s: s.name)
+@OF_ALL_SCHEMES
 def test_angular_momentum_at_the_end_depends_on_the_start_as_at_the_start(scheme):
     scene = fb.Scene()
     beam = scene.add_beam([(0, 0), (1, 0.3)], fb.Section(**DATA), elements=4)
