@@ -42,6 +42,7 @@ PICTURES = {
     "monte_carlo": ("histogram.png",),
     "design_map": ("map.png",),
     "identification": ("identified.png",),
+    "fast_arm": ("profiles.png", "shapes.png"),
     "ring": ("scene.png", "modes.png", "shapes.png", "energy.png", "motion.gif"),
     "roll_up": ("scene.png", "shapes.png", "convergence_and_energy.png", "motion.gif"),
     "pull_in": ("scene.png", "pull_in.png", "motion.gif"),
@@ -68,6 +69,7 @@ SMALL = {
     "monte_carlo": {"samples": 50, "executor": ThreadPoolExecutor(1)},
     "lattice_impact": {"cells": 30},
     "design_map": {"points": (4, 3), "executor": ThreadPoolExecutor(1)},
+    "fast_arm": {"within": 0.1},
 }
 _SAVE = Figure.savefig
 RESULTS = tempfile.TemporaryDirectory(prefix="fx_beam_demos_")  # goes with the process
