@@ -393,6 +393,8 @@ def _value(name: str, datum: Datum, fraction: float = 0.0) -> float:
 def _evaluated(datum: Callable, fraction: float, what: str) -> float:
     try:
         value = datum if isinstance(datum, ufl.core.expr.Expr) else datum(fraction)
+        if isinstance(value, float):
+            return float(value)
         # UFL functions of numbers return numbers or expressions of numbers.
         if isinstance(value, ufl.core.expr.Expr):
             refuse_fields(fields_in(value), what)
