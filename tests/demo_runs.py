@@ -43,6 +43,7 @@ PICTURES = {
     "design_map": ("map.png",),
     "identification": ("identified.png",),
     "fast_arm": ("profiles.png", "shapes.png"),
+    "whip_taper": ("taper.png",),
     "ring": ("scene.png", "modes.png", "shapes.png", "energy.png", "motion.gif"),
     "roll_up": ("scene.png", "shapes.png", "convergence_and_energy.png", "motion.gif"),
     "pull_in": ("scene.png", "pull_in.png", "motion.gif"),
