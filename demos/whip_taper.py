@@ -1,8 +1,8 @@
 """Whip taper: the heights of a whip whose tip becomes as fast as possible, at a given mass.
 
-A flexible strip of the length L is turned at its root by the angle A within the time T, and held.
+A flexible strip of the length L is turned at its root by the angle A within the time T, and held:
 
-    angle(t) = A (s - sin(2 pi s)/(2 pi)),         s = min(t/T, 1)
+    psi = A (s - sin(2 pi s)/(2 pi)),         s = t/T
 
 Objective: the heights h_1 ... h_n of its elements for which the largest speed of the tip is
 highest, at a given mass, where no height is less than a fraction of their mean. References: the
@@ -10,23 +10,25 @@ uniform strip; the best linear taper, which is found by its one number; differen
 the gradient; and the found whip with shorter steps and elements. This example is our own.
 
 The largest speed over time has jumps in its derivative where another time takes over. It is
-smoothed by the p-norm of the speeds v of the steps, 4 to 8 % above the largest,
+smoothed by the p-norm of the speeds v of the steps, 4 to 8 % above the largest:
 
-    V = (sum over steps of v^p)^(1/p),             p = 30.
+    V^p = sum over steps of v^p,              p = 30
 
 `Response` gives the motion, and by `vjp` the gradient of V by all heights, from the same motion
 backwards. The speed of a step is the way of the tip over dt, so that V is a function of positions.
 Mass and bound hold by scaling, with free numbers z and the mean height H:
 
-    h_i = H (b + (1 - b) n q_i),                   q_i = exp(z_i)/sum over j of exp(z_j)
+    h_i = H (b + (1 - b) n q_i),              q_i = exp(z_i)/Z
 
-SciPy's L-BFGS maximises V over z, from the best linear taper. At a maximum the gain
+in which Z is the sum of all exp(z_j). SciPy's L-BFGS maximises V over z, from the best linear
+taper. At a maximum the gain
 
-    g_i = dV/dh_i - sum over j of q_j dV/dh_j
+    g_i = dV/dh_i - G
 
-of an element at a given mass is zero, or negative where its height is the least. There may be other
-maxima. Most of the time for a gradient goes into differences of `whip`, not into motions, so that
-in this short motion of few elements little time is saved. Units are metre, kilogram and second.
+of an element at a given mass is zero, or negative where its height is the least. G is the mean of
+all dV/dh_j with the weights q_j. There may be other maxima. Most of the time for a gradient goes
+into differences of `whip`, not into motions, so that in this short motion of few elements little
+time is saved. Units are metre, kilogram and second.
 """
 
 from dataclasses import replace
