@@ -6,6 +6,7 @@ from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 import pytest
+from test_internal_variables import PLASTIC
 
 import fx_beam as fb
 from fx_beam.analyses.kept_setup import keeping_setup
@@ -491,6 +492,8 @@ def arm(x):
         "body": fb.Output("position", body.centre),
         "angle": fb.Output("angle", hinge),
         "turn": fb.Output("rotation", body.centre),
+        "strain": fb.Output("strain_energy", scene),
+        "potential": fb.Output("potential_energy", scene),
     }
 
 
@@ -506,6 +509,8 @@ def free(x):
         "end": fb.Output("velocity", bar.end, "y"),
         "spin": fb.Output("spin", bar.start),
         "start": fb.Output("displacement", bar.start),
+        "kinetic": fb.Output("kinetic_energy", scene),
+        "strain": fb.Output("strain_energy", scene),
     }
 
 
@@ -535,6 +540,7 @@ def four_bar(x):
     scene.add_force(coupler.centre, lambda t: (20.0, 0.0))
     return scene, {
         "coupler": fb.Output("position", coupler.centre),
+        "kinetic": fb.Output("kinetic_energy", scene),
         "turn": fb.Output("rotation", first.centre),
     }
 
@@ -650,6 +656,55 @@ def test_numbers_at_the_end_of_their_range_have_no_derivatives():
     run([0.0])
     with pytest.raises(fb.SceneError, match=r"by x\[0\] at 0.0, since there is no scene at -7"):
         run.jacobian()
+
+
+def energies(x):
+    """An elastic pendulum that is let go."""
+    scene = fb.Scene(gravity=(0.0, -9.81))
+    section = fb.Section(EA=1e3 * x[0], GA=1e3, EI=x[0], rhoA=1.0, rhoI=1e-2)
+    bar = scene.add_beam([(0, 0), (1, 0)], section, elements=3, degree=2)
+    scene.pin(bar.start)
+    kinds = "kinetic_energy", "strain_energy", "potential_energy"
+    total = {"total": lambda solution: solution.energy.total}
+    return scene, {kind: fb.Output(kind, scene) for kind in kinds} | total
+
+
+def test_energies_are_outputs_by_their_names():
+    run = fb.Response(energies, dt=0.01, t_end=0.1)
+    _, y = run([1.0])
+    parts = sum(y[f"{kind}_energy"] for kind in ("kinetic", "strain", "potential"))
+    assert abs(parts - y["total"]).max() == 0
+    # Nothing is supplied: with the start at rest in the reference configuration, the sum stays zero
+    # for all stiffnesses, and so do its derivatives, but not those of its parts.
+    J = run.jacobian("kinetic_energy", "strain_energy", "potential_energy")
+    largest = max(abs(part).max() for part in J.values())
+    assert largest > 1e-3
+    assert abs(sum(J.values())).max() < 1e-9 * largest
+
+
+def test_energies_without_derivatives_are_refused_by_their_names():
+    def driven(x):
+        return (scene := arm([*x, 1.0, 1.0])[0]), {"T": fb.Output("kinetic_energy", scene)}
+
+    def plastic(x):
+        scene = fb.Scene()
+        scene.clamp(scene.add_beam([(0, 0), (x[0], 0)], PLASTIC).start)
+        return scene, {"U": fb.Output("strain_energy", scene)}
+
+    for build, message in (
+        (driven, "'T', kinetic_energy of the scene, has no derivatives: rates of driven"),
+        (plastic, "'U', strain_energy of the scene, has no derivatives: it depends on internal"),
+    ):
+        run = fb.Response(build, dt=0.01, t_end=0.02)
+        run([1.0])
+        with pytest.raises(fb.SceneError, match=message):
+            run.jacobian()
+    other = fb.Output("kinetic_energy", fb.Scene())
+    with pytest.raises(fb.SceneError, match="of the scene of the motion"):
+        fb.Response(lambda x: (arm(x)[0], {"T": other}), dt=0.01, t_end=0.02)([1.0, 1.0, 1.0])
+    scene = arm([1.0, 1.0, 1.0])[0]
+    with pytest.raises(fb.SceneError, match="a node or a joint"):
+        fb.Motion(scene, dt=0.01, outputs={"T": fb.Output("kinetic_energy", scene)})
 
 
 def test_a_structure_that_changes_has_no_derivatives():

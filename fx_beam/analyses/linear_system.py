@@ -11,6 +11,7 @@ import scipy.linalg
 
 from fx_beam.errors import SceneError
 from fx_beam.results.solution import Solution
+from fx_beam.scene.beam import Node
 from fx_beam.scene.inputs import check_names, widths
 from fx_beam.scene.joints import GROUND, Joint
 from fx_beam.scene.outputs import Output, check_outputs
@@ -329,6 +330,7 @@ def _rows(about: Deviations, output: Output) -> tuple[np.ndarray, np.ndarray]:
                 for part in (T, dT)
             )
     else:
+        assert isinstance(at, Node)
         own = dofs[at.number]
         own = own[2:] if output.quantity in ("rotation", "spin") else own[:2]
         if output.index is not None:

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from fx_beam.model.model import Model
+from fx_beam.scene.beam import Node
 from fx_beam.scene.joint_kinematics import NodalMotion
 from fx_beam.scene.joints import GROUND, Joint
 from fx_beam.scene.outputs import Output
@@ -28,6 +29,7 @@ def reading(model: Model, now: FittedState, turns: np.ndarray, output: Output) -
 
 
 def _of_node(model: Model, now: FittedState, turns: np.ndarray, output: Output) -> Reading:
+    assert isinstance(output.of, Node)
     number = output.of.number
     x, y, turn = model.mesh.dofs[number].tolist()
     plane = np.array([x, y])

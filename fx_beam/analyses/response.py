@@ -191,7 +191,7 @@ class Response:
                 progress=False,
                 **self._options,
             )
-        self.stats, self._t = solution.stats, solution.t
+        self.stats, self._t, self._end = solution.stats, solution.t, solution.end
         self._is_set, self._known_changes = True, None
         return solution.t, {name: _read(solution, of, name) for name, of in self._outputs.items()}
 
@@ -224,14 +224,16 @@ class Response:
         setup, tape = self._taped("vjp")
         outputs = self._checked_weights(weights)
         of_outputs = {name: np.asarray(given, float) for name, given in weights.items()}
-        of_state = state_weights(setup.model, outputs, of_outputs, len(self._t))
-        steps, direct = tape.boundaries(self._t), of_state.pop("X")
+        steps = tape.boundaries(self._t)
+        states = self._states(setup, tape, steps)
+        of_state, direct = state_weights(setup.model, outputs, of_outputs, states)
         adjoint = self._adjoint_of(setup)
         by_numbers = adjoint.pull(tape, of_state, steps)
         self.stats.gradient_growth = growth = adjoint.growth
         if growth > _USEFUL_GROWTH:
             _log.warning(_CHAOTIC, growth)
-        by_numbers["X"] = by_numbers.get("X", 0.0) + direct
+        for name, own in direct.items():
+            by_numbers[name] = by_numbers.get(name, 0.0) + own
         gradient = np.zeros(len(self._x))
         for name, change in self._changes(tape).items():
             if name in by_numbers:
@@ -269,12 +271,24 @@ class Response:
         forward = Forward(self._adjoint_of(setup))
         for name in changes.keys() - forward.names:
             self._refuse(name, changes[name])
-        of_state = forward.push(tape, changes, tape.boundaries(self._t))
-        of_state["X"] = changes["X"]
+        steps = tape.boundaries(self._t)
+        of_state = forward.push(tape, changes, steps)
+        states = self._states(setup, tape, steps)
         return {
-            name: output_derivatives(setup.model, output, kinds[name], of_state)
+            name: output_derivatives(setup.model, output, kinds[name], of_state, changes, states)
             for name, output in outputs.items()
         }
+
+    def _states(
+        self, setup: RunSetup, tape: Tape, steps: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """q and v (n, size) of the last call before some sub-steps, or at its end."""
+        model, end = setup.model, self._end
+        assert end is not None
+        q, v = tape.states(np.minimum(steps, len(tape) - 1), model.size)
+        at_end = steps == len(tape)
+        q[at_end], v[at_end] = model.from_nodes(end.q), model.from_nodes(end.v)
+        return q, v
 
     def _taped(self, what: str) -> tuple[RunSetup, Tape]:
         """The set-up of the last call, with its numbers, and the tape of its steps."""
@@ -468,7 +482,9 @@ def _read(solution: Solution, output: Wanted, name: str) -> np.ndarray:
         require(values.dtype.kind in "iufb", f"Response: the output {name!r}", values, wanted)
         return values
     of = output.of
-    if isinstance(of, Joint):
+    if isinstance(of, Scene):
+        rows = getattr(solution.energy, output.quantity.removesuffix("_energy"))
+    elif isinstance(of, Joint):
         rows = getattr(solution.joint(of), output.quantity)
     else:
         rows = getattr(solution, output.quantity)(of)

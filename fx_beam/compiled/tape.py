@@ -10,6 +10,9 @@ from fx_beam.errors import SceneError
 
 from .handover import Problem
 
+# Numbers of a row before its arrays, which begin with q and v (c/tape.h).
+TAPED_NUMBERS = 3
+
 
 class Tape:
     """Rows of numbers, one for each sub-step, which the compiled loop writes (c/tape.h)."""
@@ -50,6 +53,11 @@ class Tape:
     def lengths(self) -> np.ndarray:
         """Lengths of all sub-steps; some of schemes of order 4 go back in time [s]."""
         return self._rows[: self.c.rows, 1]
+
+    def states(self, rows: np.ndarray, size: int) -> tuple[np.ndarray, np.ndarray]:
+        """q and v (n, size) at the starts of some sub-steps."""
+        q = TAPED_NUMBERS
+        return self._rows[rows, q : q + size], self._rows[rows, q + size : q + 2 * size]
 
     def boundaries(self, times: np.ndarray) -> np.ndarray:
         """Numbers of sub-steps before the ends of steps at times (n,) [s].

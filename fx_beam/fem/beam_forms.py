@@ -18,7 +18,7 @@ from .dolfinx_api import CompiledForm
 from .fields import Fields, fields_of
 from .mesh import Mesh
 from .parameter_values import ParameterValues
-from .pulled_form import BoundPull, PulledForm
+from .pulled_form import BoundPull, PulledForm, StoredForm
 from .section_fields import Data, DataShape, FilledField, distinct, on_beam, refill, section_data
 from .step_start import StepStart
 from .weak_form import Material, WeakForm, inverted_sections, weak_form
@@ -55,6 +55,8 @@ class BeamForms:
         self.parameters: tuple[Any, list[int]] = None, []
         #: Data of beams, by name, that vary cell by cell for steps backwards.
         self._by_cells: dict[str, FilledField] = {}
+        #: Derivatives of the stored energy by name, with their spaces; None until they are needed.
+        self._stored: dict[str, tuple[Any, Any]] | None = None
         #: Forms by name: on the mesh, and as compiled.
         self.bound: dict[str, tuple[Any, CompiledForm]] = {}
         #: Their names, in order.
@@ -240,15 +242,47 @@ class BeamForms:
         moving = [unknowns[fields.increment], *self.moving[1:]]
         return BoundPull(forms, [*moving, data[plan.weight]])
 
+    def stored_energy_by(self, q: np.ndarray) -> dict[str, np.ndarray]:
+        """Derivatives of `strain_energy` by "q", "X", and "stiffness" (cells, points, 3).
+
+        Without internal variables and parameters.
+        """
+        if self._stored is None:
+            self._stored = self._bind_stored()
+        self._set(self._start, q)
+        found = {"q": np.zeros(len(q)), "X": np.zeros_like(self._mesh.X)}
+        for name, (form, space) in self._stored.items():
+            values, dofs = dolfinx_api.function(space).x.array, dolfinx_api.element_dofs(space)
+            dolfinx_api.assemble_vector(values, form)
+            if name == "start":
+                found["q"][: len(values)] = values
+            elif name == "coordinates":
+                points = dolfinx_api.element_points(self._mesh.mesh)
+                found["X"][points] = values.reshape(-1, 2)[dofs]
+            else:
+                found[name] = values.reshape(-1, 3)[dofs]
+        return found
+
+    def _bind_stored(self) -> dict[str, tuple[Any, Any]]:
+        """Derivatives of the stored energy on the mesh by name, with the space of each."""
+        known = {name: self.of_sections[name] for name in self.of_sections if name == "stiffness"}
+        own = self._vary(known)
+        shapes = {name: field.data for name, field in own.items()}
+        weak = StoredForm(*self._kind, *_shapes(shapes))
+        data = {getattr(weak, name): field.on_mesh for name, field in own.items()}
+        spaces = {name: field.on_mesh.function_space for name, field in own.items()}
+        bound = self._pulled_forms(weak.forms, self._space, spaces, self._data | data)
+        spaces |= {"start": self._mesh.space}
+        spaces["coordinates"] = interval_mesh.positions_space(self._mesh.mesh)
+        return {name: (bound[name][0], spaces[name]) for name in bound if name in spaces}
+
     def _vary(self, fields: Mapping[str, FilledField]) -> dict[str, FilledField]:
         """The same data cell by cell; `refill` sets them as well."""
         cells = len(self._tags)
-        own = {
-            name: FilledField(field.data.by_cells(cells), self._mesh)
-            for name, field in fields.items()
-        }
-        self._by_cells |= own
-        return own
+        for name, field in fields.items():
+            if name not in self._by_cells:
+                self._by_cells[name] = FilledField(field.data.by_cells(cells), self._mesh)
+        return {name: self._by_cells[name] for name in fields}
 
     def _pulled_forms(
         self, compiled: Mapping[str, CompiledForm], space, spaces: dict[str, Any], data: Mapping
@@ -310,6 +344,11 @@ class BeamForms:
     def has_external(self) -> bool:
         """Whether there are virtual works of a user."""
         return self._weak.added is not None
+
+    @property
+    def energy_has_parameters(self) -> bool:
+        """Whether the stored energy depends on parameters."""
+        return bool(self._weak.names_in_energies)
 
     @property
     def depend_on_rates(self) -> bool:

@@ -79,3 +79,12 @@ class PulledForm(WeakForm):
         by |= {name: symbol for name, symbol in data.items() if symbol is not None}
         #: The work, and its derivatives in the order of `Pulled` in problem.h.
         self.forms = work_and_derivatives("work", work, fields, by)
+
+
+class StoredForm(WeakForm):
+    """The stored energy, and its derivatives by the start of a step, stiffnesses and positions."""
+
+    def _compile(self) -> None:
+        by = {} if self.stiffness is None else {"stiffness": self.stiffness}
+        #: As `PulledForm.forms`.
+        self.forms = work_and_derivatives("stored energy", self._stored, self.fields, by)

@@ -10,9 +10,10 @@ from fx_beam.validation import is_one_of, require
 from .beam import Node
 from .joints import Joint
 from .loads import check_node
+from .scene import Scene
 
 _PLANE, _FORCE = ("x", "y"), ("x", "y", "moment")
-#: Components of the quantities of nodes and of joints; none for a single number.
+#: Components of the quantities of nodes, joints and scenes; none for a single number.
 OF_NODES: dict[str, tuple[str, ...]] = {
     "position": _PLANE,
     "displacement": _PLANE,
@@ -30,21 +31,29 @@ OF_JOINTS: dict[str, tuple[str, ...]] = {
     "force": _FORCE,
     "motor_force": (),
 }
+OF_SCENES: dict[str, tuple[str, ...]] = {
+    "kinetic_energy": (),
+    "strain_energy": (),
+    "potential_energy": (),
+}
 
 
 @dataclass(frozen=True)
 class Output:
     """A quantity of a node or a joint that `Motion` measures and `linearise` observes.
 
+    `Response` also takes energies of the scene.
+
     Quantities have the names and units of `Solution`: "position", "displacement", "rotation",
     "velocity", "spin", "acceleration" and "reaction" of a node; of a joint those of `JointMotion`:
-    "angle", "slide", "spin", "rate", "force" and "motor_force".
+    "angle", "slide", "spin", "rate", "force" and "motor_force". Of a scene, those of `Energy`:
+    "kinetic_energy", "strain_energy" and "potential_energy" [J].
 
     Parameters
     ----------
     quantity : str
         Name of the quantity.
-    of : Node or Joint
+    of : Node, Joint or Scene
         Where it is measured.
     component : {"x", "y", "moment"}, optional
         One component of a quantity that has several; by default all of them.
@@ -52,7 +61,7 @@ class Output:
     Raises
     ------
     SceneError
-        For a quantity that the node or joint does not have, or an unknown component.
+        For a quantity that the node, joint or scene does not have, or an unknown component.
 
     Examples
     --------
@@ -64,14 +73,14 @@ class Output:
     """
 
     quantity: str
-    of: Node | Joint
+    of: Node | Joint | Scene
     component: str | None = None
 
     def __post_init__(self):
-        joint = isinstance(self.of, Joint)
-        require(joint or isinstance(self.of, Node), "Output: of", self.of, "a node or a joint")
-        known = OF_JOINTS if joint else OF_NODES
-        wanted = f"one of {list(known)} for {self.of}"
+        fits = isinstance(self.of, Node | Joint | Scene)
+        require(fits, "Output: of", self.of, "a node, a joint or a scene")
+        known = self._known
+        wanted = f"one of {list(known)} for {self._place}"
         named = isinstance(self.quantity, str) and self.quantity in known
         require(named, "Output: quantity", self.quantity, wanted)
         parts = known[self.quantity]
@@ -80,19 +89,28 @@ class Output:
         require(fits, f"Output: component of {self.quantity!r}", self.component, wanted)
 
     def __str__(self):
-        return f"{self.quantity}{f'.{self.component}' if self.component else ''} of {self.of}"
+        return f"{self.quantity}{f'.{self.component}' if self.component else ''} of {self._place}"
+
+    @property
+    def _place(self) -> str:
+        return "the scene" if isinstance(self.of, Scene) else str(self.of)
+
+    @property
+    def _known(self) -> dict[str, tuple[str, ...]]:
+        if isinstance(self.of, Scene):
+            return OF_SCENES
+        return OF_JOINTS if isinstance(self.of, Joint) else OF_NODES
 
     @property
     def components(self) -> tuple[str, ...]:
         """Names of its components; empty for a single number."""
-        known = OF_JOINTS if isinstance(self.of, Joint) else OF_NODES
-        return () if self.component else known[self.quantity]
+        return () if self.component else self._known[self.quantity]
 
     @property
     def index(self) -> int | None:
         """Number of its component; None for all."""
-        known = OF_JOINTS if isinstance(self.of, Joint) else OF_NODES
-        return None if self.component is None else known[self.quantity].index(self.component)
+        parts = self._known[self.quantity]
+        return None if self.component is None else parts.index(self.component)
 
 
 def check_outputs(scene, outputs, what: str) -> None:
@@ -101,13 +119,17 @@ def check_outputs(scene, outputs, what: str) -> None:
     require(fits, what, outputs, "a dictionary of fx_beam.Output by names")
     for name, output in outputs.items():
         own = f"{what}[{name!r}]"
-        require(isinstance(output, Output), own, output, "an fx_beam.Output")
+        fits = isinstance(output, Output) and not isinstance(output.of, Scene)
+        require(fits, own, output, "an fx_beam.Output of a node or a joint")
         check_output(scene, output, own)
 
 
 def check_output(scene, output: Output, what: str) -> None:
-    """Refuse an output of a node or joint of another scene, or one that its joint lacks."""
+    """Refuse an output of another scene or of its nodes and joints, or one that its joint lacks."""
     joint = output.of
+    if isinstance(joint, Scene):
+        require(joint is scene, what, str(output), "of the scene of the motion")
+        return
     if not isinstance(joint, Joint):
         check_node(scene, joint, what)
         return
