@@ -20,7 +20,7 @@ square of the distance of the tip from its goal in a window after T. `Response.v
 gradient, from the motion that has just been computed. The interval between a T that fails and one
 that succeeds is bisected; a minimum that fails may be a local one. The usual polynomial of
 degree 5 for the angle, without speed and acceleration at both ends, has only its time T. A rigid
-arm needs T = 2 sqrt(angle/a_max). Units are metre, kilogram and second.
+arm needs the time 2 sqrt(pi/(2 a_max)). Units are metre, kilogram and second.
 """
 
 import logging
