@@ -86,7 +86,7 @@ def is_one_of(value, choices: Iterable) -> bool:
 def shown(value) -> str:
     """A value in a message."""
     try:
-        text = repr(value)
+        text = repr(value.item() if isinstance(value, np.generic) else value)
     except ValueError:  # Python writes no integers of many thousand digits
         return "a very long integer"
     return text if len(text) <= _SHOWN else f"{text[:_SHOWN]} ..."

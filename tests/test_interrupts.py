@@ -50,7 +50,7 @@ def agree(motion, twin):
         ("compiled", True, 61, False, fb.EnergyMomentum()),
         ("compiled", False, 17, False, fb.EnergyMomentum(order=4)),
         ("compiled", False, 61, True, fb.EnergyMomentum()),
-        ("petsc", False, 127, False, fb.EnergyMomentum()),
+        ("petsc", False, 61, False, fb.EnergyMomentum()),
         ("petsc", False, 397, True, fb.EnergyMomentum()),
     ],
     ids=["compiled", "sub-steps", "parts", "petsc", "parts-petsc"],

@@ -379,8 +379,8 @@ class Response:
             scene, _ = self._built(x)
         except SceneError as error:
             raise SceneError(
-                f"Response: no derivatives by x[{i}] at {self._x[i]!r}, since there is no scene at "
-                f"{value!r}: {error}"
+                f"Response: no derivatives by x[{i}] at {shown(self._x[i])}, since there is no "
+                f"scene at {shown(value)}: {error}"
             ) from error
         scene = with_functions(scene, self._options["inputs"], "Response: inputs")
         self._is_set = False

@@ -7,6 +7,8 @@ from collections.abc import Callable
 from typing import Any
 
 import ufl
+from ufl.algorithms import expand_derivatives
+from ufl.algorithms.transformer import strip_variables
 
 import numpy as np
 
@@ -22,7 +24,9 @@ class PointFunction:
 
     def __init__(self, values: Callable[[Any], Any], arguments: int, name: str):
         numbers = ufl.Constant(dolfinx_api.domain(1), shape=(arguments,))
-        expression = values(numbers)
+        # Without the variables of derivatives: later versions of UFL tell them apart by numbers of
+        # the process, and would compile the same function again.
+        expression = strip_variables(expand_derivatives(values(numbers)))
         self._compiled = dolfinx_api.compile_form((expression, np.array([[0.5]])), name)
         self._size = expression.ufl_shape[0]
         #: Address of the function.
