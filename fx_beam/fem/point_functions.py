@@ -8,7 +8,8 @@ from typing import Any
 
 import ufl
 from ufl.algorithms import expand_derivatives
-from ufl.algorithms.transformer import strip_variables
+from ufl.corealg.map_dag import map_expr_dag
+from ufl.corealg.multifunction import MultiFunction
 
 import numpy as np
 
@@ -19,6 +20,16 @@ from . import dolfinx_api, ffcx_api
 _FUNCTION = ctypes.CFUNCTYPE(None, *[ctypes.c_void_p] * 7)
 
 
+class _Stripped(MultiFunction):
+    """An expression without the variables of its derivatives; parts that it shares stay shared."""
+
+    expr = MultiFunction.reuse_if_untouched
+
+    def variable(self, _, operand, label):
+        """What the variable stands for."""
+        return operand
+
+
 class PointFunction:
     """A UFL vector of `arguments` numbers as a C function."""
 
@@ -26,7 +37,7 @@ class PointFunction:
         numbers = ufl.Constant(dolfinx_api.domain(1), shape=(arguments,))
         # Without the variables of derivatives: later versions of UFL tell them apart by numbers of
         # the process, and would compile the same function again.
-        expression = strip_variables(expand_derivatives(values(numbers)))
+        expression = map_expr_dag(_Stripped(), expand_derivatives(values(numbers)))
         self._compiled = dolfinx_api.compile_form((expression, np.array([[0.5]])), name)
         self._size = expression.ufl_shape[0]
         #: Address of the function.
