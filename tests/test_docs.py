@@ -148,3 +148,10 @@ def test_formulas_are_ones_that_can_be_drawn():
     for page in PAGES:
         for formula in itertools.chain(*pages.formulas(page)):
             assert latex.tex2mathml(formula)
+
+
+def test_formulas_with_inequalities_and_functions_of_words(monkeypatch):
+    monkeypatch.syspath_prepend(str(DOCS / "extensions"))
+    formulas = importlib.import_module("formulas")
+    assert formulas.latex("|M| <= 2") == r"|M| \le  2"
+    assert formulas.inline("f = sqrt(stiffness/mass)") == "f = sqrt(stiffness/mass)"

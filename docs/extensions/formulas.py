@@ -14,11 +14,14 @@ SYMBOLS = {name: f"\\{name} " for name in (*_GREEK.split(), "int", "sum")} | {
     "...": r"\ldots ",
     ".": r"\cdot ",
     ":": r"\colon ",
+    "<=": r"\le ",
+    ">=": r"\ge ",
 }
 FUNCTIONS = "sin", "cos", "tan", "cot", "exp", "ln", "max"
+BETWEEN = "+", "-", "=", ",", "<", ">", "<=", ">="
 BRACKETS = {"(": "()", "[": "[]", "|": "||", "⟨": (r"\langle ", r"\rangle ")}
 SHORT_WORDS = "of", "on", "in"
-TOKEN = re.compile(r"[A-Za-z]+|\d+(?:\.\d+)?|\.\.\.|\S")
+TOKEN = re.compile(r"[A-Za-z]+|\d+(?:\.\d+)?|\.\.\.|[<>]=|\S")
 
 
 _NAMES = sorted((name for name in (*SYMBOLS, *FUNCTIONS, "sqrt") if name.isalpha()), key=len)
@@ -49,10 +52,11 @@ def _balanced(text):
             end = n
             break
     while end and (
-        text[end - 1] in " \n+-/^<>,|" or text[:end].count("(") != text[:end].count(")")
+        text[end - 1] in " \n+-/^<>=,|" or text[:end].count("(") != text[:end].count(")")
     ):
         end -= 1
-    return text[:end]
+    whole = re.sub(rf"\b(?:sqrt|{'|'.join(FUNCTIONS)})$", "", text[:end])
+    return text[:end] if whole == text[:end] else _balanced(whole)
 
 
 def latex(text):
@@ -79,8 +83,9 @@ class _Column:
         """All up to a closing bracket, which goes too: products, and signs between them."""
         parts, product = [], []
         while self.peek() not in ("", closing):
-            if self.peek() in "+-=,<>" or self.words():
-                parts += [*product, self.words(take=True) or self.tokens.pop()]
+            if self.peek() in BETWEEN or self.words():
+                sign = self.words(take=True) or self.tokens.pop()
+                parts += [*product, SYMBOLS.get(sign, sign)]
                 product = []
             elif self.peek() == "/":
                 self.tokens.pop()
