@@ -9,7 +9,6 @@ import pytest
 
 import fx_beam as fb
 from fx_beam.fem.compiled_laws import compiled_law
-from fx_beam.fem.scene_forces import lengths_at_nodes
 from fx_beam.mechanics.coordinates import SLIDE
 from fx_beam.mechanics.interval import Interval
 from fx_beam.mechanics.point_laws import StepRule
@@ -341,7 +340,7 @@ def test_steps_are_short_in_the_contact_and_long_between():
 def test_the_stiffness_of_a_beam_is_shared_by_its_nodes(degree):
     scene = fb.Scene()
     bar = scene.add_beam([(0, 0), (1, 0), (1, 2)], SOFT, elements=[1, 3], degree=degree)
-    lengths = lengths_at_nodes(bar)
+    lengths = scene.add_obstacle(bar, FLOOR, 1.0).points.lengths
     assert len(lengths) == 4 * degree + 1
     assert lengths.sum() == pytest.approx(3.0)
     s = np.concatenate(
@@ -405,7 +404,7 @@ def test_a_body_bounces_on_its_points(solver, tmp_path):
         (lambda s, b: s.add_obstacle(b, fb.Circle((0.5, 1), 0.6), 1.0), "starts 0.6 behind"),
         (lambda s, b: fb.Line((0, 0), (0, 0)), "no direction"),
         (lambda s, b: fb.Line((0, math.inf), (0, 1)), "not finite"),
-        (lambda s, b: fb.Circle(b.end, 1.0), "obstacles are fixed"),
+        (lambda s, b: s.add_obstacle(b, fb.Circle(b.end, 1.0), 1.0), "belongs to what it should"),
         (lambda s, b: fb.Circle((0, 0), -1.0), "radius = -1.0"),
         (lambda s, b: fb.Circle((0, 0), 1.0, inside=2), "True or False"),
     ],

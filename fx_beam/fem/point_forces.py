@@ -47,6 +47,8 @@ class PointForce(NamedTuple):
     #: Joint to whose moment it belongs, or -1.
     joint: int = -1
     role: Role = Role.OTHER
+    #: Of a contact the number of nodes, the first ones, on which the force on its point acts.
+    nodes: int = 0
 
 
 def _without_numbers(force: PointForce) -> tuple:
@@ -108,7 +110,7 @@ class PointForces:
 
     @property
     def contacts(self) -> int:
-        """Number of nodes that obstacles may stop."""
+        """Number of points that obstacles may stop."""
         return self.ends[Role.CONTACT]
 
     @property
@@ -234,6 +236,7 @@ class PointForces:
             "slide": force.slide,
             "column": -1,
             "joint": force.joint,
+            "nodes": force.nodes,
             "first_internal": self._first_internal[i],
             "first_entry": first_entry,
             "entry_row": row,
@@ -364,8 +367,10 @@ class PointForces:
         return values
 
     def contact_forces(self) -> np.ndarray:
-        """Forces (contacts, 2) of obstacles on nodes [N]."""
-        return -np.array([result[:2] for result in self._results[: self.contacts]]).reshape(-1, 2)
+        """Forces (contacts, 2) of obstacles on points [N]."""
+        pairs = zip(self._forces[: self.contacts], self._results, strict=False)
+        on_points = [r[: 2 * f.nodes].reshape(-1, 2).sum(axis=0) for f, r in pairs]
+        return -np.array(on_points).reshape(-1, 2)
 
     def moments(self, joints: int) -> np.ndarray:
         """Moments (joints,) of springs and dampers between the nodes of joints, on b [N m]."""

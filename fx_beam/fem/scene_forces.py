@@ -8,11 +8,19 @@ from typing import Any
 import numpy as np
 
 from fx_beam.mechanics import scalar_laws as laws
-from fx_beam.mechanics.coordinates import ANGLE, CIRCLE, DISTANCE, FROM_POINT, LINE, SLIDE, Kind
+from fx_beam.mechanics.coordinates import (
+    ANGLE,
+    DISTANCE,
+    FROM_POINT,
+    SLIDE,
+    Kind,
+    circle_gap,
+    line_gap,
+)
 from fx_beam.mechanics.node_laws import FOLLOWER, drag
 from fx_beam.mechanics.point_laws import PointLaw
 from fx_beam.mechanics.rates import UpdateRule
-from fx_beam.scene.beam import Beam, Node
+from fx_beam.scene.beam import Node, position_of
 from fx_beam.scene.coordinate import Coordinate
 from fx_beam.scene.forces_between import ForceBetween
 from fx_beam.scene.obstacles import Circle, Obstacle
@@ -21,14 +29,6 @@ from fx_beam.scene.stop import Stop
 
 from .mesh import Mesh
 from .point_forces import PointForce, Role
-
-# Lengths that belong to the nodes of an element, by its degree, relative to its own: the weights of
-# the rule that integrates the nodes' polynomials.
-_SHARES = {
-    1: np.array([1, 1]) / 2,
-    2: np.array([1, 4, 1]) / 6,
-    3: np.array([1, 3, 3, 1]) / 8,
-}
 
 
 def point_forces(scene: Scene, mesh: Mesh, rates: UpdateRule) -> list[PointForce]:
@@ -44,20 +44,38 @@ def point_forces(scene: Scene, mesh: Mesh, rates: UpdateRule) -> list[PointForce
 
 
 def _contacts(obstacle: Obstacle, scene: Scene, mesh: Mesh, at_rest: bool) -> Iterator[PointForce]:
-    shape, loses = obstacle.shape, bool(obstacle.loss) and not at_rest
-    if isinstance(shape, Circle):
-        kind, centre, more = CIRCLE, shape.centre, (shape.radius, -1.0 if shape.inside else 1.0)
-    else:
-        kind, centre, more = LINE, shape.point, shape.normal
+    loses = bool(obstacle.loss) and not at_rest
     of_loss = (obstacle.loss, obstacle.speed) if loses else ()
-    law, nodes = laws.contact(kind, loses), mesh.nodes_of(scene, obstacle.target)
+    points, nodes = obstacle.points, mesh.nodes_of(scene, obstacle.target)
+    kind, origin, of_shape, carrier = _gap(obstacle, points.nodes.shape[1], mesh)
+    law = laws.contact(kind, loses)
     if obstacle.energy is not None:
         law = laws.contact_law(kind, obstacle.energy, loses)
-    stiffness = obstacle.stiffness * lengths_at_nodes(obstacle.target)
-    for node, k in zip(nodes, stiffness, strict=True):
-        relative = mesh.X[node] - np.array(centre)
-        numbers = [*relative, *more, k, *of_loss]
-        yield PointForce(law, numbers, mesh.dofs[node, :2].tolist(), role=Role.CONTACT)
+    relative = points.of(mesh.X[nodes]) - origin
+    stiffness = obstacle.stiffness * points.lengths
+    several = points.nodes.shape[1] > 1
+    for i, of_point in enumerate(nodes[points.nodes]):
+        weights = points.weights[i] if several else ()
+        numbers = [*relative[i], *of_shape, *weights, stiffness[i], *of_loss]
+        dofs = [*mesh.dofs[of_point, :2].ravel().tolist(), *carrier]
+        yield PointForce(law, numbers, dofs, role=Role.CONTACT, nodes=len(of_point))
+
+
+def _gap(
+    obstacle: Obstacle, nodes: int, mesh: Mesh
+) -> tuple[Kind, np.ndarray, tuple[float, ...], list[int]]:
+    """The gap of a contact, where its shape starts, its numbers, and what carries it."""
+    shape, half, carried = obstacle.shape, obstacle.radius, obstacle.shape.carrier is not None
+    of_carrier = mesh.dofs[shape.carrier.number].tolist() if shape.carrier is not None else []
+    if isinstance(shape, Circle):
+        side = -1.0 if shape.inside else 1.0
+        numbers = shape.radius + side * half, side
+        origin = np.array(position_of(shape.centre))
+        return circle_gap(nodes, carried), origin, numbers, of_carrier[:2]
+    origin = np.array(position_of(shape.point))
+    if carried:
+        return line_gap(nodes, True), origin, (*shape.normal, half), of_carrier
+    return line_gap(nodes), origin + half * np.array(shape.normal), shape.normal, []
 
 
 def _followers(scene: Scene, mesh: Mesh) -> Iterator[PointForce]:
@@ -151,14 +169,3 @@ def _stops(stop: Stop, kind: Kind, at_rest: bool) -> Iterator[tuple[PointLaw, li
     for sign, limit in ((1, stop.lower), (-1, stop.upper)):
         if limit is not None:
             yield laws.stop(kind, sign, loses), [stop.stiffness, *of_loss, limit]
-
-
-def lengths_at_nodes(target: Node | Beam) -> np.ndarray:
-    """Length of beam that belongs to each node; 1 for a single node."""
-    if not isinstance(target, Beam):
-        return np.ones(1)
-    lengths = np.zeros(target.elements * target.degree + 1)
-    for element, length in enumerate(np.diff(target.s)):
-        first = element * target.degree
-        lengths[first : first + target.degree + 1] += length * _SHARES[target.degree]
-    return lengths

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple
 
@@ -55,23 +56,118 @@ def _x_over_sin(x: Any) -> Any:
     return 1 + (1 / 6) * x2 * (1 + (7 / 60) * x2 * (1 + (31 / 294) * x2))
 
 
-def _line(motion: Motion, D: Sequence[Any], numbers: Sequence[Any]) -> Coordinate:
-    """Gap of a node from a line; numbers: its place, relative to the line, and the normal."""
-    place, normal = numbers[:2], numbers[2:]
-    start = _dot(normal, [x + q for x, q in zip(place, motion.start, strict=True)])
-    change = _dot(normal, D)
-    return Coordinate(start, start + change, normal, normal, change, _dot(normal, motion.rates))
+class _Apart(NamedTuple):
+    """A point x = sum N_a x_a of nodes, relative to what carries a shape or to the ground."""
+
+    start: Sequence[Any]
+    change: Sequence[Any]
+    rate: Sequence[Any]
+    #: Rotation of the carrier: its start, increment and rate.
+    turn: Sequence[Any]
+    #: A force on the point and a moment on the carrier, as forces on all entries.
+    spread: Callable[[Sequence[Any], Any], list[Any]]
 
 
-def _circle(motion: Motion, D: Sequence[Any], numbers: Sequence[Any]) -> Coordinate:
-    """Gap of a node from a circle; numbers: place relative to the centre, radius, side.
+def _apart(
+    motion: Motion, D: Sequence[Any], place: Sequence[Any], weights: Sequence[Any]
+) -> _Apart:
+    """The place of a point over a step; `place` is that in the reference."""
+    n = len(weights) or 1
+
+    def relative(values: Sequence[Any]) -> list[Any]:
+        points, carrier = [values[2 * a : 2 * a + 2] for a in range(n)], values[2 * n :]
+        if weights:
+            points = [[N * x for x in point] for N, point in zip(weights, points, strict=True)]
+        return [sum(xs) - c for *xs, c in zip(*points, carrier[:2] or (0, 0), strict=True)]
+
+    def spread(force: Sequence[Any], moment: Any) -> list[Any]:
+        on_point = [N * f for N in weights for f in force] if weights else list(force)
+        on_carrier = [*(-f for f in force), moment][: motion.size - 2 * n]
+        return [*on_point, *on_carrier]
+
+    start = [x + q for x, q in zip(place, relative(motion.start), strict=True)]
+    turn = [values[2 * n + 2 :] for values in (motion.start, D, motion.rates)]
+    return _Apart(
+        start, relative(D), relative(motion.rates), [x for of in turn for x in of], spread
+    )
+
+
+@functools.cache
+def line_gap(nodes: int = 1, carried: bool = False) -> Kind:
+    """Gap of a point of so many nodes from a line, fixed or carried by a node.
+
+    Entries are x and y of each node of the point, then x, y and rotation of the carrier. Numbers:
+    the place of the point relative to the line, the normal, and weights of several nodes; if it is
+    carried also the half thickness of the member, behind the normal.
+    """
+    more = int(carried)
+
+    def of(motion: Motion, D: Sequence[Any], numbers: Sequence[Any]) -> Coordinate:
+        place, normal, weights = numbers[:2], numbers[2:4], numbers[4 + more :]
+        apart = _apart(motion, D, place, weights)
+        if carried:
+            return _from_turning_line(motion, apart, normal, numbers[4])
+        start, change = _dot(normal, apart.start), _dot(normal, apart.change)
+        along = apart.spread(normal, 0.0)
+        return Coordinate(start, start + change, along, along, change, _dot(normal, apart.rate))
+
+    name = "the gap of a line" + _variant(nodes, carried)
+    return Kind(name, 2 * nodes + 3 * carried, 4 + more + _count(nodes), of)
+
+
+def _from_turning_line(
+    motion: Motion, apart: _Apart, normal: Sequence[Any], rest: Any
+) -> Coordinate:
+    """The product of an arm with a normal that turns, minus a rest.
+
+    With Dtheta = 2 tan(Dpsi/2) its change is n.Dr + Dtheta (W n).r, with the means of n and r.
+    """
+    psi, Dpsi, spin = apart.turn
+    n0, n1 = _turned(normal, psi), _turned(normal, psi + Dpsi)
+    r0, Dr = apart.start, apart.change
+    r1 = _sum(r0, Dr)
+    if motion.rule.turning:
+        n, r = ([(x + y) / 2 for x, y in zip(*ends, strict=True)] for ends in ((n0, n1), (r0, r1)))
+    else:
+        n = _turned(normal, motion.at_level(psi, Dpsi))
+        r = [motion.at_level(x, d) for x, d in zip(r0, Dr, strict=True)]
+    lever = _dot(_normal_to(n), r)
+    along = apart.spread(n, lever)
+    start, end = _dot(n0, r0) - rest, _dot(n1, r1) - rest
+    rate = _dot(n0, apart.rate) + spin * _dot(_normal_to(n0), r0)
+    change = _dot(n, Dr) + motion.path(Dpsi) * lever if motion.rule.turning else end - start
+    return Coordinate(start, end, along, along, change, rate)
+
+
+@functools.cache
+def circle_gap(nodes: int = 1, carried: bool = False) -> Kind:
+    """Gap of a point of so many nodes from a circle, fixed or carried by a node.
+
+    Entries are x and y of each node of the point, then of the carrier. Numbers: the place of the
+    point relative to the centre, radius, side, and weights of several nodes.
 
     The direction is (r0 + r1) / (|r0| + |r1|): its product with Dr is the change of the gap, and it
     has no moment about the centre.
     """
-    place, (radius, side) = numbers[:2], numbers[2:]
-    r0 = [x + q for x, q in zip(place, motion.start, strict=True)]
-    return _distance(motion, r0, D, motion.rates, radius, side)
+
+    def of(motion: Motion, D: Sequence[Any], numbers: Sequence[Any]) -> Coordinate:
+        place, (radius, side), weights = numbers[:2], numbers[2:4], numbers[4:]
+        apart = _apart(motion, D, place, weights)
+        gap = _distance(motion, apart.start, apart.change, apart.rate, radius, side)
+        along = apart.spread(gap.along, 0.0)
+        return gap._replace(along=along, across=along)
+
+    name = "the gap of a circle" + _variant(nodes, carried)
+    return Kind(name, 2 * nodes + 2 * carried, 4 + _count(nodes), of)
+
+
+def _count(nodes: int) -> int:
+    """Number of weights of a point of so many nodes."""
+    return nodes if nodes > 1 else 0
+
+
+def _variant(nodes: int, carried: bool) -> str:
+    return f", of {nodes} nodes" * (nodes > 1) + ", carried" * carried
 
 
 def _distance(motion: Motion, r0, Dr, rates, rest: Any, side: Any) -> Coordinate:
@@ -108,9 +204,22 @@ def _dot(a: Sequence[Any], b: Sequence[Any]) -> Any:
     return a[0] * b[0] + a[1] * b[1]
 
 
+def _sum(a: Sequence[Any], b: Sequence[Any]) -> list[Any]:
+    return [x + y for x, y in zip(a, b, strict=True)]
+
+
+def _normal_to(a: Sequence[Any]) -> list[Any]:
+    """W a: a turned by a right angle, anticlockwise."""
+    return [-a[1], a[0]]
+
+
+def _turned(a: Sequence[Any], angle: Any) -> list[Any]:
+    c, s = ufl.cos(angle), ufl.sin(angle)
+    return [c * a[0] - s * a[1], s * a[0] + c * a[1]]
+
+
 SLIDE = Kind("a slide", 1, 0, _slide, starts_at_zero=True)
+LINE, CIRCLE = line_gap(), circle_gap()
 ANGLE = Kind("an angle", 2, 0, _angle, starts_at_zero=True)
-LINE = Kind("the gap of a line", 2, 4, _line)
-CIRCLE = Kind("the gap of a circle", 2, 4, _circle)
 DISTANCE = Kind("a distance", 4, 2, _between_nodes)
 FROM_POINT = Kind("a distance from a point", 2, 2, _from_point)

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from fx_beam.scene.beam import Beam
-from fx_beam.scene.obstacles import Obstacle
+from fx_beam.scene.obstacles import Obstacle, moved
 
 
 @dataclass(frozen=True, repr=False)
@@ -49,18 +49,32 @@ class Contact:
         return self._nodes_of(self.obstacle)
 
     @property
-    def gap(self) -> np.ndarray:
-        """Distance (n, m) of the nodes from the obstacle [m]; negative behind it."""
+    def points(self) -> np.ndarray:
+        """Positions (n, m, 2) of the points that touch [m]: nodes, or points along elements."""
         nodes = self.nodes
         places = self.solution.X[nodes] + self.solution.recorded("q")[:, nodes, :2]
-        return self.obstacle.shape.gap(places)
+        return self.obstacle.points.of(places)
+
+    @property
+    def gap(self) -> np.ndarray:
+        """Distance (n, m) of the points from the obstacle [m]; negative behind it."""
+        shape, radius, points = self.obstacle.shape, self.obstacle.radius, self.points
+        if shape.carrier is None:
+            return shape.gap(points) - radius
+        rows = self.solution.recorded("q")[:, shape.carrier.number]
+        gaps = [moved(shape, q).gap(row) for q, row in zip(rows, points, strict=True)]
+        return np.array(gaps) - radius
 
     @property
     def force(self) -> np.ndarray:
-        """Forces (n, m, 2) on the nodes at `Solution.t_level` [N]."""
-        before = self.solution.obstacles[: self.obstacle.number]
-        first = sum(len(self._nodes_of(other)) for other in before)
-        return self.solution.recorded("contact_forces")[:, first : first + len(self.nodes)]
+        """Forces (n, m, 2) on the points at `Solution.t_level` [N]."""
+        first = 0
+        for other in self.solution.obstacles:
+            if other is self.obstacle:
+                break
+            first += len(other.points.lengths)
+        count = len(self.obstacle.points.lengths)
+        return self.solution.recorded("contact_forces")[:, first : first + count]
 
     def _nodes_of(self, obstacle: Obstacle) -> np.ndarray:
         target = obstacle.target

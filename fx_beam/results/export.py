@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import json
-from dataclasses import asdict
+from dataclasses import asdict, fields
 
 import numpy as np
 
-from fx_beam.scene.beam import Beam
+from fx_beam.scene.beam import Beam, Node
 from fx_beam.scene.obstacles import Obstacle
 
 from .files import replacing
@@ -74,12 +74,18 @@ def _plain(value):
 
 def _described(obstacle: Obstacle) -> dict:
     """An obstacle in plain values; a node by its number, a beam by its name."""
-    target = obstacle.target
+    target, shape = obstacle.target, obstacle.shape
+    parts = {field.name: getattr(shape, field.name) for field in fields(shape)}
     return {
         "on": target.name if isinstance(target, Beam) else target.number,
         "kind": type(obstacle.shape).__name__,
-        "shape": asdict(obstacle.shape),
+        "shape": {
+            name: part.number if isinstance(part, Node) else part for name, part in parts.items()
+        },
         "stiffness": obstacle.stiffness,
         "restitution": obstacle.restitution,
         "speed": obstacle.speed,
+        "radius": obstacle.radius,
+        "along": obstacle.along,
+        "number": obstacle.number,
     }

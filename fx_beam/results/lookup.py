@@ -37,11 +37,11 @@ def joint_number(solution: Any, joint: Joint) -> int:
 
 def obstacle_of(solution: Any, obstacle: Obstacle) -> Obstacle:
     """The obstacle of a solution, also for that of its scene or of a copy."""
-    known = solution.obstacles
-    if not isinstance(obstacle, Obstacle) or not 0 <= obstacle.number < len(known):
+    known = {own.number: own for own in solution.obstacles}
+    if not isinstance(obstacle, Obstacle) or obstacle.number not in known:
         raise ValueError(
             f"{shown(obstacle)} is not an obstacle of this solution; take the one that "
-            "add_obstacle returned"
+            "add_obstacle or add_contact returned"
         )
     own = known[obstacle.number]
     if str(own) != str(obstacle) or own.shape != obstacle.shape:

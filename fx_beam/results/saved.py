@@ -126,11 +126,18 @@ def _read(raw: BinaryIO) -> Solution:
 
 def _obstacles(saved: list[dict], beams: dict[str, Beam], X: np.ndarray) -> list[Obstacle]:
     obstacles = []
+
+    def node(number: int) -> Node:
+        return Node(number, *map(float, X[number]))
+
     for number, item in enumerate(saved):
         on, shape, kind = item.pop("on"), item.pop("shape"), item.pop("kind")
-        target = beams[on] if isinstance(on, str) else Node(on, *map(float, X[on]))
+        target = beams[on] if isinstance(on, str) else node(on)
+        origin = "centre" if kind == "Circle" else "point"
+        if isinstance(shape[origin], int):
+            shape[origin] = node(shape[origin])
         made = Circle(**shape) if kind == "Circle" else Line(**shape)
-        obstacles.append(Obstacle(target, made, **item, number=number))
+        obstacles.append(Obstacle(target, made, **{"number": number} | item))
     return obstacles
 
 

@@ -1,34 +1,52 @@
-"""Obstacles: fixed lines and circles that nodes cannot enter, as plain data."""
+"""Obstacles: lines and circles, fixed or carried by a node, that points cannot enter."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from fx_beam.deprecation import formerly
 from fx_beam.errors import SceneError
-from fx_beam.validation import as_float, is_flag, is_number, numbers, require, shown, vector
+from fx_beam.validation import (
+    as_float,
+    is_flag,
+    is_number,
+    is_whole,
+    numbers,
+    require,
+    shown,
+    vector,
+)
 
-from .beam import Beam, Node, inner_positions
+from .beam import Beam, Node, inner_positions, lagrange, position_of
 from .law import Energy, check_energy
 from .loads import label
 from .stop import checked_impact, loss_of
 
-_FIXED = "2 numbers: obstacles are fixed, they do not move with a node"
+# Lengths that belong to the nodes of an element, by its degree, relative to its own: the weights of
+# the rule that integrates the nodes' polynomials.
+_SHARES = {
+    1: np.array([1, 1]) / 2,
+    2: np.array([1, 4, 1]) / 6,
+    3: np.array([1, 3, 3, 1]) / 8,
+}
+# Most integration points in an element.
+_MOST_POINTS = 50
 
 
 @dataclass(frozen=True)
 class Line:
-    """A fixed straight wall; nodes stay on the side to which its normal points.
+    """A straight wall, fixed or carried by a node; others stay where its normal points.
 
     Parameters
     ----------
-    point : (x, y)
-        A point of the wall [m].
+    point : (x, y) or Node
+        A point of the wall [m]; or a node of a beam or body with which it moves and turns.
     normal : (x, y)
-        Direction from the wall to the free side, of any length.
+        Direction from the wall to the free side, of any length; in the reference configuration if
+        it is carried by a node.
 
     Raises
     ------
@@ -54,13 +72,18 @@ class Line:
         if abs(length - 1) > 4e-16:  # a unit vector stays as it is, to the last digit
             normal = normal / length
         object.__setattr__(self, "normal", tuple(normal.tolist()))
-        require(not isinstance(self.point, Node), "Line: point", self.point, _FIXED)
-        point = vector(self.point, 2, "Line: point")
-        object.__setattr__(self, "point", tuple(point.tolist()))
+        if not isinstance(self.point, Node):
+            point = vector(self.point, 2, "Line: point")
+            object.__setattr__(self, "point", tuple(point.tolist()))
+
+    @property
+    def carrier(self) -> Node | None:
+        """The node that carries it; None for a fixed one."""
+        return self.point if isinstance(self.point, Node) else None
 
     @formerly(places="positions")
     def gap(self, positions) -> np.ndarray:
-        """Distance of positions from the wall.
+        """Distance of positions from the wall, in its reference configuration if it is carried.
 
         Parameters
         ----------
@@ -72,17 +95,17 @@ class Line:
         (...) float
             Distance [m]; negative behind the wall.
         """
-        return (_checked("Line", positions) - self.point) @ np.array(self.normal)
+        return (_checked("Line", positions) - position_of(self.point)) @ np.array(self.normal)
 
 
 @dataclass(frozen=True)
 class Circle:
-    """A fixed circle; nodes stay outside of it, or inside.
+    """A circle, fixed or carried by a node; others stay outside of it, or inside.
 
     Parameters
     ----------
-    centre : (x, y)
-        Its centre [m].
+    centre : (x, y) or Node
+        Its centre [m]; or a node of a beam or body with which it moves.
     radius : float
         Its radius [m].
     inside : bool
@@ -109,13 +132,18 @@ class Circle:
         require(fits, "Circle: radius", self.radius, "finite and positive")
         require(is_flag(self.inside), "Circle: inside", self.inside, "True or False")
         object.__setattr__(self, "radius", as_float(self.radius))
-        require(not isinstance(self.centre, Node), "Circle: centre", self.centre, _FIXED)
-        centre = vector(self.centre, 2, "Circle: centre")
-        object.__setattr__(self, "centre", tuple(centre.tolist()))
+        if not isinstance(self.centre, Node):
+            centre = vector(self.centre, 2, "Circle: centre")
+            object.__setattr__(self, "centre", tuple(centre.tolist()))
+
+    @property
+    def carrier(self) -> Node | None:
+        """The node that carries it; None for a fixed one."""
+        return self.centre if isinstance(self.centre, Node) else None
 
     @formerly(places="positions")
     def gap(self, positions) -> np.ndarray:
-        """Distance of positions from the circle.
+        """Distance of positions from the circle, in its reference configuration if it is carried.
 
         Parameters
         ----------
@@ -127,7 +155,7 @@ class Circle:
         (...) float
             Distance [m]; negative on the side that is not allowed.
         """
-        x, y = np.moveaxis(_checked("Circle", positions) - self.centre, -1, 0)
+        x, y = np.moveaxis(_checked("Circle", positions) - position_of(self.centre), -1, 0)
         distance = np.hypot(x, y) - self.radius
         return -distance if self.inside else distance
 
@@ -140,18 +168,30 @@ def _checked(what: str, positions) -> np.ndarray:
     return checked
 
 
+def moved(shape: Line | Circle, q: np.ndarray) -> Line | Circle:
+    """A shape where its carrier has moved by q = (u_x, u_y, rotation); a fixed one as it is."""
+    if shape.carrier is None:
+        return shape
+    x, y = (float(p + u) for p, u in zip(position_of(shape.carrier), q[:2], strict=True))
+    if isinstance(shape, Circle):
+        return Circle((x, y), shape.radius, shape.inside)
+    c, s = np.cos(q[2]), np.sin(q[2])
+    a, b = shape.normal
+    return Line((x, y), (c * a - s * b, s * a + c * b))
+
+
 @dataclass(frozen=True, eq=False)
 class Obstacle:
-    """A line or circle that a node, or all nodes of a beam, may touch but not enter.
+    """A line or circle that a node or points of a beam may touch but not enter.
 
-    Created by `Scene.add_obstacle`.
+    Created by `Scene.add_obstacle` and `Scene.add_contact`.
 
     Parameters
     ----------
     target : Node or Beam
         What it stops.
     shape : Line or Circle
-        The line or circle.
+        The line or circle, fixed or carried by a node.
     stiffness : float
         Stiffness of a node [N/m], of a beam per length [N/m^2]; 1 with an energy.
     restitution : float
@@ -159,9 +199,13 @@ class Obstacle:
     speed : float, optional
         Speed below which the loss is viscous [m/s].
     number : int
-        Index in the scene's obstacles.
+        Number among the scene's obstacles.
     energy : callable, optional
         Stored energy of the depth, in the place of a stiffness.
+    radius : float
+        Half of the thickness of a beam, or radius of a ball around a node [m].
+    along : int, optional
+        Number of integration points in each element of a beam; without it its nodes touch.
 
     Examples
     --------
@@ -179,27 +223,72 @@ class Obstacle:
     speed: float | None = None
     number: int = -1
     energy: Energy | None = None
+    radius: float = 0.0
+    along: int | None = None
 
     def __repr__(self):
         return f"<{self}, stiffness {self.stiffness:g} N/m>"
 
     def __str__(self):
         number = "" if self.number < 0 else f"obstacle {self.number}, "
-        return f"{number}{type(self.shape).__name__} for {label(self.target)}"
+        carrier = f" on {self.shape.carrier}" if self.shape.carrier is not None else ""
+        return f"{number}{type(self.shape).__name__}{carrier} for {label(self.target)}"
 
     @property
     def loss(self) -> float:
         """Dissipative part r of the force, relative to the elastic part."""
         return loss_of(self.restitution)
 
+    @property
+    def points(self) -> Points:
+        """The points that touch it."""
+        return _points(self.target, self.along)
+
+
+class Points(NamedTuple):
+    """Points of a node or beam: sums of its nodes, along the beam with those inside elements."""
+
+    #: Nodes (points, n) of each point, by their place along the beam, and weights (points, n).
+    nodes: np.ndarray
+    weights: np.ndarray
+    #: Length of the beam that belongs to each (points,) [m]; 1 for a node.
+    lengths: np.ndarray
+
+    def of(self, values: np.ndarray) -> np.ndarray:
+        """Values (..., points, k) at the points of those (..., nodes, k) at the nodes."""
+        return np.einsum("pn,...pnk->...pk", self.weights, values[..., self.nodes, :])
+
+
+def _points(target: Node | Beam, along: int | None) -> Points:
+    if not isinstance(target, Beam):
+        return Points(np.zeros((1, 1), dtype=int), np.ones((1, 1)), np.ones(1))
+    degree, lengths = target.degree, np.diff(target.s)
+    firsts = degree * np.arange(target.elements)
+    if along is None:
+        at_nodes = np.zeros(target.elements * degree + 1)
+        of_element = firsts[:, None] + np.arange(degree + 1)
+        np.add.at(at_nodes, of_element, lengths[:, None] * _SHARES[degree])
+        return Points(np.arange(len(at_nodes))[:, None], np.ones((len(at_nodes), 1)), at_nodes)
+    places, shares = np.polynomial.legendre.leggauss(along)
+    values = lagrange(np.linspace(0, 1, degree + 1), (places + 1) / 2)
+    nodes = np.repeat(firsts[:, None] + np.arange(degree + 1), along, axis=0)
+    weights = np.tile(values, (target.elements, 1))
+    return Points(nodes, weights, (lengths[:, None] * shares / 2).ravel())
+
 
 def checked_obstacle(
-    target: Beam | Node, shape: Line | Circle, impact: tuple, number: int, size: float
+    target: Beam | Node,
+    shape: Line | Circle,
+    impact: tuple,
+    number: int,
+    size: float,
+    radius: float = 0.0,
+    along: int | None = None,
 ) -> Obstacle:
     """An obstacle of a scene of this size [m]; SceneError if the target starts behind it."""
     if not isinstance(shape, Line | Circle):
         raise SceneError(
-            f"add_obstacle needs an fx_beam.Line or an fx_beam.Circle, not {shown(shape)}"
+            f"a contact needs an fx_beam.Line or an fx_beam.Circle, not {shown(shape)}"
         )
     what, (stiffness, restitution, speed, energy) = f"obstacle for {label(target)}", impact
     if (stiffness is None) == (energy is None):
@@ -208,17 +297,48 @@ def checked_obstacle(
         check_energy(energy, None, what, ("d",), "energy")
         stiffness = 1.0
     impact = checked_impact(what, stiffness, restitution, speed)
-    made = Obstacle(target, shape, *impact, number, energy)
+    fits = is_number(radius) and as_float(radius) >= 0
+    require(fits, f"{what}: radius", radius, "finite and not negative")
+    if along is not None:
+        require(isinstance(target, Beam), f"{what}: along", along, "None, as a node has no length")
+        fits = is_whole(along, 1, _MOST_POINTS)
+        require(fits, f"{what}: along", along, f"a whole number from 1 to {_MOST_POINTS}, or None")
+        along = int(along)
+    made = Obstacle(target, shape, *impact, number, energy, as_float(radius), along)
+    if isinstance(shape, Circle) and shape.inside and shape.radius <= made.radius:
+        raise SceneError(f"{made}: its radius {shape.radius:g} must be above that of the inner one")
     nodes = target.nodes if isinstance(target, Beam) else (target,)
-    positions = np.array([(node.x, node.y) for node in nodes])
-    if isinstance(target, Beam):
-        positions = np.concatenate([positions, inner_positions(target)])
-    gaps = shape.gap(positions)
+    if shape.carrier is not None and shape.carrier in nodes:
+        raise SceneError(
+            f"{made}: {shape.carrier} carries the {type(shape).__name__.lower()} and belongs to "
+            "what it should stop. Let a node of another member or body carry it"
+        )
+    _check_start(made, size)
+    return made
+
+
+def _check_start(made: Obstacle, size: float) -> None:
+    """Refuse what starts behind the obstacle."""
+    positions = start_of(made.target)
+    inside = made.points.of(positions)
+    gaps = made.shape.gap(inside) - made.radius
     deepest = int(np.argmin(gaps))
     if gaps[deepest] < -1e-9 * max(size, float(np.ptp(positions, axis=0).max())):
-        x, y = positions[deepest]
+        x, y = inside[deepest]
         raise SceneError(
-            f"{made}: the node at ({x:.6g}, {y:.6g}) starts {-gaps[deepest]:.4g} behind it. Move "
-            "it, or give the other side: the opposite normal of a Line, or inside of a Circle"
+            f"{made}: the {'node' if made.along is None else 'point'} at ({x:.6g}, {y:.6g}) starts "
+            f"{-gaps[deepest]:.4g} behind it. Move it, or give the other side: the opposite "
+            "normal of a Line, or inside of a Circle"
         )
-    return made
+
+
+def start_of(target: Node | Beam) -> np.ndarray:
+    """Positions (nodes, 2) of a node or of all nodes of a beam in order, in the reference [m]."""
+    if not isinstance(target, Beam):
+        return np.array([(target.x, target.y)])
+    positions = np.empty((target.elements * target.degree + 1, 2))
+    positions[:: target.degree] = [(node.x, node.y) for node in target.nodes]
+    inner = inner_positions(target).reshape(target.elements, -1, 2)
+    for i in range(target.degree - 1):
+        positions[i + 1 :: target.degree] = inner[:, i]
+    return positions

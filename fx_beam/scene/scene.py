@@ -390,10 +390,81 @@ class Scene(Geometry):
         >>> bool(abs(solution.energy.balance_error).max() < 1e-11)
         True
         """
-        loads.check_target(self, target, "obstacle")
         impact = stiffness, restitution, speed, energy
-        number = len(self.obstacles)
-        made = checked_obstacle(target, obstacle, impact, number, self._size)
+        return self._contact(target, obstacle, impact)
+
+    def add_contact(
+        self,
+        a: Beam | Node,
+        b: Line | Circle,
+        *,
+        stiffness: float | None = None,
+        energy: Callable[[Any], Any] | None = None,
+        restitution: float = 1.0,
+        speed: float | None = None,
+        radius: float = 0.0,
+        along: int | None = None,
+    ) -> Obstacle:
+        """Add contact of a node, or of a beam, with a line or circle that may move.
+
+        The law is that of `add_obstacle`. A circle or line that a node of a beam or body carries
+        gets the opposite force and its moment. In schemes that conserve energy the work of both is
+        exactly the change of the stored energy, and both momenta are conserved.
+
+        Parameters
+        ----------
+        a : Beam or Node
+            What touches: a node of a beam or body, or a beam.
+        b : Line or Circle
+            What it touches: fixed, or carried by a node.
+        stiffness : float, optional
+            Stiffness k of a node [N/m], of a beam per length [N/m^2].
+        energy : callable, optional
+            Stored energy of the depth in the place of a stiffness, as in `add_obstacle`.
+        restitution : float
+            Coefficient of restitution e from 0 to 1.
+        speed : float, optional
+            Speed below which the loss is viscous [m/s]; required for e < 1.
+        radius : float
+            Half of the thickness of the beam, or radius of a ball around the node [m].
+        along : int, optional
+            Number of Gauss points in each element of a beam at which it touches, where elements are
+            not much shorter than the arc of contact. By default it touches at its nodes.
+
+        Returns
+        -------
+        Obstacle
+            The numbered contact, for `Solution.contact`.
+
+        Raises
+        ------
+        SceneError
+            For nodes of another scene, a value out of range, what starts behind the shape, or a
+            shape that is carried by what it should stop.
+
+        Examples
+        --------
+        A ball hits a disc of the same mass that is free: their velocities change places.
+
+        >>> import fx_beam as fb
+        >>> scene = fb.Scene()
+        >>> ball, disc = (scene.add_body((x, 0), mass=1.0, inertia=0.01).centre for x in (0, 1))
+        >>> hit = scene.add_contact(ball, fb.Circle(disc, 0.2), stiffness=1e5, radius=0.1)
+        >>> scene.set_velocity(ball, (2.0, 0.0))
+        >>> solution = fb.simulate(scene, dt=1e-3, t_end=0.5)
+        >>> solution.velocity(disc)[-1].round(9)
+        array([2., 0.])
+        """
+        impact = stiffness, restitution, speed, energy
+        return self._contact(a, b, impact, radius, along)
+
+    def _contact(self, target, shape, impact: tuple, *of_member) -> Obstacle:
+        loads.check_target(self, target, "contact")
+        carrier = getattr(shape, "carrier", None)
+        if carrier is not None:
+            loads.check_node(self, carrier, f"{type(shape).__name__} of a contact")
+        number = 1 + max((known.number for known in self.obstacles), default=-1)
+        made = checked_obstacle(target, shape, impact, number, self._size, *of_member)
         self.parameters.add(parameters_of_energy(made.energy, None, 1), str(made))
         self.obstacles.append(made)
         return made
@@ -678,11 +749,11 @@ class Scene(Geometry):
         return self.loads[at]
 
     def remove(self, *parts) -> None:
-        """Take away loads, masses, drag, virtual works and forces between points.
+        """Take away loads, masses, drag, virtual works, forces between points, and contacts.
 
         Parameters
         ----------
-        *parts : Load, Mass, Drag, VirtualWork or ForceBetween
+        *parts : Load, Mass, Drag, VirtualWork, ForceBetween or Obstacle
             What the methods that add them returned. For supports there is `free`.
 
         Raises
@@ -711,7 +782,10 @@ class Scene(Geometry):
         >>> bool(abs(unloaded.displacement(beam.end)[-1]).max() < 1e-9)
         True
         """
-        lists = self.loads, self.masses, self.drags, self.virtual_works, self.forces_between
+        lists = (
+            *(self.loads, self.masses, self.drags, self.virtual_works),
+            *(self.forces_between, self.obstacles),
+        )
         for part in parts:
             own = next((known for known in lists if any(part is one for one in known)), [])
             del own[_position(own, part, "remove", "a part")]

@@ -43,7 +43,7 @@ NUMBERS: dict[type, tuple[str, ...]] = {
     Stop: ("lower", "upper", "stiffness", "restitution", "speed"),
     Line: ("point", "normal"),
     Circle: ("centre", "radius"),
-    Obstacle: ("stiffness", "restitution", "speed"),
+    Obstacle: ("stiffness", "restitution", "speed", "radius"),
     ForceBetween: ("b",),
     Load: ("value", "along"),
     Drag: ("linear", "quadratic", "rotation"),

@@ -16,6 +16,7 @@ typedef struct {
   int *dof;           /* [size] degrees of freedom; -1 for the ground */
   int slide, column;  /* joint of a slide and its column, or -1 */
   int joint;          /* to whose moment it belongs, or -1 */
+  int nodes;          /* of a contact: on which the force on its point acts, the first ones */
   int first_internal, first_entry; /* among those of all forces */
   int *entry_row, *entry_column;   /* [entries] */
   /* Given: start, increment and rate [size], t, dt, internal variables, remembered, numbers of the law,

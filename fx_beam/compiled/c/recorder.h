@@ -41,7 +41,8 @@ static void add_joint_forces(const Problem *p, const Work *w) {
 static void add_contact_forces(const Problem *p) {
   double *out = p->contact_forces;
   scale(2 * p->points->contacts, p->earlier, out);
-  for (int i = 0; i < 2 * p->points->contacts; ++i) out[i] -= p->share * p->points->of[i / 2].results[i % 2];
+  for (const PointForce *e = p->points->of; e < p->points->of + p->points->contacts; ++e, out += 2)
+    for (int i = 0; i < 2 * e->nodes; ++i) out[i % 2] -= p->share * e->results[i];
 }
 
 static void add_row(const Rows *rows, int count, long k) {
