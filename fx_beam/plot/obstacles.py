@@ -21,6 +21,8 @@ def outlines(
     Circles up to the size in radius are whole, larger ones and lines reach past the positions.
     """
     for shape in dict.fromkeys(obstacle.shape for obstacle in obstacles):
+        if shape.carrier is not None:
+            continue
         if abs(shape.gap(positions)).min() > size:
             continue
         if isinstance(shape, Circle):
