@@ -251,7 +251,9 @@ def draw(results, drawn):
         shapes.text(0.0, middle + 1.05, name, fontsize="small", color=looks[name])
         speeds.plot(t, speed, color=looks[name], label=name)
     figure.colorbar(pieces, ax=shapes, extend="both", label="gain $g_i H$ of the peak [m/s]")
-    shapes.set(xlim=(-0.02, 1.02), ylim=(-5.6, 1.6), yticks=[], xlabel="position along the whip [m]")
+    shapes.set(
+        xlim=(-0.02, 1.02), ylim=(-5.6, 1.6), yticks=[], xlabel="position along the whip [m]"
+    )
     speeds.set(xlabel="time $t$ [s]", ylabel="speed of the tip [m/s]")
     plot.save(figure, results / "taper.png")
 

@@ -95,7 +95,7 @@ def test_what_belongs_to_another_scene_is_refused():
     other.remove(other.loads[0])
     assert scene.loads == [load]
     with pytest.raises(fb.SceneError, match="the scene does not have"):
-        scene.remove(beam)
+        scene.remove(other.beams[0])
 
 
 @pytest.mark.parametrize("way", ["change", "remove", "free", "swap"])

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -12,6 +13,7 @@ from fx_beam.results.audit import BeamResultants, Stats
 from fx_beam.results.solution import Solution
 from fx_beam.results.state import State
 from fx_beam.scene.beam import arc_lengths
+from fx_beam.scene.constraints import constraints_of
 from fx_beam.stepping.interpolation import at_times
 from fx_beam.stepping.recorder import Recorder
 
@@ -69,7 +71,12 @@ def solution_of(
         variables_of_joint=_variables_of_joint(model, of_springs),
         bodies={body.name: body for body in scene.bodies},
         obstacles=list(scene.obstacles),
-        end=end.renumbered(model.to_nodes, mesh.to_elements),
+        end=replace(
+            end,
+            impact=recorder.impact,
+            fitted=recorder.fitted_at(end.t),
+            constraints=constraints_of(scene),
+        ).renumbered(model.to_nodes, mesh.to_elements),
         names_of_parameters=model.forms.parameters.names,
     )
 

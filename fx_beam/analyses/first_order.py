@@ -136,7 +136,7 @@ class FirstOrder:
         self.jumps = V[:, b] @ jump
         self._inverse, self._one, self._a = np.linalg.inv(V), one, a
         #: Shape of nodal motions, and number of joints.
-        self.shape, self.joints = (len(about.model.mesh.X), 3), len(about.model.scene.joints)
+        self.shape, self.joints = (len(about.model.mesh.X), 3), about.model.scene.joint_count
 
     def projected(self, W: np.ndarray) -> Projected:
         """Fewer states."""

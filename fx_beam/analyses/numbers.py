@@ -43,9 +43,8 @@ def numbers_of(
     if isinstance(model.reduction, JointReduction):
         joints = model.reduction.joint_tables()
         numbers |= {name: joints[name] for name in ("offset", "axis")}
-        numbers["rest"] = [
-            model.scene.joints[joint.number].start()[0] for joint in model.couplings.moving
-        ]
+        own = model.scene.joint_by_number
+        numbers["rest"] = [own[joint.number].start()[0] for joint in model.couplings.moving]
     of_state = {name: getattr(state, name) for name in _OF_STATE}
     numbers |= {
         name.replace("_", " "): values for name, values in of_state.items() if values is not None

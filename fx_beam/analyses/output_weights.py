@@ -33,7 +33,7 @@ def state_weights(
     "X" (n_node, 2) of positions. SceneError for an output that is no function of them.
     """
     of_state = {name: np.zeros_like(states[0]) for name in ("q", "v")}
-    of_state["slides"] = np.zeros((len(states[0]), len(model.scene.joints)))
+    of_state["slides"] = np.zeros((len(states[0]), model.scene.joint_count))
     direct = {"X": np.zeros(model.mesh.X.shape)}
     for name, given in weights.items():
         output = outputs[name]

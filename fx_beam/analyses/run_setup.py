@@ -28,6 +28,8 @@ from fx_beam.stepping.stepper import Stepper
 from fx_beam.stepping.substeps import MOST_HALVINGS, Halving
 from fx_beam.validation import is_one_of, is_whole, require, shown
 
+from .carried_state import carried_state, end_of, has_changed
+
 #: Largest number of steps; their times alone take 8 GB.
 MOST_STEPS = 1e9
 _DEFAULT = EnergyMomentum()
@@ -99,16 +101,34 @@ class RunSetup:
         if steps need them.
         """
         model, forcing = self.model, self.forcing
-        if start is None or start.stats.static:
-            before = None if start is None else state_of(model, start)
+        before = None if start is None else state_of(model, start)
+        goes_on = start is not None and not start.stats.static
+        if start is not None and before is not None and goes_on and before.fitted is None:
+            same = start.stats.scheme == model.scheme.name
+            state = resumed_state(model, forcing, dt, before, same)
+        else:
+            if start is not None and before is not None and goes_on:
+                before = replace(before, work=before.work + _come_and_gone(model, start, before))
             state = initial_state(model, forcing, dt, before, accelerations)
             if steady:
                 state = smooth_start(model, forcing, self.stepper, self.stats, state, dt)
-        else:
-            same = start.stats.scheme == model.scheme.name
-            state = resumed_state(model, forcing, dt, state_of(model, start), same)
+            if before is not None and goes_on:
+                supplied, lost = state.work - before.work, model.energy(before)
+                lost += supplied - model.energy(state)
+                state = replace(state, impact=state.impact + lost)
         self.stepper.load(state)
         return state
+
+
+def _come_and_gone(model: Model, start: Solution, state: State) -> float:
+    """Energy [J] that came or went with what was added to a scene or taken away from it.
+
+    Energies of a solution may contain work that driven motions have done for rates to fit.
+    """
+    end, energy = end_of(start), start.energy
+    if start.t[-1] != end.t:
+        return 0.0  # the record has no row of the end
+    return model.energy(state) - float(energy.total[-1] - (energy.work[-1] - end.work))
 
 
 def checked_scheme(scene, scheme, what: str) -> Scheme:
@@ -126,28 +146,16 @@ def checked_scheme(scene, scheme, what: str) -> Scheme:
     return scheme
 
 
-def end_of(start: Solution) -> State:
-    """Last state of a solution, with vectors numbered by nodes."""
-    if not isinstance(start, Solution):
-        raise SceneError(f"start must be a Solution, not {shown(start)}")
-    if start.end is None:
-        raise SceneError("start: the solution has no last state. Start from another solution")
-    return start.end
-
-
 def state_of(model: Model, start: Solution) -> State:
     """Last state of a solution in the numbering of the model; SceneError if it does not fit."""
-    end, X = end_of(start), model.mesh.X
-    if start.X.shape != X.shape or (start.X != X).any():
-        raise SceneError(
-            "start: the solution has other nodes than the scene. Use the same beams and elements"
-        )
-    for what, ours, theirs in (
-        ("joints", len(model.scene.joints), len(end.slides)),
-        ("motors", len(model.motors), len(end.motors)),
-    ):
-        if ours != theirs:
-            raise SceneError(f"start: the solution has {theirs} {what}, but the scene has {ours}")
+    state = carried_state(model, start) if has_changed(model, start) else _same(model, start)
+    check_joints(model, state)
+    return state
+
+
+def _same(model: Model, start: Solution) -> State:
+    """The state of a scene with the same members, joints and supports."""
+    end = end_of(start)
     has, needs = end.internal, model.forms.internal_shape
     if (has is None) != (needs[-1] == 0) or (has is not None and has.shape != needs):
         raise SceneError(
@@ -160,8 +168,8 @@ def state_of(model: Model, start: Solution) -> State:
         )
     state = end.renumbered(model.from_nodes, model.mesh.from_elements)
     of_scene = model.forms.parameters
-    state = replace(state, parameters=of_scene.at(before(state.t)) if len(of_scene) else None)
-    check_joints(model, state)
+    known = of_scene.at(before(state.t)) if len(of_scene) else None
+    state = replace(state, parameters=known, fitted=None)
     if (
         state.constraint_forces is not None
         and len(state.constraint_forces) != model.reduction.columns - model.reduction.free

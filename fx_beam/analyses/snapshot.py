@@ -61,7 +61,7 @@ class Snapshot:
         state = self.state
         given = 0 if state.inputs is None else len(state.inputs)
         theirs = len(state.slides), len(state.motors), given
-        ours = len(model.scene.joints), len(model.motors), inputs
+        ours = model.scene.joint_count, len(model.motors), inputs
         if not np.array_equal(self.dofs, model.mesh.dofs) or ours != theirs:
             raise SceneError(
                 "Motion.restore: the snapshot is of another scene. Its nodes, joints, motors and "

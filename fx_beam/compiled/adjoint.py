@@ -67,7 +67,8 @@ class Adjoint:
         """Arrays of derivatives by their names in C, but for those of each sub-step."""
         model, p = self._model, self._p
         joints = max(1, p.joints)
-        moving = [model.scene.joints[joint.number] for joint in model.couplings.moving]
+        own = model.scene.joint_by_number
+        moving = [own[joint.number] for joint in model.couplings.moving]
         rest = [joint.start()[0] for joint in moving]
         arrays = {
             "columns": np.zeros(p.columns + p.ties),
@@ -101,7 +102,7 @@ class Adjoint:
             array[...] = 0.0
         weight_at = np.full(sub_steps + 1, -1)
         weight_at[rows] = np.arange(len(rows))
-        joints = len(self._model.scene.joints)
+        joints = self._model.scene.joint_count
         of_rows = {
             "q_weight": (len(rows), n),
             "v_weight": (len(rows), n),
@@ -132,7 +133,7 @@ class Adjoint:
     def _named(self, of_steps: dict[str, np.ndarray]) -> dict[str, Any]:
         model, p, found = self._model, self._p, self._results
         columns, dofs, of_slides, joints = model.couplings.free_columns
-        q, slides = np.zeros(p.dofs), np.zeros(len(model.scene.joints))
+        q, slides = np.zeros(p.dofs), np.zeros(model.scene.joint_count)
         np.add.at(q, dofs, found["columns"][columns])
         np.add.at(slides, joints, found["columns"][of_slides])
         driven = found["columns"][p.free : p.free + p.driven]

@@ -54,7 +54,7 @@ class Forward:
         count = len(next(iter(changes.values())))
         row_at = np.full(len(tape) + 1, -1)
         row_at[rows] = np.arange(len(rows))
-        joints = len(model.scene.joints)
+        joints = model.scene.joint_count
         results = {
             "q_rows": np.zeros((len(rows), count, p.dofs)),
             "v_rows": np.zeros((len(rows), count, p.dofs)),
@@ -117,7 +117,7 @@ class Forward:
         """Changes of the columns at the start, with those of ties, which follow."""
         model, p = self._model, self._p
         q = _rows(changes.get("q"), count, p.dofs)
-        slides = _rows(changes.get("slides"), count, len(model.scene.joints))
+        slides = _rows(changes.get("slides"), count, model.scene.joint_count)
         motors = _rows(changes.get("motors"), count, len(model.motors))
         found = np.zeros((count, p.columns + p.ties))
         found[:, : p.free] = model.couplings.unknowns(q, slides)

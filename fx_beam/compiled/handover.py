@@ -182,7 +182,7 @@ class Problem:
         point_stored_at[len(point_stored_at) - len(points.slides) + of] = to
         self._set(points=points.address, point_stored_at=point_stored_at)
         if rows := self._slide_rates():
-            rates = np.zeros(len(model.scene.joints))
+            rates = np.zeros(model.scene.joint_count)
             self._set(rated=len(rows), rated_slide=rows, slide_rate=rates)
 
     def _slide_rates(self) -> list[dict[str, Any]]:
@@ -193,6 +193,7 @@ class Problem:
         def dofs(node: Node) -> np.ndarray:
             return np.full(3, -1) if node is GROUND else model.mesh.dofs[node.number]
 
+        own = model.scene.joint_by_number
         return [
             {
                 "joint": joint.number,
@@ -202,7 +203,7 @@ class Problem:
                 "axis": np.zeros(2) if joint.axis is None else joint.axis,
                 "offset": joint.offset,
             }
-            for joint in (model.scene.joints[i] for i in np.unique(model.points.slides))
+            for joint in (own[i] for i in np.unique(model.points.slides))
         ]
 
     def _hand_over_rates(self, stored_at: np.ndarray) -> None:
@@ -350,7 +351,7 @@ class Problem:
             for name in Passing._fields
         }
         self._set(
-            scene_joints=len(self.model.scene.joints),
+            scene_joints=self.model.scene.joint_count,
             passes=len(parts["pass_dof"]),
             passes_of_forces=len(both[0].dof),
             **parts,

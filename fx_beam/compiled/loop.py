@@ -66,7 +66,7 @@ class CompiledLoop:
         p, model = self._problem, self.model
         known = min(p.known_steps, self._library.PAST)
         ages, differences, y = (values[:known].copy() for values in self._past)
-        slides = model.couplings.free_slides(y, len(model.scene.joints))
+        slides = model.couplings.free_slides(y, model.scene.joint_count)
         orders = np.array(list(p.orders[0 : p.sub_steps]))
         return Past(ages, orders, differences, slides)
 

@@ -173,7 +173,7 @@ def couple(scene: Scene, mesh: Mesh) -> Couplings:
         sums=of_sums,
         slides=columns.slides,
         moving=moving,
-        sign=np.array([_signs(forest, len(scene.joints)) for forest in forests]),
+        sign=np.array([_signs(forest, scene.joint_count) for forest in forests]),
         arms=arms,
         ties=sums.ties,
         forests=forests,

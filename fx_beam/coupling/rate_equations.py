@@ -39,7 +39,7 @@ class RateEquations:
         supports: np.ndarray,
         columns: int,
     ):
-        self.size, self.joints, self.columns = mesh.dofs.size, len(scene.joints), columns
+        self.size, self.joints, self.columns = mesh.dofs.size, scene.joint_count, columns
         sliding = sliding_joints(scene.joints)
         plain = [joint for joint in scene.joints if joint not in sliding]
         slotted = [j for j in plain if j.slide is not None and j.slide.motor is None]

@@ -77,7 +77,7 @@ def _rank_near_by(reduction: LoopReduction, motions: np.ndarray) -> int:
 def _forces(scene: Scene, couplings: Couplings, left: np.ndarray) -> np.ndarray:
     """Forces (joints, 2, n) of the joints that no load causes, for closing forces (n, closures)."""
     n = len(scene.nodes)
-    forces, on_nodes = np.zeros((len(scene.joints), 2, len(left))), np.zeros((n + 1, 2, len(left)))
+    forces, on_nodes = np.zeros((scene.joint_count, 2, len(left))), np.zeros((n + 1, 2, len(left)))
     for own, one in zip(left.T, couplings.closures, strict=True):
         forces[one.joint.number, one.component] += own
         on_nodes[one.joint.b.number, one.component] -= own

@@ -51,7 +51,7 @@ class JointForces:
         """
         model, reduction = self._model, self._model.reduction
         r = reduction.carried(reduction.closed(r)).copy()
-        out = np.zeros((len(model.scene.joints), 3))
+        out = np.zeros((model.scene.joint_count, 3))
         _pass(self.displacements, r, out)
         if (closing := reduction.closing()) is not None:
             out[: len(closing), :2] += closing

@@ -105,7 +105,8 @@ class Model:
         if isinstance(self.reduction, LoopReduction) or self.couplings.sliding:
             raise ElsewhereError("joints that close loops, or slide on beams, lie elsewhere")
         if isinstance(self.reduction, JointReduction):
-            moving = [self.scene.joints[joint.number] for joint in self.couplings.moving]
+            own = self.scene.joint_by_number
+            moving = [own[joint.number] for joint in self.couplings.moving]
             self.reduction.set_arms(moving)
         return True
 
@@ -135,8 +136,9 @@ class Model:
         rates = np.zeros(len(state.slides))
         if len(self.points.slides):
             motion = self.motion(q=self.to_nodes(state.q)[None], v=self.to_nodes(state.v)[None])
+            own = self.scene.joint_by_number
             for number in set(self.points.slides.tolist()):
-                kinematics = self.scene.joints[number].kinematics
+                kinematics = own[number].kinematics
                 (rates[number],) = kinematics.rate(motion, state.slides[[number]])
         return rates
 
@@ -193,6 +195,13 @@ class Model:
         laws = [beam.section.strain_energy for beam in self.scene.beams]
         return any(law is not None and has_pieces(law) for law in laws)
 
+    def energy(self, state: State) -> float:
+        """Kinetic, stored and potential energy [J]."""
+        self.forms.parameters.use(state.parameters)
+        stored = self.forms.strain_energy(state.q, state.internal) + self.spring_energy(state)
+        weight = 0.0 if self.weight is None else self.weight @ state.q
+        return float(state.v @ (self.mass @ state.v) / 2 + stored - weight)
+
     def spring_energy(self, state: State) -> float:
         """Energy stored in springs, stops and obstacles [J]."""
         return self.points.energy(state.q, state.slides, state.spring_internal)
@@ -203,7 +212,7 @@ class Model:
         cells, points, variables = self.forms.internal_shape
         return {
             "dofs": self.size,
-            "joints": len(self.scene.joints),
+            "joints": self.scene.joint_count,
             "constraints": self.reduction.columns - self.reduction.free,
             "contacts": self.points.contacts,
             "parameters": len(self.forms.parameters),
@@ -311,8 +320,7 @@ class Model:
             if self.couplings.closures:
                 unit = self.unit_of_unknowns
                 self.reduction = loops = LoopReduction(*parts, unit, sliders)
-                slides = np.array([joint.start()[0] for joint in scene.joints])
-                loops.begin(np.zeros(self.size), slides)
+                loops.begin(np.zeros(self.size), scene.slides_at_start())
                 check_loops(scene, self.couplings, loops)
             else:
                 self.reduction = JointReduction(*parts, sliders)

@@ -43,6 +43,8 @@ class Supports:
         held: dict[int, set[int]] = {}
         scene = drawing.scene
         for number, component in () if scene is None else scene.fixed:
+            if number in scene.gone:
+                continue
             held.setdefault(number, set()).add(component)
         for joint in () if scene is None else filter(is_grounded, scene.joints):
             if joint.axis is not None:

@@ -46,6 +46,9 @@ class Energy:
         of `total`. Zero by default.
     numerical : (n,) float, optional
         The part of `dissipated` that is due to `EnergyDecaying`. Zero by default.
+    impact : (n,) float, optional
+        Energy since the start that velocities lost where the scene was changed between two motions:
+        new joints and supports act like a plastic impact. Zero by default.
 
     Examples
     --------
@@ -65,9 +68,10 @@ class Energy:
     dissipated: Any = None
     algorithmic: Any = None
     numerical: Any = None
+    impact: Any = None
 
     def __post_init__(self):
-        for name in ("springs", "dissipated", "algorithmic", "numerical"):
+        for name in ("springs", "dissipated", "algorithmic", "numerical", "impact"):
             if getattr(self, name) is None:
                 object.__setattr__(self, name, np.zeros_like(self.kinetic))
         _lock(self)
@@ -106,8 +110,8 @@ class Energy:
 
     @property
     def supplied(self) -> np.ndarray:
-        """Work minus dissipated energy, both since the start, (n,) [J]."""
-        supplied = self.work - self.dissipated
+        """Work minus dissipated energy and impacts, all since the start, (n,) [J]."""
+        supplied = self.work - self.dissipated - self.impact
         return supplied - supplied[0]
 
     @property

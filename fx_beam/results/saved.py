@@ -100,17 +100,19 @@ def _read(raw: BinaryIO) -> Solution:
         int(number): {name: data[f"joint{number}_internal{i}"] for i, name in enumerate(names)}
         for number, names in meta["joints"].items()
     }
+    energies: dict[str, Any] = {f.name: data.get(f"energy_{f.name}") for f in fields(Energy)}
     end = None
     if "end_t" in data:
         parts: dict[str, Any] = {f.name: data.get(f"end_{f.name}") for f in fields(State)}
         parts |= {name: float(data[f"end_{name}"]) for name in NUMBERS}
+        parts["impact"] = float(data.get("end_impact", 0.0))
         if "past_ages" in data:  # that of a motion
             parts["past"] = Past(**{f.name: data[f"past_{f.name}"] for f in fields(Past)})
         end = State(**parts)
     return Solution(
         {name: data[name] for name in HISTORIES},
         X=data["X"],
-        energy=Energy(**{f.name: data[f"energy_{f.name}"] for f in fields(Energy)}),
+        energy=Energy(**energies),
         stats=_stats(meta["stats"]),
         beams=beams,
         nodes_of_beam=nodes_of_beam,

@@ -113,6 +113,12 @@ class State:
     #: Rates of driven motions (driven,) at the end of a `Motion`, whose inputs are not known after.
     driven_rates: np.ndarray | None = None
     inputs: np.ndarray | None = None
+    #: Energy since the start that changes of the scene took from velocities [J].
+    impact: float = 0.0
+    #: Set at the end of a run: rates (size,) that fit the joints, if those of steps do not, and the
+    #: joints and supports of the scene, as `constraints_of` gives them.
+    fitted: np.ndarray | None = None
+    constraints: np.ndarray | None = None
 
     def renumbered(self, change: _Renumbering, change_cells: _Renumbering) -> State:
         """The state in another numbering of degrees of freedom and of cells."""
@@ -124,6 +130,8 @@ class State:
             value, of = getattr(self, name), str(quantity.shape[0])
             if value is not None and (of.endswith("dofs") or of == "cells"):
                 new[name] = change(value) if of.endswith("dofs") else change_cells(value)
+        if self.fitted is not None:
+            new["fitted"] = change(self.fitted)
         return replace(self, **new, past=past)
 
     def memory(self, length: float) -> float:

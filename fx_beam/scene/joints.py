@@ -205,7 +205,7 @@ class Joint:
 def check_new(joint: Joint, known: dict[tuple, Joint], joints: list[Joint]) -> None:
     """Refuse a joint whose coupling is known as that of one of the joints."""
     twin = known.get(joint.coupling)
-    if twin is not None and any(twin is own for own in joints[twin.number :][:1]):
+    if twin is not None and any(twin is own for own in joints):
         raise SceneError(f"{joint}: the scene has it already, as {twin}. Add each joint once")
 
 

@@ -192,8 +192,11 @@ def check_node(scene, node, what: str) -> None:
             f"{what}: {shown(node)} is not a node; take one from a beam: beam.start, beam.end or "
             "beam.node(fraction), or from a body: body.centre or body[name]"
         )
-    if node.scene is not scene:
+    own: Any = node.scene
+    if own is not scene:
         raise SceneError(f"{what}: {node} belongs to another scene; take a node of this one")
+    if node.number in own.gone:
+        raise SceneError(f"{what}: {node} was taken away with its member; take another node")
 
 
 def check_beam(scene, beam, what: str) -> None:

@@ -6,6 +6,8 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
+import numpy as np
+
 from fx_beam.errors import SceneError
 from fx_beam.validation import TimeFunction, is_name, is_one_of, require, shown, vector
 
@@ -22,6 +24,7 @@ from .law import parameters_of_energy
 from .notebook import html_table, sketch
 from .obstacles import Circle, Line, Obstacle, checked_obstacle
 from .parameters import Parameters
+from .removal import remove_beam, remove_body, remove_joint
 from .section import Section
 from .stop import Stop
 from .summary import facts
@@ -71,7 +74,11 @@ class Scene(Geometry):
         self.parameters = Parameters()
         self.bodies: list[Body] = []
         self._names_of_bodies: set[str] = set()
+        #: Numbers of nodes whose members were taken away. They are held where they are.
+        self.gone: set[int] = set()
         self.joints: list[Joint] = []
+        #: Joints that were ever added: as their numbers stay, so do rows of solutions.
+        self.joint_count = 0
         self._couplings: dict[tuple, Joint] = {}
         self.obstacles: list[Obstacle] = []
         self.forces_between: list[ForceBetween] = []
@@ -318,10 +325,29 @@ class Scene(Geometry):
         check_new(joint, self._couplings, self.joints)
         for on in filter(None, (joint.slide, joint.rotation)):
             self.parameters.add(parameters_of(on), str(joint))
-        joint = replace(joint, number=len(self.joints))
+        joint = replace(joint, number=self.joint_count)
+        self.joint_count += 1
         self._couplings[joint.coupling] = joint
         self.joints.append(joint)
         return joint
+
+    @property
+    def joint_by_number(self) -> dict[int, Joint]:
+        """The joints by their numbers."""
+        return {joint.number: joint for joint in self.joints}
+
+    def slides_at_start(self) -> np.ndarray:
+        """Slides of the joints in the reference configuration.
+
+        Returns
+        -------
+        (joint_count,) float
+            Slides by the numbers of the joints [m]; zero for joints without.
+        """
+        slides = np.zeros(self.joint_count)
+        for joint in self.joints:
+            slides[joint.number] = joint.start()[0]
+        return slides
 
     def make_velocities_compatible(self) -> None:
         """Project initial velocities that violate a joint or a support, instead of an error.
@@ -749,11 +775,16 @@ class Scene(Geometry):
         return self.loads[at]
 
     def remove(self, *parts) -> None:
-        """Take away loads, masses, drag, virtual works, forces between points, and contacts.
+        """Take away joints, members, contacts, loads, masses, drag, forces between points.
+
+        With a beam or a body goes all that acts on it, and on nodes that belong to nothing else:
+        loads, masses, joints, supports and contacts. Motions that start from a solution of the
+        scene before the change know what stays (`simulate`). A name that was in use is not free
+        again.
 
         Parameters
         ----------
-        *parts : Load, Mass, Drag, VirtualWork, ForceBetween or Obstacle
+        *parts : Joint, Beam, Body, Obstacle, Load, Mass, Drag, VirtualWork or ForceBetween
             What the methods that add them returned. For supports there is `free`.
 
         Raises
@@ -782,13 +813,23 @@ class Scene(Geometry):
         >>> bool(abs(unloaded.displacement(beam.end)[-1]).max() < 1e-9)
         True
         """
+        whole = (
+            (self.joints, remove_joint),
+            (self.beams, remove_beam),
+            (self.bodies, remove_body),
+        )
         lists = (
             *(self.loads, self.masses, self.drags, self.virtual_works),
             *(self.forces_between, self.obstacles),
         )
         for part in parts:
-            own = next((known for known in lists if any(part is one for one in known)), [])
-            del own[_position(own, part, "remove", "a part")]
+            for known, remove in whole:
+                if any(part is one for one in known):
+                    remove(self, part)
+                    break
+            else:
+                own = next((known for known in lists if any(part is one for one in known)), [])
+                del own[_position(own, part, "remove", "a part")]
             if isinstance(part, ForceBetween) and isinstance(part.force, GivenPull):
                 self.parameters.forget(part.force.pull.name)
             self.changes += 2  # also if something else is added

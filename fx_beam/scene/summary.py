@@ -17,9 +17,14 @@ def facts(scene: Any) -> dict[str, str]:
         degree = beams[0].degree if beams else 1
         if beams:
             entries["elements"] = f"{elements} of degree {degree}"
-        nodes = len(scene.nodes) + elements * (degree - 1)
+        nodes = len(scene.nodes) - len(scene.gone) + elements * (degree - 1)
         entries["nodes"] = str(nodes)
-        held = len(scene.fixed) + len(scene.prescribed) + sum(map(_held, scene.joints))
+        held = (
+            len(scene.fixed)
+            - 3 * len(scene.gone)
+            + len(scene.prescribed)
+            + sum(map(_held, scene.joints))
+        )
         entries["unknowns"] = str(3 * nodes - held)
     for name in ("joints", "masses", "loads"):
         entries[name] = str(len(getattr(scene, name)))

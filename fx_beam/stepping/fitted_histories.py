@@ -16,7 +16,9 @@ from .forcing import Forcing
 from .held_inputs import Ramp
 
 # Which energies have the work of driven motions.
-_BY_DRIVEN = [float(field.name in ("kinetic", "work")) for field in fields(Energy)]
+_BY_DRIVEN = [
+    float(field.name in ("kinetic", "work")) for field in fields(Energy) if field.name != "impact"
+]
 
 
 class Ends(NamedTuple):

@@ -114,9 +114,9 @@ class HeldInputs:
             values[name] = value
         return values
 
-    def _changes(self, scene: Scene) -> int:
-        """A number that changes with what the scene has."""
-        return sum(map(len, self._watched)) + scene.changes
+    def _changes(self, scene: Scene) -> tuple[int, ...]:
+        """Numbers of which one changes with what the scene has."""
+        return *map(len, self._watched), scene.changes
 
     def set(self, values: Mapping[str, Any]) -> None:
         """Set some inputs for the next steps."""

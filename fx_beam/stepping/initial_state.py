@@ -32,8 +32,8 @@ def initial_state(
 ) -> State:
     """State with the scene's initial velocities and the accelerations of dynamic equilibrium.
 
-    At `start`, whose rates are kept if it turns, or in the reference configuration. SceneError for
-    incompatible velocities. Without `accelerations` they are zero where steps do not read them.
+    At `start`, whose rates are kept if it turns, and projected if they are `fitted` to other
+    joints; or in the reference configuration. SceneError for incompatible velocities. Without `accelerations` they are zero where steps do not read them.
     """
     state = reference_state(model) if start is None else start
     needed = accelerations or model.needs_accelerations
@@ -50,8 +50,15 @@ def _moving_state(
     """The state with rates and accelerations, and whether parts without mass are unbalanced."""
     rates, accelerations = _begin(model, forcing, state, dt)
     coupled = coupled_rates(model)
-    w = initial_rates(model, state, coupled, rates)
-    state = replace(state, v=model.reduction.spread(w))
+    if state.fitted is None:
+        w = initial_rates(model, state, coupled, rates)
+        state = replace(state, v=model.reduction.spread(w))
+    else:
+        w = projected_rates(model, coupled, state.fitted, rates)
+        v = model.reduction.spread(w)
+        lost = model.mass @ (state.fitted - v)
+        by_driven = -float(lost @ v) if model.couplings.driven else 0.0
+        state = replace(state, v=v, work=state.work + by_driven, fitted=None)
     if not accelerates:
         return state, False
     a, rest = _acceleration(model, forcing, state, coupled, w, accelerations, dt)
@@ -75,7 +82,7 @@ def resumed_state(
 
 def reference_state(model: Model) -> State:
     """The reference configuration at t = 0."""
-    slides = np.array([joint.start()[0] for joint in model.scene.joints])
+    slides = model.scene.slides_at_start()
     q, v, a = (np.zeros(model.size) for _ in range(3))
     state = State(0.0, np.zeros(len(model.motors)), q, v, a, slides)
     if len(model.forms.parameters):
@@ -172,14 +179,10 @@ def initial_rates(
 
     SceneError if they violate a support or a joint and the scene does not project them.
     """
-    v = state.v.copy() if state.v.any() else _given_velocity(model)
+    v = state.v.copy() if state.v.any() else given_velocity(model)
     scene = model.scene
     if scene.projects_velocities:
-        weight = model.mass + _small_mass(model)
-        w = nearest_rates(model, coupled, v, driven, weight)
-        # Once more from these rates of massless parts: then their small mass has no effect.
-        v = np.where(model.massless, model.reduction.spread(w), v)
-        return nearest_rates(model, coupled, v, driven, weight)
+        return projected_rates(model, coupled, v, driven)
     w = nearest_rates(model, coupled, v, driven)
     unit = [1.0, 1.0, 1 / model.mesh.size]
     compatible = model.reduction.spread(w)
@@ -198,6 +201,17 @@ def initial_rates(
         node, component = np.unravel_index(np.argmax(gap), gap.shape)
         raise SceneError(_message(model, int(node), int(component), v, compatible))
     return w
+
+
+def projected_rates(
+    model: Model, coupled: CoupledRates, v: np.ndarray, driven: np.ndarray
+) -> np.ndarray:
+    """Rates (columns,) closest to given rates v (size,) in the norm of the mass."""
+    weight = model.mass + _small_mass(model)
+    w = nearest_rates(model, coupled, v, driven, weight)
+    # Once more from these rates of massless parts: then their small mass has no effect.
+    v = np.where(model.massless, model.reduction.spread(w), v)
+    return nearest_rates(model, coupled, v, driven, weight)
 
 
 def nearest_rates(
@@ -224,7 +238,7 @@ def _driven_rates(model: Model, driven: np.ndarray) -> np.ndarray:
     return w
 
 
-def _given_velocity(model: Model) -> np.ndarray:
+def given_velocity(model: Model) -> np.ndarray:
     """Initial rates (size,) as given; zero elsewhere."""
     mesh, scene = model.mesh, model.scene
     v, unit = np.full((len(mesh.X), 3), np.nan), np.array([1.0, 1.0, mesh.size])

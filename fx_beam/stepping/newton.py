@@ -157,7 +157,7 @@ class Newton:
         model, reduction = self.model, self.model.reduction
         at_rest = model.scheme.rates.at_rest
         if predicted_y is None and not at_rest:
-            slides = np.zeros(len(model.scene.joints))
+            slides = np.zeros(model.scene.joint_count)
             predicted_y = model.couplings.unknowns(interval.length * start.v, slides)
         if predicted_y is not None:
             reduction.choose(predicted_y, driven)
@@ -317,7 +317,7 @@ class Predictor:
         """The last motion, in a form that does not depend on the numbering of unknowns."""
         model, known = self._model, len(self._past)
         y = np.reshape(self._past_y, (known, model.reduction.free))
-        slides = model.couplings.free_slides(y, len(model.scene.joints))
+        slides = model.couplings.free_slides(y, model.scene.joint_count)
         differences = np.reshape(self._past, (known, model.size))
         return Past(self._ages, self._orders, differences, slides)
 

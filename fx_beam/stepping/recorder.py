@@ -6,7 +6,7 @@ import bisect
 import itertools
 import math
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -132,6 +132,7 @@ class Recorder:
         #: The last state.
         self.end: State
         self._first: State
+        self._fitted: tuple[float, np.ndarray] | None = None
         #: Full turns (size,) [rad] that are missing in the rows from a number on.
         self.turns: dict[int, np.ndarray] = {}
         kinds = {"always"} | {kind for kind in _KINDS if getattr(record, kind)}
@@ -195,6 +196,11 @@ class Recorder:
         self.settle(int(np.searchsorted(times, self.end.t, side="right")))
 
     @property
+    def impact(self) -> float:
+        """Energy that changes of the scene took before the start [J]."""
+        return self._first.impact
+
+    @property
     def starts(self) -> int:
         """Number of starts of sub-steps that are stored."""
         return self._starts.count
@@ -256,6 +262,13 @@ class Recorder:
                 rows[self.rows] = np.ravel(values[name]) if rows.ndim > 1 else values[name]
         self.add(1, self.starts)
 
+    def fitted_at(self, t: float) -> np.ndarray | None:
+        """Rates (size,) at a time [s] that fit the joints, if those of steps do not.
+
+        Known after `histories`, at the last row.
+        """
+        return self._fitted[1] if self._fitted is not None and self._fitted[0] == t else None
+
     def _missing(self, row: int) -> np.ndarray | float:
         """Full turns (size,) [rad] that are missing in a row."""
         at = bisect.bisect_right([*self.turns], row)
@@ -269,12 +282,13 @@ class Recorder:
             starts = None if self.every == 1 else self._starts.of_rows(recorded["up_to_row"])
             grid, driven = (self._times, self._steps[:n]), self._first.driven_rates
             recorded = fitted(model, recorded, starts, grid, driven)
+            self._fitted = grid[0][grid[1][-1]], recorded["v"][-1]
             recorded = {name: recorded[name] for name in recorded if name not in self._serving}
         t = self._times[self._steps[:n]]
         histories = {
             "t": t,
             "t_level": t - (1 - model.scheme.rates.level) * self._lengths(),
-            "energy": Energy(*recorded["energies"].T),
+            "energy": replace(Energy(*recorded["energies"].T), impact=np.full(n, self.impact)),
             "linear_momentum": recorded["momenta"][:, :2],
             "angular_momentum": recorded["momenta"][:, 2],
         }
@@ -302,7 +316,7 @@ class Recorder:
         reactions = np.zeros((len(forces), len(model.mesh.X), 3))
         supported, components, columns = model.supports
         reactions[:, supported, components] = forces[:, columns]
-        motors = np.zeros((len(forces), len(model.scene.joints)))
+        motors = np.zeros((len(forces), model.scene.joint_count))
         first, numbers = len(model.prescribed), [joint.number for joint, _ in model.motors]
         motors[:, numbers] = forces[:, first : first + len(numbers)]
         return {"reactions": reactions, "motor_forces": motors}

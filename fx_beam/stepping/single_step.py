@@ -100,7 +100,7 @@ class SingleStep:
 
     def _slide_increments(self, step: StepSolution, driven: np.ndarray) -> np.ndarray:
         z = np.concatenate([step.y, driven])
-        increments = np.zeros(len(self.model.scene.joints))
+        increments = np.zeros(self.model.scene.joint_count)
         for number, column in self.model.couplings.slides.items():
             increments[number] = z[column]
         return increments
