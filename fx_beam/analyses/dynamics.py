@@ -97,9 +97,12 @@ def simulate(
         static solution the scene starts deformed, with its initial velocities, at the time `t` of
         `static`; with a spin it continues to turn, without other velocities. From an earlier
         motion the simulation continues without interruption, including the work done so far and,
-        for the same scheme and `dt`, the length of sub-steps. The scene must have the same nodes
-        and the same numbers of joints and motors, and its joints must be satisfied in this state.
-        Loads, masses and supports may differ.
+        for the same scheme and `dt`, the length of sub-steps. Loads, masses, supports, joints and
+        members may have changed since. Members that stay are known by their names; new ones begin
+        in their reference shape with their initial velocities. Joints must be satisfied in this
+        state. Velocities are projected by the mass onto what new joints and supports allow, as in
+        a plastic impact: `Energy.impact` is what they lose. Energy that came or went with members
+        is part of `Energy.work`.
     newton : NewtonOptions, optional
         Convergence criteria of Newton's method.
     max_halvings : int
