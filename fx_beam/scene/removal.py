@@ -9,7 +9,7 @@ from typing import Any
 
 from .beam import COMPONENTS, Beam, Node
 from .body import Body
-from .joints import GROUND, Joint
+from .joints import Joint
 
 
 def remove_joint(scene: Any, joint: Joint) -> None:

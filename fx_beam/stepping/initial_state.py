@@ -33,7 +33,8 @@ def initial_state(
     """State with the scene's initial velocities and the accelerations of dynamic equilibrium.
 
     At `start`, whose rates are kept if it turns, and projected if they are `fitted` to other
-    joints; or in the reference configuration. SceneError for incompatible velocities. Without `accelerations` they are zero where steps do not read them.
+    joints; or in the reference configuration. SceneError for incompatible velocities. Without
+    `accelerations` they are zero where steps do not read them.
     """
     state = reference_state(model) if start is None else start
     needed = accelerations or model.needs_accelerations
