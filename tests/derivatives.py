@@ -29,11 +29,21 @@ class Run:
         self.end = setup.stepper.march(state, self.times[1:], 1, recorder)
         #: Histories (steps + 1, ...).
         self.rows = {name: recorder.arrays[name][: steps + 1] for name in ("q", "v", "slides")}
+        if len(self.model.scheme.fractions) == 1:  # else forces are means over sub-steps
+            forces = {"constraints": "constraint_forces", "joints": "joint_forces"}
+            forces = {name: recorder.arrays[row][1 : steps + 1] for name, row in forces.items()}
+            self.rows |= {name: rows for name, rows in forces.items() if rows.size}
+
+    @property
+    def sub_steps(self):
+        """Sub-steps whose forces are among the rows."""
+        return np.arange(len(self.loop.tape) * ({"constraints", "joints"} & {*self.rows} != set()))
 
     def adjoint(self, weights, steps=None):
         """Derivatives of the sum of weights times states after some steps, by default all."""
         at = self.loop.tape.boundaries(self.times if steps is None else self.times[steps])
-        return Adjoint(self.loop).pull(self.loop.tape, weights, at)
+        forces = self.sub_steps if {"constraints", "joints"} & {*weights} else self.sub_steps[:0]
+        return Adjoint(self.loop).pull(self.loop.tape, weights, at, forces)
 
 
 def numbers(run, starts, lengths):
@@ -68,9 +78,9 @@ def both(build, scheme=None, dt=0.01, steps=20, h=1e-5):
     By the adjoint with differences of the scene's numbers, and by differences of the motion.
     Returns both, and the size of the parts of the first.
     """
-    scheme, rng = scheme or fb.EnergyMomentum(), np.random.default_rng(0)
+    scheme = scheme or fb.EnergyMomentum()
     run = Run(build(1.0), scheme, dt, steps, taped=True)
-    weights = {name: rng.standard_normal(rows.shape) for name, rows in run.rows.items()}
+    weights = _weights(run)
     found, tape = run.adjoint(weights), run.loop.tape
     low, high = (Run(build(x), scheme, dt, steps) for x in (1 - h, 1 + h))
     ends = [numbers(part, tape.starts, tape.lengths) for part in (low, high)]
@@ -81,6 +91,15 @@ def both(build, scheme=None, dt=0.01, steps=20, h=1e-5):
         sum((weights[name] * part.rows[name]).sum() for name in weights) for part in (low, high)
     ]
     return sum(parts), (values[1] - values[0]) / (2 * h), max(map(abs, parts))
+
+
+def _weights(run):
+    """Random weights of the rows of a run; forces, with larger round-off, have smaller ones."""
+    rng, weights = np.random.default_rng(0), {}
+    for name, rows in run.rows.items():
+        largest = abs(rows).max(initial=1.0) if name in ("constraints", "joints") else 1.0
+        weights[name] = rng.standard_normal(rows.shape) / largest
+    return weights
 
 
 def forward_and_backward(build, scheme=None, dt=0.01, steps=20):
@@ -96,10 +115,13 @@ def forward_and_backward(build, scheme=None, dt=0.01, steps=20):
         name: rng.standard_normal((2, *values.shape)) * abs(values).max(initial=0.0)
         for name, values in numbers(run, tape.starts, tape.lengths).items()
     }
-    states = Forward(adjoint).push(tape, changes, at)
-    weights = {name: rng.standard_normal(rows.shape) for name, rows in run.rows.items()}
-    found = adjoint.pull(tape, weights, at)
-    forward = [sum((weights[name] * states[name][:, j]).sum() for name in weights) for j in (0, 1)]
+    states = Forward(adjoint).push(tape, changes, at, run.sub_steps)
+    weights = _weights(run)
+    found = adjoint.pull(tape, weights, at, run.sub_steps)
+    forward = [
+        sum((weights[name].ravel() * states[name][:, j].ravel()).sum() for name in weights)
+        for j in (0, 1)
+    ]
     backward = [
         sum((found[name] * change[j]).sum() for name, change in changes.items() if name in found)
         for j in (0, 1)

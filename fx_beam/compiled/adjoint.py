@@ -19,6 +19,8 @@ from .loop import CompiledLoop
 from .pulled_work import PulledWork
 from .tape import Tape
 
+_NONE = np.empty(0, dtype=int)
+
 
 class Adjoint:
     """Derivatives of a function of the states of a run by all numbers of its scene."""
@@ -90,40 +92,44 @@ class Adjoint:
         return arrays
 
     def pull(
-        self, tape: Tape, weights: Mapping[str, np.ndarray], rows: np.ndarray
+        self,
+        tape: Tape,
+        weights: Mapping[str, np.ndarray],
+        rows: np.ndarray,
+        sub_steps: np.ndarray = _NONE,
     ) -> dict[str, Any]:
         """Derivatives by all numbers.
 
         `weights` are derivatives by "q" and "v" (m, size) and "slides" (m, joints) at boundaries
-        between sub-steps with the numbers `rows` (m,).
+        between sub-steps with the numbers `rows` (m,); and by the forces in some `sub_steps` (k,):
+        "constraints" (k, columns) of driven and fixed columns, and "joints" (k, joints, 3).
         """
-        p, n, sub_steps = self._p, self._model.size, len(tape)
+        p, n, every = self._p, self._model.size, len(tape)
         for array in (*self._results.values(), *(work.sums for work in self._works)):
             array[...] = 0.0
-        weight_at = np.full(sub_steps + 1, -1)
-        weight_at[rows] = np.arange(len(rows))
         joints = self._model.scene.joint_count
         of_rows = {
-            "q_weight": (len(rows), n),
-            "v_weight": (len(rows), n),
-            "slide_weight": (len(rows), max(1, joints)),
+            "q": ("q_weight", len(rows), n),
+            "v": ("v_weight", len(rows), n),
+            "slides": ("slide_weight", len(rows), joints),
+            "constraints": ("constraint_weight", len(sub_steps), p.columns - p.free),
+            "joints": ("joint_weight", len(sub_steps), 3 * joints),
         }
-        given = {}
-        for (name, shape), key in zip(of_rows.items(), ("q", "v", "slides"), strict=True):
-            given[name] = np.zeros(shape)
-            if key in weights:
-                given[name][:, : weights[key].shape[1]] = weights[key]
+        given = {"weight_at": numbered(rows, every + 1), "force_at": numbered(sub_steps, every)}
+        for key, (name, *shape) in of_rows.items():
+            values = np.reshape(weights[key], shape) if key in weights else np.zeros(shape)
+            given[name] = np.append(values, 0.0)  # never empty
         of_steps = {
-            "loads": np.zeros((sub_steps, 2, p.loads)),
-            "driven": np.zeros((sub_steps, p.driven)),
-            "thrust": np.zeros((sub_steps, p.thrusts, 2)),
-            "parameters": np.zeros((sub_steps, 2, p.parameter_count)),
+            "loads": np.zeros((every, 2, p.loads)),
+            "driven": np.zeros((every, p.driven)),
+            "thrust": np.zeros((every, p.thrusts, 2)),
+            "parameters": np.zeros((every, 2, p.parameter_count)),
         }
         structs = Structs(self._ffi, declarations("problem.h"))
         padded = {name: np.append(array.ravel(), 0.0) for name, array in of_steps.items()}
         #: Sizes of the derivatives by the rates at the starts of all sub-steps.
-        self.sizes = np.zeros(sub_steps)
-        structs.set(self.c, weight_at=weight_at, sizes=self.sizes, **given, **padded)
+        self.sizes = np.zeros(every)
+        structs.set(self.c, sizes=self.sizes, **given, **padded)
         left = self._library.fx_pull(p, tape.c, self.c)
         if left:
             raise singular(tape, left - 1)
@@ -196,6 +202,13 @@ class Adjoint:
             parts.pop("parameters of elements", None)  # they are those of steps
             named |= parts
         return named
+
+
+def numbered(which: np.ndarray, count: int) -> np.ndarray:
+    """Places (count,) of some numbers among themselves; -1 of the others."""
+    places = np.full(count, -1)
+    places[which] = np.arange(len(which))
+    return places
 
 
 def singular(tape: Tape, sub_step: int) -> SceneError:

@@ -10,7 +10,7 @@ import numpy as np
 from fx_beam.c_library import declarations
 from fx_beam.structs import Structs
 
-from .adjoint import Adjoint, singular
+from .adjoint import Adjoint, numbered, singular
 from .element_data import aligned
 from .tape import Tape
 
@@ -28,6 +28,7 @@ _PLAIN = {
 }
 # Numbers of each sub-step.
 _OF_STEPS = "loads", "driven", "thrust", "parameters"
+_NONE = np.empty(0, dtype=int)
 
 
 class Forward:
@@ -42,23 +43,28 @@ class Forward:
         self.names = {*_PLAIN, *_OF_STEPS, *of_start, *of_elements}
 
     def push(
-        self, tape: Tape, changes: Mapping[str, np.ndarray], rows: np.ndarray
+        self,
+        tape: Tape,
+        changes: Mapping[str, np.ndarray],
+        rows: np.ndarray,
+        sub_steps: np.ndarray = _NONE,
     ) -> dict[str, np.ndarray]:
         """Changes of "q" and "v" (n, m, size) and "slides" (n, m, joints) at some boundaries.
 
-        `changes` are those of the numbers by their names in `Adjoint.pull`, m of each; `rows` (n,)
-        the numbers of sub-steps before the boundaries.
+        And of the forces in some `sub_steps` (k,), "constraints" (k, m, columns) and "joints" (k,
+        m, joints, 3). `changes` are those of the numbers by their names in `Adjoint.pull`, m of
+        each; `rows` (n,) the numbers of sub-steps before the boundaries.
         """
         model, p = self._model, self._p
         structs = Structs(self._ffi, declarations("problem.h"))
         count = len(next(iter(changes.values())))
-        row_at = np.full(len(tape) + 1, -1)
-        row_at[rows] = np.arange(len(rows))
-        joints = model.scene.joint_count
+        joints, forces = model.scene.joint_count, len(sub_steps)
         results = {
             "q_rows": np.zeros((len(rows), count, p.dofs)),
             "v_rows": np.zeros((len(rows), count, p.dofs)),
             "slide_rows": np.zeros((len(rows), count, joints)),
+            "constraint_rows": np.zeros((forces, count, p.columns - p.free)),
+            "joint_rows": np.zeros((forces, count, joints, 3)),
         }
         given = self._given(tape, changes, count)
         directions = self._ffi.new("Directions *")
@@ -71,16 +77,16 @@ class Forward:
             element_numbers=given["of_elements"].shape[1],
             drag_numbers=given["of_drag"].shape[1],
             at_rest=self._adjoint.slide_at_rest,
-            row_at=row_at,
+            row_at=numbered(rows, len(tape) + 1),
+            force_at=numbered(sub_steps, len(tape)),
             scratch=aligned(np.zeros(room)),
             **{name: _never_empty(array) for name, array in (given | results).items()},
         )
         left = self._library.fx_push(p, tape.c, self._adjoint.c, directions)
         if left:
             raise singular(tape, len(tape) - left)
-        return {name: results[f"{name[0]}_rows"] for name in ("q", "v")} | {
-            "slides": results["slide_rows"]
-        }
+        names = "q", "v", "slides", "constraints", "joints"
+        return dict(zip(names, results.values(), strict=True))
 
     def _given(
         self, tape: Tape, changes: Mapping[str, np.ndarray], count: int

@@ -11,7 +11,7 @@ from fx_beam.errors import SceneError
 from .handover import Problem
 
 # Numbers of a row before its arrays, which begin with q and v (c/tape.h).
-TAPED_NUMBERS = 3
+TAPED_NUMBERS = 5
 
 
 class Tape:

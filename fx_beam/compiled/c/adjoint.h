@@ -5,6 +5,7 @@
 #pragma once
 
 #include "kept_factors.h"
+#include "recorder.h"
 #include "tape.h"
 
 /* Work space of a sub-step. `end` and `start` are by the configurations at both ends, columns with those of
@@ -14,6 +15,7 @@ typedef struct {
   double *end_columns, *start_columns, *mu, *on_ties;                           /* of columns and ties */
   double *values, *of_map, *at_start, *at_end;                                  /* of joints */
   double *of_internal, *lost_internal, *of_springs, *lost_springs, *loads, *thrust, *of_gaps;
+  double *forced, *of_forces, *of_levers, *of_joints, *kept; /* what weights of forces give */
 } Backward;
 
 static long lay_out_backward(const Problem *p, Backward *b, double *at) {
@@ -30,6 +32,8 @@ static long lay_out_backward(const Problem *p, Backward *b, double *at) {
   b->of_springs = allocate(&at, p->spring_width), b->lost_springs = allocate(&at, p->spring_width);
   b->loads = allocate(&at, 2 * p->loads), b->thrust = allocate(&at, 2 * p->thrusts);
   b->of_gaps = allocate(&at, p->closures);
+  b->forced = allocate(&at, c), b->of_forces = allocate(&at, n), b->of_levers = allocate(&at, 1 + 4 * p->joints);
+  b->of_joints = allocate(&at, 3 * p->scene_joints), b->kept = allocate(&at, n);
   return at - begin;
 }
 
@@ -136,6 +140,7 @@ static void pull_points(const Problem *p, const Adjoint *a, const Backward *b, d
     double *given = a->given, *found = a->found, *weights = given + all;
     memcpy(given, e->given, all * sizeof(double));
     for (int i = 0; i < n; ++i) weights[i] = coordinate(e, i, b->omega, b->mu, e->column);
+    if (e->joint >= 0) weights[1] += b->of_joints[3 * e->joint + 2];
     for (int i = 0; i < e->internal; ++i) weights[n + i] = b->of_springs[e->first_internal + i];
     call(a->pull[k], given, found, all);
     for (int i = 0; i < n; ++i)
@@ -169,10 +174,11 @@ static void pull_forces(const Problem *p, const Work *w, const Adjoint *a, const
   if (p->points->all) pull_points(p, a, b, thrust, parameters, last);
 }
 
-/* The derivatives of mu Tv^T r by the values of Tv, also in the gaps of loops and in ties. */
+/* The derivatives of mu Tv^T r by the values of Tv, also in the gaps of loops and in ties; less those that weights
+   of joint forces give. */
 static void pull_map(const Problem *p, const Work *w, const Backward *b) {
   double *on_ties = b->on_ties, *to = b->of_map;
-  memset(to, 0, (1 + 4 * p->joints) * sizeof(double));
+  for (int i = 0; i < 1 + 4 * p->joints; ++i) to[i] = -b->of_levers[i];
   for (int k = p->equal; k < p->entries; ++k)
     to[p->entry_value[k]] += p->entry_sign[k] * b->mu[p->entry_column[k]] * w->r[p->entry_row[k]];
   for (int i = 0; i < p->closures; ++i)
@@ -312,6 +318,70 @@ static void values_at_start(const Problem *p, const Work *w, const Backward *b) 
   }
 }
 
+/* The transpose of `pass_forces`. */
+static void return_forces(const Problem *p, int first, int end, double *on_nodes, const double *on_joints) {
+  for (int k = end - 1; k >= first; --k) {
+    double to = p->pass_to[k] >= 0 ? on_nodes[p->pass_to[k]] : 0;
+    on_nodes[p->pass_dof[k]] += p->pass_sign[k] * on_joints[p->pass_of[k]] + to;
+  }
+}
+
+/* From derivatives of J by the forces of joints, in `of_joints`, to those by nodal forces, levers and closing forces
+   (find_joint_forces). */
+static void pull_joint_forces(const Problem *p, const Work *w, const Backward *b, double *closing) {
+  double *nodes = b->of_forces, *joints = b->of_joints;
+  find_joint_forces(p, w);
+  return_forces(p, p->passes_of_forces, p->passes, nodes, joints);
+  for (int j = 0; j < p->joints; ++j) {
+    const double *lever = w->virtual_map + 1 + 4 * j, *F = w->joint_forces + 3 * p->slide_of[j];
+    for (int i = 0; i < 2 && p->guide[j] >= 0; ++i) {
+      b->of_levers[1 + 4 * j + i] += F[i] * nodes[p->guide[j]];
+      joints[3 * p->slide_of[j] + i] += lever[i] * nodes[p->guide[j]];
+    }
+  }
+  return_forces(p, 0, p->passes_of_forces, nodes, joints);
+  for (int k = 0; k < p->closures; ++k) {
+    closing[k] = joints[p->gap_force[k]];
+    if (p->gap_b[k] >= 0) closing[k] -= nodes[p->gap_b[k]];
+    if (p->gap_a[k] >= 0) closing[k] += nodes[p->gap_a[k]];
+  }
+}
+
+/* What weights of the forces of a sub-step add to mu and omega: a force of a column is a row of Tv^T r, as those of
+   the unknowns are, and closing forces follow from the rows of the unknowns that follow. Returns 0 without weights. */
+static int begin_forces(const Problem *p, const Work *w, const Adjoint *a, const Backward *b, long k) {
+  long row = a->force_at[k], constrained = p->columns - p->free, joints = 3 * p->scene_joints;
+  memset(b->omega, 0, p->dofs * sizeof(double)), memset(b->mu, 0, (p->columns + p->ties) * sizeof(double));
+  memset(b->forced, 0, p->columns * sizeof(double)), memset(b->of_forces, 0, p->dofs * sizeof(double));
+  memset(b->of_levers, 0, (1 + 4 * p->joints) * sizeof(double)), memset(b->of_joints, 0, joints * sizeof(double));
+  if (row < 0) return 0;
+  for (int i = 0; i < constrained; ++i) b->forced[p->free + i] = -a->constraint_weight[row * constrained + i];
+  memset(b->of_gaps, 0, p->closures * sizeof(double));
+  if (joints) {
+    memcpy(b->of_joints, a->joint_weight + row * joints, joints * sizeof(double));
+    pull_joint_forces(p, w, b, b->of_gaps);
+  }
+  for (int i = 0; i < p->closures; ++i) {
+    b->of_gaps[i] = -b->of_gaps[i];
+    for (int g = p->gap_start[i]; g < p->gap_start[i + 1]; ++g)
+      b->of_gaps[i] -= w->G_virtual[g] * b->forced[p->loop_column[p->gap_near[g]]];
+  }
+  if (p->closures) solve_gaps(p, w, w->part_virtual, w->order_virtual, b->of_gaps);
+  for (int i = 0; i < p->closures; ++i) b->forced[p->loop_column[p->following[i]]] += b->of_gaps[i];
+  memcpy(b->mu, b->forced, p->columns * sizeof(double));
+  spread_virtual(p, w, b->mu, b->omega);
+  for (int i = 0; i < p->dofs; ++i) b->omega[i] -= b->of_forces[i];
+  return 1;
+}
+
+/* Adds to the derivatives by the configuration at the end what forces and masses, and with mu Tv, have of it. */
+static void pull_end(const Problem *p, const Work *w, const Backward *b) {
+  double stiff = 2 / (w->dt * w->dt);
+  times_mass(p, b->omega, w->scratch);
+  for (int i = 0; i < p->dofs; ++i) b->end[i] -= b->by_increment[i] + stiff * w->slope[i] * w->scratch[i];
+  if (p->joints) pull_map(p, w, b), pull_arms(p, w, b);
+}
+
 /* Takes the derivatives from the end of a sub-step to its start; returns 0 if its tangent is singular. */
 static int pull_step(Problem *p, Work *w, const Adjoint *a, const Backward *b, const Tape *tape, long k) {
   int n = p->dofs, all = p->columns + p->ties;
@@ -325,32 +395,33 @@ static int pull_step(Problem *p, Work *w, const Adjoint *a, const Backward *b, c
   for (int i = 0; i < p->massless_count; ++i) path_bar[p->massless[i]] /= 2;
   memcpy(b->end_columns, a->columns, p->columns * sizeof(double));
   memset(b->start_columns, 0, all * sizeof(double));
-  memset(b->omega, 0, n * sizeof(double)), memset(b->mu, 0, all * sizeof(double));
+  int forced = begin_forces(p, w, a, b, k);
   for (int i = 0; i < p->spring_width; ++i) b->of_springs[i] = -a->spring_internal[i];
   long internal = (long)p->cells * p->cell_internal;
   for (long i = 0; i < internal; ++i) b->of_internal[i] = -a->internal[i] * p->per_weight[i % p->cell_internal];
-  int flows = internal || p->spring_width;
-  memset(b->by_increment, 0, n * sizeof(double));
-  if (flows) pull_forces(p, w, a, b, 0, 0, 0);
-  for (int i = 0; i < n; ++i) w->scratch[i] = b->end[i] + path_bar[i] - b->by_increment[i];
+  for (int i = 0; i < n; ++i) b->end[i] += path_bar[i];
+  memcpy(b->kept, b->end, n * sizeof(double));
+  if (forced || internal || p->spring_width) pull_forces(p, w, a, b, 0, 0, 0), pull_end(p, w, b);
   memcpy(w->columns, b->end_columns, p->columns * sizeof(double));
-  gather(p, w->values, w->scratch, w->columns);
+  gather(p, w->values, b->end, w->columns);
   memcpy(w->reduced, w->columns, p->free * sizeof(double));
+  memcpy(b->end, b->kept, n * sizeof(double));
   if (!solve_transposed(p, w, a)) return 0;
-  memcpy(b->mu, w->step, p->free * sizeof(double));
+  memcpy(b->mu, b->forced, p->columns * sizeof(double));
+  for (int i = 0; i < p->free; ++i) b->mu[i] += w->step[i];
   for (int i = 0; i < p->closures; ++i) b->of_gaps[i] = w->y[p->order[p->unknowns - p->closures + i]];
   spread_virtual(p, w, b->mu, b->omega);
+  for (int i = 0; i < n; ++i) b->omega[i] -= b->of_forces[i];
 
   memcpy(b->end_columns, a->columns, p->columns * sizeof(double));
   memset(b->start_columns, 0, all * sizeof(double));
   pull_forces(p, w, a, b, a->thrust + 2L * k * p->thrusts, a->parameters + 2L * k * p->parameter_count, 1);
   pull_loads(p, w, a, b, a->loads + 2L * k * p->loads);
   for (int i = 0; i < n; ++i) b->start[i] = a->before[i] - path_bar[i] + b->by_increment[i] - b->by_start[i];
-  for (int i = 0; i < n; ++i) b->end[i] += path_bar[i] - b->by_increment[i], a->before[i] = -b->by_before[i];
-  times_mass(p, b->omega, w->scratch);
+  memcpy(a->before, b->by_before, n * sizeof(double)), scale(n, -1, a->before);
+  pull_end(p, w, b);
   for (int i = 0; i < n; ++i) {
-    double of_inertia = per_dt / w->dt * w->slope[i] * w->scratch[i];
-    b->end[i] -= of_inertia, b->start[i] += of_inertia;
+    b->start[i] += per_dt / w->dt * w->slope[i] * w->scratch[i];
     a->v[i] = per_dt * w->scratch[i] - a->v[i];
   }
   for (int i = 0; i < p->massless_count; ++i) a->v[p->massless[i]] = 0;
@@ -358,7 +429,6 @@ static int pull_step(Problem *p, Work *w, const Adjoint *a, const Backward *b, c
   for (long i = 0; i < internal; ++i) a->internal[i] -= b->lost_internal[i];
   for (int i = 0; i < p->spring_width; ++i) a->spring_internal[i] = -b->lost_springs[i];
 
-  if (p->joints) pull_map(p, w, b), pull_arms(p, w, b);
   if (p->closures) pull_gaps(p, w, b);
   gather(p, w->values, b->end, b->end_columns);
   if (p->joints) add_followers(p, b->end, b->end_columns, b->at_end);

@@ -11,6 +11,7 @@
    and solutions of all directions (work.h), behind a column that is zero. */
 typedef struct {
   double *end, *increment, *force, *columns, *reduced, *arms, *map, *block;
+  double *on_joints, *moments, *closing; /* of one direction: forces of joints, moments of springs, closing forces */
   int *reached;
 } Change;
 
@@ -41,6 +42,8 @@ static long lay_out_forward(const Problem *p, const Adjoint *a, int count, Chang
   c->end = allocate(&at, n * count), c->increment = allocate(&at, n * count), c->force = allocate(&at, n * count);
   c->columns = allocate(&at, columns), c->reduced = allocate(&at, columns);
   c->arms = allocate(&at, 2 * p->joints), c->map = allocate(&at, 1 + 4 * p->joints);
+  c->on_joints = allocate(&at, 3 * p->scene_joints), c->moments = allocate(&at, p->scene_joints);
+  c->closing = allocate(&at, p->closures);
   c->block = allocate(&at, (1L + count) * p->positions), c->reached = (int *)allocate(&at, p->positions);
   for (int i = 0; i < 2; ++i)
     s->of_elements[i] =
@@ -145,12 +148,12 @@ static void change_elements(const Problem *p, const Pulled *of, const double *sl
   }
 }
 
-/* Adds the change of the forces at points to nodes, and to columns for slides; or with `grown` sets that of their
-   internal variables. */
+/* Adds the change of the forces at points to nodes, to columns for slides, and to the moments of joints; or with
+   `grown` sets that of their internal variables. */
 static void change_points(const Problem *p, const Adjoint *a, const double *slopes, const Directions *d, int j,
                           const double *increment, const double *start, const double *y0, const double *y1,
                           const double *thrust, const double *parameters, double *force, double *columns,
-                          double *grown) {
+                          double *moments, double *grown) {
   const double *numbers = d->points + (long)j * d->point_numbers, *internal = d->spring_internal + (long)j * p->spring_width;
   double *x = a->found;
   for (int k = 0; k < p->points->all; ++k) {
@@ -177,6 +180,7 @@ static void change_points(const Problem *p, const Adjoint *a, const double *slop
       } else if (e->dof[i] >= 0) {
         force[e->dof[i]] += sum;
       }
+      if (i == 1 && e->joint >= 0) moments[e->joint] += sum;
     }
   }
 }
@@ -303,12 +307,16 @@ static void change_end(const Problem *p, const Work *w, const Directions *d, con
   for (int i = 0; i < p->dofs; ++i) increment[i] = end[i] - q0[i];
 }
 
-static void driven_columns(const Problem *p, const Directions *d, const Change *c, long row, long rows, int j) {
+/* The changes of the columns at the end: those of driven motions, and with `solved` of the unknowns. */
+static void change_columns(const Problem *p, const Directions *d, const Change *c, long row, long rows, int j,
+                           int solved) {
   memset(c->columns, 0, (p->columns + p->ties) * sizeof(double));
+  for (int i = 0; solved && i < p->free; ++i) c->columns[i] = -c->block[p->order[i] * (1L + d->count) + 1 + j];
   memcpy(c->columns + p->free, d->driven + (j * rows + row) * p->driven, p->driven * sizeof(double));
 }
 
-/* The change of the residual, without that of the unknowns at the end: a right side of the block. */
+/* The change of the residual in the columns, and of nodal forces, for that of the columns at the end. Those of
+   elements are there already. */
 static void change_residual(const Problem *p, const Work *w, const Adjoint *a, const Slopes *s, const Change *c,
                             const Directions *d, const Backward *b, long row, long rows, int j) {
   long n = p->dofs, all = p->columns + p->ties;
@@ -317,11 +325,11 @@ static void change_residual(const Problem *p, const Work *w, const Adjoint *a, c
   const double *mass = d->mass + (long)j * p->mass_start[n], *thrust = d->thrust + (j * rows + row) * 2 * p->thrusts;
   const double *load_force = d->load_force + (long)j * p->load_start[p->loads];
   double dt = w->dt, *force = c->force + j * (n + LANES), *increment = c->increment + j * (n + LANES);
-  driven_columns(p, d, c, row, rows, j);
   change_end(p, w, d, c, j);
-  memset(c->reduced, 0, all * sizeof(double));
+  memset(c->reduced, 0, all * sizeof(double)), memset(c->moments, 0, p->scene_joints * sizeof(double));
   const double *parameters = d->parameters + (j * rows + row) * 2 * p->parameter_count;
-  change_points(p, a, s->of_points, d, j, increment, q0, y0, c->columns, thrust, parameters, force, c->reduced, 0);
+  change_points(p, a, s->of_points, d, j, increment, q0, y0, c->columns, thrust, parameters, force, c->reduced,
+                c->moments, 0);
   for (int i = 0; i < n; ++i) w->scratch[i] = 2 / dt * (w->slope[i] * increment[i] / dt - v0[i]);
   for (int i = 0; i < n; ++i) {
     double sum = -d->weight[j * n + i];
@@ -338,11 +346,44 @@ static void change_residual(const Problem *p, const Work *w, const Adjoint *a, c
       force[p->load_dof[i]] -= p->load_force[i] * more + load_force[i] * now;
   }
   add_rows(p, w, force, c->reduced);
-  double *end = c->end + j * (n + LANES), *to = c->block + 1 + j;
+  const double *end = c->end + j * (n + LANES);
   if (p->joints) change_map(p, w, d, j, c, y0, q0, end), add_change_of_map(p, w, c, b->on_ties, c->reduced);
+}
+
+/* A right side of the block. */
+static void set_right_side(const Problem *p, const Work *w, const Change *c, const Directions *d, int j) {
+  double *to = c->block + 1 + j;
+  const double *end = c->end + j * (long)(p->dofs + LANES);
   for (int i = 0; i < p->free; ++i) to[p->order[i] * (1L + d->count)] = c->reduced[i];
   for (int i = 0; i < p->closures; ++i)
     to[p->order[p->unknowns - p->closures + i] * (1L + d->count)] = change_of_gap(p, w, c, end, i);
+}
+
+/* The changes of the forces of driven and fixed columns, and of joints, from those of the solution. */
+static void change_forces(const Problem *p, const Work *w, const Change *c, const Directions *d, long at, int j) {
+  long constrained = p->columns - p->free, joints = 3 * p->scene_joints;
+  double *closing = c->closing, *on_nodes = c->force + j * (long)(p->dofs + LANES), *on_joints = c->on_joints;
+  for (int i = 0; i < p->closures; ++i) closing[i] = c->reduced[p->loop_column[p->following[i]]];
+  if (p->closures) solve_gaps_transposed(p, w, w->part_virtual, w->order_virtual, closing);
+  for (int i = 0; i < p->closures; ++i) {
+    for (int k = p->gap_start[i]; k < p->gap_start[i + 1]; ++k)
+      c->reduced[p->loop_column[p->gap_near[k]]] -= w->G_virtual[k] * closing[i];
+    if (p->gap_b[i] >= 0) on_nodes[p->gap_b[i]] -= closing[i];
+    if (p->gap_a[i] >= 0) on_nodes[p->gap_a[i]] += closing[i];
+  }
+  memcpy(d->constraint_rows + (at * d->count + j) * constrained, c->reduced + p->free, constrained * sizeof(double));
+  if (!joints) return;
+  memset(on_joints, 0, joints * sizeof(double));
+  pass_forces(p, 0, p->passes_of_forces, on_nodes, on_joints);
+  for (int k = 0; k < p->closures; ++k) on_joints[p->gap_force[k]] += closing[k];
+  for (int i = 0; i < p->joints; ++i) {
+    const double *lever = w->virtual_map + 1 + 4 * i, *more = c->map + 1 + 4 * i;
+    const double *F = w->joint_forces + 3 * p->slide_of[i], *change = on_joints + 3 * p->slide_of[i];
+    for (int k = 0; k < 2 && p->guide[i] >= 0; ++k) on_nodes[p->guide[i]] += lever[k] * change[k] + more[k] * F[k];
+  }
+  for (int i = 0; i < p->scene_joints; ++i) on_joints[3 * i + 2] -= c->moments[i];
+  pass_forces(p, p->passes_of_forces, p->passes, on_nodes, on_joints);
+  memcpy(d->joint_rows + (at * d->count + j) * joints, on_joints, joints * sizeof(double));
 }
 
 /* The changes of the state at the end, from the solution. */
@@ -351,13 +392,12 @@ static void change_state(const Problem *p, const Work *w, const Adjoint *a, cons
   long n = p->dofs, all = p->columns + p->ties;
   double *y0 = d->columns + j * all, *q0 = d->q + j * n, *v0 = d->v + j * n, dt = w->dt;
   double *increment = c->increment + j * (n + LANES);
-  driven_columns(p, d, c, row, rows, j);
-  for (int i = 0; i < p->free; ++i) c->columns[i] = -c->block[p->order[i] * (1L + d->count) + 1 + j];
+  change_columns(p, d, c, row, rows, j, 1);
   change_end(p, w, d, c, j);
   if (p->spring_width) {
     const double *thrust = d->thrust + (j * rows + row) * 2 * p->thrusts;
     const double *parameters = d->parameters + (j * rows + row) * 2 * p->parameter_count;
-    change_points(p, a, s->of_points, d, j, increment, q0, y0, c->columns, thrust, parameters, 0, 0, b->lost_springs);
+    change_points(p, a, s->of_points, d, j, increment, q0, y0, c->columns, thrust, parameters, 0, 0, 0, b->lost_springs);
     memcpy(d->spring_internal + (long)j * p->spring_width, b->lost_springs, p->spring_width * sizeof(double));
   }
   for (int i = 0; i < n; ++i) v0[i] = 2 / dt * w->slope[i] * increment[i] - v0[i];
@@ -368,17 +408,33 @@ static void change_state(const Problem *p, const Work *w, const Adjoint *a, cons
   memcpy(y0, c->columns, all * sizeof(double));
 }
 
+/* The changes of all forces in all directions: with those of the driven motions alone, or of the solution. */
+static void change_balance(const Problem *p, const Work *w, const Adjoint *a, const Slopes *s, const Change *c,
+                           const Directions *d, const Backward *b, long row, long rows, int solved) {
+  long at = d->force_at[row];
+  memset(c->force, 0, d->count * (long)(p->dofs + LANES) * sizeof(double));
+  for (int j = 0; j < d->count; ++j) change_columns(p, d, c, row, rows, j, solved), change_end(p, w, d, c, j);
+  change_elements(p, &a->internal_forces, s->of_elements[0], d, c, d->of_elements, d->element_numbers, row, rows, 0);
+  change_elements(p, &a->drag, s->of_elements[1], d, c, d->of_drag, d->drag_numbers, row, rows, 0);
+  for (int j = 0; j < d->count; ++j) {
+    change_columns(p, d, c, row, rows, j, solved);
+    change_residual(p, w, a, s, c, d, b, row, rows, j);
+    if (solved)
+      change_forces(p, w, c, d, at, j);
+    else
+      set_right_side(p, w, c, d, j);
+  }
+}
+
 /* All directions through a sub-step; returns 0 if its tangent is singular. */
 static int push_step(Problem *p, const Work *w, const Adjoint *a, const Slopes *s, const Change *c,
                      const Directions *d, const Backward *b, long row, long rows) {
   long n = p->dofs, internal = (long)p->cells * p->cell_internal;
   memset(c->block, 0, (1L + d->count) * p->positions * sizeof(double));
-  memset(c->force, 0, d->count * (n + LANES) * sizeof(double));
-  for (int j = 0; j < d->count; ++j) driven_columns(p, d, c, row, rows, j), change_end(p, w, d, c, j);
-  change_elements(p, &a->internal_forces, s->of_elements[0], d, c, d->of_elements, d->element_numbers, row, rows, 0);
-  change_elements(p, &a->drag, s->of_elements[1], d, c, d->of_drag, d->drag_numbers, row, rows, 0);
-  for (int j = 0; j < d->count; ++j) change_residual(p, w, a, s, c, d, b, row, rows, j);
+  if (d->force_at[row] >= 0 && p->scene_joints) find_joint_forces(p, w);
+  change_balance(p, w, a, s, c, d, b, row, rows, 0);
   if (!solve_block(p, w, c, d->count)) return 0;
+  if (d->force_at[row] >= 0) change_balance(p, w, a, s, c, d, b, row, rows, 1);
   for (int j = 0; j < d->count; ++j) change_state(p, w, a, s, c, d, b, row, rows, j);
   if (internal) {
     double *grown = d->grown;

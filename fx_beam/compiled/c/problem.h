@@ -310,6 +310,9 @@ typedef struct {
   /* Of each boundary the number of a row of derivatives by q, v and the slides of joints; -1 for none. */
   int *weight_at;
   double *q_weight, *v_weight, *slide_weight;
+  /* The same of each sub-step for the forces of driven and fixed columns, and of joints. */
+  int *force_at;
+  double *constraint_weight, *joint_weight;
   /* By the state: columns, rates, the configuration before, internal variables. */
   double *columns, *v, *before, *internal, *spring_internal;
   /* By the numbers of the scene; of each sub-step those of loads, driven motions and follower forces. */
@@ -337,6 +340,8 @@ typedef struct {
   /* Of each boundary the number of a row of results; -1 for none. Rows: [row][direction][...]. */
   int *row_at;
   double *q_rows, *v_rows, *slide_rows;
+  int *force_at; /* the same of each sub-step for the forces of driven and fixed columns, and of joints */
+  double *constraint_rows, *joint_rows;
   double *scratch;
 } Directions;
 

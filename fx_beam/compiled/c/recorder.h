@@ -14,15 +14,12 @@ static void pass_forces(const Problem *p, int first, int end, double *on_nodes, 
   }
 }
 
-/* Adds the joint forces of a sub-step to their mean over the step. */
-static void add_joint_forces(const Problem *p, const Work *w) {
-  long n = 3 * p->scene_joints;
-  double fraction = p->share, *out = p->joint_forces;
-  scale(n, p->earlier, out);
+/* The joint forces of a sub-step; forces at nodes are evaluated. */
+static void find_joint_forces(const Problem *p, const Work *w) {
   const double *given = p->sliders ? w->loaded : w->r, *r = closed(p, w, given);
   double *on_nodes = w->passed, *on_joints = w->joint_forces;
   memcpy(on_nodes, r, p->dofs * sizeof(double));
-  memset(on_joints, 0, n * sizeof(double));
+  memset(on_joints, 0, 3 * p->scene_joints * sizeof(double));
   pass_forces(p, 0, p->passes_of_forces, on_nodes, on_joints);
   for (int k = 0; k < p->closures; ++k) on_joints[p->gap_force[k]] += w->closing[k];
   /* Joints with an offset or a slide exert a moment on their guiding node, which is no moment of another
@@ -34,7 +31,14 @@ static void add_joint_forces(const Problem *p, const Work *w) {
   for (const PointForce *e = p->points->of; e < p->points->of + p->points->nodal; ++e)
     if (e->joint >= 0) on_joints[3 * e->joint + 2] -= e->results[1];
   pass_forces(p, p->passes_of_forces, p->passes, on_nodes, on_joints);
-  for (int i = 0; i < n; ++i) out[i] += fraction * on_joints[i];
+}
+
+/* Adds them to their mean over the step. */
+static void add_joint_forces(const Problem *p, const Work *w) {
+  long n = 3 * p->scene_joints;
+  find_joint_forces(p, w);
+  scale(n, p->earlier, p->joint_forces);
+  for (int i = 0; i < n; ++i) p->joint_forces[i] += p->share * w->joint_forces[i];
 }
 
 /* Adds the forces of contact of a sub-step to their mean over the step. */

@@ -5,7 +5,7 @@
 #include "work.h"
 
 /* Numbers and arrays of a row. */
-enum { TAPED_NUMBERS = 3, TAPED = 10 };
+enum { TAPED_NUMBERS = 5, TAPED = 10 };
 
 typedef struct {
   double *of[TAPED];
@@ -33,7 +33,7 @@ long fx_tape_size(const Problem *p) {
 static void put_on_tape(const Problem *p, const Work *w, Tape *tape, double *loads, double *thrust) {
   double *to = tape->row + tape->rows++ * tape->size;
   TapedArrays arrays = taped_arrays(p, w, loads, thrust);
-  *to++ = p->t, *to++ = w->dt, *to++ = p->ratio;
+  *to++ = p->t, *to++ = w->dt, *to++ = p->ratio, *to++ = p->share, *to++ = p->earlier;
   for (int i = 0; i < TAPED; to += arrays.size[i++])
     if (arrays.size[i]) memcpy(to, arrays.of[i], arrays.size[i] * sizeof(double));
 }
