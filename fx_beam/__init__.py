@@ -46,6 +46,7 @@ from .results.solution import Solution
 from .scene.beam import Beam, Node
 from .scene.body import Body
 from .scene.coordinate import Coordinate, Damper, Friction, Spring
+from .scene.coulomb import Coulomb
 from .scene.curve import Curve, arc, spline
 from .scene.forces_between import ForceBetween
 from .scene.inputs import Input
@@ -74,6 +75,7 @@ __all__ = [
     "Circle",
     "Contact",
     "Coordinate",
+    "Coulomb",
     "Curve",
     "Damper",
     "Energy",

@@ -154,3 +154,163 @@ def test_what_does_not_fit_is_named(shape, options, says):
     with pytest.raises(fb.SceneError, match=says):
         made = shape(scene, scene.bodies[0])
         scene.add_contact(scene.beams[0], made, stiffness=1e3, **options)
+
+
+# -- Friction -------------------------------------------------------------------------------------
+
+GRAVITY = 10.0
+SETTLES = {"restitution": 0.3, "speed": 0.01}
+
+
+def ball(angle=0.3, mu=0.5, k=1e5, radius=0.1, height=0.1, kt=1e5, **options):
+    """A ball of 2 kg and 0.008 kg m^2 on an incline along x, and its contact."""
+    scene = fb.Scene(gravity=(GRAVITY * np.sin(angle), -GRAVITY * np.cos(angle)))
+    centre = scene.add_body((0, height), mass=2.0, inertia=0.008).centre
+    options = {"radius": radius, "friction": fb.Coulomb(mu, kt), **SETTLES, **options}
+    contact = scene.add_contact(centre, fb.Line((0, 0), (0, 1)), stiffness=k, **options)
+    return scene, centre, contact
+
+
+def acceleration(history, t):
+    """Mean of the second half."""
+    half = len(t) // 2
+    return (history[-1] - history[half]) / (t[-1] - t[half])
+
+
+def test_a_block_on_an_incline_rests_below_the_angle_of_friction():
+    scene, block, contact = ball(mu=0.5, k=1e6, kt=1e6)
+    scene.fix(block, "rotation")
+    solution = fb.simulate(scene, dt=1e-3, t_end=1.0)
+    place = solution.displacement(block)[:, 0]
+    assert np.ptp(place[500:]) < 1e-12
+    found = solution.contact(contact)
+    assert found.tangential[-1, 0] == pytest.approx(20 * np.sin(0.3), rel=1e-9)
+    assert found.normal[-1, 0] == pytest.approx(20 * np.cos(0.3), rel=1e-6)
+    assert np.ptp(found.slip[500:]) == 0
+    assert np.diff(solution.energy.dissipated).min() >= 0
+    assert abs(solution.energy.balance_error).max() < 1e-13
+
+
+def test_a_block_slides_above_the_angle_with_the_exact_acceleration():
+    scene, block, contact = ball(mu=0.2)
+    scene.fix(block, "rotation")
+    solution = fb.simulate(scene, dt=1e-3, t_end=1.0)
+    exact = GRAVITY * (np.sin(0.3) - 0.2 * np.cos(0.3))
+    assert acceleration(solution.velocity(block)[:, 0], solution.t) == pytest.approx(exact, 1e-9)
+    found = solution.contact(contact)
+    # Who looks along the normal force, upwards, has x to the right: the slip is negative.
+    assert np.diff(found.slip[:, 0]).max() <= 0
+    assert found.tangential[-1] == pytest.approx(0.2 * found.normal[-1], rel=1e-9)
+    assert found.stretch[-1] == pytest.approx(-found.tangential[-1] / 1e5, rel=1e-9)
+    assert abs(solution.energy.balance_error).max() < 1e-12
+
+
+@pytest.mark.parametrize("mu", [0.5, 0.05])
+def test_a_ball_rolls_or_slides_down_an_incline(mu):
+    scene, centre, _ = ball(mu=mu)
+    solution = fb.simulate(scene, dt=1e-3, t_end=1.0)
+    rolls = GRAVITY * np.sin(0.3) / (1 + 0.008 / (2.0 * 0.1**2))
+    slides = GRAVITY * (np.sin(0.3) - mu * np.cos(0.3))
+    turns = -mu * 20 * np.cos(0.3) * 0.1 / 0.008
+    found = [acceleration(solution.velocity(centre)[:, 0], solution.t)]
+    found.append(acceleration(solution.v[:, centre.number, 2], solution.t))
+    exact = [rolls, -rolls / 0.1] if mu == 0.5 else [slides, turns]
+    assert found == pytest.approx(exact, rel=1e-5)
+
+
+@SHAPES
+def test_friction_of_free_members_keeps_the_balance_and_both_momenta(shape):
+    runs = []
+    for solver in ("compiled", "petsc"):
+        friction = fb.Coulomb(0.4, 1e5)
+        scene, contact = bar_on_plate(shape, along=2, friction=friction, **SETTLES)
+        runs.append(fb.simulate(scene, dt=0.005, t_end=1.0, solver=solver))
+    solution = runs[0]
+    assert abs(solution.energy.balance_error).max() < 1e-12
+    assert np.diff(solution.energy.dissipated).min() > -1e-15
+    assert np.ptp(solution.linear_momentum, axis=0).max() < 1e-13
+    assert np.ptp(solution.angular_momentum) < 1e-13
+    assert solution.q == pytest.approx(runs[1].q, abs=1e-9)
+    found = solution.contact(contact)
+    touching = found.normal > 1e-9
+    assert touching.any()
+    assert (abs(found.tangential) <= 0.4 * (1 + 1e-4) * found.normal)[touching].all()
+
+
+def test_the_energy_of_the_friction_spring_is_lost_when_the_contact_opens():
+    # The ball sticks, and a pull lifts it off: what its spring held is lost in that step.
+    scene, centre, contact = ball(mu=5.0, height=0.1)
+    scene.fix(centre, "rotation")
+    scene.add_force(centre, lambda t: (0.0, 0.0 if t < 0.5 else 100.0))
+    solution = fb.simulate(scene, dt=1e-3, t_end=0.6)
+    found, energy = solution.contact(contact), solution.energy
+    opens = np.flatnonzero(found.normal[1:, 0] < 1e-12)[-1]
+    assert found.gap[-1, 0] > 0.01
+    assert not found.stretch[-1]
+    assert energy.springs[-1] == 0
+    assert np.diff(energy.dissipated).min() >= 0
+    assert abs(energy.balance_error).max() < 1e-12
+    assert opens > 500
+
+
+def test_a_strip_on_a_drum_holds_by_the_law_of_the_capstan():
+    scene = fb.Scene()
+    section = fb.Section(EA=1e5, GA=1e5, EI=1e-2)
+    arc = [(0.5 * np.cos(a), 0.5 * np.sin(a)) for a in np.linspace(np.pi, 0, 61)]
+    strip = scene.add_beam([(-0.5, -0.3), *arc, (0.5, -0.3)], section, [4, *[1] * 60, 4])
+    scene.clamp(strip.start)
+    drum, friction = fb.Circle((0, 0), 0.5), fb.Coulomb(0.3, 1e7)
+    contact = scene.add_contact(strip, drum, stiffness=1e5, friction=friction)
+    scene.add_force(strip.end, (0, -1.0))
+    solution = fb.static(scene, steps=10)
+    N = solution.resultants(strip).N[-1]
+    assert N[-1] / N[0] == pytest.approx(np.exp(0.3 * np.pi), rel=2e-3)
+    assert solution.stats.halvings == 0
+    held = solution.contact(contact).force[-1].sum(axis=0)
+    assert held == pytest.approx([0, N[0] + N[-1]], abs=1e-3)
+
+
+def test_friction_goes_on_after_a_restart_and_from_a_file(tmp_path):
+    scene, _, contact = ball(mu=0.1, height=0.15)
+    whole = fb.simulate(scene, dt=1e-3, t_end=0.4)
+    fb.simulate(scene, dt=1e-3, t_end=0.3).save(tmp_path / "run.npz")
+    half = fb.load(tmp_path / "run.npz")
+    rest = fb.simulate(scene, dt=1e-3, t_end=0.4, start=half)
+    assert rest.q[-1] == pytest.approx(whole.q[-1], abs=1e-14)
+    assert half.contact(contact).slip[-1] == whole.contact(contact).slip[300]
+    assert rest.contact(contact).slip[-1] == pytest.approx(whole.contact(contact).slip[-1])
+
+
+@pytest.mark.parametrize("mu", [0.1, 0.6])
+def test_derivatives_of_a_motion_with_friction_are_those_of_differences(mu):
+    def build(x):
+        scene, centre, _ = ball(
+            mu=x[0], k=1e5 * x[1], kt=1e5 * x[2], radius=0.1 * x[3], height=0.15
+        )
+        return scene, {"place": fb.Output("position", centre)}
+
+    x, h, steps = np.array([mu, 1.0, 1.0, 1.0]), 1e-6, 1e-6 * np.eye(4)
+    run = fb.Response(build, dt=1e-3, t_end=0.4)
+    weights = np.zeros_like(run(x)[1]["place"])
+    weights[-1] = 1.0, 2.0
+    gradient = run.vjp({"place": weights})
+    ends = [[(run(x + sign * step)[1]["place"][-1] @ (1, 2)) for step in steps] for sign in (1, -1)]
+    differences = (np.array(ends[0]) - ends[1]) / (2 * h)
+    assert abs(gradient).max() > 1e-2
+    assert gradient == pytest.approx(differences, rel=1e-5, abs=1e-7)
+
+
+def test_bad_friction_is_named():
+    with pytest.raises(fb.SceneError, match="mu = -0.1 must be finite and not negative"):
+        fb.Coulomb(-0.1, 1e5)
+    with pytest.raises(fb.SceneError, match="stiffness = 0 must be finite and positive"):
+        fb.Coulomb(0.1, 0)
+    with pytest.raises(fb.SceneError, match=r"friction = 0.3 must be an fx_beam.Coulomb"):
+        ball(friction=0.3)
+    scene, _, contact = ball()
+    with pytest.raises(fb.SceneError, match="friction that sticks"):
+        fb.simulate(scene, fb.EnergyMomentum(order=4), dt=1e-3, t_end=0.1)
+    scene, _, contact = ball(friction=None)
+    found = fb.simulate(scene, dt=1e-3, t_end=1e-2).contact(contact)
+    with pytest.raises(ValueError, match="has no friction"):
+        print(found.slip)

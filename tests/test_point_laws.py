@@ -12,7 +12,8 @@ from scipy.integrate import quad
 import fx_beam as fb
 from fx_beam.fem.compiled_laws import compiled_law
 from fx_beam.mechanics import node_laws, scalar_laws
-from fx_beam.mechanics.coordinates import ANGLE, CIRCLE, DISTANCE, FROM_POINT, LINE, SLIDE
+from fx_beam.mechanics.coordinates import ANGLE, DISTANCE, FROM_POINT, SLIDE
+from fx_beam.mechanics.gaps import CIRCLE, LINE
 from fx_beam.mechanics.point_laws import StepRule, arguments
 
 SOLVERS = pytest.mark.parametrize("solver", ["compiled", "petsc"])

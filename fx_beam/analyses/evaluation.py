@@ -78,6 +78,7 @@ def solution_of(
             constraints=constraints_of(scene),
         ).renumbered(model.to_nodes, mesh.to_elements),
         names_of_parameters=model.forms.parameters.names,
+        variables_of_contact=_variables_of_contact(model, of_springs),
     )
 
 
@@ -97,8 +98,21 @@ def _variables_of_joint(model: Model, rows: np.ndarray | None) -> dict[int, dict
     by_joint: dict[int, dict[str, np.ndarray]] = {}
     if rows is None:
         return by_joint
-    columns = iter(rows.T)
+    # Those of friction in contacts are before them.
+    columns = iter(rows.T[sum(obstacle.variables for obstacle in model.scene.obstacles) :])
     for joint in model.scene.joints:
         if joint.internal:
             by_joint[joint.number] = {name: next(columns) for name in joint.internal}
     return by_joint
+
+
+def _variables_of_contact(model: Model, rows: np.ndarray | None) -> dict[int, np.ndarray]:
+    """Stretch and slip (n, points, 2) by the number of a contact, which are the first of all."""
+    by_contact: dict[int, np.ndarray] = {}
+    first = 0
+    for obstacle in model.scene.obstacles:
+        if rows is not None and obstacle.variables:
+            of_points = rows[:, first : first + obstacle.variables]
+            by_contact[obstacle.number] = of_points.reshape(len(rows), -1, 2)
+        first += obstacle.variables
+    return by_contact

@@ -14,13 +14,12 @@ from fx_beam.mechanics.coordinates import (
     FROM_POINT,
     SLIDE,
     Kind,
-    circle_gap,
-    line_gap,
 )
+from fx_beam.mechanics.gaps import circle_gap, line_gap
 from fx_beam.mechanics.node_laws import FOLLOWER, drag
 from fx_beam.mechanics.point_laws import PointLaw
 from fx_beam.mechanics.rates import UpdateRule
-from fx_beam.scene.beam import Node, position_of
+from fx_beam.scene.beam import Node
 from fx_beam.scene.coordinate import Coordinate
 from fx_beam.scene.forces_between import ForceBetween
 from fx_beam.scene.obstacles import Circle, Obstacle
@@ -44,37 +43,39 @@ def point_forces(scene: Scene, mesh: Mesh, rates: UpdateRule) -> list[PointForce
 
 
 def _contacts(obstacle: Obstacle, scene: Scene, mesh: Mesh, at_rest: bool) -> Iterator[PointForce]:
-    loses = bool(obstacle.loss) and not at_rest
+    loses, friction = bool(obstacle.loss) and not at_rest, obstacle.friction
     of_loss = (obstacle.loss, obstacle.speed) if loses else ()
     points, nodes = obstacle.points, mesh.nodes_of(scene, obstacle.target)
-    kind, origin, of_shape, carrier = _gap(obstacle, points.nodes.shape[1], mesh)
+    count, thick = points.nodes.shape[1], friction is not None and obstacle.radius > 0
+    kind, origin, of_shape, carrier = _gap(obstacle, count, mesh)
     law = laws.contact(kind, loses)
     if obstacle.energy is not None:
         law = laws.contact_law(kind, obstacle.energy, loses)
     relative = points.of(mesh.X[nodes]) - origin
-    stiffness = obstacle.stiffness * points.lengths
-    several = points.nodes.shape[1] > 1
     for i, of_point in enumerate(nodes[points.nodes]):
-        weights = points.weights[i] if several else ()
-        numbers = [*relative[i], *of_shape, *weights, stiffness[i], *of_loss]
+        length, weights = points.lengths[i], points.weights[i] if count > 1 else ()
+        numbers = [*relative[i], *of_shape, *weights, obstacle.stiffness * length, *of_loss]
+        if friction is not None:
+            numbers += [friction.mu, friction.stiffness * length]
         dofs = [*mesh.dofs[of_point, :2].ravel().tolist(), *carrier]
-        yield PointForce(law, numbers, dofs, role=Role.CONTACT, nodes=len(of_point))
+        dofs += mesh.dofs[of_point, 2].tolist() if thick else []
+        yield PointForce(law, numbers, dofs, role=Role.CONTACT, nodes=count)
 
 
 def _gap(
     obstacle: Obstacle, nodes: int, mesh: Mesh
 ) -> tuple[Kind, np.ndarray, tuple[float, ...], list[int]]:
     """The gap of a contact, where its shape starts, its numbers, and what carries it."""
-    shape, half, carried = obstacle.shape, obstacle.radius, obstacle.shape.carrier is not None
-    of_carrier = mesh.dofs[shape.carrier.number].tolist() if shape.carrier is not None else []
+    shape, half, carrier = obstacle.shape, obstacle.radius, obstacle.shape.carrier
+    slips, carried = obstacle.friction is not None, carrier is not None
+    origin, variant = np.array(shape.origin), (nodes, carried, slips, slips and half > 0)
+    of_carrier = mesh.dofs[carrier.number].tolist() if carrier is not None else []
     if isinstance(shape, Circle):
         side = -1.0 if shape.inside else 1.0
-        numbers = shape.radius + side * half, side
-        origin = np.array(position_of(shape.centre))
-        return circle_gap(nodes, carried), origin, numbers, of_carrier[:2]
-    origin = np.array(position_of(shape.point))
-    if carried:
-        return line_gap(nodes, True), origin, (*shape.normal, half), of_carrier
+        numbers = shape.radius + side * half, side, *[half] * slips
+        return circle_gap(*variant), origin, numbers, of_carrier[: 3 if slips else 2]
+    if slips or carried:
+        return line_gap(*variant), origin, (*shape.normal, half), of_carrier
     return line_gap(nodes), origin + half * np.array(shape.normal), shape.normal, []
 
 

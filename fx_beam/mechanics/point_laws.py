@@ -46,7 +46,7 @@ class Motion:
         def take(count: int) -> list[Any]:
             return [given[next(values)] for _ in range(count)]
 
-        self.rule, self.size = rule, n
+        self.rule = rule
         #: Values at the start of the step.
         self.start = take(n)
         #: Increments for which derivatives are taken, and the same ones for which they are not.

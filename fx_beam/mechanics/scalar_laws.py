@@ -11,13 +11,18 @@ import ufl
 from fx_beam.scene.internal_variables import InternalVariables
 from fx_beam.scene.law import Energy, is_quadratic, switches
 
-from .coordinates import Kind
+from .coordinates import Kind, Slip
 from .evolution import evolution_loss, evolved
 from .point_laws import REMEMBERED, Coordinate, Found, Motion, PointLaw, smooth_sign
 
 # Shortest path, relative to the coordinates, over which the force is the quotient of energy and
 # path. On a shorter one round-off of the energy exceeds the error of the force in its middle.
 _SHORT = 6e-6
+
+
+# In equilibrium a contact slips that is so close to its limit: in the state where its slip ended,
+# round-off would decide.
+_AT_LIMIT = 1e-9
 
 
 class _Step(NamedTuple):
@@ -27,6 +32,7 @@ class _Step(NamedTuple):
     x: Coordinate
     still: Coordinate
     numbers: Sequence[Any]
+    slip: Slip | None = None
 
     @property
     def rate(self) -> Any:
@@ -48,10 +54,14 @@ class _Step(NamedTuple):
 
 
 class _Forces(NamedTuple):
-    """A force with a potential and another one, both against an increase of the coordinate."""
+    """A force with a potential and another one, both against an increase of the coordinate.
+
+    In contact also the friction, against the slip.
+    """
 
     elastic: Any = 0.0
     other: Any = 0.0
+    friction: Any = 0.0
     internal: Sequence[Any] = ()
     remembered: Sequence[Any] = ()
 
@@ -74,13 +84,17 @@ def _on(
     def step(motion: Motion) -> _Step:
         of_kind, own = motion.numbers[: kind.numbers], motion.numbers[kind.numbers :]
         x, still = (kind.of(motion, D, of_kind) for D in (motion.increment, motion.still))
-        return _Step(motion, x, still, own)
+        slip = kind.slip(motion, motion.increment, of_kind) if kind.slip else None
+        return _Step(motion, x, still, own, slip)
 
     def found(motion: Motion) -> Found:
         given = step(motion)
-        elastic, other, internal, remembered = forces(given)
+        elastic, other, friction, internal, remembered = forces(given)
         pairs = zip(given.x.along, given.x.across, strict=True)
-        return Found([elastic * a + other * b for a, b in pairs], internal, remembered)
+        total = [elastic * a + other * b for a, b in pairs]
+        if given.slip is not None:
+            total = [force + friction * c for force, c in zip(total, given.slip.along, strict=True)]
+        return Found(total, internal, remembered)
 
     return PointLaw(
         f"{name} on {kind.name}",
@@ -261,7 +275,8 @@ def pull(kind: Kind, force: Callable[[Any, Any, Any], Any]) -> PointLaw:
 def contact(kind: Kind, loses: bool = False) -> PointLaw:
     """A one-sided spring on a gap, k g^2 / 2 where g < 0; number: k.
 
-    If it `loses` energy, the force is k <-g> (1 + r tanh(-rate / speed)); numbers: k, r, speed.
+    If it `loses` energy, the force is k <-g> (1 + r tanh(-rate / speed)); numbers: k, r, speed. If
+    the kind has a slip, there is friction that sticks; more numbers: mu and the stiffness kt.
     """
     return _one_sided(kind, "contact", lambda step: step, loses, 0)
 
@@ -296,6 +311,7 @@ def _one_sided(
     energy: Energy | None = None,
 ) -> PointLaw:
     """Contact, from the gap that belongs to a coordinate, and the sign of its growth."""
+    sticks = kind.slip is not None
 
     def unit(depth: Any) -> Any:
         """The stored energy over the first number."""
@@ -304,38 +320,81 @@ def _one_sided(
     def push(step: _Step) -> Any:
         return step.numbers[0] * _mean_push(unit, step.x, step.motion.rule.level)
 
+    def of_loss(step: _Step) -> Any:
+        """The part of the force that takes energy, against an opening."""
+        _, r, speed, *_ = step.numbers
+        return r * push(step) * ufl.tanh(step.mean / speed)
+
     def forces(step: _Step) -> _Forces:
         step = gap(step)
-        other: Any = 0.0
+        normal, other = push(step), ufl.as_ufl(0.0)
         remembered: list[Any] = []
         if loses:
-            _, r, speed = step.numbers
+            _, r, speed, *_ = step.numbers
             direction, remembered = step.sign(speed)
-            other = r * push(step) * direction
-        return _Forces(-sign * push(step), sign * other, remembered=remembered)
+            other = r * normal * direction
+        friction, internal = _sticking(step, normal - other) if sticks else (0.0, [])
+        return _Forces(-sign * normal, sign * other, friction, internal, remembered)
 
     def stored(step: _Step) -> Any:
         step = gap(step)
         depth = _depth(step.x.start)
-        return step.numbers[0] * ufl.conditional(ufl.gt(depth, 0), unit(depth), 0.0)
+        energy = step.numbers[0] * ufl.conditional(ufl.gt(depth, 0), unit(depth), 0.0)
+        return energy + _in_bristle(step, step.motion.internal[0]) if sticks else energy
 
     def loss(step: _Step) -> Any:
         step = gap(step)
-        _, r, speed = step.numbers
-        return r * push(step) * ufl.tanh(step.mean / speed) * step.x.path
+        lost = of_loss(step) if loses else ufl.as_ufl(0.0)
+        total = lost * step.x.path
+        return total + _lost_to_friction(step, push(step) - lost) if sticks else total
 
     return _on(
         kind,
         name,
-        (3 if loses else 1) + more,
+        (3 if loses else 1) + 2 * sticks + more,
         forces,
         stored,
-        loss if loses else None,
+        loss if loses or sticks else None,
         lambda step: [gap(step).x.start],
+        internal=2 * sticks,
         remembered=REMEMBERED if loses else 0,
         own=energy is not None,
         opens=True,
     )
+
+
+def _sticking(step: _Step, normal: Any) -> tuple[Any, list[Any]]:
+    """Friction of a contact against its slip, and its internal variables at the end of the step.
+
+    These are the stretch z of a spring along the surface, of the stiffness kt, whose force is at
+    most mu times the normal one, and how far the contact has slipped since it closed.
+    """
+    assert step.slip is not None
+    mu, stiffness = step.numbers[-2:]
+    start, slipped = step.motion.internal
+    trial, limit = stiffness * (start + step.slip.path), mu * normal
+    bounded = ufl.conditional(ufl.gt(trial, 0), limit, -limit)
+    holds = (1 - _AT_LIMIT) * limit if step.motion.rule.at_rest else limit
+    friction = ufl.conditional(ufl.lt(abs(trial), holds), trial, bounded)
+    end = friction / stiffness
+    path = slipped + step.slip.path - (end - start)
+    return friction, [end, ufl.conditional(ufl.gt(normal, 0), path, 0.0)]
+
+
+def _lost_to_friction(step: _Step, normal: Any) -> Any:
+    """Work of the friction that its spring does not store; with the mean force in statics."""
+    assert step.slip is not None
+    friction, (end, _) = _sticking(step, normal)
+    start = step.motion.internal[0]
+    if step.motion.rule.at_rest:
+        before = step.numbers[-1] * start
+        lost = (before + friction) / 2 * (step.slip.path - (end - start))
+        return ufl.conditional(ufl.gt(lost, 0), lost, 0.0)
+    return friction * step.slip.path + _in_bristle(step, start) - _in_bristle(step, end)
+
+
+def _in_bristle(step: _Step, stretch: Any) -> Any:
+    return step.numbers[-1] / 2 * stretch * stretch
 
 
 def _depth(gap: Any) -> Any:

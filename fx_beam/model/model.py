@@ -306,7 +306,8 @@ class Model:
         if self.points.width and len(self.scheme.fractions) > 1:
             raise SceneError(
                 f"{self.scheme.name}: the sub-step that goes back in time would give back what "
-                "internal variables of a spring have dissipated. Use order=2"
+                "internal variables of a spring, or friction that sticks, have dissipated. Use "
+                "order=2"
             )
         self.reduction: Reduction
         if self.couplings.is_index and not len(self.points.columns):

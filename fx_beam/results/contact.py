@@ -1,4 +1,4 @@
-"""Gaps and forces at an obstacle over time."""
+"""Gaps, forces and slip of a contact over time."""
 
 from __future__ import annotations
 
@@ -8,12 +8,12 @@ from typing import Any
 import numpy as np
 
 from fx_beam.scene.beam import Beam
-from fx_beam.scene.obstacles import Obstacle, moved
+from fx_beam.scene.obstacles import Circle, Obstacle
 
 
 @dataclass(frozen=True, repr=False)
 class Contact:
-    """Gaps and forces at an obstacle over time; created by `Solution.contact`.
+    """Gaps, forces and slip of a contact over time; created by `Solution.contact`.
 
     Parameters
     ----------
@@ -58,12 +58,7 @@ class Contact:
     @property
     def gap(self) -> np.ndarray:
         """Distance (n, m) of the points from the obstacle [m]; negative behind it."""
-        shape, radius, points = self.obstacle.shape, self.obstacle.radius, self.points
-        if shape.carrier is None:
-            return shape.gap(points) - radius
-        rows = self.solution.recorded("q")[:, shape.carrier.number]
-        gaps = [moved(shape, q).gap(row) for q, row in zip(rows, points, strict=True)]
-        return np.array(gaps) - radius
+        return self._gaps_and_normals(self.solution.recorded("q"))[0]
 
     @property
     def force(self) -> np.ndarray:
@@ -75,6 +70,65 @@ class Contact:
             first += len(other.points.lengths)
         count = len(self.obstacle.points.lengths)
         return self.solution.recorded("contact_forces")[:, first : first + count]
+
+    @property
+    def normal(self) -> np.ndarray:
+        """Normal forces (n, m) at `Solution.t_level` [N], which push to the free side."""
+        return np.einsum("nmi,nmi->nm", self.force, self._normals_at_level)
+
+    @property
+    def tangential(self) -> np.ndarray:
+        """Friction (n, m) on the points at `Solution.t_level` [N].
+
+        It is positive to the left for who looks along the normal force.
+        """
+        x, y = np.moveaxis(self._normals_at_level, -1, 0)
+        return np.einsum("nmi,nmi->nm", self.force, np.stack([-y, x], axis=-1))
+
+    @property
+    def slip(self) -> np.ndarray:
+        """How far the points have slipped since they touched (n, m) [m]; signs as `tangential`."""
+        return self._of_friction(1)
+
+    @property
+    def stretch(self) -> np.ndarray:
+        """Stretch z of the friction's springs (n, m) [m]: friction is -kt z."""
+        return self._of_friction(0)
+
+    def _of_friction(self, variable: int) -> np.ndarray:
+        known = self.solution.variables_of_contact.get(self.obstacle.number)
+        if known is None:
+            why = "has no friction" if self.obstacle.friction is None else "has no motion recorded"
+            raise ValueError(f"{self.obstacle} {why}")
+        shape = self.obstacle.shape
+        side = -1.0 if isinstance(shape, Circle) and shape.inside else 1.0
+        return side * known[..., variable]
+
+    @property
+    def _normals_at_level(self) -> np.ndarray:
+        """Directions (n, m, 2) of the normal force in the steps between rows."""
+        q, t, at = self.solution.recorded("q"), self.solution.t, self.solution.t_level
+        length = np.diff(t)
+        part = np.divide(at[1:] - t[:-1], length, out=np.ones_like(length), where=length > 0)
+        between = q[:-1] + part[:, None, None] * np.diff(q, axis=0)
+        return self._gaps_and_normals(np.concatenate([q[:1], between]))[1]
+
+    def _gaps_and_normals(self, q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Gaps (n, m) and directions (n, m, 2) to the free side, at displacements (n, nodes, 3)."""
+        shape, radius = self.obstacle.shape, self.obstacle.radius
+        nodes, origin = self.nodes, shape.origin
+        points = self.obstacle.points.of(self.solution.X[nodes] + q[:, nodes, :2])
+        arms, psi = points - origin, np.zeros(len(q))
+        if shape.carrier is not None:
+            arms = arms - q[:, None, shape.carrier.number, :2]
+            psi = q[:, shape.carrier.number, 2]
+        if isinstance(shape, Circle):
+            distance, side = np.hypot(*np.moveaxis(arms, -1, 0)), -1.0 if shape.inside else 1.0
+            directions = side * arms / np.maximum(distance, 1e-300)[..., None]
+            return side * (distance - shape.radius) - radius, directions
+        (x, y), c, s = shape.normal, np.cos(psi), np.sin(psi)
+        normals = np.stack([c * x - s * y, s * x + c * y], axis=-1)[:, None]
+        return (arms * normals).sum(axis=-1) - radius, np.broadcast_to(normals, arms.shape)
 
     def _nodes_of(self, obstacle: Obstacle) -> np.ndarray:
         target = obstacle.target

@@ -48,6 +48,8 @@ def save(solution, path) -> None:
     joints = {number: list(variables) for number, variables in solution.variables_of_joint.items()}
     for number, variables in solution.variables_of_joint.items():
         arrays |= {f"joint{number}_internal{i}": rows for i, rows in enumerate(variables.values())}
+    for number, variables in solution.variables_of_contact.items():
+        arrays[f"contact{number}_friction"] = variables
     stats = asdict(solution.stats)
     bodies = [
         {
@@ -88,4 +90,5 @@ def _described(obstacle: Obstacle) -> dict:
         "radius": obstacle.radius,
         "along": obstacle.along,
         "number": obstacle.number,
+        "friction": None if obstacle.friction is None else asdict(obstacle.friction),
     }

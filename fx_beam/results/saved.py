@@ -12,6 +12,7 @@ import numpy as np
 from fx_beam.errors import Failure
 from fx_beam.scene.beam import Beam, Node
 from fx_beam.scene.body import Body
+from fx_beam.scene.coulomb import Coulomb
 from fx_beam.scene.obstacles import Circle, Line, Obstacle
 from fx_beam.validation import shown
 
@@ -109,6 +110,8 @@ def _read(raw: BinaryIO) -> Solution:
         if "past_ages" in data:  # that of a motion
             parts["past"] = Past(**{f.name: data[f"past_{f.name}"] for f in fields(Past)})
         end = State(**parts)
+    obstacles = _obstacles(meta["obstacles"], beams, data["X"])
+    friction = {o.number: data.get(f"contact{o.number}_friction") for o in obstacles}
     return Solution(
         {name: data[name] for name in HISTORIES},
         X=data["X"],
@@ -120,9 +123,10 @@ def _read(raw: BinaryIO) -> Solution:
         variables_of_beam=internal,
         variables_of_joint=springs,
         bodies=bodies,
-        obstacles=_obstacles(meta["obstacles"], beams, data["X"]),
+        obstacles=obstacles,
         end=end,
         names_of_parameters=meta.get("parameters", []),
+        variables_of_contact={n: rows for n, rows in friction.items() if rows is not None},
     )
 
 
@@ -138,6 +142,8 @@ def _obstacles(saved: list[dict], beams: dict[str, Beam], X: np.ndarray) -> list
         origin = "centre" if kind == "Circle" else "point"
         if isinstance(shape[origin], int):
             shape[origin] = node(shape[origin])
+        if item.get("friction") is not None:
+            item["friction"] = Coulomb(**item["friction"])
         made = Circle(**shape) if kind == "Circle" else Line(**shape)
         obstacles.append(Obstacle(target, made, **{"number": number} | item))
     return obstacles

@@ -74,6 +74,8 @@ class Solution:
         The last state, its vectors by nodes, for `simulate(start=...)`; None after a failed run.
     names_of_parameters : sequence of str
         Names of the columns of `parameters`.
+    variables_of_contact : dict, optional
+        Stretch and slip (n, points, 2) [m] by the number of each contact with friction.
 
     Attributes
     ----------
@@ -108,6 +110,7 @@ class Solution:
         bodies: dict[str, Body] | None = None,
         end: State | None = None,
         names_of_parameters: Sequence[str] = (),
+        variables_of_contact: dict[int, np.ndarray] | None = None,
     ):
         for name in HISTORIES:
             setattr(self, name, read_only(histories[name]))
@@ -117,6 +120,7 @@ class Solution:
         self.nodes_of_beam = {name: read_only(nodes) for name, nodes in nodes_of_beam.items()}
         self.resultants_of_beam = resultants_of_beam
         self.variables_of_beam, self.variables_of_joint = variables_of_beam, variables_of_joint
+        self.variables_of_contact = variables_of_contact or {}
         self.end = end
         self.names_of_parameters = list(names_of_parameters)
 
@@ -342,17 +346,17 @@ class Solution:
     # -- Obstacles ------------------------------------------------------------------------------
 
     def contact(self, obstacle: Obstacle) -> Contact:
-        """Gaps and forces at an obstacle over time.
+        """Gaps, forces and slip of a contact over time.
 
         Parameters
         ----------
         obstacle : Obstacle
-            The obstacle that `Scene.add_obstacle` returned, or one of `obstacles`.
+            What `Scene.add_contact` or `add_obstacle` returned, or one of `obstacles`.
 
         Returns
         -------
         Contact
-            With `gap`, `force` and `nodes`.
+            With `gap`, `force` and its parts, `slip`, and `nodes`.
         """
         return Contact(self, obstacle_of(self, obstacle))
 

@@ -21,6 +21,7 @@ from fx_beam.validation import (
 )
 
 from .beam import Beam, Node, inner_positions, lagrange, position_of
+from .coulomb import Coulomb
 from .law import Energy, check_energy
 from .loads import label
 from .stop import checked_impact, loss_of
@@ -81,6 +82,11 @@ class Line:
         """The node that carries it; None for a fixed one."""
         return self.point if isinstance(self.point, Node) else None
 
+    @property
+    def origin(self) -> tuple[float, float]:
+        """A point of it in the reference configuration [m]."""
+        return position_of(self.point)
+
     @formerly(places="positions")
     def gap(self, positions) -> np.ndarray:
         """Distance of positions from the wall, in its reference configuration if it is carried.
@@ -95,7 +101,7 @@ class Line:
         (...) float
             Distance [m]; negative behind the wall.
         """
-        return (_checked("Line", positions) - position_of(self.point)) @ np.array(self.normal)
+        return (_checked("Line", positions) - self.origin) @ np.array(self.normal)
 
 
 @dataclass(frozen=True)
@@ -141,6 +147,11 @@ class Circle:
         """The node that carries it; None for a fixed one."""
         return self.centre if isinstance(self.centre, Node) else None
 
+    @property
+    def origin(self) -> tuple[float, float]:
+        """Its centre in the reference configuration [m]."""
+        return position_of(self.centre)
+
     @formerly(places="positions")
     def gap(self, positions) -> np.ndarray:
         """Distance of positions from the circle, in its reference configuration if it is carried.
@@ -155,7 +166,7 @@ class Circle:
         (...) float
             Distance [m]; negative on the side that is not allowed.
         """
-        x, y = np.moveaxis(_checked("Circle", positions) - position_of(self.centre), -1, 0)
+        x, y = np.moveaxis(_checked("Circle", positions) - self.origin, -1, 0)
         distance = np.hypot(x, y) - self.radius
         return -distance if self.inside else distance
 
@@ -172,7 +183,7 @@ def moved(shape: Line | Circle, q: np.ndarray) -> Line | Circle:
     """A shape where its carrier has moved by q = (u_x, u_y, rotation); a fixed one as it is."""
     if shape.carrier is None:
         return shape
-    x, y = (float(p + u) for p, u in zip(position_of(shape.carrier), q[:2], strict=True))
+    x, y = (float(p + u) for p, u in zip(shape.origin, q[:2], strict=True))
     if isinstance(shape, Circle):
         return Circle((x, y), shape.radius, shape.inside)
     c, s = np.cos(q[2]), np.sin(q[2])
@@ -206,6 +217,8 @@ class Obstacle:
         Half of the thickness of a beam, or radius of a ball around a node [m].
     along : int, optional
         Number of integration points in each element of a beam; without it its nodes touch.
+    friction : Coulomb, optional
+        Friction that sticks.
 
     Examples
     --------
@@ -225,6 +238,7 @@ class Obstacle:
     energy: Energy | None = None
     radius: float = 0.0
     along: int | None = None
+    friction: Coulomb | None = None
 
     def __repr__(self):
         return f"<{self}, stiffness {self.stiffness:g} N/m>"
@@ -238,6 +252,11 @@ class Obstacle:
     def loss(self) -> float:
         """Dissipative part r of the force, relative to the elastic part."""
         return loss_of(self.restitution)
+
+    @property
+    def variables(self) -> int:
+        """Number of internal variables of its friction: two for each point."""
+        return 2 * len(self.points.lengths) if self.friction is not None else 0
 
     @property
     def points(self) -> Points:
@@ -284,6 +303,7 @@ def checked_obstacle(
     size: float,
     radius: float = 0.0,
     along: int | None = None,
+    friction: Coulomb | None = None,
 ) -> Obstacle:
     """An obstacle of a scene of this size [m]; SceneError if the target starts behind it."""
     if not isinstance(shape, Line | Circle):
@@ -304,7 +324,9 @@ def checked_obstacle(
         fits = is_whole(along, 1, _MOST_POINTS)
         require(fits, f"{what}: along", along, f"a whole number from 1 to {_MOST_POINTS}, or None")
         along = int(along)
-    made = Obstacle(target, shape, *impact, number, energy, as_float(radius), along)
+    fits = friction is None or isinstance(friction, Coulomb)
+    require(fits, f"{what}: friction", friction, "an fx_beam.Coulomb(mu, stiffness), or None")
+    made = Obstacle(target, shape, *impact, number, energy, as_float(radius), along, friction)
     if isinstance(shape, Circle) and shape.inside and shape.radius <= made.radius:
         raise SceneError(f"{made}: its radius {shape.radius:g} must be above that of the inner one")
     nodes = target.nodes if isinstance(target, Beam) else (target,)

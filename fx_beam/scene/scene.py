@@ -15,6 +15,7 @@ from . import loads
 from .beam import COMPONENTS, Beam, Node
 from .body import Body, check_body, name_of, velocities_of
 from .coordinate import Damper, Friction, Spring, checked_coordinate, parameters_of
+from .coulomb import Coulomb
 from .curve import Curve
 from .forces_between import ForceBetween, GivenPull, Pull, checked_force
 from .geometry import Geometry
@@ -364,11 +365,12 @@ class Scene(Geometry):
         restitution: float = 1.0,
         speed: float | None = None,
         energy: Callable[[Any], Any] | None = None,
+        friction: Coulomb | None = None,
     ) -> Obstacle:
-        """Add a fixed line or circle that a node, or all nodes of a beam, cannot enter.
+        """Add a line or circle that a node, or all nodes of a beam, cannot enter.
 
         If a node enters it by the depth d, the force k d (1 + r tanh(rate of d / speed)) pushes it
-        back along the normal, without friction; r = (1 - e^2) / (1 + e^2), as for a `Stop`. The
+        back along the normal; r = (1 - e^2) / (1 + e^2), as for a `Stop`. The
         energy k d^2 / 2 is stored. The contact of a beam acts at its nodes, also those inside its
         elements, each with its share of the length; between two nodes a beam may enter the
         obstacle.
@@ -378,7 +380,7 @@ class Scene(Geometry):
         target : Beam or Node
             The beam or node that it stops. It does not stop other members.
         obstacle : Line or Circle
-            The fixed line or circle.
+            The line or circle.
         stiffness : float, optional
             Stiffness k of a node [N/m], of a beam per length [N/m^2].
         restitution : float
@@ -390,6 +392,8 @@ class Scene(Geometry):
             In place of the stiffness ``energy(d)``, the stored energy of a node [J], of a beam per
             length [J/m], as a UFL expression of the depth d [m]; zero at d = 0. Its derivative is
             in the place of k d.
+        friction : Coulomb, optional
+            Friction that sticks; none by default.
 
         Returns
         -------
@@ -417,7 +421,7 @@ class Scene(Geometry):
         True
         """
         impact = stiffness, restitution, speed, energy
-        return self._contact(target, obstacle, impact)
+        return self._contact(target, obstacle, impact, friction=friction)
 
     def add_contact(
         self,
@@ -428,6 +432,7 @@ class Scene(Geometry):
         energy: Callable[[Any], Any] | None = None,
         restitution: float = 1.0,
         speed: float | None = None,
+        friction: Coulomb | None = None,
         radius: float = 0.0,
         along: int | None = None,
     ) -> Obstacle:
@@ -451,6 +456,9 @@ class Scene(Geometry):
             Coefficient of restitution e from 0 to 1.
         speed : float, optional
             Speed below which the loss is viscous [m/s]; required for e < 1.
+        friction : Coulomb, optional
+            Friction that sticks; none by default. It acts on the surface of a member with a
+            `radius`, and on that of a circle or line that moves.
         radius : float
             Half of the thickness of the beam, or radius of a ball around the node [m].
         along : int, optional
@@ -482,15 +490,15 @@ class Scene(Geometry):
         array([2., 0.])
         """
         impact = stiffness, restitution, speed, energy
-        return self._contact(a, b, impact, radius, along)
+        return self._contact(a, b, impact, radius=radius, along=along, friction=friction)
 
-    def _contact(self, target, shape, impact: tuple, *of_member) -> Obstacle:
+    def _contact(self, target, shape, impact: tuple, **options) -> Obstacle:
         loads.check_target(self, target, "contact")
         carrier = getattr(shape, "carrier", None)
         if carrier is not None:
             loads.check_node(self, carrier, f"{type(shape).__name__} of a contact")
         number = 1 + max((known.number for known in self.obstacles), default=-1)
-        made = checked_obstacle(target, shape, impact, number, self._size, *of_member)
+        made = checked_obstacle(target, shape, impact, number, self._size, **options)
         self.parameters.add(parameters_of_energy(made.energy, None, 1), str(made))
         self.obstacles.append(made)
         return made

@@ -18,6 +18,7 @@ import numpy as np
 from .beam import Beam, Node
 from .body import Body
 from .coordinate import Coordinate, Damper, Friction, Spring
+from .coulomb import Coulomb
 from .forces_between import ForceBetween
 from .internal_variables import InternalVariables
 from .joints import Joint
@@ -40,6 +41,7 @@ NUMBERS: dict[type, tuple[str, ...]] = {
     Spring: ("stiffness", "rest"),
     Damper: ("viscosity",),
     Friction: ("force", "speed"),
+    Coulomb: ("mu", "stiffness"),
     Stop: ("lower", "upper", "stiffness", "restitution", "speed"),
     Line: ("point", "normal"),
     Circle: ("centre", "radius"),
