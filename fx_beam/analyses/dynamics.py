@@ -18,6 +18,7 @@ from fx_beam.results.audit import Stats
 from fx_beam.results.solution import Solution
 from fx_beam.results.state import State
 from fx_beam.scene.inputs import values_at, with_functions
+from fx_beam.scene.outputs import Output
 from fx_beam.scene.scene import Scene
 from fx_beam.stepping.adaptive_run import AdaptiveRun
 from fx_beam.stepping.interrupts import ctrl_c_between_blocks, uninterrupted
@@ -29,6 +30,7 @@ from fx_beam.stepping.substeps import LARGE_TURN, Halving
 from fx_beam.stepping.tolerance import Tolerance
 from fx_beam.validation import as_float, is_flag, is_number, require
 
+from .ending import Condition, Ending, checked_conditions
 from .evaluation import solution_of
 from .kept_setup import kept_setup
 from .mpi_ranks import warn_of_equal_work
@@ -65,6 +67,8 @@ def simulate(
     solver: str = "auto",
     progress: bool | None = None,
     inputs: Mapping[str, Any] | None = None,
+    until: Condition | Mapping[str, Condition] | None = None,
+    outputs: Mapping[str, Output] | None = None,
 ) -> Solution:
     """Simulate the motion of a scene to `t_end`, from t = 0 or from the end of another solution.
 
@@ -120,12 +124,21 @@ def simulate(
     inputs : dict, optional
         For names of inputs of the scene (`Input`) a function of time or a constant. The others are
         zero. Use `Motion` to set them step by step.
+    until : callable or dict, optional
+        ``until(t, y)`` ends the motion before `t_end`, where this function of the time and of a
+        dictionary of `outputs` changes its sign, or a condition such as ``y["x"] > 0.5`` becomes
+        true. The last step ends there exactly, up to 1e-13 of its length, so that nothing is
+        interpolated. It may be some functions by their names; `Stats.until` is the name of the
+        one that ended the motion. What changes twice within a step is not seen. Forces are means
+        over the step that ends there.
+    outputs : dict, optional
+        What `until` needs: `Output` by names, as in `Motion`.
 
     Returns
     -------
     Solution
         The motion at the times t0, t0 + dt, t0 + 2 dt, ..., t_end, from t0 = 0 or the end of
-        `start`; with a tolerance at the ends of the steps.
+        `start`; with a tolerance at the ends of the steps. With `until` it may end before.
 
     Raises
     ------
@@ -158,9 +171,18 @@ def simulate(
     >>> solution = fb.simulate(scene, t_end=0.3, tolerance=1e-3)
     >>> round(float(solution.displacement(bar.end)[-1, 1]), 2), len(solution.t) < 30
     (-0.42, True)
+
+    Until it hangs downwards.
+
+    >>> outputs = {"angle": fb.Output("rotation", bar.start)}
+    >>> down = lambda t, y: y["angle"] + 3.141592653589793 / 2
+    >>> solution = fb.simulate(scene, dt=0.01, t_end=2.0, until=down, outputs=outputs)
+    >>> print(f"{solution.displacement(bar.end)[-1, 0]:.9f}", solution.stats.until)
+    -1.000000000 until
     """
     scheme = checked_scheme(scene, scheme, "simulate")
     check_options("simulate", newton, max_halvings, record, solver)
+    conditions = checked_conditions(scene, until, outputs)
     fits = progress is None or is_flag(progress)
     require(fits, "simulate: progress", progress, "True, False or None")
     scene, named = with_functions(scene, inputs, "simulate: inputs"), scene
@@ -210,19 +232,28 @@ def simulate(
     clock, events = time.perf_counter(), list[float]()
     try:
         if control is None:
-            marched = _steps_of_grid(stepper, times, recorder)
+            marched = _steps_of_grid(stepper, times, recorder, 1 if conditions else 1000)
         else:
-            run = AdaptiveRun(stepper, recorder, control)
+            run = AdaptiveRun(stepper, recorder, control, single=bool(conditions))
             marched, events = run.advance, run.events
+        ending, march = None, marched
+        if conditions:
+            ending = Ending(setup, recorder, conditions, outputs or {})
+            kinks = [*breaks, t0]
+
+            def march(state: State) -> None:
+                ending.advance(marched, kinks + events)
+
         with progress_bar(t_end - t0, progress, **_BAR) as bar, ctrl_c_between_blocks():
-            while recorder.end.t < t_end:
+            while recorder.end.t < t_end and not stats.until:
                 t, turns = recorder.end.t, counter.turns_of(recorder.end)
                 if turns.any():
                     with uninterrupted:
                         recorder.end = counter.without(turns, recorder.end)
                         counter.removed += turns
                         recorder.turns[recorder.rows] = counter.removed.copy()
-                marched(recorder.end)
+                march(recorder.end)
+                stats.until = "" if ending is None else ending.met
                 bar.update(recorder.end.t - t)
         if control is None:
             _warn_of_parts(stats, first)
@@ -235,9 +266,9 @@ def simulate(
         raise
 
 
-def _steps_of_grid(stepper: Stepper, times: np.ndarray, recorder: Recorder):
+def _steps_of_grid(stepper: Stepper, times: np.ndarray, recorder: Recorder, most: int):
     """A function that takes the next block of steps of a grid."""
-    steps = max(1, min(1000, _BLOCK // recorder.model.size))
+    steps = max(1, min(most, _BLOCK // recorder.model.size))
     starts = iter(range(1, len(times), steps))
 
     def advance(state: State) -> None:

@@ -181,7 +181,10 @@ class Stats:
     assembled : list of str
         Matrices and loads of the scene.
     failure : Failure, optional
-        Why the run ended early; none if it did not.
+        Why the run failed; none if it did not.
+    until : str
+        Name of the condition that ended the motion, as given to `simulate`: "until" for a single
+        function. Empty if the motion went on to its end.
     static : bool
         Whether the solution is static: its steps are load factors, not times.
     limit_points : list of float
@@ -221,6 +224,7 @@ class Stats:
     compiled: list[str] = field(default_factory=list)
     assembled: list[str] = field(default_factory=list)
     failure: Failure | None = None
+    until: str = ""
     static: bool = False
     limit_points: list[float] = field(default_factory=list)
     gradient_growth: float = 0.0

@@ -138,7 +138,8 @@ class Solution:
     def __repr__(self):
         return (
             f"<Solution: {self.stats.scheme}, {len(self.t) - 1} steps to "
-            f"{'load factor' if self.stats.static else 't ='} {self.t[-1]:g}, "
+            f"{'load factor' if self.stats.static else 't ='} {self.t[-1]:g}"
+            f"{f' by {self.stats.until!r}' if self.stats.until else ''}, "
             f"energy error {abs(self.energy.balance_error).max():.2g} J>"
         )
 

@@ -33,7 +33,9 @@ class AdaptiveRun:
     After each break, trial steps find the first length.
     """
 
-    def __init__(self, stepper: Stepper, recorder: Recorder, tolerance: Tolerance):
+    def __init__(
+        self, stepper: Stepper, recorder: Recorder, tolerance: Tolerance, single: bool = False
+    ):
         self._stepper, self._recorder, self._stats = stepper, recorder, stepper.stats
         self._order, constant = order_and_constant(stepper.model.scheme)
         self._control = StepControl(
@@ -52,6 +54,8 @@ class AdaptiveRun:
         #: Segments of motion between events are not divided further [s].
         self._least = _LEAST * self._breaks[-1]
         self._started = False
+        #: Whether each call takes a single step.
+        self._single = single
         self._next, self._block, self._halvings = 0, _FIRST_BLOCK, 0
         #: Ends of steps at which a contact or a law has switched [s].
         self.events: list[float] = []
@@ -63,6 +67,8 @@ class AdaptiveRun:
         if not self._started:
             self._start(state, until)
         ends = control.ends(state.t, until, self._block)
+        if self._single:
+            ends = ends[:1]
         first, dt = stats.steps + 1, float(ends[0]) - state.t
         last = self._next == len(self._breaks) - 1
         recorder.plan(first, ends, last and ends[-1] == until)

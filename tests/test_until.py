@@ -1,0 +1,147 @@
+"""Motions that end where a condition is met: when, with what state, and what comes next."""
+
+import numpy as np
+import pytest
+
+import fx_beam as fb
+
+SCHEMES = [
+    fb.EnergyMomentum(),
+    fb.EnergyMomentum(order=4),
+    fb.EnergyDecaying(),
+    fb.Newmark(),
+    fb.GeneralizedAlpha(0.6),
+]
+
+
+def ball():
+    scene = fb.Scene(gravity=(0, -10.0))
+    return scene, scene.add_body((0, 5.0), 1.0, 0.1)
+
+
+def pendulum():
+    scene = fb.Scene(gravity=(0, -9.81))
+    body = scene.add_body((1, 0), mass=2.0, inertia=0.1, points={"pin": (0, 0)})
+    pin = scene.add_joint(fb.Revolute(fb.GROUND, body["pin"]))
+    outputs = {
+        "x": fb.Output("position", body.centre, "x"),
+        "spin": fb.Output("spin", body.centre),
+        "force": fb.Output("force", pin),
+    }
+    return scene, body, pin, outputs
+
+
+@pytest.mark.parametrize("solver", ["auto", "petsc"])
+@pytest.mark.parametrize("steps", [{"dt": 0.03}, {"tolerance": 1e-4}], ids=["dt", "tolerance"])
+@pytest.mark.parametrize("scheme", SCHEMES, ids=lambda scheme: f"{scheme.name}")
+def test_a_falling_ball_ends_on_the_floor_at_the_exact_time(scheme, steps, solver):
+    scene, body = ball()
+    outputs = {"place": fb.Output("position", body.centre)}
+    fall = fb.simulate(
+        scene,
+        scheme,
+        t_end=3.0,
+        solver=solver,
+        outputs=outputs,
+        until=lambda t, y: y["place"][1],
+        **steps,
+    )
+    assert abs(fall.t[-1] - 1.0) < 1e-12
+    assert abs(fall.position(body.centre)[-1, 1]) < 1e-11
+    assert fall.velocity(body.centre)[-1, 1] == pytest.approx(-10.0, rel=1e-9)
+    assert abs(fall.energy.balance_error).max() < 1e-11
+    assert fall.stats.until == "until"
+    assert "by 'until'" in repr(fall)
+
+
+def test_the_last_step_is_neither_tiny_nor_interpolated():
+    """A step that would be shorter than a tenth is joined with the one before."""
+    for dt in (0.1, 1 / 10.0001, 1 / 9.999, 1 / 9.95):
+        scene, body = ball()
+        outputs = {"y": fb.Output("position", body.centre, "y")}
+        fall = fb.simulate(scene, dt=dt, t_end=3.0, outputs=outputs, until=lambda t, y: y["y"])
+        assert fall.t[-1] == pytest.approx(1.0, abs=1e-12)
+        assert 0.09 * dt < fall.t[-1] - fall.t[-2] < 1.2 * dt
+        assert abs(fall.energy.balance_error).max() < 1e-12
+        assert fall.stats.steps == len(fall.t) - 1
+
+
+@pytest.mark.parametrize(
+    ("condition", "measured"),
+    [
+        (lambda t, y: y["x"], lambda s, body, pin: s.position(body.centre)[-1, 0]),
+        (lambda t, y: y["x"] < 0.3, lambda s, body, pin: s.position(body.centre)[-1, 0] - 0.3),
+        (lambda t, y: y["spin"] + 3.0, lambda s, body, pin: s.spin(body.centre)[-1] + 3),
+        (
+            lambda t, y: np.hypot(*y["force"][:2]) - 30,
+            lambda s, body, pin: np.hypot(*s.joint(pin).force[-1, :2]) - 30,
+        ),
+        (lambda t, y: t - 0.3333, lambda s, body, pin: s.t[-1] - 0.3333),
+    ],
+    ids=["position", "truth value", "spin", "force", "time"],
+)
+def test_the_last_row_meets_the_condition(condition, measured):
+    scene, body, pin, outputs = pendulum()
+    every = fb.Record(every=7)
+    run = fb.simulate(scene, dt=0.01, t_end=5.0, until=condition, outputs=outputs, record=every)
+    assert run.t[-1] < 1.0
+    assert abs(measured(run, body, pin)) < 1e-10
+    assert abs(run.energy.balance_error).max() < 1e-11
+
+
+def test_the_steps_before_are_those_of_a_run_without_a_condition():
+    scene, body, _, outputs = pendulum()
+    plain = fb.simulate(scene, dt=0.01, t_end=1.0)
+    for wanted in ({"until": lambda t, y: y["x"]}, {"until": lambda t, y: y["x"] - 9.0}):
+        run = fb.simulate(scene, dt=0.01, t_end=1.0, outputs=outputs, **wanted)
+        n = len(run.t) - 2
+        assert abs(run.q[:n] - plain.q[:n]).max() < 1e-12
+    assert run.t[-1] == 1.0
+    assert run.stats.until == ""
+
+
+def test_the_first_of_several_conditions_ends_the_motion_and_is_named(tmp_path):
+    scene, body, _, outputs = pendulum()
+    until = {"fast": lambda t, y: y["spin"] + 4.0, "below": lambda t, y: y["x"]}
+    run = fb.simulate(scene, dt=0.05, t_end=5.0, outputs=outputs, until=until)
+    assert run.stats.until == "fast"
+    run.save(tmp_path / "run.npz")
+    assert fb.load(tmp_path / "run.npz").stats.until == "fast"
+    # From a zero at the start on, the motion goes on to the next one.
+    swing = {"dt": 0.01, "t_end": 9.0, "outputs": outputs, "until": until["below"]}
+    first = fb.simulate(scene, **swing)
+    second = fb.simulate(scene, start=first, **swing)
+    period = 4 * first.t[-1]
+    assert second.t[-1] - first.t[-1] == pytest.approx(period / 2, rel=1e-3)
+
+
+def test_a_condition_within_halved_steps():
+    scene = fb.Scene()
+    arm = scene.add_body((1, 0), 1.0, 0.1, points={"pin": (0, 0)})
+    scene.add_joint(fb.Revolute(fb.GROUND, arm["pin"]))
+    scene.set_velocity(arm, (0, 5.0), 5.0)
+    outputs = {"turn": fb.Output("rotation", arm.centre)}
+    run = fb.simulate(
+        scene, dt=1.0, t_end=9.0, outputs=outputs, until=lambda t, y: y["turn"] - 11.0
+    )
+    assert run.stats.halvings > 0
+    assert run.rotation(arm.centre)[-1] == pytest.approx(11.0, abs=1e-10)
+
+
+def test_wrong_conditions_are_refused():
+    scene, body, _, outputs = pendulum()
+    options = {"dt": 0.01, "t_end": 0.1}
+    with pytest.raises(fb.SceneError, match="simulate: until = 3 must be a function"):
+        fb.simulate(scene, until=3, **options)
+    with pytest.raises(fb.SceneError, match="outputs .* given with `until` only"):
+        fb.simulate(scene, outputs=outputs, **options)
+    with pytest.raises(fb.SceneError, match="until gives nan at t = 0"):
+        fb.simulate(scene, until=lambda t, y: float("nan"), **options)
+    with pytest.raises(fb.SceneError, match="until is true at the start, t = 0"):
+        fb.simulate(scene, until=lambda t, y: True, **options)
+    with pytest.raises(fb.SceneError, match="simulate: outputs"):
+        fb.simulate(scene, until=lambda t, y: 1.0, outputs={"x": 3}, **options)
+    other = pendulum()[1]
+    with pytest.raises(fb.SceneError, match="another scene"):
+        of_other = {"x": fb.Output("spin", other.centre)}
+        fb.simulate(scene, until=lambda t, y: 1.0, outputs=of_other, **options)
