@@ -54,6 +54,8 @@ class FormTables:
         }
         if inside := problem.cell_internal:
             self._rows["internal"] = np.arange(len(dofs) * inside).reshape(-1, inside), None
+        #: Number of changes of data that are packed here.
+        self._changes = forms.changes
         #: Data of cells by cells, since forms have them in common.
         self._shared: dict[bytes, dict[str, np.ndarray]] = {}
         #: Numbers of the scene, which C reads here: coordinates with their cells, and of each form
@@ -65,14 +67,16 @@ class FormTables:
         """Set the coordinates of the cells."""
         for cells, blocks in self._coordinates:
             blocks[...] = self._blocks(coordinates[cells])
+        self._changes = -1
 
     def refill(self) -> None:
         """Set the numbers to those that the forms have now."""
+        changed, self._changes = self._forms.changes != self._changes, self._forms.changes
         for form, compiled, by_tag, constants in self._packed:
-            if by_tag:
+            if by_tag and changed:
                 for tag, rows in dolfinx_api.packed_coefficients(form, compiled).items():
                     by_tag[tag][...] = self._blocks(rows)
-            constants[...] = dolfinx_api.packed_constants(form, compiled, ())[0]
+            constants[...] = dolfinx_api.values_of_constants(form)
 
     def all(self) -> dict[str, dict]:
         """The forms of the model by their names in C."""

@@ -55,6 +55,8 @@ class BeamForms:
         self.parameters: tuple[Any, list[int]] = None, []
         #: Data of beams, by name, that vary cell by cell for steps backwards.
         self._by_cells: dict[str, FilledField] = {}
+        #: How often data of beams were changed.
+        self.changes = 0
         #: Derivatives of the stored energy by name, with their spaces; None until they are needed.
         self._stored: dict[str, tuple[Any, Any]] | None = None
         #: Forms by name: on the mesh, and as compiled.
@@ -96,6 +98,8 @@ class BeamForms:
         names = "time", "dt", "load_factor", "memory", "load_increment"
         for name in names:
             setattr(self, name, dolfinx_api.constant(mesh, 0.0))
+        #: Their values as arrays, which are set more quickly.
+        self._values = {name: getattr(self, name).value for name in names}
         self._reset_constants()
         data = {getattr(fields, name): getattr(self, name) for name in names}
         if self._weak.internal is not None:
@@ -108,8 +112,8 @@ class BeamForms:
         return data | unknowns
 
     def _reset_constants(self) -> None:
-        self.time.value = self.memory.value = self.load_increment.value = 0.0
-        self.dt.value = self.load_factor.value = 1.0
+        for name, value in self._values.items():
+            value[...] = 1.0 if name in ("dt", "load_factor") else 0.0
 
     def _unknowns(self, fields: Fields) -> tuple[Any, dict[Any, Any]]:
         """Space of the increment, and the increment in the place of UFL's."""
@@ -195,13 +199,14 @@ class BeamForms:
                 field.x.array[:] = 0.0
         self._reset_constants()
         data = self._section_data(scene)
-        refill(self.of_sections, data)
+        changed = refill(self.of_sections, data)
         if self.drag is not None:
             drags = [drag for drag in scene.drags if isinstance(drag.target, Beam)]
             data |= (of_drag := coefficients(scene, drags, self._mesh))
-            refill(self.of_drag, of_drag)
-        for name, field in self._by_cells.items():
-            field.refill(data[name].by_cells(len(self._tags)))
+            changed += refill(self.of_drag, of_drag)
+        self.changes += bool(changed)
+        for name in self._by_cells.keys() & set(changed):
+            self._by_cells[name].refill(data[name].by_cells(len(self._tags)))
 
     # -- Steps backwards ------------------------------------------------------------------------
 

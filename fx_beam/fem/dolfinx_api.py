@@ -366,8 +366,12 @@ def packed_constants(form, compiled: CompiledForm, sought) -> tuple[np.ndarray, 
     for constant in compiled.form.constants():
         offsets[constant] = at
         at += _size(constant)
-    packed = np.array(dolfinx.cpp.fem.pack_constants(_cpp(form)))
-    return packed, [offsets.get(constant, -1) for constant in sought]
+    return values_of_constants(form), [offsets.get(constant, -1) for constant in sought]
+
+
+def values_of_constants(form) -> np.ndarray:
+    """Constants of a bound form."""
+    return np.array(dolfinx.cpp.fem.pack_constants(_cpp(form)))
 
 
 def _cpp(wrapped):

@@ -31,9 +31,14 @@ class Mass:
     """
 
     def __init__(self, scene: Scene, mesh: Mesh, forms: Forms, at_rest: bool):
-        self._scene, self._mesh, self._forms, self._at_rest = scene, mesh, forms, at_rest
+        self._mesh, self._forms, self._at_rest = mesh, forms, at_rest
+        self._read(scene)
         #: What was assembled, in words.
         self.assembled: list[str] = []
+
+    def _read(self, scene: Scene) -> None:
+        """Keep what of it may be changed in the scene itself later."""
+        self._scene, self._masses, self._gravity = scene, scene.masses[:], scene.gravity
 
     @property
     def _beams(self) -> BeamForms:
@@ -73,21 +78,25 @@ class Mass:
         row = np.repeat(np.arange(len(K.indptr) - 1), np.diff(K.indptr))
         return np.flatnonzero(row == K.indices)
 
-    def refill(self, scene: Scene) -> bool:
+    def refill(self, scene: Scene, moved: bool) -> bool:
         """Set mass and weight to those of a scene of the same structure, whose mesh is set.
 
         Returns whether any mass differs. OtherStructureError if other entries are zero.
         """
-        mass = self.matrix
-        self._scene, before = scene, mass.data.copy()
-        self.__dict__.pop("lumped", None)
-        refill(self._fields, self._densities())
-        self._assemble(mass)
-        if ((mass.data != 0) != (before != 0)).any():
-            raise OtherStructureError("other nodes have mass")
-        if scene.gravity is not None:
+        mass, masses, gravity = self.matrix, self._masses, self._gravity
+        self._read(scene)
+        refilled = refill(self._fields, self._densities())
+        heavier = bool(refilled) or moved or masses != self._masses
+        if heavier:
+            before = mass.data.copy()
+            self.__dict__.pop("lumped", None)
+            self._assemble(mass)
+            if ((mass.data != 0) != (before != 0)).any():
+                raise OtherStructureError("other nodes have mass")
+            heavier = bool((mass.data != before).any())
+        if scene.gravity is not None and (heavier or (scene.gravity != gravity).any()):
             self.weight = self._weigh(scene.gravity)
-        return bool((mass.data != before).any())
+        return heavier
 
     @functools.cached_property
     def weight(self) -> np.ndarray | None:

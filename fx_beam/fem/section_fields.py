@@ -50,23 +50,28 @@ class FilledField:
     def __init__(self, data: Data, mesh: Mesh):
         self.data, self.on_mesh = data, data.on(mesh)
 
-    def refill(self, data: Data) -> None:
-        """Set the data; OtherStructureError if they have another shape."""
+    def refill(self, data: Data) -> bool:
+        """Set the data, and whether they differ; OtherStructureError if they have another shape."""
         if data.shape != self.data.shape:
             raise OtherStructureError("data of beams that were equal differ, or conversely")
+        if (data.values == self.data.values).all():
+            return False
         self.data = data
         if data.points:
             dolfinx_api.set_at_gauss_points(self.on_mesh, data.values)
         else:
             self.on_mesh.value[...] = data.values
+        return True
 
 
-def refill(fields: Mapping[str, FilledField], data: Mapping[str, Data]) -> None:
-    """Set the data of some fields by name; OtherStructureError if there are others."""
+def refill(fields: Mapping[str, FilledField], data: Mapping[str, Data]) -> list[str]:
+    """Set the data of some fields by name; the names of those that differ.
+
+    OtherStructureError if there are others.
+    """
     if list(fields) != list(data):
         raise OtherStructureError("beams have other kinds of data")
-    for name, field in fields.items():
-        field.refill(data[name])
+    return [name for name, field in fields.items() if field.refill(data[name])]
 
 
 def section_data(mesh: Mesh, scene: Scene, names: tuple[str, ...], points: int) -> Data:

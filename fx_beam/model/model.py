@@ -82,7 +82,7 @@ class Model:
         moved = self.mesh.refill(scene)
         last, self.scene = self._joints, scene
         self.forms.refill(scene)
-        heavier = self._mass.refill(scene)
+        heavier = self._mass.refill(scene, moved)
         self.weight = self._mass.weight
         self.loads.refill(scene)
         self.motors = motors(scene)

@@ -72,6 +72,14 @@ class OtherStructureError(Exception):
     """A scene cannot use what was set up for another one; the message says why."""
 
 
+class _DiffersError(Exception):
+    """Parts differ. The place is added from part to part on the way out, and costs nothing else."""
+
+    def within(self, place: str) -> _DiffersError:
+        """The same of a larger part."""
+        return _DiffersError(place, *self.args)
+
+
 class ElsewhereError(OtherStructureError):
     """Only positions differ, but for these a scene must be set up anew."""
 
@@ -92,11 +100,15 @@ class Structure:
         """OtherStructureError if a scene differs in more than numbers."""
         if len(scene.nodes) != self._nodes:
             raise OtherStructureError("another number of nodes")
+        numbers, now = NUMBERS[Scene], vars(scene)
         for name, known in self._parts.items():
-            part = getattr(scene, name)
-            if type(known) is type(part) is list and not known and not part:
+            part = now[name]
+            if type(known) is list and not known and type(part) is list and not part:
                 continue
-            _check_part(name in NUMBERS[Scene], part, known, f"scene.{name}")
+            try:
+                _check_part(name in numbers, part, known)
+            except _DiffersError as differs:
+                raise OtherStructureError(f"scene.{name}{''.join(differs.args)}") from None
         functions = expressions_of(scene)
         for own, known in itertools.zip_longest(functions, self._functions):
             if own != known:
@@ -104,20 +116,20 @@ class Structure:
                 raise OtherStructureError(f"{what} of your own differs in more than parameters")
 
 
-def _check_part(is_number: bool, a: Any, b: Any, what: str) -> None:
+def _check_part(is_number: bool, a: Any, b: Any) -> None:
     if a is not b or callable(a):
-        (_check_number if is_number else _check)(a, b, what)
+        (_check_number if is_number else _check)(a, b)
 
 
-def _check(a: Any, b: Any, what: str) -> None:
+def _check(a: Any, b: Any) -> None:
     kind: Any = type(a)
     if kind is not type(b):
-        raise OtherStructureError(f"{what} is of another kind")
-    check = _checks(kind)  # type: ignore[arg-type]
+        raise _DiffersError(" is of another kind")
+    check = _checks(kind)
     if check is not None:
-        check(a, b, what)
+        check(a, b)
     elif a != b or callable(a):
-        raise OtherStructureError(f"{what} differs")
+        raise _DiffersError(" differs")
 
 
 @functools.cache
@@ -140,47 +152,58 @@ def _checks(kind: Any) -> Any:
         (field.name, field.name in numbers, field.name in functions) for field in fields(kind)
     )
 
-    def check(a: Any, b: Any, what: str) -> None:
+    def check(a: Any, b: Any) -> None:
         for name, is_number, may_be_function in parts:
             one, other = getattr(a, name), getattr(b, name)
-            if may_be_function and (callable(one) or callable(other)):
-                if not (callable(one) and callable(other)):
-                    raise OtherStructureError(f"{what}.{name} is of another kind")
-                continue
-            _check_part(is_number, one, other, f"{what}.{name}")
+            try:
+                if may_be_function and (callable(one) or callable(other)):
+                    if not (callable(one) and callable(other)):
+                        raise _DiffersError(" is of another kind")
+                    continue
+                _check_part(is_number, one, other)
+            except _DiffersError as differs:
+                raise differs.within(f".{name}") from None
 
     return check
 
 
-def _nodes(a: Node, b: Node, what: str) -> None:
+def _nodes(a: Node, b: Node) -> None:
     if a.number != b.number:
-        raise OtherStructureError(f"{what} is another node")
+        raise _DiffersError(" is another node")
 
 
-def _sequences(a: Any, b: Any, what: str) -> None:
+def _sequences(a: Any, b: Any) -> None:
     if len(a) != len(b):
-        raise OtherStructureError(f"{what} has another length")
+        raise _DiffersError(" has another length")
     if a and type(a[0]) is Node and type(b[0]) is Node:  # quickly, as in beams of many elements
         if [node.number for node in a] != [node.number for node in b]:
-            raise OtherStructureError(f"{what} are other nodes")
+            raise _DiffersError(" are other nodes")
         return
     for i, (one, other) in enumerate(zip(a, b, strict=True)):
-        _check(one, other, f"{what}[{i}]")
+        try:
+            _check(one, other)
+        except _DiffersError as differs:
+            raise differs.within(f"[{i}]") from None
 
 
-def _mappings(a: Any, b: Any, what: str) -> None:
+def _mappings(a: Any, b: Any) -> None:
     if list(a) != list(b):
-        raise OtherStructureError(f"{what} has other keys")
+        raise _DiffersError(" has other keys")
     for key in a:
-        _check(a[key], b[key], f"{what}[{key!r}]")
+        try:
+            _check(a[key], b[key])
+        except _DiffersError as differs:
+            raise differs.within(f"[{key!r}]") from None
 
 
-def _arrays(a: np.ndarray, b: np.ndarray, what: str) -> None:
+def _arrays(a: np.ndarray, b: np.ndarray) -> None:
     if a.shape != b.shape or not (a == b).all():
-        raise OtherStructureError(f"{what} differs")
+        raise _DiffersError(" differs")
 
 
-def _check_number(a: Any, b: Any, what: str) -> None:
+def _check_number(a: Any, b: Any) -> None:
+    if type(a) is float and type(b) is float:
+        return
     if a is None or b is None:
         fits = a is b
     elif isinstance(a, Mapping):  # of functions
@@ -188,8 +211,8 @@ def _check_number(a: Any, b: Any, what: str) -> None:
     elif isinstance(a, list):  # lumped masses: first the number of the node
         fits = [row[0] for row in a] == [row[0] for row in b]
     elif isinstance(a, Node) or isinstance(b, Node):
-        return _check(a, b, what)
+        return _check(a, b)
     else:
         fits = np.shape(a) == np.shape(b)
     if not fits:
-        raise OtherStructureError(f"{what} is of another kind")
+        raise _DiffersError(" is of another kind")

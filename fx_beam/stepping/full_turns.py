@@ -30,7 +30,7 @@ class TurnCounter:
 
     def reset(self) -> None:
         """Begin again, without turns."""
-        self.removed = np.zeros_like(self.removed)
+        self.removed = np.zeros(len(self.removed))
 
     def turns_of(self, state: State) -> np.ndarray:
         """Full turns (size,) [rad] of a state, where these have no effect on the equations."""

@@ -73,7 +73,5 @@ def _least_energy(model: Model) -> float:
             EA = section.values("EA", arc_lengths(beam, gauss) / beam.length).min(axis=1)
             least = min(least, (EA * (beam.s[1:] - beam.s[:-1])).min() / 50)
         else:
-            s = beam.s.tolist()
-            length = min(end - start for start, end in zip(s[:-1], s[1:], strict=True))
-            least = min(least, section.EA * length / 50)
+            least = min(least, section.EA * (beam.s[1:] - beam.s[:-1]).min() / 50)
     return float(least)

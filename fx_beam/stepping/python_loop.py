@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Callable
 from dataclasses import replace
 from typing import NamedTuple
@@ -73,9 +74,14 @@ class PythonLoop:
 
     def __init__(self, model: Model, forcing: Forcing, options: NewtonOptions, stats: Stats):
         self.model, self.forcing, self.stats = model, forcing, stats
-        self.single = SingleStep(model, forcing, options, stats)
+        self._options = options
         self.inversion = InversionCheck(model, stats)
         self._errors: LocalError | None = None
+
+    @functools.cached_property
+    def single(self) -> SingleStep:
+        """Takes single steps; the compiled loop needs it only where a step fails."""
+        return SingleStep(self.model, self.forcing, self._options, self.stats)
 
     @property
     def past(self) -> Past:
