@@ -7,7 +7,6 @@ import logging
 import math
 import time
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -219,13 +218,23 @@ def simulate(
 
     def solution() -> Solution:
         stats.seconds = time.perf_counter() - clock
-        end = replace(
-            counter.with_turns(recorder.end),
-            parts=halving.memory,
-            past=stepper.integrator.past,
-            inputs=values_at(named, inputs, recorder.end.t),
+        held = values_at(named, inputs, recorder.end.t)
+
+        def end() -> State:
+            state = counter.with_turns(recorder.end)
+            past = stepper.integrator.past
+            return state.changed(parts=halving.memory, past=past, inputs=held)
+
+        solution = solution_of(
+            setup.model,
+            recorder,
+            stats,
+            end,
+            rows_at,
+            [*breaks, *events],
+            ended=True,
+            scene_stays=kept.reads_at_once,
         )
-        solution = solution_of(setup.model, recorder, stats, end, rows_at, [*breaks, *events])
         kept.keep(setup, solution)
         return solution
 

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import replace
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any
 
 import numpy as np
 
@@ -22,21 +22,29 @@ def solution_of(
     model: Model,
     recorder: Recorder,
     stats: Stats,
-    end: State,
+    end: Callable[[], State],
     times: np.ndarray | None = None,
     breaks: Sequence[float] = (),
+    ended: bool = False,
+    scene_stays: bool = False,
 ) -> Solution:
-    """Solution from a record; `end` is the last state.
+    """Solution from a record; `end` gives the last state.
 
     With `times` its rows are at these times, otherwise those of the record; the motion is smooth
-    between `breaks`.
+    between `breaks`. What depends on nothing that may change is made when it is first read: the
+    record stays as it is if the run has `ended`, and the scene if `scene_stays` until the solution
+    is read.
     """
     scene, mesh = model.scene, model.mesh
-    histories = recorder.histories()
+    recorded = recorder.histories()
+    histories: Mapping[str, Any] = recorded
     rows: slice | np.ndarray = slice(None)
     if times is not None:
-        histories, rows = at_times(model, histories, times, breaks)
-    internal, of_springs = (histories.pop(name) for name in ("internal", "spring_internal"))
+        histories, rows = at_times(model, recorded, times, breaks)
+    elif not ended or (model.fits_rates and not scene_stays):
+        histories = dict(recorded)
+    internal = histories["internal"] if model.forms.internal_shape[-1] else None
+    of_springs = histories["spring_internal"] if model.points.width else None
     cache: list[np.ndarray] = []
     of_name = {
         beam.name: (beam, cells) for beam, cells in zip(scene.beams, mesh.cells, strict=True)
@@ -59,10 +67,16 @@ def solution_of(
         N, Q, M = np.moveaxis(values.reshape(len(values), -1, 3), -1, 0)
         return BeamResultants(s.ravel(), N, Q, M)
 
+    def last() -> State:
+        state = end()
+        fitted, constraints = recorded.fitted_at(state.t), constraints_of(scene)
+        state = state.changed(impact=recorder.impact, fitted=fitted, constraints=constraints)
+        return state.renumbered(model.to_nodes, mesh.to_elements)
+
     return Solution(
         histories,
         X=mesh.X,
-        energy=histories["energy"],
+        energy=None,
         stats=stats,
         beams={beam.name: beam for beam in scene.beams},
         nodes_of_beam={b.name: n for b, n in zip(scene.beams, mesh.nodes, strict=True)},
@@ -71,12 +85,7 @@ def solution_of(
         variables_of_joint=_variables_of_joint(model, of_springs),
         bodies={body.name: body for body in scene.bodies},
         obstacles=list(scene.obstacles),
-        end=replace(
-            end,
-            impact=recorder.impact,
-            fitted=recorder.fitted_at(end.t),
-            constraints=constraints_of(scene),
-        ).renumbered(model.to_nodes, mesh.to_elements),
+        end=last if ended and scene_stays else last(),
         names_of_parameters=model.forms.parameters.names,
         variables_of_contact=_variables_of_contact(model, of_springs),
     )

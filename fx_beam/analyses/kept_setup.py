@@ -31,6 +31,8 @@ class KeptSetup:
         self._lent: Callable[[], Any] = lambda: None
         #: Why the last scene was set up anew; empty if it was not.
         self.reason = ""
+        #: Whether solutions are read before anything else happens.
+        self.reads_at_once = False
         #: Whether runs are taped, and the tape of the last one.
         self.tapes = False
         self.tape: Tape | None = None

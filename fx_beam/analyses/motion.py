@@ -282,7 +282,7 @@ class Motion:
         recorder = Recorder(self._setup.model, np.array([self.t]), Record())
         end = self._open.end()
         recorder.record(0, end)
-        return solution_of(self._setup.model, recorder, self.stats, end)
+        return solution_of(self._setup.model, recorder, self.stats, lambda: end)
 
     def solution(self) -> Solution:
         """What was recorded since the start or since the last `restore`.
@@ -299,7 +299,7 @@ class Motion:
         """
         self._open.settle()
         recorder = self._open.rows.complete()
-        return solution_of(self._setup.model, recorder, self.stats, self._open.end())
+        return solution_of(self._setup.model, recorder, self.stats, self._open.end)
 
     # -- Snapshots --------------------------------------------------------------------------------
 

@@ -153,6 +153,7 @@ class Response:
             "inputs": inputs,
         }
         self._kept = KeptSetup()
+        self._kept.reads_at_once = True
         self._names: list[str] = []
         self._x: Any = None
         self._adjoint: tuple[Any, list, Adjoint] | None = None
@@ -191,7 +192,8 @@ class Response:
                 progress=False,
                 **self._options,
             )
-        self.stats, self._t, self._end = solution.stats, solution.t, solution.end
+        self.stats, self._t = solution.stats, solution.t
+        self._end = solution.end if self._kept.tapes else None  # for derivatives
         self._is_set, self._known_changes = True, None
         return solution.t, {name: _read(solution, of, name) for name, of in self._outputs.items()}
 

@@ -222,7 +222,7 @@ def _solution(
         recorder.record(step, state)
         inversion.check(state.t, state.q)
     end = replace(states[-1], t=stepper.forcing.time, inputs=inputs)
-    return solution_of(model, recorder, stats, end)
+    return solution_of(model, recorder, stats, lambda: end)
 
 
 def _turning(model: Model, frame: TurningFrame, state: State) -> State:

@@ -38,7 +38,7 @@ from fx_beam.scene.structure import ElsewhereError, OtherStructureError, Structu
 
 # Cached properties that depend on masses, and on the positions of nodes and joints.
 _OF_MASSES = "nodal_rules", "fitted_rates"
-_OF_POSITIONS = "unit", "unit_of_unknowns", "fitted_rates", "_rate_equations"
+_OF_POSITIONS = "unit", "unit_of_unknowns", "fits_rates", "fitted_rates", "_rate_equations"
 
 
 class Model:
@@ -268,11 +268,16 @@ class Model:
         return unit[: self.couplings.free]
 
     @functools.cached_property
-    def fitted_rates(self) -> FittedRates | None:
-        """Fits rates to joints and driven motions; None if those of steps fit by themselves."""
+    def fits_rates(self) -> bool:
+        """Whether rates by the mean rule must be fitted to joints and driven motions."""
         by_mean = isinstance(self.scheme.rates, MidPointRates)
         turning = any(joint.turns_with_motion for joint in self.scene.joints)
-        if not by_mean or not (turning or self.couplings.driven):
+        return by_mean and bool(turning or self.couplings.driven)
+
+    @functools.cached_property
+    def fitted_rates(self) -> FittedRates | None:
+        """Fits rates to joints and driven motions; None if those of steps fit by themselves."""
+        if not self.fits_rates:
             return None
         return FittedRates(*self._rate_equations, self.mass, self.unit)
 

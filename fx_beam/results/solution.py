@@ -29,7 +29,8 @@ from .summary import facts
 # Histories that a `Record` may omit, with its name for them.
 _KINDS = {name: of.record for name, of in HISTORIES.items() if of.record != "always"}
 
-
+# What is set when it is first read.
+_LATER = {*HISTORIES, "energy", "end"}
 #: Former attributes: what to write now, and what they give.
 _FORMER: dict[str, tuple[str, Callable[[Any], Any]]] = {
     "joint_force": ("joint(joint).force", lambda of: lambda joint: of.joint(joint).force),
@@ -52,8 +53,8 @@ class Solution:
         The histories below, by name.
     X : (n_node, 2) float
         Reference positions [m].
-    energy : Energy
-        Energies and work.
+    energy : Energy or None
+        Energies and work; None for the "energy" of `histories`.
     stats : Stats
         Statistics of the simulation.
     beams : dict
@@ -70,8 +71,9 @@ class Solution:
         The obstacles of the scene.
     bodies : dict, optional
         The bodies by name.
-    end : State, optional
-        The last state, its vectors by nodes, for `simulate(start=...)`; None after a failed run.
+    end : State or callable, optional
+        The last state, its vectors by nodes, for `simulate(start=...)`, or a function that gives
+        it; None after a failed run.
     names_of_parameters : sequence of str
         Names of the columns of `parameters`.
     variables_of_contact : dict, optional
@@ -95,11 +97,14 @@ class Solution:
     ((11, 2), (11, 2))
     """
 
+    energy: Energy
+    end: State | None
+
     def __init__(
         self,
         histories: Mapping[str, np.ndarray],
         X: np.ndarray,
-        energy: Energy,
+        energy: Energy | None,
         stats: Stats,
         beams: dict[str, Beam],
         nodes_of_beam: dict[str, np.ndarray],
@@ -108,32 +113,48 @@ class Solution:
         variables_of_joint: dict[int, dict[str, np.ndarray]],
         obstacles: list[Obstacle],
         bodies: dict[str, Body] | None = None,
-        end: State | None = None,
+        end: State | Callable[[], State] | None = None,
         names_of_parameters: Sequence[str] = (),
         variables_of_contact: dict[int, np.ndarray] | None = None,
     ):
-        for name in HISTORIES:
-            setattr(self, name, read_only(histories[name]))
-        self.X, self.energy, self.obstacles = read_only(X), energy, obstacles
+        # Histories, energies and the last state are set when they are first read.
+        self._histories, self._end = histories, end
+        self.X, self.obstacles = read_only(X), obstacles
+        if energy is not None:
+            self.energy = energy
         self.stats = stats
         self.beams, self.bodies = beams, bodies or {}
         self.nodes_of_beam = {name: read_only(nodes) for name, nodes in nodes_of_beam.items()}
         self.resultants_of_beam = resultants_of_beam
         self.variables_of_beam, self.variables_of_joint = variables_of_beam, variables_of_joint
         self.variables_of_contact = variables_of_contact or {}
-        self.end = end
         self.names_of_parameters = list(names_of_parameters)
 
     def __getattr__(self, name: str) -> Any:
-        """A history, for type checkers; a former attribute."""
-        return former(self, name, _FORMER)
+        """What is not set yet; a former attribute."""
+        if name not in _LATER or "_histories" not in self.__dict__:
+            return former(self, name, _FORMER)
+        value: Any
+        if name == "end":
+            value = self._end() if callable(self._end) else self._end
+        else:
+            value = self._histories[name]
+            value = value if name == "energy" else read_only(value)
+        self.__dict__[name] = value
+        return value
+
+    def __dir__(self):
+        return [*super().__dir__(), *_LATER]
 
     def __getstate__(self):
         # The function for the resultants holds the compiled model: copies get computed values.
         known = {}
         if self.has_motion:
             known = {name: self.resultants_of_beam(name) for name in self.beams}
-        return {**self.__dict__, "resultants_of_beam": known.__getitem__}
+        of_run = "_histories", "_end"
+        own = {name: value for name, value in self.__dict__.items() if name not in of_run}
+        own |= {name: getattr(self, name) for name in _LATER}
+        return {**own, "resultants_of_beam": known.__getitem__}
 
     def __repr__(self):
         return (

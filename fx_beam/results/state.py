@@ -120,6 +120,12 @@ class State:
     fitted: np.ndarray | None = None
     constraints: np.ndarray | None = None
 
+    def changed(self, **values: Any) -> State:
+        """The state with other values; far quicker than `dataclasses.replace`."""
+        new = object.__new__(type(self))
+        new.__dict__.update(self.__dict__, **values)
+        return new
+
     def renumbered(self, change: _Renumbering, change_cells: _Renumbering) -> State:
         """The state in another numbering of degrees of freedom and of cells."""
         new: dict[str, Any] = {}
@@ -132,7 +138,7 @@ class State:
                 new[name] = change(value) if of.endswith("dofs") else change_cells(value)
         if self.fitted is not None:
             new["fitted"] = change(self.fitted)
-        return replace(self, **new, past=past)
+        return self.changed(**new, past=past)
 
     def memory(self, length: float) -> float:
         """`Step.memory` of a step of this length [s] from here."""

@@ -125,7 +125,7 @@ def _check(a: Any, b: Any) -> None:
     kind: Any = type(a)
     if kind is not type(b):
         raise _DiffersError(" is of another kind")
-    check = _checks(kind)
+    check = _checks(kind)  # type: ignore[arg-type]
     if check is not None:
         check(a, b)
     elif a != b or callable(a):

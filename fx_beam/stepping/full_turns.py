@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from dataclasses import replace
 
 import numpy as np
 import scipy.sparse
@@ -36,7 +35,8 @@ class TurnCounter:
         """Full turns (size,) [rad] of a state, where these have no effect on the equations."""
         turns = np.zeros_like(self.removed)
         for member in self._members:
-            if number := round(float(state.q[member].mean()) / (2 * math.pi)):
+            mean = float(np.add.reduce(state.q[member])) / len(member)
+            if number := round(mean / (2 * math.pi)):
                 turns[member] = 2 * math.pi * number
         return turns
 
@@ -44,12 +44,12 @@ class TurnCounter:
     def without(turns: np.ndarray, state: State) -> State:
         """The state without turns."""
         before = None if state.before is None else state.before - turns
-        return replace(state, q=state.q - turns, before=before)
+        return state.changed(q=state.q - turns, before=before)
 
     def with_turns(self, state: State) -> State:
         """The state with the turns that were subtracted."""
         before = None if state.before is None else state.before + self.removed
-        return replace(state, q=state.q + self.removed, before=before)
+        return state.changed(q=state.q + self.removed, before=before)
 
 
 def _members(model: Model) -> list[np.ndarray]:

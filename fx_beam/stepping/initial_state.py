@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 import scipy.sparse
 import scipy.sparse.linalg
@@ -53,17 +51,17 @@ def _moving_state(
     coupled = coupled_rates(model)
     if state.fitted is None:
         w = initial_rates(model, state, coupled, rates)
-        state = replace(state, v=model.reduction.spread(w))
+        state = state.changed(v=model.reduction.spread(w))
     else:
         w = projected_rates(model, coupled, state.fitted, rates)
         v = model.reduction.spread(w)
         lost = model.mass @ (state.fitted - v)
         by_driven = -float(lost @ v) if model.couplings.driven else 0.0
-        state = replace(state, v=v, work=state.work + by_driven, fitted=None)
+        state = state.changed(v=v, work=state.work + by_driven, fitted=None)
     if not accelerates:
         return state, False
     a, rest = _acceleration(model, forcing, state, coupled, w, accelerations, dt)
-    return replace(state, a=a), rest
+    return state.changed(a=a), rest
 
 
 def resumed_state(
@@ -77,8 +75,8 @@ def resumed_state(
     w = nearest_rates(model, coupled, start.v, rates)
     a, _ = _acceleration(model, forcing, start, coupled, w, accelerations, dt)
     # What the last step of another scheme leaves to the next one does not count.
-    start = replace(start, a=a, parts=None, past=None)
-    return replace(start, before=None, algorithmic=0.0, length=0.0)
+    start = start.changed(a=a, parts=None, past=None)
+    return start.changed(before=None, algorithmic=0.0, length=0.0)
 
 
 def reference_state(model: Model) -> State:

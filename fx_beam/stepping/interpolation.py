@@ -8,7 +8,7 @@ Only next to breaks, where few steps may turn the motion, are these better.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -23,7 +23,7 @@ _MUCH = 4.0
 
 
 def at_times(
-    model: Model, steps: dict[str, Any], times: np.ndarray, breaks: Sequence[float]
+    model: Model, steps: Mapping[str, Any], times: np.ndarray, breaks: Sequence[float]
 ) -> tuple[dict, np.ndarray]:
     """Histories at times (n,) from those of all steps, and the steps' rows (n,) that contain them.
 

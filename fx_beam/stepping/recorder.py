@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import bisect
-import itertools
+import functools
 import math
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -16,12 +16,12 @@ from fx_beam.fem.beam_forms import BeamForms, Part
 from fx_beam.fem.step_start import StepStart
 from fx_beam.mechanics.interval import Interval, instant
 from fx_beam.model.model import Model
-from fx_beam.results.audit import Energy
 from fx_beam.results.state import ROWS, State
 from fx_beam.validation import is_flag, is_whole, numbers, require
 
 from .fitted_histories import fitted, sums_of
 from .held_inputs import Ramp
+from .recorded_histories import RecordedHistories
 from .sub_step_starts import SubStepStarts, grown
 
 # What may be recorded.
@@ -132,7 +132,6 @@ class Recorder:
         #: The last state.
         self.end: State
         self._first: State
-        self._fitted: tuple[float, np.ndarray] | None = None
         #: Full turns (size,) [rad] that are missing in the rows from a number on.
         self.turns: dict[int, np.ndarray] = {}
         kinds = {"always"} | {kind for kind in _KINDS if getattr(record, kind)}
@@ -146,7 +145,7 @@ class Recorder:
         self._starts = SubStepStarts(model, record.motion, record.rates)
         self.arrays["up_to_row"] = np.zeros(0, dtype=np.int32)
         #: Names of the rows that only serve the others.
-        self._serving = {"q", "v"} - set(self.arrays) if model.fitted_rates is not None else set()
+        self._serving = {"q", "v"} - set(self.arrays) if model.fits_rates else set()
         self.arrays |= {name: np.zeros((0, model.size)) for name in self._serving}
         self.plan(0, times, last=True)
 
@@ -262,64 +261,27 @@ class Recorder:
                 rows[self.rows] = np.ravel(values[name]) if rows.ndim > 1 else values[name]
         self.add(1, self.starts)
 
-    def fitted_at(self, t: float) -> np.ndarray | None:
-        """Rates (size,) at a time [s] that fit the joints, if those of steps do not.
-
-        Known after `histories`, at the last row.
-        """
-        return self._fitted[1] if self._fitted is not None and self._fitted[0] == t else None
-
     def _missing(self, row: int) -> np.ndarray | float:
         """Full turns (size,) [rad] that are missing in a row."""
         at = bisect.bisect_right([*self.turns], row)
         return [*self.turns.values()][at - 1] if at else 0.0
 
-    def histories(self) -> dict:
-        """Recorded histories by their names in `Solution`; empty if not recorded."""
-        model, n = self.model, self.rows
-        recorded = {name: rows[:n] for name, rows in self.arrays.items()}
-        if model.fitted_rates is not None:
-            starts = None if self.every == 1 else self._starts.of_rows(recorded["up_to_row"])
-            grid, driven = (self._times, self._steps[:n]), self._first.driven_rates
-            recorded = fitted(model, recorded, starts, grid, driven)
-            self._fitted = grid[0][grid[1][-1]], recorded["v"][-1]
-            recorded = {name: recorded[name] for name in recorded if name not in self._serving}
-        t = self._times[self._steps[:n]]
-        histories = {
-            "t": t,
-            "t_level": t - (1 - model.scheme.rates.level) * self._lengths(),
-            "energy": replace(Energy(*recorded["energies"].T), impact=np.full(n, self.impact)),
-            "linear_momentum": recorded["momenta"][:, :2],
-            "angular_momentum": recorded["momenta"][:, 2],
-        }
-        for name, quantity in ROWS.items():
-            at_nodes = quantity.shape == ("dofs",)
-            lengths = model.mesh.dofs.shape if at_nodes else quantity.lengths(model.sizes)
-            if (rows := recorded.get(name)) is None:
-                histories[name] = np.empty((0, *lengths))
-            else:
-                histories[name] = (
-                    rows[:, model.mesh.dofs] if at_nodes else rows.reshape(len(rows), *lengths)
-                )
-        q = histories["q"]
-        for first, stop in itertools.pairwise([*self.turns, n] if len(q) else []):
-            q[first:stop] += self.turns[first][model.mesh.dofs]
-        for name in ("internal", "spring_internal"):
-            if not histories[name].size:
-                histories[name] = None
-        del histories["energies"], histories["momenta"]
-        return histories | self._by_supports(histories.pop("constraint_forces"))
+    def histories(self) -> RecordedHistories:
+        """Histories of the rows so far by their names in `Solution`."""
+        model, n, fit = self.model, self.rows, None
+        rows = {name: of[:n] for name, of in self.arrays.items()}
+        times, steps = self._times, self._steps[:n]
+        if model.fits_rates:
+            starts = None if self.every == 1 else self._starts.of_rows(rows["up_to_row"])
+            driven = self._first.driven_rates
+            fit = functools.partial(fitted, model, rows, starts, (times, steps), driven)
+        recorded = {name: of for name, of in rows.items() if name not in self._serving}
+        t = times[steps]
 
-    def _by_supports(self, forces: np.ndarray) -> dict[str, np.ndarray]:
-        """Forces of the supports on nodes, and those of motors, from rows of all of them."""
-        model = self.model
-        reactions = np.zeros((len(forces), len(model.mesh.X), 3))
-        supported, components, columns = model.supports
-        reactions[:, supported, components] = forces[:, columns]
-        motors = np.zeros((len(forces), model.scene.joint_count))
-        first, numbers = len(model.prescribed), [joint.number for joint, _ in model.motors]
-        motors[:, numbers] = forces[:, first : first + len(numbers)]
-        return {"reactions": reactions, "motor_forces": motors}
+        def t_level() -> np.ndarray:
+            return t - (1 - model.scheme.rates.level) * self._lengths()
+
+        return RecordedHistories(model, recorded, fit, self.turns, t, t_level, self.impact)
 
     def _lengths(self) -> np.ndarray:
         """Length (n,) of the step or last part that a row's forces belong to; 0 for row 0."""

@@ -39,7 +39,7 @@ class SubStepStarts:
                 self.arrays["before_internal"] = np.zeros((n, width))
             if model.forms.needs_before:
                 self.arrays |= {"earlier_q": np.zeros((n, size)), "memory": np.zeros(n)}
-        if model.fitted_rates is not None:
+        if model.fits_rates:
             self.arrays |= {f"before_{name}": np.zeros((n, size)) for name in "qv"}
         #: Their number.
         self.count = 0
