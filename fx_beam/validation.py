@@ -6,8 +6,7 @@ import inspect
 import math
 import sys
 import threading
-from collections.abc import Callable, Iterable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable, Iterable
 from decimal import Decimal
 from numbers import Integral, Real
 from types import FrameType
@@ -228,28 +227,37 @@ class _Calls(threading.local):
 
     def goes_on(self, function: Callable) -> bool:
         """Whether a call of the function has not ended."""
-        call, frame = self.now.get(id(function)), sys._getframe()
-        while call is not None and frame is not None and frame is not call:
-            frame = frame.f_back  # type: ignore[assignment]
-        return call is not None and frame is call
+        call = self.now.get(id(function))
+        if call is None:
+            return False
+        # A frame that has itself as a value would keep all its callers until they are collected.
+        frame = sys._getframe().f_back
+        while frame is not None and frame is not call:
+            frame = frame.f_back
+        return frame is call
 
 
 _calls = _Calls()
 
 
-@contextmanager
-def _calling(function: Callable, what: str) -> Iterator[None]:
+class _Calling:
     """Refuse to call a function while it is called: it would never end."""
-    if _calls.goes_on(function):
-        raise _EndlessError(
-            f"{what}: the function runs an analysis of the scene to which it belongs, and would be "
-            "called for ever. Let it use a scene without this function"
-        )
-    try:
-        _calls.now[id(function)] = sys._getframe(2)  # with this block
-        yield
-    finally:
-        _calls.now.pop(id(function), None)
+
+    __slots__ = "_function", "_what"
+
+    def __init__(self, function: Callable, what: str):
+        self._function, self._what = function, what
+
+    def __enter__(self) -> None:
+        if _calls.goes_on(self._function):
+            raise _EndlessError(
+                f"{self._what}: the function runs an analysis of the scene to which it belongs, "
+                "and would be called for ever. Let it use a scene without this function"
+            )
+        _calls.now[id(self._function)] = sys._getframe(1)  # with this block
+
+    def __exit__(self, *_) -> None:
+        _calls.now.pop(id(self._function), None)
 
 
 class _CheckedFunction:
@@ -260,7 +268,7 @@ class _CheckedFunction:
 
     def __call__(self, *arguments) -> np.ndarray:
         try:
-            with _calling(self.function, self._what):
+            with _Calling(self.function, self._what):
                 return shaped(self.function(*arguments), self.size, self._what)
         except SceneError:
             raise
@@ -285,7 +293,7 @@ class _CheckedFunction:
 
         They are checked at once: one by one, the checks cost more than most functions.
         """
-        with _calling(self.function, self._what):
+        with _Calling(self.function, self._what):
             for own in arguments:
                 collected.append(_copied(self.function(*own)))  # noqa: PERF401 (an exception counts)
         try:

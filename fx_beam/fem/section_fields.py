@@ -81,9 +81,10 @@ def section_data(mesh: Mesh, scene: Scene, names: tuple[str, ...], points: int) 
     its beam and its fraction.
     """
     sections = [beam.section for beam in scene.beams]
-    different = distinct(sections)
-    if not any(section.varies(name) for section in different for name in names):
-        constants = {id(section): section.constants(names) for section in different}
+    constants = {id(section): section.constants(names) for section in distinct(sections)}
+    if None not in constants.values():
+        if len(constants) == 1:
+            return Data(0, np.array(*constants.values()))
         return cell_data(mesh, np.array([constants[id(section)] for section in sections]))
     gauss = dolfinx_api.gauss_points(points)
     values: list[np.ndarray] = []

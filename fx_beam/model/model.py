@@ -38,7 +38,7 @@ from fx_beam.scene.structure import ElsewhereError, OtherStructureError, Structu
 
 # Cached properties that depend on masses, and on the positions of nodes and joints.
 _OF_MASSES = "nodal_rules", "fitted_rates"
-_OF_POSITIONS = "unit", "unit_of_unknowns", "fits_rates", "fitted_rates", "_rate_equations"
+_OF_POSITIONS = "unit", "weight_of_rates", "unit_of_unknowns", "fits_rates", "fitted_rates", "_rate_equations"
 
 
 class Model:
@@ -246,6 +246,11 @@ class Model:
         unit = np.full(self.size, self.mesh.size)
         unit[self.turns] = 1.0
         return unit
+
+    @functools.cached_property
+    def weight_of_rates(self) -> np.ndarray:
+        """Weights (size,) of squares of rates, by `unit`."""
+        return self.unit**-2.0
 
     @functools.cached_property
     def needs_accelerations(self) -> bool:

@@ -164,7 +164,7 @@ class Section:
         return _values(name, datum, fractions)
 
     def constants(self, names: tuple[str, ...]) -> Any:
-        """Values of data that do not vary: of several a list, of one itself; zero if omitted.
+        """Values of data if none varies: of several a list, of one itself; zero if omitted.
 
         Parameters
         ----------
@@ -173,13 +173,20 @@ class Section:
 
         Returns
         -------
-        float or list
-            The values; for "retardation" those of axial, shear and bending strains.
+        float, list or None
+            The values; for "retardation" those of axial, shear and bending strains. None if one is
+            a function.
         """
         values = [
-            [*map(as_float, self._times)] if name == "retardation" else getattr(self, name) or 0.0
-            for name in names
+            self._times if name == "retardation" else getattr(self, name) or 0.0 for name in names
         ]
+        for i, value in enumerate(values):
+            if type(value) is tuple:
+                values[i] = None if any(map(callable, value)) else [*map(as_float, value)]
+            elif callable(value):
+                values[i] = None
+        if None in values:
+            return None
         return values if len(names) > 1 else values[0]
 
     @property

@@ -86,13 +86,19 @@ class Forcing:
 
     def loads(self, t0: np.ndarray, t1: np.ndarray) -> np.ndarray:
         """Factors (steps, 2, loads) of the unit loads at the starts and ends of steps."""
-        ends = [self.model.loads.series(times) for times in just_inside(t0, t1)]
-        return np.stack(ends, axis=1)
+        loads = self.model.loads
+        found = np.empty((len(t0), 2, loads.columns.shape[1]))
+        if found.size:
+            for end, times in enumerate(just_inside(t0, t1)):
+                found[:, end] = loads.series(times)
+        return found
 
     def series(self, times: np.ndarray) -> np.ndarray:
         """Prescribed motions and positions of motors (n, driven) at several times [m, rad]."""
-        positions = [series(function, times, what) for function, what in self._driven]
-        return np.hstack([np.empty((len(times), 0)), *positions])
+        positions = np.empty((len(times), len(self._driven)))
+        for i, (function, what) in enumerate(self._driven):
+            positions[:, i : i + 1] = series(function, times, what)
+        return positions
 
     def current(self, state: State) -> np.ndarray:
         """Prescribed motions and positions of motors (driven,) in a state [m, rad]."""

@@ -183,8 +183,10 @@ def initial_rates(
     if scene.projects_velocities:
         return projected_rates(model, coupled, v, driven)
     w = nearest_rates(model, coupled, v, driven)
-    unit = [1.0, 1.0, 1 / model.mesh.size]
     compatible = model.reduction.spread(w)
+    if not scene.prescribed and (compatible == v).all():
+        return w
+    unit = [1.0, 1.0, 1 / model.mesh.size]
     gap = model.to_nodes(abs(compatible - v)) / unit
     # Prescribed motion overrides an initial velocity at its own degree of freedom.
     for key in scene.prescribed:
@@ -224,7 +226,7 @@ def nearest_rates(
     free, w = reduction.independent, _driven_rates(model, driven)
     missing = v - coupled.spread(w)
     if len(free) and missing.any():
-        weight = model.unit**-2.0 if weight is None else weight
+        weight = model.weight_of_rates if weight is None else weight
         w[free] = coupled.nearest(weight, missing)
     return reduction.completed(w)
 
@@ -244,7 +246,8 @@ def given_velocity(model: Model) -> np.ndarray:
     for item in scene.velocities:
         nodes = mesh.nodes_of(scene, item.target)
         positions = mesh.X[nodes].tolist()
-        given = np.hstack([item.value.each(positions), item.spin.each(positions)])
+        given = np.empty((len(nodes), 3))
+        given[:, :2], given[:, 2:] = item.value.each(positions), item.spin.each(positions)
         if np.isfinite(given).all() and np.isnan(v[nodes]).all():
             v[nodes] = given
             continue

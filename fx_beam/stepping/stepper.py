@@ -91,16 +91,17 @@ class Stepper:
 
     def _equal(self, state: State, times: np.ndarray, first: int, recorder: Rows) -> State:
         """State after steps of equal length."""
-        integrator, halving = self.integrator, self.halving
-        inputs, grid = integrator.inputs(state.t, times), np.concatenate([[state.t], times])
-        done = 0
+        integrator, halving, t0 = self.integrator, self.halving, state.t
+        inputs, done = integrator.inputs(state.t, times), 0
         while done < len(times):
             ends, now = times[done:], inputs
             if halving.times:
+                grid = np.concatenate([[t0], times])
                 ends = halving.ends(grid[done:])
                 now = integrator.inputs(state.t, ends)
             attempt, steps = self._take(integrator, state, ends, now, first + done, recorder)
             if attempt.failed and not self._halve():
+                grid = np.concatenate([[t0], times])
                 end = halving.ends(grid[done + steps :])[0]
                 attempt, more = self._in_python(attempt, end, first + done + steps, recorder)
                 steps += more
@@ -227,6 +228,6 @@ class Stepper:
 
 def _equal_steps(t: float, times: np.ndarray) -> int:
     """Number of steps from the first on that have equal length, up to rounding."""
-    steps = np.diff(times, prepend=t)
+    steps = times - np.concatenate([[t], times[:-1]])
     different = abs(steps / steps[0] - 1) > 1e-6
     return int(np.argmax(different)) if different.any() else len(steps)
