@@ -38,7 +38,14 @@ from fx_beam.scene.structure import ElsewhereError, OtherStructureError, Structu
 
 # Cached properties that depend on masses, and on the positions of nodes and joints.
 _OF_MASSES = "nodal_rules", "fitted_rates"
-_OF_POSITIONS = "unit", "weight_of_rates", "unit_of_unknowns", "fits_rates", "fitted_rates", "_rate_equations"
+_OF_POSITIONS = (
+    "unit",
+    "weight_of_rates",
+    "unit_of_unknowns",
+    "fits_rates",
+    "fitted_rates",
+    "_rate_equations",
+)
 
 
 class Model:
