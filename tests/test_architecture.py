@@ -152,6 +152,7 @@ HOUSE = {
         "initial_state",
         "sub_step_starts",
         "fitted_histories",
+        "recorded_histories",
         "recorder",
         "interpolation",
         "linear_solver",

@@ -72,7 +72,7 @@ class RecordedHistories(Mapping):
             return self._t_level()
         if name == "energy":
             energies = self._fitted["energies"]
-            return Energy(*energies.T, impact=np.full(len(energies), self._impact))
+            return Energy(*energies.T, np.full(len(energies), self._impact))
         if name in ("linear_momentum", "angular_momentum"):
             return self._fitted["momenta"][:, 2 if name == "angular_momentum" else slice(2)]
         if name in ("reactions", "motor_forces"):
