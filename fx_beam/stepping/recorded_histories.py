@@ -5,6 +5,7 @@ from __future__ import annotations
 import functools
 import itertools
 from collections.abc import Callable, Iterator, Mapping
+from dataclasses import fields
 from typing import Any
 
 import numpy as np
@@ -18,6 +19,8 @@ from fx_beam.results.state import ROWS
 _OTHERS = "energy", "internal", "spring_internal"
 # Rows that depend on fitted rates.
 _FITTED = {"v", "a", "joint_forces", "constraint_forces"}
+# Energies of a row, in their order.
+_ENERGIES = [field.name for field in fields(Energy) if field.name != "impact"]
 
 
 class RecordedHistories(Mapping):
@@ -72,7 +75,8 @@ class RecordedHistories(Mapping):
             return self._t_level()
         if name == "energy":
             energies = self._fitted["energies"]
-            return Energy(*energies.T, np.full(len(energies), self._impact))
+            own = dict(zip(_ENERGIES, energies.T, strict=True))
+            return Energy(**own, impact=np.full(len(energies), self._impact))
         if name in ("linear_momentum", "angular_momentum"):
             return self._fitted["momenta"][:, 2 if name == "angular_momentum" else slice(2)]
         if name in ("reactions", "motor_forces"):
