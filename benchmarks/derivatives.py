@@ -96,7 +96,7 @@ def measured(build, dt, steps, tries):
     case = Case(build(), dt, steps)
     pairs = [(case.run(), case.run(case.tape)) for _ in range(tries)]
     alone, taped = np.min(pairs, axis=0)
-    adjoint, ends = Adjoint(case.loop), case.tape.boundaries(case.times)
+    adjoint, ends = Adjoint(case.loop.problem), case.tape.boundaries(case.times)
     weights = {"q": np.ones((len(ends), case.setup.model.size))}
     back = least(tries, lambda: adjoint.pull(case.tape, weights, ends))
     stiffness = case.setup.model.forms.beams.of_sections["stiffness"].data

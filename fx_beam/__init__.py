@@ -20,6 +20,7 @@ from .analyses.motion import Motion
 from .analyses.rayleigh import rayleigh
 from .analyses.response import Response
 from .analyses.snapshot import Snapshot
+from .analyses.static_response import StaticResponse
 from .analyses.statics import static
 from .analyses.sweep import sweep
 from .errors import Failure, SceneError, StepError
@@ -112,6 +113,7 @@ __all__ = [
     "Prismatic",
     "Record",
     "Response",
+    "StaticResponse",
     "Resultants",
     "Revolute",
     "Rigid",

@@ -43,7 +43,7 @@ class Run:
         """Derivatives of the sum of weights times states after some steps, by default all."""
         at = self.loop.tape.boundaries(self.times if steps is None else self.times[steps])
         forces = self.sub_steps if {"constraints", "joints"} & {*weights} else self.sub_steps[:0]
-        return Adjoint(self.loop).pull(self.loop.tape, weights, at, forces)
+        return Adjoint(self.loop.problem).pull(self.loop.tape, weights, at, forces)
 
 
 def numbers(run, starts, lengths):
@@ -110,7 +110,7 @@ def forward_and_backward(build, scheme=None, dt=0.01, steps=20):
     rng = np.random.default_rng(0)
     run = Run(build(1.0), scheme or fb.EnergyMomentum(), dt, steps, taped=True)
     tape = run.loop.tape
-    at, adjoint = tape.boundaries(run.times), Adjoint(run.loop)
+    at, adjoint = tape.boundaries(run.times), Adjoint(run.loop.problem)
     changes = {
         name: rng.standard_normal((2, *values.shape)) * abs(values).max(initial=0.0)
         for name, values in numbers(run, tape.starts, tape.lengths).items()

@@ -344,4 +344,4 @@ def test_growth_of_derivatives_shows_a_chaotic_motion(caplog):
 def test_what_has_no_derivative_is_refused_by_its_name():
     run = Run(of_sections(1.0), fb.Newmark(), 0.01, 2)
     with pytest.raises(SceneError, match=r"Newmark.* no derivatives.* Use EnergyMomentum"):
-        Adjoint(run.loop)
+        Adjoint(run.loop.problem)

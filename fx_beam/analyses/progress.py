@@ -29,6 +29,9 @@ _KEPT = (
 class _NoBar:
     """In the place of a bar that is not drawn: quick."""
 
+    #: What is done, of which the one who draws takes the difference.
+    n = 0.0
+
     def __enter__(self) -> _NoBar:
         return self
 
@@ -36,7 +39,8 @@ class _NoBar:
         pass
 
     def update(self, more: float = 1) -> None:
-        """Nothing."""
+        """Count only."""
+        self.n += more
 
 
 def progress_bar(total: float, asked: bool | None, **look) -> tqdm | _NoBar:

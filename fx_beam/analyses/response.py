@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import logging
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import Any
@@ -14,8 +15,10 @@ from fx_beam.compiled.loop import CompiledLoop
 from fx_beam.compiled.tape import Tape
 from fx_beam.errors import SceneError
 from fx_beam.mechanics.schemes import Scheme
+from fx_beam.model.model import Model
 from fx_beam.results.audit import Stats
 from fx_beam.results.solution import Solution
+from fx_beam.results.state import State
 from fx_beam.scene.inputs import with_functions
 from fx_beam.scene.joints import Joint
 from fx_beam.scene.outputs import Output, check_output
@@ -31,6 +34,8 @@ from .kept_setup import KeptSetup, keeping_setup
 from .numbers import numbers_of
 from .output_weights import kind_of, output_derivatives, state_weights
 from .run_setup import RunSetup, checked_scheme
+from .static_derivatives import StateChange, StaticDerivatives, why_not
+from .static_path import StaticPath, keeping_paths
 
 #: An output: a quantity of a node or joint, or a function of the solution.
 Wanted = Output | Callable[[Solution], Any]
@@ -136,10 +141,10 @@ class Response:
         solver: str = "auto",
         inputs: Mapping[str, Any] | None = None,
     ):
-        require(callable(build), "Response: build", build, "a function of an array of numbers")
         fits = record is None or isinstance(record, Record)
         require(fits, "Response: record", record, "an fx_beam.Record")
-        self._build, self._start, self._record = build, start, record or Record()
+        self._begin(build)
+        self._start, self._record = start, record or Record()
         self._options: dict[str, Any] = {
             "scheme": scheme,
             "t_end": t_end,
@@ -154,13 +159,20 @@ class Response:
         }
         self._kept = KeptSetup()
         self._kept.reads_at_once = True
+        self._adjoint: tuple[Any, list, Adjoint] | None = None
+        # Whether the set-up has the numbers of the last call.
+        self._is_set = False
+        # The equilibrium from which the last motion started, if it was computed for it.
+        self._path: StaticPath | None = None
+        self.stats: Stats
+
+    def _begin(self, build: Callable[[np.ndarray], tuple[Scene, Mapping[str, Wanted]]]) -> None:
+        require(callable(build), "Response: build", build, "a function of an array of numbers")
+        self._build = build
         self._names: list[str] = []
         self._x: Any = None
-        self._adjoint: tuple[Any, list, Adjoint] | None = None
-        # Whether the set-up has the numbers of the last call; derivatives of all by x.
-        self._is_set = False
+        # Derivatives of all numbers by x.
         self._known_changes: dict[str, np.ndarray] | None = None
-        self.stats: Stats
 
     def __call__(self, x: Sequence[float]) -> tuple[np.ndarray, dict[str, np.ndarray]]:
         """Simulate the scene of some numbers.
@@ -195,10 +207,20 @@ class Response:
         self.stats, self._t = solution.stats, solution.t
         self._end = solution.end if self._kept.tapes else None  # for derivatives
         self._is_set, self._known_changes = True, None
-        return solution.t, {name: _read(solution, of, name) for name, of in self._outputs.items()}
+        return solution.t, self._read_all(solution)
+
+    def _read_all(self, solution: Solution) -> dict[str, np.ndarray]:
+        return {name: _read(solution, of, name) for name, of in self._outputs.items()}
 
     def _start_of(self, scene: Scene) -> Solution | None:
-        return self._start(scene) if callable(self._start) else self._start
+        self._path = None
+        if not callable(self._start):
+            return self._start
+        with keeping_paths() as paths:
+            solution = self._start(scene)
+        own = (path for path in paths if path.solution is solution and path.scene is scene)
+        self._path = next(own, None)
+        return solution
 
     def vjp(self, weights: Mapping[str, np.ndarray]) -> np.ndarray:
         """Derivatives of a sum of weights times outputs of the last call, by all numbers.
@@ -223,13 +245,12 @@ class Response:
             Before the first call of the response; for weights of other names or shapes; for an
             output, a scheme or a part of the scene that has no derivatives.
         """
-        setup, tape = self._taped("vjp")
+        model, tape, adjoint = self._followed("vjp")
         outputs = self._checked_weights(weights)
         of_outputs = {name: np.asarray(given, float) for name, given in weights.items()}
-        steps = tape.boundaries(self._t)
-        states = self._states(setup, tape, steps)
-        of_state, direct = state_weights(setup.model, outputs, of_outputs, states)
-        adjoint = self._adjoint_of(setup)
+        steps = self._boundaries(tape)
+        states = self._states(model, tape, steps)
+        of_state, direct = state_weights(model, outputs, of_outputs, states)
         by_numbers = adjoint.pull(tape, of_state, steps)
         self.stats.gradient_growth = growth = adjoint.growth
         if growth > _USEFUL_GROWTH:
@@ -265,27 +286,33 @@ class Response:
         SceneError
             As of `vjp`.
         """
-        setup, tape = self._taped("jacobian")
+        model, tape, _ = self._followed("jacobian")
         outputs = self._differentiable(names or self._names, "Response.jacobian: names")
-        kinds = {name: kind_of(setup.model, output, name) for name, output in outputs.items()}
+        kinds = {name: kind_of(model, output, name) for name, output in outputs.items()}
         changes = self._changes(tape)
-        setup, _ = self._taped("jacobian")  # at x again, after differences
-        forward = Forward(self._adjoint_of(setup))
-        for name in changes.keys() - forward.names:
-            self._refuse(name, changes[name])
-        steps = tape.boundaries(self._t)
+        model, _, adjoint = self._followed("jacobian")  # at x again, after differences
+        forward = Forward(adjoint)
+        self._refuse_others(changes, forward.names)
+        steps = self._boundaries(tape)
         of_state = forward.push(tape, changes, steps)
-        states = self._states(setup, tape, steps)
+        states = self._states(model, tape, steps)
         return {
-            name: output_derivatives(setup.model, output, kinds[name], of_state, changes, states)
+            name: output_derivatives(model, output, kinds[name], of_state, changes, states)
             for name, output in outputs.items()
         }
 
-    def _states(
-        self, setup: RunSetup, tape: Tape, steps: np.ndarray
-    ) -> tuple[np.ndarray, np.ndarray]:
+    def _followed(self, what: str) -> tuple[Model, Tape, Adjoint]:
+        """The model of the last call with its numbers, the tape of its steps, and their adjoint."""
+        setup, tape = self._taped(what)
+        return setup.model, tape, self._adjoint_of(setup)
+
+    def _boundaries(self, tape: Tape) -> np.ndarray:
+        """Numbers of sub-steps before the rows of the last call."""
+        return tape.boundaries(self._t)
+
+    def _states(self, model: Model, tape: Tape, steps: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """q and v (n, size) of the last call before some sub-steps, or at its end."""
-        model, end = setup.model, self._end
+        end = self._end
         assert end is not None
         q, v = tape.states(np.minimum(steps, len(tape) - 1), model.size)
         at_end = steps == len(tape)
@@ -294,8 +321,7 @@ class Response:
 
     def _taped(self, what: str) -> tuple[RunSetup, Tape]:
         """The set-up of the last call, with its numbers, and the tape of its steps."""
-        wanted = "called after run(x) without an error"
-        require(self._x is not None, f"Response.{what}", "no motion yet", wanted)
+        self._check_has_run(what)
         kept = self._kept
         if not kept.tapes or kept.tape is None:
             kept.tapes = True
@@ -310,13 +336,17 @@ class Response:
             )
         return setup, tape
 
+    def _check_has_run(self, what: str) -> None:
+        wanted = "called after run(x) without an error"
+        require(self._x is not None, f"{type(self).__name__}.{what}", "no motion yet", wanted)
+
     def _adjoint_of(self, setup: RunSetup) -> Adjoint:
         """The adjoint of a set-up, which serves all scenes whose joints have the same slides."""
         loop = setup.stepper.integrator
         assert isinstance(loop, CompiledLoop)  # only it has a tape
         slides = [joint.start() for joint in setup.model.scene.joints]
         if self._adjoint is None or self._adjoint[:2] != (loop, slides):
-            self._adjoint = loop, slides, Adjoint(loop)
+            self._adjoint = loop, slides, Adjoint(loop.problem)
         return self._adjoint[2]
 
     def _checked_weights(self, weights: Mapping[str, np.ndarray]) -> dict[str, Output]:
@@ -351,15 +381,53 @@ class Response:
         """Derivatives (m, ...) of all numbers of the steps of a tape by x."""
         if self._known_changes is None:
             t0 = tape.starts.copy()
-            t1, parts = t0 + tape.lengths, []
-            for i, x in enumerate(self._x):
-                h = _STEP * (abs(x) or 1.0)
-                ends = [self._numbers_at(i, x + side * h, t0, t1) for side in (-1, 1)]
-                parts.append({name: (ends[1][name] - ends[0][name]) / (2 * h) for name in ends[0]})
-            self._known_changes = {
-                name: np.array([part[name] for part in parts]) for name in parts[0]
-            }
+            t1, start = t0 + tape.lengths, self._change_of_start()
+
+            def numbers_of(scene: Scene, i: int, change: float) -> dict[str, np.ndarray]:
+                moved = None if start is None else functools.partial(start.at, number=i, by=change)
+                return self._numbers_of(scene, t0, t1, moved)
+
+            self._known_changes = self._differences(numbers_of)
         return self._known_changes
+
+    def _differences(
+        self, numbers_of: Callable[[Scene, int, float], dict[str, np.ndarray]]
+    ) -> dict[str, np.ndarray]:
+        """Derivatives (m, ...) by x of the numbers of scenes with another number x[i].
+
+        `numbers_of` is given such a scene, i, and the change of x[i].
+        """
+        parts = []
+        for i, x in enumerate(self._x):
+            h = _STEP * (abs(x) or 1.0)
+            ends = []
+            for change in (-h, h):
+                scene = self._scene_at(i, x + change)
+                try:
+                    ends.append(numbers_of(scene, i, change))
+                except OtherStructureError as other:
+                    raise SceneError(
+                        f"Response: the scene at x[{i}] = {x + change!r} has another structure "
+                        f"than at {x!r}: {other}. There are no derivatives at {x!r}"
+                    ) from None
+            parts.append({name: (ends[1][name] - ends[0][name]) / (2 * h) for name in ends[0]})
+        return {name: np.array([part[name] for part in parts]) for name in parts[0]}
+
+    def _change_of_start(self) -> StateChange | None:
+        """How the equilibrium from which the motion starts depends on x.
+
+        None if this is unknown: then equilibria are computed for differences.
+        """
+        if self._path is None or why_not(self._path):
+            return None
+        of = StaticDerivatives(self._path)
+        changes = self._differences(lambda scene, i, change: of.numbers_of(scene))
+        self._refuse_others(changes, of.names)
+        return of.change_of_end(changes)
+
+    def _refuse_others(self, changes: Mapping[str, np.ndarray], known: set[str]) -> None:
+        for name in changes.keys() - known:
+            self._refuse(name, changes[name])
 
     @staticmethod
     def _refuse(name: str, change: np.ndarray) -> None:
@@ -371,10 +439,8 @@ class Response:
                 "no derivatives"
             )
 
-    def _numbers_at(
-        self, i: int, value: float, t0: np.ndarray, t1: np.ndarray
-    ) -> dict[str, np.ndarray]:
-        """Numbers of the steps with another number x[i]."""
+    def _scene_at(self, i: int, value: float) -> Scene:
+        """The scene with another number x[i]."""
         x = self._x.copy()
         x[i] = value
         try:
@@ -384,19 +450,26 @@ class Response:
                 f"Response: no derivatives by x[{i}] at {shown(self._x[i])}, since there is no "
                 f"scene at {shown(value)}: {error}"
             ) from error
-        scene = with_functions(scene, self._options["inputs"], "Response: inputs")
+        return scene
+
+    def _numbers_of(
+        self,
+        given: Scene,
+        t0: np.ndarray,
+        t1: np.ndarray,
+        at_rest: Callable[[Model], State] | None,
+    ) -> dict[str, np.ndarray]:
+        """Numbers of the steps for another scene, and perhaps its equilibrium at the start."""
+        scene = with_functions(given, self._options["inputs"], "Response: inputs")
         self._is_set = False
-        try:
-            setup = self._with_numbers_of(scene)
-        except OtherStructureError as other:
-            raise SceneError(
-                f"Response: the scene at x[{i}] = {value!r} has another structure than at "
-                f"{self._x[i]!r}: {other}. There are no derivatives at {self._x[i]!r}"
-            ) from None
+        setup = self._with_numbers_of(scene)
         steady = self._options["tolerance"] is None
         parts = len(setup.model.scheme.fractions)
-        first = self._options["dt"] if steady else t1[parts - 1] - t0[0]
-        state = setup.first_state(float(first), self._start_of(scene), steady, False)
+        first = float(self._options["dt"] if steady else t1[parts - 1] - t0[0])
+        if at_rest is None:
+            state = setup.first_state(first, self._start_of(given), steady, False)
+        else:
+            state = setup.state_from(at_rest(setup.model), first, steady, False)
         return numbers_of(setup, state, t0, t1)
 
     def _with_numbers_of(self, scene: Scene) -> RunSetup:

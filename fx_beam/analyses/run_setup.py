@@ -102,20 +102,28 @@ class RunSetup:
         """
         model, forcing = self.model, self.forcing
         before = None if start is None else state_of(model, start)
-        goes_on = start is not None and not start.stats.static
-        if start is not None and before is not None and goes_on and before.fitted is None:
+        if start is None or before is None or start.stats.static:
+            return self.state_from(before, dt, steady, accelerations)
+        if before.fitted is None:
             same = start.stats.scheme == model.scheme.name
             state = resumed_state(model, forcing, dt, before, same)
         else:
-            if start is not None and before is not None and goes_on:
-                before = replace(before, work=before.work + _come_and_gone(model, start, before))
-            state = initial_state(model, forcing, dt, before, accelerations)
-            if steady:
-                state = smooth_start(model, forcing, self.stepper, self.stats, state, dt)
-            if before is not None and goes_on:
-                supplied, lost = state.work - before.work, model.energy(before)
-                lost += supplied - model.energy(state)
-                state = replace(state, impact=state.impact + lost)
+            before = replace(before, work=before.work + _come_and_gone(model, start, before))
+            state = self.state_from(before, dt, steady, accelerations)
+            supplied, lost = state.work - before.work, model.energy(before)
+            lost += supplied - model.energy(state)
+            state = replace(state, impact=state.impact + lost)
+        self.stepper.load(state)
+        return state
+
+    def state_from(
+        self, start: State | None, dt: float, steady: bool = True, accelerations: bool = True
+    ) -> State:
+        """The same from an equilibrium, or from the reference configuration."""
+        model, forcing = self.model, self.forcing
+        state = initial_state(model, forcing, dt, start, accelerations)
+        if steady:
+            state = smooth_start(model, forcing, self.stepper, self.stats, state, dt)
         self.stepper.load(state)
         return state
 

@@ -41,6 +41,7 @@ from .evaluation import solution_of
 from .mpi_ranks import warn_of_equal_work
 from .progress import attach, failure_of, keeping_steps, progress_bar
 from .run_setup import state_of
+from .static_path import StaticPath, keep_path
 
 _log = logging.getLogger("fx_beam")
 # Largest number of load steps.
@@ -147,6 +148,7 @@ def static(
     _check(scene, steps, t, continuation, newton, max_cuts, max_steps, progress)
     _check_turn(scene, spin, pivot, start)
     warn_of_equal_work()
+    given = scene
     scene, values = (
         with_functions(scene, inputs, "static: inputs"),
         values_at(scene, inputs, as_float(t)),
@@ -185,7 +187,9 @@ def static(
             reason = f"static: load factor {factor:g}, below 1, after max_steps = {max_steps} steps"
             stats.failure = Failure("too many steps", reason, factor)
             _log.warning(reason)
-        return _solution(stepper, inversion, states, clock, values)
+        solution = _solution(stepper, inversion, states, clock, values)
+        keep_path(StaticPath(solution, model, forcing, states, given, inputs, start is not None))
+        return solution
     except BaseException as error:
         stats.failure = failure_of(error, states[-1].t if states else 0.0)
         if states:

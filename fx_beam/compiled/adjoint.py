@@ -10,12 +10,12 @@ import numpy as np
 from fx_beam.c_library import declarations
 from fx_beam.coupling.joint_reduction import JointReduction
 from fx_beam.errors import SceneError
-from fx_beam.mechanics.rates import MidPointRates
+from fx_beam.mechanics.rates import AtRest, MidPointRates
 from fx_beam.model.model import Model
 from fx_beam.structs import Structs
 
 from .element_data import aligned
-from .loop import CompiledLoop
+from .handover import Problem
 from .pulled_work import PulledWork
 from .tape import Tape
 
@@ -25,10 +25,9 @@ _NONE = np.empty(0, dtype=int)
 class Adjoint:
     """Derivatives of a function of the states of a run by all numbers of its scene."""
 
-    def __init__(self, loop: CompiledLoop):
-        check(loop.model)
-        self.loop, self._model = loop, loop.model
-        problem = loop.problem
+    def __init__(self, problem: Problem):
+        check(problem.model)
+        self.problem, self._model = problem, problem.model
         self._ffi, self._library, self._p = problem.ffi, problem.library, problem.c
         self._structs = Structs(self._ffi, declarations("problem.h"))
         #: The C struct Adjoint.
@@ -51,7 +50,7 @@ class Adjoint:
         if beams.drag is not None:
             self._works.append(PulledWork("drag", beams.pulled_drag()))
         for work in self._works:
-            given = work.handed_over(self.loop.problem, beams)
+            given = work.handed_over(self.problem, beams)
             self._structs.set(self.c, **{work.name: given})
 
     def _hand_over_points(self) -> None:
@@ -140,13 +139,15 @@ class Adjoint:
         model, p, found = self._model, self._p, self._results
         columns, dofs, of_slides, joints = model.couplings.free_columns
         q, slides = np.zeros(p.dofs), np.zeros(model.scene.joint_count)
-        np.add.at(q, dofs, found["columns"][columns])
-        np.add.at(slides, joints, found["columns"][of_slides])
+        # Of equal degrees of freedom the last has the column, as in `Couplings.unknowns`.
+        last = {column: dof for column, dof in zip(columns.tolist(), dofs.tolist(), strict=True)}
+        q[list(last.values())] = found["columns"][list(last)]
+        slides[joints] = found["columns"][of_slides]
         driven = found["columns"][p.free : p.free + p.driven]
         first = len(model.prescribed)
         np.add.at(q, model.prescribed, driven[:first])
         mass = np.zeros(model.mass.nnz)
-        mass[model.mass.data != 0] = found["mass"][:-1]
+        mass[self.problem.heavy] = found["mass"][:-1]
         named = {
             "q": q,
             "v": found["v"].copy(),
@@ -222,7 +223,7 @@ def singular(tape: Tape, sub_step: int) -> SceneError:
 def check(model: Model) -> None:
     """Refuse what has no derivatives, by its name."""
     scheme = model.scheme
-    if type(scheme.rates) is not MidPointRates:
+    if type(scheme.rates) not in (MidPointRates, AtRest):
         raise SceneError(
             f"{scheme.name}: motions of this scheme have no derivatives. Use EnergyMomentum, "
             "MidPoint, ModifiedMidPoint or EnergyDecaying"

@@ -112,7 +112,7 @@ class FormTables:
         batches = load_batches(name, kernel.key, kernel.source, len(tags), numbers)
         cells = [forms.cells_of(tag) for tag in tags]
         moving = sorted(dolfinx_api.coefficient_offsets(form, fields))
-        sought = forms.fields.time, forms.fields.dt, forms.fields.memory
+        sought = forms.fields.time, *forms.fields.of_step(forms.at_rest)
         of_scene, parameters = forms.parameters
         constants, (*offsets, first) = dolfinx_api.packed_constants(
             form, compiled, (*sought, of_scene)

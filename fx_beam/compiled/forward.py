@@ -35,8 +35,8 @@ class Forward:
     """Changes of the states of a run in several directions, each a change of all numbers."""
 
     def __init__(self, adjoint: Adjoint):
-        self._adjoint, self._loop, self._model = adjoint, adjoint.loop, adjoint.loop.model
-        problem = self._loop.problem
+        self._adjoint, problem = adjoint, adjoint.problem
+        self._model, self._heavy = problem.model, problem.heavy
         self._ffi, self._library, self._p = problem.ffi, problem.library, problem.c
         of_start, of_elements = ("q", "slides", "motors", "mass", "X"), adjoint.of_element_names
         #: Names of the numbers whose changes it follows.
@@ -85,6 +85,13 @@ class Forward:
         left = self._library.fx_push(p, tape.c, self._adjoint.c, directions)
         if left:
             raise singular(tape, len(tape) - left)
+        first = p.free + len(model.prescribed)
+        #: Changes of the rest of the state at the end of the tape.
+        self.at_end = {
+            "motors": given["columns"][:, first : p.free + p.driven],
+            "internal": given["internal"],
+            "spring_internal": given["spring_internal"],
+        }
         names = "q", "v", "slides", "constraints", "joints"
         return dict(zip(names, results.values(), strict=True))
 
@@ -112,7 +119,7 @@ class Forward:
         for name, size in zip(_OF_STEPS, widths, strict=True):
             given[name] = _rows(changes.get(name), count, rows * size)
         mass = _rows(changes.get("mass"), count, model.mass.nnz)
-        given["mass"] = np.ascontiguousarray(mass[:, model.mass.data != 0])
+        given["mass"] = np.ascontiguousarray(mass[:, self._heavy])
         given["before"], given["q"] = (np.zeros((count, p.dofs)) for _ in range(2))
         given["grown"] = np.zeros((count, internal))
         given["columns"] = self._columns(changes, count)

@@ -90,7 +90,7 @@ class Problem:
         )
         turns = np.zeros(model.size, dtype=bool)
         turns[model.turns] = True
-        heavy = mass.data != 0
+        heavy = (mass.data != 0) & (not model.scheme.rates.at_rest)
         turning = heavy & turns[mass.indices]
         columns = model.loads.columns
         self._set(
@@ -112,7 +112,9 @@ class Problem:
             load_start=columns.indptr,
             load_dof=columns.indices,
         )
-        self._heavy, self._turning, self._turns = heavy, turning, turns
+        #: Entries of the mass matrix that C has.
+        self.heavy = heavy
+        self._turning, self._turns = turning, turns
         #: Tables of the forms of beams, None without any.
         self.tables: FormTables | None = None
         if (beams := model.forms.beams) is not None:
@@ -136,7 +138,7 @@ class Problem:
         """The other numbers of the scene, besides those of forms and points."""
         model = self.model
         numbers = {
-            "mass": model.mass.data[self._heavy],
+            "mass": model.mass.data[self.heavy],
             "turning_mass": model.mass.data[self._turning],
             "load_force": model.loads.columns.data,
         }
@@ -208,8 +210,10 @@ class Problem:
 
     def _hand_over_rates(self, stored_at: np.ndarray) -> None:
         rates, fractions = self.model.scheme.rates, self.model.scheme.fractions
-        self._set(level=rates.level)
-        if type(rates) is NewmarkRates:
+        self._set(level=rates.level, at_rest=rates.at_rest)
+        if rates.at_rest:  # it has no mass either
+            self._set(rule=1, beta=1.0)
+        elif type(rates) is NewmarkRates:
             self._set(rule=1, beta=rates.beta, gamma=rates.gamma, alpha_m=rates.alpha_m)
         elif (rules := self.model.nodal_rules) is not None:
             addresses = np.array([function.address for function in rules.functions], np.uintp)

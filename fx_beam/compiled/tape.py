@@ -29,6 +29,11 @@ class Tape:
         self._rows = rows
         self.c.row, self.c.room = self._ffi.cast("double *", rows.ctypes.data), len(rows)
 
+    def write(self, rows: np.ndarray) -> None:
+        """Have rows that were not written by the loop."""
+        self._set_rows(rows)
+        self.c.rows = len(rows)
+
     def __len__(self):
         return self.c.rows
 

@@ -346,6 +346,11 @@ class BeamForms:
     # -- Evaluation -----------------------------------------------------------------------------
 
     @property
+    def at_rest(self) -> bool:
+        """Whether the scheme is static."""
+        return self._scheme.rates.at_rest
+
+    @property
     def has_external(self) -> bool:
         """Whether there are virtual works of a user."""
         return self._weak.added is not None

@@ -61,6 +61,10 @@ class Fields:
         known.append(self.memory)
         return known if self.coordinate is None else [*known, self.coordinate]
 
+    def of_step(self, at_rest: bool) -> tuple:
+        """Length and memory of a step; in statics the load factor's increment and the factor."""
+        return (self.load_increment, self.load_factor) if at_rest else (self.dt, self.memory)
+
     @property
     def moving(self) -> tuple:
         """Fields that change: the first in every iteration, the others in every step."""

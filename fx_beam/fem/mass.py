@@ -86,15 +86,17 @@ class Mass:
         mass, masses, gravity = self.matrix, self._masses, self._gravity
         self._read(scene)
         refilled = refill(self._fields, self._densities())
-        heavier = bool(refilled) or moved or masses != self._masses
-        if heavier:
+        other = bool(refilled) or moved or masses != self._masses
+        heavier = False
+        if other:
             before = mass.data.copy()
             self.__dict__.pop("lumped", None)
             self._assemble(mass)
             if ((mass.data != 0) != (before != 0)).any():
                 raise OtherStructureError("other nodes have mass")
             heavier = bool((mass.data != before).any())
-        if scene.gravity is not None and (heavier or (scene.gravity != gravity).any()):
+        # The mass may be assembled only here, and then differs from none.
+        if scene.gravity is not None and (other or (scene.gravity != gravity).any()):
             self.weight = self._weigh(scene.gravity)
         return heavier
 

@@ -266,7 +266,7 @@ static void pull_gaps(const Problem *p, const Work *w, const Backward *b) {
 static void pull_loads(const Problem *p, const Work *w, const Adjoint *a, const Backward *b, double *loads) {
   const double *omega = b->omega, *given = b->loads;
   for (int i = 0; i < p->dofs; ++i) {
-    a->weight[i] += omega[i];
+    a->weight[i] += acting(p) * omega[i];
     for (int k = p->mass_start[i]; k < p->mass_start[i + 1]; ++k)
       a->mass[k] -= omega[i] * w->acc[p->mass_column[k]];
   }
@@ -291,14 +291,26 @@ static void add_given(const Problem *p, const Adjoint *a, long boundary, double 
       a->columns[p->slide_column[j]] += a->slide_weight[k * p->scene_joints + p->slide_of[j]];
 }
 
+/* Of follower forces and others that are loads it is the last number. */
+static void set_load_factor(const Problem *p, const Adjoint *a) {
+  for (int k = p->points->external; k < p->points->nodal; ++k) {
+    const PointForce *e = p->points->of + k;
+    e->given[a->arguments[k] - e->parameters - 1] = p->ratio;
+  }
+}
+
+/* Rates at the end for an increment of the path; none in statics. */
+static double rates_per_path(const Problem *p, double dt) { return p->at_rest ? 0 : 2 / dt; }
+
 /* The forces of a sub-step of a tape, and its tangent; returns 0 in a singular position. */
-static int begin_taped(Problem *p, Work *w, const double *row, const Backward *b) {
+static int begin_taped(Problem *p, Work *w, const Adjoint *a, const double *row, const Backward *b) {
   double dt = row[1], level;
   take_from_tape(p, w, row, b->loads, b->thrust);
   level = p->t + p->level * dt;
   if (dt != w->dt) w->dt = dt, begin_inertia(p, w);
   begin_loads(p, w, b->loads);
   w->thrust = b->thrust;
+  if (p->at_rest) set_load_factor(p, a);
   fx_set_parameters(p->points, p->parameter);
   begin_internal(p, w->fields, level, dt, 0);
   begin_form(p, &p->drag, w->fields, level, dt);
@@ -376,7 +388,7 @@ static int begin_forces(const Problem *p, const Work *w, const Adjoint *a, const
 
 /* Adds to the derivatives by the configuration at the end what forces and masses, and with mu Tv, have of it. */
 static void pull_end(const Problem *p, const Work *w, const Backward *b) {
-  double stiff = 2 / (w->dt * w->dt);
+  double per_dt = rates_per_path(p, w->dt), stiff = per_dt * per_dt / 2;
   times_mass(p, b->omega, w->scratch);
   for (int i = 0; i < p->dofs; ++i) b->end[i] -= b->by_increment[i] + stiff * w->slope[i] * w->scratch[i];
   if (p->joints) pull_map(p, w, b), pull_arms(p, w, b);
@@ -385,8 +397,8 @@ static void pull_end(const Problem *p, const Work *w, const Backward *b) {
 /* Takes the derivatives from the end of a sub-step to its start; returns 0 if its tangent is singular. */
 static int pull_step(Problem *p, Work *w, const Adjoint *a, const Backward *b, const Tape *tape, long k) {
   int n = p->dofs, all = p->columns + p->ties;
-  if (!begin_taped(p, w, tape->row + k * tape->size, b)) return 0;
-  double per_dt = 2 / w->dt, *path_bar = b->momentum;
+  if (!begin_taped(p, w, a, tape->row + k * tape->size, b)) return 0;
+  double per_dt = rates_per_path(p, w->dt), *path_bar = b->momentum;
 
   /* By the increment through rates and internal variables, and through what the state itself counts. */
   memset(b->end, 0, n * sizeof(double));
@@ -421,7 +433,7 @@ static int pull_step(Problem *p, Work *w, const Adjoint *a, const Backward *b, c
   memcpy(a->before, b->by_before, n * sizeof(double)), scale(n, -1, a->before);
   pull_end(p, w, b);
   for (int i = 0; i < n; ++i) {
-    b->start[i] += per_dt / w->dt * w->slope[i] * w->scratch[i];
+    b->start[i] += per_dt * per_dt / 2 * w->slope[i] * w->scratch[i];
     a->v[i] = per_dt * w->scratch[i] - a->v[i];
   }
   for (int i = 0; i < p->massless_count; ++i) a->v[p->massless[i]] = 0;
@@ -455,8 +467,10 @@ long fx_pull(Problem *p, const Tape *tape, const Adjoint *a) {
   Work work, *w = &work;
   Backward b;
   lay_out(p, w, p->scratch), lay_out_backward(p, &b, a->scratch);
-  w->dt = 0;
-  for (long k = tape->rows - 1; k >= 0; --k)
+  w->dt = NAN;
+  for (long k = tape->rows - 1; k >= 0; --k) {
+    if (tape->apart) memset(a->columns, 0, (p->columns + p->ties) * sizeof(double));
     if (!pull_step(p, w, a, &b, tape, k)) return k + 1;
+  }
   return 0;
 }

@@ -324,15 +324,16 @@ static void change_residual(const Problem *p, const Work *w, const Adjoint *a, c
   const double *loads = d->loads + (j * rows + row) * 2 * p->loads, *given = b->loads;
   const double *mass = d->mass + (long)j * p->mass_start[n], *thrust = d->thrust + (j * rows + row) * 2 * p->thrusts;
   const double *load_force = d->load_force + (long)j * p->load_start[p->loads];
-  double dt = w->dt, *force = c->force + j * (n + LANES), *increment = c->increment + j * (n + LANES);
+  double per_dt = rates_per_path(p, w->dt), *force = c->force + j * (n + LANES);
+  double *increment = c->increment + j * (n + LANES);
   change_end(p, w, d, c, j);
   memset(c->reduced, 0, all * sizeof(double)), memset(c->moments, 0, p->scene_joints * sizeof(double));
   const double *parameters = d->parameters + (j * rows + row) * 2 * p->parameter_count;
   change_points(p, a, s->of_points, d, j, increment, q0, y0, c->columns, thrust, parameters, force, c->reduced,
                 c->moments, 0);
-  for (int i = 0; i < n; ++i) w->scratch[i] = 2 / dt * (w->slope[i] * increment[i] / dt - v0[i]);
+  for (int i = 0; i < n; ++i) w->scratch[i] = per_dt * (per_dt / 2 * w->slope[i] * increment[i] - v0[i]);
   for (int i = 0; i < n; ++i) {
-    double sum = -d->weight[j * n + i];
+    double sum = -acting(p) * d->weight[j * n + i];
     for (int k = p->mass_start[i]; k < p->mass_start[i + 1]; ++k)
       sum += p->mass[k] * w->scratch[p->mass_column[k]];
     for (int k = p->mass_start[i]; d->changes_mass[j] && k < p->mass_start[i + 1]; ++k)
@@ -390,7 +391,7 @@ static void change_forces(const Problem *p, const Work *w, const Change *c, cons
 static void change_state(const Problem *p, const Work *w, const Adjoint *a, const Slopes *s, const Change *c,
                          const Directions *d, const Backward *b, long row, long rows, int j) {
   long n = p->dofs, all = p->columns + p->ties;
-  double *y0 = d->columns + j * all, *q0 = d->q + j * n, *v0 = d->v + j * n, dt = w->dt;
+  double *y0 = d->columns + j * all, *q0 = d->q + j * n, *v0 = d->v + j * n, per_dt = rates_per_path(p, w->dt);
   double *increment = c->increment + j * (n + LANES);
   change_columns(p, d, c, row, rows, j, 1);
   change_end(p, w, d, c, j);
@@ -400,10 +401,10 @@ static void change_state(const Problem *p, const Work *w, const Adjoint *a, cons
     change_points(p, a, s->of_points, d, j, increment, q0, y0, c->columns, thrust, parameters, 0, 0, 0, b->lost_springs);
     memcpy(d->spring_internal + (long)j * p->spring_width, b->lost_springs, p->spring_width * sizeof(double));
   }
-  for (int i = 0; i < n; ++i) v0[i] = 2 / dt * w->slope[i] * increment[i] - v0[i];
+  for (int i = 0; i < n; ++i) v0[i] = per_dt * w->slope[i] * increment[i] - v0[i];
   for (int k = 0; k < p->massless_count; ++k) {
     int i = p->massless[k];
-    v0[i] = w->slope[i] * increment[i] / dt;
+    v0[i] = per_dt / 2 * w->slope[i] * increment[i];
   }
   memcpy(y0, c->columns, all * sizeof(double));
 }
@@ -456,10 +457,14 @@ long fx_push(Problem *p, const Tape *tape, const Adjoint *a, const Directions *d
   Slopes s;
   long all = p->columns + p->ties;
   lay_out(p, w, p->scratch), lay_out_backward(p, &b, a->scratch), lay_out_forward(p, a, d->count, &c, &s, d->scratch);
-  w->dt = 0;
+  w->dt = NAN;
   c.map[0] = 0;
   for (long k = 0; k < tape->rows; ++k) {
-    if (!begin_taped(p, w, tape->row + k * tape->size, &b)) return tape->rows - k;
+    if (!begin_taped(p, w, a, tape->row + k * tape->size, &b)) return tape->rows - k;
+    if (tape->apart) {
+      memset(d->columns, 0, d->count * all * sizeof(double));
+      memset(d->q, 0, d->count * (long)p->dofs * sizeof(double));
+    }
     if (k == 0) {
       values_at_start(p, w, &b);
       double slide[p->joints + 1];

@@ -12,11 +12,14 @@ static double mid(const Problem *p, double force, double previous) {
 }
 
 /* Dead forces with weight at the scheme's level; their mean over the step, which does the work. */
+/* Part of the weight that acts. */
+static double acting(const Problem *p) { return p->at_rest ? p->ratio : 1; }
+
 static void begin_loads(const Problem *p, const Work *w, const double *loads) {
   const double *start = loads, *end = loads + p->loads;
   memset(w->dead, 0, p->dofs * sizeof(double));
   memset(w->force, 0, p->dofs * sizeof(double));
-  if (p->weight) memcpy(w->force, p->weight, p->dofs * sizeof(double));
+  for (int i = 0; p->weight && i < p->dofs; ++i) w->force[i] = acting(p) * p->weight[i];
   for (int k = 0; k < p->loads; ++k) {
     double at_level = (1 - p->level) * start[k] + p->level * end[k];
     for (int i = p->load_start[k]; i < p->load_start[k + 1]; ++i) {

@@ -186,8 +186,9 @@ typedef struct {
     double *slide_rate;
   };
 
-  /* Rule for the rates: 0 mid-point, 1 Newmark. Sub-steps, relative to a step. */
-  int rule;
+  /* Rule for the rates: 0 mid-point, 1 Newmark. In statics a step has no rates and no inertia, and its `ratio` is
+     the load factor at its end. Sub-steps, relative to a step. */
+  int rule, at_rest;
   double level, beta, gamma, alpha_m;
   int sub_steps;
   double fractions[SUB_STEPS];
@@ -264,9 +265,11 @@ typedef struct {
   long size;
 } Rows;
 
-/* A tape (tape.h): rows of numbers, one for each sub-step, and how many there may be. */
+/* A tape (tape.h): rows of numbers, one for each sub-step, and how many there may be. If they are `apart`, as
+   equilibria are, none depends on those before. */
 typedef struct {
   long size, rows, room;
+  int apart;
   double *row;
 } Tape;
 

@@ -1,0 +1,111 @@
+"""Derivatives of the states of a load path by the numbers of its scene."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+
+import numpy as np
+
+from fx_beam.compiled.adjoint import Adjoint
+from fx_beam.compiled.build import LoopUnavailable
+from fx_beam.compiled.forward import Forward
+from fx_beam.compiled.handover import Problem
+from fx_beam.compiled.static_tape import static_tape
+from fx_beam.errors import SceneError
+from fx_beam.mechanics.schemes import Equilibrium
+from fx_beam.model.joint_forces import JointForces
+from fx_beam.model.model import Model
+from fx_beam.results.state import State
+from fx_beam.scene.inputs import with_functions
+from fx_beam.scene.scene import Scene
+from fx_beam.scene.structure import ElsewhereError
+from fx_beam.stepping.forcing import LoadForcing
+from fx_beam.stepping.initial_state import reference_state
+from fx_beam.stepping.newton import NewtonOptions
+
+from .numbers import static_numbers_of
+from .static_path import StaticPath
+
+
+def why_not(path: StaticPath) -> str:
+    """Why a path has no derivatives; empty if it has."""
+    model, first = path.model, path.states[0]
+    if path.forcing.turning is not None:
+        return "a frame that turns (spin) has none"
+    if path.continues and model.flows:
+        return (
+            "members or springs with internal variables that start from another solution have none"
+        )
+    if any(own is not None and own.any() for own in (first.internal, first.spring_internal)):
+        return "springs are under tension, and change internal variables before the loads act"
+    return ""
+
+
+class StaticDerivatives:
+    """The load steps of a path on a tape, with the adjoint."""
+
+    def __init__(self, path: StaticPath):
+        if reason := why_not(path):
+            raise SceneError(f"the equilibria have no derivatives: {reason}")
+        self.path, self.model = path, path.model
+        #: The states that are followed. Of what began at another solution these are the last alone,
+        #: which is an equilibrium of this scene whatever it began from.
+        self.states, start = path.states, reference_state(path.model)
+        if path.continues:
+            start, self.states = path.states[-2], path.states[-1:]
+        self.factors = np.array([state.t for state in self.states])
+        forces = JointForces(path.model) if path.model.scene.joints else None
+        try:
+            problem = Problem(path.model, forces, NewtonOptions())
+        except LoopUnavailable as cause:
+            raise SceneError(f"the equilibria have no derivatives: {cause}") from cause
+        self.adjoint = Adjoint(problem)
+        self.tape = static_tape(problem, start, self.states, path.forcing)
+        self._other: Model | None = None
+
+    @property
+    def names(self) -> set[str]:
+        """Names of the numbers of which there are derivatives."""
+        return Forward(self.adjoint).names
+
+    def numbers_of(self, scene: Scene) -> dict[str, np.ndarray]:
+        """The numbers of these load steps for another scene; OtherStructureError if it differs."""
+        scene = with_functions(scene, self.path.inputs, "static: inputs")
+        if self._other is None:
+            self._other = Model(self.model.scene, Equilibrium())
+        try:
+            self._other.refill(scene)
+        except ElsewhereError:
+            self._other = Model(scene, Equilibrium())
+        forcing = LoadForcing(self._other, self.path.forcing.time)
+        return static_numbers_of(self._other, forcing, self.factors)
+
+    def change_of_end(self, changes: Mapping[str, np.ndarray]) -> StateChange:
+        """Changes of the last state with those (m, ...) of the numbers."""
+        forward, last = Forward(self.adjoint), np.array([len(self.tape)])
+        found = forward.push(self.tape, changes, last)
+        return StateChange(
+            self, {name: found[name][0] for name in ("q", "slides")} | forward.at_end
+        )
+
+
+class StateChange:
+    """Changes (m, ...) of an equilibrium, from which a motion starts."""
+
+    def __init__(self, of: StaticDerivatives, changes: dict[str, np.ndarray]):
+        self._path, self._state, self._changes = of.path, of.states[-1], changes
+
+    def at(self, model: Model, number: int, by: float) -> State:
+        """The equilibrium with a change of one number, in the numbering of a model."""
+        own = self._path.model
+        moved = {
+            name: values + by * self._changes[name][number].reshape(values.shape)
+            for name in ("q", "slides", "motors", "internal", "spring_internal")
+            if (values := getattr(self._state, name)) is not None
+        }
+        state = replace(self._state, t=self._path.forcing.time, parameters=None, **moved)
+        return state.renumbered(
+            lambda vector: model.from_nodes(own.to_nodes(vector)),
+            lambda cells: model.mesh.from_elements(own.mesh.to_elements(cells)),
+        )
