@@ -15,6 +15,8 @@ from fx_beam.fem import ffcx_api
 from fx_beam.results.state import MACROS
 
 _log = logging.getLogger("fx_beam")
+#: Compiler flags of functions of several elements: the unused part of FFCx's code is dropped.
+BATCH_FLAGS = ["-fwhole-program"]
 # Addresses in the libraries that this process has loaded, which Python does not unload.
 _loaded: dict[tuple[str, ...], list[int]] = {}
 
@@ -58,8 +60,7 @@ def load_batches(
         library = ctypes.CDLL(str(path))
         return [ctypes.cast(library[batch], ctypes.c_void_p).value or 0 for batch in names]
 
-    # -fwhole-program drops the unused part of FFCx's code.
-    flags = ["-fwhole-program", f"-I{ffcx_api.ufcx_folder()}"]
+    flags = [*BATCH_FLAGS, f"-I{ffcx_api.ufcx_folder()}"]
     what = f"{name!r} for several elements"
     with _in_python_otherwise():
         _loaded[asked] = c_library.load(what, key + sizes, text, loader, flags)
