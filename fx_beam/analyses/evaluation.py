@@ -107,8 +107,7 @@ def _variables_of_joint(model: Model, rows: np.ndarray | None) -> dict[int, dict
     by_joint: dict[int, dict[str, np.ndarray]] = {}
     if rows is None:
         return by_joint
-    # Those of friction in contacts are before them.
-    columns = iter(rows.T[sum(obstacle.variables for obstacle in model.scene.obstacles) :])
+    columns = iter(rows.T)
     for joint in model.scene.joints:
         if joint.internal:
             by_joint[joint.number] = {name: next(columns) for name in joint.internal}
@@ -116,9 +115,9 @@ def _variables_of_joint(model: Model, rows: np.ndarray | None) -> dict[int, dict
 
 
 def _variables_of_contact(model: Model, rows: np.ndarray | None) -> dict[int, np.ndarray]:
-    """Stretch and slip (n, points, 2) by the number of a contact, which are the first of all."""
+    """Stretch and slip (n, points, 2) by the number of a contact."""
     by_contact: dict[int, np.ndarray] = {}
-    first = 0
+    first = model.points.of_contacts.start
     for obstacle in model.scene.obstacles:
         if rows is not None and obstacle.variables:
             of_points = rows[:, first : first + obstacle.variables]

@@ -167,6 +167,7 @@ class Problem:
     def _hand_over_points(self, stored_at: np.ndarray) -> None:
         model, points = self.model, self.model.points
         self._set(spring_width=points.width, may_overshoot=model.may_overshoot)
+        self._set(friction_follows=points.follow_joints)
         self._set(thrusts=len(points.followers))
         if len(of_scene := model.forms.parameters):
             self._set(

@@ -164,7 +164,8 @@ def _is_held(coordinate: Coordinate | None, at_rest: bool) -> bool:
         return False
     spring, damper, friction = coordinate.spring, coordinate.damper, coordinate.friction
     held = coordinate.motor or (spring and (spring.stiffness or spring.strain_energy))
-    damped = (damper and (damper.viscosity or damper.law)) or (friction and friction.force)
+    resists = getattr(friction, "force", False)  # that of Coulomb may be zero
+    damped = (damper and (damper.viscosity or damper.law)) or resists
     return bool(held or (damped and not at_rest))
 
 

@@ -35,6 +35,15 @@ class Role(enum.IntEnum):
     CONTACT, OTHER, EXTERNAL, SLIDE = range(4)
 
 
+class Load(NamedTuple):
+    """The force of a joint that limits friction on it: all of it, or its part across an axis."""
+
+    joint: int = -1
+    #: The axis in the reference, and the rotation that turns it; zero for all of the force.
+    axis: tuple[float, float] = (0.0, 0.0)
+    turn: int = -1
+
+
 class PointForce(NamedTuple):
     """A force at points: its law, and what belongs to it alone."""
 
@@ -49,6 +58,7 @@ class PointForce(NamedTuple):
     role: Role = Role.OTHER
     #: Of a contact the number of nodes, the first ones, on which the force on its point acts.
     nodes: int = 0
+    load: Load = Load()
 
 
 def _without_numbers(force: PointForce) -> tuple:
@@ -237,6 +247,9 @@ class PointForces:
             "column": -1,
             "joint": force.joint,
             "nodes": force.nodes,
+            "load": force.load.joint,
+            "load_turn": force.load.turn,
+            "load_axis": force.load.axis,
             "first_internal": self._first_internal[i],
             "first_entry": first_entry,
             "entry_row": row,
@@ -357,6 +370,27 @@ class PointForces:
         increments = self._of(self._D), self._of(self._z)
         self._c.fx_evolve_points(self._all, *increments, self._of(variables))
         return variables
+
+    @property
+    def follow_joints(self) -> bool:
+        """Whether there is friction that follows the force of a joint."""
+        return any(force.load.joint >= 0 for force in self._forces)
+
+    def follow(self, joints: np.ndarray, q: np.ndarray, internal: np.ndarray, first=False) -> int:
+        """Keep the forces (joints, 3) of a step from q in internal variables of friction.
+
+        With `first` only where there are none of an earlier step. Returns for how many.
+        """
+        vectors = (self._of(np.ascontiguousarray(x)) for x in (joints.ravel(), q, self._D))
+        level, of_internal = self._rule.level, self._of(internal)
+        return self._c.fx_follow_joints(self._all, *vectors, level, first, of_internal)
+
+    @property
+    def of_contacts(self) -> slice:
+        """Internal variables of contacts among all; those of an obstacle follow each other."""
+        first = self._first_internal[0] if self.contacts else 0
+        count = sum(force.law.internal for force in self._forces[: self.contacts])
+        return slice(first, first + count)
 
     def switches(self, q: np.ndarray, slides: np.ndarray) -> np.ndarray:
         """Values that change their sign where a contact opens or closes, or a law switches."""

@@ -20,24 +20,27 @@ from fx_beam.mechanics.node_laws import FOLLOWER, drag
 from fx_beam.mechanics.point_laws import PointLaw
 from fx_beam.mechanics.rates import UpdateRule
 from fx_beam.scene.beam import Node
-from fx_beam.scene.coordinate import Coordinate
+from fx_beam.scene.coordinate import Coordinate, Friction
+from fx_beam.scene.coulomb import Coulomb
 from fx_beam.scene.forces_between import ForceBetween
+from fx_beam.scene.joints import Joint
 from fx_beam.scene.obstacles import Circle, Obstacle
 from fx_beam.scene.scene import Scene
 from fx_beam.scene.stop import Stop
 
 from .mesh import Mesh
-from .point_forces import PointForce, Role
+from .point_forces import Load, PointForce, Role
 
 
 def point_forces(scene: Scene, mesh: Mesh, rates: UpdateRule) -> list[PointForce]:
     """All forces at points; in statics those without rates."""
-    forces = [
-        *(force for o in scene.obstacles for force in _contacts(o, scene, mesh, rates.at_rest)),
-        *_followers(scene, mesh),
-        *_pulls(scene, mesh),
+    forces = [  # first those of joints, whose internal variables have their places from them
         *_of_joints(scene, mesh, rates.at_rest),
         *_between(scene, mesh, rates.at_rest),
+        *_followers(scene, mesh),
+        *_pulls(scene, mesh),
+        *_frictions(scene, mesh),
+        *(force for o in scene.obstacles for force in _contacts(o, scene, mesh, rates.at_rest)),
     ]
     return forces if rates.at_rest else [*forces, *_drags(scene, mesh)]
 
@@ -106,11 +109,29 @@ def _of_joints(scene: Scene, mesh: Mesh, at_rest: bool) -> Iterator[PointForce]:
             for law, numbers in _of_coordinate(joint.slide, SLIDE, at_rest, own):
                 yield PointForce(law, numbers, slide=joint.number, role=Role.SLIDE)
         if joint.rotation is not None:
-            dofs = [
-                int(mesh.dofs[n.number, 2]) if n.number >= 0 else -1 for n in (joint.a, joint.b)
-            ]
             for law, numbers in _of_coordinate(joint.rotation, ANGLE, at_rest, own):
-                yield PointForce(law, numbers, dofs, joint=joint.number)
+                yield PointForce(law, numbers, _rotations(joint, mesh), joint=joint.number)
+
+
+def _frictions(scene: Scene, mesh: Mesh) -> Iterator[PointForce]:
+    """Friction of joints that follows their own force."""
+    for joint in scene.joints:
+        for on, kind in ((joint.slide, SLIDE), (joint.rotation, ANGLE)):
+            if on is None or not isinstance(friction := on.friction, Coulomb):
+                continue
+            law, dofs = laws.joint_friction(kind), _rotations(joint, mesh)
+            numbers = [friction.mu * (friction.radius or 1.0), friction.stiffness]
+            if joint.axis is not None and kind is SLIDE:
+                load = Load(joint.number, tuple(joint.axis.tolist()), dofs[0])
+                yield PointForce(law, numbers, slide=joint.number, role=Role.SLIDE, load=load)
+            else:
+                load = Load(joint.number)
+                yield PointForce(law, numbers, dofs, joint=joint.number, load=load)
+
+
+def _rotations(joint: Joint, mesh: Mesh) -> list[int]:
+    """Degrees of freedom of the rotations of its nodes."""
+    return [int(mesh.dofs[n.number, 2]) if n.number >= 0 else -1 for n in (joint.a, joint.b)]
 
 
 def _between(scene: Scene, mesh: Mesh, at_rest: bool) -> Iterator[PointForce]:
@@ -157,7 +178,7 @@ def _of_coordinate(
         if of_law not in own:
             own[of_law] = laws.damper_law(kind, damper.law)
         yield own[of_law], []
-    if of.friction is not None and not at_rest:
+    if isinstance(of.friction, Friction) and not at_rest:
         if callable(of.friction.force):
             yield laws.friction_law(kind, of.friction.force), [of.friction.speed]
         else:

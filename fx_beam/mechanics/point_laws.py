@@ -150,19 +150,33 @@ class Coordinate(NamedTuple):
 
 
 def smooth_sign(x: Any, still: Any, remembered: Sequence[Any]) -> tuple[Any, list[Any]]:
-    """Tanh of x, with a derivative with which Newton's method does not jump to and fro.
-
-    With s = x / y the friction is s y = x, whose linear form has the derivative (1 - y s') / s. For
-    y it takes what the last iteration expected, limited to 1 (Chan, Golub and Mulet 1999, doi
-    10.1137/S1064827596299767). Where both agree it is that of tanh. `still` is x without a
-    derivative.
-    """
-    again, last_x, last_y, last_slope = remembered
+    """Tanh of x, and what the next iteration remembers; `still` is x without a derivative."""
     y = ufl.tanh(ufl.conditional(ufl.lt(abs(still), _LARGE), still, _LARGE * ufl.sign(still)))
     near = ufl.lt(abs(still), 1e-4)
     safe = ufl.conditional(near, 1.0, y)
     s = ufl.conditional(near, 1.0, still / safe)
     bend = ufl.conditional(near, 2 * still / 3, (1 - (1 - y * y) * s) / safe)
+    return _with_slope(y, s, bend, x, still, remembered)
+
+
+def clipped(x: Any, still: Any, remembered: Sequence[Any]) -> tuple[Any, list[Any]]:
+    """The same of x between -1 and 1."""
+    beyond = ufl.gt(abs(still), 1)
+    sign = ufl.conditional(ufl.gt(still, 0), 1.0, -1.0)
+    s, bend = ufl.conditional(beyond, abs(still), 1.0), ufl.conditional(beyond, sign, 0.0)
+    return _with_slope(ufl.conditional(beyond, sign, still), s, bend, x, still, remembered)
+
+
+def _with_slope(
+    y: Any, s: Any, bend: Any, x: Any, still: Any, remembered: Sequence[Any]
+) -> tuple[Any, list[Any]]:
+    """A bounded y(x) with a derivative with which Newton's method does not jump to and fro.
+
+    With s = x / y the friction is s y = x, whose linear form has the derivative (1 - y s') / s;
+    `bend` is s'. For y it takes what the last iteration expected, limited to 1 (Chan, Golub and
+    Mulet 1999, doi 10.1137/S1064827596299767). Where both agree it is that of y.
+    """
+    again, last_x, last_y, last_slope = remembered
     guess = last_y + last_slope * (still - last_x)
     bounded = ufl.conditional(
         ufl.gt(guess, 1), 1.0, ufl.conditional(ufl.lt(guess, -1), -1.0, guess)

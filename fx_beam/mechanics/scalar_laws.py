@@ -13,7 +13,7 @@ from fx_beam.scene.law import Energy, is_quadratic, switches
 
 from .coordinates import Kind, Slip
 from .evolution import evolution_loss, evolved
-from .point_laws import REMEMBERED, Coordinate, Found, Motion, PointLaw, smooth_sign
+from .point_laws import REMEMBERED, Coordinate, Found, Motion, PointLaw, clipped, smooth_sign
 
 # Shortest path, relative to the coordinates, over which the force is the quotient of energy and
 # path. On a shorter one round-off of the energy exceeds the error of the force in its middle.
@@ -23,6 +23,8 @@ _SHORT = 6e-6
 # In equilibrium a contact slips that is so close to its limit: in the state where its slip ended,
 # round-off would decide.
 _AT_LIMIT = 1e-9
+# A smaller friction [N] is none.
+_OPEN = 1e-100
 
 
 class _Step(NamedTuple):
@@ -32,7 +34,9 @@ class _Step(NamedTuple):
     x: Coordinate
     still: Coordinate
     numbers: Sequence[Any]
+    #: In contact with friction the slip, and the same without derivatives.
     slip: Slip | None = None
+    still_slip: Slip | None = None
 
     @property
     def rate(self) -> Any:
@@ -47,7 +51,7 @@ class _Step(NamedTuple):
     def sign(self, speed: Any) -> tuple[Any, list[Any]]:
         """The smooth sign of the rate, and what the next iteration remembers."""
         still = self._rate(self.still) / speed
-        return smooth_sign(self.rate / speed, still, self.motion.remembered)
+        return smooth_sign(self.rate / speed, still, self.motion.remembered[:REMEMBERED])
 
     def _rate(self, x: Coordinate) -> Any:
         return self.motion.rate_at_level(x.rate, self.motion.mean_rate(x.path))
@@ -84,8 +88,10 @@ def _on(
     def step(motion: Motion) -> _Step:
         of_kind, own = motion.numbers[: kind.numbers], motion.numbers[kind.numbers :]
         x, still = (kind.of(motion, D, of_kind) for D in (motion.increment, motion.still))
-        slip = kind.slip(motion, motion.increment, of_kind) if kind.slip else None
-        return _Step(motion, x, still, own, slip)
+        if kind.slip is None:
+            return _Step(motion, x, still, own)
+        slips = (kind.slip(motion, D, of_kind) for D in (motion.increment, motion.still))
+        return _Step(motion, x, still, own, *slips)
 
     def found(motion: Motion) -> Found:
         given = step(motion)
@@ -234,6 +240,51 @@ def friction(kind: Kind) -> PointLaw:
     return _friction(kind, lambda rate, F: F, 1)
 
 
+@functools.cache
+def joint_friction(kind: Kind) -> PointLaw:
+    """Friction that sticks, of a joint under its own force; numbers: limit of a unit force, kt.
+
+    Internal variables: stretch and slip as in a contact, the forces of the last two steps, the time
+    between them, and the length of the last step. The limit is that of the force which continues
+    them on a line, between zero and twice the last one. The forces are set after the step.
+    """
+
+    def normal(step: _Step) -> tuple[Any, Any]:
+        """The force expected in the step, and the time since the last one."""
+        *_, last, before, apart, length = step.motion.internal
+        level = step.motion.rule.level
+        ahead = (1 - level) * length + level * step.motion.dt
+        known = ufl.gt(abs(apart), 0)
+        expected = last + ufl.conditional(
+            known, (last - before) * ahead / ufl.conditional(known, apart, 1), 0
+        )
+        above = ufl.conditional(ufl.gt(expected, 0), expected, 0.0)
+        return ufl.conditional(ufl.lt(above, 2 * last), above, 2 * last), ahead
+
+    def slips(step: _Step) -> _Step:
+        slip, still = (Slip(x.path, x.across) for x in (step.x, step.still))
+        return step._replace(slip=slip, still_slip=still)
+
+    def forces(step: _Step) -> _Forces:
+        N, ahead = normal(step)
+        friction, internal, remembered = _sticking(slips(step), N, N)
+        *_, last, before, _, length = step.motion.internal
+        apart = ufl.conditional(ufl.gt(abs(length), 0), ahead, 0.0)
+        memory = [last, before, apart, step.motion.dt]
+        return _Forces(0.0, friction, 0.0, [*internal, *memory], remembered)
+
+    return _on(
+        kind,
+        "friction that sticks",
+        2,
+        forces,
+        lambda step: _in_bristle(step, step.motion.internal[0]),
+        lambda step: _lost_to_friction(slips(step), normal(step)[0]),
+        internal=6,
+        remembered=REMEMBERED,
+    )
+
+
 def friction_law(kind: Kind, magnitude: Callable[[Any], Any]) -> PointLaw:
     """The same with a magnitude that depends on the rate; number: speed."""
     return _friction(kind, magnitude, 0, own=True)
@@ -333,8 +384,12 @@ def _one_sided(
             _, r, speed, *_ = step.numbers
             direction, remembered = step.sign(speed)
             other = r * normal * direction
-        friction, internal = _sticking(step, normal - other) if sticks else (0.0, [])
-        return _Forces(-sign * normal, sign * other, friction, internal, remembered)
+        if not sticks:
+            return _Forces(-sign * normal, sign * other, remembered=remembered)
+        still = step._replace(x=step.still)
+        still_normal = push(still) - of_loss(still) if loses else push(still)
+        friction, internal, more = _sticking(step, normal - other, still_normal)
+        return _Forces(-sign * normal, sign * other, friction, internal, [*remembered, *more])
 
     def stored(step: _Step) -> Any:
         step = gap(step)
@@ -357,34 +412,41 @@ def _one_sided(
         loss if loses or sticks else None,
         lambda step: [gap(step).x.start],
         internal=2 * sticks,
-        remembered=REMEMBERED if loses else 0,
+        remembered=REMEMBERED * (loses + sticks),
         own=energy is not None,
         opens=True,
     )
 
 
-def _sticking(step: _Step, normal: Any) -> tuple[Any, list[Any]]:
-    """Friction of a contact against its slip, and its internal variables at the end of the step.
+def _sticking(step: _Step, normal: Any, still_normal: Any) -> tuple[Any, list[Any], list[Any]]:
+    """Friction of a contact against its slip, internal variables at the end, what is remembered.
 
-    These are the stretch z of a spring along the surface, of the stiffness kt, whose force is at
-    most mu times the normal one, and how far the contact has slipped since it closed.
+    The variables are the stretch z of a spring along the surface, of the stiffness kt, whose force
+    is at most mu times the normal one, and how far the contact has slipped since it closed. The
+    normal force is also given without derivatives.
     """
     assert step.slip is not None
+    assert step.still_slip is not None
     mu, stiffness = step.numbers[-2:]
-    start, slipped = step.motion.internal
-    trial, limit = stiffness * (start + step.slip.path), mu * normal
-    bounded = ufl.conditional(ufl.gt(trial, 0), limit, -limit)
-    holds = (1 - _AT_LIMIT) * limit if step.motion.rule.at_rest else limit
-    friction = ufl.conditional(ufl.lt(abs(trial), holds), trial, bounded)
+    start, slipped = step.motion.internal[:2]
+    part = 1 - _AT_LIMIT if step.motion.rule.at_rest else 1.0
+
+    def ratio(path: Any, limit: Any) -> Any:
+        return stiffness * (start + path) / ufl.conditional(ufl.gt(limit, _OPEN), part * limit, 1.0)
+
+    limit, still_limit = mu * normal, mu * still_normal
+    x, still = ratio(step.slip.path, limit), ratio(step.still_slip.path, still_limit)
+    bounded, remembered = clipped(x, still, step.motion.remembered[-REMEMBERED:])
+    friction = ufl.conditional(ufl.gt(limit, _OPEN), part * limit * bounded, 0.0)
     end = friction / stiffness
     path = slipped + step.slip.path - (end - start)
-    return friction, [end, ufl.conditional(ufl.gt(normal, 0), path, 0.0)]
+    return friction, [end, ufl.conditional(ufl.gt(normal, 0), path, 0.0)], remembered
 
 
 def _lost_to_friction(step: _Step, normal: Any) -> Any:
     """Work of the friction that its spring does not store; with the mean force in statics."""
     assert step.slip is not None
-    friction, (end, _) = _sticking(step, normal)
+    friction, (end, _), _ = _sticking(step, normal, normal)
     start = step.motion.internal[0]
     if step.motion.rule.at_rest:
         before = step.numbers[-1] * start

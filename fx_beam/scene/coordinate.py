@@ -15,6 +15,7 @@ import numpy as np
 from fx_beam.errors import SceneError
 from fx_beam.validation import as_float, fields_in, is_number, refuse_fields, require
 
+from .coulomb import Coulomb
 from .inputs import Input, time_function
 from .internal_variables import InternalVariables
 from .law import Energy, check_energy, check_internal, parameters_of_energy
@@ -198,8 +199,8 @@ class Coordinate:
         Linear damper, or one with a law of its own.
     motor : callable or Input, optional
         ``motor(t)``, the change of the coordinate since the start. It prescribes the coordinate.
-    friction : Friction, optional
-        Coulomb friction.
+    friction : Friction or Coulomb, optional
+        Friction of a constant magnitude, or that follows the force of the joint and sticks.
     stop : Stop or (lower, upper, stiffness), optional
         Elastic stops.
 
@@ -214,7 +215,7 @@ class Coordinate:
     spring: Spring | None = None
     damper: Damper | None = None
     motor: Callable[[float], np.ndarray] | None = None
-    friction: Friction | None = None
+    friction: Friction | Coulomb | None = None
     stop: Stop | None = None
 
     def __str__(self):
@@ -223,11 +224,12 @@ class Coordinate:
         return ", ".join("motor" if of is self.motor else str(of) for of in parts) or "free"
 
     def __post_init__(self):
-        parts = (("spring", Spring), ("damper", Damper), ("friction", Friction))
+        parts = ("spring", (Spring,)), ("damper", (Damper,)), ("friction", (Friction, Coulomb))
         for name, wanted in parts:
             value = getattr(self, name)
             fits = value is None or isinstance(value, wanted)
-            require(fits, name, value, f"an fx_beam.{wanted.__name__}")
+            words = " or ".join(f"an fx_beam.{kind.__name__}" for kind in wanted)
+            require(fits, name, value, words)
         object.__setattr__(self, "stop", as_stop(self.stop))
         fits = self.motor is None or isinstance(self.motor, Input) or callable(self.motor)
         fits = fits or is_number(self.motor)
@@ -310,7 +312,7 @@ def parameters_of(on: Coordinate) -> list[Parameter]:
     parameters: list[Parameter] = []
     if on.spring is not None:
         parameters += parameters_of_energy(on.spring.strain_energy, on.spring.internal, 1)
-    for law in (on.damper and on.damper.law, on.friction and on.friction.force):
+    for law in (on.damper and on.damper.law, getattr(on.friction, "force", None)):
         if callable(law):
             parameters += parameters_in(law(ufl.as_ufl(0.1)))
     return parameters

@@ -17,6 +17,10 @@ class Coulomb:
     stores kt z^2 / 2. The rest of the work, kt z1 s - kt (z1^2 - z0^2) / 2, is lost; it is never
     negative. When the contact opens the energy of the spring is lost as well.
 
+    On a joint N is the force of the joint: of a slide the part across its axis, and of a pin all of
+    it, which has the moment mu R N on the radius R of the pin. It is that of the last two steps,
+    continued to the present one on a line; before the first step it is zero.
+
     A contact that sticks does not creep. While it sticks it is damped by the step, as a spring with
     a viscosity of kt dt / 2.
 
@@ -25,8 +29,10 @@ class Coulomb:
     mu : float
         Coefficient of friction.
     stiffness : float
-        Stiffness kt of a node along the surface [N/m], of a beam per length [N/m^2]. Try that of
-        the contact.
+        Stiffness kt of a node along the surface [N/m], of a beam per length [N/m^2]; of a slide
+        [N/m] and of a pin [N m/rad]. Try that of the contact.
+    radius : float, optional
+        Radius R of a pin [m], for the rotation of a joint.
 
     Raises
     ------
@@ -52,6 +58,7 @@ class Coulomb:
 
     mu: float
     stiffness: float
+    radius: float | None = None
 
     def __post_init__(self):
         mu, stiffness = as_float(self.mu), as_float(self.stiffness)
@@ -59,5 +66,9 @@ class Coulomb:
         require(fits, "Coulomb: mu", self.mu, "finite and not negative")
         fits = is_number(self.stiffness) and stiffness > 0
         require(fits, "Coulomb: stiffness", self.stiffness, "finite and positive")
+        if self.radius is not None:
+            fits = is_number(self.radius) and as_float(self.radius) > 0
+            require(fits, "Coulomb: radius", self.radius, "finite and positive, or None")
+            object.__setattr__(self, "radius", as_float(self.radius))
         object.__setattr__(self, "mu", mu)
         object.__setattr__(self, "stiffness", stiffness)

@@ -16,6 +16,7 @@ from fx_beam.validation import fields_in, refuse_fields, vector
 
 from .beam import Node
 from .coordinate import Coordinate, parameters_of
+from .coulomb import Coulomb
 from .notebook import html_table
 from .parameters import Parameter, parameters_in
 from .symbols import expression_of
@@ -115,6 +116,11 @@ def checked_force(a: Node, b: Any, on: Coordinate, force: Any, number: int, size
         raise SceneError(f"{made}: the points are at the same place, so that no direction is known")
     if not (on.acts or force is not None):
         raise SceneError(f"{made}: give a spring, damper, friction, stop or force")
+    if isinstance(on.friction, Coulomb):
+        raise SceneError(
+            f"{made}: fx_beam.Coulomb needs a normal force, which a force between two points has "
+            "not. Use fx_beam.Friction"
+        )
     if on.stop is not None:
         on.stop.check_start(distance, 1e-9 * size, f"{made}: the distance")
     if on.spring is not None and on.spring.strain_energy is not None and not on.spring.internal:

@@ -12,6 +12,7 @@ from fx_beam.validation import require, shown, vector
 
 from .beam import Node
 from .coordinate import Coordinate, Damper, Friction, Spring, checked_coordinate
+from .coulomb import Coulomb
 from .joint_kinematics import JointKinematics
 from .notebook import html_table
 from .stop import Stop
@@ -244,7 +245,7 @@ def Revolute(
     spring: Spring | None = None,
     damper: Damper | None = None,
     motor=None,
-    friction: Friction | None = None,
+    friction: Friction | Coulomb | None = None,
     stop: Stop | tuple | None = None,
 ) -> Joint:
     """Revolute joint (hinge): b keeps its position on a and rotates freely.
@@ -259,7 +260,7 @@ def Revolute(
         On the relative rotation psi_b - psi_a.
     motor : callable or Input, optional
         ``motor(t)``, the relative rotation since the start [rad]; zero at t = 0.
-    friction : Friction, optional
+    friction : Friction or Coulomb, optional
         On the relative rotation.
     stop : Stop or (lower, upper, stiffness), optional
         On the relative rotation [rad, N m/rad]; a limit may be None.
@@ -295,7 +296,7 @@ def Prismatic(
     spring: Spring | None = None,
     damper: Damper | None = None,
     motor=None,
-    friction: Friction | None = None,
+    friction: Friction | Coulomb | None = None,
     stop: Stop | tuple | None = None,
 ) -> Joint:
     """Prismatic joint: b slides along an axis fixed to a, and rotates with a.
@@ -312,7 +313,7 @@ def Prismatic(
         On the slide.
     motor : callable or Input, optional
         ``motor(t)``, the slide since the start [m]; zero at t = 0.
-    friction : Friction, optional
+    friction : Friction or Coulomb, optional
         On the slide.
     stop : Stop or (lower, upper, stiffness), optional
         On the slide [m, N/m]; a limit may be None.
@@ -347,7 +348,7 @@ def PinInSlot(
     damper: Damper | None = None,
     motor=None,
     hinge: Coordinate | None = None,
-    friction: Friction | None = None,
+    friction: Friction | Coulomb | None = None,
     stop: Stop | tuple | None = None,
 ) -> Joint:
     """Pin in a slot: b slides along an axis fixed to a, and rotates freely.
@@ -366,7 +367,7 @@ def PinInSlot(
         ``motor(t)``, the slide since the start [m]; zero at t = 0.
     hinge : Coordinate, optional
         Spring, damper, friction, stops and motor of the relative rotation.
-    friction : Friction, optional
+    friction : Friction or Coulomb, optional
         On the slide.
     stop : Stop or (lower, upper, stiffness), optional
         On the slide [m, N/m]; a limit may be None.
@@ -406,7 +407,20 @@ def _direction(kind: str, axis) -> np.ndarray:
     return unit
 
 
+def _check_friction(kind: str, slide: Coordinate | None, rotation: Coordinate | None) -> None:
+    """Refuse friction under the joint's force without what tells its size."""
+    if slide is not None and isinstance(slide.friction, Coulomb) and slide.friction.radius:
+        raise SceneError(f"{kind}: friction of a slide has no radius; omit it")
+    friction = rotation.friction if rotation is not None else None
+    if isinstance(friction, Coulomb) and friction.radius is None:
+        raise SceneError(
+            f"{kind}: friction of a rotation needs the radius of the pin, "
+            "fx_beam.Coulomb(mu, stiffness, radius)"
+        )
+
+
 def _joint(kind, a, b, offset, axis=None, slide=None, rotation=None) -> Joint:
+    _check_friction(kind, slide, rotation)
     for node in (a, b):
         if not isinstance(node, Node):
             raise SceneError(

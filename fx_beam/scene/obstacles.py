@@ -326,6 +326,8 @@ def checked_obstacle(
         along = int(along)
     fits = friction is None or isinstance(friction, Coulomb)
     require(fits, f"{what}: friction", friction, "an fx_beam.Coulomb(mu, stiffness), or None")
+    if friction is not None and friction.radius is not None:
+        raise SceneError(f"{what}: friction has the radius of a pin, {friction.radius:g}; omit it")
     made = Obstacle(target, shape, *impact, number, energy, as_float(radius), along, friction)
     if isinstance(shape, Circle) and shape.inside and shape.radius <= made.radius:
         raise SceneError(f"{made}: its radius {shape.radius:g} must be above that of the inner one")

@@ -55,7 +55,7 @@ def _of_energy(
 def _of_coordinate(on: Coordinate) -> Iterator[tuple[str, Any]]:
     if on.spring is not None:
         yield from _of_energy(on.spring.strain_energy, on.spring.internal, 1)
-    for law in (on.damper and on.damper.law, on.friction and on.friction.force):
+    for law in (on.damper and on.damper.law, getattr(on.friction, "force", None)):
         if callable(law):
             yield "law", ufl.as_ufl(law(SCALARS[0]))
 

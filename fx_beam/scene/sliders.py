@@ -13,6 +13,7 @@ from fx_beam.validation import as_float, require
 
 from .beam import Beam, Node
 from .coordinate import Coordinate, Damper, Friction, Spring, checked_coordinate
+from .coulomb import Coulomb
 from .joint_kinematics import SlidingKinematics
 from .joints import GROUND, Joint
 from .path import Path
@@ -301,6 +302,11 @@ def _sliding(kind, beam, node, fraction, parts, rotation) -> SlidingJoint:
         require(fits, f"{kind}: fraction", fraction, "a number from 0 to 1")
         fraction = as_float(fraction)
     slide = checked_coordinate(f"motor of a {kind.lower()}", *parts)
+    if isinstance(slide.friction, Coulomb):
+        raise SceneError(
+            f"{kind}: friction that follows the joint's force is that of Prismatic, PinInSlot and "
+            "Revolute. Use fx_beam.Friction on a beam"
+        )
     return SlidingJoint(
         kind, beam.start, node, np.zeros(2), None, slide, rotation, beam=beam, fraction=fraction
     )

@@ -41,7 +41,7 @@ NUMBERS: dict[type, tuple[str, ...]] = {
     Spring: ("stiffness", "rest"),
     Damper: ("viscosity",),
     Friction: ("force", "speed"),
-    Coulomb: ("mu", "stiffness"),
+    Coulomb: ("mu", "stiffness", "radius"),
     Stop: ("lower", "upper", "stiffness", "restitution", "speed"),
     Line: ("point", "normal"),
     Circle: ("centre", "radius"),

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from fx_beam.errors import Failure, StepError
@@ -18,6 +20,9 @@ from fx_beam.scene.sliders import corner_advice
 
 from .forcing import Forcing
 from .newton import Newton, NewtonOptions, StepFailed, StepSolution
+
+# How often the first step is repeated with the forces of joints that it gives.
+_FIRST_FORCES = 4
 
 
 class SingleStep:
@@ -40,8 +45,25 @@ class SingleStep:
         level = self.model.scheme.rates.level
         forces, positions = self.forcing.forces(interval), self.forcing.positions(interval.end)
         force = (1 - level) * forces[0] + level * forces[1]
-        step = self.newton.solve(interval, state, force, positions - self.forcing.current(state))
+        driven = positions - self.forcing.current(state)
+        step = self.newton.solve(interval, state, force, driven)
+        for _ in range(_FIRST_FORCES):
+            started = self._with_first_forces(state, step)
+            if started is None:
+                break
+            state, step = started, self.newton.solve(interval, started, force, driven)
         return self.finish(state, interval, step, forces, positions), step
+
+    def _with_first_forces(self, state: State, step: StepSolution) -> State | None:
+        """The state with the forces of joints that friction follows; None if it knows them."""
+        points = self.model.points
+        if self.joint_forces is None or not points.follow_joints:
+            return None
+        assert state.spring_internal is not None
+        points.evaluate(step.D)
+        joints, internal = self.joint_forces.evaluate(step.r), state.spring_internal.copy()
+        found = points.follow(joints, state.q, internal, first=True)
+        return replace(state, spring_internal=internal) if found else None
 
     def finish(
         self,
@@ -129,6 +151,8 @@ class SingleStep:
             work += sum(pushes) / 2 @ path
         if self.joint_forces is not None:
             new.joint_forces = self.joint_forces.evaluate(step.r)
+            if new.spring_internal is not None and model.points.follow_joints:
+                model.points.follow(new.joint_forces, old.q, new.spring_internal)
         if model.points.contacts:
             new.contact_forces = model.points.contact_forces()
         new.work = float(work)

@@ -6,6 +6,9 @@
 #include "recorder.h"
 #include "tape.h"
 
+/* How often the first step is repeated with the forces of joints that it gives. */
+enum { FIRST_FORCES = 4 };
+
 static double mid(const Problem *p, double force, double previous) {
   if (p->level == 0.5 || p->steps_done == 0 || p->sub_steps > 1) return force;
   return force + (0.5 - p->level) * (force - previous);
@@ -99,6 +102,16 @@ static void audit(Problem *p, const Work *w, const double *change) {
   }
 }
 
+/* Finds the first force of joints that friction follows, by which the step is repeated: 0 if it is known. */
+static int find_first_forces(Problem *p, const Work *w, double t) {
+  if (!p->friction_follows) return 0;
+  evaluate_nodes(p, w);
+  find_joint_forces(p, w);
+  if (!fx_follow_joints(p->points, w->joint_forces, p->q, w->D, p->level, 1, p->spring_internal)) return 0;
+  begin_internal(p, w->fields, t, w->dt, 0);
+  return 1;
+}
+
 /* Takes a sub-step with the inputs number `k`; returns 0 if it fails. With `look`, counts sections
    that are inverted at its start. */
 static int take_step(Problem *p, Work *w, double dt, int sub_step, const Inputs *inputs, long k, int look) {
@@ -128,6 +141,8 @@ static int take_step(Problem *p, Work *w, double dt, int sub_step, const Inputs 
     p->kept.exact = 0;
   }
   if (p->failure) return 0;
+  for (int i = 0; i < FIRST_FORCES && find_first_forces(p, w, t); ++i)
+    if ((p->failure = newton(p, w, change, 0))) return 0;
   LAP(CHECKS);
   *order = update_predictor(p, w);
   LAP(PREDICTOR);
@@ -141,6 +156,7 @@ static void advance(Problem *p, const Work *w, const Inputs *inputs, long k) {
   const double *driven = inputs->driven + k * p->driven;
   evolve(p, w->fields, p->t + p->level * w->dt, w->dt);
   fx_evolve_points(p->points, w->D, w->z, p->spring_internal);
+  if (p->friction_follows) fx_follow_joints(p->points, w->joint_forces, p->q, w->D, p->level, 0, p->spring_internal);
   advance_rates(p, w, w->dt);
   if (p->keeps_before) memcpy(p->before, p->q, p->dofs * sizeof(double)), p->length = w->dt;
   for (int i = 0; i < p->dofs; ++i) p->q[i] += w->D[i];
@@ -235,7 +251,7 @@ int fx_run(Problem *p, int steps, double dt, const Inputs *inputs, Record *to) {
         forget(to, starts, taped);
         return k;
       }
-      int joints = p->scene_joints && (p->keeps_joint_forces || (of_row && to->forces));
+      int joints = p->scene_joints && (p->keeps_joint_forces || p->friction_follows || (of_row && to->forces));
       int contacts = of_row && to->forces && p->points->contacts;
       if (joints || contacts) evaluate_nodes(p, w);
       if (joints) add_joint_forces(p, w);

@@ -16,6 +16,8 @@ typedef struct {
   int *dof;           /* [size] degrees of freedom; -1 for the ground */
   int slide, column;  /* joint of a slide and its column, or -1 */
   int joint;          /* to whose moment it belongs, or -1 */
+  int load, load_turn; /* joint whose force limits it, or -1; rotation of the axis */
+  double load_axis[2]; /* across which the force counts; zero for all of it */
   int nodes;          /* of a contact: on which the force on its point acts, the first ones */
   int first_internal, first_entry; /* among those of all forces */
   int *entry_row, *entry_column;   /* [entries] */
@@ -51,6 +53,10 @@ void fx_add_point_tangents(const PointForces *p, const int *stored_at, double *K
 double fx_lost_at_points(const PointForces *p, const double *D, const double *z);
 double fx_stored_at_points(const PointForces *p, const double *q, const double *slide, const double *internal);
 void fx_evolve_points(const PointForces *p, const double *D, const double *z, double *internal);
+/* The forces of joints in the step D from q, for friction that follows them in the next one; if it is the
+   `first`, for the friction that has none. Returns for how many. */
+int fx_follow_joints(const PointForces *p, const double *joints, const double *q, const double *D, double level,
+                     int first, double *internal);
 void fx_find_switches(const PointForces *p, const double *q, const double *slide, double *out);
 /* Of forces with functions of a user: notes the tangent; the work, on a part of the last correction, of
    what the forces deviate from it. */

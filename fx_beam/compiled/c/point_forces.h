@@ -2,6 +2,7 @@
 
 #pragma once
 
+#include <math.h>
 #include <string.h>
 #include "point_force.h"
 
@@ -96,6 +97,24 @@ void fx_evolve_points(const PointForces *p, const double *D, const double *z, do
     call(e->law, e->given, e->results, values_of(e));
     memcpy(internal + e->first_internal, e->results + e->size + e->entries, e->internal * sizeof(double));
   }
+}
+
+int fx_follow_joints(const PointForces *p, const double *joints, const double *q, const double *D, double level,
+                     int first, double *internal) {
+  int count = 0;
+  for (const PointForce *e = p->of; e < p->of + p->all; ++e) {
+    if (e->load < 0) continue;
+    const double *F = joints + 3 * e->load, *a = e->load_axis;
+    double *last = internal + e->first_internal + 2, size = hypot(F[0], F[1]);
+    if (first && last[3] != 0) continue;
+    ++count;
+    if (a[0] != 0 || a[1] != 0) {
+      double turn = e->load_turn < 0 ? 0 : q[e->load_turn] + level * D[e->load_turn], c = cos(turn), s = sin(turn);
+      size = fabs((c * a[0] - s * a[1]) * F[1] - (s * a[0] + c * a[1]) * F[0]);
+    }
+    last[1] = first ? size : last[0], last[0] = size;
+  }
+  return count;
 }
 
 void fx_find_switches(const PointForces *p, const double *q, const double *slide, double *out) {

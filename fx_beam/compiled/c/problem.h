@@ -217,6 +217,7 @@ typedef struct {
   double *position;     /* (nodes, 2) */
   int nodes, *node_dofs;
   int keeps_joint_forces; /* whether they are computed in every step, recorded or not */
+  int friction_follows;   /* so do those that limit friction */
 
   /* State. Its arrays and those of the predictor are in one piece of memory. */
   double *memory;

@@ -1,0 +1,161 @@
+"""Friction that follows the force of its joint: exact solutions, invariants, bad input."""
+
+from math import cos, sin
+
+import numpy as np
+import pytest
+
+import fx_beam as fb
+
+SOLVERS = pytest.mark.parametrize("solver", ["compiled", "petsc"])
+GRAVITY = 9.81
+
+
+def block(friction, axis=(1, 0), load=None, velocity=(3.0, 0.0)):
+    """A block of 2 kg on a rail of the ground."""
+    scene = fb.Scene(gravity=None if load else (0, -GRAVITY))
+    centre = scene.add_body((0, 0), mass=2.0, inertia=0.1).centre
+    rail = scene.add_joint(fb.Prismatic(fb.GROUND, centre, axis=axis, friction=friction))
+    if load:
+        scene.add_force(centre, load)
+    scene.set_velocity(centre, velocity)
+    return scene, centre, rail
+
+
+def pendulum(mu, radius=0.05):
+    """A body of 2 kg and 0.05 kg m^2 that hangs by a pin with friction, at first level with it."""
+    scene = fb.Scene(gravity=(0, -GRAVITY))
+    body = scene.add_body((0.5, 0), mass=2.0, inertia=0.05, points={"pin": (0, 0)})
+    friction = fb.Coulomb(mu, 1e4, radius=radius)
+    pin = scene.add_joint(fb.Revolute(fb.GROUND, body["pin"], friction=friction))
+    return scene, body.centre, pin
+
+
+def swing(mu, radius, t_end, dt=1e-3):
+    """Angle and spin of the pendulum before it first stops: by the rule of Runge and Kutta."""
+
+    def rates(state):
+        angle, spin = state
+        spin_rate = 0.0
+        for _ in range(30):  # the force depends on the acceleration
+            x = -0.5 * (sin(angle) * spin_rate + cos(angle) * spin**2)
+            y = 0.5 * (cos(angle) * spin_rate - sin(angle) * spin**2)
+            moment = mu * radius * 2.0 * np.hypot(x, y + GRAVITY)  # the spin is negative
+            spin_rate = (moment - 2.0 * GRAVITY * 0.5 * cos(angle)) / (0.05 + 2.0 * 0.25)
+        return np.array([spin, spin_rate])
+
+    state = np.zeros(2)
+    for _ in range(round(t_end / dt)):
+        k1 = rates(state)
+        k2 = rates(state + dt / 2 * k1)
+        k3 = rates(state + dt / 2 * k2)
+        state = state + dt / 6 * (k1 + 2 * k2 + 2 * k3 + rates(state + dt * k3))
+    return state
+
+
+@SOLVERS
+def test_a_block_on_a_rail_is_braked_by_its_weight(solver):
+    scene, centre, rail = block(fb.Coulomb(0.2, 1e5))
+    solution = fb.simulate(scene, dt=0.01, t_end=2.0, solver=solver)
+    place = solution.position(centre)[:, 0]
+    assert place[-1] == pytest.approx(3.0**2 / (2 * 0.2 * GRAVITY), rel=2e-3)
+    v = solution.velocity(centre)[:, 0]
+    assert (v[100] - v[0]) / solution.t[100] == pytest.approx(-0.2 * GRAVITY, rel=1e-4)
+    assert np.ptp(place[-20:]) < 1e-10
+    assert solution.stats.halvings == 0
+    assert np.diff(solution.energy.dissipated).min() >= 0
+    assert abs(solution.energy.balance_error).max() < 1e-11
+    assert solution.joint(rail).force[50, 1] == pytest.approx(2.0 * GRAVITY)
+
+
+def test_friction_that_follows_a_changing_force_is_of_second_order():
+    errors = []
+    exact = 3.0 - 0.2 / 2.0 * (10 * 0.8 + 8 / 5 * (1 - cos(5 * 0.8)))
+    for dt in (0.02, 0.01, 0.005):
+        scene, centre, _ = block(fb.Coulomb(0.2, 1e5), load=lambda t: (0, -10 - 8 * sin(5 * t)))
+        solution = fb.simulate(scene, dt=dt, t_end=0.8)
+        errors.append(abs(solution.velocity(centre)[-1, 0] - exact))
+    assert errors[-1] < 1e-4
+    assert np.log2(np.divide(errors[:-1], errors[1:])) == pytest.approx(2, abs=0.2)
+
+
+@pytest.mark.parametrize("part", [0.9, 1.05])
+def test_a_block_on_a_steep_rail_rests_or_slides(part):
+    axis, mu = (cos(0.3), sin(0.3)), part * np.tan(0.3)
+    scene, centre, _ = block(fb.Coulomb(mu, 1e5), axis, velocity=(0, 0))
+    solution = fb.simulate(scene, dt=5e-3, t_end=2.0)
+    place, v = solution.displacement(centre) @ axis, solution.velocity(centre) @ axis
+    if part > 1:
+        assert np.ptp(place[-100:]) < 1e-9
+    else:
+        slides = GRAVITY * (mu * cos(0.3) - sin(0.3))
+        assert (v[-1] - v[100]) / 1.5 == pytest.approx(slides, rel=1e-9)
+
+
+@pytest.mark.parametrize("dt", [0.01, 0.005])
+def test_a_pin_brakes_by_mu_times_its_radius_times_its_force(dt):
+    scene, centre, pin = pendulum(0.3)
+    solution = fb.simulate(scene, dt=dt, t_end=0.8)
+    angle, spin = swing(0.3, 0.05, 0.8)
+    free_angle, _ = swing(0.0, 0.05, 0.8)
+    assert abs(free_angle - angle) > 0.05
+    assert solution.joint(pin).angle[-1] == pytest.approx(angle, abs=5 * dt**2)
+    assert solution.v[-1, centre.number, 2] == pytest.approx(spin, abs=40 * dt**2)
+    assert np.diff(solution.energy.dissipated).min() >= 0
+    assert abs(solution.energy.balance_error).max() < 1e-11
+
+
+def test_a_pin_between_free_bodies_keeps_both_momenta():
+    scene = fb.Scene()
+    one = scene.add_body((0, 0), mass=1.0, inertia=0.1, points={"pin": (0.5, 0)})
+    other = scene.add_body((1, 0.1), mass=2.0, inertia=0.2, points={"pin": (0.5, 0)})
+    friction = fb.Coulomb(0.5, 1e4, radius=0.1)
+    scene.add_joint(fb.Revolute(one["pin"], other["pin"], friction=friction))
+    scene.set_velocity(one, (0, 0.5), spin=1.0)
+    scene.set_velocity(other, (0, 1.0), spin=3.0)
+    scene.make_velocities_compatible()
+    runs = [fb.simulate(scene, dt=0.01, t_end=2.0, solver=s) for s in ("compiled", "petsc")]
+    solution = runs[0]
+    assert solution.energy.dissipated[-1] > 0.02
+    assert abs(solution.energy.balance_error).max() < 1e-12
+    assert np.ptp(solution.linear_momentum, axis=0).max() < 1e-12
+    assert np.ptp(solution.angular_momentum) < 1e-12
+    assert solution.q == pytest.approx(runs[1].q, abs=1e-9)
+
+
+def test_a_restart_and_a_saved_solution_go_on_with_the_same_force(tmp_path):
+    scene, _, _ = pendulum(0.3)
+    whole = fb.simulate(scene, dt=0.01, t_end=0.6)
+    fb.simulate(scene, dt=0.01, t_end=0.3).save(tmp_path / "run.npz")
+    rest = fb.simulate(scene, dt=0.01, t_end=0.6, start=fb.load(tmp_path / "run.npz"))
+    assert rest.q[-1] == pytest.approx(whole.q[-1], abs=1e-13)
+
+
+def test_what_does_not_fit_is_named():
+    node = fb.Scene().add_body((0, 0), 1.0).centre
+    with pytest.raises(fb.SceneError, match="needs the radius of the pin"):
+        fb.Revolute(fb.GROUND, node, friction=fb.Coulomb(0.3, 1e4))
+    with pytest.raises(fb.SceneError, match="friction of a slide has no radius"):
+        fb.Prismatic(fb.GROUND, node, axis=(1, 0), friction=fb.Coulomb(0.3, 1e4, 0.1))
+    with pytest.raises(fb.SceneError, match="radius = -1 must be finite and positive"):
+        fb.Coulomb(0.3, 1e4, radius=-1)
+    with pytest.raises(fb.SceneError, match=r"an fx_beam.Friction or an fx_beam.Coulomb"):
+        fb.Revolute(fb.GROUND, node, friction=0.3)
+    scene = fb.Scene()
+    balls = [scene.add_body((x, 0), 1.0).centre for x in (0, 1)]
+    with pytest.raises(fb.SceneError, match="needs a normal force"):
+        scene.add_force_between(*balls, friction=fb.Coulomb(0.3, 1e4))
+    floor = fb.Line((0, -1), (0, 1))
+    with pytest.raises(fb.SceneError, match="has the radius of a pin"):
+        scene.add_contact(balls[0], floor, stiffness=1.0, friction=fb.Coulomb(0.3, 1e4, 0.1))
+
+
+def test_derivatives_are_refused():
+    def build(x):
+        scene, centre, _ = pendulum(x[0])
+        return scene, {"place": fb.Output("position", centre)}
+
+    run = fb.Response(build, dt=0.01, t_end=0.1)
+    _, y = run(np.array([0.3]))
+    with pytest.raises(fb.SceneError, match="follows the force of a joint"):
+        run.vjp({"place": np.ones_like(y["place"])})
