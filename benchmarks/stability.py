@@ -409,6 +409,57 @@ def stops(quick):
         yield Case(group, f"{restitution:g}", scene, RING.DT, 2.0)
 
 
+# Half the width of a box, stiffness of contact of a node [N/m], step [m, N/m, s].
+BOX, BOX_STIFFNESS, BOX_DT = 1.0, 1e6, 0.002
+
+
+def box(stiffness=BOX_STIFFNESS, mu=0.0, restitution=1.0):
+    """A flexible bar and a disc fly in a box, and hit its walls and each other."""
+    scene, elements = fb.Scene(), 8
+    section = fb.Section(EA=1e4, GA=1e4, EI=10.0, rhoA=1.0, rhoI=1e-3)
+    bar = scene.add_beam([(-0.7, -0.5), (0.3, -0.5)], section, elements)
+    disc = scene.add_body((0.3, 0.4), mass=1.0, inertia=0.02).centre
+    scene.set_velocity(bar, (1.0, 2.0))
+    scene.set_velocity(disc, (-3.0, -2.0), spin=5.0)
+
+    def touch(what, shape, k, **more):
+        friction = fb.Coulomb(mu, k) if mu else None
+        loss = {"restitution": restitution, "speed": 0.01} if restitution < 1 else {}
+        scene.add_contact(what, shape, stiffness=k, friction=friction, **loss, **more)
+
+    for x, y in ((BOX, 0), (-BOX, 0), (0, BOX), (0, -BOX)):
+        wall = fb.Line((x, y), normal=(-x, -y))
+        touch(bar, wall, stiffness * elements, radius=0.02)
+        touch(disc, wall, stiffness, radius=0.2)
+    touch(bar, fb.Circle(disc, 0.2), stiffness * elements, radius=0.02, along=3)
+    return scene
+
+
+def in_box(group, label, dt=BOX_DT, **contact):
+    return Case(group, label, partial(box, **contact), dt, 2.0)
+
+
+def contacts(quick):
+    """Contact between bodies and members: stiffness, friction that sticks, restitution, steps."""
+    name = f"Bar and disc in a box, dt = {BOX_DT:g} s: "
+    for label, stiffness in powers(*(6,) if quick else (3, 6, 9, 12)):
+        yield in_box(name + "stiffness of contact [N/m]", label, stiffness=stiffness)
+    for mu in (0.3,) if quick else (0.1, 0.3, 0.5, 1.0, 2.0):
+        yield in_box(name + "friction mu", f"{mu:g}", mu=mu)
+    if quick:
+        return
+    for label, stiffness in powers(3, 9, 12):
+        group = name + "stiffness of contact [N/m], mu = 1"
+        yield in_box(group, label, stiffness=stiffness, mu=1.0)
+    for restitution in (0.0, 0.5):
+        group = name + "restitution, mu = 0.3"
+        yield in_box(group, f"{restitution:g}", mu=0.3, restitution=restitution)
+    for factor in (1 / 4, 4, 16):
+        label = f"{factor:g}" if factor >= 1 else f"1/{1 / factor:g}"
+        group = f"Bar and disc in a box, mu = 0.3: dt over {BOX_DT:g} s"
+        yield in_box(group, label, dt=factor * BOX_DT, mu=0.3)
+
+
 def bars(corners, gravity=None):
     """Rigid bars of 1 kg/m between corners, hinged to each other and at the first to the ground."""
     scene, made = fb.Scene(gravity=gravity), []
@@ -473,6 +524,7 @@ GROUPS = (
     sliders,
     long_runs,
     stops,
+    contacts,
     rigid_loops,
 )
 
