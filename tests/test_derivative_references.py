@@ -41,32 +41,86 @@ def mass_on_spring(x):
     }
 
 
-def oscillator(x):
+def oscillator(x, fractions):
     """Position and velocity at the end, of numbers that may be complex.
 
     The force acts along the mean position and does the work of the spring's energy.
     """
     mass, stiffness, rest, speed, gravity = x
     r0, v0 = np.array([1.0, 0.0], x.dtype), np.array([0.3, speed], x.dtype)
-    for _ in range(STEPS):
-        r1 = r0 + DT * v0
-        for _ in range(30):  # contracts by k dt^2 / 4m = 0.0025
+    for dt in DT * np.tile(fractions, STEPS):
+        r1 = r0 + dt * v0
+        for _ in range(20):  # contracts by k dt^2 / 4m = 0.0025
             length = (np.sqrt((r0 * r0).sum()) + np.sqrt((r1 * r1).sum())) / 2
             force = -stiffness * (length - rest) / length * (r0 + r1) / 2
-            v1 = v0 + DT * (force / mass + [0, gravity])
-            r1 = r0 + DT * (v0 + v1) / 2
+            v1 = v0 + dt * (force / mass + [0, gravity])
+            r1 = r0 + dt * (v0 + v1) / 2
         r0, v0 = r1, v1
     return np.concatenate([r0, v0])
 
 
-def test_derivatives_are_those_of_an_oscillator_by_complex_steps():
-    run = fb.Response(mass_on_spring, dt=DT, t_end=DT * STEPS)
+ORDER_FOUR = [fb.MidPoint(order=4), fb.ModifiedMidPoint(order=4)]
+
+
+@pytest.mark.parametrize("scheme", [*SCHEMES, *ORDER_FOUR], ids=lambda scheme: scheme.name)
+def test_derivatives_are_those_of_an_oscillator_by_complex_steps(scheme):
+    run = fb.Response(mass_on_spring, scheme, dt=DT, t_end=DT * STEPS)
     _, y = run(OSCILLATOR)
-    assert np.hstack([y["place"][-1], y["speed"][-1]]) == pytest.approx(oscillator(OSCILLATOR))
-    h = 1e-30
-    expected = np.array([oscillator(OSCILLATOR + 1j * h * e).imag / h for e in np.eye(5)]).T
+    end, h = oscillator(OSCILLATOR, scheme.fractions), 1e-30
+    assert np.hstack([y["place"][-1], y["speed"][-1]]) == pytest.approx(end)
+    ends = [oscillator(OSCILLATOR + 1j * h * e, scheme.fractions) for e in np.eye(5)]
+    expected = np.array(ends).imag.T / h
     for found in gradients(run, y):
         assert found == pytest.approx(expected, rel=0, abs=1e-9 * abs(expected).max())
+
+
+def mass_on_bar(x):
+    """A mass that moves along a bar without mass; x: stiffness, mass, damping of the scheme."""
+    scene = fb.Scene()
+    bar = scene.add_beam([(0, 0), (1, 0)], fb.Section(EA=x[0], GA=1.0, EI=1.0), elements=1)
+    scene.clamp(bar.start)
+    scene.fix(bar.end, "y", "rotation")
+    scene.add_mass(bar.end, x[1])
+    scene.set_velocity(bar.end, (0.1, 0.0))
+    scene.add_parameter(fb.Parameter("damping", x[2]))
+    return scene, {"place": fb.Output("displacement", bar.end, "x")}
+
+
+def damped_oscillator(x, order):
+    """Its displacement at the end: each step is a linear equation for the increment."""
+    stiffness, mass, damping = x
+    u, v, before = np.array([0.0, 0.1, 0.0], x.dtype)
+    for _ in range(STEPS):
+        held = stiffness * damping / 2 * before if order == 2 else 0.0
+        K = 2 * mass / DT**2 + stiffness * (1 + damping) / 2
+        D = (2 * mass / DT * v - stiffness * u + held) / K
+        u, v, before = u + D, 2 * D / DT - v, D
+    return u
+
+
+@pytest.mark.parametrize("order", [1, 2])
+def test_derivative_by_the_damping_of_a_scheme_is_that_by_complex_steps(order):
+    x, h = np.array([50.0, 0.8, 0.4]), 1e-30
+    scheme = fb.EnergyDecaying(damping=fb.Parameter("damping", 0.1), order=order)
+    run = fb.Response(mass_on_bar, scheme, dt=DT, t_end=DT * STEPS)
+    _, y = run(x)
+    assert y["place"][-1] == pytest.approx(damped_oscillator(x, order), rel=1e-10)
+    ends = [damped_oscillator(x + 1j * h * e, order) for e in np.eye(3)]
+    expected = np.array([ends]).imag / h
+    for found in gradients(run, y):
+        assert found == pytest.approx(expected, rel=0, abs=1e-9 * abs(expected).max())
+
+
+def test_the_damping_of_a_scheme_as_a_parameter_must_be_a_number_of_the_scene():
+    scheme = fb.EnergyDecaying(damping=fb.Parameter("damping", 0.1))
+    scene, _ = mass_on_bar([1.0, 1.0, 0.1])
+    scene.parameters["damping"] = lambda t: 0.1 + t
+    with pytest.raises(fb.SceneError, match="'damping' varies in time"):
+        fb.simulate(scene, scheme, dt=DT, t_end=DT)
+    scene, _ = mass_on_spring(OSCILLATOR)
+    scene.add_beam([(0, 0), (1, 0)], fb.Section(EA=1.0, GA=1.0, EI=1.0), elements=1)
+    with pytest.raises(fb.SceneError, match=r"'damping' is not in the scene.*add_parameter"):
+        fb.simulate(scene, scheme, dt=DT, t_end=DT)
 
 
 # -- Reciprocity -----------------------------------------------------------------------------------

@@ -174,6 +174,8 @@ class BeamForms:
         """Let the forms read the values of their parameters."""
         values = dolfinx_api.constant(self._mesh.mesh, np.zeros(len(weak.names)))
         self._data[weak.parameters] = values
+        for parameter in self._scheme.parameters:
+            self._parameters.check_constant(parameter.name, f"{self._scheme.name}: damping")
         indices = self._parameters.indices(weak.names)
 
         def read(of_all: np.ndarray) -> None:

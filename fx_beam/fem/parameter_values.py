@@ -6,6 +6,7 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
+from fx_beam.errors import SceneError
 from fx_beam.scene.scene import Scene
 from fx_beam.scene.structure import OtherStructureError
 from fx_beam.validation import Constant, TimeFunction, evaluate, series
@@ -42,6 +43,16 @@ class ParameterValues:
     def vary(self) -> bool:
         """Whether any changes in time."""
         return not (self._held or all(isinstance(of, Constant) for of in self.functions))
+
+    def check_constant(self, name: str, what: str) -> None:
+        """SceneError if there is no such parameter, or if it varies in time."""
+        value = dict(zip(self.names, self.functions, strict=True)).get(name)
+        if not isinstance(value, Constant):
+            lacks = "is not in the scene" if value is None else "varies in time"
+            raise SceneError(
+                f"{what}: the parameter {name!r} {lacks}. Give it a number by "
+                f"scene.add_parameter(fx_beam.Parameter({name!r}, ...))"
+            )
 
     def indices(self, names: Sequence[str]) -> list[int]:
         """Indices of some parameters."""

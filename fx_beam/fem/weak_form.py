@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import functools
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import Any
 
 import ufl
@@ -60,7 +61,11 @@ class WeakForm:
         #: Names of the parameters in stored energies, and of all.
         self.names_in_energies = names_of(of_energies)
         self.names = names_of(
-            [*of_energies, *(p for work, _ in works for p in work.parameters_of("virtual work"))]
+            [
+                *of_energies,
+                *scheme.parameters,
+                *(p for work, _ in works for p in work.parameters_of("virtual work")),
+            ]
         )
         #: Their values (n,), None without any, and those by name.
         self.parameters: Any = None
@@ -113,9 +118,10 @@ class WeakForm:
             self._law(energy, ends)
             for (energy, _), ends in zip(self._materials, self._evolution, strict=True)
         ]
-        resultants: list[list[Any]] = [
-            [self.scheme.resultants(self.step, law)] for law in self._laws
-        ]
+        of_scheme: Any = self.scheme.resultants
+        if self.scheme.parameters:
+            of_scheme = replace(of_scheme, damping=replaced(of_scheme.damping, self._by_name))
+        resultants: list[list[Any]] = [[of_scheme(self.step, law)] for law in self._laws]
         if self.times is not None:
             for law, parts in zip(self._laws, resultants, strict=True):
                 parts.append(viscous(self.step, law, self.times, self.scheme.rates.level))

@@ -52,7 +52,7 @@ class Decaying:
     and r the ratio of the steps' lengths, at most 1. With order 1, r is 0.
     """
 
-    damping: float
+    damping: Any
     order: int
 
     def __call__(self, step: Step, law: Law) -> DecayingResultants:

@@ -5,9 +5,11 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from itertools import accumulate
+from typing import Any
 
 from fx_beam.errors import SceneError
 from fx_beam.scene.law import Law
+from fx_beam.scene.parameters import Parameter
 from fx_beam.validation import as_float, is_number, is_one_of, require, shown
 
 from .decaying import Decaying, DecayingResultants
@@ -96,6 +98,12 @@ class Scheme:
             )
 
     @property
+    def parameters(self) -> list[Parameter]:
+        """Parameters of which the resultants consist, besides those of the law."""
+        damping = self.resultants.damping if isinstance(self.resultants, Decaying) else None
+        return [damping] if isinstance(damping, Parameter) else []
+
+    @property
     def built_in(self) -> bool:
         """Whether resultants and rates are those of this package, whose UFL never changes."""
         of_package = self.resultants in (at_mid_step, averaged, _exact)
@@ -124,7 +132,7 @@ def _of_order(order: int, scheme: Scheme) -> Scheme:
     return _called(replace(scheme, name=name, fractions=_FRACTIONS[4]), scheme.name, order=4)
 
 
-def _called(scheme: Scheme, function: str, **arguments: float) -> Scheme:
+def _called(scheme: Scheme, function: str, **arguments: Any) -> Scheme:
     """The scheme, which from now on says by which call it was made."""
     given = ", ".join(f"{name}={value!r}" for name, value in arguments.items())
     object.__setattr__(scheme, "_call", f"{function}({given})")
@@ -219,7 +227,7 @@ def EnergyMomentum(order: int = 2) -> Scheme:
     return _of_order(order, Scheme("EnergyMomentum", _exact, MidPointRates()))
 
 
-def EnergyDecaying(damping: float = 0.1, order: int = 2) -> Scheme:
+def EnergyDecaying(damping: float | Parameter = 0.1, order: int = 2) -> Scheme:
     """Energy-momentum scheme that damps fast vibrations and conserves both momenta.
 
     For stiff mechanisms, in which axial vibrations do not decay with conserving schemes. To the
@@ -230,9 +238,10 @@ def EnergyDecaying(damping: float = 0.1, order: int = 2) -> Scheme:
 
     Parameters
     ----------
-    damping : float
+    damping : float or Parameter
         Factor of the addition, in (0, 1]. The damping is largest for vibrations whose angular
-        frequency times the step is about 2/damping. Slow ones are hardly damped.
+        frequency times the step is about 2/damping. Slow ones are hardly damped. A `Parameter` has
+        the value that the scene gives it by `Scene.add_parameter`, constant in time.
     order : {1, 2}
         Order of convergence. With 1, r is 0: the energy itself never increases, and slow motions
         lose more energy.
@@ -258,7 +267,8 @@ def EnergyDecaying(damping: float = 0.1, order: int = 2) -> Scheme:
     >>> bool(abs(energy.balance_error).max() < 1e-12)
     True
     """
-    damping = _checked("EnergyDecaying", "damping", damping, 0, 1, low_open=True)
+    if not isinstance(damping, Parameter):
+        damping = _checked("EnergyDecaying", "damping", damping, 0, 1, low_open=True)
     require(is_one_of(order, (1, 2)), "EnergyDecaying: order", order, "1 or 2")
     name = "EnergyDecaying" if order == 2 else "EnergyDecaying(order=1)"
     scheme = Scheme(name, Decaying(damping, int(order)), MidPointRates())

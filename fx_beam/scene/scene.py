@@ -24,7 +24,7 @@ from .joints import GROUND, Joint, Rigid, check_new
 from .law import parameters_of_energy
 from .notebook import html_table, sketch
 from .obstacles import Circle, Line, Obstacle, checked_obstacle
-from .parameters import Parameters
+from .parameters import Parameter, Parameters
 from .removal import remove_beam, remove_body, remove_joint
 from .section import Section
 from .stop import Stop
@@ -349,6 +349,34 @@ class Scene(Geometry):
         for joint in self.joints:
             slides[joint.number] = joint.start()[0]
         return slides
+
+    def add_parameter(self, parameter: Parameter) -> None:
+        """Add a parameter that no function in the scene has, as the damping of a scheme.
+
+        Functions that are given to the scene bring their own along.
+
+        Parameters
+        ----------
+        parameter : Parameter
+            The parameter, with its value.
+
+        Raises
+        ------
+        SceneError
+            If it is no parameter, or if its name has another value.
+
+        Examples
+        --------
+        >>> import fx_beam as fb
+        >>> scheme = fb.EnergyDecaying(damping=fb.Parameter("damping", 0.1))
+        >>> scene = fb.Scene()
+        >>> scene.add_parameter(fb.Parameter("damping", 0.2))
+        >>> scene.parameters["damping"]
+        0.2
+        """
+        fits = isinstance(parameter, Parameter)
+        require(fits, "add_parameter: parameter", parameter, "an fx_beam.Parameter")
+        self.parameters.add([parameter], "add_parameter")
 
     def make_velocities_compatible(self) -> None:
         """Project initial velocities that violate a joint or a support, instead of an error.
