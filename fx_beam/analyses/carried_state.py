@@ -29,12 +29,14 @@ def end_of(start: Solution) -> State:
 
 
 def has_changed(model: Model, start: Solution) -> bool:
-    """Whether members, joints or supports of the scene are others than those of a solution."""
+    """Whether members, joints, supports or contacts are others than those of a solution."""
     end, X, scene = end_of(start), model.mesh.X, model.scene
     if start.X.shape != X.shape or (start.X != X).any():
         return True
     members = [one.name for one in scene.beams], [one.name for one in scene.bodies]
     if members != ([*start.beams], [*start.bodies]):
+        return True
+    if [str(one) for one in scene.obstacles] != [str(one) for one in start.obstacles]:
         return True
     if end.constraints is None:  # a solution that is no run
         return len(end.slides) != scene.joint_count or len(end.motors) != len(model.motors)
@@ -196,19 +198,26 @@ def _internal(model: Model, start: Solution) -> np.ndarray | None:
 def _spring_internal(
     model: Model, start: Solution, theirs: dict[int, JointKey]
 ) -> np.ndarray | None:
-    """Internal variables of springs; those of new joints are zero."""
+    """Internal variables of contacts and springs; those of new ones are zero."""
     if not model.points.width:
         return None
     values, old = np.zeros(model.points.width), end_of(start).spring_internal
-    first, places = 0, {}
+    # Those of contacts are the first ones, those of joints follow.
+    first, contacts, joints = 0, dict[str, slice](), dict[int, tuple[list[str], slice]]()
+    for contact in start.obstacles:
+        contacts[str(contact)] = slice(first, first := first + contact.variables)
     for number, variables in start.variables_of_joint.items():
-        places[number] = [*variables], slice(first, first + len(variables))
-        first += len(variables)
+        joints[number] = [*variables], slice(first, first := first + len(variables))
     at = 0
+    for contact in model.scene.obstacles:
+        count, own = contact.variables, contacts.get(str(contact), slice(0, 0))
+        if old is not None and count == own.stop - own.start:
+            values[at : at + count] = old[own]
+        at += count
     for joint in model.scene.joints:
         names, key = [*joint.internal], theirs.get(joint.number)
         if names and key is not None and old is not None:
-            known, own = places.get(key.number, ([], slice(0, 0)))
+            known, own = joints.get(key.number, ([], slice(0, 0)))
             if known != names:
                 raise SceneError(
                     "start: the solution has other internal variables than the springs of the "
