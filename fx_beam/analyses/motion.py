@@ -337,7 +337,8 @@ class Motion:
         return self.outputs
 
     def __reduce__(self):
-        return _rebuilt, (self._arguments, self.snapshot())
+        # The initial velocities of a scene that has changed need not fit its joints.
+        return _rebuilt, (self._arguments | {"start": self.state}, self.snapshot())
 
     def __repr__(self):
         return (

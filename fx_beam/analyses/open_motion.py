@@ -133,5 +133,6 @@ class OpenMotion:
 
     def _return_to(self, snapshot: Snapshot) -> None:
         state = snapshot.state
+        self._setup.forcing.hold(state)
         self.held.resume(self._setup.forcing, state, state.inputs)
         self.begin(state, snapshot.turns, Grid(*snapshot.step, self._dt))

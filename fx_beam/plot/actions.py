@@ -6,6 +6,7 @@ import numpy as np
 
 from fx_beam.scene.beam import Beam, Node
 from fx_beam.scene.inputs import InputSlot
+from fx_beam.scene.coordinate import Held
 from fx_beam.scene.joints import GROUND
 from fx_beam.scene.loads import Load, label
 from fx_beam.scene.scene import Scene
@@ -121,9 +122,11 @@ def _motors(sheet: Sheet, scene: Scene) -> None:
         position = _position(joint.a if joint.b is GROUND else joint.b)
         along = joint.direction
         if joint.slide is not None and joint.slide.motor is not None and along is not None:
-            _double_arrow(sheet, position, along, "motor d(t)")
+            locked = isinstance(joint.slide.motor, Held)
+            _double_arrow(sheet, position, along, "locked" if locked else "motor d(t)")
         if joint.rotation is not None and joint.rotation.motor is not None:
-            _double_turn(sheet, position, r"motor $\psi$(t)")
+            locked = isinstance(joint.rotation.motor, Held)
+            _double_turn(sheet, position, "locked" if locked else r"motor $\psi$(t)")
 
 
 def _double_arrow(sheet: Sheet, position, direction, text: str) -> None:

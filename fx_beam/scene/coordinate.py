@@ -187,6 +187,14 @@ class Friction:
             )
 
 
+class Held:
+    """In the place of a motor: it holds a coordinate where it is when a run starts."""
+
+    def __call__(self, t: float) -> np.ndarray:
+        """Where it is in the reference configuration."""
+        return np.zeros(1)
+
+
 @dataclass(frozen=True)
 class Coordinate:
     """Spring, damper, friction, stops and motor on a coordinate of a joint.

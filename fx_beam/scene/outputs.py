@@ -10,6 +10,7 @@ from fx_beam.validation import is_one_of, require
 from .beam import Node
 from .joints import Joint
 from .loads import check_node
+from .removal import own_joint
 from .scene import Scene
 
 _PLANE, _FORCE = ("x", "y"), ("x", "y", "moment")
@@ -133,7 +134,9 @@ def check_output(scene, output: Output, what: str) -> None:
     if not isinstance(joint, Joint):
         check_node(scene, joint, what)
         return
-    theirs = any(joint is one for one in scene.joints)
-    require(theirs, what, str(output), "of a joint that add_joint of this scene returned")
-    lacking = joint.lacks(output.quantity)
+    own = own_joint(scene, joint)
+    wanted = "of a joint that add_joint of this scene returned"
+    require(own is not None, what, str(output), wanted)
+    assert own is not None
+    lacking = own.lacks(output.quantity)
     require(not lacking, what, str(output), lacking)

@@ -1,21 +1,61 @@
-"""What is taken away from a scene, and what goes with it.
+"""What is taken away from a scene, and what goes with it; joints that are locked.
 
 Numbers of nodes and joints stay: rows of solutions belong to them. Nodes of no member are held.
 """
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
+
+from fx_beam.errors import SceneError
+from fx_beam.validation import require
 
 from .beam import COMPONENTS, Beam, Node
 from .body import Body
+from .coordinate import Coordinate, Held
 from .joints import Joint
+
+
+def own_joint(scene: Any, joint: Joint) -> Joint | None:
+    """The joint of a scene that was added as this one, and may have been locked since."""
+    own = scene.joint_by_number.get(joint.number)
+    same = own is not None and (own.kind, own.a, own.b) == (joint.kind, joint.a, joint.b)
+    return own if same and all(n.scene in (scene, None) for n in (joint.a, joint.b)) else None
 
 
 def remove_joint(scene: Any, joint: Joint) -> None:
     """Take a joint away; its nodes are free of each other."""
-    at = next(i for i, one in enumerate(scene.joints) if one is joint)
-    del scene.joints[at]
+    scene.joints[:] = [one for one in scene.joints if one.number != joint.number]
+
+
+def locked(joint: Joint, coordinate: str | None) -> Joint:
+    """The joint with a coordinate that keeps its value; SceneError if it has no such one."""
+    parts = {"slide": joint.slide, "rotation": joint.rotation}
+    names = [name for name, part in parts.items() if part is not None]
+    fits = coordinate is None or coordinate in names
+    require(fits, f"lock {joint}: coordinate", coordinate, f"one of {names}")
+    if not names or (coordinate is None and len(names) > 1):
+        raise SceneError(f"lock {joint}: it has {names or 'no'} coordinates. Name one of them")
+    name = coordinate or names[0]
+    part = parts[name]
+    assert part is not None
+    if part.motor is not None:
+        raise SceneError(f"lock {joint}: a motor, or a lock, holds its {name} already")
+    return _with_part(joint, name, replace(part, motor=Held()))
+
+
+def unlocked(joint: Joint) -> Joint:
+    """The joint without its lock; SceneError if it has none."""
+    for name in ("slide", "rotation"):
+        part = getattr(joint, name)
+        if part is not None and isinstance(part.motor, Held):
+            return _with_part(joint, name, replace(part, motor=None))
+    raise SceneError(f"unlock {joint}: it is not locked")
+
+
+def _with_part(joint: Joint, name: str, part: Coordinate) -> Joint:
+    return replace(joint, slide=part) if name == "slide" else replace(joint, rotation=part)
 
 
 def remove_beam(scene: Any, beam: Beam) -> None:

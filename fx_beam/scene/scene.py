@@ -25,7 +25,7 @@ from .law import parameters_of_energy
 from .notebook import html_table, sketch
 from .obstacles import Circle, Line, Obstacle, checked_obstacle
 from .parameters import Parameter, Parameters
-from .removal import remove_beam, remove_body, remove_joint
+from .removal import locked, own_joint, remove_beam, remove_body, remove_joint, unlocked
 from .section import Section
 from .stop import Stop
 from .summary import facts
@@ -860,7 +860,8 @@ class Scene(Geometry):
         )
         for part in parts:
             for known, remove in whole:
-                if any(part is one for one in known):
+                joint = isinstance(part, Joint) and known is self.joints
+                if own_joint(self, part) if joint else any(part is one for one in known):
                     remove(self, part)
                     break
             else:
@@ -894,6 +895,84 @@ class Scene(Geometry):
             self.fixed.discard(key)
             self.prescribed.pop(key, None)
             self.changes += 2
+
+    def lock(self, joint: Joint, coordinate: str | None = None) -> Joint:
+        """Lock a joint: from the next run on it keeps its slide or its angle.
+
+        A motion that starts from a solution keeps the value at the end of that solution. Velocities
+        are projected by the mass, as in a plastic impact (`simulate`, `Energy.impact`). The force
+        of the lock is `JointMotion.motor_force` of the joint that is returned.
+
+        Parameters
+        ----------
+        joint : Joint
+            A joint of this scene with a slide or a relative rotation that no motor drives.
+        coordinate : {"slide", "rotation"}, optional
+            What is locked, for joints that have both.
+
+        Returns
+        -------
+        Joint
+            The joint that is locked, in the place of the other one. Both name it in solutions.
+
+        Raises
+        ------
+        SceneError
+            For a joint that this scene does not have, or a coordinate that it does not have.
+
+        Examples
+        --------
+        A latch: two masses that move apart on a guide, until they are 1.5 m from each other. The
+        energy m1 m2 / (m1 + m2) v^2 / 2 is lost.
+
+        >>> import fx_beam as fb
+        >>> scene = fb.Scene()
+        >>> one, other = (scene.add_body((x, 0), mass=2.0, inertia=0.1).centre for x in (0, 1))
+        >>> guide = scene.add_joint(fb.Prismatic(one, other, axis=(1, 0)))
+        >>> scene.set_velocity(other, (0.6, 0.0))
+        >>> y = {"distance": fb.Output("slide", guide)}
+        >>> apart = fb.simulate(
+        ...     scene, dt=0.1, t_end=2.0, outputs=y, until=lambda t, y: y["distance"] - 1.5
+        ... )
+        >>> scene.lock(guide)
+        <joint 0, Prismatic of node 0 at (0, 0) and node 1 at (1, 0)>
+        >>> latched = fb.simulate(scene, dt=0.1, t_end=2.0, start=apart)
+        >>> latched.energy.impact[0].round(9), latched.velocity(one)[-1].round(9)
+        (0.18, array([0.3, 0. ]))
+        """
+        return self._replaced(joint, "lock", lambda own: locked(own, coordinate))
+
+    def unlock(self, joint: Joint) -> Joint:
+        """Unlock a joint that `lock` has locked.
+
+        Parameters
+        ----------
+        joint : Joint
+            A joint of this scene that is locked.
+
+        Returns
+        -------
+        Joint
+            The joint that is free, in the place of the other one.
+
+        Raises
+        ------
+        SceneError
+            For a joint that this scene does not have, or that is not locked.
+        """
+        return self._replaced(joint, "unlock", unlocked)
+
+    def _replaced(self, joint: Joint, what: str, change: Callable[[Joint], Joint]) -> Joint:
+        """A changed joint in the place of the one before."""
+        own = own_joint(self, joint) if isinstance(joint, Joint) else None
+        wanted = "a joint that add_joint of this scene returned, and that was not removed"
+        require(own is not None, what, joint, wanted)
+        assert own is not None
+        at = next(i for i, one in enumerate(self.joints) if one is own)
+        self.joints[at] = change(own)
+        self._couplings[own.coupling] = self.joints[at]
+        self.changes += 1
+        return self.joints[at]
 
     def set_velocity(self, target: Beam | Body | Node, velocity=(0.0, 0.0), spin=0.0) -> None:
         """Set the velocity and spin at t = 0.

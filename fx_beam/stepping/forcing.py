@@ -10,7 +10,8 @@ from fx_beam.model.model import Model
 from fx_beam.model.turning_frame import TurningFrame
 from fx_beam.results.state import State
 from fx_beam.scene.beam import COMPONENTS
-from fx_beam.validation import TimeFunction, evaluate, series
+from fx_beam.scene.coordinate import Held
+from fx_beam.validation import Constant, TimeFunction, evaluate, series
 
 # Weights of the differences of five positions, backwards in time, in the rate at the first one.
 _OF_DIFFERENCES = np.array([-25, 23, -13, 3]) / 12
@@ -37,6 +38,8 @@ class Forcing:
         self._driven += [
             (getattr(joint, name).motor, f"motor of {joint}") for joint, name in model.motors
         ]
+        #: Numbers of those that are locked.
+        self._held = [i for i, (of, _) in enumerate(self._driven) if isinstance(of, Held)]
 
     @property
     def functions(self) -> list[TimeFunction]:
@@ -104,8 +107,15 @@ class Forcing:
         """Prescribed motions and positions of motors (driven,) in a state [m, rad]."""
         return np.concatenate([state.q[self.model.prescribed], state.motors])
 
+    def hold(self, state: State) -> None:
+        """Let locked joints keep the coordinates of a state."""
+        current = self.current(state)
+        for i in self._held:
+            self._driven[i] = Constant(current[i : i + 1].copy()), self._driven[i][1]
+
     def check_start(self, state: State) -> None:
         """Refuse prescribed motions and motors that would jump at the start."""
+        self.hold(state)
         given = self.positions(state.t)
         allowed = 1e-9 * (self._unit + abs(given))
         for value, start, most, (_, what) in zip(
@@ -140,6 +150,7 @@ class LoadForcing(Forcing):
     def start_from(self, state: State) -> None:
         """Let driven motions start from where they are in a state."""
         origin = self.current(state)
+        self.goal[self._held] = (origin - self._origin)[self._held]
         self._origin, self.goal = origin, self._origin + self.goal - origin
 
     def forces(self, step: Interval) -> tuple[np.ndarray, np.ndarray]:
