@@ -88,6 +88,7 @@ HOUSE = {
         "beam_histories",
         "joint_motion",
         "contact",
+        "joined",
         "solution",
         "saved_arrays",
         "saved",

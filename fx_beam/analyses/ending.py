@@ -37,7 +37,7 @@ def checked_conditions(scene: Scene, until: Any, outputs: Any) -> dict[str, Cond
         require(outputs is None, "simulate: outputs", outputs, "given with `until` only")
         return {}
     named = until if isinstance(until, Mapping) else {"until": until}
-    fits = bool(named) and all(isinstance(name, str) and callable(f) for name, f in named.items())
+    fits = all(isinstance(name, str) and callable(f) for name, f in named.items())
     wanted = "a function of time and outputs, or a dictionary of such functions by names"
     require(fits, "simulate: until", until, wanted)
     check_outputs(scene, {} if outputs is None else outputs, "simulate: outputs")
@@ -124,13 +124,14 @@ class Ending:
         t0, mark, before = mark.state.t, mark._replace(halving=halving), self._before
         ends = {name: self._zero(name, mark, t0, t1, values[name]) for name in met}
         first = min(ends, key=ends.__getitem__)
-        short = ends[first] - t0 < _SHORTEST * (t1 - t0)
-        if short and before is not None and t0 not in kinks:
-            later = (t0 + t1) / 2
-            value = self._at(first, before._replace(halving=halving), later)
+        least = t0 + _SHORTEST * (t1 - t0)
+        if ends[first] < least and before is not None and t0 not in kinks:
+            longer = before._replace(halving=halving)
+            value = self._at(first, longer, t1)
             if _changes(self._values[first], value):
-                mark = before._replace(halving=halving)
-                ends[first] = self._zero(first, mark, t0, later, value)
+                mark, ends[first] = longer, self._zero(first, longer, t0, t1, value)
+            elif _changes(self._values[first], self._at(first, mark, least)):
+                ends[first] = least  # mean forces have jumped from the step before to this one
         self._return_to(mark)
         number = self._stepper.stats.steps + 1
         end = np.array([ends[first]])

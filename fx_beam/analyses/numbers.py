@@ -9,6 +9,7 @@ import numpy as np
 from fx_beam.coupling.joint_reduction import JointReduction
 from fx_beam.model.model import Model
 from fx_beam.results.state import State
+from fx_beam.scene.constraints import joints_by_number
 from fx_beam.stepping.forcing import LoadForcing
 from fx_beam.stepping.initial_state import reference_state
 
@@ -68,7 +69,7 @@ def _of_model(model: Model) -> dict[str, Any]:
     if isinstance(model.reduction, JointReduction):
         joints = model.reduction.joint_tables()
         numbers |= {name: joints[name] for name in ("offset", "axis")}
-        own = model.scene.joint_by_number
+        own = joints_by_number(model.scene)
         numbers["rest"] = [own[joint.number].start()[0] for joint in model.couplings.moving]
     return numbers
 

@@ -12,6 +12,7 @@ from fx_beam.coupling.joint_reduction import JointReduction
 from fx_beam.errors import SceneError
 from fx_beam.mechanics.rates import AtRest, MidPointRates
 from fx_beam.model.model import Model
+from fx_beam.scene.constraints import joints_by_number
 from fx_beam.structs import Structs
 
 from .element_data import aligned
@@ -68,7 +69,7 @@ class Adjoint:
         """Arrays of derivatives by their names in C, but for those of each sub-step."""
         model, p = self._model, self._p
         joints = max(1, p.joints)
-        own = model.scene.joint_by_number
+        own = joints_by_number(model.scene)
         moving = [own[joint.number] for joint in model.couplings.moving]
         rest = [joint.start()[0] for joint in moving]
         arrays = {

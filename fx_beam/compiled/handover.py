@@ -23,6 +23,7 @@ from fx_beam.model.joint_forces import JointForces, Passing
 from fx_beam.model.model import Model
 from fx_beam.results.state import ARRAYS
 from fx_beam.scene.beam import Node
+from fx_beam.scene.constraints import joints_by_number
 from fx_beam.scene.joints import GROUND
 from fx_beam.stepping.line_search import OVERSHOOT, SEARCHES
 from fx_beam.stepping.newton import (
@@ -196,7 +197,7 @@ class Problem:
         def dofs(node: Node) -> np.ndarray:
             return np.full(3, -1) if node is GROUND else model.mesh.dofs[node.number]
 
-        own = model.scene.joint_by_number
+        own = joints_by_number(model.scene)
         return [
             {
                 "joint": joint.number,

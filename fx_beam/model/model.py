@@ -30,6 +30,7 @@ from fx_beam.mechanics.nodal_rates import NodalRates
 from fx_beam.mechanics.rates import MidPointRates
 from fx_beam.mechanics.schemes import Scheme
 from fx_beam.results.state import State
+from fx_beam.scene.constraints import joints_by_number, slides_at_start
 from fx_beam.scene.joint_kinematics import NodalMotion
 from fx_beam.scene.joints import Joint
 from fx_beam.scene.law import has_pieces
@@ -112,7 +113,7 @@ class Model:
         if isinstance(self.reduction, LoopReduction) or self.couplings.sliding:
             raise ElsewhereError("joints that close loops, or slide on beams, lie elsewhere")
         if isinstance(self.reduction, JointReduction):
-            own = self.scene.joint_by_number
+            own = joints_by_number(self.scene)
             moving = [own[joint.number] for joint in self.couplings.moving]
             self.reduction.set_arms(moving)
         return True
@@ -143,7 +144,7 @@ class Model:
         rates = np.zeros(len(state.slides))
         if len(self.points.slides):
             motion = self.motion(q=self.to_nodes(state.q)[None], v=self.to_nodes(state.v)[None])
-            own = self.scene.joint_by_number
+            own = joints_by_number(self.scene)
             for number in set(self.points.slides.tolist()):
                 kinematics = own[number].kinematics
                 (rates[number],) = kinematics.rate(motion, state.slides[[number]])
@@ -338,7 +339,7 @@ class Model:
             if self.couplings.closures:
                 unit = self.unit_of_unknowns
                 self.reduction = loops = LoopReduction(*parts, unit, sliders)
-                loops.begin(np.zeros(self.size), scene.slides_at_start())
+                loops.begin(np.zeros(self.size), slides_at_start(scene))
                 check_loops(scene, self.couplings, loops)
             else:
                 self.reduction = JointReduction(*parts, sliders)

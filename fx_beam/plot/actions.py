@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from fx_beam.scene.beam import Beam, Node
-from fx_beam.scene.inputs import InputSlot
 from fx_beam.scene.coordinate import Held
+from fx_beam.scene.inputs import InputSlot
 from fx_beam.scene.joints import GROUND
 from fx_beam.scene.loads import Load, label
 from fx_beam.scene.scene import Scene

@@ -17,7 +17,7 @@ from fx_beam.scene.notebook import html_table, sketch
 from fx_beam.scene.obstacles import Obstacle
 from fx_beam.validation import is_one_of, shown
 
-from . import beam_histories, export, paraview, tables
+from . import beam_histories, export, joined, paraview, tables
 from .audit import BeamResultants, Energy, Stats, read_only
 from .contact import Contact
 from .histories import HISTORIES
@@ -395,6 +395,8 @@ class Solution:
     to_pandas = tables.to_pandas
     to_paraview = paraview.to_paraview
     to_xarray = tables.to_xarray
+
+    then = joined.then
 
     def recorded(self, name: str) -> np.ndarray:
         """A history that the `Record` may have omitted.

@@ -1,4 +1,4 @@
-"""The joints and supports of a scene as texts, which tell after a run what it had."""
+"""The joints and supports of a scene: by number, and as texts that tell later what it had."""
 
 from __future__ import annotations
 
@@ -19,6 +19,19 @@ class JointKey(NamedTuple):
     b: int
     #: Names of its coordinates with a motor.
     motors: tuple[str, ...]
+
+
+def joints_by_number(scene: Any) -> dict[int, Joint]:
+    """The joints of a scene by their numbers, some of which may be missing."""
+    return {joint.number: joint for joint in scene.joints}
+
+
+def slides_at_start(scene: Any) -> np.ndarray:
+    """Slides (joint_count,) of the joints in the reference configuration [m]."""
+    slides = np.zeros(scene.joint_count)
+    for joint in scene.joints:
+        slides[joint.number] = joint.start()[0]
+    return slides
 
 
 def constraints_of(scene: Any) -> np.ndarray:

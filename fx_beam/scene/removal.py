@@ -13,13 +13,14 @@ from fx_beam.validation import require
 
 from .beam import COMPONENTS, Beam, Node
 from .body import Body
+from .constraints import joints_by_number
 from .coordinate import Coordinate, Held
 from .joints import Joint
 
 
 def own_joint(scene: Any, joint: Joint) -> Joint | None:
     """The joint of a scene that was added as this one, and may have been locked since."""
-    own = scene.joint_by_number.get(joint.number)
+    own = joints_by_number(scene).get(joint.number)
     same = own is not None and (own.kind, own.a, own.b) == (joint.kind, joint.a, joint.b)
     return own if same and all(n.scene in (scene, None) for n in (joint.a, joint.b)) else None
 

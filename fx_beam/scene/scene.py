@@ -6,8 +6,6 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
-import numpy as np
-
 from fx_beam.errors import SceneError
 from fx_beam.validation import TimeFunction, is_name, is_one_of, require, shown, vector
 
@@ -331,24 +329,6 @@ class Scene(Geometry):
         self._couplings[joint.coupling] = joint
         self.joints.append(joint)
         return joint
-
-    @property
-    def joint_by_number(self) -> dict[int, Joint]:
-        """The joints by their numbers."""
-        return {joint.number: joint for joint in self.joints}
-
-    def slides_at_start(self) -> np.ndarray:
-        """Slides of the joints in the reference configuration.
-
-        Returns
-        -------
-        (joint_count,) float
-            Slides by the numbers of the joints [m]; zero for joints without.
-        """
-        slides = np.zeros(self.joint_count)
-        for joint in self.joints:
-            slides[joint.number] = joint.start()[0]
-        return slides
 
     def add_parameter(self, parameter: Parameter) -> None:
         """Add a parameter that no function in the scene has, as the damping of a scheme.

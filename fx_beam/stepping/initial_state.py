@@ -11,6 +11,7 @@ from fx_beam.mechanics.interval import Interval, instant
 from fx_beam.model.model import Model
 from fx_beam.results.state import State
 from fx_beam.scene.beam import COMPONENTS
+from fx_beam.scene.constraints import slides_at_start
 
 from .coupled_rates import CoupledRates, coupled_rates
 from .forcing import Forcing
@@ -81,7 +82,7 @@ def resumed_state(
 
 def reference_state(model: Model) -> State:
     """The reference configuration at t = 0."""
-    slides = model.scene.slides_at_start()
+    slides = slides_at_start(model.scene)
     q, v, a = (np.zeros(model.size) for _ in range(3))
     state = State(0.0, np.zeros(len(model.motors)), q, v, a, slides)
     if len(model.forms.parameters):
