@@ -241,7 +241,7 @@ def test_a_motor_against_a_spring_shows_the_spring_in_the_joint_force_and_in_its
 
 def test_the_work_of_a_motor_is_that_of_its_force(monkeypatch):
     # To round-off it is that of the force with which the step is in balance.
-    monkeypatch.setattr(Model, "fitted_rates", None)
+    monkeypatch.setattr(Model, "fits_rates", False)
     scene, first, second, joint = pair("revolute", motor=smooth(2.0))
     solution = fb.simulate(scene, dt=0.01, t_end=1.0)
     moment = solution.joint(joint).force[1:, 2]

@@ -179,7 +179,7 @@ def forces_of_steps(monkeypatch):
     Of the former these tests hold to round-off. The latter are impulses at the ends of steps, with
     the arms that joints have there, so that of the sum the tests hold to second order.
     """
-    monkeypatch.setattr(Model, "fitted_rates", None)
+    monkeypatch.setattr(Model, "fits_rates", False)
 
 
 def work_of(solution, joint):

@@ -149,6 +149,23 @@ def test_a_fuse_breaks_at_its_force(scheme):
     assert abs(parted.energy.balance_error).max() < 1e-11 * parted.energy.work[-1]
 
 
+def test_a_solution_does_not_depend_on_what_becomes_of_its_scene():
+    """Also where it is read only after the change."""
+    scene, arm, hinge = hinged_arm()
+    scene.add_joint(fb.PinInSlot(fb.GROUND, arm.end, axis=(0, 1)))
+    other = copy.deepcopy(scene)
+    options = {"dt": 5e-3, "t_end": 0.05}
+    one, two = (fb.simulate(of, **options) for of in (scene, other))
+    expected = [two.resultants(arm.name).M, two.joint_forces, two.v, two.energy.kinetic, two.a]
+    scene.remove(scene.joints[1], arm)
+    ball = scene.add_body((5, 5), 1.0, 0.1, points={"a": (6, 5)})
+    scene.add_joint(fb.Revolute(fb.GROUND, ball["a"]))
+    found = [one.resultants(arm.name).M, one.joint_forces, one.v, one.energy.kinetic, one.a]
+    for ours, theirs in zip(found, expected, strict=True):
+        assert ours.shape == theirs.shape
+        assert np.array_equal(ours, theirs)
+
+
 # -- Joined motions --------------------------------------------------------------------------------
 
 

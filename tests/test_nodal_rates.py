@@ -52,7 +52,7 @@ def mechanism():
 @pytest.mark.parametrize("kind", PAIRS)
 def test_the_rules_of_the_package_written_out_are_the_same(kind, solver, monkeypatch):
     # The rates of the steps: only those by the package's own rule are fitted to joints and motors.
-    monkeypatch.setattr(Model, "fitted_rates", None)
+    monkeypatch.setattr(Model, "fits_rates", False)
     scheme, rates = PAIRS[kind]
     own = fb.Scheme("own", scheme.resultants, rates, scheme.fractions)
     scene, bar = mechanism()

@@ -202,27 +202,31 @@ def _spring_internal(
     if not model.points.width:
         return None
     values, old = np.zeros(model.points.width), end_of(start).spring_internal
-    # Those of contacts are the first ones, those of joints follow.
-    first, contacts, joints = 0, dict[str, slice](), dict[int, tuple[list[str], slice]]()
-    for contact in start.obstacles:
-        contacts[str(contact)] = slice(first, first := first + contact.variables)
-    for number, variables in start.variables_of_joint.items():
-        joints[number] = [*variables], slice(first, first := first + len(variables))
-    at = 0
-    for contact in model.scene.obstacles:
-        count, own = contact.variables, contacts.get(str(contact), slice(0, 0))
-        if old is not None and count == own.stop - own.start:
-            values[at : at + count] = old[own]
-        at += count
-    for joint in model.scene.joints:
-        names, key = [*joint.internal], theirs.get(joint.number)
-        if names and key is not None and old is not None:
-            known, own = joints.get(key.number, ([], slice(0, 0)))
-            if known != names:
-                raise SceneError(
-                    "start: the solution has other internal variables than the springs of the "
-                    f"scene: {joint} has {names}, there it has {known}"
-                )
-            values[at : at + len(names)] = old[own]
-        at += len(names)
+    owners = end_of(start).owners
+    known = [] if owners is None else owners.tolist()
+    places: dict[str, list[int]] = {}
+    for at, owner in enumerate(known):
+        places.setdefault(owner, []).append(at)
+    _check_variables(model, start, theirs)
+    for at, owner in enumerate(model.points.owners.tolist()):
+        of, *words = owner.split(" ")
+        if of == "joint":  # which may have had another number
+            key = theirs.get(int(words[0]))
+            owner = "" if key is None else " ".join([of, str(key.number), *words[1:]])
+        if old is not None and (own := places.get(owner)):
+            values[at] = old[own.pop(0)]
     return values
+
+
+def _check_variables(model: Model, start: Solution, theirs: dict[int, JointKey]) -> None:
+    """Refuse springs of joints with other internal variables than before."""
+    for joint in model.scene.joints:
+        key = theirs.get(joint.number)
+        if key is None:
+            continue
+        names, known = [*joint.internal], [*start.variables_of_joint.get(key.number, {})]
+        if names != known:
+            raise SceneError(
+                "start: the solution has other internal variables than the springs of the "
+                f"scene: {joint} has {names}, there it has {known}"
+            )

@@ -70,7 +70,12 @@ def solution_of(
     def last() -> State:
         state = end()
         fitted, constraints = recorded.fitted_at(state.t), constraints_of(scene)
-        state = state.changed(impact=recorder.impact, fitted=fitted, constraints=constraints)
+        state = state.changed(
+            impact=recorder.impact,
+            fitted=fitted,
+            constraints=constraints,
+            owners=model.points.owners,
+        )
         return state.renumbered(model.to_nodes, mesh.to_elements)
 
     return Solution(

@@ -59,6 +59,14 @@ class PointForce(NamedTuple):
     #: Of a contact the number of nodes, the first ones, on which the force on its point acts.
     nodes: int = 0
     load: Load = Load()
+    #: The contact or force between points to which it belongs, as text; empty for a joint.
+    owner: str = ""
+
+
+def _owner(force: PointForce) -> str:
+    """What of the scene a force belongs to, as text; a joint by its number."""
+    of_joint = f"joint {force.slide} slide" if force.slide >= 0 else f"joint {force.joint} rotation"
+    return force.owner or of_joint
 
 
 def _without_numbers(force: PointForce) -> tuple:
@@ -384,6 +392,15 @@ class PointForces:
         vectors = (self._of(np.ascontiguousarray(x)) for x in (joints.ravel(), q, self._D))
         level, of_internal = self._rule.level, self._of(internal)
         return self._c.fx_follow_joints(self._all, *vectors, level, first, of_internal)
+
+    @property
+    def owners(self) -> np.ndarray:
+        """What of the scene each internal variable (width,) belongs to, as text."""
+        texts = [""] * self.width
+        for force, first in zip(self._forces, self._first_internal, strict=True):
+            count = force.law.internal
+            texts[first : first + count] = [_owner(force)] * count
+        return np.array(texts, dtype=str)
 
     @property
     def of_contacts(self) -> slice:

@@ -62,7 +62,7 @@ def _contacts(obstacle: Obstacle, scene: Scene, mesh: Mesh, at_rest: bool) -> It
             numbers += [friction.mu, friction.stiffness * length]
         dofs = [*mesh.dofs[of_point, :2].ravel().tolist(), *carrier]
         dofs += mesh.dofs[of_point, 2].tolist() if thick else []
-        yield PointForce(law, numbers, dofs, role=Role.CONTACT, nodes=count)
+        yield PointForce(law, numbers, dofs, role=Role.CONTACT, nodes=count, owner=str(obstacle))
 
 
 def _gap(
@@ -139,7 +139,7 @@ def _between(scene: Scene, mesh: Mesh, at_rest: bool) -> Iterator[PointForce]:
     for force in scene.forces_between:
         kind, dofs = _distance(force, mesh)
         for law, numbers in _of_coordinate(force.on, kind, at_rest, own):
-            yield PointForce(law, [*force.apart, *numbers], dofs)
+            yield PointForce(law, [*force.apart, *numbers], dofs, owner=str(force))
 
 
 def _pulls(scene: Scene, mesh: Mesh) -> Iterator[PointForce]:

@@ -119,6 +119,8 @@ class State:
     #: joints and supports of the scene, as `constraints_of` gives them.
     fitted: np.ndarray | None = None
     constraints: np.ndarray | None = None
+    #: Set at the end of a run: what the variables of `spring_internal` belong to, as texts.
+    owners: np.ndarray | None = None
 
     def changed(self, **values: Any) -> State:
         """The state with other values; far quicker than `dataclasses.replace`."""
