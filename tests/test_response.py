@@ -6,7 +6,6 @@ from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 import pytest
-from test_internal_variables import PLASTIC
 
 import fx_beam as fb
 from fx_beam.analyses.kept_setup import keeping_setup
@@ -610,14 +609,15 @@ def test_what_has_no_derivatives_is_refused_by_its_name():
     _, y = run([1.0, 1.0, 1.0])
     for weights, message in (
         ({"energy": y["energy"]}, "'energy' is a function of the solution"),
-        ({"force": y["force"]}, "reaction.y of node 0 at .*, has no derivatives"),
         ({"end": y["force"]}, "of the shape"),
+        ({"end": np.where(y["end"] == y["end"][2], np.nan, 1)}, r"\[2\]\[0\] is no finite number"),
         ({"other": y["end"]}, "must be names of outputs"),
     ):
         with pytest.raises(fb.SceneError, match=message):
             run.vjp(weights)
     with pytest.raises(fb.SceneError, match="'energy' is a function of the solution"):
         run.jacobian()
+    assert run.vjp({"force": y["force"]}).any()
     assert run.jacobian("end")["end"].shape == (*y["end"].shape, 3)
     for options, message in (
         ({"scheme": fb.Newmark()}, "Newmark"),
@@ -682,23 +682,7 @@ def test_energies_are_outputs_by_their_names():
     assert abs(sum(J.values())).max() < 1e-9 * largest
 
 
-def test_energies_without_derivatives_are_refused_by_their_names():
-    def driven(x):
-        return (scene := arm([*x, 1.0, 1.0])[0]), {"T": fb.Output("kinetic_energy", scene)}
-
-    def plastic(x):
-        scene = fb.Scene()
-        scene.clamp(scene.add_beam([(0, 0), (x[0], 0)], PLASTIC).start)
-        return scene, {"U": fb.Output("strain_energy", scene)}
-
-    for build, message in (
-        (driven, "'T', kinetic_energy of the scene, has no derivatives: rates of driven"),
-        (plastic, "'U', strain_energy of the scene, has no derivatives: it depends on internal"),
-    ):
-        run = fb.Response(build, dt=0.01, t_end=0.02)
-        run([1.0])
-        with pytest.raises(fb.SceneError, match=message):
-            run.jacobian()
+def test_energies_of_another_scene_or_of_a_motion_are_refused():
     other = fb.Output("kinetic_energy", fb.Scene())
     with pytest.raises(fb.SceneError, match="of the scene of the motion"):
         fb.Response(lambda x: (arm(x)[0], {"T": other}), dt=0.01, t_end=0.02)([1.0, 1.0, 1.0])

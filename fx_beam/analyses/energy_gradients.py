@@ -1,39 +1,129 @@
-"""Derivatives of energies by the state and by numbers of the scene."""
+"""Energies as outputs: their derivatives by states and by numbers of the scene."""
 
 from __future__ import annotations
 
+from collections.abc import Callable, Mapping
+
 import numpy as np
 
-from fx_beam.errors import SceneError
 from fx_beam.model.model import Model
-from fx_beam.scene.outputs import Output
+
+from .gradient import Gradient, along
+
+#: States of one row by name, and the values of the parameters there.
+Row = Mapping[str, np.ndarray]
+#: Derivatives by states, and by numbers of the scene, by name.
+Derivatives = tuple[dict[str, np.ndarray], dict[str, np.ndarray]]
 
 
-def check_energy(model: Model, output: Output, name: str) -> None:
-    """Refuse an energy that is no function of displacements, rates and constant numbers."""
-    beams, lacking = model.forms.beams, ""
-    if output.quantity == "kinetic_energy":
-        if model.fitted_rates is not None and model.couplings.driven:
-            lacking = "rates of driven motions are fitted to the joints"
-    elif output.quantity == "strain_energy" and beams is not None:
-        if beams.internal_shape[-1]:
-            lacking = "it depends on internal variables"
-        elif beams.energy_has_parameters:
-            lacking = "it depends on parameters"
-    if lacking:
-        raise SceneError(f"the output {name!r}, {output}, has no derivatives: {lacking}")
+def _kinetic(model: Model, row: Row) -> Derivatives:
+    """v.M v / 2; driven motions do the work of the rates that fit on their impulses as well."""
+    if model.scheme.rates.at_rest:
+        return {}, {}
+    mass, v = model.mass.tocoo(), row["v"]
+    momentum, by_mass = model.mass @ v, v[mass.row] * v[mass.col] / 2
+    if "rates" not in row or not model.couplings.driven:
+        return {"v": momentum}, {"mass": by_mass}
+    rates = row["rates"]
+    fitting = model.mass @ rates
+    by_mass += rates[mass.row] * (rates - v)[mass.col]
+    return {"v": momentum - fitting, "rates": 2 * fitting - momentum}, {"mass": by_mass}
 
 
-def energy_gradient(
-    model: Model, output: Output, q: np.ndarray, v: np.ndarray
-) -> tuple[dict[str, np.ndarray], dict[str, np.ndarray]]:
-    """Derivatives of an energy by "q" and "v" (size,), and by numbers of the scene by name."""
-    if output.quantity == "kinetic_energy":
-        mass = model.mass.tocoo()
-        return {"v": model.mass @ v}, {"mass": v[mass.row] * v[mass.col] / 2}
-    if output.quantity == "potential_energy":
-        return ({}, {}) if model.weight is None else ({"q": -model.weight}, {"weight": -q})
+def _strain(model: Model, row: Row) -> Derivatives:
     if model.forms.beams is None:
         return {}, {}
-    found = model.forms.beams.stored_energy_by(q)
-    return {"q": found.pop("q")}, found
+    model.forms.parameters.use(row.get("parameters"))
+    given = row["internal"]
+    internal = given.reshape(model.forms.internal_shape) if given.size else None
+    found = model.forms.beams.stored_energy_by(row["q"], internal)
+    return {name: found.pop(name) for name in ("q", "internal") if name in found}, found
+
+
+def _potential(model: Model, row: Row) -> Derivatives:
+    return ({}, {}) if model.weight is None else ({"q": -model.weight}, {"weight": -row["q"]})
+
+
+def _springs(model: Model, row: Row) -> Derivatives:
+    if not len(model.points):
+        return {}, {}
+    model.forms.parameters.use(row.get("parameters"))
+    found = model.points.energy_by(row["q"], row["slides"], row["spring internal"])
+    by_state = {"q": found["q"], "slides": found["slides"], "spring internal": found["internal"]}
+    return by_state, {"points": found["numbers"], "parameters": found["parameters"]}
+
+
+_PARTS: dict[str, Callable[[Model, Row], Derivatives]] = {
+    "kinetic_energy": _kinetic,
+    "strain_energy": _strain,
+    "potential_energy": _potential,
+    "spring_energy": _springs,
+}
+
+
+class EnergyOutput:
+    """An energy of the scene at the rows (n,) of a run.
+
+    `states` has what `State` has, and "rates" that fit, at the rows; `at_parameters` (n,) the
+    places of the parameters of the rows among the numbers "parameters", with their values.
+    """
+
+    def __init__(
+        self,
+        model: Model,
+        quantity: str,
+        states: Mapping[str, np.ndarray],
+        ends: np.ndarray,
+        parameters: tuple[np.ndarray, np.ndarray] | None,
+    ):
+        self._model, self._states, self._ends, self._parameters = model, states, ends, parameters
+        self._parts = [*_PARTS.values()] if quantity == "total_energy" else [_PARTS[quantity]]
+
+    def _derivatives(self, k: int) -> tuple[int, Derivatives]:
+        """The place of a row among the states, and the derivatives there."""
+        at = int(self._ends[k])
+        row = {name: values[at] for name, values in self._states.items()}
+        if self._parameters is not None:
+            row["parameters"] = self._parameters[1][k]
+        by_state: dict[str, np.ndarray] = {}
+        by_numbers: dict[str, np.ndarray] = {}
+        for part in self._parts:
+            for found, more in zip((by_state, by_numbers), part(self._model, row), strict=True):
+                for name, values in more.items():
+                    found[name] = found.get(name, 0.0) + values
+        return at, (by_state, by_numbers)
+
+    def pull(self, weights: np.ndarray, to: Gradient) -> None:
+        """Add the derivatives of the sum of weights (n,) times the energy."""
+        for k in np.flatnonzero(weights).tolist():
+            at, (by_state, by_numbers) = self._derivatives(k)
+            for name, values in by_state.items():
+                if values.size:
+                    to.at(name)[at] += weights[k] * values.ravel()
+            for i, value in enumerate(by_numbers.pop("parameters", ())):
+                to.add_number(*self._parameter(k, i), weights[k] * value)
+            for name, values in by_numbers.items():
+                to.add_numbers(name, weights[k] * values)
+
+    def push(
+        self, rows: int, of_state: Mapping[str, np.ndarray], changes: Mapping[str, np.ndarray]
+    ) -> np.ndarray:
+        """Changes (rows, m) from those of the states and of the numbers of the scene."""
+        found = np.zeros((rows, len(changes["X"])))
+        for k in range(rows):
+            at, (by_state, by_numbers) = self._derivatives(k)
+            for name, values in by_state.items():
+                if values.size:
+                    found[k] += of_state[name][at] @ values.ravel()
+            for i, value in enumerate(by_numbers.pop("parameters", ())):
+                name, index = self._parameter(k, i)
+                found[k] += value * changes[name].reshape(len(found[k]), -1)[:, index]
+            for name, values in by_numbers.items():
+                found[k] += along(changes[name], values)
+        return found
+
+    def _parameter(self, k: int, i: int) -> tuple[str, int]:
+        """Name and index of a parameter of a row among the numbers."""
+        assert self._parameters is not None
+        first = int(self._parameters[0][k])
+        return ("parameters", first + i) if first >= 0 else ("parameters at the start", i)

@@ -15,6 +15,19 @@ from fx_beam.stepping.initial_state import reference_state
 
 from .run_setup import RunSetup
 
+#: Numbers that no step reads, but outputs; without beams also the positions of nodes.
+OF_OUTPUTS = {
+    "X",
+    "a",
+    "forces of columns",
+    "forces of joints",
+    "axes of slides",
+    "offsets of slides",
+    "arms of joints",
+    "axes of joints",
+    "driven rates",
+    "parameters at the start",
+}
 # What steps with mean rates read of the state at the start.
 _OF_STATE = "q", "v", "slides", "motors", "internal", "spring_internal"
 
@@ -28,12 +41,44 @@ def numbers_of(
     """
     model, forcing = setup.model, setup.forcing
     followers = model.points.followers
-    of_steps = {"loads": forcing.loads(t0, t1), "driven": forcing.series(t1)}
+    driven = forcing.series(t1) + _before_motors(model)
+    of_steps = {"loads": forcing.loads(t0, t1), "driven": driven}
     if len(parameters := model.forms.parameters):
         of_steps["parameters"] = parameters.over_steps(t0, t1, model.scheme.rates.level)
+        of_steps["parameters at the start"] = parameters.at(float(t0[0]))
     if len(followers):
         of_steps["thrust"] = followers.series(t0, t1)
-    return _arrays(_of_model(model) | of_steps | _of_state(state))
+    return _arrays(_of_model(model) | of_steps | _of_state(model, state))
+
+
+def observed_numbers_of(
+    setup: RunSetup, state: State, times: np.ndarray, lengths: np.ndarray
+) -> dict[str, np.ndarray]:
+    """What outputs read besides: of the initial state, joints, and rates of driven motions.
+
+    These at `times` (n,), by steps of the `lengths` (n,) that end there [s].
+    """
+    model = setup.model
+    joints, columns = model.sizes["joints"], model.sizes["constraints"]
+    found: dict[str, Any] = {
+        "a": state.a,
+        "forces of columns": _or_zeros(state.constraint_forces, (columns,)),
+        "forces of joints": _or_zeros(state.joint_forces, (joints, 3)),
+        "axes of slides": np.zeros((joints, 2)),
+        "offsets of slides": np.zeros((joints, 2)),
+    }
+    for joint in model.scene.joints:
+        if joint.axis is not None:
+            found["axes of slides"][joint.number] = joint.axis
+            found["offsets of slides"][joint.number] = joint.offset
+    if model.fitted_rates is not None:
+        found |= model.fitted_rates.numbers
+        found["driven rates"] = setup.forcing.end_rates(times, lengths)
+    return _arrays(found)
+
+
+def _or_zeros(values: np.ndarray | None, shape: tuple[int, ...]) -> np.ndarray:
+    return np.zeros(shape) if values is None else values
 
 
 def static_numbers_of(
@@ -44,7 +89,8 @@ def static_numbers_of(
     loads = np.repeat(model.loads.series(t)[None], 2, axis=1)
     of_steps = {
         "loads": factors[:, None, None] * loads,
-        "driven": np.array([forcing.positions(factor) for factor in factors]),
+        "driven": np.array([forcing.positions(factor) for factor in factors])
+        + _before_motors(model),
     }
     if len(parameters := model.forms.parameters):
         of_steps["parameters"] = np.broadcast_to(
@@ -52,7 +98,7 @@ def static_numbers_of(
         )
     if len(followers):
         of_steps["thrust"] = np.repeat(followers.series(t, t), rows, axis=0)
-    return _arrays(_of_model(model) | of_steps | _of_state(reference_state(model)))
+    return _arrays(_of_model(model) | of_steps | _of_state(model, reference_state(model)))
 
 
 def _of_model(model: Model) -> dict[str, Any]:
@@ -74,11 +120,20 @@ def _of_model(model: Model) -> dict[str, Any]:
     return numbers
 
 
-def _of_state(state: State) -> dict[str, Any]:
+def _of_state(model: Model, state: State) -> dict[str, Any]:
     of_state = {name: getattr(state, name) for name in _OF_STATE}
+    of_state["motors"] = state.motors + _before_motors(model)[len(model.prescribed) :]
     return {
         name.replace("_", " "): values for name, values in of_state.items() if values is not None
     }
+
+
+def _before_motors(model: Model) -> np.ndarray:
+    """Slides (driven,) in the reference configuration, from which motors go on; 0 for others."""
+    found = np.zeros(model.couplings.driven)
+    for i, (joint, name) in enumerate(model.motors, start=len(model.prescribed)):
+        found[i] = joint.start()[0] if name == "slide" else 0.0
+    return found
 
 
 def _arrays(numbers: dict[str, Any]) -> dict[str, np.ndarray]:

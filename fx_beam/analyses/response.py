@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import functools
 import logging
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence, Set
 from typing import Any
 
 import numpy as np
@@ -30,9 +30,10 @@ from fx_beam.stepping.substeps import Halving
 from fx_beam.validation import numbers, require, shown
 
 from .dynamics import simulate
+from .gradient import along
 from .kept_setup import KeptSetup, keeping_setup
-from .numbers import numbers_of
-from .output_weights import kind_of, output_derivatives, state_weights
+from .numbers import OF_OUTPUTS, numbers_of, observed_numbers_of
+from .observation import Observation, observes_rates, rates_at
 from .run_setup import RunSetup, checked_scheme
 from .static_derivatives import StateChange, StaticDerivatives, why_not
 from .static_path import StaticPath, keeping_paths
@@ -247,23 +248,18 @@ class Response:
         """
         model, tape, adjoint = self._followed("vjp")
         outputs = self._checked_weights(weights)
-        of_outputs = {name: np.asarray(given, float) for name, given in weights.items()}
-        steps = self._boundaries(tape)
-        states = self._states(model, tape, steps)
-        of_state, direct = state_weights(model, outputs, of_outputs, states)
-        by_numbers = adjoint.pull(tape, of_state, steps)
+        observed = self._observed(model, tape, outputs)
+        found = observed.pull({name: np.asarray(given, float) for name, given in weights.items()})
+        rows = observed.boundaries, observed.sub_steps
+        by_numbers = adjoint.pull(tape, found.of_state, *rows)
         self.stats.gradient_growth = growth = adjoint.growth
         if growth > _USEFUL_GROWTH:
             _log.warning(_CHAOTIC, growth)
-        for name, own in direct.items():
-            by_numbers[name] = by_numbers.get(name, 0.0) + own
-        gradient = np.zeros(len(self._x))
-        for name, change in self._changes(tape).items():
-            if name in by_numbers:
-                gradient += change.reshape(len(change), -1) @ np.ravel(by_numbers[name])
-            else:
-                self._refuse(name, change)
-        return gradient
+        changes = self._changes(tape)
+        self._refuse_others(changes, by_numbers.keys())
+        known = changes.keys() & by_numbers.keys()
+        parts = [along(changes[name], by_numbers[name]) for name in known]
+        return sum(parts, found.along(changes))
 
     def jacobian(self, *names: str) -> dict[str, np.ndarray]:
         """Derivatives of outputs of the last call by all numbers, at all times.
@@ -288,18 +284,17 @@ class Response:
         """
         model, tape, _ = self._followed("jacobian")
         outputs = self._differentiable(names or self._names, "Response.jacobian: names")
-        kinds = {name: kind_of(model, output, name) for name, output in outputs.items()}
+        observed = self._observed(model, tape, outputs)
         changes = self._changes(tape)
-        model, _, adjoint = self._followed("jacobian")  # at x again, after differences
+        _, _, adjoint = self._followed("jacobian")  # at x again, after differences
         forward = Forward(adjoint)
         self._refuse_others(changes, forward.names)
-        steps = self._boundaries(tape)
-        of_state = forward.push(tape, changes, steps)
-        states = self._states(model, tape, steps)
-        return {
-            name: output_derivatives(model, output, kinds[name], of_state, changes, states)
-            for name, output in outputs.items()
-        }
+        of_state = forward.push(tape, changes, observed.boundaries, observed.sub_steps)
+        return observed.push(of_state, changes)
+
+    def _observed(self, model: Model, tape: Tape, outputs: Mapping[str, Output]) -> Observation:
+        states_at = functools.partial(self._states, model, tape)
+        return Observation(model, tape, self._boundaries(tape), outputs, states_at)
 
     def _followed(self, what: str) -> tuple[Model, Tape, Adjoint]:
         """The model of the last call with its numbers, the tape of its steps, and their adjoint."""
@@ -310,14 +305,15 @@ class Response:
         """Numbers of sub-steps before the rows of the last call."""
         return tape.boundaries(self._t)
 
-    def _states(self, model: Model, tape: Tape, steps: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """q and v (n, size) of the last call before some sub-steps, or at its end."""
-        end = self._end
-        assert end is not None
-        q, v = tape.states(np.minimum(steps, len(tape) - 1), model.size)
-        at_end = steps == len(tape)
-        q[at_end], v[at_end] = model.from_nodes(end.q), model.from_nodes(end.v)
-        return q, v
+    def _states(self, model: Model, tape: Tape, steps: np.ndarray) -> dict[str, np.ndarray]:
+        """States (n, ...) of the last call before some sub-steps, or at its end, by name."""
+        assert self._end is not None
+        end = self._end.renumbered(model.from_nodes, model.mesh.from_elements)
+        found = tape.states(np.minimum(steps, len(tape) - 1))
+        for name, rows in found.items():
+            if (values := getattr(end, name)) is not None and rows.size:
+                rows[steps == len(tape)] = np.ravel(values)
+        return {name.replace("_", " "): rows for name, rows in found.items()}
 
     def _taped(self, what: str) -> tuple[RunSetup, Tape]:
         """The set-up of the last call, with its numbers, and the tape of its steps."""
@@ -362,6 +358,13 @@ class Response:
             shape = len(self._t), *([len(output.components)] if output.components else [])
             given = np.shape(weights[name])
             require(given == shape, f"{what}[{name!r}]", given, f"of the shape {shape}")
+            wrong = np.argwhere(~np.isfinite(np.asarray(weights[name], float)))
+            if len(wrong):
+                row, at = wrong[0][0], "".join(f"[{i}]" for i in wrong[0])
+                raise SceneError(
+                    f"{what}[{name!r}]{at} is no finite number, at t = {self._t[row]:.6g}. Give "
+                    "rows without one, such as those that were not measured, the weight 0"
+                )
         return outputs
 
     def _differentiable(self, names: Iterable[str], what: str) -> dict[str, Output]:
@@ -387,10 +390,14 @@ class Response:
         if self._known_changes is None:
             t0 = tape.starts.copy()
             t1, start = t0 + tape.lengths, self._change_of_start()
+            of = [output for output in self._outputs.values() if isinstance(output, Output)]
+            rates = None
+            if any(map(observes_rates, of)):
+                rates = rates_at(tape, np.arange(len(tape) + 1))
 
             def numbers_of(scene: Scene, i: int, change: float) -> dict[str, np.ndarray]:
                 moved = None if start is None else functools.partial(start.at, number=i, by=change)
-                return self._numbers_of(scene, t0, t1, moved)
+                return self._numbers_of(scene, (t0, t1), rates, moved)
 
             self._known_changes = self._differences(numbers_of)
         return self._known_changes
@@ -411,9 +418,10 @@ class Response:
                 try:
                     ends.append(numbers_of(scene, i, change))
                 except OtherStructureError as other:
+                    here = shown(x)
                     raise SceneError(
-                        f"Response: the scene at x[{i}] = {x + change!r} has another structure "
-                        f"than at {x!r}: {other}. There are no derivatives at {x!r}"
+                        f"Response: the scene at x[{i}] = {shown(x + change)} has another "
+                        f"structure than at {here}: {other}. There are no derivatives at {here}"
                     ) from None
             parts.append({name: (ends[1][name] - ends[0][name]) / (2 * h) for name in ends[0]})
         return {name: np.array([part[name] for part in parts]) for name in parts[0]}
@@ -430,8 +438,8 @@ class Response:
         self._refuse_others(changes, of.names)
         return of.change_of_end(changes)
 
-    def _refuse_others(self, changes: Mapping[str, np.ndarray], known: set[str]) -> None:
-        for name in changes.keys() - known:
+    def _refuse_others(self, changes: Mapping[str, np.ndarray], known: Set[str]) -> None:
+        for name in changes.keys() - known - OF_OUTPUTS:
             self._refuse(name, changes[name])
 
     @staticmethod
@@ -460,11 +468,15 @@ class Response:
     def _numbers_of(
         self,
         given: Scene,
-        t0: np.ndarray,
-        t1: np.ndarray,
+        steps: tuple[np.ndarray, np.ndarray],
+        rates: tuple[np.ndarray, np.ndarray] | None,
         at_rest: Callable[[Model], State] | None,
     ) -> dict[str, np.ndarray]:
-        """Numbers of the steps for another scene, and perhaps its equilibrium at the start."""
+        """Numbers of the steps for another scene, and perhaps its equilibrium at the start.
+
+        And those of outputs with rates, by times and lengths of steps as `rates_at` gives them.
+        """
+        t0, t1 = steps
         scene = with_functions(given, self._options["inputs"], "Response: inputs")
         self._is_set = False
         setup = self._with_numbers_of(scene)
@@ -472,10 +484,11 @@ class Response:
         parts = len(setup.model.scheme.fractions)
         first = float(self._options["dt"] if steady else t1[parts - 1] - t0[0])
         if at_rest is None:
-            state = setup.first_state(first, self._start_of(given), steady, False)
+            state = setup.first_state(first, self._start_of(given), steady, rates is not None)
         else:
-            state = setup.state_from(at_rest(setup.model), first, steady, False)
-        return numbers_of(setup, state, t0, t1)
+            state = setup.state_from(at_rest(setup.model), first, steady, rates is not None)
+        found = numbers_of(setup, state, t0, t1)
+        return found | ({} if rates is None else observed_numbers_of(setup, state, *rates))
 
     def _with_numbers_of(self, scene: Scene) -> RunSetup:
         """A set-up whose model has the numbers of a scene, but not its compiled loop."""
@@ -563,7 +576,8 @@ def _read(solution: Solution, output: Wanted, name: str) -> np.ndarray:
         return values
     of = output.of
     if isinstance(of, Scene):
-        rows = getattr(solution.energy, output.quantity.removesuffix("_energy"))
+        name = output.quantity.removesuffix("_energy")
+        rows = getattr(solution.energy, "springs" if name == "spring" else name)
     elif isinstance(of, Joint):
         rows = getattr(solution.joint(of), output.quantity)
     else:

@@ -84,10 +84,11 @@ class StaticDerivatives:
     def change_of_end(self, changes: Mapping[str, np.ndarray]) -> StateChange:
         """Changes of the last state with those (m, ...) of the numbers."""
         forward, last = Forward(self.adjoint), np.array([len(self.tape)])
-        found = forward.push(self.tape, changes, last)
-        return StateChange(
-            self, {name: found[name][0] for name in ("q", "slides")} | forward.at_end
-        )
+        found = forward.push(self.tape, changes, last, last - 1)
+        of_state = {"q": "q", "slides": "slides"}
+        of_state |= {"constraint_forces": "constraints", "joint_forces": "joints"}
+        changes_at_end = {name: found[own][0] for name, own in of_state.items()}
+        return StateChange(self, changes_at_end | forward.at_end)
 
 
 class StateChange:
@@ -101,7 +102,7 @@ class StateChange:
         own = self._path.model
         moved = {
             name: values + by * self._changes[name][number].reshape(values.shape)
-            for name in ("q", "slides", "motors", "internal", "spring_internal")
+            for name in self._changes
             if (values := getattr(self._state, name)) is not None
         }
         state = replace(self._state, t=self._path.forcing.time, parameters=None, **moved)

@@ -142,9 +142,14 @@ class StaticResponse(Response):
     def _boundaries(self, tape: Tape) -> np.ndarray:
         return np.arange(1, len(tape) + 1)
 
-    def _states(self, model: Model, tape: Tape, steps: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        q = np.array([state.q for state in self._static_path.states])
-        return q, np.zeros_like(q)
+    def _states(self, model: Model, tape: Tape, steps: np.ndarray) -> dict[str, np.ndarray]:
+        assert self._derivatives is not None  # `_followed` comes first
+        found, of_steps = tape.states(steps - 1), self._derivatives.states
+        for name, rows in found.items():
+            for row, step in zip(rows, steps.tolist(), strict=True):
+                if row.size:
+                    row[:] = np.ravel(getattr(of_steps[step - 1], name))
+        return {name.replace("_", " "): rows for name, rows in found.items()}
 
     def _changes(self, tape: Tape) -> dict[str, np.ndarray]:
         if self._known_changes is None:

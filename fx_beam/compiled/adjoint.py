@@ -100,8 +100,9 @@ class Adjoint:
     ) -> dict[str, Any]:
         """Derivatives by all numbers.
 
-        `weights` are derivatives by "q" and "v" (m, size) and "slides" (m, joints) at boundaries
-        between sub-steps with the numbers `rows` (m,); and by the forces in some `sub_steps` (k,):
+        `weights` are derivatives by "q" and "v" (m, size), "slides" (m, joints), "internal" and
+        "spring internal" (m, variables) at boundaries between sub-steps with the numbers `rows`
+        (m,); and by the forces in some `sub_steps` (k,):
         "constraints" (k, columns) of driven and fixed columns, and "joints" (k, joints, 3).
         """
         p, n, every = self._p, self._model.size, len(tape)
@@ -112,6 +113,8 @@ class Adjoint:
             "q": ("q_weight", len(rows), n),
             "v": ("v_weight", len(rows), n),
             "slides": ("slide_weight", len(rows), joints),
+            "internal": ("internal_weight", len(rows), p.cells * p.cell_internal),
+            "spring internal": ("spring_weight", len(rows), p.spring_width),
             "constraints": ("constraint_weight", len(sub_steps), p.columns - p.free),
             "joints": ("joint_weight", len(sub_steps), 3 * joints),
         }

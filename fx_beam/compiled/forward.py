@@ -51,8 +51,9 @@ class Forward:
     ) -> dict[str, np.ndarray]:
         """Changes of "q" and "v" (n, m, size) and "slides" (n, m, joints) at some boundaries.
 
-        And of the forces in some `sub_steps` (k,), "constraints" (k, m, columns) and "joints" (k,
-        m, joints, 3). `changes` are those of the numbers by their names in `Adjoint.pull`, m of
+        Also of "internal" and "spring internal" (n, m, variables); and of the forces in some
+        `sub_steps` (k,), "constraints" (k, m, columns) and "joints" (k, m, joints, 3). `changes`
+        are those of the numbers by their names in `Adjoint.pull`, m of
         each; `rows` (n,) the numbers of sub-steps before the boundaries.
         """
         model, p = self._model, self._p
@@ -63,6 +64,8 @@ class Forward:
             "q_rows": np.zeros((len(rows), count, p.dofs)),
             "v_rows": np.zeros((len(rows), count, p.dofs)),
             "slide_rows": np.zeros((len(rows), count, joints)),
+            "internal_rows": np.zeros((len(rows), count, p.cells * p.cell_internal)),
+            "spring_rows": np.zeros((len(rows), count, p.spring_width)),
             "constraint_rows": np.zeros((forces, count, p.columns - p.free)),
             "joint_rows": np.zeros((forces, count, joints, 3)),
         }
@@ -92,7 +95,7 @@ class Forward:
             "internal": given["internal"],
             "spring_internal": given["spring_internal"],
         }
-        names = "q", "v", "slides", "constraints", "joints"
+        names = "q", "v", "slides", "internal", "spring internal", "constraints", "joints"
         return dict(zip(names, results.values(), strict=True))
 
     def _given(

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -10,8 +10,20 @@ from fx_beam.errors import SceneError
 
 from .handover import Problem
 
-# Numbers of a row before its arrays, which begin with q and v (c/tape.h).
+# Numbers of a row before its arrays: start, length, memory, and shares of means (c/tape.h).
 TAPED_NUMBERS = 5
+
+
+class Steps(NamedTuple):
+    """Some whole steps of a run, with all parts and sub-steps."""
+
+    #: Numbers (n,) of the sub-steps with which they begin, and lengths [s]; 0 for the start itself.
+    starts: np.ndarray
+    lengths: np.ndarray
+    #: Numbers (k,) of all their sub-steps, the steps to which they belong, and their shares.
+    sub_steps: np.ndarray
+    of: np.ndarray
+    shares: np.ndarray
 
 
 class Tape:
@@ -22,6 +34,7 @@ class Tape:
         #: The C struct Tape.
         self.c: Any = problem.ffi.new("Tape *")
         self.c.size = problem.library.fx_tape_size(problem.c)
+        self._problem = problem.c
         self._sub_steps = int(problem.c.sub_steps)
         self._set_rows(np.empty((0, self.c.size)))
 
@@ -59,10 +72,35 @@ class Tape:
         """Lengths of all sub-steps; some of schemes of order 4 go back in time [s]."""
         return self._rows[: self.c.rows, 1]
 
-    def states(self, rows: np.ndarray, size: int) -> tuple[np.ndarray, np.ndarray]:
-        """q and v (n, size) at the starts of some sub-steps."""
-        q = TAPED_NUMBERS
-        return self._rows[rows, q : q + size], self._rows[rows, q + size : q + 2 * size]
+    def states(self, rows: np.ndarray) -> dict[str, np.ndarray]:
+        """States (n, ...) at the starts of some sub-steps, by the names of `State`."""
+        found, first, p = {}, TAPED_NUMBERS, self._problem
+        n, kept = p.dofs, p.dofs * p.keeps_before
+        internal = p.cells * p.cell_internal
+        sizes = {"q": n, "v": n, "before": kept, "slides": p.scene_joints, "internal": internal}
+        for name, size in (sizes | {"spring_internal": p.spring_width}).items():
+            found[name] = self._rows[rows, first : first + size]
+            first += size
+        return found
+
+    def steps_to(self, boundaries: np.ndarray) -> Steps:
+        """The steps that end before some sub-steps."""
+        begins = np.flatnonzero(self._rows[: self.c.rows, 4] == 0)
+        last = np.searchsorted(begins, np.maximum(boundaries - 1, 0), side="right") - 1
+        starts = np.minimum(begins[last], boundaries)
+        counts = boundaries - starts
+        rows = np.repeat(np.arange(len(boundaries)), counts)
+        sub_steps = np.concatenate([np.arange(0), *map(np.arange, starts, boundaries)])
+        of_parts = self.lengths[sub_steps]
+        lengths, shares = np.bincount(rows, of_parts, len(boundaries)), np.ones(len(rows))
+        np.divide(of_parts, lengths[rows], out=shares, where=counts[rows] > 1)
+        return Steps(starts, lengths, sub_steps, rows, shares)
+
+    @property
+    def first_length(self) -> float:
+        """Length of the first step [s]."""
+        begins = np.flatnonzero(self._rows[: self.c.rows, 4] == 0)
+        return float(self.lengths[: begins[1] if len(begins) > 1 else None].sum())
 
     def boundaries(self, times: np.ndarray) -> np.ndarray:
         """Numbers of sub-steps before the ends of steps at times (n,) [s].

@@ -23,6 +23,7 @@ from fx_beam import c_library
 from fx_beam.results.state import MACROS
 from fx_beam.structs import Structs
 
+from .rate_derivatives import RateDerivatives
 from .rate_equations import RateEquations
 from .rate_masses import tables_of_masses
 from .rigid_points import RigidPoints
@@ -57,6 +58,7 @@ class FittedRates:
     ):
         #: Masses with the little ones (size,) of what has none.
         self._little = _little_mass(mass, unit)
+        self._of_scene = equations, mass
         self._mass = (mass + scipy.sparse.diags(self._little)).tocsc()
         self._at, self._rows = (points.row, points.dof), len(points.remaining)
         of_masses = tables_of_masses(*self._at, self._rows, self._mass, self._little)
@@ -103,6 +105,16 @@ class FittedRates:
             self._solve(factors, fit.corrections[k])
             self._library.fx_end_fit(c, self._of(given[1][k]), *(self._of(x[k]) for x in fit))
         return fit
+
+    @property
+    def numbers(self) -> dict[str, np.ndarray]:
+        """Numbers of the scene that rates depend on, besides masses and driven rates."""
+        tables = self._of_scene[0].tables()
+        return {"arms of joints": tables["apart"], "axes of joints": tables["slide_axis"]}
+
+    def derivatives(self, q: np.ndarray, v: np.ndarray, driven: np.ndarray) -> RateDerivatives:
+        """What `fit` found for n configurations, and its derivatives; all as there."""
+        return RateDerivatives(*self._of_scene, self._little, q, v, driven)
 
     def _forces(self, n: int) -> tuple[np.ndarray, np.ndarray]:
         return np.empty((n, self._c.joints, 3)), np.empty((n, self._c.columns))

@@ -229,8 +229,7 @@ class BeamForms:
             data[weak.internal_weight] = dolfinx_api.function(spaces["internal"])
             weights.append(weak.internal_weight)
         if weak.more is not None:
-            values = np.zeros((len(self._tags), 1, len(weak.names)))
-            data[weak.more] = Data(1, values).on(self._mesh)
+            data[weak.more] = self._no_parameters(len(weak.names))
             spaces["parameters"] = data[weak.more].function_space
         forms = self._pulled_forms(weak.forms, self._space, spaces, self._data | data)
         return BoundPull(forms, [*self.moving, *(data[weight] for weight in weights)])
@@ -249,14 +248,17 @@ class BeamForms:
         moving = [unknowns[fields.increment], *self.moving[1:]]
         return BoundPull(forms, [*moving, data[plan.weight]])
 
-    def stored_energy_by(self, q: np.ndarray) -> dict[str, np.ndarray]:
+    def stored_energy_by(
+        self, q: np.ndarray, internal: np.ndarray | None = None
+    ) -> dict[str, np.ndarray]:
         """Derivatives of `strain_energy` by "q", "X", and "stiffness" (cells, points, 3).
 
-        Without internal variables and parameters.
+        And by "internal" variables (cells, degree, width) and "parameters" (n,) of the scene.
         """
         if self._stored is None:
             self._stored = self._bind_stored()
         self._set(self._start, q)
+        self._set_internal(internal)
         found = {"q": np.zeros(len(q)), "X": np.zeros_like(self._mesh.X)}
         for name, (form, space) in self._stored.items():
             values, dofs = dolfinx_api.function(space).x.array, dolfinx_api.element_dofs(space)
@@ -266,8 +268,14 @@ class BeamForms:
             elif name == "coordinates":
                 points = dolfinx_api.element_points(self._mesh.mesh)
                 found["X"][points] = values.reshape(-1, 2)[dofs]
+            elif name == "parameters":
+                found[name] = values.reshape(-1, len(self._weak.names)).sum(axis=0)
             else:
-                found[name] = values.reshape(-1, 3)[dofs]
+                found[name] = values.reshape(dofs.max() + 1, -1)[dofs]
+        if "parameters" in found:
+            of_all = np.zeros(len(self._parameters))
+            of_all[self.parameters[1]] = found["parameters"]
+            found["parameters"] = of_all
         return found
 
     def _bind_stored(self) -> dict[str, tuple[Any, Any]]:
@@ -275,13 +283,25 @@ class BeamForms:
         known = {name: self.of_sections[name] for name in self.of_sections if name == "stiffness"}
         own = self._vary(known)
         shapes = {name: field.data for name, field in own.items()}
-        weak = StoredForm(*self._kind, *_shapes(shapes))
+        weak = StoredForm(self._weak.parameters, *self._kind, *_shapes(shapes), self._works)
         data = {getattr(weak, name): field.on_mesh for name, field in own.items()}
+        pairs = zip(weak.indicators, self._weak.indicators, strict=True)
+        data |= {symbol: self._data[known] for symbol, known in pairs}
         spaces = {name: field.on_mesh.function_space for name, field in own.items()}
+        if weak.width:
+            data[weak.internal] = self._data[self._weak.internal]
+            spaces["internal"] = data[weak.internal].function_space
+        if weak.more is not None:
+            data[weak.more] = self._no_parameters(len(weak.names))
+            spaces["parameters"] = data[weak.more].function_space
         bound = self._pulled_forms(weak.forms, self._space, spaces, self._data | data)
         spaces |= {"start": self._mesh.space}
         spaces["coordinates"] = interval_mesh.positions_space(self._mesh.mesh)
         return {name: (bound[name][0], spaces[name]) for name in bound if name in spaces}
+
+    def _no_parameters(self, count: int):
+        """Zeros (cells, 1, count) on the mesh."""
+        return Data(1, np.zeros((len(self._tags), 1, count))).on(self._mesh)
 
     def _vary(self, fields: Mapping[str, FilledField]) -> dict[str, FilledField]:
         """The same data cell by cell; `refill` sets them as well."""

@@ -82,6 +82,20 @@ class CompiledLaw:
         size = count + law.size + law.internal
         return PointFunction(values, size, f"derivatives of {law.name}")
 
+    @functools.cached_property
+    def energy_by(self) -> PointFunction:
+        """Derivatives of the stored energy by all given."""
+        first, energy = arguments(self.law), self.law.energy
+        assert energy is not None
+
+        def values(numbers: Any) -> Any:
+            given = ufl.variable(ufl.as_vector([numbers[i] for i in range(self.given)]))
+            by_name = {parameter: given[first + i] for i, parameter in enumerate(self.parameters)}
+            with not_numbers():
+                return ufl.diff(replaced(energy(self._motion(given)), by_name), given)
+
+        return PointFunction(values, self.given, f"derivatives of the energy of {self.law.name}")
+
     def _names(self, motion: Motion, others: dict[str, Values]) -> list[str]:
         with not_numbers():
             law = self.law.forces(motion)

@@ -370,6 +370,34 @@ class PointForces:
         vectors = (self._of(x) for x in (q, slides, variables))
         return self._c.fx_stored_at_points(self._all, *vectors)
 
+    def energy_by(
+        self, q: np.ndarray, slides: np.ndarray, internal: np.ndarray | None
+    ) -> dict[str, np.ndarray]:
+        """Derivatives of `energy` by "q", "slides", "internal", "numbers" and "parameters"."""
+        sizes = {"q": len(q), "slides": len(slides), "internal": self.width}
+        sizes |= {"numbers": len(self.numbers), "parameters": len(self._names)}
+        found = {name: np.zeros(size) for name, size in sizes.items()}
+        self.energy(q, slides, internal)  # which places all forces
+        first = 0
+        for force, law, given, own in zip(
+            self._forces, self._laws, self._given, self._first_internal, strict=True
+        ):
+            size, last, numbers = law.law.size, arguments(law.law), law.law.numbers
+            if law.law.energy is not None:
+                by = law.energy_by(given)
+                if force.slide >= 0:
+                    found["slides"][force.slide] += by[0]
+                else:
+                    dofs = np.array(force.dofs)
+                    np.add.at(found["q"], dofs[dofs >= 0], by[:size][dofs >= 0])
+                at = 3 * size + 2
+                found["internal"][own : own + law.law.internal] += by[at : at + law.law.internal]
+                found["numbers"][first : first + numbers] += by[last - numbers : last]
+                for i, name in enumerate(law.parameters):
+                    found["parameters"][self._names.index(name)] += by[last + i]
+            first += numbers
+        return found
+
     def evolve(self) -> np.ndarray | None:
         """Internal variables (width,) at the end of the step; None without any."""
         if not self.width:

@@ -82,9 +82,21 @@ class PulledForm(WeakForm):
 
 
 class StoredForm(WeakForm):
-    """The stored energy, and its derivatives by the start of a step, stiffnesses and positions."""
+    """The stored energy, and its derivatives by the start of a step, data and parameters."""
+
+    def __init__(self, parameters: Any, *arguments: Any):
+        #: UFL's constant of the values of parameters; None without any.
+        self._values = parameters
+        super().__init__(*arguments)
 
     def _compile(self) -> None:
         by = {} if self.stiffness is None else {"stiffness": self.stiffness}
+        if self.width:
+            by["internal"] = self.internal
+        #: Zero, added to the parameters of each element.
+        self.more = None
+        if self.parameters is not None:
+            self.more = by["parameters"] = self.fields.data((1, self.parameters.ufl_shape))
+            self._stored = ufl.replace(self._stored, {self.parameters: self._values + self.more})
         #: As `PulledForm.forms`.
         self.forms = work_and_derivatives("stored energy", self._stored, self.fields, by)

@@ -36,6 +36,8 @@ OF_SCENES: dict[str, tuple[str, ...]] = {
     "kinetic_energy": (),
     "strain_energy": (),
     "potential_energy": (),
+    "spring_energy": (),
+    "total_energy": (),
 }
 
 
@@ -48,7 +50,8 @@ class Output:
     Quantities have the names and units of `Solution`: "position", "displacement", "rotation",
     "velocity", "spin", "acceleration" and "reaction" of a node; of a joint those of `JointMotion`:
     "angle", "slide", "spin", "rate", "force" and "motor_force". Of a scene, those of `Energy`:
-    "kinetic_energy", "strain_energy" and "potential_energy" [J].
+    "kinetic_energy", "strain_energy", "potential_energy", "spring_energy" (also of
+    stops and obstacles) and their sum, "total_energy" [J].
 
     Parameters
     ----------

@@ -289,6 +289,10 @@ static void add_given(const Problem *p, const Adjoint *a, long boundary, double 
   for (int j = 0; j < p->joints; ++j)
     if (p->slide_column[j] >= 0)
       a->columns[p->slide_column[j]] += a->slide_weight[k * p->scene_joints + p->slide_of[j]];
+  long m = (long)p->cells * p->cell_internal;
+  for (long i = 0; a->internal_weight && i < m; ++i) a->internal[i] += a->internal_weight[k * m + i];
+  m = p->spring_width;
+  for (long i = 0; a->internal_weight && i < m; ++i) a->spring_internal[i] += a->spring_weight[k * m + i];
 }
 
 /* Of follower forces and others that are loads it is the last number. */

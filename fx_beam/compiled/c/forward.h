@@ -287,6 +287,10 @@ static void store_change(const Problem *p, const Directions *d, long boundary, i
     if (p->slide_column[i] >= 0)
       d->slide_rows[(k * d->count + j) * p->scene_joints + p->slide_of[i]] =
           d->columns[j * (long)(p->columns + p->ties) + p->slide_column[i]];
+  if (!d->internal_rows) return;
+  long m = (long)p->cells * p->cell_internal, s = p->spring_width, row = k * d->count + j;
+  memcpy(d->internal_rows + row * m, d->internal + j * m, m * sizeof(double));
+  memcpy(d->spring_rows + row * s, d->spring_internal + j * s, s * sizeof(double));
 }
 
 /* Rotations of the guides of joints, and slides, at the end. */

@@ -314,6 +314,7 @@ typedef struct {
   /* Of each boundary the number of a row of derivatives by q, v and the slides of joints; -1 for none. */
   int *weight_at;
   double *q_weight, *v_weight, *slide_weight;
+  struct { double *internal_weight, *spring_weight; }; /* by internal variables, of beams and of springs */
   /* The same of each sub-step for the forces of driven and fixed columns, and of joints. */
   int *force_at;
   double *constraint_weight, *joint_weight;
@@ -344,6 +345,7 @@ typedef struct {
   /* Of each boundary the number of a row of results; -1 for none. Rows: [row][direction][...]. */
   int *row_at;
   double *q_rows, *v_rows, *slide_rows;
+  struct { double *internal_rows, *spring_rows; }; /* of internal variables, if they are wanted */
   int *force_at; /* the same of each sub-step for the forces of driven and fixed columns, and of joints */
   double *constraint_rows, *joint_rows;
   double *scratch;

@@ -1,0 +1,141 @@
+"""Outputs of a run as functions of its states and forces, and their derivatives."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+
+import numpy as np
+
+from fx_beam.compiled.tape import Tape
+from fx_beam.model.model import Model
+from fx_beam.scene.outputs import Output
+from fx_beam.scene.scene import Scene
+from fx_beam.stepping.forcing import Forcing
+
+from .energy_gradients import EnergyOutput
+from .gradient import Gradient
+from .linear_outputs import LinearOutput, Places, check_linear, linear_output, needs_rates
+
+#: States (n, ...) before some sub-steps, by the names of the derivatives by them.
+StatesAt = Callable[[np.ndarray], dict[str, np.ndarray]]
+
+
+class Observation:
+    """Outputs by name at the rows of a run that end before some sub-steps, `boundaries` (n,)."""
+
+    def __init__(
+        self,
+        model: Model,
+        tape: Tape,
+        boundaries: np.ndarray,
+        outputs: Mapping[str, Output],
+        states_at: StatesAt,
+    ):
+        self._model, self._tape, self._rows = model, tape, len(boundaries)
+        for name, output in outputs.items():
+            if not isinstance(output.of, Scene):
+                check_linear(model, output, name)
+        fits = model.fitted_rates is not None
+        needed = any(map(observes_rates, outputs.values()))
+        steps = tape.steps_to(boundaries)
+        moving = needed and not model.scheme.rates.at_rest
+        every = np.concatenate([boundaries, steps.starts]) if moving else boundaries
+        #: Sub-steps before the states that outputs need, and those whose forces they need.
+        self.boundaries = np.unique(every)
+        self.sub_steps = steps.sub_steps if needed else steps.sub_steps[:0]
+        ends, starts = np.searchsorted(self.boundaries, [boundaries, steps.starts])
+        self._places = Places(ends, starts, boundaries > 0, steps)
+        self._states = states_at(self.boundaries)
+        #: Rates that fit the joints, and their derivatives.
+        self._fit = None
+        if fits and needed:
+            assert model.fitted_rates is not None
+            driven = Forcing(model).end_rates(*rates_at(tape, self.boundaries))
+            q, v = self._states["q"], self._states["v"]
+            self._fit = model.fitted_rates.derivatives(q, v, driven)
+            self._states["rates"] = self._fit.rates
+        parts = self._parameters(boundaries)
+        self._outputs: dict[str, LinearOutput | EnergyOutput] = {
+            name: EnergyOutput(model, output.quantity, self._states, ends, parts)
+            if isinstance(output.of, Scene)
+            else linear_output(model, output, self._places, self._states)
+            for name, output in outputs.items()
+        }
+
+    def _parameters(self, boundaries: np.ndarray) -> tuple[np.ndarray, np.ndarray] | None:
+        """Places of the parameters of the rows among the numbers, -1 at the start, and values."""
+        of_scene, tape = self._model.forms.parameters, self._tape
+        if not len(of_scene):
+            return None
+        level, t0 = self._model.scheme.rates.level, tape.starts
+        over = of_scene.over_steps(t0, t0 + tape.lengths, level)
+        values = np.concatenate([of_scene.at(t0[0])[None], over[:, 1]])[boundaries]
+        return np.where(boundaries > 0, (2 * boundaries - 1) * len(of_scene), -1), values
+
+    @property
+    def _sizes(self) -> dict[str, tuple[int, int]]:
+        model, n, k = self._model, len(self.boundaries), len(self.sub_steps)
+        columns = model.reduction.columns - model.reduction.free
+        joints, driven = model.sizes["joints"], model.couplings.driven
+        of_state = {"q": model.size, "v": model.size, "rates": model.size, "slides": joints}
+        of_state |= {"internal": int(np.prod(model.forms.internal_shape))}
+        of_state |= {"spring internal": model.points.width, "driven rates": driven}
+        of_state |= {"impulses of joints": 3 * joints, "impulses of columns": columns}
+        of_steps = {"constraints": columns, "joints": 3 * joints}
+        sizes = {name: (n, size) for name, size in of_state.items()}
+        return sizes | {name: (k, size) for name, size in of_steps.items()}
+
+    def pull(self, weights: Mapping[str, np.ndarray]) -> Gradient:
+        """Derivatives of the sum of weights (n, ...) times outputs, by states and by numbers."""
+        found = Gradient(self._sizes)
+        for name, given in weights.items():
+            self._outputs[name].pull(given, found)
+        if self._fit is not None:
+            names = "rates", "impulses of joints", "impulses of columns"
+            rates, joints, columns = (found.at(name) for name in names)
+            joints = joints.reshape(len(joints), -1, 3)
+            of_state, of_numbers = self._fit.pull(rates, joints, columns)
+            driven = of_state.pop("driven rates")
+            for name, values in of_state.items():
+                found.at(name)[:] += values
+            for name, values in of_numbers.items():
+                found.add_numbers(name, values)
+            if driven.size:
+                of_boundaries = np.zeros((len(self._tape) + 1, driven.shape[1]))
+                of_boundaries[self.boundaries] = driven
+                found.add_numbers("driven rates", of_boundaries)
+        return found
+
+    def push(
+        self, of_state: dict[str, np.ndarray], changes: Mapping[str, np.ndarray]
+    ) -> dict[str, np.ndarray]:
+        """Changes (n, ..., m) of all outputs from those of states, forces and numbers."""
+        if self._fit is not None:
+            count = len(changes["X"])
+            driven = np.zeros((len(self.boundaries), count, 0))
+            if "driven rates" in changes:
+                driven = changes["driven rates"][:, self.boundaries].swapaxes(0, 1)
+            given = {"q": of_state["q"], "v": of_state["v"], "driven rates": driven}
+            names = "rates", "impulses of joints", "impulses of columns"
+            of_state |= dict(zip(names, self._fit.push(given, changes), strict=True))
+        return {
+            name: output.push(self._rows, of_state, changes)
+            for name, output in self._outputs.items()
+        }
+
+
+def observes_rates(output: Output) -> bool:
+    """Whether rates that fit the joints, or forces, are in an output."""
+    if isinstance(output.of, Scene):
+        return output.quantity in ("kinetic_energy", "total_energy")
+    return needs_rates(output)
+
+
+def rates_at(tape: Tape, boundaries: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Times before some sub-steps, and lengths of the steps that end there [s].
+
+    At the start, that of the first step, negative.
+    """
+    lengths = tape.steps_to(boundaries).lengths
+    times = np.append(tape.starts, tape.starts[-1] + tape.lengths[-1])[boundaries]
+    return times, np.where(boundaries > 0, lengths, -tape.first_length)
