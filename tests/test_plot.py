@@ -231,3 +231,21 @@ def test_a_film_without_what_writes_it_is_refused_before_anything_is_drawn(tmp_p
     monkeypatch.setattr(importlib.util, "find_spec", lambda name: None)
     with pytest.raises(RuntimeError, match="MP4 needs imageio-ffmpeg: pip install imageio-ffmpeg"):
         plot.animate(solution, "all", tmp_path / "motion.mp4")
+
+
+def test_shapes_that_nodes_carry_move_and_turn_with_them(tmp_path):
+    scene = fb.Scene()
+    wheel, ball = (scene.add_body((x, 1.0), mass=1.0, inertia=0.1).centre for x in (0, 3))
+    scene.add_contact(ball, fb.Circle(wheel, 0.5), stiffness=1e3)
+    scene.add_contact(ball, fb.Line(wheel, (1, 0)), stiffness=1e3)
+    scene.set_velocity(wheel, (1.0, 0.0), spin=np.pi / 2)
+    solution = fb.simulate(scene, dt=0.01, t_end=1.0)
+    drawing = checked_drawing(solution, [0, 100], 1.0)
+    circle, line = drawing.carried(100)
+    assert circle.line.mean(axis=0) == pytest.approx([1.0, 1.0], abs=0.01)
+    assert np.hypot(*(circle.line - (1.0, 1.0)).T) == pytest.approx(0.5)
+    assert line.line[:, 1] == pytest.approx([1.0, 1.0], abs=1e-4)
+    assert np.ptp(drawing.carried(0)[1].line[:, 0]) == pytest.approx(0, abs=1e-12)
+    assert (drawing.window[1] >= circle.line.max(axis=0)).all()
+    figure = fb.plot.shapes(solution, [0, 100])
+    assert len(figure.axes[0].collections) >= 4

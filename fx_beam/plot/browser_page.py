@@ -126,9 +126,9 @@ def interactive(
         **_members(drawing, scene_unit),
         "bodies": _bodies(drawing),
         "obstacles": [
-            {"line": line.tolist(), "strokes": np.stack([starts, ends], axis=1).tolist()}
-            for line, starts, ends in drawing.obstacles
+            {"line": of.line.tolist(), "strokes": of.strokes.tolist()} for of in drawing.obstacles
         ],
+        "carried": _carried(drawing),
         "supports": _supports(drawing),
         "markers": [
             {"marker": marker, "count": len(nodes), "points": _points_of(drawing, nodes)}
@@ -218,6 +218,19 @@ def _bodies(drawing: Drawing) -> list[dict[str, Any]]:
     return [
         {"name": name, "nodes": nodes, "points": _points_of(drawing, nodes)}
         for name, nodes in numbers.items()
+    ]
+
+
+def _carried(drawing: Drawing) -> list[dict[str, Any]]:
+    """Obstacles that nodes carry: points of the line, then ends of the strokes, in all rows."""
+    in_rows = zip(*(drawing.carried(k) for k in drawing.rows), strict=True)
+    return [
+        {
+            "line": len(outlines[0].line),
+            "strokes": len(outlines[0].strokes),
+            "points": _points(drawing, [[*of.line, *of.strokes.reshape(-1, 2)] for of in outlines]),
+        }
+        for outlines in in_rows
     ]
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
 
@@ -11,13 +11,14 @@ import numpy as np
 
 from fx_beam.results.fields import nodes_of_elements
 from fx_beam.results.solution import Solution
-from fx_beam.scene.beam import Node, lagrange, lagrange_and_slopes
+from fx_beam.scene.beam import Beam, Node, lagrange, lagrange_and_slopes
 from fx_beam.scene.joints import GROUND
 from fx_beam.scene.loads import Load
+from fx_beam.scene.obstacles import Circle, Line
 from fx_beam.validation import as_float, is_number, is_whole, numbers, require
 
 from .digits import three_digits, time_unit
-from .obstacles import outlines
+from .obstacles import Outline, outline, outlines
 
 # Straight lines per element: over 60 degrees the error is a thousandth of the radius.
 _LINES = 12
@@ -92,9 +93,40 @@ class Drawing:
         return float(np.ptp(self.points, axis=0).max()) or 1.0
 
     @cached_property
-    def obstacles(self) -> list[tuple[np.ndarray, ...]]:
-        """Outlines of the obstacles that are near."""
+    def obstacles(self) -> list[Outline]:
+        """Outlines of the fixed obstacles that are near."""
         return list(outlines(self.solution.obstacles, self.points, self.reach))
+
+    @cached_property
+    def _carried(self) -> list[tuple[int, Outline]]:
+        """Nodes that carry obstacles, and the outlines as if these nodes were at the origin."""
+        found: dict[Line | Circle, tuple[int, Outline]] = {}
+        for obstacle in self.solution.obstacles:
+            shape = obstacle.shape
+            if shape.carrier is None or shape in found:
+                continue
+            seen = [self._seen_from(shape.carrier.number, obstacle.target, k) for k in self.rows]
+            place = {"centre" if isinstance(shape, Circle) else "point": (0.0, 0.0)}
+            drawn = outline(replace(shape, **place), np.concatenate([[(0, 0)], *seen]), self.reach)
+            found[shape] = shape.carrier.number, drawn
+        return list(found.values())
+
+    def _seen_from(self, carrier: int, target: Node | Beam, k: int) -> np.ndarray:
+        """Positions (n, 2) of what touches in row k, relative to a node and its section."""
+        of_beams = self.solution.nodes_of_beam
+        nodes = of_beams[target.name] if isinstance(target, Beam) else [target.number]
+        arms = self.positions(nodes, k) - self.positions(carrier, k)
+        psi = self.magnify * self.solution.q[k][carrier, 2]
+        c, s = np.cos(psi), np.sin(psi)
+        return arms @ np.array([[c, -s], [s, c]])
+
+    def carried(self, k: int) -> list[Outline]:
+        """Outlines of the obstacles that nodes carry, in row k."""
+        q = self.solution.q[k]
+        return [
+            of.moved(self.positions(number, k), self.magnify * q[number, 2])
+            for number, of in self._carried
+        ]
 
     @cached_property
     def window(self) -> tuple[np.ndarray, np.ndarray]:
@@ -102,7 +134,8 @@ class Drawing:
         fixed = [] if self.scene is None else self.scene.forces_between
         fixed = [force.b for force in fixed if not isinstance(force.b, Node)]
         arrows = [self.arrow(*load, k) for load in self.forces for k in self.rows]
-        lines = [line for line, *_ in self.obstacles]
+        lines = [of.line for of in self.obstacles]
+        lines += [of.line for k in self.rows for of in self.carried(k)]
         seen = np.concatenate([self.points, np.reshape(fixed, (-1, 2)), *arrows, *lines])
         low, high = seen.min(axis=0), seen.max(axis=0)
         size = max(high - low) or self.reach

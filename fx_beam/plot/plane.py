@@ -15,7 +15,7 @@ from fx_beam.results.files import replacing
 from fx_beam.validation import is_name, require
 
 from .drawing import Drawing
-from .supports import draw_lines
+from .symbols import draw_outlines
 
 #: Endings of files.
 PICTURES = sorted(FigureCanvasAgg.filetypes)
@@ -117,11 +117,5 @@ def grid(count: int, extent: np.ndarray, border: np.ndarray) -> tuple[int, int, 
 
 
 def draw_obstacles(ax, drawing: Drawing) -> list:
-    """Draw the obstacles near the members; returns the artists."""
-    lines = [line for line, *_ in drawing.obstacles]
-    strokes = [
-        pair for _, starts, ends in drawing.obstacles for pair in np.stack([starts, ends], axis=1)
-    ]
-    look: dict[str, Any] = {"color": "0.35", "zorder": 1}
-    thick = draw_lines(ax, lines, linewidth=1.4, **look)
-    return thick + draw_lines(ax, strokes, linewidth=0.7, **look)
+    """Draw the fixed obstacles near the members; returns the artists."""
+    return draw_outlines(ax, drawing.obstacles, "0.35")

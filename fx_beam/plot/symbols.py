@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -13,6 +14,7 @@ from fx_beam.scene.joints import GROUND, Joint
 from fx_beam.validation import require
 
 from .drawing import Drawing
+from .obstacles import Outline
 from .slide_direction import slide_direction
 from .supports import draw_lines, is_grounded, left_of, marker_size, on_ground, wall_strokes
 
@@ -40,13 +42,22 @@ _SPIRAL = (_TURN * np.array([np.cos(_TURN), np.sin(_TURN)]) / _TURN[-1]).T
 
 
 def draw_moving(ax, drawing: Drawing, k: int, colour: Any = "black", small: bool = False) -> list:
-    """Draw rigid arms, bodies and masses of row k; returns the artists."""
+    """Draw rigid arms, bodies, masses and carried obstacles of row k; returns the artists."""
     drawn = _draw_arms(ax, drawing, k, colour) + draw_bodies(ax, drawing, k, colour, small)
+    drawn += draw_outlines(ax, drawing.carried(k), colour if small else "0.35")
     heavy = nodes_with_mass(drawing)
     if heavy:
         look = {"color": colour if small else "#D55E00", "markersize": 5 if small else 9}
         drawn += ax.plot(*drawing.positions(heavy, k).T, "o", **look, zorder=3)
     return drawn
+
+
+def draw_outlines(ax, outlines: Sequence[Outline], colour: Any) -> list:
+    """Draw lines with strokes on one side; returns the artists."""
+    look: dict[str, Any] = {"color": colour, "zorder": 1}
+    thick = draw_lines(ax, [of.line for of in outlines], linewidth=1.4, **look)
+    strokes = [pair for of in outlines for pair in of.strokes]
+    return thick + draw_lines(ax, strokes, linewidth=0.7, **look)
 
 
 def nodes_with_mass(drawing: Drawing) -> list[int]:
