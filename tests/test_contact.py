@@ -314,3 +314,17 @@ def test_bad_friction_is_named():
     found = fb.simulate(scene, dt=1e-3, t_end=1e-2).contact(contact)
     with pytest.raises(ValueError, match="has no friction"):
         print(found.slip)
+
+
+def test_contacts_that_stay_keep_their_friction_where_a_scene_changes():
+    scene, block, contact = ball(mu=0.5, k=1e6, kt=1e6)
+    scene.fix(block, "rotation")
+    wall = scene.add_contact(block, fb.Line((1, 0), (-1, 0)), stiffness=1e6)
+    held = fb.simulate(scene, dt=1e-3, t_end=0.5)
+    scene.remove(wall)
+    friction = fb.Coulomb(0.5, 1e6)
+    scene.add_contact(block, fb.Line((2, 0), (-1, 0)), stiffness=1e6, friction=friction)
+    solution = fb.simulate(scene, dt=1e-3, t_end=0.6, start=held)
+    assert held.contact(contact).stretch[-1] < -1e-6
+    assert solution.contact(contact).stretch[0] == held.contact(contact).stretch[-1]
+    assert np.ptp(solution.displacement(block), axis=0).max() < 1e-9

@@ -7,6 +7,7 @@ import pytest
 from scenes import FLYING
 
 import fx_beam as fb
+from fx_beam.plot.drawing import checked_drawing
 from fx_beam.results.fields import along
 
 plot = pytest.importorskip("fx_beam.plot")
@@ -248,4 +249,4 @@ def test_shapes_that_nodes_carry_move_and_turn_with_them(tmp_path):
     assert np.ptp(drawing.carried(0)[1].line[:, 0]) == pytest.approx(0, abs=1e-12)
     assert (drawing.window[1] >= circle.line.max(axis=0)).all()
     figure = fb.plot.shapes(solution, [0, 100])
-    assert len(figure.axes[0].collections) >= 4
+    assert len(figure.axes[0].lines) >= 4
