@@ -36,7 +36,8 @@ def has_changed(model: Model, start: Solution) -> bool:
     members = [one.name for one in scene.beams], [one.name for one in scene.bodies]
     if members != ([*start.beams], [*start.bodies]):
         return True
-    if [str(one) for one in scene.obstacles] != [str(one) for one in start.obstacles]:
+    has, had = ([(str(o), o.variables) for o in of.obstacles] for of in (scene, start))
+    if has != had:
         return True
     if end.constraints is None:  # a solution that is no run
         return len(end.slides) != scene.joint_count or len(end.motors) != len(model.motors)
