@@ -46,6 +46,7 @@ PICTURES = {
     "whip_taper": ("taper.png",),
     "ring": ("scene.png", "modes.png", "shapes.png", "energy.png", "motion.gif"),
     "roll_up": ("scene.png", "shapes.png", "convergence_and_energy.png", "motion.gif"),
+    "column_between_walls": ("scene.png", "shapes_and_wall.png"),
     "pull_in": ("scene.png", "pull_in.png", "motion.gif"),
     "lee_frame": (
         "scene.png",
