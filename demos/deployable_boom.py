@@ -3,10 +3,10 @@
 Three panels are folded against each other, and joined to a satellite and to each other by hinges
 with springs. They are let go. Each hinge latches as soon as its panel is in line with the one
 before. Objective: the times of the latches, what each of them takes from the motion, and the
-invariants: nothing acts on the satellite, so its momenta and the balance of energy hold throughout.
+invariants: nothing acts on the satellite, so its momenta and the balance of energy hold.
 
-A motion ends where an angle reaches its latch (`until`), the hinge is locked (`scene.lock`), and the
-next motion starts from there with velocities that are projected by the mass (`Energy.impact`):
+A motion ends where an angle reaches its latch (`until`), the hinge is locked (`scene.lock`), and
+the next motion starts from there with velocities that are projected by the mass:
 
     M (v+ - v-) = G^T mu,   G v+ = 0,   impact = 1/2 (v+ - v-) . M (v+ - v-)
 
@@ -18,7 +18,8 @@ References, exact for rigid panels:
                                 the impacts add up to the energy of all springs
 
 Flexible panels keep nearly all of this energy as a vibration of the boom, which the damping of the
-material takes: in a latch only the nodes at the hinge lose theirs. Units are metre, kilogram and second.
+material takes: in a latch only the nodes at the hinge lose theirs. Units are metre, kilogram and
+second.
 """
 
 import logging
@@ -132,25 +133,22 @@ def compute():
 
 
 def report(numbers):
-    single = numbers["single"]
+    alone = numbers["single"]
     print(
-        f"One panel on a fixed hub: latch at {single['time / exact']:.8f} of the exact time, impact "
-        f"{single['impact / exact']:.8f} of the exact energy, speed after it "
-        f"{single['speed at the end']:.0e} m/s"
+        f"One panel on a fixed hub: latch at {alone['time / exact']:.8f} of the exact time, impact "
+        f"{alone['impact / exact']:.8f} of the energy, then {alone['speed at the end']:.0e} m/s"
     )
     for name in ("rigid", "flexible"):
         run = numbers[name]
-        latches = ", ".join(
-            f"{hinge} at {t:.4f} s ({impact:.4f} J)"
-            for hinge, (t, impact) in run["latches"].items()
-        )
+        events = run["latches"].items()
+        latches = ", ".join(f"{hinge} at {t:.4f} s ({lost:.4f} J)" for hinge, (t, lost) in events)
         print(
-            f"{name} panels: {latches}; impacts {run['impacts / energy of the springs']:.9f} of the "
-            f"{run['energy of the springs']:.2f} J of the springs, speed at the end "
-            f"{run['speed at the end']:.1e} m/s, satellite turned by "
+            f"{name} panels: {latches}; impacts {run['impacts / energy of the springs']:.9f} of "
+            f"the {run['energy of the springs']:.2f} J of the springs; at the end "
+            f"{run['speed at the end']:.1e} m/s and the satellite turned by "
             f"{np.degrees(run['turn of the satellite']):.2f} degrees; balance "
-            f"{run['relative balance error']:.0e}, momenta {run['linear momentum / (m v)']:.0e} and "
-            f"{run['angular momentum / (m v l)']:.0e}"
+            f"{run['relative balance error']:.0e}, momenta "
+            f"{run['linear momentum / (m v)']:.0e} and {run['angular momentum / (m v l)']:.0e}"
         )
 
 
