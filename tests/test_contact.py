@@ -328,3 +328,32 @@ def test_contacts_that_stay_keep_their_friction_where_a_scene_changes():
     assert held.contact(contact).stretch[-1] < -1e-6
     assert solution.contact(contact).stretch[0] == held.contact(contact).stretch[-1]
     assert np.ptp(solution.displacement(block), axis=0).max() < 1e-9
+
+
+def held_block(load, speed=0.0):
+    """A block of 2 kg on a floor, with a spring of 100 N/m along it and friction of 10 N."""
+    scene = fb.Scene(gravity=(0, -10))
+    block = scene.add_body((0, 0), mass=2.0, inertia=0.1).centre
+    scene.fix(block, "rotation")
+    scene.add_force_between(block, (-1.0, 0), spring=fb.Spring(100.0, rest=1.0))
+    scene.add_force_between(block, (0, -1.0), spring=fb.Spring(1e-3, rest=1.0))
+    scene.add_force(block, (load, 0))
+    friction = fb.Coulomb(0.5, 1e4)
+    scene.add_contact(block, fb.Line((0, 0), (0, 1)), stiffness=1e5, friction=friction)
+    scene.set_velocity(block, (speed, 0.0))
+    return scene
+
+
+def test_small_motions_are_those_of_a_contact_that_sticks_or_slips():
+    scene = held_block(5.0)
+    held = fb.static(scene, steps=4)
+    sticks = (100.0 + 1e4) / 2.0
+    assert fb.modes(scene, state=held).angular_frequencies[0] ** 2 == pytest.approx(sticks, 1e-6)
+    found = np.abs(np.linalg.eigvals(fb.linearise(scene, held).A)) ** 2
+    assert found.min() == pytest.approx(sticks, rel=1e-6)
+    with pytest.raises(fb.SceneError, match="or friction slips"):
+        fb.modes(held_block(20.0), state=fb.static(held_block(20.0), steps=4))
+    scene = held_block(0.0, speed=1.0)
+    slides = fb.simulate(scene, dt=1e-3, t_end=0.05)
+    found = np.abs(np.linalg.eigvals(fb.linearise(scene, slides).A)) ** 2
+    assert found.min() == pytest.approx(100.0 / 2.0, rel=1e-4)

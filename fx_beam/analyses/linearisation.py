@@ -67,7 +67,7 @@ class Linearisation(NamedTuple):
     def damping(self, what: str) -> scipy.sparse.csr_matrix:
         """Derivative (free, free) of the forces by the rates, at rest; errors say `what` asks."""
         # A step's tangent is stiffness/2 + damping/dt: the same forms as those of the motion.
-        model, start = Model(self.model.scene, EnergyMomentum()), self.start
+        model, start = Model(self.model.scene, EnergyMomentum(), instant=True), self.start
         reduction, forms, equations = model.reduction, model.forms, Equations(model)
         tangents = []
         for dt in (INSTANT, 2 * INSTANT):

@@ -241,7 +241,8 @@ def modes(scene: Scene, state: Solution | None = None, n: int = 6, damping: bool
     if _asymmetry(K, model.unit_of_unknowns[about.unknowns]) > 1e-12:
         raise SceneError(
             "modes: the stiffness is not symmetric, since a load or an added virtual work depends "
-            "on the motion and has no potential. Simulate the scene instead, or remove this load"
+            "on the motion and has no potential, or friction slips. Simulate the scene instead, "
+            "linearise it, or remove this load or friction"
         )
     K = _symmetric(K)
     C = about.damping("modes") if damping and about.may_be_damped else None

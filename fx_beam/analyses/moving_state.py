@@ -89,7 +89,7 @@ def deviations(scene: Scene, at: Solution | None, what: str) -> Deviations:
     else:
         end_of(at)
         end_factor = float(at.t[-1]) if at.stats.static else 1.0
-    model, frame = Model(held.scene, EnergyMomentum()), None
+    model, frame = Model(held.scene, EnergyMomentum(), instant=True), None
     check_unknowns(model, what)
     forcing = Forcing(model)
     state = reference_state(model)

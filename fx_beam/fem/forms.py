@@ -55,7 +55,7 @@ class Forms:
     Vectors contain all degrees of freedom, dolfinx's first; `Mesh.dofs` gives those of a node.
     """
 
-    def __init__(self, scene: Scene, scheme: Scheme, mesh: Mesh):
+    def __init__(self, scene: Scene, scheme: Scheme, mesh: Mesh, instant: bool = False):
         if scene.virtual_works and not scene.beams:
             raise SceneError("add_virtual_work acts on beams, but the scene has none. Add a beam")
         self.size = mesh.dofs.size
@@ -65,7 +65,8 @@ class Forms:
         #: Parameters of the user's functions.
         self.parameters = parameters = ParameterValues(scene)
         #: Those of contact, drag of nodes, followers, and the coordinates of joints.
-        self.points = PointForces(*self._at_points(scene), StepRule.of(scheme.rates), parameters)
+        rule = StepRule.of(scheme.rates, instant)
+        self.points = PointForces(*self._at_points(scene), rule, parameters)
         #: Those of beams, None without any.
         self.beams = BeamForms(scene, scheme, mesh, parameters) if scene.beams else None
         self._parts: list[Forces] = [part for part in (self.beams, self.points) if part is not None]

@@ -28,13 +28,15 @@ class StepRule(NamedTuple):
     #: Whether forces do work on 2 tan(Dpsi/2).
     turning: bool
     at_rest: bool
+    #: Whether the step only serves to find what its forces depend on, at an instant.
+    instant: bool = False
 
     @staticmethod
-    def of(rates: UpdateRule) -> StepRule:
+    def of(rates: UpdateRule, instant: bool = False) -> StepRule:
         """The rule of some rates."""
         path, _ = rates.work_increment(np.full(1, 0.1), np.zeros(1, dtype=int))
         turning = bool(path[0] != 0.1)
-        return StepRule(float(rates.level), turning, bool(rates.at_rest))
+        return StepRule(float(rates.level), turning, bool(rates.at_rest), instant)
 
 
 class Motion:
@@ -159,9 +161,11 @@ def smooth_sign(x: Any, still: Any, remembered: Sequence[Any]) -> tuple[Any, lis
     return _with_slope(y, s, bend, x, still, remembered)
 
 
-def clipped(x: Any, still: Any, remembered: Sequence[Any]) -> tuple[Any, list[Any]]:
-    """The same of x between -1 and 1."""
-    beyond = ufl.gt(abs(still), 1)
+def clipped(
+    x: Any, still: Any, remembered: Sequence[Any], edge: float = 1.0
+) -> tuple[Any, list[Any]]:
+    """The same of x between -1 and 1; from the edge on it is 1."""
+    beyond = ufl.gt(abs(still), edge)
     sign = ufl.conditional(ufl.gt(still, 0), 1.0, -1.0)
     s, bend = ufl.conditional(beyond, abs(still), 1.0), ufl.conditional(beyond, sign, 0.0)
     return _with_slope(ufl.conditional(beyond, sign, still), s, bend, x, still, remembered)

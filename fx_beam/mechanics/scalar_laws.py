@@ -429,15 +429,18 @@ def _sticking(step: _Step, normal: Any, still_normal: Any) -> tuple[Any, list[An
     assert step.still_slip is not None
     mu, stiffness = step.numbers[-2:]
     start, slipped = step.motion.internal[:2]
-    part = 1 - _AT_LIMIT if step.motion.rule.at_rest else 1.0
+    rule = step.motion.rule
+    edge = 1 - _AT_LIMIT if rule.at_rest else 1.0
+    # In steps that only serve to find derivatives as other forces are: by half of the increment.
+    part = 0.5 if rule.instant else 1.0
 
     def ratio(path: Any, limit: Any) -> Any:
-        return stiffness * (start + path) / ufl.conditional(ufl.gt(limit, _OPEN), part * limit, 1.0)
+        return stiffness * (start + part * path) / ufl.conditional(ufl.gt(limit, _OPEN), limit, 1.0)
 
     limit, still_limit = mu * normal, mu * still_normal
     x, still = ratio(step.slip.path, limit), ratio(step.still_slip.path, still_limit)
-    bounded, remembered = clipped(x, still, step.motion.remembered[-REMEMBERED:])
-    friction = ufl.conditional(ufl.gt(limit, _OPEN), part * limit * bounded, 0.0)
+    bounded, remembered = clipped(x, still, step.motion.remembered[-REMEMBERED:], edge)
+    friction = ufl.conditional(ufl.gt(limit, _OPEN), limit * bounded, 0.0)
     end = friction / stiffness
     path = slipped + step.slip.path - (end - start)
     return friction, [end, ufl.conditional(ufl.gt(normal, 0), path, 0.0)], remembered

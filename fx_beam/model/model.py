@@ -53,14 +53,15 @@ class Model:
     """All data of a scene and a scheme that are constant over the steps.
 
     Vectors contain all degrees of freedom; `mesh.dofs` gives those of a node. With `mobile`, parts
-    with mass need no supports, even if the scheme is static.
+    with mass need no supports, even if the scheme is static. With `instant`, its steps only serve
+    to find derivatives of forces.
     """
 
-    def __init__(self, scene: Scene, scheme: Scheme, mobile: bool = False):
+    def __init__(self, scene: Scene, scheme: Scheme, mobile: bool = False, instant: bool = False):
         self.scene = scene
         self.scheme = scheme
         self.mesh = build_mesh(scene)
-        self.forms = Forms(scene, scheme, self.mesh)
+        self.forms = Forms(scene, scheme, self.mesh, instant)
         self.size, self.turns = self.forms.size, self.forms.turns
         self._mass = Mass(scene, self.mesh, self.forms, scheme.rates.at_rest)
         #: Names of the compiled forms and of the assembled matrices and vectors.
