@@ -237,6 +237,25 @@ def _in_rows(
     return Factors(order, at, int(row_starts[-1]), 0, row_starts, diagonals, groups=groups)
 
 
+def groups_of(indptr: np.ndarray, indices: np.ndarray) -> dict[str, np.ndarray]:
+    """Groups of unknowns with equal columns, and which groups are coupled, for changing_rows.h."""
+    graph, _ = _graph(indptr, indices)
+    group_of = _alike(graph, None, 0)
+    n, count = len(group_of), int(group_of.max()) + 1
+    members = scipy.sparse.csr_matrix((np.ones(n), group_of, np.arange(n + 1)), (n, count))
+    coupled = (members.T @ graph @ members).tolil()
+    coupled.setdiag(0)
+    coupled = coupled.tocsr()
+    coupled.eliminate_zeros()
+    return {
+        "group_of": group_of,
+        "first_unknown": _starts(np.bincount(group_of)),
+        "unknown": np.argsort(group_of, kind="stable"),
+        "graph_start": coupled.indptr,
+        "graph": coupled.indices,
+    }
+
+
 def _starts(counts: np.ndarray) -> np.ndarray:
     """Where each of several parts begins, and the last one ends."""
     return np.concatenate([[0], np.cumsum(counts)])

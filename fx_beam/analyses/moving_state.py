@@ -268,7 +268,7 @@ def _forces(model: Model, state: State):
         z[points.columns] = slid[points.slides]
         points.evaluate_slides(z)
         on_slides = (np.bincount(points.columns, points.on_slides(k), count) for k in (0, 1))
-        return f, forms.stiffness.copy(), *on_slides
+        return f, forms.tangent.copy(), *on_slides
 
     if not forms.depend_on_rates:
         f, half, pushes, half_slides = step(INSTANT, False)

@@ -227,6 +227,11 @@ def singular(tape: Tape, sub_step: int) -> SceneError:
 def check(model: Model) -> None:
     """Refuse what has no derivatives, by its name."""
     scheme = model.scheme
+    if model.points.members is not None:
+        raise SceneError(
+            "contact between members has no derivatives yet: which parts touch changes from step "
+            "to step. Let nodes touch circles or lines instead, which may move with the members"
+        )
     if type(scheme.rates) not in (MidPointRates, AtRest):
         raise SceneError(
             f"{scheme.name}: motions of this scheme have no derivatives. Use EnergyMomentum, "

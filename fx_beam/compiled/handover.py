@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 import scipy.sparse
 
-from fx_beam.algebra.lu_layout import COSTS, Factors, factors_of
+from fx_beam.algebra.lu_layout import COSTS, Factors, factors_of, groups_of, in_sparse_rows
 from fx_beam.c_library import declarations
 from fx_beam.coupling.index_reduction import Tables, TieTables
 from fx_beam.coupling.joint_reduction import JointReduction
@@ -177,7 +177,7 @@ class Problem:
                 energies_vary=of_scene.in_energies,
                 parameter=of_scene.values,
             )
-        if not len(points):
+        if not points.any:
             self._set(points=[{}])
             return
         point_stored_at = np.where(points.value_at >= 0, stored_at[points.value_at], -1)
@@ -263,6 +263,8 @@ class Problem:
             at, stored = np.arange(len(indices)), len(indices)
             self._set(tangent_start=indptr, tangent_column=indices, factor_at=factors.at)
             self._set(factor_size=factors.size, kept={"worth": factors.worth})
+        if self.model.points.members is not None:
+            self._hand_over_changing_rows(t)
         alone = alone_in_column(t, self.model.size, reduction.free)
         if t.ties:
             alone[np.isin(self.model.couplings.column, t.ties.values["tie_column"])] = False
@@ -305,8 +307,30 @@ class Problem:
         self._on_slides = at[t.restoring["to"]], t.restoring["of"]
         return stored_at
 
+    def _hand_over_changing_rows(self, t: Tables) -> None:
+        """Hand over what a pattern that changes with the touches of members is found from."""
+        size, groups = self.model.size, groups_of(*self.model.reduction.factored)
+        order = np.argsort(t.entries["row"], kind="stable")
+        starts = np.concatenate([[0], np.cumsum(np.bincount(t.entries["row"], minlength=size))])
+        values = {f"dof_{name}": t.entries[name][order] for name in ("column", "value", "sign")}
+        row = {
+            "groups": len(groups["first_unknown"]) - 1,
+            **groups,
+            "dof_start": starts,
+            **values,
+            "keep": 1,
+            "row_entry": COSTS.row_entry,
+            "substitution": COSTS.substitution,
+            "least_worth": COSTS.least_worth,
+        }
+        self._set(changing=[row])
+        # Freed with this object: C allocates as much as the rows need.
+        self._rows = self.ffi.gc(self.c.changing, self.library.fx_free_rows)
+
     def _factors_of(self, indptr: np.ndarray, indices: np.ndarray) -> Factors:
         reduction = self.model.reduction
+        if self.model.points.members is not None:
+            return in_sparse_rows(indptr, indices)
         # Rows of unknowns that close loops are no forces, by which errors are judged.
         ties = reduction.dependent if reduction.dependent.size else None
         keep = not self.model.couplings.closures and not self.model.couplings.sliding

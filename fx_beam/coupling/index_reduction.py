@@ -143,6 +143,9 @@ class Reduction(Protocol):
     def fill(self, values: np.ndarray, r: np.ndarray, out: np.ndarray) -> None:
         """Compute the reduced tangent `out` from the full one (values) and the nodal forces r."""
 
+    def reduced(self, matrix: scipy.sparse.csr_matrix) -> scipy.sparse.csr_matrix:
+        """Tv^T A T (free, free) of a matrix A of any sparsity."""
+
 
 class WithoutLoops:
     """A reduction in which no joint closes a loop."""
@@ -252,6 +255,11 @@ class IndexReduction(WithoutLoops):
     def guide_moments(self, forces):
         """None: without offsets and slides there are no lever arms."""
         return None
+
+    def reduced(self, matrix):
+        """Sums over equal degrees of freedom."""
+        T = self.coupling()[:, : self.free]
+        return (T.T @ matrix @ T).tocsr()
 
     def fill(self, values, r, out) -> None:
         """Sums over equal degrees of freedom."""

@@ -344,6 +344,15 @@ class JointReduction(WithoutLoops):
             self.ties.collect(out, self._virtual_map)
         return out
 
+    def reduced(self, matrix):
+        """Tv^T A T, without ties, loops and nodes that slide on beams."""
+        shape, entries = (self._size, self.columns), (self._row, self._col)
+        T, Tv = (
+            scipy.sparse.csr_matrix((values[self._value_at] * self._sign, entries), shape)
+            for values in (self._values, self._virtual_map)
+        )
+        return (Tv.T @ matrix @ T).tocsr()[: self.free, : self.free]
+
     def fill(self, values, r, out) -> None:
         """Values of the reduced tangent."""
         if self.sliders is None:

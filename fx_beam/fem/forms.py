@@ -5,16 +5,19 @@ from __future__ import annotations
 from typing import Protocol
 
 import numpy as np
+import scipy.sparse
 
 from fx_beam.errors import SceneError
 from fx_beam.mechanics.interval import Interval
 from fx_beam.mechanics.point_laws import StepRule
 from fx_beam.mechanics.schemes import Scheme
+from fx_beam.scene.beam import Beam
 from fx_beam.scene.scene import Scene
 
 from .beam_forms import BeamForms
 from .follower_loads import Followers
 from .free_nodes import with_blocks, with_pairs
+from .member_contacts import MemberContacts, members_touching
 from .mesh import Mesh
 from .parameter_values import ParameterValues
 from .point_forces import PointForce, PointForces
@@ -65,8 +68,9 @@ class Forms:
         #: Parameters of the user's functions.
         self.parameters = parameters = ParameterValues(scene)
         #: Those of contact, drag of nodes, followers, and the coordinates of joints.
-        rule = StepRule.of(scheme.rates, instant)
-        self.points = PointForces(*self._at_points(scene), rule, parameters)
+        self._rule = StepRule.of(scheme.rates, instant)
+        forces, followers, members = self._at_points(scene)
+        self.points = PointForces(forces, followers, self._rule, parameters, members)
         #: Those of beams, None without any.
         self.beams = BeamForms(scene, scheme, mesh, parameters) if scene.beams else None
         self._parts: list[Forces] = [part for part in (self.beams, self.points) if part is not None]
@@ -94,10 +98,20 @@ class Forms:
             self.beams.refill(scene)
         self.set_load(1.0, 0.0)
 
-    def _at_points(self, scene: Scene) -> tuple[list[PointForce], Followers]:
-        """The forces at points, and the values over time of those that follow nodes."""
+    def _at_points(self, scene: Scene) -> tuple[list[PointForce], Followers, MemberContacts | None]:
+        """The forces at points, the values over time of those that follow nodes, and members."""
         forces = point_forces(scene, self._mesh, self._rates)
-        return forces, Followers(scene, self._rates.level)
+        members, touching = None, members_touching(scene, self._mesh, self._rates.at_rest)
+        if touching:
+            slots = sum(len(o.points.lengths) for o in scene.obstacles if isinstance(o.shape, Beam))
+            members = MemberContacts(touching, self._rule, self._mesh, slots)
+        return forces, Followers(scene, self._rates.level), members
+
+    @property
+    def tangent(self) -> scipy.sparse.csr_matrix:
+        """`stiffness` with contact of members, whose sparsity changes."""
+        members = self.points.members
+        return self.stiffness if members is None else self.stiffness + members.tangent()
 
     @property
     def internal_shape(self) -> tuple[int, int, int]:

@@ -16,8 +16,9 @@ from fx_beam.mechanics.point_laws import PointLaw, StepRule, arguments
 from fx_beam.scene.structure import OtherStructureError
 from fx_beam.structs import Structs
 
-from .compiled_laws import compiled_law
+from .compiled_laws import CompiledLaw, compiled_law
 from .follower_loads import Followers
+from .member_contacts import MemberContacts
 from .parameter_values import ParameterValues
 from .step_start import StepStart
 
@@ -86,7 +87,10 @@ class PointForces:
         followers: Followers,
         rule: StepRule,
         parameters: ParameterValues,
+        members: MemberContacts | None = None,
     ):
+        #: Contact of nodes with members; None without any.
+        self.members = members
         self._names = parameters.names
         laws = {id(force.law): force.law for force in forces}
         compiled = {key: compiled_law(law, rule) for key, law in laws.items()}
@@ -117,7 +121,9 @@ class PointForces:
         self._given: list[np.ndarray] = []
         self._numbers: list[np.ndarray] = []
         self._results: list[np.ndarray] = []
-        if forces:
+        #: Whether there are any, on nodes, slides or members.
+        self.any = bool(forces) or members is not None
+        if self.any:
             self._build()
         laws_with_energy = (law for law in compiled.values() if law.law.energy)
         in_energies = [name for law in laws_with_energy for name in law.parameters]
@@ -128,8 +134,8 @@ class PointForces:
 
     @property
     def contacts(self) -> int:
-        """Number of points that obstacles may stop."""
-        return self.ends[Role.CONTACT]
+        """Number of points that obstacles or members may stop."""
+        return self.ends[Role.CONTACT] + (self.members.slots if self.members else 0)
 
     @property
     def external(self) -> slice:
@@ -152,22 +158,27 @@ class PointForces:
 
     def any_have(self, name: str) -> bool:
         """Whether a law has an attribute, such as a "loss"."""
-        return any(bool(getattr(law.law, name)) for law in self._laws)
+        return any(bool(getattr(law.law, name)) for law in self._all_laws)
+
+    @property
+    def _all_laws(self) -> list[CompiledLaw]:
+        return [*self._laws, *(self.members.laws if self.members else ())]
 
     @property
     def lose_at_impacts(self) -> bool:
         """Whether a contact has a loss."""
-        return any(law.law.opens and law.law.loss for law in self._laws)
+        return any(law.law.opens and law.law.loss for law in self._all_laws)
 
     @property
     def have_quick_losses(self) -> bool:
         """Whether there are friction, contact with a loss, or dampers with laws of a user."""
-        return any(law.law.remembered or (law.law.loss and law.law.own) for law in self._laws)
+        return any(law.law.remembered or (law.law.loss and law.law.own) for law in self._all_laws)
 
     @property
     def conditions(self) -> int:
         """Number of all `switches`."""
-        return sum(law.conditions for law in self._laws)
+        of_members = self.members.conditions if self.members else 0
+        return sum(law.conditions for law in self._laws) + of_members
 
     @property
     def pairs_of_nodes(self) -> np.ndarray:
@@ -207,18 +218,26 @@ class PointForces:
         self._all = ffi.new("PointForces *")
         structs.set(
             self._all,
-            contacts=self.contacts,
+            contacts=self.ends[Role.CONTACT],
+            recorded=self.contacts,
             external=self.external.start,
             nodal=self._nodal,
             all=len(rows),
             of=rows,
-            probe=np.zeros(max(law.values + 2 * law.law.size for law in laws)),
+            probe=np.zeros(max((law.values + 2 * law.law.size for law in laws), default=1)),
         )
+        if self.members is not None:
+            structs.set(self._all, members=self.members.build(ffi, self._c, structs))
         structs.check(self._all)
         #: Address of the C struct PointForces.
         self.address = int(ffi.cast("uintptr_t", self._all))
 
-    def refill(self, forces: Sequence[PointForce], followers: Followers) -> None:
+    def refill(
+        self,
+        forces: Sequence[PointForce],
+        followers: Followers,
+        members: MemberContacts | None = None,
+    ) -> None:
         """Set the numbers of all forces; OtherStructureError if these are of other kinds."""
         order = sorted(range(len(forces)), key=lambda i: forces[i].role)
         forces = [forces[i] for i in order]
@@ -228,6 +247,10 @@ class PointForces:
         self._forces, self.followers = forces, followers
         for force, numbers in zip(forces, self._numbers, strict=True):
             numbers[:] = force.numbers
+        if (members is None) != (self.members is None):
+            raise OtherStructureError("other members touch")
+        if members is not None and self.members is not None:
+            self.members.refill(members)
 
     @property
     def numbers(self) -> np.ndarray:
@@ -300,7 +323,7 @@ class PointForces:
 
     def begin(self, interval: Interval, start: StepStart) -> None:
         """Begin a step. In statics its length is the increment of the load."""
-        if not self._forces:
+        if not self.any:
             return
         t = interval.start + self._rule.level * interval.length
         dt = self._load_increment if self._rule.at_rest else interval.length
@@ -317,14 +340,16 @@ class PointForces:
 
     def set_parameters(self, values: np.ndarray) -> None:
         """Set the values (n,) of all parameters of the scene."""
-        if self._forces:
+        if self.any:
             self._c.fx_set_parameters(self._all, self._of(values))
 
     def evaluate(self, D: np.ndarray) -> None:
         """Evaluate the forces at nodes for the increment D (size,)."""
         self._D = D
-        if self._forces:
+        if self.any:
             self._c.fx_evaluate_points(self._all, 0, self._nodal, self._of(D), self._of(_NONE))
+        if self.members is not None:
+            self.members.evaluate(D)
 
     def evaluate_slides(self, z: np.ndarray) -> None:
         """Evaluate the forces on slides for the increments of all columns (columns,)."""
@@ -338,6 +363,8 @@ class PointForces:
         self.evaluate(D)
         if self._forces:
             self._c.fx_add_points(self._all, 0, self._nodal, 1.0, self._of(out))
+        if self.members is not None:
+            self.members.add_force(out)
 
     def add_external(self, out: np.ndarray) -> None:
         """Evaluate the external ones at the last increment, and add them with the motion."""
@@ -358,13 +385,13 @@ class PointForces:
 
     def loss(self) -> float:
         """Energy [J] that is lost in the step, at its mean rates."""
-        if not self._forces:
+        if not self.any:
             return 0.0
         return self._c.fx_lost_at_points(self._all, self._of(self._D), self._of(self._z))
 
     def energy(self, q: np.ndarray, slides: np.ndarray, internal: np.ndarray | None) -> float:
         """Energy [J] that is stored in a configuration."""
-        if not self._forces:
+        if not self.any:
             return 0.0
         variables = np.zeros(self.width) if internal is None else internal
         vectors = (self._of(x) for x in (q, slides, variables))
@@ -447,9 +474,11 @@ class PointForces:
 
     def contact_forces(self) -> np.ndarray:
         """Forces (contacts, 2) of obstacles on points [N]."""
-        pairs = zip(self._forces[: self.contacts], self._results, strict=False)
+        first = self.ends[Role.CONTACT]
+        pairs = zip(self._forces[:first], self._results, strict=False)
         on_points = [r[: 2 * f.nodes].reshape(-1, 2).sum(axis=0) for f, r in pairs]
-        return -np.array(on_points).reshape(-1, 2)
+        forces = -np.array(on_points).reshape(-1, 2)
+        return np.concatenate([forces, self.members.forces()]) if self.members else forces
 
     def moments(self, joints: int) -> np.ndarray:
         """Moments (joints,) of springs and dampers between the nodes of joints, on b [N m]."""
@@ -478,4 +507,4 @@ class PointForces:
 
 def _parts(sizes: list[int]) -> list[np.ndarray]:
     """Parts of one array of zeros."""
-    return np.split(np.zeros(sum(sizes)), np.cumsum(sizes)[:-1])
+    return np.split(np.zeros(sum(sizes)), np.cumsum(sizes)[:-1]) if sizes else []

@@ -19,7 +19,7 @@ from fx_beam.mechanics.gaps import circle_gap, line_gap
 from fx_beam.mechanics.node_laws import FOLLOWER, drag
 from fx_beam.mechanics.point_laws import PointLaw
 from fx_beam.mechanics.rates import UpdateRule
-from fx_beam.scene.beam import Node
+from fx_beam.scene.beam import Beam, Node
 from fx_beam.scene.coordinate import Coordinate, Friction
 from fx_beam.scene.coulomb import Coulomb
 from fx_beam.scene.forces_between import ForceBetween
@@ -34,13 +34,14 @@ from .point_forces import Load, PointForce, Role
 
 def point_forces(scene: Scene, mesh: Mesh, rates: UpdateRule) -> list[PointForce]:
     """All forces at points; in statics those without rates."""
+    shapes = [obstacle for obstacle in scene.obstacles if not isinstance(obstacle.shape, Beam)]
     forces = [  # first those of joints, whose internal variables have their places from them
         *_of_joints(scene, mesh, rates.at_rest),
         *_between(scene, mesh, rates.at_rest),
         *_followers(scene, mesh),
         *_pulls(scene, mesh),
         *_frictions(scene, mesh),
-        *(force for o in scene.obstacles for force in _contacts(o, scene, mesh, rates.at_rest)),
+        *(force for o in shapes for force in _contacts(o, scene, mesh, rates.at_rest)),
     ]
     return forces if rates.at_rest else [*forces, *_drags(scene, mesh)]
 
@@ -49,7 +50,7 @@ def _contacts(obstacle: Obstacle, scene: Scene, mesh: Mesh, at_rest: bool) -> It
     loses, friction = bool(obstacle.loss) and not at_rest, obstacle.friction
     of_loss = (obstacle.loss, obstacle.speed) if loses else ()
     points, nodes = obstacle.points, mesh.nodes_of(scene, obstacle.target)
-    count, thick = points.nodes.shape[1], friction is not None and obstacle.radius > 0
+    count, thick = points.nodes.shape[1], friction is not None and obstacle.radii > 0
     kind, origin, of_shape, carrier = _gap(obstacle, count, mesh)
     law = laws.contact(kind, loses)
     if obstacle.energy is not None:
@@ -69,7 +70,9 @@ def _gap(
     obstacle: Obstacle, nodes: int, mesh: Mesh
 ) -> tuple[Kind, np.ndarray, tuple[float, ...], list[int]]:
     """The gap of a contact, where its shape starts, its numbers, and what carries it."""
-    shape, half, carrier = obstacle.shape, obstacle.radius, obstacle.shape.carrier
+    shape, half = obstacle.shape, obstacle.radii
+    assert not isinstance(shape, Beam)
+    carrier = shape.carrier
     slips, carried = obstacle.friction is not None, carrier is not None
     origin, variant = np.array(shape.origin), (nodes, carried, slips, slips and half > 0)
     of_carrier = mesh.dofs[carrier.number].tolist() if carrier is not None else []

@@ -113,4 +113,6 @@ class Equations:
         values = np.empty(len(indices))
         self.fill_tangent(r, values)
         n = len(indptr) - 1
-        return self._reduction.condensed(scipy.sparse.csr_matrix((values, indices, indptr), (n, n)))
+        K = self._reduction.condensed(scipy.sparse.csr_matrix((values, indices, indptr), (n, n)))
+        members = self.model.points.members
+        return K if members is None else K + self._reduction.reduced(members.tangent())

@@ -103,7 +103,7 @@ class Drawing:
         found: dict[Line | Circle, tuple[int, Outline]] = {}
         for obstacle in self.solution.obstacles:
             shape = obstacle.shape
-            if shape.carrier is None or shape in found:
+            if isinstance(shape, Beam) or shape.carrier is None or shape in found:
                 continue
             seen = [self._seen_from(shape.carrier.number, obstacle.target, k) for k in self.rows]
             place = {"centre" if isinstance(shape, Circle) else "point": (0.0, 0.0)}

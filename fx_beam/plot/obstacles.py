@@ -7,6 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from fx_beam.scene.beam import Beam
 from fx_beam.scene.obstacles import Circle, Line, Obstacle
 
 # Fractions of the scene's size: what is drawn beyond the nearest positions, distance and length
@@ -36,7 +37,9 @@ def outlines(
     Circles up to the size in radius are whole, larger ones and lines reach past the positions.
     """
     for shape in dict.fromkeys(obstacle.shape for obstacle in obstacles):
-        if shape.carrier is None and abs(shape.gap(positions)).min() <= size:
+        if isinstance(shape, Beam) or shape.carrier is not None:
+            continue
+        if abs(shape.gap(positions)).min() <= size:
             yield outline(shape, positions, size)
 
 

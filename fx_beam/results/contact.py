@@ -8,6 +8,8 @@ from typing import Any
 import numpy as np
 
 from fx_beam.scene.beam import Beam
+from fx_beam.scene.member_contact import arc_of
+from fx_beam.scene.member_curve import nearest
 from fx_beam.scene.obstacles import Circle, Obstacle
 
 
@@ -64,7 +66,8 @@ class Contact:
     def force(self) -> np.ndarray:
         """Forces (n, m, 2) on the points at `Solution.t_level` [N]."""
         first = 0
-        for other in self.solution.obstacles:
+        # Those of members are behind the others.
+        for other in sorted(self.solution.obstacles, key=lambda o: isinstance(o.shape, Beam)):
             if other is self.obstacle:
                 break
             first += len(other.points.lengths)
@@ -116,7 +119,10 @@ class Contact:
     def _gaps_and_normals(self, q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Gaps (n, m) and directions (n, m, 2) to the free side, at displacements (n, nodes, 3)."""
         shape, radius = self.obstacle.shape, self.obstacle.radius
-        nodes, origin = self.nodes, shape.origin
+        nodes = self.nodes
+        if isinstance(shape, Beam):
+            return self._from_member(q, shape)
+        origin = shape.origin
         points = self.obstacle.points.of(self.solution.X[nodes] + q[:, nodes, :2])
         arms, psi = points - origin, np.zeros(len(q))
         if shape.carrier is not None:
@@ -129,6 +135,21 @@ class Contact:
         (x, y), c, s = shape.normal, np.cos(psi), np.sin(psi)
         normals = np.stack([c * x - s * y, s * x + c * y], axis=-1)[:, None]
         return (arms * normals).sum(axis=-1) - radius, np.broadcast_to(normals, arms.shape)
+
+    def _from_member(self, q: np.ndarray, member: Beam) -> tuple[np.ndarray, np.ndarray]:
+        """The same for a member, from the nearest points on it."""
+        touching, places = self.nodes, self.solution.X + q[:, :, :2]
+        nodes = self.solution.nodes_of_beam[member.name]
+        arc, apart = None, 0.0
+        if member is self.obstacle.target:
+            arc, apart = arc_of(self.solution.X[nodes]), self.obstacle.apart
+        gaps, directions = np.empty(places[:, touching, 0].shape), places[:, touching].copy()
+        for i, row in enumerate(places):
+            found = nearest(row[touching], row[nodes], apart, arc)
+            gaps[i] = found.distance - self.obstacle.radii
+            arms = row[touching] - found.point
+            directions[i] = arms / np.maximum(found.distance, 1e-300)[:, None]
+        return gaps, directions
 
     def _nodes_of(self, obstacle: Obstacle) -> np.ndarray:
         target = obstacle.target

@@ -77,7 +77,9 @@ def _plain(value):
 def _described(obstacle: Obstacle) -> dict:
     """An obstacle in plain values; a node by its number, a beam by its name."""
     target, shape = obstacle.target, obstacle.shape
-    parts = {field.name: getattr(shape, field.name) for field in fields(shape)}
+    parts: dict = {"beam": shape.name} if isinstance(shape, Beam) else {}
+    if not parts:
+        parts = {field.name: getattr(shape, field.name) for field in fields(shape)}
     return {
         "on": target.name if isinstance(target, Beam) else target.number,
         "kind": type(obstacle.shape).__name__,

@@ -136,16 +136,22 @@ def _obstacles(saved: list[dict], beams: dict[str, Beam], X: np.ndarray) -> list
     def node(number: int) -> Node:
         return Node(number, *map(float, X[number]))
 
-    for number, item in enumerate(saved):
-        on, shape, kind = item.pop("on"), item.pop("shape"), item.pop("kind")
-        target = beams[on] if isinstance(on, str) else node(on)
+    def made(kind: str, shape: dict) -> Circle | Line | Beam:
+        if kind == "Beam":
+            return beams[shape["beam"]]
         origin = "centre" if kind == "Circle" else "point"
         if isinstance(shape[origin], int):
             shape[origin] = node(shape[origin])
+        return Circle(**shape) if kind == "Circle" else Line(**shape)
+
+    for number, item in enumerate(saved):
+        on, shape, kind = item.pop("on"), item.pop("shape"), item.pop("kind")
+        target = beams[on] if isinstance(on, str) else node(on)
+        if isinstance(item.get("radius"), list):
+            item["radius"] = tuple(item["radius"])
         if item.get("friction") is not None:
             item["friction"] = Coulomb(**item["friction"])
-        made = Circle(**shape) if kind == "Circle" else Line(**shape)
-        obstacles.append(Obstacle(target, made, **{"number": number} | item))
+        obstacles.append(Obstacle(target, made(kind, shape), **{"number": number} | item))
     return obstacles
 
 

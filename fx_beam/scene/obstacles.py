@@ -201,8 +201,8 @@ class Obstacle:
     ----------
     target : Node or Beam
         What it stops.
-    shape : Line or Circle
-        The line or circle, fixed or carried by a node.
+    shape : Line, Circle or Beam
+        The line or circle, fixed or carried by a node; or the member that it touches.
     stiffness : float
         Stiffness of a node [N/m], of a beam per length [N/m^2]; 1 with an energy.
     restitution : float
@@ -213,8 +213,9 @@ class Obstacle:
         Number among the scene's obstacles.
     energy : callable, optional
         Stored energy of the depth, in the place of a stiffness.
-    radius : float
-        Half of the thickness of a beam, or radius of a ball around a node [m].
+    radius : float or pair
+        Half of the thickness of a beam, or radius of a ball around a node [m]; between members that
+        of both.
     along : int, optional
         Number of integration points in each element of a beam; without it its nodes touch.
     friction : Coulomb, optional
@@ -230,13 +231,13 @@ class Obstacle:
     """
 
     target: Node | Beam
-    shape: Line | Circle
+    shape: Line | Circle | Beam
     stiffness: float
     restitution: float = 1.0
     speed: float | None = None
     number: int = -1
     energy: Energy | None = None
-    radius: float = 0.0
+    radius: float | tuple[float, float] = 0.0
     along: int | None = None
     friction: Coulomb | None = None
 
@@ -245,6 +246,9 @@ class Obstacle:
 
     def __str__(self):
         number = "" if self.number < 0 else f"obstacle {self.number}, "
+        if isinstance(self.shape, Beam):
+            other = "itself" if self.shape is self.target else label(self.shape)
+            return f"{number}{label(self.target)} against {other}"
         carrier = f" on {self.shape.carrier}" if self.shape.carrier is not None else ""
         return f"{number}{type(self.shape).__name__}{carrier} for {label(self.target)}"
 
@@ -254,6 +258,17 @@ class Obstacle:
         return loss_of(self.restitution)
 
     @property
+    def radii(self) -> float:
+        """Half thickness of what touches; between members the sum of both [m]."""
+        return float(np.sum(self.radius))
+
+    @property
+    def apart(self) -> float:
+        """How far apart along a member its parts must be to touch one another [m]."""
+        longest = np.hypot(*np.diff(start_of(self.target), axis=0).T).max(initial=0.0)
+        return float(np.pi / 2 * self.radii + 2 * longest)
+
+    @property
     def variables(self) -> int:
         """Number of internal variables of its friction: two for each point."""
         return 2 * len(self.points.lengths) if self.friction is not None else 0
@@ -261,7 +276,7 @@ class Obstacle:
     @property
     def points(self) -> Points:
         """The points that touch it."""
-        return _points(self.target, self.along)
+        return points_of(self.target, self.along)
 
 
 class Points(NamedTuple):
@@ -278,7 +293,8 @@ class Points(NamedTuple):
         return np.einsum("pn,...pnk->...pk", self.weights, values[..., self.nodes, :])
 
 
-def _points(target: Node | Beam, along: int | None) -> Points:
+def points_of(target: Node | Beam, along: int | None = None) -> Points:
+    """The points of a node, or of a beam at its nodes or `along` its elements."""
     if not isinstance(target, Beam):
         return Points(np.zeros((1, 1), dtype=int), np.ones((1, 1)), np.ones(1))
     degree, lengths = target.degree, np.diff(target.s)
@@ -297,18 +313,17 @@ def _points(target: Node | Beam, along: int | None) -> Points:
 
 def checked_obstacle(
     target: Beam | Node,
-    shape: Line | Circle,
+    shape: Line | Circle | Beam,
     impact: tuple,
     number: int,
-    size: float,
-    radius: float = 0.0,
+    radius: Any = 0.0,
     along: int | None = None,
     friction: Coulomb | None = None,
 ) -> Obstacle:
-    """An obstacle of a scene of this size [m]; SceneError if the target starts behind it."""
-    if not isinstance(shape, Line | Circle):
+    """An obstacle with valid numbers. SceneError for others; where it starts is not checked."""
+    if not isinstance(shape, Line | Circle | Beam):
         raise SceneError(
-            f"a contact needs an fx_beam.Line or an fx_beam.Circle, not {shown(shape)}"
+            f"a contact needs an fx_beam.Line, an fx_beam.Circle or a beam, not {shown(shape)}"
         )
     what, (stiffness, restitution, speed, energy) = f"obstacle for {label(target)}", impact
     if (stiffness is None) == (energy is None):
@@ -317,8 +332,12 @@ def checked_obstacle(
         check_energy(energy, None, what, ("d",), "energy")
         stiffness = 1.0
     impact = checked_impact(what, stiffness, restitution, speed)
-    fits = is_number(radius) and as_float(radius) >= 0
-    require(fits, f"{what}: radius", radius, "finite and not negative")
+    if isinstance(shape, Beam):
+        radius = checked_radii(what, radius)
+    else:
+        fits = is_number(radius) and as_float(radius) >= 0
+        require(fits, f"{what}: radius", radius, "finite and not negative")
+        radius = as_float(radius)
     if along is not None:
         require(isinstance(target, Beam), f"{what}: along", along, "None, as a node has no length")
         fits = is_whole(along, 1, _MOST_POINTS)
@@ -328,8 +347,25 @@ def checked_obstacle(
     require(fits, f"{what}: friction", friction, "an fx_beam.Coulomb(mu, stiffness), or None")
     if friction is not None and friction.radius is not None:
         raise SceneError(f"{what}: friction has the radius of a pin, {friction.radius:g}; omit it")
-    made = Obstacle(target, shape, *impact, number, energy, as_float(radius), along, friction)
-    if isinstance(shape, Circle) and shape.inside and shape.radius <= made.radius:
+    return Obstacle(target, shape, *impact, number, energy, radius, along, friction)
+
+
+def checked_radii(what: str, radius: Any) -> tuple[float, float]:
+    """Half thicknesses of what touches and of the member; one number is that of both."""
+    pair = (radius, radius) if is_number(radius) else radius
+    fits = isinstance(pair, tuple | list) and len(pair) == 2 and all(map(is_number, pair))
+    fits = fits and min(map(as_float, pair)) >= 0 and sum(map(as_float, pair)) > 0
+    wanted = "half of the thickness of the members, positive, or a pair of both"
+    require(fits, f"{what}: radius", radius, wanted)
+    first, second = map(as_float, pair)
+    return first, second
+
+
+def check_start(made: Obstacle, size: float) -> None:
+    """SceneError if the target starts behind a shape, in a scene of this size [m]."""
+    target, shape = made.target, made.shape
+    assert isinstance(shape, Line | Circle)
+    if isinstance(shape, Circle) and shape.inside and shape.radius <= made.radii:
         raise SceneError(f"{made}: its radius {shape.radius:g} must be above that of the inner one")
     nodes = target.nodes if isinstance(target, Beam) else (target,)
     if shape.carrier is not None and shape.carrier in nodes:
@@ -337,15 +373,9 @@ def checked_obstacle(
             f"{made}: {shape.carrier} carries the {type(shape).__name__.lower()} and belongs to "
             "what it should stop. Let a node of another member or body carry it"
         )
-    _check_start(made, size)
-    return made
-
-
-def _check_start(made: Obstacle, size: float) -> None:
-    """Refuse what starts behind the obstacle."""
     positions = start_of(made.target)
     inside = made.points.of(positions)
-    gaps = made.shape.gap(inside) - made.radius
+    gaps = shape.gap(inside) - made.radii
     deepest = int(np.argmin(gaps))
     if gaps[deepest] < -1e-9 * max(size, float(np.ptp(positions, axis=0).max())):
         x, y = inside[deepest]

@@ -20,8 +20,9 @@ from .geometry import Geometry
 from .inputs import Input, time_function
 from .joints import GROUND, Joint, Rigid, check_new
 from .law import parameters_of_energy
+from .member_contact import check_members
 from .notebook import html_table, sketch
-from .obstacles import Circle, Line, Obstacle, checked_obstacle
+from .obstacles import Circle, Line, Obstacle, check_start, checked_obstacle
 from .parameters import Parameter, Parameters
 from .removal import locked, own_joint, remove_beam, remove_body, remove_joint, unlocked
 from .section import Section
@@ -434,28 +435,32 @@ class Scene(Geometry):
     def add_contact(
         self,
         a: Beam | Node,
-        b: Line | Circle,
+        b: Line | Circle | Beam,
         *,
         stiffness: float | None = None,
         energy: Callable[[Any], Any] | None = None,
         restitution: float = 1.0,
         speed: float | None = None,
         friction: Coulomb | None = None,
-        radius: float = 0.0,
+        radius: float | tuple[float, float] = 0.0,
         along: int | None = None,
     ) -> Obstacle:
-        """Add contact of a node, or of a beam, with a line or circle that may move.
+        """Add contact of a node or beam with a line or circle that may move, or with a beam.
 
         The law is that of `add_obstacle`. A circle or line that a node of a beam or body carries
         gets the opposite force and its moment. In schemes that conserve energy the work of both is
         exactly the change of the stored energy, and both momenta are conserved.
 
+        Two beams touch at the nodes of each, anywhere along the other one, which is a smooth curve
+        through the middles of its elements, with round ends. The stiffness per length is that of
+        both together. A beam may touch itself: `b` is `a`.
+
         Parameters
         ----------
         a : Beam or Node
             What touches: a node of a beam or body, or a beam.
-        b : Line or Circle
-            What it touches: fixed, or carried by a node.
+        b : Line, Circle or Beam
+            What it touches: a shape that is fixed or carried by a node, another beam, or the same.
         stiffness : float, optional
             Stiffness k of a node [N/m], of a beam per length [N/m^2].
         energy : callable, optional
@@ -467,11 +472,13 @@ class Scene(Geometry):
         friction : Coulomb, optional
             Friction that sticks; none by default. It acts on the surface of a member with a
             `radius`, and on that of a circle or line that moves.
-        radius : float
-            Half of the thickness of the beam, or radius of a ball around the node [m].
+        radius : float or pair
+            Half of the thickness of the beam, or radius of a ball around the node [m]. Between
+            beams it is required: that of both, or a pair with that of each.
         along : int, optional
-            Number of Gauss points in each element of a beam at which it touches, where elements are
-            not much shorter than the arc of contact. By default it touches at its nodes.
+            For lines and circles: number of Gauss points in each element of a beam at which it
+            touches, where elements are not much shorter than the arc of contact. By default it
+            touches at its nodes.
 
         Returns
         -------
@@ -481,8 +488,8 @@ class Scene(Geometry):
         Raises
         ------
         SceneError
-            For nodes of another scene, a value out of range, what starts behind the shape, or a
-            shape that is carried by what it should stop.
+            For nodes of another scene, a value out of range, what starts behind the shape, a shape
+            that is carried by what it should stop, or members that overlap at the start.
 
         Examples
         --------
@@ -506,7 +513,12 @@ class Scene(Geometry):
         if carrier is not None:
             loads.check_node(self, carrier, f"{type(shape).__name__} of a contact")
         number = 1 + max((known.number for known in self.obstacles), default=-1)
-        made = checked_obstacle(target, shape, impact, number, self._size, **options)
+        made = checked_obstacle(target, shape, impact, number, **options)
+        if isinstance(made.shape, Beam):
+            loads.check_target(self, made.shape, "contact")
+            check_members(made, self._size)
+        else:
+            check_start(made, self._size)
         self.parameters.add(parameters_of_energy(made.energy, None, 1), str(made))
         self.obstacles.append(made)
         return made

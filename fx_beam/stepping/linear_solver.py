@@ -5,9 +5,10 @@ from __future__ import annotations
 from collections.abc import Callable
 
 import numpy as np
+from scipy.sparse import csr_matrix
 
 from fx_beam.algebra.kept_factors import KeptFactors
-from fx_beam.algebra.sparse_lu import LU, sparse_lu
+from fx_beam.algebra.sparse_lu import LU, pivoted_lu, sparse_lu
 from fx_beam.coupling.index_reduction import Reduction
 from fx_beam.model.equations import Equations
 
@@ -33,6 +34,8 @@ class LinearSolver:
         """Solution (free,) for the reduced tangent; not finite if it is singular."""
         if not (free := len(b)):
             return b
+        if equations.model.points.members is not None:
+            return _changing(equations.tangent(r), b)
         equations.fill_tangent(r, self._values)
         if self._kept is not None:
             return self._kept.solve(self._values, b)
@@ -47,3 +50,11 @@ class LinearSolver:
             forced = np.array([self._lu.solve(column) for column in columns])
             x -= np.linalg.solve(rows @ forced.T, rows @ x) @ forced
         return x[:free]
+
+
+def _changing(tangent: csr_matrix, b: np.ndarray) -> np.ndarray:
+    """Solution for a tangent whose sparsity may have changed."""
+    try:
+        return pivoted_lu(tangent).solve(b)
+    except RuntimeError:  # exactly singular
+        return np.full(len(b), np.nan)

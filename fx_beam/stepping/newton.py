@@ -9,6 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from fx_beam.algebra.sparse_lu import LU, sparse_lu
+from fx_beam.fem.member_contacts import FINE, MOVED, PASSED
 from fx_beam.mechanics.interval import Interval
 from fx_beam.model.equations import Balance, Equations
 from fx_beam.model.model import Model
@@ -31,6 +32,8 @@ ENERGY_SHARE = 1e-4
 NEGLIGIBLE = 1e-6
 # The predictor is used up to this relative error in the previous step.
 PREDICTOR_ERROR = 0.4
+# Largest number of searches for the members that points come near in a step.
+_SEARCHES = 8
 # Largest order of the predictor.
 _PAST = 4
 
@@ -133,6 +136,19 @@ class Newton:
 
         StepFailed if it does not converge.
         """
+        for _ in range(_SEARCHES):
+            try:
+                return self._solve_once(interval, start, force, driven)
+            except StepFailed as failure:
+                last = failure
+                if failure.kind != "members":
+                    raise
+        raise last
+
+    def _solve_once(
+        self, interval: Interval, start: State, force: np.ndarray, driven: np.ndarray
+    ) -> StepSolution:
+        """The same with the members that points are near, as they are known."""
         self.equations.begin(interval, start)
         at_rest = self.model.scheme.rates.at_rest
         predicted_y = None if at_rest else self.predictor.predict(interval.length)
@@ -171,7 +187,7 @@ class Newton:
     def _solve(self, force, driven, moving: float, predicted_y: np.ndarray | None) -> StepSolution:
         """Newton iterations from a predictor, or from the previous configuration."""
         model, options, reduction = self.model, self.options, self.model.reduction
-        K, free = model.forms.stiffness, reduction.free
+        free = reduction.free
         y = np.zeros(free) if predicted_y is None else predicted_y
         moved_first = predicted_y is None and driven.any()
         driven_now = np.zeros(reduction.driven) if moved_first else driven
@@ -191,7 +207,8 @@ class Newton:
                 # Driven motion is part of the first correction: the neighbours of a moved support
                 # follow by the linearised equations.
                 step[free : free + reduction.driven], driven_now = -driven, driven
-                residual = reduction.project(r - K @ reduction.spread(step))[:free] - self.hold
+                moved = model.forms.tangent @ reduction.spread(step)
+                residual = reduction.project(r - moved)[:free] - self.hold
             step[:free] = self._linear.solve(self.equations, r, residual)
             correction = reduction.spread(step)
             if iteration == 1:
@@ -220,11 +237,12 @@ class Newton:
             elif stalled and not small and work <= ENERGY_FLOOR * energy:
                 ended_by = "round-off"
             if ended_by:  # forces at the corrected state, to first order
-                r = r - K @ correction
+                r = r - model.forms.tangent @ correction
             D = reduction.expand(y, driven)
             self.check_turn(D, residuals)
             if ended_by:
                 self.check_slides(D, residuals)
+                self.check_members(D, residuals)
                 return StepSolution(D, y, r, iteration, ended_by, predicted)
         reason = f"no convergence in {options.max_iterations} iterations"
         raise StepFailed("no convergence", reason, D, residuals)
@@ -261,6 +279,20 @@ class Newton:
                 D,
                 residuals,
             )
+
+    def check_members(self, D: np.ndarray, residuals: list[float]) -> None:
+        """Reject a step in which a point passes a member, or comes near more than were found."""
+        members = self.model.points.members
+        state = FINE if members is None else members.check(D)
+        if state == MOVED:
+            reason = "points move further in contact with members than half an element"
+            raise StepFailed("members", reason, D, residuals)
+        if state == PASSED:
+            reason = (
+                "a node passes through the middle of a member. Raise the stiffness of the contact, "
+                "or the radius of the members"
+            )
+            raise StepFailed("members", reason, D, residuals)
 
     def check_slides(self, D: np.ndarray, residuals: list[float]) -> None:
         """Reject a step in which a node leaves the beam on which it slides."""

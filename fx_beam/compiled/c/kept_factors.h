@@ -5,6 +5,7 @@
 
 #pragma once
 
+#include "changing_rows.h"
 #include "couplings.h"
 
 /* How exact a correction must be: what may remain to be corrected, relative to the squares of the
@@ -29,6 +30,7 @@ static void times_tangent(const Problem *p, const Work *w, const double *x, doub
       sum += w->tangent[k] * x[p->tangent_column[k]];
     out[i] = sum;
   }
+  if (p->changing) times_touches(p, w, x, out);
 }
 
 /* Largest correction of a degree of freedom, for corrections x of the unknowns. */
@@ -40,16 +42,19 @@ static double size_of(const Problem *p, const Work *w, const double *x) {
 }
 
 static void by_factors(const Problem *p, const Work *w, const double *b, double *x) {
-  for (int i = 0; i < p->free; ++i) w->y[p->order[i]] = b[i];
-  for (int i = p->free; i < p->unknowns; ++i) w->y[p->order[i]] = 0;
-  substitute_sparse(&p->rows, w->factors, w->y);
-  for (int i = 0; i < p->free; ++i) x[i] = w->y[p->order[i]];
+  const int *order = p->changing ? p->changing->order : p->order;
+  for (int i = 0; i < p->free; ++i) w->y[order[i]] = b[i];
+  for (int i = p->free; i < p->unknowns; ++i) w->y[order[i]] = 0;
+  if (p->changing) substitute_sparse(&p->changing->rows, p->changing->factors, w->y);
+  else substitute_sparse(&p->rows, w->factors, w->y);
+  for (int i = 0; i < p->free; ++i) x[i] = w->y[order[i]];
 }
 
 static int factorise(Problem *p, const Work *w) {
+  p->kept.steps = p->kept.all = p->kept.now = 0, ++p->kept.made;
+  if (p->changing) return p->kept.present = factorise_changing(p, w);
   memset(w->factors, 0, p->factor_size * sizeof(double));
   for (int k = 0; k < p->tangent_start[p->unknowns]; ++k) w->factors[p->factor_at[k]] = w->tangent[k];
-  p->kept.steps = p->kept.all = p->kept.now = 0, ++p->kept.made;
   return p->kept.present = factorise_sparse(&p->rows, w->factors, w->row);
 }
 

@@ -252,7 +252,7 @@ int fx_run(Problem *p, int steps, double dt, const Inputs *inputs, Record *to) {
         return k;
       }
       int joints = p->scene_joints && (p->keeps_joint_forces || p->friction_follows || (of_row && to->forces));
-      int contacts = of_row && to->forces && p->points->contacts;
+      int contacts = of_row && to->forces && p->points->recorded;
       if (joints || contacts) evaluate_nodes(p, w);
       if (joints) add_joint_forces(p, w);
       if (contacts) add_contact_forces(p);

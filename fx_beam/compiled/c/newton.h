@@ -16,6 +16,7 @@ static double kinetic(const Problem *p, const Work *w) {
 
 static void evaluate_nodes(const Problem *p, const Work *w) {
   fx_evaluate_points(p->points, 0, p->points->nodal, w->D, w->z);
+  if (p->points->members) fx_evaluate_members(p->points->members, w->D);
 }
 
 /* Internal forces f, and the tangent of internal and inertia forces. */
@@ -29,6 +30,10 @@ static void assemble(const Problem *p, const Work *w) {
     evaluate_nodes(p, w);
     fx_add_points(p->points, 0, p->points->nodal, 1, w->f);
     fx_add_point_tangents(p->points, p->point_stored_at, K);
+  }
+  if (p->points->members) {
+    if (!p->points->all) evaluate_nodes(p, w);
+    fx_add_members(p->points->members, w->f);
   }
   if (p->rules)
     for (int k = 0; k < 3 * p->mass_start[p->dofs]; ++k) {
@@ -51,12 +56,23 @@ static void begin_inertia(const Problem *p, const Work *w) {
     w->inertia[p->mass_stored_at[k]] = p->mass[k] * steepness(p, w->dt);
 }
 
+/* The product of the tangent of contact with members and a vector; 0 without any. */
+static const double *times_members(const Problem *p, const double *x) {
+  MemberContacts *m = p->points->members;
+  if (!m) return 0;
+  memset(m->product, 0, p->dofs * sizeof(double));
+  fx_times_members(m, x, m->product);
+  return m->product;
+}
+
 /* Forces of supports and joints after the last correction, to first order; zero elsewhere. */
 static void update_reactions(const Problem *p, const Work *w) {
+  const double *of_members = times_members(p, w->correction);
   memset(w->scratch, 0, p->dofs * sizeof(double));
   for (int k = 0; k < p->reacting; ++k) {
     int i = p->reacts[k];
     w->scratch[i] = w->r[i] - row_times(p, w->tangent, i, w->correction);
+    if (of_members) w->scratch[i] -= of_members[i];
   }
   memcpy(w->r, w->scratch, p->dofs * sizeof(double));
 }
@@ -183,7 +199,7 @@ static void line_search(const Problem *p, const Work *w, double gained) {
 }
 
 /* `order` is that of the prediction; 0 for none. */
-static int newton(Problem *p, const Work *w, const double *driven, int order) {
+static int iterations_of(Problem *p, const Work *w, const double *driven, int order) {
   int n = p->dofs, free = p->free, small_corrections = 0;
   Sequence sizes = {HUGE_VAL, 0}, errors = {HUGE_VAL, 0};
   double drive = 0, gained = 0, dt = w->dt, rest[2];
@@ -203,6 +219,7 @@ static int newton(Problem *p, const Work *w, const double *driven, int order) {
     for (int i = 0; i < p->driven; ++i) w->z[free + i] = driven[i];
     if (!choose_ahead(p, w)) return SINGULAR;
   }
+  if (p->changing) change_rows(p);
   if (!expand(p, w)) return NO_CONVERGENCE;
   LAP(COUPLINGS);
   for (int iteration = 1; iteration <= p->max_iterations; ++iteration) {
@@ -216,6 +233,8 @@ static int newton(Problem *p, const Work *w, const double *driven, int order) {
       spread(p, w, w->step, w->correction);
       for (int i = 0; i < n; ++i)
         w->scratch[i] = w->r[i] - row_times(p, w->tangent, i, w->correction);
+      const double *of_members = times_members(p, w->correction);
+      for (int i = 0; of_members && i < n; ++i) w->scratch[i] -= of_members[i];
       project(p, w, w->scratch, w->reduced);
     }
     LAP(COUPLINGS);
@@ -261,6 +280,21 @@ static int newton(Problem *p, const Work *w, const double *driven, int order) {
       p->kept.slowest_size = sizes.slowest, p->kept.slowest_error = errors.slowest;
       return OK;
     }
+  }
+  return NO_CONVERGENCE;
+}
+
+/* Largest number of searches for the members that points come near in a step. */
+enum { SEARCHES_IN_STEP = 8 };
+
+/* The same with all points that come near members, which may be more than were expected. */
+static int newton(Problem *p, const Work *w, const double *driven, int order) {
+  for (int k = 0; k < SEARCHES_IN_STEP; ++k) {
+    int failure = iterations_of(p, w, driven, order);
+    if (failure || !p->points->members) return failure;
+    int state = fx_check_members(p->points->members, w->D);
+    if (state == MEMBERS_PASSED) return PASSED_THROUGH;
+    if (state == MEMBERS_FINE) return OK;
   }
   return NO_CONVERGENCE;
 }

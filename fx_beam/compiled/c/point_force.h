@@ -2,9 +2,7 @@
 
 #pragma once
 
-/* A function as FFCx compiles it: values, and what is given in the place of the constants. */
-typedef void Law(double *, const double *, const double *, const double *, const int *,
-                 const unsigned char *, void *);
+#include "member_contact.h"
 
 /* A force at nodes, or on the slide of a joint. */
 typedef struct {
@@ -32,10 +30,12 @@ typedef struct {
 /* Forces at nodes: those of contact, others, external ones; then those on slides. */
 typedef struct {
   int contacts, external, nodal, all;
+  int recorded;         /* points whose forces are recorded: of contacts, then slots of members */
   struct {
     PointForce *of;
     double *probe;    /* room for results of one force, and for a correction */
   };
+  struct { MemberContacts *members; };
 } PointForces;
 
 const char *fx_missing(void); /* processor.h */

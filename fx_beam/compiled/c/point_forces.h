@@ -4,6 +4,7 @@
 
 #include <math.h>
 #include <string.h>
+#include "member_contacts.h"
 #include "point_force.h"
 
 static inline double coordinate(const PointForce *e, int k, const double *nodes, const double *slides, int at) {
@@ -38,6 +39,7 @@ void fx_begin_points(const PointForces *p, const double *q, const double *v, con
     for (int i = 0; i < e->internal; ++i) *to++ = internal[e->first_internal + i];
     for (int i = 0; i < e->remembered; ++i) *to++ = 0;
   }
+  if (p->members) fx_begin_members(p->members, q, v, t, dt);
 }
 
 static void move_to(const PointForce *e, const double *D, const double *z) {
@@ -68,7 +70,7 @@ void fx_add_point_tangents(const PointForces *p, const int *stored_at, double *K
 }
 
 double fx_lost_at_points(const PointForces *p, const double *D, const double *z) {
-  double sum = 0;
+  double sum = p->members ? fx_lost_at_members(p->members, D) : 0;
   for (const PointForce *e = p->of; e < p->of + p->all; ++e) {
     if (!e->loss) continue;
     move_to(e, D, z);
@@ -79,7 +81,7 @@ double fx_lost_at_points(const PointForces *p, const double *D, const double *z)
 }
 
 double fx_stored_at_points(const PointForces *p, const double *q, const double *slide, const double *internal) {
-  double sum = 0;
+  double sum = p->members ? fx_stored_at_members(p->members, q) : 0;
   for (const PointForce *e = p->of; e < p->of + p->all; ++e) {
     if (!e->energy) continue;
     place_at(e, q, slide);
@@ -123,6 +125,7 @@ void fx_find_switches(const PointForces *p, const double *q, const double *slide
     place_at(e, q, slide);
     call(e->switches, e->given, out, e->conditions);
   }
+  if (p->members) fx_member_gaps(p->members, q, out);
 }
 
 void fx_note_tangents(const PointForces *p) {

@@ -18,7 +18,7 @@ enum {
 };
 
 /* Why a step failed. */
-enum { OK, NO_CONVERGENCE, SINGULAR, TURNED_TOO_FAR, TOO_INACCURATE, SLID_TOO_FAR, SWITCHED };
+enum { OK, NO_CONVERGENCE, SINGULAR, TURNED_TOO_FAR, TOO_INACCURATE, SLID_TOO_FAR, SWITCHED, PASSED_THROUGH };
 
 /* Element tensors from coefficients, constants and coordinates. All arrays except the constants are
    for LANES elements, with entry k of lane l at [k][l]. */
@@ -71,6 +71,31 @@ typedef struct {
   int a[3], b[3];      /* degrees of freedom of the nodes; -1 for the ground */
   double axis[2], offset[2];
 } SlideRate;
+
+/* Sparse rows whose pattern changes with the points that are near members (changing_rows.h): groups of unknowns
+   with equal columns, and their graph; entries of T and Tv of each degree of freedom, as those of the couplings.
+   Then what is found: the rows, the order, and where the entries of the tangent, and those of touches, are. */
+typedef struct {
+  int *of, count, room;
+} IntList;
+typedef struct {
+  int of, column, value; /* which of its entries; the unknown */
+  double sign;
+} TouchEntry;
+typedef struct {
+  int groups, *group_of, *first_unknown, *unknown, *graph_start, *graph;
+  int *dof_start, *dof_column, *dof_value;
+  double *dof_sign;
+  int keep;             /* whether factors may be kept; the costs of lu_layout.py */
+  double row_entry, substitution, least_worth;
+  long searches;        /* those of the touches for which it was found */
+  int entries, entry_room;
+  SparseRows rows;
+  struct { IntList *near_to; };
+  struct { TouchEntry *entry; };
+  struct { int *order, *at, *work, *entry_start, *entry_at; };
+  struct { double *factors; };
+} ChangingRows;
 
 typedef struct {
   int dofs, cells, cell_dofs, cell_coordinates, columns, free, driven;
@@ -139,6 +164,7 @@ typedef struct {
      the position of each value among the factors. */
   struct { int *tangent_start, *tangent_column, *factor_at; };
   KeptFactors kept;
+  struct { ChangingRows *changing; };
   /* What borders it (borders.h): their number, that of the columns of a block of right sides, and of the
      positions in the elimination; most entries of their rows. Row and column of the system for each column
      of the scene: a position, -1 for none, or a border; entries of the tangent on borders. */
@@ -358,4 +384,5 @@ long fx_backward_scratch(const Problem *p);
 long fx_pull(Problem *p, const Tape *tape, const Adjoint *a);
 long fx_forward_scratch(const Problem *p, const Adjoint *a, int count);
 long fx_push(Problem *p, const Tape *tape, const Adjoint *a, const Directions *d);
+void fx_free_rows(ChangingRows *c);
 double *fx_phases(void); /* seconds in all phases of phases.h, if they are measured */

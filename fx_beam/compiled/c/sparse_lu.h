@@ -20,6 +20,12 @@ INLINED void subtract_rows(int n, double (*f)[3], const double *const *from, dou
   }
 }
 
+/* A copy, without a call for the most frequent length, that of a node. */
+INLINED void copy_run(int length, const double *restrict from, double *restrict to) {
+  if (length == 3) to[0] = from[0], to[1] = from[1], to[2] = from[2];
+  else memcpy(to, from, length * sizeof(double));
+}
+
 /* Copies stored rows of a group to rows with a place for each column, or their upper part back. */
 INLINED void unpack(const SparseRows *p, const double *A, int g, int size, double *const *row) {
   const int *first = p->first;
@@ -29,7 +35,7 @@ INLINED void unpack(const SparseRows *p, const double *A, int g, int size, doubl
       for (int k = first[p->source[s]]; k < first[p->source[s] + 1]; ++k) row[x][k] = *from++;
     for (int y = 0; y < size; ++y) row[x][first[g] + y] = *from++;
     for (int k = p->run_start[g]; k < p->run_start[g + 1]; from += p->run_length[k++])
-      memcpy(row[x] + p->run_column[k], from, p->run_length[k] * sizeof(double));
+      copy_run(p->run_length[k], from, row[x] + p->run_column[k]);
   }
 }
 
@@ -53,43 +59,58 @@ INLINED int finish(const SparseRows *p, double *A, int g, int size, double *cons
         double *restrict to = row[z] + column;
         for (int j = 0; j < length; ++j) to[j] -= factor[z] * from[j];
       }
-      memcpy(upper, from, length * sizeof(double));
+      copy_run(length, from, upper);
       upper += length;
     }
   }
   return 1;
 }
 
+/* Subtracts multiples of the rows of an eliminated group of `many` rows from those of a group. */
+INLINED void eliminate_source(const SparseRows *p, double *A, int g, int h, int size, int many, int lower,
+                              double *const *row) {
+  const int *start = p->start, *diagonal = p->diagonal, *first = p->first;
+  int i = first[g], at = first[h];
+  double f[3][3] = {{0}};
+  const double *from[3];
+  for (int y = 0; y < 3; ++y) from[y] = A + diagonal[at + (y < many ? y : 0)];
+  for (int x = 0; x < size; ++x)
+    for (int y = 0; y < many; ++y) {
+      f[x][y] = row[x][at + y] * from[y][0];
+      for (int z = y + 1; z < many; ++z) row[x][at + z] -= f[x][y] * from[y][z - y];
+      A[start[i + x] + lower + y] = f[x][y];
+    }
+  for (int y = 0; y < 3; ++y) from[y] += y < many ? many - y : many;
+  for (int k = p->run_start[h]; k < p->run_start[h + 1]; ++k) {
+    int length = p->run_length[k];
+    double *to[3];
+    for (int x = 0; x < 3; ++x) to[x] = row[x] + p->run_column[k];
+    if (length == 3) subtract_rows(3, f, from, to); else subtract_rows(length, f, from, to);
+    for (int y = 0; y < 3; ++y) from[y] += length;
+  }
+}
+
+/* Elimination of the rows of a group; returns 0 if a pivot is zero. */
+INLINED int factorise_group(const SparseRows *p, double *A, int g, int size, double *const *row) {
+  const int *first = p->first;
+  int lower = 0;
+  unpack(p, A, g, size, row);
+  for (int s = p->source_start[g]; s < p->source_start[g + 1]; ++s) {
+    int h = p->source[s], many = first[h + 1] - first[h];
+    if (many == 3) eliminate_source(p, A, g, h, size, 3, lower, row);
+    else eliminate_source(p, A, g, h, size, many, lower, row);
+    lower += many;
+  }
+  return finish(p, A, g, size, row);
+}
+
 /* LU factorisation of sparse rows in place, in groups of up to three with equal columns, usually those
    of a node; returns 0 if a pivot is zero. `rows` is the work space (3, unknowns) for the current group. */
 static int factorise_sparse(const SparseRows *p, double *A, double *rows) {
-  const int *start = p->start, *diagonal = p->diagonal, *first = p->first;
   double *row[3] = {rows, rows + p->unknowns, rows + 2 * p->unknowns};
   for (int g = 0; g < p->groups; ++g) {
-    int i = first[g], size = first[g + 1] - i, lower = 0;
-    unpack(p, A, g, size, row);
-    for (int s = p->source_start[g]; s < p->source_start[g + 1]; ++s) {
-      int h = p->source[s], at = first[h], many = first[h + 1] - at;
-      double f[3][3] = {{0}};
-      const double *from[3];
-      for (int y = 0; y < 3; ++y) from[y] = A + diagonal[at + (y < many ? y : 0)];
-      for (int x = 0; x < size; ++x)
-        for (int y = 0; y < many; ++y) {
-          f[x][y] = row[x][at + y] * from[y][0];
-          for (int z = y + 1; z < many; ++z) row[x][at + z] -= f[x][y] * from[y][z - y];
-          A[start[i + x] + lower + y] = f[x][y];
-        }
-      lower += many;
-      for (int y = 0; y < 3; ++y) from[y] += y < many ? many - y : many;
-      for (int k = p->run_start[h]; k < p->run_start[h + 1]; ++k) {
-        int length = p->run_length[k];
-        double *to[3];
-        for (int x = 0; x < 3; ++x) to[x] = row[x] + p->run_column[k];
-        subtract_rows(length, f, from, to);
-        for (int y = 0; y < 3; ++y) from[y] += length;
-      }
-    }
-    if (!finish(p, A, g, size, row)) return 0;
+    int size = p->first[g + 1] - p->first[g];
+    if (!(size == 3 ? factorise_group(p, A, g, 3, row) : factorise_group(p, A, g, size, row))) return 0;
   }
   return 1;
 }

@@ -51,7 +51,7 @@ static long lay_out(const Problem *p, Work *w, double *at) {
   w->rule = allocate(&at, p->rules ? RULE_VALUES * (long)p->nodes : 0);
   w->saved = allocate(&at, p->memory_size);
   w->factors = allocate(&at, p->factor_size);
-  long d = p->kept.worth ? DIRECTIONS : 0;
+  long d = p->kept.worth || p->changing ? DIRECTIONS : 0;
   u = p->factor_size ? p->free : 0;
   w->residual = allocate(&at, u), w->guess = allocate(&at, u);
   w->direction = allocate(&at, d * u), w->image = allocate(&at, d * u);

@@ -1,0 +1,283 @@
+/* Sparse rows whose pattern changes with the points that are near members: an order of minimum degree, and the
+   fill-in, found anew when the touches change. */
+
+#pragma once
+
+#include <stdlib.h>
+#include "algebra.h"
+#include "point_forces.h"
+#include "sparse_lu.h"
+
+void fx_free_rows(ChangingRows *c) {
+  for (int g = 0; c->near_to && g < c->groups; ++g) free(c->near_to[g].of);
+  SparseRows *r = &c->rows;
+  free(r->start), free(r->diagonal), free(r->first), free(r->source_start), free(r->source);
+  free(r->run_start), free(r->run_column), free(r->run_length);
+  free(c->near_to), free(c->order), free(c->at), free(c->factors), free(c->work), free(c->entry), free(c->entry_at), free(c->entry_start);
+}
+
+static void add_to(IntList *list, int value) {
+  if (list->count == list->room) list->of = realloc(list->of, (list->room = 2 * list->room + 8) * sizeof(int));
+  list->of[list->count++] = value;
+}
+
+static void add_once(IntList *list, int value) {
+  for (int i = 0; i < list->count; ++i)
+    if (list->of[i] == value) return;
+  add_to(list, value);
+}
+
+/* The unknowns on which a touch acts: for each of its entries those of its degree of freedom. */
+static void find_entries(const Problem *p, ChangingRows *c) {
+  const MemberContacts *m = p->points->members;
+  c->entries = 0;
+  for (int i = 0; i < m->touches; ++i) {
+    c->work[i] = c->entries;
+    for (int k = 0; k < TOUCH_DOFS; ++k)
+      for (int e = c->dof_start[m->touch[i].dof[k]]; e < c->dof_start[m->touch[i].dof[k] + 1]; ++e) {
+        if (c->dof_column[e] >= p->free) continue;
+        if (c->entries == c->entry_room)
+          c->entry = realloc(c->entry, (c->entry_room = 2 * c->entry_room + 64) * sizeof(TouchEntry));
+        c->entry[c->entries++] = (TouchEntry){k, c->dof_column[e], c->dof_value[e], c->dof_sign[e]};
+      }
+  }
+  c->work[m->touches] = c->entries;
+}
+
+/* The graph of groups: that of the scene, and all pairs of each touch. */
+static void make_graph(const ChangingRows *c, int touches) {
+  for (int g = 0; g < c->groups; ++g) {
+    c->near_to[g].count = 0;
+    for (int k = c->graph_start[g]; k < c->graph_start[g + 1]; ++k) add_to(c->near_to + g, c->graph[k]);
+  }
+  for (int i = 0; i < touches; ++i)
+    for (int a = c->work[i]; a < c->work[i + 1]; ++a)
+      for (int b = c->work[i]; b < a; ++b) {
+        int g = c->group_of[c->entry[a].column], h = c->group_of[c->entry[b].column];
+        if (g != h) add_once(c->near_to + g, h), add_once(c->near_to + h, g);
+      }
+}
+
+/* Groups in lists by their degree. */
+typedef struct {
+  int *head, *next, *before, *mark;
+} Degrees;
+
+static void take_out(Degrees *d, int g, int degree) {
+  if (d->before[g] >= 0) d->next[d->before[g]] = d->next[g]; else d->head[degree] = d->next[g];
+  if (d->next[g] >= 0) d->before[d->next[g]] = d->before[g];
+}
+
+static void put_in(Degrees *d, int g, int degree) {
+  d->next[g] = d->head[degree], d->before[g] = -1;
+  if (d->next[g] >= 0) d->before[d->next[g]] = g;
+  d->head[degree] = g;
+}
+
+/* Eliminates the groups in an order of minimum degree. What each is coupled with then remains in its list; its
+   position is in `position`. */
+static void eliminate_groups(const ChangingRows *c, int *position, int *room) {
+  int n = c->groups, least = 0;
+  Degrees d = {room, room + n, room + 2 * n, room + 3 * n};
+  for (int g = 0; g < n; ++g) d.head[g] = -1, d.mark[g] = -1;
+  for (int g = n - 1; g >= 0; --g) put_in(&d, g, c->near_to[g].count);
+  for (int k = 0, stamp = 0; k < n; ++k) {
+    while (d.head[least] < 0) ++least;
+    int g = d.head[least];
+    IntList *own = c->near_to + g;
+    take_out(&d, g, least);
+    position[g] = k;
+    for (int i = 0; i < own->count; ++i) {
+      int h = own->of[i], kept = 0;
+      ++stamp;
+      IntList *other = c->near_to + h;
+      take_out(&d, h, other->count);
+      for (int j = 0; j < other->count; ++j) {
+        int f = other->of[j];
+        if (f != g) other->of[kept++] = f, d.mark[f] = stamp;
+      }
+      other->count = kept;
+      for (int j = 0; j < own->count; ++j)
+        if (own->of[j] != h && d.mark[own->of[j]] != stamp) add_to(other, own->of[j]);
+      put_in(&d, h, other->count);
+      if (other->count < least) least = other->count;
+    }
+  }
+}
+
+static int by_value(const void *a, const void *b) { return *(const int *)a - *(const int *)b; }
+
+/* Position among the factors of a row and a column of the elimination, in groups at these positions. */
+static long place_in(const ChangingRows *c, int group, int column_group, int row, int column) {
+  const SparseRows *r = &c->rows;
+  long offset = r->start[row];
+  if (column_group < group) {
+    for (int s = r->source_start[group]; r->source[s] != column_group; ++s)
+      offset += r->first[r->source[s] + 1] - r->first[r->source[s]];
+    return offset + column - r->first[column_group];
+  }
+  if (column_group == group) return r->diagonal[row] + column - row;
+  offset = r->diagonal[row] + r->first[group + 1] - row;
+  for (int k = r->run_start[group];; offset += r->run_length[k++])
+    if (column < r->run_column[k] + r->run_length[k]) return offset + column - r->run_column[k];
+}
+
+#define ROOM(array, count) array = realloc(array, ((count) + 1) * sizeof *(array))
+
+/* Rows of the factors, from the groups in their order. */
+static void lay_out_rows(ChangingRows *c, const int *position) {
+  int n = c->groups, *size = c->work, *group_at = c->work + n;
+  SparseRows *r = &c->rows;
+  ROOM(r->first, n), ROOM(r->source_start, n), ROOM(r->run_start, n);
+  for (int g = 0; g < n; ++g) size[position[g]] = c->first_unknown[g + 1] - c->first_unknown[g], group_at[position[g]] = g;
+  r->first[0] = 0;
+  for (int k = 0; k < n; ++k) r->first[k + 1] = r->first[k] + size[k];
+  long couplings = 0;
+  for (int k = 0; k <= n; ++k) r->source_start[k] = 0;
+  for (int k = 0; k < n; ++k) {
+    IntList *list = c->near_to + group_at[k];
+    for (int i = 0; i < list->count; ++i) list->of[i] = position[list->of[i]], ++r->source_start[list->of[i] + 1];
+    qsort(list->of, list->count, sizeof(int), by_value);
+    couplings += list->count;
+  }
+  ROOM(r->source, couplings), ROOM(r->run_column, couplings), ROOM(r->run_length, couplings);
+  for (int k = 0; k < n; ++k) r->source_start[k + 1] += r->source_start[k];
+  int runs = 0, *filled = c->work + 2 * n;
+  memset(filled, 0, n * sizeof(int));
+  for (int k = 0; k < n; ++k) {
+    IntList *list = c->near_to + group_at[k];
+    r->run_start[k] = runs;
+    for (int i = 0; i < list->count; ++i) {
+      int to = list->of[i];
+      r->source[r->source_start[to] + filled[to]++] = k;
+      if (i && to == list->of[i - 1] + 1)
+        r->run_length[runs - 1] += size[to];
+      else
+        r->run_column[runs] = r->first[to], r->run_length[runs++] = size[to];
+    }
+  }
+  r->run_start[n] = runs, r->groups = n;
+  ROOM(r->start, r->unknowns), ROOM(r->diagonal, r->unknowns), ROOM(c->order, r->unknowns);
+  long at = 0;
+  for (int k = 0; k < n; ++k) {
+    int lower = 0, upper = 0, g = group_at[k];
+    for (int s = r->source_start[k]; s < r->source_start[k + 1]; ++s) lower += size[r->source[s]];
+    for (int s = r->run_start[k]; s < r->run_start[k + 1]; ++s) upper += r->run_length[s];
+    for (int i = 0; i < size[k]; ++i) {
+      int row = r->first[k] + i;
+      r->start[row] = at, r->diagonal[row] = at + lower + i;
+      at += lower + size[k] + upper;
+      c->order[c->unknown[c->first_unknown[g] + i]] = row;
+    }
+  }
+  r->start[r->unknowns] = at;
+}
+
+/* Substitutions that cost as much as a factorisation (lu_layout.py). */
+static int worth_of(const Problem *p, const ChangingRows *c) {
+  const SparseRows *r = &c->rows;
+  double products = 0, size = r->start[r->unknowns];
+  for (int i = 0; i < r->unknowns; ++i) {
+    double above = r->start[i + 1] - r->diagonal[i] - 1;
+    products += above * (above + 1);
+  }
+  int worth = (products + c->row_entry * size) / (c->substitution * (size + p->tangent_start[p->unknowns]));
+  return worth >= c->least_worth ? worth : 0;
+}
+
+/* Finds the pattern for the present touches, if they have changed. */
+static void change_rows(Problem *p) {
+  ChangingRows *c = p->changing;
+  const MemberContacts *m = p->points->members;
+  if (c->searches == m->searches) return;
+  c->searches = m->searches;
+  int n = c->groups;
+  ROOM(c->work, 8L * n + m->touches + 8);
+  if (!c->near_to) c->near_to = calloc(n, sizeof(IntList));
+  find_entries(p, c);
+  make_graph(c, m->touches);
+  long pairs = 0;
+  for (int i = 0; i < m->touches; ++i) {
+    long many = c->work[i + 1] - c->work[i];
+    pairs += many * many;
+  }
+  ROOM(c->entry_at, pairs), ROOM(c->at, p->tangent_start[p->unknowns]);
+  int *position = c->work + m->touches + 1, *starts = malloc((m->touches + 1) * sizeof(int));
+  memcpy(starts, c->work, (m->touches + 1) * sizeof(int));
+  int *positions = malloc(n * sizeof(int));
+  c->rows.unknowns = p->unknowns;
+  eliminate_groups(c, position, position + n);
+  memcpy(positions, position, n * sizeof(int));
+  lay_out_rows(c, positions);
+  long size = c->rows.start[p->unknowns];
+  ROOM(c->factors, size);
+  for (int i = 0; i < p->unknowns; ++i)
+    for (int k = p->tangent_start[i]; k < p->tangent_start[i + 1]; ++k) {
+      int j = p->tangent_column[k];
+      c->at[k] = place_in(c, positions[c->group_of[i]], positions[c->group_of[j]], c->order[i], c->order[j]);
+    }
+  pairs = 0;
+  for (int t = 0; t < m->touches; ++t)
+    for (int a = starts[t]; a < starts[t + 1]; ++a)
+      for (int b = starts[t]; b < starts[t + 1]; ++b) {
+        int i = c->entry[a].column, j = c->entry[b].column;
+        c->entry_at[pairs++] = place_in(c, positions[c->group_of[i]], positions[c->group_of[j]], c->order[i], c->order[j]);
+      }
+  c->entry_start = realloc(c->entry_start, (m->touches + 1) * sizeof(int));
+  memcpy(c->entry_start, starts, (m->touches + 1) * sizeof(int));
+  free(starts), free(positions);
+  p->kept.present = 0;
+  if (c->keep) p->kept.worth = worth_of(p, c);
+}
+
+/* Adds the tangents of all touches to the factors. */
+static void add_touches(const Problem *p, const Work *w) {
+  const ChangingRows *c = p->changing;
+  const MemberContacts *m = p->points->members;
+  const int *to = c->entry_at;
+  for (int t = 0; t < m->touches; ++t) {
+    const Touch *e = m->touch + t;
+    int first = c->entry_start[t], end = c->entry_start[t + 1];
+    if (e->touching)
+      for (int a = first; a < end; ++a) {
+        const TouchEntry *row = c->entry + a;
+        double factor = row->sign * w->virtual_map[row->value];
+        const double *K = e->tangent + row->of * TOUCH_DOFS;
+        for (int b = first; b < end; ++b) {
+          const TouchEntry *column = c->entry + b;
+          c->factors[to[(long)(a - first) * (end - first) + b - first]] +=
+              factor * K[column->of] * column->sign * w->values[column->value];
+        }
+      }
+    to += (long)(end - first) * (end - first);
+  }
+}
+
+/* Adds the product of their tangents and a vector of unknowns. */
+static void times_touches(const Problem *p, const Work *w, const double *x, double *out) {
+  const ChangingRows *c = p->changing;
+  const MemberContacts *m = p->points->members;
+  for (int t = 0; t < m->touches; ++t) {
+    const Touch *e = m->touch + t;
+    if (!e->touching) continue;
+    double along[TOUCH_DOFS] = {0}, force[TOUCH_DOFS] = {0};
+    for (int a = c->entry_start[t]; a < c->entry_start[t + 1]; ++a) {
+      const TouchEntry *column = c->entry + a;
+      along[column->of] += column->sign * w->values[column->value] * x[column->column];
+    }
+    for (int i = 0; i < TOUCH_DOFS; ++i)
+      for (int j = 0; j < TOUCH_DOFS; ++j) force[i] += e->tangent[i * TOUCH_DOFS + j] * along[j];
+    for (int a = c->entry_start[t]; a < c->entry_start[t + 1]; ++a) {
+      const TouchEntry *row = c->entry + a;
+      out[row->column] += row->sign * w->virtual_map[row->value] * force[row->of];
+    }
+  }
+}
+
+static int factorise_changing(const Problem *p, const Work *w) {
+  ChangingRows *c = p->changing;
+  memset(c->factors, 0, c->rows.start[p->unknowns] * sizeof(double));
+  for (int k = 0; k < p->tangent_start[p->unknowns]; ++k) c->factors[c->at[k]] = w->tangent[k];
+  add_touches(p, w);
+  return factorise_sparse(&c->rows, c->factors, w->row);
+}

@@ -1,0 +1,421 @@
+/* Finds the points that are near members, by cells, and evaluates the laws of their contact. */
+
+#pragma once
+
+#include <stdlib.h>
+#include "member_contact.h"
+#include "member_curve.h"
+
+/* Motions in a step that are still searched for; how many steps a search should last; least margin, relative
+   to the radii; least arm at the end of a step in the direction of that at its start. */
+static const double SPARE = 1.5, LASTS = 8, LEAST_MARGIN = 1e-3;
+
+static void *grown(void *old, long count, long size) { return realloc(old, count * size); }
+
+void fx_free_members(MemberContacts *m) {
+  free(m->searched_at), free(m->v), free(m->product), free(m->touch);
+  free(m->cell_start), free(m->cell_node), free(m->cell_of);
+}
+
+static inline void position(const double *reference, const int *dof, const double *q, double *out) {
+  out[0] = reference[0] + q[dof[0]], out[1] = reference[1] + q[dof[1]];
+}
+
+static inline void point_at(const MemberContact *c, int i, const double *q, double *out) {
+  position(c->point_position + 2 * i, c->point_dof + 2 * i, q, out);
+}
+
+static inline void node_at(const MemberContact *c, int i, const double *q, double *out) {
+  position(c->node_position + 2 * i, c->node_dof + 2 * i, q, out);
+}
+
+/* Nodes of the two pieces from `piece` on; in the place of images the node next to them. */
+static inline int node_of(const MemberContact *c, int piece, int k) {
+  int node = piece - 1 + k;
+  return node < 0 ? piece : node >= c->nodes ? c->nodes - 1 : node;
+}
+
+/* Arms from a point to four nodes, images included. */
+static void arms_at(const MemberContact *c, int piece, const double *x, const double *q, double r[4][2]) {
+  for (int k = 0; k < 4; ++k) {
+    node_at(c, node_of(c, piece, k), q, r[k]);
+    r[k][0] -= x[0], r[k][1] -= x[1];
+  }
+  image(r, piece == 0, piece + 2 >= c->nodes);
+}
+
+/* Largest motion of a pair of degrees of freedom, beside the mean one. */
+static double largest_motion(const MemberContacts *m, const double *x, const double *from, double factor) {
+  double mean[2] = {0, 0}, most = 0;
+  for (int k = 0; k < m->moving; ++k)
+    for (int i = 0; i < 2; ++i) {
+      int dof = m->moves[2 * k + i];
+      mean[i] += (x[dof] - (from ? from[dof] : 0)) / m->moving;
+    }
+  for (int k = 0; k < m->moving; ++k) {
+    double u[2];
+    for (int i = 0; i < 2; ++i) {
+      int dof = m->moves[2 * k + i];
+      u[i] = x[dof] - (from ? from[dof] : 0) - mean[i];
+    }
+    most = fmax(most, dot2(u, u));
+  }
+  return factor * sqrt(most);
+}
+
+/* What a search does with a point near a piece: its place on it, and its distance. */
+typedef void Visit(MemberContacts *m, int contact, int point, int piece, double x, double distance, void *with);
+
+/* The cells of the nodes of a member. */
+typedef struct {
+  double low[2], size;
+  int count[2];
+} Grid;
+
+static Grid make_grid(MemberContacts *m, const MemberContact *c, const double *q, double reach) {
+  Grid g = {{HUGE_VAL, HUGE_VAL}, 0, {1, 1}};
+  double high[2] = {-HUGE_VAL, -HUGE_VAL}, longest = 0, last[2], x[2];
+  for (int i = 0; i < c->nodes; ++i) {
+    node_at(c, i, q, x);
+    for (int a = 0; a < 2; ++a) g.low[a] = fmin(g.low[a], x[a]), high[a] = fmax(high[a], x[a]);
+    if (i) longest = fmax(longest, hypot(x[0] - last[0], x[1] - last[1]));
+    last[0] = x[0], last[1] = x[1];
+  }
+  g.size = reach + longest / 2;
+  /* No more cells than about four for each node. */
+  for (double most = 4.0 * c->nodes + 4; (high[0] - g.low[0]) / g.size * ((high[1] - g.low[1]) / g.size) > most;)
+    g.size *= 1.4;
+  for (int a = 0; a < 2; ++a) g.count[a] = 1 + (int)((high[a] - g.low[a]) / g.size);
+  long cells = (long)g.count[0] * g.count[1];
+  if (cells + 1 > m->cells_room)
+    m->cell_start = grown(m->cell_start, m->cells_room = 2 * cells + 1, sizeof(int));
+  if (c->nodes > m->nodes_room) {
+    m->nodes_room = c->nodes;
+    m->cell_node = grown(m->cell_node, c->nodes, sizeof(int));
+    m->cell_of = grown(m->cell_of, c->nodes, sizeof(int));
+  }
+  memset(m->cell_start, 0, (cells + 1) * sizeof(int));
+  for (int i = 0; i < c->nodes; ++i) {
+    node_at(c, i, q, x);
+    int column = (int)((x[0] - g.low[0]) / g.size), row = (int)((x[1] - g.low[1]) / g.size);
+    m->cell_of[i] = row * g.count[0] + column;
+    ++m->cell_start[m->cell_of[i] + 1];
+  }
+  for (long k = 0; k < cells; ++k) m->cell_start[k + 1] += m->cell_start[k];
+  for (int i = c->nodes - 1; i >= 0; --i) m->cell_node[--m->cell_start[m->cell_of[i] + 1]] = i;
+  return g;
+}
+
+/* Visits a point where a piece is nearest to it, among those about it. */
+static void look_at(MemberContacts *m, int number, int i, const double *x, int node, const double *q,
+                    double reach, Visit *visit, void *with) {
+  const MemberContact *c = m->of + number;
+  double r[3][2];
+  if (c->apart > 0 && fabs(c->arc[i] - c->arc[node]) < c->apart) return;
+  for (int k = 0; k < 3; ++k) {
+    int at = node - 1 + k;
+    if (at < 0 || at >= c->nodes) continue;
+    node_at(c, at, q, r[k]);
+    r[k][0] -= x[0], r[k][1] -= x[1];
+  }
+  int begins = node == 0, ends = node == c->nodes - 1;
+  for (int a = 0; a < 2; ++a) {
+    if (begins) r[0][a] = 2 * r[1][a] - r[2][a];
+    if (ends) r[2][a] = 2 * r[1][a] - r[0][a];
+  }
+  Piece piece = piece_of(r[0], r[1], r[2]);
+  double low = begins ? 0 : -0.5, high = ends ? 0 : 0.5;
+  if (!begins && residual(&piece, low) >= 0) return;
+  if (!ends && residual(&piece, high) < 0) return;
+  double at = nearest_place(&piece, low, high), n[3], slope[3], arm[2] = {0, 0};
+  piece_weights(at, n, slope);
+  for (int k = 0; k < 3; ++k) arm[0] += n[k] * r[k][0], arm[1] += n[k] * r[k][1];
+  double distance = sqrt(dot2(arm, arm));
+  if (distance < reach) visit(m, number, i, node, at, distance, with);
+}
+
+/* Visits all points with a member within a margin of their radii: at each nearest place of its own. */
+static void search(MemberContacts *m, const double *q, double margin, Visit *visit, void *with) {
+  for (int number = 0; number < m->contacts; ++number) {
+    const MemberContact *c = m->of + number;
+    double most = 0, x[2];
+    for (int i = 0; i < c->points; ++i) most = fmax(most, c->number[i * c->numbers]);
+    Grid g = make_grid(m, c, q, most + margin);
+    for (int i = 0; i < c->points; ++i) {
+      point_at(c, i, q, x);
+      double u = floor((x[0] - g.low[0]) / g.size), v = floor((x[1] - g.low[1]) / g.size);
+      if (!(u >= -1 && v >= -1 && u <= g.count[0] && v <= g.count[1])) continue;
+      double reach = c->number[i * c->numbers] + margin;
+      for (int row = fmax(0, v - 1); row <= fmin(g.count[1] - 1, v + 1); ++row)
+        for (int column = fmax(0, u - 1); column <= fmin(g.count[0] - 1, u + 1); ++column) {
+          int cell = row * g.count[0] + column;
+          int end = cell + 1 < g.count[0] * g.count[1] ? m->cell_start[cell + 2] : c->nodes;
+          for (int k = m->cell_start[cell + 1]; k < end; ++k)
+            look_at(m, number, i, x, m->cell_node[k], q, reach, visit, with);
+        }
+    }
+  }
+}
+
+static void add_touch(MemberContacts *m, int contact, int point, int piece, double x, double distance, void *with) {
+  const MemberContact *c = m->of + contact;
+  if (m->touches == m->room) m->touch = grown(m->touch, m->room = 2 * m->room + 16, sizeof(Touch));
+  Touch *t = m->touch + m->touches++;
+  memset(t, 0, sizeof *t);
+  /* Two pieces, of which the nearest point is next to their joint. */
+  if ((x < 0 && piece > 0) || piece == c->nodes - 1) --piece;
+  t->contact = contact, t->point = point, t->piece = piece;
+  t->begins = piece == 0, t->ends = piece + 2 >= c->nodes;
+  memcpy(t->dof, c->point_dof + 2 * point, 2 * sizeof(int));
+  for (int k = 0; k < 4; ++k)
+    memcpy(t->dof + 2 + 2 * k, c->node_dof + 2 * node_of(c, piece, k), 2 * sizeof(int));
+}
+
+/* The nearest point of the pieces of a touch in a configuration. */
+static NearPoint near_point(const MemberContacts *m, const Touch *t, const double *q) {
+  const MemberContact *c = m->of + t->contact;
+  double x[2], r[4][2];
+  point_at(c, t->point, q, x);
+  arms_at(c, t->piece, x, q, r);
+  return nearest_point(r, t->begins, t->ends);
+}
+
+static void find_touches(MemberContacts *m, const double *q, double margin) {
+  m->touches = 0, m->margin = margin, m->wide = 0, ++m->searches;
+  memcpy(m->searched_at, q, m->dofs * sizeof(double));
+  search(m, q, margin, add_touch, 0);
+}
+
+/* Whether the touches are all that there can be in a configuration, and their nearest points lie on their
+   pieces. */
+static int are_known(const MemberContacts *m, const double *q) {
+  if (!m->searches || 2 * largest_motion(m, q, m->searched_at, 1) > m->margin) return 0;
+  for (const Touch *t = m->touch; t < m->touch + m->touches; ++t)
+    if (near_point(m, t, q).left) return 0;
+  return 1;
+}
+
+static void allocate_members(MemberContacts *m) {
+  if (m->searched_at) return;
+  m->searched_at = calloc(m->dofs, sizeof(double)), m->v = calloc(m->dofs, sizeof(double));
+  m->product = calloc(m->dofs, sizeof(double));
+}
+
+static double *number_of(const MemberContact *c, int point) { return c->number + (long)point * c->numbers; }
+
+/* The start of a step: touches, and what does not change in it. */
+void fx_begin_members(MemberContacts *m, const double *q, const double *v, double t, double dt) {
+  allocate_members(m);
+  double step = fmax(m->step, v ? largest_motion(m, v, 0, fabs(dt)) : 0), least = HUGE_VAL;
+  for (int k = 0; k < m->contacts; ++k) least = fmin(least, m->of[k].number[0]);
+  double wanted = fmax(2 * SPARE * LASTS * step, LEAST_MARGIN * least);
+  m->moved = m->searches ? largest_motion(m, q, m->searched_at, 1) : 0;
+  if (m->wide || 2 * (m->moved + SPARE * step) > m->margin || !are_known(m, q))
+    find_touches(m, q, m->wide ? fmax(2 * m->margin, wanted) : wanted), m->moved = 0;
+  if (v) memcpy(m->v, v, m->dofs * sizeof(double));
+  for (Touch *e = m->touch; e < m->touch + m->touches; ++e) {
+    const MemberContact *c = m->of + e->contact;
+    point_at(c, e->point, q, e->start[0]);
+    arms_at(c, e->piece, e->start[0], q, e->start + 1);
+    NearPoint near = nearest_point(e->start + 1, e->begins, e->ends);
+    e->place = near.place;
+    memcpy(e->weights, near.weights, sizeof e->weights);
+    double *to = e->given + 3 * TOUCH_SUMS;
+    *to++ = t, *to++ = dt;
+    for (int i = 0; i < c->remembered; ++i) *to++ = 0;
+    memcpy(to + 1, number_of(c, e->point), c->numbers * sizeof(double));
+  }
+}
+
+/* Sums of vectors at the nodes, images included, with the three kinds of weights. */
+static inline void sums_of(double sums[3][4], double r[4][2], double *out) {
+  for (int k = 0; k < 3; ++k)
+    for (int i = 0; i < 2; ++i) {
+      double sum = 0;
+      for (int j = 0; j < 4; ++j) sum += sums[k][j] * r[j][i];
+      out[2 * k + i] = sum;
+    }
+}
+
+/* Differences of a vector at the nodes of a touch and at its point, images included. */
+static inline void differences(const Touch *e, const double *x, double r[4][2]) {
+  for (int k = 0; k < 4; ++k)
+    for (int i = 0; i < 2; ++i) r[k][i] = x[e->dof[2 + 2 * k + i]] - x[e->dof[i]];
+  image(r, e->begins, e->ends);
+}
+
+/* Sets what the law of a touch is given at an increment; returns whether there may be a force. */
+static int move_touch(MemberContacts *m, Touch *e, const double *D) {
+  const MemberContact *c = m->of + e->contact;
+  double change[4][2], end[4][2], radius = *number_of(c, e->point);
+  double (*start)[2] = e->start + 1, first[2] = {0, 0};
+  differences(e, D, change);
+  for (int k = 0; k < 4; ++k)
+    for (int i = 0; i < 2; ++i) end[k][i] = start[k][i] + change[k][i], first[i] += e->weights[k] * start[k][i];
+  NearPoint near = nearest_point(end, e->begins, e->ends);
+  e->left = near.left;
+  e->touching = near.distance < radius || dot2(first, first) < radius * radius;
+  if (!e->touching) return 0;
+  double sums[3][4], rates[4][2];
+  for (int k = 0; k < 4; ++k) {
+    sums[0][k] = (e->weights[k] + near.weights[k]) / 2;
+    sums[1][k] = near.weights[k] - e->weights[k];
+    sums[2][k] = near.slopes[k];
+  }
+  sums_of(sums, start, e->given), sums_of(sums, change, e->given + TOUCH_SUMS);
+  differences(e, m->v, rates);
+  sums_of(sums, rates, e->given + 2 * TOUCH_SUMS);
+  e->given[3 * TOUCH_SUMS + 2 + c->remembered] = near.per_rate;
+  for (int k = 0; k < 3; ++k) {
+    memcpy(e->sums[k], sums[k], sizeof sums[k]);
+    fold(e->sums[k], e->begins, e->ends);
+  }
+  return 1;
+}
+
+static inline void call_law(Law *law, const double *given, double *results, int values) {
+  memset(results, 0, values * sizeof(double));
+  law(results, 0, given, 0, 0, 0, 0);
+}
+
+/* Weights of the three sums at the five points of a touch. */
+static inline void touch_weights(const Touch *e, double w[5][3]) {
+  w[0][0] = -1, w[0][1] = w[0][2] = 0;
+  for (int k = 0; k < 4; ++k)
+    for (int j = 0; j < 3; ++j) w[k + 1][j] = e->sums[j][k];
+}
+
+static void make_tangent(const MemberContact *c, Touch *e) {
+  double w[5][3], K[TOUCH_SUMS][TOUCH_SUMS] = {{0}}, half[TOUCH_SUMS][TOUCH_DOFS];
+  touch_weights(e, w);
+  for (int i = 0; i < c->entries; ++i) K[c->entry_row[i]][c->entry_column[i]] = e->results[TOUCH_SUMS + i];
+  for (int i = 0; i < TOUCH_SUMS; ++i)
+    for (int j = 0; j < TOUCH_DOFS; ++j) {
+      double sum = 0;
+      for (int k = 0; k < 3; ++k) sum += K[i][2 * k + j % 2] * w[j / 2][k];
+      half[i][j] = sum;
+    }
+  for (int i = 0; i < TOUCH_DOFS; ++i)
+    for (int j = 0; j < TOUCH_DOFS; ++j) {
+      double sum = 0;
+      for (int k = 0; k < 3; ++k) sum += w[i / 2][k] * half[2 * k + i % 2][j];
+      e->tangent[i * TOUCH_DOFS + j] = sum;
+    }
+}
+
+void fx_evaluate_members(MemberContacts *m, const double *D) {
+  for (Touch *e = m->touch; e < m->touch + m->touches; ++e) {
+    const MemberContact *c = m->of + e->contact;
+    if (!move_touch(m, e, D)) continue;
+    int values = TOUCH_SUMS + c->entries + c->remembered;
+    call_law(c->law, e->given, e->results, values);
+    memcpy(e->given + 3 * TOUCH_SUMS + 2, e->results + values - c->remembered, c->remembered * sizeof(double));
+    make_tangent(c, e);
+  }
+}
+
+/* Force of the law of a touch on one of its entries. */
+static inline double force_on(const Touch *e, double w[5][3], int i) {
+  double sum = 0;
+  for (int k = 0; k < 3; ++k) sum += w[i / 2][k] * e->results[2 * k + i % 2];
+  return sum;
+}
+
+void fx_add_members(const MemberContacts *m, double *f) {
+  for (const Touch *e = m->touch; e < m->touch + m->touches; ++e) {
+    if (!e->touching) continue;
+    double w[5][3];
+    touch_weights(e, w);
+    for (int i = 0; i < TOUCH_DOFS; ++i) f[e->dof[i]] += force_on(e, w, i);
+  }
+}
+
+void fx_times_members(const MemberContacts *m, const double *x, double *out) {
+  for (const Touch *e = m->touch; e < m->touch + m->touches; ++e)
+    for (int i = 0; e->touching && i < TOUCH_DOFS; ++i) {
+      double sum = 0;
+      for (int j = 0; j < TOUCH_DOFS; ++j) sum += e->tangent[i * TOUCH_DOFS + j] * x[e->dof[j]];
+      out[e->dof[i]] += sum;
+    }
+}
+
+int fx_check_members(MemberContacts *m, const double *D) {
+  m->step = largest_motion(m, D, 0, 1);
+  if (2 * (m->moved + m->step) > m->margin) return m->wide = 1, MEMBERS_MOVED;
+  for (Touch *e = m->touch; e < m->touch + m->touches; ++e) {
+    if (move_touch(m, e, D)) {
+      double *start = e->given, *change = e->given + TOUCH_SUMS, first[2], last[2];
+      for (int i = 0; i < 2; ++i) {
+        first[i] = start[i] - start[2 + i] / 2;
+        last[i] = start[i] + change[i] + (start[2 + i] + change[2 + i]) / 2;
+      }
+      if (dot2(first, last) < 0) return MEMBERS_PASSED;
+    }
+    if (e->left && e->touching) return m->wide = 1, MEMBERS_MOVED;
+  }
+  return MEMBERS_FINE;
+}
+
+double fx_lost_at_members(MemberContacts *m, const double *D) {
+  double sum = 0, lost;
+  for (Touch *e = m->touch; e < m->touch + m->touches; ++e) {
+    const MemberContact *c = m->of + e->contact;
+    if (!c->loss || !move_touch(m, e, D)) continue;
+    call_law(c->loss, e->given, &lost, 1);
+    sum += lost;
+  }
+  return sum;
+}
+
+/* Calls a function with each point near its member, in any configuration. */
+static void visit_all(MemberContacts *m, const double *q, Visit *visit, void *with) {
+  allocate_members(m);
+  if (!are_known(m, q)) {
+    search(m, q, 0, visit, with);
+    return;
+  }
+  for (const Touch *t = m->touch; t < m->touch + m->touches; ++t) {
+    NearPoint near = near_point(m, t, q);
+    visit(m, t->contact, t->point, t->piece, near.place, near.distance, with);
+  }
+}
+
+static void add_energy(MemberContacts *m, int contact, int point, int piece, double x, double distance, void *with) {
+  const MemberContact *c = m->of + contact;
+  double given[TOUCH_GIVEN] = {0}, energy, *numbers = number_of(c, point);
+  if (distance >= *numbers) return;
+  given[0] = distance, given[3 * TOUCH_SUMS + 1] = 1;
+  memcpy(given + 3 * TOUCH_SUMS + 3 + c->remembered, numbers, c->numbers * sizeof(double));
+  call_law(c->energy, given, &energy, 1);
+  *(double *)with += energy;
+}
+
+double fx_stored_at_members(MemberContacts *m, const double *q) {
+  double sum = 0;
+  visit_all(m, q, add_energy, &sum);
+  return sum;
+}
+
+static void note_gap(MemberContacts *m, int contact, int point, int piece, double x, double distance, void *with) {
+  double *out = with, gap = distance - *number_of(m->of + contact, point);
+  for (int k = 0; k < contact; ++k) out += m->of[k].points;
+  out[point] = fmin(out[point], gap);
+}
+
+void fx_member_gaps(MemberContacts *m, const double *q, double *out) {
+  for (int i = 0; i < m->conditions; ++i) out[i] = 1;
+  visit_all(m, q, note_gap, out);
+}
+
+void fx_record_members(const MemberContacts *m, double factor, double *out) {
+  for (const Touch *e = m->touch; e < m->touch + m->touches; ++e) {
+    const MemberContact *c = m->of + e->contact;
+    double w[5][3];
+    if (!e->touching) continue;
+    touch_weights(e, w);
+    for (int k = 0; k < 5; ++k) {
+      int slot = k ? c->node_slot[node_of(c, e->piece, k - 1)] : c->point_slot[e->point];
+      for (int i = 0; slot >= 0 && i < 2; ++i) out[2 * slot + i] -= factor * force_on(e, w, 2 * k + i);
+    }
+  }
+}

@@ -1,0 +1,99 @@
+/* A member as a curve: about its node P_i, for -1/2 <= x <= 1/2,
+
+     c(x) = P_i + (P_i+1 - P_i-1) x / 2 + (P_i-1 - 2 P_i + P_i+1) (x^2 + 1/4) / 2,
+
+   the quadratic spline, which has a continuous tangent. Behind its ends lie mirror images of the next
+   nodes, so that it begins and ends at its first and last node. */
+
+#pragma once
+
+#include <math.h>
+#include <string.h>
+
+/* A point of two successive pieces: weights of four nodes, their slopes by the place, 1 / the second
+   derivative of half the squared distance (0 at an end of the member), the distance. */
+typedef struct {
+  double place, weights[4], slopes[4], per_rate, distance;
+  int left;
+} NearPoint;
+
+static inline double dot2(const double *a, const double *b) { return a[0] * b[0] + a[1] * b[1]; }
+
+/* Weights of three nodes at a place on a piece, and their slopes. */
+static inline void piece_weights(double x, double *n, double *slope) {
+  n[0] = (x - 0.5) * (x - 0.5) / 2, n[1] = 0.75 - x * x, n[2] = (x + 0.5) * (x + 0.5) / 2;
+  slope[0] = x - 0.5, slope[1] = -2 * x, slope[2] = x + 0.5;
+}
+
+/* A piece as a polynomial, and half the derivative of its squared distance from the origin, f . (1, x, ..). */
+typedef struct {
+  double value[2], slope[2], bend[2], f[4];
+} Piece;
+
+static inline Piece piece_of(const double *before, const double *at, const double *after) {
+  Piece c;
+  for (int i = 0; i < 2; ++i) {
+    c.bend[i] = (before[i] - 2 * at[i] + after[i]) / 2;
+    c.slope[i] = (after[i] - before[i]) / 2;
+    c.value[i] = at[i] + c.bend[i] / 4;
+  }
+  c.f[0] = dot2(c.value, c.slope), c.f[1] = dot2(c.slope, c.slope) + 2 * dot2(c.value, c.bend);
+  c.f[2] = 3 * dot2(c.slope, c.bend), c.f[3] = 2 * dot2(c.bend, c.bend);
+  return c;
+}
+
+static inline double residual(const Piece *c, double x) {
+  return c->f[0] + x * (c->f[1] + x * (c->f[2] + x * c->f[3]));
+}
+
+static inline double rate_of_residual(const Piece *c, double x) {
+  return c->f[1] + x * (2 * c->f[2] + 3 * x * c->f[3]);
+}
+
+/* The place between two others that is nearest to the origin: an end, or a zero by Newton's method. */
+static inline double nearest_place(const Piece *c, double low, double high) {
+  if (residual(c, low) >= 0) return low;
+  if (residual(c, high) <= 0) return high;
+  double a = low, b = high, x = -c->f[0] / c->f[1];
+  for (int i = 0; i < 60; ++i) {
+    if (!(x > a && x < b)) x = (a + b) / 2;
+    double value = residual(c, x), rate = rate_of_residual(c, x), step = value / rate;
+    if (value < 0) a = x; else b = x;
+    x -= step;
+    if (fabs(step) < 1e-15 || b - a < 1e-15) break;
+  }
+  return x < low ? low : x > high ? high : x;
+}
+
+/* The nearest point of two pieces to the origin, from the arms to four nodes, images included. `begins` and
+   `ends` say whether the first or the last node is an image. */
+static NearPoint nearest_point(double r[4][2], int begins, int ends) {
+  NearPoint found = {0};
+  double chord[2] = {r[2][0] - r[1][0], r[2][1] - r[1][1]}, joint[2] = {r[1][0] + r[2][0], r[1][1] + r[2][1]};
+  int k = dot2(chord, joint) <= 0;
+  double low = !k && begins ? 0 : -0.5, high = k && ends ? 0 : 0.5;
+  Piece c = piece_of(r[k], r[k + 1], r[k + 2]);
+  double x = nearest_place(&c, low, high), n[3], slope[3];
+  int inside = x > low && x < high;
+  piece_weights(x, n, slope);
+  for (int j = 0; j < 3; ++j) found.weights[k + j] = n[j], found.slopes[k + j] = slope[j];
+  double arm[2] = {0, 0};
+  for (int j = 0; j < 3; ++j) arm[0] += n[j] * r[k + j][0], arm[1] += n[j] * r[k + j][1];
+  found.place = x + k, found.distance = sqrt(dot2(arm, arm));
+  found.per_rate = inside ? 1 / rate_of_residual(&c, x) : 0;
+  found.left = (!k && !begins && x <= low) || (k && !ends && x >= high);
+  return found;
+}
+
+/* Weights of images go to the nodes themselves. */
+static inline void fold(double *n, int begins, int ends) {
+  if (begins) n[1] += 2 * n[0], n[2] -= n[0], n[0] = 0;
+  if (ends) n[2] += 2 * n[3], n[1] -= n[3], n[3] = 0;
+}
+
+static inline void image(double r[4][2], int begins, int ends) {
+  for (int i = 0; i < 2; ++i) {
+    if (begins) r[0][i] = 2 * r[1][i] - r[2][i];
+    if (ends) r[3][i] = 2 * r[2][i] - r[1][i];
+  }
+}

@@ -1,0 +1,213 @@
+"""Contact of nodes with members in a step: found, called and scattered in C."""
+
+from __future__ import annotations
+
+import functools
+from collections.abc import Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+import scipy.sparse
+
+from fx_beam.errors import SceneError
+from fx_beam.mechanics import scalar_laws as laws
+from fx_beam.mechanics.member_gap import MEMBER
+from fx_beam.mechanics.point_laws import PointLaw, StepRule
+from fx_beam.scene.beam import Beam
+from fx_beam.scene.member_contact import arc_of
+from fx_beam.scene.obstacles import Obstacle, points_of
+from fx_beam.scene.scene import Scene
+from fx_beam.scene.structure import OtherStructureError
+from fx_beam.structs import Structs
+
+from .compiled_laws import CompiledLaw, compiled_law
+from .mesh import Mesh
+
+# Entries of a touch (member_contact.h), and what `MemberContacts.check` finds.
+_ENTRIES = 10
+FINE, MOVED, PASSED = range(3)
+
+
+class Touching(NamedTuple):
+    """Points, which are nodes, against a member; compare ``MemberContact`` of member_contact.h."""
+
+    law: PointLaw
+    #: Nodes that touch, and where the forces on them are recorded (-1: nowhere).
+    points: np.ndarray
+    point_slots: np.ndarray
+    #: Nodes of the member, in order.
+    nodes: np.ndarray
+    node_slots: np.ndarray
+    #: Numbers (points, n): sum of the radii, then those of the law.
+    numbers: np.ndarray
+    #: Of a member and itself: places of its nodes, and how far apart they must be to touch.
+    arc: np.ndarray
+    apart: float = 0.0
+
+
+def members_touching(scene: Scene, mesh: Mesh, at_rest: bool) -> list[Touching]:
+    """All contacts with members of a scene, both ways between two members."""
+    found: list[Touching] = []
+    first = 0
+    for contact in scene.obstacles:
+        if isinstance(contact.shape, Beam):
+            found += _both_ways(contact, scene, mesh, at_rest, first)
+            first += len(contact.points.lengths)
+    return found
+
+
+def _both_ways(
+    contact: Obstacle, scene: Scene, mesh: Mesh, at_rest: bool, first: int
+) -> list[Touching]:
+    a, b = contact.target, contact.shape
+    assert isinstance(b, Beam)
+    nodes_a, nodes_b = mesh.nodes_of(scene, a), mesh.nodes_of(scene, b)
+    slots_a = first + np.arange(len(nodes_a))
+    slots_b = slots_a if a is b else np.full(len(nodes_b), -1)
+    loses = bool(contact.loss) and not at_rest
+    law = laws.contact(MEMBER, loses)
+    if contact.energy is not None:
+        law = laws.contact_law(MEMBER, contact.energy, loses)
+    of_loss = (contact.loss, contact.speed) if loses else ()
+
+    def numbers(lengths: np.ndarray, share: float) -> np.ndarray:
+        fixed = np.array([contact.radii, *of_loss], float)
+        stiffness = share * contact.stiffness * lengths
+        rest = np.broadcast_to(fixed, (len(lengths), len(fixed)))
+        return np.column_stack([rest[:, 0], stiffness, rest[:, 1:]])
+
+    def arc(nodes: np.ndarray) -> np.ndarray:
+        return arc_of(mesh.X[nodes])
+
+    lengths = contact.points.lengths
+    if not isinstance(a, Beam):
+        of_a = numbers(lengths, 1.0)
+        return [Touching(law, nodes_a, slots_a, nodes_b, slots_b, of_a, arc(nodes_b))]
+    if a is b:
+        parts = law, nodes_a, slots_a, nodes_a, slots_a, numbers(lengths, 0.5), arc(nodes_a)
+        return [Touching(*parts, apart=contact.apart)]
+    of_a = numbers(lengths, 0.5)
+    of_b = numbers(points_of(b).lengths, 0.5)
+    return [
+        Touching(law, nodes_a, slots_a, nodes_b, slots_b, of_a, arc(nodes_b)),
+        Touching(law, nodes_b, slots_b, nodes_a, slots_a, of_b, arc(nodes_a)),
+    ]
+
+
+class MemberContacts:
+    """All contact with members of a scene. Its data lie in C, for both kinds of steps."""
+
+    def __init__(self, touching: Sequence[Touching], rule: StepRule, mesh: Mesh, slots: int):
+        self._touching, self._mesh = touching, mesh
+        of_laws = {id(one.law): one.law for one in touching}
+        compiled = {key: compiled_law(law, rule) for key, law in of_laws.items()}
+        self.laws: list[CompiledLaw] = [compiled[id(one.law)] for one in touching]
+        if named := [law for law in self.laws if law.parameters]:
+            raise SceneError(
+                f"contact with a member: its energy has the parameter {named[0].parameters[0]!r}. "
+                "Write the number in its place"
+            )
+        #: Number of points whose forces are recorded, and of all that may touch.
+        self.slots, self.conditions = slots, sum(len(one.points) for one in touching)
+
+    def build(self, ffi: Any, library: Any, structs: Structs) -> Any:
+        """Hand over to C; returns the address of the struct."""
+        self._ffi, self._c = ffi, library
+        self._of = functools.partial(ffi.from_buffer, ffi.typeof("double[]"))
+        self._numbers = [np.array(one.numbers) for one in self._touching]
+        mesh, touching = self._mesh, self._touching
+        every = np.unique(np.concatenate([[*one.points, *one.nodes] for one in touching]))
+        self._all = ffi.new("MemberContacts *")
+        self._structs = structs
+        structs.set(
+            self._all,
+            contacts=len(touching),
+            conditions=self.conditions,
+            of=[
+                self._row(*parts) for parts in zip(touching, self.laws, self._numbers, strict=True)
+            ],
+            dofs=mesh.dofs.size,
+            moving=len(every),
+            moves=mesh.dofs[every, :2],
+            margin=-1.0,
+        )
+        # Freed with this object: C allocates as much as there are touches.
+        self._freed = ffi.gc(self._all, library.fx_free_members)
+        return int(ffi.cast("uintptr_t", self._all))
+
+    def _row(self, one: Touching, law: CompiledLaw, numbers: np.ndarray) -> dict[str, Any]:
+        mesh, row, column = self._mesh, *law.entries.T
+        return {
+            "law": law.address("law"),
+            "energy": law.address("energy"),
+            "loss": law.address("loss"),
+            "remembered": law.law.remembered,
+            "entries": len(law.entries),
+            "entry_row": row,
+            "entry_column": column,
+            "points": len(one.points),
+            "point_dof": mesh.dofs[one.points, :2],
+            "point_position": mesh.X[one.points],
+            "point_slot": one.point_slots,
+            "nodes": len(one.nodes),
+            "node_dof": mesh.dofs[one.nodes, :2],
+            "node_position": mesh.X[one.nodes],
+            "node_slot": one.node_slots,
+            "numbers": numbers.shape[1],
+            "number": numbers,
+            "apart": one.apart,
+            "arc": one.arc,
+        }
+
+    def refill(self, other: MemberContacts) -> None:
+        """Set the numbers of a scene of the same structure, and forget the last run."""
+        pairs = list(zip(self._touching, other._touching, strict=False))
+        alike = len(self._touching) == len(other._touching) and all(
+            one.law is two.law and one.numbers.shape == two.numbers.shape for one, two in pairs
+        )
+        if not alike:
+            raise OtherStructureError("other members touch")
+        for i, (numbers, (_, two)) in enumerate(zip(self._numbers, pairs, strict=True)):
+            numbers[...] = two.numbers
+            X, row = self._mesh.X, self._all.of[i]
+            for name, nodes in (("point_position", two.points), ("node_position", two.nodes)):
+                values = X[nodes]
+                self._ffi.memmove(getattr(row, name), np.ascontiguousarray(values), values.nbytes)
+            self._ffi.memmove(row.arc, np.ascontiguousarray(two.arc), two.arc.nbytes)
+            row.apart = two.apart
+        self._touching = other._touching
+        self.forget()
+
+    def forget(self) -> None:
+        """Search anew in the next step, as in the first one of a run."""
+        self._all.margin, self._all.step, self._all.wide = -1.0, 0.0, 0
+
+    # -- A step ---------------------------------------------------------------------------------
+
+    def evaluate(self, D: np.ndarray) -> None:
+        """Evaluate the forces for the increment D (size,)."""
+        self._c.fx_evaluate_members(self._all, self._of(D))
+
+    def add_force(self, out: np.ndarray) -> None:
+        """Add them (size,) against the motion."""
+        self._c.fx_add_members(self._all, self._of(out))
+
+    def tangent(self) -> scipy.sparse.csr_matrix:
+        """Their derivatives (size, size) by the increments."""
+        count, size = self._all.touches, self._mesh.dofs.size
+        touches = [self._all.touch[i] for i in range(count) if self._all.touch[i].touching]
+        dofs = np.array([list(touch.dof) for touch in touches], dtype=int).reshape(-1, _ENTRIES)
+        values = np.array([list(touch.tangent) for touch in touches])
+        rows, columns = np.repeat(dofs, _ENTRIES, axis=1), np.tile(dofs, (1, _ENTRIES))
+        entries = values.ravel(), (rows.ravel(), columns.ravel())
+        return scipy.sparse.csr_matrix(entries, (size, size))
+
+    def check(self, D: np.ndarray) -> int:
+        """What is wrong at the end of a step: FINE, MOVED (search wider) or PASSED (a member)."""
+        return int(self._c.fx_check_members(self._all, self._of(D)))
+
+    def forces(self) -> np.ndarray:
+        """Forces (slots, 2) on points [N], as they were last evaluated."""
+        out = np.zeros((self.slots, 2))
+        self._c.fx_record_members(self._all, 1.0, self._of(out))
+        return out

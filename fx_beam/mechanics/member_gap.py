@@ -1,0 +1,89 @@
+"""The gap of a node from a member, in UFL. The C files find the nearest point (member_curve.h).
+
+A member is a smooth curve through the middles of its elements, with points c = sum N_k P_k of its
+nodes. Let N0 and N1 be the weights of the nearest points at the start and at the end of a step,
+n = (N0 + N1) / 2, d = N1 - N0, and s the slopes of N1 by the place on the member. The coordinates
+are the sums a, t, u of the arms from the node to the nodes of the member, with n, d, and s.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import ufl
+
+from .coordinates import Kind
+from .point_laws import TINY, Coordinate, Motion
+
+# Least change of a . t, relative to |a|^2, for which forces do work on it: below it what they
+# would add is less than round-off.
+_SMALL = 1e-12
+
+Vector = list[Any]
+
+
+def _gap(motion: Motion, D: Sequence[Any], numbers: Sequence[Any]) -> Coordinate:
+    """Numbers: 1 / the second derivative of |arm|^2 / 2 by the place, and the radii.
+
+    The arms to the nearest points are a0 - t0 / 2 and a1 + t1 / 2. Forces along the mean of a do
+    work on the change of |a|. What the distance changes besides is of third order. It is given to
+    forces that do work on the change of a . t, which vanishes only with d. All of these are
+    products of arms, whose forces have no moment.
+    """
+    per_rate, radius = numbers
+    start, end = list(motion.start), [x + d for x, d in zip(motion.start, D, strict=True)]
+    arm1, t1, u1 = _vectors(end)
+    # The place at the end is a zero of this residual: with its derivatives by the motion.
+    place = -per_rate * _dot(_add(arm1, 0.5, t1), u1)
+    (arm0, t0), (arm1, t1) = (_shifted(_vectors(x), place) for x in (start, end))
+    first, last = _add(arm0, -0.5, t0), _add(arm1, 0.5, t1)
+    distance0, distance1 = (ufl.sqrt(_dot(r, r) + TINY) for r in (first, last))
+    if motion.rule.level == 0.5:
+        on_arm, on_t = _mean_directions((arm0, arm1), (t0, t1), distance0 + distance1)
+    else:
+        share = motion.rule.level
+        unit = _add([(1 - share) * x for x in first], share, last)
+        unit = [x / ufl.sqrt(_dot(unit, unit) + TINY) for x in unit]
+        on_arm, on_t = unit, [(share - 0.5) * x for x in unit]
+    # By the change of the weights with the place.
+    on_u = [place * (x / 2 + y) for x, y in zip(on_arm, on_t, strict=True)]
+    along = [*on_arm, *on_t, *on_u]
+    (a, t, _), path = _vectors(motion.rates), distance1 - distance0
+    rate = _dot(first, _add(a, -0.5, t)) / distance0
+    return Coordinate(distance0 - radius, distance1 - radius, along, along, path, rate)
+
+
+def _mean_directions(
+    arms: tuple[Vector, Vector], shifts: tuple[Vector, Vector], lengths: Any
+) -> tuple[Vector, Vector]:
+    """Directions on a and t whose products with the changes are that of the distance."""
+    (arm0, arm1), (t0, t1) = arms, shifts
+    along0, along1 = _dot(arm0, t0), _dot(arm1, t1)
+    rest, slip = along1 + along0 + (_dot(t1, t1) - _dot(t0, t0)) / 4, along1 - along0
+    moves = ufl.gt(abs(slip), _SMALL * _dot(arm0, arm0))
+    share = ufl.conditional(moves, rest / ufl.conditional(moves, slip, 1.0), 0.0) / lengths
+    arm, t = (_add(x, 1.0, y) for x, y in (arms, shifts))
+    on_arm = _add([x / lengths for x in arm], 0.5 * share, t)
+    return on_arm, [0.5 * share * x for x in arm]
+
+
+def _shifted(sums: list[Vector], place: Any) -> tuple[Vector, Vector]:
+    """Sums of arms for weights of another place at the end."""
+    a, t, u = sums
+    return _add(a, 0.5 * place, u), _add(t, place, u)
+
+
+def _vectors(components: Sequence[Any]) -> list[Vector]:
+    return [list(components[i : i + 2]) for i in range(0, len(components), 2)]
+
+
+def _add(a: Vector, factor: Any, b: Vector) -> Vector:
+    return [x + factor * y for x, y in zip(a, b, strict=True)]
+
+
+def _dot(a: Vector, b: Vector) -> Any:
+    return a[0] * b[0] + a[1] * b[1]
+
+
+MEMBER = Kind("the gap of a member", 6, 2, _gap)

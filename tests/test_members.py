@@ -1,0 +1,239 @@
+"""Contact of members with members and with themselves: invariants, balances, search, bad input."""
+
+import copy
+
+import numpy as np
+import pytest
+
+import fx_beam as fb
+from fx_beam.mechanics.interval import Interval
+from fx_beam.model.equations import Equations
+from fx_beam.model.model import Model
+from fx_beam.stepping.initial_state import reference_state
+
+SECTION = fb.Section(EA=1e4, GA=4e3, EI=10.0, rhoA=1.0, rhoI=1e-3)
+
+
+def tip_on_beam(stiffness=1e5, elements=8, speed=2.0, loss_below=None, **options):
+    """A free beam that falls with its tip on another one, which is free as well."""
+    scene = fb.Scene()
+    below = scene.add_beam([(0, 0), (2, 0)], SECTION, elements=elements, name="below")
+    above = scene.add_beam([(0.7, 0.3), (1.1, 1.6)], SECTION, elements=elements, name="above")
+    if loss_below is not None:
+        options["speed"] = loss_below
+    contact = scene.add_contact(above, below, stiffness=stiffness, radius=0.05, **options)
+    scene.set_velocity(above, (0.3, -speed), spin=0.5)
+    return scene, contact
+
+
+def sliding_off():
+    """A bar that slides along another one, and over its end."""
+    scene = fb.Scene()
+    below = scene.add_beam([(0, 0), (2, 0)], SECTION, elements=16)
+    above = scene.add_beam([(0.3, 0.1005), (2.2, 0.1005)], SECTION, elements=13)
+    contact = scene.add_contact(above, below, stiffness=1e5, radius=(0.04, 0.06))
+    scene.set_velocity(above, (4.0, -0.2), spin=0.3)
+    return scene, contact
+
+
+def hairpin():
+    """A bent rod whose legs swing against one another."""
+    angle = np.linspace(-np.pi / 2, np.pi / 2, 9)
+    bend = np.column_stack([0.3 * np.cos(angle), 0.3 * np.sin(angle)])
+    leg = np.column_stack([np.linspace(-1.5, -0.1, 10), np.full(10, -0.3)])
+    points = np.vstack([leg, bend, leg[::-1] * (1, -1)])
+    scene = fb.Scene()
+    rod = scene.add_beam(points.tolist(), SECTION, elements=len(points) - 1)
+    contact = scene.add_contact(rod, rod, stiffness=1e5, radius=0.05)
+    scene.set_velocity(rod, lambda x, y: (0.0, -3 * np.sign(y) if x < -0.5 else 0.0))
+    return scene, contact
+
+
+def assert_conserved(solution):
+    start = solution.energy.kinetic[0]
+    assert abs(solution.energy.balance_error).max() < 1e-12 * start
+    assert np.ptp(solution.linear_momentum, axis=0).max() < 1e-12
+    assert np.ptp(solution.angular_momentum) < 1e-12
+
+
+@pytest.mark.parametrize("solver", ["compiled", "petsc"])
+def test_an_impact_keeps_energy_and_both_momenta(solver):
+    scene, contact = tip_on_beam()
+    solution = fb.simulate(scene, dt=2e-3, t_end=0.3, solver=solver)
+    assert_conserved(solution)
+    assert solution.energy.springs.max() > 0.1
+    # The recorded forces change the momentum of what touches.
+    force = solution.contact(contact).force.sum(axis=1)
+    above = solution.nodes_of_beam["above"]
+    mass = 1.3602 / 8 * np.array([0.5, *[1.0] * 7, 0.5])  # of the nodes, together that of the beam
+    change = mass @ (solution.v[-1, above, :2] - solution.v[0, above, :2])
+    assert (2e-3 * force.sum(axis=0)) == pytest.approx(change, abs=2e-3)
+
+
+@pytest.mark.parametrize("stiffness", [1e4, 1e6, 1e9])
+def test_it_does_so_for_every_stiffness(stiffness):
+    scene, _ = tip_on_beam(stiffness, speed=0.7)
+    solution = fb.simulate(scene, dt=2e-3, t_end=0.5)
+    assert_conserved(solution)
+    assert solution.energy.springs.max() > 1e-4
+
+
+@pytest.mark.parametrize("dt", [1e-3, 4e-3])
+def test_sliding_from_segment_to_segment_and_over_ends_keeps_them(dt):
+    scene, contact = sliding_off()
+    solution = fb.simulate(scene, dt=dt, t_end=0.8)
+    assert_conserved(solution)
+    pushed = abs(solution.contact(contact).force[..., 1]) > 1e-9
+    # Many nodes touch one after the other, until the bar is behind the end.
+    assert pushed.any(axis=0).sum() > 6
+    assert solution.position(scene.beams[1].start)[-1, 0] > 2.0
+    assert solution.stats.halvings == 0
+
+
+def test_a_member_touches_itself_and_not_its_neighbours():
+    scene, contact = hairpin()
+    solution = fb.simulate(scene, dt=1e-3, t_end=0.4)
+    assert_conserved(solution)
+    gap, force = solution.contact(contact).gap, solution.contact(contact).force
+    assert -0.05 < gap.min() < -1e-3
+    assert abs(force).max() > 1.0
+    # Forces of a member on itself have no sum; at the start nothing touches.
+    assert abs(force.sum(axis=1)).max() < 1e-11 * abs(force).max()
+    assert not force[:50].any()
+
+
+def test_what_restitution_takes_is_in_the_balance():
+    scene, _ = tip_on_beam(restitution=0.5, loss_below=0.01)
+    solution = fb.simulate(scene, dt=2e-3, t_end=0.3)
+    assert_conserved(solution)
+    assert solution.energy.dissipated[-1] > 0.05
+    assert np.diff(solution.energy.dissipated).min() >= 0
+
+
+def test_the_stiffness_is_that_of_both_members_per_length():
+    scene = fb.Scene(gravity=(0, -9.81))
+    bed = scene.add_beam([(0, 0), (2, 0)], SECTION, elements=8)
+    for node in bed.nodes:
+        scene.clamp(node)
+    plank = scene.add_beam([(0, 0.1), (2, 0.1)], SECTION, elements=8)
+    scene.fix(plank.start, "x")
+    contact = scene.add_contact(plank, bed, stiffness=1e5, radius=0.05)
+    scene.set_velocity(plank, (0.0, -1e-9))
+    # It sinks in by q / k, and swings about there.
+    solution = fb.simulate(scene, fb.EnergyDecaying(), dt=1e-3, t_end=0.4)
+    sunk = -solution.contact(contact).gap[-200:].mean(axis=0)
+    shares = [0.5, *[1.0] * 7, 0.5]
+    assert np.average(sunk, weights=shares) == pytest.approx(9.81 / 1e5, rel=0.01)
+    force = solution.contact(contact).force[-200:, :, 1].sum(axis=1).mean()
+    assert force == pytest.approx(2.0 * 9.81, rel=0.01)
+
+
+def pressed():
+    """A cantilever whose loaded tip rests on another one."""
+    scene = fb.Scene()
+    below = scene.add_beam([(0, 0), (1, 0)], SECTION, elements=6)
+    above = scene.add_beam([(0.3, 0.11), (1.2, 0.11)], SECTION, elements=6)
+    scene.clamp(below.start)
+    scene.clamp(above.end)
+    scene.add_force(above.start, (0.0, -20.0))
+    return scene, scene.add_contact(above, below, stiffness=1e6, radius=0.05)
+
+
+def test_in_equilibrium_the_reaction_is_the_force_of_the_contact():
+    scene, contact = pressed()
+    solution = fb.static(scene)
+    below, above = scene.beams
+    force = solution.contact(contact).force[-1].sum(axis=0)
+    reaction = solution.reaction(below.start)[-1, :2]
+    other = solution.reaction(above.end)[-1, :2]
+    assert force == pytest.approx(reaction, abs=1e-8)
+    assert reaction + other == pytest.approx([0.0, 20.0], abs=1e-8)
+    assert force[1] > 10
+    # In modes about this state the contact is a spring: the tips do not move apart.
+    held = fb.modes(scene, solution, n=2).frequencies
+    scene.remove(contact)
+    free = fb.modes(scene, n=2).frequencies
+    assert held[1] > 2 * free[1]
+    assert held[0] < 2 * free[0]
+
+
+@pytest.mark.parametrize("scheme", [fb.EnergyMomentum(), fb.Newmark()], ids=str)
+def test_the_tangent_is_the_derivative_of_the_forces(scheme):
+    scene, _ = sliding_off()
+    model = Model(scene, scheme)
+    rng, points = np.random.default_rng(1), model.points
+    state = reference_state(model)
+    D = 1e-3 * rng.normal(size=model.size)
+    D[model.mesh.dofs[model.mesh.nodes_of(scene, scene.beams[1]), 1]] -= 0.01
+    state.v = D / 1e-3
+    equations = Equations(model)
+    equations.begin(Interval(0.0, 1e-3), state)
+
+    def force(D):
+        out = np.zeros(model.size)
+        points.members.evaluate(D)
+        points.members.add_force(out)
+        return out
+
+    assert abs(force(D)).max() > 1
+    K = points.members.tangent()
+    along, h = rng.normal(size=model.size), 1e-7
+    difference = (force(D + h * along) - force(D - h * along)) / (2 * h)
+    assert K @ along == pytest.approx(difference, abs=1e-5 * abs(difference).max())
+
+
+def test_a_motion_goes_on_from_a_state_and_from_a_copy(tmp_path):
+    scene, contact = tip_on_beam()
+    whole = fb.simulate(scene, dt=2e-3, t_end=0.3)
+    half = fb.simulate(scene, dt=2e-3, t_end=0.16)
+    rest = fb.simulate(copy.deepcopy(scene), dt=2e-3, t_end=0.3, start=half)
+    assert rest.q[-1] == pytest.approx(whole.q[-1], abs=1e-11)
+    path = tmp_path / "run.npz"
+    whole.save(path)
+    loaded = fb.load(path).contact(contact)
+    assert (loaded.force == whole.contact(contact).force).all()
+    assert (loaded.gap == whole.contact(contact).gap).all()
+
+
+def test_a_tolerance_chooses_short_steps_at_the_contact():
+    scene, _ = tip_on_beam()
+    fine = fb.simulate(scene, dt=1e-4, t_end=0.2)
+    solution = fb.simulate(scene, tolerance=1e-5, t_end=0.2)
+    assert_conserved(solution)
+    assert solution.q[-1] == pytest.approx(fine.q[-1], abs=1e-3)
+    # Short steps at the contact, long ones before it.
+    assert np.diff(solution.t).max() > 20 * np.diff(solution.t).min()
+
+
+def test_a_node_that_would_pass_through_a_member_ends_the_run():
+    scene, _ = tip_on_beam(stiffness=100.0)
+    with pytest.raises(fb.StepError, match="passes through the middle of a member.*stiffness"):
+        fb.simulate(scene, dt=2e-3, t_end=0.5)
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"radius": 0.4}, "overlap at the start: at .* lies 0.5.* deep in beam 'below'"),
+        ({}, "radius = 0.0 must be half of the thickness"),
+        ({"radius": (0.1, -1)}, "radius = .* must be half of the thickness"),
+        ({"radius": 0.1, "along": 2}, "along = 2, but members touch at their nodes"),
+    ],
+)
+def test_bad_contact_of_members_is_an_error_that_says_what_to_do(options, message):
+    scene, contact = tip_on_beam()
+    scene.remove(contact)
+    with pytest.raises(fb.SceneError, match=message):
+        scene.add_contact(scene.beams[1], scene.beams[0], stiffness=1e5, **options)
+    assert not scene.obstacles
+
+
+def test_derivatives_of_such_motions_are_refused():
+    def build(x):
+        scene, _ = tip_on_beam(x[0])
+        return scene, {"tip": fb.Output("position", scene.beams[1].end)}
+
+    run = fb.Response(build, dt=2e-3, t_end=0.01)
+    run(np.array([1e5]))
+    with pytest.raises(fb.SceneError, match="contact between members has no derivatives"):
+        run.jacobian()
