@@ -145,7 +145,7 @@ def test_contact_is_saved_copied_and_taken_away(tmp_path):
         (lambda s, p: fb.Line(p["edge"], (0, 1)), {"along": 0}, "along = 0 must be a whole number"),
         (lambda s, p: fb.Line(p["edge"], (0, 1)), {"radius": -1.0}, "finite and not negative"),
         (lambda s, p: fb.Line(fb.Scene().add_body((0, 0), 1).centre, (0, 1)), {}, "another scene"),
-        (lambda s, p: p, {}, "needs an fx_beam.Line or an fx_beam.Circle"),
+        (lambda s, p: p, {}, "needs an fx_beam.Line, an fx_beam.Circle or a beam"),
     ],
 )
 def test_what_does_not_fit_is_named(shape, options, says):

@@ -460,8 +460,9 @@ class PointForces:
     @property
     def of_contacts(self) -> slice:
         """Internal variables of contacts among all; those of an obstacle follow each other."""
-        first = self._first_internal[0] if self.contacts else 0
-        count = sum(force.law.internal for force in self._forces[: self.contacts])
+        contacts = self.ends[Role.CONTACT]
+        first = self._first_internal[0] if contacts else 0
+        count = sum(force.law.internal for force in self._forces[:contacts])
         return slice(first, first + count)
 
     def switches(self, q: np.ndarray, slides: np.ndarray) -> np.ndarray:
