@@ -166,6 +166,105 @@ def test_a_solution_does_not_depend_on_what_becomes_of_its_scene():
         assert np.array_equal(ours, theirs)
 
 
+# -- Joints that are made in a motion ------------------------------------------------------------
+
+
+def docking():
+    """Two free bodies whose ports meet."""
+    scene = fb.Scene()
+    one = scene.add_body((0, 0), 2.0, 0.3, points={"port": (0.5, 0.1)}, name="one")
+    two = scene.add_body((3, 0.2), 3.0, 0.4, points={"port": (2.6, 0.1)}, name="two")
+    scene.set_velocity(one, (1.0, 0.0))
+    scene.set_velocity(two, (-0.4, 0.0))
+    outputs = {b.name: fb.Output("position", b["port"], "x") for b in (one, two)}
+    meet = {"outputs": outputs, "until": lambda t, y: y["two"] - y["one"]}
+    return scene, one, two, meet
+
+
+@pytest.mark.parametrize("solver", ["auto", "petsc"])
+@pytest.mark.parametrize("scheme", SCHEMES, ids=lambda scheme: scheme.name)
+def test_bodies_that_dock_have_the_common_motion_of_both(scheme, solver):
+    scene, one, two, meet = docking()
+    options = {"dt": 0.05, "solver": solver}
+    flight = fb.simulate(scene, scheme, t_end=9.0, **options, **meet)
+    port = scene.add_joint(fb.Rigid(one["port"], two["port"]), at=flight)
+    docked = fb.simulate(scene, scheme, t_end=flight.t[-1] + 1, start=flight, **options)
+    # The velocity of the common centre, and the spin by the angular momentum about it.
+    m, J = np.array([2.0, 3.0]), np.array([0.3, 0.4])
+    x = np.array([flight.position(body.centre)[-1] for body in (one, two)])
+    v = np.array([[1.0, 0.0], [-0.4, 0.0]])
+    centre, common = m @ x / 5, m @ v / 5
+    (rx, ry), (vx, vy) = (x - centre).T, (v - common).T
+    spin = (m * (rx * vy - ry * vx)).sum() / (J.sum() + (m * (rx**2 + ry**2)).sum())
+    lost = (m * (vx**2 + vy**2)).sum() / 2
+    lost -= spin**2 * (J.sum() + (m * (rx**2 + ry**2)).sum()) / 2
+    assert docked.energy.impact[0] == pytest.approx(lost, rel=1e-10)
+    assert docked.spin(one.centre)[0] == pytest.approx(spin, rel=1e-10)
+    assert docked.spin(two.centre) == pytest.approx(spin, rel=2e-5)
+    assert docked.joint(port).gap.max() < 1e-13
+    if scheme.name != "Newmark":
+        assert abs(docked.energy.balance_error).max() < 1e-12
+        moved = docked.angular_momentum - flight.angular_momentum[0]
+        assert abs(moved).max() < 1e-12
+
+
+@pytest.mark.parametrize("kind", ["Revolute", "Rigid", "Prismatic", "PinInSlot"])
+@pytest.mark.parametrize("side", ["a", "b"])
+def test_a_hook_on_the_ground_catches_a_body_where_it_is(kind, side, tmp_path):
+    scene = fb.Scene(gravity=(0, -9.81))
+    body = scene.add_body((0, 0), 1.0, 0.1, points={"eye": (0.5, 0)})
+    scene.set_velocity(body, (2.0, 1.0), 5.0)
+    flight = fb.simulate(scene, dt=0.01, t_end=0.33)
+    axis = {"axis": (1, 1)} if kind in ("Prismatic", "PinInSlot") else {}
+    ends = (fb.GROUND, body["eye"]) if side == "a" else (body["eye"], fb.GROUND)
+    hook = scene.add_joint(getattr(fb, kind)(*ends, **axis), at=flight)
+    caught = fb.simulate(scene, dt=0.01, t_end=0.6, start=flight)
+    assert caught.joint(hook).gap.max() < 1e-13
+    assert abs(caught.energy.balance_error).max() < 1e-11
+    way = caught.position(body["eye"]) - flight.position(body["eye"])[-1]
+    if not axis:
+        assert abs(way).max() < 1e-13
+    if kind == "Rigid":
+        assert caught.energy.impact[0] == pytest.approx(flight.energy.kinetic[-1], rel=1e-12)
+        assert np.ptp(caught.rotation(body.centre)) < 1e-13
+    # A run goes on from a file as if it had not ended.
+    caught.save(tmp_path / "caught.npz")
+    again = fb.simulate(scene, dt=0.01, t_end=0.7, start=fb.load(tmp_path / "caught.npz"))
+    whole = fb.simulate(scene, dt=0.01, t_end=0.7, start=flight)
+    assert abs(again.q[-1] - whole.q[-1]).max() < 1e-12
+
+
+def test_a_joint_that_closes_a_loop_in_a_motion():
+    scene = fb.Scene(gravity=(0, -9.81))
+    left = scene.add_body((0.5, 0), 1.0, 0.1, points={"pin": (0, 0)})
+    right = scene.add_body((2.6, 0), 1.0, 0.1, points={"pin": (3.2, 0), "end": (2, 0)})
+    for body in (left, right):
+        scene.add_joint(fb.Revolute(fb.GROUND, body["pin"]))
+    swing = fb.simulate(scene, dt=5e-3, t_end=0.2)
+    apart = swing.position(right["end"])[-1] - swing.position(left.centre)[-1]
+    psi = swing.rotation(left.centre)[-1]
+    axis = np.array([[np.cos(psi), np.sin(psi)], [-np.sin(psi), np.cos(psi)]]) @ apart
+    slot = scene.add_joint(fb.PinInSlot(left.centre, right["end"], axis=axis), at=swing)
+    closed = fb.simulate(scene, dt=5e-3, t_end=0.5, start=swing)
+    assert closed.slide(slot)[0] == pytest.approx(np.hypot(*apart), rel=1e-12)
+    assert closed.joint(slot).gap.max() < 1e-12
+    assert closed.energy.impact[0] > 0
+    assert abs(closed.energy.balance_error).max() < 1e-10
+
+
+def test_joints_that_do_not_fit_a_solution_are_refused():
+    scene, one, two, _ = docking()
+    flight = fb.simulate(scene, dt=0.05, t_end=0.5)
+    apart = flight.position(two["port"])[-1] - flight.position(one["port"])[-1]
+    joint = fb.Revolute(one["port"], two["port"])
+    with pytest.raises(fb.SceneError, match=f"a gap of {np.hypot(*apart):.4g} .* offset="):
+        scene.add_joint(joint, at=flight)
+    with pytest.raises(fb.SceneError, match="at a solution it cannot have a motor"):
+        scene.add_joint(fb.Revolute(fb.GROUND, one["port"], motor=lambda t: t), at=flight)
+    with pytest.raises(fb.SceneError, match="at = 3 must be a solution"):
+        scene.add_joint(joint, at=3)
+
+
 # -- Joined motions --------------------------------------------------------------------------------
 
 

@@ -151,6 +151,8 @@ def _joints_before(model: Model, start: Solution, rows: np.ndarray) -> dict[int,
         new = any(n >= 0 and rows[n] < 0 for n in (mine.a, mine.b))
         if not new and (twins := found.get((mine.kind, a, b))):
             own = next((key for key in twins if key.number == joint.number), twins[0])
+            if joint.place is not None and own.number != joint.number:
+                continue  # it is made anew
             twins.remove(own)
             same[joint.number] = own
     return same

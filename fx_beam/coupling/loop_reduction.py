@@ -96,10 +96,9 @@ class LoopReduction(JointReduction):
         #: Gaps (closures, size) of displacements.
         self._ends = scipy.sparse.csr_matrix((signs, (rows, columns)), shape)
         self._arms = tuple(np.array(arms, dtype=int).reshape(-1, 3).T)
-        starts = [joint.start()[0] for joint in self._moving]
-        slid = np.array(starts).reshape(-1, 1) * self._axis
         #: Arms of the joints in the reference configuration.
-        self._rho_at_rest = self._offset + slid
+        at_rest = [joint.arm if joint.place is None else joint.apart for joint in self._moving]
+        self._rho_at_rest = np.array(at_rest).reshape(-1, 2)
 
     @functools.cached_property
     def _closed(self) -> ClosedPattern | GapBorders:

@@ -19,7 +19,7 @@ import numpy as np
 
 from fx_beam.fem.mesh import Mesh
 from fx_beam.scene.beam import Node
-from fx_beam.scene.joints import GROUND, Joint
+from fx_beam.scene.joints import Joint
 from fx_beam.scene.scene import Scene
 from fx_beam.scene.sliders import SlidingJoint, sliding_joints
 
@@ -117,7 +117,7 @@ class _Arms(_Part):
     def __init__(self, mesh: Mesh, joints: list[Joint]):
         self.a, self.b = (_dofs(mesh, [getattr(j, name) for j in joints]) for name in "ab")
         #: From a to b in the reference configuration; joints of nodes that coincide have no arm.
-        self._apart = np.array([_apart(joint) for joint in joints]).reshape(-1, 2)
+        self._apart = np.array([joint.apart for joint in joints]).reshape(-1, 2)
         self._has_arm = np.array([not joint.is_index for joint in joints], dtype=float)[:, None]
         axes = [(0.0, 0.0) if joint.axis is None else joint.axis for joint in joints]
         self._axis = np.array(axes).reshape(-1, 2)
@@ -220,10 +220,3 @@ def _dofs(mesh: Mesh, nodes: list[Node]) -> np.ndarray:
     """Degrees of freedom (nodes, 3); -1 on the ground."""
     known = np.vstack([mesh.dofs, np.full((1, 3), -1)])
     return known[[node.number for node in nodes]].reshape(-1, 3)
-
-
-def _apart(joint: Joint) -> np.ndarray:
-    """From a to b in the reference configuration (2,); a joint with the ground is at its node."""
-    if joint.a is GROUND or joint.b is GROUND:
-        return joint.offset
-    return np.array([joint.b.x - joint.a.x, joint.b.y - joint.a.y])

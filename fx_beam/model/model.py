@@ -353,7 +353,8 @@ class Model:
                 unit = self.unit_of_unknowns
                 self.reduction = loops = LoopReduction(*parts, unit, sliders)
                 loops.begin(np.zeros(self.size), slides_at_start(scene))
-                check_loops(scene, self.couplings, loops)
+                if all(joint.place is None for joint in scene.joints):
+                    check_loops(scene, self.couplings, loops)
             else:
                 self.reduction = JointReduction(*parts, sliders)
             self.assembled.append("joints")
@@ -394,5 +395,5 @@ class Model:
 
 def _lie_elsewhere(new: Joint, old: Joint) -> bool:
     """Whether a joint has another arm, offset or axis than the one before."""
-    names = "arm", "offset", "axis"
+    names = "arm", "offset", "axis", "apart"
     return not all(np.array_equal(getattr(new, name), getattr(old, name)) for name in names)

@@ -65,5 +65,6 @@ def _text(joint: Joint) -> str:
     number, kind, a, b, driven = key_of(joint)
     place = [*joint.offset.tolist(), *([] if joint.axis is None else joint.axis.tolist())]
     on = getattr(joint, "beam", None)
+    place += [] if joint.place is None else [*joint.place.apart, joint.place.turn]
     words = [",".join(driven), *map(repr, place), "" if on is None else on.name]
     return " ".join(["joint", str(number), kind, str(a), str(b), *words])

@@ -27,7 +27,7 @@ class JointKinematics:
 
     def parting(self, at: NodalMotion, slide: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """From b to its place on a: components x and y (n,) [m]."""
-        (X, Y), (x, y, _) = self._apart, self._difference(at, "q")
+        (X, Y), (x, y, _) = self.joint.apart, self._difference(at, "q")
         arm_x, arm_y = self._turned(at, self._arm(slide))
         return arm_x - X - x, arm_y - Y - y
 
@@ -65,18 +65,12 @@ class JointKinematics:
         """The slide (n,) [m] in a motion, from one near by; that one for a joint without."""
         if self.joint.axis is None:
             return near
-        (X, Y), (x, y, _) = self._apart, self._difference(at, "q")
+        (X, Y), (x, y, _) = self.joint.apart, self._difference(at, "q")
         psi = self._of(at, "q", self.joint.a)[2]
         c, s = np.cos(psi), np.sin(psi)
         along = c * (X + x) + s * (Y + y), c * (Y + y) - s * (X + x)
         (offset_x, offset_y), (axis_x, axis_y) = self.joint.offset, self.joint.axis
         return (along[0] - offset_x) * axis_x + (along[1] - offset_y) * axis_y
-
-    @property
-    def _apart(self) -> np.ndarray:
-        """From a to b at the start (2,); the joint's point on the ground starts where it fits."""
-        a, b = self.joint.a, self.joint.b
-        return self.joint.arm if min(a.number, b.number) < 0 else np.array([b.x - a.x, b.y - a.y])
 
     def _of(self, at: NodalMotion, name: str, node: Node) -> Any:
         """Components of a node; zero on the ground."""

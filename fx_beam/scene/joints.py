@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -16,6 +17,9 @@ from .coulomb import Coulomb
 from .joint_kinematics import JointKinematics
 from .notebook import html_table
 from .stop import Stop
+
+# Largest gap of a joint that is made at a solution, relative to the size of the scene.
+_FITS = 1e-6
 
 
 class _Ground(Node):
@@ -30,6 +34,16 @@ class _Ground(Node):
 
 #: The fixed frame; it may take the place of one node of a joint.
 GROUND = _Ground(-1, math.nan, math.nan)
+
+
+class Place(NamedTuple):
+    """Where the nodes of a joint are when it is made, if not in the reference configuration."""
+
+    #: From a to b in the reference configuration; to or from the joint's point on the ground [m].
+    apart: tuple[float, float]
+    slide: float
+    #: Rotation of b relative to a [rad].
+    turn: float
 
 
 @dataclass(frozen=True, eq=False)
@@ -55,6 +69,8 @@ class Joint:
         Those of the relative rotation psi_b - psi_a; None where it is fixed.
     number : int
         Index in the scene's joints.
+    place : Place, optional
+        Where its nodes are when it is made, if not in the reference configuration.
 
     Examples
     --------
@@ -74,6 +90,7 @@ class Joint:
     slide: Coordinate | None = None
     rotation: Coordinate | None = None
     number: int = field(default=-1)
+    place: Place | None = None
 
     def __repr__(self):
         return f"<{self}>"
@@ -102,12 +119,21 @@ class Joint:
     def coupling(self) -> tuple:
         """What it couples: of joints for which this is equal, one is enough."""
         axis = None if self.axis is None else tuple(self.axis)
-        return self.kind, self.a.number, self.b.number, tuple(self.offset), axis
+        return self.kind, self.a.number, self.b.number, tuple(self.offset), axis, self.place
 
     @property
     def is_index(self) -> bool:
         """Whether the displacements of a and b are equal."""
-        return self.axis is None and not self.offset.any()
+        return self.axis is None and not self.offset.any() and self.place is None
+
+    @property
+    def apart(self) -> np.ndarray:
+        """From a to b in the reference configuration (2,) [m]; on the ground from where it fits."""
+        if self.place is not None:
+            return np.array(self.place.apart)
+        if self.a is GROUND or self.b is GROUND:
+            return self.offset
+        return np.array([self.b.x - self.a.x, self.b.y - self.a.y])
 
     @property
     def arm(self) -> np.ndarray:
@@ -162,6 +188,8 @@ class Joint:
         gap : float
             Distance that is left [m]; it must be zero.
         """
+        if self.place is not None:
+            return self.place.slide, 0.0
         if self.a is GROUND or self.b is GROUND:
             return 0.0, 0.0  # the joint's point on the ground is its start position
         distance = np.array([self.b.x - self.a.x, self.b.y - self.a.y]) - self.offset
@@ -201,6 +229,50 @@ class Joint:
             if coordinate is not None and coordinate.stop is not None:
                 start = slide if name == "slide" else 0.0
                 coordinate.stop.check_start(start, 1e-9 * unit, f"{self}: its {name}")
+
+
+def placed(joint: Joint, q_a: np.ndarray, q_b: np.ndarray, size: float) -> Joint:
+    """The joint made where its nodes have moved by q (3,); SceneError if they do not fit.
+
+    `size` is that of the scene [m]. A small gap is left to the offset.
+    """
+    parts = (joint.slide, joint.rotation)
+    if any(part is not None and part.motor is not None for part in parts):
+        raise SceneError(f"{joint}: at a solution it cannot have a motor. Add it without, and lock")
+    turn = float(q_b[2] - q_a[2]) if joint.turns_together else 0.0
+    c, s = math.cos(q_a[2]), math.sin(q_a[2])
+    if GROUND in (joint.a, joint.b):
+        arm = np.array([[c, -s], [s, c]]) @ joint.offset
+        apart = arm - q_b[:2] + q_a[:2]
+        return replace(joint, place=Place((float(apart[0]), float(apart[1])), 0.0, turn))
+    apart = np.array([joint.b.x - joint.a.x, joint.b.y - joint.a.y])
+    found = np.array([[c, s], [-s, c]]) @ (apart + q_b[:2] - q_a[:2])
+    slide = 0.0 if joint.axis is None else float((found - joint.offset) @ joint.axis)
+    offset = found if joint.axis is None else found - slide * joint.axis
+    gap = float(np.hypot(*(offset - joint.offset)))
+    if gap > _FITS * size:
+        x, y = offset
+        raise SceneError(
+            f"{joint}: in this solution there is a gap of {gap:.4g} between b and its position on "
+            f"a. Add it when they meet, or with offset=({x:.6g}, {y:.6g})"
+        )
+    for name, part, at in (("slide", joint.slide, slide), ("rotation", joint.rotation, None)):
+        if part is not None and part.stop is not None:
+            at = float(q_b[2] - q_a[2]) if at is None else at
+            part.stop.check_start(at, _FITS * size, f"{joint}: its {name}")
+    offset.setflags(write=False)
+    place = Place((float(apart[0]), float(apart[1])), slide, turn)
+    return replace(joint, offset=offset, place=place)
+
+
+def moved_by(solution: Any, node: Node) -> np.ndarray:
+    """Displacements and rotation (3,) of a node at the end of a solution; zero for new ones."""
+    end, X = getattr(solution, "end", None), getattr(solution, "X", None)
+    if end is None or X is None:
+        raise SceneError(f"add_joint: at = {shown(solution)} must be a solution with a last state")
+    number = node.number
+    known = 0 <= number < len(X) and tuple(X[number]) == (node.x, node.y)
+    return end.q[number] if known else np.zeros(3)
 
 
 def check_new(joint: Joint, known: dict[tuple, Joint], joints: list[Joint]) -> None:

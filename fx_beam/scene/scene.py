@@ -18,7 +18,7 @@ from .curve import Curve
 from .forces_between import ForceBetween, GivenPull, Pull, checked_force
 from .geometry import Geometry
 from .inputs import Input, time_function
-from .joints import GROUND, Joint, Rigid, check_new
+from .joints import GROUND, Joint, Rigid, check_new, moved_by, placed
 from .law import parameters_of_energy
 from .member_contact import check_members
 from .notebook import html_table, sketch
@@ -295,13 +295,17 @@ class Scene(Geometry):
             function = time_function(value, 1, f"prescribed {name} of {node}")
             self.prescribed[self._free_component(node, name)] = function
 
-    def add_joint(self, joint: Joint) -> Joint:
+    def add_joint(self, joint: Joint, at: Any = None) -> Joint:
         """Add a joint.
 
         Parameters
         ----------
         joint : Joint
             Created by `Rigid`, `Revolute`, `Prismatic`, `PinInSlot`, `Slider` or `Sleeve`.
+        at : Solution, optional
+            A motion or equilibrium at whose end the joint is made, in place of the reference
+            configuration: its nodes must meet there, its point on the ground is there, and a joint
+            that does not turn keeps the relative rotation. For motions that start from there.
 
         Returns
         -------
@@ -311,8 +315,8 @@ class Scene(Geometry):
         Raises
         ------
         SceneError
-            For nodes of another scene, nodes that do not fit the joint, or a motor that does not
-            start from zero.
+            For nodes of another scene, nodes that do not fit the joint (the message says how far
+            they are apart), or a motor that does not start from zero.
         """
         if not isinstance(joint, Joint):
             raise SceneError(
@@ -321,7 +325,10 @@ class Scene(Geometry):
         for node in (joint.a, joint.b):
             if node is not GROUND:
                 loads.check_node(self, node, joint.kind)
-        joint.check_start(self._size)
+        if at is None:
+            joint.check_start(self._size)
+        else:
+            joint = placed(joint, moved_by(at, joint.a), moved_by(at, joint.b), self._size)
         check_new(joint, self._couplings, self.joints)
         for on in filter(None, (joint.slide, joint.rotation)):
             self.parameters.add(parameters_of(on), str(joint))

@@ -106,6 +106,7 @@ def check_joints(model: Model, state: State) -> None:
             gap += abs(float(slide[0]) - joint.start()[0] - moved[number, "slide"])
         turn = float(joint.kinematics.angle(at, slide)[0])
         turn -= moved.get((number, "rotation"), 0.0)
+        turn -= 0.0 if joint.place is None else joint.place.turn
         for size, what in (
             (gap / model.mesh.size, f"its nodes have a gap of {gap:.3g} m"),
             (
@@ -116,7 +117,7 @@ def check_joints(model: Model, state: State) -> None:
             if size > 1e-8:
                 raise SceneError(
                     f"start: the solution violates {joint}: {what}. Start from a solution that has "
-                    "this joint"
+                    "this joint, or make it there: scene.add_joint(joint, at=solution)"
                 )
 
 
