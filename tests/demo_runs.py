@@ -62,6 +62,7 @@ PICTURES = {
     "plasticity": ("scene.png", "loops.png", "ring.png", "motion.gif"),
     "andrews": ("scene.png", "shapes.png", "angles.png", "motion.gif"),
     "whip_stop": ("scene.png", "shapes.png", "force_and_energy.png", "motion.gif"),
+    "belt_drive": ("scene.png", "tensions_and_slip.png", "motion.gif"),
     "falling_ring": ("scene.png", "shapes.png", "height_and_energy.png", "motion.gif"),
     "lattice_impact": ("energy.png", "front.png"),
     "own_physics": ("scene.png", "energy.png", "motion.gif"),

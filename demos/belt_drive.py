@@ -1,0 +1,198 @@
+"""Friction of a strip on a drum, and a belt that drives a pulley.
+
+A strip over half of a fixed drum is held at one end and pulled at the other, until it slips:
+Euler's law of the capstan. Then a belt runs over two equal pulleys. One is turned at a given rate,
+the other has a load that brakes it, and is pulled away by a constant force, which tightens the
+belt. The belt slips where it leaves a pulley. Elsewhere it sticks: at the tight side it has the
+speed of the driving pulley, at the slack side that of the driven one. As it is longer under more
+tension, the driven pulley turns a little slower: it creeps.
+
+Each node of strip and belt touches a circle, with a friction that sticks up to mu times the normal
+force. The circles of the pulleys move and turn with their bodies. With the tensions T1 > T2, the
+pull F, the moment M of the load, the radius R, and slip over the angle phi of a pulley,
+
+    capstan    T1 = T2 exp(mu pi),
+    belt       T1 + T2 = F,  (T1 - T2) R = M,  phi = ln(T1 / T2) / mu,
+    creep      w2 / w1 = (1 + T2 / EA) / (1 + T1 / EA).
+
+Reference: the laws of Euler (capstan) and Grashof (creep), as in textbooks on machine elements.
+Objective: these laws by a belt of two-node elements; the energy balance with stick, slip, and nodes
+that come and go.
+
+Units are metre, kilogram and second.
+"""
+
+import logging
+
+import numpy as np
+
+import fx_beam as fb
+from shared import script
+
+log = logging.getLogger("fx_beam.demo")
+
+RADIUS, SPAN = 0.1, 0.4  # of the pulleys, between their centres [m]
+ON_ARC = 24  # elements over half of a pulley
+EA, MU, PULL, RATE = 2000.0, 0.5, 40.0, 10.0  # [N], friction, [N], [rad/s]
+BELT = fb.Section(EA=EA, GA=EA / 2, EI=1e-3, rhoA=0.1, rhoI=1e-6, retardation=(2e-3, 2e-3, 2e-3))
+DRAG = 0.18  # of the load [N m s]
+MASS, INERTIA = 1.0, 5e-3  # of a pulley [kg, kg m^2]
+STIFFNESS, STICKS = 1e7, 1e7  # of contact and of friction, per length [N/m^2]
+TIGHTENED, FULL = 0.3, 0.8  # the belt is tight, the pulley has its rate [s]
+DT, EVERY, T_END, STEADY = 1e-3, 10, 2.4, 2.0  # [s]; means are from here on
+FRICTIONS = 0.1, 0.2, 0.3, 0.5  # of the strip
+
+
+def capstan(mu):
+    """Ratio of the tensions of a strip over half of a drum that slips."""
+    scene = fb.Scene()
+    arc = [(RADIUS * np.cos(a), RADIUS * np.sin(a)) for a in np.linspace(np.pi, 0, 61)]
+    below = RADIUS / 2
+    corners = [(-RADIUS, -below), *arc, (RADIUS, -below)]
+    section = fb.Section(EA=1e5, GA=1e5, EI=1e-4)
+    strip = scene.add_beam(corners, section, [4, *[1] * 60, 4])
+    scene.clamp(strip.start)
+    friction = fb.Coulomb(mu, 1e8)
+    scene.add_contact(strip, fb.Circle((0, 0), RADIUS), stiffness=1e6, friction=friction)
+    scene.add_force(strip.end, (0, -1.0))
+    N = fb.static(scene, steps=10).resultants(strip).N[-1]
+    return N[-1] / N[0]
+
+
+def turned(t):
+    """Angle of the driving pulley, whose rate grows smoothly from 0."""
+    up, t = FULL - TIGHTENED, max(0.0, t - TIGHTENED)
+    return -RATE * (t**3 / up**2 * (1 - t / (2 * up)) if t < up else t - up / 2)
+
+
+def drive():
+    """The scene; its belt, pulleys and contacts."""
+    scene = fb.Scene()
+    on_span = round(ON_ARC * SPAN / (np.pi * RADIUS))
+    half = RADIUS * np.exp(1j * np.linspace(np.pi / 2, -np.pi / 2, ON_ARC + 1))
+    top = np.linspace(0, SPAN, on_span, endpoint=False) + 1j * RADIUS
+    loop = np.concatenate([top, SPAN + half[:-1], SPAN - top, -half[:-1]])
+    points = [(z.real, z.imag) for z in loop]
+    belt = scene.add_beam(points, BELT, elements=len(points) - 1, name="belt")
+    scene.add_beam([belt.end, belt.start], BELT, name="end of the belt")
+    ends = (("driver", 0.0), ("driven", SPAN))
+    pulleys = [scene.add_body((x, 0), MASS, INERTIA, name=name).centre for name, x in ends]
+    scene.pin(pulleys[0])
+    scene.prescribe(pulleys[0], rotation=turned)
+    scene.fix(pulleys[1], "y")
+    scene.add_force(pulleys[1], lambda t: (PULL * min(1.0, t / TIGHTENED), 0.0))
+    scene.add_drag(pulleys[1], linear=50.0, rotation=DRAG)
+    friction = fb.Coulomb(MU, STICKS)
+    contacts = [
+        scene.add_contact(belt, fb.Circle(pulley, RADIUS), stiffness=STIFFNESS, friction=friction)
+        for pulley in pulleys
+    ]
+    return scene, belt, pulleys, contacts
+
+
+def tensions(solution, belt):
+    """Tensions (n, 2) of the lower and upper span [N], in their middle halves."""
+    nodes = solution.nodes_of_beam[belt.name]
+    x = solution.X[nodes] + solution.q[:, nodes, :2]
+    middle = (x[:, 1:] + x[:, :-1]) / 2
+    N, free = solution.resultants(belt).N, abs(middle[..., 0] - SPAN / 2) < SPAN / 4
+    sides = [free & (sign * middle[..., 1] > 0) for sign in (-1, 1)]
+    return np.stack([(N * of).sum(axis=1) / of.sum(axis=1) for of in sides], axis=1)
+
+
+def rates(solution, pulleys):
+    """Rates (n, 2) of the pulleys, clockwise [rad/s]."""
+    return -solution.v[:, [pulley.number for pulley in pulleys], 2]
+
+
+def slip_angle(contact, rows):
+    """Mean angle over which the belt slips on a pulley [degrees]."""
+    N = contact.normal[rows]
+    slips = (abs(contact.tangential[rows]) > 0.98 * MU * N) & (N > 1e-3)
+    return slips.sum(axis=1).mean() * 180 / ON_ARC
+
+
+def compute():
+    """The numbers, and what is drawn."""
+    ratios = {f"{mu:g}": capstan(mu) for mu in FRICTIONS}
+    log.info("belt")
+    scene, belt, pulleys, contacts = drive()
+    solution = fb.simulate(scene, dt=DT, t_end=T_END, record=fb.Record(every=EVERY))
+    rows = solution.t > STEADY
+    tight, slack = tensions(solution, belt)[rows].mean(axis=0)
+    first, second = rates(solution, pulleys)[rows].mean(axis=0)
+    energy = solution.energy
+    found = {
+        "capstan": ratios,
+        "capstan, exact": {f"{mu:g}": np.exp(mu * np.pi) for mu in FRICTIONS},
+        "sum of tensions / pull": (tight + slack) / PULL,
+        "difference of tensions / (moment / radius)": (tight - slack) / (DRAG * second / RADIUS),
+        "creep": 1 - second / first,
+        "creep by the tensions": 1 - (1 + slack / EA) / (1 + tight / EA),
+        "angles of slip": [slip_angle(solution.contact(one), rows) for one in contacts],
+        "angle of slip by the tensions": np.degrees(np.log(tight / slack) / MU),
+        "energy drift": abs(energy.balance_error).max() / energy.work[-1],
+        "least loss of a row": np.diff(energy.dissipated).min(),
+        "dissipated / work": energy.dissipated[-1] / energy.work[-1],
+        "Newton iterations per step": solution.stats.newton_iterations / solution.stats.substeps,
+        "halvings": solution.stats.halvings,
+    }
+    return found, (solution, scene, belt, pulleys, contacts, ratios)
+
+
+def report(numbers):
+    print("Tight over slack tension of a strip on half of a drum, and the law of the capstan:")
+    for mu, ratio in numbers["capstan"].items():
+        print(f"  mu = {mu}: {ratio:.4f}, {numbers['capstan, exact'][mu]:.4f}")
+    print("Belt drive, and what follows from its tensions:")
+    print(f"  sum of tensions / pull                 {numbers['sum of tensions / pull']:.4f}")
+    difference = numbers["difference of tensions / (moment / radius)"]
+    print(f"  difference of tensions / (M / R)       {difference:.4f}")
+    creep = numbers["creep"], numbers["creep by the tensions"]
+    print("  creep                                  {:.5f}, {:.5f}".format(*creep))
+    angles = *numbers["angles of slip"], numbers["angle of slip by the tensions"]
+    print("  angles of slip, driver and driven      {:.1f}, {:.1f}, {:.1f} degrees".format(*angles))
+    print(f"  balance error / work                   {numbers['energy drift']:.1e}")
+    print(f"  dissipated / work                      {numbers['dissipated / work']:.4f}")
+    words = f"{numbers['Newton iterations per step']:.2f} Newton iterations per step"
+    print(f"  {words}, {numbers['halvings']} halvings")
+
+
+def draw(results, solution, scene, belt, pulleys, contacts, ratios):
+    # Imported here: the numbers need neither matplotlib nor pyvista.
+    from fx_beam import plot
+
+    plot.scene(scene, results / "scene.png")
+    first, last = (round(t / DT / EVERY) for t in (0.9, 1.6))
+    plot.animate(solution, range(first, last), results / "motion.gif", colour="N")
+
+    figure, ((speed, pull), (angle, drum)) = plot.figure(2, 2)
+    of_pulleys = rates(solution, pulleys)
+    for values, name in zip(of_pulleys.T, ("driver", "driven"), strict=True):
+        speed.plot(solution.t, values, label=name)
+    speed.set(xlabel="time $t$ [s]", ylabel="rate [rad/s]")
+    spans = zip(tensions(solution, belt).T, ("tight span", "slack span"), ("C2", "C3"), strict=True)
+    for values, name, colour in spans:
+        pull.plot(solution.t, values, color=colour, label=name)
+    load = DRAG * of_pulleys[:, 1] / RADIUS
+    for sign in (1, -1):
+        expected = (PULL * np.minimum(1, solution.t / TIGHTENED) + sign * load) / 2
+        pull.plot(solution.t, expected, "k--", linewidth=0.7)
+    pull.set(xlabel="time $t$ [s]", ylabel="tension [N]")
+    contact = solution.contact(contacts[1])
+    centre = solution.position(pulleys[1])[-1]
+    arms = contact.points[-1] - centre
+    touches = contact.normal[-1] > 1e-3
+    at = np.degrees(np.arctan2(*arms[touches].T[::-1]))
+    share = abs(contact.tangential[-1] / np.maximum(contact.normal[-1], 1e-9))[touches]
+    angle.plot(at, share, ".")
+    angle.set(xlabel="angle on the driven pulley [degrees]", ylabel="friction / normal force")
+    mu = np.linspace(0, 0.55, 50)
+    drum.plot(mu, np.exp(mu * np.pi), "k--", linewidth=0.7, label=r"$e^{\mu \pi}$")
+    drum.plot([float(one) for one in ratios], [*ratios.values()], "o", label="strip")
+    drum.set(xlabel=r"friction $\mu$", ylabel="ratio of tensions")
+    plot.save(figure, results / "tensions_and_slip.png")
+
+
+if __name__ == "__main__":
+    script.run()

@@ -1,0 +1,32 @@
+"""The numbers of demos/belt_drive.py."""
+
+import pytest
+from demo_runs import numbers
+
+pytestmark = pytest.mark.slow
+
+
+def belt():
+    return numbers("belt_drive")
+
+
+def test_strip_slips_by_the_law_of_the_capstan():
+    found = belt()
+    for mu, exact in found["capstan, exact"].items():
+        assert found["capstan"][mu] == pytest.approx(exact, rel=1e-3)
+
+
+def test_belt_carries_pull_and_moment_and_creeps():
+    found = belt()
+    assert found["sum of tensions / pull"] == pytest.approx(1, abs=0.01)
+    assert found["difference of tensions / (moment / radius)"] == pytest.approx(1, abs=0.01)
+    assert found["creep"] == pytest.approx(found["creep by the tensions"], rel=0.05)
+    theory = found["angle of slip by the tensions"]
+    assert all(0.7 * theory < angle < theory + 7.5 for angle in found["angles of slip"])
+
+
+def test_belt_keeps_its_balance_while_nodes_come_and_go():
+    found = belt()
+    assert found["energy drift"] < 1e-12
+    assert found["least loss of a row"] >= 0
+    assert found["halvings"] == 0
