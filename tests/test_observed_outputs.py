@@ -20,6 +20,9 @@ def outputs_of(scene):
         for quantity in ("angle", "slide", "spin", "rate", "force", "motor_force"):
             if not joint.lacks(quantity):
                 found[f"{quantity} of {joint.number}"] = fb.Output(quantity, joint)
+    for beam in scene.beams:
+        for quantity in "NQM":
+            found[f"{quantity} of {beam.name}"] = fb.Output(quantity, beam)
     for kind in ("kinetic", "strain", "potential", "spring", "total"):
         found[kind] = fb.Output(f"{kind}_energy", scene)
     return found

@@ -8,6 +8,8 @@ import numpy as np
 
 from fx_beam.compiled.tape import Tape
 from fx_beam.model.model import Model
+from fx_beam.scene.beam import Beam, Node
+from fx_beam.scene.joints import Joint
 from fx_beam.scene.outputs import Output
 from fx_beam.scene.scene import Scene
 from fx_beam.stepping.forcing import Forcing
@@ -15,6 +17,7 @@ from fx_beam.stepping.forcing import Forcing
 from .energy_gradients import EnergyOutput
 from .gradient import Gradient
 from .linear_outputs import LinearOutput, Places, check_linear, linear_output, needs_rates
+from .resultant_outputs import ResultantOutput, SubSteps
 
 #: States (n, ...) before some sub-steps, by the names of the derivatives by them.
 StatesAt = Callable[[np.ndarray], dict[str, np.ndarray]]
@@ -33,15 +36,18 @@ class Observation:
     ):
         self._model, self._tape, self._rows = model, tape, len(boundaries)
         for name, output in outputs.items():
-            if not isinstance(output.of, Scene):
+            if isinstance(output.of, Node | Joint):
                 check_linear(model, output, name)
         fits = model.fitted_rates is not None
         needed = any(map(observes_rates, outputs.values()))
         steps = tape.steps_to(boundaries)
         moving = needed and not model.scheme.rates.at_rest
-        every = np.concatenate([boundaries, steps.starts]) if moving else boundaries
+        every = [boundaries, *[steps.starts] * moving]
+        if any(isinstance(output.of, Beam) for output in outputs.values()):
+            within = steps.sub_steps if boundaries.all() else np.append(steps.sub_steps, 0)
+            every += [within, within + 1, np.maximum(within - 1, 0)]
         #: Sub-steps before the states that outputs need, and those whose forces they need.
-        self.boundaries = np.unique(every)
+        self.boundaries = np.unique(np.concatenate(every))
         self.sub_steps = steps.sub_steps if needed else steps.sub_steps[:0]
         ends, starts = np.searchsorted(self.boundaries, [boundaries, steps.starts])
         self._places = Places(ends, starts, boundaries > 0, steps)
@@ -54,23 +60,36 @@ class Observation:
             q, v = self._states["q"], self._states["v"]
             self._fit = model.fitted_rates.derivatives(q, v, driven)
             self._states["rates"] = self._fit.rates
-        parts = self._parameters(boundaries)
-        self._outputs: dict[str, LinearOutput | EnergyOutput] = {
-            name: EnergyOutput(model, output.quantity, self._states, ends, parts)
-            if isinstance(output.of, Scene)
-            else linear_output(model, output, self._places, self._states)
-            for name, output in outputs.items()
-        }
+        self._values = self._parameter_values()
+        self._outputs = {name: self._observed(output) for name, output in outputs.items()}
 
-    def _parameters(self, boundaries: np.ndarray) -> tuple[np.ndarray, np.ndarray] | None:
-        """Places of the parameters of the rows among the numbers, -1 at the start, and values."""
+    def _observed(self, output: Output) -> LinearOutput | EnergyOutput | ResultantOutput:
+        model, places, states = self._model, self._places, self._states
+        if isinstance(output.of, Scene):
+            return EnergyOutput(model, output.quantity, states, places.ends, self._parameters())
+        if isinstance(output.of, Beam):
+            values = None if self._values is None else self._values[1:, 0]
+            of = SubSteps(model, self._tape, self.boundaries, states, values)
+            return ResultantOutput(of, output.of, output.quantity, places)
+        return linear_output(model, output, places, states)
+
+    def _parameter_values(self) -> np.ndarray | None:
+        """Values (1 + sub-steps, 2, n) of the parameters at the start, and in all sub-steps."""
         of_scene, tape = self._model.forms.parameters, self._tape
         if not len(of_scene):
             return None
         level, t0 = self._model.scheme.rates.level, tape.starts
         over = of_scene.over_steps(t0, t0 + tape.lengths, level)
-        values = np.concatenate([of_scene.at(t0[0])[None], over[:, 1]])[boundaries]
-        return np.where(boundaries > 0, (2 * boundaries - 1) * len(of_scene), -1), values
+        first = np.broadcast_to(of_scene.at(float(t0[0])), (1, 2, len(of_scene)))
+        return np.concatenate([first, over])
+
+    def _parameters(self) -> tuple[np.ndarray, np.ndarray] | None:
+        """Places of the parameters of the rows among the numbers, -1 at the start, and values."""
+        if self._values is None:
+            return None
+        ends = self.boundaries[self._places.ends]
+        first = (2 * ends - 1) * self._values.shape[-1]
+        return np.where(ends > 0, first, -1), self._values[ends, 1]
 
     @property
     def _sizes(self) -> dict[str, tuple[int, int]]:

@@ -19,6 +19,7 @@ from fx_beam.model.model import Model
 from fx_beam.results.audit import Stats
 from fx_beam.results.solution import Solution
 from fx_beam.results.state import State
+from fx_beam.scene.beam import Beam
 from fx_beam.scene.inputs import with_functions
 from fx_beam.scene.joints import Joint
 from fx_beam.scene.outputs import Output, check_output
@@ -211,7 +212,9 @@ class Response:
         return solution.t, self._read_all(solution)
 
     def _read_all(self, solution: Solution) -> dict[str, np.ndarray]:
-        return {name: _read(solution, of, name) for name, of in self._outputs.items()}
+        y = {name: _read(solution, of, name) for name, of in self._outputs.items()}
+        self._shapes = {name: rows.shape for name, rows in y.items()}
+        return y
 
     def _start_of(self, scene: Scene) -> Solution | None:
         self._path = None
@@ -354,9 +357,8 @@ class Response:
         what = "Response.vjp: weights"
         require(isinstance(weights, Mapping), what, weights, "a dict by names of outputs")
         outputs = self._differentiable(weights, what)
-        for name, output in outputs.items():
-            shape = len(self._t), *([len(output.components)] if output.components else [])
-            given = np.shape(weights[name])
+        for name in outputs:
+            shape, given = self._shapes[name], np.shape(weights[name])
             require(given == shape, f"{what}[{name!r}]", given, f"of the shape {shape}")
             wrong = np.argwhere(~np.isfinite(np.asarray(weights[name], float)))
             if len(wrong):
@@ -578,6 +580,8 @@ def _read(solution: Solution, output: Wanted, name: str) -> np.ndarray:
     if isinstance(of, Scene):
         name = output.quantity.removesuffix("_energy")
         rows = getattr(solution.energy, "springs" if name == "spring" else name)
+    elif isinstance(of, Beam):
+        rows = getattr(solution.resultants(of), output.quantity)
     elif isinstance(of, Joint):
         rows = getattr(solution.joint(of), output.quantity)
     else:

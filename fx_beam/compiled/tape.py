@@ -97,6 +97,11 @@ class Tape:
         return Steps(starts, lengths, sub_steps, rows, shares)
 
     @property
+    def memories(self) -> np.ndarray:
+        """`Step.memory` of all sub-steps."""
+        return self._rows[: self.c.rows, 2]
+
+    @property
     def first_length(self) -> float:
         """Length of the first step [s]."""
         begins = np.flatnonzero(self._rows[: self.c.rows, 4] == 0)

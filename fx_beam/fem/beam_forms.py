@@ -19,6 +19,7 @@ from .fields import Fields, fields_of
 from .mesh import Mesh
 from .parameter_values import ParameterValues
 from .pulled_form import BoundPull, PulledForm, StoredForm
+from .resultant_derivatives import ResultantDerivatives, ResultantForm, bound
 from .section_fields import Data, DataShape, FilledField, distinct, on_beam, refill, section_data
 from .step_start import StepStart
 from .weak_form import Material, WeakForm, inverted_sections, weak_form
@@ -59,6 +60,8 @@ class BeamForms:
         self.changes = 0
         #: Derivatives of the stored energy by name, with their spaces; None until they are needed.
         self._stored: dict[str, tuple[Any, Any]] | None = None
+        #: Those of resultants.
+        self._derived: ResultantDerivatives | None = None
         #: Forms by name: on the mesh, and as compiled.
         self.bound: dict[str, tuple[Any, CompiledForm]] = {}
         #: Their names, in order.
@@ -299,6 +302,37 @@ class BeamForms:
         spaces["coordinates"] = interval_mesh.positions_space(self._mesh.mesh)
         return {name: (bound[name][0], spaces[name]) for name in bound if name in spaces}
 
+    def derive_resultants(self) -> ResultantDerivatives:
+        """Derivatives of `resultants`."""
+        if self._derived is None:
+            own = self._vary(self.of_sections)
+            shapes = {name: field.data for name, field in own.items()}
+            weak = ResultantForm(self._weak.parameters, *self._kind, *_shapes(shapes), self._works)
+            data = {getattr(weak, name): field.on_mesh for name, field in own.items()}
+            pairs = zip(weak.indicators, self._weak.indicators, strict=True)
+            data |= {symbol: self._data[known] for symbol, known in pairs}
+            spaces = {name: field.on_mesh.function_space for name, field in own.items()}
+            spaces |= {"increment": self._space, "start": self._mesh.space}
+            spaces["before"] = self._mesh.space
+            if weak.width:
+                data[weak.internal] = self._data[self._weak.internal]
+                spaces["internal"] = data[weak.internal].function_space
+            if weak.more is not None:
+                data[weak.more] = self._no_parameters(len(weak.names))
+                spaces["parameters"] = data[weak.more].function_space
+            mesh, tags = self._mesh.mesh, self._tags if self._tags.any() else None
+            weight = dolfinx_api.function(interval_mesh.gauss_space(mesh, self.fields.degree, 3))
+            data = self._data | data | {weak.weight: weight}
+            forms = self._pulled_forms(weak.forms, self._space, spaces, data)
+
+            def bind(compiled: CompiledForm, space: Any, changes: Mapping) -> Any:
+                return dolfinx_api.bind(compiled, mesh, space, data | changes, tags)
+
+            of_mesh = bound(weak, forms, spaces, bind, self._mesh, weight)
+            degree, begin = self.fields.degree, self.begin_part
+            self._derived = ResultantDerivatives(of_mesh, self._mesh, degree, begin)
+        return self._derived
+
     def _no_parameters(self, count: int):
         """Zeros (cells, 1, count) on the mesh."""
         return Data(1, np.zeros((len(self._tags), 1, count))).on(self._mesh)
@@ -484,6 +518,13 @@ class BeamForms:
         points = dolfinx_api.gauss_points(self.fields.degree)
         return dolfinx_api.compile_expression(expression, points, self._mesh.mesh, self._data)
 
+    def begin_part(self, part: Part) -> None:
+        """Begin a completed step."""
+        level = part.interval.start + self._scheme.rates.level * part.interval.length
+        self._parameters.begin(level, part.start.parameters)
+        self.begin(part.interval, part.start)
+        self._set(self.increment, part.D)
+
     def resultants(self, parts: Iterable[Part]) -> np.ndarray:
         """N, Q and M (n, cells, degree, 3) at the Gauss points, for n steps or parts."""
         expressions = [
@@ -491,11 +532,7 @@ class BeamForms:
         ]
         rows = []
         for part in parts:
-            interval, start = part.interval, part.start
-            level = interval.start + self._scheme.rates.level * interval.length
-            self._parameters.begin(level, start.parameters)
-            self.begin(interval, start)
-            self._set(self.increment, part.D)
+            self.begin_part(part)
             out = np.empty((len(self._tags), self.fields.degree, 3))
             for expression, cells in expressions:
                 values = dolfinx_api.evaluate(expression, self._mesh.mesh, cells)

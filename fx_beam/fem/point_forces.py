@@ -71,11 +71,14 @@ def _owner(force: PointForce) -> str:
 
 
 def _without_numbers(force: PointForce) -> tuple:
-    """A force without its numbers; its functions of a user are compared in the scene."""
+    """A force without its numbers; its functions of a user are compared in the scene.
+
+    Nor with the text of its owner, which has positions.
+    """
     law: Any = force.law
     if law.own:
         law = law.name, law.size, law.numbers, law.internal, law.remembered
-    return law, *force[2:]
+    return law, *force._replace(owner="")[2:]
 
 
 class PointForces:

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 from fx_beam.validation import is_one_of, require
 
-from .beam import Node
+from .beam import Beam, Node
 from .joints import Joint
 from .loads import check_node
 from .removal import own_joint
@@ -39,25 +39,27 @@ OF_SCENES: dict[str, tuple[str, ...]] = {
     "spring_energy": (),
     "total_energy": (),
 }
+OF_BEAMS: dict[str, tuple[str, ...]] = {"N": (), "Q": (), "M": ()}
 
 
 @dataclass(frozen=True)
 class Output:
     """A quantity of a node or a joint that `Motion` measures and `linearise` observes.
 
-    `Response` also takes energies of the scene.
+    `Response` also takes energies of the scene and stress resultants of beams.
 
     Quantities have the names and units of `Solution`: "position", "displacement", "rotation",
     "velocity", "spin", "acceleration" and "reaction" of a node; of a joint those of `JointMotion`:
     "angle", "slide", "spin", "rate", "force" and "motor_force". Of a scene, those of `Energy`:
     "kinetic_energy", "strain_energy", "potential_energy", "spring_energy" (also of
-    stops and obstacles) and their sum, "total_energy" [J].
+    stops and obstacles) and their sum, "total_energy" [J]. Of a beam, the resultants
+    "N", "Q" [N] and "M" [N m] at all its Gauss points.
 
     Parameters
     ----------
     quantity : str
         Name of the quantity.
-    of : Node, Joint or Scene
+    of : Node, Joint, Scene or Beam
         Where it is measured.
     component : {"x", "y", "moment"}, optional
         One component of a quantity that has several; by default all of them.
@@ -77,12 +79,12 @@ class Output:
     """
 
     quantity: str
-    of: Node | Joint | Scene
+    of: Node | Joint | Scene | Beam
     component: str | None = None
 
     def __post_init__(self):
-        fits = isinstance(self.of, Node | Joint | Scene)
-        require(fits, "Output: of", self.of, "a node, a joint or a scene")
+        fits = isinstance(self.of, Node | Joint | Scene | Beam)
+        require(fits, "Output: of", self.of, "a node, a joint, a scene or a beam")
         known = self._known
         wanted = f"one of {list(known)} for {self._place}"
         named = isinstance(self.quantity, str) and self.quantity in known
@@ -97,12 +99,16 @@ class Output:
 
     @property
     def _place(self) -> str:
+        if isinstance(self.of, Beam):
+            return self.of.name
         return "the scene" if isinstance(self.of, Scene) else str(self.of)
 
     @property
     def _known(self) -> dict[str, tuple[str, ...]]:
         if isinstance(self.of, Scene):
             return OF_SCENES
+        if isinstance(self.of, Beam):
+            return OF_BEAMS
         return OF_JOINTS if isinstance(self.of, Joint) else OF_NODES
 
     @property
@@ -123,7 +129,7 @@ def check_outputs(scene, outputs, what: str) -> None:
     require(fits, what, outputs, "a dictionary of fx_beam.Output by names")
     for name, output in outputs.items():
         own = f"{what}[{name!r}]"
-        fits = isinstance(output, Output) and not isinstance(output.of, Scene)
+        fits = isinstance(output, Output) and isinstance(output.of, Node | Joint)
         require(fits, own, output, "an fx_beam.Output of a node or a joint")
         check_output(scene, output, own)
 
@@ -133,6 +139,10 @@ def check_output(scene, output: Output, what: str) -> None:
     joint = output.of
     if isinstance(joint, Scene):
         require(joint is scene, what, str(output), "of the scene of the motion")
+        return
+    if isinstance(joint, Beam):
+        theirs = any(joint is one for one in scene.beams)
+        require(theirs, what, str(output), "of a beam of this scene")
         return
     if not isinstance(joint, Joint):
         check_node(scene, joint, what)
