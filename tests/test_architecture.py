@@ -218,6 +218,7 @@ HOUSE = {
         "linear_outputs",
         "energy_gradients",
         "resultant_outputs",
+        "objectives",
         "observation",
         "response",
         "snapshot",

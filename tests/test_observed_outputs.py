@@ -123,3 +123,63 @@ def test_derivatives_of_outputs_are_those_of_the_motion(name):
         products = np.tensordot(weights[key], J[key], weights[key].ndim)
         largest = abs(gradients[key]).max()
         assert abs(products - gradients[key]).max() < 1e-8 * largest + 1e-10, key
+
+
+# -- Against what is known otherwise -----------------------------------------------------------
+
+
+def test_reaction_of_a_cantilever_by_its_load():
+    """At rest it is minus the load, and its moment minus the load times where the tip is."""
+
+    def build(x):
+        scene = fb.Scene()
+        section = fb.Section(EA=1e4, GA=1e4, EI=1.0, rhoA=1.0, rhoI=0.01)
+        beam = scene.add_beam([(0, 0), (1, 0)], section, elements=4)
+        scene.clamp(beam.start)
+        scene.add_force(beam.end, (0.0, x[0]))
+        tip, root = fb.Output("position", beam.end, "x"), fb.Output("reaction", beam.start)
+        return scene, {"tip": tip, "root": root, "M": fb.Output("M", beam)}
+
+    load = 2.0
+    static = fb.StaticResponse(build, steps=3)
+    moving = fb.Response(build, dt=0.01, t_end=0.05, start=lambda scene: fb.static(scene, steps=3))
+    for run, factors in ((static, static([load])[0]), (moving, np.ones(6))):
+        _, y = run([load])
+        J = run.jacobian()
+        root, tip = J["root"][..., 0], J["tip"][:, 0]
+        assert abs(root[:, 0]).max() < 1e-8
+        assert abs(root[:, 1] + factors).max() < 1e-8
+        moment = -factors * y["tip"] - factors * load * tip
+        assert root[1:, 2] == pytest.approx(moment[1:], abs=1e-7)
+        # The last element's mean moment has half its length as the arm.
+        x = y["tip"][-1] - static([load])[1]["tip"][-1]
+        assert abs(x) < 1e-9
+    assert abs(moving.jacobian("M")["M"] - moving.jacobian("M")["M"][:1]).max() < 1e-6
+
+
+def pendulum(x):
+    """A rigid pendulum that is let go at the angle x[0], with the mass x[1]."""
+    scene, c, s = fb.Scene(gravity=(0.0, -9.81)), np.cos(x[0]), np.sin(x[0])
+    body = scene.add_body((s, -c), x[1], 1e-9, points={"pin": (0, 0)})
+    pin = scene.add_joint(fb.Revolute(fb.GROUND, body["pin"]))
+    outputs = {"pin": fb.Output("force", pin), "a": fb.Output("acceleration", body.centre)}
+    return scene, outputs | {"speed": fb.Output("velocity", body.centre)}
+
+
+def test_force_of_a_pendulums_pin():
+    """Balance of momentum in each step, and m g (3 - 2 cos x) where it is lowest."""
+    run = fb.Response(pendulum, dt=0.01, t_end=0.8)
+    x = np.array([1.0, 2.0])
+    t, y = run(x)
+    J = run.jacobian()
+    assert J["pin"][1:, :2, 0] == pytest.approx(x[1] * J["a"][1:, :, 0], abs=1e-7)
+    by_mass = y["a"][1:] + (0, 9.81) + x[1] * J["a"][1:, :, 1]
+    assert J["pin"][1:, :2, 1] == pytest.approx(by_mass, abs=1e-7)
+    lowest = np.argmax(y["pin"][:, 1])
+    assert y["pin"][lowest, 1] == pytest.approx(x[1] * 9.81 * (3 - 2 * np.cos(x[0])), rel=1e-3)
+    assert J["pin"][lowest, 1, 0] == pytest.approx(x[1] * 9.81 * 2 * np.sin(x[0]), rel=2e-2)
+    # The energy at any time is that of the start.
+    height = 9.81 * np.sin(x[0])
+    fastest = np.argmax(y["speed"][:, 0] ** 2)
+    speed = y["speed"][fastest] @ J["speed"][fastest, :, 0]
+    assert speed == pytest.approx(height, rel=2e-2)

@@ -34,6 +34,7 @@ from .dynamics import simulate
 from .gradient import along
 from .kept_setup import KeptSetup, keeping_setup
 from .numbers import OF_OUTPUTS, numbers_of, observed_numbers_of
+from .objectives import Cost, Misfit, Objective
 from .observation import Observation, observes_rates, rates_at
 from .run_setup import RunSetup, checked_scheme
 from .static_derivatives import StateChange, StaticDerivatives, why_not
@@ -51,6 +52,8 @@ _CHAOTIC = (
     "has vibrations that the step does not resolve. They are exact for these steps, but tell only "
     "of tiny changes. Use a shorter time, or EnergyDecaying"
 )
+# What pickles and copies keep: what was given.
+_GIVEN = {"_build", "_start", "_record", "_options", "_static"}
 _RATES = {"velocity", "acceleration", "spin", "rate"}
 _FORCES = {"reaction", "force", "motor_force"}
 
@@ -143,9 +146,10 @@ class Response:
         solver: str = "auto",
         inputs: Mapping[str, Any] | None = None,
     ):
+        require(callable(build), "Response: build", build, "a function of an array of numbers")
         fits = record is None or isinstance(record, Record)
         require(fits, "Response: record", record, "an fx_beam.Record")
-        self._begin(build)
+        self._build = build
         self._start, self._record = start, record or Record()
         self._options: dict[str, Any] = {
             "scheme": scheme,
@@ -159,6 +163,14 @@ class Response:
             "solver": solver,
             "inputs": inputs,
         }
+        self._begin()
+
+    def _begin(self) -> None:
+        """Know of no call yet."""
+        self._names: list[str] = []
+        self._x: Any = None
+        # Derivatives of all numbers by x.
+        self._known_changes: dict[str, np.ndarray] | None = None
         self._kept = KeptSetup()
         self._kept.reads_at_once = True
         self._adjoint: tuple[Any, list, Adjoint] | None = None
@@ -168,13 +180,12 @@ class Response:
         self._path: StaticPath | None = None
         self.stats: Stats
 
-    def _begin(self, build: Callable[[np.ndarray], tuple[Scene, Mapping[str, Wanted]]]) -> None:
-        require(callable(build), "Response: build", build, "a function of an array of numbers")
-        self._build = build
-        self._names: list[str] = []
-        self._x: Any = None
-        # Derivatives of all numbers by x.
-        self._known_changes: dict[str, np.ndarray] | None = None
+    def __getstate__(self):
+        return {name: own for name, own in vars(self).items() if name in _GIVEN}
+
+    def __setstate__(self, given):
+        vars(self).update(given)
+        self._begin()
 
     def __call__(self, x: Sequence[float]) -> tuple[np.ndarray, dict[str, np.ndarray]]:
         """Simulate the scene of some numbers.
@@ -294,6 +305,89 @@ class Response:
         self._refuse_others(changes, forward.names)
         of_state = forward.push(tape, changes, observed.boundaries, observed.sub_steps)
         return observed.push(of_state, changes)
+
+    def objective(self, function: Cost) -> Objective:
+        """A number of the whole motion as a function of x, with its derivatives by x.
+
+        For ``scipy.optimize.minimize(run.objective(function), x, jac=True)``.
+
+        Parameters
+        ----------
+        function : callable
+            ``function(t, y)`` gives a number, and its derivatives by the outputs on which it
+            depends: a dict of arrays by their names, as for `vjp`.
+
+        Returns
+        -------
+        callable
+            A function of x (m,) that gives the number and its derivatives (m,).
+
+        Raises
+        ------
+        SceneError
+            In its calls, if the function gives anything else; as of `vjp`.
+
+        Examples
+        --------
+        The force on a body by which it is at a place at the end.
+
+        >>> import numpy as np, fx_beam as fb
+        >>> from scipy.optimize import minimize
+        >>> def build(x):
+        ...     scene = fb.Scene()
+        ...     body = scene.add_body((0, 0), mass=1.0, inertia=1.0)
+        ...     scene.add_force(body.centre, x)
+        ...     return scene, {"place": fb.Output("position", body.centre)}
+        >>> run = fb.Response(build, dt=0.1, t_end=1.0)
+        >>> def distance(t, y):
+        ...     weights = np.zeros_like(y["place"])
+        ...     weights[-1] = gap = y["place"][-1] - (1.0, 2.0)
+        ...     return gap @ gap / 2, {"place": weights}
+        >>> minimize(run.objective(distance), [0.0, 0.0], jac=True).x.round(6)
+        array([2., 4.])
+        """
+        return Objective(self, function)
+
+    def misfit(self, measured: Mapping[str, Any], scatter: Any = 1.0) -> Misfit:
+        """Outputs less what was measured, as a function of x for least squares.
+
+        For ``scipy.optimize.least_squares(misfit, x, jac=misfit.jacobian)``.
+
+        Parameters
+        ----------
+        measured : dict of (n, ...) float
+            Measured values by the names of outputs; NaN where there are none.
+        scatter : float or dict, optional
+            Standard deviation of what was measured, or that of each by name: a number or an array.
+
+        Returns
+        -------
+        callable
+            A function of x (m,) that gives all deviations over their standard deviations (k,), with
+            a method ``jacobian(x)`` (k, m).
+
+        Raises
+        ------
+        SceneError
+            For other names or shapes than those of the outputs, or a scatter that is not positive.
+
+        Examples
+        --------
+        The mass of a body that is pushed.
+
+        >>> import fx_beam as fb
+        >>> from scipy.optimize import least_squares
+        >>> def build(x):
+        ...     scene = fb.Scene()
+        ...     body = scene.add_body((0, 0), mass=x[0], inertia=1.0)
+        ...     scene.add_force(body.centre, (1.0, 0.0))
+        ...     return scene, {"place": fb.Output("position", body.centre)}
+        >>> run = fb.Response(build, dt=0.1, t_end=1.0)
+        >>> misfit = run.misfit({"place": run([2.0])[1]["place"]}, scatter=1e-3)
+        >>> least_squares(misfit, [1.0], jac=misfit.jacobian).x.round(6)
+        array([2.])
+        """
+        return Misfit(self, measured, scatter)
 
     def _observed(self, model: Model, tape: Tape, outputs: Mapping[str, Output]) -> Observation:
         states_at = functools.partial(self._states, model, tape)

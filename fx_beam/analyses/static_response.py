@@ -12,6 +12,7 @@ from fx_beam.compiled.tape import Tape
 from fx_beam.model.model import Model
 from fx_beam.scene.scene import Scene
 from fx_beam.stepping.newton import NewtonOptions
+from fx_beam.validation import require
 
 from .response import Response, Wanted
 from .static_derivatives import StaticDerivatives
@@ -91,7 +92,8 @@ class StaticResponse(Response):
         max_steps: int = 1000,
         inputs: Mapping[str, Any] | None = None,
     ):
-        self._begin(build)
+        require(callable(build), "StaticResponse: build", build, "a function of numbers")
+        self._build = build
         self._static: dict[str, Any] = {
             "steps": steps,
             "t": t,
@@ -101,6 +103,10 @@ class StaticResponse(Response):
             "max_steps": max_steps,
             "inputs": inputs,
         }
+        self._begin()
+
+    def _begin(self) -> None:
+        super()._begin()
         self._derivatives: StaticDerivatives | None = None
 
     def __call__(self, x: Sequence[float]) -> tuple[np.ndarray, dict[str, np.ndarray]]:

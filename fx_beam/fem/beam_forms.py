@@ -217,25 +217,36 @@ class BeamForms:
 
     def pulled(self) -> BoundPull:
         """The work of the internal forces on weights, and its derivatives."""
-        own = self._vary(self.of_sections)
-        shapes = {name: field.data for name, field in own.items()}
-        weak = PulledForm(self._weak.parameters, *self._kind, *_shapes(shapes), self._works)
-        data = {getattr(weak, name): field.on_mesh for name, field in own.items()}
-        pairs = zip(weak.indicators, self._weak.indicators, strict=True)
-        data |= {symbol: self._data[known] for symbol, known in pairs}
-        spaces = {name: field.on_mesh.function_space for name, field in own.items()}
+        weak, data, spaces = self._varied(PulledForm)
         weights: list[Any] = [weak.weight]
         data[weak.weight] = dolfinx_api.function(self._space)
         if weak.width:
-            data[weak.internal] = self._data[self._weak.internal]
-            spaces["internal"] = data[weak.internal].function_space
             data[weak.internal_weight] = dolfinx_api.function(spaces["internal"])
             weights.append(weak.internal_weight)
-        if weak.more is not None:
-            data[weak.more] = self._no_parameters(len(weak.names))
-            spaces["parameters"] = data[weak.more].function_space
-        forms = self._pulled_forms(weak.forms, self._space, spaces, self._data | data)
+        forms = self._pulled_forms(weak.forms, self._space, spaces, data)
         return BoundPull(forms, [*self.moving, *(data[weight] for weight in weights)])
+
+    def _varied(self, kind: Any, without: Iterable[str] = ()) -> tuple[Any, dict, dict[str, Any]]:
+        """A form of a kind, whose data vary cell by cell; what is in the place of its symbols.
+
+        And the spaces of its data, by name.
+        """
+        names = [name for name in self.of_sections if name not in without]
+        own = self._vary({name: self.of_sections[name] for name in names})
+        shapes = {name: field.data for name, field in own.items()}
+        weak = kind(self._weak.parameters, *self._kind, *_shapes(shapes), self._works)
+        data = self._data | {getattr(weak, name): field.on_mesh for name, field in own.items()}
+        pairs = zip(weak.indicators, self._weak.indicators, strict=True)
+        data |= {symbol: self._data[known] for symbol, known in pairs}
+        spaces = {name: field.on_mesh.function_space for name, field in own.items()}
+        if weak.width:
+            data[weak.internal] = self._data[self._weak.internal]
+            spaces["internal"] = data[weak.internal].function_space
+        if weak.more is not None:
+            values = np.zeros((len(self._tags), 1, len(weak.names)))
+            data[weak.more] = Data(1, values).on(self._mesh)
+            spaces["parameters"] = data[weak.more].function_space
+        return weak, data, spaces
 
     def pulled_drag(self) -> BoundPull:
         """The work of the drag on weights, and its derivatives."""
@@ -283,59 +294,30 @@ class BeamForms:
 
     def _bind_stored(self) -> dict[str, tuple[Any, Any]]:
         """Derivatives of the stored energy on the mesh by name, with the space of each."""
-        known = {name: self.of_sections[name] for name in self.of_sections if name == "stiffness"}
-        own = self._vary(known)
-        shapes = {name: field.data for name, field in own.items()}
-        weak = StoredForm(self._weak.parameters, *self._kind, *_shapes(shapes), self._works)
-        data = {getattr(weak, name): field.on_mesh for name, field in own.items()}
-        pairs = zip(weak.indicators, self._weak.indicators, strict=True)
-        data |= {symbol: self._data[known] for symbol, known in pairs}
-        spaces = {name: field.on_mesh.function_space for name, field in own.items()}
-        if weak.width:
-            data[weak.internal] = self._data[self._weak.internal]
-            spaces["internal"] = data[weak.internal].function_space
-        if weak.more is not None:
-            data[weak.more] = self._no_parameters(len(weak.names))
-            spaces["parameters"] = data[weak.more].function_space
-        bound = self._pulled_forms(weak.forms, self._space, spaces, self._data | data)
+        weak, data, spaces = self._varied(StoredForm, without=["times"])
+        forms = self._pulled_forms(weak.forms, self._space, spaces, data)
         spaces |= {"start": self._mesh.space}
         spaces["coordinates"] = interval_mesh.positions_space(self._mesh.mesh)
-        return {name: (bound[name][0], spaces[name]) for name in bound if name in spaces}
+        return {name: (forms[name][0], spaces[name]) for name in forms if name in spaces}
 
     def derive_resultants(self) -> ResultantDerivatives:
         """Derivatives of `resultants`."""
         if self._derived is None:
-            own = self._vary(self.of_sections)
-            shapes = {name: field.data for name, field in own.items()}
-            weak = ResultantForm(self._weak.parameters, *self._kind, *_shapes(shapes), self._works)
-            data = {getattr(weak, name): field.on_mesh for name, field in own.items()}
-            pairs = zip(weak.indicators, self._weak.indicators, strict=True)
-            data |= {symbol: self._data[known] for symbol, known in pairs}
-            spaces = {name: field.on_mesh.function_space for name, field in own.items()}
-            spaces |= {"increment": self._space, "start": self._mesh.space}
-            spaces["before"] = self._mesh.space
-            if weak.width:
-                data[weak.internal] = self._data[self._weak.internal]
-                spaces["internal"] = data[weak.internal].function_space
-            if weak.more is not None:
-                data[weak.more] = self._no_parameters(len(weak.names))
-                spaces["parameters"] = data[weak.more].function_space
+            weak, data, spaces = self._varied(ResultantForm)
+            nodal = {"increment": self._space, "start": self._mesh.space}
+            spaces |= nodal | {"before": self._mesh.space}
             mesh, tags = self._mesh.mesh, self._tags if self._tags.any() else None
             weight = dolfinx_api.function(interval_mesh.gauss_space(mesh, self.fields.degree, 3))
-            data = self._data | data | {weak.weight: weight}
+            data[weak.weight] = weight
             forms = self._pulled_forms(weak.forms, self._space, spaces, data)
 
-            def bind(compiled: CompiledForm, space: Any, changes: Mapping) -> Any:
+            def bind(compiled: CompiledForm, space: Any, changes: dict[Any, Any]) -> Any:
                 return dolfinx_api.bind(compiled, mesh, space, data | changes, tags)
 
             of_mesh = bound(weak, forms, spaces, bind, self._mesh, weight)
             degree, begin = self.fields.degree, self.begin_part
             self._derived = ResultantDerivatives(of_mesh, self._mesh, degree, begin)
         return self._derived
-
-    def _no_parameters(self, count: int):
-        """Zeros (cells, 1, count) on the mesh."""
-        return Data(1, np.zeros((len(self._tags), 1, count))).on(self._mesh)
 
     def _vary(self, fields: Mapping[str, FilledField]) -> dict[str, FilledField]:
         """The same data cell by cell; `refill` sets them as well."""

@@ -141,7 +141,7 @@ def bound(
     weak: ResultantForm,
     forms: Mapping[str, tuple[Any, Any]],
     spaces: Mapping[str, Any],
-    bind: Callable[[Any, Any, Mapping], Any],
+    bind: Callable[[Any, Any, dict[Any, Any]], Any],
     mesh: Mesh,
     weight: Any,
 ) -> Bound:

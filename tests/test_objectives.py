@@ -1,0 +1,85 @@
+"""Numbers of whole motions and misfits of measurements, for optimisation; copies of responses."""
+
+import copy
+import pickle
+
+import numpy as np
+import pytest
+from scipy.optimize import least_squares, minimize
+
+import fx_beam as fb
+
+
+def pushed(x):
+    """A body with the mass x[0] that is pushed against a spring of x[1]."""
+    scene = fb.Scene()
+    body = scene.add_body((0, 0), mass=x[0], inertia=1.0)
+    scene.add_force_between(body.centre, (-1.0, 0.0), spring=fb.Spring(x[1]))
+    scene.add_force(body.centre, (1.0, 0.0))
+    outputs = {"place": fb.Output("position", body.centre)}
+    return scene, outputs | {"speed": fb.Output("velocity", body.centre, "x")}
+
+
+def cost(t, y):
+    weights = {name: np.zeros_like(rows) for name, rows in y.items()}
+    weights["place"][-1, 0] = gap = y["place"][-1, 0] - 0.1
+    weights["speed"][-1] = y["speed"][-1]
+    return gap**2 / 2 + y["speed"][-1] ** 2 / 2, weights
+
+
+def test_a_number_of_a_motion_and_its_derivatives_in_one_call():
+    run = fb.Response(pushed, dt=0.05, t_end=1.0)
+    objective, x = run.objective(cost), np.array([1.1, 5.0])
+    value, gradient = objective(x)
+    h = 1e-5
+    ends = [[objective(x + s * h * e)[0] for s in (1, -1)] for e in np.eye(2)]
+    assert gradient == pytest.approx([(a - b) / (2 * h) for a, b in ends], abs=1e-8)
+    found = minimize(objective, x, jac=True)
+    assert found.success
+    assert found.fun < value
+    assert abs(found.jac).max() < 1e-4 * abs(gradient).max()
+
+
+def test_misfits_of_measurements():
+    run, x = fb.Response(pushed, dt=0.05, t_end=1.0), np.array([1.0, 4.0])
+    measured = run(x)[1]
+    measured["place"][3:5] = np.nan  # the measurement has gaps
+    misfit = run.misfit(measured, {"place": 1e-3, "speed": 1e-2})
+    fit = least_squares(misfit, [1.2, 5.0], jac=misfit.jacobian)
+    assert fit.x == pytest.approx(x, rel=1e-6)
+    before = run.stats
+    J = misfit.jacobian(fit.x)
+    misfit(fit.x)
+    other = misfit.jacobian(1.1 * fit.x)
+    assert run.stats is not before
+    assert abs(misfit.jacobian(fit.x) - J).max() < 1e-9 * abs(J).max()
+    assert abs(other - J).max() > 1e-3 * abs(J).max()
+
+
+@pytest.mark.parametrize("duplicate", [copy.deepcopy, lambda run: pickle.loads(pickle.dumps(run))])
+def test_copies_know_what_was_given_but_no_motion(duplicate):
+    run, x = fb.Response(pushed, dt=0.05, t_end=0.5), [1.0, 4.0]
+    _, y = run(x)
+    run.jacobian()
+    other = duplicate(run)
+    with pytest.raises(fb.SceneError, match="called after run"):
+        other.vjp({"place": y["place"]})
+    assert (other(x)[1]["place"] == y["place"]).all()
+    assert (other.vjp({"place": y["place"]}) == run.vjp({"place": y["place"]})).all()
+
+
+def test_errors_name_what_is_wrong():
+    run = fb.Response(pushed, dt=0.05, t_end=0.1)
+    y = run([1.0, 4.0])[1]
+    for call, message in (
+        (lambda: run.objective(3), "objective: function"),
+        (lambda: run.objective(lambda t, y: 1.0)([1.0, 4.0]), "must give a number and its deriv"),
+        (lambda: run.objective(lambda t, y: (1.0, {"a": 1.0}))([1.0, 4.0]), "names of outputs"),
+        (lambda: run.misfit({}), "misfit: measured"),
+        (lambda: run.misfit({"a": [1.0]})([1.0, 4.0]), "names of"),
+        (lambda: run.misfit({"speed": [1.0]})([1.0, 4.0]), "of shape"),
+        (lambda: run.misfit(y, -1.0), "scatter of 'place'"),
+        (lambda: run.misfit(y, {"place": 1.0}), "misfit: scatter"),
+    ):
+        with pytest.raises(fb.SceneError, match=message):
+            call()
