@@ -435,8 +435,33 @@ def box(stiffness=BOX_STIFFNESS, mu=0.0, restitution=1.0):
     return scene
 
 
-def in_box(group, label, dt=BOX_DT, **contact):
-    return Case(group, label, partial(box, **contact), dt, 2.0)
+def in_box(group, label, dt=BOX_DT, scene=box, **contact):
+    return Case(group, label, partial(scene, **contact), dt, 2.0)
+
+
+# Middles, directions and velocities of three bars; half their thickness [m, rad, m/s].
+BARS = (
+    ((-0.1, -0.3), 0.0, (0.5, 2.0)),
+    ((0.0, 0.25), 0.1, (0.0, -2.0)),
+    ((-0.4, 0.65), 0.5, (2.0, -2.0)),
+)
+HALF = 0.1
+
+
+def colliding(stiffness=BOX_STIFFNESS):
+    """Three flexible bars fly in a circle, and hit it and each other."""
+    scene, elements, made = fb.Scene(), 8, []
+    section = fb.Section(EA=1e4, GA=1e4, EI=10.0, rhoA=1.0, rhoI=1e-3)
+    touch = {"stiffness": stiffness * elements, "radius": HALF}
+    for middle, angle, velocity in BARS:
+        arm = 0.4 * np.array([np.cos(angle), np.sin(angle)])
+        bar = scene.add_beam([tuple(middle - arm), tuple(middle + arm)], section, elements)
+        scene.set_velocity(bar, velocity)
+        for other in made:
+            scene.add_contact(bar, other, **touch)
+        scene.add_contact(bar, fb.Circle((0, 0), 1.2, inside=True), **touch)
+        made.append(bar)
+    return scene
 
 
 def contacts(quick):
@@ -444,6 +469,9 @@ def contacts(quick):
     name = f"Bar and disc in a box, dt = {BOX_DT:g} s: "
     for label, stiffness in powers(*(6,) if quick else (3, 6, 9, 12)):
         yield in_box(name + "stiffness of contact [N/m]", label, stiffness=stiffness)
+    group = f"Three bars that collide, dt = {BOX_DT:g} s: stiffness of contact [N/m]"
+    for label, stiffness in powers(*(9,) if quick else (3, 6, 9, 12)):
+        yield in_box(group, label, scene=colliding, stiffness=stiffness)
     for mu in (0.3,) if quick else (0.1, 0.3, 0.5, 1.0, 2.0):
         yield in_box(name + "friction mu", f"{mu:g}", mu=mu)
     if quick:
