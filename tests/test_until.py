@@ -115,6 +115,19 @@ def test_the_first_of_several_conditions_ends_the_motion_and_is_named(tmp_path):
     assert second.t[-1] - first.t[-1] == pytest.approx(period / 2, rel=1e-3)
 
 
+def test_the_next_motion_may_be_shorter_than_a_step():
+    scene, body = ball()
+    outputs = {"y": fb.Output("position", body.centre, "y")}
+    options = {"dt": 0.3, "t_end": 1.05}
+    fall = fb.simulate(scene, outputs=outputs, until=lambda t, y: y["y"], **options)
+    scene.fix(body.centre, "y")
+    caught = fb.simulate(scene, start=fall, **options)
+    assert caught.t == pytest.approx([1.0, 1.05])
+    assert caught.energy.impact[-1] == pytest.approx(50.0, rel=1e-12)
+    with pytest.raises(fb.SceneError, match="t_end = 1.05 must be after the start at t = 1.05"):
+        fb.simulate(scene, start=caught, **options)
+
+
 def test_a_condition_within_halved_steps():
     scene = fb.Scene()
     arm = scene.add_body((1, 0), 1.0, 0.1, points={"pin": (0, 0)})

@@ -188,7 +188,7 @@ def simulate(
     t0 = 0.0 if start is None else end_of(start).t
     control, times = None, np.array([t0])
     if tolerance is None:
-        times = _time_grid(dt, t_end, t0)
+        times = _time_grid(dt, t_end, t0, start is not None)
         without = isinstance(breaks, tuple | list) and not breaks
         for name, value, fits in (("dt_max", dt_max, dt_max is None), ("breaks", breaks, without)):
             require(fits, f"simulate: {name}", value, "given with a tolerance only")
@@ -319,16 +319,17 @@ def _warn_of_damping(stats: Stats, dt: float | None) -> None:
         )
 
 
-def _time_grid(dt: float | None, t_end: float, t0: float) -> np.ndarray:
+def _time_grid(dt: float | None, t_end: float, t0: float, goes_on: bool) -> np.ndarray:
+    """Ends of steps; a motion that goes on may end with a part of a step, as events do."""
     choice = ", or give a tolerance, which chooses the steps" if dt is None else ""
     require(is_number(dt), "dt", dt, f"a finite number{choice}")
     require(is_number(t_end), "t_end", t_end, "a finite number")
     dt, t_end = as_float(dt), as_float(t_end)
     if dt <= 0:
         raise SceneError(f"dt = {dt:g} must be positive")
-    if t_end - t0 < dt * (1 - 1e-6):
-        since = f" after the start at t = {t0:g}" if t0 else ""
-        raise SceneError(f"t_end = {t_end!r} must be at least one step dt = {dt!r}{since}")
+    if t_end - t0 < dt * (1e-6 if goes_on else 1 - 1e-6):
+        least = f"after the start at t = {t0:g}" if goes_on else f"at least one step dt = {dt!r}"
+        raise SceneError(f"t_end = {t_end!r} must be {least}")
     if (t_end - t0) / dt > MOST_STEPS:
         raise SceneError(
             f"dt = {dt!r}: {(t_end - t0) / dt:.3g} steps to t_end = {t_end!r} are more than the "
