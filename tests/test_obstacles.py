@@ -444,7 +444,8 @@ def test_pictures_show_the_obstacles_that_are_near(tmp_path):
     assert np.ptp(floor[:, 0]) == pytest.approx(1.2)
     assert np.hypot(*(hill - (0, -9)).T) == pytest.approx(9.0)
     assert np.ptp(hill[:, 0]) < 1.5
-    for line, starts, ends in outlines(scene.obstacles, places, size):
+    for line, strokes in outlines(scene.obstacles, places, size):
+        starts, ends = np.moveaxis(strokes, 1, 0)
         shape = next(o.shape for o in scene.obstacles if abs(o.shape.gap(line)).max() < 1e-9)
         assert shape.gap(starts) == pytest.approx(0, abs=1e-3)
         assert (shape.gap(ends) < 0).all()
