@@ -34,6 +34,7 @@ HOUSE = {
         "inputs",
         "parameters",
         "step_symbols",
+        "place_functions",
         "loads",
         "internal_variables",
         "law",
@@ -123,6 +124,7 @@ HOUSE = {
         "beam_forms",
         "forms",
         "mass",
+        "line_forces",
         "dead_loads",
     ],
     "coupling": [

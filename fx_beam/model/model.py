@@ -67,7 +67,7 @@ class Model:
         #: Names of the compiled forms and of the assembled matrices and vectors.
         self.compiled = [] if self.forms.beams is None else self.forms.beams.names
         self.assembled = self._mass.assembled
-        self.loads = Loads(scene, self.mesh, self.forms.beams)
+        self.loads = Loads(scene, self.mesh)
         self.assembled += [str(load) for load in scene.loads]
         #: Weight (size,) [N] of all masses; None without gravity.
         self.weight = self._mass.weight

@@ -9,6 +9,7 @@ from fx_beam.scene.coordinate import Held
 from fx_beam.scene.inputs import InputSlot
 from fx_beam.scene.joints import GROUND
 from fx_beam.scene.loads import Load, label
+from fx_beam.scene.place_functions import PlaceTimeFunction
 from fx_beam.scene.scene import Scene
 from fx_beam.validation import Constant
 
@@ -41,21 +42,27 @@ def _shown(load: Load) -> np.ndarray:
         return load.value(0.0)
     if isinstance(load.value, InputSlot):
         return load.value.factor.sum(axis=1)
-    values = [load.value(0.0)]
-    for t in _TIMES[1:]:
+    return _largest(load)[1]
+
+
+def _largest(load: Load) -> tuple[float, np.ndarray]:
+    """The time at which a load is largest, of those sampled, and its value then."""
+    found = [(0.0, load.value(0.0))]
+    for t in _TIMES[1:].tolist():
         try:
-            values.append(load.value(float(t)))
+            found.append((t, load.value(t)))
         except Exception:  # noqa: BLE001  # a function may be defined for the times of its run only
             continue
-    sizes = [np.hypot(*value) if len(value) == 2 else abs(value[0]) for value in values]
-    return values[int(np.nanargmax(sizes))]
+    sizes = [np.hypot(*value) if len(value) == 2 else abs(value[0]) for _, value in found]
+    return found[int(np.nanargmax(sizes))]
 
 
 def _words(symbol: str, load: Load, value: float, unit: str, si: bool) -> str:
     if isinstance(load.value, InputSlot):
         return f"{load.value.name}{', follower' if load.follower else ''}"
     constant = isinstance(load.value, Constant) and load.along is None
-    of = "(s)" if load.along is not None else "(t)"
+    of = "(s, t)" if isinstance(load.value, PlaceTimeFunction) else "(t)"
+    of = of if load.along is None else "(s)"
     text = (
         f"{symbol} = {three_digits(value)}{f' {unit}' if si else ''}" if constant else symbol + of
     )
@@ -85,7 +92,9 @@ def _line_load(sheet: Sheet, load: Load, si: bool) -> None:
     arc = np.linspace(0, beam.length, _ARROWS + 1)
     positions = np.array([[node.x, node.y] for node in beam.nodes])
     tips = np.column_stack([np.interp(arc, beam.s, positions[:, i]) for i in (0, 1)])
-    if load.along is None:
+    if isinstance(load.value, PlaceTimeFunction):
+        loads = load.value.at(arc, _largest(load)[0])
+    elif load.along is None:
         loads = np.tile(factor, (len(arc), 1))
     else:
         loads = factor[0] * np.array([load.along(s) for s in arc])

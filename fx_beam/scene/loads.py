@@ -29,8 +29,12 @@ from fx_beam.validation import (
 from .beam import Beam, Node
 from .inputs import time_function
 from .parameters import Parameter, parameters_in
+from .place_functions import PlaceTimeFunction
 from .step_symbols import STEP
 from .symbols import not_numbers
+
+# What the function of a line load may be of.
+_OF = "time", "arc length", "arc length and time"
 
 
 class Mass(NamedTuple):
@@ -48,7 +52,8 @@ class Load:
     #: "force", "moment" or "line load".
     kind: str
     target: Node | Beam
-    #: ``value(t)``: [fx, fy] in N, [moment] in N m, or [qx, qy] in N per metre of reference length.
+    #: ``value(t)``: [fx, fy] in N, [moment] in N m, or [qx, qy] in N per metre of reference length;
+    #: a `PlaceTimeFunction` of arc length and time.
     value: TimeFunction
     #: Whether a force turns with the section of its node.
     follower: bool = False
@@ -67,13 +72,16 @@ def nodal_force(node: Node, force, follower) -> Load:
 
 
 def line_load(beam: Beam, load, of: str) -> Load:
-    """Line load on a beam: a constant, a function of time, or a function of the arc length."""
+    """Line load on a beam: a constant, or a function of time, of the arc length, or of both."""
     what = f"line load on {label(beam)}"
-    known = is_one_of(of, ("time", "arc length"))
-    require(known, f"{what}: of", of, "'time' or 'arc length'")
+    wanted = "'time' or 'arc length', or 'arc length and time' for a function of both"
+    require(is_one_of(of, _OF), f"{what}: of", of, wanted)
     if of == "time":
         check_takes_time(load, what)
         return Load("line load", beam, time_function(load, 2, what))
+    if of == "arc length and time":
+        value = PlaceTimeFunction(load, 2, what, beam.length, "s")
+        return Load("line load", beam, value)
     along = checked_function(load, 2, what, 0.0)
     return Load("line load", beam, Constant(np.ones(1)), along=along)
 
@@ -81,7 +89,10 @@ def line_load(beam: Beam, load, of: str) -> Load:
 def changed(load: Load, value) -> Load:
     """The load with another value, of the same kind."""
     if isinstance(load.target, Beam):
-        return line_load(load.target, value, "time" if load.along is None else "arc length")
+        of = "time" if load.along is None else "arc length"
+        if isinstance(load.value, PlaceTimeFunction):
+            of = "arc length and time"
+        return line_load(load.target, value, of)
     size = 1 if load.kind == "moment" else 2
     return replace(load, value=time_function(value, size, str(load)))
 

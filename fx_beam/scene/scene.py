@@ -676,10 +676,12 @@ class Scene(Geometry):
         beam : Beam
             A beam of this scene.
         load : (qx, qy), callable or Input
-            Force per reference length [N/m]: a constant, a function ``load(t)`` of time, or a
-            function ``load(s)`` of the arc length from the beam's start [m].
-        of : {"time", "arc length"}
-            The argument of the function.
+            Force per reference length [N/m]: a constant, or a function ``load(t)`` of time,
+            ``load(s)`` of the arc length from the beam's start [m], or ``load(s, t)`` of both. The
+            last is called with all arc lengths at once, at both ends of each step, if it takes
+            arrays, else with one after the other.
+        of : {"time", "arc length", "arc length and time"}
+            The arguments of the function.
 
         Returns
         -------
@@ -689,7 +691,23 @@ class Scene(Geometry):
         Raises
         ------
         SceneError
-            For a function that does not take the argument named in `of`.
+            For a function that does not take the arguments named in `of`.
+
+        Examples
+        --------
+        A load of 100 N over a length of 0.1 m that moves along a beam at 3 m/s. In statics it is
+        where it is at the time `t`; here at three quarters of the length.
+
+        >>> import numpy as np, fx_beam as fb
+        >>> scene = fb.Scene()
+        >>> beam = scene.add_beam([(0, 0), (2, 0)], fb.Section(EA=1e7, GA=1e7, EI=1e5), elements=20)
+        >>> scene.pin(beam.start)
+        >>> scene.fix(beam.end, "y")
+        >>> def moving(s, t):
+        ...     return 0.0, -1000 * np.clip(1 - abs(s - 3 * t) / 0.1, 0, None)
+        >>> load = scene.add_line_load(beam, moving, of="arc length and time")
+        >>> print(fb.static(scene, t=0.5).reaction(beam.end)[-1].round(1))
+        [ 0. 75.  0.]
         """
         loads.check_beam(self, beam, "line load")
         self.loads.append(loads.line_load(beam, load, of))
