@@ -54,6 +54,7 @@ from .scene.inputs import Input
 from .scene.internal_variables import InternalVariables
 from .scene.joints import GROUND, Joint, PinInSlot, Prismatic, Revolute, Rigid
 from .scene.law import Law
+from .scene.natural_strains import thermal
 from .scene.obstacles import Circle, Line, Obstacle
 from .scene.outputs import Output
 from .scene.parameters import Parameter
@@ -143,6 +144,7 @@ __all__ = [
     "spline",
     "static",
     "sweep",
+    "thermal",
 ]
 
 

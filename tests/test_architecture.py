@@ -36,6 +36,7 @@ HOUSE = {
         "step_symbols",
         "place_functions",
         "loads",
+        "natural_strains",
         "internal_variables",
         "law",
         "section",
@@ -68,6 +69,7 @@ HOUSE = {
         "resultants",
         "evolution",
         "decaying",
+        "actuation",
         "retardation",
         "drag",
         "point_laws",
@@ -126,6 +128,7 @@ HOUSE = {
         "mass",
         "line_forces",
         "dead_loads",
+        "natural_strains",
     ],
     "coupling": [
         "sliding_order",

@@ -13,6 +13,7 @@ from fx_beam.model.model import Model
 from fx_beam.results.solution import Solution
 from fx_beam.results.state import State
 from fx_beam.scene.constraints import JointKey, constraints_of, joints_in, key_of
+from fx_beam.scene.natural_strains import NAMES
 from fx_beam.stepping.initial_state import given_velocity, reference_state
 from fx_beam.validation import shown
 
@@ -83,6 +84,7 @@ def carried_state(model: Model, start: Solution) -> State:
         numerical=end.numerical + end.algorithmic,
         impact=end.impact,
         internal=_internal(model, start),
+        natural=_natural(model, start),
         spring_internal=_spring_internal(model, start, theirs),
         inputs=end.inputs,
         **nodal,
@@ -180,15 +182,12 @@ def _internal(model: Model, start: Solution) -> np.ndarray | None:
     if not shape[-1]:
         return None
     values, theirs = np.zeros(shape), end_of(start).internal
-    first, elements_of = 0, {}
-    for name, nodes in start.nodes_of_beam.items():
-        elements = (len(nodes) - 1) // start.beams[name].degree
-        elements_of[name] = slice(first, first + elements)
-        first += elements
+    elements_of = _elements_of(start)
     for beam, cells in zip(model.scene.beams, model.mesh.cells, strict=True):
         names = [] if beam.section.internal is None else [*beam.section.internal.names]
         if names and beam.name in elements_of:
-            known = [*start.variables_of_beam.get(beam.name, {})]
+            has = start.variables_of_beam.get(beam.name, {})
+            known = [name for name in has if name not in NAMES.values()]
             if theirs is None or known != names:
                 raise SceneError(
                     "start: the solution has other internal variables than the sections of the "
@@ -196,6 +195,28 @@ def _internal(model: Model, start: Solution) -> np.ndarray | None:
                 )
             values[cells, :, : len(names)] = theirs[elements_of[beam.name], :, : len(names)]
     return values
+
+
+def _natural(model: Model, start: Solution) -> np.ndarray | None:
+    """Natural strains at the Gauss points; those of new beams are those of the time."""
+    if not model.natural:
+        return None
+    end, elements_of = end_of(start), _elements_of(start)
+    values = model.natural.at(end.t)
+    for beam, cells in zip(model.scene.beams, model.mesh.cells, strict=True):
+        if (own := elements_of.get(beam.name)) is not None:
+            values[cells] = 0.0 if end.natural is None else end.natural[own]
+    return values
+
+
+def _elements_of(start: Solution) -> dict[str, slice]:
+    """Elements of each beam of a solution, in their order, by its name."""
+    first, elements_of = 0, {}
+    for name, nodes in start.nodes_of_beam.items():
+        elements = (len(nodes) - 1) // start.beams[name].degree
+        elements_of[name] = slice(first, first + elements)
+        first += elements
+    return elements_of
 
 
 def _spring_internal(

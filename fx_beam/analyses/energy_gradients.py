@@ -6,6 +6,7 @@ from collections.abc import Callable, Mapping
 
 import numpy as np
 
+from fx_beam.errors import SceneError
 from fx_beam.model.model import Model
 
 from .gradient import Gradient, along
@@ -33,6 +34,11 @@ def _kinetic(model: Model, row: Row) -> Derivatives:
 def _strain(model: Model, row: Row) -> Derivatives:
     if model.forms.beams is None:
         return {}, {}
+    if model.natural:
+        raise SceneError(
+            "Response: the strain energy of a scene with natural strains has no derivatives; take "
+            "energies that do not contain it"
+        )
     model.forms.parameters.use(row.get("parameters"))
     given = row["internal"]
     internal = given.reshape(model.forms.internal_shape) if given.size else None

@@ -14,6 +14,7 @@ from fx_beam.results.solution import Solution
 from fx_beam.results.state import State
 from fx_beam.scene.beam import arc_lengths
 from fx_beam.scene.constraints import constraints_of
+from fx_beam.scene.natural_strains import NAMES
 from fx_beam.stepping.interpolation import at_times
 from fx_beam.stepping.recorder import Recorder
 
@@ -45,6 +46,7 @@ def solution_of(
         histories = dict(recorded)
     internal = histories["internal"] if model.forms.internal_shape[-1] else None
     of_springs = histories["spring_internal"] if model.points.width else None
+    natural = histories["natural"] if model.natural else None
     cache: list[np.ndarray] = []
     of_name = {
         beam.name: (beam, cells) for beam, cells in zip(scene.beams, mesh.cells, strict=True)
@@ -86,7 +88,7 @@ def solution_of(
         beams={beam.name: beam for beam in scene.beams},
         nodes_of_beam={b.name: n for b, n in zip(scene.beams, mesh.nodes, strict=True)},
         resultants_of_beam=resultants_of_beam,
-        variables_of_beam=_variables_of_beam(model, internal),
+        variables_of_beam=_variables_of_beam(model, internal, natural),
         variables_of_joint=_variables_of_joint(model, of_springs),
         bodies={body.name: body for body in scene.bodies},
         obstacles=list(scene.obstacles),
@@ -96,14 +98,21 @@ def solution_of(
     )
 
 
-def _variables_of_beam(model: Model, rows: np.ndarray | None) -> dict[str, dict[str, np.ndarray]]:
-    """Internal variables (n, points) by beam and name, from those of all cells."""
-    by_beam = {}
+def _variables_of_beam(
+    model: Model, rows: np.ndarray | None, natural: np.ndarray | None
+) -> dict[str, dict[str, np.ndarray]]:
+    """Internal variables and natural strains (n, points) by beam and name, from all cells'."""
+    by_beam: dict[str, dict[str, np.ndarray]] = {}
+    with_strains = {strain.beam.name for strain in model.scene.natural_strains}
     for beam, cells in zip(model.scene.beams, model.mesh.cells, strict=True):
         if beam.section.internal is not None and rows is not None:
             of_beam = rows[:, cells].reshape(len(rows), -1, rows.shape[-1])
             names = enumerate(beam.section.internal.names)
             by_beam[beam.name] = {name: of_beam[..., i] for i, name in names}
+        if beam.name in with_strains and natural is not None:
+            of_beam = natural[:, cells].reshape(len(natural), -1, len(NAMES))
+            own = {name: of_beam[..., i] for i, name in enumerate(NAMES.values())}
+            by_beam[beam.name] = by_beam.get(beam.name, {}) | own
     return by_beam
 
 

@@ -13,7 +13,7 @@ from fx_beam.fem.dead_loads import columns_of
 from fx_beam.scene.beam import Node
 from fx_beam.stepping.held_inputs import Ramp
 
-from .moving_state import Deviations, driven_of, force_of_parameter
+from .moving_state import Deviations, driven_of, force_inside
 
 # Relative size below which a mass or a damping of a combination of unknowns is round-off.
 _NONE = 1e-12
@@ -35,10 +35,12 @@ class InputColumns:
         self.labels: list[str] = []
         #: Number and factor of the first driven motion of each position.
         self.driven: list[tuple[int, float]] = []
+        model = about.model
+        inside = [*model.forms.parameters.functions, *(of for _, of in model.natural.functions)]
         for name in names:
             parts, width = held.parts_of(name), held.widths[name]
-            if any(part is of for of in about.model.forms.parameters.functions for part in parts):
-                forces.append(force_of_parameter(about, name))
+            if any(part is of for of in inside for part in parts):
+                forces.append(force_inside(about, name))
                 self.labels.append(name)
                 continue
             if isinstance(parts[0], Ramp):

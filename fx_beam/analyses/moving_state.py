@@ -290,16 +290,18 @@ def _forces(model: Model, state: State):
     return f, K, C, pushes, stiff, viscous
 
 
-def force_of_parameter(about: Deviations, name: str) -> np.ndarray:
-    """Forces (columns,) of a unit of an input that sets a parameter, in the state."""
-    held = about.held
+def force_inside(about: Deviations, name: str) -> np.ndarray:
+    """Forces (columns,) of a unit of an input that sets parameters or natural strains."""
+    held, natural, state = about.held, about.model.natural, about.state
     value, h = held.values[name], _SMALL * max(1.0, abs(held.values[name][0]))
     forces = []
     try:
         for changed in (value - h, value + h):
             held.set({name: changed})
             held.arrive()
-            f, _, _, pushes, _, _ = _forces(about.model, about.state)
+            if natural:
+                state = replace(state, natural=natural.at(state.t))
+            f, _, _, pushes, _, _ = _forces(about.model, state)
             forces.append(-(about.T.T @ f + about.S.T @ pushes))
     finally:
         held.set({name: value})

@@ -29,7 +29,7 @@ OF_OUTPUTS = {
     "parameters at the start",
 }
 # What steps with mean rates read of the state at the start.
-_OF_STATE = "q", "v", "slides", "motors", "internal", "spring_internal"
+_OF_STATE = "q", "v", "slides", "motors", "internal", "spring_internal", "natural"
 
 
 def numbers_of(
@@ -48,6 +48,8 @@ def numbers_of(
         of_steps["parameters at the start"] = parameters.at(float(t0[0]))
     if len(followers):
         of_steps["thrust"] = followers.series(t0, t1)
+    if model.natural:
+        of_steps["naturals"] = forcing.naturals(t1)
     return _arrays(_of_model(model) | of_steps | _of_state(model, state))
 
 
@@ -98,6 +100,8 @@ def static_numbers_of(
         )
     if len(followers):
         of_steps["thrust"] = np.repeat(followers.series(t, t), rows, axis=0)
+    if model.natural:
+        of_steps["naturals"] = factors[:, None] * forcing.naturals(t)
     return _arrays(_of_model(model) | of_steps | _of_state(model, reference_state(model)))
 
 
@@ -108,6 +112,8 @@ def _of_model(model: Model) -> dict[str, Any]:
         "columns": model.loads.columns.data,
         "points": model.points.numbers,
     }
+    if model.natural:
+        numbers["natural columns"] = model.natural.columns.data
     if model.weight is not None:
         numbers["weight"] = model.weight
     if model.forms.beams is not None:

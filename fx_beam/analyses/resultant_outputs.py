@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from fx_beam.compiled.tape import Tape
+from fx_beam.errors import SceneError
 from fx_beam.fem.beam_forms import Part
 from fx_beam.fem.step_start import StepStart
 from fx_beam.mechanics.interval import Interval, instant
@@ -84,6 +85,11 @@ class ResultantOutput:
     def __init__(self, of: SubSteps, beam: Beam, quantity: str, places: Places):
         self._of, model = of, of.model
         assert model.forms.beams is not None  # there is this one
+        if model.natural:
+            raise SceneError(
+                "Response: resultants in a scene with natural strains have no derivatives; take "
+                "positions, rotations or forces of supports"
+            )
         self._derivatives = model.forms.beams.derive_resultants()
         names = [own.name for own in model.scene.beams]
         self._cells = model.mesh.cells[names.index(beam.name)]

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+import numpy as np
+
 from fx_beam.algebra.petsc_lu import PetscLU
 from fx_beam.compiled.build import LoopUnavailable
 from fx_beam.compiled.loop import CompiledLoop
@@ -178,6 +180,10 @@ def _same(model: Model, start: Solution) -> State:
     of_scene = model.forms.parameters
     known = of_scene.at(before(state.t)) if len(of_scene) else None
     state = replace(state, parameters=known, fitted=None)
+    if not model.natural:
+        state = replace(state, natural=None)
+    elif state.natural is None:
+        state = replace(state, natural=np.zeros(model.natural.shape))
     if (
         state.constraint_forces is not None
         and len(state.constraint_forces) != model.reduction.columns - model.reduction.free

@@ -106,7 +106,8 @@ class StateChange:
             if (values := getattr(self._state, name)) is not None
         }
         state = replace(self._state, t=self._path.forcing.time, parameters=None, **moved)
-        return state.renumbered(
+        state = state.renumbered(
             lambda vector: model.from_nodes(own.to_nodes(vector)),
             lambda cells: model.mesh.from_elements(own.mesh.to_elements(cells)),
         )
+        return replace(state, natural=model.natural.at(state.t) if model.natural else None)

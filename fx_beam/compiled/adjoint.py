@@ -78,6 +78,8 @@ class Adjoint:
             "before": np.zeros(p.dofs),
             "internal": np.zeros(max(1, p.cells * p.cell_internal)),
             "spring_internal": np.zeros(max(1, p.spring_width)),
+            "natural": np.zeros(model.natural.size + 1),
+            "natural_value": np.zeros(model.natural.columns.nnz + 1),
             "mass": np.zeros(p.mass_start[p.dofs] + 1),
             "weight": np.zeros(p.dofs),
             "load_force": np.zeros(p.load_start[p.loads] + 1),
@@ -127,6 +129,7 @@ class Adjoint:
             "driven": np.zeros((every, p.driven)),
             "thrust": np.zeros((every, p.thrusts, 2)),
             "parameters": np.zeros((every, 2, p.parameter_count)),
+            "naturals": np.zeros((every, p.naturals)),
         }
         structs = Structs(self._ffi, declarations("problem.h"))
         padded = {name: np.append(array.ravel(), 0.0) for name, array in of_steps.items()}
@@ -167,6 +170,9 @@ class Adjoint:
             named |= {name: found[name][: p.joints].copy() for name in ("offset", "axis", "rest")}
         if model.forms.internal_shape[-1]:
             named["internal"] = found["internal"].reshape(model.forms.internal_shape).copy()
+        if model.natural:
+            named["natural"] = found["natural"][:-1].copy()
+            named["natural columns"] = found["natural_value"][:-1].copy()
         if p.spring_width:
             named["spring internal"] = found["spring_internal"].copy()
         return named | self._of_elements()

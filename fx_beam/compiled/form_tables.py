@@ -20,6 +20,7 @@ _FORMS = {
     "energy": ("strain energy",),
     "inversion": ("inverted sections",),
     "added": ("added virtual work",),
+    "actuated": ("work of natural strains",),
     "lost": ("lost energy",),
     "taken": ("scheme's loss",),
     "held_by_scheme": ("scheme's energy",),
@@ -54,6 +55,8 @@ class FormTables:
         }
         if inside := problem.cell_internal:
             self._rows["internal"] = np.arange(len(dofs) * inside).reshape(-1, inside), None
+        if strains := problem.cell_natural:
+            self._rows["natural"] = np.arange(len(dofs) * strains).reshape(-1, strains), None
         #: Number of changes of data that are packed here.
         self._changes = forms.changes
         #: Data of cells by cells, since forms have them in common.

@@ -24,10 +24,12 @@ _PLAIN = {
     "rest": "rest",
     "internal": "internal",
     "spring internal": "spring_internal",
+    "natural": "natural",
+    "natural columns": "natural_value",
     "v": "v",
 }
 # Numbers of each sub-step.
-_OF_STEPS = "loads", "driven", "thrust", "parameters"
+_OF_STEPS = "loads", "driven", "thrust", "parameters", "naturals"
 _NONE = np.empty(0, dtype=int)
 
 
@@ -113,12 +115,14 @@ class Forward:
             "rest": p.joints,
             "internal": internal,
             "spring_internal": p.spring_width,
+            "natural": model.natural.size,
+            "natural_value": model.natural.columns.nnz,
             "v": p.dofs,
         }
         given: dict[str, np.ndarray] = {
             to: _rows(changes.get(name), count, sizes[to]) for name, to in _PLAIN.items()
         }
-        widths = 2 * p.loads, p.driven, 2 * p.thrusts, 2 * p.parameter_count
+        widths = 2 * p.loads, p.driven, 2 * p.thrusts, 2 * p.parameter_count, p.naturals
         for name, size in zip(_OF_STEPS, widths, strict=True):
             given[name] = _rows(changes.get(name), count, rows * size)
         mass = _rows(changes.get("mass"), count, model.mass.nnz)

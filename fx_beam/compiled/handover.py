@@ -89,6 +89,15 @@ class Problem:
             cell_dofs=dofs.shape[1],
             cell_coordinates=coordinates.shape[1],
         )
+        if natural := model.natural:
+            strains = natural.columns
+            self._set(
+                cell_natural=int(np.prod(natural.shape[1:])),
+                naturals=strains.shape[1],
+                natural_start=strains.indptr,
+                natural_at=strains.indices,
+                natural_value=strains.data,
+            )
         turns = np.zeros(model.size, dtype=bool)
         turns[model.turns] = True
         heavy = (mass.data != 0) & (not model.scheme.rates.at_rest)
@@ -145,6 +154,8 @@ class Problem:
         }
         if model.weight is not None:
             numbers["weight"] = model.weight
+        if model.natural:
+            numbers["natural_value"] = model.natural.columns.data
         joints = model.reduction.joint_tables()
         return numbers | {name: joints[name] for name in ("offset", "axis")}
 

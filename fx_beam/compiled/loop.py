@@ -42,6 +42,7 @@ class CompiledLoop:
         self._sources = {name: getattr(problem.c, name) for name in ROWS}
         self._sources |= {f"before_{name}": self._sources[name] for name in ("q", "v", "a")}
         self._sources |= {"before_internal": problem.c.internal, "earlier_q": problem.c.before}
+        self._sources["before_natural"] = problem.c.natural
         #: Rows by the records to which they belong.
         self._rows_of: weakref.WeakKeyDictionary = weakref.WeakKeyDictionary()
         #: Where sub-steps are taped, but for those of trials; None for nowhere.
@@ -157,10 +158,11 @@ class CompiledLoop:
     def c_inputs(self, inputs: StepInputs):
         """The inputs for C; they must be kept as long as C uses them."""
         c_inputs, doubles = self._ffi.new(self._types["Inputs *"]), self._types["double *"]
-        for name in ("loads", "driven", "thrust", "parameters"):
+        for name in ("loads", "driven", "thrust", "parameters", "natural"):
             setattr(c_inputs, name, self._ffi.cast(doubles, getattr(inputs, name).ctypes.data))
         c_inputs.load_stride = inputs.loads.strides[0] // inputs.loads.itemsize
         c_inputs.thrust_stride = inputs.thrust.strides[0] // inputs.thrust.itemsize
+        c_inputs.natural_stride = inputs.natural.strides[0] // inputs.natural.itemsize
         return c_inputs
 
     def c_record(self, recorder: Rows, steps: Steps, number: int):
@@ -225,7 +227,11 @@ class CompiledLoop:
             values = np.empty((len(t1), 2, 0))
             if parameters.vary:
                 values = parameters.over_steps(t0, t1, self.model.scheme.rates.level)
-            return StepInputs(loads, forcing.series(t1), thrust, values, parts)
+            natural = np.empty((len(t1), 0))
+            if self.model.natural:
+                first = slice(1 if self.model.natural.constant else None)
+                natural = _of_each_step(forcing.naturals(t1[first]), len(t1))
+            return StepInputs(loads, forcing.series(t1), thrust, values, natural, parts)
         except BaseException as raised:
             before = int(np.searchsorted(times, getattr(raised, "time", t)))
             inputs = self.inputs(t, times[:before]) if before else no_inputs(parts)
@@ -247,27 +253,29 @@ class CompiledLoop:
 
 
 class StepInputs(NamedTuple):
-    """Loads, driven motions, follower forces and parameters of sub-steps, and what ended them."""
+    """Loads, driven motions and the like of sub-steps, and what ended them."""
 
     loads: np.ndarray
     driven: np.ndarray
     thrust: np.ndarray
     #: Values (sub-steps, 2, n) at the scheme's level and at the end; (..., 0) if none varies.
     parameters: np.ndarray
+    #: Natural strains (sub-steps, n) at the end.
+    natural: np.ndarray
     #: Sub-steps of a step.
     parts: int
     error: BaseException | None = None
 
     def after(self, steps: int) -> StepInputs:
         """The inputs of the steps after some."""
-        loads, driven, thrust, parameters = (part[steps * self.parts :] for part in self[:4])
-        return self._replace(loads=loads, driven=driven, thrust=thrust, parameters=parameters)
+        names = "loads", "driven", "thrust", "parameters", "natural"
+        return self._replace(**{name: getattr(self, name)[steps * self.parts :] for name in names})
 
 
 def no_inputs(parts: int) -> StepInputs:
     """Those of no steps."""
     none = np.empty((0, 2))
-    return StepInputs(none, none, none, none, parts)
+    return StepInputs(none, none, none, none, none, parts)
 
 
 def _of_each_step(rows: np.ndarray, steps: int) -> np.ndarray:

@@ -15,7 +15,7 @@ from .handover import Problem
 from .kernels import Kernel
 
 # These derivatives come first, in this order; the others are summed for each element.
-_FIRST = "work", "increment", "start", "before", "internal"
+_FIRST = "work", "increment", "start", "before", "internal", "natural", "natural_end"
 # Names of the others, besides the coefficients of drag.
 _NAMES = {
     "coordinates": "coordinates",

@@ -54,16 +54,17 @@ class CompiledSingleSteps:
             np.zeros((steps, p.driven)),
             np.zeros((steps, thrusts, 2)),
             np.zeros((steps, 2, len(model.forms.parameters))),
+            np.zeros((steps, model.natural.columns.shape[1])),
             steps,
         )
         self._c_inputs = self._loop.c_inputs(self._inputs)
-        loads, driven, thrust, parameters = self._inputs[:4]
+        loads, driven, thrust, parameters, natural = self._inputs[:5]
         ends = np.cumsum(model.scheme.fractions)
         ends[-1] = 1.0
         starts, level = np.append(0.0, ends[:-1]), model.scheme.rates.level
         in_steps = np.column_stack([starts + level * (ends - starts), ends])
-        #: Arrays of held loads; of driven motions and parameters, with the parts of the step that
-        #: have passed.
+        #: Arrays of held loads; of driven motions, parameters and natural strains, with the parts
+        #: of the step that have passed.
         self._holds, self._ramps = [], []
         #: Whether other functions change in time.
         self._varies = False
@@ -80,6 +81,11 @@ class CompiledSingleSteps:
         for i, function in enumerate(model.forms.parameters.functions):
             if isinstance(function, Ramp):
                 self._ramps.append((function, parameters[:, :, i], in_steps))
+            elif not isinstance(function, Constant):
+                self._varies = True
+        for i, function in model.natural.functions:
+            if isinstance(function, Ramp):
+                self._ramps.append((function, natural[:, i], ends))
             elif not isinstance(function, Constant):
                 self._varies = True
         if not self._varies:
@@ -147,7 +153,7 @@ class CompiledSingleSteps:
     def _fill(self, inputs: StepInputs, step: int) -> None:
         """Copy the inputs of the sub-steps of one step."""
         own = slice(step * self._p.sub_steps, (step + 1) * self._p.sub_steps)
-        for target, source in zip(self._inputs[:4], inputs[:4], strict=True):
+        for target, source in zip(self._inputs[:5], inputs[:5], strict=True):
             if source.size:
                 target[...] = source[own].reshape(target.shape)
 

@@ -25,11 +25,13 @@ def static_tape(
     """
     model, t = problem.model, np.array([forcing.time])
     loads, parameters = model.loads.series(t)[0], model.forms.parameters
-    thrust, values = np.empty(0), np.empty(0)
+    thrust, values, strains = np.empty(0), np.empty(0), np.empty(0)
     if len(model.points.followers):
         thrust = model.points.followers.series(t, t)
     if len(parameters):
         values = parameters.at(forcing.time)
+    if model.natural:
+        strains = forcing.naturals(t)[0]
     rows, apart, last = [], not model.flows, start.t
     for old, new in zip(states if apart else [start, *states], states, strict=False):
         length, last = new.t - last, new.t
@@ -37,8 +39,9 @@ def static_tape(
             [
                 [forcing.time - length, length, new.t, 1.0, 0.0],
                 *(old.q, np.zeros(model.size), old.slides, _or_none(old.internal)),
-                *(_or_none(old.spring_internal), new.t * loads, new.t * loads),
-                *(thrust, values, _increments(model, old, new)),
+                *(_or_none(old.spring_internal), _or_none(old.natural)),
+                *(new.t * loads, new.t * loads, thrust, new.t * strains),
+                *(values, _increments(model, old, new)),
             ]
         )
     tape = Tape(problem)

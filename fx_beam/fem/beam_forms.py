@@ -72,14 +72,18 @@ class BeamForms:
         self._data |= self._fields(bool(scene.drags))
         #: Functions that change: the first in every iteration, the others in every step. They are
         #: numbered as the kinds of coefficients in problem.h; None is missing.
-        self.moving = [self._data.get(field) for field in (*self.fields.moving, weak.internal)]
+        changing = *self.fields.moving, weak.internal, *self.fields.natural
+        self.moving = [self._data.get(field) for field in changing]
         self.increment, self._start, *self._start_rates = self.moving[:4]
+        #: Natural strains at both ends of the step, if there are any.
+        self._natural: list[Any] = self.moving[6:] if weak.has_natural else []
         if weak.added is not None:
             self._added = self._bind(weak.added)
         self._residual, self._tangent = self._bind(weak.force), self._bind(weak.tangent)
         self._energy = self._bind(weak.energy)
         self._losses = [form and self._bind(form) for form in weak.losses]
         self._held_before = weak.held_before and self._bind(weak.held_before)
+        self._actuation = weak.actuation and self._bind(weak.actuation)
         if weak.evolution is not None:
             self._bind_evolution(weak.evolution)
         #: Whether the forces depend on the start of the last step, and on rates at the start of a
@@ -109,6 +113,10 @@ class BeamForms:
             gauss_space = interval_mesh.gauss_space(mesh, fields.degree, self._weak.width)
             data[self._weak.internal] = dolfinx_api.function(gauss_space)
             self._cell_points = dolfinx_api.element_dofs(gauss_space)
+        if self._weak.has_natural:
+            at_points = interval_mesh.gauss_space(mesh, fields.degree, 3)
+            data |= {field: dolfinx_api.function(at_points) for field in fields.natural}
+            self._natural_points = dolfinx_api.element_dofs(at_points)
         data |= {field: dolfinx_api.function(space) for field in self._weak.given(damps)}
         #: Space of the increment and of the virtual displacements and rotations.
         self._space, unknowns = self._unknowns(fields)
@@ -162,7 +170,8 @@ class BeamForms:
         self._works = [
             (work, on.shape) for work, on in zip(scene.virtual_works, inside, strict=True)
         ]
-        weak = weak_form(*self._kind, *_shapes(data), self._works)
+        natural = bool(scene.natural_strains)
+        weak = weak_form(*self._kind, *_shapes(data), self._works, natural)
         self._data: dict[Any, Any] = {
             symbol: data.on(mesh) for symbol, data in zip(weak.indicators, inside, strict=True)
         }
@@ -234,7 +243,8 @@ class BeamForms:
         names = [name for name in self.of_sections if name not in without]
         own = self._vary({name: self.of_sections[name] for name in names})
         shapes = {name: field.data for name, field in own.items()}
-        weak = kind(self._weak.parameters, *self._kind, *_shapes(shapes), self._works)
+        given = *_shapes(shapes), self._works, self._weak.has_natural
+        weak = kind(self._weak.parameters, *self._kind, *given)
         data = self._data | {getattr(weak, name): field.on_mesh for name, field in own.items()}
         pairs = zip(weak.indicators, self._weak.indicators, strict=True)
         data |= {symbol: self._data[known] for symbol, known in pairs}
@@ -333,6 +343,9 @@ class BeamForms:
         """Bind a work and its derivatives, those by coefficients in the given spaces."""
         mesh, tags = self._mesh.mesh, self._tags if self._tags.any() else None
         nodal = {"increment": space, "start": self._mesh.space, "before": self._mesh.space}
+        if self._weak.has_natural:
+            at_points = self._natural[0].function_space
+            nodal |= {"natural": at_points, "natural_end": at_points}
         spaces = {**spaces, **nodal, "coordinates": interval_mesh.positions_space(mesh)}
         return {
             name: (dolfinx_api.bind(form, mesh, spaces.get(name), data, tags), form)
@@ -419,6 +432,8 @@ class BeamForms:
             self.memory.value = start.memory
             self._set(self.moving[4], start.q if start.before is None else start.before)
         self._set_internal(start.internal)
+        if start.natural is not None:
+            self._set_natural(*start.natural)
 
     def _set(self, function, values: np.ndarray) -> None:
         """Set a function to the values (size,) at the nodes of beams."""
@@ -428,6 +443,21 @@ class BeamForms:
         """Set the internal variables (cells, degree, width) at the start of the step."""
         if internal is not None:
             self._internal[self._cell_points] = internal
+
+    def _set_natural(self, start: np.ndarray | None, end: np.ndarray | None = None) -> None:
+        """Set natural strains (cells, degree, 3) at the start or at the end of the step."""
+        for field, values in zip(self._natural, (start, end), strict=False):  # or there is none
+            if values is not None:
+                field.x.array.reshape(-1, 3)[self._natural_points] = values
+
+    def set_natural_end(self, values: np.ndarray) -> None:
+        """Set the natural strains (cells, degree, 3) at the end of the step."""
+        self._set_natural(None, values)
+
+    def actuation(self, D: np.ndarray) -> float:
+        """Work [J] of natural strains that change in the step."""
+        self._set(self.increment, D)
+        return dolfinx_api.assemble_scalar(self._actuation) if self._actuation else 0.0
 
     def evolve(self, D: np.ndarray) -> np.ndarray | None:
         """Internal variables (cells, degree, width) at the end of the step; None without any."""
@@ -472,10 +502,19 @@ class BeamForms:
         if self.has_external:
             dolfinx_api.add_vector(out[: self._mesh.in_beams], self._added)
 
-    def strain_energy(self, q: np.ndarray, internal: np.ndarray | None = None) -> float:
-        """Stored energy [J] of q (size,) and internal variables, integrated by the reduced rule."""
+    def strain_energy(
+        self,
+        q: np.ndarray,
+        internal: np.ndarray | None = None,
+        natural: np.ndarray | None = None,
+    ) -> float:
+        """Stored energy [J], integrated by the reduced rule.
+
+        Of q (size,), internal variables, and natural strains (cells, degree, 3).
+        """
         self._set(self._start, q)
         self._set_internal(internal)
+        self._set_natural(natural)
         return dolfinx_api.assemble_scalar(self._energy)
 
     def bind_inversion(self) -> None:

@@ -33,6 +33,8 @@ class Fields:
         self.load_increment = ufl.Constant(domain)
         #: Displacements and rotations at the start of the last step, and `Step.memory`.
         self.before, self.memory = dolfinx_api.Coefficient(space), ufl.Constant(domain)
+        #: Natural strains at the Gauss points, at the start and at the end of the step.
+        self.natural = tuple(dolfinx_api.Coefficient(self.internal(3)) for _ in range(2))
         #: The fields without nodal rotations, for mass and loads.
         self.plain = self
         #: Coordinate on each cell, from 0 to the degree, of `with_nodal_rotations`.
@@ -57,7 +59,14 @@ class Fields:
     @property
     def known(self) -> list:
         """All fields, of which forms may consist."""
-        known = [*self.moving, self.time, self.dt, self.load_factor, self.load_increment]
+        known = [
+            *self.moving,
+            *self.natural,
+            self.time,
+            self.dt,
+            self.load_factor,
+            self.load_increment,
+        ]
         known.append(self.memory)
         return known if self.coordinate is None else [*known, self.coordinate]
 
@@ -103,8 +112,11 @@ class Fields:
         """Trial functions of displacement and rotation, and the virtual ones."""
         return *ufl.split(self.trial), *ufl.split(self.test)
 
-    def step(self, rates: UpdateRule, what: str) -> Step:
-        """A step with its rates, those of a scheme; errors say `what` they are."""
+    def step(self, rates: UpdateRule, what: str, natural: bool = False) -> Step:
+        """A step with its rates, those of a scheme; errors say `what` they are.
+
+        With `natural` it has natural strains.
+        """
         # Tangent vector from the Jacobian; each form has a single quadrature rule.
         J = self.jacobian
         h = ufl.sqrt(J[0] ** 2 + J[1] ** 2)
@@ -141,6 +153,7 @@ class Fields:
             u_before=u_before,
             psi_before=psi_before,
             memory=self.memory,
+            **(dict(zip(("natural0", "natural1"), self.natural, strict=True)) if natural else {}),
         )
 
 

@@ -190,6 +190,20 @@ class Forms:
         """Internal variables (cells, degree, width) at the end of the step; None without any."""
         return None if self.beams is None else self.beams.evolve(D)
 
-    def strain_energy(self, q: np.ndarray, internal: np.ndarray | None = None) -> float:
-        """Stored energy [J] of q (size,) and internal variables of beams."""
-        return 0.0 if self.beams is None else self.beams.strain_energy(q, internal)
+    def set_natural_end(self, values: np.ndarray | None) -> None:
+        """Set the natural strains (cells, degree, 3) at the end of the step, if there are any."""
+        if self.beams is not None and values is not None:
+            self.beams.set_natural_end(values)
+
+    def actuation(self, D: np.ndarray) -> float:
+        """Work [J] of natural strains that change in the step."""
+        return 0.0 if self.beams is None else self.beams.actuation(D)
+
+    def strain_energy(
+        self,
+        q: np.ndarray,
+        internal: np.ndarray | None = None,
+        natural: np.ndarray | None = None,
+    ) -> float:
+        """Stored energy [J] of q (size,), internal variables and natural strains of beams."""
+        return 0.0 if self.beams is None else self.beams.strain_energy(q, internal, natural)

@@ -70,6 +70,8 @@ class PulledForm(WeakForm):
             grown = {ufl.TestFunction(space): self.internal_weight}
             work += ufl.replace(self._increments(), grown)
             by["internal"] = self.internal
+        if self.has_natural:
+            by |= dict(zip(("natural", "natural_end"), fields.natural, strict=True))
         #: Zero, added to the parameters of each element.
         self.more = None
         if self.parameters is not None:

@@ -28,3 +28,5 @@ class StepStart(NamedTuple):
     spring_internal: np.ndarray | None = None
     #: Parameters (n,) at the scheme's level, where they are not functions of time.
     parameters: np.ndarray | None = None
+    #: Natural strains (cells, degree, 3) at the start and at the end of the step, if there are any.
+    natural: tuple[np.ndarray, np.ndarray] | None = None

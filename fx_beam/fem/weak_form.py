@@ -10,6 +10,7 @@ from typing import Any
 import ufl
 
 from fx_beam.errors import SceneError
+from fx_beam.mechanics.actuation import actuation
 from fx_beam.mechanics.decaying import DecayingResultants
 from fx_beam.mechanics.evolution import evolution_loss, evolved, law_of_step
 from fx_beam.mechanics.kinematics import arc_derivative, director
@@ -37,7 +38,8 @@ class WeakForm:
 
     `materials` are those of the sections, numbered as subdomains if there are several. Data
     are known by their shapes: `stiffness` of the quadratic energy, `times` of the retardation, None
-    without damping; each virtual work comes with that of its indicator.
+    without damping; each virtual work comes with that of its indicator. With `natural` there are
+    natural strains.
     """
 
     def __init__(
@@ -48,8 +50,9 @@ class WeakForm:
         stiffness: DataShape | None,
         times: DataShape | None,
         works: Sequence[tuple[VirtualWork, DataShape]] = (),
+        natural: bool = False,
     ):
-        self.fields, self.scheme = fields, scheme
+        self.fields, self.scheme, self.has_natural = fields, scheme, natural
         #: Stiffnesses (EA, GA, EI) of the quadratic law.
         self.stiffness = None if stiffness is None else fields.data(stiffness)
         #: Retardation times of axial, shear and bending strains.
@@ -94,14 +97,14 @@ class WeakForm:
     def _build_resultants(self) -> None:
         """The step, and the resultants of each law."""
         what = f"rates of {self.scheme.name}"
-        self.step = self.fields.step(self.scheme.rates, what)
+        self.step = self.fields.step(self.scheme.rates, what, self.has_natural)
         resultants = self._of_step()
         exact = ExactResultants, DecayingResultants
         if self.step.degree > 1 and any(
             isinstance(r, exact) for parts in resultants for r in parts
         ):
             self.fields = self.fields.with_nodal_rotations
-            self.step = self.fields.step(self.scheme.rates, what)
+            self.step = self.fields.step(self.scheme.rates, what, self.has_natural)
             resultants = self._of_step()
         #: Resultants of each law: those of the scheme, and the viscous ones.
         self._of_laws = resultants
@@ -154,10 +157,14 @@ class WeakForm:
         taken: Any = 0
         held: Any = 0
         held_before: Any = 0
+        #: Work of natural strains that change.
+        self._actuation: Any = 0
         for tag, (law, parts) in enumerate(zip(self._laws, self._of_laws, strict=True)):
             dx_law = dx(tag) if len(self._laws) > 1 else dx
             for r in parts:
                 self._residual += r.virtual_work(self.step) * dx_law
+                if self.has_natural:
+                    self._actuation += actuation(self.step, r) * dx_law
                 if isinstance(r, DecayingResultants):
                     taken += r.loss * dx_law
                     held += 0 if r.held is None else r.held * dx_law
@@ -217,6 +224,10 @@ class WeakForm:
         if self.names_in_energies and self._held_before:
             name = "scheme's energy at the start"
             self.held_before = dolfinx_api.compile_form(self._held_before, name)
+        #: Work of natural strains that change in a step; None without any.
+        self.actuation = None
+        if self.has_natural:
+            self.actuation = dolfinx_api.compile_form(self._actuation, "work of natural strains")
         #: Increments of the internal variables at the Gauss points, each times its weight; None
         #: without any.
         self.evolution = None
@@ -257,7 +268,7 @@ class WeakForm:
     @property
     def normal_stretch(self):
         """t . phi' of eq. 4 at the start of the step: 1 and the axial strain."""
-        return 1 + self.step.strains0[0]
+        return 1 + self.step.total_strains0[0]
 
 
 def weak_form(
@@ -267,14 +278,15 @@ def weak_form(
     stiffness: DataShape | None,
     times: DataShape | None,
     works: Sequence[tuple[VirtualWork, DataShape]],
+    natural: bool,
 ) -> WeakForm:
     """The weak form of a kind of scene, kept if all its functions are those of this package.
 
     Functions of the user are asked again: the data that they use may have changed.
     """
     if scheme.built_in and not works and materials == [_ELASTIC]:
-        return _cached(fields, scheme, stiffness, times)
-    return WeakForm(fields, scheme, materials, stiffness, times, works)
+        return _cached(fields, scheme, stiffness, times, natural)
+    return WeakForm(fields, scheme, materials, stiffness, times, works, natural)
 
 
 _ELASTIC: Material = (None, None)
@@ -282,9 +294,13 @@ _ELASTIC: Material = (None, None)
 
 @functools.lru_cache(maxsize=32)
 def _cached(
-    fields: Fields, scheme: Scheme, stiffness: DataShape | None, times: DataShape | None
+    fields: Fields,
+    scheme: Scheme,
+    stiffness: DataShape | None,
+    times: DataShape | None,
+    natural: bool,
 ) -> WeakForm:
-    return WeakForm(fields, scheme, [_ELASTIC], stiffness, times)
+    return WeakForm(fields, scheme, [_ELASTIC], stiffness, times, natural=natural)
 
 
 @functools.cache

@@ -7,8 +7,8 @@ from typing import Any
 
 from fx_beam.scene.law import Law
 
-from .kinematics import Step
-from .resultants import ExactResultants, averaged, with_exact_work, work_of
+from .kinematics import Step, differences
+from .resultants import ExactResultants, Resultants, averaged, with_exact_work, work_of
 
 
 @dataclass(frozen=True)
@@ -17,6 +17,8 @@ class DecayingResultants:
 
     #: Resultants whose work is that of the stored energy, plus what the scheme takes.
     exact: ExactResultants
+    #: Those of the stored energy alone.
+    mean: Resultants
     #: Energy per length that the scheme takes in the step, and that it holds for the next one;
     #: None if it holds none.
     loss: Any
@@ -57,10 +59,11 @@ class Decaying:
 
     def __call__(self, step: Step, law: Law) -> DecayingResultants:
         """The resultants of a step."""
-        now = step.strain_increments
+        # Of the motion alone: what natural strains do is no vibration.
+        now = differences(step.total_strains0, step.total_strains1)
         rest, held, held_before, lost_before = now, None, None, 0.0
         if self.order == 2:
-            before = [b - a for a, b in zip(step.strains_before, step.strains0, strict=True)]
+            before = differences(step.strains_before, step.total_strains0)
             rest = [a - step.memory * b for a, b in zip(now, before, strict=True)]
             # The work of the added resultants is the loss plus what the held energy gains:
             # 2 dE.C rest = dE.C dE - r^2 dE_before.C dE_before + rest.C rest
@@ -74,4 +77,4 @@ class Decaying:
         loss = self.damping / 4 * (share * work_of(taken, rest) + lost_before)
         mean = averaged(step, law)
         total = mean._replace(N=mean.N + N, Q=mean.Q + Q, M=mean.M + M)
-        return DecayingResultants(with_exact_work(step, total), loss, held, held_before)
+        return DecayingResultants(with_exact_work(step, total), mean, loss, held, held_before)

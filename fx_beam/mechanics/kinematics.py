@@ -42,6 +42,18 @@ def strains(dphi, t, dpsi):
     return ufl.dot(E, t), ufl.dot(E, perp(t)), dpsi
 
 
+def elastic(strains, natural):
+    """Strains less the natural ones (3,), None for none."""
+    if natural is None:
+        return strains
+    return tuple(strain - natural[i] for i, strain in enumerate(strains))
+
+
+def differences(a, b):
+    """The differences b - a of several strains."""
+    return [end - start for start, end in zip(a, b, strict=True)]
+
+
 @dataclass(frozen=True)
 class Step:
     """The fields of one time step, as UFL expressions on the mesh.
@@ -79,6 +91,9 @@ class Step:
         Displacement (2,) [m] and rotation [rad] at the start of the last step.
     memory : ufl scalar
         Length of the step divided by that of the last one, at most 1; 0 in the first step.
+    natural0, natural1 : ufl vector (3,), optional
+        Natural strains (axial, shear, curvature) at the start and at the end of the step; None
+        without any.
 
     Examples
     --------
@@ -116,6 +131,8 @@ class Step:
     u_before: Any = None
     psi_before: Any = None
     memory: Any = None
+    natural0: Any = None
+    natural1: Any = None
 
     def prime(self, field):
         """Derivative of a field along the reference arc length.
@@ -134,22 +151,39 @@ class Step:
 
     @property
     def strains0(self):
-        """Strains (eps, gamma, kappa) at the start of the step."""
-        return self._strains(self.u0, self.psi0, self.director0)
+        """Strains (eps, gamma, kappa) at the start of the step, less the natural ones."""
+        return elastic(self.total_strains0, self.natural0)
 
     @property
     def strains1(self):
-        """Strains (eps, gamma, kappa) at the end of the step."""
-        return self._strains(self.u0 + self.Du, self.psi0 + self.Dpsi, self.director1)
+        """Strains (eps, gamma, kappa) at the end of the step, less the natural ones."""
+        return elastic(self.total_strains1, self.natural1)
 
     @property
     def strain_increments(self):
-        """Increments of the strains (eps, gamma, kappa) over the step."""
-        return [b - a for a, b in zip(self.strains0, self.strains1, strict=True)]
+        """Increments of `strains0` over the step."""
+        return differences(self.strains0, self.strains1)
+
+    @property
+    def total_strains0(self):
+        """Strains (eps, gamma, kappa) at the start of the step, from the configuration alone."""
+        return self._strains(self.u0, self.psi0, self.director0)
+
+    @property
+    def total_strains1(self):
+        """Strains (eps, gamma, kappa) at the end of the step, from the configuration alone."""
+        return self._strains(self.u0 + self.Du, self.psi0 + self.Dpsi, self.director1)
+
+    @property
+    def natural_increments(self):
+        """Increments of the natural strains over the step; zero without any."""
+        if self.natural0 is None:
+            return [0.0, 0.0, 0.0]
+        return [self.natural1[i] - self.natural0[i] for i in range(3)]
 
     @property
     def strains_before(self):
-        """Strains (eps, gamma, kappa) at the start of the last step."""
+        """Strains (eps, gamma, kappa) at the start of the last step, the natural ones included."""
         t = director(self.psi_before, self.t0)
         return self._strains(self.u_before, self.psi_before, t)
 

@@ -10,7 +10,7 @@ import ufl
 from fx_beam.scene.law import Law
 
 from .exact_work import exact_virtual_work
-from .kinematics import Step, director, perp, strains, tan, virtual_work
+from .kinematics import Step, director, elastic, perp, strains, tan, virtual_work
 
 
 def work_of(forces, strains):
@@ -136,7 +136,8 @@ class WeightedResultants(NamedTuple):
 
 def at_mid_step(step: Step, law: Law) -> Resultants:
     """Resultants of the configuration in the middle of the step (eq. 31)."""
-    return _at(step, law, step.u0 + step.Du / 2, step.psi0 + step.Dpsi / 2)
+    natural = None if step.natural0 is None else (step.natural0 + step.natural1) / 2
+    return _at(step, law, step.u0 + step.Du / 2, step.psi0 + step.Dpsi / 2, natural)
 
 
 @dataclass(frozen=True)
@@ -147,16 +148,16 @@ class AtEnds:
 
     def __call__(self, step: Step, law: Law) -> WeightedResultants:
         """The resultants of a step."""
-        start = _at(step, law.start, step.u0, step.psi0)
-        end = _at(step, law.end, step.u0 + step.Du, step.psi0 + step.Dpsi)
+        start = _at(step, law.start, step.u0, step.psi0, step.natural0)
+        end = _at(step, law.end, step.u0 + step.Du, step.psi0 + step.Dpsi, step.natural1)
         return WeightedResultants(start, end, self.level)
 
 
-def _at(step: Step, law: Law, u, psi) -> Resultants:
-    """Resultants of one configuration."""
+def _at(step: Step, law: Law, u, psi, natural) -> Resultants:
+    """Resultants of one configuration, with its natural strains."""
     dphi = step.t0 + step.prime(u)
     t = director(psi, step.t0)
-    N, Q, M = law.resultants(*strains(dphi, t, step.prime(psi)))
+    N, Q, M = law.resultants(*elastic(strains(dphi, t, step.prime(psi)), natural))
     return Resultants(dphi, t, N, Q, M, m=M)
 
 

@@ -25,7 +25,8 @@ def viscous(step: Step, law: Law, tau, level: float) -> Resultants | ExactResult
         ufl.dot(rate, perp(t)) - step.omega * ufl.dot(dphi, t),
         step.prime(step.omega),
     )
-    N, Q, M = law.linear([tau[i] * rates[i] for i in range(3)])
+    natural = step.natural_increments
+    N, Q, M = law.linear([tau[i] * (rates[i] - natural[i] / step.dt) for i in range(3)])
     return Resultants(dphi, t, N, Q, M, m=M)
 
 

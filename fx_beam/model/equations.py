@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
@@ -32,11 +33,19 @@ class Equations:
     """Tv^T r = 0 with r = M a(D) + f(D) - F (eqs 43 and 46), at the scheme's level of a step.
 
     In statics, functions of time are evaluated at one `time` [s], and the scene may rest in a frame
-    that turns.
+    that turns. ``natural(end)`` gives the natural strains at the end of a step; without, they are
+    those at its start.
     """
 
-    def __init__(self, model: Model, time: float = 0.0, turning: TurningFrame | None = None):
+    def __init__(
+        self,
+        model: Model,
+        time: float = 0.0,
+        turning: TurningFrame | None = None,
+        natural: Callable[[float], np.ndarray | None] | None = None,
+    ):
         self.model, self.time, self._turning = model, time, turning
+        self._natural = natural
         self._reduction = model.reduction
         #: Number of the sub-step of the scheme.
         self.sub_step = 0
@@ -44,13 +53,15 @@ class Equations:
     def begin(self, interval: Interval, start: State) -> None:
         """Set the interval of a step and the state at its start."""
         model = self.model
-        self._start, self._length = start, interval.length
+        self._start, self._length, end = start, interval.length, interval.end
         model.reduction.begin(start.q, start.slides)
         if model.scheme.rates.at_rest:
             # The interval is one of load factors; only internal variables depend on its length.
             model.forms.set_load(interval.end, interval.length)
             interval = Interval(self.time, self.time)
         model.forms.begin(interval, model.start_of(start, interval.length))
+        if self._natural is not None:
+            model.forms.set_natural_end(self._natural(end))
 
     def at(self, y: np.ndarray, driven: np.ndarray, force: np.ndarray) -> Balance:
         """Evaluate at increments of the unknowns y (free,) and of driven motion (driven,).

@@ -23,6 +23,7 @@ from fx_beam.fem.dead_loads import Loads
 from fx_beam.fem.forms import Forms
 from fx_beam.fem.mass import Mass
 from fx_beam.fem.mesh import build_mesh
+from fx_beam.fem.natural_strains import NaturalStrains
 from fx_beam.fem.nodal_rules import NodalRules
 from fx_beam.fem.point_forces import PointForces
 from fx_beam.fem.step_start import StepStart
@@ -68,6 +69,7 @@ class Model:
         self.compiled = [] if self.forms.beams is None else self.forms.beams.names
         self.assembled = self._mass.assembled
         self.loads = Loads(scene, self.mesh)
+        self.natural = NaturalStrains(scene, self.mesh)
         self.assembled += [str(load) for load in scene.loads]
         #: Weight (size,) [N] of all masses; None without gravity.
         self.weight = self._mass.weight
@@ -94,6 +96,7 @@ class Model:
         heavier = self._mass.refill(scene, moved)
         self.weight = self._mass.weight
         self.loads.refill(scene)
+        self.natural.refill(scene)
         self.motors = motors(scene)
         elsewhere = self._refill_reduction(last, moved)
         self._joints = scene.joints[:]
@@ -125,7 +128,10 @@ class Model:
         return self.forms.points
 
     def start_of(self, state: State, length: float) -> StepStart:
-        """The start of a step of some length [s] from a state, for the forces."""
+        """The start of a step of some length [s] from a state, for the forces.
+
+        Natural strains do not change in the step.
+        """
         # At mid-step forces at points depend on mean rates alone.
         needed = self.scheme.rates.level != 0.5 and not self.scheme.rates.at_rest
         return StepStart(
@@ -138,6 +144,7 @@ class Model:
             state.slides,
             self.slide_rates(state) if needed else 0 * state.slides,
             state.spring_internal,
+            natural=None if state.natural is None else (state.natural, state.natural),
         )
 
     def slide_rates(self, state: State) -> np.ndarray:
@@ -207,7 +214,8 @@ class Model:
     def energy(self, state: State) -> float:
         """Kinetic, stored and potential energy [J]."""
         self.forms.parameters.use(state.parameters)
-        stored = self.forms.strain_energy(state.q, state.internal) + self.spring_energy(state)
+        strained = self.forms.strain_energy(state.q, state.internal, state.natural)
+        stored = strained + self.spring_energy(state)
         weight = 0.0 if self.weight is None else self.weight @ state.q
         return float(state.v @ (self.mass @ state.v) / 2 + stored - weight)
 
@@ -231,6 +239,7 @@ class Model:
             "points": points,
             "variables": variables,
             "spring variables": self.points.width,
+            "natural strains": 3 * bool(self.natural),
         }
 
     @functools.cached_property

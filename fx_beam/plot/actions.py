@@ -1,4 +1,4 @@
-"""Symbols of actions on a scene: loads, drag, weight, prescribed motions, initial velocities."""
+"""Symbols of actions on a scene: loads, drag, natural strains, prescribed motions, velocities."""
 
 from __future__ import annotations
 
@@ -9,6 +9,7 @@ from fx_beam.scene.coordinate import Held
 from fx_beam.scene.inputs import InputSlot
 from fx_beam.scene.joints import GROUND
 from fx_beam.scene.loads import Load, label
+from fx_beam.scene.natural_strains import StrainPart
 from fx_beam.scene.place_functions import PlaceTimeFunction
 from fx_beam.scene.scene import Scene
 from fx_beam.validation import Constant
@@ -18,7 +19,9 @@ from .sheet import Sheet
 
 # Fractions of the drawing's size: arrows of forces, line loads and motions; radius of rotations.
 _FORCE, _LINE_LOAD, _MOTION, _TURN = 0.12, 0.06, 0.08, 0.045
-_DRIVEN, _INITIAL, _LOAD = "#009E73", "#CC79A7", "black"
+_BESIDE = 0.02
+_DRIVEN, _INITIAL, _LOAD, _STRAINED = "#009E73", "#CC79A7", "black", "#D55E00"
+_STRAINS = {"axial": r"$\varepsilon^*$", "shear": r"$\gamma^*$", "curvature": r"$\kappa^*$"}
 #: Times at which a function of time is evaluated, to find its direction [s].
 _TIMES = np.concatenate([[0.0], 2.0 ** np.arange(-12, 8)])
 _ARROWS = 12  # largest number of arrows of a line load or of initial velocities
@@ -29,6 +32,7 @@ def draw_actions(sheet: Sheet, scene: Scene, si: bool) -> None:
     for load in scene.loads:
         {"force": _force, "moment": _moment, "line load": _line_load}[load.kind](sheet, load, si)
     _drags(sheet, scene)
+    _natural_strains(sheet, scene, si)
     _velocities(sheet, scene)
     _prescribed(sheet, scene)
     _motors(sheet, scene)
@@ -115,6 +119,34 @@ def _drags(sheet: Sheet, scene: Scene) -> None:
     for target in targets.values():
         nodes = target.nodes if isinstance(target, Beam) else (target,)
         sheet.label("drag", [_position(node) for node in nodes[::-1]], _LOAD)
+
+
+def _natural_strains(sheet: Sheet, scene: Scene, si: bool) -> None:
+    """A dashed line beside each beam that has natural strains, with what they are."""
+    for strain in scene.natural_strains:
+        points = np.array([_position(node) for node in strain.beam.nodes])
+        along = np.gradient(points, axis=0)
+        left = np.column_stack([-along[:, 1], along[:, 0]])
+        left /= np.hypot(*left.T)[:, None]
+        beside = points + _BESIDE * sheet.size * left
+        sheet.line(beside, color=_STRAINED, linewidth=1.2, linestyle=(0, (4, 2)))
+        words = [_of_part(name, part, si) for name, part in strain.parts.items()]
+        sheet.label(", ".join(words), beside[len(beside) // 2 :], _STRAINED)
+
+
+def _of_part(name: str, part: StrainPart, si: bool) -> str:
+    """A component of a natural strain: its value, its input, or what it is a function of."""
+    symbol, value = _STRAINS[name], part.value
+    if isinstance(value, InputSlot):
+        return f"{symbol}: {value.name}"
+    if part.along is not None:
+        return f"{symbol}(f)"
+    if isinstance(value, PlaceTimeFunction):
+        return f"{symbol}(f, t)"
+    if not isinstance(value, Constant):
+        return f"{symbol}(t)"
+    unit = " 1/m" if si and name == "curvature" else ""
+    return f"{symbol} = {three_digits(float(value(0.0)[0]))}{unit}"
 
 
 def _prescribed(sheet: Sheet, scene: Scene) -> None:

@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 
 from fx_beam.scene.beam import Beam
+from fx_beam.scene.natural_strains import NAMES
 from fx_beam.validation import is_one_of, shown
 
 from .audit import BeamResultants
@@ -83,8 +84,9 @@ def internal(solution: Any, beam: Beam | str, variable: str | None = None) -> np
     name = beam_name(solution, beam)
     solution.recorded("q")  # internal variables are recorded with the motion
     known = solution.variables_of_beam.get(name, {})
-    if variable is None and len(known) == 1:
-        (variable,) = known
+    own = [name for name in known if name not in NAMES.values()]
+    if variable is None and len(own) == 1:
+        (variable,) = own
     if not is_one_of(variable, known):
         raise ValueError(
             f"beam {name!r} has no internal variable {shown(variable)}; it has {list(known)}"

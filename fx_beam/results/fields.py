@@ -10,6 +10,7 @@ import ufl
 import numpy as np
 
 from fx_beam.scene.beam import arc_lengths, lagrange, lagrange_and_slopes
+from fx_beam.scene.natural_strains import NAMES
 from fx_beam.scene.parameters import replaced
 
 RESULTANTS = ("N", "Q", "M")
@@ -74,6 +75,8 @@ def energy_density(solution: Any, names: list[str], rows) -> np.ndarray:
         )
     nodes = np.concatenate([nodes_of_elements(solution, name) for name in names])
     strains = _strains(solution, nodes, beams[0].degree, list(rows))
+    natural = np.concatenate([_natural(solution, beam, rows) for beam in beams], axis=2)
+    strains = strains - natural
     stiffness, constant = np.empty((3, *strains.shape[2:])), dict[int, np.ndarray]()
     ends = np.cumsum([beam.elements for beam in beams]).tolist()
     of_beams = [slice(end - beam.elements, end) for beam, end in zip(beams, ends, strict=True)]
@@ -82,7 +85,8 @@ def energy_density(solution: Any, names: list[str], rows) -> np.ndarray:
     density = np.einsum("kep,krep->rep", stiffness, strains**2) / 2
     for beam, own in zip(beams, of_beams, strict=True):
         if beam.section.strain_energy is not None:
-            internal = solution.variables_of_beam.get(beam.name, {}).values()
+            variables = solution.variables_of_beam.get(beam.name, {})
+            internal = [of for name, of in variables.items() if name not in NAMES.values()]
             columns = [*strains[:, :, own].reshape(3, -1), *(of[rows].ravel() for of in internal)]
             points = np.column_stack(columns).reshape(len(strains[0]), -1, len(columns))
             energies = [
@@ -118,6 +122,16 @@ def _strains(solution: Any, nodes: np.ndarray, degree: int, rows: list[int]) -> 
     c, s = np.cos(psi), np.sin(psi)
     tx, ty = (c * x - s * y) / J, (s * x + c * y) / J
     return np.stack([(dx * tx + dy * ty) / J - 1, (dy * tx - dx * ty) / J, curvature / J])
+
+
+def _natural(solution: Any, beam: Any, rows) -> np.ndarray:
+    """Natural strains (3, rows, elements, degree) of a beam."""
+    shape, variables = (-1, beam.elements, beam.degree), solution.variables_of_beam
+    own = variables.get(beam.name, {})
+    none = np.zeros((len(rows), beam.elements * beam.degree))
+    return np.stack(
+        [(own[n][list(rows)] if n in own else none).reshape(shape) for n in NAMES.values()]
+    )
 
 
 def nodes_of_elements(solution: Any, name: str) -> np.ndarray:

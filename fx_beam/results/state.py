@@ -106,6 +106,8 @@ class State:
     #: Internal variables at the Gauss points, and of the springs of joints in their order.
     internal: np.ndarray | None = _array("cells", "points", "variables", record="motion")
     spring_internal: np.ndarray | None = _array("spring variables", record="motion")
+    #: Natural strains (axial, shear, curvature) at the Gauss points.
+    natural: np.ndarray | None = _array("cells", "points", "natural strains", record="motion")
     #: Memory of `Halving` (5,): the number of parts of the next steps. Set at the end of a run.
     parts: np.ndarray | None = None
     #: Set at the end of a run: the past, and the values of the inputs in the scene's order.

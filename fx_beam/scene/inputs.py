@@ -100,7 +100,10 @@ def time_function(value, size: int, what: str) -> TimeFunction:
 
 
 def input_slots(scene) -> Iterator[tuple[InputSlot, str]]:
-    """All slots of a scene, each with what it is: a "load", a "motion" or a "parameter"."""
+    """All slots of a scene, each with what it is.
+
+    That is a "load", a "motion", a "parameter" or a "natural strain".
+    """
     for load in scene.loads:
         if isinstance(load.value, InputSlot):
             yield load.value, "load"
@@ -113,6 +116,10 @@ def input_slots(scene) -> Iterator[tuple[InputSlot, str]]:
     for function in scene.parameters.functions.values():
         if isinstance(function, InputSlot):
             yield function, "parameter"
+    for strain in scene.natural_strains:
+        for part in strain.parts.values():
+            if isinstance(part.value, InputSlot):
+                yield part.value, "natural strain"
 
 
 def widths(scene) -> dict[str, int]:
@@ -154,6 +161,16 @@ def connected(scene, function_of: Callable[[InputSlot], TimeFunction]):
     new.__dict__.update(scene.__dict__)
     new.loads = [replace(load, value=replaced(load.value)) for load in scene.loads]
     new.parameters = scene.parameters.replaced(replaced)
+    new.natural_strains = [
+        replace(
+            strain,
+            parts={
+                name: replace(part, value=replaced(part.value))
+                for name, part in strain.parts.items()
+            },
+        )
+        for strain in scene.natural_strains
+    ]
     new.prescribed = {key: replaced(function) for key, function in scene.prescribed.items()}
     new.joints = [
         replace(

@@ -97,6 +97,7 @@ def _remove_what_is_on(scene: Any, target: Beam | Node) -> None:
         return any(end is target for end in ends)
 
     scene.loads[:] = [load for load in scene.loads if not on_it(load.target)]
+    scene.natural_strains[:] = [own for own in scene.natural_strains if own.beam is not target]
     scene.drags[:] = [drag for drag in scene.drags if not on_it(drag.target)]
     scene.velocities[:] = [given for given in scene.velocities if not on_it(given.target)]
     scene.virtual_works[:] = [work for work in scene.virtual_works if work.beam is not target]

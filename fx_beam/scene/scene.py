@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
-from typing import Any
+from typing import Any, overload
 
 from fx_beam.errors import SceneError
 from fx_beam.validation import TimeFunction, is_name, is_one_of, require, shown, vector
@@ -21,6 +21,7 @@ from .inputs import Input, time_function
 from .joints import GROUND, Joint, Rigid, check_new, moved_by, placed
 from .law import parameters_of_energy
 from .member_contact import check_members
+from .natural_strains import NaturalStrain, changed_strain, natural_strain
 from .notebook import html_table, sketch
 from .obstacles import Circle, Line, Obstacle, check_start, checked_obstacle
 from .parameters import Parameter, Parameters
@@ -70,6 +71,7 @@ class Scene(Geometry):
         self.drags: list[loads.Drag] = []
         self.velocities: list[loads.Velocity] = []
         self.virtual_works: list[loads.VirtualWork] = []
+        self.natural_strains: list[NaturalStrain] = []
         #: Numbers in functions of your own by name, which change without compilation: `Parameter`.
         self.parameters = Parameters()
         self.bodies: list[Body] = []
@@ -713,6 +715,60 @@ class Scene(Geometry):
         self.loads.append(loads.line_load(beam, load, of))
         return self.loads[-1]
 
+    def add_natural_strain(
+        self, beam: Beam, *, axial=None, shear=None, curvature=None
+    ) -> NaturalStrain:
+        """Give a beam strains at which it has no stress: heat, lack of fit, prestress, muscles.
+
+        The stored energy is that of the strains less these. Several natural strains of a beam add
+        up. Over a step they change in proportion to the time; the work of what changes them,
+        -N dE*, is exact, and part of `Energy.work`. `static` multiplies them by the load factor.
+
+        Parameters
+        ----------
+        beam : Beam
+            A beam of this scene.
+        axial, shear : float, callable or Input, optional
+            Natural axial and shear strain.
+        curvature : float, callable or Input, optional
+            Natural curvature [1/m], from that of the beam as it was added.
+
+            Each is a number or a function, whose arguments are named f for the fraction of the arc
+            length, from 0 to 1, t for the time, or (f, t) for both. The last is called with all
+            fractions at once if it takes arrays.
+
+        Returns
+        -------
+        NaturalStrain
+            The natural strain, which `change` and `remove` know.
+
+        Raises
+        ------
+        SceneError
+            For values that are no finite numbers, functions of other arguments, or no strain.
+
+        Examples
+        --------
+        A strip with the natural curvature 1/R is an arc of this radius, without stress.
+
+        >>> import math, fx_beam as fb
+        >>> scene = fb.Scene()
+        >>> beam = scene.add_beam([(0, 0), (1, 0)], fb.Section(EA=1e4, GA=1e4, EI=1.0), elements=8)
+        >>> scene.clamp(beam.start)
+        >>> strain = scene.add_natural_strain(beam, curvature=math.pi / 2)
+        >>> arc = fb.static(scene)
+        >>> print(round(float(arc.rotation(beam.end)[-1] / math.pi), 6))
+        0.5
+
+        Let the curvature oscillate, as in a swimming tail.
+
+        >>> strain = scene.change(strain, curvature=lambda f, t: 2.0 * f * math.sin(5.0 * t))
+        """
+        loads.check_beam(self, beam, "natural strain")
+        given = {"axial": axial, "shear": shear, "curvature": curvature}
+        self.natural_strains.append(natural_strain(beam, given))
+        return self.natural_strains[-1]
+
     def add_drag(self, on: Beam | Node, linear=0.0, quadratic=0.0, rotation=0.0) -> loads.Drag:
         """Add a drag, a force against the velocity, as in a fluid at rest.
 
@@ -802,33 +858,54 @@ class Scene(Geometry):
         self.virtual_works.append(work)
         return work
 
-    def change(self, load: loads.Load, value) -> loads.Load:
-        """Change the value of a load.
+    @overload
+    def change(self, load: loads.Load, value: Any) -> loads.Load: ...
+
+    @overload
+    def change(
+        self, load: NaturalStrain, *, axial: Any = ..., shear: Any = ..., curvature: Any = ...
+    ) -> NaturalStrain: ...
+
+    def change(self, load, value=None, *, axial=None, shear=None, curvature=None):
+        """Change the value of a load, or components of a natural strain.
 
         Parameters
         ----------
-        load : Load
-            What `add_force`, `add_moment` or `add_line_load` returned.
+        load : Load or NaturalStrain
+            What `add_force`, `add_moment`, `add_line_load` or `add_natural_strain` returned.
         value : float, (x, y), callable or Input
-            Its new value, as there.
+            New value of a load, as there.
+        axial, shear, curvature : float, callable or Input, optional
+            New components of a natural strain, as there; others stay.
 
         Returns
         -------
-        Load
-            The load with the new value, in the place of the other one.
+        Load or NaturalStrain
+            That with the new value, in the place of the other one.
 
         Raises
         ------
         SceneError
             For a load that this scene does not have, or a value that does not fit.
         """
+        strains = {"axial": axial, "shear": shear, "curvature": curvature}
+        if isinstance(load, NaturalStrain):
+            at = _position(self.natural_strains, load, "change", "a natural strain")
+            require(value is None, f"change: value of a {load}", value, "axial=, shear=, ...")
+            self.natural_strains[at] = changed_strain(load, strains)
+            self.changes += 1
+            return self.natural_strains[at]
+        given = {name: strain for name, strain in strains.items() if strain is not None}
+        require(
+            not given, f"change: {', '.join(given)} of a load", None, "those of natural strains"
+        )
         at = _position(self.loads, load, "change", "a load")
         self.loads[at] = loads.changed(load, value)
         self.changes += 1
         return self.loads[at]
 
     def remove(self, *parts) -> None:
-        """Take away joints, members, contacts, loads, masses, drag, forces between points.
+        """Take away joints, members, contacts, loads, masses, drag, forces, natural strains.
 
         With a beam or a body goes all that acts on it, and on nodes that belong to nothing else:
         loads, masses, joints, supports and contacts. Motions that start from a solution of the
@@ -837,7 +914,7 @@ class Scene(Geometry):
 
         Parameters
         ----------
-        *parts : Joint, Beam, Body, Obstacle, Load, Mass, Drag, VirtualWork or ForceBetween
+        *parts : Joint, Beam, Body, Obstacle, Load, Mass, Drag, VirtualWork, ForceBetween, ...
             What the methods that add them returned. For supports there is `free`.
 
         Raises
@@ -872,7 +949,7 @@ class Scene(Geometry):
             (self.bodies, remove_body),
         )
         lists = (
-            *(self.loads, self.masses, self.drags, self.virtual_works),
+            *(self.loads, self.natural_strains, self.masses, self.drags, self.virtual_works),
             *(self.forces_between, self.obstacles),
         )
         for part in parts:

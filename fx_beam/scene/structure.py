@@ -23,6 +23,7 @@ from .forces_between import ForceBetween
 from .internal_variables import InternalVariables
 from .joints import Joint
 from .loads import Drag, Load, Velocity, VirtualWork
+from .natural_strains import StrainPart
 from .obstacles import Circle, Line, Obstacle
 from .own_functions import expressions_of
 from .scene import Scene
@@ -48,6 +49,7 @@ NUMBERS: dict[type, tuple[str, ...]] = {
     Obstacle: ("stiffness", "restitution", "speed", "radius"),
     ForceBetween: ("b",),
     Load: ("value", "along"),
+    StrainPart: ("value", "along"),
     Drag: ("linear", "quadratic", "rotation"),
     Velocity: ("value", "spin"),
 }

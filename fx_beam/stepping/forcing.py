@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from fx_beam.errors import SceneError
+from fx_beam.fem.parameter_values import before
 from fx_beam.mechanics.interval import Interval, just_inside
 from fx_beam.model.model import Model
 from fx_beam.model.turning_frame import TurningFrame
@@ -26,6 +27,8 @@ class Forcing:
 
     def __init__(self, model: Model):
         self.model = model
+        #: The last natural strains, with their time.
+        self._known: tuple[float, np.ndarray] | None = None
         scene = model.scene
         #: Size of a unit motion (driven,): the size of the scene, or a radian.
         turns = [component == 2 for _, component in scene.prescribed]
@@ -55,6 +58,15 @@ class Forcing:
     def positions(self, t: float) -> np.ndarray:
         """Prescribed motions and positions of motors (driven,) at a time [m, rad]."""
         return np.array([evaluate(function, t, what)[0] for function, what in self._driven])
+
+    def natural(self, t: float) -> np.ndarray | None:
+        """Natural strains (cells, degree, 3) at the end of a step [s]; None without any."""
+        natural = self.model.natural
+        if not natural:
+            return None
+        if self._known is None or self._known[0] != t:
+            self._known = t, natural.at(float(before(t)))
+        return self._known[1]
 
     def derivatives(self, t: float, h: float) -> tuple[np.ndarray, np.ndarray]:
         """First and second derivatives (driven,) of driven motion, from steps of length h [s]."""
@@ -86,6 +98,10 @@ class Forcing:
         positions = self.series((ends[:, None] - h[:, None] * np.arange(5)).ravel())
         positions = positions.reshape(len(ends), 5, -1)
         return _OF_DIFFERENCES @ (positions[:, 1:] - positions[:, :-1]) / h[:, None]
+
+    def naturals(self, ends: np.ndarray) -> np.ndarray:
+        """Factors (steps, n) of the unit natural strains at the ends of steps."""
+        return self.model.natural.series(before(ends))
 
     def loads(self, t0: np.ndarray, t1: np.ndarray) -> np.ndarray:
         """Factors (steps, 2, loads) of the unit loads at the starts and ends of steps."""
@@ -146,9 +162,14 @@ class LoadForcing(Forcing):
         #: All dead loads (size,) [N, N m], and how far driven motions go (driven,) [m, rad].
         self.full, self.goal = self._dead(time), super().positions(time)
         self._origin = np.zeros_like(self.goal)
+        #: Natural strains to which they go, and from where; None without any.
+        self._natural = super().natural(time)
+        self._without: np.ndarray | float = 0.0
 
     def start_from(self, state: State) -> None:
-        """Let driven motions start from where they are in a state."""
+        """Let driven motions and natural strains start from what they are in a state."""
+        if self._natural is not None and state.natural is not None:
+            self._without = state.natural
         origin = self.current(state)
         self.goal[self._held] = (origin - self._origin)[self._held]
         self._origin, self.goal = origin, self._origin + self.goal - origin
@@ -160,3 +181,9 @@ class LoadForcing(Forcing):
     def positions(self, t: float) -> np.ndarray:
         """Prescribed motions and positions of motors (driven,) at a load factor [m, rad]."""
         return self._origin + t * self.goal
+
+    def natural(self, t: float) -> np.ndarray | None:
+        """Natural strains (cells, degree, 3) at a load factor; None without any."""
+        if self._natural is None:
+            return None
+        return self._without + t * (self._natural - self._without)

@@ -1,4 +1,4 @@
-"""Inputs of a scene over a step: loads are held; driven motions and parameters are ramps."""
+"""Inputs of a scene over a step: loads are held; all others are ramps."""
 
 from __future__ import annotations
 
@@ -20,6 +20,7 @@ from .forcing import Forcing
 _PARTS = (
     *("beams", "nodes", "fixed", "prescribed", "masses"),
     *("loads", "drags", "virtual_works", "joints", "obstacles", "forces_between"),
+    "natural_strains",
 )
 
 
@@ -45,7 +46,7 @@ class Hold:
 
 
 class Ramp:
-    """A driven motion or a parameter: straight from its value at the start of a step to the end."""
+    """A driven motion, parameter or natural strain: straight over a step from its start."""
 
     def __init__(self, slot: InputSlot):
         self.name, self.factor = slot.name, float(slot.factor[0, 0])

@@ -36,6 +36,8 @@ def initial_state(
     `accelerations` they are zero where steps do not read them.
     """
     state = reference_state(model) if start is None else start
+    if start is None and model.natural:
+        state.natural = model.natural.at(state.t)
     needed = accelerations or model.needs_accelerations
     state, unbalanced = _moving_state(model, forcing, state, dt, needed)
     if unbalanced:
@@ -81,7 +83,7 @@ def resumed_state(
 
 
 def reference_state(model: Model) -> State:
-    """The reference configuration at t = 0."""
+    """The reference configuration at t = 0, without natural strains."""
     slides = slides_at_start(model.scene)
     q, v, a = (np.zeros(model.size) for _ in range(3))
     state = State(0.0, np.zeros(len(model.motors)), q, v, a, slides)
@@ -92,6 +94,8 @@ def reference_state(model: Model) -> State:
         state.internal = np.zeros(shape)
     if model.points.width:
         state.spring_internal = np.zeros(model.points.width)
+    if model.natural:
+        state.natural = np.zeros((*shape[:2], 3))
     return state
 
 
@@ -149,6 +153,9 @@ def _acceleration(
     # Forces may depend on velocity: they see it as the increment over a very short step.
     D = h * state.v if model.forms.depend_on_rates else np.zeros(model.size)
     start = model.start_of(state, h)._replace(a=np.zeros(model.size))
+    if (natural := state.natural) is not None:
+        rate = (forcing.natural(state.t + dt) - natural) / dt
+        start = start._replace(natural=(natural, natural + h * rate))
     model.forms.begin(instant(state.t, h), start)
     free, moved = reduction.free, slice(reduction.free, reduction.free + reduction.driven)
     a = np.zeros(reduction.columns)

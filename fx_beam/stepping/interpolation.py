@@ -28,7 +28,8 @@ def at_times(
     """Histories at times (n,) from those of all steps, and the steps' rows (n,) that contain them.
 
     Polynomials do not reach over a break. Energies and momenta are linear, so that balances stay
-    exact, and so are internal variables. Forces and accelerations are those of the step.
+    exact, and so are internal variables and natural strains. Forces and accelerations are those of
+    the step.
     """
     t = steps["t"]
     times = times[(times >= t[0]) & (times <= t[-1])]
@@ -51,7 +52,7 @@ def at_times(
             histories[name] = (
                 linear(steps[name]) if history.between == "linear" else steps[name][row]
             )
-    for name in ("internal", "spring_internal"):
+    for name in ("internal", "spring_internal", "natural"):
         if steps[name] is not None:
             histories[name] = linear(steps[name])
     histories["energy"] = Energy(*(linear(part) for part in vars(steps["energy"]).values()))

@@ -193,7 +193,7 @@ class LoadStepper:
     def _energy(self, state: State) -> float:
         """Stored and dissipated energy [J]."""
         model = self.model
-        stored = model.forms.strain_energy(state.q, state.internal)
+        stored = model.forms.strain_energy(state.q, state.internal, state.natural)
         return stored + model.spring_energy(state) + state.dissipated
 
     def size(self, D: np.ndarray) -> float:

@@ -90,6 +90,7 @@ class PathEquations:
         forms, forcing, reduction = self.model.forms, self._forcing, self._reduction
         at = self._start.t + load
         forms.set_load(at, 0.0)
+        forms.set_natural_end(forcing.natural(at))
         balance = self._equations.at(y, self._driven(load), at * forcing.full)
         balance.residual[: len(y)] -= (1 - at) * self.held
         per_load = forms.stiffness @ self.spread(np.zeros_like(y), 1.0) - forcing.full
@@ -97,6 +98,8 @@ class PathEquations:
             per_load -= forcing.turning.force(self._start.q + balance.D)
         if forms.has_added:
             per_load -= forms.added_per_load()
+        if self.model.natural:
+            per_load += self._strained_per_load(balance.D, at)
         column = reduction.project(per_load) - reduction.project(np.zeros_like(per_load))
         if self.model.scene.joints and forcing.goal.any():
             # Driven motion rotates the joints, and with them the directions of their forces.
@@ -106,6 +109,14 @@ class PathEquations:
                 column += sign / (2 * h) * reduction.project(balance.r)
             self.expand(y, load)
         return balance, per_load, column[: reduction.free] + self.held
+
+    def _strained_per_load(self, D: np.ndarray, at: float) -> np.ndarray:
+        """Derivative (size,) of the internal forces by the natural strains of a load factor."""
+        forms, h, forces = self.model.forms, 1e-4, []
+        for load in (at + h, at - h, at):  # the last for those who ask later
+            forms.set_natural_end(self._forcing.natural(load))
+            forces.append(forms.internal_force(D).copy())
+        return (forces[0] - forces[1]) / (2 * h)
 
     def factors(self, r: np.ndarray, column: np.ndarray, normal: Tangent) -> BorderedLU:
         """The derivative of the equations, bordered by that of the load and the plane's row."""

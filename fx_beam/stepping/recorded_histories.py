@@ -16,7 +16,7 @@ from fx_beam.results.histories import HISTORIES
 from fx_beam.results.state import ROWS
 
 # What a solution has besides.
-_OTHERS = "energy", "internal", "spring_internal"
+_OTHERS = "energy", "internal", "spring_internal", "natural"
 # Rows that depend on fitted rates.
 _FITTED = {"v", "a", "joint_forces", "constraint_forces"}
 # Energies of a row, in their order.
@@ -94,7 +94,7 @@ class RecordedHistories(Mapping):
         if name == "q" and self._turns and len(values):
             for first, stop in itertools.pairwise([*self._turns, len(values)]):
                 values[first:stop] += self._turns[first][model.mesh.dofs]
-        if name in ("internal", "spring_internal") and not values.size:
+        if name in _OTHERS and not values.size:
             return None
         return values
 

@@ -246,7 +246,7 @@ class Recorder:
             "up_to_row": self.starts,
             "energies": (
                 state.v @ momentum / 2,
-                model.forms.strain_energy(state.q, state.internal),
+                model.forms.strain_energy(state.q, state.internal, state.natural),
                 potential,
                 state.work,
                 model.spring_energy(state),
@@ -322,6 +322,8 @@ class Recorder:
         dt = _SHORT * np.diff(self._times[:2]).sum() or 1.0
         D = dt * first.v if beams.resultants_move else np.zeros(self.model.size)
         start = StepStart(self.arrays["q"][0], first.v, first.a, internal=first.internal)
+        if first.natural is not None:
+            start = start._replace(natural=(first.natural, first.natural))
         yield Part(instant(first.t, dt), D, start)
         for row in range(1, self.rows):
             yield from self._of_row(row, beams)
@@ -330,6 +332,7 @@ class Recorder:
         arrays, own = self.arrays, self._starts_of_row(row)
         names = [*("q", "v", "a")[: 3 if beams.resultants_need_rates else 1]]
         names += ["internal"] * (beams.internal_shape[-1] > 0)
+        names += ["natural"] * bool(self.model.natural)
         if own.stop > own.start:
             starts = {name: self._starts.arrays[f"before_{name}"][own] for name in names}
         else:
@@ -349,6 +352,10 @@ class Recorder:
                 start = start._replace(parameters=self._parameters_in(row, step))
             if "internal" in names:
                 start = start._replace(internal=starts["internal"][i].reshape(beams.internal_shape))
+            if "natural" in names:
+                ends = starts["natural"][i], [*starts["natural"][1:], arrays["natural"][row]][i]
+                shape = *beams.internal_shape[:2], 3
+                start = start._replace(natural=tuple(end.reshape(shape) for end in ends))
             if beams.needs_before:
                 before, memory = (
                     self._starts.arrays[name][own][i] for name in ("earlier_q", "memory")

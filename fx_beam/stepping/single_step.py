@@ -30,7 +30,7 @@ class SingleStep:
 
     def __init__(self, model: Model, forcing: Forcing, options: NewtonOptions, stats: Stats):
         self.model, self.forcing, self.stats = model, forcing, stats
-        self.equations = Equations(model, forcing.time, forcing.turning)
+        self.equations = Equations(model, forcing.time, forcing.turning, forcing.natural)
         self.newton = Newton(self.equations, options)
         self.joint_forces = JointForces(model) if model.scene.joints else None
 
@@ -92,6 +92,8 @@ class SingleStep:
         new = State(interval.end, motors, state.q + step.D, v, a, slides)
         if model.keeps_before:
             new.before, new.length = state.q, dt
+        new.natural = self.forcing.natural(interval.end)
+        model.forms.set_natural_end(new.natural)
         new.internal = model.forms.evolve(step.D)
         model.points.evaluate(step.D)
         new.spring_internal = model.points.evolve()
@@ -117,7 +119,7 @@ class SingleStep:
     def _stored(self, state: State, parameters: np.ndarray | None) -> float:
         """Stored energy of a state with some values of the parameters [J]."""
         self.model.forms.parameters.use(parameters)
-        elastic = self.model.forms.strain_energy(state.q, state.internal)
+        elastic = self.model.forms.strain_energy(state.q, state.internal, state.natural)
         return elastic + self.model.spring_energy(state)
 
     def _slide_increments(self, step: StepSolution, driven: np.ndarray) -> np.ndarray:
@@ -134,7 +136,7 @@ class SingleStep:
         model = self.model
         if model.weight is not None:
             dead = dead - model.weight
-        work = old.work + dead @ path
+        work = old.work + dead @ path + model.forms.actuation(step.D)
         lost, taken, new.algorithmic = model.forms.losses(step.D)
         new.dissipated = old.dissipated + lost + taken
         new.numerical = old.numerical + taken

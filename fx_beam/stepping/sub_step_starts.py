@@ -37,6 +37,8 @@ class SubStepStarts:
                 self.arrays |= {f"before_{name}": np.zeros((n, size)) for name in "va"}
             if width := math.prod(model.forms.internal_shape):
                 self.arrays["before_internal"] = np.zeros((n, width))
+            if model.natural:
+                self.arrays["before_natural"] = np.zeros((n, model.natural.size))
             if model.forms.needs_before:
                 self.arrays |= {"earlier_q": np.zeros((n, size)), "memory": np.zeros(n)}
         if model.fits_rates:
@@ -63,7 +65,8 @@ class SubStepStarts:
         self.make_room(len(starts))
         for start, fraction in zip(starts, self._scheme.fractions, strict=True):
             values = {
-                f"before_{name}": getattr(start, name) for name in ("q", "v", "a", "internal")
+                f"before_{name}": getattr(start, name)
+                for name in ("q", "v", "a", "internal", "natural")
             }
             values |= {"share": fraction / parts, "memory": start.memory(end.length)}
             values["earlier_q"] = start.q if start.before is None else start.before

@@ -16,6 +16,7 @@ typedef struct {
   double *values, *of_map, *at_start, *at_end;                                  /* of joints */
   double *of_internal, *lost_internal, *of_springs, *lost_springs, *loads, *thrust, *of_gaps;
   double *forced, *of_forces, *of_levers, *of_joints, *kept; /* what weights of forces give */
+  double *by_natural, *by_natural_end, *natural; /* the last are those of a sub-step */
 } Backward;
 
 static long lay_out_backward(const Problem *p, Backward *b, double *at) {
@@ -34,6 +35,9 @@ static long lay_out_backward(const Problem *p, Backward *b, double *at) {
   b->of_gaps = allocate(&at, p->closures);
   b->forced = allocate(&at, c), b->of_forces = allocate(&at, n), b->of_levers = allocate(&at, 1 + 4 * p->joints);
   b->of_joints = allocate(&at, 3 * p->scene_joints), b->kept = allocate(&at, n);
+  long natural = (long)p->cells * p->cell_natural;
+  b->by_natural = allocate(&at, natural), b->by_natural_end = allocate(&at, natural);
+  b->natural = allocate(&at, p->naturals);
   return at - begin;
 }
 
@@ -107,7 +111,8 @@ static void pull_elements(const Problem *p, const Pulled *of, const double *cons
                           double t, double dt, double *parameters, int last) {
   const Form *form = &of->form;
   int n = p->cell_dofs, m = of->internal ? p->cell_internal : 0, there[] = {of->increment, of->start, of->before};
-  double A[(1 + 3 * n + m + of->tail) * LANES], *sums = of->sums;
+  int s = p->cell_natural, strained[] = {of->natural, of->natural_end};
+  double A[(1 + 3 * n + m + 2 * s + of->tail) * LANES], *sums = of->sums, *natural[] = {b->by_natural, b->by_natural_end};
   double *nodal[] = {b->by_increment, b->by_start, b->by_before};
   set_time(p, form, t, dt);
   for (int i = 0; i < form->integrals; ++i) {
@@ -120,6 +125,10 @@ static void pull_elements(const Problem *p, const Pulled *of, const double *cons
       for (int k = 0; k < m; ++k, rest += LANES)
         for (int l = 0; l < LANES && block * LANES + l < own->cells; ++l)
           b->lost_internal[own->internal[(block * m + k) * LANES + l]] += rest[l];
+      for (int end = 0; end < 2; ++end)
+        for (int k = 0; strained[end] && k < s; ++k, rest += LANES)
+          for (int l = 0; l < LANES && block * LANES + l < own->cells; ++l)
+            natural[end][own->natural[(block * s + k) * LANES + l]] += rest[l];
       for (int k = 0; last && k < of->tail * LANES; ++k) sums[k] += rest[k];
       for (int k = 0; last && of->parameters_at >= 0 && k < form->parameters; ++k)
         for (int l = 0; l < LANES && block * LANES + l < own->cells; ++l)
@@ -162,13 +171,16 @@ static void pull_points(const Problem *p, const Adjoint *a, const Backward *b, d
 /* All that has a work on omega. The vectors of a Backward begin at zero. */
 static void pull_forces(const Problem *p, const Work *w, const Adjoint *a, const Backward *b, double *thrust,
                         double *parameters, int last) {
-  const double *fields[PULLED_FIELDS] = {w->D, p->q, p->v, p->a, p->before, p->internal, b->omega, b->of_internal};
+  const double *fields[PULLED_FIELDS] = {w->D, p->q, p->v, p->a, p->before, p->internal,
+                                         p->natural, w->natural_end, b->omega, b->of_internal};
   double t = p->t + p->level * w->dt;
   memset(b->by_increment, 0, p->dofs * sizeof(double));
   memset(b->by_start, 0, p->dofs * sizeof(double));
   memset(b->by_before, 0, p->dofs * sizeof(double));
   memset(b->lost_internal, 0, (long)p->cells * p->cell_internal * sizeof(double));
   memset(b->lost_springs, 0, p->spring_width * sizeof(double));
+  memset(b->by_natural, 0, (long)p->cells * p->cell_natural * sizeof(double));
+  memset(b->by_natural_end, 0, (long)p->cells * p->cell_natural * sizeof(double));
   pull_elements(p, &a->internal_forces, fields, b, t, w->dt, parameters, last);
   pull_elements(p, &a->drag, fields, b, t, w->dt, parameters, last);
   if (p->points->all) pull_points(p, a, b, thrust, parameters, last);
@@ -281,6 +293,18 @@ static void pull_loads(const Problem *p, const Work *w, const Adjoint *a, const 
   }
 }
 
+/* By natural strains: those at the end are also those at the start of the next sub-step. */
+static void pull_natural(const Problem *p, const Adjoint *a, const Backward *b, double *naturals) {
+  long size = (long)p->cells * p->cell_natural;
+  for (long i = 0; i < size; ++i) a->natural[i] -= b->by_natural_end[i];
+  for (int k = 0; k < p->naturals; ++k)
+    for (int i = p->natural_start[k]; i < p->natural_start[k + 1]; ++i) {
+      double of_strain = a->natural[p->natural_at[i]];
+      a->natural_value[i] += of_strain * b->natural[k], naturals[k] += of_strain * p->natural_value[i];
+    }
+  for (long i = 0; i < size; ++i) a->natural[i] = -b->by_natural[i];
+}
+
 /* Adds the derivatives of J by the state at a boundary between sub-steps itself. */
 static void add_given(const Problem *p, const Adjoint *a, long boundary, double *q) {
   long k = a->weight_at[boundary], n = p->dofs;
@@ -309,10 +333,11 @@ static double rates_per_path(const Problem *p, double dt) { return p->at_rest ? 
 /* The forces of a sub-step of a tape, and its tangent; returns 0 in a singular position. */
 static int begin_taped(Problem *p, Work *w, const Adjoint *a, const double *row, const Backward *b) {
   double dt = row[1], level;
-  take_from_tape(p, w, row, b->loads, b->thrust);
+  take_from_tape(p, w, row, b->loads, b->thrust, b->natural);
   level = p->t + p->level * dt;
   if (dt != w->dt) w->dt = dt, begin_inertia(p, w);
   begin_loads(p, w, b->loads);
+  if (p->naturals) begin_natural(p, w, b->natural);
   w->thrust = b->thrust;
   if (p->at_rest) set_load_factor(p, a);
   fx_set_parameters(p->points, p->parameter);
@@ -433,6 +458,7 @@ static int pull_step(Problem *p, Work *w, const Adjoint *a, const Backward *b, c
   memset(b->start_columns, 0, all * sizeof(double));
   pull_forces(p, w, a, b, a->thrust + 2L * k * p->thrusts, a->parameters + 2L * k * p->parameter_count, 1);
   pull_loads(p, w, a, b, a->loads + 2L * k * p->loads);
+  if (p->naturals) pull_natural(p, a, b, a->naturals + k * p->naturals);
   for (int i = 0; i < n; ++i) b->start[i] = a->before[i] - path_bar[i] + b->by_increment[i] - b->by_start[i];
   memcpy(a->before, b->by_before, n * sizeof(double)), scale(n, -1, a->before);
   pull_end(p, w, b);

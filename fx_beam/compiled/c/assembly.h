@@ -15,10 +15,12 @@ INLINED Lanes lanes_of(const double *x, const int *at) {
 static void pack(const Problem *p, const Integral *of, const Form *form, long block,
                  const double *const *fields, int first, int end) {
   for (int m = first; m < end; ++m) {
-    int inside = form->kind[m] == INTERNAL || form->kind[m] == OF_INTERNAL;
-    int entries = (inside ? p->cell_internal : p->cell_dofs) * LANES;
-    const int *dofs = (inside ? of->internal : of->dofs) + block * entries;
-    const double *field = fields[form->kind[m]];
+    int kind = form->kind[m], entries = p->cell_dofs * LANES;
+    const int *dofs = of->dofs;
+    if (kind == INTERNAL || kind == OF_INTERNAL) entries = p->cell_internal * LANES, dofs = of->internal;
+    if (kind == NATURAL || kind == NATURAL_END) entries = p->cell_natural * LANES, dofs = of->natural;
+    dofs += block * entries;
+    const double *field = fields[kind];
     double *to = of->packed + (block * form->width + form->offset[m]) * LANES;
     for (int j = 0; j < entries; j += LANES) *(Lanes *)(to + j) = lanes_of(field, dofs + j);
   }

@@ -6,11 +6,11 @@
 
 #include "adjoint.h"
 
-/* Changes in a sub-step: of each direction those of the configuration at the end, of the increment, and of forces;
-   of one direction those of columns with ties, residual, arms of joints, and values of Tv. The block has right sides
-   and solutions of all directions (work.h), behind a column that is zero. */
+/* Changes in a sub-step: of each direction those of the configuration and of natural strains at the end, of the
+   increment, and of forces; of one direction those of columns with ties, residual, arms of joints, and values of Tv.
+   The block has right sides and solutions of all directions (work.h), behind a column that is zero. */
 typedef struct {
-  double *end, *increment, *force, *columns, *reduced, *arms, *map, *block;
+  double *end, *increment, *force, *columns, *reduced, *arms, *map, *block, *natural_end;
   double *on_joints, *moments, *closing; /* of one direction: forces of joints, moments of springs, closing forces */
   int *reached;
 } Change;
@@ -22,7 +22,8 @@ typedef struct {
 } Slopes;
 
 static int numbers_of_element(const Problem *p, const Pulled *of) {
-  return (of->increment + of->start + of->before) * p->cell_dofs + of->internal * p->cell_internal + of->tail;
+  return (of->increment + of->start + of->before) * p->cell_dofs + of->internal * p->cell_internal +
+         (of->natural + of->natural_end) * p->cell_natural + of->tail;
 }
 
 static long blocks_of(const Form *form) {
@@ -51,6 +52,7 @@ static long lay_out_forward(const Problem *p, const Adjoint *a, int count, Chang
   for (int k = 0; k < p->points->all; ++k)
     points += (p->points->of[k].size + p->points->of[k].internal) * (long)a->arguments[k];
   s->of_points = allocate(&at, points);
+  c->natural_end = allocate(&at, (long)count * p->cells * p->cell_natural);
   return at - begin;
 }
 
@@ -68,7 +70,7 @@ static void find_slopes(const Problem *p, const Pulled *of, const double *const 
   double A[(1 + all) * LANES];
   set_time(p, form, t, dt);
   for (int m = 0; m < form->moving; ++m)
-    if (form->kind[m] > INTERNAL) at[form->kind[m] - INTERNAL - 1] = form->offset[m];
+    if (form->kind[m] >= WEIGHT) at[form->kind[m] - WEIGHT] = form->offset[m];
   for (int i = 0; i < form->integrals; ++i) {
     const Integral *own = form->of + i;
     for (long block = 0; block * LANES < own->cells; ++block) {
@@ -105,7 +107,8 @@ static void change_elements(const Problem *p, const Pulled *of, const double *sl
                             double *grown) {
   const Form *form = &of->form;
   int n = p->cell_dofs, m = p->cell_internal, all = numbers_of_element(p, of), weights = weights_of(p, of);
-  int there[] = {of->increment, of->start, of->before};
+  int there[] = {of->increment, of->start, of->before}, s = p->cell_natural, strained[] = {of->natural, of->natural_end};
+  const double *natural[] = {d->natural, c->natural_end};
   long internal = (long)p->cells * m;
   double x[all * LANES];
   for (int i = 0; i < form->integrals; ++i) {
@@ -126,6 +129,12 @@ static void change_elements(const Problem *p, const Pulled *of, const double *sl
           for (int l = 0; l < m * LANES; ++l) at[l] = d->internal[j * internal + inside[l]];
           at += m * LANES;
         }
+        for (int end = 0; end < 2; ++end)
+          if (strained[end]) {
+            const int *inside = own->natural + block * s * LANES;
+            for (int l = 0; l < s * LANES; ++l) at[l] = natural[end][(long)j * p->cells * s + inside[l]];
+            at += s * LANES;
+          }
         memcpy(at, tails + j * tail_numbers, of->tail * LANES * sizeof(double));
         const double *parameters = d->parameters + (j * rows + row) * 2 * p->parameter_count;
         for (int k = 0; of->parameters_at >= 0 && k < form->parameters; ++k)
@@ -413,6 +422,18 @@ static void change_state(const Problem *p, const Work *w, const Adjoint *a, cons
   memcpy(y0, c->columns, all * sizeof(double));
 }
 
+/* The changes of natural strains at the end. */
+static void change_natural(const Problem *p, const Directions *d, const Change *c, const Backward *b, long row,
+                           long rows) {
+  long size = (long)p->cells * p->cell_natural, values = p->natural_start[p->naturals];
+  memset(c->natural_end, 0, d->count * size * sizeof(double));
+  for (int j = 0; j < d->count; ++j)
+    for (int k = 0; k < p->naturals; ++k)
+      for (int i = p->natural_start[k]; i < p->natural_start[k + 1]; ++i)
+        c->natural_end[j * size + p->natural_at[i]] += d->natural_value[j * values + i] * b->natural[k] +
+                                                       p->natural_value[i] * d->naturals[(j * rows + row) * p->naturals + k];
+}
+
 /* The changes of all forces in all directions: with those of the driven motions alone, or of the solution. */
 static void change_balance(const Problem *p, const Work *w, const Adjoint *a, const Slopes *s, const Change *c,
                            const Directions *d, const Backward *b, long row, long rows, int solved) {
@@ -437,6 +458,7 @@ static int push_step(Problem *p, const Work *w, const Adjoint *a, const Slopes *
   long n = p->dofs, internal = (long)p->cells * p->cell_internal;
   memset(c->block, 0, (1L + d->count) * p->positions * sizeof(double));
   if (d->force_at[row] >= 0 && p->scene_joints) find_joint_forces(p, w);
+  if (p->naturals) change_natural(p, d, c, b, row, rows);
   change_balance(p, w, a, s, c, d, b, row, rows, 0);
   if (!solve_block(p, w, c, d->count)) return 0;
   if (d->force_at[row] >= 0) change_balance(p, w, a, s, c, d, b, row, rows, 1);
@@ -447,6 +469,7 @@ static int push_step(Problem *p, const Work *w, const Adjoint *a, const Slopes *
     change_elements(p, &a->internal_forces, s->of_elements[0], d, c, d->of_elements, d->element_numbers, row, rows, grown);
     for (long i = 0; i < d->count * internal; ++i) d->internal[i] += grown[i];
   }
+  if (p->naturals) memcpy(d->natural, c->natural_end, (long)d->count * p->cells * p->cell_natural * sizeof(double));
   memcpy(d->before, d->q, d->count * n * sizeof(double));
   for (int j = 0; j < d->count; ++j) memcpy(d->q + j * n, c->end + j * (n + LANES), n * sizeof(double));
   return 1;
@@ -480,7 +503,8 @@ long fx_push(Problem *p, const Tape *tape, const Adjoint *a, const Directions *d
     }
     memset(b.mu, 0, all * sizeof(double));
     if (p->joints) pull_map(p, w, &b); /* for the forces on ties */
-    const double *fields[PULLED_FIELDS] = {w->D, p->q, p->v, p->a, p->before, p->internal, b.omega, b.of_internal};
+    const double *fields[PULLED_FIELDS] = {w->D, p->q, p->v, p->a, p->before, p->internal,
+                                           p->natural, w->natural_end, b.omega, b.of_internal};
     double t = p->t + p->level * w->dt;
     memset(b.omega, 0, p->dofs * sizeof(double));
     memset(b.of_internal, 0, (long)p->cells * p->cell_internal * sizeof(double));

@@ -32,6 +32,14 @@ static void begin_loads(const Problem *p, const Work *w, const double *loads) {
   }
 }
 
+/* Natural strains at the end of a step. */
+static void begin_natural(const Problem *p, const Work *w, const double *factors) {
+  memset(w->natural_end, 0, (long)p->cells * p->cell_natural * sizeof(double));
+  for (int k = 0; k < p->naturals; ++k)
+    for (int i = p->natural_start[k]; i < p->natural_start[k + 1]; ++i)
+      w->natural_end[p->natural_at[i]] += p->natural_value[i] * factors[k];
+}
+
 /* Counts steps that end with inverted sections, and stores the first configuration. */
 static void count_inverted(Problem *p) {
   if (p->inverted++ > 0) return;
@@ -73,6 +81,7 @@ static void audit(Problem *p, const Work *w, const double *change) {
   work_increment(p, w);
   p->work += dot(n, w->dead, w->path);
   p->dissipated += fx_lost_at_points(p->points, w->D, w->z);
+  p->work += energy_of(p, w, &p->actuated);
   double taken = energy_of(p, w, &p->taken);
   p->dissipated += energy_of(p, w, &p->lost) + taken;
   p->dissipated += energy_of(p, w, &p->lost_to_drag);
@@ -120,6 +129,8 @@ static int take_step(Problem *p, Work *w, double dt, int sub_step, const Inputs 
   double *change = w->start, t = p->t + p->level * dt;
   if (dt != w->dt) w->dt = dt, begin_inertia(p, w);
   if (k == 0 || inputs->load_stride) begin_loads(p, w, inputs->loads + k * inputs->load_stride);
+  if (p->naturals && (k == 0 || inputs->natural_stride))
+    begin_natural(p, w, inputs->natural + k * inputs->natural_stride);
   w->thrust = inputs->thrust + k * inputs->thrust_stride;
   for (int i = 0; i < p->driven; ++i) {
     int dof = p->driven_dof[i];
@@ -155,6 +166,7 @@ static int take_step(Problem *p, Work *w, double dt, int sub_step, const Inputs 
 static void advance(Problem *p, const Work *w, const Inputs *inputs, long k) {
   const double *driven = inputs->driven + k * p->driven;
   evolve(p, w->fields, p->t + p->level * w->dt, w->dt);
+  if (p->naturals) memcpy(p->natural, w->natural_end, (long)p->cells * p->cell_natural * sizeof(double));
   fx_evolve_points(p->points, w->D, w->z, p->spring_internal);
   if (p->friction_follows) fx_follow_joints(p->points, w->joint_forces, p->q, w->D, p->level, 0, p->spring_internal);
   advance_rates(p, w, w->dt);
@@ -258,7 +270,8 @@ int fx_run(Problem *p, int steps, double dt, const Inputs *inputs, Record *to) {
       if (contacts) add_contact_forces(p);
       if (to->tape)
         put_on_tape(p, w, to->tape, inputs->loads + number * inputs->load_stride,
-                    inputs->thrust + number * inputs->thrust_stride);
+                    inputs->thrust + number * inputs->thrust_stride,
+                    inputs->natural + number * inputs->natural_stride);
       advance(p, w, inputs, number);
       if (p->watches && switched(p)) {
         p->failure = SWITCHED;

@@ -8,13 +8,13 @@
 #include "slider.h"
 
 /* Elements per call of a Batch, values of a nodal rule, largest order of the predictor, largest number
-   of sub-steps of a scheme, positions of the displacements and rotations at the start of the step and of
-   the internal variables among the changing coefficients, in steps backwards that of their weights and the
-   number of these coefficients, largest order of a scheme, number of averaged differences in local errors,
+   of sub-steps of a scheme, positions of the displacements and rotations at the start of the step, of the
+   internal variables, and of natural strains at its start and its end among the changing coefficients, in steps
+   backwards those of the weights and of weights of internal variables and the number of these coefficients, largest order of a scheme, number of averaged differences in local errors,
    number of directions of an iteration with kept factors; borders are numbered downwards from ON_BORDER. */
 enum {
-  LANES = 8, RULE_VALUES = 18, PAST = 4, SUB_STEPS = 32, START = 1, INTERNAL = 5, OF_INTERNAL = 7,
-  PULLED_FIELDS = 8, MAX_ORDER = 4, AVERAGED = 3, DIRECTIONS = 12, ON_BORDER = -2
+  LANES = 8, RULE_VALUES = 18, PAST = 4, SUB_STEPS = 32, START = 1, INTERNAL = 5, NATURAL = 6,
+  NATURAL_END = 7, WEIGHT = 8, OF_INTERNAL = 9, PULLED_FIELDS = 10, MAX_ORDER = 4, AVERAGED = 3, DIRECTIONS = 12, ON_BORDER = -2
 };
 
 /* Why a step failed. */
@@ -38,6 +38,7 @@ typedef struct {
      among the element tensors, and in the tangent. */
   struct { int *run, *single_start, *single_from, *single_to; };
   struct { int *internal; }; /* [block][internal variable][lane]: indices in those of all cells */
+  struct { int *natural; };  /* the same of natural strains */
   double *coordinates; /* [block][coordinate][lane] */
   double *packed;      /* [block][coefficient][lane]; changing ones are updated */
 } Integral;
@@ -47,7 +48,7 @@ typedef struct {
   int integrals, width;
   Integral *of;
   int moving;          /* number of changing coefficients:
-                          0 increment, START, 2 v, 3 a, 4 before, INTERNAL */
+                          0 increment, START, 2 v, 3 a, 4 before, INTERNAL, NATURAL, NATURAL_END */
   int changing;        /* the first of them change in every iteration, the others in every step */
   int *kind, *offset;
   double *constants;
@@ -113,6 +114,12 @@ typedef struct {
   struct {
     int cell_internal;  /* internal variables of a cell */
     double *per_weight; /* [internal variable of a cell] */
+  };
+  Form actuated;        /* work of natural strains that change */
+  /* Natural strains of a cell; those of unit ones, in compressed rows. */
+  struct {
+    int cell_natural, naturals, *natural_start, *natural_at;
+    double *natural_value;
   };
   struct { double *weight; };
   int loads, *load_start, *load_dof; /* forces of unit loads, in compressed rows */
@@ -321,15 +328,17 @@ typedef struct {
   double *driven; /* [sub-step][driven column], at the end */
   double *thrust; /* [sub-step][thrust][x, y], at the scheme's level */
   double *parameters; /* [sub-step][level, end][parameter] */
-  long load_stride, thrust_stride;
+  double *natural;    /* [sub-step][natural strain], at the end */
+  long load_stride, thrust_stride, natural_stride;
 } Inputs;
 
 /* The work of forms on a weight: the work itself, then its derivatives, those that there are, by increment, start,
-   configuration before, and internal variables; behind them the `tail`, whose `sums` are kept:
-   [block][number][lane]. */
+   configuration before, internal variables, and natural strains at both ends; behind them the `tail`, whose `sums`
+   are kept: [block][number][lane]. */
 typedef struct {
   Form form;
-  int increment, start, before, internal, tail, parameters_at; /* first parameter in the tail, or -1 */
+  int increment, start, before, internal, natural, natural_end, tail;
+  int parameters_at; /* first parameter in the tail, or -1 */
   struct { double *sums; };
 } Pulled;
 
@@ -344,11 +353,12 @@ typedef struct {
   /* The same of each sub-step for the forces of driven and fixed columns, and of joints. */
   int *force_at;
   double *constraint_weight, *joint_weight;
-  /* By the state: columns, rates, the configuration before, internal variables. */
-  double *columns, *v, *before, *internal, *spring_internal;
+  /* By the state: columns, rates, the configuration before, internal variables, natural strains. */
+  double *columns, *v, *before, *internal, *spring_internal, *natural;
   /* By the numbers of the scene; of each sub-step those of loads, driven motions and follower forces. */
   double *mass, *weight, *load_force, *loads, *driven, *thrust, *points, *offset, *axis, *rest;
   double *parameters; /* [sub-step][level, end][parameter] */
+  double *natural_value, *naturals;
   double *sizes;      /* of the derivatives by the rates at the starts of sub-steps */
   double *slide_at_rest; /* in the reference configuration */
   /* Derivatives of the laws of forces at points, their numbers of arguments, room for what they are given. */
@@ -367,7 +377,8 @@ typedef struct {
   double *of_elements, *of_drag, *mass, *weight, *load_force, *loads, *driven, *thrust, *points, *parameters;
   double *offset, *axis, *rest, *at_rest;
   /* Of the state: columns, configuration, rates, the configuration before, internal variables. */
-  double *columns, *q, *v, *before, *internal, *spring_internal, *grown;
+  double *columns, *q, *v, *before, *internal, *spring_internal, *natural, *grown;
+  double *natural_value, *naturals;
   /* Of each boundary the number of a row of results; -1 for none. Rows: [row][direction][...]. */
   int *row_at;
   double *q_rows, *v_rows, *slide_rows;

@@ -5,42 +5,46 @@
 #include "work.h"
 
 /* Numbers and arrays of a row. */
-enum { TAPED_NUMBERS = 5, TAPED = 10 };
+enum { TAPED_NUMBERS = 5, TAPED = 12 };
 
 typedef struct {
   double *of[TAPED];
   long size[TAPED];
 } TapedArrays;
 
-/* Start of a sub-step, loads at both ends, follower forces and parameters in it, and increments of the columns. */
-static TapedArrays taped_arrays(const Problem *p, const Work *w, double *loads, double *thrust) {
+/* Start of a sub-step, loads at both ends, natural strains at its end, follower forces and parameters in it, and
+   increments of the columns. */
+static TapedArrays taped_arrays(const Problem *p, const Work *w, double *loads, double *thrust, double *natural) {
   long n = p->dofs, before = p->keeps_before ? n : 0, internal = (long)p->cells * p->cell_internal;
   return (TapedArrays){
-      {p->q, p->v, p->before, p->slides, p->internal, p->spring_internal, loads, thrust, p->parameter, w->z},
-      {n, n, before, p->scene_joints, internal, p->spring_width, 2L * p->loads, 2L * p->thrusts,
-       p->parameter_count, p->columns}};
+      {p->q, p->v, p->before, p->slides, p->internal, p->spring_internal, p->natural, loads, thrust, natural,
+       p->parameter, w->z},
+      {n, n, before, p->scene_joints, internal, p->spring_width, (long)p->cells * p->cell_natural, 2L * p->loads,
+       2L * p->thrusts, p->naturals, p->parameter_count, p->columns}};
 }
 
 long fx_tape_size(const Problem *p) {
   Work none = {0};
-  TapedArrays arrays = taped_arrays(p, &none, 0, 0);
+  TapedArrays arrays = taped_arrays(p, &none, 0, 0, 0);
   long size = TAPED_NUMBERS;
   for (int i = 0; i < TAPED; ++i) size += arrays.size[i];
   return size;
 }
 
 /* Adds a sub-step that succeeded, before the state advances. */
-static void put_on_tape(const Problem *p, const Work *w, Tape *tape, double *loads, double *thrust) {
+static void put_on_tape(const Problem *p, const Work *w, Tape *tape, double *loads, double *thrust,
+                        double *natural) {
   double *to = tape->row + tape->rows++ * tape->size;
-  TapedArrays arrays = taped_arrays(p, w, loads, thrust);
+  TapedArrays arrays = taped_arrays(p, w, loads, thrust, natural);
   *to++ = p->t, *to++ = w->dt, *to++ = p->ratio, *to++ = p->share, *to++ = p->earlier;
   for (int i = 0; i < TAPED; to += arrays.size[i++])
     if (arrays.size[i]) memcpy(to, arrays.of[i], arrays.size[i] * sizeof(double));
 }
 
 /* Takes a row back into the state. */
-static void take_from_tape(Problem *p, const Work *w, const double *row, double *loads, double *thrust) {
-  TapedArrays arrays = taped_arrays(p, w, loads, thrust);
+static void take_from_tape(Problem *p, const Work *w, const double *row, double *loads, double *thrust,
+                           double *natural) {
+  TapedArrays arrays = taped_arrays(p, w, loads, thrust, natural);
   p->t = row[0], p->ratio = row[2];
   row += TAPED_NUMBERS;
   for (int i = 0; i < TAPED; row += arrays.size[i++])

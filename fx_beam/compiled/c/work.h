@@ -23,7 +23,8 @@ typedef struct {
   int *reached, *border_entries;         /* rows of the block that are not zero; number of entries */
   BorderEntry *border_entry;
   double *passed, *joint_forces;
-  const double *fields[6]; /* by the kinds of Form */
+  double *natural_end;
+  const double *fields[WEIGHT]; /* by the kinds of Form */
   double dt;
   const double *thrust;
 } Work;
@@ -71,7 +72,8 @@ static long lay_out(const Problem *p, Work *w, double *at) {
   w->reached = (int *)allocate(&at, p->positions), w->border_entries = (int *)allocate(&at, 1);
   w->border_entry = (BorderEntry *)allocate(&at, 2 * (long)p->most_border_entries);
   w->passed = allocate(&at, n), w->joint_forces = allocate(&at, 3 * p->scene_joints);
-  const double *fields[] = {w->D, p->q, p->v, p->a, p->before, p->internal};
+  w->natural_end = allocate(&at, (long)p->cells * p->cell_natural);
+  const double *fields[] = {w->D, p->q, p->v, p->a, p->before, p->internal, p->natural, w->natural_end};
   memcpy(w->fields, fields, sizeof fields);
   return at - begin;
 }

@@ -1,0 +1,453 @@
+"""Natural strains: exact states, prestressed vibrations, work in the balance, derivatives."""
+
+import copy
+
+import numpy as np
+import pytest
+
+import fx_beam as fb
+
+SOFT = fb.Section(EA=1e4, GA=1e4, EI=1.0, rhoA=1.0, rhoI=1e-3)
+
+
+def bar(section=SOFT, elements=4, degree=1, **strains):
+    """A cantilever of length 1 along x, with natural strains."""
+    scene = fb.Scene()
+    beam = scene.add_beam([(0, 0), (1, 0)], section, elements=elements, degree=degree)
+    scene.clamp(beam.start)
+    if strains:
+        scene.add_natural_strain(beam, **strains)
+    return scene, beam
+
+
+# -- Equilibria --------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(("degree", "error"), [(1, 3e-3), (2, 3e-6), (3, 2e-9)])
+@pytest.mark.parametrize("continuation", [None, "arc-length"])
+def test_a_free_beam_becomes_an_arc_without_stress(degree, error, continuation):
+    k0 = 2.0
+    scene, beam = bar(degree=degree, elements=7, curvature=k0)
+    arc = fb.static(scene, steps=4, continuation=continuation)
+    tip = np.sin(k0) / k0, (1 - np.cos(k0)) / k0
+    np.testing.assert_allclose(arc.position(beam.end)[-1], tip, rtol=0, atol=error)
+    r = arc.resultants(beam)
+    assert max(abs(part[-1]).max() for part in (r.N, r.Q, r.M)) < 1e-9
+    assert abs(arc.energy.strain[-1]) < 1e-18
+    assert abs(arc.reaction(beam.start)[-1]).max() < 1e-9
+
+
+def test_a_beam_clamped_at_both_ends_does_not_move_and_has_the_moment_of_its_curvature():
+    k0 = 3.0
+    scene, beam = bar(curvature=k0)
+    scene.clamp(beam.end)
+    held = fb.static(scene, steps=2)
+    assert not held.q[-1].any()
+    np.testing.assert_allclose(held.resultants(beam).M[-1], -SOFT.EI * k0, rtol=1e-12)
+    np.testing.assert_allclose(held.reaction(beam.end)[-1], [0, 0, -SOFT.EI * k0], atol=1e-9)
+    # The actuation does the work that is stored.
+    assert held.energy.work[-1] == pytest.approx(SOFT.EI * k0**2 / 2, rel=1e-12)
+    assert held.energy.strain[-1] == pytest.approx(SOFT.EI * k0**2 / 2, rel=1e-12)
+
+
+def test_the_prop_of_a_propped_cantilever_carries_three_halves_of_its_curvature():
+    k0 = 1e-3
+    scene, beam = bar(fb.Section(EA=1e6, GA=1e9, EI=1.0), degree=3, curvature=k0)
+    scene.fix(beam.end, "y")
+    prop = fb.static(scene, steps=1).reaction(beam.end)[-1, 1]
+    assert prop == pytest.approx(-3 * k0 / 2, rel=1e-5)
+
+
+def test_a_heated_bar_between_walls_is_pressed():
+    alpha, warmer = 12e-6, 40.0
+    scene, beam = bar(axial=fb.thermal(alpha, lambda f: warmer * f))
+    scene.clamp(beam.end)
+    heated = fb.static(scene, steps=1)
+    # N is constant, and its strain makes up for the mean of the heat.
+    expected = -SOFT.EA * alpha * warmer / 2
+    np.testing.assert_allclose(heated.resultants(beam).N[-1], expected, rtol=1e-6)
+
+
+def test_natural_shear_and_functions_of_both_are_those_of_the_time_of_the_equilibrium():
+    scene, beam = bar(degree=2, shear=lambda f, t: 1e-3 * t * (1 + 0 * f), axial=lambda t: 2e-3 * t)
+    sheared = fb.static(scene, steps=1, t=3.0)
+    np.testing.assert_allclose(sheared.position(beam.end)[-1], [1.006, 3e-3], rtol=0, atol=2e-5)
+    for name, value in (("natural axial strain", 6e-3), ("natural shear strain", 3e-3)):
+        np.testing.assert_allclose(sheared.internal(beam, name)[-1], value, rtol=1e-12)
+
+
+def test_several_natural_strains_add_up_and_one_that_is_changed_goes_on_from_where_it_is():
+    scene, beam = bar(axial=1e-3)
+    scene.clamp(beam.end)
+    more = scene.add_natural_strain(beam, axial=2e-3, curvature=0.5)
+    both = fb.static(scene, steps=1)
+    np.testing.assert_allclose(both.resultants(beam).N[-1], -3e-3 * SOFT.EA, rtol=1e-9)
+    scene.change(more, axial=0.0)
+    less = fb.static(scene, steps=2, start=both)
+    expected = [-3e-3 * SOFT.EA, -2e-3 * SOFT.EA, -1e-3 * SOFT.EA]
+    np.testing.assert_allclose(less.resultants(beam).N[:, 0], expected, rtol=1e-9)
+    np.testing.assert_allclose(less.resultants(beam).M[-1], -0.5 * SOFT.EI, rtol=1e-9)
+    scene.remove(scene.natural_strains[1])
+    assert len(scene.natural_strains) == 1
+
+
+def test_a_prestress_by_a_natural_strain_stays_while_a_load_rises():
+    tension = 100.0
+    string = fb.Section(EA=1e6, GA=1e6, EI=1e-3)
+    scene, beam = bar(string, elements=16, degree=2, axial=-tension / string.EA)
+    scene.pin(beam.end)
+    taut = fb.static(scene, steps=1)
+    scene.add_force(beam.node(0.5), (0.0, -0.1))
+    loaded = fb.static(scene, steps=4, start=taut)
+    sunk = loaded.displacement(beam.node(0.5))[:, 1]
+    # P L / (4 T), in equal steps; bending adds a little stiffness.
+    np.testing.assert_allclose(sunk, -0.1 / (4 * tension) * np.linspace(0, 1, 5), rtol=2e-2)
+
+
+# -- Small vibrations --------------------------------------------------------------------------
+
+
+def prestressed(tension):
+    section = fb.Section(EA=1e5, GA=1e4, EI=0.5, rhoA=0.1, rhoI=1e-5)
+    scene = fb.Scene()
+    beam = scene.add_beam([(0, 0), (2, 0)], section, elements=8, degree=3)
+    scene.pin(beam.start)
+    scene.pin(beam.end)
+    scene.add_natural_strain(beam, axial=-tension / section.EA)
+    return scene, beam, section
+
+
+@pytest.mark.parametrize("tension", [50.0, -1.0])
+def test_the_frequencies_of_a_prestressed_beam_are_those_of_the_continuum(tension):
+    scene, _, s = prestressed(tension)
+    state = fb.static(scene, steps=1)
+    found = fb.modes(scene, state=state, n=3).angular_frequencies
+    linear = fb.linearise(scene, at=state)
+    by_system = np.sort(np.linalg.eigvals(linear.A).imag)
+    by_system = by_system[by_system > 0][:3]
+    for n, omegas in enumerate(zip(found, by_system, strict=True), start=1):
+        # (GA k^2 - rhoA w^2) (EI k^2 + GA - T - rhoI w^2) = (GA - T)^2 k^2
+        k2, T = (n * np.pi / 2) ** 2, tension
+        bent, rest = s.EI * k2 + s.GA - T, (s.GA - T) ** 2 * k2
+        factors = s.rhoA * s.rhoI, -(s.GA * k2 * s.rhoI + s.rhoA * bent), s.GA * k2 * bent - rest
+        np.testing.assert_allclose(omegas, np.sqrt(np.roots(factors).min()), rtol=1e-4)
+
+
+def test_a_motion_of_a_prestressed_beam_has_its_first_period():
+    scene, beam, _ = prestressed(50.0)
+    state = fb.static(scene, steps=1)
+    omega = fb.modes(scene, state=state, n=1).angular_frequencies[0]
+    scene.set_velocity(beam, lambda x, y: (0.0, 1e-3 * np.sin(np.pi * x / 2)))
+    motion = fb.simulate(scene, dt=np.pi / omega / 100, t_end=np.pi / omega, start=state)
+    path = motion.displacement(beam.node(0.5))[:, 1]
+    assert path[50] == pytest.approx(1e-3 / omega, rel=2e-3)
+    assert abs(path[100]) < 2e-3 * path[50]
+    assert np.ptp(motion.energy.work) == 0
+
+
+def test_the_gain_of_a_linear_system_by_a_natural_curvature_is_that_of_statics():
+    scene, beam = bar(elements=6, degree=2, curvature=fb.Input("muscle", factor=0.5))
+    system = fb.linearise(scene, outputs={"tip": fb.Output("displacement", beam.end, "y")})
+    gain = system.D - system.C @ np.linalg.solve(system.A, system.B)
+    assert gain.item() == pytest.approx(0.5 / 2, rel=1e-6)
+
+
+# -- Motions -----------------------------------------------------------------------------------
+
+
+def oscillator(scheme, steps, solver="auto"):
+    """A mass on a bar without mass, whose natural length oscillates; its end and the exact one."""
+    k, m, e, W = 40.0, 0.5, 0.02, 7.0
+    rod = fb.Section(EA=k, GA=1e3, EI=1e3)
+    scene, beam = bar(rod, elements=1, axial=lambda t: e * np.sin(W * t))
+    scene.add_mass(beam.end, m, 1.0)
+    t = 1.0
+    solution = fb.simulate(scene, scheme, dt=t / steps, t_end=t, solver=solver)
+    w0 = np.sqrt(k / m)
+    exact = e * w0**2 / (w0**2 - W**2) * (np.sin(W * t) - W / w0 * np.sin(w0 * t))
+    return solution.displacement(beam.end)[-1, 0], exact
+
+
+@pytest.mark.parametrize(
+    ("scheme", "order"),
+    [(fb.EnergyMomentum(), 2), (fb.EnergyMomentum(order=4), 4), (fb.Newmark(), 2)],
+)
+def test_a_natural_strain_that_oscillates_drives_a_mass_with_the_order_of_the_scheme(scheme, order):
+    errors = [abs(np.subtract(*oscillator(scheme, steps))) for steps in (20, 40)]
+    assert errors[0] / errors[1] == pytest.approx(2**order, rel=0.2)
+
+
+WAVE = {
+    "axial": lambda t: 0.05 * np.sin(3 * t),
+    "curvature": lambda f, t: 2 * np.sin(5 * t - 4 * f),
+}
+
+
+@pytest.mark.parametrize(
+    "scheme",
+    [
+        fb.EnergyMomentum(),
+        fb.EnergyMomentum(order=4),
+        fb.EnergyDecaying(),
+        fb.EnergyDecaying(order=1),
+    ],
+    ids=str,
+)
+def test_the_work_of_natural_strains_closes_the_balance(scheme):
+    scene, _ = bar(elements=5, degree=2, **WAVE)
+    energy = fb.simulate(scene, scheme, dt=0.01, t_end=0.5).energy
+    assert energy.work[-1] > 0.1
+    assert abs(energy.balance_error).max() < 1e-12 * energy.total.max()
+    assert (np.diff(energy.dissipated) >= 0).all()
+
+
+def stiffening(eps, gamma, kappa):
+    return 5e3 * (eps**2 + gamma**2) + kappa**2 / 2 + kappa**4 / 20
+
+
+def zener(eps, gamma, kappa, a):
+    return 5e3 * (eps**2 + gamma**2) + kappa**2 / 2 + (kappa - a[0]) ** 2 / 4
+
+
+def relaxed(old, strains0, strains, dt):
+    return [(old[0] + dt / 0.1 * strains[2]) / (1 + dt / 0.1)]
+
+
+MATERIALS = {
+    "damped": fb.Section(EA=1e4, GA=1e4, EI=1.0, rhoA=1.0, rhoI=1e-3, retardation=1e-3),
+    "stiffening": fb.Section(strain_energy=stiffening, rhoA=1.0, rhoI=1e-3),
+    "relaxing": fb.Section(
+        strain_energy=zener,
+        internal=fb.InternalVariables(("dashpot",), relaxed),
+        rhoA=1.0,
+        rhoI=1e-3,
+    ),
+}
+
+
+@pytest.mark.parametrize("name", MATERIALS)
+def test_the_balance_closes_with_materials_that_damp_stiffen_or_relax(name):
+    scene, _ = bar(MATERIALS[name], **WAVE)
+    energy = fb.simulate(scene, dt=0.01, t_end=0.5).energy
+    assert energy.work[-1] > 0.1
+    assert abs(energy.balance_error).max() < 1e-12 * energy.total.max()
+    assert (np.diff(energy.dissipated) >= 0).all()
+
+
+@pytest.mark.parametrize("name", ["damped", "relaxing"])
+def test_a_beam_that_follows_its_natural_strain_freely_has_no_stress_and_loses_nothing(name):
+    section = MATERIALS[name]
+    still = fb.Section(
+        **{key: getattr(section, key) for key in ("strain_energy", "internal", "retardation")}
+        | (
+            {}
+            if section.strain_energy
+            else {key: getattr(section, key) for key in ("EA", "GA", "EI")}
+        )
+    )
+    scene, beam = bar(still, curvature=lambda t: 3 * t)
+    scene.add_mass(beam.end, 1e-9)
+    solution = fb.simulate(scene, dt=0.05, t_end=0.5)
+    assert solution.rotation(beam.end)[-1] == pytest.approx(1.5, rel=1e-6)
+    assert abs(solution.resultants(beam).M).max() < 1e-6
+    assert solution.energy.dissipated[-1] < 1e-9
+
+
+def test_a_muscle_that_shortens_lifts_a_weight_with_the_work_of_lifting():
+    rod = fb.Section(EA=1e5, GA=1e5, EI=1e2)
+    scene = fb.Scene(gravity=(0.0, -10.0))
+    muscle = scene.add_beam([(0, 0), (0, -1)], rod, elements=2)
+    scene.clamp(muscle.start)
+    scene.add_mass(muscle.end, 2.0, 1.0)
+    hanging = fb.static(scene, steps=1)
+    scene.add_natural_strain(muscle, axial=lambda t: -0.2 * (1 - np.cos(np.pi * t)) / 2)
+    lifted = fb.simulate(scene, dt=0.01, t_end=1.0, start=hanging)
+    height = np.diff(lifted.position(muscle.end)[[0, -1], 1]).item()
+    assert height == pytest.approx(0.2, rel=1e-3)
+    assert lifted.energy.work[-1] == pytest.approx(2.0 * 10.0 * height, rel=2e-2)
+
+
+def test_steps_in_python_and_compiled_ones_are_the_same():
+    ends = []
+    for solver in ("compiled", "petsc"):
+        scene, beam = bar(degree=2, **WAVE)
+        run = fb.simulate(scene, dt=0.02, t_end=0.2, solver=solver)
+        ends.append([run.q[-1], run.energy.work[-1], run.resultants(beam).M[-1]])
+    for one, other in zip(*ends, strict=True):
+        np.testing.assert_allclose(one, other, rtol=1e-9, atol=1e-11)
+
+
+@pytest.mark.parametrize("scheme", [fb.EnergyMomentum(), fb.EnergyMomentum(order=4)], ids=str)
+def test_resultants_are_those_of_the_step_whatever_is_recorded(scheme):
+    scene, beam = bar(degree=2, **WAVE)
+    all_rows, some = (
+        fb.simulate(scene, scheme, dt=0.02, t_end=0.24, record=fb.Record(every=every))
+        for every in (1, 4)
+    )
+    for name in ("N", "Q", "M"):
+        moments = [getattr(run.resultants(beam), name) for run in (all_rows, some)]
+        np.testing.assert_allclose(moments[0][::4], moments[1], rtol=1e-9, atol=1e-9)
+    natural = all_rows.internal(beam, "natural curvature")
+    s = all_rows.resultants(beam).s
+    np.testing.assert_allclose(natural, 2 * np.sin(5 * all_rows.t[:, None] - 4 * s), atol=1e-12)
+
+
+def test_a_motion_goes_on_from_a_file(tmp_path):
+    scene, _ = bar(degree=2, **WAVE)
+    whole = fb.simulate(scene, dt=0.02, t_end=0.4)
+    fb.simulate(scene, dt=0.02, t_end=0.2).save(tmp_path / "half.npz")
+    half = fb.load(tmp_path / "half.npz")
+    rest = fb.simulate(copy.deepcopy(scene), dt=0.02, t_end=0.4, start=half)
+    np.testing.assert_allclose(rest.q[-1], whole.q[-1], rtol=0, atol=1e-12)
+    assert rest.energy.work[-1] == pytest.approx(whole.energy.work[-1], rel=1e-12)
+    beam = scene.beams[0].name
+    np.testing.assert_array_equal(
+        half.internal(beam, "natural curvature")[-1], rest.internal(beam, "natural curvature")[0]
+    )
+
+
+def test_an_input_of_a_motion_step_by_step_is_a_ramp_over_each_step():
+    scene, _ = bar(curvature=fb.Input("muscle"))
+    motion, values = fb.Motion(scene, dt=0.02), [0.0, 0.5, 2.0, 1.0, 1.0]
+    for value in values[1:]:
+        motion.step({"muscle": value})
+    times = 0.02 * np.arange(len(values))
+    run = fb.simulate(
+        scene, dt=0.02, t_end=times[-1], inputs={"muscle": lambda t: np.interp(t, times, values)}
+    )
+    np.testing.assert_allclose(motion.q, run.q[-1], rtol=0, atol=1e-12)
+
+
+def test_steps_that_fail_are_halved_and_keep_the_balance():
+    scene, _ = bar(curvature=lambda t: 60.0 if t > 0.05 else 0.0)
+    run = fb.simulate(scene, dt=0.1, t_end=0.3)
+    assert run.stats.halvings > 0
+    assert abs(run.energy.balance_error).max() < 1e-12 * run.energy.total.max()
+
+
+def test_a_tolerance_chooses_steps_for_natural_strains():
+    scene, beam = bar(**WAVE)
+    run = fb.simulate(scene, tolerance=1e-3, t_end=0.3)
+    fine = fb.simulate(scene, dt=2e-4, t_end=0.3)
+    np.testing.assert_allclose(
+        run.position(beam.end)[-1], fine.position(beam.end)[-1], rtol=0, atol=5e-3
+    )
+
+
+# -- Derivatives -------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("scheme", [fb.EnergyMomentum(), fb.EnergyMomentum(order=4)], ids=str)
+def test_the_derivatives_of_a_motion_by_natural_strains_are_exact(scheme):
+    def build(x):
+        scene, beam = bar(
+            axial=x[0], shear=lambda f: x[1] * f, curvature=lambda f, t: x[2] * np.sin(x[3] * t - f)
+        )
+        scene.add_natural_strain(beam, curvature=lambda t: x[4] * t)
+        outputs = {
+            "tip": fb.Output("position", beam.end),
+            "root": fb.Output("reaction", beam.start),
+        }
+        return scene, outputs
+
+    run = fb.Response(build, scheme, dt=0.02, t_end=0.2)
+    x = np.array([0.01, 0.02, 2.0, 5.0, 3.0])
+    weights = {name: np.zeros_like(rows) for name, rows in run(x)[1].items()}
+    weights["tip"][5:], weights["root"][7:] = (1.0, 2.0), (0.01, -0.02, 0.3)
+
+    def weighted(y):
+        return sum(np.sum(weights[name] * y[name]) for name in weights)
+
+    gradient, jacobian = run.vjp(weights), run.jacobian()
+    summed = sum(np.tensordot(weights[name], jacobian[name], 2) for name in weights)
+    np.testing.assert_allclose(summed, gradient, rtol=1e-8)
+    for i, step in enumerate(1e-5 * np.eye(5)):
+        ends = [weighted(run(x + sign * step)[1]) for sign in (1, -1)]
+        assert (ends[0] - ends[1]) / 2e-5 == pytest.approx(gradient[i], rel=1e-5)
+    assert run.stats.setup_reason == ""
+
+
+def test_the_derivatives_of_a_motion_with_a_memory_by_a_natural_strain_are_exact():
+    def build(x):
+        scene, beam = bar(MATERIALS["relaxing"], curvature=lambda t: x[0] * np.sin(20 * t))
+        return scene, {"tip": fb.Output("position", beam.end)}
+
+    run = fb.Response(build, dt=0.02, t_end=0.2)
+    run([2.0])
+    slope = run.jacobian()["tip"][-1, :, 0]
+    ends = [run([2.0 + h])[1]["tip"][-1] for h in (1e-5, -1e-5)]
+    np.testing.assert_allclose(slope, (ends[0] - ends[1]) / 2e-5, rtol=1e-5)
+
+
+# -- What users see ----------------------------------------------------------------------------
+
+
+def test_the_energy_along_a_member_is_what_is_stored():
+    scene, beam = bar(elements=6, curvature=3.0)
+    scene.clamp(beam.end)
+    solution = fb.static(scene, steps=1)
+    from fx_beam.results.fields import along
+
+    density = along(solution, beam.name, "strain energy", [-1], np.array([0.5]))
+    np.testing.assert_allclose(density, SOFT.EI * 9 / 2)
+
+
+def test_a_scene_shows_its_natural_strains():
+    scene, beam = bar(curvature=3.0, axial=lambda f: 0.0)
+    scene.add_natural_strain(beam, shear=lambda f, t: 0.0, axial=fb.Input("muscle"))
+    figure = fb.plot.scene(scene)
+    texts = {text.get_text() for text in figure.axes[0].texts}
+    assert r"$\varepsilon^*$(f), $\kappa^*$ = 3 1/m" in texts
+    assert r"$\varepsilon^*$: muscle, $\gamma^*$(f, t)" in texts
+    assert "natural strains 2" in repr(scene)
+
+
+def test_heat_may_be_a_number_a_function_or_an_input():
+    assert fb.thermal(2e-5, 50) == pytest.approx(1e-3)
+    assert fb.thermal(2e-5, fb.Input("oven", factor=2.0)).factor == (4e-5,)
+    scene, beam = bar(axial=fb.thermal(2e-5, lambda f, t: 100 * f * t))
+    warm = fb.static(scene, steps=1, t=0.5)
+    assert warm.displacement(beam.end)[-1, 0] == pytest.approx(2e-5 * 25, rel=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("strains", "message"),
+    [
+        ({}, "give axial, shear or curvature"),
+        ({"axial": np.nan}, "natural axial strain of beam 'beam 1'.*not finite"),
+        ({"axial": (1.0, 2.0)}, "must be a number"),
+        ({"curvature": lambda s: s}, r"arguments of the function are \(s\).*Name them f"),
+        ({"curvature": lambda t, f: f}, r"are \(t, f\). Name them f"),
+        ({"shear": np.sin}, "Name them f"),
+        ({"shear": lambda f: "much"}, "natural shear strain"),
+        ({"curvature": lambda f, t: np.inf + f}, "at f = 0, t = 0.*not finite"),
+    ],
+)
+def test_what_is_no_natural_strain_is_refused(strains, message):
+    scene, beam = bar()
+    with pytest.raises(fb.SceneError, match=message):
+        scene.add_natural_strain(beam, **strains)
+
+
+def test_only_what_the_scene_has_is_changed_or_removed():
+    scene, beam = bar(axial=1e-3)
+    (strain,) = scene.natural_strains
+    with pytest.raises(fb.SceneError, match="axial=, shear="):
+        scene.change(strain, 2e-3)
+    with pytest.raises(fb.SceneError, match="curvature of a load"):
+        scene.change(scene.add_line_load(beam, (0, 1)), curvature=1.0)
+    scene.remove(strain)
+    with pytest.raises(fb.SceneError, match="the scene does not have"):
+        scene.change(strain, axial=0.0)
+
+
+def test_an_own_force_sees_the_natural_strains_of_the_step():
+    def force(step):
+        # Half of the couple of a quadratic energy, with the opposite sign.
+        return SOFT.EI / 2 * step.strains1[2] * step.prime(step.virtual_psi)
+
+    scene, beam = bar(curvature=2.0)
+    scene.clamp(beam.end)
+    scene.add_virtual_work(force)
+    held = fb.static(scene, steps=1)
+    np.testing.assert_allclose(held.reaction(beam.end)[-1], [0, 0, -SOFT.EI], atol=1e-9)
