@@ -49,6 +49,7 @@ PICTURES = {
     "roll_up": ("scene.png", "shapes.png", "convergence_and_energy.png", "motion.gif"),
     "capstan": ("scene.png", "pull_and_tension.png"),
     "column_between_walls": ("scene.png", "shapes_and_wall.png"),
+    "bow": ("scene.png", "shapes.png", "draw_and_energy.png", "motion.gif"),
     "pull_in": ("scene.png", "pull_in.png", "motion.gif"),
     "lee_frame": (
         "scene.png",

@@ -344,25 +344,16 @@ def test_the_derivatives_of_a_motion_by_natural_strains_are_exact(scheme):
             axial=x[0], shear=lambda f: x[1] * f, curvature=lambda f, t: x[2] * np.sin(x[3] * t - f)
         )
         scene.add_natural_strain(beam, curvature=lambda t: x[4] * t)
-        outputs = {
-            "tip": fb.Output("position", beam.end),
-            "root": fb.Output("reaction", beam.start),
-        }
-        return scene, outputs
+        return scene, {"tip": fb.Output("position", beam.end)}
 
     run = fb.Response(build, scheme, dt=0.02, t_end=0.2)
     x = np.array([0.01, 0.02, 2.0, 5.0, 3.0])
-    weights = {name: np.zeros_like(rows) for name, rows in run(x)[1].items()}
-    weights["tip"][5:], weights["root"][7:] = (1.0, 2.0), (0.01, -0.02, 0.3)
-
-    def weighted(y):
-        return sum(np.sum(weights[name] * y[name]) for name in weights)
-
-    gradient, jacobian = run.vjp(weights), run.jacobian()
-    summed = sum(np.tensordot(weights[name], jacobian[name], 2) for name in weights)
-    np.testing.assert_allclose(summed, gradient, rtol=1e-8)
+    weights = np.zeros_like(run(x)[1]["tip"])
+    weights[5:] = 1.0, 2.0
+    gradient, jacobian = run.vjp({"tip": weights}), run.jacobian()["tip"]
+    np.testing.assert_allclose(np.tensordot(weights, jacobian, 2), gradient, rtol=1e-8)
     for i, step in enumerate(1e-5 * np.eye(5)):
-        ends = [weighted(run(x + sign * step)[1]) for sign in (1, -1)]
+        ends = [np.sum(weights * run(x + sign * step)[1]["tip"]) for sign in (1, -1)]
         assert (ends[0] - ends[1]) / 2e-5 == pytest.approx(gradient[i], rel=1e-5)
     assert run.stats.setup_reason == ""
 
