@@ -442,3 +442,16 @@ def test_an_own_force_sees_the_natural_strains_of_the_step():
     scene.add_virtual_work(force)
     held = fb.static(scene, steps=1)
     np.testing.assert_allclose(held.reaction(beam.end)[-1], [0, 0, -SOFT.EI], atol=1e-9)
+
+
+def test_the_derivatives_of_an_equilibrium_by_natural_strains_are_exact():
+    def build(x):
+        scene, beam = bar(axial=x[0], curvature=lambda f: x[1] * f)
+        return scene, {"tip": fb.Output("position", beam.end)}
+
+    run, x = fb.StaticResponse(build, steps=4), np.array([0.01, 2.0])
+    run(x)
+    slopes = run.jacobian()["tip"][-1]
+    for i, step in enumerate(1e-5 * np.eye(2)):
+        ends = [run(x + sign * step)[1]["tip"][-1] for sign in (1, -1)]
+        np.testing.assert_allclose(slopes[:, i], (ends[0] - ends[1]) / 2e-5, rtol=1e-6, atol=1e-9)
