@@ -170,8 +170,7 @@ class BeamForms:
         self._works = [
             (work, on.shape) for work, on in zip(scene.virtual_works, inside, strict=True)
         ]
-        natural = bool(scene.natural_strains)
-        weak = weak_form(*self._kind, *_shapes(data), self._works, natural)
+        weak = weak_form(*self._kind, *_shapes(data), self._works, bool(scene.natural_strains))
         self._data: dict[Any, Any] = {
             symbol: data.on(mesh) for symbol, data in zip(weak.indicators, inside, strict=True)
         }
@@ -344,8 +343,7 @@ class BeamForms:
         mesh, tags = self._mesh.mesh, self._tags if self._tags.any() else None
         nodal = {"increment": space, "start": self._mesh.space, "before": self._mesh.space}
         if self._weak.has_natural:
-            at_points = self._natural[0].function_space
-            nodal |= {"natural": at_points, "natural_end": at_points}
+            nodal |= dict.fromkeys(("natural", "natural_end"), self._natural[0].function_space)
         spaces = {**spaces, **nodal, "coordinates": interval_mesh.positions_space(mesh)}
         return {
             name: (dolfinx_api.bind(form, mesh, spaces.get(name), data, tags), form)
@@ -433,7 +431,7 @@ class BeamForms:
             self._set(self.moving[4], start.q if start.before is None else start.before)
         self._set_internal(start.internal)
         if start.natural is not None:
-            self._set_natural(*start.natural)
+            self.set_natural(*start.natural)
 
     def _set(self, function, values: np.ndarray) -> None:
         """Set a function to the values (size,) at the nodes of beams."""
@@ -444,15 +442,11 @@ class BeamForms:
         if internal is not None:
             self._internal[self._cell_points] = internal
 
-    def _set_natural(self, start: np.ndarray | None, end: np.ndarray | None = None) -> None:
+    def set_natural(self, start: np.ndarray | None, end: np.ndarray | None = None) -> None:
         """Set natural strains (cells, degree, 3) at the start or at the end of the step."""
         for field, values in zip(self._natural, (start, end), strict=False):  # or there is none
             if values is not None:
                 field.x.array.reshape(-1, 3)[self._natural_points] = values
-
-    def set_natural_end(self, values: np.ndarray) -> None:
-        """Set the natural strains (cells, degree, 3) at the end of the step."""
-        self._set_natural(None, values)
 
     def actuation(self, D: np.ndarray) -> float:
         """Work [J] of natural strains that change in the step."""
@@ -514,7 +508,7 @@ class BeamForms:
         """
         self._set(self._start, q)
         self._set_internal(internal)
-        self._set_natural(natural)
+        self.set_natural(natural)
         return dolfinx_api.assemble_scalar(self._energy)
 
     def bind_inversion(self) -> None:
