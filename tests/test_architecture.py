@@ -123,6 +123,7 @@ HOUSE = {
         "pulled_form",
         "resultant_derivatives",
         "beam_drag",
+        "natural_fields",
         "beam_forms",
         "forms",
         "mass",

@@ -17,6 +17,7 @@ from .beam_drag import BeamDrag, DragForms, PulledDrag, coefficients
 from .dolfinx_api import CompiledForm
 from .fields import Fields, fields_of
 from .mesh import Mesh
+from .natural_fields import NaturalFields
 from .parameter_values import ParameterValues
 from .pulled_form import BoundPull, PulledForm, StoredForm
 from .resultant_derivatives import ResultantDerivatives, ResultantForm, bound
@@ -75,8 +76,6 @@ class BeamForms:
         changing = *self.fields.moving, weak.internal, *self.fields.natural
         self.moving = [self._data.get(field) for field in changing]
         self.increment, self._start, *self._start_rates = self.moving[:4]
-        #: Natural strains at both ends of the step, if there are any.
-        self._natural: list[Any] = self.moving[6:] if weak.has_natural else []
         if weak.added is not None:
             self._added = self._bind(weak.added)
         self._residual, self._tangent = self._bind(weak.force), self._bind(weak.tangent)
@@ -113,10 +112,9 @@ class BeamForms:
             gauss_space = interval_mesh.gauss_space(mesh, fields.degree, self._weak.width)
             data[self._weak.internal] = dolfinx_api.function(gauss_space)
             self._cell_points = dolfinx_api.element_dofs(gauss_space)
-        if self._weak.has_natural:
-            at_points = interval_mesh.gauss_space(mesh, fields.degree, 3)
-            data |= {field: dolfinx_api.function(at_points) for field in fields.natural}
-            self._natural_points = dolfinx_api.element_dofs(at_points)
+        #: Natural strains at both ends of the step.
+        self.natural = NaturalFields(mesh, fields, self._weak.has_natural)
+        data |= self.natural.data
         data |= {field: dolfinx_api.function(space) for field in self._weak.given(damps)}
         #: Space of the increment and of the virtual displacements and rotations.
         self._space, unknowns = self._unknowns(fields)
@@ -342,9 +340,12 @@ class BeamForms:
         """Bind a work and its derivatives, those by coefficients in the given spaces."""
         mesh, tags = self._mesh.mesh, self._tags if self._tags.any() else None
         nodal = {"increment": space, "start": self._mesh.space, "before": self._mesh.space}
-        if self._weak.has_natural:
-            nodal |= dict.fromkeys(("natural", "natural_end"), self._natural[0].function_space)
-        spaces = {**spaces, **nodal, "coordinates": interval_mesh.positions_space(mesh)}
+        spaces = {
+            **spaces,
+            **nodal,
+            **self.natural.spaces,
+            "coordinates": interval_mesh.positions_space(mesh),
+        }
         return {
             name: (dolfinx_api.bind(form, mesh, spaces.get(name), data, tags), form)
             for name, form in compiled.items()
@@ -430,8 +431,7 @@ class BeamForms:
             self.memory.value = start.memory
             self._set(self.moving[4], start.q if start.before is None else start.before)
         self._set_internal(start.internal)
-        if start.natural is not None:
-            self.set_natural(*start.natural)
+        self.natural.set(*(start.natural or (None, None)))
 
     def _set(self, function, values: np.ndarray) -> None:
         """Set a function to the values (size,) at the nodes of beams."""
@@ -441,12 +441,6 @@ class BeamForms:
         """Set the internal variables (cells, degree, width) at the start of the step."""
         if internal is not None:
             self._internal[self._cell_points] = internal
-
-    def set_natural(self, start: np.ndarray | None, end: np.ndarray | None = None) -> None:
-        """Set natural strains (cells, degree, 3) at the start or at the end of the step."""
-        for field, values in zip(self._natural, (start, end), strict=False):  # or there is none
-            if values is not None:
-                field.x.array.reshape(-1, 3)[self._natural_points] = values
 
     def actuation(self, D: np.ndarray) -> float:
         """Work [J] of natural strains that change in the step."""
@@ -508,7 +502,7 @@ class BeamForms:
         """
         self._set(self._start, q)
         self._set_internal(internal)
-        self.set_natural(natural)
+        self.natural.set(natural)
         return dolfinx_api.assemble_scalar(self._energy)
 
     def bind_inversion(self) -> None:

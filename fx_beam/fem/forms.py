@@ -193,7 +193,7 @@ class Forms:
     def set_natural_end(self, values: np.ndarray | None) -> None:
         """Set the natural strains (cells, degree, 3) at the end of the step, if there are any."""
         if self.beams is not None and values is not None:
-            self.beams.set_natural(None, values)
+            self.beams.natural.set(None, values)
 
     def actuation(self, D: np.ndarray) -> float:
         """Work [J] of natural strains that change in the step."""
