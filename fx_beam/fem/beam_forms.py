@@ -25,6 +25,8 @@ from .section_fields import Data, DataShape, FilledField, distinct, on_beam, ref
 from .step_start import StepStart
 from .weak_form import Material, WeakForm, inverted_sections, weak_form
 
+Given = np.ndarray | None
+
 
 class Part(NamedTuple):
     """A completed step, or a part of a halved one."""
@@ -73,8 +75,7 @@ class BeamForms:
         self._data |= self._fields(bool(scene.drags))
         #: Functions that change: the first in every iteration, the others in every step. They are
         #: numbered as the kinds of coefficients in problem.h; None is missing.
-        changing = *self.fields.moving, weak.internal, *self.fields.natural
-        self.moving = [self._data.get(field) for field in changing]
+        self.moving = [self._data.get(field) for field in weak.moving]
         self.increment, self._start, *self._start_rates = self.moving[:4]
         if weak.added is not None:
             self._added = self._bind(weak.added)
@@ -490,12 +491,7 @@ class BeamForms:
         if self.has_external:
             dolfinx_api.add_vector(out[: self._mesh.in_beams], self._added)
 
-    def strain_energy(
-        self,
-        q: np.ndarray,
-        internal: np.ndarray | None = None,
-        natural: np.ndarray | None = None,
-    ) -> float:
+    def strain_energy(self, q: np.ndarray, internal: Given = None, natural: Given = None) -> float:
         """Stored energy [J], integrated by the reduced rule.
 
         Of q (size,), internal variables, and natural strains (cells, degree, 3).

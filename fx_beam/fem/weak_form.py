@@ -248,6 +248,11 @@ class WeakForm:
         self.resultants_need_rates = any(rate in used for rate in fields.start_rates)
         self.resultants_move = self.resultants_need_rates or fields.dt in used
 
+    @property
+    def moving(self) -> tuple:
+        """Fields that change, numbered as in problem.h; None in the place of internal variables."""
+        return *self.fields.moving, self.internal, *self.fields.natural
+
     def given(self, damps: bool) -> list:
         """Fields of the start of a step that the forms have, those of drag if it `damps`."""
         _, start, *rates, before = self.fields.moving
