@@ -26,12 +26,13 @@ def tip_on_beam(stiffness=1e5, elements=8, speed=2.0, loss_below=None, **options
     return scene, contact
 
 
-def sliding_off():
+def sliding_off(friction=None):
     """A bar that slides along another one, and over its end."""
     scene = fb.Scene()
     below = scene.add_beam([(0, 0), (2, 0)], SECTION, elements=16)
     above = scene.add_beam([(0.3, 0.1005), (2.2, 0.1005)], SECTION, elements=13)
-    contact = scene.add_contact(above, below, stiffness=1e5, radius=(0.04, 0.06))
+    options = {"radius": (0.04, 0.06), "friction": friction}
+    contact = scene.add_contact(above, below, stiffness=1e5, **options)
     scene.set_velocity(above, (4.0, -0.2), spin=0.3)
     return scene, contact
 
@@ -110,6 +111,47 @@ def test_what_restitution_takes_is_in_the_balance():
     assert np.diff(solution.energy.dissipated).min() >= 0
 
 
+def test_friction_keeps_both_momenta_and_never_gives_energy():
+    scene, _ = tip_on_beam(friction=fb.Coulomb(0.5, 5e4))
+    solution = fb.simulate(scene, dt=2e-3, t_end=0.3)
+    assert_conserved(solution)
+    assert solution.energy.dissipated[-1] > 0.05
+    assert np.diff(solution.energy.dissipated).min() > -1e-14
+
+
+def plank(mu, speed):
+    """A plank that lies on a bed, and slides."""
+    scene = fb.Scene(gravity=(0, -9.81))
+    bed = scene.add_beam([(0, 0), (4, 0)], SECTION, elements=9)
+    for node in bed.nodes:
+        scene.clamp(node)
+    stiff = fb.Section(EA=1e5, GA=4e4, EI=100.0, rhoA=1.0, rhoI=1e-3)
+    slab = scene.add_beam([(0.3, 0.1), (1.3, 0.1)], stiff, elements=4)
+    friction = fb.Coulomb(mu, 1e6)
+    scene.add_contact(slab, bed, stiffness=1e6, radius=0.05, friction=friction)
+    scene.set_velocity(slab, (speed, 0.0))
+    return scene
+
+
+def test_a_plank_slides_over_segments_as_far_as_coulomb_says():
+    solution = fb.simulate(plank(0.3, 1.0), dt=1e-3, t_end=0.6)
+    way = solution.position(solution.beams["beam 2"].start)[-1, 0] - 0.3
+    assert way == pytest.approx(1 / (2 * 0.3 * 9.81), rel=0.01)
+    assert solution.energy.dissipated[-1] == pytest.approx(0.5, rel=2e-3)
+    assert abs(solution.energy.balance_error).max() < 1e-12
+    # Then it sticks: nothing creeps.
+    rest = solution.linear_momentum[-50:, 0]
+    assert abs(rest.mean()) < 1e-3
+
+
+def test_friction_goes_on_after_a_restart():
+    whole = fb.simulate(plank(0.3, 1.0), dt=2e-3, t_end=0.3)
+    half = fb.simulate(plank(0.3, 1.0), dt=2e-3, t_end=0.2)
+    rest = fb.simulate(plank(0.3, 1.0), dt=2e-3, t_end=0.3, start=half)
+    assert rest.q[-1] == pytest.approx(whole.q[-1], abs=1e-9)
+    assert rest.energy.springs[-1] == pytest.approx(whole.energy.springs[-1], abs=1e-9)
+
+
 def test_the_stiffness_is_that_of_both_members_per_length():
     scene = fb.Scene(gravity=(0, -9.81))
     bed = scene.add_beam([(0, 0), (2, 0)], SECTION, elements=8)
@@ -157,9 +199,13 @@ def test_in_equilibrium_the_reaction_is_the_force_of_the_contact():
     assert held[0] < 2 * free[0]
 
 
-@pytest.mark.parametrize("scheme", [fb.EnergyMomentum(), fb.Newmark()], ids=str)
-def test_the_tangent_is_the_derivative_of_the_forces(scheme):
-    scene, _ = sliding_off()
+@pytest.mark.parametrize(
+    ("scheme", "mu"),
+    [(fb.EnergyMomentum(), 0.0), (fb.Newmark(), 0.0), (fb.EnergyMomentum(), 0.9)],
+    ids=["mean", "level", "friction"],
+)
+def test_the_tangent_is_the_derivative_of_the_forces(scheme, mu):
+    scene, _ = sliding_off(friction=fb.Coulomb(mu, 1e3) if mu else None)
     model = Model(scene, scheme)
     rng, points = np.random.default_rng(1), model.points
     state = reference_state(model)

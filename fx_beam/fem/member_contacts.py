@@ -11,7 +11,7 @@ import scipy.sparse
 
 from fx_beam.errors import SceneError
 from fx_beam.mechanics import scalar_laws as laws
-from fx_beam.mechanics.member_gap import MEMBER
+from fx_beam.mechanics.member_gap import MEMBER, MEMBER_WITH_FRICTION
 from fx_beam.mechanics.point_laws import PointLaw, StepRule
 from fx_beam.scene.beam import Beam
 from fx_beam.scene.member_contact import arc_of
@@ -23,8 +23,9 @@ from fx_beam.structs import Structs
 from .compiled_laws import CompiledLaw, compiled_law
 from .mesh import Mesh
 
-# Entries of a touch (member_contact.h), and what `MemberContacts.check` finds.
-_ENTRIES = 10
+# Entries of a touch, slots of memory of a point's friction, and numbers in each (member_contact.h).
+_ENTRIES, _SLOTS, _IN_SLOT = 10, 2, 3
+# What `MemberContacts.check` finds.
 FINE, MOVED, PASSED = range(3)
 
 
@@ -65,16 +66,21 @@ def _both_ways(
     slots_a = first + np.arange(len(nodes_a))
     slots_b = slots_a if a is b else np.full(len(nodes_b), -1)
     loses = bool(contact.loss) and not at_rest
-    law = laws.contact(MEMBER, loses)
+    friction = contact.friction
+    kind = MEMBER if friction is None else MEMBER_WITH_FRICTION
+    law = laws.contact(kind, loses)
     if contact.energy is not None:
-        law = laws.contact_law(MEMBER, contact.energy, loses)
+        law = laws.contact_law(kind, contact.energy, loses)
     of_loss = (contact.loss, contact.speed) if loses else ()
 
     def numbers(lengths: np.ndarray, share: float) -> np.ndarray:
         fixed = np.array([contact.radii, *of_loss], float)
         stiffness = share * contact.stiffness * lengths
         rest = np.broadcast_to(fixed, (len(lengths), len(fixed)))
-        return np.column_stack([rest[:, 0], stiffness, rest[:, 1:]])
+        columns = [rest[:, 0], stiffness, rest[:, 1:]]
+        if friction is not None:
+            columns += [np.full(len(lengths), friction.mu), share * friction.stiffness * lengths]
+        return np.column_stack(columns)
 
     def arc(nodes: np.ndarray) -> np.ndarray:
         return arc_of(mesh.X[nodes])
@@ -109,9 +115,15 @@ class MemberContacts:
             )
         #: Number of points whose forces are recorded, and of all that may touch.
         self.slots, self.conditions = slots, sum(len(one.points) for one in touching)
+        counts = [_SLOTS * len(one.points) * bool(one.law.internal) for one in touching]
+        #: First slot of memory of each; all their internal variables.
+        self._first_slots, self.width = np.cumsum([0, *counts]), _IN_SLOT * sum(counts)
 
-    def build(self, ffi: Any, library: Any, structs: Structs) -> Any:
-        """Hand over to C; returns the address of the struct."""
+    def build(self, ffi: Any, library: Any, structs: Structs, first_internal: int) -> Any:
+        """Hand over to C; returns the address of the struct.
+
+        Its internal variables begin at a place among all.
+        """
         self._ffi, self._c = ffi, library
         self._of = functools.partial(ffi.from_buffer, ffi.typeof("double[]"))
         self._numbers = [np.array(one.numbers) for one in self._touching]
@@ -124,23 +136,33 @@ class MemberContacts:
             contacts=len(touching),
             conditions=self.conditions,
             of=[
-                self._row(*parts) for parts in zip(touching, self.laws, self._numbers, strict=True)
+                self._row(*parts)
+                for parts in zip(
+                    touching, self.laws, self._numbers, self._first_slots[:-1], strict=True
+                )
             ],
             dofs=mesh.dofs.size,
             moving=len(every),
             moves=mesh.dofs[every, :2],
             margin=-1.0,
+            slots=self._first_slots[-1],
+            first_internal=first_internal,
         )
         # Freed with this object: C allocates as much as there are touches.
         self._freed = ffi.gc(self._all, library.fx_free_members)
         return int(ffi.cast("uintptr_t", self._all))
 
-    def _row(self, one: Touching, law: CompiledLaw, numbers: np.ndarray) -> dict[str, Any]:
+    def _row(
+        self, one: Touching, law: CompiledLaw, numbers: np.ndarray, first_slot: int
+    ) -> dict[str, Any]:
         mesh, row, column = self._mesh, *law.entries.T
         return {
             "law": law.address("law"),
             "energy": law.address("energy"),
             "loss": law.address("loss"),
+            "sums": law.law.size,
+            "internal": law.law.internal,
+            "first_slot": first_slot,
             "remembered": law.law.remembered,
             "entries": len(law.entries),
             "entry_row": row,

@@ -111,7 +111,8 @@ class PointForces:
         #: Numbers of forces up to the end of each role.
         self.ends = [int(np.searchsorted(roles, role, "right")) for role in Role]
         #: Number of all internal variables.
-        self.width = sum(counts)
+        self._of_forces = sum(counts)
+        self.width = self._of_forces + (members.width if members else 0)
         #: Joints of the slides, and their columns, once they are known.
         self.slides = np.array([force.slide for force in forces[self._nodal :]], dtype=int)
         self.columns = np.full(len(self.slides), -1)
@@ -230,7 +231,9 @@ class PointForces:
             probe=np.zeros(max((law.values + 2 * law.law.size for law in laws), default=1)),
         )
         if self.members is not None:
-            structs.set(self._all, members=self.members.build(ffi, self._c, structs))
+            structs.set(
+                self._all, members=self.members.build(ffi, self._c, structs, self._of_forces)
+            )
         structs.check(self._all)
         #: Address of the C struct PointForces.
         self.address = int(ffi.cast("uintptr_t", self._all))

@@ -3,7 +3,8 @@
 A member is a smooth curve through the middles of its elements, with points c = sum N_k P_k of its
 nodes. Let N0 and N1 be the weights of the nearest points at the start and at the end of a step,
 n = (N0 + N1) / 2, d = N1 - N0, and s the slopes of N1 by the place on the member. The coordinates
-are the sums a, t, u of the arms from the node to the nodes of the member, with n, d, and s.
+are the sums a, t, u of the arms from the node to the nodes of the member, with n, d, and s; with
+friction also w, with the slopes of N0.
 """
 
 from __future__ import annotations
@@ -13,30 +14,28 @@ from typing import Any
 
 import ufl
 
-from .coordinates import Kind
+from .coordinates import Kind, Slip
 from .point_laws import TINY, Coordinate, Motion
 
 # Least change of a . t, relative to |a|^2, for which forces do work on it: below it what they
 # would add is less than round-off.
 _SMALL = 1e-12
+# Least change of a . w, relative to |w|^2, from which the direction of friction follows.
+_STILL = 1e-9
 
 Vector = list[Any]
 
 
 def _gap(motion: Motion, D: Sequence[Any], numbers: Sequence[Any]) -> Coordinate:
-    """Numbers: 1 / the second derivative of |arm|^2 / 2 by the place, and the radii.
+    """Numbers: 1 / the second derivative of |arm|^2 / 2 by the place, and last the radii.
 
     The arms to the nearest points are a0 - t0 / 2 and a1 + t1 / 2. Forces along the mean of a do
     work on the change of |a|. What the distance changes besides is of third order. It is given to
     forces that do work on the change of a . t, which vanishes only with d. All of these are
     products of arms, whose forces have no moment.
     """
-    per_rate, radius = numbers
-    start, end = list(motion.start), [x + d for x, d in zip(motion.start, D, strict=True)]
-    arm1, t1, u1 = _vectors(end)
-    # The place at the end is a zero of this residual: with its derivatives by the motion.
-    place = -per_rate * _dot(_add(arm1, 0.5, t1), u1)
-    (arm0, t0), (arm1, t1) = (_shifted(_vectors(x), place) for x in (start, end))
+    radius = numbers[-1]
+    place, ((arm0, t0), (arm1, t1)) = _ends(motion, D, numbers[0])
     first, last = _add(arm0, -0.5, t0), _add(arm1, 0.5, t1)
     distance0, distance1 = (ufl.sqrt(_dot(r, r) + TINY) for r in (first, last))
     if motion.rule.level == 0.5:
@@ -48,10 +47,54 @@ def _gap(motion: Motion, D: Sequence[Any], numbers: Sequence[Any]) -> Coordinate
         on_arm, on_t = unit, [(share - 0.5) * x for x in unit]
     # By the change of the weights with the place.
     on_u = [place * (x / 2 + y) for x, y in zip(on_arm, on_t, strict=True)]
-    along = [*on_arm, *on_t, *on_u]
-    (a, t, _), path = _vectors(motion.rates), distance1 - distance0
+    along = [*on_arm, *on_t, *on_u, *[0.0] * (len(D) - 6)]
+    (a, t, *_), path = _vectors(motion.rates), distance1 - distance0
     rate = _dot(first, _add(a, -0.5, t)) / distance0
     return Coordinate(distance0 - radius, distance1 - radius, along, along, path, rate)
+
+
+def _slip(motion: Motion, D: Sequence[Any], numbers: Sequence[Any]) -> Slip:
+    """Increment of the arc length of the nearest point in the reference.
+
+    Numbers: the first of the gap, the slip, its slope by the place. The product a . w, with fixed
+    weights, changes by about minus the way of the place, and vanishes only with it.
+    """
+    per_rate, slipped, length, _ = numbers
+    place, ((arm0, _), (arm1, t1)) = _ends(motion, D, per_rate)
+    path = slipped + length * place
+    zero = [0.0, 0.0]
+    if motion.rule.level != 0.5:
+        u = _vectors([x + d for x, d in zip(motion.start, D, strict=True)])[2]
+        on_arm = [-length * per_rate * x for x in u]
+        on_u = [
+            -length * per_rate * x + place * y
+            for x, y in zip(_add(arm1, 0.5, t1), on_arm, strict=True)
+        ]
+        return Slip(path, [*on_arm, *(x / 2 for x in on_arm), *on_u, *zero])
+    w0, w1 = (
+        _vectors(motion.start)[3],
+        _vectors([x + d for x, d in zip(motion.start, D, strict=True)])[3],
+    )
+    change = _dot(arm1, w1) - _dot(arm0, w0)
+    moves = ufl.gt(abs(change), _STILL * _dot(w0, w0))
+    factor = ufl.conditional(moves, path / ufl.conditional(moves, change, 1.0), -length * per_rate)
+    on_arm, on_w = (
+        [factor / 2 * (x + y) for x, y in zip(*ends, strict=True)]
+        for ends in ((w0, w1), (arm0, arm1))
+    )
+    on_u = [place / 2 * x for x in on_arm]
+    return Slip(path, [*on_arm, *zero, *on_u, *on_w])
+
+
+def _ends(
+    motion: Motion, D: Sequence[Any], per_rate: Any
+) -> tuple[Any, tuple[tuple[Vector, Vector], tuple[Vector, Vector]]]:
+    """The change of the place with the motion, zero in value, and a and t at both ends."""
+    start, end = list(motion.start), [x + d for x, d in zip(motion.start, D, strict=True)]
+    arm1, t1, u1, *_ = _vectors(end)
+    # The place at the end is a zero of this residual.
+    place = -per_rate * _dot(_add(arm1, 0.5, t1), u1)
+    return place, (_shifted(_vectors(start), place), _shifted(_vectors(end), place))
 
 
 def _mean_directions(
@@ -70,7 +113,7 @@ def _mean_directions(
 
 def _shifted(sums: list[Vector], place: Any) -> tuple[Vector, Vector]:
     """Sums of arms for weights of another place at the end."""
-    a, t, u = sums
+    a, t, u, *_ = sums
     return _add(a, 0.5 * place, u), _add(t, place, u)
 
 
@@ -87,3 +130,4 @@ def _dot(a: Vector, b: Vector) -> Any:
 
 
 MEMBER = Kind("the gap of a member", 6, 2, _gap)
+MEMBER_WITH_FRICTION = Kind("the gap and slip of a member", 8, 4, _gap, slip=_slip)

@@ -102,6 +102,8 @@ class Contact:
         known = self.solution.variables_of_contact.get(self.obstacle.number)
         if known is None:
             why = "has no friction" if self.obstacle.friction is None else "has no motion recorded"
+            if isinstance(self.obstacle.shape, Beam):
+                why = "is between members, whose slips are not recorded. See `tangential`"
             raise ValueError(f"{self.obstacle} {why}")
         shape = self.obstacle.shape
         side = -1.0 if isinstance(shape, Circle) and shape.inside else 1.0

@@ -24,11 +24,6 @@ def check_members(made: Obstacle, size: float) -> None:
             f"{made}: along = {shown(made.along)}, but members touch at their nodes. Leave it out, "
             "and give the beams more elements"
         )
-    if made.friction is not None:
-        raise SceneError(
-            f"{made}: friction between members does not work yet. Leave it out, or let a circle or "
-            "line that a node carries touch the member"
-        )
     pairs = [(a, b)] if a is b or not isinstance(a, Beam) else [(a, b), (b, a)]
     for touching, member in pairs:
         points, nodes = start_of(touching), start_of(member)

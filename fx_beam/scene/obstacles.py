@@ -270,8 +270,9 @@ class Obstacle:
 
     @property
     def variables(self) -> int:
-        """Number of internal variables of its friction: two for each point."""
-        return 2 * len(self.points.lengths) if self.friction is not None else 0
+        """Number of internal variables of its friction with a shape: two for each point."""
+        sticks = self.friction is not None and not isinstance(self.shape, Beam)
+        return 2 * len(self.points.lengths) if sticks else 0
 
     @property
     def points(self) -> Points:

@@ -8,14 +8,18 @@ typedef void Law(double *, const double *, const double *, const double *, const
 
 /* Entries of a touch: x and y of the point and of four nodes; coordinates of its law, and room for what it
    is given and finds. */
-enum { TOUCH_DOFS = 10, TOUCH_SUMS = 6, TOUCH_GIVEN = 36, TOUCH_RESULTS = 48 };
+enum { TOUCH_DOFS = 10, MOST_SUMS = 8, TOUCH_GIVEN = 48, TOUCH_RESULTS = 80 };
+/* Memory of friction: at most so many touches of a point; of each its place on the member, counted from 1,
+   and the two internal variables of its law. */
+enum { SLOTS = 2, IN_SLOT = 3 };
 
 /* Points, which are nodes, against a member. */
 typedef struct {
   Law *law;
   struct { Law *energy; };
   struct { Law *loss; };
-  int remembered, entries, *entry_row, *entry_column; /* of its tangent */
+  int sums, remembered, entries, *entry_row, *entry_column; /* twice the sums; entries of its tangent */
+  int internal, first_slot; /* internal variables; its first slot of memory, in which a point has SLOTS */
   int points, *point_dof;   /* [points][2] */
   double *point_position;   /* [points][2] in the reference */
   int *point_slot;          /* where the force on a point is recorded, or -1 */
@@ -24,18 +28,20 @@ typedef struct {
   int *node_slot;
   int numbers;              /* of each point */
   double *number;           /* [points][numbers]: the radii, then those of the law */
-  /* Of a member and itself: places of its nodes along it, and how far apart they must be. */
-  double apart, *arc;
+  double *arc;              /* places of its nodes along it */
+  double apart;             /* of a member and itself: how far apart they must be */
 } MemberContact;
 
 /* A point that is near a member. */
 typedef struct {
   int contact, point, piece, dof[TOUCH_DOFS];
   int begins, ends, touching; /* whether the pieces reach the ends of the member; whether there is a force */
+  int slot;                   /* of its friction, or -1 */
   int left;                   /* whether the nearest point has left the two pieces */
   double start[5][2];         /* at the start of the step: the point, then arms to the four nodes */
-  double place, weights[4];   /* the nearest point at the start */
-  double sums[3][4];          /* weights of the three sums of arms */
+  double place, weights[4], slopes[4]; /* the nearest point at the start */
+  double end;                 /* its place at the end */
+  double sums[4][4];          /* weights of the sums of arms */
   double given[TOUCH_GIVEN], results[TOUCH_RESULTS], tangent[TOUCH_DOFS * TOUCH_DOFS];
 } Touch;
 
@@ -46,7 +52,10 @@ typedef struct {
   double margin, moved, step; /* of the last search; largest motions since then, and in the last step */
   long searches;            /* their number: when it changes, so do the touches */
   int wide;                 /* whether the next search must have a larger margin */
-  struct { double *searched_at, *v, *product; }; /* [dofs]: configuration of the last search, room */
+  int slots, first_internal; /* of friction; where they begin among all internal variables */
+  struct { int *taken; };    /* [slots] whether a touch has it */
+  struct { double *searched_at, *v, *product, *memory; }; /* [dofs]: configuration of the last search, room;
+                                                             slots at the start of the step */
   struct { Touch *touch; }; /* [room] */
   int touches, room;
   /* The cells of a search: where the nodes in each begin, and the nodes. */
@@ -59,14 +68,17 @@ typedef struct {
 enum { MEMBERS_FINE, MEMBERS_MOVED, MEMBERS_PASSED };
 
 void fx_free_members(MemberContacts *m);
-void fx_begin_members(MemberContacts *m, const double *q, const double *v, double t, double dt);
+void fx_begin_members(MemberContacts *m, const double *q, const double *v, double t, double dt,
+                      const double *internal);
 void fx_evaluate_members(MemberContacts *m, const double *D);
 void fx_add_members(const MemberContacts *m, double *f);
 /* Adds the product of their tangent and x. */
 void fx_times_members(const MemberContacts *m, const double *x, double *out);
 int fx_check_members(MemberContacts *m, const double *D);
 double fx_lost_at_members(MemberContacts *m, const double *D);
-double fx_stored_at_members(MemberContacts *m, const double *q);
+double fx_stored_at_members(MemberContacts *m, const double *q, const double *internal);
+/* Internal variables at the end of a step. */
+void fx_evolve_members(MemberContacts *m, const double *D, double *internal);
 /* Of each point the least gap, at most 1. */
 void fx_member_gaps(MemberContacts *m, const double *q, double *out);
 /* Adds the forces on points to those that are recorded, of each slot x and y. */

@@ -13,7 +13,7 @@ static const double SPARE = 1.5, LASTS = 8, LEAST_MARGIN = 1e-3;
 static void *grown(void *old, long count, long size) { return realloc(old, count * size); }
 
 void fx_free_members(MemberContacts *m) {
-  free(m->searched_at), free(m->v), free(m->product), free(m->touch);
+  free(m->searched_at), free(m->v), free(m->product), free(m->touch), free(m->taken), free(m->memory);
   free(m->cell_start), free(m->cell_node), free(m->cell_of);
 }
 
@@ -199,12 +199,35 @@ static void allocate_members(MemberContacts *m) {
   if (m->searched_at) return;
   m->searched_at = calloc(m->dofs, sizeof(double)), m->v = calloc(m->dofs, sizeof(double));
   m->product = calloc(m->dofs, sizeof(double));
+  m->taken = calloc(m->slots + 1, sizeof(int)), m->memory = calloc(IN_SLOT * m->slots + 1, sizeof(double));
 }
 
 static double *number_of(const MemberContact *c, int point) { return c->number + (long)point * c->numbers; }
 
+/* The slot of a touch: that of a place less than two pieces away, or a free one; -1 if all are taken. */
+static int slot_of(MemberContacts *m, const Touch *e) {
+  const MemberContact *c = m->of + e->contact;
+  int first = c->first_slot + SLOTS * e->point, best = -1;
+  double least = 2, place = e->piece + e->place + 1;
+  for (int k = first; k < first + SLOTS; ++k) {
+    double known = m->memory[IN_SLOT * k], away = known > 0 ? fabs(known - place) : 1.99;
+    if (!m->taken[k] && away < least) best = k, least = away;
+  }
+  return best;
+}
+
+/* Internal variables of a touch at the start of a step; without a slot it has no friction. */
+static void begin_friction(MemberContacts *m, Touch *e, double *internal, double *numbers) {
+  const MemberContact *c = m->of + e->contact;
+  e->slot = slot_of(m, e);
+  if (e->slot >= 0) m->taken[e->slot] = 1;
+  else numbers[c->numbers - 2] = 0;
+  for (int i = 0; i < c->internal; ++i) internal[i] = e->slot < 0 ? 0 : m->memory[IN_SLOT * e->slot + 1 + i];
+}
+
 /* The start of a step: touches, and what does not change in it. */
-void fx_begin_members(MemberContacts *m, const double *q, const double *v, double t, double dt) {
+void fx_begin_members(MemberContacts *m, const double *q, const double *v, double t, double dt,
+                      const double *internal) {
   allocate_members(m);
   double step = fmax(m->step, v ? largest_motion(m, v, 0, fabs(dt)) : 0), least = HUGE_VAL;
   for (int k = 0; k < m->contacts; ++k) least = fmin(least, m->of[k].number[0]);
@@ -213,23 +236,27 @@ void fx_begin_members(MemberContacts *m, const double *q, const double *v, doubl
   if (m->wide || 2 * (m->moved + SPARE * step) > m->margin || !are_known(m, q))
     find_touches(m, q, m->wide ? fmax(2 * m->margin, wanted) : wanted), m->moved = 0;
   if (v) memcpy(m->v, v, m->dofs * sizeof(double));
+  memset(m->taken, 0, m->slots * sizeof(int));
+  if (m->slots) memcpy(m->memory, internal + m->first_internal, IN_SLOT * m->slots * sizeof(double));
   for (Touch *e = m->touch; e < m->touch + m->touches; ++e) {
     const MemberContact *c = m->of + e->contact;
     point_at(c, e->point, q, e->start[0]);
     arms_at(c, e->piece, e->start[0], q, e->start + 1);
     NearPoint near = nearest_point(e->start + 1, e->begins, e->ends);
-    e->place = near.place;
-    memcpy(e->weights, near.weights, sizeof e->weights);
-    double *to = e->given + 3 * TOUCH_SUMS;
-    *to++ = t, *to++ = dt;
-    for (int i = 0; i < c->remembered; ++i) *to++ = 0;
-    memcpy(to + 1, number_of(c, e->point), c->numbers * sizeof(double));
+    e->place = near.place, e->slot = -1;
+    memcpy(e->weights, near.weights, sizeof e->weights), memcpy(e->slopes, near.slopes, sizeof e->slopes);
+    double *to = e->given + 3 * c->sums, *of_place = to + 2 + c->internal + c->remembered;
+    double *numbers = of_place + (c->internal ? 3 : 1);
+    to[0] = t, to[1] = dt;
+    memset(to + 2, 0, (c->internal + c->remembered) * sizeof(double));
+    memcpy(numbers, number_of(c, e->point), c->numbers * sizeof(double));
+    if (c->internal) begin_friction(m, e, to + 2, numbers);
   }
 }
 
-/* Sums of vectors at the nodes, images included, with the three kinds of weights. */
-static inline void sums_of(double sums[3][4], double r[4][2], double *out) {
-  for (int k = 0; k < 3; ++k)
+/* Sums of vectors at the nodes, images included, with all kinds of weights. */
+static inline void sums_of(int count, double sums[4][4], double r[4][2], double *out) {
+  for (int k = 0; k < count; ++k)
     for (int i = 0; i < 2; ++i) {
       double sum = 0;
       for (int j = 0; j < 4; ++j) sum += sums[k][j] * r[j][i];
@@ -244,29 +271,46 @@ static inline void differences(const Touch *e, const double *x, double r[4][2]) 
   image(r, e->begins, e->ends);
 }
 
+/* Arc length of a place, which is counted in nodes, and its slope. */
+static double arc_at(const MemberContact *c, double place, double *slope) {
+  int i = (int)place;
+  i = i < 0 ? 0 : i > c->nodes - 2 ? c->nodes - 2 : i;
+  *slope = c->arc[i + 1] - c->arc[i];
+  return c->arc[i] + (place - i) * *slope;
+}
+
 /* Sets what the law of a touch is given at an increment; returns whether there may be a force. */
 static int move_touch(MemberContacts *m, Touch *e, const double *D) {
   const MemberContact *c = m->of + e->contact;
   double change[4][2], end[4][2], radius = *number_of(c, e->point);
-  double (*start)[2] = e->start + 1, first[2] = {0, 0};
+  double (*start)[2] = e->start + 1, first[2] = {0, 0}, *internal = e->given + 3 * c->sums + 2;
   differences(e, D, change);
   for (int k = 0; k < 4; ++k)
     for (int i = 0; i < 2; ++i) end[k][i] = start[k][i] + change[k][i], first[i] += e->weights[k] * start[k][i];
   NearPoint near = nearest_point(end, e->begins, e->ends);
-  e->left = near.left;
+  e->left = near.left, e->end = near.place;
   e->touching = near.distance < radius || dot2(first, first) < radius * radius;
+  for (int i = 0; i < c->internal; ++i) e->touching |= internal[i] != 0;
   if (!e->touching) return 0;
-  double sums[3][4], rates[4][2];
+  double sums[4][4], rates[4][2], *of_place = internal + c->internal + c->remembered;
+  int count = c->sums / 2;
   for (int k = 0; k < 4; ++k) {
     sums[0][k] = (e->weights[k] + near.weights[k]) / 2;
     sums[1][k] = near.weights[k] - e->weights[k];
     sums[2][k] = near.slopes[k];
+    sums[3][k] = e->slopes[k];
   }
-  sums_of(sums, start, e->given), sums_of(sums, change, e->given + TOUCH_SUMS);
+  sums_of(count, sums, start, e->given), sums_of(count, sums, change, e->given + c->sums);
   differences(e, m->v, rates);
-  sums_of(sums, rates, e->given + 2 * TOUCH_SUMS);
-  e->given[3 * TOUCH_SUMS + 2 + c->remembered] = near.per_rate;
-  for (int k = 0; k < 3; ++k) {
+  sums_of(count, sums, rates, e->given + 2 * c->sums);
+  of_place[0] = near.per_rate;
+  if (c->internal) {
+    double slope;
+    of_place[1] = -arc_at(c, e->piece + e->place, &slope);
+    of_place[1] += arc_at(c, e->piece + near.place, &slope);
+    of_place[2] = slope;
+  }
+  for (int k = 0; k < count; ++k) {
     memcpy(e->sums[k], sums[k], sizeof sums[k]);
     fold(e->sums[k], e->begins, e->ends);
   }
@@ -278,55 +322,62 @@ static inline void call_law(Law *law, const double *given, double *results, int 
   law(results, 0, given, 0, 0, 0, 0);
 }
 
-/* Weights of the three sums at the five points of a touch. */
-static inline void touch_weights(const Touch *e, double w[5][3]) {
-  w[0][0] = -1, w[0][1] = w[0][2] = 0;
+/* Weights of the sums at the five points of a touch. */
+static inline void touch_weights(const Touch *e, double w[5][4]) {
+  for (int j = 0; j < 4; ++j) w[0][j] = j ? 0 : -1;
   for (int k = 0; k < 4; ++k)
-    for (int j = 0; j < 3; ++j) w[k + 1][j] = e->sums[j][k];
+    for (int j = 0; j < 4; ++j) w[k + 1][j] = e->sums[j][k];
 }
 
 static void make_tangent(const MemberContact *c, Touch *e) {
-  double w[5][3], K[TOUCH_SUMS][TOUCH_SUMS] = {{0}}, half[TOUCH_SUMS][TOUCH_DOFS];
+  double w[5][4], K[MOST_SUMS][MOST_SUMS] = {{0}}, half[MOST_SUMS][TOUCH_DOFS];
   touch_weights(e, w);
-  for (int i = 0; i < c->entries; ++i) K[c->entry_row[i]][c->entry_column[i]] = e->results[TOUCH_SUMS + i];
-  for (int i = 0; i < TOUCH_SUMS; ++i)
+  int count = c->sums / 2;
+  for (int i = 0; i < c->entries; ++i) K[c->entry_row[i]][c->entry_column[i]] = e->results[c->sums + i];
+  for (int i = 0; i < c->sums; ++i)
     for (int j = 0; j < TOUCH_DOFS; ++j) {
       double sum = 0;
-      for (int k = 0; k < 3; ++k) sum += K[i][2 * k + j % 2] * w[j / 2][k];
+      for (int k = 0; k < count; ++k) sum += K[i][2 * k + j % 2] * w[j / 2][k];
       half[i][j] = sum;
     }
   for (int i = 0; i < TOUCH_DOFS; ++i)
     for (int j = 0; j < TOUCH_DOFS; ++j) {
       double sum = 0;
-      for (int k = 0; k < 3; ++k) sum += w[i / 2][k] * half[2 * k + i % 2][j];
+      for (int k = 0; k < count; ++k) sum += w[i / 2][k] * half[2 * k + i % 2][j];
       e->tangent[i * TOUCH_DOFS + j] = sum;
     }
+}
+
+/* Calls the law of a touch, after `move_touch`. */
+static void find_force(const MemberContact *c, Touch *e) {
+  int values = c->sums + c->entries + c->internal + c->remembered;
+  call_law(c->law, e->given, e->results, values);
 }
 
 void fx_evaluate_members(MemberContacts *m, const double *D) {
   for (Touch *e = m->touch; e < m->touch + m->touches; ++e) {
     const MemberContact *c = m->of + e->contact;
     if (!move_touch(m, e, D)) continue;
-    int values = TOUCH_SUMS + c->entries + c->remembered;
-    call_law(c->law, e->given, e->results, values);
-    memcpy(e->given + 3 * TOUCH_SUMS + 2, e->results + values - c->remembered, c->remembered * sizeof(double));
+    find_force(c, e);
+    int before = c->sums + c->entries + c->internal;
+    memcpy(e->given + 3 * c->sums + 2 + c->internal, e->results + before, c->remembered * sizeof(double));
     make_tangent(c, e);
   }
 }
 
 /* Force of the law of a touch on one of its entries. */
-static inline double force_on(const Touch *e, double w[5][3], int i) {
+static inline double force_on(const MemberContact *c, const Touch *e, double w[5][4], int i) {
   double sum = 0;
-  for (int k = 0; k < 3; ++k) sum += w[i / 2][k] * e->results[2 * k + i % 2];
+  for (int k = 0; k < c->sums / 2; ++k) sum += w[i / 2][k] * e->results[2 * k + i % 2];
   return sum;
 }
 
 void fx_add_members(const MemberContacts *m, double *f) {
   for (const Touch *e = m->touch; e < m->touch + m->touches; ++e) {
     if (!e->touching) continue;
-    double w[5][3];
+    double w[5][4];
     touch_weights(e, w);
-    for (int i = 0; i < TOUCH_DOFS; ++i) f[e->dof[i]] += force_on(e, w, i);
+    for (int i = 0; i < TOUCH_DOFS; ++i) f[e->dof[i]] += force_on(m->of + e->contact, e, w, i);
   }
 }
 
@@ -344,7 +395,7 @@ int fx_check_members(MemberContacts *m, const double *D) {
   if (2 * (m->moved + m->step) > m->margin) return m->wide = 1, MEMBERS_MOVED;
   for (Touch *e = m->touch; e < m->touch + m->touches; ++e) {
     if (move_touch(m, e, D)) {
-      double *start = e->given, *change = e->given + TOUCH_SUMS, first[2], last[2];
+      double *start = e->given, *change = start + m->of[e->contact].sums, first[2], last[2];
       for (int i = 0; i < 2; ++i) {
         first[i] = start[i] - start[2 + i] / 2;
         last[i] = start[i] + change[i] + (start[2 + i] + change[2 + i]) / 2;
@@ -356,8 +407,30 @@ int fx_check_members(MemberContacts *m, const double *D) {
   return MEMBERS_FINE;
 }
 
+/* Energy of the law of a point at a distance, with its internal variables. */
+static double energy_at(const MemberContact *c, int point, double distance, const double *internal) {
+  double given[TOUCH_GIVEN] = {0}, energy, *to = given + 3 * c->sums;
+  given[0] = distance, to[1] = 1;
+  if (internal) memcpy(to + 2, internal, c->internal * sizeof(double));
+  memcpy(to + 2 + c->internal + c->remembered + (c->internal ? 3 : 1), number_of(c, point), c->numbers * sizeof(double));
+  call_law(c->energy, given, &energy, 1);
+  return energy;
+}
+
+/* Energy of friction in slots; with `left` only in those that no touch has. */
+static double energy_in_slots(const MemberContacts *m, const double *memory, int left) {
+  double sum = 0;
+  for (const MemberContact *c = m->of; c < m->of + m->contacts; ++c)
+    for (int k = 0; c->internal && k < SLOTS * c->points; ++k) {
+      int slot = c->first_slot + k;
+      if (memory[IN_SLOT * slot + 1] == 0 || (left && m->taken[slot])) continue;
+      sum += energy_at(c, k / SLOTS, 2 * *number_of(c, k / SLOTS) + 1, memory + IN_SLOT * slot + 1);
+    }
+  return sum;
+}
+
 double fx_lost_at_members(MemberContacts *m, const double *D) {
-  double sum = 0, lost;
+  double sum = energy_in_slots(m, m->memory, 1), lost;
   for (Touch *e = m->touch; e < m->touch + m->touches; ++e) {
     const MemberContact *c = m->of + e->contact;
     if (!c->loss || !move_touch(m, e, D)) continue;
@@ -365,6 +438,18 @@ double fx_lost_at_members(MemberContacts *m, const double *D) {
     sum += lost;
   }
   return sum;
+}
+
+void fx_evolve_members(MemberContacts *m, const double *D, double *internal) {
+  double *memory = internal + m->first_internal;
+  if (m->slots) memset(memory, 0, IN_SLOT * m->slots * sizeof(double));
+  for (Touch *e = m->touch; e < m->touch + m->touches; ++e) {
+    const MemberContact *c = m->of + e->contact;
+    if (!c->internal || e->slot < 0 || !move_touch(m, e, D)) continue;
+    find_force(c, e);
+    memory[IN_SLOT * e->slot] = e->piece + e->end + 1;
+    memcpy(memory + IN_SLOT * e->slot + 1, e->results + c->sums + c->entries, c->internal * sizeof(double));
+  }
 }
 
 /* Calls a function with each point near its member, in any configuration. */
@@ -382,16 +467,11 @@ static void visit_all(MemberContacts *m, const double *q, Visit *visit, void *wi
 
 static void add_energy(MemberContacts *m, int contact, int point, int piece, double x, double distance, void *with) {
   const MemberContact *c = m->of + contact;
-  double given[TOUCH_GIVEN] = {0}, energy, *numbers = number_of(c, point);
-  if (distance >= *numbers) return;
-  given[0] = distance, given[3 * TOUCH_SUMS + 1] = 1;
-  memcpy(given + 3 * TOUCH_SUMS + 3 + c->remembered, numbers, c->numbers * sizeof(double));
-  call_law(c->energy, given, &energy, 1);
-  *(double *)with += energy;
+  if (distance < *number_of(c, point)) *(double *)with += energy_at(c, point, distance, 0);
 }
 
-double fx_stored_at_members(MemberContacts *m, const double *q) {
-  double sum = 0;
+double fx_stored_at_members(MemberContacts *m, const double *q, const double *internal) {
+  double sum = m->slots ? energy_in_slots(m, internal + m->first_internal, 0) : 0;
   visit_all(m, q, add_energy, &sum);
   return sum;
 }
@@ -410,12 +490,12 @@ void fx_member_gaps(MemberContacts *m, const double *q, double *out) {
 void fx_record_members(const MemberContacts *m, double factor, double *out) {
   for (const Touch *e = m->touch; e < m->touch + m->touches; ++e) {
     const MemberContact *c = m->of + e->contact;
-    double w[5][3];
+    double w[5][4];
     if (!e->touching) continue;
     touch_weights(e, w);
     for (int k = 0; k < 5; ++k) {
       int slot = k ? c->node_slot[node_of(c, e->piece, k - 1)] : c->point_slot[e->point];
-      for (int i = 0; slot >= 0 && i < 2; ++i) out[2 * slot + i] -= factor * force_on(e, w, 2 * k + i);
+      for (int i = 0; slot >= 0 && i < 2; ++i) out[2 * slot + i] -= factor * force_on(c, e, w, 2 * k + i);
     }
   }
 }

@@ -39,7 +39,7 @@ void fx_begin_points(const PointForces *p, const double *q, const double *v, con
     for (int i = 0; i < e->internal; ++i) *to++ = internal[e->first_internal + i];
     for (int i = 0; i < e->remembered; ++i) *to++ = 0;
   }
-  if (p->members) fx_begin_members(p->members, q, v, t, dt);
+  if (p->members) fx_begin_members(p->members, q, v, t, dt, internal);
 }
 
 static void move_to(const PointForce *e, const double *D, const double *z) {
@@ -81,7 +81,7 @@ double fx_lost_at_points(const PointForces *p, const double *D, const double *z)
 }
 
 double fx_stored_at_points(const PointForces *p, const double *q, const double *slide, const double *internal) {
-  double sum = p->members ? fx_stored_at_members(p->members, q) : 0;
+  double sum = p->members ? fx_stored_at_members(p->members, q, internal) : 0;
   for (const PointForce *e = p->of; e < p->of + p->all; ++e) {
     if (!e->energy) continue;
     place_at(e, q, slide);
@@ -99,6 +99,7 @@ void fx_evolve_points(const PointForces *p, const double *D, const double *z, do
     call(e->law, e->given, e->results, values_of(e));
     memcpy(internal + e->first_internal, e->results + e->size + e->entries, e->internal * sizeof(double));
   }
+  if (p->members) fx_evolve_members(p->members, D, internal);
 }
 
 int fx_follow_joints(const PointForces *p, const double *joints, const double *q, const double *D, double level,
