@@ -152,6 +152,20 @@ def test_friction_goes_on_after_a_restart():
     assert rest.energy.springs[-1] == pytest.approx(whole.energy.springs[-1], abs=1e-9)
 
 
+def test_no_contact_is_lost_where_nodes_stand_between_elements():
+    scene = fb.Scene()
+    below = scene.add_beam([(0, 0), (2, 0)], SECTION, elements=10)
+    above = scene.add_beam([(0.5, 0.2), (1.5, 0.2)], SECTION, elements=5)
+    scene.clamp(below.start)
+    for node in above.nodes:
+        scene.prescribe(node, y=lambda t: -0.5 * t * t)
+        scene.fix(node, "x")
+    scene.add_contact(below, above, stiffness=1e5, radius=0.03)
+    solution = fb.simulate(scene, dt=1e-3, t_end=0.8)
+    assert solution.energy.springs.max() > 0.1
+    assert abs(solution.energy.balance_error).max() < 1e-12 * solution.energy.work.max()
+
+
 def test_the_stiffness_is_that_of_both_members_per_length():
     scene = fb.Scene(gravity=(0, -9.81))
     bed = scene.add_beam([(0, 0), (2, 0)], SECTION, elements=8)

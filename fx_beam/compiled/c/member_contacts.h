@@ -125,8 +125,8 @@ static void look_at(MemberContacts *m, int number, int i, const double *x, int n
   }
   Piece piece = piece_of(r[0], r[1], r[2]);
   double low = begins ? 0 : -0.5, high = ends ? 0 : 0.5;
-  if (!begins && residual(&piece, low) >= 0) return;
-  if (!ends && residual(&piece, high) < 0) return;
+  if (!begins && grows_at_joint(r[0], r[1])) return;
+  if (!ends && !grows_at_joint(r[1], r[2])) return;
   double at = nearest_place(&piece, low, high), n[3], slope[3], arm[2] = {0, 0};
   piece_weights(at, n, slope);
   for (int k = 0; k < 3; ++k) arm[0] += n[k] * r[k][0], arm[1] += n[k] * r[k][1];

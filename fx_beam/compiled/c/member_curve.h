@@ -65,12 +65,18 @@ static inline double nearest_place(const Piece *c, double low, double high) {
   return x < low ? low : x > high ? high : x;
 }
 
+/* Whether the distance from the origin grows along the member at the joint of the pieces about two nodes. Both
+   pieces see the same digits, so that a nearest point there belongs to exactly one of them. */
+static inline int grows_at_joint(const double *a, const double *b) {
+  double chord[2] = {b[0] - a[0], b[1] - a[1]}, joint[2] = {a[0] + b[0], a[1] + b[1]};
+  return dot2(chord, joint) > 0;
+}
+
 /* The nearest point of two pieces to the origin, from the arms to four nodes, images included. `begins` and
    `ends` say whether the first or the last node is an image. */
 static NearPoint nearest_point(double r[4][2], int begins, int ends) {
   NearPoint found = {0};
-  double chord[2] = {r[2][0] - r[1][0], r[2][1] - r[1][1]}, joint[2] = {r[1][0] + r[2][0], r[1][1] + r[2][1]};
-  int k = dot2(chord, joint) <= 0;
+  int k = !grows_at_joint(r[1], r[2]);
   double low = !k && begins ? 0 : -0.5, high = k && ends ? 0 : 0.5;
   Piece c = piece_of(r[k], r[k + 1], r[k + 2]);
   double x = nearest_place(&c, low, high), n[3], slope[3];
