@@ -240,3 +240,31 @@ def test_copies_of_a_changed_scene_are_the_same():
     assert np.array_equal(one.q, two.q)
     with pytest.raises(fb.SceneError, match="the scene does not have"):
         other.remove(first)
+
+
+def test_friction_of_contacts_that_stay_keeps_its_stretch():
+    """A block rests on two feet, pushed sideways; then something else, and a foot, are removed."""
+    scene = fb.Scene(gravity=(0, -10.0))
+    block = scene.add_body((0, 0.5), 1.0, 0.1, points={"l": (-0.3, 0), "r": (0.3, 0)}, name="block")
+    law = {"stiffness": 1e4, "restitution": 0.2, "speed": 0.01, "friction": fb.Coulomb(0.5, 1e4)}
+    floor = fb.Line((0, 0), normal=(0, 1))
+    left, right = (scene.add_contact(block[point], floor, **law) for point in "lr")
+    scene.add_force(block.centre, (2.0, 0.0))
+    other = scene.add_body((3, 3), 1.0, 0.1)
+    scene.add_joint(fb.Revolute(fb.GROUND, other.centre))
+    first = fb.simulate(scene, dt=2e-3, t_end=0.4)
+    scene.remove(other)
+    second = fb.simulate(scene, dt=2e-3, t_end=0.5, start=first)
+    scene.remove(left)
+    third = fb.simulate(scene, dt=2e-3, t_end=0.51, start=second)
+    for contact in (left, right):
+        before, after = (run.variables_of_contact[contact.number] for run in (first, second))
+        assert np.array_equal(before[-1], after[0])
+        assert abs(after[0, 0, 0]) > 1e-5
+    before, after = (run.variables_of_contact[right.number] for run in (second, third))
+    assert np.array_equal(before[-1], after[0])
+    whole = first.then(second).then(third)
+    assert abs(whole.energy.balance_error).max() < 1e-11
+    assert whole.contact(left).force.shape == whole.contact(right).force.shape
+    assert not whole.contact(left).force[-1].any()
+    assert abs(whole.contact(right).force[250] - second.contact(right).force[-1]).max() == 0

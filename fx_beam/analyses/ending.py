@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from copy import copy
 from typing import Any, NamedTuple
 
@@ -71,14 +71,14 @@ class Ending:
         self._readings = {
             name: reading(setup.model, self._now, turns, output) for name, output in outputs.items()
         }
-        integrator = setup.stepper.integrator
-        if isinstance(integrator, CompiledLoop):
+        integrator, forces = setup.stepper.integrator, [o.quantity for o in outputs.values()]
+        if isinstance(integrator, CompiledLoop) and "force" in forces:
             integrator.problem.c.keeps_joint_forces = True
         self._before: _Mark | None = None
         #: Name of the condition that is met; empty while none is.
         self.met = ""
         self._last = start = recorder.end
-        self._values = {name: self._value(name, start, start) for name in conditions}
+        self._values = self._values_after(start, start)
         for name, value in self._values.items():
             if value is True:
                 raise SceneError(
@@ -99,7 +99,7 @@ class Ending:
         end = self._recorder.end
         if end.t == start.t:
             return  # the step is repeated
-        values = {name: self._value(name, start, end) for name in self._conditions}
+        values = self._values_after(start, end)
         if self._begins:
             self._values = {
                 name: _begun(self._values[name], value) for name, value in values.items()
@@ -164,25 +164,29 @@ class Ending:
         """Value of a condition after a step from a mark to a time [s], which is not recorded."""
         self._return_to(mark, settle=False)
         end = self._stepper.march(mark.state, np.array([t]), 1, Unrecorded())
-        return self._value(name, mark.state, end)
+        return self._values_after(mark.state, end, [name])[name]
 
-    def _value(self, name: str, start: State, end: State) -> Any:
-        """Value of a condition at the end of a step: a number, or whether it is met."""
+    def _values_after(
+        self, start: State, end: State, names: Sequence[str] | None = None
+    ) -> dict[str, Any]:
+        """Values of conditions at the end of a step: numbers, or whether they are met."""
         self._step.set(start, end)
         self._now.begin(start)
         if end is not start:
             self._now.leave()
             self._step.arrive()
         outputs = {key: read() for key, read in self._readings.items()}
-        value = self._conditions[name](end.t, outputs)
-        if isinstance(value, bool | np.bool_):
-            return bool(value)
-        if not is_number(value):
-            raise SceneError(
-                f"simulate: {name} gives {shown(value)} at t = {end.t:g}; it must be a finite "
-                "number or a truth value"
-            )
-        return float(value)
+        values: dict[str, Any] = {}
+        for name in self._conditions if names is None else names:
+            value = self._conditions[name](end.t, outputs)
+            truth = isinstance(value, bool | np.bool_)
+            if not truth and not is_number(value):
+                raise SceneError(
+                    f"simulate: {name} gives {shown(value)} at t = {end.t:g}; it must be a finite "
+                    "number or a truth value"
+                )
+            values[name] = bool(value) if truth else float(value)
+        return values
 
     def _mark(self) -> _Mark:
         stepper = self._stepper
