@@ -357,3 +357,23 @@ def test_small_motions_are_those_of_a_contact_that_sticks_or_slips():
     slides = fb.simulate(scene, dt=1e-3, t_end=0.05)
     found = np.abs(np.linalg.eigvals(fb.linearise(scene, slides).A)) ** 2
     assert found.min() == pytest.approx(100.0 / 2.0, rel=1e-4)
+
+
+def test_derivatives_of_equilibria_with_friction_are_those_of_differences():
+    def build(x):
+        scene = fb.Scene()
+        arc = [(0.5 * np.cos(a), 0.5 * np.sin(a)) for a in np.linspace(np.pi, 0, 21)]
+        section = fb.Section(EA=1e3 * x[1], GA=1e3, EI=1e-2)
+        strip = scene.add_beam([(-0.5, -0.3), *arc, (0.5, -0.3)], section, [2, *[1] * 20, 2])
+        scene.clamp(strip.start)
+        friction = fb.Coulomb(0.3 * x[0], 1e6)
+        scene.add_contact(strip, fb.Circle((0, 0), 0.5), stiffness=1e5, friction=friction)
+        scene.add_force(strip.end, (0, -1.0))
+        return scene, {"place": fb.Output("position", strip.end)}
+
+    run, x, h = fb.StaticResponse(build, steps=5), np.ones(2), 1e-6
+    weights = np.zeros_like(run(x)[1]["place"])
+    weights[-1] = 1.0, 2.0
+    gradient = run.vjp({"place": weights})
+    ends = [[run(x + s * h * e)[1]["place"][-1] @ (1, 2) for e in np.eye(2)] for s in (1, -1)]
+    assert gradient == pytest.approx((np.array(ends[0]) - ends[1]) / (2 * h), rel=1e-6)

@@ -159,3 +159,15 @@ def test_derivatives_are_refused():
     _, y = run(np.array([0.3]))
     with pytest.raises(fb.SceneError, match="follows the force of a joint"):
         run.vjp({"place": np.ones_like(y["place"])})
+
+
+def test_single_steps_and_steps_of_a_tolerance_follow_the_force_as_well():
+    scene, centre, _ = pendulum(0.3)
+    solution = fb.simulate(scene, dt=0.01, t_end=0.3)
+    motion = fb.Motion(scene, dt=0.01)
+    motion.run(0.3)
+    assert motion.q == pytest.approx(solution.q[-1], abs=1e-12)
+    chosen = fb.simulate(scene, t_end=0.8, tolerance=1e-5)
+    angle, _ = swing(0.3, 0.05, 0.8)
+    assert chosen.rotation(centre)[-1] == pytest.approx(angle, abs=2e-3)
+    assert abs(chosen.energy.balance_error).max() < 1e-10
