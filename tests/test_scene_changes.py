@@ -268,3 +268,91 @@ def test_friction_of_contacts_that_stay_keeps_its_stretch():
     assert whole.contact(left).force.shape == whole.contact(right).force.shape
     assert not whole.contact(left).force[-1].any()
     assert abs(whole.contact(right).force[250] - second.contact(right).force[-1]).max() == 0
+
+
+# -- Contacts --------------------------------------------------------------------------------------
+
+
+def wheels(places, friction=0.5):
+    """Wheels that roll and slip on a bar between two clamps, each with its contact, by places."""
+    scene = fb.Scene(gravity=(0.5, -9.81))
+    bar = scene.add_beam([(0, 0), (1, 0)], MEMBER, elements=4, name="bar")
+    scene.clamp(bar.start)
+    scene.clamp(bar.end)
+    found = {}
+    for x in places:
+        wheel = scene.add_body((x, 0.06), mass=0.5, inertia=1e-3, name=f"wheel at {x}")
+        scene.set_velocity(wheel, (0.2, -0.1))
+        found[x] = contact_of(scene, wheel, friction)
+    return scene, found
+
+
+def contact_of(scene, wheel, friction=0.5, **options):
+    shape, law = fb.Circle(wheel.centre, 0.06), fb.Coulomb(friction, 2e4)
+    return scene.add_contact(scene.beams[0], shape, stiffness=2e4, friction=law, **options)
+
+
+def test_contacts_in_another_order_keep_their_springs_in_a_scene_built_anew(tmp_path):
+    scene, contacts = wheels((0.25, 0.75))
+    first = fb.simulate(scene, dt=1e-3, t_end=0.03)
+    first.save(tmp_path / "first.npz")
+    stretched = {x: first.contact(c).stretch[-1] for x, c in contacts.items()}
+    assert all(abs(z).max() > 1e-5 for z in stretched.values())
+
+    on = fb.simulate(scene, dt=1e-3, t_end=0.06, start=first)
+    anew, others = wheels((0.75, 0.25))
+    second = fb.simulate(anew, dt=1e-3, t_end=0.06, start=fb.load(tmp_path / "first.npz"))
+    for x, contact in others.items():
+        assert (second.contact(contact).stretch[0] == stretched[x]).all()
+        apart = second.contact(contact).normal - on.contact(contacts[x]).normal
+        assert abs(apart[1:]).max() < 1e-8  # in row 0 is the step before
+    assert abs(second.energy.balance_error).max() < 1e-12
+
+    whole = first.then(second)
+    for contact in others.values():
+        assert (whole.contact(contact).stretch[31:] == second.contact(contact).stretch[1:]).all()
+        assert (whole.contact(contact).gap[31:] == second.contact(contact).gap[1:]).all()
+    own = [whole.contact(one) for one in whole.obstacles if one.number > 1]
+    assert len(own) == 2  # those of the first scene have other numbers now
+    for one, contact in zip(own, contacts.values(), strict=True):
+        assert (one.stretch[:31] == first.contact(contact).stretch).all()
+        assert (one.gap[:31] == first.contact(contact).gap).all()
+        assert (one.force[:31] == first.contact(contact).force).all()
+        assert not one.force[31:].any()
+
+
+def test_the_number_of_a_contact_that_was_removed_is_not_used_again():
+    scene, contacts = wheels((0.25, 0.75))
+    first = fb.simulate(scene, dt=1e-3, t_end=0.03)
+    old = contacts[0.75]
+    scene.remove(old)
+    new = contact_of(scene, scene.bodies[1], along=2)
+    assert new.number == 2
+    second = fb.simulate(scene, dt=1e-3, t_end=0.06, start=first)
+    assert not second.contact(new).stretch[0].any()
+    with pytest.raises(ValueError, match="not an obstacle of this solution"):
+        first.contact(new)
+
+    whole = first.then(second)
+    assert (whole.contact(old).force[:31] == first.contact(old).force).all()
+    assert not whole.contact(old).force[31:].any()
+    assert (whole.contact(new).force[31:] == second.contact(new).force[1:]).all()
+    assert not whole.contact(new).stretch[:31].any()
+    assert abs(whole.energy.balance_error).max() < 1e-12
+
+
+def test_contact_at_other_points_of_a_beam_is_another_contact():
+    def scene_of(along):
+        scene = fb.Scene()
+        bar = scene.add_beam([(0, 0), (0.2, 0)], MEMBER)  # 2 nodes, or 2 points along it
+        floor, law = fb.Line((0, 0), (0, 1)), fb.Coulomb(0.5, 2e4)
+        scene.set_velocity(bar, (0.2, -0.3))
+        return scene, scene.add_contact(bar, floor, stiffness=2e4, friction=law, along=along)
+
+    nodes, ends = scene_of(None)
+    first = fb.simulate(nodes, dt=1e-3, t_end=0.01)
+    assert first.contact(ends).stretch[-1].all()
+    other, between = scene_of(2)
+    second = fb.simulate(other, dt=1e-3, t_end=0.02, start=first)
+    assert not second.contact(between).stretch[0].any()
+    assert abs(first.then(second).energy.balance_error).max() < 1e-12

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
 
@@ -12,8 +13,10 @@ from fx_beam.fem.parameter_values import before
 from fx_beam.model.model import Model
 from fx_beam.results.solution import Solution
 from fx_beam.results.state import State
+from fx_beam.scene.beam import Beam, Node
 from fx_beam.scene.constraints import JointKey, constraints_of, joints_in, key_of
 from fx_beam.scene.natural_strains import NAMES
+from fx_beam.scene.obstacles import Obstacle
 from fx_beam.stepping.initial_state import given_velocity, reference_state
 from fx_beam.validation import shown
 
@@ -37,7 +40,7 @@ def has_changed(model: Model, start: Solution) -> bool:
     members = [one.name for one in scene.beams], [one.name for one in scene.bodies]
     if members != ([*start.beams], [*start.bodies]):
         return True
-    has, had = ([(str(o), o.variables) for o in of.obstacles] for of in (scene, start))
+    has, had = ([(str(o), o.along, o.variables) for o in of.obstacles] for of in (scene, start))
     if has != had:
         return True
     if end.constraints is None:  # a solution that is no run
@@ -85,7 +88,7 @@ def carried_state(model: Model, start: Solution) -> State:
         impact=end.impact,
         internal=_internal(model, start),
         natural=_natural(model, start),
-        spring_internal=_spring_internal(model, start, theirs),
+        spring_internal=_spring_internal(model, start, theirs, rows),
         inputs=end.inputs,
         **nodal,
     )
@@ -219,8 +222,36 @@ def _elements_of(start: Solution) -> dict[str, slice]:
     return elements_of
 
 
+def _contacts_before(model: Model, start: Solution, rows: np.ndarray) -> dict[str, str]:
+    """Contacts of the scene, and the same ones of the solution, if it has them."""
+    left, same = list(start.obstacles), dict[str, str]()
+    for own in model.scene.obstacles:
+        key = _contact_key(own, lambda node: int(rows[node.number]))
+        twins = [one for one in left if _contact_key(one, lambda node: node.number) == key]
+        same[str(own)] = ""
+        if twins:
+            best = max(twins, key=lambda one: (one.shape == own.shape, one.number == own.number))
+            left.remove(best)
+            same[str(own)] = str(best)
+    return same
+
+
+def _contact_key(contact: Obstacle, number_of: Callable[[Node], int]) -> tuple:
+    """What touches what; members by their names, nodes by their numbers in the solution."""
+    shape, target = contact.shape, contact.target
+    carrier = None if isinstance(shape, Beam) else shape.carrier
+    touched = shape.name if isinstance(shape, Beam) else type(shape).__name__
+    return (
+        target.name if isinstance(target, Beam) else number_of(target),
+        touched,
+        None if carrier is None else number_of(carrier),
+        contact.along,
+        contact.variables,
+    )
+
+
 def _spring_internal(
-    model: Model, start: Solution, theirs: dict[int, JointKey]
+    model: Model, start: Solution, theirs: dict[int, JointKey], rows: np.ndarray
 ) -> np.ndarray | None:
     """Internal variables of contacts and springs; those of new ones are zero."""
     if not model.points.width:
@@ -232,11 +263,13 @@ def _spring_internal(
     for at, owner in enumerate(known):
         places.setdefault(owner, []).append(at)
     _check_variables(model, start, theirs)
+    contacts = _contacts_before(model, start, rows)
     for at, owner in enumerate(model.points.owners.tolist()):
         of, *words = owner.split(" ")
         if of == "joint":  # which may have had another number
             key = theirs.get(int(words[0]))
             owner = "" if key is None else " ".join([of, str(key.number), *words[1:]])
+        owner = contacts.get(owner, owner)
         if old is not None and (own := places.get(owner)):
             values[at] = old[own.pop(0)]
     return values

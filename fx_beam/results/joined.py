@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from fx_beam.scene.beam import Beam, Node
+from fx_beam.scene.obstacles import Circle, Obstacle
 
 from .audit import BeamResultants, Energy, Stats
 from .histories import HISTORIES
@@ -87,6 +88,7 @@ class _Joined:
         new = self._nodes >= len(second.X)
         self.X = np.vstack([second.X, first.X[new]])
         self._gone = self._nodes[new]
+        self._contacts = self._contacts_of_first()
 
     def solution(self):
         """Both motions."""
@@ -123,7 +125,7 @@ class _Joined:
             bodies=first.bodies | second.bodies,
             end=end,
             names_of_parameters=self._parameters(),
-            variables_of_contact=self._pairs("variables_of_contact"),
+            variables_of_contact=self._variables_of_contact(),
         )
 
     def _histories(self) -> dict[str, np.ndarray]:
@@ -142,9 +144,8 @@ class _Joined:
                 most = (max(one.shape[1], two.shape[1]),)
                 one, two = _padded(one, most), _padded(two, most)
             elif name == "contact_forces":
-                one, two = (
-                    _of_contacts(of, rows, obstacles) for of, rows in ((first, one), (second, two))
-                )
+                one = _of_contacts([*self._contacts.values()], one, obstacles)
+                two = _of_contacts(second.obstacles, two, obstacles)
             elif name == "parameters":
                 one, two = (
                     _of_names(of, rows, parameters) for of, rows in ((first, one), (second, two))
@@ -160,18 +161,34 @@ class _Joined:
 
     def _beam(self, beam: Beam) -> Beam:
         """A beam of the first motion with the numbers of the joined one."""
-        nodes = tuple(
-            node
-            if self._nodes[node.number] == node.number
-            else Node(int(self._nodes[node.number]), node.x, node.y, node.scene)
-            for node in beam.nodes
-        )
-        return replace(beam, nodes=nodes)
+        return replace(beam, nodes=tuple(map(self._node, beam.nodes)))
 
-    def _obstacles(self) -> list:
-        known = {str(one) for one in self._second.obstacles}
-        more = [one for one in self._first.obstacles if str(one) not in known]
-        return [*self._second.obstacles, *more]
+    def _node(self, node: Node) -> Node:
+        number = int(self._nodes[node.number])
+        return node if number == node.number else Node(number, node.x, node.y, node.scene)
+
+    def _contacts_of_first(self) -> dict[int, Obstacle]:
+        """Contacts of the first motion by their numbers there, as the joined one has them."""
+        known = {_contact_key(one): one for one in self._second.obstacles}
+        taken, found = {one.number for one in self._second.obstacles}, dict[int, Obstacle]()
+        for one in self._first.obstacles:
+            moved = one
+            if isinstance(one.target, Node):
+                moved = replace(moved, target=self._node(one.target))
+            if not isinstance(one.shape, Beam) and one.shape.carrier is not None:
+                place = "centre" if isinstance(one.shape, Circle) else "point"
+                at = {place: self._node(one.shape.carrier)}
+                moved = replace(moved, shape=replace(one.shape, **at))
+            same = known.get(_contact_key(moved))
+            if same is None and moved.number in taken:
+                moved = replace(moved, number=1 + max(taken))
+            found[one.number] = moved if same is None else same
+            taken.add(found[one.number].number)
+        return found
+
+    def _obstacles(self) -> list[Obstacle]:
+        every = [*self._second.obstacles, *self._contacts.values()]
+        return [*{one.number: one for one in every}.values()]
 
     def _parameters(self) -> list[str]:
         names = self._second.names_of_parameters
@@ -190,13 +207,14 @@ class _Joined:
     def _both(self) -> tuple:
         return self._first, self._second
 
-    def _pairs(self, name: str) -> dict[Any, np.ndarray]:
-        """Rows by a key; those that one of the motions does not have are zero."""
-        one, two = (getattr(of, name) for of in self._both)
-        return _of_both(one, two, len(self._first.t), len(self._second.t))
+    def _variables_of_contact(self) -> dict[int, np.ndarray]:
+        """Rows by numbers; those that one of the motions does not have are zero."""
+        first, second = self._both
+        one = {self._contacts[n].number: rows for n, rows in first.variables_of_contact.items()}
+        return _of_both(one, second.variables_of_contact, len(first.t), len(second.t))
 
     def _variables(self, name: str) -> dict[Any, dict[str, np.ndarray]]:
-        """The same by two keys."""
+        """Rows by two keys; those that one of the motions does not have are zero."""
         one, two = (getattr(of, name) for of in self._both)
         lengths = len(self._first.t), len(self._second.t)
         return {key: _of_both(one.get(key, {}), two.get(key, {}), *lengths) for key in one | two}
@@ -244,19 +262,23 @@ def _padded(rows: np.ndarray, lengths: tuple[int, ...]) -> np.ndarray:
     return padded
 
 
-def _of_contacts(solution, rows: np.ndarray, obstacles: list) -> np.ndarray:
+def _contact_key(contact: Obstacle) -> tuple:
+    """What touches what, and where."""
+    shape = None if isinstance(contact.shape, Beam) else contact.shape
+    return str(contact), contact.along, shape
+
+
+def _of_contacts(own: list[Obstacle], rows: np.ndarray, obstacles: list[Obstacle]) -> np.ndarray:
     """Forces at the contacts of both motions, from those of one."""
     found = np.zeros((len(rows), sum(len(one.points.lengths) for one in obstacles), 2))
-    own, first = dict[str, np.ndarray](), 0
-    for one in solution.obstacles:
-        count = len(one.points.lengths)
-        own[str(one)] = rows[:, first : first + count]
-        first += count
-    first = 0
+    places, first = dict[int, slice](), 0
     for one in obstacles:
+        places[one.number] = slice(first, first + len(one.points.lengths))
+        first = places[one.number].stop
+    first = 0
+    for one in own:
         count = len(one.points.lengths)
-        if str(one) in own:
-            found[:, first : first + count] = own[str(one)]
+        found[:, places[one.number]] = rows[:, first : first + count]
         first += count
     return found
 

@@ -84,6 +84,8 @@ class Scene(Geometry):
         self._couplings: dict[tuple, Joint] = {}
         self.obstacles: list[Obstacle] = []
         self.forces_between: list[ForceBetween] = []
+        #: Contacts and forces between points that were ever added: their numbers stay as well.
+        self.contact_count = self.force_count = 0
         # Whether incompatible initial velocities are projected instead of refused.
         self.projects_velocities = False
         # Changes of what it has, which the lengths of its lists do not show.
@@ -521,8 +523,7 @@ class Scene(Geometry):
         carrier = getattr(shape, "carrier", None)
         if carrier is not None:
             loads.check_node(self, carrier, f"{type(shape).__name__} of a contact")
-        number = 1 + max((known.number for known in self.obstacles), default=-1)
-        made = checked_obstacle(target, shape, impact, number, **options)
+        made = checked_obstacle(target, shape, impact, self.contact_count, **options)
         if isinstance(made.shape, Beam):
             loads.check_target(self, made.shape, "contact")
             check_members(made, self._size)
@@ -530,6 +531,7 @@ class Scene(Geometry):
             check_start(made, self._size)
         self.parameters.add(parameters_of_energy(made.energy, None, 1), str(made))
         self.obstacles.append(made)
+        self.contact_count += 1
         return made
 
     def add_force_between(
@@ -593,10 +595,10 @@ class Scene(Geometry):
         for node in (a, b) if isinstance(b, Node) else (a,):
             loads.check_node(self, node, "force between points")
         on = checked_coordinate("force between points", spring, damper, None, friction, stop)
-        number = 1 + max((force.number for force in self.forces_between), default=-1)
-        made = checked_force(a, b, on, force, number, self._size)
+        made = checked_force(a, b, on, force, self.force_count, self._size)
         self.parameters.add(made.parameters, str(made))
         self.forces_between.append(made)
+        self.force_count += 1
         return made
 
     # -- Masses and loads -----------------------------------------------------------------------
