@@ -223,7 +223,8 @@ def test_friction_of_free_members_keeps_the_balance_and_both_momenta(shape):
     runs = []
     for solver in ("compiled", "petsc"):
         friction = fb.Coulomb(0.4, 1e5)
-        scene, contact = bar_on_plate(shape, along=2, friction=friction, **SETTLES)
+        along = 2 if shape == "circle" else None
+        scene, contact = bar_on_plate(shape, along=along, friction=friction)
         runs.append(fb.simulate(scene, dt=0.005, t_end=1.0, solver=solver))
     solution = runs[0]
     assert abs(solution.energy.balance_error).max() < 1e-12
