@@ -10,7 +10,7 @@ import numpy as np
 import fx_beam as fb
 
 # Steps of a run; each time is the median of the ratios of runs that take turns.
-STEPS, RUNS = 300, 3
+STEPS, RUNS = 200, 3
 
 
 def scene(elements, way, contact):
@@ -40,7 +40,7 @@ def seconds(made):
 
 def main():
     print("nodes each  way     without [us]  with [us]   ratio  iterations  balance")
-    for elements in (50, 200, 800):
+    for elements in (100, 200, 500, 1000, 2000):
         for way in ("across", "along"):
             pairs = []
             for _ in range(RUNS):

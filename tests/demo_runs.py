@@ -47,6 +47,7 @@ PICTURES = {
     "ring": ("scene.png", "modes.png", "shapes.png", "energy.png", "motion.gif"),
     "deployable_boom": ("scene.png", "shapes.png", "angles_and_energy.png", "motion.gif"),
     "roll_up": ("scene.png", "shapes.png", "convergence_and_energy.png", "motion.gif"),
+    "bars": ("force_and_velocities.png",),
     "capstan": ("scene.png", "pull_and_tension.png"),
     "column_between_walls": ("scene.png", "shapes_and_wall.png"),
     "bow": ("scene.png", "shapes.png", "draw_and_energy.png", "motion.gif"),
