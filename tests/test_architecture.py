@@ -225,6 +225,7 @@ HOUSE = {
         "energy_gradients",
         "resultant_outputs",
         "objectives",
+        "output_values",
         "observation",
         "response",
         "snapshot",

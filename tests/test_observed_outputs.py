@@ -125,6 +125,19 @@ def test_derivatives_of_outputs_are_those_of_the_motion(name):
         assert abs(products - gradients[key]).max() < 1e-8 * largest + 1e-10, key
 
 
+def test_rows_without_weight_cost_nothing_and_change_nothing():
+    run = fb.Response(observed(arm), dt=0.01, t_end=0.1)
+    _, y = run([1.1, 0.9, 1.05])
+    for name in ("force of 0", "velocity 0", "M of beam 1", "kinetic"):
+        J, none = run.jacobian(name)[name], np.zeros_like(y[name])
+        assert (run.vjp({name: none}) == 0).all()
+        one = none.copy()
+        one[4] = 1.0
+        expected = J[4].reshape(-1, 3).sum(axis=0)
+        assert run.vjp({name: one}) == pytest.approx(expected, rel=1e-9, abs=1e-9 * abs(J).max())
+    assert (run.vjp({}) == 0).all()
+
+
 # -- Against what is known otherwise -----------------------------------------------------------
 
 

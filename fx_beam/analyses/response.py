@@ -19,9 +19,7 @@ from fx_beam.model.model import Model
 from fx_beam.results.audit import Stats
 from fx_beam.results.solution import Solution
 from fx_beam.results.state import State
-from fx_beam.scene.beam import Beam
 from fx_beam.scene.inputs import with_functions
-from fx_beam.scene.joints import Joint
 from fx_beam.scene.outputs import Output, check_output
 from fx_beam.scene.scene import Scene
 from fx_beam.scene.structure import ElsewhereError, OtherStructureError
@@ -36,12 +34,11 @@ from .kept_setup import KeptSetup, keeping_setup
 from .numbers import OF_OUTPUTS, numbers_of, observed_numbers_of
 from .objectives import Cost, Misfit, Objective
 from .observation import Observation, observes_rates, rates_at
+from .output_values import Wanted, recording, values_of
 from .run_setup import RunSetup, checked_scheme
 from .static_derivatives import StateChange, StaticDerivatives, why_not
 from .static_path import StaticPath, keeping_paths
 
-#: An output: a quantity of a node or joint, or a function of the solution.
-Wanted = Output | Callable[[Solution], Any]
 # Step of differences of `build`, relative to a number.
 _STEP = 2.0**-17
 _log = logging.getLogger("fx_beam")
@@ -54,8 +51,6 @@ _CHAOTIC = (
 )
 # What pickles and copies keep: what was given.
 _GIVEN = {"_build", "_start", "_record", "_options", "_static"}
-_RATES = {"velocity", "acceleration", "spin", "rate"}
-_FORCES = {"reaction", "force", "motor_force"}
 
 
 class Response:
@@ -213,7 +208,7 @@ class Response:
             solution = simulate(
                 scene,
                 start=self._start_of(scene),
-                record=self._recording(self._outputs),
+                record=recording(self._record, self._outputs),
                 progress=False,
                 **self._options,
             )
@@ -223,7 +218,7 @@ class Response:
         return solution.t, self._read_all(solution)
 
     def _read_all(self, solution: Solution) -> dict[str, np.ndarray]:
-        y = {name: _read(solution, of, name) for name, of in self._outputs.items()}
+        y = {name: values_of(solution, of, name) for name, of in self._outputs.items()}
         self._shapes = {name: rows.shape for name, rows in y.items()}
         return y
 
@@ -262,8 +257,13 @@ class Response:
         """
         model, tape, adjoint = self._followed("vjp")
         outputs = self._checked_weights(weights)
-        observed = self._observed(model, tape, outputs)
-        found = observed.pull({name: np.asarray(given, float) for name, given in weights.items()})
+        given = {name: np.asarray(rows, float) for name, rows in weights.items()}
+        counting = np.zeros(len(self._t), dtype=bool)  # others need no states, nor fitted rates
+        for values in given.values():
+            counting |= values.reshape(len(values), -1).any(axis=1)
+        counting[0] |= not counting.any()
+        observed = self._observed(model, tape, outputs, np.flatnonzero(counting))
+        found = observed.pull({name: values[counting] for name, values in given.items()})
         rows = observed.boundaries, observed.sub_steps
         by_numbers = adjoint.pull(tape, found.of_state, *rows)
         self.stats.gradient_growth = growth = adjoint.growth
@@ -389,9 +389,12 @@ class Response:
         """
         return Misfit(self, measured, scatter)
 
-    def _observed(self, model: Model, tape: Tape, outputs: Mapping[str, Output]) -> Observation:
+    def _observed(
+        self, model: Model, tape: Tape, outputs: Mapping[str, Output], rows: Any = slice(None)
+    ) -> Observation:
+        """Outputs of the last call at some of its rows, by default all."""
         states_at = functools.partial(self._states, model, tape)
-        return Observation(model, tape, self._boundaries(tape), outputs, states_at)
+        return Observation(model, tape, self._boundaries(tape)[rows], outputs, states_at)
 
     def _followed(self, what: str) -> tuple[Model, Tape, Adjoint]:
         """The model of the last call with its numbers, the tape of its steps, and their adjoint."""
@@ -641,43 +644,9 @@ class Response:
         )
         return scene, outputs
 
-    def _recording(self, outputs: Mapping[str, Wanted]) -> Record:
-        """What is recorded: only what the outputs need."""
-        kinds = [output for output in outputs.values() if isinstance(output, Output)]
-        if len(kinds) < len(outputs):
-            return self._record
-        of, given = {output.quantity for output in kinds}, self._record
-        return Record(
-            given.every,
-            motion=given.motion,
-            rates=given.rates and bool(of & _RATES),
-            forces=given.forces and bool(of & _FORCES),
-            times=given.times,
-        )
-
 
 def _checked(x) -> np.ndarray:
     values = numbers(x)
     fits = values.ndim == 1 and values.size > 0 and bool(np.isfinite(values).all())
     require(fits, "Response: x", x, "a sequence of finite numbers")
     return values
-
-
-def _read(solution: Solution, output: Wanted, name: str) -> np.ndarray:
-    """Values (n, ...) of an output."""
-    if not isinstance(output, Output):
-        values = np.asarray(output(solution))
-        wanted = "a number or an array of numbers"
-        require(values.dtype.kind in "iufb", f"Response: the output {name!r}", values, wanted)
-        return values
-    of = output.of
-    if isinstance(of, Scene):
-        name = output.quantity.removesuffix("_energy")
-        rows = getattr(solution.energy, "springs" if name == "spring" else name)
-    elif isinstance(of, Beam):
-        rows = getattr(solution.resultants(of), output.quantity)
-    elif isinstance(of, Joint):
-        rows = getattr(solution.joint(of), output.quantity)
-    else:
-        rows = getattr(solution, output.quantity)(of)
-    return rows if output.index is None else rows[:, output.index]
