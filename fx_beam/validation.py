@@ -320,6 +320,8 @@ def series(function: TimeFunction, times: np.ndarray, what: str) -> np.ndarray:
 
     Raises StepError otherwise. The `time` of the error, or of another exception, says when.
     """
+    if isinstance(function, Constant):
+        return np.array(function.each(times))
     if isinstance(function, _CheckedFunction):
         collected: list = []
         try:

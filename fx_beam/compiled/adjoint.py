@@ -34,6 +34,7 @@ class Adjoint:
         #: The C struct Adjoint.
         self.c = self._ffi.new("Adjoint *")
         self._works: list[PulledWork] = []
+        self._has_forms = False
         self._hand_over_elements()
         self._hand_over_points()
         self._results = self._room()
@@ -107,6 +108,7 @@ class Adjoint:
         (m,); and by the forces in some `sub_steps` (k,):
         "constraints" (k, columns) of driven and fixed columns, and "joints" (k, joints, 3).
         """
+        self._hand_over_forms()
         p, n, every = self._p, self._model.size, len(tape)
         for array in (*self._results.values(), *(work.sums for work in self._works)):
             array[...] = 0.0
@@ -192,6 +194,19 @@ class Adjoint:
     def of_element_names(self) -> set[str]:
         """Names of the data of beams of which there are derivatives."""
         return {name for work in self._works for name in work.names}
+
+    def _hand_over_forms(self) -> None:
+        """What runs backwards need of the works of elements; compiled at the first one."""
+        if not self._has_forms:
+            for work in self._works:
+                self._structs.set(self.c, **{work.name: work.form(self.loop.problem)})
+        self._has_forms = True
+
+    def hand_over_slopes(self, by_places: bool) -> None:
+        """What runs forwards need: derivatives of forces, by places if these change."""
+        for work in self._works:
+            given = work.slopes(self.loop.problem, by_places)
+            self._structs.set(self.c, **{work.name: given})
 
     def of_elements(self, changes: Mapping[str, np.ndarray], count: int) -> list[np.ndarray]:
         """Changes of the numbers of each element, as its sums in C, of internal forces and drag."""

@@ -72,6 +72,7 @@ class Forward:
             "joint_rows": np.zeros((forces, count, joints, 3)),
         }
         given = self._given(tape, changes, count)
+        self._adjoint.hand_over_slopes("X" in changes and bool(np.any(changes["X"])))
         directions = self._ffi.new("Directions *")
         room = self._library.fx_forward_scratch(p, self._adjoint.c, count)
         structs.set(

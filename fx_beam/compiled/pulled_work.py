@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Mapping
 from typing import Any
 
@@ -35,28 +36,58 @@ class PulledWork:
         self._sizes = sizes
         #: Numbers of an element by name.
         self._tail = {name: size for name, size in sizes.items() if name not in _FIRST}
+        self._slopes: dict[bool, dict[str, Any]] = {}
         #: Names of the derivatives.
         self.names = [_name_of(name) for name in self._tail]
         #: Sums [block][number][lane], and the cells of each integral.
         self.sums, self._cells = np.empty((0, 0, 0)), list[np.ndarray]()
 
     def handed_over(self, problem: Problem, beams: BeamForms) -> dict[str, Any]:
-        """The work as ``Pulled`` of c/problem.h."""
-        assert problem.tables is not None
-        pull, sizes = self._pull, self._sizes
-        kernel = Kernel([*pull.forms.values()], [*sizes.values()])
-        table = problem.tables.of("work by start", kernel, pull.moving)
-        table["changing"] = table["moving"]
-        self._cells = [beams.cells_of(tag) for tag in pull.tags]
+        """The work as ``Pulled`` of c/problem.h, without its form."""
+        self._cells = [beams.cells_of(tag) for tag in self._pull.tags]
         lanes, total = problem.library.LANES, sum(self._tail.values())
         blocks = sum(-(-len(cells) // lanes) for cells in self._cells)
         self.sums = np.zeros((blocks, total, lanes))
         return {
-            "form": table,
-            **{name: int(name in sizes) for name in _FIRST[1:]},
+            **{name: int(name in self._sizes) for name in _FIRST[1:]},
             "parameters_at": self._first_parameter(),
             "tail": total,
             "sums": self.sums,
+        }
+
+    def form(self, problem: Problem) -> dict[str, Any]:
+        """Its form, for runs backwards."""
+        assert problem.tables is not None
+        kernel = Kernel([*self._pull.forms.values()], [*self._sizes.values()])
+        table = problem.tables.of("work by start", kernel, self._pull.moving)
+        table["changing"] = table["moving"]
+        return {"form": table}
+
+    def slopes(self, problem: Problem, by_places: bool) -> dict[str, Any]:
+        """What runs forwards need of it besides, as members of ``Pulled``: by places if wanted."""
+        if by_places not in self._slopes:
+            self._slopes[by_places] = self._made_slopes(problem, by_places)
+        return self._slopes[by_places]
+
+    def _made_slopes(self, problem: Problem, by_places: bool) -> dict[str, Any]:
+        assert problem.tables is not None
+        names = [name for name in self._sizes if name != "work"]
+        at = dict(
+            zip(names, itertools.accumulate(self._sizes[name] for name in names), strict=True)
+        )
+        wanted = [name for name in names if by_places or name != "coordinates"]
+        pieces = self._pull.slopes(wanted)
+        forms = [self._pull.forms["work"], *pieces.values()]
+        kernel = Kernel(forms, [1, *(dolfinx_api.tensor_size(form) for form, _ in pieces.values())])
+        table = problem.tables.of("slopes of forces", kernel, self._pull.moving)
+        table["changing"] = table["moving"]
+        return {
+            "slopes": table,
+            "pieces": len(pieces),
+            "slope_numbers": kernel.size,
+            "of_internal": [weight for _, weight in pieces],
+            "piece_at": [at[name] - self._sizes[name] for name, _ in pieces],
+            "piece_size": [self._sizes[name] for name, _ in pieces],
         }
 
     def _first_parameter(self) -> int:

@@ -230,8 +230,7 @@ class BeamForms:
         if weak.width:
             data[weak.internal_weight] = dolfinx_api.function(spaces["internal"])
             weights.append(weak.internal_weight)
-        forms = self._pulled_forms(weak.forms, self._space, spaces, data)
-        return BoundPull(forms, [*self.moving, *(data[weight] for weight in weights)])
+        return self._bound_pull(weak.forms, self._space, spaces, data, weights)
 
     def _varied(self, kind: Any, without: Iterable[str] = ()) -> tuple[Any, dict, dict[str, Any]]:
         """A form of a kind, whose data vary cell by cell; what is in the place of its symbols.
@@ -266,9 +265,38 @@ class BeamForms:
         data = {plan.symbols[name]: field.on_mesh for name, field in own.items()}
         data[plan.weight] = dolfinx_api.function(space)
         spaces = {name: field.on_mesh.function_space for name, field in own.items()}
-        forms = self._pulled_forms(plan.forms, space, spaces, self._data | unknowns | data)
-        moving = [unknowns[fields.increment], *self.moving[1:]]
-        return BoundPull(forms, [*moving, data[plan.weight]])
+        data |= unknowns
+        increment = unknowns[fields.increment]
+        return self._bound_pull(
+            plan.forms, space, spaces, self._data | data, [plan.weight], increment
+        )
+
+    def _bound_pull(
+        self,
+        compiled: Mapping[str, CompiledForm],
+        space: Any,
+        spaces: dict[str, Any],
+        data: Mapping,
+        weights: list[Any],
+        increment: Any = None,
+    ) -> BoundPull:
+        """A work on the mesh of a space, with derivatives by coefficients in the given spaces."""
+        mesh, tags = self._mesh.mesh, self._tags if self._tags.any() else None
+        of_names = self._spaces_of_pull(space, spaces)
+
+        def bind(name: str, weight: Any, form: CompiledForm) -> Any:
+            both = [of_names[name], data[weight].function_space]
+            return dolfinx_api.bind(form, mesh, both, data, tags)
+
+        forms = self._pulled_forms(compiled, space, spaces, data)
+        first = self.moving[0] if increment is None else increment
+        moving = [first, *self.moving[1:], *(data[weight] for weight in weights)]
+        return BoundPull(forms, moving, weights, bind)
+
+    def _spaces_of_pull(self, space: Any, spaces: dict[str, Any]) -> dict[str, Any]:
+        nodal = {"increment": space, "start": self._mesh.space, "before": self._mesh.space}
+        positions = interval_mesh.positions_space(self._mesh.mesh)
+        return {**spaces, **nodal, **self.natural.spaces, "coordinates": positions}
 
     def stored_energy_by(
         self, q: np.ndarray, internal: np.ndarray | None = None
@@ -340,13 +368,7 @@ class BeamForms:
     ) -> dict[str, tuple[Any, CompiledForm]]:
         """Bind a work and its derivatives, those by coefficients in the given spaces."""
         mesh, tags = self._mesh.mesh, self._tags if self._tags.any() else None
-        nodal = {"increment": space, "start": self._mesh.space, "before": self._mesh.space}
-        spaces = {
-            **spaces,
-            **nodal,
-            **self.natural.spaces,
-            "coordinates": interval_mesh.positions_space(mesh),
-        }
+        spaces = self._spaces_of_pull(space, spaces)
         return {
             name: (dolfinx_api.bind(form, mesh, spaces.get(name), data, tags), form)
             for name, form in compiled.items()

@@ -175,7 +175,7 @@ def compile_form(form, name: str) -> CompiledForm:
 
 
 def bind(compiled: CompiledForm, mesh, space=None, data: Mapping | None = None, tags=None):
-    """dolfinx's form on a mesh; the space is that of its arguments.
+    """dolfinx's form on a mesh; the space is that of its arguments, or a list of theirs.
 
     `data` has the functions and constants in the place of UFL's; `tags` number the subdomains.
     """
@@ -189,7 +189,8 @@ def bind(compiled: CompiledForm, mesh, space=None, data: Mapping | None = None, 
         [replaced.get(field, field)._cpp_object for field in fields]
         for fields in (coefficients, form.constants())
     )
-    spaces = [space._cpp_object] * len(form.arguments()) if space else []
+    each = space if isinstance(space, list) else [space] * len(form.arguments()) if space else []
+    spaces = [one._cpp_object for one in each]
     subdomains, on = _subdomains(mesh, compiled, tags), mesh.ufl_domain().ufl_cargo()
     fields = spaces, functions, constants, subdomains
     if _FORM_IS_OF_CPP:

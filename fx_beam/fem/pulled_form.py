@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Iterable, Mapping
 from typing import Any, NamedTuple
 
 import ufl
@@ -20,6 +20,27 @@ class BoundPull(NamedTuple):
     forms: dict[str, tuple[Any, CompiledForm]]
     #: Its fields that change, numbered as in problem.h.
     moving: list[Any]
+    #: Its weights in UFL.
+    weights: list[Any]
+    #: Binds a derivative by one of the names, of which that by a weight is taken.
+    bind: Callable[[str, Any, CompiledForm], Any]
+
+    def slopes(self, names: Iterable[str]) -> dict[tuple[str, int], tuple[Any, CompiledForm]]:
+        """Derivatives of those by these names by each of the weights, by its number."""
+        found = {}
+        for name in names:
+            for number, weight in enumerate(self.weights):
+                slope = ufl.derivative(self.forms[name][1].form, weight)
+                if not expand_derivatives(slope).empty():
+                    found[name, number] = slope
+        titles = {
+            f"{self.forms['work'][1].name}, slope {name} {k}": found[name, k] for name, k in found
+        }
+        compiled = dolfinx_api.compile_forms(titles)
+        return {
+            key: (self.bind(key[0], self.weights[key[1]], form), form)
+            for key, form in zip(found, compiled, strict=True)
+        }
 
     @property
     def tags(self) -> list[int]:

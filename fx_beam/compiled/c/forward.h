@@ -7,7 +7,7 @@
 #include "adjoint.h"
 
 /* Changes in a sub-step: of each direction those of the configuration and of natural strains at the end, of the
-   increment, and of forces; of one direction those of columns with ties, residual, arms of joints, and values of Tv.
+   increment, of forces, of columns with ties, residual and arms of joints; of one direction those of values of Tv.
    The block has right sides and solutions of all directions (work.h), behind a column that is zero. */
 typedef struct {
   double *end, *increment, *force, *columns, *reduced, *arms, *map, *block, *natural_end;
@@ -15,8 +15,7 @@ typedef struct {
   int *reached;
 } Change;
 
-/* Derivatives of the forces, their work on unit weights: of elements [block][weight][number][lane], of forces at
-   points [force][weight][given]. */
+/* Derivatives of the forces: of elements as pieces of `Pulled`, of forces at points [force][weight][given]. */
 typedef struct {
   double *of_elements[2], *of_points;
 } Slopes;
@@ -32,23 +31,18 @@ static long blocks_of(const Form *form) {
   return blocks;
 }
 
-static int weights_of(const Problem *p, const Pulled *of) {
-  return p->cell_dofs + (of->internal ? p->cell_internal : 0);
-}
-
 static long lay_out_forward(const Problem *p, const Adjoint *a, int count, Change *c, Slopes *s, double *at) {
   double *begin = at;
   long n = p->dofs + LANES, columns = p->columns + p->ties, points = 0;
   const Pulled *works[] = {&a->internal_forces, &a->drag};
   c->end = allocate(&at, n * count), c->increment = allocate(&at, n * count), c->force = allocate(&at, n * count);
-  c->columns = allocate(&at, columns), c->reduced = allocate(&at, columns);
-  c->arms = allocate(&at, 2 * p->joints), c->map = allocate(&at, 1 + 4 * p->joints);
+  c->columns = allocate(&at, columns * count), c->reduced = allocate(&at, columns * count);
+  c->arms = allocate(&at, 2L * p->joints * count), c->map = allocate(&at, 1 + 4 * p->joints);
   c->on_joints = allocate(&at, 3 * p->scene_joints), c->moments = allocate(&at, p->scene_joints);
   c->closing = allocate(&at, p->closures);
   c->block = allocate(&at, (1L + count) * p->positions), c->reached = (int *)allocate(&at, p->positions);
   for (int i = 0; i < 2; ++i)
-    s->of_elements[i] =
-        allocate(&at, blocks_of(&works[i]->form) * weights_of(p, works[i]) * numbers_of_element(p, works[i]) * LANES);
+    s->of_elements[i] = allocate(&at, blocks_of(&works[i]->slopes) * works[i]->slope_numbers * LANES);
   for (int k = 0; k < p->points->all; ++k)
     points += (p->points->of[k].size + p->points->of[k].internal) * (long)a->arguments[k];
   s->of_points = allocate(&at, points);
@@ -62,29 +56,13 @@ long fx_forward_scratch(const Problem *p, const Adjoint *a, int count) {
   return lay_out_forward(p, a, count, &c, &s, 0);
 }
 
-/* The coefficients of a block are packed; its weights are set to one unit after the other. */
 static void find_slopes(const Problem *p, const Pulled *of, const double *const *fields, double t, double dt,
                         double *to) {
-  const Form *form = &of->form;
-  int n = p->cell_dofs, all = numbers_of_element(p, of), weights = weights_of(p, of), at[2] = {0, 0};
-  double A[(1 + all) * LANES];
+  const Form *form = &of->slopes;
   set_time(p, form, t, dt);
-  for (int m = 0; m < form->moving; ++m)
-    if (form->kind[m] >= WEIGHT) at[form->kind[m] - WEIGHT] = form->offset[m];
-  for (int i = 0; i < form->integrals; ++i) {
-    const Integral *own = form->of + i;
-    for (long block = 0; block * LANES < own->cells; ++block) {
-      double *packed = own->packed + block * form->width * LANES;
-      pack(p, own, form, block, fields, 0, form->moving);
-      for (int k = 0; k < weights; ++k, to += all * LANES) {
-        double *weight = packed + (k < n ? at[0] + k : at[1] + k - n) * LANES;
-        for (int l = 0; l < LANES; ++l) weight[l] = 1;
-        own->batch(A, packed, form->constants, own->coordinates + block * p->cell_coordinates * LANES);
-        for (int l = 0; l < LANES; ++l) weight[l] = 0;
-        memcpy(to, A + LANES, all * LANES * sizeof(double));
-      }
-    }
-  }
+  for (int i = 0; i < form->integrals; ++i)
+    for (long block = 0; block * LANES < form->of[i].cells; ++block, to += (long)of->slope_numbers * LANES)
+      evaluate(p, form, form->of + i, block, fields, to);
 }
 
 static void find_point_slopes(const Problem *p, const Adjoint *a, double *to) {
@@ -101,29 +79,56 @@ static void find_point_slopes(const Problem *p, const Adjoint *a, double *to) {
   }
 }
 
+/* Adds the products of slopes [number][weight][lane] and changes [number][lane]. */
+INLINED void add_products(int numbers, int weights, const double *slopes, const double *x, Lanes *sums) {
+  for (int q = 0; q < numbers; ++q, x += LANES) {
+    Lanes change = *(const Lanes *)x;
+#pragma GCC unroll 12
+    for (int k = 0; k < weights; ++k, slopes += LANES) sums[k] += *(const Lanes *)slopes * change;
+  }
+}
+
+/* The changes of forces of elements, or of the increments of internal variables, by those of their numbers. */
+static void sum_pieces(const Pulled *of, int internal, int weights, const double *slopes, const double *x,
+                       int n, int m, Lanes *sums) {
+  slopes += LANES; /* behind the work */
+  for (int k = 0; k < weights; ++k) sums[k] = (Lanes){0};
+  for (int i = 0; i < of->pieces; ++i) {
+    int numbers = of->piece_size[i];
+    const double *own = x + of->piece_at[i] * LANES;
+    if (of->of_internal[i] == internal) {
+      if (weights == 6) /* the sums stay in registers */
+        add_products(numbers, 6, slopes, own, sums);
+      else if (weights == 9)
+        add_products(numbers, 9, slopes, own, sums);
+      else
+        add_products(numbers, weights, slopes, own, sums);
+    }
+    slopes += (long)numbers * (of->of_internal[i] ? m : n) * LANES;
+  }
+}
+
 /* Adds the changes of the forces of elements in all directions, or with `grown` those of their internal variables. */
 static void change_elements(const Problem *p, const Pulled *of, const double *slopes, const Directions *d,
                             const Change *c, const double *tails, long tail_numbers, long row, long rows,
                             double *grown) {
-  const Form *form = &of->form;
-  int n = p->cell_dofs, m = p->cell_internal, all = numbers_of_element(p, of), weights = weights_of(p, of);
-  int there[] = {of->increment, of->start, of->before}, s = p->cell_natural, strained[] = {of->natural, of->natural_end};
+  const Form *form = &of->slopes;
+  int n = p->cell_dofs, m = p->cell_internal, all = numbers_of_element(p, of), s = p->cell_natural;
+  int there[] = {of->increment, of->start, of->before}, strained[] = {of->natural, of->natural_end};
   const double *natural[] = {d->natural, c->natural_end};
   long internal = (long)p->cells * m;
   double x[all * LANES];
+  Lanes sums[n + m];
   for (int i = 0; i < form->integrals; ++i) {
     const Integral *own = form->of + i;
-    for (long block = 0; block * LANES < own->cells; ++block, slopes += (long)weights * all * LANES) {
+    for (long block = 0; block * LANES < own->cells; ++block, slopes += (long)of->slope_numbers * LANES) {
       const int *dofs = own->dofs + block * n * LANES, *to = own->to + block * n * LANES;
       for (int j = 0; j < d->count; ++j) {
         const double *nodal[] = {c->increment + j * (long)(p->dofs + LANES), d->q + (long)j * p->dofs,
                                  d->before + (long)j * p->dofs};
-        double *at = x, *force = c->force + j * (long)(p->dofs + LANES);
+        double *at = x;
         for (int k = 0; k < 3; ++k)
-          if (there[k]) {
-            for (int l = 0; l < n * LANES; ++l) at[l] = nodal[k][dofs[l]];
-            at += n * LANES;
-          }
+          for (int l = 0; there[k] && l < n * LANES; l += LANES, at += LANES) *(Lanes *)at = lanes_of(nodal[k], dofs + l);
         if (of->internal) {
           const int *inside = own->internal + block * m * LANES;
           for (int l = 0; l < m * LANES; ++l) at[l] = d->internal[j * internal + inside[l]];
@@ -140,17 +145,14 @@ static void change_elements(const Problem *p, const Pulled *of, const double *sl
         for (int k = 0; of->parameters_at >= 0 && k < form->parameters; ++k)
           for (int l = 0; l < LANES; ++l)
             at[(of->parameters_at + k) * LANES + l] = parameters[form->parameter[k]];
-        for (int k = grown ? n : 0; k < (grown ? weights : n); ++k) {
-          double sum[LANES] = {0};
-          const double *slope = slopes + (long)k * all * LANES;
-          for (int q = 0; q < all; ++q)
-            for (int l = 0; l < LANES; ++l) sum[l] += slope[q * LANES + l] * x[q * LANES + l];
-          for (int l = 0; l < LANES; ++l)
-            if (!grown)
-              force[to[k * LANES + l]] += sum[l];
-            else if (block * LANES + l < own->cells)
-              grown[j * internal + own->internal[(block * m + k - n) * LANES + l]] += p->per_weight[k - n] * sum[l];
+        sum_pieces(of, grown != 0, grown ? m : n, slopes, x, n, m, sums);
+        if (!grown) {
+          add(n, to, (const double *)sums, c->force + j * (long)(p->dofs + LANES));
+          continue;
         }
+        for (int k = 0; k < m; ++k)
+          for (int l = 0; l < LANES && block * LANES + l < own->cells; ++l)
+            grown[j * internal + own->internal[(block * m + k) * LANES + l]] += p->per_weight[k] * sums[k][l];
       }
       tails += of->tail * LANES;
     }
@@ -320,12 +322,29 @@ static void change_end(const Problem *p, const Work *w, const Directions *d, con
   for (int i = 0; i < p->dofs; ++i) increment[i] = end[i] - q0[i];
 }
 
-/* The changes of the columns at the end: those of driven motions, and with `solved` of the unknowns. */
-static void change_columns(const Problem *p, const Directions *d, const Change *c, long row, long rows, int j,
-                           int solved) {
-  memset(c->columns, 0, (p->columns + p->ties) * sizeof(double));
-  for (int i = 0; solved && i < p->free; ++i) c->columns[i] = -c->block[p->order[i] * (1L + d->count) + 1 + j];
-  memcpy(c->columns + p->free, d->driven + (j * rows + row) * p->driven, p->driven * sizeof(double));
+/* The same with columns, residual and arms of one direction. */
+static Change in_direction(const Problem *p, const Change *c, int j) {
+  long all = p->columns + p->ties;
+  Change own = *c;
+  own.columns += j * all, own.reduced += j * all, own.arms += 2L * p->joints * j;
+  return own;
+}
+
+/* The changes of the columns at the end: those of driven motions, and with `solved` of the unknowns. And of the
+   configuration. */
+static void change_ends(const Problem *p, const Work *w, const Directions *d, const Change *c, long row, long rows,
+                        int solved) {
+  long all = p->columns + p->ties;
+  memset(c->columns, 0, d->count * all * sizeof(double));
+  for (int i = 0; solved && i < p->free; ++i) {
+    const double *found = c->block + p->order[i] * (1L + d->count) + 1;
+    for (int j = 0; j < d->count; ++j) c->columns[j * all + i] = -found[j];
+  }
+  for (int j = 0; j < d->count; ++j) {
+    Change own = in_direction(p, c, j);
+    memcpy(own.columns + p->free, d->driven + (j * rows + row) * p->driven, p->driven * sizeof(double));
+    change_end(p, w, d, &own, j);
+  }
 }
 
 /* The change of the residual in the columns, and of nodal forces, for that of the columns at the end. Those of
@@ -339,7 +358,6 @@ static void change_residual(const Problem *p, const Work *w, const Adjoint *a, c
   const double *load_force = d->load_force + (long)j * p->load_start[p->loads];
   double per_dt = rates_per_path(p, w->dt), *force = c->force + j * (n + LANES);
   double *increment = c->increment + j * (n + LANES);
-  change_end(p, w, d, c, j);
   memset(c->reduced, 0, all * sizeof(double)), memset(c->moments, 0, p->scene_joints * sizeof(double));
   const double *parameters = d->parameters + (j * rows + row) * 2 * p->parameter_count;
   change_points(p, a, s->of_points, d, j, increment, q0, y0, c->columns, thrust, parameters, force, c->reduced,
@@ -364,13 +382,20 @@ static void change_residual(const Problem *p, const Work *w, const Adjoint *a, c
   if (p->joints) change_map(p, w, d, j, c, y0, q0, end), add_change_of_map(p, w, c, b->on_ties, c->reduced);
 }
 
-/* A right side of the block. */
-static void set_right_side(const Problem *p, const Work *w, const Change *c, const Directions *d, int j) {
-  double *to = c->block + 1 + j;
-  const double *end = c->end + j * (long)(p->dofs + LANES);
-  for (int i = 0; i < p->free; ++i) to[p->order[i] * (1L + d->count)] = c->reduced[i];
-  for (int i = 0; i < p->closures; ++i)
-    to[p->order[p->unknowns - p->closures + i] * (1L + d->count)] = change_of_gap(p, w, c, end, i);
+/* The right sides of the block. */
+static void set_right_sides(const Problem *p, const Work *w, const Change *c, const Directions *d) {
+  long all = p->columns + p->ties;
+  memset(c->block, 0, (1L + d->count) * p->positions * sizeof(double));
+  for (int i = 0; i < p->free; ++i) {
+    double *to = c->block + p->order[i] * (1L + d->count) + 1;
+    for (int j = 0; j < d->count; ++j) to[j] = c->reduced[j * all + i];
+  }
+  for (int j = 0; j < d->count; ++j) {
+    Change own = in_direction(p, c, j);
+    const double *end = c->end + j * (long)(p->dofs + LANES);
+    for (int i = 0; i < p->closures; ++i)
+      c->block[p->order[p->unknowns - p->closures + i] * (1L + d->count) + 1 + j] = change_of_gap(p, w, &own, end, i);
+  }
 }
 
 /* The changes of the forces of driven and fixed columns, and of joints, from those of the solution. */
@@ -406,8 +431,6 @@ static void change_state(const Problem *p, const Work *w, const Adjoint *a, cons
   long n = p->dofs, all = p->columns + p->ties;
   double *y0 = d->columns + j * all, *q0 = d->q + j * n, *v0 = d->v + j * n, per_dt = rates_per_path(p, w->dt);
   double *increment = c->increment + j * (n + LANES);
-  change_columns(p, d, c, row, rows, j, 1);
-  change_end(p, w, d, c, j);
   if (p->spring_width) {
     const double *thrust = d->thrust + (j * rows + row) * 2 * p->thrusts;
     const double *parameters = d->parameters + (j * rows + row) * 2 * p->parameter_count;
@@ -439,16 +462,12 @@ static void change_balance(const Problem *p, const Work *w, const Adjoint *a, co
                            const Directions *d, const Backward *b, long row, long rows, int solved) {
   long at = d->force_at[row];
   memset(c->force, 0, d->count * (long)(p->dofs + LANES) * sizeof(double));
-  for (int j = 0; j < d->count; ++j) change_columns(p, d, c, row, rows, j, solved), change_end(p, w, d, c, j);
   change_elements(p, &a->internal_forces, s->of_elements[0], d, c, d->of_elements, d->element_numbers, row, rows, 0);
   change_elements(p, &a->drag, s->of_elements[1], d, c, d->of_drag, d->drag_numbers, row, rows, 0);
   for (int j = 0; j < d->count; ++j) {
-    change_columns(p, d, c, row, rows, j, solved);
-    change_residual(p, w, a, s, c, d, b, row, rows, j);
-    if (solved)
-      change_forces(p, w, c, d, at, j);
-    else
-      set_right_side(p, w, c, d, j);
+    Change own = in_direction(p, c, j);
+    change_residual(p, w, a, s, &own, d, b, row, rows, j);
+    if (solved) change_forces(p, w, &own, d, at, j);
   }
 }
 
@@ -456,13 +475,18 @@ static void change_balance(const Problem *p, const Work *w, const Adjoint *a, co
 static int push_step(Problem *p, const Work *w, const Adjoint *a, const Slopes *s, const Change *c,
                      const Directions *d, const Backward *b, long row, long rows) {
   long n = p->dofs, internal = (long)p->cells * p->cell_internal;
-  memset(c->block, 0, (1L + d->count) * p->positions * sizeof(double));
   if (d->force_at[row] >= 0 && p->scene_joints) find_joint_forces(p, w);
   if (p->naturals) change_natural(p, d, c, b, row, rows);
+  change_ends(p, w, d, c, row, rows, 0);
   change_balance(p, w, a, s, c, d, b, row, rows, 0);
+  set_right_sides(p, w, c, d);
   if (!solve_block(p, w, c, d->count)) return 0;
+  change_ends(p, w, d, c, row, rows, 1);
   if (d->force_at[row] >= 0) change_balance(p, w, a, s, c, d, b, row, rows, 1);
-  for (int j = 0; j < d->count; ++j) change_state(p, w, a, s, c, d, b, row, rows, j);
+  for (int j = 0; j < d->count; ++j) {
+    Change own = in_direction(p, c, j);
+    change_state(p, w, a, s, &own, d, b, row, rows, j);
+  }
   if (internal) {
     double *grown = d->grown;
     memset(grown, 0, d->count * internal * sizeof(double));
@@ -470,7 +494,7 @@ static int push_step(Problem *p, const Work *w, const Adjoint *a, const Slopes *
     for (long i = 0; i < d->count * internal; ++i) d->internal[i] += grown[i];
   }
   if (p->naturals) memcpy(d->natural, c->natural_end, (long)d->count * p->cells * p->cell_natural * sizeof(double));
-  memcpy(d->before, d->q, d->count * n * sizeof(double));
+  if (a->internal_forces.before) memcpy(d->before, d->q, d->count * n * sizeof(double));
   for (int j = 0; j < d->count; ++j) memcpy(d->q + j * n, c->end + j * (n + LANES), n * sizeof(double));
   return 1;
 }

@@ -340,6 +340,10 @@ typedef struct {
   int increment, start, before, internal, natural, natural_end, tail;
   int parameters_at; /* first parameter in the tail, or -1 */
   struct { double *sums; };
+  /* For runs forwards the derivatives of these by the weights: behind the work pieces [number][weight][lane], by
+     the weights of nodes or of internal variables. Of each piece the first number behind the work, and how many. */
+  Form slopes;
+  struct { int pieces, slope_numbers; int *of_internal, *piece_at, *piece_size; };
 } Pulled;
 
 /* A run followed backwards (adjoint.h): derivatives of a function of the states at its boundaries, the ends of
