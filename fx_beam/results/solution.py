@@ -188,6 +188,15 @@ class Solution:
         """Whether velocities and accelerations were recorded."""
         return len(self.v) == len(self.t)
 
+    def _of_node(self, name: str, node: Node) -> np.ndarray:
+        """A history (n, 3) of a node; of a record alone, if the history has not been read."""
+        number = node_number(self, node)
+        if name not in self.__dict__ and hasattr(self._histories, "of_node"):
+            rows = self._histories.of_node(name, number)
+            if rows is not None:
+                return read_only(rows)
+        return self.recorded(name)[:, number]
+
     # -- Motion of a node -----------------------------------------------------------------------
 
     def position(self, node: Node) -> np.ndarray:
@@ -218,7 +227,7 @@ class Solution:
         (n, 2) float
             Displacement from the reference position [m].
         """
-        return self.recorded("q")[:, node_number(self, node), :2]
+        return self._of_node("q", node)[:, :2]
 
     def rotation(self, node: Node) -> np.ndarray:
         """Rotation of a node over time.
@@ -233,7 +242,7 @@ class Solution:
         (n,) float
             Section rotation from the reference configuration, not wrapped [rad].
         """
-        return self.recorded("q")[:, node_number(self, node), 2]
+        return self._of_node("q", node)[:, 2]
 
     def velocity(self, node: Node) -> np.ndarray:
         """Velocity of a node over time.
@@ -248,7 +257,7 @@ class Solution:
         (n, 2) float
             Velocity at t[k] [m/s].
         """
-        return self.recorded("v")[:, node_number(self, node), :2]
+        return self._of_node("v", node)[:, :2]
 
     def spin(self, node: Node) -> np.ndarray:
         """Spin of a node over time.
@@ -263,7 +272,7 @@ class Solution:
         (n,) float
             Rate of the section rotation at t[k] [rad/s].
         """
-        return self.recorded("v")[:, node_number(self, node), 2]
+        return self._of_node("v", node)[:, 2]
 
     def acceleration(self, node: Node) -> np.ndarray:
         """Acceleration of a node over time.
@@ -279,7 +288,7 @@ class Solution:
             Acceleration [m/s^2]: for the mid-point schemes the mean over the step, which holds at
             `t_level[k]`; for the Newmark family the value at t[k]. Row 0 is the start.
         """
-        return self.recorded("a")[:, node_number(self, node), :2]
+        return self._of_node("a", node)[:, :2]
 
     def reaction(self, node: Node) -> np.ndarray:
         """Force and moment of the supports on a node over time.

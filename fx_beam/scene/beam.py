@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Any, NamedTuple
@@ -226,6 +227,30 @@ def polyline(points: Sequence, elements: int | Sequence[int], name: str) -> Layo
     """
     if (strut := _strut(points, elements)) is not None:
         return strut
+    if _is_plain(points) and type(elements) is int:
+        ends, s = _known(tuple(points), elements, name)
+        return Layout([*ends], s)
+    return _polyline(points, elements, name)
+
+
+def _is_plain(points: Any) -> bool:
+    """Whether points are pairs of Python's numbers, of which layouts are kept."""
+    if type(points) is not list:
+        return False
+    pairs = all(type(point) is tuple and len(point) == 2 for point in points)
+    return pairs and all(type(x) is float or type(x) is int for point in points for x in point)
+
+
+@functools.lru_cache(maxsize=64)
+def _known(points: tuple, elements: int, name: str) -> tuple[tuple, np.ndarray]:
+    """Ends and arc lengths of a layout: scenes that are built again have many of the last ones."""
+    ends, s, _ = _polyline(points, elements, name)
+    s.setflags(write=False)
+    return tuple(ends), s
+
+
+def _polyline(points: Sequence, elements: int | Sequence[int], name: str) -> Layout:
+    """The same for any points."""
     try:
         points = list(points)
     except Exception:  # a UFL expression has no length

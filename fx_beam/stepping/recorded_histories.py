@@ -55,6 +55,13 @@ class RecordedHistories(Mapping):
     def __len__(self) -> int:
         return len([*self])
 
+    def of_node(self, name: str, number: int) -> np.ndarray | None:
+        """Rows (n, 3) of a node; None if they are not recorded, or known already."""
+        rows = self._recorded(name)
+        if rows is None or self._turns or name in self._known:
+            return None
+        return rows[:, self._model.mesh.dofs[number]]
+
     def fitted_at(self, t: float) -> np.ndarray | None:
         """Rates (size,) that fit the joints at a time [s] if it is the last, and steps' do not."""
         if self._fitted_rows is None or self["t"][-1] != t:
