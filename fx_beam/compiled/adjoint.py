@@ -199,13 +199,13 @@ class Adjoint:
         """What runs backwards need of the works of elements; compiled at the first one."""
         if not self._has_forms:
             for work in self._works:
-                self._structs.set(self.c, **{work.name: work.form(self.loop.problem)})
+                self._structs.set(self.c, **{work.name: work.form(self.problem)})
         self._has_forms = True
 
     def hand_over_slopes(self, by_places: bool) -> None:
         """What runs forwards need: derivatives of forces, by places if these change."""
         for work in self._works:
-            given = work.slopes(self.loop.problem, by_places)
+            given = work.slopes(self.problem, by_places)
             self._structs.set(self.c, **{work.name: given})
 
     def of_elements(self, changes: Mapping[str, np.ndarray], count: int) -> list[np.ndarray]:
