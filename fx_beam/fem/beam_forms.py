@@ -230,7 +230,7 @@ class BeamForms:
         if weak.width:
             data[weak.internal_weight] = dolfinx_api.function(spaces["internal"])
             weights.append(weak.internal_weight)
-        return self._bound_pull(weak.forms, self._space, spaces, data, weights)
+        return self._bound_pull(weak.forms, spaces, data, weights, self.fields.increment)
 
     def _varied(self, kind: Any, without: Iterable[str] = ()) -> tuple[Any, dict, dict[str, Any]]:
         """A form of a kind, whose data vary cell by cell; what is in the place of its symbols.
@@ -262,35 +262,26 @@ class BeamForms:
         shapes = {name: field.data.shape for name, field in own.items()}
         plan = PulledDrag(fields, self._scheme.rates, shapes)
         space, unknowns = self._unknowns(fields)
-        data = {plan.symbols[name]: field.on_mesh for name, field in own.items()}
+        data = self._data | unknowns
+        data |= {plan.symbols[name]: field.on_mesh for name, field in own.items()}
         data[plan.weight] = dolfinx_api.function(space)
         spaces = {name: field.on_mesh.function_space for name, field in own.items()}
-        data |= unknowns
-        increment = unknowns[fields.increment]
-        return self._bound_pull(
-            plan.forms, space, spaces, self._data | data, [plan.weight], increment
-        )
+        return self._bound_pull(plan.forms, spaces, data, [plan.weight], fields.increment)
 
     def _bound_pull(
-        self,
-        compiled: Mapping[str, CompiledForm],
-        space: Any,
-        spaces: dict[str, Any],
-        data: Mapping,
-        weights: list[Any],
-        increment: Any = None,
+        self, compiled: Any, spaces: dict[str, Any], data: Mapping, weights: list, increment: Any
     ) -> BoundPull:
-        """A work on the mesh of a space, with derivatives by coefficients in the given spaces."""
+        """A work on the mesh, with derivatives by coefficients in the given spaces."""
         mesh, tags = self._mesh.mesh, self._tags if self._tags.any() else None
+        space = data[increment].function_space
         of_names = self._spaces_of_pull(space, spaces)
 
         def bind(name: str, weight: Any, form: CompiledForm) -> Any:
             both = [of_names[name], data[weight].function_space]
             return dolfinx_api.bind(form, mesh, both, data, tags)
 
+        moving = [data[increment], *self.moving[1:], *(data[weight] for weight in weights)]
         forms = self._pulled_forms(compiled, space, spaces, data)
-        first = self.moving[0] if increment is None else increment
-        moving = [first, *self.moving[1:], *(data[weight] for weight in weights)]
         return BoundPull(forms, moving, weights, bind)
 
     def _spaces_of_pull(self, space: Any, spaces: dict[str, Any]) -> dict[str, Any]:
