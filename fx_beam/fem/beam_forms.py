@@ -19,7 +19,7 @@ from .fields import Fields, fields_of
 from .mesh import Mesh
 from .natural_fields import NaturalFields
 from .parameter_values import ParameterValues
-from .pulled_form import BoundPull, PulledForm, StoredForm
+from .pulled_form import BoundPull, PulledForm, StoredForm, bound_forms, bound_pull
 from .resultant_derivatives import ResultantDerivatives, ResultantForm, bound
 from .section_fields import Data, DataShape, FilledField, distinct, on_beam, refill, section_data
 from .step_start import StepStart
@@ -272,17 +272,11 @@ class BeamForms:
         self, compiled: Any, spaces: dict[str, Any], data: Mapping, weights: list, increment: Any
     ) -> BoundPull:
         """A work on the mesh, with derivatives by coefficients in the given spaces."""
-        mesh, tags = self._mesh.mesh, self._tags if self._tags.any() else None
-        space = data[increment].function_space
-        of_names = self._spaces_of_pull(space, spaces)
-
-        def bind(name: str, weight: Any, form: CompiledForm) -> Any:
-            both = [of_names[name], data[weight].function_space]
-            return dolfinx_api.bind(form, mesh, both, data, tags)
-
+        spaces = self._spaces_of_pull(data[increment].function_space, spaces)
         moving = [data[increment], *self.moving[1:], *(data[weight] for weight in weights)]
-        forms = self._pulled_forms(compiled, space, spaces, data)
-        return BoundPull(forms, moving, weights, bind)
+        return bound_pull(
+            compiled, self._mesh.mesh, spaces, data, self._subdomains, moving, weights
+        )
 
     def _spaces_of_pull(self, space: Any, spaces: dict[str, Any]) -> dict[str, Any]:
         nodal = {"increment": space, "start": self._mesh.space, "before": self._mesh.space}
@@ -358,12 +352,12 @@ class BeamForms:
         self, compiled: Mapping[str, CompiledForm], space, spaces: dict[str, Any], data: Mapping
     ) -> dict[str, tuple[Any, CompiledForm]]:
         """Bind a work and its derivatives, those by coefficients in the given spaces."""
-        mesh, tags = self._mesh.mesh, self._tags if self._tags.any() else None
         spaces = self._spaces_of_pull(space, spaces)
-        return {
-            name: (dolfinx_api.bind(form, mesh, spaces.get(name), data, tags), form)
-            for name, form in compiled.items()
-        }
+        return bound_forms(compiled, self._mesh.mesh, spaces, data, self._subdomains)
+
+    @property
+    def _subdomains(self) -> np.ndarray | None:
+        return self._tags if self._tags.any() else None
 
     @property
     def numbers(self) -> dict[str, np.ndarray]:
@@ -390,8 +384,7 @@ class BeamForms:
         return self._bound(compiled, self._mesh.space, data)
 
     def _bound(self, compiled: CompiledForm, space, data: Mapping):
-        tags = self._tags if self._tags.any() else None
-        form = dolfinx_api.bind(compiled, self._mesh.mesh, space, data, tags)
+        form = dolfinx_api.bind(compiled, self._mesh.mesh, space, data, self._subdomains)
         if compiled.name not in self.bound:
             self.names.append(compiled.name)
         self.bound[compiled.name] = form, compiled

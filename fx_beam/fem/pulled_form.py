@@ -48,6 +48,35 @@ class BoundPull(NamedTuple):
         return ffcx_api.integrals(self.forms["work"][1])
 
 
+def bound_forms(
+    compiled: Mapping[str, CompiledForm], mesh: Any, spaces: Mapping, data: Mapping, tags: Any
+) -> dict[str, tuple[Any, CompiledForm]]:
+    """A work and its derivatives by names, those by coefficients in the given spaces, on a mesh."""
+    return {
+        name: (dolfinx_api.bind(form, mesh, spaces.get(name), data, tags), form)
+        for name, form in compiled.items()
+    }
+
+
+def bound_pull(
+    compiled: Mapping[str, CompiledForm],
+    mesh: Any,
+    spaces: Mapping,
+    data: Mapping,
+    tags: Any,
+    moving: list[Any],
+    weights: list[Any],
+) -> BoundPull:
+    """The same as a `BoundPull`."""
+
+    def bind(name: str, weight: Any, form: CompiledForm) -> Any:
+        both = [spaces[name], data[weight].function_space]
+        return dolfinx_api.bind(form, mesh, both, data, tags)
+
+    forms = bound_forms(compiled, mesh, spaces, data, tags)
+    return BoundPull(forms, moving, weights, bind)
+
+
 def work_and_derivatives(
     name: str, work: Any, fields: Fields, by: Mapping[str, Any]
 ) -> dict[str, CompiledForm]:
