@@ -274,9 +274,8 @@ class BeamForms:
         """A work on the mesh, with derivatives by coefficients in the given spaces."""
         spaces = self._spaces_of_pull(data[increment].function_space, spaces)
         moving = [data[increment], *self.moving[1:], *(data[weight] for weight in weights)]
-        return bound_pull(
-            compiled, self._mesh.mesh, spaces, data, self._subdomains, moving, weights
-        )
+        on = self._mesh.mesh, spaces, data, self._subdomains
+        return bound_pull(compiled, *on, moving, weights)
 
     def _spaces_of_pull(self, space: Any, spaces: dict[str, Any]) -> dict[str, Any]:
         nodal = {"increment": space, "start": self._mesh.space, "before": self._mesh.space}
@@ -348,9 +347,7 @@ class BeamForms:
                 self._by_cells[name] = FilledField(field.data.by_cells(cells), self._mesh)
         return {name: self._by_cells[name] for name in fields}
 
-    def _pulled_forms(
-        self, compiled: Mapping[str, CompiledForm], space, spaces: dict[str, Any], data: Mapping
-    ) -> dict[str, tuple[Any, CompiledForm]]:
+    def _pulled_forms(self, compiled: Any, space, spaces: dict[str, Any], data: Mapping) -> Any:
         """Bind a work and its derivatives, those by coefficients in the given spaces."""
         spaces = self._spaces_of_pull(space, spaces)
         return bound_forms(compiled, self._mesh.mesh, spaces, data, self._subdomains)
