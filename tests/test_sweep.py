@@ -18,6 +18,7 @@ import sweep_cases
 
 import fx_beam as fb
 from fx_beam.analyses import mpi_ranks, workers
+from fx_beam.compiled import build
 from fx_beam.results import tables
 from fx_beam.studies.work_precision import runner
 
@@ -29,6 +30,14 @@ def thread():
     """An executor of one thread, which runs functions of a test."""
     with ThreadPoolExecutor(1) as executor:
         yield executor
+
+
+@pytest.fixture(scope="module", autouse=True)
+def optimised():
+    """All code is compiled as in other processes, whose results are equal to the last digit."""
+    build.BATCH_FLAGS.remove("-O0")
+    yield
+    build.BATCH_FLAGS.append("-O0")
 
 
 @pytest.fixture

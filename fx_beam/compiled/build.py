@@ -46,7 +46,8 @@ def load_batches(
     coefficients and coordinates.
     """
     sizes = ", ".join(str(max(number, 1)) for number in numbers)
-    asked = key, sizes, *c_library.target_flags()[1]
+    flags = [*BATCH_FLAGS, f"-I{ffcx_api.ufcx_folder()}"]
+    asked = key, sizes, *c_library.target_flags()[1], *flags
     if asked in _loaded:
         return _loaded[asked]
     names = [f"batch_{i}" for i in range(functions)]
@@ -60,7 +61,6 @@ def load_batches(
         library = ctypes.CDLL(str(path))
         return [ctypes.cast(library[batch], ctypes.c_void_p).value or 0 for batch in names]
 
-    flags = [*BATCH_FLAGS, f"-I{ffcx_api.ufcx_folder()}"]
     what = f"{name!r} for several elements"
     with _in_python_otherwise():
         _loaded[asked] = c_library.load(what, key + sizes, text, loader, flags)

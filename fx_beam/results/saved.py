@@ -101,7 +101,8 @@ def _read(raw: BinaryIO) -> Solution:
         int(number): {name: data[f"joint{number}_internal{i}"] for i, name in enumerate(names)}
         for number, names in meta["joints"].items()
     }
-    energies: dict[str, Any] = {f.name: data.get(f"energy_{f.name}") for f in fields(Energy)}
+    data.setdefault("energy_impact", np.zeros_like(data["t"]))  # files of earlier versions
+    energies: dict[str, Any] = {f.name: data[f"energy_{f.name}"] for f in fields(Energy)}
     end = None
     if "end_t" in data:
         parts: dict[str, Any] = {f.name: data.get(f"end_{f.name}") for f in fields(State)}

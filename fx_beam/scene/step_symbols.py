@@ -12,7 +12,10 @@ _VECTORS = (
     *("u0", "Du", "u", "v", "virtual_u", "X", "t0", "u_before"),
     *("director0", "director1", "director"),
 )
-_STRAINS = "strains0", "strains1", "strain_increments", "strains_before"
+_STRAINS = (
+    *("strains0", "strains1", "strain_increments", "strains_before"),
+    *("total_strains0", "total_strains1", "natural0", "natural1", "natural_increments"),
+)
 _SCALARS = (
     *("psi0", "Dpsi", "psi", "omega", "virtual_psi", "h", "t", "dt", "load_factor"),
     *("psi_before", "memory"),
