@@ -9,7 +9,7 @@ from contextvars import ContextVar
 from typing import Any
 
 from fx_beam.compiled.loop import CompiledLoop
-from fx_beam.compiled.tape import Tape
+from fx_beam.compiled.tape import LIMIT, Tape
 from fx_beam.mechanics.schemes import Scheme
 from fx_beam.results.solution import Solution
 from fx_beam.scene.scene import Scene
@@ -35,6 +35,8 @@ class KeptSetup:
         self.reads_at_once = False
         #: Whether runs are taped, and the tape of the last one.
         self.tapes = False
+        #: Largest memory of their rows [bytes].
+        self.memory = LIMIT
         self.tape: Tape | None = None
 
     def of(
@@ -70,7 +72,7 @@ class KeptSetup:
         """Begin a run, on a tape if runs are taped."""
         loop, self.tape = setup.stepper.integrator, None
         if isinstance(loop, CompiledLoop):
-            loop.tape = self.tape = Tape(loop.problem) if self.tapes else None
+            loop.tape = self.tape = Tape(loop.problem, self.memory) if self.tapes else None
 
     def keep(self, setup: RunSetup, solution: Solution) -> None:
         """Keep a set-up after its run. As long as the solution lives, it needs it."""

@@ -7,6 +7,7 @@ from collections.abc import Callable, Mapping
 import numpy as np
 
 from fx_beam.compiled.tape import Tape
+from fx_beam.errors import SceneError
 from fx_beam.model.model import Model
 from fx_beam.scene.beam import Beam, Node
 from fx_beam.scene.joints import Joint
@@ -23,6 +24,18 @@ from .resultant_outputs import ResultantOutput, SubSteps
 StatesAt = Callable[[np.ndarray], dict[str, np.ndarray]]
 
 
+def check_outputs(model: Model, tape: Tape, outputs: Mapping[str, Output]) -> None:
+    """SceneError for outputs without derivatives."""
+    for name, output in outputs.items():
+        if isinstance(output.of, Node | Joint):
+            check_linear(model, output, name)
+        if isinstance(output.of, Beam) and not tape.is_whole:
+            raise SceneError(
+                f"the output {name!r}, {output}, has derivatives only if all steps are in memory. "
+                "Give Response more memory"
+            )
+
+
 class Observation:
     """Outputs by name at the rows of a run that end before some sub-steps, `boundaries` (n,)."""
 
@@ -35,9 +48,6 @@ class Observation:
         states_at: StatesAt,
     ):
         self._model, self._tape, self._rows = model, tape, len(boundaries)
-        for name, output in outputs.items():
-            if isinstance(output.of, Node | Joint):
-                check_linear(model, output, name)
         fits = model.fitted_rates is not None
         needed = any(map(observes_rates, outputs.values()))
         steps = tape.steps_to(boundaries)

@@ -9,10 +9,10 @@ from typing import Any
 
 import numpy as np
 
-from fx_beam.compiled.adjoint import Adjoint
+from fx_beam.compiled.adjoint import Adjoint, Weights
 from fx_beam.compiled.forward import Forward
 from fx_beam.compiled.loop import CompiledLoop
-from fx_beam.compiled.tape import Tape
+from fx_beam.compiled.tape import LIMIT, Part, Tape
 from fx_beam.errors import SceneError
 from fx_beam.mechanics.schemes import Scheme
 from fx_beam.model.model import Model
@@ -26,14 +26,14 @@ from fx_beam.scene.structure import ElsewhereError, OtherStructureError
 from fx_beam.stepping.newton import NewtonOptions
 from fx_beam.stepping.recorder import Record
 from fx_beam.stepping.substeps import Halving
-from fx_beam.validation import numbers, require, shown
+from fx_beam.validation import as_float, is_number, numbers, require, shown
 
 from .dynamics import simulate
-from .gradient import along
+from .gradient import Gradient, along
 from .kept_setup import KeptSetup, keeping_setup
 from .numbers import OF_OUTPUTS, numbers_of, observed_numbers_of
 from .objectives import Cost, Misfit, Objective
-from .observation import Observation, observes_rates, rates_at
+from .observation import Observation, check_outputs, observes_rates, rates_at
 from .output_values import Wanted, recording, values_of
 from .run_setup import RunSetup, checked_scheme
 from .static_derivatives import StateChange, StaticDerivatives, why_not
@@ -92,6 +92,9 @@ class Response:
         As in `simulate`.
     inputs : dict, optional
         Functions of time of the inputs of the scene, as in `simulate`.
+    memory : float
+        Memory for the steps that derivatives follow [bytes]. If a motion needs more, only states at
+        some steps are kept, and derivatives repeat the steps between, to the last digit.
 
     Attributes
     ----------
@@ -140,8 +143,12 @@ class Response:
         record: Record | None = None,
         solver: str = "auto",
         inputs: Mapping[str, Any] | None = None,
+        memory: float = LIMIT,
     ):
         require(callable(build), "Response: build", build, "a function of an array of numbers")
+        fits = is_number(memory) and as_float(memory) > 0
+        require(fits, "Response: memory", memory, "a positive number of bytes")
+        self._memory = as_float(memory)
         fits = record is None or isinstance(record, Record)
         require(fits, "Response: record", record, "an fx_beam.Record")
         self._build = build
@@ -160,6 +167,9 @@ class Response:
         }
         self._begin()
 
+    #: Memory for the steps that derivatives follow [bytes].
+    _memory = LIMIT
+
     def _begin(self) -> None:
         """Know of no call yet."""
         self._names: list[str] = []
@@ -167,7 +177,7 @@ class Response:
         # Derivatives of all numbers by x.
         self._known_changes: dict[str, np.ndarray] | None = None
         self._kept = KeptSetup()
-        self._kept.reads_at_once = True
+        self._kept.reads_at_once, self._kept.memory = True, self._memory
         self._adjoint: tuple[Any, list, Adjoint] | None = None
         # Whether the set-up has the numbers of the last call.
         self._is_set = False
@@ -257,15 +267,25 @@ class Response:
         """
         model, tape, adjoint = self._followed("vjp")
         outputs = self._checked_weights(weights)
+        boundaries, direct = self._boundaries(tape), list[Gradient]()
+        check_outputs(model, tape, outputs)
         given = {name: np.asarray(rows, float) for name, rows in weights.items()}
         counting = np.zeros(len(self._t), dtype=bool)  # others need no states, nor fitted rates
         for values in given.values():
             counting |= values.reshape(len(values), -1).any(axis=1)
-        counting[0] |= not counting.any()
-        observed = self._observed(model, tape, outputs, np.flatnonzero(counting))
-        found = observed.pull({name: values[counting] for name, values in given.items()})
-        rows = observed.boundaries, observed.sub_steps
-        by_numbers = adjoint.pull(tape, found.of_state, *rows)
+
+        def weights_of(part: Part) -> Weights:
+            own = part.own(boundaries)
+            own = own[counting[own]]
+            if not len(own):
+                return {}, boundaries[:0], boundaries[:0]
+            observed = self._observed(model, tape, outputs, boundaries[own])
+            found = observed.pull({name: values[own] for name, values in given.items()})
+            of_state, found.of_state = found.of_state, {}  # not for longer than the part
+            direct.append(found)
+            return of_state, observed.boundaries, observed.sub_steps
+
+        by_numbers = adjoint.pull_parts(tape, weights_of)
         self.stats.gradient_growth = growth = adjoint.growth
         if growth > _USEFUL_GROWTH:
             _log.warning(_CHAOTIC, growth)
@@ -273,7 +293,8 @@ class Response:
         self._refuse_others(changes, by_numbers.keys())
         known = changes.keys() & by_numbers.keys()
         parts = [along(changes[name], by_numbers[name]) for name in known]
-        return sum(parts, found.along(changes))
+        parts += [found.along(changes) for found in direct]
+        return sum(parts, np.zeros(len(self._x)))
 
     def jacobian(self, *names: str) -> dict[str, np.ndarray]:
         """Derivatives of outputs of the last call by all numbers, at all times.
@@ -298,13 +319,26 @@ class Response:
         """
         model, tape, _ = self._followed("jacobian")
         outputs = self._differentiable(names or self._names, "Response.jacobian: names")
-        observed = self._observed(model, tape, outputs)
+        check_outputs(model, tape, outputs)
         changes = self._changes(tape)
         _, _, adjoint = self._followed("jacobian")  # at x again, after differences
         forward = Forward(adjoint)
         self._refuse_others(changes, forward.names)
-        of_state = forward.push(tape, changes, observed.boundaries, observed.sub_steps)
-        return observed.push(of_state, changes)
+        boundaries, found = self._boundaries(tape), list[dict[str, np.ndarray]]()
+        observed: Observation | None
+
+        def rows_of(part: Part) -> tuple[np.ndarray, np.ndarray]:
+            nonlocal observed
+            if not len(own := boundaries[part.own(boundaries)]):
+                observed = None
+                return own, own
+            observed = self._observed(model, tape, outputs, own)
+            return observed.boundaries, observed.sub_steps
+
+        for of_state in forward.push_parts(tape, changes, rows_of):
+            if observed is not None:
+                found.append(observed.push(of_state, changes))
+        return {name: np.concatenate([rows[name] for rows in found]) for name in outputs}
 
     def objective(self, function: Cost) -> Objective:
         """A number of the whole motion as a function of x, with its derivatives by x.
@@ -390,11 +424,11 @@ class Response:
         return Misfit(self, measured, scatter)
 
     def _observed(
-        self, model: Model, tape: Tape, outputs: Mapping[str, Output], rows: Any = slice(None)
+        self, model: Model, tape: Tape, outputs: Mapping[str, Output], boundaries: np.ndarray
     ) -> Observation:
-        """Outputs of the last call at some of its rows, by default all."""
+        """Outputs at some boundaries of the part that is on the tape."""
         states_at = functools.partial(self._states, model, tape)
-        return Observation(model, tape, self._boundaries(tape)[rows], outputs, states_at)
+        return Observation(model, tape, boundaries, outputs, states_at)
 
     def _followed(self, what: str) -> tuple[Model, Tape, Adjoint]:
         """The model of the last call with its numbers, the tape of its steps, and their adjoint."""
@@ -409,7 +443,7 @@ class Response:
         """States (n, ...) of the last call before some sub-steps, or at its end, by name."""
         assert self._end is not None
         end = self._end.renumbered(model.from_nodes, model.mesh.from_elements)
-        found = tape.states(np.minimum(steps, len(tape) - 1))
+        found = tape.states(steps)
         for name, rows in found.items():
             if (values := getattr(end, name)) is not None and rows.size:
                 rows[steps == len(tape)] = np.ravel(values)

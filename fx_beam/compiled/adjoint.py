@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from typing import Any
 
 import numpy as np
@@ -18,9 +18,14 @@ from fx_beam.structs import Structs
 from .element_data import aligned
 from .handover import Problem
 from .pulled_work import PulledWork
-from .tape import Tape
+from .tape import Part, Tape
 
 _NONE = np.empty(0, dtype=int)
+
+# Weights at boundaries, by name.
+_AT_STATES = {"q", "v", "slides", "internal", "spring internal"}
+#: Weights by name, the numbers of their rows, and those of sub-steps of forces.
+Weights = tuple[Mapping[str, np.ndarray], np.ndarray, np.ndarray]
 
 
 class Adjoint:
@@ -108,11 +113,63 @@ class Adjoint:
         (m,); and by the forces in some `sub_steps` (k,):
         "constraints" (k, columns) of driven and fixed columns, and "joints" (k, joints, 3).
         """
+
+        def of_part(part: Part) -> Weights:
+            at, of = part.own(rows), part.of_sub_steps(sub_steps)
+            own = {
+                name: values[of if name in ("constraints", "joints") else at]
+                for name, values in weights.items()
+            }
+            return own, rows[at], sub_steps[of]
+
+        return self.pull_parts(tape, of_part)
+
+    def pull_parts(self, tape: Tape, weights_of: Callable[[Part], Weights]) -> dict[str, Any]:
+        """The same with the weights of each part of the tape, the last one first.
+
+        Then the state of the part is on the tape.
+        """
         self._hand_over_forms()
-        p, n, every = self._p, self._model.size, len(tape)
+        p, every = self._p, len(tape)
         for array in (*self._results.values(), *(work.sums for work in self._works)):
             array[...] = 0.0
-        joints = self._model.scene.joint_count
+        of_steps = {
+            "loads": np.zeros((every, 2, p.loads)),
+            "driven": np.zeros((every, p.driven)),
+            "thrust": np.zeros((every, p.thrusts, 2)),
+            "parameters": np.zeros((every, 2, p.parameter_count)),
+            "naturals": np.zeros((every, p.naturals)),
+        }
+        structs = Structs(self._ffi, declarations("problem.h"))
+        padded = {name: np.append(array.ravel(), 0.0) for name, array in of_steps.items()}
+        #: Sizes of the derivatives by the rates at the starts of all sub-steps.
+        self.sizes = np.zeros(every)
+        structs.set(self.c, sizes=self.sizes, **padded)
+        left_over: dict[str, np.ndarray] = {}
+        for part in tape.parts(self.problem, backwards=True):
+            weights, rows, sub_steps = weights_of(part)
+            weights, rows = _with_last(weights, rows, part.end, left_over)
+            # What is weighted at the start of this part, the part before it ends with.
+            at_start = bool(part.first and len(rows) and rows[0] == part.first)
+            left_over = {name: weights[name][0] for name in _AT_STATES & {*weights} if at_start}
+            # C keeps the addresses of the weights until the next part.
+            own = Structs(self._ffi, declarations("problem.h"))
+            own.set(self.c, **self._given(every, weights, rows, sub_steps))
+            left = self._library.fx_pull(p, tape.c, self.c)
+            if left:
+                raise singular(tape, part.first + left - 1)
+        steps = {name: padded[name][:-1].reshape(of_steps[name].shape) for name in of_steps}
+        return self._named(steps)
+
+    def _given(
+        self,
+        every: int,
+        weights: Mapping[str, np.ndarray],
+        rows: np.ndarray,
+        sub_steps: np.ndarray,
+    ) -> dict[str, np.ndarray]:
+        """Weights as members of the C struct."""
+        p, n, joints = self._p, self._model.size, self._model.scene.joint_count
         of_rows = {
             "q": ("q_weight", len(rows), n),
             "v": ("v_weight", len(rows), n),
@@ -126,23 +183,7 @@ class Adjoint:
         for key, (name, *shape) in of_rows.items():
             values = np.reshape(weights[key], shape) if key in weights else np.zeros(shape)
             given[name] = np.append(values, 0.0)  # never empty
-        of_steps = {
-            "loads": np.zeros((every, 2, p.loads)),
-            "driven": np.zeros((every, p.driven)),
-            "thrust": np.zeros((every, p.thrusts, 2)),
-            "parameters": np.zeros((every, 2, p.parameter_count)),
-            "naturals": np.zeros((every, p.naturals)),
-        }
-        structs = Structs(self._ffi, declarations("problem.h"))
-        padded = {name: np.append(array.ravel(), 0.0) for name, array in of_steps.items()}
-        #: Sizes of the derivatives by the rates at the starts of all sub-steps.
-        self.sizes = np.zeros(every)
-        structs.set(self.c, sizes=self.sizes, **given, **padded)
-        left = self._library.fx_pull(p, tape.c, self.c)
-        if left:
-            raise singular(tape, left - 1)
-        steps = {name: padded[name][:-1].reshape(of_steps[name].shape) for name in of_steps}
-        return self._named(steps)
+        return given
 
     def _named(self, of_steps: dict[str, np.ndarray]) -> dict[str, Any]:
         model, p, found = self._model, self._p, self._results
@@ -235,6 +276,24 @@ def numbered(which: np.ndarray, count: int) -> np.ndarray:
     places = np.full(count, -1)
     places[which] = np.arange(len(which))
     return places
+
+
+def _with_last(
+    weights: Mapping[str, np.ndarray], rows: np.ndarray, end: int, more: Mapping[str, np.ndarray]
+) -> tuple[dict[str, np.ndarray], np.ndarray]:
+    """Weights and their rows with more weights at a boundary, which is or follows the last row."""
+    found = dict(weights)
+    if not more:
+        return found, rows
+    if not len(rows) or rows[-1] != end:
+        rows = np.append(rows, end)
+        for name in _AT_STATES & {*found}:
+            found[name] = np.concatenate([found[name], np.zeros((1, *found[name].shape[1:]))])
+    for name, values in more.items():
+        own = found.get(name, np.zeros((len(rows), *values.shape))).copy()
+        own[-1] += values
+        found[name] = own
+    return found, rows
 
 
 def singular(tape: Tape, sub_step: int) -> SceneError:

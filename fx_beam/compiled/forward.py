@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Iterator, Mapping
 from typing import Any
 
 import numpy as np
@@ -12,7 +12,7 @@ from fx_beam.structs import Structs
 
 from .adjoint import Adjoint, numbered, singular
 from .element_data import aligned
-from .tape import Tape
+from .tape import Part, Tape
 
 # Numbers of a scene that steps read as they are, by their names in C.
 _PLAIN = {
@@ -58,19 +58,26 @@ class Forward:
         are those of the numbers by their names in `Adjoint.pull`, m of
         each; `rows` (n,) the numbers of sub-steps before the boundaries.
         """
+
+        def rows_of(part: Part) -> tuple[np.ndarray, np.ndarray]:
+            return rows[part.own(rows)], sub_steps[part.of_sub_steps(sub_steps)]
+
+        parts = [*self.push_parts(tape, changes, rows_of)]
+        return {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
+
+    def push_parts(
+        self,
+        tape: Tape,
+        changes: Mapping[str, np.ndarray],
+        rows_of: Callable[[Part], tuple[np.ndarray, np.ndarray]],
+    ) -> Iterator[dict[str, np.ndarray]]:
+        """The same of each part of the tape, the first one first, with rows and sub-steps of each.
+
+        These are asked for when the part is on the tape.
+        """
         model, p = self._model, self._p
         structs = Structs(self._ffi, declarations("problem.h"))
         count = len(next(iter(changes.values())))
-        joints, forces = model.scene.joint_count, len(sub_steps)
-        results = {
-            "q_rows": np.zeros((len(rows), count, p.dofs)),
-            "v_rows": np.zeros((len(rows), count, p.dofs)),
-            "slide_rows": np.zeros((len(rows), count, joints)),
-            "internal_rows": np.zeros((len(rows), count, p.cells * p.cell_internal)),
-            "spring_rows": np.zeros((len(rows), count, p.spring_width)),
-            "constraint_rows": np.zeros((forces, count, p.columns - p.free)),
-            "joint_rows": np.zeros((forces, count, joints, 3)),
-        }
         given = self._given(tape, changes, count)
         self._adjoint.hand_over_slopes("X" in changes and bool(np.any(changes["X"])))
         directions = self._ffi.new("Directions *")
@@ -83,14 +90,25 @@ class Forward:
             element_numbers=given["of_elements"].shape[1],
             drag_numbers=given["of_drag"].shape[1],
             at_rest=self._adjoint.slide_at_rest,
-            row_at=numbered(rows, len(tape) + 1),
-            force_at=numbered(sub_steps, len(tape)),
             scratch=aligned(np.zeros(room)),
-            **{name: _never_empty(array) for name, array in (given | results).items()},
+            **{name: _never_empty(array) for name, array in given.items()},
         )
-        left = self._library.fx_push(p, tape.c, self._adjoint.c, directions)
-        if left:
-            raise singular(tape, len(tape) - left)
+        for part in tape.parts(self._adjoint.problem):
+            at, of = rows_of(part)
+            results = self._results(len(at), len(of), count)
+            # C keeps the addresses of the results until the next part.
+            own = Structs(self._ffi, declarations("problem.h"))
+            own.set(
+                directions,
+                row_at=numbered(at, len(tape) + 1),
+                force_at=numbered(of, len(tape)),
+                **{name: _never_empty(array) for name, array in results.items()},
+            )
+            left = self._library.fx_push(p, tape.c, self._adjoint.c, directions)
+            if left:
+                raise singular(tape, part.end - left)
+            names = "q", "v", "slides", "internal", "spring internal", "constraints", "joints"
+            yield dict(zip(names, results.values(), strict=True))
         first = p.free + len(model.prescribed)
         #: Changes of the rest of the state at the end of the tape.
         self.at_end = {
@@ -98,8 +116,19 @@ class Forward:
             "internal": given["internal"],
             "spring_internal": given["spring_internal"],
         }
-        names = "q", "v", "slides", "internal", "spring internal", "constraints", "joints"
-        return dict(zip(names, results.values(), strict=True))
+
+    def _results(self, rows: int, forces: int, count: int) -> dict[str, np.ndarray]:
+        """Arrays of results by their names in C."""
+        p, joints = self._p, self._model.scene.joint_count
+        return {
+            "q_rows": np.zeros((rows, count, p.dofs)),
+            "v_rows": np.zeros((rows, count, p.dofs)),
+            "slide_rows": np.zeros((rows, count, joints)),
+            "internal_rows": np.zeros((rows, count, p.cells * p.cell_internal)),
+            "spring_rows": np.zeros((rows, count, p.spring_width)),
+            "constraint_rows": np.zeros((forces, count, p.columns - p.free)),
+            "joint_rows": np.zeros((forces, count, joints, 3)),
+        }
 
     def _given(
         self, tape: Tape, changes: Mapping[str, np.ndarray], count: int

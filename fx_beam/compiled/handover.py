@@ -432,7 +432,8 @@ class Problem:
         self._set(**self.state_arrays)
         names = "error_ages", "error_past", "error_highest"
         self._set(**dict(zip(names, of_errors, strict=True)))
-        self._memory, self._ages = memory, (ages, of_errors[0])
+        #: The state, and what the next steps are predicted from.
+        self.memory, self._ages = memory, (ages, of_errors[0])
         #: Past of the predictor: ages, divided differences of nodes (size,) and unknowns (free,).
         self.past = ages, *(d.reshape(known, -1) for d in (differences, differences_y))
         #: First configuration with inverted sections.
@@ -442,11 +443,13 @@ class Problem:
         self.sides = np.zeros((2, switches))
         self._set(inverted_q=self.inverted_q, switches=switches, sides=self.sides)
         self._set(ages=self.past[0], past=self.past[1], past_y=self.past[2])
-        self._set(scratch=aligned(np.zeros(self.library.fx_scratch(self.c))))
+        #: Work space of C.
+        self.scratch = aligned(np.zeros(self.library.fx_scratch(self.c)))
+        self._set(scratch=self.scratch)
         self._clear()
 
     def _clear(self) -> None:
         """Forget the last run."""
-        self._memory[:] = 0.0
+        self.memory[:] = 0.0
         for ages in self._ages:
             ages[:] = 1.0

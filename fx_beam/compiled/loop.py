@@ -17,7 +17,7 @@ from fx_beam.stepping.python_loop import Attempt, PythonLoop, Steps
 from fx_beam.stepping.recorder import Rows, Unrecorded
 
 from .handover import Problem
-from .tape import Tape
+from .tape import TakenSteps, Tape
 
 
 class CompiledLoop:
@@ -134,12 +134,30 @@ class CompiledLoop:
         p = self._problem
         self.load(state)
         c_inputs, to = self.c_inputs(inputs), self.c_record(recorder, steps, len(ends))
-        if self.tape is not None and not isinstance(recorder, Unrecorded):
-            to.tape = self.tape.with_room(len(inputs.driven))
         dt = (ends[-1] - state.t) / len(ends)
-        taken = self._library.fx_run(p, len(inputs.driven) // p.sub_steps, dt, c_inputs, to)
+        if self.tape is not None and not isinstance(recorder, Unrecorded):
+            taken = self._run_taped(self.tape, inputs, dt, to)
+        else:
+            taken = self._library.fx_run(p, len(inputs.driven) // p.sub_steps, dt, c_inputs, to)
         recorder.add(to.rows, to.starts)
         self.count(taken)
+        return taken
+
+    def _run_taped(self, tape: Tape, inputs: StepInputs, dt: float, to: Any) -> int:
+        """The same on a tape, which keeps the state before every so many steps."""
+        p, fractions = self._problem, np.array(self.model.scheme.fractions)
+        taken, total = 0, len(inputs.driven) // self._problem.sub_steps
+        while taken < total:
+            own, count = inputs.after(taken), min(tape.most_steps, total - taken)
+            count -= (to.part + count) % to.parts if count > to.parts else 0  # whole steps
+            c_inputs = self.c_inputs(own)
+            steps = TakenSteps(count, dt, to.parts, to.part, c_inputs, own)
+            to.tape = tape.begin(self.problem, steps)
+            done = self._library.fx_run(p, count, dt, c_inputs, to)
+            tape.end(done, fractions)
+            taken, to.part = taken + done, to.part + done
+            if done < count or p.stopped:
+                break
         return taken
 
     def load(self, state: State) -> None:

@@ -2,16 +2,22 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from fx_beam.errors import SceneError
+from fx_beam.results.state import NUMBERS
 
 from .handover import Problem
 
 # Numbers of a row before its arrays: start, length, memory, and shares of means (c/tape.h).
 TAPED_NUMBERS = 5
+#: Largest size of all rows [bytes]; of a longer run parts are repeated.
+LIMIT = 1e9
+# Numbers of C on which the next steps depend, besides those of the state.
+_OF_RUN = "known_steps", "steps_done"
 
 
 class Steps(NamedTuple):
@@ -26,66 +32,212 @@ class Steps(NamedTuple):
     shares: np.ndarray
 
 
-class Tape:
-    """Rows of numbers, one for each sub-step, which the compiled loop writes (c/tape.h)."""
+class Part(NamedTuple):
+    """Sub-steps of a run that are on the tape together: the first one, and that after the last."""
 
-    def __init__(self, problem: Problem):
-        self._ffi = problem.ffi
+    first: int
+    end: int
+
+    def own(self, boundaries: np.ndarray) -> np.ndarray:
+        """Which boundaries are ends of these sub-steps, or the start of the run."""
+        after = self.first if self.first else -1
+        return np.flatnonzero((boundaries > after) & (boundaries <= self.end))
+
+    def of_sub_steps(self, sub_steps: np.ndarray) -> np.ndarray:
+        """Which sub-steps are among these."""
+        return np.flatnonzero((sub_steps >= self.first) & (sub_steps < self.end))
+
+
+class TakenSteps(NamedTuple):
+    """Steps that C takes at once, from which they can be repeated."""
+
+    number: int
+    dt: float
+    #: Parts of a halved step, and those of the first step that were taken before.
+    parts: int
+    part: int
+    #: The C struct Inputs, and what it points to.
+    inputs: Any
+    arrays: Any
+
+
+class _Checkpoint(NamedTuple):
+    """What C has before some steps."""
+
+    first: int
+    steps: TakenSteps
+    numbers: dict[str, Any]
+    kept: bytes
+    memory: np.ndarray
+    #: Where it has the arrays of the state.
+    places: dict[str, int]
+    #: Work space with the factors of earlier steps, if these are used.
+    scratch: np.ndarray | None
+
+
+class Tape:
+    """Rows of numbers, one for each sub-step, which the compiled loop writes (c/tape.h).
+
+    If they need more memory than `limit` [bytes], only states at some steps are kept, and the steps
+    between are repeated where their rows are needed, to the last digit.
+    """
+
+    def __init__(self, problem: Problem, limit: float = LIMIT):
+        self._ffi, self._limit, self._problem = problem.ffi, limit, problem.c
         #: The C struct Tape.
         self.c: Any = problem.ffi.new("Tape *")
         self.c.size = problem.library.fx_tape_size(problem.c)
-        self._problem = problem.c
         self._sub_steps = int(problem.c.sub_steps)
         self._set_rows(np.empty((0, self.c.size)))
+        self.clear()
 
     def _set_rows(self, rows: np.ndarray) -> None:
         self._rows = rows
         self.c.row, self.c.room = self._ffi.cast("double *", rows.ctypes.data), len(rows)
 
+    def clear(self) -> None:
+        """Forget all sub-steps; the memory is kept."""
+        self.c.rows = self.c.first = 0
+        self._starts, self._lengths = np.empty(0), np.empty(0)
+        # Whether a whole step begins with each sub-step.
+        self._begins = np.empty(0, dtype=bool)
+        self._checkpoints: list[_Checkpoint] = []
+        #: Whether the rows of all sub-steps are kept.
+        self.is_whole = True
+
     def write(self, rows: np.ndarray) -> None:
         """Have rows that were not written by the loop."""
         self._set_rows(rows)
         self.c.rows = len(rows)
+        self._starts, self._lengths, self._begins = rows[:, 0], rows[:, 1], rows[:, 4] == 0
 
     def __len__(self):
-        return self.c.rows
+        return len(self._starts)
 
-    def clear(self) -> None:
-        """Forget all sub-steps; the memory is kept."""
-        self.c.rows = 0
+    # -- Written in a run -------------------------------------------------------------------------
 
-    def with_room(self, more: int) -> Any:
+    @property
+    def most_steps(self) -> int:
+        """Number of steps between two checkpoints: their rows need half of the memory."""
+        return max(1, int(self._limit / (16 * self.c.size * self._sub_steps)))
+
+    def begin(self, problem: Problem, steps: TakenSteps) -> Any:
+        """Keep the state before some steps; the C struct for their rows, or 0 for none."""
+        p = problem.c
+        numbers = {name: getattr(p, name) for name in (*NUMBERS, *_OF_RUN)}
+        numbers["orders"] = list(p.orders)
+        scratch = problem.scratch.copy() if p.kept.worth else None
+        kept = bytes(self._ffi.buffer(self._ffi.addressof(p, "kept")))
+        memory, at = problem.memory.copy(), problem.memory.ctypes.data
+        places = {
+            name: (own.ctypes.data - at) // own.itemsize
+            for name, own in problem.state_arrays.items()
+        }
+        parts = len(self), steps, numbers, kept, memory, places, scratch
+        self._checkpoints.append(_Checkpoint(*parts))
+        more = steps.number * self._sub_steps
+        if self.is_whole and 8 * self.c.size * (self.c.rows + more) > self._limit:
+            self.is_whole = False
+            self._set_rows(np.empty((0, self.c.size)))
+        return self._with_room(more) if self.is_whole else self._ffi.NULL
+
+    def end(self, taken: int, fractions: np.ndarray) -> None:
+        """Keep the times of the steps that were taken."""
+        last = self._checkpoints[-1]
+        if not taken:
+            self._checkpoints.pop()
+            return
+        self._checkpoints[-1] = last._replace(steps=last.steps._replace(number=taken))
+        lengths = np.tile(last.steps.dt * fractions, taken)
+        starts = np.cumsum([last.numbers["t"], *lengths[:-1]])
+        begins = np.zeros((taken, len(fractions)), dtype=bool)
+        begins[:, 0] = (last.steps.part + np.arange(taken)) % last.steps.parts == 0
+        self._begins = np.concatenate([self._begins, begins.ravel()])
+        self._starts = np.concatenate([self._starts, starts])
+        self._lengths = np.concatenate([self._lengths, lengths])
+
+    def _with_room(self, more: int) -> Any:
         """The C struct, with room for some more sub-steps."""
         if self.c.rows + more > self.c.room:
-            rows = np.empty((max(self.c.rows + more, 2 * self.c.room), self.c.size))
+            doubled = min(2 * self.c.room, int(self._limit / (8 * self.c.size)))
+            rows = np.empty((max(self.c.rows + more, doubled), self.c.size))
             rows[: self.c.rows] = self._rows[: self.c.rows]
             self._set_rows(rows)
         return self.c
 
+    # -- Read afterwards --------------------------------------------------------------------------
+
+    def parts(self, problem: Problem, backwards: bool = False) -> Iterator[Part]:
+        """The parts of the run, one after the other on the tape; each begins with a whole step."""
+        self.c.all = len(self)
+        if self.is_whole:
+            self.c.first = 0
+            yield Part(0, len(self))
+            return
+        groups: list[list[_Checkpoint]] = []
+        for checkpoint in self._checkpoints:
+            if checkpoint.steps.part % checkpoint.steps.parts == 0:
+                groups.append([])
+            groups[-1].append(checkpoint)
+        order = range(len(groups))
+        for i in reversed(order) if backwards else order:
+            self.c.rows, self.c.first = 0, groups[i][0].first
+            for checkpoint in groups[i]:
+                self._repeat(problem, checkpoint)
+            self._after = groups[i + 1][0] if i + 1 in order else None
+            yield Part(self.c.first, self.c.first + self.c.rows)
+
+    def _repeat(self, problem: Problem, checkpoint: _Checkpoint) -> None:
+        """Write the rows of the steps after a checkpoint."""
+        p, steps, ffi = problem.c, checkpoint.steps, self._ffi
+        for name, value in checkpoint.numbers.items():
+            setattr(p, name, value)
+        ffi.memmove(ffi.addressof(p, "kept"), checkpoint.kept, len(checkpoint.kept))
+        problem.memory[:] = checkpoint.memory
+        if checkpoint.scratch is not None:
+            problem.scratch[:] = checkpoint.scratch
+        p.controlled = p.watches = 0
+        to = ffi.new("Record *")
+        to.every, to.first, to.last, to.parts, to.part = 2**30, 1, -1, steps.parts, steps.part
+        to.tape = self._with_room(steps.number * self._sub_steps)
+        p.repeats = 1
+        problem.library.fx_run(p, steps.number, steps.dt, steps.inputs, to)
+        p.repeats = 0
+
     @property
     def starts(self) -> np.ndarray:
         """Times at the starts of all sub-steps [s]."""
-        return self._rows[: self.c.rows, 0]
+        return self._starts
 
     @property
     def lengths(self) -> np.ndarray:
         """Lengths of all sub-steps; some of schemes of order 4 go back in time [s]."""
-        return self._rows[: self.c.rows, 1]
+        return self._lengths
 
-    def states(self, rows: np.ndarray) -> dict[str, np.ndarray]:
-        """States (n, ...) at the starts of some sub-steps, by the names of `State`."""
+    def states(self, boundaries: np.ndarray) -> dict[str, np.ndarray]:
+        """States (n, ...) at some boundaries of the present part, by the names of `State`.
+
+        Not that at the end of the run.
+        """
         found, first, p = {}, TAPED_NUMBERS, self._problem
         n, kept = p.dofs, p.dofs * p.keeps_before
         internal = p.cells * p.cell_internal
         sizes = {"q": n, "v": n, "before": kept, "slides": p.scene_joints, "internal": internal}
+        places = boundaries - self.c.first
+        behind = (places == self.c.rows) & (boundaries < len(self))
         for name, size in (sizes | {"spring_internal": p.spring_width}).items():
+            rows = np.minimum(places, self.c.rows - 1)
             found[name] = self._rows[rows, first : first + size]
             first += size
+            if behind.any():  # there is a part behind this one
+                assert self._after is not None
+                at = self._after.places[name]
+                found[name][behind] = self._after.memory[at : at + size]
         return found
 
     def steps_to(self, boundaries: np.ndarray) -> Steps:
         """The steps that end before some sub-steps."""
-        begins = np.flatnonzero(self._rows[: self.c.rows, 4] == 0)
+        begins = np.flatnonzero(self._begins)
         last = np.searchsorted(begins, np.maximum(boundaries - 1, 0), side="right") - 1
         starts = np.minimum(begins[last], boundaries)
         counts = boundaries - starts
@@ -104,7 +256,7 @@ class Tape:
     @property
     def first_length(self) -> float:
         """Length of the first step [s]."""
-        begins = np.flatnonzero(self._rows[: self.c.rows, 4] == 0)
+        begins = np.flatnonzero(self._begins)
         return float(self.lengths[: begins[1] if len(begins) > 1 else None].sum())
 
     def boundaries(self, times: np.ndarray) -> np.ndarray:

@@ -424,9 +424,10 @@ static void pull_end(const Problem *p, const Work *w, const Backward *b) {
 }
 
 /* Takes the derivatives from the end of a sub-step to its start; returns 0 if its tangent is singular. */
-static int pull_step(Problem *p, Work *w, const Adjoint *a, const Backward *b, const Tape *tape, long k) {
+static int pull_step(Problem *p, Work *w, const Adjoint *a, const Backward *b, const Tape *tape, long row) {
   int n = p->dofs, all = p->columns + p->ties;
-  if (!begin_taped(p, w, a, tape->row + k * tape->size, b)) return 0;
+  long k = tape->first + row;
+  if (!begin_taped(p, w, a, tape->row + row * tape->size, b)) return 0;
   double per_dt = rates_per_path(p, w->dt), *path_bar = b->momentum;
 
   /* By the increment through rates and internal variables, and through what the state itself counts. */

@@ -510,8 +510,9 @@ long fx_push(Problem *p, const Tape *tape, const Adjoint *a, const Directions *d
   lay_out(p, w, p->scratch), lay_out_backward(p, &b, a->scratch), lay_out_forward(p, a, d->count, &c, &s, d->scratch);
   w->dt = NAN;
   c.map[0] = 0;
-  for (long k = 0; k < tape->rows; ++k) {
-    if (!begin_taped(p, w, a, tape->row + k * tape->size, &b)) return tape->rows - k;
+  for (long row = 0; row < tape->rows; ++row) {
+    long k = tape->first + row;
+    if (!begin_taped(p, w, a, tape->row + row * tape->size, &b)) return tape->rows - row;
     if (tape->apart) {
       memset(d->columns, 0, d->count * all * sizeof(double));
       memset(d->q, 0, d->count * (long)p->dofs * sizeof(double));
@@ -520,11 +521,10 @@ long fx_push(Problem *p, const Tape *tape, const Adjoint *a, const Directions *d
       values_at_start(p, w, &b);
       double slide[p->joints + 1];
       for (int i = 0; i < p->joints; ++i) slide[i] = at(p->slides, p->slide_of[i]);
-      for (int j = 0; j < d->count; ++j) {
+      for (int j = 0; j < d->count; ++j)
         change_nodes(p, d, j, b.values, w->psi0, slide, c.arms, d->columns + j * all, d->q + (long)j * p->dofs);
-        store_change(p, d, 0, j);
-      }
     }
+    for (int j = 0; row == 0 && j < d->count; ++j) store_change(p, d, k, j);
     memset(b.mu, 0, all * sizeof(double));
     if (p->joints) pull_map(p, w, &b); /* for the forces on ties */
     const double *fields[PULLED_FIELDS] = {w->D, p->q, p->v, p->a, p->before, p->internal,
@@ -535,7 +535,7 @@ long fx_push(Problem *p, const Tape *tape, const Adjoint *a, const Directions *d
     find_slopes(p, &a->internal_forces, fields, t, w->dt, s.of_elements[0]);
     find_slopes(p, &a->drag, fields, t, w->dt, s.of_elements[1]);
     find_point_slopes(p, a, s.of_points);
-    if (!push_step(p, w, a, &s, &c, d, &b, k, tape->rows)) return tape->rows - k;
+    if (!push_step(p, w, a, &s, &c, d, &b, k, tape->all)) return tape->rows - row;
     for (int j = 0; j < d->count; ++j) store_change(p, d, k + 1, j);
   }
   p->kept.present = 0;

@@ -157,6 +157,10 @@ static int take_step(Problem *p, Work *w, double dt, int sub_step, const Inputs 
   LAP(CHECKS);
   *order = update_predictor(p, w);
   LAP(PREDICTOR);
+  if (p->repeats) {
+    work_increment(p, w);
+    return 1;
+  }
   audit(p, w, change);
   if (p->parameters_vary) p->work += work_of_change(p, w, p->parameters, parameters);
   return 1;
@@ -238,7 +242,7 @@ int fx_run(Problem *p, int steps, double dt, const Inputs *inputs, Record *to) {
   Work work, *w = &work;
   lay_out(p, w, p->scratch);
   w->dt = 0;
-  p->failure = 0;  // also where no step is to be taken
+  p->failure = p->stopped = 0;  // also where no step is to be taken
   LAP(PHASES_IN_ALL);
   if (p->watches) find_sides(p, p->sides);
   int unchecked = 0;
@@ -263,7 +267,8 @@ int fx_run(Problem *p, int steps, double dt, const Inputs *inputs, Record *to) {
         forget(to, starts, taped);
         return k;
       }
-      int joints = p->scene_joints && (p->keeps_joint_forces || p->friction_follows || (of_row && to->forces));
+      int asked = !p->repeats && (p->keeps_joint_forces || (of_row && to->forces));
+      int joints = p->scene_joints && (p->friction_follows || asked);
       int contacts = of_row && to->forces && p->points->recorded;
       if (joints || contacts) evaluate_nodes(p, w);
       if (joints) add_joint_forces(p, w);
@@ -290,7 +295,7 @@ int fx_run(Problem *p, int steps, double dt, const Inputs *inputs, Record *to) {
         return k;
       }
       int low = ratio >= 0 && fmax(ratio, p->ratios[0]) < p->lowest;
-      if (low || ratio > p->highest) steps = k + 1;
+      if (low || ratio > p->highest) steps = k + 1, p->stopped = 1;
     }
     double turn = summarise(p, w, dt, part);
     /* Beyond rounding: damping at rest takes next to nothing. */

@@ -281,6 +281,8 @@ typedef struct {
   int watches, switches; /* whether a run ends before a step in which a contact or law switches */
   double *sides;        /* [2][switches] values whose signs tell it, at both ends of a sub-step */
   double ratios[2];     /* of the last two steps; negative if unknown */
+  int stopped;          /* whether the run ended at such a ratio */
+  int repeats;          /* whether steps are repeated for their tape alone */
 
   /* Work space and results of a run. */
   double *scratch;
@@ -300,9 +302,10 @@ typedef struct {
 } Rows;
 
 /* A tape (tape.h): rows of numbers, one for each sub-step, and how many there may be. If they are `apart`, as
-   equilibria are, none depends on those before. */
+   equilibria are, none depends on those before. They may be a part of a run: there are `all`, and `first` before
+   these. */
 typedef struct {
-  long size, rows, room;
+  long size, rows, room, first, all;
   int apart;
   double *row;
 } Tape;
