@@ -1033,7 +1033,7 @@ class Scene(Geometry):
         >>> scene.lock(guide)
         <joint 0, Prismatic of node 0 at (0, 0) and node 1 at (1, 0)>
         >>> latched = fb.simulate(scene, dt=0.1, t_end=2.0, start=apart)
-        >>> latched.energy.impact[0].round(9), latched.velocity(one)[-1].round(9)
+        >>> float(latched.energy.impact[0].round(9)), latched.velocity(one)[-1].round(9)
         (0.18, array([0.3, 0. ]))
         """
         return self._replaced(joint, "lock", lambda own: locked(own, coordinate))
