@@ -12,6 +12,7 @@ if importlib.util.find_spec("dolfinx") is None:
     )
 
 from .analyses.convergence import Converged, converge
+from .analyses.critical_points import CriticalPoint
 from .analyses.dynamics import simulate
 from .analyses.harmonic import FrequencyResponse, frequency_response
 from .analyses.linear_system import LinearSystem, linearise
@@ -78,6 +79,7 @@ __all__ = [
     "Contact",
     "Coordinate",
     "Coulomb",
+    "CriticalPoint",
     "Curve",
     "Damper",
     "Energy",

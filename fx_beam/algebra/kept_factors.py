@@ -26,6 +26,11 @@ class KeptFactors:
         self._solved, self._all, self._last = 0, 0, 0
         self._present = False
 
+    @property
+    def new(self) -> bool:
+        """Whether the factors are those of the last matrix."""
+        return self._present and not self._solved
+
     def solve(self, values: np.ndarray, b: np.ndarray) -> np.ndarray:
         """Solution (n,) for the matrix with these values; not finite if it is singular."""
         if self._present and self._last * self._solved <= self._worth + self._all:

@@ -55,3 +55,6 @@ class PetscLU:
         self._b[self._position] = b
         self._ksp.solve(*self._vectors)
         return self._x[self._position]
+
+    def negative_pivots(self) -> None:
+        """PETSc does not tell."""

@@ -31,6 +31,9 @@ class LU(Protocol):
     def solve(self, b: np.ndarray) -> np.ndarray:
         """Solution (n,) for a right side (n,)."""
 
+    def negative_pivots(self) -> int | None:
+        """Their number, of a symmetric matrix that of negative eigenvalues; None if unknown."""
+
 
 def sparse_lu(pattern: Pattern, dependent: np.ndarray | None = None) -> CompiledLU | ScipyLU:
     """Factors without exchange of rows for a pattern (indptr, indices).

@@ -11,6 +11,7 @@ from fx_beam.fem.dolfinx_api import gauss_points
 from fx_beam.model.model import Model
 from fx_beam.results.audit import BeamResultants, Stats
 from fx_beam.results.solution import Solution
+from fx_beam.results.stability import Stability
 from fx_beam.results.state import State
 from fx_beam.scene.beam import arc_lengths
 from fx_beam.scene.constraints import constraints_of
@@ -28,6 +29,7 @@ def solution_of(
     breaks: Sequence[float] = (),
     ended: bool = False,
     scene_stays: bool = False,
+    stability: Stability | None = None,
 ) -> Solution:
     """Solution from a record; `end` gives the last state.
 
@@ -95,6 +97,7 @@ def solution_of(
         end=last if ended and scene_stays else last(),
         names_of_parameters=model.forms.parameters.names,
         variables_of_contact=_variables_of_contact(model, of_springs),
+        stability=stability,
     )
 
 

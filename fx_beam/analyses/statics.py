@@ -39,6 +39,7 @@ from fx_beam.validation import (
 
 from .evaluation import solution_of
 from .mpi_ranks import warn_of_equal_work
+from .path_stability import PathStability
 from .progress import attach, failure_of, keeping_steps, progress_bar
 from .run_setup import state_of
 from .static_path import StaticPath, keep_path
@@ -224,6 +225,7 @@ def _solution(
 ) -> Solution:
     model, stats = stepper.model, stepper.stats
     stats.seconds, stats.substeps = time.perf_counter() - clock, stats.steps
+    path = list(states)
     if stepper.forcing.turning is not None:
         states = [_turning(model, stepper.forcing.turning, state) for state in states]
     recorder = Recorder(model, np.array([state.t for state in states]), Record())
@@ -231,7 +233,12 @@ def _solution(
         recorder.record(step, state)
         inversion.check(state.t, state.q)
     end = replace(states[-1], t=stepper.forcing.time, inputs=inputs)
-    return solution_of(model, recorder, stats, lambda: end)
+
+    def solved(state: State) -> Solution:
+        return _solution(stepper, inversion, [state], clock, inputs)
+
+    stability = PathStability(stepper, path, solved).found_when_read()
+    return solution_of(model, recorder, stats, lambda: end, stability=stability)
 
 
 def _turning(model: Model, frame: TurningFrame, state: State) -> State:

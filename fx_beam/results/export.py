@@ -34,6 +34,8 @@ def save(solution, path) -> None:
         past = known.pop("past", None)
         arrays |= {f"end_{name}": value for name, value in known.items()}
         arrays |= {f"past_{name}": value for name, value in vars(past).items()} if past else {}
+    if solution.stats.static:
+        arrays |= _stability(solution)
     beams: list[dict] = []
     for name, beam in solution.beams.items():
         key = f"beam{len(beams)}"
@@ -65,6 +67,14 @@ def save(solution, path) -> None:
     text = json.dumps(meta, default=_plain)
     with replacing(path) as new, open(new, "wb") as file:
         np.savez_compressed(file, meta=np.array(text), **arrays)
+
+
+def _stability(solution) -> dict[str, np.ndarray]:
+    """Numbers of unstable modes, if they can be found."""
+    try:
+        return {"unstable_modes": solution.unstable_modes}
+    except ValueError:
+        return {}
 
 
 def _plain(value):

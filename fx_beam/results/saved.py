@@ -21,6 +21,7 @@ from .export import FORMAT
 from .histories import HISTORIES
 from .saved_arrays import check_arrays
 from .solution import Solution
+from .stability import Stability
 from .state import NUMBERS, Past, State
 
 
@@ -128,6 +129,7 @@ def _read(raw: BinaryIO) -> Solution:
         end=end,
         names_of_parameters=meta.get("parameters", []),
         variables_of_contact={n: rows for n, rows in friction.items() if rows is not None},
+        stability=Stability(counted=data.get("unstable_modes")),
     )
 
 

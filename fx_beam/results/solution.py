@@ -23,6 +23,7 @@ from .contact import Contact
 from .histories import HISTORIES
 from .joint_motion import JointMotion
 from .lookup import joint_number, node_number, obstacle_of
+from .stability import Stability
 from .state import State
 from .summary import facts
 
@@ -78,6 +79,8 @@ class Solution:
         Names of the columns of `parameters`.
     variables_of_contact : dict, optional
         Stretch and slip (n, points, 2) [m] by the number of each contact with friction.
+    stability : Stability, optional
+        What finds the stability of the equilibria of a path.
 
     Attributes
     ----------
@@ -116,6 +119,7 @@ class Solution:
         end: State | Callable[[], State] | None = None,
         names_of_parameters: Sequence[str] = (),
         variables_of_contact: dict[int, np.ndarray] | None = None,
+        stability: Stability | None = None,
     ):
         # Histories, energies and the last state are set when they are first read.
         self._histories, self._end = histories, end
@@ -129,6 +133,7 @@ class Solution:
         self.variables_of_beam, self.variables_of_joint = variables_of_beam, variables_of_joint
         self.variables_of_contact = variables_of_contact or {}
         self.names_of_parameters = list(names_of_parameters)
+        self._stability = stability or Stability()
 
     def __getattr__(self, name: str) -> Any:
         """What is not set yet; a former attribute."""
@@ -177,6 +182,31 @@ class Solution:
         if not self.stats.static:
             raise ValueError("the solution is one over time, without load factors; use t")
         return self.t
+
+    @property
+    def unstable_modes(self) -> np.ndarray:
+        """Numbers (n,) of modes that grow in the equilibria of a static solution.
+
+        Without forces that follow the motion, the number of negative eigenvalues of the tangent.
+        With them, that of the modes among the lowest twelve that grow, without damping; a flutter
+        vibration counts once. In a frame that turns, Coriolis forces do not count.
+        """
+        _ = self.load_factor  # refuses a motion
+        return self._stability.unstable_modes()
+
+    @property
+    def stable(self) -> np.ndarray:
+        """Whether the equilibria of a static solution are stable, (n,): no mode grows."""
+        return self.unstable_modes == 0
+
+    @property
+    def critical_points(self) -> list[Any]:
+        """The critical points between the rows of a static solution, in the order of the path.
+
+        A list of `CriticalPoint`, found when it is first read; read it before you change the scene.
+        """
+        _ = self.load_factor  # refuses a motion
+        return self._stability.critical_points()
 
     @property
     def has_motion(self) -> bool:

@@ -123,6 +123,9 @@ class State:
     constraints: np.ndarray | None = None
     #: Set at the end of a run: what the variables of `spring_internal` belong to, as texts.
     owners: np.ndarray | None = None
+    #: Of an equilibrium: the number of negative eigenvalues of the tangent, if the factors of its
+    #: step tell.
+    negative_eigenvalues: int | None = None
 
     def changed(self, **values: Any) -> State:
         """The state with other values; far quicker than `dataclasses.replace`."""

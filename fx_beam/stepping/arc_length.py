@@ -118,6 +118,11 @@ class ArcLength:
             # The load factor changes at most as much as in a load step.
             ds, behind = min(ds, 1 / (steps * max(abs(tangent.load), 1e-6))), 0.0
 
+    def state_at(self, state: State, tangent: Tangent, distance: float) -> State:
+        """State in the plane normal to a tangent at a distance along it; StepFailed if none."""
+        step, load = self._correct(state, tangent, distance, tangent, distance)
+        return self._end(state, state.t + load, step)
+
     # -- Steps ----------------------------------------------------------------------------------
 
     def _advance(self, state: State, tangent: Tangent, ds: float, target: float) -> Advance:
@@ -192,10 +197,15 @@ class ArcLength:
 
     def _finish(self, state: State, t1: float, step: StepSolution) -> State:
         self.stepper.note(step)
+        return self._end(state, t1, step)
+
+    def _end(self, state: State, t1: float, step: StepSolution) -> State:
+        """State at the end of a converged step."""
         interval, forcing = Interval(state.t, t1), self._forcing
         forces, positions = forcing.forces(interval), forcing.positions(t1)
         new = self.stepper.single.finish(state, interval, step, forces, positions)
         new.work += (1 - (state.t + t1) / 2) * float(self._path.held @ step.y)
+        new.negative_eigenvalues = self.stepper.inertia.of(self._path.bordered)
         return new
 
     def _correct(

@@ -37,6 +37,11 @@ class BorderedLU:
         #: Sign of the determinant.
         self.sign = 0.0
 
+    @property
+    def values(self) -> np.ndarray:
+        """Values of the last matrix, without its border."""
+        return self._matrix.data
+
     def factorise(
         self, values: np.ndarray, column: np.ndarray, row: np.ndarray, corner: float
     ) -> None:
@@ -63,6 +68,18 @@ class BorderedLU:
         self._small = np.diag([corner, -1.0]) - rows
         negative = self._lu.negative_pivots() % 2
         self.sign = float(np.sign(np.linalg.det(self._small))) * (1 if negative else -1)
+
+    def negative_eigenvalues(self) -> int | None:
+        """Their number, for the last matrix without its border; None if it is singular.
+
+        The matrix must be symmetric. An eigenvalue of K + b e e^T that K has below zero: det K is
+        det(K + b e e^T) (1 - e . (K + b e e^T)^-1 b e).
+        """
+        if not self._free:
+            return 0
+        if not self._regular:
+            return None
+        return self._lu.negative_pivots() + int(self._small[1, 1] > 0)
 
     def solve(self, b: np.ndarray) -> tuple[np.ndarray, float]:
         """Solution (free,) and that of the border, for a right side (free + 1,).

@@ -27,8 +27,18 @@ class LinearSolver:
             self._kept = None
             if self._lu.worth >= _LEAST_WORTH and dependent is None:
                 self._kept = KeptFactors(reduction.pattern, self._lu)
-        self._values = np.zeros(len(reduction.pattern[1]))
+        #: Values of the last tangent.
+        self.values = np.zeros(len(reduction.pattern[1]))
         self._size = len(reduction.pattern[0]) - 1
+
+    def negative_eigenvalues(self) -> int | None:
+        """Their number, of the last tangent, which must be symmetric; None if its factors are old.
+
+        By Sylvester's law of inertia: the pivots without exchange of rows have their signs.
+        """
+        if not self._size:
+            return 0
+        return self._lu.negative_pivots() if self._kept is None or self._kept.new else None
 
     def solve(self, equations: Equations, r: np.ndarray, b: np.ndarray) -> np.ndarray:
         """Solution (free,) for the reduced tangent; not finite if it is singular."""
@@ -36,10 +46,10 @@ class LinearSolver:
             return b
         if equations.model.points.members is not None:
             return _changing(equations.tangent(r), b)
-        equations.fill_tangent(r, self._values)
+        equations.fill_tangent(r, self.values)
         if self._kept is not None:
-            return self._kept.solve(self._values, b)
-        if not self._lu.factorise(self._values):
+            return self._kept.solve(self.values, b)
+        if not self._lu.factorise(self.values):
             return np.full(free, np.nan)
         if self._size > free:  # forces of ties and borders
             b = np.concatenate([b, np.zeros(self._size - free)])

@@ -15,6 +15,7 @@ from fx_beam.results.audit import Stats
 from fx_beam.results.state import State
 
 from .forcing import LoadForcing
+from .inertia import Inertia
 from .initial_state import reference_state
 from .newton import NewtonOptions, StepFailed, StepSolution
 from .path_equations import PathEquations
@@ -58,6 +59,8 @@ class LoadStepper:
         self._hold: tuple[np.ndarray, np.ndarray] = (np.zeros(self.model.reduction.free),) * 2
         #: Displacement per load factor in the first and in the last step.
         self.response: list[float] = []
+        #: Counts the negative eigenvalues of the tangent.
+        self.inertia = Inertia(model)
 
     def first_state(self, steps: int, max_cuts: int) -> State:
         """Equilibrium without loads: the reference configuration, unless springs are under tension.
@@ -114,6 +117,7 @@ class LoadStepper:
         interval = Interval(state.t, goal)
         new, step = self.single.take(state, interval)
         new.work += float((self._hold[0] + self._hold[1]) @ step.y / 2)
+        new.negative_eigenvalues = self.inertia.of(self.single.newton.linear)
         self.note(step)
         if self.model.flows or self.model.has_contact:
             self.deviation = 0.0  # the predictor does not know what begins in the step

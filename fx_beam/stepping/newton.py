@@ -125,7 +125,8 @@ class Newton:
         self.hold: np.ndarray = np.zeros(self.model.reduction.free)
 
     @functools.cached_property
-    def _linear(self) -> LinearSolver:
+    def linear(self) -> LinearSolver:
+        """The linear systems of the corrections."""
         return LinearSolver(self.model.reduction, self.lu)
 
     @np.errstate(over="ignore", invalid="ignore")  # a step that overflows fails, and says so
@@ -209,7 +210,7 @@ class Newton:
                 step[free : free + reduction.driven], driven_now = -driven, driven
                 moved = model.forms.tangent @ reduction.spread(step)
                 residual = reduction.project(r - moved)[:free] - self.hold
-            step[:free] = self._linear.solve(self.equations, r, residual)
+            step[:free] = self.linear.solve(self.equations, r, residual)
             correction = reduction.spread(step)
             if iteration == 1:
                 predicted = -correction

@@ -60,7 +60,8 @@ class PathEquations:
         self._fills = self._reduction.borders() is not None
 
     @functools.cached_property
-    def _bordered(self) -> BorderedLU:
+    def bordered(self) -> BorderedLU:
+        """The factors of the last tangent."""
         free, pattern = self._reduction.free, self._reduction.pattern
         if self._fills:
             pattern = free * np.arange(free + 1), np.tile(np.arange(free), free)
@@ -128,8 +129,8 @@ class PathEquations:
             self._equations.fill_tangent(r, values)
         across = reduction.coupling().T @ (self.weight * normal.D)
         corner = normal.load + across[free : free + reduction.driven] @ self._forcing.goal
-        self._bordered.factorise(values, column, across[:free], corner)
-        return self._bordered
+        self.bordered.factorise(values, column, across[:free], corner)
+        return self.bordered
 
     def tangent(self, y: np.ndarray, load: float, previous: Tangent) -> Tangent:
         """Unit tangent after increments, in the direction of a previous one."""

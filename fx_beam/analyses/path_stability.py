@@ -1,0 +1,44 @@
+"""Stability along a path of equilibria."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+
+from fx_beam.results.solution import Solution
+from fx_beam.results.stability import Stability
+from fx_beam.results.state import State
+from fx_beam.stepping.load_steps import LoadStepper
+
+from .critical_points import CriticalPoint, CriticalPoints
+from .small_motions import SmallMotions
+
+
+class PathStability:
+    """Stability of the states of a path; `solved` makes a solution of a single state."""
+
+    def __init__(
+        self, stepper: LoadStepper, states: list[State], solved: Callable[[State], Solution]
+    ):
+        self._motions, self._states = SmallMotions(stepper), states
+        self._points = CriticalPoints(stepper, states, solved)
+
+    def found_when_read(self) -> Stability:
+        """For a solution."""
+        return Stability(self.unstable_modes, self.critical_points)
+
+    def critical_points(self) -> list[CriticalPoint]:
+        """The critical points between the states."""
+        return self._points.between(self.unstable_modes())
+
+    def unstable_modes(self) -> np.ndarray:
+        """Numbers (n,) of modes that grow: those of the steps' factors, else of new ones."""
+        known = [state.negative_eigenvalues for state in self._states]
+        if None in known and self._motions.model.flows:
+            raise ValueError(
+                "unstable_modes: where friction slips or material flows, the tangent is not "
+                "symmetric, and small motions have no modes"
+            )
+        pairs = zip(known, self._states, strict=True)
+        return np.array([self._motions.growing(s) if k is None else k for k, s in pairs], dtype=int)

@@ -1,0 +1,131 @@
+"""Stiffness of small motions about the equilibria of a path, and how many of them grow."""
+
+from __future__ import annotations
+
+import functools
+
+import numpy as np
+import scipy.sparse
+import scipy.sparse.linalg
+
+from fx_beam.algebra.sparse_lu import pivoted_lu, sparse_lu
+from fx_beam.algebra.symmetry import Symmetry
+from fx_beam.mechanics.interval import Interval
+from fx_beam.results.state import State
+from fx_beam.stepping.load_steps import LoadStepper
+
+from .undamped_modes import lowest
+
+# Number of the lowest modes that may grow where forces follow the motion; with so few unknowns the
+# matrices are full.
+_LOWEST, _FULL = 12, 300
+# Part of a square of a frequency beside the real axis that is a rounding error.
+_BESIDE = 1e-6
+
+
+class SmallMotions:
+    """Small motions about equilibria of a stepper's model, reduced to the unknowns."""
+
+    def __init__(self, stepper: LoadStepper):
+        self.stepper, self.model = stepper, stepper.model
+        self.unknowns = self.model.reduction.independent
+
+    @functools.cached_property
+    def unit(self) -> np.ndarray:
+        """Sizes (n,) of unit unknowns."""
+        return self.model.unit_of_unknowns[self.unknowns]
+
+    @functools.cached_property
+    def metric(self) -> scipy.sparse.csr_matrix:
+        """Squares of unit unknowns, in which eigenvectors are orthogonal."""
+        return scipy.sparse.diags(self.unit**-2.0).tocsr()
+
+    def stiffness(self, state: State) -> scipy.sparse.csr_matrix:
+        """The tangent (n, n) of an equilibrium without flow."""
+        stepper, model = self.stepper, self.model
+        equations = stepper.single.equations
+        equations.begin(Interval(state.t, state.t), state)
+        balance = equations.at_start(state.t * stepper.forcing.full)
+        K = equations.tangent(balance.r)
+        if len(self.unknowns) < model.reduction.free:
+            K = K[self.unknowns][:, self.unknowns]
+        return K
+
+    def coupling(self) -> scipy.sparse.csr_matrix:
+        """Motions (size, n) of the nodes for those of the unknowns, in the last state."""
+        return self.model.reduction.coupling()[:, self.unknowns]
+
+    def symmetric(self, K: scipy.sparse.csr_matrix) -> bool:
+        """Whether the forces of a state have a potential."""
+        return not K.nnz or Symmetry((K.indptr, K.indices), self.unit).holds(K.data)
+
+    # -- Forces with a potential ------------------------------------------------------------------
+
+    def growing(self, state: State) -> int:
+        """Number of modes that grow."""
+        K = self.stiffness(state)
+        if not K.shape[0]:
+            return 0
+        if not self.symmetric(K):
+            return number_growing(self.squares(state, K))
+        lu = sparse_lu((K.indptr, K.indices))
+        if not lu.factorise(K.data):
+            raise ValueError(f"unstable_modes: the tangent at load factor {state.t:g} is singular")
+        return lu.negative_pivots()
+
+    def lowest(self, state: State, n: int) -> tuple[np.ndarray, np.ndarray]:
+        """The n lowest eigenvalues of the tangent in the metric, and vectors (unknowns, n)."""
+        K = self.stiffness(state)
+        roots, _, vectors = lowest(((K + K.T) / 2).tocsr(), self.metric, min(n, K.shape[0]))
+        return np.sign(roots) * roots**2, vectors
+
+    # -- Forces that follow the motion ------------------------------------------------------------
+
+    def squares(self, state: State, K: scipy.sparse.csr_matrix | None = None) -> np.ndarray:
+        """Squares of the angular frequencies of the lowest modes without damping, complex."""
+        K = self.stiffness(state) if K is None else K
+        T = self.coupling()
+        M = (T.T @ self.model.mass @ T).tocsr()
+        if not M.data.any():
+            raise ValueError(
+                "unstable_modes: where forces follow the motion, stability depends on masses. Give "
+                "a section rhoA, or add masses"
+            )
+        inverse = pivoted_lu(K)
+        if K.shape[0] <= _FULL:
+            values = np.linalg.eigvals(inverse.solve(M.toarray()))
+        else:
+            compliance = scipy.sparse.linalg.LinearOperator(
+                K.shape, lambda x: inverse.solve(M @ x), dtype=float
+            )
+            start = np.ones(K.shape[0])
+            values = scipy.sparse.linalg.eigs(
+                compliance, _LOWEST, v0=start, return_eigenvectors=False
+            )
+        values = values[np.argsort(-abs(values), kind="stable")][:_LOWEST]
+        return 1 / values[abs(values) > 1e-12 * abs(values[0])].astype(complex)
+
+    def flutter_shape(self, state: State, square: float) -> np.ndarray:
+        """Shape (unknowns,) of the vibration with the square of a frequency, of a double root."""
+        K, T = self.stiffness(state), self.coupling()
+        M = (T.T @ self.model.mass @ T).tocsr()
+        shifted, x = pivoted_lu((K - (1 + 1e-7) * square * M).tocsr()), np.ones(K.shape[0])
+        for _ in range(4):
+            x = shifted.solve(M @ x)
+            x /= np.sqrt(x @ (self.metric @ x))
+        return x
+
+
+def flutters(squares: np.ndarray) -> np.ndarray:
+    """Which squares of frequencies are those of vibrations that grow; one of each pair."""
+    return squares.imag > _BESIDE * abs(squares)
+
+
+def diverges(squares: np.ndarray) -> np.ndarray:
+    """Which squares of frequencies are those of modes that grow without vibrating."""
+    return (abs(squares.imag) <= _BESIDE * abs(squares)) & (squares.real < 0)
+
+
+def number_growing(squares: np.ndarray) -> int:
+    """Number of modes that grow, from the squares of their angular frequencies."""
+    return int(flutters(squares).sum() + diverges(squares).sum())

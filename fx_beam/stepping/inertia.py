@@ -1,0 +1,51 @@
+"""Sylvester's inertia of the tangent of an equilibrium, from the factors of its step.
+
+They belong to the last iteration of Newton's method, whose error is below its tolerance.
+"""
+
+from __future__ import annotations
+
+import functools
+from typing import Protocol
+
+import numpy as np
+
+from fx_beam.algebra.symmetry import Symmetry
+from fx_beam.model.model import Model
+
+
+class Factors(Protocol):
+    """Factors of the last tangent."""
+
+    @property
+    def values(self) -> np.ndarray:
+        """Values of the tangent."""
+
+    def negative_eigenvalues(self) -> int | None:
+        """Their number; None if the factors do not tell."""
+
+
+class Inertia:
+    """Counts negative eigenvalues of symmetric tangents of a model."""
+
+    def __init__(self, model: Model):
+        self._model, reduction = model, model.reduction
+        # Ties, loops, sliders and contact of members make it another matrix than the tangent.
+        rows = len(reduction.pattern[0]) - 1
+        plain = rows == reduction.free == len(reduction.independent)
+        self._known = plain and not model.couplings.sliding and model.points.members is None
+
+    @functools.cached_property
+    def _symmetry(self) -> Symmetry | None:
+        """None where all forces have a potential."""
+        model = self._model
+        if not (model.forms.has_added or model.points.any or model.flows):
+            return None
+        return Symmetry(model.reduction.pattern, model.unit_of_unknowns)
+
+    def of(self, factors: Factors) -> int | None:
+        """The number of negative eigenvalues; None if the factors do not tell."""
+        if not self._known:
+            return None
+        symmetric = self._symmetry is None or self._symmetry.holds(factors.values)
+        return factors.negative_eigenvalues() if symmetric else None

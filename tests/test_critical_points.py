@@ -1,0 +1,183 @@
+"""Critical points of paths: their loads, kinds and modes, against exact references."""
+
+import pickle
+
+import numpy as np
+import pytest
+import scipy.optimize
+
+import fx_beam as fb
+
+EI = 1.0
+STOUT = fb.Section(EA=1e4, GA=4e3, EI=EI)
+
+
+def column(load, elements, degree, k, section=STOUT):
+    """A column of length 1 and its buckling load: pinned for k = pi, a cantilever for k = pi/2.
+
+    In the compressed column, N = -P, an incline psi of the section has the shear strain
+    psi P / (GA - P (1 - ...)): P (1 - P/EA + P/GA) = EI k^2, the smaller root.
+    """
+    scene = fb.Scene()
+    beam = scene.add_beam([(0, 0), (0, 1)], section, elements, degree)
+    if k == np.pi:
+        scene.pin(beam.start)
+        scene.fix(beam.end, "x")
+    else:
+        scene.clamp(beam.start)
+    scene.add_force(beam.end, (0, -load))
+    c = 1 / section.GA - 1 / section.EA
+    return scene, (np.sqrt(1 + 4 * c * EI * k**2) - 1) / (2 * c)
+
+
+@pytest.mark.parametrize("k", [np.pi, np.pi / 2])
+@pytest.mark.parametrize(("degree", "order", "elements"), [(1, 2, 8), (2, 4, 4), (3, 6, 2)])
+def test_buckling_loads_converge_with_twice_the_degree(k, degree, order, elements):
+    errors = []
+    for n in (elements, 2 * elements):
+        scene, exact = column(1.4 * k**2, n, degree, k)
+        (point,) = fb.static(scene, steps=4).critical_points
+        assert point.kind == "bifurcation"
+        errors.append(1.4 * k**2 * point.load_factor / exact - 1)
+    assert np.log2(errors[0] / errors[1]) == pytest.approx(order, abs=0.4)
+    assert errors[1] < 0.01
+
+
+def test_a_point_does_not_depend_on_the_steps_between_which_it_lies():
+    scene, _ = column(14.0, 4, 2, np.pi)
+    ways = [(3, None), (10, None), (5, "arc-length"), (17, "arc-length")]
+    factors = [
+        fb.static(scene, steps, continuation=how).critical_points[0].load_factor
+        for steps, how in ways
+    ]
+    assert factors == pytest.approx(factors[:1] * 4, rel=1e-8)
+
+
+def truss(height, load):
+    """Two bars between hinges, each one element: by EA alone, since no moment bends them."""
+    section = fb.Section(EA=1e3, GA=1e5, EI=1e4)
+    scene = fb.Scene()
+    left = scene.add_beam([(-1, 0), (0, height)], section)
+    right = scene.add_beam([(0, height), (1, 0)], section)
+    scene.add_joint(fb.Revolute(left.end, right.start))
+    scene.pin(left.start)
+    scene.pin(right.end)
+    scene.add_force(left.end, (0, -load))
+    return scene
+
+
+def force_on_truss(y, height):
+    """Load at the height y of the top: the strain of a bar is its relative elongation."""
+    length, now = np.hypot(1, height), np.hypot(1, y)
+    return 2e3 * (length - now) / length * y / now
+
+
+def test_limit_points_of_a_truss_are_exact():
+    path = fb.static(truss(0.2, 20.0), steps=10, continuation="arc-length")
+    first, second = path.critical_points
+    top = scipy.optimize.minimize_scalar(
+        lambda y: -force_on_truss(y, 0.2), bounds=(0, 0.2), options={"xatol": 1e-9}
+    )
+    exact = -top.fun / 20
+    assert [first.kind, second.kind] == ["limit point"] * 2
+    assert [first.load_factor, second.load_factor] == pytest.approx([exact, -exact], rel=1e-8)
+    assert path.stats.limit_points == pytest.approx([exact, -exact], rel=1e-8)
+    rows = [abs(path.load_factor[point.row]) <= exact * (1 + 1e-9) for point in (first, second)]
+    assert all(rows)
+
+
+def test_a_high_truss_tips_over_before_its_limit_point():
+    """Of bars with force N its stiffness sideways is 2 (EA/L (x/l)^2 + N/l (y/l)^2) = 0."""
+    height = 2.5
+    path = fb.static(truss(height, 600.0), steps=12, continuation="arc-length")
+    (first,) = path.critical_points
+
+    def sideways(y):
+        length, now = np.hypot(1, height), np.hypot(1, y)
+        return 1 / now**2 / length - (length - now) / length / now * y**2 / now**2
+
+    y = scipy.optimize.brentq(sideways, 1.6, height)
+    assert first.kind == "bifurcation"
+    assert 600 * first.load_factor == pytest.approx(force_on_truss(y, height), rel=1e-8)
+    shape = first.modes.shapes[0, 1]
+    assert abs(shape[1]) < 1e-6 * abs(shape[0])
+
+
+def test_two_equal_columns_buckle_at_one_point_with_two_modes():
+    scene = fb.Scene()
+    ends = []
+    for x in (0, 1):
+        beam = scene.add_beam([(x, 0), (x, 1)], STOUT, 4, 2)
+        scene.pin(beam.start)
+        scene.fix(beam.end, "x")
+        scene.add_force(beam.end, (0, -14.0))
+        ends.append(beam.node(0.5).number)
+    path = fb.static(scene, steps=4)
+    (point,) = path.critical_points
+    assert point.kind == "bifurcation" and len(point.modes) == 2
+    assert np.diff(path.unstable_modes).max() == 2
+    across = point.modes.shapes[:, ends, 0]
+    assert abs(np.linalg.det(across / abs(across).max())) > 0.1  # one mode for each column
+
+
+def test_columns_that_differ_and_buckle_at_once_are_one_point():
+    """The eigenvalues cross each other where they vanish."""
+    scene = fb.Scene()
+    for x, factor in ((0, 1.0), (1, 4.0)):
+        section = fb.Section(EA=1e4 * factor, GA=4e3 * factor, EI=factor)
+        beam = scene.add_beam([(x, 0), (x, 1)], section, 4, 2)
+        scene.pin(beam.start)
+        scene.fix(beam.end, "x")
+        scene.add_force(beam.end, (0, -14.0 * factor))
+    (point,) = fb.static(scene, steps=4).critical_points
+    alone = fb.static(column(14.0, 4, 2, np.pi)[0], steps=4).critical_points[0]
+    assert len(point.modes) == 2
+    assert point.load_factor == pytest.approx(alone.load_factor, rel=1e-8)
+
+
+def test_portal_frame_sways():
+    """Pinned feet, columns and beam alike: slender, x tan x = 6, P = EI x^2 / h^2."""
+    slender = fb.Section(EA=1e6, GA=1e6, EI=EI)
+    frame = fb.Scene()
+    points = [(0, 0), (0, 1), (1, 1), (1, 0)]
+    beam = frame.add_beam(points, slender, [4, 4, 4], 3)
+    frame.pin(beam.start)
+    frame.pin(beam.end)
+    for node in (beam.nodes[4], beam.nodes[8]):
+        frame.add_force(node, (0, -2.5))
+    (point,) = fb.static(frame, steps=4).critical_points
+    x = scipy.optimize.brentq(lambda x: x * np.tan(x) - 6, 1, 1.5)
+    assert 2.5 * point.load_factor == pytest.approx(x**2, rel=2e-5)
+
+
+def test_becks_column_flutters_at_its_load():
+    section = fb.Section(EA=1e8, GA=1e8, EI=EI, rhoA=1.0, rhoI=1e-9)
+    scene = fb.Scene()
+    beam = scene.add_beam([(0, 0), (0, 1)], section, 8, 3)
+    scene.clamp(beam.start)
+    scene.add_force(beam.end, (0, -22.0), follower=True)
+    (point,) = fb.static(scene, steps=11).critical_points
+    assert point.kind == "flutter"
+    assert 22 * point.load_factor == pytest.approx(20.05095, rel=2e-6)
+    assert point.modes.angular_frequencies[0] == pytest.approx(11.0157, rel=1e-4)
+
+
+def test_paths_with_contact_are_refused():
+    scene, _ = column(14.0, 4, 2, np.pi)
+    scene.add_obstacle(scene.beams[0], fb.Line((0.1, 0), (-1, 0)), stiffness=1e3)
+    path = fb.static(scene, steps=3)
+    assert path.unstable_modes[-1] == 1
+    with pytest.raises(ValueError, match="smooth paths"):
+        _ = path.critical_points
+
+
+def test_points_are_kept_in_copies_once_they_were_read():
+    scene, _ = column(14.0, 4, 2, np.pi)
+    path = fb.static(scene, steps=3)
+    before = pickle.loads(pickle.dumps(path))
+    with pytest.raises(ValueError, match="Compute the path again"):
+        _ = before.critical_points
+    (point,) = path.critical_points
+    (copy,) = pickle.loads(pickle.dumps(path)).critical_points
+    assert copy.load_factor == point.load_factor
+    assert np.array_equal(copy.modes.shapes, point.modes.shapes)

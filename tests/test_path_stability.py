@@ -1,0 +1,126 @@
+"""Stability along a path of equilibria: numbers of unstable modes."""
+
+import pickle
+
+import numpy as np
+import pytest
+
+import fx_beam as fb
+from fx_beam.algebra.sparse_lu import CompiledLU
+
+EI = 1.0
+SECTION = fb.Section(EA=1e4, GA=4e3, EI=EI, rhoA=1.0, rhoI=1e-6)
+
+
+SLENDER = fb.Section(EA=1e7, GA=1e7, EI=EI, rhoA=1.0, rhoI=1e-6)
+
+
+def column(load, elements=8, degree=3, follower=False, clamped=False, section=SECTION):
+    """A column of length 1 under a load, pinned at both ends or clamped at the foot."""
+    scene = fb.Scene()
+    beam = scene.add_beam([(0, 0), (0, 1)], section, elements, degree)
+    if clamped:
+        scene.clamp(beam.start)
+    else:
+        scene.pin(beam.start)
+        scene.fix(beam.end, "x")
+    scene.add_force(beam.end, (0, -load), follower=follower)
+    return scene
+
+
+def euler_load(k):
+    """Smallest P of P (1 - P/EA + P/GA) = EI k^2."""
+    c = 1 / SECTION.GA - 1 / SECTION.EA
+    return (np.sqrt(1 + 4 * c * EI * k**2) - 1) / (2 * c)
+
+
+@pytest.mark.parametrize("continuation", [None, "arc-length"])
+def test_each_critical_load_of_a_column_makes_one_more_mode_unstable(continuation):
+    path = fb.static(column(200.0), steps=30, continuation=continuation)
+    loads = [euler_load(n * np.pi) for n in (1, 2, 3, 4)]
+    expected = np.searchsorted(loads, 200.0 * path.load_factor)
+    assert path.unstable_modes.tolist() == expected.tolist()
+    assert path.unstable_modes[-1] == 4
+    assert path.stable.tolist() == (expected == 0).tolist()
+
+
+def test_counts_come_from_the_factors_of_the_steps(monkeypatch):
+    path = fb.static(column(200.0), steps=10)
+    made = []
+    monkeypatch.setattr(CompiledLU, "factorise", lambda *given: made.append(given))
+    assert path.unstable_modes[-1] == 4 and not made
+
+
+def arch(**changes):
+    """A shallow arch of two members, joined by a hinge with a spring or rigidly."""
+    scene = fb.Scene()
+    left = scene.add_beam([(0, 0), (1, 0.2)], SECTION, 3, 2)
+    if changes.get("hinge"):
+        right = scene.add_beam([(1, 0.2), (2, 0)], SECTION, 3, 2)
+        turning = fb.Spring(stiffness=5.0)
+        scene.add_joint(fb.Revolute(left.end, right.start, spring=turning))
+    else:
+        right = scene.add_beam([left.end, (2, 0)], SECTION, 3, 2)
+    scene.pin(left.start)
+    scene.pin(right.end)
+    scene.add_force(left.end, (0, -60.0))
+    return scene
+
+
+@pytest.mark.parametrize("hinge", [False, True])
+def test_the_same_modes_grow_as_in_free_vibrations_of_a_row(hinge):
+    scene = arch(hinge=hinge)
+    path = fb.static(scene, steps=8, continuation="arc-length")
+    assert path.unstable_modes.max() > 0
+    for row in (len(path.t) // 3, len(path.t) - 1):
+        load = path.load_factor[row]
+        at = fb.static(scene, steps=8, continuation="arc-length", max_steps=row) if row else path
+        assert at.load_factor[-1] == load
+        growing = int((fb.modes(scene, at, n=6).angular_frequencies < 0).sum())
+        assert path.unstable_modes[row] == growing == at.unstable_modes[-1]
+
+
+def test_a_closed_loop_of_joints_counts_as_its_modes():
+    """A parallelogram of stiff bars with springs, loaded from above, tips over at 2 c / (P L)."""
+    stiff = fb.Section(EA=1e6, GA=1e6, EI=1e4, rhoA=1.0, rhoI=0.01)
+    scene = fb.Scene()
+    left = scene.add_beam([(0, 0), (0, 1)], stiff)
+    right = scene.add_beam([(1, 0), (1, 1)], stiff)
+    top = scene.add_beam([(0, 1), (1, 1)], stiff, elements=2)
+    turning = fb.Spring(stiffness=10.0)
+    scene.add_joint(fb.Revolute(fb.GROUND, left.start, spring=turning))
+    scene.add_joint(fb.Revolute(fb.GROUND, right.start, spring=turning))
+    scene.add_joint(fb.Revolute(left.end, top.start))
+    scene.add_joint(fb.Revolute(right.end, top.end))
+    scene.add_force(top.node(0.5), (0, -42.0))
+    path = fb.static(scene, steps=8)
+    assert path.unstable_modes.tolist() == (42 * path.load_factor > 20).astype(int).tolist()
+
+
+def test_becks_column_flutters():
+    beck = column(22.0, follower=True, clamped=True, section=SLENDER)
+    path = fb.static(beck, steps=22)
+    assert path.unstable_modes.tolist() == [0] * 21 + [1, 1]  # 20.05 EI / L^2
+
+
+def test_stability_under_a_force_that_follows_needs_masses():
+    scene = fb.Scene()
+    beam = scene.add_beam([(0, 0), (0, 1)], fb.Section(EA=1e4, GA=1e4, EI=1.0), 4)
+    scene.clamp(beam.start)
+    scene.add_force(beam.end, (0, -2.0), follower=True)
+    path = fb.static(scene, steps=2)
+    with pytest.raises(ValueError, match="depends on masses"):
+        _ = path.unstable_modes
+
+
+def test_stability_survives_copies_and_files(tmp_path):
+    path = fb.static(column(15.0), steps=3)
+    path.save(tmp_path / "path.npz")
+    for other in (pickle.loads(pickle.dumps(path)), fb.load(tmp_path / "path.npz")):
+        assert other.unstable_modes.tolist() == [0, 0, 1, 1]
+
+
+def test_a_motion_has_no_stability_of_equilibria():
+    motion = fb.simulate(column(0.0), dt=0.1, t_end=0.1)
+    with pytest.raises(ValueError, match="over time"):
+        _ = motion.unstable_modes
