@@ -98,6 +98,11 @@ def powers(*exponents):
     return [(f"1e{k}", 10.0**k) for k in exponents]
 
 
+def multiple(factor):
+    """Label of a factor: 4, or 1/4."""
+    return f"{factor:g}" if factor >= 1 else f"1/{1 / factor:g}"
+
+
 # -- Cases -----------------------------------------------------------------------------------------
 
 
@@ -307,12 +312,13 @@ def loads(quick):
 
 def steps(quick):
     factors = (1, 8) if quick else (1 / 8, 1 / 4, 1 / 2, 1, 2, 4, 8)
-    labels = [f"{factor:g}" if factor >= 1 else f"1/{1 / factor:g}" for factor in factors]
-    for label, factor in zip(labels, factors, strict=True):
-        yield on_swing(f"Swing: dt over {SWING.DT:g} s", label, dt=factor * SWING.DT)
-    for label, factor in zip(labels, factors, strict=True):
+    for factor in factors:
+        group = f"Swing: dt over {SWING.DT:g} s"
+        yield on_swing(group, multiple(factor), dt=factor * SWING.DT)
+    for factor in factors:
+        group = f"Multi-body system: dt over {MULTIBODY.DT:g} s"
         times = {"dt": factor * MULTIBODY.DT, "t_end": MULTIBODY.T_END}
-        yield on_multibody(f"Multi-body system: dt over {MULTIBODY.DT:g} s", label, **times)
+        yield on_multibody(group, multiple(factor), **times)
 
 
 def softness(quick):
@@ -398,8 +404,7 @@ def stops(quick):
     for label, stiffness in powers(*(7,) if quick else (4, 6, 8, 10, 12)):
         yield on_whip(group, label, stiffness=stiffness)
     for factor in () if quick else (1 / 4, 1, 4):
-        label = f"{factor:g}" if factor >= 1 else f"1/{1 / factor:g}"
-        yield on_whip(f"Whip: dt over {WHIP.DT:g} s", label, dt=factor * WHIP.DT)
+        yield on_whip(f"Whip: dt over {WHIP.DT:g} s", multiple(factor), dt=factor * WHIP.DT)
     for restitution in () if quick else (0.0, 0.5, 0.9):
         group = f"Whip, dt = {WHIP.DT:g} s: restitution"
         yield on_whip(group, f"{restitution:g}", restitution=restitution)
@@ -483,9 +488,8 @@ def contacts(quick):
         group = name + "restitution, mu = 0.3"
         yield in_box(group, f"{restitution:g}", mu=0.3, restitution=restitution)
     for factor in (1 / 4, 4, 16):
-        label = f"{factor:g}" if factor >= 1 else f"1/{1 / factor:g}"
         group = f"Bar and disc in a box, mu = 0.3: dt over {BOX_DT:g} s"
-        yield in_box(group, label, dt=factor * BOX_DT, mu=0.3)
+        yield in_box(group, multiple(factor), dt=factor * BOX_DT, mu=0.3)
 
 
 def bars(corners, gravity=None):

@@ -41,7 +41,7 @@ SLOW = 1 / 4  # a slower pull, relative to the speed
 
 
 def scene(mu=SHOWN[0], phi=SHOWN[1], speed=SPEED):
-    """The rope on the drum, the node that is pulled and the contact."""
+    """The rope on the drum, and the node that is pulled."""
     made, around = fb.Scene(), RADIUS + GAP
     left, right = (around * np.array([np.cos(a), np.sin(a)]) for a in (phi, 0.0))
     away = np.array([-np.sin(phi), np.cos(phi)])  # along the rope, at its left end
@@ -59,19 +59,19 @@ def scene(mu=SHOWN[0], phi=SHOWN[1], speed=SPEED):
     made.prescribe(pulled.end, y=lambda t: -speed * max(t - RAMP, 0.0))
     for part in (rope, held, pulled):
         made.add_drag(part, linear=DRAG, rotation=DRAG * 1e-3)
-    drum = made.add_contact(
+    made.add_contact(
         rope,
         fb.Circle((0, 0), RADIUS),
         stiffness=STIFFNESS,
         friction=fb.Coulomb(mu, STIFFNESS),
         along=POINTS,
     )
-    return made, rope, pulled.end, drum
+    return made, rope, pulled.end
 
 
 def pull(mu, phi, speed=SPEED):
     """The motion, its rope, and the force of the pull over T2."""
-    made, rope, end, _ = scene(mu, phi, speed)
+    made, rope, end = scene(mu, phi, speed)
     t_end = RAMP + (T_END - RAMP) * SPEED / speed
     dt = DT * SPEED / speed
     motion = fb.simulate(made, dt=dt, t_end=t_end)

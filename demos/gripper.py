@@ -140,7 +140,7 @@ def compute():
         "between two trials": width,
         "energy balance": float(abs(motion.energy.balance_error).max() / motion.energy.work[-1]),
     }
-    return numbers, (motion, disc, grips, lifted(0.9 * least))
+    return numbers, (motion, disc, grips, lifted(0.9 * least)[0])
 
 
 def report(numbers):
@@ -167,7 +167,7 @@ def draw(results, motion, disc, grips, left_behind):
     plot.animate(motion, range(0, len(motion.t), 15), results / "motion.gif")
     figure, axes = plot.figure(1, 2, height=3.0)
     heights, ratio = axes.flat
-    given = ((motion, f"$\\mu = {FRICTION:g}$"), (left_behind[0], "friction too low"))
+    given = ((motion, f"$\\mu = {FRICTION:g}$"), (left_behind, "friction too low"))
     for run, label in given:
         heights.plot(run.t, 1e3 * run.displacement(disc)[:, 1], label=label)
     heights.plot(motion.t, [1e3 * rise(t) for t in motion.t], "k:", lw=1, label="palm")
