@@ -5,8 +5,8 @@ with springs. They are let go. Each hinge latches as soon as its panel is in lin
 before. Objective: the times of the latches, what each of them takes from the motion, and the
 invariants: nothing acts on the satellite, so its momenta and the balance of energy hold.
 
-A motion ends where an angle reaches its latch (`until`), the hinge is locked (`scene.lock`), and
-the next motion starts from there with velocities that are projected by the mass:
+Each hinge has an `fx_beam.Latch`: where the angle reaches it, a step ends, the hinge is locked, and
+the motion goes on with velocities that are projected by the mass:
 
     M (v+ - v-) = G^T mu,   G v+ = 0,   impact = 1/2 (v+ - v-) . M (v+ - v-)
 
@@ -71,23 +71,12 @@ def boom(flexible):
 
 def deployed(scene, hinges, angles, t_end=T_END, dt=DT):
     """The whole motion, and for each latch its hinge, its time and the energy that it takes."""
-    outputs = {name: fb.Output("angle", hinge) for name, hinge in hinges.items()}
-    latches = {
-        name: lambda t, y, name=name, angle=angle: y[name] - angle
-        for name, angle in zip(hinges, angles, strict=True)
-    }
-    options = {"dt": dt, "t_end": t_end, "outputs": outputs}
-    part = whole = fb.simulate(scene, until=latches, **options)
-    events = []
-    while name := part.stats.until:
-        scene.lock(hinges[name])
-        del latches[name]
-        before = part.energy.impact[-1]
-        part = fb.simulate(scene, until=latches, start=part, **options)
-        whole = whole.then(part)
-        events.append((name, float(part.t[0]), float(part.energy.impact[0] - before)))
-        log.info("%s latched at %.4f s", *events[-1][:2])
-    return whole, events
+    ends = zip(hinges.items(), angles, strict=True)
+    latches = {name: fb.Latch(hinge, angle) for (name, hinge), angle in ends}
+    whole = fb.simulate(scene, dt=dt, t_end=t_end, changes=latches)
+    lost = np.diff(whole.energy.impact)  # by the row before
+    times = whole.stats.changes.items()
+    return whole, [(name, t, float(lost[np.searchsorted(whole.t, t)])) for name, t in times]
 
 
 def single():

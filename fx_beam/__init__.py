@@ -47,6 +47,7 @@ from .results.saved import load
 from .results.solution import Solution
 from .scene.beam import Beam, Node
 from .scene.body import Body
+from .scene.changes import Fuse, Latch
 from .scene.coordinate import Coordinate, Damper, Friction, Spring
 from .scene.coulomb import Coulomb
 from .scene.curve import Curve, arc, spline
@@ -91,11 +92,13 @@ __all__ = [
     "FrequencyResponse",
     "ForceBetween",
     "Friction",
+    "Fuse",
     "GeneralizedAlpha",
     "Input",
     "InternalVariables",
     "Joint",
     "JointMotion",
+    "Latch",
     "Law",
     "Line",
     "LinearSystem",

@@ -16,6 +16,7 @@ from fx_beam.mechanics.schemes import Scheme
 from fx_beam.results.audit import Stats
 from fx_beam.results.solution import Solution
 from fx_beam.results.state import State
+from fx_beam.scene.changes import Fuse, Latch
 from fx_beam.scene.inputs import values_at, with_functions
 from fx_beam.scene.outputs import Output
 from fx_beam.scene.scene import Scene
@@ -29,6 +30,7 @@ from fx_beam.stepping.substeps import LARGE_TURN, Halving
 from fx_beam.stepping.tolerance import Tolerance
 from fx_beam.validation import as_float, is_flag, is_number, require
 
+from .changing_scene import ChangingScene
 from .ending import Condition, Ending, checked_conditions
 from .evaluation import solution_of
 from .kept_setup import kept_setup
@@ -68,6 +70,7 @@ def simulate(
     inputs: Mapping[str, Any] | None = None,
     until: Condition | Mapping[str, Condition] | None = None,
     outputs: Mapping[str, Output] | None = None,
+    changes: Mapping[str, Latch | Fuse] | None = None,
 ) -> Solution:
     """Simulate the motion of a scene to `t_end`, from t = 0 or from the end of another solution.
 
@@ -132,6 +135,11 @@ def simulate(
         over the step that ends there.
     outputs : dict, optional
         What `until` needs: `Output` by names, as in `Motion`.
+    changes : dict, optional
+        Latches that close and joints that break, `Latch` and `Fuse` by names. At the time of each
+        one, found as for `until`, a step ends, and the motion goes on with the changed scene, by
+        steps `dt` from there. `Stats.changes` has the times. The scene stays changed, as by
+        `Scene.lock` and `Scene.remove`: a motion that starts from the solution goes on with it.
 
     Returns
     -------
@@ -182,6 +190,25 @@ def simulate(
     scheme = checked_scheme(scene, scheme, "simulate")
     check_options("simulate", newton, max_halvings, record, solver)
     conditions = checked_conditions(scene, until, outputs)
+    if changes is not None:
+        part = functools.partial(
+            simulate,
+            scene,
+            scheme,
+            t_end=t_end,
+            dt=dt,
+            tolerance=tolerance,
+            dt_max=dt_max,
+            breaks=breaks,
+            newton=newton,
+            max_halvings=max_halvings,
+            record=record,
+            solver=solver,
+            progress=progress,
+            inputs=inputs,
+        )
+        changing = ChangingScene(scene, changes, conditions, outputs or {}, record)
+        return changing.motion(part, start, t_end, dt)
     fits = progress is None or is_flag(progress)
     require(fits, "simulate: progress", progress, "True, False or None")
     scene, named = with_functions(scene, inputs, "simulate: inputs"), scene

@@ -28,6 +28,8 @@ _OF_STEP, _OF_TIME = 1e-13, 4e-16
 _ZERO = 1e-8
 # The shortest last step, relative to the one before; with a shorter one both are one step.
 _SHORTEST = 0.1
+# A mean force that is met in a shorter step than this part of one has jumped at its start.
+_JUMP = 1e-9
 _MOST_TRIALS = 200
 
 
@@ -132,6 +134,8 @@ class Ending:
                 mark, ends[first] = longer, self._zero(first, longer, t0, t1, value)
             elif _changes(self._values[first], self._at(first, mark, least)):
                 ends[first] = least  # mean forces have jumped from the step before to this one
+        elif ends[first] - t0 < _JUMP * (t1 - t0):
+            ends[first] = least
         self._return_to(mark)
         number = self._stepper.stats.steps + 1
         end = np.array([ends[first]])

@@ -185,6 +185,9 @@ class Stats:
     until : str
         Name of the condition that ended the motion, as given to `simulate`: "until" for a single
         function. Empty if the motion went on to its end.
+    changes : dict
+        Time [s] of each change of the scene in the motion, by its name in the `changes` of
+        `simulate`.
     static : bool
         Whether the solution is static: its steps are load factors, not times.
     limit_points : list of float
@@ -225,6 +228,7 @@ class Stats:
     assembled: list[str] = field(default_factory=list)
     failure: Failure | None = None
     until: str = ""
+    changes: dict[str, float] = field(default_factory=dict)
     static: bool = False
     limit_points: list[float] = field(default_factory=list)
     gradient_growth: float = 0.0

@@ -298,4 +298,5 @@ def _stats(first: Stats, second: Stats) -> Stats:
         name: first.ended_by.get(name, 0) + second.ended_by.get(name, 0)
         for name in {**first.ended_by, **second.ended_by}
     }
-    return replace(second, **sums, ended_by=ended)
+    changes = {**first.changes, **second.changes}
+    return replace(second, **sums, ended_by=ended, changes=changes)

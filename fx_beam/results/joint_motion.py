@@ -83,11 +83,11 @@ class JointMotion:
 
     @property
     def motor_force(self) -> np.ndarray:
-        """Force [N] of the motor along the slide, or its moment [N m] on b, at `t_level`, (n,)."""
+        """Force (n,) [N] of the motor or lock along the slide, or its moment [N m], at `t_level`."""
         driven = [part for part in (self.joint.slide, self.joint.rotation) if part and part.motor]
-        self._check(bool(driven), "motor")
-        forces = self.solution.recorded("motor_forces")
-        return forces[:, self.joint.number]
+        forces = self.solution.recorded("motor_forces")[:, self.joint.number]
+        self._check(bool(driven) or bool(forces.any()), "motor")  # a latch may have locked it
+        return forces
 
     @property
     def motor_power(self) -> np.ndarray:

@@ -1,0 +1,147 @@
+"""What may change a scene in a motion: latches that close, and joints that break."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+from fx_beam.errors import SceneError
+from fx_beam.validation import as_float, is_number, require
+
+from .joints import Joint
+from .outputs import Output
+from .removal import locked, own_joint
+
+
+@dataclass(frozen=True)
+class Latch:
+    """A latch that closes where a joint reaches a value, and holds it there from then on.
+
+    For the `changes` of `simulate`. Velocities are projected by the mass, as in a plastic impact:
+    `Energy.impact` is the energy that is lost. The force of the latch is `JointMotion.motor_force`.
+
+    Parameters
+    ----------
+    joint : Joint
+        A joint of the scene with a slide or a relative rotation that no motor drives.
+    at : float
+        The slide [m] or relative rotation [rad], reached from either side.
+    coordinate : {"slide", "rotation"}, optional
+        What is held, for joints that have both.
+
+    Raises
+    ------
+    SceneError
+        If `joint` is no joint, or `at` no finite number.
+
+    Examples
+    --------
+    Two masses that move apart on a guide, until they are 1.5 m from each other.
+
+    >>> import fx_beam as fb
+    >>> scene = fb.Scene()
+    >>> one, other = (scene.add_body((x, 0), mass=2.0, inertia=0.1).centre for x in (0, 1))
+    >>> guide = scene.add_joint(fb.Prismatic(one, other, axis=(1, 0)))
+    >>> scene.set_velocity(other, (0.6, 0.0))
+    >>> latch = {"latch": fb.Latch(guide, 1.5)}
+    >>> solution = fb.simulate(scene, dt=0.1, t_end=2.0, changes=latch)
+    >>> print(f"{solution.stats.changes['latch']:.6f} s, {solution.energy.impact[-1]:.6f} J")
+    0.833333 s, 0.180000 J
+    """
+
+    joint: Joint
+    at: float
+    coordinate: str | None = None
+
+    def __post_init__(self):
+        require(isinstance(self.joint, Joint), "Latch: joint", self.joint, "a joint of the scene")
+        require(is_number(self.at), "Latch: at", self.at, "a finite number")
+        object.__setattr__(self, "at", as_float(self.at))
+
+
+@dataclass(frozen=True)
+class Fuse:
+    """A joint that breaks when its force reaches a limit, and is taken away.
+
+    For the `changes` of `simulate`. The force is the mean over a step. It reaches the limit in the
+    step that ends there; what impacts take from the motion at one instant does not count.
+
+    Parameters
+    ----------
+    joint : Joint
+        A joint of the scene.
+    force : float
+        Largest magnitude of its force [N].
+
+    Raises
+    ------
+    SceneError
+        If `joint` is no joint, or the force not positive.
+
+    Examples
+    --------
+    A growing force pulls two equal masses. The joint between them carries half of it.
+
+    >>> import fx_beam as fb
+    >>> scene = fb.Scene()
+    >>> one, other = (scene.add_body((x, 0), mass=2.0, inertia=0.1).centre for x in (0, 1))
+    >>> joint = scene.add_joint(fb.Rigid(one, other, offset=(1, 0)))
+    >>> load = scene.add_force(other, lambda t: (10.0 * t, 0.0))
+    >>> breaks = {"fuse": fb.Fuse(joint, 4.01)}
+    >>> solution = fb.simulate(scene, dt=0.01, t_end=1.0, changes=breaks)
+    >>> print(f"{solution.stats.changes['fuse']:.3f} s")  # the middle of the step: 0.802 s
+    0.804 s
+    """
+
+    joint: Joint
+    force: float
+
+    def __post_init__(self):
+        require(isinstance(self.joint, Joint), "Fuse: joint", self.joint, "a joint of the scene")
+        fits = is_number(self.force) and as_float(self.force) > 0
+        require(fits, "Fuse: force", self.force, "finite and positive")
+        object.__setattr__(self, "force", as_float(self.force))
+
+
+def checked_changes(scene: Any, changes: Any) -> dict[str, Latch | Fuse]:
+    """Latches and fuses by their names; SceneError if they are none, or do not fit the scene."""
+    fits = isinstance(changes, Mapping) and all(isinstance(name, str) for name in changes)
+    fits = fits and all(isinstance(change, Latch | Fuse) for change in changes.values())
+    wanted = "a dictionary of fx_beam.Latch and fx_beam.Fuse by names"
+    require(fits, "simulate: changes", changes, wanted)
+    for name, change in changes.items():
+        joint, what = own_joint(scene, change.joint), f"simulate: changes[{name!r}]"
+        wanted = "a joint that add_joint of this scene returned, and that was not removed"
+        require(joint is not None, f"{what}: joint", str(change.joint), wanted)
+        assert joint is not None
+        if isinstance(change, Latch):
+            try:
+                locked(joint, change.coordinate)
+            except SceneError as reason:
+                raise SceneError(f"{what}: {reason}") from None
+    return dict(changes)
+
+
+def apply_change(scene: Any, change: Latch | Fuse) -> None:
+    """Lock the joint of a latch, take that of a fuse away."""
+    if isinstance(change, Latch):
+        scene.lock(change.joint, change.coordinate)
+    else:
+        scene.remove(change.joint)
+
+
+def output_of(change: Latch | Fuse) -> Output:
+    """The slide or angle of a latch, the force (3,) of a fuse."""
+    if isinstance(change, Fuse):
+        return Output("force", change.joint)
+    slides = change.coordinate == "slide" or change.joint.rotation is None
+    return Output("slide" if slides else "angle", change.joint)
+
+
+def excess(change: Latch | Fuse, measured: Any) -> float:
+    """How far this output is beyond its limit [m, rad or N]."""
+    if isinstance(change, Fuse):
+        return math.hypot(measured[0], measured[1]) - change.force
+    return measured - change.at
