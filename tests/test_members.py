@@ -71,6 +71,47 @@ def test_an_impact_keeps_energy_and_both_momenta(solver):
     assert (2e-3 * force.sum(axis=0)) == pytest.approx(change, abs=2e-3)
 
 
+def jointed(count, closed, friction=None):
+    """Bars hinged to each other, in a ring if `closed`; a horn on the last one meets a free rod."""
+    scene = fb.Scene()
+    angle = 2 * np.pi * np.arange(count + closed) / count
+    corners = np.column_stack([np.cos(angle), np.sin(angle)])
+    bars = []
+    for a, b in zip(corners[:-1], corners[1:], strict=True):
+        middle, length = (a + b) / 2, np.hypot(*(b - a))
+        bars.append(scene.add_body(middle, length, length**3 / 12, points={"a": a, "b": b}))
+        if len(bars) > 1:
+            scene.add_joint(fb.Revolute(bars[-2]["b"], bars[-1]["a"]))
+    if closed:
+        scene.add_joint(fb.Revolute(bars[-1]["b"], bars[0]["a"]))
+    out = corners[-1]
+    along = np.array([-out[1], out[0]])
+    horn = scene.add_beam([tuple(out), tuple(1.8 * out)], SECTION, elements=5)
+    scene.add_joint(fb.Rigid(bars[-1]["b"], horn.start))
+    ends = [tuple(1.4 * out + 0.15 * along), tuple(1.5 * out + 1.15 * along)]
+    rod = scene.add_beam(ends, SECTION, elements=6)
+    scene.set_velocity(rod, tuple(-2.0 * along), spin=0.3)
+    scene.add_contact(rod, horn, stiffness=1e5, radius=0.05, friction=friction)
+    return scene
+
+
+@pytest.mark.parametrize(
+    ("count", "closed", "mu", "solver"),
+    [(4, True, 0.4, "compiled"), (24, False, 0, "compiled"), (24, True, 0, "compiled")]
+    + [(4, True, 0, "petsc"), (24, False, 0.4, "petsc"), (24, True, 0, "petsc")],
+)
+def test_it_does_so_in_closed_loops_and_long_trees_of_joints(count, closed, mu, solver):
+    scene = jointed(count, closed, fb.Coulomb(mu, 5e4) if mu else None)
+    couplings = Model(scene, fb.EnergyMomentum()).couplings
+    assert (len(couplings.closures) > 0) == closed
+    assert (len(couplings.ties) > 0) == (count > 4)
+    solution = fb.simulate(scene, dt=2e-3, t_end=0.1, solver=solver)
+    assert abs(solution.energy.balance_error).max() < 1e-11 * solution.energy.kinetic[0]
+    assert np.ptp(solution.linear_momentum, axis=0).max() < 2e-11
+    assert np.ptp(solution.angular_momentum) < 2e-11
+    assert solution.energy.springs.max() > 0.1
+
+
 @pytest.mark.parametrize("stiffness", [1e4, 1e6, 1e9])
 def test_it_does_so_for_every_stiffness(stiffness):
     scene, _ = tip_on_beam(stiffness, speed=0.7)
@@ -211,6 +252,32 @@ def test_in_equilibrium_the_reaction_is_the_force_of_the_contact():
     free = fb.modes(scene, n=2).frequencies
     assert held[1] > 2 * free[1]
     assert held[0] < 2 * free[0]
+
+
+def test_along_the_arc_length_an_arch_snaps_through_onto_a_member():
+    scene = fb.Scene()
+    x = np.linspace(-1, 1, 13)
+    axis = np.column_stack([x, 0.2 * np.cos(np.pi * x / 2)])
+    arch = scene.add_beam(axis.tolist(), SECTION, elements=12)
+    below = scene.add_beam([(-0.28, -0.25), (0.33, -0.25)], SECTION, elements=5)
+    for beam, hold in ((arch, scene.pin), (below, scene.clamp)):
+        hold(beam.start)
+        hold(beam.end)
+    scene.add_force(arch.nodes[6], (0.0, -60.0))
+    alone = fb.static(scene, steps=10, continuation="arc-length")
+    contact = scene.add_contact(arch, below, stiffness=1e5, radius=0.02)
+    solution = fb.static(scene, steps=10, continuation="arc-length")
+    # Before it touches, the path is that without contact; then it ends higher.
+    first = solution.stats.limit_points[0]
+    assert first == pytest.approx(alone.stats.limit_points[0], abs=1e-8)
+    assert solution.position(arch.nodes[6])[-1, 1] > alone.position(arch.nodes[6])[-1, 1] + 0.01
+    assert solution.t[-1] == 1.0
+    force = solution.contact(contact).force[-1].sum(axis=0)
+    held = sum(solution.reaction(end)[-1, :2] for end in (arch.start, arch.end))
+    below = sum(solution.reaction(end)[-1, :2] for end in (below.start, below.end))
+    assert force == pytest.approx(below, abs=1e-7)
+    assert held + below == pytest.approx([0.0, 60.0], abs=1e-7)
+    assert force[1] > 10
 
 
 @pytest.mark.parametrize(

@@ -237,22 +237,41 @@ def _in_rows(
     return Factors(order, at, int(row_starts[-1]), 0, row_starts, diagonals, groups=groups)
 
 
-def groups_of(indptr: np.ndarray, indices: np.ndarray) -> dict[str, np.ndarray]:
-    """Groups of unknowns with equal columns, and which groups are coupled, for changing_rows.h."""
+def groups_of(
+    indptr: np.ndarray,
+    indices: np.ndarray,
+    dependent: np.ndarray | None = None,
+    forces: int = 0,
+) -> dict[str, np.ndarray]:
+    """Groups of unknowns with equal columns, and which groups are coupled, for changing_rows.h.
+
+    Also which ones wait until others are eliminated: with ties and forces as in `factors_of`.
+    """
     graph, _ = _graph(indptr, indices)
-    group_of = _alike(graph, None, 0)
+    group_of = _alike(graph, dependent, forces)
     n, count = len(group_of), int(group_of.max()) + 1
     members = scipy.sparse.csr_matrix((np.ones(n), group_of, np.arange(n + 1)), (n, count))
     coupled = (members.T @ graph @ members).tolil()
     coupled.setdiag(0)
     coupled = coupled.tocsr()
     coupled.eliminate_zeros()
+    last = np.unique(group_of[n - forces :])
+    near = coupled[last].tocoo()
+    first, then = near.col, last[near.row]
+    if dependent is not None:
+        first, then = np.hstack([(first, then), group_of[dependent]])
+    apart = first != then
+    pairs = first[apart], then[apart]
+    waits = scipy.sparse.csr_matrix((np.ones(len(pairs[0])), pairs), (count, count))
     return {
         "group_of": group_of,
         "first_unknown": _starts(np.bincount(group_of)),
         "unknown": np.argsort(group_of, kind="stable"),
         "graph_start": coupled.indptr,
         "graph": coupled.indices,
+        "waits": np.bincount(waits.indices, minlength=count),
+        "waiting_start": waits.indptr,
+        "waiting": waits.indices,
     }
 
 

@@ -182,11 +182,6 @@ def static(
             if continuation is None:
                 stepper.raise_load(states, steps, max_cuts)
             else:
-                if model.points.members is not None:
-                    raise SceneError(
-                        'static: continuation="arc-length" does not work with contact between '
-                        "members. Leave it out: load steps become shorter where it is needed"
-                    )
                 ArcLength(stepper).follow(states, steps, max_cuts, max_steps)
         if states[-1].t < 1:
             factor = states[-1].t

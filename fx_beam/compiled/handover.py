@@ -320,7 +320,9 @@ class Problem:
 
     def _hand_over_changing_rows(self, t: Tables) -> None:
         """Hand over what a pattern that changes with the touches of members is found from."""
-        size, groups = self.model.size, groups_of(*self.model.reduction.factored)
+        size, reduction, couplings = self.model.size, self.model.reduction, self.model.couplings
+        groups = groups_of(*reduction.factored, self._ties, reduction.forces)
+        row_of, unknown_of = reduction.system()
         order = np.argsort(t.entries["row"], kind="stable")
         starts = np.concatenate([[0], np.cumsum(np.bincount(t.entries["row"], minlength=size))])
         values = {f"dof_{name}": t.entries[name][order] for name in ("column", "value", "sign")}
@@ -329,21 +331,29 @@ class Problem:
             **groups,
             "dof_start": starts,
             **values,
-            "keep": 1,
+            "row_of": row_of,
+            "unknown_of": unknown_of,
+            "keep": not couplings.closures and not couplings.ties,
             "row_entry": COSTS.row_entry,
             "substitution": COSTS.substitution,
             "least_worth": COSTS.least_worth,
         }
         self._set(changing=[row])
-        # Freed with this object: C allocates as much as the rows need.
-        self._rows = self.ffi.gc(self.c.changing, self.library.fx_free_rows)
+        # Freed with this object, before what it points to: C allocates as much as the rows need.
+        free, owner = self.library.fx_free_rows, self._structs
+        self._rows = self.ffi.gc(self.c.changing, lambda rows, owner=owner: free(rows))
+
+    @property
+    def _ties(self) -> np.ndarray | None:
+        dependent = self.model.reduction.dependent
+        return dependent if dependent.size else None
 
     def _factors_of(self, indptr: np.ndarray, indices: np.ndarray) -> Factors:
         reduction = self.model.reduction
-        if self.model.points.members is not None:
+        ties = self._ties
+        if self.model.points.members is not None and ties is None and not reduction.forces:
             return in_sparse_rows(indptr, indices)
         # Rows of unknowns that close loops are no forces, by which errors are judged.
-        ties = reduction.dependent if reduction.dependent.size else None
         keep = not self.model.couplings.closures and not self.model.couplings.sliding
         return factors_of(indptr, indices, keep, ties, COSTS, reduction.forces)
 

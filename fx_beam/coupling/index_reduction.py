@@ -144,7 +144,10 @@ class Reduction(Protocol):
         """Compute the reduced tangent `out` from the full one (values) and the nodal forces r."""
 
     def reduced(self, matrix: scipy.sparse.csr_matrix) -> scipy.sparse.csr_matrix:
-        """Tv^T A T (free, free) of a matrix A of any sparsity."""
+        """What a matrix A of any sparsity adds to the one of `fill`: Tv^T A T."""
+
+    def system(self) -> tuple[np.ndarray, np.ndarray]:
+        """Rows and columns of the linear system for all columns and ties; -1 for none."""
 
 
 class WithoutLoops:
@@ -255,6 +258,11 @@ class IndexReduction(WithoutLoops):
     def guide_moments(self, forces):
         """None: without offsets and slides there are no lever arms."""
         return None
+
+    def system(self):
+        """Rows and columns of the unknowns; -1 for other columns."""
+        numbers = np.where(np.arange(self.columns) < self.free, np.arange(self.columns), -1)
+        return numbers, numbers
 
     def reduced(self, matrix):
         """Sums over equal degrees of freedom."""

@@ -345,13 +345,16 @@ class JointReduction(WithoutLoops):
         return out
 
     def reduced(self, matrix):
-        """Tv^T A T, without ties, loops and nodes that slide on beams."""
-        shape, entries = (self._size, self.columns), (self._row, self._col)
+        """The part Tv^T A T of the linear system, without loops and nodes that slide on beams."""
+        shape, entries = (self._size, self.columns + len(self.ties)), (self._row, self._col)
         T, Tv = (
             scipy.sparse.csr_matrix((values[self._value_at] * self._sign, entries), shape)
             for values in (self._values, self._virtual_map)
         )
-        return (Tv.T @ matrix @ T).tocsr()[: self.free, : self.free]
+        A, n = (Tv.T @ matrix @ T).tocoo(), self.ties.unknowns
+        row, column = self._row_index[A.row], self._index[A.col]
+        on = (row >= 0) & (column >= 0)
+        return scipy.sparse.csr_matrix((A.data[on], (row[on], column[on])), (n, n))
 
     def fill(self, values, r, out) -> None:
         """Values of the reduced tangent."""

@@ -295,6 +295,16 @@ class LoopReduction(JointReduction):
         W[d, d] = 1.0
         return (virtual_map.T @ tangent @ S + W).tocsr()
 
+    def reduced(self, matrix):
+        """The part of the linear system; with ties while loops are open."""
+        A, free = super().reduced(matrix), self.free
+        if len(self.ties):
+            return A
+        S, virtual_map = (
+            self._completion(v)[:free, :free] for v in (self._values, self._virtual_map)
+        )
+        return (virtual_map.T @ A @ S).tocsr()
+
     def condensed(self, tangent):
         """The tangent (free, free) of the unknowns alone."""
         return self._closed_tangent(super().condensed(tangent)) if len(self.ties) else tangent

@@ -118,12 +118,22 @@ class Equations:
         """Write the values of the reduced tangent, for the full residual r."""
         self._reduction.fill(self.model.forms.stiffness.data, r, values)
 
-    def tangent(self, r: np.ndarray) -> scipy.sparse.csr_matrix:
-        """Reduced tangent (free, free) for the full residual r."""
+    def system(self, r: np.ndarray) -> scipy.sparse.csr_matrix:
+        """Matrix (n, n) of the linear system for the full residual r, with contact of members.
+
+        Its sparsity, but for this contact, is that of the reduction.
+        """
         indptr, indices = self._reduction.pattern
         values = np.empty(len(indices))
         self.fill_tangent(r, values)
         n = len(indptr) - 1
-        K = self._reduction.condensed(scipy.sparse.csr_matrix((values, indices, indptr), (n, n)))
-        members = self.model.points.members
-        return K if members is None else K + self._reduction.reduced(members.tangent())
+        K = scipy.sparse.csr_matrix((values, indices, indptr), (n, n))
+        if (members := self.model.points.members) is None:
+            return K
+        own, more = K.tocoo(), self._reduction.reduced(members.tangent()).tocoo()
+        pairs = np.append(own.row, more.row), np.append(own.col, more.col)
+        return scipy.sparse.csr_matrix((np.append(own.data, more.data), pairs), (n, n))
+
+    def tangent(self, r: np.ndarray) -> scipy.sparse.csr_matrix:
+        """Reduced tangent (free, free) for the full residual r."""
+        return self._reduction.condensed(self.system(r))

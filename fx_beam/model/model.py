@@ -338,17 +338,12 @@ class Model:
                 "order=2"
             )
         members = self.points.members
-        others = (
-            ("a closed loop of joints", self.couplings.closures),
-            ("a node that slides on a beam", self.couplings.sliding),
-            ("a long tree of joints", self.couplings.ties),
-        )
-        for what, there in others:
-            if members is not None and there:
-                raise SceneError(
-                    f"contact with members: the scene has {what}, with which it does not work "
-                    "yet. Write the joint as a stiff spring of add_force_between, for example"
-                )
+        if members is not None and self.couplings.sliding:
+            raise SceneError(
+                "contact with members: the scene has a node that slides on a beam, with which it "
+                "does not work yet. Write the joint as a stiff spring of add_force_between, for "
+                "example"
+            )
         self.reduction: Reduction
         if self.couplings.is_index and not len(self.points.columns):
             self.reduction = IndexReduction(self.couplings.column, *counts, matrix)

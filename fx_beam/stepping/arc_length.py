@@ -22,7 +22,7 @@ from fx_beam.mechanics.interval import Interval
 from fx_beam.results.state import State
 
 from .load_steps import LoadStepper
-from .newton import ENERGY_FLOOR, StepFailed, StepSolution
+from .newton import ENERGY_FLOOR, SEARCHES, StepFailed, StepSolution
 from .path_equations import Tangent
 
 # Target deviation of a step from its tangent, relative to its length, for few load steps; on a
@@ -215,6 +215,19 @@ class ArcLength:
 
         The predictor is a length `along` the tangent. StepFailed if it does not converge.
         """
+        for _ in range(SEARCHES):
+            try:
+                return self._correct_once(state, tangent, along, normal, distance)
+            except StepFailed as failure:
+                last = failure
+                if failure.kind != "members":
+                    raise
+        raise last
+
+    def _correct_once(
+        self, state: State, tangent: Tangent, along: float, normal: Tangent, distance: float
+    ) -> tuple[StepSolution, float]:
+        """The same with the members that points are near, as they are known."""
         newton, free = self._newton, self.model.reduction.free
         self._path.begin(state)
         y, load, predicted = along * tangent.y, along * tangent.load, along * tangent.D
@@ -236,8 +249,9 @@ class ArcLength:
             work, energy = residual @ dy, abs(f) @ abs(D)
             stuck = size > 0.5 * previous and abs(work) <= ENERGY_FLOOR * energy
             if size <= newton.options.tolerance or stuck:
-                r = r + self.model.forms.stiffness @ self._path.spread(dy, 0.0) + dload * per_load
+                r = r + self.model.forms.tangent @ self._path.spread(dy, 0.0) + dload * per_load
                 newton.check_slides(D, residuals)
+                newton.check_members(D, residuals)
                 ended_by = "round-off" if stuck else "increment"
                 return StepSolution(D, y, r, iteration, ended_by, predicted), load
             previous = size
@@ -273,6 +287,8 @@ class ArcLength:
         if legs[0] > _NEAR * ds:
             return Corner(legs[0])
         new = self._finish(state, state.t + load, step)
+        if new.t >= 1:
+            new = self._last_step(state, behind)
         if behind.D @ (self._path.weight * tangent.D) + behind.load * tangent.load < 0:
             # Back on the way one has come, unless the tangent changes at the start.
             if self._at_start(state, tangent, 2 * _NEAR * ds).sense == tangent.sense:

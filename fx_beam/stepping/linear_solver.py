@@ -6,6 +6,7 @@ from collections.abc import Callable
 
 import numpy as np
 from scipy.sparse import csr_matrix
+from scipy.sparse.linalg import SuperLU
 
 from fx_beam.algebra.kept_factors import KeptFactors
 from fx_beam.algebra.sparse_lu import LU, pivoted_lu, sparse_lu
@@ -44,27 +45,32 @@ class LinearSolver:
         """Solution (free,) for the reduced tangent; not finite if it is singular."""
         if not (free := len(b)):
             return b
-        if equations.model.points.members is not None:
-            return _changing(equations.tangent(r), b)
-        equations.fill_tangent(r, self.values)
-        if self._kept is not None:
-            return self._kept.solve(self.values, b)
-        if not self._lu.factorise(self.values):
+        changes = equations.model.points.members is not None
+        if not changes:
+            equations.fill_tangent(r, self.values)
+            if self._kept is not None:
+                return self._kept.solve(self.values, b)
+        factors = self._changing(equations.system(r)) if changes else self._constant()
+        if factors is None:
             return np.full(free, np.nan)
         if self._size > free:  # forces of ties and borders
             b = np.concatenate([b, np.zeros(self._size - free)])
-        x = self._lu.solve(b)
+        x = factors.solve(b)
         borders = equations.model.reduction.borders()
         if borders is not None:
             columns, rows = borders
-            forced = np.array([self._lu.solve(column) for column in columns])
+            forced = np.array([factors.solve(column) for column in columns])
             x -= np.linalg.solve(rows @ forced.T, rows @ x) @ forced
         return x[:free]
 
+    def _constant(self) -> LU | None:
+        """Factors of the present values; None if they are singular."""
+        return self._lu if self._lu.factorise(self.values) else None
 
-def _changing(tangent: csr_matrix, b: np.ndarray) -> np.ndarray:
-    """Solution for a tangent whose sparsity may have changed."""
-    try:
-        return pivoted_lu(tangent).solve(b)
-    except RuntimeError:  # exactly singular
-        return np.full(len(b), np.nan)
+    @staticmethod
+    def _changing(tangent: csr_matrix) -> SuperLU | None:
+        """The same of a matrix whose sparsity may have changed."""
+        try:
+            return pivoted_lu(tangent)
+        except RuntimeError:  # exactly singular
+            return None

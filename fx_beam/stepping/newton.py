@@ -33,7 +33,7 @@ NEGLIGIBLE = 1e-6
 # The predictor is used up to this relative error in the previous step.
 PREDICTOR_ERROR = 0.4
 # Largest number of searches for the members that points come near in a step.
-_SEARCHES = 8
+SEARCHES = 8
 # Largest order of the predictor.
 _PAST = 4
 
@@ -137,7 +137,7 @@ class Newton:
 
         StepFailed if it does not converge.
         """
-        for _ in range(_SEARCHES):
+        for _ in range(SEARCHES):
             try:
                 return self._solve_once(interval, start, force, driven)
             except StepFailed as failure:

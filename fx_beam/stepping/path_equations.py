@@ -65,9 +65,12 @@ class PathEquations:
         free, pattern = self._reduction.free, self._reduction.pattern
         if self._fills:
             pattern = free * np.arange(free + 1), np.tile(np.arange(free), free)
+        return BorderedLU(pattern, self.model.unit_of_unknowns, None if self._fills else self._ties)
+
+    @property
+    def _ties(self) -> np.ndarray | None:
         dependent = self._reduction.dependent
-        ties = dependent if dependent.size and not self._fills else None
-        return BorderedLU(pattern, self.model.unit_of_unknowns, ties)
+        return dependent if dependent.size else None
 
     def begin(self, start: State) -> None:
         """Set the state at the start of a step. No time passes for internal variables."""
@@ -94,7 +97,7 @@ class PathEquations:
         forms.set_natural_end(forcing.natural(at))
         balance = self._equations.at(y, self._driven(load), at * forcing.full)
         balance.residual[: len(y)] -= (1 - at) * self.held
-        per_load = forms.stiffness @ self.spread(np.zeros_like(y), 1.0) - forcing.full
+        per_load = forms.tangent @ self.spread(np.zeros_like(y), 1.0) - forcing.full
         if forcing.turning is not None:
             per_load -= forcing.turning.force(self._start.q + balance.D)
         if forms.has_added:
@@ -122,11 +125,14 @@ class PathEquations:
     def factors(self, r: np.ndarray, column: np.ndarray, normal: Tangent) -> BorderedLU:
         """The derivative of the equations, bordered by that of the load and the plane's row."""
         reduction, free = self._reduction, self._reduction.free
-        values = np.empty(len(reduction.pattern[1]))
         if self._fills:
             values = self._equations.tangent(r).toarray().ravel()
         else:
-            self._equations.fill_tangent(r, values)
+            system = self._equations.system(r)
+            values = system.data
+            if self.model.points.members is not None:  # its sparsity may have changed
+                pattern = system.indptr, system.indices
+                self.bordered = BorderedLU(pattern, self.model.unit_of_unknowns, self._ties)
         across = reduction.coupling().T @ (self.weight * normal.D)
         corner = normal.load + across[free : free + reduction.driven] @ self._forcing.goal
         self.bordered.factorise(values, column, across[:free], corner)

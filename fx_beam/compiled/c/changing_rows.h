@@ -35,10 +35,12 @@ static void find_entries(const Problem *p, ChangingRows *c) {
     c->work[i] = c->entries;
     for (int k = 0; k < TOUCH_DOFS; ++k)
       for (int e = c->dof_start[m->touch[i].dof[k]]; e < c->dof_start[m->touch[i].dof[k] + 1]; ++e) {
-        if (c->dof_column[e] >= p->free) continue;
+        int column = c->dof_column[e];
+        if (c->unknown_of[column] < 0) continue;
         if (c->entries == c->entry_room)
           c->entry = realloc(c->entry, (c->entry_room = 2 * c->entry_room + 64) * sizeof(TouchEntry));
-        c->entry[c->entries++] = (TouchEntry){k, c->dof_column[e], c->dof_value[e], c->dof_sign[e]};
+        c->entry[c->entries++] =
+            (TouchEntry){k, c->row_of[column], c->unknown_of[column], c->dof_value[e], c->dof_sign[e]};
       }
   }
   c->work[m->touches] = c->entries;
@@ -46,39 +48,47 @@ static void find_entries(const Problem *p, ChangingRows *c) {
 
 /* The graph of groups: that of the scene, and all pairs of each touch. */
 static void make_graph(const ChangingRows *c, int touches) {
+  IntList of = {0};
   for (int g = 0; g < c->groups; ++g) {
     c->near_to[g].count = 0;
     for (int k = c->graph_start[g]; k < c->graph_start[g + 1]; ++k) add_to(c->near_to + g, c->graph[k]);
   }
-  for (int i = 0; i < touches; ++i)
+  for (int i = 0; i < touches; ++i) {
+    of.count = 0;
     for (int a = c->work[i]; a < c->work[i + 1]; ++a)
-      for (int b = c->work[i]; b < a; ++b) {
-        int g = c->group_of[c->entry[a].column], h = c->group_of[c->entry[b].column];
-        if (g != h) add_once(c->near_to + g, h), add_once(c->near_to + h, g);
-      }
+      add_once(&of, c->group_of[c->entry[a].row]), add_once(&of, c->group_of[c->entry[a].column]);
+    for (int a = 0; a < of.count; ++a)
+      for (int b = 0; b < a; ++b)
+        add_once(c->near_to + of.of[a], of.of[b]), add_once(c->near_to + of.of[b], of.of[a]);
+  }
+  free(of.of);
 }
 
-/* Groups in lists by their degree. */
+/* Groups in lists by their degree, but those that still wait for so many others. */
 typedef struct {
-  int *head, *next, *before, *mark;
+  int *head, *next, *before, *mark, *waits;
 } Degrees;
 
 static void take_out(Degrees *d, int g, int degree) {
+  if (d->waits[g]) return;
   if (d->before[g] >= 0) d->next[d->before[g]] = d->next[g]; else d->head[degree] = d->next[g];
   if (d->next[g] >= 0) d->before[d->next[g]] = d->before[g];
 }
 
 static void put_in(Degrees *d, int g, int degree) {
+  if (d->waits[g]) return;
   d->next[g] = d->head[degree], d->before[g] = -1;
   if (d->next[g] >= 0) d->before[d->next[g]] = g;
   d->head[degree] = g;
 }
 
-/* Eliminates the groups in an order of minimum degree. What each is coupled with then remains in its list; its
-   position is in `position`. */
+/* Eliminates the groups in an order of minimum degree; ties come from the leaves of trees to the roots, and forces
+   after what they act on (lu_layout.py). What each is coupled with then remains in its list; its position is in
+   `position`. */
 static void eliminate_groups(const ChangingRows *c, int *position, int *room) {
   int n = c->groups, least = 0;
-  Degrees d = {room, room + n, room + 2 * n, room + 3 * n};
+  Degrees d = {room, room + n, room + 2 * n, room + 3 * n, room + 4 * n};
+  memcpy(d.waits, c->waits, n * sizeof(int));
   for (int g = 0; g < n; ++g) d.head[g] = -1, d.mark[g] = -1;
   for (int g = n - 1; g >= 0; --g) put_in(&d, g, c->near_to[g].count);
   for (int k = 0, stamp = 0; k < n; ++k) {
@@ -101,6 +111,12 @@ static void eliminate_groups(const ChangingRows *c, int *position, int *room) {
         if (own->of[j] != h && d.mark[own->of[j]] != stamp) add_to(other, own->of[j]);
       put_in(&d, h, other->count);
       if (other->count < least) least = other->count;
+    }
+    for (int i = c->waiting_start[g]; i < c->waiting_start[g + 1]; ++i) {
+      int h = c->waiting[i], degree = c->near_to[h].count;
+      if (--d.waits[h]) continue;
+      put_in(&d, h, degree);
+      if (degree < least) least = degree;
     }
   }
 }
@@ -220,7 +236,7 @@ static void change_rows(Problem *p) {
   for (int t = 0; t < m->touches; ++t)
     for (int a = starts[t]; a < starts[t + 1]; ++a)
       for (int b = starts[t]; b < starts[t + 1]; ++b) {
-        int i = c->entry[a].column, j = c->entry[b].column;
+        int i = c->entry[a].row, j = c->entry[b].column;
         c->entry_at[pairs++] = place_in(c, positions[c->group_of[i]], positions[c->group_of[j]], c->order[i], c->order[j]);
       }
   c->entry_start = realloc(c->entry_start, (m->touches + 1) * sizeof(int));

@@ -74,18 +74,19 @@ typedef struct {
 } SlideRate;
 
 /* Sparse rows whose pattern changes with the points that are near members (changing_rows.h): groups of unknowns
-   with equal columns, and their graph; entries of T and Tv of each degree of freedom, as those of the couplings.
-   Then what is found: the rows, the order, and where the entries of the tangent, and those of touches, are. */
+   with equal columns, their graph, and those that wait until others are eliminated; entries of T and Tv of each
+   degree of freedom, as those of the couplings; of each of their columns the unknown and the row of forces on it,
+   or -1. Then what is found: the rows, the order, and where the entries of the tangent, and those of touches, are. */
 typedef struct {
   int *of, count, room;
 } IntList;
 typedef struct {
-  int of, column, value; /* which of its entries; the unknown */
+  int of, row, column, value; /* which of its entries; the row of forces, and the unknown */
   double sign;
 } TouchEntry;
 typedef struct {
-  int groups, *group_of, *first_unknown, *unknown, *graph_start, *graph;
-  int *dof_start, *dof_column, *dof_value;
+  int groups, *group_of, *first_unknown, *unknown, *graph_start, *graph, *waits, *waiting_start, *waiting;
+  int *dof_start, *dof_column, *dof_value, *row_of, *unknown_of;
   double *dof_sign;
   int keep;             /* whether factors may be kept; the costs of lu_layout.py */
   double row_entry, substitution, least_worth;
