@@ -292,6 +292,7 @@ def test_cases_may_be_the_rows_of_a_table_and_rows_are_one_where_pandas_is(threa
         ({"executor": "dask"}, "executor = 'dask' must be"),
         ({"results": "no/such/folder/rows"}, "make the folder no/such/folder first"),
         ({"cases": [{"x": object()}], "results": "rows"}, "cases are made of numbers"),
+        ({"chunksize": 0}, "chunksize = 0 must be a whole number from 1 on"),
     ],
 )
 def test_what_makes_no_sense_is_refused(change, reason, tmp_path, monkeypatch):
@@ -305,6 +306,70 @@ def test_a_result_that_hides_a_parameter_is_an_error_of_its_row(thread, lists):
     assert [row["error"] for row in rows] == ["", "", ""] and rows[1]["b"] == 1
     rows = fb.sweep(lambda case: {"x": 2, "seconds": 1}, [{"x": 1}], thread)
     assert "gives 'x', which is a parameter of the case" in rows[0]["error"] and rows[0]["x"] == 1
+
+
+# -- Tables one after another --------------------------------------------------------------------
+
+
+def test_only_the_cases_of_one_table_are_taken_at_a_time(tmp_path, thread, lists):
+    taken, results = [], tmp_path / "rows"
+
+    def cases(number):
+        for x in range(number):
+            taken.append(x)
+            yield {"x": x}
+
+    tables = fb.sweep(square, cases(7), thread, results, chunksize=3)
+    assert not taken
+    sizes = [(len(table), len(taken)) for table in tables]
+    assert sizes == [(3, 3), (3, 6), (1, 7)]
+    # The file has all of them; the next call computes what is new, and its rows are in order.
+    tables = fb.sweep(square, cases(9), thread, results, chunksize=5)
+    rows = [row for table in tables for row in table]
+    assert [row["square"] for row in rows] == [x**2 for x in range(9)]
+    assert len(results.read_text().splitlines()) == 9
+    assert list(fb.sweep(square, iter([]), thread, chunksize=2)) == []
+
+
+def test_a_process_that_is_killed_in_a_later_table_costs_its_case(lists):
+    fates = [["fine", "fine"], ["fine", "killed"], ["fine"]]
+    cases = [{"number": n, "fate": fate} for n, fate in enumerate(sum(fates, []))]
+    found = list(fb.sweep(sweep_cases.fate, cases, 1, chunksize=2))
+    assert [[bool(row["error"]) for row in table] for table in found] == [
+        [fate == "killed" for fate in part] for part in fates
+    ]
+    # The same process goes on with the next table.
+    assert found[0][0]["worker"] == found[1][0]["worker"] != found[2][0]["worker"]
+
+
+def test_an_interrupted_iterator_has_the_rows_of_the_table_it_began(thread, lists):
+    def run(case):
+        if case["x"] == 4:
+            raise KeyboardInterrupt
+        return case["x"]
+
+    tables = fb.sweep(run, [{"x": x} for x in range(6)], thread, chunksize=3)
+    assert len(next(tables)) == 3
+    with pytest.raises(KeyboardInterrupt) as stop:
+        next(tables)
+    assert [row["x"] for row in stop.value.rows] == [3]
+
+
+def test_files_of_the_parts_of_a_sweep_are_one_after_another_that_of_the_whole(
+    tmp_path, thread, lists
+):
+    cases, whole = [{"x": x} for x in (1, 2, 2, 3, 2)], tmp_path / "whole"
+    for part in range(2):
+        fb.sweep(square, cases[part::2], thread, tmp_path / f"{part}")
+    whole.write_bytes(b"".join((tmp_path / f"{part}").read_bytes() for part in range(2)))
+
+    def refused(case):
+        raise AssertionError
+
+    rows = fb.sweep(refused, cases, thread, whole)
+    assert [row["square"] for row in rows] == [1, 4, 4, 9, 4] and not any(r["error"] for r in rows)
+    # Each line is one run: of a case that is asked for once more there is none.
+    assert fb.sweep(refused, [{"x": 2}] * 4, thread, whole)[3]["error"]
 
 
 # -- The file ------------------------------------------------------------------------------------

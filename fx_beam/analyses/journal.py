@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import fcntl
 import json
+from array import array
 from collections.abc import Mapping
 from contextlib import suppress
 from pathlib import Path
@@ -19,11 +20,18 @@ _START = b'{"case": '
 
 
 class Journal:
-    """Rows of finished cases, a line of JSON each; without a path they are kept nowhere."""
+    """Rows of finished cases, a line of JSON each; without a path they are kept nowhere.
+
+    Of the rows in a file only places are in memory, by the hash of their case: 17 bytes for each.
+    """
 
     def __init__(self, path: Path | str | None):
         self._file = None
-        self._rows: dict[str, list[dict]] = {}
+        self._hashes = np.empty(0, dtype=np.int64)
+        self._places = np.empty(0, dtype=np.int64)
+        self._given = np.empty(0, dtype=bool)
+        #: Where to look next, by the hashes that stand there several times.
+        self._next: dict[int, int] = {}
         if path is None:
             return
         try:
@@ -48,39 +56,60 @@ class Journal:
             pass
 
     def _read(self, path: Path | str) -> None:
-        """Rows by case. A last line that was cut off is taken away."""
+        """Places of rows by case. A last line that was cut off is taken away."""
         assert self._file is not None
         self._file.seek(0)
-        *lines, rest = self._file.read().split(b"\n")
-        if not (rest.startswith(_START) or _START.startswith(rest)):
-            lines.append(rest)  # which no sweep has written
-        for number, line in enumerate(lines, 1):
+        hashes, places, end = array("q"), array("q"), 0
+        for number, line in enumerate(self._file, 1):
+            if not line.endswith(b"\n") and (line.startswith(_START) or _START.startswith(line)):
+                break
             try:
-                row = json.loads(line)
-                self._rows.setdefault(key(row["case"]), []).append(row)
+                row = _VALUE(line.decode())
+                hashes.append(hash(key(row["case"])))
                 _ = row["result"], row["seconds"], row["error"]
             except (ValueError, LookupError, TypeError) as error:
                 raise SceneError(f"line {number} of {path} is not a row of a sweep") from error
-        self._file.truncate(self._file.tell() - len(rest))
+            places.append(end)
+            end += len(line)
+        self._file.truncate(end)
+        found = np.frombuffer(hashes, dtype=np.int64)
+        order = np.argsort(found, kind="stable")
+        self._hashes, self._places = found[order], np.frombuffer(places, dtype=np.int64)[order]
+        self._given = np.zeros(len(found), dtype=bool)
+        (again,) = np.nonzero(self._hashes[1:] == self._hashes[:-1])
+        self._next = {int(self._hashes[k]): int(k) for k in again[::-1]}
 
     def finished(self, case: Mapping[str, Any]) -> dict | None:
         """The row of a case, which is given once; None if the case has not been run."""
-        rows = self._rows.get(key(case)) if self._file else None
-        return rows.pop(0) if rows else None
+        if self._file is None:
+            return None
+        text = key(case)
+        wanted = hash(text)
+        k = self._next.get(wanted)
+        if k is None:
+            k = int(self._hashes.searchsorted(wanted))
+        else:
+            self._next[wanted] += 1
+        if k == len(self._hashes) or self._hashes[k] != wanted or self._given[k]:
+            return None
+        self._given[k] = True
+        self._file.seek(self._places[k])
+        row = _VALUE(self._file.readline().decode())
+        return row if key(row["case"]) == text else None
 
     def append(self, row: dict) -> dict:
         """Write a row at once. Gives it as it is read back."""
         if self._file is None:
             return row
         try:
-            line = _text(row)
+            line = _TEXT(row)
         except (TypeError, ValueError) as error:
             refused = f"what the function gives cannot be written to a file: {error}"
             row = row | {"result": None, "error": refused}
-            line = _text(row)
+            line = _TEXT(row)
         self._file.write(line.encode() + b"\n")
         self._file.flush()
-        return json.loads(line)
+        return _VALUE(line)
 
     def close(self) -> None:
         """Close the file, so that another sweep may write to it."""
@@ -92,7 +121,7 @@ class Journal:
 def key(case: Mapping[str, Any]) -> str:
     """Text that identifies a case."""
     try:
-        return _text(case, sort_keys=True)
+        return _SORTED(case)
     except (TypeError, ValueError) as error:
         raise SceneError(
             f"the case {case!r:.80} cannot be written to a file: {error}. With `results`, cases "
@@ -100,11 +129,13 @@ def key(case: Mapping[str, Any]) -> str:
         ) from error
 
 
-def _text(value: Any, **options) -> str:
-    return json.dumps(value, default=_of_numpy, **options)
-
-
 def _of_numpy(value: Any) -> Any:
     if isinstance(value, np.ndarray | np.generic):
         return value.tolist()
     raise TypeError(f"{value!r:.40} is a {type(value).__name__}, which JSON cannot hold")
+
+
+# Made once: json.dumps makes one at each call.
+_TEXT = json.JSONEncoder(default=_of_numpy).encode
+_SORTED = json.JSONEncoder(default=_of_numpy, sort_keys=True).encode
+_VALUE = json.JSONDecoder().decode

@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from concurrent.futures import Executor
 from contextlib import closing
+from itertools import islice
 from pathlib import Path
 from typing import Any
 
 from fx_beam.errors import SceneError
 from fx_beam.results import tables
-from fx_beam.validation import require, shown
+from fx_beam.validation import is_whole, require, shown
 
 from . import workers
 from .journal import Journal
@@ -25,6 +26,7 @@ def sweep(
     cases: Iterable[Mapping[str, Any]],
     executor: Executor | int | None = None,
     results: Path | str | None = None,
+    chunksize: int | None = None,
 ):
     """Call a function for each case, several at a time, and collect the results in a table.
 
@@ -49,12 +51,18 @@ def sweep(
         File to which each row is appended as it finishes, a line of JSON with "case", "result",
         "seconds" and "error". Cases in the file, also failed ones, are not run again: so you can
         continue a sweep that was interrupted.
+    chunksize : int, optional
+        Number of rows of a table. The sweep then gives an iterator of tables, and computes one
+        when it is asked for: of a million cases, only those of one table are in memory. `cases` may
+        be a generator. Workers wait for the last case of each table: choose many more cases than
+        workers.
 
     Returns
     -------
-    pandas.DataFrame or list of dict
+    pandas.DataFrame or list of dict, or an iterator of them
         A row for each case, in their order: the case, the results, the run time in "seconds", and
-        "error", which is empty if there is none. A list if pandas is not installed.
+        "error", which is empty if there is none. A list if pandas is not installed. With
+        `chunksize`, an iterator of such tables.
 
     Raises
     ------
@@ -62,7 +70,7 @@ def sweep(
         If an argument is invalid, or if the worker processes cannot start.
     KeyboardInterrupt
         If interrupted, after all worker processes have ended. Its attribute `rows` has the
-        finished rows.
+        finished rows, with `chunksize` those of the table that was begun.
     concurrent.futures.BrokenExecutor
         If an executor of your own breaks. It has the attribute `rows` as well.
 
@@ -86,71 +94,95 @@ def sweep(
     beam 'beam 1': the points 0 and 1 coincide at (0, 0). Remove one of them
     """
     require(callable(function), "sweep: function", function, "a function of a case")
-    given = _listed(cases)
-    if executor is None:
-        executor = workers.cores()
+    if chunksize is None:
+        (table,) = _tables(function, [_listed(cases)], executor, results)
+        return table
+    require(is_whole(chunksize, 1), "sweep: chunksize", chunksize, "a whole number from 1 on")
+    return _tables(function, _chunks(cases, int(chunksize)), executor, results)
+
+
+def _tables(function, chunks: Iterable[list[dict]], executor, results) -> Iterator:
+    """The table of each chunk of cases."""
+    executor = workers.cores() if executor is None else executor
     journal = Journal(results)
+    try:
+        with closing(workers.open_workers(function, executor)) as crew:
+            for cases in chunks:
+                yield _table_of(cases, crew, journal)
+    finally:
+        journal.close()
+
+
+def _table_of(cases: list[dict], crew: workers.Workers, journal: Journal):
+    """The table of some cases, of which those that are not in the file are run."""
     rows: dict[int, dict] = {}
     try:
-        for index, case in enumerate(given):
+        for index, case in enumerate(cases):
             if (row := journal.finished(case)) is not None:
                 rows[index] = row
-        left = [index for index in range(len(given)) if index not in rows]
+        left = [index for index in range(len(cases)) if index not in rows]
         with (
-            progress_bar(len(given), None, desc="cases", initial=len(rows)) as bar,
-            closing(_run(function, [given[index] for index in left], executor)) as runs,
+            progress_bar(len(cases), None, desc="cases", initial=len(rows)) as bar,
+            closing(crew.run([cases[index] for index in left])) as outcomes,
         ):
-            for k, row in runs:
-                rows[left[k]] = journal.append(row)
+            for k, outcome in outcomes:
+                rows[left[k]] = journal.append(_row(cases[left[k]], outcome))
                 bar.update()
         return _table(rows)
     except BaseException as stop:
         stop.rows = _table(rows)  # type: ignore[attr-defined]
         raise
-    finally:
-        journal.close()
 
 
 def _listed(cases: Any) -> list[dict]:
     """Cases as dicts; SceneError for anything else."""
-    if hasattr(cases, "to_dict"):  # a table of pandas
-        cases = cases.to_dict("records")
-    given = _entries(cases)
-    if given is None or isinstance(cases, Mapping | str):
-        raise SceneError(f"cases must be a sequence of dicts or a table, not {shown(cases)}")
+    given = [_checked(case) for case in _entries(cases)]
     if not given:
         raise SceneError("a sweep needs cases; none are given")
-    for case in given:
-        if not isinstance(case, Mapping):
-            raise SceneError(f"the case {shown(case)} must be a dict of parameters by name")
-        if own := [name for name in _OWN if name in case]:
-            raise SceneError(f"{own[0]!r} is a column of the results; rename it in the cases")
-    return [dict(case) for case in given]
+    return given
 
 
-def _entries(cases: Any) -> list | None:
+def _chunks(cases: Any, size: int) -> Iterator[list[dict]]:
+    """Cases as dicts, so many at a time."""
+    entries = map(_checked, _entries(cases))
+    while chunk := list(islice(entries, size)):
+        yield chunk
+
+
+def _entries(cases: Any) -> Iterator:
+    """The cases one by one; SceneError for what is no sequence of them."""
+    if hasattr(cases, "to_dict"):  # a table of pandas
+        cases = cases.to_dict("records")
     try:
-        return list(cases)
+        entries = iter(cases)
+        len(cases) if hasattr(cases, "__len__") else None
     except Exception:  # numbers, arrays without axes and UFL expressions have none
-        return None
+        entries = None
+    if entries is None or isinstance(cases, Mapping | str):
+        raise SceneError(f"cases must be a sequence of dicts or a table, not {shown(cases)}")
+    return entries
 
 
-def _run(function, cases: list[dict], executor):
-    """Rows as they finish, as the file has them."""
-    if not cases:
-        return
-    with closing(workers.run(function, cases, executor)) as outcomes:
-        for index, (value, seconds, error) in outcomes:
-            case, result = cases[index], None
-            if not error:
-                result = dict(value) if isinstance(value, Mapping) else {"result": value}
-                if twice := [name for name in result if name in (*case, *_OWN)]:
-                    what = "a column of its own" if twice[0] in _OWN else "a parameter of the case"
-                    error = (
-                        f"the function gives {twice[0]!r}, which is {what}; give it another name"
-                    )
-                    result = None
-            yield index, {"case": case, "result": result, "seconds": seconds, "error": error}
+def _checked(case: Any) -> dict:
+    """A case as a dict."""
+    if not isinstance(case, Mapping):
+        raise SceneError(f"the case {shown(case)} must be a dict of parameters by name")
+    if own := [name for name in _OWN if name in case]:
+        raise SceneError(f"{own[0]!r} is a column of the results; rename it in the cases")
+    return dict(case)
+
+
+def _row(case: dict, outcome: workers.Outcome) -> dict:
+    """A row as the file has it."""
+    value, seconds, error = outcome
+    result = None
+    if not error:
+        result = dict(value) if isinstance(value, Mapping) else {"result": value}
+        if twice := [name for name in result if name in (*case, *_OWN)]:
+            what = "a column of its own" if twice[0] in _OWN else "a parameter of the case"
+            error = f"the function gives {twice[0]!r}, which is {what}; give it another name"
+            result = None
+    return {"case": case, "result": result, "seconds": seconds, "error": error}
 
 
 def _table(rows: dict[int, dict]):

@@ -12,12 +12,12 @@ import threading
 from collections.abc import Callable, Generator, Iterator, Sequence
 from concurrent.futures import BrokenExecutor, Executor, Future, ProcessPoolExecutor, as_completed
 from concurrent.futures import wait as wait_for
-from contextlib import contextmanager
+from contextlib import closing, contextmanager
 from multiprocessing import connection
 from multiprocessing.process import BaseProcess
 from multiprocessing.queues import SimpleQueue
 from time import monotonic, perf_counter
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 
@@ -67,32 +67,44 @@ def call(function: Callable, item: Any) -> Outcome:
     return Outcome(value, perf_counter() - clock, error)
 
 
-def run(function: Callable, items: Sequence, executor: Executor | int | None) -> Outcomes:
-    """Places of the items and outcomes, as they finish.
+class Workers(Protocol):
+    """What calls the function for items, as often as it is asked, until it is closed."""
 
-    None: here, one after another; a number: so many processes. The first item runs alone, so that
-    it compiles for all. To be closed (`contextlib.closing`), which ends what still runs.
+    def run(self, items: Sequence) -> Outcomes:
+        """Places of the items and outcomes, as they finish. To be closed, which ends what runs."""
+
+    def close(self) -> None:
+        """End all that was started."""
+
+
+def open_workers(function: Callable, executor: Executor | int | None) -> Workers:
+    """Workers of an executor; None: here, one after another; a number: so many processes.
+
+    The first item of all runs alone, so that it compiles for all. Nothing is started before it.
     """
     if executor is None:
-        return _here(function, items)
+        return _Here(function)
     if is_whole(executor, 1, _MOST):
-        _check_pickles(function, items)
         if reason := _no_locks():
             _log.warning(
                 "worker processes cannot start (%s): they need a /dev/shm that can be written. The "
                 "cases run in this process, one after another",
                 reason,
             )
-            return _here(function, items)
-        return _on_processes(int(executor), function, items)  # type: ignore[arg-type]
+            return _Here(function)
+        return _OnProcesses(int(executor), function)  # type: ignore[arg-type]
     if isinstance(executor, int) or not hasattr(executor, "submit"):
         raise SceneError(
             f"executor = {shown(executor)} must be an executor of concurrent.futures, or the "
             "number of processes"
         )
-    if isinstance(executor, ProcessPoolExecutor):
-        _check_pickles(function, items)
-    return _on_executor(executor, function, items)
+    return _OnExecutor(executor, function)
+
+
+def run(function: Callable, items: Sequence, executor: Executor | int | None) -> Outcomes:
+    """Places of the items and outcomes, as they finish. To be closed, which ends what runs."""
+    with closing(open_workers(function, executor)) as workers:
+        yield from workers.run(items)
 
 
 def _kept_here() -> KeptSetup:
@@ -102,10 +114,16 @@ def _kept_here() -> KeptSetup:
     return _THREAD.kept
 
 
-def _here(function: Callable, items: Sequence) -> Outcomes:
-    try:
-        yield from ((index, call(function, item)) for index, item in enumerate(items))
-    finally:
+class _Here:
+    """The thread that asks, one item after another."""
+
+    def __init__(self, function: Callable):
+        self._function = function
+
+    def run(self, items: Sequence) -> Outcomes:
+        yield from ((index, call(self._function, item)) for index, item in enumerate(items))
+
+    def close(self) -> None:
         vars(_THREAD).clear()
 
 
@@ -159,65 +177,104 @@ def _outcome(future: Future) -> Outcome:
 # -- An executor of the user ---------------------------------------------------------------------
 
 
-def _on_executor(executor: Executor, function: Callable, items: Sequence) -> Outcomes:
-    for batch in [0], range(1, len(items)):
-        futures = {executor.submit(call, function, items[index]): index for index in batch}
-        try:
-            for future in as_completed(futures):
-                yield futures[future], _outcome(future)
-        finally:
-            for future in futures:
-                future.cancel()
+class _OnExecutor:
+    """Any executor, which its owner closes."""
+
+    def __init__(self, executor: Executor, function: Callable):
+        self._executor, self._function = executor, function
+        self._begun = False
+
+    def run(self, items: Sequence) -> Outcomes:
+        alone = [] if self._begun else [0][: len(items)]
+        if alone and isinstance(self._executor, ProcessPoolExecutor):
+            _check_pickles(self._function, items)
+        self._begun |= bool(alone)
+        for batch in alone, range(len(alone), len(items)):
+            futures: dict[Future, int] = {}
+            try:
+                for index in batch:
+                    futures[self._executor.submit(call, self._function, items[index])] = index
+                for future in as_completed(futures):
+                    yield futures[future], _outcome(future)
+            finally:
+                for future in futures:
+                    future.cancel()
+
+    def close(self) -> None:
+        pass
 
 
 # -- Processes of this machine -------------------------------------------------------------------
 
 
-def _on_processes(number: int, function: Callable, items: Sequence) -> Outcomes:
-    """A pool ends with any of its processes: then another one goes on.
+class _OnProcesses:
+    """A pool of processes, which ends with any of them: then another one goes on.
 
     Items that may have run in the process that died run again, one by one. One whose process dies
     again is the cause.
     """
-    if getattr(multiprocessing.current_process(), "_inheriting", False):
-        sys.exit(1)  # a worker that imports a script without a main guard; the parent says so
-    if mpi.under_mpirun():
-        raise SceneError(
-            "under mpirun give executor=mpi4py.futures.MPIPoolExecutor(), and start the script by "
-            "`mpirun -n 3 python -m mpi4py.futures script.py`"
-        )
-    left, number = dict(enumerate(items)), min(number, len(items))
-    alone, pool = [0], _Pool(number)
-    try:
-        pool.start(function)
+
+    def __init__(self, number: int, function: Callable):
+        self._number, self._function = number, function
+        self._pool: _Pool | None = None
+        self._idle = True
+
+    def run(self, items: Sequence) -> Outcomes:
+        self._idle = False
+        left, alone = dict(enumerate(items)), []
+        if left and self._pool is None:
+            self._pool = self._started(items)
+            alone = [0]
         while left:
+            assert self._pool is not None
             batch = alone[:1] or list(left)
             del alone[:1]
-            futures = pool.submit(function, {index: left[index] for index in batch})
+            futures = self._pool.submit(self._function, {index: left[index] for index in batch})
             for future in as_completed(futures):
                 if not isinstance(future.exception(), BrokenExecutor):
                     del left[futures[future]]
                     yield futures[future], _outcome(future)
-            if not pool.broken(futures, batch):
+            if not self._pool.broken(futures, batch):
                 continue
-            pool.stop()
-            pool = _Pool(number)
+            self._pool.stop()
+            self._pool = _Pool(self._number)
             if len(batch) == 1:
                 del left[batch[0]]
                 yield batch[0], Outcome(None, np.nan, _DIED)
             else:
                 # Those that ran, and those that a pool holds ready: the first in order.
-                alone = list(left)[: 2 * number + 1]
-        pool.close()
-    finally:
-        pool.stop()
+                alone = list(left)[: 2 * self._number + 1]
+        self._idle = True
+
+    def _started(self, items: Sequence) -> _Pool:
+        """A pool whose processes have the function."""
+        _check_pickles(self._function, items)
+        if getattr(multiprocessing.current_process(), "_inheriting", False):
+            sys.exit(1)  # a worker that imports a script without a main guard; the parent says so
+        if mpi.under_mpirun():
+            raise SceneError(
+                "under mpirun give executor=mpi4py.futures.MPIPoolExecutor(), and start the script "
+                "by `mpirun -n 3 python -m mpi4py.futures script.py`"
+            )
+        pool = _Pool(self._number)
+        try:
+            pool.start(self._function, min(self._number, len(items)))
+        except BaseException:
+            pool.stop()
+            raise
+        return pool
+
+    def close(self) -> None:
+        if self._pool is not None:
+            if self._idle:
+                self._pool.close()
+            self._pool.stop()
 
 
 class _Pool:
     """A pool of processes, which `spawn` starts: a fork would share what MPI and PETSc hold."""
 
     def __init__(self, number: int):
-        self._number = number
         self._own: set[BaseProcess] = set()
         spawn, level = multiprocessing.get_context("spawn"), _log.getEffectiveLevel()
         cpus = None
@@ -228,10 +285,10 @@ class _Pool:
                 cpus.put(cpu)
         self._executor = ProcessPoolExecutor(number, spawn, _begin, (level, cpus))
 
-    def start(self, function: Callable) -> None:
-        """Start all processes, and wait for the first one to have the function."""
+    def start(self, function: Callable, number: int) -> None:
+        """Start so many processes, and wait for the first one to have the function."""
         with self._starting():
-            ready = [self._executor.submit(_has, function) for _ in range(self._number)]
+            ready = [self._executor.submit(_has, function) for _ in range(number)]
         (first, *_), _ = wait_for(ready, return_when="FIRST_COMPLETED")
         if isinstance(first.exception(), BrokenExecutor):
             raise SceneError(_NO_START)
